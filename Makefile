@@ -1,0 +1,51 @@
+# Needs python3 (>= 3.11, with venv) and make; uv is put into .venv. `make fly` and `make test` set themselves up.
+PYTHON ?= python3
+SCENARIO ?= paper
+WORKERS ?= 2
+
+BIN := .venv/bin
+
+.PHONY: fly test lint types contracts tests test-all-pythons soak setup lock clean
+
+fly: setup ## fly one simulated flight, on real wire bytes, and sum it up
+	@$(BIN)/groundstation-sim fly --scenario $(SCENARIO)
+
+test: lint types contracts tests test-all-pythons ## everything that must hold before a commit
+
+lint: setup
+	$(BIN)/ruff check
+	$(BIN)/ruff format --check
+
+types: setup
+	$(BIN)/mypy
+
+contracts: setup
+	$(BIN)/lint-imports --no-logo
+
+tests: setup
+	$(BIN)/python -m pytest -n $(WORKERS)
+
+test-all-pythons: setup ## the quick tests once more on every newer Python of this machine
+	@WORKERS=$(WORKERS) sh .ci/test-newer-pythons
+
+soak: setup ## long runs: minutes to hours
+	$(BIN)/python -m pytest -m soak --timeout 0
+	$(BIN)/python -m pytest -n $(WORKERS) --timeout 0 --hypothesis-profile big tests/property
+
+setup: .venv/.synced ## prepare .venv from the lock
+
+.venv/.synced: pyproject.toml uv.lock
+	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11))' 2>/dev/null || { \
+	    echo "This project needs Python 3.11 or newer, but '$(PYTHON)' is $$($(PYTHON) --version 2>&1 || true)." >&2; \
+	    echo "Install one, or name one that is installed: make setup PYTHON=python3.12" >&2; exit 1; }
+	@test -x $(BIN)/pip || $(PYTHON) -m venv --clear .venv || { rm -rf .venv; exit 1; }
+	@test -x $(BIN)/uv || $(BIN)/pip install --quiet --disable-pip-version-check 'uv>=0.9'
+	@$(BIN)/uv sync --quiet --frozen --python $(BIN)/python
+	@touch $@
+
+lock: setup ## choose the newest versions that pyproject.toml allows
+	$(BIN)/uv lock --upgrade --default-index https://pypi.org/simple
+
+clean: ## forget everything that can be made again
+	rm -rf .venv .venv-* .mypy_cache .ruff_cache .pytest_cache .hypothesis .import_linter_cache dist
+	find . -name __pycache__ -not -path './.venv*' -prune -exec rm -rf {} +

@@ -1,0 +1,66 @@
+"""``groundstation``: real flying. Imports are lazy, so that ``--help`` is instant."""
+
+import argparse
+import sys
+from pathlib import Path
+
+
+def _parser() -> argparse.ArgumentParser:
+    parser = argparse.ArgumentParser(
+        prog="groundstation",
+        description="Fly a quadrotor from outside it. To try things without one: groundstation-sim.",
+    )
+    commands = parser.add_subparsers(dest="command", required=True, metavar="COMMAND")
+
+    fly = commands.add_parser("fly", help="connect, arm after asking, follow the trajectory, land")
+    daemon = commands.add_parser("daemon", help="the same without a terminal; SIGTERM lands")
+    for command in (fly, daemon):
+        _config_arguments(command)
+        command.add_argument(
+            "--arm",
+            metavar="VEHICLE_NAME",
+            help="arm this vehicle without asking; it must be the name in the config. THIS MOVES THE VEHICLE",
+        )
+
+    tui = commands.add_parser("tui", help="watch a running flight (read-only)")
+    tui.add_argument("--vehicle", default="mqx", metavar="NAME", help="name of the vehicle in its config (default mqx)")
+    tui.add_argument("--socket", type=Path, metavar="PATH", help="its status socket, if not the usual one")
+
+    replay = commands.add_parser("replay", help="run estimator and controller over a .tlog, in shadow")
+    replay.add_argument("file", type=Path, metavar="FILE.tlog")
+    replay.add_argument("--set", action="append", default=[], dest="overrides", metavar="KEY=VALUE")
+    replay.add_argument("--config", type=Path, metavar="FILE.toml")
+    replay.add_argument("--json", action="store_true", help="print one JSON object instead of the report")
+
+    config = commands.add_parser("config", help="about configurations")
+    verbs = config.add_subparsers(dest="verb", required=True, metavar="VERB")
+    show = verbs.add_parser("show", help="print what is in force, defaults and overrides included")
+    _config_arguments(show, optional=True)
+    return parser
+
+
+def _config_arguments(parser: argparse.ArgumentParser, *, optional: bool = False) -> None:
+    parser.add_argument("config", type=Path, nargs="?" if optional else None, metavar="CONFIG.toml")
+    parser.add_argument(
+        "--set", action="append", default=[], dest="overrides", metavar="KEY=VALUE", help="override one key"
+    )
+
+
+def main() -> int:
+    """Entry point; the exit code is 0 for landed or done, 1 for aborted, 2 for bad usage or config."""
+    args = _parser().parse_args()
+    from groundstation import commands
+    from groundstation.config import ConfigError
+
+    try:
+        return int(getattr(commands, args.command)(args))
+    except ConfigError as error:
+        print(f"groundstation: {error}", file=sys.stderr)
+        return 2
+    except KeyboardInterrupt:
+        print("groundstation: interrupted", file=sys.stderr)
+        return 130
+
+
+if __name__ == "__main__":
+    sys.exit(main())

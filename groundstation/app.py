@@ -1,0 +1,61 @@
+"""The composition root: one config into a link, a source, a flight, and whoever watches it."""
+
+import asyncio
+from collections.abc import Awaitable, Callable
+
+from groundstation.broadcast import Latest
+from groundstation.flight import Flight, Outcome
+from groundstation.pilot import Tick
+from groundstation.poses import make_source
+from groundstation.settings import Config
+from groundstation.snapshot import Snapshot
+from links.mavlink import MavlinkLink
+
+
+def make_flight(
+    config: Config,
+    *,
+    confirm: Callable[[], Awaitable[bool]],
+    on_tick: Callable[[Tick], None] | None = None,
+    on_event: Callable[[str], None] | None = None,
+) -> Flight:
+    """The parts that ``config`` names, put together; nothing is opened yet."""
+    link = MavlinkLink(config.link, thrust_max_n=config.vehicle.thrust_max_n)
+    source = make_source(config.pose, link)
+    return Flight(config, link, source, confirm=confirm, on_tick=on_tick, on_event=on_event)
+
+
+async def watched(flight: Flight, config: Config, say: Callable[[str], None]) -> Outcome:
+    """Run ``flight`` with its status socket and telemetry; a watcher that fails is told of and left behind."""
+    from groundstation.telemetry.status import StatusServer
+
+    latest: Latest[Snapshot] = Latest()
+    server = StatusServer(config.status, config.vehicle.name, latest)
+    crew = [asyncio.create_task(_guarded("snapshots", _publish(flight, latest), say))]
+    crew.append(asyncio.create_task(_guarded("status socket", server.serve(), say)))
+    if config.mqtt.enabled:
+        from groundstation.telemetry.mqtt import publish_forever
+
+        crew.append(asyncio.create_task(_guarded("MQTT", publish_forever(config.mqtt, latest), say)))
+    try:
+        return await flight.run()
+    finally:
+        latest.put(flight.snapshot())
+        await asyncio.sleep(0.1)  # the last word reaches whoever watches
+        for task in crew:
+            task.cancel()
+        await asyncio.gather(*crew, return_exceptions=True)
+
+
+async def _publish(flight: Flight, latest: Latest[Snapshot]) -> None:
+    while True:
+        latest.put(flight.snapshot())
+        await asyncio.sleep(0.1)
+
+
+async def _guarded(what: str, work: Awaitable[None], say: Callable[[str], None]) -> None:
+    """A screen or a broker must not end a flight: say what failed and go on without it."""
+    try:
+        await work
+    except Exception as error:  # noqa: BLE001  # whatever it is, the flight goes on
+        say(f"{what} stopped: {error}")

@@ -1,0 +1,141 @@
+"""What each ``groundstation`` command does."""
+
+import argparse
+import asyncio
+import logging
+import signal
+import sys
+from collections.abc import Awaitable, Callable
+
+from groundstation.config import ConfigError, dump, load
+from groundstation.mission import State
+from groundstation.settings import Config
+from links.address import is_loopback, parse_address
+
+EXIT_DONE, EXIT_ABORTED = 0, 1
+
+
+def fly(args: argparse.Namespace) -> int:
+    """Fly in the foreground: ask before arming, say what happens, land on Ctrl-C."""
+    config = _loopback_only(load(args.config, Config, args.overrides))
+    _check_name(args.arm, config)
+    if args.arm is None and not sys.stdin.isatty():
+        raise ConfigError("--arm", f"without a terminal, arming needs --arm {config.vehicle.name}")
+    return asyncio.run(_run(config, _ask(config, args.arm), print))
+
+
+def daemon(args: argparse.Namespace) -> int:
+    """Fly headless: log lines to stderr, land on SIGTERM; without ``--arm`` it only watches poses and link."""
+    config = _loopback_only(load(args.config, Config, args.overrides))
+    _check_name(args.arm, config)
+    logging.basicConfig(stream=sys.stderr, level=logging.INFO, format="%(levelname)s %(message)s")
+    log = logging.getLogger("groundstation")
+
+    async def confirm() -> bool:
+        if args.arm is None:
+            log.info("ready, and staying on the ground: started without --arm %s", config.vehicle.name)
+            await asyncio.Event().wait()
+        return True
+
+    return asyncio.run(_run(config, confirm, lambda line: log.info("%s", line)))
+
+
+def tui(args: argparse.Namespace) -> int:
+    """Watch a running flight."""
+    from groundstation.telemetry.status import StatusConfig, socket_path
+    from groundstation.tui.app import run
+
+    return run(args.socket or socket_path(StatusConfig(), args.vehicle))
+
+
+def replay(args: argparse.Namespace) -> int:
+    """Run estimator and controller over a recording."""
+    from groundstation.shadow import replay_command
+
+    return replay_command(args.file, args.config, args.overrides, as_json=args.json)
+
+
+def config(args: argparse.Namespace) -> int:
+    """Print the configuration in force."""
+    print(dump(load(args.config, Config, args.overrides)), end="")
+    return 0
+
+
+def _check_name(arm: str | None, config: Config) -> None:
+    """``--arm`` must name the vehicle of the config: the operator says which one will move."""
+    if arm is not None and arm != config.vehicle.name:
+        raise ConfigError("--arm", f"expected {config.vehicle.name!r}, the vehicle in the config, got {arm!r}")
+
+
+def _loopback_only(config: Config) -> Config:
+    """Refuse everything but loopback while dead-man and guards do not exist yet."""
+    why = (
+        "only loopback addresses may fly yet: this version has no dead-man and no flight guards, "
+        "so it must not move a real vehicle"
+    )
+    addresses = {
+        "link.listen": config.link.listen,
+        "link.remote": config.link.remote,
+        "pose.listen": getattr(config.pose, "listen", None),
+    }
+    for key, text in addresses.items():
+        if text is not None and not is_loopback(parse_address(text)[0]):
+            raise ConfigError(key, f"{text}: {why}")
+    return config
+
+
+def _ask(config: Config, arm: str | None) -> Callable[[], Awaitable[bool]]:
+    """Who confirms arming: ``--arm``, or the operator at the terminal."""
+
+    async def told() -> bool:
+        return True
+
+    async def asked() -> bool:
+        name = config.vehicle.name
+        prompt = f"{name} is ready. Its motors will start. Type its name to arm, anything else to stop: "
+        answer = await _line_from_terminal(prompt)
+        return answer.strip() == name
+
+    return told if arm is not None else asked
+
+
+async def _line_from_terminal(prompt: str) -> str:
+    """One line from the terminal, without blocking the event loop; empty at end of file."""
+    loop = asyncio.get_running_loop()
+    line: asyncio.Future[str] = loop.create_future()
+
+    def read() -> None:
+        if not line.done():
+            line.set_result(sys.stdin.readline())
+
+    print(prompt, end="", flush=True)
+    loop.add_reader(sys.stdin.fileno(), read)
+    try:
+        return await line
+    finally:
+        loop.remove_reader(sys.stdin.fileno())
+
+
+async def _run(config: Config, confirm: Callable[[], Awaitable[bool]], say: Callable[[str], None]) -> int:
+    """Fly until landed or aborted, land on the first signal, and answer with the exit code."""
+    from groundstation.app import make_flight, watched
+
+    flight = make_flight(config, confirm=confirm, on_event=say)
+    loop = asyncio.get_running_loop()
+    task = asyncio.ensure_future(watched(flight, config, say))
+
+    def on_signal(name: str) -> None:
+        if flight.landing_asked:
+            say(f"{name} again: commands stop now, the autopilot's failsafe acts")
+            task.cancel()
+        else:
+            say(f"{name}: landing. The same once more stops commands at once")
+            flight.land(f"told by {name}")
+
+    for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
+        loop.add_signal_handler(number, on_signal, number.name)
+    try:
+        outcome = await task
+    except asyncio.CancelledError:
+        return EXIT_ABORTED
+    return EXIT_DONE if outcome.state is State.LANDED else EXIT_ABORTED

@@ -1,0 +1,112 @@
+"""Configuration: one TOML file and ``--set`` overrides into frozen structs, and back into TOML.
+
+Any ``msgspec.Struct`` may be the root; types, ``msgspec.Meta`` bounds, ``Literal`` and tagged unions are its schema.
+A table needs only the keys that it changes: the rest comes from the field's default, also inside nested tables.
+"""
+
+import tomllib
+from collections.abc import Iterable, Mapping, Sequence
+from pathlib import Path
+from typing import Any, TypeVar
+
+import msgspec
+
+from groundstation.config_schema import KeyPath, Problem, completed, dotted
+
+T = TypeVar("T", bound=msgspec.Struct)
+
+
+class ConfigError(Exception):
+    """A bad configuration, as one line for the operator: ``source: key: problem``."""
+
+    def __init__(self, key: str, problem: str, source: str = "") -> None:
+        """Keep ``key`` (dotted, may be empty), ``problem``, and ``source`` (the file's name, or the override)."""
+        super().__init__(": ".join(part for part in (source, key, problem) if part))
+        self.key = key
+        self.problem = problem
+        self.source = source
+
+
+def load(path: Path | None, root: type[T], overrides: Sequence[str] = ()) -> T:
+    """The configuration in the TOML file ``path`` (None: all defaults), changed by ``overrides`` (``a.b=value``).
+
+    Raises:
+        ConfigError: the file can't be read or is not TOML, or see :func:`from_dict`.
+    """
+    if path is None:
+        return from_dict({}, root, overrides)
+    try:
+        data = tomllib.loads(path.read_bytes().decode())
+    except OSError as error:
+        raise ConfigError("", f"cannot read the configuration: {error.strerror}", str(path)) from None
+    except UnicodeDecodeError as error:
+        raise ConfigError("", f"not UTF-8 text (byte {error.start})", str(path)) from None
+    except (tomllib.TOMLDecodeError, RecursionError) as error:
+        raise ConfigError("", f"not valid TOML: {error}", str(path)) from None
+    return from_dict(data, root, overrides, source=str(path))
+
+
+def from_dict(data: Mapping[str, Any], root: type[T], overrides: Sequence[str] = (), *, source: str = "") -> T:
+    """The configuration in ``data`` as a ``root``, changed by ``overrides``, ``source`` being named in errors.
+
+    The value of an override is TOML (``3.5``, ``true``, ``[1, 2]``, ``"text"``), or else a string as it stands.
+
+    Raises:
+        ConfigError: an unknown key, a missing one, or a value outside its type or bounds; NaN and infinity always.
+    """
+    changed: dict[str, Any] = dict(data)
+    set_paths = [_override(changed, text) for text in overrides]
+    try:
+        complete = completed(root, changed)
+    except Problem as problem:
+        raise ConfigError(dotted(problem.path), problem.text, _blame(problem.path, data, set_paths, source)) from None
+    try:
+        return msgspec.convert(complete, root)
+    except msgspec.ValidationError as error:  # what only a __post_init__ could see
+        text, _, where = str(error).partition(" - at `$.")
+        where = where.rstrip("`")
+        raise ConfigError(where, text, _blame(tuple(where.split(".")), data, set_paths, source)) from None
+
+
+def dump(config: msgspec.Struct) -> str:
+    """The configuration in force as TOML, each key with the first sentence of its docstring; loads back to the same.
+
+    A key that is None has no TOML form and appears as a comment.
+    """
+    from groundstation.config_text import toml_text  # ast and tomli_w: only here
+
+    return toml_text(config)
+
+
+def _override(data: dict[str, Any], text: str) -> KeyPath:
+    """Set ``a.b=value`` in ``data`` (whose nested tables are copied, never changed) and return its path."""
+    key, equals, value = text.partition("=")
+    path = tuple(part.strip() for part in key.split("."))
+    if not equals or not all(path):
+        raise ConfigError("", f"expected key=value, such as vehicle.mass_kg=0.08, got {text!r}", "--set")
+    table = data
+    for part in path[:-1]:
+        inner = table.get(part)
+        table[part] = dict(inner) if isinstance(inner, dict) else {}
+        table = table[part]
+    table[path[-1]] = _toml_value(value.strip())
+    return path
+
+
+def _toml_value(text: str) -> Any:
+    try:
+        parsed = tomllib.loads(f"value = {text}")
+    except (tomllib.TOMLDecodeError, RecursionError):
+        return text
+    return parsed["value"] if len(parsed) == 1 else text
+
+
+def _blame(path: KeyPath, data: Any, set_paths: Iterable[KeyPath], source: str) -> str:
+    """Who wrote the value at ``path``: an override, or else the file."""
+    in_file = data
+    for part in path:
+        in_file = in_file[part] if isinstance(in_file, Mapping) and part in in_file else None
+    for override in set_paths:
+        if path[: len(override)] == override or (not isinstance(in_file, Mapping) and override[: len(path)] == path):
+            return "--set"
+    return source

@@ -1,0 +1,256 @@
+"""The schema of a configuration: check what was written key by key, and complete it from the defaults.
+
+The types are the schema (``msgspec.inspect``). msgspec checks them too, but its errors don't speak to an operator.
+"""
+
+import math
+import re
+from collections.abc import Callable
+from typing import Any, NoReturn
+
+import msgspec
+from msgspec import inspect as mi
+
+KeyPath = tuple[str, ...]
+
+
+class Problem(Exception):
+    """A key that is wrong, and why."""
+
+    def __init__(self, path: KeyPath, text: str) -> None:
+        """Keep the ``path`` of the key and the ``text`` of what is wrong."""
+        super().__init__(text)
+        self.path = path
+        self.text = text
+
+
+def completed(root: type[msgspec.Struct], data: dict[str, Any]) -> dict[str, Any]:
+    """``data`` checked as a ``root`` and completed with the defaults of the tables that it mentions.
+
+    Raises:
+        Problem: the first thing that is wrong, in the order of ``data``; a missing key comes after its neighbours.
+    """
+    result: dict[str, Any] = _complete(mi.type_info(root), data, None, ())
+    return result
+
+
+def dotted(path: KeyPath) -> str:
+    """The path as an operator writes it."""
+    return ".".join(path)
+
+
+def _complete(info: mi.Type, value: Any, default: Any, path: KeyPath) -> Any:
+    """``value`` checked against ``info``, its missing keys taken from ``default`` (a struct, or None).
+
+    Raises:
+        Problem: the first thing that is wrong, in the order of the file.
+    """
+    match info:
+        case mi.Metadata():
+            return _complete(info.type, value, default, path)
+        case mi.StructType():
+            return _struct(info, value, default, path)
+        case mi.UnionType():
+            return _union(info, value, default, path)
+        case mi.DictType():
+            if not isinstance(value, dict):
+                _refuse(info, value, path)
+            return {key: _complete(info.value_type, item, None, (*path, key)) for key, item in value.items()}
+        case mi.TupleType():
+            if not isinstance(value, list | tuple) or len(value) != len(info.item_types):
+                _refuse(info, value, path)
+            return [
+                _complete(kind, item, None, _indexed(path, i))
+                for i, (kind, item) in enumerate(zip(info.item_types, value, strict=True))
+            ]
+        case mi.VarTupleType() | mi.ListType():
+            if not isinstance(value, list | tuple) or not _within(len(value), info.min_length, info.max_length):
+                _refuse(info, value, path)
+            return [_complete(info.item_type, item, None, _indexed(path, i)) for i, item in enumerate(value)]
+    if not _SCALARS.get(type(info), lambda _info, _value: True)(info, value):
+        _refuse(info, value, path)
+    return value
+
+
+def _struct(info: mi.StructType, value: Any, default: Any, path: KeyPath) -> dict[str, Any]:
+    if not isinstance(value, dict):
+        _refuse(info, value, path)
+    tag = {} if info.tag_field is None else {info.tag_field: info.tag}
+    fields = {field.encode_name: field for field in info.fields}
+    complete: dict[str, Any] = dict(tag)
+    for key, item in value.items():
+        inner = (*path, key)
+        if key in fields:
+            field = fields[key]
+            base = _default(field) if default is None else getattr(default, field.name)
+            complete[key] = _complete(field.type, item, base, inner)
+        elif key not in tag:
+            raise Problem(inner, _unknown(key, item, [*tag, *fields]))
+        elif item != info.tag:
+            raise Problem(inner, f"expected one of {[info.tag]}, got {_shown(item)}")
+    for key, field in fields.items():
+        if key in complete:
+            continue
+        if default is not None:
+            complete[key] = msgspec.to_builtins(getattr(default, field.name))
+        elif field.required:
+            raise Problem((*path, key), f"missing; expected {expected(field.type)}")
+    return complete
+
+
+def _union(info: mi.UnionType, value: Any, default: Any, path: KeyPath) -> Any:
+    structs = {kind.tag: kind for kind in map(_bare, info.types) if isinstance(kind, mi.StructType)}
+    if isinstance(value, dict) and structs:
+        fallback = next((tag for tag, kind in structs.items() if isinstance(default, kind.cls)), None)
+        first = next(iter(structs.values()))
+        if first.tag_field is None:
+            return _complete(first, value, default, path)
+        tag = value.get(first.tag_field, fallback)
+        if tag is None:
+            raise Problem((*path, first.tag_field), f"missing; expected one of {list(structs)}")
+        if not isinstance(tag, str | int) or tag not in structs:
+            raise Problem((*path, first.tag_field), f"expected one of {list(structs)}, got {_shown(tag)}")
+        return _complete(structs[tag], value, default if tag == fallback else None, path)
+    problems = []
+    for kind in info.types:
+        try:
+            return _complete(kind, value, None, path)
+        except Problem as problem:
+            problems.append(problem)
+    deeper = [problem for problem in problems if len(problem.path) > len(path)]
+    if len(deeper) == 1:
+        raise deeper[0]
+    _refuse(info, value, path)
+
+
+def _is_float(info: Any, value: Any) -> bool:
+    if isinstance(value, bool) or not isinstance(value, int | float):
+        return False
+    try:
+        return math.isfinite(float(value)) and _bounded(info, value)
+    except OverflowError:
+        return False
+
+
+def _is_str(info: Any, value: Any) -> bool:
+    return (
+        isinstance(value, str)
+        and _within(len(value), info.min_length, info.max_length)
+        and (info.pattern is None or re.search(info.pattern, value) is not None)
+    )
+
+
+_SCALARS: dict[type, Callable[[Any, Any], bool]] = {
+    mi.FloatType: _is_float,
+    mi.IntType: lambda info, value: type(value) is int and abs(value) < 2**63 and _bounded(info, value),
+    mi.BoolType: lambda _, value: isinstance(value, bool),
+    mi.StrType: _is_str,
+    mi.NoneType: lambda _, value: value is None,
+    mi.LiteralType: lambda info, value: any(type(value) is type(one) and value == one for one in info.values),
+    mi.EnumType: lambda info, value: any(type(value) is type(one.value) and value == one.value for one in info.cls),
+}
+
+
+def _bounded(info: mi.FloatType | mi.IntType, value: float) -> bool:
+    return (
+        (info.gt is None or value > info.gt)
+        and (info.ge is None or value >= info.ge)
+        and (info.lt is None or value < info.lt)
+        and (info.le is None or value <= info.le)
+        and (info.multiple_of is None or value % info.multiple_of == 0)
+    )
+
+
+def _within(length: int, low: int | None, high: int | None) -> bool:
+    return (low is None or length >= low) and (high is None or length <= high)
+
+
+def _bare(info: mi.Type) -> mi.Type:
+    return _bare(info.type) if isinstance(info, mi.Metadata) else info
+
+
+def _default(field: mi.Field) -> Any:
+    if field.default_factory is not msgspec.NODEFAULT:
+        return field.default_factory()
+    return None if field.default is msgspec.NODEFAULT else field.default
+
+
+# ---- words
+
+
+def expected(info: mi.Type) -> str:
+    """What a key of this type accepts, in words: ``a number > 0``, ``one of ['vicon', 'natnet']``."""
+    match info:
+        case mi.Metadata():
+            return expected(info.type)
+        case mi.FloatType():
+            return "a number" + _bounds(info)
+        case mi.IntType():
+            return "a whole number" + _bounds(info)
+        case mi.BoolType():
+            return "true or false"
+        case mi.StrType():
+            return "a string" + _lengths(info, "character") + (f" matching {info.pattern}" if info.pattern else "")
+        case mi.LiteralType():
+            return f"one of {list(info.values)}"
+        case mi.EnumType():
+            return f"one of {[one.value for one in info.cls]}"
+        case mi.TupleType():
+            each = " or ".join(dict.fromkeys(map(expected, info.item_types)))
+            return f"an array of {len(info.item_types)} values, each {each}"
+        case mi.VarTupleType() | mi.ListType():
+            return f"an array{_lengths(info, 'value')}, each {expected(info.item_type)}"
+        case mi.UnionType():
+            kinds = [kind for kind in info.types if not isinstance(kind, mi.NoneType)]
+            tagged = [kind for kind in map(_bare, kinds) if isinstance(kind, mi.StructType) and kind.tag_field]
+            if len(tagged) == len(kinds) > 1:
+                return f"a table with {tagged[0].tag_field}, one of {[kind.tag for kind in tagged]}"
+            return " or ".join(dict.fromkeys(map(expected, kinds)))
+        case mi.StructType():
+            needed = [field.encode_name for field in info.fields if field.required]
+            return f"a table with {', '.join(needed)}" if needed else "a table"
+        case mi.DictType():
+            return "a table"
+    return "a value"
+
+
+def _bounds(info: mi.FloatType | mi.IntType) -> str:
+    signs = ((">", info.gt), (">=", info.ge), ("<", info.lt), ("<=", info.le), ("a multiple of", info.multiple_of))
+    text = " and ".join(f"{sign} {bound:g}" for sign, bound in signs if bound is not None)
+    return f" {text}" if text else ""
+
+
+def _lengths(info: mi.StrType | mi.VarTupleType | mi.ListType, unit: str) -> str:
+    low, high = info.min_length, info.max_length
+    if low is None and high is None:
+        return ""
+    if high is None:
+        return f" of at least {low} {unit}{'' if low == 1 else 's'}"
+    return f" of {low or 0} to {high} {unit}s"
+
+
+def _refuse(info: mi.Type, value: Any, path: KeyPath) -> NoReturn:
+    raise Problem(path, f"expected {expected(info)}, got {_shown(value)}")
+
+
+def _unknown(key: str, value: Any, known: list[str]) -> str:
+    from difflib import get_close_matches
+
+    near = get_close_matches(key, known, n=1)
+    what = "unknown section" if isinstance(value, dict) else "unknown key"
+    return f"{what};{f' did you mean {near[0]}?' if near else ''} (known: {', '.join(known) or 'none'})"
+
+
+def _shown(value: Any) -> str:
+    if isinstance(value, dict):
+        return "a table"
+    if isinstance(value, bool):
+        return str(value).lower()
+    if isinstance(value, int) and abs(value) >= 10**40:
+        return "a number of more than 40 digits"
+    text = repr(value) if isinstance(value, str | int | float | list) else str(value)
+    return text if len(text) <= 80 else text[:77] + "..."
+
+
+def _indexed(path: KeyPath, index: int) -> KeyPath:
+    return (*path[:-1], f"{path[-1]}[{index}]")

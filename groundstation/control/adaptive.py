@@ -1,0 +1,154 @@
+"""Our controller: the law, fed the modelled actuators, its output led through their lags and limits."""
+
+import math
+
+from groundstation.control.actuators import lead
+from groundstation.control.backstepping import backstep, yaw_rate
+from groundstation.control.gains import Gains
+from groundstation.control.model import Drive
+from groundstation.control.ops import FLOATS, Vec3
+from groundstation.control.port import Decision, Estimate
+from groundstation.control.projection import within
+from groundstation.snapshot import Diagnostics
+from groundstation.trajectories.port import Reference
+from groundstation.vehicle import Vehicle
+
+
+class Adaptive:
+    """Adaptive backstepping with actuator compensation. State: b̂, the last wanted rate and its derivative."""
+
+    def __init__(self, vehicle: Vehicle, gains: Gains) -> None:
+        """Start with b̂ = 0, as the paper does."""
+        self._vehicle = vehicle
+        self._gains = gains
+        self._hold = vehicle.frame_period_s
+        self._thrust_lead = lead(FLOATS, self._hold, vehicle.thrust_lag_s)
+        self._rate_lead = lead(FLOATS, self._hold, vehicle.rate_lag_s)
+        x, y, z = vehicle.rate_limits_deg_s
+        self._limits: Vec3 = (math.radians(x), math.radians(y), math.radians(z))
+        self.b_hat: Vec3 = (0.0, 0.0, 0.0)
+        self._wanted: Vec3 | None = None
+        self._wanted_dot: Vec3 = (0.0, 0.0, 0.0)
+        self._thrust_sent = 0.0
+        self._saturated = False
+
+    def decide(self, estimate: Estimate, reference: Reference, interval_s: float) -> Decision:
+        """One command for the instant of ``estimate``."""
+        gains, vehicle = self._gains, self._vehicle
+        motion = estimate.motion
+        b_hat = self._adopted(estimate.disturbance_step)
+        witness: Vec3 | None = None
+        if gains.composite == "provable":
+            d, k = estimate.disturbance, gains.kappa
+            witness = (k * (d[0] - b_hat[0]), k * (d[1] - b_hat[1]), k * (d[2] - b_hat[2]))
+        compensate = gains.actuator_compensation
+        thrust = motion.thrust if compensate else self._thrust_sent or motion.thrust
+        p, v = reference.position_ned, reference.velocity_ned
+        (px, py, pz), (vx, vy, vz) = motion.position, motion.velocity
+        adapt = gains.kb > 0.0 and not self._saturated
+        step = backstep(
+            FLOATS,
+            gains,
+            mass=vehicle.mass_kg,
+            z1=(px - p[0], py - p[1], pz - p[2]),
+            z1_dot=(vx - v[0], vy - v[1], vz - v[2]),
+            attitude=motion.attitude,
+            thrust=thrust,
+            b_hat=b_hat,
+            acceleration=reference.acceleration_ned,
+            jerk=reference.jerk_ned,
+            witness=witness,
+            adapt=adapt,
+        )
+        wanted: Vec3 = (
+            step.rate_x,
+            step.rate_y,
+            yaw_rate(
+                FLOATS,
+                attitude=motion.attitude,
+                yaw=reference.yaw_rad,
+                yaw_dot=reference.yaw_rate_rad_s,
+                rate_y=step.rate_y,
+                k_yaw=gains.k_yaw,
+                limit=self._limits[2],
+            ),
+        )
+        if compensate:
+            thrust_command = thrust + self._thrust_lead * step.thrust_rate
+            rates = self._led(motion.rates, wanted, interval_s)
+        else:
+            thrust_command = thrust + self._hold * step.thrust_rate
+            rates = wanted
+        drive, self._saturated = self._clamped(thrust_command, rates)
+        self._thrust_sent = drive.thrust
+        dt, dot = interval_s, step.b_hat_dot
+        self.b_hat = within(
+            FLOATS,
+            (b_hat[0] + dt * dot[0], b_hat[1] + dt * dot[1], b_hat[2] + dt * dot[2]),
+            gains.b_bound + gains.epsilon,
+        )
+        return Decision(
+            drive,
+            self._saturated,
+            Diagnostics(
+                z1=step.z1,
+                z2=step.z2,
+                z3=step.z3,
+                u_star=step.u_star,
+                b_hat=b_hat,
+                b_hat_dot=dot,
+                disturbance=estimate.disturbance if gains.composite == "provable" else b_hat,
+                v_known=step.v_known,
+                w=step.w,
+                certificate=_CERTIFICATES[gains.composite] if adapt else "none: adaptation is suspended",
+            ),
+        )
+
+    def _adopted(self, change: Vec3) -> Vec3:
+        """b̂ with what innovations ask for (raw composite form), still within B + ε."""
+        if change == (0.0, 0.0, 0.0):
+            return self.b_hat
+        b = self.b_hat
+        gains = self._gains
+        return within(
+            FLOATS, (b[0] + change[0], b[1] + change[1], b[2] + change[2]), gains.b_bound + gains.epsilon
+        )
+
+    def _led(self, rates: Vec3, wanted: Vec3, interval: float) -> Vec3:
+        """Rates to command so that the true ones follow ``wanted``: e = ω_d - ω̂ decays like e^(-k_ω t)."""
+        gains = self._gains
+        if self._vehicle.rate_lag_s == 0.0:
+            return wanted
+        if self._wanted is not None and interval > 0.0:
+            # A first-order filter on the difference quotient, discretised for this interval.
+            k = interval / (interval + gains.rate_feedforward)
+            w, o, d = wanted, self._wanted, self._wanted_dot
+            self._wanted_dot = (
+                d[0] + k * ((w[0] - o[0]) / interval - d[0]),
+                d[1] + k * ((w[1] - o[1]) / interval - d[1]),
+                d[2] + k * ((w[2] - o[2]) / interval - d[2]),
+            )
+        self._wanted = wanted
+        n, k, d = self._rate_lead, gains.k_omega, self._wanted_dot
+        return (
+            rates[0] + n * (k * (wanted[0] - rates[0]) + d[0]),
+            rates[1] + n * (k * (wanted[1] - rates[1]) + d[1]),
+            rates[2] + n * (k * (wanted[2] - rates[2]) + d[2]),
+        )
+
+    def _clamped(self, thrust: float, rates: Vec3) -> tuple[Drive, bool]:
+        """A command within the vehicle's limits, and whether any of the four had to be clamped."""
+        vehicle, limits = self._vehicle, self._limits
+        clamp = FLOATS.clamp
+        inside = clamp(thrust, vehicle.thrust_min_n, vehicle.thrust_max_n)
+        x, y, z = rates
+        a, b, c = limits
+        turn = (clamp(x, -a, a), clamp(y, -b, b), clamp(z, -c, c))
+        return Drive(inside, turn), inside != thrust or turn != rates
+
+
+_CERTIFICATES = {
+    "off": "paper: V falls at least by W (constant wind, no lag)",
+    "provable": "composite: V + observer error falls at least by W (constant wind, no lag)",
+    "raw": "none: the raw form of composite adaptation has no proof",
+}

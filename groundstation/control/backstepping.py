@@ -1,0 +1,213 @@
+"""The law: nonlinear adaptive backstepping, equations (5)-(10) of Cabecinhas, Cunha, Silvestre, ACC 2013.
+
+A pure function: state in, state rates and commands out; no clock, no I/O. The printed paper is wrong in
+places; docs/explanation/law.md lists them, and this file is the corrected form.
+
+    symbol      unit    frame   meaning                                       equation
+    p, v        m, m/s  NED     position, velocity                            (1)
+    R (q)       -       FRD→NED attitude                                      (2)
+    T           N       -z FRD  thrust the rotors give now, > 0               (1)
+    b̂           m/s²    NED     estimate of the disturbance b                 (8)
+    z1          m       NED     p - pd
+    z2          m/s     NED     z1˙ + σ(z1)                                   (5)
+    û           m/s²    NED     -(T/m) R e3 + g e3 + b̂ - p¨d
+    u*          m/s²    NED     virtual control                               (6)
+    z3          m/s²    NED     û - u*                                        (7)
+    Ṫ, ω1, ω2   N/s, rad/s      what the vehicle should do                    (10)
+
+On the plant of the paper, V˙ = -W + b̃ᵀ(ξ - Proj) <= -W.
+"""
+
+from typing import NamedTuple
+
+from groundstation.control.gains import Law
+from groundstation.control.ops import Ops, Quat, Real, Vec3
+from groundstation.control.projection import project
+from groundstation.control.shaping import growth, saturation, saturation_integral
+from groundstation.so3 import third_column, to_body
+
+POSITION_LIMIT = 1e6
+"""Errors are clamped here [m, m/s², m/s³], far beyond any room, so that no finite input overflows."""
+VELOCITY_LIMIT = 1e4
+"""[m/s]; V grows like the fourth power of the speed error."""
+
+
+class Axis(NamedTuple):
+    """One axis of the double integrator: error, virtual control and its partial derivatives."""
+
+    z1: Real
+    z1_dot: Real
+    z2: Real
+    sigma: Real
+    sigma_prime: Real
+    u_star: Real
+    du_dz1: Real
+    du_dz2: Real
+    dv_dz2: Real
+    v_di: Real
+    w_di: Real
+
+
+class Step(NamedTuple):
+    """What the law says at one instant."""
+
+    thrust_rate: Real
+    """Ṫ [N/s]."""
+    rate_x: Real
+    """ω1 [rad/s], roll rate, FRD."""
+    rate_y: Real
+    """ω2 [rad/s], pitch rate, FRD."""
+    b_hat_dot: Vec3
+    """b̂˙ [m/s³], NED."""
+    z1: Vec3
+    z2: Vec3
+    z3: Vec3
+    u_star: Vec3
+    v_known: Real
+    """V_DI + ½ z3ᵀz3: V without its b̃ term."""
+    w: Real
+    """W = σᵀσ + k2 z2ᵀρ(z2) + k3 z3ᵀz3."""
+
+
+def axis(ops: Ops, law: Law, z1: Real, z1_dot: Real) -> Axis:
+    """(5), (6) and their partial derivatives in (z1, z2), for one axis."""
+    x1 = ops.clamp(z1, -POSITION_LIMIT, POSITION_LIMIT)
+    x2 = ops.clamp(z1_dot, -VELOCITY_LIMIT, VELOCITY_LIMIT)
+    s, s1, s2 = saturation(ops, x1, law.sigma_bound, law.sigma_slope)
+    z2 = x2 + s  # (5)
+    rho, rho1, _ = saturation(ops, z2, law.rho_bound, law.rho_slope)
+    excess, o1, o2 = growth(ops, x2, law.sigma_bound, law.velocity_scale)
+    # Ω(x2) + Ω(σ) = z2 + excess: zero only where the excess is (|σ| < M < |x2|), and there q = 1.
+    sum_ = z2 + excess
+    over = 1.0 / ops.where(excess == 0.0, 1.0, sum_)
+    q = 1.0 - excess * over
+    a = law.k2 * rho + s
+    i = 1.0 / o1
+    u_star = -i * (q * a + s1 * x2)  # (6)
+    q_x1 = s1 * excess * over * over
+    q_x2 = (z2 * (1.0 - o1) + excess) * over * over
+    u_x1 = -i * (q_x1 * a + q * (law.k2 * rho1 + 1.0) * s1 + s2 * x2)
+    u_x2 = -i * (q_x2 * a + q * law.k2 * rho1 + s1) - u_star * o2 * i
+    return Axis(
+        z1=x1,
+        z1_dot=x2,
+        z2=z2,
+        sigma=s,
+        sigma_prime=s1,
+        u_star=u_star,
+        du_dz1=u_x1 - s1 * u_x2,
+        du_dz2=u_x2,
+        dv_dz2=o1 * sum_,
+        v_di=saturation_integral(ops, x1, law.sigma_bound, law.sigma_slope) + 0.5 * sum_ * sum_,
+        w_di=s * s + law.k2 * z2 * rho,
+    )
+
+
+def backstep(
+    ops: Ops,
+    law: Law,
+    *,
+    mass: Real,
+    z1: Vec3,
+    z1_dot: Vec3,
+    attitude: Quat,
+    thrust: Real,
+    b_hat: Vec3,
+    acceleration: Vec3,
+    jerk: Vec3,
+    witness: Vec3 | None = None,
+    adapt: bool = True,
+) -> Step:
+    """One evaluation of the law.
+
+    Args:
+        ops: elementary functions (floats, or arrays of shape (N,)).
+        law: gains.
+        mass: [kg].
+        z1: p - pd [m], NED.
+        z1_dot: v - p˙d [m/s], NED.
+        attitude: unit quaternion, body FRD to world NED.
+        thrust: T [N]; the law needs T > 0 and takes at least a thousandth of the weight.
+        b_hat: b̂ [m/s²], NED.
+        acceleration: p¨d [m/s²], NED.
+        jerk: p⃛d [m/s³], NED.
+        witness: κ (d̂ - b̂) [m/s³], a second witness of the disturbance (composite adaptation), or None.
+        adapt: False freezes b̂ (on the ground, saturated); the law then uses b̂˙ = 0.
+    """
+    lim = POSITION_LIMIT
+    clamp = ops.clamp
+    x = axis(ops, law, z1[0], z1_dot[0])
+    y = axis(ops, law, z1[1], z1_dot[1])
+    z = axis(ops, law, z1[2], z1_dot[2])
+    thrust = clamp(thrust, 1e-3 * mass * law.gravity, 1e6)
+    down = third_column(attitude)
+    f = -thrust / mass
+    ux = f * down[0] + b_hat[0] - clamp(acceleration[0], -lim, lim)
+    uy = f * down[1] + b_hat[1] - clamp(acceleration[1], -lim, lim)
+    uz = f * down[2] + law.gravity + b_hat[2] - clamp(acceleration[2], -lim, lim)
+    z3x, z3y, z3z = ux - x.u_star, uy - y.u_star, uz - z.u_star  # (7)
+
+    b_dot: Vec3 = (0.0 * z3x, 0.0 * z3x, 0.0 * z3x)
+    if adapt:
+        xi: Vec3 = (x.dv_dz2 - x.du_dz2 * z3x, y.dv_dz2 - y.du_dz2 * z3y, z.dv_dz2 - z.du_dz2 * z3z)
+        if witness is not None:
+            xi = (xi[0] + witness[0], xi[1] + witness[1], xi[2] + witness[2])
+        proj = project(
+            ops,
+            xi,
+            b_hat,
+            bound=law.b_bound,
+            epsilon=law.epsilon,
+            delta=law.delta,
+            order=law.projection_order,
+        )
+        b_dot = (law.kb * proj[0], law.kb * proj[1], law.kb * proj[2])  # (8)
+
+    k3 = law.k3
+    turn = to_body(
+        attitude,
+        (
+            k3 * z3x + x.dv_dz2 + b_dot[0] - clamp(jerk[0], -lim, lim) - _u_star_rate(x, ux),
+            k3 * z3y + y.dv_dz2 + b_dot[1] - clamp(jerk[1], -lim, lim) - _u_star_rate(y, uy),
+            k3 * z3z + z.dv_dz2 + b_dot[2] - clamp(jerk[2], -lim, lim) - _u_star_rate(z, uz),
+        ),
+    )
+    z3z3 = z3x * z3x + z3y * z3y + z3z * z3z
+    return Step(
+        thrust_rate=mass * turn[2],  # (10)
+        rate_x=-(mass / thrust) * turn[1],
+        rate_y=(mass / thrust) * turn[0],
+        b_hat_dot=b_dot,
+        z1=(x.z1, y.z1, z.z1),
+        z2=(x.z2, y.z2, z.z2),
+        z3=(z3x, z3y, z3z),
+        u_star=(x.u_star, y.u_star, z.u_star),
+        v_known=x.v_di + y.v_di + z.v_di + 0.5 * z3z3,
+        w=x.w_di + y.w_di + z.w_di + k3 * z3z3,
+    )
+
+
+def _u_star_rate(a: Axis, u_hat: Real) -> Real:
+    """The known part of u˙*: what it would be if b̂ were b."""
+    return a.du_dz1 * a.z1_dot + a.du_dz2 * (u_hat + a.sigma_prime * a.z1_dot)
+
+
+def yaw_rate(
+    ops: Ops, *, attitude: Quat, yaw: Real, yaw_dot: Real, rate_y: Real, k_yaw: Real, limit: Real
+) -> Real:
+    """ω3 [rad/s] that turns the heading towards ``yaw`` [rad]; the law leaves ω3 free.
+
+    ω3 = (cosθ (ψ˙d - k_ψ sin(ψ - ψd)) - sinφ ω2)/cosφ, kept away from |roll| = 90° and limited.
+    """
+    w, x, y, z = attitude
+    # The first column and last row of R give the angles without trigonometry.
+    north, east = 1.0 - 2.0 * (y * y + z * z), 2.0 * (x * y + w * z)
+    cos_pitch = ops.sqrt(north * north + east * east + 1e-12)
+    r32, r33 = 2.0 * (y * z + w * x), 1.0 - 2.0 * (x * x + y * y)
+    roll_norm = ops.sqrt(r32 * r32 + r33 * r33 + 1e-12)
+    sin_roll, cos_roll = r32 / roll_norm, r33 / roll_norm
+    # sin(ψ - ψd) by the difference formula, from (cosψ, sinψ) = (north, east)/cosθ.
+    sine = (east * ops.cos(yaw) - north * ops.sin(yaw)) / cos_pitch
+    cos_roll = ops.where(cos_roll < 0.0, -1.0, 1.0) * ops.clamp(abs(cos_roll), 0.2, 1.0)
+    rate = (cos_pitch * (yaw_dot - k_yaw * sine) - sin_roll * rate_y) / cos_roll
+    return ops.clamp(rate, -limit, limit)

@@ -1,0 +1,36 @@
+"""The smooth projection (9) that keeps the disturbance estimate inside a ball of radius B + ε."""
+
+from groundstation.control.ops import Ops, Real, Vec3
+
+
+def project(ops: Ops, xi: Vec3, b_hat: Vec3, *, bound: Real, epsilon: Real, delta: Real, order: int) -> Vec3:
+    """Proj(ξ, b̂) = ξ - η1 η2 / (2 (ε² + 2εB)^(n+1) B²) b̂, with the signs and squares that print lost.
+
+    Args:
+        ops: elementary functions.
+        xi: ξ, what would drive the estimate without projection.
+        b_hat: b̂ [m/s²], NED.
+        bound: B > 0 [m/s²].
+        epsilon: ε > 0 [m/s²].
+        delta: δ > 0, smooths η2 about zero.
+        order: n >= 1; Proj is n times continuously differentiable.
+
+    Returns:
+        Proj(ξ, b̂), which equals ξ wherever |b̂| <= B (P1-P4 of the paper, Theorem 3).
+    """
+    bx, by, bz = b_hat
+    outside = ops.clamp(bx * bx + by * by + bz * bz - bound * bound, 0.0, float("inf"))
+    inner = bx * xi[0] + by * xi[1] + bz * xi[2]
+    eta1 = outside ** (order + 1)
+    eta2 = inner + ops.sqrt(inner * inner + delta * delta)
+    k = eta1 * eta2 / (2.0 * (epsilon * epsilon + 2.0 * epsilon * bound) ** (order + 1) * bound * bound)
+    return (xi[0] - k * bx, xi[1] - k * by, xi[2] - k * bz)
+
+
+def within(ops: Ops, b_hat: Vec3, radius: Real) -> Vec3:
+    """b̂ scaled radially into the ball of ``radius``: after an Euler step this never increases |b - b̂|."""
+    bx, by, bz = b_hat
+    # The floor only avoids 0/0; inside the ball the factor is 1 whatever the length.
+    length = ops.sqrt(bx * bx + by * by + bz * bz + 1e-300)
+    k = ops.clamp(radius / length, 0.0, 1.0)
+    return (bx * k, by * k, bz * k)

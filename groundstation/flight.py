@@ -1,0 +1,276 @@
+"""One flight from connecting to landed: the mission, the frames that leave, and what the screens see."""
+
+import asyncio
+import math
+from collections import deque
+from collections.abc import Awaitable, Callable
+from typing import TypeVar
+
+import msgspec
+
+from groundstation.clock import sleep_until
+from groundstation.mission import FINAL, Event, Mission, State
+from groundstation.pilot import Pilot, Tick
+from groundstation.poses.port import Pose, PoseSource
+from groundstation.settings import Config
+from groundstation.snapshot import Snapshot
+from groundstation.trajectories.transit import Transit
+from links.port import Command, CommandLink, LinkError
+
+T = TypeVar("T")
+
+TOUCHDOWN_HEIGHT_M = 0.05
+"""Below this height above the floor, with the descent over, the vehicle counts as landed."""
+DISARM_WAIT_S = 8.0
+"""How long a landed autopilot may refuse to disarm: it must first believe that it stands."""
+
+
+class Outcome(msgspec.Struct, frozen=True):
+    """How a flight ended."""
+
+    state: State
+    reason: str
+    flight_time_s: float
+    """Time that commands left after arming [s]."""
+
+
+class Ended(Exception):
+    """The flight can't go on; the text says why, for the operator."""
+
+
+class Flight:
+    """One vehicle, one flight. ``run`` it once; ``land`` may be called at any time."""
+
+    def __init__(
+        self,
+        config: Config,
+        link: CommandLink,
+        source: PoseSource,
+        *,
+        confirm: Callable[[], Awaitable[bool]],
+        on_tick: Callable[[Tick], None] | None = None,
+        on_event: Callable[[str], None] | None = None,
+    ) -> None:
+        """Take the parts; ``confirm`` asks the operator before the vehicle is armed.
+
+        ``on_tick`` sees every command that leaves; ``on_event`` every line meant for the operator.
+        """
+        self._config = config
+        self._link = link
+        self._source = source
+        self._confirm = confirm
+        self._on_tick = on_tick
+        self._on_event = on_event
+        self._mission = Mission()
+        self._pilot = Pilot(config.vehicle, config.controller, config.flight.coast_s)
+        self._land = asyncio.Event()
+        self._land_reason = ""
+        self._first_pose = asyncio.Event()
+        self._arrivals: deque[float] = deque(maxlen=1000)
+        self._events: deque[str] = deque(maxlen=20)
+        self._tick: Tick | None = None
+        self._squares = 0.0
+        self._count = 0
+        self.started_s: float | None = None
+        """When the reference started, on the event loop's clock [s]; None before."""
+
+    @property
+    def state(self) -> State:
+        """Where the flight stands."""
+        return self._mission.state
+
+    @property
+    def landing_asked(self) -> bool:
+        """True once :meth:`land` was called."""
+        return self._land.is_set()
+
+    def land(self, reason: str) -> None:
+        """Ask for the flight to end: by landing in the air, at once on the ground."""
+        if not self._land.is_set():
+            self._land_reason = reason
+            self._land.set()
+
+    async def run(self) -> Outcome:
+        """Fly; always ends with the link and the source closed, and with nothing leaving any more."""
+        try:
+            await self._fly()
+        except (Ended, LinkError) as error:
+            self._move(Event.FAILED, str(error))
+        except BaseException as error:
+            if self.state not in FINAL:
+                self._move(Event.FAILED, f"stopped by {type(error).__name__}: {error}")
+            raise
+        finally:
+            await self._source.close()
+            await self._link.close()
+        last = self._tick.flight_time_s if self._tick is not None else 0.0
+        return Outcome(self.state, self._mission.reason, last)
+
+    async def _fly(self) -> None:
+        config = self._config
+        self._move(Event.START, "waiting for the link and for poses")
+        await self._unless_landed(self._connect())
+        self._move(Event.CONNECTED, "link and poses are there")
+        if not await self._unless_landed(self._confirm()):
+            raise Ended("not armed: the operator did not confirm")
+        self._move(Event.ARM, "asking the autopilot to obey and to arm")
+        await self._unless_landed(self._link.arm(self._idle))
+        now = asyncio.get_running_loop().time()
+        self._pilot.follow(config.trajectory.build(), now)
+        self.started_s = now
+        self._move(Event.ARMED, "following the trajectory")
+        await self._transmit()
+        await self._stop_motors()
+
+    async def _connect(self) -> None:
+        await self._source.start(self._pose)
+        await self._link.connect()
+        wait = self._config.flight.pose_wait_s
+        try:
+            await asyncio.wait_for(self._first_pose.wait(), wait)
+        except TimeoutError:
+            dropped = self._source.status.dropped
+            hint = f"dropped so far: {dropped}" if dropped else "nothing arrived at all; check address and port"
+            raise Ended(f"no pose within {wait:g} s ({self._config.pose!r}): {hint}") from None
+
+    async def _transmit(self) -> None:
+        """One command per frame, each from the newest pose, until the vehicle stands on the floor."""
+        loop = asyncio.get_running_loop()
+        link, pilot = self._link, self._pilot
+        period, duration = link.period_s, self._config.flight.duration_s
+        frame = loop.time()
+        while True:
+            now = loop.time()
+            tick = pilot.tick(now)
+            if not link.send(tick.command):
+                age = now - tick.pose.time_s
+                raise Ended(f"no pose for {age * 1e3:.0f} ms: commands have stopped, the autopilot's failsafe acts")
+            self._account(tick)
+            if self.state is State.FLYING:
+                if duration is not None and tick.flight_time_s >= duration:
+                    self.land(f"{duration:g} s are flown")
+                if self._land.is_set():
+                    self._begin_landing(tick)
+            elif self._is_down(tick):
+                return
+            frame += period
+            if frame < now:
+                frame = now + period  # a late frame is skipped, never sent twice in a row
+            await sleep_until(frame)
+
+    def _begin_landing(self, tick: Tick) -> None:
+        flight = self._config.flight
+        self._move(Event.LAND, self._land_reason)
+        x, y, z = tick.reference.position_ned
+        descent = Transit(
+            (x, y, z),
+            (x, y, flight.floor_z_m + TOUCHDOWN_HEIGHT_M),
+            max_speed_m_s=flight.descent_m_s,
+            max_acceleration_m_s2=1.0,
+            yaw_rad=tick.reference.yaw_rad,
+        )
+        self._landing = descent
+        self._pilot.follow(descent, tick.time_s)
+
+    def _is_down(self, tick: Tick) -> bool:
+        height = self._config.flight.floor_z_m - tick.estimate.motion.position[2]
+        return tick.flight_time_s > (self._landing.duration_s or 0.0) and height < TOUCHDOWN_HEIGHT_M
+
+    async def _stop_motors(self) -> None:
+        """Hold zero thrust on the floor until the autopilot has disarmed."""
+        loop = asyncio.get_running_loop()
+        give_up = loop.time() + DISARM_WAIT_S
+        zeros = asyncio.create_task(self._stream_zeros())
+        try:
+            while True:
+                try:
+                    await self._link.disarm()
+                    break
+                except LinkError as error:
+                    if loop.time() > give_up:
+                        raise Ended(f"landed at zero thrust, but the autopilot will not disarm: {error}") from error
+                    await asyncio.sleep(0.5)
+        finally:
+            zeros.cancel()
+        self._move(Event.TOUCHDOWN, "landed and disarmed")
+
+    async def _stream_zeros(self) -> None:
+        loop = asyncio.get_running_loop()
+        while True:
+            self._link.send(self._pilot.idle(loop.time(), 0.0))
+            await asyncio.sleep(self._link.period_s)
+
+    def _idle(self) -> Command:
+        vehicle, share = self._config.vehicle, self._config.flight.idle_thrust
+        weight = vehicle.mass_kg * self._config.controller.gravity
+        return self._pilot.idle(asyncio.get_running_loop().time(), share * weight)
+
+    async def _unless_landed(self, step: Awaitable[T]) -> T:
+        """Await one step on the ground, or stop waiting as soon as somebody asks to land."""
+        work = asyncio.ensure_future(step)
+        asked = asyncio.ensure_future(self._land.wait())
+        try:
+            await asyncio.wait({work, asked}, return_when=asyncio.FIRST_COMPLETED)
+            if not work.done():
+                raise Ended(f"ended before take-off: {self._land_reason}")
+            return work.result()
+        finally:
+            for task in (work, asked):
+                if not task.done():
+                    task.cancel()
+            await asyncio.gather(work, asked, return_exceptions=True)
+
+    def _pose(self, pose: Pose) -> None:
+        self._pilot.pose(pose)
+        self._arrivals.append(pose.arrival_s)
+        if not self._first_pose.is_set():
+            self._first_pose.set()
+
+    def _account(self, tick: Tick) -> None:
+        self._tick = tick
+        self._squares += math.dist(tick.estimate.motion.position, tick.reference.position_ned) ** 2
+        self._count += 1
+        if self._on_tick is not None:
+            self._on_tick(tick)
+
+    def _move(self, event: Event, reason: str) -> None:
+        state = self._mission.on(event, reason)
+        line = f"{asyncio.get_running_loop().time():.3f} {state}: {reason}"
+        self._events.append(line)
+        if self._on_event is not None:
+            self._on_event(line)
+
+    def snapshot(self) -> Snapshot:
+        """The flight as it is now."""
+        now = asyncio.get_running_loop().time()
+        tick, pose = self._tick, self._pilot.newest_pose
+        motion = tick.estimate.motion if tick is not None else None
+        position = motion.position if motion is not None else pose.position_ned if pose is not None else (0.0, 0.0, 0.0)
+        reference = tick.reference.position_ned if tick is not None else position
+        arrivals = self._arrivals
+        while arrivals and arrivals[0] < now - 1.0:
+            arrivals.popleft()
+        return Snapshot(
+            vehicle=self._config.vehicle.name,
+            state=self.state,
+            reason=self._mission.reason,
+            time_s=now,
+            flight_time_s=now - self.started_s if self.started_s is not None else 0.0,
+            pose_id=pose.id if pose is not None else -1,
+            pose_age_s=now - pose.time_s if pose is not None else 0.0,
+            pose_rate_hz=float(len(arrivals)),
+            poses_dropped=self._source.status.dropped,
+            position_ned=position,
+            velocity_ned=motion.velocity if motion is not None else (0.0, 0.0, 0.0),
+            attitude=motion.attitude if motion is not None else pose.attitude if pose is not None else (1.0, 0.0, 0.0, 0.0),
+            reference_ned=reference,
+            error_m=math.dist(position, reference),
+            rms_m=math.sqrt(self._squares / self._count) if self._count else 0.0,
+            thrust_n=tick.decision.drive.thrust if tick is not None else 0.0,
+            thrust_max_n=self._config.vehicle.thrust_max_n,
+            rates_rad_s=tick.decision.drive.rates if tick is not None else (0.0, 0.0, 0.0),
+            saturated=tick.decision.saturated if tick is not None else False,
+            diagnostics=tick.decision.diagnostics if tick is not None else None,
+            link=self._link.status,
+            events=tuple(self._events),
+        )

@@ -1,0 +1,89 @@
+"""Poses in, commands out: the estimator, the controller and the reference of one vehicle. Sans-IO."""
+
+from typing import NamedTuple
+
+from groundstation.control.adaptive import Adaptive
+from groundstation.control.estimator import ModelEstimator
+from groundstation.control.gains import Gains
+from groundstation.control.model import Drive
+from groundstation.control.port import Decision, Estimate
+from groundstation.poses.port import Pose
+from groundstation.trajectories.port import Reference, Trajectory
+from groundstation.vehicle import Vehicle
+from links.port import Command
+
+
+class Tick(NamedTuple):
+    """Everything about one command, for records and screens."""
+
+    time_s: float
+    """When it was computed, on the event loop's clock [s]."""
+    flight_time_s: float
+    """Time on the trajectory at the instant it acts [s]."""
+    pose: Pose
+    """The newest pose it rests on."""
+    estimate: Estimate
+    reference: Reference
+    decision: Decision
+    command: Command
+
+
+class Pilot:
+    """One vehicle's pose → command pipeline. The caller owns time, wires and the mission."""
+
+    def __init__(self, vehicle: Vehicle, gains: Gains, coast_s: float) -> None:
+        """Take the vehicle as told, the gains, and how long commands may rest on one pose [s]."""
+        gains = gains.effective()
+        self._vehicle = vehicle
+        self._coast = coast_s
+        self._estimator = ModelEstimator(vehicle, gains)
+        self._controller = Adaptive(vehicle, gains)
+        self._follows_b_hat = gains.composite != "provable"
+        self._last: float | None = None
+        self._pose: Pose | None = None
+        self._trajectory: Trajectory | None = None
+        self._start = 0.0
+
+    @property
+    def newest_pose(self) -> Pose | None:
+        """The newest pose taken, or None."""
+        return self._pose
+
+    def pose(self, pose: Pose) -> None:
+        """Take one pose; one that is not newer than the last is ignored."""
+        if self._pose is None or pose.time_s > self._pose.time_s:
+            self._estimator.pose(pose)
+            self._pose = pose
+
+    def follow(self, trajectory: Trajectory, start_s: float) -> None:
+        """From now on the reference is ``trajectory``, begun at ``start_s`` on the event loop's clock [s]."""
+        self._trajectory = trajectory
+        self._start = start_s
+
+    def idle(self, time_s: float, thrust_n: float) -> Command:
+        """A command that holds the rates at zero and the thrust at ``thrust_n``, resting on the newest pose."""
+        drive = Drive(thrust_n, (0.0, 0.0, 0.0))
+        self._estimator.sent(time_s + self._vehicle.command_delay_s, drive)
+        self._last = None
+        return self._command(drive)
+
+    def tick(self, time_s: float) -> Tick:
+        """The command for a frame that leaves at ``time_s``. Needs a pose and a trajectory."""
+        pose, trajectory = self._pose, self._trajectory
+        assert pose is not None and trajectory is not None, "tick() needs a pose and a trajectory"
+        acting = time_s + self._vehicle.command_delay_s
+        estimate = self._estimator.predict(acting)
+        flight_time = acting - self._start
+        reference = trajectory.at(flight_time)
+        interval = 0.0 if self._last is None else time_s - self._last
+        self._last = time_s
+        decision = self._controller.decide(estimate, reference, interval)
+        self._estimator.sent(acting, decision.drive)
+        if self._follows_b_hat:
+            self._estimator.follow(self._controller.b_hat)
+        return Tick(time_s, flight_time, pose, estimate, reference, decision, self._command(decision.drive))
+
+    def _command(self, drive: Drive) -> Command:
+        pose = self._pose
+        assert pose is not None, "a command needs a pose"
+        return Command(drive.thrust, drive.rates, pose.id, pose.time_s, pose.time_s + self._coast)

@@ -1,0 +1,90 @@
+"""Poses from a recorded flight: a .tlog played back at the pace at which it was recorded."""
+
+import asyncio
+from collections.abc import Callable
+from pathlib import Path
+from typing import Annotated
+
+import msgspec
+
+from groundstation.clock import sleep_until
+from groundstation.poses.mavlink_codec import Decoder, decoder_for
+from groundstation.poses.port import Pose, PoseStatus
+from groundstation.poses.tlog_codec import Record, TlogReader
+from links.mavlink_codec import ARDUPILOT, PX4
+
+
+class TlogConfig(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True, tag_field="kind", tag="tlog"):
+    """A .tlog file of a flight on PX4 or ArduPilot."""
+
+    path: str
+    """The file."""
+    system_id: Annotated[int, msgspec.Meta(ge=1, le=255)] = 1
+    """MAVLink system of the vehicle whose poses are played."""
+    latency_s: Annotated[float, msgspec.Meta(ge=0.0, le=1.0)] = 0.01
+    """Time from the instant that the autopilot stamps to the earliest arrival in the log [s]."""
+
+    def build(self) -> "TlogSource":
+        """The source of this config."""
+        return TlogSource(self)
+
+
+class TlogSource:
+    """Implements :class:`groundstation.poses.port.PoseSource`; falls silent where the recording ends."""
+
+    def __init__(self, config: TlogConfig) -> None:
+        """Nothing is read yet."""
+        self._config = config
+        self._reader = TlogReader(b"")
+        self._decoder: Decoder | None = None
+        self._task: asyncio.Task[None] | None = None
+
+    @property
+    def status(self) -> PoseStatus:
+        """Counters as they are now: of the file and of the messages."""
+        if self._decoder is None:
+            return PoseStatus(accepted=0, dropped=dict(self._reader.dropped))
+        return PoseStatus(accepted=self._decoder.accepted, dropped=dict(self._reader.dropped + self._decoder.dropped))
+
+    async def start(self, deliver: Callable[[Pose], None]) -> None:
+        """Read the whole file, then begin to play it.
+
+        Raises:
+            OSError: the file can't be read.
+            ValueError: it holds no messages that make poses; the text says what to look for.
+        """
+        self._reader = TlogReader(Path(self._config.path).read_bytes())
+        records = [r for r in self._reader if r.message.get_srcSystem() == self._config.system_id]
+        self._decoder = pose_decoder(records, self._config.latency_s)
+        if self._decoder is None:
+            raise ValueError(
+                f"{self._config.path}: system {self._config.system_id} sends neither ODOMETRY nor LOCAL_POSITION_NED "
+                "and ATTITUDE_QUATERNION in it; check system_id, or record these messages"
+            )
+        self._task = asyncio.create_task(self._play(records, self._decoder, deliver))
+
+    async def close(self) -> None:
+        """Stop playing; no pose is delivered afterwards."""
+        if self._task is not None:
+            self._task.cancel()
+            self._task = None
+
+    async def _play(self, records: list[Record], decoder: Decoder, deliver: Callable[[Pose], None]) -> None:
+        loop = asyncio.get_running_loop()
+        begun_s = loop.time() - records[0].time_s
+        for time_s, message in records:
+            if message.get_type() in decoder.messages:
+                await sleep_until(begun_s + time_s)
+                pose = decoder.decode(message, loop.time())
+                if pose is not None:
+                    deliver(pose)
+
+
+def pose_decoder(records: list[Record], latency_s: float) -> Decoder | None:
+    """The decoder for ``records`` of one vehicle: of ODOMETRY where it is there; None where nothing makes poses."""
+    names = {record.message.get_type() for record in records}
+    for autopilot in (PX4, ARDUPILOT):
+        decoder = decoder_for(autopilot, latency_s)
+        if names.issuperset(decoder.messages):
+            return decoder
+    return None

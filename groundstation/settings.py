@@ -1,0 +1,45 @@
+"""The whole configuration of a ground station: one TOML file, one section a struct in that thing's own file."""
+
+from typing import Annotated
+
+import msgspec
+
+from groundstation.control.gains import Gains
+from groundstation.poses import PoseConfig
+from groundstation.poses.vicon import ViconConfig
+from groundstation.telemetry.mqtt import MqttConfig
+from groundstation.telemetry.status import StatusConfig
+from groundstation.trajectories import TrajectoryConfig
+from groundstation.trajectories.lemniscate import LemniscateConfig
+from groundstation.vehicle import Vehicle
+from links.mavlink import MavlinkLinkConfig
+
+
+class FlightConfig(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
+    """How a flight begins, rests on its poses, and ends."""
+
+    duration_s: Annotated[float, msgspec.Meta(gt=0.0)] | None = None
+    """Land after this time on the trajectory [s]; without it the flight lasts until it is told to land."""
+    coast_s: Annotated[float, msgspec.Meta(gt=0.0, le=1.0)] = 0.25
+    """How long commands may rest on one pose [s]: after it nothing leaves any more."""
+    pose_wait_s: Annotated[float, msgspec.Meta(gt=0.0)] = 5.0
+    """How long to wait for the first pose [s]."""
+    idle_thrust: Annotated[float, msgspec.Meta(ge=0.0, le=0.9)] = 0.0
+    """Thrust streamed until the vehicle is armed, as a share of its weight [-]."""
+    descent_m_s: Annotated[float, msgspec.Meta(gt=0.0, le=1.0)] = 0.4
+    """Fastest speed of the landing [m/s]."""
+    floor_z_m: float = 0.0
+    """Where the vehicle's pose is when it stands on the floor [m, NED: down is positive]."""
+
+
+class Config(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
+    """One vehicle, its controller, its poses, its link, what it flies, and who may watch."""
+
+    vehicle: Vehicle = Vehicle()
+    controller: Gains = Gains()
+    pose: PoseConfig = ViconConfig()
+    link: MavlinkLinkConfig = MavlinkLinkConfig()
+    trajectory: TrajectoryConfig = LemniscateConfig()
+    flight: FlightConfig = FlightConfig()
+    status: StatusConfig = StatusConfig()
+    mqtt: MqttConfig = MqttConfig()

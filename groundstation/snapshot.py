@@ -1,0 +1,80 @@
+"""One frozen picture of a flight per command, for screens, telemetry and logs. It flows one way: out."""
+
+import msgspec
+
+from groundstation.control.ops import Quat, Vec3
+from links.port import LinkStatus
+
+
+class Diagnostics(msgspec.Struct, frozen=True, gc=False):
+    """What the control law says about itself at one step (symbols of the paper, see control/backstepping.py)."""
+
+    z1: Vec3
+    """Position error p - pd [m], NED."""
+    z2: Vec3
+    """Second backstepping error [m/s], NED."""
+    z3: Vec3
+    """Third backstepping error [m/s²], NED."""
+    u_star: Vec3
+    """Virtual control u* [m/s²], NED."""
+    b_hat: Vec3
+    """Disturbance estimate [m/s²], NED."""
+    b_hat_dot: Vec3
+    """Its rate as the law used it [m/s³], NED."""
+    disturbance: Vec3
+    """The observer's own disturbance estimate d̂ [m/s²], NED; b̂ where composite adaptation is off."""
+    v_known: float
+    """V without its b̃ term: V_DI + ½|z3|²."""
+    w: float
+    """W = σᵀσ + k2 z2ᵀρ(z2) + k3|z3|²: V falls at least this fast on the ideal plant."""
+    certificate: str
+    """Which bound on V holds for the law that flies: ``paper``, ``composite`` or ``none``, and why not."""
+
+
+class Snapshot(msgspec.Struct, frozen=True):
+    """A flight as it was when one command was computed."""
+
+    vehicle: str
+    """Name of the vehicle, from the config."""
+    state: str
+    """Mission state (see mission.py)."""
+    reason: str
+    """Why it is in that state, as a sentence for the operator; may be empty."""
+    time_s: float
+    """Event loop's clock when the command was computed [s]."""
+    flight_time_s: float
+    """Time since the reference started [s]; 0 before."""
+    pose_id: int
+    """Newest pose used; -1 before the first."""
+    pose_age_s: float
+    """Time since that pose was true [s]."""
+    pose_rate_hz: float
+    """Poses per second over the last second."""
+    poses_dropped: dict[str, int]
+    """Pose datagrams dropped, by reason."""
+    position_ned: Vec3
+    """Estimate at the acting instant [m]."""
+    velocity_ned: Vec3
+    """[m/s]"""
+    attitude: Quat
+    """Body FRD to world NED, w first."""
+    reference_ned: Vec3
+    """Where it should be [m]."""
+    error_m: float
+    """Distance between estimate and reference [m]."""
+    rms_m: float
+    """Root mean square of that distance since the reference started [m]."""
+    thrust_n: float
+    """Commanded thrust [N]."""
+    thrust_max_n: float
+    """Its upper limit [N]."""
+    rates_rad_s: Vec3
+    """Commanded body rates [rad/s]."""
+    saturated: bool
+    """True where any of the four was clamped."""
+    diagnostics: Diagnostics | None
+    """The control law's own view; None while no law runs."""
+    link: LinkStatus
+    """The command link."""
+    events: tuple[str, ...] = ()
+    """The newest events (at most 20), oldest first, each ``12.345 text``."""

@@ -1,0 +1,20 @@
+"""Kinds of number that the configs of several trajectories share. The bounds also keep out inf and nan."""
+
+from typing import Annotated, TypeAlias
+
+import msgspec
+
+Coordinate: TypeAlias = Annotated[float, msgspec.Meta(ge=-1000.0, le=1000.0)]
+"""A coordinate or a height [m], at most 1 km from the origin."""
+
+Point: TypeAlias = tuple[Coordinate, Coordinate, Coordinate]
+"""A point [m], world NED: north, east, down."""
+
+Length: TypeAlias = Annotated[float, msgspec.Meta(gt=0.0, le=1000.0)]
+"""A length [m]."""
+
+Speed: TypeAlias = Annotated[float, msgspec.Meta(gt=0.0, le=50.0)]
+"""A speed [m/s]."""
+
+Degrees: TypeAlias = Annotated[float, msgspec.Meta(ge=-360.0, le=360.0)]
+"""An angle [deg]."""

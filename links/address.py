@@ -1,0 +1,58 @@
+"""Network addresses as the operator writes them: ``host:port``, with IPv6 hosts in brackets."""
+
+import ipaddress
+
+
+def parse_address(text: str) -> tuple[str, int]:
+    """The host and the port of ``127.0.0.1:51001``, ``localhost:51001`` or ``[::1]:51001``.
+
+    The host is not looked up. IPv6 hosts come back without their brackets.
+
+    Raises:
+        ValueError: the text is no such address; the message says what is wrong and how to write it.
+    """
+    host, colon, port = text.rpartition(":")
+    bracketed = host.startswith("[") and host.endswith("]")
+    if bracketed:
+        host = host[1:-1]
+    if not colon:
+        raise _refused(text, "it has no port")
+    if not host:
+        raise _refused(text, "it has no host")
+    if not bracketed and (":" in host or "[" in text or "]" in text):
+        raise _refused(text, "an IPv6 host needs brackets")
+    if bracketed and not _is_ipv6(host):
+        raise _refused(text, "only an IPv6 host takes brackets")
+    if any(c.isspace() or c in "/@" for c in host):
+        raise _refused(text, "the host holds a character that no host name has")
+    # isascii: isdigit alone also accepts the digits of other scripts.
+    if not (port.isascii() and port.isdigit() and len(port) <= 5 and 1 <= int(port) <= 65535):
+        raise _refused(text, "the port must be a whole number from 1 to 65535")
+    return host, int(port)
+
+
+def is_loopback(host: str) -> bool:
+    """True where ``host`` can only mean this machine: ``localhost`` or a loopback IP address.
+
+    Any other name counts as another machine, whatever it would resolve to.
+    """
+    if host.lower() == "localhost":
+        return True
+    try:
+        address = ipaddress.ip_address(host)
+    except ValueError:
+        return False
+    mapped = address.ipv4_mapped if isinstance(address, ipaddress.IPv6Address) else None
+    return (mapped or address).is_loopback
+
+
+def _is_ipv6(host: str) -> bool:
+    try:
+        ipaddress.IPv6Address(host)
+    except ValueError:
+        return False
+    return True
+
+
+def _refused(text: str, reason: str) -> ValueError:
+    return ValueError(f"{text!r} is not an address: {reason}; write host:port such as 127.0.0.1:14550 or [::1]:14550")

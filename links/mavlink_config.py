@@ -1,0 +1,55 @@
+"""What a MAVLink link can be told."""
+
+from typing import Annotated
+
+import msgspec
+
+from links.address import parse_address
+
+DEFAULT_LISTEN = "127.0.0.1:14540"
+"""Where PX4 sends what it has for an offboard computer."""
+
+
+class MavlinkLinkConfig(
+    msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True, tag_field="kind", tag="mavlink"
+):
+    """MAVLink 2 over UDP, to PX4 (OFFBOARD) or ArduPilot Copter (GUIDED)."""
+
+    listen: str | None = None
+    """Address of this machine that the autopilot sends to, host:port. Without ``remote``: 127.0.0.1:14540."""
+    remote: str | None = None
+    """Address of an autopilot that waits for us to speak first, host:port; excludes ``listen``."""
+    system_id: Annotated[int, msgspec.Meta(ge=1, le=255)] = 245
+    """Our own MAVLink system."""
+    component_id: Annotated[int, msgspec.Meta(ge=1, le=255)] = 190
+    """Our own MAVLink component; 190 is a ground station."""
+    target_system: Annotated[int, msgspec.Meta(ge=1, le=255)] = 1
+    """MAVLink system of the vehicle; every other one is ignored."""
+    target_component: Annotated[int, msgspec.Meta(ge=1, le=255)] = 1
+    """MAVLink component of its autopilot; every other one is ignored."""
+    period_s: Annotated[float, msgspec.Meta(gt=0.0, le=0.25)] = 0.0225
+    """Time between two commands [s]. PX4 gives up OFFBOARD below two a second."""
+    connect_timeout_s: Annotated[float, msgspec.Meta(gt=0.0, le=600.0)] = 10.0
+    """How long to wait for the autopilot's first HEARTBEAT [s]."""
+    heartbeat_timeout_s: Annotated[float, msgspec.Meta(ge=1.5, le=60.0)] = 3.0
+    """The autopilot counts as lost after this long without its HEARTBEAT, sent once a second [s]."""
+    thrust_curve: Annotated[float, msgspec.Meta(ge=0.0, le=1.0)] = 0.0
+    """f of thrust = f u² + (1 - f) u, from what we send (u) to what the motors give, where the autopilot does not
+    straighten it itself. 0 is right for PX4 with THR_MDL_FAC set and for ArduPilot with MOT_THST_EXPO set."""
+    quiet: bool = True
+    """Stop the autopilot's default telemetry that nobody here reads; false where others share this connection."""
+
+    def __post_init__(self) -> None:
+        """Check what the types cannot.
+
+        Raises:
+            ValueError: both addresses are given, or one of them is no address.
+        """
+        if self.listen is not None and self.remote is not None:
+            raise ValueError("listen and remote exclude each other: leave out one of them")
+        parse_address(self.address)
+
+    @property
+    def address(self) -> str:
+        """The address that is given, host:port."""
+        return self.remote or self.listen or DEFAULT_LISTEN

@@ -1,0 +1,69 @@
+"""The procedures that an autopilot must go through with us: arming, disarming, choosing what it sends. Sans-IO.
+
+The caller streams set-points while they last. What shapes them, measured on PX4 1.16-alpha and ArduCopter 4.8-dev:
+
+- PX4 arms in OFFBOARD only after set-points have come for about a second. Before, it still accepts the mode
+  while disarmed, and then denies to arm; so the acceptance of the mode proves nothing, and streaming comes first.
+- HEARTBEAT tells mode and armed state only once a second: what counts is COMMAND_ACK.
+- PX4 denies to disarm for 1-3 s after touchdown, until it believes that it stands.
+- ArduCopter takes thrust as a climb rate unless GUID_OPTIONS has bit 3 set.
+- ArduCopter refuses to disarm in GUIDED after a touchdown at zero thrust; mode LAND disarms by itself.
+"""
+
+from links.mavlink_codec import ARDUPILOT, ARM_DISARM, DO_SET_MODE, PX4, SET_MESSAGE_INTERVAL
+from links.mavlink_steps import Autopilot, Disarmed, Exchange, Handshake, ParameterBit, Step, Wait
+from links.port import LinkRejected
+
+STREAM_S = 1.2
+"""Set-points stream for this long before anything is asked [s]; PX4 wants a second of them."""
+LAND_S = 10.0
+"""How long mode LAND may take to disarm a vehicle that stands on the ground [s]."""
+
+_FOLLOW_MODE = {PX4: ("OFFBOARD", (1.0, 6.0)), ARDUPILOT: ("GUIDED", (1.0, 4.0))}
+_ARDUPILOT_LAND = (1.0, 9.0)
+_THRUST_AS_THRUST = 8
+
+
+def arming(autopilot: Autopilot) -> Handshake:
+    """Into the mode that follows our set-points, then motors on; the caller streams set-points throughout.
+
+    Raises:
+        LinkRejected: the autopilot is neither PX4 nor ArduPilot.
+    """
+    if autopilot.kind not in _FOLLOW_MODE:
+        raise LinkRejected(
+            f"system {autopilot.system} is no PX4 and no ArduPilot (MAV_AUTOPILOT {autopilot.kind}): "
+            "nobody tried how it takes body rates, so it is not armed"
+        )
+    mode, params = _FOLLOW_MODE[autopilot.kind]
+    steps: list[Step] = [Wait(STREAM_S)]
+    if autopilot.kind == ARDUPILOT:
+        hint = (
+            "it would take our thrust as a climb rate. Set GUID_OPTIONS to 8 (bit 3, thrust as thrust), then arm again."
+        )
+        steps.append(ParameterBit(autopilot, "GUID_OPTIONS", _THRUST_AS_THRUST, hint))
+    hint = f"Switch to {mode} by hand to see what it lacks: it needs an attitude and our stream of set-points."
+    steps.append(Exchange(autopilot, f"enter {mode}", DO_SET_MODE, params, hint))
+    hint = "Clear what it names (its pre-arm checks tell more), then arm again."
+    steps.append(Exchange(autopilot, "arm", ARM_DISARM, (1.0, 0.0), hint))
+    return Handshake(steps)
+
+
+def disarming(autopilot: Autopilot) -> Handshake:
+    """Motors off, with patience until the autopilot believes that it stands."""
+    hint = "It must stand on the ground at zero thrust; the remote control's kill switch always works."
+    return Handshake([Exchange(autopilot, "disarm", ARM_DISARM, (0.0, 0.0), hint)])
+
+
+def landing_disarmed(autopilot: Autopilot) -> Handshake:
+    """ArduPilot's own way from standing on the ground to motors off: mode LAND."""
+    hint = "Stop the motors with the remote control."
+    return Handshake([Exchange(autopilot, "enter LAND", DO_SET_MODE, _ARDUPILOT_LAND, hint), Disarmed(LAND_S)])
+
+
+def stream(autopilot: Autopilot, name: str, rate_hz: float) -> Handshake:
+    """Have the message ``name`` sent ``rate_hz`` times a second; 0 stops it."""
+    what = f"send {name} at {rate_hz:g} Hz" if rate_hz else f"stop sending {name}"
+    params = (float(autopilot.codec.message_number(name)), 1e6 / rate_hz if rate_hz else -1.0)
+    hint = "This autopilot may not have the message; take poses from another source."
+    return Handshake([Exchange(autopilot, what, SET_MESSAGE_INTERVAL, params, hint, patience_s=0.0)])

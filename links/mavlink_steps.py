@@ -1,0 +1,266 @@
+"""Single steps of asking an autopilot for something. Sans-IO state machines.
+
+A step is polled with the time and answers with frames to send; it is shown every message that arrives; it ends
+``done`` or with a ``failure``, which tells the operator what the autopilot said and what to do. A
+:class:`Handshake` is steps one after the other.
+"""
+
+import math
+from collections import deque
+from collections.abc import Callable, Iterable, Sequence
+from typing import NamedTuple, Protocol
+
+from links.mavlink_codec import ARDUPILOT, ARMED, PX4, MavlinkCodec, Message
+from links.mavlink_words import Words
+from links.port import LinkError, LinkLost, LinkRejected
+
+ANSWER_S = 0.5
+"""Without an answer for this long a request is repeated [s]."""
+TRIES = 6
+"""A request that is not answered this often is given up."""
+PATIENCE_S = 4.0
+"""For how long a refusal that may pass is answered by asking again [s]."""
+AGAIN_S = 1.0
+"""Pause before asking again after such a refusal [s]."""
+WORDS_S = 0.3
+"""How long after a refusal the autopilot's explanation may still arrive [s]."""
+
+ACCEPTED, TEMPORARILY_REJECTED, FAILED, IN_PROGRESS = 0, 1, 4, 5
+_MAY_PASS = (TEMPORARILY_REJECTED, FAILED)
+
+
+class Autopilot(NamedTuple):
+    """Who is asked, and how."""
+
+    codec: MavlinkCodec
+    """Packs the requests."""
+    words: Words
+    """What it says of late."""
+    system: int
+    """Its MAVLink system."""
+    component: int
+    """Its MAVLink component."""
+    kind: int
+    """Its HEARTBEAT.autopilot."""
+
+    @property
+    def name(self) -> str:
+        """What to call it."""
+        return {PX4: "PX4", ARDUPILOT: "ArduPilot"}.get(self.kind, "the autopilot")
+
+
+class Step(Protocol):
+    """One thing to be reached."""
+
+    done: bool
+    failure: LinkError | None
+
+    def poll(self, now_s: float) -> list[bytes]:
+        """Frames to send at ``now_s``."""
+        ...
+
+    def hear(self, message: Message, now_s: float) -> None:
+        """Take a message from the autopilot."""
+        ...
+
+
+class Handshake:
+    """Steps one after the other; a step like them."""
+
+    def __init__(self, steps: Iterable[Step]) -> None:
+        """The first failure ends it."""
+        self._steps = deque(steps)
+        self.failure: LinkError | None = None
+
+    @property
+    def done(self) -> bool:
+        """True when every step is."""
+        return not self._steps
+
+    @property
+    def at_last_step(self) -> bool:
+        """True from the moment on when the last request may have left."""
+        return len(self._steps) <= 1
+
+    def poll(self, now_s: float) -> list[bytes]:
+        """Frames to send at ``now_s``."""
+        while self._steps and self.failure is None:
+            step = self._steps[0]
+            frames = step.poll(now_s)
+            self.failure = step.failure
+            if not step.done:
+                return frames
+            self._steps.popleft()
+        return []
+
+    def hear(self, message: Message, now_s: float) -> None:
+        """Take a message from the autopilot."""
+        if self._steps:
+            self._steps[0].hear(message, now_s)
+
+
+class Wait:
+    """Let time pass, while set-points stream."""
+
+    failure: LinkError | None = None
+
+    def __init__(self, duration_s: float) -> None:
+        """From the first poll on."""
+        self._duration = duration_s
+        self._until: float | None = None
+        self.done = False
+
+    def poll(self, now_s: float) -> list[bytes]:
+        """No frames."""
+        if self._until is None:
+            self._until = now_s + self._duration
+        self.done = now_s >= self._until
+        return []
+
+    def hear(self, message: Message, now_s: float) -> None:
+        """Nothing to learn."""
+
+
+class Repeated:
+    """A request that is sent again until something answers it."""
+
+    def __init__(self, what: str, frame: Callable[[int], bytes]) -> None:
+        """``frame(n)`` is the request's n-th repetition; ``what`` completes "to …"."""
+        self.done = False
+        self.failure: LinkError | None = None
+        self._what = what
+        self._frame = frame
+        self._sent = 0
+        self._unanswered = 0
+        self._next_s = 0.0
+        self._since_s: float | None = None
+
+    def poll(self, now_s: float) -> list[bytes]:
+        """The request, where it is due."""
+        if self._since_s is None:
+            self._since_s = now_s
+        if self.done or self.failure is not None or now_s < self._next_s:
+            return []
+        if self._unanswered == TRIES:
+            self.failure = LinkLost(
+                f"no answer to the request to {self._what}, sent {TRIES} times: the autopilot is heard but does not "
+                "hear us, or does not take commands from our system id; check the address it sends to"
+            )
+            return []
+        self._next_s = now_s + ANSWER_S
+        frame = self._frame(min(self._sent, 255))
+        self._sent += 1
+        self._unanswered += 1
+        return [frame]
+
+    def _answered(self, next_s: float) -> None:
+        """There was an answer, but no end: ask again at ``next_s``."""
+        self._unanswered = 0
+        self._next_s = next_s
+
+
+class Exchange(Repeated):
+    """One COMMAND_LONG until its COMMAND_ACK."""
+
+    def __init__(
+        self,
+        autopilot: Autopilot,
+        what: str,
+        command: int,
+        params: Sequence[float],
+        hint: str,
+        patience_s: float = PATIENCE_S,
+    ) -> None:
+        """Ask ``autopilot`` for ``command``; a refusal quotes its words and ends with ``hint``: what to do.
+
+        A refusal that may pass is final after ``patience_s`` [s].
+        """
+
+        def frame(repetition: int) -> bytes:
+            system, component = autopilot.system, autopilot.component
+            return autopilot.codec.command(system, component, command, *params, confirmation=repetition)
+
+        super().__init__(what, frame)
+        self._autopilot = autopilot
+        self._command = command
+        self._hint = hint
+        self._patience = patience_s
+        self._refused: tuple[int, float] | None = None
+
+    def poll(self, now_s: float) -> list[bytes]:
+        """The request, where it is due."""
+        if self._refused is None:
+            return super().poll(now_s)
+        result, at_s = self._refused
+        if now_s >= at_s + WORDS_S and self.failure is None:
+            name, because = self._autopilot.name, self._autopilot.codec.result_name(result)
+            reason = self._autopilot.words.complaints() or "it gave no reason"
+            self.failure = LinkRejected(f"{name} refused to {self._what} ({because}): {reason}. {self._hint}")
+        return []
+
+    def hear(self, message: Message, now_s: float) -> None:
+        """Take the answer, where ``message`` is one and answers us."""
+        if message.get_type() != "COMMAND_ACK" or message.command != self._command or not self._sent:
+            return
+        if message.target_system not in (0, self._autopilot.codec.system_id):
+            return
+        result = message.result
+        began_s = now_s if self._since_s is None else self._since_s
+        if result == ACCEPTED:
+            self.done = True
+        elif result == IN_PROGRESS:
+            self._answered(now_s + ANSWER_S * TRIES)
+        elif result in _MAY_PASS and now_s < began_s + self._patience:
+            self._answered(now_s + AGAIN_S)
+        else:
+            self._refused = (result, now_s)
+
+
+class ParameterBit(Repeated):
+    """Make sure that a whole-number parameter has a bit set."""
+
+    def __init__(self, autopilot: Autopilot, name: str, bit: int, hint: str) -> None:
+        """Ask ``autopilot`` for the parameter ``name``; where ``bit`` is not set, fail with ``hint``."""
+        super().__init__(
+            f"tell its parameter {name}",
+            lambda _: autopilot.codec.parameter_request(autopilot.system, autopilot.component, name),
+        )
+        self._name = name
+        self._bit = bit
+        self._hint = hint
+
+    def hear(self, message: Message, now_s: float) -> None:
+        """Take the parameter's value."""
+        if message.get_type() != "PARAM_VALUE" or message.param_id != self._name:
+            return
+        if math.isfinite(message.param_value):
+            # ArduPilot sends whole numbers as floats of the same value.
+            self.done = bool(int(message.param_value) & self._bit)
+            if not self.done:
+                self.failure = LinkRejected(f"{self._name} is {message.param_value:g}: {self._hint}")
+
+
+class Disarmed:
+    """Wait for a HEARTBEAT that says that the motors are off."""
+
+    def __init__(self, patience_s: float) -> None:
+        """Fail after ``patience_s`` [s]."""
+        self.done = False
+        self.failure: LinkError | None = None
+        self._patience = patience_s
+        self._until: float | None = None
+
+    def poll(self, now_s: float) -> list[bytes]:
+        """No frames."""
+        if self._until is None:
+            self._until = now_s + self._patience
+        elif now_s >= self._until:
+            self.failure = LinkRejected(
+                f"still armed {self._patience:g} s after mode LAND: stop the motors with the remote control"
+            )
+        return []
+
+    def hear(self, message: Message, now_s: float) -> None:
+        """Take a heartbeat."""
+        if message.get_type() == "HEARTBEAT" and not message.base_mode & ARMED:
+            self.done = True

@@ -1,0 +1,109 @@
+"""The port every command link implements: what a command is, and how a link says that it failed.
+
+A link turns a :class:`Command` into bytes on a wire. It knows no control, no mission and no screen.
+"""
+
+from collections.abc import Callable
+from typing import Protocol
+
+import msgspec
+
+
+class Command(msgspec.Struct, frozen=True, gc=False):
+    """One thrust and body-rate command, and the pose it came from."""
+
+    thrust_n: float
+    """Collective thrust [N], along -z of the body (FRD), >= 0."""
+    rates_rad_s: tuple[float, float, float]
+    """Body rates [rad/s], roll, pitch and yaw rate in the body frame (FRD)."""
+    pose_id: int
+    """Running number of the newest pose that the command was computed from."""
+    pose_time_s: float
+    """When that pose was true, on the event loop's clock [s]."""
+    deadline_s: float
+    """After this instant, on the event loop's clock [s], the command must not leave any more."""
+
+
+class LinkError(Exception):
+    """Anything that a link reports to the operator."""
+
+
+class LinkLost(LinkError):
+    """The other end went silent or the wire is gone; connecting again may help."""
+
+
+class LinkRejected(LinkError):
+    """The autopilot refused; the message holds its own words and what to do about them."""
+
+
+class LinkMisuse(LinkError):
+    """The caller broke the port's contract (a bug in this program, not of the operator)."""
+
+
+class LinkStatus(msgspec.Struct, frozen=True):
+    """What a link can tell about itself, for screens and telemetry."""
+
+    state: str
+    """One of ``closed``, ``connecting``, ``connected``, ``armed``, ``lost``."""
+    sent: int
+    """Commands that left."""
+    expired: int
+    """Commands withheld because their deadline had passed."""
+    received: int
+    """Messages received and understood."""
+    dropped: dict[str, int]
+    """Bytes or messages received and dropped, counted by reason."""
+    text: str
+    """The newest words of the other end (MAVLink STATUSTEXT), or an empty string."""
+
+
+class CommandLink(Protocol):
+    """How a command leaves. Every method runs on the event loop; none blocks it."""
+
+    @property
+    def period_s(self) -> float:
+        """Time between two commands [s]."""
+        ...
+
+    @property
+    def status(self) -> LinkStatus:
+        """The link as it is now."""
+        ...
+
+    async def connect(self) -> None:
+        """Open the wire and wait for the other end.
+
+        Raises:
+            LinkLost: nobody answered within the configured time.
+        """
+        ...
+
+    async def arm(self, idle: Callable[[], Command]) -> None:
+        """Stream what ``idle()`` returns, asked anew for each frame, until the vehicle is armed and obeys.
+
+        Raises:
+            LinkRejected: the autopilot refused, in its own words.
+            LinkLost: it did not answer.
+        """
+        ...
+
+    def send(self, command: Command) -> bool:
+        """Send one command now; returns False, and sends nothing, where its deadline has passed.
+
+        Raises:
+            LinkMisuse: a number in the command is not finite, or the link is not connected.
+        """
+        ...
+
+    async def disarm(self) -> None:
+        """Ask the vehicle to stop its motors.
+
+        Raises:
+            LinkRejected: the autopilot refused, in its own words.
+            LinkLost: it did not answer.
+        """
+        ...
+
+    async def close(self) -> None:
+        """Release the wire. Nothing leaves afterwards."""
+        ...

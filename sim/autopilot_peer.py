@@ -1,0 +1,76 @@
+"""A simulated autopilot on a UDP socket: it speaks first, to the ground station's address, as PX4 does."""
+
+import asyncio
+import math
+from typing import Any
+
+from sim.autopilot import Px4Autopilot
+
+
+class AutopilotPeer(asyncio.DatagramProtocol):
+    """Runs on the real and on the virtual loop alike."""
+
+    def __init__(self, autopilot: Px4Autopilot, remote: tuple[str, int]) -> None:
+        """Bring ``autopilot`` to the ground station that listens at ``remote`` (host, port)."""
+        self._autopilot = autopilot
+        self._remote = remote
+        self._loop: asyncio.AbstractEventLoop | None = None
+        self._transport: asyncio.DatagramTransport | None = None
+        self._timer: asyncio.TimerHandle | None = None
+        self._timer_s = math.inf
+        self._end: asyncio.Future[None] | None = None
+
+    async def run(self) -> None:
+        """Live until cancelled; raises what the autopilot or the vehicle under it raises."""
+        loop = asyncio.get_running_loop()
+        self._end = loop.create_future()
+        self._loop = loop
+        self._transport, _ = await loop.create_datagram_endpoint(lambda: self, remote_addr=self._remote)
+        try:
+            self._wake()
+            await self._end
+        finally:
+            self._loop = None
+            if self._timer is not None:
+                self._timer.cancel()
+            self._transport.abort()
+
+    def datagram_received(self, data: bytes, addr: Any) -> None:
+        """Take one datagram (called by the event loop)."""
+        if self._loop is None:
+            return
+        try:
+            self._send(self._autopilot.receive(data, self._loop.time()))
+        except Exception as error:  # noqa: BLE001  # run() raises it
+            self._fail(error)
+        else:
+            self._schedule()
+
+    def _wake(self) -> None:
+        if self._loop is None:
+            return
+        self._timer_s = math.inf
+        try:
+            self._send(self._autopilot.poll(self._loop.time()))
+        except Exception as error:  # noqa: BLE001  # run() raises it
+            self._fail(error)
+        else:
+            self._schedule()
+
+    def _schedule(self) -> None:
+        """Wake when the autopilot has something to do; a timer that comes too early does no harm."""
+        due_s = self._autopilot.next_due_s
+        if due_s < self._timer_s and self._loop is not None:
+            if self._timer is not None:
+                self._timer.cancel()
+            self._timer = self._loop.call_at(due_s, self._wake)
+            self._timer_s = due_s
+
+    def _send(self, frames: list[bytes]) -> None:
+        if self._transport is not None:
+            for frame in frames:
+                self._transport.sendto(frame)
+
+    def _fail(self, error: Exception) -> None:
+        if self._end is not None and not self._end.done():
+            self._end.set_exception(error)

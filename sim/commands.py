@@ -1,0 +1,124 @@
+"""What each ``groundstation-sim`` command does."""
+
+import argparse
+import asyncio
+import json
+import sys
+from typing import Any
+
+import msgspec
+
+from groundstation.config import ConfigError, from_dict
+from groundstation.settings import Config
+from sim.scenarios import SCENARIOS, Scenario
+from sim.world import World
+
+
+class _Overridden(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
+    """So that errors about the truth name their keys as ``sim.…``."""
+
+    sim: World
+
+
+def _scenario(name: str) -> Scenario:
+    if name not in SCENARIOS:
+        raise ConfigError("--scenario", f"expected one of {sorted(SCENARIOS)}, got {name!r}")
+    return SCENARIOS[name]
+
+
+def prepare(
+    scenario: Scenario, overrides: list[str], *, controller: str | None = None, source: str = "vicon"
+) -> tuple[World, Config]:
+    """The truth and the configuration of ``scenario`` after ``--set``: ``sim.…`` is truth, all else is told.
+
+    Raises:
+        ConfigError: an unknown key or a bad value, by its dotted key.
+    """
+    truth = [o for o in overrides if o.startswith("sim.")]
+    told = [o for o in overrides if not o.startswith("sim.")]
+    if controller is not None:
+        told.append(f"controller.kind={controller}")
+    world = from_dict({"sim": msgspec.to_builtins(scenario.world)}, _Overridden, truth).sim
+    return world, scenario.config(world, told, source)
+
+
+def fly(args: argparse.Namespace) -> int:
+    """Fly one scenario in virtual time."""
+    from sim.console import Progress, summary
+    from sim.fly import fly as fly_scenario
+    from sim.run_folder import RunFolder
+
+    scenario = _scenario(args.scenario)
+    world, config = prepare(scenario, args.overrides, controller=args.controller, source=args.source)
+    folder = RunFolder(args.out, config) if args.out is not None else None
+    progress = Progress(args.duration, quiet=args.json or not sys.stderr.isatty())
+    with progress:
+        result = fly_scenario(
+            world,
+            config,
+            seed=args.seed,
+            duration_s=args.duration,
+            on_tick=folder.tick if folder is not None else None,
+            on_datagram=folder.datagram if folder is not None else None,
+            on_event=folder.event if folder is not None else None,
+            on_progress=progress.at,
+        )
+    facts: dict[str, Any] = {
+        "scenario": scenario.name,
+        "seed": args.seed,
+        "controller": config.controller.kind,
+        "source": args.source,
+        "completed": result.completed,
+        "why": result.why,
+        "duration_s": result.duration_s,
+        **msgspec.to_builtins(result.verdict),
+        "log_sha256": result.log_sha256,
+        "datagrams": result.datagrams,
+        "wall_s": result.wall_s,
+    }
+    if folder is not None:
+        folder.close(facts, world)
+    print(json.dumps(facts) if args.json else summary(facts, folder.path if folder is not None else None))
+    return 0 if result.completed else 1
+
+
+def scenarios(args: argparse.Namespace) -> int:
+    """List the scenarios."""
+    rows = {
+        name: {
+            "summary": s.summary,
+            "sim": msgspec.to_builtins(s.world),
+            "told": {"vehicle": msgspec.to_builtins(s.told), "pose_latency_s": s.told_latency_s},
+        }
+        for name, s in SCENARIOS.items()
+    }
+    if args.json:
+        print(json.dumps(rows))
+        return 0
+    for name, row in rows.items():
+        print(f"{name}: {row['summary']}")
+        for section in ("sim", "told"):
+            for key, value in row[section].items():  # type: ignore[union-attr]
+                print(f"    {section}.{key} = {value}")
+    return 0
+
+
+def check_vectors(args: argparse.Namespace) -> int:
+    """Evaluate the law on test vectors."""
+    from sim.vectors import LIMIT, worst_disagreement
+
+    try:
+        worst, count = worst_disagreement(args.file)
+    except (OSError, ValueError) as error:
+        raise ConfigError("", str(error)) from None
+    print(f"{count} vectors, largest |a - e| / max(1, |e|) = {worst:.3g} (limit {LIMIT:g})")
+    return 0 if worst <= LIMIT else 1
+
+
+def serve(args: argparse.Namespace) -> int:
+    """Run the simulated side in real time."""
+    from sim.serve import serve as serve_stage
+
+    scenario = _scenario(args.scenario)
+    world, config = prepare(scenario, args.overrides, source=args.source)
+    return asyncio.run(serve_stage(scenario.name, world, config, seed=args.seed, duration_s=args.duration))

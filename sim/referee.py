@@ -1,0 +1,155 @@
+"""Judges a simulated flight by the truth, which the controller never sees."""
+
+import math
+from array import array
+from typing import Any
+
+import msgspec
+
+from groundstation.control.ops import Vec3
+from groundstation.pilot import Tick
+from groundstation.trajectories.port import Trajectory
+from sim.world import World
+
+STEADY_S = 15.0
+"""The steady part of a flight starts here [s after release]."""
+SETTLED_M = 0.10
+"""A flight has settled once its error stays below this [m]."""
+BACK_M = 0.05
+"""After a step of the wind: back once the error stays below this [m]."""
+SATURATION_FROM_S = 5.0
+"""Saturated commands count from here [s]: the approach may use all there is."""
+CRASH_M = 20.0
+"""Farther than this from the start, no room holds the vehicle [m]."""
+
+
+class Verdict(msgspec.Struct, frozen=True, kw_only=True):
+    """The figures of one flight. Lengths of the errors are true position against reference, at plant steps."""
+
+    rms_cm: float | None
+    """Over the steady part; None where the flight ended before it."""
+    max_cm: float | None
+    settle_s: float | None
+    """First time after which the error stays below 10 cm; None if there is none."""
+    wind_true: Vec3
+    """Mean true disturbance over the last second [m/s², NED], without the effect of wrong thrust or mass."""
+    wind_estimate: Vec3
+    """Mean b̂ over the last second [m/s², NED]."""
+    thrust_min_n: float | None
+    thrust_max_n: float | None
+    """Commanded thrust over the whole flight [N]."""
+    saturated_fraction: float
+    """Share of the commands after 5 s in which any of the four was clamped."""
+    lyapunov_increase_max: float | None
+    """Largest increase of V from one command to the next over the steady part."""
+    lyapunov_floor: float | None
+    """Median of V over the steady part: its sampling and noise floor."""
+    gust_peak_cm: float | None = None
+    """After a step of the wind: largest error [cm]."""
+    gust_back_s: float | None = None
+    """After a step of the wind: time until the error stays below 5 cm [s]."""
+
+
+class Referee:
+    """Sees every plant step and every command of one flight."""
+
+    def __init__(self, world: World, kb: float) -> None:
+        """Take the truth; ``kb`` weighs b̃ in V (0: V is taken without that term)."""
+        self._world = world
+        self._kb = kb
+        self._time = array("d")
+        self._x, self._y, self._z = array("d"), array("d"), array("d")
+        self._ticks: list[tuple[float, float, bool, float, Vec3]] = []
+        self._winds: list[Vec3] = []
+        self.crash: str | None = None
+
+    def step(self, time_s: float, position: Vec3) -> None:
+        """One plant step after release; times on the event loop's clock."""
+        self._time.append(time_s)
+        x, y, z = position
+        self._x.append(x)
+        self._y.append(y)
+        self._z.append(z)
+
+    def tick(self, tick: Tick, wind: Vec3) -> None:
+        """One command, and the true disturbance at that instant."""
+        d = tick.decision
+        self._ticks.append(
+            (tick.flight_time_s, d.drive.thrust, d.saturated, d.diagnostics.v_known, d.diagnostics.b_hat)
+        )
+        self._winds.append(wind)
+
+    def crashed(self, position: Vec3) -> bool:
+        """Whether the vehicle hit the floor or left every room; says why in ``crash``."""
+        sx, sy, sz = self._world.start_ned
+        if position[2] >= self._world.floor_z_m - 1e-9:
+            self.crash = "hit the floor"
+        elif math.dist(position, (sx, sy, sz)) > CRASH_M:
+            self.crash = f"flew {CRASH_M:g} m away from its start"
+        return self.crash is not None
+
+    def verdict(self, trajectory: Trajectory, start_s: float) -> Verdict:
+        """Judge the flight; the reference started at ``start_s`` on the event loop's clock."""
+        at = trajectory.position_at
+        times = [t - start_s for t in self._time]
+        errors = [
+            math.dist((x, y, z), at(t)) for t, x, y, z in zip(times, self._x, self._y, self._z, strict=True)
+        ]
+        steady = [e for t, e in zip(times, errors, strict=True) if t >= STEADY_S]
+        late = [i for i, tick in enumerate(self._ticks) if tick[0] >= SATURATION_FROM_S]
+        values = self._lyapunov()
+        end = self._ticks[-1][0] if self._ticks else 0.0
+        last = [i for i, tick in enumerate(self._ticks) if tick[0] > end - 1.0]
+        thrusts = [tick[1] for tick in self._ticks]
+        return Verdict(
+            rms_cm=100.0 * math.sqrt(sum(e * e for e in steady) / len(steady)) if steady else None,
+            max_cm=100.0 * max(steady) if steady else None,
+            settle_s=stays_below(times, errors, SETTLED_M) if self.crash is None else None,
+            wind_true=_mean([self._winds[i] for i in last]),
+            wind_estimate=_mean([self._ticks[i][4] for i in last]),
+            thrust_min_n=min(thrusts, default=None),
+            thrust_max_n=max(thrusts, default=None),
+            saturated_fraction=sum(self._ticks[i][2] for i in late) / len(late) if late else 0.0,
+            lyapunov_increase_max=max((b - a for a, b in zip(values, values[1:], strict=False)), default=None),
+            lyapunov_floor=sorted(values)[len(values) // 2] if values else None,
+            **self._gust(times, errors),
+        )
+
+    def _lyapunov(self) -> list[float]:
+        """V over the steady part, b̃ from the truth."""
+        weight = 0.5 / self._kb if self._kb > 0.0 else 0.0
+        return [
+            v + weight * math.dist(b_hat, wind) ** 2
+            for (t, _, _, v, b_hat), wind in zip(self._ticks, self._winds, strict=True)
+            if t >= STEADY_S
+        ]
+
+    def _gust(self, times: list[float], errors: list[float]) -> dict[str, Any]:
+        """Peak and recovery after the wind's step, where there is one."""
+        step = self._world.wind_step_time_s
+        after = [(t - step, e) for t, e in zip(times, errors, strict=True) if t >= step]
+        if self._world.wind_step == (0.0, 0.0, 0.0) or not after:
+            return {}
+        return {
+            "gust_peak_cm": 100.0 * max(e for _, e in after),
+            "gust_back_s": stays_below([t for t, _ in after], [e for _, e in after], BACK_M),
+        }
+
+
+def stays_below(times: list[float], errors: list[float], limit: float) -> float | None:
+    """The first time from which on every error is below ``limit``; None if the last one is not."""
+    first: float | None = None
+    for t, e in zip(reversed(times), reversed(errors), strict=True):
+        if e >= limit:
+            break
+        first = t
+    return first
+
+
+def _mean(vectors: list[Vec3]) -> Vec3:
+    n = len(vectors) or 1
+    return (
+        sum(v[0] for v in vectors) / n,
+        sum(v[1] for v in vectors) / n,
+        sum(v[2] for v in vectors) / n,
+    )

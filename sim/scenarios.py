@@ -1,0 +1,150 @@
+"""The scenarios by name: what is true, and what the controller is told. Exact definitions, so numbers compare."""
+
+from typing import Any
+
+import msgspec
+
+from groundstation.config import from_dict
+from groundstation.settings import Config, FlightConfig
+from groundstation.poses.vicon import ViconConfig
+from groundstation.trajectories.lemniscate import LemniscateConfig
+from groundstation.vehicle import Vehicle
+from links.mavlink import MavlinkLinkConfig
+from sim.world import World
+
+NO_LIMIT = (1e5, 1e5, 1e5)
+MQX = World()
+_IDEAL = msgspec.structs.replace(
+    MQX,
+    thrust_lag_s=0.0,
+    rate_lag_s=0.0,
+    rate_limits_deg_s=NO_LIMIT,
+    pose_noise_m=0.0,
+    attitude_noise_rad=0.0,
+    pose_latency_s=0.0,
+    pose_rate_hz=500.0,
+    frame_period_s=0.002,
+    step_s=0.002,
+    wind_mean=(0.4, -0.3, 0.5),
+)
+_ADVERSE = msgspec.structs.replace(
+    MQX,
+    thrust_gain=0.85,
+    thrust_sag=0.05,
+    thrust_lag_s=1.13 * MQX.thrust_lag_s,
+    rate_lag_s=0.85 * MQX.rate_lag_s,
+    wind_mean=(1.0, -0.8, 0.5),
+    wind_gust=(0.5, 0.5, 0.2),
+    wind_turbulence=0.2,
+    drag_per_s=0.1,
+    rate_leak=0.02,
+    pose_noise_m=0.0006,
+    attitude_noise_rad=0.004,
+    pose_loss=0.02,
+    outage_s=0.15,
+    frame_loss=0.02,
+)
+_QUAD1KG = msgspec.structs.replace(
+    MQX,
+    mass_kg=1.0,
+    thrust_max_n=20.0,
+    thrust_lag_s=0.030,
+    rate_lag_s=0.020,
+    drag_per_s=1.0,
+    pose_rate_hz=100.0,
+    pose_latency_s=0.010,
+    frame_period_s=0.010,
+)
+
+
+class Scenario(msgspec.Struct, frozen=True, kw_only=True):
+    """A world, and what the controller is told of it."""
+
+    name: str
+    summary: str
+    """One line for people."""
+    world: World
+    told: Vehicle = Vehicle()
+    """The vehicle as the controller believes it."""
+    told_latency_s: float = 0.020
+    """The pose latency as the controller believes it [s]."""
+
+    def config(self, world: World, overrides: list[str], source: str) -> Config:
+        """The application's configuration for ``world`` (this scenario's, perhaps overridden).
+
+        The reference's speed and the period of the frames are facts of the flight and follow ``world``; all
+        else is what the scenario tells the controller.
+        """
+        config = Config(
+            vehicle=self.told,
+            pose=ViconConfig(
+                object="quad",
+                latency_s=self.told_latency_s,
+                rate_hz=self.world.pose_rate_hz,
+                drop_frozen=False,
+            ),
+            link=MavlinkLinkConfig(period_s=world.frame_period_s),
+            trajectory=LemniscateConfig(speed_m_s=world.speed_m_s),
+            flight=FlightConfig(idle_thrust=world.start_thrust, floor_z_m=world.floor_z_m),
+        )
+        data: dict[str, Any] = msgspec.to_builtins(config)
+        if source == "odometry":
+            data["pose"] = {"kind": "mavlink", "latency_s": self.told_latency_s, "rate_hz": world.pose_rate_hz}
+        return from_dict(data, Config, overrides)
+
+
+_TOLD_QUAD1KG = Vehicle(
+    name="quad1kg",
+    mass_kg=1.0,
+    thrust_max_n=20.0,
+    thrust_min_n=0.5,
+    thrust_lag_s=0.030,
+    rate_lag_s=0.020,
+    frame_period_s=0.010,
+)
+
+SCENARIOS: dict[str, Scenario] = {
+    s.name: s
+    for s in (
+        Scenario(
+            name="ideal",
+            summary="no lag, noise, latency or rate limit, 500 Hz: checks the theory",
+            world=_IDEAL,
+            told=Vehicle(
+                thrust_lag_s=0.0, rate_lag_s=0.0, rate_limits_deg_s=NO_LIMIT, frame_period_s=0.002
+            ),
+            told_latency_s=0.0,
+        ),
+        Scenario(name="paper", summary="the paper's vehicle and figure eight in a constant wind", world=MQX),
+        Scenario(
+            name="fast",
+            summary="paper at 1.5 m/s",
+            world=msgspec.structs.replace(MQX, speed_m_s=1.5),
+        ),
+        Scenario(
+            name="adverse",
+            summary="wrong thrust and lags, wind, gusts, turbulence, drag, lost poses and frames, sagging battery",
+            world=_ADVERSE,
+        ),
+        Scenario(
+            name="storm",
+            summary="adverse with wind and gusts doubled and 40 ms of latency",
+            world=msgspec.structs.replace(
+                _ADVERSE, wind_mean=(2.0, -1.6, 1.0), wind_gust=(1.0, 1.0, 0.4), pose_latency_s=0.040
+            ),
+            told_latency_s=0.040,
+        ),
+        Scenario(
+            name="gust_front",
+            summary="paper, and at 30 s the wind steps by 1.5 m/s²",
+            world=msgspec.structs.replace(MQX, wind_step=(1.5, 0.0, 0.0)),
+        ),
+        Scenario(
+            name="quad1kg",
+            summary="a 1 kg vehicle with fast actuators, 100 Hz, 10 ms, drag 1 N per m/s",
+            world=_QUAD1KG,
+            told=_TOLD_QUAD1KG,
+            told_latency_s=0.010,
+        ),
+    )
+}

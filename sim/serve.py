@@ -1,0 +1,23 @@
+"""A simulated vehicle and cameras in real time: what a lab's network would send and take, on loopback."""
+
+import asyncio
+
+from groundstation.settings import Config
+from sim.stage import Stage
+from sim.world import World
+
+
+async def serve(name: str, world: World, config: Config, *, seed: int, duration_s: float | None) -> int:
+    """Serve until ``duration_s`` [s] have passed (None: until interrupted); returns the exit code."""
+    stage = Stage(world, config, seed)
+    mavlink = config.link.address
+    poses = getattr(config.pose, "listen", "the MAVLink connection")
+    print(f"serving {name}: MAVLink autopilot to udp {mavlink}, poses to {poses}. Ctrl-C ends.", flush=True)
+    try:
+        await asyncio.wait_for(stage.run(), duration_s)
+    except TimeoutError:
+        pass
+    touchdown = stage.plant.touchdown_m_s
+    if touchdown is not None:
+        print(f"touched down at {touchdown:.2f} m/s", flush=True)
+    return 0

@@ -1,0 +1,66 @@
+"""The simulated side of a flight: plant, cameras and autopilot around one world and one seed.
+
+Used in virtual time by ``groundstation-sim fly`` and in real time by ``groundstation-sim serve``.
+"""
+
+import asyncio
+import random
+from collections.abc import Callable
+
+from groundstation.control.ops import Vec3
+from groundstation.frames import pose_from_ned_frd
+from groundstation.poses.vicon import ViconConfig
+from groundstation.poses.vicon_codec import ViconObject, encode, euler_xyz_from_quaternion
+from groundstation.settings import Config
+from links.address import parse_address
+from sim.airframe import Truth
+from sim.autopilot import Px4Autopilot
+from sim.autopilot_peer import AutopilotPeer
+from sim.mocap import Encoder, Mocap
+from sim.quadrotor import Quadrotor
+from sim.vehicle import SimulatedVehicle
+from sim.wind import Wind
+from sim.world import World
+
+
+class Stage:
+    """Everything that is not the ground station. Every random draw comes from ``seed``, one stream a purpose."""
+
+    def __init__(
+        self, world: World, config: Config, seed: int, on_step: Callable[[float, Vec3], None] | None = None
+    ) -> None:
+        """Set up a vehicle that is held in the air; ``config`` tells the addresses and formats to speak."""
+
+        def stream(purpose: str) -> random.Random:
+            return random.Random(f"{seed}:{purpose}")
+
+        self.world = world
+        self.wind = Wind(world, stream("wind"))
+        self.plant = Quadrotor(world, self.wind, on_step)
+        vehicle = SimulatedVehicle(self.plant, world, stream("estimate"))
+        frames = stream("frames")
+        self.autopilot = Px4Autopilot(vehicle, lose=lambda: frames.random() < world.frame_loss)
+        self.peer = AutopilotPeer(self.autopilot, parse_address(config.link.address))
+        self.mocap: Mocap | None = None
+        if isinstance(config.pose, ViconConfig):
+            self.mocap = Mocap(
+                world, self.plant, stream("mocap"), vicon_encoder(config.pose), parse_address(config.pose.listen)
+            )
+
+    async def run(self) -> None:
+        """Let the world turn until cancelled."""
+        async with asyncio.TaskGroup() as group:
+            group.create_task(self.peer.run())
+            if self.mocap is not None:
+                group.create_task(self.mocap.run())
+
+
+def vicon_encoder(config: ViconConfig) -> Encoder:
+    """What a Vicon Tracker with one object sends, in the lab frame that ``config`` expects."""
+
+    def encoder(frame: int, seen: Truth) -> bytes:
+        (x, y, z), attitude = pose_from_ned_frd(seen.position_ned, seen.attitude, config.world, config.body)
+        angles = euler_xyz_from_quaternion(attitude)
+        return encode(frame, (ViconObject(config.object, (1e3 * x, 1e3 * y, 1e3 * z), angles),))
+
+    return encoder

@@ -1,0 +1,78 @@
+"""Checks the control law against vectors computed by an implementation that is independent of this project."""
+
+import json
+import math
+from pathlib import Path
+from typing import Any
+
+from groundstation.control.backstepping import backstep
+from groundstation.control.gains import Law
+from groundstation.control.ops import FLOATS, Vec3
+
+LIMIT = 1e-9
+"""Largest allowed |a - e| / max(1, |e|)."""
+_PARAMETERS = {
+    "k2": "k2",
+    "k3": "k3",
+    "kb": "kb",
+    "M": "sigma_bound",
+    "r": "sigma_slope",
+    "M_rho": "rho_bound",
+    "r_rho": "rho_slope",
+    "c": "velocity_scale",
+    "B": "b_bound",
+    "epsilon": "epsilon",
+    "delta": "delta",
+    "n": "projection_order",
+    "g": "gravity",
+}
+
+
+def worst_disagreement(path: Path) -> tuple[float, int]:
+    """The largest |a - e| / max(1, |e|) over all outputs of all vectors in ``path``, and how many vectors.
+
+    Raises:
+        OSError: the file can't be read.
+        ValueError: it is not such a file; the text names the file and what is missing.
+    """
+    try:
+        vectors = json.loads(path.read_bytes())["vectors"]
+        pairs = [pair for vector in vectors for pair in _compare(vector)]
+    except (KeyError, TypeError, json.JSONDecodeError) as error:
+        raise ValueError(f"{path}: not a file of test vectors: {type(error).__name__}: {error}") from None
+    if not pairs:
+        raise ValueError(f"{path}: holds no vectors")
+    # A NaN must not pass as agreement: it counts as infinitely wrong.
+    errors = [abs(a - e) / max(1.0, abs(e)) for a, e in pairs]
+    return max(math.inf if math.isnan(x) else x for x in errors), len(vectors)
+
+
+def _compare(vector: dict[str, Any]) -> list[tuple[float, float]]:
+    """(actual, expected) of every number of one vector."""
+    law = Law(**{ours: vector["parameters"][theirs] for theirs, ours in _PARAMETERS.items()})
+    given, reference = vector["input"], vector["input"]["reference"]
+    step = backstep(
+        FLOATS,
+        law,
+        mass=vector["parameters"]["mass"],
+        z1=_difference(given["position"], reference["position"]),
+        z1_dot=_difference(given["velocity"], reference["velocity"]),
+        attitude=tuple(given["attitude_wxyz"]),
+        thrust=given["thrust"],
+        b_hat=tuple(given["b_hat"]),
+        acceleration=tuple(reference["acceleration"]),
+        jerk=tuple(reference["jerk"]),
+    )
+    names = {"V_known": "v_known", "W": "w"}
+    pairs: list[tuple[float, float]] = []
+    for name, expected in vector["output"].items():
+        actual = getattr(step, names.get(name, name))
+        if isinstance(expected, list):
+            pairs += zip(actual, expected, strict=True)
+        else:
+            pairs.append((actual, expected))
+    return pairs
+
+
+def _difference(a: list[float], b: list[float]) -> Vec3:
+    return (a[0] - b[0], a[1] - b[1], a[2] - b[2])

@@ -1,0 +1,59 @@
+"""The simulated vehicle as its autopilot sees it: the plant behind motors that may be off, and its own estimate."""
+
+import random
+from collections.abc import Callable
+
+import msgspec
+
+from groundstation import so3
+from groundstation.control.ops import Vec3
+from sim.airframe import Truth
+from sim.quadrotor import Quadrotor
+from sim.world import World
+
+
+class SimulatedVehicle:
+    """Implements :class:`sim.airframe.Airframe` on a :class:`Quadrotor`."""
+
+    def __init__(self, plant: Quadrotor, world: World, random_: random.Random) -> None:
+        """Motors off; ``random_`` draws the noise of :meth:`measured`."""
+        self.plant = plant
+        self._world = world
+        self._gauss = random_.gauss
+        self._on = False
+
+    def act(self, time_s: float, thrust_fraction: float, rates_rad_s: Vec3) -> None:
+        """From ``time_s`` on, follow thrust (0..1 of the maximum) and body rates [rad/s, FRD]."""
+        if self._on:
+            self.plant.command(time_s, thrust_fraction * self._world.thrust_max_n, rates_rad_s)
+
+    def power(self, time_s: float, on: bool) -> None:
+        """Motors on or off."""
+        self._on = on
+        if not on:
+            self.plant.command(time_s, 0.0, (0.0, 0.0, 0.0))
+
+    def release(self, time_s: float) -> None:
+        """Let go of the vehicle that is held in the air."""
+        self.plant.release(time_s)
+
+    def truth(self, time_s: float) -> Truth:
+        """The exact state."""
+        return self.plant.truth(time_s)
+
+    def measured(self, time_s: float) -> Truth:
+        """The state with the noise that the scenario gives to poses."""
+        return with_noise(self.plant.truth(time_s), self._world, self._gauss)
+
+
+def with_noise(truth: Truth, world: World, gauss: Callable[[float, float], float]) -> Truth:
+    """``truth`` with the scenario's noise on position and attitude."""
+    n, a = world.pose_noise_m, world.attitude_noise_rad
+    if n == 0.0 and a == 0.0:
+        return truth
+    x, y, z = truth.position_ned
+    return msgspec.structs.replace(
+        truth,
+        position_ned=(x + gauss(0.0, n), y + gauss(0.0, n), z + gauss(0.0, n)),
+        attitude=so3.turned(truth.attitude, (gauss(0.0, a), gauss(0.0, a), gauss(0.0, a))),
+    )

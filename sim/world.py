@@ -1,0 +1,77 @@
+"""The truth of a simulated flight: what the vehicle, the air, the cameras and the radio really do."""
+
+import math
+from typing import Annotated
+
+import msgspec
+
+from groundstation.control.ops import Vec3
+
+Positive = Annotated[float, msgspec.Meta(gt=0.0)]
+NonNegative = Annotated[float, msgspec.Meta(ge=0.0)]
+Share = Annotated[float, msgspec.Meta(ge=0.0, le=1.0)]
+
+
+class World(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
+    """Every figure of a scenario. The controller knows none of them: it believes what its own config says."""
+
+    mass_kg: Positive = 0.080
+    """[kg]"""
+    thrust_max_n: Positive = 1.37
+    """Thrust at full command with a thrust gain of 1 [N]."""
+    rate_limits_deg_s: tuple[Positive, Positive, Positive] = (200.0, 200.0, 300.0)
+    """Largest body rates the vehicle follows [deg/s]."""
+    thrust_gain: Positive = 1.0
+    """True thrust over commanded thrust, at the start [-]."""
+    thrust_sag: Share = 0.0
+    """Share of the thrust gain lost, linearly, over the flight [-]."""
+    thrust_lag_s: NonNegative = 1.0 / (2.0 * math.pi * 1.5)
+    """First-order lag of the thrust [s]."""
+    rate_lag_s: NonNegative = 1.0 / (2.0 * math.pi * 1.5)
+    """First-order lag of each body rate [s]."""
+    drag_per_s: NonNegative = 0.0
+    """Linear drag: deceleration per speed [1/s]."""
+    rate_leak: float = 0.0
+    """Centre of mass off the rotors' centre: lateral acceleration per commanded body rate [m/s² per rad/s]."""
+    wind_mean: Vec3 = (0.1, -0.05, 0.2)
+    """Constant disturbance [m/s², NED]."""
+    wind_gust: Vec3 = (0.0, 0.0, 0.0)
+    """Amplitude of the sine gusts [m/s², NED]."""
+    wind_gust_hz: Positive = 0.2
+    """Their frequency [Hz]."""
+    wind_turbulence: NonNegative = 0.0
+    """Dryden-shaped turbulence, RMS per axis [m/s²]."""
+    wind_step: Vec3 = (0.0, 0.0, 0.0)
+    """A step of the wind [m/s², NED]."""
+    wind_step_time_s: NonNegative = 30.0
+    """When it comes [s after release]."""
+    pose_rate_hz: Positive = 50.0
+    """Camera frames per second [Hz]."""
+    pose_latency_s: NonNegative = 0.020
+    """From exposure to the datagram's arrival [s]."""
+    pose_noise_m: NonNegative = 0.0003
+    """Position noise, 1σ per axis [m]."""
+    attitude_noise_rad: NonNegative = 0.002
+    """Attitude noise, 1σ per axis [rad]."""
+    pose_loss: Share = 0.0
+    """Share of the poses lost at random [-]."""
+    outage_s: NonNegative = 0.0
+    """Length of the regular outages of all poses [s]."""
+    outage_period_s: Positive = 10.0
+    """Time from one outage to the next [s]."""
+    frame_period_s: Positive = 0.0225
+    """Period of the command frames; the last one is held [s]."""
+    frame_loss: Share = 0.0
+    """Share of the command frames lost at random [-]."""
+    speed_m_s: Positive = 0.5
+    """Speed of the reference along the figure eight [m/s]."""
+    start_ned: Vec3 = (0.8, -0.8, 0.0)
+    """Where the vehicle is held until it obeys [m, NED]."""
+    start_thrust: NonNegative = 0.6
+    """Thrust at the release, as a share of the hover thrust [-]."""
+    floor_z_m: float = 1.0
+    """Height of the floor [m, NED, so 1 is one metre below the origin]."""
+    step_s: Annotated[float, msgspec.Meta(gt=0.0, le=0.0025)] = 0.0025
+    """Longest step of the plant [s]; errors are sampled at every step."""
+    gravity: Positive = 9.81
+    """[m/s²]"""

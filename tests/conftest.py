@@ -1,0 +1,48 @@
+"""What every test shares: the hypothesis profiles, and how a test says that it needs a system program."""
+
+import os
+import shutil
+from collections import Counter
+from collections.abc import Callable
+
+import pytest
+from hypothesis import HealthCheck, settings
+
+# The same examples in every run: `make test` passes or fails by the code alone. `make soak` looks further.
+settings.register_profile(
+    "quick", derandomize=True, database=None, deadline=None, suppress_health_check=[HealthCheck.too_slow]
+)
+settings.register_profile("big", max_examples=5000, deadline=None, print_blob=True)
+settings.load_profile("quick")
+
+NOT_RUN = "not run: install "
+
+# Debian puts brokers where a user's PATH does not look.
+SEARCH_PATH = os.pathsep.join([os.environ.get("PATH", os.defpath), "/usr/local/sbin", "/usr/sbin", "/sbin"])
+
+
+@pytest.fixture(scope="session")
+def needs_program() -> Callable[..., str]:
+    """``needs_program("tmux")`` is the program's full path; where it is missing, the test is left out, loudly.
+
+    Several names mean any one of them: ``needs_program("chromium", "google-chrome")``.
+    """
+
+    def find(*names: str) -> str:
+        for name in names:
+            if found := shutil.which(name, path=SEARCH_PATH):
+                return found
+        pytest.skip(NOT_RUN + names[0])
+
+    return find
+
+
+def pytest_terminal_summary(terminalreporter: pytest.TerminalReporter) -> None:
+    """One line for each missing program."""
+    left_out: Counter[str] = Counter()
+    for report in terminalreporter.stats.get("skipped", []):
+        reason = str(report.longrepr[2]) if isinstance(report.longrepr, tuple) else str(report.longrepr)
+        if NOT_RUN in reason:
+            left_out[reason[reason.index(NOT_RUN) :]] += 1
+    for reason, tests in sorted(left_out.items()):
+        terminalreporter.write_line(f"{reason} ({tests} {'test' if tests == 1 else 'tests'})", red=True, bold=True)

@@ -1,0 +1,250 @@
+"""What every trajectory must keep, by table; then what is particular to some."""
+
+import math
+from fractions import Fraction
+
+import msgspec
+import pytest
+from hypothesis import assume, example, given
+from hypothesis import strategies as st
+
+from groundstation.control.ops import Vec3
+from groundstation.trajectories import CircleConfig, HoldConfig, LemniscateConfig, TrajectoryConfig, TransitConfig
+from groundstation.trajectories.port import Reference, Trajectory
+
+TABLE: dict[str, TrajectoryConfig] = {
+    "hold": HoldConfig(position_ned=(1.0, -2.0, -1.5), yaw_deg=30.0),
+    "lemniscate of the paper": LemniscateConfig(),
+    "large lemniscate, fast": LemniscateConfig(
+        scale_m=3.0, speed_m_s=2.5, altitude_m=2.0, rotation_deg=20.0, centre_ned=(1.0, -4.0, 0.5), yaw_deg=-90.0
+    ),
+    "circle": CircleConfig(),
+    "circle the other way": CircleConfig(
+        radius_m=2.0, speed_m_s=3.0, altitude_m=1.5, start_deg=130.0, centre_ned=(0.5, 3.0, -0.2), clockwise=False
+    ),
+    "transit held by its speed": TransitConfig(start_ned=(0.0, 0.0, -1.0), end_ned=(3.0, -4.0, -2.0)),
+    "transit held by its acceleration": TransitConfig(
+        start_ned=(0.0, 0.0, -1.0), end_ned=(0.2, 0.1, -1.1), max_speed_m_s=5.0, max_acceleration_m_s2=2.0
+    ),
+    "transit to where it is": TransitConfig(start_ned=(1.0, 2.0, -1.0), end_ned=(1.0, 2.0, -1.0)),
+}
+every = pytest.mark.parametrize("config", TABLE.values(), ids=TABLE.keys())
+ENDLESS = {name: c for name, c in TABLE.items() if isinstance(c, LemniscateConfig | CircleConfig)}
+endless = pytest.mark.parametrize("config", ENDLESS.values(), ids=ENDLESS.keys())
+
+STEP_S = 2.0**-6
+"""A power of two: with times in whole 2^-20 s, up to 1e5 s, all differences of times are exact."""
+WEIGHTS = (4.0 / 5.0, -1.0 / 5.0, 4.0 / 105.0, -1.0 / 280.0)
+"""The central first difference of order 8."""
+times = st.integers(0, int(1e5) << 20).map(lambda n: n / 2**20)
+early = st.integers(0, 20 << 20).map(lambda n: n / 2**20)
+
+
+def vectors(reference: Reference) -> tuple[Vec3, Vec3, Vec3, Vec3]:
+    return (reference.position_ned, reference.velocity_ned, reference.acceleration_ned, reference.jerk_ned)
+
+
+def distance(a: Vec3, b: Vec3) -> float:
+    return math.dist(a, b)
+
+
+def differences(trajectory: Trajectory, time_s: float) -> list[Vec3]:
+    """Differences in time of position, velocity and acceleration."""
+    slopes = [[0.0, 0.0, 0.0] for _ in range(3)]
+    for k, weight in enumerate(WEIGHTS, start=1):
+        later = vectors(trajectory.at(time_s + k * STEP_S))
+        before = vectors(trajectory.at(time_s - k * STEP_S))
+        for order in range(3):
+            for axis in range(3):
+                slopes[order][axis] += weight * (later[order][axis] - before[order][axis]) / STEP_S
+    return [(x, y, z) for x, y, z in slopes]
+
+
+@every
+@given(time_s=st.one_of(times, early))
+def test_each_derivative_is_the_difference_of_the_one_before(config: TrajectoryConfig, time_s: float) -> None:
+    trajectory = config.build()
+    if trajectory.duration_s is not None:
+        # Fourth derivatives jump where a transit starts and ends: differences may not reach across.
+        assume(all(abs(time_s - joint) > 4 * STEP_S for joint in (0.0, trajectory.duration_s)))
+    exact = vectors(trajectory.at(time_s))[1:]
+    for got, expected in zip(differences(trajectory, time_s), exact, strict=True):
+        # Rounding of positions within 10 m over the step, and the ninth derivative of the fastest curve.
+        assert distance(got, expected) < 1e-8
+
+
+@every
+@given(time_s=st.floats(-1e5, 1e5))
+@example(time_s=0.0)
+@example(time_s=-1.0)
+@example(time_s=1e5)
+def test_every_time_has_a_finite_reference_and_position_at_agrees(config: TrajectoryConfig, time_s: float) -> None:
+    trajectory = config.build()
+    reference = trajectory.at(time_s)
+    assert all(math.isfinite(x) for vector in vectors(reference) for x in vector)
+    assert distance(trajectory.position_at(time_s), reference.position_ned) < 1e-14
+    assert reference.yaw_rad == math.radians(config.yaw_deg)
+    assert reference.yaw_rate_rad_s == 0.0
+
+
+@every
+def test_nothing_jumps_where_the_curve_closes_starts_or_ends(config: TrajectoryConfig) -> None:
+    trajectory = config.build()
+    # Half a period is where whole periods are taken off the time.
+    joints = [0.0]
+    if trajectory.duration_s is not None:
+        joints.append(trajectory.duration_s)
+    if isinstance(config, LemniscateConfig | CircleConfig):
+        period_s = config.build().period_s
+        joints += [period_s / 2, period_s, 3 * period_s / 2]
+    for joint in joints:
+        before, after = joint - 1e-9, joint + 1e-9
+        for a, b in zip(vectors(trajectory.at(before)), vectors(trajectory.at(after)), strict=True):
+            assert distance(a, b) < 1e-6
+
+
+@every
+def test_the_config_file_builds_the_same_trajectory(config: TrajectoryConfig) -> None:
+    written = msgspec.to_builtins(config)
+    assert msgspec.convert(written, TrajectoryConfig) == config
+
+
+def speed(trajectory: Trajectory, time_s: float) -> float:
+    return math.hypot(*trajectory.at(time_s).velocity_ned)
+
+
+@endless
+@given(time_s=times)
+def test_the_speed_is_constant_and_the_height_too(config: LemniscateConfig | CircleConfig, time_s: float) -> None:
+    trajectory = config.build()
+    assert speed(trajectory, time_s) == pytest.approx(config.speed_m_s, rel=1e-14)
+    assert trajectory.at(time_s).position_ned[2] == config.centre_ned[2] - config.altitude_m
+
+
+@endless
+@given(time_s=times, turns=st.integers(1, 20))
+def test_the_curve_closes_after_its_period(config: LemniscateConfig | CircleConfig, time_s: float, turns: int) -> None:
+    trajectory = config.build()
+    again = trajectory.at(time_s + turns * trajectory.period_s)
+    for a, b in zip(vectors(again), vectors(trajectory.at(time_s)), strict=True):
+        # The sum of times is rounded: 1.5e-11 s at 1e5 s, at a few m/s and m/s².
+        assert distance(a, b) < 1e-9
+    assert trajectory.duration_s is None
+
+
+VARPI = Fraction("2.62205755429211981046483958989111941368275495143162")
+"""The lemniscate constant; the period is 2 ϖ scale / V."""
+
+
+def amplitude(u: float) -> float:
+    """am(u | m = -1) by its Fourier series, whose nome is -exp(-π) (DLMF 22.11, 22.16.9)."""
+    q = -math.exp(-math.pi)
+    x = math.pi * u / float(VARPI)
+    return x + sum(2.0 * q**n / (n * (1.0 + q ** (2 * n))) * math.sin(2 * n * x) for n in range(1, 14))
+
+
+def lemniscate_point(phi: float) -> tuple[float, float]:
+    """The formula of the paper, turned by -45°."""
+    x = math.sin(phi) * math.cos(phi) / (1.0 + math.sin(phi) ** 2)
+    y = math.cos(phi) / (1.0 + math.sin(phi) ** 2)
+    half = math.sqrt(0.5)
+    return half * (x + y), half * (y - x)
+
+
+def test_the_lemniscate_has_the_period_of_the_lemniscate_constant() -> None:
+    assert LemniscateConfig().build().period_s == pytest.approx(float(2 * VARPI / Fraction(1, 2)), rel=1e-15)
+
+
+def test_the_lemniscate_starts_at_its_far_end_and_heads_inwards_of_north_west() -> None:
+    start = LemniscateConfig().build().at(0.0)
+    half = math.sqrt(0.5)
+    assert start.position_ned == pytest.approx((half, half, -1.0), abs=1e-15)
+    assert start.velocity_ned == pytest.approx((0.5 * half, -0.5 * half, 0.0), abs=1e-15)
+    # 1.81 m from where the paper's scenario lets the vehicle go.
+    assert math.dist(start.position_ned, (0.8, -0.8, 0.0)) == pytest.approx(1.81, abs=0.005)
+
+
+def test_a_quarter_period_later_it_passes_the_crossing() -> None:
+    trajectory = LemniscateConfig().build()
+    assert trajectory.position_at(trajectory.period_s / 4.0) == pytest.approx((0.0, 0.0, -1.0), abs=1e-15)
+
+
+@given(time_s=times)
+def test_the_lemniscate_is_the_formula_of_the_paper_to_rounding(time_s: float) -> None:
+    trajectory = LemniscateConfig().build()
+    # The time is reduced here in exact fractions, by a constant of 50 digits.
+    reduced = Fraction(time_s) % (2 * VARPI / Fraction(1, 2))
+    north, east = lemniscate_point(amplitude(0.5 * float(reduced)))
+    # The period as a double is off by half a unit in its last place, once a turn: 1e-16 of the way flown.
+    tolerance = 2e-15 + 1.2e-16 * 0.5 * time_s
+    assert math.dist(trajectory.position_at(time_s), (north, east, -1.0)) < tolerance
+
+
+@given(time_s=times)
+def test_the_phase_obeys_its_differential_equation(time_s: float) -> None:
+    # sinφ is the ratio of the two coordinates before the turn; φ˙ = V √(1 + sin²φ) then gives both speeds.
+    reference = LemniscateConfig(rotation_deg=0.0, speed_m_s=1.0).build().at(time_s)
+    x, y, _ = reference.position_ned
+    vx, vy, _ = reference.velocity_ned
+    assume(abs(y) > 1e-3)
+    sine = x / y
+    cosine = y * (1.0 + sine * sine)
+    phi_dot = (vx - vy * sine) / y / cosine
+    assert phi_dot == pytest.approx(math.sqrt(1.0 + sine * sine), rel=1e-9)
+
+
+def test_a_circle_turns_from_north_to_east_or_the_other_way() -> None:
+    clockwise = CircleConfig(radius_m=2.0, centre_ned=(1.0, 1.0, 0.0)).build()
+    assert clockwise.position_at(0.0) == (3.0, 1.0, -1.0)
+    assert clockwise.position_at(clockwise.period_s / 4.0) == pytest.approx((1.0, 3.0, -1.0), abs=1e-15)
+    other = CircleConfig(radius_m=2.0, centre_ned=(1.0, 1.0, 0.0), clockwise=False).build()
+    assert other.position_at(other.period_s / 4.0) == pytest.approx((1.0, -1.0, -1.0), abs=1e-15)
+
+
+coordinate = st.floats(-100.0, 100.0)
+point = st.tuples(coordinate, coordinate, coordinate)
+
+
+@given(start=point, end=point, max_speed=st.floats(0.05, 20.0), max_acceleration=st.floats(0.05, 20.0))
+def test_a_transit_keeps_both_limits_and_reaches_one_of_them(
+    start: Vec3, end: Vec3, max_speed: float, max_acceleration: float
+) -> None:
+    assume(math.dist(start, end) > 1e-3)
+    transit = TransitConfig(
+        start_ned=start, end_ned=end, max_speed_m_s=max_speed, max_acceleration_m_s2=max_acceleration
+    ).build()
+    duration = transit.duration_s
+    fractions = [i / 200 for i in range(201)]
+    accelerations = [math.hypot(*transit.at(x * duration).acceleration_ned) for x in fractions]
+    speeds = [speed(transit, x * duration) for x in fractions]
+    assert max(speeds) <= max_speed * (1.0 + 1e-12)
+    assert max(accelerations) <= max_acceleration * (1.0 + 1e-12)
+    # The fastest moment is half-way; the hardest is at x (1 - x) = 1/5.
+    hardest = math.hypot(*transit.at((0.5 - math.sqrt(0.05)) * duration).acceleration_ned)
+    reached = max(speed(transit, 0.5 * duration) / max_speed, hardest / max_acceleration)
+    assert reached == pytest.approx(1.0, rel=1e-12)
+
+
+@given(start=point, end=point)
+def test_a_transit_rests_at_both_ends(start: Vec3, end: Vec3) -> None:
+    transit = TransitConfig(start_ned=start, end_ned=end).build()
+    for time_s, where in ((-1.0, start), (0.0, start), (transit.duration_s, end), (transit.duration_s + 1.0, end)):
+        assert vectors(transit.at(time_s)) == (where, (0.0, 0.0, 0.0), (0.0, 0.0, 0.0), (0.0, 0.0, 0.0))
+
+
+@pytest.mark.parametrize(
+    ("settings", "words"),
+    [
+        ({"kind": "spiral"}, "spiral"),
+        ({"kind": "lemniscate", "scale_m": 0.0}, "> 0.0"),
+        ({"kind": "lemniscate", "speed_m_s": math.nan}, "> 0.0"),
+        ({"kind": "circle", "radius_m": math.inf}, "<= 1000.0"),
+        ({"kind": "hold", "position_ned": [0.0, 0.0]}, "length 3"),
+        ({"kind": "hold", "position_ned": [0.0, math.nan, 0.0]}, ">= -1000.0"),
+        ({"kind": "transit", "start_ned": [0.0, 0.0, 0.0]}, "end_ned"),
+        ({"kind": "circle", "radius": 1.0}, "unknown field `radius`"),
+    ],
+)
+def test_a_bad_setting_is_refused_in_words(settings: dict[str, object], words: str) -> None:
+    with pytest.raises(msgspec.ValidationError, match=words):
+        msgspec.convert(settings, TrajectoryConfig)

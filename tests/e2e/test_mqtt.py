@@ -1,0 +1,273 @@
+"""Telemetry to a real mosquitto on a loopback port, which also goes away, comes back, and refuses."""
+
+import asyncio
+import contextlib
+import subprocess
+import sys
+from collections import defaultdict
+from collections.abc import AsyncIterator, Awaitable, Callable, Iterator
+from pathlib import Path
+
+import aiomqtt
+import msgspec
+import pytest
+
+from groundstation.broadcast import Latest
+from groundstation.snapshot import Snapshot
+from groundstation.telemetry.mqtt import MqttConfig, publish_forever, unseen
+from tests.sample_flight import sample
+
+
+class Broker:
+    """A mosquitto of our own."""
+
+    def __init__(self, program: str, folder: Path, port: int, lines: str) -> None:
+        self.port = port
+        self._program = program
+        self._config = folder / "mosquitto.conf"
+        self._config.write_text(f"listener {port} 127.0.0.1\npersistence false\nuser root\n{lines}\n")
+        self._process: subprocess.Popen[bytes] | None = None
+
+    async def start(self) -> None:
+        self._launch()
+        while True:
+            with contextlib.suppress(OSError):
+                _, writer = await asyncio.open_connection("127.0.0.1", self.port)
+                writer.close()
+                return
+            assert self._process is not None and self._process.poll() is None, "mosquitto did not start"
+            await asyncio.sleep(0.01)
+
+    def _launch(self) -> None:
+        self._process = subprocess.Popen([self._program, "-c", self._config], stderr=subprocess.DEVNULL)
+
+    def kill(self) -> None:
+        if self._process is not None:
+            self._process.kill()
+            self._process.wait()
+            self._process = None
+
+
+@pytest.fixture
+def broker(needs_program: Callable[..., str], tmp_path: Path) -> Iterator[Callable[[str], Broker]]:
+    made: list[Broker] = []
+
+    def make(lines: str = "allow_anonymous true") -> Broker:
+        made.append(Broker(needs_program("mosquitto"), tmp_path, asyncio.run(_free_port()), lines))
+        return made[-1]
+
+    yield make
+    for one in made:
+        one.kill()
+
+
+async def _free_port() -> int:
+    server = await asyncio.start_server(lambda _r, _w: None, "127.0.0.1", 0)
+    port = server.sockets[0].getsockname()[1]
+    server.close()
+    await server.wait_closed()
+    assert isinstance(port, int)
+    return port
+
+
+class Listener:
+    """All that a broker delivers, by topic."""
+
+    def __init__(self, port: int, *, username: str | None = None, password: str | None = None) -> None:
+        self.got: dict[str, list[str]] = defaultdict(list)
+        self.retained: dict[str, str] = {}
+        self._client = aiomqtt.Client(
+            "127.0.0.1", port, username=username, password=password, protocol=aiomqtt.ProtocolVersion.V5
+        )
+
+    async def __aenter__(self) -> "Listener":
+        await self._client.__aenter__()
+        await self._client.subscribe("#", qos=1)
+        self._task = asyncio.create_task(self._listen())
+        return self
+
+    async def __aexit__(self, *_: object) -> None:
+        self._task.cancel()
+        await asyncio.gather(self._task, return_exceptions=True)
+        with contextlib.suppress(aiomqtt.MqttError):
+            await self._client.__aexit__(None, None, None)
+
+    async def _listen(self) -> None:
+        async for message in self._client.messages:
+            assert isinstance(message.payload, bytes)
+            topic, text = str(message.topic), message.payload.decode()
+            self.got[topic].append(text)
+            if message.retain:
+                self.retained[topic] = text
+
+    async def until(self, true: Callable[["Listener"], bool]) -> None:
+        while not true(self):
+            await asyncio.sleep(0.01)
+
+
+STATE, SNAPSHOT, EVENT = "lab/mqx/state", "lab/mqx/snapshot", "lab/mqx/event"
+
+
+def play(scene: Awaitable[None]) -> None:
+    async def timed() -> None:
+        async with asyncio.timeout(30.0):
+            await scene
+
+    asyncio.run(timed())
+
+
+@contextlib.asynccontextmanager
+async def publishing(config: MqttConfig, latest: Latest[Snapshot]) -> AsyncIterator[asyncio.Task[None]]:
+    task = asyncio.create_task(publish_forever(config, latest))
+    try:
+        yield task
+    finally:
+        task.cancel()
+        await asyncio.gather(task, return_exceptions=True)
+
+
+def config_for(broker: Broker, **more: str) -> MqttConfig:
+    return MqttConfig(enabled=True, port=broker.port, prefix="lab", rate_hz=50.0, **more)
+
+
+def test_state_events_and_snapshots_arrive_and_the_state_ends_offline(broker: Callable[[], Broker]) -> None:
+    server = broker()
+
+    async def scene() -> None:
+        await server.start()
+        latest: Latest[Snapshot] = Latest()
+        async with Listener(server.port) as listener:
+            async with publishing(config_for(server), latest):
+                latest.put(sample(1.0, state="ready"))
+                await listener.until(lambda to: bool(to.got[SNAPSHOT]))
+                flying = sample(2.0)
+                latest.put(msgspec.structs.replace(flying, events=(*flying.events, "102.000 wind")))
+                await listener.until(lambda to: len(to.got[SNAPSHOT]) == 2)
+            await listener.until(lambda to: to.got[STATE][-1:] == ["offline"])
+        assert listener.got[STATE] == ["ready", "flying", "offline"]
+        assert listener.got[EVENT] == [*sample(1.0).events, "102.000 wind"]
+        first = msgspec.json.decode(listener.got[SNAPSHOT][0], type=Snapshot)
+        assert first == sample(1.0, state="ready")
+        async with Listener(server.port) as late:
+            await late.until(lambda to: bool(to.retained))
+            assert late.retained == {STATE: "offline"}
+
+    play(scene())
+
+
+def test_the_broker_declares_a_publisher_that_vanished_offline(broker: Callable[[], Broker]) -> None:
+    server = broker()
+
+    async def scene() -> None:
+        await server.start()
+        code = (
+            "import asyncio\nfrom groundstation.broadcast import Latest\n"
+            "from groundstation.telemetry.mqtt import MqttConfig, publish_forever\n"
+            "from tests.sample_flight import sample\n"
+            f"latest = Latest(); latest.put(sample(1.0))\n"
+            f"asyncio.run(publish_forever(MqttConfig(port={server.port}, prefix='lab'), latest))\n"
+        )
+        async with Listener(server.port) as listener:
+            process = await asyncio.create_subprocess_exec(sys.executable, "-c", code)
+            await listener.until(lambda to: bool(to.got[SNAPSHOT]))
+            process.kill()
+            await process.wait()
+            await listener.until(lambda to: to.got[STATE] == ["flying", "offline"])
+
+    play(scene())
+
+
+def test_a_broker_that_is_killed_and_comes_back_is_found_again_and_misses_no_event(
+    broker: Callable[[], Broker], caplog: pytest.LogCaptureFixture
+) -> None:
+    server = broker()
+
+    async def scene() -> None:
+        latest: Latest[Snapshot] = Latest()
+        flying = sample(2.0)
+        latest.put(flying)
+        async with publishing(config_for(server), latest) as task:
+            await asyncio.sleep(0.2)  # nobody is there yet
+            await server.start()
+            async with Listener(server.port) as listener:
+                await listener.until(lambda to: bool(to.got[SNAPSHOT]))
+            server.kill()
+            lost = msgspec.structs.replace(flying, events=(*flying.events, "103.000 while the broker was away"))
+            for _ in range(50):
+                latest.put(lost)
+                await asyncio.sleep(0.005)
+            assert not task.done()
+            await server.start()
+            async with Listener(server.port) as listener:
+                await listener.until(lambda to: bool(to.got[SNAPSHOT]))
+                assert listener.got[EVENT] == ["103.000 while the broker was away"]
+                assert listener.got[STATE] == ["flying"]
+            assert not task.done()
+
+    play(scene())
+    told = [record.message for record in caplog.records if record.name == "groundstation.mqtt"]
+    assert [line.partition(" ")[0] for line in told] == ["no", "publishing", "no", "publishing"]
+
+
+def test_a_broker_that_hangs_delays_nobody(broker: Callable[[], Broker]) -> None:
+    async def scene() -> None:
+        async def hang(reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
+            try:
+                await reader.read()  # until the other end gives up; never answers
+            finally:
+                writer.close()
+
+        silent = await asyncio.start_server(hang, "127.0.0.1", 0)
+        latest: Latest[Snapshot] = Latest()
+        config = MqttConfig(port=silent.sockets[0].getsockname()[1])
+        latest.put(sample(0.0))
+        loop = asyncio.get_running_loop()
+        async with publishing(config, latest) as task:
+            slowest = 0.0
+            for _ in range(100):
+                before = loop.time()
+                latest.put(sample(1.0))
+                await asyncio.sleep(0.005)
+                slowest = max(slowest, loop.time() - before)
+            assert not task.done()
+        assert slowest < 0.5
+        silent.close()
+
+    play(scene())
+
+
+def test_a_broker_with_passwords_is_published_to_and_anonymous_refused(
+    broker: Callable[[str], Broker], tmp_path: Path
+) -> None:
+    passwords, secret = tmp_path / "passwords", tmp_path / "secret"
+    subprocess.run(["mosquitto_passwd", "-b", "-c", passwords, "quad", "s3 cret"], check=True)
+    passwords.chmod(0o644)
+    secret.write_text("s3 cret\n")
+    server = broker(f"allow_anonymous false\npassword_file {passwords}")
+
+    async def scene() -> None:
+        await server.start()
+        latest: Latest[Snapshot] = Latest()
+        latest.put(sample(1.0))
+        async with Listener(server.port, username="quad", password="s3 cret") as listener:
+            async with publishing(config_for(server), latest) as task:
+                await asyncio.sleep(0.3)
+                assert not task.done()
+                assert listener.got == {}
+            async with publishing(config_for(server, username="quad", password_file=str(secret)), latest):
+                await listener.until(lambda to: bool(to.got[SNAPSHOT]))
+
+    play(scene())
+
+
+def test_a_password_file_that_is_missing_is_told() -> None:
+    with pytest.raises(FileNotFoundError, match="/nowhere/secret"):
+        asyncio.run(publish_forever(MqttConfig(password_file="/nowhere/secret"), Latest()))
+
+
+def test_only_events_that_were_not_seen_are_published() -> None:
+    assert unseen((), ("a", "b")) == ("a", "b")
+    assert unseen(("a", "b"), ("a", "b")) == ()
+    assert unseen(("a", "b"), ("b", "c")) == ("c",)
+    assert unseen(("a", "a"), ("a", "a", "a")) == ("a",)
+    assert unseen(("a", "b"), ("x", "y")) == ("x", "y")

@@ -1,0 +1,271 @@
+"""The law's theory as properties: shaping, projection (P1-P4), the Lyapunov identity, bounds, finiteness."""
+
+import math
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from groundstation import so3
+from groundstation.control.backstepping import Step, axis, backstep, yaw_rate
+from groundstation.control.gains import Law
+from groundstation.control.ops import FLOATS, Quat, Vec3, arrays
+from groundstation.control.projection import project, within
+from groundstation.control.shaping import growth, saturation, saturation_integral
+
+LAW = Law()
+small = st.floats(-3.0, 3.0)
+vec = st.tuples(small, small, small)
+anything = st.floats(allow_nan=False, allow_infinity=False)
+any_vec = st.tuples(anything, anything, anything)
+angle = st.tuples(st.floats(-1.2, 1.2), st.floats(-1.2, 1.2), st.floats(-3.1, 3.1))
+gains = st.builds(
+    Law,
+    k2=st.floats(0.2, 5.0),
+    k3=st.floats(0.2, 8.0),
+    kb=st.floats(0.1, 5.0),
+    sigma_bound=st.floats(0.3, 3.0),
+    sigma_slope=st.floats(0.3, 5.0),
+    rho_bound=st.floats(0.3, 3.0),
+    rho_slope=st.floats(0.3, 5.0),
+    velocity_scale=st.floats(0.3, 3.0),
+    b_bound=st.floats(1.0, 6.0),
+    epsilon=st.floats(0.1, 1.0),
+    delta=st.floats(0.01, 1.0),
+    projection_order=st.integers(1, 3),
+)
+
+
+def quaternion(angles: Vec3) -> Quat:
+    return so3.from_euler_zyx(*angles)
+
+
+def dot(a: Vec3, b: Vec3) -> float:
+    return sum(x * y for x, y in zip(a, b, strict=True))
+
+
+@given(st.floats(-50.0, 50.0), st.floats(0.1, 5.0), st.floats(0.1, 5.0))
+def test_sigma_is_odd_bounded_and_has_the_stated_slope_and_derivatives(s: float, bound: float, slope: float) -> None:
+    value, first, second = saturation(FLOATS, s, bound, slope)
+    assert abs(value) < bound
+    assert saturation(FLOATS, -s, bound, slope)[0] == -value
+    assert saturation(FLOATS, 0.0, bound, slope)[1] == pytest.approx(slope)
+    h = 1e-5
+    above, below = saturation(FLOATS, s + h, bound, slope), saturation(FLOATS, s - h, bound, slope)
+    assert first == pytest.approx((above[0] - below[0]) / (2 * h), rel=1e-5, abs=1e-7)
+    assert second == pytest.approx((above[1] - below[1]) / (2 * h), rel=1e-4, abs=1e-6)
+    rise = saturation_integral(FLOATS, s + h, bound, slope) - saturation_integral(FLOATS, s - h, bound, slope)
+    assert value == pytest.approx(rise / (2 * h), rel=1e-5, abs=1e-7)
+
+
+@given(st.floats(-50.0, 50.0), st.floats(0.1, 5.0), st.floats(0.2, 5.0))
+def test_omega_is_the_identity_inside_and_smooth_outside(s: float, bound: float, scale: float) -> None:
+    excess, first, second = growth(FLOATS, s, bound, scale)
+    if abs(s) <= bound:
+        assert (excess, first, second) == (0.0, 1.0, 0.0)
+    h = 1e-5
+    above, below = growth(FLOATS, s + h, bound, scale), growth(FLOATS, s - h, bound, scale)
+    assert first == pytest.approx(1.0 + (above[0] - below[0]) / (2 * h), rel=1e-5, abs=1e-6)
+    assert second == pytest.approx((above[1] - below[1]) / (2 * h), rel=1e-3, abs=2e-4 / scale**2)
+
+
+@given(small, small, gains)
+def test_partial_derivatives_of_the_virtual_control_match_differences(z1: float, z1_dot: float, law: Law) -> None:
+    def at(first: float, second: float) -> Any:
+        """The axis as a function of (z1, z2)."""
+        return axis(FLOATS, law, first, second - saturation(FLOATS, first, law.sigma_bound, law.sigma_slope)[0])
+
+    here = axis(FLOATS, law, z1, z1_dot)
+    h = 1e-5
+    # Ω is C² only, so at the kink of Ω'' a difference is right to first order in h.
+    close: dict[str, float] = {"rel": 1e-4, "abs": 3e-3}
+    by_z1 = (at(z1 + h, here.z2).u_star - at(z1 - h, here.z2).u_star) / (2 * h)
+    by_z2 = (at(z1, here.z2 + h).u_star - at(z1, here.z2 - h).u_star) / (2 * h)
+    assert here.du_dz1 == pytest.approx(by_z1, **close)
+    assert here.du_dz2 == pytest.approx(by_z2, **close)
+    v_by_z2 = (at(z1, here.z2 + h).v_di - at(z1, here.z2 - h).v_di) / (2 * h)
+    assert here.dv_dz2 == pytest.approx(v_by_z2, **close)
+
+
+@given(vec, st.floats(0.0, 1.0), vec, gains)
+def test_projection_p1_to_p4(direction: Vec3, share: float, xi: Vec3, law: Law) -> None:
+    bound, epsilon, delta = law.b_bound, law.epsilon, law.delta
+    length = math.hypot(*direction) or 1.0
+    b_hat = within(FLOATS, tuple(x / length * share * (bound + epsilon) for x in direction), bound + epsilon)  # type: ignore[arg-type]  # three components
+    keys: dict[str, Any] = {"bound": bound, "epsilon": epsilon, "delta": delta, "order": law.projection_order}
+    proj = project(FLOATS, xi, b_hat, **keys)
+    # P1: on the outer sphere it never points outward.
+    if math.hypot(*b_hat) >= (bound + epsilon) * (1 - 1e-12):
+        assert dot(b_hat, proj) <= 1e-9 * (1 + math.hypot(*xi))
+    # P2: b̃ᵀ Proj >= b̃ᵀ ξ for every |b| <= B.
+    for b in ((bound, 0.0, 0.0), (0.0, -bound, 0.0), (0.0, 0.0, 0.3 * bound), (-0.5 * bound, 0.5 * bound, 0.5 * bound)):
+        error = (b[0] - b_hat[0], b[1] - b_hat[1], b[2] - b_hat[2])
+        assert dot(error, proj) >= dot(error, xi) - 1e-9 * (1 + math.hypot(*xi))
+    # P3: the norm is bounded.
+    limit = math.hypot(*xi) * (1 + ((bound + epsilon) / bound) ** 2) + (bound + epsilon) / (2 * bound**2) * delta
+    assert math.hypot(*proj) <= limit * (1 + 1e-12)
+    # It does nothing inside.
+    if math.hypot(*b_hat) <= bound:
+        assert proj == xi
+
+
+@given(vec, vec, st.integers(1, 3))
+def test_projection_p4_is_n_times_smooth_across_the_inner_sphere(direction: Vec3, xi: Vec3, order: int) -> None:
+    length = math.hypot(*direction)
+    if length < 1e-3:
+        return
+
+    def at(radius: float) -> Vec3:
+        b: Vec3 = (direction[0] / length * radius, direction[1] / length * radius, direction[2] / length * radius)
+        return project(FLOATS, xi, b, bound=2.0, epsilon=0.5, delta=0.1, order=order)
+
+    h = 1e-3
+    # η1 starts like (r - B)^(n+1): its n-th difference across the sphere vanishes with h.
+    deviation = max(abs(a - b) for a, b in zip(at(2.0 + h), xi, strict=True))
+    assert deviation <= 20.0 * (1 + math.hypot(*xi)) * (4.1 * h / 2.25) ** (order + 1)
+
+
+@given(
+    gains, vec, vec, angle, st.floats(0.3, 3.0), vec, vec, vec, vec, st.floats(0.05, 2.0)
+)
+def test_v_falls_exactly_by_w_on_the_ideal_plant(
+    law: Law,
+    z1: Vec3,
+    z1_dot: Vec3,
+    angles: Vec3,
+    lift: float,
+    b_hat: Vec3,
+    b: Vec3,
+    acceleration: Vec3,
+    jerk: Vec3,
+    mass: float,
+) -> None:
+    """V˙ = -W + b̃ᵀ(ξ - Proj): the derivative of V along the plant, by differences, against the law's own W."""
+    b_hat = within(FLOATS, b_hat, law.b_bound)
+    thrust = lift * mass * law.gravity
+    q = quaternion(angles)
+    state: dict[str, Any] = {"mass": mass, "acceleration": acceleration, "jerk": jerk}
+    step = backstep(FLOATS, law, z1=z1, z1_dot=z1_dot, attitude=q, thrust=thrust, b_hat=b_hat, **state)
+
+    def v_after(h: float) -> float:
+        """V a moment later: the plant of section 1 with the law's Ṫ, ω and b̂˙ held."""
+        down = so3.third_column(q)
+        accel = [-thrust / mass * down[i] + (law.gravity if i == 2 else 0.0) + b[i] - acceleration[i] for i in range(3)]
+        later = backstep(
+            FLOATS,
+            law,
+            z1=_sum(z1, z1_dot, h, accel),
+            z1_dot=tuple(z1_dot[i] + h * accel[i] for i in range(3)),  # type: ignore[arg-type]  # three components
+            attitude=so3.turned(q, (h * step.rate_x, h * step.rate_y, 0.4 * h)),
+            thrust=thrust + h * step.thrust_rate,
+            b_hat=tuple(b_hat[i] + h * step.b_hat_dot[i] for i in range(3)),  # type: ignore[arg-type]  # three components
+            mass=mass,
+            acceleration=tuple(acceleration[i] + h * jerk[i] for i in range(3)),  # type: ignore[arg-type]  # three components
+            jerk=jerk,
+        )
+        error = [b[i] - b_hat[i] - h * step.b_hat_dot[i] for i in range(3)]
+        return later.v_known + 0.5 / law.kb * sum(x * x for x in error)
+
+    speed = 1.0 + abs(step.rate_x) + abs(step.rate_y) + abs(step.thrust_rate) / thrust + max(map(abs, z1_dot))
+    h = 1e-5 / speed
+    slope = (v_after(h) - v_after(-h)) / (2.0 * h)
+    # b̂ lies within B, so Proj = ξ and the last term vanishes.
+    assert slope == pytest.approx(-step.w, rel=2e-4, abs=1e-4 * (1.0 + v_after(0.0)) * speed)
+
+
+def _sum(z1: Vec3, z1_dot: Vec3, h: float, accel: list[float]) -> Vec3:
+    x, y, z = (z1[i] + h * z1_dot[i] + 0.5 * h * h * accel[i] for i in range(3))
+    return (x, y, z)
+
+
+@given(st.lists(st.tuples(any_vec, st.floats(0.0, 10.0)), max_size=30), gains)
+def test_the_estimate_stays_within_b_plus_epsilon_for_any_input_sequence(
+    inputs: list[tuple[Vec3, float]], law: Law
+) -> None:
+    b_hat: Vec3 = (0.0, 0.0, 0.0)
+    radius = law.b_bound + law.epsilon
+    for xi, dt in inputs:
+        bounded: Vec3 = tuple(max(-1e150, min(1e150, x)) for x in xi)  # type: ignore[assignment]  # three components
+        keys: dict[str, Any] = {"bound": law.b_bound, "epsilon": law.epsilon, "delta": law.delta}
+        rate = project(FLOATS, bounded, b_hat, order=law.projection_order, **keys)
+        b_hat = within(FLOATS, tuple(b + dt * r for b, r in zip(b_hat, rate, strict=True)), radius)  # type: ignore[arg-type]  # three components
+        assert math.hypot(*b_hat) <= radius * (1 + 1e-12)
+
+
+def numbers(step: Step) -> list[float]:
+    return [x for field in step for x in (field if isinstance(field, tuple) else (field,))]
+
+
+@given(any_vec, any_vec, angle, anything, vec, any_vec, any_vec)
+def test_outputs_are_finite_for_any_finite_input(
+    z1: Vec3, z1_dot: Vec3, angles: Vec3, thrust: float, b_hat: Vec3, acceleration: Vec3, jerk: Vec3
+) -> None:
+    step = backstep(
+        FLOATS,
+        LAW,
+        mass=0.08,
+        z1=z1,
+        z1_dot=z1_dot,
+        attitude=quaternion(angles),
+        thrust=thrust,
+        b_hat=b_hat,
+        acceleration=acceleration,
+        jerk=jerk,
+    )
+    assert all(math.isfinite(x) for x in numbers(step))
+
+
+@given(angle, small, small, small, st.floats(0.0, 5.0))
+def test_the_yaw_rate_is_limited_and_turns_the_short_way(
+    angles: Vec3, yaw: float, yaw_dot: float, rate_y: float, gain: float
+) -> None:
+    rate = yaw_rate(
+        FLOATS, attitude=quaternion(angles), yaw=yaw, yaw_dot=yaw_dot, rate_y=rate_y, k_yaw=gain, limit=2.0
+    )
+    assert abs(rate) <= 2.0
+
+
+@pytest.mark.parametrize(("heading", "target", "sign"), [(3.0, -3.0, 1.0), (-3.0, 3.0, -1.0), (0.5, 0.0, -1.0)])
+def test_the_heading_takes_the_short_way_round(heading: float, target: float, sign: float) -> None:
+    q = so3.from_euler_zyx(0.1, -0.1, heading)
+    rate = yaw_rate(FLOATS, attitude=q, yaw=target, yaw_dot=0.0, rate_y=0.0, k_yaw=1.0, limit=9.0)
+    assert rate * sign > 0.1
+
+
+@given(st.lists(st.tuples(vec, vec, angle, st.floats(0.2, 2.0), vec, vec), min_size=1, max_size=8))
+def test_arrays_of_vehicles_agree_with_one_vehicle_at_a_time(states: list[tuple[Any, ...]]) -> None:
+    ops = arrays()
+    quaternions = [quaternion(s[2]) for s in states]
+
+    def column(values: list[tuple[float, ...]]) -> tuple[Any, ...]:
+        return tuple(np.array(x) for x in zip(*values, strict=True))
+
+    batch = backstep(
+        ops,
+        LAW,
+        mass=0.08,
+        z1=column([s[0] for s in states]),  # type: ignore[arg-type]  # arrays for floats, on purpose
+        z1_dot=column([s[1] for s in states]),  # type: ignore[arg-type]  # arrays for floats, on purpose
+        attitude=column(quaternions),  # type: ignore[arg-type]  # arrays for floats, on purpose
+        thrust=np.array([s[3] for s in states]),  # type: ignore[arg-type]  # arrays for floats, on purpose
+        b_hat=column([s[4] for s in states]),  # type: ignore[arg-type]  # arrays for floats, on purpose
+        acceleration=(0.0, 0.0, 0.0),
+        jerk=column([s[5] for s in states]),  # type: ignore[arg-type]  # arrays for floats, on purpose
+    )
+    for i, s in enumerate(states):
+        single = backstep(
+            FLOATS,
+            LAW,
+            mass=0.08,
+            z1=s[0],
+            z1_dot=s[1],
+            attitude=quaternions[i],
+            thrust=s[3],
+            b_hat=s[4],
+            acceleration=(0.0, 0.0, 0.0),
+            jerk=s[5],
+        )
+        for a, e in zip(numbers(batch), numbers(single), strict=True):
+            assert abs(np.asarray(a)[i] - e) <= 1e-9 * max(1.0, abs(e))

@@ -1,0 +1,97 @@
+import math
+import struct
+
+from hypothesis import given
+from hypothesis import strategies as st
+
+from groundstation import so3
+from groundstation.poses.vicon_codec import (
+    ViconDecoder,
+    ViconFrame,
+    ViconObject,
+    decode,
+    encode,
+    euler_xyz_from_quaternion,
+    quaternion_from_euler_xyz,
+)
+from tests.vicon_table import OURS, TABLE
+
+any_double = st.floats(allow_nan=False)
+any_name = st.text(st.characters(codec="utf-8", exclude_characters="\0"), min_size=1, max_size=24).filter(
+    lambda name: len(name.encode()) <= 24
+)
+any_object = st.builds(
+    ViconObject,
+    any_name,
+    st.tuples(any_double, any_double, any_double),
+    st.tuples(any_double, any_double, any_double),
+)
+angle = st.floats(-math.pi, math.pi)
+golden = st.sampled_from([row.datagram for row in TABLE.readable + TABLE.dropped])
+
+
+@given(st.integers(0, 2**32 - 1), st.lists(any_object, max_size=13))
+def test_every_double_survives_the_wire_to_the_last_bit(frame_number: int, objects: list[ViconObject]) -> None:
+    assert decode(encode(frame_number, objects, 1024)) == ViconFrame(frame_number, tuple(objects))
+
+
+@given(st.binary(min_size=48, max_size=48))
+def test_every_bit_pattern_of_a_double_survives_the_wire(bits: bytes) -> None:
+    x, y, z, rx, ry, rz = struct.unpack("<6d", bits)
+    datagram = encode(1, [ViconObject("a", (x, y, z), (rx, ry, rz))])
+    assert datagram[32:80] == bits
+    frame = decode(datagram)
+    assert isinstance(frame, ViconFrame)
+    item = frame.objects[0]
+    assert struct.pack("<6d", *item.translation_mm, *item.rotation_rad) == bits
+
+
+def assert_counted_or_sound(datagram: bytes) -> None:
+    decoder = ViconDecoder(OURS)
+    pose = decoder.decode(datagram)
+    if pose is None:
+        assert sum(decoder.dropped.values()) == 1
+    else:
+        assert not decoder.dropped
+        assert all(abs(x) <= 1000.0 for x in pose.position_m)
+        assert math.isclose(math.hypot(*pose.attitude), 1.0, abs_tol=1e-14)
+
+
+@given(st.binary(max_size=1100))
+def test_random_bytes_are_counted_and_dropped(datagram: bytes) -> None:
+    assert_counted_or_sound(datagram)
+
+
+@given(golden, st.lists(st.tuples(st.integers(0, 1100), st.integers(0, 255)), max_size=8), st.integers(0, 1100))
+def test_a_damaged_datagram_is_dropped_or_still_sound(
+    datagram: bytes, damage: list[tuple[int, int]], size: int
+) -> None:
+    damaged = bytearray(datagram)
+    for place, value in damage:
+        if place < len(damaged):
+            damaged[place] = value
+    assert_counted_or_sound(bytes(damaged[:size]))
+
+
+@given(angle, angle, angle)
+def test_the_rotation_is_the_product_of_three_turns_about_x_then_new_y_then_new_z(
+    rx: float, ry: float, rz: float
+) -> None:
+    x = so3.from_matrix(((1.0, 0.0, 0.0), (0.0, math.cos(rx), -math.sin(rx)), (0.0, math.sin(rx), math.cos(rx))))
+    y = so3.from_matrix(((math.cos(ry), 0.0, math.sin(ry)), (0.0, 1.0, 0.0), (-math.sin(ry), 0.0, math.cos(ry))))
+    z = so3.from_matrix(((math.cos(rz), -math.sin(rz), 0.0), (math.sin(rz), math.cos(rz), 0.0), (0.0, 0.0, 1.0)))
+    expected = so3.multiply(x, so3.multiply(y, z))
+    got = quaternion_from_euler_xyz((rx, ry, rz))
+    assert math.isclose(abs(sum(a * b for a, b in zip(got, expected, strict=True))), 1.0, abs_tol=1e-14)
+
+
+@given(angle, st.one_of(angle, st.sampled_from([math.pi / 2, -math.pi / 2, 1.5707963, -1.5707963])), angle)
+def test_a_quaternion_survives_its_angles_even_where_y_is_a_quarter_turn(rx: float, ry: float, rz: float) -> None:
+    attitude = quaternion_from_euler_xyz((rx, ry, rz))
+    angles = euler_xyz_from_quaternion(attitude)
+    assert abs(angles[0]) <= math.pi
+    assert abs(angles[1]) <= math.pi / 2
+    assert abs(angles[2]) <= math.pi
+    back = quaternion_from_euler_xyz(angles)
+    turn = so3.rotation_vector(so3.multiply(so3.conjugate(attitude), back))
+    assert math.hypot(*turn) < 1e-14

@@ -1,0 +1,78 @@
+"""Snapshots of a made-up flight, and a process that serves them: ``python -m tests.sample_flight SOCKET [SECONDS]``."""
+
+import asyncio
+import contextlib
+import math
+import sys
+
+from groundstation.broadcast import Latest
+from groundstation.control.ops import Vec3
+from groundstation.snapshot import Diagnostics, Snapshot
+from groundstation.so3 import from_euler_zyx
+from groundstation.telemetry.status import StatusConfig, StatusServer
+from links.port import LinkStatus
+
+
+def sample(time_s: float, *, vehicle: str = "mqx", state: str = "flying", text: str = "Armed by us") -> Snapshot:
+    """The made-up flight ``time_s`` after its start: a figure of eight, flown with some centimetres of error."""
+    phase = 0.5 * time_s
+    reference: Vec3 = (1.2 * math.sin(phase), 0.8 * math.sin(2.0 * phase), -1.0)
+    fade = 0.02 + 0.6 * math.exp(-0.5 * time_s)
+    error: Vec3 = (fade * math.cos(3.0 * time_s), fade * math.sin(2.0 * time_s), 0.3 * fade)
+    x, y, z = (a + b for a, b in zip(reference, error, strict=True))
+    zero: Vec3 = (0.0, 0.0, 0.0)
+    return Snapshot(
+        vehicle=vehicle,
+        state=state,
+        reason="following the trajectory",
+        time_s=100.0 + time_s,
+        flight_time_s=time_s,
+        pose_id=int(50.0 * time_s),
+        pose_age_s=0.012,
+        pose_rate_hz=50.0,
+        poses_dropped={"stale": 1, "wrong_object": 2},
+        position_ned=(x, y, z),
+        velocity_ned=(0.4, 0.2, 0.0),
+        attitude=from_euler_zyx(0.05 * math.sin(time_s), -0.04, 0.3),
+        reference_ned=reference,
+        error_m=math.hypot(*error),
+        rms_m=fade,
+        thrust_n=0.80 + 0.1 * math.sin(time_s),
+        thrust_max_n=1.37,
+        rates_rad_s=(0.5 * math.sin(2.0 * time_s), -0.3, 0.1),
+        saturated=False,
+        diagnostics=Diagnostics(
+            z1=error,
+            z2=zero,
+            z3=zero,
+            u_star=zero,
+            b_hat=(0.1, -0.05, 0.2),
+            b_hat_dot=zero,
+            disturbance=(0.11, -0.06, 0.19),
+            v_known=0.02,
+            w=0.03,
+            certificate="paper",
+        ),
+        link=LinkStatus(
+            state="armed", sent=int(44.4 * time_s), expired=0, received=120, dropped={"bad_checksum": 1}, text=text
+        ),
+        events=(f"{99.0:.3f} ready: link and poses are there", f"{100.0:.3f} flying: following the trajectory"),
+    )
+
+
+async def serve(path: str, seconds: float, rate_hz: float) -> None:
+    """Fly the made-up flight for so long [s], with its status socket at ``path``."""
+    latest: Latest[Snapshot] = Latest()
+    server = asyncio.create_task(StatusServer(StatusConfig(path=path, rate_hz=rate_hz), "mqx", latest).serve())
+    loop = asyncio.get_running_loop()
+    start = loop.time()
+    while (now := loop.time() - start) < seconds and not server.done():
+        latest.put(sample(now))
+        await asyncio.sleep(0.5 / rate_hz)
+    server.cancel()
+    with contextlib.suppress(asyncio.CancelledError):
+        await server
+
+
+if __name__ == "__main__":
+    asyncio.run(serve(sys.argv[1], float(sys.argv[2]) if len(sys.argv) > 2 else math.inf, 5.0))

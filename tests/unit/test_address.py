@@ -1,0 +1,61 @@
+import pytest
+
+from links.address import is_loopback, parse_address
+
+
+@pytest.mark.parametrize(
+    ("text", "host", "port"),
+    [
+        ("127.0.0.1:51001", "127.0.0.1", 51001),
+        ("localhost:1", "localhost", 1),
+        ("drone-7.lab:65535", "drone-7.lab", 65535),
+        ("[::1]:14550", "::1", 14550),
+        ("[fe80::1%eth0]:14550", "fe80::1%eth0", 14550),
+    ],
+)
+def test_host_and_port_are_told_apart(text: str, host: str, port: int) -> None:
+    assert parse_address(text) == (host, port)
+
+
+@pytest.mark.parametrize(
+    ("text", "reason"),
+    [
+        ("", "no port"),
+        ("127.0.0.1", "no port"),
+        (":14550", "no host"),
+        ("[]:14550", "no host"),
+        ("127.0.0.1:", "port must be"),
+        ("127.0.0.1:0", "port must be"),
+        ("127.0.0.1:65536", "port must be"),
+        ("127.0.0.1:-5", "port must be"),
+        ("127.0.0.1:+5", "port must be"),
+        ("127.0.0.1: 5", "port must be"),
+        ("127.0.0.1:1_0", "port must be"),
+        ("127.0.0.1:٣", "port must be"),
+        ("127.0.0.1:" + "9" * 5000, "port must be"),
+        ("::1:14550", "needs brackets"),
+        ("[::1:14550", "needs brackets"),
+        ("[127.0.0.1]:14550", "only an IPv6 host"),
+        ("[::1]", "needs brackets"),
+        ("a b:14550", "character"),
+        ("udp://127.0.0.1:14550", "needs brackets"),
+        ("me@host:14550", "character"),
+    ],
+)
+def test_what_is_no_address_is_refused_with_the_reason_and_an_example(text: str, reason: str) -> None:
+    with pytest.raises(ValueError, match=reason) as refused:
+        parse_address(text)
+    assert "write host:port such as 127.0.0.1:14550" in str(refused.value)
+
+
+@pytest.mark.parametrize("host", ["127.0.0.1", "127.8.9.10", "::1", "localhost", "LOCALHOST", "::ffff:127.0.0.1"])
+def test_this_machine_is_loopback(host: str) -> None:
+    assert is_loopback(host)
+
+
+@pytest.mark.parametrize(
+    "host",
+    ["0.0.0.0", "::", "192.168.1.2", "128.0.0.1", "localhost.evil.org", "127.0.0.1.evil.org", "127.1", "", "::2"],
+)
+def test_anything_else_is_another_machine(host: str) -> None:
+    assert not is_loopback(host)

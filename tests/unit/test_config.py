@@ -1,0 +1,316 @@
+"""Configuration: what is accepted, what is refused and in which words, overrides, and back to TOML."""
+
+import math
+import tomllib
+from pathlib import Path
+from typing import Annotated, Any, Literal
+
+import msgspec
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from groundstation.config import ConfigError, dump, from_dict, load
+
+Positive = Annotated[float, msgspec.Meta(gt=0)]
+
+
+class Udp(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True, tag_field="kind", tag="udp"):
+    address: str = "127.0.0.1:1"
+    """Where to send [host:port]. The rest is detail."""
+    rate_hz: Annotated[float, msgspec.Meta(ge=10, le=500)] = 100.0
+
+
+class Radio(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True, tag_field="kind", tag="radio"):
+    device: str
+    channel: Annotated[int, msgspec.Meta(ge=1, le=8)] = 1
+
+    def __post_init__(self) -> None:
+        if self.device == "/dev/null":
+            raise ValueError("device: /dev/null hears nothing")
+
+
+class Vehicle(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
+    name: Annotated[str, msgspec.Meta(pattern="^[a-z]+$")] = "mqx"
+    mass_kg: Positive = 0.08
+    """With battery [kg]."""
+    limits_deg_s: tuple[Positive, Positive, Positive] = (200.0, 200.0, 300.0)
+    arms: int = 4
+    lag_s: Positive | None = None
+    model: Literal["paper", "raw"] = "paper"
+    armed: bool = False
+
+
+class Step(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
+    at_s: float
+    link: Udp | Radio = Udp()
+
+
+class Root(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
+    vehicle: Vehicle = Vehicle(arms=6)
+    link: Udp | Radio = Udp(address="127.0.0.1:2", rate_hz=50.0)
+    steps: tuple[Step, ...] = ()
+    names: dict[str, Vehicle] = {}
+    wait: float | Literal["forever"] = "forever"
+    points: Annotated[tuple[float, ...], msgspec.Meta(min_length=2)] = (0.0, 1.0)
+
+
+class Needy(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
+    link: Udp | Radio
+    vehicle: Vehicle
+    radio: Radio
+
+
+REFUSED: list[tuple[dict[str, Any], str]] = [
+    ({"vehicle": {"mass_kg": -3}}, "vehicle.mass_kg: expected a number > 0, got -3"),
+    ({"vehicle": {"mass_kg": "fast"}}, "vehicle.mass_kg: expected a number > 0, got 'fast'"),
+    ({"vehicle": {"mass_kg": True}}, "vehicle.mass_kg: expected a number > 0, got true"),
+    ({"vehicle": {"mass_kg": math.nan}}, "vehicle.mass_kg: expected a number > 0, got nan"),
+    ({"vehicle": {"mass_kg": math.inf}}, "vehicle.mass_kg: expected a number > 0, got inf"),
+    ({"vehicle": {"mass_kg": 10**400}}, "vehicle.mass_kg: expected a number > 0, got a number of more than 40 digits"),
+    ({"vehicle": {"mass_kg": {"x": 1}}}, "vehicle.mass_kg: expected a number > 0, got a table"),
+    ({"vehicle": {"lag_s": 0}}, "vehicle.lag_s: expected a number > 0, got 0"),
+    ({"vehicle": {"arms": 4.0}}, "vehicle.arms: expected a whole number, got 4.0"),
+    ({"vehicle": {"armed": 1}}, "vehicle.armed: expected true or false, got 1"),
+    ({"vehicle": {"name": "B 1"}}, "vehicle.name: expected a string matching ^[a-z]+$, got 'B 1'"),
+    ({"vehicle": {"model": "papr"}}, "vehicle.model: expected one of ['paper', 'raw'], got 'papr'"),
+    (
+        {"vehicle": {"mas_kg": 1}},
+        "vehicle.mas_kg: unknown key; did you mean mass_kg? "
+        "(known: name, mass_kg, limits_deg_s, arms, lag_s, model, armed)",
+    ),
+    (
+        {"vehicle": {"limits_deg_s": [1, 2]}},
+        "vehicle.limits_deg_s: expected an array of 3 values, each a number > 0, got [1, 2]",
+    ),
+    ({"vehicle": {"limits_deg_s": [1, 0, 2]}}, "vehicle.limits_deg_s[1]: expected a number > 0, got 0"),
+    ({"vehicle": 3}, "vehicle: expected a table, got 3"),
+    (
+        {"vehicles": {"x": 1}},
+        "vehicles: unknown section; did you mean vehicle? (known: vehicle, link, steps, names, wait, points)",
+    ),
+    ({"link": {"kind": "pigeon"}}, "link.kind: expected one of ['udp', 'radio'], got 'pigeon'"),
+    ({"link": {"kind": 3}}, "link.kind: expected one of ['udp', 'radio'], got 3"),
+    ({"link": {"kind": ["udp"]}}, "link.kind: expected one of ['udp', 'radio'], got ['udp']"),
+    ({"link": {"kind": "radio"}}, "link.device: missing; expected a string"),
+    (
+        {"link": {"kind": "radio", "device": "a", "channel": 9}},
+        "link.channel: expected a whole number >= 1 and <= 8, got 9",
+    ),
+    ({"link": {"kind": "radio", "device": "/dev/null"}}, "link: device: /dev/null hears nothing"),
+    ({"link": {"device": "a"}}, "link.device: unknown key; (known: kind, address, rate_hz)"),
+    ({"steps": [{"at_s": 1}, {"at": 2}]}, "steps[1].at: unknown key; did you mean at_s? (known: at_s, link)"),
+    ({"steps": [{"at_s": 1}, {}]}, "steps[1].at_s: missing; expected a number"),
+    (
+        {"steps": [{"at_s": 1, "link": {"kind": "udp", "rate_hz": 1}}]},
+        "steps[0].link.rate_hz: expected a number >= 10 and <= 500, got 1",
+    ),
+    ({"names": {"b": {"mass_kg": 0}}}, "names.b.mass_kg: expected a number > 0, got 0"),
+    ({"wait": "never"}, "wait: expected a number or one of ['forever'], got 'never'"),
+    ({"points": [1]}, "points: expected an array of at least 2 values, each a number, got [1]"),
+    ({"points": [1, [2]]}, "points[1]: expected a number, got [2]"),
+]
+
+
+@pytest.mark.parametrize(("data", "line"), REFUSED, ids=[line for _, line in REFUSED])
+def test_a_bad_value_is_refused_in_one_line_that_says_where_and_what_is_accepted(
+    data: dict[str, Any], line: str
+) -> None:
+    with pytest.raises(ConfigError) as caught:
+        from_dict(data, Root, source="lab.toml")
+    assert str(caught.value) == f"lab.toml: {line}"
+
+
+def test_what_is_required_and_missing_is_named() -> None:
+    whole: dict[str, Any] = {"link": {"kind": "udp"}, "vehicle": {}, "radio": {"device": "x"}}
+    assert from_dict(whole, Needy).vehicle == Vehicle()
+    lines = {
+        "link": "link: missing; expected a table with kind, one of ['udp', 'radio']",
+        "vehicle": "vehicle: missing; expected a table",
+        "radio": "radio: missing; expected a table with device",
+    }
+    for key, line in lines.items():
+        with pytest.raises(ConfigError) as caught:
+            from_dict({name: value for name, value in whole.items() if name != key}, Needy)
+        assert str(caught.value) == line
+    with pytest.raises(ConfigError, match=r"^link\.kind: missing; expected one of \['udp', 'radio'\]$"):
+        from_dict(whole | {"link": {}}, Needy)
+
+
+def test_an_empty_configuration_is_all_defaults() -> None:
+    assert from_dict({}, Root) == Root()
+    assert load(None, Root) == Root()
+
+
+def test_whole_numbers_are_taken_for_floats_and_become_floats() -> None:
+    mass = from_dict({"vehicle": {"mass_kg": 1}}, Root).vehicle.mass_kg
+    assert mass == 1.0
+    assert isinstance(mass, float)
+
+
+def test_a_table_keeps_the_defaults_of_its_place_for_the_keys_it_leaves_out() -> None:
+    config = from_dict({"vehicle": {"mass_kg": 2}, "link": {"rate_hz": 20}}, Root)
+    assert config.vehicle == Vehicle(arms=6, mass_kg=2.0)
+    assert config.link == Udp(address="127.0.0.1:2", rate_hz=20.0)
+    assert from_dict({"link": {"kind": "udp"}}, Root).link == Root().link
+    assert from_dict({"link": {"kind": "radio", "device": "x"}}, Root).link == Radio(device="x")
+
+
+OVERRIDES: list[tuple[str, dict[str, Any]]] = [
+    ("vehicle.mass_kg=0.1", {"vehicle": {"mass_kg": 0.1}}),
+    ("vehicle.mass_kg = 0.1", {"vehicle": {"mass_kg": 0.1}}),
+    ("vehicle.armed=true", {"vehicle": {"armed": True}}),
+    ("vehicle.limits_deg_s=[1, 2.5, 3]", {"vehicle": {"limits_deg_s": [1, 2.5, 3]}}),
+    ("vehicle.name=quad", {"vehicle": {"name": "quad"}}),
+    ('vehicle.name="quad"', {"vehicle": {"name": "quad"}}),
+    ("link.address=127.0.0.1:14540", {"link": {"address": "127.0.0.1:14540"}}),
+    ("link.address=a=b", {"link": {"address": "a=b"}}),
+    ("link.address=", {"link": {"address": ""}}),
+    ("link.rate_hz=20", {"link": {"rate_hz": 20}}),
+    ('link={kind="radio", device="x"}', {"link": {"kind": "radio", "device": "x"}}),
+    ("names.b.mass_kg=3", {"names": {"b": {"mass_kg": 3}}}),
+    ("steps=[{at_s=1}]", {"steps": [{"at_s": 1}]}),
+    ("wait=forever", {"wait": "forever"}),
+]
+
+
+@pytest.mark.parametrize(("override", "data"), OVERRIDES, ids=[text for text, _ in OVERRIDES])
+def test_an_override_equals_the_same_key_in_the_file(override: str, data: dict[str, Any]) -> None:
+    assert from_dict({}, Root, [override]) == from_dict(data, Root)
+
+
+def test_a_later_override_wins_and_the_callers_data_stay_as_they_were() -> None:
+    data: dict[str, Any] = {"vehicle": {"mass_kg": 5, "arms": 3}}
+    config = from_dict(data, Root, ["vehicle.mass_kg=6", "vehicle.mass_kg=7"])
+    assert config.vehicle == Vehicle(mass_kg=7.0, arms=3)
+    assert data == {"vehicle": {"mass_kg": 5, "arms": 3}}
+
+
+REFUSED_OVERRIDES = [
+    ("vehicle.mass_kg=-1", "--set: vehicle.mass_kg: expected a number > 0, got -1"),
+    ("vehicle.mass_kg=nan", "--set: vehicle.mass_kg: expected a number > 0, got nan"),
+    ("vehicle.mass_kg=1\narms=2", r"--set: vehicle.mass_kg: expected a number > 0, got '1\narms=2'"),
+    ("vehicle.name=3", "--set: vehicle.name: expected a string matching ^[a-z]+$, got 3"),
+    ("vehicle.mass_kg.x=1", "--set: vehicle.mass_kg: expected a number > 0, got a table"),
+    ("sim.mass_kg=1", "--set: sim: unknown section; (known: vehicle, link, steps, names, wait, points)"),
+    ("link.kind=pigeon", "--set: link.kind: expected one of ['udp', 'radio'], got 'pigeon'"),
+    ("vehicle", "--set: expected key=value, such as vehicle.mass_kg=0.08, got 'vehicle'"),
+    ("=3", "--set: expected key=value, such as vehicle.mass_kg=0.08, got '=3'"),
+    ("vehicle.=3", "--set: expected key=value, such as vehicle.mass_kg=0.08, got 'vehicle.=3'"),
+]
+
+
+@pytest.mark.parametrize(("override", "line"), REFUSED_OVERRIDES, ids=[text for text, _ in REFUSED_OVERRIDES])
+def test_a_bad_override_is_blamed_itself_and_not_the_file(override: str, line: str) -> None:
+    with pytest.raises(ConfigError) as caught:
+        from_dict({"vehicle": {"mass_kg": 1}}, Root, [override], source="lab.toml")
+    assert str(caught.value) == line
+
+
+def test_the_file_is_blamed_for_its_own_mistake_beside_a_good_override() -> None:
+    with pytest.raises(ConfigError, match=r"^lab\.toml: vehicle\.arms: "):
+        from_dict({"vehicle": {"arms": "x"}}, Root, ["vehicle.mass_kg=2"], source="lab.toml")
+
+
+def test_a_missing_file_is_named(tmp_path: Path) -> None:
+    path = tmp_path / "nowhere.toml"
+    with pytest.raises(ConfigError) as caught:
+        load(path, Root)
+    assert str(caught.value) == f"{path}: cannot read the configuration: No such file or directory"
+    with pytest.raises(ConfigError, match="Is a directory"):
+        load(tmp_path, Root)
+
+
+def test_a_toml_mistake_is_told_with_its_line(tmp_path: Path) -> None:
+    path = tmp_path / "lab.toml"
+    path.write_text("[vehicle]\nmass_kg = = 3\n")
+    with pytest.raises(ConfigError) as caught:
+        load(path, Root)
+    assert str(caught.value) == f"{path}: not valid TOML: Invalid value (at line 2, column 11)"
+    path.write_bytes(b"name = '\xff'")
+    with pytest.raises(ConfigError, match=r"not UTF-8 text \(byte 8\)$"):
+        load(path, Root)
+
+
+def test_what_is_dumped_tells_the_meaning_of_each_key_and_loads_to_the_same(tmp_path: Path) -> None:
+    config = Root(
+        vehicle=Vehicle(name="a", mass_kg=1.5, lag_s=0.1),
+        link=Radio(device='odd "name" \\ \n'),
+        steps=(Step(at_s=1.0), Step(at_s=2.0, link=Radio(device="y"))),
+        names={"plain": Vehicle(), "with a.dot": Vehicle(arms=3)},
+        wait=3.5,
+    )
+    text = dump(config)
+    path = tmp_path / "dumped.toml"
+    path.write_text(text)
+    assert load(path, Root) == config
+    assert "mass_kg = 1.5  # With battery [kg]." in text
+    assert 'address = "127.0.0.1:2"  # Where to send [host:port].\n' in dump(Root())
+    assert "# lag_s is not set" in dump(Root())
+
+
+FINITE = st.floats(allow_nan=False, allow_infinity=False)
+VEHICLES = st.builds(
+    Vehicle,
+    name=st.from_regex("^[a-z]+$", fullmatch=True),
+    mass_kg=FINITE.filter(lambda x: x > 0),
+    arms=st.integers(-(2**63) + 1, 2**63 - 1),
+    lag_s=st.none() | st.floats(1e-9, 10),
+    model=st.sampled_from(["paper", "raw"]),
+    armed=st.booleans(),
+)
+LINKS = st.builds(Udp, address=st.text(), rate_hz=st.floats(10, 500)) | st.builds(
+    Radio, device=st.text().filter(lambda text: text != "/dev/null"), channel=st.integers(1, 8)
+)
+ROOTS = st.builds(
+    Root,
+    vehicle=VEHICLES,
+    link=LINKS,
+    steps=st.lists(st.builds(Step, at_s=FINITE, link=LINKS), max_size=3).map(tuple),
+    names=st.dictionaries(st.text(), VEHICLES, max_size=3),
+    wait=st.just("forever") | FINITE,
+    points=st.lists(FINITE, min_size=2, max_size=5).map(tuple),
+)
+
+
+@given(ROOTS)
+def test_dump_and_load_are_inverse(config: Root) -> None:
+    assert from_dict(tomllib.loads(dump(config)), Root) == config
+
+
+VALUES = st.recursive(
+    st.none()
+    | st.booleans()
+    | st.integers()
+    | st.floats()
+    | st.text(max_size=5)
+    | st.sampled_from(["udp", "radio", "paper"]),
+    lambda inner: (
+        st.lists(inner, max_size=4)
+        | st.dictionaries(
+            st.sampled_from(["kind", "device", "address", "mass_kg", "at_s", "link", "x"]), inner, max_size=4
+        )
+    ),
+    max_leaves=8,
+)
+
+
+@given(st.dictionaries(st.sampled_from(["vehicle", "link", "steps", "names", "wait", "points", "x"]), VALUES))
+def test_any_data_give_a_valid_configuration_or_one_line_of_complaint(data: dict[str, Any]) -> None:
+    try:
+        config = from_dict(data, Root)
+    except ConfigError as error:
+        assert error.key
+        assert "\n" not in str(error)
+    else:
+        assert msgspec.convert(msgspec.to_builtins(config), Root) == config
+        assert math.isfinite(config.vehicle.mass_kg)
+
+
+@given(st.text())
+def test_any_override_text_is_taken_or_refused_as_a_configuration_error(text: str) -> None:
+    for override in (text, f"vehicle.mass_kg={text}", f"{text}=1", f"link.address={text}"):
+        try:
+            from_dict({}, Root, [override])
+        except ConfigError as error:
+            assert "--set" in str(error)

@@ -1,0 +1,154 @@
+"""The model, the actuators and the estimator against the simulated plant, which shares no code with them."""
+
+import math
+import random
+from typing import Any
+
+import msgspec
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from groundstation import so3
+from groundstation.control.actuators import approach, lead
+from groundstation.control.estimator import ModelEstimator
+from groundstation.control.gains import Gains
+from groundstation.control.model import Drive, Motion, rolled
+from groundstation.control.ops import FLOATS, Vec3
+from groundstation.poses.port import Pose
+from groundstation.vehicle import Vehicle
+from sim.quadrotor import Quadrotor
+from sim.wind import Wind
+from sim.world import World
+
+VEHICLE = Vehicle()
+CALM = World(wind_mean=(0.0, 0.0, 0.0), floor_z_m=1e6)
+REST = Motion((0.0, 0.0, 0.0), (0.0, 0.0, 0.0), so3.IDENTITY, 0.7848, (0.0, 0.0, 0.0))
+
+
+def roll(motion: Motion, drive: Drive, duration: float, **changes: Any) -> Motion:
+    keys: dict[str, Any] = {
+        "mass": VEHICLE.mass_kg,
+        "gravity": 9.81,
+        "disturbance": (0.0, 0.0, 0.0),
+        "thrust_lag": VEHICLE.thrust_lag_s,
+        "rate_lag": VEHICLE.rate_lag_s,
+        **changes,
+    }
+    return rolled(FLOATS, motion, drive, duration, **keys)
+
+
+def flown(world: World, seconds: float, composite: str = "provable", seed: int = 5) -> tuple[ModelEstimator, Quadrotor]:
+    """An estimator that has watched the plant under gently changing commands, perfectly told."""
+    plant = Quadrotor(world, Wind(world, random.Random(seed)))
+    plant.release(0.0)
+    gauss = random.Random(seed).gauss
+    estimator = ModelEstimator(VEHICLE, msgspec.structs.replace(Gains(), composite=composite))
+    frame, pose = 0, 0
+    while pose * 0.02 <= seconds:
+        if frame * 0.0225 <= pose * 0.02:
+            t = frame * 0.0225
+            hover = VEHICLE.mass_kg * 9.81 * (1.0 + 0.05 * math.sin(t))
+            drive = Drive(hover, (0.2 * math.sin(2.0 * t), 0.2 * math.cos(2.0 * t), 0.0))
+            plant.command(t, *drive)
+            estimator.sent(t, drive)
+            frame += 1
+            continue
+        t = pose * 0.02
+        truth = plant.truth(t)
+        n, a = world.pose_noise_m, world.attitude_noise_rad
+        x, y, z = truth.position_ned
+        estimator.pose(
+            Pose(
+                pose,
+                t,
+                t + 0.02,
+                (x + gauss(0, n), y + gauss(0, n), z + gauss(0, n)),
+                so3.turned(truth.attitude, (gauss(0, a), gauss(0, a), gauss(0, a))),
+            )
+        )
+        pose += 1
+    return estimator, plant
+
+
+@given(st.floats(0.001, 0.1), st.floats(0.01, 0.5))
+def test_a_command_led_through_the_lag_arrives_where_it_should(hold: float, lag: float) -> None:
+    wanted_rise = 0.3
+    command = 1.0 + lead(FLOATS, hold, lag) * wanted_rise
+    assert 1.0 + approach(FLOATS, hold, lag) * (command - 1.0) == pytest.approx(1.0 + hold * wanted_rise)
+
+
+def test_without_lag_the_lead_is_the_hold_time_and_for_short_holds_the_lag() -> None:
+    assert lead(FLOATS, 0.02, 0.0) == 0.02
+    assert lead(FLOATS, 1e-6, 0.1) == pytest.approx(0.1, rel=1e-4)
+
+
+def test_the_rolled_model_agrees_with_the_plant() -> None:
+    plant = Quadrotor(CALM, Wind(CALM, random.Random(0)))
+    plant.release(0.0)
+    drive = Drive(0.9, (1.0, -0.8, 0.5))
+    plant.command(0.0, *drive)
+    start = plant.truth(0.0)
+    motion = Motion(start.position_ned, start.velocity_ned, start.attitude, start.thrust_n, start.rates_rad_s)
+    for _ in range(8):
+        motion = roll(motion, drive, 0.0225)
+    truth = plant.truth(8 * 0.0225)
+    assert motion.position == pytest.approx(truth.position_ned, abs=2e-4)
+    assert motion.velocity == pytest.approx(truth.velocity_ned, abs=1e-3)
+    assert motion.thrust == pytest.approx(truth.thrust_n, abs=1e-9)
+    assert motion.rates == pytest.approx(truth.rates_rad_s, abs=1e-9)
+    assert motion.attitude == pytest.approx(truth.attitude, abs=1e-4)
+
+
+def test_many_small_steps_of_the_model_converge_with_third_order() -> None:
+    drive = Drive(1.1, (2.0, -1.5, 1.0))
+
+    def after(steps: int) -> Vec3:
+        motion = REST
+        for _ in range(steps):
+            motion = roll(motion, drive, 0.1 / steps)
+        return motion.position
+
+    exact = after(512)
+    coarse, fine = math.dist(after(4), exact), math.dist(after(8), exact)
+    assert fine < coarse / 3.0
+
+
+def test_the_observer_finds_velocity_far_better_than_differences_do() -> None:
+    world = msgspec.structs.replace(CALM, pose_noise_m=0.0003)
+    estimator, plant = flown(world, 6.0)
+    truth = plant.truth(6.0)
+    motion = estimator.predict(6.0).motion
+    # A difference of two poses with 0.3 mm noise 20 ms apart is wrong by 21 mm/s RMS per axis.
+    assert math.dist(motion.velocity, truth.velocity_ned) < 0.012
+
+
+@pytest.mark.parametrize("wind", [(0.5, -0.3, 0.8), (-2.0, 1.0, 0.0)])
+def test_the_observer_finds_the_disturbance(wind: Vec3) -> None:
+    estimator, _ = flown(msgspec.structs.replace(CALM, wind_mean=wind, pose_noise_m=0.0001), 8.0)
+    assert math.dist(estimator.predict(8.0).disturbance, wind) < 0.1
+
+
+def test_prediction_reaches_over_the_latency() -> None:
+    world = msgspec.structs.replace(CALM, pose_noise_m=0.0, attitude_noise_rad=0.0)
+    estimator, plant = flown(world, 4.0)
+    ahead = estimator.predict(4.06).motion
+    truth = plant.truth(4.06)
+    assert math.dist(ahead.position, truth.position_ned) < 1e-3
+    assert math.dist(ahead.velocity, truth.velocity_ned) < 5e-3
+
+
+def test_a_pose_that_is_not_newer_changes_nothing() -> None:
+    estimator, _ = flown(CALM, 1.0)
+    before = estimator.predict(1.0)
+    estimator.pose(Pose(99, 0.5, 0.5, (9.0, 9.0, 9.0), so3.IDENTITY))
+    assert estimator.predict(1.0) == before
+
+
+def test_a_second_command_for_the_same_instant_replaces_the_first() -> None:
+    estimator = ModelEstimator(VEHICLE, Gains())
+    estimator.pose(Pose(0, 0.0, 0.0, (0.0, 0.0, 0.0), so3.IDENTITY))
+    estimator.sent(0.0, Drive(0.1, (0.0, 0.0, 0.0)))
+    estimator.sent(0.0, Drive(1.0, (0.0, 0.0, 0.0)))
+    expected = 1.0 - (1.0 - 0.0) * math.exp(-0.05 / VEHICLE.thrust_lag_s)
+    assert estimator.predict(0.05).motion.thrust == pytest.approx(expected, abs=1e-3)

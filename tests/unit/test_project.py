@@ -1,0 +1,142 @@
+"""What must hold of the project as a whole, whoever clones it and wherever."""
+
+import os
+import re
+import subprocess
+import sys
+import tomllib
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+ROOT = Path(__file__).parents[2]
+PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text("utf-8"))
+LOCK = tomllib.loads((ROOT / "uv.lock").read_text("utf-8"))
+COMMANDS: dict[str, str] = PROJECT["project"]["scripts"]
+
+# A folder that exists on one machine only; the look-behind leaves out web addresses and relative paths.
+MACHINE_PATH = re.compile(rb"(?<![\w.*}-])/(?:root|work|opt|srv|mnt|(?:home|Users)/\w+)/")
+
+
+def foreign_addresses(lock: dict[str, Any]) -> Iterator[str]:
+    """Every source or file in the lock that another machine may not reach."""
+    for package in lock["package"]:
+        own = package["name"] == PROJECT["project"]["name"]
+        expected = {"editable": "."} if own else {"registry": "https://pypi.org/simple"}
+        if package["source"] != expected:
+            yield f"{package['name']}: {package['source']}"
+        files = [*package.get("wheels", []), *([package["sdist"]] if "sdist" in package else [])]
+        if not own and not files:
+            yield f"{package['name']}: no files"
+        for file in files:
+            if not str(file.get("url", "")).startswith("https://files.pythonhosted.org/packages/"):
+                yield f"{package['name']}: {file}"
+
+
+def test_the_lock_resolves_on_any_machine() -> None:
+    assert list(foreign_addresses(LOCK)) == []
+
+
+@pytest.mark.parametrize(
+    "package",
+    [
+        {"name": "numpy", "source": {"registry": "http://mirror.example/simple"}},
+        {"name": "numpy", "source": {"path": "../wheels/numpy.whl"}},
+        {"name": "numpy", "source": {"registry": "https://pypi.org/simple"}, "wheels": [{"path": "numpy.whl"}]},
+        {
+            "name": "numpy",
+            "source": {"registry": "https://pypi.org/simple"},
+            "sdist": {"url": "https://mirror.example/packages/numpy.tar.gz"},
+        },
+        {"name": "numpy", "source": {"registry": "https://pypi.org/simple"}},
+    ],
+    ids=["mirror", "local file", "local wheel", "mirrored file", "no files"],
+)
+def test_a_lock_with_a_local_path_or_a_mirror_is_found_out(package: dict[str, Any]) -> None:
+    assert list(foreign_addresses({"package": [package]})) != []
+
+
+def test_the_lock_knows_every_dependency_in_pyproject() -> None:
+    own = next(package for package in LOCK["package"] if package["name"] == PROJECT["project"]["name"])
+    names = {re.split(r"[<>=!~\[; ]", dependency)[0] for dependency in PROJECT["project"]["dependencies"]}
+    assert {dependency["name"] for dependency in own["dependencies"]} == names
+
+
+def test_every_dependency_has_a_stated_reason() -> None:
+    decision = (ROOT / "docs/decisions/0001-dependencies.md").read_text("utf-8")
+    groups = PROJECT["dependency-groups"].values()
+    dependencies = [*PROJECT["project"]["dependencies"], *(d for group in groups for d in group if isinstance(d, str))]
+    names = [re.split(r"[<>=!~\[; ]", dependency)[0] for dependency in dependencies]
+    assert [name for name in names if f"| {name} |" not in decision] == []
+
+
+def test_the_licence_is_mit() -> None:
+    assert (ROOT / "LICENSE").read_text("utf-8").startswith("MIT License\n")
+    assert PROJECT["project"]["license"] == "MIT"
+
+
+def test_the_changelog_has_this_version() -> None:
+    assert f"## {PROJECT['project']['version']}" in (ROOT / "CHANGELOG.md").read_text("utf-8")
+
+
+def test_every_codec_is_under_the_purity_contract() -> None:
+    contracts = PROJECT["tool"]["importlinter"]["contracts"]
+    pure = {
+        module for contract in contracts if contract["type"] == "forbidden" for module in contract["source_modules"]
+    }
+    files = [file for package in ("links", "groundstation", "sim") for file in (ROOT / package).rglob("*_codec.py")]
+    codecs = {".".join(file.relative_to(ROOT).with_suffix("").parts) for file in files}
+    assert codecs != set()
+    assert codecs - pure == set()
+
+
+def files_of_the_project() -> list[Path]:
+    """What git tracks, or would: everything that is not ignored."""
+    listing = subprocess.run(
+        ["git", "ls-files", "--cached", "--others", "--exclude-standard", "-z"],
+        cwd=ROOT,
+        capture_output=True,
+        check=False,
+    )
+    if listing.returncode != 0:
+        pytest.skip("not a git checkout")
+    return [file for name in listing.stdout.decode().split("\0") if name and (file := ROOT / name).is_file()]
+
+
+def test_no_file_names_a_folder_of_one_machine() -> None:
+    found = {
+        str(file.relative_to(ROOT)): [match.group().decode() for match in MACHINE_PATH.finditer(file.read_bytes())]
+        for file in files_of_the_project()
+    }
+    assert {name: paths for name, paths in found.items() if paths} == {}
+
+
+@pytest.mark.parametrize("folder", ["home/ann", "root", "opt", "Users/ann", "work"])
+@pytest.mark.parametrize("before", ["cd ", "'", "file://", "="])
+def test_a_folder_of_one_machine_is_found_out(before: str, folder: str) -> None:
+    assert MACHINE_PATH.search(f"{before}/{folder}/project".encode())
+
+
+@pytest.mark.parametrize("text", ["https://example.org/work/x", "../home/ann/x", "docs/work/x", "/usr/bin/env"])
+def test_an_address_or_a_relative_path_is_not_mistaken_for_one(text: str) -> None:
+    assert not MACHINE_PATH.search(text.encode())
+
+
+def cpu_s(command: list[str | Path]) -> float:
+    """Processor time of one run of a command, its children included [s]."""
+    process = subprocess.Popen(command, stdout=subprocess.DEVNULL)
+    _, status, usage = os.wait4(process.pid, 0)
+    process.returncode = os.waitstatus_to_exitcode(status)
+    assert process.returncode == 0
+    return usage.ru_utime + usage.ru_stime
+
+
+@pytest.mark.parametrize("command", COMMANDS)
+def test_help_costs_less_than_five_times_a_bare_python(command: str) -> None:
+    script = Path(sys.executable).with_name(command)
+    # Taken in turns, and the best of several: whatever else the machine does slows both, and slows no minimum.
+    runs = [(cpu_s([sys.executable, "-c", "pass"]), cpu_s([script, "--help"])) for _ in range(10)]
+    bare, help_ = (min(column) for column in zip(*runs, strict=True))
+    assert help_ < 5 * bare, f"{command} --help {1e3 * help_:.0f} ms, python -c pass {1e3 * bare:.0f} ms"

@@ -1,0 +1,139 @@
+"""The plant against closed forms and against a fine integration that shares no code with it."""
+
+import math
+import random
+
+import msgspec
+import numpy as np
+import pytest
+
+from groundstation import so3
+from groundstation.control.ops import Vec3
+from sim.quadrotor import Quadrotor
+from sim.wind import CORRELATION_S, Turbulence, Wind
+from sim.world import World
+
+CALM = World(wind_mean=(0.0, 0.0, 0.0), floor_z_m=1e6)
+
+
+def vehicle(world: World, seen: list[tuple[float, Vec3]] | None = None) -> Quadrotor:
+    on_step = None if seen is None else lambda t, p: seen.append((t, p))
+    return Quadrotor(world, Wind(world, random.Random(1)), on_step)
+
+
+def test_it_is_held_until_released() -> None:
+    plant = vehicle(CALM)
+    plant.command(0.0, 1.0, (1.0, 0.0, 0.0))
+    assert plant.truth(3.0).position_ned == CALM.start_ned
+    assert plant.truth(3.0).thrust_n == pytest.approx(0.6 * 0.08 * 9.81)
+
+
+def test_without_thrust_it_falls_as_a_stone() -> None:
+    plant = vehicle(msgspec.structs.replace(CALM, thrust_lag_s=0.0))
+    plant.release(2.0)
+    state = plant.truth(4.0)
+    assert state.velocity_ned[2] == pytest.approx(9.81 * 2.0)
+    assert state.position_ned[2] == pytest.approx(0.5 * 9.81 * 4.0)
+
+
+def test_thrust_and_rates_follow_their_commands_as_first_order_lags() -> None:
+    plant = vehicle(CALM)
+    plant.release(0.0)
+    plant.command(0.0, 1.0, (0.5, -0.4, 0.3))
+    start = 0.6 * 0.08 * 9.81
+    state = plant.truth(0.15)
+    keep = math.exp(-0.15 / CALM.thrust_lag_s)
+    assert state.thrust_n == pytest.approx(1.0 + (start - 1.0) * keep)
+    assert state.rates_rad_s == pytest.approx(tuple(r * (1 - keep) for r in (0.5, -0.4, 0.3)))
+
+
+def test_commands_are_clamped_to_what_the_vehicle_can_do() -> None:
+    plant = vehicle(CALM)
+    plant.release(0.0)
+    plant.command(0.0, 99.0, (99.0, -99.0, 99.0))
+    state = plant.truth(5.0)
+    assert state.thrust_n == pytest.approx(1.37)
+    assert state.rates_rad_s == pytest.approx((math.radians(200), -math.radians(200), math.radians(300)))
+
+
+def test_the_motion_agrees_with_a_fine_independent_integration() -> None:
+    world = msgspec.structs.replace(CALM, drag_per_s=0.3, wind_mean=(0.4, -0.2, 0.1), rate_leak=0.05)
+    plant = vehicle(world)
+    plant.release(0.0)
+    plant.command(0.0, 0.9, (1.5, -1.0, 0.8))
+    got = plant.truth(0.5)
+
+    h, steps = 2e-5, 25000
+    p, v = np.array(world.start_ned), np.zeros(3)
+    rotation, w, thrust = np.eye(3), np.zeros(3), 0.6 * 0.08 * 9.81
+    command, wind = np.array([1.5, -1.0, 0.8]), np.array(world.wind_mean)
+    leak = 0.05 * np.array([-1.0, -1.5, 0.0])
+    for _ in range(steps):
+        a = -thrust / 0.08 * rotation[:, 2] + np.array([0, 0, 9.81]) + wind - 0.3 * v + rotation @ leak
+        p, v = p + h * v + 0.5 * h * h * a, v + h * a
+        middle = w + 0.5 * h * (command - w) / world.rate_lag_s
+        s = np.array([[0, -middle[2], middle[1]], [middle[2], 0, -middle[0]], [-middle[1], middle[0], 0]])
+        rotation = rotation @ (np.eye(3) + h * s + 0.5 * h * h * s @ s)
+        w = w + h * (command - w) / world.rate_lag_s
+        thrust += h * (0.9 - thrust) / world.thrust_lag_s
+    assert got.position_ned == pytest.approx(tuple(p), abs=1e-5)
+    assert got.velocity_ned == pytest.approx(tuple(v), abs=3e-5)
+    assert np.array(so3.matrix(got.attitude)) == pytest.approx(rotation, abs=3e-5)
+
+
+def test_every_step_is_seen_at_400_hz_or_more_and_ends_where_asked() -> None:
+    seen: list[tuple[float, Vec3]] = []
+    plant = vehicle(CALM, seen)
+    plant.release(0.0)
+    plant.command(0.0, 0.7848, (0.0, 0.0, 0.0))
+    plant.advance(0.0225)
+    plant.advance(0.0301)
+    times = [t for t, _ in seen]
+    assert max(b - a for a, b in zip([0.0, *times], times, strict=False)) <= 0.0025 + 1e-12
+    assert times[-1] == pytest.approx(0.0301)
+
+
+def test_it_lands_upright_on_the_floor_and_takes_off_again() -> None:
+    world = msgspec.structs.replace(CALM, floor_z_m=0.2)
+    plant = vehicle(world)
+    plant.release(0.0)
+    plant.command(0.0, 0.0, (0.3, 0.2, 0.0))
+    state = plant.truth(2.0)
+    assert state.on_ground
+    assert state.position_ned[2] == 0.2
+    assert so3.euler_zyx(state.attitude)[:2] == (0.0, 0.0)
+    assert plant.touchdown_m_s is not None
+    assert plant.touchdown_m_s > 1.0
+    plant.command(2.0, 1.2, (0.0, 0.0, 0.0))
+    assert not plant.truth(3.0).on_ground
+
+
+def test_the_battery_sags_over_the_flight() -> None:
+    plant = vehicle(msgspec.structs.replace(CALM, thrust_sag=0.05, thrust_gain=0.85, thrust_lag_s=0.0))
+    plant.release(0.0)
+    plant.command(0.0, 1.0, (0.0, 0.0, 0.0))
+    assert plant.truth(1.0).thrust_n == pytest.approx(0.85)
+    plant.command(60.0, 1.0, (0.0, 0.0, 0.0))
+    assert plant.truth(60.1).thrust_n == pytest.approx(0.85 * 0.95)
+
+
+def test_turbulence_has_the_asked_rms_and_correlation_on_every_axis() -> None:
+    turbulence = Turbulence(0.2, random.Random(3))
+    h = 0.02
+    values = np.array([turbulence.step(h) for _ in range(400_000)])
+    assert values.std(axis=0) == pytest.approx((0.2, 0.2, 0.2), rel=0.1)
+    for axis, time in enumerate(CORRELATION_S):
+        lag = round(time / h)
+        x = values[:, axis]
+        correlation = float(np.mean(x[:-lag] * x[lag:]) / np.mean(x * x))
+        # Longitudinal e^(-1); lateral (1 - 1/2) e^(-1).
+        assert correlation == pytest.approx(math.exp(-1.0) * (1.0 if axis == 0 else 0.5), abs=0.12)
+
+
+def test_wind_is_mean_plus_gust_plus_step() -> None:
+    world = msgspec.structs.replace(
+        CALM, wind_mean=(1.0, 0.0, 0.0), wind_gust=(0.0, 0.5, 0.0), wind_step=(0.0, 0.0, 2.0), wind_step_time_s=30.0
+    )
+    wind = Wind(world, random.Random(0))
+    assert wind.at(1.25) == pytest.approx((1.0, 0.5, 0.0))
+    assert wind.at(30.0) == pytest.approx((1.0, 0.0, 2.0), abs=1e-9)

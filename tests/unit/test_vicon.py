@@ -1,0 +1,252 @@
+"""The Vicon source on a real UDP socket. The loop's clock can jump, so that a silent second costs none."""
+
+import asyncio
+import math
+from collections import Counter
+from collections.abc import AsyncIterator, Callable, Coroutine
+from contextlib import asynccontextmanager
+from typing import Any
+
+import msgspec
+import pytest
+
+from groundstation.poses.port import Pose, PoseSource
+from groundstation.poses.vicon import ViconConfig, ViconSource
+from groundstation.poses.vicon_codec import ViconObject, encode
+from tests.vicon_table import OURS, TABLE
+
+
+class JumpingLoop(asyncio.SelectorEventLoop):
+    """A real loop whose clock can be put forward."""
+
+    ahead_s = 0.0
+
+    def time(self) -> float:
+        return super().time() + self.ahead_s
+
+
+def run(main: Coroutine[Any, Any, None]) -> None:
+    with asyncio.Runner(loop_factory=JumpingLoop) as runner:
+        runner.run(main)
+
+
+def jump(seconds: float) -> None:
+    loop = asyncio.get_running_loop()
+    assert isinstance(loop, JumpingLoop)
+    loop.ahead_s += seconds
+
+
+async def free_port() -> int:
+    transport, _ = await asyncio.get_running_loop().create_datagram_endpoint(
+        asyncio.DatagramProtocol, local_addr=("127.0.0.1", 0)
+    )
+    port: int = transport.get_extra_info("sockname")[1]
+    transport.abort()
+    await asyncio.sleep(0)
+    return port
+
+
+class Bench:
+    """A source that listens, and a sender beside it."""
+
+    def __init__(self, source: ViconSource, send: Callable[[bytes], None], poses: asyncio.Queue[Pose]) -> None:
+        self.source = source
+        self.send = send
+        self._poses = poses
+
+    async def next_pose(self) -> Pose:
+        return await asyncio.wait_for(self._poses.get(), 5.0)
+
+    async def dropped(self, count: int) -> dict[str, int]:
+        """What was dropped, once ``count`` datagrams were."""
+        async with asyncio.timeout(5.0):
+            while sum(self.source.status.dropped.values()) < count:
+                await asyncio.sleep(0.001)
+        return self.source.status.dropped
+
+
+@asynccontextmanager
+async def listening(**settings: Any) -> AsyncIterator[Bench]:
+    port = await free_port()
+    source = ViconConfig(object=OURS, listen=f"127.0.0.1:{port}", **settings).build()
+    poses: asyncio.Queue[Pose] = asyncio.Queue()
+    await source.start(poses.put_nowait)
+    sender, _ = await asyncio.get_running_loop().create_datagram_endpoint(
+        asyncio.DatagramProtocol, remote_addr=("127.0.0.1", port)
+    )
+    try:
+        yield Bench(source, sender.sendto, poses)
+    finally:
+        sender.close()
+        await source.close()
+
+
+def frame(number: int, north_mm: float = 0.0) -> bytes:
+    return encode(number, [ViconObject(OURS, (north_mm, -2000.0, 1000.0), (0.0, 0.0, -math.pi / 2.0))])
+
+
+def test_a_pose_arrives_in_our_frames_and_on_our_clock() -> None:
+    async def main() -> None:
+        async with listening(latency_s=0.03) as bench:
+            source: PoseSource = bench.source
+            before = asyncio.get_running_loop().time()
+            bench.send(frame(17, 500.0))
+            pose = await bench.next_pose()
+            assert before <= pose.arrival_s <= asyncio.get_running_loop().time()
+            assert pose.time_s == pose.arrival_s - 0.03
+            # 2 m to the right of the lab's x axis, 1 m up, nose turned 90° to the right.
+            assert pose.position_ned == (0.5, 2.0, -1.0)
+            assert pose.attitude == pytest.approx((math.sqrt(0.5), 0.0, 0.0, math.sqrt(0.5)), abs=1e-15)
+            assert (pose.id, pose.reset_count, pose.velocity_ned) == (0, 0, None)
+            assert (source.status.accepted, source.status.dropped) == (1, {})
+
+    run(main())
+
+
+def test_bad_datagrams_are_counted_by_reason_and_the_next_good_one_is_delivered() -> None:
+    async def main() -> None:
+        async with listening() as bench:
+            # asyncio does not send empty datagrams.
+            bad = [row for row in TABLE.dropped if row.datagram]
+            for row in bad:
+                bench.send(row.datagram)
+            bench.send(frame(1))
+            assert (await bench.next_pose()).id == 0
+            status = bench.source.status
+            assert status.dropped == Counter(row.reason for row in bad)
+            assert status.accepted == 1
+            assert bench.source.other_objects == ("mqx2",)
+
+    run(main())
+
+
+def test_each_frame_counts_once_and_never_backwards() -> None:
+    async def main() -> None:
+        async with listening() as bench:
+            for number, north_mm in ((10, 0.0), (11, 1.0), (11, 1.0), (10, 0.0), (13, 3.0), (12, 2.0), (14, 4.0)):
+                bench.send(frame(number, north_mm))
+            poses = [await bench.next_pose() for _ in range(4)]
+            assert [pose.position_ned[0] for pose in poses] == [0.0, 0.001, 0.003, 0.004]
+            assert [pose.id for pose in poses] == [0, 1, 2, 3]
+            assert bench.source.status.dropped == {"duplicate": 1, "out_of_order": 2}
+
+    run(main())
+
+
+def test_the_frame_number_runs_over_after_32_bits() -> None:
+    async def main() -> None:
+        async with listening() as bench:
+            bench.send(frame(2**32 - 1, 1.0))
+            bench.send(frame(0, 2.0))
+            await bench.next_pose()
+            assert (await bench.next_pose()).reset_count == 0
+            assert bench.source.status.dropped == {}
+
+    run(main())
+
+
+def test_a_count_that_starts_anew_is_believed_only_after_a_second_of_silence() -> None:
+    async def main() -> None:
+        async with listening() as bench:
+            bench.send(frame(1_000_000, 1.0))
+            await bench.next_pose()
+            jump(0.9)
+            bench.send(frame(1, 2.0))
+            assert await bench.dropped(1) == {"out_of_order": 1}
+            jump(0.2)
+            bench.send(frame(2, 3.0))
+            pose = await bench.next_pose()
+            assert pose.position_ned[0] == 0.003
+            assert pose.reset_count == 1, "a restarted Tracker may have a new origin"
+            bench.send(frame(3, 4.0))
+            assert (await bench.next_pose()).reset_count == 1
+
+    run(main())
+
+
+def test_of_two_trackers_at_once_only_the_one_ahead_is_heard() -> None:
+    async def main() -> None:
+        async with listening() as bench:
+            for i in range(10):
+                bench.send(frame(5_000 + i, float(i)))
+                bench.send(frame(100 + i, 9_000.0 + i))
+                jump(0.5)
+                assert (await bench.next_pose()).position_ned[0] == i / 1000.0
+            assert await bench.dropped(10) == {"out_of_order": 10}
+
+    run(main())
+
+
+def test_the_same_frame_is_a_duplicate_however_long_the_silence() -> None:
+    async def main() -> None:
+        async with listening() as bench:
+            bench.send(frame(7, 1.0))
+            await bench.next_pose()
+            jump(60.0)
+            bench.send(frame(7, 1.0))
+            assert await bench.dropped(1) == {"duplicate": 1}
+
+    run(main())
+
+
+def test_a_pose_that_stands_still_to_the_last_bit_is_not_a_measurement() -> None:
+    async def main() -> None:
+        async with listening() as bench:
+            for number in (1, 2, 3):
+                bench.send(frame(number, 1.0))
+            bench.send(frame(4, math.nextafter(1.0, 2.0)))
+            await bench.next_pose()
+            assert (await bench.next_pose()).id == 1
+            assert bench.source.status.dropped == {"frozen": 2}
+
+    run(main())
+
+
+def test_a_simulation_without_noise_may_stand_still() -> None:
+    async def main() -> None:
+        async with listening(drop_frozen=False) as bench:
+            bench.send(frame(1))
+            bench.send(frame(2))
+            assert [(await bench.next_pose()).id, (await bench.next_pose()).id] == [0, 1]
+
+    run(main())
+
+
+def test_nothing_is_delivered_after_close() -> None:
+    async def main() -> None:
+        async with listening() as bench:
+            bench.send(frame(1, 1.0))
+            await bench.next_pose()
+            await bench.source.close()
+            await bench.source.close()
+            bench.source.datagram_received(frame(2, 2.0), None)
+            assert bench.source.status.accepted == 1
+
+    run(main())
+
+
+def test_a_port_in_use_is_named_with_what_to_do() -> None:
+    async def main() -> None:
+        async with listening() as bench:
+            with pytest.raises(OSError, match=r"cannot listen for Vicon poses on 127\.0\.0\.1:") as refused:
+                second = ViconSource(bench.source._config)
+                await second.start(lambda pose: None)
+            assert "stop the program that holds this port" in str(refused.value)
+
+    run(main())
+
+
+@pytest.mark.parametrize(
+    ("settings", "words"),
+    [
+        ({"listen": "127.0.0.1"}, "it has no port"),
+        ({"object": ""}, "1 to 24 bytes"),
+        ({"world": "yup"}, "yup"),
+        ({"latency_s": -0.1}, ">= 0.0"),
+        ({"latency_s": math.nan}, ">= 0.0"),
+        ({"latency": 0.1}, "unknown field `latency`"),
+    ],
+)
+def test_a_bad_setting_is_refused_in_words(settings: dict[str, object], words: str) -> None:
+    with pytest.raises(msgspec.ValidationError, match=words):
+        msgspec.convert({"kind": "vicon", "object": OURS, **settings}, ViconConfig)

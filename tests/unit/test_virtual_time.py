@@ -1,0 +1,103 @@
+"""The virtual event loop: time jumps, datagrams in memory, deadlocks found."""
+
+import asyncio
+import time
+from typing import Any
+
+import pytest
+
+from groundstation.clock import sleep_until
+from sim.virtual_time import SimulationStuck, VirtualTimeLoop
+
+
+def run(work: Any) -> Any:
+    with asyncio.Runner(loop_factory=VirtualTimeLoop) as runner:
+        return runner.run(work)
+
+
+class Inbox(asyncio.DatagramProtocol):
+    def __init__(self) -> None:
+        self.got: list[tuple[float, bytes, tuple[str, int]]] = []
+
+    def datagram_received(self, data: bytes, addr: tuple[str, int]) -> None:
+        self.got.append((asyncio.get_running_loop().time(), data, addr))
+
+
+def test_an_hour_passes_at_once() -> None:
+    async def work() -> float:
+        await asyncio.sleep(3600.0)
+        return asyncio.get_running_loop().time()
+
+    start = time.perf_counter()
+    assert run(work()) == pytest.approx(3600.0)
+    assert time.perf_counter() - start < 5.0
+
+
+def test_sleepers_wake_in_the_order_of_their_instants() -> None:
+    async def work() -> list[float]:
+        woken: list[float] = []
+
+        async def sleeper(when: float) -> None:
+            await sleep_until(when)
+            woken.append(round(asyncio.get_running_loop().time(), 9))
+
+        await asyncio.gather(*(sleeper(w) for w in (0.3, 0.1, 0.2, 0.05)))
+        return woken
+
+    assert run(work()) == [0.05, 0.1, 0.2, 0.3]
+
+
+def test_waiting_for_nothing_is_an_error_and_not_a_hang() -> None:
+    with pytest.raises(SimulationStuck, match="stuck"):
+        run(asyncio.Event().wait())
+
+
+def test_datagrams_arrive_by_address_in_order_and_the_tap_sees_them() -> None:
+    async def work() -> tuple[Inbox, list[Any]]:
+        loop = asyncio.get_running_loop()
+        assert isinstance(loop, VirtualTimeLoop)
+        seen: list[Any] = []
+        loop.tap = lambda *datagram: seen.append(datagram)
+        _, inbox = await loop.create_datagram_endpoint(Inbox, local_addr=("127.0.0.1", 9))
+        sender, _ = await loop.create_datagram_endpoint(Inbox, remote_addr=("127.0.0.1", 9))
+        sender.sendto(b"one")
+        await asyncio.sleep(0.5)
+        sender.sendto(b"two")
+        sender.sendto(b"lost", ("127.0.0.1", 10))
+        await asyncio.sleep(0.1)
+        sender.close()
+        sender.sendto(b"after close")
+        await asyncio.sleep(0.1)
+        assert isinstance(inbox, Inbox)
+        return inbox, seen
+
+    inbox, seen = run(work())
+    assert [(t, d) for t, d, _ in inbox.got] == [(0.0, b"one"), (0.5, b"two")]
+    assert [d for *_, d in seen] == [b"one", b"two", b"lost"]
+
+
+def test_a_connected_endpoint_hears_only_its_peer() -> None:
+    async def work() -> Inbox:
+        loop = asyncio.get_running_loop()
+        _, inbox = await loop.create_datagram_endpoint(
+            Inbox, local_addr=("127.0.0.1", 5), remote_addr=("127.0.0.1", 6)
+        )
+        stranger, _ = await loop.create_datagram_endpoint(Inbox, local_addr=("127.0.0.1", 7))
+        peer, _ = await loop.create_datagram_endpoint(Inbox, local_addr=("127.0.0.1", 6))
+        stranger.sendto(b"stranger", ("127.0.0.1", 5))
+        peer.sendto(b"peer", ("127.0.0.1", 5))
+        await asyncio.sleep(0.1)
+        assert isinstance(inbox, Inbox)
+        return inbox
+
+    assert [d for _, d, _ in run(work()).got] == [b"peer"]
+
+
+def test_an_address_can_be_used_once() -> None:
+    async def work() -> None:
+        loop = asyncio.get_running_loop()
+        await loop.create_datagram_endpoint(Inbox, local_addr=("127.0.0.1", 5))
+        await loop.create_datagram_endpoint(Inbox, local_addr=("127.0.0.1", 5))
+
+    with pytest.raises(OSError, match="already in use"):
+        run(work())
