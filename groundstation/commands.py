@@ -9,6 +9,7 @@ from collections.abc import Awaitable, Callable
 
 from groundstation.config import ConfigError, dump, load
 from groundstation.mission import State
+from groundstation.poses.tlog import TlogConfig
 from groundstation.settings import Config
 from links.address import is_loopback, parse_address
 
@@ -17,7 +18,7 @@ EXIT_DONE, EXIT_ABORTED = 0, 1
 
 def fly(args: argparse.Namespace) -> int:
     """Fly in the foreground: ask before arming, say what happens, land on Ctrl-C."""
-    config = _loopback_only(load(args.config, Config, args.overrides))
+    config = _flyable(load(args.config, Config, args.overrides))
     _check_name(args.arm, config)
     if args.arm is None and not sys.stdin.isatty():
         raise ConfigError("--arm", f"without a terminal, arming needs --arm {config.vehicle.name}")
@@ -26,7 +27,7 @@ def fly(args: argparse.Namespace) -> int:
 
 def daemon(args: argparse.Namespace) -> int:
     """Fly headless: log lines to stderr, land on SIGTERM; without ``--arm`` it only watches poses and link."""
-    config = _loopback_only(load(args.config, Config, args.overrides))
+    config = _flyable(load(args.config, Config, args.overrides))
     _check_name(args.arm, config)
     logging.basicConfig(stream=sys.stderr, level=logging.INFO, format="%(levelname)s %(message)s")
     log = logging.getLogger("groundstation")
@@ -67,8 +68,10 @@ def _check_name(arm: str | None, config: Config) -> None:
         raise ConfigError("--arm", f"expected {config.vehicle.name!r}, the vehicle in the config, got {arm!r}")
 
 
-def _loopback_only(config: Config) -> Config:
-    """Refuse everything but loopback while dead-man and guards do not exist yet."""
+def _flyable(config: Config) -> Config:
+    """Refuse recorded poses, and everything but loopback while dead-man and guards do not exist yet."""
+    if isinstance(config.pose, TlogConfig):
+        raise ConfigError("pose.kind", "a recording must not fly a vehicle; look at it with `groundstation replay`")
     why = (
         "only loopback addresses may fly yet: this version has no dead-man and no flight guards, "
         "so it must not move a real vehicle"

@@ -78,3 +78,5 @@ class Snapshot(msgspec.Struct, frozen=True):
     """The command link."""
     events: tuple[str, ...] = ()
     """The newest events (at most 20), oldest first, each ``12.345 text``."""
+    rate_limits_rad_s: Vec3 | None = None
+    """Largest body rates that are commanded [rad/s], where known."""

@@ -27,6 +27,7 @@ class Adaptive:
         x, y, z = vehicle.rate_limits_deg_s
         self._limits: Vec3 = (math.radians(x), math.radians(y), math.radians(z))
         self.b_hat: Vec3 = (0.0, 0.0, 0.0)
+        self._witnessed: Vec3 | None = None
         self._wanted: Vec3 | None = None
         self._wanted_dot: Vec3 = (0.0, 0.0, 0.0)
         self._thrust_sent = 0.0
@@ -36,11 +37,7 @@ class Adaptive:
         """One command for the instant of ``estimate``."""
         gains, vehicle = self._gains, self._vehicle
         motion = estimate.motion
-        b_hat = self._adopted(estimate.disturbance_step)
-        witness: Vec3 | None = None
-        if gains.composite == "provable":
-            d, k = estimate.disturbance, gains.kappa
-            witness = (k * (d[0] - b_hat[0]), k * (d[1] - b_hat[1]), k * (d[2] - b_hat[2]))
+        b_hat, witness = self._informed(estimate)
         compensate = gains.actuator_compensation
         thrust = motion.thrust if compensate else self._thrust_sent or motion.thrust
         p, v = reference.position_ned, reference.velocity_ned
@@ -104,15 +101,27 @@ class Adaptive:
             ),
         )
 
-    def _adopted(self, change: Vec3) -> Vec3:
-        """b̂ with what innovations ask for (raw composite form), still within B + ε."""
-        if change == (0.0, 0.0, 0.0):
-            return self.b_hat
-        b = self.b_hat
-        gains = self._gains
-        return within(
-            FLOATS, (b[0] + change[0], b[1] + change[1], b[2] + change[2]), gains.b_bound + gains.epsilon
-        )
+    def _informed(self, estimate: Estimate) -> tuple[Vec3, Vec3 | None]:
+        """b̂ with what the observer has learnt since the last command, and the witness κ (d̂ - b̂), if any.
+
+        Provable form: b̂ moves along with d̂, ν = d̂˙ in docs/explanation/law.md. Raw form: innovations are added.
+        Where adaptation is off or suspended (see :meth:`decide`), b̂ stays.
+        """
+        gains, b = self._gains, self.b_hat
+        if gains.composite == "off" or gains.kb == 0.0:
+            return b, None
+        radius = gains.b_bound + gains.epsilon
+        if gains.composite == "raw":
+            step = estimate.disturbance_step
+            return within(FLOATS, (b[0] + step[0], b[1] + step[1], b[2] + step[2]), radius), None
+        d, before = estimate.disturbance, self._witnessed
+        self._witnessed = d
+        if before is not None:
+            b = within(
+                FLOATS, (b[0] + d[0] - before[0], b[1] + d[1] - before[1], b[2] + d[2] - before[2]), radius
+            )
+        k = gains.kappa
+        return b, (k * (d[0] - b[0]), k * (d[1] - b[1]), k * (d[2] - b[2]))
 
     def _led(self, rates: Vec3, wanted: Vec3, interval: float) -> Vec3:
         """Rates to command so that the true ones follow ``wanted``: e = ω_d - ω̂ decays like e^(-k_ω t)."""

@@ -131,7 +131,8 @@ def backstep(
         b_hat: b̂ [m/s²], NED.
         acceleration: p¨d [m/s²], NED.
         jerk: p⃛d [m/s³], NED.
-        witness: κ (d̂ - b̂) [m/s³], a second witness of the disturbance (composite adaptation), or None.
+        witness: κ (d̂ - b̂) [m/s³ per kb], a second witness of the disturbance (composite adaptation), or None.
+            It moves b̂ only: Ṫ and ω answer b̂˙ = kb Proj(ξ, b̂), as the witness is mostly noise there.
         adapt: False freezes b̂ (on the ground, saturated); the law then uses b̂˙ = 0.
     """
     lim = POSITION_LIMIT
@@ -148,20 +149,13 @@ def backstep(
     z3x, z3y, z3z = ux - x.u_star, uy - y.u_star, uz - z.u_star  # (7)
 
     b_dot: Vec3 = (0.0 * z3x, 0.0 * z3x, 0.0 * z3x)
+    b_dot_all = b_dot
     if adapt:
         xi: Vec3 = (x.dv_dz2 - x.du_dz2 * z3x, y.dv_dz2 - y.du_dz2 * z3y, z.dv_dz2 - z.du_dz2 * z3z)
+        b_dot_all = b_dot = _adaptation(ops, law, xi, b_hat)  # (8)
         if witness is not None:
-            xi = (xi[0] + witness[0], xi[1] + witness[1], xi[2] + witness[2])
-        proj = project(
-            ops,
-            xi,
-            b_hat,
-            bound=law.b_bound,
-            epsilon=law.epsilon,
-            delta=law.delta,
-            order=law.projection_order,
-        )
-        b_dot = (law.kb * proj[0], law.kb * proj[1], law.kb * proj[2])  # (8)
+            more = (xi[0] + witness[0], xi[1] + witness[1], xi[2] + witness[2])
+            b_dot_all = _adaptation(ops, law, more, b_hat)
 
     k3 = law.k3
     turn = to_body(
@@ -177,7 +171,7 @@ def backstep(
         thrust_rate=mass * turn[2],  # (10)
         rate_x=-(mass / thrust) * turn[1],
         rate_y=(mass / thrust) * turn[0],
-        b_hat_dot=b_dot,
+        b_hat_dot=b_dot_all,
         z1=(x.z1, y.z1, z.z1),
         z2=(x.z2, y.z2, z.z2),
         z3=(z3x, z3y, z3z),
@@ -185,6 +179,20 @@ def backstep(
         v_known=x.v_di + y.v_di + z.v_di + 0.5 * z3z3,
         w=x.w_di + y.w_di + z.w_di + k3 * z3z3,
     )
+
+
+def _adaptation(ops: Ops, law: Law, xi: Vec3, b_hat: Vec3) -> Vec3:
+    """b̂˙ = kb Proj(ξ, b̂)."""
+    x, y, z = project(
+        ops,
+        xi,
+        b_hat,
+        bound=law.b_bound,
+        epsilon=law.epsilon,
+        delta=law.delta,
+        order=law.projection_order,
+    )
+    return (law.kb * x, law.kb * y, law.kb * z)
 
 
 def _u_star_rate(a: Axis, u_hat: Real) -> Real:

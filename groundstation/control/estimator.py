@@ -1,19 +1,36 @@
-"""The estimator: a model-based observer at the newest pose's instant, rolled forward through sent commands."""
+"""The estimator: a model-based observer at the newest pose's instant, rolled forward through sent commands.
 
+With composite adaptation in its provable form the observer is autonomous: it is driven by its own d̂ and ĉ, never
+by b̂. Otherwise b̂ drives it (see :meth:`ModelEstimator.follow`).
+"""
+
+import math
 from collections import deque
 
 from groundstation.control.gains import Gains
 from groundstation.control.model import Drive, Motion, rolled
-from groundstation.control.observer import corrected, corrected_attitude, innovation
+from groundstation.control.observer import (
+    Densities,
+    begun,
+    corrected,
+    corrected_attitude,
+    fourth_difference,
+    innovation,
+    later,
+    seen,
+)
 from groundstation.control.ops import FLOATS, Vec3
 from groundstation.control.port import Estimate
 from groundstation.poses.port import Pose
 from groundstation.vehicle import Vehicle
 
+ZERO: Vec3 = (0.0, 0.0, 0.0)
 STEP_LIMIT = 0.025
 """Longest single step of the model [s]; longer spans are split."""
-NOMINAL_DT = 0.02
-"""The pose interval at which the configured observer gains are given [s]: the paper's 50 Hz."""
+NOISE_MEMORY = 100
+"""Poses over which the position noise is averaged."""
+NOISE_FLOOR_M2 = 1e-12
+"""Even a perfect source is not believed beyond a micrometre: float noise would do the rest [m²]."""
 
 
 class ModelEstimator:
@@ -30,10 +47,17 @@ class ModelEstimator:
         self._gravity = gains.gravity
         self._thrust_lag = vehicle.thrust_lag_s
         self._rate_lag = vehicle.rate_lag_s
+        self._densities = Densities(
+            gains.acceleration_noise**2, gains.wind_noise**2, gains.wind_rate_noise**2
+        )
+        self._noise = gains.pose_noise_m**2
+        self._covariance = begun(self._noise)
+        self._recent: deque[tuple[float, Vec3]] = deque(maxlen=5)
         self._stamp = 0.0
         self._motion: Motion | None = None
-        self._disturbance: Vec3 = (0.0, 0.0, 0.0)
-        self._disturbance_step: Vec3 = (0.0, 0.0, 0.0)
+        self._disturbance: Vec3 = ZERO
+        self._disturbance_rate: Vec3 = ZERO
+        self._disturbance_step: Vec3 = ZERO
         self._drives: deque[tuple[float, Drive]] = deque()
 
     @property
@@ -57,6 +81,11 @@ class ModelEstimator:
         """Drive the observer by b̂ [m/s², NED] instead of its own d̂ (composite adaptation off, or raw)."""
         self._disturbance = disturbance
 
+    @property
+    def noise_m(self) -> float:
+        """Position noise of the poses as measured, 1σ per axis [m]."""
+        return math.sqrt(self._noise)
+
     def pose(self, pose: Pose) -> None:
         """Correct the model by one pose."""
         previous = self._motion
@@ -67,31 +96,24 @@ class ModelEstimator:
         dt = pose.time_s - self._stamp
         if dt <= 0.0:
             return
-        model = self._roll(previous, self._stamp, pose.time_s)
+        self._measure_noise(pose)
         gains = self._gains
+        model = self._roll(previous, self._stamp, pose.time_s)
+        gain, self._covariance = seen(later(self._covariance, dt, self._densities), self._noise)
         step = innovation(pose.position_ned, model.position)
-        l1, l2, l3 = gains.observer_gains
         if gains.observer == "backward_euler":
             position, before = pose.position_ned, previous.position
-            velocity = (
-                (position[0] - before[0]) / dt,
-                (position[1] - before[1]) / dt,
-                (position[2] - before[2]) / dt,
-            )
+            velocity = corrected(ZERO, 1.0 / dt, innovation(position, before))
         else:
-            position = corrected(model.position, l1, step)
-            velocity = corrected(model.velocity, l2 / dt, step)
+            position = corrected(model.position, gain.p, step)
+            velocity = corrected(model.velocity, gain.v, step)
         if gains.composite == "provable":
-            self._disturbance = corrected(self._disturbance, l3 / (dt * dt), step)
+            self._disturbance = corrected(self._disturbance_at(pose.time_s), gain.d, step)
+            self._disturbance_rate = corrected(self._disturbance_rate, gain.c, step)
         elif gains.composite == "raw":
-            self._disturbance_step = corrected(self._disturbance_step, l3 / (dt * dt), step)
-        self._motion = Motion(
-            position,
-            velocity,
-            corrected_attitude(FLOATS, model.attitude, pose.attitude, gains.attitude_gain),
-            model.thrust,
-            model.rates,
-        )
+            self._disturbance_step = corrected(self._disturbance_step, gain.d, step)
+        attitude = corrected_attitude(FLOATS, model.attitude, pose.attitude, gains.attitude_gain)
+        self._motion = Motion(position, velocity, attitude, model.thrust, model.rates)
         self._stamp = pose.time_s
         self._forget(pose.time_s)
 
@@ -99,14 +121,28 @@ class ModelEstimator:
         """The vehicle at ``time_s``; with delay prediction off, as it was at the newest pose."""
         motion = self._motion
         assert motion is not None, "predict() before the first pose"
-        if self._gains.delay_prediction:
-            motion = self._roll(motion, self._stamp, time_s)
-        else:
+        ahead = self._roll(motion, self._stamp, time_s)
+        if not self._gains.delay_prediction:
             # The actuators are modelled from our own commands and need no pose.
-            now = self._roll(motion, self._stamp, time_s)
-            motion = motion._replace(thrust=now.thrust, rates=now.rates)
-        step, self._disturbance_step = self._disturbance_step, (0.0, 0.0, 0.0)
-        return Estimate(time_s, motion, self._disturbance, step)
+            ahead = motion._replace(thrust=ahead.thrust, rates=ahead.rates)
+        step, self._disturbance_step = self._disturbance_step, ZERO
+        return Estimate(time_s, ahead, self._disturbance_at(time_s), step)
+
+    def _measure_noise(self, pose: Pose) -> None:
+        """Follow the noise of the source by fourth differences, over poses at equal intervals only."""
+        recent = self._recent
+        recent.append((pose.time_s, pose.position_ned))
+        if len(recent) < 5:
+            return
+        (t0, a), (t1, b), (_, c), (_, d), (t4, e) = recent
+        if abs((t4 - t0) - 4.0 * (t1 - t0)) > 0.1 * (t1 - t0):
+            return
+        variance = fourth_difference(a, b, c, d, e)
+        self._noise = max(self._noise + (variance - self._noise) / NOISE_MEMORY, NOISE_FLOOR_M2)
+
+    def _disturbance_at(self, time_s: float) -> Vec3:
+        """The disturbance as it will have moved by ``time_s`` at its present rate."""
+        return corrected(self._disturbance, time_s - self._stamp, self._disturbance_rate)
 
     def _first(self, pose: Pose) -> Motion:
         velocity = pose.velocity_ned or (0.0, 0.0, 0.0)
@@ -117,6 +153,7 @@ class ModelEstimator:
         """``motion`` from ``start`` to ``end`` through the commands that act between."""
         drives = self._drives
         count = len(drives)
+        disturbance = self._disturbance_at(0.5 * (start + end))
         time = start
         index = 0
         while index + 1 < count and drives[index + 1][0] <= time:
@@ -133,7 +170,7 @@ class ModelEstimator:
                     until - time,
                     mass=self._mass,
                     gravity=self._gravity,
-                    disturbance=self._disturbance,
+                    disturbance=disturbance,
                     thrust_lag=self._thrust_lag,
                     rate_lag=self._rate_lag,
                 )

@@ -54,17 +54,24 @@ class Gains(Law, frozen=True, kw_only=True, forbid_unknown_fields=True):
     observer: Literal["model", "backward_euler"] = "model"
     """Velocity from a model-based observer, or from the paper's backward difference of positions."""
     composite: Literal["provable", "raw", "off"] = "provable"
-    """Second witness of the disturbance: through the projection (provable), added to b̂ (raw), or none."""
+    """Second witness of the disturbance, beside the tracking error: the observer's own d̂, through the projection
+    (provable); the observer's innovations added to b̂, which then drives it (raw); or none, as the paper has it."""
+    kappa: NonNegative = 7.0
+    """κ: pull of b̂ towards d̂ [1/s per kb], provable form only. The proof needs kb² κ < 2 k3."""
     k_omega: Positive = 14.0
     """How fast a body-rate error shall decay [1/s]."""
     rate_feedforward: NonNegative = 0.03
-    """Time constant of the filter on the derivative of the wanted rate ω˙_d [s]; needs actuator_compensation."""
-    observer_gains: tuple[Fraction, Fraction, Fraction] = (0.7, 0.35, 0.04)
-    """(L1, L2, L3) per pose on position [-], velocity [1/dt] and disturbance [1/dt²] at 50 Hz."""
+    """Time constant of the filter on the derivative of the wanted rate ω˙_d [s]."""
     attitude_gain: Annotated[float, msgspec.Meta(gt=0.0, le=1.0)] = 1.0
     """How much of a pose's attitude is believed against the model's [-]; 1 takes the measurement."""
-    kappa: NonNegative = 8.0
-    """κ: weight of the witness d̂ - b̂ in the adaptation [1/s]; provable form only; 0 gives the paper's law."""
+    pose_noise_m: Positive = 0.0003
+    """Position noise to begin with, 1σ per axis [m]; then measured in flight."""
+    acceleration_noise: Positive = 0.01
+    """What the model's acceleration may do from one instant to the next [m/s² per √Hz]."""
+    wind_noise: Positive = 0.1
+    """How the disturbance may jump [m/s³ per √Hz]: turbulence of 0.2 m/s² RMS and 2.6 s has 0.18."""
+    wind_rate_noise: Positive = 1.7
+    """How its rate may jump [m/s⁴ per √Hz]: larger follows gusts faster and takes more noise for wind."""
 
     def effective(self) -> "Gains":
         """The switches as they fly: ``uncompensated`` has all of the blocks around the law off."""

@@ -7,8 +7,8 @@ import msgspec
 
 from groundstation.poses.mavlink_codec import Decoder, decoder_for
 from groundstation.poses.port import Pose, PoseStatus
+from links.mavlink import MavlinkLink
 from links.mavlink_codec import Message
-from links.mavlink_connection import MavlinkConnection
 
 
 class MavlinkPoseConfig(
@@ -23,12 +23,12 @@ class MavlinkPoseConfig(
 
 
 class MavlinkPoseSource:
-    """Implements :class:`groundstation.poses.port.PoseSource` on a connection that belongs to the link."""
+    """Implements :class:`groundstation.poses.port.PoseSource` on the connection of a link."""
 
-    def __init__(self, config: MavlinkPoseConfig, connection: MavlinkConnection) -> None:
+    def __init__(self, config: MavlinkPoseConfig, link: MavlinkLink) -> None:
         """Nothing is asked for yet."""
         self._config = config
-        self._connection = connection
+        self._connection = link.connection
         self._decoder: Decoder | None = None
         self._deliver: Callable[[Pose], None] | None = None
         self._unsubscribe: Callable[[], None] | None = None

@@ -49,8 +49,9 @@ class _Poses:
         self._latency = latency_s
         self._clock = SourceClock()
 
-    def _drop(self, reason: str) -> None:
+    def _drop(self, reason: str) -> Pose | None:
         self.dropped[reason] += 1
+        return None
 
     def _pose(
         self, stamp_s: float, arrival_s: float, position: Vec3, attitude: Quat, velocity: Vec3 | None, resets: int
@@ -72,7 +73,7 @@ class _Poses:
 class OdometryDecoder(_Poses):
     """Poses of ODOMETRY."""
 
-    messages = ("ODOMETRY",)
+    messages: tuple[str, ...] = ("ODOMETRY",)
 
     def decode(self, message: Message, arrival_s: float) -> Pose | None:
         """The pose in ``message``, or None."""
@@ -94,7 +95,7 @@ class OdometryDecoder(_Poses):
 class LocalPositionDecoder(_Poses):
     """Poses of LOCAL_POSITION_NED, each with the newest ATTITUDE_QUATERNION."""
 
-    messages = ("LOCAL_POSITION_NED", "ATTITUDE_QUATERNION")
+    messages: tuple[str, ...] = ("LOCAL_POSITION_NED", "ATTITUDE_QUATERNION")
 
     def __init__(self, latency_s: float) -> None:
         """See the base."""

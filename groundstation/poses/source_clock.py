@@ -22,16 +22,21 @@ class SourceClock:
         self.restarts = 0
         """How often the source's clock began anew."""
         self._stamp_s: float | None = None
-        self._arrival_s = 0.0
         self._offset_s = 0.0
+        self._old_since_s: float | None = None
 
     def stale(self, stamp_s: float, arrival_s: float) -> str:
-        """Why a message stamped ``stamp_s`` [s, source] must be dropped: duplicate, out_of_order; or an empty string."""
+        """Why a message stamped ``stamp_s`` [s, source] must be dropped; an empty string where it must not.
+
+        ``duplicate`` or ``out_of_order``; ``arrival_s`` is on our clock [s].
+        """
         if self._stamp_s is None or stamp_s > self._stamp_s:
             return ""
         if stamp_s == self._stamp_s:
             return "duplicate"
-        if arrival_s - self._arrival_s <= RESTART_S:
+        if self._old_since_s is None:
+            self._old_since_s = arrival_s
+        if arrival_s - self._old_since_s <= RESTART_S:
             return "out_of_order"
         self._stamp_s = None
         self.restarts += 1
@@ -45,5 +50,5 @@ class SourceClock:
             if late > 0.0:
                 elapsed = stamp_s - self._stamp_s
                 offset = min(offset, self._offset_s + elapsed * (CREEP + late / FORGET_S))
-        self._stamp_s, self._arrival_s, self._offset_s = stamp_s, arrival_s, offset
+        self._stamp_s, self._offset_s, self._old_since_s = stamp_s, offset, None
         return stamp_s + offset

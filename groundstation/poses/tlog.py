@@ -53,15 +53,21 @@ class TlogSource:
             OSError: the file can't be read.
             ValueError: it holds no messages that make poses; the text says what to look for.
         """
-        self._reader = TlogReader(Path(self._config.path).read_bytes())
-        records = [r for r in self._reader if r.message.get_srcSystem() == self._config.system_id]
-        self._decoder = pose_decoder(records, self._config.latency_s)
-        if self._decoder is None:
+        records, decoder = self._read()
+        self._decoder = decoder
+        self._task = asyncio.create_task(self._play(records, decoder, deliver))
+
+    def _read(self) -> tuple[list[Record], Decoder]:
+        path, system = self._config.path, self._config.system_id
+        self._reader = TlogReader(Path(path).read_bytes())
+        records = [record for record in self._reader if record.message.get_srcSystem() == system]
+        decoder = pose_decoder(records, self._config.latency_s)
+        if decoder is None:
             raise ValueError(
-                f"{self._config.path}: system {self._config.system_id} sends neither ODOMETRY nor LOCAL_POSITION_NED "
-                "and ATTITUDE_QUATERNION in it; check system_id, or record these messages"
+                f"{path}: system {system} sends neither ODOMETRY nor LOCAL_POSITION_NED and ATTITUDE_QUATERNION in "
+                "it; check system_id, or record these messages"
             )
-        self._task = asyncio.create_task(self._play(records, self._decoder, deliver))
+        return records, decoder
 
     async def close(self) -> None:
         """Stop playing; no pose is delivered afterwards."""

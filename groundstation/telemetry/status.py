@@ -31,8 +31,8 @@ class StatusConfig(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fie
 
     path: str = ""
     """Path of the UNIX socket; empty means ``$XDG_RUNTIME_DIR/groundstation/VEHICLE.sock``, or else in /tmp."""
-    rate_hz: Annotated[float, msgspec.Meta(gt=0.0, le=50.0)] = 5.0
-    """Most snapshots a second to each client [1/s]."""
+    rate_hz: Annotated[float, msgspec.Meta(ge=1.0, le=50.0)] = 5.0
+    """Most snapshots a second to each client [1/s]; screens call it silence when none comes for 1.5 s."""
 
 
 class StatusError(Exception):

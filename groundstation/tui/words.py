@@ -1,0 +1,123 @@
+"""The numbers of a snapshot as lines of styled text."""
+
+import math
+from collections.abc import Mapping
+
+from groundstation.control.ops import Vec3
+from groundstation.snapshot import Snapshot
+from groundstation.so3 import euler_zyx
+from groundstation.tui.headline import OLD_POSE_S
+from groundstation.tui.plot import Spans, bar, two_sided_bar
+
+# Okabe and Ito's colours, told apart by colour-blind eyes; a warning also carries a "!".
+SKY, ORANGE, VERMILLION, YELLOW, GREY = "#56B4E9", "#E69F00", "#D55E00", "#F0E442", "#999999"
+LABEL, NORMAL, WARNING = GREY, "", f"bold {ORANGE}"
+RATE_SCALE_DEG_S = 360.0
+"""Full scale of the rate bars where no limit is known [deg/s]."""
+
+
+def clean(text: str) -> str:
+    """``text`` without control characters: it may come from the vehicle, and must not steer the terminal."""
+    return "".join(letter if letter.isprintable() else "·" for letter in text)
+
+
+def numbers(snapshot: Snapshot) -> list[Spans]:
+    """Position, attitude, commands, disturbance, pose and link, one row each."""
+    roll, pitch, yaw = (math.degrees(angle) for angle in euler_zyx(snapshot.attitude))
+    return [
+        [("            north     east   height", LABEL)],
+        _row("position", f"{_place(snapshot.position_ned)} m"),
+        _row("reference", f"{_place(snapshot.reference_ned)} m"),
+        _row("error", f"{_centimetres(snapshot.error_m)}   rms {_centimetres(snapshot.rms_m)}"),
+        [("             roll    pitch      yaw", LABEL)],
+        _row("attitude", f"{roll:+7.1f}  {pitch:+7.1f}  {yaw:+7.1f} °"),
+        _thrust(snapshot),
+        *_rates(snapshot),
+        *_disturbance(snapshot),
+        _pose(snapshot),
+        *_link(snapshot),
+    ]
+
+
+def _thrust(snapshot: Snapshot) -> Spans:
+    full = not snapshot.thrust_n < 0.98 * snapshot.thrust_max_n
+    return [
+        ("thrust    ", LABEL),
+        (bar(snapshot.thrust_n, snapshot.thrust_max_n, 17), WARNING if full else SKY),
+        (f" {snapshot.thrust_n:5.2f} /{snapshot.thrust_max_n:.2f} N", NORMAL),
+        ("!" if full else " ", WARNING),
+    ]
+
+
+def _rates(snapshot: Snapshot) -> list[Spans]:
+    rows = []
+    for i, name in enumerate(("rate roll", "pitch", "yaw")):
+        rate = math.degrees(snapshot.rates_rad_s[i])
+        known = snapshot.rate_limits_rad_s
+        limit = math.degrees(known[i]) if known is not None else RATE_SCALE_DEG_S
+        full = known is not None and not abs(rate) < 0.98 * limit
+        told = f" /{limit:.0f} °/s" if known is not None else " °/s"
+        rows.append(
+            [
+                (f"{name:>9}", LABEL),
+                (" " + two_sided_bar(rate, limit, 8), WARNING if full else SKY),
+                (f" {rate:+5.0f}{told}", NORMAL),
+                ("!" if full else " ", WARNING),
+            ]
+        )
+    return rows
+
+
+def _disturbance(snapshot: Snapshot) -> list[Spans]:
+    law = snapshot.diagnostics
+    if law is None:
+        return [_row("b̂, d̂", "no control law runs")]
+    return [
+        _row("b̂", f"{_three(law.b_hat)} m/s²"),
+        _row("d̂", f"{_three(law.disturbance)} m/s²"),
+    ]
+
+
+def _pose(snapshot: Snapshot) -> Spans:
+    if snapshot.pose_id < 0:
+        return _row("pose", f"none yet{_drops(snapshot.poses_dropped)}", WARNING)
+    old = not snapshot.pose_age_s < OLD_POSE_S
+    age = f"{snapshot.pose_age_s:.1f} s" if snapshot.pose_age_s >= 1.0 else f"{1e3 * snapshot.pose_age_s:.0f} ms"
+    text = f"age {age}{'!' if old else ''}  {snapshot.pose_rate_hz:.0f} Hz{_drops(snapshot.poses_dropped)}"
+    return _row("pose", text, WARNING if old else NORMAL)
+
+
+def _link(snapshot: Snapshot) -> list[Spans]:
+    link = snapshot.link
+    lost = link.state == "lost"
+    text = f"{clean(link.state)}{'!' if lost else ''}  sent {link.sent}  expired {link.expired}{_drops(link.dropped)}"
+    return [_row("link", text, WARNING if lost else NORMAL), _row("", clean(link.text) or "-", LABEL)]
+
+
+def _drops(dropped: Mapping[str, int]) -> str:
+    """The total, and the commonest reason."""
+    if not any(dropped.values()):
+        return "  drops 0"
+    reason = max(dropped, key=lambda name: dropped[name])
+    return f"  drops {sum(dropped.values())} {clean(reason)}"
+
+
+def _row(label: str, text: str, style: str = NORMAL) -> Spans:
+    return [(f"{label}{' ' * (10 - _width(label))}", LABEL), (text, style)]
+
+
+def _width(label: str) -> int:
+    return sum(1 for letter in label if letter != "\u0302")  # the hat of b̂ stands above its letter
+
+
+def _place(position_ned: Vec3) -> str:
+    north, east, down = position_ned
+    return f"{north:+7.3f}  {east:+7.3f}  {-down:+7.3f}"
+
+
+def _three(vector: Vec3) -> str:
+    return "  ".join(f"{component:+7.3f}" for component in vector)
+
+
+def _centimetres(metres: float) -> str:
+    return f"{100.0 * metres:.1f} cm"

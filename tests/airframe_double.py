@@ -1,0 +1,71 @@
+"""A vehicle for tests: a point of mass 1 that turns at once as it is told, and writes down what is done to it."""
+
+from groundstation import so3
+from groundstation.control.ops import Quat, Vec3
+from sim.airframe import Truth
+
+GRAVITY = 9.81
+
+
+class Brick:
+    """Implements :class:`sim.airframe.Airframe`; thrust 0..1 is 0..2 times its weight. The floor is at z = 0."""
+
+    def __init__(self, height_m: float = 0.0, *, held: bool = False) -> None:
+        self.acts: list[tuple[float, float, Vec3]] = []
+        self.powered: list[tuple[float, bool]] = []
+        self.released: list[float] = []
+        self.attitude: Quat = so3.IDENTITY
+        self._position: Vec3 = (0.0, 0.0, -height_m)
+        self._velocity: Vec3 = (0.0, 0.0, 0.0)
+        self._on = False
+        self._held = held
+        self._thrust = 0.0
+        self._rates: Vec3 = (0.0, 0.0, 0.0)
+        self._time: float | None = None
+
+    def act(self, time_s: float, thrust_fraction: float, rates_rad_s: Vec3) -> None:
+        self._move(time_s)
+        self.acts.append((time_s, thrust_fraction, rates_rad_s))
+        self._thrust, self._rates = thrust_fraction, rates_rad_s
+
+    def power(self, time_s: float, on: bool) -> None:
+        self._move(time_s)
+        self.powered.append((time_s, on))
+        self._on = on
+
+    def release(self, time_s: float) -> None:
+        self._move(time_s)
+        if self._held or not self.released:
+            self.released.append(time_s)
+        self._held = False
+
+    def truth(self, time_s: float) -> Truth:
+        self._move(time_s)
+        on_ground = not self._held and self._position[2] >= 0.0
+        thrust = 2.0 * GRAVITY * self._thrust if self._on else 0.0
+        return Truth(time_s, self._position, self._velocity, self.attitude, self._rates, thrust, on_ground)
+
+    def measured(self, time_s: float) -> Truth:
+        return self.truth(time_s)
+
+    def _move(self, time_s: float) -> None:
+        """Euler steps of at most 1 ms."""
+        if self._time is None:
+            self._time = time_s
+        while self._time < time_s:
+            step = min(0.001, time_s - self._time)
+            self._time = time_s if step < 0.001 else self._time + step
+            if self._held:
+                continue
+            p, q, r = self._rates
+            if self._on:
+                self.attitude = so3.turned(self.attitude, (p * step, q * step, r * step))
+            down = so3.third_column(self.attitude)
+            lift = 2.0 * GRAVITY * self._thrust if self._on else 0.0
+            x, y, z = self._position
+            u, v, w = self._velocity
+            u, v, w = u - lift * down[0] * step, v - lift * down[1] * step, w + (GRAVITY - lift * down[2]) * step
+            if z + w * step >= 0.0 and w > 0.0:
+                z, u, v, w = 0.0, 0.0, 0.0, 0.0
+            self._position = (x + u * step, y + v * step, z + w * step)
+            self._velocity = (u, v, w)

@@ -1,0 +1,57 @@
+"""The byte table of the MAVLink frames, shared by the tests of reader, writer, poses and by the fuzz tests."""
+
+import json
+import math
+import pathlib
+from typing import Any, NamedTuple
+
+
+class Golden(NamedTuple):
+    """A frame that real software sent, and what it says."""
+
+    message: str
+    sender: str
+    system: int
+    component: int
+    sequence: int
+    frame: bytes
+    fields: dict[str, Any]
+
+
+def _value(value: Any) -> Any:
+    if isinstance(value, list):
+        return [_value(item) for item in value]
+    return math.nan if value == "nan" else value
+
+
+def _load() -> list[Golden]:
+    path = pathlib.Path(__file__).parent / "golden" / "mavlink_frames.json"
+    return [
+        Golden(
+            f["message"],
+            f["from"],
+            f["system"],
+            f["component"],
+            f["sequence"],
+            bytes.fromhex(f["hex"]),
+            {name: _value(value) for name, value in f["fields"].items()},
+        )
+        for f in json.loads(path.read_text())["frames"]
+    ]
+
+
+FRAMES = _load()
+
+
+def golden(message: str, sender: str = "PX4") -> Golden:
+    """The first frame of that kind from a sender whose name begins so."""
+    return next(g for g in FRAMES if g.message == message and g.sender.startswith(sender))
+
+
+def same(a: Any, b: Any) -> bool:
+    """Equal, a NaN being equal to a NaN."""
+    if isinstance(a, list | tuple) and isinstance(b, list | tuple):
+        return len(a) == len(b) and all(map(same, a, b))
+    if isinstance(a, float) and isinstance(b, float) and math.isnan(a):
+        return math.isnan(b)
+    return bool(a == b)
