@@ -81,6 +81,6 @@ def docs(struct: type[msgspec.Struct]) -> dict[str, str]:
 
 
 def _sentence(text: str) -> str:
-    words = " ".join(text.split())
+    words = " ".join(text.split()).replace("``", "`")
     end = words.find(". ")
     return words if end < 0 else words[: end + 1]

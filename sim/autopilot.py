@@ -45,6 +45,7 @@ _QUADROTOR = 2
 _STANDBY, _ACTIVE, _CRITICAL = 3, 4, 5
 _SEVERITY_CRITICAL, _SEVERITY_INFO = 2, 6
 _IGNORE_THRUST, _IGNORE_ATTITUDE = 64, 128
+_TEXT_BYTES = 50
 
 
 class Px4Autopilot:
@@ -80,6 +81,7 @@ class Px4Autopilot:
         self._ground_since_s: float | None = None
         self._pilot: Pilot | None = None
         self._pilot_due_s = math.inf
+        self._said = 0
 
     @property
     def mode(self) -> tuple[int, int]:
@@ -103,7 +105,7 @@ class Px4Autopilot:
         if self.armed and self.mode == OFFBOARD and by_now >= self._setpoint_s + LOSS_S:
             self.failsafe = True
             self._fly_by(Descend(self._hover, now_s), now_s)
-            frames.append(self._say(_SEVERITY_CRITICAL, "Failsafe activated: no offboard signal, landing"))
+            frames += self._say(_SEVERITY_CRITICAL, "Failsafe activated: no offboard signal, landing")
         if self._pilot is not None and by_now >= self._pilot_due_s:
             frames += self._control(self._pilot, now_s)
         for number in self._streams.take(now_s):
@@ -147,7 +149,7 @@ class Px4Autopilot:
         self._setpoint_s = now_s
         if self.failsafe:
             self.failsafe = False
-            frames.append(self._say(_SEVERITY_INFO, "Offboard signal regained"))
+            frames += self._say(_SEVERITY_INFO, "Offboard signal regained")
         if self.armed and self._intended == OFFBOARD:
             thrust = min(max(thrust, 0.0), 1.0)
             self._fly_by(HoldAttitude(attitude, thrust) if attitude is not None and any(attitude) else None, now_s)
@@ -219,17 +221,17 @@ class Px4Autopilot:
             return ACCEPTED, []
         if self._intended != OFFBOARD or not self._streaming(now_s):
             denied = self._say(_SEVERITY_CRITICAL, "Arming denied: Resolve system health failures first")
-            return TEMPORARILY_REJECTED, [denied]
+            return TEMPORARILY_REJECTED, denied
         self.armed = True
         self._ground_since_s = None
         self._airframe.power(now_s, True)
-        return ACCEPTED, [self._say(_SEVERITY_INFO, "Armed by external command")]
+        return ACCEPTED, self._say(_SEVERITY_INFO, "Armed by external command")
 
     def _try_to_disarm(self, message: Message, now_s: float) -> tuple[int, list[bytes]]:
         if not self.armed:
             return ACCEPTED, []
         if message.param2 != FORCE and not self._has_landed(now_s):
-            return TEMPORARILY_REJECTED, [self._say(_SEVERITY_CRITICAL, "Disarming denied: not landed")]
+            return TEMPORARILY_REJECTED, self._say(_SEVERITY_CRITICAL, "Disarming denied: not landed")
         return ACCEPTED, self._disarm(now_s, "Disarmed by external command")
 
     def _disarm(self, now_s: float, words: str) -> list[bytes]:
@@ -237,7 +239,7 @@ class Px4Autopilot:
         self.failsafe = False
         self._fly_by(None, now_s)
         self._airframe.power(now_s, False)
-        return [self._say(_SEVERITY_INFO, words)]
+        return self._say(_SEVERITY_INFO, words)
 
     # ---- what it says
 
@@ -259,8 +261,15 @@ class Px4Autopilot:
         status = _CRITICAL if self.failsafe else _ACTIVE if self.armed else _STANDBY
         return self.codec.dialect.MAVLink_heartbeat_message(_QUADROTOR, PX4, base, main << 16 | sub << 24, status, 3)
 
-    def _say(self, severity: int, text: str) -> bytes:
-        return self.codec.pack(self.codec.dialect.MAVLink_statustext_message(severity, text.encode("ascii")))
+    def _say(self, severity: int, text: str) -> list[bytes]:
+        """STATUSTEXT; a text that does not fit comes in numbered pieces."""
+        pieces = [text[i : i + _TEXT_BYTES] for i in range(0, len(text), _TEXT_BYTES)]
+        self._said += 1
+        statustext = self.codec.dialect.MAVLink_statustext_message
+        return [
+            self.codec.pack(statustext(severity, piece.encode("ascii"), self._said & 0xFFFF, n))
+            for n, piece in enumerate(pieces)
+        ]
 
 
 def _whole(number: float) -> int:

@@ -26,6 +26,11 @@ class Mocap:
         self._random = random_
         self._encode = encode
         self._target = target
+        self._covered = False
+
+    def cover(self, covered: bool) -> None:
+        """Cover the cameras: no pose leaves until they are uncovered."""
+        self._covered = covered
 
     async def run(self) -> None:
         """Emit until cancelled."""
@@ -54,6 +59,8 @@ class Mocap:
     def _lost(self, when: float) -> bool:
         """Lost at random, or within one of the regular outages (the last part of each period)."""
         world = self._world
+        if self._covered:
+            return True
         if world.pose_loss and self._random.random() < world.pose_loss:
             return True
         released = self._plant.released_s

@@ -43,18 +43,21 @@ class TlogReader:
         data, codec = self._data, self._codec
         codec.dropped.clear()
         start, size = 0, len(data)
+        lost = False  # behind damage, until a checksum holds again: stamps are full of bytes that look like frames
         while start < size:
             begin = start + _STAMP_BYTES
             end = frame_end(data, begin) if begin < size else size + 1
-            if end > size:
+            if end > size and not lost:
                 codec.dropped["truncated"] += 1
                 return
-            message, fault = codec.decode(data[begin:end]) if end else (None, "garbage")
+            message, fault = codec.decode(data[begin:end]) if 0 < end <= size else (None, "")
             if message is not None:
                 yield Record(int.from_bytes(data[start:begin], "big") * 1e-6, message)
-            elif fault != "unknown":  # no record begins here: look for one from the next byte on
-                if not end:
+                lost = False
+            elif fault != "unknown" or lost:
+                if not fault:
                     codec.dropped["garbage"] += 1
+                lost = True
                 start += 1
                 continue
             start = end

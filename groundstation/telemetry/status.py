@@ -197,7 +197,7 @@ async def snapshots(path: Path) -> AsyncIterator[Snapshot]:
             if lines:
                 yield _decode(lines[-1], path)
             if len(rest) > LINE_MAX_BYTES:
-                raise StatusError(f"{path} does not serve snapshots: a line is longer than {LINE_MAX_BYTES} bytes")
+                raise StatusError(f"no snapshots at {path}: a line is longer than {LINE_MAX_BYTES} bytes")
     finally:
         writer.close()
 
@@ -209,7 +209,7 @@ def _decode(line: bytes, path: Path) -> Snapshot:
         except msgspec.ValidationError:
             return msgspec.convert(_with_nan(msgspec.json.decode(line)), Snapshot)
     except msgspec.DecodeError as error:
-        raise StatusError(f"{path} serves no snapshot that this version understands: {error}") from error
+        raise StatusError(f"no snapshot of this version at {path}: {error}") from error
 
 
 def _with_nan(line: Any) -> Any:

@@ -18,7 +18,7 @@ class Track(msgspec.Struct, frozen=True):
     """One line of a top view."""
 
     points: Sequence[Point]
-    """(north, east) [m], oldest first; a point that is not finite breaks the line."""
+    """(north, east) [m], oldest first; a point that is not a number, or a thousand kilometres away, breaks the line."""
     style: str
     head: str
     """The character that marks the newest point."""
@@ -30,8 +30,8 @@ def top_view(tracks: Sequence[Track], width: int, height: int) -> tuple[list[Spa
     Returns:
         ``height`` rows of ``width`` characters, and the size of one character's width [m].
     """
-    finite = [point for track in tracks for point in track.points if _finite(point)]
-    north, east, dot_m = _frame(finite, 2 * width, 4 * height)
+    drawable = [point for track in tracks for point in track.points if _drawable(point)]
+    north, east, dot_m = _frame(drawable, 2 * width, 4 * height)
 
     def dot(point: Point) -> tuple[int, int]:
         return round(width + (point[1] - east) / dot_m), round(2 * height - (point[0] - north) / dot_m)
@@ -41,7 +41,7 @@ def top_view(tracks: Sequence[Track], width: int, height: int) -> tuple[list[Spa
     for track in tracks:
         last: Point | None = None
         for point in track.points:
-            here = point if _finite(point) else None
+            here = point if _drawable(point) else None
             if here is not None:
                 for x, y in _line(dot(here if last is None else last), dot(here)):
                     if 0 <= x < 2 * width and 0 <= y < 4 * height:
@@ -49,7 +49,7 @@ def top_view(tracks: Sequence[Track], width: int, height: int) -> tuple[list[Spa
                         cells[y // 4][x // 2] = ("", track.style)
             last = here
     for track in tracks:
-        if track.points and _finite(track.points[-1]):
+        if track.points and _drawable(track.points[-1]):
             x, y = dot(track.points[-1])
             if 0 <= x < 2 * width and 0 <= y < 4 * height:
                 cells[y // 4][x // 2] = (track.head, f"bold {track.style}")
@@ -119,8 +119,8 @@ def _cells(value: float, limit: float, width: int) -> int:
     return max(0, min(width, round(width * share))) if math.isfinite(share) else 0
 
 
-def _finite(point: Point) -> bool:
-    return math.isfinite(point[0]) and math.isfinite(point[1])
+def _drawable(point: Point) -> bool:
+    return abs(point[0]) < 1e6 and abs(point[1]) < 1e6  # false for NaN
 
 
 def _joined(cells: Sequence[tuple[str, str]]) -> Spans:

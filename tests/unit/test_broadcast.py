@@ -82,7 +82,7 @@ def test_a_slow_reader_misses_values_and_a_fast_one_sees_each() -> None:
             reader.cancel()
         await asyncio.gather(*readers, return_exceptions=True)
         assert seen[0.0] == list(range(50))
-        assert 2 <= len(seen[0.1]) <= 20
+        assert 2 <= len(seen[0.1]) < 50
         assert seen[0.1][-1] == 49
 
     asyncio.run(scene())

@@ -170,7 +170,7 @@ def test_a_truncated_datagram_does_not_hold_up_the_next() -> None:
 
 def test_in_a_stream_a_frame_behind_garbage_and_behind_a_false_start_is_found() -> None:
     codec = MavlinkCodec(245, 190)
-    false_start = bytes([0xFD, 3, 0])  # claims a frame that ends within the next one
+    false_start = bytes([0xFD, 3, 0, 0, 0, 1, 1, 0, 0, 0])  # a header whose frame would end within the next one
     messages = codec.feed(b"garbage" + false_start + HEARTBEAT + BROKEN + HEARTBEAT)
     assert len(messages) == 2
     assert codec.dropped["bad_crc"] == 2

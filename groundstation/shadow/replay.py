@@ -1,0 +1,137 @@
+"""The shadow: our estimator and controller over a recording, at the recorded instants. Deterministic.
+
+The estimator gets the poses, without the autopilot's own velocity, and the set-points that were sent (they are what
+the vehicle obeyed). At each set-point in flight the controller says what it would have sent along the path that
+was flown (path.py). What it says goes nowhere: the next set-point is again the recorded one.
+"""
+
+from itertools import groupby
+from typing import NamedTuple
+
+import msgspec
+import numpy as np
+import numpy.typing as npt
+
+from groundstation.control.adaptive import Adaptive
+from groundstation.control.estimator import ModelEstimator
+from groundstation.control.model import Drive
+from groundstation.control.ops import Vec3
+from groundstation.control.port import Estimate
+from groundstation.poses.port import Pose
+from groundstation.settings import Config
+from groundstation.shadow.flight import flying, thrust_shares
+from groundstation.shadow.path import Path
+from groundstation.shadow.recording import Recording, Sent
+
+Array = npt.NDArray[np.float64]
+
+
+class Known(NamedTuple):
+    """What the shadow made of one pose."""
+
+    pose: Pose
+    velocity_ned: Vec3
+    """Estimated velocity at the pose's instant, after its correction [m/s]."""
+    innovation_m: float
+    """Distance from where the model expected the pose."""
+    flying: bool
+
+
+class Compared(NamedTuple):
+    """One set-point that was sent, and what the shadow would have sent."""
+
+    sent: Drive
+    shadow: Drive
+    saturated: bool
+
+
+class Replayed(NamedTuple):
+    """A whole recording."""
+
+    known: list[Known]
+    compared: list[Compared]
+    ignored: int
+    """Poses not newer than the one before, on our clock."""
+
+
+class Shadow:
+    """Estimator and controller of one vehicle, driven by what was recorded."""
+
+    def __init__(self, config: Config, path: Path) -> None:
+        """``path`` is what the controller follows."""
+        self._vehicle = config.vehicle
+        self._gains = config.controller.effective()
+        self._path = path
+        self._estimator = ModelEstimator(self._vehicle, self._gains)
+        self._follows_b_hat = self._gains.composite != "provable"
+        self._controller: Adaptive | None = None
+        self._last_decision_s = 0.0
+        self._steps: Vec3 = (0.0, 0.0, 0.0)
+
+    def pose(self, pose: Pose) -> tuple[Vec3, float]:
+        """Take one pose; the estimated velocity there [m/s] and the innovation [m]."""
+        innovation = 0.0
+        if self._estimator.ready:
+            expected = np.array(self._estimate(pose.time_s).motion.position)
+            innovation = float(np.linalg.norm(np.array(pose.position_ned) - expected))
+        self._estimator.pose(msgspec.structs.replace(pose, velocity_ned=None))
+        return self._estimate(pose.time_s).motion.velocity, innovation
+
+    def sent(self, time_s: float, drive: Drive, *, flying: bool) -> Compared | None:
+        """``drive`` was sent at ``time_s`` [s]; in flight, what the shadow would have sent, where there is a path."""
+        acting = time_s + self._vehicle.command_delay_s
+        reference = self._path.at(acting) if flying else None
+        compared = None
+        if reference is not None and self._estimator.ready:
+            estimate = self._estimate(acting)._replace(disturbance_step=self._steps)
+            self._steps = (0.0, 0.0, 0.0)
+            if self._controller is None:  # b̂ = 0 at each take-off, as in flight
+                self._controller = Adaptive(self._vehicle, self._gains)
+                self._last_decision_s = time_s
+            decision = self._controller.decide(estimate, reference, time_s - self._last_decision_s)
+            self._last_decision_s = time_s
+            compared = Compared(drive, decision.drive, decision.saturated)
+        elif not flying:
+            self._controller = None
+        self._estimator.sent(acting, drive)
+        if self._controller is not None and self._follows_b_hat:
+            self._estimator.follow(self._controller.b_hat)
+        return compared
+
+    def _estimate(self, time_s: float) -> Estimate:
+        """The estimate; what it asks b̂ to change by is kept for the controller, as it is told only once."""
+        estimate = self._estimator.predict(time_s)
+        (a, b, c), (x, y, z) = self._steps, estimate.disturbance_step
+        self._steps = (a + x, b + y, c + z)
+        return estimate
+
+
+def replay(recording: Recording, config: Config, path: Path, hover: float | None) -> Replayed:
+    """Run the shadow over ``recording``; ``hover``: see flight.py."""
+    shares = thrust_shares(recording.sent, config.link.thrust_curve)
+    flags = flying(recording, shares, hover)
+    shadow = Shadow(config, path)
+    known: list[Known] = []
+    compared: list[Compared] = []
+    ignored = 0
+    in_flight = False
+    thrust_max = config.vehicle.thrust_max_n
+    events: list[tuple[float, int, int]] = [
+        *((seen.pose.arrival_s, 0, i) for i, seen in enumerate(recording.poses)),
+        *((each.time_s, 1, i) for i, each in enumerate(recording.sent)),
+    ]
+    for time_s, is_sent, index in sorted(events):
+        if is_sent:
+            drive = Drive(thrust_max * shares[index], recording.sent[index].rates)
+            both = shadow.sent(time_s, drive, flying=in_flight)
+            if both is not None:
+                compared.append(both)
+            continue
+        pose = recording.poses[index].pose
+        if known and pose.time_s <= known[-1].pose.time_s:
+            ignored += 1
+            continue
+        in_flight = bool(flags[index])
+        velocity, innovation = shadow.pose(pose)
+        known.append(Known(pose, velocity, innovation, in_flight))
+    return Replayed(known, compared, ignored)

@@ -1,0 +1,63 @@
+"""The configuration that a recording is replayed with."""
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from groundstation.config import from_dict, load
+from groundstation.poses.mavlink import MavlinkPoseConfig
+from groundstation.poses.tlog import TlogConfig
+from groundstation.settings import Config
+from groundstation.shadow.recording import Recording
+
+NOMINAL_KG = 1.0
+"""Mass of a vehicle that nobody described [kg]: thrust over mass follows from hover thrust, whatever the mass."""
+NOMINAL_LAG_S = 0.05
+"""Its lags of thrust and rates [s]: what PX4's and ArduPilot's simulated vehicles are controlled well with."""
+NOMINAL_HOVER = 0.5
+"""Its hover thrust, where the recording does not tell either."""
+NOMINAL_PERIOD_S = 0.01
+"""Time between its set-points, where there are none [s]."""
+NOMINAL_LATENCY_S = 0.01
+"""From the instant of a pose to its earliest arrival in the log [s]."""
+
+
+def described(path: Path | None, overrides: Sequence[str]) -> Config:
+    """The configuration as the operator gave it, before the recording is read.
+
+    Raises:
+        ConfigError: see :func:`groundstation.config.load`.
+    """
+    if path is not None:
+        return load(path, Config, overrides)
+    return from_dict({"vehicle": {"mass_kg": NOMINAL_KG}}, Config, overrides)
+
+
+def latency_s(config: Config) -> float:
+    """Time from the instant of a pose to its earliest arrival [s]."""
+    pose = config.pose
+    return pose.latency_s if isinstance(pose, MavlinkPoseConfig | TlogConfig) else NOMINAL_LATENCY_S
+
+
+def completed(config: Config, path: Path | None, overrides: Sequence[str], recording: Recording, hover: float | None) \
+        -> Config:
+    """``config`` with what the recording tells about its vehicle; a configuration file is taken as it is.
+
+    ``hover`` is the share of full thrust that carries the vehicle, where the recording shows it. With it the full
+    thrust is m g / hover; ``overrides`` come last, as always.
+    """
+    if path is not None:
+        return config
+    times = np.array([sent.time_s for sent in recording.sent])
+    period_s = float(np.median(np.diff(times))) if len(times) > 1 else 0.0
+    vehicle: dict[str, Any] = {
+        "name": "recorded",
+        "mass_kg": config.vehicle.mass_kg,
+        "thrust_max_n": config.vehicle.mass_kg * config.controller.gravity / (hover or NOMINAL_HOVER),
+        "thrust_lag_s": NOMINAL_LAG_S,
+        "rate_lag_s": NOMINAL_LAG_S,
+        "frame_period_s": period_s or NOMINAL_PERIOD_S,
+    }
+    return from_dict({"vehicle": vehicle}, Config, overrides)

@@ -1,0 +1,272 @@
+"""What every link must do, on both event loops, towards a simulated other end. A new link adds its bench."""
+
+import asyncio
+import contextlib
+import math
+from collections.abc import AsyncIterator, Callable
+from typing import Any, Protocol
+
+import pytest
+
+from links import LINKS, make_link
+from links.address import parse_address
+from links.mavlink import MavlinkLinkConfig
+from links.port import Command, CommandLink, LinkLost, LinkMisuse
+from sim.autopilot import Px4Autopilot
+from sim.autopilot_peer import AutopilotPeer
+from tests.airframe_double import Brick
+from tests.loops import free_address, in_real_time, in_virtual_time
+
+THRUST_MAX_N = 2.0
+
+
+class Bench(Protocol):
+    """The other end of one kind of link."""
+
+    vehicle: Brick
+    config: Any
+
+    async def prepare(self, **options: Any) -> None: ...
+
+    async def run(self) -> None: ...
+
+    def arrived(self) -> int:
+        """Datagrams or frames that came from the link."""
+        ...
+
+
+class MavlinkBench:
+    def __init__(self) -> None:
+        self.vehicle = Brick(0.0)
+        self.autopilot = Px4Autopilot(self.vehicle)
+
+    async def prepare(self, **options: Any) -> None:
+        self.config = MavlinkLinkConfig(listen=await free_address(), period_s=0.01, **options)
+
+    async def run(self) -> None:
+        await AutopilotPeer(self.autopilot, parse_address(self.config.address)).run()
+
+    def arrived(self) -> int:
+        return self.autopilot.codec.received
+
+
+BENCHES: dict[str, Callable[[], Bench]] = {"mavlink": MavlinkBench}
+
+
+def test_every_link_has_a_bench() -> None:
+    assert BENCHES.keys() == LINKS.keys()
+
+
+@pytest.fixture(params=list(LINKS))
+def bench(request: pytest.FixtureRequest) -> Bench:
+    return BENCHES[request.param]()
+
+
+@pytest.fixture(params=[in_virtual_time, in_real_time], ids=["virtual", "real"])
+def run(request: pytest.FixtureRequest) -> Callable[[Any], Any]:
+    return request.param  # type: ignore[no-any-return]  # one of the two above
+
+
+def command(thrust_n: float = 1.0, rates: tuple[float, float, float] = (0.1, -0.2, 0.3), **changes: float) -> Command:
+    now = asyncio.get_running_loop().time()
+    return Command(thrust_n, rates, 7, now, changes.get("deadline_s", now + 0.25))
+
+
+@contextlib.asynccontextmanager
+async def connected(bench: Bench) -> AsyncIterator[CommandLink]:
+    await bench.prepare()
+    peer = asyncio.create_task(bench.run())
+    link = make_link(bench.config, thrust_max_n=THRUST_MAX_N)
+    try:
+        await link.connect()
+        yield link
+    finally:
+        await link.close()
+        peer.cancel()
+        await asyncio.gather(peer, return_exceptions=True)
+
+
+async def until(condition: Callable[[], bool]) -> None:
+    async with asyncio.timeout(5.0):
+        while not condition():
+            await asyncio.sleep(0.005)
+
+
+def test_an_armed_vehicle_does_what_is_sent_and_disarms(bench: Bench, run: Callable[[Any], Any]) -> None:
+    async def main() -> None:
+        async with connected(bench) as link:
+            assert link.status.state == "connected"
+            await link.arm(lambda: command(0.0, (0.0, 0.0, 0.0)))
+            assert link.status.state == "armed"
+            assert bench.vehicle.powered[-1][1] is True
+            bench.vehicle.acts.clear()
+            before = link.status.sent
+            assert link.send(command())
+            await until(lambda: bool(bench.vehicle.acts))
+            _, thrust, rates = bench.vehicle.acts[-1]
+            assert thrust == pytest.approx(0.5, abs=1e-3)
+            assert rates == pytest.approx((0.1, -0.2, 0.3), abs=1e-3)
+            assert link.status.sent == before + 1
+            zeros = asyncio.create_task(stream(link))
+            await link.disarm()
+            zeros.cancel()
+            assert bench.vehicle.powered[-1][1] is False
+            assert link.status.state == "connected"
+
+    run(main())
+
+
+async def stream(link: CommandLink) -> None:
+    while True:
+        link.send(command(0.0, (0.0, 0.0, 0.0)))
+        await asyncio.sleep(link.period_s)
+
+
+def test_commands_stream_at_the_links_period_while_it_arms(bench: Bench, run: Callable[[Any], Any]) -> None:
+    async def main() -> None:
+        loop = asyncio.get_running_loop()
+        asked: list[float] = []
+
+        def idle() -> Command:
+            asked.append(loop.time())
+            return command(0.0, (0.0, 0.0, 0.0))
+
+        async with connected(bench) as link:
+            begun = loop.time()
+            await link.arm(idle)
+            took = loop.time() - begun
+            assert link.status.sent == len(asked)
+            # In real time a busy machine may leave frames out, but none may come early.
+            assert 0.5 * took / link.period_s < len(asked) <= took / link.period_s + 2
+            assert min(b - a for a, b in zip(asked, asked[1:], strict=False)) > 0.5 * link.period_s
+
+    run(main())
+
+
+def test_a_command_past_its_deadline_never_leaves(bench: Bench, run: Callable[[Any], Any]) -> None:
+    async def main() -> None:
+        async with connected(bench) as link:
+            await link.arm(lambda: command(0.0, (0.0, 0.0, 0.0)))
+            bench.vehicle.acts.clear()
+            now = asyncio.get_running_loop().time()
+            sent = link.status.sent
+            assert not link.send(command(deadline_s=now - 0.001))
+            assert not link.send(command(deadline_s=math.nan))
+            await asyncio.sleep(0.05)
+            assert bench.vehicle.acts == []
+            assert (link.status.expired, link.status.sent) == (2, sent)
+
+    run(main())
+
+
+@pytest.mark.parametrize("bad", [math.nan, math.inf, -math.inf])
+def test_a_number_that_is_not_finite_never_leaves(bench: Bench, bad: float) -> None:
+    async def main() -> None:
+        async with connected(bench) as link:
+            await link.arm(lambda: command(0.0, (0.0, 0.0, 0.0)))
+            bench.vehicle.acts.clear()
+            with pytest.raises(LinkMisuse):
+                link.send(command(bad))
+            for axis in range(3):
+                rates = [0.0, 0.0, 0.0]
+                rates[axis] = bad
+                with pytest.raises(LinkMisuse):
+                    link.send(command(1.0, (rates[0], rates[1], rates[2])))
+            await asyncio.sleep(0.05)
+            assert bench.vehicle.acts == []
+
+    in_virtual_time(main())
+
+
+@pytest.mark.parametrize(("thrust_n", "share"), [(-1.0, 0.0), (5.0, 1.0)])
+def test_thrust_beyond_the_vehicles_is_clamped(bench: Bench, thrust_n: float, share: float) -> None:
+    async def main() -> None:
+        async with connected(bench) as link:
+            await link.arm(lambda: command(0.0, (0.0, 0.0, 0.0)))
+            link.send(command(thrust_n))
+            await asyncio.sleep(0.05)
+            assert bench.vehicle.acts[-1][1] == share
+
+    in_virtual_time(main())
+
+
+def test_nothing_leaves_after_close(bench: Bench, run: Callable[[Any], Any]) -> None:
+    async def main() -> None:
+        async with connected(bench) as link:
+            await link.arm(lambda: command(0.0, (0.0, 0.0, 0.0)))
+            link.send(command())
+            await asyncio.sleep(0.05)
+            await link.close()
+            assert link.status.state == "closed"
+            before = bench.arrived()
+            for attempt in (lambda: link.send(command()), link.disarm, lambda: link.arm(command)):
+                with pytest.raises(LinkMisuse):
+                    result = attempt()
+                    if asyncio.iscoroutine(result):
+                        await result
+            await asyncio.sleep(1.2)  # longer than anything that repeats
+            assert bench.arrived() == before
+
+    run(main())
+
+
+def test_closing_while_it_arms_ends_that_and_nothing_leaves_any_more(bench: Bench) -> None:
+    async def main() -> None:
+        async with connected(bench) as link:
+            arming = asyncio.create_task(link.arm(lambda: command(0.0, (0.0, 0.0, 0.0))))
+            await asyncio.sleep(0.5)
+            await link.close()
+            before = bench.arrived()
+            with pytest.raises(Exception, match="closed"):
+                await arming
+            await asyncio.sleep(3.0)
+            assert bench.arrived() == before
+
+    in_virtual_time(main())
+
+
+def test_sending_before_connecting_or_during_arming_is_misuse(bench: Bench) -> None:
+    async def main() -> None:
+        await bench.prepare()
+        link = make_link(bench.config, thrust_max_n=THRUST_MAX_N)
+        assert link.status.state == "closed"
+        with pytest.raises(LinkMisuse):
+            link.send(command())
+        async with connected(bench) as link:
+            arming = asyncio.create_task(link.arm(lambda: command(0.0, (0.0, 0.0, 0.0))))
+            await asyncio.sleep(0.1)
+            with pytest.raises(LinkMisuse):
+                link.send(command())
+            with pytest.raises(LinkMisuse):
+                await link.connect()
+            await arming
+            assert link.send(command())
+
+    in_virtual_time(main())
+
+
+def test_nobody_at_the_other_end_is_a_lost_link(bench: Bench, run: Callable[[Any], Any]) -> None:
+    async def main() -> None:
+        await bench.prepare(connect_timeout_s=0.3)
+        link = make_link(bench.config, thrust_max_n=THRUST_MAX_N)
+        with pytest.raises(LinkLost, match="nothing came at all"):
+            await link.connect()
+        assert link.status.state == "closed"
+
+    run(main())
+
+
+def test_a_link_can_be_connected_again_after_it_was_closed(bench: Bench) -> None:
+    async def main() -> None:
+        async with connected(bench) as link:
+            await link.close()
+            await link.connect()
+            await link.arm(lambda: command(0.0, (0.0, 0.0, 0.0)))
+            assert link.send(command())
+
+    in_virtual_time(main())
+
+
+def test_no_other_configuration_makes_a_link() -> None:
+    with pytest.raises(TypeError):
+        make_link(object(), thrust_max_n=THRUST_MAX_N)

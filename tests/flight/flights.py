@@ -1,0 +1,31 @@
+"""Whole flights in virtual time, flown once each however many tests look at them."""
+
+from functools import cache
+from statistics import median
+
+from groundstation.config import ConfigError
+from sim.commands import prepare
+from sim.fly import Result, fly
+from sim.scenarios import SCENARIOS
+
+__all__ = ["ConfigError", "flown", "median_of", "middle"]
+
+
+@cache
+def flown(scenario: str, *overrides: str, seed: int = 0, duration_s: float = 60.0, source: str = "vicon") -> Result:
+    """One flight of ``scenario`` with ``--set`` overrides."""
+    world, config = prepare(SCENARIOS[scenario], list(overrides), source=source)
+    return fly(world, config, seed=seed, duration_s=duration_s)
+
+
+def median_of(values: list[float | None]) -> float:
+    """Their median; one flight that has no such figure fails the test."""
+    assert None not in values
+    return median(v for v in values if v is not None)
+
+
+def middle(scenario: str, field: str, *overrides: str, seeds: int = 10) -> float:
+    """The median of one figure of the verdict over seeds 0 .. ``seeds`` - 1; every flight must be completed."""
+    results = [flown(scenario, *overrides, seed=seed) for seed in range(seeds)]
+    assert all(r.completed for r in results), [r.why for r in results]
+    return median_of([getattr(r.verdict, field) for r in results])

@@ -1,0 +1,46 @@
+"""What each block around the law buys: switched on one after the other, on the paper's vehicle."""
+
+import pytest
+
+from tests.flight.flights import flown
+
+OFF = {
+    "actuator_compensation": "controller.actuator_compensation=false",
+    "delay_prediction": "controller.delay_prediction=false",
+    "observer": "controller.observer=backward_euler",
+    "composite": "controller.composite=off",
+}
+
+
+def rms(scenario: str, *overrides: str) -> float:
+    """RMS error [cm] over the steady part; a flight that crashed counts as a metre."""
+    value = flown(scenario, *overrides).verdict.rms_cm
+    return 100.0 if value is None else value
+
+
+def test_each_block_of_the_ladder_lowers_the_error() -> None:
+    printed = rms("paper", "controller.kind=uncompensated")
+    actuators = rms("paper", OFF["delay_prediction"], OFF["observer"], OFF["composite"])
+    prediction = rms("paper", OFF["observer"], OFF["composite"])
+    observer = rms("paper", OFF["composite"])
+    assert actuators < 0.1 * printed
+    assert prediction < 0.5 * actuators
+    assert observer < 0.7 * prediction
+
+
+@pytest.mark.parametrize(
+    ("scenario", "switch", "factor"),
+    [
+        ("paper", "actuator_compensation", 10.0),
+        ("paper", "delay_prediction", 4.0),
+        ("paper", "observer", 1.5),
+        ("fast", "composite", 4.0),
+    ],
+)
+def test_switching_one_block_off_alone_costs_accuracy(scenario: str, switch: str, factor: float) -> None:
+    assert rms(scenario, OFF[switch]) > factor * rms(scenario)
+
+
+def test_the_provable_form_of_composite_adaptation_is_no_worse_than_the_raw_one() -> None:
+    for scenario in ("adverse", "storm"):
+        assert rms(scenario) <= rms(scenario, "controller.composite=raw")

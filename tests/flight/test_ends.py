@@ -1,0 +1,175 @@
+"""How flights end: landing on request, poses that stop, an operator who says no, a vehicle that crashes."""
+
+import asyncio
+from collections.abc import Awaitable, Callable
+from typing import Any
+
+import msgspec
+import pytest
+
+from groundstation.app import make_flight
+from groundstation.clock import sleep_until
+from groundstation.flight import Flight, Outcome
+from groundstation.mission import State
+from groundstation.settings import Config
+from sim.commands import prepare
+from sim.scenarios import SCENARIOS
+from sim.stage import Stage
+from sim.virtual_time import VirtualTimeLoop
+from sim.world import World
+from tests.flight.flights import flown
+
+Script = Callable[[Flight, Stage], Awaitable[None]]
+
+
+class Scene:
+    """One flight against the simulated side, and what came of it."""
+
+    outcome: Outcome
+    stage: Stage
+    sent: list[tuple[float, bytes]]
+
+
+def play(script: Script, world_changes: dict[str, Any], *overrides: str, arm: bool = True) -> Scene:
+    """Fly in virtual time with ``script`` running beside."""
+    world, config = prepare(SCENARIOS["paper"], list(overrides))
+    world = msgspec.structs.replace(world, **world_changes)
+    scene = Scene()
+    scene.sent = []
+    with asyncio.Runner(loop_factory=VirtualTimeLoop) as runner:
+        loop = runner.get_loop()
+        assert isinstance(loop, VirtualTimeLoop)
+        loop.tap = lambda t, source, _, data: scene.sent.append((t, data)) if source[1] == 14540 else None
+        runner.run(_play(scene, world, config, script, arm))
+    return scene
+
+
+async def _play(scene: Scene, world: World, config: Config, script: Script, arm: bool) -> None:
+    async def confirm() -> bool:
+        return arm
+
+    scene.stage = Stage(world, config, 0)
+    flight = make_flight(config, confirm=confirm)
+    stage = asyncio.create_task(scene.stage.run())
+    beside = asyncio.create_task(script(flight, scene.stage))  # type: ignore[arg-type]  # an async def gives a coroutine
+    scene.outcome = await flight.run()
+    await asyncio.sleep(5.0)  # whatever still leaves or happens afterwards is seen
+    for task in (beside, stage):
+        task.cancel()
+    await asyncio.gather(beside, stage, return_exceptions=True)
+
+
+async def flying(flight: Flight, seconds: float) -> None:
+    """Wait until the reference has run for ``seconds``."""
+    while flight.started_s is None:
+        await asyncio.sleep(0.01)
+    await sleep_until(flight.started_s + seconds)
+
+
+def test_a_request_to_land_ends_softly_on_the_floor_and_disarmed() -> None:
+    async def script(flight: Flight, _: Stage) -> None:
+        await flying(flight, 6.0)
+        flight.land("enough")
+
+    scene = play(script, {})
+    assert scene.outcome.state is State.LANDED
+    assert not scene.stage.autopilot.armed
+    touchdown = scene.stage.plant.touchdown_m_s
+    assert touchdown is not None
+    assert touchdown < 0.5
+
+
+def test_a_flight_with_a_duration_lands_by_itself() -> None:
+    async def script(_: Flight, __: Stage) -> None:
+        return
+
+    scene = play(script, {}, "flight.duration_s=5.0")
+    assert scene.outcome.state is State.LANDED
+
+
+def test_poses_that_stop_end_the_commands_before_the_coast_limit_and_nothing_is_sent_after() -> None:
+    stopped: list[float] = []
+
+    async def script(flight: Flight, stage: Stage) -> None:
+        await flying(flight, 5.0)
+        assert stage.mocap is not None
+        stage.mocap.cover(True)
+        stopped.append(asyncio.get_running_loop().time())
+
+    scene = play(script, {})
+    assert scene.outcome.state is State.ABORTED
+    assert "no pose for" in scene.outcome.reason
+    last = max(t for t, data in scene.sent if data[7:10] == b"\x52\x00\x00")
+    assert last <= stopped[0] + 0.25 + 1e-9
+    assert last >= stopped[0] + 0.15
+    # Nothing at all leaves afterwards, not even a heartbeat: the socket is closed.
+    assert max(t for t, _ in scene.sent) <= stopped[0] + 0.30
+
+
+def test_an_operator_who_does_not_confirm_moves_nothing() -> None:
+    async def script(_: Flight, __: Stage) -> None:
+        return
+
+    scene = play(script, {}, arm=False)
+    assert scene.outcome.state is State.ABORTED
+    assert "did not confirm" in scene.outcome.reason
+    assert not [data for _, data in scene.sent if data[7:10] == b"\x52\x00\x00"]
+    assert scene.stage.plant.released_s is None
+
+
+def test_a_request_to_land_before_take_off_ends_at_once() -> None:
+    async def script(flight: Flight, _: Stage) -> None:
+        flight.land("changed my mind")
+
+    scene = play(script, {})
+    assert scene.outcome.state is State.ABORTED
+    assert "changed my mind" in scene.outcome.reason
+    assert scene.stage.plant.released_s is None
+
+
+def test_a_stream_of_garbage_beside_the_poses_changes_nothing_but_the_counters() -> None:
+    counted: dict[str, int] = {}
+
+    async def script(flight: Flight, _: Stage) -> None:
+        loop = asyncio.get_running_loop()
+        garbage, _ = await loop.create_datagram_endpoint(asyncio.DatagramProtocol)
+        await flying(flight, 1.0)
+        for i in range(200):
+            garbage.sendto(bytes([i % 256]) * (i * 7 % 1400), ("127.0.0.1", 51001))
+            garbage.sendto(bytes([i % 256]) * (i * 3 % 300), ("127.0.0.1", 14540))
+            await asyncio.sleep(0.01)
+        counted.update(flight.snapshot().poses_dropped)
+        flight.land("done")
+
+    scene = play(script, {})
+    assert scene.outcome.state is State.LANDED
+    assert sum(counted.values()) >= 190
+
+
+def test_no_poses_at_all_is_said_with_what_to_check() -> None:
+    async def script(_: Flight, stage: Stage) -> None:
+        assert stage.mocap is not None
+        stage.mocap.cover(True)
+
+    scene = play(script, {})
+    assert scene.outcome.state is State.ABORTED
+    assert "no pose within 5 s" in scene.outcome.reason
+    assert "51001" in scene.outcome.reason
+
+
+def test_a_flight_into_the_floor_is_reported_as_a_crash() -> None:
+    result = flown("paper", "sim.thrust_gain=0.3", duration_s=10.0)
+    assert not result.completed
+    assert "floor" in result.why
+
+
+@pytest.mark.parametrize("seed", [0, 1])
+def test_frames_leave_every_22_5_ms(seed: int) -> None:
+    async def script(flight: Flight, _: Stage) -> None:
+        await flying(flight, 3.0)
+        flight.land("done")
+
+    scene = play(script, {})
+    frames = [t for t, data in scene.sent if data[7:10] == b"\x52\x00\x00"]
+    gaps = [b - a for a, b in zip(frames, frames[1:], strict=False)]
+    assert sorted(gaps)[len(gaps) // 2] == pytest.approx(0.0225, abs=1e-9)

@@ -1,0 +1,63 @@
+"""The tracking figures that the project promises: medians over seeds 0-9 of whole flights through wire bytes."""
+
+import pytest
+
+from tests.flight.flights import flown, middle
+
+
+def test_paper_tracks_within_3_mm_rms_where_the_paper_has_4_61_cm() -> None:
+    assert middle("paper", "rms_cm") <= 0.30
+    assert middle("paper", "max_cm") <= 0.8
+    assert middle("paper", "settle_s") <= 5.0
+
+
+def test_paper_commands_stay_within_limits_as_in_the_papers_figure_5() -> None:
+    for seed in range(10):
+        verdict = flown("paper", seed=seed).verdict
+        assert verdict.saturated_fraction <= 0.01
+        assert verdict.thrust_min_n is not None
+        assert verdict.thrust_min_n > 0.0
+
+
+def test_paper_finds_the_wind() -> None:
+    verdict = flown("paper").verdict
+    assert verdict.wind_true == pytest.approx((0.1, -0.05, 0.2))
+    assert verdict.wind_estimate == pytest.approx(verdict.wind_true, abs=0.05)
+
+
+def test_fast_tracks_within_1_3_cm_rms() -> None:
+    assert middle("fast", "rms_cm") <= 1.3
+
+
+def test_quad1kg_tracks_within_1_1_cm_rms() -> None:
+    assert middle("quad1kg", "rms_cm", seeds=3) <= 1.1
+
+
+def test_adverse_tracks_within_3_cm_rms_and_7_cm_at_most() -> None:
+    assert middle("adverse", "rms_cm") <= 3.0
+    assert middle("adverse", "max_cm") <= 7.0
+
+
+def test_storm_tracks_within_6_5_cm_rms() -> None:
+    assert middle("storm", "rms_cm") <= 6.5
+
+
+def test_a_gust_front_is_rejected_within_a_second() -> None:
+    verdict = flown("gust_front").verdict
+    assert verdict.gust_peak_cm is not None
+    assert verdict.gust_peak_cm < 8.0
+    assert verdict.gust_back_s is not None
+    assert verdict.gust_back_s < 1.0
+
+
+def test_the_autopilots_own_odometry_serves_as_well_as_motion_capture() -> None:
+    result = flown("paper", source="odometry")
+    assert result.completed
+    assert result.verdict.rms_cm is not None
+    assert result.verdict.rms_cm <= 0.30
+
+
+def test_the_printed_law_alone_does_not_fly_the_papers_vehicle() -> None:
+    verdict = flown("paper", "controller.kind=uncompensated").verdict
+    assert verdict.settle_s is None
+    assert verdict.rms_cm is None or verdict.rms_cm > 20.0

@@ -1,0 +1,344 @@
+"""sim/autopilot.py behaves towards a ground station as PX4 does."""
+
+from typing import Any
+
+import pytest
+
+from groundstation import so3
+from links.mavlink_codec import ARM_DISARM, DO_SET_MODE, FORCE, SET_MESSAGE_INTERVAL, MavlinkCodec
+from sim.autopilot import LAND, OFFBOARD, Px4Autopilot
+from tests.airframe_double import Brick
+
+PERIOD_S = 0.02
+HOVER = 0.5
+
+
+class Flight:
+    """A ground station's codec, the autopilot, its vehicle, and a clock."""
+
+    def __init__(self, airframe: Brick | None = None, **options: Any) -> None:
+        self.airframe = airframe or Brick(2.0, held=True)
+        self.autopilot = Px4Autopilot(self.airframe, **options)
+        self.codec = MavlinkCodec(245, 190)
+        self.now = 50.0
+        self.heard: list[tuple[float, Any]] = []
+        self.poll()
+
+    def poll(self) -> None:
+        self.take(self.autopilot.poll(self.now))
+
+    def take(self, frames: list[bytes]) -> None:
+        for frame in frames:
+            self.heard += [(self.now, m) for m in self.codec.feed_datagram(frame)]
+
+    def until(self, end_s: float) -> None:
+        """Poll whenever something is due."""
+        while (due := self.autopilot.next_due_s) <= end_s:
+            self.now = max(due, self.now)
+            self.poll()
+        self.now = end_s
+
+    def wait(self, duration_s: float) -> None:
+        self.until(self.now + duration_s)
+
+    def target(self, thrust: float = HOVER, rates: tuple[float, float, float] = (0.0, 0.0, 0.0)) -> None:
+        self.send(self.codec.attitude_target(self.now, 1, 1, thrust, rates))
+
+    def send(self, frame: bytes) -> None:
+        self.take(self.autopilot.receive(frame, self.now))
+
+    def stream(self, duration_s: float, thrust: float = HOVER) -> None:
+        end = self.now + duration_s
+        while self.now < end:
+            self.target(thrust)
+            self.wait(PERIOD_S)
+
+    def command(self, command: int, *params: float) -> int:
+        """The answer's result."""
+        before = len(self.heard)
+        self.send(self.codec.command(1, 1, command, *params))
+        (ack,) = [m for _, m in self.heard[before:] if m.get_type() == "COMMAND_ACK"]
+        assert (ack.command, ack.target_system, ack.target_component) == (command, 245, 190)
+        return int(ack.result)
+
+    def arm(self) -> "Flight":
+        self.stream(1.1)
+        assert self.command(DO_SET_MODE, 1.0, 6.0) == 0
+        assert self.command(ARM_DISARM, 1.0) == 0
+        return self
+
+    def messages(self, name: str) -> list[Any]:
+        return [m for _, m in self.heard if m.get_type() == name]
+
+    @property
+    def words(self) -> str:
+        return "".join(m.text for m in self.messages("STATUSTEXT"))
+
+
+def test_it_speaks_first_and_sends_a_heartbeat_every_second() -> None:
+    flight = Flight()
+    flight.wait(3.5)
+    beats = [(s, m) for s, m in flight.heard if m.get_type() == "HEARTBEAT"]
+    assert [s for s, _ in beats] == pytest.approx([50.0, 51.0, 52.0, 53.0])
+    first = beats[0][1]
+    assert (first.autopilot, first.type, first.base_mode & 128, first.get_srcSystem()) == (12, 2, 0, 1)
+
+
+def test_heartbeats_tell_offboard_and_armed() -> None:
+    flight = Flight().arm()
+    flight.stream(1.0)
+    last = flight.messages("HEARTBEAT")[-1]
+    assert (last.custom_mode, last.base_mode & 128) == (6 << 16, 128)
+
+
+def test_its_default_telemetry_is_that_of_the_onboard_link() -> None:
+    flight = Flight()
+    flight.until(flight.now + 9.999)
+    rates = {name: len(flight.messages(name)) / 10.0 for name in ("ODOMETRY", "LOCAL_POSITION_NED")}
+    assert rates == pytest.approx({"ODOMETRY": 30.0, "LOCAL_POSITION_NED": 30.0}, abs=0.2)
+    assert len(flight.messages("ATTITUDE_QUATERNION")) / 10.0 == pytest.approx(50.0, abs=0.2)
+    assert len(flight.messages("TIMESYNC")) / 10.0 == pytest.approx(10.0, abs=0.2)
+
+
+def test_odometry_tells_the_motion_in_local_ned_with_the_time_since_boot() -> None:
+    flight = Flight()
+    flight.wait(1.0)
+    message = flight.messages("ODOMETRY")[-1]
+    assert (message.frame_id, message.child_frame_id) == (1, 1)
+    assert (message.x, message.y, message.z) == (0.0, 0.0, -2.0)
+    assert message.q == [1.0, 0.0, 0.0, 0.0]
+    assert message.time_usec == pytest.approx(1e6, abs=4e4)
+
+
+def test_a_message_comes_at_the_interval_that_was_set_and_stops_with_minus_one() -> None:
+    flight = Flight()
+    assert flight.command(SET_MESSAGE_INTERVAL, 331.0, 10_000.0) == 0
+    flight.heard.clear()
+    flight.until(flight.now + 0.999)
+    assert len(flight.messages("ODOMETRY")) == 100
+    assert flight.command(SET_MESSAGE_INTERVAL, 331.0, -1.0) == 0
+    flight.heard.clear()
+    flight.wait(1.0)
+    assert flight.messages("ODOMETRY") == []
+    assert flight.command(SET_MESSAGE_INTERVAL, 331.0, 0.0) == 0
+    flight.until(flight.now + 0.999)
+    assert len(flight.messages("ODOMETRY")) == 30
+
+
+def test_with_every_stream_stopped_only_heartbeats_are_left() -> None:
+    flight = Flight()
+    for number in (331.0, 32.0, 31.0, 111.0):
+        assert flight.command(SET_MESSAGE_INTERVAL, number, -1.0) == 0
+    flight.heard.clear()
+    flight.wait(10.0)
+    assert {m.get_type() for _, m in flight.heard} == {"HEARTBEAT"}
+
+
+def test_an_interval_for_a_message_that_it_does_not_have_fails() -> None:
+    assert Flight().command(SET_MESSAGE_INTERVAL, 105.0, 10_000.0) == 4
+
+
+def test_an_absurdly_short_interval_does_not_stop_time() -> None:
+    flight = Flight()
+    assert flight.command(SET_MESSAGE_INTERVAL, 331.0, 1e-30) == 0
+    flight.heard.clear()
+    flight.wait(0.1)
+    assert len(flight.messages("ODOMETRY")) == pytest.approx(100, abs=2)
+
+
+def test_an_unknown_command_is_unsupported() -> None:
+    assert Flight().command(16) == 3
+
+
+def test_it_answers_timesync_and_asks_it_itself() -> None:
+    flight = Flight()
+    flight.now += 2.0
+    question = flight.codec.dialect.MAVLink_timesync_message(0, 777)
+    flight.heard.clear()
+    flight.send(flight.codec.pack(question))
+    (answer,) = flight.messages("TIMESYNC")
+    assert (answer.tc1, answer.ts1) == (2_000_000_000, 777)
+    flight.send(flight.codec.pack(flight.codec.dialect.MAVLink_timesync_message(123, 456)))
+    assert len(flight.messages("TIMESYNC")) == 1  # an answer is not answered
+
+
+def test_offboard_without_set_points_is_accepted_and_then_arming_is_denied() -> None:
+    flight = Flight()
+    assert flight.command(DO_SET_MODE, 1.0, 6.0) == 0
+    assert flight.command(ARM_DISARM, 1.0) == 1
+    assert flight.words == "Arming denied: Resolve system health failures first"
+    assert flight.airframe.powered == []
+
+
+def test_half_a_second_of_set_points_is_not_enough_to_arm() -> None:
+    flight = Flight()
+    flight.stream(0.5)
+    assert flight.command(DO_SET_MODE, 1.0, 6.0) == 0
+    assert flight.command(ARM_DISARM, 1.0) == 1
+    flight.stream(0.6)
+    assert flight.command(ARM_DISARM, 1.0) == 0
+
+
+def test_set_points_at_less_than_two_a_second_are_no_stream() -> None:
+    flight = Flight()
+    for _ in range(6):
+        flight.target()
+        flight.wait(0.6)
+    flight.target()
+    assert flight.command(DO_SET_MODE, 1.0, 6.0) == 0
+    assert flight.command(ARM_DISARM, 1.0) == 1
+
+
+def test_arming_outside_offboard_is_denied() -> None:
+    flight = Flight()
+    flight.stream(1.1)
+    assert flight.command(ARM_DISARM, 1.0) == 1
+
+
+def test_an_unknown_mode_is_denied() -> None:
+    assert Flight().command(DO_SET_MODE, 1.0, 9.0) == 2
+
+
+def test_the_first_set_point_after_arming_lets_the_vehicle_go() -> None:
+    flight = Flight().arm()
+    assert (flight.airframe.powered, flight.airframe.released) == ([(flight.now, True)], [])
+    assert flight.airframe.acts == []
+    flight.wait(0.3)
+    flight.target(0.6, (0.1, -0.2, 0.3))
+    assert flight.airframe.released == [flight.now]
+    ((when, thrust, rates),) = flight.airframe.acts
+    assert (when, thrust) == (flight.now, pytest.approx(0.6))
+    assert rates == pytest.approx((0.1, -0.2, 0.3))
+
+
+def test_masked_thrust_lets_the_vehicle_fall() -> None:
+    flight = Flight().arm()
+    set_point = flight.codec.dialect.MAVLink_set_attitude_target_message(0, 1, 1, 192, (1, 0, 0, 0), 0, 0, 0, 0.5)
+    flight.send(flight.codec.pack(set_point))
+    assert flight.airframe.acts[-1][1] == 0.0
+
+
+def test_masked_rates_are_zero() -> None:
+    flight = Flight().arm()
+    set_point = flight.codec.dialect.MAVLink_set_attitude_target_message(0, 1, 1, 135, (1, 0, 0, 0), 1, 2, 3, 0.5)
+    flight.send(flight.codec.pack(set_point))
+    assert flight.airframe.acts[-1][2] == (0.0, 0.0, 0.0)
+
+
+def test_an_attitude_that_is_not_masked_wins_over_the_rates() -> None:
+    flight = Flight().arm()
+    attitude = so3.from_euler_zyx(0.2, -0.1, 0.5)
+    message = flight.codec.dialect.MAVLink_set_attitude_target_message(0, 1, 1, 0, attitude, 1.0, 1.0, 1.0, 0.5)
+    for _ in range(100):
+        flight.send(flight.codec.pack(message))
+        flight.wait(PERIOD_S)
+    assert flight.airframe.truth(flight.now).attitude == pytest.approx(attitude, abs=1e-3)
+    assert flight.airframe.acts[-1][1] == 0.5
+
+
+def test_messages_to_another_system_are_ignored() -> None:
+    flight = Flight()
+    flight.arm()
+    flight.send(flight.codec.attitude_target(flight.now, 2, 1, 0.9, (0.0, 0.0, 0.0)))
+    flight.heard.clear()
+    flight.send(flight.codec.command(2, 1, ARM_DISARM, 0.0, FORCE))
+    assert (flight.airframe.acts, flight.heard, flight.autopilot.armed) == ([], [], True)
+
+
+def test_set_points_that_the_air_loses_do_not_count() -> None:
+    lost = iter([False] * 60 + [True] * 1000)
+    flight = Flight(lose=lambda: next(lost)).arm()
+    flight.stream(2.0)
+    assert flight.autopilot.failsafe
+
+
+def test_a_set_point_that_is_not_finite_is_not_obeyed() -> None:
+    flight = Flight().arm()
+    flight.target(float("nan"))
+    flight.target(0.5, (0.0, float("inf"), 0.0))
+    assert flight.airframe.acts == []
+
+
+def test_the_last_set_point_is_held_for_a_second_and_then_it_lands_and_disarms() -> None:
+    flight = Flight(Brick(1.0, held=True)).arm()
+    flight.stream(0.5)
+    silent_s = flight.now - PERIOD_S
+    acts = len(flight.airframe.acts)
+    flight.until(silent_s + 0.999)
+    assert (len(flight.airframe.acts), flight.autopilot.mode) == (acts, OFFBOARD)
+    flight.until(silent_s + 1.001)
+    assert flight.autopilot.mode == LAND
+    assert "Failsafe activated" in flight.words
+    flight.wait(1.5)
+    assert flight.messages("HEARTBEAT")[-1].custom_mode == 4 << 16 | 6 << 24
+    flight.wait(6.0)
+    assert not flight.autopilot.armed
+    assert flight.airframe.powered[-1][1] is False
+    assert "Disarmed by landing" in flight.words
+
+
+def test_the_failsafe_levels_out_and_comes_down_slowly() -> None:
+    flight = Flight(Brick(9.0, held=True), hover=0.4).arm()
+    flight.target(0.55, (0.3, -0.2, 0.1))
+    flight.airframe.attitude = so3.from_euler_zyx(0.5, -0.3, 1.0)
+    flight.wait(1.02)
+    speeds = []
+    while not flight.airframe.truth(flight.now).on_ground and flight.now < 80.0:
+        flight.wait(0.1)
+        speeds.append(flight.airframe.truth(flight.now).velocity_ned[2])
+    roll, pitch, _ = so3.euler_zyx(flight.airframe.truth(flight.now).attitude)
+    assert (roll, pitch) == pytest.approx((0.0, 0.0), abs=0.01)
+    assert speeds[-2] == pytest.approx(0.5, abs=0.15)
+    assert flight.now < 80.0
+
+
+def test_it_follows_set_points_again_when_they_come_again() -> None:
+    flight = Flight(Brick(5.0, held=True)).arm()
+    flight.stream(0.2)
+    flight.wait(1.5)
+    assert flight.autopilot.mode == LAND
+    flight.target(0.7, (0.4, 0.0, 0.0))
+    assert flight.autopilot.mode == OFFBOARD
+    acts = len(flight.airframe.acts)
+    flight.wait(0.5)
+    assert len(flight.airframe.acts) == acts  # its own control loop is silent
+    assert flight.airframe.acts[-1][1] == pytest.approx(0.7)
+
+
+def test_disarming_is_denied_in_the_air_and_until_it_has_stood_for_a_while() -> None:
+    flight = Flight(Brick(0.5, held=True)).arm()
+    flight.stream(0.1)
+    assert flight.command(ARM_DISARM, 0.0) == 1
+    assert flight.words.endswith("Disarming denied: not landed")
+    flight.stream(1.0, thrust=0.0)
+    landed_s = flight.now
+    assert flight.airframe.truth(flight.now).on_ground
+    while flight.command(ARM_DISARM, 0.0) == 1:
+        flight.stream(0.1, thrust=0.0)
+        assert flight.now < landed_s + 3.0
+    assert flight.now >= landed_s + 0.3
+    assert (flight.autopilot.armed, flight.airframe.powered[-1]) == (False, (flight.now, False))
+
+
+def test_disarming_by_force_stops_the_motors_in_the_air() -> None:
+    flight = Flight().arm()
+    flight.stream(0.1)
+    assert flight.command(ARM_DISARM, 0.0, FORCE) == 0
+    assert flight.airframe.powered[-1] == (flight.now, False)
+
+
+def test_mode_land_on_command_is_not_left_because_set_points_come() -> None:
+    flight = Flight(Brick(1.0, held=True)).arm()
+    flight.stream(0.2)
+    assert flight.command(DO_SET_MODE, 1.0, 4.0, 6.0) == 0
+    flight.stream(8.0)
+    assert flight.autopilot.mode == LAND
+    assert not flight.autopilot.armed
+
+
+def test_nothing_is_due_earlier_than_it_says() -> None:
+    flight = Flight().arm()
+    flight.stream(0.5)
+    due = flight.autopilot.next_due_s
+    assert flight.autopilot.poll(due - 1e-6) == []
+    assert flight.autopilot.poll(due) != []

@@ -1,0 +1,249 @@
+"""links/mavlink_handshake.py and its steps: what is asked when, and what the operator is told."""
+
+from collections.abc import Callable
+from typing import Any
+
+import pytest
+
+from links.mavlink_codec import ARDUPILOT, ARM_DISARM, DO_SET_MODE, PX4, MavlinkCodec
+from links.mavlink_handshake import STREAM_S, arming, disarming, landing_disarmed, stream
+from links.mavlink_steps import ANSWER_S, PATIENCE_S, TRIES, Autopilot, Handshake
+from links.mavlink_words import Words
+from links.port import LinkLost, LinkRejected
+
+Answer = Callable[[Any], list[Any]]
+
+
+class Scene:
+    """A handshake, an autopilot played by a function, and a clock."""
+
+    def __init__(self, kind: int, make: Callable[[Autopilot], Handshake], answer: Answer) -> None:
+        self.ours, self.theirs = MavlinkCodec(245, 190), MavlinkCodec(1, 1)
+        self.words = Words()
+        self.handshake = make(Autopilot(self.ours, self.words, 1, 1, kind))
+        self.answer = answer
+        self.asked: list[tuple[float, Any]] = []
+        self.now = 100.0
+
+    def run(self, duration_s: float = 30.0) -> "Scene":
+        end = self.now + duration_s
+        while self.now < end and not self.handshake.done and self.handshake.failure is None:
+            for frame in self.handshake.poll(self.now):
+                (request,) = self.theirs.feed_datagram(frame)
+                self.asked.append((round(self.now - 100.0, 3), request))
+                for reply in self.answer(request):
+                    self.hear(reply)
+            self.now += 0.0225
+        return self
+
+    def hear(self, message: Any) -> None:
+        (heard,) = self.ours.feed_datagram(self.theirs.pack(message))
+        if heard.get_type() == "STATUSTEXT":
+            self.words.hear(heard)
+        self.handshake.hear(heard, self.now)
+
+    @property
+    def commands(self) -> list[int]:
+        return [m.command for _, m in self.asked if m.get_type() == "COMMAND_LONG"]
+
+
+D = MavlinkCodec(1, 1).dialect
+
+
+def ack(request: Any, result: int, to: int = 245) -> Any:
+    return D.MAVLink_command_ack_message(request.command, result, 0, 0, to, 190)
+
+
+def says(text: str, severity: int = 2) -> Any:
+    return D.MAVLink_statustext_message(severity, text.encode())
+
+
+def accept(request: Any) -> list[Any]:
+    return [ack(request, 0)]
+
+
+def refuse(command: int, *results: int, words: str = "") -> Answer:
+    """Refuse ``command`` with ``results`` one after the other, the last for ever; accept everything else."""
+    left = list(results)
+
+    def answer(request: Any) -> list[Any]:
+        if request.command != command:
+            return accept(request)
+        result = left.pop(0) if len(left) > 1 else left[0]
+        return [ack(request, result), *([says(words)] if words else [])]
+
+    return answer
+
+
+def test_px4_is_asked_for_offboard_and_then_to_arm_after_a_second_of_set_points() -> None:
+    scene = Scene(PX4, arming, accept).run()
+    assert scene.handshake.done
+    (mode_s, mode), (arm_s, arm) = scene.asked
+    assert STREAM_S <= mode_s < STREAM_S + 0.05
+    assert mode_s <= arm_s < mode_s + 0.05
+    assert (mode.command, mode.param1, mode.param2, mode.param3) == (176, 1.0, 6.0, 0.0)
+    assert (arm.command, arm.param1, arm.param2) == (400, 1.0, 0.0)
+
+
+def test_ardupilot_is_asked_for_guided_once_its_thrust_means_thrust() -> None:
+    def answer(request: Any) -> list[Any]:
+        if request.get_type() == "PARAM_REQUEST_READ":
+            assert request.param_id == "GUID_OPTIONS"
+            return [D.MAVLink_param_value_message(b"GUID_OPTIONS", 8.0, 6, 1000, 65535)]
+        return accept(request)
+
+    scene = Scene(ARDUPILOT, arming, answer).run()
+    assert scene.handshake.done
+    assert [m.get_type() for _, m in scene.asked] == ["PARAM_REQUEST_READ", "COMMAND_LONG", "COMMAND_LONG"]
+    mode = scene.asked[1][1]
+    assert (mode.command, mode.param1, mode.param2) == (176, 1.0, 4.0)
+
+
+def test_ardupilot_that_takes_thrust_as_a_climb_rate_is_not_armed() -> None:
+    def answer(request: Any) -> list[Any]:
+        return [D.MAVLink_param_value_message(b"GUID_OPTIONS", 0.0, 6, 1000, 65535)]
+
+    scene = Scene(ARDUPILOT, arming, answer).run()
+    assert isinstance(scene.handshake.failure, LinkRejected)
+    assert "GUID_OPTIONS is 0" in str(scene.handshake.failure)
+    assert "climb rate" in str(scene.handshake.failure)
+    assert "Set GUID_OPTIONS to 8" in str(scene.handshake.failure)
+    assert scene.commands == []
+
+
+def test_another_kind_of_autopilot_is_not_armed() -> None:
+    with pytest.raises(LinkRejected, match="no PX4 and no ArduPilot"):
+        Scene(8, arming, accept)
+
+
+def test_a_refusal_to_arm_is_told_in_the_autopilots_words_with_what_to_do() -> None:
+    answer = refuse(ARM_DISARM, 2, words="Arming denied: resolve health failures first\t")
+    failure = Scene(PX4, arming, answer).run().handshake.failure
+    assert isinstance(failure, LinkRejected)
+    assert str(failure) == (
+        "PX4 refused to arm (MAV_RESULT_DENIED): “Arming denied: resolve health failures first”. "
+        "Clear what it names (its pre-arm checks tell more), then arm again."
+    )
+
+
+def test_words_that_come_shortly_after_the_refusal_are_quoted() -> None:
+    scene = Scene(PX4, arming, refuse(ARM_DISARM, 2))
+    scene.run(1.3)
+    assert scene.commands == [DO_SET_MODE, ARM_DISARM]
+    assert scene.handshake.failure is None
+    scene.hear(says("Preflight Fail: no attitude"))
+    scene.run()
+    assert "“Preflight Fail: no attitude”" in str(scene.handshake.failure)
+
+
+def test_a_refusal_without_words_says_so() -> None:
+    failure = Scene(PX4, arming, refuse(DO_SET_MODE, 3)).run().handshake.failure
+    assert "PX4 refused to enter OFFBOARD (MAV_RESULT_UNSUPPORTED): it gave no reason." in str(failure)
+
+
+def test_chatter_is_not_quoted_as_a_reason() -> None:
+    def answer(request: Any) -> list[Any]:
+        return [says("[logger] ./log/1.ulg", severity=6), ack(request, 2)]
+
+    assert "it gave no reason" in str(Scene(PX4, arming, answer).run().handshake.failure)
+
+
+def test_a_long_text_in_pieces_is_put_together() -> None:
+    words = Words()
+    codec = MavlinkCodec(1, 1)
+    for n, text in enumerate((b"Preflight Fail: heading estimate not stable enough", b" to arm")):
+        (message,) = codec.feed_datagram(codec.pack(D.MAVLink_statustext_message(2, text, 7, n)))
+        words.hear(message)
+    assert words.newest == "Preflight Fail: heading estimate not stable enough to arm"
+
+
+def test_a_temporary_refusal_is_asked_again_until_it_passes() -> None:
+    scene = Scene(PX4, arming, refuse(ARM_DISARM, 1, 1, 0)).run()
+    assert scene.handshake.done
+    assert scene.commands == [DO_SET_MODE, ARM_DISARM, ARM_DISARM, ARM_DISARM]
+    times = [s for s, m in scene.asked if m.command == ARM_DISARM]
+    assert times[1] - times[0] == pytest.approx(1.0, abs=0.05)
+
+
+def test_a_temporary_refusal_that_does_not_pass_becomes_final() -> None:
+    scene = Scene(PX4, arming, refuse(ARM_DISARM, 1, words="Arming denied")).run()
+    assert isinstance(scene.handshake.failure, LinkRejected)
+    assert "MAV_RESULT_TEMPORARILY_REJECTED" in str(scene.handshake.failure)
+    assert str(scene.handshake.failure).count("Arming denied") == 1
+    assert scene.now - 100.0 - STREAM_S == pytest.approx(PATIENCE_S, abs=1.0)
+
+
+def test_a_lost_request_or_answer_is_made_up_for() -> None:
+    lost = [True, True, False, True, False]
+    scene = Scene(PX4, arming, lambda request: [] if lost.pop(0) else accept(request)).run()
+    assert scene.handshake.done
+    assert scene.commands == [DO_SET_MODE] * 3 + [ARM_DISARM] * 2
+    assert [m.confirmation for _, m in scene.asked] == [0, 1, 2, 0, 1]
+
+
+def test_silence_is_given_up_after_some_tries() -> None:
+    scene = Scene(PX4, arming, lambda request: []).run()
+    assert isinstance(scene.handshake.failure, LinkLost)
+    assert "no answer to the request to enter OFFBOARD" in str(scene.handshake.failure)
+    assert scene.commands == [DO_SET_MODE] * TRIES
+    assert scene.now - 100.0 - STREAM_S == pytest.approx(TRIES * ANSWER_S, abs=0.2)
+
+
+def test_an_answer_to_another_ground_station_is_not_ours() -> None:
+    scene = Scene(PX4, arming, lambda request: [ack(request, 0, to=255)]).run()
+    assert isinstance(scene.handshake.failure, LinkLost)
+
+
+def test_an_answer_before_the_question_is_not_one() -> None:
+    scene = Scene(PX4, arming, accept)
+    scene.handshake.poll(scene.now)
+    scene.hear(D.MAVLink_command_ack_message(ARM_DISARM, 0, 0, 0, 245, 190))
+    scene.hear(D.MAVLink_command_ack_message(DO_SET_MODE, 0, 0, 0, 245, 190))
+    scene.run()
+    assert scene.commands == [DO_SET_MODE, ARM_DISARM]
+
+
+def test_work_in_progress_is_waited_for() -> None:
+    scene = Scene(PX4, disarming, refuse(ARM_DISARM, 5)).run(2.0)
+    assert scene.commands == [ARM_DISARM]
+    assert scene.handshake.failure is None
+    scene.hear(D.MAVLink_command_ack_message(ARM_DISARM, 0, 0, 0, 245, 190))
+    assert scene.run(0.1).handshake.done
+
+
+def test_disarming_waits_until_the_autopilot_believes_that_it_stands() -> None:
+    scene = Scene(PX4, disarming, refuse(ARM_DISARM, 1, 1, 0, words="Disarming denied: not landed")).run()
+    assert scene.handshake.done
+    assert [(m.param1, m.param2) for _, m in scene.asked] == [(0.0, 0.0)] * 3
+
+
+def heartbeat(*, armed: bool) -> Any:
+    return D.MAVLink_heartbeat_message(2, ARDUPILOT, 1 | (128 if armed else 0), 9, 4, 3)
+
+
+def test_ardupilot_lands_to_disarm_and_its_heartbeat_ends_that() -> None:
+    scene = Scene(ARDUPILOT, landing_disarmed, accept).run(1.0)
+    assert (scene.asked[0][1].param1, scene.asked[0][1].param2) == (1.0, 9.0)
+    scene.hear(heartbeat(armed=True))
+    assert not scene.run(1.0).handshake.done
+    scene.hear(heartbeat(armed=False))
+    assert scene.run(0.1).handshake.done
+
+
+def test_ardupilot_that_stays_armed_is_told_of() -> None:
+    failure = Scene(ARDUPILOT, landing_disarmed, accept).run().handshake.failure
+    assert "still armed 10 s after mode LAND" in str(failure)
+
+
+@pytest.mark.parametrize(("rate_hz", "interval_us"), [(100.0, 10_000.0), (0.0, -1.0)])
+def test_a_stream_is_asked_for_by_its_interval(rate_hz: float, interval_us: float) -> None:
+    scene = Scene(PX4, lambda autopilot: stream(autopilot, "ODOMETRY", rate_hz), accept).run()
+    assert scene.handshake.done
+    ((_, request),) = scene.asked
+    assert (request.command, request.param1, request.param2) == (511, 331.0, interval_us)
+
+
+def test_a_stream_that_is_refused_is_not_asked_for_again() -> None:
+    scene = Scene(ARDUPILOT, lambda autopilot: stream(autopilot, "ODOMETRY", 50.0), refuse(511, 4)).run()
+    assert len(scene.asked) == 1
+    assert "ArduPilot refused to send ODOMETRY at 50 Hz (MAV_RESULT_FAILED)" in str(scene.handshake.failure)

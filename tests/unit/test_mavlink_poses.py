@@ -1,0 +1,226 @@
+"""Poses out of MAVLink messages: frames, stamps, and what is dropped."""
+
+import math
+from typing import Any
+
+import pytest
+
+from groundstation import so3
+from groundstation.poses.mavlink_codec import Decoder, LocalPositionDecoder, OdometryDecoder, decoder_for
+from groundstation.poses.port import Pose
+from groundstation.poses.source_clock import SourceClock
+from links.mavlink_codec import ARDUPILOT, PX4, MavlinkCodec
+from tests.mavlink_table import golden
+
+CODEC = MavlinkCodec(1, 1)
+D = CODEC.dialect
+NOSE_UP = so3.from_euler_zyx(0.0, math.radians(10.0), 0.0)
+
+
+def sent(message: Any) -> Any:
+    """``message`` as it comes out of the wire."""
+    (received,) = CODEC.feed_datagram(CODEC.pack(message))
+    return received
+
+
+def odometry(time_s: float, **changes: Any) -> Any:
+    fields: dict[str, Any] = {
+        "time_usec": int(time_s * 1e6), "frame_id": 1, "child_frame_id": 1, "x": 1.0, "y": -2.0, "z": -3.0,
+        "q": (1.0, 0.0, 0.0, 0.0), "vx": 0.5, "vy": 0.25, "vz": -0.125, "rollspeed": 0.0, "pitchspeed": 0.0,
+        "yawspeed": 0.0, "pose_covariance": [math.nan] * 21, "velocity_covariance": [math.nan] * 21,
+        "reset_counter": 0, "estimator_type": 8, "quality": 0,
+    }  # fmt: skip
+    return sent(D.MAVLink_odometry_message(**(fields | changes)))
+
+
+def position(time_ms: int, x: float = 1.0) -> Any:
+    return sent(D.MAVLink_local_position_ned_message(time_ms, x, -2.0, -3.0, 0.5, 0.25, -0.125))
+
+
+def attitude(time_ms: int, q: Any = (1.0, 0.0, 0.0, 0.0), rates: Any = (0.0, 0.0, 0.0)) -> Any:
+    return sent(D.MAVLink_attitude_quaternion_message(time_ms, *q, *rates))
+
+
+def decode(decoder: Decoder, message: Any, arrival_s: float) -> Pose:
+    pose = decoder.decode(message, arrival_s)
+    assert pose is not None, decoder.dropped
+    return pose
+
+
+def test_px4s_own_odometry_becomes_a_pose_in_its_own_numbers() -> None:
+    g = golden("ODOMETRY")
+    (message,) = CODEC.feed_datagram(g.frame)
+    pose = decode(OdometryDecoder(0.0), message, 5.0)
+    assert pose.position_ned == (g.fields["x"], g.fields["y"], g.fields["z"])
+    assert pose.attitude == tuple(g.fields["q"])
+    assert pose.velocity_ned == (g.fields["vx"], g.fields["vy"], g.fields["vz"])
+    assert pose.reset_count == g.fields["reset_counter"]
+    assert (pose.id, pose.arrival_s) == (0, 5.0)
+
+
+def test_ardupilots_own_position_and_attitude_become_a_pose_in_its_own_numbers() -> None:
+    at, turned = golden("LOCAL_POSITION_NED", "ArduCopter"), golden("ATTITUDE_QUATERNION", "ArduCopter")
+    (place,) = CODEC.feed_datagram(at.frame)
+    (direction,) = CODEC.feed_datagram(turned.frame)
+    direction.time_boot_ms = place.time_boot_ms
+    decoder = LocalPositionDecoder(0.0)
+    assert decoder.decode(direction, 5.0) is None
+    pose = decode(decoder, place, 5.0)
+    assert pose.position_ned == tuple(at.fields[k] for k in "xyz")
+    assert pose.velocity_ned == tuple(at.fields[k] for k in ("vx", "vy", "vz"))
+    assert pose.attitude == tuple(turned.fields[k] for k in ("q1", "q2", "q3", "q4"))
+
+
+@pytest.mark.parametrize(("frame", "child"), [(1, 1), (20, 20)])
+def test_velocity_in_the_world_frame_is_taken_as_it_is(frame: int, child: int) -> None:
+    message = odometry(1.0, q=NOSE_UP, frame_id=frame, child_frame_id=child)
+    assert decode(OdometryDecoder(0.0), message, 1.0).velocity_ned == (0.5, 0.25, -0.125)
+
+
+@pytest.mark.parametrize(("frame", "child"), [(1, 12), (20, 12), (1, 8)])
+def test_velocity_in_the_body_frame_is_turned_into_the_world(frame: int, child: int) -> None:
+    # Forward at 1 m/s with the nose 10° up: a climb of sin 10°.
+    message = odometry(1.0, q=NOSE_UP, frame_id=frame, child_frame_id=child, vx=1.0, vy=0.0, vz=0.0)
+    velocity = decode(OdometryDecoder(0.0), message, 1.0).velocity_ned
+    assert velocity == pytest.approx((math.cos(math.radians(10.0)), 0.0, -math.sin(math.radians(10.0))), abs=1e-6)
+
+
+@pytest.mark.parametrize(
+    ("changes", "reason"),
+    [
+        ({"x": math.nan}, "not_finite"),
+        ({"q": (math.nan, 0.0, 0.0, 0.0)}, "not_finite"),
+        ({"z": math.inf}, "not_finite"),
+        ({"q": (0.0, 0.0, 0.0, 0.0)}, "not_unit"),
+        ({"q": (1.1, 0.0, 0.0, 0.0)}, "not_unit"),
+        ({"frame_id": 4}, "wrong_frame"),
+        ({"frame_id": 21}, "wrong_frame"),
+        ({"child_frame_id": 21}, "wrong_frame"),
+        ({"frame_id": 1, "child_frame_id": 20}, "wrong_frame"),
+    ],
+)
+def test_odometry_that_makes_no_pose_is_dropped_and_counted(changes: dict[str, Any], reason: str) -> None:
+    decoder = OdometryDecoder(0.0)
+    assert decoder.decode(odometry(1.0, **changes), 1.0) is None
+    assert (decoder.accepted, decoder.dropped) == (0, {reason: 1})
+    assert decode(decoder, odometry(1.01), 1.01).id == 0
+
+
+def test_a_velocity_that_is_not_a_number_is_no_velocity() -> None:
+    assert decode(OdometryDecoder(0.0), odometry(1.0, vy=math.nan), 1.0).velocity_ned is None
+
+
+def test_a_reset_of_the_estimate_changes_the_count() -> None:
+    decoder = OdometryDecoder(0.0)
+    counts = [decode(decoder, odometry(1.0 + 0.01 * n, reset_counter=n // 2), 1.0).reset_count for n in range(4)]
+    assert counts == [0, 0, 1, 1]
+
+
+def test_a_repeated_and_an_older_stamp_are_dropped_and_counted() -> None:
+    decoder = OdometryDecoder(0.0)
+    for stamp_s in (1.0, 1.01, 1.01, 1.0, 1.02):
+        decoder.decode(odometry(stamp_s), stamp_s)
+    assert (decoder.accepted, decoder.dropped) == (3, {"duplicate": 1, "out_of_order": 1})
+
+
+def test_the_latency_is_taken_off() -> None:
+    pose = decode(OdometryDecoder(0.012), odometry(1.0), 77.0)
+    assert (pose.time_s, pose.arrival_s) == (pytest.approx(77.0 - 0.012), 77.0)
+
+
+def test_a_message_that_was_held_up_is_as_old_as_its_stamp_says() -> None:
+    decoder = OdometryDecoder(0.0)
+    for n in range(50):
+        decode(decoder, odometry(1.0 + 0.01 * n), 77.0 + 0.01 * n)
+    late = decode(decoder, odometry(1.5), 77.5 + 0.08)
+    assert late.time_s == pytest.approx(77.5, abs=0.002)
+
+
+def test_an_autopilot_that_restarts_is_believed_after_a_second() -> None:
+    decoder = OdometryDecoder(0.0)
+    before = decode(decoder, odometry(500.0), 10.0)
+    arrivals = [11.0 + 0.1 * n for n in range(20)]
+    poses = [decoder.decode(odometry(3.0 + 0.1 * n), arrivals[n]) for n in range(20)]
+    taken = [pose for pose in poses if pose is not None]
+    assert (decoder.dropped, len(taken)) == ({"out_of_order": 11}, 9)
+    assert taken[0].arrival_s == pytest.approx(12.1)
+    assert taken[0].time_s == pytest.approx(12.1)
+    assert taken[0].reset_count != before.reset_count
+
+
+def test_a_single_absurd_stamp_silences_the_source_for_a_second_only() -> None:
+    decoder = OdometryDecoder(0.0)
+    decode(decoder, odometry(1e9), 0.0)
+    poses = [decoder.decode(odometry(1.0 + 0.01 * n), 0.01 * n) for n in range(200)]
+    taken = [pose for pose in poses if pose is not None]
+    assert taken[0].arrival_s == pytest.approx(1.01, abs=0.011)
+    assert taken[-1].time_s == pytest.approx(taken[-1].arrival_s)
+
+
+def test_an_attitude_a_little_older_is_turned_on_by_its_own_rates() -> None:
+    decoder = LocalPositionDecoder(0.0)
+    decoder.decode(attitude(1000, rates=(0.0, 1.0, 0.0)), 1.0)
+    pose = decode(decoder, position(1020), 1.02)
+    assert so3.euler_zyx(pose.attitude) == pytest.approx((0.0, 0.02, 0.0), abs=1e-6)
+
+
+def test_an_attitude_a_little_newer_is_turned_back() -> None:
+    decoder = LocalPositionDecoder(0.0)
+    decoder.decode(attitude(1010, rates=(2.0, 0.0, 0.0)), 1.0)
+    pose = decode(decoder, position(1000), 1.0)
+    assert so3.euler_zyx(pose.attitude) == pytest.approx((-0.02, 0.0, 0.0), abs=1e-6)
+
+
+def test_a_position_without_an_attitude_near_it_is_dropped() -> None:
+    decoder = LocalPositionDecoder(0.0)
+    assert decoder.decode(position(1000), 1.0) is None
+    decoder.decode(attitude(1000), 1.0)
+    assert decoder.decode(position(1051), 1.1) is None
+    assert (decoder.accepted, decoder.dropped) == (0, {"no_attitude": 2})
+
+
+def test_an_attitude_that_is_not_finite_makes_no_pose() -> None:
+    decoder = LocalPositionDecoder(0.0)
+    decoder.decode(attitude(1000, q=(math.nan, 0.0, 0.0, 0.0)), 1.0)
+    assert decoder.decode(position(1010), 1.0) is None
+    assert decoder.dropped == {"not_finite": 1}
+
+
+def test_each_decoder_leaves_other_messages_alone() -> None:
+    for decoder, other in ((OdometryDecoder(0.0), position(1)), (LocalPositionDecoder(0.0), odometry(1.0))):
+        assert decoder.decode(other, 1.0) is None
+        assert decoder.dropped == {}
+
+
+def test_ardupilot_has_no_odometry_and_everybody_else_has() -> None:
+    assert isinstance(decoder_for(ARDUPILOT, 0.0), LocalPositionDecoder)
+    assert isinstance(decoder_for(PX4, 0.0), OdometryDecoder)
+
+
+@pytest.mark.parametrize("drift", [0.0, 3e-5, -3e-5, 0.009, -0.009])
+def test_jitter_of_the_arrival_does_not_reach_the_time(drift: float) -> None:
+    clock = SourceClock()
+    errors = []
+    for n in range(1000):
+        true_s = 0.01 * n * (1.0 + drift)  # our clock when the source's shows 0.01 n
+        arrival_s = true_s + (0.0, 0.006, 0.003, 0.009, 0.001)[n % 5]
+        assert clock.stale(0.01 * n, arrival_s) == ""
+        errors.append(clock.time_s(0.01 * n, arrival_s) - true_s)
+    assert max(map(abs, errors[100:])) < 0.0012
+
+
+def test_the_time_follows_a_source_that_runs_far_too_slowly() -> None:
+    # A simulated autopilot on a machine that is too slow for it.
+    clock = SourceClock()
+    ages = []
+    for n in range(2000):
+        arrival_s = 0.01 * n * 1.1
+        ages.append(arrival_s - clock.time_s(0.01 * n, arrival_s))
+    assert max(ages) < 0.1
+
+
+def test_the_time_is_never_later_than_the_arrival() -> None:
+    clock = SourceClock()
+    for n, late in enumerate((0.0, 0.5, 0.0, 0.1, 0.0, 0.0, 2.0, 0.0)):
+        arrival_s = 0.01 * n + late
+        assert clock.time_s(0.01 * n, arrival_s) <= arrival_s + 1e-12

@@ -1,0 +1,38 @@
+"""links/thrust_curve.py."""
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from links.thrust_curve import signal, thrust
+
+share = st.floats(0.0, 1.0)
+
+
+@given(share, share)
+def test_the_signal_gives_the_thrust_that_was_asked_for(wanted: float, factor: float) -> None:
+    assert thrust(signal(wanted, factor), factor) == pytest.approx(wanted, abs=1e-12)
+
+
+@given(share, share, share)
+def test_more_thrust_never_takes_less_signal(a: float, b: float, factor: float) -> None:
+    assert signal(min(a, b), factor) <= signal(max(a, b), factor) + 1e-15
+
+
+def test_without_a_curve_the_signal_is_the_thrust() -> None:
+    assert signal(0.37, 0.0) == 0.37
+
+
+def test_a_motor_whose_thrust_is_the_square_of_its_signal_takes_the_root() -> None:
+    assert signal(0.25, 1.0) == pytest.approx(0.5)
+
+
+def test_ardupilots_default_curve_at_half_signal() -> None:
+    # MOT_THST_EXPO 0.65: 0.65 * 0.25 + 0.35 * 0.5
+    assert signal(0.3375, 0.65) == pytest.approx(0.5)
+
+
+@pytest.mark.parametrize("factor", [0.0, 0.65, 1.0])
+def test_thrust_beyond_the_range_is_clamped(factor: float) -> None:
+    assert signal(-0.1, factor) == 0.0
+    assert signal(1.5, factor) == 1.0
