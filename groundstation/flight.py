@@ -243,6 +243,7 @@ class Flight:
     def snapshot(self) -> Snapshot:
         """The flight as it is now."""
         now = asyncio.get_running_loop().time()
+        roll, pitch, yaw = self._config.vehicle.rate_limits_deg_s
         tick, pose = self._tick, self._pilot.newest_pose
         motion = tick.estimate.motion if tick is not None else None
         position = motion.position if motion is not None else pose.position_ned if pose is not None else (0.0, 0.0, 0.0)
@@ -273,4 +274,5 @@ class Flight:
             diagnostics=tick.decision.diagnostics if tick is not None else None,
             link=self._link.status,
             events=tuple(self._events),
+            rate_limits_rad_s=(math.radians(roll), math.radians(pitch), math.radians(yaw)),
         )

@@ -180,7 +180,8 @@ class MavlinkCodec:
 
     def timesync_reply(self, request: Message, time_s: float) -> bytes:
         """TIMESYNC that answers ``request`` with our clock ``time_s`` [s]."""
-        return self.pack(self.dialect.MAVLink_timesync_message(int(time_s * 1e9), request.ts1))
+        ours_ns = int(time_s * 1e9) or 1  # 0 would be a question again, and two clocks at 0 would never stop asking
+        return self.pack(self.dialect.MAVLink_timesync_message(ours_ns, request.ts1))
 
     def message_number(self, name: str) -> int:
         """The number of the message called ``name``, such as ODOMETRY."""

@@ -8,10 +8,10 @@ from typing import Any
 from links.address import parse_address
 from links.mavlink_codec import ARMED, GROUND_STATION, MavlinkCodec, Message
 from links.mavlink_config import MavlinkLinkConfig
-from links.mavlink_handshake import stream
+from links.mavlink_handshake import silence, stream
 from links.mavlink_steps import Autopilot, Handshake
 from links.mavlink_words import Words
-from links.port import LinkError, LinkLost, LinkMisuse, LinkRejected
+from links.port import LinkError, LinkLost, LinkMisuse
 
 HEARTBEAT_S = 1.0
 """Period of our own HEARTBEAT [s]."""
@@ -168,9 +168,7 @@ class MavlinkConnection(asyncio.DatagramProtocol):
         for name in QUIETENED if self._config.quiet else ():
             if name not in wanted:
                 try:
-                    await self.see_through(stream(self.autopilot(), name, 0.0))
-                except LinkRejected:
-                    continue  # it never sends this one
+                    await self.see_through(silence(self.autopilot(), name))
                 except LinkLost:
                     break  # it takes no such commands; a link with idle talk on it works too
         for name, rate in wanted.items():

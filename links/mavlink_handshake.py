@@ -62,8 +62,16 @@ def landing_disarmed(autopilot: Autopilot) -> Handshake:
 
 
 def stream(autopilot: Autopilot, name: str, rate_hz: float) -> Handshake:
-    """Have the message ``name`` sent ``rate_hz`` times a second; 0 stops it."""
-    what = f"send {name} at {rate_hz:g} Hz" if rate_hz else f"stop sending {name}"
-    params = (float(autopilot.codec.message_number(name)), 1e6 / rate_hz if rate_hz else -1.0)
+    """Have the message ``name`` sent ``rate_hz`` times a second."""
+    params = (float(autopilot.codec.message_number(name)), 1e6 / rate_hz)
     hint = "This autopilot may not have the message; take poses from another source."
+    what = f"send {name} at {rate_hz:g} Hz"
     return Handshake([Exchange(autopilot, what, SET_MESSAGE_INTERVAL, params, hint, patience_s=0.0)])
+
+
+def silence(autopilot: Autopilot, name: str) -> Handshake:
+    """Have the message ``name`` sent no more; one that the autopilot does not have is silent already."""
+    params = (float(autopilot.codec.message_number(name)), -1.0)
+    return Handshake(
+        [Exchange(autopilot, f"stop sending {name}", SET_MESSAGE_INTERVAL, params, hint="", any_answer=True)]
+    )

@@ -170,10 +170,11 @@ class Exchange(Repeated):
         params: Sequence[float],
         hint: str,
         patience_s: float = PATIENCE_S,
+        any_answer: bool = False,
     ) -> None:
         """Ask ``autopilot`` for ``command``; a refusal quotes its words and ends with ``hint``: what to do.
 
-        A refusal that may pass is final after ``patience_s`` [s].
+        A refusal that may pass is final after ``patience_s`` [s]; with ``any_answer`` it is as good as a yes.
         """
 
         def frame(repetition: int) -> bytes:
@@ -185,6 +186,7 @@ class Exchange(Repeated):
         self._command = command
         self._hint = hint
         self._patience = patience_s
+        self._any_answer = any_answer
         self._refused: tuple[int, float] | None = None
 
     def poll(self, now_s: float) -> list[bytes]:
@@ -206,7 +208,7 @@ class Exchange(Repeated):
             return
         result = message.result
         began_s = now_s if self._since_s is None else self._since_s
-        if result == ACCEPTED:
+        if result == ACCEPTED or self._any_answer:
             self.done = True
         elif result == IN_PROGRESS:
             self._answered(now_s + ANSWER_S * TRIES)

@@ -10,9 +10,13 @@ from sim.autopilot import Px4Autopilot
 class AutopilotPeer(asyncio.DatagramProtocol):
     """Runs on the real and on the virtual loop alike."""
 
-    def __init__(self, autopilot: Px4Autopilot, remote: tuple[str, int]) -> None:
-        """Bring ``autopilot`` to the ground station that listens at ``remote`` (host, port)."""
+    def __init__(self, autopilot: Px4Autopilot, remote: tuple[str, int], *, delay_s: float = 0.0) -> None:
+        """Bring ``autopilot`` to the ground station that listens at ``remote`` (host, port).
+
+        ``delay_s`` is how long what it says takes to leave, on top of what the network takes [s].
+        """
         self._autopilot = autopilot
+        self._delay_s = delay_s
         self._remote = remote
         self._loop: asyncio.AbstractEventLoop | None = None
         self._transport: asyncio.DatagramTransport | None = None
@@ -67,6 +71,12 @@ class AutopilotPeer(asyncio.DatagramProtocol):
             self._timer_s = due_s
 
     def _send(self, frames: list[bytes]) -> None:
+        if self._delay_s and frames and self._loop is not None:
+            self._loop.call_later(self._delay_s, self._leave, frames)
+        else:
+            self._leave(frames)
+
+    def _leave(self, frames: list[bytes]) -> None:
         if self._transport is not None:
             for frame in frames:
                 self._transport.sendto(frame)

@@ -59,8 +59,10 @@ class MavlinkPoseSource:
 
     def _choose(self, autopilot: int) -> Mapping[str, float]:
         """Which messages to ask of ``autopilot``, and their rates [Hz]."""
-        self._decoder = decoder_for(autopilot, self._config.latency_s)
-        return dict.fromkeys(self._decoder.messages, self._config.rate_hz)
+        decoder = decoder_for(autopilot, self._config.latency_s)
+        if type(self._decoder) is not type(decoder):  # connecting again goes on counting
+            self._decoder = decoder
+        return dict.fromkeys(decoder.messages, self._config.rate_hz)
 
     def _take(self, message: Message, arrival_s: float) -> None:
         if self._decoder is not None and self._deliver is not None:

@@ -1,20 +1,23 @@
-"""A replay in numbers: the fields of ``groundstation replay --json`` but for the verdict."""
+"""A replay in numbers: the fields of ``groundstation replay --json``, all but the verdict."""
 
 import math
 from collections.abc import Sequence
+from itertools import pairwise
 
 import msgspec
 import numpy as np
 import numpy.typing as npt
 
 from groundstation.poses.port import Pose
-from groundstation.shadow.path import Path
+from groundstation.settings import Config
+from groundstation.shadow.path import FlownPath
 from groundstation.shadow.recording import Recording
-from groundstation.shadow.replay import Compared, Known, Replayed
+from groundstation.shadow.replay import Compared, Replayed
 from groundstation.so3 import conjugate, multiply, rotation_vector
 
 GAP = 3.0
 """An interval this many times the usual one is a gap."""
+UNKNOWN = (math.nan, math.nan, math.nan)
 
 Array = npt.NDArray[np.float64]
 
@@ -65,7 +68,7 @@ class Commands(msgspec.Struct, frozen=True):
     """Share of the shadow's commands of which a part was at a limit."""
 
 
-class Facts(msgspec.Struct, frozen=True):
+class Facts(msgspec.Struct, frozen=True, kw_only=True):
     """Everything measured. None: the recording does not tell."""
 
     file: str
@@ -73,7 +76,7 @@ class Facts(msgspec.Struct, frozen=True):
     pose_source: str
     poses: int
     dropped: dict[str, int]
-    """Bytes, frames, poses and set-points not used, by reason."""
+    """Bytes, frames, log times, poses and set-points not used, by reason."""
     rate_hz: float | None
     """Poses a second, in flight (in the whole recording where nothing flies)."""
     gaps: Gaps
@@ -99,47 +102,80 @@ class Facts(msgspec.Struct, frozen=True):
     commands: Commands | None
 
 
-def facts(
-    file: str,
-    recording: Recording,
-    replayed: Replayed,
-    path: Path,
-    *,
-    hover: float | None,
-    hover_configured: float,
-    coast_s: float,
+def measured(
+    file: str, recording: Recording, replayed: Replayed, path: FlownPath, config: Config, hover: float | None
 ) -> Facts:
-    """The numbers of one replay."""
+    """The numbers of one replay with ``config``; ``hover``: see flight.py."""
     known = replayed.known
     air = [each for each in known if each.flying]
-    intervals = _intervals(known, in_flight=bool(air))
+    intervals = np.array([b.pose.arrival_s - a.pose.arrival_s for a, b in pairwise(known) if a.flying or not air])
     usual = float(np.median(intervals)) if len(intervals) else 0.0
-    own, estimated, followed = _velocities(air, path)
-    dropped = dict(recording.dropped)
-    if replayed.ignored:
-        dropped["not_newer"] = replayed.ignored
+    total = float(intervals.sum())
+    own = np.array([each.pose.velocity_ned or UNKNOWN for each in air]).reshape(-1, 3)
+    ours = np.array([each.velocity_ned for each in air]).reshape(-1, 3)
+    references = (path.at(each.pose.time_s) for each in air)
+    followed = np.array([ref.velocity_ned if ref is not None else UNKNOWN for ref in references]).reshape(-1, 3)
+    from_own = _lengths(ours - own)
+    resets = [(a, b) for a, b in pairwise(known) if a.pose.reset_count != b.pose.reset_count]
     return Facts(
         file=file,
         autopilot=recording.autopilot,
         pose_source=recording.pose_source,
         poses=len(recording.poses),
-        dropped=dropped,
-        rate_hz=len(intervals) / float(intervals.sum()) if intervals.sum() > 0.0 else None,
-        gaps=Gaps(int((intervals > GAP * usual).sum()), float(intervals.max(initial=0.0)), coast_s),
-        resets=sum(b.pose.reset_count != a.pose.reset_count for a, b in zip(known, known[1:], strict=False)),
+        dropped=recording.dropped | ({"not_newer": replayed.ignored} if replayed.ignored else {}),
+        rate_hz=len(intervals) / total if total > 0.0 else None,
+        gaps=Gaps(
+            int(np.count_nonzero(intervals > GAP * usual)),
+            float(intervals.max(initial=0.0)),
+            config.flight.coast_s,
+        ),
+        resets=len(resets),
         resets_in_flight=[
-            Reset(b.pose.time_s, b.innovation_m, _turn(a.pose, b.pose))
-            for a, b in zip(known, known[1:], strict=False)
-            if b.flying and a.pose.reset_count != b.pose.reset_count
+            Reset(b.pose.time_s, b.innovation_m, _turned_rad(a.pose, b.pose)) for a, b in resets if b.flying
         ],
-        flights=sum(b and not a for a, b in zip([False, *(e.flying for e in known)], [e.flying for e in known], strict=False)),
-        flight_s=float(intervals.sum()) if air else 0.0,
+        flights=sum(b.flying and not a.flying for a, b in pairwise(known)) + known[0].flying,
+        flight_s=total if air else 0.0,
         hover_thrust=hover,
-        hover_configured=hover_configured,
-        velocity_rms_m_s=_rms(estimated - own),
-        velocity_max_m_s=_max(estimated - own),
-        velocity_path_rms_m_s=_rms(estimated - followed),
-        own_velocity_path_rms_m_s=_rms(own - followed),
-        innovation_rms_m=_rms(np.array([[each.innovation_m] for each in air])),
+        hover_configured=config.vehicle.mass_kg * config.controller.gravity / config.vehicle.thrust_max_n,
+        velocity_rms_m_s=_rms(from_own),
+        velocity_max_m_s=float(from_own.max()) if len(from_own) else None,
+        velocity_path_rms_m_s=_rms(_lengths(ours - followed)),
+        own_velocity_path_rms_m_s=_rms(_lengths(own - followed)),
+        innovation_rms_m=_rms(np.array([each.innovation_m for each in air])),
         commands=_commands(replayed.compared),
+    )
+
+
+def _turned_rad(before: Pose, after: Pose) -> float:
+    return math.hypot(*rotation_vector(multiply(conjugate(before.attitude), after.attitude)))
+
+
+def _lengths(vectors: Array) -> Array:
+    """Lengths (M,) of those of the vectors (N, 3) that are known."""
+    lengths: Array = np.linalg.norm(vectors, axis=1)
+    return lengths[np.isfinite(lengths)]
+
+
+def _rms(values: Array) -> float | None:
+    return float(np.sqrt(np.mean(values * values))) if len(values) else None
+
+
+def _commands(compared: Sequence[Compared]) -> Commands | None:
+    if not compared:
+        return None
+    sent = np.array([(each.sent.thrust, *each.sent.rates) for each in compared])
+    shadow = np.array([(each.shadow.thrust, *each.shadow.rates) for each in compared])
+    thrust, roll, pitch, yaw = (_pair(sent[:, i], shadow[:, i]) for i in range(4))
+    saturated = sum(each.saturated for each in compared) / len(compared)
+    return Commands(len(compared), thrust, roll, pitch, yaw, saturated)
+
+
+def _pair(sent: Array, shadow: Array) -> Pair:
+    deviation = float(sent.std()), float(shadow.std())
+    return Pair(
+        float(sent.mean()),
+        float(shadow.mean()),
+        *deviation,
+        float(np.sqrt(np.mean((shadow - sent) ** 2))),
+        float(np.corrcoef(sent, shadow)[0, 1]) if min(deviation) > 0.0 else None,
     )

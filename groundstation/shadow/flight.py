@@ -1,9 +1,9 @@
-"""Which part of a recording is flight on set-points, and what the vehicle was, as far as the recording tells."""
+"""Which part of a recording is flight on set-points, and how much thrust carried the vehicle."""
 
 import numpy as np
 import numpy.typing as npt
 
-from groundstation.shadow.path import Path
+from groundstation.shadow.path import FlownPath
 from groundstation.shadow.recording import Recording, Sent
 from groundstation.so3 import third_column
 from links.thrust_curve import thrust
@@ -11,18 +11,21 @@ from links.thrust_curve import thrust
 CARRIES = 0.85
 """A vehicle in the air carries its weight: over one second the mean thrust is at least this share of hover.
 
-At less it would be 1.5 m/s faster down after that second; one that stands on the ground is at far less. The
-autopilot's own landed_state alone does not do: PX4 may call a vehicle flying that has stood for ten seconds.
+At less it would gain 1.5 m/s downwards in that second; one that stands on the ground is at far less. The autopilot's
+own landed_state does not do alone: PX4 calls a vehicle flying until seconds after it stands.
 """
 MEAN_S = 1.0
-"""Over this long [s]."""
+"""That second [s]."""
 STEADY_M_S, STEADY_M_S2 = 0.5, 1.0
-"""Hover thrust is read where the vertical speed and the acceleration stay below these."""
-LEAST_SIGNAL = 0.05
-"""Below this no vehicle flies."""
+"""Hover thrust is read where the vertical speed and the vertical acceleration stay below these,"""
+STEADY_COS_TILT = 0.99
+"""and the vehicle is level within 8 deg: some autopilots add thrust of their own to what is sent where it tilts."""
+LEAST_SHARE = 0.05
+"""Below this share of full thrust no vehicle flies."""
 FEWEST = 25
-"""Set-points that hover thrust may be read from."""
+"""So many set-points at least must hover thrust be read from."""
 
+Array = npt.NDArray[np.float64]
 Flags = npt.NDArray[np.bool_]
 
 
@@ -32,12 +35,14 @@ def thrust_shares(sent: list[Sent], curve: float) -> list[float]:
 
 
 def flying(recording: Recording, shares: list[float], hover: float | None) -> Flags:
-    """For each pose (N,), whether the vehicle was in the air on set-points; without any, as the autopilot says."""
+    """For each pose (N,), whether the vehicle was in the air on set-points.
+
+    ``hover`` is the share of full thrust that carries it; without it, what the autopilot says must do.
+    """
     may_fly: Flags = np.array([seen.may_fly for seen in recording.poses])
     if hover is None:
         return may_fly
-    sent_at = np.array([each.time_s for each in recording.sent])
-    arrival = np.array([seen.pose.arrival_s for seen in recording.poses])
+    sent_at, arrival = _times(recording)
     first = np.searchsorted(sent_at, arrival - 0.5 * MEAN_S)
     end = np.searchsorted(sent_at, arrival + 0.5 * MEAN_S)
     total = np.concatenate(([0.0], np.cumsum(shares)))
@@ -46,42 +51,40 @@ def flying(recording: Recording, shares: list[float], hover: float | None) -> Fl
     return carried
 
 
-def hover_share(recording: Recording, shares: list[float], path: Path, gravity: float) -> float | None:
+def hover_share(recording: Recording, shares: list[float], path: FlownPath, gravity: float) -> float | None:
     """Share 0..1 of full thrust that carries the weight: the median over steady flight; None without any.
 
-    Vertically T/T_max cos(tilt) g = hover (g - z¨), lag left out, as thrust hardly changes in steady flight.
+    At each set-point, T/T_max cos(tilt) g = hover (g - z¨). The lag is left out: in steady flight thrust hardly
+    changes. The first value tells what was on the ground, the second leaves that out.
     """
+    sent_at, arrival = _times(recording)
+    newest = np.searchsorted(arrival, sent_at, "right") - 1
+    value = np.full(len(shares), np.nan)
+    for i, share in enumerate(shares):
+        if newest[i] >= 0 and share > LEAST_SHARE and recording.poses[newest[i]].may_fly:
+            value[i] = _hover_at(recording, newest[i], share, path, gravity)
     estimate: float | None = None
-    for _ in range(2):  # with a first value, what was on the ground can be told
-        flags = flying(recording, shares, estimate)
-        values = [
-            value
-            for index, share in _sent_while(recording, flags, shares)
-            if (value := _hover_at(recording, index, share, path, gravity)) is not None
-        ]
-        if len(values) < FEWEST:
+    for _ in range(2):
+        used = value[flying(recording, shares, estimate)[newest] & np.isfinite(value)]
+        if len(used) < FEWEST:
             return None
-        estimate = float(np.median(values))
+        estimate = float(np.median(used))
     return estimate
 
 
-def _sent_while(recording: Recording, flags: Flags, shares: list[float]) -> list[tuple[int, float]]:
-    """(index of the newest pose, share) of every set-point sent in flight."""
-    arrival = np.array([seen.pose.arrival_s for seen in recording.poses])
-    sent_at = np.array([each.time_s for each in recording.sent])
-    newest = np.searchsorted(arrival, sent_at, "right") - 1
-    return [
-        (int(index), share)
-        for index, share in zip(newest, shares, strict=True)
-        if index >= 0 and flags[index] and share > LEAST_SIGNAL
-    ]
+def _times(recording: Recording) -> tuple[Array, Array]:
+    """When set-points were sent (M,) and when poses arrived (N,) [s]."""
+    sent_at = np.array([each.time_s for each in recording.sent], np.float64)
+    return sent_at, np.array([seen.pose.arrival_s for seen in recording.poses], np.float64)
 
 
-def _hover_at(recording: Recording, index: int, share: float, path: Path, gravity: float) -> float | None:
+def _hover_at(recording: Recording, index: int, share: float, path: FlownPath, gravity: float) -> float:
     pose = recording.poses[index].pose
     reference = path.at(pose.time_s)
-    if reference is None or abs(reference.velocity_ned[2]) > STEADY_M_S:
-        return None
-    if max(map(abs, reference.acceleration_ned)) > STEADY_M_S2:
-        return None
-    return share * third_column(pose.attitude)[2] * gravity / (gravity - reference.acceleration_ned[2])
+    if reference is None:
+        return np.nan
+    speed, acceleration = reference.velocity_ned[2], reference.acceleration_ned[2]
+    cos_tilt = third_column(pose.attitude)[2]
+    if abs(speed) > STEADY_M_S or abs(acceleration) > STEADY_M_S2 or cos_tilt < STEADY_COS_TILT:
+        return np.nan
+    return share * cos_tilt * gravity / (gravity - acceleration)

@@ -25,7 +25,7 @@ FEWEST = 2 * (ORDER + 1)
 Array = npt.NDArray[np.float64]
 
 
-class Path:
+class FlownPath:
     """Position and heading of one vehicle over time."""
 
     def __init__(self, poses: list[Pose], longest_gap_s: float) -> None:

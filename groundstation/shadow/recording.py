@@ -23,6 +23,8 @@ IGNORED_ATTITUDE = 128
 """The bit that leaves out the attitude; without it the attitude wins over the rates."""
 JITTER_S = 0.1
 """Loggers write messages of several wires out of order by this much at most [s]: no reason to drop one."""
+FASTEST_RAD_S = 100.0
+"""No vehicle turns faster [rad/s]: a set-point that asks for more is not believed."""
 LEAP_S = 60.0
 """A log time further than this from the one before is believed only if the next one agrees [s]."""
 
@@ -87,9 +89,7 @@ def read_recording(path: Path, latency_s: float, system: int) -> Recording:
             if recording.poses:
                 dropped = Counter(recording.dropped) + leaps + reader.dropped
                 return recording._replace(dropped=dict(dropped))
-    raise ConfigError(
-        "", "no poses in it: record ODOMETRY, or LOCAL_POSITION_NED and ATTITUDE_QUATERNION", str(path)
-    )
+    raise ConfigError("", "no poses in it: record ODOMETRY, or LOCAL_POSITION_NED and ATTITUDE_QUATERNION", str(path))
 
 
 def in_order(records: Iterable[Record], dropped: Counter[str]) -> Iterator[Record]:
@@ -149,6 +149,6 @@ def _of_vehicle(records: list[Record], system: int, decoder: Decoder) -> Recordi
 
 
 def _is_rates_and_thrust(message: Message) -> bool:
-    rates_sum = message.body_roll_rate + message.body_pitch_rate + message.body_yaw_rate
-    finite = abs(rates_sum + message.thrust) < float("inf")  # false of a NaN too
-    return finite and message.type_mask & (IGNORED_PARTS | IGNORED_ATTITUDE) == IGNORED_ATTITUDE
+    numbers = (message.thrust, message.body_roll_rate, message.body_pitch_rate, message.body_yaw_rate)
+    parts = message.type_mask & (IGNORED_PARTS | IGNORED_ATTITUDE)
+    return parts == IGNORED_ATTITUDE and all(abs(number) <= FASTEST_RAD_S for number in numbers)  # no NaN either

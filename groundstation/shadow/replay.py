@@ -1,16 +1,14 @@
 """The shadow: our estimator and controller over a recording, at the recorded instants. Deterministic.
 
-The estimator gets the poses, without the autopilot's own velocity, and the set-points that were sent (they are what
-the vehicle obeyed). At each set-point in flight the controller says what it would have sent along the path that
-was flown (path.py). What it says goes nowhere: the next set-point is again the recorded one.
+The estimator gets the poses as in flight (it takes the autopilot's own velocity to begin with, never again), and the
+set-points that were sent, as they are what the vehicle obeyed. At each set-point in flight the controller says what
+it would have sent along the path that was flown (path.py). What it says goes nowhere: the next set-point is again
+the recorded one. So a correction that it asks for is never made, and it keeps asking: its commands are livelier than
+they would be in flight.
 """
 
-from itertools import groupby
+import math
 from typing import NamedTuple
-
-import msgspec
-import numpy as np
-import numpy.typing as npt
 
 from groundstation.control.adaptive import Adaptive
 from groundstation.control.estimator import ModelEstimator
@@ -20,10 +18,8 @@ from groundstation.control.port import Estimate
 from groundstation.poses.port import Pose
 from groundstation.settings import Config
 from groundstation.shadow.flight import flying, thrust_shares
-from groundstation.shadow.path import Path
-from groundstation.shadow.recording import Recording, Sent
-
-Array = npt.NDArray[np.float64]
+from groundstation.shadow.path import FlownPath
+from groundstation.shadow.recording import Recording
 
 
 class Known(NamedTuple):
@@ -57,7 +53,7 @@ class Replayed(NamedTuple):
 class Shadow:
     """Estimator and controller of one vehicle, driven by what was recorded."""
 
-    def __init__(self, config: Config, path: Path) -> None:
+    def __init__(self, config: Config, path: FlownPath) -> None:
         """``path`` is what the controller follows."""
         self._vehicle = config.vehicle
         self._gains = config.controller.effective()
@@ -72,9 +68,8 @@ class Shadow:
         """Take one pose; the estimated velocity there [m/s] and the innovation [m]."""
         innovation = 0.0
         if self._estimator.ready:
-            expected = np.array(self._estimate(pose.time_s).motion.position)
-            innovation = float(np.linalg.norm(np.array(pose.position_ned) - expected))
-        self._estimator.pose(msgspec.structs.replace(pose, velocity_ned=None))
+            innovation = math.dist(pose.position_ned, self._estimate(pose.time_s).motion.position)
+        self._estimator.pose(pose)
         return self._estimate(pose.time_s).motion.velocity, innovation
 
     def sent(self, time_s: float, drive: Drive, *, flying: bool) -> Compared | None:
@@ -106,7 +101,7 @@ class Shadow:
         return estimate
 
 
-def replay(recording: Recording, config: Config, path: Path, hover: float | None) -> Replayed:
+def replay(recording: Recording, config: Config, path: FlownPath, hover: float | None) -> Replayed:
     """Run the shadow over ``recording``; ``hover``: see flight.py."""
     shares = thrust_shares(recording.sent, config.link.thrust_curve)
     flags = flying(recording, shares, hover)

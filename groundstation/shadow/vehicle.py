@@ -13,15 +13,15 @@ from groundstation.settings import Config
 from groundstation.shadow.recording import Recording
 
 NOMINAL_KG = 1.0
-"""Mass of a vehicle that nobody described [kg]: thrust over mass follows from hover thrust, whatever the mass."""
+"""Mass of a vehicle that nobody described [kg]. Motion only shows thrust over mass, so any will do."""
 NOMINAL_LAG_S = 0.05
-"""Its lags of thrust and rates [s]: what PX4's and ArduPilot's simulated vehicles are controlled well with."""
+"""Its lags of thrust and of rates [s]: with these PX4's and ArduPilot's simulated vehicles were flown well."""
 NOMINAL_HOVER = 0.5
-"""Its hover thrust, where the recording does not tell either."""
+"""Its hover thrust, where the recording does not show it either."""
 NOMINAL_PERIOD_S = 0.01
 """Time between its set-points, where there are none [s]."""
 NOMINAL_LATENCY_S = 0.01
-"""From the instant of a pose to its earliest arrival in the log [s]."""
+"""From the instant of a pose to its earliest arrival in the log [s], where the configuration is of another source."""
 
 
 def described(path: Path | None, overrides: Sequence[str]) -> Config:
@@ -41,17 +41,18 @@ def latency_s(config: Config) -> float:
     return pose.latency_s if isinstance(pose, MavlinkPoseConfig | TlogConfig) else NOMINAL_LATENCY_S
 
 
-def completed(config: Config, path: Path | None, overrides: Sequence[str], recording: Recording, hover: float | None) \
-        -> Config:
-    """``config`` with what the recording tells about its vehicle; a configuration file is taken as it is.
+def completed(
+    config: Config, path: Path | None, overrides: Sequence[str], recording: Recording, hover: float | None
+) -> Config:
+    """``config`` with what the recording shows of its vehicle; a configuration file is taken as it is.
 
-    ``hover`` is the share of full thrust that carries the vehicle, where the recording shows it. With it the full
-    thrust is m g / hover; ``overrides`` come last, as always.
+    ``hover`` is the share of full thrust that carries the vehicle: full thrust is then m g / hover. What
+    ``overrides`` say comes last, as always.
     """
     if path is not None:
         return config
-    times = np.array([sent.time_s for sent in recording.sent])
-    period_s = float(np.median(np.diff(times))) if len(times) > 1 else 0.0
+    times_s = np.array([sent.time_s for sent in recording.sent])
+    period_s = float(np.median(np.diff(times_s))) if len(times_s) > 1 else 0.0
     vehicle: dict[str, Any] = {
         "name": "recorded",
         "mass_kg": config.vehicle.mass_kg,

@@ -62,9 +62,7 @@ def test_the_attitude_target_equals_pymavlinks_own_byte_for_byte() -> None:
 
 def test_the_attitude_target_has_these_bytes() -> None:
     assert MavlinkCodec(245, 190).attitude_target(1.5, 1, 1, 0.5, (0.1, 0.2, 0.3)).hex() == (
-        "fd27000000f5be520000"
-        "dc0500000000803f000000000000000000000000cdcccc3dcdcc4c3e9a99993e0000003f010180"
-        "b176"
+        "fd27000000f5be520000dc0500000000803f000000000000000000000000cdcccc3dcdcc4c3e9a99993e0000003f010180b176"
     )
 
 
@@ -96,6 +94,12 @@ def test_a_question_for_the_time_is_answered_with_it_and_our_own() -> None:
     (question,) = codec.feed_datagram(golden("TIMESYNC").frame)
     answer = read(codec.timesync_reply(question, 1.25))
     assert (answer.get_type(), answer.tc1, answer.ts1) == ("TIMESYNC", 1_250_000_000, question.ts1)
+
+
+def test_an_answer_at_time_zero_is_still_no_question() -> None:
+    codec = MavlinkCodec(245, 190)
+    (question,) = codec.feed_datagram(golden("TIMESYNC").frame)
+    assert read(codec.timesync_reply(question, 0.0)).tc1 == 1
 
 
 def test_frames_are_numbered_one_after_the_other_across_all_kinds() -> None:
@@ -136,8 +140,8 @@ def test_a_frame_of_mavlink_1_is_read() -> None:
 ODOMETRY = golden("ODOMETRY").frame
 HEARTBEAT = golden("HEARTBEAT").frame
 BROKEN = HEARTBEAT[:-1] + bytes([HEARTBEAT[-1] ^ 1])
-UNKNOWN = bytes.fromhex("fd010000000101ffff00" "00" "0000")  # message 65535
-LATER_REVISION = bytes.fromhex("fd010200000101000000" "00" "0000")  # an incompatible flag
+UNKNOWN = bytes.fromhex("fd010000000101ffff00000000")  # message 65535
+LATER_REVISION = bytes.fromhex("fd010200000101000000000000")  # an incompatible flag
 
 
 @pytest.mark.parametrize(

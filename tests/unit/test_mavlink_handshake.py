@@ -6,7 +6,7 @@ from typing import Any
 import pytest
 
 from links.mavlink_codec import ARDUPILOT, ARM_DISARM, DO_SET_MODE, PX4, MavlinkCodec
-from links.mavlink_handshake import STREAM_S, arming, disarming, landing_disarmed, stream
+from links.mavlink_handshake import STREAM_S, arming, disarming, landing_disarmed, silence, stream
 from links.mavlink_steps import ANSWER_S, PATIENCE_S, TRIES, Autopilot, Handshake
 from links.mavlink_words import Words
 from links.port import LinkLost, LinkRejected
@@ -235,12 +235,19 @@ def test_ardupilot_that_stays_armed_is_told_of() -> None:
     assert "still armed 10 s after mode LAND" in str(failure)
 
 
-@pytest.mark.parametrize(("rate_hz", "interval_us"), [(100.0, 10_000.0), (0.0, -1.0)])
-def test_a_stream_is_asked_for_by_its_interval(rate_hz: float, interval_us: float) -> None:
-    scene = Scene(PX4, lambda autopilot: stream(autopilot, "ODOMETRY", rate_hz), accept).run()
+def test_a_stream_is_asked_for_by_its_interval() -> None:
+    scene = Scene(PX4, lambda autopilot: stream(autopilot, "ODOMETRY", 100.0), accept).run()
     assert scene.handshake.done
     ((_, request),) = scene.asked
-    assert (request.command, request.param1, request.param2) == (511, 331.0, interval_us)
+    assert (request.command, request.param1, request.param2) == (511, 331.0, 10_000.0)
+
+
+@pytest.mark.parametrize("result", [0, 2, 4])
+def test_a_stream_is_stopped_whatever_the_answer(result: int) -> None:
+    scene = Scene(PX4, lambda autopilot: silence(autopilot, "ODOMETRY"), refuse(511, result)).run()
+    assert scene.handshake.done
+    ((_, request),) = scene.asked
+    assert (request.command, request.param1, request.param2) == (511, 331.0, -1.0)
 
 
 def test_a_stream_that_is_refused_is_not_asked_for_again() -> None:

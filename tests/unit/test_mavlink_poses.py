@@ -125,7 +125,8 @@ def test_a_repeated_and_an_older_stamp_are_dropped_and_counted() -> None:
 
 def test_the_latency_is_taken_off() -> None:
     pose = decode(OdometryDecoder(0.012), odometry(1.0), 77.0)
-    assert (pose.time_s, pose.arrival_s) == (pytest.approx(77.0 - 0.012), 77.0)
+    assert pose.time_s == pytest.approx(77.0 - 0.012)
+    assert pose.arrival_s == 77.0
 
 
 def test_a_message_that_was_held_up_is_as_old_as_its_stamp_says() -> None:

@@ -62,7 +62,7 @@ def test_records_behind_a_damaged_one_are_found() -> None:
 
 
 def test_a_message_that_nobody_knows_is_skipped_as_a_whole() -> None:
-    unknown = bytes.fromhex("fd010000000101ffff00" "00" "0000")
+    unknown = bytes.fromhex("fd010000000101ffff00000000")
     good = golden("HEARTBEAT").frame
     reader = TlogReader(tlog((0, unknown), (1000, good)))
     assert [r.message.get_type() for r in reader] == ["HEARTBEAT"]
@@ -83,9 +83,7 @@ def test_an_empty_file_holds_no_records() -> None:
 def test_odometry_is_preferred_where_it_is_there() -> None:
     both = list(TlogReader(tlog(*((n, g.frame) for n, g in enumerate(FRAMES)))))
     assert isinstance(pose_decoder(both, 0.0), OdometryDecoder)
-    assert isinstance(
-        pose_decoder([r for r in both if r.message.get_type() != "ODOMETRY"], 0.0), LocalPositionDecoder
-    )
+    assert isinstance(pose_decoder([r for r in both if r.message.get_type() != "ODOMETRY"], 0.0), LocalPositionDecoder)
     assert pose_decoder(both[:3], 0.0) is None
 
 

@@ -1,0 +1,70 @@
+"""Real processes on real loopback sockets: a simulated vehicle served by one, flown by another."""
+
+import socket
+import subprocess
+import sys
+import tempfile
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass, field
+from pathlib import Path
+
+EXAMPLE = Path(__file__).parents[2] / "examples" / "loopback.toml"
+QUICK_LANDING = ["--set", "flight.descent_m_s=1.0", "--set", "trajectory.altitude_m=0.2"]
+
+
+def free_udp_port() -> int:
+    """A UDP port that nobody uses at this moment."""
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
+        probe.bind(("127.0.0.1", 0))
+        return int(probe.getsockname()[1])
+
+
+@dataclass
+class Room:
+    """Where one vehicle, its cameras and its ground station meet."""
+
+    folder: Path
+    mavlink: int = field(default_factory=free_udp_port)
+    vicon: int = field(default_factory=free_udp_port)
+
+    @property
+    def status_socket(self) -> Path:
+        """Where the ground station publishes its status."""
+        return self.folder / "status.sock"
+
+    @property
+    def wires(self) -> list[str]:
+        """The overrides that make both ends meet."""
+        return [
+            *("--set", f"link.listen=127.0.0.1:{self.mavlink}"),
+            *("--set", f"pose.listen=127.0.0.1:{self.vicon}"),
+        ]
+
+    def station(self, command: str, *arguments: str) -> list[str]:
+        """The command line of ``groundstation fly`` or ``daemon`` in this room."""
+        return [
+            *(sys.executable, "-m", "groundstation", command, str(EXAMPLE), *self.wires, *QUICK_LANDING),
+            *("--set", f"status.path={self.status_socket}", *arguments),
+        ]
+
+
+@contextmanager
+def served(scenario: str = "paper") -> Iterator[Room]:
+    """A room with a simulated vehicle in it."""
+    with tempfile.TemporaryDirectory(prefix="gs-") as folder:
+        room = Room(Path(folder))
+        server = subprocess.Popen(
+            [sys.executable, "-m", "sim", "serve", "--scenario", scenario, *room.wires, "--duration", "100"],
+            stdout=subprocess.PIPE,
+            text=True,
+        )
+        try:
+            assert server.stdout is not None
+            assert "serving" in server.stdout.readline()
+            yield room
+        finally:
+            server.terminate()
+            server.wait(10)
+            assert server.stdout is not None
+            server.stdout.close()

@@ -1,0 +1,147 @@
+"""The application as a user has it: own processes, real UDP sockets, real signals, real time."""
+
+import asyncio
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+
+from groundstation.snapshot import Snapshot
+from groundstation.telemetry.status import snapshots
+from tests.e2e.stations import EXAMPLE, served
+
+
+async def seen(socket: Path, until: Callable[[Snapshot], bool], within_s: float = 20.0) -> Snapshot:
+    """The first snapshot on the status socket that satisfies ``until``."""
+    async with asyncio.timeout(within_s):
+        while not socket.exists():
+            await asyncio.sleep(0.05)
+        async for snapshot in snapshots(socket):
+            if until(snapshot):
+                return snapshot
+    raise AssertionError("the status socket went away first")
+
+
+def test_fly_takes_a_served_vehicle_through_its_trajectory_and_lands_it() -> None:
+    with served() as room:
+        run = subprocess.run(
+            room.station("fly", "--arm", "mqx", "--set", "flight.duration_s=5.0"),
+            capture_output=True,
+            text=True,
+            timeout=60,
+            stdin=subprocess.DEVNULL,
+        )
+    assert run.returncode == 0, run.stdout + run.stderr
+    for word in ("connecting", "ready", "arming", "flying", "landing", "landed and disarmed"):
+        assert word in run.stdout
+
+
+def test_the_daemon_lands_on_sigterm_and_its_status_shows_the_flight() -> None:
+    with served() as room:
+        daemon = subprocess.Popen(
+            room.station("daemon", "--arm", "mqx"), stderr=subprocess.PIPE, text=True, stdin=subprocess.DEVNULL
+        )
+        try:
+            on_track = asyncio.run(
+                seen(room.status_socket, lambda s: s.state == "flying" and s.flight_time_s > 3.0 and s.error_m < 0.1)
+            )
+            assert on_track.pose_rate_hz == pytest.approx(50.0, abs=8.0)
+            daemon.send_signal(signal.SIGTERM)
+            _, log = daemon.communicate(timeout=40)
+        finally:
+            daemon.kill()
+            daemon.wait()
+    assert daemon.returncode == 0, log
+    assert "SIGTERM: landing" in log
+    assert "landed and disarmed" in log
+
+
+def test_a_daemon_that_was_not_told_to_arm_stays_on_the_ground_and_ends_on_sigterm() -> None:
+    with served() as room:
+        daemon = subprocess.Popen(room.station("daemon"), stderr=subprocess.PIPE, text=True, stdin=subprocess.DEVNULL)
+        try:
+            asyncio.run(seen(room.status_socket, lambda s: s.state == "ready"))
+            time.sleep(1.0)
+            assert asyncio.run(seen(room.status_socket, lambda _: True)).state == "ready"
+            daemon.send_signal(signal.SIGTERM)
+            _, log = daemon.communicate(timeout=20)
+        finally:
+            daemon.kill()
+            daemon.wait()
+    assert daemon.returncode == 1
+    assert "arming" not in log
+    assert "ended before take-off" in log
+
+
+def test_a_station_that_is_killed_leaves_the_vehicle_to_the_autopilots_failsafe() -> None:
+    with served() as room:
+        station = subprocess.Popen(
+            room.station("fly", "--arm", "mqx"), stdout=subprocess.DEVNULL, stdin=subprocess.DEVNULL
+        )
+        try:
+            asyncio.run(seen(room.status_socket, lambda s: s.state == "flying"))
+        finally:
+            station.kill()
+            station.wait()
+        # The autopilot noticed, and a new station finds it disarmed on the floor or still landing, and can connect.
+        time.sleep(2.0)
+        daemon = subprocess.Popen(
+            room.station("daemon", "--set", f"status.path={room.folder / 'second.sock'}"),
+            stderr=subprocess.DEVNULL,
+            stdin=subprocess.DEVNULL,
+        )
+        try:
+            shown = asyncio.run(seen(room.folder / "second.sock", lambda s: s.link.state in ("connected", "armed")))
+        finally:
+            daemon.terminate()
+            daemon.wait(20)
+    assert shown.state in ("connecting", "ready")
+
+
+@pytest.mark.parametrize("section", ["link.listen", "link.remote", "pose.listen"])
+@pytest.mark.parametrize("host", ["0.0.0.0", "192.168.1.20", "[::]", "lab-pc"])
+def test_fly_refuses_every_address_that_is_not_loopback_and_says_why(section: str, host: str, tmp_path: Path) -> None:
+    table, key = section.split(".")
+    config = tmp_path / "lab.toml"
+    config.write_text(f'[{table}]\n{key} = "{host}:14550"\n')
+    run = subprocess.run(
+        [sys.executable, "-m", "groundstation", "fly", str(config), "--arm", "mqx"],
+        capture_output=True,
+        text=True,
+        timeout=20,
+        stdin=subprocess.DEVNULL,
+    )
+    assert run.returncode == 2
+    assert len(run.stderr.strip().splitlines()) == 1
+    assert f"{section}: {host}:14550: only loopback addresses may fly yet" in run.stderr
+
+
+def test_fly_does_not_arm_without_a_terminal_or_under_a_wrong_name() -> None:
+    for arguments, expected in (([], "needs --arm mqx"), (["--arm", "other"], "expected 'mqx'")):
+        run = subprocess.run(
+            [sys.executable, "-m", "groundstation", "fly", str(EXAMPLE), *arguments],
+            capture_output=True,
+            text=True,
+            timeout=20,
+            stdin=subprocess.DEVNULL,
+        )
+        assert run.returncode == 2
+        assert expected in run.stderr
+
+
+def test_a_recording_never_flies_a_vehicle(tmp_path: Path) -> None:
+    config = tmp_path / "lab.toml"
+    config.write_text('[pose]\nkind = "tlog"\npath = "flight.tlog"\n')
+    run = subprocess.run(
+        [sys.executable, "-m", "groundstation", "fly", str(config), "--arm", "mqx"],
+        capture_output=True,
+        text=True,
+        timeout=20,
+        stdin=subprocess.DEVNULL,
+    )
+    assert run.returncode == 2
+    assert "a recording must not fly a vehicle" in run.stderr

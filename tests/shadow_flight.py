@@ -1,0 +1,104 @@
+"""A made-up flight as a .tlog: a vehicle without lag that follows a circle exactly, on the set-points that do that."""
+
+import math
+import struct
+from collections.abc import Callable
+
+import msgspec
+
+from groundstation import so3
+from groundstation.control.ops import Quat, Vec3
+from links.mavlink_codec import ARM_DISARM, MavlinkCodec
+
+GRAVITY = 9.81
+START_US = 1_790_000_000_000_000
+VEHICLE, GROUND = MavlinkCodec(1, 1), MavlinkCodec(255, 190)
+D = VEHICLE.dialect
+NOTHING = [0.0] * 21
+
+
+class Flight(msgspec.Struct, frozen=True, kw_only=True):
+    """On the ground for a second, once around a circle of 1 m, then on the ground again, still armed, for two."""
+
+    hover: float = 0.4
+    """Share of full thrust that carries it."""
+    pose_period_s: float = 0.02
+    sent_period_s: float = 0.01
+    duration_s: float = 8.0
+    """In the air [s]."""
+    velocity_error: Vec3 = (0.0, 0.0, 0.0)
+    """Added to the velocity that it says it has [m/s]."""
+    stamp_us: Callable[[int], int] = lambda us: us
+    """The stamp of a pose that is true at a time [µs]."""
+    poses: Callable[[float], bool] = lambda t: True
+    """Whether the pose at a time is sent."""
+    moved: Callable[[float], tuple[float, int]] = lambda t: (0.0, 0)
+    """By how much the source moved its north [m], and its reset counter, at a time."""
+    armed: bool = True
+    says_ground: bool = True
+    """Whether it says so when it stands on the ground."""
+
+    def motion(self, t: float) -> tuple[Vec3, Vec3, Quat, float]:
+        """Position, velocity, attitude and thrust (share of full) at ``t`` [s]."""
+        x = (t - 1.0) / self.duration_s
+        if not 0.0 <= x < 1.0:
+            return (1.0, 0.0, -1.0), (0.0, 0.0, 0.0), so3.IDENTITY, 0.2 * self.hover
+        angle = math.tau * x**3 * (10.0 - 15.0 * x + 6.0 * x * x)  # starts and ends at rest
+        turning = math.tau / self.duration_s * 30.0 * x * x * (1.0 - x) ** 2
+        turning_dot = math.tau / self.duration_s**2 * 60.0 * x * (1.0 - x) * (1.0 - 2.0 * x)
+        c, s = math.cos(angle), math.sin(angle)
+        force = (turning_dot * s + turning**2 * c, -turning_dot * c + turning**2 * s, GRAVITY)  # g e3 - p¨
+        length = math.hypot(*force)
+        # No yaw: tilt about x and y so that R e3 points along the force.
+        pitch = math.atan2(force[0], force[2])
+        roll = -math.asin(force[1] / length)
+        return (
+            (c, s, -1.0),
+            (-turning * s, turning * c, 0.0),
+            so3.from_euler_zyx(roll, pitch, 0.0),
+            self.hover * length / GRAVITY,
+        )
+
+    def tlog(self) -> bytes:
+        """The file."""
+        end = self.duration_s + 3.0
+        events: list[tuple[int, bytes]] = []
+        for second in range(int(end) + 1):
+            mode = 128 if self.armed and second else 0
+            events.append((1_000_000 * second, VEHICLE.pack(D.MAVLink_heartbeat_message(2, 12, mode, 0, 4, 3))))
+        if self.armed:
+            events.append((200_000, GROUND.command(1, 1, ARM_DISARM, 1.0)))
+            events.append((210_000, VEHICLE.pack(D.MAVLink_command_ack_message(ARM_DISARM, 0))))
+        for tenth in range(int(10 * end)):
+            aground = self.says_ground and not 10 <= tenth < 10 * (1.0 + self.duration_s)
+            state = D.MAVLink_extended_sys_state_message(0, 1 if aground else 2)
+            events.append((100_000 * tenth, VEHICLE.pack(state)))
+        for k in range(round(end / self.sent_period_s)):
+            t = k * self.sent_period_s
+            events.append((round(1e6 * t), self._set_point(t)))
+        for k in range(round(end / self.pose_period_s)):
+            t = k * self.pose_period_s
+            if self.poses(t):
+                events.append((round(1e6 * t) + 10_000, self._odometry(t)))
+        events.sort(key=lambda event: event[0])
+        return b"".join(struct.pack(">Q", START_US + us) + frame for us, frame in events)
+
+    def _set_point(self, t: float) -> bytes:
+        *_, before, share = self.motion(t)
+        after = self.motion(t + 1e-4)[2]
+        turn = so3.rotation_vector(so3.multiply(so3.conjugate(before), after))
+        rates = (1e4 * turn[0], 1e4 * turn[1], 1e4 * turn[2])
+        if max(map(abs, rates)) > 10.0:  # take-off and landing are at once
+            rates = (0.0, 0.0, 0.0)
+        return GROUND.attitude_target(t, 1, 1, share, rates)
+
+    def _odometry(self, t: float) -> bytes:
+        (x, y, z), velocity, attitude, _ = self.motion(t)
+        moved, counter = self.moved(t)
+        v = [a + b for a, b in zip(velocity, self.velocity_error, strict=True)]
+        stamp = self.stamp_us(round(1e6 * t))
+        return VEHICLE.pack(
+            D.MAVLink_odometry_message(
+                stamp, 1, 1, x + moved, y, z, attitude, *v, 0.0, 0.0, 0.0, NOTHING, NOTHING, counter, 8, 0
+            )
+        )

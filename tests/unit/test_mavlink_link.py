@@ -1,0 +1,528 @@
+"""links/mavlink.py and its connection towards PX4, ArduPilot and strangers, in virtual time."""
+
+import asyncio
+from collections.abc import Awaitable, Callable
+from typing import Any
+
+import msgspec
+import pytest
+
+from groundstation.poses.mavlink import MavlinkPoseConfig, MavlinkPoseSource
+from groundstation.poses.port import Pose
+from links.mavlink import MavlinkLink, MavlinkLinkConfig
+from links.mavlink_codec import ARDUPILOT, ARM_DISARM, DO_SET_MODE, PX4, SET_MESSAGE_INTERVAL, MavlinkCodec
+from links.port import Command, LinkError, LinkLost, LinkMisuse, LinkRejected
+from sim.autopilot import Px4Autopilot
+from sim.autopilot_peer import AutopilotPeer
+from sim.virtual_time import VirtualTimeLoop
+from tests.airframe_double import Brick
+from tests.loops import in_virtual_time
+
+HERE = ("127.0.0.1", 14540)
+D = MavlinkCodec(1, 1).dialect
+
+
+class Endpoint(asyncio.DatagramProtocol):
+    """One end of a conversation, written down, with a function that answers."""
+
+    def __init__(self, system: int = 1, component: int = 1, kind: int = PX4) -> None:
+        self.codec = MavlinkCodec(system, component)
+        self.kind = kind
+        self.armed = False
+        self.heard: list[tuple[float, Any]] = []
+        self.answer: Callable[[Any], list[Any]] = lambda message: []
+
+    async def open(self, local: tuple[str, int] | None = None, remote: tuple[str, int] | None = HERE) -> "Endpoint":
+        loop = asyncio.get_running_loop()
+        self.transport, _ = await loop.create_datagram_endpoint(lambda: self, local_addr=local)
+        self.remote = remote
+        return self
+
+    def datagram_received(self, data: bytes, addr: Any) -> None:
+        self.remote = addr
+        for message in self.codec.feed_datagram(data):
+            self.heard.append((asyncio.get_running_loop().time(), message))
+            self.say(*self.answer(message))
+
+    def say(self, *messages: Any) -> None:
+        for message in messages:
+            self.transport.sendto(self.codec.pack(message), self.remote)
+
+    def beat(self) -> None:
+        self.say(D.MAVLink_heartbeat_message(2, self.kind, 128 if self.armed else 0, 0, 3, 3))
+
+    async def beating(self) -> None:
+        while True:
+            self.beat()
+            await asyncio.sleep(1.0)
+
+    def of(self, name: str) -> list[Any]:
+        return [m for _, m in self.heard if m.get_type() == name]
+
+
+def accept(message: Any) -> list[Any]:
+    if message.get_type() != "COMMAND_LONG":
+        return []
+    return [D.MAVLink_command_ack_message(message.command, 0, 0, 0, 245, 190)]
+
+
+def command(thrust_n: float = 1.0, coast_s: float = 0.25) -> Command:
+    now = asyncio.get_running_loop().time()
+    return Command(thrust_n, (0.0, 0.0, 0.0), 1, now, now + coast_s)
+
+
+def scene(
+    play: Callable[[MavlinkLink, Endpoint], Awaitable[None]], *, kind: int = PX4, connect: bool = True, **options: Any
+) -> None:
+    """Play with a link and an autopilot that accepts every command and sends its heartbeat."""
+
+    async def main() -> None:
+        autopilot = await Endpoint(kind=kind).open()
+        autopilot.answer = accept
+        link = MavlinkLink(MavlinkLinkConfig(**({"quiet": False} | options)), thrust_max_n=2.0)
+        beating = asyncio.create_task(autopilot.beating())
+        try:
+            if connect:
+                await link.connect()
+            await play(link, autopilot)
+        finally:
+            beating.cancel()
+            await link.close()
+
+    in_virtual_time(main())
+
+
+def test_we_send_a_heartbeat_every_second_once_somebody_is_there() -> None:
+    async def play(link: MavlinkLink, autopilot: Endpoint) -> None:
+        await asyncio.sleep(5.5)
+        assert 6 <= len(autopilot.of("HEARTBEAT")) <= 7
+        assert {(m.get_srcSystem(), m.get_srcComponent()) for m in autopilot.of("HEARTBEAT")} == {(245, 190)}
+
+    scene(play)
+
+
+def test_the_autopilot_that_is_waiting_for_us_is_spoken_to_first() -> None:
+    async def main() -> None:
+        autopilot = await Endpoint().open(local=("127.0.0.1", 14580))
+        autopilot.answer = lambda m: [D.MAVLink_heartbeat_message(2, PX4, 0, 0, 3, 3)]
+        link = MavlinkLink(MavlinkLinkConfig(remote="127.0.0.1:14580", quiet=False), thrust_max_n=2.0)
+        await link.connect()
+        assert link.status.state == "connected"
+        assert link.send(command())
+        await asyncio.sleep(0.1)
+        assert len(autopilot.of("SET_ATTITUDE_TARGET")) == 1
+        await link.close()
+
+    in_virtual_time(main())
+
+
+def test_a_question_for_the_time_is_answered_an_answer_is_not() -> None:
+    async def play(link: MavlinkLink, autopilot: Endpoint) -> None:
+        await asyncio.sleep(0.5)
+        autopilot.say(D.MAVLink_timesync_message(0, 42), D.MAVLink_timesync_message(7, 42))
+        await asyncio.sleep(0.1)
+        (answer,) = autopilot.of("TIMESYNC")
+        assert (answer.tc1, answer.ts1) == (500_000_000, 42)
+
+    scene(play)
+
+
+def test_messages_reach_subscribers_with_their_arrival_until_they_leave() -> None:
+    async def play(link: MavlinkLink, autopilot: Endpoint) -> None:
+        got: list[tuple[str, float]] = []
+        leave = link.connection.subscribe(lambda m, s: got.append((m.get_type(), s)))
+        await asyncio.sleep(0.25)
+        autopilot.say(D.MAVLink_vfr_hud_message(1, 2, 3, 4, 5, 6))
+        await asyncio.sleep(0.25)
+        assert got == [("VFR_HUD", 0.25)]
+        leave()
+        autopilot.say(D.MAVLink_vfr_hud_message(1, 2, 3, 4, 5, 6))
+        await asyncio.sleep(0.25)
+        assert len(got) == 1
+
+    scene(play)
+
+
+def test_datagrams_from_another_address_are_ignored_and_counted() -> None:
+    async def play(link: MavlinkLink, autopilot: Endpoint) -> None:
+        got: list[str] = []
+        link.connection.subscribe(lambda m, s: got.append(m.get_type()))
+        stranger = await Endpoint().open()
+        stranger.say(D.MAVLink_vfr_hud_message(1, 2, 3, 4, 5, 6))
+        await asyncio.sleep(0.1)
+        assert got == []
+        assert link.status.dropped == {"other_address": 1}
+
+    scene(play)
+
+
+@pytest.mark.parametrize(("system", "component"), [(2, 1), (1, 191)])
+def test_messages_of_other_systems_and_components_are_ignored(system: int, component: int) -> None:
+    async def play(link: MavlinkLink, autopilot: Endpoint) -> None:
+        got: list[str] = []
+        link.connection.subscribe(lambda m, s: got.append(m.get_type()))
+        autopilot.codec = MavlinkCodec(system, component)
+        autopilot.say(D.MAVLink_vfr_hud_message(1, 2, 3, 4, 5, 6))
+        await asyncio.sleep(0.1)
+        assert got == []
+        assert link.status.dropped == {"other_system": 1}
+
+    scene(play)
+
+
+def test_only_a_heartbeat_of_the_vehicle_makes_a_connection() -> None:
+    async def main() -> None:
+        link = MavlinkLink(MavlinkLinkConfig(connect_timeout_s=2.0), thrust_max_n=2.0)
+        got: list[str] = []
+        link.connection.subscribe(lambda m, s: got.append(m.get_type()))
+        connecting = asyncio.create_task(link.connect())
+        await asyncio.sleep(0.1)
+        assert link.status.state == "connecting"
+        wrong, right = await Endpoint(system=9).open(), await Endpoint().open()
+        wrong.beat()
+        right.say(D.MAVLink_vfr_hud_message(1, 2, 3, 4, 5, 6))
+        right.say(D.MAVLink_heartbeat_message(6, 8, 0, 0, 4, 3))  # another ground station with the same system
+        with pytest.raises(LinkLost, match=r"no HEARTBEAT of MAVLink system 1, component 1 .*'other_system': 1"):
+            await connecting
+        assert got == []
+        assert link.status.state == "closed"
+
+    in_virtual_time(main())
+
+
+def test_an_address_in_use_is_told_of() -> None:
+    async def main() -> None:
+        await Endpoint().open(local=HERE)
+        link = MavlinkLink(MavlinkLinkConfig(), thrust_max_n=2.0)
+        with pytest.raises(LinkLost, match=r"cannot open 127\.0\.0\.1:14540.*already in use.*holds this port"):
+            await link.connect()
+
+    in_virtual_time(main())
+
+
+def test_a_silent_autopilot_is_lost_and_found_again() -> None:
+    async def main() -> None:
+        autopilot = await Endpoint().open()
+        link = MavlinkLink(MavlinkLinkConfig(quiet=False, heartbeat_timeout_s=3.0), thrust_max_n=2.0)
+        connecting = asyncio.create_task(link.connect())
+        await asyncio.sleep(0)
+        autopilot.beat()
+        await connecting
+        await asyncio.sleep(2.9)
+        assert link.status.state == "connected"
+        await asyncio.sleep(0.2)
+        assert link.status.state == "lost"
+        assert link.send(command())  # it may still hear us
+        autopilot.beat()
+        await asyncio.sleep(0.1)
+        assert link.status.state == "connected"
+        await link.close()
+
+    in_virtual_time(main())
+
+
+def test_the_default_talk_of_the_autopilot_is_stopped() -> None:
+    def play(quiet: bool) -> set[str]:
+        seen: set[str] = set()
+
+        async def main() -> None:
+            link = MavlinkLink(MavlinkLinkConfig(quiet=quiet), thrust_max_n=2.0)
+            peer = asyncio.create_task(AutopilotPeer(Px4Autopilot(Brick()), HERE).run())
+            await link.connect()
+            link.connection.subscribe(lambda m, s: seen.add(m.get_type()))
+            await asyncio.sleep(3.0)
+            await link.close()
+            peer.cancel()
+
+        in_virtual_time(main())
+        return seen
+
+    assert play(quiet=True) == {"HEARTBEAT"}
+    assert play(quiet=False) > {"ODOMETRY", "ATTITUDE_QUATERNION", "TIMESYNC"}
+
+
+def test_an_autopilot_that_answers_no_requests_is_connected_all_the_same() -> None:
+    async def play(link: MavlinkLink, autopilot: Endpoint) -> None:
+        autopilot.answer = lambda message: []
+        await link.connect()
+        assert link.status.state == "connected"
+        assert len({m.param1 for m in autopilot.of("COMMAND_LONG")}) == 1  # and asked no further
+
+    scene(play, connect=False, quiet=True)
+
+
+def fly_with_poses(autopilot: Px4Autopilot) -> tuple[list[Pose], MavlinkPoseSource]:
+    poses: list[Pose] = []
+    link = MavlinkLink(MavlinkLinkConfig(), thrust_max_n=2.0)
+    source = MavlinkPoseSource(MavlinkPoseConfig(latency_s=0.01, rate_hz=80.0), link)
+
+    async def main() -> None:
+        await source.start(poses.append)
+        peer = asyncio.create_task(AutopilotPeer(autopilot, HERE).run())
+        await link.connect()
+        begun = asyncio.get_running_loop().time()
+        await asyncio.sleep(1.999)
+        poses[:] = [pose for pose in poses if pose.arrival_s >= begun]
+        await source.close()
+        count = len(poses)
+        await asyncio.sleep(1.0)
+        assert len(poses) == count
+        await link.close()
+        peer.cancel()
+
+    in_virtual_time(main())
+    return poses, source
+
+
+def test_the_autopilots_odometry_comes_at_the_rate_that_was_asked_for() -> None:
+    poses, source = fly_with_poses(Px4Autopilot(Brick(2.0, held=True)))
+    assert len(poses) == pytest.approx(160, abs=1)
+    assert poses[-1].position_ned == (0.0, 0.0, -2.0)
+    assert poses[-1].arrival_s - poses[-1].time_s == pytest.approx(0.01, abs=1e-3)
+    assert source.status.dropped == {}
+
+
+def test_ardupilot_is_asked_for_position_and_attitude_instead() -> None:
+    async def play(link: MavlinkLink, autopilot: Endpoint) -> None:
+        poses: list[Pose] = []
+        await MavlinkPoseSource(MavlinkPoseConfig(rate_hz=50.0), link).start(poses.append)
+        await link.connect()
+        asked = {(m.param1, m.param2) for m in autopilot.of("COMMAND_LONG") if m.command == SET_MESSAGE_INTERVAL}
+        assert asked == {(32.0, 20_000.0), (31.0, 20_000.0)}
+        autopilot.say(
+            D.MAVLink_attitude_quaternion_message(1000, 1.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0),
+            D.MAVLink_local_position_ned_message(1000, 1.0, 2.0, 3.0, 0.0, 0.0, 0.0),
+        )
+        await asyncio.sleep(0.1)
+        assert [pose.position_ned for pose in poses] == [(1.0, 2.0, 3.0)]
+
+    scene(play, kind=ARDUPILOT, connect=False)
+
+
+def test_poses_that_are_a_while_under_way_are_as_old_as_the_configuration_says() -> None:
+    poses: list[Pose] = []
+
+    async def main() -> None:
+        loop = asyncio.get_running_loop()
+        peer = AutopilotPeer(Px4Autopilot(Brick(2.0, held=True)), HERE, delay_s=0.02)
+        running = asyncio.create_task(peer.run())
+        link = MavlinkLink(MavlinkLinkConfig(), thrust_max_n=2.0)
+        await MavlinkPoseSource(MavlinkPoseConfig(latency_s=0.02), link).start(poses.append)
+        begun = loop.time()
+        await link.connect()
+        await asyncio.sleep(0.1)
+        assert (poses[0].arrival_s - begun) % 0.02 == pytest.approx(0.0, abs=1e-9)
+        assert poses[0].arrival_s - poses[0].time_s == pytest.approx(0.02)
+        await link.close()
+        running.cancel()
+
+    in_virtual_time(main())
+
+
+def test_poses_go_on_counting_after_the_link_was_connected_again() -> None:
+    poses: list[Pose] = []
+
+    async def main() -> None:
+        peer = asyncio.create_task(AutopilotPeer(Px4Autopilot(Brick(2.0, held=True)), HERE).run())
+        link = MavlinkLink(MavlinkLinkConfig(), thrust_max_n=2.0)
+        await MavlinkPoseSource(MavlinkPoseConfig(), link).start(poses.append)
+        for _ in range(2):
+            await link.connect()
+            await asyncio.sleep(0.5)
+            await link.close()
+        peer.cancel()
+
+    in_virtual_time(main())
+    assert len(poses) > 60
+    assert [pose.id for pose in poses] == list(range(len(poses)))
+
+
+def test_poses_must_be_asked_for_before_connecting() -> None:
+    async def play(link: MavlinkLink, autopilot: Endpoint) -> None:
+        with pytest.raises(LinkMisuse, match="before"):
+            await MavlinkPoseSource(MavlinkPoseConfig(), link).start(lambda pose: None)
+
+    scene(play)
+
+
+def test_an_autopilot_that_refuses_the_poses_refuses_the_connection() -> None:
+    async def play(link: MavlinkLink, autopilot: Endpoint) -> None:
+        autopilot.answer = lambda m: [D.MAVLink_command_ack_message(511, 2, 0, 0, 245, 190)]
+        await MavlinkPoseSource(MavlinkPoseConfig(), link).start(lambda pose: None)
+        with pytest.raises(LinkRejected, match="PX4 refused to send ODOMETRY at 100 Hz"):
+            await link.connect()
+
+    scene(play, connect=False)
+
+
+def test_arming_stops_when_the_pose_under_the_idle_command_is_too_old() -> None:
+    async def play(link: MavlinkLink, autopilot: Endpoint) -> None:
+        stuck = command(0.0, coast_s=0.25)
+        with pytest.raises(LinkError, match="idle command had expired"):
+            await link.arm(lambda: stuck)
+        assert autopilot.of("COMMAND_LONG") == []
+        assert link.status.expired == 1
+
+    scene(play)
+
+
+def orders(autopilot: Endpoint) -> list[float]:
+    return [m.param1 for m in autopilot.of("COMMAND_LONG") if m.command == ARM_DISARM]
+
+
+def test_arming_that_is_given_up_after_the_order_takes_it_back() -> None:
+    async def play(link: MavlinkLink, autopilot: Endpoint) -> None:
+        autopilot.answer = lambda m: accept(m) if getattr(m, "command", None) == DO_SET_MODE else []
+        arming = asyncio.create_task(link.arm(lambda: command(0.0)))
+        await asyncio.sleep(1.5)
+        arming.cancel()
+        await asyncio.sleep(0.1)
+        assert orders(autopilot)[-1] == 0.0
+        assert orders(autopilot)[:-1] == [1.0]
+
+    scene(play)
+
+
+def test_arming_that_is_given_up_before_the_order_orders_nothing() -> None:
+    async def play(link: MavlinkLink, autopilot: Endpoint) -> None:
+        arming = asyncio.create_task(link.arm(lambda: command(0.0)))
+        await asyncio.sleep(0.5)
+        arming.cancel()
+        await asyncio.sleep(2.0)
+        assert orders(autopilot) == []
+
+    scene(play)
+
+
+def test_a_heartbeat_that_left_before_arming_is_not_believed_after_it() -> None:
+    async def play(link: MavlinkLink, autopilot: Endpoint) -> None:
+        await link.arm(lambda: command(0.0))
+        autopilot.beat()  # still says disarmed
+        await asyncio.sleep(0.05)
+        assert link.status.state == "armed"
+        await asyncio.sleep(2.0)
+        assert link.status.state == "connected"
+        autopilot.armed = True
+        await asyncio.sleep(1.1)
+        assert link.status.state == "armed"
+
+    scene(play)
+
+
+def test_ardupilot_that_will_not_disarm_is_put_into_land() -> None:
+    async def play(link: MavlinkLink, autopilot: Endpoint) -> None:
+        autopilot.armed = True
+
+        def answer(message: Any) -> list[Any]:
+            if message.get_type() != "COMMAND_LONG":
+                return []
+            if message.command == DO_SET_MODE:
+                autopilot.armed = False
+            result = 4 if message.command == ARM_DISARM else 0
+            return [D.MAVLink_command_ack_message(message.command, result, 0, 0, 245, 190)]
+
+        autopilot.answer = answer
+        await link.disarm()
+        last = autopilot.of("COMMAND_LONG")[-1]
+        assert (last.command, last.param2) == (DO_SET_MODE, 9.0)
+        assert link.status.state == "connected"
+
+    scene(play, kind=ARDUPILOT)
+
+
+def test_the_autopilots_newest_words_are_in_the_status() -> None:
+    async def play(link: MavlinkLink, autopilot: Endpoint) -> None:
+        autopilot.say(D.MAVLink_statustext_message(6, b"Takeoff detected\t"))
+        await asyncio.sleep(0.1)
+        assert link.status.text == "Takeoff detected"
+
+    scene(play)
+
+
+def test_a_motor_curve_in_the_configuration_bends_the_signal() -> None:
+    async def play(link: MavlinkLink, autopilot: Endpoint) -> None:
+        link.send(command(0.5))
+        await asyncio.sleep(0.1)
+        assert autopilot.of("SET_ATTITUDE_TARGET")[-1].thrust == pytest.approx(0.5)  # the root of 0.25
+
+    scene(play, thrust_curve=1.0)
+
+
+def test_a_refused_arming_is_told_in_px4s_words() -> None:
+    async def main() -> None:
+        # All set-points are lost on the air: PX4 hears only the commands.
+        autopilot = Px4Autopilot(Brick(), lose=lambda: True)
+        peer = asyncio.create_task(AutopilotPeer(autopilot, HERE).run())
+        link = MavlinkLink(MavlinkLinkConfig(), thrust_max_n=2.0)
+        await link.connect()
+        with pytest.raises(LinkRejected) as refused:
+            await link.arm(lambda: command(0.0))
+        assert str(refused.value).startswith(
+            "PX4 refused to arm (MAV_RESULT_TEMPORARILY_REJECTED): "
+            "“Arming denied: Resolve system health failures first”."
+        )
+        assert not autopilot.armed
+        await link.close()
+        peer.cancel()
+
+    in_virtual_time(main())
+
+
+def test_a_peer_whose_vehicle_fails_says_so() -> None:
+    class Broken(Brick):
+        def measured(self, time_s: float) -> Any:
+            raise ArithmeticError("the vehicle broke")
+
+    async def main() -> None:
+        await AutopilotPeer(Px4Autopilot(Broken()), HERE).run()
+
+    with pytest.raises(ArithmeticError, match="the vehicle broke"):
+        in_virtual_time(main())
+
+
+@pytest.mark.parametrize(
+    ("options", "complaint"),
+    [
+        ({"listen": "127.0.0.1:14540", "remote": "127.0.0.1:14580"}, "exclude each other"),
+        ({"listen": "nowhere"}, "is not an address"),
+        ({"remote": "127.0.0.1"}, "is not an address"),
+        ({"system_id": 0}, "system_id"),
+        ({"period_s": 0.0}, "period_s"),
+        ({"thrust_curve": 1.5}, "thrust_curve"),
+        ({"lissen": "127.0.0.1:14540"}, "lissen"),
+    ],
+)
+def test_a_bad_configuration_is_refused(options: dict[str, Any], complaint: str) -> None:
+    with pytest.raises(msgspec.ValidationError, match=complaint):
+        msgspec.convert(options, MavlinkLinkConfig)
+
+
+def test_px4s_own_address_is_the_default() -> None:
+    assert MavlinkLinkConfig().address == "127.0.0.1:14540"
+    assert MavlinkLinkConfig(remote="127.0.0.1:14580").address == "127.0.0.1:14580"
+
+
+def test_two_runs_put_the_same_bytes_on_the_wire() -> None:
+    def record() -> list[tuple[float, bytes]]:
+        log: list[tuple[float, bytes]] = []
+
+        async def main() -> None:
+            loop = asyncio.get_running_loop()
+            assert isinstance(loop, VirtualTimeLoop)
+            loop.tap = lambda time_s, source, target, data: log.append((time_s, data))
+            peer = asyncio.create_task(AutopilotPeer(Px4Autopilot(Brick(1.0, held=True)), HERE).run())
+            link = MavlinkLink(MavlinkLinkConfig(), thrust_max_n=2.0)
+            await link.connect()
+            await link.arm(lambda: command(0.0))
+            for _ in range(50):
+                link.send(command())
+                await asyncio.sleep(link.period_s)
+            await link.close()
+            peer.cancel()
+
+        in_virtual_time(main())
+        return log
+
+    first = record()
+    assert first == record()
+    assert len(first) > 150
