@@ -11,6 +11,7 @@ from groundstation.control.gains import Gains
 from groundstation.control.model import Drive, Motion, rolled
 from groundstation.control.observer import (
     Densities,
+    Gain,
     begun,
     corrected,
     corrected_attitude,
@@ -18,6 +19,7 @@ from groundstation.control.observer import (
     innovation,
     later,
     seen,
+    seen_moving,
 )
 from groundstation.control.ops import FLOATS, Vec3
 from groundstation.control.port import Estimate
@@ -47,12 +49,16 @@ class ModelEstimator:
         self._gravity = gains.gravity
         self._thrust_lag = vehicle.thrust_lag_s
         self._rate_lag = vehicle.rate_lag_s
-        self._densities = Densities(
-            gains.acceleration_noise**2, gains.wind_noise**2, gains.wind_rate_noise**2
+        wander, white = gains.position_wander**2, (
+            gains.acceleration_noise**2,
+            gains.wind_noise**2,
+            gains.wind_rate_noise**2,
         )
+        self._still, self._moving = Densities(0.0, *white), Densities(wander, *white)
         self._noise = gains.pose_noise_m**2
         self._covariance = begun(self._noise)
         self._recent: deque[tuple[float, Vec3]] = deque(maxlen=5)
+        self._reset_count = 0
         self._stamp = 0.0
         self._motion: Motion | None = None
         self._disturbance: Vec3 = ZERO
@@ -91,31 +97,49 @@ class ModelEstimator:
         previous = self._motion
         if previous is None:
             self._motion = self._first(pose)
-            self._stamp = pose.time_s
+            self._reset_count, self._stamp = pose.reset_count, pose.time_s
             return
         dt = pose.time_s - self._stamp
         if dt <= 0.0:
             return
+        if pose.reset_count != self._reset_count:
+            # The source moved its origin, not the vehicle: take the new place, keep velocity and disturbance.
+            previous = self._roll(previous, self._stamp, pose.time_s)
+            self._motion = previous._replace(position=pose.position_ned, attitude=pose.attitude)
+            self._disturbance = self._disturbance_at(pose.time_s)
+            self._reset_count, self._stamp = pose.reset_count, pose.time_s
+            self._recent.clear()
+            return
         self._measure_noise(pose)
         gains = self._gains
         model = self._roll(previous, self._stamp, pose.time_s)
-        gain, self._covariance = seen(later(self._covariance, dt, self._densities), self._noise)
+        densities = self._still if pose.velocity_ned is None else self._moving
+        gain, self._covariance = seen(later(self._covariance, dt, densities), self._noise)
         step = innovation(pose.position_ned, model.position)
+        moved = self._correct(model.position, model.velocity, self._disturbance_at(pose.time_s), gain, step)
+        if pose.velocity_ned is not None:
+            gain, self._covariance = seen_moving(self._covariance, gains.velocity_noise_m_s**2)
+            moved = self._correct(*moved, gain, innovation(pose.velocity_ned, moved[1]))
+        position, velocity, self._disturbance = moved
         if gains.observer == "backward_euler":
-            position, before = pose.position_ned, previous.position
-            velocity = corrected(ZERO, 1.0 / dt, innovation(position, before))
-        else:
-            position = corrected(model.position, gain.p, step)
-            velocity = corrected(model.velocity, gain.v, step)
-        if gains.composite == "provable":
-            self._disturbance = corrected(self._disturbance_at(pose.time_s), gain.d, step)
-            self._disturbance_rate = corrected(self._disturbance_rate, gain.c, step)
-        elif gains.composite == "raw":
-            self._disturbance_step = corrected(self._disturbance_step, gain.d, step)
+            position = pose.position_ned
+            velocity = corrected(ZERO, 1.0 / dt, innovation(position, previous.position))
         attitude = corrected_attitude(FLOATS, model.attitude, pose.attitude, gains.attitude_gain)
         self._motion = Motion(position, velocity, attitude, model.thrust, model.rates)
         self._stamp = pose.time_s
         self._forget(pose.time_s)
+
+    def _correct(
+        self, position: Vec3, velocity: Vec3, disturbance: Vec3, gain: Gain, step: Vec3
+    ) -> tuple[Vec3, Vec3, Vec3]:
+        """Position, velocity and disturbance, corrected by the innovation ``step``; ĉ and b̂'s step in place."""
+        composite = self._gains.composite
+        if composite == "provable":
+            disturbance = corrected(disturbance, gain.d, step)
+            self._disturbance_rate = corrected(self._disturbance_rate, gain.c, step)
+        elif composite == "raw":
+            self._disturbance_step = corrected(self._disturbance_step, gain.d, step)
+        return corrected(position, gain.p, step), corrected(velocity, gain.v, step), disturbance
 
     def predict(self, time_s: float) -> Estimate:
         """The vehicle at ``time_s``; with delay prediction off, as it was at the newest pose."""

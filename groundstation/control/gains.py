@@ -66,6 +66,10 @@ class Gains(Law, frozen=True, kw_only=True, forbid_unknown_fields=True):
     """How much of a pose's attitude is believed against the model's [-]; 1 takes the measurement."""
     pose_noise_m: Positive = 0.0003
     """Position noise to begin with, 1σ per axis [m]; then measured in flight."""
+    velocity_noise_m_s: Positive = 0.1
+    """Velocity noise of a source that measures velocity, 1σ per axis [m/s]; PX4's own figure outdoors is 0.1."""
+    position_wander: NonNegative = 0.2
+    """How the position of such a source wanders against its velocity [m/√s]; PX4 on simulated GPS: 0.18."""
     acceleration_noise: Positive = 0.01
     """What the model's acceleration may do from one instant to the next [m/s² per √Hz]."""
     wind_noise: Positive = 0.1

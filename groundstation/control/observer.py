@@ -2,10 +2,11 @@
 
 The model's acceleration drives the chain, so the filter only has to follow what the model does not know:
 
-    p˙ = v,   v˙ = a_model + d + n_a,   d˙ = c + n_d,   c˙ = n_c,   measured p + noise of variance r
+    p˙ = v + n_p,   v˙ = a_model + d + n_a,   d˙ = c + n_d,   c˙ = n_c,   measured p + noise of variance r
 
-The three axes share one covariance, as the noise is taken as isotropic. n_a, n_d, n_c are white with the densities
-q_a [m²/s³], q_d [m²/s⁵], q_c [m²/s⁷]. The gain follows the interval between poses, so a gap needs no special case,
+The three axes share one covariance, as the noise is taken as isotropic. n_p, n_a, n_d, n_c are white. n_p is zero
+but for a source that measures velocity too, an autopilot: its position wanders against its velocity (GPS), and must
+then not be taken for motion. The gain follows the interval between poses, so a gap needs no special case,
 and it follows r, which is measured (see :func:`fourth_difference`). Elementwise: floats, or arrays of shape (N,).
 """
 
@@ -31,8 +32,9 @@ class Covariance(NamedTuple):
 
 
 class Densities(NamedTuple):
-    """White-noise densities that drive velocity [m²/s³], disturbance [m²/s⁵] and its rate [m²/s⁷]."""
+    """White-noise densities that drive position [m²/s], velocity [m²/s³], disturbance [m²/s⁵], its rate [m²/s⁷]."""
 
+    position: float
     acceleration: float
     disturbance: float
     disturbance_rate: float
@@ -65,7 +67,7 @@ def later(s: Covariance, h: Real, q: Densities) -> Covariance:
     v_c = s.vc + h * s.dc + a * s.cc
     d_c = s.dc + h * s.cc
     return Covariance(
-        pp=s.pp + h * s.pv + a * s.pd + b * s.pc + h * p_v + a * p_d + b * p_c,
+        pp=s.pp + h * s.pv + a * s.pd + b * s.pc + h * p_v + a * p_d + b * p_c + q.position * h,
         pv=p_v + h * p_d + a * p_c,
         pd=p_d + h * p_c,
         pc=p_c,
@@ -93,6 +95,24 @@ def seen(s: Covariance, r: Real) -> tuple[Gain, Covariance]:
         dd=s.dd - k.d * s.pd,
         dc=s.dc - k.d * s.pc,
         cc=s.cc - k.c * s.pc,
+    )
+
+
+def seen_moving(s: Covariance, r: Real) -> tuple[Gain, Covariance]:
+    """As :func:`seen`, for a velocity of noise ``r`` [m²/s²]: what one m/s of innovation changes."""
+    w = 1.0 / (s.vv + r)
+    k = Gain(s.pv * w, s.vv * w, s.vd * w, s.vc * w)
+    return k, Covariance(
+        pp=s.pp - k.p * s.pv,
+        pv=s.pv - k.p * s.vv,
+        pd=s.pd - k.p * s.vd,
+        pc=s.pc - k.p * s.vc,
+        vv=s.vv - k.v * s.vv,
+        vd=s.vd - k.v * s.vd,
+        vc=s.vc - k.v * s.vc,
+        dd=s.dd - k.d * s.vd,
+        dc=s.dc - k.d * s.vc,
+        cc=s.cc - k.c * s.vc,
     )
 
 
