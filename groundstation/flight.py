@@ -1,8 +1,6 @@
 """One flight from connecting to landed: the mission, the frames that leave, and what the screens see."""
 
 import asyncio
-import math
-from collections import deque
 from collections.abc import Awaitable, Callable
 from typing import TypeVar
 
@@ -12,6 +10,7 @@ from groundstation.clock import sleep_until
 from groundstation.mission import FINAL, Event, Mission, State
 from groundstation.pilot import Pilot, Tick
 from groundstation.poses.port import Pose, PoseSource
+from groundstation.scoreboard import Scoreboard
 from groundstation.settings import Config
 from groundstation.snapshot import Snapshot
 from groundstation.trajectories.transit import Transit
@@ -30,8 +29,6 @@ class Outcome(msgspec.Struct, frozen=True):
 
     state: State
     reason: str
-    flight_time_s: float
-    """Time that commands left after arming [s]."""
 
 
 class Ended(Exception):
@@ -66,11 +63,7 @@ class Flight:
         self._land = asyncio.Event()
         self._land_reason = ""
         self._first_pose = asyncio.Event()
-        self._arrivals: deque[float] = deque(maxlen=1000)
-        self._events: deque[str] = deque(maxlen=20)
-        self._tick: Tick | None = None
-        self._squares = 0.0
-        self._count = 0
+        self._scoreboard = Scoreboard(config)
         self.started_s: float | None = None
         """When the reference started, on the event loop's clock [s]; None before."""
 
@@ -103,8 +96,7 @@ class Flight:
         finally:
             await self._source.close()
             await self._link.close()
-        last = self._tick.flight_time_s if self._tick is not None else 0.0
-        return Outcome(self.state, self._mission.reason, last)
+        return Outcome(self.state, self._mission.reason)
 
     async def _fly(self) -> None:
         config = self._config
@@ -145,7 +137,9 @@ class Flight:
             if not link.send(tick.command):
                 age = now - tick.pose.time_s
                 raise Ended(f"no pose for {age * 1e3:.0f} ms: commands have stopped, the autopilot's failsafe acts")
-            self._account(tick)
+            self._scoreboard.tick(tick)
+            if self._on_tick is not None:
+                self._on_tick(tick)
             if self.state is State.FLYING:
                 if duration is not None and tick.flight_time_s >= duration:
                     self.land(f"{duration:g} s are flown")
@@ -222,57 +216,23 @@ class Flight:
 
     def _pose(self, pose: Pose) -> None:
         self._pilot.pose(pose)
-        self._arrivals.append(pose.arrival_s)
-        if not self._first_pose.is_set():
-            self._first_pose.set()
-
-    def _account(self, tick: Tick) -> None:
-        self._tick = tick
-        self._squares += math.dist(tick.estimate.motion.position, tick.reference.position_ned) ** 2
-        self._count += 1
-        if self._on_tick is not None:
-            self._on_tick(tick)
+        self._scoreboard.pose(pose)
+        self._first_pose.set()
 
     def _move(self, event: Event, reason: str) -> None:
         state = self._mission.on(event, reason)
         line = f"{asyncio.get_running_loop().time():.3f} {state}: {reason}"
-        self._events.append(line)
+        self._scoreboard.event(line)
         if self._on_event is not None:
             self._on_event(line)
 
     def snapshot(self) -> Snapshot:
         """The flight as it is now."""
-        now = asyncio.get_running_loop().time()
-        roll, pitch, yaw = self._config.vehicle.rate_limits_deg_s
-        tick, pose = self._tick, self._pilot.newest_pose
-        motion = tick.estimate.motion if tick is not None else None
-        position = motion.position if motion is not None else pose.position_ned if pose is not None else (0.0, 0.0, 0.0)
-        reference = tick.reference.position_ned if tick is not None else position
-        arrivals = self._arrivals
-        while arrivals and arrivals[0] < now - 1.0:
-            arrivals.popleft()
-        return Snapshot(
-            vehicle=self._config.vehicle.name,
+        return self._scoreboard.snapshot(
             state=self.state,
             reason=self._mission.reason,
-            time_s=now,
-            flight_time_s=now - self.started_s if self.started_s is not None else 0.0,
-            pose_id=pose.id if pose is not None else -1,
-            pose_age_s=now - pose.time_s if pose is not None else 0.0,
-            pose_rate_hz=float(len(arrivals)),
-            poses_dropped=self._source.status.dropped,
-            position_ned=position,
-            velocity_ned=motion.velocity if motion is not None else (0.0, 0.0, 0.0),
-            attitude=motion.attitude if motion is not None else pose.attitude if pose is not None else (1.0, 0.0, 0.0, 0.0),
-            reference_ned=reference,
-            error_m=math.dist(position, reference),
-            rms_m=math.sqrt(self._squares / self._count) if self._count else 0.0,
-            thrust_n=tick.decision.drive.thrust if tick is not None else 0.0,
-            thrust_max_n=self._config.vehicle.thrust_max_n,
-            rates_rad_s=tick.decision.drive.rates if tick is not None else (0.0, 0.0, 0.0),
-            saturated=tick.decision.saturated if tick is not None else False,
-            diagnostics=tick.decision.diagnostics if tick is not None else None,
+            started_s=self.started_s,
+            pose=self._pilot.newest_pose,
+            dropped=self._source.status.dropped,
             link=self._link.status,
-            events=tuple(self._events),
-            rate_limits_rad_s=(math.radians(roll), math.radians(pitch), math.radians(yaw)),
         )

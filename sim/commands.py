@@ -84,7 +84,7 @@ def fly(args: argparse.Namespace) -> int:
 
 def scenarios(args: argparse.Namespace) -> int:
     """List the scenarios."""
-    rows = {
+    rows: dict[str, dict[str, Any]] = {
         name: {
             "summary": s.summary,
             "sim": msgspec.to_builtins(s.world),
@@ -98,7 +98,7 @@ def scenarios(args: argparse.Namespace) -> int:
     for name, row in rows.items():
         print(f"{name}: {row['summary']}")
         for section in ("sim", "told"):
-            for key, value in row[section].items():  # type: ignore[union-attr]
+            for key, value in row[section].items():
                 print(f"    {section}.{key} = {value}")
     return 0
 

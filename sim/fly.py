@@ -82,9 +82,7 @@ def fly(
         assert isinstance(loop, VirtualTimeLoop)
         loop.tap = log
         values = runner.run(_fly(world, config, seed, duration_s, on_tick, on_event, on_progress))
-    return Result(
-        **values, log_sha256=log.sha256(), datagrams=log.count, wall_s=time.perf_counter() - start
-    )
+    return Result(**values, log_sha256=log.sha256(), datagrams=log.count, wall_s=time.perf_counter() - start)
 
 
 async def _fly(

@@ -92,9 +92,7 @@ class Referee:
         """Judge the flight; the reference started at ``start_s`` on the event loop's clock."""
         at = trajectory.position_at
         times = [t - start_s for t in self._time]
-        errors = [
-            math.dist((x, y, z), at(t)) for t, x, y, z in zip(times, self._x, self._y, self._z, strict=True)
-        ]
+        errors = [math.dist((x, y, z), at(t)) for t, x, y, z in zip(times, self._x, self._y, self._z, strict=True)]
         steady = [e for t, e in zip(times, errors, strict=True) if t >= STEADY_S]
         late = [i for i, tick in enumerate(self._ticks) if tick[0] >= SATURATION_FROM_S]
         values = self._lyapunov()

@@ -5,8 +5,8 @@ from typing import Any
 import msgspec
 
 from groundstation.config import from_dict
-from groundstation.settings import Config, FlightConfig
 from groundstation.poses.vicon import ViconConfig
+from groundstation.settings import Config, FlightConfig
 from groundstation.trajectories.lemniscate import LemniscateConfig
 from groundstation.vehicle import Vehicle
 from links.mavlink import MavlinkLinkConfig
@@ -110,9 +110,7 @@ SCENARIOS: dict[str, Scenario] = {
             name="ideal",
             summary="no lag, noise, latency or rate limit, 500 Hz: checks the theory",
             world=_IDEAL,
-            told=Vehicle(
-                thrust_lag_s=0.0, rate_lag_s=0.0, rate_limits_deg_s=NO_LIMIT, frame_period_s=0.002
-            ),
+            told=Vehicle(thrust_lag_s=0.0, rate_lag_s=0.0, rate_limits_deg_s=NO_LIMIT, frame_period_s=0.002),
             told_latency_s=0.0,
         ),
         Scenario(name="paper", summary="the paper's vehicle and figure eight in a constant wind", world=MQX),

@@ -1,6 +1,7 @@
 """A simulated vehicle and cameras in real time: what a lab's network would send and take, on loopback."""
 
 import asyncio
+import contextlib
 
 from groundstation.settings import Config
 from sim.stage import Stage
@@ -13,10 +14,8 @@ async def serve(name: str, world: World, config: Config, *, seed: int, duration_
     mavlink = config.link.address
     poses = getattr(config.pose, "listen", "the MAVLink connection")
     print(f"serving {name}: MAVLink autopilot to udp {mavlink}, poses to {poses}. Ctrl-C ends.", flush=True)
-    try:
+    with contextlib.suppress(TimeoutError):
         await asyncio.wait_for(stage.run(), duration_s)
-    except TimeoutError:
-        pass
     touchdown = stage.plant.touchdown_m_s
     if touchdown is not None:
         print(f"touched down at {touchdown:.2f} m/s", flush=True)

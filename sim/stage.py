@@ -40,7 +40,9 @@ class Stage:
         vehicle = SimulatedVehicle(self.plant, world, stream("estimate"))
         frames = stream("frames")
         self.autopilot = Px4Autopilot(vehicle, lose=lambda: frames.random() < world.frame_loss)
-        self.peer = AutopilotPeer(self.autopilot, parse_address(config.link.address))
+        # Where its own estimate serves as the poses, it comes as late as the cameras' would.
+        delay = 0.0 if isinstance(config.pose, ViconConfig) else world.pose_latency_s
+        self.peer = AutopilotPeer(self.autopilot, parse_address(config.link.address), delay_s=delay)
         self.mocap: Mocap | None = None
         if isinstance(config.pose, ViconConfig):
             self.mocap = Mocap(

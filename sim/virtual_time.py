@@ -55,7 +55,7 @@ class _Endpoint(asyncio.DatagramTransport):
         self.protocol: asyncio.DatagramProtocol | None = None
         self._closing = False
 
-    def sendto(self, data: Any, addr: Address | None = None) -> None:
+    def sendto(self, data: Any, addr: Any = None) -> None:
         target = addr or self.remote
         if target is None:
             raise ValueError("sendto needs an address: this endpoint is not connected")

@@ -117,9 +117,7 @@ class Adaptive:
         d, before = estimate.disturbance, self._witnessed
         self._witnessed = d
         if before is not None:
-            b = within(
-                FLOATS, (b[0] + d[0] - before[0], b[1] + d[1] - before[1], b[2] + d[2] - before[2]), radius
-            )
+            b = within(FLOATS, (b[0] + d[0] - before[0], b[1] + d[1] - before[1], b[2] + d[2] - before[2]), radius)
         k = gains.kappa
         return b, (k * (d[0] - b[0]), k * (d[1] - b[1]), k * (d[2] - b[2]))
 

@@ -200,9 +200,7 @@ def _u_star_rate(a: Axis, u_hat: Real) -> Real:
     return a.du_dz1 * a.z1_dot + a.du_dz2 * (u_hat + a.sigma_prime * a.z1_dot)
 
 
-def yaw_rate(
-    ops: Ops, *, attitude: Quat, yaw: Real, yaw_dot: Real, rate_y: Real, k_yaw: Real, limit: Real
-) -> Real:
+def yaw_rate(ops: Ops, *, attitude: Quat, yaw: Real, yaw_dot: Real, rate_y: Real, k_yaw: Real, limit: Real) -> Real:
     """ω3 [rad/s] that turns the heading towards ``yaw`` [rad]; the law leaves ω3 free.
 
     ω3 = (cosθ (ψ˙d - k_ψ sin(ψ - ψd)) - sinφ ω2)/cosφ, kept away from |roll| = 90° and limited.

@@ -49,10 +49,13 @@ class ModelEstimator:
         self._gravity = gains.gravity
         self._thrust_lag = vehicle.thrust_lag_s
         self._rate_lag = vehicle.rate_lag_s
-        wander, white = gains.position_wander**2, (
-            gains.acceleration_noise**2,
-            gains.wind_noise**2,
-            gains.wind_rate_noise**2,
+        wander, white = (
+            gains.position_wander**2,
+            (
+                gains.acceleration_noise**2,
+                gains.wind_noise**2,
+                gains.wind_rate_noise**2,
+            ),
         )
         self._still, self._moving = Densities(0.0, *white), Densities(wander, *white)
         self._noise = gains.pose_noise_m**2

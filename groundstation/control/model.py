@@ -61,7 +61,6 @@ def rolled(
             0.5 * h * cy - half_lagged * dy,
             0.5 * h * cz - half_lagged * dz,
         ),
-        ops,
     )
     d_thrust = drive.thrust - motion.thrust
     mean_thrust = drive.thrust - d_thrust * (thrust_lag * thrust_rise / h)
@@ -75,7 +74,7 @@ def rolled(
     return Motion(
         (px + h * vx + k * accel_x, py + h * vy + k * accel_y, pz + h * vz + k * accel_z),
         (vx + h * accel_x, vy + h * accel_y, vz + h * accel_z),
-        turned(motion.attitude, (ax, ay, az), ops),
+        turned(motion.attitude, (ax, ay, az)),
         motion.thrust + thrust_rise * d_thrust,
         (wx + rate_rise * dx, wy + rate_rise * dy, wz + rate_rise * dz),
     )

@@ -144,4 +144,4 @@ def corrected_attitude(ops: Ops, predicted: Quat, measured: Quat, gain: float) -
     if gain >= 1.0:
         return measured
     x, y, z = rotation_vector(multiply(conjugate(predicted), measured), ops)
-    return turned(predicted, (gain * x, gain * y, gain * z), ops)
+    return turned(predicted, (gain * x, gain * y, gain * z))

@@ -36,14 +36,14 @@ class Ops:
     def __init__(
         self,
         *,
-        sqrt: Callable[[Any], Any],
-        exp: Callable[[Any], Any],
-        sin: Callable[[Any], Any],
-        cos: Callable[[Any], Any],
-        asinh: Callable[[Any], Any],
-        atan2: Callable[[Any, Any], Any],
-        where: Callable[[Any, Any, Any], Any],
-        clamp: Callable[[Any, Any, Any], Any],
+        sqrt: Callable[[Real], Real],
+        exp: Callable[[Real], Real],
+        sin: Callable[[Real], Real],
+        cos: Callable[[Real], Real],
+        asinh: Callable[[Real], Real],
+        atan2: Callable[[Real, Real], Real],
+        where: Callable[[Any, Real, Real], Real],
+        clamp: Callable[[Real, Real, Real], Real],
     ) -> None:
         """Take the functions; ``clamp(x, low, high)`` and ``where(condition, yes, no)`` are elementwise."""
         self.sqrt = sqrt
@@ -72,6 +72,7 @@ def arrays() -> Ops:
     """The same functions on numpy arrays (numpy is imported only here: one vehicle never needs it)."""
     import numpy as np
 
+    where: Any = np.where
     return Ops(
         sqrt=np.sqrt,
         exp=np.exp,
@@ -79,6 +80,6 @@ def arrays() -> Ops:
         cos=np.cos,
         asinh=np.arcsinh,
         atan2=np.arctan2,
-        where=np.where,
+        where=where,
         clamp=lambda value, low, high: np.minimum(np.maximum(value, low), high),
     )

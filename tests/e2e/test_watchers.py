@@ -11,9 +11,10 @@ import msgspec
 import pytest
 
 from groundstation.snapshot import Snapshot
+from groundstation.tui.letters import big
 from tests.e2e.stations import served
 from tests.e2e.test_mqtt import Broker, Listener, broker
-from tests.e2e.test_tui import Terminal, big, terminal
+from tests.e2e.test_tui import Terminal, terminal
 
 __all__ = ["broker", "terminal"]
 

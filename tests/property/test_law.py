@@ -80,7 +80,7 @@ def test_partial_derivatives_of_the_virtual_control_match_differences(z1: float,
     here = axis(FLOATS, law, z1, z1_dot)
     h = 1e-5
     # Ω is C² only, so at the kink of Ω'' a difference is right to first order in h.
-    close: dict[str, float] = {"rel": 1e-4, "abs": 3e-3}
+    close: dict[str, Any] = {"rel": 1e-4, "abs": 3e-3}
     by_z1 = (at(z1 + h, here.z2).u_star - at(z1 - h, here.z2).u_star) / (2 * h)
     by_z2 = (at(z1, here.z2 + h).u_star - at(z1, here.z2 - h).u_star) / (2 * h)
     assert here.du_dz1 == pytest.approx(by_z1, **close)
@@ -127,9 +127,7 @@ def test_projection_p4_is_n_times_smooth_across_the_inner_sphere(direction: Vec3
     assert deviation <= 20.0 * (1 + math.hypot(*xi)) * (4.1 * h / 2.25) ** (order + 1)
 
 
-@given(
-    gains, vec, vec, angle, st.floats(0.3, 3.0), vec, vec, vec, vec, st.floats(0.05, 2.0)
-)
+@given(gains, vec, vec, angle, st.floats(0.3, 3.0), vec, vec, vec, vec, st.floats(0.05, 2.0))
 def test_v_falls_exactly_by_w_on_the_ideal_plant(
     law: Law,
     z1: Vec3,
@@ -221,9 +219,7 @@ def test_outputs_are_finite_for_any_finite_input(
 def test_the_yaw_rate_is_limited_and_turns_the_short_way(
     angles: Vec3, yaw: float, yaw_dot: float, rate_y: float, gain: float
 ) -> None:
-    rate = yaw_rate(
-        FLOATS, attitude=quaternion(angles), yaw=yaw, yaw_dot=yaw_dot, rate_y=rate_y, k_yaw=gain, limit=2.0
-    )
+    rate = yaw_rate(FLOATS, attitude=quaternion(angles), yaw=yaw, yaw_dot=yaw_dot, rate_y=rate_y, k_yaw=gain, limit=2.0)
     assert abs(rate) <= 2.0
 
 
@@ -239,20 +235,20 @@ def test_arrays_of_vehicles_agree_with_one_vehicle_at_a_time(states: list[tuple[
     ops = arrays()
     quaternions = [quaternion(s[2]) for s in states]
 
-    def column(values: list[tuple[float, ...]]) -> tuple[Any, ...]:
+    def column(values: list[Any]) -> Any:
         return tuple(np.array(x) for x in zip(*values, strict=True))
 
     batch = backstep(
         ops,
         LAW,
         mass=0.08,
-        z1=column([s[0] for s in states]),  # type: ignore[arg-type]  # arrays for floats, on purpose
-        z1_dot=column([s[1] for s in states]),  # type: ignore[arg-type]  # arrays for floats, on purpose
-        attitude=column(quaternions),  # type: ignore[arg-type]  # arrays for floats, on purpose
-        thrust=np.array([s[3] for s in states]),  # type: ignore[arg-type]  # arrays for floats, on purpose
-        b_hat=column([s[4] for s in states]),  # type: ignore[arg-type]  # arrays for floats, on purpose
+        z1=column([s[0] for s in states]),
+        z1_dot=column([s[1] for s in states]),
+        attitude=column(quaternions),
+        thrust=column([(s[3],) for s in states])[0],
+        b_hat=column([s[4] for s in states]),
         acceleration=(0.0, 0.0, 0.0),
-        jerk=column([s[5] for s in states]),  # type: ignore[arg-type]  # arrays for floats, on purpose
+        jerk=column([s[5] for s in states]),
     )
     for i, s in enumerate(states):
         single = backstep(

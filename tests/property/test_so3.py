@@ -108,7 +108,7 @@ def test_arrays_of_vehicles_get_the_numbers_of_each_alone(vehicles: list[tuple[Q
     ops = arrays()
     w, x, y, z = np.array([q for q, _ in vehicles]).T
     a, b, c = np.array([v for _, v in vehicles]).T
-    turned = np.array(so3.turned((w, x, y, z), (0.1 * a, 0.1 * b, 0.1 * c), ops)).T
+    turned = np.array(so3.turned((w, x, y, z), (0.1 * a, 0.1 * b, 0.1 * c))).T
     vectors = np.array(so3.rotation_vector((w, x, y, z), ops)).T
     angles = np.array(so3.euler_zyx((w, x, y, z), ops)).T
     for i, (q, v) in enumerate(vehicles):

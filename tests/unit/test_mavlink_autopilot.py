@@ -321,6 +321,28 @@ def test_disarming_is_denied_in_the_air_and_until_it_has_stood_for_a_while() -> 
     assert (flight.autopilot.armed, flight.airframe.powered[-1]) == (False, (flight.now, False))
 
 
+def test_a_bounce_off_the_ground_starts_the_wait_anew() -> None:
+    flight = Flight(Brick(0.0)).arm()
+    flight.stream(1.5, thrust=0.0)
+    flight.stream(1.5, thrust=0.6)
+    assert flight.command(ARM_DISARM, 0.0) == 1
+    while not flight.airframe.truth(flight.now).on_ground:
+        flight.stream(PERIOD_S, thrust=0.2)
+    assert flight.command(ARM_DISARM, 0.0) == 1
+    flight.stream(2.0, thrust=0.0)
+    assert flight.command(ARM_DISARM, 0.0) == 0
+
+
+def test_offboard_without_a_stream_is_rejected_in_the_air() -> None:
+    flight = Flight(Brick(5.0, held=True)).arm()
+    flight.stream(0.2)
+    assert flight.command(DO_SET_MODE, 1.0, 4.0, 6.0) == 0
+    flight.wait(1.0)
+    assert flight.command(DO_SET_MODE, 1.0, 6.0) == 1
+    flight.stream(1.1)
+    assert flight.command(DO_SET_MODE, 1.0, 6.0) == 0
+
+
 def test_disarming_by_force_stops_the_motors_in_the_air() -> None:
     flight = Flight().arm()
     flight.stream(0.1)

@@ -118,7 +118,9 @@ def test_another_kind_of_autopilot_is_not_armed() -> None:
 
 def test_a_refusal_to_arm_is_told_in_the_autopilots_words_with_what_to_do() -> None:
     answer = refuse(ARM_DISARM, 2, words="Arming denied: resolve health failures first\t")
-    failure = Scene(PX4, arming, answer).run().handshake.failure
+    scene = Scene(PX4, arming, answer).run()
+    failure = scene.handshake.failure
+    assert scene.commands == [DO_SET_MODE, ARM_DISARM]
     assert isinstance(failure, LinkRejected)
     assert str(failure) == (
         "PX4 refused to arm (MAV_RESULT_DENIED): “Arming denied: resolve health failures first”. "
@@ -195,12 +197,10 @@ def test_an_answer_to_another_ground_station_is_not_ours() -> None:
 
 
 def test_an_answer_before_the_question_is_not_one() -> None:
-    scene = Scene(PX4, arming, accept)
-    scene.handshake.poll(scene.now)
+    scene = Scene(PX4, disarming, lambda request: [])
     scene.hear(D.MAVLink_command_ack_message(ARM_DISARM, 0, 0, 0, 245, 190))
-    scene.hear(D.MAVLink_command_ack_message(DO_SET_MODE, 0, 0, 0, 245, 190))
-    scene.run()
-    assert scene.commands == [DO_SET_MODE, ARM_DISARM]
+    assert not scene.handshake.done
+    assert not scene.run(0.1).handshake.done
 
 
 def test_work_in_progress_is_waited_for() -> None:

@@ -241,6 +241,28 @@ def test_the_default_talk_of_the_autopilot_is_stopped() -> None:
     assert play(quiet=False) > {"ODOMETRY", "ATTITUDE_QUATERNION", "TIMESYNC"}
 
 
+def test_a_message_that_is_wanted_is_not_stopped_first() -> None:
+    async def play(link: MavlinkLink, autopilot: Endpoint) -> None:
+        link.connection.request(lambda kind: {"ODOMETRY": 50.0})
+        await link.connect()
+        asked = [(m.param1, m.param2) for m in autopilot.of("COMMAND_LONG")]
+        assert (30.0, -1.0) in asked
+        assert [interval for number, interval in asked if number == 331.0] == [20_000.0]
+
+    scene(play, connect=False, quiet=True)
+
+
+def test_connecting_again_does_not_double_the_heartbeats() -> None:
+    async def play(link: MavlinkLink, autopilot: Endpoint) -> None:
+        await link.close()
+        await link.connect()
+        autopilot.heard.clear()
+        await asyncio.sleep(5.0)
+        assert len(autopilot.of("HEARTBEAT")) == pytest.approx(5, abs=1)
+
+    scene(play)
+
+
 def test_an_autopilot_that_answers_no_requests_is_connected_all_the_same() -> None:
     async def play(link: MavlinkLink, autopilot: Endpoint) -> None:
         autopilot.answer = lambda message: []

@@ -149,6 +149,14 @@ def test_an_autopilot_that_restarts_is_believed_after_a_second() -> None:
     assert taken[0].reset_count != before.reset_count
 
 
+def test_stragglers_among_good_messages_are_no_restart() -> None:
+    decoder = OdometryDecoder(0.0)
+    for n in range(300):
+        decoder.decode(odometry(100.0 + 0.01 * n), 0.01 * n)
+        decoder.decode(odometry(100.0 + 0.01 * n - 0.5), 0.01 * n)
+    assert (decoder.accepted, decoder.dropped) == (300, {"out_of_order": 300})
+
+
 def test_a_single_absurd_stamp_silences_the_source_for_a_second_only() -> None:
     decoder = OdometryDecoder(0.0)
     decode(decoder, odometry(1e9), 0.0)

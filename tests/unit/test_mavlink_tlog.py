@@ -61,6 +61,16 @@ def test_records_behind_a_damaged_one_are_found() -> None:
     assert reader.dropped["bad_crc"] == 1
 
 
+def test_what_looks_like_a_frame_behind_damage_hides_no_record() -> None:
+    good = golden("HEARTBEAT").frame
+    unknown = bytes.fromhex("fd140000000101ffff00")  # its length reaches into the next record
+    cut_off = bytes.fromhex("fdff0000000101000000")  # its length reaches beyond the end
+    reader = TlogReader(
+        tlog((0, good)) + b"x" * 9 + unknown + tlog((1000, good)) + b"x" * 9 + cut_off + tlog((2000, good))
+    )
+    assert [round((r.time_s - START_US * 1e-6) * 1e3) for r in reader] == [0, 1, 2]
+
+
 def test_a_message_that_nobody_knows_is_skipped_as_a_whole() -> None:
     unknown = bytes.fromhex("fd010000000101ffff00000000")
     good = golden("HEARTBEAT").frame

@@ -79,9 +79,7 @@ def test_datagrams_arrive_by_address_in_order_and_the_tap_sees_them() -> None:
 def test_a_connected_endpoint_hears_only_its_peer() -> None:
     async def work() -> Inbox:
         loop = asyncio.get_running_loop()
-        _, inbox = await loop.create_datagram_endpoint(
-            Inbox, local_addr=("127.0.0.1", 5), remote_addr=("127.0.0.1", 6)
-        )
+        _, inbox = await loop.create_datagram_endpoint(Inbox, local_addr=("127.0.0.1", 5), remote_addr=("127.0.0.1", 6))
         stranger, _ = await loop.create_datagram_endpoint(Inbox, local_addr=("127.0.0.1", 7))
         peer, _ = await loop.create_datagram_endpoint(Inbox, local_addr=("127.0.0.1", 6))
         stranger.sendto(b"stranger", ("127.0.0.1", 5))

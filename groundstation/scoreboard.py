@@ -1,0 +1,96 @@
+"""What screens and telemetry show of a flight, kept up to date as poses, commands and events pass by."""
+
+import asyncio
+import math
+from collections import deque
+
+from groundstation.control.ops import Quat, Vec3
+from groundstation.mission import State
+from groundstation.pilot import Tick
+from groundstation.poses.port import Pose
+from groundstation.settings import Config
+from groundstation.snapshot import Snapshot
+from links.port import LinkStatus
+
+ZERO: Vec3 = (0.0, 0.0, 0.0)
+LEVEL: Quat = (1.0, 0.0, 0.0, 0.0)
+
+
+class Scoreboard:
+    """Counts and remembers; makes a :class:`Snapshot` only when one is asked for."""
+
+    def __init__(self, config: Config) -> None:
+        """Begin with nothing seen."""
+        self._vehicle = config.vehicle
+        self._arrivals: deque[float] = deque(maxlen=1000)
+        self._events: deque[str] = deque(maxlen=20)
+        self._tick: Tick | None = None
+        self._squares = 0.0
+        self._count = 0
+
+    def pose(self, pose: Pose) -> None:
+        """One pose was taken."""
+        self._arrivals.append(pose.arrival_s)
+
+    def tick(self, tick: Tick) -> None:
+        """One command left."""
+        self._tick = tick
+        self._squares += math.dist(tick.estimate.motion.position, tick.reference.position_ned) ** 2
+        self._count += 1
+
+    def event(self, line: str) -> None:
+        """One line for the operator."""
+        self._events.append(line)
+
+    def snapshot(
+        self,
+        *,
+        state: State,
+        reason: str,
+        started_s: float | None,
+        pose: Pose | None,
+        dropped: dict[str, int],
+        link: LinkStatus,
+    ) -> Snapshot:
+        """The flight as it is now; before the first command, position and attitude are the newest pose's."""
+        now = asyncio.get_running_loop().time()
+        position, velocity, attitude = ZERO, ZERO, LEVEL
+        if self._tick is not None:
+            motion = self._tick.estimate.motion
+            position, velocity, attitude = motion.position, motion.velocity, motion.attitude
+        elif pose is not None:
+            position, attitude = pose.position_ned, pose.attitude
+        tick = self._tick
+        reference = position if tick is None else tick.reference.position_ned
+        roll, pitch, yaw = self._vehicle.rate_limits_deg_s
+        return Snapshot(
+            vehicle=self._vehicle.name,
+            state=state,
+            reason=reason,
+            time_s=now,
+            flight_time_s=0.0 if started_s is None else now - started_s,
+            pose_id=-1 if pose is None else pose.id,
+            pose_age_s=0.0 if pose is None else now - pose.time_s,
+            pose_rate_hz=self._rate(now),
+            poses_dropped=dropped,
+            position_ned=position,
+            velocity_ned=velocity,
+            attitude=attitude,
+            reference_ned=reference,
+            error_m=math.dist(position, reference),
+            rms_m=math.sqrt(self._squares / self._count) if self._count else 0.0,
+            thrust_n=0.0 if tick is None else tick.decision.drive.thrust,
+            thrust_max_n=self._vehicle.thrust_max_n,
+            rates_rad_s=ZERO if tick is None else tick.decision.drive.rates,
+            saturated=tick is not None and tick.decision.saturated,
+            diagnostics=None if tick is None else tick.decision.diagnostics,
+            link=link,
+            events=tuple(self._events),
+            rate_limits_rad_s=(math.radians(roll), math.radians(pitch), math.radians(yaw)),
+        )
+
+    def _rate(self, now: float) -> float:
+        """Poses that arrived within the last second."""
+        while self._arrivals and self._arrivals[0] < now - 1.0:
+            self._arrivals.popleft()
+        return float(len(self._arrivals))
