@@ -12,7 +12,7 @@ are w, x, y, z, body to world; their sign follows the input continuously.
 import math
 from typing import Literal, TypeAlias
 
-from groundstation.control.ops import Quat, Vec3
+from groundstation.ops import Quat, Vec3
 
 World: TypeAlias = Literal["ned", "enu", "nwu"]
 """Names of world frames."""

@@ -4,8 +4,8 @@ import asyncio
 import math
 from collections import deque
 
-from groundstation.control.ops import Quat, Vec3
 from groundstation.mission import State
+from groundstation.ops import Quat, Vec3
 from groundstation.pilot import Tick
 from groundstation.poses.port import Pose
 from groundstation.settings import Config

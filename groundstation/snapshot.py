@@ -2,7 +2,7 @@
 
 import msgspec
 
-from groundstation.control.ops import Quat, Vec3
+from groundstation.ops import Quat, Vec3
 from links.port import LinkStatus
 
 

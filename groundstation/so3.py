@@ -1,9 +1,9 @@
-"""Rotations as unit quaternions, elementwise in floats or arrays (see control/ops.py).
+"""Rotations as unit quaternions, elementwise in floats or arrays (see ops.py).
 
 A quaternion (w, x, y, z) turns body vectors into world vectors: v_world = R(q) v_body.
 """
 
-from groundstation.control.ops import FLOATS, Ops, Quat, Real, Vec3
+from groundstation.ops import FLOATS, Ops, Quat, Real, Vec3
 
 IDENTITY: Quat = (1.0, 0.0, 0.0, 0.0)
 

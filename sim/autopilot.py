@@ -11,7 +11,7 @@
 import math
 from collections.abc import Callable
 
-from groundstation.control.ops import Vec3
+from groundstation.ops import Vec3
 from links.mavlink_codec import (
     ARM_DISARM,
     ARMED,

@@ -3,7 +3,7 @@
 from typing import Protocol
 
 from groundstation import so3
-from groundstation.control.ops import Quat, Vec3
+from groundstation.ops import Quat, Vec3
 from sim.airframe import Truth
 
 ATTITUDE_GAIN = 5.0

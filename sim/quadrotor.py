@@ -10,7 +10,7 @@ import math
 from collections.abc import Callable
 
 from groundstation import so3
-from groundstation.control.ops import Quat, Vec3
+from groundstation.ops import Quat, Vec3
 from sim.airframe import Truth
 from sim.wind import Wind
 from sim.world import World

@@ -6,7 +6,7 @@ from typing import Any
 
 import msgspec
 
-from groundstation.control.ops import Vec3
+from groundstation.ops import Vec3
 from groundstation.pilot import Tick
 from groundstation.trajectories.port import Trajectory
 from sim.world import World

@@ -7,8 +7,8 @@ import asyncio
 import random
 from collections.abc import Callable
 
-from groundstation.control.ops import Vec3
 from groundstation.frames import pose_from_ned_frd
+from groundstation.ops import Vec3
 from groundstation.poses.vicon import ViconConfig
 from groundstation.poses.vicon_codec import ViconObject, encode, euler_xyz_from_quaternion
 from groundstation.settings import Config

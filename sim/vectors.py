@@ -7,7 +7,7 @@ from typing import Any
 
 from groundstation.control.backstepping import backstep
 from groundstation.control.gains import Law
-from groundstation.control.ops import FLOATS, Vec3
+from groundstation.ops import FLOATS, Vec3
 
 LIMIT = 1e-9
 """Largest allowed |a - e| / max(1, |e|)."""

@@ -6,7 +6,7 @@ from collections.abc import Callable
 import msgspec
 
 from groundstation import so3
-from groundstation.control.ops import Vec3
+from groundstation.ops import Vec3
 from sim.airframe import Truth
 from sim.quadrotor import Quadrotor
 from sim.world import World

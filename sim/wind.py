@@ -3,7 +3,7 @@
 import math
 import random
 
-from groundstation.control.ops import Vec3
+from groundstation.ops import Vec3
 from sim.world import World
 
 # MIL-F-8785C, low altitude: at 1 m height the scale lengths are 7.9 m along and across the wind and 1 m

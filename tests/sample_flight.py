@@ -6,7 +6,7 @@ import math
 import sys
 
 from groundstation.broadcast import Latest
-from groundstation.control.ops import Vec3
+from groundstation.ops import Vec3
 from groundstation.snapshot import Diagnostics, Snapshot
 from groundstation.so3 import from_euler_zyx
 from groundstation.telemetry.status import StatusConfig, StatusServer

@@ -7,7 +7,7 @@ from collections.abc import Callable
 import msgspec
 
 from groundstation import so3
-from groundstation.control.ops import Quat, Vec3
+from groundstation.ops import Quat, Vec3
 from links.mavlink_codec import ARM_DISARM, MavlinkCodec
 
 GRAVITY = 9.81

@@ -3,7 +3,7 @@
 controller gains that follow a command through a lag exactly, for a command held constant. Elementwise.
 """
 
-from groundstation.control.ops import Ops, Real
+from groundstation.ops import Ops, Real
 
 
 def approach(ops: Ops, duration: Real, lag: float) -> Real:

@@ -6,9 +6,9 @@ from groundstation.control.actuators import lead
 from groundstation.control.backstepping import backstep, yaw_rate
 from groundstation.control.gains import Gains
 from groundstation.control.model import Drive
-from groundstation.control.ops import FLOATS, Vec3
 from groundstation.control.port import Decision, Estimate
 from groundstation.control.projection import within
+from groundstation.ops import FLOATS, Vec3
 from groundstation.snapshot import Diagnostics
 from groundstation.trajectories.port import Reference
 from groundstation.vehicle import Vehicle

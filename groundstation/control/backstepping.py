@@ -21,9 +21,9 @@ On the plant of the paper, V˙ = -W + b̃ᵀ(ξ - Proj) <= -W.
 from typing import NamedTuple
 
 from groundstation.control.gains import Law
-from groundstation.control.ops import Ops, Quat, Real, Vec3
 from groundstation.control.projection import project
 from groundstation.control.shaping import growth, saturation, saturation_integral
+from groundstation.ops import Ops, Quat, Real, Vec3
 from groundstation.so3 import third_column, to_body
 
 POSITION_LIMIT = 1e6

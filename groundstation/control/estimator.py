@@ -21,8 +21,8 @@ from groundstation.control.observer import (
     seen,
     seen_moving,
 )
-from groundstation.control.ops import FLOATS, Vec3
 from groundstation.control.port import Estimate
+from groundstation.ops import FLOATS, Vec3
 from groundstation.poses.port import Pose
 from groundstation.vehicle import Vehicle
 

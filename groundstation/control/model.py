@@ -6,7 +6,7 @@
 from typing import NamedTuple
 
 from groundstation.control.actuators import approach
-from groundstation.control.ops import Ops, Quat, Real, Vec3
+from groundstation.ops import Ops, Quat, Real, Vec3
 from groundstation.so3 import third_column, turned
 
 

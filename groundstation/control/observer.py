@@ -12,7 +12,7 @@ and it follows r, which is measured (see :func:`fourth_difference`). Elementwise
 
 from typing import NamedTuple
 
-from groundstation.control.ops import Ops, Quat, Real, Vec3
+from groundstation.ops import Ops, Quat, Real, Vec3
 from groundstation.so3 import conjugate, multiply, rotation_vector, turned
 
 

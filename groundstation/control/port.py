@@ -3,7 +3,7 @@
 from typing import NamedTuple, Protocol
 
 from groundstation.control.model import Drive, Motion
-from groundstation.control.ops import Vec3
+from groundstation.ops import Vec3
 from groundstation.poses.port import Pose
 from groundstation.snapshot import Diagnostics
 from groundstation.trajectories.port import Reference

@@ -1,6 +1,6 @@
 """The smooth projection (9) that keeps the disturbance estimate inside a ball of radius B + ε."""
 
-from groundstation.control.ops import Ops, Real, Vec3
+from groundstation.ops import Ops, Real, Vec3
 
 
 def project(ops: Ops, xi: Vec3, b_hat: Vec3, *, bound: Real, epsilon: Real, delta: Real, order: int) -> Vec3:

@@ -5,7 +5,7 @@ M r s/√(1+r²s²), whose slope is M·r; bound M and slope r need the form belo
 Elementwise: floats, or arrays of shape (N,).
 """
 
-from groundstation.control.ops import Ops, Real
+from groundstation.ops import Ops, Real
 
 
 def saturation(ops: Ops, s: Real, bound: Real, slope: Real) -> tuple[Real, Real, Real]:

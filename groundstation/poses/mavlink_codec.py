@@ -11,7 +11,7 @@ from collections import Counter
 from typing import Protocol
 
 from groundstation import so3
-from groundstation.control.ops import Quat, Vec3
+from groundstation.ops import Quat, Vec3
 from groundstation.poses.port import Pose
 from groundstation.poses.source_clock import SourceClock
 from links.mavlink_codec import ARDUPILOT, Message

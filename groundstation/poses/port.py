@@ -5,7 +5,7 @@ from typing import Protocol
 
 import msgspec
 
-from groundstation.control.ops import Quat, Vec3
+from groundstation.ops import Quat, Vec3
 
 
 class Pose(msgspec.Struct, frozen=True, gc=False):

@@ -23,7 +23,7 @@ from typing import Literal, TypeAlias
 
 import msgspec
 
-from groundstation.control.ops import Quat, Vec3
+from groundstation.ops import Quat, Vec3
 
 DATAGRAM_SIZES = (256, 512, 1024)
 """Sizes that Tracker offers [bytes]; room for 3, 6 and 13 objects."""

@@ -16,7 +16,7 @@ import numpy as np
 import numpy.typing as npt
 
 from groundstation import so3
-from groundstation.control.ops import Vec3
+from groundstation.ops import Vec3
 from groundstation.poses.port import Pose
 from groundstation.trajectories.port import Reference
 

@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 from groundstation.config import ConfigError
-from groundstation.control.ops import Vec3
+from groundstation.ops import Vec3
 from groundstation.poses.mavlink_codec import Decoder
 from groundstation.poses.port import Pose
 from groundstation.poses.tlog import pose_decoder

@@ -13,8 +13,8 @@ from typing import NamedTuple
 from groundstation.control.adaptive import Adaptive
 from groundstation.control.estimator import ModelEstimator
 from groundstation.control.model import Drive
-from groundstation.control.ops import Vec3
 from groundstation.control.port import Estimate
+from groundstation.ops import Vec3
 from groundstation.poses.port import Pose
 from groundstation.settings import Config
 from groundstation.shadow.flight import flying, thrust_shares

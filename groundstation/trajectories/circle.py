@@ -4,7 +4,7 @@ import math
 
 import msgspec
 
-from groundstation.control.ops import Vec3
+from groundstation.ops import Vec3
 from groundstation.trajectories.fields import Coordinate, Degrees, Length, Point, Speed
 from groundstation.trajectories.port import Reference
 

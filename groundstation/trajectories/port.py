@@ -4,7 +4,7 @@ from typing import Protocol
 
 import msgspec
 
-from groundstation.control.ops import Vec3
+from groundstation.ops import Vec3
 
 ZERO: Vec3 = (0.0, 0.0, 0.0)
 

@@ -12,7 +12,7 @@ from typing import Annotated
 
 import msgspec
 
-from groundstation.control.ops import Vec3
+from groundstation.ops import Vec3
 from groundstation.trajectories.fields import Degrees, Point, Speed
 from groundstation.trajectories.port import Reference
 

@@ -3,7 +3,7 @@
 import math
 from collections.abc import Mapping
 
-from groundstation.control.ops import Vec3
+from groundstation.ops import Vec3
 from groundstation.snapshot import Snapshot
 from groundstation.so3 import euler_zyx
 from groundstation.tui.headline import OLD_POSE_S

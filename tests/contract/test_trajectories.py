@@ -8,7 +8,7 @@ import pytest
 from hypothesis import assume, example, given
 from hypothesis import strategies as st
 
-from groundstation.control.ops import Vec3
+from groundstation.ops import Vec3
 from groundstation.trajectories import CircleConfig, HoldConfig, LemniscateConfig, TrajectoryConfig, TransitConfig
 from groundstation.trajectories.port import Reference, Trajectory
 

@@ -11,9 +11,9 @@ from hypothesis import strategies as st
 from groundstation import so3
 from groundstation.control.backstepping import Step, axis, backstep, yaw_rate
 from groundstation.control.gains import Law
-from groundstation.control.ops import FLOATS, Quat, Vec3, arrays
 from groundstation.control.projection import project, within
 from groundstation.control.shaping import growth, saturation, saturation_integral
+from groundstation.ops import FLOATS, Quat, Vec3, arrays
 
 LAW = Law()
 small = st.floats(-3.0, 3.0)

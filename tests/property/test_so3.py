@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from groundstation import so3
-from groundstation.control.ops import Quat, Vec3, arrays
+from groundstation.ops import Quat, Vec3, arrays
 
 Matrix = npt.NDArray[np.float64]
 

@@ -14,7 +14,7 @@ from groundstation.control.actuators import approach, lead
 from groundstation.control.estimator import ModelEstimator
 from groundstation.control.gains import Gains
 from groundstation.control.model import Drive, Motion, rolled
-from groundstation.control.ops import FLOATS, Vec3
+from groundstation.ops import FLOATS, Vec3
 from groundstation.poses.port import Pose
 from groundstation.vehicle import Vehicle
 from sim.quadrotor import Quadrotor

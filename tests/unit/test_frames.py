@@ -7,7 +7,6 @@ from typing import get_args
 import pytest
 
 from groundstation import so3
-from groundstation.control.ops import Quat, Vec3
 from groundstation.frames import (
     Body,
     World,
@@ -18,6 +17,7 @@ from groundstation.frames import (
     to_frd,
     to_ned,
 )
+from groundstation.ops import Quat, Vec3
 
 WORLDS: tuple[World, ...] = get_args(World)
 BODIES: tuple[Body, ...] = get_args(Body)

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from groundstation import so3
-from groundstation.control.ops import Vec3
+from groundstation.ops import Vec3
 from sim.quadrotor import Quadrotor
 from sim.wind import CORRELATION_S, Turbulence, Wind
 from sim.world import World

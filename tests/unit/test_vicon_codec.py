@@ -4,7 +4,7 @@ import struct
 import pytest
 
 from groundstation import so3
-from groundstation.control.ops import Vec3
+from groundstation.ops import Vec3
 from groundstation.poses.vicon_codec import (
     ViconDecoder,
     ViconFrame,
