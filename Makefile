@@ -8,7 +8,7 @@ BIN := .venv/bin
 .PHONY: fly test lint types contracts tests test-all-pythons soak setup lock clean
 
 fly: setup ## fly one simulated flight, on real wire bytes, and sum it up
-	@$(BIN)/groundstation-sim fly --scenario $(SCENARIO)
+	@$(BIN)/groundstation-sim fly --scenario $(SCENARIO) --out runs/$(SCENARIO)-$$(date +%Y%m%d-%H%M%S)
 
 test: lint types contracts tests test-all-pythons ## everything that must hold before a commit
 

@@ -1,0 +1,143 @@
+"""``groundstation-sim`` as a script calls it: what it prints, what it writes, how it ends."""
+
+import csv
+import json
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from groundstation.poses.tlog_codec import TlogReader
+from sim.scenarios import SCENARIOS
+
+GOLDEN = Path(__file__).parents[1] / "golden"
+
+
+def sim(*arguments: str) -> "subprocess.CompletedProcess[str]":
+    return subprocess.run(
+        [sys.executable, "-m", "sim", *arguments], capture_output=True, text=True, timeout=100, check=False
+    )
+
+
+def test_json_is_one_object_with_every_promised_key() -> None:
+    done = sim("fly", "--scenario", "paper", "--seed", "4", "--duration", "20", "--json")
+    assert done.returncode == 0, done.stderr
+    facts = json.loads(done.stdout)
+    assert set(facts) >= {
+        "scenario",
+        "seed",
+        "controller",
+        "duration_s",
+        "rms_cm",
+        "max_cm",
+        "settle_s",
+        "wind_true",
+        "wind_estimate",
+        "thrust_min_n",
+        "thrust_max_n",
+        "saturated_fraction",
+        "lyapunov_increase_max",
+        "log_sha256",
+        "wall_s",
+    }
+    assert (facts["scenario"], facts["seed"], facts["controller"]) == ("paper", 4, "adaptive")
+    assert facts["duration_s"] == pytest.approx(20.0)
+    assert len(facts["log_sha256"]) == 64
+
+
+@pytest.mark.parametrize(
+    "key",
+    [
+        "sim.wind_mean=[0.5, 0.0, 0.0]",
+        "sim.mass_kg=0.085",
+        "sim.thrust_gain=0.95",
+        "sim.thrust_lag_s=0.12",
+        "sim.rate_lag_s=0.09",
+        "sim.pose_latency_s=0.03",
+        "sim.pose_noise_m=0.001",
+        "sim.pose_rate_hz=100",
+        "sim.frame_period_s=0.02",
+        "sim.speed_m_s=0.7",
+        "controller.k2=2.5",
+        "controller.kb=0.5",
+        "controller.composite=off",
+    ],
+)
+def test_every_promised_override_changes_the_flight(key: str) -> None:
+    plain = sim("fly", "--duration", "3", "--json")
+    changed = sim("fly", "--duration", "3", "--json", "--set", key)
+    assert changed.returncode == 0, changed.stderr
+    assert json.loads(changed.stdout)["log_sha256"] != json.loads(plain.stdout)["log_sha256"]
+
+
+def test_the_truth_can_be_changed_without_telling_the_controller() -> None:
+    """A heavier vehicle looks like a downward disturbance to a controller that believes the old mass."""
+    facts = json.loads(sim("fly", "--duration", "20", "--json", "--set", "sim.mass_kg=0.088").stdout)
+    assert facts["wind_estimate"][2] - facts["wind_true"][2] == pytest.approx(9.81 * (1 - 0.080 / 0.088), abs=0.15)
+
+
+def test_a_crash_exits_1_and_says_why() -> None:
+    done = sim("fly", "--duration", "10", "--json", "--set", "sim.thrust_gain=0.3")
+    assert done.returncode == 1
+    facts = json.loads(done.stdout)
+    assert facts["completed"] is False
+    assert "floor" in facts["why"]
+    assert facts["rms_cm"] is None
+
+
+@pytest.mark.parametrize(
+    ("arguments", "expected"),
+    [
+        (["fly", "--scenario", "hurricane"], "expected one of"),
+        (["fly", "--set", "sim.mass=3"], "sim.mass: unknown key; did you mean mass_kg?"),
+        (["fly", "--set", "sim.mass_kg=-1"], "sim.mass_kg: expected a number > 0, got -1"),
+        (["fly", "--set", "controller.k2=fast"], "controller.k2: expected a number > 0, got 'fast'"),
+        (["fly", "--set", "controller.k2=nan"], "controller.k2"),
+        (["fly", "--controller", "pigeon"], "controller.kind: expected one of"),
+        (["fly", "--set", "nonsense"], "--set"),
+        (["check-vectors", "absent.json"], "absent.json"),
+        (["fly", "--duration", "-3"], "expected seconds"),
+        (["fly", "--out", "/dev/null/nowhere"], "cannot write"),
+    ],
+)
+def test_bad_usage_exits_2_with_a_clear_last_line(arguments: list[str], expected: str) -> None:
+    done = sim(*arguments)
+    assert done.returncode == 2
+    assert expected in done.stderr.strip().splitlines()[-1]
+    assert "Traceback" not in done.stderr
+
+
+def test_check_vectors_passes_on_the_golden_vectors_and_fails_on_wrong_ones(tmp_path: Path) -> None:
+    golden = GOLDEN / "control_law_vectors.json"
+    assert sim("check-vectors", str(golden)).returncode == 0
+    data = json.loads(golden.read_text())
+    data["vectors"][0]["output"]["W"] += 1.0
+    wrong = tmp_path / "wrong.json"
+    wrong.write_text(json.dumps(data))
+    assert sim("check-vectors", str(wrong)).returncode == 1
+
+
+def test_scenarios_lists_every_scenario_with_every_value() -> None:
+    rows = json.loads(sim("scenarios", "--json").stdout)
+    assert set(rows) == set(SCENARIOS)
+    assert rows["storm"]["sim"]["wind_mean"] == [2.0, -1.6, 1.0]
+    assert "sim.pose_latency_s = 0.04" in sim("scenarios").stdout
+
+
+def test_a_runs_folder_holds_config_commands_traffic_events_and_result(tmp_path: Path) -> None:
+    folder = tmp_path / "run"
+    done = sim("fly", "--duration", "4", "--out", str(folder))
+    assert done.returncode == 0, done.stderr
+    assert "RMS error" in done.stdout
+    assert str(folder) in done.stdout
+    with (folder / "flight.csv").open() as file:
+        rows = list(csv.DictReader(file))
+    assert len(rows) == pytest.approx(4.0 / 0.0225, abs=2)
+    assert all(float(value) == float(value) for value in rows[-1].values())
+    names = [record.message.get_type() for record in TlogReader((folder / "mavlink.tlog").read_bytes())]
+    assert names.count("SET_ATTITUDE_TARGET") >= len(rows)
+    assert "COMMAND_ACK" in names
+    assert "flying" in (folder / "events.txt").read_text()
+    assert json.loads((folder / "summary.json").read_text())["sim"]["mass_kg"] == 0.08
+    assert "[controller]" in (folder / "config.toml").read_text()
