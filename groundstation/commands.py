@@ -2,6 +2,7 @@
 
 import argparse
 import asyncio
+import contextlib
 import logging
 import signal
 import sys
@@ -22,7 +23,7 @@ def fly(args: argparse.Namespace) -> int:
     _check_name(args.arm, config)
     if args.arm is None and not sys.stdin.isatty():
         raise ConfigError("--arm", f"without a terminal, arming needs --arm {config.vehicle.name}")
-    return asyncio.run(_run(config, _ask(config, args.arm), print))
+    return asyncio.run(_run(config, _ask(config, args.arm), _say))
 
 
 def daemon(args: argparse.Namespace) -> int:
@@ -87,6 +88,12 @@ def _flyable(config: Config) -> Config:
     return config
 
 
+def _say(line: str) -> None:
+    """Tell the operator; a terminal that is gone must not end a flight."""
+    with contextlib.suppress(OSError):
+        print(line, flush=True)
+
+
 def _ask(config: Config, arm: str | None) -> Callable[[], Awaitable[bool]]:
     """Who confirms arming: ``--arm``, or the operator at the terminal."""
 
@@ -127,7 +134,7 @@ async def _run(config: Config, confirm: Callable[[], Awaitable[bool]], say: Call
     loop = asyncio.get_running_loop()
     task = asyncio.ensure_future(watched(flight, config, say))
 
-    def on_signal(name: str) -> None:
+    def interrupted(name: str) -> None:
         if flight.landing_asked:
             say(f"{name} again: commands stop now, the autopilot's failsafe acts")
             task.cancel()
@@ -135,8 +142,10 @@ async def _run(config: Config, confirm: Callable[[], Awaitable[bool]], say: Call
             say(f"{name}: landing. The same once more stops commands at once")
             flight.land(f"told by {name}")
 
-    for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
-        loop.add_signal_handler(number, on_signal, number.name)
+    loop.add_signal_handler(signal.SIGINT, interrupted, "SIGINT")
+    loop.add_signal_handler(signal.SIGTERM, interrupted, "SIGTERM")
+    # A terminal that closes is no second opinion: it lands, and never more than that.
+    loop.add_signal_handler(signal.SIGHUP, flight.land, "the terminal closed")
     try:
         outcome = await task
     except asyncio.CancelledError:

@@ -104,6 +104,27 @@ def test_a_station_that_is_killed_leaves_the_vehicle_to_the_autopilots_failsafe(
     assert shown.state in ("connecting", "ready")
 
 
+def test_a_terminal_that_closes_in_flight_lands_the_vehicle() -> None:
+    with served() as room:
+        station = subprocess.Popen(
+            room.station("fly", "--arm", "mqx"),
+            stdout=subprocess.PIPE,
+            stderr=subprocess.DEVNULL,
+            stdin=subprocess.DEVNULL,
+        )
+        try:
+            asyncio.run(seen(room.status_socket, lambda s: s.state == "flying" and s.flight_time_s > 1.0))
+            assert station.stdout is not None
+            station.stdout.close()  # whatever it says from now on fails
+            station.send_signal(signal.SIGINT)
+            asyncio.run(seen(room.status_socket, lambda s: s.state == "landing"))
+            station.send_signal(signal.SIGHUP)
+            assert station.wait(40) == 0
+        finally:
+            station.kill()
+            station.wait()
+
+
 @pytest.mark.parametrize("section", ["link.listen", "link.remote", "pose.listen"])
 @pytest.mark.parametrize("host", ["0.0.0.0", "192.168.1.20", "[::]", "lab-pc"])
 def test_fly_refuses_every_address_that_is_not_loopback_and_says_why(section: str, host: str, tmp_path: Path) -> None:

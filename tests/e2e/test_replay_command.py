@@ -50,6 +50,7 @@ def test_the_text_names_the_verdict_and_its_reasons() -> None:
     assert "PX4, poses from ODOMETRY" in done.stdout
     assert "FIT WITH CARE TO FLY ON" in done.stdout
     assert "the source reset its estimate" in done.stdout
+    assert "positions and velocity of the autopilot disagree by 0." in done.stdout
 
 
 def test_a_configuration_and_an_override_are_used(tmp_path: Path) -> None:
