@@ -57,6 +57,8 @@ class Pilot:
 
     def follow(self, trajectory: Trajectory, start_s: float) -> None:
         """From now on the reference is ``trajectory``, begun at ``start_s`` on the event loop's clock [s]."""
+        if self._trajectory is None:
+            self._estimator.release()
         self._trajectory = trajectory
         self._start = start_s
 

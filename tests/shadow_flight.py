@@ -27,7 +27,7 @@ class Flight(msgspec.Struct, frozen=True, kw_only=True):
     duration_s: float = 8.0
     """In the air [s]."""
     velocity_error: Vec3 = (0.0, 0.0, 0.0)
-    """Added to the velocity that it says it has [m/s]."""
+    """Added to the velocity that it says it has [m/s]; not a number: it says that it has none."""
     stamp_us: Callable[[int], int] = lambda us: us
     """The stamp of a pose that is true at a time [µs]."""
     poses: Callable[[float], bool] = lambda t: True

@@ -8,17 +8,21 @@ from groundstation.control.gains import Gains
 from groundstation.control.model import Drive
 from groundstation.control.port import Decision, Estimate
 from groundstation.control.projection import within
-from groundstation.ops import FLOATS, Vec3
+from groundstation.ops import FLOATS, Ops, Real, Vec3
 from groundstation.snapshot import Diagnostics
 from groundstation.trajectories.port import Reference
 from groundstation.vehicle import Vehicle
 
 
 class Adaptive:
-    """Adaptive backstepping with actuator compensation. State: b̂, the last wanted rate and its derivative."""
+    """Adaptive backstepping with actuator compensation. State: b̂, the last wanted rate and its derivative.
 
-    def __init__(self, vehicle: Vehicle, gains: Gains) -> None:
+    With ``ARRAYS`` for ``ops`` one object flies N vehicles that are told the same: all numbers have shape (N,).
+    """
+
+    def __init__(self, vehicle: Vehicle, gains: Gains, ops: Ops = FLOATS) -> None:
         """Start with b̂ = 0, as the paper does."""
+        self._ops = ops
         self._vehicle = vehicle
         self._gains = gains
         self._hold = vehicle.frame_period_s
@@ -30,7 +34,7 @@ class Adaptive:
         self._witnessed: Vec3 | None = None
         self._wanted: Vec3 | None = None
         self._wanted_dot: Vec3 = (0.0, 0.0, 0.0)
-        self._thrust_sent = 0.0
+        self._thrust_sent: Real | None = None
         self._saturated = False
 
     def decide(self, estimate: Estimate, reference: Reference, interval_s: float) -> Decision:
@@ -39,12 +43,12 @@ class Adaptive:
         motion = estimate.motion
         b_hat, witness = self._informed(estimate)
         compensate = gains.actuator_compensation
-        thrust = motion.thrust if compensate else self._thrust_sent or motion.thrust
+        thrust = motion.thrust if compensate or self._thrust_sent is None else self._thrust_sent
         p, v = reference.position_ned, reference.velocity_ned
         (px, py, pz), (vx, vy, vz) = motion.position, motion.velocity
-        adapt = gains.kb > 0.0 and not self._saturated
+        suspended = self._saturated
         step = backstep(
-            FLOATS,
+            self._ops,
             gains,
             mass=vehicle.mass_kg,
             z1=(px - p[0], py - p[1], pz - p[2]),
@@ -55,13 +59,13 @@ class Adaptive:
             acceleration=reference.acceleration_ned,
             jerk=reference.jerk_ned,
             witness=witness,
-            adapt=adapt,
+            suspended=suspended,
         )
         wanted: Vec3 = (
             step.rate_x,
             step.rate_y,
             yaw_rate(
-                FLOATS,
+                self._ops,
                 attitude=motion.attitude,
                 yaw=reference.yaw_rad,
                 yaw_dot=reference.yaw_rate_rad_s,
@@ -80,7 +84,7 @@ class Adaptive:
         self._thrust_sent = drive.thrust
         dt, dot = interval_s, step.b_hat_dot
         self.b_hat = within(
-            FLOATS,
+            self._ops,
             (b_hat[0] + dt * dot[0], b_hat[1] + dt * dot[1], b_hat[2] + dt * dot[2]),
             gains.b_bound + gains.epsilon,
         )
@@ -97,7 +101,7 @@ class Adaptive:
                 disturbance=estimate.disturbance if gains.composite == "provable" else b_hat,
                 v_known=step.v_known,
                 w=step.w,
-                certificate=_CERTIFICATES[gains.composite] if adapt else "none: adaptation is suspended",
+                certificate=_SUSPENDED if suspended is True or gains.kb == 0.0 else _CERTIFICATES[gains.composite],
             ),
         )
 
@@ -113,11 +117,11 @@ class Adaptive:
         radius = gains.b_bound + gains.epsilon
         if gains.composite == "raw":
             step = estimate.disturbance_step
-            return within(FLOATS, (b[0] + step[0], b[1] + step[1], b[2] + step[2]), radius), None
+            return within(self._ops, (b[0] + step[0], b[1] + step[1], b[2] + step[2]), radius), None
         d, before = estimate.disturbance, self._witnessed
         self._witnessed = d
         if before is not None:
-            b = within(FLOATS, (b[0] + d[0] - before[0], b[1] + d[1] - before[1], b[2] + d[2] - before[2]), radius)
+            b = within(self._ops, (b[0] + d[0] - before[0], b[1] + d[1] - before[1], b[2] + d[2] - before[2]), radius)
         k = gains.kappa
         return b, (k * (d[0] - b[0]), k * (d[1] - b[1]), k * (d[2] - b[2]))
 
@@ -145,15 +149,14 @@ class Adaptive:
 
     def _clamped(self, thrust: float, rates: Vec3) -> tuple[Drive, bool]:
         """A command within the vehicle's limits, and whether any of the four had to be clamped."""
-        vehicle, limits = self._vehicle, self._limits
-        clamp = FLOATS.clamp
+        vehicle, clamp = self._vehicle, self._ops.clamp
+        (x, y, z), (a, b, c) = rates, self._limits
         inside = clamp(thrust, vehicle.thrust_min_n, vehicle.thrust_max_n)
-        x, y, z = rates
-        a, b, c = limits
-        turn = (clamp(x, -a, a), clamp(y, -b, b), clamp(z, -c, c))
-        return Drive(inside, turn), inside != thrust or turn != rates
+        p, q, r = clamp(x, -a, a), clamp(y, -b, b), clamp(z, -c, c)
+        return Drive(inside, (p, q, r)), (inside != thrust) | (p != x) | (q != y) | (r != z)
 
 
+_SUSPENDED = "none: adaptation is suspended"
 _CERTIFICATES = {
     "off": "paper: V falls at least by W (constant wind, no lag)",
     "provable": "composite: V + observer error falls at least by W (constant wind, no lag)",

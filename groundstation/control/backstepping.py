@@ -116,7 +116,7 @@ def backstep(
     acceleration: Vec3,
     jerk: Vec3,
     witness: Vec3 | None = None,
-    adapt: bool = True,
+    suspended: bool = False,
 ) -> Step:
     """One evaluation of the law.
 
@@ -133,7 +133,7 @@ def backstep(
         jerk: p⃛d [m/s³], NED.
         witness: κ (d̂ - b̂) [m/s³ per kb], a second witness of the disturbance (composite adaptation), or None.
             It moves b̂ only: Ṫ and ω answer b̂˙ = kb Proj(ξ, b̂), as the witness is mostly noise there.
-        adapt: False freezes b̂ (on the ground, saturated); the law then uses b̂˙ = 0.
+        suspended: True freezes b̂ (on the ground, saturated); the law then uses b̂˙ = 0.
     """
     lim = POSITION_LIMIT
     clamp = ops.clamp
@@ -148,14 +148,12 @@ def backstep(
     uz = f * down[2] + law.gravity + b_hat[2] - clamp(acceleration[2], -lim, lim)
     z3x, z3y, z3z = ux - x.u_star, uy - y.u_star, uz - z.u_star  # (7)
 
-    b_dot: Vec3 = (0.0 * z3x, 0.0 * z3x, 0.0 * z3x)
-    b_dot_all = b_dot
-    if adapt:
-        xi: Vec3 = (x.dv_dz2 - x.du_dz2 * z3x, y.dv_dz2 - y.du_dz2 * z3y, z.dv_dz2 - z.du_dz2 * z3z)
-        b_dot_all = b_dot = _adaptation(ops, law, xi, b_hat)  # (8)
-        if witness is not None:
-            more = (xi[0] + witness[0], xi[1] + witness[1], xi[2] + witness[2])
-            b_dot_all = _adaptation(ops, law, more, b_hat)
+    xi: Vec3 = (x.dv_dz2 - x.du_dz2 * z3x, y.dv_dz2 - y.du_dz2 * z3y, z.dv_dz2 - z.du_dz2 * z3z)
+    active = ops.where(suspended, 0.0, law.kb)
+    b_dot_all = b_dot = _adaptation(ops, law, active, xi, b_hat)  # (8)
+    if witness is not None:
+        more = (xi[0] + witness[0], xi[1] + witness[1], xi[2] + witness[2])
+        b_dot_all = _adaptation(ops, law, active, more, b_hat)
 
     k3 = law.k3
     turn = to_body(
@@ -181,8 +179,8 @@ def backstep(
     )
 
 
-def _adaptation(ops: Ops, law: Law, xi: Vec3, b_hat: Vec3) -> Vec3:
-    """b̂˙ = kb Proj(ξ, b̂)."""
+def _adaptation(ops: Ops, law: Law, kb: Real, xi: Vec3, b_hat: Vec3) -> Vec3:
+    """b̂˙ = kb Proj(ξ, b̂); ``kb`` is 0 where adaptation is suspended."""
     x, y, z = project(
         ops,
         xi,
@@ -192,7 +190,7 @@ def _adaptation(ops: Ops, law: Law, xi: Vec3, b_hat: Vec3) -> Vec3:
         delta=law.delta,
         order=law.projection_order,
     )
-    return (law.kb * x, law.kb * y, law.kb * z)
+    return (kb * x, kb * y, kb * z)
 
 
 def _u_star_rate(a: Axis, u_hat: Real) -> Real:

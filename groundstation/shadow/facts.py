@@ -10,14 +10,13 @@ import numpy.typing as npt
 
 from groundstation.poses.port import Pose
 from groundstation.settings import Config
-from groundstation.shadow.path import FlownPath
+from groundstation.shadow.path import UNKNOWN, FlownPath
 from groundstation.shadow.recording import Recording
 from groundstation.shadow.replay import Compared, Replayed
 from groundstation.so3 import conjugate, multiply, rotation_vector
 
 GAP = 3.0
 """An interval this many times the usual one is a gap."""
-UNKNOWN = (math.nan, math.nan, math.nan)
 
 Array = npt.NDArray[np.float64]
 
@@ -94,7 +93,7 @@ class Facts(msgspec.Struct, frozen=True, kw_only=True):
     """Estimated velocity against the autopilot's own, in flight: length of the difference [m/s]."""
     velocity_max_m_s: float | None
     velocity_path_rms_m_s: float | None
-    """Estimated velocity against the derivative of the recorded path (path.py) [m/s]."""
+    """Estimated velocity against how fast the recorded positions move (path.py), in flight: as above [m/s]."""
     own_velocity_path_rms_m_s: float | None
     """The autopilot's own velocity against the same: how far its velocity and its positions disagree [m/s]."""
     innovation_rms_m: float | None
@@ -113,8 +112,7 @@ def measured(
     total = float(intervals.sum())
     own = np.array([each.pose.velocity_ned or UNKNOWN for each in air]).reshape(-1, 3)
     ours = np.array([each.velocity_ned for each in air]).reshape(-1, 3)
-    references = (path.at(each.pose.time_s) for each in air)
-    followed = np.array([ref.velocity_ned if ref is not None else UNKNOWN for ref in references]).reshape(-1, 3)
+    moved = np.array([path.velocity_of_positions(each.pose.time_s) or UNKNOWN for each in air]).reshape(-1, 3)
     from_own = _lengths(ours - own)
     resets = [(a, b) for a, b in pairwise(known) if a.pose.reset_count != b.pose.reset_count]
     return Facts(
@@ -139,8 +137,8 @@ def measured(
         hover_configured=config.vehicle.mass_kg * config.controller.gravity / config.vehicle.thrust_max_n,
         velocity_rms_m_s=_rms(from_own),
         velocity_max_m_s=float(from_own.max()) if len(from_own) else None,
-        velocity_path_rms_m_s=_rms(_lengths(ours - followed)),
-        own_velocity_path_rms_m_s=_rms(_lengths(own - followed)),
+        velocity_path_rms_m_s=_rms(_lengths(ours - moved)),
+        own_velocity_path_rms_m_s=_rms(_lengths(own - moved)),
         innovation_rms_m=_rms(np.array([each.innovation_m for each in air])),
         commands=_commands(replayed.compared),
     )

@@ -1,10 +1,10 @@
 """The shadow: our estimator and controller over a recording, at the recorded instants. Deterministic.
 
-The estimator gets the poses as in flight (it takes the autopilot's own velocity to begin with, never again), and the
-set-points that were sent, as they are what the vehicle obeyed. At each set-point in flight the controller says what
-it would have sent along the path that was flown (path.py). What it says goes nowhere: the next set-point is again
-the recorded one. So a correction that it asks for is never made, and it keeps asking: its commands are livelier than
-they would be in flight.
+The estimator gets the poses as in flight, with the autopilot's own velocity and its resets, and the set-points that
+were sent, as they are what the vehicle obeyed. At each set-point in flight the controller says what it would have
+sent along the path that was flown (path.py). What it says goes nowhere: the next set-point is again the recorded one.
+So a correction that it asks for is never made, and it keeps asking: its commands are livelier than they would be in
+flight. Most of all where the autopilot's velocity is corrected (by GPS): that looks like wind, and wind is answered.
 """
 
 import math

@@ -28,7 +28,7 @@ def _lines(result: Report) -> Iterator[str]:
         "from the autopilot's own",
     )
     yield _row(
-        "against recorded path",
+        "against positions",
         f"{_number(result.velocity_path_rms_m_s, 3)} m/s RMS ours, "
         f"{_number(result.own_velocity_path_rms_m_s, 3)} the autopilot's own",
     )

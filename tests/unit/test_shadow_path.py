@@ -6,15 +6,24 @@ import numpy as np
 import pytest
 
 from groundstation import so3
+from groundstation.ops import Vec3
 from groundstation.poses.port import Pose
 from groundstation.shadow.path import HALF_WIDTH_S, FlownPath
 
 COEFFICIENTS = np.array([[0.3, -1.0, 2.0], [0.5, 0.2, -0.1], [-0.4, 0.3, 0.2], [0.2, -0.1, 0.3], [0.05, 0.1, -0.2]])
 
 
-def pose(time_s: float, x: float, y: float, z: float, yaw: float = 0.0, resets: int = 0) -> Pose:
+def pose(
+    time_s: float, x: float, y: float, z: float, yaw: float = 0.0, resets: int = 0, velocity: Vec3 | None = None
+) -> Pose:
     attitude = so3.from_euler_zyx(0.0, 0.0, yaw)
-    return Pose(0, time_s, time_s, (x, y, z), attitude, None, resets)
+    return Pose(0, time_s, time_s, (x, y, z), attitude, velocity, resets)
+
+
+def wandering(time_s: float, *, moving: bool = True) -> Pose:
+    """Positions that move north at 0.2 m/s, and a velocity that is a cubic: they disagree."""
+    t = time_s
+    return pose(t, 0.2 * t, 0.0, -1.0, velocity=(0.3 + 0.1 * t + 0.5 * t * t - 0.2 * t**3, t, -0.5) if moving else None)
 
 
 def uneven_times(count: int) -> list[float]:
@@ -41,6 +50,29 @@ def test_a_polynomial_of_fourth_degree_is_found_exactly_at_uneven_stamps() -> No
         for order, found in enumerate(derivatives):
             powers = [math.perm(k, order) * t ** max(k - order, 0) for k in range(5)]
             assert found == pytest.approx(np.array(powers) @ COEFFICIENTS, abs=1e-6 * 10**order)
+
+
+def test_where_poses_carry_a_velocity_the_motion_is_that_velocitys_and_the_place_that_of_the_positions() -> None:
+    times = uneven_times(200)
+    path = FlownPath([wandering(t) for t in times], 0.25)
+    for t in (times[0], 0.7, 1.0, times[-1]):
+        reference = path.at(t)
+        assert reference is not None
+        assert reference.position_ned == pytest.approx((0.2 * t, 0.0, -1.0), abs=1e-9)
+        speed = 0.3 + 0.1 * t + 0.5 * t * t - 0.2 * t**3
+        assert reference.velocity_ned == pytest.approx((speed, t, -0.5), abs=1e-6)
+        assert reference.acceleration_ned == pytest.approx((0.1 + t - 0.6 * t * t, 1.0, 0.0), abs=1e-5)
+        assert reference.jerk_ned == pytest.approx((1.0 - 1.2 * t, 0.0, 0.0), abs=1e-4)
+        assert path.velocity_of_positions(t) == pytest.approx((0.2, 0.0, 0.0), abs=1e-9)
+
+
+def test_a_velocity_that_begins_in_flight_is_followed_from_there_on_and_one_pose_without_it_is_no_matter() -> None:
+    path = FlownPath([wandering(0.01 * k, moving=k >= 100 and k != 150) for k in range(200)], 0.25)
+    before, after, without = path.at(0.98), path.at(1.01), path.at(1.5)
+    assert before is not None and after is not None and without is not None
+    assert before.velocity_ned == pytest.approx((0.2, 0.0, 0.0), abs=1e-9)
+    assert after.velocity_ned[1] == pytest.approx(1.01, abs=1e-6)
+    assert without.velocity_ned[1] == pytest.approx(1.5, abs=1e-6)
 
 
 def test_a_circle_is_followed_with_its_derivatives_and_the_heading_across_south() -> None:

@@ -10,11 +10,13 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from groundstation.config import ConfigError
+from groundstation.ops import Vec3
 from groundstation.poses.tlog_codec import Record
 from groundstation.shadow.recording import in_order
 from groundstation.shadow.report import Report, report
 from tests.shadow_flight import Flight
 
+UNKNOWN: Vec3 = (math.nan, math.nan, math.nan)
 NO_LAG = ("vehicle.thrust_lag_s=0.0", "vehicle.rate_lag_s=0.0")
 
 
@@ -34,15 +36,29 @@ def levels(found: Report) -> dict[str, str]:
 
 
 def test_along_a_path_flown_perfectly_the_shadow_asks_for_what_was_sent(tmp_path: Path) -> None:
-    found = replayed(Flight(), tmp_path)
+    found = replayed(Flight(velocity_error=UNKNOWN), tmp_path)
     assert found.verdict == "fit"
-    assert found.velocity_rms_m_s is not None and found.velocity_rms_m_s < 0.03
+    assert found.velocity_path_rms_m_s is not None and found.velocity_path_rms_m_s < 0.03
     commands = found.commands
     assert commands is not None and commands.saturated_fraction == 0.0
     assert commands.thrust_n.difference_rms < 0.06
     for rate in (commands.roll_rate_rad_s, commands.pitch_rate_rad_s):
         assert rate.correlation is not None and rate.correlation > 0.99
         assert rate.difference_rms < 0.03
+
+
+def test_it_does_so_where_the_source_measures_velocity_once_the_leap_from_the_ground_is_forgotten(
+    tmp_path: Path,
+) -> None:
+    found = replayed(Flight(), tmp_path)
+    assert found.verdict == "fit"
+    assert found.velocity_rms_m_s is not None and found.velocity_rms_m_s < 0.1
+    commands = found.commands
+    assert commands is not None and commands.saturated_fraction == 0.0
+    assert commands.thrust_n.difference_rms < 0.3
+    for rate in (commands.roll_rate_rad_s, commands.pitch_rate_rad_s):
+        assert rate.correlation is not None and rate.correlation > 0.8
+        assert rate.difference_rms < 0.15
 
 
 @pytest.mark.parametrize("hover", [0.25, 0.4, 0.7])
@@ -123,6 +139,15 @@ def test_a_reset_in_flight_is_judged_by_how_far_it_moves_the_vehicle(tmp_path: P
     assert levels(found)["resets"] == level
 
 
+@pytest.mark.parametrize("error", [UNKNOWN, (0.0, 0.0, 0.0)], ids=["positions only", "velocity too"])
+def test_a_jump_with_a_reset_is_not_taken_for_motion(tmp_path: Path, error: Vec3) -> None:
+    told = replayed(Flight(velocity_error=error, moved=lambda t: (3.0, 7) if t >= 5.0 else (0.0, 6)), tmp_path)
+    not_told = replayed(Flight(velocity_error=error, moved=lambda t: (3.0, 6) if t >= 5.0 else (0.0, 6)), tmp_path)
+    assert told.velocity_path_rms_m_s is not None and not_told.velocity_path_rms_m_s is not None
+    assert told.velocity_path_rms_m_s < 0.1
+    assert not_told.velocity_path_rms_m_s > 1.0
+
+
 def test_a_reset_on_the_ground_is_only_counted(tmp_path: Path) -> None:
     found = replayed(Flight(moved=lambda t: (0.5, 7) if t >= 0.5 else (0.0, 6)), tmp_path)
     assert (found.resets, found.resets_in_flight) == (1, [])
@@ -134,10 +159,24 @@ def test_an_autopilot_whose_velocity_is_not_that_of_its_positions_is_found_out(
     tmp_path: Path, error: float, level: str
 ) -> None:
     found = replayed(Flight(velocity_error=(0.0, error, 0.0)), tmp_path)
-    assert found.velocity_rms_m_s == pytest.approx(error, abs=0.03)
     assert found.own_velocity_path_rms_m_s == pytest.approx(error, abs=0.01)
-    assert found.velocity_path_rms_m_s is not None and found.velocity_path_rms_m_s < 0.05
-    assert levels(found)["velocity"] == level
+    assert levels(found)["wander"] == level
+    wander = next(check for check in found.checks if check.about == "wander")
+    assert f"disagree by {error:.3f} m/s" in wander.text
+    assert ("looks good on screen" in wander.text) == (level != "fine")
+    # The estimate and the reference are of its velocity, whatever its positions do.
+    assert found.velocity_rms_m_s is not None and found.velocity_rms_m_s < 0.1
+    assert levels(found)["velocity"] == levels(found)["commands"] == "fine"
+
+
+def test_a_source_without_velocity_is_judged_by_its_positions(tmp_path: Path) -> None:
+    found = replayed(Flight(velocity_error=UNKNOWN), tmp_path)
+    assert (found.velocity_rms_m_s, found.own_velocity_path_rms_m_s) == (None, None)
+    assert "wander" not in levels(found)
+    assert [check.text for check in found.checks if check.about == "velocity"] == [
+        f"the estimated velocity is {found.velocity_path_rms_m_s:.3f} m/s RMS from that of the recorded positions; "
+        "the source sends none"
+    ]
 
 
 def test_the_configuration_file_is_taken_as_it_is(tmp_path: Path) -> None:
