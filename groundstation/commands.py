@@ -2,8 +2,8 @@
 
 import argparse
 import asyncio
-import contextlib
 import logging
+import os
 import signal
 import sys
 from collections.abc import Awaitable, Callable
@@ -89,9 +89,11 @@ def _flyable(config: Config) -> Config:
 
 
 def _say(line: str) -> None:
-    """Tell the operator; a terminal that is gone must not end a flight."""
-    with contextlib.suppress(OSError):
+    """Tell the operator; a terminal that is gone must not end a flight, nor spoil the exit code."""
+    try:
         print(line, flush=True)
+    except OSError:
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
 
 
 def _ask(config: Config, arm: str | None) -> Callable[[], Awaitable[bool]]:

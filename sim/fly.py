@@ -20,6 +20,8 @@ from sim.stage import Stage
 from sim.virtual_time import Address, VirtualTimeLoop
 from sim.world import World
 
+CONFIRM_S = 1.0
+"""When arming is confirmed, in virtual time [s]."""
 HANDSHAKE_LIMIT_S = 60.0
 """A hand-shake that takes longer has failed [s, virtual]."""
 
@@ -95,8 +97,7 @@ async def _fly(
     on_progress: Callable[[float], None] | None,
 ) -> dict[str, Any]:
     loop = asyncio.get_running_loop()
-    gains = config.controller.effective()
-    referee = Referee(world, gains.kb)
+    referee = Referee(world, getattr(config.controller, "kb", 0.0))
     stage = Stage(world, config, seed, referee.step)
     plant = stage.plant
 
@@ -109,6 +110,8 @@ async def _fly(
             flight_task.cancel()
 
     async def confirm() -> bool:
+        # Whoever confirms takes a moment: so our frames do not start in step with the cameras.
+        await sleep_until(CONFIRM_S)
         return True
 
     flight = make_flight(config, confirm=confirm, on_tick=watch, on_event=on_event)

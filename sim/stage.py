@@ -4,7 +4,6 @@ Used in virtual time by ``groundstation-sim fly`` and in real time by ``groundst
 """
 
 import asyncio
-import random
 from collections.abc import Callable
 
 from groundstation.frames import pose_from_ned_frd
@@ -16,6 +15,7 @@ from links.address import parse_address
 from sim.airframe import Truth
 from sim.autopilot import Px4Autopilot
 from sim.autopilot_peer import AutopilotPeer
+from sim.draws import rows, stream
 from sim.mocap import Encoder, Mocap
 from sim.quadrotor import Quadrotor
 from sim.vehicle import SimulatedVehicle
@@ -30,24 +30,23 @@ class Stage:
         self, world: World, config: Config, seed: int, on_step: Callable[[float, Vec3], None] | None = None
     ) -> None:
         """Set up a vehicle that is held in the air; ``config`` tells the addresses and formats to speak."""
-
-        def stream(purpose: str) -> random.Random:
-            return random.Random(f"{seed}:{purpose}")
-
         self.world = world
-        self.wind = Wind(world, stream("wind"))
-        self.plant = Quadrotor(world, self.wind, on_step)
-        vehicle = SimulatedVehicle(self.plant, world, stream("estimate"))
-        frames = stream("frames")
-        self.autopilot = Px4Autopilot(vehicle, lose=lambda: frames.random() < world.frame_loss)
+        self.wind = Wind(world, rows(stream(seed, "turbulence").standard_normal, 3))
+        self.plant = plant = Quadrotor(world, self.wind, on_step)
+        vehicle = SimulatedVehicle(plant, world, rows(stream(seed, "estimate").standard_normal, 6))
+        luck = rows(stream(seed, "frame loss").random, 1)
+
+        def lose() -> bool:
+            # Hand-shakes repeat what gets lost; losses that count begin with the flight.
+            return plant.released_s is not None and next(luck)[0] < world.frame_loss
+
+        self.autopilot = Px4Autopilot(vehicle, lose=lose)
         # Where its own estimate serves as the poses, it comes as late as the cameras' would.
         delay = 0.0 if isinstance(config.pose, ViconConfig) else world.pose_latency_s
         self.peer = AutopilotPeer(self.autopilot, parse_address(config.link.address), delay_s=delay)
         self.mocap: Mocap | None = None
         if isinstance(config.pose, ViconConfig):
-            self.mocap = Mocap(
-                world, self.plant, stream("mocap"), vicon_encoder(config.pose), parse_address(config.pose.listen)
-            )
+            self.mocap = Mocap(world, self.plant, seed, vicon_encoder(config.pose), parse_address(config.pose.listen))
 
     async def run(self) -> None:
         """Let the world turn until cancelled."""

@@ -1,7 +1,6 @@
 """The simulated vehicle as its autopilot sees it: the plant behind motors that may be off, and its own estimate."""
 
-import random
-from collections.abc import Callable
+from collections.abc import Iterator
 
 import msgspec
 
@@ -15,11 +14,11 @@ from sim.world import World
 class SimulatedVehicle:
     """Implements :class:`sim.airframe.Airframe` on a :class:`Quadrotor`."""
 
-    def __init__(self, plant: Quadrotor, world: World, random_: random.Random) -> None:
-        """Motors off; ``random_`` draws the noise of :meth:`measured`."""
+    def __init__(self, plant: Quadrotor, world: World, noise: Iterator[list[float]]) -> None:
+        """Motors off; ``noise`` gives rows of six standard normal numbers for :meth:`measured`."""
         self.plant = plant
         self._world = world
-        self._gauss = random_.gauss
+        self._noise = noise
         self._on = False
 
     def act(self, time_s: float, thrust_fraction: float, rates_rad_s: Vec3) -> None:
@@ -43,17 +42,17 @@ class SimulatedVehicle:
 
     def measured(self, time_s: float) -> Truth:
         """The state with the noise that the scenario gives to poses."""
-        return with_noise(self.plant.truth(time_s), self._world, self._gauss)
+        return with_noise(self.plant.truth(time_s), self._world, next(self._noise))
 
 
-def with_noise(truth: Truth, world: World, gauss: Callable[[float, float], float]) -> Truth:
-    """``truth`` with the scenario's noise on position and attitude."""
+def with_noise(truth: Truth, world: World, normals: list[float]) -> Truth:
+    """``truth`` with the scenario's noise on position and attitude, from six standard normal numbers."""
     n, a = world.pose_noise_m, world.attitude_noise_rad
     if n == 0.0 and a == 0.0:
         return truth
-    x, y, z = truth.position_ned
+    (x, y, z), (i, j, k, roll, pitch, yaw) = truth.position_ned, normals
     return msgspec.structs.replace(
         truth,
-        position_ned=(x + gauss(0.0, n), y + gauss(0.0, n), z + gauss(0.0, n)),
-        attitude=so3.turned(truth.attitude, (gauss(0.0, a), gauss(0.0, a), gauss(0.0, a))),
+        position_ned=(x + n * i, y + n * j, z + n * k),
+        attitude=so3.turned(truth.attitude, (a * roll, a * pitch, a * yaw)),
     )

@@ -1,9 +1,10 @@
 """Wind as the acceleration it gives the vehicle: mean, sine gusts, one step, and Dryden-shaped turbulence."""
 
 import math
-import random
+from collections.abc import Iterator
+from typing import NamedTuple
 
-from groundstation.ops import Vec3
+from groundstation.ops import Real, Vec3
 from sim.world import World
 
 # MIL-F-8785C, low altitude: at 1 m height the scale lengths are 7.9 m along and across the wind and 1 m
@@ -11,64 +12,85 @@ from sim.world import World
 CORRELATION_S = (2.6, 2.6, 0.33)
 
 
-class Turbulence:
-    """Dryden-shaped noise per axis: longitudinal form on x, lateral form on y and z (MIL-F-8785C, 3.7)."""
-
-    def __init__(self, rms: float, random_: random.Random) -> None:
-        """Start in the stationary state; ``rms`` [m/s²] per axis."""
-        self._rms = rms
-        self._gauss = random_.gauss
-        # Two cascaded lags: white noise -> s, s -> r. x uses s alone, y and z a mixture (a zero at √3 τ).
-        self._slow = [self._gauss(0.0, 1.0) for _ in range(3)]
-        self._second = [0.0, 0.0, 0.0]
-
-    def step(self, duration: float) -> Vec3:
-        """The turbulence [m/s²] after ``duration`` [s]."""
-        if self._rms == 0.0:
-            return (0.0, 0.0, 0.0)
-        out = [0.0, 0.0, 0.0]
-        for i, time in enumerate(CORRELATION_S):
-            keep = math.exp(-duration / time)
-            slow = keep * self._slow[i] + math.sqrt(1.0 - keep * keep) * self._gauss(0.0, 1.0)
-            if i == 0:
-                out[i] = self._rms * slow
-            else:
-                # G(s) ~ (1 + √3 τ s)/(1 + τ s)²  =  √3/(1 + τ s) - (√3 - 1)/(1 + τ s)²; unit variance: / √1.
-                self._second[i] = keep * self._second[i] + (1.0 - keep) * slow
-                root = math.sqrt(3.0)
-                out[i] = self._rms * (root * slow - (root - 1.0) * self._second[i]) / LATERAL_RMS
-            self._slow[i] = slow
-        return (out[0], out[1], out[2])
+GRID_S = 0.0025
+"""Turbulence moves once in this time, and is held between [s]."""
+# The lateral form (1 + √3 τs)/(1 + τs)² is √3 x - (√3 - 1) y: x has time τ and unit variance, y is x through one more
+# lag τ; E[x²] = 1, E[xy] = E[y²] = 1/2.
+ROOT3 = math.sqrt(3.0)
+LATERAL_RMS = math.sqrt(3.0 - ROOT3 * (ROOT3 - 1.0) + 0.5 * (ROOT3 - 1.0) ** 2)
+KEEP: Vec3 = (
+    math.exp(-GRID_S / CORRELATION_S[0]),
+    math.exp(-GRID_S / CORRELATION_S[1]),
+    math.exp(-GRID_S / CORRELATION_S[2]),
+)
+SPREAD: Vec3 = (math.sqrt(1.0 - KEEP[0] ** 2), math.sqrt(1.0 - KEEP[1] ** 2), math.sqrt(1.0 - KEEP[2] ** 2))
 
 
-# Stationary rms of √3 x - (√3 - 1) y with x a unit Ornstein-Uhlenbeck process of time τ and y = x through a
-# lag τ: E[x²] = 1, E[xy] = E[y²] = 1/2.
-LATERAL_RMS = math.sqrt(3.0 - math.sqrt(3.0) * (math.sqrt(3.0) - 1.0) + 0.5 * (math.sqrt(3.0) - 1.0) ** 2)
+class Eddies(NamedTuple):
+    """The state of the turbulence: x, y and z through one lag, y and z through a second one. Elementwise."""
+
+    once: Vec3
+    twice_y: Real
+    twice_z: Real
+
+
+def begun(normals: Vec3) -> Eddies:
+    """In the stationary state, from three standard normal numbers."""
+    return Eddies(normals, 0.0, 0.0)
+
+
+def stirred(eddies: Eddies, normals: Vec3) -> Eddies:
+    """One grid step later, from three standard normal numbers."""
+    (x, y, z), twice_y, twice_z = eddies
+    x, y, z = (
+        KEEP[0] * x + SPREAD[0] * normals[0],
+        KEEP[1] * y + SPREAD[1] * normals[1],
+        KEEP[2] * z + SPREAD[2] * normals[2],
+    )
+    return Eddies((x, y, z), KEEP[1] * twice_y + (1.0 - KEEP[1]) * y, KEEP[2] * twice_z + (1.0 - KEEP[2]) * z)
+
+
+def felt(eddies: Eddies, rms: Real) -> Vec3:
+    """The turbulence [m/s², NED]: Dryden's longitudinal form on x, lateral form on y and z (MIL-F-8785C, 3.7)."""
+    (x, y, z), twice_y, twice_z = eddies
+    k = rms / LATERAL_RMS
+    return (rms * x, k * (ROOT3 * y - (ROOT3 - 1.0) * twice_y), k * (ROOT3 * z - (ROOT3 - 1.0) * twice_z))
+
+
+def steady(world: World, flight_time: float) -> Vec3:
+    """Mean, gust and step [m/s², NED] at ``flight_time`` [s]."""
+    mx, my, mz = world.wind_mean
+    if world.wind_gust != (0.0, 0.0, 0.0):
+        sine = math.sin(2.0 * math.pi * world.wind_gust_hz * flight_time)
+        gx, gy, gz = world.wind_gust
+        mx, my, mz = mx + gx * sine, my + gy * sine, mz + gz * sine
+    if flight_time >= world.wind_step_time_s:
+        sx, sy, sz = world.wind_step
+        mx, my, mz = mx + sx, my + sy, mz + sz
+    return (mx, my, mz)
 
 
 class Wind:
-    """The disturbance acceleration b(t) [m/s², NED]."""
+    """The disturbance acceleration b(t) [m/s², NED] of one flight; questions go forward in time."""
 
-    def __init__(self, world: World, random_: random.Random) -> None:
-        """Take the world's wind figures and the stream of random numbers for turbulence."""
+    def __init__(self, world: World, normals: Iterator[list[float]]) -> None:
+        """Take the world's wind figures, and rows of three standard normal numbers for the turbulence."""
         self._world = world
-        self._turbulence = Turbulence(world.wind_turbulence, random_)
-        self._now: Vec3 = (0.0, 0.0, 0.0)
-
-    def step(self, duration: float) -> None:
-        """Let ``duration`` [s] pass."""
-        if self._world.wind_turbulence:
-            self._now = self._turbulence.step(duration)
+        self._normals = normals
+        self._index = -1
+        self._eddies: Eddies | None = None
+        self._felt: Vec3 = (0.0, 0.0, 0.0)
 
     def at(self, flight_time: float) -> Vec3:
         """b at ``flight_time`` [s] after release."""
-        world = self._world
-        (mx, my, mz), (tx, ty, tz) = world.wind_mean, self._now
-        if world.wind_gust != (0.0, 0.0, 0.0):
-            sine = math.sin(2.0 * math.pi * world.wind_gust_hz * flight_time)
-            gx, gy, gz = world.wind_gust
-            mx, my, mz = mx + gx * sine, my + gy * sine, mz + gz * sine
-        if flight_time >= world.wind_step_time_s:
-            sx, sy, sz = world.wind_step
-            mx, my, mz = mx + sx, my + sy, mz + sz
-        return (mx + tx, my + ty, mz + tz)
+        x, y, z = steady(self._world, flight_time)
+        if not self._world.wind_turbulence:
+            return (x, y, z)
+        index = int(flight_time / GRID_S)
+        while self._index < index:
+            a, b, c = next(self._normals)
+            self._eddies = begun((a, b, c)) if self._eddies is None else stirred(self._eddies, (a, b, c))
+            self._felt = felt(self._eddies, self._world.wind_turbulence)
+            self._index += 1
+        tx, ty, tz = self._felt
+        return (x + tx, y + ty, z + tz)

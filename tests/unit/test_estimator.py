@@ -17,6 +17,7 @@ from groundstation.control.model import Drive, Motion, rolled
 from groundstation.ops import FLOATS, Vec3
 from groundstation.poses.port import Pose
 from groundstation.vehicle import Vehicle
+from sim.draws import rows, stream
 from sim.quadrotor import Quadrotor
 from sim.wind import Wind
 from sim.world import World
@@ -40,7 +41,7 @@ def roll(motion: Motion, drive: Drive, duration: float, **changes: Any) -> Motio
 
 def flown(world: World, seconds: float, composite: str = "provable", seed: int = 5) -> tuple[ModelEstimator, Quadrotor]:
     """An estimator that has watched the plant under gently changing commands, perfectly told."""
-    plant = Quadrotor(world, Wind(world, random.Random(seed)))
+    plant = Quadrotor(world, Wind(world, rows(stream(seed, "wind").standard_normal, 3)))
     plant.release(0.0)
     gauss = random.Random(seed).gauss
     estimator = ModelEstimator(VEHICLE, msgspec.structs.replace(Gains(), composite=composite))
@@ -84,7 +85,7 @@ def test_without_lag_the_lead_is_the_hold_time_and_for_short_holds_the_lag() -> 
 
 
 def test_the_rolled_model_agrees_with_the_plant() -> None:
-    plant = Quadrotor(CALM, Wind(CALM, random.Random(0)))
+    plant = Quadrotor(CALM, Wind(CALM, rows(stream(0, "wind").standard_normal, 3)))
     plant.release(0.0)
     drive = Drive(0.9, (1.0, -0.8, 0.5))
     plant.command(0.0, *drive)

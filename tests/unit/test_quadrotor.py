@@ -1,7 +1,6 @@
 """The plant against closed forms and against a fine integration that shares no code with it."""
 
 import math
-import random
 
 import msgspec
 import numpy as np
@@ -9,8 +8,9 @@ import pytest
 
 from groundstation import so3
 from groundstation.ops import Vec3
+from sim.draws import rows, stream
 from sim.quadrotor import Quadrotor
-from sim.wind import CORRELATION_S, Turbulence, Wind
+from sim.wind import CORRELATION_S, GRID_S, Wind, begun, felt, stirred
 from sim.world import World
 
 CALM = World(wind_mean=(0.0, 0.0, 0.0), floor_z_m=1e6)
@@ -18,7 +18,7 @@ CALM = World(wind_mean=(0.0, 0.0, 0.0), floor_z_m=1e6)
 
 def vehicle(world: World, seen: list[tuple[float, Vec3]] | None = None) -> Quadrotor:
     on_step = None if seen is None else lambda t, p: seen.append((t, p))
-    return Quadrotor(world, Wind(world, random.Random(1)), on_step)
+    return Quadrotor(world, Wind(world, rows(stream(1, "wind").standard_normal, 3)), on_step)
 
 
 def test_it_is_held_until_released() -> None:
@@ -118,9 +118,14 @@ def test_the_battery_sags_over_the_flight() -> None:
 
 
 def test_turbulence_has_the_asked_rms_and_correlation_on_every_axis() -> None:
-    turbulence = Turbulence(0.2, random.Random(3))
-    h = 0.02
-    values = np.array([turbulence.step(h) for _ in range(400_000)])
+    normals = rows(stream(3, "wind").standard_normal, 3)
+    eddies = begun((0.1, 0.1, 0.1))
+    values = np.empty((1_000_000, 3))
+    for i in range(len(values)):
+        a, b, c = next(normals)
+        eddies = stirred(eddies, (a, b, c))
+        values[i] = felt(eddies, 0.2)
+    h = GRID_S
     assert values.std(axis=0) == pytest.approx((0.2, 0.2, 0.2), rel=0.1)
     for axis, time in enumerate(CORRELATION_S):
         lag = round(time / h)
@@ -134,6 +139,6 @@ def test_wind_is_mean_plus_gust_plus_step() -> None:
     world = msgspec.structs.replace(
         CALM, wind_mean=(1.0, 0.0, 0.0), wind_gust=(0.0, 0.5, 0.0), wind_step=(0.0, 0.0, 2.0), wind_step_time_s=30.0
     )
-    wind = Wind(world, random.Random(0))
+    wind = Wind(world, rows(stream(0, "wind").standard_normal, 3))
     assert wind.at(1.25) == pytest.approx((1.0, 0.5, 0.0))
     assert wind.at(30.0) == pytest.approx((1.0, 0.0, 2.0), abs=1e-9)
