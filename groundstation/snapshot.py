@@ -23,10 +23,14 @@ class Diagnostics(msgspec.Struct, frozen=True, gc=False):
     """Its rate as the law used it [m/s³], NED."""
     disturbance: Vec3
     """The observer's own disturbance estimate d̂ [m/s²], NED; b̂ where composite adaptation is off."""
+    v_terms: Vec3
+    """Σ φ(z1), ½|Ω(x2) + Ω(σ)|², ½|z3|²: all of V but its b̃ term."""
+    w_terms: Vec3
+    """σᵀσ, k2 z2ᵀρ(z2), k3|z3|²: all of W."""
     v_known: float
-    """V without its b̃ term: V_DI + ½|z3|²."""
+    """The sum of ``v_terms``."""
     w: float
-    """W = σᵀσ + k2 z2ᵀρ(z2) + k3|z3|²: V falls at least this fast on the ideal plant."""
+    """The sum of ``w_terms``: V falls at least this fast on the ideal plant."""
     certificate: str
     """Which bound on V holds for the law that flies: ``paper``, ``composite`` or ``none``, and why not."""
 

@@ -72,6 +72,7 @@ def fly(args: argparse.Namespace) -> int:
         "why": result.why,
         "duration_s": result.duration_s,
         **msgspec.to_builtins(result.verdict),
+        "thrust_bound_m_s2": _thrust_bound(config, result.verdict.lyapunov_start),
         "log_sha256": result.log_sha256,
         "datagrams": result.datagrams,
         "wall_s": result.wall_s,
@@ -80,6 +81,17 @@ def fly(args: argparse.Namespace) -> int:
         folder.close(facts, world)
     print(json.dumps(facts) if args.json else summary(facts, folder.path if folder is not None else None))
     return 0 if result.completed else 1
+
+
+def _thrust_bound(config: Config, v_start: float | None) -> float | None:
+    """The paper's a-priori bound on T/m [m/s²] for this flight; None for a controller without such a theory."""
+    from groundstation.control.certificate import acceleration_sup, thrust_bound
+
+    if v_start is None:
+        return None
+    reference = config.trajectory.build()
+    accelerations = [reference.at(0.01 * i).acceleration_ned for i in range(6000)]
+    return thrust_bound(config.controller, acceleration_sup=acceleration_sup(accelerations), v_start=v_start).bound
 
 
 def scenarios(args: argparse.Namespace) -> int:

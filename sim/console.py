@@ -74,6 +74,10 @@ def summary(facts: dict[str, Any], folder: Path | None) -> str:
     ]
     if facts["thrust_min_n"] is not None:
         lines.append(f"{'thrust commanded':24}{facts['thrust_min_n']:.3f} … {facts['thrust_max_n']:.3f} N")
+    if facts["thrust_bound_m_s2"] is not None:
+        bound = facts["thrust_bound_m_s2"]
+        promise = "the theory promises positive thrust" if bound > 0.0 else "so the theory alone promises nothing"
+        lines.append(f"{'thrust bound a priori':24}{bound:+.2f} m/s², {promise}")
     lines += [
         f"{'commands at a limit':24}{100.0 * facts['saturated_fraction']:.2f} % (after the first 5 s)",
         f"{'wall time':24}{facts['wall_s']:.2f} s for {facts['duration_s']:.0f} s, {facts['datagrams']} datagrams",

@@ -44,6 +44,8 @@ class Verdict(msgspec.Struct, frozen=True, kw_only=True):
     """Largest increase of V from one command to the next over the steady part."""
     lyapunov_floor: float | None
     """Median of V over the steady part: its sampling and noise floor."""
+    lyapunov_start: float | None
+    """V at the first command."""
     gust_peak_cm: float | None = None
     """After a step of the wind: largest error [cm]."""
     gust_back_s: float | None = None
@@ -95,7 +97,8 @@ class Referee:
         errors = [math.dist((x, y, z), at(t)) for t, x, y, z in zip(times, self._x, self._y, self._z, strict=True)]
         steady = [e for t, e in zip(times, errors, strict=True) if t >= STEADY_S]
         late = [i for i, tick in enumerate(self._ticks) if tick[0] >= SATURATION_FROM_S]
-        values = self._lyapunov()
+        everything = self._lyapunov()
+        values = [v for v, tick in zip(everything, self._ticks, strict=True) if tick[0] >= STEADY_S]
         end = self._ticks[-1][0] if self._ticks else 0.0
         last = [i for i, tick in enumerate(self._ticks) if tick[0] > end - 1.0]
         thrusts = [tick[1] for tick in self._ticks]
@@ -109,17 +112,17 @@ class Referee:
             thrust_max_n=max(thrusts, default=None),
             saturated_fraction=sum(self._ticks[i][2] for i in late) / len(late) if late else 0.0,
             lyapunov_increase_max=max((b - a for a, b in zip(values, values[1:], strict=False)), default=None),
+            lyapunov_start=everything[0] if everything else None,
             lyapunov_floor=sorted(values)[len(values) // 2] if values else None,
             **self._gust(times, errors),
         )
 
     def _lyapunov(self) -> list[float]:
-        """V over the steady part, b̃ from the truth."""
+        """V at each command, b̃ from the truth."""
         weight = 0.5 / self._kb if self._kb > 0.0 else 0.0
         return [
             v + weight * math.dist(b_hat, wind) ** 2
-            for (t, _, _, v, b_hat), wind in zip(self._ticks, self._winds, strict=True)
-            if t >= STEADY_S
+            for (_, _, _, v, b_hat), wind in zip(self._ticks, self._winds, strict=True)
         ]
 
     def _gust(self, times: list[float], errors: list[float]) -> dict[str, Any]:

@@ -49,6 +49,8 @@ def sample(time_s: float, *, vehicle: str = "mqx", state: str = "flying", text: 
             b_hat=(0.1, -0.05, 0.2),
             b_hat_dot=zero,
             disturbance=(0.11, -0.06, 0.19),
+            v_terms=(0.01, 0.006, 0.004),
+            w_terms=(0.02, 0.01, 0.01),
             v_known=0.02,
             w=0.03,
             certificate="paper",

@@ -99,6 +99,8 @@ class Adaptive:
                 b_hat=b_hat,
                 b_hat_dot=dot,
                 disturbance=estimate.disturbance if gains.composite == "provable" else b_hat,
+                v_terms=step.v_terms,
+                w_terms=step.w_terms,
                 v_known=step.v_known,
                 w=step.w,
                 certificate=_SUSPENDED if suspended is True or gains.kb == 0.0 else _CERTIFICATES[gains.composite],

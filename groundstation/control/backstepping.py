@@ -44,8 +44,14 @@ class Axis(NamedTuple):
     du_dz1: Real
     du_dz2: Real
     dv_dz2: Real
-    v_di: Real
-    w_di: Real
+    v_sigma: Real
+    """φ(z1), the first part of V_DI."""
+    v_omega: Real
+    """½ (Ω(x2) + Ω(σ))², the second."""
+    w_sigma: Real
+    """σ², the first part of W."""
+    w_rho: Real
+    """k2 z2 ρ(z2), the second."""
 
 
 class Step(NamedTuple):
@@ -63,10 +69,20 @@ class Step(NamedTuple):
     z2: Vec3
     z3: Vec3
     u_star: Vec3
-    v_known: Real
-    """V_DI + ½ z3ᵀz3: V without its b̃ term."""
-    w: Real
-    """W = σᵀσ + k2 z2ᵀρ(z2) + k3 z3ᵀz3."""
+    v_terms: Vec3
+    """Σ φ(z1), ½|Ω(x2) + Ω(σ)|², ½ z3ᵀz3: all of V but its b̃ term."""
+    w_terms: Vec3
+    """σᵀσ, k2 z2ᵀρ(z2), k3 z3ᵀz3: all of W."""
+
+    @property
+    def v_known(self) -> Real:
+        """V_DI + ½ z3ᵀz3: V without its b̃ term."""
+        return self.v_terms[0] + self.v_terms[1] + self.v_terms[2]
+
+    @property
+    def w(self) -> Real:
+        """W = σᵀσ + k2 z2ᵀρ(z2) + k3 z3ᵀz3."""
+        return self.w_terms[0] + self.w_terms[1] + self.w_terms[2]
 
 
 def axis(ops: Ops, law: Law, z1: Real, z1_dot: Real) -> Axis:
@@ -98,8 +114,10 @@ def axis(ops: Ops, law: Law, z1: Real, z1_dot: Real) -> Axis:
         du_dz1=u_x1 - s1 * u_x2,
         du_dz2=u_x2,
         dv_dz2=o1 * sum_,
-        v_di=saturation_integral(ops, x1, law.sigma_bound, law.sigma_slope) + 0.5 * sum_ * sum_,
-        w_di=s * s + law.k2 * z2 * rho,
+        v_sigma=saturation_integral(ops, x1, law.sigma_bound, law.sigma_slope),
+        v_omega=0.5 * sum_ * sum_,
+        w_sigma=s * s,
+        w_rho=law.k2 * z2 * rho,
     )
 
 
@@ -174,8 +192,8 @@ def backstep(
         z2=(x.z2, y.z2, z.z2),
         z3=(z3x, z3y, z3z),
         u_star=(x.u_star, y.u_star, z.u_star),
-        v_known=x.v_di + y.v_di + z.v_di + 0.5 * z3z3,
-        w=x.w_di + y.w_di + z.w_di + k3 * z3z3,
+        v_terms=(x.v_sigma + y.v_sigma + z.v_sigma, x.v_omega + y.v_omega + z.v_omega, 0.5 * z3z3),
+        w_terms=(x.w_sigma + y.w_sigma + z.w_sigma, x.w_rho + y.w_rho + z.w_rho, k3 * z3z3),
     )
 
 

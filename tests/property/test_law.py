@@ -85,7 +85,7 @@ def test_partial_derivatives_of_the_virtual_control_match_differences(z1: float,
     by_z2 = (at(z1, here.z2 + h).u_star - at(z1, here.z2 - h).u_star) / (2 * h)
     assert here.du_dz1 == pytest.approx(by_z1, **close)
     assert here.du_dz2 == pytest.approx(by_z2, **close)
-    v_by_z2 = (at(z1, here.z2 + h).v_di - at(z1, here.z2 - h).v_di) / (2 * h)
+    v_by_z2 = (at(z1, here.z2 + h).v_omega - at(z1, here.z2 - h).v_omega) / (2 * h)
     assert here.dv_dz2 == pytest.approx(v_by_z2, **close)
 
 

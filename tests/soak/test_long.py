@@ -1,0 +1,68 @@
+"""Long runs, for `make soak`: whatever the quick tests do once, very often."""
+
+import math
+import random
+import tracemalloc
+
+import pytest
+
+from groundstation.poses.vicon_codec import ViconDecoder
+from links.mavlink_codec import MavlinkCodec
+from tests.flight.flights import flown
+from tests.mavlink_table import FRAMES
+from tests.vicon_table import OURS, TABLE
+
+pytestmark = pytest.mark.soak
+DATAGRAMS = 1_000_000
+
+
+def mutated(data: bytes, draw: random.Random) -> bytes:
+    """``data`` with a few bytes changed, cut or added."""
+    changed = bytearray(data)
+    for _ in range(draw.randrange(1, 6)):
+        changed[draw.randrange(len(changed))] = draw.randrange(256)
+    if draw.random() < 0.3:
+        del changed[draw.randrange(len(changed) + 1) :]
+    if draw.random() < 0.1:
+        changed += draw.randbytes(draw.randrange(600))
+    return bytes(changed)
+
+
+def test_a_million_broken_vicon_datagrams_raise_nothing_and_deliver_only_numbers() -> None:
+    draw = random.Random(1)
+    originals = [row.datagram for row in TABLE.readable]
+    decoder = ViconDecoder(OURS)
+    for _ in range(DATAGRAMS):
+        pose = decoder.decode(mutated(draw.choice(originals), draw))
+        if pose is not None:
+            assert all(map(math.isfinite, (*pose.position_m, *pose.attitude)))
+
+
+def test_a_million_broken_mavlink_datagrams_raise_nothing_and_keep_nothing() -> None:
+    draw = random.Random(2)
+    originals = [golden.frame for golden in FRAMES]
+    codec = MavlinkCodec(245, 190)
+    tracemalloc.start()
+    codec.feed(b"".join(originals))
+    before = tracemalloc.get_traced_memory()[0]
+    for _ in range(DATAGRAMS):
+        broken = mutated(draw.choice(originals), draw)
+        codec.feed_datagram(broken)
+        codec.feed(broken)
+    grown = tracemalloc.get_traced_memory()[0] - before
+    tracemalloc.stop()
+    assert grown < 1 << 20
+
+
+def test_an_hour_of_flight_ends_as_well_as_a_minute() -> None:
+    minute, hour = flown("paper").verdict, flown("paper", duration_s=3600.0).verdict
+    assert minute.rms_cm is not None
+    assert hour.rms_cm is not None
+    assert hour.rms_cm < 1.2 * minute.rms_cm
+
+
+@pytest.mark.parametrize("scenario", ["paper", "fast", "adverse", "storm", "quad1kg"])
+def test_a_hundred_seeds_of_every_scenario_complete(scenario: str) -> None:
+    for seed in range(100, 200):
+        result = flown(scenario, seed=seed)
+        assert result.completed, (seed, result.why)

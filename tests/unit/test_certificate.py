@@ -1,0 +1,45 @@
+"""The a-priori thrust bound, in consistent units and with the paper's own gains."""
+
+import math
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from groundstation.control.backstepping import axis
+from groundstation.control.certificate import acceleration_sup, thrust_bound, virtual_control_sup
+from groundstation.control.gains import Law
+from groundstation.ops import FLOATS
+
+LAW = Law()
+SUP = virtual_control_sup(LAW)
+
+
+def test_the_virtual_control_of_the_papers_gains_reaches_7_03_m_s2_per_axis() -> None:
+    assert pytest.approx(7.03, abs=0.005) == SUP
+
+
+@given(st.floats(-1e4, 1e4), st.floats(-1e4, 1e4))
+def test_no_error_however_large_asks_for_more(z1: float, z1_dot: float) -> None:
+    assert abs(axis(FLOATS, LAW, z1, z1_dot).u_star) <= SUP * (1 + 1e-4)
+
+
+@given(st.floats(-3.0, 3.0), st.floats(0.0, 6.0))
+def test_nor_does_any_near_its_largest_value(z1: float, z1_dot: float) -> None:
+    assert abs(axis(FLOATS, LAW, z1, z1_dot).u_star) <= SUP * (1 + 1e-4)
+
+
+def test_the_bound_is_its_terms_and_negative_for_the_papers_gains() -> None:
+    bound = thrust_bound(LAW, acceleration_sup=0.75, v_start=2.0)
+    assert bound.bound == pytest.approx(9.81 - 5.5 - 0.75 - math.sqrt(3.0) * SUP - 2.0)
+    assert bound.bound < 0.0
+
+
+def test_softer_gains_and_a_smaller_disturbance_make_it_positive() -> None:
+    soft = Law(k2=0.3, sigma_bound=0.5, sigma_slope=0.6, rho_bound=0.5, b_bound=1.0, epsilon=0.2)
+    assert thrust_bound(soft, acceleration_sup=0.2, v_start=0.1).bound > 0.0
+
+
+def test_the_references_largest_acceleration_is_found() -> None:
+    assert acceleration_sup([(0.0, 0.0, 0.0), (3.0, 4.0, 0.0), (1.0, 1.0, 1.0)]) == 5.0
+    assert acceleration_sup([]) == 0.0
