@@ -6,7 +6,7 @@ The types are the schema (``msgspec.inspect``). msgspec checks them too, but its
 import math
 import re
 from collections.abc import Callable
-from typing import Any, NoReturn
+from typing import Any, ClassVar, NoReturn
 
 import msgspec
 from msgspec import inspect as mi
@@ -22,6 +22,19 @@ class Problem(Exception):
         super().__init__(text)
         self.path = path
         self.text = text
+
+
+class Open:
+    """Beside a struct of a tagged union: it also answers to tags that nobody can list, such as a module's name."""
+
+    __slots__ = ()
+    EXAMPLE: ClassVar[str]
+    """Such a tag, for error messages."""
+
+    @classmethod
+    def expanded(cls, table: dict[str, Any]) -> dict[str, Any]:
+        """``table`` with the struct's own tag where it has such a one, else ``table`` as it is."""
+        raise NotImplementedError
 
 
 def completed(root: type[msgspec.Struct], data: dict[str, Any]) -> dict[str, Any]:
@@ -105,11 +118,16 @@ def _union(info: mi.UnionType, value: Any, default: Any, path: KeyPath) -> Any:
         first = next(iter(structs.values()))
         if first.tag_field is None:
             return _complete(first, value, default, path)
+        accepted: list[Any] = list(structs)
+        for struct in structs.values():
+            if issubclass(struct.cls, Open):
+                value = struct.cls.expanded(value)
+                accepted.append(struct.cls.EXAMPLE)
         tag = value.get(first.tag_field, fallback)
         if tag is None:
-            raise Problem((*path, first.tag_field), f"missing; expected one of {list(structs)}")
+            raise Problem((*path, first.tag_field), f"missing; expected one of {accepted}")
         if not isinstance(tag, str | int) or tag not in structs:
-            raise Problem((*path, first.tag_field), f"expected one of {list(structs)}, got {_shown(tag)}")
+            raise Problem((*path, first.tag_field), f"expected one of {accepted}, got {_shown(tag)}")
         return _complete(structs[tag], value, default if tag == fallback else None, path)
     problems = []
     for kind in info.types:

@@ -3,8 +3,8 @@
 from typing import NamedTuple
 
 from groundstation.control.adaptive import Adaptive
+from groundstation.control.controllers import ControllerConfig, make_controller
 from groundstation.control.estimator import ModelEstimator
-from groundstation.control.gains import Gains
 from groundstation.control.model import Drive
 from groundstation.control.port import Decision, Estimate
 from groundstation.poses.port import Pose
@@ -31,14 +31,19 @@ class Tick(NamedTuple):
 class Pilot:
     """One vehicle's pose → command pipeline. The caller owns time, wires and the mission."""
 
-    def __init__(self, vehicle: Vehicle, gains: Gains, coast_s: float) -> None:
-        """Take the vehicle as told, the gains, and how long commands may rest on one pose [s]."""
-        gains = gains.effective()
+    def __init__(self, vehicle: Vehicle, config: ControllerConfig, coast_s: float) -> None:
+        """Take the vehicle as told, the controller's config, and how long commands may rest on one pose [s].
+
+        Raises:
+            ConfigError: a controller of the user's own can't be loaded.
+        """
         self._vehicle = vehicle
         self._coast = coast_s
-        self._estimator = ModelEstimator(vehicle, gains)
-        self._controller = Adaptive(vehicle, gains)
-        self._follows_b_hat = gains.composite != "provable"
+        self._estimator = ModelEstimator(vehicle, config)
+        self._controller = make_controller(config, vehicle)
+        # An observer that does not find the disturbance by itself is driven by b̂.
+        driven = config.composite != "provable"
+        self._driver = self._controller if driven and isinstance(self._controller, Adaptive) else None
         self._last: float | None = None
         self._pose: Pose | None = None
         self._trajectory: Trajectory | None = None
@@ -81,8 +86,8 @@ class Pilot:
         self._last = time_s
         decision = self._controller.decide(estimate, reference, interval)
         self._estimator.sent(acting, decision.drive)
-        if self._follows_b_hat:
-            self._estimator.follow(self._controller.b_hat)
+        if self._driver is not None:
+            self._estimator.follow(self._driver.b_hat)
         return Tick(time_s, flight_time, pose, estimate, reference, decision, self._command(decision.drive))
 
     def _command(self, drive: Drive) -> Command:

@@ -4,6 +4,7 @@ from typing import Annotated
 
 import msgspec
 
+from groundstation.control.controllers import ControllerConfig
 from groundstation.control.gains import Gains
 from groundstation.poses import PoseConfig
 from groundstation.poses.vicon import ViconConfig
@@ -36,7 +37,7 @@ class Config(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=Tr
     """One vehicle, its controller, its poses, its link, what it flies, and who may watch."""
 
     vehicle: Vehicle = Vehicle()
-    controller: Gains = Gains()
+    controller: ControllerConfig = Gains()
     pose: PoseConfig = ViconConfig()
     link: MavlinkLinkConfig = MavlinkLinkConfig()
     trajectory: TrajectoryConfig = LemniscateConfig()

@@ -4,6 +4,8 @@ import argparse
 import sys
 from pathlib import Path
 
+_CONTROLLERS = "adaptive (default), uncompensated, geometric, pid, indi, or your own: package.module:factory"
+
 
 def _parser() -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser(
@@ -15,7 +17,7 @@ def _parser() -> argparse.ArgumentParser:
     fly.add_argument("--scenario", default="paper", metavar="NAME", help="see `groundstation-sim scenarios`")
     fly.add_argument("--seed", type=int, default=0, help="every random draw comes from it (default 0)")
     fly.add_argument("--duration", type=_seconds, default=60.0, metavar="S", help="seconds (default 60)")
-    fly.add_argument("--controller", metavar="NAME", help="adaptive (default) or uncompensated")
+    fly.add_argument("--controller", metavar="NAME", help=_CONTROLLERS)
     fly.add_argument("--source", choices=["vicon", "odometry"], default="vicon", help="where poses come from")
     fly.add_argument(
         "--set",
@@ -27,6 +29,19 @@ def _parser() -> argparse.ArgumentParser:
     )
     fly.add_argument("--out", type=Path, metavar="DIR", help="write the run's folder")
     fly.add_argument("--json", action="store_true", help="print one JSON object instead of the summary")
+
+    compare = commands.add_parser("compare", help="fly several controllers through the same scenarios, on all cores")
+    compare.add_argument("--scenarios", metavar="A,B", type=_names, help="default: all")
+    compare.add_argument("--controllers", metavar="A,B", type=_names, help="default: every one that comes along")
+    compare.add_argument(
+        "--seeds", type=_count, default=3, metavar="N", help="fly each with seeds 0 to N-1 (default 3)"
+    )
+    compare.add_argument("--duration", type=_seconds, default=60.0, metavar="S", help="of each flight (default 60 s)")
+    compare.add_argument("--set", action="append", default=[], dest="overrides", metavar="KEY=VALUE", help="for all")
+    compare.add_argument("--workers", type=_count, metavar="N", help="processes at once (default: one a core)")
+    compare.add_argument("--json", action="store_true", help="print one JSON object instead of the table")
+    compare.add_argument("--plot", type=Path, metavar="FILE.png", help="draw it too; needs matplotlib")
+    compare.add_argument("--write", type=Path, metavar="FILE.md", help="put the table between the file's markers")
 
     scenarios = commands.add_parser("scenarios", help="list the scenarios with every value")
     scenarios.add_argument("--json", action="store_true")
@@ -48,6 +63,17 @@ def _seconds(text: str) -> float:
     if not 0.0 < value <= 86400.0:
         raise argparse.ArgumentTypeError(f"expected seconds between 0 and 86400, got {text}")
     return value
+
+
+def _count(text: str) -> int:
+    value = int(text)
+    if not 1 <= value <= 10_000:
+        raise argparse.ArgumentTypeError(f"expected a number from 1 to 10000, got {text}")
+    return value
+
+
+def _names(text: str) -> list[str]:
+    return list(dict.fromkeys(name.strip() for name in text.split(",") if name.strip()))
 
 
 def main() -> int:

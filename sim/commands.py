@@ -3,6 +3,8 @@
 import argparse
 import asyncio
 import json
+import os
+import shlex
 import sys
 from typing import Any
 
@@ -86,12 +88,68 @@ def fly(args: argparse.Namespace) -> int:
 def _thrust_bound(config: Config, v_start: float | None) -> float | None:
     """The paper's a-priori bound on T/m [m/s²] for this flight; None for a controller without such a theory."""
     from groundstation.control.certificate import acceleration_sup, thrust_bound
+    from groundstation.control.gains import Law
 
-    if v_start is None:
+    if v_start is None or not isinstance(config.controller, Law):
         return None
     reference = config.trajectory.build()
     accelerations = [reference.at(0.01 * i).acceleration_ned for i in range(6000)]
     return thrust_bound(config.controller, acceleration_sup=acceleration_sup(accelerations), v_start=v_start).bound
+
+
+def compare(args: argparse.Namespace) -> int:
+    """Fly controllers side by side."""
+    from groundstation.control.controllers import make_controller
+    from sim.compare import CONTROLLERS, cases, fly_all, rows
+    from sim.compare_plot import need_matplotlib, plot
+    from sim.compare_table import check_markers, text_table, write_between_markers
+    from sim.console import Counter
+    from sim.referee import STEADY_S
+
+    if args.duration <= STEADY_S + 1.0:
+        raise ConfigError(
+            "--duration", f"expected more than {STEADY_S + 1:g} s, as figures are taken from {STEADY_S:g} s"
+        )
+    for name in args.scenarios or ():
+        if name not in SCENARIOS:
+            raise ConfigError("--scenarios", f"expected some of {sorted(SCENARIOS)}, got {name!r}")
+    work = cases(args.scenarios or SCENARIOS, args.controllers or CONTROLLERS, args.overrides)
+    for case in work:  # what can't fly says so before anything flies
+        _, config = prepare(SCENARIOS[case.scenario], list(case.overrides))
+        make_controller(config.controller, config.vehicle)
+    if args.plot is not None:
+        need_matplotlib()
+    if args.write is not None:
+        check_markers(args.write)
+    with Counter("flights", len(work) * args.seeds, quiet=args.json or not sys.stderr.isatty()) as counter:
+        flights = fly_all(
+            work,
+            args.seeds,
+            args.duration,
+            workers=args.workers or os.cpu_count() or 1,
+            traced=args.plot is not None,
+            on_done=counter.at,
+        )
+    table = rows(flights)
+    if args.plot is not None:
+        plot(args.plot, table, flights)
+    if args.write is not None:
+        write_between_markers(args.write, table, _comparison(args))
+    print(json.dumps({"rows": msgspec.to_builtins(table)}) if args.json else text_table(table))
+    return 0
+
+
+def _comparison(args: argparse.Namespace) -> str:
+    """The command that makes this comparison's table again."""
+    words = ["groundstation-sim", "compare"]
+    for option in ("scenarios", "controllers"):
+        names = getattr(args, option)
+        words += [f"--{option}", ",".join(names)] if names else []
+    words += ["--seeds", str(args.seeds)]
+    words += ["--duration", f"{args.duration:g}"] if args.duration != 60.0 else []
+    for override in args.overrides:
+        words += ["--set", override]
+    return shlex.join([*words, "--write", args.write.name])
 
 
 def scenarios(args: argparse.Namespace) -> int:

@@ -47,6 +47,46 @@ class Progress:
             self._bar.stop()
 
 
+class Counter:
+    """A bar on stderr while many things are done."""
+
+    def __init__(self, what: str, total: int, *, quiet: bool) -> None:
+        """``quiet`` shows nothing (and imports nothing)."""
+        self._what = what
+        self._total = total
+        self._quiet = quiet
+
+    def __enter__(self) -> "Counter":
+        """Show the bar."""
+        if not self._quiet:
+            from rich.console import Console
+            from rich.progress import BarColumn, MofNCompleteColumn, TextColumn, TimeRemainingColumn
+            from rich.progress import Progress as Bar
+
+            self._bar = Bar(
+                TextColumn(self._what),
+                BarColumn(),
+                MofNCompleteColumn(),
+                TimeRemainingColumn(),
+                console=Console(stderr=True),
+            )
+            self._bar.start()
+            self._task = self._bar.add_task(self._what, total=self._total)
+        return self
+
+    def at(self, count: int) -> None:
+        """``count`` are done."""
+        if not self._quiet:
+            self._bar.update(self._task, completed=count)
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        """Leave the bar as it stands."""
+        if not self._quiet:
+            self._bar.stop()
+
+
 def summary(facts: dict[str, Any], folder: Path | None) -> str:
     """The flight's figures as a few lines of text."""
     title = f"{facts['scenario']}, controller {facts['controller']}, seed {facts['seed']}"

@@ -13,6 +13,7 @@ from groundstation.app import make_flight
 from groundstation.clock import sleep_until
 from groundstation.flight import Outcome
 from groundstation.mission import State
+from groundstation.ops import Vec3
 from groundstation.pilot import Tick
 from groundstation.settings import Config
 from sim.referee import Referee, Verdict
@@ -75,15 +76,19 @@ def fly(
     on_datagram: Callable[[float, Address, Address, bytes], None] | None = None,
     on_event: Callable[[str], None] | None = None,
     on_progress: Callable[[float], None] | None = None,
+    on_step: Callable[[float, Vec3], None] | None = None,
 ) -> Result:
-    """Fly ``config`` in ``world`` for ``duration_s`` [s] after the release; never raises for a bad flight."""
+    """Fly ``config`` in ``world`` for ``duration_s`` [s] after the release; never raises for a bad flight.
+
+    ``on_step`` sees the true position [m, NED] at every step of the plant, by the event loop's clock.
+    """
     start = time.perf_counter()
     log = WireLog(on_datagram)
     with asyncio.Runner(loop_factory=VirtualTimeLoop) as runner:
         loop = runner.get_loop()
         assert isinstance(loop, VirtualTimeLoop)
         loop.tap = log
-        values = runner.run(_fly(world, config, seed, duration_s, on_tick, on_event, on_progress))
+        values = runner.run(_fly(world, config, seed, duration_s, on_tick, on_event, on_progress, on_step))
     return Result(**values, log_sha256=log.sha256(), datagrams=log.count, wall_s=time.perf_counter() - start)
 
 
@@ -95,10 +100,17 @@ async def _fly(
     on_tick: Callable[[Tick], None] | None,
     on_event: Callable[[str], None] | None,
     on_progress: Callable[[float], None] | None,
+    on_step: Callable[[float, Vec3], None] | None,
 ) -> dict[str, Any]:
     loop = asyncio.get_running_loop()
-    referee = Referee(world, getattr(config.controller, "kb", 0.0))
-    stage = Stage(world, config, seed, referee.step)
+    referee = Referee(world, config.controller.kb)
+
+    def step(time_s: float, position: Vec3) -> None:
+        referee.step(time_s, position)
+        if on_step is not None:
+            on_step(time_s, position)
+
+    stage = Stage(world, config, seed, step)
     plant = stage.plant
 
     def watch(tick: Tick) -> None:

@@ -88,6 +88,7 @@ class Scenario(msgspec.Struct, frozen=True, kw_only=True):
             flight=FlightConfig(idle_thrust=world.start_thrust, floor_z_m=world.floor_z_m),
         )
         data: dict[str, Any] = msgspec.to_builtins(config)
+        del data["controller"]  # all default, and the defaults depend on the kind that ``overrides`` may choose
         if source == "odometry":
             data["pose"] = {"kind": "mavlink", "latency_s": self.told_latency_s, "rate_hz": world.pose_rate_hz}
         return from_dict(data, Config, overrides)

@@ -7,7 +7,7 @@ by b̂. Otherwise b̂ drives it (see :meth:`ModelEstimator.follow`).
 import math
 from collections import deque
 
-from groundstation.control.gains import Gains
+from groundstation.control.estimation import Estimation
 from groundstation.control.model import Drive, Motion, rolled
 from groundstation.control.observer import (
     Densities,
@@ -41,7 +41,7 @@ class ModelEstimator:
     The state before the first pose is unknown; :meth:`predict` must not be called then.
     """
 
-    def __init__(self, vehicle: Vehicle, gains: Gains) -> None:
+    def __init__(self, vehicle: Vehicle, gains: Estimation) -> None:
         """Take what the controller is told about the vehicle, and the gains and switches."""
         self._vehicle = vehicle
         self._gains = gains

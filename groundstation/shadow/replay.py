@@ -11,9 +11,10 @@ import math
 from typing import NamedTuple
 
 from groundstation.control.adaptive import Adaptive
+from groundstation.control.controllers import make_controller
 from groundstation.control.estimator import ModelEstimator
 from groundstation.control.model import Drive
-from groundstation.control.port import Estimate
+from groundstation.control.port import Controller, Estimate
 from groundstation.ops import Vec3
 from groundstation.poses.port import Pose
 from groundstation.settings import Config
@@ -56,11 +57,10 @@ class Shadow:
     def __init__(self, config: Config, path: FlownPath) -> None:
         """``path`` is what the controller follows."""
         self._vehicle = config.vehicle
-        self._gains = config.controller.effective()
+        self._config = config.controller
         self._path = path
-        self._estimator = ModelEstimator(self._vehicle, self._gains)
-        self._follows_b_hat = self._gains.composite != "provable"
-        self._controller: Adaptive | None = None
+        self._estimator = ModelEstimator(self._vehicle, self._config)
+        self._controller: Controller | None = None
         self._last_decision_s = 0.0
         self._steps: Vec3 = (0.0, 0.0, 0.0)
 
@@ -78,18 +78,20 @@ class Shadow:
         reference = self._path.at(acting) if flying else None
         compared = None
         if reference is not None and self._estimator.ready:
+            if self._controller is None:  # each take-off begins without what the stand has taught, as in flight
+                self._estimator.release()
+                self._steps = (0.0, 0.0, 0.0)
+                self._controller = make_controller(self._config, self._vehicle)
+                self._last_decision_s = time_s
             estimate = self._estimate(acting)._replace(disturbance_step=self._steps)
             self._steps = (0.0, 0.0, 0.0)
-            if self._controller is None:  # b̂ = 0 at each take-off, as in flight
-                self._controller = Adaptive(self._vehicle, self._gains)
-                self._last_decision_s = time_s
             decision = self._controller.decide(estimate, reference, time_s - self._last_decision_s)
             self._last_decision_s = time_s
             compared = Compared(drive, decision.drive, decision.saturated)
         elif not flying:
             self._controller = None
         self._estimator.sent(acting, drive)
-        if self._controller is not None and self._follows_b_hat:
+        if isinstance(self._controller, Adaptive) and self._config.composite != "provable":
             self._estimator.follow(self._controller.b_hat)
         return compared
 

@@ -119,8 +119,7 @@ def test_the_shadow_carries_the_same_weight_and_turns_the_same_way_as_what_was_s
         commands = replayed(path).commands
         assert commands is not None and commands.compared > 800
         thrust = commands.thrust_n
-        # On PX4 2.2 %: for half a second after take-off d̂ and b̂ are of what the ground carried before.
-        assert thrust.shadow_mean == pytest.approx(thrust.sent_mean, rel=0.025)
+        assert thrust.shadow_mean == pytest.approx(thrust.sent_mean, rel=0.02)
         assert thrust.correlation is not None and thrust.correlation > 0.3
         assert commands.yaw_rate_rad_s.shadow_mean == pytest.approx(commands.yaw_rate_rad_s.sent_mean, abs=0.05)
 

@@ -1,0 +1,174 @@
+"""``groundstation-sim compare``: its JSON, its table in a document, its picture, and who flies best."""
+
+import argparse
+import json
+import subprocess
+import sys
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from groundstation.config import ConfigError
+from sim import commands
+from sim.compare import CONTROLLERS, GUST, WITHOUT_ADAPTATION, Case, Flown, cases, flown, rows
+from sim.compare_plot import plot
+from sim.compare_table import markdown_table, text_table, write_between_markers
+from sim.scenarios import SCENARIOS
+from tests.flight.flights import flown as one_flight
+
+SCENARIO = "adverse"
+DURATION_S = 25.0
+PNG = b"\x89PNG\r\n\x1a\n"
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    path = tmp_path_factory.mktemp("compared")
+    (path / "PAGE.md").write_text("# Page\n\n<!-- figures:begin -->\nold\n<!-- figures:end -->\n\nlast\n", "utf-8")
+    return path
+
+
+@pytest.fixture(scope="module")
+def compared(folder: Path) -> list[dict[str, Any]]:
+    """One comparison by the command itself: its rows."""
+    done = subprocess.run(
+        [
+            *(Path(sys.executable).with_name("groundstation-sim"), "compare", "--scenarios", SCENARIO, "--seeds", "1"),
+            *("--duration", str(DURATION_S), "--json", "--plot", folder / "x.png", "--write", folder / "PAGE.md"),
+        ],
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert done.returncode == 0, done.stderr
+    result = json.loads(done.stdout)
+    assert list(result) == ["rows"]
+    found: list[dict[str, Any]] = result["rows"]
+    return found
+
+
+def test_each_controller_has_a_row_with_every_figure(compared: list[dict[str, Any]]) -> None:
+    assert [row["controller"] for row in compared] == list(CONTROLLERS)
+    for row in compared:
+        assert row.keys() >= {"scenario", "controller", "rms_cm", "max_cm", "settle_s", "effort", "survived"}
+        assert row["scenario"] == SCENARIO
+        assert (row["rms_cm"] is None) == (row["survived"] is False)
+        if row["survived"]:
+            assert 0.0 < row["rms_cm_min"] == row["rms_cm"] == row["rms_cm_max"] < row["max_cm"]
+            assert row["effort"] > 0.0
+
+
+def test_ours_beats_every_baseline(compared: list[dict[str, Any]]) -> None:
+    ours, *others = compared
+    assert ours["survived"]
+    for row in others:
+        assert row["rms_cm"] is None or row["rms_cm"] > 1.2 * ours["rms_cm"], row
+
+
+def test_a_row_says_what_the_same_flight_says(compared: list[dict[str, Any]]) -> None:
+    verdict = one_flight(SCENARIO, "controller.kind=pid", duration_s=DURATION_S).verdict
+    row = next(row for row in compared if row["controller"] == "pid")
+    assert (row["rms_cm"], row["max_cm"], row["settle_s"]) == (verdict.rms_cm, verdict.max_cm, verdict.settle_s)
+
+
+def test_the_table_stands_between_the_markers_with_the_command_that_makes_it(
+    compared: list[dict[str, Any]], folder: Path
+) -> None:
+    text = (folder / "PAGE.md").read_text("utf-8")
+    assert text.startswith("# Page\n\n<!-- figures:begin -->\n| RMS error, cm | adaptive | uncompensated |")
+    assert text.endswith("<!-- figures:end -->\n\nlast\n")
+    assert "old" not in text
+    assert f"| `{SCENARIO}` | {compared[0]['rms_cm']:.2f} |" in text
+    command = f"groundstation-sim compare --scenarios {SCENARIO} --seeds 1 --duration 25 --write PAGE.md"
+    assert f"made by `{command}`" in text
+
+
+def test_the_picture_is_drawn(compared: list[dict[str, Any]], folder: Path) -> None:
+    assert compared
+    assert (folder / "x.png").read_bytes().startswith(PNG)
+
+
+# ---- the parts, on made-up flights
+
+
+def made_up(controller: str, rms: list[float | None], scenario: str = "paper") -> list[Flown]:
+    case = Case(scenario, controller, ())
+    return [
+        Flown(case, seed, value is not None, value, None if value is None else 2 * value, 3.0, 0.5, None)
+        for seed, value in enumerate(rms)
+    ]
+
+
+def test_figures_are_medians_with_their_spread() -> None:
+    (row,) = rows(made_up("pid", [3.0, 1.0, 2.0]))
+    assert (row.rms_cm, row.rms_cm_min, row.rms_cm_max, row.max_cm) == (2.0, 1.0, 3.0, 4.0)
+    assert (row.survived, row.crashed, row.flights) == (True, 0, 3)
+
+
+def test_one_crash_leaves_no_figure_that_could_be_boasted_of() -> None:
+    (row,) = rows(made_up("pid", [3.0, None, 2.0]))
+    assert (row.rms_cm, row.rms_cm_min, row.max_cm, row.settle_s, row.effort) == (None,) * 5
+    assert (row.survived, row.crashed) == (False, 1)
+    assert "1 of 3 crashed" in markdown_table([row])
+    assert "2 of 3" in text_table([row])
+
+
+def test_the_gust_front_is_flown_without_adaptation_too() -> None:
+    work = cases(["paper", GUST], ["pid", "adaptive", "indi"])
+    names = [case.controller for case in work if case.scenario == GUST]
+    assert names == ["pid", "adaptive", WITHOUT_ADAPTATION, "indi"]
+    assert WITHOUT_ADAPTATION not in [case.controller for case in work if case.scenario == "paper"]
+    _, off = commands.prepare(SCENARIOS[GUST], list(work[5].overrides))
+    assert (off.controller.kind, off.controller.kb, off.controller.composite) == ("adaptive", 0.0, "off")
+
+
+def test_a_trace_holds_the_true_error_from_the_start_on(tmp_path: Path) -> None:
+    one = flown(Case(GUST, "adaptive", ("sim.wind_step_time_s=3.0",)), 0, 17.0, traced=True)
+    trace = one.trace
+    assert trace is not None
+    assert len(trace) == pytest.approx(17.0 / 0.05, abs=1)
+    assert trace[0] == pytest.approx(181.0, abs=3.0)
+    # The 15th second on is what the figures are taken from; a point of the trace is the largest error of its 50 ms.
+    assert max(trace[300:]) == pytest.approx(one.max_cm, rel=1e-3)
+    plot(tmp_path / "gust.svg", rows([one]), [one])
+    assert "the wind steps" in (tmp_path / "gust.svg").read_text("utf-8")
+
+
+def asked(**changes: Any) -> argparse.Namespace:
+    usual: dict[str, Any] = {"scenarios": None, "controllers": None, "seeds": 1, "duration": 20.0, "overrides": []}
+    return argparse.Namespace(**{**usual, "workers": 1, "json": True, "plot": None, "write": None, **changes})
+
+
+@pytest.mark.parametrize(
+    ("changes", "line"),
+    [
+        ({"scenarios": ["papr"]}, r"--scenarios: expected some of \['adverse', .*\], got 'papr'"),
+        ({"controllers": ["pidd"]}, r"controller\.kind: expected one of \['adaptive', .*\], got 'pidd'"),
+        ({"controllers": ["nosuchlab:make"]}, r"controller\.kind: can't import nosuchlab"),
+        ({"duration": 15.0}, r"--duration: expected more than 16 s"),
+        ({"write": Path("no/such.md")}, r"--write: cannot read no/such\.md"),
+        ({"overrides": ["sim.masss=1"]}, r"sim\.masss: unknown key"),
+    ],
+    ids=["scenario", "controller", "factory", "duration", "document", "override"],
+)
+def test_what_cannot_be_flown_or_written_is_said_before_anything_flies(changes: dict[str, Any], line: str) -> None:
+    with pytest.raises(ConfigError, match=line):
+        commands.compare(asked(**changes))
+
+
+def test_without_matplotlib_a_picture_is_refused_before_anything_flies(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(sys.modules, "matplotlib", None)
+    with pytest.raises(ConfigError, match=r"--plot: needs matplotlib.*pip install 'groundstation\[plot\]'"):
+        commands.compare(asked(plot=Path("x.png")))
+
+
+@pytest.mark.parametrize(
+    "text", ["no markers", "<!-- figures:end --> <!-- figures:begin -->", "<!-- figures:begin -->"]
+)
+def test_a_document_without_its_markers_is_left_as_it_is(text: str, tmp_path: Path) -> None:
+    page = tmp_path / "page.md"
+    page.write_text(text, "utf-8")
+    with pytest.raises(ConfigError, match=r"--write: .*page\.md needs a line <!-- figures:begin -->"):
+        write_between_markers(page, rows(made_up("pid", [1.0])), "groundstation-sim compare")
+    assert page.read_text("utf-8") == text
