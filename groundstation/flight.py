@@ -20,6 +20,10 @@ T = TypeVar("T")
 
 TOUCHDOWN_HEIGHT_M = 0.05
 """Below this height above the floor, with the descent over, the vehicle counts as landed."""
+DISARMED_HEIGHT_M = 0.2
+"""An autopilot that disarms below this height while we land has felt the floor [m]."""
+LINK_LOOK_S = 0.5
+"""How often it is asked whether the autopilot is still there and armed [s]."""
 DISARM_WAIT_S = 8.0
 """How long a landed autopilot may refuse to disarm: it must first believe that it stands."""
 
@@ -130,10 +134,14 @@ class Flight:
         loop = asyncio.get_running_loop()
         link, pilot = self._link, self._pilot
         period, duration = link.period_s, self._config.flight.duration_s
-        frame = loop.time()
+        frame = look = loop.time()
         while True:
             now = loop.time()
             tick = pilot.tick(now)
+            if now >= look:
+                look += LINK_LOOK_S
+                if self._has_disarmed(tick):
+                    return
             if not link.send(tick.command):
                 age = now - tick.pose.time_s
                 raise Ended(f"no pose for {age * 1e3:.0f} ms: commands have stopped, the autopilot's failsafe acts")
@@ -167,8 +175,19 @@ class Flight:
         self._pilot.follow(descent, tick.time_s)
 
     def _is_down(self, tick: Tick) -> bool:
-        height = self._config.flight.floor_z_m - tick.estimate.motion.position[2]
-        return tick.flight_time_s > (self._landing.duration_s or 0.0) and height < TOUCHDOWN_HEIGHT_M
+        return tick.flight_time_s > (self._landing.duration_s or 0.0) and self._height(tick) < TOUCHDOWN_HEIGHT_M
+
+    def _height(self, tick: Tick) -> float:
+        return self._config.flight.floor_z_m - tick.estimate.motion.position[2]
+
+    def _has_disarmed(self, tick: Tick) -> bool:
+        """Whether the autopilot has disarmed by itself on the floor; anywhere else that ends the flight at once."""
+        status = self._link.status
+        if status.state == "armed":
+            return False
+        if self.state is State.LANDING and status.state == "connected" and self._height(tick) < DISARMED_HEIGHT_M:
+            return True
+        raise Ended(f"the link is {status.state}, no longer armed: commands have stopped. {status.text}")
 
     async def _stop_motors(self) -> None:
         """Hold zero thrust on the floor until the autopilot has disarmed."""

@@ -17,6 +17,7 @@ class AutopilotPeer(asyncio.DatagramProtocol):
         """
         self._autopilot = autopilot
         self._delay_s = delay_s
+        self._mute = False
         self._remote = remote
         self._loop: asyncio.AbstractEventLoop | None = None
         self._transport: asyncio.DatagramTransport | None = None
@@ -38,6 +39,10 @@ class AutopilotPeer(asyncio.DatagramProtocol):
             if self._timer is not None:
                 self._timer.cancel()
             self._transport.abort()
+
+    def silence(self) -> None:
+        """Let nothing leave any more, as a telemetry radio that dies; it still hears and flies."""
+        self._mute = True
 
     def datagram_received(self, data: bytes, addr: Any) -> None:
         """Take one datagram (called by the event loop)."""
@@ -77,7 +82,7 @@ class AutopilotPeer(asyncio.DatagramProtocol):
             self._leave(frames)
 
     def _leave(self, frames: list[bytes]) -> None:
-        if self._transport is not None:
+        if self._transport is not None and not self._mute:
             for frame in frames:
                 self._transport.sendto(frame)
 

@@ -90,8 +90,6 @@ class ModelEstimator:
         """The vehicle begins to fly: forget the disturbance that its stand, or a hand, seemed to be."""
         self._covariance = begun(self._noise)
         self._disturbance = self._disturbance_rate = self._disturbance_step = ZERO
-        if self._motion is not None:
-            self._motion = self._motion._replace(velocity=ZERO)
 
     def follow(self, disturbance: Vec3) -> None:
         """Drive the observer by b̂ [m/s², NED] instead of its own d̂ (composite adaptation off, or raw)."""

@@ -157,6 +157,47 @@ def test_no_poses_at_all_is_said_with_what_to_check() -> None:
     assert "51001" in scene.outcome.reason
 
 
+def test_an_autopilot_that_somebody_else_disarms_ends_the_commands() -> None:
+    when: list[float] = []
+
+    async def script(flight: Flight, stage: Stage) -> None:
+        await flying(flight, 4.0)
+        stage.autopilot.armed = False
+        when.append(asyncio.get_running_loop().time())
+
+    scene = play(script, {})
+    assert scene.outcome.state is State.ABORTED
+    assert "no longer armed" in scene.outcome.reason
+    last = max(t for t, data in scene.sent if data[7:10] == b"\x52\x00\x00")
+    assert last < when[0] + 1.0 + 0.5 + 0.1  # its next heartbeat, our next look
+
+
+def test_an_autopilot_that_disarms_by_itself_on_the_floor_has_landed_us() -> None:
+    async def script(flight: Flight, stage: Stage) -> None:
+        await flying(flight, 4.0)
+        flight.land("done")
+        while stage.plant.truth(asyncio.get_running_loop().time()).position_ned[2] < 0.9:
+            await asyncio.sleep(0.01)
+        stage.autopilot.armed = False
+
+    scene = play(script, {})
+    assert scene.outcome.state is State.LANDED
+
+
+def test_an_autopilot_that_goes_silent_ends_the_commands() -> None:
+    when: list[float] = []
+
+    async def script(flight: Flight, stage: Stage) -> None:
+        await flying(flight, 4.0)
+        stage.peer.silence()
+        when.append(asyncio.get_running_loop().time())
+
+    scene = play(script, {})
+    assert scene.outcome.state is State.ABORTED
+    assert "the link is lost" in scene.outcome.reason
+    assert max(t for t, _ in scene.sent) < when[0] + 3.0 + 0.5 + 0.1
+
+
 def test_a_flight_into_the_floor_is_reported_as_a_crash() -> None:
     result = flown("paper", "sim.thrust_gain=0.3", duration_s=10.0)
     assert not result.completed

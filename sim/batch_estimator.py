@@ -1,0 +1,155 @@
+"""The estimator of N vehicles: :class:`groundstation.control.estimator.ModelEstimator` on arrays.
+
+The same pure functions on arrays of shape (N,), or on those vehicles whose pose has just arrived. Only what differs
+between one vehicle and many is written here: who has a pose, and which command acts when.
+"""
+
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from groundstation.control.estimator import NOISE_FLOOR_M2, NOISE_MEMORY, STEP_LIMIT
+from groundstation.control.gains import Gains
+from groundstation.control.model import Drive, Motion, rolled
+from groundstation.control.observer import (
+    Covariance,
+    Densities,
+    begun,
+    corrected,
+    corrected_attitude,
+    fourth_difference,
+    innovation,
+    later,
+    seen,
+)
+from groundstation.control.port import Estimate
+from groundstation.ops import arrays
+from groundstation.vehicle import Vehicle
+from sim.columns import pick, put, zeros
+
+OPS = arrays()
+KEPT_FRAMES = 64
+"""Commands remembered: longer than any outage that a flight survives."""
+Index = npt.NDArray[np.intp]
+
+
+class BatchEstimator:
+    """State at each vehicle's newest pose; commands act from frames at multiples of ``period_s`` on."""
+
+    def __init__(self, vehicle: Vehicle, gains: Gains, start: Any, idle_thrust_n: float, period_s: float) -> None:
+        """``start`` is the (3, N) position [m, NED] at which the vehicles are held, with ``idle_thrust_n`` [N]."""
+        n = start.shape[1]
+        zero: Any = np.zeros(n)
+        self._vehicle = vehicle
+        self._gains = gains
+        self._period = period_s
+        self._densities = Densities(0.0, gains.acceleration_noise**2, gains.wind_noise**2, gains.wind_rate_noise**2)
+        self._noise: Any = zero + gains.pose_noise_m**2
+        self._covariance = Covariance(*(x + zero for x in begun(self._noise)))
+        self._stamp: Any = np.full(n, -np.inf)
+        self._motion: Any = Motion(
+            tuple(start.copy()), zeros(n, 3), (np.ones(n), *zeros(n, 3)), zero + idle_thrust_n, zeros(n, 3)
+        )
+        self._disturbance, self._rate = zeros(n, 3), zeros(n, 3)
+        self._times = np.full((5, n), -np.inf)
+        self._places = np.zeros((5, 3, n))
+        self._drives = np.zeros((KEPT_FRAMES, 4, n))
+        self._drives[:, 0] = idle_thrust_n
+        self._newest = 0
+
+    def release(self) -> None:
+        """As :meth:`ModelEstimator.release`."""
+        zero = np.zeros_like(self._noise)
+        self._covariance = Covariance(*(x + zero for x in begun(self._noise)))
+        self._disturbance, self._rate = zeros(zero.size, 3), zeros(zero.size, 3)
+
+    def sent(self, frame: int, drive: Drive) -> None:
+        """The command of ``frame`` acts from frame · period on."""
+        self._newest = frame
+        self._drives[frame % KEPT_FRAMES] = (drive.thrust, *drive.rates)
+
+    def pose(self, who: Index, stamp: Any, position: Any, attitude: Any) -> None:
+        """One pose for each of the vehicles ``who``."""
+        first = ~np.isfinite(self._stamp[who])
+        if first.any():
+            new = who[first]
+            self._stamp[new] = stamp[first]
+            put(self._motion.attitude, new, pick(attitude, first))
+            who, stamp, position, attitude = who[~first], stamp[~first], pick(position, ~first), pick(attitude, ~first)
+        if not who.size:
+            return
+        self._measure_noise(who, stamp, position)
+        before = self._stamp[who]
+        dt = stamp - before
+        model = self._roll(who, before, stamp)
+        gain, covariance = seen(later(pick(self._covariance, who), dt, self._densities), self._noise[who])
+        step = innovation(position, model.position)
+        d, c = pick(self._disturbance, who), pick(self._rate, who)
+        put(self._disturbance, who, corrected(corrected(d, dt, c), gain.d, step))
+        put(self._rate, who, corrected(c, gain.c, step))
+        put(self._covariance, who, covariance)
+        put(
+            self._motion,
+            who,
+            Motion(
+                corrected(model.position, gain.p, step),
+                corrected(model.velocity, gain.v, step),
+                corrected_attitude(OPS, model.attitude, attitude, self._gains.attitude_gain),
+                model.thrust,
+                model.rates,
+            ),
+        )
+        self._stamp[who] = stamp
+
+    def predict(self, time_s: float) -> Estimate:
+        """Every vehicle at ``time_s``."""
+        everyone = np.arange(self._stamp.size)
+        ahead = self._roll(everyone, self._stamp, np.full_like(self._stamp, time_s))
+        h: Any = time_s - self._stamp
+        return Estimate(time_s, ahead, corrected(self._disturbance, h, self._rate), (0.0, 0.0, 0.0))
+
+    def _roll(self, who: Index, start: Any, end: Any) -> Any:
+        """The motion of ``who`` from ``start`` to ``end`` [s] through the commands that act between."""
+        vehicle, gains, period = self._vehicle, self._gains, self._period
+        motion: Any = pick(self._motion, who)
+        middle = 0.5 * (start + end) - self._stamp[who]
+        disturbance = corrected(pick(self._disturbance, who), middle, pick(self._rate, who))
+        time = start.copy()
+        part = np.arange(who.size)
+        while True:
+            part = part[time[part] < end[part] - 1e-9]
+            if not part.size:
+                return motion
+            now = time[part]
+            frame = np.minimum(np.floor((now + 1e-9) / period).astype(int), self._newest)
+            until = np.minimum(end[part], now + STEP_LIMIT)
+            until = np.where(frame < self._newest, np.minimum(until, (frame + 1) * period), until)
+            drive = self._drives[frame % KEPT_FRAMES, :, who[part]].T
+            some: Any = rolled(
+                OPS,
+                pick(motion, part),
+                Drive(drive[0], (drive[1], drive[2], drive[3])),
+                np.maximum(until - now, 1e-12),
+                mass=vehicle.mass_kg,
+                gravity=gains.gravity,
+                disturbance=pick(disturbance, part),
+                thrust_lag=vehicle.thrust_lag_s,
+                rate_lag=vehicle.rate_lag_s,
+            )
+            put(motion, part, some)
+            time[part] = until
+
+    def _measure_noise(self, who: Index, stamp: Any, position: Any) -> None:
+        """As :meth:`ModelEstimator._measure_noise`."""
+        times, places = self._times[:, who], self._places[:, :, who]
+        times, places = np.roll(times, -1, axis=0), np.roll(places, -1, axis=0)
+        times[4], places[4] = stamp, position
+        self._times[:, who], self._places[:, :, who] = times, places
+        with np.errstate(invalid="ignore"):  # -inf - -inf before the fifth pose
+            step = times[1] - times[0]
+            even = np.isfinite(times[0]) & (np.abs((times[4] - times[0]) - 4.0 * step) <= 0.1 * step)
+        variance = fourth_difference(*(tuple(place) for place in places))
+        noise = self._noise[who]
+        measured = np.maximum(noise + (variance - noise) / NOISE_MEMORY, NOISE_FLOOR_M2)
+        self._noise[who] = np.where(even, measured, noise)

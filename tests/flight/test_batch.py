@@ -1,0 +1,39 @@
+"""Many flights at once agree with whole flights one at a time, so that two simulators cannot drift apart."""
+
+import numpy as np
+import pytest
+
+from sim.batch import fly_batch
+from sim.commands import prepare
+from sim.scenarios import SCENARIOS
+from tests.flight.flights import flown
+
+SEEDS = 4
+
+
+@pytest.mark.parametrize("scenario", ["paper", "adverse"])
+def test_a_batch_agrees_with_whole_flights_to_a_tenth_of_a_millimetre(scenario: str) -> None:
+    world, config = prepare(SCENARIOS[scenario], [])
+    batch = fly_batch([world] * SEEDS, config, list(range(SEEDS)))
+    assert batch.survived.all()
+    for seed in range(SEEDS):
+        verdict = flown(scenario, seed=seed).verdict
+        assert 100.0 * batch.rms_m[seed] == pytest.approx(verdict.rms_cm, abs=0.01)
+        assert batch.settle_s[seed] == pytest.approx(verdict.settle_s, abs=0.005)
+
+
+def test_vehicles_of_a_batch_do_not_touch_each_other() -> None:
+    world, config = prepare(SCENARIOS["adverse"], [])
+    heavy, _ = prepare(SCENARIOS["adverse"], ["sim.mass_kg=0.4"])
+    together = fly_batch([world, heavy, world], config, [7, 8, 9], duration_s=18.0)
+    alone = fly_batch([world], config, [9], duration_s=18.0)
+    assert together.survived.tolist() == [True, False, True]
+    assert np.isnan(together.rms_m[1])
+    assert together.rms_m[2] == alone.rms_m[0]
+
+
+def test_worlds_that_cannot_share_a_batch_are_refused() -> None:
+    world, config = prepare(SCENARIOS["paper"], [])
+    other, _ = prepare(SCENARIOS["paper"], ["sim.pose_rate_hz=100"])
+    with pytest.raises(ValueError, match="pose_rate_hz"):
+        fly_batch([world, other], config, [0, 1])
