@@ -13,6 +13,7 @@ import numpy as np
 import numpy.typing as npt
 
 from groundstation.control.adaptive import Adaptive
+from groundstation.control.gains import Gains
 from groundstation.control.model import Drive
 from groundstation.ops import arrays
 from groundstation.settings import Config
@@ -165,7 +166,7 @@ def fly_batch(worlds: Sequence[World], config: Config, seeds: Sequence[int], *, 
     for name in ("frame_period_s", "pose_rate_hz", "speed_m_s", "gravity"):
         if any(getattr(w, name) != getattr(first, name) for w in worlds):
             raise ValueError(f"all flights of a batch need the same sim.{name}")
-    if gains.kind != "adaptive" or gains.composite != "provable" or gains.observer != "model":
+    if not isinstance(gains, Gains) or gains.composite != "provable" or gains.observer != "model":
         raise ValueError("a batch flies the adaptive controller with its observer and provable adaptation only")
     period = first.frame_period_s
     release_s = CONFIRM_S + math.ceil(HANDSHAKE_S / period - 1e-9) * period
