@@ -78,7 +78,7 @@ def _by_scenario(panel: Any, rows: Sequence[Row], styles: dict[str, dict[str, An
             **{k: v for k, v in style.items() if k != "linestyle"},
         }
         places = [(scenarios.index(row.scenario) + offset, row) for row in mine if row.rms_cm is not None]
-        # Dots at half a thousandth of a centimetre are zero for every purpose, and zero has no place on this axis.
+        # 5 µm are zero for every purpose, and zero has no place on this axis.
         low = [max(row.rms_cm or 0.0, 5e-4) for _, row in places]
         below = [value - max(row.rms_cm_min or 0.0, 5e-4) for value, (_, row) in zip(low, places, strict=True)]
         above = [max(row.rms_cm_max or 0.0, 5e-4) - value for value, (_, row) in zip(low, places, strict=True)]

@@ -7,6 +7,10 @@ from groundstation.config import ConfigError
 from sim.compare import Row
 
 BEGIN, END = "<!-- figures:begin -->", "<!-- figures:end -->"
+NOTE = (
+    "The error is the true one, from 15 s on. The baselines fly on our estimate and send commands as published, "
+    "without inverting\nthe actuators' lags; `docs/decisions/0006-baselines.md` has both."
+)
 HEAD = ("scenario", "controller", "RMS cm", "spread", "max cm", "settled s", "effort", "survived")
 
 
@@ -67,7 +71,7 @@ def write_between_markers(path: Path, rows: Sequence[Row], command: str) -> None
     flights = max((row.flights for row in rows), default=0)
     what = f"Medians over {flights} flights each" if flights > 1 else "One flight each"
     spread = ", smallest and largest in brackets" if flights > 1 else ""
-    made = f"{what}{spread}; made by `{command}`."
+    made = f"{what}{spread}; made by `{command}`.\n{NOTE}"
     before, after = text[: text.index(BEGIN) + len(BEGIN)], text[text.index(END) :]
     try:
         path.write_text(f"{before}\n{markdown_table(rows)}\n\n{made}\n{after}", "utf-8")
