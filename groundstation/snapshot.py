@@ -30,7 +30,7 @@ class Diagnostics(msgspec.Struct, frozen=True, gc=False):
     v_known: float
     """The sum of ``v_terms``."""
     w: float
-    """The sum of ``w_terms``: V falls at least this fast on the ideal plant."""
+    """The sum of ``w_terms``: V falls at least this fast on the ideal plant, with the paper's adaptation."""
     certificate: str
     """Which bound on V holds for the law that flies: ``paper``, ``composite`` or ``none``, and why not."""
 

@@ -1,6 +1,6 @@
 """The actuators as the controller believes them: first-order lags on thrust and body rates, and their inverse.
 
-controller gains that follow a command through a lag exactly, for a command held constant. Elementwise.
+Both are exact for a command that is held. Elementwise: floats, or arrays of shape (N,).
 """
 
 from groundstation.ops import Ops, Real

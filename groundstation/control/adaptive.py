@@ -23,6 +23,7 @@ class Adaptive:
     def __init__(self, vehicle: Vehicle, gains: Gains, ops: Ops = FLOATS) -> None:
         """Start with b̂ = 0, as the paper does."""
         self._ops = ops
+        self._certificate = certificate(gains)
         self._vehicle = vehicle
         self._gains = gains
         self._hold = vehicle.frame_period_s
@@ -103,7 +104,7 @@ class Adaptive:
                 w_terms=step.w_terms,
                 v_known=step.v_known,
                 w=step.w,
-                certificate=_SUSPENDED if suspended is True or gains.kb == 0.0 else _CERTIFICATES[gains.composite],
+                certificate=_SUSPENDED if suspended is True else self._certificate,
             ),
         )
 
@@ -111,7 +112,7 @@ class Adaptive:
         """b̂ with what the observer has learnt since the last command, and the witness κ (d̂ - b̂), if any.
 
         Provable form: b̂ moves along with d̂, ν = d̂˙ in docs/explanation/law.md. Raw form: innovations are added.
-        Where adaptation is off or suspended (see :meth:`decide`), b̂ stays.
+        With adaptation off b̂ stays; while it is suspended only ν moves b̂, as the clamped commands are modelled.
         """
         gains, b = self._gains, self.b_hat
         if gains.composite == "off" or gains.kb == 0.0:
@@ -158,9 +159,18 @@ class Adaptive:
         return Drive(inside, (p, q, r)), (inside != thrust) | (p != x) | (q != y) | (r != z)
 
 
-_SUSPENDED = "none: adaptation is suspended"
-_CERTIFICATES = {
-    "off": "paper: V falls at least by W (constant wind, no lag)",
-    "provable": "composite: V + observer error falls at least by W (constant wind, no lag)",
-    "raw": "none: the raw form of composite adaptation has no proof",
-}
+_SUSPENDED = "none: adaptation is suspended while a command is at its limit"
+
+
+def certificate(gains: Gains) -> str:
+    """Which bound on V holds for these gains, for a constant wind and no lag (docs/explanation/law.md, section 5)."""
+    if gains.kb == 0.0:
+        return "none: adaptation is off (controller.kb = 0)"
+    if gains.composite == "off":
+        return "paper: V falls at least by W"
+    if gains.composite == "raw":
+        return "none: the raw form of composite adaptation has no proof"
+    beyond = max(1.0, ((gains.b_bound + gains.epsilon) / gains.b_bound) ** 2 - 1.0)
+    if gains.kb**2 * gains.kappa * beyond**2 >= 4.0 * gains.k3:
+        return "none: the proof needs kb² κ < 4 k3"
+    return "composite: V and the observer's error fall together, by a share of W at least"

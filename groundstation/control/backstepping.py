@@ -150,7 +150,7 @@ def backstep(
         acceleration: p¨d [m/s²], NED.
         jerk: p⃛d [m/s³], NED.
         witness: κ (d̂ - b̂) [m/s³ per kb], a second witness of the disturbance (composite adaptation), or None.
-            It moves b̂ only: Ṫ and ω answer b̂˙ = kb Proj(ξ, b̂), as the witness is mostly noise there.
+            It moves b̂ only: Ṫ and ω answer b̂˙ = kb Proj(ξ, b̂), which follows gusts better (docs/decisions/0005).
         suspended: True freezes b̂ (on the ground, saturated); the law then uses b̂˙ = 0.
     """
     lim = POSITION_LIMIT

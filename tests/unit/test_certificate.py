@@ -6,9 +6,10 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from groundstation.control.adaptive import certificate
 from groundstation.control.backstepping import axis
 from groundstation.control.certificate import acceleration_sup, thrust_bound, virtual_control_sup
-from groundstation.control.gains import Law
+from groundstation.control.gains import Gains, Law
 from groundstation.ops import FLOATS
 
 LAW = Law()
@@ -43,3 +44,18 @@ def test_softer_gains_and_a_smaller_disturbance_make_it_positive() -> None:
 def test_the_references_largest_acceleration_is_found() -> None:
     assert acceleration_sup([(0.0, 0.0, 0.0), (3.0, 4.0, 0.0), (1.0, 1.0, 1.0)]) == 5.0
     assert acceleration_sup([]) == 0.0
+
+
+@pytest.mark.parametrize(
+    ("gains", "expected"),
+    [
+        (Gains(), "composite"),
+        (Gains(composite="off"), "paper"),
+        (Gains(composite="raw"), "none: the raw form"),
+        (Gains(kb=2.0), "none: the proof needs"),
+        (Gains(kappa=16.0), "none: the proof needs"),
+        (Gains(kb=0.0), "none: adaptation is off"),
+    ],
+)
+def test_the_certificate_names_the_bound_that_holds_for_the_gains_that_fly(gains: Gains, expected: str) -> None:
+    assert certificate(gains).startswith(expected)
