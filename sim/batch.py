@@ -155,6 +155,14 @@ class Fleet:
         return down
 
 
+def refusal(config: Config) -> str | None:
+    """Why a batch cannot fly ``config``; None if it can."""
+    gains = config.controller
+    if gains.kind == "adaptive" and gains.composite == "provable" and gains.observer == "model":
+        return None
+    return "a batch flies the adaptive controller with its observer and provable adaptation only"
+
+
 def fly_batch(worlds: Sequence[World], config: Config, seeds: Sequence[int], *, duration_s: float = 60.0) -> Flights:
     """Fly N vehicles in N worlds, all told the same ``config``, for ``duration_s`` [s] after the release.
 
@@ -166,8 +174,8 @@ def fly_batch(worlds: Sequence[World], config: Config, seeds: Sequence[int], *, 
     for name in ("frame_period_s", "pose_rate_hz", "speed_m_s", "gravity"):
         if any(getattr(w, name) != getattr(first, name) for w in worlds):
             raise ValueError(f"all flights of a batch need the same sim.{name}")
-    if not isinstance(gains, Gains) or gains.composite != "provable" or gains.observer != "model":
-        raise ValueError("a batch flies the adaptive controller with its observer and provable adaptation only")
+    if (reason := refusal(config)) is not None or not isinstance(gains, Gains):
+        raise ValueError(reason)
     period = first.frame_period_s
     release_s = CONFIRM_S + math.ceil(HANDSHAKE_S / period - 1e-9) * period
     fleet = Fleet(worlds, seeds, duration_s, release_s)

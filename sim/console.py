@@ -9,10 +9,11 @@ PAPER = {"rms_cm": 4.61, "max_cm": 7.6, "settle_s": 5.0}
 
 
 class Progress:
-    """A bar on stderr while a flight is flown."""
+    """A bar on stderr while a flight, or a campaign of many, is flown."""
 
-    def __init__(self, duration_s: float, *, quiet: bool) -> None:
-        """``quiet`` shows nothing (and imports nothing)."""
+    def __init__(self, duration_s: float, *, quiet: bool, unit: str = "s", digits: int = 1) -> None:
+        """``quiet`` shows nothing (and imports nothing); ``duration_s`` counts in ``unit``."""
+        self._format = f"{{task.completed:5.{digits}f}} of {{task.total:.0f}} {unit}"
         self._quiet = quiet
         self._duration = duration_s
 
@@ -26,7 +27,7 @@ class Progress:
             self._bar = Bar(
                 TextColumn("flying"),
                 BarColumn(),
-                TextColumn("{task.completed:5.1f} of {task.total:.0f} s"),
+                TextColumn(self._format),
                 TimeElapsedColumn(),
                 console=Console(stderr=True),
             )

@@ -1,0 +1,170 @@
+"""Campaigns: drawn from the seed alone, resumed where they were left, and flown again one by one."""
+
+import json
+import math
+import shlex
+from pathlib import Path
+
+import msgspec
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from groundstation.config import ConfigError
+from sim.__main__ import main
+from sim.campaign import Campaign, run
+from sim.campaign_draws import DRAWN, drawn
+from sim.campaign_folder import Folder, Row
+from sim.campaign_report import command, report, text
+from sim.commands import prepare
+from sim.scenarios import SCENARIOS
+
+DURATION_S = 16.0
+SEEDS = range(3, 7)
+
+
+def _campaign(*overrides: str, duration_s: float = DURATION_S) -> Campaign:
+    world, config = prepare(SCENARIOS["adverse"], list(overrides))
+    return Campaign(scenario="adverse", world=world, config=config, duration_s=duration_s, overrides=list(overrides))
+
+
+def _call(words: list[str], monkeypatch: pytest.MonkeyPatch) -> int:
+    monkeypatch.setattr("sys.argv", words)
+    return main()
+
+
+@pytest.fixture(scope="module")
+def rows() -> list[Row]:
+    return run(_campaign(), SEEDS, out=None, batch=4, workers=1)[0]
+
+
+def test_neither_batches_nor_processes_change_a_figure(rows: list[Row]) -> None:
+    again, flown = run(_campaign(), SEEDS[:3], out=None, batch=2, workers=2)
+    assert flown == 3
+    assert again == rows[:3]
+
+
+def test_an_interrupted_campaign_flies_only_what_is_missing(rows: list[Row], tmp_path: Path) -> None:
+    Folder(tmp_path, _campaign().settings()).add(rows[:3])
+    table = tmp_path / "flights.csv"
+    table.write_bytes(table.read_bytes()[:-20])  # the power went while the third row was written
+    heard: list[int] = []
+    resumed, flown = run(_campaign(), SEEDS, out=tmp_path, batch=4, workers=1, on_progress=heard.append)
+    assert (flown, heard) == (2, [2, 4])
+    assert resumed == rows
+    assert run(_campaign(), SEEDS, out=tmp_path, batch=1, workers=1) == (rows, 0)
+    assert len(table.read_text().splitlines()) == 1 + len(rows)
+
+
+@pytest.mark.parametrize(
+    ("other", "key"),
+    [
+        (_campaign(duration_s=17.0), "duration_s = 16.0, now it is 17.0"),
+        (_campaign("controller.kb=0.01"), "told.controller.kb"),
+        (_campaign("sim.wind_turbulence=0.3"), "sim.wind_turbulence = 0.2"),
+    ],
+)
+def test_flights_of_other_settings_are_not_mixed(other: Campaign, key: str, tmp_path: Path) -> None:
+    Folder(tmp_path, _campaign().settings())
+    with pytest.raises(ConfigError, match=key):
+        run(other, SEEDS, out=tmp_path, batch=4, workers=1)
+
+
+def test_flights_of_another_program_are_not_mixed(tmp_path: Path) -> None:
+    Folder(tmp_path, _campaign().settings() | {"program_sha256": "0"})
+    with pytest.raises(ConfigError, match="program_sha256"):
+        run(_campaign(), SEEDS, out=tmp_path, batch=4, workers=1)
+
+
+def test_a_folder_that_is_no_campaign_is_refused(tmp_path: Path) -> None:
+    (tmp_path / "flights.csv").write_text("who,knows\n1,2\n")
+    with pytest.raises(ConfigError, match=str(tmp_path)):
+        Folder(tmp_path, _campaign().settings())
+    (tmp_path / "settings.json").write_text(json.dumps(_campaign().settings()))
+    with pytest.raises(ConfigError, match="no folder of a campaign"):
+        Folder(tmp_path, _campaign().settings())
+
+
+def test_the_command_of_a_flight_flies_it_again(
+    rows: list[Row], monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    row = rows[1]
+    assert _call([*shlex.split(command(_campaign(), row.seed)), "--json"], monkeypatch) == 0
+    verdict = json.loads(capsys.readouterr().out)
+    assert row.rms_cm is not None
+    assert verdict["rms_cm"] == pytest.approx(row.rms_cm, abs=0.01)
+    assert verdict["max_cm"] == pytest.approx(row.max_cm, abs=0.05)
+
+
+def test_the_command_carries_the_drawn_world_to_the_last_bit_and_what_was_set() -> None:
+    campaign = _campaign("sim.wind_mean=[1, 0, 0]", "controller.kb=0.01")
+    words = shlex.split(command(campaign, 5))
+    pairs = [words[i + 1] for i, word in enumerate(words) if word == "--set"]
+    world, config = prepare(SCENARIOS["adverse"], pairs)
+    assert world == drawn(campaign.world, 5)
+    assert config == campaign.config
+
+
+@given(seed=st.integers(0, 2**31), scenario=st.sampled_from(sorted(SCENARIOS)))
+def test_draws_stay_within_their_bounds_and_change_nothing_else(seed: int, scenario: str) -> None:
+    truth = SCENARIOS[scenario].world
+    world = drawn(truth, seed)
+    assert 0.9 <= world.mass_kg / truth.mass_kg <= 1.1
+    assert 0.8 * truth.thrust_lag_s <= world.thrust_lag_s <= 1.2 * truth.thrust_lag_s
+    assert 0.8 * truth.rate_lag_s <= world.rate_lag_s <= 1.2 * truth.rate_lag_s
+    assert 0.8 <= world.thrust_gain <= 1.1
+    assert math.hypot(*world.wind_mean) == pytest.approx(math.hypot(*truth.wind_mean))
+    assert math.hypot(*world.wind_gust) == pytest.approx(math.hypot(*truth.wind_gust))
+    assert msgspec.structs.replace(world, **{name: getattr(truth, name) for name in DRAWN}) == truth
+
+
+def test_directions_favour_no_side() -> None:
+    winds = [drawn(SCENARIOS["adverse"].world, seed).wind_mean for seed in range(2000)]
+    length = math.hypot(*winds[0])
+    for axis in range(3):
+        shares = sorted(wind[axis] / length for wind in winds)
+        # On a sphere each coordinate is uniform from -1 to 1.
+        assert shares[500] == pytest.approx(-0.5, abs=0.07)
+        assert shares[1500] == pytest.approx(0.5, abs=0.07)
+
+
+def test_a_crash_is_worse_than_any_error(rows: list[Row]) -> None:
+    def row(seed: int, rms_cm: float | None) -> Row:
+        return msgspec.structs.replace(rows[0], seed=seed, rms_cm=rms_cm, max_cm=rms_cm, survived=rms_cm is not None)
+
+    many = [row(i, 0.1 * i) for i in range(99)] + [row(99, None)]
+    facts = report(_campaign(), many, flown=100, wall_s=2.0, workers=2)
+    assert facts["survived"] == 0.99
+    assert facts["rms_cm"] == {"p50": 4.9, "p90": pytest.approx(8.9), "p99": pytest.approx(9.8), "max": None}
+    assert facts["under_cm"] == {"8": 0.8, "4": 0.4}
+    assert [w["seed"] for w in facts["worst"]] == [99, 98, 97, 96, 95]
+    assert facts["ns_per_vehicle_step"] == pytest.approx(2.0 * 2 / (100 * DURATION_S / 0.0025) * 1e9)
+    assert "RMS error, worst        crashed" in text(facts)
+
+
+@pytest.mark.parametrize(
+    ("words", "complaint"),
+    [
+        (["--duration", "15"], "--duration: flights are judged from 15 s on"),
+        (["--set", "sim.thrust_gain=0.9"], "sim.thrust_gain: a campaign draws it"),
+        (["--set", "controller.kind=uncompensated"], "controller: a batch flies the adaptive controller"),
+        (["--first-seed", "-1"], "--first-seed: expected 0 or more"),
+    ],
+)
+def test_a_campaign_that_would_not_be_true_is_refused(
+    words: list[str], complaint: str, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert _call(["groundstation-sim", "campaign", *words], monkeypatch) == 2
+    assert complaint in capsys.readouterr().err
+
+
+def test_the_command_prints_one_object(
+    rows: list[Row], tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    Folder(tmp_path, _campaign().settings()).add(rows)
+    words = f"groundstation-sim campaign --first-seed 3 --flights 4 --duration 16 --out {tmp_path} --json"
+    assert _call(words.split(), monkeypatch) == 0
+    facts = json.loads(capsys.readouterr().out)
+    assert (facts["flights"], facts["flown_now"], facts["survived"]) == (4, 0, 1.0)
+    assert facts["rms_cm"]["max"] == max(row.rms_cm or 0.0 for row in rows)
+    assert facts["ns_per_vehicle_step"] is None
