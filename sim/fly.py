@@ -11,6 +11,7 @@ import msgspec
 
 from groundstation.app import make_flight
 from groundstation.clock import sleep_until
+from groundstation.control.gains import Law
 from groundstation.flight import Outcome
 from groundstation.mission import State
 from groundstation.ops import Vec3
@@ -103,7 +104,7 @@ async def _fly(
     on_step: Callable[[float, Vec3], None] | None,
 ) -> dict[str, Any]:
     loop = asyncio.get_running_loop()
-    referee = Referee(world, config.controller.kb)
+    referee = Referee(world, config.controller.kb if isinstance(config.controller, Law) else None)
 
     def step(time_s: float, position: Vec3) -> None:
         referee.step(time_s, position)

@@ -55,8 +55,8 @@ class Verdict(msgspec.Struct, frozen=True, kw_only=True):
 class Referee:
     """Sees every plant step and every command of one flight."""
 
-    def __init__(self, world: World, kb: float) -> None:
-        """Take the truth; ``kb`` weighs b̃ in V (0: V is taken without that term)."""
+    def __init__(self, world: World, kb: float | None) -> None:
+        """Take the truth; ``kb`` weighs b̃ in V (0: V without that term; None: the controller has no V at all)."""
         self._world = world
         self._kb = kb
         self._time = array("d")
@@ -98,7 +98,7 @@ class Referee:
         steady = [e for t, e in zip(times, errors, strict=True) if t >= STEADY_S]
         late = [i for i, tick in enumerate(self._ticks) if tick[0] >= SATURATION_FROM_S]
         everything = self._lyapunov()
-        values = [v for v, tick in zip(everything, self._ticks, strict=True) if tick[0] >= STEADY_S]
+        values = [v for v, tick in zip(everything, self._ticks, strict=False) if tick[0] >= STEADY_S]
         end = self._ticks[-1][0] if self._ticks else 0.0
         last = [i for i, tick in enumerate(self._ticks) if tick[0] > end - 1.0]
         thrusts = [tick[1] for tick in self._ticks]
@@ -119,6 +119,8 @@ class Referee:
 
     def _lyapunov(self) -> list[float]:
         """V at each command, b̃ from the truth."""
+        if self._kb is None:
+            return []
         weight = 0.5 / self._kb if self._kb > 0.0 else 0.0
         return [
             v + weight * math.dist(b_hat, wind) ** 2
