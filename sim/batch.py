@@ -228,6 +228,8 @@ class Marks:
 
     def step(self, time_s: float, error: Array, crashed: Any) -> None:
         """The errors [m] after one plant step."""
+        if time_s > self._duration + 1e-9:
+            return  # the last frame is held beyond the end of the flight
         self._alive &= ~crashed
         self._last_far[error >= SETTLED_M] = time_s
         if time_s >= STEADY_S:

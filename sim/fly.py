@@ -115,11 +115,13 @@ async def _fly(
     plant = stage.plant
 
     def watch(tick: Tick) -> None:
+        # First the plant: the wind answers forward in time only, so asking it must not run ahead of the flight.
+        truth = plant.truth(tick.time_s)
         released = plant.released_s
         referee.tick(tick, stage.wind.at(tick.time_s - released) if released is not None else world.wind_mean)
         if on_tick is not None:
             on_tick(tick)
-        if referee.crashed(plant.truth(tick.time_s).position_ned):
+        if referee.crashed(truth.position_ned):
             flight_task.cancel()
 
     async def confirm() -> bool:

@@ -3,9 +3,12 @@
 import numpy as np
 import pytest
 
+from groundstation.ops import Vec3
 from sim.batch import fly_batch
 from sim.commands import prepare
+from sim.fly import fly
 from sim.scenarios import SCENARIOS
+from sim.wind import Wind
 from tests.flight.flights import flown
 
 SEEDS = 4
@@ -37,3 +40,19 @@ def test_worlds_that_cannot_share_a_batch_are_refused() -> None:
     other, _ = prepare(SCENARIOS["paper"], ["sim.pose_rate_hz=100"])
     with pytest.raises(ValueError, match="pose_rate_hz"):
         fly_batch([world, other], config, [0, 1])
+
+
+def test_nobody_asks_for_the_wind_ahead_of_the_flight(monkeypatch: pytest.MonkeyPatch) -> None:
+    # The turbulence never goes back: whoever asks too early changes the wind that the vehicle then feels.
+    asked: list[float] = []
+    answer = Wind.at
+
+    def at(self: Wind, flight_time: float) -> Vec3:
+        asked.append(flight_time)
+        return answer(self, flight_time)
+
+    monkeypatch.setattr(Wind, "at", at)
+    world, config = prepare(SCENARIOS["adverse"], [])
+    fly(world, config, seed=0, duration_s=1.0)
+    assert len(asked) > 400
+    assert all(later >= earlier - 1e-9 for earlier, later in zip(asked, asked[1:], strict=False))
