@@ -27,6 +27,18 @@ async def seen(socket: Path, until: Callable[[Snapshot], bool], within_s: float 
     raise AssertionError("the status socket went away first")
 
 
+def fly_without_terminal(config: Path, *arguments: str) -> "subprocess.CompletedProcess[str]":
+    """``groundstation fly CONFIG`` as a script would start it: nobody is there to ask."""
+    return subprocess.run(
+        [sys.executable, "-m", "groundstation", "fly", str(config), *arguments],
+        capture_output=True,
+        check=False,
+        text=True,
+        timeout=20,
+        stdin=subprocess.DEVNULL,
+    )
+
+
 def test_fly_takes_a_served_vehicle_through_its_trajectory_and_lands_it() -> None:
     with served() as room:
         run = subprocess.run(
@@ -131,14 +143,7 @@ def test_fly_refuses_every_address_that_is_not_loopback_and_says_why(section: st
     table, key = section.split(".")
     config = tmp_path / "lab.toml"
     config.write_text(f'[{table}]\n{key} = "{host}:14550"\n')
-    run = subprocess.run(
-        [sys.executable, "-m", "groundstation", "fly", str(config), "--arm", "mqx"],
-        capture_output=True,
-        check=False,
-        text=True,
-        timeout=20,
-        stdin=subprocess.DEVNULL,
-    )
+    run = fly_without_terminal(config, "--arm", "mqx")
     assert run.returncode == 2
     assert len(run.stderr.strip().splitlines()) == 1
     assert f"{section}: {host}:14550: only loopback addresses may fly yet" in run.stderr
@@ -146,14 +151,7 @@ def test_fly_refuses_every_address_that_is_not_loopback_and_says_why(section: st
 
 def test_fly_does_not_arm_without_a_terminal_or_under_a_wrong_name() -> None:
     for arguments, expected in (([], "needs --arm mqx"), (["--arm", "other"], "expected 'mqx'")):
-        run = subprocess.run(
-            [sys.executable, "-m", "groundstation", "fly", str(EXAMPLE), *arguments],
-            capture_output=True,
-            check=False,
-            text=True,
-            timeout=20,
-            stdin=subprocess.DEVNULL,
-        )
+        run = fly_without_terminal(EXAMPLE, *arguments)
         assert run.returncode == 2
         assert expected in run.stderr
 
@@ -161,13 +159,6 @@ def test_fly_does_not_arm_without_a_terminal_or_under_a_wrong_name() -> None:
 def test_a_recording_never_flies_a_vehicle(tmp_path: Path) -> None:
     config = tmp_path / "lab.toml"
     config.write_text('[pose]\nkind = "tlog"\npath = "flight.tlog"\n')
-    run = subprocess.run(
-        [sys.executable, "-m", "groundstation", "fly", str(config), "--arm", "mqx"],
-        capture_output=True,
-        check=False,
-        text=True,
-        timeout=20,
-        stdin=subprocess.DEVNULL,
-    )
+    run = fly_without_terminal(config, "--arm", "mqx")
     assert run.returncode == 2
     assert "a recording must not fly a vehicle" in run.stderr
