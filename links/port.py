@@ -9,6 +9,17 @@ from typing import Protocol
 import msgspec
 
 
+class Segment(msgspec.Struct, frozen=True, gc=False):
+    """One part of a bring-down: thrust and body rates held for a while, whatever the vehicle does."""
+
+    duration_s: float
+    """[s]"""
+    thrust_n: float
+    """Collective thrust [N], along -z of the body (FRD), >= 0."""
+    rates_rad_s: tuple[float, float, float]
+    """Body rates [rad/s], FRD."""
+
+
 class Command(msgspec.Struct, frozen=True, gc=False):
     """One thrust and body-rate command, and the pose it came from."""
 
@@ -22,6 +33,8 @@ class Command(msgspec.Struct, frozen=True, gc=False):
     """When that pose was true, on the event loop's clock [s]."""
     deadline_s: float
     """After this instant, on the event loop's clock [s], the command must not leave any more."""
+    bring_down: tuple[Segment, ...] = ()
+    """What leaves after the deadline where no newer command came: at most 2 s in all, then nothing that lifts."""
 
 
 class LinkError(Exception):

@@ -1,0 +1,109 @@
+"""The dead man's switch that every link has: a fresh command, or the bring-down, or nothing. Sans-IO.
+
+A command may be repeated until its deadline. After it the bring-down that the newest command carries is played once,
+and then nothing leaves that lifts. Nothing but :meth:`Deadman.arm` ends that: a command that comes late, or from a
+controller that has woken up again, is refused.
+"""
+
+import math
+from enum import StrEnum
+
+from links.port import Command, LinkMisuse, Segment
+
+BRING_DOWN_LIMIT_S = 2.0
+"""Longest bring-down [s]: without a pose nobody knows any more where the vehicle is."""
+
+
+class Phase(StrEnum):
+    """What may leave."""
+
+    WAITING = "waiting"
+    """Armed, and no command yet: nothing leaves."""
+    FRESH = "fresh"
+    """The newest command, until its deadline."""
+    BRING_DOWN = "bring_down"
+    """The part of its bring-down whose time it is."""
+    OVER = "over"
+    """Nothing that lifts, until a new arming."""
+
+
+class Deadman:
+    """Begins in ``OVER``. Times are on one clock, the commands' [s]."""
+
+    def __init__(self) -> None:
+        self.refused = 0
+        """Commands that came too late, out of order, or after the switch had opened."""
+        self._over = True
+        self._command: Command | None = None
+
+    def arm(self) -> None:
+        """A new arming by the operator: commands count again."""
+        self._over = False
+        self._command = None
+
+    def stop(self) -> None:
+        """Nothing that lifts from now on: killed, disarmed, or closed."""
+        self._over = True
+        self._command = None
+
+    def take(self, command: Command, now_s: float) -> bool:
+        """Take the newest command; False where it does not count, and then it changes nothing.
+
+        Raises:
+            LinkMisuse: a number in it is not finite, or its bring-down lasts too long.
+        """
+        _check(command)
+        newest = self._command
+        if self.phase(now_s) not in (Phase.WAITING, Phase.FRESH) or now_s > command.deadline_s:
+            self.refused += 1
+            return False
+        if newest is not None and command.pose_time_s < newest.pose_time_s:
+            self.refused += 1
+            return False
+        self._command = command
+        return True
+
+    def phase(self, now_s: float) -> Phase:
+        """What may leave at ``now_s``."""
+        if self._over:
+            return Phase.OVER
+        if self._command is None:
+            return Phase.WAITING
+        if now_s <= self._command.deadline_s:
+            return Phase.FRESH
+        if self._segment(now_s) is not None:
+            return Phase.BRING_DOWN
+        self.stop()
+        return Phase.OVER
+
+    def at(self, now_s: float) -> Command | Segment | None:
+        """What leaves at ``now_s``; None where nothing that lifts may."""
+        match self.phase(now_s):
+            case Phase.FRESH:
+                return self._command
+            case Phase.BRING_DOWN:
+                return self._segment(now_s)
+            case _:
+                return None
+
+    def _segment(self, now_s: float) -> Segment | None:
+        command = self._command
+        assert command is not None, "a bring-down belongs to a command"
+        end = command.deadline_s
+        for segment in command.bring_down:
+            end += segment.duration_s
+            if now_s <= end:
+                return segment
+        return None
+
+
+def _check(command: Command) -> None:
+    numbers = (command.thrust_n, *command.rates_rad_s, command.pose_time_s, command.deadline_s)
+    lasts = 0.0
+    for part in command.bring_down:
+        numbers += (part.duration_s, part.thrust_n, *part.rates_rad_s)
+        lasts += part.duration_s
+    if not all(map(math.isfinite, numbers)):
+        raise LinkMisuse(f"not finite: {command}")
+    if lasts > BRING_DOWN_LIMIT_S + 1e-9:
+        raise LinkMisuse(f"a bring-down lasts at most {BRING_DOWN_LIMIT_S:g} s, this one {lasts:g} s")

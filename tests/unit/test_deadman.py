@@ -1,0 +1,119 @@
+"""The dead man's switch: nothing stale leaves, the bring-down is played once, and only a new arming ends it."""
+
+import math
+
+import msgspec
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from links.deadman import Deadman, Phase
+from links.port import Command, LinkMisuse, Segment
+
+LEVEL = Segment(0.5, 0.7, (0.1, 0.0, 0.0))
+SINK = Segment(1.0, 0.6, (0.0, 0.0, 0.0))
+
+
+def command(pose_time_s: float, thrust_n: float = 0.8) -> Command:
+    return Command(thrust_n, (0.0, 0.0, 0.0), 1, pose_time_s, pose_time_s + 0.25, (LEVEL, SINK))
+
+
+def armed() -> Deadman:
+    deadman = Deadman()
+    deadman.arm()
+    return deadman
+
+
+def test_nothing_leaves_before_an_arming_and_before_a_command() -> None:
+    deadman = Deadman()
+    assert not deadman.take(command(0.0), 0.1)
+    assert deadman.at(0.1) is None
+    deadman.arm()
+    assert deadman.phase(0.1) is Phase.WAITING
+    assert deadman.at(0.1) is None
+
+
+def test_a_command_is_repeated_until_its_deadline_and_then_brought_down_once() -> None:
+    deadman = armed()
+    newest = command(1.0)
+    assert deadman.take(newest, 1.01)
+    assert deadman.at(1.01) is newest
+    assert deadman.at(1.25) is newest
+    assert deadman.at(1.26) is LEVEL
+    assert deadman.at(1.75) is LEVEL
+    assert deadman.at(1.76) is SINK
+    assert deadman.at(2.75) is SINK
+    assert deadman.at(2.76) is None
+    assert deadman.phase(2.0) is Phase.OVER, "it does not come back, even on a clock that steps back"
+
+
+def test_a_controller_that_wakes_up_again_moves_nothing() -> None:
+    deadman = armed()
+    deadman.take(command(1.0), 1.0)
+    assert not deadman.take(command(1.4), 1.5), "the bring-down has begun"
+    assert deadman.at(1.5) is LEVEL
+    assert deadman.at(9.0) is None
+    assert not deadman.take(command(9.0), 9.0)
+    assert deadman.at(9.0) is None
+    deadman.arm()
+    assert deadman.take(command(9.1), 9.1)
+
+
+def test_late_and_disordered_commands_are_refused_and_counted() -> None:
+    deadman = armed()
+    assert not deadman.take(command(1.0), 1.3)
+    newest = command(2.0)
+    assert deadman.take(newest, 2.0)
+    assert not deadman.take(command(1.9), 2.0)
+    assert deadman.at(2.0) is newest
+    assert deadman.refused == 2
+
+
+def test_a_stop_leaves_out_the_bring_down() -> None:
+    deadman = armed()
+    deadman.take(command(1.0), 1.0)
+    deadman.stop()
+    assert deadman.at(1.1) is None
+    assert deadman.at(1.3) is None
+
+
+@pytest.mark.parametrize("bad", [math.nan, math.inf])
+@pytest.mark.parametrize("field", ["thrust_n", "deadline_s", "pose_time_s"])
+def test_what_is_not_finite_is_a_bug_of_the_caller(field: str, bad: float) -> None:
+    deadman = armed()
+    with pytest.raises(LinkMisuse, match="not finite"):
+        deadman.take(msgspec.structs.replace(command(1.0), **{field: bad}), 1.0)
+    assert deadman.at(1.0) is None
+
+
+def test_a_bring_down_has_a_longest_time() -> None:
+    long = msgspec.structs.replace(command(1.0), bring_down=(msgspec.structs.replace(SINK, duration_s=2.1),))
+    with pytest.raises(LinkMisuse, match="at most 2 s"):
+        armed().take(long, 1.0)
+
+
+@given(
+    st.lists(st.tuples(st.floats(0.0, 0.6), st.floats(0.0, 0.6)), min_size=1, max_size=20),
+    st.lists(st.floats(0.0, 3.0), min_size=1, max_size=20),
+)
+def test_whatever_leaves_is_fresh_or_the_bring_down_of_the_newest_command(
+    steps: list[tuple[float, float]], looks: list[float]
+) -> None:
+    deadman, now, newest, over = armed(), 1.0, None, False
+    for (wait, age), look in zip(steps, looks, strict=False):
+        now += wait
+        sent = command(now - age)
+        expected = age <= 0.25 and not over and (newest is None or now <= newest.deadline_s)
+        expected = expected and (newest is None or sent.pose_time_s >= newest.pose_time_s)
+        assert deadman.take(sent, now) == expected
+        newest = sent if expected else newest
+        now += look
+        leaves = deadman.at(now)
+        if newest is None:
+            assert leaves is None
+        elif now <= newest.deadline_s and not over:
+            assert leaves is newest
+        else:
+            over = True
+            assert leaves in (LEVEL, SINK, None)
+            assert now <= newest.deadline_s + 1.5 + 1e-9 or leaves is None
