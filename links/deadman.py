@@ -98,7 +98,7 @@ class Deadman:
 
 
 def _check(command: Command) -> None:
-    numbers = (command.thrust_n, *command.rates_rad_s, command.pose_time_s, command.deadline_s)
+    numbers = [command.thrust_n, *command.rates_rad_s, command.pose_time_s, command.deadline_s]
     lasts = 0.0
     for part in command.bring_down:
         numbers += (part.duration_s, part.thrust_n, *part.rates_rad_s)
