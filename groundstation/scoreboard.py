@@ -87,6 +87,7 @@ class Scoreboard:
             link=link,
             events=tuple(self._events),
             rate_limits_rad_s=(math.radians(roll), math.radians(pitch), math.radians(yaw)),
+            thrust_effectiveness=1.0 if tick is None else tick.estimate.effectiveness,
         )
 
     def _rate(self, now: float) -> float:

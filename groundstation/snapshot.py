@@ -84,3 +84,5 @@ class Snapshot(msgspec.Struct, frozen=True):
     """The newest events (at most 20), oldest first, each ``12.345 text``."""
     rate_limits_rad_s: Vec3 | None = None
     """Largest body rates that are commanded [rad/s], where known."""
+    thrust_effectiveness: float = 1.0
+    """λ̂: true thrust over told thrust, as the estimator finds it [-]."""

@@ -9,6 +9,8 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from groundstation.control import effectiveness
+from groundstation.control.effectiveness import Chain, Effectiveness, pushed, told
 from groundstation.control.estimator import NOISE_FLOOR_M2, NOISE_MEMORY, STEP_LIMIT
 from groundstation.control.gains import Gains
 from groundstation.control.model import Drive, Motion, rolled
@@ -21,6 +23,7 @@ from groundstation.control.observer import (
     fourth_difference,
     innovation,
     later,
+    plus,
     seen,
 )
 from groundstation.control.port import Estimate
@@ -47,6 +50,8 @@ class BatchEstimator:
         self._densities = Densities(0.0, gains.acceleration_noise**2, gains.wind_noise**2, gains.wind_rate_noise**2)
         self._noise: Any = zero + gains.pose_noise_m**2
         self._covariance = Covariance(*(x + zero for x in begun(self._noise)))
+        self._effectiveness = self._told(n)
+        self._separates = gains.effectiveness_deviation > 0.0
         self._stamp: Any = np.full(n, -np.inf)
         self._motion: Any = Motion(
             tuple(start.copy()), zeros(n, 3), (np.ones(n), *zeros(n, 3)), zero + idle_thrust_n, zeros(n, 3)
@@ -62,7 +67,13 @@ class BatchEstimator:
         """As :meth:`ModelEstimator.release`."""
         zero = np.zeros_like(self._noise)
         self._covariance = Covariance(*(x + zero for x in begun(self._noise)))
+        self._effectiveness = self._told(zero.size)
         self._disturbance, self._rate = zeros(zero.size, 3), zeros(zero.size, 3)
+
+    def _told(self, count: int) -> Any:
+        zero: Any = np.zeros(count)
+        start = told(self._gains.effectiveness_deviation)
+        return Effectiveness(zero + start.value, zero + start.variance, *(Chain(*zeros(count, 4)) for _ in range(3)))
 
     def sent(self, frame: int, drive: Drive) -> None:
         """The command of ``frame`` acts from frame · period on."""
@@ -83,23 +94,27 @@ class BatchEstimator:
         before = self._stamp[who]
         dt = stamp - before
         model = self._roll(who, before, stamp)
-        gain, covariance = seen(later(pick(self._covariance, who), dt, self._densities), self._noise[who])
+        expected = later(pick(self._covariance, who), dt, self._densities)
+        gain, covariance = seen(expected, self._noise[who])
         step = innovation(position, model.position)
         d, c = pick(self._disturbance, who), pick(self._rate, who)
-        put(self._disturbance, who, corrected(corrected(d, dt, c), gain.d, step))
-        put(self._rate, who, corrected(c, gain.c, step))
+        place, speed = corrected(model.position, gain.p, step), corrected(model.velocity, gain.v, step)
+        now, rate = corrected(corrected(d, dt, c), gain.d, step), corrected(c, gain.c, step)
+        if self._separates:
+            north, east, down = corrected(d, 0.5 * dt, c)
+            e, gains = pick(self._effectiveness, who), self._gains
+            other = (north, east, down + gains.gravity)
+            push = pushed(e, pick(self._motion, who), model, dt, other)
+            e = effectiveness.later(e, dt, push, gains.effectiveness_walk)
+            e, (x, y, z) = effectiveness.seen(OPS, e, step, gain, expected.pp + self._noise[who])
+            put(self._effectiveness, who, e)
+            place, speed = plus(place, (x.p, y.p, z.p)), plus(speed, (x.v, y.v, z.v))
+            now, rate = plus(now, (x.d, y.d, z.d)), plus(rate, (x.c, y.c, z.c))
+        put(self._disturbance, who, now)
+        put(self._rate, who, rate)
         put(self._covariance, who, covariance)
-        put(
-            self._motion,
-            who,
-            Motion(
-                corrected(model.position, gain.p, step),
-                corrected(model.velocity, gain.v, step),
-                corrected_attitude(OPS, model.attitude, attitude, self._gains.attitude_gain),
-                model.thrust,
-                model.rates,
-            ),
-        )
+        attitude = corrected_attitude(OPS, model.attitude, attitude, self._gains.attitude_gain)
+        put(self._motion, who, Motion(place, speed, attitude, model.thrust, model.rates))
         self._stamp[who] = stamp
 
     def predict(self, time_s: float) -> Estimate:
@@ -107,7 +122,9 @@ class BatchEstimator:
         everyone = np.arange(self._stamp.size)
         ahead = self._roll(everyone, self._stamp, np.full_like(self._stamp, time_s))
         h: Any = time_s - self._stamp
-        return Estimate(time_s, ahead, corrected(self._disturbance, h, self._rate), (0.0, 0.0, 0.0))
+        return Estimate(
+            time_s, ahead, corrected(self._disturbance, h, self._rate), (0.0, 0.0, 0.0), self._effectiveness.value
+        )
 
     def _roll(self, who: Index, start: Any, end: Any) -> Any:
         """The motion of ``who`` from ``start`` to ``end`` [s] through the commands that act between."""
@@ -115,6 +132,7 @@ class BatchEstimator:
         motion: Any = pick(self._motion, who)
         middle = 0.5 * (start + end) - self._stamp[who]
         disturbance = corrected(pick(self._disturbance, who), middle, pick(self._rate, who))
+        mass: Any = vehicle.mass_kg / self._effectiveness.value[who]
         time = start.copy()
         part = np.arange(who.size)
         while True:
@@ -131,7 +149,7 @@ class BatchEstimator:
                 pick(motion, part),
                 Drive(drive[0], (drive[1], drive[2], drive[3])),
                 np.maximum(until - now, 1e-12),
-                mass=vehicle.mass_kg,
+                mass=mass[part],
                 gravity=gains.gravity,
                 disturbance=pick(disturbance, part),
                 thrust_lag=vehicle.thrust_lag_s,

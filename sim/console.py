@@ -112,6 +112,7 @@ def summary(facts: dict[str, Any], folder: Path | None) -> str:
         "",
         f"{'wind, true':24}{_vector(facts['wind_true'])} m/s² (north, east, down; mean of the last second)",
         f"{'wind, estimated':24}{_vector(facts['wind_estimate'])} m/s²",
+        f"{'thrust, estimated':24}{100.0 * facts['thrust_effectiveness']:.1f} % of what was told",
     ]
     if facts["thrust_min_n"] is not None:
         lines.append(f"{'thrust commanded':24}{facts['thrust_min_n']:.3f} … {facts['thrust_max_n']:.3f} N")

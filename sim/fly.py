@@ -104,7 +104,9 @@ async def _fly(
     on_step: Callable[[float, Vec3], None] | None,
 ) -> dict[str, Any]:
     loop = asyncio.get_running_loop()
-    referee = Referee(world, config.controller.kb if isinstance(config.controller, Law) else None)
+    referee = Referee(
+        world, config.vehicle.mass_kg, config.controller.kb if isinstance(config.controller, Law) else None
+    )
 
     def step(time_s: float, position: Vec3) -> None:
         referee.step(time_s, position)

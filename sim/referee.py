@@ -8,6 +8,7 @@ import msgspec
 
 from groundstation.ops import Vec3
 from groundstation.pilot import Tick
+from groundstation.so3 import third_column
 from groundstation.trajectories.port import Trajectory
 from sim.world import World
 
@@ -35,6 +36,8 @@ class Verdict(msgspec.Struct, frozen=True, kw_only=True):
     """Mean true disturbance over the last second [m/s², NED], without the effect of wrong thrust or mass."""
     wind_estimate: Vec3
     """Mean b̂ over the last second [m/s², NED]."""
+    thrust_effectiveness: float
+    """Mean λ̂ over the last second [-]."""
     thrust_min_n: float | None
     thrust_max_n: float | None
     """Commanded thrust over the whole flight [N]."""
@@ -55,14 +58,20 @@ class Verdict(msgspec.Struct, frozen=True, kw_only=True):
 class Referee:
     """Sees every plant step and every command of one flight."""
 
-    def __init__(self, world: World, kb: float | None) -> None:
-        """Take the truth; ``kb`` weighs b̃ in V (0: V without that term; None: the controller has no V at all)."""
+    def __init__(self, world: World, told_kg: float, kb: float | None) -> None:
+        """Take the truth, and the mass that the controller was told [kg].
+
+        ``kb`` weighs b̃ in V (0: V without that term; None: the controller has no V at all).
+        """
         self._world = world
+        self._told_kg = told_kg
         self._kb = kb
         self._time = array("d")
         self._x, self._y, self._z = array("d"), array("d"), array("d")
         self._ticks: list[tuple[float, float, bool, float, Vec3]] = []
         self._winds: list[Vec3] = []
+        self._wanted: list[Vec3] = []
+        self._effectiveness = array("d")
         self.crash: str | None = None
 
     def step(self, time_s: float, position: Vec3) -> None:
@@ -75,11 +84,16 @@ class Referee:
 
     def tick(self, tick: Tick, wind: Vec3) -> None:
         """One command, and the true disturbance at that instant."""
-        d = tick.decision
+        d, estimate = tick.decision, tick.estimate
         self._ticks.append(
             (tick.flight_time_s, d.drive.thrust, d.saturated, d.diagnostics.v_known, d.diagnostics.b_hat)
         )
+        self._effectiveness.append(estimate.effectiveness)
+        # What b̂ should be: the wind, and the thrust that the law counts beyond what was told.
+        more = (estimate.effectiveness - 1.0) * estimate.motion.thrust / self._told_kg
+        x, y, z = third_column(estimate.motion.attitude)
         self._winds.append(wind)
+        self._wanted.append((wind[0] + more * x, wind[1] + more * y, wind[2] + more * z))
 
     def crashed(self, position: Vec3) -> bool:
         """Whether the vehicle hit the floor or left every room; says why in ``crash``."""
@@ -108,6 +122,7 @@ class Referee:
             settle_s=stays_below(times, errors, SETTLED_M) if self.crash is None else None,
             wind_true=_mean([self._winds[i] for i in last]),
             wind_estimate=_mean([self._ticks[i][4] for i in last]),
+            thrust_effectiveness=sum(self._effectiveness[i] for i in last) / len(last) if last else 1.0,
             thrust_min_n=min(thrusts, default=None),
             thrust_max_n=max(thrusts, default=None),
             saturated_fraction=sum(self._ticks[i][2] for i in late) / len(late) if late else 0.0,
@@ -124,7 +139,7 @@ class Referee:
         weight = 0.5 / self._kb if self._kb > 0.0 else 0.0
         return [
             v + weight * math.dist(b_hat, wind) ** 2
-            for (_, _, _, v, b_hat), wind in zip(self._ticks, self._winds, strict=True)
+            for (_, _, _, v, b_hat), wind in zip(self._ticks, self._wanted, strict=True)
         ]
 
     def _gust(self, times: list[float], errors: list[float]) -> dict[str, Any]:

@@ -68,6 +68,8 @@ class Scenario(msgspec.Struct, frozen=True, kw_only=True):
     """The vehicle as the controller believes it."""
     told_latency_s: float = 0.020
     """The pose latency as the controller believes it [s]."""
+    told_more: tuple[str, ...] = ()
+    """What else it is told, as in ``--set``."""
 
     def config(self, world: World, overrides: list[str], source: str) -> Config:
         """The application's configuration for ``world`` (this scenario's, perhaps overridden).
@@ -91,7 +93,7 @@ class Scenario(msgspec.Struct, frozen=True, kw_only=True):
         del data["controller"]  # all default, and the defaults depend on the kind that ``overrides`` may choose
         if source == "odometry":
             data["pose"] = {"kind": "mavlink", "latency_s": self.told_latency_s, "rate_hz": world.pose_rate_hz}
-        return from_dict(data, Config, overrides)
+        return from_dict(data, Config, [*self.told_more, *overrides])
 
 
 _TOLD_QUAD1KG = Vehicle(
@@ -113,6 +115,7 @@ SCENARIOS: dict[str, Scenario] = {
             world=_IDEAL,
             told=Vehicle(thrust_lag_s=0.0, rate_lag_s=0.0, rate_limits_deg_s=NO_LIMIT, frame_period_s=0.002),
             told_latency_s=0.0,
+            told_more=("controller.effectiveness_deviation=0",),  # V's floor is of a law that knows its thrust
         ),
         Scenario(name="paper", summary="the paper's vehicle and figure eight in a constant wind", world=MQX),
         Scenario(

@@ -51,7 +51,7 @@ class Adaptive:
         step = backstep(
             self._ops,
             gains,
-            mass=vehicle.mass_kg,
+            mass=vehicle.mass_kg / estimate.effectiveness,
             z1=(px - p[0], py - p[1], pz - p[2]),
             z1_dot=(vx - v[0], vy - v[1], vz - v[2]),
             attitude=motion.attitude,

@@ -71,7 +71,7 @@ class Outlet:
             k_yaw=self._gains.k_yaw,
             limit=self._yaw_limit,
         )
-        wanted = [self._vehicle.mass_kg * length(push), *turn, heading]
+        wanted = [self._vehicle.mass_kg / estimate.effectiveness * length(push), *turn, heading]
         if self._gains.actuator_compensation:
             wanted = self._led([motion.thrust, *motion.rates], wanted, interval_s)
         thrust, x, y, z = wanted

@@ -35,6 +35,11 @@ class Estimation(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_field
     wind_rate_noise: Positive = 1.7
     """How its rate may jump [m/s⁴ per √Hz]: larger follows gusts faster and takes more noise for wind."""
 
+    effectiveness_deviation: NonNegative = 0.15
+    """How well thrust over mass is known before the flight, 1σ [-]; 0 leaves all to the disturbance."""
+    effectiveness_walk: NonNegative = 0.005
+    """How it may wander in flight [1/√s]."""
+
     @property
     def kind(self) -> str:
         """The controller's name, as ``controller.kind`` has it."""

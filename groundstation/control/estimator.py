@@ -7,6 +7,8 @@ by b̂. Otherwise b̂ drives it (see :meth:`ModelEstimator.follow`).
 import math
 from collections import deque
 
+from groundstation.control import effectiveness
+from groundstation.control.effectiveness import Effectiveness, pushed, told
 from groundstation.control.estimation import Estimation
 from groundstation.control.model import Drive, Motion, rolled
 from groundstation.control.observer import (
@@ -18,6 +20,7 @@ from groundstation.control.observer import (
     fourth_difference,
     innovation,
     later,
+    plus,
     seen,
     seen_moving,
 )
@@ -47,6 +50,7 @@ class ModelEstimator:
         self._gains = gains
         self._mass = vehicle.mass_kg
         self._gravity = gains.gravity
+        self._separates = gains.composite == "provable" and gains.effectiveness_deviation > 0.0
         self._thrust_lag = vehicle.thrust_lag_s
         self._rate_lag = vehicle.rate_lag_s
         wander, white = (
@@ -60,6 +64,7 @@ class ModelEstimator:
         self._still, self._moving = Densities(0.0, *white), Densities(wander, *white)
         self._noise = gains.pose_noise_m**2
         self._covariance = begun(self._noise)
+        self._effectiveness = told(gains.effectiveness_deviation)
         self._recent: deque[tuple[float, Vec3]] = deque(maxlen=5)
         self._reset_count = 0
         self._stamp = 0.0
@@ -89,6 +94,7 @@ class ModelEstimator:
     def release(self) -> None:
         """The vehicle begins to fly: forget the disturbance that its stand, or a hand, seemed to be."""
         self._covariance = begun(self._noise)
+        self._effectiveness = told(self._gains.effectiveness_deviation)
         self._disturbance = self._disturbance_rate = self._disturbance_step = ZERO
 
     def follow(self, disturbance: Vec3) -> None:
@@ -122,12 +128,20 @@ class ModelEstimator:
         gains = self._gains
         model = self._roll(previous, self._stamp, pose.time_s)
         densities = self._still if pose.velocity_ned is None else self._moving
-        gain, self._covariance = seen(later(self._covariance, dt, densities), self._noise)
+        expected = later(self._covariance, dt, densities)
+        gain, self._covariance = seen(expected, self._noise)
         step = innovation(pose.position_ned, model.position)
         moved = self._correct(model.position, model.velocity, self._disturbance_at(pose.time_s), gain, step)
+        if self._separates:
+            self._effectiveness = self._pushed(previous, model, dt)
+            moved = self._judge(*moved, gain, step, expected.pp + self._noise)
         if pose.velocity_ned is not None:
-            gain, self._covariance = seen_moving(self._covariance, gains.velocity_noise_m_s**2)
-            moved = self._correct(*moved, gain, innovation(pose.velocity_ned, moved[1]))
+            expected, noise = self._covariance, gains.velocity_noise_m_s**2
+            gain, self._covariance = seen_moving(expected, noise)
+            step = innovation(pose.velocity_ned, moved[1])
+            moved = self._correct(*moved, gain, step)
+            if self._separates:
+                moved = self._judge(*moved, gain, step, expected.vv + noise, of=1)
         position, velocity, self._disturbance = moved
         if gains.observer == "backward_euler":
             position = pose.position_ned
@@ -149,6 +163,24 @@ class ModelEstimator:
             self._disturbance_step = corrected(self._disturbance_step, gain.d, step)
         return corrected(position, gain.p, step), corrected(velocity, gain.v, step), disturbance
 
+    def _pushed(self, previous: Motion, model: Motion, dt: float) -> Effectiveness:
+        """Thrust effectiveness at the end of a roll of ``dt`` [s] from ``previous`` to ``model``."""
+        x, y, z = self._disturbance_at(self._stamp + 0.5 * dt)
+        push = pushed(self._effectiveness, previous, model, dt, (x, y, z + self._gravity))
+        return effectiveness.later(self._effectiveness, dt, push, self._gains.effectiveness_walk)
+
+    def _judge(
+        self, position: Vec3, velocity: Vec3, disturbance: Vec3, gain: Gain, step: Vec3, variance: float, of: int = 0
+    ) -> tuple[Vec3, Vec3, Vec3]:
+        """Ask the innovation ``step`` what it says of the thrust; the chain moves along with it."""
+        self._effectiveness, (x, y, z) = effectiveness.seen(FLOATS, self._effectiveness, step, gain, variance, of)
+        self._disturbance_rate = plus(self._disturbance_rate, (x.c, y.c, z.c))
+        return (
+            plus(position, (x.p, y.p, z.p)),
+            plus(velocity, (x.v, y.v, z.v)),
+            plus(disturbance, (x.d, y.d, z.d)),
+        )
+
     def predict(self, time_s: float) -> Estimate:
         """The vehicle at ``time_s``; with delay prediction off, as it was at the newest pose."""
         motion = self._motion
@@ -158,7 +190,7 @@ class ModelEstimator:
             # The actuators are modelled from our own commands and need no pose.
             ahead = motion._replace(thrust=ahead.thrust, rates=ahead.rates)
         step, self._disturbance_step = self._disturbance_step, ZERO
-        return Estimate(time_s, ahead, self._disturbance_at(time_s), step)
+        return Estimate(time_s, ahead, self._disturbance_at(time_s), step, self._effectiveness.value)
 
     def _measure_noise(self, pose: Pose) -> None:
         """Follow the noise of the source by fourth differences, over poses at equal intervals only."""
@@ -200,7 +232,7 @@ class ModelEstimator:
                     motion,
                     drive,
                     until - time,
-                    mass=self._mass,
+                    mass=self._mass / self._effectiveness.value,
                     gravity=self._gravity,
                     disturbance=disturbance,
                     thrust_lag=self._thrust_lag,

@@ -53,7 +53,7 @@ class GeometricController:
         """One command; see the port."""
         gains, motion = self._gains, estimate.motion
         kx, kv, ki, c1 = gains.k_position, gains.k_velocity, gains.k_integral, gains.coupling
-        now = acceleration(motion, estimate.disturbance, self._vehicle.mass_kg, gains.gravity)
+        now = acceleration(motion, estimate.disturbance, self._vehicle.mass_kg / estimate.effectiveness, gains.gravity)
         # The integral stands still while the command is clamped, so that it does not wind up.
         dt = 0.0 if self._saturated else interval_s
         feedback: list[float] = []

@@ -78,7 +78,7 @@ class IndiController:
 
     def _filtered(self, estimate: Estimate, interval: float) -> tuple[Vec3, Vec3]:
         """Acceleration and push (T/m) R e3 [m/s², NED], both through the same first-order filter."""
-        motion, mass = estimate.motion, self._vehicle.mass_kg
+        motion, mass = estimate.motion, self._vehicle.mass_kg / estimate.effectiveness
         now = acceleration(motion, estimate.disturbance, mass, self._gains.gravity)
         x, y, z = third_column(motion.attitude)
         f = motion.thrust / mass

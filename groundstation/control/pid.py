@@ -52,7 +52,7 @@ class PidController:
     def decide(self, estimate: Estimate, reference: Reference, interval_s: float) -> Decision:
         """One command; see the port."""
         gains, motion = self._gains, estimate.motion
-        now = acceleration(motion, estimate.disturbance, self._vehicle.mass_kg, gains.gravity)
+        now = acceleration(motion, estimate.disturbance, self._vehicle.mass_kg / estimate.effectiveness, gains.gravity)
         goal = self._velocity(motion.position, reference)
         error = (goal[0] - motion.velocity[0], goal[1] - motion.velocity[1], goal[2] - motion.velocity[2])
         feed, integral = reference.acceleration_ned, self._integral

@@ -3,7 +3,7 @@
 from typing import NamedTuple, Protocol
 
 from groundstation.control.model import Drive, Motion
-from groundstation.ops import Vec3
+from groundstation.ops import Real, Vec3
 from groundstation.poses.port import Pose
 from groundstation.snapshot import Diagnostics
 from groundstation.trajectories.port import Reference
@@ -20,6 +20,8 @@ class Estimate(NamedTuple):
     """The observer's disturbance d̂ [m/s², NED]."""
     disturbance_step: Vec3
     """What innovations since the last estimate ask b̂ to change by [m/s²] (raw composite form; else zero)."""
+    effectiveness: Real = 1.0
+    """λ̂: true thrust over told thrust [-]; the vehicle's told mass over it is what thrust seems to lift."""
 
 
 class Decision(NamedTuple):

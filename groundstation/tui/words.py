@@ -74,7 +74,7 @@ def _disturbance(snapshot: Snapshot) -> list[Spans]:
         return [_row("b̂, d̂", "no control law runs")]
     return [
         _row("b̂", f"{_three(law.b_hat)} m/s²"),
-        _row("d̂", f"{_three(law.disturbance)} m/s²"),
+        _row("d̂", f"{_three(law.disturbance)} λ {snapshot.thrust_effectiveness:.2f}"),
     ]
 
 

@@ -41,6 +41,19 @@ def test_switching_one_block_off_alone_costs_accuracy(scenario: str, switch: str
     assert rms(scenario, OFF[switch]) > factor * rms(scenario)
 
 
+@pytest.mark.parametrize(("scenario", "factor"), [("adverse", 1.2), ("storm", 1.25), ("paper", 0.95)])
+def test_telling_weak_thrust_from_wind_helps_where_thrust_is_weak_and_costs_nothing_elsewhere(
+    scenario: str, factor: float
+) -> None:
+    assert rms(scenario, "controller.effectiveness_deviation=0") > factor * rms(scenario)
+
+
+def test_weak_thrust_does_not_eat_the_bound_on_the_wind() -> None:
+    weak = ("sim.thrust_gain=0.75", "controller.b_bound=2")
+    assert rms("paper", *weak, "controller.effectiveness_deviation=0") > 10.0, "a quarter of g is beyond the bound"
+    assert rms("paper", *weak) < 0.15
+
+
 def test_the_provable_form_of_composite_adaptation_is_no_worse_than_the_raw_one() -> None:
     for scenario in ("adverse", "storm"):
         assert rms(scenario) <= rms(scenario, "controller.composite=raw")

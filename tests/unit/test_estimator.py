@@ -39,12 +39,14 @@ def roll(motion: Motion, drive: Drive, duration: float, **changes: Any) -> Motio
     return rolled(FLOATS, motion, drive, duration, **keys)
 
 
-def flown(world: World, seconds: float, composite: str = "provable", seed: int = 5) -> tuple[ModelEstimator, Quadrotor]:
+def flown(
+    world: World, seconds: float, composite: str = "provable", seed: int = 5, **gains: float
+) -> tuple[ModelEstimator, Quadrotor]:
     """An estimator that has watched the plant under gently changing commands, perfectly told."""
     plant = Quadrotor(world, Wind(world, rows(stream(seed, "wind").standard_normal, 3)))
     plant.release(0.0)
     gauss = random.Random(seed).gauss
-    estimator = ModelEstimator(VEHICLE, msgspec.structs.replace(Gains(), composite=composite))
+    estimator = ModelEstimator(VEHICLE, msgspec.structs.replace(Gains(), composite=composite, **gains))
     frame, pose = 0, 0
     while pose * 0.02 <= seconds:
         if frame * 0.0225 <= pose * 0.02:
@@ -126,7 +128,9 @@ def test_the_observer_finds_velocity_far_better_than_differences_do() -> None:
 
 @pytest.mark.parametrize("wind", [(0.5, -0.3, 0.8), (-2.0, 1.0, 0.0)])
 def test_the_observer_finds_the_disturbance(wind: Vec3) -> None:
-    estimator, _ = flown(msgspec.structs.replace(CALM, wind_mean=wind, pose_noise_m=0.0001), 8.0)
+    estimator, _ = flown(
+        msgspec.structs.replace(CALM, wind_mean=wind, pose_noise_m=0.0001), 8.0, effectiveness_deviation=0.0
+    )
     assert math.dist(estimator.predict(8.0).disturbance, wind) < 0.1
 
 

@@ -1,0 +1,150 @@
+"""Thrust effectiveness: the second stage is the Kalman filter of the whole problem, and tells thrust from wind."""
+
+import math
+import random
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from groundstation.control import effectiveness, observer
+from groundstation.control.effectiveness import LIMITS, Effectiveness, pushed, told
+from groundstation.control.model import Drive, Motion, rolled
+from groundstation.control.observer import Covariance, Densities
+from groundstation.ops import FLOATS, Vec3
+
+DENSITIES = Densities(0.0, 1e-4, 1e-2, 2.9)
+ZERO: Vec3 = (0.0, 0.0, 0.0)
+ACCELERATION = st.floats(-15.0, 15.0)
+
+
+def transition(h: float) -> np.ndarray:
+    chain = np.array([[1, h, h * h / 2, h**3 / 6], [0, 1, h, h * h / 2], [0, 0, 1, h], [0, 0, 0, 1.0]])
+    f = np.eye(13)
+    for i in range(3):
+        f[4 * i : 4 * i + 4, 4 * i : 4 * i + 4] = chain
+    return f
+
+
+def dense(s: Covariance) -> np.ndarray:
+    return np.array(
+        [[s.pp, s.pv, s.pd, s.pc], [s.pv, s.vv, s.vd, s.vc], [s.pd, s.vd, s.dd, s.dc], [s.pc, s.vc, s.dc, s.cc]]
+    )
+
+
+@settings(deadline=None)
+@given(
+    st.lists(
+        st.tuples(st.floats(0.004, 0.2), st.tuples(ACCELERATION, ACCELERATION, ACCELERATION), st.booleans()),
+        min_size=1,
+        max_size=25,
+    ),
+    st.integers(0, 2**32),
+)
+def test_both_stages_together_are_the_kalman_filter_with_thirteen_states(
+    poses: list[tuple[float, Vec3, bool]], seed: int
+) -> None:
+    """Without a walk of λ: three chains and λ in one covariance give the same estimates, to rounding."""
+    noise, draw = 1e-6, random.Random(seed)
+    x, big = np.zeros(13), np.zeros((13, 13))
+    small = observer.begun(noise)
+    for i in range(3):
+        big[4 * i : 4 * i + 4, 4 * i : 4 * i + 4] = dense(small)
+    big[12, 12] = 0.15**2
+    # What the chains believe; λ's estimate is x[12] = e.value - 1. Thrust accelerates by a per unit of λ.
+    e, state, clipped = told(0.15), np.zeros((3, 4)), False
+    for h, a, with_velocity in poses:
+        f = transition(h)
+        push = ([0.5 * h * h * k for k in a], [h * k for k in a])
+        for i in range(3):
+            f[4 * i, 12], f[4 * i + 1, 12] = push[0][i], push[1][i]
+        q = np.diag([*([DENSITIES.position, *DENSITIES[1:]] * 3), 0.0]) * h
+        x, big = f @ x, f @ big @ f.T + q
+        small = observer.later(small, h, DENSITIES)
+        e = effectiveness.later(e, h, ((push[0][0], push[0][1], push[0][2]), (push[1][0], push[1][1], push[1][2])), 0.0)
+        state = state @ transition(h)[:4, :4].T
+        state[:, 0] += (e.value - 1.0) * np.array(push[0])
+        state[:, 1] += (e.value - 1.0) * np.array(push[1])
+        for of, r in ((0, noise), (1, 1e-4))[: 1 + with_velocity]:
+            measured = [draw.gauss(0.0, 0.002) for _ in range(3)]
+            for i in range(3):
+                row = big[:, 4 * i + of].copy()
+                k = row / (row[4 * i + of] + r)
+                x = x + k * (measured[i] - x[4 * i + of])
+                big = big - np.outer(k, row)
+            step = tuple(measured[i] - state[i, of] for i in range(3))
+            variance = (small.vv if of else small.pp) + r
+            gain, small = (observer.seen_moving if of else observer.seen)(small, r)
+            e, change = effectiveness.seen(FLOATS, e, (step[0], step[1], step[2]), gain, variance, of)
+            for i in range(3):
+                state[i] += np.array(gain) * step[i] + np.array(change[i])
+            clipped |= not LIMITS[0] < e.value < LIMITS[1]
+    assert math.isclose(e.variance, big[12, 12], rel_tol=1e-6)
+    if not clipped:
+        scale = 1.0 + np.abs(x).max()
+        assert abs(e.value - 1.0 - x[12]) < 1e-6 * scale
+        assert np.abs(state.ravel() - x[:12]).max() < 1e-6 * scale
+
+
+def flown(true: float, wind: Vec3, seconds: float, *, shaken: bool) -> tuple[Effectiveness, list[float]]:
+    """λ̂ and d̂ after a flight of exact poses, with thrust and tilt at rest or shaken at 1 Hz."""
+    h, mass, lag = 0.02, 1.0, 0.05
+    still = Motion(ZERO, ZERO, (1.0, 0.0, 0.0, 0.0), 9.81, ZERO)
+    truth, believed = still, still
+    e, covariance, d, c = told(0.15), observer.begun(1e-8), ZERO, ZERO
+    for n in range(round(seconds / h)):
+        swing = math.sin(2.0 * math.pi * n * h) if shaken else 0.0
+        drive = Drive(9.81 * (1.0 + 0.3 * swing), (0.8 * swing, 0.0, 0.0))
+
+        def roll(motion: Motion, share: float, disturbance: Vec3, drive: Drive = drive) -> Motion:
+            return rolled(
+                FLOATS, motion, drive, h, mass=mass / share, gravity=9.81, disturbance=disturbance,
+                thrust_lag=lag, rate_lag=lag,
+            )  # fmt: skip
+
+        truth = roll(truth, true, wind)
+        middle = observer.corrected(d, 0.5 * h, c)
+        model = roll(believed, e.value, middle)
+        expected = observer.later(covariance, h, DENSITIES)
+        gain, covariance = observer.seen(expected, 1e-8)
+        push = pushed(e, believed, model, h, (middle[0], middle[1], middle[2] + 9.81))
+        e = effectiveness.later(e, h, push, 0.0)
+        step = observer.innovation(truth.position, model.position)
+        e, change = effectiveness.seen(FLOATS, e, step, gain, expected.pp + 1e-8)
+        x, y, z = change
+        d = observer.plus(observer.corrected(observer.corrected(d, h, c), gain.d, step), (x.d, y.d, z.d))
+        c = observer.plus(observer.corrected(c, gain.c, step), (x.c, y.c, z.c))
+        position = observer.plus(observer.corrected(model.position, gain.p, step), (x.p, y.p, z.p))
+        velocity = observer.plus(observer.corrected(model.velocity, gain.v, step), (x.v, y.v, z.v))
+        believed = Motion(position, velocity, truth.attitude, model.thrust, model.rates)
+    return e, list(d)
+
+
+@pytest.mark.parametrize("true", [0.75, 0.9, 1.0, 1.15])
+def test_a_shaken_vehicle_tells_weak_thrust_from_wind(true: float) -> None:
+    e, d = flown(true, (0.5, -0.3, 1.0), 10.0, shaken=True)
+    assert abs(e.value - true) < 0.01
+    assert math.dist(d, (0.5, -0.3, 1.0)) < 0.1
+
+
+def test_at_rest_they_look_the_same_and_only_their_sum_is_known() -> None:
+    e, d = flown(0.85, ZERO, 10.0, shaken=False)
+    assert abs(d[2] - 9.81 * (e.value - 0.85)) < 0.02, "the sum is right"
+    assert 0.85 < e.value < 0.99, "each gets its share by how likely it was"
+    later, _ = flown(0.85, ZERO, 20.0, shaken=False)
+    assert abs(later.value - e.value) < 1e-3, "and there it rests"
+
+
+def test_what_is_broken_is_not_taken_for_worn() -> None:
+    e, _ = flown(0.2, ZERO, 10.0, shaken=True)
+    assert e.value == LIMITS[0]
+
+
+def test_told_exactly_it_never_moves() -> None:
+    e = told(0.0)
+    e = effectiveness.later(e, 0.02, ((0.0, 0.0, -2e-3), (0.0, 0.0, -0.2)), 0.0)
+    gain, _ = observer.seen(observer.begun(1e-6), 1e-6)
+    moved, change = effectiveness.seen(FLOATS, e, (0.1, 0.1, 0.1), gain, 1e-6)
+    assert moved.value == 1.0
+    assert all(part == 0.0 for chain in change for part in chain)
