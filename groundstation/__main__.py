@@ -32,6 +32,13 @@ def _parser() -> argparse.ArgumentParser:
     replay.add_argument("--config", type=Path, metavar="FILE.toml")
     replay.add_argument("--json", action="store_true", help="print one JSON object instead of the report")
 
+    trajectory = commands.add_parser("trajectory", help="what the trajectory asks of the vehicle: PASS or FAIL")
+    _config_arguments(trajectory, optional=True)
+    trajectory.add_argument("--json", action="store_true", help="print one JSON object instead of the table")
+
+    vehicles = commands.add_parser("vehicles", help="list the vehicles that come along, for vehicle.preset")
+    vehicles.add_argument("name", nargs="?", metavar="NAME", help="print this one's file, to start your own from")
+
     config = commands.add_parser("config", help="about configurations")
     verbs = config.add_subparsers(dest="verb", required=True, metavar="VERB")
     show = verbs.add_parser("show", help="print what is in force, defaults and overrides included")

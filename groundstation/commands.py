@@ -11,6 +11,7 @@ from collections.abc import Awaitable, Callable
 from groundstation.config import ConfigError, dump, load
 from groundstation.mission import State
 from groundstation.poses.tlog import TlogConfig
+from groundstation.preflight import ensure_flyable
 from groundstation.settings import Config
 from links.address import is_loopback, parse_address
 
@@ -63,6 +64,50 @@ def config(args: argparse.Namespace) -> int:
     return 0
 
 
+def trajectory(args: argparse.Namespace) -> int:
+    """Say what the trajectory asks of the vehicle, and whether it may fly."""
+    import json
+
+    import msgspec
+
+    from groundstation.preflight import look, refused, text
+
+    config = load(args.config, Config, args.overrides)
+    report = look(config)
+    if args.json:
+        facts = {
+            "kind": config.trajectory.__struct_config__.tag,
+            "vehicle": config.vehicle.name,
+            "pass": report.ok,
+            "refusal": refused(config, report),
+            **msgspec.to_builtins(report),
+        }
+        print(json.dumps(facts))
+    else:
+        print(text(config, report))
+    return EXIT_DONE if report.ok else EXIT_ABORTED
+
+
+def vehicles(args: argparse.Namespace) -> int:
+    """List the vehicles that come along, or print the file of one."""
+    from groundstation.config import from_dict
+    from groundstation.config_files import presets
+    from groundstation.vehicle import Vehicle
+
+    known = presets(Vehicle)
+    if args.name is not None:
+        if args.name not in known:
+            raise ConfigError("NAME", f"expected one of {list(known)}, got {args.name!r}")
+        print(known[args.name], end="")
+        return EXIT_DONE
+    for name, text in known.items():
+        vehicle = from_dict({"vehicle": {"preset": name}}, Config).vehicle
+        figures = f"{vehicle.mass_kg:.4g} kg, {vehicle.thrust_max_n:.4g} N"
+        summary = text.splitlines()[0].lstrip("# ")
+        print(f"{name:12}{figures:20}{summary}")
+    return EXIT_DONE
+
+
 def _check_name(arm: str | None, config: Config) -> None:
     """``--arm`` must name the vehicle of the config: the operator says which one will move."""
     if arm is not None and arm != config.vehicle.name:
@@ -70,7 +115,7 @@ def _check_name(arm: str | None, config: Config) -> None:
 
 
 def _flyable(config: Config) -> Config:
-    """Refuse recorded poses, and everything but loopback while dead-man and guards do not exist yet."""
+    """Refuse what the vehicle can't fly, recorded poses, and all but loopback while dead-man and guards don't exist."""
     if isinstance(config.pose, TlogConfig):
         raise ConfigError("pose.kind", "a recording must not fly a vehicle; look at it with `groundstation replay`")
     why = (
@@ -85,6 +130,7 @@ def _flyable(config: Config) -> Config:
     for key, text in addresses.items():
         if text is not None and not is_loopback(parse_address(text)[0]):
             raise ConfigError(key, f"{text}: {why}")
+    ensure_flyable(config)
     return config
 
 

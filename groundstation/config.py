@@ -2,6 +2,7 @@
 
 Any ``msgspec.Struct`` may be the root; types, ``msgspec.Meta`` bounds, ``Literal`` and tagged unions are its schema.
 A table needs only the keys that it changes: the rest comes from the field's default, also inside nested tables.
+Some sections may name a file of their own (a vehicle, a CSV): its path is relative to the configuration's.
 """
 
 import tomllib
@@ -11,6 +12,7 @@ from typing import Any, TypeVar
 
 import msgspec
 
+from groundstation.config_files import with_files
 from groundstation.config_schema import KeyPath, Problem, completed, dotted
 
 T = TypeVar("T", bound=msgspec.Struct)
@@ -43,13 +45,16 @@ def load(path: Path | None, root: type[T], overrides: Sequence[str] = ()) -> T:
         raise ConfigError("", f"not UTF-8 text (byte {error.start})", str(path)) from None
     except (tomllib.TOMLDecodeError, RecursionError) as error:
         raise ConfigError("", f"not valid TOML: {error}", str(path)) from None
-    return from_dict(data, root, overrides, source=str(path))
+    return from_dict(data, root, overrides, source=str(path), folder=path.parent)
 
 
-def from_dict(data: Mapping[str, Any], root: type[T], overrides: Sequence[str] = (), *, source: str = "") -> T:
+def from_dict(
+    data: Mapping[str, Any], root: type[T], overrides: Sequence[str] = (), *, source: str = "", folder: Path = Path()
+) -> T:
     """The configuration in ``data`` as a ``root``, changed by ``overrides``, ``source`` being named in errors.
 
     The value of an override is TOML (``3.5``, ``true``, ``[1, 2]``, ``"text"``), or else a string as it stands.
+    Files that a section names are relative to ``folder``.
 
     Raises:
         ConfigError: an unknown key, a missing one, or a value outside its type or bounds; NaN and infinity always.
@@ -57,7 +62,7 @@ def from_dict(data: Mapping[str, Any], root: type[T], overrides: Sequence[str] =
     changed: dict[str, Any] = dict(data)
     set_paths = [_override(changed, text) for text in overrides]
     try:
-        complete = completed(root, changed)
+        complete = completed(root, with_files(root, changed, folder))
     except Problem as problem:
         raise ConfigError(dotted(problem.path), problem.text, _blame(problem.path, data, set_paths, source)) from None
     try:

@@ -37,6 +37,26 @@ class Open:
         raise NotImplementedError
 
 
+class FromFile:
+    """Beside a struct that is a section of a configuration: its keys may stand in a file, which its key ``file`` names.
+
+    Such a struct has the optional key ``file``, and ``preset`` if it has :attr:`PRESETS`. Both are gone once read.
+    """
+
+    __slots__ = ()
+    PRESETS: ClassVar[str] = ""
+    """Folder of this package with files that come along, one a preset; empty where there are none."""
+
+    @classmethod
+    def with_text(cls, table: dict[str, Any], text: str) -> dict[str, Any]:
+        """The section as written, ``table``, completed from the text of its file.
+
+        Raises:
+            ValueError: what is wrong with the text, and in which line or key; without the file's name.
+        """
+        raise NotImplementedError
+
+
 def completed(root: type[msgspec.Struct], data: dict[str, Any]) -> dict[str, Any]:
     """``data`` checked as a ``root`` and completed with the defaults of the tables that it mentions.
 
@@ -112,7 +132,7 @@ def _struct(info: mi.StructType, value: Any, default: Any, path: KeyPath) -> dic
 
 
 def _union(info: mi.UnionType, value: Any, default: Any, path: KeyPath) -> Any:
-    structs = {kind.tag: kind for kind in map(_bare, info.types) if isinstance(kind, mi.StructType)}
+    structs = {kind.tag: kind for kind in map(bare, info.types) if isinstance(kind, mi.StructType)}
     if isinstance(value, dict) and structs:
         fallback = next((tag for tag, kind in structs.items() if isinstance(default, kind.cls)), None)
         first = next(iter(structs.values()))
@@ -183,8 +203,9 @@ def _within(length: int, low: int | None, high: int | None) -> bool:
     return (low is None or length >= low) and (high is None or length <= high)
 
 
-def _bare(info: mi.Type) -> mi.Type:
-    return _bare(info.type) if isinstance(info, mi.Metadata) else info
+def bare(info: mi.Type) -> mi.Type:
+    """The type without its remarks."""
+    return bare(info.type) if isinstance(info, mi.Metadata) else info
 
 
 def _default(field: mi.Field) -> Any:
@@ -220,7 +241,7 @@ def expected(info: mi.Type) -> str:
             return f"an array{_lengths(info, 'value')}, each {expected(info.item_type)}"
         case mi.UnionType():
             kinds = [kind for kind in info.types if not isinstance(kind, mi.NoneType)]
-            tagged = [kind for kind in map(_bare, kinds) if isinstance(kind, mi.StructType) and kind.tag_field]
+            tagged = [kind for kind in map(bare, kinds) if isinstance(kind, mi.StructType) and kind.tag_field]
             if len(tagged) == len(kinds) > 1:
                 return f"a table with {tagged[0].tag_field}, one of {[kind.tag for kind in tagged]}"
             return " or ".join(dict.fromkeys(map(expected, kinds)))

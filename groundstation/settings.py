@@ -6,6 +6,7 @@ import msgspec
 
 from groundstation.control.controllers import ControllerConfig
 from groundstation.control.gains import Gains
+from groundstation.limits import LimitsConfig
 from groundstation.poses import PoseConfig
 from groundstation.poses.vicon import ViconConfig
 from groundstation.telemetry.mqtt import MqttConfig
@@ -41,6 +42,7 @@ class Config(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=Tr
     pose: PoseConfig = ViconConfig()
     link: MavlinkLinkConfig = MavlinkLinkConfig()
     trajectory: TrajectoryConfig = LemniscateConfig()
+    limits: LimitsConfig = LimitsConfig()
     flight: FlightConfig = FlightConfig()
     status: StatusConfig = StatusConfig()
     mqtt: MqttConfig = MqttConfig()

@@ -1,17 +1,26 @@
-"""The vehicle as the controller is told it is. Config section ``[vehicle]``."""
+"""The vehicle as the controller is told it is. Config section ``[vehicle]``, or a file of its own."""
 
 import math
-from typing import Annotated
+import tomllib
+from typing import Annotated, Any, ClassVar
 
 import msgspec
+
+from groundstation.config_files import presets
+from groundstation.config_schema import FromFile, Problem, completed, dotted
 
 Positive = Annotated[float, msgspec.Meta(gt=0.0)]
 NonNegative = Annotated[float, msgspec.Meta(ge=0.0)]
 
 
-class Vehicle(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
+class Vehicle(FromFile, msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
     """Mass, limits and lags. Defaults: the paper's Blade mQX."""
 
+    PRESETS: ClassVar[str] = "vehicles"
+    preset: str | None = None
+    """Vehicle that comes along to start from, see `groundstation vehicles`; its keys then stand here."""
+    file: str | None = None
+    """Vehicle file to start from, beside the configuration; its keys then stand here."""
     name: Annotated[str, msgspec.Meta(pattern=r"^[A-Za-z0-9_.-]{1,24}$")] = "mqx"
     """What the operator calls it; asked for before arming."""
     mass_kg: Positive = 0.080
@@ -30,3 +39,45 @@ class Vehicle(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=T
     """From a command leaving us to the actuators seeing it [s]."""
     frame_period_s: Positive = 0.0225
     """How long a command is held: the period of command frames [s]."""
+
+    def __post_init__(self) -> None:
+        """Only the reader of configurations follows ``preset`` and ``file``.
+
+        Raises:
+            ValueError: one of them is given elsewhere.
+        """
+        if self.preset is not None or self.file is not None:
+            raise ValueError("preset and file are for configurations: read one with groundstation.config.from_dict")
+
+    @classmethod
+    def with_text(cls, table: dict[str, Any], text: str) -> dict[str, Any]:
+        """``table`` on top of a vehicle file: TOML with the keys of this section, and all of them.
+
+        A file may start from a ``preset``; then it needs only what differs.
+
+        Raises:
+            ValueError: not TOML, a key that is unknown or missing, or a value outside its bounds.
+        """
+        try:
+            told = tomllib.loads(text)
+            base = told.pop("preset", None)
+            if "file" in told:
+                raise ValueError("file: a vehicle file can't name another; it may name a preset")
+            if base is not None:
+                known = presets(cls)
+                if base not in known:
+                    raise ValueError(f"preset: expected one of {list(known)}, got {base!r}")
+                told = {**tomllib.loads(known[base]), **told}
+            told = completed(cls, told)
+        except (tomllib.TOMLDecodeError, RecursionError) as error:
+            raise ValueError(f"not valid TOML: {error}") from None
+        except Problem as problem:
+            raise ValueError(f"{dotted(problem.path)}: {problem.text}") from None
+        missing = [key for key in cls.__struct_fields__ if key not in {*told, *_OPTIONAL}]
+        if missing:
+            raise ValueError(f"missing: {', '.join(missing)}; say all of it, or name a preset to start from")
+        return {**told, **table}
+
+
+_OPTIONAL = ("preset", "file", "command_delay_s")
+"""What a vehicle file may leave out."""

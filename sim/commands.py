@@ -11,6 +11,7 @@ from typing import Any
 import msgspec
 
 from groundstation.config import ConfigError, from_dict
+from groundstation.preflight import ensure_flyable
 from groundstation.settings import Config
 from sim.scenarios import SCENARIOS, Scenario
 from sim.world import World
@@ -52,6 +53,7 @@ def fly(args: argparse.Namespace) -> int:
 
     scenario = _scenario(args.scenario)
     world, config = prepare(scenario, args.overrides, controller=args.controller, source=args.source)
+    ensure_flyable(config)
     folder = RunFolder(args.out, config) if args.out is not None else None
     progress = Progress(args.duration, quiet=args.json or not sys.stderr.isatty())
     with progress:

@@ -5,9 +5,21 @@ from typing import TypeAlias
 from groundstation.trajectories.circle import CircleConfig
 from groundstation.trajectories.hold import HoldConfig
 from groundstation.trajectories.lemniscate import LemniscateConfig
+from groundstation.trajectories.samples import SamplesConfig
 from groundstation.trajectories.transit import TransitConfig
+from groundstation.trajectories.waypoints import WaypointsConfig
 
-__all__ = ["CircleConfig", "HoldConfig", "LemniscateConfig", "TrajectoryConfig", "TransitConfig"]
+__all__ = [
+    "CircleConfig",
+    "HoldConfig",
+    "LemniscateConfig",
+    "SamplesConfig",
+    "TrajectoryConfig",
+    "TransitConfig",
+    "WaypointsConfig",
+]
 
-TrajectoryConfig: TypeAlias = CircleConfig | HoldConfig | LemniscateConfig | TransitConfig
+TrajectoryConfig: TypeAlias = (
+    CircleConfig | HoldConfig | LemniscateConfig | SamplesConfig | TransitConfig | WaypointsConfig
+)
 """Any trajectory as the config file tells it, picked by its ``kind``; ``.build()`` gives the trajectory."""

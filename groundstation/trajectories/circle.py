@@ -1,18 +1,15 @@
-"""Circle: level, at constant speed."""
+"""Circle, at constant speed."""
 
 import math
 
-import msgspec
-
 from groundstation.ops import Vec3
 from groundstation.trajectories.fields import Coordinate, Degrees, Length, Point, Speed
-from groundstation.trajectories.port import Reference
+from groundstation.trajectories.laps import Laps
+from groundstation.trajectories.port import Reference, Turning
 
 
-class CircleConfig(
-    msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True, tag_field="kind", tag="circle"
-):
-    """A level circle at constant speed."""
+class CircleConfig(Laps, frozen=True, kw_only=True, forbid_unknown_fields=True, tag_field="kind", tag="circle"):
+    """A circle at constant speed, level unless it is tilted."""
 
     radius_m: Length = 1.0
     """Radius [m]."""
@@ -29,9 +26,15 @@ class CircleConfig(
     yaw_deg: Degrees = 0.0
     """Heading [deg], from north towards east; it stays."""
 
-    def build(self) -> "Circle":
+    @property
+    def lap_s(self) -> float:
+        """Time of one turn at full speed [s]."""
+        return 2.0 * math.pi * self.radius_m / self.speed_m_s
+
+    def build(self) -> Turning:
         """The trajectory of this config."""
-        return Circle(self)
+        north, east, down = self.centre_ned
+        return self.flown(Circle(self), (north, east, down - self.altitude_m))
 
 
 class Circle:
@@ -48,8 +51,13 @@ class Circle:
         self._radius = config.radius_m
         self._start = math.radians(config.start_deg)
         self._yaw = math.radians(config.yaw_deg)
-        self.period_s = 2.0 * math.pi * config.radius_m / config.speed_m_s
+        self.period_s = config.lap_s
         self._rate = config.speed_m_s / config.radius_m * (1.0 if config.clockwise else -1.0)
+
+    @property
+    def span_s(self) -> float:
+        """One turn [s]."""
+        return self.period_s
 
     def position_at(self, time_s: float) -> Vec3:
         """Position [m], world NED."""

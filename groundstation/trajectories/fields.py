@@ -18,3 +18,12 @@ Speed: TypeAlias = Annotated[float, msgspec.Meta(gt=0.0, le=50.0)]
 
 Degrees: TypeAlias = Annotated[float, msgspec.Meta(ge=-360.0, le=360.0)]
 """An angle [deg]."""
+
+Acceleration: TypeAlias = Annotated[float, msgspec.Meta(gt=0.0, le=50.0)]
+"""An acceleration [m/s²]."""
+
+Ramp: TypeAlias = Annotated[float, msgspec.Meta(ge=0.0, le=600.0)]
+"""How long it takes to get up to speed, and to stop [s]."""
+
+Moment: TypeAlias = Annotated[float, msgspec.Meta(ge=-1e9, le=1e9)]
+"""A time stamp [s], from wherever its clock counts."""

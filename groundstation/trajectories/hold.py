@@ -29,6 +29,8 @@ class Hold:
 
     duration_s: float | None = None
     """It never ends."""
+    span_s = 0.0
+    """Nothing ever happens."""
 
     def __init__(self, position_ned: Vec3, yaw_rad: float) -> None:
         self._reference = Reference(position_ned, yaw_rad=yaw_rad)

@@ -14,11 +14,10 @@ With s = sinφ, c = cosφ, d = √(1 + s²):  ds/du = c d,  dc/du = -s d,  dd/du
 
 import math
 
-import msgspec
-
 from groundstation.ops import Vec3
 from groundstation.trajectories.fields import Coordinate, Degrees, Length, Point, Speed
-from groundstation.trajectories.port import Reference
+from groundstation.trajectories.laps import Laps
+from groundstation.trajectories.port import Reference, Turning
 
 
 def _landen() -> tuple[float, tuple[float, ...]]:
@@ -37,14 +36,12 @@ def _landen() -> tuple[float, tuple[float, ...]]:
 
 
 _FACTOR, _RATIOS = _landen()
-_QUARTER = math.pi / 2.0 * 2 ** len(_RATIOS) / _FACTOR
+_QUARTER: float = math.pi / 2.0 * 2 ** len(_RATIOS) / _FACTOR
 """K(-1), a quarter of the period in u: am(K) = π/2."""
 
 
-class LemniscateConfig(
-    msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True, tag_field="kind", tag="lemniscate"
-):
-    """A level figure of eight at constant speed."""
+class LemniscateConfig(Laps, frozen=True, kw_only=True, forbid_unknown_fields=True, tag_field="kind", tag="lemniscate"):
+    """A figure of eight at constant speed, level unless it is tilted."""
 
     scale_m: Length = 1.0
     """From the crossing to the far end of a lobe [m]."""
@@ -59,9 +56,15 @@ class LemniscateConfig(
     yaw_deg: Degrees = 0.0
     """Heading [deg], from north towards east; it stays."""
 
-    def build(self) -> "Lemniscate":
+    @property
+    def lap_s(self) -> float:
+        """Time of one turn at full speed [s]."""
+        return 4.0 * _QUARTER * self.scale_m / self.speed_m_s
+
+    def build(self) -> Turning:
         """The trajectory of this config."""
-        return Lemniscate(self)
+        north, east, down = self.centre_ned
+        return self.flown(Lemniscate(self), (north, east, down - self.altitude_m))
 
 
 class Lemniscate:
@@ -81,7 +84,7 @@ class Lemniscate:
         self._sin = math.sin(math.radians(config.rotation_deg))
         self._yaw = math.radians(config.yaw_deg)
         self._rate = _FACTOR * config.speed_m_s / config.scale_m
-        self.period_s = 4.0 * _QUARTER * config.scale_m / config.speed_m_s
+        self.period_s = config.lap_s
 
     def _amplitude(self, time_s: float) -> float:
         """φ [rad], less whole turns."""
@@ -90,6 +93,11 @@ class Lemniscate:
         for ratio in _RATIOS:
             phi = 0.5 * (phi + math.asin(ratio * math.sin(phi)))
         return phi
+
+    @property
+    def span_s(self) -> float:
+        """One turn [s]."""
+        return self.period_s
 
     def position_at(self, time_s: float) -> Vec3:
         """Position [m], world NED."""

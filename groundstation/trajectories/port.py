@@ -34,6 +34,11 @@ class Trajectory(Protocol):
         """Time after which the reference rests at its last point [s]; None where it never ends."""
         ...
 
+    @property
+    def span_s(self) -> float:
+        """Time from the start within which everything has happened once [s]: its duration, or one turn of it."""
+        ...
+
     def at(self, time_s: float) -> Reference:
         """The reference ``time_s`` after the start of the trajectory [s].
 
@@ -44,4 +49,13 @@ class Trajectory(Protocol):
 
     def position_at(self, time_s: float) -> Vec3:
         """``at(time_s).position_ned`` [m], world NED, to rounding; cheaper where only the position is wanted."""
+        ...
+
+
+class Turning(Trajectory, Protocol):
+    """A trajectory that goes round and round."""
+
+    @property
+    def period_s(self) -> float:
+        """Time of one turn at full speed [s]."""
         ...

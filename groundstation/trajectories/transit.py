@@ -8,12 +8,11 @@ and body rates, which follow acceleration and jerk, start and stop without a ste
 """
 
 import math
-from typing import Annotated
 
 import msgspec
 
 from groundstation.ops import Vec3
-from groundstation.trajectories.fields import Degrees, Point, Speed
+from groundstation.trajectories.fields import Acceleration, Degrees, Point, Speed
 from groundstation.trajectories.port import Reference
 
 _PEAK_1 = 35.0 / 16.0
@@ -33,7 +32,7 @@ class TransitConfig(
     """Where it ends and stays [m], world NED."""
     max_speed_m_s: Speed = 0.5
     """Never faster than this [m/s]."""
-    max_acceleration_m_s2: Annotated[float, msgspec.Meta(gt=0.0, le=50.0)] = 1.0
+    max_acceleration_m_s2: Acceleration = 1.0
     """Never more acceleration than this [m/s²]."""
     yaw_deg: Degrees = 0.0
     """Heading [deg], from north towards east; it stays."""
@@ -72,6 +71,11 @@ class Transit:
     @property
     def duration_s(self) -> float:
         """Time from one point to the other [s]; 0 where they are the same."""
+        return self._duration_s
+
+    @property
+    def span_s(self) -> float:
+        """Its duration [s]."""
         return self._duration_s
 
     def position_at(self, time_s: float) -> Vec3:

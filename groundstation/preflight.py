@@ -1,0 +1,55 @@
+"""What is looked at before take-off: whether the vehicle can fly the trajectory at all."""
+
+from groundstation.config import ConfigError
+from groundstation.settings import Config
+from groundstation.trajectories.check import Demand, Report, check, refusal
+
+
+def look(config: Config) -> Report:
+    """The trajectory of ``config``, held against its vehicle, its limits and its floor."""
+    return check(
+        config.trajectory.build(),
+        config.vehicle,
+        config.limits,
+        gravity=config.controller.gravity,
+        floor_z_m=config.flight.floor_z_m,
+    )
+
+
+def refused(config: Config, report: Report) -> str | None:
+    """Why the trajectory must not fly, with the time, the limit and what to do; None if it may."""
+    return refusal(report, getattr(config.trajectory, "speed_m_s", None))
+
+
+def ensure_flyable(config: Config) -> None:
+    """Stop before anything moves if the trajectory asks too much.
+
+    Raises:
+        ConfigError: with the time and the limit.
+    """
+    why = refused(config, look(config))
+    if why is not None:
+        raise ConfigError("trajectory", f"{why}. To see all of it: groundstation trajectory CONFIG")
+
+
+def text(config: Config, report: Report) -> str:
+    """``report`` for people."""
+    ends = "never ends" if report.duration_s is None else f"lasts {report.duration_s:.2f} s"
+    looked = " on the way in and one turn" if report.duration_s is None and report.span_s else ""
+    lines = [
+        f"{config.trajectory.__struct_config__.tag} for {config.vehicle.name}: {ends}, "
+        f"{report.length_m:.2f} m in {report.span_s:.2f} s{looked}, starts at {report.start_speed_m_s:.2f} m/s",
+        f"{'':24}{'needs':>16}{'at':>12}{'limit':>18}",
+        *(_line(demand) for demand in report.demands),
+    ]
+    why = refused(config, report)
+    return "\n".join([*lines, "PASS" if why is None else f"FAIL: {why}"])
+
+
+def _line(demand: Demand) -> str:
+    sign = "≥" if demand.least else "≤"
+    limit = "none" if demand.limit is None else f"{sign} {demand.limit:.4g} {demand.unit}"
+    needs = f"{demand.value:.4g} {demand.unit}"
+    verdict = "" if demand.limit is None else "  pass" if demand.ok else "  FAIL"
+    name = f"least {demand.name}" if demand.least else demand.name
+    return f"{name:24}{needs:>16}{demand.time_s:>10.2f} s{limit:>18}{verdict}"
