@@ -35,7 +35,7 @@ def ensure_flyable(config: Config) -> None:
 def text(config: Config, report: Report) -> str:
     """``report`` for people."""
     ends = "never ends" if report.duration_s is None else f"lasts {report.duration_s:.2f} s"
-    looked = " on the way in and one turn" if report.duration_s is None and report.span_s else ""
+    looked = " of it" if report.duration_s is None else ""
     lines = [
         f"{config.trajectory.__struct_config__.tag} for {config.vehicle.name}: {ends}, "
         f"{report.length_m:.2f} m in {report.span_s:.2f} s{looked}, starts at {report.start_speed_m_s:.2f} m/s",

@@ -15,6 +15,9 @@ def _parser() -> argparse.ArgumentParser:
 
     fly = commands.add_parser("fly", help="fly a scenario in virtual time, through real wire bytes")
     fly.add_argument("--scenario", default="paper", metavar="NAME", help="see `groundstation-sim scenarios`")
+    fly.add_argument(
+        "--config", type=Path, metavar="FILE.toml", help="fly its vehicle and trajectory in the scenario's air"
+    )
     fly.add_argument("--seed", type=int, default=0, help="every random draw comes from it (default 0)")
     fly.add_argument("--duration", type=_seconds, default=60.0, metavar="S", help="seconds (default 60)")
     fly.add_argument("--controller", metavar="NAME", help=_CONTROLLERS)

@@ -6,6 +6,7 @@ import json
 import os
 import shlex
 import sys
+from pathlib import Path
 from typing import Any
 
 import msgspec
@@ -37,12 +38,36 @@ def prepare(
     Raises:
         ConfigError: an unknown key or a bad value, by its dotted key.
     """
-    truth = [o for o in overrides if o.startswith("sim.")]
+    truth, told = _sorted(overrides, controller)
+    world = _overridden(scenario.world, truth)
+    return world, scenario.config(world, told, source)
+
+
+def prepare_own(
+    scenario: Scenario, path: Path, overrides: list[str], *, controller: str | None = None
+) -> tuple[World, Config]:
+    """The same for a configuration file: its vehicle in the air of ``scenario``.
+
+    Raises:
+        ConfigError: as :func:`prepare`.
+    """
+    from sim.own import own
+
+    truth, told = _sorted(overrides, controller)
+    world, config = own(scenario.world, path, told)
+    return _overridden(world, truth), config
+
+
+def _sorted(overrides: list[str], controller: str | None) -> tuple[list[str], list[str]]:
+    """Overrides of the truth, and of what is told."""
     told = [o for o in overrides if not o.startswith("sim.")]
     if controller is not None:
         told.append(f"controller.kind={controller}")
-    world = from_dict({"sim": msgspec.to_builtins(scenario.world)}, _Overridden, truth).sim
-    return world, scenario.config(world, told, source)
+    return [o for o in overrides if o.startswith("sim.")], told
+
+
+def _overridden(world: World, truth: list[str]) -> World:
+    return from_dict({"sim": msgspec.to_builtins(world)}, _Overridden, truth).sim
 
 
 def fly(args: argparse.Namespace) -> int:
@@ -52,7 +77,12 @@ def fly(args: argparse.Namespace) -> int:
     from sim.run_folder import RunFolder
 
     scenario = _scenario(args.scenario)
-    world, config = prepare(scenario, args.overrides, controller=args.controller, source=args.source)
+    if args.config is None:
+        world, config = prepare(scenario, args.overrides, controller=args.controller, source=args.source)
+    elif args.source != "vicon":
+        raise ConfigError("--source", "expected vicon with --config: the simulated cameras see its vehicle")
+    else:
+        world, config = prepare_own(scenario, args.config, args.overrides, controller=args.controller)
     ensure_flyable(config)
     folder = RunFolder(args.out, config) if args.out is not None else None
     progress = Progress(args.duration, quiet=args.json or not sys.stderr.isatty())
@@ -68,7 +98,7 @@ def fly(args: argparse.Namespace) -> int:
             on_progress=progress.at,
         )
     facts: dict[str, Any] = {
-        "scenario": scenario.name,
+        "scenario": scenario.name if args.config is None else f"{args.config.stem} in the air of {scenario.name}",
         "seed": args.seed,
         "controller": config.controller.kind,
         "source": args.source,

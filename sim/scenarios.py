@@ -91,6 +91,9 @@ class Scenario(msgspec.Struct, frozen=True, kw_only=True):
         )
         data: dict[str, Any] = msgspec.to_builtins(config)
         del data["controller"]  # all default, and the defaults depend on the kind that ``overrides`` may choose
+        for key in ("vehicle.preset", "vehicle.file", "trajectory.kind"):
+            if any(override.partition("=")[0].strip() == key for override in overrides):
+                data.pop(key.partition(".")[0], None)  # another vehicle, another trajectory: nothing of this one
         if source == "odometry":
             data["pose"] = {"kind": "mavlink", "latency_s": self.told_latency_s, "rate_hz": world.pose_rate_hz}
         return from_dict(data, Config, [*self.told_more, *overrides])

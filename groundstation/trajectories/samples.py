@@ -18,7 +18,7 @@ from groundstation.trajectories.port import Trajectory
 from groundstation.trajectories.spline import Spline, smoothest
 from groundstation.trajectories.waypoints import check_lists, headings
 
-MAX_SAMPLES = 100_000
+MAX_SAMPLES = 50_000
 
 
 class SamplesConfig(

@@ -45,8 +45,8 @@ def smoothest(times_s: "Array", known: "Array", order: int) -> "Array":
     unit = float(np.mean(spans))  # in units of the mean span the numbers stay near 1
     powers = (spans / unit)[:, None] ** np.arange(order)
     scale = np.concatenate([powers, powers], axis=1)
-    inverse = np.linalg.inv(_ends(order))
-    cost = inverse.T @ _roughness(order) @ inverse
+    inverse = np.linalg.inv(ends(order))
+    cost = inverse.T @ roughness(order) @ inverse
     blocks = scale[:, :, None] * cost * scale[:, None, :] * ((spans / unit) ** (1 - 2 * order))[:, None, None]
     own = np.zeros((len(times_s), order, order))
     own[:-1] += blocks[:, :order, :order]
@@ -54,11 +54,14 @@ def smoothest(times_s: "Array", known: "Array", order: int) -> "Array":
     next_ = blocks[:, :order, order:]
     units = (unit ** np.arange(order))[:, None]
     given = np.nan_to_num(known) * units
+    origin = given[0, 0].copy()
+    given[:, 0] -= origin  # what stays where it is stays there to the last digit
     free = np.isnan(known[:, :, 0])
     found = given + _solved(own, next_, given, free)
     both = np.concatenate([found[:-1], found[1:]], axis=1) * scale[:, :, None]
     coefficients = np.zeros((len(spans), DEGREE + 1, known.shape[2]))
     coefficients[:, : 2 * order] = inverse @ both
+    coefficients[:, 0] += origin
     return coefficients
 
 
@@ -84,7 +87,7 @@ def _solved(own: "Array", next_: "Array", given: "Array", free: "npt.NDArray[np.
     return found
 
 
-def _ends(order: int) -> "Array":
+def ends(order: int) -> "Array":
     """A: from the coefficients to the derivatives at x = 0, then at x = 1."""
     import numpy as np
 
@@ -95,7 +98,7 @@ def _ends(order: int) -> "Array":
     return rows
 
 
-def _roughness(order: int) -> "Array":
+def roughness(order: int) -> "Array":
     """Q of this file's heading."""
     import numpy as np
 

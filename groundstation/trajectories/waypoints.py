@@ -1,13 +1,12 @@
 """Waypoints: from rest at the first, through all of them, to rest at the last, as smoothly as can be.
 
 Between them fly polynomials of degree 7 with the least snap (C⁶ at every waypoint), or of degree 5 with the least jerk
-(C⁴; jerk steps at both ends). Times are given, or found: starting from the way at full speed, each leg's time is moved
-towards what its own speed and acceleration ask for; of all rounds the shortest course within both limits is kept.
+(C⁴; jerk steps at both ends). Times are given, or found from limits of speed and acceleration (timing.py).
 """
 
 import math
 from functools import lru_cache
-from typing import TYPE_CHECKING, Annotated, Any, Literal
+from typing import Annotated, Any, Literal
 
 import msgspec
 
@@ -16,16 +15,10 @@ from groundstation.ops import Vec3
 from groundstation.trajectories.course_csv import with_course
 from groundstation.trajectories.fields import Acceleration, Degrees, Moment, Point, Speed
 from groundstation.trajectories.spline import Spline, smoothest
+from groundstation.trajectories.timing import allocated
 
-if TYPE_CHECKING:
-    from groundstation.trajectories.spline import Array
-
-MAX_POINTS = 5000
+MAX_POINTS = 2000
 """Waypoints of all laps together."""
-ROUNDS = 12
-"""How often the times of the legs are improved."""
-LOOKS = 48
-"""Speed and acceleration are looked at so often within a leg."""
 
 
 class WaypointsConfig(
@@ -117,40 +110,8 @@ def _planned(config: WaypointsConfig) -> Spline:
     known[:, 0, 3] = yaws
     known[0, 1:] = known[-1, 1:] = 0.0
     if config.times_s is None:
-        times = _allocated(known, order, config.max_speed_m_s, config.max_acceleration_m_s2)
+        times = allocated(known, order, config.max_speed_m_s, config.max_acceleration_m_s2)
     else:
         legs = np.tile(np.diff(np.array(config.times_s)), config.laps)
         times = np.concatenate([[0.0], np.cumsum(legs)])
     return Spline(times, smoothest(times, known, order))
-
-
-def _allocated(known: "Array", order: int, max_speed: float, max_acceleration: float) -> "Array":
-    """Times (N,) [s] of the shortest course found that keeps both limits."""
-    import numpy as np
-
-    lengths = np.linalg.norm(np.diff(known[:, 0, :3], axis=0), axis=1)
-    legs = lengths / max_speed + np.sqrt(lengths / max_acceleration)
-    best = np.full(len(legs), np.inf)
-    for _ in range(ROUNDS):
-        times = np.concatenate([[0.0], np.cumsum(legs)])
-        speed, acceleration = _peaks(smoothest(times, known, order), legs)
-        # A course flown k times slower has a k-th of the speed and a k²-th of the acceleration everywhere.
-        asked = np.maximum(speed / max_speed, np.sqrt(acceleration / max_acceleration))
-        slower = legs * (1.001 * asked.max())  # peaks lie between the looks: less than a thousandth higher
-        if slower.sum() < best.sum():
-            best = slower
-        legs = slower * (asked / asked.max()).clip(0.2) ** 0.5
-    return np.concatenate([[0.0], np.cumsum(best)])
-
-
-def _peaks(coefficients: "Array", legs_s: "Array") -> tuple["Array", "Array"]:
-    """Largest speed [m/s] and acceleration [m/s²] of each leg, (M,) each."""
-    import numpy as np
-
-    x = np.linspace(0.0, 1.0, LOOKS + 1)
-    powers = np.arange(coefficients.shape[1])
-    first = np.where(powers >= 1, powers * x[:, None] ** np.maximum(powers - 1, 0), 0.0)
-    second = np.where(powers >= 2, powers * (powers - 1) * x[:, None] ** np.maximum(powers - 2, 0), 0.0)
-    velocity = first @ coefficients[:, :, :3] / legs_s[:, None, None]
-    acceleration = second @ coefficients[:, :, :3] / (legs_s * legs_s)[:, None, None]
-    return np.linalg.norm(velocity, axis=2).max(axis=1), np.linalg.norm(acceleration, axis=2).max(axis=1)

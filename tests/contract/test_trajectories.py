@@ -9,9 +9,22 @@ from hypothesis import assume, example, given
 from hypothesis import strategies as st
 
 from groundstation.ops import Vec3
-from groundstation.trajectories import CircleConfig, HoldConfig, LemniscateConfig, TrajectoryConfig, TransitConfig
+from groundstation.trajectories import (
+    CircleConfig,
+    HoldConfig,
+    LemniscateConfig,
+    SamplesConfig,
+    TrajectoryConfig,
+    TransitConfig,
+    WaypointsConfig,
+)
+from groundstation.trajectories.laps import Laps
 from groundstation.trajectories.port import Reference, Trajectory
+from groundstation.trajectories.spline import Spline
 
+POINTS = ((0.0, 0.0, -1.0), (2.0, 0.5, -1.0), (2.0, 3.0, -2.0), (-1.0, 2.0, -1.5), (0.0, 0.0, -1.0))
+SAMPLED_S = tuple(0.4 * i for i in range(16))
+SAMPLED = tuple((math.sin(t), math.cos(0.7 * t), -1.0 - 0.1 * t) for t in SAMPLED_S)
 TABLE: dict[str, TrajectoryConfig] = {
     "hold": HoldConfig(position_ned=(1.0, -2.0, -1.5), yaw_deg=30.0),
     "lemniscate of the paper": LemniscateConfig(),
@@ -27,9 +40,31 @@ TABLE: dict[str, TrajectoryConfig] = {
         start_ned=(0.0, 0.0, -1.0), end_ned=(0.2, 0.1, -1.1), max_speed_m_s=5.0, max_acceleration_m_s2=2.0
     ),
     "transit to where it is": TransitConfig(start_ned=(1.0, 2.0, -1.0), end_ned=(1.0, 2.0, -1.0)),
+    "lemniscate that begins smoothly": LemniscateConfig(ramp_s=3.0, tilt_deg=-30.0, uphill_deg=70.0),
+    "two laps of a lemniscate": LemniscateConfig(laps=2, ramp_s=2.0, yaw_deg=20.0),
+    "upright circle, one lap with hardly any full speed": CircleConfig(
+        radius_m=0.8, speed_m_s=1.0, altitude_m=2.0, laps=1, ramp_s=5.0, tilt_deg=90.0, uphill_deg=-120.0
+    ),
+    "waypoints": WaypointsConfig(points_ned=POINTS, max_speed_m_s=1.5, max_acceleration_m_s2=2.0),
+    "waypoints, quintic, turning": WaypointsConfig(
+        points_ned=POINTS, yaws_deg=(0.0, 90.0, 170.0, -170.0, 0.0), method="quintic"
+    ),
+    "waypoints, given times, laps": WaypointsConfig(
+        points_ned=POINTS, times_s=(10.0, 12.0, 15.5, 19.0, 22.0), laps=2, yaw_deg=-45.0
+    ),
+    "samples": SamplesConfig(times_s=SAMPLED_S, points_ned=SAMPLED),
+    "samples with velocities, from rest": SamplesConfig(
+        times_s=SAMPLED_S,
+        points_ned=SAMPLED,
+        velocities_ned=tuple((math.cos(t), -0.7 * math.sin(0.7 * t), -0.1) for t in SAMPLED_S),
+        yaws_deg=tuple(10.0 * t for t in SAMPLED_S),
+        ramp_s=1.5,
+    ),
 }
 every = pytest.mark.parametrize("config", TABLE.values(), ids=TABLE.keys())
-ENDLESS = {name: c for name, c in TABLE.items() if isinstance(c, LemniscateConfig | CircleConfig)}
+ENDLESS = {
+    name: c for name, c in TABLE.items() if isinstance(c, LemniscateConfig | CircleConfig) and not (c.ramp_s or c.laps)
+}
 endless = pytest.mark.parametrize("config", ENDLESS.values(), ids=ENDLESS.keys())
 
 STEP_S = 2.0**-6
@@ -60,14 +95,35 @@ def differences(trajectory: Trajectory, time_s: float) -> list[Vec3]:
     return [(x, y, z) for x, y, z in slopes]
 
 
+def joints(config: TrajectoryConfig) -> list[float]:
+    """Where one formula takes over from another."""
+    trajectory = config.build()
+    found = [0.0] if trajectory.duration_s is None else [0.0, trajectory.duration_s]
+    if isinstance(config, Laps | SamplesConfig) and config.ramp_s:
+        found += [config.ramp_s] if trajectory.duration_s is None else [config.ramp_s, found[1] - config.ramp_s]
+    if isinstance(trajectory, Spline):
+        found += trajectory.knots_s
+    elif isinstance(config, SamplesConfig):
+        # Between the ramps the samples' own time is half a ramp behind.
+        assert config.ramp_s == 1.5
+        found += [t + 0.75 for t in config.times_s]
+    return found
+
+
 @every
 @given(time_s=st.one_of(times, early))
 def test_each_derivative_is_the_difference_of_the_one_before(config: TrajectoryConfig, time_s: float) -> None:
     trajectory = config.build()
-    if trajectory.duration_s is not None:
-        # Fourth derivatives jump where a transit starts and ends: differences may not reach across.
-        assume(all(abs(time_s - joint) > 4 * STEP_S for joint in (0.0, trajectory.duration_s)))
+    if trajectory.duration_s is not None or (isinstance(config, Laps) and config.ramp_s):
+        # From the fourth on derivatives may jump there: differences may not reach across, but where all is smooth.
+        far = [abs(time_s - joint) > 4 * STEP_S for joint in joints(config)]
+        assume(all(far))
     exact = vectors(trajectory.at(time_s))[1:]
+    turned = sum(
+        weight * (trajectory.at(time_s + k * STEP_S).yaw_rad - trajectory.at(time_s - k * STEP_S).yaw_rad) / STEP_S
+        for k, weight in enumerate(WEIGHTS, start=1)
+    )
+    assert trajectory.at(time_s).yaw_rate_rad_s == pytest.approx(turned, abs=1e-9)
     for got, expected in zip(differences(trajectory, time_s), exact, strict=True):
         # Rounding of positions within 10 m over the step, and the ninth derivative of the fastest curve.
         assert distance(got, expected) < 1e-8
@@ -83,24 +139,46 @@ def test_every_time_has_a_finite_reference_and_position_at_agrees(config: Trajec
     reference = trajectory.at(time_s)
     assert all(math.isfinite(x) for vector in vectors(reference) for x in vector)
     assert distance(trajectory.position_at(time_s), reference.position_ned) < 1e-14
-    assert reference.yaw_rad == math.radians(config.yaw_deg)
-    assert reference.yaw_rate_rad_s == 0.0
+    if not isinstance(config, WaypointsConfig | SamplesConfig) or config.yaws_deg is None:
+        assert reference.yaw_rad == math.radians(config.yaw_deg)
+        assert reference.yaw_rate_rad_s == 0.0
 
 
 @every
 def test_nothing_jumps_where_the_curve_closes_starts_or_ends(config: TrajectoryConfig) -> None:
     trajectory = config.build()
-    # Half a period is where whole periods are taken off the time.
-    joints = [0.0]
-    if trajectory.duration_s is not None:
-        joints.append(trajectory.duration_s)
+    places = joints(config)
     if isinstance(config, LemniscateConfig | CircleConfig):
+        # Half a period is where whole periods are taken off the time.
         period_s = config.build().period_s
-        joints += [period_s / 2, period_s, 3 * period_s / 2]
-    for joint in joints:
-        before, after = joint - 1e-9, joint + 1e-9
-        for a, b in zip(vectors(trajectory.at(before)), vectors(trajectory.at(after)), strict=True):
+        places += [period_s / 2, period_s, 3 * period_s / 2]
+    for joint in places:
+        before, after = trajectory.at(joint - 1e-9), trajectory.at(joint + 1e-9)
+        assert after.yaw_rad == pytest.approx(before.yaw_rad, abs=1e-6)
+        at_end = joint in (0.0, trajectory.duration_s)
+        # What its documentation says: samples without a ramp begin and end as they do; quintics let jerk step there.
+        smooth = 1 if at_end and config == TABLE["samples"] else 3 if at_end and is_quintic(config) else 4
+        for a, b in list(zip(vectors(before), vectors(after), strict=True))[:smooth]:
             assert distance(a, b) < 1e-6
+
+
+def is_quintic(config: TrajectoryConfig) -> bool:
+    return isinstance(config, WaypointsConfig) and config.method == "quintic"
+
+
+@every
+def test_its_span_tells_how_long_to_look(config: TrajectoryConfig) -> None:
+    trajectory = config.build()
+    if trajectory.duration_s is not None:
+        assert trajectory.span_s == trajectory.duration_s
+        end = trajectory.at(trajectory.duration_s)
+        assert vectors(end)[1:] == ((0.0, 0.0, 0.0),) * 3
+    elif isinstance(config, Laps):
+        # Whatever happens later has happened before the end of the span.
+        later = vectors(trajectory.at(trajectory.span_s + 0.1))
+        turn_s = config.build().period_s
+        for a, b in zip(later, vectors(trajectory.at(trajectory.span_s + 0.1 - turn_s)), strict=True):
+            assert distance(a, b) < 1e-9
 
 
 @every
@@ -243,6 +321,23 @@ def test_a_transit_rests_at_both_ends(start: Vec3, end: Vec3) -> None:
         ({"kind": "hold", "position_ned": [0.0, math.nan, 0.0]}, ">= -1000.0"),
         ({"kind": "transit", "start_ned": [0.0, 0.0, 0.0]}, "end_ned"),
         ({"kind": "circle", "radius": 1.0}, "unknown field `radius`"),
+        ({"kind": "circle", "laps": 2}, "laps: needs ramp_s above 0"),
+        ({"kind": "lemniscate", "laps": 1, "ramp_s": 11.0}, "ramp_s: expected at most 10.5 s"),
+        ({"kind": "circle", "tilt_deg": 91.0}, "<= 90.0"),
+        ({"kind": "waypoints", "points_ned": [[0, 0, 0]]}, "length >= 2"),
+        ({"kind": "waypoints", "points_ned": [[0, 0, -1], [0, 0, -1]]}, r"points_ned\[1\]: the same as the one"),
+        ({"kind": "waypoints", "points_ned": [[0, 0, -1], [1, 0, -1]], "laps": 2}, "last point must be the first"),
+        (
+            {"kind": "waypoints", "points_ned": [[0, 0, -1], [1, 0, -1]], "times_s": [0]},
+            "times_s: expected one for each",
+        ),
+        (
+            {"kind": "waypoints", "points_ned": [[0, 0, -1], [1, 0, -1]], "times_s": [3, 3]},
+            r"times_s\[1\]: expected at",
+        ),
+        ({"kind": "waypoints", "points_ned": [[0, 0, -1], [1, 0, -1]], "yaws_deg": [3]}, "yaws_deg: expected one for"),
+        ({"kind": "samples", "points_ned": [[0, 0, -1], [1, 0, -1]], "times_s": [0, 1], "ramp_s": 1.5}, "at most 1 s"),
+        ({"kind": "samples", "points_ned": [], "times_s": [0, 1], "file": "a.csv"}, "only a configuration can name"),
     ],
 )
 def test_a_bad_setting_is_refused_in_words(settings: dict[str, object], words: str) -> None:

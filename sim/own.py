@@ -1,0 +1,61 @@
+"""A user's own configuration at the desk: a scenario's air and sensors around the vehicle that the configuration tells.
+
+The simulated vehicle is exactly what the controller is told, so what is seen is the trajectory, the gains and the air;
+``sim.…`` overrides make the truth differ. Poses and commands take the simulator's own way, whatever the lab uses.
+"""
+
+from pathlib import Path
+
+import msgspec
+
+from groundstation.config import load
+from groundstation.poses.vicon import ViconConfig
+from groundstation.settings import Config
+from groundstation.vehicle import Vehicle
+from links.mavlink import MavlinkLinkConfig
+from sim.world import World
+
+LEAST_HEIGHT_M = 0.5
+"""The vehicle is let go at least so high above the floor [m]."""
+
+
+def world_of(air: World, vehicle: Vehicle) -> World:
+    """``air`` around a true vehicle that is as ``vehicle`` says."""
+    return msgspec.structs.replace(
+        air,
+        mass_kg=vehicle.mass_kg,
+        thrust_max_n=vehicle.thrust_max_n,
+        rate_limits_deg_s=vehicle.rate_limits_deg_s,
+        thrust_lag_s=vehicle.thrust_lag_s,
+        rate_lag_s=vehicle.rate_lag_s,
+        frame_period_s=vehicle.frame_period_s,
+    )
+
+
+def own(air: World, path: Path, overrides: list[str]) -> tuple[World, Config]:
+    """The truth and the configuration for the file at ``path`` in the air of a scenario; it starts at its first point.
+
+    Raises:
+        ConfigError: see :func:`groundstation.config.load`.
+    """
+    told = load(path, Config, overrides)
+    rate_hz = getattr(told.pose, "rate_hz", air.pose_rate_hz)
+    latency_s = getattr(told.pose, "latency_s", air.pose_latency_s)
+    floor = told.flight.floor_z_m
+    north, east, down = told.trajectory.build().position_at(0.0)
+    world = msgspec.structs.replace(
+        world_of(air, told.vehicle),
+        pose_rate_hz=rate_hz,
+        pose_latency_s=latency_s,
+        start_ned=(north, east, min(down, floor - LEAST_HEIGHT_M)),
+        floor_z_m=floor,
+    )
+    # No delay of commands is simulated, so none is told.
+    config = msgspec.structs.replace(
+        told,
+        vehicle=msgspec.structs.replace(told.vehicle, command_delay_s=0.0),
+        pose=ViconConfig(object="quad", latency_s=latency_s, rate_hz=rate_hz, drop_frozen=False),
+        link=MavlinkLinkConfig(period_s=told.vehicle.frame_period_s),
+        flight=msgspec.structs.replace(told.flight, idle_thrust=air.start_thrust),
+    )
+    return world, config
