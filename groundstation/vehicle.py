@@ -65,7 +65,7 @@ class Vehicle(FromFile, msgspec.Struct, frozen=True, kw_only=True, forbid_unknow
                 raise ValueError("file: a vehicle file can't name another; it may name a preset")
             if base is not None:
                 known = presets(cls)
-                if base not in known:
+                if not isinstance(base, str) or base not in known:
                     raise ValueError(f"preset: expected one of {list(known)}, got {base!r}")
                 told = {**tomllib.loads(known[base]), **told}
             told = completed(cls, told)

@@ -54,8 +54,7 @@ def prepare_own(
     from sim.own import own
 
     truth, told = _sorted(overrides, controller)
-    world, config = own(scenario.world, path, told)
-    return _overridden(world, truth), config
+    return own(scenario.world, path, told, lambda world: _overridden(world, truth))
 
 
 def _sorted(overrides: list[str], controller: str | None) -> tuple[list[str], list[str]]:

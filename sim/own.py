@@ -4,6 +4,7 @@ The simulated vehicle is exactly what the controller is told, so what is seen is
 ``sim.…`` overrides make the truth differ. Poses and commands take the simulator's own way, whatever the lab uses.
 """
 
+from collections.abc import Callable
 from pathlib import Path
 
 import msgspec
@@ -32,8 +33,10 @@ def world_of(air: World, vehicle: Vehicle) -> World:
     )
 
 
-def own(air: World, path: Path, overrides: list[str]) -> tuple[World, Config]:
-    """The truth and the configuration for the file at ``path`` in the air of a scenario; it starts at its first point.
+def own(air: World, path: Path, overrides: list[str], overridden: Callable[[World], World]) -> tuple[World, Config]:
+    """The truth and the configuration for the file at ``path``, in the air of a scenario, from its first point on.
+
+    ``overrides`` are of what is told; ``overridden`` changes the truth last.
 
     Raises:
         ConfigError: see :func:`groundstation.config.load`.
@@ -43,12 +46,14 @@ def own(air: World, path: Path, overrides: list[str]) -> tuple[World, Config]:
     latency_s = getattr(told.pose, "latency_s", air.pose_latency_s)
     floor = told.flight.floor_z_m
     north, east, down = told.trajectory.build().position_at(0.0)
-    world = msgspec.structs.replace(
-        world_of(air, told.vehicle),
-        pose_rate_hz=rate_hz,
-        pose_latency_s=latency_s,
-        start_ned=(north, east, min(down, floor - LEAST_HEIGHT_M)),
-        floor_z_m=floor,
+    world = overridden(
+        msgspec.structs.replace(
+            world_of(air, told.vehicle),
+            pose_rate_hz=rate_hz,
+            pose_latency_s=latency_s,
+            start_ned=(north, east, min(down, floor - LEAST_HEIGHT_M)),
+            floor_z_m=floor,
+        )
     )
     # No delay of commands is simulated, so none is told.
     config = msgspec.structs.replace(
@@ -56,6 +61,6 @@ def own(air: World, path: Path, overrides: list[str]) -> tuple[World, Config]:
         vehicle=msgspec.structs.replace(told.vehicle, command_delay_s=0.0),
         pose=ViconConfig(object="quad", latency_s=latency_s, rate_hz=rate_hz, drop_frozen=False),
         link=MavlinkLinkConfig(period_s=told.vehicle.frame_period_s),
-        flight=msgspec.structs.replace(told.flight, idle_thrust=air.start_thrust),
+        flight=msgspec.structs.replace(told.flight, idle_thrust=min(world.start_thrust, 0.9)),
     )
     return world, config

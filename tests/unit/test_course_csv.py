@@ -1,0 +1,130 @@
+"""Courses as CSV: what is read, and in which words the rest is refused; and the way into a configuration."""
+
+from pathlib import Path
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from groundstation.config import ConfigError, dump, load
+from groundstation.settings import Config
+from groundstation.trajectories import SamplesConfig, WaypointsConfig
+from groundstation.trajectories.course_csv import parsed
+
+GOOD = """# a comment
+t_s, north_m, east_m, up_m, yaw_deg
+
+0, 1, 2, 3, 90
+2.5, -1, 0, 1.5, 80
+"""
+
+
+def test_names_tell_the_columns_and_heights_become_ned() -> None:
+    assert parsed(GOOD) == {
+        "points_ned": [[1.0, 2.0, -3.0], [-1.0, 0.0, -1.5]],
+        "times_s": [0.0, 2.5],
+        "yaws_deg": [90.0, 80.0],
+    }
+
+
+def test_short_names_are_ned_and_columns_stand_in_any_order() -> None:
+    text = "z,y,x,vz,vy,vx\r\n-1,2,3,4,5,6\r\n-2,0,0,0,0,0\r\n"
+    assert parsed(text) == {
+        "points_ned": [[3.0, 2.0, -1.0], [0.0, 0.0, -2.0]],
+        "velocities_ned": [[6.0, 5.0, 4.0], [0.0, 0.0, 0.0]],
+    }
+
+
+REFUSED = [
+    ("", "expected a line of names, such as t_s,north_m,east_m,up_m,yaw_deg, and at least two lines of numbers"),
+    ("x,y,z\n1,2,3\n", "expected a line of names, such as t_s,north_m,east_m,up_m,yaw_deg, and at least two lines"),
+    ("1,2,3\n4,5,6\n", "line 1: expected names of columns, such as t_s,north_m,east_m,up_m,yaw_deg, got '1'"),
+    ("x,y,height\n", "line 1: expected names of columns, such as t_s,north_m,east_m,up_m,yaw_deg, got 'height'"),
+    ("x,y\n", "line 1: expected a column down_m or up_m: none of them is there"),
+    ("x,y,z,up_m\n", "line 1: expected a column down_m or up_m: only one of them"),
+    ("x,north_m,y,z\n", "line 1: the column north_m stands there twice"),
+    ("x,y,z,vx\n", "line 1: expected a column v_east_m_s: none of them is there"),
+    ("x,y,z\n1,2,3\n1,2\n", "line 3: expected 3 values, got 2"),
+    ("# a\nx,y,z\n1,2,3\n1,abc,3\n", "line 4, column east_m: expected a number from -1000 to 1000, got 'abc'"),
+    ("x,y,z\n1,2,3\n1,nan,3\n", "line 3, column east_m: expected a number from -1000 to 1000, got 'nan'"),
+    ("x,y,up_m\n1,2,3\n1,2,1500\n", "line 3, column up_m: expected a number from -1000 to 1000, got '1500'"),
+    ("x,y,z\n1,2,3\n1,,3\n", "line 3, column east_m: expected a number from -1000 to 1000, got ''"),
+    ("t,x,y,z\n1,1,2,3\n1,1,2,3\n", "line 3, column t_s: expected more than 1, as before it, got 1"),
+]
+
+
+@pytest.mark.parametrize(("text", "words"), REFUSED, ids=[words for _, words in REFUSED])
+def test_a_bad_line_is_refused_with_its_number_and_its_column(text: str, words: str) -> None:
+    with pytest.raises(ValueError, match="line") as caught:
+        parsed(text)
+    assert str(caught.value).startswith(words)
+
+
+@given(st.text(alphabet="xyztup_m,;\"' \n\r\0#1.-e5", max_size=60) | st.text(max_size=30))
+def test_any_text_is_read_or_refused(text: str) -> None:
+    for head in ("", "t,x,y,z\n1,2,3,4\n"):
+        try:
+            course = parsed(head + text)
+        except ValueError as error:
+            assert "\n" not in str(error)
+        else:
+            assert len(course["points_ned"]) >= 2
+
+
+def configured(folder: Path, course: str, *lines: str, kind: str = "waypoints") -> Config:
+    (folder / "course.csv").write_text(course, "utf-8")
+    settings = "\n".join(("[trajectory]", f'kind = "{kind}"', 'file = "course.csv"', *lines))
+    (folder / "lab.toml").write_text(settings, "utf-8")
+    return load(folder / "lab.toml", Config)
+
+
+def test_a_configuration_finds_its_course_beside_itself_and_needs_it_no_more(tmp_path: Path) -> None:
+    config = configured(tmp_path, GOOD, 'method = "quintic"')
+    expected = WaypointsConfig(
+        points_ned=((1.0, 2.0, -3.0), (-1.0, 0.0, -1.5)), times_s=(0.0, 2.5), yaws_deg=(90.0, 80.0), method="quintic"
+    )
+    assert config.trajectory == expected
+    (tmp_path / "course.csv").unlink()
+    (tmp_path / "shown.toml").write_text(dump(config), "utf-8")
+    assert load(tmp_path / "shown.toml", Config) == config
+
+
+def test_a_course_with_a_byte_order_mark_is_read_and_samples_take_velocities(tmp_path: Path) -> None:
+    config = configured(tmp_path, "\ufefft,x,y,z,vx,vy,vz\n0,0,0,-1,0,0,0\n1,1,0,-1,2,0,0\n", kind="samples")
+    assert isinstance(config.trajectory, SamplesConfig)
+    assert config.trajectory.velocities_ned == ((0.0, 0.0, 0.0), (2.0, 0.0, 0.0))
+
+
+BAD_COURSES = [
+    ("x,y,z\n1,2,3\n4,b,6\n", "waypoints", "trajectory.file: course.csv: line 3, column east_m: expected a number"),
+    ("x,y,z\n1,2,3\n4,5,6\n", "samples", "trajectory.times_s: missing; expected an array of 2 to 50000 values"),
+    (
+        "x,y,z,vx,vy,vz\n1,2,3,4,5,6\n4,5,6,7,8,9\n",
+        "waypoints",
+        "trajectory.file: course.csv: has velocities_ned, which trajectory.kind = 'waypoints' can't use",
+    ),
+    ("x,y,z\n1,2,3\n1,2,3\n", "waypoints", "trajectory: points_ned[1]: the same as the one before"),
+]
+
+
+@pytest.mark.parametrize(("course", "kind", "words"), BAD_COURSES, ids=[words for _, _, words in BAD_COURSES])
+def test_a_bad_course_is_refused_as_part_of_its_configuration(
+    course: str, kind: str, words: str, tmp_path: Path
+) -> None:
+    with pytest.raises(ConfigError) as caught:
+        configured(tmp_path, course, kind=kind)
+    assert str(caught.value).startswith(f"{tmp_path / 'lab.toml'}: {words}")
+
+
+def test_points_in_the_file_and_in_the_configuration_are_one_too_many(tmp_path: Path) -> None:
+    with pytest.raises(ConfigError, match=r"course\.csv: has points_ned too: leave out trajectory\.points_ned"):
+        configured(tmp_path, GOOD, "points_ned = [[0, 0, -1], [1, 0, -1]]")
+
+
+def test_a_course_that_is_not_there_is_named(tmp_path: Path) -> None:
+    (tmp_path / "lab.toml").write_text('trajectory = { kind = "waypoints", file = "gone.csv" }')
+    with pytest.raises(ConfigError, match=r"trajectory\.file: cannot read .*gone\.csv: No such file or directory$"):
+        load(tmp_path / "lab.toml", Config)
+    (tmp_path / "lab.toml").write_text('trajectory = { kind = "waypoints", file = 3 }')
+    with pytest.raises(ConfigError, match=r"trajectory\.file: expected a string, got 3$"):
+        load(tmp_path / "lab.toml", Config)

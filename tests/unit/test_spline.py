@@ -1,0 +1,153 @@
+"""Smoothest splines and the times of waypoints: what they promise, against what they give."""
+
+import itertools
+import math
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from groundstation.ops import Vec3
+from groundstation.trajectories import SamplesConfig, TransitConfig, WaypointsConfig
+from groundstation.trajectories.port import Trajectory
+from groundstation.trajectories.spline import smoothest
+
+POINTS = ((0.0, 0.0, -1.0), (2.0, 0.5, -1.0), (2.0, 3.0, -2.0), (-1.0, 2.0, -1.5))
+coordinate = st.integers(-50, 50).map(lambda n: n / 10.0)
+courses = st.lists(st.tuples(coordinate, coordinate, coordinate), min_size=2, max_size=7).filter(
+    lambda points: all(a != b for a, b in itertools.pairwise(points))
+)
+
+
+def peaks(trajectory: Trajectory) -> tuple[float, float]:
+    seen = [trajectory.at(trajectory.span_s * i / 4000) for i in range(4000)]
+    return max(math.hypot(*r.velocity_ned) for r in seen), max(math.hypot(*r.acceleration_ned) for r in seen)
+
+
+def derivative(coefficients: "np.ndarray[tuple[int, ...], np.dtype[np.float64]]", order: int, x: float) -> float:
+    factors = [math.perm(i, order) * x ** max(i - order, 0) for i in range(len(coefficients))]
+    return float(np.dot(factors, coefficients))
+
+
+@pytest.mark.parametrize(("order", "smooth"), [(3, 4), (4, 6)])
+@pytest.mark.parametrize("given_speed", [False, True])
+def test_derivatives_do_not_jump_at_knots_up_to_the_order_that_is_promised(
+    order: int, smooth: int, given_speed: bool
+) -> None:
+    times = np.array([0.0, 0.7, 1.0, 2.5, 4.0])
+    known = np.full((5, order, 1), np.nan)
+    known[:, 0, 0] = [0.0, 1.0, -1.0, 3.0, 0.5]
+    if given_speed:
+        known[:, 1, 0] = [0.0, 1.0, 0.0, -2.0, 0.3]
+        smooth -= 1
+    found = smoothest(times, known, order)[:, :, 0]
+    spans = np.diff(times)
+    for (before, h), (after, k) in itertools.pairwise(zip(found, spans, strict=True)):
+        for n in range(smooth + 1):
+            a, b = derivative(before, n, 1.0) / h**n, derivative(after, n, 0.0) / k**n
+            assert a == pytest.approx(b, rel=1e-6, abs=1e-6)
+        jump = derivative(before, smooth + 1, 1.0) / h ** (smooth + 1) - derivative(after, smooth + 1, 0.0) / k ** (
+            smooth + 1
+        )
+        assert abs(jump) > 1e-3  # no smoother than it says, so the loop above can fail
+
+
+def test_the_snap_is_least_among_neighbours() -> None:
+    times = np.array([0.0, 1.0, 1.8, 3.0])
+    known = np.full((4, 4, 1), np.nan)
+    known[:, 0, 0] = [0.0, 1.0, -1.0, 2.0]
+    known[0, 1:] = known[-1, 1:] = 0.0
+
+    def snap(rows: "np.ndarray[tuple[int, ...], np.dtype[np.float64]]") -> float:
+        total = 0.0
+        for span, h in zip(smoothest(times, rows, 4)[:, :, 0], np.diff(times), strict=True):
+            values = [derivative(span, 4, (i + 0.5) / 500) / h**4 for i in range(500)]
+            total += h * sum(v * v for v in values) / 500
+        return total
+
+    best = snap(known)
+    free = smoothest(times, known, 4)
+    for knot, order, change in itertools.product((1, 2), (1, 2, 3), (-0.2, 0.2)):
+        h = times[knot + 1] - times[knot]
+        other = known.copy()
+        other[knot, order] = derivative(free[knot, :, 0], order, 0.0) / h**order + change
+        assert snap(other) > best
+
+
+@settings(max_examples=20)
+@given(points=courses, speed=st.floats(0.1, 5.0), acceleration=st.floats(0.1, 5.0))
+def test_times_that_are_found_keep_both_limits_and_reach_one(
+    points: list[Vec3], speed: float, acceleration: float
+) -> None:
+    course = WaypointsConfig(points_ned=tuple(points), max_speed_m_s=speed, max_acceleration_m_s2=acceleration).build()
+    fastest, hardest = peaks(course)
+    assert fastest <= speed * (1.0 + 1e-6)
+    assert hardest <= acceleration * (1.0 + 1e-6)
+    assert max(fastest / speed, math.sqrt(hardest / acceleration)) > 0.99
+    for knot, point in zip(course.knots_s, points, strict=True):
+        assert math.dist(course.position_at(knot), point) < 1e-8
+
+
+def test_a_point_on_a_straight_way_costs_hardly_any_time_however_near_an_end() -> None:
+    start, end = (0.0, 0.0, -1.0), (10.0, 0.0, -1.0)
+    transit = TransitConfig(start_ned=start, end_ned=end, max_speed_m_s=1.0, max_acceleration_m_s2=2.0)
+    straight = transit.build().duration_s
+
+    def through(*points: Vec3) -> float:
+        return (
+            WaypointsConfig(points_ned=(start, *points, end), max_speed_m_s=1.0, max_acceleration_m_s2=2.0)
+            .build()
+            .duration_s
+        )
+
+    assert through() == pytest.approx(straight, rel=2e-3)
+    for x in (0.001, 0.1, 1.0, 9.0):
+        assert through((x, 0.0, -1.0)) < 1.1 * straight
+
+
+def test_given_times_are_kept_and_count_from_the_first() -> None:
+    course = WaypointsConfig(points_ned=POINTS, times_s=(100.0, 101.0, 103.0, 106.0)).build()
+    assert course.knots_s == [0.0, 1.0, 3.0, 6.0]
+
+
+def test_laps_fly_through_the_start_without_a_stop() -> None:
+    course = WaypointsConfig(points_ned=(*POINTS, POINTS[0]), laps=3).build()
+    assert len(course.knots_s) == 13
+    for lap in (4, 8):
+        assert math.dist(course.position_at(course.knots_s[lap]), POINTS[0]) < 1e-9
+        assert math.hypot(*course.at(course.knots_s[lap]).velocity_ned) > 0.1
+
+
+def test_the_heading_turns_the_shorter_way() -> None:
+    course = WaypointsConfig(points_ned=POINTS, yaws_deg=(170.0, -170.0, 175.0, 0.0)).build()
+    turned = [math.degrees(course.at(knot).yaw_rad) for knot in course.knots_s]
+    assert turned == pytest.approx([170.0, 190.0, 175.0, 0.0], abs=1e-9)
+
+
+@pytest.mark.parametrize(("with_velocity", "worst"), [(False, 2e-3), (True, 5e-4)])
+def test_samples_of_a_known_motion_give_its_derivatives_back(with_velocity: bool, worst: float) -> None:
+    times = tuple(0.05 * i for i in range(201))
+    course = SamplesConfig(
+        times_s=times,
+        points_ned=tuple((math.sin(t), math.cos(t), -1.0) for t in times),
+        velocities_ned=tuple((math.cos(t), -math.sin(t), 0.0) for t in times) if with_velocity else None,
+    ).build()
+    for i in range(100, 900):  # away from the ends, where nothing is known of what comes before and after
+        t = 0.01 * i
+        there = course.at(t)
+        assert math.dist(there.position_ned, (math.sin(t), math.cos(t), -1.0)) < 1e-9
+        assert math.dist(there.acceleration_ned, (-math.sin(t), -math.cos(t), 0.0)) < 1e-5
+        assert math.dist(there.jerk_ned, (-math.cos(t), math.sin(t), 0.0)) < worst
+    for t in (0.0, 0.02, 9.98):
+        assert math.dist(course.at(t).jerk_ned, (-math.cos(t), math.sin(t), 0.0)) < 0.2
+
+
+def test_ten_thousand_samples_are_no_trouble() -> None:
+    times = tuple(0.01 * i for i in range(10_000))
+    points = tuple((math.sin(0.3 * t), math.sin(0.5 * t), -1.5) for t in times)
+    course = SamplesConfig(times_s=times, points_ned=points).build()
+    for i in range(0, 9_999, 97):
+        t = times[i] + 0.003
+        exact = (0.3 * math.cos(0.3 * t), 0.5 * math.cos(0.5 * t), 0.0)
+        assert math.dist(course.at(t).velocity_ned, exact) < 1e-7

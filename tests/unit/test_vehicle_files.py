@@ -1,0 +1,138 @@
+"""Vehicle files: presets, files of one's own, what lies on top of what, and in which words the rest is refused."""
+
+import re
+import sys
+import tomllib
+from pathlib import Path
+
+import pytest
+
+from groundstation.__main__ import main
+from groundstation.config import ConfigError, dump, from_dict, load
+from groundstation.config_files import presets
+from groundstation.settings import Config
+from groundstation.vehicle import Vehicle
+from sim.scenarios import SCENARIOS
+
+PRESETS = presets(Vehicle)
+FULL = """name = "mine"
+mass_kg = 0.5
+thrust_max_n = 9.0
+thrust_min_n = 0.3
+rate_limits_deg_s = [300, 300, 200]
+thrust_lag_s = 0.04
+rate_lag_s = 0.03
+frame_period_s = 0.01
+"""
+
+
+def vehicle(folder: Path, text: str, *overrides: str, section: str = 'file = "mine.toml"') -> Vehicle:
+    (folder / "mine.toml").write_text(text, "utf-8")
+    (folder / "lab.toml").write_text(f"[vehicle]\n{section}\n", "utf-8")
+    return load(folder / "lab.toml", Config, overrides).vehicle
+
+
+def test_the_presets_are_those_that_the_documents_name() -> None:
+    assert list(PRESETS) == ["crazyflie", "mqx", "quad1kg", "x500"]
+
+
+@pytest.mark.parametrize("name", PRESETS)
+def test_every_preset_says_all_of_its_vehicle_with_the_source_of_each_figure(name: str) -> None:
+    told = from_dict({"vehicle": {"preset": name}}, Config).vehicle
+    assert told.name == name
+    text = PRESETS[name]
+    assert set(tomllib.loads(text)) == set(Vehicle.__struct_fields__) - {"preset", "file"}
+    unsourced = [line for line in text.splitlines()[2:] if "#" not in line and not line.startswith("name")]
+    assert unsourced == []
+    # Enough thrust to hover with the reserve that limits keep, and frames fast against the lags' sum.
+    assert told.thrust_max_n > 1.5 * told.mass_kg * 9.81
+    assert told.thrust_min_n < 0.2 * told.mass_kg * 9.81
+
+
+def test_the_presets_are_the_vehicles_of_the_scenarios() -> None:
+    assert from_dict({"vehicle": {"preset": "mqx"}}, Config).vehicle == Vehicle()
+    assert from_dict({"vehicle": {"preset": "quad1kg"}}, Config).vehicle == SCENARIOS["quad1kg"].told
+
+
+def test_keys_of_the_section_lie_on_top_of_the_preset_and_overrides_on_top_of_all() -> None:
+    data = {"vehicle": {"preset": "x500", "mass_kg": 2.2, "name": "ours"}}
+    told = from_dict(data, Config, ["vehicle.thrust_lag_s=0.04", "vehicle.name=theirs"]).vehicle
+    assert (told.name, told.mass_kg, told.thrust_lag_s, told.thrust_max_n) == ("theirs", 2.2, 0.04, 34.2)
+    assert told.preset is None
+    assert from_dict({}, Config, ["vehicle.preset=crazyflie"]).vehicle.mass_kg == 0.027
+
+
+def test_a_file_is_found_beside_the_configuration_and_may_start_from_a_preset(tmp_path: Path) -> None:
+    assert vehicle(tmp_path, FULL).mass_kg == 0.5
+    assert vehicle(tmp_path, FULL, "vehicle.mass_kg=0.6").mass_kg == 0.6
+    heavy = vehicle(tmp_path, 'preset = "x500"\nname = "heavy"\nmass_kg = 2.5\n')
+    assert (heavy.name, heavy.mass_kg, heavy.thrust_max_n) == ("heavy", 2.5, 34.2)
+
+
+def test_what_is_shown_needs_the_file_no_more(tmp_path: Path) -> None:
+    vehicle(tmp_path, FULL)
+    config = load(tmp_path / "lab.toml", Config)
+    (tmp_path / "mine.toml").unlink()
+    (tmp_path / "shown.toml").write_text(dump(config), "utf-8")
+    assert load(tmp_path / "shown.toml", Config) == config
+
+
+REFUSED = [
+    (FULL.replace("0.5", "-0.5"), "vehicle.file: mine.toml: mass_kg: expected a number > 0, got -0.5"),
+    (FULL + "masskg = 1\n", "vehicle.file: mine.toml: masskg: unknown key; did you mean mass_kg?"),
+    (FULL + "x = = 1\n", "vehicle.file: mine.toml: not valid TOML: Invalid value (at line 9, column 5)"),
+    ("mass_kg = 1\n", "vehicle.file: mine.toml: missing: name, thrust_max_n, thrust_min_n, rate_limits_deg_s,"),
+    (
+        'preset = "b"\n',
+        "vehicle.file: mine.toml: preset: expected one of ['crazyflie', 'mqx', 'quad1kg', 'x500'], got 'b'",
+    ),
+    (
+        "preset = [1]\n",
+        "vehicle.file: mine.toml: preset: expected one of ['crazyflie', 'mqx', 'quad1kg', 'x500'], got [1]",
+    ),
+    ('file = "other.toml"\n', "vehicle.file: mine.toml: file: a vehicle file can't name another"),
+]
+
+
+@pytest.mark.parametrize(("text", "words"), REFUSED, ids=[words for _, words in REFUSED])
+def test_a_bad_vehicle_file_is_refused_by_its_name_and_key(text: str, words: str, tmp_path: Path) -> None:
+    with pytest.raises(ConfigError) as caught:
+        vehicle(tmp_path, text)
+    assert str(caught.value).startswith(f"{tmp_path / 'lab.toml'}: {words}")
+
+
+SECTIONS = [
+    ('preset = "x501"', "vehicle.preset: expected one of ['crazyflie', 'mqx', 'quad1kg', 'x500'], got 'x501'"),
+    ("preset = 3", "vehicle.preset: expected a string, got 3"),
+    ('preset = "x500"\nfile = "mine.toml"', "vehicle.file: preset and file exclude each other"),
+    ('file = "gone.toml"', "vehicle.file: cannot read "),
+    ('file = "."', "vehicle.file: cannot read "),
+    ('file = "a\\u0000b"', "vehicle.file: cannot read "),
+    ('prest = "x500"', "vehicle.prest: unknown key; did you mean preset?"),
+]
+
+
+@pytest.mark.parametrize(("section", "words"), SECTIONS, ids=[section for section, _ in SECTIONS])
+def test_a_vehicle_that_is_not_there_is_refused(section: str, words: str, tmp_path: Path) -> None:
+    with pytest.raises(ConfigError, match=re.escape(words)):
+        vehicle(tmp_path, FULL, section=section)
+
+
+def test_only_a_configuration_follows_a_name() -> None:
+    with pytest.raises(ValueError, match="preset and file are for configurations"):
+        Vehicle(preset="x500")
+
+
+def test_the_command_lists_the_presets_and_prints_one_to_start_from(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], tmp_path: Path
+) -> None:
+    def run(*words: str) -> int:
+        monkeypatch.setattr(sys, "argv", ["groundstation", "vehicles", *words])
+        return main()
+
+    assert run() == 0
+    assert [line.split()[0] for line in capsys.readouterr().out.splitlines()] == list(PRESETS)
+    assert run("x500") == 0
+    assert vehicle(tmp_path, capsys.readouterr().out).name == "x500"
+    assert run("x501") == 2
+    assert "expected one of ['crazyflie'" in capsys.readouterr().err
