@@ -19,7 +19,7 @@ def _parser() -> argparse.ArgumentParser:
         "--config", type=Path, metavar="FILE.toml", help="fly its vehicle and trajectory in the scenario's air"
     )
     fly.add_argument("--seed", type=int, default=0, help="every random draw comes from it (default 0)")
-    fly.add_argument("--duration", type=_seconds, default=60.0, metavar="S", help="seconds (default 60)")
+    fly.add_argument("--duration", type=_seconds, metavar="S", help="seconds (default 60, or as --config has it)")
     fly.add_argument("--controller", metavar="NAME", help=_CONTROLLERS)
     fly.add_argument("--source", choices=["vicon", "odometry"], default="vicon", help="where poses come from")
     fly.add_argument(

@@ -17,6 +17,9 @@ from groundstation.settings import Config
 from sim.scenarios import SCENARIOS, Scenario
 from sim.world import World
 
+DURATION_S = 60.0
+"""How long a flight lasts if nobody says."""
+
 
 class _Overridden(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
     """So that errors about the truth name their keys as ``sim.…``."""
@@ -45,8 +48,8 @@ def prepare(
 
 def prepare_own(
     scenario: Scenario, path: Path, overrides: list[str], *, controller: str | None = None
-) -> tuple[World, Config]:
-    """The same for a configuration file: its vehicle in the air of ``scenario``.
+) -> tuple[World, Config, float | None]:
+    """The same for a configuration file: its vehicle in the air of ``scenario``; and how long it wants to fly [s].
 
     Raises:
         ConfigError: as :func:`prepare`.
@@ -76,21 +79,23 @@ def fly(args: argparse.Namespace) -> int:
     from sim.run_folder import RunFolder
 
     scenario = _scenario(args.scenario)
+    wanted_s: float | None = None
     if args.config is None:
         world, config = prepare(scenario, args.overrides, controller=args.controller, source=args.source)
     elif args.source != "vicon":
         raise ConfigError("--source", "expected vicon with --config: the simulated cameras see its vehicle")
     else:
-        world, config = prepare_own(scenario, args.config, args.overrides, controller=args.controller)
+        world, config, wanted_s = prepare_own(scenario, args.config, args.overrides, controller=args.controller)
+    duration_s = args.duration or wanted_s or DURATION_S
     ensure_flyable(config)
     folder = RunFolder(args.out, config) if args.out is not None else None
-    progress = Progress(args.duration, quiet=args.json or not sys.stderr.isatty())
+    progress = Progress(duration_s, quiet=args.json or not sys.stderr.isatty())
     with progress:
         result = fly_scenario(
             world,
             config,
             seed=args.seed,
-            duration_s=args.duration,
+            duration_s=duration_s,
             on_tick=folder.tick if folder is not None else None,
             on_datagram=folder.datagram if folder is not None else None,
             on_event=folder.event if folder is not None else None,

@@ -33,10 +33,13 @@ def world_of(air: World, vehicle: Vehicle) -> World:
     )
 
 
-def own(air: World, path: Path, overrides: list[str], overridden: Callable[[World], World]) -> tuple[World, Config]:
+def own(
+    air: World, path: Path, overrides: list[str], overridden: Callable[[World], World]
+) -> tuple[World, Config, float | None]:
     """The truth and the configuration for the file at ``path``, in the air of a scenario, from its first point on.
 
-    ``overrides`` are of what is told; ``overridden`` changes the truth last.
+    The third value is how long the configuration wants to fly [s], if it says: the landing is left out, as what is
+    judged is how well the trajectory is followed. ``overrides`` are of what is told; ``overridden`` changes the truth.
 
     Raises:
         ConfigError: see :func:`groundstation.config.load`.
@@ -61,6 +64,6 @@ def own(air: World, path: Path, overrides: list[str], overridden: Callable[[Worl
         vehicle=msgspec.structs.replace(told.vehicle, command_delay_s=0.0),
         pose=ViconConfig(object="quad", latency_s=latency_s, rate_hz=rate_hz, drop_frozen=False),
         link=MavlinkLinkConfig(period_s=told.vehicle.frame_period_s),
-        flight=msgspec.structs.replace(told.flight, idle_thrust=min(world.start_thrust, 0.9)),
+        flight=msgspec.structs.replace(told.flight, idle_thrust=min(world.start_thrust, 0.9), duration_s=None),
     )
-    return world, config
+    return world, config, told.flight.duration_s

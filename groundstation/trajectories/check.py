@@ -1,6 +1,6 @@
 """What a trajectory asks of a vehicle in still air, held against what the vehicle and its operator allow. Pure.
 
-To follow the acceleration a and jerk j with the heading ψ, the rotors must push F = g e3 - a per mass (section 4 of
+To follow the acceleration a and jerk j with the heading ψ, the rotors must push F = g e3 - a per mass (section 1 of
 docs/explanation/law.md): thrust m |F|, tilted by the angle between F and e3, turning with F's direction z,
     z˙ = -(j - (z·j) z) / |F|,    ω1 = -y·z˙,    ω2 = x·z˙,    ω3 = (cosθ ψ˙ - sinφ ω2) / cosφ
 about the body axes x, y, z of that direction and heading.
@@ -22,8 +22,9 @@ if TYPE_CHECKING:
     Array = npt.NDArray[np.float64]
 
 STEP_S = 0.01
-"""The trajectory is looked at so often [s], as long as that is no more than :data:`MOST` times."""
-MOST = 200_000
+"""The trajectory is looked at so often [s] between two joints, ..."""
+FEWEST, MOST = 8, 1000
+"""... but within these numbers: its formulas are smooth, and the shortest may be the hardest to fly."""
 
 
 class Demand(msgspec.Struct, frozen=True, kw_only=True):
@@ -69,9 +70,13 @@ def check(
     """Look at all of ``trajectory``; the floor is at ``floor_z_m`` [m, NED], ``gravity`` in [m/s²]."""
     import numpy as np
 
-    span = trajectory.span_s
-    count = min(math.ceil(span / STEP_S), MOST) + 1
-    times = np.linspace(0.0, span, count)
+    joints = trajectory.joints_s
+    span = joints[-1]
+    looks = [
+        np.linspace(start, end, min(max(math.ceil((end - start) / STEP_S), FEWEST), MOST), endpoint=False)
+        for start, end in zip(joints, joints[1:], strict=False)
+    ]
+    times = np.concatenate([*looks, [span]])
     seen = [trajectory.at(t) for t in times.tolist()]
     motion = _Motion(
         times,
@@ -97,7 +102,7 @@ def check(
     return Report(
         duration_s=trajectory.duration_s,
         span_s=span,
-        length_m=float(np.linalg.norm(motion.velocity, axis=1).mean() * span),
+        length_m=float(np.trapezoid(np.linalg.norm(motion.velocity, axis=1), times)),
         start_speed_m_s=math.hypot(*seen[0].velocity_ned),
         demands=(above, *demands),
         share=_share(motion, vehicle, limits, gravity),

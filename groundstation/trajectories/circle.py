@@ -55,9 +55,9 @@ class Circle:
         self._rate = config.speed_m_s / config.radius_m * (1.0 if config.clockwise else -1.0)
 
     @property
-    def span_s(self) -> float:
+    def joints_s(self) -> tuple[float, float]:
         """One turn [s]."""
-        return self.period_s
+        return (0.0, self.period_s)
 
     def position_at(self, time_s: float) -> Vec3:
         """Position [m], world NED."""

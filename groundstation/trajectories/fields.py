@@ -10,16 +10,16 @@ Coordinate: TypeAlias = Annotated[float, msgspec.Meta(ge=-1000.0, le=1000.0)]
 Point: TypeAlias = tuple[Coordinate, Coordinate, Coordinate]
 """A point [m], world NED: north, east, down."""
 
-Length: TypeAlias = Annotated[float, msgspec.Meta(gt=0.0, le=1000.0)]
-"""A length [m]."""
+Length: TypeAlias = Annotated[float, msgspec.Meta(ge=0.001, le=1000.0)]
+"""A length [m], at least a millimetre."""
 
-Speed: TypeAlias = Annotated[float, msgspec.Meta(gt=0.0, le=50.0)]
-"""A speed [m/s]."""
+Speed: TypeAlias = Annotated[float, msgspec.Meta(ge=0.001, le=50.0)]
+"""A speed [m/s], at least a millimetre a second."""
 
 Degrees: TypeAlias = Annotated[float, msgspec.Meta(ge=-360.0, le=360.0)]
 """An angle [deg]."""
 
-Acceleration: TypeAlias = Annotated[float, msgspec.Meta(gt=0.0, le=50.0)]
+Acceleration: TypeAlias = Annotated[float, msgspec.Meta(ge=0.001, le=50.0)]
 """An acceleration [m/s²]."""
 
 Ramp: TypeAlias = Annotated[float, msgspec.Meta(ge=0.0, le=600.0)]

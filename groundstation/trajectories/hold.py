@@ -29,7 +29,7 @@ class Hold:
 
     duration_s: float | None = None
     """It never ends."""
-    span_s = 0.0
+    joints_s = (0.0,)
     """Nothing ever happens."""
 
     def __init__(self, position_ned: Vec3, yaw_rad: float) -> None:

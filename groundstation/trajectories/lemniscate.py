@@ -95,9 +95,9 @@ class Lemniscate:
         return phi
 
     @property
-    def span_s(self) -> float:
+    def joints_s(self) -> tuple[float, float]:
         """One turn [s]."""
-        return self.period_s
+        return (0.0, self.period_s)
 
     def position_at(self, time_s: float) -> Vec3:
         """Position [m], world NED."""

@@ -38,9 +38,24 @@ class Paced:
         self._end = self._start if length_s is None else _resting(curve.at(length_s))
 
     @property
-    def span_s(self) -> float:
-        """All of it, or the way in and one turn [s]."""
-        return self._ramp + self.period_s if self.duration_s is None else self.duration_s
+    def joints_s(self) -> list[float]:
+        """The ramps' ends and the curve's joints, all of it or the way in and one turn [s]."""
+        if self.duration_s is None or self._length is None:
+            return [0.0, self._ramp, self._ramp + self.period_s]
+        inner = [self._when(s) for s in self._curve.joints_s if s < self._length]
+        return sorted({0.0, self._ramp, *inner, self.duration_s - self._ramp, self.duration_s})
+
+    def _when(self, length_s: float) -> float:
+        """t with s(t) = ``length_s`` of a curve that ends [s]."""
+        assert self.duration_s is not None and self._length is not None
+        middle = length_s + 0.5 * self._ramp
+        if self._ramp <= middle <= self.duration_s - self._ramp:
+            return middle
+        low, high = 0.0, self.duration_s
+        for _ in range(50):
+            middle = 0.5 * (low + high)
+            low, high = (middle, high) if self._time(middle)[0] < length_s else (low, middle)
+        return low
 
     def position_at(self, time_s: float) -> Vec3:
         """Position [m], world NED."""

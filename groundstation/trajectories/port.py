@@ -1,5 +1,6 @@
 """What every trajectory delivers: the reference at any instant, with exact derivatives."""
 
+from collections.abc import Sequence
 from typing import Protocol
 
 import msgspec
@@ -35,8 +36,11 @@ class Trajectory(Protocol):
         ...
 
     @property
-    def span_s(self) -> float:
-        """Time from the start within which everything has happened once [s]: its duration, or one turn of it."""
+    def joints_s(self) -> Sequence[float]:
+        """Times at which one formula takes over from another [s], rising, from 0 to its end or to one whole turn.
+
+        Everything that it ever does it has done by the last of them.
+        """
         ...
 
     def at(self, time_s: float) -> Reference:

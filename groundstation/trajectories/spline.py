@@ -128,28 +128,23 @@ class Spline:
     Before its start and after its end it rests at its first and its last point.
     """
 
-    __slots__ = ("_end", "_spans", "_start", "duration_s", "knots_s")
+    __slots__ = ("_end", "_spans", "_start", "duration_s", "joints_s")
 
     duration_s: float
     """When it ends [s]."""
-    knots_s: list[float]
+    joints_s: list[float]
     """Where one polynomial meets the next [s], from 0 on."""
 
     def __init__(self, times_s: "Array", coefficients: "Array") -> None:
         """Take the knots (N,) [s], and coefficients (N - 1, DEGREE + 1, 4): north, east, down [m], heading [rad]."""
-        self.knots_s = [float(t - times_s[0]) for t in times_s]
-        self.duration_s = self.knots_s[-1]
+        self.joints_s = [float(t - times_s[0]) for t in times_s]
+        self.duration_s = self.joints_s[-1]
         self._spans = [
             _Span(start, 1.0 / (end - start), *(tuple(axis) for axis in span.T.tolist()))
-            for start, end, span in zip(self.knots_s, self.knots_s[1:], coefficients, strict=False)
+            for start, end, span in zip(self.joints_s, self.joints_s[1:], coefficients, strict=False)
         ]
         self._start = _resting(self._moving(0.0))
         self._end = _resting(self._moving(self.duration_s))
-
-    @property
-    def span_s(self) -> float:
-        """Its duration [s]."""
-        return self.duration_s
 
     def position_at(self, time_s: float) -> Vec3:
         """Position [m], world NED."""
@@ -169,7 +164,7 @@ class Spline:
         return self._moving(time_s)
 
     def _place(self, time_s: float) -> tuple[_Span, float]:
-        span = self._spans[max(0, min(bisect_right(self.knots_s, time_s), len(self._spans)) - 1)]
+        span = self._spans[max(0, min(bisect_right(self.joints_s, time_s), len(self._spans)) - 1)]
         return span, (time_s - span.start_s) * span.rate
 
     def _moving(self, time_s: float) -> Reference:

@@ -1,6 +1,7 @@
 """A level curve turned about a level line through its middle: any plane."""
 
 import math
+from collections.abc import Sequence
 
 from groundstation.ops import Vec3
 from groundstation.trajectories.port import Reference, Turning
@@ -29,9 +30,9 @@ class Tilted:
         return self._curve.period_s
 
     @property
-    def span_s(self) -> float:
+    def joints_s(self) -> Sequence[float]:
         """As the curve's."""
-        return self._curve.span_s
+        return self._curve.joints_s
 
     def position_at(self, time_s: float) -> Vec3:
         """Position [m], world NED."""

@@ -74,9 +74,9 @@ class Transit:
         return self._duration_s
 
     @property
-    def span_s(self) -> float:
-        """Its duration [s]."""
-        return self._duration_s
+    def joints_s(self) -> tuple[float, float]:
+        """Start and end [s]."""
+        return (0.0, self._duration_s)
 
     def position_at(self, time_s: float) -> Vec3:
         """Position [m], world NED."""

@@ -22,7 +22,7 @@ def flown_cm(folder: Path, vehicle: str, trajectory: str, duration_s: float, *ov
     path = folder / "lab.toml"
     poses = "latency_s = 0.01\nrate_hz = 100.0"
     path.write_text(f"[vehicle]\n{vehicle}\n[pose]\nkind = 'vicon'\n{poses}\n[trajectory]\n{trajectory}\n", "utf-8")
-    world, config = prepare_own(SCENARIOS["paper"], path, list(overrides))
+    world, config, _ = prepare_own(SCENARIOS["paper"], path, list(overrides))
     places: list[tuple[float, Vec3]] = []
     starts: list[float] = []
     result = fly(
@@ -70,9 +70,10 @@ def test_the_eight_at_full_speed_from_the_start_is_not_what_a_ramp_is(tmp_path: 
 
 def test_the_truth_follows_the_told_vehicle_until_it_is_overridden(tmp_path: Path) -> None:
     path = tmp_path / "lab.toml"
-    path.write_text('[vehicle]\npreset = "x500"\n', "utf-8")
+    path.write_text('[vehicle]\npreset = "x500"\n[flight]\nduration_s = 7.0\n', "utf-8")
     overrides = ["vehicle.mass_kg=2.2", "sim.thrust_gain=0.9", "sim.thrust_lag_s=0.05"]
-    world, config = prepare_own(SCENARIOS["adverse"], path, overrides)
+    world, config, wanted_s = prepare_own(SCENARIOS["adverse"], path, overrides)
+    assert wanted_s == 7.0
     assert (world.mass_kg, world.thrust_max_n, world.thrust_lag_s) == (2.2, 34.2, 0.05)
     assert (world.thrust_gain, world.pose_loss) == (0.9, SCENARIOS["adverse"].world.pose_loss)
     assert (config.vehicle.mass_kg, config.vehicle.thrust_lag_s) == (2.2, 0.025)

@@ -21,7 +21,7 @@ courses = st.lists(st.tuples(coordinate, coordinate, coordinate), min_size=2, ma
 
 
 def peaks(trajectory: Trajectory) -> tuple[float, float]:
-    seen = [trajectory.at(trajectory.span_s * i / 4000) for i in range(4000)]
+    seen = [trajectory.at(trajectory.joints_s[-1] * i / 4000) for i in range(4000)]
     return max(math.hypot(*r.velocity_ned) for r in seen), max(math.hypot(*r.acceleration_ned) for r in seen)
 
 
@@ -85,7 +85,7 @@ def test_times_that_are_found_keep_both_limits_and_reach_one(
     assert fastest <= speed * (1.0 + 1e-6)
     assert hardest <= acceleration * (1.0 + 1e-6)
     assert max(fastest / speed, math.sqrt(hardest / acceleration)) > 0.99
-    for knot, point in zip(course.knots_s, points, strict=True):
+    for knot, point in zip(course.joints_s, points, strict=True):
         assert math.dist(course.position_at(knot), point) < 1e-8
 
 
@@ -108,20 +108,20 @@ def test_a_point_on_a_straight_way_costs_hardly_any_time_however_near_an_end() -
 
 def test_given_times_are_kept_and_count_from_the_first() -> None:
     course = WaypointsConfig(points_ned=POINTS, times_s=(100.0, 101.0, 103.0, 106.0)).build()
-    assert course.knots_s == [0.0, 1.0, 3.0, 6.0]
+    assert course.joints_s == [0.0, 1.0, 3.0, 6.0]
 
 
 def test_laps_fly_through_the_start_without_a_stop() -> None:
     course = WaypointsConfig(points_ned=(*POINTS, POINTS[0]), laps=3).build()
-    assert len(course.knots_s) == 13
+    assert len(course.joints_s) == 13
     for lap in (4, 8):
-        assert math.dist(course.position_at(course.knots_s[lap]), POINTS[0]) < 1e-9
-        assert math.hypot(*course.at(course.knots_s[lap]).velocity_ned) > 0.1
+        assert math.dist(course.position_at(course.joints_s[lap]), POINTS[0]) < 1e-9
+        assert math.hypot(*course.at(course.joints_s[lap]).velocity_ned) > 0.1
 
 
 def test_the_heading_turns_the_shorter_way() -> None:
     course = WaypointsConfig(points_ned=POINTS, yaws_deg=(170.0, -170.0, 175.0, 0.0)).build()
-    turned = [math.degrees(course.at(knot).yaw_rad) for knot in course.knots_s]
+    turned = [math.degrees(course.at(knot).yaw_rad) for knot in course.joints_s]
     assert turned == pytest.approx([170.0, 190.0, 175.0, 0.0], abs=1e-9)
 
 

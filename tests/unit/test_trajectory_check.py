@@ -16,7 +16,14 @@ from groundstation.limits import LimitsConfig
 from groundstation.preflight import ensure_flyable, look
 from groundstation.settings import Config
 from groundstation.so3 import from_euler_zyx
-from groundstation.trajectories import CircleConfig, HoldConfig, LemniscateConfig, TrajectoryConfig
+from groundstation.trajectories import (
+    CircleConfig,
+    HoldConfig,
+    LemniscateConfig,
+    SamplesConfig,
+    TrajectoryConfig,
+    WaypointsConfig,
+)
 from groundstation.trajectories.check import Demand, Report, check, refusal
 from groundstation.vehicle import Vehicle
 from sim.commands import prepare
@@ -163,6 +170,26 @@ def test_the_speed_that_it_names_may_fly_and_hardly_more() -> None:
     speed = report.share * 1.5
     assert seen(LemniscateConfig(speed_m_s=speed), slow)[0].ok
     assert not seen(LemniscateConfig(speed_m_s=1.01 * speed), slow)[0].ok
+
+
+@pytest.mark.parametrize(
+    "trajectory",
+    [
+        CircleConfig(ramp_s=0.001),
+        CircleConfig(laps=1, ramp_s=0.001),
+        WaypointsConfig(points_ned=((0, 0, -1), (1, 0, -1), (1.0, 0.001, -1), (0, 0, -1)), times_s=(0, 5, 5.002, 10)),
+        SamplesConfig(
+            times_s=tuple(0.002 * i for i in range(1000)),
+            points_ned=tuple((0.01 if i == 503 else 0.0, 0.0, -1.0) for i in range(1000)),
+            ramp_s=0.5,
+        ),
+    ],
+    ids=["ramp in", "ramp out", "a leg of 2 ms", "a sample that jumps"],
+)
+def test_nothing_is_too_short_to_be_seen(trajectory: TrajectoryConfig) -> None:
+    report, by_name = seen(trajectory)
+    assert by_name["acceleration"].value > 20.0
+    assert not report.ok
 
 
 def test_no_flight_begins_with_what_is_refused() -> None:
