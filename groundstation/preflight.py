@@ -39,11 +39,16 @@ def text(config: Config, report: Report) -> str:
     lines = [
         f"{config.trajectory.__struct_config__.tag} for {config.vehicle.name}: {ends}, "
         f"{report.length_m:.2f} m in {report.span_s:.2f} s{looked}, starts at {report.start_speed_m_s:.2f} m/s",
+        f"stays within north {_range(report, 0)}, east {_range(report, 1)}, down {_range(report, 2)} m",
         f"{'':24}{'needs':>16}{'at':>12}{'limit':>18}",
         *(_line(demand) for demand in report.demands),
     ]
     why = refused(config, report)
     return "\n".join([*lines, "PASS" if why is None else f"FAIL: {why}"])
+
+
+def _range(report: Report, axis: int) -> str:
+    return f"{report.lowest_ned[axis]:.2f} to {report.highest_ned[axis]:.2f}"
 
 
 def _line(demand: Demand) -> str:

@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, NamedTuple
 import msgspec
 
 from groundstation.limits import LimitsConfig
+from groundstation.ops import Vec3
 from groundstation.trajectories.port import Trajectory
 from groundstation.vehicle import Vehicle
 
@@ -54,6 +55,9 @@ class Report(msgspec.Struct, frozen=True, kw_only=True):
     length_m: float
     """Way flown in that time [m]."""
     start_speed_m_s: float
+    lowest_ned: Vec3
+    highest_ned: Vec3
+    """Corners of the box that it stays in [m, NED]; smooth ways swing wide of their points."""
     demands: tuple[Demand, ...]
     share: float | None
     """Share of its own speed at which it keeps the limits [-], the floor aside; None where slower is no help."""
@@ -86,7 +90,8 @@ def check(
         np.array([r.yaw_rad for r in seen]),
         np.array([r.yaw_rate_rad_s for r in seen]),
     )
-    height = floor_z_m - np.array([r.position_ned[2] for r in seen])
+    places = np.array([r.position_ned for r in seen])
+    height = floor_z_m - places[:, 2]
     lowest = int(height.argmin())
     above = Demand(
         name="height above the floor",
@@ -104,6 +109,8 @@ def check(
         span_s=span,
         length_m=float(np.trapezoid(np.linalg.norm(motion.velocity, axis=1), times)),
         start_speed_m_s=math.hypot(*seen[0].velocity_ned),
+        lowest_ned=tuple(places.min(axis=0).tolist()),
+        highest_ned=tuple(places.max(axis=0).tolist()),
         demands=(above, *demands),
         share=_share(motion, vehicle, limits, gravity),
     )

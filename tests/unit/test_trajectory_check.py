@@ -53,6 +53,8 @@ def test_a_level_circle_needs_what_a_circle_needs() -> None:
     inward = 9.0 / 2.0
     assert report.span_s == pytest.approx(2.0 * math.pi * 2.0 / 3.0)
     assert report.length_m == pytest.approx(4.0 * math.pi)
+    assert report.lowest_ned == pytest.approx((-2.0, -2.0, -1.0), abs=1e-3)
+    assert report.highest_ned == pytest.approx((2.0, 2.0, -1.0), abs=1e-3)
     assert report.start_speed_m_s == pytest.approx(3.0)
     assert by_name["acceleration"].value == pytest.approx(inward)
     assert by_name["tilt"].value == pytest.approx(math.degrees(math.atan2(inward, G)))
