@@ -72,8 +72,11 @@ def test_every_promised_override_changes_the_flight(key: str) -> None:
 
 
 def test_the_truth_can_be_changed_without_telling_the_controller() -> None:
-    """A heavier vehicle looks like a downward disturbance to a controller that believes the old mass."""
-    facts = json.loads(sim("fly", "--duration", "20", "--json", "--set", "sim.mass_kg=0.088").stdout)
+    """A heavier vehicle looks like weak thrust, or, where that is not estimated, like a downward disturbance."""
+    heavy = ("fly", "--duration", "20", "--json", "--set", "sim.mass_kg=0.088")
+    facts = json.loads(sim(*heavy).stdout)
+    assert facts["thrust_effectiveness"] == pytest.approx(0.080 / 0.088, abs=0.04)
+    facts = json.loads(sim(*heavy, "--set", "controller.effectiveness_deviation=0").stdout)
     assert facts["wind_estimate"][2] - facts["wind_true"][2] == pytest.approx(9.81 * (1 - 0.080 / 0.088), abs=0.15)
 
 
