@@ -131,9 +131,10 @@ class ModelEstimator:
         expected = later(self._covariance, dt, densities)
         gain, self._covariance = seen(expected, self._noise)
         step = innovation(pose.position_ned, model.position)
-        moved = self._correct(model.position, model.velocity, self._disturbance_at(pose.time_s), gain, step)
         if self._separates:
             self._effectiveness = self._pushed(previous, model, dt)
+        moved = self._correct(model.position, model.velocity, self._disturbance_at(pose.time_s), gain, step)
+        if self._separates:
             moved = self._judge(*moved, gain, step, expected.pp + self._noise)
         if pose.velocity_ned is not None:
             expected, noise = self._covariance, gains.velocity_noise_m_s**2
