@@ -6,6 +6,8 @@ from pathlib import Path
 
 _CONTROLLERS = "adaptive (default), uncompensated, geometric, pid, indi, or your own: package.module:factory"
 
+_DRAWS = "what differs from flight to flight: mass,lags,gain,wind (default), and latency, noise, losses"
+
 
 def _parser() -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser(
@@ -52,9 +54,15 @@ def _parser() -> argparse.ArgumentParser:
     campaign.add_argument("--first-seed", type=int, default=0, metavar="N", help="the others follow it (default 0)")
     campaign.add_argument("--duration", type=_seconds, default=60.0, metavar="S", help="of each (default 60)")
     campaign.add_argument("--set", action="append", default=[], dest="overrides", metavar="KEY=VALUE", help="as in fly")
+    campaign.add_argument("--draw", metavar="A,B", type=_names, help=_DRAWS)
     campaign.add_argument("--out", type=Path, metavar="DIR", help="one CSV row a flight; resumes what is there")
     campaign.add_argument("--workers", type=_count, metavar="N", help="processes (default: one a core)")
-    campaign.add_argument("--batch", type=_count, default=250, metavar="N", help="flights at once (default 250)")
+    campaign.add_argument("--cluster", metavar="ADDRESS", help="fly on the workers of this Dask scheduler, host:port")
+    campaign.add_argument("--batch", type=_count, metavar="N", help="flights at once (default: shared out, up to 500)")
+    campaign.add_argument(
+        "--verify", type=_count, metavar="N", help="then fly N of them again through `fly`, which must agree"
+    )
+    campaign.add_argument("--plot", type=Path, metavar="FILE.png", help="draw it too; needs matplotlib")
     campaign.add_argument("--json", action="store_true", help="print one JSON object instead of the summary")
 
     scenarios = commands.add_parser("scenarios", help="list the scenarios with every value")

@@ -63,6 +63,11 @@ class BatchEstimator:
         self._drives[:, 0] = idle_thrust_n
         self._newest = 0
 
+    @property
+    def stamp_s(self) -> Any:
+        """Time stamp of each vehicle's newest pose [s]."""
+        return self._stamp
+
     def release(self) -> None:
         """As :meth:`ModelEstimator.release`."""
         zero = np.zeros_like(self._noise)

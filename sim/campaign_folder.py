@@ -20,7 +20,10 @@ from groundstation.config import ConfigError
 
 
 class Row(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
-    """One flight: what was drawn, and how it went. Winds in m/s², NED; errors as :class:`sim.referee.Verdict`."""
+    """One flight: what it met, how it went, and what its certificate rests on.
+
+    Winds in m/s², NED; noises 1σ per axis; losses are shares. Errors as in :class:`sim.referee.Verdict`.
+    """
 
     seed: int
     mass_kg: float
@@ -33,13 +36,29 @@ class Row(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True)
     gust_north: float
     gust_east: float
     gust_down: float
+    pose_latency_s: float
+    pose_noise_m: float
+    attitude_noise_rad: float
+    pose_loss: float
+    frame_loss: float
+    outage_s: float
     rms_cm: float | None
-    """None, like the next two, where it crashed."""
+    """None, like every figure below but two, where it crashed or poses stayed away for too long."""
     max_cm: float | None
     settle_s: float | None
     """None also where it never settled."""
     saturated: float
     """Share of the commands after 5 s in which any of the four was clamped."""
+    lyapunov_start: float
+    """V at the first command, b̃ from the truth."""
+    lyapunov_floor: float | None
+    """Median of V over the steady part."""
+    lyapunov_above_bound: float | None
+    """Share of the steady time in which V rose faster than its bound -W, from one command to the next."""
+    b_hat_share_max: float | None
+    """Largest |b̂| over the flight, in shares of its bound B + ε."""
+    thrust_margin_n: float | None
+    """Least distance of the commanded thrust from either of its limits over the steady part [N]."""
     survived: bool
 
 

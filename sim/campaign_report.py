@@ -2,6 +2,8 @@
 
 import math
 import shlex
+from collections.abc import Sequence
+from statistics import median
 from typing import Any
 
 from sim.campaign import Campaign
@@ -39,6 +41,12 @@ def report(campaign: Campaign, rows: list[Row], *, flown: int, wall_s: float, wo
             str(limit): sum(row.rms_cm is not None and row.rms_cm < limit for row in rows) / count
             for limit in LIMITS_CM
         },
+        "certificate": {
+            "lyapunov_floor": _middle([row.lyapunov_floor for row in rows]),
+            "lyapunov_above_bound": _middle([row.lyapunov_above_bound for row in rows]),
+            "b_hat_share_max": max(_known([row.b_hat_share_max for row in rows]), default=None),
+            "thrust_margin_n": min(_known([row.thrust_margin_n for row in rows]), default=None),
+        },
         "worst": [
             {
                 "seed": row.seed,
@@ -59,7 +67,7 @@ def command(campaign: Campaign, seed: int) -> str:
     """The shell command that flies the flight of ``seed`` alone, through wire bytes."""
     words = ["groundstation-sim", "fly", "--scenario", campaign.scenario, "--seed", str(seed)]
     words += ["--duration", repr(campaign.duration_s)]
-    for override in campaign.overrides + overrides(drawn(campaign.world, seed)):
+    for override in campaign.overrides + overrides(drawn(campaign.world, seed, campaign.draws), campaign.draws):
         words += ["--set", override]
     return shlex.join(words)
 
@@ -74,15 +82,47 @@ def text(facts: dict[str, Any]) -> str:
         *(f"{f'RMS error, {p} %':24}{_cm(rms[f'p{p}'])}" for p in PERCENTILES),
         f"{'RMS error, worst':24}{_cm(rms['max'])}",
         *(f"{f'RMS under {limit} cm':24}{100.0 * facts['under_cm'][str(limit)]:.2f} %" for limit in LIMITS_CM),
+        *_certificate(facts["certificate"]),
         f"{'wall time':24}{facts['wall_s']:.1f} s on {facts['workers']} processes",
     ]
     if facts["ns_per_vehicle_step"] is not None:
         lines.append(f"{'plant, law, observer':24}{facts['ns_per_vehicle_step']:.0f} ns per vehicle-step of 2.5 ms")
+    if (verified := facts.get("verified")) is not None:
+        lines.append(_verified(verified))
     lines += ["", "worst flights, and how to fly each again:"]
     for row in facts["worst"]:
         lines.append(f"seed {row['seed']}: RMS {_cm(row['rms_cm'])}, largest {_cm(row['max_cm'])}")
         lines.append(f"    {row['command']}")
     return "\n".join(lines)
+
+
+def _certificate(facts: dict[str, Any]) -> list[str]:
+    if None in facts.values():
+        return []
+    return [
+        f"{'V, floor':24}{facts['lyapunov_floor']:.3g} (median)",
+        f"{'V rose faster than -W':24}{100.0 * facts['lyapunov_above_bound']:.0f} % of the steady time (median)",
+        f"{'|b̂| / (B + ε), most':24}{facts['b_hat_share_max']:.2f}",
+        f"{'thrust margin, least':24}{facts['thrust_margin_n']:.3f} N",
+    ]
+
+
+def _verified(facts: dict[str, Any]) -> str:
+    count, apart = facts["flights"], facts["apart"]
+    if apart:
+        return f"{'flown again':24}{len(apart)} of {count} DO NOT AGREE with fly: seeds {', '.join(map(str, apart))}"
+    apart_cm = facts["largest_cm"]
+    largest = "all of them crashed" if apart_cm is None else f"RMS at most {apart_cm:.1e} cm apart"
+    return f"{'flown again':24}{count} agree with fly: {largest} (limit {facts['limit_cm']:g})"
+
+
+def _middle(values: Sequence[float | None]) -> float | None:
+    known = _known(values)
+    return median(known) if known else None
+
+
+def _known(values: Sequence[float | None]) -> list[float]:
+    return [value for value in values if value is not None]
 
 
 def _badness(row: Row) -> tuple[float, int]:

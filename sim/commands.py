@@ -190,33 +190,11 @@ def _comparison(args: argparse.Namespace) -> str:
 
 def campaign(args: argparse.Namespace) -> int:
     """Fly one scenario many times, in drawn worlds."""
-    from time import perf_counter  # noqa: TID251  # how long it took is for people; no flight sees it
-
-    from sim.campaign import Campaign, run
-    from sim.campaign_report import report, text
-    from sim.console import Progress
+    from sim.campaign_command import campaign as fly_campaign
 
     scenario = _scenario(args.scenario)
-    if args.first_seed < 0:
-        raise ConfigError("--first-seed", f"expected 0 or more, got {args.first_seed}")
     world, config = prepare(scenario, args.overrides)
-    shared = Campaign(
-        scenario=scenario.name, world=world, config=config, duration_s=args.duration, overrides=args.overrides
-    )
-    workers = args.workers or os.cpu_count() or 1
-    start = perf_counter()
-    with Progress(args.flights, quiet=args.json or not sys.stderr.isatty(), unit="flights", digits=0) as progress:
-        rows, flown = run(
-            shared,
-            range(args.first_seed, args.first_seed + args.flights),
-            out=args.out,
-            batch=args.batch,
-            workers=workers,
-            on_progress=progress.at,
-        )
-    facts = report(shared, rows, flown=flown, wall_s=perf_counter() - start, workers=workers)
-    print(json.dumps(facts) if args.json else text(facts))
-    return 0 if all(row.survived for row in rows) else 1
+    return fly_campaign(args, scenario.name, world, config)
 
 
 def scenarios(args: argparse.Namespace) -> int:

@@ -1,6 +1,6 @@
 """One simulated vehicle in time: held, released, flying, on the floor. Its physics are in plant.py.
 
-It advances when it is asked for a later instant, in equal steps of at most ``world.step_s``.
+It advances when it is asked for a later instant, in steps of ``world.step_s`` that begin anew with every command.
 """
 
 import math
@@ -13,6 +13,9 @@ from sim.plant import Body, Physics, moved
 from sim.wind import Wind
 from sim.world import World
 
+_INSTANT_S = 1e-9
+"""Shorter spans are rounding [s]."""
+
 
 class Quadrotor:
     """One simulated vehicle. It is held at ``world.start_ned`` until released. Implements Airframe's physics."""
@@ -23,6 +26,9 @@ class Quadrotor:
         self._wind = wind
         self._on_step = on_step
         self._time = 0.0
+        self._cut = 0.0
+        """When the whole steps began to be counted [s], and how many there were since."""
+        self._steps = 0
         self.released_s: float | None = None
         self._physics = Physics(
             world.mass_kg,
@@ -43,7 +49,7 @@ class Quadrotor:
 
     def command(self, time_s: float, thrust_n: float, rates: Vec3) -> None:
         """From ``time_s`` on: thrust [N] as commanded (gain and limits apply here) and rates [rad/s, FRD]."""
-        self.advance(time_s)
+        self._settle(time_s)
         world, (a, b, c) = self._world, self._limits
         gain = world.thrust_gain
         if world.thrust_sag and self.released_s is not None:
@@ -64,36 +70,54 @@ class Quadrotor:
     def truth(self, time_s: float) -> Truth:
         """The exact state at ``time_s`` [s], which must not lie before an earlier question."""
         self.advance(time_s)
-        p, v, q, thrust, rates = self._body
-        return Truth(self._time, p, v, q, rates, thrust, self._on_ground)
+        body, down, rest = self._body, self._on_ground, time_s - self._time
+        if self.released_s is not None and rest > _INSTANT_S:
+            # Only a look into the step under way: the questions asked must not change the flight.
+            body, down = self._after(self._time - self.released_s, rest)
+            body = self._on_floor(body) if down else body
+        p, v, q, thrust, rates = body
+        return Truth(time_s, p, v, q, rates, thrust, down)
 
     def advance(self, time_s: float) -> None:
-        """Let the physics run until ``time_s`` [s]."""
-        span = time_s - self._time
-        if span <= 0.0:
+        """Let the physics run until ``time_s`` [s], in whole steps."""
+        if self.released_s is None:
+            self._time = self._cut = max(self._time, time_s)
             return
-        if self.released_s is not None and span > 1e-12:
-            start = self._time
-            count = math.ceil(span / self._world.step_s - 1e-9) or 1
-            h = span / count
-            for k in range(count):
-                self._step(start + k * h - self.released_s, h)
-                self._time = start + (k + 1) * h
-                if self._on_step is not None:
-                    self._on_step(self._time, self._body.position)
-        self._time = time_s
+        cut, h = self._cut, self._world.step_s
+        for k in range(self._steps, int((time_s - cut) / h + 1e-9)):
+            self._step(cut + k * h - self.released_s, h)
+            self._steps = k + 1
+            self._arrive(cut + (k + 1) * h)
 
-    def _step(self, flight_time: float, h: float) -> None:
+    def _settle(self, time_s: float) -> None:
+        """Cut the step under way at ``time_s`` [s], where something changes."""
+        self.advance(time_s)
+        rest = time_s - self._time
+        if self.released_s is not None and rest > _INSTANT_S:
+            self._step(self._time - self.released_s, rest)
+            self._arrive(time_s)
+        self._cut, self._steps = self._time, 0
+
+    def _arrive(self, time_s: float) -> None:
+        self._time = time_s
+        if self._on_step is not None:
+            self._on_step(time_s, self._body.position)
+
+    def _after(self, flight_time: float, h: float) -> tuple[Body, bool]:
+        """The body ``h`` [s] after ``flight_time`` [s], and whether it fell onto the floor meanwhile."""
         wind = self._wind.at(flight_time + 0.5 * h)
         body = moved(FLOATS, self._body, self._thrust_command, self._rate_command, wind, h, self._physics)
-        self._body = body if body.position[2] < self._world.floor_z_m else self._on_floor(body)
-        self._on_ground = body.position[2] >= self._world.floor_z_m
+        return body, body.position[2] >= self._world.floor_z_m
+
+    def _step(self, flight_time: float, h: float) -> None:
+        body, self._on_ground = self._after(flight_time, h)
+        if self._on_ground and self.touchdown_m_s is None and body.velocity[2] > 0.0:
+            self.touchdown_m_s = body.velocity[2]
+        self._body = self._on_floor(body) if self._on_ground else body
 
     def _on_floor(self, body: Body) -> Body:
         """Rest on the floor, upright, while there is no more lift than weight."""
         x, y, _ = body.position
-        if self.touchdown_m_s is None and body.velocity[2] > 0.0:
-            self.touchdown_m_s = body.velocity[2]
         yaw = so3.euler_zyx(body.attitude)[2]
         return Body(
             (x, y, self._world.floor_z_m),

@@ -14,6 +14,8 @@ from sim.world import World
 
 STEADY_S = 15.0
 """The steady part of a flight starts here [s after release]."""
+ROUNDING_S = 1e-9
+"""So much earlier still counts: a sample at that very instant must not depend on how its time was summed up [s]."""
 SETTLED_M = 0.10
 """A flight has settled once its error stays below this [m]."""
 BACK_M = 0.05
@@ -107,12 +109,13 @@ class Referee:
     def verdict(self, trajectory: Trajectory, start_s: float) -> Verdict:
         """Judge the flight; the reference started at ``start_s`` on the event loop's clock."""
         at = trajectory.position_at
+        steady_s = STEADY_S - ROUNDING_S
         times = [t - start_s for t in self._time]
         errors = [math.dist((x, y, z), at(t)) for t, x, y, z in zip(times, self._x, self._y, self._z, strict=True)]
-        steady = [e for t, e in zip(times, errors, strict=True) if t >= STEADY_S]
+        steady = [e for t, e in zip(times, errors, strict=True) if t >= steady_s]
         late = [i for i, tick in enumerate(self._ticks) if tick[0] >= SATURATION_FROM_S]
         everything = self._lyapunov()
-        values = [v for v, tick in zip(everything, self._ticks, strict=False) if tick[0] >= STEADY_S]
+        values = [v for v, tick in zip(everything, self._ticks, strict=False) if tick[0] >= steady_s]
         end = self._ticks[-1][0] if self._ticks else 0.0
         last = [i for i, tick in enumerate(self._ticks) if tick[0] > end - 1.0]
         thrusts = [tick[1] for tick in self._ticks]

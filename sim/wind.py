@@ -70,6 +70,11 @@ def steady(world: World, flight_time: float) -> Vec3:
     return (mx, my, mz)
 
 
+def cell(flight_time: float) -> int:
+    """Which step of the grid ``flight_time`` [s] lies in; a time that is a step's start but for rounding does."""
+    return int(flight_time / GRID_S + 1e-6)
+
+
 class Wind:
     """The disturbance acceleration b(t) [m/s², NED] of one flight; questions go forward in time."""
 
@@ -86,7 +91,7 @@ class Wind:
         x, y, z = steady(self._world, flight_time)
         if not self._world.wind_turbulence:
             return (x, y, z)
-        index = int(flight_time / GRID_S)
+        index = cell(flight_time)
         while self._index < index:
             a, b, c = next(self._normals)
             self._eddies = begun((a, b, c)) if self._eddies is None else stirred(self._eddies, (a, b, c))

@@ -11,21 +11,34 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from groundstation.config import ConfigError
+from groundstation.pilot import Tick
 from sim.__main__ import main
 from sim.campaign import Campaign, run
-from sim.campaign_draws import DRAWN, drawn
+from sim.campaign_draws import DRAWS, USUAL, drawn, fields, overrides
 from sim.campaign_folder import Folder, Row
+from sim.campaign_local import Local
+from sim.campaign_plot import plot
 from sim.campaign_report import command, report, text
+from sim.campaign_verify import verify
 from sim.commands import prepare
+from sim.fly import fly
+from sim.referee import STEADY_S
 from sim.scenarios import SCENARIOS
 
 DURATION_S = 16.0
 SEEDS = range(3, 7)
 
 
-def _campaign(*overrides: str, duration_s: float = DURATION_S) -> Campaign:
+def _campaign(*overrides: str, duration_s: float = DURATION_S, draws: tuple[str, ...] = USUAL) -> Campaign:
     world, config = prepare(SCENARIOS["adverse"], list(overrides))
-    return Campaign(scenario="adverse", world=world, config=config, duration_s=duration_s, overrides=list(overrides))
+    return Campaign(
+        scenario="adverse",
+        world=world,
+        config=config,
+        duration_s=duration_s,
+        overrides=list(overrides),
+        draws=draws,
+    )
 
 
 def _call(words: list[str], monkeypatch: pytest.MonkeyPatch) -> int:
@@ -35,11 +48,11 @@ def _call(words: list[str], monkeypatch: pytest.MonkeyPatch) -> int:
 
 @pytest.fixture(scope="module")
 def rows() -> list[Row]:
-    return run(_campaign(), SEEDS, out=None, batch=4, workers=1)[0]
+    return run(_campaign(), SEEDS, Local(1))[0]
 
 
 def test_neither_batches_nor_processes_change_a_figure(rows: list[Row]) -> None:
-    again, flown = run(_campaign(), SEEDS[:3], out=None, batch=2, workers=2)
+    again, flown = run(_campaign(), SEEDS[:3], Local(2), batch=2)
     assert flown == 3
     assert again == rows[:3]
 
@@ -49,10 +62,10 @@ def test_an_interrupted_campaign_flies_only_what_is_missing(rows: list[Row], tmp
     table = tmp_path / "flights.csv"
     table.write_bytes(table.read_bytes()[:-20])  # the power went while the third row was written
     heard: list[int] = []
-    resumed, flown = run(_campaign(), SEEDS, out=tmp_path, batch=4, workers=1, on_progress=heard.append)
+    resumed, flown = run(_campaign(), SEEDS, Local(1), out=tmp_path, on_progress=heard.append)
     assert (flown, heard) == (2, [2, 4])
     assert resumed == rows
-    assert run(_campaign(), SEEDS, out=tmp_path, batch=1, workers=1) == (rows, 0)
+    assert run(_campaign(), SEEDS, Local(1), out=tmp_path, batch=1) == (rows, 0)
     assert len(table.read_text().splitlines()) == 1 + len(rows)
 
 
@@ -62,18 +75,19 @@ def test_an_interrupted_campaign_flies_only_what_is_missing(rows: list[Row], tmp
         (_campaign(duration_s=17.0), "duration_s = 16.0, now it is 17.0"),
         (_campaign("controller.kb=0.01"), "told.controller.kb"),
         (_campaign("sim.wind_turbulence=0.3"), "sim.wind_turbulence = 0.2"),
+        (_campaign(draws=("mass", "wind")), "drawn.gain = thrust_gain 0.8 to 1.1"),
     ],
 )
 def test_flights_of_other_settings_are_not_mixed(other: Campaign, key: str, tmp_path: Path) -> None:
     Folder(tmp_path, _campaign().settings())
     with pytest.raises(ConfigError, match=key):
-        run(other, SEEDS, out=tmp_path, batch=4, workers=1)
+        run(other, SEEDS, Local(1), out=tmp_path)
 
 
 def test_flights_of_another_program_are_not_mixed(tmp_path: Path) -> None:
     Folder(tmp_path, _campaign().settings() | {"program_sha256": "0"})
     with pytest.raises(ConfigError, match="program_sha256"):
-        run(_campaign(), SEEDS, out=tmp_path, batch=4, workers=1)
+        run(_campaign(), SEEDS, Local(1), out=tmp_path)
 
 
 def test_a_folder_that_is_no_campaign_is_refused(tmp_path: Path) -> None:
@@ -95,12 +109,13 @@ def test_the_command_of_each_flight_flies_it_again(
         assert verdict["max_cm"] == pytest.approx(row.max_cm, abs=0.03)
 
 
-def test_the_command_carries_the_drawn_world_to_the_last_bit_and_what_was_set() -> None:
-    campaign = _campaign("sim.wind_mean=[1, 0, 0]", "controller.kb=0.01")
+@pytest.mark.parametrize("draws", [USUAL, tuple(DRAWS), ("latency", "gain")])
+def test_the_command_carries_the_drawn_world_to_the_last_bit_and_what_was_set(draws: tuple[str, ...]) -> None:
+    campaign = _campaign("sim.wind_mean=[1, 0, 0]", "controller.kb=0.01", draws=draws)
     words = shlex.split(command(campaign, 5))
     pairs = [words[i + 1] for i, word in enumerate(words) if word == "--set"]
     world, config = prepare(SCENARIOS["adverse"], pairs)
-    assert world == drawn(campaign.world, 5)
+    assert world == drawn(campaign.world, 5, draws)
     assert config == campaign.config
 
 
@@ -114,7 +129,20 @@ def test_draws_stay_within_their_bounds_and_change_nothing_else(seed: int, scena
     assert 0.8 <= world.thrust_gain <= 1.1
     assert math.hypot(*world.wind_mean) == pytest.approx(math.hypot(*truth.wind_mean))
     assert math.hypot(*world.wind_gust) == pytest.approx(math.hypot(*truth.wind_gust))
-    assert msgspec.structs.replace(world, **{name: getattr(truth, name) for name in DRAWN}) == truth
+    assert msgspec.structs.replace(world, **{name: getattr(truth, name) for name in fields(USUAL)}) == truth
+
+
+@given(seed=st.integers(0, 2**31), names=st.sets(st.sampled_from(sorted(DRAWS))))
+def test_what_else_is_drawn_shifts_no_draw(seed: int, names: set[str]) -> None:
+    truth = SCENARIOS["adverse"].world
+    everything, some = drawn(truth, seed, tuple(DRAWS)), drawn(truth, seed, names)
+    for field in fields(DRAWS):
+        assert getattr(some, field) == getattr(everything if field in fields(names) else truth, field)
+    assert 0.015 <= everything.pose_latency_s <= 0.030
+    assert 0.0003 <= everything.pose_noise_m <= 0.0012
+    assert 0.002 <= everything.attitude_noise_rad <= 0.008
+    assert max(everything.pose_loss, everything.frame_loss) <= 0.05
+    assert everything.outage_s <= 0.15
 
 
 def test_directions_favour_no_side() -> None:
@@ -141,12 +169,71 @@ def test_a_crash_is_worse_than_any_error(rows: list[Row]) -> None:
     assert "RMS error, worst        crashed" in text(facts)
 
 
+def test_flights_with_everything_drawn_agree_with_whole_ones() -> None:
+    campaign = _campaign(draws=tuple(DRAWS))
+    rows, _ = run(campaign, SEEDS, Local(1))
+    assert len({row.pose_latency_s for row in rows}) == len(rows)
+    verdict = verify(campaign, rows, 9, workers=1)
+    assert verdict["apart"] == []
+    assert (verdict["flights"], verdict["largest_cm"] < 0.01) == (len(rows), True)
+
+
+@pytest.mark.soak
+@pytest.mark.parametrize("draws", [USUAL, tuple(DRAWS)])
+def test_twenty_flights_of_a_minute_agree_with_whole_ones(draws: tuple[str, ...]) -> None:
+    campaign = _campaign(duration_s=60.0, draws=draws)
+    rows, _ = run(campaign, range(1000), Local(2))
+    assert verify(campaign, rows, 20, workers=2)["apart"] == []
+
+
+def test_flights_that_do_not_agree_are_named(rows: list[Row]) -> None:
+    longer = msgspec.structs.replace(rows[1], rms_cm=(rows[1].rms_cm or 0.0) + 0.02)
+    crashed = msgspec.structs.replace(rows[2], rms_cm=None, survived=False)
+    facts = verify(_campaign(), [longer, crashed], 2, workers=1)
+    assert facts["apart"] == [rows[1].seed, rows[2].seed]
+    summary = report(_campaign(), rows, flown=0, wall_s=1.0, workers=1) | {"verified": facts}
+    assert "2 of 2 DO NOT AGREE with fly: seeds 4, 5" in text(summary)
+
+
+def test_the_certificate_of_each_flight_stands_in_its_row(rows: list[Row]) -> None:
+    row = rows[0]
+    world, config = prepare(SCENARIOS["adverse"], overrides(drawn(SCENARIOS["adverse"].world, row.seed)))
+    largest, margin = 0.0, math.inf
+
+    def watch(tick: Tick) -> None:
+        nonlocal largest, margin
+        largest = max(largest, math.hypot(*tick.decision.diagnostics.b_hat))
+        if tick.flight_time_s >= STEADY_S:
+            thrust = tick.decision.drive.thrust
+            margin = min(margin, thrust - config.vehicle.thrust_min_n, config.vehicle.thrust_max_n - thrust)
+
+    verdict = fly(world, config, seed=row.seed, duration_s=DURATION_S, on_tick=watch).verdict
+    assert row.lyapunov_start == pytest.approx(verdict.lyapunov_start, rel=1e-3)
+    assert row.lyapunov_floor == pytest.approx(verdict.lyapunov_floor, rel=1e-3)
+    assert row.b_hat_share_max == pytest.approx(largest / 5.5, rel=1e-3)
+    assert row.thrust_margin_n == pytest.approx(margin, rel=1e-2)
+    assert 0.0 < (row.lyapunov_above_bound or 0.0) < 1.0
+
+
+def test_a_campaign_is_drawn(rows: list[Row], tmp_path: Path) -> None:
+    crashed = msgspec.structs.replace(rows[0], seed=99, rms_cm=None, survived=False)
+    for draws in (USUAL, tuple(DRAWS), ("mass",), ()):
+        picture = tmp_path / f"{len(draws)}.png"
+        plot(picture, _campaign(draws=draws), [*rows, crashed])
+        assert picture.read_bytes().startswith(b"\x89PNG")
+    with pytest.raises(ConfigError, match="--plot: cannot write"):
+        plot(tmp_path / "nowhere" / "campaign.png", _campaign(), rows)
+
+
 @pytest.mark.parametrize(
     ("words", "complaint"),
     [
         (["--duration", "15"], "--duration: flights are judged from 15 s on"),
         (["--set", "sim.thrust_gain=0.9"], "sim.thrust_gain: a campaign draws it"),
+        (["--draw", "losses", "--set", "sim.outage_s=0.1"], "sim.outage_s: a campaign draws it, from 0 to 0.15"),
+        (["--draw", "mass,luck"], "--draw: expected some of ['mass', 'lags'"),
         (["--set", "controller.kind=uncompensated"], "controller: a batch flies the adaptive controller"),
+        (["--set", "vehicle.command_delay_s=0.01"], "vehicle.command_delay_s: the commands of a batch act at once"),
         (["--first-seed", "-1"], "--first-seed: expected 0 or more"),
     ],
 )
