@@ -75,7 +75,7 @@ class Cluster:
         mine = program_sha256()
         futures = [self._client.submit(_fly_there, mine, campaign, chunk, pure=False) for chunk in chunks]
         try:
-            for done in as_completed(futures):
+            for done in as_completed(futures, loop=self._client.loop):
                 flown = done.result()
                 if isinstance(flown, tuple):
                     worker, theirs = flown

@@ -1,0 +1,136 @@
+"""Campaigns on a Dask cluster: the same rows as here, and never those of another program."""
+
+import json
+import os
+import re
+import signal
+import subprocess
+import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+import pytest
+
+from groundstation.config import ConfigError
+from sim import campaign_cluster
+from sim.__main__ import main
+from sim.campaign import Campaign, run
+from sim.campaign_cluster import Cluster
+from sim.campaign_folder import Row
+from sim.campaign_local import Local
+from sim.commands import prepare
+from sim.scenarios import SCENARIOS
+
+SEEDS = range(3)
+OTHER_PROGRAM = """
+import sim.campaign_folder
+sim.campaign_folder.program_sha256 = lambda: "0" * 64
+"""
+
+
+def _campaign() -> Campaign:
+    world, config = prepare(SCENARIOS["adverse"], [])
+    return Campaign(scenario="adverse", world=world, config=config, duration_s=15.1, overrides=[])
+
+
+@pytest.fixture(scope="module")
+def rows() -> list[Row]:
+    return run(_campaign(), SEEDS, Local(1))[0]
+
+
+@contextmanager
+def _process(*words: str, ready: str) -> Iterator[tuple[re.Match[str], "subprocess.Popen[str]"]]:
+    """A process that is up once a line of its log matches ``ready``."""
+    environment = os.environ | {"DASK_DISTRIBUTED__WORKER__DAEMON": "False", "PYTHONUNBUFFERED": "1"}
+    process = subprocess.Popen(
+        [sys.executable, *words], stderr=subprocess.PIPE, stdout=subprocess.DEVNULL, text=True, env=environment
+    )
+    try:
+        assert process.stderr is not None
+        lines = []
+        for line in process.stderr:
+            lines.append(line)
+            if (match := re.search(ready, line)) is not None:
+                yield match, process
+                return
+        pytest.fail("".join(lines))
+    finally:
+        process.send_signal(signal.SIGTERM)
+        process.communicate(timeout=30)
+
+
+@contextmanager
+def _scheduler() -> Iterator[str]:
+    words = ("-m", "distributed.cli.dask_scheduler", "--host", "127.0.0.1", "--port", "0", "--no-dashboard")
+    with _process(*words, ready=r"Scheduler at:\s+(tcp://\S+)") as (match, _):
+        yield match[1]
+
+
+@contextmanager
+def _worker(address: str, directory: Path, *options: str) -> Iterator["subprocess.Popen[str]"]:
+    words = ("-m", "distributed.cli.dask_worker", address, "--nthreads", "1", "--no-nanny", "--no-dashboard")
+    words += ("--local-directory", str(directory), *options)
+    with _process(*words, ready=r"Registered to:\s+tcp") as (_, process):
+        yield process
+
+
+def test_a_cluster_of_processes_flies_the_same_rows(rows: list[Row], tmp_path: Path) -> None:
+    from distributed import LocalCluster
+
+    with (
+        LocalCluster(
+            n_workers=2,
+            threads_per_worker=1,
+            processes=True,
+            dashboard_address=None,
+            local_directory=str(tmp_path),
+            protocol="tcp://",
+        ) as cluster,
+        Cluster(cluster.scheduler_address) as crew,
+    ):
+        assert crew.workers == 2
+        assert run(_campaign(), SEEDS, crew) == (rows, len(rows))
+
+
+def test_a_scheduler_and_two_workers_fly_the_same_rows_and_the_loss_of_one_worker_costs_none(
+    rows: list[Row], tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    with _scheduler() as address, _worker(address, tmp_path / "a"):
+        with _worker(address, tmp_path / "b") as second, Cluster(address) as crew:
+            assert crew.workers == 2
+
+            def kill_one(done: int) -> None:
+                if done == 0:
+                    second.kill()
+
+            assert run(_campaign(), SEEDS, crew, batch=1, out=tmp_path / "out", on_progress=kill_one) == (rows, 3)
+        words = (
+            f"groundstation-sim campaign --flights 3 --duration 15.1 --json --cluster {address} --out {tmp_path}/out"
+        )
+        monkeypatch.setattr("sys.argv", words.split())
+        assert main() == 0
+        facts = json.loads(capsys.readouterr().out)
+        assert (facts["flights"], facts["flown_now"], facts["workers"]) == (3, 0, 1)
+
+
+def test_a_worker_of_another_program_is_refused(tmp_path: Path) -> None:
+    preload = tmp_path / "other_program.py"
+    preload.write_text(OTHER_PROGRAM)
+    with _scheduler() as address, _worker(address, tmp_path / "a"):
+        with Cluster(address) as crew, _worker(address, tmp_path / "b", "--preload", str(preload)):
+            # It came after the crew was checked.
+            with pytest.raises(ConfigError, match=r"runs another program.*sha256 000000000000…"):
+                run(_campaign(), range(8), crew, batch=1)
+            with pytest.raises(ConfigError, match=r"the worker tcp://.* runs another program"):
+                Cluster(address)
+
+
+def test_without_scheduler_or_workers_it_says_what_is_missing(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(campaign_cluster, "CONNECT_S", 0.3)
+    with pytest.raises(ConfigError, match="--cluster: no Dask scheduler answers at '127.0.0.1:9'"):
+        Cluster("127.0.0.1:9")
+    with pytest.raises(ConfigError, match="--cluster: no Dask scheduler answers at 'nonsense://x'"):
+        Cluster("nonsense://x")
+    with _scheduler() as address, pytest.raises(ConfigError, match=r"has no workers; start some: dask worker tcp://"):
+        Cluster(address)
