@@ -70,8 +70,8 @@ def _scheduler() -> Iterator[str]:
 @contextmanager
 def _worker(address: str, directory: Path, *options: str) -> Iterator["subprocess.Popen[str]"]:
     words = ("-m", "distributed.cli.dask_worker", address, "--nthreads", "1", "--no-nanny", "--no-dashboard")
-    words += ("--local-directory", str(directory), *options)
-    with _process(*words, ready=r"Registered to:\s+tcp") as (_, process):
+    where = ("--local-directory", str(directory))
+    with _process(*words, *where, *options, ready=r"Registered to:\s+tcp") as (_, process):
         yield process
 
 
@@ -117,18 +117,22 @@ def test_a_scheduler_and_two_workers_fly_the_same_rows_and_the_loss_of_one_worke
 def test_a_worker_of_another_program_is_refused(tmp_path: Path) -> None:
     preload = tmp_path / "other_program.py"
     preload.write_text(OTHER_PROGRAM)
-    with _scheduler() as address, _worker(address, tmp_path / "a"):
-        with Cluster(address) as crew, _worker(address, tmp_path / "b", "--preload", str(preload)):
-            # It came after the crew was checked.
-            with pytest.raises(ConfigError, match=r"runs another program.*sha256 000000000000…"):
-                run(_campaign(), range(8), crew, batch=1)
-            with pytest.raises(ConfigError, match=r"the worker tcp://.* runs another program"):
-                Cluster(address)
+    with (
+        _scheduler() as address,
+        _worker(address, tmp_path / "a"),
+        Cluster(address) as crew,
+        _worker(address, tmp_path / "b", "--preload", str(preload)),
+    ):
+        # It came after the crew was checked.
+        with pytest.raises(ConfigError, match=r"runs another program.*sha256 000000000000…"):
+            run(_campaign(), range(8), crew, batch=1)
+        with pytest.raises(ConfigError, match=r"the worker tcp://.* runs another program"):
+            Cluster(address)
 
 
 def test_without_scheduler_or_workers_it_says_what_is_missing(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(campaign_cluster, "CONNECT_S", 0.3)
-    with pytest.raises(ConfigError, match="--cluster: no Dask scheduler answers at '127.0.0.1:9'"):
+    with pytest.raises(ConfigError, match=r"--cluster: no Dask scheduler answers at '127.0.0.1:9'"):
         Cluster("127.0.0.1:9")
     with pytest.raises(ConfigError, match="--cluster: no Dask scheduler answers at 'nonsense://x'"):
         Cluster("nonsense://x")
