@@ -4,6 +4,7 @@ Every worker must run this very program: it is asked before the first flight, an
 workers come and go. What a lost worker was flying, Dask gives to another one.
 """
 
+import logging
 from collections.abc import Iterator, Sequence
 from types import TracebackType
 from typing import Any
@@ -32,6 +33,9 @@ class Cluster:
                 "--cluster", "needs dask.distributed, which is not installed: pip install 'groundstation[cluster]'"
             ) from None
         self._address = address
+        for name in ("client", "core", "utils"):
+            # What they tell in tracebacks is said here in a sentence.
+            logging.getLogger(f"distributed.{name}").setLevel(logging.CRITICAL)
         try:
             self._client = Client(address, timeout=CONNECT_S, set_as_default=False)
         except (OSError, ValueError) as error:
