@@ -78,10 +78,11 @@ def fly_batch(worlds: Sequence[World], config: Config, seeds: Sequence[int], *, 
             estimator.release()
         # Where poses stay away too long commands stop, and with them the flight.
         marks.lost(time > estimator.stamp_s + config.flight.coast_s)
-        decision = pilot.decide(estimator.predict(time), trajectory.at(time), 0.0 if frame == 0 else period)
+        estimate = estimator.predict(time)
+        decision = pilot.decide(estimate, trajectory.at(time), 0.0 if frame == 0 else period)
         estimator.sent(frame, decision.drive)
         fleet.command(frame, time, decision.drive, vehicle.thrust_max_n)
-        marks.command(time, decision, fleet.wind(time))
+        marks.command(time, decision, estimate, fleet.wind(time))
         fleet.fly(time)
         ends = time + np.arange(steps, dtype=np.float64) * h + h
         ends = ends[ends <= duration_s + 1e-9]  # the last frame is held beyond the end of the flight

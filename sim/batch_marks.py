@@ -6,9 +6,9 @@ import numpy as np
 import numpy.typing as npt
 
 from groundstation.control.gains import Law
-from groundstation.control.port import Decision
+from groundstation.control.port import Decision, Estimate
 from groundstation.vehicle import Vehicle
-from sim.referee import ROUNDING_S, SATURATION_FROM_S, SETTLED_M, STEADY_S
+from sim.referee import ROUNDING_S, SATURATION_FROM_S, SETTLED_M, STEADY_S, sought
 
 STEADY_FROM_S = STEADY_S - ROUNDING_S
 Array = npt.NDArray[np.float64]
@@ -44,6 +44,7 @@ class Marks:
         self._saturated, self._late, self._steps = np.zeros(count), 0, 0
         self._duration = duration_s
         self._law = law
+        self._told_kg = vehicle.mass_kg
         self._thrusts = vehicle.thrust_min_n, vehicle.thrust_max_n
         self._margin, self._b_hat = np.full(count, np.inf), np.zeros(count)
         self._times: list[float] = []
@@ -54,8 +55,8 @@ class Marks:
         """These flights have failed."""
         self._alive &= ~who
 
-    def command(self, time_s: float, decision: Decision, wind: Array) -> None:
-        """One command of each, and the true disturbance b [m/s², NED] at that instant."""
+    def command(self, time_s: float, decision: Decision, estimate: Estimate, wind: Array) -> None:
+        """One command of each, what it was computed from, and the true disturbance b [m/s², NED] at that instant."""
         law, seen = self._law, decision.diagnostics
         if time_s >= SATURATION_FROM_S:
             self._saturated += decision.saturated
@@ -65,6 +66,7 @@ class Marks:
         if 0.0 < time_s < STEADY_FROM_S:
             return
         weight = 0.5 / law.kb if law.kb > 0.0 else 0.0
+        wind = sought(wind, estimate, self._told_kg)
         self._times.append(time_s)
         self._v.append(seen.v_known + weight * ((x - wind[0]) ** 2 + (y - wind[1]) ** 2 + (z - wind[2]) ** 2))
         self._w.append(np.asarray(seen.w))

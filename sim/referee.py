@@ -6,6 +6,7 @@ from typing import Any
 
 import msgspec
 
+from groundstation.control.port import Estimate
 from groundstation.ops import Vec3
 from groundstation.pilot import Tick
 from groundstation.so3 import third_column
@@ -91,11 +92,8 @@ class Referee:
             (tick.flight_time_s, d.drive.thrust, d.saturated, d.diagnostics.v_known, d.diagnostics.b_hat)
         )
         self._effectiveness.append(estimate.effectiveness)
-        # What b̂ should be: the wind, and the thrust that the law counts beyond what was told.
-        more = (estimate.effectiveness - 1.0) * estimate.motion.thrust / self._told_kg
-        x, y, z = third_column(estimate.motion.attitude)
         self._winds.append(wind)
-        self._wanted.append((wind[0] + more * x, wind[1] + more * y, wind[2] + more * z))
+        self._wanted.append(sought(wind, estimate, self._told_kg))
 
     def crashed(self, position: Vec3) -> bool:
         """Whether the vehicle hit the floor or left every room; says why in ``crash``."""
@@ -155,6 +153,16 @@ class Referee:
             "gust_peak_cm": 100.0 * max(e for _, e in after),
             "gust_back_s": stays_below([t for t, _ in after], [e for _, e in after], BACK_M),
         }
+
+
+def sought(wind: Any, estimate: Estimate, told_kg: float) -> Any:
+    """What b̂ should be [m/s², NED]: the wind, and the thrust that the law counts beyond what was told.
+
+    Components are numbers or arrays of shape (N,), and so are those of ``estimate``.
+    """
+    more = (estimate.effectiveness - 1.0) * estimate.motion.thrust / told_kg
+    x, y, z = third_column(estimate.motion.attitude)
+    return wind[0] + more * x, wind[1] + more * y, wind[2] + more * z
 
 
 def stays_below(times: list[float], errors: list[float], limit: float) -> float | None:
