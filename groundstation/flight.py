@@ -146,6 +146,8 @@ class Flight:
                 age = now - tick.pose.time_s
                 raise Ended(f"no pose for {age * 1e3:.0f} ms: commands have stopped, the autopilot's failsafe acts")
             self._scoreboard.tick(tick)
+            if tick.seen.warning:
+                self._say(f"warning: {tick.seen.warning}")
             if self._on_tick is not None:
                 self._on_tick(tick)
             if self.state is State.FLYING:
@@ -239,8 +241,10 @@ class Flight:
         self._first_pose.set()
 
     def _move(self, event: Event, reason: str) -> None:
-        state = self._mission.on(event, reason)
-        line = f"{asyncio.get_running_loop().time():.3f} {state}: {reason}"
+        self._say(f"{self._mission.on(event, reason)}: {reason}")
+
+    def _say(self, text: str) -> None:
+        line = f"{asyncio.get_running_loop().time():.3f} {text}"
         self._scoreboard.event(line)
         if self._on_event is not None:
             self._on_event(line)
@@ -254,4 +258,5 @@ class Flight:
             pose=self._pilot.newest_pose,
             dropped=self._source.status.dropped,
             link=self._link.status,
+            certificate=self._pilot.certificate,
         )

@@ -7,10 +7,15 @@ from groundstation.control.controllers import ControllerConfig, make_controller
 from groundstation.control.estimator import ModelEstimator
 from groundstation.control.model import Drive
 from groundstation.control.port import Decision, Estimate
+from groundstation.control.watch import Seen, Watch
 from groundstation.poses.port import Pose
+from groundstation.snapshot import Certificate
 from groundstation.trajectories.port import Reference, Trajectory
 from groundstation.vehicle import Vehicle
 from links.port import Command
+
+NOISE_POSES = 50
+"""After so many poses the watch hears of their noise and interval again."""
 
 
 class Tick(NamedTuple):
@@ -26,6 +31,8 @@ class Tick(NamedTuple):
     reference: Reference
     decision: Decision
     command: Command
+    seen: Seen
+    """V against its bound."""
 
 
 class Pilot:
@@ -44,6 +51,8 @@ class Pilot:
         # An observer that does not find the disturbance by itself is driven by b̂.
         driven = config.composite != "provable"
         self._driver = self._controller if driven and isinstance(self._controller, Adaptive) else None
+        self._watch = Watch(vehicle, config)
+        self._poses, self._counted_s = 0, 0.0
         self._last: float | None = None
         self._pose: Pose | None = None
         self._trajectory: Trajectory | None = None
@@ -54,11 +63,22 @@ class Pilot:
         """The newest pose taken, or None."""
         return self._pose
 
+    @property
+    def certificate(self) -> Certificate | None:
+        """V against its bound so far, for screens."""
+        return self._watch.reading()
+
     def pose(self, pose: Pose) -> None:
         """Take one pose; one that is not newer than the last is ignored."""
         if self._pose is None or pose.time_s > self._pose.time_s:
             self._estimator.pose(pose)
             self._pose = pose
+            self._poses += 1
+            if self._poses == 1:
+                self._counted_s = pose.time_s
+            elif self._poses % NOISE_POSES == 1:
+                self._watch.noise(self._estimator.noise_m, (pose.time_s - self._counted_s) / NOISE_POSES)
+                self._counted_s = pose.time_s
 
     def follow(self, trajectory: Trajectory, start_s: float) -> None:
         """From now on the reference is ``trajectory``, begun at ``start_s`` on the event loop's clock [s]."""
@@ -66,6 +86,7 @@ class Pilot:
             self._estimator.release()
         self._trajectory = trajectory
         self._start = start_s
+        self._watch.restart()
 
     def idle(self, time_s: float, thrust_n: float) -> Command:
         """A command that holds the rates at zero and the thrust at ``thrust_n``, resting on the newest pose."""
@@ -88,7 +109,8 @@ class Pilot:
         self._estimator.sent(acting, decision.drive)
         if self._driver is not None:
             self._estimator.follow(self._driver.b_hat)
-        return Tick(time_s, flight_time, pose, estimate, reference, decision, self._command(decision.drive))
+        seen = self._watch.look(time_s, estimate.motion, decision)
+        return Tick(time_s, flight_time, pose, estimate, reference, decision, self._command(decision.drive), seen)
 
     def _command(self, drive: Drive) -> Command:
         pose = self._pose

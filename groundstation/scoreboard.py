@@ -9,7 +9,7 @@ from groundstation.ops import Quat, Vec3
 from groundstation.pilot import Tick
 from groundstation.poses.port import Pose
 from groundstation.settings import Config
-from groundstation.snapshot import Snapshot
+from groundstation.snapshot import Certificate, Snapshot
 from links.port import LinkStatus
 
 ZERO: Vec3 = (0.0, 0.0, 0.0)
@@ -51,6 +51,7 @@ class Scoreboard:
         pose: Pose | None,
         dropped: dict[str, int],
         link: LinkStatus,
+        certificate: Certificate | None,
     ) -> Snapshot:
         """The flight as it is now; before the first command, position and attitude are the newest pose's."""
         now = asyncio.get_running_loop().time()
@@ -88,6 +89,7 @@ class Scoreboard:
             events=tuple(self._events),
             rate_limits_rad_s=(math.radians(roll), math.radians(pitch), math.radians(yaw)),
             thrust_effectiveness=1.0 if tick is None else tick.estimate.effectiveness,
+            certificate=certificate,
         )
 
     def _rate(self, now: float) -> float:

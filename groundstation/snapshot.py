@@ -33,6 +33,29 @@ class Diagnostics(msgspec.Struct, frozen=True, gc=False):
     """The sum of ``w_terms``: V falls at least this fast on the ideal plant, with the paper's adaptation."""
     certificate: str
     """Which bound on V holds for the law that flies: ``paper``, ``composite`` or ``none``, and why not."""
+    thrust_rate: float = 0.0
+    """Ṫ as the law wants it [N/s]."""
+    rates_wanted: Vec3 = (0.0, 0.0, 0.0)
+    """Body rates as the law wants them [rad/s, FRD], before lags and limits."""
+
+
+class Certificate(msgspec.Struct, frozen=True):
+    """V against its bound since the first command (docs/explanation/law.md, section 5.9)."""
+
+    state: str
+    """``holds``, ``violated``, ``suspended`` (a command is at its limit, adaptation stops) or ``none``."""
+    bound: str
+    """Which bound it is, or why there is none."""
+    v: float
+    """V_m: V with what the observer knows of the wind in the place of the truth [m²/s²]."""
+    excess: float
+    """How far it is above its bound [m²/s²]."""
+    violated_fraction: float
+    """Share of the time with a lasting violation [-]."""
+    suspended_fraction: float
+    """Share of the time with adaptation suspended [-]."""
+    b_hat_fraction: float | None
+    """|b̂|/(B + ε) [-]; None without adaptation."""
 
 
 class Snapshot(msgspec.Struct, frozen=True):
@@ -86,3 +109,5 @@ class Snapshot(msgspec.Struct, frozen=True):
     """Largest body rates that are commanded [rad/s], where known."""
     thrust_effectiveness: float = 1.0
     """λ̂: true thrust over told thrust, as the estimator finds it [-]."""
+    certificate: Certificate | None = None
+    """V against its bound; None before the second command."""

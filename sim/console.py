@@ -120,6 +120,9 @@ def summary(facts: dict[str, Any], folder: Path | None) -> str:
         bound = facts["thrust_bound_m_s2"]
         promise = "the theory promises positive thrust" if bound > 0.0 else "so the theory alone promises nothing"
         lines.append(f"{'thrust bound a priori':24}{bound:+.2f} m/s², {promise}")
+    violated, suspended = 100.0 * facts["certificate_violated"], 100.0 * facts["certificate_suspended"]
+    lines.append(f"{'V above its bound':24}{violated:.2f} % of the time, suspended {suspended:.2f} %")
+    lines += [f"{'':24}{warning}" for warning in facts["certificate_warnings"]]
     lines += [
         f"{'commands at a limit':24}{100.0 * facts['saturated_fraction']:.2f} % (after the first 5 s)",
         f"{'wall time':24}{facts['wall_s']:.2f} s for {facts['duration_s']:.0f} s, {facts['datagrams']} datagrams",

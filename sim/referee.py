@@ -7,6 +7,7 @@ from typing import Any
 import msgspec
 
 from groundstation.control.port import Estimate
+from groundstation.control.watch import SUSPENDED, VIOLATED
 from groundstation.ops import Vec3
 from groundstation.pilot import Tick
 from groundstation.so3 import third_column
@@ -52,6 +53,12 @@ class Verdict(msgspec.Struct, frozen=True, kw_only=True):
     """Median of V over the steady part: its sampling and noise floor."""
     lyapunov_start: float | None
     """V at the first command."""
+    certificate_violated: float
+    """Share of the commands at which V's bound was violated for longer than a moment; see control/watch.py."""
+    certificate_suspended: float
+    """Share of the commands at which it was suspended, as the one before was clamped."""
+    certificate_warnings: tuple[str, ...]
+    """What the operator was told of it, with the time on the trajectory."""
     gust_peak_cm: float | None = None
     """After a step of the wind: largest error [cm]."""
     gust_back_s: float | None = None
@@ -75,6 +82,8 @@ class Referee:
         self._winds: list[Vec3] = []
         self._wanted: list[Vec3] = []
         self._effectiveness = array("d")
+        self._states: list[str] = []
+        self._warnings: list[str] = []
         self.crash: str | None = None
 
     def step(self, time_s: float, position: Vec3) -> None:
@@ -94,6 +103,9 @@ class Referee:
         self._effectiveness.append(estimate.effectiveness)
         self._winds.append(wind)
         self._wanted.append(sought(wind, estimate, self._told_kg))
+        self._states.append(tick.seen.state)
+        if tick.seen.warning:
+            self._warnings.append(f"{tick.flight_time_s:.2f} {tick.seen.warning}")
 
     def crashed(self, position: Vec3) -> bool:
         """Whether the vehicle hit the floor or left every room; says why in ``crash``."""
@@ -129,6 +141,9 @@ class Referee:
             saturated_fraction=sum(self._ticks[i][2] for i in late) / len(late) if late else 0.0,
             lyapunov_increase_max=max((b - a for a, b in zip(values, values[1:], strict=False)), default=None),
             lyapunov_start=everything[0] if everything else None,
+            certificate_violated=self._states.count(VIOLATED) / max(len(self._states), 1),
+            certificate_suspended=self._states.count(SUSPENDED) / max(len(self._states), 1),
+            certificate_warnings=tuple(self._warnings),
             lyapunov_floor=sorted(values)[len(values) // 2] if values else None,
             **self._gust(times, errors),
         )

@@ -20,9 +20,10 @@ from sim.world import World
 COLUMNS = (
     "time_s,x_m,y_m,z_m,ref_x_m,ref_y_m,ref_z_m,vx_m_s,vy_m_s,vz_m_s,qw,qx,qy,qz,"
     "thrust_n,rate_x_rad_s,rate_y_rad_s,rate_z_rad_s,saturated,"
-    "z2_x,z2_y,z2_z,z3_x,z3_y,z3_z,b_hat_x,b_hat_y,b_hat_z,d_hat_x,d_hat_y,d_hat_z,v_known,w,effectiveness"
+    "z2_x,z2_y,z2_z,z3_x,z3_y,z3_z,b_hat_x,b_hat_y,b_hat_z,d_hat_x,d_hat_y,d_hat_z,v_known,w,effectiveness,"
+    "v_excess,certificate"
 )
-"""Positions are the estimate at the acting instant; world NED, body FRD."""
+"""Positions are the estimate at the acting instant; world NED, body FRD. v_excess [m²/s²] and certificate: see Seen."""
 
 
 class RunFolder:
@@ -66,8 +67,9 @@ class RunFolder:
             d.v_known,
             d.w,
             tick.estimate.effectiveness,
+            tick.seen.excess,
         )
-        self._csv.write(",".join(f"{value:.9g}" for value in row) + "\n")
+        self._csv.write(",".join(f"{value:.9g}" for value in row) + f",{tick.seen.state}\n")
         if tick.time_s > self._flushed + 0.5:
             self._flushed = tick.time_s
             for file in (self._csv, self._events, self._tlog):

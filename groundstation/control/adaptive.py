@@ -105,6 +105,8 @@ class Adaptive:
                 v_known=step.v_known,
                 w=step.w,
                 certificate=_SUSPENDED if suspended is True else self._certificate,
+                thrust_rate=step.thrust_rate,
+                rates_wanted=wanted,
             ),
         )
 

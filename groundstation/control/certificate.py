@@ -1,4 +1,4 @@
-"""What the theory promises before take-off: the a-priori bound that keeps thrust positive.
+"""What the theory promises: the a-priori bound that keeps thrust positive, and how V must fall in flight.
 
 The paper's bound in consistent units: T/m >= g - (B + ε) - sup|p¨d| - sup|u*| - √(2 V(0)), each sup over time of a
 Euclidean norm. It is conservative (with the paper's own gains it is negative), so it is reported, not refused on:
@@ -8,8 +8,9 @@ in flight the commanded thrust is clamped above ``vehicle.thrust_min_n``.
 import math
 from typing import NamedTuple
 
+from groundstation.control.adaptive import certificate
 from groundstation.control.backstepping import axis
-from groundstation.control.gains import Law
+from groundstation.control.gains import Gains, Law
 from groundstation.ops import FLOATS, Vec3
 
 
@@ -63,3 +64,52 @@ def thrust_bound(law: Law, *, acceleration_sup: float, v_start: float) -> Thrust
 def acceleration_sup(accelerations: list[Vec3]) -> float:
     """sup |p¨d| [m/s²] over samples of a reference."""
     return max((math.hypot(*a) for a in accelerations), default=0.0)
+
+
+COVERED_RATE_M_S3 = 3.0
+"""β: how fast b̂ and û may be moved by wind and actuators, and the bound still hold [m/s³]. The sine gusts of `adverse`
+have 0.9; a tilt rate that is off by 0.2 rad/s has 2."""
+
+
+class Decrease(NamedTuple):
+    """The bound V_m˙ <= -s (W + κ|w|²) + D for one set of gains (docs/explanation/law.md, section 5.9)."""
+
+    name: str
+    """Which bound holds, or why none does."""
+    share: float
+    """s [-]; 0 where nothing is proved."""
+    power: float
+    """What D has for wind and actuators; :func:`noise_power` comes on top [m²/s³]."""
+    spare: float
+    """How far V_m may stand above its bound for what is not measured [m²/s²]."""
+
+
+def decrease(law: Law) -> Decrease:
+    """The bound that these gains have in flight."""
+    name = certificate(law) if isinstance(law, Gains) else "none: the gains of the law alone"
+    left = 1.0
+    if name.startswith("composite") and isinstance(law, Gains):
+        beyond = max(1.0, ((law.b_bound + law.epsilon) / law.b_bound) ** 2 - 1.0)
+        left = 1.0 - 0.5 * law.kb * beyond * math.sqrt(law.kappa / law.k3)
+    # Without a d̂ of its own nothing stands for b̃: V_known may rise by what the last term of V can give.
+    spare = 0.5 * (2.0 * law.b_bound + law.epsilon) ** 2 / law.kb if name.startswith("paper") else 0.0
+    share = 0.0 if name.startswith("none") else 0.5 * left
+    return Decrease(name, share, COVERED_RATE_M_S3**2 / (2.0 * left * law.k3), spare)
+
+
+def noise_power(law: Law, noise_m: float, interval_s: float) -> float:
+    """What D has for poses of noise ``noise_m`` [m, 1σ per axis] every ``interval_s`` [s]: [m²/s³].
+
+    Innovations are white, so on average V_m only gains the second-order part of their jumps: half of its curvature at
+    the origin times their intensity, on three axes. The observer's gains are those of its steady state in continuous
+    time for a chain that the disturbance's rate drives: a Butterworth filter of order 4.
+    """
+    intensity = noise_m * noise_m * interval_s
+    w = math.pow(law.wind_rate_noise**2 / intensity, 0.125)
+    l1, l2, l3 = 2.613 * w, 3.414 * w * w, 2.613 * w * w * w
+    if law.composite == "off":
+        l3 = 0.0
+    r = law.sigma_slope
+    z2 = l2 + r * l1
+    z3 = l3 + law.k2 * law.rho_slope * z2 + r * (l1 + l2)
+    return 1.5 * intensity * (r * l1 * l1 + z2 * z2 + z3 * z3)

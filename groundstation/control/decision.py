@@ -60,6 +60,7 @@ def decided(
             v_known=0.0,
             w=0.0,
             certificate="none: this controller comes without a Lyapunov function",
+            rates_wanted=rates_rad_s,
         ),
     )
 

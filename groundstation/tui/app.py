@@ -33,7 +33,7 @@ class StatusScreen(App[None]):
     CSS = """
     #body { height: 1fr; }
     Numbers { width: 46; padding: 0 0 0 1; }
-    Events { height: 25%; min-height: 6; max-height: 21; }
+    Events { height: 21%; min-height: 5; max-height: 21; }
     """
     BINDINGS: ClassVar[list[BindingType]] = [("q", "quit", "quit")]
     ENABLE_COMMAND_PALETTE = False

@@ -116,7 +116,7 @@ def two_sided_bar(value: float, limit: float, half: int) -> str:
 
 def _cells(value: float, limit: float, width: int) -> int:
     share = value / limit if limit > 0.0 else 0.0
-    return max(0, min(width, round(width * share))) if math.isfinite(share) else 0
+    return round(width * max(0.0, min(1.0, share))) if math.isfinite(share) else 0
 
 
 def _drawable(point: Point) -> bool:

@@ -34,6 +34,7 @@ def numbers(snapshot: Snapshot) -> list[Spans]:
         _thrust(snapshot),
         *_rates(snapshot),
         *_disturbance(snapshot),
+        _certificate(snapshot),
         _pose(snapshot),
         *_link(snapshot),
     ]
@@ -76,6 +77,19 @@ def _disturbance(snapshot: Snapshot) -> list[Spans]:
         _row("b̂", f"{_three(law.b_hat)} m/s²"),
         _row("d̂", f"{_three(law.disturbance)} λ {snapshot.thrust_effectiveness:.2f}"),
     ]
+
+
+def _certificate(snapshot: Snapshot) -> Spans:
+    seen = snapshot.certificate
+    if seen is None:
+        return _row("V", "-")
+    bad = seen.state == "violated"
+    text = f"{seen.v:.3g}  {clean(seen.state)}{'!' if bad else ''}"
+    if seen.excess > 0.0:
+        text += f" by {seen.excess:.2g}"
+    if seen.b_hat_fraction is not None:
+        text += f"  b̂ {100.0 * seen.b_hat_fraction:.0f} %"
+    return _row("V", text, WARNING if bad else NORMAL)
 
 
 def _pose(snapshot: Snapshot) -> Spans:

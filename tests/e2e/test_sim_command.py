@@ -38,6 +38,9 @@ def test_json_is_one_object_with_every_promised_key() -> None:
         "thrust_max_n",
         "saturated_fraction",
         "lyapunov_increase_max",
+        "certificate_violated",
+        "certificate_suspended",
+        "certificate_warnings",
         "log_sha256",
         "wall_s",
     }

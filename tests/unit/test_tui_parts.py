@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from groundstation.snapshot import Snapshot
+from groundstation.snapshot import Certificate, Snapshot
 from groundstation.tui.headline import ALARM, FLYING, headline
 from groundstation.tui.letters import big
 from groundstation.tui.plot import Spans, Track, bar, history, nice_top, top_view, two_sided_bar
@@ -129,6 +129,22 @@ def test_a_command_at_its_limit_carries_a_mark() -> None:
     assert marked == [True, True, True, False]
 
 
+def test_a_violated_bound_carries_a_mark_and_a_bound_that_holds_does_not() -> None:
+    held = Certificate(
+        state="holds",
+        bound="composite",
+        v=0.0213,
+        excess=0.0,
+        violated_fraction=0.0,
+        suspended_fraction=0.0,
+        b_hat_fraction=0.08,
+    )
+    assert "V         0.0213  holds  b̂ 8 %" in plain(numbers(changed(certificate=held)))
+    violated = msgspec.structs.replace(held, state="violated", excess=3.25, b_hat_fraction=None)
+    assert "V         0.0213  violated! by 3.2" in plain(numbers(changed(certificate=violated)))
+    assert "V         -" in plain(numbers(changed(certificate=None)))
+
+
 def test_words_from_the_vehicle_cannot_steer_the_terminal() -> None:
     hostile = "\x1b[2J\x07[red]armed[/]\r\n"
     assert clean(hostile) == "·[2J·[red]armed[/]··"
@@ -158,5 +174,5 @@ def test_any_numbers_can_be_shown(
         flight_time_s=other,
         rate_limits_rad_s=limits,
     )
-    assert len(numbers(snapshot)) == 15
+    assert len(numbers(snapshot)) == 16
     assert headline(snapshot, 0.0, "").big

@@ -1,0 +1,67 @@
+"""The watch in whole flights: silent where the theory holds, and right about what breaks it."""
+
+import pytest
+
+from groundstation.control.power import LIMITS, VERTICAL
+from sim.commands import prepare
+from sim.fly import fly
+from sim.scenarios import SCENARIOS
+from tests.flight.flights import flown
+
+LAG_4X = 4.0 * SCENARIOS["paper"].world.thrust_lag_s
+
+
+@pytest.mark.parametrize("scenario", ["ideal", "paper", "fast", "gust_front", "quad1kg"])
+def test_flights_that_go_well_are_never_warned_of(scenario: str) -> None:
+    verdict = flown(scenario, duration_s=20.0 if scenario == "ideal" else 60.0).verdict
+    assert verdict.certificate_warnings == ()
+    assert verdict.certificate_violated == 0.0
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_neither_are_lost_poses_gusts_and_wrong_lags(seed: int) -> None:
+    assert flown("adverse", seed=seed).verdict.certificate_warnings == ()
+
+
+@pytest.mark.parametrize(
+    "overrides", [("sim.pose_noise_m=0.003", "sim.attitude_noise_rad=0.02"), ("sim.pose_rate_hz=25",)]
+)
+def test_nor_are_noisy_or_rare_poses(overrides: tuple[str, ...]) -> None:
+    assert flown("paper", *overrides).verdict.certificate_warnings == ()
+
+
+def test_nor_are_poses_from_the_autopilot() -> None:
+    assert flown("paper", source="odometry").verdict.certificate_warnings == ()
+
+
+@pytest.mark.parametrize(
+    ("overrides", "words"),
+    [
+        ((f"sim.thrust_lag_s={LAG_4X}",), VERTICAL),
+        (("sim.thrust_gain=0.6",), "thrust margin: the command has been at its upper limit, 1.37 N"),
+        (
+            # The printed slope of σ, and a ρ as steep: a limit cycle (errata).
+            (
+                "controller.sigma_slope=4.5",
+                "controller.rho_slope=4.5",
+                "controller.rho_bound=1.5",
+                "controller.delay_prediction=false",
+            ),
+            LIMITS,
+        ),
+        (("controller.kb=2",), "the proof needs kb² κ < 4 k3"),
+        (("sim.pose_latency_s=0.06",), "poses contradict the model"),
+    ],
+)
+def test_what_breaks_the_theory_is_told_within_seconds_by_its_name(overrides: tuple[str, ...], words: str) -> None:
+    warnings = flown("paper", *overrides, duration_s=8.0).verdict.certificate_warnings
+    assert words in warnings[0]
+    assert float(warnings[0].split()[0]) < 5.0
+
+
+def test_a_warning_is_an_event_and_has_its_share_of_the_time() -> None:
+    events: list[str] = []
+    world, config = prepare(SCENARIOS["paper"], [f"sim.thrust_lag_s={LAG_4X}"])
+    verdict = fly(world, config, seed=0, duration_s=20.0, on_event=events.append).verdict
+    assert [line.split(" ", 1)[1][:24] for line in events if "warning" in line] == ["warning: Lyapunov: V has"]
+    assert verdict.certificate_violated > 0.5
