@@ -4,6 +4,8 @@ import argparse
 import sys
 from pathlib import Path
 
+from sim.bench import WHAT as BENCHES
+
 _CONTROLLERS = "adaptive (default), uncompensated, geometric, pid, indi, or your own: package.module:factory"
 
 _DRAWS = "what differs from flight to flight: mass,lags,gain,wind (default), and latency, noise, losses"
@@ -65,6 +67,17 @@ def _parser() -> argparse.ArgumentParser:
     campaign.add_argument("--plot", type=Path, metavar="FILE.png", help="draw it too; needs matplotlib")
     campaign.add_argument("--json", action="store_true", help="print one JSON object instead of the summary")
 
+    bench = commands.add_parser(
+        "bench",
+        help="measure speed and memory on this machine",
+        description="tick: law, observer and predictor a command. flight: how fast `fly` is. batch: time per vehicle "
+        "and step. allocation: what grows in hours of flight. The JSON is described in docs/reference/bench.md.",
+    )
+    bench.add_argument("what", nargs="*", metavar="WHAT", help=f"some of {', '.join(BENCHES)} (default: all)")
+    bench.add_argument("--peers", action="store_true", help="batch: crazyflow and rotorpy too (dependency group peers)")
+    bench.add_argument("--hours", type=_hours, default=1.0, metavar="H", help="allocation: length (default 1)")
+    bench.add_argument("--json", action="store_true", help="print one JSON object instead of the table")
+
     scenarios = commands.add_parser("scenarios", help="list the scenarios with every value")
     scenarios.add_argument("--json", action="store_true")
 
@@ -84,6 +97,13 @@ def _seconds(text: str) -> float:
     value = float(text)
     if not 0.0 < value <= 86400.0:
         raise argparse.ArgumentTypeError(f"expected seconds between 0 and 86400, got {text}")
+    return value
+
+
+def _hours(text: str) -> float:
+    value = float(text)
+    if not 0.0 < value <= 1000.0:
+        raise argparse.ArgumentTypeError(f"expected hours between 0 and 1000, got {text}")
     return value
 
 

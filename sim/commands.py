@@ -197,6 +197,18 @@ def campaign(args: argparse.Namespace) -> int:
     return fly_campaign(args, scenario.name, world, config)
 
 
+def bench(args: argparse.Namespace) -> int:
+    """Measure this machine."""
+    from sim.bench import WHAT, Options, measured, text
+
+    for name in args.what:
+        if name not in WHAT:
+            raise ConfigError("bench", f"expected some of {list(WHAT)}, got {name!r}")
+    facts = measured(args.what or list(WHAT), Options(peers=args.peers, hours=args.hours))
+    print(json.dumps(facts) if args.json else text(facts))
+    return 0
+
+
 def scenarios(args: argparse.Namespace) -> int:
     """List the scenarios."""
     rows: dict[str, dict[str, Any]] = {

@@ -1,0 +1,113 @@
+"""Nanoseconds per vehicle and step: law and plant on arrays of vehicles, beside other simulators in the same run."""
+
+from collections.abc import Callable
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from groundstation.control.adaptive import Adaptive
+from groundstation.control.gains import Gains
+from groundstation.control.model import Motion
+from groundstation.control.port import Estimate
+from groundstation.ops import FLOATS, Ops, arrays
+from groundstation.trajectories.lemniscate import LemniscateConfig
+from groundstation.vehicle import Vehicle
+from sim.batch import fly_batch
+from sim.bench_peers import PEERS, Bench
+from sim.bench_timing import in_turns
+from sim.columns import zeros
+from sim.commands import prepare
+from sim.plant import Body, Physics, moved
+from sim.scenarios import SCENARIOS
+
+if TYPE_CHECKING:
+    from sim.bench import Options
+
+VEHICLES = 1000
+STEPS = 50
+"""Steps of one turn."""
+STEP_S = 0.0025
+FLIGHT_S = 1.0
+"""Length of the whole flights of one turn [s]."""
+ROUNDS = 5
+
+
+def law_and_plant(count: int, ops: Ops, steps: int) -> Bench:
+    """One law and one step of the plant for each of ``count`` vehicles (plain floats for one), in double precision."""
+    vehicle = Vehicle()
+    pilot = Adaptive(vehicle, Gains(), ops)
+    world = SCENARIOS["paper"].world
+    physics = Physics(world.mass_kg, world.thrust_lag_s, world.rate_lag_s, 0.0, 0.0, world.gravity)
+    trajectory = LemniscateConfig().build()
+    one: Any = 1.0 if count == 1 else np.ones(count)
+    nought: Any = (0.0, 0.0, 0.0) if count == 1 else zeros(count, 3)
+    body = Body(nought, nought, (one, *nought), 0.785 * one, nought)
+    time = 0.0
+
+    def run() -> None:
+        nonlocal body, time
+        for _ in range(steps):
+            estimate = Estimate(time, Motion(*body), nought, nought)
+            drive = pilot.decide(estimate, trajectory.at(time), STEP_S).drive
+            body = moved(ops, body, drive.thrust, drive.rates, nought, STEP_S, physics)
+            time += STEP_S
+
+    return Bench(run, count * steps, "")
+
+
+def whole_flights() -> Bench:
+    """Flights of a campaign: observer, predictor, law at 44 Hz, plant at 400 Hz, cameras, wind, wire rounding."""
+    world, config = prepare(SCENARIOS["adverse"], [])
+    worlds, seeds = [world] * VEHICLES, list(range(VEHICLES))
+    steps = round(FLIGHT_S / world.frame_period_s) * round(world.frame_period_s / world.step_s)
+    return Bench(lambda: _discard(fly_batch(worlds, config, seeds, duration_s=FLIGHT_S)), VEHICLES * steps, "")
+
+
+def _discard(_: object) -> None:
+    """A run answers nothing."""
+
+
+OURS: dict[str, Callable[[], Bench]] = {
+    "ours, 1,000 vehicles: law and plant at every step": lambda: law_and_plant(VEHICLES, arrays(), STEPS),
+    "ours, 1,000 vehicles: whole flights of a campaign": whole_flights,
+    "ours, one vehicle: law and plant at every step": lambda: law_and_plant(1, FLOATS, 1000),
+}
+
+
+def measure(options: "Options") -> dict[str, Any]:
+    """Every row in turns; a peer that can't run says why in its note."""
+    from time import perf_counter
+
+    rows: dict[str, dict[str, Any]] = {}
+    benches: dict[str, Bench] = {}
+    for name, make in {**OURS, **(PEERS if options.peers else {})}.items():
+        start = perf_counter()
+        rows[name] = {"name": name, "ns_per_vehicle_step": None, "ratio": None, "start_up_s": None, "note": ""}
+        try:
+            bench = make()
+            bench.run()
+        except Exception as error:  # noqa: BLE001  # whatever a peer does, the others are measured
+            rows[name]["note"] = f"not measured: {type(error).__name__}: {error}".strip()
+            continue
+        rows[name] |= {"start_up_s": perf_counter() - start, "note": bench.note}
+        benches[name] = bench
+    found = in_turns({name: bench.run for name, bench in benches.items()}, ROUNDS)
+    ours = found[next(iter(OURS))] / benches[next(iter(OURS))].vehicle_steps
+    for name, spent in found.items():
+        each = spent / benches[name].vehicle_steps
+        rows[name] |= {"ns_per_vehicle_step": 1e9 * each, "ratio": each / ours}
+    return {"rounds": ROUNDS, "rows": list(rows.values())}
+
+
+def text(facts: dict[str, Any]) -> list[str]:
+    """A table."""
+    lines = [f"{'ns per vehicle and step':58}{'ns':>10}{'ratio':>9}{'start-up':>11}"]
+    for row in facts["rows"]:
+        if row["ns_per_vehicle_step"] is None:
+            lines.append(f"{row['name']:58}{'-':>10}  {row['note']}")
+            continue
+        lines.append(
+            f"{row['name']:58}{row['ns_per_vehicle_step']:>10.0f}{row['ratio']:>9.2f}{row['start_up_s']:>9.1f} s"
+            + (f"  {row['note']}" if row["note"] else "")
+        )
+    return lines
