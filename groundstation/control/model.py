@@ -45,22 +45,18 @@ def rolled(
     along the attitude at mid-step, so the error is of third order in ``duration`` (keep it below 25 ms).
     """
     h = duration
+    half = 0.5 * h
     rate_rise = approach(ops, h, rate_lag)
-    thrust_rise = approach(ops, h, thrust_lag)
+    thrust_rise = rate_rise if thrust_lag == rate_lag else approach(ops, h, thrust_lag)
     (wx, wy, wz), (cx, cy, cz) = motion.rates, drive.rates
     dx, dy, dz = cx - wx, cy - wy, cz - wz
     # ∫ω = h ω_c - (h - ... ) : the lagged part has integral τ (1 - e^(-h/τ)).
     lagged = rate_lag * rate_rise
     ax, ay, az = h * cx - lagged * dx, h * cy - lagged * dy, h * cz - lagged * dz
-    half_rise = approach(ops, 0.5 * h, rate_lag)
-    half_lagged = rate_lag * half_rise
+    half_lagged = rate_lag * approach(ops, half, rate_lag)
+    attitude = motion.attitude
     middle = turned(
-        motion.attitude,
-        (
-            0.5 * h * cx - half_lagged * dx,
-            0.5 * h * cy - half_lagged * dy,
-            0.5 * h * cz - half_lagged * dz,
-        ),
+        attitude, (half * cx - half_lagged * dx, half * cy - half_lagged * dy, half * cz - half_lagged * dz)
     )
     d_thrust = drive.thrust - motion.thrust
     mean_thrust = drive.thrust - d_thrust * (thrust_lag * thrust_rise / h)
@@ -70,11 +66,11 @@ def rolled(
     accel_y = f * uy + disturbance[1]
     accel_z = f * uz + gravity + disturbance[2]
     (px, py, pz), (vx, vy, vz) = motion.position, motion.velocity
-    k = 0.5 * h * h
+    k = half * h
     return Motion(
         (px + h * vx + k * accel_x, py + h * vy + k * accel_y, pz + h * vz + k * accel_z),
         (vx + h * accel_x, vy + h * accel_y, vz + h * accel_z),
-        turned(motion.attitude, (ax, ay, az)),
+        turned(attitude, (ax, ay, az)),
         motion.thrust + thrust_rise * d_thrust,
         (wx + rate_rise * dx, wy + rate_rise * dy, wz + rate_rise * dz),
     )

@@ -1,6 +1,16 @@
 """The smooth projection (9) that keeps the disturbance estimate inside a ball of radius B + ε."""
 
+import math
+from typing import NamedTuple
+
 from groundstation.ops import Ops, Real, Vec3
+
+
+class Brink(NamedTuple):
+    """How far b̂ is beyond B: the part of (9) that does not depend on ξ."""
+
+    eta1: Real
+    scale: Real
 
 
 def project(ops: Ops, xi: Vec3, b_hat: Vec3, *, bound: Real, epsilon: Real, delta: Real, order: int) -> Vec3:
@@ -18,13 +28,23 @@ def project(ops: Ops, xi: Vec3, b_hat: Vec3, *, bound: Real, epsilon: Real, delt
     Returns:
         Proj(ξ, b̂), which equals ξ wherever |b̂| <= B (P1-P4 of the paper, Theorem 3).
     """
+    return held_back(ops, xi, b_hat, brink(ops, b_hat, bound=bound, epsilon=epsilon, order=order), delta)
+
+
+def brink(ops: Ops, b_hat: Vec3, *, bound: Real, epsilon: Real, order: int) -> Brink:
+    """η1, and 2 (ε² + 2εB)^(n+1) B²."""
     bx, by, bz = b_hat
-    outside = ops.clamp(bx * bx + by * by + bz * bz - bound * bound, 0.0, float("inf"))
-    inner = bx * xi[0] + by * xi[1] + bz * xi[2]
-    eta1 = outside ** (order + 1)
-    eta2 = inner + ops.sqrt(inner * inner + delta * delta)
-    k = eta1 * eta2 / (2.0 * (epsilon * epsilon + 2.0 * epsilon * bound) ** (order + 1) * bound * bound)
-    return (xi[0] - k * bx, xi[1] - k * by, xi[2] - k * bz)
+    outside = ops.clamp(bx * bx + by * by + bz * bz - bound * bound, 0.0, math.inf)
+    scale = 2.0 * (epsilon * epsilon + 2.0 * epsilon * bound) ** (order + 1) * bound * bound
+    return Brink(outside ** (order + 1), scale)
+
+
+def held_back(ops: Ops, xi: Vec3, b_hat: Vec3, edge: Brink, delta: Real) -> Vec3:
+    """Proj(ξ, b̂) at that ``edge``."""
+    (x, y, z), (bx, by, bz) = xi, b_hat
+    inner = bx * x + by * y + bz * z
+    k = edge.eta1 * (inner + ops.sqrt(inner * inner + delta * delta)) / edge.scale
+    return (x - k * bx, y - k * by, z - k * bz)
 
 
 def within(ops: Ops, b_hat: Vec3, radius: Real) -> Vec3:

@@ -5,6 +5,8 @@ M r s/√(1+r²s²), whose slope is M·r; bound M and slope r need the form belo
 Elementwise: floats, or arrays of shape (N,).
 """
 
+import math
+
 from groundstation.ops import Ops, Real
 
 
@@ -37,7 +39,7 @@ def growth(ops: Ops, s: Real, bound: Real, scale: Real) -> tuple[Real, Real, Rea
         bound: M [m/s].
         scale: c > 0 [m/s], how fast Ω' grows outside.
     """
-    y = ops.clamp(abs(s) - bound, 0.0, float("inf"))
+    y = ops.clamp(abs(s) - bound, 0.0, math.inf)
     t = y / scale
     first = ops.sqrt(1.0 + t * t)
     sign = ops.where(s < 0.0, -1.0, 1.0)
