@@ -5,9 +5,8 @@
 
 from typing import NamedTuple
 
-from groundstation.control.actuators import approach
 from groundstation.ops import Ops, Quat, Real, Vec3
-from groundstation.so3 import third_column, turned
+from groundstation.so3 import turned
 
 
 class Motion(NamedTuple):
@@ -46,25 +45,29 @@ def rolled(
     """
     h = duration
     half = 0.5 * h
-    rate_rise = approach(ops, h, rate_lag)
-    thrust_rise = rate_rise if thrust_lag == rate_lag else approach(ops, h, thrust_lag)
+    # approach() of actuators.py, written out like third_column() below: this runs four times a command.
+    exp = ops.exp
+    rate_rise = 1.0 - exp(-h / rate_lag) if rate_lag > 0.0 else 1.0
+    half_rise = 1.0 - exp(-half / rate_lag) if rate_lag > 0.0 else 1.0
+    thrust_rise = rate_rise
+    if thrust_lag != rate_lag:
+        thrust_rise = 1.0 - exp(-h / thrust_lag) if thrust_lag > 0.0 else 1.0
     (wx, wy, wz), (cx, cy, cz) = motion.rates, drive.rates
     dx, dy, dz = cx - wx, cy - wy, cz - wz
     # ∫ω = h ω_c - (h - ... ) : the lagged part has integral τ (1 - e^(-h/τ)).
     lagged = rate_lag * rate_rise
     ax, ay, az = h * cx - lagged * dx, h * cy - lagged * dy, h * cz - lagged * dz
-    half_lagged = rate_lag * approach(ops, half, rate_lag)
+    half_lagged = rate_lag * half_rise
     attitude = motion.attitude
-    middle = turned(
+    w, x, y, z = turned(
         attitude, (half * cx - half_lagged * dx, half * cy - half_lagged * dy, half * cz - half_lagged * dz)
     )
     d_thrust = drive.thrust - motion.thrust
     mean_thrust = drive.thrust - d_thrust * (thrust_lag * thrust_rise / h)
-    ux, uy, uz = third_column(middle)
     f = -mean_thrust / mass
-    accel_x = f * ux + disturbance[0]
-    accel_y = f * uy + disturbance[1]
-    accel_z = f * uz + gravity + disturbance[2]
+    accel_x = f * (2.0 * (x * z + w * y)) + disturbance[0]
+    accel_y = f * (2.0 * (y * z - w * x)) + disturbance[1]
+    accel_z = f * (1.0 - 2.0 * (x * x + y * y)) + gravity + disturbance[2]
     (px, py, pz), (vx, vy, vz) = motion.position, motion.velocity
     k = half * h
     return Motion(

@@ -88,6 +88,7 @@ class Watch:
         self._rising, self._outside, self._pinned = Lasting(), Lasting(), Lasting()
         self._fed: dict[str, float] = {}
         self._peak = self._fed_s = self._watched_s = self._violated_s = self._suspended_s = 0.0
+        self._quiet = self._state(suspended=False)
         self._opening = ""
         if law is not None and known.share == 0.0:
             self._opening = f"Lyapunov: {known.name}; only a lasting rise of V will be told"
@@ -119,20 +120,23 @@ class Watch:
             rise, fallen = v - self._v, 0.5 * dt * (fall + self._fall)
             excess = self._excess + rise + self._known.share * fallen - self._power * dt
             if excess > 0.0 or self._excess > 0.0:
-                words = self._above(excess, v, rise + fallen, dt, motion, before, decision) or words
+                words = _both(words, self._above(excess, v, rise + fallen, dt, motion, before, decision))
             b2 = bx * bx + by * by + bz * bz
             if b2 > self._bound2 or self._outside.for_s > 0.0:
-                words = self._beyond(math.sqrt(b2), dt) or words
+                words = _both(words, self._beyond(math.sqrt(b2), dt))
             thrust = decision.drive.thrust
             if not self._least_n < thrust < self._most_n or self._pinned.for_s > 0.0:
-                words = self._at_limit(thrust, dt) or words
-            state = self._state(before.saturated)
+                words = _both(words, self._at_limit(thrust, dt))
             self._watched_s += dt
-            if state is VIOLATED:
-                self._violated_s += dt
-            elif state is SUSPENDED:
-                self._suspended_s += dt
-        self._time, self._v, self._fall, self._motion, self._decision = time_s, v, fall, motion, decision
+            state = self._quiet
+            if before.saturated or self._excess > 0.0 or self._outside.for_s > 0.0:
+                state = self._state(suspended=before.saturated)
+                if state is VIOLATED:
+                    self._violated_s += dt
+                elif state is SUSPENDED:
+                    self._suspended_s += dt
+        self._time = time_s
+        self._v, self._fall, self._motion, self._decision = v, fall, motion, decision
         return Seen(state, self._excess, words)
 
     def _above(
@@ -196,7 +200,7 @@ class Watch:
             f"for {self._pinned.for_s:.1f} s; the Lyapunov bound is suspended"
         )
 
-    def _state(self, suspended: bool) -> str:
+    def _state(self, *, suspended: bool) -> str:
         if max(self._rising.for_s, self._outside.for_s) >= LASTING_S:
             return VIOLATED
         if self._law is None:
@@ -209,7 +213,7 @@ class Watch:
         if decision is None or self._watched_s == 0.0:
             return None
         return Certificate(
-            state=self._state(decision.saturated),
+            state=self._state(suspended=decision.saturated),
             bound=self._known.name,
             v=self._v,
             excess=self._excess,
@@ -217,3 +221,8 @@ class Watch:
             suspended_fraction=self._suspended_s / self._watched_s,
             b_hat_fraction=self._radius and math.hypot(*decision.diagnostics.b_hat) / self._radius,
         )
+
+
+def _both(words: str, more: str) -> str:
+    """Two sentences, either of which may be empty."""
+    return f"{words}; {more}" if words and more else words or more
