@@ -113,7 +113,7 @@ async def _fly(
         if on_step is not None:
             on_step(time_s, position)
 
-    stage = Stage(world, config, seed, step)
+    stage = Stage(world, config, seed, referee.step if on_step is None else step)
     plant = stage.plant
 
     def watch(tick: Tick) -> None:

@@ -39,23 +39,32 @@ def moved(
     """``body`` after ``h`` [s] under held commands (thrust [N], rates [rad/s]) and a constant ``wind`` [m/s², NED]."""
     mass, thrust_lag, tau, drag, leak, gravity = physics
     half = 0.5 * h
+    exp = ops.exp
     # Without lag the exponent is so large that nothing of the old value is kept.
-    keep = ops.exp(-h / (tau + 1e-12))
-    mid_keep = ops.exp(-half / (tau + 1e-12))
+    keep = exp(-h / (tau + 1e-12))
+    mid_keep = exp(-half / (tau + 1e-12))
+    if thrust_lag is tau:
+        thrust_keep, mid_thrust_keep = keep, mid_keep
+    else:
+        thrust_keep, mid_thrust_keep = exp(-h / (thrust_lag + 1e-12)), exp(-half / (thrust_lag + 1e-12))
     (wx, wy, wz), (cx, cy, cz) = body.rates, rate_command
     dx, dy, dz = wx - cx, wy - cy, wz - cz
     m, f = tau * (1.0 - mid_keep), tau * (1.0 - keep)
-    q1 = turned(body.attitude, (half * cx + m * dx, half * cy + m * dy, half * cz + m * dz))
-    q2 = turned(body.attitude, (h * cx + f * dx, h * cy + f * dy, h * cz + f * dz))
+    attitude = body.attitude
+    q1 = turned(attitude, (half * cx + m * dx, half * cy + m * dy, half * cz + m * dz))
+    q2 = turned(attitude, (h * cx + f * dx, h * cy + f * dy, h * cz + f * dz))
     over = body.thrust - thrust_command
     k0 = -ops.where(thrust_lag > 0.0, body.thrust, thrust_command) / mass
-    k1 = -(thrust_command + ops.exp(-half / (thrust_lag + 1e-12)) * over) / mass
-    thrust = thrust_command + ops.exp(-h / (thrust_lag + 1e-12)) * over
+    k1 = -(thrust_command + mid_thrust_keep * over) / mass
+    thrust = thrust_command + thrust_keep * over
     k2 = -thrust / mass
-    lx, ly, lz = to_world(q1, (leak * cy, -leak * cx, 0.0))
-    bx, by, bz = wind[0] + lx, wind[1] + ly, wind[2] + lz + gravity
+    bx, by, bz = wind
+    if not isinstance(leak, float) or leak != 0.0:
+        lx, ly, lz = to_world(q1, (leak * cy, -leak * cx, 0.0))
+        bx, by, bz = bx + lx, by + ly, bz + lz
+    bz = bz + gravity
     (px, py, pz), (vx, vy, vz) = body.position, body.velocity
-    ax, ay, az = third_column(body.attitude)
+    ax, ay, az = third_column(attitude)
     ax, ay, az = k0 * ax + bx - drag * vx, k0 * ay + by - drag * vy, k0 * az + bz - drag * vz
     mx, my, mz = third_column(q1)
     mx = k1 * mx + bx - drag * (vx + half * ax)

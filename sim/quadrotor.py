@@ -32,7 +32,8 @@ class Quadrotor:
         self.released_s: float | None = None
         self._physics = Physics(
             world.mass_kg,
-            world.thrust_lag_s,
+            # One object where both lags are the same, so that plant.py need not compare what may be arrays.
+            world.rate_lag_s if world.thrust_lag_s == world.rate_lag_s else world.thrust_lag_s,
             world.rate_lag_s,
             world.drag_per_s,
             world.rate_leak,

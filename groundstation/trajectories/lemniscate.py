@@ -90,8 +90,9 @@ class Lemniscate:
         """φ [rad], less whole turns."""
         # Whole periods are taken off the time, exactly, so that hours of flight cost no digits.
         phi = self._rate * math.remainder(time_s, self.period_s)
+        asin, sin = math.asin, math.sin
         for ratio in _RATIOS:
-            phi = 0.5 * (phi + math.asin(ratio * math.sin(phi)))
+            phi = 0.5 * (phi + asin(ratio * sin(phi)))
         return phi
 
     @property
