@@ -1,6 +1,7 @@
 """Nanoseconds per vehicle and step: law and plant on arrays of vehicles, beside other simulators in the same run."""
 
 from collections.abc import Callable
+from time import perf_counter
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -76,8 +77,6 @@ OURS: dict[str, Callable[[], Bench]] = {
 
 def measure(options: "Options") -> dict[str, Any]:
     """Every row in turns; a peer that can't run says why in its note."""
-    from time import perf_counter
-
     rows: dict[str, dict[str, Any]] = {}
     benches: dict[str, Bench] = {}
     for name, make in {**OURS, **(PEERS if options.peers else {})}.items():
@@ -86,6 +85,9 @@ def measure(options: "Options") -> dict[str, Any]:
         try:
             bench = make()
             bench.run()
+        except ImportError as error:
+            rows[name]["note"] = f"not measured: {error}; install it with `uv sync --group peers`"
+            continue
         except Exception as error:  # noqa: BLE001  # whatever a peer does, the others are measured
             rows[name]["note"] = f"not measured: {type(error).__name__}: {error}".strip()
             continue

@@ -8,7 +8,7 @@ in the step). The controller's own model (groundstation/control/model.py) shares
 
 from typing import NamedTuple
 
-from groundstation.ops import Ops, Quat, Real, Vec3
+from groundstation.ops import FLOATS, Ops, Quat, Real, Vec3
 from groundstation.so3 import third_column, to_world, turned
 
 
@@ -59,7 +59,7 @@ def moved(
     thrust = thrust_command + thrust_keep * over
     k2 = -thrust / mass
     bx, by, bz = wind
-    if not isinstance(leak, float) or leak != 0.0:
+    if ops is not FLOATS or leak != 0.0:
         lx, ly, lz = to_world(q1, (leak * cy, -leak * cx, 0.0))
         bx, by, bz = bx + lx, by + ly, bz + lz
     bz = bz + gravity

@@ -7,7 +7,7 @@ Elementwise: floats, or arrays of shape (N,).
 
 import math
 
-from groundstation.ops import Ops, Real
+from groundstation.ops import FLOATS, Ops, Real
 
 
 def saturation(ops: Ops, s: Real, bound: Real, slope: Real) -> tuple[Real, Real, Real]:
@@ -39,7 +39,7 @@ def growth(ops: Ops, s: Real, bound: Real, scale: Real) -> tuple[Real, Real, Rea
         bound: M [m/s].
         scale: c > 0 [m/s], how fast Ω' grows outside.
     """
-    if isinstance(s, float) and -bound <= s <= bound:
+    if ops is FLOATS and -bound <= s <= bound:
         # One vehicle is here nearly always: the same to the bit, in a third of the time.
         nought = -0.0 if s < 0.0 else 0.0
         return nought, 1.0, nought

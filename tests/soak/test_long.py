@@ -8,6 +8,7 @@ import pytest
 
 from groundstation.poses.vicon_codec import ViconDecoder
 from links.mavlink_codec import MavlinkCodec
+from sim.bench_allocation import grown
 from tests.flight.flights import flown
 from tests.mavlink_table import FRAMES
 from tests.vicon_table import OURS, TABLE
@@ -59,6 +60,13 @@ def test_an_hour_of_flight_ends_as_well_as_a_minute() -> None:
     assert minute.rms_cm is not None
     assert hour.rms_cm is not None
     assert hour.rms_cm < 1.2 * minute.rms_cm
+
+
+def test_an_hour_of_flight_allocates_nothing_that_stays() -> None:
+    facts = grown(1.0)
+    assert abs(facts["objects_grown"]) < 50
+    assert abs(facts["blocks_grown"]) < 1000
+    assert facts["resident_bytes_grown"] < 1 << 20
 
 
 @pytest.mark.parametrize("scenario", ["paper", "fast", "adverse", "storm", "quad1kg"])
