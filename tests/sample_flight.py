@@ -7,7 +7,7 @@ import sys
 
 from groundstation.broadcast import Latest
 from groundstation.ops import Vec3
-from groundstation.snapshot import Diagnostics, Snapshot
+from groundstation.snapshot import Certificate, Diagnostics, Snapshot
 from groundstation.so3 import from_euler_zyx
 from groundstation.telemetry.status import StatusConfig, StatusServer
 from links.port import LinkStatus
@@ -57,6 +57,15 @@ def sample(time_s: float, *, vehicle: str = "mqx", state: str = "flying", text: 
         ),
         link=LinkStatus(
             state="armed", sent=int(44.4 * time_s), expired=0, received=120, dropped={"bad_checksum": 1}, text=text
+        ),
+        certificate=Certificate(
+            state="holds",
+            bound="paper",
+            v=0.021,
+            excess=0.0,
+            violated_fraction=0.0,
+            suspended_fraction=0.0,
+            b_hat_fraction=0.04,
         ),
         events=(f"{99.0:.3f} ready: link and poses are there", f"{100.0:.3f} flying: following the trajectory"),
     )

@@ -147,5 +147,5 @@ class Events(Widget):
         rows: list[Spans] = [[("─ events ".ljust(self.size.width, "─"), LABEL)]]
         for event in self._events[-room:]:
             time, _, text = clean(event).partition(" ")
-            rows.append([(f"{time:>9} ", LABEL), (text, ORANGE if text.startswith("aborted") else "")])
+            rows.append([(f"{time:>9} ", LABEL), (text, ORANGE if text.startswith(("aborted", "warning")) else "")])
         return content(rows, self.size.width)

@@ -2,12 +2,17 @@
 
 import pytest
 
-from groundstation.control.power import LIMITS, VERTICAL
+from groundstation.control.certificate import noise_power
+from groundstation.control.gains import Gains
+from groundstation.control.power import LIMITS, POSES, VERTICAL, terms
+from groundstation.pilot import Tick
+from groundstation.snapshot import Diagnostics
 from sim.commands import prepare
 from sim.fly import fly
 from sim.scenarios import SCENARIOS
 from tests.flight.flights import flown
 
+GAINS = Gains()
 LAG_4X = 4.0 * SCENARIOS["paper"].world.thrust_lag_s
 
 
@@ -65,3 +70,53 @@ def test_a_warning_is_an_event_and_has_its_share_of_the_time() -> None:
     verdict = fly(world, config, seed=0, duration_s=20.0, on_event=events.append).verdict
     assert [line.split(" ", 1)[1][:24] for line in events if "warning" in line] == ["warning: Lyapunov: V has"]
     assert verdict.certificate_violated > 0.5
+
+
+def decrease(d: Diagnostics) -> float:
+    """W + κ|w|²."""
+    return d.w + GAINS.kappa * sum((a - b) ** 2 for a, b in zip(d.disturbance, d.b_hat, strict=True))
+
+
+def v_m(d: Diagnostics) -> float:
+    return d.v_known + 0.5 * sum((a - b) ** 2 for a, b in zip(d.disturbance, d.b_hat, strict=True))
+
+
+def ticks(scenario: str, *overrides: str, duration_s: float) -> list[Tick]:
+    kept: list[Tick] = []
+    world, config = prepare(SCENARIOS[scenario], list(overrides))
+    fly(world, config, seed=0, duration_s=duration_s, on_tick=kept.append)
+    return kept
+
+
+def test_where_the_model_is_right_the_terms_are_all_there_is() -> None:
+    # (F) of law.md, from 1.8 m away until it has arrived; the first moments have speeds at which V is not quadratic.
+    flight = [t for t in ticks("ideal", "sim.wind_mean=[0,0,0]", duration_s=4.0) if t.flight_time_s > 0.3]
+    fed: dict[str, float] = {}
+    fallen = 0.0
+    for a, b in zip(flight, flight[1:], strict=False):
+        told, now, dt = a.decision.diagnostics, b.decision.diagnostics, b.time_s - a.time_s
+        fall = 0.5 * (decrease(told) + decrease(now)) * dt
+        fallen += fall
+        for name, energy in terms(
+            a.estimate.motion,
+            told,
+            False,
+            b.estimate.motion,
+            now,
+            dt,
+            total=v_m(now) - v_m(told) + fall,
+            mass=0.08,
+            pull=GAINS.kappa,
+        ).items():
+            fed[name] = fed.get(name, 0.0) + energy
+    assert fallen > 3.0
+    assert abs(fed[POSES]) < 0.005 * fallen
+
+
+@pytest.mark.parametrize(
+    ("noise_m", "overrides"), [(0.0003, ()), (0.001, ("sim.pose_noise_m=0.001", "sim.attitude_noise_rad=0.006"))]
+)
+def test_noise_alone_feeds_v_with_about_what_the_theory_says(noise_m: float, overrides: tuple[str, ...]) -> None:
+    steady = [t for t in ticks("paper", *overrides, duration_s=30.0) if t.flight_time_s > 15.0]
+    mean = sum(decrease(t.decision.diagnostics) for t in steady) / len(steady)
+    assert 0.5 < mean / noise_power(GAINS, noise_m, 0.02) < 1.1
