@@ -168,11 +168,14 @@ class Watch:
         # While adaptation is suspended nothing is promised, so that time does not count.
         if excess <= self._known.spare or before.saturated or not self._rising.so(self._time, dt):
             return ""
-        name, energy = max(self._fed.items(), key=lambda item: item[1])
-        return (
-            f"Lyapunov: V has been above its bound for {self._fed_s:.1f} s; "
-            f"largest term: {name}, {energy / self._fed_s:.2g} m²/s³"
-        )
+        return f"Lyapunov: V has been above its bound for {self._fed_s:.1f} s; largest term: {self._largest()}"
+
+    def _largest(self) -> str:
+        """The largest term since V has been above its bound, and the next where it is half as large."""
+        (name, most), (other, next_) = sorted(self._fed.items(), key=lambda item: -item[1])[:2]
+        said = f"{name}, {most / self._fed_s:.2g} m²/s³"
+        # Commands at a limit are often the consequence, and what comes next is the cause.
+        return said if next_ < 0.5 * most else f"{said}; then {other}, {next_ / self._fed_s:.2g}"
 
     def _beyond(self, length: float, dt: float) -> str:
         """|b̂| is above B, or was until now."""
