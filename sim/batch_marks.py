@@ -92,16 +92,19 @@ class Marks:
         law = self._law
         nan = np.where(self._alive, 0.0, np.nan)
         settled = np.where(self._last_far < self._duration - 0.01, self._last_far, np.nan)
-        v, w = np.array(self._v[1:]), np.array(self._w[1:])
-        rises = np.diff(v, axis=0) / np.diff(self._times[1:])[:, None] > -w[:-1]
+        floor = above = np.full(nan.size, np.nan)
+        if len(self._times) > 2:  # long enough to have a steady part
+            v, w, times = np.array(self._v[1:]), np.array(self._w[1:]), np.array(self._times[1:])
+            floor = np.sort(v, axis=0)[len(v) // 2]
+            above = (np.diff(v, axis=0) / np.diff(times)[:, None] > -w[:-1]).mean(axis=0)
         return Flights(
             rms_m=np.sqrt(self._squares / max(self._steps, 1)) + nan,
             max_m=self._max + nan,
             settle_s=settled + nan,
             saturated=self._saturated / max(self._late, 1),
             lyapunov_start=self._v[0],
-            lyapunov_floor=np.sort(v, axis=0)[len(v) // 2] + nan,
-            lyapunov_above_bound=rises.mean(axis=0) + nan,
+            lyapunov_floor=floor + nan,
+            lyapunov_above_bound=above + nan,
             b_hat_share_max=np.sqrt(self._b_hat) / (law.b_bound + law.epsilon) + nan,
             thrust_margin_n=self._margin + nan,
             survived=self._alive,

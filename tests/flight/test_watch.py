@@ -13,7 +13,7 @@ from sim.scenarios import SCENARIOS
 from tests.flight.flights import flown
 
 GAINS = Gains()
-LAG_4X = 4.0 * SCENARIOS["paper"].world.thrust_lag_s
+LAG_3X = 3.0 * SCENARIOS["paper"].world.thrust_lag_s
 
 
 @pytest.mark.parametrize("scenario", ["ideal", "paper", "fast", "gust_front", "quad1kg"])
@@ -42,7 +42,7 @@ def test_nor_are_poses_from_the_autopilot() -> None:
 @pytest.mark.parametrize(
     ("overrides", "words"),
     [
-        ((f"sim.thrust_lag_s={LAG_4X}",), VERTICAL),
+        ((f"sim.thrust_lag_s={LAG_3X}",), VERTICAL),
         (("sim.thrust_gain=0.6",), "thrust margin: the command has been at its upper limit, 1.37 N"),
         (
             # The printed slope of σ, and a ρ as steep: a limit cycle (errata).
@@ -66,7 +66,7 @@ def test_what_breaks_the_theory_is_told_within_seconds_by_its_name(overrides: tu
 
 def test_a_warning_is_an_event_and_has_its_share_of_the_time() -> None:
     events: list[str] = []
-    world, config = prepare(SCENARIOS["paper"], [f"sim.thrust_lag_s={LAG_4X}"])
+    world, config = prepare(SCENARIOS["paper"], [f"sim.thrust_lag_s={LAG_3X}"])
     verdict = fly(world, config, seed=0, duration_s=20.0, on_event=events.append).verdict
     assert [line.split(" ", 1)[1][:24] for line in events if "warning" in line] == ["warning: Lyapunov: V has"]
     assert verdict.certificate_violated > 0.5
