@@ -10,7 +10,7 @@ import numpy as np
 import numpy.typing as npt
 
 from groundstation.control import effectiveness
-from groundstation.control.effectiveness import Chain, Effectiveness, pushed, told
+from groundstation.control.effectiveness import Effectiveness, along, pushed, told
 from groundstation.control.estimator import NOISE_FLOOR_M2, NOISE_MEMORY, STEP_LIMIT
 from groundstation.control.gains import Gains
 from groundstation.control.model import Drive, Motion, rolled
@@ -23,7 +23,6 @@ from groundstation.control.observer import (
     fourth_difference,
     innovation,
     later,
-    plus,
     seen,
 )
 from groundstation.control.port import Estimate
@@ -78,7 +77,7 @@ class BatchEstimator:
     def _told(self, count: int) -> Any:
         zero: Any = np.zeros(count)
         start = told(self._gains.effectiveness_deviation)
-        return Effectiveness(zero + start.value, zero + start.variance, *(Chain(*zeros(count, 4)) for _ in range(3)))
+        return Effectiveness(zero + start.value, zero + start.variance, *(zeros(count, 4) for _ in range(3)))
 
     def sent(self, frame: int, drive: Drive) -> None:
         """The command of ``frame`` acts from frame · period on."""
@@ -111,10 +110,10 @@ class BatchEstimator:
             other = (north, east, down + gains.gravity)
             push = pushed(e, pick(self._motion, who), model, dt, other)
             e = effectiveness.later(e, dt, push, gains.effectiveness_walk)
-            e, (x, y, z) = effectiveness.seen(OPS, e, step, gain, expected.pp + self._noise[who])
+            e, moved = effectiveness.seen(OPS, e, step, gain, expected.pp + self._noise[who])
             put(self._effectiveness, who, e)
-            place, speed = plus(place, (x.p, y.p, z.p)), plus(speed, (x.v, y.v, z.v))
-            now, rate = plus(now, (x.d, y.d, z.d)), plus(rate, (x.c, y.c, z.c))
+            place, speed = along(place, e, moved, 0), along(speed, e, moved, 1)
+            now, rate = along(now, e, moved, 2), along(rate, e, moved, 3)
         put(self._disturbance, who, now)
         put(self._rate, who, rate)
         put(self._covariance, who, covariance)

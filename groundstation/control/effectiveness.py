@@ -10,7 +10,7 @@ Weak thrust and wind look the same while thrust stays as it is: V then settles w
 rests. Every change of thrust or tilt tells them apart. Elementwise: floats, or arrays of shape (N,).
 """
 
-from typing import NamedTuple
+from typing import NamedTuple, TypeAlias
 
 from groundstation.control.model import Motion
 from groundstation.control.observer import Gain
@@ -20,13 +20,8 @@ LIMITS = (0.6, 1.4)
 """λ̂ stays within these [-]: beyond them something is broken, not worn."""
 
 
-class Chain(NamedTuple):
-    """One axis of the observer: position [m], velocity [m/s], disturbance [m/s²] and its rate [m/s³]."""
-
-    p: Real
-    v: Real
-    d: Real
-    c: Real
+Chain: TypeAlias = tuple[Real, Real, Real, Real]
+"""One axis of the observer: position [m], velocity [m/s], disturbance [m/s²] and its rate [m/s³]."""
 
 
 class Effectiveness(NamedTuple):
@@ -44,30 +39,24 @@ class Effectiveness(NamedTuple):
 
 def told(deviation: float) -> Effectiveness:
     """Before the flight: λ̂ = 1, known to ``deviation`` (1σ)."""
-    still = Chain(0.0, 0.0, 0.0, 0.0)
+    still = (0.0, 0.0, 0.0, 0.0)
     return Effectiveness(1.0, deviation * deviation, still, still, still)
 
 
 def later(e: Effectiveness, h: Real, push: tuple[Vec3, Vec3], walk: float) -> Effectiveness:
     """``e`` after ``h`` [s] in which thrust gave ``push`` (see :func:`pushed`) and λ wandered ``walk`` [1/√s]."""
     (px, py, pz), (vx, vy, vz) = push
+    value, variance, x, y, z = e
     return Effectiveness(
-        e.value,
-        e.variance + walk * walk * h,
-        _later(e.x, h, px, vx),
-        _later(e.y, h, py, vy),
-        _later(e.z, h, pz, vz),
+        value, variance + walk * walk * h, _later(x, h, px, vx), _later(y, h, py, vy), _later(z, h, pz, vz)
     )
 
 
-def _later(s: Chain, h: Real, way: Real, speed: Real) -> Chain:
+def _later(chain: Chain, h: Real, way: Real, speed: Real) -> Chain:
     """The chain's exact transition, and what thrust adds to it."""
-    return Chain(
-        s.p + h * (s.v + 0.5 * h * (s.d + h * s.c / 3.0)) + way,
-        s.v + h * (s.d + 0.5 * h * s.c) + speed,
-        s.d + h * s.c,
-        s.c,
-    )
+    p, v, d, c = chain
+    grown = h * c
+    return p + h * (v + 0.5 * h * (d + grown / 3.0)) + way, v + h * (d + 0.5 * grown) + speed, d + grown, c
 
 
 def pushed(e: Effectiveness, before: Motion, after: Motion, h: Real, other: Vec3) -> tuple[Vec3, Vec3]:
@@ -86,10 +75,8 @@ def pushed(e: Effectiveness, before: Motion, after: Motion, h: Real, other: Vec3
     )
 
 
-def seen(
-    ops: Ops, e: Effectiveness, step: Vec3, gain: Gain, variance: Real, of: int = 0
-) -> tuple[Effectiveness, tuple[Chain, Chain, Chain]]:
-    """``e`` after an innovation, and what the three axes of the observer change by as λ̂ moves.
+def seen(ops: Ops, e: Effectiveness, step: Vec3, gain: Gain, variance: Real, of: int = 0) -> tuple[Effectiveness, Real]:
+    """``e`` after an innovation, and by how much λ̂ moved: the observer moves along, see :func:`along`.
 
     Args:
         ops: elementary functions.
@@ -99,23 +86,23 @@ def seen(
         variance: of the innovation, as the observer's filter has it [m² or m²/s²].
         of: which of the chain was measured.
     """
-    value, p = e.value, e.variance
+    value, p, x, y, z = e
     moved: Real = 0.0
-    for chain, r in zip((e.x, e.y, e.z), step, strict=True):
-        s = chain[of]
+    for s, r in zip((x[of], y[of], z[of]), step, strict=True):
         k = p * s / (variance + s * s * p)
         moved = moved + k * (r - s * moved)
         p = p - k * s * p
     new = ops.clamp(value + moved, *LIMITS)
-    moved = new - value
-    x, y, z = _seen(e.x, gain, of), _seen(e.y, gain, of), _seen(e.z, gain, of)
-    return Effectiveness(new, p, x, y, z), (_times(x, moved), _times(y, moved), _times(z, moved))
+    return Effectiveness(new, p, _seen(x, gain, of), _seen(y, gain, of), _seen(z, gain, of)), new - value
 
 
-def _seen(s: Chain, k: Gain, of: int) -> Chain:
-    m = s[of]
-    return Chain(s.p - k.p * m, s.v - k.v * m, s.d - k.d * m, s.c - k.c * m)
+def _seen(chain: Chain, k: Gain, of: int) -> Chain:
+    m = chain[of]
+    p, v, d, c = chain
+    kp, kv, kd, kc = k
+    return p - kp * m, v - kv * m, d - kd * m, c - kc * m
 
 
-def _times(s: Chain, k: Real) -> Chain:
-    return Chain(k * s.p, k * s.v, k * s.d, k * s.c)
+def along(value: Vec3, e: Effectiveness, moved: Real, of: int) -> Vec3:
+    """``value`` of the observer (number ``of`` of the chain, NED) after λ̂ has ``moved``."""
+    return value[0] + moved * e.x[of], value[1] + moved * e.y[of], value[2] + moved * e.z[of]

@@ -8,7 +8,7 @@ import math
 from collections import deque
 
 from groundstation.control import effectiveness
-from groundstation.control.effectiveness import Effectiveness, pushed, told
+from groundstation.control.effectiveness import Effectiveness, along, pushed, told
 from groundstation.control.estimation import Estimation
 from groundstation.control.model import Drive, Motion, rolled
 from groundstation.control.observer import (
@@ -20,7 +20,6 @@ from groundstation.control.observer import (
     fourth_difference,
     innovation,
     later,
-    plus,
     seen,
     seen_moving,
 )
@@ -174,13 +173,10 @@ class ModelEstimator:
         self, position: Vec3, velocity: Vec3, disturbance: Vec3, gain: Gain, step: Vec3, variance: float, of: int = 0
     ) -> tuple[Vec3, Vec3, Vec3]:
         """Ask the innovation ``step`` what it says of the thrust; the chain moves along with it."""
-        self._effectiveness, (x, y, z) = effectiveness.seen(FLOATS, self._effectiveness, step, gain, variance, of)
-        self._disturbance_rate = plus(self._disturbance_rate, (x.c, y.c, z.c))
-        return (
-            plus(position, (x.p, y.p, z.p)),
-            plus(velocity, (x.v, y.v, z.v)),
-            plus(disturbance, (x.d, y.d, z.d)),
-        )
+        self._effectiveness, moved = effectiveness.seen(FLOATS, self._effectiveness, step, gain, variance, of)
+        e = self._effectiveness
+        self._disturbance_rate = along(self._disturbance_rate, e, moved, 3)
+        return along(position, e, moved, 0), along(velocity, e, moved, 1), along(disturbance, e, moved, 2)
 
     def predict(self, time_s: float) -> Estimate:
         """The vehicle at ``time_s``; with delay prediction off, as it was at the newest pose."""

@@ -139,11 +139,6 @@ def corrected(value: Vec3, gain: Real, step: Vec3) -> Vec3:
     return (value[0] + gain * step[0], value[1] + gain * step[1], value[2] + gain * step[2])
 
 
-def plus(a: Vec3, b: Vec3) -> Vec3:
-    """a + b."""
-    return (a[0] + b[0], a[1] + b[1], a[2] + b[2])
-
-
 def corrected_attitude(ops: Ops, predicted: Quat, measured: Quat, gain: float) -> Quat:
     """The predicted attitude turned by ``gain`` (0..1) of the way to the measured one; 1 takes the measurement."""
     if gain >= 1.0:

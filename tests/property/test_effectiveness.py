@@ -9,7 +9,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from groundstation.control import effectiveness, observer
-from groundstation.control.effectiveness import LIMITS, Effectiveness, pushed, told
+from groundstation.control.effectiveness import LIMITS, Effectiveness, along, pushed, told
 from groundstation.control.model import Drive, Motion, rolled
 from groundstation.control.observer import Covariance, Densities
 from groundstation.ops import FLOATS, Vec3
@@ -76,9 +76,9 @@ def test_both_stages_together_are_the_kalman_filter_with_thirteen_states(
             step = tuple(measured[i] - state[i, of] for i in range(3))
             variance = (small.vv if of else small.pp) + r
             gain, small = (observer.seen_moving if of else observer.seen)(small, r)
-            e, change = effectiveness.seen(FLOATS, e, (step[0], step[1], step[2]), gain, variance, of)
-            for i in range(3):
-                state[i] += np.array(gain) * step[i] + np.array(change[i])
+            e, moved = effectiveness.seen(FLOATS, e, (step[0], step[1], step[2]), gain, variance, of)
+            for i, chain in enumerate((e.x, e.y, e.z)):
+                state[i] += np.array(gain) * step[i] + moved * np.array(chain)
             clipped |= not LIMITS[0] < e.value < LIMITS[1]
     assert math.isclose(e.variance, big[12, 12], rel_tol=1e-6)
     if not clipped:
@@ -111,12 +111,11 @@ def flown(true: float, wind: Vec3, seconds: float, *, shaken: bool) -> tuple[Eff
         push = pushed(e, believed, model, h, (middle[0], middle[1], middle[2] + 9.81))
         e = effectiveness.later(e, h, push, 0.0)
         step = observer.innovation(truth.position, model.position)
-        e, change = effectiveness.seen(FLOATS, e, step, gain, expected.pp + 1e-8)
-        x, y, z = change
-        d = observer.plus(observer.corrected(observer.corrected(d, h, c), gain.d, step), (x.d, y.d, z.d))
-        c = observer.plus(observer.corrected(c, gain.c, step), (x.c, y.c, z.c))
-        position = observer.plus(observer.corrected(model.position, gain.p, step), (x.p, y.p, z.p))
-        velocity = observer.plus(observer.corrected(model.velocity, gain.v, step), (x.v, y.v, z.v))
+        e, moved = effectiveness.seen(FLOATS, e, step, gain, expected.pp + 1e-8)
+        d = along(observer.corrected(observer.corrected(d, h, c), gain.d, step), e, moved, 2)
+        c = along(observer.corrected(c, gain.c, step), e, moved, 3)
+        position = along(observer.corrected(model.position, gain.p, step), e, moved, 0)
+        velocity = along(observer.corrected(model.velocity, gain.v, step), e, moved, 1)
         believed = Motion(position, velocity, truth.attitude, model.thrust, model.rates)
     return e, list(d)
 
@@ -145,6 +144,5 @@ def test_told_exactly_it_never_moves() -> None:
     e = told(0.0)
     e = effectiveness.later(e, 0.02, ((0.0, 0.0, -2e-3), (0.0, 0.0, -0.2)), 0.0)
     gain, _ = observer.seen(observer.begun(1e-6), 1e-6)
-    moved, change = effectiveness.seen(FLOATS, e, (0.1, 0.1, 0.1), gain, 1e-6)
-    assert moved.value == 1.0
-    assert all(part == 0.0 for chain in change for part in chain)
+    after, moved = effectiveness.seen(FLOATS, e, (0.1, 0.1, 0.1), gain, 1e-6)
+    assert (after.value, moved) == (1.0, 0.0)
