@@ -87,11 +87,17 @@ def seen(ops: Ops, e: Effectiveness, step: Vec3, gain: Gain, variance: Real, of:
         of: which of the chain was measured.
     """
     value, p, x, y, z = e
-    moved: Real = 0.0
-    for s, r in zip((x[of], y[of], z[of]), step, strict=True):
-        k = p * s / (variance + s * s * p)
-        moved = moved + k * (r - s * moved)
-        p = p - k * s * p
+    # One axis after the other, written out: this runs once a pose.
+    (north, east, down), a, b, c = step, x[of], y[of], z[of]
+    k = p * a / (variance + a * a * p)
+    moved: Real = k * north
+    p = p - k * a * p
+    k = p * b / (variance + b * b * p)
+    moved = moved + k * (east - b * moved)
+    p = p - k * b * p
+    k = p * c / (variance + c * c * p)
+    moved = moved + k * (down - c * moved)
+    p = p - k * c * p
     new = ops.clamp(value + moved, *LIMITS)
     return Effectiveness(new, p, _seen(x, gain, of), _seen(y, gain, of), _seen(z, gain, of)), new - value
 

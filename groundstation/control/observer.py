@@ -59,60 +59,63 @@ def later(s: Covariance, h: Real, q: Densities) -> Covariance:
 
     Q is diagonal, q h: what it leaves out is of second order in h and grows back through F at the next step.
     """
+    pp, pv, pd, pc, vv, vd, vc, dd, dc, cc = s
     a, b = 0.5 * h * h, h * h * h / 6.0
-    p_v = s.pv + h * s.vv + a * s.vd + b * s.vc
-    p_d = s.pd + h * s.vd + a * s.dd + b * s.dc
-    p_c = s.pc + h * s.vc + a * s.dc + b * s.cc
-    v_d = s.vd + h * s.dd + a * s.dc
-    v_c = s.vc + h * s.dc + a * s.cc
-    d_c = s.dc + h * s.cc
+    p_v = pv + h * vv + a * vd + b * vc
+    p_d = pd + h * vd + a * dd + b * dc
+    p_c = pc + h * vc + a * dc + b * cc
+    v_d = vd + h * dd + a * dc
+    v_c = vc + h * dc + a * cc
+    d_c = dc + h * cc
     return Covariance(
-        pp=s.pp + h * s.pv + a * s.pd + b * s.pc + h * p_v + a * p_d + b * p_c + q.position * h,
-        pv=p_v + h * p_d + a * p_c,
-        pd=p_d + h * p_c,
-        pc=p_c,
-        vv=s.vv + h * s.vd + a * s.vc + h * v_d + a * v_c + q.acceleration * h,
-        vd=v_d + h * v_c,
-        vc=v_c,
-        dd=s.dd + h * s.dc + h * d_c + q.disturbance * h,
-        dc=d_c,
-        cc=s.cc + q.disturbance_rate * h,
+        pp + h * pv + a * pd + b * pc + h * p_v + a * p_d + b * p_c + q.position * h,
+        p_v + h * p_d + a * p_c,
+        p_d + h * p_c,
+        p_c,
+        vv + h * vd + a * vc + h * v_d + a * v_c + q.acceleration * h,
+        v_d + h * v_c,
+        v_c,
+        dd + h * dc + h * d_c + q.disturbance * h,
+        d_c,
+        cc + q.disturbance_rate * h,
     )
 
 
 def seen(s: Covariance, r: Real) -> tuple[Gain, Covariance]:
     """The gain for a pose of position noise ``r`` [m²], and the covariance after it."""
-    w = 1.0 / (s.pp + r)
-    k = Gain(s.pp * w, s.pv * w, s.pd * w, s.pc * w)
-    return k, Covariance(
-        pp=s.pp - k.p * s.pp,
-        pv=s.pv - k.p * s.pv,
-        pd=s.pd - k.p * s.pd,
-        pc=s.pc - k.p * s.pc,
-        vv=s.vv - k.v * s.pv,
-        vd=s.vd - k.v * s.pd,
-        vc=s.vc - k.v * s.pc,
-        dd=s.dd - k.d * s.pd,
-        dc=s.dc - k.d * s.pc,
-        cc=s.cc - k.c * s.pc,
+    pp, pv, pd, pc, vv, vd, vc, dd, dc, cc = s
+    w = 1.0 / (pp + r)
+    kp, kv, kd, kc = pp * w, pv * w, pd * w, pc * w
+    return Gain(kp, kv, kd, kc), Covariance(
+        pp - kp * pp,
+        pv - kp * pv,
+        pd - kp * pd,
+        pc - kp * pc,
+        vv - kv * pv,
+        vd - kv * pd,
+        vc - kv * pc,
+        dd - kd * pd,
+        dc - kd * pc,
+        cc - kc * pc,
     )
 
 
 def seen_moving(s: Covariance, r: Real) -> tuple[Gain, Covariance]:
     """As :func:`seen`, for a velocity of noise ``r`` [m²/s²]: what one m/s of innovation changes."""
-    w = 1.0 / (s.vv + r)
-    k = Gain(s.pv * w, s.vv * w, s.vd * w, s.vc * w)
-    return k, Covariance(
-        pp=s.pp - k.p * s.pv,
-        pv=s.pv - k.p * s.vv,
-        pd=s.pd - k.p * s.vd,
-        pc=s.pc - k.p * s.vc,
-        vv=s.vv - k.v * s.vv,
-        vd=s.vd - k.v * s.vd,
-        vc=s.vc - k.v * s.vc,
-        dd=s.dd - k.d * s.vd,
-        dc=s.dc - k.d * s.vc,
-        cc=s.cc - k.c * s.vc,
+    pp, pv, pd, pc, vv, vd, vc, dd, dc, cc = s
+    w = 1.0 / (vv + r)
+    kp, kv, kd, kc = pv * w, vv * w, vd * w, vc * w
+    return Gain(kp, kv, kd, kc), Covariance(
+        pp - kp * pv,
+        pv - kp * vv,
+        pd - kp * vd,
+        pc - kp * vc,
+        vv - kv * vv,
+        vd - kv * vd,
+        vc - kv * vc,
+        dd - kd * vd,
+        dc - kd * vc,
+        cc - kc * vc,
     )
 
 
@@ -122,11 +125,8 @@ def fourth_difference(a: Vec3, b: Vec3, c: Vec3, d: Vec3, e: Vec3) -> Real:
     The fourth difference of independent noise has 1 + 16 + 36 + 16 + 1 = 70 times its variance; of a smooth motion
     it leaves snap · h⁴ (0.02 mm for 100 m/s⁴ at 50 Hz).
     """
-    total: Real = 0.0
-    for i in range(3):
-        x = a[i] - 4.0 * b[i] + 6.0 * c[i] - 4.0 * d[i] + e[i]
-        total = total + x * x
-    return total / 210.0
+    x, y, z = (p - 4.0 * q + 6.0 * r - 4.0 * s + t for p, q, r, s, t in zip(a, b, c, d, e, strict=True))
+    return (x * x + y * y + z * z) / 210.0
 
 
 def innovation(measured: Vec3, predicted: Vec3) -> Vec3:
