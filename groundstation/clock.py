@@ -1,6 +1,10 @@
-"""Waiting until an instant on the event loop's clock, exactly and without drift."""
+"""Waiting on the event loop: until an instant of its clock, exactly and without drift; and to an end, come what may."""
 
 import asyncio
+from collections.abc import Awaitable
+from typing import TypeVar
+
+T = TypeVar("T")
 
 
 async def sleep_until(when_s: float) -> None:
@@ -20,3 +24,17 @@ async def sleep_until(when_s: float) -> None:
 def _wake(future: "asyncio.Future[None]") -> None:
     if not future.done():
         future.set_result(None)
+
+
+async def to_the_end(work: Awaitable[T]) -> T:
+    """Await ``work`` to its end even if this task is cancelled meanwhile; the cancellation is raised after it."""
+    task = asyncio.ensure_future(work)
+    cancelled: asyncio.CancelledError | None = None
+    while not task.done():
+        try:
+            await asyncio.wait({task})
+        except asyncio.CancelledError as error:
+            cancelled = error
+    if cancelled is not None:
+        raise cancelled
+    return task.result()

@@ -6,7 +6,7 @@ from typing import TypeVar
 
 import msgspec
 
-from groundstation.clock import sleep_until
+from groundstation.clock import sleep_until, to_the_end
 from groundstation.mission import FINAL, Event, Mission, State
 from groundstation.pilot import Pilot, Tick
 from groundstation.poses.port import Pose, PoseSource
@@ -26,6 +26,12 @@ LINK_LOOK_S = 0.5
 """How often it is asked whether the autopilot is still there and armed [s]."""
 DISARM_WAIT_S = 8.0
 """How long a landed autopilot may refuse to disarm: it must first believe that it stands."""
+AFTERMATH_S = 1.0
+"""How long this task may take to notice that the link has fallen silent [s]; then it hangs."""
+STALL_S = 0.06
+"""A pose that arrives after this program has looked at nothing for so long may have waited that long [s]."""
+DRAIN_S = 0.01
+"""How long such poses are passed over: what waits in a socket is read within some milliseconds [s]."""
 
 
 class Outcome(msgspec.Struct, frozen=True):
@@ -63,10 +69,18 @@ class Flight:
         self._on_tick = on_tick
         self._on_event = on_event
         self._mission = Mission()
-        self._pilot = Pilot(config.vehicle, config.controller, config.flight.coast_s)
+        self._pilot = Pilot(config.vehicle, config.controller, config.flight.coast_s, config.flight.floor_z_m)
         self._land = asyncio.Event()
         self._land_reason = ""
         self._first_pose = asyncio.Event()
+        self._crew: asyncio.Task[None] | None = None
+        self._stopped = ""
+        self._closed = False
+        self._kill: asyncio.Task[None] | None = None
+        self._frame: asyncio.Future[None] | None = None
+        self._frame_from_s = 0.0
+        self._looked_s: float | None = None
+        self._drained_s = 0.0
         self._scoreboard = Scoreboard(config)
         self.started_s: float | None = None
         """When the reference started, on the event loop's clock [s]; None before."""
@@ -87,20 +101,56 @@ class Flight:
             self._land_reason = reason
             self._land.set()
 
+    def stop(self, reason: str) -> None:
+        """End the flight now, wherever it is: commands stop, and the link plays its bring-down."""
+        self._stopped = self._stopped or reason
+        if self._crew is not None:
+            self._crew.cancel()
+
+    def kill(self, reason: str) -> None:
+        """Stop the motors now, also in the air."""
+        if self._kill is None and not self._closed:
+            self._kill = asyncio.ensure_future(self._link.kill())
+            self.stop(f"motors off: {reason}")
+
     async def run(self) -> Outcome:
-        """Fly; always ends with the link and the source closed, and with nothing leaving any more."""
+        """Fly. However this ends, the link first does what it owes the vehicle: bring it down, or stop its motors.
+
+        Then the link and the source are closed, and nothing leaves any more; cancelling does not shorten that.
+        """
+        self._crew = asyncio.ensure_future(self._fly())
+        if self._stopped:
+            self._crew.cancel()
         try:
-            await self._fly()
+            await self._crew
         except (Ended, LinkError) as error:
             self._move(Event.FAILED, str(error))
         except BaseException as error:
             if self.state not in FINAL:
-                self._move(Event.FAILED, f"stopped by {type(error).__name__}: {error}")
-            raise
+                self._move(Event.FAILED, self._stopped or f"stopped by {type(error).__name__}: {error}")
+            if not (self._stopped and isinstance(error, asyncio.CancelledError)):
+                raise
         finally:
-            await self._source.close()
-            await self._link.close()
+            await to_the_end(self._close())
         return Outcome(self.state, self._mission.reason)
+
+    async def _close(self) -> None:
+        """Close the link, which may have to bring down first, and tell what it does."""
+        link = self._link
+        if self._kill is None and link.status.phase in ("fresh", "bring_down"):
+            self._say("bringing down: the link levels, sinks and stops by itself")
+            await link.silent()
+            if self._kill is None:
+                self._say("the bring-down is over: nothing leaves any more")
+        if self._kill is not None:
+            try:
+                await self._kill
+                self._say("the vehicle has acknowledged: motors off")
+            except LinkError as error:
+                self._say(f"NOT acknowledged: {error}")
+        self._closed = True
+        await link.close()
+        await self._source.close()
 
     async def _fly(self) -> None:
         config = self._config
@@ -115,7 +165,7 @@ class Flight:
         self._pilot.follow(config.trajectory.build(), now)
         self.started_s = now
         self._move(Event.ARMED, "following the trajectory")
-        await self._transmit()
+        await self._while_the_link_sends(self._transmit())
         await self._stop_motors()
 
     async def _connect(self) -> None:
@@ -129,22 +179,42 @@ class Flight:
             hint = f"dropped so far: {dropped}" if dropped else "nothing arrived at all; check address and port"
             raise Ended(f"no pose within {wait:g} s ({self._config.pose!r}): {hint}") from None
 
+    async def _while_the_link_sends(self, work: Awaitable[None]) -> None:
+        """Await ``work``, but no longer than a moment after the link has fallen silent: then it hangs."""
+        task, silent = asyncio.ensure_future(work), asyncio.ensure_future(self._link.silent())
+        try:
+            await asyncio.wait({task, silent}, return_when=asyncio.FIRST_COMPLETED)
+            await asyncio.wait({task}, timeout=AFTERMATH_S)
+            if not task.done():
+                raise Ended("the controller hangs: the link has brought the vehicle down without it")
+            task.result()
+        finally:
+            task.cancel()
+            silent.cancel()
+            await asyncio.gather(task, silent, return_exceptions=True)
+
     async def _transmit(self) -> None:
-        """One command per frame, each from the newest pose, until the vehicle stands on the floor."""
+        """Commands, each from the newest pose, until the vehicle stands on the floor.
+
+        One leaves every period; or, where the link follows poses, as soon as a pose has come (but not within half a
+        period of the last one), and one and a half periods after the last one where none came.
+        """
         loop = asyncio.get_running_loop()
         link, pilot = self._link, self._pilot
         period, duration = link.period_s, self._config.flight.duration_s
         frame = look = loop.time()
         while True:
-            now = loop.time()
+            now = self._looked_s = loop.time()
             tick = pilot.tick(now)
             if now >= look:
                 look += LINK_LOOK_S
                 if self._has_disarmed(tick):
                     return
             if not link.send(tick.command):
+                if self._has_disarmed(tick):  # the link knows it first
+                    return
                 age = now - tick.pose.time_s
-                raise Ended(f"no pose for {age * 1e3:.0f} ms: commands have stopped, the autopilot's failsafe acts")
+                raise Ended(f"no pose for {age * 1e3:.0f} ms: the link plays its bring-down")
             self._scoreboard.tick(tick)
             if tick.seen.warning:
                 self._say(f"warning: {tick.seen.warning}")
@@ -157,10 +227,24 @@ class Flight:
                     self._begin_landing(tick)
             elif self._is_down(tick):
                 return
+            if link.follows_poses:
+                await self._next_pose(now + 0.5 * period, now + 1.5 * period)
+                continue
             frame += period
             if frame < now:
                 frame = now + period  # a late frame is skipped, never sent twice in a row
             await sleep_until(frame)
+
+    async def _next_pose(self, from_s: float, until_s: float) -> None:
+        """Wait for a pose, but not past ``until_s``; one that comes before ``from_s`` counts at that instant."""
+        loop = asyncio.get_running_loop()
+        self._frame, self._frame_from_s = loop.create_future(), from_s
+        timer = loop.call_at(until_s, _wake, self._frame)
+        try:
+            await self._frame
+        finally:
+            timer.cancel()
+            self._frame = None
 
     def _begin_landing(self, tick: Tick) -> None:
         flight = self._config.flight
@@ -216,6 +300,7 @@ class Flight:
             await asyncio.sleep(self._link.period_s)
 
     def _idle(self) -> Command:
+        self._looked_s = asyncio.get_running_loop().time()
         vehicle, share = self._config.vehicle, self._config.flight.idle_thrust
         weight = vehicle.mass_kg * self._config.controller.gravity
         return self._pilot.idle(asyncio.get_running_loop().time(), share * weight)
@@ -236,9 +321,29 @@ class Flight:
             await asyncio.gather(work, asked, return_exceptions=True)
 
     def _pose(self, pose: Pose) -> None:
+        if self._waited(pose.arrival_s):
+            return
         self._pilot.pose(pose)
         self._scoreboard.pose(pose)
         self._first_pose.set()
+        if self._frame is not None:
+            if pose.arrival_s >= self._frame_from_s:
+                _wake(self._frame)
+            else:
+                asyncio.get_running_loop().call_at(self._frame_from_s, _wake, self._frame)
+
+    def _waited(self, now_s: float) -> bool:
+        """Whether a pose that is read at ``now_s`` may have lain in its socket while this program stood still.
+
+        A source without time stamps of its own would pass it off as fresh.
+        """
+        looked = self._looked_s
+        if looked is None:  # nothing flies
+            return False
+        if now_s - looked > STALL_S:
+            self._drained_s = now_s + DRAIN_S
+        self._looked_s = now_s
+        return now_s < self._drained_s
 
     def _move(self, event: Event, reason: str) -> None:
         self._say(f"{self._mission.on(event, reason)}: {reason}")
@@ -260,3 +365,8 @@ class Flight:
             link=self._link.status,
             certificate=self._pilot.certificate,
         )
+
+
+def _wake(frame: "asyncio.Future[None]") -> None:
+    if not frame.done():
+        frame.set_result(None)

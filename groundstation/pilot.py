@@ -3,16 +3,23 @@
 from typing import NamedTuple
 
 from groundstation.control.adaptive import Adaptive
+from groundstation.control.bring_down import OFF, bring_down
 from groundstation.control.controllers import ControllerConfig, make_controller
 from groundstation.control.estimator import ModelEstimator
-from groundstation.control.model import Drive
+from groundstation.control.model import Drive, Motion, rolled
 from groundstation.control.port import Decision, Estimate
 from groundstation.control.watch import Seen, Watch
+from groundstation.ops import FLOATS, Vec3
 from groundstation.poses.port import Pose
 from groundstation.snapshot import Certificate
 from groundstation.trajectories.port import Reference, Trajectory
 from groundstation.vehicle import Vehicle
-from links.port import Command
+from links.port import Command, Segment
+
+WIND_MEMORY_S = 1.0
+"""Over which the disturbance is averaged for the bring-down [s]: the gust of this moment will be over by then."""
+HOLD_STEP_S = 0.08
+"""Longest single step of the model while a command is held to its deadline [s]."""
 
 NOISE_POSES = 50
 """After so many poses the watch hears of their noise and interval again."""
@@ -38,14 +45,19 @@ class Tick(NamedTuple):
 class Pilot:
     """One vehicle's pose → command pipeline. The caller owns time, wires and the mission."""
 
-    def __init__(self, vehicle: Vehicle, config: ControllerConfig, coast_s: float) -> None:
+    def __init__(self, vehicle: Vehicle, config: ControllerConfig, coast_s: float, floor_z_m: float) -> None:
         """Take the vehicle as told, the controller's config, and how long commands may rest on one pose [s].
+
+        ``floor_z_m`` is where its pose is when it stands on the floor [m, NED].
 
         Raises:
             ConfigError: a controller of the user's own can't be loaded.
         """
         self._vehicle = vehicle
         self._coast = coast_s
+        self._floor = floor_z_m
+        self._gravity = config.gravity
+        self._wind: Vec3 | None = None
         self._estimator = ModelEstimator(vehicle, config)
         self._controller = make_controller(config, vehicle)
         # An observer that does not find the disturbance by itself is driven by b̂.
@@ -93,7 +105,7 @@ class Pilot:
         drive = Drive(thrust_n, (0.0, 0.0, 0.0))
         self._estimator.sent(time_s + self._vehicle.command_delay_s, drive)
         self._last = None
-        return self._command(drive)
+        return self._command(drive, OFF if thrust_n > 0.0 else ())
 
     def tick(self, time_s: float) -> Tick:
         """The command for a frame that leaves at ``time_s``. Needs a pose and a trajectory."""
@@ -109,10 +121,49 @@ class Pilot:
         self._estimator.sent(acting, decision.drive)
         if self._driver is not None:
             self._estimator.follow(self._driver.b_hat)
+        wind = self._mean_wind(estimate.disturbance, interval)
+        parts = self._bring_down(estimate.motion, decision.drive, pose.time_s + self._coast - time_s, wind)
         seen = self._watch.look(time_s, estimate.motion, decision)
-        return Tick(time_s, flight_time, pose, estimate, reference, decision, self._command(decision.drive), seen)
+        command = self._command(decision.drive, parts)
+        return Tick(time_s, flight_time, pose, estimate, reference, decision, command, seen)
 
-    def _command(self, drive: Drive) -> Command:
+    def _command(self, drive: Drive, parts: tuple[Segment, ...]) -> Command:
         pose = self._pose
         assert pose is not None, "a command needs a pose"
-        return Command(drive.thrust, drive.rates, pose.id, pose.time_s, pose.time_s + self._coast)
+        return Command(drive.thrust, drive.rates, pose.id, pose.time_s, pose.time_s + self._coast, parts)
+
+    def _mean_wind(self, now: Vec3, interval_s: float) -> Vec3:
+        """The disturbance [m/s², NED] without its gusts."""
+        mean = self._wind
+        if mean is not None:
+            k = interval_s / (interval_s + WIND_MEMORY_S)
+            (a, b, c), (x, y, z) = mean, now
+            now = (a + k * (x - a), b + k * (y - b), c + k * (z - c))
+        self._wind = now
+        return now
+
+    def _bring_down(self, motion: Motion, drive: Drive, held_s: float, disturbance: Vec3) -> tuple[Segment, ...]:
+        """What follows ``drive``, where no other command comes and it is held for ``held_s`` [s]."""
+        if held_s <= 0.0:
+            return ()
+        vehicle = self._vehicle
+        steps = int(held_s / HOLD_STEP_S) + 1
+        for _ in range(steps):
+            motion = rolled(
+                FLOATS,
+                motion,
+                drive,
+                held_s / steps,
+                mass=vehicle.mass_kg,
+                gravity=self._gravity,
+                disturbance=disturbance,
+                thrust_lag=vehicle.thrust_lag_s,
+                rate_lag=vehicle.rate_lag_s,
+            )
+        return bring_down(
+            motion,
+            vehicle,
+            gravity=self._gravity,
+            disturbance=disturbance,
+            height_m=self._floor - motion.position[2],
+        )

@@ -12,6 +12,10 @@ from links.port import Command, LinkMisuse, Segment
 
 BRING_DOWN_LIMIT_S = 2.0
 """Longest bring-down [s]: without a pose nobody knows any more where the vehicle is."""
+DEADLINE_LIMIT_S = 1.0
+"""Furthest deadline [s from now]: no pose vouches for longer, nor does one whose stamp lies in the future."""
+NUMBER_LIMIT = 1e30
+"""Largest number in a command: a 32-bit float on the wire holds it."""
 
 
 class Phase(StrEnum):
@@ -50,9 +54,9 @@ class Deadman:
         """Take the newest command; False where it does not count, and then it changes nothing.
 
         Raises:
-            LinkMisuse: a number in it is not finite, or its bring-down lasts too long.
+            LinkMisuse: a number in it is not finite, its deadline is too far away, or its bring-down lasts too long.
         """
-        _check(command)
+        _check(command, now_s)
         newest = self._command
         if self.phase(now_s) not in (Phase.WAITING, Phase.FRESH) or now_s > command.deadline_s:
             self.refused += 1
@@ -76,6 +80,19 @@ class Deadman:
         self.stop()
         return Phase.OVER
 
+    def changes_s(self, now_s: float) -> float:
+        """The next instant after ``now_s`` after which something else leaves, if no command comes; inf for never."""
+        if self.phase(now_s) not in (Phase.FRESH, Phase.BRING_DOWN):
+            return math.inf
+        command = self._command
+        assert command is not None, "only a command is fresh, or brings down"
+        end = command.deadline_s
+        for segment in command.bring_down:
+            if end >= now_s:
+                break
+            end += segment.duration_s
+        return end
+
     def at(self, now_s: float) -> Command | Segment | None:
         """What leaves at ``now_s``; None where nothing that lifts may."""
         match self.phase(now_s):
@@ -97,13 +114,21 @@ class Deadman:
         return None
 
 
-def _check(command: Command) -> None:
-    numbers = [command.thrust_n, *command.rates_rad_s, command.pose_time_s, command.deadline_s]
+def _check(command: Command, now_s: float) -> None:
+    p, q, r = command.rates_rad_s
+    largest = max(abs(command.thrust_n), abs(p), abs(q), abs(r), abs(command.pose_time_s), abs(command.deadline_s))
+    total = command.thrust_n + p + q + r + command.pose_time_s + command.deadline_s
     lasts = 0.0
     for part in command.bring_down:
-        numbers += (part.duration_s, part.thrust_n, *part.rates_rad_s)
+        p, q, r = part.rates_rad_s
         lasts += part.duration_s
-    if not all(map(math.isfinite, numbers)):
+        largest = max(largest, abs(part.thrust_n), abs(p), abs(q), abs(r), abs(part.duration_s))
+        total += part.thrust_n + p + q + r
+        if not part.duration_s >= 0.0:
+            raise LinkMisuse(f"a part of a bring-down has no duration: {command}")
+    if not (largest <= NUMBER_LIMIT and math.isfinite(total + lasts)):  # max() may lose a NaN, the sum does not
         raise LinkMisuse(f"not finite: {command}")
     if lasts > BRING_DOWN_LIMIT_S + 1e-9:
         raise LinkMisuse(f"a bring-down lasts at most {BRING_DOWN_LIMIT_S:g} s, this one {lasts:g} s")
+    if command.deadline_s - now_s > DEADLINE_LIMIT_S:
+        raise LinkMisuse(f"a deadline is at most {DEADLINE_LIMIT_S:g} s away, not {command.deadline_s - now_s:g} s")

@@ -1,17 +1,23 @@
 """The MAVLink link: thrust and body rates to PX4 or ArduPilot over UDP."""
 
 import asyncio
-import math
 from collections.abc import Callable
 
-from links.mavlink_codec import ARDUPILOT, ARM_DISARM
+from links.deadman import Deadman
+from links.mavlink_codec import ARDUPILOT, ARM_DISARM, Message
 from links.mavlink_config import MavlinkLinkConfig
 from links.mavlink_connection import MavlinkConnection
-from links.mavlink_handshake import arming, disarming, landing_disarmed
-from links.port import Command, LinkError, LinkMisuse, LinkRejected, LinkStatus
+from links.mavlink_handshake import arming, disarming, landing, landing_disarmed
+from links.mavlink_steps import Autopilot, Handshake
+from links.mavlink_stop import Kill
+from links.port import Command, LinkError, LinkLost, LinkMisuse, LinkRejected, LinkStatus, Segment
 from links.thrust_curve import signal
+from links.transmit import Transmitter
 
 __all__ = ["MavlinkLink", "MavlinkLinkConfig"]
+
+LOOK_S = 0.01
+"""How often a request that stands outside the queue of hand-shakes looks at the time [s]."""
 
 
 class MavlinkLink:
@@ -25,7 +31,12 @@ class MavlinkLink:
         self.connection = MavlinkConnection(config)
         """The socket, for whoever shares it."""
         self._sent = 0
-        self._expired = 0
+        self._deadman = Deadman()
+        self._transmitter = Transmitter(self._deadman, config.period_s, self._leave)
+        self._under_way: Handshake | None = None
+        self._obeys = False
+        self._landing: asyncio.Task[None] | None = None
+        self._killing: asyncio.Task[None] | None = None
         self._loop: asyncio.AbstractEventLoop | None = None
         self._busy = "on a link that is not connected"
         """Why send() is out of place now; empty where it is not."""
@@ -36,16 +47,22 @@ class MavlinkLink:
         return self._config.period_s
 
     @property
+    def follows_poses(self) -> bool:
+        """True where a command may leave as soon as a pose has come."""
+        return self._config.pace == "poses"
+
+    @property
     def status(self) -> LinkStatus:
         """The link as it is now."""
         connection = self.connection
         return LinkStatus(
             state=connection.state,
             sent=self._sent,
-            expired=self._expired,
+            expired=self._deadman.refused,
             received=connection.codec.received,
             dropped=connection.dropped,
             text=connection.words.newest,
+            phase=self._deadman.phase(self._loop.time()) if self._loop is not None else "over",
         )
 
     async def connect(self) -> None:
@@ -62,12 +79,12 @@ class MavlinkLink:
     async def arm(self, idle: Callable[[], Command]) -> None:
         """Stream what ``idle()`` returns until the vehicle is in OFFBOARD (GUIDED on ArduPilot) and armed.
 
-        Whatever ends this early, an order to disarm leaves after an order to arm.
+        Only for an operator's own arming. Whatever ends this early, an order to disarm leaves after an order to arm.
 
         Raises:
             LinkRejected: the autopilot refused, in its own words.
             LinkLost: it did not answer.
-            LinkError: ``idle()`` returned a command whose deadline had passed.
+            LinkError: ``idle()`` returned a command whose deadline had passed, or the motors were killed meanwhile.
             LinkMisuse: the link is not connected.
         """
 
@@ -75,47 +92,107 @@ class MavlinkLink:
             if not self._send(idle(), now_s):
                 raise LinkError("arming was abandoned: the idle command had expired, as its pose is too old")
 
-        handshake = arming(self.connection.autopilot())
+        if self._busy or not _over(self._killing):
+            raise LinkMisuse(f"arm() {self._busy or 'while the motors are being killed'}")
+        handshake = self._under_way = arming(self.connection.autopilot())
         self._busy = "while arm() streams"
+        self._obeys = False
+        if self._landing is not None:
+            self._landing.cancel()
+            self._landing = None
+        self._transmitter.start()
         try:
             await self.connection.see_through(handshake, stream, self.period_s)
+            if handshake.failure is not None:  # killed in the very moment of its end
+                raise handshake.failure
             self.connection.armed(True)
+            self._obeys = True
         except BaseException:
-            if handshake.at_last_step:
+            self._transmitter.stop()
+            if handshake.at_last_step and self._killing is None:
                 self.connection.leave(self.connection.codec.command(*self._target, ARM_DISARM, 0.0))
             raise
         finally:
+            self._under_way = None
             if self._busy == "while arm() streams":  # not closed meanwhile
                 self._busy = ""
 
     def send(self, command: Command) -> bool:
-        """Send one command now; returns False, and sends nothing, where its deadline has passed.
+        """Send one command now, and repeat it until its deadline if no other comes.
+
+        Returns False, and changes nothing, where its deadline has passed, where a bring-down has begun, where the
+        autopilot is armed no longer, or where nobody has armed.
 
         Raises:
-            LinkMisuse: a number in the command is not finite, the link is not connected, or ``arm`` is streaming.
+            LinkMisuse: a number in the command is not finite, its deadline or its bring-down is too long, the link
+                is not connected, or ``arm`` is streaming.
         """
         if self._busy or self._loop is None:
             raise LinkMisuse(f"send() {self._busy}")
         return self._send(command, self._loop.time())
 
     def _send(self, command: Command, now_s: float) -> bool:
-        if not now_s <= command.deadline_s:  # also true of a deadline that is no number
-            self._expired += 1
+        self._watch()
+        if not self._deadman.take(command, now_s):
             return False
-        p, q, r = command.rates_rad_s
-        if not math.isfinite(command.thrust_n + p + q + r):
-            raise LinkMisuse(f"not finite: {command}")
-        thrust = signal(command.thrust_n / self._thrust_max, self._config.thrust_curve)
-        try:
-            frame = self.connection.codec.attitude_target(now_s, *self._target, thrust, command.rates_rad_s)
-        except OverflowError:
-            raise LinkMisuse(f"no vehicle turns that fast: {command}") from None
-        self.connection.leave(frame)
-        self._sent += 1
+        self._leave(command, now_s)
+        self._transmitter.left(now_s)
         return True
 
+    def _watch(self) -> None:
+        """An autopilot that somebody else has disarmed must not fly on when that somebody arms it again."""
+        if self._obeys and self.connection.state == "connected":
+            self._obeys = False
+            self._transmitter.stop()
+
+    def _leave(self, what: Command | Segment, now_s: float) -> None:
+        self._watch()
+        if self._deadman.at(now_s) is not what:
+            return
+        thrust = signal(what.thrust_n / self._thrust_max, self._config.thrust_curve)
+        frame = self.connection.codec.attitude_target(now_s, *self._target, thrust, what.rates_rad_s)
+        self._sent += self.connection.leave(frame)
+        if isinstance(what, Segment) and self._config.bring_down == "land" and self._landing is None:
+            self._landing = asyncio.ensure_future(self._land())
+
+    async def _land(self) -> None:
+        """Ask for mode LAND beside the bring-down by rates, which ends as soon as it is accepted."""
+        try:
+            await self._beside(landing(self.connection.autopilot()))
+        except LinkError:
+            return  # the bring-down by rates goes on to its end
+        self._transmitter.stop()
+
+    async def _beside(self, step: Handshake | Kill) -> None:
+        """Go through ``step`` without waiting for hand-shakes that are under way.
+
+        Raises:
+            LinkError: it failed.
+        """
+        loop = asyncio.get_running_loop()
+
+        def hear(message: Message, now_s: float) -> None:
+            step.hear(message, now_s)
+
+        leave = self.connection.subscribe(hear)
+        try:
+            while True:
+                for frame in step.poll(loop.time()):
+                    self.connection.leave(frame)
+                if step.failure is not None:
+                    raise step.failure
+                if step.done:
+                    return
+                await asyncio.sleep(LOOK_S)
+        finally:
+            leave()
+
+    async def silent(self) -> None:
+        """Return once nothing that lifts may leave any more without a new arming."""
+        await self._transmitter.silent()
+
     async def disarm(self) -> None:
-        """Ask the vehicle, which stands on the ground, to stop its motors.
+        """Ask the vehicle, which stands on the ground, to stop its motors; then nothing leaves without a new arming.
 
         Raises:
             LinkRejected: the autopilot refused, in its own words.
@@ -124,14 +201,67 @@ class MavlinkLink:
         """
         autopilot = self.connection.autopilot()
         try:
-            await self.connection.see_through(disarming(autopilot))
+            await self._ask(disarming(autopilot))
         except LinkRejected:
             if autopilot.kind != ARDUPILOT:
                 raise
-            await self.connection.see_through(landing_disarmed(autopilot))
+            await self._ask(landing_disarmed(autopilot))
+        self.connection.armed(False)
+        self._transmitter.stop()
+
+    async def _ask(self, handshake: Handshake) -> None:
+        self._under_way = handshake
+        try:
+            await self.connection.see_through(handshake)
+        finally:
+            self._under_way = None
+
+    async def kill(self) -> None:
+        """Stop the motors at once, also in the air: nothing else leaves from the call on. Works in every state.
+
+        It goes on to its end where the caller is cancelled, and :meth:`close` waits for it.
+
+        Raises:
+            LinkLost: nobody acknowledged within some seconds, or the link was never connected.
+            LinkRejected: the autopilot refused, in its own words.
+        """
+        self._transmitter.stop()
+        if self._under_way is not None:
+            self._under_way.failure = LinkError("the motors were killed")
+        if self._landing is not None:
+            self._landing.cancel()
+        if self._killing is None or _over(self._killing):
+            connection = self.connection
+            kind = connection.kind if connection.kind is not None else -1
+            step = Kill(Autopilot(connection.codec, connection.words, *self._target, kind))
+            self._killing = asyncio.ensure_future(self._killed(step))
+        await asyncio.shield(self._killing)
+
+    async def _killed(self, step: Kill) -> None:
+        if self.connection.state == "closed":
+            raise LinkLost("the link is closed: nothing can be sent. Use the remote control's kill switch")
+        await self._beside(step)
         self.connection.armed(False)
 
     async def close(self) -> None:
-        """Release the socket. Nothing leaves afterwards."""
+        """Release the socket. Nothing leaves afterwards.
+
+        What may still leave does so first: the newest command until its deadline, then its bring-down; a kill that
+        is under way goes on until it is acknowledged.
+        """
+        self._busy = "on a link that is being closed"
+        if self._under_way is not None:
+            self._under_way.failure = LinkError("the link was closed before the autopilot answered")
+        await self._transmitter.silent()
+        for last in (self._killing, self._landing):
+            if last is not None:
+                await asyncio.wait({last})
+                last.cancelled() or last.exception()  # whoever asked for it has been told
+        self._killing = self._landing = None
+        self._obeys = False
         self._busy = "on a link that is not connected"
         self.connection.close()
+
+
+def _over(task: "asyncio.Task[None] | None") -> bool:
+    return task is None or task.done()

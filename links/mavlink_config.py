@@ -1,6 +1,6 @@
 """What a MAVLink link can be told."""
 
-from typing import Annotated
+from typing import Annotated, Literal
 
 import msgspec
 
@@ -29,6 +29,13 @@ class MavlinkLinkConfig(
     """MAVLink component of its autopilot; every other one is ignored."""
     period_s: Annotated[float, msgspec.Meta(gt=0.0, le=0.25)] = 0.0225
     """Time between two commands [s]. PX4 gives up OFFBOARD below two a second."""
+    pace: Literal["poses", "period"] = "poses"
+    """``poses``: a command leaves as soon as a pose has come, at most two in ``period_s``, and one and a half periods
+    after the last one where no pose comes. ``period``: a command leaves every ``period_s``, as a radio's frames do."""
+    bring_down: Literal["rates", "land"] = "rates"
+    """What is sent when commands stop in the air: ``rates`` levels, sinks and stops the motors within 2 s; ``land``
+    asks for mode LAND meanwhile, for an autopilot with a position estimate of its own, and goes on with rates until
+    it has accepted."""
     connect_timeout_s: Annotated[float, msgspec.Meta(gt=0.0, le=600.0)] = 10.0
     """How long to wait for the autopilot's first HEARTBEAT [s]."""
     heartbeat_timeout_s: Annotated[float, msgspec.Meta(ge=1.5, le=60.0)] = 3.0

@@ -6,6 +6,7 @@ from collections.abc import Callable, Mapping
 from typing import Any
 
 from links.address import parse_address
+from links.datagrams import Datagrams
 from links.mavlink_codec import ARMED, GROUND_STATION, MavlinkCodec, Message
 from links.mavlink_config import MavlinkLinkConfig
 from links.mavlink_handshake import silence, stream
@@ -50,7 +51,7 @@ class MavlinkConnection(asyncio.DatagramProtocol):
 
     def _reset(self) -> None:
         self._loop: asyncio.AbstractEventLoop | None = None
-        self._transport: asyncio.DatagramTransport | None = None
+        self._transport: Datagrams | None = None
         self._next_beat: asyncio.TimerHandle | None = None
         self._peer: Any = None
         self._kind: int | None = None
@@ -71,8 +72,16 @@ class MavlinkConnection(asyncio.DatagramProtocol):
         return "connected" if self._armed_s is None else "armed"
 
     @property
+    def kind(self) -> int | None:
+        """The autopilot's HEARTBEAT.autopilot; None before the first."""
+        return self._kind
+
+    @property
     def dropped(self) -> dict[str, int]:
-        """What was received and not used, by reason; and ``undeliverable``, datagrams that the network gave back."""
+        """What was received and not used, by reason; and frames of ours that did not leave or came back.
+
+        Those are ``congested`` (the network had no room), ``undeliverable`` (given back), ``no_peer`` (none yet).
+        """
         return dict(self.codec.dropped + self._dropped)
 
     def autopilot(self) -> Autopilot:
@@ -125,9 +134,8 @@ class MavlinkConnection(asyncio.DatagramProtocol):
         address = parse_address(config.address)
         local, remote = (address, None) if config.remote is None else (None, address)
         try:
-            self._transport, _ = await self._loop.create_datagram_endpoint(
-                lambda: self, local_addr=local, remote_addr=remote
-            )
+            transport, _ = await self._loop.create_datagram_endpoint(lambda: self, local_addr=local, remote_addr=remote)
+            self._transport = Datagrams(transport)
         except OSError as error:
             raise LinkLost(
                 f"cannot open {config.address} for MAVLink ({error.strerror or error}): stop the program that "
@@ -151,7 +159,7 @@ class MavlinkConnection(asyncio.DatagramProtocol):
         if beat is not None:
             beat.cancel()
         if transport is not None:
-            transport.abort()  # close() would still send what waits in its buffer
+            transport.abort()
         self._news.set()
 
     def _silence(self) -> str:
@@ -176,10 +184,14 @@ class MavlinkConnection(asyncio.DatagramProtocol):
 
     # ---- what leaves
 
-    def leave(self, frame: bytes) -> None:
-        """Send one frame; nothing happens on a closed connection."""
-        if self._transport is not None:
-            self._transport.sendto(frame, self._peer)
+    def leave(self, frame: bytes) -> bool:
+        """Send one frame now or never; False where it did not leave. Nothing happens on a closed connection."""
+        if self._transport is None:
+            return False
+        fault = self._transport.send(frame, self._peer)
+        if fault:
+            self._dropped[fault] += 1
+        return not fault
 
     def _beat(self) -> None:
         if self._loop is None:

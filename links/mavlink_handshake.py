@@ -20,7 +20,7 @@ LAND_S = 10.0
 """How long mode LAND may take to disarm a vehicle that stands on the ground [s]."""
 
 _FOLLOW_MODE = {PX4: ("OFFBOARD", (1.0, 6.0)), ARDUPILOT: ("GUIDED", (1.0, 4.0))}
-_ARDUPILOT_LAND = (1.0, 9.0)
+_LAND_MODE = {PX4: (1.0, 4.0, 6.0), ARDUPILOT: (1.0, 9.0)}
 _THRUST_AS_THRUST = 8
 
 
@@ -58,7 +58,19 @@ def disarming(autopilot: Autopilot) -> Handshake:
 def landing_disarmed(autopilot: Autopilot) -> Handshake:
     """ArduPilot's own way from standing on the ground to motors off: mode LAND."""
     hint = "Stop the motors with the remote control."
-    return Handshake([Exchange(autopilot, "enter LAND", DO_SET_MODE, _ARDUPILOT_LAND, hint), Disarmed(LAND_S)])
+    return Handshake([Exchange(autopilot, "enter LAND", DO_SET_MODE, _LAND_MODE[ARDUPILOT], hint), Disarmed(LAND_S)])
+
+
+def landing(autopilot: Autopilot) -> Handshake:
+    """Into the mode that lands by the autopilot's own estimate, in the air; asked for while the bring-down is sent.
+
+    Raises:
+        LinkRejected: the autopilot is neither PX4 nor ArduPilot.
+    """
+    if autopilot.kind not in _LAND_MODE:
+        raise LinkRejected(f"nobody knows how autopilot {autopilot.kind} is told to land")
+    hint = "The bring-down by rates went on instead."
+    return Handshake([Exchange(autopilot, "enter LAND", DO_SET_MODE, _LAND_MODE[autopilot.kind], hint)])
 
 
 def stream(autopilot: Autopilot, name: str, rate_hz: float) -> Handshake:

@@ -61,21 +61,33 @@ class LinkStatus(msgspec.Struct, frozen=True):
     sent: int
     """Commands that left."""
     expired: int
-    """Commands withheld because their deadline had passed."""
+    """Commands withheld: their deadline had passed, or a bring-down had begun and nobody has armed since."""
     received: int
     """Messages received and understood."""
     dropped: dict[str, int]
     """Bytes or messages received and dropped, counted by reason."""
     text: str
     """The newest words of the other end (MAVLink STATUSTEXT), or an empty string."""
+    phase: str = "over"
+    """What may leave (see deadman.py): ``waiting``, ``fresh``, ``bring_down`` or ``over``."""
 
 
 class CommandLink(Protocol):
-    """How a command leaves. Every method runs on the event loop; none blocks it."""
+    """How a command leaves. Every method runs on the event loop; none blocks it.
+
+    Behind every link is a dead man's switch (deadman.py). From an arming on, whatever becomes of the caller, the link
+    repeats the newest command until its deadline, plays the bring-down that it carries, and then lets nothing leave
+    that lifts until somebody calls :meth:`arm` again.
+    """
 
     @property
     def period_s(self) -> float:
         """Time between two commands [s]."""
+        ...
+
+    @property
+    def follows_poses(self) -> bool:
+        """True where a command may leave as soon as a pose has come; False where every ``period_s`` is its time."""
         ...
 
     @property
@@ -94,6 +106,8 @@ class CommandLink(Protocol):
     async def arm(self, idle: Callable[[], Command]) -> None:
         """Stream what ``idle()`` returns, asked anew for each frame, until the vehicle is armed and obeys.
 
+        Only for an operator's own arming: it is the one thing that lets commands leave again after a bring-down.
+
         Raises:
             LinkRejected: the autopilot refused, in its own words.
             LinkLost: it did not answer.
@@ -101,11 +115,19 @@ class CommandLink(Protocol):
         ...
 
     def send(self, command: Command) -> bool:
-        """Send one command now; returns False, and sends nothing, where its deadline has passed.
+        """Send one command now, and repeat it until its deadline if no other comes.
+
+        Returns False, and changes nothing, where its deadline has passed, where a bring-down has begun, or where
+        nobody has armed.
 
         Raises:
-            LinkMisuse: a number in the command is not finite, or the link is not connected.
+            LinkMisuse: a number in the command is not finite, its deadline or its bring-down is too long, or the
+                link is not connected.
         """
+        ...
+
+    async def silent(self) -> None:
+        """Return once nothing that lifts may leave any more without a new arming."""
         ...
 
     async def disarm(self) -> None:
@@ -117,6 +139,19 @@ class CommandLink(Protocol):
         """
         ...
 
+    async def kill(self) -> None:
+        """Stop the motors at once, also in the air: nothing else leaves from the call on. Works in every state.
+
+        Raises:
+            LinkLost: the vehicle did not acknowledge.
+            LinkRejected: it refused, in its own words.
+        """
+        ...
+
     async def close(self) -> None:
-        """Release the wire. Nothing leaves afterwards."""
+        """Release the wire. Nothing leaves afterwards.
+
+        A link that has something to repeat or to bring down does that to its end first (at most the coast limit and
+        2 s); only :meth:`kill` cuts it short.
+        """
         ...

@@ -104,6 +104,7 @@ async def _fly(
     on_step: Callable[[float, Vec3], None] | None,
 ) -> dict[str, Any]:
     loop = asyncio.get_running_loop()
+    assert isinstance(loop, VirtualTimeLoop)
     referee = Referee(
         world, config.vehicle.mass_kg, config.controller.kb if isinstance(config.controller, Law) else None
     )
@@ -124,7 +125,7 @@ async def _fly(
         if on_tick is not None:
             on_tick(tick)
         if referee.crashed(truth.position_ned):
-            flight_task.cancel()
+            clock.cancel()
 
     async def confirm() -> bool:
         # Whoever confirms takes a moment: so our frames do not start in step with the cameras.
@@ -136,14 +137,17 @@ async def _fly(
     flight_task = asyncio.create_task(flight.run())
     clock = asyncio.create_task(_end_of(flight_task, lambda: flight.started_s, duration_s, on_progress))
     await asyncio.wait({stage_task, flight_task, clock}, return_when=asyncio.FIRST_COMPLETED)
-    begun = flight.started_s
+    begun, now = flight.started_s, loop.time()
     if begun is not None and referee.crash is None:
         # Nobody has asked for the last steps: the errors in them count too.
-        plant.advance(min(loop.time(), begun + duration_s))
-    for task in (clock, flight_task, stage_task):
+        plant.advance(min(now, begun + duration_s))
+    # The world ends first: what the link does to bring down a vehicle that is no more is not part of the flight.
+    for task in (clock, stage_task, flight_task):
         task.cancel()
-    outcome, failure, _ = await asyncio.gather(flight_task, stage_task, clock, return_exceptions=True)
-    flown = 0.0 if begun is None else min(loop.time() - begun, duration_s)
+    failure, _ = await asyncio.gather(stage_task, clock, return_exceptions=True)
+    loop.tap = None
+    (outcome,) = await asyncio.gather(flight_task, return_exceptions=True)
+    flown = 0.0 if begun is None else min(now - begun, duration_s)
     complete = begun is not None and referee.crash is None and flown >= duration_s - 1e-6
     if isinstance(outcome, Outcome) and outcome.state is State.LANDED:
         complete = True

@@ -7,7 +7,7 @@ import math
 from collections.abc import Callable
 
 from groundstation import so3
-from groundstation.ops import FLOATS, Vec3
+from groundstation.ops import FLOATS, Quat, Vec3
 from sim.airframe import Truth
 from sim.plant import Body, Physics, moved
 from sim.wind import Wind
@@ -78,6 +78,11 @@ class Quadrotor:
             body = self._on_floor(body) if down else body
         p, v, q, thrust, rates = body
         return Truth(time_s, p, v, q, rates, thrust, down)
+
+    @property
+    def attitude(self) -> Quat:
+        """Where it has been advanced to: body FRD to world NED."""
+        return self._body.attitude
 
     def advance(self, time_s: float) -> None:
         """Let the physics run until ``time_s`` [s], in whole steps."""

@@ -85,7 +85,7 @@ class Scenario(msgspec.Struct, frozen=True, kw_only=True):
                 rate_hz=self.world.pose_rate_hz,
                 drop_frozen=False,
             ),
-            link=MavlinkLinkConfig(period_s=world.frame_period_s),
+            link=MavlinkLinkConfig(period_s=world.frame_period_s, pace="period"),
             trajectory=LemniscateConfig(speed_m_s=world.speed_m_s),
             flight=FlightConfig(idle_thrust=world.start_thrust, floor_z_m=world.floor_z_m),
         )

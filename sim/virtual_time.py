@@ -72,6 +72,9 @@ class _Endpoint(asyncio.DatagramTransport):
     def abort(self) -> None:
         self.close()
 
+    def get_write_buffer_size(self) -> int:
+        return 0
+
     def is_closing(self) -> bool:
         return self._closing
 

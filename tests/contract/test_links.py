@@ -2,6 +2,7 @@
 
 import asyncio
 import contextlib
+import itertools
 import math
 from collections.abc import AsyncIterator, Callable
 from typing import Any, Protocol
@@ -11,13 +12,18 @@ import pytest
 from links import LINKS, make_link
 from links.address import parse_address
 from links.mavlink import MavlinkLinkConfig
-from links.port import Command, CommandLink, LinkLost, LinkMisuse
+from links.port import Command, CommandLink, LinkLost, LinkMisuse, Segment
 from sim.autopilot import Px4Autopilot
 from sim.autopilot_peer import AutopilotPeer
 from tests.airframe_double import Brick
 from tests.loops import free_address, in_real_time, in_virtual_time
 
 THRUST_MAX_N = 2.0
+BRING_DOWN = (
+    Segment(0.2, 0.8, (0.4, 0.0, 0.0)),
+    Segment(0.3, 0.6, (0.0, 0.0, 0.0)),
+    Segment(0.1, 0.0, (0.0, 0.0, 0.0)),
+)
 
 
 class Bench(Protocol):
@@ -69,7 +75,7 @@ def run(request: pytest.FixtureRequest) -> Callable[[Any], Any]:
 
 def command(thrust_n: float = 1.0, rates: tuple[float, float, float] = (0.1, -0.2, 0.3), **changes: float) -> Command:
     now = asyncio.get_running_loop().time()
-    return Command(thrust_n, rates, 7, now, changes.get("deadline_s", now + 0.25))
+    return Command(thrust_n, rates, 7, now, changes.get("deadline_s", now + 0.25), BRING_DOWN)
 
 
 @contextlib.asynccontextmanager
@@ -150,14 +156,14 @@ def test_a_command_past_its_deadline_never_leaves(bench: Bench, run: Callable[[A
     async def main() -> None:
         async with connected(bench) as link:
             await link.arm(lambda: command(0.0, (0.0, 0.0, 0.0)))
-            bench.vehicle.acts.clear()
             now = asyncio.get_running_loop().time()
-            sent = link.status.sent
-            assert not link.send(command(deadline_s=now - 0.001))
-            assert not link.send(command(deadline_s=math.nan))
+            assert not link.send(command(1.5, deadline_s=now - 0.001))
+            for deadline_s in (math.nan, math.inf, now + 1.1):
+                with pytest.raises(LinkMisuse):
+                    link.send(command(1.5, deadline_s=deadline_s))
             await asyncio.sleep(0.05)
-            assert bench.vehicle.acts == []
-            assert (link.status.expired, link.status.sent) == (2, sent)
+            assert all(thrust == 0.0 for _, thrust, _ in bench.vehicle.acts)
+            assert link.status.expired == 1
 
     run(main())
 
@@ -167,7 +173,6 @@ def test_a_number_that_is_not_finite_never_leaves(bench: Bench, bad: float) -> N
     async def main() -> None:
         async with connected(bench) as link:
             await link.arm(lambda: command(0.0, (0.0, 0.0, 0.0)))
-            bench.vehicle.acts.clear()
             with pytest.raises(LinkMisuse):
                 link.send(command(bad))
             for axis in range(3):
@@ -176,7 +181,7 @@ def test_a_number_that_is_not_finite_never_leaves(bench: Bench, bad: float) -> N
                 with pytest.raises(LinkMisuse):
                     link.send(command(1.0, (rates[0], rates[1], rates[2])))
             await asyncio.sleep(0.05)
-            assert bench.vehicle.acts == []
+            assert all(act[1:] == (0.0, (0.0, 0.0, 0.0)) for act in bench.vehicle.acts)
 
     in_virtual_time(main())
 
@@ -191,6 +196,89 @@ def test_thrust_beyond_the_vehicles_is_clamped(bench: Bench, thrust_n: float, sh
             assert bench.vehicle.acts[-1][1] == share
 
     in_virtual_time(main())
+
+
+def test_what_is_sent_before_anybody_has_armed_never_leaves(bench: Bench) -> None:
+    async def main() -> None:
+        async with connected(bench) as link:
+            assert not link.send(command())
+            assert link.status.sent == 0
+            assert link.status.phase == "over"
+
+    in_virtual_time(main())
+
+
+def plays(acts: list[tuple[float, float, tuple[float, float, float]]]) -> list[tuple[float, float]]:
+    """Runs of the same thrust (rounded, as a share) and how long each lasted."""
+    runs: list[tuple[float, float]] = []
+    for (a, thrust, _), (b, _, _) in itertools.pairwise([*acts, (acts[-1][0], -1.0, (0.0, 0.0, 0.0))]):
+        if runs and runs[-1][0] == round(thrust, 2):
+            runs[-1] = (runs[-1][0], runs[-1][1] + b - a)
+        else:
+            runs.append((round(thrust, 2), b - a))
+    return runs
+
+
+def test_without_a_newer_command_the_newest_is_repeated_then_brought_down_then_nothing(bench: Bench) -> None:
+    async def main() -> None:
+        async with connected(bench) as link:
+            await link.arm(lambda: command(0.0, (0.0, 0.0, 0.0)))
+            bench.vehicle.acts.clear()
+            assert link.send(command())
+            assert link.status.phase == "fresh"
+            await asyncio.sleep(0.4)
+            assert link.status.phase == "bring_down"
+            assert not link.send(command())  # a controller that wakes up again
+            await link.silent()
+            assert link.status.phase == "over"
+            sent = link.status.sent
+            acts = list(bench.vehicle.acts)
+            await asyncio.sleep(1.0)
+            assert not link.send(command())
+            await asyncio.sleep(1.0)
+            assert link.status.sent == sent
+            runs = plays(acts)
+            assert [share for share, _ in runs] == [0.5, 0.4, 0.3, 0.0]
+            assert [lasted for _, lasted in runs[:3]] == pytest.approx([0.25, 0.2, 0.3], abs=2e-3)
+            assert 0.05 < runs[3][1] <= 0.1 + 1e-6
+            await link.arm(lambda: command(0.0, (0.0, 0.0, 0.0)))
+            assert link.send(command())
+
+    in_virtual_time(main())
+
+
+def test_closing_in_the_air_brings_down_first(bench: Bench) -> None:
+    async def main() -> None:
+        loop = asyncio.get_running_loop()
+        async with connected(bench) as link:
+            await link.arm(lambda: command(0.0, (0.0, 0.0, 0.0)))
+            bench.vehicle.acts.clear()
+            link.send(command())
+            begun = loop.time()
+            await link.close()
+            assert loop.time() - begun == pytest.approx(0.25 + 0.6, abs=0.02)
+            assert [share for share, _ in plays(bench.vehicle.acts)] == [0.5, 0.4, 0.3, 0.0]
+
+    in_virtual_time(main())
+
+
+def test_a_kill_stops_the_motors_in_the_air_and_nothing_else_leaves(bench: Bench, run: Callable[[Any], Any]) -> None:
+    async def main() -> None:
+        async with connected(bench) as link:
+            await link.arm(lambda: command(0.0, (0.0, 0.0, 0.0)))
+            link.send(command())
+            await asyncio.sleep(0.055)
+            killed = asyncio.create_task(link.kill())
+            await asyncio.sleep(0.002)  # what was under way has arrived
+            bench.vehicle.acts.clear()
+            await killed
+            assert bench.vehicle.powered[-1][1] is False
+            assert not link.send(command())
+            await asyncio.sleep(0.5)
+            assert bench.vehicle.acts == []
+            await link.close()
+
+    run(main())
 
 
 def test_nothing_leaves_after_close(bench: Bench, run: Callable[[Any], Any]) -> None:

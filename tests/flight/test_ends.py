@@ -1,6 +1,7 @@
 """How flights end: landing on request, poses that stop, an operator who says no, a vehicle that crashes."""
 
 import asyncio
+import struct
 from collections.abc import Callable, Coroutine
 from typing import Any
 
@@ -59,6 +60,11 @@ async def _play(scene: Scene, world: World, config: Config, script: Script, arm:
     await asyncio.gather(beside, stage, return_exceptions=True)
 
 
+def thrust_share(frame: bytes) -> float:
+    """The thrust field of a SET_ATTITUDE_TARGET [0..1]."""
+    return float(struct.unpack_from("<f", frame.ljust(60, b"\0"), 10 + 32)[0])
+
+
 async def flying(flight: Flight, seconds: float) -> None:
     """Wait until the reference has run for ``seconds``."""
     while flight.started_s is None:
@@ -87,7 +93,7 @@ def test_a_flight_with_a_duration_lands_by_itself() -> None:
     assert scene.outcome.state is State.LANDED
 
 
-def test_poses_that_stop_end_the_commands_before_the_coast_limit_and_nothing_is_sent_after() -> None:
+def test_poses_that_stop_are_answered_by_a_bring_down_within_the_coast_limit_and_then_by_silence() -> None:
     stopped: list[float] = []
 
     async def script(flight: Flight, stage: Stage) -> None:
@@ -99,11 +105,16 @@ def test_poses_that_stop_end_the_commands_before_the_coast_limit_and_nothing_is_
     scene = play(script, {})
     assert scene.outcome.state is State.ABORTED
     assert "no pose for" in scene.outcome.reason
-    last = max(t for t, data in scene.sent if data[7:10] == b"\x52\x00\x00")
-    assert last <= stopped[0] + 0.25 + 1e-9
-    assert last >= stopped[0] + 0.15
+    assert "bring-down" in scene.outcome.reason
+    frames = [(t, thrust_share(data)) for t, data in scene.sent if data[7:10] == b"\x52\x00\x00"]
+    last, final = frames[-1]
+    assert stopped[0] + 0.15 + 1.5 <= last <= stopped[0] + 0.25 + 2.0 + 1e-9
+    assert final == 0.0
     # Nothing at all leaves afterwards, not even a heartbeat: the socket is closed.
-    assert max(t for t, _ in scene.sent) <= stopped[0] + 0.30
+    assert max(t for t, _ in scene.sent) <= stopped[0] + 2.30
+    touchdown = scene.stage.plant.touchdown_m_s
+    assert touchdown is not None
+    assert touchdown < 2.0
 
 
 def test_an_operator_who_does_not_confirm_moves_nothing() -> None:
@@ -195,7 +206,7 @@ def test_an_autopilot_that_goes_silent_ends_the_commands() -> None:
     scene = play(script, {})
     assert scene.outcome.state is State.ABORTED
     assert "the link is lost" in scene.outcome.reason
-    assert max(t for t, _ in scene.sent) < when[0] + 3.0 + 0.5 + 0.1
+    assert max(t for t, _ in scene.sent) < when[0] + 3.0 + 0.5 + 2.35  # its next heartbeat, our look, the bring-down
 
 
 def test_a_flight_into_the_floor_is_reported_as_a_crash() -> None:

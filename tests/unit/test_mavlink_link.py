@@ -104,13 +104,17 @@ def test_we_send_a_heartbeat_every_second_once_somebody_is_there() -> None:
 def test_the_autopilot_that_is_waiting_for_us_is_spoken_to_first() -> None:
     async def main() -> None:
         autopilot = await Endpoint().open(local=("127.0.0.1", 14580))
-        autopilot.answer = lambda m: [D.MAVLink_heartbeat_message(2, PX4, 0, 0, 3, 3)]
+        autopilot.answer = lambda m: [D.MAVLink_heartbeat_message(2, PX4, 0, 0, 3, 3), *accept(m)]
         link = MavlinkLink(MavlinkLinkConfig(remote="127.0.0.1:14580", quiet=False), thrust_max_n=2.0)
         await link.connect()
         assert link.status.state == "connected"
-        assert link.send(command())
+        await link.arm(lambda: command(0.0))
         await asyncio.sleep(0.1)
-        assert len(autopilot.of("SET_ATTITUDE_TARGET")) == 1
+        before = len(autopilot.of("SET_ATTITUDE_TARGET"))
+        assert before > 50
+        assert link.send(command())
+        await asyncio.sleep(0.01)
+        assert len(autopilot.of("SET_ATTITUDE_TARGET")) == before + 1
         await link.close()
 
     in_virtual_time(main())
@@ -206,16 +210,20 @@ def test_a_silent_autopilot_is_lost_and_found_again() -> None:
         link = MavlinkLink(MavlinkLinkConfig(quiet=False, heartbeat_timeout_s=3.0), thrust_max_n=2.0)
         connecting = asyncio.create_task(link.connect())
         await asyncio.sleep(0)
+        autopilot.answer = accept
+        autopilot.armed = True
         autopilot.beat()
         await connecting
-        await asyncio.sleep(2.9)
-        assert link.status.state == "connected"
+        await link.arm(lambda: command(0.0))
+        await asyncio.sleep(1.7)
+        assert link.status.state == "armed"
         await asyncio.sleep(0.2)
         assert link.status.state == "lost"
+        await link.arm(lambda: command(0.0))
         assert link.send(command())  # it may still hear us
         autopilot.beat()
         await asyncio.sleep(0.1)
-        assert link.status.state == "connected"
+        assert link.status.state == "armed"
         await link.close()
 
     in_virtual_time(main())
@@ -464,6 +472,7 @@ def test_the_autopilots_newest_words_are_in_the_status() -> None:
 
 def test_a_motor_curve_in_the_configuration_bends_the_signal() -> None:
     async def play(link: MavlinkLink, autopilot: Endpoint) -> None:
+        await link.arm(lambda: command(0.0))
         link.send(command(0.5))
         await asyncio.sleep(0.1)
         assert autopilot.of("SET_ATTITUDE_TARGET")[-1].thrust == pytest.approx(0.5)  # the root of 0.25

@@ -1,0 +1,130 @@
+"""What the vehicle shall do when no command comes any more: level out, sink, brake, motors off. Sans-IO.
+
+Computed with every command, for the state in which the vehicle will be when that command may not be repeated any
+longer; the link plays it open loop, so it must do without poses. Four ideas:
+
+- A first-order lag τ turns a pulse of a body rate into the pulse's area of angle, and the rate at its beginning into
+  τ ω more. So the turn to level is a pulse whose area is the angle that is left after that.
+- Level means upright in the wind: where the thrust cancels the estimated disturbance, within ``WIND_TILT``.
+- With x down, τ A˙ + A = a, w = v + τ A and ζ = x + τ v obey ζ˙ = w, w˙ = a: the lagged vehicle is a plain double
+  integrator. It sinks at a = +a for t1 and brakes at -a for t2, so that it meets the floor at ``TOUCHDOWN_M_S``.
+- What an autopilot is told last it goes on doing for 1 to 3 s after we fall silent: the last part is zero thrust.
+"""
+
+import math
+
+from groundstation.control.model import Motion
+from groundstation.ops import Vec3
+from groundstation.so3 import third_column, to_body, turned
+from groundstation.vehicle import Vehicle
+from links.port import Segment
+
+ON_FLOOR_M = 0.03
+"""Below this height above the floor the motors only stop [m]."""
+MARGIN_M = 0.15
+SINK_S = 1.35
+"""Time for sinking and braking together, where the height does not ask for less [s]."""
+SETTLE_S, SETTLE_SHARE = 0.50, 0.97
+"""Then, should the floor not be there yet: a share of the hover thrust for this long [s]."""
+OFF_S = 0.15
+"""Then zero thrust, sent for this long, so that it arrives on a bad link too [s]."""
+TOUCHDOWN_M_S = 0.8
+"""Speed at which the floor is met [m/s]: not zero, as a vehicle that stops above it falls the rest."""
+SOFTEST, HARDEST = 0.08, 0.45
+"""Bounds on the acceleration of sinking and braking, as a share of gravity."""
+PULSE_S = 0.15
+"""Shortest turn to level [s]."""
+WIND_TILT = 0.18
+"""Steepest leaning into the wind, as a tangent: 10 degrees."""
+BIAS = 0.98
+"""Of the hover thrust: to meet the floor early and a little fast is better than to stop above it."""
+ZERO: Vec3 = (0.0, 0.0, 0.0)
+OFF = (Segment(OFF_S, 0.0, ZERO),)
+"""All that is left to do on the floor."""
+
+
+def bring_down(
+    motion: Motion, vehicle: Vehicle, *, gravity: float, disturbance: Vec3, height_m: float
+) -> tuple[Segment, ...]:
+    """The parts that begin at the state ``motion``, ``height_m`` above the floor; on the floor only ``OFF``.
+
+    ``disturbance`` is the estimated one [m/s², NED], which holds errors of the thrust's scale too. At most
+    ``SINK_S + SETTLE_S + OFF_S`` = 2 s in all. About 8 µs.
+    """
+    if height_m < ON_FLOOR_M:
+        return OFF
+    weight = min(max(gravity + disturbance[2], 0.5 * gravity), 1.5 * gravity)
+    turn_s, rates, cosine = _turn(motion, vehicle, weight, disturbance)
+    fall_s, brake_s, pull = _descent(motion, vehicle, gravity, weight, height_m)
+    top = vehicle.thrust_max_n
+    hover = vehicle.mass_kg * weight * BIAS
+    # An estimated disturbance along the vertical is rather a wrong mass or thrust scale than wind: it scales.
+    fall_n, brake_n, settle_n = hover * (1.0 - pull / gravity), hover * (1.0 + pull / gravity), hover * SETTLE_SHARE
+    parts: list[Segment] = []
+    for duration, thrust in ((fall_s, fall_n), (brake_s, brake_n), (SETTLE_S, settle_n)):
+        left = duration
+        if turn_s > 0.0 and left > 0.0:
+            first = min(turn_s, left)
+            # A leaning vehicle lifts less; one far over lifts nothing that helps.
+            lift = min(thrust / cosine, 1.5 * thrust, top) if cosine > 0.3 else vehicle.thrust_min_n
+            parts.append(Segment(first, lift, rates))
+            turn_s -= first
+            left -= first
+        if left > 0.0:
+            parts.append(Segment(left, min(thrust, top), ZERO))
+    return (*parts, *OFF)
+
+
+def _turn(motion: Motion, vehicle: Vehicle, weight: float, disturbance: Vec3) -> tuple[float, Vec3, float]:
+    """The pulse of body rates that ends upright: its length [s], its rates, and the cosine of the mean tilt."""
+    lag = vehicle.rate_lag_s
+    a, b, c = motion.rates
+    coasted = turned(motion.attitude, (lag * a, lag * b, lag * c))
+    x, y = disturbance[0] / weight, disturbance[1] / weight
+    lean = math.sqrt(x * x + y * y)
+    shrink = min(1.0, WIND_TILT / lean) if lean > 0.0 else 0.0
+    n = 1.0 / math.sqrt(1.0 + (shrink * lean) ** 2)
+    # Where the body's z axis shall point, seen from the body.
+    u, v, w = to_body(coasted, (n * shrink * x, n * shrink * y, n))
+    sine = math.sqrt(u * u + v * v)
+    angle = math.atan2(sine, w)
+    scale = angle / sine if sine > 1e-9 else 0.0 if w > 0.0 else math.pi
+    turn_x, turn_y = -v * scale, (u * scale if sine > 1e-9 or w > 0.0 else math.pi)
+    limit_x, limit_y, _ = vehicle.rate_limits_deg_s
+    duration = max(PULSE_S, abs(turn_x) / math.radians(limit_x), abs(turn_y) / math.radians(limit_y))
+    duration = min(duration, SINK_S)
+    rates = (turn_x / duration, turn_y / duration, 0.0)
+    half = 0.5 * angle
+    down = third_column(coasted)[2]
+    cosine = math.cos(half) if down > 0.0 else -1.0
+    return duration, rates, cosine
+
+
+def _descent(
+    motion: Motion, vehicle: Vehicle, gravity: float, weight: float, height: float
+) -> tuple[float, float, float]:
+    """How long to sink and to brake [s], and how strongly [m/s²]."""
+    lag = vehicle.thrust_lag_s
+    speed = motion.velocity[2]
+    lift = gravity * motion.thrust / (vehicle.mass_kg * weight)
+    now = gravity - lift * max(third_column(motion.attitude)[2], 0.0)
+    strength = 0.85 * gravity * (vehicle.thrust_max_n / (vehicle.mass_kg * weight) - 1.0)
+    hardest = max(min(HARDEST * gravity, strength), 0.02 * gravity)
+    softest = min(SOFTEST * gravity, hardest)
+    guess = min(max(4.0 * height / SINK_S**2, softest), hardest)
+    w0, w1 = speed + lag * now, TOUCHDOWN_M_S - lag * guess
+    way = max(height - MARGIN_M, 0.0) + lag * (TOUCHDOWN_M_S - speed)
+    # t1 + t2 = SINK_S asks for  a² T² + a (2 T (w0 + w1) - 4 ζ) - (w0 - w1)² = 0.
+    half = 2.0 * way - SINK_S * (w0 + w1)
+    wanted = (half + math.sqrt(half * half + (SINK_S * (w0 - w1)) ** 2)) / SINK_S**2
+    pull = min(max(wanted, softest), hardest)
+    if wanted > hardest:  # higher than that: what can be done in the time
+        peak = 0.5 * (pull * SINK_S + w0 + w1)
+    else:
+        peak = math.sqrt(max(pull * way + 0.5 * (w0 * w0 + w1 * w1), 0.0))
+    if peak <= w0:  # fast already: brake at once, as hard as the rest of the way asks for
+        gap = w0 * w0 - w1 * w1
+        pull = min(max(0.5 * gap / way if way > 0.0 else hardest, softest), hardest)
+        return 0.0, min(max((w0 - w1) / pull, 0.0), SINK_S), pull
+    fall = min((peak - w0) / pull, SINK_S)
+    return fall, min(max((peak - w1) / pull, 0.0), SINK_S - fall), pull

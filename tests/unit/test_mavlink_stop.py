@@ -1,0 +1,242 @@
+"""How the MAVLink link ends a flight: by force, by mode LAND, by its own bring-down; and a network without room."""
+
+import asyncio
+from typing import Any
+
+import pytest
+
+from links.datagrams import Datagrams
+from links.mavlink import MavlinkLink, MavlinkLinkConfig
+from links.mavlink_codec import ARDUPILOT, ARM_DISARM, DO_SET_MODE, FORCE, PX4
+from links.port import Command, LinkError, LinkLost, LinkMisuse, LinkRejected, Segment
+from tests.loops import in_virtual_time
+from tests.unit.test_mavlink_link import D, Endpoint, accept, command, scene
+
+PARTS = (Segment(1.0, 0.8, (0.2, 0.0, 0.0)), Segment(0.2, 0.0, (0.0, 0.0, 0.0)))
+
+
+def idle() -> Command:
+    return command(0.0)
+
+
+def flown() -> Command:
+    now = asyncio.get_running_loop().time()
+    return Command(1.0, (0.0, 0.0, 0.0), 1, now, now + 0.25, PARTS)
+
+
+def is_kill(message: Any) -> bool:
+    return (message.get_type(), getattr(message, "command", None)) == ("COMMAND_LONG", ARM_DISARM) and (
+        message.param1,
+        message.param2,
+    ) == (0.0, FORCE)
+
+
+def ack(command: int, result: int = 0) -> Any:
+    return D.MAVLink_command_ack_message(command, result, 0, 0, 245, 190)
+
+
+def test_a_kill_is_repeated_until_it_is_acknowledged_and_the_stream_ends_before_it() -> None:
+    async def play(link: MavlinkLink, autopilot: Endpoint) -> None:
+        await link.arm(idle)
+        link.send(flown())
+        await asyncio.sleep(0.1)
+        autopilot.heard.clear()
+        heard: list[Any] = []
+
+        def answer(message: Any) -> list[Any]:
+            heard.append(message)
+            return [ack(ARM_DISARM)] if is_kill(message) and sum(map(is_kill, heard)) > 20 else []
+
+        autopilot.answer = answer
+        await link.kill()
+        kills = [m for m in heard if is_kill(m)]
+        assert len(kills) in (22, 23)
+        assert [m.confirmation for m in kills[:3]] == [0, 1, 2]
+        assert heard.index(kills[0]) <= 1  # one set-point may have been under way
+        assert not [m for m in heard[heard.index(kills[0]) :] if m.get_type() == "SET_ATTITUDE_TARGET"]
+        assert link.status.state == "connected"
+        await asyncio.sleep(3.0)
+        assert not link.send(flown())
+        assert len([m for m in heard if is_kill(m)]) == len(kills)
+
+    scene(play)
+
+
+def test_one_acknowledgement_alone_may_belong_to_an_order_to_arm() -> None:
+    async def play(link: MavlinkLink, autopilot: Endpoint) -> None:
+        autopilot.answer = lambda message: []
+        killing = asyncio.create_task(link.kill())
+        await asyncio.sleep(0.01)
+        autopilot.say(ack(ARM_DISARM))
+        await asyncio.sleep(1.0)
+        assert sum(map(is_kill, (m for _, m in autopilot.heard))) > 15
+        autopilot.say(ack(ARM_DISARM))
+        await killing
+
+    scene(play)
+
+
+@pytest.mark.parametrize(("result", "error"), [(None, LinkLost), (2, LinkRejected)])
+def test_a_kill_that_nobody_obeys_says_what_to_do(result: int | None, error: type[LinkError]) -> None:
+    async def play(link: MavlinkLink, autopilot: Endpoint) -> None:
+        autopilot.answer = lambda m: [ack(ARM_DISARM, result)] if result is not None and is_kill(m) else []
+        with pytest.raises(error, match="kill switch"):
+            await link.kill()
+
+    scene(play)
+
+
+def test_a_kill_while_arming_ends_that_and_nobody_arms_after_it() -> None:
+    async def play(link: MavlinkLink, autopilot: Endpoint) -> None:
+        autopilot.answer = lambda m: accept(m) if getattr(m, "command", None) != ARM_DISARM or is_kill(m) else []
+        arming = asyncio.create_task(link.arm(idle))
+        await asyncio.sleep(1.4)  # the order to arm has left
+        killing = asyncio.create_task(link.kill())
+        await asyncio.sleep(0)
+        with pytest.raises(LinkMisuse, match=r"killed|streams"):
+            await link.arm(idle)
+        with pytest.raises(LinkError, match="killed"):
+            await arming
+        await killing
+        orders = [m for m in autopilot.of("COMMAND_LONG") if m.command == ARM_DISARM]
+        first = next(i for i, m in enumerate(orders) if is_kill(m))
+        assert first > 0
+        assert all(m.param1 == 0.0 for m in orders[first:])
+        assert not link.send(flown())
+
+    scene(play)
+
+
+def test_a_kill_works_on_a_link_that_is_lost_or_brings_down_and_waits_for_no_handshake() -> None:
+    async def play(link: MavlinkLink, autopilot: Endpoint) -> None:
+        await link.arm(idle)
+        link.send(flown())
+        await asyncio.sleep(0.5)
+        assert link.status.phase == "bring_down"
+        autopilot.answer = lambda m: [ack(ARM_DISARM)] if is_kill(m) else []
+        disarming = asyncio.create_task(link.disarm())  # holds the queue of hand-shakes
+        await asyncio.sleep(0.01)
+        await link.kill()
+        assert link.status.phase == "over"
+        with pytest.raises(LinkError):
+            await disarming
+
+    scene(play)
+
+
+def test_a_closed_link_cannot_kill_and_says_so() -> None:
+    async def main() -> None:
+        with pytest.raises(LinkLost, match="kill switch"):
+            await MavlinkLink(MavlinkLinkConfig(), thrust_max_n=2.0).kill()
+
+    in_virtual_time(main())
+
+
+@pytest.mark.parametrize(("kind", "mode"), [(PX4, (4.0, 6.0)), (ARDUPILOT, (9.0, 0.0))])
+def test_land_is_asked_for_beside_the_rates_which_end_when_it_is_accepted(kind: int, mode: tuple[float, float]) -> None:
+    async def play(link: MavlinkLink, autopilot: Endpoint) -> None:
+        lands: list[float] = []
+
+        def answer(message: Any) -> list[Any]:
+            if message.get_type() == "PARAM_REQUEST_READ":
+                return [D.MAVLink_param_value_message(b"GUID_OPTIONS", 8.0, 9, 1, 0)]
+            if getattr(message, "command", None) == DO_SET_MODE and (message.param2, message.param3) == mode:
+                lands.append(asyncio.get_running_loop().time())
+                return [] if len(lands) == 1 else accept(message)  # the first got lost
+            return accept(message)
+
+        autopilot.answer = answer
+        await link.arm(idle)
+        link.send(flown())
+        await asyncio.sleep(0.26)
+        autopilot.heard.clear()
+        await link.silent()
+        assert len(lands) == 2
+        frames = [(t, m.thrust) for t, m in autopilot.heard if m.get_type() == "SET_ATTITUDE_TARGET"]
+        assert len(frames) > 15  # the rates went on until it was accepted
+        assert {round(thrust, 3) for _, thrust in frames} == {0.4}
+        assert frames[-1][0] <= lands[-1] + 0.03
+        assert not link.send(flown())
+
+    scene(play, kind=kind, bring_down="land")
+
+
+def test_a_land_that_is_refused_leaves_the_rates_to_their_end() -> None:
+    async def play(link: MavlinkLink, autopilot: Endpoint) -> None:
+        await link.arm(idle)
+        autopilot.armed = True
+        autopilot.answer = lambda m: [ack(m.command, 2)] if m.get_type() == "COMMAND_LONG" else []
+        link.send(flown())
+        await link.silent()
+        assert autopilot.of("SET_ATTITUDE_TARGET")[-1].thrust == 0.0
+
+    scene(play, bring_down="land")
+
+
+def test_an_autopilot_that_somebody_disarmed_is_not_flown_when_somebody_arms_it_again() -> None:
+    async def play(link: MavlinkLink, autopilot: Endpoint) -> None:
+        await link.arm(idle)
+        autopilot.armed = True
+        for _ in range(60):
+            link.send(flown())
+            await asyncio.sleep(0.02)
+        autopilot.armed = False
+        autopilot.beat()
+        await asyncio.sleep(0.01)
+        assert not link.send(flown())
+        autopilot.armed = True
+        autopilot.beat()
+        await asyncio.sleep(0.01)
+        assert link.status.state == "armed"
+        autopilot.heard.clear()
+        assert not link.send(flown())
+        await asyncio.sleep(3.0)
+        assert autopilot.of("SET_ATTITUDE_TARGET") == []
+
+    scene(play)
+
+
+class FullSocket:
+    """A socket whose kernel has no room."""
+
+    def __init__(self) -> None:
+        self.closed = False
+
+    def dup(self) -> "FullSocket":
+        return self
+
+    def send(self, data: bytes) -> int:
+        raise BlockingIOError
+
+    def sendto(self, data: bytes, peer: Any) -> int:
+        raise BlockingIOError
+
+    def close(self) -> None:
+        self.closed = True
+
+
+class Transport(asyncio.DatagramTransport):
+    def __init__(self, extra: dict[str, Any]) -> None:
+        super().__init__(extra)
+        self.kept: list[bytes] = []
+
+    def sendto(self, data: Any, addr: Any = None) -> None:
+        self.kept.append(data)
+
+    def abort(self) -> None:
+        pass
+
+
+@pytest.mark.parametrize("peername", [None, ("127.0.0.1", 1)])
+def test_a_datagram_that_the_kernel_has_no_room_for_is_dropped_not_kept_for_later(peername: Any) -> None:
+    socket = FullSocket()
+    transport = Transport({"socket": socket, "peername": peername})
+    datagrams = Datagrams(transport)
+    assert datagrams.send(b"stale soon", ("127.0.0.1", 1) if peername is None else None) == "congested"
+    assert transport.kept == []
+    datagrams.abort()
+    assert socket.closed
+
+
+def test_without_a_peer_nothing_leaves() -> None:
+    assert Datagrams(Transport({"socket": FullSocket()})).send(b"", None) == "no_peer"
