@@ -2,6 +2,7 @@
 
 import argparse
 import asyncio
+import gc
 import logging
 import os
 import signal
@@ -16,6 +17,7 @@ from groundstation.settings import Config
 from links.address import is_loopback, parse_address
 
 EXIT_DONE, EXIT_ABORTED = 0, 1
+KILL_HINT = "Ctrl-\\ (SIGQUIT) stops its motors"
 
 
 def fly(args: argparse.Namespace) -> int:
@@ -115,13 +117,10 @@ def _check_name(arm: str | None, config: Config) -> None:
 
 
 def _flyable(config: Config) -> Config:
-    """Refuse what the vehicle can't fly, recorded poses, and all but loopback while dead-man and guards don't exist."""
+    """Refuse what the vehicle can't fly, recorded poses, and all but loopback while flight guards do not exist."""
     if isinstance(config.pose, TlogConfig):
         raise ConfigError("pose.kind", "a recording must not fly a vehicle; look at it with `groundstation replay`")
-    why = (
-        "only loopback addresses may fly yet: this version has no dead-man and no flight guards, "
-        "so it must not move a real vehicle"
-    )
+    why = "only loopback addresses may fly yet: this version has no flight guards, so it must not move a real vehicle"
     addresses = {
         "link.listen": config.link.listen,
         "link.remote": config.link.remote,
@@ -174,6 +173,14 @@ async def _line_from_terminal(prompt: str) -> str:
         loop.remove_reader(sys.stdin.fileno())
 
 
+def _calm_memory() -> None:
+    """No long garbage collection in flight: what start-up made is never looked at again, whole sweeps are rare."""
+    gc.collect()
+    gc.freeze()
+    young, middle, _ = gc.get_threshold()
+    gc.set_threshold(young, middle, 1000)
+
+
 async def _run(config: Config, confirm: Callable[[], Awaitable[bool]], say: Callable[[str], None]) -> int:
     """Fly until landed or aborted, land on the first signal, and answer with the exit code."""
     from groundstation.app import make_flight, watched
@@ -184,18 +191,21 @@ async def _run(config: Config, confirm: Callable[[], Awaitable[bool]], say: Call
 
     def interrupted(name: str) -> None:
         if flight.landing_asked:
-            say(f"{name} again: commands stop now, the autopilot's failsafe acts")
-            task.cancel()
+            say(f"{name} again: commands stop now, the link brings the vehicle down. {KILL_HINT}")
+            flight.stop(f"told by {name}, twice")
         else:
-            say(f"{name}: landing. The same once more stops commands at once")
+            say(f"{name}: landing. The same once more brings it down at once. {KILL_HINT}")
             flight.land(f"told by {name}")
+
+    def kill() -> None:
+        say("SIGQUIT: motors off, now")
+        flight.kill("told by SIGQUIT")
 
     loop.add_signal_handler(signal.SIGINT, interrupted, "SIGINT")
     loop.add_signal_handler(signal.SIGTERM, interrupted, "SIGTERM")
+    loop.add_signal_handler(signal.SIGQUIT, kill)
     # A terminal that closes is no second opinion: it lands, and never more than that.
     loop.add_signal_handler(signal.SIGHUP, flight.land, "the terminal closed")
-    try:
-        outcome = await task
-    except asyncio.CancelledError:
-        return EXIT_ABORTED
+    _calm_memory()
+    outcome = await task
     return EXIT_DONE if outcome.state is State.LANDED else EXIT_ABORTED

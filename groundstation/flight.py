@@ -202,7 +202,7 @@ class Flight:
         loop = asyncio.get_running_loop()
         link, pilot = self._link, self._pilot
         period, duration = link.period_s, self._config.flight.duration_s
-        frame = look = loop.time()
+        frame = look = last = loop.time()
         while True:
             now = self._looked_s = loop.time()
             tick = pilot.tick(now)
@@ -213,8 +213,8 @@ class Flight:
             if not link.send(tick.command):
                 if self._has_disarmed(tick):  # the link knows it first
                     return
-                age = now - tick.pose.time_s
-                raise Ended(f"no pose for {age * 1e3:.0f} ms: the link plays its bring-down")
+                raise Ended(self._why_refused(tick, now - last))
+            last = now
             self._scoreboard.tick(tick)
             if tick.seen.warning:
                 self._say(f"warning: {tick.seen.warning}")
@@ -234,6 +234,13 @@ class Flight:
             if frame < now:
                 frame = now + period  # a late frame is skipped, never sent twice in a row
             await sleep_until(frame)
+
+    def _why_refused(self, tick: Tick, gap_s: float) -> str:
+        """Why the link did not take the command of ``tick``, the last one before having left ``gap_s`` ago."""
+        age = asyncio.get_running_loop().time() - tick.pose.time_s
+        if age > self._config.flight.coast_s:
+            return f"no pose for {age * 1e3:.0f} ms: the link plays its bring-down"
+        return f"no command for {gap_s * 1e3:.0f} ms, as this program stood still: the link plays its bring-down"
 
     async def _next_pose(self, from_s: float, until_s: float) -> None:
         """Wait for a pose, but not past ``until_s``; one that comes before ``from_s`` counts at that instant."""

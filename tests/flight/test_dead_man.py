@@ -1,0 +1,261 @@
+"""Whatever becomes of the controller in flight, by the frames that left: fresh, or the bring-down, or nothing."""
+
+import asyncio
+import contextlib
+import random
+import struct
+from typing import Any
+
+import pytest
+
+import groundstation.flight
+from groundstation.app import make_flight
+from groundstation.clock import sleep_until
+from groundstation.flight import Flight
+from groundstation.mission import State
+from groundstation.pilot import Tick
+from links.port import Command
+from sim.commands import prepare
+from sim.cut import CAUSES, cut
+from sim.scenarios import SCENARIOS
+from sim.stage import Stage
+from sim.virtual_time import VirtualTimeLoop
+
+SET_POINT = b"\x52\x00\x00"
+CONFIRMED_S = 1.0
+
+
+class Wire:
+    """What left for the autopilot, and the commands that the controller handed to the link."""
+
+    def __init__(self) -> None:
+        self.frames: list[tuple[float, float, tuple[float, float, float]]] = []
+        """When, thrust as a share, rates."""
+        self.orders: list[tuple[float, bytes]] = []
+        self.commands: list[tuple[float, Command]] = []
+        self.state: State | None = None
+        self.reason = ""
+        self.stage: Stage
+        self.lines: list[str] = []
+
+    def tap(self, time_s: float, source: tuple[str, int], target: tuple[str, int], data: bytes) -> None:
+        if source[1] == 14540:
+            if data[7:10] == SET_POINT:
+                p, q, r, thrust = struct.unpack_from("<4f", data.ljust(60, b"\0"), 10 + 20)
+                self.frames.append((time_s, thrust, (p, q, r)))
+            elif data[7:10] == b"\x4c\x00\x00":
+                self.orders.append((time_s, data))
+
+    def tick(self, tick: Tick) -> None:
+        self.commands.append((tick.time_s, tick.command))
+
+    def check(self, thrust_max_n: float) -> None:
+        """Every frame from the first command on is that of the newest command before its deadline, or its due part."""
+        share = [c.thrust_n / thrust_max_n for _, c in self.commands]
+        index = -1
+        for time_s, thrust, rates in self.frames:
+            if time_s <= self.commands[0][0]:  # the last idle one may have left just then
+                continue
+            while index + 1 < len(self.commands) and self.commands[index + 1][0] <= time_s:
+                index += 1
+            if self.commands[index][0] == time_s and thrust != pytest.approx(share[index], abs=1e-6):
+                index -= 1  # repeated in the very instant in which the next one came
+            command = self.commands[index][1]
+            if thrust == 0.0 and self.state is State.LANDED:
+                continue
+            if time_s <= command.deadline_s:
+                assert thrust == pytest.approx(share[index], abs=1e-6)
+                assert rates == pytest.approx(command.rates_rad_s, abs=1e-6)
+                continue
+            assert index == len(self.commands) - 1 or self.state is State.LANDED
+            end = command.deadline_s
+            for part in command.bring_down:
+                end += part.duration_s
+                if time_s <= end:
+                    assert thrust == pytest.approx(part.thrust_n / thrust_max_n, abs=1e-6)
+                    assert rates == pytest.approx(part.rates_rad_s, abs=1e-6)
+                    break
+            else:
+                raise AssertionError(f"a frame left at {time_s:.3f}, {time_s - end:.3f} s after the bring-down")
+
+
+def fly(script: Any, *overrides: str, seed: int = 0, pace: str = "period") -> Wire:
+    """``script(flight, stage)`` beside a flight of ``paper``, and 4 s more in which nothing may come back."""
+    world, config = prepare(SCENARIOS["paper"], [*overrides, f"link.pace={pace}"])
+    wire = Wire()
+
+    async def main() -> None:
+        async def confirm() -> bool:
+            await sleep_until(CONFIRMED_S)
+            return True
+
+        wire.stage = Stage(world, config, seed)
+        flight = make_flight(config, confirm=confirm, on_tick=wire.tick, on_event=wire.lines.append)
+        stage = asyncio.create_task(wire.stage.run())
+        beside = asyncio.create_task(script(flight, wire.stage))
+        with contextlib.suppress(ArithmeticError):
+            await flight.run()
+        wire.state, wire.reason = flight.state, flight.snapshot().reason
+        await asyncio.sleep(4.0)
+        for task in (beside, stage):
+            task.cancel()
+        await asyncio.gather(beside, stage, return_exceptions=True)
+
+    with asyncio.Runner(loop_factory=VirtualTimeLoop) as runner:
+        loop = runner.get_loop()
+        assert isinstance(loop, VirtualTimeLoop)
+        loop.tap = wire.tap
+        runner.run(main())
+    if wire.commands:
+        wire.check(config.vehicle.thrust_max_n)
+    return wire
+
+
+async def flying(flight: Flight, seconds: float) -> None:
+    while flight.started_s is None:
+        await asyncio.sleep(0.01)
+    await sleep_until(flight.started_s + seconds)
+
+
+async def nothing(_: Flight, __: Stage) -> None:
+    return
+
+
+@pytest.mark.parametrize("pace", ["period", "poses"])
+def test_a_controller_that_raises_is_survived_by_its_link(pace: str) -> None:
+    wire = fly(
+        nothing, "controller.kind=tests.e2e.misbehaving:make", "controller.fault=raise", "controller.after_s=2.0",
+        pace=pace,
+    )  # fmt: skip
+    assert wire.state is State.ABORTED
+    assert wire.reason == "stopped by ArithmeticError: the controller broke"
+    assert any("the bring-down is over" in line for line in wire.lines)
+    _, command = wire.commands[-1]
+    assert wire.frames[-1][0] == pytest.approx(
+        command.deadline_s + sum(p.duration_s for p in command.bring_down), abs=0.03
+    )
+    assert wire.frames[-1][1] == 0.0
+    assert wire.stage.plant.touchdown_m_s is not None
+    assert wire.stage.plant.touchdown_m_s < 2.0
+
+
+@pytest.mark.parametrize("seed", range(16))
+def test_a_controller_that_stands_still_at_any_instant_for_any_time(seed: int) -> None:
+    """Standing still in an await: the rest of the program goes on, poses come in, unless the cameras are covered."""
+    draw = random.Random(seed)
+    at_s, lasts_s = draw.uniform(0.0, 7.0), draw.choice([draw.uniform(0.0, 0.5), draw.uniform(0.3, 4.0)])
+    covered, pace = draw.random() < 0.3, draw.choice(["period", "poses"])
+    monkeypatch = pytest.MonkeyPatch()
+
+    async def script(flight: Flight, stage: Stage) -> None:
+        await flying(flight, at_s)
+        until = asyncio.get_running_loop().time() + lasts_s
+        assert stage.mocap is not None
+        stage.mocap.cover(covered)
+
+        async def stuck(*_: Any) -> None:
+            await sleep_until(until)
+
+        with monkeypatch.context() as patch:
+            patch.setattr(groundstation.flight, "sleep_until", stuck)
+            patch.setattr(Flight, "_next_pose", stuck)
+            await sleep_until(until)
+        stage.mocap.cover(False)
+
+    wire = fly(script, "flight.duration_s=5.0", "trajectory.altitude_m=0.2", "flight.descent_m_s=1.0", pace=pace)
+    if lasts_s < 0.2 and not covered:
+        assert wire.state is State.LANDED, wire.reason
+    if 0.0 < at_s < 4.5 and lasts_s > 0.3:
+        assert wire.state is State.ABORTED
+        assert "bring-down" in wire.reason or "without it" in wire.reason
+        assert wire.frames[-1][1] == 0.0
+
+
+def test_a_controller_that_hangs_for_ever_ends_the_flight_all_the_same() -> None:
+    monkeypatch = pytest.MonkeyPatch()
+
+    async def script(flight: Flight, _: Stage) -> None:
+        await flying(flight, 2.0)
+
+        async def never(*_: Any) -> None:
+            await asyncio.Event().wait()
+
+        monkeypatch.setattr(groundstation.flight, "sleep_until", never)
+
+    try:
+        wire = fly(script)
+    finally:
+        monkeypatch.undo()
+    assert wire.state is State.ABORTED
+    assert wire.reason == "the controller hangs: the link has brought the vehicle down without it"
+
+
+def test_a_flight_that_is_stopped_is_brought_down_and_cannot_be_hurried() -> None:
+    async def script(flight: Flight, _: Stage) -> None:
+        await flying(flight, 3.0)
+        for _ in range(5):
+            flight.stop("told twice")
+            await asyncio.sleep(0.1)
+
+    wire = fly(script)
+    assert (wire.state, wire.reason) == (State.ABORTED, "told twice")
+    _, command = wire.commands[-1]
+    assert wire.frames[-1][0] > command.deadline_s + 1.5
+    assert wire.frames[-1][1] == 0.0
+
+
+@pytest.mark.parametrize("after_stop_s", [None, 0.1, 1.0])
+def test_a_kill_stops_the_motors_in_flight_and_in_the_bring_down(after_stop_s: float | None) -> None:
+    when: list[float] = []
+
+    async def script(flight: Flight, _: Stage) -> None:
+        await flying(flight, 3.0)
+        if after_stop_s is not None:
+            flight.stop("first")
+            await asyncio.sleep(after_stop_s)
+        when.append(asyncio.get_running_loop().time())
+        flight.kill("told to")
+
+    wire = fly(script)
+    assert wire.state is State.ABORTED
+    assert not wire.stage.autopilot.armed
+    assert wire.frames[-1][0] <= when[0] + 1e-3
+    assert any("acknowledged" in line for line in wire.lines)
+    if after_stop_s is None:
+        assert wire.reason == "motors off: told to"
+
+
+def test_poses_that_waited_while_the_program_stood_still_are_not_taken_for_fresh() -> None:
+    """They are read all at once afterwards, and a Vicon datagram does not tell how long it has waited."""
+
+    async def script(flight: Flight, _: Stage) -> None:
+        await flying(flight, 2.0)
+        now = asyncio.get_running_loop().time()
+        assert not flight._waited(now + 0.05)
+        assert flight._waited(now + 0.15)
+        assert flight._waited(now + 0.151)
+        assert flight._waited(now + 0.1599)
+        assert not flight._waited(now + 0.161)
+        flight.land("done")
+
+    assert fly(script).state is State.LANDED
+
+
+@pytest.mark.parametrize("scenario", ["paper", "adverse", "quad1kg"])
+@pytest.mark.parametrize("cause", CAUSES)
+def test_the_bring_down_ends_level_and_not_too_fast(scenario: str, cause: str) -> None:
+    """Limits are above the table in docs/explanation/safety.md, which has more flights."""
+    fall = cut(scenario, cause, 6.3, seed=3, overrides=["trajectory.altitude_m=0.0"])
+    assert fall.touchdown_m_s is not None
+    assert fall.touchdown_m_s < 2.5
+    assert fall.tilt_deg < 12.0
+    assert fall.drift_m < 3.0
+
+
+def test_a_command_in_the_air_carries_a_bring_down_that_ends_with_the_motors_off() -> None:
+    wire = fly(nothing, "flight.duration_s=3.0")
+    assert wire.state is State.LANDED
+    for _, command in wire.commands:
+        assert command.bring_down[-1].thrust_n == 0.0
+        assert sum(part.duration_s for part in command.bring_down) <= 2.0 + 1e-9
+        assert all(part.duration_s > 0.0 and part.thrust_n >= 0.0 for part in command.bring_down)
