@@ -193,7 +193,7 @@ def test_a_controller_that_hangs_for_ever_ends_the_flight_all_the_same() -> None
 def test_a_flight_that_is_stopped_is_brought_down_and_cannot_be_hurried() -> None:
     async def script(flight: Flight, _: Stage) -> None:
         await flying(flight, 3.0)
-        for _ in range(5):
+        for _again in range(5):
             flight.stop("told twice")
             await asyncio.sleep(0.1)
 
