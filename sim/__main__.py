@@ -78,6 +78,11 @@ def _parser() -> argparse.ArgumentParser:
     bench.add_argument("--hours", type=_hours, default=1.0, metavar="H", help="allocation: length (default 1)")
     bench.add_argument("--json", action="store_true", help="print one JSON object instead of the table")
 
+    bring_down = commands.add_parser("bring-down", help="cut flights short in the air, and see how they come down")
+    bring_down.add_argument("--scenarios", metavar="A,B", type=_names, default=["paper", "adverse", "quad1kg"])
+    bring_down.add_argument("--flights", type=_count, default=10, metavar="N", help="of each kind (default 10)")
+    bring_down.add_argument("--write", type=Path, metavar="FILE.md", help="put the table between the file's markers")
+
     scenarios = commands.add_parser("scenarios", help="list the scenarios with every value")
     scenarios.add_argument("--json", action="store_true")
 

@@ -209,6 +209,24 @@ def bench(args: argparse.Namespace) -> int:
     return 0
 
 
+def bring_down(args: argparse.Namespace) -> int:
+    """Cut flights short, and tell how the bring-down ends."""
+    from sim.compare_table import check_markers, put_between_markers
+    from sim.cut import cut_all, markdown
+
+    for name in args.scenarios:
+        _scenario(name)
+    if args.write is not None:
+        check_markers(args.write)
+    table = markdown(cut_all(args.scenarios, args.flights))
+    print(table)
+    if args.write is not None:
+        command = f"groundstation-sim bring-down --flights {args.flights} --write {args.write.name}"
+        made = f"{args.flights} flights each: medians, the worst in brackets. Made by `{command}`."
+        put_between_markers(args.write, f"{table}\n\n{made}")
+    return 0
+
+
 def scenarios(args: argparse.Namespace) -> int:
     """List the scenarios."""
     rows: dict[str, dict[str, Any]] = {

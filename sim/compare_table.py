@@ -67,14 +67,23 @@ def write_between_markers(path: Path, rows: Sequence[Row], command: str) -> None
     Raises:
         ConfigError: the file can't be read or written, or has not just one pair of markers.
     """
-    text = check_markers(path)
     flights = max((row.flights for row in rows), default=0)
     what = f"Medians over {flights} flights each" if flights > 1 else "One flight each"
     spread = ", smallest and largest in brackets" if flights > 1 else ""
     made = f"{what}{spread}; made by `{command}`.\n{NOTE}"
+    put_between_markers(path, f"{markdown_table(rows)}\n\n{made}")
+
+
+def put_between_markers(path: Path, shown: str) -> None:
+    """Replace what stands between the markers of ``path`` by ``shown``.
+
+    Raises:
+        ConfigError: the file can't be read or written, or has not just one pair of markers.
+    """
+    text = check_markers(path)
     before, after = text[: text.index(BEGIN) + len(BEGIN)], text[text.index(END) :]
     try:
-        path.write_text(f"{before}\n{markdown_table(rows)}\n\n{made}\n{after}", "utf-8")
+        path.write_text(f"{before}\n{shown}\n{after}", "utf-8")
     except OSError as error:
         raise ConfigError("--write", f"cannot write {path}: {error.strerror}") from None
 

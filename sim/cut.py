@@ -18,6 +18,8 @@ from sim.virtual_time import VirtualTimeLoop
 
 CAUSES = ("poses", "controller")
 """What is cut: the poses (the controller goes on to the coast limit), or the controller (its last command is held)."""
+FIRST_CUT_S, CUT_STEP_S = 4.0, 0.713
+"""When the first flight is cut, and how much later each next one [s of flight]."""
 RELEASED_S = 4.0
 """By then every hand-shake is over [s]; cuts come later."""
 AFTERMATH_S = 6.0
@@ -104,7 +106,35 @@ def _tilt_deg(attitude: tuple[float, float, float, float]) -> float:
     return math.degrees(math.acos(min(1.0, max(-1.0, so3.third_column(attitude)[2]))))
 
 
-def middle(falls: list[Fall], field: str) -> tuple[float, float]:
-    """Median and largest of one figure."""
+def cut_all(scenarios: list[str], flights: int) -> list[Fall]:
+    """``flights`` flights a scenario and cause, cut at instants spread over the figure, seeds 0 and up."""
+    return [
+        cut(scenario, cause, FIRST_CUT_S + CUT_STEP_S * seed, seed=seed)
+        for scenario in scenarios
+        for cause in CAUSES
+        for seed in range(flights)
+    ]
+
+
+def markdown(falls: list[Fall]) -> str:
+    """One row a scenario and cause: medians, the worst in brackets."""
+    lines = [
+        "| cut | from | at | after | floor met at | tilt there | sideways |",
+        "|---|---:|---:|---:|---:|---:|---:|",
+    ]
+    for place in dict.fromkeys((fall.scenario, fall.cause) for fall in falls):
+        here = [fall for fall in falls if (fall.scenario, fall.cause) == place]
+        height, speed = _spread(here, "height_m", "m"), _spread(here, "speed_m_s", "m/s")
+        rest = (_spread(here, "after_s", "s"), _spread(here, "touchdown_m_s", "m/s"), _spread(here, "tilt_deg", "°", 0))
+        lines.append(
+            f"| `{place[0]}`, {place[1]} | {' | '.join([height, speed, *rest, _spread(here, 'drift_m', 'm')])} |"
+        )
+    return "\n".join(lines)
+
+
+def _spread(falls: list[Fall], field: str, unit: str, places: int = 1) -> str:
     values = [value for value in (getattr(fall, field) for fall in falls) if value is not None]
-    return median(values), max(values)
+    if not values:
+        return "never"
+    low, high = f"{median(values):.{places}f}", f"{max(values):.{places}f}"
+    return f"{low} {unit}" if low == high else f"{low} ({high}) {unit}"

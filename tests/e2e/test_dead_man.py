@@ -1,0 +1,234 @@
+"""The flying program killed, frozen and slowed at every stage, in real time, judged by the datagrams that left it."""
+
+import asyncio
+import contextlib
+import signal
+import struct
+import sys
+from collections.abc import AsyncIterator, Awaitable, Callable
+from dataclasses import dataclass, field
+from pathlib import Path
+
+from sim.commands import prepare
+from sim.scenarios import SCENARIOS
+from sim.stage import Stage
+from tests.e2e.stations import EXAMPLE, Room
+
+ROOT = Path(__file__).parents[2]
+SET_POINT, ORDER = b"\x52\x00\x00", b"\x4c\x00\x00"
+ARM = struct.pack("<ff", 1.0, 0.0)
+UNDER_WAY_S = 0.05
+"""A loaded machine may take so long from one process to another [s]."""
+
+
+@dataclass
+class Lab:
+    """A simulated vehicle in this process, and what came from the station."""
+
+    station: asyncio.subprocess.Process
+    stage: Stage
+    datagrams: list[tuple[float, bytes]] = field(default_factory=list)
+    log: list[str] = field(default_factory=list)
+
+    def since(self, time_s: float) -> list[bytes]:
+        return [data for t, data in self.datagrams if t > time_s]
+
+    def set_points(self, since_s: float) -> list[tuple[float, float, tuple[float, float, float]]]:
+        """Arrival, thrust as a share, body rates."""
+        found = []
+        for t, data in self.datagrams:
+            if t > since_s and data[7:10] == SET_POINT:
+                p, q, r, thrust = struct.unpack_from("<4f", data.ljust(60, b"\0"), 10 + 20)
+                found.append((t, thrust, (p, q, r)))
+        return found
+
+    def has_orders_to_arm(self, since_s: float) -> bool:
+        return any(data[7:10] == ORDER and data[10:18] == ARM for data in self.since(since_s))
+
+    async def says(self, word: str) -> None:
+        async with asyncio.timeout(25.0):
+            while not any(word in line for line in self.log):
+                await asyncio.sleep(0.01)
+
+    async def exit_code(self) -> int:
+        async with asyncio.timeout(20.0):
+            return await self.station.wait()
+
+
+@contextlib.asynccontextmanager
+async def lab(folder: Path, *arguments: str, mute: bool = False) -> AsyncIterator[Lab]:
+    """A station that flies ``paper``; with ``mute`` the autopilot says nothing."""
+    room = Room(folder)
+    world, config = prepare(SCENARIOS["paper"], [o for o in room.wires if o != "--set"])
+    station = await asyncio.create_subprocess_exec(
+        *(sys.executable, "-m", "groundstation", "daemon", str(EXAMPLE), *room.wires),
+        *("--set", f"status.path={folder}.sock", "--set", "flight.duration_s=30.0", *arguments),
+        stdin=asyncio.subprocess.DEVNULL,
+        stderr=asyncio.subprocess.PIPE,
+        cwd=ROOT,
+    )
+    stage = Stage(world, config, 0)
+    here = Lab(station, stage)
+    loop = asyncio.get_running_loop()
+    receive = stage.autopilot.receive
+
+    def heard(datagram: bytes, now_s: float) -> list[bytes]:
+        here.datagrams.append((loop.time(), datagram))
+        return receive(datagram, now_s)
+
+    stage.autopilot.receive = heard  # type: ignore[method-assign]  # read along on the wire
+    if mute:
+        stage.peer.silence()
+    stage.plant.advance(loop.time())
+
+    async def read() -> None:
+        assert station.stderr is not None
+        async for line in station.stderr:
+            here.log.append(line.decode())
+
+    tasks = [asyncio.create_task(stage.run()), asyncio.create_task(read())]
+    try:
+        yield here
+    finally:
+        if station.returncode is None:
+            station.kill()
+        await station.wait()
+        for task in tasks:
+            task.cancel()
+        await asyncio.gather(*tasks, return_exceptions=True)
+
+
+async def connecting(here: Lab) -> None:
+    await here.says("connecting")
+    await asyncio.sleep(0.3)
+
+
+async def ready(here: Lab) -> None:
+    await here.says("ready: link and poses")
+
+
+async def arming(here: Lab) -> None:
+    await here.says("asking the autopilot")
+    await asyncio.sleep(0.5)
+
+
+async def tracking(here: Lab) -> None:
+    await here.says("following the trajectory")
+    await asyncio.sleep(1.0)
+
+
+async def landing(here: Lab) -> None:
+    await tracking(here)
+    here.station.send_signal(signal.SIGTERM)
+    await here.says("landing: told by SIGTERM")
+    await asyncio.sleep(0.3)
+
+
+Reached = Callable[[Lab], Awaitable[None]]
+ARMED = ("--arm", "mqx")
+STAGES: dict[Reached, tuple[str, ...]] = {connecting: ARMED, ready: (), arming: ARMED, tracking: ARMED, landing: ARMED}
+
+
+def together(*scenes: Awaitable[None]) -> None:
+    """Play scenes side by side: each is mostly waiting."""
+
+    async def main() -> None:
+        await asyncio.gather(*scenes)
+
+    asyncio.run(main())
+
+
+async def killed(folder: Path, reached: Reached) -> None:
+    async with lab(folder, *STAGES[reached], mute=reached is connecting) as here:
+        await reached(here)
+        here.station.kill()
+        when = asyncio.get_running_loop().time()
+        await here.exit_code()
+        await asyncio.sleep(1.2)  # the autopilot's own failsafe acts meanwhile
+        assert here.since(when + UNDER_WAY_S) == [], reached
+
+
+def test_nothing_leaves_a_station_that_was_killed_at_any_stage(tmp_path: Path) -> None:
+    together(*(killed(tmp_path / reached.__name__, reached) for reached in STAGES))
+
+
+async def frozen(folder: Path, reached: Reached, for_s: float) -> None:
+    loop = asyncio.get_running_loop()
+    async with lab(folder, *STAGES[reached]) as here:
+        await reached(here)
+        here.station.send_signal(signal.SIGSTOP)
+        stopped = loop.time()
+        await asyncio.sleep(for_s)
+        assert here.since(stopped + UNDER_WAY_S) == []
+        here.station.send_signal(signal.SIGCONT)
+        woken = loop.time()
+        what = f"{reached.__name__} frozen for {for_s} s: {here.log}"
+        assert await here.exit_code() == 1, what
+        await asyncio.sleep(1.0)
+        after = here.set_points(woken)
+        assert not here.has_orders_to_arm(woken), what
+        over = 0.25 + (0.15 if reached is arming else 2.0)
+        assert [t for t, _, _ in after if t > stopped + over + UNDER_WAY_S] == [], what
+        # The parts of one bring-down: few, without yaw, the last one with the motors off. Commands all differ.
+        assert len({(thrust, rates) for _, thrust, rates in after}) <= 6, what
+        assert all(rates[2] == 0.0 for _, _, rates in after), what
+        if for_s > over + UNDER_WAY_S:
+            assert after == [], what
+        else:
+            assert after[-1][1] == 0.0, what
+            assert any("this program stood still" in line or "bring-down" in line for line in here.log), what
+
+
+def test_a_station_that_was_frozen_brings_down_or_is_silent_and_never_flies_on(tmp_path: Path) -> None:
+    together(
+        frozen(tmp_path / "a", arming, 0.8),
+        frozen(tmp_path / "b", tracking, 0.8),
+        frozen(tmp_path / "c", tracking, 2.6),
+        frozen(tmp_path / "d", landing, 0.8),
+    )
+
+
+async def failing(folder: Path, fault: str, *options: str) -> None:
+    loop = asyncio.get_running_loop()
+    controller = ("--set", "controller.kind=tests.e2e.misbehaving:make", "--set", f"controller.fault={fault}")
+    async with lab(folder, *ARMED, *controller, "--set", "controller.after_s=1.0", *options) as here:
+        await here.says("following the trajectory")
+        begun = loop.time()
+        code = await here.exit_code()
+        assert code == 1, here.log
+        assert any("the bring-down is over" in line for line in here.log), here.log
+        after = here.set_points(begun + 1.2)
+        assert len({(thrust, rates) for _, thrust, rates in after[20:]}) <= 6, here.log
+        assert after[-1][1] == 0.0
+        assert after[-1][0] < begun + 1.0 + 0.25 + 2.0 + 0.2
+
+
+def test_a_controller_that_raises_or_blocks_the_program_ends_in_a_bring_down(tmp_path: Path) -> None:
+    together(
+        failing(tmp_path / "raises", "raise"),
+        failing(tmp_path / "blocks", "block", "--set", "controller.for_s=0.5"),
+    )
+
+
+async def told(folder: Path, *signals: signal.Signals) -> Lab:
+    async with lab(folder, *ARMED) as here:
+        await tracking(here)
+        for number in signals:
+            here.station.send_signal(number)
+            await asyncio.sleep(0.2)
+        assert await here.exit_code() == 1, here.log
+        return here
+
+
+def test_told_twice_it_brings_down_and_told_by_sigquit_it_stops_the_motors(tmp_path: Path) -> None:
+    async def main() -> None:
+        twice, quit_ = await asyncio.gather(
+            told(tmp_path / "twice", signal.SIGTERM, signal.SIGTERM, signal.SIGTERM),
+            told(tmp_path / "quit", signal.SIGQUIT),
+        )
+        assert any("the bring-down is over" in line for line in twice.log), twice.log
+        assert twice.set_points(0.0)[-1][1] == 0.0
+        assert any("acknowledged: motors off" in line for line in quit_.log), quit_.log
+        assert not quit_.stage.autopilot.armed
+
+    asyncio.run(main())
