@@ -23,7 +23,7 @@ class FlightConfig(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fie
     duration_s: Annotated[float, msgspec.Meta(gt=0.0)] | None = None
     """Land after this time on the trajectory [s]; without it the flight lasts until it is told to land."""
     coast_s: Annotated[float, msgspec.Meta(gt=0.0, le=1.0)] = 0.25
-    """How long commands may rest on one pose [s]: after it nothing leaves any more."""
+    """How long commands may rest on one pose [s]: after it the link plays the bring-down, and then nothing leaves."""
     pose_wait_s: Annotated[float, msgspec.Meta(gt=0.0)] = 5.0
     """How long to wait for the first pose [s]."""
     idle_thrust: Annotated[float, msgspec.Meta(ge=0.0, le=0.9)] = 0.0
@@ -31,7 +31,7 @@ class FlightConfig(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fie
     descent_m_s: Annotated[float, msgspec.Meta(gt=0.0, le=1.0)] = 0.4
     """Fastest speed of the landing [m/s]."""
     floor_z_m: float = 0.0
-    """Where the vehicle's pose is when it stands on the floor [m, NED: down is positive]."""
+    """Where the vehicle's pose is when it stands on the floor [m, NED: down is positive]; landing aims at it."""
 
 
 class Config(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):

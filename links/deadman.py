@@ -12,8 +12,9 @@ from links.port import Command, LinkMisuse, Segment
 
 BRING_DOWN_LIMIT_S = 2.0
 """Longest bring-down [s]: without a pose nobody knows any more where the vehicle is."""
-DEADLINE_LIMIT_S = 1.0
-"""Furthest deadline [s from now]: no pose vouches for longer, nor does one whose stamp lies in the future."""
+DEADLINE_LIMIT_S = 1.1
+"""Furthest deadline [s from now]: no pose vouches for more than 1 s, nor one whose stamp lies in the future (but for
+the jitter of clocks)."""
 NUMBER_LIMIT = 1e30
 """Largest number in a command: a 32-bit float on the wire holds it."""
 

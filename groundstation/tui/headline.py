@@ -42,6 +42,8 @@ def headline(snapshot: Snapshot | None, silence_s: float, trouble: str) -> Headl
         return Headline(snapshot.state, _TONES.get(snapshot.state, CALM), reason)
     if silent:
         return Headline("NO DATA", ALARM, f"since {silence_s:.0f} s, it was {snapshot.state}. {trouble}".rstrip())
+    if snapshot.link.phase == "bring_down":
+        return Headline("COMING DOWN", ALARM, snapshot.reason)
     if snapshot.state == "aborted":
         return Headline("ABORTED", ALARM, snapshot.reason)
     if snapshot.link.state == "lost":

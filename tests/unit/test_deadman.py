@@ -92,6 +92,25 @@ def test_a_bring_down_has_a_longest_time() -> None:
         armed().take(long, 1.0)
 
 
+def test_a_deadline_far_away_is_a_bug_of_the_caller() -> None:
+    far = msgspec.structs.replace(command(1.0), deadline_s=2.2)
+    with pytest.raises(LinkMisuse, match="deadline"):
+        armed().take(far, 1.0)
+
+
+def test_the_instants_of_change_are_known_in_advance() -> None:
+    deadman = Deadman()
+    assert deadman.changes_s(1.0) == math.inf
+    deadman.arm()
+    assert deadman.changes_s(1.0) == math.inf
+    deadman.take(command(1.0), 1.0)
+    now, seen = 1.0, []
+    while (change := deadman.changes_s(now)) < math.inf:
+        seen.append(change)
+        now = change + 1e-6
+    assert seen == pytest.approx([1.25, 1.75, 2.75])
+
+
 @given(
     st.lists(st.tuples(st.floats(0.0, 0.6), st.floats(0.0, 0.6)), min_size=1, max_size=20),
     st.lists(st.floats(0.0, 3.0), min_size=1, max_size=20),

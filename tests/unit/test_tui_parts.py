@@ -105,6 +105,8 @@ def test_silence_beats_every_state_but_the_last() -> None:
     assert headline(sample(3.0), 3.2, "").big == "NO DATA"
     assert headline(None, 3.2, "nobody is there").detail == "since 3 s: nobody is there"
     assert headline(changed(state="landed"), 60.0, "").big == "landed"
+    link = msgspec.structs.replace(sample(3.0).link, phase="bring_down")
+    assert headline(changed(state="aborted", link=link), 0.2, "").big == "COMING DOWN"
     assert headline(changed(state="aborted"), 60.0, "").tone == ALARM
 
 

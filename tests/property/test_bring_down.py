@@ -1,0 +1,125 @@
+"""The bring-down as a function of the state: always within its limits, level at its end, and gentle where it can be."""
+
+import math
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from groundstation import so3
+from groundstation.control.bring_down import OFF, SINK_S, bring_down
+from groundstation.control.model import Drive, Motion, rolled
+from groundstation.ops import FLOATS, Vec3
+from groundstation.vehicle import Vehicle
+from links.deadman import BRING_DOWN_LIMIT_S
+from links.port import Segment
+
+MQX = Vehicle()
+BIG = Vehicle(mass_kg=1.0, thrust_max_n=20.0, thrust_min_n=0.5, thrust_lag_s=0.03, rate_lag_s=0.02)
+IDEAL = Vehicle(thrust_lag_s=0.0, rate_lag_s=0.0, rate_limits_deg_s=(1e5, 1e5, 1e5))
+VEHICLES = [MQX, BIG, IDEAL]
+CALM: Vec3 = (0.0, 0.0, 0.0)
+
+
+def parts(motion: Motion, vehicle: Vehicle, height_m: float, disturbance: Vec3 = CALM) -> tuple[Segment, ...]:
+    return bring_down(motion, vehicle, gravity=9.81, disturbance=disturbance, height_m=height_m)
+
+
+def played(motion: Motion, vehicle: Vehicle, segments: tuple[Segment, ...], height_m: float) -> tuple[Motion, Motion]:
+    """The state as it meets the floor (or at the end), and that after it, by the controller's own model in calm air."""
+    for segment in segments:
+        drive = Drive(segment.thrust_n, segment.rates_rad_s)
+        for _ in range(200):
+            if motion.position[2] >= height_m:
+                return motion, motion
+            motion = rolled(
+                FLOATS, motion, drive, segment.duration_s / 200,
+                mass=vehicle.mass_kg, gravity=9.81, disturbance=CALM,
+                thrust_lag=vehicle.thrust_lag_s, rate_lag=vehicle.rate_lag_s,
+            )  # fmt: skip
+    return motion, motion
+
+
+def tilt_deg(motion: Motion) -> float:
+    return math.degrees(math.acos(min(1.0, so3.third_column(motion.attitude)[2])))
+
+
+anything = st.floats(-1e3, 1e3)
+unit = st.floats(-1.0, 1.0)
+
+
+@given(
+    st.tuples(anything, anything, anything),
+    st.tuples(unit, unit, unit, unit).filter(lambda q: sum(x * x for x in q) > 0.1),
+    st.floats(0.0, 30.0),
+    st.tuples(*[st.floats(-10.0, 10.0)] * 3),
+    st.tuples(*[st.floats(-50.0, 50.0)] * 3),
+    st.floats(-100.0, 1e4),
+    st.sampled_from(VEHICLES),
+)
+def test_any_state_gives_a_bring_down_within_the_limits_that_ends_with_the_motors_off(
+    velocity: Vec3,
+    attitude: tuple[float, float, float, float],
+    thrust: float,
+    rates: Vec3,
+    disturbance: Vec3,
+    height_m: float,
+    vehicle: Vehicle,
+) -> None:
+    motion = Motion((0.0, 0.0, 0.0), velocity, so3.normalized(attitude), thrust, rates)
+    found = parts(motion, vehicle, height_m, disturbance)
+    assert sum(part.duration_s for part in found) <= BRING_DOWN_LIMIT_S + 1e-9
+    assert found[-1:] == OFF
+    for part in found:
+        assert part.duration_s > 0.0
+        assert 0.0 <= part.thrust_n <= vehicle.thrust_max_n
+        for rate, limit in zip(part.rates_rad_s, vehicle.rate_limits_deg_s, strict=True):
+            assert abs(rate) <= math.radians(limit) * (1.0 + 1e-9) or part.duration_s > 0.99 * SINK_S
+
+
+@pytest.mark.parametrize("vehicle", VEHICLES, ids=["mqx", "big", "ideal"])
+@pytest.mark.parametrize("roll_deg", [-50.0, 20.0])
+@pytest.mark.parametrize("pitch_deg", [0.0, 35.0])
+def test_it_levels_through_the_lag_whatever_the_tilt_and_the_rates(
+    vehicle: Vehicle, roll_deg: float, pitch_deg: float
+) -> None:
+    attitude = so3.from_euler_zyx(math.radians(roll_deg), math.radians(pitch_deg), 0.7)
+    motion = Motion((0.0, 0.0, 0.0), CALM, attitude, 9.81 * vehicle.mass_kg, (1.0, -0.7, 0.5))
+    _, end = played(motion, vehicle, parts(motion, vehicle, 2.0), 10.0)
+    assert tilt_deg(end) < 3.0
+
+
+def test_a_vehicle_on_its_back_turns_over_before_it_lifts() -> None:
+    motion = Motion((0.0, 0.0, 0.0), CALM, (0.0, 1.0, 0.0, 0.0), 0.5, CALM)
+    turning = [part for part in parts(motion, MQX, 3.0) if any(part.rates_rad_s)]
+    assert {part.thrust_n for part in turning} == {MQX.thrust_min_n}
+    assert sum(part.duration_s for part in turning) == pytest.approx(math.pi / math.radians(200.0))
+
+
+@pytest.mark.parametrize("vehicle", [MQX, BIG], ids=["mqx", "big"])
+@pytest.mark.parametrize("height_m", [0.1, 0.3, 0.7, 1.2, 1.6, 2.0])
+@pytest.mark.parametrize("speed_m_s", [-0.5, 0.0, 0.4])
+def test_where_the_model_is_right_the_floor_is_met_gently(vehicle: Vehicle, height_m: float, speed_m_s: float) -> None:
+    motion = Motion((0.0, 0.0, 0.0), (0.0, 0.0, speed_m_s), so3.IDENTITY, 9.81 * vehicle.mass_kg, CALM)
+    met, _ = played(motion, vehicle, parts(motion, vehicle, height_m), height_m)
+    assert met.position[2] >= height_m, "it came to the floor"
+    assert 0.0 < met.velocity[2] < 1.6
+
+
+def test_on_the_floor_only_the_motors_stop() -> None:
+    motion = Motion((0.0, 0.0, 0.0), CALM, so3.IDENTITY, 0.5, CALM)
+    assert parts(motion, MQX, 0.0) == OFF
+    assert parts(motion, MQX, -5.0) == OFF
+
+
+def test_it_leans_into_the_wind_but_not_far() -> None:
+    motion = Motion((0.0, 0.0, 0.0), CALM, so3.IDENTITY, 0.785, CALM)
+    p, q, r = (
+        sum(part.rates_rad_s[i] * part.duration_s for part in parts(motion, MQX, 2.0, (0.5, 0.0, 0.0)))
+        for i in range(3)
+    )
+    assert (p, r) == (0.0, 0.0)
+    # Wind blows north: the nose goes up, and thrust points south.
+    assert q == pytest.approx(math.atan(0.5 / 9.81), abs=1e-6)
+    strong = parts(motion, MQX, 2.0, (9.0, 0.0, 0.0))
+    assert sum(part.rates_rad_s[1] * part.duration_s for part in strong) == pytest.approx(math.atan(0.18), abs=1e-6)
