@@ -6,7 +6,7 @@ from groundstation.control.adaptive import Adaptive
 from groundstation.control.bring_down import OFF, bring_down
 from groundstation.control.controllers import ControllerConfig, make_controller
 from groundstation.control.estimator import ModelEstimator
-from groundstation.control.model import Drive, Motion, rolled
+from groundstation.control.model import Drive, rolled
 from groundstation.control.port import Decision, Estimate
 from groundstation.control.watch import Seen, Watch
 from groundstation.ops import FLOATS, Vec3
@@ -122,7 +122,7 @@ class Pilot:
         if self._driver is not None:
             self._estimator.follow(self._driver.b_hat)
         wind = self._mean_wind(estimate.disturbance, interval)
-        parts = self._bring_down(estimate.motion, decision.drive, pose.time_s + self._coast - time_s, wind)
+        parts = self._bring_down(estimate, decision.drive, pose.time_s + self._coast - time_s, wind)
         seen = self._watch.look(time_s, estimate.motion, decision)
         command = self._command(decision.drive, parts)
         return Tick(time_s, flight_time, pose, estimate, reference, decision, command, seen)
@@ -142,11 +142,12 @@ class Pilot:
         self._wind = now
         return now
 
-    def _bring_down(self, motion: Motion, drive: Drive, held_s: float, disturbance: Vec3) -> tuple[Segment, ...]:
-        """What follows ``drive``, where no other command comes and it is held for ``held_s`` [s]."""
+    def _bring_down(self, now: Estimate, drive: Drive, held_s: float, disturbance: Vec3) -> tuple[Segment, ...]:
+        """What follows ``drive`` after the state ``now``, where it is held for ``held_s`` [s] and no other comes."""
         if held_s <= 0.0:
             return ()
-        vehicle = self._vehicle
+        vehicle, motion = self._vehicle, now.motion
+        mass = vehicle.mass_kg / now.effectiveness
         steps = int(held_s / HOLD_STEP_S) + 1
         for _ in range(steps):
             motion = rolled(
@@ -154,7 +155,7 @@ class Pilot:
                 motion,
                 drive,
                 held_s / steps,
-                mass=vehicle.mass_kg,
+                mass=mass,
                 gravity=self._gravity,
                 disturbance=disturbance,
                 thrust_lag=vehicle.thrust_lag_s,
@@ -163,6 +164,7 @@ class Pilot:
         return bring_down(
             motion,
             vehicle,
+            mass_kg=mass,
             gravity=self._gravity,
             disturbance=disturbance,
             height_m=self._floor - motion.position[2],

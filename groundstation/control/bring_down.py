@@ -49,21 +49,21 @@ OFF = (Segment(OFF_S, 0.0, ZERO),)
 
 
 def bring_down(
-    motion: Motion, vehicle: Vehicle, *, gravity: float, disturbance: Vec3, height_m: float
+    motion: Motion, vehicle: Vehicle, *, mass_kg: float, gravity: float, disturbance: Vec3, height_m: float
 ) -> tuple[Segment, ...]:
     """The parts that begin at the state ``motion``, ``height_m`` above the floor; on the floor only ``OFF``.
 
-    ``disturbance`` is the estimated one [m/s², NED], which holds errors of the thrust's scale too. At most
-    ``SINK_S + SETTLE_S + OFF_S`` = 2 s in all. About 5 µs.
+    ``mass_kg`` is the mass that thrust seems to lift, m/λ̂, and ``disturbance`` the estimated one [m/s², NED], which
+    holds what is left of errors of the thrust's scale. At most ``SINK_S + SETTLE_S + OFF_S`` = 2 s in all. About 5 µs.
     """
     if height_m < ON_FLOOR_M:
         return OFF
     weight = min(max(gravity + disturbance[2], 0.5 * gravity), 1.5 * gravity)
     turn_s, rates, cosine = _turn(motion, vehicle, weight, disturbance)
-    fall_s, brake_s, pull = _descent(motion, vehicle, gravity, weight, height_m)
+    fall_s, brake_s, pull = _descent(motion, vehicle, mass_kg, gravity, weight, height_m)
     top = vehicle.thrust_max_n
-    hover = vehicle.mass_kg * weight * BIAS
-    # An estimated disturbance along the vertical is rather a wrong mass or thrust scale than wind: it scales.
+    hover = mass_kg * weight * BIAS
+    # What is left along the vertical is rather an error of the thrust's scale not found yet than wind: it scales.
     fall_n, brake_n, settle_n = hover * (1.0 - pull / gravity), hover * (1.0 + pull / gravity), hover * SETTLE_SHARE
     parts: list[Segment] = []
     for duration, thrust in ((fall_s, fall_n), (brake_s, brake_n), (SETTLE_S, settle_n)):
@@ -106,14 +106,14 @@ def _turn(motion: Motion, vehicle: Vehicle, weight: float, disturbance: Vec3) ->
 
 
 def _descent(
-    motion: Motion, vehicle: Vehicle, gravity: float, weight: float, height: float
+    motion: Motion, vehicle: Vehicle, mass: float, gravity: float, weight: float, height: float
 ) -> tuple[float, float, float]:
     """How long to sink and to brake [s], and how strongly [m/s²]."""
     lag = vehicle.thrust_lag_s
     speed = motion.velocity[2]
-    lift = gravity * motion.thrust / (vehicle.mass_kg * weight)
+    lift = gravity * motion.thrust / (mass * weight)
     now = gravity - lift * max(third_column(motion.attitude)[2], 0.0)
-    strength = 0.85 * gravity * (vehicle.thrust_max_n / (vehicle.mass_kg * weight) - 1.0)
+    strength = 0.85 * gravity * (vehicle.thrust_max_n / (mass * weight) - 1.0)
     hardest = max(min(HARDEST * gravity, strength), 0.02 * gravity)
     softest = min(SOFTEST * gravity, hardest)
     guess = min(max(4.0 * height / SINK_S**2, softest), hardest)

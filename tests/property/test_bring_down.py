@@ -22,7 +22,9 @@ CALM: Vec3 = (0.0, 0.0, 0.0)
 
 
 def parts(motion: Motion, vehicle: Vehicle, height_m: float, disturbance: Vec3 = CALM) -> tuple[Segment, ...]:
-    return bring_down(motion, vehicle, gravity=9.81, disturbance=disturbance, height_m=height_m)
+    return bring_down(
+        motion, vehicle, mass_kg=vehicle.mass_kg, gravity=9.81, disturbance=disturbance, height_m=height_m
+    )
 
 
 def played(motion: Motion, vehicle: Vehicle, segments: tuple[Segment, ...], height_m: float) -> tuple[Motion, Motion]:
