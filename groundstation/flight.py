@@ -6,13 +6,14 @@ from typing import TypeVar
 
 import msgspec
 
-from groundstation.clock import sleep_until, to_the_end
+from groundstation.clock import to_the_end
 from groundstation.mission import FINAL, Event, Mission, State
 from groundstation.pilot import Pilot, Tick
 from groundstation.poses.port import Pose, PoseSource
 from groundstation.scoreboard import Scoreboard
 from groundstation.settings import Config
 from groundstation.snapshot import Snapshot
+from groundstation.standstill import LOOK_S, STALL_S, Standstill
 from groundstation.trajectories.transit import Transit
 from links.port import Command, CommandLink, LinkError
 
@@ -28,10 +29,8 @@ DISARM_WAIT_S = 8.0
 """How long a landed autopilot may refuse to disarm: it must first believe that it stands."""
 AFTERMATH_S = 1.0
 """How long this task may take to notice that the link has fallen silent [s]; then it hangs."""
-STALL_S = 0.06
-"""A pose that arrives after this program has looked at nothing for so long may have waited that long [s]."""
-DRAIN_S = 0.01
-"""How long such poses are passed over: what waits in a socket is read within some milliseconds [s]."""
+LAST_CHANCE_S = 0.002
+"""So long before a command's deadline does the next one leave, if a newer pose is there [s]."""
 
 
 class Outcome(msgspec.Struct, frozen=True):
@@ -79,8 +78,7 @@ class Flight:
         self._kill: asyncio.Task[None] | None = None
         self._frame: asyncio.Future[None] | None = None
         self._frame_from_s = 0.0
-        self._looked_s: float | None = None
-        self._drained_s = 0.0
+        self._standstill = Standstill()
         self._scoreboard = Scoreboard(config)
         self.started_s: float | None = None
         """When the reference started, on the event loop's clock [s]; None before."""
@@ -160,13 +158,24 @@ class Flight:
         if not await self._unless_landed(self._confirm()):
             raise Ended("not armed: the operator did not confirm")
         self._move(Event.ARM, "asking the autopilot to obey and to arm")
-        await self._unless_landed(self._link.arm(self._idle))
-        now = asyncio.get_running_loop().time()
-        self._pilot.follow(config.trajectory.build(), now)
-        self.started_s = now
-        self._move(Event.ARMED, "following the trajectory")
-        await self._while_the_link_sends(self._transmit())
-        await self._stop_motors()
+        looking = asyncio.ensure_future(self._look())
+        try:
+            await self._unless_landed(self._link.arm(self._idle))
+            now = asyncio.get_running_loop().time()
+            self._pilot.follow(config.trajectory.build(), now)
+            self.started_s = now
+            self._move(Event.ARMED, "following the trajectory")
+            await self._while_the_link_sends(self._transmit())
+            await self._stop_motors()
+        finally:
+            looking.cancel()
+
+    async def _look(self) -> None:
+        """However far apart frames and poses are, a program that stood still is to notice it."""
+        loop = asyncio.get_running_loop()
+        while True:
+            self._standstill.look(loop.time())
+            await asyncio.sleep(LOOK_S)
 
     async def _connect(self) -> None:
         await self._source.start(self._pose)
@@ -197,14 +206,18 @@ class Flight:
         """Commands, each from the newest pose, until the vehicle stands on the floor.
 
         One leaves every period; or, where the link follows poses, as soon as a pose has come (but not within half a
-        period of the last one), and one and a half periods after the last one where none came.
+        period of the last one), and one and a half periods after the last one where none came. In both cases one more
+        leaves, from a newer pose, just before the last one's deadline: a gap between poses must not seem longer than
+        it is by waiting for the next frame.
         """
         loop = asyncio.get_running_loop()
         link, pilot = self._link, self._pilot
         period, duration = link.period_s, self._config.flight.duration_s
-        frame = look = last = loop.time()
+        frame = look = loop.time()
+        last: Tick | None = None
         while True:
-            now = self._looked_s = loop.time()
+            now = loop.time()
+            self._standstill.look(now)
             tick = pilot.tick(now)
             if now >= look:
                 look += LINK_LOOK_S
@@ -213,8 +226,8 @@ class Flight:
             if not link.send(tick.command):
                 if self._has_disarmed(tick):  # the link knows it first
                     return
-                raise Ended(self._why_refused(tick, now - last))
-            last = now
+                raise Ended(self._why_refused(tick, last))
+            last = tick
             self._scoreboard.tick(tick)
             if tick.seen.warning:
                 self._say(f"warning: {tick.seen.warning}")
@@ -227,20 +240,24 @@ class Flight:
                     self._begin_landing(tick)
             elif self._is_down(tick):
                 return
+            last_chance = tick.command.deadline_s - LAST_CHANCE_S
             if link.follows_poses:
-                await self._next_pose(now + 0.5 * period, now + 1.5 * period)
+                await self._next_pose(min(now + 0.5 * period, last_chance), now + 1.5 * period)
                 continue
-            frame += period
+            if now > frame - 0.5 * period:  # else it left early, and this frame is still to come
+                frame += period
             if frame < now:
                 frame = now + period  # a late frame is skipped, never sent twice in a row
-            await sleep_until(frame)
+            await self._next_pose(min(last_chance, frame), frame)
 
-    def _why_refused(self, tick: Tick, gap_s: float) -> str:
-        """Why the link did not take the command of ``tick``, the last one before having left ``gap_s`` ago."""
-        age = asyncio.get_running_loop().time() - tick.pose.time_s
-        if age > self._config.flight.coast_s:
-            return f"no pose for {age * 1e3:.0f} ms: the link plays its bring-down"
-        return f"no command for {gap_s * 1e3:.0f} ms, as this program stood still: the link plays its bring-down"
+    def _why_refused(self, tick: Tick, last: Tick | None) -> str:
+        """Why the link did not take the command of ``tick``; that of ``last`` was the one before."""
+        now = asyncio.get_running_loop().time()
+        gap = 0.0 if last is None else now - last.time_s
+        if gap > max(STALL_S, 2.0 * self._link.period_s):
+            return f"no command for {gap * 1e3:.0f} ms, as this program stood still: the link plays its bring-down"
+        pose = tick.pose if last is None or now > tick.command.deadline_s else last.pose
+        return f"no pose for {(now - pose.time_s) * 1e3:.0f} ms: the link plays its bring-down"
 
     async def _next_pose(self, from_s: float, until_s: float) -> None:
         """Wait for a pose, but not past ``until_s``; one that comes before ``from_s`` counts at that instant."""
@@ -307,7 +324,6 @@ class Flight:
             await asyncio.sleep(self._link.period_s)
 
     def _idle(self) -> Command:
-        self._looked_s = asyncio.get_running_loop().time()
         vehicle, share = self._config.vehicle, self._config.flight.idle_thrust
         weight = vehicle.mass_kg * self._config.controller.gravity
         return self._pilot.idle(asyncio.get_running_loop().time(), share * weight)
@@ -328,7 +344,7 @@ class Flight:
             await asyncio.gather(work, asked, return_exceptions=True)
 
     def _pose(self, pose: Pose) -> None:
-        if self._waited(pose.arrival_s):
+        if self._standstill.waited(pose.arrival_s):
             return
         self._pilot.pose(pose)
         self._scoreboard.pose(pose)
@@ -338,19 +354,6 @@ class Flight:
                 _wake(self._frame)
             else:
                 asyncio.get_running_loop().call_at(self._frame_from_s, _wake, self._frame)
-
-    def _waited(self, now_s: float) -> bool:
-        """Whether a pose that is read at ``now_s`` may have lain in its socket while this program stood still.
-
-        A source without time stamps of its own would pass it off as fresh.
-        """
-        looked = self._looked_s
-        if looked is None:  # nothing flies
-            return False
-        if now_s - looked > STALL_S:
-            self._drained_s = now_s + DRAIN_S
-        self._looked_s = now_s
-        return now_s < self._drained_s
 
     def _move(self, event: Event, reason: str) -> None:
         self._say(f"{self._mission.on(event, reason)}: {reason}")

@@ -8,12 +8,12 @@ from typing import Any
 
 import pytest
 
-import groundstation.flight
 from groundstation.app import make_flight
 from groundstation.clock import sleep_until
 from groundstation.flight import Flight
 from groundstation.mission import State
 from groundstation.pilot import Tick
+from groundstation.standstill import Standstill
 from links.port import Command
 from sim.commands import prepare
 from sim.cut import CAUSES, cut
@@ -157,7 +157,6 @@ def test_a_controller_that_stands_still_at_any_instant_for_any_time(seed: int) -
             await sleep_until(until)
 
         with monkeypatch.context() as patch:
-            patch.setattr(groundstation.flight, "sleep_until", stuck)
             patch.setattr(Flight, "_next_pose", stuck)
             await sleep_until(until)
         stage.mocap.cover(False)
@@ -180,7 +179,7 @@ def test_a_controller_that_hangs_for_ever_ends_the_flight_all_the_same() -> None
         async def never(*_: Any) -> None:
             await asyncio.Event().wait()
 
-        monkeypatch.setattr(groundstation.flight, "sleep_until", never)
+        monkeypatch.setattr(Flight, "_next_pose", never)
 
     try:
         wire = fly(script)
@@ -225,20 +224,20 @@ def test_a_kill_stops_the_motors_in_flight_and_in_the_bring_down(after_stop_s: f
         assert wire.reason == "motors off: told to"
 
 
-def test_poses_that_waited_while_the_program_stood_still_are_not_taken_for_fresh() -> None:
+def test_poses_that_may_have_waited_while_the_program_stood_still_are_not_flown() -> None:
     """They are read all at once afterwards, and a Vicon datagram does not tell how long it has waited."""
+    monkeypatch = pytest.MonkeyPatch()
 
     async def script(flight: Flight, _: Stage) -> None:
         await flying(flight, 2.0)
-        now = asyncio.get_running_loop().time()
-        assert not flight._waited(now + 0.05)
-        assert flight._waited(now + 0.15)
-        assert flight._waited(now + 0.151)
-        assert flight._waited(now + 0.1599)
-        assert not flight._waited(now + 0.161)
-        flight.land("done")
+        monkeypatch.setattr(Standstill, "waited", lambda *_: True)
 
-    assert fly(script).state is State.LANDED
+    try:
+        wire = fly(script)
+    finally:
+        monkeypatch.undo()
+    assert wire.state is State.ABORTED
+    assert wire.reason.startswith("no pose for")
 
 
 @pytest.mark.parametrize("scenario", ["paper", "adverse", "quad1kg"])
@@ -259,3 +258,20 @@ def test_a_command_in_the_air_carries_a_bring_down_that_ends_with_the_motors_off
         assert command.bring_down[-1].thrust_n == 0.0
         assert sum(part.duration_s for part in command.bring_down) <= 2.0 + 1e-9
         assert all(part.duration_s > 0.0 and part.thrust_n >= 0.0 for part in command.bring_down)
+
+
+@pytest.mark.parametrize(("pace", "period_s"), [("period", 0.09), ("poses", 0.2)])
+def test_a_pose_that_comes_just_before_the_deadline_is_flown_before_it(pace: str, period_s: float) -> None:
+    """However far away the next frame is: what ends a flight is a gap between poses, not one and a frame."""
+
+    async def script(flight: Flight, stage: Stage) -> None:
+        assert stage.mocap is not None
+        await flying(flight, 2.0)
+        for _gap in range(20):
+            stage.mocap.cover(True)
+            await asyncio.sleep(0.19)  # and up to 30 ms until the next one, and 20 ms on its way: 240 of 250 ms
+            stage.mocap.cover(False)
+            await asyncio.sleep(0.137)
+
+    wire = fly(script, "flight.duration_s=10.0", f"link.period_s={period_s}", pace=pace)
+    assert wire.state is State.LANDED, wire.reason
