@@ -141,10 +141,11 @@ def test_commands_stream_at_the_links_period_while_it_arms(bench: Bench, run: Ca
             begun = loop.time()
             await link.arm(idle)
             took = loop.time() - begun
-            assert link.status.sent == len(asked)
-            # In real time a busy machine may make frames late or leave them out.
+            # In real time a busy machine may make frames late, so that the last one is repeated, or leave them out.
+            assert link.status.sent >= len(asked)
             assert 0.5 * took / link.period_s < len(asked) <= took / link.period_s + 2
             if run is in_virtual_time:
+                assert link.status.sent == len(asked)
                 assert [b - a for a, b in zip(asked, asked[1:], strict=False)] == pytest.approx(
                     [link.period_s] * (len(asked) - 1)
                 )
