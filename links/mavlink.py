@@ -1,4 +1,4 @@
-"""The MAVLink link: thrust and body rates to PX4 or ArduPilot over UDP."""
+"""The MAVLink link: thrust and body rates to PX4 or ArduPilot over UDP, TCP or a serial port."""
 
 import asyncio
 from collections.abc import Callable
@@ -55,14 +55,17 @@ class MavlinkLink:
     def status(self) -> LinkStatus:
         """The link as it is now."""
         connection = self.connection
+        clock = connection.clock
         return LinkStatus(
             state=connection.state,
             sent=self._sent,
             expired=self._deadman.refused,
             received=connection.codec.received,
             dropped=connection.dropped,
-            text=connection.words.newest,
+            text=connection.text,
             phase=self._deadman.phase(self._loop.time()) if self._loop is not None else "over",
+            rtt_s=None if clock is None else clock.rtt_s,
+            offset_s=None if clock is None else clock.offset_s,
         )
 
     async def connect(self) -> None:
@@ -94,7 +97,8 @@ class MavlinkLink:
 
         if self._busy or not _over(self._killing):
             raise LinkMisuse(f"arm() {self._busy or 'while the motors are being killed'}")
-        handshake = self._under_way = arming(self.connection.autopilot())
+        handshake = self._under_way = arming(self.connection.autopilot(), self._config.ardupilot_mode)
+        self.connection.begin_arming()
         self._busy = "while arm() streams"
         self._obeys = False
         if self._landing is not None:
@@ -151,7 +155,7 @@ class MavlinkLink:
             return
         thrust = signal(what.thrust_n / self._thrust_max, self._config.thrust_curve)
         frame = self.connection.codec.attitude_target(now_s, *self._target, thrust, what.rates_rad_s)
-        self._sent += self.connection.leave(frame)
+        self._sent += self.connection.leave_setpoint(frame)
         if isinstance(what, Segment) and self._config.bring_down == "land" and self._landing is None:
             self._landing = asyncio.ensure_future(self._land())
 

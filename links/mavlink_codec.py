@@ -19,6 +19,8 @@ from typing import Any, TypeAlias
 
 from fastcrc.crc16 import mcrf4xx
 
+from links.mavlink_signing import SIGNATURE_BYTES, SIGNED, Signer
+
 Message: TypeAlias = Any
 """A decoded message: an instance of one of pymavlink's message classes, which ship no types."""
 
@@ -38,10 +40,9 @@ FORCE = 21196.0
 """Second parameter of ARM_DISARM that overrides every check: with it, disarming stops the motors in the air."""
 
 _V2, _V1 = 0xFD, 0xFE
-_SIGNED = 0x01
-_SIGNATURE_BYTES = 13
 _ATTITUDE_TARGET = struct.Struct("<BBBBBBBHB I4f3ffBBB")
-_ATTITUDE_TARGET_ID, _ATTITUDE_TARGET_CRC_EXTRA = 82, b"\x31"
+_ATTITUDE_TARGET_ID, _ATTITUDE_TARGET_CRC_EXTRA = 82, 49
+_WHOLE = ("unknown", "unsigned", "bad_signature", "replayed")
 _IGNORE_ATTITUDE = 128
 
 
@@ -55,9 +56,9 @@ def frame_end(data: bytes, start: int) -> int:
         if start + 3 > len(data):
             return len(data) + 1
         flags = data[start + 2]
-        if flags & ~_SIGNED:  # a later revision of the protocol, whose length nobody here can tell
+        if flags & ~SIGNED:  # a later revision of the protocol, whose length nobody here can tell
             return 0
-        return start + 12 + data[start + 1] + (_SIGNATURE_BYTES if flags else 0)
+        return start + 12 + data[start + 1] + (SIGNATURE_BYTES if flags else 0)
     if magic == _V1:
         return start + 8 + data[start + 1] if start + 1 < len(data) else len(data) + 1
     return 0
@@ -77,7 +78,11 @@ class MavlinkCodec:
         self.received = 0
         """Messages understood."""
         self.dropped: Counter[str] = Counter()
-        """By reason: garbage (bytes that begin no frame), truncated, bad_crc, malformed, unknown (frames)."""
+        """By reason: garbage (bytes that begin no frame), truncated, bad_crc, malformed, unknown (frames).
+
+        With a signer also unsigned, bad_signature, replayed."""
+        self.signer: Signer | None = None
+        """Signs what is packed and judges what is read, where there is a key."""
         self._mavlink = ardupilotmega.MAVLink(None, system_id, component_id)
         self._pending = b""
 
@@ -87,6 +92,10 @@ class MavlinkCodec:
         messages, used = self._scan(data, resynchronise=True)
         self._pending = data[used:]  # never more than one frame: at most 280 bytes
         return messages
+
+    def forget(self) -> None:
+        """The stream has ended: what of a frame has come of it will not be completed."""
+        self._pending = b""
 
     def feed_datagram(self, data: bytes) -> list[Message]:
         """The messages in one datagram, which holds whole frames; what follows garbage in it is dropped."""
@@ -111,7 +120,7 @@ class MavlinkCodec:
                 if message is not None:
                     messages.append(message)
                 # In a stream, a checksum that fails means that no frame began here; a true one may begin inside.
-                if not (resynchronise and fault) or fault == "unknown":
+                if not (resynchronise and fault) or fault in _WHOLE:
                     start = end
                     continue
             elif not resynchronise:
@@ -128,10 +137,11 @@ class MavlinkCodec:
         except self.dialect.MAVError as error:
             fault = "bad_crc" if "CRC" in str(error) else "malformed"
         else:
-            if message.get_msgId() >= 0:
+            fault = self.signer.refuse(frame) if self.signer is not None else ""
+            if not fault and message.get_msgId() >= 0:
                 self.received += 1
                 return message, ""
-            fault = "unknown"
+            fault = fault or "unknown"
         self.dropped[fault] += 1
         return None, fault
 
@@ -139,7 +149,7 @@ class MavlinkCodec:
         """The frame of any message, with the next sequence number."""
         frame: bytes = message.pack(self._mavlink)
         self._mavlink.seq = (self._mavlink.seq + 1) & 0xFF
-        return frame
+        return frame if self.signer is None else self.signer.sign(frame, message.crc_extra)
 
     def heartbeat(self) -> bytes:
         """HEARTBEAT of a ground station; due once a second."""
@@ -167,7 +177,8 @@ class MavlinkCodec:
             int(time_s * 1e3) & 0xFFFFFFFF, 1.0, 0.0, 0.0, 0.0, *rates_rad_s, thrust,
             system, component, _IGNORE_ATTITUDE,
         )  # fmt: skip
-        return body + mcrf4xx(body[1:] + _ATTITUDE_TARGET_CRC_EXTRA).to_bytes(2, "little")
+        frame = body + mcrf4xx(body[1:] + bytes([_ATTITUDE_TARGET_CRC_EXTRA])).to_bytes(2, "little")
+        return frame if self.signer is None else self.signer.sign(frame, _ATTITUDE_TARGET_CRC_EXTRA)
 
     def command(self, system: int, component: int, command: int, *params: float, confirmation: int = 0) -> bytes:
         """COMMAND_LONG with up to seven parameters, the rest 0; ``confirmation`` counts its repetitions."""
@@ -177,6 +188,14 @@ class MavlinkCodec:
     def parameter_request(self, system: int, component: int, name: str) -> bytes:
         """PARAM_REQUEST_READ of the parameter ``name`` (at most 16 letters)."""
         return self.pack(self.dialect.MAVLink_param_request_read_message(system, component, name.encode("ascii"), -1))
+
+    def parameter_set(self, system: int, component: int, name: str, number: float, kind: int) -> bytes:
+        """PARAM_SET of ``name`` to ``number``, already in the autopilot's encoding of ``kind`` (MAV_PARAM_TYPE)."""
+        return self.pack(self.dialect.MAVLink_param_set_message(system, component, name.encode("ascii"), number, kind))
+
+    def timesync_question(self, ours_ns: int) -> bytes:
+        """TIMESYNC that asks for the other's time, with our own [ns]."""
+        return self.pack(self.dialect.MAVLink_timesync_message(0, ours_ns))
 
     def timesync_reply(self, request: Message, time_s: float) -> bytes:
         """TIMESYNC that answers ``request`` with our clock ``time_s`` [s]."""

@@ -13,12 +13,18 @@ DEFAULT_LISTEN = "127.0.0.1:14540"
 class MavlinkLinkConfig(
     msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True, tag_field="kind", tag="mavlink"
 ):
-    """MAVLink 2 over UDP, to PX4 (OFFBOARD) or ArduPilot Copter (GUIDED)."""
+    """MAVLink 2 over UDP, TCP or a serial port, to PX4 (OFFBOARD) or ArduPilot Copter (GUIDED)."""
 
     listen: str | None = None
-    """Address of this machine that the autopilot sends to, host:port. Without ``remote``: 127.0.0.1:14540."""
+    """Address of this machine that the autopilot sends to, host:port (UDP). Without any other: 127.0.0.1:14540."""
     remote: str | None = None
-    """Address of an autopilot that waits for us to speak first, host:port; excludes ``listen``."""
+    """Address of an autopilot that waits for us to speak first, host:port (UDP)."""
+    tcp: str | None = None
+    """Address of a simulator or radio that accepts TCP connections, host:port."""
+    serial: str | None = None
+    """Serial port, such as /dev/serial/by-id/usb-…, whose name stays the same when it is plugged in again."""
+    baud: Annotated[int, msgspec.Meta(ge=9600, le=4_000_000)] = 921600
+    """Speed of the serial port [bit/s]; over USB it does not matter."""
     system_id: Annotated[int, msgspec.Meta(ge=1, le=255)] = 245
     """Our own MAVLink system."""
     component_id: Annotated[int, msgspec.Meta(ge=1, le=255)] = 190
@@ -43,6 +49,11 @@ class MavlinkLinkConfig(
     thrust_curve: Annotated[float, msgspec.Meta(ge=0.0, le=1.0)] = 0.0
     """f of thrust = f u² + (1 - f) u, from what we send (u) to what the motors give, where the autopilot does not
     straighten it itself. 0 is right for PX4 with THR_MDL_FAC set and for ArduPilot with MOT_THST_EXPO set."""
+    ardupilot_mode: Literal["GUIDED", "GUIDED_NOGPS"] = "GUIDED"
+    """Mode that follows our commands on ArduPilot: GUIDED wants a position estimate of its own, GUIDED_NOGPS none."""
+    signing_key_file: str | None = None
+    """File with the 32 bytes of a MAVLink 2 signing key (raw, hex or base64), mode 0600. With it we sign what we send
+    and believe nothing that is not signed."""
     quiet: bool = True
     """Stop the autopilot's default telemetry that nobody here reads; false where others share this connection."""
 
@@ -50,13 +61,16 @@ class MavlinkLinkConfig(
         """Check what the types cannot.
 
         Raises:
-            ValueError: both addresses are given, or one of them is no address.
+            ValueError: more than one way is given, or an address is none.
         """
-        if self.listen is not None and self.remote is not None:
-            raise ValueError("listen and remote exclude each other: leave out one of them")
-        parse_address(self.address)
+        ways = {"listen": self.listen, "remote": self.remote, "tcp": self.tcp, "serial": self.serial}
+        given = [name for name, way in ways.items() if way is not None]
+        if len(given) > 1:
+            raise ValueError(f"{' and '.join(given)} exclude each other: leave only one of them")
+        if self.serial is None:
+            parse_address(self.address)
 
     @property
     def address(self) -> str:
-        """The address that is given, host:port."""
-        return self.remote or self.listen or DEFAULT_LISTEN
+        """The address that is given, host:port, or the serial port."""
+        return self.serial or self.tcp or self.remote or self.listen or DEFAULT_LISTEN

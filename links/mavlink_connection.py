@@ -1,18 +1,24 @@
-"""One UDP socket to one autopilot: who is heard, our heartbeat, its messages to whoever reads them, and requests."""
+"""One wire to one autopilot: who is heard, our heartbeat, its messages to whoever reads them, and requests.
+
+A wire that is lost (unplugged, closed by the other end) is opened again, with growing pauses. Set-points do not leave
+on it until the vehicle is armed anew: nobody knows what it did meanwhile.
+"""
 
 import asyncio
+import math
 from collections import Counter
 from collections.abc import Callable, Mapping
+from pathlib import Path
 from typing import Any
 
-from links.address import parse_address
-from links.datagrams import Datagrams
 from links.mavlink_codec import ARMED, GROUND_STATION, MavlinkCodec, Message
 from links.mavlink_config import MavlinkLinkConfig
-from links.mavlink_handshake import silence, stream
 from links.mavlink_steps import Autopilot, Handshake
+from links.mavlink_streams import choose_streams
+from links.mavlink_wire import Wire, opener
 from links.mavlink_words import Words
 from links.port import LinkError, LinkLost, LinkMisuse
+from links.timesync import Timesync, Trip
 
 HEARTBEAT_S = 1.0
 """Period of our own HEARTBEAT [s]."""
@@ -21,19 +27,17 @@ POLL_S = 0.05
 STALE_NEWS_S = 0.5
 """A HEARTBEAT may have left before the arming that it denies: it is not believed for this long after it [s]."""
 
-QUIETENED = (
-    "ATTITUDE", "ATTITUDE_QUATERNION", "LOCAL_POSITION_NED", "GLOBAL_POSITION_INT", "ODOMETRY", "TIMESYNC",
-    "ATTITUDE_TARGET", "HIGHRES_IMU", "RAW_IMU", "SERVO_OUTPUT_RAW", "RC_CHANNELS", "VFR_HUD", "ALTITUDE",
-    "POSITION_TARGET_LOCAL_NED", "POSITION_TARGET_GLOBAL_INT",
-)  # fmt: skip
-"""What autopilots send by default, ten times a second or more, and what nobody here reads unless asked for."""
+FIRST_PAUSE_S, LONGEST_PAUSE_S = 0.5, 8.0
+"""Before opening a lost wire again [s]; each pause is twice the one before."""
+KEEP_STAMP_BEATS = 10
+"""How often the newest time stamp of signing is written down, in heartbeats; never while armed."""
 
 Subscriber = Callable[[Message, float], None]
 Streams = Callable[[int], Mapping[str, float]]
 
 
-class MavlinkConnection(asyncio.DatagramProtocol):
-    """Opened and closed by the link that owns it; may be opened again."""
+class MavlinkConnection:
+    """Opened and closed by the link that owns it; may be opened again. The :class:`links.mavlink_wire.Ear`."""
 
     def __init__(self, config: MavlinkLinkConfig) -> None:
         """Nothing is opened yet."""
@@ -51,23 +55,30 @@ class MavlinkConnection(asyncio.DatagramProtocol):
 
     def _reset(self) -> None:
         self._loop: asyncio.AbstractEventLoop | None = None
-        self._transport: Datagrams | None = None
+        self._wire: Wire | None = None
         self._next_beat: asyncio.TimerHandle | None = None
+        self._beats = 0
+        self._returning: asyncio.Task[None] | None = None
         self._peer: Any = None
         self._kind: int | None = None
+        self._vehicle = 0
         self._heard_s = 0.0
         self._armed_s: float | None = None
+        self._barred = False
+        self._trouble = ""
+        self._timesync = Timesync()
+        self._keep_stamp: Callable[[int], None] | None = None
 
     # ---- what it is like
 
     @property
     def state(self) -> str:
         """One of ``closed``, ``connecting``, ``connected``, ``armed``, ``lost``."""
-        if self._transport is None or self._loop is None:
+        if self._loop is None:
             return "closed"
         if self._kind is None:
             return "connecting"
-        if self._loop.time() - self._heard_s > self._config.heartbeat_timeout_s:
+        if self._wire is None or self._loop.time() - self._heard_s > self._config.heartbeat_timeout_s:
             return "lost"
         return "connected" if self._armed_s is None else "armed"
 
@@ -77,10 +88,21 @@ class MavlinkConnection(asyncio.DatagramProtocol):
         return self._kind
 
     @property
+    def text(self) -> str:
+        """What became of the wire, where it was lost; else the autopilot's newest words."""
+        return self._trouble or self.words.newest
+
+    @property
+    def clock(self) -> Trip | None:
+        """The autopilot's clock against ours; None until it has answered."""
+        return self._timesync.best
+
+    @property
     def dropped(self) -> dict[str, int]:
         """What was received and not used, by reason; and frames of ours that did not leave or came back.
 
-        Those are ``congested`` (the network had no room), ``undeliverable`` (given back), ``no_peer`` (none yet).
+        Those are ``congested`` (the network had no room), ``full`` (they would have had to wait), ``undeliverable``
+        (given back), ``no_peer`` (none yet), ``not_armed_anew`` (set-points after the wire was lost).
         """
         return dict(self.codec.dropped + self._dropped)
 
@@ -90,13 +112,18 @@ class MavlinkConnection(asyncio.DatagramProtocol):
         Raises:
             LinkMisuse: there is none yet.
         """
-        if self._transport is None or self._kind is None:
+        if self._loop is None or self._kind is None:
             raise LinkMisuse("the link is not connected")
-        return Autopilot(self.codec, self.words, *self._target, self._kind)
+        return Autopilot(self.codec, self.words, *self._target, self._kind, self._vehicle)
 
     def armed(self, armed: bool) -> None:
         """Believe that the motors are on, or off, until a heartbeat tells."""
         self._armed_s = asyncio.get_running_loop().time() if armed else None
+
+    def begin_arming(self) -> None:
+        """The operator arms anew: set-points may leave again on a wire that was lost and is back."""
+        self._barred = False
+        self._trouble = ""
 
     # ---- for whoever shares it
 
@@ -114,33 +141,39 @@ class MavlinkConnection(asyncio.DatagramProtocol):
         Raises:
             LinkMisuse: the connection is open already.
         """
-        if self._transport is not None:
+        if self._loop is not None:
             raise LinkMisuse("messages must be requested before the link is connected")
         self._streams.append(streams)
 
     # ---- opening and closing
 
     async def open(self) -> None:
-        """Open the socket, wait for the autopilot's HEARTBEAT, and ask for the messages that are wanted.
+        """Open the wire, wait for the autopilot's HEARTBEAT, and ask for the messages that are wanted.
 
         Raises:
-            LinkLost: the address can't be opened, or nobody answered within the configured time.
+            LinkLost: the wire can't be opened, or nobody answered within the configured time.
             LinkRejected: the autopilot refuses to send a message that was requested.
+            LinkError: the signing key can't be used.
         """
-        if self._transport is not None:
+        if self._loop is not None:
             raise LinkMisuse("the link is connected already; close it first")
         config = self._config
         self._loop = asyncio.get_running_loop()
-        address = parse_address(config.address)
-        local, remote = (address, None) if config.remote is None else (None, address)
         try:
-            transport, _ = await self._loop.create_datagram_endpoint(lambda: self, local_addr=local, remote_addr=remote)
-            self._transport = Datagrams(transport)
+            self._sign(self._loop)
+            self._wire = await opener(config)(config, self)
         except OSError as error:
+            self._reset()
             raise LinkLost(
                 f"cannot open {config.address} for MAVLink ({error.strerror or error}): stop the program that "
                 "holds this port, or give an address of this machine"
+                if config.tcp is None and config.serial is None
+                else f"cannot open {config.address} for MAVLink ({error.strerror or error}): check that it is there, "
+                "that you may open it, and that no other program has it"
             ) from error
+        except BaseException:
+            self._reset()
+            raise
         self._beat()
         try:
             async with asyncio.timeout(config.connect_timeout_s):
@@ -153,14 +186,39 @@ class MavlinkConnection(asyncio.DatagramProtocol):
         await self._choose_streams(self._kind)
 
     def close(self) -> None:
-        """Release the socket. Nothing leaves afterwards."""
-        transport, beat = self._transport, self._next_beat
+        """Release the wire. Nothing leaves afterwards."""
+        wire, beat, returning = self._wire, self._next_beat, self._returning
+        self._note_stamp()
         self._reset()
         if beat is not None:
             beat.cancel()
-        if transport is not None:
-            transport.abort()
+        if returning is not None:
+            returning.cancel()
+        if wire is not None:
+            wire.cut()
+        self.codec.forget()
         self._news.set()
+
+    def _sign(self, loop: asyncio.AbstractEventLoop) -> None:
+        file = self._config.signing_key_file
+        if file is None:
+            return
+        from links.mavlink_key import StampFile, read_key
+
+        path = Path(file)
+        stamps = StampFile(path)
+        try:
+            self.codec.signer = stamps.signer(read_key(path), loop.time)
+        except ValueError as error:
+            raise LinkError(f"link.signing_key_file: {error}") from None
+        self._keep_stamp = stamps.keep
+
+    def _note_stamp(self) -> None:
+        if self._keep_stamp is not None and self.codec.signer is not None:
+            try:
+                self._keep_stamp(self.codec.signer.stamp)
+            except ValueError as error:
+                self._trouble = str(error)
 
     def _silence(self) -> str:
         config = self._config
@@ -173,32 +231,80 @@ class MavlinkConnection(asyncio.DatagramProtocol):
 
     async def _choose_streams(self, kind: int) -> None:
         wanted = {name: rate for ask in self._streams for name, rate in ask(kind).items()}
-        for name in QUIETENED if self._config.quiet else ():
-            if name not in wanted:
-                try:
-                    await self.see_through(silence(self.autopilot(), name))
-                except LinkLost:
-                    break  # it takes no such commands; a link with idle talk on it works too
-        for name, rate in wanted.items():
-            await self.see_through(stream(self.autopilot(), name, rate))
+        await choose_streams(self.autopilot(), wanted, self.see_through, quiet=self._config.quiet)
+
+    # ---- losing the wire, and coming back
+
+    def gone(self, why: str) -> None:
+        """The wire has ended by itself (called by the wire)."""
+        if self._loop is None:
+            return
+        self._wire = None
+        self._peer = None
+        self._barred = True
+        self._armed_s = None
+        self._heard_s = -math.inf
+        self.codec.forget()
+        self._trouble = f"the link is lost: {why}"
+        self._news.set()
+        if self._returning is not None:
+            self._returning.cancel()
+        self._returning = self._loop.create_task(self._return(why))
+
+    async def _return(self, why: str) -> None:
+        """Open the wire again, as often as it takes, then have the autopilot send what it sent before."""
+        assert self._loop is not None, "only an open connection comes back"
+        pause_s = FIRST_PAUSE_S
+        while self._wire is None:
+            self._trouble = f"the link is lost: {why}; trying again in {pause_s:g} s"
+            await asyncio.sleep(pause_s)
+            try:
+                self._wire = await opener(self._config)(self._config, self)
+            except OSError as error:
+                why = f"cannot open {self._config.address} ({error.strerror or error})"
+                pause_s = min(2.0 * pause_s, LONGEST_PAUSE_S)
+        self._trouble = "the wire is back: waiting for the autopilot's HEARTBEAT"
+        while self._heard_s == -math.inf:
+            self._news.clear()
+            await self._news.wait()
+        self._trouble = "the link is back after it was lost: arm anew to fly"
+        try:
+            await self._choose_streams(self._kind or 0)
+        except LinkError as error:
+            self._trouble = f"the link is back after it was lost, but: {error}"
 
     # ---- what leaves
 
     def leave(self, frame: bytes) -> bool:
-        """Send one frame now or never; False where it did not leave. Nothing happens on a closed connection."""
-        if self._transport is None:
+        """Send one frame, and tell whether it left; nothing leaves on a closed or lost connection."""
+        if self._wire is None:
             return False
-        fault = self._transport.send(frame, self._peer)
-        if fault:
-            self._dropped[fault] += 1
-        return not fault
+        why = self._wire.leave(frame, self._peer)
+        if why:
+            self._dropped[why] += 1
+        return not why
+
+    def leave_setpoint(self, frame: bytes) -> bool:
+        """The same for a frame that lifts: none leaves after the wire was lost until :meth:`begin_arming`."""
+        if self._barred:
+            self._dropped["not_armed_anew"] += 1
+            return False
+        return self.leave(frame)
 
     def _beat(self) -> None:
         if self._loop is None:
             return
-        if self._config.remote is not None or self._peer is not None:
+        if self._wire is not None and (self._wire.speaks_first or self._peer is not None):
             self.leave(self.codec.heartbeat())
+            if self._kind is not None:
+                self._ask_the_time(self._loop.time())
+        self._beats += 1
+        if self._beats % KEEP_STAMP_BEATS == 0 and self._armed_s is None:
+            self._note_stamp()
         self._next_beat = self._loop.call_later(HEARTBEAT_S, self._beat)
+
+    def _ask_the_time(self, now_s: float) -> None:
+        self.leave(self.codec.timesync_question(self._timesync.ask(now_s)))
 
     async def see_through(
         self, handshake: Handshake, meanwhile: Callable[[float], None] | None = None, period_s: float = POLL_S
@@ -223,8 +329,10 @@ class MavlinkConnection(asyncio.DatagramProtocol):
         loop = asyncio.get_running_loop()
         due_s = loop.time()
         while True:
-            if self._transport is None:
+            if self._loop is None:
                 raise LinkError("the link was closed before the autopilot answered")
+            if self._wire is None:
+                raise LinkLost(self._trouble)
             now = loop.time()
             if now >= due_s:
                 if meanwhile is not None:
@@ -247,24 +355,25 @@ class MavlinkConnection(asyncio.DatagramProtocol):
 
     # ---- what arrives
 
-    def error_received(self, exc: Exception) -> None:
-        """Count what the network says of a datagram of ours (called by the event loop)."""
+    def undeliverable(self) -> None:
+        """Count what the network gave back (called by the wire)."""
         self._dropped["undeliverable"] += 1
 
-    def datagram_received(self, data: bytes, addr: Any) -> None:
-        """Take one datagram (called by the event loop)."""
-        if self._loop is None:
+    def hear(self, data: bytes, source: Any) -> None:
+        """Take what arrived from the address ``source`` (called by the wire)."""
+        if self._loop is None or self._wire is None:
             return
-        if self._peer is not None and addr != self._peer:
+        if self._peer is not None and source != self._peer:
             self._dropped["other_address"] += 1
             return
         now = self._loop.time()
-        for message in self.codec.feed_datagram(data):
+        read = self.codec.feed_datagram if self._wire.datagrams else self.codec.feed
+        for message in read(data):
             if (message.get_srcSystem(), message.get_srcComponent()) != self._target:
                 self._dropped["other_system"] += 1
                 continue
             if message.get_type() == "HEARTBEAT":
-                self._heartbeat(message, addr, now)
+                self._heartbeat(message, source, now)
             if self._kind is not None:  # whoever has sent no heartbeat may be anybody
                 self._publish(message, now)
 
@@ -274,21 +383,24 @@ class MavlinkConnection(asyncio.DatagramProtocol):
             self.words.hear(message)
         elif name == "TIMESYNC" and message.tc1 == 0:  # a question, not an answer
             self.leave(self.codec.timesync_reply(message, now_s))
+        elif name == "TIMESYNC":
+            self._timesync.answered(message.tc1, message.ts1, now_s)
         if self._handshake is not None:
             self._handshake.hear(message, now_s)
             self._news.set()
         for subscriber in self._subscribers:
             subscriber(message, now_s)
 
-    def _heartbeat(self, message: Message, addr: Any, now_s: float) -> None:
-        if message.type == GROUND_STATION:
+    def _heartbeat(self, message: Message, source: Any, now_s: float) -> None:
+        if message.type == GROUND_STATION or self._wire is None:
             return
-        self._heard_s = now_s
-        if self._kind is None:
-            self._kind = message.autopilot
-            if self._config.remote is None:
-                self._peer = addr
+        back, self._heard_s = self._heard_s == -math.inf, now_s
+        if self._kind is None or back:
+            self._kind, self._vehicle = message.autopilot, message.type
+            if not self._wire.speaks_first:
+                self._peer = source
                 self.leave(self.codec.heartbeat())
+            self._ask_the_time(now_s)
             self._news.set()
         if message.base_mode & ARMED:
             if self._armed_s is None:

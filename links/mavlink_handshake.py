@@ -6,12 +6,13 @@ The caller streams set-points while they last. What shapes them, measured on PX4
   while disarmed, and then denies to arm; so the acceptance of the mode proves nothing, and streaming comes first.
 - HEARTBEAT tells mode and armed state only once a second: what counts is COMMAND_ACK.
 - PX4 denies to disarm for 1-3 s after touchdown, until it believes that it stands.
-- ArduCopter takes thrust as a climb rate unless GUID_OPTIONS has bit 3 set.
+- ArduCopter takes thrust as a climb rate unless GUID_OPTIONS has bit 3 set, and raises the thrust of a leaning
+  vehicle, as our controller has done already, unless ATC_ANGLE_BOOST is 0.
 - ArduCopter refuses to disarm in GUIDED after a touchdown at zero thrust; mode LAND disarms by itself.
 """
 
 from links.mavlink_codec import ARDUPILOT, ARM_DISARM, DO_SET_MODE, PX4, SET_MESSAGE_INTERVAL
-from links.mavlink_steps import Autopilot, Disarmed, Exchange, Handshake, ParameterBit, Step, Wait
+from links.mavlink_steps import Autopilot, Disarmed, Exchange, Handshake, ParameterMust, Step, Wait
 from links.port import LinkRejected
 
 STREAM_S = 1.2
@@ -19,29 +20,47 @@ STREAM_S = 1.2
 LAND_S = 10.0
 """How long mode LAND may take to disarm a vehicle that stands on the ground [s]."""
 
-_FOLLOW_MODE = {PX4: ("OFFBOARD", (1.0, 6.0)), ARDUPILOT: ("GUIDED", (1.0, 4.0))}
+GUIDED_MODES = {"GUIDED": (1.0, 4.0), "GUIDED_NOGPS": (1.0, 20.0)}
+"""ArduPilot's modes that follow set-points: parameters of DO_SET_MODE."""
+MULTIROTORS = {2: "quadrotor", 3: "coaxial", 13: "hexarotor", 14: "octorotor", 15: "tricopter", 29: "dodecarotor"}
+"""HEARTBEAT.type of vehicles that thrust and body rates fly."""
+
+_OFFBOARD = (1.0, 6.0)
 _LAND_MODE = {PX4: (1.0, 4.0, 6.0), ARDUPILOT: (1.0, 9.0)}
 _THRUST_AS_THRUST = 8
 
 
-def arming(autopilot: Autopilot) -> Handshake:
+def arming(autopilot: Autopilot, guided: str = "GUIDED") -> Handshake:
     """Into the mode that follows our set-points, then motors on; the caller streams set-points throughout.
 
+    ``guided`` is which of ``GUIDED_MODES`` that is on ArduPilot.
+
     Raises:
-        LinkRejected: the autopilot is neither PX4 nor ArduPilot.
+        LinkRejected: the autopilot is neither PX4 nor ArduPilot, or the vehicle no multirotor.
     """
-    if autopilot.kind not in _FOLLOW_MODE:
+    if autopilot.kind not in (PX4, ARDUPILOT):
         raise LinkRejected(
             f"system {autopilot.system} is no PX4 and no ArduPilot (MAV_AUTOPILOT {autopilot.kind}): "
             "nobody tried how it takes body rates, so it is not armed"
         )
-    mode, params = _FOLLOW_MODE[autopilot.kind]
+    if autopilot.vehicle not in MULTIROTORS:
+        raise LinkRejected(
+            f"{autopilot.name} says that its vehicle is no multirotor (MAV_TYPE {autopilot.vehicle}): it may take our "
+            "thrust for something else, so it is not armed. Set its frame or airframe to the multirotor that it is"
+        )
+    mode, params = ("OFFBOARD", _OFFBOARD) if autopilot.kind == PX4 else (guided, GUIDED_MODES[guided])
     steps: list[Step] = [Wait(STREAM_S)]
     if autopilot.kind == ARDUPILOT:
         hint = (
-            "it would take our thrust as a climb rate. Set GUID_OPTIONS to 8 (bit 3, thrust as thrust), then arm again."
+            "it would take our thrust as a climb rate. Set GUID_OPTIONS to 8 (bit 3, thrust as "
+            "thrust; `groundstation doctor` does), then arm again."
         )
-        steps.append(ParameterBit(autopilot, "GUID_OPTIONS", _THRUST_AS_THRUST, hint))
+        steps.append(ParameterMust(autopilot, "GUID_OPTIONS", lambda v: bool(v & _THRUST_AS_THRUST), hint))
+        hint = (
+            "it would raise our thrust whenever the vehicle leans, on top of the controller, which does so already. "
+            "Set ATC_ANGLE_BOOST to 0 (`groundstation doctor` does), then arm again."
+        )
+        steps.append(ParameterMust(autopilot, "ATC_ANGLE_BOOST", lambda v: v == 0, hint))
     hint = f"Switch to {mode} by hand to see what it lacks: it needs an attitude and our stream of set-points."
     steps.append(Exchange(autopilot, f"enter {mode}", DO_SET_MODE, params, hint))
     hint = "Clear what it names (its pre-arm checks tell more), then arm again."

@@ -42,6 +42,8 @@ class Autopilot(NamedTuple):
     """Its MAVLink component."""
     kind: int
     """Its HEARTBEAT.autopilot."""
+    vehicle: int = 2
+    """Its HEARTBEAT.type; 2 is a quadrotor."""
 
     @property
     def name(self) -> str:
@@ -218,17 +220,17 @@ class Exchange(Repeated):
             self._refused = (result, now_s)
 
 
-class ParameterBit(Repeated):
-    """Make sure that a whole-number parameter has a bit set."""
+class ParameterMust(Repeated):
+    """Make sure that a parameter of ArduPilot has a value that we can fly with."""
 
-    def __init__(self, autopilot: Autopilot, name: str, bit: int, hint: str) -> None:
-        """Ask ``autopilot`` for the parameter ``name``; where ``bit`` is not set, fail with ``hint``."""
+    def __init__(self, autopilot: Autopilot, name: str, accepts: Callable[[int], bool], hint: str) -> None:
+        """Ask ``autopilot`` for the whole number ``name``; where ``accepts`` says no, fail with ``hint``."""
         super().__init__(
             f"tell its parameter {name}",
             lambda _: autopilot.codec.parameter_request(autopilot.system, autopilot.component, name),
         )
         self._name = name
-        self._bit = bit
+        self._accepts = accepts
         self._hint = hint
 
     def hear(self, message: Message, now_s: float) -> None:
@@ -237,7 +239,7 @@ class ParameterBit(Repeated):
             return
         if math.isfinite(message.param_value):
             # ArduPilot sends whole numbers as floats of the same value.
-            self.done = bool(int(message.param_value) & self._bit)
+            self.done = self._accepts(int(message.param_value))
             if not self.done:
                 self.failure = LinkRejected(f"{self._name} is {message.param_value:g}: {self._hint}")
 

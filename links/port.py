@@ -70,6 +70,10 @@ class LinkStatus(msgspec.Struct, frozen=True):
     """The newest words of the other end (MAVLink STATUSTEXT), or an empty string."""
     phase: str = "over"
     """What may leave (see deadman.py): ``waiting``, ``fresh``, ``bring_down`` or ``over``."""
+    rtt_s: float | None = None
+    """Shortest of the newest round trips to the other end and back [s]; None where it is not known."""
+    offset_s: float | None = None
+    """The other end's clock less the event loop's [s]; None where it is not known."""
 
 
 class CommandLink(Protocol):

@@ -85,25 +85,44 @@ def test_px4_is_asked_for_offboard_and_then_to_arm_after_a_second_of_set_points(
     assert (arm.command, arm.param1, arm.param2) == (400, 1.0, 0.0)
 
 
-def test_ardupilot_is_asked_for_guided_once_its_thrust_means_thrust() -> None:
+def ardupilot_with(**parameters: float) -> Answer:
     def answer(request: Any) -> list[Any]:
         if request.get_type() == "PARAM_REQUEST_READ":
-            assert request.param_id == "GUID_OPTIONS"
-            return [D.MAVLink_param_value_message(b"GUID_OPTIONS", 8.0, 6, 1000, 65535)]
+            name = request.param_id
+            return [D.MAVLink_param_value_message(name.encode(), parameters[name], 6, 1000, 65535)]
         return accept(request)
 
-    scene = Scene(ARDUPILOT, arming, answer).run()
+    return answer
+
+
+@pytest.mark.parametrize(("mode", "number"), [("GUIDED", 4.0), ("GUIDED_NOGPS", 20.0)])
+def test_ardupilot_is_asked_for_guided_once_its_thrust_means_thrust(mode: str, number: float) -> None:
+    answer = ardupilot_with(GUID_OPTIONS=8.0, ATC_ANGLE_BOOST=0.0)
+    scene = Scene(ARDUPILOT, lambda autopilot: arming(autopilot, mode), answer).run()
     assert scene.handshake.done
-    assert [m.get_type() for _, m in scene.asked] == ["PARAM_REQUEST_READ", "COMMAND_LONG", "COMMAND_LONG"]
-    mode = scene.asked[1][1]
-    assert (mode.command, mode.param1, mode.param2) == (176, 1.0, 4.0)
+    assert [getattr(m, "param_id", getattr(m, "command", None)) for _, m in scene.asked] == [
+        "GUID_OPTIONS", "ATC_ANGLE_BOOST", DO_SET_MODE, ARM_DISARM
+    ]  # fmt: skip
+    assert (scene.asked[2][1].param1, scene.asked[2][1].param2) == (1.0, number)
+
+
+def test_ardupilot_that_boosts_our_thrust_when_it_leans_is_not_armed() -> None:
+    scene = Scene(ARDUPILOT, arming, ardupilot_with(GUID_OPTIONS=9.0, ATC_ANGLE_BOOST=1.0)).run()
+    assert isinstance(scene.handshake.failure, LinkRejected)
+    assert "ATC_ANGLE_BOOST is 1: it would raise our thrust" in str(scene.handshake.failure)
+    assert "Set ATC_ANGLE_BOOST to 0" in str(scene.handshake.failure)
+    assert scene.commands == []
+
+
+@pytest.mark.parametrize("vehicle", [0, 1, 4, 10])
+def test_a_vehicle_that_is_no_multirotor_is_not_armed(vehicle: int) -> None:
+    autopilot = Autopilot(MavlinkCodec(245, 190), Words(), 1, 1, PX4, vehicle)
+    with pytest.raises(LinkRejected, match=f"no multirotor .MAV_TYPE {vehicle}"):
+        arming(autopilot)
 
 
 def test_ardupilot_that_takes_thrust_as_a_climb_rate_is_not_armed() -> None:
-    def answer(request: Any) -> list[Any]:
-        return [D.MAVLink_param_value_message(b"GUID_OPTIONS", 0.0, 6, 1000, 65535)]
-
-    scene = Scene(ARDUPILOT, arming, answer).run()
+    scene = Scene(ARDUPILOT, arming, ardupilot_with(GUID_OPTIONS=0.0)).run()
     assert isinstance(scene.handshake.failure, LinkRejected)
     assert "GUID_OPTIONS is 0" in str(scene.handshake.failure)
     assert "climb rate" in str(scene.handshake.failure)

@@ -1,0 +1,106 @@
+"""The signing key and the newest time stamp on disk. The only file of this package that reads the machine's clock.
+
+A time stamp must never be used twice, also not after a restart with a clock that was set back: so the newest one is
+kept beside the key, and the next run begins behind it.
+"""
+
+import base64
+import binascii
+import os
+import stat
+from collections.abc import Callable
+from datetime import UTC, datetime
+from pathlib import Path
+
+from links.mavlink_signing import KEY_BYTES, TICKS_PER_S, Signer
+
+_EPOCH = datetime(2015, 1, 1, tzinfo=UTC)
+
+
+def read_key(path: Path) -> bytes:
+    """The 32 bytes of the key in ``path``: raw, or as text in hex or base64.
+
+    Raises:
+        ValueError: it can't be read, others may read it, or it is no key; the message says what to do.
+    """
+    try:
+        with path.open("rb") as file:
+            owner = os.fstat(file.fileno())
+            data = file.read(200)
+    except OSError as error:
+        raise ValueError(f"cannot read {path}: {error.strerror}") from None
+    if not stat.S_ISREG(owner.st_mode):
+        raise ValueError(f"{path} is no file")
+    if owner.st_uid != os.getuid():
+        raise ValueError(f"{path} belongs to another user: whoever owns it knows the key; make a new one of your own")
+    if stat.S_IMODE(owner.st_mode) != 0o600:
+        mode = stat.S_IMODE(owner.st_mode)
+        raise ValueError(f"{path} has mode {mode:04o}, so others may know the key: make a new one, chmod 600")
+    key = _decoded(data)
+    if key is None:
+        raise ValueError(f"{path} is no signing key: expected {KEY_BYTES} bytes, raw or as hex or base64 text")
+    if not any(key):
+        raise ValueError(f"{path} holds only zeros, which autopilots take for no key at all")
+    return key
+
+
+def _decoded(data: bytes) -> bytes | None:
+    if len(data) == KEY_BYTES:
+        return data
+    text = data.strip()
+    for decode in (bytes.fromhex, lambda t: base64.b64decode(t, validate=True)):
+        try:
+            key = decode(text.decode("ascii"))
+        except (ValueError, binascii.Error):
+            continue
+        if len(key) == KEY_BYTES:
+            return key
+    return None
+
+
+class StampFile:
+    """The newest time stamp, beside the key."""
+
+    def __init__(self, key_file: Path) -> None:
+        """``key.stamp`` for the key file ``key``."""
+        self._path = key_file.with_name(key_file.name + ".stamp")
+
+    def first(self) -> int:
+        """Where to begin: now, or behind the newest of the last run where that is later.
+
+        Raises:
+            ValueError: the file is damaged.
+        """
+        now = int((datetime.now(UTC) - _EPOCH).total_seconds() * TICKS_PER_S)
+        try:
+            kept = int(self._path.read_text("ascii"))
+        except FileNotFoundError:
+            kept = 0
+        except (OSError, ValueError) as error:
+            raise ValueError(f"cannot read the newest time stamp in {self._path} ({error}): remove it") from None
+        return max(now, kept + 1)
+
+    def keep(self, stamp: int) -> None:
+        """Write ``stamp`` down, all or nothing.
+
+        Raises:
+            ValueError: the folder can't be written.
+        """
+        new = self._path.with_name(self._path.name + ".new")
+        try:
+            new.write_text(f"{stamp}\n", "ascii")
+            new.replace(self._path)
+        except OSError as error:
+            raise ValueError(
+                f"cannot write {self._path} ({error.strerror}): signing needs it, or stamps repeat"
+            ) from None
+
+    def signer(self, key: bytes, time_s: Callable[[], float]) -> Signer:
+        """A signer with ``key`` whose stamps begin where the last run ended and follow the clock ``time_s()`` [s].
+
+        Raises:
+            ValueError: the stamp can't be read or kept.
+        """
+        first, begun_s = self.first(), time_s()
+        self.keep(first)
+        return Signer(key, lambda: first + int((time_s() - begun_s) * TICKS_PER_S))
