@@ -12,7 +12,7 @@ The caller streams set-points while they last. What shapes them, measured on PX4
 """
 
 from links.mavlink_codec import ARDUPILOT, ARM_DISARM, DO_SET_MODE, PX4, SET_MESSAGE_INTERVAL
-from links.mavlink_steps import Autopilot, Disarmed, Exchange, Handshake, ParameterMust, Step, Wait
+from links.mavlink_steps import PATIENCE_S, Autopilot, Disarmed, Exchange, Handshake, ParameterMust, Step, Wait
 from links.port import LinkRejected
 
 STREAM_S = 1.2
@@ -71,7 +71,9 @@ def arming(autopilot: Autopilot, guided: str = "GUIDED") -> Handshake:
 def disarming(autopilot: Autopilot) -> Handshake:
     """Motors off, with patience until the autopilot believes that it stands."""
     hint = "It must stand on the ground at zero thrust; the remote control's kill switch always works."
-    return Handshake([Exchange(autopilot, "disarm", ARM_DISARM, (0.0, 0.0), hint)])
+    # ArduPilot that refuses goes on refusing: mode LAND is its way (see landing_disarmed).
+    patience_s = 0.0 if autopilot.kind == ARDUPILOT else PATIENCE_S
+    return Handshake([Exchange(autopilot, "disarm", ARM_DISARM, (0.0, 0.0), hint, patience_s=patience_s)])
 
 
 def landing_disarmed(autopilot: Autopilot) -> Handshake:

@@ -9,6 +9,7 @@ from sim.bench import WHAT as BENCHES
 _CONTROLLERS = "adaptive (default), uncompensated, geometric, pid, indi, or your own: package.module:factory"
 
 _DRAWS = "what differs from flight to flight: mass,lags,gain,wind (default), and latency, noise, losses"
+_AUTOPILOTS = ("px4", "ardupilot")
 
 
 def _parser() -> argparse.ArgumentParser:
@@ -26,6 +27,7 @@ def _parser() -> argparse.ArgumentParser:
     fly.add_argument("--duration", type=_seconds, metavar="S", help="seconds (default 60, or as --config has it)")
     fly.add_argument("--controller", metavar="NAME", help=_CONTROLLERS)
     fly.add_argument("--source", choices=["vicon", "odometry"], default="vicon", help="where poses come from")
+    fly.add_argument("--autopilot", choices=_AUTOPILOTS, default="px4", help="what it is like (default px4)")
     fly.add_argument(
         "--set",
         action="append",
@@ -94,6 +96,15 @@ def _parser() -> argparse.ArgumentParser:
     serve.add_argument("--seed", type=int, default=0)
     serve.add_argument("--set", action="append", default=[], dest="overrides", metavar="KEY=VALUE")
     serve.add_argument("--source", choices=["vicon", "odometry"], default="vicon")
+    serve.add_argument("--autopilot", choices=_AUTOPILOTS, default="px4", help="what it is like (default px4)")
+    serve.add_argument(
+        "--param",
+        action="append",
+        default=[],
+        dest="parameters",
+        metavar="NAME=VALUE",
+        help="one of the autopilot's parameters, to see what `groundstation doctor` says",
+    )
     serve.add_argument("--duration", type=_seconds, metavar="S", help="stop after so many seconds")
     return parser
 

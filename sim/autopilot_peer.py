@@ -4,13 +4,13 @@ import asyncio
 import math
 from typing import Any
 
-from sim.autopilot import Px4Autopilot
+from sim.autopilot_base import SimulatedAutopilot
 
 
 class AutopilotPeer(asyncio.DatagramProtocol):
     """Runs on the real and on the virtual loop alike."""
 
-    def __init__(self, autopilot: Px4Autopilot, remote: tuple[str, int], *, delay_s: float = 0.0) -> None:
+    def __init__(self, autopilot: SimulatedAutopilot, remote: tuple[str, int], *, delay_s: float = 0.0) -> None:
         """Bring ``autopilot`` to the ground station that listens at ``remote`` (host, port).
 
         ``delay_s`` is how long what it says takes to leave, on top of what the network takes [s].

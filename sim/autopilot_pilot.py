@@ -1,4 +1,4 @@
-"""What a simulated autopilot flies by itself: holding an attitude, and coming down level. Plain P and PI loops."""
+"""What a simulated autopilot flies by itself: an attitude, a climb, a level descent. Plain P and PI loops."""
 
 from typing import Protocol
 
@@ -40,25 +40,35 @@ class HoldAttitude:
         return self._thrust, (ATTITUDE_GAIN * x, ATTITUDE_GAIN * y, ATTITUDE_GAIN * z)
 
 
-class Descend:
-    """Level out, come down slowly, stop the rotors on the ground."""
+class Climb:
+    """Keep a vertical speed; turn as told, or level out."""
 
-    def __init__(self, hover: float, begin_s: float) -> None:
-        """``hover`` is the thrust 0..1 that about holds the vehicle (PX4: MPC_THR_HOVER)."""
+    def __init__(self, hover: float, climb_m_s: float, rates_rad_s: Vec3 | None, begin_s: float) -> None:
+        """``hover`` is the thrust 0..1 that about holds the vehicle (PX4: MPC_THR_HOVER); no rates: level out."""
         self._hover = hover
+        self._climb = climb_m_s
+        self._rates = rates_rad_s
         self._time_s = begin_s
         self._integral = 0.0
 
     def fly(self, truth: Truth) -> tuple[float, Vec3]:
-        """Rates towards level, thrust towards the speed of the descent."""
+        """Thrust towards the vertical speed, and the rates."""
         elapsed, self._time_s = truth.time_s - self._time_s, truth.time_s
-        if truth.on_ground:
+        if truth.on_ground and self._climb <= 0.0:
             return 0.0, (0.0, 0.0, 0.0)
-        too_fast = truth.velocity_ned[2] - DESCENT_M_S
+        too_fast = truth.velocity_ned[2] + self._climb
         integral = self._integral + SPEED_INTEGRAL_GAIN * too_fast * elapsed
         self._integral = min(max(integral, -INTEGRAL_LIMIT), INTEGRAL_LIMIT)
         upward = SPEED_GAIN * too_fast + self._integral
         down = so3.to_body(truth.attitude, (0.0, 0.0, 1.0))
         thrust = self._hover * (1.0 + upward / GRAVITY) / max(down[2], 0.5)
-        rates = (-ATTITUDE_GAIN * down[1], ATTITUDE_GAIN * down[0], 0.0)
-        return min(max(thrust, 0.0), 1.0), rates
+        level = (-ATTITUDE_GAIN * down[1], ATTITUDE_GAIN * down[0], 0.0)
+        return min(max(thrust, 0.0), 1.0), level if self._rates is None else self._rates
+
+
+class Descend(Climb):
+    """Level out, come down slowly, stop the rotors on the ground."""
+
+    def __init__(self, hover: float, begin_s: float) -> None:
+        """``hover``: see the base."""
+        super().__init__(hover, -DESCENT_M_S, None, begin_s)

@@ -96,6 +96,7 @@ def fly(args: argparse.Namespace) -> int:
             config,
             seed=args.seed,
             duration_s=duration_s,
+            autopilot=args.autopilot,
             on_tick=folder.tick if folder is not None else None,
             on_datagram=folder.datagram if folder is not None else None,
             on_event=folder.event if folder is not None else None,
@@ -106,6 +107,7 @@ def fly(args: argparse.Namespace) -> int:
         "seed": args.seed,
         "controller": config.controller.kind,
         "source": args.source,
+        "autopilot": args.autopilot,
         "completed": result.completed,
         "why": result.why,
         "duration_s": result.duration_s,
@@ -266,4 +268,37 @@ def serve(args: argparse.Namespace) -> int:
 
     scenario = _scenario(args.scenario)
     world, config = prepare(scenario, args.overrides, source=args.source)
-    return asyncio.run(serve_stage(scenario.name, world, config, seed=args.seed, duration_s=args.duration))
+    return asyncio.run(
+        serve_stage(
+            scenario.name,
+            world,
+            config,
+            seed=args.seed,
+            duration_s=args.duration,
+            autopilot=args.autopilot,
+            parameters=_parameters(args.autopilot, args.parameters),
+        )
+    )
+
+
+def _parameters(autopilot: str, texts: list[str]) -> dict[str, float]:
+    """``NAME=VALUE`` for each of the ``autopilot``'s parameters that differs.
+
+    Raises:
+        ConfigError: it has no such parameter, or the value is none.
+    """
+    from sim.autopilot_parameters import Parameters
+    from sim.autopilots import AUTOPILOTS
+
+    made = AUTOPILOTS[autopilot]
+    parameters: dict[str, float] = {}
+    for text in texts:
+        name, _, value = text.partition("=")
+        try:
+            parameters[name] = float(value)
+            Parameters(made.kind, made.table, parameters)
+        except KeyError:
+            raise ConfigError("--param", f"expected one of {sorted(made.table)}, got {name!r}") from None
+        except ValueError as error:
+            raise ConfigError("--param", f"{text}: {error}") from None
+    return parameters

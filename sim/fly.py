@@ -73,6 +73,7 @@ def fly(
     *,
     seed: int,
     duration_s: float,
+    autopilot: str = "px4",
     on_tick: Callable[[Tick], None] | None = None,
     on_datagram: Callable[[float, Address, Address, bytes], None] | None = None,
     on_event: Callable[[str], None] | None = None,
@@ -81,6 +82,7 @@ def fly(
 ) -> Result:
     """Fly ``config`` in ``world`` for ``duration_s`` [s] after the release; never raises for a bad flight.
 
+    ``autopilot`` is one of :data:`sim.autopilots.AUTOPILOTS`.
     ``on_step`` sees the true position [m, NED] at every step of the plant, by the event loop's clock.
     """
     start = time.perf_counter()
@@ -89,7 +91,7 @@ def fly(
         loop = runner.get_loop()
         assert isinstance(loop, VirtualTimeLoop)
         loop.tap = log
-        values = runner.run(_fly(world, config, seed, duration_s, on_tick, on_event, on_progress, on_step))
+        values = runner.run(_fly(world, config, seed, duration_s, autopilot, on_tick, on_event, on_progress, on_step))
     return Result(**values, log_sha256=log.sha256(), datagrams=log.count, wall_s=time.perf_counter() - start)
 
 
@@ -98,6 +100,7 @@ async def _fly(
     config: Config,
     seed: int,
     duration_s: float,
+    autopilot: str,
     on_tick: Callable[[Tick], None] | None,
     on_event: Callable[[str], None] | None,
     on_progress: Callable[[float], None] | None,
@@ -114,7 +117,7 @@ async def _fly(
         if on_step is not None:
             on_step(time_s, position)
 
-    stage = Stage(world, config, seed, referee.step if on_step is None else step)
+    stage = Stage(world, config, seed, referee.step if on_step is None else step, autopilot=autopilot)
     plant = stage.plant
 
     def watch(tick: Tick) -> None:

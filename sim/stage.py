@@ -4,7 +4,8 @@ Used in virtual time by ``groundstation-sim fly`` and in real time by ``groundst
 """
 
 import asyncio
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
+from pathlib import Path
 
 from groundstation.frames import pose_from_ned_frd
 from groundstation.ops import Vec3
@@ -12,9 +13,11 @@ from groundstation.poses.vicon import ViconConfig
 from groundstation.poses.vicon_codec import ViconObject, encode, euler_xyz_from_quaternion
 from groundstation.settings import Config
 from links.address import parse_address
+from links.mavlink_key import StampFile, read_key
+from links.mavlink_signing import TICKS_PER_S, Signer
 from sim.airframe import Truth
-from sim.autopilot import Px4Autopilot
 from sim.autopilot_peer import AutopilotPeer
+from sim.autopilots import AUTOPILOTS
 from sim.draws import rows, stream
 from sim.mocap import Encoder, Mocap
 from sim.quadrotor import Quadrotor
@@ -27,9 +30,23 @@ class Stage:
     """Everything that is not the ground station. Every random draw comes from ``seed``, one stream a purpose."""
 
     def __init__(
-        self, world: World, config: Config, seed: int, on_step: Callable[[float, Vec3], None] | None = None
+        self,
+        world: World,
+        config: Config,
+        seed: int,
+        on_step: Callable[[float, Vec3], None] | None = None,
+        *,
+        autopilot: str = "px4",
+        parameters: Mapping[str, float] | None = None,
     ) -> None:
-        """Set up a vehicle that is held in the air; ``config`` tells the addresses and formats to speak."""
+        """Set up a vehicle that is held in the air; ``config`` tells the addresses and formats to speak.
+
+        ``autopilot`` is one of ``AUTOPILOTS``; ``parameters`` differ from its usual ones.
+
+        Raises:
+            KeyError: it has no such parameter.
+            ValueError: the parameter can't have that value, or the signing key can't be used.
+        """
         self.world = world
         self.wind = Wind(world, rows(stream(seed, "turbulence").standard_normal, 3))
         self.plant = plant = Quadrotor(world, self.wind, on_step)
@@ -40,7 +57,9 @@ class Stage:
             # Hand-shakes repeat what gets lost; losses that count begin with the flight.
             return plant.released_s is not None and next(luck)[0] < world.frame_loss
 
-        self.autopilot = Px4Autopilot(vehicle, lose=lose)
+        self.autopilot = AUTOPILOTS[autopilot](vehicle, lose=lose, parameters=parameters)
+        if config.link.signing_key_file is not None:
+            self.autopilot.codec.signer = _signer(Path(config.link.signing_key_file))
         # Where its own estimate serves as the poses, it comes as late as the cameras' would.
         delay = 0.0 if isinstance(config.pose, ViconConfig) else world.pose_latency_s
         self.peer = AutopilotPeer(self.autopilot, parse_address(config.link.address), delay_s=delay)
@@ -54,6 +73,13 @@ class Stage:
             group.create_task(self.peer.run())
             if self.mocap is not None:
                 group.create_task(self.mocap.run())
+
+
+def _signer(key_file: Path) -> Signer:
+    """The autopilot's own use of the key that the ground station has."""
+    loop = asyncio.get_running_loop()
+    first, begun_s = StampFile(key_file).first(), loop.time()
+    return Signer(read_key(key_file), lambda: first + int((loop.time() - begun_s) * TICKS_PER_S))
 
 
 def vicon_encoder(config: ViconConfig) -> Encoder:

@@ -1,0 +1,294 @@
+"""What every simulated autopilot does towards a ground station; the dialects say the rest. Sans-IO.
+
+Here: telemetry, COMMAND_LONG and its answers, parameters, TIMESYNC, arming and disarming as such, and its own
+control loop. In a dialect (sim/autopilot.py, sim/autopilot_ardupilot.py): modes, what it refuses, what it makes of a
+set-point, and what it does when they stop.
+"""
+
+import math
+from abc import ABC, abstractmethod
+from collections.abc import Callable, Mapping
+from typing import ClassVar
+
+from groundstation.ops import Quat, Vec3
+from links.mavlink_codec import ARM_DISARM, ARMED, DO_SET_MODE, FORCE, SET_MESSAGE_INTERVAL, MavlinkCodec, Message
+from sim.airframe import Airframe
+from sim.autopilot_parameters import Parameters
+from sim.autopilot_pilot import Pilot
+from sim.autopilot_streams import SAME_INSTANT_S, Streams, builders
+
+LANDED_S = 1.0
+"""How long it must stand on the ground to believe it [s]; it looks once a second."""
+CONTROL_S = 0.01
+"""Period of its own control loop [s]."""
+ACCEPTED, TEMPORARILY_REJECTED, DENIED, UNSUPPORTED, FAILED = range(5)
+CRITICAL, INFO = 2, 6
+"""MAV_SEVERITY."""
+
+_CUSTOM_MODE_ENABLED = 1
+_QUADROTOR = 2
+_STANDBY, _ACTIVE, _CRITICAL = 3, 4, 5
+_IGNORE_THRUST, _IGNORE_ATTITUDE = 64, 128
+_TEXT_BYTES = 50
+
+
+class SetPoint:
+    """One SET_ATTITUDE_TARGET; what its mask takes out is None."""
+
+    def __init__(self, message: Message) -> None:
+        """Of a ``message``."""
+        mask = message.type_mask
+        self.thrust: float | None = None if mask & _IGNORE_THRUST else message.thrust
+        rates = (message.body_roll_rate, message.body_pitch_rate, message.body_yaw_rate)
+        self.rates: tuple[float | None, ...] = tuple(None if mask & 1 << n else r for n, r in enumerate(rates))
+        self.attitude: Quat | None = None if mask & _IGNORE_ATTITUDE else tuple(message.q)
+
+    @property
+    def is_finite(self) -> bool:
+        """No number in it is infinite or none at all."""
+        return all(math.isfinite(x) for x in (self.thrust, *self.rates, *(self.attitude or ())) if x is not None)
+
+
+class SimulatedAutopilot(ABC):
+    """The autopilot of one ``airframe``. All times are on the event loop's clock [s] and never go backwards."""
+
+    kind: ClassVar[int]
+    """Its HEARTBEAT.autopilot."""
+    table: ClassVar[Mapping[str, tuple[float, int]]]
+    """Its parameters: name → value, MAV_PARAM_TYPE."""
+    rates_hz: ClassVar[Mapping[str, float]]
+    """What it sends by default [Hz]; 0: what it could send."""
+
+    def __init__(
+        self,
+        airframe: Airframe,
+        *,
+        lose: Callable[[], bool] = lambda: False,
+        hover: float = 0.5,
+        system_id: int = 1,
+        parameters: Mapping[str, float] | None = None,
+    ) -> None:
+        """Disarmed, booting at the first poll.
+
+        ``lose`` tells of each set-point whether it got lost on the air; ``hover`` is the thrust (0..1) that it
+        believes to hover with; ``parameters`` differ from its ``table``.
+
+        Raises:
+            KeyError: it has no such parameter.
+            ValueError: the parameter can't have that value.
+        """
+        self.codec = MavlinkCodec(system_id, 1)
+        self.parameters = Parameters(self.kind, self.table, parameters or {})
+        self.armed = False
+        self.failsafe = False
+        """True while it says that it acts because set-points stopped."""
+        self._airframe = airframe
+        self._lose = lose
+        self._hover = hover
+        self._streams = Streams({}, 0.0)
+        self._build = builders(self.codec, airframe)
+        self._heartbeat_number: int = self.codec.dialect.MAVLINK_MSG_ID_HEARTBEAT
+        self._build[self._heartbeat_number] = lambda now_s, boot_s: self._heartbeat()
+        self._boot_s = -math.inf
+        self._ground_since_s: float | None = None
+        self._pilot: Pilot | None = None
+        self._pilot_due_s = math.inf
+        self._said = 0
+
+    # ---- what a dialect says
+
+    @property
+    @abstractmethod
+    def custom_mode(self) -> int:
+        """HEARTBEAT.custom_mode of the mode that it is in."""
+
+    @property
+    @abstractmethod
+    def _silence_due_s(self) -> float:
+        """When it acts if no further set-point comes; infinite where it does not wait for any."""
+
+    @abstractmethod
+    def _fall_silent(self, now_s: float) -> list[bytes]:
+        """Act because set-points stopped; returns frames to send."""
+
+    @abstractmethod
+    def _obey(self, set_point: SetPoint, now_s: float) -> list[bytes]:
+        """Take a finite set-point; returns frames to send."""
+
+    @abstractmethod
+    def _set_mode(self, mode: tuple[int, int], now_s: float) -> tuple[int, list[bytes]]:
+        """Answer the main and sub mode of a DO_SET_MODE, and frames to send first."""
+
+    @abstractmethod
+    def _refuses_to_arm(self, now_s: float) -> tuple[int, str]:
+        """The result and the words that deny arming; ACCEPTED where nothing does."""
+
+    @abstractmethod
+    def _refuses_to_disarm(self, now_s: float) -> tuple[int, str]:
+        """The result and the words that deny disarming; ACCEPTED where nothing does."""
+
+    @abstractmethod
+    def _set_interval(self, number: int, interval_us: float, now_s: float) -> tuple[int, list[bytes]]:
+        """Answer a SET_MESSAGE_INTERVAL."""
+
+    @property
+    @abstractmethod
+    def _disarms_by_landing(self) -> bool:
+        """Whether it is in a mode that ends with the motors off on the ground."""
+
+    # ---- time and datagrams
+
+    @property
+    def next_due_s(self) -> float:
+        """When ``poll`` has something to do, if nothing is received before."""
+        due = min(self._streams.next_due_s, self._pilot_due_s, self._silence_due_s)
+        return due if self._boot_s > -math.inf else -math.inf
+
+    def poll(self, now_s: float) -> list[bytes]:
+        """Do what is due by ``now_s``; returns frames to send."""
+        if self._boot_s == -math.inf:
+            self._boot(now_s)
+        frames: list[bytes] = []
+        by_now = now_s + SAME_INSTANT_S
+        if by_now >= self._silence_due_s:
+            frames += self._fall_silent(now_s)
+        if self._pilot is not None and by_now >= self._pilot_due_s:
+            frames += self._control(self._pilot, now_s)
+        for number in self._streams.take(now_s):
+            frames.append(self.codec.pack(self._build[number](now_s, now_s - self._boot_s)))
+            if number == self._heartbeat_number:
+                self._has_landed(now_s)
+        return frames
+
+    def receive(self, datagram: bytes, now_s: float) -> list[bytes]:
+        """Take one datagram; returns frames to send back."""
+        frames: list[bytes] = []
+        for message in self.codec.feed_datagram(datagram):
+            frames += self._take(message, now_s)
+        return frames
+
+    def _take(self, message: Message, now_s: float) -> list[bytes]:
+        name, dialect = message.get_type(), self.codec.dialect
+        if name == "TIMESYNC":
+            asked = message.tc1 == 0
+            return [self.codec.timesync_reply(message, now_s - self._boot_s)] if asked else []
+        if not self._is_for_us(message):
+            return []
+        match name:
+            case "SET_ATTITUDE_TARGET":
+                set_point = SetPoint(message)
+                return self._obey(set_point, now_s) if not self._lose() and set_point.is_finite else []
+            case "COMMAND_LONG":
+                return self._command(message, now_s)
+            case "PARAM_REQUEST_READ":
+                answers = self.parameters.read(message, dialect)
+            case "PARAM_REQUEST_LIST":
+                answers = self.parameters.all(dialect)
+            case "PARAM_SET":
+                answers = self.parameters.set(message, dialect)
+            case _:
+                answers = []
+        return [self.codec.pack(answer) for answer in answers]
+
+    def _is_for_us(self, message: Message) -> bool:
+        system, component = getattr(message, "target_system", -1), getattr(message, "target_component", -1)
+        return system in (0, self.codec.system_id) and component in (0, 1)
+
+    # ---- flying
+
+    def _fly_by(self, pilot: Pilot | None, now_s: float) -> None:
+        self._pilot = pilot
+        self._pilot_due_s = now_s if pilot is not None else math.inf
+
+    def _control(self, pilot: Pilot, now_s: float) -> list[bytes]:
+        """One turn of its own control loop."""
+        self._pilot_due_s = now_s + CONTROL_S
+        self._airframe.act(now_s, *pilot.fly(self._airframe.truth(now_s)))
+        if self._disarms_by_landing and self._has_landed(now_s):
+            return self._disarm(now_s, "Disarmed by landing")
+        return []
+
+    def _has_landed(self, now_s: float) -> bool:
+        """The land detector; it looks once a second, more often while landing by itself."""
+        if not self._airframe.truth(now_s).on_ground:
+            self._ground_since_s = None
+            return False
+        if self._ground_since_s is None:
+            self._ground_since_s = now_s
+        return now_s - self._ground_since_s >= LANDED_S
+
+    # ---- commands
+
+    def _command(self, message: Message, now_s: float) -> list[bytes]:
+        said: list[bytes] = []
+        match message.command:
+            case c if c == DO_SET_MODE:
+                result, said = self._set_mode((whole(message.param2), whole(message.param3)), now_s)
+            case c if c == ARM_DISARM:
+                result, said = self._arm(now_s) if message.param1 == 1.0 else self._try_to_disarm(message, now_s)
+            case c if c == SET_MESSAGE_INTERVAL:
+                result, said = self._set_interval(whole(message.param1), message.param2, now_s)
+            case _:
+                result = UNSUPPORTED
+        ack = self.codec.dialect.MAVLink_command_ack_message(
+            message.command, result, 0, 0, message.get_srcSystem(), message.get_srcComponent()
+        )
+        return [*said, self.codec.pack(ack)]
+
+    def _arm(self, now_s: float) -> tuple[int, list[bytes]]:
+        if self.armed:
+            return ACCEPTED, []
+        result, words = self._refuses_to_arm(now_s)
+        if result != ACCEPTED:
+            return result, self._say(CRITICAL, words)
+        self.armed = True
+        self._ground_since_s = None
+        self._airframe.power(now_s, True)
+        return ACCEPTED, self._say(INFO, "Armed by external command")
+
+    def _try_to_disarm(self, message: Message, now_s: float) -> tuple[int, list[bytes]]:
+        if not self.armed:
+            return ACCEPTED, []
+        result, words = self._refuses_to_disarm(now_s)
+        if message.param2 != FORCE and result != ACCEPTED:
+            return result, self._say(CRITICAL, words) if words else []
+        return ACCEPTED, self._disarm(now_s, "Disarmed by external command")
+
+    def _disarm(self, now_s: float, words: str) -> list[bytes]:
+        self.armed = False
+        self.failsafe = False
+        self._fly_by(None, now_s)
+        self._airframe.power(now_s, False)
+        return self._say(INFO, words)
+
+    # ---- what it says
+
+    def _boot(self, now_s: float) -> None:
+        self._boot_s = now_s
+        self._streams = Streams({self.codec.message_number(n): rate for n, rate in self.rates_hz.items()}, now_s)
+
+    def _heartbeat(self) -> Message:
+        base = _CUSTOM_MODE_ENABLED | (ARMED if self.armed else 0)
+        status = _CRITICAL if self.failsafe else _ACTIVE if self.armed else _STANDBY
+        return self.codec.dialect.MAVLink_heartbeat_message(_QUADROTOR, self.kind, base, self.custom_mode, status, 3)
+
+    def _say(self, severity: int, text: str) -> list[bytes]:
+        """STATUSTEXT; a text that does not fit comes in numbered pieces."""
+        pieces = [text[i : i + _TEXT_BYTES] for i in range(0, len(text), _TEXT_BYTES)]
+        self._said += 1
+        statustext = self.codec.dialect.MAVLink_statustext_message
+        return [
+            self.codec.pack(statustext(severity, piece.encode("ascii"), self._said & 0xFFFF, n))
+            for n, piece in enumerate(pieces)
+        ]
+
+
+def whole(number: float) -> int:
+    """A parameter that stands for a whole number; -1 where it does not."""
+    return int(number) if math.isfinite(number) else -1
+
+
+def rates_or_zero(set_point: SetPoint) -> Vec3:
+    """The body rates of ``set_point`` [rad/s], those that are masked out being zero."""
+    p, q, r = (rate or 0.0 for rate in set_point.rates)
+    return p, q, r
