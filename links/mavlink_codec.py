@@ -33,6 +33,7 @@ GROUND_STATION = 6
 ARMED = 128
 """Bit of HEARTBEAT.base_mode that says that the motors are on (MAV_MODE_FLAG_SAFETY_ARMED)."""
 
+NAV_LAND = 21
 DO_SET_MODE = 176
 ARM_DISARM = 400
 SET_MESSAGE_INTERVAL = 511

@@ -46,6 +46,7 @@ class ArduPilotAutopilot(SimulatedAutopilot):
 
     kind: ClassVar[int] = ARDUPILOT
     table: ClassVar[Mapping[str, tuple[float, int]]] = ARDUPILOT_PARAMETERS
+    land_mode: ClassVar[tuple[int, int]] = (LAND, 0)
     rates_hz: ClassVar[Mapping[str, float]] = {
         "HEARTBEAT": 1.0,
         "ATTITUDE_QUATERNION": 0.0,

@@ -11,7 +11,16 @@ from collections.abc import Callable, Mapping
 from typing import ClassVar
 
 from groundstation.ops import Quat, Vec3
-from links.mavlink_codec import ARM_DISARM, ARMED, DO_SET_MODE, FORCE, SET_MESSAGE_INTERVAL, MavlinkCodec, Message
+from links.mavlink_codec import (
+    ARM_DISARM,
+    ARMED,
+    DO_SET_MODE,
+    FORCE,
+    NAV_LAND,
+    SET_MESSAGE_INTERVAL,
+    MavlinkCodec,
+    Message,
+)
 from sim.airframe import Airframe
 from sim.autopilot_parameters import Parameters
 from sim.autopilot_pilot import Pilot
@@ -56,6 +65,8 @@ class SimulatedAutopilot(ABC):
     """Its HEARTBEAT.autopilot."""
     table: ClassVar[Mapping[str, tuple[float, int]]]
     """Its parameters: name → value, MAV_PARAM_TYPE."""
+    land_mode: ClassVar[tuple[int, int]]
+    """Main and sub mode that comes down by itself."""
     rates_hz: ClassVar[Mapping[str, float]]
     """What it sends by default [Hz]; 0: what it could send."""
 
@@ -224,6 +235,8 @@ class SimulatedAutopilot(ABC):
         match message.command:
             case c if c == DO_SET_MODE:
                 result, said = self._set_mode((whole(message.param2), whole(message.param3)), now_s)
+            case c if c == NAV_LAND:
+                result, said = self._set_mode(self.land_mode, now_s)
             case c if c == ARM_DISARM:
                 result, said = self._arm(now_s) if message.param1 == 1.0 else self._try_to_disarm(message, now_s)
             case c if c == SET_MESSAGE_INTERVAL:

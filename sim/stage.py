@@ -7,6 +7,7 @@ import asyncio
 from collections.abc import Callable, Mapping
 from pathlib import Path
 
+from groundstation.config import ConfigError
 from groundstation.frames import pose_from_ned_frd
 from groundstation.ops import Vec3
 from groundstation.poses.vicon import ViconConfig
@@ -45,7 +46,8 @@ class Stage:
 
         Raises:
             KeyError: it has no such parameter.
-            ValueError: the parameter can't have that value, or the signing key can't be used.
+            ValueError: the parameter can't have that value.
+            ConfigError: the signing key can't be used.
         """
         self.world = world
         self.wind = Wind(world, rows(stream(seed, "turbulence").standard_normal, 3))
@@ -78,8 +80,11 @@ class Stage:
 def _signer(key_file: Path) -> Signer:
     """The autopilot's own use of the key that the ground station has."""
     loop = asyncio.get_running_loop()
-    first, begun_s = StampFile(key_file).first(), loop.time()
-    return Signer(read_key(key_file), lambda: first + int((loop.time() - begun_s) * TICKS_PER_S))
+    try:
+        key, first, begun_s = read_key(key_file), StampFile(key_file).first(), loop.time()
+    except ValueError as error:
+        raise ConfigError("link.signing_key_file", str(error)) from None
+    return Signer(key, lambda: first + int((loop.time() - begun_s) * TICKS_PER_S))
 
 
 def vicon_encoder(config: ViconConfig) -> Encoder:
