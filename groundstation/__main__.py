@@ -22,6 +22,15 @@ def _parser() -> argparse.ArgumentParser:
             help="arm this vehicle without asking; it must be the name in the config. THIS MOVES THE VEHICLE",
         )
 
+    doctor = commands.add_parser("doctor", help="look at the autopilot's parameters; set one on request, disarmed only")
+    _config_arguments(doctor)
+    doctor.add_argument(
+        "--fix", metavar="NAME[=VALUE]", help="set one parameter, to the recommended value without VALUE"
+    )
+    doctor.add_argument("--restore", type=Path, metavar="FILE", help="put back the old value that --fix has kept")
+    doctor.add_argument("--yes", action="store_true", help="do not ask before setting it")
+    doctor.add_argument("--json", action="store_true", help="print one JSON object instead of the table")
+
     tui = commands.add_parser("tui", help="watch a running flight (read-only)")
     tui.add_argument("--vehicle", default="mqx", metavar="NAME", help="name of the vehicle in its config (default mqx)")
     tui.add_argument("--socket", type=Path, metavar="PATH", help="its status socket, if not the usual one")
@@ -54,7 +63,10 @@ def _config_arguments(parser: argparse.ArgumentParser, *, optional: bool = False
 
 
 def main() -> int:
-    """Entry point; the exit code is 0 for landed or done, 1 for aborted, 2 for bad usage or config."""
+    """Entry point; the exit code is 0 for landed or done, 1 for aborted, 2 for bad usage or config.
+
+    ``doctor``: 0 for nothing to change, 1 for something to change or not confirmed, 3 for no answer or a refusal.
+    """
     args = _parser().parse_args()
     from groundstation import commands
     from groundstation.config import ConfigError

@@ -5,9 +5,11 @@ import asyncio
 import gc
 import logging
 import os
+import shlex
 import signal
 import sys
 from collections.abc import Awaitable, Callable
+from pathlib import Path
 
 from groundstation.config import ConfigError, dump, load
 from groundstation.mission import State
@@ -58,6 +60,17 @@ def replay(args: argparse.Namespace) -> int:
     from groundstation.shadow import replay_command
 
     return replay_command(args.file, args.config, args.overrides, as_json=args.json)
+
+
+def doctor(args: argparse.Namespace) -> int:
+    """Look at the autopilot's parameters, and set one on request."""
+    from groundstation.doctor.command import Orders, doctor
+
+    config = load(args.config, Config, args.overrides)
+    overrides = [word for override in args.overrides for word in ("--set", override)]
+    command = shlex.join(["groundstation", "doctor", str(args.config), *overrides])
+    orders = Orders(command, args.fix, args.restore, args.yes, args.json)
+    return asyncio.run(doctor(config, orders, _line_from_terminal if sys.stdin.isatty() else None, _say))
 
 
 def config(args: argparse.Namespace) -> int:
@@ -124,13 +137,28 @@ def _flyable(config: Config) -> Config:
     addresses = {
         "link.listen": config.link.listen,
         "link.remote": config.link.remote,
+        "link.tcp": config.link.tcp,
         "pose.listen": getattr(config.pose, "listen", None),
     }
+    if config.link.serial is not None:
+        raise ConfigError("link.serial", f"{config.link.serial}: {why}")
     for key, text in addresses.items():
         if text is not None and not is_loopback(parse_address(text)[0]):
             raise ConfigError(key, f"{text}: {why}")
+    if config.link.signing_key_file is not None:
+        _check_key(Path(config.link.signing_key_file))
     ensure_flyable(config)
     return config
+
+
+def _check_key(path: Path) -> None:
+    """A signing key that can't be used stops us before anything is opened."""
+    from links.mavlink_key import read_key
+
+    try:
+        read_key(path)
+    except ValueError as error:
+        raise ConfigError("link.signing_key_file", str(error)) from None
 
 
 def _say(line: str) -> None:

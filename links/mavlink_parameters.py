@@ -33,13 +33,18 @@ class Parameter(NamedTuple):
     """MAV_PARAM_TYPE."""
 
 
-def decode(autopilot: int, message: Message) -> Parameter:
+def decode(autopilot: int, number: float, kind: int) -> float:
+    """The value of ``kind`` that an ``autopilot`` (HEARTBEAT.autopilot) says by the float ``number``."""
+    if autopilot != PX4 or kind not in WHOLE_BITS:
+        return number
+    bits, signed = WHOLE_BITS[kind]
+    return float(int.from_bytes(struct.pack("<f", number)[: bits // 8], "little", signed=signed))
+
+
+def told(autopilot: int, message: Message) -> Parameter:
     """The parameter in a PARAM_VALUE of an ``autopilot`` (HEARTBEAT.autopilot); NaN where it is no number."""
-    value, kind = message.param_value, message.param_type
-    if autopilot == PX4 and kind in WHOLE_BITS:
-        bits, signed = WHOLE_BITS[kind]
-        value = float(int.from_bytes(struct.pack("<f", value)[: bits // 8], "little", signed=signed))
-    return Parameter(message.param_id, value, kind)
+    value = decode(autopilot, message.param_value, message.param_type)
+    return Parameter(message.param_id, value, message.param_type)
 
 
 def encode(autopilot: int, value: float, kind: int) -> float:
@@ -99,7 +104,7 @@ class ReadAll:
         """Take a parameter's value."""
         if message.get_type() != "PARAM_VALUE" or message.param_id not in self._left:
             return
-        parameter = decode(self._autopilot.kind, message)
+        parameter = told(self._autopilot.kind, message)
         if math.isfinite(parameter.value):
             self.found[parameter.name] = parameter
             del self._left[parameter.name]
@@ -129,7 +134,7 @@ class Write(Repeated):
         wanted = self._parameter
         if message.get_type() != "PARAM_VALUE" or message.param_id != wanted.name or not self._sent:
             return
-        got = decode(self._autopilot.kind, message).value
+        got = told(self._autopilot.kind, message).value
         if is_same(got, wanted.value):
             self.done = True
         else:

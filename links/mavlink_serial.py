@@ -33,21 +33,24 @@ class SerialWire:
         """Send one frame."""
         if self._ear is None:
             return "full"
+        if waiting(self._fd) <= self._room and self._written(frame):
+            self._full_since_s = None
+            return ""
         now = self._loop.time()
-        if waiting(self._fd) > self._room:
-            self._full_since_s = self._full_since_s or now
-            if now - self._full_since_s > STALL_S:
-                self._end("the port takes nothing any more: check flow control and wiring")
-            return "full"
-        self._full_since_s = None
+        if self._full_since_s is None:
+            self._full_since_s = now
+        elif now - self._full_since_s > STALL_S:
+            self._end("the port takes nothing any more: check flow control and wiring")
+        return "full"
+
+    def _written(self, frame: bytes) -> bool:
         try:
-            written = os.write(self._fd, frame)
+            return os.write(self._fd, frame) == len(frame)
         except BlockingIOError:
-            return "full"
+            return False
         except OSError as error:
             self._end(f"the port is gone ({error.strerror})")
-            return "full"
-        return "" if written == len(frame) else "full"
+            return False
 
     def cut(self) -> None:
         """Close the port."""

@@ -54,8 +54,15 @@ class Autopilot(NamedTuple):
 class Step(Protocol):
     """One thing to be reached."""
 
-    done: bool
-    failure: LinkError | None
+    @property
+    def done(self) -> bool:
+        """True when it is reached."""
+        ...
+
+    @property
+    def failure(self) -> LinkError | None:
+        """Why it will not be reached; None where that is open."""
+        ...
 
     def poll(self, now_s: float) -> list[bytes]:
         """Frames to send at ``now_s``."""

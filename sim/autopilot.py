@@ -41,6 +41,7 @@ class Px4Autopilot(SimulatedAutopilot):
 
     kind: ClassVar[int] = PX4
     table: ClassVar[Mapping[str, tuple[float, int]]] = PX4_PARAMETERS
+    hover_parameter: ClassVar[str] = "MPC_THR_HOVER"
     land_mode: ClassVar[tuple[int, int]] = LAND
     rates_hz: ClassVar[Mapping[str, float]] = {
         "HEARTBEAT": 1.0,

@@ -46,6 +46,7 @@ class ArduPilotAutopilot(SimulatedAutopilot):
 
     kind: ClassVar[int] = ARDUPILOT
     table: ClassVar[Mapping[str, tuple[float, int]]] = ARDUPILOT_PARAMETERS
+    hover_parameter: ClassVar[str] = "MOT_THST_HOVER"
     land_mode: ClassVar[tuple[int, int]] = (LAND, 0)
     rates_hz: ClassVar[Mapping[str, float]] = {
         "HEARTBEAT": 1.0,

@@ -65,6 +65,8 @@ class SimulatedAutopilot(ABC):
     """Its HEARTBEAT.autopilot."""
     table: ClassVar[Mapping[str, tuple[float, int]]]
     """Its parameters: name → value, MAV_PARAM_TYPE."""
+    hover_parameter: ClassVar[str]
+    """Its parameter for the thrust that it believes to hover with."""
     land_mode: ClassVar[tuple[int, int]]
     """Main and sub mode that comes down by itself."""
     rates_hz: ClassVar[Mapping[str, float]]
@@ -82,20 +84,19 @@ class SimulatedAutopilot(ABC):
         """Disarmed, booting at the first poll.
 
         ``lose`` tells of each set-point whether it got lost on the air; ``hover`` is the thrust (0..1) that it
-        believes to hover with; ``parameters`` differ from its ``table``.
+        believes to hover with (a parameter too); ``parameters`` differ from its ``table``.
 
         Raises:
             KeyError: it has no such parameter.
             ValueError: the parameter can't have that value.
         """
         self.codec = MavlinkCodec(system_id, 1)
-        self.parameters = Parameters(self.kind, self.table, parameters or {})
+        self.parameters = Parameters(self.kind, self.table, {self.hover_parameter: hover} | dict(parameters or {}))
         self.armed = False
         self.failsafe = False
         """True while it says that it acts because set-points stopped."""
         self._airframe = airframe
         self._lose = lose
-        self._hover = hover
         self._streams = Streams({}, 0.0)
         self._build = builders(self.codec, airframe)
         self._heartbeat_number: int = self.codec.dialect.MAVLINK_MSG_ID_HEARTBEAT
@@ -206,6 +207,10 @@ class SimulatedAutopilot(ABC):
         return system in (0, self.codec.system_id) and component in (0, 1)
 
     # ---- flying
+
+    @property
+    def _hover(self) -> float:
+        return self.parameters[self.hover_parameter]
 
     def _fly_by(self, pilot: Pilot | None, now_s: float) -> None:
         self._pilot = pilot

@@ -4,9 +4,9 @@ import math
 from collections.abc import Mapping
 
 from links.mavlink_codec import PX4, Message
-from links.mavlink_parameters import REAL32, decode, encode
+from links.mavlink_parameters import REAL32, WHOLE_BITS, decode, encode
 
-INT8, INT32 = 2, 6
+INT8, INT16, INT32 = 2, 4, 6
 """MAV_PARAM_TYPE."""
 
 PX4_PARAMETERS: Mapping[str, tuple[float, int]] = {
@@ -45,8 +45,8 @@ ARDUPILOT_PARAMETERS: Mapping[str, tuple[float, int]] = {
     "MOT_THST_EXPO": (0.65, REAL32),
     "MOT_THST_HOVER": (0.5, REAL32),
     "RC_OPTIONS": (32.0, INT32),
-    "SYSID_MYGCS": (245.0, INT8),
-    "SYSID_THISMAV": (1.0, INT8),
+    "SYSID_MYGCS": (245.0, INT16),
+    "SYSID_THISMAV": (1.0, INT16),
     "VISO_TYPE": (0.0, INT8),
 }
 """The same for ArduPilot Copter; MOT_THST_EXPO straightens what the motors do, so thrust is what we ask for."""
@@ -90,11 +90,9 @@ class Parameters:
         if name not in self._table:
             return []
         kind = self._table[name][1]
-        value = decode(
-            self._autopilot, dialect.MAVLink_param_value_message(name, request.param_value, kind, 0, 0)
-        ).value
+        value = decode(self._autopilot, request.param_value, kind)
         if math.isfinite(value) and (self._autopilot != PX4 or request.param_type == kind):
-            self._table[name] = (value, kind)
+            self._table[name] = (_fitting(value, kind), kind)
         return [self._told(name, dialect)]
 
     def _told(self, name: str, dialect: Message) -> Message:
@@ -102,3 +100,12 @@ class Parameters:
         number = encode(self._autopilot, value, kind)
         index = list(self._table).index(name)
         return dialect.MAVLink_param_value_message(name.encode("ascii"), number, kind, len(self._table), index)
+
+
+def _fitting(value: float, kind: int) -> float:
+    """``value`` as a parameter of ``kind`` can hold it: whole, and in its range."""
+    if kind not in WHOLE_BITS:
+        return value
+    bits, signed = WHOLE_BITS[kind]
+    low = -(1 << bits - 1) if signed else 0
+    return float(min(max(int(value), low), low + (1 << bits) - 1))

@@ -59,7 +59,12 @@ class Stage:
             # Hand-shakes repeat what gets lost; losses that count begin with the flight.
             return plant.released_s is not None and next(luck)[0] < world.frame_loss
 
-        self.autopilot = AUTOPILOTS[autopilot](vehicle, lose=lose, parameters=parameters)
+        self.autopilot = AUTOPILOTS[autopilot](
+            vehicle,
+            lose=lose,
+            hover=world.mass_kg * world.gravity / world.thrust_max_n,
+            parameters=parameters,
+        )
         if config.link.signing_key_file is not None:
             self.autopilot.codec.signer = _signer(Path(config.link.signing_key_file))
         # Where its own estimate serves as the poses, it comes as late as the cameras' would.

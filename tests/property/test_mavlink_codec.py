@@ -2,13 +2,15 @@
 
 from typing import Any
 
+import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
 from groundstation.poses.mavlink_codec import LocalPositionDecoder, OdometryDecoder
 from links.mavlink_codec import MavlinkCodec
 from links.mavlink_words import Words
-from sim.autopilot import Px4Autopilot
+from sim.autopilot_base import SimulatedAutopilot
+from sim.autopilots import AUTOPILOTS
 from tests.airframe_double import Brick
 from tests.mavlink_table import FRAMES
 
@@ -81,21 +83,30 @@ def test_no_message_makes_a_pose_decoder_or_the_words_raise(datagrams: list[byte
 numbers = st.floats(width=32)
 
 
+@pytest.mark.parametrize("make", AUTOPILOTS.values(), ids=AUTOPILOTS)
 @given(
-    st.lists(
+    requests=st.lists(
         st.one_of(
-            st.tuples(st.sampled_from([176, 400, 511, 16]), numbers, numbers, numbers),
+            st.tuples(st.sampled_from([21, 176, 400, 511, 16]), numbers, numbers, numbers),
             st.tuples(st.integers(0, 255), numbers, numbers, numbers, numbers),
+            st.tuples(st.sampled_from(["GUID_OPTIONS", "COM_RCL_EXCEPT", "GUID_TIMEOUT"]), numbers),
         ),
         max_size=8,
     )
 )
-def test_no_command_and_no_set_point_makes_the_simulated_autopilot_raise(requests: list[tuple[Any, ...]]) -> None:
+def test_no_command_and_no_set_point_makes_the_simulated_autopilot_raise(
+    make: type[SimulatedAutopilot], requests: list[tuple[Any, ...]]
+) -> None:
     sender = MavlinkCodec(245, 190)
-    autopilot = Px4Autopilot(Brick())
+    autopilot = make(Brick())
     autopilot.poll(0.0)
+    # Whatever else is asked of it happens in the air.
+    for number, mode in ((176, (1.0, 4.0)), (400, (1.0,))):
+        autopilot.receive(sender.command(1, 1, number, *mode), 0.0)
     for n, (first, *rest) in enumerate(requests):
-        if len(rest) == 3:
+        if len(rest) == 1:
+            frame = sender.parameter_set(1, 1, first, rest[0], 6) + sender.parameter_request(1, 1, first)
+        elif len(rest) == 3:
             frame = sender.command(1, 1, first, *rest)
         else:
             message = sender.dialect.MAVLink_set_attitude_target_message(0, 1, 1, first, [rest[3]] * 4, *rest)

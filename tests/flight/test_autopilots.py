@@ -1,0 +1,108 @@
+"""Flights on both kinds of autopilot, which differ in all but where the vehicle ends up."""
+
+import asyncio
+from pathlib import Path
+
+import pytest
+
+from groundstation.app import make_flight
+from groundstation.clock import sleep_until
+from groundstation.flight import Outcome
+from groundstation.mission import State
+from sim.autopilots import AUTOPILOTS
+from sim.commands import prepare
+from sim.fly import fly
+from sim.scenarios import SCENARIOS
+from sim.stage import Stage
+from tests.loops import in_virtual_time
+
+AUTOPILOT = pytest.mark.parametrize("autopilot", AUTOPILOTS)
+
+
+@AUTOPILOT
+@pytest.mark.parametrize("source", ["vicon", "odometry"])
+def test_the_figure_eight_is_flown_on_either(autopilot: str, source: str) -> None:
+    world, config = prepare(SCENARIOS["paper"], [], source=source)
+    result = fly(world, config, seed=0, duration_s=20.0, autopilot=autopilot)
+    assert result.completed, result.why
+    assert result.verdict.rms_cm is not None
+    assert result.verdict.rms_cm < 1.0
+
+
+def ended(autopilot: str, *overrides: str, **parameters: float) -> tuple[Outcome, Stage, list[str]]:
+    """A flight of 4 s that lands, on an autopilot with these parameters."""
+    world, config = prepare(SCENARIOS["paper"], ["flight.duration_s=4", *overrides])
+    said: list[str] = []
+
+    async def main() -> tuple[Outcome, Stage]:
+        async def confirm() -> bool:
+            await sleep_until(1.0)
+            return True
+
+        stage = Stage(world, config, 0, autopilot=autopilot, parameters=parameters)
+        running = asyncio.create_task(stage.run())
+        outcome = await make_flight(config, confirm=confirm, on_event=said.append).run()
+        running.cancel()
+        await asyncio.gather(running, return_exceptions=True)
+        return outcome, stage
+
+    return *in_virtual_time(main()), said
+
+
+@AUTOPILOT
+def test_a_flight_ends_on_the_floor_and_disarmed_on_either(autopilot: str) -> None:
+    outcome, stage, _ = ended(autopilot)
+    assert outcome.state is State.LANDED, outcome.reason
+    assert not stage.autopilot.armed
+    assert stage.plant.touchdown_m_s is not None
+    assert stage.plant.touchdown_m_s < 0.5
+
+
+def test_ardupilot_flies_in_guided_nogps_too() -> None:
+    outcome, _, _ = ended("ardupilot", "link.ardupilot_mode=GUIDED_NOGPS")
+    assert outcome.state is State.LANDED, outcome.reason
+
+
+@pytest.mark.parametrize(
+    ("parameters", "words"),
+    [({"GUID_OPTIONS": 0.0}, "climb rate"), ({"ATC_ANGLE_BOOST": 1.0}, "raise our thrust")],
+)
+def test_ardupilot_that_would_misunderstand_our_thrust_is_never_armed(parameters: dict[str, float], words: str) -> None:
+    outcome, stage, _ = ended("ardupilot", **parameters)
+    assert outcome.state is State.ABORTED
+    assert words in outcome.reason
+    assert stage.plant.released_s is None
+
+
+@AUTOPILOT
+def test_a_signed_flight_is_flown_on_either(autopilot: str, tmp_path: Path) -> None:
+    key = tmp_path / "key"
+    key.write_bytes(bytes(range(32)))
+    key.chmod(0o600)
+    outcome, stage, _ = ended(autopilot, f"link.signing_key_file={key}")
+    assert outcome.state is State.LANDED, outcome.reason
+    assert stage.autopilot.codec.dropped == {}
+    assert (tmp_path / "key.stamp").exists()
+
+
+def test_an_autopilot_without_the_key_is_not_believed(tmp_path: Path) -> None:
+    key = tmp_path / "key"
+    key.write_bytes(bytes(range(32)))
+    key.chmod(0o600)
+    world, config = prepare(SCENARIOS["paper"], [f"link.signing_key_file={key}", "link.connect_timeout_s=2"])
+
+    async def main() -> Outcome:
+        async def confirm() -> bool:
+            return True
+
+        stage = Stage(world, config, 0)
+        stage.autopilot.codec.signer = None
+        running = asyncio.create_task(stage.run())
+        outcome = await make_flight(config, confirm=confirm).run()
+        running.cancel()
+        await asyncio.gather(running, return_exceptions=True)
+        return outcome
+
+    outcome = in_virtual_time(main())
+    assert outcome.state is State.ABORTED
+    assert "'unsigned':" in outcome.reason

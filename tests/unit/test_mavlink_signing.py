@@ -1,0 +1,198 @@
+"""links/mavlink_signing.py and links/mavlink_key.py: what is signed, what is believed, and where the key lies."""
+
+import base64
+import os
+from pathlib import Path
+from typing import Any
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from pymavlink.dialects.v20 import ardupilotmega as mavlink
+
+from links.mavlink_codec import ARM_DISARM, MavlinkCodec
+from links.mavlink_key import StampFile, read_key
+from links.mavlink_signing import MINUTE, TICKS_PER_S, Signer
+from tests.mavlink_table import golden
+
+KEY = bytes(range(32))
+NOW = 375_000_000 * TICKS_PER_S
+
+
+def signed(stamp: int = NOW, system: int = 1, key: bytes = KEY) -> MavlinkCodec:
+    codec = MavlinkCodec(system, 1)
+    codec.signer = Signer(key, lambda: stamp)
+    return codec
+
+
+def theirs(stamp: int = NOW) -> mavlink.MAVLink:
+    """pymavlink's own signer: the independent one."""
+    peer = mavlink.MAVLink(None, 1, 1)
+    peer.signing.secret_key = KEY
+    peer.signing.sign_outgoing = True
+    peer.signing.timestamp = stamp
+    peer.signing.link_id = 3
+    return peer
+
+
+def heartbeat() -> Any:
+    return mavlink.MAVLink_heartbeat_message(2, 12, 0, 0, 3, 3)
+
+
+GOLDEN = "fd27010000f5be520000dc0500000000803f000000000000000000000000cdcccc3dcdcc4c3e9a99993e0000003f010180"
+"""SET_ATTITUDE_TARGET as in test_mavlink_codec.py, but for the flag that says that it is signed."""
+
+
+def test_a_signed_frame_has_these_bytes() -> None:
+    codec = signed(0x010203040506, system=245)
+    codec.component_id = 190
+    frame = codec.attitude_target(1.5, 1, 1, 0.5, (0.1, 0.2, 0.3)).hex()
+    assert frame[: len(GOLDEN)] == GOLDEN
+    assert frame[len(GOLDEN) :] == "cb3b" + "00" + "060504030201" + "fef9eb2d8a4a"
+    assert len(frame) == 2 * 64
+
+
+def test_what_we_sign_pymavlink_believes() -> None:
+    peer = theirs(NOW - 1)
+    peer.signing.sign_outgoing = False
+    ours = signed()
+    for n in range(3):
+        for frame in (ours.attitude_target(n, 1, 1, 0.5, (0.0, 0.0, 0.0)), ours.command(1, 1, ARM_DISARM, 1.0)):
+            (message,) = peer.parse_buffer(frame)
+            assert message.get_signed()
+
+
+def test_what_pymavlink_signs_we_believe() -> None:
+    peer, ours = theirs(), signed()
+    for _ in range(3):
+        assert len(ours.feed_datagram(heartbeat().pack(peer))) == 1
+    assert ours.dropped == {}
+
+
+@given(st.integers(1, 10_000_000), st.data())
+def test_a_frame_with_any_bit_changed_is_not_believed(_: int, data: st.DataObject) -> None:
+    frame = bytearray(heartbeat().pack(theirs()))
+    bit = data.draw(st.integers(0, 8 * len(frame) - 1))
+    frame[bit // 8] ^= 1 << bit % 8
+    ours = signed()
+    assert ours.feed_datagram(bytes(frame)) == []
+    assert ours.received == 0
+
+
+def test_a_frame_that_is_not_signed_is_counted_and_dropped() -> None:
+    ours = signed()
+    assert ours.feed_datagram(golden("HEARTBEAT").frame) == []
+    version_1 = heartbeat().pack(mavlink.MAVLink(None, 1, 1), force_mavlink1=True)
+    assert ours.feed(version_1) == []
+    assert ours.dropped == {"unsigned": 2}
+
+
+def test_a_telemetry_radio_may_put_in_its_status_unsigned() -> None:
+    status = mavlink.MAVLink_radio_status_message(1, 2, 3, 4, 5, 6, 7).pack(mavlink.MAVLink(None, 51, 68))
+    assert [m.get_type() for m in signed().feed_datagram(status)] == ["RADIO_STATUS"]
+
+
+def test_another_key_is_not_believed() -> None:
+    ours = signed(key=bytes(31) + b"\1")
+    assert ours.feed_datagram(heartbeat().pack(theirs())) == []
+    assert ours.dropped == {"bad_signature": 1}
+
+
+def test_a_frame_is_believed_once() -> None:
+    ours, frame = signed(), heartbeat().pack(theirs())
+    assert len(ours.feed_datagram(frame + frame)) == 1
+    assert ours.dropped == {"replayed": 1}
+
+
+def test_a_new_sender_may_be_a_minute_behind_and_no_more() -> None:
+    assert len(signed().feed_datagram(heartbeat().pack(theirs(NOW - MINUTE)))) == 1
+    late = signed()
+    assert late.feed_datagram(heartbeat().pack(theirs(NOW - MINUTE - 1))) == []
+    assert late.dropped == {"replayed": 1}
+
+
+def test_stamps_grow_also_where_the_clock_stands_still_or_the_other_is_ahead() -> None:
+    ours = signed()
+    stamps = []
+    for _ in range(3):
+        frame = ours.heartbeat()
+        stamps.append(int.from_bytes(frame[-12:-6], "little"))
+    assert stamps == [NOW, NOW + 1, NOW + 2]
+    ours.feed_datagram(heartbeat().pack(theirs(NOW + 1000)))
+    assert int.from_bytes(ours.heartbeat()[-12:-6], "little") == NOW + 1001
+
+
+def test_a_forged_frame_in_a_stream_is_skipped_whole() -> None:
+    ours, peer = signed(), theirs()
+    forged = bytearray(heartbeat().pack(peer))
+    forged[-1] ^= 1
+    assert len(ours.feed(bytes(forged) + heartbeat().pack(peer))) == 1
+    assert ours.dropped == {"bad_signature": 1}
+
+
+# ---- the key on disk
+
+
+def key_file(folder: Path, data: bytes, mode: int = 0o600) -> Path:
+    path = folder / "key"
+    path.write_bytes(data)
+    path.chmod(mode)
+    return path
+
+
+@pytest.mark.parametrize("data", [KEY, KEY.hex().encode(), KEY.hex().upper().encode() + b"\n", base64.b64encode(KEY)])
+def test_a_key_is_read_raw_or_as_text(tmp_path: Path, data: bytes) -> None:
+    assert read_key(key_file(tmp_path, data)) == KEY
+
+
+@pytest.mark.parametrize("mode", [0o644, 0o640, 0o606, 0o700, 0o400])
+def test_a_key_that_others_may_read_is_refused(tmp_path: Path, mode: int) -> None:
+    with pytest.raises(ValueError, match=f"has mode {mode:04o}"):
+        read_key(key_file(tmp_path, KEY, mode))
+
+
+@pytest.mark.parametrize("data", [b"", KEY[:31], KEY + b"1", b"secret", KEY.hex().encode()[:-2], b"\xff" * 64])
+def test_what_is_no_key_is_refused(tmp_path: Path, data: bytes) -> None:
+    with pytest.raises(ValueError, match="is no signing key"):
+        read_key(key_file(tmp_path, data))
+
+
+def test_a_key_of_zeros_is_refused(tmp_path: Path) -> None:
+    with pytest.raises(ValueError, match="only zeros"):
+        read_key(key_file(tmp_path, bytes(32)))
+
+
+def test_a_key_that_is_not_there_or_no_file_is_refused(tmp_path: Path) -> None:
+    with pytest.raises(ValueError, match="No such file"):
+        read_key(tmp_path / "key")
+    with pytest.raises(ValueError, match="Is a directory"):
+        read_key(tmp_path)
+
+
+@pytest.mark.skipif(os.getuid() != 0, reason="only root can give a file away")
+def test_a_key_of_another_user_is_refused(tmp_path: Path) -> None:
+    path = key_file(tmp_path, KEY)
+    os.chown(path, 1234, 1234)
+    with pytest.raises(ValueError, match="belongs to another user"):
+        read_key(path)
+
+
+def test_after_a_restart_no_stamp_is_used_again_even_if_the_clock_was_set_back(tmp_path: Path) -> None:
+    stamps = StampFile(key_file(tmp_path, KEY))
+    now = stamps.first()
+    assert now > 10 * 365 * 86400 * TICKS_PER_S  # after 2025
+    stamps.keep(now + 1_000_000_000)
+    assert stamps.first() == now + 1_000_000_001
+
+
+def test_a_clock_that_went_on_counts_from_now(tmp_path: Path) -> None:
+    stamps = StampFile(key_file(tmp_path, KEY))
+    stamps.keep(5)
+    assert stamps.first() > 1_000_000
+
+
+def test_a_damaged_stamp_is_told_of(tmp_path: Path) -> None:
+    path = key_file(tmp_path, KEY)
+    (tmp_path / "key.stamp").write_text("yesterday")
+    with pytest.raises(ValueError, match="remove it"):
+        StampFile(path).first()

@@ -1,0 +1,59 @@
+"""links/timesync.py: the autopilot's clock against ours."""
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from links.timesync import NEWEST, Timesync
+
+OFFSET_S = -1234.5
+
+
+def trip(sync: Timesync, now_s: float, there_s: float, back_s: float) -> bool:
+    ours = sync.ask(now_s)
+    return sync.answered(int((now_s + there_s + OFFSET_S + 2000.0) * 1e9), ours, now_s + there_s + back_s)
+
+
+def test_an_even_trip_tells_the_clock_exactly() -> None:
+    sync = Timesync()
+    assert sync.best is None
+    assert trip(sync, 10.0, 0.004, 0.004)
+    assert sync.best is not None
+    assert sync.best.rtt_s == pytest.approx(0.008, abs=1e-6)
+    assert sync.best.offset_s == pytest.approx(OFFSET_S + 2000.0, abs=1e-6)
+
+
+@given(st.lists(st.tuples(st.floats(0.001, 0.2), st.floats(0.001, 0.2)), min_size=1, max_size=NEWEST))
+def test_the_clock_is_wrong_by_at_most_half_the_shortest_trip(trips: list[tuple[float, float]]) -> None:
+    sync = Timesync()
+    for n, (there, back) in enumerate(trips):
+        assert trip(sync, 1.0 + n, there, back)
+    assert sync.best is not None
+    assert sync.best.rtt_s == pytest.approx(min(map(sum, trips)), abs=1e-6)
+    assert abs(sync.best.offset_s - OFFSET_S - 2000.0) <= 0.5 * sync.best.rtt_s + 1e-6
+
+
+def test_old_trips_are_forgotten() -> None:
+    sync = Timesync()
+    trip(sync, 1.0, 0.001, 0.001)
+    for n in range(NEWEST):
+        trip(sync, 2.0 + n, 0.05, 0.05)
+    assert sync.best is not None
+    assert sync.best.rtt_s == pytest.approx(0.1)
+
+
+def test_only_the_answer_to_the_newest_question_counts_and_only_once() -> None:
+    sync = Timesync()
+    first, second = sync.ask(1.0), sync.ask(2.0)
+    assert not sync.answered(5, first, 2.01)
+    assert not sync.answered(0, second, 2.01)
+    assert not sync.answered(5, second, 1.9)
+    assert not sync.answered(5, second, 9.0)
+    assert sync.best is None
+    assert sync.answered(5, second, 2.01)
+    assert not sync.answered(5, second, 2.01)
+
+
+def test_two_questions_at_the_same_instant_differ() -> None:
+    sync = Timesync()
+    assert sync.ask(0.0) != sync.ask(0.0)
