@@ -132,6 +132,26 @@ def test_a_question_for_the_time_is_answered_an_answer_is_not() -> None:
     scene(play)
 
 
+def test_the_status_tells_the_round_trip_and_the_autopilots_clock() -> None:
+    async def play(link: MavlinkLink, autopilot: Endpoint) -> None:
+        assert link.status.rtt_s is None
+        assert link.status.offset_s is None
+        later = asyncio.get_running_loop().call_later
+
+        def answer(message: Any) -> list[Any]:
+            if message.get_type() == "TIMESYNC" and message.tc1 == 0:
+                theirs = D.MAVLink_timesync_message(message.ts1 + 5_010_000_000, message.ts1)
+                later(0.02, autopilot.say, theirs)
+            return accept(message)
+
+        autopilot.answer = answer
+        await asyncio.sleep(1.5)
+        assert link.status.rtt_s == pytest.approx(0.02, abs=1e-6)
+        assert link.status.offset_s == pytest.approx(5.0, abs=1e-6)
+
+    scene(play)
+
+
 def test_messages_reach_subscribers_with_their_arrival_until_they_leave() -> None:
     async def play(link: MavlinkLink, autopilot: Endpoint) -> None:
         got: list[tuple[str, float]] = []
