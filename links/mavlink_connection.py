@@ -1,7 +1,8 @@
 """One wire to one autopilot: who is heard, our heartbeat, its messages to whoever reads them, and requests.
 
-A wire that is lost (unplugged, closed by the other end) is opened again, with growing pauses. Set-points do not leave
-on it until the vehicle is armed anew: nobody knows what it did meanwhile.
+A wire that is lost (unplugged, closed by the other end) is opened again, with growing pauses. When the autopilot is
+heard again after that or after a silence, it is asked for its messages again, as it may have restarted. Set-points do
+not leave until the vehicle is armed anew: nobody knows what it did meanwhile.
 """
 
 import asyncio
@@ -9,10 +10,11 @@ import math
 from collections import Counter
 from collections.abc import Callable, Mapping
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from links.mavlink_codec import ARMED, GROUND_STATION, MavlinkCodec, Message
 from links.mavlink_config import MavlinkLinkConfig
+from links.mavlink_requests import POLL_S, Requests
 from links.mavlink_steps import Autopilot, Handshake
 from links.mavlink_streams import choose_streams
 from links.mavlink_wire import Wire, opener
@@ -20,10 +22,11 @@ from links.mavlink_words import Words
 from links.port import LinkError, LinkLost, LinkMisuse
 from links.timesync import Timesync, Trip
 
+if TYPE_CHECKING:
+    from links.mavlink_key import Signing
+
 HEARTBEAT_S = 1.0
 """Period of our own HEARTBEAT [s]."""
-POLL_S = 0.05
-"""How often a request without a stream of set-points looks at the time [s]."""
 STALE_NEWS_S = 0.5
 """A HEARTBEAT may have left before the arming that it denies: it is not believed for this long after it [s]."""
 
@@ -48,9 +51,9 @@ class MavlinkConnection:
         self._dropped: Counter[str] = Counter()
         self._subscribers: list[Subscriber] = []
         self._streams: list[Streams] = []
-        self._one_at_a_time = asyncio.Lock()
-        self._news = asyncio.Event()
-        self._handshake: Handshake | None = None
+        self._requests = Requests(self.leave, self._obstacle)
+        self._first_beat = asyncio.Event()
+        self._signing: Signing | None = None
         self._reset()
 
     def _reset(self) -> None:
@@ -67,7 +70,6 @@ class MavlinkConnection:
         self._barred = False
         self._trouble = ""
         self._timesync = Timesync()
-        self._keep_stamp: Callable[[int], None] | None = None
 
     # ---- what it is like
 
@@ -78,9 +80,12 @@ class MavlinkConnection:
             return "closed"
         if self._kind is None:
             return "connecting"
-        if self._wire is None or self._loop.time() - self._heard_s > self._config.heartbeat_timeout_s:
+        if self._wire is None or self._is_silent(self._loop.time()):
             return "lost"
         return "connected" if self._armed_s is None else "armed"
+
+    def _is_silent(self, now_s: float) -> bool:
+        return now_s - self._heard_s > self._config.heartbeat_timeout_s
 
     @property
     def kind(self) -> int | None:
@@ -161,7 +166,7 @@ class MavlinkConnection:
         self._loop = asyncio.get_running_loop()
         try:
             self._sign(self._loop)
-            self._wire = await opener(config)(config, self)
+            wire = await opener(config)(config, self)
         except OSError as error:
             self._reset()
             raise LinkLost(
@@ -174,16 +179,19 @@ class MavlinkConnection:
         except BaseException:
             self._reset()
             raise
+        if self._loop is None:
+            wire.cut()
+            raise LinkError("the link was closed before it was open")
+        self._wire = wire
+        self._first_beat.clear()
         self._beat()
         try:
             async with asyncio.timeout(config.connect_timeout_s):
-                while self._kind is None:
-                    self._news.clear()
-                    await self._news.wait()
+                await self._first_beat.wait()
         except TimeoutError:
             self.close()
             raise LinkLost(self._silence()) from None
-        await self._choose_streams(self._kind)
+        await self._choose_streams()
 
     def close(self) -> None:
         """Release the wire. Nothing leaves afterwards."""
@@ -197,26 +205,22 @@ class MavlinkConnection:
         if wire is not None:
             wire.cut()
         self.codec.forget()
-        self._news.set()
+        self._requests.wake()
 
     def _sign(self, loop: asyncio.AbstractEventLoop) -> None:
-        file = self._config.signing_key_file
-        if file is None:
-            return
-        from links.mavlink_key import StampFile, read_key
+        if self._config.signing_key_file is not None and self._signing is None:
+            from links.mavlink_key import Signing
 
-        path = Path(file)
-        stamps = StampFile(path)
-        try:
-            self.codec.signer = stamps.signer(read_key(path), loop.time)
-        except ValueError as error:
-            raise LinkError(f"link.signing_key_file: {error}") from None
-        self._keep_stamp = stamps.keep
+            try:
+                self._signing = Signing(Path(self._config.signing_key_file), loop.time)
+            except ValueError as error:
+                raise LinkError(f"link.signing_key_file: {error}") from None
+            self.codec.signer = self._signing.signer
 
     def _note_stamp(self) -> None:
-        if self._keep_stamp is not None and self.codec.signer is not None:
+        if self._signing is not None:
             try:
-                self._keep_stamp(self.codec.signer.stamp)
+                self._signing.keep()
             except ValueError as error:
                 self._trouble = str(error)
 
@@ -229,7 +233,8 @@ class MavlinkConnection:
             "it sends to this address, and its system id (MAV_SYS_ID or SYSID_THISMAV)"
         )
 
-    async def _choose_streams(self, kind: int) -> None:
+    async def _choose_streams(self) -> None:
+        kind = self.autopilot().kind
         wanted = {name: rate for ask in self._streams for name, rate in ask(kind).items()}
         await choose_streams(self.autopilot(), wanted, self.see_through, quiet=self._config.quiet)
 
@@ -246,13 +251,13 @@ class MavlinkConnection:
         self._heard_s = -math.inf
         self.codec.forget()
         self._trouble = f"the link is lost: {why}"
-        self._news.set()
+        self._requests.wake()
         if self._returning is not None:
             self._returning.cancel()
         self._returning = self._loop.create_task(self._return(why))
 
     async def _return(self, why: str) -> None:
-        """Open the wire again, as often as it takes, then have the autopilot send what it sent before."""
+        """Open the wire again, as often as it takes."""
         assert self._loop is not None, "only an open connection comes back"
         pause_s = FIRST_PAUSE_S
         while self._wire is None:
@@ -264,12 +269,11 @@ class MavlinkConnection:
                 why = f"cannot open {self._config.address} ({error.strerror or error})"
                 pause_s = min(2.0 * pause_s, LONGEST_PAUSE_S)
         self._trouble = "the wire is back: waiting for the autopilot's HEARTBEAT"
-        while self._heard_s == -math.inf:
-            self._news.clear()
-            await self._news.wait()
+
+    async def _ask_again(self) -> None:
         self._trouble = "the link is back after it was lost: arm anew to fly"
         try:
-            await self._choose_streams(self._kind or 0)
+            await self._choose_streams()
         except LinkError as error:
             self._trouble = f"the link is back after it was lost, but: {error}"
 
@@ -316,42 +320,12 @@ class MavlinkConnection:
             LinkLost: it did not answer.
             LinkError: the connection was closed meanwhile.
         """
-        async with self._one_at_a_time:
-            self._handshake = handshake
-            try:
-                await self._go_through(handshake, meanwhile, period_s)
-            finally:
-                self._handshake = None
+        await self._requests.see_through(handshake, meanwhile, period_s)
 
-    async def _go_through(
-        self, handshake: Handshake, meanwhile: Callable[[float], None] | None, period_s: float
-    ) -> None:
-        loop = asyncio.get_running_loop()
-        due_s = loop.time()
-        while True:
-            if self._loop is None:
-                raise LinkError("the link was closed before the autopilot answered")
-            if self._wire is None:
-                raise LinkLost(self._trouble)
-            now = loop.time()
-            if now >= due_s:
-                if meanwhile is not None:
-                    meanwhile(now)
-                due_s += period_s
-                if due_s <= now:
-                    due_s = now + period_s  # a late frame is left out, never made up for
-            for frame in handshake.poll(now):
-                self.leave(frame)
-            if handshake.failure is not None:
-                raise handshake.failure
-            if handshake.done:
-                return
-            self._news.clear()
-            try:
-                async with asyncio.timeout_at(due_s):
-                    await self._news.wait()
-            except TimeoutError:
-                pass
+    def _obstacle(self) -> LinkError | None:
+        if self._loop is None:
+            return LinkError("the link was closed before the autopilot answered")
+        return LinkLost(self._trouble) if self._wire is None else None
 
     # ---- what arrives
 
@@ -363,10 +337,10 @@ class MavlinkConnection:
         """Take what arrived from the address ``source`` (called by the wire)."""
         if self._loop is None or self._wire is None:
             return
-        if self._peer is not None and source != self._peer:
+        now = self._loop.time()
+        if self._peer is not None and source != self._peer and not self._is_silent(now):
             self._dropped["other_address"] += 1
             return
-        now = self._loop.time()
         read = self.codec.feed_datagram if self._wire.datagrams else self.codec.feed
         for message in read(data):
             if (message.get_srcSystem(), message.get_srcComponent()) != self._target:
@@ -374,7 +348,7 @@ class MavlinkConnection:
                 continue
             if message.get_type() == "HEARTBEAT":
                 self._heartbeat(message, source, now)
-            if self._kind is not None:  # whoever has sent no heartbeat may be anybody
+            if self._kind is not None and self._peer in (None, source):  # others have sent no heartbeat yet
                 self._publish(message, now)
 
     def _publish(self, message: Message, now_s: float) -> None:
@@ -385,23 +359,29 @@ class MavlinkConnection:
             self.leave(self.codec.timesync_reply(message, now_s))
         elif name == "TIMESYNC":
             self._timesync.answered(message.tc1, message.ts1, now_s)
-        if self._handshake is not None:
-            self._handshake.hear(message, now_s)
-            self._news.set()
+        self._requests.hear(message, now_s)
         for subscriber in self._subscribers:
             subscriber(message, now_s)
 
     def _heartbeat(self, message: Message, source: Any, now_s: float) -> None:
         if message.type == GROUND_STATION or self._wire is None:
             return
-        back, self._heard_s = self._heard_s == -math.inf, now_s
-        if self._kind is None or back:
+        first, back = self._kind is None, self._kind is not None and self._is_silent(now_s)
+        self._heard_s = now_s
+        if first or back:
             self._kind, self._vehicle = message.autopilot, message.type
             if not self._wire.speaks_first:
                 self._peer = source
                 self.leave(self.codec.heartbeat())
             self._ask_the_time(now_s)
-            self._news.set()
+            self._first_beat.set()
+        if back and self._loop is not None:
+            self._barred = True
+            self._armed_s = None
+            self._timesync = Timesync()
+            if self._returning is not None:
+                self._returning.cancel()
+            self._returning = self._loop.create_task(self._ask_again())
         if message.base_mode & ARMED:
             if self._armed_s is None:
                 self._armed_s = now_s

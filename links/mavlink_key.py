@@ -95,12 +95,23 @@ class StampFile:
                 f"cannot write {self._path} ({error.strerror}): signing needs it, or stamps repeat"
             ) from None
 
-    def signer(self, key: bytes, time_s: Callable[[], float]) -> Signer:
-        """A signer with ``key`` whose stamps begin where the last run ended and follow the clock ``time_s()`` [s].
+
+class Signing:
+    """A key in use: its signer, and the stamps that it may use."""
+
+    def __init__(self, key_file: Path, time_s: Callable[[], float]) -> None:
+        """Begin where the last run ended, and follow the clock ``time_s()`` [s].
 
         Raises:
-            ValueError: the stamp can't be read or kept.
+            ValueError: the key or its newest stamp can't be used.
         """
-        first, begun_s = self.first(), time_s()
-        self.keep(first)
-        return Signer(key, lambda: first + int((time_s() - begun_s) * TICKS_PER_S))
+        key = read_key(key_file)
+        self._stamps = StampFile(key_file)
+        first, begun_s = self._stamps.first(), time_s()
+        self.signer = Signer(key, lambda: first + int((time_s() - begun_s) * TICKS_PER_S))
+        self.signer.stamp = first - 1
+        self.keep()
+
+    def keep(self) -> None:
+        """Write the newest stamp down; raises ValueError."""
+        self._stamps.keep(self.signer.stamp)

@@ -43,7 +43,7 @@ def prepare(
     """
     truth, told = _sorted(overrides, controller)
     world = _overridden(scenario.world, truth)
-    return world, scenario.config(world, told, source)
+    return world, _on_udp(scenario.config(world, told, source))
 
 
 def prepare_own(
@@ -70,6 +70,14 @@ def _sorted(overrides: list[str], controller: str | None) -> tuple[list[str], li
 
 def _overridden(world: World, truth: list[str]) -> World:
     return from_dict({"sim": msgspec.to_builtins(world)}, _Overridden, truth).sim
+
+
+def _on_udp(config: Config) -> Config:
+    """``config``, where its link is one that the simulated network has."""
+    for key in ("tcp", "serial"):
+        if getattr(config.link, key, None) is not None:
+            raise ConfigError(f"link.{key}", "the simulated network is UDP: leave this out, or use listen")
+    return config
 
 
 def fly(args: argparse.Namespace) -> int:

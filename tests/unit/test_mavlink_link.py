@@ -250,6 +250,35 @@ def test_a_silent_autopilot_is_lost_and_found_again() -> None:
     in_virtual_time(main())
 
 
+def test_an_autopilot_that_restarts_behind_another_address_is_asked_again_and_waits_for_a_new_arming() -> None:
+    async def main() -> None:
+        first = await Endpoint().open()
+        first.answer = accept
+        link = MavlinkLink(MavlinkLinkConfig(quiet=False), thrust_max_n=2.0)
+        link.connection.request(lambda kind: {"ODOMETRY": 50.0})
+        beating = asyncio.create_task(first.beating())
+        await link.connect()
+        await link.arm(command)
+        second = await Endpoint().open()
+        second.answer = accept
+        second.beat()
+        await asyncio.sleep(0.1)
+        assert link.status.dropped == {"other_address": 1}
+        beating.cancel()
+        await asyncio.sleep(3.5)
+        second.beat()
+        await asyncio.sleep(0.1)
+        assert link.status.state == "connected"
+        assert "arm anew" in link.status.text
+        assert [m.param1 for m in second.of("COMMAND_LONG")] == [331.0]
+        link.send(command())
+        await asyncio.sleep(0.1)
+        assert second.of("SET_ATTITUDE_TARGET") == []
+        await link.close()
+
+    in_virtual_time(main())
+
+
 def test_the_default_talk_of_the_autopilot_is_stopped() -> None:
     def play(quiet: bool) -> set[str]:
         seen: set[str] = set()
