@@ -253,6 +253,9 @@ class Flight:
     def _why_refused(self, tick: Tick, last: Tick | None) -> str:
         """Why the link did not take the command of ``tick``; that of ``last`` was the one before."""
         now = asyncio.get_running_loop().time()
+        status = self._link.status
+        if status.phase == "fresh":
+            return f"the link takes no newer command, and plays its bring-down: {status.text}"
         gap = 0.0 if last is None else now - last.time_s
         if gap > max(STALL_S, 2.0 * self._link.period_s):
             return f"no command for {gap * 1e3:.0f} ms, as this program stood still: the link plays its bring-down"

@@ -38,13 +38,22 @@ class Deadman:
     def __init__(self) -> None:
         self.refused = 0
         """Commands that came too late, out of order, or after the switch had opened."""
+        self.held = False
+        """True from :meth:`hold` on, until the next arming."""
         self._over = True
         self._command: Command | None = None
 
     def arm(self) -> None:
         """A new arming by the operator: commands count again."""
         self._over = False
+        self.held = False
         self._command = None
+
+    def hold(self) -> None:
+        """No newer command counts: the newest one runs out, and its bring-down follows."""
+        if self._command is None:
+            self._over = True
+        self.held = True
 
     def stop(self) -> None:
         """Nothing that lifts from now on: killed, disarmed, or closed."""
@@ -59,7 +68,7 @@ class Deadman:
         """
         _check(command, now_s)
         newest = self._command
-        if self.phase(now_s) not in (Phase.WAITING, Phase.FRESH) or now_s > command.deadline_s:
+        if self.held or self.phase(now_s) not in (Phase.WAITING, Phase.FRESH) or now_s > command.deadline_s:
             self.refused += 1
             return False
         if newest is not None and command.pose_time_s < newest.pose_time_s:

@@ -33,6 +33,10 @@ class MavlinkLink:
         self._sent = 0
         self._deadman = Deadman()
         self._transmitter = Transmitter(self._deadman, config.period_s, self._leave)
+        # On a wire that was lost the autopilot has begun its own failsafe: nothing more leaves, also when it is back.
+        # An autopilot that was silent may have heard us all the time: it gets the rest, and no newer command.
+        self.connection.when_lost = self._transmitter.stop
+        self.connection.when_back = self._deadman.hold
         self._under_way: Handshake | None = None
         self._obeys = False
         self._landing: asyncio.Task[None] | None = None
@@ -93,7 +97,9 @@ class MavlinkLink:
 
         def stream(now_s: float) -> None:
             if not self._send(idle(), now_s):
-                raise LinkError("arming was abandoned: the idle command had expired, as its pose is too old")
+                held = self._deadman.held
+                why = self.connection.text if held else "the idle command had expired, as its pose is too old"
+                raise LinkError(f"arming was abandoned: {why}")
 
         if self._busy or not _over(self._killing):
             raise LinkMisuse(f"arm() {self._busy or 'while the motors are being killed'}")
@@ -155,7 +161,7 @@ class MavlinkLink:
             return
         thrust = signal(what.thrust_n / self._thrust_max, self._config.thrust_curve)
         frame = self.connection.codec.attitude_target(now_s, *self._target, thrust, what.rates_rad_s)
-        self._sent += self.connection.leave_setpoint(frame)
+        self._sent += self.connection.leave(frame)
         if isinstance(what, Segment) and self._config.bring_down == "land" and self._landing is None:
             self._landing = asyncio.ensure_future(self._land())
 

@@ -39,6 +39,10 @@ Subscriber = Callable[[Message, float], None]
 Streams = Callable[[int], Mapping[str, float]]
 
 
+def _nothing() -> None:
+    """Nobody wants to know."""
+
+
 class MavlinkConnection:
     """Opened and closed by the link that owns it; may be opened again. The :class:`links.mavlink_wire.Ear`."""
 
@@ -54,6 +58,10 @@ class MavlinkConnection:
         self._requests = Requests(self.leave, self._obstacle)
         self._first_beat = asyncio.Event()
         self._signing: Signing | None = None
+        self.when_lost: Callable[[], None] = _nothing
+        """Called when the wire is lost."""
+        self.when_back: Callable[[], None] = _nothing
+        """Called when an autopilot is heard again that was silent, or whose wire was lost."""
         self._reset()
 
     def _reset(self) -> None:
@@ -67,7 +75,6 @@ class MavlinkConnection:
         self._vehicle = 0
         self._heard_s = 0.0
         self._armed_s: float | None = None
-        self._barred = False
         self._trouble = ""
         self._timesync = Timesync()
 
@@ -107,7 +114,7 @@ class MavlinkConnection:
         """What was received and not used, by reason; and frames of ours that did not leave or came back.
 
         Those are ``congested`` (the network had no room), ``full`` (they would have had to wait), ``undeliverable``
-        (given back), ``no_peer`` (none yet), ``not_armed_anew`` (set-points after the wire was lost).
+        (given back), ``no_peer`` (none yet).
         """
         return dict(self.codec.dropped + self._dropped)
 
@@ -126,8 +133,7 @@ class MavlinkConnection:
         self._armed_s = asyncio.get_running_loop().time() if armed else None
 
     def begin_arming(self) -> None:
-        """The operator arms anew: set-points may leave again on a wire that was lost and is back."""
-        self._barred = False
+        """The operator arms anew: what became of the wire before needs no telling any more."""
         self._trouble = ""
 
     # ---- for whoever shares it
@@ -246,12 +252,12 @@ class MavlinkConnection:
             return
         self._wire = None
         self._peer = None
-        self._barred = True
         self._armed_s = None
         self._heard_s = -math.inf
         self.codec.forget()
         self._trouble = f"the link is lost: {why}"
         self._requests.wake()
+        self.when_lost()
         if self._returning is not None:
             self._returning.cancel()
         self._returning = self._loop.create_task(self._return(why))
@@ -287,13 +293,6 @@ class MavlinkConnection:
         if why:
             self._dropped[why] += 1
         return not why
-
-    def leave_setpoint(self, frame: bytes) -> bool:
-        """The same for a frame that lifts: none leaves after the wire was lost until :meth:`begin_arming`."""
-        if self._barred:
-            self._dropped["not_armed_anew"] += 1
-            return False
-        return self.leave(frame)
 
     def _beat(self) -> None:
         if self._loop is None:
@@ -376,7 +375,7 @@ class MavlinkConnection:
             self._ask_the_time(now_s)
             self._first_beat.set()
         if back and self._loop is not None:
-            self._barred = True
+            self.when_back()
             self._armed_s = None
             self._timesync = Timesync()
             if self._returning is not None:

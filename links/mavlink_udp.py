@@ -29,7 +29,7 @@ class UdpWire(asyncio.DatagramProtocol):
         self._ear = None
         self._out.abort()
 
-    def connection_made(self, transport: asyncio.DatagramTransport) -> None:
+    def connection_made(self, transport: asyncio.DatagramTransport) -> None:  # type: ignore[override]  # it is one
         """Keep it (called by the event loop)."""
         self._out = Datagrams(transport)
 

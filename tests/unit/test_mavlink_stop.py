@@ -139,7 +139,8 @@ def test_land_is_asked_for_beside_the_rates_which_end_when_it_is_accepted(kind: 
 
         def answer(message: Any) -> list[Any]:
             if message.get_type() == "PARAM_REQUEST_READ":
-                return [D.MAVLink_param_value_message(b"GUID_OPTIONS", 8.0, 9, 1, 0)]
+                right = {"GUID_OPTIONS": 8.0, "ATC_ANGLE_BOOST": 0.0}[message.param_id]
+                return [D.MAVLink_param_value_message(message.param_id.encode(), right, 9, 1, 0)]
             if getattr(message, "command", None) == DO_SET_MODE and (message.param2, message.param3) == mode:
                 lands.append(asyncio.get_running_loop().time())
                 return [] if len(lands) == 1 else accept(message)  # the first got lost

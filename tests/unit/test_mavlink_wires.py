@@ -143,7 +143,7 @@ async def lost_and_found(link: MavlinkLink, end: Answering, lose: Callable[[], A
     await until(lambda: link.status.state == "lost")
     assert "the link is lost: " in link.status.text
     assert "trying again in" in link.status.text
-    sent = link.status.sent
+    sent, expired = link.status.sent, link.status.expired
     link.send(command())
     result = find()
     if isinstance(result, Awaitable):
@@ -156,7 +156,8 @@ async def lost_and_found(link: MavlinkLink, end: Answering, lose: Callable[[], A
         await asyncio.sleep(0.01)
     assert "SET_ATTITUDE_TARGET" not in end.heard
     assert link.status.sent == sent
-    assert link.status.dropped["not_armed_anew"] == 11
+    assert link.status.phase == "over"
+    assert link.status.expired == expired + 11
     await link.arm(command)
     assert link.send(command())
     await until(lambda: "SET_ATTITUDE_TARGET" in end.heard)
@@ -236,15 +237,15 @@ def test_a_port_that_takes_nothing_drops_frames_and_throws_away_what_waits_in_it
         end = SerialEnd(tmp_path / "ttyACM0").plug()
         link = MavlinkLink(MavlinkLinkConfig(serial=str(end.name), quiet=False), thrust_max_n=2.0)
         await link.connect()
+        await link.arm(command)
         asyncio.get_running_loop().remove_reader(end.fd)  # nobody takes what we send
-        while not link.status.dropped.get("full"):
-            link.send(command())
-        sent = link.status.sent
-        async with asyncio.timeout(5.0):
-            while link.status.state == "connected":
-                link.send(command())
+        async with asyncio.timeout(10.0):
+            while link.status.state == "armed":
+                for _ in range(50):
+                    link.send(command())
                 await asyncio.sleep(0.02)
-        assert link.status.sent == sent
+        assert link.status.dropped["full"] > 50
+        assert link.status.phase == "over"
         assert "the port takes nothing any more" in link.status.text
         await link.close()
         end.unplug()
@@ -268,12 +269,13 @@ def test_a_tcp_connection_that_stalls_is_reset_and_what_waits_in_it_never_arrive
         end = await TcpEnd().start(address)
         link = MavlinkLink(MavlinkLinkConfig(tcp=address, quiet=False), thrust_max_n=2.0)
         await link.connect()
+        await link.arm(command)
         end.server.close()
         for writer in end.writers:
             writer.transport.pause_reading()  # type: ignore[attr-defined]  # a socket's transport has it
         left = 0
         async with asyncio.timeout(20.0):
-            while link.status.state == "connected":
+            while link.status.state == "armed":
                 for _ in range(2000):  # until the buffers on both sides are full
                     link.send(command())
                 left += 1
