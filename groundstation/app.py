@@ -20,7 +20,7 @@ def make_flight(
     on_event: Callable[[str], None] | None = None,
 ) -> Flight:
     """The parts that ``config`` names, put together; nothing is opened yet."""
-    link = MavlinkLink(config.link, thrust_max_n=config.vehicle.thrust_max_n)
+    link = MavlinkLink(config.link, thrust_max_n=config.full_thrust_n, thrust_curve=config.thrust_curve)
     source = make_source(config.pose, link)
     return Flight(config, link, source, confirm=confirm, on_tick=on_tick, on_event=on_event)
 

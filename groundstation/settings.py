@@ -15,6 +15,10 @@ from groundstation.trajectories import TrajectoryConfig
 from groundstation.trajectories.lemniscate import LemniscateConfig
 from groundstation.vehicle import Vehicle
 from links.mavlink import MavlinkLinkConfig
+from links.thrust_curve import full_thrust_n
+
+HOVER_TOLERANCE = 0.02
+"""Hover thrust is rounded where autopilots show it: so much may the full thrust by it fall short, as a share."""
 
 
 class FlightConfig(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
@@ -46,3 +50,29 @@ class Config(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=Tr
     flight: FlightConfig = FlightConfig()
     status: StatusConfig = StatusConfig()
     mqtt: MqttConfig = MqttConfig()
+
+    def __post_init__(self) -> None:
+        """Check what the sections cannot.
+
+        Raises:
+            ValueError: the controller would count on more thrust than the full signal gives.
+        """
+        full, most = self.full_thrust_n, self.vehicle.thrust_max_n
+        if full < (1.0 - HOVER_TOLERANCE) * most:
+            raise ValueError(
+                f"vehicle.thrust_max_n: {most:.4g} N is more than the full signal gives, {full:.4g} N by mass_kg, "
+                f"hover_thrust and the thrust curve (f = {self.thrust_curve:g}): lower it, or correct one of these"
+            )
+
+    @property
+    def thrust_curve(self) -> float:
+        """The curve in force, from signal to thrust (links/thrust_curve.py): the link's, or else the vehicle's."""
+        return self.vehicle.thrust_curve if self.link.thrust_curve is None else self.link.thrust_curve
+
+    @property
+    def full_thrust_n(self) -> float:
+        """Thrust of the full signal [N]: by the hover thrust, where it is known."""
+        vehicle = self.vehicle
+        if vehicle.hover_thrust is None:
+            return vehicle.thrust_max_n
+        return full_thrust_n(vehicle.mass_kg * self.controller.gravity, vehicle.hover_thrust, self.thrust_curve)

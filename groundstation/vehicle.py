@@ -11,6 +11,8 @@ from groundstation.config_schema import FromFile, Problem, completed, dotted
 
 Positive = Annotated[float, msgspec.Meta(gt=0.0)]
 NonNegative = Annotated[float, msgspec.Meta(ge=0.0)]
+Share = Annotated[float, msgspec.Meta(ge=0.0, le=1.0)]
+Inside = Annotated[float, msgspec.Meta(gt=0.0, lt=1.0)]
 
 
 class Vehicle(FromFile, msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
@@ -26,9 +28,15 @@ class Vehicle(FromFile, msgspec.Struct, frozen=True, kw_only=True, forbid_unknow
     mass_kg: Positive = 0.080
     """With battery and markers [kg]."""
     thrust_max_n: Positive = 1.37
-    """Thrust at full command [N]."""
+    """Largest thrust to command [N]; without hover_thrust also what the full signal (1) gives."""
     thrust_min_n: Positive = 0.02
     """Least thrust to command in the air [N]; the law needs T > 0."""
+    thrust_curve: Share = 0.0
+    """f of thrust = f u² + (1 - f) u, from the signal u (0..1) to the share of full thrust [-]. 0 is straight: right
+    where the autopilot straightens the motors' curve itself."""
+    hover_thrust: Inside | None = None
+    """Signal (0..1) that carries the vehicle, as the autopilot shows it (PX4: MPC_THR_HOVER) [-]; it says how many
+    newtons the full signal gives."""
     rate_limits_deg_s: tuple[Positive, Positive, Positive] = (200.0, 200.0, 300.0)
     """Largest commanded roll, pitch and yaw rate [deg/s]."""
     thrust_lag_s: NonNegative = 1.0 / (2.0 * math.pi * 1.5)
@@ -79,5 +87,5 @@ class Vehicle(FromFile, msgspec.Struct, frozen=True, kw_only=True, forbid_unknow
         return {**told, **table}
 
 
-_OPTIONAL = ("preset", "file", "command_delay_s")
+_OPTIONAL = ("preset", "file", "command_delay_s", "thrust_curve", "hover_thrust")
 """What a vehicle file may leave out."""

@@ -23,10 +23,14 @@ LOOK_S = 0.01
 class MavlinkLink:
     """Implements :class:`links.port.CommandLink` (see there); others may read along on ``connection``."""
 
-    def __init__(self, config: MavlinkLinkConfig, *, thrust_max_n: float) -> None:
-        """Nothing is opened yet; ``thrust_max_n`` is the thrust of the full signal [N]."""
+    def __init__(self, config: MavlinkLinkConfig, *, thrust_max_n: float, thrust_curve: float = 0.0) -> None:
+        """Nothing is opened yet; ``thrust_max_n`` is the thrust of the full signal [N].
+
+        ``thrust_curve`` is the vehicle's, see thrust_curve.py; one in ``config`` takes its place.
+        """
         self._config = config
         self._thrust_max = thrust_max_n
+        self._curve = thrust_curve if config.thrust_curve is None else config.thrust_curve
         self._target = (config.target_system, config.target_component)
         self.connection = MavlinkConnection(config)
         """The socket, for whoever shares it."""
@@ -159,7 +163,7 @@ class MavlinkLink:
         self._watch()
         if self._deadman.at(now_s) is not what:
             return
-        thrust = signal(what.thrust_n / self._thrust_max, self._config.thrust_curve)
+        thrust = signal(what.thrust_n / self._thrust_max, self._curve)
         frame = self.connection.codec.attitude_target(now_s, *self._target, thrust, what.rates_rad_s)
         self._sent += self.connection.leave(frame)
         if isinstance(what, Segment) and self._config.bring_down == "land" and self._landing is None:

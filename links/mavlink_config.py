@@ -46,9 +46,10 @@ class MavlinkLinkConfig(
     """How long to wait for the autopilot's first HEARTBEAT [s]."""
     heartbeat_timeout_s: Annotated[float, msgspec.Meta(ge=1.5, le=60.0)] = 3.0
     """The autopilot counts as lost after this long without its HEARTBEAT, sent once a second [s]."""
-    thrust_curve: Annotated[float, msgspec.Meta(ge=0.0, le=1.0)] = 0.0
-    """f of thrust = f u² + (1 - f) u, from what we send (u) to what the motors give, where the autopilot does not
-    straighten it itself. 0 is right for PX4 with THR_MDL_FAC set and for ArduPilot with MOT_THST_EXPO set."""
+    thrust_curve: Annotated[float, msgspec.Meta(ge=0.0, le=1.0)] | None = None
+    """f of thrust = f u² + (1 - f) u, from what we send (u) to what the motors give, in place of
+    vehicle.thrust_curve. 0 where the autopilot straightens the curve itself: PX4 with THR_MDL_FAC set, ArduPilot with
+    MOT_THST_EXPO set."""
     ardupilot_mode: Literal["GUIDED", "GUIDED_NOGPS"] = "GUIDED"
     """Mode that follows our commands on ArduPilot: GUIDED wants a position estimate of its own, GUIDED_NOGPS none."""
     signing_key_file: str | None = None

@@ -30,7 +30,7 @@ class Airframe(Protocol):
     """Motors, body and sensors as the autopilot on board sees them. Times never go backwards."""
 
     def act(self, time_s: float, thrust_fraction: float, rates_rad_s: Vec3) -> None:
-        """From ``time_s`` on, follow thrust (0..1 of the maximum) and body rates [rad/s, FRD]."""
+        """From ``time_s`` on, follow a thrust signal (0..1) and body rates [rad/s, FRD]."""
         ...
 
     def power(self, time_s: float, on: bool) -> None:

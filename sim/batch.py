@@ -81,7 +81,7 @@ def fly_batch(worlds: Sequence[World], config: Config, seeds: Sequence[int], *, 
         estimate = estimator.predict(time)
         decision = pilot.decide(estimate, trajectory.at(time), 0.0 if frame == 0 else period)
         estimator.sent(frame, decision.drive)
-        fleet.command(frame, time, decision.drive, vehicle.thrust_max_n)
+        fleet.command(frame, time, decision.drive, config.full_thrust_n, config.thrust_curve)
         marks.command(time, decision, estimate, fleet.wind(time))
         fleet.fly(time)
         ends = time + np.arange(steps, dtype=np.float64) * h + h

@@ -55,7 +55,7 @@ class Fleet:
             column("rate_leak"),
             first.gravity,
         )
-        self._thrust_max = column("thrust_max_n")
+        self._thrust_max, self._thrust_curve = column("thrust_max_n"), column("thrust_curve")
         self._gain, self._sag = column("thrust_gain"), column("thrust_sag")
         self._limits = np.radians(np.array([w.rate_limits_deg_s for w in worlds])).T
         self._floor = column("floor_z_m")
@@ -87,10 +87,16 @@ class Fleet:
         body = _body(self.track[-1])
         self._cameras.expose(np.array([time_s + self._steps * self._step_s]), lambda _, who, __: pick(body, who))
 
-    def command(self, frame: int, time_s: float, drive: Drive, told_max_n: float) -> None:
-        """Frame number ``frame`` leaves at ``time_s`` after the release; some vehicles never hear it."""
+    def command(self, frame: int, time_s: float, drive: Drive, told_full_n: float, told_curve: float) -> None:
+        """Frame number ``frame`` leaves at ``time_s`` after the release; some vehicles never hear it.
+
+        The full signal is told to give ``told_full_n`` [N], on the curve ``told_curve`` (links/thrust_curve.py).
+        """
+        told, straight = np.clip(np.asarray(drive.thrust) / told_full_n, 1e-30, 1.0), 1.0 - told_curve
+        signal = 2.0 * told / (straight + np.sqrt(straight * straight + 4.0 * told_curve * told))
         # On the wire both are single-precision numbers.
-        share = np.clip(np.asarray(drive.thrust) / told_max_n, 0.0, 1.0).astype(np.float32).astype(np.float64)
+        signal = signal.astype(np.float32).astype(np.float64)
+        share = self._thrust_curve * signal * signal + (1.0 - self._thrust_curve) * signal
         rates = [np.asarray(rate).astype(np.float32).astype(np.float64) for rate in drive.rates]
         gain = self._gain * (1.0 - self._sag * min(1.0, time_s / 60.0))
         # The first frame is what releases the vehicle; losses count from the second.

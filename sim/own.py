@@ -12,7 +12,6 @@ import msgspec
 from groundstation.config import load
 from groundstation.poses.vicon import ViconConfig
 from groundstation.settings import Config
-from groundstation.vehicle import Vehicle
 from links.mavlink import MavlinkLinkConfig
 from sim.world import World
 
@@ -20,12 +19,14 @@ LEAST_HEIGHT_M = 0.5
 """The vehicle is let go at least so high above the floor [m]."""
 
 
-def world_of(air: World, vehicle: Vehicle) -> World:
-    """``air`` around a true vehicle that is as ``vehicle`` says."""
+def world_of(air: World, told: Config) -> World:
+    """``air`` around a true vehicle that is as ``told``."""
+    vehicle = told.vehicle
     return msgspec.structs.replace(
         air,
         mass_kg=vehicle.mass_kg,
-        thrust_max_n=vehicle.thrust_max_n,
+        thrust_max_n=told.full_thrust_n,
+        thrust_curve=told.thrust_curve,
         rate_limits_deg_s=vehicle.rate_limits_deg_s,
         thrust_lag_s=vehicle.thrust_lag_s,
         rate_lag_s=vehicle.rate_lag_s,
@@ -51,7 +52,7 @@ def own(
     north, east, down = told.trajectory.build().position_at(0.0)
     world = overridden(
         msgspec.structs.replace(
-            world_of(air, told.vehicle),
+            world_of(air, told),
             pose_rate_hz=rate_hz,
             pose_latency_s=latency_s,
             start_ned=(north, east, min(down, floor - LEAST_HEIGHT_M)),
@@ -63,7 +64,7 @@ def own(
         told,
         vehicle=msgspec.structs.replace(told.vehicle, command_delay_s=0.0),
         pose=ViconConfig(object="quad", latency_s=latency_s, rate_hz=rate_hz, drop_frozen=False),
-        link=MavlinkLinkConfig(period_s=told.vehicle.frame_period_s),
+        link=MavlinkLinkConfig(period_s=told.vehicle.frame_period_s, thrust_curve=told.link.thrust_curve),
         flight=msgspec.structs.replace(told.flight, idle_thrust=min(world.start_thrust, 0.9), duration_s=None),
     )
     return world, config, told.flight.duration_s

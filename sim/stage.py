@@ -16,6 +16,7 @@ from groundstation.settings import Config
 from links.address import parse_address
 from links.mavlink_key import StampFile, read_key
 from links.mavlink_signing import TICKS_PER_S, Signer
+from links.thrust_curve import signal
 from sim.airframe import Truth
 from sim.autopilot_peer import AutopilotPeer
 from sim.autopilots import AUTOPILOTS
@@ -62,7 +63,7 @@ class Stage:
         self.autopilot = AUTOPILOTS[autopilot](
             vehicle,
             lose=lose,
-            hover=world.mass_kg * world.gravity / world.thrust_max_n,
+            hover=signal(world.mass_kg * world.gravity / world.thrust_max_n, world.thrust_curve),
             parameters=parameters,
         )
         if config.link.signing_key_file is not None:

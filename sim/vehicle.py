@@ -6,6 +6,7 @@ import msgspec
 
 from groundstation import so3
 from groundstation.ops import Vec3
+from links.thrust_curve import thrust
 from sim.airframe import Truth
 from sim.quadrotor import Quadrotor
 from sim.world import World
@@ -22,9 +23,10 @@ class SimulatedVehicle:
         self._on = False
 
     def act(self, time_s: float, thrust_fraction: float, rates_rad_s: Vec3) -> None:
-        """From ``time_s`` on, follow thrust (0..1 of the maximum) and body rates [rad/s, FRD]."""
+        """From ``time_s`` on, follow a thrust signal (0..1) and body rates [rad/s, FRD]."""
         if self._on:
-            self.plant.command(time_s, thrust_fraction * self._world.thrust_max_n, rates_rad_s)
+            share = thrust(thrust_fraction, self._world.thrust_curve)
+            self.plant.command(time_s, share * self._world.thrust_max_n, rates_rad_s)
 
     def power(self, time_s: float, on: bool) -> None:
         """Motors on or off."""

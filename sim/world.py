@@ -19,6 +19,9 @@ class World(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=Tru
     """[kg]"""
     thrust_max_n: Positive = 1.37
     """Thrust at full command with a thrust gain of 1 [N]."""
+    thrust_curve: Share = 0.0
+    """f of thrust = f u² + (1 - f) u, from the signal that the autopilot is sent to thrust: what it leaves of the
+    motors' curve [-]."""
     rate_limits_deg_s: tuple[Positive, Positive, Positive] = (200.0, 200.0, 300.0)
     """Largest body rates the vehicle follows [deg/s]."""
     thrust_gain: Positive = 1.0

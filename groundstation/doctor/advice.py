@@ -54,9 +54,9 @@ class Facts(NamedTuple):
     target_system: int
     """The vehicle's MAVLink system."""
     hover: float
-    """Signal 0..1 that carries the vehicle, as we believe: weight over full thrust, through the link's curve."""
+    """Signal 0..1 that carries the vehicle, as we believe: weight over full thrust, through the thrust curve."""
     own_curve: bool
-    """True where the link straightens the motors' curve itself (link.thrust_curve)."""
+    """True where the link straightens the motors' curve itself (link.thrust_curve, or the vehicle's)."""
 
 
 class Finding(msgspec.Struct, frozen=True):

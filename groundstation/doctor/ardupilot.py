@@ -19,7 +19,7 @@ HOVER_SHARE = 0.2
 def table(facts: Facts) -> list[Advice]:
     """The advice for a vehicle of which we believe ``facts``."""
     curve = (
-        "Curve of the motors: thrust = f u² + (1 - f) u, about 0.5 to 0.7. With f set here, link.thrust_curve stays 0; "
+        "Curve of the motors: thrust = f u² + (1 - f) u, about 0.5 to 0.7. With f set here, link.thrust_curve is 0; "
         "only one of the two may straighten the curve."
     )
     source = "Where EKF3 takes {} from: {}."
@@ -101,8 +101,8 @@ def table(facts: Facts) -> list[Advice]:
             Weight.SHOULD,
             near(facts.hover, HOVER_SHARE),
             "ArduPilot's own idea of the thrust that carries the vehicle; it learns it in flight (MOT_HOVER_LEARN). "
-            "Ours is vehicle.mass_kg × 9.81 / vehicle.thrust_max_n, seen through link.thrust_curve: if they differ, "
-            "one of them is wrong.",
+            "Ours is vehicle.hover_thrust, or else vehicle.mass_kg × 9.81 / vehicle.thrust_max_n through the thrust "
+            "curve: if they differ, one is wrong.",
         ),
         Advice(
             ("DISARM_DELAY",),

@@ -10,7 +10,7 @@ HOVER_SHARE = 0.2
 def table(facts: Facts) -> list[Advice]:
     """The advice for a vehicle of which we believe ``facts``."""
     curve = (
-        "Curve of the motors: thrust = f u² + (1 - f) u. With f measured here, link.thrust_curve stays 0; "
+        "Curve of the motors: thrust = f u² + (1 - f) u. With f measured here, link.thrust_curve is 0; "
         "only one of the two may straighten the curve."
     )
     return [
@@ -84,8 +84,8 @@ def table(facts: Facts) -> list[Advice]:
             ("MPC_THR_HOVER",),
             Weight.SHOULD,
             near(facts.hover, HOVER_SHARE),
-            "PX4's own idea of the thrust that carries the vehicle, for its landing. Ours is vehicle.mass_kg × 9.81 / "
-            "vehicle.thrust_max_n, seen through link.thrust_curve: if they differ, one of them is wrong.",
+            "PX4's own idea of the thrust that carries the vehicle, for its landing. Ours is vehicle.hover_thrust, or "
+            "vehicle.mass_kg × 9.81 / vehicle.thrust_max_n through the thrust curve: if they differ, one is wrong.",
         ),
         Advice(
             ("EKF2_EV_CTRL",),

@@ -28,12 +28,12 @@ class Visit:
     def __init__(self, config: Config) -> None:
         """Nothing is opened yet."""
         link = config.link
-        share = config.vehicle.mass_kg * config.controller.gravity / config.vehicle.thrust_max_n
+        share = config.vehicle.mass_kg * config.controller.gravity / config.full_thrust_n
         self.facts = Facts(
             own_system=link.system_id,
             target_system=link.target_system,
-            hover=signal(share, link.thrust_curve),
-            own_curve=link.thrust_curve > 0.0,
+            hover=signal(share, config.thrust_curve),
+            own_curve=config.thrust_curve > 0.0,
         )
         self.parameters: dict[str, Parameter] = {}
         """As they were read last."""

@@ -134,7 +134,7 @@ def measured(
         flights=sum(b.flying and not a.flying for a, b in pairwise(known)) + known[0].flying,
         flight_s=total if air else 0.0,
         hover_thrust=hover,
-        hover_configured=config.vehicle.mass_kg * config.controller.gravity / config.vehicle.thrust_max_n,
+        hover_configured=config.vehicle.mass_kg * config.controller.gravity / config.full_thrust_n,
         velocity_rms_m_s=_rms(from_own),
         velocity_max_m_s=float(from_own.max()) if len(from_own) else None,
         velocity_path_rms_m_s=_rms(_lengths(ours - moved)),

@@ -105,21 +105,21 @@ class Shadow:
 
 def replay(recording: Recording, config: Config, path: FlownPath, hover: float | None) -> Replayed:
     """Run the shadow over ``recording``; ``hover``: see flight.py."""
-    shares = thrust_shares(recording.sent, config.link.thrust_curve)
+    shares = thrust_shares(recording.sent, config.thrust_curve)
     flags = flying(recording, shares, hover)
     shadow = Shadow(config, path)
     known: list[Known] = []
     compared: list[Compared] = []
     ignored = 0
     in_flight = False
-    thrust_max = config.vehicle.thrust_max_n
+    full_thrust_n = config.full_thrust_n
     events: list[tuple[float, int, int]] = [
         *((seen.pose.arrival_s, 0, i) for i, seen in enumerate(recording.poses)),
         *((each.time_s, 1, i) for i, each in enumerate(recording.sent)),
     ]
     for time_s, is_sent, index in sorted(events):
         if is_sent:
-            drive = Drive(thrust_max * shares[index], recording.sent[index].rates)
+            drive = Drive(full_thrust_n * shares[index], recording.sent[index].rates)
             both = shadow.sent(time_s, drive, flying=in_flight)
             if both is not None:
                 compared.append(both)

@@ -25,6 +25,13 @@ def test_a_batch_agrees_with_whole_flights_to_a_micrometre(scenario: str) -> Non
         assert batch.settle_s[seed] == pytest.approx(verdict.settle_s, abs=0.005)
 
 
+def test_a_batch_feels_a_thrust_curve_as_a_whole_flight_does() -> None:
+    world, config = prepare(SCENARIOS["paper"], ["sim.thrust_curve=0.4", "vehicle.thrust_curve=0.5"])
+    batch = fly_batch([world], config, [3], duration_s=18.0)
+    whole = fly(world, config, seed=3, duration_s=18.0)
+    assert 100.0 * batch.rms_m[0] == pytest.approx(whole.verdict.rms_cm, abs=0.01)
+
+
 def test_vehicles_of_a_batch_do_not_touch_each_other() -> None:
     world, config = prepare(SCENARIOS["adverse"], [])
     heavy, _ = prepare(SCENARIOS["adverse"], ["sim.mass_kg=0.4"])

@@ -187,10 +187,20 @@ def test_each_wrong_value_is_found(tmp_path: Path, kind: str, name: str, value: 
 
 
 @pytest.mark.parametrize(("kind", "name"), [("px4", "THR_MDL_FAC"), ("ardupilot", "MOT_THST_EXPO")])
-def test_a_curve_that_is_straightened_twice_is_found(tmp_path: Path, kind: str, name: str) -> None:
-    seen = visit(tmp_path, kind, set_=("link.thrust_curve=0.5",), orders={"as_json": True}, parameters={name: 0.5})
+@pytest.mark.parametrize("ours", ["link", "vehicle"])
+def test_a_curve_that_is_straightened_twice_is_found(tmp_path: Path, kind: str, name: str, ours: str) -> None:
+    set_ = (f"{ours}.thrust_curve=0.5",)
+    seen = visit(tmp_path, kind, set_=set_, orders={"as_json": True}, parameters={name: 0.5})
     (curve,) = [f for f in json.loads(seen.said)["findings"] if f["name"] == name]
     assert (curve["verdict"], curve["recommended"]) == ("must", 0.0)
+
+
+@pytest.mark.parametrize(("kind", "name"), [("px4", "MPC_THR_HOVER"), ("ardupilot", "MOT_THST_HOVER")])
+def test_the_hover_thrust_that_we_are_told_is_held_against_the_autopilots(tmp_path: Path, kind: str, name: str) -> None:
+    set_ = ("vehicle.hover_thrust=0.4", "vehicle.thrust_max_n=1.5")
+    seen = visit(tmp_path, kind, set_=set_, orders={"as_json": True}, parameters={name: 0.55})
+    (hover,) = [f for f in json.loads(seen.said)["findings"] if f["name"] == name]
+    assert (hover["verdict"], hover["recommended"]) == ("should", 0.4)
 
 
 def test_looking_changes_nothing(tmp_path: Path) -> None:

@@ -520,6 +520,25 @@ def test_the_autopilots_newest_words_are_in_the_status() -> None:
     scene(play)
 
 
+@pytest.mark.parametrize(("own", "share"), [(None, 0.5), (0.0, 0.25), (1.0, 0.5)])
+def test_the_vehicles_curve_bends_the_signal_unless_the_link_has_its_own(own: float | None, share: float) -> None:
+    async def main() -> None:
+        autopilot = await Endpoint().open()
+        autopilot.answer = accept
+        config = MavlinkLinkConfig(quiet=False, thrust_curve=own)
+        link = MavlinkLink(config, thrust_max_n=2.0, thrust_curve=1.0)
+        beating = asyncio.create_task(autopilot.beating())
+        await link.connect()
+        await link.arm(lambda: command(0.0))
+        link.send(command(0.5))
+        await asyncio.sleep(0.1)
+        assert autopilot.of("SET_ATTITUDE_TARGET")[-1].thrust == pytest.approx(share)  # the root of 0.25
+        beating.cancel()
+        await link.close()
+
+    in_virtual_time(main())
+
+
 def test_a_motor_curve_in_the_configuration_bends_the_signal() -> None:
     async def play(link: MavlinkLink, autopilot: Endpoint) -> None:
         await link.arm(lambda: command(0.0))

@@ -4,7 +4,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from links.thrust_curve import signal, thrust
+from links.thrust_curve import full_thrust_n, signal, thrust
 
 share = st.floats(0.0, 1.0)
 
@@ -17,6 +17,11 @@ def test_the_signal_gives_the_thrust_that_was_asked_for(wanted: float, factor: f
 @given(share, share, share)
 def test_more_thrust_never_takes_less_signal(a: float, b: float, factor: float) -> None:
     assert signal(min(a, b), factor) <= signal(max(a, b), factor) + 1e-15
+
+
+@given(st.floats(0.05, 0.95), share)
+def test_the_signal_that_carries_the_vehicle_tells_the_full_thrust(weight_share: float, factor: float) -> None:
+    assert full_thrust_n(20.0 * weight_share, signal(weight_share, factor), factor) == pytest.approx(20.0)
 
 
 def test_without_a_curve_the_signal_is_the_thrust() -> None:
