@@ -68,6 +68,11 @@ class MavlinkLinkConfig(
         given = [name for name, way in ways.items() if way is not None]
         if len(given) > 1:
             raise ValueError(f"{' and '.join(given)} exclude each other: leave only one of them")
+        if self.bring_down == "land" and self.ardupilot_mode == "GUIDED_NOGPS":
+            raise ValueError(
+                "bring_down = 'land' needs a position estimate on board, and ardupilot_mode = 'GUIDED_NOGPS' says that "
+                "there is none: leave out one of them"
+            )
         if self.serial is None:
             parse_address(self.address)
 

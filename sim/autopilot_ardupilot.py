@@ -1,6 +1,7 @@
 """A simulated autopilot that behaves towards a ground station as ArduCopter 4.8-dev was seen to do. Sans-IO.
 
 - GUIDED (4) or GUIDED_NOGPS (20) follow SET_ATTITUDE_TARGET; other modes ignore it. No stream is needed to arm.
+- GUIDED needs a position: with EK3_SRC1_POSXY 0 (none) it is refused, in the words of the firmware's sources.
 - Thrust means thrust only where GUID_OPTIONS has bit 3 set; else it is a climb rate, 0.5 being none.
 - ATC_ANGLE_BOOST raises the thrust of a leaning vehicle by 1 / cos(lean).
 - A set-point without thrust, or with some but not all rates, is no set-point: it hovers where it is.
@@ -23,6 +24,7 @@ from sim.autopilot_base import (
     DENIED,
     FAILED,
     INFO,
+    WARNING,
     SetPoint,
     SimulatedAutopilot,
     rates_or_zero,
@@ -128,6 +130,8 @@ class ArduPilotAutopilot(SimulatedAutopilot):
     def _set_mode(self, mode: tuple[int, int], now_s: float) -> tuple[int, list[bytes]]:
         if mode[0] not in (STABILIZE, LAND, *FOLLOWING):
             return FAILED, self._say(CRITICAL, "Mode change failed: no such mode")
+        if mode[0] == GUIDED and not self.parameters["EK3_SRC1_POSXY"]:
+            return FAILED, self._say(WARNING, "Mode change to GUIDED failed: requires position")
         self.mode = mode[0]
         self._setpoint_s = math.inf
         self._levelling = False

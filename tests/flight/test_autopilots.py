@@ -58,9 +58,49 @@ def test_a_flight_ends_on_the_floor_and_disarmed_on_either(autopilot: str) -> No
     assert stage.plant.touchdown_m_s < 0.5
 
 
-def test_ardupilot_flies_in_guided_nogps_too() -> None:
-    outcome, _, _ = ended("ardupilot", "link.ardupilot_mode=GUIDED_NOGPS")
+def test_ardupilot_without_a_position_refuses_guided_in_its_own_words_and_flies_in_guided_nogps() -> None:
+    outcome, stage, _ = ended("ardupilot", EK3_SRC1_POSXY=0.0)
+    assert outcome.state is State.ABORTED
+    assert outcome.reason.startswith(
+        "ArduPilot refused to enter GUIDED (MAV_RESULT_FAILED): “Mode change to GUIDED failed: requires position”. "
+    )
+    assert stage.plant.released_s is None
+    outcome, _, _ = ended("ardupilot", "link.ardupilot_mode=GUIDED_NOGPS", EK3_SRC1_POSXY=0.0)
     assert outcome.state is State.LANDED, outcome.reason
+
+
+@AUTOPILOT
+def test_poses_that_end_in_the_air_are_landed_by_the_autopilot_where_it_is_told_to(autopilot: str) -> None:
+    world, config = prepare(SCENARIOS["paper"], ["link.bring_down=land", "sim.floor_z_m=1.5"], source="vicon")
+
+    async def main() -> tuple[Outcome, Stage, int]:
+        async def confirm() -> bool:
+            await sleep_until(1.0)
+            return True
+
+        stage = Stage(world, config, 0, autopilot=autopilot)
+        assert stage.mocap is not None
+        eyes, hands = asyncio.create_task(stage.mocap.run()), asyncio.create_task(stage.peer.run())
+        flight = make_flight(config, confirm=confirm)
+        flying = asyncio.create_task(flight.run())
+        await sleep_until(8.0)
+        eyes.cancel()
+        outcome = await flying
+        heard = stage.autopilot.codec.received
+        await asyncio.sleep(12.0)  # mode LAND sinks slowly, and disarms by itself
+        heard_later = stage.autopilot.codec.received
+        hands.cancel()
+        await asyncio.gather(eyes, hands, return_exceptions=True)
+        return outcome, stage, heard_later - heard
+
+    outcome, stage, later = in_virtual_time(main())
+    assert outcome.state is State.ABORTED
+    assert outcome.reason.startswith("no pose for ")
+    assert stage.autopilot.custom_mode == {"px4": 4 << 16 | 6 << 24, "ardupilot": 9}[autopilot]
+    assert not stage.autopilot.armed
+    assert stage.plant.touchdown_m_s is not None
+    assert stage.plant.touchdown_m_s < 0.7, "by its own position, not by falling"
+    assert later == 0, "nothing leaves after the link has closed"
 
 
 @pytest.mark.parametrize(

@@ -47,6 +47,25 @@ def test_a_command_is_repeated_until_its_deadline_and_then_brought_down_once() -
     assert deadman.phase(2.0) is Phase.OVER, "it does not come back, even on a clock that steps back"
 
 
+def test_one_that_is_held_plays_what_it_has_and_takes_nothing_newer_until_armed_anew() -> None:
+    deadman = armed()
+    newest = command(1.0)
+    deadman.take(newest, 1.01)
+    deadman.hold()
+    assert not deadman.take(command(1.1), 1.11)
+    assert (deadman.at(1.2), deadman.at(1.3), deadman.at(2.0)) == (newest, LEVEL, SINK)
+    assert deadman.phase(2.8) is Phase.OVER
+    deadman.arm()
+    assert deadman.take(command(3.0), 3.01)
+
+
+def test_one_that_is_held_before_any_command_lets_nothing_leave() -> None:
+    deadman = armed()
+    deadman.hold()
+    assert not deadman.take(command(1.0), 1.01)
+    assert deadman.phase(1.01) is Phase.OVER
+
+
 def test_a_controller_that_wakes_up_again_moves_nothing() -> None:
     deadman = armed()
     deadman.take(command(1.0), 1.0)

@@ -241,3 +241,37 @@ def test_a_datagram_that_the_kernel_has_no_room_for_is_dropped_not_kept_for_late
 
 def test_without_a_peer_nothing_leaves() -> None:
     assert Datagrams(Transport({"socket": FullSocket()})).send(b"", None) == "no_peer"
+
+
+def test_an_autopilot_that_was_silent_and_is_back_gets_the_rest_and_no_newer_command() -> None:
+    async def main() -> None:
+        autopilot = await Endpoint().open()
+        autopilot.answer = accept
+        link = MavlinkLink(MavlinkLinkConfig(quiet=False), thrust_max_n=2.0)
+        connecting = asyncio.create_task(link.connect())
+        await asyncio.sleep(0)
+        autopilot.armed = True
+        autopilot.beat()
+        await connecting
+        await link.arm(idle)
+        for _ in range(100):  # it still obeys, its heartbeats get lost
+            assert link.send(flown())
+            await asyncio.sleep(0.02)
+        assert link.status.state == "lost"
+        assert link.status.text == "the link is lost: no HEARTBEAT of the autopilot for 3 s"
+        autopilot.heard.clear()
+        autopilot.beat()
+        await asyncio.sleep(0.01)
+        assert link.status.state == "armed"
+        assert not link.send(flown())
+        assert link.status.text == "the link is back after it was lost: arm anew to fly"
+        await link.silent()
+        thrusts = [round(m.thrust, 2) for m in autopilot.of("SET_ATTITUDE_TARGET")]
+        assert list(dict.fromkeys(thrusts)) == [0.5, 0.4, 0.0]
+        assert [thrusts.count(share) for share in (0.5, 0.4, 0.0)] == pytest.approx([11, 45, 9], abs=2)
+        await link.arm(idle)
+        assert link.send(flown())
+        await link.kill()
+        await link.close()
+
+    in_virtual_time(main())

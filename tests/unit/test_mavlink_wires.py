@@ -294,8 +294,9 @@ def test_a_tcp_connection_that_stalls_is_reset_and_what_waits_in_it_never_arrive
         ({"tcp": "a:1", "serial": "/dev/x"}, "tcp and serial exclude each other"),
         ({"listen": "a:1", "tcp": "b:1"}, "listen and tcp exclude each other"),
         ({"tcp": "nowhere"}, "is not an address"),
+        ({"bring_down": "land", "ardupilot_mode": "GUIDED_NOGPS"}, "needs a position estimate on board"),
     ],
 )
-def test_only_one_way_may_be_given(ways: dict[str, str], complaint: str) -> None:
+def test_what_excludes_each_other_is_refused(ways: dict[str, str], complaint: str) -> None:
     with pytest.raises(ValueError, match=complaint):
         msgspec.convert(ways, MavlinkLinkConfig)
