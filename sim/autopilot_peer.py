@@ -2,6 +2,7 @@
 
 import asyncio
 import math
+from collections import deque
 from typing import Any
 
 from sim.autopilot_base import SimulatedAutopilot
@@ -10,13 +11,18 @@ from sim.autopilot_base import SimulatedAutopilot
 class AutopilotPeer(asyncio.DatagramProtocol):
     """Runs on the real and on the virtual loop alike."""
 
-    def __init__(self, autopilot: SimulatedAutopilot, remote: tuple[str, int], *, delay_s: float = 0.0) -> None:
+    def __init__(
+        self, autopilot: SimulatedAutopilot, remote: tuple[str, int], *, delay_s: float = 0.0, hearing_s: float = 0.0
+    ) -> None:
         """Bring ``autopilot`` to the ground station that listens at ``remote`` (host, port).
 
-        ``delay_s`` is how long what it says takes to leave, on top of what the network takes [s].
+        ``delay_s`` is how long what it says takes to leave, ``hearing_s`` how long what it is told takes to reach
+        it, on top of what the network takes [s].
         """
         self._autopilot = autopilot
         self._delay_s = delay_s
+        self._hearing_s = hearing_s
+        self._unheard: deque[bytes] = deque()
         self._mute = False
         self._remote = remote
         self._loop: asyncio.AbstractEventLoop | None = None
@@ -48,8 +54,19 @@ class AutopilotPeer(asyncio.DatagramProtocol):
         """Take one datagram (called by the event loop)."""
         if self._loop is None:
             return
+        if self._hearing_s:
+            # Timers of one instant may swap; what they let through stays in order.
+            self._unheard.append(data)
+            self._loop.call_later(self._hearing_s, self._hear)
+        else:
+            self._hear(data)
+
+    def _hear(self, data: bytes | None = None) -> None:
+        if self._loop is None:
+            return
         try:
-            self._send(self._autopilot.receive(data, self._loop.time()))
+            heard = self._unheard.popleft() if data is None else data
+            self._send(self._autopilot.receive(heard, self._loop.time()))
         except Exception as error:  # noqa: BLE001  # run() raises it
             self._fail(error)
         else:

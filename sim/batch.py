@@ -26,7 +26,7 @@ HANDSHAKE_S = 1.2
 """How long PX4 wants set-points before it is armed: the hand-shake of a whole flight lasts so many whole frames [s]."""
 
 
-def check(config: Config) -> None:
+def check(world: World, config: Config) -> None:
     """Refuse what no batch can fly as whole flights do.
 
     Raises:
@@ -39,8 +39,12 @@ def check(config: Config) -> None:
         )
     if not isinstance(config.pose, ViconConfig):
         raise ConfigError("pose.kind", f"a batch sees through 'vicon' only, got {config.pose.__struct_config__.tag!r}")
-    if config.vehicle.command_delay_s > 0.0:
-        raise ConfigError("vehicle.command_delay_s", "the commands of a batch act at once; expected 0")
+    for key, delay_s in (
+        ("vehicle.command_delay_s", config.vehicle.command_delay_s),
+        ("sim.command_delay_s", world.command_delay_s),
+    ):
+        if delay_s > 0.0:
+            raise ConfigError(key, "the commands of a batch act at once; expected 0")
 
 
 def fly_batch(worlds: Sequence[World], config: Config, seeds: Sequence[int], *, duration_s: float = 60.0) -> Flights:
@@ -55,7 +59,7 @@ def fly_batch(worlds: Sequence[World], config: Config, seeds: Sequence[int], *, 
     for name in ("frame_period_s", "pose_rate_hz", "speed_m_s", "gravity"):
         if any(getattr(w, name) != getattr(first, name) for w in worlds):
             raise ValueError(f"all flights of a batch need the same sim.{name}")
-    check(config)
+    check(first, config)
     assert isinstance(gains, Gains) and isinstance(pose, ViconConfig)
     period = first.frame_period_s
     steps = math.ceil(period / first.step_s - 1e-9)

@@ -44,7 +44,7 @@ class Campaign(msgspec.Struct, frozen=True, kw_only=True):
             ConfigError: a controller that no batch flies, an unknown draw, a value that is drawn whatever is set,
                 or too short flights.
         """
-        check(self.config)
+        check(self.world, self.config)
         if self.duration_s <= STEADY_S:
             raise ConfigError("--duration", f"flights are judged from {STEADY_S:g} s on, expected more than that")
         for name in self.draws:

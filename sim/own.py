@@ -30,6 +30,7 @@ def world_of(air: World, told: Config) -> World:
         rate_limits_deg_s=vehicle.rate_limits_deg_s,
         thrust_lag_s=vehicle.thrust_lag_s,
         rate_lag_s=vehicle.rate_lag_s,
+        command_delay_s=vehicle.command_delay_s,
         frame_period_s=vehicle.frame_period_s,
     )
 
@@ -59,10 +60,8 @@ def own(
             floor_z_m=floor,
         )
     )
-    # No delay of commands is simulated, so none is told.
     config = msgspec.structs.replace(
         told,
-        vehicle=msgspec.structs.replace(told.vehicle, command_delay_s=0.0),
         pose=ViconConfig(object="quad", latency_s=latency_s, rate_hz=rate_hz, drop_frozen=False),
         link=MavlinkLinkConfig(period_s=told.vehicle.frame_period_s, thrust_curve=told.link.thrust_curve),
         flight=msgspec.structs.replace(told.flight, idle_thrust=min(world.start_thrust, 0.9), duration_s=None),

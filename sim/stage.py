@@ -70,7 +70,9 @@ class Stage:
             self.autopilot.codec.signer = _signer(Path(config.link.signing_key_file))
         # Where its own estimate serves as the poses, it comes as late as the cameras' would.
         delay = 0.0 if isinstance(config.pose, ViconConfig) else world.pose_latency_s
-        self.peer = AutopilotPeer(self.autopilot, parse_address(config.link.address), delay_s=delay)
+        self.peer = AutopilotPeer(
+            self.autopilot, parse_address(config.link.address), delay_s=delay, hearing_s=world.command_delay_s
+        )
         self.mocap: Mocap | None = None
         if isinstance(config.pose, ViconConfig):
             self.mocap = Mocap(world, self.plant, seed, vicon_encoder(config.pose), parse_address(config.pose.listen))

@@ -64,6 +64,8 @@ class World(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=Tru
     """Time from one outage to the next [s]."""
     frame_period_s: Positive = 0.0225
     """Period of the command frames; the last one is held [s]."""
+    command_delay_s: Annotated[float, msgspec.Meta(ge=0.0, le=1.0)] = 0.0
+    """From a frame's leaving us to the vehicle's autopilot hearing it, as on a slow radio [s]."""
     frame_loss: Share = 0.0
     """Share of the command frames lost at random [-]."""
     speed_m_s: Positive = 0.5

@@ -234,6 +234,7 @@ def test_a_campaign_is_drawn(rows: list[Row], tmp_path: Path) -> None:
         (["--draw", "mass,luck"], "--draw: expected some of ['mass', 'lags'"),
         (["--set", "controller.kind=uncompensated"], "controller: a batch flies the adaptive controller"),
         (["--set", "vehicle.command_delay_s=0.01"], "vehicle.command_delay_s: the commands of a batch act at once"),
+        (["--set", "sim.command_delay_s=0.01"], "sim.command_delay_s: the commands of a batch act at once"),
         (["--first-seed", "-1"], "--first-seed: expected 0 or more"),
     ],
 )

@@ -77,5 +77,6 @@ def test_the_truth_follows_the_told_vehicle_until_it_is_overridden(tmp_path: Pat
     assert (world.mass_kg, world.thrust_max_n, world.thrust_lag_s) == (2.2, 34.2, 0.05)
     assert (world.thrust_gain, world.pose_loss) == (0.9, SCENARIOS["adverse"].world.pose_loss)
     assert (config.vehicle.mass_kg, config.vehicle.thrust_lag_s) == (2.2, 0.025)
+    assert world.command_delay_s == config.vehicle.command_delay_s == 0.005
     with pytest.raises(ConfigError, match=r"sim\.masskg: unknown key"):
         prepare_own(SCENARIOS["paper"], path, ["sim.masskg=1"])
