@@ -85,6 +85,33 @@ def _parser() -> argparse.ArgumentParser:
     bring_down.add_argument("--flights", type=_count, default=10, metavar="N", help="of each kind (default 10)")
     bring_down.add_argument("--write", type=Path, metavar="FILE.md", help="put the table between the file's markers")
 
+    tune = commands.add_parser("tune", help="search for better gains, or report how wrong the world may be with these")
+    tune.add_argument("--config", type=Path, metavar="FILE.toml", help="for its vehicle (default: the scenarios' own)")
+    tune.add_argument("--report", action="store_true", help="search nothing: print the margins of these gains")
+    tune.add_argument(
+        "--scenarios", "--scenario", metavar="A,B", type=_names, help="default: paper,adverse; with --report: paper"
+    )
+    tune.add_argument("--seeds", type=_count, default=3, metavar="N", help="flights a scenario (default 3)")
+    tune.add_argument("--duration", type=_seconds, default=25.0, metavar="S", help="of each flight (default 25 s)")
+    tune.add_argument("--set", action="append", default=[], dest="overrides", metavar="KEY=VALUE", help="as in fly")
+    tune.add_argument("--workers", type=_count, metavar="N", help="processes at once (default: one a core)")
+    tune.add_argument("--json", action="store_true", help="print one JSON object instead of text")
+    tune.add_argument("--write", type=Path, metavar="FILE.md", help="margins as a table between the file's markers")
+    tune.add_argument("--out", type=Path, metavar="FILE.toml", help="the tuned configuration; resumes its own search")
+    tune.add_argument("--keys", type=_names, metavar="K,K=LOW:HIGH", help="gains to search (default: the usual ones)")
+    tune.add_argument("--trials", type=_count, default=60, metavar="N", help="sets of gains to try (default 60)")
+    tune.add_argument("--timeout", type=_seconds, metavar="S", help="search no longer than this")
+    tune.add_argument("--seed", type=_whole, default=0, metavar="N", help="of the search itself (default 0)")
+    tune.add_argument(
+        "--verify", type=_count, default=10, metavar="N", help="flights a scenario at the end (default 10)"
+    )
+    tune.add_argument(
+        "--delay-margin", type=_whole, default=20, metavar="MS", help="extra delay it must bear (default 20 ms)"
+    )
+    tune.add_argument(
+        "--gain-margin", type=_percent, default=25.0, metavar="PERCENT", help="wrong thrust it must bear (default 25)"
+    )
+
     scenarios = commands.add_parser("scenarios", help="list the scenarios with every value")
     scenarios.add_argument("--json", action="store_true")
 
@@ -127,6 +154,20 @@ def _count(text: str) -> int:
     value = int(text)
     if value < 1:
         raise argparse.ArgumentTypeError(f"expected a whole number from 1 on, got {text}")
+    return value
+
+
+def _whole(text: str) -> int:
+    value = int(text)
+    if value < 0:
+        raise argparse.ArgumentTypeError(f"expected a whole number from 0 on, got {text}")
+    return value
+
+
+def _percent(text: str) -> float:
+    value = float(text)
+    if not 0.0 <= value < 90.0:
+        raise argparse.ArgumentTypeError(f"expected percent from 0 to below 90, got {text}")
     return value
 
 

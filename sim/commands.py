@@ -237,6 +237,13 @@ def bring_down(args: argparse.Namespace) -> int:
     return 0
 
 
+def tune(args: argparse.Namespace) -> int:
+    """Search for better gains, or say how wrong the world may be with those there are."""
+    from sim.tune_command import report, search
+
+    return report(args) if args.report else search(args)
+
+
 def scenarios(args: argparse.Namespace) -> int:
     """List the scenarios."""
     rows: dict[str, dict[str, Any]] = {

@@ -1,0 +1,391 @@
+"""Tuning without flying: which gains, between which bounds, in which world, and what a search does with verdicts."""
+
+import math
+from collections.abc import Callable, Generator, Sequence
+from pathlib import Path
+
+import msgspec
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from groundstation.config import ConfigError, from_dict
+from groundstation.control.adaptive import certificate
+from groundstation.control.controllers import ControllerConfig
+from groundstation.control.custom import Custom
+from groundstation.control.gains import Gains, Uncompensated
+from groundstation.control.geometric import Geometric
+from groundstation.control.indi import Indi
+from groundstation.control.pid import Pid
+from groundstation.settings import Config
+from sim.margins import AXES, DELAY, GAIN_DOWN, GAIN_UP, Margin, Report, boundary, failure, limit_cm
+from sim.margins_text import markdown_table, shown, text
+from sim.scenarios import SCENARIOS
+from sim.tune import BROKEN, SEARCH_SEED, Floors, Search, Trial, run, tried
+from sim.tune_evidence import short_of
+from sim.tune_flights import Flyers, Outcome, Sortie
+from sim.tune_space import KEYS, Key, loses_proof, space, with_gains
+from sim.tune_stage import fitted, own, staged, station_of
+
+KINDS: dict[str, ControllerConfig] = {
+    "adaptive": Gains(),
+    "uncompensated": Uncompensated(),
+    "geometric": Geometric(),
+    "pid": Pid(),
+    "indi": Indi(),
+}
+
+
+# ---- which gains
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_every_kind_has_usual_gains_whose_bounds_hold_the_default(kind: str) -> None:
+    keys = space(KINDS[kind], [])
+    assert [key.name for key in keys] == list(KEYS[kind])
+    for key in keys:
+        assert key.low < key.start < key.high
+        for bound in (key.low, key.high):
+            from_dict({"controller": {"kind": kind, key.name: bound}}, Config)
+
+
+def test_bounds_follow_the_default_and_hold_the_value_in_force_and_what_the_key_accepts() -> None:
+    assert space(Gains(k2=0.1), ["controller.k2"]) == [Key("k2", 0.1, 8.0, 0.1)]
+    assert space(Gains(k2=9.5), ["k2"]) == [Key("k2", 0.5, 9.5, 9.5)]
+    assert space(Gains(attitude_gain=0.5), ["attitude_gain"]) == [Key("attitude_gain", 0.25, 1.0, 0.5)]
+    assert space(Gains(), ["k3=2:5"]) == [Key("k3", 2.0, 5.0, 4.0)]
+
+
+def test_a_gain_that_is_switched_off_stays_off_unless_it_is_named() -> None:
+    assert "kb" not in [key.name for key in space(Gains(kb=0.0), [])]
+    with pytest.raises(ConfigError, match=r"controller\.kb is switched off"):
+        space(Gains(kb=0.0), ["kb"])
+
+
+@pytest.mark.parametrize(
+    "text", ["k9", "gravity", "observer", "vehicle.mass_kg", "projection_order", "k2=3:1", "k2=0:1"]
+)
+def test_what_is_no_gain_or_no_range_is_refused(text: str) -> None:
+    with pytest.raises(ConfigError, match="--keys"):
+        space(Gains(), [text])
+
+
+@pytest.mark.parametrize("text", ["k2=a:b", "k2=1", "k2=1:nan", "k2=1:inf", "attitude_gain=0.5:2"])
+def test_a_range_that_the_config_would_refuse_is_refused(text: str) -> None:
+    with pytest.raises(ConfigError, match="--keys"):
+        space(Gains(), [text])
+
+
+def test_a_controller_of_the_users_own_is_searched_over_its_positive_options() -> None:
+    own = Custom(factory="leaning:make", options={"stiffness": 6.0, "mode": "soft", "off": 0.0, "fast": True})
+    assert space(own, []) == [Key("stiffness", 1.5, 24.0, 6.0)]
+    changed = with_gains(own, {"stiffness": 3.0})
+    assert isinstance(changed, Custom)
+    assert changed.options == {"stiffness": 3.0, "mode": "soft", "off": 0.0, "fast": True}
+    with pytest.raises(ConfigError, match="no usual gains"):
+        space(Custom(factory="leaning:make"), [])
+
+
+def test_the_proof_is_asked_for_where_the_form_that_flies_has_one() -> None:
+    assert not loses_proof(Gains())
+    assert loses_proof(Gains(kb=3.0, kappa=7.0, k3=4.0))
+    assert not loses_proof(Gains(kb=3.0, kappa=7.0, k3=4.0, composite="raw"))
+    assert not loses_proof(Gains(kb=3.0, kappa=7.0, k3=4.0, composite="off"))
+    assert not loses_proof(Gains(kb=0.0))
+    assert not loses_proof(Geometric())
+
+
+# ---- in which world
+
+
+def test_a_scenario_fitted_to_its_own_vehicle_is_itself() -> None:
+    for scenario in SCENARIOS.values():
+        (stage,) = staged([scenario.name], None, [])
+        assert fitted(scenario, stage.config).world == stage.world == scenario.world
+
+
+def test_a_vehicle_meets_a_scenario_with_the_scenarios_ratio_of_truth_to_told(tmp_path: Path) -> None:
+    path = tmp_path / "lab.toml"
+    path.write_text(
+        "[vehicle]\nmass_kg = 0.5\nthrust_max_n = 10.0\nthrust_lag_s = 0.05\nrate_lag_s = 0.04\n"
+        "command_delay_s = 0.01\nframe_period_s = 0.0125\n"
+        "hover_thrust = 0.4\nthrust_curve = 0.3\n"
+        "[link]\nperiod_s = 0.0125\n[pose]\nrate_hz = 120\nlatency_s = 0.012\n[controller]\nk2 = 3.0\n"
+    )
+    (stage,) = staged(["adverse"], path, ["controller.k3=5.0", "sim.wind_turbulence=0.3", "trajectory.scale_m=0.5"])
+    world, config, adverse = stage.world, stage.config, SCENARIOS["adverse"].world
+    assert (world.mass_kg, world.thrust_curve, world.thrust_gain) == (0.5, 0.3, 0.85)
+    assert world.thrust_max_n == config.full_thrust_n == pytest.approx(0.5 * 9.81 / (0.3 * 0.4**2 + 0.7 * 0.4))
+    assert (config.link.pace, station_of(stage).link.pace) == ("poses", "poses")
+    assert world.thrust_lag_s == pytest.approx(1.13 * 0.05)
+    assert world.rate_lag_s == pytest.approx(0.85 * 0.04)
+    assert (world.pose_rate_hz, world.pose_latency_s, world.frame_period_s) == (120.0, 0.012, 0.0125)
+    assert (world.command_delay_s, world.wind_turbulence, world.wind_gust) == (0.01, 0.3, adverse.wind_gust)
+    assert isinstance(config.controller, Gains)
+    assert (config.controller.k2, config.controller.k3) == (3.0, 5.0)
+    assert (config.vehicle.mass_kg, config.link.period_s, config.pose.latency_s) == (0.5, 0.0125, 0.012)
+    assert msgspec.to_builtins(config.trajectory)["scale_m"] == 0.5
+
+
+@pytest.mark.parametrize(
+    ("text", "scenario", "complaint"),
+    [
+        ("pose = { kind = 'tlog', path = 'x.tlog' }", "paper", "a recording cannot be flown"),
+        ("vehicle = { mass_kg = 0.5 }", "ideal", "ideal has no lags"),
+        ("controller = { k2 = -1.0 }", "paper", "controller.k2"),
+        ("", "hurricane", "--scenarios: expected some of"),
+        ("link = { period_s = 0.01 }", "paper", r"link\.period_s: commands leave every 0\.01 s, but vehicle\.frame_p"),
+    ],
+)
+def test_a_configuration_that_fits_no_scenario_is_refused(
+    text: str, scenario: str, complaint: str, tmp_path: Path
+) -> None:
+    path = tmp_path / "lab.toml"
+    path.write_text(text)
+    with pytest.raises(ConfigError, match=complaint):
+        staged([scenario], path, [])
+
+
+def test_a_vehicle_that_comes_along_needs_no_file_around_it() -> None:
+    overrides = ["vehicle.preset=x500", "vehicle.mass_kg=2.2", "sim.drag_per_s=0.3"]
+    (stage,) = staged(["adverse"], None, overrides)
+    assert (stage.world.mass_kg, stage.world.thrust_max_n, stage.world.drag_per_s) == (2.2, 34.2, 0.3)
+    assert (stage.world.command_delay_s, stage.world.frame_period_s) == (0.005, 0.010)
+    assert (stage.config.vehicle.name, stage.config.link.period_s) == ("x500", 0.010)
+    station = own(None, overrides)
+    assert station is not None
+    assert (station.vehicle, station.link.period_s) == (stage.config.vehicle, 0.010)
+    assert own(None, ["vehicle.mass_kg=0.09", "sim.drag_per_s=0.3"]) is None
+
+
+def test_what_a_scenario_tells_makes_a_configuration_for_a_real_room() -> None:
+    (stage,) = staged(["quad1kg"], None, ["controller.k2=3.0"])
+    station = station_of(stage)
+    assert station.vehicle == SCENARIOS["quad1kg"].told
+    assert (station.link.period_s, station.link.pace, station.pose.latency_s) == (0.010, "period", 0.010)
+    assert station.flight == Config().flight  # the simulated room's floor and idle thrust are not yours
+    assert fitted(SCENARIOS["quad1kg"], station).world == SCENARIOS["quad1kg"].world
+
+
+# ---- margins
+
+
+@given(edge=st.floats(0.001, 2.0), step=st.floats(0.002, 0.1), tolerance=st.floats(1e-4, 1e-2))
+def test_bisection_finds_the_edge_from_both_sides(edge: float, step: float, tolerance: float) -> None:
+    (holds, fails), asked = searched(boundary(step, 1.0, tolerance), lambda x: x >= edge)
+    assert len(asked) < 40
+    if fails is None:
+        assert 1.0 in asked
+        assert holds < edge
+    else:
+        assert holds < edge <= fails <= holds + tolerance
+
+
+def test_the_first_failure_outwards_counts_not_one_beyond_it() -> None:
+    # It flies again beyond: that is no margin.
+    (holds, fails), _ = searched(boundary(0.1, 10.0, 0.01), lambda x: 0.5 < x < 1.0)
+    assert fails is not None
+    assert holds <= 0.5 < fails <= 0.51
+
+
+def searched(
+    search: Generator[float, bool, tuple[float, float | None]], fails: Callable[[float], bool]
+) -> tuple[tuple[float, float | None], list[float]]:
+    """What a search returns, and what it asked."""
+    asked = [next(search)]
+    while True:
+        try:
+            asked.append(search.send(fails(asked[-1])))
+        except StopIteration as end:
+            return end.value, asked
+
+
+def test_a_flight_fails_by_a_crash_or_by_five_times_the_error_but_never_below_10_cm() -> None:
+    assert limit_cm([Outcome(0.1, ""), Outcome(0.2, ""), Outcome(9.0, "")]) == 10.0
+    assert limit_cm([Outcome(4.0, "")]) == 20.0
+    assert limit_cm([Outcome(4.0, ""), Outcome(None, "crashed")]) is None
+    assert failure([Outcome(10.0, "")], 10.0) is None
+    assert failure([Outcome(1.0, ""), Outcome(10.1, "")], 10.0) == "RMS 10.1 cm"
+    assert failure([Outcome(None, "crashed: hit the floor")], 10.0) == "crashed: hit the floor"
+
+
+def test_each_axis_changes_one_thing_of_the_truth_and_nothing_that_is_told() -> None:
+    (stage,) = staged(["paper"], None, [])
+    for axis in AXES:
+        wrong = axis.wrong(stage, axis.value(0.1))
+        changed = {f for f in type(stage.world).__struct_fields__ if getattr(wrong.world, f) != getattr(stage.world, f)}
+        assert changed == {axis.field}
+        assert wrong.config == stage.config
+        assert axis.wrong(stage, axis.neutral) == stage
+    assert DELAY.wrong(stage, 0.03).world.command_delay_s == 0.03
+    assert GAIN_DOWN.value(0.1) < 1.0 < GAIN_UP.value(0.1)
+
+
+def _margin(name: str, unit: str, holds: float, fails: float | None) -> Margin:
+    return Margin(name=name, unit=unit, holds=holds, fails=fails, why="RMS 11.0 cm" if fails else None)
+
+
+def _report(*margins: Margin) -> Report:
+    return Report(
+        scenario="paper",
+        vehicle="mqx",
+        controller="adaptive",
+        nominal_rms_cm=0.1 if margins else None,
+        limit_cm=10.0 if margins else None,
+        seeds=3,
+        duration_s=25.0,
+        margins=list(margins),
+    )
+
+
+DELAYED = _margin("command_delay", "s", 0.030, 0.031)
+LIGHT = _margin("thrust_gain_high", "ratio", 1.5, 1.52)
+HEAVY = _margin("thrust_gain_low", "ratio", 0.125, None)
+
+
+def test_margins_in_words_say_where_it_fails_and_what_that_means() -> None:
+    assert [shown(margin) for margin in (DELAYED, LIGHT, HEAVY)] == ["+31 ms", "1.52x", "< 0.12x"]
+    assert shown(_margin("command_delay", "s", 0.32, None)) == "> +320 ms"
+    said = text(_report(DELAYED, LIGHT))
+    assert "extra command delay  +31 ms  the radio or the autopilot is slower than told  (RMS 11.0 cm)" in said
+    assert "any of 3 flights of 25 s crashes" in said
+    assert "fails with nothing wrong" in text(_report())
+    table = markdown_table([_report(DELAYED, LIGHT), _report(DELAYED)])
+    assert "| thrust gain, up to | 1.52x | - |" in table
+
+
+def test_margins_below_a_floor_are_named() -> None:
+    floors = Floors(delay_s=0.02, gain=0.25)
+    assert short_of(floors, _report(DELAYED, LIGHT, HEAVY)) == []
+    short = _margin("command_delay", "s", 0.019, 0.02)
+    weak = _margin("thrust_gain_low", "ratio", 0.8, 0.79)
+    assert len(short_of(floors, _report(short, LIGHT, weak))) == 2
+    assert short_of(Floors(delay_s=0.0, gain=0.0), _report(short, weak)) == []
+    assert short_of(floors, _report()) != []
+
+
+# ---- the search
+
+
+class Judges(Flyers):
+    """Knows what every flight comes to without flying it: errors grow with the distance of k2 from 3 and k3 from 9."""
+
+    def __init__(self) -> None:
+        super().__init__(1)
+        self.flights: list[Sortie] = []
+
+    def fly(self, work: Sequence[Sortie]) -> list[Outcome]:
+        self.flights += work
+        return [self.judged(sortie) for sortie in work]
+
+    def judged(self, sortie: Sortie) -> Outcome:
+        gains = sortie.stage.config.controller
+        assert isinstance(gains, Gains)
+        if gains.k2 > 3.5 and sortie.stage.world.command_delay_s:
+            return Outcome(50.0, "flown to the end")
+        if gains.k3 > 14.0:
+            return Outcome(None, "crashed: hit the floor")
+        return Outcome(1.0 + math.log(gains.k2 / 3.0) ** 2 + math.log(gains.k3 / 9.0) ** 2, "flown to the end")
+
+
+def _search(*overrides: str, keys: Sequence[str] = ("k2", "k3"), sampler_seed: int = 0) -> Search:
+    stages = staged(["paper"], None, overrides)
+    return Search(
+        stages=stages,
+        keys=space(stages[0].config.controller, keys),
+        seeds=2,
+        duration_s=20.0,
+        floors=Floors(delay_s=0.02, gain=0.25),
+        sampler_seed=sampler_seed,
+    )
+
+
+BAD = ("controller.k2=0.5", "controller.k3=1.2", "controller.kappa=0.2")
+
+
+def test_a_search_gets_from_bad_gains_to_good_ones_and_again_the_same() -> None:
+    heard: list[tuple[Trial, Trial]] = []
+    trials = run(_search(*BAD), Judges(), trials=40, on_trial=lambda trial, best: heard.append((trial, best)))
+    assert [trial.number for trial in trials] == list(range(40))
+    assert trials[0].gains == {"k2": 0.5, "k3": 1.2}
+    best = heard[-1][1]
+    assert trials[0].cost > 3.0
+    assert best.cost == min(trial.cost for trial in trials) < 1.1
+    assert best.gains["k2"] == pytest.approx(3.0, rel=0.3)
+    assert run(_search(*BAD), Judges(), trials=40) == trials
+    assert run(_search(*BAD, sampler_seed=1), Judges(), trials=5)[1:] != trials[1:5]
+
+
+def test_what_breaks_a_constraint_never_wins_however_small_its_error() -> None:
+    fragile = tried(_search(), {"k2": 3.6, "k3": 9.0}, Judges(), 1)
+    assert fragile.broken == ["extra command delay 22 ms: RMS 50.0 cm"]
+    crashed = tried(_search(), {"k2": 3.0, "k3": 15.0}, Judges(), 1)
+    assert crashed.broken == ["paper: crashed: hit the floor"]
+    poor = tried(_search(), {"k2": 1.0, "k3": 2.0}, Judges(), 1)
+    assert not poor.broken
+    assert fragile.rms_cm < poor.rms_cm < BROKEN <= min(fragile.cost, crashed.cost)
+    assert not fragile.beats(poor)
+    assert poor.beats(fragile)
+
+
+def test_gains_without_the_proof_are_never_flown() -> None:
+    judges = Judges()
+    trials = run(_search(keys=["k2", "k3", "kb=0.2:8", "kappa=1:40"]), judges, trials=25)
+    for sortie in judges.flights:
+        assert isinstance(sortie.stage.config.controller, Gains)
+        assert certificate(sortie.stage.config.controller).startswith("composite")
+    assert max(trial.gains["kb"] for trial in trials) > 1.0  # so the bounds do not keep it by themselves
+
+
+def test_where_nothing_between_the_bounds_has_the_proof_the_search_says_so() -> None:
+    with pytest.raises(ConfigError, match="the proof holds for none"):
+        run(_search(keys=["kb=4:8"]), Judges(), trials=2)
+
+
+def test_a_start_without_the_proof_is_not_flown_and_anything_with_it_beats_it() -> None:
+    trials = run(_search("controller.kb=4.0", keys=["kb"]), Judges(), trials=3)
+    assert trials[0].broken == ["the proof does not hold for these gains"]
+    assert trials[1].beats(trials[0])
+
+
+def test_the_flights_of_a_search_share_no_seed_with_those_that_verify() -> None:
+    judges = Judges()
+    run(_search(), judges, trials=3)
+    assert {sortie.seed for sortie in judges.flights} == {SEARCH_SEED, SEARCH_SEED + 1}
+    assert SEARCH_SEED >= 100  # --verify takes at most 100, from 0 on
+
+
+class Interrupted(Judges):
+    def fly(self, work: Sequence[Sortie]) -> list[Outcome]:
+        if len(self.flights) > 50:
+            raise KeyboardInterrupt
+        return super().fly(work)
+
+
+def test_an_interrupted_search_goes_on_as_if_it_had_not_been(tmp_path: Path) -> None:
+    whole = run(_search(*BAD), Judges(), trials=14)
+    journal = tmp_path / "x.toml.trials"
+    with pytest.raises(KeyboardInterrupt):
+        run(_search(*BAD), Interrupted(), trials=14, journal=journal)
+    heard: list[Trial] = []
+    judges = Judges()
+    resumed = run(_search(*BAD), judges, trials=14, journal=journal, on_trial=lambda trial, best: heard.append(trial))
+    assert resumed == heard == whole
+    assert 0 < len(judges.flights) < 14 * 8
+    again = Judges()
+    assert run(_search(*BAD), again, trials=14, journal=journal) == whole
+    assert again.flights == []
+
+
+def test_the_journal_of_another_search_or_of_none_is_refused(tmp_path: Path) -> None:
+    journal = tmp_path / "x.toml.trials"
+    run(_search(), Judges(), trials=1, journal=journal)
+    with pytest.raises(ConfigError, match="made with other sampler_seed"):
+        run(_search(sampler_seed=1), Judges(), trials=2, journal=journal)
+    journal.write_text("dear diary\n")
+    with pytest.raises(ConfigError, match="no journal of a search"):
+        run(_search(), Judges(), trials=1, journal=journal)
+
+
+def test_a_timeout_ends_the_search_after_the_trial_under_way() -> None:
+    assert len(run(_search(), Judges(), trials=1000, timeout_s=0.0)) == 1
