@@ -18,19 +18,19 @@ from groundstation.vehicle import Vehicle
 
 
 class Geometric(Baseline, frozen=True, kw_only=True, forbid_unknown_fields=True, tag_field="kind", tag="geometric"):
-    """Gains, found by sim/tune_baselines.py: docs/decisions/0006-baselines.md."""
+    """Gains, found by a search: docs/decisions/0006-baselines.md."""
 
-    k_position: Positive = 6.34
+    k_position: Positive = 9.46
     """k_x / m [1/s²]."""
-    k_velocity: Positive = 7.54
+    k_velocity: Positive = 5.81
     """k_v / m [1/s]."""
-    k_integral: NonNegative = 1.57
+    k_integral: NonNegative = 9.74
     """k_i / m [1/s²]."""
-    coupling: Positive = 1.59
+    coupling: Positive = 1.85
     """c1: share of the position error in the integral of e_v + c1 e_x [1/s]."""
     integral_bound: Positive = 5.0
     """σ: largest acceleration of the integral term, per axis [m/s²]; as b_bound of ours."""
-    k_attitude: Positive = 15.3
+    k_attitude: Positive = 16.1
     """k_R over k_Ω: body rate per attitude error [1/s]."""
 
     def build(self, vehicle: Vehicle) -> "GeometricController":

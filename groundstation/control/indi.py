@@ -19,17 +19,17 @@ from groundstation.vehicle import Vehicle
 
 
 class Indi(Baseline, frozen=True, kw_only=True, forbid_unknown_fields=True, tag_field="kind", tag="indi"):
-    """Gains, found by sim/tune_baselines.py: docs/decisions/0006-baselines.md."""
+    """Gains, found by a search: docs/decisions/0006-baselines.md."""
 
-    k_position: Positive = 14.2
+    k_position: Positive = 17.8
     """K_x [1/s²]."""
-    k_velocity: Positive = 5.74
+    k_velocity: Positive = 6.36
     """K_v [1/s]."""
-    k_acceleration: NonNegative = 0.768
+    k_acceleration: NonNegative = 0.95
     """K_a [-]."""
-    filter_s: NonNegative = 0.003
+    filter_s: NonNegative = 0.0041
     """Time constant of the low-pass filter on acceleration and thrust vector [s]."""
-    k_attitude: Positive = 17.9
+    k_attitude: Positive = 18.3
     """Body rate per attitude error [1/s]."""
 
     def build(self, vehicle: Vehicle) -> "IndiController":

@@ -16,7 +16,7 @@ from groundstation.vehicle import Vehicle
 
 
 class Pid(Baseline, frozen=True, kw_only=True, forbid_unknown_fields=True, tag_field="kind", tag="pid"):
-    """Gains, found by sim/tune_baselines.py: docs/decisions/0006-baselines.md. In brackets: PX4's name."""
+    """Gains, found by a search: docs/decisions/0006-baselines.md. In brackets: PX4's name."""
 
     p_position: Positive = 2.32
     """Velocity per position error [1/s] (MPC_XY_P)."""
