@@ -183,4 +183,7 @@ def _number(value: float) -> str:
 
 
 def _comment(text: str) -> list[str]:
-    return textwrap.wrap(text, 116, initial_indent="# ", subsequent_indent="# ", break_long_words=False)
+    # A path that is broken at a hyphen can't be copied.
+    return textwrap.wrap(
+        text, 116, initial_indent="# ", subsequent_indent="# ", break_long_words=False, break_on_hyphens=False
+    )
