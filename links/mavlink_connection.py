@@ -102,7 +102,7 @@ class MavlinkConnection:
     @property
     def text(self) -> str:
         """What became of the wire or of the autopilot, where it was lost; else the autopilot's newest words."""
-        if not self._trouble and self._loop is not None and self.state == "lost":
+        if self._loop is not None and self.state == "lost" and self._heard_s > -math.inf:
             return f"the link is lost: no HEARTBEAT of the autopilot for {self._loop.time() - self._heard_s:.0f} s"
         return self._trouble or self.words.newest
 
