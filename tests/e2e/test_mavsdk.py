@@ -1,14 +1,10 @@
 """A client that others wrote (MAVSDK) flies our simulated autopilot over real UDP: it is not only what we believe."""
 
-import importlib.util
 import subprocess
 import sys
 from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager
 
-import pytest
-
-from tests.conftest import NOT_RUN
 from tests.e2e.stations import free_udp_port
 
 FLIGHT = """
@@ -76,8 +72,6 @@ def served(autopilot: str, port: int) -> Iterator["subprocess.Popen[str]"]:
 
 
 def test_an_independent_client_flies_the_simulated_autopilots() -> None:
-    if importlib.util.find_spec("mavsdk") is None:
-        pytest.skip(NOT_RUN + "mavsdk (no wheel of it for this Python)")
     with ExitStack() as stack:  # both at once: a flight is mostly waiting
         flights = {}
         for autopilot in ("px4", "ardupilot"):

@@ -192,6 +192,31 @@ def test_a_serial_port_that_is_unplugged_is_opened_again_and_waits_for_a_new_arm
     in_real_time(main())
 
 
+def test_the_pauses_before_a_port_is_opened_again_grow_to_a_limit(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(links.mavlink_connection, "LONGEST_PAUSE_S", 0.2)
+
+    async def main() -> None:
+        end = SerialEnd(tmp_path / "ttyACM0").plug()
+        link = MavlinkLink(MavlinkLinkConfig(serial=str(end.name), quiet=False), thrust_max_n=2.0)
+        await link.connect()
+        end.unplug()
+        told: dict[str, None] = {}
+
+        def four() -> bool:
+            told[link.status.text.rpartition("trying again in ")[2]] = None
+            return "0.2 s" in told
+
+        await until(four)
+        assert list(told)[-3:] == ["0.05 s", "0.1 s", "0.2 s"]
+        await asyncio.sleep(0.5)
+        assert "No such file or directory); trying again in 0.2 s" in link.status.text
+        await link.close()
+
+    in_real_time(main())
+
+
 def test_garbage_on_a_serial_port_is_counted_and_the_link_lives(tmp_path: Path) -> None:
     async def main() -> None:
         end = SerialEnd(tmp_path / "ttyACM0").plug()

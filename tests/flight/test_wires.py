@@ -1,0 +1,121 @@
+"""The simulated vehicle flown in real time over TCP and over a serial port: its datagrams as a stream of bytes."""
+
+import asyncio
+import contextlib
+import os
+import pty
+import tty
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import msgspec
+import pytest
+
+from groundstation.app import make_flight
+from groundstation.flight import Flight
+from groundstation.pilot import Tick
+from links.address import parse_address
+from links.mavlink_codec import frame_end
+from sim.commands import prepare
+from sim.scenarios import SCENARIOS
+from sim.stage import Stage
+from tests.loops import free_address, in_real_time
+
+FLOWN_S = 1.5
+
+
+class Relay(asyncio.DatagramProtocol):
+    """Between an autopilot that speaks UDP and a stream."""
+
+    def __init__(self, write: Callable[[bytes], Any]) -> None:
+        self.write = write
+        self.rest = b""
+        self.autopilot: Any = None
+
+    async def open(self, address: str) -> "Relay":
+        loop = asyncio.get_running_loop()
+        self.transport, _ = await loop.create_datagram_endpoint(lambda: self, local_addr=parse_address(address))
+        return self
+
+    def datagram_received(self, data: bytes, addr: Any) -> None:
+        self.autopilot = addr
+        self.write(data)
+
+    def feed(self, data: bytes) -> None:
+        """Pass on the whole frames; each must begin where the last one ended."""
+        self.rest += data
+        while self.rest and (end := frame_end(self.rest, 0)) <= len(self.rest):
+            assert end, "what the link writes is frame after frame"
+            self.transport.sendto(self.rest[:end], self.autopilot)
+            self.rest = self.rest[end:]
+
+
+async def over_tcp(udp: str, folder: Path, stack: contextlib.AsyncExitStack) -> dict[str, str]:
+    ours: list[asyncio.StreamWriter] = []
+
+    def write(data: bytes) -> None:
+        for writer in ours:
+            writer.write(data)
+
+    relay = await Relay(write).open(udp)
+    stack.callback(relay.transport.close)
+
+    async def serve(reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
+        ours.append(writer)
+        with contextlib.suppress(ConnectionError):
+            while data := await reader.read(4096):
+                relay.feed(data)
+
+    address = await free_address()
+    server = await asyncio.start_server(serve, *parse_address(address))
+    stack.callback(server.close)
+    return {"tcp": address}
+
+
+async def over_serial(udp: str, folder: Path, stack: contextlib.AsyncExitStack) -> dict[str, str]:
+    fd, theirs = pty.openpty()
+    tty.setraw(fd)
+    relay = await Relay(lambda data: os.write(fd, data)).open(udp)
+    stack.callback(os.close, fd)
+    stack.callback(os.close, theirs)
+    stack.callback(relay.transport.close)
+    loop = asyncio.get_running_loop()
+    loop.add_reader(fd, lambda: relay.feed(os.read(fd, 4096)))
+    stack.callback(loop.remove_reader, fd)
+    return {"serial": os.ttyname(theirs)}
+
+
+@pytest.mark.parametrize(("autopilot", "over"), [("ardupilot", over_tcp), ("px4", over_serial)])
+def test_the_vehicle_is_flown_over_a_stream(autopilot: str, over: Any, tmp_path: Path) -> None:
+    async def main() -> list[Tick]:
+        udp, cameras = await free_address(), await free_address()
+        async with contextlib.AsyncExitStack() as stack:
+            way = await over(udp, tmp_path, stack)
+            world, config = prepare(SCENARIOS["paper"], [f"pose.listen={cameras}", f"link.listen={udp}"])
+            stage = Stage(world, config, 0, autopilot=autopilot)
+            config = msgspec.structs.replace(config, link=msgspec.structs.replace(config.link, listen=None, **way))
+            running = asyncio.create_task(stage.run())
+            ticks: list[Tick] = []
+
+            def on_tick(tick: Tick) -> None:
+                ticks.append(tick)
+                if tick.flight_time_s > FLOWN_S:
+                    flight.kill("enough")
+
+            async def confirm() -> bool:
+                return True
+
+            flight: Flight = make_flight(config, confirm=confirm, on_tick=on_tick)
+            outcome = await flight.run()
+            assert outcome.reason == "motors off: enough"
+            assert not stage.autopilot.armed
+            running.cancel()
+            await asyncio.gather(running, return_exceptions=True)
+            return ticks
+
+    ticks = in_real_time(main())
+    last = ticks[-1]
+    off = [a - b for a, b in zip(last.pose.position_ned, last.reference.position_ned, strict=True)]
+    assert max(map(abs, off)) < 0.3
+    assert len(ticks) > 0.5 * FLOWN_S / 0.0225
