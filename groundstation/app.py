@@ -1,7 +1,8 @@
 """The composition root: one config into a link, a source, a flight, and whoever watches it."""
 
 import asyncio
-from collections.abc import Awaitable, Callable
+from collections.abc import Awaitable, Callable, Mapping
+from typing import Any
 
 from groundstation.broadcast import Latest
 from groundstation.flight import Flight, Outcome
@@ -9,7 +10,7 @@ from groundstation.pilot import Tick
 from groundstation.poses import make_source
 from groundstation.settings import Config
 from groundstation.snapshot import Snapshot
-from links.mavlink import MavlinkLink
+from links import make_link
 
 
 def make_flight(
@@ -18,9 +19,16 @@ def make_flight(
     confirm: Callable[[], Awaitable[bool]],
     on_tick: Callable[[Tick], None] | None = None,
     on_event: Callable[[str], None] | None = None,
+    wires: Mapping[str, Any] | None = None,
 ) -> Flight:
-    """The parts that ``config`` names, put together; nothing is opened yet."""
-    link = MavlinkLink(config.link, thrust_max_n=config.full_thrust_n, thrust_curve=config.thrust_curve)
+    """The parts that ``config`` names, put together; nothing is opened yet.
+
+    ``wires`` is what a simulation puts in the place of the link's hardware; see :func:`links.make_link`.
+
+    Raises:
+        ConfigError: the poses need another link.
+    """
+    link = make_link(config.link, thrust_max_n=config.full_thrust_n, thrust_curve=config.thrust_curve, **(wires or {}))
     source = make_source(config.pose, link)
     return Flight(config, link, source, confirm=confirm, on_tick=on_tick, on_event=on_event)
 

@@ -134,19 +134,24 @@ def _flyable(config: Config) -> Config:
     if isinstance(config.pose, TlogConfig):
         raise ConfigError("pose.kind", "a recording must not fly a vehicle; look at it with `groundstation replay`")
     why = "only loopback addresses may fly yet: this version has no flight guards, so it must not move a real vehicle"
+    port = getattr(config.link, "port", None)
+    if port is not None and not str(Path(port).resolve()).startswith("/dev/pts/"):
+        why_port = why.replace("only loopback addresses may fly", "only pseudo-terminals may take commands")
+        raise ConfigError("link.port", f"{port}: {why_port}")
     addresses = {
-        "link.listen": config.link.listen,
-        "link.remote": config.link.remote,
-        "link.tcp": config.link.tcp,
+        "link.listen": getattr(config.link, "listen", None),
+        "link.remote": getattr(config.link, "remote", None),
+        "link.tcp": getattr(config.link, "tcp", None),
         "pose.listen": getattr(config.pose, "listen", None),
     }
-    if config.link.serial is not None:
-        raise ConfigError("link.serial", f"{config.link.serial}: {why}")
+    serial, signing_key_file = getattr(config.link, "serial", None), getattr(config.link, "signing_key_file", None)
+    if serial is not None:
+        raise ConfigError("link.serial", f"{serial}: {why}")
     for key, text in addresses.items():
         if text is not None and not is_loopback(parse_address(text)[0]):
             raise ConfigError(key, f"{text}: {why}")
-    if config.link.signing_key_file is not None:
-        _check_key(Path(config.link.signing_key_file))
+    if signing_key_file is not None:
+        _check_key(Path(signing_key_file))
     ensure_flyable(config)
     return config
 

@@ -1,6 +1,6 @@
 """The whole configuration of a ground station: one TOML file, one section a struct in that thing's own file."""
 
-from typing import Annotated
+from typing import Annotated, TypeAlias
 
 import msgspec
 
@@ -15,10 +15,14 @@ from groundstation.trajectories import TrajectoryConfig
 from groundstation.trajectories.lemniscate import LemniscateConfig
 from groundstation.vehicle import Vehicle
 from links.mavlink import MavlinkLinkConfig
+from links.rf_codecs import RfConfig
 from links.thrust_curve import full_thrust_n
 
 HOVER_TOLERANCE = 0.02
 """Hover thrust is rounded where autopilots show it: so much may the full thrust by it fall short, as a share."""
+
+LinkConfig: TypeAlias = MavlinkLinkConfig | RfConfig
+"""The configuration of one link, picked by its ``kind``; see ``links.LINKS``."""
 
 
 class FlightConfig(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
@@ -44,7 +48,7 @@ class Config(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=Tr
     vehicle: Vehicle = Vehicle()
     controller: ControllerConfig = Gains()
     pose: PoseConfig = ViconConfig()
-    link: MavlinkLinkConfig = MavlinkLinkConfig()
+    link: LinkConfig = MavlinkLinkConfig()
     trajectory: TrajectoryConfig = LemniscateConfig()
     limits: LimitsConfig = LimitsConfig()
     flight: FlightConfig = FlightConfig()

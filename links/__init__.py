@@ -13,14 +13,34 @@ def _mavlink() -> "tuple[type, Callable[..., CommandLink]]":
     return MavlinkLinkConfig, MavlinkLink
 
 
-LINKS: "dict[str, Callable[[], tuple[type, Callable[..., CommandLink]]]]" = {"mavlink": _mavlink}
+def _dsm() -> "tuple[type, Callable[..., CommandLink]]":
+    from links.dsm_codec import DsmLinkConfig
+    from links.serial_rf import SerialRfLink
+
+    return DsmLinkConfig, SerialRfLink
+
+
+def _crsf() -> "tuple[type, Callable[..., CommandLink]]":
+    from links.crsf_codec import CrsfLinkConfig
+    from links.serial_rf import SerialRfLink
+
+    return CrsfLinkConfig, SerialRfLink
+
+
+LINKS: "dict[str, Callable[[], tuple[type, Callable[..., CommandLink]]]]" = {
+    "mavlink": _mavlink,
+    "dsm": _dsm,
+    "crsf": _crsf,
+}
 """Kind → a function that imports it and returns its configuration and its class."""
 
 
-def make_link(config: Any, *, thrust_max_n: float, thrust_curve: float = 0.0) -> "CommandLink":
+def make_link(config: Any, *, thrust_max_n: float, thrust_curve: float = 0.0, **wires: Any) -> "CommandLink":
     """The link that ``config``, the configuration of one kind, describes.
 
     ``thrust_max_n`` is the thrust of the full signal [N], ``thrust_curve`` the vehicle's (see thrust_curve.py).
+
+    ``wires`` go to the link as they are: what a simulation puts in the place of hardware.
 
     Raises:
         TypeError: ``config`` is the configuration of no link.
@@ -28,5 +48,5 @@ def make_link(config: Any, *, thrust_max_n: float, thrust_curve: float = 0.0) ->
     for load in LINKS.values():
         config_type, link_type = load()
         if isinstance(config, config_type):
-            return link_type(config, thrust_max_n=thrust_max_n, thrust_curve=thrust_curve)
+            return link_type(config, thrust_max_n=thrust_max_n, thrust_curve=thrust_curve, **wires)
     raise TypeError(f"no link is configured by {config!r}")

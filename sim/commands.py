@@ -34,7 +34,12 @@ def _scenario(name: str) -> Scenario:
 
 
 def prepare(
-    scenario: Scenario, overrides: list[str], *, controller: str | None = None, source: str = "vicon"
+    scenario: Scenario,
+    overrides: list[str],
+    *,
+    controller: str | None = None,
+    source: str = "vicon",
+    link: str = "mavlink",
 ) -> tuple[World, Config]:
     """The truth and the configuration of ``scenario`` after ``--set``: ``sim.…`` is truth, all else is told.
 
@@ -43,7 +48,7 @@ def prepare(
     """
     truth, told = _sorted(overrides, controller)
     world = _overridden(scenario.world, truth)
-    return world, _on_udp(scenario.config(world, told, source))
+    return world, _on_udp(scenario.config(world, told, source, link))
 
 
 def prepare_own(
@@ -89,9 +94,13 @@ def fly(args: argparse.Namespace) -> int:
     scenario = _scenario(args.scenario)
     wanted_s: float | None = None
     if args.config is None:
-        world, config = prepare(scenario, args.overrides, controller=args.controller, source=args.source)
+        world, config = prepare(
+            scenario, args.overrides, controller=args.controller, source=args.source, link=args.link
+        )
     elif args.source != "vicon":
         raise ConfigError("--source", "expected vicon with --config: the simulated cameras see its vehicle")
+    elif args.link != "mavlink":
+        raise ConfigError("--link", "expected mavlink with --config")
     else:
         world, config, wanted_s = prepare_own(scenario, args.config, args.overrides, controller=args.controller)
     duration_s = args.duration or wanted_s or DURATION_S
@@ -116,6 +125,7 @@ def fly(args: argparse.Namespace) -> int:
         "controller": config.controller.kind,
         "source": args.source,
         "autopilot": args.autopilot,
+        "link": args.link,
         "completed": result.completed,
         "why": result.why,
         "duration_s": result.duration_s,
@@ -282,7 +292,7 @@ def serve(args: argparse.Namespace) -> int:
     from sim.serve import serve as serve_stage
 
     scenario = _scenario(args.scenario)
-    world, config = prepare(scenario, args.overrides, source=args.source)
+    world, config = prepare(scenario, args.overrides, source=args.source, link=args.link)
     return asyncio.run(
         serve_stage(
             scenario.name,

@@ -135,7 +135,7 @@ async def _fly(
         await sleep_until(CONFIRM_S)
         return True
 
-    flight = make_flight(config, confirm=confirm, on_tick=watch, on_event=on_event)
+    flight = make_flight(config, confirm=confirm, on_tick=watch, on_event=on_event, wires=stage.wires)
     stage_task = asyncio.create_task(stage.run())
     flight_task = asyncio.create_task(flight.run())
     clock = asyncio.create_task(_end_of(flight_task, lambda: flight.started_s, duration_s, on_progress))

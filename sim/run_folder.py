@@ -1,5 +1,6 @@
-"""A run's folder: config, every command as CSV, the MAVLink traffic as .tlog, events, and the result.
+"""A run's folder: config, every command as CSV, the bytes on the wire, events, and the result.
 
+MAVLink is kept as .tlog, both ways; a radio's frames as lines of hex.
 Rows are written as they come and flushed every half second of flight, so a crash loses no more than that.
 """
 
@@ -15,6 +16,8 @@ from groundstation.config import ConfigError, dump
 from groundstation.pilot import Tick
 from groundstation.settings import Config
 from links.address import parse_address
+from links.mavlink import MavlinkLinkConfig
+from sim.inline_pacer import MODULE
 from sim.world import World
 
 COLUMNS = (
@@ -36,13 +39,14 @@ class RunFolder:
             ConfigError: the folder can't be written.
         """
         self.path = path
-        self._mavlink_port = parse_address(config.link.address)[1]
+        link = config.link
+        self._mavlink_port = parse_address(link.address)[1] if isinstance(link, MavlinkLinkConfig) else None
         try:
             path.mkdir(parents=True, exist_ok=True)
             (path / "config.toml").write_text(dump(config))
             self._csv = _opened(path / "flight.csv")
             self._events = _opened(path / "events.txt")
-            self._tlog = (path / "mavlink.tlog").open("wb")
+            self._wire = (path / ("frames.txt" if self._mavlink_port is None else "mavlink.tlog")).open("wb")
         except OSError as error:
             raise ConfigError("--out", f"cannot write {path}: {error.strerror}") from None
         self._csv.write(COLUMNS + "\n")
@@ -72,13 +76,15 @@ class RunFolder:
         self._csv.write(",".join(f"{value:.9g}" for value in row) + f",{tick.seen.state}\n")
         if tick.time_s > self._flushed + 0.5:
             self._flushed = tick.time_s
-            for file in (self._csv, self._events, self._tlog):
+            for file in (self._csv, self._events, self._wire):
                 file.flush()
 
     def datagram(self, time_s: float, source: tuple[str, int], target: tuple[str, int], data: bytes) -> None:
-        """One datagram of the simulated network; MAVLink goes to the .tlog."""
-        if self._mavlink_port in (source[1], target[1]):
-            self._tlog.write(struct.pack(">Q", round(time_s * 1e6)) + data)
+        """One datagram of the simulated network: MAVLink goes to the .tlog, a radio's frame is a line of hex."""
+        if target == MODULE:
+            self._wire.write(f"{time_s:.6f} {data.hex(' ')}\n".encode())
+        elif self._mavlink_port in (source[1], target[1]):
+            self._wire.write(struct.pack(">Q", round(time_s * 1e6)) + data)
 
     def event(self, line: str) -> None:
         """One line for the operator."""
@@ -86,7 +92,7 @@ class RunFolder:
 
     def close(self, facts: dict[str, Any], world: World) -> None:
         """Write the result and close everything."""
-        for file in (self._csv, self._events, self._tlog):
+        for file in (self._csv, self._events, self._wire):
             file.close()
         result = {**facts, "sim": msgspec.to_builtins(world)}
         (self.path / "summary.json").write_text(json.dumps(result, indent=2) + "\n")

@@ -10,9 +10,13 @@ from groundstation.settings import Config, FlightConfig
 from groundstation.trajectories.lemniscate import LemniscateConfig
 from groundstation.vehicle import Vehicle
 from links.mavlink import MavlinkLinkConfig
+from links.rf_codec import RfLinkConfig
+from links.rf_codecs import RF_CODECS
 from sim.world import World
 
 NO_LIMIT = (1e5, 1e5, 1e5)
+FASTEST_STICK_DEG_S = 720.0
+"""Body rate at full stick where the vehicle has no limit [deg/s]: a stick has few steps."""
 MQX = World()
 _IDEAL = msgspec.structs.replace(
     MQX,
@@ -71,11 +75,11 @@ class Scenario(msgspec.Struct, frozen=True, kw_only=True):
     told_more: tuple[str, ...] = ()
     """What else it is told, as in ``--set``."""
 
-    def config(self, world: World, overrides: list[str], source: str) -> Config:
+    def config(self, world: World, overrides: list[str], source: str, link: str = "mavlink") -> Config:
         """The application's configuration for ``world`` (this scenario's, perhaps overridden).
 
         The reference's speed and the period of the frames are facts of the flight and follow ``world``; all
-        else is what the scenario tells the controller.
+        else is what the scenario tells the controller. A radio ``link`` takes full stick for the vehicle's limits.
         """
         config = Config(
             vehicle=self.told,
@@ -96,7 +100,31 @@ class Scenario(msgspec.Struct, frozen=True, kw_only=True):
                 data.pop(key.partition(".")[0], None)  # another vehicle, another trajectory: nothing of this one
         if source == "odometry":
             data["pose"] = {"kind": "mavlink", "latency_s": self.told_latency_s, "rate_hz": world.pose_rate_hz}
-        return from_dict(data, Config, [*self.told_more, *overrides])
+        overrides = [*self.told_more, *overrides]
+        if link != "mavlink":
+            data["link"] = _radio(link, world, self.told)
+            # Only the codec that results knows how long a frame is on its way.
+            radio = from_dict(data, Config, overrides).link
+            assert isinstance(radio, RfLinkConfig), "no other link is left"
+            data.setdefault("vehicle", {})["command_delay_s"] = radio.lead_s + radio.frame_s
+        return from_dict(data, Config, overrides)
+
+
+def _radio(kind: str, world: World, told: Vehicle) -> dict[str, Any]:
+    """The link's section for a serial radio module."""
+    rates = dict(zip(("roll", "pitch", "yaw"), told.rate_limits_deg_s, strict=True))
+    order = RF_CODECS[kind]().map
+    sticks = {
+        axis: {**msgspec.to_builtins(getattr(order, axis)), "full_rate_deg_s": min(rate, FASTEST_STICK_DEG_S)}
+        for axis, rate in rates.items()
+    }
+    sticks["arm"] = {"channel": 5}
+    return {
+        "kind": kind,
+        "period_s": world.frame_period_s,
+        "lead_s": min(0.001, 0.5 * world.frame_period_s),
+        "map": sticks,
+    }
 
 
 _TOLD_QUAD1KG = Vehicle(

@@ -5,6 +5,8 @@ import contextlib
 from collections.abc import Mapping
 
 from groundstation.settings import Config
+from links.mavlink import MavlinkLinkConfig
+from sim.pty_wire import PtyWire
 from sim.stage import Stage
 from sim.world import World
 
@@ -20,14 +22,20 @@ async def serve(
     parameters: Mapping[str, float] | None = None,
 ) -> int:
     """Serve until ``duration_s`` [s] have passed (None: until interrupted); returns the exit code."""
-    stage = Stage(world, config, seed, autopilot=autopilot, parameters=parameters)
-    mavlink = config.link.address
+    link = config.link
+    pty = None if isinstance(link, MavlinkLinkConfig) else PtyWire()
+    stage = Stage(world, config, seed, autopilot=autopilot, parameters=parameters, pty=pty)
+    if isinstance(link, MavlinkLinkConfig):
+        end = f"{autopilot} autopilot (MAVLink) to udp {link.address}"
+    else:
+        assert pty is not None, "every other link is a radio's"
+        end = f"{type(link).__struct_config__.tag} receiver on {pty.path}"
     poses = getattr(config.pose, "listen", "the MAVLink connection")
-    print(
-        f"serving {name}: {autopilot} autopilot (MAVLink) to udp {mavlink}, poses to {poses}. Ctrl-C ends.", flush=True
-    )
+    print(f"serving {name}: {end}, poses to {poses}. Ctrl-C ends.", flush=True)
     with contextlib.suppress(TimeoutError):
         await asyncio.wait_for(stage.run(), duration_s)
+    if pty is not None:
+        pty.close()
     touchdown = stage.plant.touchdown_m_s
     if touchdown is not None:
         print(f"touched down at {touchdown:.2f} m/s", flush=True)

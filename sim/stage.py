@@ -1,4 +1,4 @@
-"""The simulated side of a flight: plant, cameras and autopilot around one world and one seed.
+"""The simulated side of a flight: plant, cameras, and an autopilot or a radio receiver around one world and one seed.
 
 Used in virtual time by ``groundstation-sim fly`` and in real time by ``groundstation-sim serve``.
 """
@@ -6,6 +6,7 @@ Used in virtual time by ``groundstation-sim fly`` and in real time by ``groundst
 import asyncio
 from collections.abc import Callable, Mapping
 from pathlib import Path
+from typing import Any
 
 from groundstation.config import ConfigError
 from groundstation.frames import pose_from_ned_frd
@@ -14,15 +15,20 @@ from groundstation.poses.vicon import ViconConfig
 from groundstation.poses.vicon_codec import ViconObject, encode, euler_xyz_from_quaternion
 from groundstation.settings import Config
 from links.address import parse_address
+from links.mavlink import MavlinkLinkConfig
 from links.mavlink_key import StampFile, read_key
 from links.mavlink_signing import TICKS_PER_S, Signer
 from links.thrust_curve import signal
 from sim.airframe import Truth
+from sim.autopilot_base import SimulatedAutopilot
 from sim.autopilot_peer import AutopilotPeer
 from sim.autopilots import AUTOPILOTS
 from sim.draws import rows, stream
+from sim.inline_pacer import WirePort, opened_on
 from sim.mocap import Encoder, Mocap
+from sim.pty_wire import PtyWire
 from sim.quadrotor import Quadrotor
+from sim.rf_receiver import RfPeer, RfReceiver
 from sim.vehicle import SimulatedVehicle
 from sim.wind import Wind
 from sim.world import World
@@ -40,10 +46,12 @@ class Stage:
         *,
         autopilot: str = "px4",
         parameters: Mapping[str, float] | None = None,
+        pty: PtyWire | None = None,
     ) -> None:
         """Set up a vehicle that is held in the air; ``config`` tells the addresses and formats to speak.
 
-        ``autopilot`` is one of ``AUTOPILOTS``; ``parameters`` differ from its usual ones.
+        ``autopilot`` is one of ``AUTOPILOTS``; ``parameters`` differ from its usual ones. A radio link ends at ``pty``,
+        or else on the network in memory.
 
         Raises:
             KeyError: it has no such parameter.
@@ -60,27 +68,57 @@ class Stage:
             # Hand-shakes repeat what gets lost; losses that count begin with the flight.
             return plant.released_s is not None and next(luck)[0] < world.frame_loss
 
-        self.autopilot = AUTOPILOTS[autopilot](
-            vehicle,
-            lose=lose,
-            hover=signal(world.mass_kg * world.gravity / world.thrust_max_n, world.thrust_curve),
-            parameters=parameters,
-        )
-        if config.link.signing_key_file is not None:
-            self.autopilot.codec.signer = _signer(Path(config.link.signing_key_file))
-        # Where its own estimate serves as the poses, it comes as late as the cameras' would.
-        delay = 0.0 if isinstance(config.pose, ViconConfig) else world.pose_latency_s
-        self.peer = AutopilotPeer(
-            self.autopilot, parse_address(config.link.address), delay_s=delay, hearing_s=world.command_delay_s
-        )
+        self.wires: dict[str, Any] = {}
+        """What the link gets in the place of hardware; see :func:`groundstation.app.make_flight`."""
+        self._pty = pty
+        self._mavlink: tuple[SimulatedAutopilot, AutopilotPeer] | None = None
+        self.radio: RfPeer | None = None
+        """The other end of a radio link."""
+        if isinstance(config.link, MavlinkLinkConfig):
+            made = AUTOPILOTS[autopilot](
+                vehicle,
+                lose=lose,
+                hover=signal(world.mass_kg * world.gravity / world.thrust_max_n, world.thrust_curve),
+                parameters=parameters,
+            )
+            if config.link.signing_key_file is not None:
+                made.codec.signer = _signer(Path(config.link.signing_key_file))
+            # Where its own estimate serves as the poses, it comes as late as the cameras' would.
+            delay = 0.0 if isinstance(config.pose, ViconConfig) else world.pose_latency_s
+            address = parse_address(config.link.address)
+            peer = AutopilotPeer(made, address, delay_s=delay, hearing_s=world.command_delay_s)
+            self._mavlink = made, peer
+        else:
+            self.radio = RfPeer(RfReceiver(vehicle, config.link, lose=lose), config.link, world.command_delay_s)
+            if pty is None:
+                self.wires["open_pacer"] = opened_on(WirePort())
         self.mocap: Mocap | None = None
         if isinstance(config.pose, ViconConfig):
             self.mocap = Mocap(world, self.plant, seed, vicon_encoder(config.pose), parse_address(config.pose.listen))
 
+    @property
+    def autopilot(self) -> SimulatedAutopilot:
+        """The autopilot at the end of a MAVLink link."""
+        assert self._mavlink is not None, "a radio link ends at a receiver"
+        return self._mavlink[0]
+
+    @property
+    def peer(self) -> AutopilotPeer:
+        """Its socket."""
+        assert self._mavlink is not None, "a radio link ends at a receiver"
+        return self._mavlink[1]
+
     async def run(self) -> None:
         """Let the world turn until cancelled."""
         async with asyncio.TaskGroup() as group:
-            group.create_task(self.peer.run())
+            if self.radio is None:
+                group.create_task(self.peer.run())
+            elif self._pty is None:
+                group.create_task(self.radio.run())
+            else:
+                radio = self.radio
+                self._pty.listen(lambda data: radio.datagram_received(data, None))
+                group.create_task(radio.last())
             if self.mocap is not None:
                 group.create_task(self.mocap.run())
 

@@ -6,9 +6,11 @@ from typing import Any
 
 import msgspec
 
+from groundstation.config import ConfigError
 from groundstation.doctor import ardupilot, px4
 from groundstation.doctor.advice import Advice, Facts, Finding, judged
 from groundstation.settings import Config
+from links.mavlink import MavlinkLinkConfig
 from links.mavlink_codec import ARDUPILOT, ARMED, PX4
 from links.mavlink_connection import MavlinkConnection
 from links.mavlink_parameters import Parameter, ReadAll, Write, is_same
@@ -26,8 +28,14 @@ class Visit:
     """``open`` it, ``examine``, perhaps ``set``, and ``close`` it. Changes nothing by itself."""
 
     def __init__(self, config: Config) -> None:
-        """Nothing is opened yet."""
+        """Nothing is opened yet.
+
+        Raises:
+            ConfigError: the link does not lead to an autopilot.
+        """
         link = config.link
+        if not isinstance(link, MavlinkLinkConfig):
+            raise ConfigError("link.kind", "expected mavlink: only an autopilot has parameters to look at")
         share = config.vehicle.mass_kg * config.controller.gravity / config.full_thrust_n
         self.facts = Facts(
             own_system=link.system_id,

@@ -9,7 +9,7 @@ from groundstation.shadow.judge import Check, checks, verdict
 from groundstation.shadow.path import FlownPath
 from groundstation.shadow.recording import read_recording
 from groundstation.shadow.replay import replay
-from groundstation.shadow.vehicle import completed, described, latency_s
+from groundstation.shadow.vehicle import completed, described, latency_s, mavlink
 
 
 class Report(Facts, frozen=True, kw_only=True):
@@ -30,7 +30,7 @@ def report(file: Path, config_path: Path | None = None, overrides: Sequence[str]
         ConfigError: the configuration is bad, or the file can't be read or holds no poses.
     """
     config = described(config_path, overrides)
-    recording = read_recording(file, latency_s(config), config.link.target_system)
+    recording = read_recording(file, latency_s(config), mavlink(config).target_system)
     path = FlownPath([seen.pose for seen in recording.poses], config.flight.coast_s)
     shares = thrust_shares(recording.sent, config.thrust_curve)
     hover = hover_share(recording, shares, path, config.controller.gravity)

@@ -6,11 +6,12 @@ from typing import Any
 
 import numpy as np
 
-from groundstation.config import from_dict, load
+from groundstation.config import ConfigError, from_dict, load
 from groundstation.poses.mavlink import MavlinkPoseConfig
 from groundstation.poses.tlog import TlogConfig
 from groundstation.settings import Config
 from groundstation.shadow.recording import Recording
+from links.mavlink import MavlinkLinkConfig
 
 NOMINAL_KG = 1.0
 """Mass of a vehicle that nobody described [kg]. Motion only shows thrust over mass, so any will do."""
@@ -39,6 +40,17 @@ def latency_s(config: Config) -> float:
     """Time from the instant of a pose to its earliest arrival [s]."""
     pose = config.pose
     return pose.latency_s if isinstance(pose, MavlinkPoseConfig | TlogConfig) else NOMINAL_LATENCY_S
+
+
+def mavlink(config: Config) -> MavlinkLinkConfig:
+    """The link of the recording.
+
+    Raises:
+        ConfigError: the configuration has another one.
+    """
+    if not isinstance(config.link, MavlinkLinkConfig):
+        raise ConfigError("link.kind", "a recording holds MAVLink: expected 'mavlink'")
+    return config.link
 
 
 def completed(

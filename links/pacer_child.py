@@ -1,0 +1,159 @@
+"""The pacer's own process: absolute deadlines, real-time priority where allowed, deaf to the terminal.
+
+It is started by links/pacer_process.py with one end of a socket pair, on which messages arrive whole or not at all and
+in order, and whose other end closes when whoever commands dies. Orders come in, reports go out. Nothing here waits but
+the sleep until the next frame. The commands' clock is CLOCK_MONOTONIC, the same in every process of this machine.
+"""
+
+import contextlib
+import ctypes
+import gc
+import os
+import signal
+import socket
+import sys
+import time
+
+import msgspec
+
+from links.pacer import FramePacer
+from links.pacer_messages import Order, Report
+from links.rf_codecs import RfConfig
+from links.rf_port import ModulePort
+
+PREPARE_S = 0.0004
+"""How long before its instant a frame is made [s]; then only the write is left to do."""
+REPORT_S = 0.2
+"""Period of the reports [s]."""
+MESSAGE_BYTES = 65536
+_MOST_ORDERS = 256
+"""Most orders taken between two frames, so that nobody who floods us delays a frame."""
+
+
+class Setup(msgspec.Struct, frozen=True):
+    """The first message."""
+
+    config: RfConfig
+    thrust_max_n: float
+    """[N]"""
+
+
+class Clock:
+    """CLOCK_MONOTONIC, and sleeping until an instant on it."""
+
+    def __init__(self) -> None:
+        """Look up what the standard library does not offer."""
+        self._libc = ctypes.CDLL(None, use_errno=True)
+        self._libc.clock_nanosleep.argtypes = (ctypes.c_int, ctypes.c_int, ctypes.c_void_p, ctypes.c_void_p)
+        self._until = (ctypes.c_long * 2)()
+        self.now = time.monotonic
+
+    def sleep_until(self, when_s: float) -> None:
+        """Sleep until ``when_s`` [s]; at once where that has passed."""
+        seconds = int(when_s)
+        self._until[0], self._until[1] = seconds, int(1e9 * (when_s - seconds))
+        self._libc.clock_nanosleep(time.CLOCK_MONOTONIC, 1, self._until, None)
+
+    def lock_memory(self) -> bool:
+        """Keep every page in memory, now and later; whether that was allowed."""
+        return int(self._libc.mlockall(3)) == 0
+
+
+def main() -> None:
+    """Pace until told to end, or until nobody commands any more and all is brought down."""
+    wire = socket.socket(fileno=int(sys.argv[1]))
+    for number in (signal.SIGINT, signal.SIGHUP, signal.SIGTERM, signal.SIGQUIT, signal.SIGTSTP):
+        signal.signal(number, signal.SIG_IGN)
+    setup = msgspec.msgpack.decode(wire.recv(MESSAGE_BYTES), type=Setup)
+    config = setup.config
+    clock = Clock()
+    fifo, note = _prioritise(config.fifo_priority, clock)
+    pacer = FramePacer(config, setup.thrust_max_n, ModulePort(config.port, config.baud), clock.now())
+    gc.collect()
+    gc.freeze()
+    gc.disable()
+    try:
+        _pace(pacer, config.period_s, clock, Commander(wire, note, fifo))
+    finally:
+        pacer.close()
+
+
+class Commander:
+    """The other end of the socket pair."""
+
+    def __init__(self, wire: socket.socket, note: str, fifo: bool) -> None:
+        """``note`` and ``fifo`` go into every report."""
+        self._wire = wire
+        self._note, self._fifo = note, fifo
+        self._decoder = msgspec.msgpack.Decoder(Order)
+        self._encoder = msgspec.msgpack.Encoder()
+        self._alive = True
+        wire.setblocking(False)
+
+    def listen(self, pacer: FramePacer, now_s: float) -> None:
+        """Take what was ordered since the last time."""
+        if not self._alive:
+            return
+        for _ in range(_MOST_ORDERS):
+            try:
+                data = self._wire.recv(MESSAGE_BYTES)
+            except BlockingIOError:
+                return
+            except OSError:
+                data = b""
+            if not data:
+                self._alive = False
+                pacer.orphaned(now_s)
+                return
+            try:
+                order = self._decoder.decode(data)
+            except msgspec.MsgspecError:
+                continue  # no order of ours; an exception here would silence the vehicle's link
+            pacer.order(order, now_s)
+
+    def tell(self, pacer: FramePacer, now_s: float) -> None:
+        """Report; one that does not fit is left out."""
+        if self._alive:
+            report: Report = pacer.report(now_s, note=self._note, fifo=self._fifo)
+            with contextlib.suppress(OSError):  # nobody reads for now, or for ever: the next look tells
+                self._wire.send(self._encoder.encode(report))
+
+
+def _pace(pacer: FramePacer, period_s: float, clock: Clock, commander: Commander) -> None:
+    now = clock.now
+    due = now() + period_s
+    pacer.prepare(due)
+    commander.tell(pacer, now())
+    tell_s = due
+    while not pacer.done(now()):
+        clock.sleep_until(due - PREPARE_S)
+        commander.listen(pacer, now())
+        pacer.prepare(due)
+        clock.sleep_until(due)
+        pacer.leave(now())
+        left = now()
+        skipped = max(0, int((left - due) / period_s))
+        pacer.measured(left, skipped)
+        pacer.tidy(left)
+        if left >= tell_s:
+            commander.tell(pacer, left)
+            tell_s = left + REPORT_S
+        due += (1 + skipped) * period_s
+    commander.tell(pacer, now())
+
+
+def _prioritise(priority: int, clock: Clock) -> tuple[bool, str]:
+    """Ask for real-time priority and locked memory; whether we have the first, and in words what we have."""
+    if priority == 0:
+        return False, "ordinary priority, as configured"
+    try:
+        os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(priority))
+    except OSError:
+        return False, "ordinary priority: SCHED_FIFO is not allowed (set rtprio in /etc/security/limits.conf)"
+    if not clock.lock_memory():
+        return True, f"SCHED_FIFO {priority}, memory not locked (set memlock in /etc/security/limits.conf)"
+    return True, f"SCHED_FIFO {priority}, memory locked"
+
+
+if __name__ == "__main__":
+    main()

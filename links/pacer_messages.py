@@ -1,0 +1,96 @@
+"""What a link tells its pacer, and what the pacer tells back. Sans-IO."""
+
+from collections.abc import Awaitable, Callable
+from typing import Protocol, TypeAlias
+
+import msgspec
+
+from links.port import Command
+from links.rf_codec import RfLinkConfig, Service
+
+
+class Arm(msgspec.Struct, frozen=True, tag="arm"):
+    """A new arming by the operator."""
+
+    number: int
+    """Of this arming, 1 for the first."""
+    at_s: float
+    """When it began [s]."""
+
+
+class Give(msgspec.Struct, frozen=True, tag="give", gc=False):
+    """The newest command."""
+
+    command: Command
+
+
+class Stop(msgspec.Struct, frozen=True, tag="stop"):
+    """Disarm frames from the next frame on, until a new arming."""
+
+
+class Serve(msgspec.Struct, frozen=True, tag="serve"):
+    """Bind, or check the range, for a while; ignored unless disarmed."""
+
+    service: Service
+    duration_s: float
+    """[s]"""
+
+
+class End(msgspec.Struct, frozen=True, tag="end"):
+    """End, but not before the newest command and its bring-down are over and ``linger_s`` [s] of disarm frames left."""
+
+    linger_s: float
+
+
+Order: TypeAlias = Arm | Give | Stop | Serve | End
+
+
+class Report(msgspec.Struct, frozen=True, kw_only=True):
+    """The pacer as it is now; times are on CLOCK_MONOTONIC in real time [s]."""
+
+    now_s: float
+    """When this was written."""
+    frame_s: float
+    """When some frame left or will leave: the others are whole periods away."""
+    arming: int
+    """Number of the newest arming that it knows."""
+    over: bool
+    """Whether nothing that lifts leaves any more."""
+    frames: int
+    """Frames that left."""
+    lost: int
+    """Frames that did not leave at their instant or not at all, the port being there."""
+    refused: int
+    """Commands that came too late or out of order."""
+    port: str
+    """Why the port can't be used; empty where it can."""
+    received: int
+    """Frames that came back from the module."""
+    dropped: dict[str, int]
+    """What was dropped or failed, by reason."""
+    late_us: tuple[int, int, int]
+    """Lateness of the frames, 50, 99 and 99.9 % [µs]."""
+    note: str = ""
+    """How it is scheduled, in words."""
+    fifo: bool = False
+    """Whether it runs with real-time priority."""
+
+
+class Pacer(Protocol):
+    """The pacer as the link sees it, in another process or in the same loop."""
+
+    def give(self, order: Order) -> bool:
+        """Hand over ``order`` without waiting; False where nobody takes it."""
+        ...
+
+    async def ended(self) -> None:
+        """Wait until it has ended."""
+        ...
+
+    def forget(self) -> None:
+        """Let go of it; it ends by itself as after :class:`End`, should it still live."""
+        ...
+
+
+OpenPacer: TypeAlias = Callable[[RfLinkConfig, float, Callable[[Report | None], None]], Awaitable[Pacer]]
+"""Start a pacer for a configuration and a full thrust [N]; its reports go to the callable, and None at its end."""

@@ -1,0 +1,119 @@
+"""A pacer in a process of its own, as the link sees it."""
+
+import asyncio
+import os
+import socket
+import subprocess
+import sys
+from collections.abc import Callable
+from pathlib import Path
+
+import msgspec
+
+import links
+from links.pacer_child import MESSAGE_BYTES, Setup
+from links.pacer_messages import Order, Report
+from links.port import LinkError, LinkLost
+from links.rf_codec import RfLinkConfig
+
+START_LIMIT_S = 10.0
+"""Longest wait for the first report [s]."""
+CLOCK_TOLERANCE_S = 0.05
+"""The child's clock must show an instant between our two looks, or this close to them [s]."""
+
+
+class PacerProcess:
+    """Implements :class:`links.pacer_messages.Pacer`."""
+
+    def __init__(
+        self, process: "subprocess.Popen[bytes]", wire: socket.socket, on_report: Callable[[Report | None], None]
+    ) -> None:
+        """See :func:`open_process`."""
+        self._process = process
+        self._wire = wire
+        self._on_report = on_report
+        self._encoder = msgspec.msgpack.Encoder()
+        self._decoder = msgspec.msgpack.Decoder(Report)
+        self._loop = asyncio.get_running_loop()
+        self._end = self._loop.create_future()
+        self._loop.add_reader(wire.fileno(), self._readable)
+
+    def give(self, order: Order) -> bool:
+        """Hand over ``order`` without waiting; False where nobody takes it."""
+        try:
+            self._wire.send(self._encoder.encode(order))
+        except OSError:
+            return False
+        return True
+
+    async def ended(self) -> None:
+        """Wait until it has ended."""
+        await asyncio.shield(self._end)
+        self._process.wait()  # it closed its end as the last thing it did
+
+    def forget(self) -> None:
+        """Let go of it; its dead man's switch ends it."""
+        if self._wire.fileno() >= 0:
+            self._loop.remove_reader(self._wire.fileno())
+            self._wire.close()
+        if not self._end.done():
+            self._end.set_result(None)
+
+    def _readable(self) -> None:
+        while True:
+            try:
+                data = self._wire.recv(MESSAGE_BYTES)
+            except BlockingIOError:
+                return
+            except OSError:
+                data = b""
+            if not data:
+                self.forget()
+                self._on_report(None)
+                return
+            self._on_report(self._decoder.decode(data))
+
+
+async def open_process(
+    config: RfLinkConfig, thrust_max_n: float, on_report: Callable[[Report | None], None]
+) -> PacerProcess:
+    """Start the process, in a session of its own, and wait for its first report.
+
+    Raises:
+        LinkLost: it did not start.
+        LinkError: its clock is not ours.
+    """
+    loop = asyncio.get_running_loop()
+    ours, theirs = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
+    first: asyncio.Future[Report | None] = loop.create_future()
+
+    def report(news: Report | None) -> None:
+        if not first.done():
+            first.set_result(news)
+        on_report(news)
+
+    with theirs:
+        # -P: a folder `links` where the operator happens to stand is not ours. Ours is named instead.
+        environment = os.environ | {"PYTHONPATH": str(Path(links.__file__).parents[1])}
+        command = [sys.executable, "-P", "-m", "links.pacer_child", str(theirs.fileno())]
+        started = loop.time()
+        process = subprocess.Popen(  # noqa: ASYNC220, S603  # a millisecond, on the ground; our own program
+            command, stdin=subprocess.DEVNULL, pass_fds=[theirs.fileno()], start_new_session=True, env=environment
+        )
+    ours.setblocking(False)
+    pacer = PacerProcess(process, ours, report)
+    pacer.give(Setup(config, thrust_max_n))  # type: ignore[arg-type]  # the one message that is no order
+    try:
+        hello = await asyncio.wait_for(asyncio.shield(first), START_LIMIT_S)
+        if hello is None:
+            raise LinkLost(f"the pacer ended at once, with code {process.wait()}: see what it printed")
+        if not started - CLOCK_TOLERANCE_S <= hello.now_s <= loop.time() + CLOCK_TOLERANCE_S:
+            raise LinkError("the pacer's clock is not the event loop's: deadlines would mean nothing to it")
+    except BaseException as error:
+        pacer.forget()
+        process.kill()  # nothing is armed yet
+        process.wait()
+        if isinstance(error, TimeoutError):
+            raise LinkLost(f"the pacer did not start within {START_LIMIT_S:g} s") from None
+        raise
+    return pacer

@@ -1,0 +1,273 @@
+"""The serial RF link: thrust and body rates as a transmitter's channels, paced by a process of its own.
+
+Frames leave all the time, whatever this process does: disarm frames until the operator arms, then the newest command.
+Nothing comes back from the vehicle. So "armed" means that the arm channel was held up for a stated time with the
+throttle down, and "disarmed" that disarm frames left for one.
+"""
+
+import asyncio
+import math
+from collections.abc import Callable
+
+from links.deadman import Deadman, Phase
+from links.pacer_messages import Arm, End, Give, OpenPacer, Pacer, Report, Serve, Stop
+from links.pacer_process import open_process
+from links.port import Command, LinkError, LinkLost, LinkMisuse, LinkRejected, LinkStatus
+from links.rf_codec import RfLinkConfig, Service
+
+_CLOSED = "on a link that is not connected"
+
+
+class SerialRfLink:
+    """Implements :class:`links.port.CommandLink` (see there)."""
+
+    def __init__(
+        self,
+        config: RfLinkConfig,
+        *,
+        thrust_max_n: float,
+        thrust_curve: float = 0.0,
+        open_pacer: OpenPacer = open_process,
+    ) -> None:
+        """Nothing is opened yet; ``thrust_max_n`` is the thrust at full throttle [N].
+
+        ``thrust_curve`` is the curve in force (links/thrust_curve.py); ``open_pacer`` starts the pacer: in another
+        process, or wherever a simulation has it.
+        """
+        self._config = config.with_thrust_curve(thrust_curve)
+        self._thrust_max = thrust_max_n
+        self._open_pacer = open_pacer
+        self._pacer: Pacer | None = None
+        self._report: Report | None = None
+        self._deadman = Deadman()
+        """A likeness of the pacer's own, so that send() knows at once what will not leave."""
+        self._arming = 0
+        self._sent = 0
+        self._expired = 0
+        self._busy = _CLOSED
+        """Why send() is out of place now; empty where it is not."""
+
+    @property
+    def period_s(self) -> float:
+        """Time between two commands [s]."""
+        return self._config.period_s
+
+    @property
+    def report(self) -> Report | None:
+        """The newest report of the pacer; None before the first."""
+        return self._report
+
+    @property
+    def status(self) -> LinkStatus:
+        """The link as it is now; ``received`` counts frames that came back from the module."""
+        report = self._report
+        return LinkStatus(
+            state=self._state(),
+            sent=self._sent,
+            expired=self._expired,
+            received=report.received if report is not None else 0,
+            dropped=dict(report.dropped) if report is not None else {},
+            text=_words(report),
+        )
+
+    def _state(self) -> str:
+        if self._busy == _CLOSED:
+            return "closed"
+        if self._report is None or self._report.port or self._pacer is None:
+            return "lost" if self._busy != "while it connects" else "connecting"
+        return "connected" if self._over() else "armed"
+
+    def _over(self) -> bool:
+        return self._busy == "while arm() streams" or self._deadman.phase(_now()) is Phase.OVER
+
+    async def connect(self) -> None:
+        """Start the pacer and open the port; from now on disarm frames leave.
+
+        Raises:
+            LinkLost: the port can't be opened, or the pacer does not start.
+        """
+        if self._busy != _CLOSED:
+            raise LinkMisuse("the link is connected already; close it first")
+        self._busy = "while it connects"
+        self._report = None
+        try:
+            self._pacer = await self._open_pacer(self._config, self._thrust_max, self._hear)
+        except BaseException:
+            self._busy = _CLOSED
+            raise
+        why = self._newest().port
+        if why:
+            await self.close()
+            raise LinkLost(why)
+        self._busy = ""
+
+    async def arm(self, idle: Callable[[], Command]) -> None:
+        """Show a disarmed transmitter, then an armed one, both with the throttle down, while ``idle()`` is streamed.
+
+        Only a fresh ``idle()`` keeps this alive; its thrust leaves once the vehicle counts as armed. Returns so that
+        a caller who sends at once, and then every period, stays just ahead of the frames.
+
+        Raises:
+            LinkLost: the port went away.
+            LinkError: ``idle()`` returned a command whose deadline had passed.
+            LinkMisuse: the link is not connected, or armed already.
+        """
+        self._free_for("arm")
+        if self._state() == "armed":
+            raise LinkMisuse("arm() on a link that is armed")
+        loop, config = asyncio.get_running_loop(), self._config
+        self._busy = "while arm() streams"
+        try:
+            due = self._ahead_of_frame(loop.time())
+            await _sleep_until(due)
+            self._arming += 1
+            self._deadman.arm()
+            self._give(Arm(self._arming, due))
+            obeys_s = due + config.arm_low_s + config.arm_high_s
+            while due < obeys_s:
+                if not self._send(idle(), loop.time()):
+                    raise LinkError("arming was abandoned: the idle command had expired, as its pose is too old")
+                due += config.period_s
+                if due < loop.time():
+                    due = self._ahead_of_frame(loop.time())
+                await _sleep_until(due)
+                self._still_there()
+            self._busy = ""
+        except BaseException:
+            self.kill()
+            raise
+        finally:
+            if self._busy == "while arm() streams":  # not closed meanwhile
+                self._busy = ""
+
+    def send(self, command: Command) -> bool:
+        """Make ``command`` the one that leaves with the next frame, and with every other until its deadline.
+
+        False, and nothing changes, where its deadline has passed, the dead man's switch is open, or the port is gone.
+
+        Raises:
+            LinkMisuse: a number in it is not finite, the link is not connected, or ``arm`` is streaming.
+        """
+        if self._busy:
+            raise LinkMisuse(f"send() {self._busy}")
+        return self._send(command, _now())
+
+    def _send(self, command: Command, now_s: float) -> bool:
+        if math.isnan(command.deadline_s) or not self._deadman.take(command, now_s):
+            self._expired += 1
+            return False
+        if not self._give(Give(command)):
+            return False
+        self._sent += 1
+        return True
+
+    def kill(self) -> None:
+        """Disarm frames from the next frame on, and nothing else until a new arming."""
+        self._deadman.stop()
+        self._give(Stop())
+
+    async def disarm(self) -> None:
+        """Send disarm frames; the vehicle counts as disarmed once they have left for ``disarm_s``.
+
+        Raises:
+            LinkLost: the port went away.
+            LinkMisuse: the link is not connected.
+        """
+        self._free_for("disarm")
+        self.kill()
+        await asyncio.sleep(self._config.disarm_s)
+        self._still_there()
+
+    async def bind(self, duration_s: float = 10.0) -> None:
+        """Have the module bind to a receiver that waits for it; see :meth:`serve`."""
+        await self.serve(Service.BIND, duration_s)
+
+    async def serve(self, service: Service, duration_s: float) -> None:
+        """Have the module do ``service`` for ``duration_s`` [s]; returns when that is over.
+
+        Raises:
+            LinkRejected: the vehicle is armed, or the module can't do that.
+            LinkLost: the port went away.
+            LinkMisuse: the link is not connected.
+        """
+        self._free_for(service)
+        if service not in self._config.codec().services:
+            raise LinkRejected(f"a module of this kind takes no order to {service}: see its own menu")
+        if self._state() == "armed":
+            raise LinkRejected(f"no {service} while armed: disarm first")
+        self._give(Serve(service, duration_s))
+        await asyncio.sleep(duration_s)
+        self._still_there()
+
+    async def close(self) -> None:
+        """Release the port. Nothing leaves afterwards.
+
+        A vehicle in the air is brought down first: the newest command until its deadline, then its bring-down, then
+        disarm frames. Call :meth:`kill` before to leave that out.
+        """
+        pacer, busy = self._pacer, self._busy
+        self._busy = _CLOSED
+        if busy == "while arm() streams":
+            self.kill()
+        self._pacer = None
+        if pacer is None:
+            return
+        try:
+            if pacer.give(End(self._config.disarm_s if self._arming else 0.0)):
+                await pacer.ended()
+        finally:
+            self._deadman.stop()
+            pacer.forget()
+
+    # ----
+
+    def _free_for(self, what: str) -> None:
+        if self._busy:
+            raise LinkMisuse(f"{what}() {self._busy}")
+
+    def _still_there(self) -> None:
+        if self._busy == _CLOSED:
+            raise LinkError("the link was closed before it was done")
+        if self._state() == "lost":
+            raise LinkLost(_words(self._report))
+
+    def _newest(self) -> Report:
+        assert self._report is not None, "a pacer that was opened has reported"
+        return self._report
+
+    def _give(self, order: "Arm | Give | Stop | Serve | End") -> bool:
+        return self._pacer is not None and self._pacer.give(order)
+
+    def _ahead_of_frame(self, now_s: float) -> float:
+        """The next instant that lies ``lead_s`` before a frame."""
+        period = self._config.period_s
+        first = self._newest().frame_s - self._config.lead_s
+        return first + math.ceil((now_s - first) / period) * period
+
+    def _hear(self, report: Report | None) -> None:
+        if report is None:
+            self._pacer = None
+            self._deadman.stop()
+            return
+        self._report = report
+        # A report from before the newest arming says nothing about it.
+        if report.arming == self._arming and report.over:
+            self._deadman.stop()
+
+
+def _now() -> float:
+    return asyncio.get_running_loop().time()
+
+
+async def _sleep_until(when_s: float) -> None:
+    await asyncio.sleep(max(0.0, when_s - _now()))
+
+
+def _words(report: Report | None) -> str:
+    """What an operator wants to know of the pacer."""
+    if report is None:
+        return ""
+    if report.port:
+        return report.port
+    _, p99, _ = report.late_us
+    return f"{report.frames} frames, {report.lost} lost, 99 % within {p99} µs; {report.note}"

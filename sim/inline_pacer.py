@@ -1,0 +1,132 @@
+"""A pacer in the simulation's own loop: the very frames of the process that paces in real time, at exact instants."""
+
+import asyncio
+import errno
+from collections.abc import Callable
+
+from groundstation.clock import sleep_until
+from links.pacer import FramePacer
+from links.pacer_messages import OpenPacer, Order, Report
+from links.rf_codec import RfLinkConfig
+
+MODULE = ("module", 1)
+"""Where the simulated module listens, on the loop's network in memory."""
+STATION = ("station", 1)
+"""Where its frames come from."""
+REPORT_FRAMES = 10
+"""A report leaves with every so many frames."""
+
+
+class WirePort(asyncio.DatagramProtocol):
+    """Implements :class:`links.pacer.Port`: a wire to :data:`MODULE`, a datagram a frame."""
+
+    def __init__(self) -> None:
+        """Nothing is opened yet; ``attach`` first."""
+        self.cut = False
+        """True while the plug is out."""
+        self._transport: asyncio.DatagramTransport | None = None
+        self._came = b""
+
+    async def attach(self) -> None:
+        """Get a place on the network in memory."""
+        loop = asyncio.get_running_loop()
+        self._transport, _ = await loop.create_datagram_endpoint(lambda: self, local_addr=STATION, remote_addr=MODULE)
+
+    def detach(self) -> None:
+        """Give it back."""
+        if self._transport is not None:
+            self._transport.abort()
+            self._transport = None
+
+    def datagram_received(self, data: bytes, addr: object) -> None:
+        """Take what the module says (called by the event loop)."""
+        self._came += data
+
+    def open(self) -> None:
+        """Raises OSError while the plug is out."""
+        self._wire()
+
+    def write(self, frame: bytes) -> bool:
+        """Send one frame."""
+        self._wire().sendto(frame)
+        return True
+
+    def read(self, limit: int) -> bytes:
+        """What has come."""
+        self._wire()
+        data, self._came = self._came[:limit], b""
+        return data
+
+    def close(self) -> None:
+        """Nothing to do: the wire is the simulation's."""
+
+    def _wire(self) -> asyncio.DatagramTransport:
+        if self.cut or self._transport is None:
+            raise OSError(errno.ENODEV, "cannot open the simulated port: it is unplugged")
+        return self._transport
+
+
+class InlinePacer:
+    """Implements :class:`links.pacer_messages.Pacer`."""
+
+    def __init__(
+        self, config: RfLinkConfig, thrust_max_n: float, port: WirePort, on_report: Callable[[Report | None], None]
+    ) -> None:
+        """See :func:`opened_on`."""
+        self._loop = asyncio.get_running_loop()
+        self._period = config.period_s
+        self._port = port
+        self._on_report = on_report
+        self._pacer = FramePacer(config, thrust_max_n, port, self._loop.time())
+        self._task = asyncio.create_task(self._pace())
+
+    def report(self) -> Report:
+        """As it is now."""
+        return self._pacer.report(self._loop.time(), note="simulated")
+
+    def give(self, order: Order) -> bool:
+        """Hand over ``order``."""
+        if self._task.done():
+            return False
+        self._pacer.order(order, self._loop.time())
+        return True
+
+    async def ended(self) -> None:
+        """Wait until it has ended."""
+        await asyncio.wait([self._task])
+
+    def forget(self) -> None:
+        """End at once: the simulation ends here too."""
+        self._task.cancel()
+        self._port.detach()
+
+    async def _pace(self) -> None:
+        pacer, loop = self._pacer, self._loop
+        due, count = loop.time() + self._period, 0
+        pacer.prepare(due)
+        while not pacer.done(loop.time()):
+            await sleep_until(due)
+            pacer.prepare(due)
+            pacer.leave(loop.time())
+            pacer.measured(loop.time(), 0)
+            pacer.tidy(loop.time())
+            count += 1
+            due += self._period
+            if count % REPORT_FRAMES == 0:
+                self._on_report(self.report())
+        pacer.close()
+        self._port.detach()
+
+
+def opened_on(port: WirePort) -> OpenPacer:
+    """What opens pacers on ``port``, the wire of a simulation."""
+
+    async def open_pacer(
+        config: RfLinkConfig, thrust_max_n: float, on_report: Callable[[Report | None], None]
+    ) -> InlinePacer:
+        await port.attach()
+        pacer = InlinePacer(config, thrust_max_n, port, on_report)
+        on_report(pacer.report())
+        return pacer
+
+    return open_pacer
