@@ -29,6 +29,15 @@ class Throttle(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=
     """f of thrust = f u² + (1 - f) u, from the position's share u of the throw to the motors' thrust, in place of
     vehicle.thrust_curve; 0 where the flight controller straightens the curve."""
 
+    def __post_init__(self) -> None:
+        """Check what the types cannot.
+
+        Raises:
+            ValueError: it has no throw.
+        """
+        if self.low == self.high:
+            raise ValueError("low and high are the same: the throttle would not move")
+
 
 class Stick(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
     """The channel of one body rate."""
@@ -54,6 +63,15 @@ class Switch(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=Tr
     """Position that arms."""
     disarmed: Position = -1.0
     """Position that disarms."""
+
+    def __post_init__(self) -> None:
+        """Check what the types cannot.
+
+        Raises:
+            ValueError: both positions are one.
+        """
+        if self.armed == self.disarmed:
+            raise ValueError("armed and disarmed are the same: it could never disarm")
 
 
 class Fixed(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
@@ -94,16 +112,12 @@ class ChannelMap(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_field
         """Check what the types cannot.
 
         Raises:
-            ValueError: two things share a channel, or one has no throw.
+            ValueError: two things share a channel.
         """
         numbers = self.channels
         twice = sorted({number for number in numbers if numbers.count(number) > 1})
         if twice:
             raise ValueError(f"channel {twice[0]} is given to two things: give each its own")
-        if self.thrust.low == self.thrust.high:
-            raise ValueError("thrust.low and thrust.high are the same: the throttle would not move")
-        if self.arm is not None and self.arm.armed == self.arm.disarmed:
-            raise ValueError("arm.armed and arm.disarmed are the same: it could never disarm")
 
     @property
     def channels(self) -> list[int]:

@@ -23,6 +23,8 @@ from links.rf_port import ModulePort
 
 PREPARE_S = 0.0004
 """How long before its instant a frame is made [s]; then only the write is left to do."""
+SPIN_S = 0.00012
+"""The last part of the wait is spent awake [s]: about what the kernel takes to wake a process up."""
 REPORT_S = 0.2
 """Period of the reports [s]."""
 MESSAGE_BYTES = 65536
@@ -129,8 +131,10 @@ def _pace(pacer: FramePacer, period_s: float, clock: Clock, commander: Commander
         clock.sleep_until(due - PREPARE_S)
         commander.listen(pacer, now())
         pacer.prepare(due)
-        clock.sleep_until(due)
-        pacer.leave(now())
+        clock.sleep_until(due - SPIN_S)
+        while (woken := now()) < due:
+            pass
+        pacer.leave(woken)
         left = now()
         skipped = max(0, int((left - due) / period_s))
         pacer.measured(left, skipped)

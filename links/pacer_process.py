@@ -49,7 +49,6 @@ class PacerProcess:
     async def ended(self) -> None:
         """Wait until it has ended."""
         await asyncio.shield(self._end)
-        self._process.wait()  # it closed its end as the last thing it did
 
     def forget(self) -> None:
         """Let go of it; its dead man's switch ends it."""
@@ -68,6 +67,7 @@ class PacerProcess:
             except OSError:
                 data = b""
             if not data:
+                self._process.wait()  # its end of the wire closes with its last breath
                 self.forget()
                 self._on_report(None)
                 return

@@ -15,6 +15,9 @@ from links.pacer_process import open_process
 from links.port import Command, LinkError, LinkLost, LinkMisuse, LinkRejected, LinkStatus
 from links.rf_codec import RfLinkConfig, Service
 
+CLOSE_LIMIT_S = 4.0
+"""Longest wait for the pacer to end [s]: the longest command, its bring-down, and then some."""
+
 _CLOSED = "on a link that is not connected"
 
 
@@ -39,6 +42,8 @@ class SerialRfLink:
         self._open_pacer = open_pacer
         self._pacer: Pacer | None = None
         self._report: Report | None = None
+        self._dead = False
+        """True once the pacer has ended without being told to."""
         self._deadman = Deadman()
         """A likeness of the pacer's own, so that send() knows at once what will not leave."""
         self._arming = 0
@@ -67,15 +72,23 @@ class SerialRfLink:
             expired=self._expired,
             received=report.received if report is not None else 0,
             dropped=dict(report.dropped) if report is not None else {},
-            text=_words(report),
+            text=self._words(),
         )
 
     def _state(self) -> str:
         if self._busy == _CLOSED:
             return "closed"
-        if self._report is None or self._report.port or self._pacer is None:
-            return "lost" if self._busy != "while it connects" else "connecting"
+        if self._pacer is None:
+            return "connecting"
+        if self._why_lost():
+            return "lost"
         return "connected" if self._over() else "armed"
+
+    def _why_lost(self) -> str:
+        """Why nothing leaves; empty where it does."""
+        if self._dead:
+            return "the pacer's process ended, and with it every frame: close the link, and connect it again"
+        return self._report.port if self._report is not None else "not connected"
 
     def _over(self) -> bool:
         return self._busy == "while arm() streams" or self._deadman.phase(_now()) is Phase.OVER
@@ -89,16 +102,16 @@ class SerialRfLink:
         if self._busy != _CLOSED:
             raise LinkMisuse("the link is connected already; close it first")
         self._busy = "while it connects"
-        self._report = None
+        self._report, self._dead = None, False
         try:
             self._pacer = await self._open_pacer(self._config, self._thrust_max, self._hear)
         except BaseException:
             self._busy = _CLOSED
             raise
         why = self._newest().port
-        if why:
+        if self._busy == _CLOSED or why:
             await self.close()
-            raise LinkLost(why)
+            raise LinkLost(why or "the link was closed before it was connected")
         self._busy = ""
 
     async def arm(self, idle: Callable[[], Command]) -> None:
@@ -212,9 +225,13 @@ class SerialRfLink:
         self._pacer = None
         if pacer is None:
             return
+        linger_s = self._config.disarm_s if self._arming else 0.0
         try:
-            if pacer.give(End(self._config.disarm_s if self._arming else 0.0)):
-                await pacer.ended()
+            if pacer.give(End(linger_s)):
+                async with asyncio.timeout(CLOSE_LIMIT_S + linger_s):
+                    await pacer.ended()
+        except TimeoutError:
+            pass  # it is frozen; should it ever wake up, it finds itself alone and disarms
         finally:
             self._deadman.stop()
             pacer.forget()
@@ -229,7 +246,16 @@ class SerialRfLink:
         if self._busy == _CLOSED:
             raise LinkError("the link was closed before it was done")
         if self._state() == "lost":
-            raise LinkLost(_words(self._report))
+            raise LinkLost(self._why_lost())
+
+    def _words(self) -> str:
+        """What an operator wants to know of the pacer."""
+        report = self._report
+        if report is None or self._state() == "closed":
+            return ""
+        if self._why_lost():
+            return self._why_lost()
+        return f"{report.frames} frames, {report.lost} lost, 99 % within {report.late_us[1]} µs; {report.note}"
 
     def _newest(self) -> Report:
         assert self._report is not None, "a pacer that was opened has reported"
@@ -246,7 +272,7 @@ class SerialRfLink:
 
     def _hear(self, report: Report | None) -> None:
         if report is None:
-            self._pacer = None
+            self._dead = True
             self._deadman.stop()
             return
         self._report = report
@@ -261,13 +287,3 @@ def _now() -> float:
 
 async def _sleep_until(when_s: float) -> None:
     await asyncio.sleep(max(0.0, when_s - _now()))
-
-
-def _words(report: Report | None) -> str:
-    """What an operator wants to know of the pacer."""
-    if report is None:
-        return ""
-    if report.port:
-        return report.port
-    _, p99, _ = report.late_us
-    return f"{report.frames} frames, {report.lost} lost, 99 % within {p99} µs; {report.note}"

@@ -1,0 +1,339 @@
+"""What leaves at each frame, by the pacer's rules alone: no process, no clock, and a port that writes down."""
+
+import math
+
+import msgspec
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from links.channel_map import ChannelMap, Channels, Sticks, Switch
+from links.crsf_codec import CrsfLinkConfig
+from links.dsm_codec import DsmLinkConfig
+from links.lateness import Lateness
+from links.pacer import AFTERLIFE_S, FramePacer
+from links.pacer_messages import Arm, End, Give, Serve, Stop
+from links.port import Command, Segment
+from links.rf_codec import Service
+
+CONFIG = DsmLinkConfig(map=ChannelMap(arm=Switch(channel=5)), arm_low_s=0.2, arm_high_s=0.3)
+THRUST_MAX_N = 2.0
+PERIOD_S = CONFIG.period_s
+DOWN = Segment(0.5, 0.8, (0.0, 0.0, 0.0))
+
+
+class Notebook:
+    """Implements :class:`links.pacer.Port`: keeps what leaves."""
+
+    def __init__(self) -> None:
+        self.frames: list[bytes] = []
+        self.gone = self.stuck = False
+        self.opened = 0
+        self.comes = b""
+
+    def open(self) -> None:
+        if self.gone:
+            raise OSError(19, "cannot open it: unplugged")
+        self.opened += 1
+
+    def write(self, frame: bytes) -> bool:
+        if self.gone:
+            raise OSError(5, "Input/output error")
+        if not self.stuck:
+            self.frames.append(frame)
+        return not self.stuck
+
+    def read(self, limit: int) -> bytes:
+        if self.gone:
+            raise OSError(5, "Input/output error")
+        data, self.comes = self.comes[:limit], b""
+        return data
+
+    def close(self) -> None:
+        pass
+
+
+class Bench:
+    """A pacer whose frames are asked for one by one."""
+
+    def __init__(self, config: DsmLinkConfig | CrsfLinkConfig = CONFIG) -> None:
+        self.port = Notebook()
+        self.now = 100.0
+        self.period = config.period_s
+        self.pacer = FramePacer(config, THRUST_MAX_N, self.port, self.now)
+        codec = config.codec()
+        self._channels = Channels(config.map, count=codec.channels, thrust_max_n=THRUST_MAX_N)
+        self._decoder = codec.decoder()
+
+    def frame(self) -> Sticks | None:
+        """Let one period pass; what left at its end, or None."""
+        self.now += self.period
+        before = len(self.port.frames)
+        self.pacer.prepare(self.now)
+        self.pacer.leave(self.now)
+        self.pacer.tidy(self.now)
+        if len(self.port.frames) == before:
+            return None
+        (heard,) = self._decoder.feed(self.port.frames[-1])
+        return self._channels.read(heard.positions) if heard.positions is not None else None
+
+    def give(self, thrust_n: float = 1.0, *, coast_s: float = 0.25, bring_down: tuple[Segment, ...] = (DOWN,)) -> None:
+        command = Command(thrust_n, (0.1, 0.0, 0.0), 1, self.now, self.now + coast_s, bring_down)
+        self.pacer.order(Give(command), self.now)
+
+    def arm(self) -> None:
+        """Through the whole arming."""
+        self.pacer.order(Arm(1, self.now), self.now)
+        until = self.now + CONFIG.arm_low_s + CONFIG.arm_high_s
+        while self.now < until:
+            self.give(0.5)
+            self.frame()
+        self.give(0.5)
+
+    def flown(self, seconds: float) -> list[Sticks | None]:
+        return [self.frame() for _ in range(round(seconds / self.period))]
+
+
+def lifting(sticks: Sticks | None) -> bool:
+    return sticks is not None and sticks.armed and sticks.thrust_n > 0.01
+
+
+def is_disarm(sticks: Sticks | None) -> bool:
+    return sticks is not None and not sticks.armed and sticks.thrust_n == 0.0
+
+
+def test_disarm_frames_leave_from_the_first_frame_on() -> None:
+    bench = Bench()
+    assert all(map(is_disarm, bench.flown(1.0)))
+    bench.give()
+    assert all(map(is_disarm, bench.flown(1.0))), "a command without an arming is none"
+
+
+def test_arming_shows_the_switch_down_then_up_and_the_throttle_down_until_it_is_over() -> None:
+    bench = Bench()
+    bench.pacer.order(Arm(1, bench.now), bench.now)
+    seen: list[Sticks | None] = []
+    for _ in range(40):
+        bench.give(0.5)
+        seen.append(bench.frame())
+    switch = [sticks.armed for sticks in seen if sticks is not None]
+    assert switch == sorted(switch), "up once"
+    assert switch.count(False) == pytest.approx(CONFIG.arm_low_s / PERIOD_S, abs=1.1)
+    down = [sticks is not None and sticks.thrust_n == 0.0 for sticks in seen]
+    assert down == sorted(down, reverse=True), "and then obeys"
+    assert down.count(True) == pytest.approx((CONFIG.arm_low_s + CONFIG.arm_high_s) / PERIOD_S, abs=1.1)
+
+
+def test_a_command_leaves_until_its_deadline_then_its_bring_down_then_disarm_frames_for_ever() -> None:
+    bench = Bench()
+    bench.arm()
+    bench.give(1.5)
+    frames = bench.flown(5.0)
+    thrusts = [round(sticks.thrust_n, 1) if sticks is not None else math.nan for sticks in frames]
+    expected = [1.5] * 11 + [0.8] * 22 + [0.0] * (len(frames) - 33)
+    assert thrusts == expected
+    assert all(map(is_disarm, frames[33:]))
+    bench.give(1.5)
+    assert all(map(is_disarm, bench.flown(1.0))), "and nothing resumes"
+    assert bench.pacer.report(bench.now).refused == 1
+    bench.arm()
+    assert lifting(bench.frame()), "but after a new arming"
+
+
+def test_a_controller_that_stops_while_arming_is_never_obeyed() -> None:
+    bench = Bench()
+    bench.pacer.order(Arm(1, bench.now), bench.now)
+    bench.give(1.0, coast_s=0.25)
+    assert not any(map(lifting, bench.flown(4.0)))
+
+
+def test_a_stop_leaves_out_the_bring_down() -> None:
+    bench = Bench()
+    bench.arm()
+    bench.pacer.order(Stop(), bench.now)
+    assert all(map(is_disarm, bench.flown(1.0)))
+
+
+def test_a_frame_that_is_late_says_what_is_true_when_it_leaves() -> None:
+    bench = Bench()
+    bench.arm()
+    bench.give(1.5, coast_s=PERIOD_S + 0.002, bring_down=())
+    bench.pacer.prepare(bench.now + PERIOD_S)
+    bench.pacer.leave(bench.now + PERIOD_S + 0.004)
+    bench.now += 2 * PERIOD_S
+    assert is_disarm(bench._channels.read(bench._decoder.feed(bench.port.frames[-1])[0].positions or ()))
+
+
+def test_an_unplugged_port_disarms_and_is_opened_again_with_longer_and_longer_waits() -> None:
+    bench = Bench()
+    bench.arm()
+    bench.port.gone = True
+    tries = 0
+    for _ in range(400):
+        bench.give()
+        assert bench.frame() is None
+    assert bench.port.opened == 1
+    report = bench.pacer.report(bench.now)
+    assert report.over
+    assert report.port == "cannot open it: unplugged"
+    assert report.dropped["port_lost"] == 1
+    bench.port.gone = False
+    while bench.port.opened == 1:
+        bench.give()
+        bench.frame()
+        tries += 1
+    assert tries * PERIOD_S < 2.0
+    bench.give()
+    assert all(map(is_disarm, bench.flown(1.0)[1:]))
+    assert bench.pacer.report(bench.now).port == ""
+
+
+def test_no_arming_counts_while_the_port_is_away() -> None:
+    bench = Bench()
+    bench.port.gone = True
+    bench.frame()
+    bench.pacer.order(Arm(1, bench.now), bench.now)
+    bench.give()
+    assert bench.pacer.report(bench.now).over
+
+
+def test_a_port_that_takes_nothing_loses_frames_and_says_so() -> None:
+    bench = Bench()
+    bench.port.stuck = True
+    bench.flown(PERIOD_S * 3)
+    report = bench.pacer.report(bench.now)
+    assert (report.frames, report.lost, report.dropped["port_stuck"]) == (0, 3, 3)
+
+
+def test_what_the_module_says_is_counted_and_never_believed() -> None:
+    bench = Bench(CrsfLinkConfig())
+    bench.port.comes = b"\x00garbage" + bytes.fromhex("C8 04 28 EE EA 97")
+    bench.frame()
+    report = bench.pacer.report(bench.now)
+    assert report.received == 1
+    assert sum(report.dropped.values()) == 8
+
+
+def test_a_module_is_greeted_once_each_time_its_port_opens() -> None:
+    bench = Bench(CrsfLinkConfig(model_id=3))
+    bench.flown(0.02)
+    bench.port.gone = True
+    bench.frame()
+    bench.port.gone = False
+    bench.flown(1.0)
+    assert [frame[2] for frame in bench.port.frames].count(0x32) == 2
+    assert bench.port.frames[0][2] == 0x32
+
+
+def test_a_service_lasts_as_long_as_asked_and_only_while_disarmed() -> None:
+    bench = Bench()
+    bench.pacer.order(Serve(Service.BIND, 0.1), bench.now)
+    bench.flown(0.5)
+    assert [bool(frame[0] & 0x80) for frame in bench.port.frames] == [True] * 4 + [False] * 18
+    bench.arm()
+    bench.pacer.order(Serve(Service.RANGE_CHECK, 10.0), bench.now)
+    bench.flown(4.0)
+    assert not any(frame[0] & 0x20 for frame in bench.port.frames)
+
+
+def test_arming_ends_a_service() -> None:
+    bench = Bench()
+    bench.pacer.order(Serve(Service.RANGE_CHECK, 10.0), bench.now)
+    bench.flown(0.1)
+    bench.arm()
+    assert not bench.port.frames[-1][0] & 0x20
+
+
+@pytest.mark.parametrize("orphaned", [True, False])
+def test_in_flight_it_ends_only_after_the_bring_down_and_some_disarm_frames(orphaned: bool) -> None:
+    bench = Bench()
+    bench.arm()
+    bench.give(1.5)
+    if orphaned:
+        bench.pacer.orphaned(bench.now)
+    else:
+        bench.pacer.order(End(1.0), bench.now)
+    frames: list[Sticks | None] = []
+    while not bench.pacer.done(bench.now):
+        frames.append(bench.frame())
+    assert sum(map(lifting, frames)) == 33
+    assert all(map(is_disarm, frames[33:]))
+    assert len(frames[33:]) * PERIOD_S == pytest.approx(AFTERLIFE_S if orphaned else 1.0, abs=0.05)
+
+
+def test_on_the_ground_an_orphan_still_disarms_for_a_while() -> None:
+    bench = Bench()
+    bench.flown(20.0)
+    bench.pacer.orphaned(bench.now)
+    count = 0
+    while not bench.pacer.done(bench.now):
+        assert is_disarm(bench.frame())
+        count += 1
+    assert count * PERIOD_S == pytest.approx(AFTERLIFE_S, abs=0.05)
+
+
+@pytest.mark.parametrize("when_s", [0.05, 0.3])
+def test_an_orphan_never_finishes_an_arming(when_s: float) -> None:
+    bench = Bench()
+    bench.pacer.order(Arm(1, bench.now), bench.now)
+    bench.give(1.0)
+    bench.flown(when_s)
+    bench.give(1.0)
+    bench.pacer.orphaned(bench.now)
+    assert all(map(is_disarm, bench.flown(4.0)))
+
+
+def test_a_command_that_is_no_number_is_counted_and_changes_nothing() -> None:
+    bench = Bench()
+    bench.arm()
+    bad = msgspec.structs.replace(Command(1.0, (0.0, 0.0, 0.0), 1, bench.now, bench.now + 0.25), thrust_n=math.nan)
+    bench.pacer.order(Give(bad), bench.now)
+    assert bench.pacer.report(bench.now).dropped == {"bad_command": 1}
+    assert lifting(bench.frame())
+
+
+@settings(max_examples=60)
+@given(st.lists(st.sampled_from(["give", "late", "stop", "arm", "end", "wait", "gone", "back"]), max_size=60))
+def test_whatever_is_ordered_nothing_lifts_without_an_arming_and_a_fresh_command(orders: list[str]) -> None:
+    bench = Bench()
+    armed_s = fresh_s = -math.inf
+    for order in orders:
+        match order:
+            case "give":
+                bench.give(1.5)
+                fresh_s = bench.now
+            case "late":
+                bench.pacer.order(Give(Command(1.9, (0.0, 0.0, 0.0), 1, bench.now - 1.0, bench.now - 0.1)), bench.now)
+            case "stop":
+                bench.pacer.order(Stop(), bench.now)
+                armed_s = -math.inf
+            case "arm":
+                bench.pacer.order(Arm(1, bench.now), bench.now)
+                armed_s = bench.now
+            case "end":
+                bench.pacer.order(End(0.5), bench.now)
+            case "gone":
+                bench.port.gone = True
+            case "back":
+                bench.port.gone = False
+            case "wait":
+                bench.flown(0.2)
+        sticks = bench.frame()
+        if sticks is None:
+            armed_s = -math.inf if bench.port.gone else armed_s
+        if lifting(sticks):
+            assert bench.now >= armed_s + CONFIG.arm_low_s + CONFIG.arm_high_s
+            assert bench.now <= fresh_s + 0.25 + 0.5 + 1e-6
+            assert sticks is not None
+            assert sticks.thrust_n == pytest.approx(1.5, abs=0.01) or sticks.thrust_n == pytest.approx(0.8, abs=0.01)
+
+
+def test_lateness_is_told_by_the_share_that_did_not_exceed_it() -> None:
+    late = Lateness()
+    assert late.percentiles_us() == (0, 0, 0)
+    for us in range(1000):
+        late.add(1e-6 * (us + 0.5))
+    late.add(9.9)
+    late.add(-1.0)
+    assert late.count == 1002
+    assert late.percentiles_us() == pytest.approx((499, 990, 999), abs=2)
