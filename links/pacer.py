@@ -127,6 +127,7 @@ class FramePacer:
         self._greet = False
         if left:
             self._frames += 1
+            self._served += 1
         else:
             self._lost += 1
             self._errors["port_stuck"] += 1
@@ -198,8 +199,7 @@ class FramePacer:
         if self._service is None or at_s > self._service[1]:
             self._service = None
             return None, 0
-        self._served += 1
-        return self._service[0], self._served - 1
+        return self._service[0], self._served
 
     def _end(self, linger_s: float, now_s: float) -> None:
         self._linger_s = linger_s

@@ -75,7 +75,7 @@ def main() -> None:
     gc.freeze()
     gc.disable()
     try:
-        _pace(pacer, config.period_s, clock, Commander(wire, note, fifo))
+        _pace(pacer, config.period_s, config.frame_s, clock, Commander(wire, note, fifo))
     finally:
         pacer.close()
 
@@ -121,7 +121,7 @@ class Commander:
                 self._wire.send(self._encoder.encode(report))
 
 
-def _pace(pacer: FramePacer, period_s: float, clock: Clock, commander: Commander) -> None:
+def _pace(pacer: FramePacer, period_s: float, frame_s: float, clock: Clock, commander: Commander) -> None:
     now = clock.now
     due = now() + period_s
     pacer.prepare(due)
@@ -143,6 +143,7 @@ def _pace(pacer: FramePacer, period_s: float, clock: Clock, commander: Commander
             commander.tell(pacer, left)
             tell_s = left + REPORT_S
         due += (1 + skipped) * period_s
+    clock.sleep_until(now() + frame_s)  # the last frame leaves whole
     commander.tell(pacer, now())
 
 

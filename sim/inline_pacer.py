@@ -74,7 +74,7 @@ class InlinePacer:
     ) -> None:
         """See :func:`opened_on`."""
         self._loop = asyncio.get_running_loop()
-        self._period = config.period_s
+        self._period, self._frame_s = config.period_s, 1.01 * config.frame_s
         self._port = port
         self._on_report = on_report
         self._pacer = FramePacer(config, thrust_max_n, port, self._loop.time())
@@ -114,6 +114,7 @@ class InlinePacer:
             due += self._period
             if count % REPORT_FRAMES == 0:
                 self._on_report(self.report())
+        await sleep_until(loop.time() + self._frame_s)  # the last frame arrives whole
         pacer.close()
         self._port.detach()
 

@@ -5,16 +5,24 @@ import contextlib
 import itertools
 import math
 from collections.abc import AsyncIterator, Callable
+from functools import partial
 from typing import Any, Protocol
 
+import msgspec
 import pytest
 
 from links import LINKS, make_link
 from links.address import parse_address
+from links.channel_map import Switch
 from links.mavlink import MavlinkLinkConfig
 from links.port import Command, CommandLink, LinkLost, LinkMisuse, Segment
+from links.rf_codecs import RF_CODECS
 from sim.autopilot import Px4Autopilot
 from sim.autopilot_peer import AutopilotPeer
+from sim.inline_pacer import WirePort, opened_on
+from sim.pty_wire import PtyWire
+from sim.rf_receiver import RfPeer, RfReceiver
+from sim.virtual_time import VirtualTimeLoop
 from tests.airframe_double import Brick
 from tests.loops import free_address, in_real_time, in_virtual_time
 
@@ -31,8 +39,16 @@ class Bench(Protocol):
 
     vehicle: Brick
     config: Any
+    wires: dict[str, Any]
+    """What the link gets in the place of hardware."""
+    steps: tuple[float, float]
+    """How far what arrives may be off what was sent: share of the thrust, rates [rad/s]."""
 
-    async def prepare(self, **options: Any) -> None: ...
+    async def prepare(self) -> None: ...
+
+    async def prepare_nobody(self) -> str:
+        """Configure a link to nobody; returns words of the error that this must end in."""
+        ...
 
     async def run(self) -> None: ...
 
@@ -42,12 +58,19 @@ class Bench(Protocol):
 
 
 class MavlinkBench:
+    steps = (1e-3, 1e-3)
+
     def __init__(self) -> None:
+        self.wires: dict[str, Any] = {}
         self.vehicle = Brick(0.0)
         self.autopilot = Px4Autopilot(self.vehicle)
 
-    async def prepare(self, **options: Any) -> None:
-        self.config = MavlinkLinkConfig(listen=await free_address(), period_s=0.01, **options)
+    async def prepare(self) -> None:
+        self.config = MavlinkLinkConfig(listen=await free_address(), period_s=0.01)
+
+    async def prepare_nobody(self) -> str:
+        self.config = MavlinkLinkConfig(listen=await free_address(), connect_timeout_s=0.3)
+        return "nothing came at all"
 
     async def run(self) -> None:
         await AutopilotPeer(self.autopilot, parse_address(self.config.address)).run()
@@ -56,7 +79,54 @@ class MavlinkBench:
         return self.autopilot.codec.received
 
 
-BENCHES: dict[str, Callable[[], Bench]] = {"mavlink": MavlinkBench}
+class RfBench:
+    """A receiver on the network in memory, or on a pseudo-terminal in real time."""
+
+    steps = (1e-3, 7e-3)
+
+    def __init__(self, kind: str) -> None:
+        self.kind = kind
+        self.vehicle = Brick(0.0)
+        self.wires: dict[str, Any] = {}
+        self.pty: PtyWire | None = None
+
+    async def prepare(self) -> None:
+        changes: dict[str, Any] = {"period_s": 0.01, "arm_low_s": 0.3, "arm_high_s": 0.5, "disarm_s": 0.1}
+        if isinstance(asyncio.get_running_loop(), VirtualTimeLoop):
+            self.wires["open_pacer"] = opened_on(WirePort())
+        else:
+            self.pty = PtyWire()
+            changes["port"] = self.pty.path
+        order = RF_CODECS[self.kind]().map
+        self.config = RF_CODECS[self.kind](**changes, map=msgspec.structs.replace(order, arm=Switch(channel=5)))
+        self.peer = RfPeer(RfReceiver(self.vehicle, self.config), self.config)
+
+    async def prepare_nobody(self) -> str:
+        self.config = RF_CODECS[self.kind](port="/dev/no-such-port")
+        if isinstance(asyncio.get_running_loop(), VirtualTimeLoop):
+            wire = WirePort()
+            wire.cut = True
+            self.wires["open_pacer"] = opened_on(wire)
+        return "cannot open"
+
+    async def run(self) -> None:
+        if self.pty is None:
+            await self.peer.run()
+            return
+        self.pty.listen(lambda data: self.peer.datagram_received(data, None))
+        try:
+            await self.peer.last()
+        finally:
+            self.pty.close()
+
+    def arrived(self) -> int:
+        return self.peer.receiver.frames
+
+
+BENCHES: dict[str, Callable[[], Bench]] = {
+    "mavlink": MavlinkBench,
+    **{kind: partial(RfBench, kind) for kind in RF_CODECS},
+}
 
 
 def test_every_link_has_a_bench() -> None:
@@ -82,7 +152,7 @@ def command(thrust_n: float = 1.0, rates: tuple[float, float, float] = (0.1, -0.
 async def connected(bench: Bench) -> AsyncIterator[CommandLink]:
     await bench.prepare()
     peer = asyncio.create_task(bench.run())
-    link = make_link(bench.config, thrust_max_n=THRUST_MAX_N)
+    link = make_link(bench.config, thrust_max_n=THRUST_MAX_N, **bench.wires)
     try:
         await link.connect()
         yield link
@@ -90,6 +160,11 @@ async def connected(bench: Bench) -> AsyncIterator[CommandLink]:
         await link.close()
         peer.cancel()
         await asyncio.gather(peer, return_exceptions=True)
+
+
+def lifting(bench: Bench) -> list[tuple[float, float, Any]]:
+    """What was done to the vehicle that could make it move."""
+    return [act for act in bench.vehicle.acts if act[1] > 0.0]
 
 
 async def until(condition: Callable[[], bool]) -> None:
@@ -108,10 +183,10 @@ def test_an_armed_vehicle_does_what_is_sent_and_disarms(bench: Bench, run: Calla
             bench.vehicle.acts.clear()
             before = link.status.sent
             assert link.send(command())
-            await until(lambda: bool(bench.vehicle.acts))
+            await until(lambda: bool(lifting(bench)))
             _, thrust, rates = bench.vehicle.acts[-1]
-            assert thrust == pytest.approx(0.5, abs=1e-3)
-            assert rates == pytest.approx((0.1, -0.2, 0.3), abs=1e-3)
+            assert thrust == pytest.approx(0.5, abs=bench.steps[0])
+            assert rates == pytest.approx((0.1, -0.2, 0.3), abs=bench.steps[1])
             assert link.status.sent == before + 1
             zeros = asyncio.create_task(stream(link))
             await link.disarm()
@@ -163,7 +238,7 @@ def test_a_command_past_its_deadline_never_leaves(bench: Bench, run: Callable[[A
                 with pytest.raises(LinkMisuse):
                     link.send(command(1.5, deadline_s=deadline_s))
             await asyncio.sleep(0.05)
-            assert all(thrust == 0.0 for _, thrust, _ in bench.vehicle.acts)
+            assert lifting(bench) == []
             assert link.status.expired == 1
 
     run(main())
@@ -182,7 +257,7 @@ def test_a_number_that_is_not_finite_never_leaves(bench: Bench, bad: float) -> N
                 with pytest.raises(LinkMisuse):
                     link.send(command(1.0, (rates[0], rates[1], rates[2])))
             await asyncio.sleep(0.05)
-            assert all(act[1:] == (0.0, (0.0, 0.0, 0.0)) for act in bench.vehicle.acts)
+            assert lifting(bench) == []
 
     in_virtual_time(main())
 
@@ -290,6 +365,7 @@ def test_nothing_leaves_after_close(bench: Bench, run: Callable[[Any], Any]) -> 
             await asyncio.sleep(0.05)
             await link.close()
             assert link.status.state == "closed"
+            await asyncio.sleep(0.02)  # what left before is on its way
             before = bench.arrived()
             for attempt in (lambda: link.send(command()), link.disarm, lambda: link.arm(command)):
                 with pytest.raises(LinkMisuse):
@@ -320,7 +396,7 @@ def test_closing_while_it_arms_ends_that_and_nothing_leaves_any_more(bench: Benc
 def test_sending_before_connecting_or_during_arming_is_misuse(bench: Bench) -> None:
     async def main() -> None:
         await bench.prepare()
-        link = make_link(bench.config, thrust_max_n=THRUST_MAX_N)
+        link = make_link(bench.config, thrust_max_n=THRUST_MAX_N, **bench.wires)
         assert link.status.state == "closed"
         with pytest.raises(LinkMisuse):
             link.send(command())
@@ -339,9 +415,9 @@ def test_sending_before_connecting_or_during_arming_is_misuse(bench: Bench) -> N
 
 def test_nobody_at_the_other_end_is_a_lost_link(bench: Bench, run: Callable[[Any], Any]) -> None:
     async def main() -> None:
-        await bench.prepare(connect_timeout_s=0.3)
-        link = make_link(bench.config, thrust_max_n=THRUST_MAX_N)
-        with pytest.raises(LinkLost, match="nothing came at all"):
+        words = await bench.prepare_nobody()
+        link = make_link(bench.config, thrust_max_n=THRUST_MAX_N, **bench.wires)
+        with pytest.raises(LinkLost, match=words):
             await link.connect()
         assert link.status.state == "closed"
 

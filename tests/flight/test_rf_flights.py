@@ -1,0 +1,66 @@
+"""The scenarios through the radio links' bytes, quantised channels and all, in virtual time."""
+
+from functools import cache
+from pathlib import Path
+
+import pytest
+
+from groundstation.config import ConfigError
+from sim.commands import prepare
+from sim.fly import Result, fly
+from sim.run_folder import RunFolder
+from sim.scenarios import SCENARIOS
+
+LIMITS_CM = {"paper": 0.3, "fast": 1.3, "adverse": 3.0, "quad1kg": 1.1}
+
+
+@cache
+def flown(scenario: str, link: str, seed: int = 0, duration_s: float = 30.0) -> Result:
+    world, config = prepare(SCENARIOS[scenario], [], link=link)
+    return fly(world, config, seed=seed, duration_s=duration_s)
+
+
+@pytest.mark.parametrize("link", ["dsm", "crsf"])
+@pytest.mark.parametrize("scenario", list(LIMITS_CM))
+def test_every_radio_link_flies_as_well_as_the_scenario_demands(scenario: str, link: str) -> None:
+    result = flown(scenario, link)
+    assert result.completed, result.why
+    assert result.verdict.rms_cm is not None
+    assert result.verdict.rms_cm < LIMITS_CM[scenario]
+
+
+@pytest.mark.parametrize("link", ["dsm", "crsf"])
+def test_the_same_seed_gives_the_same_bytes_and_another_seed_others(link: str) -> None:
+    world, config = prepare(SCENARIOS["adverse"], [], link=link)
+    first, again, other = (fly(world, config, seed=seed, duration_s=4.0).log_sha256 for seed in (1, 1, 2))
+    assert first == again
+    assert first != other
+
+
+def test_channels_are_quantised_as_on_the_wire() -> None:
+    """With sticks that reach a hundred times as far a step is as much coarser, and the flight shows it."""
+    world, config = prepare(SCENARIOS["paper"], [], link="dsm")
+    rough = [f"link.map.{axis}.full_rate_deg_s=20000" for axis in ("roll", "pitch", "yaw")]
+    _, coarse = prepare(SCENARIOS["paper"], rough, link="dsm")
+    fine_cm, coarse_cm = (fly(world, c, seed=0, duration_s=20.0).verdict.rms_cm for c in (config, coarse))
+    assert fine_cm is not None
+    assert coarse_cm is not None
+    assert coarse_cm > 2.0 * fine_cm
+
+
+def test_a_runs_folder_holds_every_frame_as_hex(tmp_path: Path) -> None:
+    world, config = prepare(SCENARIOS["paper"], [], link="dsm")
+    folder = RunFolder(tmp_path, config)
+    fly(world, config, seed=0, duration_s=2.0, on_datagram=folder.datagram)
+    folder.close({}, world)
+    lines = (tmp_path / "frames.txt").read_text().splitlines()
+    assert len(lines) > 2.0 / config.link.period_s
+    time_s, *frame = lines[-1].split()
+    assert float(time_s) > 2.0
+    assert len(bytes.fromhex("".join(frame))) == 14
+
+
+def test_a_radio_brings_no_poses() -> None:
+    world, config = prepare(SCENARIOS["paper"], [], link="dsm", source="odometry")
+    with pytest.raises(ConfigError, match="no other link brings poses"):
+        fly(world, config, seed=0, duration_s=1.0)

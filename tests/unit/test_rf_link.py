@@ -1,0 +1,266 @@
+"""The serial RF link in virtual time, on a wire that can be cut, towards a simulated receiver."""
+
+import asyncio
+import contextlib
+from collections.abc import AsyncIterator
+from typing import Any
+
+import msgspec
+import pytest
+
+from links.channel_map import ChannelMap, Switch
+from links.crsf_codec import CrsfLinkConfig
+from links.dsm_codec import DsmLinkConfig
+from links.port import Command, LinkError, LinkLost, LinkMisuse, LinkRejected, Segment
+from links.rf_codec import Service
+from links.serial_rf import SerialRfLink
+from sim.inline_pacer import WirePort, opened_on
+from sim.rf_receiver import FAILSAFE_S, RfPeer, RfReceiver
+from tests.airframe_double import Brick
+from tests.loops import in_virtual_time
+
+CONFIG = DsmLinkConfig(map=ChannelMap(arm=Switch(channel=5)))
+DOWN = Segment(0.5, 0.8, (0.0, 0.0, 0.0))
+
+
+class Room:
+    """One link, its wire, and the vehicle at the other end."""
+
+    def __init__(self, config: DsmLinkConfig | CrsfLinkConfig) -> None:
+        self.wire = WirePort()
+        self.vehicle = Brick(0.0)
+        self.receiver = RfReceiver(self.vehicle, config)
+        self.peer = RfPeer(self.receiver, config)
+        self.link = SerialRfLink(config, thrust_max_n=2.0, open_pacer=opened_on(self.wire))
+
+    @property
+    def thrust(self) -> float:
+        """Share of the thrust that was commanded last; 0 where the motors are off."""
+        return self.vehicle.acts[-1][1] if self.receiver.armed and self.vehicle.acts else 0.0
+
+    async def stream(self, thrust_n: float, seconds: float) -> None:
+        loop = asyncio.get_running_loop()
+        until = loop.time() + seconds
+        while loop.time() < until:
+            self.link.send(command(thrust_n))
+            await asyncio.sleep(self.link.period_s)
+
+
+@contextlib.asynccontextmanager
+async def room(config: DsmLinkConfig | CrsfLinkConfig = CONFIG, *, armed: bool = False) -> AsyncIterator[Room]:
+    it = Room(config)
+    peer = asyncio.create_task(it.peer.run())
+    try:
+        await it.link.connect()
+        if armed:
+            await it.link.arm(idle)
+        yield it
+    finally:
+        it.link.kill()
+        await it.link.close()
+        peer.cancel()
+        await asyncio.gather(peer, return_exceptions=True)
+
+
+def command(thrust_n: float = 1.0, **changes: Any) -> Command:
+    now = asyncio.get_running_loop().time()
+    made = Command(thrust_n, (0.0, 0.0, 0.0), 1, now, now + 0.25, (DOWN,))
+    return msgspec.structs.replace(made, **changes)
+
+
+def idle() -> Command:
+    return command(0.0, bring_down=())
+
+
+def test_disarm_frames_keep_the_module_alive_before_anything_is_armed() -> None:
+    async def main() -> None:
+        async with room() as it:
+            await asyncio.sleep(1.0)
+            assert it.receiver.frames == pytest.approx(1.0 / CONFIG.period_s, abs=2)
+            assert not it.receiver.armed
+            assert it.link.status.state == "connected"
+            assert "0 lost" in it.link.status.text
+
+    in_virtual_time(main())
+
+
+def test_arming_takes_its_stated_time_and_returns_just_ahead_of_a_frame() -> None:
+    async def main() -> None:
+        loop = asyncio.get_running_loop()
+        async with room() as it:
+            begun = loop.time()
+            await it.link.arm(idle)
+            took = loop.time() - begun
+            assert took == pytest.approx(CONFIG.arm_low_s + CONFIG.arm_high_s, abs=2.1 * CONFIG.period_s)
+            assert it.receiver.armed
+            it.link.send(command(1.0))
+            await asyncio.sleep(CONFIG.lead_s + CONFIG.frame_s + 1e-6)
+            assert it.thrust == pytest.approx(0.5, abs=1e-3), "the very next frame took it"
+
+    in_virtual_time(main())
+
+
+def test_commands_that_stop_are_brought_down_and_nothing_resumes() -> None:
+    async def main() -> None:
+        async with room(armed=True) as it:
+            await it.stream(1.0, 0.5)
+            await asyncio.sleep(0.2)
+            assert it.thrust == pytest.approx(0.5, abs=1e-3)
+            await asyncio.sleep(0.3)
+            assert it.thrust == pytest.approx(0.4, abs=1e-3), "its bring-down"
+            assert it.link.status.state == "armed"
+            await asyncio.sleep(0.5)
+            assert not it.receiver.armed
+            assert it.link.status.state == "connected"
+            assert not it.link.send(command(1.0))
+            await it.stream(1.0, 1.0)
+            assert not it.receiver.armed
+            await it.link.arm(idle)
+            await it.stream(1.0, 0.1)
+            assert it.thrust == pytest.approx(0.5, abs=1e-3)
+
+    in_virtual_time(main())
+
+
+def test_a_kill_disarms_with_the_next_frame() -> None:
+    async def main() -> None:
+        async with room(armed=True) as it:
+            await it.stream(1.0, 0.5)
+            it.link.kill()
+            await asyncio.sleep(CONFIG.period_s + CONFIG.frame_s + 1e-6)
+            assert not it.receiver.armed
+            assert not it.link.send(command(1.0))
+            assert it.link.status.state == "connected"
+
+    in_virtual_time(main())
+
+
+def test_closing_in_the_air_first_plays_the_bring_down() -> None:
+    async def main() -> None:
+        loop = asyncio.get_running_loop()
+        async with room(armed=True) as it:
+            await it.stream(1.0, 0.5)
+            sent = loop.time()
+            closing = asyncio.create_task(it.link.close())
+            await asyncio.sleep(0.4)
+            assert it.thrust == pytest.approx(0.4, abs=1e-3)
+            with pytest.raises(LinkMisuse):
+                it.link.send(command(1.0))
+            await closing
+            assert not it.receiver.armed
+            assert loop.time() - sent == pytest.approx(0.25 + 0.5 + CONFIG.disarm_s, abs=0.1)
+
+    in_virtual_time(main())
+
+
+def test_an_unplugged_port_is_told_and_comes_back_disarmed() -> None:
+    async def main() -> None:
+        async with room(armed=True) as it:
+            await it.stream(1.0, 0.5)
+            it.wire.cut = True
+            await it.stream(1.0, FAILSAFE_S + 0.2)
+            assert it.link.status.state == "lost"
+            assert "unplugged" in it.link.status.text
+            assert it.receiver.failsafe
+            assert not it.receiver.armed
+            with pytest.raises(LinkLost, match="unplugged"):
+                await it.link.arm(idle)
+            it.wire.cut = False
+            await it.stream(1.0, 2.0)
+            assert it.link.status.state == "connected"
+            assert not it.receiver.failsafe
+            assert not it.receiver.armed
+            await it.link.arm(idle)
+            assert it.link.status.state == "armed"
+
+    in_virtual_time(main())
+
+
+def test_arming_ends_where_the_poses_go_stale() -> None:
+    async def main() -> None:
+        async with room() as it:
+            old = idle()
+            with pytest.raises(LinkError, match="pose is too old"):
+                await it.link.arm(lambda: old)
+            await asyncio.sleep(3.0)
+            assert it.link.status.state == "connected"
+            assert [on for _, on in it.vehicle.powered] == []
+
+    in_virtual_time(main())
+
+
+def test_arming_twice_is_misuse_and_changes_nothing() -> None:
+    async def main() -> None:
+        async with room(armed=True) as it:
+            stream = asyncio.create_task(it.stream(1.0, 1.0))
+            await asyncio.sleep(0.1)
+            with pytest.raises(LinkMisuse, match="armed"):
+                await it.link.arm(idle)
+            assert it.thrust == pytest.approx(0.5, abs=1e-3)
+            await stream
+
+    in_virtual_time(main())
+
+
+def test_a_module_binds_and_checks_its_range_only_while_disarmed() -> None:
+    async def main() -> None:
+        async with room() as it:
+            await it.link.bind(0.5)
+            await it.link.serve(Service.RANGE_CHECK, 0.5)
+            assert set(it.receiver.services) == {Service.BIND, Service.RANGE_CHECK}
+            it.receiver.services.clear()
+            await it.link.arm(idle)
+            stream = asyncio.create_task(it.stream(1.0, 1.0))
+            with pytest.raises(LinkRejected, match="disarm first"):
+                await it.link.bind(0.5)
+            await stream
+            assert it.receiver.services == []
+
+    in_virtual_time(main())
+
+
+def test_a_crsf_module_is_told_that_it_has_no_range_check() -> None:
+    async def main() -> None:
+        async with room(CrsfLinkConfig()) as it:
+            with pytest.raises(LinkRejected, match="see its own menu"):
+                await it.link.serve(Service.RANGE_CHECK, 0.5)
+            await it.link.bind(0.1)
+            assert it.receiver.services == [Service.BIND]
+
+    in_virtual_time(main())
+
+
+def test_garbage_from_the_module_is_counted() -> None:
+    async def main() -> None:
+        async with room(CrsfLinkConfig()) as it:
+            it.wire.datagram_received(b"\x01\x02garbage" + bytes.fromhex("C8 04 28 EE EA 97"), None)
+            await asyncio.sleep(0.3)
+            status = it.link.status
+            assert status.received == 1
+            assert sum(status.dropped.values()) == 9
+
+    in_virtual_time(main())
+
+
+def test_a_receiver_that_hears_nothing_stops_its_motors_and_wants_the_switch_down_again() -> None:
+    brick = Brick(0.0)
+    receiver = RfReceiver(brick, CONFIG)
+    codec = CONFIG.codec()
+    up, down = [-1.0, 0.0, 0.0, 0.0, 1.0, 0.0], [-1.0, 0.0, 0.0, 0.0, -1.0, 0.0]
+    full = [1.0, 0.0, 0.0, 0.0, 1.0, 0.0]
+    for time_s, positions, armed in (
+        (0.0, up, False),  # it has not seen the switch down
+        (0.1, down, False),
+        (0.2, full, False),  # nor does it arm with the throttle up
+        (0.3, up, True),
+        (0.4, full, True),
+    ):
+        receiver.receive(codec.encode(positions), time_s)
+        assert receiver.armed is armed
+    receiver.watch(0.4 + FAILSAFE_S)
+    assert receiver.failsafe
+    assert not receiver.armed
+    receiver.receive(codec.encode(full), 2.0)
+    receiver.receive(codec.encode(up), 2.1)
+    assert not receiver.armed
+    assert not receiver.failsafe
