@@ -71,6 +71,8 @@ def main() -> None:
     clock = Clock()
     fifo, note = _prioritise(config.fifo_priority, clock)
     pacer = FramePacer(config, setup.thrust_max_n, ModulePort(config.port, config.baud), clock.now())
+    # Whoever waits for the end of what the station prints must not wait for us, who outlive it.
+    os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stderr.fileno())
     gc.collect()
     gc.freeze()
     gc.disable()

@@ -98,7 +98,12 @@ async def open_process(
         command = [sys.executable, "-P", "-m", "links.pacer_child", str(theirs.fileno())]
         started = loop.time()
         process = subprocess.Popen(  # noqa: ASYNC220, S603  # a millisecond, on the ground; our own program
-            command, stdin=subprocess.DEVNULL, pass_fds=[theirs.fileno()], start_new_session=True, env=environment
+            command,
+            stdin=subprocess.DEVNULL,
+            stdout=subprocess.DEVNULL,
+            pass_fds=[theirs.fileno()],
+            start_new_session=True,
+            env=environment,
         )
     ours.setblocking(False)
     pacer = PacerProcess(process, ours, report)

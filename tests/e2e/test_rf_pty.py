@@ -1,0 +1,351 @@
+"""The serial radio link on pseudo-terminals: real processes, real signals, and the bytes that left."""
+
+import asyncio
+import contextlib
+import os
+import signal
+import sys
+import time
+import tty
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import NamedTuple
+
+import pytest
+
+from links.channel_map import ChannelMap, Channels, Sticks, Switch
+from links.crsf_codec import CrsfLinkConfig
+from links.dsm_codec import DsmLinkConfig
+from links.pacer import AFTERLIFE_S
+from links.port import Command, LinkLost
+from links.serial_rf import SerialRfLink
+from sim.pty_wire import PtyWire
+
+COAST_S, DOWN_S = 0.25, 0.3
+STATION = """
+import asyncio, sys
+from links.channel_map import ChannelMap, Switch
+from links.dsm_codec import DsmLinkConfig
+from links.port import Command, Segment
+from links.serial_rf import SerialRfLink
+
+async def main():
+    loop = asyncio.get_running_loop()
+    config = DsmLinkConfig(
+        port=sys.argv[1], period_s=0.01, arm_low_s=0.3, arm_high_s=0.7, map=ChannelMap(arm=Switch(channel=5))
+    )
+    link = SerialRfLink(config, thrust_max_n=2.0)
+
+    def command(thrust_n):
+        now = loop.time()
+        return Command(thrust_n, (0.0, 0.0, 0.0), 1, now, now + 0.25, (Segment(0.3, 0.8, (0.0, 0.0, 0.0)),))
+
+    await link.connect()
+    print("connected", flush=True)
+    await asyncio.sleep(0.5)
+    print("arming", flush=True)
+    await link.arm(lambda: command(0.2))
+    print("flying", flush=True)
+    while True:
+        link.send(command(1.0))
+        await asyncio.sleep(0.01)
+
+asyncio.run(main())
+"""
+CONFIG = DsmLinkConfig(map=ChannelMap(arm=Switch(channel=5)))
+CHANNELS = Channels(CONFIG.map, count=6, thrust_max_n=2.0)
+
+
+class Seen(NamedTuple):
+    """One frame that left."""
+
+    time_s: float
+    sticks: Sticks
+
+    @property
+    def lifts(self) -> bool:
+        return self.sticks.armed and self.sticks.thrust_n > 0.01
+
+
+@dataclass
+class Case:
+    """A station that something happened to, and what left its module's port."""
+
+    frames: list[Seen] = field(default_factory=list)
+    struck_s: float = 0.0
+    """When it happened."""
+    died_s: float = 0.0
+    """When the station was seen to have ended."""
+    closed_s: float | None = None
+    """When the pacer let go of the port, where it did."""
+
+    def after(self, delay_s: float) -> list[Seen]:
+        """The frames that left later than ``delay_s`` after it happened."""
+        return [seen for seen in self.frames if seen.time_s > self.struck_s + delay_s]
+
+
+async def strike(stage: str, number: signal.Signals) -> Case:
+    """Start a station, and 0.2 s after it has reached ``stage`` send ``number`` to its process group."""
+    case = Case()
+    far, near = os.openpty()
+    tty.setraw(near)
+    os.set_blocking(far, False)
+    station = await asyncio.create_subprocess_exec(
+        *(sys.executable, "-c", STATION, os.ttyname(near)),
+        stdout=asyncio.subprocess.PIPE,
+        stderr=asyncio.subprocess.DEVNULL,
+        start_new_session=True,
+    )
+    reader = asyncio.create_task(read(far, near, case))
+    try:
+        assert station.stdout is not None
+        async with asyncio.timeout(20.0):
+            while (await station.stdout.readline()).decode().strip() != stage:
+                pass
+        await asyncio.sleep(0.2)
+        case.struck_s = time.monotonic()
+        os.killpg(station.pid, number)
+        if number is signal.SIGSTOP:
+            await asyncio.sleep(1.5)
+            os.killpg(station.pid, signal.SIGCONT)
+            await asyncio.sleep(0.6)
+            with contextlib.suppress(ProcessLookupError):  # one that was frozen while arming has given up
+                os.killpg(station.pid, signal.SIGKILL)
+        await station.wait()
+        case.died_s = time.monotonic()
+        await asyncio.wait_for(reader, 15.0)
+    finally:
+        reader.cancel()
+        with contextlib.suppress(ProcessLookupError):
+            station.kill()
+        await station.wait()
+        os.close(far)
+    return case
+
+
+async def read(far: int, near: int, case: Case) -> None:
+    """Decode what leaves until the last process closes the port; our own end of it is closed once another has it."""
+    decoder = CONFIG.codec().decoder()
+    while case.closed_s is None:
+        await asyncio.sleep(0.001)
+        try:
+            data = os.read(far, 4096)
+        except BlockingIOError:
+            continue
+        except OSError:
+            case.closed_s = time.monotonic()
+            return
+        if near >= 0:
+            os.close(near)
+            near = -1
+        for heard in decoder.feed(data):
+            assert heard.positions is not None
+            case.frames.append(Seen(time.monotonic(), CHANNELS.read(heard.positions)))
+    assert not decoder.dropped
+
+
+STAGES = ("connected", "arming", "flying")
+ENDS = (signal.SIGKILL, signal.SIGINT, signal.SIGSTOP)
+
+
+@pytest.fixture(scope="module")
+def cases() -> Iterator[dict[tuple[str, signal.Signals], Case]]:
+    """Every stage with every end, all at once."""
+
+    async def all_of_them() -> dict[tuple[str, signal.Signals], Case]:
+        keys = [(stage, end) for stage in STAGES for end in ENDS]
+        return dict(zip(keys, await asyncio.gather(*(strike(*key) for key in keys)), strict=True))
+
+    yield asyncio.run(all_of_them())
+
+
+ends = pytest.mark.parametrize("end", ENDS)
+
+
+@ends
+@pytest.mark.parametrize("stage", ["connected", "arming"])
+def test_a_station_that_ends_or_freezes_on_the_ground_never_lifts(
+    cases: dict[tuple[str, signal.Signals], Case], stage: str, end: signal.Signals
+) -> None:
+    case = cases[stage, end]
+    assert len(case.frames) > 100
+    assert not any(seen.lifts for seen in case.frames)
+    # Whoever was frozen before it began to arm does so when it wakes up.
+    asleep = [seen for seen in case.after(COAST_S + 0.05) if seen.time_s < case.struck_s + 1.4]
+    assert len(asleep) > 50
+    assert not any(seen.sticks.armed for seen in asleep)
+
+
+@ends
+def test_in_flight_its_last_command_is_repeated_then_brought_down_then_disarmed(
+    cases: dict[tuple[str, signal.Signals], Case], end: signal.Signals
+) -> None:
+    case = cases["flying", end]
+    slack = 0.06
+    held = [s for s in case.after(0.0) if s.time_s < case.struck_s + COAST_S - slack]
+    assert len(held) > 10
+    assert all(seen.sticks.thrust_n == pytest.approx(1.0, abs=0.01) for seen in held)
+    down = [s for s in case.after(COAST_S + slack) if s.time_s < case.struck_s + COAST_S + DOWN_S - slack]
+    assert len(down) > 10
+    assert all(seen.sticks.thrust_n == pytest.approx(0.8, abs=0.01) for seen in down)
+    over = case.after(COAST_S + DOWN_S + slack)
+    assert len(over) > 100
+    assert not any(seen.sticks.armed or seen.lifts for seen in over), "not even after it woke up again"
+
+
+@ends
+def test_the_pacer_outlives_its_station_by_some_seconds_of_disarm_frames_and_then_ends(
+    cases: dict[tuple[str, signal.Signals], Case], end: signal.Signals
+) -> None:
+    for stage in STAGES:
+        case = cases[stage, end]
+        assert case.closed_s is not None
+        assert AFTERLIFE_S - 1.2 < case.closed_s - case.died_s < AFTERLIFE_S + COAST_S + DOWN_S + 1.0
+        # A busy machine may deny it real-time priority, so that some are late.
+        assert len(case.after(0.0)) > 0.7 * (case.closed_s - case.struck_s) / 0.01
+
+
+# ---- the port
+
+
+def command(thrust_n: float = 1.0) -> Command:
+    now = asyncio.get_running_loop().time()
+    return Command(thrust_n, (0.0, 0.0, 0.0), 1, now, now + 0.25)
+
+
+async def until(what: str, link: SerialRfLink, state: str) -> None:
+    async with asyncio.timeout(10.0):
+        while link.status.state != state:
+            link.send(command())
+            await asyncio.sleep(0.01)
+    assert what
+
+
+def test_a_port_that_goes_away_is_told_and_one_that_comes_back_is_taken_up_disarmed(tmp_path: Path) -> None:
+    async def main() -> None:
+        port = tmp_path / "module"
+        first = PtyWire()
+        first.listen(lambda data: None)
+        port.symlink_to(first.path)
+        config = DsmLinkConfig(
+            port=str(port), period_s=0.01, arm_low_s=0.0, arm_high_s=0.2, map=ChannelMap(arm=Switch(channel=5))
+        )
+        link = SerialRfLink(config, thrust_max_n=2.0)
+        await link.connect()
+        try:
+            await link.arm(lambda: command(0.0))
+            assert link.status.state == "armed"
+            first.close()
+            await until("the plug is out", link, "lost")
+            assert "/module" in link.status.text or "Input/output error" in link.status.text
+            assert not link.send(command())
+            came: list[bytes] = []
+            second = PtyWire()
+            second.listen(came.append)
+            port.unlink()
+            port.symlink_to(second.path)
+            await until("the plug is in again", link, "connected")
+            for _ in range(30):
+                assert not link.send(command())
+                await asyncio.sleep(0.01)
+            frames = config.codec().decoder().feed(b"".join(came))
+            assert len(frames) > 10
+            assert not any(CHANNELS.read(heard.positions).armed for heard in frames if heard.positions is not None)
+        finally:
+            await link.close()
+        second.close()
+
+    asyncio.run(main())
+
+
+def test_garbage_and_half_frames_from_the_module_are_counted_and_delay_nothing() -> None:
+    async def main() -> None:
+        wire = PtyWire()
+        came: list[bytes] = []
+        wire.listen(came.append)
+        link = SerialRfLink(CrsfLinkConfig(port=wire.path, period_s=0.01), thrust_max_n=2.0)
+        await link.connect()
+        for _ in range(20):
+            wire.say(os.urandom(3000) + bytes.fromhex("C8 04 28 EE"))
+            await asyncio.sleep(0.02)
+        await asyncio.sleep(0.3)
+        status = link.status
+        await link.close()
+        wire.close()
+        assert status.state == "connected"
+        assert sum(status.dropped.values()) > 1000
+        decoder = CrsfLinkConfig().codec().decoder()
+        assert len(decoder.feed(b"".join(came))) > 40
+        assert not decoder.dropped, "what leaves is whole"
+
+    asyncio.run(main())
+
+
+@pytest.mark.parametrize(
+    ("port", "words"),
+    [
+        ("/dev/nothing", "no such port; plug in the adapter, or correct link.port"),
+        ("/dev", "cannot open /dev"),
+        ("/dev/null", "it is no serial port"),
+    ],
+)
+def test_a_port_that_cannot_be_used_says_why(port: str, words: str) -> None:
+    async def main() -> None:
+        link = SerialRfLink(DsmLinkConfig(port=port), thrust_max_n=2.0)
+        with pytest.raises(LinkLost, match=words):
+            await link.connect()
+        assert link.status.state == "closed"
+
+    asyncio.run(main())
+
+
+def test_a_port_in_use_is_not_shared() -> None:
+    async def main() -> None:
+        wire = PtyWire()
+        wire.listen(lambda data: None)
+        first, second = (SerialRfLink(DsmLinkConfig(port=wire.path), thrust_max_n=2.0) for _ in range(2))
+        await first.connect()
+        with pytest.raises(LinkLost, match="another program uses it"):
+            await second.connect()
+        await first.close()
+        wire.close()
+
+    asyncio.run(main())
+
+
+def pacer_of(parent: int) -> int:
+    """The pacer that the process ``parent`` has started."""
+    children = Path(f"/proc/{parent}/task/{parent}/children").read_text().split()
+    (pid,) = (int(c) for c in children if b"pacer_child" in Path(f"/proc/{c}/cmdline").read_bytes())
+    return pid
+
+
+def test_the_pacer_is_deaf_to_signals_and_its_death_is_told() -> None:
+    async def main() -> None:
+        wire = PtyWire()
+        came: list[bytes] = []
+        wire.listen(came.append)
+        link = SerialRfLink(DsmLinkConfig(port=wire.path, period_s=0.01), thrust_max_n=2.0)
+        await link.connect()
+        pid = pacer_of(os.getpid())
+        assert os.getsid(pid) == pid != os.getsid(0)
+        for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP, signal.SIGQUIT):
+            os.kill(pid, number)
+        before = len(came)
+        await asyncio.sleep(0.3)
+        assert len(came) > before + 10
+        assert link.status.state == "connected"
+        os.kill(pid, signal.SIGKILL)
+        async with asyncio.timeout(5.0):
+            while link.status.state != "lost":
+                await asyncio.sleep(0.01)
+        assert "connect it again" in link.status.text
+        assert not link.send(command())
+        await link.close()
+        await link.connect()
+        assert link.status.state == "connected"
+        await link.close()
+        wire.close()
+
+    asyncio.run(main())
