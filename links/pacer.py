@@ -15,7 +15,7 @@ from links.pacer_messages import Arm, End, Give, Order, Report, Serve, Stop
 from links.port import LinkMisuse
 from links.rf_codec import RfLinkConfig, Service
 
-AFTERLIFE_S = 5.0
+AFTERLIFE_S = 3.0
 """How long disarm frames still leave after whoever commands has died [s]: a module may repeat its last frame."""
 STALE_S = 0.001
 """A frame that leaves later than this is made anew for the instant at which it leaves [s]."""

@@ -96,7 +96,7 @@ class RfBench:
             self.wires["open_pacer"] = opened_on(WirePort())
         else:
             self.pty = PtyWire()
-            changes["port"] = self.pty.path
+            changes |= {"port": self.pty.path, "arm_low_s": 0.1, "arm_high_s": 0.1}  # real time is dear
         order = RF_CODECS[self.kind]().map
         self.config = RF_CODECS[self.kind](**changes, map=msgspec.structs.replace(order, arm=Switch(channel=5)))
         self.peer = RfPeer(RfReceiver(self.vehicle, self.config), self.config)

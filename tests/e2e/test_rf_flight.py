@@ -1,0 +1,122 @@
+"""The paper's flight over a radio module's port in real time: quantised channels, a pacer of its own, a real pty."""
+
+import asyncio
+import subprocess
+import sys
+import tempfile
+from pathlib import Path
+
+import pytest
+
+from groundstation.app import make_flight
+from groundstation.mission import State
+from groundstation.ops import Vec3
+from links.dsm_codec import DsmLinkConfig
+from sim.commands import prepare
+from sim.pty_wire import PtyWire
+from sim.scenarios import SCENARIOS
+from sim.stage import Stage
+from tests.e2e.stations import QUICK_LANDING, free_udp_port
+
+EXAMPLE = Path(__file__).parents[2] / "examples" / "rf_dsm.toml"
+
+
+async def flown(duration_s: float) -> list[tuple[float, float]]:
+    """The true distance to the reference at every step of the plant [s, m]."""
+    loop = asyncio.get_running_loop()
+    wire = PtyWire()
+    told = [f"link.port={wire.path}", f"pose.listen=127.0.0.1:{free_udp_port()}"]
+    world, config = prepare(SCENARIOS["paper"], told, link="dsm")
+    assert isinstance(config.link, DsmLinkConfig)
+    path: list[tuple[float, Vec3]] = []
+
+    def step(time_s: float, position: Vec3) -> None:
+        path.append((time_s, position))
+
+    async def confirm() -> bool:
+        return True
+
+    stage = Stage(world, config, 0, step, pty=wire)
+    stage.plant.advance(loop.time())  # it knows the virtual clock's zero only
+    flight = make_flight(config, confirm=confirm)
+    beside = asyncio.create_task(stage.run())
+    flying = asyncio.create_task(flight.run())
+    while (begun := flight.started_s) is None or loop.time() < begun + duration_s:
+        assert not flying.done(), flying.result().reason
+        await asyncio.sleep(0.05)
+    assert flight.state is State.FLYING
+    flying.cancel()  # landing is the next test's
+    beside.cancel()
+    await asyncio.gather(flying, beside, return_exceptions=True)
+    wire.close()
+    reference = config.trajectory.build()
+    errors = []
+    for time_s, (x, y, z) in path:
+        if begun <= time_s < begun + duration_s:
+            a, b, c = reference.at(time_s - begun).position_ned
+            errors.append((time_s - begun, ((x - a) ** 2 + (y - b) ** 2 + (z - c) ** 2) ** 0.5))
+    return errors
+
+
+def rms_cm(errors: list[tuple[float, float]], since_s: float) -> float:
+    late = [error for time_s, error in errors if time_s >= since_s]
+    return float(100.0 * (sum(e * e for e in late) / len(late)) ** 0.5)
+
+
+def test_a_dsm_module_on_a_port_flies_the_paper_in_real_time() -> None:
+    errors = asyncio.run(flown(6.0))
+    # A shared machine delays poses and commands; the soak run holds it to the paper.
+    assert rms_cm(errors, 4.0) < 5.0
+
+
+@pytest.mark.soak
+def test_a_minute_over_a_dsm_module_stays_within_a_centimetre() -> None:
+    errors = asyncio.run(flown(60.0))
+    assert rms_cm(errors, 15.0) < 1.0
+
+
+def test_serve_and_fly_meet_on_a_pseudo_terminal() -> None:
+    listen = f"pose.listen=127.0.0.1:{free_udp_port()}"
+    with tempfile.TemporaryDirectory(prefix="gs-") as folder:
+        server = subprocess.Popen(
+            [sys.executable, "-m", "sim", "serve", "--link", "dsm", "--set", listen, "--duration", "60"],
+            stdout=subprocess.PIPE,
+            text=True,
+        )
+        try:
+            assert server.stdout is not None
+            line = server.stdout.readline()
+            assert "dsm receiver on /dev/pts/" in line
+            port = line.split(" receiver on ")[1].split(",")[0]
+            sets = (listen, f"link.port={port}", f"status.path={folder}/status.sock", "flight.duration_s=0.5")
+            run = subprocess.run(
+                [
+                    *(sys.executable, "-m", "groundstation", "fly", str(EXAMPLE), "--arm", "mqx", *QUICK_LANDING),
+                    *(word for each in sets for word in ("--set", each)),
+                ],
+                capture_output=True,
+                check=False,
+                text=True,
+                timeout=60,
+                stdin=subprocess.DEVNULL,
+            )
+        finally:
+            server.terminate()
+            server.wait(10)
+            assert server.stdout is not None
+            server.stdout.close()
+    assert run.returncode == 0, run.stdout + run.stderr
+    assert "landed and disarmed" in run.stdout
+
+
+def test_fly_refuses_a_port_that_may_be_a_real_module(tmp_path: Path) -> None:
+    run = subprocess.run(
+        [sys.executable, "-m", "groundstation", "fly", str(EXAMPLE), "--arm", "mqx"],
+        capture_output=True,
+        check=False,
+        text=True,
+        timeout=20,
+        stdin=subprocess.DEVNULL,
+    )
+    assert run.returncode == 2
+    assert "link.port: /dev/ttyUSB0: only pseudo-terminals may take commands yet" in run.stderr
