@@ -31,6 +31,11 @@ def _parser() -> argparse.ArgumentParser:
     doctor.add_argument("--yes", action="store_true", help="do not ask before setting it")
     doctor.add_argument("--json", action="store_true", help="print one JSON object instead of the table")
 
+    radio = commands.add_parser("radio", help="bind an RF module, check its range, or just show it disarmed frames")
+    radio.add_argument("what", choices=["bind", "range-check", "idle"])
+    _config_arguments(radio)
+    radio.add_argument("--seconds", type=float, default=10.0, metavar="S", help="for how long (default 10)")
+
     tui = commands.add_parser("tui", help="watch a running flight (read-only)")
     tui.add_argument("--vehicle", default="mqx", metavar="NAME", help="name of the vehicle in its config (default mqx)")
     tui.add_argument("--socket", type=Path, metavar="PATH", help="its status socket, if not the usual one")

@@ -17,6 +17,9 @@ from groundstation.poses.tlog import TlogConfig
 from groundstation.preflight import ensure_flyable
 from groundstation.settings import Config
 from links.address import is_loopback, parse_address
+from links.port import LinkError
+from links.rf_codec import RfLinkConfig, Service
+from links.rf_codecs import RF_CODECS
 
 EXIT_DONE, EXIT_ABORTED = 0, 1
 KILL_HINT = "Ctrl-\\ (SIGQUIT) stops its motors"
@@ -45,6 +48,37 @@ def daemon(args: argparse.Namespace) -> int:
         return True
 
     return asyncio.run(_run(config, confirm, lambda line: log.info("%s", line)))
+
+
+def radio(args: argparse.Namespace) -> int:
+    """Have the module of a radio link bind or check its range, or show it disarmed frames; nothing is ever armed."""
+    config = load(args.config, Config, args.overrides)
+    if not isinstance(config.link, RfLinkConfig):
+        raise ConfigError("link.kind", f"expected one of {sorted(RF_CODECS)}: no other link has a radio module")
+    if not 0.0 < args.seconds <= 3600.0:
+        raise ConfigError("--seconds", f"expected more than 0 and at most 3600, got {args.seconds:g}")
+    return asyncio.run(_radio(config.link, config.vehicle.thrust_max_n, args.what, args.seconds))
+
+
+async def _radio(config: RfLinkConfig, thrust_max_n: float, what: str, seconds: float) -> int:
+    from links.serial_rf import SerialRfLink
+
+    link = SerialRfLink(config, thrust_max_n=thrust_max_n)
+    try:
+        await link.connect()
+        _say(f"{config.port}: {what} for {seconds:g} s, disarmed")
+        if what == "idle":
+            await asyncio.sleep(seconds)
+        else:
+            await link.serve(Service(what.replace("-", "_")), seconds)
+        status = link.status
+        _say(f"{status.state}: {status.text}")
+    except LinkError as error:
+        _say(f"{what} failed: {error}")
+        return EXIT_ABORTED
+    finally:
+        await link.close()
+    return EXIT_DONE if status.state == "connected" else EXIT_ABORTED
 
 
 def tui(args: argparse.Namespace) -> int:

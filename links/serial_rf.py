@@ -47,6 +47,8 @@ class SerialRfLink:
         self._deadman = Deadman()
         """A likeness of the pacer's own, so that send() knows at once what will not leave."""
         self._arming = 0
+        self._stopped = True
+        """Killed, disarmed or closed since the newest arming began."""
         self._sent = 0
         self._expired = 0
         self._busy = _CLOSED
@@ -56,6 +58,11 @@ class SerialRfLink:
     def period_s(self) -> float:
         """Time between two commands [s]."""
         return self._config.period_s
+
+    @property
+    def follows_poses(self) -> bool:
+        """False: a module wants its frames evenly, so a command's time is just before its frame."""
+        return False
 
     @property
     def report(self) -> Report | None:
@@ -135,19 +142,20 @@ class SerialRfLink:
             await _sleep_until(due)
             self._arming += 1
             self._deadman.arm()
+            self._stopped = False
             self._give(Arm(self._arming, due))
             obeys_s = due + config.arm_low_s + config.arm_high_s
             while due < obeys_s:
-                if not self._send(idle(), loop.time()):
+                if not self._send(idle(), loop.time()) and not self._stopped:
                     raise LinkError("arming was abandoned: the idle command had expired, as its pose is too old")
                 due += config.period_s
                 if due < loop.time():
                     due = self._ahead_of_frame(loop.time())
                 await _sleep_until(due)
-                self._still_there()
+                self._still_arming()
             self._busy = ""
         except BaseException:
-            self.kill()
+            self._stop()
             raise
         finally:
             if self._busy == "while arm() streams":  # not closed meanwhile
@@ -156,7 +164,8 @@ class SerialRfLink:
     def send(self, command: Command) -> bool:
         """Make ``command`` the one that leaves with the next frame, and with every other until its deadline.
 
-        False, and nothing changes, where its deadline has passed, the dead man's switch is open, or the port is gone.
+        Returns False, and changes nothing, where its deadline has passed, a bring-down has begun, nobody
+        has armed, or the port is gone.
 
         Raises:
             LinkMisuse: a number in it is not finite, the link is not connected, or ``arm`` is streaming.
@@ -174,10 +183,23 @@ class SerialRfLink:
         self._sent += 1
         return True
 
-    def kill(self) -> None:
-        """Disarm frames from the next frame on, and nothing else until a new arming."""
-        self._deadman.stop()
-        self._give(Stop())
+    async def silent(self) -> None:
+        """Return once nothing that lifts may leave any more without a new arming."""
+        while self._deadman.phase(_now()) is not Phase.OVER:  # noqa: ASYNC110  # the clock opens it, not an event
+            await asyncio.sleep(self._config.period_s)
+
+    async def kill(self) -> None:
+        """Disarm at once, also in the air: with the next frame, and nothing else leaves until a new arming.
+
+        Returns when disarm frames have left for ``disarm_s``. Works in every state.
+
+        Raises:
+            LinkLost: the port or the pacer is gone: the receiver's failsafe has to act.
+        """
+        self._stop()
+        await asyncio.sleep(self._config.disarm_s)
+        if self._state() in ("lost", "closed"):
+            raise LinkLost(f"nothing can be sent, the receiver's failsafe has to act: {self._why_lost()}")
 
     async def disarm(self) -> None:
         """Send disarm frames; the vehicle counts as disarmed once they have left for ``disarm_s``.
@@ -187,7 +209,7 @@ class SerialRfLink:
             LinkMisuse: the link is not connected.
         """
         self._free_for("disarm")
-        self.kill()
+        self._stop()
         await asyncio.sleep(self._config.disarm_s)
         self._still_there()
 
@@ -216,12 +238,12 @@ class SerialRfLink:
         """Release the port. Nothing leaves afterwards.
 
         A vehicle in the air is brought down first: the newest command until its deadline, then its bring-down, then
-        disarm frames. Call :meth:`kill` before to leave that out.
+        disarm frames. Only :meth:`kill` cuts that short.
         """
         pacer, busy = self._pacer, self._busy
         self._busy = _CLOSED
         if busy == "while arm() streams":
-            self.kill()
+            self._stop()
         self._pacer = None
         if pacer is None:
             return
@@ -238,9 +260,20 @@ class SerialRfLink:
 
     # ----
 
+    def _stop(self) -> None:
+        """Nothing that lifts from the next frame on."""
+        self._stopped = True
+        self._deadman.stop()
+        self._give(Stop())
+
     def _free_for(self, what: str) -> None:
         if self._busy:
             raise LinkMisuse(f"{what}() {self._busy}")
+
+    def _still_arming(self) -> None:
+        self._still_there()
+        if self._stopped:
+            raise LinkError("arming was abandoned: the motors were killed")
 
     def _still_there(self) -> None:
         if self._busy == _CLOSED:

@@ -1,6 +1,7 @@
 """The paper's flight over a radio module's port in real time: quantised channels, a pacer of its own, a real pty."""
 
 import asyncio
+import os
 import subprocess
 import sys
 import tempfile
@@ -11,7 +12,10 @@ import pytest
 from groundstation.app import make_flight
 from groundstation.mission import State
 from groundstation.ops import Vec3
+from links.channel_map import Channels
+from links.crsf_codec import CrsfLinkConfig
 from links.dsm_codec import DsmLinkConfig
+from links.rf_codec import Heard, Service
 from sim.commands import prepare
 from sim.pty_wire import PtyWire
 from sim.scenarios import SCENARIOS
@@ -120,3 +124,37 @@ def test_fly_refuses_a_port_that_may_be_a_real_module(tmp_path: Path) -> None:
     )
     assert run.returncode == 2
     assert "link.port: /dev/ttyUSB0: only pseudo-terminals may take commands yet" in run.stderr
+
+
+@pytest.mark.parametrize(
+    ("what", "kind", "code", "words"),
+    [
+        ("bind", "dsm", 0, "bind for 0.3 s, disarmed"),
+        ("idle", "crsf", 0, "0 lost"),
+        ("range-check", "crsf", 1, "see its own menu"),
+    ],
+)
+def test_the_radio_command_serves_a_module_and_arms_nothing(what: str, kind: str, code: int, words: str) -> None:
+    config = DsmLinkConfig() if kind == "dsm" else CrsfLinkConfig()
+
+    async def main() -> tuple[int, str, list[Heard]]:
+        wire = PtyWire()
+        came: list[bytes] = []
+        wire.listen(came.append)
+        config_ = ("--set", f"link.kind={kind}", "--set", f"link.port={wire.path}", "--seconds", "0.3")
+        process = await asyncio.create_subprocess_exec(
+            *(sys.executable, "-m", "groundstation", "radio", what, os.devnull, *config_),
+            stdout=subprocess.PIPE,
+            stderr=subprocess.STDOUT,
+        )
+        out, _ = await process.communicate()
+        wire.close()
+        return process.returncode or 0, out.decode(), config.codec().decoder().feed(b"".join(came))
+
+    returned, out, heard = asyncio.run(main())
+    assert (returned, words in out) == (code, True), out
+    channels = Channels(config.map, count=config.codec().channels, thrust_max_n=1.0)
+    frames = [each.positions for each in heard if each.positions is not None]
+    assert not any(channels.read(positions).thrust_n > 0.0 for positions in frames)
+    if what == "bind":
+        assert sum(each.service is Service.BIND for each in heard) > 5

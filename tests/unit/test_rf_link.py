@@ -56,7 +56,8 @@ async def room(config: DsmLinkConfig | CrsfLinkConfig = CONFIG, *, armed: bool =
             await it.link.arm(idle)
         yield it
     finally:
-        it.link.kill()
+        with contextlib.suppress(LinkLost):
+            await it.link.kill()
         await it.link.close()
         peer.cancel()
         await asyncio.gather(peer, return_exceptions=True)
@@ -126,11 +127,49 @@ def test_a_kill_disarms_with_the_next_frame() -> None:
     async def main() -> None:
         async with room(armed=True) as it:
             await it.stream(1.0, 0.5)
-            it.link.kill()
+            killed = asyncio.create_task(it.link.kill())
             await asyncio.sleep(CONFIG.period_s + CONFIG.frame_s + 1e-6)
             assert not it.receiver.armed
+            await killed
             assert not it.link.send(command(1.0))
             assert it.link.status.state == "connected"
+
+    in_virtual_time(main())
+
+
+def test_a_kill_ends_an_arming_and_says_so() -> None:
+    async def main() -> None:
+        async with room() as it:
+            arming = asyncio.create_task(it.link.arm(idle))
+            await asyncio.sleep(0.7)
+            await it.link.kill()
+            with pytest.raises(LinkError, match="the motors were killed"):
+                await arming
+            assert not it.receiver.armed
+            await it.link.arm(idle)
+            assert it.receiver.armed
+
+    in_virtual_time(main())
+
+
+def test_a_kill_that_cannot_leave_says_who_has_to_act() -> None:
+    async def main() -> None:
+        async with room(armed=True) as it:
+            it.wire.cut = True
+            with pytest.raises(LinkLost, match="the receiver's failsafe has to act: cannot open"):
+                await it.link.kill()
+
+    in_virtual_time(main())
+
+
+def test_silent_returns_when_the_bring_down_is_over() -> None:
+    async def main() -> None:
+        loop = asyncio.get_running_loop()
+        async with room(armed=True) as it:
+            assert it.link.send(command(1.0))
+            begun = loop.time()
+            await it.link.silent()
+            assert loop.time() - begun == pytest.approx(0.75, abs=2 * CONFIG.period_s)
 
     in_virtual_time(main())
 
