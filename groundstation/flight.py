@@ -1,6 +1,7 @@
 """One flight from connecting to landed: the mission, the frames that leave, and what the screens see."""
 
 import asyncio
+import math
 from collections.abc import Awaitable, Callable
 from typing import TypeVar
 
@@ -246,8 +247,8 @@ class Flight:
                 continue
             if now > frame - 0.5 * period:  # else it left early, and this frame is still to come
                 frame += period
-            if frame < now:
-                frame = now + period  # a late frame is skipped, never sent twice in a row
+            if frame < now:  # late frames are left out; the rest keep their distance to the link's own
+                frame += math.ceil((now - frame) / period) * period
             await self._next_pose(min(last_chance, frame), frame)
 
     def _why_refused(self, tick: Tick, last: Tick | None) -> str:

@@ -51,8 +51,8 @@ class CrsfLinkConfig(RfLinkConfig, frozen=True, kw_only=True, forbid_unknown_fie
     period_s: Annotated[float, msgspec.Meta(ge=0.001, le=0.1)] = 0.004
     """Time between two frames [s]."""
     map: ChannelMap = ORDER
-    lead_s: Annotated[float, msgspec.Meta(ge=0.0, le=0.01)] = 0.001
-    """How long before a frame leaves its command is asked for [s]; covers what the computer takes."""
+    lead_s: Annotated[float, msgspec.Meta(ge=0.0, le=0.02)] = 0.002
+    """How long before its frame leaves a command is asked for [s]. One that comes later waits for the next frame."""
     address: Literal["module", "sync"] = "module"
     """First byte of a frame of channels: 0xEE or 0xC8."""
     model_id: Annotated[int, msgspec.Meta(ge=0, le=63)] | None = None

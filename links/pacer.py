@@ -12,11 +12,13 @@ from links.channel_map import Channels
 from links.deadman import Deadman, Phase
 from links.lateness import Lateness
 from links.pacer_messages import Arm, End, Give, Order, Report, Serve, Stop
-from links.port import LinkMisuse
+from links.port import Command, LinkMisuse, Segment
 from links.rf_codec import RfLinkConfig, Service
 
 AFTERLIFE_S = 3.0
 """How long disarm frames still leave after whoever commands has died [s]: a module may repeat its last frame."""
+REPORT_S = 0.2
+"""Longest time between two reports [s]."""
 STALE_S = 0.001
 """A frame that leaves later than this is made anew for the instant at which it leaves [s]."""
 REOPEN_S, REOPEN_LIMIT_S = 0.1, 1.6
@@ -57,7 +59,9 @@ class FramePacer:
         self._deadman = Deadman()
         self._lateness = Lateness()
         self._errors: Counter[str] = Counter()
-        self._frames = self._lost = self._received = self._arming = 0
+        self._frames = self._lost = self._repeated = self._received = self._arming = 0
+        self._says: Command | Segment | None = None
+        self._said: Command | Segment | None = None
         self._high_s = self._obey_s = math.inf
         self._service: tuple[Service, float] | None = None
         self._served = 0
@@ -68,6 +72,7 @@ class FramePacer:
         self._port = port
         self._why_closed = "not opened yet"
         self._greet = False
+        self._tell_s, self._told = now_s, 0
         self._reopen_s, self._wait_s = now_s, REOPEN_S
         self._reopen(now_s)
 
@@ -76,9 +81,10 @@ class FramePacer:
     def order(self, order: Order, now_s: float) -> None:
         """Obey; what comes too late, or out of place, changes nothing and is counted."""
         match order:
-            case Give(command):
+            case Give(arming, command):
                 try:
-                    self._deadman.take(command, now_s)
+                    if arming == self._arming:
+                        self._deadman.take(command, now_s)
                 except LinkMisuse:
                     self._errors["bad_command"] += 1
             case Arm(number, at_s):
@@ -127,6 +133,8 @@ class FramePacer:
         self._greet = False
         if left:
             self._frames += 1
+            self._repeated += self._says is not None and self._says is self._said
+            self._said = self._says
             self._served += 1
         else:
             self._lost += 1
@@ -157,8 +165,13 @@ class FramePacer:
         self._port.close()
         self._why_closed = "closed"
 
+    def has_news(self, now_s: float) -> bool:
+        """Whether a report is due: after each arming, and every so often."""
+        return now_s >= self._tell_s or self._arming != self._told
+
     def report(self, now_s: float, *, note: str = "", fifo: bool = False) -> Report:
         """The pacer as it is now."""
+        self._tell_s, self._told = now_s + REPORT_S, self._arming
         return Report(
             now_s=now_s,
             frame_s=self._due_s,
@@ -166,11 +179,13 @@ class FramePacer:
             over=self._deadman.phase(now_s) is Phase.OVER,
             frames=self._frames,
             lost=self._lost,
+            repeated=self._repeated,
             refused=self._deadman.refused,
             port=self._why_closed,
             received=self._received,
             dropped={**self._errors, **self._decoder.dropped},
             late_us=self._lateness.percentiles_us(),
+            late_octaves=tuple(self._lateness.octaves),
             note=note,
             fifo=fifo,
         )
@@ -180,7 +195,7 @@ class FramePacer:
     def _made(self, at_s: float) -> bytes:
         if self._greet and (greeting := self._codec.greeting()):
             return greeting
-        what = self._deadman.at(at_s)
+        what = self._says = self._deadman.at(at_s)
         if what is None:
             idle = self._channels.idle(armed=False)
             if self._deadman.phase(at_s) is not Phase.OVER:

@@ -1,8 +1,9 @@
 """The pacer's own process: absolute deadlines, real-time priority where allowed, deaf to the terminal.
 
-It is started by links/pacer_process.py with one end of a socket pair, on which messages arrive whole or not at all and
-in order, and whose other end closes when whoever commands dies. Orders come in, reports go out. Nothing here waits but
-the sleep until the next frame. The commands' clock is CLOCK_MONOTONIC, the same in every process of this machine.
+It is started by links/pacer_process.py with a mailbox in shared memory, which holds the newest command, and one end of
+a socket pair, on which messages arrive whole or not at all and in order, and whose other end closes when whoever
+commands dies. All other orders come in there, and reports go out. Nothing here waits but the sleep until the next
+frame. The commands' clock is CLOCK_MONOTONIC, the same in every process of this machine.
 """
 
 import contextlib
@@ -16,8 +17,9 @@ import time
 
 import msgspec
 
+from links.mailbox import Mailbox
 from links.pacer import FramePacer
-from links.pacer_messages import Order, Report
+from links.pacer_messages import Give, Order, Report
 from links.rf_codecs import RfConfig
 from links.rf_port import ModulePort
 
@@ -25,9 +27,8 @@ PREPARE_S = 0.0004
 """How long before its instant a frame is made [s]; then only the write is left to do."""
 SPIN_S = 0.00012
 """The last part of the wait is spent awake [s]: about what the kernel takes to wake a process up."""
-REPORT_S = 0.2
-"""Period of the reports [s]."""
 MESSAGE_BYTES = 65536
+"""Longest message on the socket pair."""
 _MOST_ORDERS = 256
 """Most orders taken between two frames, so that nobody who floods us delays a frame."""
 
@@ -70,6 +71,7 @@ def main() -> None:
     config = setup.config
     clock = Clock()
     fifo, note = _prioritise(config.fifo_priority, clock)
+    mailbox = Mailbox(int(sys.argv[2]))
     pacer = FramePacer(config, setup.thrust_max_n, ModulePort(config.port, config.baud), clock.now())
     # Whoever waits for the end of what the station prints must not wait for us, who outlive it.
     os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stderr.fileno())
@@ -77,19 +79,21 @@ def main() -> None:
     gc.freeze()
     gc.disable()
     try:
-        _pace(pacer, config.period_s, config.frame_s, clock, Commander(wire, note, fifo))
+        _pace(pacer, config.period_s, config.frame_s, clock, Commander(wire, mailbox, note, fifo))
     finally:
         pacer.close()
 
 
 class Commander:
-    """The other end of the socket pair."""
+    """Whoever holds the other ends of the socket pair and of the mailbox."""
 
-    def __init__(self, wire: socket.socket, note: str, fifo: bool) -> None:
+    def __init__(self, wire: socket.socket, mailbox: Mailbox, note: str, fifo: bool) -> None:
         """``note`` and ``fifo`` go into every report."""
         self._wire = wire
+        self._mailbox = mailbox
         self._note, self._fifo = note, fifo
-        self._decoder = msgspec.msgpack.Decoder(Order)
+        self._orders = msgspec.msgpack.Decoder(Order)
+        self._commands = msgspec.msgpack.Decoder(Give)
         self._encoder = msgspec.msgpack.Encoder()
         self._alive = True
         wire.setblocking(False)
@@ -98,6 +102,13 @@ class Commander:
         """Take what was ordered since the last time."""
         if not self._alive:
             return
+        newest = self._mailbox.get()  # before the orders: the arming that it follows is then among those
+        self._obey(pacer, now_s)
+        if newest is not None:
+            with contextlib.suppress(msgspec.MsgspecError):  # as below
+                pacer.order(self._commands.decode(newest), now_s)
+
+    def _obey(self, pacer: FramePacer, now_s: float) -> None:
         for _ in range(_MOST_ORDERS):
             try:
                 data = self._wire.recv(MESSAGE_BYTES)
@@ -110,7 +121,7 @@ class Commander:
                 pacer.orphaned(now_s)
                 return
             try:
-                order = self._decoder.decode(data)
+                order = self._orders.decode(data)
             except msgspec.MsgspecError:
                 continue  # no order of ours; an exception here would silence the vehicle's link
             pacer.order(order, now_s)
@@ -128,7 +139,6 @@ def _pace(pacer: FramePacer, period_s: float, frame_s: float, clock: Clock, comm
     due = now() + period_s
     pacer.prepare(due)
     commander.tell(pacer, now())
-    tell_s = due
     while not pacer.done(now()):
         clock.sleep_until(due - PREPARE_S)
         commander.listen(pacer, now())
@@ -141,9 +151,8 @@ def _pace(pacer: FramePacer, period_s: float, frame_s: float, clock: Clock, comm
         skipped = max(0, int((left - due) / period_s))
         pacer.measured(left, skipped)
         pacer.tidy(left)
-        if left >= tell_s:
+        if pacer.has_news(left):
             commander.tell(pacer, left)
-            tell_s = left + REPORT_S
         due += (1 + skipped) * period_s
     clock.sleep_until(now() + frame_s)  # the last frame leaves whole
     commander.tell(pacer, now())

@@ -19,8 +19,10 @@ class Arm(msgspec.Struct, frozen=True, tag="arm"):
 
 
 class Give(msgspec.Struct, frozen=True, tag="give", gc=False):
-    """The newest command."""
+    """The newest command. It goes a way of its own and may overtake the other orders."""
 
+    arming: int
+    """Number of the arming that it belongs to; under any other it is nothing."""
     command: Command
 
 
@@ -60,6 +62,8 @@ class Report(msgspec.Struct, frozen=True, kw_only=True):
     """Frames that left."""
     lost: int
     """Frames that did not leave at their instant or not at all, the port being there."""
+    repeated: int
+    """Frames that said the same command once more, as no newer one had come in time."""
     refused: int
     """Commands that came too late or out of order."""
     port: str
@@ -70,6 +74,8 @@ class Report(msgspec.Struct, frozen=True, kw_only=True):
     """What was dropped or failed, by reason."""
     late_us: tuple[int, int, int]
     """Lateness of the frames, 50, 99 and 99.9 % [µs]."""
+    late_octaves: tuple[int, ...]
+    """Frames by lateness: entry k counts those late by less than 2**k µs and not by less than 2**(k-1)."""
     note: str = ""
     """How it is scheduled, in words."""
     fifo: bool = False

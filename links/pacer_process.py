@@ -11,8 +11,9 @@ from pathlib import Path
 import msgspec
 
 import links
+from links.mailbox import Mailbox
 from links.pacer_child import MESSAGE_BYTES, Setup
-from links.pacer_messages import Order, Report
+from links.pacer_messages import Give, Order, Report
 from links.port import LinkError, LinkLost
 from links.rf_codec import RfLinkConfig
 
@@ -26,11 +27,16 @@ class PacerProcess:
     """Implements :class:`links.pacer_messages.Pacer`."""
 
     def __init__(
-        self, process: "subprocess.Popen[bytes]", wire: socket.socket, on_report: Callable[[Report | None], None]
+        self,
+        process: "subprocess.Popen[bytes]",
+        wire: socket.socket,
+        mailbox: Mailbox,
+        on_report: Callable[[Report | None], None],
     ) -> None:
         """See :func:`open_process`."""
         self._process = process
         self._wire = wire
+        self._mailbox = mailbox
         self._on_report = on_report
         self._encoder = msgspec.msgpack.Encoder()
         self._decoder = msgspec.msgpack.Decoder(Report)
@@ -40,9 +46,15 @@ class PacerProcess:
 
     def give(self, order: Order) -> bool:
         """Hand over ``order`` without waiting; False where nobody takes it."""
+        if self._end.done():
+            return False
+        data = self._encoder.encode(order)
         try:
-            self._wire.send(self._encoder.encode(order))
-        except OSError:
+            if isinstance(order, Give):
+                self._mailbox.put(data)
+            else:
+                self._wire.send(data)
+        except (OSError, ValueError):  # it is gone or takes nothing; or a bring-down of hundreds of parts
             return False
         return True
 
@@ -55,6 +67,7 @@ class PacerProcess:
         if self._wire.fileno() >= 0:
             self._loop.remove_reader(self._wire.fileno())
             self._wire.close()
+            self._mailbox.close()
         if not self._end.done():
             self._end.set_result(None)
 
@@ -85,6 +98,7 @@ async def open_process(
     """
     loop = asyncio.get_running_loop()
     ours, theirs = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
+    mailbox = Mailbox()
     first: asyncio.Future[Report | None] = loop.create_future()
 
     def report(news: Report | None) -> None:
@@ -95,18 +109,19 @@ async def open_process(
     with theirs:
         # -P: a folder `links` where the operator happens to stand is not ours. Ours is named instead.
         environment = os.environ | {"PYTHONPATH": str(Path(links.__file__).parents[1])}
-        command = [sys.executable, "-P", "-m", "links.pacer_child", str(theirs.fileno())]
+        shared = (theirs.fileno(), mailbox.fd)
+        command = [sys.executable, "-P", "-m", "links.pacer_child", *map(str, shared)]
         started = loop.time()
         process = subprocess.Popen(  # noqa: ASYNC220, S603  # a millisecond, on the ground; our own program
             command,
             stdin=subprocess.DEVNULL,
             stdout=subprocess.DEVNULL,
-            pass_fds=[theirs.fileno()],
+            pass_fds=shared,
             start_new_session=True,
             env=environment,
         )
     ours.setblocking(False)
-    pacer = PacerProcess(process, ours, report)
+    pacer = PacerProcess(process, ours, mailbox, report)
     pacer.give(Setup(config, thrust_max_n))  # type: ignore[arg-type]  # the one message that is no order
     try:
         hello = await asyncio.wait_for(asyncio.shield(first), START_LIMIT_S)

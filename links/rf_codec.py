@@ -85,8 +85,8 @@ class RfLinkConfig(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fie
     """How long it then holds the arm channel up with the throttle down before it counts as armed [s]."""
     disarm_s: Annotated[float, msgspec.Meta(ge=0.0, le=10.0)] = 0.5
     """How long disarm frames must have left before the vehicle counts as disarmed [s]: nothing comes back to tell."""
-    lead_s: Annotated[float, msgspec.Meta(ge=0.0, le=0.01)] = 0.002
-    """How long before a frame leaves its command is asked for [s]; covers what the computer takes."""
+    lead_s: Annotated[float, msgspec.Meta(ge=0.0, le=0.02)] = 0.005
+    """How long before its frame leaves a command is asked for [s]. One that comes later waits for the next frame."""
     fifo_priority: Annotated[int, msgspec.Meta(ge=0, le=90)] = 50
     """Real-time priority (SCHED_FIFO) of the process that paces the frames, where allowed; 0 for none."""
 

@@ -18,7 +18,10 @@ from links.rf_codec import RfLinkConfig, Service
 CLOSE_LIMIT_S = 4.0
 """Longest wait for the pacer to end [s]: the longest command, its bring-down, and then some."""
 
-_CLOSED = "on a link that is not connected"
+SILENT_S = 1.0
+"""A pacer that reports nothing for so long stands still [s]."""
+
+_CLOSED, _CLOSING, _ARMING = "on a link that is not connected", "on a link that is being closed", "while arm() streams"
 
 
 class SerialRfLink:
@@ -44,6 +47,9 @@ class SerialRfLink:
         self._report: Report | None = None
         self._dead = False
         """True once the pacer has ended without being told to."""
+        self._mute = False
+        """True while the pacer should have reported and has not."""
+        self._watch: asyncio.TimerHandle | None = None
         self._deadman = Deadman()
         """A likeness of the pacer's own, so that send() knows at once what will not leave."""
         self._arming = 0
@@ -80,6 +86,7 @@ class SerialRfLink:
             received=report.received if report is not None else 0,
             dropped=dict(report.dropped) if report is not None else {},
             text=self._words(),
+            phase="over" if self._pacer is None else self._deadman.phase(_now()),
         )
 
     def _state(self) -> str:
@@ -95,10 +102,12 @@ class SerialRfLink:
         """Why nothing leaves; empty where it does."""
         if self._dead:
             return "the pacer's process ended, and with it every frame: close the link, and connect it again"
+        if self._mute:
+            return "the pacer's process stands still: nothing leaves until it goes on, and then disarm frames"
         return self._report.port if self._report is not None else "not connected"
 
     def _over(self) -> bool:
-        return self._busy == "while arm() streams" or self._deadman.phase(_now()) is Phase.OVER
+        return self._busy == _ARMING or self._deadman.phase(_now()) is Phase.OVER
 
     async def connect(self) -> None:
         """Start the pacer and open the port; from now on disarm frames leave.
@@ -107,13 +116,14 @@ class SerialRfLink:
             LinkLost: the port can't be opened, or the pacer does not start.
         """
         if self._busy != _CLOSED:
-            raise LinkMisuse("the link is connected already; close it first")
+            raise LinkMisuse("the link is connected already, or being closed; close it first")
         self._busy = "while it connects"
-        self._report, self._dead = None, False
+        self._report, self._dead, self._mute = None, False, False
         try:
             self._pacer = await self._open_pacer(self._config, self._thrust_max, self._hear)
         except BaseException:
             self._busy = _CLOSED
+            self._listen_until(None)
             raise
         why = self._newest().port
         if self._busy == _CLOSED or why:
@@ -136,16 +146,17 @@ class SerialRfLink:
         if self._state() == "armed":
             raise LinkMisuse("arm() on a link that is armed")
         loop, config = asyncio.get_running_loop(), self._config
-        self._busy = "while arm() streams"
+        self._busy = _ARMING
         try:
             due = self._ahead_of_frame(loop.time())
             await _sleep_until(due)
             self._arming += 1
             self._deadman.arm()
             self._stopped = False
-            self._give(Arm(self._arming, due))
+            if not self._give(Arm(self._arming, due)):
+                raise LinkLost(self._why_lost() or "the pacer takes no orders: close the link, and connect it again")
             obeys_s = due + config.arm_low_s + config.arm_high_s
-            while due < obeys_s:
+            while due < obeys_s or self._newest().arming != self._arming:
                 if not self._send(idle(), loop.time()) and not self._stopped:
                     raise LinkError("arming was abandoned: the idle command had expired, as its pose is too old")
                 due += config.period_s
@@ -158,7 +169,7 @@ class SerialRfLink:
             self._stop()
             raise
         finally:
-            if self._busy == "while arm() streams":  # not closed meanwhile
+            if self._busy == _ARMING:  # not closed meanwhile
                 self._busy = ""
 
     def send(self, command: Command) -> bool:
@@ -175,10 +186,10 @@ class SerialRfLink:
         return self._send(command, _now())
 
     def _send(self, command: Command, now_s: float) -> bool:
-        if math.isnan(command.deadline_s) or not self._deadman.take(command, now_s):
+        if not self._deadman.take(command, now_s):
             self._expired += 1
             return False
-        if not self._give(Give(command)):
+        if not self._give(Give(self._arming, command)):
             return False
         self._sent += 1
         return True
@@ -196,10 +207,12 @@ class SerialRfLink:
         Raises:
             LinkLost: the port or the pacer is gone: the receiver's failsafe has to act.
         """
+        pacer = self._pacer
         self._stop()
         await asyncio.sleep(self._config.disarm_s)
-        if self._state() in ("lost", "closed"):
-            raise LinkLost(f"nothing can be sent, the receiver's failsafe has to act: {self._why_lost()}")
+        if pacer is None or (self._pacer is pacer and self._why_lost()):
+            why = self._why_lost() if pacer is not None else "the link is closed"
+            raise LinkLost(f"nothing can be sent, the receiver's failsafe has to act: {why}")
 
     async def disarm(self) -> None:
         """Send disarm frames; the vehicle counts as disarmed once they have left for ``disarm_s``.
@@ -241,10 +254,9 @@ class SerialRfLink:
         disarm frames. Only :meth:`kill` cuts that short.
         """
         pacer, busy = self._pacer, self._busy
-        self._busy = _CLOSED
-        if busy == "while arm() streams":
+        self._busy = _CLOSED if pacer is None else _CLOSING
+        if busy == _ARMING:
             self._stop()
-        self._pacer = None
         if pacer is None:
             return
         linger_s = self._config.disarm_s if self._arming else 0.0
@@ -255,8 +267,11 @@ class SerialRfLink:
         except TimeoutError:
             pass  # it is frozen; should it ever wake up, it finds itself alone and disarms
         finally:
-            self._deadman.stop()
             pacer.forget()
+            if self._pacer is pacer:
+                self._pacer, self._busy = None, _CLOSED
+                self._deadman.stop()
+                self._listen_until(None)
 
     # ----
 
@@ -276,7 +291,7 @@ class SerialRfLink:
             raise LinkError("arming was abandoned: the motors were killed")
 
     def _still_there(self) -> None:
-        if self._busy == _CLOSED:
+        if self._busy in (_CLOSED, _CLOSING):
             raise LinkError("the link was closed before it was done")
         if self._state() == "lost":
             raise LinkLost(self._why_lost())
@@ -288,7 +303,8 @@ class SerialRfLink:
             return ""
         if self._why_lost():
             return self._why_lost()
-        return f"{report.frames} frames, {report.lost} lost, 99 % within {report.late_us[1]} µs; {report.note}"
+        counts = f"{report.frames} frames, {report.lost} lost, {report.repeated} repeated"
+        return f"{counts}, 99 % within {report.late_us[1]} µs; {report.note}"
 
     def _newest(self) -> Report:
         assert self._report is not None, "a pacer that was opened has reported"
@@ -307,11 +323,23 @@ class SerialRfLink:
         if report is None:
             self._dead = True
             self._deadman.stop()
+            self._listen_until(None)
             return
-        self._report = report
+        self._report, self._mute = report, False
+        self._listen_until(_now() + SILENT_S)
         # A report from before the newest arming says nothing about it.
         if report.arming == self._arming and report.over:
             self._deadman.stop()
+
+    def _listen_until(self, when_s: float | None) -> None:
+        """Expect a report before ``when_s``. What came while this process stood still is read before it is missed."""
+        if self._watch is not None:
+            self._watch.cancel()
+        self._watch = asyncio.get_running_loop().call_at(when_s, self._miss) if when_s is not None else None
+
+    def _miss(self) -> None:
+        self._mute = True
+        self._stop()
 
 
 def _now() -> float:

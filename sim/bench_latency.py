@@ -17,6 +17,7 @@ from groundstation.config import dump
 from groundstation.poses.vicon import ViconConfig
 from groundstation.settings import Config
 from links.address import parse_address
+from links.mavlink import MavlinkLinkConfig
 from sim.autopilot import Px4Autopilot
 from sim.autopilot_peer import AutopilotPeer
 from sim.commands import prepare
@@ -158,6 +159,7 @@ async def _measured(config: Config, rate_hz: int, seconds: float, port: int) -> 
     plant.advance(loop.time())
     vehicle = SimulatedVehicle(plant, world, rows(stream(0, "estimate").standard_normal, 6))
     autopilot = Px4Autopilot(vehicle)
+    assert isinstance(config.link, MavlinkLinkConfig)
     peer = _Peer(autopilot, parse_address(config.link.address))
     peer.latencies_s = []
     assert isinstance(config.pose, ViconConfig)

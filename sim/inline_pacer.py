@@ -13,8 +13,6 @@ MODULE = ("module", 1)
 """Where the simulated module listens, on the loop's network in memory."""
 STATION = ("station", 1)
 """Where its frames come from."""
-REPORT_FRAMES = 10
-"""A report leaves with every so many frames."""
 
 
 class WirePort(asyncio.DatagramProtocol):
@@ -102,7 +100,7 @@ class InlinePacer:
 
     async def _pace(self) -> None:
         pacer, loop = self._pacer, self._loop
-        due, count = loop.time() + self._period, 0
+        due = loop.time() + self._period
         pacer.prepare(due)
         while not pacer.done(loop.time()):
             await sleep_until(due)
@@ -110,9 +108,8 @@ class InlinePacer:
             pacer.leave(loop.time())
             pacer.measured(loop.time(), 0)
             pacer.tidy(loop.time())
-            count += 1
             due += self._period
-            if count % REPORT_FRAMES == 0:
+            if pacer.has_news(loop.time()):
                 self._on_report(self.report())
         await sleep_until(loop.time() + self._frame_s)  # the last frame arrives whole
         pacer.close()

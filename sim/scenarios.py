@@ -122,7 +122,7 @@ def _radio(kind: str, world: World, told: Vehicle) -> dict[str, Any]:
     return {
         "kind": kind,
         "period_s": world.frame_period_s,
-        "lead_s": min(0.001, 0.5 * world.frame_period_s),
+        "lead_s": min(0.005, 0.25 * world.frame_period_s),
         "map": sticks,
     }
 

@@ -43,6 +43,10 @@ class Bench(Protocol):
     """What the link gets in the place of hardware."""
     steps: tuple[float, float]
     """How far what arrives may be off what was sent: share of the thrust, rates [rad/s]."""
+    grain_s: float
+    """How far the beginning of what arrives may be off the instant from which it is true [s]."""
+    farewell_s: float
+    """What closing takes after the bring-down [s]."""
 
     async def prepare(self) -> None: ...
 
@@ -59,6 +63,8 @@ class Bench(Protocol):
 
 class MavlinkBench:
     steps = (1e-3, 1e-3)
+    grain_s = 2e-3
+    farewell_s = 0.0
 
     def __init__(self) -> None:
         self.wires: dict[str, Any] = {}
@@ -83,6 +89,8 @@ class RfBench:
     """A receiver on the network in memory, or on a pseudo-terminal in real time."""
 
     steps = (1e-3, 7e-3)
+    grain_s = 0.01 + 1e-6
+    farewell_s = 0.1
 
     def __init__(self, kind: str) -> None:
         self.kind = kind
@@ -91,7 +99,7 @@ class RfBench:
         self.pty: PtyWire | None = None
 
     async def prepare(self) -> None:
-        changes: dict[str, Any] = {"period_s": 0.01, "arm_low_s": 0.3, "arm_high_s": 0.5, "disarm_s": 0.1}
+        changes: dict[str, Any] = {"period_s": 0.01, "arm_low_s": 0.3, "arm_high_s": 0.5, "disarm_s": self.farewell_s}
         if isinstance(asyncio.get_running_loop(), VirtualTimeLoop):
             self.wires["open_pacer"] = opened_on(WirePort())
         else:
@@ -315,8 +323,8 @@ def test_without_a_newer_command_the_newest_is_repeated_then_brought_down_then_n
             assert link.status.sent == sent
             runs = plays(acts)
             assert [share for share, _ in runs] == [0.5, 0.4, 0.3, 0.0]
-            assert [lasted for _, lasted in runs[:3]] == pytest.approx([0.25, 0.2, 0.3], abs=2e-3)
-            assert 0.05 < runs[3][1] <= 0.1 + 1e-6
+            assert [lasted for _, lasted in runs[:3]] == pytest.approx([0.25, 0.2, 0.3], abs=bench.grain_s)
+            assert 0.05 < runs[3][1] <= 0.1 + bench.grain_s
             await link.arm(lambda: command(0.0, (0.0, 0.0, 0.0)))
             assert link.send(command())
 
@@ -332,8 +340,47 @@ def test_closing_in_the_air_brings_down_first(bench: Bench) -> None:
             link.send(command())
             begun = loop.time()
             await link.close()
-            assert loop.time() - begun == pytest.approx(0.25 + 0.6, abs=0.02)
+            assert loop.time() - begun == pytest.approx(0.25 + 0.6 + bench.farewell_s, abs=0.02)
             assert [share for share, _ in plays(bench.vehicle.acts)] == [0.5, 0.4, 0.3, 0.0]
+
+    in_virtual_time(main())
+
+
+def test_a_kill_cuts_the_bring_down_of_a_closing_link_short(bench: Bench) -> None:
+    async def main() -> None:
+        async with connected(bench) as link:
+            await link.arm(lambda: command(0.0, (0.0, 0.0, 0.0)))
+            link.send(command())
+            closing = asyncio.create_task(link.close())
+            await asyncio.sleep(0.35)
+            killed = asyncio.create_task(link.kill())
+            await asyncio.sleep(0.02)
+            bench.vehicle.acts.clear()
+            await asyncio.gather(killed, closing)
+            assert bench.vehicle.powered[-1][1] is False
+            assert lifting(bench) == []
+            assert link.status.state == "closed"
+
+    in_virtual_time(main())
+
+
+def test_commands_leave_in_the_order_of_their_poses(bench: Bench) -> None:
+    async def main() -> None:
+        async with connected(bench) as link:
+            await link.arm(lambda: command(0.0, (0.0, 0.0, 0.0)))
+            for thrust_n in (0.5, 0.75):
+                assert link.send(command(thrust_n))
+                await asyncio.sleep(link.period_s)
+            newest = command(1.0)
+            assert link.send(newest)
+            await asyncio.sleep(link.period_s)
+            older = msgspec.structs.replace(newest, thrust_n=1.5, pose_time_s=newest.pose_time_s - 0.02)
+            assert not link.send(older)
+            assert link.send(msgspec.structs.replace(newest, thrust_n=1.25)), "of the same pose"
+            await asyncio.sleep(0.05)
+            shares = [round(thrust, 2) for _, thrust, _ in lifting(bench)]
+            assert list(dict.fromkeys(shares)) == pytest.approx([0.25, 0.38, 0.5, 0.62], abs=0.011)
+            assert link.status.expired == 1
 
     in_virtual_time(main())
 
@@ -351,7 +398,7 @@ def test_a_kill_stops_the_motors_in_the_air_and_nothing_else_leaves(bench: Bench
             assert bench.vehicle.powered[-1][1] is False
             assert not link.send(command())
             await asyncio.sleep(0.5)
-            assert bench.vehicle.acts == []
+            assert lifting(bench) == []
             await link.close()
 
     run(main())

@@ -321,6 +321,31 @@ def pacer_of(parent: int) -> int:
     return pid
 
 
+def test_a_pacer_that_stands_still_is_told_and_goes_on_disarmed() -> None:
+    async def main() -> None:
+        wire = PtyWire()
+        wire.listen(lambda data: None)
+        config = DsmLinkConfig(port=wire.path, period_s=0.01, arm_low_s=0.0, arm_high_s=0.2)
+        link = SerialRfLink(config, thrust_max_n=2.0)
+        await link.connect()
+        await link.arm(lambda: command(0.0))
+        pid = pacer_of(os.getpid())
+        os.kill(pid, signal.SIGSTOP)
+        try:
+            await until("it is missed", link, "lost")
+            assert "stands still" in link.status.text
+            with pytest.raises(LinkLost, match="stands still"):
+                await link.arm(lambda: command(0.0))
+        finally:
+            os.kill(pid, signal.SIGCONT)
+        await until("it is back", link, "connected")
+        assert not link.send(command())
+        await link.close()
+        wire.close()
+
+    asyncio.run(main())
+
+
 def test_the_pacer_is_deaf_to_signals_and_its_death_is_told() -> None:
     async def main() -> None:
         wire = PtyWire()

@@ -79,7 +79,7 @@ class Bench:
 
     def give(self, thrust_n: float = 1.0, *, coast_s: float = 0.25, bring_down: tuple[Segment, ...] = (DOWN,)) -> None:
         command = Command(thrust_n, (0.1, 0.0, 0.0), 1, self.now, self.now + coast_s, bring_down)
-        self.pacer.order(Give(command), self.now)
+        self.pacer.order(Give(1, command), self.now)
 
     def arm(self) -> None:
         """Through the whole arming."""
@@ -145,6 +145,16 @@ def test_a_controller_that_stops_while_arming_is_never_obeyed() -> None:
     bench.pacer.order(Arm(1, bench.now), bench.now)
     bench.give(1.0, coast_s=0.25)
     assert not any(map(lifting, bench.flown(4.0)))
+
+
+def test_a_command_of_another_arming_is_none() -> None:
+    bench = Bench()
+    bench.arm()
+    bench.pacer.order(Stop(), bench.now)
+    bench.pacer.order(Arm(2, bench.now), bench.now)
+    for _ in range(40):
+        bench.give(1.5)
+        assert not lifting(bench.frame())
 
 
 def test_a_stop_leaves_out_the_bring_down() -> None:
@@ -287,7 +297,7 @@ def test_a_command_that_is_no_number_is_counted_and_changes_nothing() -> None:
     bench = Bench()
     bench.arm()
     bad = msgspec.structs.replace(Command(1.0, (0.0, 0.0, 0.0), 1, bench.now, bench.now + 0.25), thrust_n=math.nan)
-    bench.pacer.order(Give(bad), bench.now)
+    bench.pacer.order(Give(1, bad), bench.now)
     assert bench.pacer.report(bench.now).dropped == {"bad_command": 1}
     assert lifting(bench.frame())
 
@@ -303,7 +313,9 @@ def test_whatever_is_ordered_nothing_lifts_without_an_arming_and_a_fresh_command
                 bench.give(1.5)
                 fresh_s = bench.now
             case "late":
-                bench.pacer.order(Give(Command(1.9, (0.0, 0.0, 0.0), 1, bench.now - 1.0, bench.now - 0.1)), bench.now)
+                bench.pacer.order(
+                    Give(1, Command(1.9, (0.0, 0.0, 0.0), 1, bench.now - 1.0, bench.now - 0.1)), bench.now
+                )
             case "stop":
                 bench.pacer.order(Stop(), bench.now)
                 armed_s = -math.inf
@@ -335,5 +347,17 @@ def test_lateness_is_told_by_the_share_that_did_not_exceed_it() -> None:
         late.add(1e-6 * (us + 0.5))
     late.add(9.9)
     late.add(-1.0)
-    assert late.count == 1002
-    assert late.percentiles_us() == pytest.approx((499, 990, 999), abs=2)
+    assert late.count == sum(late.octaves) == 1002
+    assert late.percentiles_us() == pytest.approx((499, 990, 999), rel=0.01)
+    assert late.octaves[:11] == [2, 1, 2, 4, 8, 16, 32, 64, 128, 256, 488]
+    assert late.octaves[-1] == 1
+
+
+@given(st.lists(st.floats(0.0, 5.0), min_size=1))
+def test_percentiles_of_lateness_are_right_within_half_a_percent(lates_s: list[float]) -> None:
+    late = Lateness()
+    for each in lates_s:
+        late.add(each)
+    ordered = sorted(int(1e6 * each) for each in lates_s)
+    exact = [ordered[max(0, math.ceil(share * len(ordered)) - 1)] for share in (0.5, 0.99, 0.999)]
+    assert late.percentiles_us() == pytest.approx(exact, rel=0.004, abs=1)

@@ -1,0 +1,101 @@
+"""The newest value through shared memory: never half of one, whatever either side is at."""
+
+import subprocess
+import sys
+from collections.abc import Iterator
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from links.mailbox import CAPACITY_BYTES, Mailbox
+
+WRITER = """
+import sys, time
+from links.mailbox import Mailbox
+box = Mailbox(int(sys.argv[1]))
+end, number = time.monotonic() + float(sys.argv[2]), 0
+while time.monotonic() < end:
+    number += 1
+    box.put(number.to_bytes(8, "big") * (1 + number % 500))
+box.put(b"the last")
+"""
+
+
+@pytest.fixture
+def ends() -> Iterator[tuple[Mailbox, Mailbox]]:
+    writer = Mailbox()
+    reader = Mailbox(writer.fd)
+    yield writer, reader
+    reader._words.release()
+    reader._bytes.release()
+    reader._memory.close()
+    writer.close()
+
+
+def test_the_newest_value_is_got_once(ends: tuple[Mailbox, Mailbox]) -> None:
+    writer, reader = ends
+    assert reader.get() is None
+    for value in (b"one", b"two", b"", b"x" * CAPACITY_BYTES):
+        writer.put(value)
+    assert reader.get() == b"x" * CAPACITY_BYTES
+    assert reader.get() is None
+    writer.put(b"")
+    assert reader.get() == b""
+
+
+def test_what_does_not_fit_is_refused_and_changes_nothing(ends: tuple[Mailbox, Mailbox]) -> None:
+    writer, reader = ends
+    writer.put(b"whole")
+    with pytest.raises(ValueError, match="too many for a mailbox"):
+        writer.put(bytes(CAPACITY_BYTES + 1))
+    assert reader.get() == b"whole"
+
+
+values = st.binary(max_size=40)
+
+
+@given(st.lists(values, min_size=1, max_size=4), values, st.data())
+def test_a_writer_that_stops_anywhere_leaves_the_value_before_or_none(
+    before: list[bytes], value: bytes, data: st.DataObject
+) -> None:
+    """Any mixture of the memory before and after, as a processor that reorders its stores may show it."""
+    writer = Mailbox()
+    for each in before:
+        writer.put(each)
+    old = bytes(writer._memory[:])
+    writer.put(value)
+    new = bytes(writer._memory[:])
+    changed = [at for at in range(0, len(old), 8) if old[at : at + 8] != new[at : at + 8]]
+    for at in changed:
+        if data.draw(st.booleans()):
+            writer._memory[at : at + 8] = old[at : at + 8]
+    reader = Mailbox(writer.fd)
+    got = reader.get()
+    assert got in (before[-1], value, None)
+    if got == value != before[-1]:
+        assert writer._words[0] == len(before) + 1
+    reader._words.release()
+    reader._bytes.release()
+    reader._memory.close()
+    writer.close()
+
+
+def test_two_processes_at_full_speed_never_show_each_other_half_a_value() -> None:
+    box = Mailbox()
+    seen = 0
+    newest = 0
+    with subprocess.Popen([sys.executable, "-c", WRITER, str(box.fd), "0.4"], pass_fds=[box.fd]) as writer:
+        while True:
+            value = box.get()
+            if value == b"the last":
+                break
+            if value is None:
+                assert writer.poll() in (None, 0)
+                continue
+            number = int.from_bytes(value[:8], "big")
+            assert value == number.to_bytes(8, "big") * (1 + number % 500)
+            assert number > newest
+            newest, seen = number, seen + 1
+    box.close()
+    assert seen > 10
