@@ -14,6 +14,7 @@ from groundstation.telemetry.status import StatusConfig
 from groundstation.trajectories import TrajectoryConfig
 from groundstation.trajectories.lemniscate import LemniscateConfig
 from groundstation.vehicle import Vehicle
+from links.bridge_link import BridgeLinkConfig
 from links.mavlink import MavlinkLinkConfig
 from links.rf_codecs import RfConfig
 from links.thrust_curve import full_thrust_n
@@ -21,7 +22,7 @@ from links.thrust_curve import full_thrust_n
 HOVER_TOLERANCE = 0.02
 """Hover thrust is rounded where autopilots show it: so much may the full thrust by it fall short, as a share."""
 
-LinkConfig: TypeAlias = MavlinkLinkConfig | RfConfig
+LinkConfig: TypeAlias = MavlinkLinkConfig | RfConfig | BridgeLinkConfig
 """The configuration of one link, picked by its ``kind``; see ``links.LINKS``."""
 
 

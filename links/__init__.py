@@ -27,10 +27,17 @@ def _crsf() -> "tuple[type, Callable[..., CommandLink]]":
     return CrsfLinkConfig, SerialRfLink
 
 
+def _rf_bridge() -> "tuple[type, Callable[..., CommandLink]]":
+    from links.bridge_link import BridgeLink, BridgeLinkConfig
+
+    return BridgeLinkConfig, BridgeLink
+
+
 LINKS: "dict[str, Callable[[], tuple[type, Callable[..., CommandLink]]]]" = {
     "mavlink": _mavlink,
     "dsm": _dsm,
     "crsf": _crsf,
+    "rf_bridge": _rf_bridge,
 }
 """Kind → a function that imports it and returns its configuration and its class."""
 

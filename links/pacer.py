@@ -72,7 +72,7 @@ class FramePacer:
         self._port = port
         self._why_closed = "not opened yet"
         self._greet = False
-        self._tell_s, self._told = now_s, 0
+        self._tell_s, self._told = now_s, (0, True)
         self._reopen_s, self._wait_s = now_s, REOPEN_S
         self._reopen(now_s)
 
@@ -87,7 +87,7 @@ class FramePacer:
                         self._deadman.take(command, now_s)
                 except LinkMisuse:
                     self._errors["bad_command"] += 1
-            case Arm(number, at_s):
+            case Arm(number, at_s) if self._deadman.phase(now_s) is Phase.OVER:
                 self._arming = number
                 if self._linger_s is None and not self._why_closed:
                     self._service = None
@@ -166,12 +166,15 @@ class FramePacer:
         self._why_closed = "closed"
 
     def has_news(self, now_s: float) -> bool:
-        """Whether a report is due: after each arming, and every so often."""
-        return now_s >= self._tell_s or self._arming != self._told
+        """Whether a report is due: after each arming, when all is over, and every so often."""
+        return now_s >= self._tell_s or self._told != self._stands(now_s)
+
+    def _stands(self, now_s: float) -> tuple[int, bool]:
+        return self._arming, self._deadman.phase(now_s) is Phase.OVER
 
     def report(self, now_s: float, *, note: str = "", fifo: bool = False) -> Report:
         """The pacer as it is now."""
-        self._tell_s, self._told = now_s + REPORT_S, self._arming
+        self._tell_s, self._told = now_s + REPORT_S, self._stands(now_s)
         return Report(
             now_s=now_s,
             frame_s=self._due_s,

@@ -6,7 +6,7 @@ from typing import Protocol, TypeAlias
 import msgspec
 
 from links.port import Command
-from links.rf_codec import RfLinkConfig, Service
+from links.rf_codec import Manner, RfLinkConfig, Service
 
 
 class Arm(msgspec.Struct, frozen=True, tag="arm"):
@@ -83,7 +83,17 @@ class Report(msgspec.Struct, frozen=True, kw_only=True):
 
 
 class Pacer(Protocol):
-    """The pacer as the link sees it, in another process or in the same loop."""
+    """The pacer as the link sees it: in another process, in the same loop, or behind a network."""
+
+    @property
+    def manner(self) -> Manner:
+        """How it paces."""
+        ...
+
+    @property
+    def why_mute(self) -> str:
+        """What it means, in the operator's words, that no report comes."""
+        ...
 
     def give(self, order: Order) -> bool:
         """Hand over ``order`` without waiting; False where nobody takes it."""
@@ -98,5 +108,8 @@ class Pacer(Protocol):
         ...
 
 
-OpenPacer: TypeAlias = Callable[[RfLinkConfig, float, Callable[[Report | None], None]], Awaitable[Pacer]]
+Hear: TypeAlias = Callable[[Report | None], None]
+"""Takes each report, and None at the pacer's end."""
+
+OpenPacer: TypeAlias = Callable[[RfLinkConfig, float, Hear], Awaitable[Pacer]]
 """Start a pacer for a configuration and a full thrust [N]; its reports go to the callable, and None at its end."""

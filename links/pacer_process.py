@@ -15,7 +15,7 @@ from links.mailbox import Mailbox
 from links.pacer_child import MESSAGE_BYTES, Setup
 from links.pacer_messages import Give, Order, Report
 from links.port import LinkError, LinkLost
-from links.rf_codec import RfLinkConfig
+from links.rf_codec import Manner, RfLinkConfig
 
 START_LIMIT_S = 10.0
 """Longest wait for the first report [s]."""
@@ -26,14 +26,18 @@ CLOCK_TOLERANCE_S = 0.05
 class PacerProcess:
     """Implements :class:`links.pacer_messages.Pacer`."""
 
+    why_mute = "the pacer's process stands still: nothing leaves until it goes on, and then disarm frames"
+
     def __init__(
         self,
+        manner: Manner,
         process: "subprocess.Popen[bytes]",
         wire: socket.socket,
         mailbox: Mailbox,
         on_report: Callable[[Report | None], None],
     ) -> None:
         """See :func:`open_process`."""
+        self.manner = manner
         self._process = process
         self._wire = wire
         self._mailbox = mailbox
@@ -121,7 +125,7 @@ async def open_process(
             env=environment,
         )
     ours.setblocking(False)
-    pacer = PacerProcess(process, ours, mailbox, report)
+    pacer = PacerProcess(config.manner, process, ours, mailbox, report)
     pacer.give(Setup(config, thrust_max_n))  # type: ignore[arg-type]  # the one message that is no order
     try:
         hello = await asyncio.wait_for(asyncio.shield(first), START_LIMIT_S)

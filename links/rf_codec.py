@@ -69,6 +69,17 @@ class RfCodec(Protocol):
         ...
 
 
+class Manner(msgspec.Struct, frozen=True, kw_only=True):
+    """How a pacer paces, for whoever commands it; see :class:`RfLinkConfig`."""
+
+    period_s: float
+    lead_s: float
+    arm_low_s: float
+    arm_high_s: float
+    disarm_s: float
+    services: frozenset[Service]
+
+
 class RfLinkConfig(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True, tag_field="kind"):
     """What every serial RF link can be told."""
 
@@ -121,6 +132,18 @@ class RfLinkConfig(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fie
         """The same where the throttle has this curve."""
         throttle = msgspec.structs.replace(self.map.thrust, curve=curve)
         return msgspec.structs.replace(self, map=msgspec.structs.replace(self.map, thrust=throttle))
+
+    @property
+    def manner(self) -> Manner:
+        """What whoever commands must know of it."""
+        return Manner(
+            period_s=self.period_s,
+            lead_s=self.lead_s,
+            arm_low_s=self.arm_low_s,
+            arm_high_s=self.arm_high_s,
+            disarm_s=self.disarm_s,
+            services=self.codec().services,
+        )
 
     @property
     def frame_s(self) -> float:

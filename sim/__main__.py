@@ -7,7 +7,7 @@ from pathlib import Path
 from sim.bench import WHAT as BENCHES
 
 _CONTROLLERS = "adaptive (default), uncompensated, geometric, pid, indi, or your own: package.module:factory"
-_LINKS = ["mavlink", "dsm", "crsf"]
+_LINKS = ["mavlink", "dsm", "crsf", "rf_bridge"]
 
 _DRAWS = "what differs from flight to flight: mass,lags,gain,wind (default), and latency, noise, losses"
 _AUTOPILOTS = ("px4", "ardupilot")
@@ -134,7 +134,7 @@ def _parser() -> argparse.ArgumentParser:
         metavar="NAME=VALUE",
         help="one of the autopilot's parameters, to see what `groundstation doctor` says",
     )
-    serve.add_argument("--link", choices=_LINKS, default="mavlink", help="dsm and crsf: a receiver on a pty")
+    serve.add_argument("--link", choices=_LINKS[:-1], default="mavlink", help="dsm and crsf: a receiver on a pty")
     serve.add_argument("--duration", type=_seconds, metavar="S", help="stop after so many seconds")
     return parser
 

@@ -67,10 +67,13 @@ class WirePort(asyncio.DatagramProtocol):
 class InlinePacer:
     """Implements :class:`links.pacer_messages.Pacer`."""
 
+    why_mute = "the simulated pacer has failed"
+
     def __init__(
         self, config: RfLinkConfig, thrust_max_n: float, port: WirePort, on_report: Callable[[Report | None], None]
     ) -> None:
         """See :func:`opened_on`."""
+        self.manner = config.manner
         self._loop = asyncio.get_running_loop()
         self._period, self._frame_s = config.period_s, 1.01 * config.frame_s
         self._port = port

@@ -10,13 +10,10 @@ from groundstation.settings import Config, FlightConfig
 from groundstation.trajectories.lemniscate import LemniscateConfig
 from groundstation.vehicle import Vehicle
 from links.mavlink import MavlinkLinkConfig
-from links.rf_codec import RfLinkConfig
-from links.rf_codecs import RF_CODECS
+from sim.radio import module, section
 from sim.world import World
 
 NO_LIMIT = (1e5, 1e5, 1e5)
-FASTEST_STICK_DEG_S = 720.0
-"""Body rate at full stick where the vehicle has no limit [deg/s]: a stick has few steps."""
 MQX = World()
 _IDEAL = msgspec.structs.replace(
     MQX,
@@ -102,29 +99,11 @@ class Scenario(msgspec.Struct, frozen=True, kw_only=True):
             data["pose"] = {"kind": "mavlink", "latency_s": self.told_latency_s, "rate_hz": world.pose_rate_hz}
         overrides = [*self.told_more, *overrides]
         if link != "mavlink":
-            data["link"] = _radio(link, world, self.told)
+            data["link"] = section(link, world, self.told)
             # Only the codec that results knows how long a frame is on its way.
-            radio = from_dict(data, Config, overrides).link
-            assert isinstance(radio, RfLinkConfig), "no other link is left"
+            radio = module(from_dict(data, Config, overrides), world)
             data.setdefault("vehicle", {})["command_delay_s"] = radio.lead_s + radio.frame_s
         return from_dict(data, Config, overrides)
-
-
-def _radio(kind: str, world: World, told: Vehicle) -> dict[str, Any]:
-    """The link's section for a serial radio module."""
-    rates = dict(zip(("roll", "pitch", "yaw"), told.rate_limits_deg_s, strict=True))
-    order = RF_CODECS[kind]().map
-    sticks = {
-        axis: {**msgspec.to_builtins(getattr(order, axis)), "full_rate_deg_s": min(rate, FASTEST_STICK_DEG_S)}
-        for axis, rate in rates.items()
-    }
-    sticks["arm"] = {"channel": 5}
-    return {
-        "kind": kind,
-        "period_s": world.frame_period_s,
-        "lead_s": min(0.005, 0.25 * world.frame_period_s),
-        "map": sticks,
-    }
 
 
 _TOLD_QUAD1KG = Vehicle(

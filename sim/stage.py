@@ -15,6 +15,7 @@ from groundstation.poses.vicon import ViconConfig
 from groundstation.poses.vicon_codec import ViconObject, encode, euler_xyz_from_quaternion
 from groundstation.settings import Config
 from links.address import parse_address
+from links.bridge import Bridge
 from links.mavlink import MavlinkLinkConfig
 from links.mavlink_key import StampFile, read_key
 from links.mavlink_signing import TICKS_PER_S, Signer
@@ -24,10 +25,10 @@ from sim.autopilot_base import SimulatedAutopilot
 from sim.autopilot_peer import AutopilotPeer
 from sim.autopilots import AUTOPILOTS
 from sim.draws import rows, stream
-from sim.inline_pacer import WirePort, opened_on
 from sim.mocap import Encoder, Mocap
 from sim.pty_wire import PtyWire
 from sim.quadrotor import Quadrotor
+from sim.radio import module, wires
 from sim.rf_receiver import RfPeer, RfReceiver
 from sim.vehicle import SimulatedVehicle
 from sim.wind import Wind
@@ -72,6 +73,7 @@ class Stage:
         """What the link gets in the place of hardware; see :func:`groundstation.app.make_flight`."""
         self._pty = pty
         self._mavlink: tuple[SimulatedAutopilot, AutopilotPeer] | None = None
+        self._bridge: Bridge | None = None
         self.radio: RfPeer | None = None
         """The other end of a radio link."""
         if isinstance(config.link, MavlinkLinkConfig):
@@ -89,9 +91,10 @@ class Stage:
             peer = AutopilotPeer(made, address, delay_s=delay, hearing_s=world.command_delay_s)
             self._mavlink = made, peer
         else:
-            self.radio = RfPeer(RfReceiver(vehicle, config.link, lose=lose), config.link, world.command_delay_s)
+            radio = module(config, world)
+            self.radio = RfPeer(RfReceiver(vehicle, radio, lose=lose), radio, world.command_delay_s)
             if pty is None:
-                self.wires["open_pacer"] = opened_on(WirePort())
+                self.wires, self._bridge = wires(config, radio, stream(seed, "nonces").bytes)
         self.mocap: Mocap | None = None
         if isinstance(config.pose, ViconConfig):
             self.mocap = Mocap(world, self.plant, seed, vicon_encoder(config.pose), parse_address(config.pose.listen))
@@ -115,6 +118,8 @@ class Stage:
                 group.create_task(self.peer.run())
             elif self._pty is None:
                 group.create_task(self.radio.run())
+                if self._bridge is not None:
+                    group.create_task(self._bridge.run())
             else:
                 radio = self.radio
                 self._pty.listen(lambda data: radio.datagram_received(data, None))

@@ -13,6 +13,8 @@ import pytest
 
 from links import LINKS, make_link
 from links.address import parse_address
+from links.bridge import Bridge, BridgeConfig
+from links.bridge_link import BridgeLinkConfig
 from links.channel_map import Switch
 from links.mavlink import MavlinkLinkConfig
 from links.port import Command, CommandLink, LinkLost, LinkMisuse, Segment
@@ -96,6 +98,7 @@ class RfBench:
         self.kind = kind
         self.vehicle = Brick(0.0)
         self.wires: dict[str, Any] = {}
+        self.config: Any = None
         self.pty: PtyWire | None = None
 
     async def prepare(self) -> None:
@@ -131,8 +134,58 @@ class RfBench:
         return self.peer.receiver.frames
 
 
+class CountingBridge(Bridge):
+    """A bridge that counts what comes."""
+
+    came = 0
+
+    def datagram_received(self, data: bytes, addr: Any) -> None:
+        self.came += 1
+        super().datagram_received(data, addr)
+
+
+class BridgeBench:
+    """A bridge with a module of its own; that one sends disarm frames whether there is a link or not."""
+
+    KEY = bytes(range(1, 33))
+    steps, grain_s, farewell_s = RfBench.steps, RfBench.grain_s, RfBench.farewell_s
+
+    def __init__(self) -> None:
+        self.module = RfBench("dsm")
+        self.vehicle = self.module.vehicle
+        self.wires = {"key": self.KEY, "nonce": nonce}
+        self.config: Any = None
+
+    async def prepare(self) -> None:
+        await self.module.prepare()
+        listen = await free_address()
+        config = BridgeConfig(listen=listen, link=self.module.config)
+        self.bridge = CountingBridge(config, self.KEY, **self.module.wires, nonce=nonce)
+        self.config = BridgeLinkConfig(remote=listen)
+
+    async def prepare_nobody(self) -> str:
+        self.config = BridgeLinkConfig(remote=await free_address(), connect_timeout_s=0.3)
+        return "no answer from a bridge"
+
+    async def run(self) -> None:
+        async with asyncio.TaskGroup() as group:
+            group.create_task(self.module.run())
+            group.create_task(self.bridge.run())
+
+    def arrived(self) -> int:
+        return self.bridge.came
+
+
+NONCES = itertools.count(1)
+
+
+def nonce(count: int) -> bytes:
+    return next(NONCES).to_bytes(count, "little")
+
+
 BENCHES: dict[str, Callable[[], Bench]] = {
     "mavlink": MavlinkBench,
+    "rf_bridge": BridgeBench,
     **{kind: partial(RfBench, kind) for kind in RF_CODECS},
 }
 
@@ -392,7 +445,7 @@ def test_a_kill_stops_the_motors_in_the_air_and_nothing_else_leaves(bench: Bench
             link.send(command())
             await asyncio.sleep(0.055)
             killed = asyncio.create_task(link.kill())
-            await asyncio.sleep(0.002)  # what was under way has arrived
+            await asyncio.sleep(0.002 + bench.grain_s)  # what was under way has arrived
             bench.vehicle.acts.clear()
             await killed
             assert bench.vehicle.powered[-1][1] is False

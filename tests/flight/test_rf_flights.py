@@ -13,7 +13,12 @@ from sim.scenarios import SCENARIOS
 
 @pytest.mark.parametrize(
     ("scenario", "link", "limit_cm"),
-    [("paper", "dsm", 0.3), ("paper", "crsf", 0.3), ("adverse", "dsm", 3.0), ("quad1kg", "crsf", 1.1)],
+    [
+        *(("paper", link, 0.3) for link in ("dsm", "crsf", "rf_bridge")),
+        ("adverse", "dsm", 3.0),
+        ("adverse", "rf_bridge", 3.0),
+        ("quad1kg", "crsf", 1.1),
+    ],
 )
 def test_every_radio_link_flies_as_well_as_the_scenario_demands(scenario: str, link: str, limit_cm: float) -> None:
     world, config = prepare(SCENARIOS[scenario], [], link=link)
@@ -23,7 +28,7 @@ def test_every_radio_link_flies_as_well_as_the_scenario_demands(scenario: str, l
     assert result.verdict.rms_cm < limit_cm
 
 
-@pytest.mark.parametrize("link", ["dsm", "crsf"])
+@pytest.mark.parametrize("link", ["dsm", "crsf", "rf_bridge"])
 def test_the_same_seed_gives_the_same_bytes_and_another_seed_others(link: str) -> None:
     world, config = prepare(SCENARIOS["adverse"], [], link=link)
     first, again, other = (fly(world, config, seed=seed, duration_s=4.0).log_sha256 for seed in (1, 1, 2))
@@ -48,7 +53,7 @@ def test_a_runs_folder_holds_every_frame_as_hex(tmp_path: Path) -> None:
     fly(world, config, seed=0, duration_s=2.0, on_datagram=folder.datagram)
     folder.close({}, world)
     lines = (tmp_path / "frames.txt").read_text().splitlines()
-    assert len(lines) > 2.0 / config.link.period_s
+    assert len(lines) > 2.0 / world.frame_period_s
     time_s, *frame = lines[-1].split()
     assert float(time_s) > 2.0
     assert len(bytes.fromhex("".join(frame))) == 14

@@ -157,6 +157,14 @@ def test_a_command_of_another_arming_is_none() -> None:
         assert not lifting(bench.frame())
 
 
+def test_an_arming_counts_only_once_all_before_is_over() -> None:
+    bench = Bench()
+    bench.arm()
+    bench.pacer.order(Arm(2, bench.now), bench.now)
+    assert bench.pacer.report(bench.now).arming == 1
+    assert lifting(bench.frame()), "it changes nothing"
+
+
 def test_a_stop_leaves_out_the_bring_down() -> None:
     bench = Bench()
     bench.arm()
@@ -320,8 +328,9 @@ def test_whatever_is_ordered_nothing_lifts_without_an_arming_and_a_fresh_command
                 bench.pacer.order(Stop(), bench.now)
                 armed_s = -math.inf
             case "arm":
+                over = bench.pacer.report(bench.now).over
                 bench.pacer.order(Arm(1, bench.now), bench.now)
-                armed_s = bench.now
+                armed_s = bench.now if over else armed_s
             case "end":
                 bench.pacer.order(End(0.5), bench.now)
             case "gone":

@@ -1,0 +1,284 @@
+"""The RF bridge: paces the commands of a station on another computer, as the paper did. `groundstation rf-bridge`.
+
+Whoever holds the key may command, one station at a time. Its times are brought to this machine's clock so that no
+deadline can come out later than it was meant: by the earliest instant that the messages so far allow. The pacer with
+its dead man's switch is the one that a link on this machine has (links/pacer.py); disarm frames leave whether there is
+a station or not.
+"""
+
+import asyncio
+import os
+from collections import Counter
+from collections.abc import Callable
+from typing import Any
+
+import msgspec
+
+from links.address import parse_address
+from links.bridge_codec import (
+    HELLO,
+    HELLOS,
+    NONCE_BYTES,
+    UP,
+    UPS,
+    WELCOME,
+    Down,
+    Up,
+    Welcome,
+    first_seal,
+    kind_of,
+    name_of,
+    session_seals,
+)
+from links.clock_bounds import ClockBounds
+from links.datagrams import Datagrams
+from links.dsm_codec import DsmLinkConfig
+from links.pacer_messages import Arm, End, Give, OpenPacer, Pacer, Report, Serve, Stop
+from links.pacer_process import open_process
+from links.port import Command, LinkError
+from links.rf_codecs import RfConfig
+
+SILENT_S = 1.0
+"""A station that says nothing for so long has left [s]: another may command, once the vehicle is down."""
+AGAIN_S = 1.0
+"""Wait before a pacer that ended is started again [s]."""
+SESSIONS = 8
+"""Most sessions remembered; who asks for more pushes out the oldest that does not command."""
+
+Nonce = Callable[[int], bytes]
+
+
+class BridgeConfig(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
+    """Where the bridge listens, and the module that it has."""
+
+    listen: str = "0.0.0.0:14600"  # another computer's commands are what it is for; they are sealed
+    """Address for stations."""
+    key_file: str = "bridge.key"
+    """File with the key that both computers share, mode 0600."""
+    link: RfConfig = DsmLinkConfig()
+
+    def __post_init__(self) -> None:
+        """Check what the types cannot.
+
+        Raises:
+            ValueError: ``listen`` is no address.
+        """
+        parse_address(self.listen)
+
+
+class Session:
+    """One station's."""
+
+    def __init__(self, key: bytes, station_nonce: bytes, bridge_nonce: bytes) -> None:
+        """Nothing was heard yet."""
+        self.bridge_nonce = bridge_nonce
+        self.welcome = first_seal(key, WELCOME, station_nonce)
+        self.up, self.down = session_seals(key, station_nonce, bridge_nonce)
+        self.clock = ClockBounds()
+        self.peer: Any = None
+        self.heard_s = 0.0
+        self.wants: Up | None = None
+        """All but the command, as heard last."""
+        self.arming: int | None = None
+        """The pacer's number of its newest arming; None where it has not armed."""
+        self.ended = False
+
+
+class Bridge(asyncio.DatagramProtocol):
+    """``run`` it. Times are on the event loop's clock [s]."""
+
+    def __init__(
+        self,
+        config: BridgeConfig,
+        key: bytes,
+        *,
+        say: Callable[[str], None] = lambda line: None,
+        open_pacer: OpenPacer = open_process,
+        nonce: Nonce = os.urandom,
+    ) -> None:
+        """``say`` takes lines for the operator; the rest is for simulations."""
+        self.dropped: Counter[str] = Counter()
+        """Datagrams dropped, by reason."""
+        self._config = config
+        self._key = key
+        self._say = say
+        self._open_pacer = open_pacer
+        self._random = nonce
+        self._pacer: Pacer | None = None
+        self._report: Report | None = None
+        self._arming = 0
+        self._sessions: dict[bytes, Session] = {}
+        """By the station's nonce, the oldest first."""
+        self._live: Session | None = None
+        self._wire: Datagrams | None = None
+
+    async def run(self) -> None:
+        """Pace and listen until cancelled; then what flies is brought down before this returns.
+
+        Raises:
+            LinkError: the address can't be opened.
+        """
+        loop = asyncio.get_running_loop()
+        try:
+            await loop.create_datagram_endpoint(lambda: self, local_addr=parse_address(self._config.listen))
+        except OSError as error:
+            raise LinkError(f"cannot listen at {self._config.listen}: {error.strerror or error}") from None
+        try:
+            while True:
+                await self._paced()
+                await asyncio.sleep(AGAIN_S)
+        finally:
+            if self._wire is not None:
+                self._wire.abort()
+
+    async def _paced(self) -> None:
+        try:
+            pacer = self._pacer = await self._open_pacer(self._config.link, 1.0, self._hear)
+        except LinkError as error:
+            self._say(str(error))
+            return
+        try:
+            await pacer.ended()
+            self._say("the pacer's process ended: starting it again, disarmed")
+        except asyncio.CancelledError:
+            pacer.give(End(self._config.link.disarm_s))
+            await pacer.ended()
+            raise
+        finally:
+            self._pacer = None
+            pacer.forget()
+
+    def _hear(self, report: Report | None) -> None:
+        """Take the pacer's report; None means that it ended."""
+        before = self._report
+        if report is None:
+            gone = "the pacer's process ended; it is being started again"
+            if self._live is not None:
+                self._live.arming = None
+            report = msgspec.structs.replace(before, port=gone, over=True) if before is not None else None
+        self._report = report
+        if report is None:
+            return
+        if report.port and (before is None or before.port != report.port):
+            self._say(report.port)
+        if before is not None and before.port and not report.port:
+            self._say("the port is back, disarmed")
+        if before is not None and before.over != report.over:
+            self._say("the vehicle is disarmed" if report.over else "the vehicle is armed")
+        if self._live is not None:
+            self._answer(self._live)
+
+    # ---- stations
+
+    def connection_made(self, transport: Any) -> None:
+        """Take the wire (called by the event loop)."""
+        self._wire = Datagrams(transport)
+
+    def datagram_received(self, data: bytes, addr: Any) -> None:
+        """Take one datagram (called by the event loop)."""
+        now = asyncio.get_running_loop().time()
+        kind = kind_of(data)
+        if kind == UP:
+            self._up(data, addr, now)
+        elif kind == HELLO:
+            self._hello(data, addr, now)
+        else:
+            self.dropped["not_ours"] += 1
+
+    def _hello(self, data: bytes, addr: Any, now_s: float) -> None:
+        seal = first_seal(self._key, HELLO, name_of(data))
+        hello = seal.open(data, HELLOS, self.dropped)
+        if hello is None or self._report is None:
+            return
+        if len(hello.nonce) != NONCE_BYTES or hello.nonce[:8] != name_of(data):
+            self.dropped["malformed"] += 1
+            return
+        session = self._sessions.get(hello.nonce)
+        if session is None:
+            spare = [nonce for nonce, each in self._sessions.items() if each is not self._live]
+            if len(self._sessions) >= SESSIONS:
+                del self._sessions[spare[0]]
+            session = self._sessions[hello.nonce] = Session(self._key, hello.nonce, self._random(NONCE_BYTES))
+        welcome = Welcome(hello.nonce, session.bridge_nonce, now_s, self._config.link.manner, self._report)
+        if self._wire is not None:
+            self._wire.send(session.welcome.close(welcome), addr)
+
+    def _up(self, data: bytes, addr: Any, now_s: float) -> None:
+        name = name_of(data)
+        session = next((each for each in self._sessions.values() if each.up.name == name), None)
+        if session is None:
+            self.dropped["other_session"] += 1
+            return
+        up = session.up.open(data, UPS, self.dropped)
+        if up is None:
+            return
+        if not session.clock.narrow(up.bridge_s - up.heard_s, now_s - up.sent_s, now_s):
+            self.dropped["clock_jumped"] += 1
+        session.peer = addr
+        if session is not self._live and not self._may_command(session, now_s):
+            session.heard_s = now_s
+            self._answer(session)
+            return
+        session.heard_s = now_s
+        news = self._obey(session, up, now_s)
+        if news or up.command is None:
+            self._answer(session)
+
+    def _may_command(self, session: Session, now_s: float) -> bool:
+        """Whether this station takes over."""
+        live = self._live
+        if session.ended or self._report is None or not self._report.over:
+            return False
+        if live is not None and not live.ended and now_s < live.heard_s + SILENT_S:
+            return False
+        self._live = session
+        self._say(f"station {session.peer[0]}:{session.peer[1]} commands")
+        return True
+
+    def _obey(self, session: Session, up: Up, now_s: float) -> bool:
+        """Pass on what is new; returns whether there was more than a command."""
+        before, session.wants = session.wants, msgspec.structs.replace(up, command=None)
+        to_ours = session.clock.least_s
+        news = False
+        # What a station wanted before this session began is over: it has to ask anew.
+        if before is not None and up.arming != before.arming and not up.stopped:
+            news = True
+            self._arming += 1
+            session.arming = self._arming
+            self._give(Arm(self._arming, up.arm_at_s + to_ours))
+        if up.stopped and (before is None or not before.stopped):
+            news = True
+            session.arming = None
+            self._give(Stop())
+        if before is not None and up.serve is not None and up.serve != before.serve:
+            news = True
+            self._give(Serve(up.serve[1], up.serve[2]))
+        if up.end and not session.ended:
+            news = session.ended = True
+            self._say(f"station {session.peer[0]}:{session.peer[1]} leaves")
+        if up.command is not None and session.arming is not None and not up.end:
+            self._give(Give(session.arming, _moved(up.command, to_ours)))
+        return news
+
+    def _give(self, order: Any) -> None:
+        if self._pacer is not None:
+            self._pacer.give(order)
+
+    def _answer(self, session: Session) -> None:
+        report = self._report
+        if report is None or self._wire is None:
+            return
+        now = asyncio.get_running_loop().time()
+        refused = "" if session is self._live else "it obeys another station, or brings a vehicle down"
+        theirs = 0
+        if session.wants is not None and session.arming in (None, report.arming):
+            theirs = session.wants.arming  # what it says of this one is true; or this one is over in any case
+        down = Down(now, session.up.counter, refused, msgspec.structs.replace(report, arming=theirs))
+        why = self._wire.send(session.down.close(down), session.peer)
+        if why:
+            self.dropped[why] += 1
+
+
+def _moved(command: Command, by_s: float) -> Command:
+    """``command`` with its deadline on this clock. Its pose's time stays the station's: only its order counts here."""
+    return msgspec.structs.replace(command, deadline_s=command.deadline_s + by_s)
