@@ -36,6 +36,10 @@ def _parser() -> argparse.ArgumentParser:
     _config_arguments(radio)
     radio.add_argument("--seconds", type=float, default=10.0, metavar="S", help="for how long (default 10)")
 
+    bridge = commands.add_parser("rf-bridge", help="pace another computer's commands out by an RF module here")
+    _config_arguments(bridge, optional=True)
+    bridge.add_argument("--make-key", type=Path, metavar="FILE", help="write a new key for both computers, and end")
+
     tui = commands.add_parser("tui", help="watch a running flight (read-only)")
     tui.add_argument("--vehicle", default="mqx", metavar="NAME", help="name of the vehicle in its config (default mqx)")
     tui.add_argument("--socket", type=Path, metavar="PATH", help="its status socket, if not the usual one")
@@ -77,7 +81,7 @@ def main() -> int:
     from groundstation.config import ConfigError
 
     try:
-        return int(getattr(commands, args.command)(args))
+        return int(getattr(commands, args.command.replace("-", "_"))(args))
     except ConfigError as error:
         print(f"groundstation: {error}", file=sys.stderr)
         return 2

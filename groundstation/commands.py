@@ -9,17 +9,14 @@ import shlex
 import signal
 import sys
 from collections.abc import Awaitable, Callable
-from pathlib import Path
 
 from groundstation.config import ConfigError, dump, load
 from groundstation.mission import State
 from groundstation.poses.tlog import TlogConfig
 from groundstation.preflight import ensure_flyable
+from groundstation.radio import ensure_link
 from groundstation.settings import Config
 from links.address import is_loopback, parse_address
-from links.port import LinkError
-from links.rf_codec import RfLinkConfig, Service
-from links.rf_codecs import RF_CODECS
 
 EXIT_DONE, EXIT_ABORTED = 0, 1
 KILL_HINT = "Ctrl-\\ (SIGQUIT) stops its motors"
@@ -51,34 +48,17 @@ def daemon(args: argparse.Namespace) -> int:
 
 
 def radio(args: argparse.Namespace) -> int:
-    """Have the module of a radio link bind or check its range, or show it disarmed frames; nothing is ever armed."""
-    config = load(args.config, Config, args.overrides)
-    if not isinstance(config.link, RfLinkConfig):
-        raise ConfigError("link.kind", f"expected one of {sorted(RF_CODECS)}: no other link has a radio module")
-    if not 0.0 < args.seconds <= 3600.0:
-        raise ConfigError("--seconds", f"expected more than 0 and at most 3600, got {args.seconds:g}")
-    return asyncio.run(_radio(config.link, config.vehicle.thrust_max_n, args.what, args.seconds))
+    """Have an RF module bind or check its range, or show it disarmed frames."""
+    from groundstation.radio import serve
+
+    return EXIT_DONE if serve(args, _say) else EXIT_ABORTED
 
 
-async def _radio(config: RfLinkConfig, thrust_max_n: float, what: str, seconds: float) -> int:
-    from links.serial_rf import SerialRfLink
+def rf_bridge(args: argparse.Namespace) -> int:
+    """Pace the commands of another computer out by an RF module; or make the key that both share."""
+    from groundstation.radio import bridge
 
-    link = SerialRfLink(config, thrust_max_n=thrust_max_n)
-    try:
-        await link.connect()
-        _say(f"{config.port}: {what} for {seconds:g} s, disarmed")
-        if what == "idle":
-            await asyncio.sleep(seconds)
-        else:
-            await link.serve(Service(what.replace("-", "_")), seconds)
-        status = link.status
-        _say(f"{status.state}: {status.text}")
-    except LinkError as error:
-        _say(f"{what} failed: {error}")
-        return EXIT_ABORTED
-    finally:
-        await link.close()
-    return EXIT_DONE if status.state == "connected" else EXIT_ABORTED
+    return EXIT_DONE if bridge(args, _say) else EXIT_ABORTED
 
 
 def tui(args: argparse.Namespace) -> int:
@@ -168,10 +148,7 @@ def _flyable(config: Config) -> Config:
     if isinstance(config.pose, TlogConfig):
         raise ConfigError("pose.kind", "a recording must not fly a vehicle; look at it with `groundstation replay`")
     why = "only loopback addresses may fly yet: this version has no flight guards, so it must not move a real vehicle"
-    port = getattr(config.link, "port", None)
-    if port is not None and not str(Path(port).resolve()).startswith("/dev/pts/"):
-        why_port = why.replace("only loopback addresses may fly", "only pseudo-terminals may take commands")
-        raise ConfigError("link.port", f"{port}: {why_port}")
+    ensure_link(config)
     addresses = {
         "link.listen": getattr(config.link, "listen", None),
         "link.remote": getattr(config.link, "remote", None),

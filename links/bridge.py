@@ -131,6 +131,12 @@ class Bridge(asyncio.DatagramProtocol):
             if self._wire is not None:
                 self._wire.abort()
 
+    def kill(self) -> None:
+        """Motors off, by the operator of this machine: disarm frames from the next one on, until a new arming."""
+        self._give(Stop())
+        if self._live is not None:
+            self._live.arming = None
+
     async def _paced(self) -> None:
         try:
             pacer = self._pacer = await self._open_pacer(self._config.link, 1.0, self._hear)
