@@ -110,6 +110,7 @@ class Bridge(asyncio.DatagramProtocol):
         self._sessions: dict[bytes, Session] = {}
         """By the station's nonce, the oldest first."""
         self._live: Session | None = None
+        self._ends = False
         self._wire: Datagrams | None = None
 
     async def run(self) -> None:
@@ -147,6 +148,7 @@ class Bridge(asyncio.DatagramProtocol):
             await pacer.ended()
             self._say("the pacer's process ended: starting it again, disarmed")
         except asyncio.CancelledError:
+            self._ends = True
             pacer.give(End(self._config.link.disarm_s))
             await pacer.ended()
             raise
@@ -157,6 +159,8 @@ class Bridge(asyncio.DatagramProtocol):
     def _hear(self, report: Report | None) -> None:
         """Take the pacer's report; None means that it ended."""
         before = self._report
+        if self._ends and report is None:
+            return
         if report is None:
             gone = "the pacer's process ended; it is being started again"
             if self._live is not None:

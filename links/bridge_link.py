@@ -136,7 +136,8 @@ class RemotePacer(asyncio.DatagramProtocol):
         self._urgent = 0
         """Counter of the first datagram with the newest wish; 0 while none was sent with it."""
         self._heard = 0
-        self._heard_s = -1.0
+        self._heard_s = -math.inf
+        """When the bridge was heard last; -inf before there is a session."""
         self._ask()
 
     @property
@@ -178,7 +179,8 @@ class RemotePacer(asyncio.DatagramProtocol):
     def _nobody(self) -> LinkLost | LinkRejected:
         if self._refused:
             return LinkRejected(self.why_mute)
-        hint = f"dropped so far: {dict(self.dropped)}" if self.dropped else "is it running, with the same key?"
+        odd = {why: count for why, count in self.dropped.items() if why != "undeliverable"}
+        hint = f"what came was dropped: {odd}" if odd else "is it running there, and with the same key?"
         return LinkLost(
             f"no answer from a bridge at {self._config.remote} within {self._config.connect_timeout_s:g} s: {hint}"
         )
@@ -245,13 +247,17 @@ class RemotePacer(asyncio.DatagramProtocol):
         self._beat = self._loop.call_later(AGAIN_S if self._is_pressing() else BEAT_S, self._turn)
 
     def _is_mute(self) -> bool:
-        return self._heard_s < max(0.0, self._loop.time() - MUTE_S)
+        return self._heard_s < self._loop.time() - MUTE_S
 
     def _is_pressing(self) -> bool:
-        return self._heard_s < 0.0 or self._urgent > self._heard
+        return not self._has_session or self._urgent > self._heard
+
+    @property
+    def _has_session(self) -> bool:
+        return self._heard_s > -math.inf
 
     def _say(self, command: Command | None) -> None:
-        if self._wire is None or self._heard_s < 0.0:
+        if self._wire is None or not self._has_session:
             return
         now = self._loop.time()
         self._wants = msgspec.structs.replace(
@@ -275,7 +281,7 @@ class RemotePacer(asyncio.DatagramProtocol):
             welcome = self._welcome.open(data, WELCOMES, self.dropped)
             if welcome is not None and welcome.station_nonce == self._nonce and self._is_mute():
                 self._begin(welcome, now)
-        elif self._heard_s < 0.0:
+        elif not self._has_session:
             self.dropped["other_session"] += 1
         else:
             down = self._down.open(data, DOWNS, self.dropped)

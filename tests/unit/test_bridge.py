@@ -1,0 +1,548 @@
+"""The link to an RF bridge and the bridge, in virtual time, over a network that loses, delays, repeats and forges."""
+
+import asyncio
+import contextlib
+import itertools
+from collections.abc import AsyncIterator, Callable
+from typing import Any
+
+import msgspec
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from links.address import parse_address
+from links.bridge import SILENT_S, Bridge, BridgeConfig
+from links.bridge_codec import HELLO, UP, UPS, Hello, Seal, Up, first_seal, kind_of
+from links.bridge_link import BridgeLink, BridgeLinkConfig, RemotePacer
+from links.channel_map import ChannelMap, Switch
+from links.clock_bounds import ClockBounds
+from links.dsm_codec import DsmLinkConfig
+from links.pacer_messages import Arm, Give, Report
+from links.port import Command, LinkError, LinkLost, LinkRejected, Segment
+from links.rf_codec import Service
+from sim.inline_pacer import WirePort, opened_on
+from sim.rf_receiver import RfPeer, RfReceiver
+from sim.virtual_time import VirtualTimeLoop
+from tests.airframe_double import Brick
+from tests.loops import in_virtual_time
+
+KEY = bytes(range(32))
+MODULE = DsmLinkConfig(map=ChannelMap(arm=Switch(channel=5)), disarm_s=0.1)
+ADDRESS = "127.0.0.1:14600"
+DOWN = Segment(0.5, 0.8, (0.0, 0.0, 0.0))
+Datagram = tuple[tuple[str, int], tuple[str, int], bytes]
+
+
+class Network:
+    """Between station and bridge; what passes is written down."""
+
+    def __init__(self) -> None:
+        loop = asyncio.get_running_loop()
+        assert isinstance(loop, VirtualTimeLoop)
+        self._loop, self._carry = loop, loop.carry
+        loop.carry = self.carry  # type: ignore[method-assign]  # the wire itself is what is tested here
+        self.seen: list[Datagram] = []
+        self.lose: Callable[[Datagram], bool] = lambda datagram: False
+        self.delay_s: Callable[[Datagram], float] = lambda datagram: 0.0
+
+    def carry(self, source: tuple[str, int], target: tuple[str, int], data: bytes) -> None:
+        datagram = source, target, data
+        if kind_of(data) is None:
+            self._carry(*datagram)
+            return
+        self.seen.append(datagram)
+        if not self.lose(datagram):
+            self._loop.call_later(self.delay_s(datagram), self._carry, *datagram)
+
+    def again(self, datagram: Datagram) -> None:
+        """Bring a datagram that was seen before once more."""
+        self._carry(*datagram)
+
+    def ups(self) -> list[Datagram]:
+        return [each for each in self.seen if kind_of(each[2]) == UP]
+
+
+class Room:
+    """A bridge with a module and a vehicle, and a station."""
+
+    def __init__(self) -> None:
+        self.network = Network()
+        self.wire = WirePort()
+        self.vehicle = Brick(0.0)
+        self.receiver = RfReceiver(self.vehicle, MODULE)
+        self.peer = RfPeer(self.receiver, MODULE)
+        self.said: list[str] = []
+        self.bridge = self.new_bridge()
+        self.link = self.station()
+        self._peer = asyncio.create_task(self.peer.run())
+        self.running = asyncio.create_task(self.bridge.run())
+
+    def new_bridge(self) -> Bridge:
+        config = BridgeConfig(listen=ADDRESS, link=MODULE)
+        return Bridge(config, KEY, open_pacer=opened_on(self.wire), nonce=nonce, say=self.said.append)
+
+    async def restart(self) -> None:
+        self.running.cancel()
+        await asyncio.gather(self.running, return_exceptions=True)
+        self.bridge = self.new_bridge()
+        self.running = asyncio.create_task(self.bridge.run())
+
+    def station(self, key: bytes = KEY) -> BridgeLink:
+        config = BridgeLinkConfig(remote=ADDRESS, connect_timeout_s=0.5)
+        return BridgeLink(config, thrust_max_n=2.0, key=key, nonce=nonce)
+
+    @property
+    def thrust(self) -> float:
+        """Share of the thrust that was commanded last; 0 where the motors are off."""
+        return self.vehicle.acts[-1][1] if self.receiver.armed and self.vehicle.acts else 0.0
+
+    async def stream(self, thrust_n: float, seconds: float) -> None:
+        loop = asyncio.get_running_loop()
+        until = loop.time() + seconds
+        while loop.time() < until:
+            self.link.send(command(thrust_n))
+            await asyncio.sleep(self.link.period_s)
+
+    async def leave(self) -> None:
+        self.network.lose = lambda datagram: False
+        await self.link.close()
+        for task in (self.running, self._peer):
+            task.cancel()
+        await asyncio.gather(self.running, self._peer, return_exceptions=True)
+
+
+@contextlib.asynccontextmanager
+async def room(*, armed: bool = False) -> AsyncIterator[Room]:
+    it = Room()
+    try:
+        await it.link.connect()
+        if armed:
+            await it.link.arm(idle)
+        yield it
+    finally:
+        await it.leave()
+
+
+NONCES = itertools.count(1)
+
+
+def nonce(count: int) -> bytes:
+    return next(NONCES).to_bytes(count, "little")
+
+
+def command(thrust_n: float = 1.0, **changes: Any) -> Command:
+    now = asyncio.get_running_loop().time()
+    made = Command(thrust_n, (0.0, 0.0, 0.0), 1, now, now + 0.25, (DOWN,))
+    return msgspec.structs.replace(made, **changes)
+
+
+def idle() -> Command:
+    return command(0.0, bring_down=())
+
+
+async def soon() -> None:
+    await asyncio.sleep(2.0 * MODULE.period_s)
+
+
+def test_the_bridge_tells_the_station_how_it_paces() -> None:
+    async def main() -> None:
+        async with room() as it:
+            assert it.link.period_s == MODULE.period_s
+            assert "bridge answers in 0.0 ms" in it.link.status.text
+            await it.link.serve(Service.RANGE_CHECK, 0.3)
+            assert Service.RANGE_CHECK in it.receiver.services
+
+    in_virtual_time(main())
+
+
+def test_what_is_sent_flies_the_vehicle_in_shares_of_the_stations_full_thrust() -> None:
+    async def main() -> None:
+        async with room(armed=True) as it:
+            await it.stream(0.5, 0.3)
+            assert it.thrust == pytest.approx(0.25, abs=2e-3)
+
+    in_virtual_time(main())
+
+
+def test_a_datagram_that_comes_twice_or_late_does_nothing() -> None:
+    async def main() -> None:
+        async with room(armed=True) as it:
+            await it.stream(1.5, 0.3)
+            recorded = list(it.network.ups())
+            await it.link.kill()
+            await soon()
+            assert not it.receiver.armed
+            for each in recorded:
+                it.network.again(each)
+            await asyncio.sleep(2.0)
+            assert not it.receiver.armed
+            assert it.bridge.dropped["replayed_or_late"] >= len(recorded)
+
+    in_virtual_time(main())
+
+
+def test_another_sessions_datagrams_do_nothing_in_this_one() -> None:
+    async def main() -> None:
+        async with room(armed=True) as it:
+            await it.stream(1.5, 0.3)
+            recorded = list(it.network.seen)
+            await it.link.close()
+            await it.restart()
+            await it.link.connect()
+            acts = len(it.vehicle.acts)
+            for each in recorded:
+                it.network.again(each)
+            await asyncio.sleep(1.0)
+            assert not it.receiver.armed
+            assert len(it.vehicle.acts) == acts
+            assert it.bridge.dropped["other_session"] > 10
+            assert it.link.status.state == "connected"
+
+    in_virtual_time(main())
+
+
+def test_a_recorded_hello_disturbs_nobody() -> None:
+    async def main() -> None:
+        async with room(armed=True) as it:
+            hello = next(each for each in it.network.seen if kind_of(each[2]) == HELLO)
+            for _ in range(100):
+                it.network.again(hello)
+            await it.stream(1.0, 0.5)
+            assert it.thrust == pytest.approx(0.5, abs=2e-3)
+            assert it.link.status.state == "armed"
+
+    in_virtual_time(main())
+
+
+def test_without_the_key_nothing_is_answered() -> None:
+    async def main() -> None:
+        async with room() as it:
+            stranger = it.station(key=bytes(reversed(KEY)))
+            with pytest.raises(LinkLost, match="with the same key"):
+                await stranger.connect()
+            assert it.bridge.dropped["bad_seal"] > 5
+            assert it.link.status.state == "connected"
+
+    in_virtual_time(main())
+
+
+def test_a_datagram_changed_in_any_byte_is_dropped() -> None:
+    async def main() -> None:
+        async with room(armed=True) as it:
+            await it.stream(1.5, 0.1)
+            await it.link.kill()
+            source, target, data = it.network.ups()[-1]
+            counter = int.from_bytes(data[13:21], "big") + 1000
+            newer = data[:13] + counter.to_bytes(8, "big") + data[21:]
+            for at in range(len(newer)):
+                it.network.again((source, target, newer[:at] + bytes((newer[at] ^ 1,)) + newer[at + 1 :]))
+            it.network.again((source, target, newer))
+            await asyncio.sleep(0.1)
+            assert sum(it.bridge.dropped.values()) > len(newer)
+            assert it.link.status.state == "connected"
+            await it.link.arm(idle)
+
+    in_virtual_time(main())
+
+
+def test_whoever_delays_datagrams_makes_no_command_live_longer() -> None:
+    async def main() -> None:
+        loop = asyncio.get_running_loop()
+        async with room(armed=True) as it:
+            await it.stream(1.0, 0.3)
+            it.network.delay_s = lambda datagram: 0.4 if kind_of(datagram[2]) == UP else 0.0
+            it.vehicle.acts.clear()
+            last = loop.time()
+            await it.stream(1.5, 0.5)
+            await asyncio.sleep(2.0)
+            assert not it.receiver.armed
+            assert max(share for _, share, _ in it.vehicle.acts) == pytest.approx(0.5, abs=2e-3)
+            lifted = [time_s for time_s, share, _ in it.vehicle.acts if share > 0.0]
+            assert lifted[-1] < last + 0.25 + DOWN.duration_s + 0.02
+
+    in_virtual_time(main())
+
+
+def test_a_network_that_fails_in_flight_is_brought_down_by_the_bridge_and_comes_back_disarmed() -> None:
+    async def main() -> None:
+        async with room(armed=True) as it:
+            await it.stream(1.0, 0.3)
+            it.network.lose = lambda datagram: True
+            await it.stream(1.0, 0.4)
+            assert it.thrust == pytest.approx(0.4, abs=2e-3), "its bring-down"
+            await it.stream(1.0, 1.2)
+            assert not it.receiver.armed
+            assert it.link.status.state == "lost"
+            assert "is not heard" in it.link.status.text
+            assert it.receiver.heard_s == pytest.approx(asyncio.get_running_loop().time(), abs=0.03), "still disarming"
+            it.network.lose = lambda datagram: False
+            await it.stream(1.0, 2.0)
+            assert it.link.status.state == "connected"
+            assert not it.receiver.armed
+            await it.link.arm(idle)
+            await it.stream(1.0, 0.1)
+            assert it.thrust == pytest.approx(0.5, abs=2e-3)
+
+    in_virtual_time(main())
+
+
+@pytest.mark.parametrize("share", [0.1, 0.5])
+def test_orders_arrive_over_a_network_that_loses_much(share: float) -> None:
+    async def main() -> None:
+        luck = itertools.cycle([k * 0.618034 % 1.0 < share for k in range(997)])
+        async with room() as it:
+            it.network.lose = lambda datagram: next(luck)
+            await it.link.arm(idle)
+            await it.stream(1.0, 1.0)
+            assert it.receiver.armed
+            assert it.thrust == pytest.approx(0.5, abs=2e-3)
+            killed = asyncio.create_task(it.link.kill())
+            await asyncio.sleep(0.1)
+            assert not it.receiver.armed
+            await killed
+            await it.link.arm(idle)
+            await it.stream(1.0, 0.2)
+            await it.link.close()
+            assert not it.receiver.armed
+
+    in_virtual_time(main())
+
+
+def test_one_station_commands_and_another_only_after_it_has_left() -> None:
+    async def main() -> None:
+        async with room(armed=True) as it:
+            second = it.station()
+            flying = asyncio.create_task(it.stream(1.0, 2.0))
+            with pytest.raises(LinkRejected, match="obeys another station"):
+                await second.connect()
+            assert it.thrust == pytest.approx(0.5, abs=2e-3)
+            await flying
+            await it.link.close()
+            await second.connect()
+            assert second.status.state == "connected"
+            await second.arm(idle)
+            with pytest.raises(LinkRejected, match="obeys another station"):
+                await it.link.connect()
+            await second.close()
+
+    in_virtual_time(main())
+
+
+def test_a_station_that_fell_silent_is_followed_by_another_once_the_vehicle_is_down() -> None:
+    async def main() -> None:
+        async with room(armed=True) as it:
+            assert it.link.send(command(1.0, bring_down=(Segment(1.5, 0.8, (0.0, 0.0, 0.0)),)))
+            first = it.network.ups()[-1][0]
+            it.network.lose = lambda datagram: first in datagram[:2]
+            await asyncio.sleep(SILENT_S + 0.1)
+            assert it.thrust == pytest.approx(0.4, abs=2e-3)
+            second = it.station()
+            with pytest.raises(LinkRejected, match="brings a vehicle down"):
+                await second.connect()
+            assert it.thrust == pytest.approx(0.4, abs=2e-3)
+            await asyncio.sleep(0.5)
+            await second.connect()
+            await second.arm(idle)
+            await second.close()
+
+    in_virtual_time(main())
+
+
+def test_a_bridge_that_is_started_again_is_found_again_and_nothing_is_armed() -> None:
+    async def main() -> None:
+        async with room(armed=True) as it:
+            await it.stream(1.0, 0.3)
+            await it.restart()
+            await it.stream(1.0, 3.5)
+            assert it.link.status.state == "connected"
+            assert not it.receiver.armed
+            await it.link.arm(idle)
+            await it.stream(1.0, 0.2)
+            assert it.thrust == pytest.approx(0.5, abs=2e-3)
+
+    in_virtual_time(main())
+
+
+def test_a_plug_pulled_at_the_bridge_is_told_at_the_station() -> None:
+    async def main() -> None:
+        async with room(armed=True) as it:
+            it.wire.cut = True
+            await it.stream(1.0, 0.5)
+            assert it.link.status.state == "lost"
+            assert "on the bridge: cannot open the simulated port: it is unplugged" in it.link.status.text
+            it.wire.cut = False
+            await it.stream(1.0, 2.0)
+            assert it.link.status.state == "connected"
+            assert any("unplugged" in line for line in it.said)
+            assert "the port is back, disarmed" in it.said
+
+    in_virtual_time(main())
+
+
+def test_a_pacer_that_dies_at_the_bridge_is_started_again_and_the_station_is_told() -> None:
+    async def main() -> None:
+        async with room(armed=True) as it:
+            await it.stream(1.0, 0.3)
+            pacer: Any = it.bridge._pacer
+            pacer._task.cancel()
+            it.bridge._hear(None)
+            await it.stream(1.0, 0.1)
+            assert it.link.status.state == "lost"
+            assert "being started again" in it.link.status.text
+            await it.stream(1.0, 2.0)
+            assert it.link.status.state == "connected"
+            assert not it.receiver.armed
+            await it.link.arm(idle)
+            await it.stream(1.0, 0.1)
+            assert it.thrust == pytest.approx(0.5, abs=2e-3)
+
+    in_virtual_time(main())
+
+
+def test_the_operator_of_the_bridge_can_stop_the_motors() -> None:
+    async def main() -> None:
+        async with room(armed=True) as it:
+            await it.stream(1.0, 0.3)
+            it.bridge.kill()
+            await it.stream(1.0, 0.1)
+            assert not it.receiver.armed
+            assert it.link.status.state == "connected"
+            assert not it.link.send(command())
+
+    in_virtual_time(main())
+
+
+def test_an_address_in_use_ends_the_bridge_in_words() -> None:
+    async def main() -> None:
+        async with room() as it:
+            with pytest.raises(LinkError, match=r"cannot listen at 127\.0\.0\.1:14600"):
+                await it.new_bridge().run()
+
+    in_virtual_time(main())
+
+
+# ---- clocks
+
+
+class AnotherClock:
+    """The event loop as a machine that was started at another time sees it."""
+
+    def __init__(self, shift_s: float) -> None:
+        self._loop = asyncio.get_running_loop()
+        self._shift = shift_s
+
+    def time(self) -> float:
+        return self._loop.time() + self._shift
+
+    def __getattr__(self, name: str) -> Any:
+        return getattr(self._loop, name)
+
+
+@pytest.mark.parametrize("shift_s", [-7654.3, 0.0, 1e6])
+def test_deadlines_hold_whatever_the_other_machines_clock_shows(shift_s: float) -> None:
+    async def main() -> None:
+        loop = asyncio.get_running_loop()
+        it = Room()
+        it.network.delay_s = lambda datagram: 0.04
+        reports: list[Report | None] = []
+        config = BridgeLinkConfig(remote=ADDRESS, connect_timeout_s=0.5)
+        station = RemotePacer(config, 2.0, KEY, nonce, reports.append)
+        station._loop = AnotherClock(shift_s)  # type: ignore[assignment]  # a loop in all that is used
+        await station.opened()
+        here = loop.time() + shift_s
+        station.give(Arm(1, here))
+        for _ in range(80):
+            here = loop.time() + shift_s
+            station.give(Give(1, Command(1.0, (0.0, 0.0, 0.0), 1, here, here + 0.25)))
+            await asyncio.sleep(0.02)
+        assert it.thrust == pytest.approx(0.5, abs=2e-3)
+        last_s = loop.time() - 0.02 + 0.25
+        await asyncio.sleep(1.0)
+        lifted = [time_s for time_s, share, _ in it.vehicle.acts if share > 0.0]
+        assert last_s - 0.04 - MODULE.period_s < lifted[-1] <= last_s + MODULE.frame_s + 1e-6
+        newest = reports[-1]
+        assert newest is not None
+        assert newest.now_s == pytest.approx(loop.time() + shift_s, abs=0.25)
+        station.forget()
+        await it.leave()
+
+    in_virtual_time(main())
+
+
+@given(
+    st.floats(-1e6, 1e6),
+    st.floats(-1e-4, 1e-4),
+    st.lists(st.tuples(st.floats(0.01, 5.0), st.floats(0.0, 0.5), st.floats(0.0, 0.5)), min_size=1, max_size=30),
+)
+def test_the_bounds_always_hold_the_truth(
+    offset: float, drift: float, rounds: list[tuple[float, float, float]]
+) -> None:
+    bounds = ClockBounds()
+    now = 0.0
+
+    def theirs(ours: float) -> float:
+        return ours * (1.0 + drift) - offset
+
+    for wait, there, back in rounds:
+        now += wait
+        left, came = now, now + there + back
+        answered = theirs(left + there)
+        # It left here at ``left``, was there at ``answered`` by their clock, and its answer came at ``came``.
+        assert bounds.narrow(left - answered, came - answered, came)
+        now = came
+        truth = now - theirs(now)
+        slack = 2e-6 + 1e-4 * (there + back)  # drift within one exchange is not made up for
+        assert truth - slack <= bounds.most_s
+        assert truth + slack >= bounds.least_s
+
+
+def test_a_clock_that_jumps_is_noticed_and_believed_from_then_on() -> None:
+    bounds = ClockBounds()
+    assert bounds.narrow(10.0, 10.01, 1.0)
+    assert not bounds.narrow(50.0, 50.01, 2.0)
+    assert bounds.middle_s == pytest.approx(50.005)
+    assert not bounds.narrow(float("nan"), 50.0, 3.0)
+    assert bounds.width_s == pytest.approx(0.01)
+
+
+# ---- bytes
+
+
+@given(st.binary(max_size=300))
+def test_no_bytes_at_all_make_either_side_raise(data: bytes) -> None:
+    async def main() -> None:
+        async with room() as it:
+            station = it.network.ups()[-1][0]
+            bridge = parse_address(ADDRESS)
+            for head in (b"", *(b"RFB1" + bytes((kind,)) for kind in range(6))):
+                it.network.again((station, bridge, head + data))
+                it.network.again((bridge, station, head + data))
+            await soon()
+            assert it.link.status.state == "connected"
+
+    in_virtual_time(main())
+
+
+def test_a_sealed_datagram_that_means_nothing_is_counted() -> None:
+    async def main() -> None:
+        async with room() as it:
+            source, target, _ = it.network.ups()[-1]
+            hello = first_seal(KEY, HELLO, bytes(16))
+            it.network.again((source, target, hello.close(Hello(b"short"))))
+            it.network.again((source, target, hello.close(Up(0.0, 0.0, 0.0))))
+            await soon()
+            assert it.bridge.dropped["malformed"] == 2
+
+    in_virtual_time(main())
+
+
+def test_a_seal_opens_what_it_closed_once_and_in_order() -> None:
+    from collections import Counter
+
+    ours, theirs, dropped = Seal(KEY, UP, b"12345678"), Seal(KEY, UP, b"12345678"), Counter[str]()
+    first, second = ours.close(Up(1.0, 2.0, 3.0)), ours.close(Up(2.0, 2.0, 3.0))
+    assert theirs.open(second, UPS, dropped) == Up(2.0, 2.0, 3.0)
+    assert theirs.open(first, UPS, dropped) is None
+    assert theirs.open(second, UPS, dropped) is None
+    assert dropped == {"replayed_or_late": 2}
