@@ -14,6 +14,7 @@ WHAT = {
     "flight": "sim.bench_flight",
     "batch": "sim.bench_batch",
     "allocation": "sim.bench_allocation",
+    "links": "sim.bench_links",
 }
 """Name -> module, in the order in which they run."""
 
@@ -25,6 +26,8 @@ class Options(NamedTuple):
     """Measure crazyflow and rotorpy beside ours, where they are installed."""
     hours: float = 1.0
     """How long the flight of ``allocation`` lasts, in virtual time."""
+    seconds: float = 60.0
+    """How long each part of ``links`` lasts [s]."""
 
 
 def measured(names: list[str], options: Options) -> dict[str, Any]:

@@ -1,4 +1,4 @@
-"""How late the pacer's frames leave while every processor is busy, beside a bare sleep loop in the same run."""
+"""How late the pacer's frames leave, beside a bare sleep loop in the same run."""
 
 import asyncio
 import os
@@ -12,8 +12,9 @@ from pathlib import Path
 from typing import Any
 
 from links.dsm_codec import DsmLinkConfig
-from links.pacer_messages import End, Report
+from links.pacer_messages import Arm, End, Give, Pacer, Report, Stop
 from links.pacer_process import open_process
+from links.port import Command, Segment
 from sim.pty_wire import PtyWire
 
 PERIOD_S = 0.0225
@@ -36,31 +37,35 @@ print(*(int(1e6 * each) for each in late), sep="\\n")
 """
 
 
-def measure(seconds: float) -> dict[str, Any]:
+def measure(seconds: float, *, busy: bool) -> dict[str, Any]:
     """``{"pacer": {p50_us, p99_us, p999_us, lost}, "floor": {…}, "fifo": bool}`` of ``seconds`` [s] at 22.5 ms.
 
-    Lateness of the pacer is taken when its frame is written, of the floor when it wakes up. Both have the same
-    scheduling policy: real-time where that is allowed, and ``fifo`` tells.
+    The pacer is armed and gets a new command for each frame. Its lateness is taken when the frame is written, the
+    floor's when it wakes up. Both have the same scheduling policy: real-time where that is allowed, and ``fifo`` tells.
+    With ``busy``, processes that never wait have every processor meanwhile.
     """
-    return asyncio.run(_measure(seconds))
+    return asyncio.run(_measure(seconds, busy))
 
 
-async def _measure(seconds: float) -> dict[str, Any]:
+async def _measure(seconds: float, busy: bool) -> dict[str, Any]:
     count = max(10, round(seconds / PERIOD_S))
     reports: list[Report] = []
     came: list[bytes] = []
     wire = PtyWire()
     wire.listen(came.append)
-    with tempfile.TemporaryDirectory(prefix="bench-") as folder, _hogs():
+    with tempfile.TemporaryDirectory(prefix="bench-") as folder, _hogs(busy):
         pacer = await open_process(
             DsmLinkConfig(port=wire.path, period_s=PERIOD_S, fifo_priority=PRIORITY),
             1.0,
             lambda report: reports.append(report) if report is not None else None,
         )
+        flying = asyncio.create_task(_fly(pacer))
         try:
             fifo = reports[-1].fifo
             floor = await _floor(Path(folder), count, PRIORITY if fifo else 0)
         finally:
+            flying.cancel()
+            pacer.give(Stop())
             pacer.give(End(0.0))
             await pacer.ended()
             wire.close()
@@ -71,6 +76,16 @@ async def _measure(seconds: float) -> dict[str, Any]:
         "floor": _figures(floor),
         "fifo": fifo,
     }
+
+
+async def _fly(pacer: Pacer) -> None:
+    loop = asyncio.get_running_loop()
+    pacer.give(Arm(1, loop.time()))
+    down = tuple(Segment(0.5, 0.4, (0.0, 0.0, 0.0)) for _ in range(4))
+    while True:
+        now = loop.time()
+        pacer.give(Give(1, Command(0.5, (0.1, -0.1, 0.0), 1, now, now + 1.0, down)))
+        await asyncio.sleep(PERIOD_S)
 
 
 async def _floor(folder: Path, count: int, priority: int) -> list[int]:
@@ -99,9 +114,9 @@ def _figures(late_us: list[int]) -> dict[str, int]:
 
 
 @contextmanager
-def _hogs() -> Iterator[None]:
-    """Every processor busy."""
-    count = round(HOGS_PER_CPU * (os.cpu_count() or 1))
+def _hogs(busy: bool) -> Iterator[None]:
+    """Every processor busy, or none."""
+    count = round(HOGS_PER_CPU * (os.cpu_count() or 1)) if busy else 0
     hogs = [subprocess.Popen([sys.executable, "-c", "while True: pass"]) for _ in range(count)]
     try:
         yield

@@ -224,7 +224,9 @@ def bench(args: argparse.Namespace) -> int:
     for name in args.what:
         if name not in WHAT:
             raise ConfigError("bench", f"expected some of {list(WHAT)}, got {name!r}")
-    facts = measured(args.what or list(WHAT), Options(peers=args.peers, hours=args.hours))
+    facts = measured(args.what or list(WHAT), Options(peers=args.peers, hours=args.hours, seconds=args.seconds))
+    if args.json and args.what == ["links"]:
+        facts |= facts.pop("links")
     print(json.dumps(facts) if args.json else text(facts))
     return 0
 

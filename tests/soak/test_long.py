@@ -8,6 +8,7 @@ import pytest
 
 from groundstation.poses.vicon_codec import ViconDecoder
 from links.mavlink_codec import MavlinkCodec
+from sim.bench import Options, measured
 from sim.bench_allocation import grown
 from tests.flight.flights import flown
 from tests.mavlink_table import FRAMES
@@ -74,3 +75,14 @@ def test_a_hundred_seeds_of_every_scenario_complete(scenario: str) -> None:
     for seed in range(100, 200):
         result = flown(scenario, seed=seed)
         assert result.completed, (seed, result.why)
+
+
+def test_frames_and_commands_keep_time_beside_the_least_that_this_machine_allows() -> None:
+    facts = measured(["links"], Options(seconds=60.0))["links"]
+    assert list(facts["pose_to_command"]) == list(facts["echo"]) == ["50", "100", "250"]
+    if facts["fifo"]:
+        assert facts["ratios"]["p99"] < 2.0
+        assert facts["pacer"]["lost"] <= facts["floor"]["lost"]
+    for rate, figures in facts["pose_to_command"].items():
+        assert figures["p50_us"] < 1000.0
+        assert facts["latency_ratios"][rate]["p99"] < 3.0

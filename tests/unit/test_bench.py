@@ -6,7 +6,7 @@ import pytest
 
 from groundstation.ops import FLOATS, arrays
 from groundstation.pilot import Pilot
-from sim import bench, bench_allocation, bench_batch, bench_flight, bench_tick
+from sim import bench, bench_allocation, bench_batch, bench_flight, bench_latency, bench_tick
 from sim.__main__ import main
 from sim.bench_peers import Bench
 from sim.bench_timing import in_turns, percentile
@@ -16,15 +16,22 @@ def test_every_measurement_gives_json_and_words(monkeypatch: pytest.MonkeyPatch)
     monkeypatch.setattr(bench_tick, "TICKS", 100)
     monkeypatch.setattr(bench_flight, "DURATION_S", 0.5)
     monkeypatch.setattr(bench_flight, "ROUNDS", 1)
+    monkeypatch.setattr(bench_latency, "RATES_HZ", (100,))
+    monkeypatch.setattr(bench_latency, "SETTLE_S", 0.1)
     monkeypatch.setattr(bench_batch, "VEHICLES", 3)
     monkeypatch.setattr(bench_batch, "FLIGHT_S", 0.1)
     monkeypatch.setattr(bench_batch, "ROUNDS", 1)
-    facts = json.loads(json.dumps(bench.measured(list(bench.WHAT), bench.Options(hours=0.002))))
+    facts = json.loads(json.dumps(bench.measured(list(bench.WHAT), bench.Options(hours=0.002, seconds=0.5))))
     assert list(facts) == ["machine", *bench.WHAT]
     assert all(row["ticks"] == 101 and row["median_us"] > 5.0 for row in facts["tick"]["rows"])
     assert all(row["times_real_time"] > 1.0 for row in facts["flight"]["rows"])
     assert [row["ratio"] > 0.0 for row in facts["batch"]["rows"]] == [True] * 3
     assert facts["allocation"]["blocks_end"] > 1000
+    links = facts["links"]
+    assert links["fifo"] in (True, False)
+    assert links["latency_ratios"].keys() == links["echo"].keys() == {"100"}
+    for figures in (links["pacer"], links["floor"], links["idle"]["pacer"], *links["pose_to_command"].values()):
+        assert 0 < figures["p50_us"] <= figures["p99_us"] <= figures["p999_us"]
     words = bench.text(facts)
     assert all(f"\n{name}:" in words for name in bench.WHAT)
 
@@ -51,7 +58,9 @@ def test_an_unknown_measurement_is_refused_with_the_ones_there_are(
 ) -> None:
     monkeypatch.setattr("sys.argv", ["groundstation-sim", "bench", "pigeons"])
     assert main() == 2
-    assert "expected some of ['tick', 'flight', 'batch', 'allocation'], got 'pigeons'" in capsys.readouterr().err
+    assert (
+        "expected some of ['tick', 'flight', 'batch', 'allocation', 'links'], got 'pigeons'" in capsys.readouterr().err
+    )
 
 
 def test_a_pilot_is_itself_again_after_it_was_timed() -> None:
