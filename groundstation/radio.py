@@ -11,6 +11,7 @@ from groundstation.settings import Config
 from links.bridge import BridgeConfig
 from links.bridge_link import BridgeLinkConfig
 from links.key_file import make_key, read_key
+from links.mavlink import MavlinkLinkConfig
 from links.port import LinkError
 from links.rf_codec import RfLinkConfig, Service
 from links.rf_codecs import RF_CODECS
@@ -109,7 +110,7 @@ async def _bridge(config: BridgeConfig, shared: bytes, say: Say) -> bool:
 
 
 def ensure_link(config: Config) -> None:
-    """Stop before anything moves if a radio link can't be used.
+    """Stop before anything moves if a link's port or key can't be used.
 
     Raises:
         ConfigError: by the dotted key.
@@ -118,6 +119,8 @@ def ensure_link(config: Config) -> None:
         refuse_real_port(config.link.port)
     if isinstance(config.link, BridgeLinkConfig):
         key(config.link.key_file, "link.key_file")
+    if isinstance(config.link, MavlinkLinkConfig) and config.link.signing_key_file is not None:
+        key(config.link.signing_key_file, "link.signing_key_file")
 
 
 def key(file: str, name: str) -> bytes:

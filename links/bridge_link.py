@@ -91,8 +91,8 @@ class BridgeLink(PacedLink):
     ) -> None:
         """Nothing is opened yet; ``thrust_max_n`` is the thrust at full throttle [N].
 
-        ``thrust_curve`` is the vehicle's (links/thrust_curve.py); the bridge's own is applied on top. ``key`` stands for
-        the key file, and ``nonce`` for chance, where a simulation has its own.
+        ``thrust_curve`` is the vehicle's (links/thrust_curve.py); the bridge's own is applied on top. ``key`` stands
+        for the key file, and ``nonce`` for chance, where a simulation has its own.
         """
 
         async def open_pacer(hear: Hear) -> "RemotePacer":

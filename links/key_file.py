@@ -1,6 +1,7 @@
-"""A shared key on disk, which nobody but its owner may read."""
+"""A key on disk that two sides share, and that nobody but its owner may read."""
 
-import contextlib
+import base64
+import binascii
 import os
 import stat
 from pathlib import Path
@@ -9,27 +10,44 @@ KEY_BYTES = 32
 
 
 def read_key(path: Path) -> bytes:
-    """The 32 bytes of the key in ``path``: 64 hexadecimal digits.
+    """The 32 bytes of the key in ``path``: raw, or as text in hex or base64.
 
     Raises:
         ValueError: it can't be read, others may read it, or it is no key; the message says what to do.
     """
     try:
         with path.open("rb") as file:
-            facts = os.fstat(file.fileno())
+            owner = os.fstat(file.fileno())
             data = file.read(200)
     except OSError as error:
-        raise ValueError(f"cannot read {path}: {error.strerror}; make a key with --make-key") from None
-    if facts.st_uid != os.getuid():
-        raise ValueError(f"{path} belongs to another user, who knows the key: make one of your own")
-    mode = stat.S_IMODE(facts.st_mode)
-    if not stat.S_ISREG(facts.st_mode) or mode & 0o077:
+        raise ValueError(f"cannot read {path}: {error.strerror}") from None
+    if not stat.S_ISREG(owner.st_mode):
+        raise ValueError(f"{path} is no file")
+    if owner.st_uid != os.getuid():
+        raise ValueError(f"{path} belongs to another user: whoever owns it knows the key; make a new one of your own")
+    if stat.S_IMODE(owner.st_mode) != 0o600:
+        mode = stat.S_IMODE(owner.st_mode)
         raise ValueError(f"{path} has mode {mode:04o}, so others may know the key: make a new one, chmod 600")
-    with contextlib.suppress(ValueError):
-        key = bytes.fromhex(data.decode("ascii"))
-        if len(key) == KEY_BYTES and any(key):
+    key = _decoded(data)
+    if key is None:
+        raise ValueError(f"{path} is no key: expected {KEY_BYTES} bytes, raw or as hex or base64 text")
+    if not any(key):
+        raise ValueError(f"{path} holds only zeros, which is no key")
+    return key
+
+
+def _decoded(data: bytes) -> bytes | None:
+    if len(data) == KEY_BYTES:
+        return data
+    text = data.strip()
+    for decode in (bytes.fromhex, lambda t: base64.b64decode(t, validate=True)):
+        try:
+            key = decode(text.decode("ascii"))
+        except (ValueError, binascii.Error):
+            continue
+        if len(key) == KEY_BYTES:
             return key
-    raise ValueError(f"{path} is no key: expected {2 * KEY_BYTES} hexadecimal digits")
+    return None
 
 
 def make_key(path: Path) -> None:

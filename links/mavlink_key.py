@@ -1,61 +1,17 @@
-"""The signing key and the newest time stamp on disk. The only file of this package that reads the machine's clock.
+"""The newest time stamp that a key has signed, on disk. The only file of this package that reads the machine's clock.
 
 A time stamp must never be used twice, also not after a restart with a clock that was set back: so the newest one is
 kept beside the key, and the next run begins behind it.
 """
 
-import base64
-import binascii
-import os
-import stat
 from collections.abc import Callable
 from datetime import UTC, datetime
 from pathlib import Path
 
-from links.mavlink_signing import KEY_BYTES, TICKS_PER_S, Signer
+from links.key_file import read_key
+from links.mavlink_signing import TICKS_PER_S, Signer
 
 _EPOCH = datetime(2015, 1, 1, tzinfo=UTC)
-
-
-def read_key(path: Path) -> bytes:
-    """The 32 bytes of the key in ``path``: raw, or as text in hex or base64.
-
-    Raises:
-        ValueError: it can't be read, others may read it, or it is no key; the message says what to do.
-    """
-    try:
-        with path.open("rb") as file:
-            owner = os.fstat(file.fileno())
-            data = file.read(200)
-    except OSError as error:
-        raise ValueError(f"cannot read {path}: {error.strerror}") from None
-    if not stat.S_ISREG(owner.st_mode):
-        raise ValueError(f"{path} is no file")
-    if owner.st_uid != os.getuid():
-        raise ValueError(f"{path} belongs to another user: whoever owns it knows the key; make a new one of your own")
-    if stat.S_IMODE(owner.st_mode) != 0o600:
-        mode = stat.S_IMODE(owner.st_mode)
-        raise ValueError(f"{path} has mode {mode:04o}, so others may know the key: make a new one, chmod 600")
-    key = _decoded(data)
-    if key is None:
-        raise ValueError(f"{path} is no signing key: expected {KEY_BYTES} bytes, raw or as hex or base64 text")
-    if not any(key):
-        raise ValueError(f"{path} holds only zeros, which autopilots take for no key at all")
-    return key
-
-
-def _decoded(data: bytes) -> bytes | None:
-    if len(data) == KEY_BYTES:
-        return data
-    text = data.strip()
-    for decode in (bytes.fromhex, lambda t: base64.b64decode(t, validate=True)):
-        try:
-            key = decode(text.decode("ascii"))
-        except (ValueError, binascii.Error):
-            continue
-        if len(key) == KEY_BYTES:
-            return key
-    return None
 
 
 class StampFile:

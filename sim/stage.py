@@ -16,8 +16,9 @@ from groundstation.poses.vicon_codec import ViconObject, encode, euler_xyz_from_
 from groundstation.settings import Config
 from links.address import parse_address
 from links.bridge import Bridge
+from links.key_file import read_key
 from links.mavlink import MavlinkLinkConfig
-from links.mavlink_key import StampFile, read_key
+from links.mavlink_key import StampFile
 from links.mavlink_signing import TICKS_PER_S, Signer
 from links.thrust_curve import signal
 from sim.airframe import Truth

@@ -63,3 +63,14 @@ def test_a_radio_brings_no_poses() -> None:
     world, config = prepare(SCENARIOS["paper"], [], link="dsm", source="odometry")
     with pytest.raises(ConfigError, match="no other link brings poses"):
         fly(world, config, seed=0, duration_s=1.0)
+
+
+@pytest.mark.parametrize("link", ["dsm", "crsf", "rf_bridge"])
+def test_the_vehicles_thrust_curve_is_straightened_on_the_way(link: str) -> None:
+    curved = ["sim.thrust_curve=0.6"]
+    world, config = prepare(SCENARIOS["paper"], [*curved, "vehicle.thrust_curve=0.6"], link=link)
+    straightened = fly(world, config, seed=0, duration_s=20.0).verdict.rms_cm
+    assert straightened is not None
+    assert straightened < 0.3
+    world, config = prepare(SCENARIOS["paper"], curved, link=link)
+    assert (fly(world, config, seed=0, duration_s=20.0).verdict.rms_cm or 0.0) > straightened

@@ -447,7 +447,7 @@ def test_deadlines_hold_whatever_the_other_machines_clock_shows(shift_s: float) 
         it.network.delay_s = lambda datagram: 0.04
         reports: list[Report | None] = []
         config = BridgeLinkConfig(remote=ADDRESS, connect_timeout_s=0.5)
-        station = RemotePacer(config, 2.0, KEY, nonce, reports.append)
+        station = RemotePacer(config, 2.0, 0.0, KEY, nonce, reports.append)
         station._loop = AnotherClock(shift_s)  # type: ignore[assignment]  # a loop in all that is used
         await station.opened()
         here = loop.time() + shift_s

@@ -303,3 +303,22 @@ def test_a_receiver_that_hears_nothing_stops_its_motors_and_wants_the_switch_dow
     receiver.receive(codec.encode(up), 2.1)
     assert not receiver.armed
     assert not receiver.failsafe
+
+
+def test_a_slow_radio_brings_frames_late_and_whole() -> None:
+    async def main() -> None:
+        it = Room(CONFIG)
+        it.peer = RfPeer(it.receiver, CONFIG, 0.05)
+        loop = asyncio.get_running_loop()
+        peer = asyncio.create_task(it.peer.run())
+        await asyncio.sleep(0.0)
+        for k in range(5):
+            it.peer.datagram_received(CONFIG.codec().encode([0.1 * k] * 6), None)
+            await asyncio.sleep(CONFIG.period_s)
+        begun = loop.time()
+        await asyncio.sleep(0.05)
+        assert it.receiver.frames == 5
+        assert it.receiver.heard_s == pytest.approx(begun - CONFIG.period_s + CONFIG.frame_s + 0.05)
+        peer.cancel()
+
+    in_virtual_time(main())
