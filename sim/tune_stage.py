@@ -9,7 +9,9 @@ from groundstation.config import ConfigError, load
 from groundstation.poses.mavlink import MavlinkPoseConfig
 from groundstation.poses.tlog import TlogConfig
 from groundstation.poses.vicon import ViconConfig
-from groundstation.settings import Config
+from groundstation.settings import Config, LinkConfig
+from links.bridge_link import BridgeLinkConfig
+from links.mavlink import MavlinkLinkConfig
 from sim.commands import prepare
 from sim.scenarios import SCENARIOS, Scenario
 from sim.tune_space import Point, with_gains
@@ -47,15 +49,27 @@ def own(path: Path | None, overrides: Sequence[str]) -> Config | None:
         return None
     config = load(path, Config, told)
     period_s = config.vehicle.frame_period_s
-    if path is None and not any(_key(text) == "link.period_s" for text in told):
-        config = msgspec.structs.replace(config, link=msgspec.structs.replace(config.link, period_s=period_s))
-    if config.link.period_s != period_s:
+    link = config.link
+    if path is None and isinstance(link, MavlinkLinkConfig) and not any(_key(t) == "link.period_s" for t in told):
+        config = msgspec.structs.replace(config, link=msgspec.structs.replace(link, period_s=period_s))
+    if _period_s(config) != period_s:
         raise ConfigError(
             "link.period_s",
-            f"commands leave every {config.link.period_s:g} s, but vehicle.frame_period_s = {period_s:g}: "
+            f"commands leave every {_period_s(config):g} s, but vehicle.frame_period_s = {period_s:g}: "
             "gains are tuned for one of them, so make both the same",
         )
     return config
+
+
+def _period_s(config: Config) -> float:
+    """Time between two commands [s]. An RF bridge tells it when it is there, and then it is the vehicle's."""
+    return config.vehicle.frame_period_s if isinstance(config.link, BridgeLinkConfig) else config.link.period_s
+
+
+def _paced(link: LinkConfig, period_s: float) -> MavlinkLinkConfig:
+    """The link that the simulation has in the place of ``link``; a radio's frames follow no poses."""
+    pace = link.pace if isinstance(link, MavlinkLinkConfig) else "period"
+    return MavlinkLinkConfig(period_s=period_s, pace=pace, thrust_curve=link.thrust_curve)
 
 
 def _key(override: str) -> str:
@@ -82,7 +96,7 @@ def _stage(scenario: Scenario, overrides: list[str], station: Config | None = No
     source = "odometry" if station is not None and isinstance(station.pose, MavlinkPoseConfig) else "vicon"
     world, config = prepare(scenario, overrides, source=source)
     if station is not None:
-        link = msgspec.structs.replace(config.link, pace=station.link.pace, thrust_curve=station.link.thrust_curve)
+        link = _paced(station.link, _period_s(config))
         config = msgspec.structs.replace(config, controller=station.controller, link=link)
     return Staged(scenario=scenario.name, world=world, config=config)
 
@@ -117,7 +131,7 @@ def fitted(scenario: Scenario, station: Config) -> Scenario:
         command_delay_s=vehicle.command_delay_s,
         pose_latency_s=max(0.0, truth.pose_latency_s - scenario.told_latency_s + pose.latency_s),
         pose_rate_hz=pose.rate_hz,
-        frame_period_s=station.link.period_s,
+        frame_period_s=_period_s(station),
     )
     return msgspec.structs.replace(scenario, world=world, told=vehicle, told_latency_s=pose.latency_s)
 
@@ -130,5 +144,5 @@ def station_of(stage: Staged) -> Config:
         vehicle=scenario.vehicle,
         controller=scenario.controller,
         pose=ViconConfig(latency_s=scenario.pose.latency_s, rate_hz=world.pose_rate_hz),
-        link=msgspec.structs.replace(ours.link, period_s=scenario.link.period_s, pace=scenario.link.pace),
+        link=msgspec.structs.replace(_paced(scenario.link, _period_s(scenario)), thrust_curve=None),
     )

@@ -18,6 +18,7 @@ from groundstation.control.geometric import Geometric
 from groundstation.control.indi import Indi
 from groundstation.control.pid import Pid
 from groundstation.settings import Config
+from links.mavlink import MavlinkLinkConfig
 from sim.margins import AXES, DELAY, GAIN_DOWN, GAIN_UP, Margin, Report, boundary, failure, limit_cm
 from sim.margins_text import markdown_table, shown, text
 from sim.scenarios import SCENARIOS
@@ -34,6 +35,11 @@ KINDS: dict[str, ControllerConfig] = {
     "pid": Pid(),
     "indi": Indi(),
 }
+
+
+def mavlink(config: Config) -> MavlinkLinkConfig:
+    assert isinstance(config.link, MavlinkLinkConfig)
+    return config.link
 
 
 # ---- which gains
@@ -116,14 +122,14 @@ def test_a_vehicle_meets_a_scenario_with_the_scenarios_ratio_of_truth_to_told(tm
     world, config, adverse = stage.world, stage.config, SCENARIOS["adverse"].world
     assert (world.mass_kg, world.thrust_curve, world.thrust_gain) == (0.5, 0.3, 0.85)
     assert world.thrust_max_n == config.full_thrust_n == pytest.approx(0.5 * 9.81 / (0.3 * 0.4**2 + 0.7 * 0.4))
-    assert (config.link.pace, station_of(stage).link.pace) == ("poses", "poses")
+    assert (mavlink(config).pace, mavlink(station_of(stage)).pace) == ("poses", "poses")
     assert world.thrust_lag_s == pytest.approx(1.13 * 0.05)
     assert world.rate_lag_s == pytest.approx(0.85 * 0.04)
     assert (world.pose_rate_hz, world.pose_latency_s, world.frame_period_s) == (120.0, 0.012, 0.0125)
     assert (world.command_delay_s, world.wind_turbulence, world.wind_gust) == (0.01, 0.3, adverse.wind_gust)
     assert isinstance(config.controller, Gains)
     assert (config.controller.k2, config.controller.k3) == (3.0, 5.0)
-    assert (config.vehicle.mass_kg, config.link.period_s, config.pose.latency_s) == (0.5, 0.0125, 0.012)
+    assert (config.vehicle.mass_kg, mavlink(config).period_s, config.pose.latency_s) == (0.5, 0.0125, 0.012)
     assert msgspec.to_builtins(config.trajectory)["scale_m"] == 0.5
 
 
@@ -151,10 +157,10 @@ def test_a_vehicle_that_comes_along_needs_no_file_around_it() -> None:
     (stage,) = staged(["adverse"], None, overrides)
     assert (stage.world.mass_kg, stage.world.thrust_max_n, stage.world.drag_per_s) == (2.2, 34.2, 0.3)
     assert (stage.world.command_delay_s, stage.world.frame_period_s) == (0.005, 0.010)
-    assert (stage.config.vehicle.name, stage.config.link.period_s) == ("x500", 0.010)
+    assert (stage.config.vehicle.name, mavlink(stage.config).period_s) == ("x500", 0.010)
     station = own(None, overrides)
     assert station is not None
-    assert (station.vehicle, station.link.period_s) == (stage.config.vehicle, 0.010)
+    assert (station.vehicle, mavlink(station).period_s) == (stage.config.vehicle, 0.010)
     assert own(None, ["vehicle.mass_kg=0.09", "sim.drag_per_s=0.3"]) is None
 
 
@@ -162,9 +168,18 @@ def test_what_a_scenario_tells_makes_a_configuration_for_a_real_room() -> None:
     (stage,) = staged(["quad1kg"], None, ["controller.k2=3.0"])
     station = station_of(stage)
     assert station.vehicle == SCENARIOS["quad1kg"].told
-    assert (station.link.period_s, station.link.pace, station.pose.latency_s) == (0.010, "period", 0.010)
+    assert (mavlink(station).period_s, mavlink(station).pace, station.pose.latency_s) == (0.010, "period", 0.010)
     assert station.flight == Config().flight  # the simulated room's floor and idle thrust are not yours
     assert fitted(SCENARIOS["quad1kg"], station).world == SCENARIOS["quad1kg"].world
+
+
+@pytest.mark.parametrize("kind", ["dsm", "rf_bridge"])
+def test_a_vehicle_behind_a_radio_is_tuned_for_its_frames(kind: str, tmp_path: Path) -> None:
+    path = tmp_path / "lab.toml"
+    path.write_text(f'[vehicle]\ncommand_delay_s = 0.006\n[link]\nkind = "{kind}"\n')
+    (stage,) = staged(["paper"], path, [])
+    link = mavlink(stage.config)
+    assert (link.period_s, link.pace, stage.world.command_delay_s) == (0.0225, "period", 0.006)
 
 
 # ---- margins
