@@ -8,6 +8,7 @@ from groundstation.broadcast import Latest
 from groundstation.flight import Flight, Outcome
 from groundstation.pilot import Tick
 from groundstation.poses import make_source
+from groundstation.poses.port import Overheard, Pose
 from groundstation.settings import Config
 from groundstation.snapshot import Snapshot
 from links import make_link
@@ -19,17 +20,21 @@ def make_flight(
     confirm: Callable[[], Awaitable[bool]],
     on_tick: Callable[[Tick], None] | None = None,
     on_event: Callable[[str], None] | None = None,
+    on_pose: Callable[[Pose], None] | None = None,
     wires: Mapping[str, Any] | None = None,
 ) -> Flight:
     """The parts that ``config`` names, put together; nothing is opened yet.
 
-    ``wires`` is what a simulation puts in the place of the link's hardware; see :func:`links.make_link`.
+    ``on_pose`` sees every pose first. ``wires`` is what a simulation puts in the place of the link's hardware; see
+    :func:`links.make_link`.
 
     Raises:
         ConfigError: the poses need another link.
     """
     link = make_link(config.link, thrust_max_n=config.full_thrust_n, thrust_curve=config.thrust_curve, **(wires or {}))
     source = make_source(config.pose, link)
+    if on_pose is not None:
+        source = Overheard(source, on_pose)
     return Flight(config, link, source, confirm=confirm, on_tick=on_tick, on_event=on_event)
 
 

@@ -12,7 +12,7 @@ from collections.abc import Awaitable, Callable
 
 from groundstation.config import ConfigError, dump, load
 from groundstation.mission import State
-from groundstation.poses.tlog import TlogConfig
+from groundstation.poses import Recorded
 from groundstation.preflight import ensure_flyable
 from groundstation.radio import ensure_link
 from groundstation.settings import Config
@@ -145,7 +145,7 @@ def _check_name(arm: str | None, config: Config) -> None:
 
 def _flyable(config: Config) -> Config:
     """Refuse what the vehicle can't fly, recorded poses, and all but loopback while flight guards do not exist."""
-    if isinstance(config.pose, TlogConfig):
+    if isinstance(config.pose, Recorded):
         raise ConfigError("pose.kind", "a recording must not fly a vehicle; look at it with `groundstation replay`")
     why = "only loopback addresses may fly yet: this version has no flight guards, so it must not move a real vehicle"
     addresses = {
@@ -153,6 +153,7 @@ def _flyable(config: Config) -> Config:
         "link.remote": getattr(config.link, "remote", None),
         "link.tcp": getattr(config.link, "tcp", None),
         "pose.listen": getattr(config.pose, "listen", None),
+        "pose.server": getattr(config.pose, "server", None),
     }
     serial = getattr(config.link, "serial", None)
     if serial is not None:

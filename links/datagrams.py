@@ -8,8 +8,7 @@ class Datagrams:
     """The sending side of a datagram endpoint.
 
     asyncio keeps a datagram that the kernel has no room for (EAGAIN) and sends it later, when it may have passed its
-    deadline. So what is sent here goes through a second handle on the same socket, and is dropped instead. The
-    network in memory of simulated runs has no socket and always has room.
+    deadline. So what is sent here goes through a second handle on the same socket, and is dropped instead.
     """
 
     def __init__(self, transport: asyncio.DatagramTransport) -> None:

@@ -8,6 +8,7 @@ from sim.bench import WHAT as BENCHES
 
 _CONTROLLERS = "adaptive (default), uncompensated, geometric, pid, indi, or your own: package.module:factory"
 _LINKS = ["mavlink", "dsm", "crsf", "rf_bridge"]
+_SOURCES = ["vicon", "natnet", "qualisys", "odometry", "vision", "json"]
 
 _DRAWS = "what differs from flight to flight: mass,lags,gain,wind (default), and latency, noise, losses"
 _AUTOPILOTS = ("px4", "ardupilot")
@@ -27,7 +28,7 @@ def _parser() -> argparse.ArgumentParser:
     fly.add_argument("--seed", type=int, default=0, help="every random draw comes from it (default 0)")
     fly.add_argument("--duration", type=_seconds, metavar="S", help="seconds (default 60, or as --config has it)")
     fly.add_argument("--controller", metavar="NAME", help=_CONTROLLERS)
-    fly.add_argument("--source", choices=["vicon", "odometry"], default="vicon", help="where poses come from")
+    fly.add_argument("--source", choices=_SOURCES, default="vicon", help="where poses come from")
     fly.add_argument("--autopilot", choices=_AUTOPILOTS, default="px4", help="what it is like (default px4)")
     fly.add_argument("--link", choices=_LINKS, default="mavlink", help="how commands leave; default mavlink")
     fly.add_argument(
@@ -126,7 +127,7 @@ def _parser() -> argparse.ArgumentParser:
     serve.add_argument("--scenario", default="paper", metavar="NAME")
     serve.add_argument("--seed", type=int, default=0)
     serve.add_argument("--set", action="append", default=[], dest="overrides", metavar="KEY=VALUE")
-    serve.add_argument("--source", choices=["vicon", "odometry"], default="vicon")
+    serve.add_argument("--source", choices=_SOURCES, default="vicon")
     serve.add_argument("--autopilot", choices=_AUTOPILOTS, default="px4", help="what it is like (default px4)")
     serve.add_argument(
         "--param",

@@ -24,7 +24,7 @@ from sim.commands import prepare
 from sim.draws import rows, stream
 from sim.quadrotor import Quadrotor
 from sim.scenarios import SCENARIOS
-from sim.stage import vicon_encoder
+from sim.trackers import Seen, vicon_encoder
 from sim.vehicle import SimulatedVehicle
 from sim.wind import Wind
 
@@ -178,7 +178,8 @@ async def _measured(config: Config, rate_hz: int, seconds: float, port: int) -> 
                 running.result()
             due = begun + frame * period
             await sleep_until(due)
-            data = encode(frame, vehicle.measured(loop.time()))
+            seen = vehicle.measured(loop.time())
+            data = encode(frame, due, [Seen(config.pose.object, seen.position_ned, seen.attitude, True)])
             counts = counts_from is not None and loop.time() >= counts_from
             peer.pose_left_s = loop.time() if counts else None
             poses.sendto(data)

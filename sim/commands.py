@@ -117,6 +117,7 @@ def fly(args: argparse.Namespace) -> int:
             on_tick=folder.tick if folder is not None else None,
             on_datagram=folder.datagram if folder is not None else None,
             on_event=folder.event if folder is not None else None,
+            on_pose=folder.pose if folder is not None else None,
             on_progress=progress.at,
         )
     facts: dict[str, Any] = {

@@ -16,10 +16,12 @@ from groundstation.flight import Outcome
 from groundstation.mission import State
 from groundstation.ops import Vec3
 from groundstation.pilot import Tick
+from groundstation.poses.port import Pose
 from groundstation.settings import Config
 from sim.referee import Referee, Verdict
 from sim.stage import Stage
-from sim.virtual_time import Address, VirtualTimeLoop
+from sim.virtual_streams import Address
+from sim.virtual_time import VirtualTimeLoop
 from sim.world import World
 
 CONFIRM_S = 1.0
@@ -77,6 +79,7 @@ def fly(
     on_tick: Callable[[Tick], None] | None = None,
     on_datagram: Callable[[float, Address, Address, bytes], None] | None = None,
     on_event: Callable[[str], None] | None = None,
+    on_pose: Callable[[Pose], None] | None = None,
     on_progress: Callable[[float], None] | None = None,
     on_step: Callable[[float, Vec3], None] | None = None,
 ) -> Result:
@@ -91,7 +94,9 @@ def fly(
         loop = runner.get_loop()
         assert isinstance(loop, VirtualTimeLoop)
         loop.tap = log
-        values = runner.run(_fly(world, config, seed, duration_s, autopilot, on_tick, on_event, on_progress, on_step))
+        values = runner.run(
+            _fly(world, config, seed, duration_s, autopilot, on_tick, on_event, on_pose, on_progress, on_step)
+        )
     return Result(**values, log_sha256=log.sha256(), datagrams=log.count, wall_s=time.perf_counter() - start)
 
 
@@ -103,6 +108,7 @@ async def _fly(
     autopilot: str,
     on_tick: Callable[[Tick], None] | None,
     on_event: Callable[[str], None] | None,
+    on_pose: Callable[[Pose], None] | None,
     on_progress: Callable[[float], None] | None,
     on_step: Callable[[float, Vec3], None] | None,
 ) -> dict[str, Any]:
@@ -135,7 +141,7 @@ async def _fly(
         await sleep_until(CONFIRM_S)
         return True
 
-    flight = make_flight(config, confirm=confirm, on_tick=watch, on_event=on_event, wires=stage.wires)
+    flight = make_flight(config, confirm=confirm, on_tick=watch, on_event=on_event, on_pose=on_pose, wires=stage.wires)
     stage_task = asyncio.create_task(stage.run())
     flight_task = asyncio.create_task(flight.run())
     clock = asyncio.create_task(_end_of(flight_task, lambda: flight.started_s, duration_s, on_progress))

@@ -1,32 +1,38 @@
 """The simulated motion-capture system: samples the plant at the cameras' rate, emits the source's real bytes."""
 
 import asyncio
-from collections.abc import Callable
+import math
 
+import msgspec
+
+from groundstation import so3
 from groundstation.clock import sleep_until
+from groundstation.ops import Quat, Vec3
 from sim.airframe import Truth
 from sim.draws import rows, stream
 from sim.quadrotor import Quadrotor
+from sim.trackers import Seen, Tracker
 from sim.vehicle import with_noise
 from sim.world import World
 
-Encoder = Callable[[int, Truth], bytes]
-"""Frame number and what the cameras saw -> the datagram."""
+CIRCLE_M, APART_M, CIRCLE_RAD_S = 2.5, 0.5, 0.4
+"""Where the other bodies are: radius of the first one's circle, and by how much each next one is larger; speed."""
 
 
 class Mocap:
     """Cameras that run by themselves: their phase against our frames is drawn from the seed."""
 
-    def __init__(self, world: World, plant: Quadrotor, seed: int, encode: Encoder, target: tuple[str, int]) -> None:
-        """Send to ``target`` what ``encode`` makes of each camera frame."""
+    def __init__(self, world: World, plant: Quadrotor, seed: int, name: str, tracker: Tracker) -> None:
+        """Have ``tracker`` send what the cameras see; the vehicle is called ``name``."""
         self._world = world
         self._plant = plant
         self._phase = stream(seed, "phase").random()
         self._noise = rows(stream(seed, "noise").standard_normal, 6)
         self._luck = rows(stream(seed, "pose loss").random, 1)
-        self._encode = encode
-        self._target = target
+        self._name = name
+        self._tracker = tracker
         self._covered = False
+        self._last: Truth | None = None
 
     def cover(self, covered: bool) -> None:
         """Cover the cameras: no pose leaves until they are uncovered."""
@@ -35,8 +41,8 @@ class Mocap:
     async def run(self) -> None:
         """Emit until cancelled."""
         loop = asyncio.get_running_loop()
-        world = self._world
-        transport, _ = await loop.create_datagram_endpoint(asyncio.DatagramProtocol, remote_addr=self._target)
+        world, tracker = self._world, self._tracker
+        await tracker.open()
         period = 1.0 / world.pose_rate_hz
         start = loop.time() + self._phase * period
         frame = 0
@@ -45,16 +51,36 @@ class Mocap:
                 when = start + frame * period
                 await sleep_until(when)
                 # The instant of the exposure is the scheduled one: a late wake-up must not move the truth.
-                seen = with_noise(self._plant.truth(when), world, next(self._noise))
+                truth = with_noise(self._plant.truth(when), world, next(self._noise))
                 if not self._lost(when, next(self._luck)[0]):
-                    data = self._encode(frame, seen)
+                    bodies = self._seen(truth, when)
                     if world.pose_latency_s > 0.0:
-                        loop.call_at(when + world.pose_latency_s, transport.sendto, data)
+                        loop.call_at(when + world.pose_latency_s, tracker.send, frame, when, bodies)
                     else:
-                        transport.sendto(data)
+                        tracker.send(frame, when, bodies)
                 frame += 1
         finally:
-            transport.close()
+            tracker.close()
+
+    def _seen(self, truth: Truth, when: float) -> list[Seen]:
+        """Our body first: where it is hidden, the last that was seen of it."""
+        world = self._world
+        position, attitude = truth.position_ned, truth.attitude
+        hidden = self._mishap(when, world.occlusion_s, 0.5)
+        if hidden and self._last is not None:
+            position, attitude = self._last.position_ned, self._last.attitude
+        elif self._mishap(when, world.swap_s, 0.75):
+            position, attitude = _circling(0, when)
+        self._last = msgspec.structs.replace(truth, position_ned=position, attitude=attitude)
+        bodies = [Seen(self._name, position, attitude, not hidden)]
+        return bodies + [Seen(f"other{n}", *_circling(n, when), True) for n in range(world.other_bodies)]
+
+    def _mishap(self, when: float, length_s: float, share: float) -> bool:
+        """Whether one that begins after ``share`` of each period, and takes ``length_s``, is going on."""
+        released, period = self._plant.released_s, self._world.mishap_period_s
+        if not length_s or released is None or when < released:
+            return False
+        return 0.0 <= (when - released) % period - share * period < length_s
 
     def _lost(self, when: float, luck: float) -> bool:
         """Lost at random, or within one of the regular outages (the last part of each period)."""
@@ -65,3 +91,10 @@ class Mocap:
         if not world.outage_s or released is None or when < released:
             return False
         return (when - released) % world.outage_period_s >= world.outage_period_s - world.outage_s
+
+
+def _circling(number: int, when: float) -> tuple[Vec3, Quat]:
+    angle = CIRCLE_RAD_S * when + number
+    radius = CIRCLE_M + APART_M * number
+    position = (radius * math.cos(angle), radius * math.sin(angle), -1.0)
+    return position, so3.from_euler_zyx(0.0, 0.0, math.remainder(angle, math.tau))

@@ -1,4 +1,4 @@
-"""A run's folder: config, every command as CSV, the bytes on the wire, events, and the result.
+"""A run's folder: config, every command and every pose as CSV, the bytes on the wire, events, and the result.
 
 MAVLink is kept as .tlog, both ways; a radio's frames as lines of hex.
 Rows are written as they come and flushed every half second of flight, so a crash loses no more than that.
@@ -14,6 +14,9 @@ import msgspec
 
 from groundstation.config import ConfigError, dump
 from groundstation.pilot import Tick
+from groundstation.poses import csv_codec
+from groundstation.poses.csv import IN_RUN_FOLDER
+from groundstation.poses.port import Pose
 from groundstation.settings import Config
 from links.address import parse_address
 from links.mavlink import MavlinkLinkConfig
@@ -46,10 +49,12 @@ class RunFolder:
             (path / "config.toml").write_text(dump(config))
             self._csv = _opened(path / "flight.csv")
             self._events = _opened(path / "events.txt")
+            self._poses = _opened(path / IN_RUN_FOLDER)
             self._wire = (path / ("frames.txt" if self._mavlink_port is None else "mavlink.tlog")).open("wb")
         except OSError as error:
             raise ConfigError("--out", f"cannot write {path}: {error.strerror}") from None
         self._csv.write(COLUMNS + "\n")
+        self._poses.write(csv_codec.COLUMNS + "\n")
         self._flushed = 0.0
 
     def tick(self, tick: Tick) -> None:
@@ -76,7 +81,7 @@ class RunFolder:
         self._csv.write(",".join(f"{value:.9g}" for value in row) + f",{tick.seen.state}\n")
         if tick.time_s > self._flushed + 0.5:
             self._flushed = tick.time_s
-            for file in (self._csv, self._events, self._wire):
+            for file in (self._csv, self._events, self._poses, self._wire):
                 file.flush()
 
     def datagram(self, time_s: float, source: tuple[str, int], target: tuple[str, int], data: bytes) -> None:
@@ -86,13 +91,19 @@ class RunFolder:
         elif self._mavlink_port in (source[1], target[1]):
             self._wire.write(struct.pack(">Q", round(time_s * 1e6)) + data)
 
+    def pose(self, pose: Pose) -> None:
+        """One pose as it came; `pose.kind = "csv"` plays the folder's again."""
+        self._poses.write(
+            csv_codec.encode(csv_codec.Row(pose.time_s, pose.arrival_s, pose.position_ned, pose.attitude))
+        )
+
     def event(self, line: str) -> None:
         """One line for the operator."""
         self._events.write(line + "\n")
 
     def close(self, facts: dict[str, Any], world: World) -> None:
         """Write the result and close everything."""
-        for file in (self._csv, self._events, self._wire):
+        for file in (self._csv, self._events, self._poses, self._wire):
             file.close()
         result = {**facts, "sim": msgspec.to_builtins(world)}
         (self.path / "summary.json").write_text(json.dumps(result, indent=2) + "\n")

@@ -5,7 +5,6 @@ from typing import Any
 import msgspec
 
 from groundstation.config import from_dict
-from groundstation.poses.vicon import ViconConfig
 from groundstation.settings import Config, FlightConfig
 from groundstation.trajectories.lemniscate import LemniscateConfig
 from groundstation.vehicle import Vehicle
@@ -80,23 +79,16 @@ class Scenario(msgspec.Struct, frozen=True, kw_only=True):
         """
         config = Config(
             vehicle=self.told,
-            pose=ViconConfig(
-                object="quad",
-                latency_s=self.told_latency_s,
-                rate_hz=self.world.pose_rate_hz,
-                drop_frozen=False,
-            ),
             link=MavlinkLinkConfig(period_s=world.frame_period_s, pace="period"),
             trajectory=LemniscateConfig(speed_m_s=world.speed_m_s),
             flight=FlightConfig(idle_thrust=world.start_thrust, floor_z_m=world.floor_z_m),
         )
         data: dict[str, Any] = msgspec.to_builtins(config)
         del data["controller"]  # all default, and the defaults depend on the kind that ``overrides`` may choose
-        for key in ("vehicle.preset", "vehicle.file", "trajectory.kind"):
+        data["pose"] = self._told_poses(source)
+        for key in ("vehicle.preset", "vehicle.file", "trajectory.kind", "pose.kind"):
             if any(override.partition("=")[0].strip() == key for override in overrides):
                 data.pop(key.partition(".")[0], None)  # another vehicle, another trajectory: nothing of this one
-        if source == "odometry":
-            data["pose"] = {"kind": "mavlink", "latency_s": self.told_latency_s, "rate_hz": world.pose_rate_hz}
         overrides = [*self.told_more, *overrides]
         if link != "mavlink":
             data["link"] = section(link, world, self.told)
@@ -104,6 +96,19 @@ class Scenario(msgspec.Struct, frozen=True, kw_only=True):
             radio = module(from_dict(data, Config, overrides), world)
             data.setdefault("vehicle", {})["command_delay_s"] = radio.lead_s + radio.frame_s
         return from_dict(data, Config, overrides)
+
+    def _told_poses(self, source: str) -> dict[str, Any]:
+        """What the controller is told of its poses when they come from ``source``."""
+        latency = {"latency_s": self.told_latency_s}
+        rate = {"rate_hz": self.world.pose_rate_hz}
+        return {
+            "vicon": {"kind": "vicon", "object": "quad", "drop_frozen": False, **latency, **rate},
+            "natnet": {"kind": "natnet", "network_s": 0.0},  # all else of its latency it tells itself
+            "qualisys": {"kind": "qualisys", **latency},
+            "odometry": {"kind": "mavlink", **latency, **rate},
+            "vision": {"kind": "vision", **latency},
+            "json": {"kind": "json", **latency, **rate},
+        }[source]
 
 
 _TOLD_QUAD1KG = Vehicle(

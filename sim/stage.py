@@ -9,10 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from groundstation.config import ConfigError
-from groundstation.frames import pose_from_ned_frd
 from groundstation.ops import Vec3
-from groundstation.poses.vicon import ViconConfig
-from groundstation.poses.vicon_codec import ViconObject, encode, euler_xyz_from_quaternion
 from groundstation.settings import Config
 from links.address import parse_address
 from links.bridge import Bridge
@@ -21,16 +18,16 @@ from links.mavlink import MavlinkLinkConfig
 from links.mavlink_key import StampFile
 from links.mavlink_signing import TICKS_PER_S, Signer
 from links.thrust_curve import signal
-from sim.airframe import Truth
 from sim.autopilot_base import SimulatedAutopilot
 from sim.autopilot_peer import AutopilotPeer
 from sim.autopilots import AUTOPILOTS
 from sim.draws import rows, stream
-from sim.mocap import Encoder, Mocap
+from sim.mocap import Mocap
 from sim.pty_wire import PtyWire
 from sim.quadrotor import Quadrotor
 from sim.radio import module, wires
 from sim.rf_receiver import RfPeer, RfReceiver
+from sim.trackers import make_tracker
 from sim.vehicle import SimulatedVehicle
 from sim.wind import Wind
 from sim.world import World
@@ -70,6 +67,7 @@ class Stage:
             # Hand-shakes repeat what gets lost; losses that count begin with the flight.
             return plant.released_s is not None and next(luck)[0] < world.frame_loss
 
+        tracked = make_tracker(config.pose)
         self.wires: dict[str, Any] = {}
         """What the link gets in the place of hardware; see :func:`groundstation.app.make_flight`."""
         self._pty = pty
@@ -87,7 +85,7 @@ class Stage:
             if config.link.signing_key_file is not None:
                 made.codec.signer = _signer(Path(config.link.signing_key_file))
             # Where its own estimate serves as the poses, it comes as late as the cameras' would.
-            delay = 0.0 if isinstance(config.pose, ViconConfig) else world.pose_latency_s
+            delay = 0.0 if tracked is not None else world.pose_latency_s
             address = parse_address(config.link.address)
             peer = AutopilotPeer(made, address, delay_s=delay, hearing_s=world.command_delay_s)
             self._mavlink = made, peer
@@ -96,9 +94,7 @@ class Stage:
             self.radio = RfPeer(RfReceiver(vehicle, radio, lose=lose), radio, world.command_delay_s)
             if pty is None:
                 self.wires, self._bridge = wires(config, radio, stream(seed, "nonces").bytes)
-        self.mocap: Mocap | None = None
-        if isinstance(config.pose, ViconConfig):
-            self.mocap = Mocap(world, self.plant, seed, vicon_encoder(config.pose), parse_address(config.pose.listen))
+        self.mocap = Mocap(world, self.plant, seed, *tracked) if tracked is not None else None
 
     @property
     def autopilot(self) -> SimulatedAutopilot:
@@ -137,14 +133,3 @@ def _signer(key_file: Path) -> Signer:
     except ValueError as error:
         raise ConfigError("link.signing_key_file", str(error)) from None
     return Signer(key, lambda: first + int((loop.time() - begun_s) * TICKS_PER_S))
-
-
-def vicon_encoder(config: ViconConfig) -> Encoder:
-    """What a Vicon Tracker with one object sends, in the lab frame that ``config`` expects."""
-
-    def encoder(frame: int, seen: Truth) -> bytes:
-        (x, y, z), attitude = pose_from_ned_frd(seen.position_ned, seen.attitude, config.world, config.body)
-        angles = euler_xyz_from_quaternion(attitude)
-        return encode(frame, (ViconObject(config.object, (1e3 * x, 1e3 * y, 1e3 * z), angles),))
-
-    return encoder

@@ -62,6 +62,14 @@ class World(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=Tru
     """Length of the regular outages of all poses [s]."""
     outage_period_s: Positive = 10.0
     """Time from one outage to the next [s]."""
+    other_bodies: Annotated[int, msgspec.Meta(ge=0, le=8)] = 0
+    """Further bodies that the cameras see, circling around the volume."""
+    occlusion_s: NonNegative = 0.0
+    """Length of the regular occlusions: frames come, but our body is not seen [s]."""
+    swap_s: NonNegative = 0.0
+    """Length of the regular mix-ups: our body gets the pose of another [s]."""
+    mishap_period_s: Positive = 10.0
+    """Time from one occlusion, or mix-up, to the next [s]; they come in the middle of it, and after three quarters."""
     frame_period_s: Positive = 0.0225
     """Period of the command frames; the last one is held [s]."""
     command_delay_s: Annotated[float, msgspec.Meta(ge=0.0, le=1.0)] = 0.0

@@ -1,15 +1,25 @@
 """Where poses come from: every kind of source, by the name that a configuration gives it (``kind = "vicon"``)."""
 
 from groundstation.config import ConfigError
+from groundstation.poses.csv import CsvConfig
+from groundstation.poses.json import JsonConfig
 from groundstation.poses.mavlink import MavlinkPoseConfig, MavlinkPoseSource
+from groundstation.poses.natnet import NatNetConfig
 from groundstation.poses.port import PoseSource
+from groundstation.poses.qualisys import QualisysConfig
 from groundstation.poses.tlog import TlogConfig
 from groundstation.poses.vicon import ViconConfig
+from groundstation.poses.vision import VisionConfig
 from links.mavlink import MavlinkLink
 from links.port import CommandLink
 
-PoseConfig = ViconConfig | MavlinkPoseConfig | TlogConfig
+PoseConfig = (
+    ViconConfig | NatNetConfig | QualisysConfig | MavlinkPoseConfig | VisionConfig | JsonConfig | TlogConfig | CsvConfig
+)
 """The configuration of one source; a new source adds its own here."""
+
+Recorded = TlogConfig | CsvConfig
+"""The sources that play recordings: they must never fly a vehicle."""
 
 
 def make_source(config: PoseConfig, link: CommandLink) -> PoseSource:

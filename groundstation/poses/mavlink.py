@@ -38,7 +38,7 @@ class MavlinkPoseSource:
         """Counters as they are now."""
         if self._decoder is None:
             return PoseStatus(accepted=0, dropped={})
-        return PoseStatus(accepted=self._decoder.accepted, dropped=dict(self._decoder.dropped))
+        return self._decoder.status
 
     async def start(self, deliver: Callable[[Pose], None]) -> None:
         """Read along from now on, and have the link ask for the messages as it connects.

@@ -12,14 +12,12 @@ from typing import Protocol
 
 from groundstation import so3
 from groundstation.ops import Quat, Vec3
-from groundstation.poses.port import Pose
-from groundstation.poses.source_clock import SourceClock
+from groundstation.poses.intake import Intake
+from groundstation.poses.port import Pose, PoseStatus
 from links.mavlink_codec import ARDUPILOT, Message
 
 LOCAL_NED, BODY_NED, BODY_FRD, LOCAL_FRD = 1, 8, 12, 20
 """MAV_FRAME. LOCAL_FRD is NED but for its heading, which the vehicle chose as it started: it is our north."""
-UNIT_TOLERANCE = 1e-3
-"""How far from 1 the length of a unit quaternion may be; 32-bit floats leave it within 1e-6."""
 OLDEST_ATTITUDE_S = 0.05
 """An attitude further from its position than this is not turned on [s]."""
 
@@ -29,48 +27,51 @@ class Decoder(Protocol):
 
     messages: tuple[str, ...]
     """Names of the messages that it needs."""
-    accepted: int
-    """Poses made."""
-    dropped: Counter[str]
-    """Messages dropped, by reason: not_finite, not_unit, wrong_frame, no_attitude, duplicate, out_of_order."""
+
+    @property
+    def accepted(self) -> int:
+        """Poses made."""
+        ...
+
+    @property
+    def dropped(self) -> Counter[str]:
+        """Messages dropped, by reason: wrong_frame, no_attitude, and those of the intake."""
+        ...
+
+    @property
+    def status(self) -> PoseStatus:
+        """Counters as they are now."""
+        ...
 
     def decode(self, message: Message, arrival_s: float) -> Pose | None:
         """The pose that ``message``, which arrived at ``arrival_s`` [s, our clock], completes; or None."""
         ...
 
 
-class _Poses:
-    """What decoders share: the source's clock, numbers and counters."""
+class _Decoder:
+    """What decoders share: the intake and its counters."""
 
     def __init__(self, latency_s: float) -> None:
         """``latency_s`` is the time from the instant of a pose to its earliest arrival here [s]."""
-        self.accepted = 0
-        self.dropped: Counter[str] = Counter()
-        self._latency = latency_s
-        self._clock = SourceClock()
+        self._intake = Intake(latency_s)
 
-    def _drop(self, reason: str) -> Pose | None:
-        self.dropped[reason] += 1
-        return None
+    @property
+    def accepted(self) -> int:
+        """Poses made."""
+        return self._intake.accepted
 
-    def _pose(
-        self, stamp_s: float, arrival_s: float, position: Vec3, attitude: Quat, velocity: Vec3 | None, resets: int
-    ) -> Pose | None:
-        if not math.isfinite(sum(position) + sum(attitude)):
-            return self._drop("not_finite")
-        if abs(math.hypot(*attitude) - 1.0) > UNIT_TOLERANCE:
-            return self._drop("not_unit")
-        if reason := self._clock.stale(stamp_s, arrival_s):
-            return self._drop(reason)
-        time_s = self._clock.time_s(stamp_s, arrival_s) - self._latency
-        number = self.accepted
-        self.accepted += 1
-        if velocity is not None and not math.isfinite(sum(velocity)):
-            velocity = None  # PX4's way to say that it has none
-        return Pose(number, time_s, arrival_s, position, attitude, velocity, resets + 256 * self._clock.restarts)
+    @property
+    def dropped(self) -> Counter[str]:
+        """Messages dropped, by reason."""
+        return self._intake.dropped
+
+    @property
+    def status(self) -> PoseStatus:
+        """Counters as they are now."""
+        return self._intake.status
 
 
-class OdometryDecoder(_Poses):
+class OdometryDecoder(_Decoder):
     """Poses of ODOMETRY."""
 
     messages: tuple[str, ...] = ("ODOMETRY",)
@@ -80,19 +81,21 @@ class OdometryDecoder(_Poses):
         if message.get_type() != "ODOMETRY":
             return None
         if message.frame_id not in (LOCAL_NED, LOCAL_FRD):
-            return self._drop("wrong_frame")
+            return self._intake.drop("wrong_frame")
         w, x, y, z = message.q
         velocity: Vec3 = (message.vx, message.vy, message.vz)
         match message.child_frame_id:
             case c if c in (BODY_FRD, BODY_NED):
                 velocity = so3.to_world((w, x, y, z), velocity)
             case c if c != message.frame_id:
-                return self._drop("wrong_frame")
+                return self._intake.drop("wrong_frame")
         position = (message.x, message.y, message.z)
-        return self._pose(message.time_usec * 1e-6, arrival_s, position, (w, x, y, z), velocity, message.reset_counter)
+        return self._intake.pose(
+            message.time_usec * 1e-6, arrival_s, position, (w, x, y, z), velocity, resets=message.reset_counter
+        )
 
 
-class LocalPositionDecoder(_Poses):
+class LocalPositionDecoder(_Decoder):
     """Poses of LOCAL_POSITION_NED, each with the newest ATTITUDE_QUATERNION."""
 
     messages: tuple[str, ...] = ("LOCAL_POSITION_NED", "ATTITUDE_QUATERNION")
@@ -112,14 +115,14 @@ class LocalPositionDecoder(_Poses):
         turned = self._attitude
         apart_s = (message.time_boot_ms - turned.time_boot_ms) * 1e-3 if turned is not None else math.inf
         if turned is None or abs(apart_s) > OLDEST_ATTITUDE_S:
-            return self._drop("no_attitude")
+            return self._intake.drop("no_attitude")
         attitude: Quat = (turned.q1, turned.q2, turned.q3, turned.q4)
         rates = (turned.rollspeed, turned.pitchspeed, turned.yawspeed)
         if apart_s and math.isfinite(sum(rates) + sum(attitude)) and any(attitude):
             attitude = so3.turned(attitude, (apart_s * rates[0], apart_s * rates[1], apart_s * rates[2]))
         position = (message.x, message.y, message.z)
         velocity = (message.vx, message.vy, message.vz)
-        return self._pose(message.time_boot_ms * 1e-3, arrival_s, position, attitude, velocity, 0)
+        return self._intake.pose(message.time_boot_ms * 1e-3, arrival_s, position, attitude, velocity)
 
 
 def decoder_for(autopilot: int, latency_s: float) -> Decoder:

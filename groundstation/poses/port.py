@@ -34,6 +34,20 @@ class PoseStatus(msgspec.Struct, frozen=True):
     """Poses delivered."""
     dropped: dict[str, int]
     """Datagrams or records dropped, counted by reason."""
+    rate_hz: float = 0.0
+    """Poses per second by the source's own stamps [1/s]; 0 before the second pose."""
+    latency_s: float = 0.0
+    """From the instant of a pose to its arrival here, averaged over some fifty poses [s]."""
+    latency_max_s: float = 0.0
+    """The longest of them [s]."""
+    drift: float = 0.0
+    """How much slower than ours, or than the rate it was told to have, the source's clock runs, as a share."""
+    gaps: int = 0
+    """How often poses were missing between two stamps."""
+    clock_steps: int = 0
+    """How often the source's clock leapt ahead."""
+    clock_restarts: int = 0
+    """How often it began anew."""
 
 
 class PoseSource(Protocol):
@@ -51,3 +65,30 @@ class PoseSource(Protocol):
     async def close(self) -> None:
         """Stop listening; no pose is delivered afterwards."""
         ...
+
+
+class Overheard:
+    """A source whose poses somebody else sees too, before they are delivered."""
+
+    def __init__(self, source: PoseSource, hear: Callable[[Pose], None]) -> None:
+        """``hear`` sees every pose of ``source``."""
+        self._source = source
+        self._hear = hear
+
+    @property
+    def status(self) -> PoseStatus:
+        """The source's."""
+        return self._source.status
+
+    async def start(self, deliver: Callable[[Pose], None]) -> None:
+        """Start the source."""
+
+        def both(pose: Pose) -> None:
+            self._hear(pose)
+            deliver(pose)
+
+        await self._source.start(both)
+
+    async def close(self) -> None:
+        """Close the source."""
+        await self._source.close()

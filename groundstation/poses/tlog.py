@@ -1,4 +1,4 @@
-"""Poses from a recorded flight: a .tlog played back at the pace at which it was recorded."""
+"""Poses from a recorded flight: a .tlog played back at the pace at which it was recorded, or another."""
 
 import asyncio
 from collections.abc import Callable
@@ -7,11 +7,11 @@ from typing import Annotated
 
 import msgspec
 
-from groundstation.clock import sleep_until
 from groundstation.poses.mavlink_codec import Decoder, decoder_for
+from groundstation.poses.pace import Speed, play
 from groundstation.poses.port import Pose, PoseStatus
 from groundstation.poses.tlog_codec import Record, TlogReader
-from links.mavlink_codec import ARDUPILOT, PX4
+from links.mavlink_codec import ARDUPILOT, PX4, Message
 
 
 class TlogConfig(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True, tag_field="kind", tag="tlog"):
@@ -23,6 +23,8 @@ class TlogConfig(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_field
     """MAVLink system of the vehicle whose poses are played."""
     latency_s: Annotated[float, msgspec.Meta(ge=0.0, le=1.0)] = 0.01
     """Time from the instant that the autopilot stamps to the earliest arrival in the log [s]."""
+    speed: Speed = 1.0
+    """Pace: 1 as recorded, 2 twice as fast, "max" as fast as possible."""
 
     def build(self) -> "TlogSource":
         """The source of this config."""
@@ -44,7 +46,8 @@ class TlogSource:
         """Counters as they are now: of the file and of the messages."""
         if self._decoder is None:
             return PoseStatus(accepted=0, dropped=dict(self._reader.dropped))
-        return PoseStatus(accepted=self._decoder.accepted, dropped=dict(self._reader.dropped + self._decoder.dropped))
+        status = self._decoder.status
+        return msgspec.structs.replace(status, dropped=dict(self._reader.dropped + self._decoder.dropped))
 
     async def start(self, deliver: Callable[[Pose], None]) -> None:
         """Read the whole file, then begin to play it.
@@ -55,7 +58,14 @@ class TlogSource:
         """
         records, decoder = self._read()
         self._decoder = decoder
-        self._task = asyncio.create_task(self._play(records, decoder, deliver))
+
+        def take(message: Message, arrival_s: float) -> None:
+            pose = decoder.decode(message, arrival_s)
+            if pose is not None and self._task is not None:
+                deliver(pose)
+
+        wanted = [(time_s, message) for time_s, message in records if message.get_type() in decoder.messages]
+        self._task = asyncio.create_task(play(wanted, self._config.speed, take))
 
     def _read(self) -> tuple[list[Record], Decoder]:
         path, system = self._config.path, self._config.system_id
@@ -74,16 +84,6 @@ class TlogSource:
         if self._task is not None:
             self._task.cancel()
             self._task = None
-
-    async def _play(self, records: list[Record], decoder: Decoder, deliver: Callable[[Pose], None]) -> None:
-        loop = asyncio.get_running_loop()
-        begun_s = loop.time() - records[0].time_s
-        for time_s, message in records:
-            if message.get_type() in decoder.messages:
-                await sleep_until(begun_s + time_s)
-                pose = decoder.decode(message, loop.time())
-                if pose is not None:
-                    deliver(pose)
 
 
 def pose_decoder(records: list[Record], latency_s: float) -> Decoder | None:

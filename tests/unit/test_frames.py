@@ -45,7 +45,7 @@ def assert_axes(attitude: Quat, forward: Vec3, right: Vec3) -> None:
 
 @pytest.mark.parametrize(
     ("world", "position"),
-    [("ned", (0.0, 2.0, -1.0)), ("enu", (2.0, 0.0, 1.0)), ("nwu", (0.0, -2.0, 1.0))],
+    [("ned", (0.0, 2.0, -1.0)), ("enu", (2.0, 0.0, 1.0)), ("nwu", (0.0, -2.0, 1.0)), ("nue", (0.0, 1.0, 2.0))],
 )
 def test_a_vehicle_two_metres_east_of_the_origin_and_one_up(world: World, position: Vec3) -> None:
     assert to_ned(position, world) == (0.0, 2.0, -1.0)
@@ -53,7 +53,7 @@ def test_a_vehicle_two_metres_east_of_the_origin_and_one_up(world: World, positi
 
 @pytest.mark.parametrize(
     ("world", "position"),
-    [("ned", (3.0, 0.0, 0.5)), ("enu", (0.0, 3.0, -0.5)), ("nwu", (3.0, 0.0, -0.5))],
+    [("ned", (3.0, 0.0, 0.5)), ("enu", (0.0, 3.0, -0.5)), ("nwu", (3.0, 0.0, -0.5)), ("nue", (3.0, -0.5, 0.0))],
 )
 def test_a_vehicle_three_metres_north_and_half_a_metre_below(world: World, position: Vec3) -> None:
     assert to_ned(position, world) == (3.0, 0.0, 0.5)
@@ -68,6 +68,7 @@ def test_a_vehicle_three_metres_north_and_half_a_metre_below(world: World, posit
         ("enu", "flu", about(Z, 90.0)),
         ("ned", "flu", about(X, 180.0)),
         ("nwu", "frd", about(X, 180.0)),
+        ("nue", "fur", so3.IDENTITY),
     ],
 )
 def test_level_and_nose_north(world: World, body: Body, attitude: Quat) -> None:
@@ -81,6 +82,7 @@ def test_level_and_nose_north(world: World, body: Body, attitude: Quat) -> None:
         ("nwu", "flu", about(Z, -90.0)),  # z up
         ("enu", "flu", so3.IDENTITY),
         ("enu", "frd", about(X, 180.0)),
+        ("nue", "fur", about(Y, -90.0)),  # y up
     ],
 )
 def test_level_and_nose_east(world: World, body: Body, attitude: Quat) -> None:
@@ -92,6 +94,7 @@ def test_level_and_nose_east(world: World, body: Body, attitude: Quat) -> None:
     [
         ("ned", "frd", about(Y, 10.0)),  # y right: right-handed lifts the nose
         ("nwu", "flu", about(Y, -10.0)),  # y left: right-handed lowers it
+        ("nue", "fur", about(Z, 10.0)),  # z right
     ],
 )
 def test_nose_up_ten_degrees_raises_the_x_axis(world: World, body: Body, attitude: Quat) -> None:
@@ -104,9 +107,9 @@ def test_nose_up_ten_degrees_while_facing_east_in_enu() -> None:
     assert_axes(attitude_to_ned_frd(about(Y, -10.0), "enu", "flu"), forward=(0.0, C10, -S10), right=(-1.0, 0.0, 0.0))
 
 
-@pytest.mark.parametrize(("world", "body"), [("ned", "frd"), ("nwu", "flu")])
+@pytest.mark.parametrize(("world", "body"), [("ned", "frd"), ("nwu", "flu"), ("nue", "fur")])
 def test_rolled_right_ten_degrees_lowers_the_right_side(world: World, body: Body) -> None:
-    # x is forward in both, so rolling right is right-handed in both. Down is +z in NED.
+    # x is forward in all, so rolling right is right-handed in all. Down is +z in NED.
     assert_axes(attitude_to_ned_frd(about(X, 10.0), world, body), forward=(1.0, 0.0, 0.0), right=(0.0, C10, S10))
 
 
@@ -126,6 +129,7 @@ def test_rates_of_a_left_turn_seen_from_above() -> None:
     # Counter-clockwise from above: +z in flu (z up), -z in frd. Rolling right is +x in both.
     assert to_frd((0.1, 0.2, 0.3), "flu") == (0.1, -0.2, -0.3)
     assert to_frd((0.1, 0.2, 0.3), "frd") == (0.1, 0.2, 0.3)
+    assert to_frd((0.1, 0.2, 0.3), "fur") == (0.1, 0.3, -0.2)
 
 
 @pytest.mark.parametrize(("world", "body"), FRAMES)
@@ -147,11 +151,13 @@ def test_one_physical_attitude_has_one_answer(world: World, body: Body) -> None:
         "ned": ((1, 0, 0), (0, 1, 0), (0, 0, 1)),
         "enu": ((0, 1, 0), (1, 0, 0), (0, 0, -1)),
         "nwu": ((1, 0, 0), (0, -1, 0), (0, 0, -1)),
+        "nue": ((1, 0, 0), (0, 0, 1), (0, -1, 0)),
     }[world]
-    flip = {"frd": (1, 1, 1), "flu": (1, -1, -1)}[body]
+    # Which axis of the body is forward, right, down, and its sign.
+    frd = {"frd": ((0, 1), (1, 1), (2, 1)), "flu": ((0, 1), (1, -1), (2, -1)), "fur": ((0, 1), (2, 1), (1, -1))}[body]
     attitude = so3.normalized((0.3, 0.6, -0.2, 0.7))
     rows = so3.matrix(attitude)
-    expected = [[sum(to_ned_rows[i][k] * rows[k][j] for k in range(3)) * flip[j] for j in range(3)] for i in range(3)]
+    expected = [[sum(to_ned_rows[i][k] * rows[k][j] for k in range(3)) * sign for j, sign in frd] for i in range(3)]
     got = so3.matrix(attitude_to_ned_frd(attitude, world, body))
     for i in range(3):
         assert got[i] == pytest.approx(expected[i], abs=1e-15)

@@ -1,0 +1,86 @@
+"""Poses from a CSV file, or from the folder of an earlier run, played back (csv_codec.py has the columns)."""
+
+import asyncio
+from collections import Counter
+from collections.abc import Callable
+from pathlib import Path
+
+import msgspec
+
+from groundstation.frames import Body, World
+from groundstation.poses.csv_codec import COLUMNS, Row, rows
+from groundstation.poses.intake import Intake
+from groundstation.poses.pace import Speed, play
+from groundstation.poses.port import Pose, PoseStatus
+
+IN_RUN_FOLDER = "poses.csv"
+"""What a run's folder calls its poses."""
+
+
+class CsvConfig(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True, tag_field="kind", tag="csv"):
+    """Recorded poses: a CSV file t,x,y,z,qw,qx,qy,qz, or the folder of a run."""
+
+    path: str
+    """The file, or the folder that ``--out`` of a run has written."""
+    speed: Speed = 1.0
+    """Pace: 1 as recorded, 2 twice as fast, "max" as fast as possible."""
+    world: World = "ned"
+    """Axes of the file's positions; a run's folder has ``ned``."""
+    body: Body = "frd"
+    """Axes of the body; a run's folder has ``frd``."""
+
+    def build(self) -> "CsvSource":
+        """The source of this config."""
+        return CsvSource(self)
+
+
+class CsvSource:
+    """Implements :class:`groundstation.poses.port.PoseSource`; falls silent where the recording ends."""
+
+    def __init__(self, config: CsvConfig) -> None:
+        """Nothing is read yet."""
+        self._config = config
+        self._intake = Intake(0.0, world=config.world, body=config.body)
+        self._deliver: Callable[[Pose], None] | None = None
+        self._task: asyncio.Task[None] | None = None
+
+    @property
+    def status(self) -> PoseStatus:
+        """Counters as they are now; malformed rows beside the intake's reasons."""
+        return self._intake.status
+
+    async def start(self, deliver: Callable[[Pose], None]) -> None:
+        """Read the whole file, then begin to play it.
+
+        Raises:
+            OSError: the file can't be read.
+            ValueError: it holds no poses; the text says what to look for.
+        """
+        recorded = self._read()
+        self._deliver = deliver
+        items = [(row.arrival_s, row) for row in recorded]
+        self._task = asyncio.create_task(play(items, self._config.speed, self._take))
+
+    def _read(self) -> list[Row]:
+        path = Path(self._config.path)
+        if path.is_dir():
+            path /= IN_RUN_FOLDER
+        dropped: Counter[str] = self._intake.dropped
+        with path.open(encoding="utf-8", errors="replace") as lines:
+            recorded = list(rows(lines, dropped))
+        if not recorded:
+            raise ValueError(f"{path}: no row of poses in it ({dict(dropped)}); expected {COLUMNS}, the last optional")
+        return recorded
+
+    def _take(self, row: Row, arrival_s: float) -> None:
+        age_s = row.arrival_s - row.t_s
+        pose = self._intake.pose(row.arrival_s, arrival_s, row.position, row.attitude, age_s=age_s)
+        if pose is not None and self._deliver is not None:
+            self._deliver(pose)
+
+    async def close(self) -> None:
+        """Stop playing; no pose is delivered afterwards."""
+        self._deliver = None
+        if self._task is not None:
+            self._task.cancel()
+            self._task = None

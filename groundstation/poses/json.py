@@ -1,0 +1,44 @@
+"""Poses from a home-made tracker that sends JSON (json_codec.py has the schema)."""
+
+from typing import Annotated
+
+import msgspec
+
+from groundstation.frames import Body, World
+from groundstation.poses.datagram import DatagramSource
+from groundstation.poses.intake import Intake
+from groundstation.poses.json_codec import MAX_NAME, JsonReader
+from links.address import parse_address
+
+
+class JsonConfig(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True, tag_field="kind", tag="json"):
+    """JSON objects over UDP, one or an array of them a datagram."""
+
+    name: Annotated[str, msgspec.Meta(min_length=1, max_length=MAX_NAME)] = "quad"
+    """Name of the vehicle's body."""
+    listen: str = "127.0.0.1:51002"
+    """Address that the tracker sends to, host:port of this machine."""
+    world: World = "nwu"
+    """Axes of the lab frame; ``nwu`` is the usual z-up frame, its x axis taken as north."""
+    body: Body = "flu"
+    """Axes of the body: ``flu`` is x forward, y left, z up."""
+    latency_s: Annotated[float, msgspec.Meta(ge=0.0, le=1.0)] = 0.02
+    """Shortest time from the instant that the tracker stamps to the arrival here [s]."""
+    rate_hz: Annotated[float, msgspec.Meta(gt=0.0, le=1000.0)] = 50.0
+    """Frames per second [1/s], for a tracker that numbers its frames and has no clock; found by itself if wrong."""
+
+    def __post_init__(self) -> None:
+        """Check what the types cannot.
+
+        Raises:
+            ValueError: ``listen`` is no address.
+        """
+        parse_address(self.listen)
+
+    def build(self) -> DatagramSource:
+        """The source of this config."""
+        intake, frames = (
+            Intake(self.latency_s, world=self.world, body=self.body, seconds_per_stamp=seconds)
+            for seconds in (1.0, 1.0 / self.rate_hz)
+        )
+        return DatagramSource("JSON poses", self.listen, JsonReader(self.name, intake, frames))

@@ -1,0 +1,299 @@
+"""NatNet 3.0 to 4.x, as OptiTrack's Motive streams rigid bodies: messages both ways. Sans-IO; little-endian, packed.
+
+    u16 message id, u16 bytes of payload, payload
+
+    SERVERINFO     char[256] name | u8[4] its version | u8[4] NatNet version | u64 clock frequency | u16 data port |
+                   u8 multicast | u8[4] group
+    MODELDEF       u32 n, then n × (u32 type, [4.1: u32 bytes], description); names and ids of bodies are here only
+    FRAMEOFDATA    u32 frame, then sections, each u32 n, [4.1: u32 bytes], n elements: marker sets, unlabelled markers,
+                   rigid bodies, skeletons, [4.1: assets], labelled markers, force plates, devices; then the suffix:
+                   u32 timecode, u32 sub-frame | f64 time | u64 mid-exposure, data received, transmit (ticks) |
+                   [4.1: u32 s, u32 fraction] | u16 flags (bit 1: the list of models changed)
+    rigid body     i32 id | f32[3] position [m] | f32[4] quaternion x, y, z, w | f32 error | u16 flags (bit 0: tracked)
+
+The ticks of mid-exposure and transmission tell how old a pose was as it left: only the network's time is not known.
+Source: public readers (libmotioncapture a91e8360, natnet 0.3.0, new-natnet-client 5.0.1), read for the layout only.
+That 4.1 writes the bytes of each section is known; readers walk the elements and do not need them.
+"""
+
+import struct
+from collections.abc import Iterable, Mapping
+from typing import Any, TypeAlias
+
+import msgspec
+
+from groundstation.ops import Quat, Vec3
+
+CONNECT, SERVERINFO, REQUEST_MODELDEF, MODELDEF, FRAMEOFDATA, KEEPALIVE = 0, 1, 4, 5, 7, 10
+"""Message ids."""
+MAX_DATAGRAM = 65507
+"""No UDP datagram is longer [bytes]."""
+TRACKED, MODELS_CHANGED = 1, 2
+"""Bits of a rigid body's flags and of the suffix's."""
+
+Version: TypeAlias = tuple[int, int]
+OLDEST: Version = (3, 0)
+"""Before it, there are no ticks of the exposure."""
+SIZED: Version = (4, 1)
+"""From here on sections tell their bytes."""
+
+_HEADER = struct.Struct("<HH")
+_U32 = struct.Struct("<I")
+_SERVER = struct.Struct("<256s4s4sQHB4s")
+_BODY = struct.Struct("<i3f4ffH")
+_SUFFIX = struct.Struct("<IIdQQQ")
+_PRECISION = struct.Struct("<II")
+_FLAGS = struct.Struct("<H")
+_BODY_DESCRIPTION = struct.Struct("<ii3f")
+_POINT_BYTES = 12
+_LABELLED_BYTES = 26
+_ASSET_MARKER_BYTES = 26
+
+
+class ServerInfo(msgspec.Struct, frozen=True):
+    """Who streams, and how."""
+
+    name: str
+    version: Version
+    """NatNet's, major and minor."""
+    ticks_per_s: int
+    """Frequency of the clock that stamps frames [Hz]."""
+    data_port: int = 1511
+    multicast: bool = True
+    group: str = "239.255.42.99"
+    """Multicast group of the frames."""
+
+
+class RigidBody(msgspec.Struct, frozen=True, gc=False):
+    """One body of one frame, as on the wire."""
+
+    id: int
+    position: Vec3
+    """[m]"""
+    quaternion_xyzw: Quat
+    """Body to world; note the order."""
+    error_m: float = 0.0
+    """Mean distance of the markers from the model [m]."""
+    tracked: bool = True
+
+
+class Frame(msgspec.Struct, frozen=True):
+    """One FRAMEOFDATA, without the markers."""
+
+    number: int
+    bodies: tuple[RigidBody, ...]
+    exposure_ticks: int
+    """Middle of the cameras' exposure, on the server's clock; 0 where it does not know."""
+    transmit_ticks: int
+    """When the frame left, on the same clock."""
+    models_changed: bool = False
+
+
+class Unreadable(Exception):
+    """Why a message can't be read, as one word; never leaves this file's callers."""
+
+
+def message(number: int, payload: bytes = b"") -> bytes:
+    """One message."""
+    return _HEADER.pack(number, len(payload)) + payload
+
+
+def split(datagram: bytes) -> tuple[int, bytes]:
+    """Id and payload of the message in a datagram.
+
+    Raises:
+        Unreadable: oversized, truncated.
+    """
+    if len(datagram) > MAX_DATAGRAM:
+        raise Unreadable("oversized")
+    if len(datagram) < _HEADER.size:
+        raise Unreadable("truncated")
+    number, size = _HEADER.unpack_from(datagram)
+    if len(datagram) < _HEADER.size + size:
+        raise Unreadable("truncated")
+    return number, datagram[_HEADER.size : _HEADER.size + size]
+
+
+def decode_server_info(payload: bytes) -> ServerInfo:
+    """The payload of SERVERINFO.
+
+    Raises:
+        Unreadable: truncated; wrong_version (older than 3.0); absurd (a clock that does not tick).
+    """
+    if len(payload) < _SERVER.size:
+        raise Unreadable("truncated")
+    name, _, version, ticks, port, multicast, group = _SERVER.unpack_from(payload)
+    if (version[0], version[1]) < OLDEST:
+        raise Unreadable("wrong_version")
+    if ticks == 0:
+        raise Unreadable("absurd")
+    return ServerInfo(_text(name), (version[0], version[1]), ticks, port, bool(multicast), ".".join(map(str, group)))
+
+
+def encode_server_info(info: ServerInfo) -> bytes:
+    """The message, for simulators and tests."""
+    version = bytes([*info.version, 0, 0])
+    group = bytes(map(int, info.group.split(".")))
+    return message(
+        SERVERINFO,
+        _SERVER.pack(info.name.encode(), version, version, info.ticks_per_s, info.data_port, info.multicast, group),
+    )
+
+
+def decode_models(payload: bytes, version: Version) -> dict[str, int]:
+    """Rigid bodies of a MODELDEF, name → streaming id.
+
+    Descriptions of unknown kinds end the list: those of rigid bodies come before them.
+
+    Raises:
+        Unreadable: truncated.
+    """
+    walk = _Walk(payload)
+    bodies: dict[str, int] = {}
+    for _ in range(walk.count()):
+        kind = walk.count()
+        if version >= SIZED:
+            walk.count()
+        if kind == 0:
+            walk.text()
+            for _ in range(walk.count()):
+                walk.text()
+        elif kind == 1:
+            name, number = _body_description(walk, version)
+            bodies[name] = number
+        elif kind == 2:
+            walk.text()
+            walk.skip(4)
+            for _ in range(walk.count()):
+                _body_description(walk, version)
+        else:
+            break
+    return bodies
+
+
+def _body_description(walk: "_Walk", version: Version) -> tuple[str, int]:
+    name = walk.text()
+    number, *_ = walk.take(_BODY_DESCRIPTION)
+    markers = walk.count()
+    walk.skip(markers * (_POINT_BYTES + 4))
+    if version >= (4, 0):
+        for _ in range(markers):
+            walk.text()
+    return name, int(number)
+
+
+def encode_models(bodies: Mapping[str, int], version: Version) -> bytes:
+    """The message MODELDEF with rigid bodies that have no markers, for simulators and tests."""
+    parts = [_U32.pack(len(bodies))]
+    for name, number in bodies.items():
+        body = name.encode() + b"\0" + _BODY_DESCRIPTION.pack(number, -1, 0.0, 0.0, 0.0) + _U32.pack(0)
+        parts += [_U32.pack(1), _U32.pack(len(body)) if version >= SIZED else b"", body]
+    return message(MODELDEF, b"".join(parts))
+
+
+def decode_frame(payload: bytes, version: Version) -> Frame:
+    """The payload of FRAMEOFDATA.
+
+    Raises:
+        Unreadable: truncated.
+    """
+    walk = _Walk(payload)
+    sized = version >= SIZED
+    number = walk.count()
+    for _ in range(walk.section(sized)):  # marker sets
+        walk.text()
+        walk.skip(walk.count() * _POINT_BYTES)
+    walk.skip(walk.section(sized) * _POINT_BYTES)  # unlabelled markers
+    bodies = tuple(_body(walk) for _ in range(walk.section(sized)))
+    for _ in range(walk.section(sized)):  # skeletons
+        walk.skip(4)
+        walk.skip(walk.count() * _BODY.size)
+    for _ in range(walk.section(sized) if sized else 0):  # assets
+        walk.skip(4)
+        walk.skip(walk.count() * _BODY.size)
+        walk.skip(walk.count() * _ASSET_MARKER_BYTES)
+    walk.skip(walk.section(sized) * _LABELLED_BYTES)
+    for _ in (0, 1):  # force plates, devices
+        for _ in range(walk.section(sized)):
+            walk.skip(4)
+            for _ in range(walk.count()):
+                walk.skip(walk.count() * 4)
+    _, _, _, exposure, _, transmit = walk.take(_SUFFIX)
+    if sized:
+        walk.take(_PRECISION)
+    (flags,) = walk.take(_FLAGS)
+    return Frame(number, bodies, exposure, transmit, bool(flags & MODELS_CHANGED))
+
+
+def _body(walk: "_Walk") -> RigidBody:
+    number, x, y, z, qx, qy, qz, qw, error, flags = walk.take(_BODY)
+    return RigidBody(number, (x, y, z), (qx, qy, qz, qw), error, bool(flags & TRACKED))
+
+
+def encode_frame(frame: Frame, version: Version, *, ticks_per_s: int = 10_000_000) -> bytes:
+    """The message FRAMEOFDATA with rigid bodies only, for simulators and tests."""
+    sized = version >= SIZED
+
+    def section(elements: Iterable[bytes]) -> bytes:
+        parts = list(elements)
+        data = b"".join(parts)
+        return _U32.pack(len(parts)) + (_U32.pack(len(data)) if sized else b"") + data
+
+    bodies = (
+        _BODY.pack(b.id, *b.position, *b.quaternion_xyzw, b.error_m, TRACKED if b.tracked else 0) for b in frame.bodies
+    )
+    ticks = frame.exposure_ticks
+    payload = [
+        _U32.pack(frame.number),
+        section(()),
+        section(()),
+        section(bodies),
+        *[section(())] * (5 if sized else 4),
+        _SUFFIX.pack(0, 0, ticks / ticks_per_s, ticks, frame.transmit_ticks, frame.transmit_ticks),
+        _PRECISION.pack(ticks // ticks_per_s, 0) if sized else b"",
+        _FLAGS.pack(MODELS_CHANGED if frame.models_changed else 0),
+        _U32.pack(0),  # end of data
+    ]
+    return message(FRAMEOFDATA, b"".join(payload))
+
+
+class _Walk:
+    """Reads a payload from front to back; whatever leads beyond its end is ``truncated``."""
+
+    def __init__(self, data: bytes) -> None:
+        self._data = data
+        self._at = 0
+
+    def take(self, layout: struct.Struct) -> tuple[Any, ...]:
+        try:
+            values = layout.unpack_from(self._data, self._at)
+        except struct.error:
+            raise Unreadable("truncated") from None
+        self._at += layout.size
+        return values
+
+    def count(self) -> int:
+        return int(self.take(_U32)[0])
+
+    def section(self, sized: bool) -> int:
+        count = self.count()
+        if sized:
+            self.skip(4)
+        return count
+
+    def skip(self, size: int) -> None:
+        self._at += size
+        if self._at > len(self._data):
+            raise Unreadable("truncated")
+
+    def text(self) -> str:
+        end = self._data.find(b"\0", self._at)
+        if end < 0:
+            raise Unreadable("truncated")
+        text = _text(self._data[self._at : end])
+        self._at = end + 1
+        return text
+
+
+def _text(data: bytes) -> str:
+    return data.partition(b"\0")[0].decode("utf-8", "replace")
