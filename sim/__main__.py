@@ -123,6 +123,13 @@ def _parser() -> argparse.ArgumentParser:
     vectors = commands.add_parser("check-vectors", help="evaluate the control law on a file of test vectors")
     vectors.add_argument("file", type=Path, metavar="FILE.json")
 
+    fuzz = commands.add_parser("fuzz", help="feed every decoder random and damaged bytes")
+    fuzz.add_argument("--source", metavar="NAME", help="the decoder of this pose source only")
+    fuzz.add_argument("--link", metavar="NAME", help="the decoder of this link only")
+    fuzz.add_argument("--count", type=_count, default=10_000, metavar="N", help="datagrams for each (default 10000)")
+    fuzz.add_argument("--seed", type=int, default=0)
+    fuzz.add_argument("--json", action="store_true", help="print one JSON object instead of the table")
+
     serve = commands.add_parser("serve", help="a simulated vehicle and cameras in real time, on loopback UDP")
     serve.add_argument("--scenario", default="paper", metavar="NAME")
     serve.add_argument("--seed", type=int, default=0)

@@ -6,6 +6,7 @@ import json
 import os
 import shlex
 import sys
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -288,6 +289,25 @@ def check_vectors(args: argparse.Namespace) -> int:
         raise ConfigError("", str(error)) from None
     print(f"{count} vectors, largest |a - e| / max(1, |e|) = {worst:.3g} (limit {LIMIT:g})")
     return 0 if worst <= LIMIT else 1
+
+
+def fuzz(args: argparse.Namespace) -> int:
+    """Feed decoders random and damaged bytes."""
+    from sim.fuzz import fuzz_all, text
+    from sim.fuzz_subjects import LINKS, SOURCES, Subject
+
+    chosen: dict[str, Callable[[], Subject]] = {}
+    for option, table in (("source", SOURCES), ("link", LINKS)):
+        name = getattr(args, option)
+        if name is not None and not any(key.split()[0] == name for key in table):
+            raise ConfigError(
+                f"--{option}", f"expected one of {sorted({key.split()[0] for key in table})}, got {name!r}"
+            )
+        if name is not None or (args.source is None and args.link is None):
+            chosen |= {key: make for key, make in table.items() if name in (None, key.split()[0])}
+    total = fuzz_all(chosen, args.count, args.seed)
+    print(json.dumps(msgspec.to_builtins(total)) if args.json else text(total))
+    return 0 if total.exceptions == 0 and total.mismatches == 0 else 1
 
 
 def serve(args: argparse.Namespace) -> int:

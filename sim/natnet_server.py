@@ -28,7 +28,7 @@ class NatNetServer(asyncio.DatagramProtocol):
         self.info = natnet.ServerInfo("Motive", version, TICKS_PER_S, config.data_port, config.multicast, config.group)
         self._transport: asyncio.DatagramTransport | None = None
         self._clients: dict[Any, float] = {}
-        self._ids: dict[str, int] = {}
+        self._ids: dict[str, int] = {config.name: 1}
 
     async def open(self) -> None:
         """Listen for clients."""
@@ -54,28 +54,37 @@ class NatNetServer(asyncio.DatagramProtocol):
         if number == natnet.CONNECT:
             self._answer(natnet.encode_server_info(self.info), addr)
         elif number == natnet.REQUEST_MODELDEF:
-            self._answer(natnet.encode_models(self._ids, self.info.version), addr)
+            self._answer(self.models(), addr)
 
     def _answer(self, data: bytes, addr: Any) -> None:
         if self._transport is not None:
             self._transport.sendto(data, addr)
 
     def send(self, frame: int, exposure_s: float, bodies: Sequence[Seen]) -> None:
-        """Stream one frame; a hidden body's last pose is marked as not tracked."""
+        """Stream one frame."""
         now_s = asyncio.get_running_loop().time()
         config = self._config
-        rigid = []
-        for seen in bodies:
-            position, (w, x, y, z) = seen.pose(config.world, config.body)
-            number = self._ids.setdefault(seen.name, len(self._ids) + 1)
-            rigid.append(natnet.RigidBody(number, position, (x, y, z, w), 0.0002, seen.tracked))
-        exposure, transmit = (round((s + CLOCK_AHEAD_S) * TICKS_PER_S) for s in (exposure_s, now_s))
-        data = natnet.encode_frame(
-            natnet.Frame(frame, tuple(rigid), exposure, transmit), self.info.version, ticks_per_s=TICKS_PER_S
-        )
+        data = self.encode(frame, exposure_s, now_s, bodies)
         if config.multicast:
             self._answer(data, (config.group, config.data_port))
             return
         self._clients = {client: heard for client, heard in self._clients.items() if now_s - heard < FORGET_S}
         for client in self._clients:
             self._answer(data, client)
+
+    def models(self) -> bytes:
+        """The bodies that were streamed so far."""
+        return natnet.encode_models(self._ids, self.info.version)
+
+    def encode(self, frame: int, exposure_s: float, transmit_s: float, bodies: Sequence[Seen]) -> bytes:
+        """One frame; a hidden body's last pose is marked as not tracked."""
+        config = self._config
+        rigid = []
+        for seen in bodies:
+            position, (w, x, y, z) = seen.pose(config.world, config.body)
+            number = self._ids.setdefault(seen.name, len(self._ids) + 1)
+            rigid.append(natnet.RigidBody(number, position, (x, y, z, w), 0.0002, seen.tracked))
+        exposure, transmit = (round((s + CLOCK_AHEAD_S) * TICKS_PER_S) for s in (exposure_s, transmit_s))
+        return natnet.encode_frame(
+            natnet.Frame(frame, tuple(rigid), exposure, transmit), self.info.version, ticks_per_s=TICKS_PER_S
+        )

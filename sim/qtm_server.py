@@ -36,13 +36,17 @@ class QtmServer:
             self._server = None
 
     def send(self, frame: int, exposure_s: float, bodies: Sequence[Seen]) -> None:
-        """Stream one frame; a hidden body is full of NaN."""
+        """Stream one frame."""
         self.names = tuple(seen.name for seen in bodies)
-        config = self.config
-        poses = [seen.pose(config.world, config.body) if seen.tracked else None for seen in bodies]
-        data = qtm.encode_data(round((exposure_s + CLOCK_AHEAD_S) * 1e6), frame, poses)
+        data = self.encode(frame, exposure_s, bodies)
         for client in self.clients:
             client.stream(data)
+
+    def encode(self, frame: int, exposure_s: float, bodies: Sequence[Seen]) -> bytes:
+        """The data packet of one frame; a hidden body is full of NaN."""
+        config = self.config
+        poses = [seen.pose(config.world, config.body) if seen.tracked else None for seen in bodies]
+        return qtm.encode_data(round((exposure_s + CLOCK_AHEAD_S) * 1e6), frame, poses)
 
 
 class Client(asyncio.Protocol):
@@ -69,13 +73,10 @@ class Client(asyncio.Protocol):
 
     def data_received(self, data: bytes) -> None:
         """Answer commands (called by the event loop)."""
-        try:
-            packets = self._framer.feed(data)
-        except qtm.BrokenStream:
-            self.close()
-            return
-        for packet in packets:
+        for packet in self._framer.feed(data):
             self._answer(packet[8:].rstrip(b"\0").decode("ascii", "replace").lower())
+        if self._framer.broken:
+            self.close()
 
     def _answer(self, command: str) -> None:
         match command.split():

@@ -4,6 +4,12 @@ import asyncio
 import contextlib
 from collections.abc import Mapping
 
+from groundstation.poses import PoseConfig
+from groundstation.poses.json import JsonConfig
+from groundstation.poses.natnet import NatNetConfig
+from groundstation.poses.qualisys import QualisysConfig
+from groundstation.poses.vicon import ViconConfig
+from groundstation.poses.vision import VisionConfig
 from groundstation.settings import Config
 from links.mavlink import MavlinkLinkConfig
 from sim.pty_wire import PtyWire
@@ -30,8 +36,7 @@ async def serve(
     else:
         assert pty is not None, "every other link is a radio's"
         end = f"{type(link).__struct_config__.tag} receiver on {pty.path}"
-    poses = getattr(config.pose, "listen", "the MAVLink connection")
-    print(f"serving {name}: {end}, poses to {poses}. Ctrl-C ends.", flush=True)
+    print(f"serving {name}: {end}, {_poses(config.pose)}. Ctrl-C ends.", flush=True)
     with contextlib.suppress(TimeoutError):
         await asyncio.wait_for(stage.run(), duration_s)
     if pty is not None:
@@ -40,3 +45,17 @@ async def serve(
     if touchdown is not None:
         print(f"touched down at {touchdown:.2f} m/s", flush=True)
     return 0
+
+
+def _poses(config: PoseConfig) -> str:
+    """Where poses come from, or go to, in words."""
+    match config:
+        case NatNetConfig():
+            how = f"multicast to {config.group}:{config.data_port}" if config.multicast else "unicast"
+            return f"NatNet server at udp {config.server}, {how}"
+        case QualisysConfig():
+            return f"QTM at tcp {config.server}"
+        case ViconConfig() | JsonConfig() | VisionConfig():
+            return f"poses to udp {config.listen}"
+        case _:
+            return "poses to the MAVLink connection"

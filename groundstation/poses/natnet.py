@@ -141,9 +141,13 @@ class NatNetSource:
     def _beat(self) -> None:
         if self._command is None or self._loop is None:
             return
-        for message in self._reader.due():
-            self._command.sendto(message, self._server)
+        self._say()
         self._next_beat = self._loop.call_later(BEAT_S, self._beat)
+
+    def _say(self) -> None:
+        if self._command is not None:
+            for message in self._reader.due():
+                self._command.sendto(message, self._server)
 
     def _hear(self, data: bytes, addr: Any) -> None:
         if self._deliver is None or self._loop is None:
@@ -151,6 +155,10 @@ class NatNetSource:
         if addr[0] != self._server[0]:
             self._reader.other_address()
             return
-        for pose in self._reader.read(data, self._loop.time()):
+        server = self._reader.server
+        poses = self._reader.read(data, self._loop.time())
+        if self._reader.server is not server:  # it has just answered: go on with the next question
+            self._say()
+        for pose in poses:
             if self._deliver is not None:
                 self._deliver(pose)

@@ -36,6 +36,8 @@ OLDEST: Version = (3, 0)
 """Before it, there are no ticks of the exposure."""
 SIZED: Version = (4, 1)
 """From here on sections tell their bytes."""
+TURNED: Version = (4, 2)
+"""From here on the description of a body holds a quaternion."""
 
 _HEADER = struct.Struct("<HH")
 _U32 = struct.Struct("<I")
@@ -46,6 +48,7 @@ _PRECISION = struct.Struct("<II")
 _FLAGS = struct.Struct("<H")
 _BODY_DESCRIPTION = struct.Struct("<ii3f")
 _POINT_BYTES = 12
+_QUATERNION_BYTES = 16
 _LABELLED_BYTES = 26
 _ASSET_MARKER_BYTES = 26
 
@@ -174,6 +177,8 @@ def decode_models(payload: bytes, version: Version) -> dict[str, int]:
 def _body_description(walk: "_Walk", version: Version) -> tuple[str, int]:
     name = walk.text()
     number, *_ = walk.take(_BODY_DESCRIPTION)
+    if version >= TURNED:
+        walk.skip(_QUATERNION_BYTES)
     markers = walk.count()
     walk.skip(markers * (_POINT_BYTES + 4))
     if version >= (4, 0):
@@ -186,7 +191,8 @@ def encode_models(bodies: Mapping[str, int], version: Version) -> bytes:
     """The message MODELDEF with rigid bodies that have no markers, for simulators and tests."""
     parts = [_U32.pack(len(bodies))]
     for name, number in bodies.items():
-        body = name.encode() + b"\0" + _BODY_DESCRIPTION.pack(number, -1, 0.0, 0.0, 0.0) + _U32.pack(0)
+        turn = bytes(_QUATERNION_BYTES) if version >= TURNED else b""
+        body = name.encode() + b"\0" + _BODY_DESCRIPTION.pack(number, -1, 0.0, 0.0, 0.0) + turn + _U32.pack(0)
         parts += [_U32.pack(1), _U32.pack(len(body)) if version >= SIZED else b"", body]
     return message(MODELDEF, b"".join(parts))
 

@@ -18,8 +18,8 @@ if TYPE_CHECKING:
 
 ANSWER_S = 5.0
 """How long QTM may take to answer [s]."""
-LOOK_S = 0.5
-"""How often it is seen to that the bodies' names are known [s]."""
+LOOK_S = 1.0
+"""How often QTM is asked which bodies it streams: frames do not tell, and somebody may change them [s]."""
 AGAIN_S = 1.0
 """How long to wait before a lost connection is opened anew [s]."""
 
@@ -104,8 +104,7 @@ class QualisysSource:
         while True:
             try:
                 while not await _happens(connection.lost, LOOK_S):
-                    if self._reader.other_bodies or self._config.name not in self._reader.names:
-                        await self._learn_names(connection)
+                    await self._learn_names(connection)
                 self._reader.drop("connection_lost")
             finally:
                 connection.close()
@@ -115,7 +114,6 @@ class QualisysSource:
         """Ask which bodies there are; an answer that is none leaves things as they were."""
         with contextlib.suppress(OSError, ValueError):
             self._reader.names = body_names(await connection.parameters())
-            self._reader.other_bodies = False
 
     async def _open_again(self) -> "Connection":
         while True:

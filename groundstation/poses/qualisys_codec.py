@@ -21,6 +21,8 @@ from groundstation.poses.port import Pose, PoseStatus
 
 ERROR, COMMAND, XML, DATA, NO_DATA, EVENT = 0, 1, 2, 3, 4, 6
 """Types of packets that come where bodies are streamed."""
+LAST_TYPE = 9
+"""The protocol has no more of them."""
 MAX_PACKET = 1 << 20
 """A longer packet is none: bodies and parameters need a few kilobytes."""
 MAX_BODIES = 512
@@ -33,31 +35,29 @@ _BODY = struct.Struct("<12f")
 _ORTHOGONAL = 1e-3
 
 
-class BrokenStream(Exception):
-    """A stream whose packets can't be told apart any more: only a new connection helps."""
-
-
 class Framer:
     """Cuts a stream, however it comes in pieces, into packets; never holds more than one."""
 
     def __init__(self) -> None:
         """Nothing received yet."""
+        self.broken = False
+        """True once packets can't be told apart any more: only a new connection helps."""
         self._pending = bytearray()
 
     def feed(self, data: bytes) -> list[bytes]:
-        """The packets, headers included, that ``data`` completes.
-
-        Raises:
-            BrokenStream: a size or a type that no packet has.
-        """
+        """The packets, headers included, that ``data`` completes, up to a size or a type that no packet has."""
+        packets: list[bytes] = []
+        if self.broken:
+            return packets
         pending = self._pending
         pending += data
-        packets, start = [], 0
+        start = 0
         while len(pending) - start >= _HEADER.size:
             size, kind = _HEADER.unpack_from(pending, start)
-            if not _HEADER.size <= size <= MAX_PACKET or kind > 9:
+            if not _HEADER.size <= size <= MAX_PACKET or kind > LAST_TYPE:
+                self.broken = True
                 pending.clear()
-                raise BrokenStream(f"a packet of type {kind} and {size} bytes")
+                return packets
             if len(pending) - start < size:
                 break
             packets.append(bytes(pending[start : start + size]))
@@ -145,8 +145,6 @@ class QualisysReader:
         """Look for the body ``name``; :attr:`names` must be told."""
         self.names: tuple[str, ...] = ()
         """The bodies of the stream, in their order."""
-        self.other_bodies = False
-        """True once a frame had more or fewer bodies than there are names: somebody changed them."""
         self._name = name
         self._intake = intake
 
@@ -167,8 +165,7 @@ class QualisysReader:
 
     def _pose(self, stamp_s: float, bodies: list[tuple[float, ...]], arrival_s: float) -> Pose | None:
         if len(bodies) != len(self.names):
-            self.other_bodies = True
-            return self._intake.drop("other_bodies")  # whose pose is whose?
+            return self._intake.drop("other_bodies")  # somebody changed them: whose pose is whose?
         if self._name not in self.names:
             return self._intake.drop("no_such_body")
         index = self.names.index(self._name)

@@ -12,7 +12,7 @@ from typing import Any
 from qtm_rt import QRTConnection
 from qtm_rt.protocol import QRTCommandException, QTMProtocol
 
-from groundstation.poses.qualisys_codec import BrokenStream, Framer
+from groundstation.poses.qualisys_codec import Framer
 
 PROTOCOL_VERSION = "1.25"
 KNOCK_S = 0.2
@@ -40,17 +40,19 @@ class Connection(asyncio.Protocol):
 
     def data_received(self, data: bytes) -> None:
         """Take the next bytes (called by the event loop)."""
-        try:
-            packets = self._framer.feed(data)
-        except BrokenStream:
-            self._drop("broken_stream")
-            self.close()
-            return
-        for packet in packets:
+        for packet in self._framer.feed(data):
             try:
                 self._qtm.data_received(packet)
             except (struct.error, ValueError, TypeError):
-                self._drop("malformed")
+                self._end("malformed")  # which qtm-rt keeps, and would stumble over again
+                return
+        if self._framer.broken:
+            self._end("broken_stream")
+
+    def _end(self, reason: str) -> None:
+        if not self.lost.is_set():
+            self._drop(reason)
+            self.close()
 
     def connection_lost(self, exc: Exception | None) -> None:
         """Called by the event loop."""

@@ -29,6 +29,8 @@ WRONG_SCALE = 0.02
 """Where the slope is off by more than this share, what is known of the offset is worth nothing."""
 STEP_S = 0.2
 """Stamps that run ahead of the arrivals by more than this from one message to the next are a step of the clock [s]."""
+AVERAGED = 20
+"""Over so many messages the usual interval is averaged."""
 GAP_INTERVALS = 2.5
 """Stamps further apart than so many usual intervals are a gap."""
 
@@ -87,25 +89,30 @@ class SourceClock:
             elapsed = (stamp - self._stamp) * self._scale
             own = self._own_s + elapsed
             offset = arrival_s - own
-            self._count(elapsed, arrival_s - self._arrival_s)
+            waited = arrival_s - self._arrival_s
+            self._count(elapsed, waited)
             late = offset - self._offset_s
             if late > 0.0:
-                offset = min(offset, self._offset_s + elapsed * (CREEP + late / FORGET_S))
+                # Whatever had piled up comes at once: that is no time in which to forget.
+                offset = min(offset, self._offset_s + min(elapsed, waited) * (CREEP + late / FORGET_S))
         self._stamp, self._own_s, self._offset_s, self._old_since_s = stamp, own, offset, None
         self._arrival_s = arrival_s
         self._seen += 1
         if self._learn(stamp, arrival_s):
             self._offset_s = arrival_s - own
+            self.interval_s, self._seen = 0.0, 1
             return arrival_s
         return own + offset
 
     def _count(self, elapsed_s: float, waited_s: float) -> None:
         if elapsed_s - waited_s > STEP_S:
             self.steps += 1
-        elif self._seen > 10 and elapsed_s > GAP_INTERVALS * self.interval_s:
+            return
+        longest = GAP_INTERVALS * self.interval_s
+        if self._seen > 10 and elapsed_s > longest:
             self.gaps += 1
-        else:
-            self.interval_s += (elapsed_s - self.interval_s) / min(self._seen, 50)
+            elapsed_s = longest
+        self.interval_s += (elapsed_s - self.interval_s) / min(self._seen, AVERAGED)
 
     def _learn(self, stamp: float, arrival_s: float) -> bool:
         """Take one message into the measured slope; True where the slope so far was far off."""

@@ -99,3 +99,75 @@ def test_an_address_can_be_used_once() -> None:
 
     with pytest.raises(OSError, match="already in use"):
         run(work())
+
+
+class Line(asyncio.Protocol):
+    def __init__(self) -> None:
+        self.got = b""
+        self.lost = 0
+        self.transport: asyncio.Transport | None = None
+
+    def connection_made(self, transport: asyncio.BaseTransport) -> None:
+        assert isinstance(transport, asyncio.Transport)
+        self.transport = transport
+
+    def data_received(self, data: bytes) -> None:
+        self.got += data
+
+    def connection_lost(self, exc: Exception | None) -> None:
+        self.lost += 1
+
+
+def test_a_stream_carries_bytes_both_ways_until_one_end_hangs_up() -> None:
+    async def work() -> tuple[Line, Line, list[bytes]]:
+        loop = asyncio.get_running_loop()
+        assert isinstance(loop, VirtualTimeLoop)
+        seen: list[bytes] = []
+        loop.tap = lambda *sent: seen.append(sent[3])
+        served: list[Line] = []
+
+        def serve() -> Line:
+            served.append(Line())
+            return served[-1]
+
+        listener = await loop.create_server(serve, "127.0.0.1", 22223)
+        transport, client = await loop.create_connection(Line, "127.0.0.1", 22223)
+        transport.write(b"hello ")
+        transport.write(b"there")
+        (server,) = served
+        assert server.transport is not None
+        server.transport.write(b"hi")
+        await asyncio.sleep(0.1)
+        server.transport.close()
+        await asyncio.sleep(0.1)
+        transport.write(b"anybody?")
+        listener.close()
+        with pytest.raises(ConnectionRefusedError):
+            await loop.create_connection(Line, "127.0.0.1", 22223)
+        assert isinstance(client, Line)
+        return client, server, seen
+
+    client, server, seen = run(work())
+    assert (client.got, server.got) == (b"hi", b"hello there")
+    assert (client.lost, server.lost) == (1, 1)
+    assert seen == [b"hello ", b"there", b"hi"]
+
+
+def test_a_group_brings_a_datagram_to_each_of_its_members() -> None:
+    from groundstation.poses.multicast import join, send_by
+
+    async def work() -> list[list[bytes]]:
+        loop = asyncio.get_running_loop()
+        inboxes = []
+        for member in range(3):
+            transport, inbox = await loop.create_datagram_endpoint(Inbox, local_addr=("239.1.2.3", 7), reuse_port=True)
+            if member < 2:
+                join(transport, "239.1.2.3", "127.0.0.1")
+            inboxes.append(inbox)
+        sender, _ = await loop.create_datagram_endpoint(Inbox, local_addr=("127.0.0.1", 8))
+        send_by(sender, "127.0.0.1")
+        sender.sendto(b"all", ("239.1.2.3", 7))
+        await asyncio.sleep(0.1)
+        return [[data for _, data, _ in inbox.got] for inbox in inboxes]
+
+    assert run(work()) == [[b"all"], [b"all"], []]

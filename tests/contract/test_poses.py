@@ -1,0 +1,358 @@
+"""What every pose source must do, on both event loops, towards a simulated sender. A new source adds its bench.
+
+The vehicle flies north at 1 m/s, two metres east of the origin and one metre up, its nose to the east: so a pose tells
+by its place when it was true.
+"""
+
+import asyncio
+import contextlib
+import math
+from collections.abc import AsyncIterator, Awaitable, Callable
+from pathlib import Path
+from typing import Any, get_args
+
+import msgspec
+import pytest
+
+from groundstation import so3
+from groundstation.clock import sleep_until
+from groundstation.poses import PoseConfig, make_source
+from groundstation.poses.csv import CsvConfig
+from groundstation.poses.csv_codec import Row, encode
+from groundstation.poses.json import JsonConfig
+from groundstation.poses.mavlink import MavlinkPoseConfig
+from groundstation.poses.natnet import NatNetConfig
+from groundstation.poses.natnet_codec import Version
+from groundstation.poses.port import Pose, PoseSource
+from groundstation.poses.qualisys import QualisysConfig
+from groundstation.poses.tlog import TlogConfig
+from groundstation.poses.vicon import ViconConfig
+from groundstation.poses.vision import VisionConfig
+from links.address import parse_address
+from links.mavlink import MavlinkLink, MavlinkLinkConfig
+from sim.airframe import Truth
+from sim.autopilot import Px4Autopilot
+from sim.autopilot_peer import AutopilotPeer
+from sim.natnet_server import NatNetServer
+from sim.trackers import Seen, Tracker, make_tracker
+from sim.virtual_time import VirtualTimeLoop
+from tests.airframe_double import Brick
+from tests.loops import free_address, in_real_time, in_virtual_time
+
+RATE_HZ = 100.0
+LATENCY_S = 0.02
+EAST = so3.from_euler_zyx(0.0, 0.0, math.pi / 2.0)
+
+
+class Bench:
+    """The other end of one kind of source."""
+
+    config: PoseConfig
+    live = True
+    """False for recordings: they say nothing of now."""
+
+    def __init__(self, folder: Path) -> None:
+        self.folder = folder
+        self.link = MavlinkLink(MavlinkLinkConfig(), thrust_max_n=2.0)
+        self.hidden = False
+        self.begun_s = 0.0
+
+    async def prepare(self) -> None:
+        raise NotImplementedError
+
+    async def run(self) -> None:
+        """Send until cancelled."""
+
+    async def garbage(self, data: bytes) -> bool:
+        """Send what makes no sense; False where nobody can."""
+        return False
+
+
+class TrackerBench(Bench):
+    """A tracking system: Vicon, NatNet, Qualisys, a bridge, a home-made one."""
+
+    tracker: Tracker
+    others = 2
+
+    async def configured(self) -> PoseConfig:
+        raise NotImplementedError
+
+    async def prepare(self) -> None:
+        self.config = await self.configured()
+        made = make_tracker(self.config)
+        assert made is not None
+        self.tracker = made[1]
+
+    async def run(self) -> None:
+        loop = asyncio.get_running_loop()
+        await self.tracker.open()
+        self.begun_s = loop.time()
+        frame = 0
+        try:
+            while True:
+                when = self.begun_s + frame / RATE_HZ
+                await sleep_until(when)
+                ours = Seen("quad", (when - self.begun_s, 2.0, -1.0), EAST, not self.hidden)
+                rest = [Seen(f"other{n}", (9.0, float(n), -1.0), so3.IDENTITY, True) for n in range(self.others)]
+                loop.call_at(when + LATENCY_S, self.tracker.send, frame, when, [ours, *rest])
+                frame += 1
+        finally:
+            self.tracker.close()
+
+    async def garbage(self, data: bytes) -> bool:
+        listen = getattr(self.config, "listen", None)
+        if listen is None:
+            return False
+        loop = asyncio.get_running_loop()
+        sender, _ = await loop.create_datagram_endpoint(asyncio.DatagramProtocol, remote_addr=parse_address(listen))
+        sender.sendto(data)
+        sender.close()
+        return True
+
+
+class ViconBench(TrackerBench):
+    async def configured(self) -> PoseConfig:
+        return ViconConfig(listen=await free_address(), latency_s=LATENCY_S, rate_hz=RATE_HZ)
+
+
+class JsonBench(TrackerBench):
+    async def configured(self) -> PoseConfig:
+        return JsonConfig(listen=await free_address(), latency_s=LATENCY_S)
+
+
+class VisionBench(TrackerBench):
+    async def configured(self) -> PoseConfig:
+        return VisionConfig(listen=await free_address(), latency_s=LATENCY_S)
+
+
+class QualisysBench(TrackerBench):
+    async def configured(self) -> PoseConfig:
+        return QualisysConfig(server=await free_address(), latency_s=LATENCY_S)
+
+
+class NatNetBench(TrackerBench):
+    version: Version = (4, 1)
+    multicast = False
+
+    async def configured(self) -> PoseConfig:
+        server, data = await free_address(), await free_address()
+        port = parse_address(data)[1]
+        return NatNetConfig(server=server, data_port=port, multicast=self.multicast, network_s=0.0)
+
+    async def prepare(self) -> None:
+        await super().prepare()
+        assert isinstance(self.config, NatNetConfig)
+        self.tracker = NatNetServer(self.config, self.version)
+
+
+class OldNatNetBench(NatNetBench):
+    version: Version = (3, 0)
+
+
+class MulticastNatNetBench(NatNetBench):
+    multicast = True
+
+
+class Cruiser(Brick):
+    """Flies north at 1 m/s, whatever it is told."""
+
+    begun_s: float | None = None
+
+    def truth(self, time_s: float) -> Truth:
+        if self.begun_s is None:
+            self.begun_s = time_s
+        still = super().truth(time_s)
+        return msgspec.structs.replace(still, position_ned=(time_s - self.begun_s, 2.0, -1.0), attitude=EAST)
+
+
+class OdometryBench(Bench):
+    async def prepare(self) -> None:
+        self.config = MavlinkPoseConfig(latency_s=LATENCY_S, rate_hz=RATE_HZ)
+        self.link = MavlinkLink(MavlinkLinkConfig(listen=await free_address()), thrust_max_n=2.0)
+
+    async def run(self) -> None:
+        loop = asyncio.get_running_loop()
+        cruiser = Cruiser(1.0, held=True)
+        self.begun_s = loop.time()
+        cruiser.truth(self.begun_s)
+        address = self.link.connection._config.address
+        peer = AutopilotPeer(Px4Autopilot(cruiser), parse_address(address), delay_s=LATENCY_S)
+        await asyncio.gather(peer.run(), self.link.connect())
+
+
+class CsvBench(Bench):
+    live = False
+
+    async def prepare(self) -> None:
+        path = self.folder / "poses.csv"
+        rows = [Row(n / RATE_HZ, n / RATE_HZ + LATENCY_S, (n / RATE_HZ, 2.0, -1.0), EAST) for n in range(500)]
+        path.write_text("".join(map(encode, rows)))
+        self.config = CsvConfig(path=str(self.folder))
+
+
+class TlogBench(Bench):
+    live = False
+
+    async def prepare(self) -> None:
+        autopilot = Px4Autopilot(Cruiser(1.0, held=True))
+        records = []
+        for n in range(200):
+            for frame in autopilot.poll(n / 60.0):
+                stamp_us = round(1e9 + 1e6 * (n / 60.0 + LATENCY_S))
+                records.append(stamp_us.to_bytes(8, "big") + frame)
+        path = self.folder / "flight.tlog"
+        path.write_bytes(b"".join(records))
+        self.config = TlogConfig(path=str(path), latency_s=LATENCY_S)
+
+
+BENCHES: dict[str, Callable[[Path], Bench]] = {
+    "vicon": ViconBench,
+    "natnet": NatNetBench,
+    "natnet 3.0": OldNatNetBench,
+    "natnet multicast": MulticastNatNetBench,
+    "qualisys": QualisysBench,
+    "mavlink": OdometryBench,
+    "vision": VisionBench,
+    "json": JsonBench,
+    "csv": CsvBench,
+    "tlog": TlogBench,
+}
+
+
+def test_every_source_has_a_bench() -> None:
+    kinds = {config.__struct_config__.tag for config in get_args(PoseConfig)}
+    assert kinds == {name.split()[0] for name in BENCHES}
+
+
+@pytest.fixture(params=list(BENCHES))
+def bench(request: pytest.FixtureRequest, tmp_path: Path) -> Bench:
+    return BENCHES[request.param](tmp_path)
+
+
+@pytest.fixture(params=[in_virtual_time, in_real_time], ids=["virtual", "real"])
+def run(request: pytest.FixtureRequest) -> Callable[[Awaitable[None]], None]:
+    return request.param  # type: ignore[no-any-return]  # one of the two above
+
+
+@contextlib.asynccontextmanager
+async def listening(bench: Bench) -> AsyncIterator[tuple[PoseSource, list[Pose]]]:
+    await bench.prepare()
+    source = make_source(bench.config, bench.link)
+    poses: list[Pose] = []
+    sender: asyncio.Task[Any] | None = None
+    try:
+        if isinstance(bench.config, MavlinkPoseConfig):  # asks as the link connects
+            await source.start(poses.append)
+            sender = asyncio.create_task(bench.run())
+        else:
+            sender = asyncio.create_task(bench.run())
+            await source.start(poses.append)
+        yield source, poses
+    finally:
+        await source.close()
+        if sender is not None:
+            sender.cancel()
+            await asyncio.gather(sender, return_exceptions=True)
+        await bench.link.close()
+
+
+async def grown(poses: list[Pose], count: int) -> None:
+    count += len(poses)
+    async with asyncio.timeout(10.0):
+        while len(poses) < count:
+            await asyncio.sleep(0.01)
+
+
+def exactly() -> bool:
+    return isinstance(asyncio.get_running_loop(), VirtualTimeLoop)
+
+
+def test_poses_come_numbered_in_our_frames_and_true_at_their_time(bench: Bench, run: Callable[[Any], None]) -> None:
+    async def main() -> None:
+        async with listening(bench) as (source, poses):
+            await grown(poses, 40)
+            assert [pose.id for pose in poses] == list(range(len(poses)))
+            assert source.status.accepted == len(poses)
+            late = poses[10:]
+            apart = [pose.position_ned[0] - pose.time_s for pose in late]
+            # A recording's clock has its zero elsewhere; and a busy machine may delay what is real.
+            zero = -bench.begun_s if bench.live else apart[0]
+            tolerance = 2e-3 if exactly() else 0.05
+            assert apart == pytest.approx([zero] * len(late), abs=tolerance)
+            for pose in late:
+                assert pose.position_ned[1:] == pytest.approx((2.0, -1.0), abs=1e-6)
+                assert abs(sum(a * b for a, b in zip(pose.attitude, EAST, strict=True))) == pytest.approx(1.0, abs=1e-6)
+                assert pose.time_s <= pose.arrival_s
+            assert all(a.time_s < b.time_s and a.arrival_s <= b.arrival_s for a, b in zip(poses, late, strict=False))
+            status = source.status
+            # PX4 begins with 30 Hz, until it has heard what is wanted.
+            assert (25.0 if isinstance(bench, TlogBench | OdometryBench) else 90.0) < status.rate_hz < 110.0
+            assert status.latency_s == pytest.approx(LATENCY_S, abs=2e-3 if exactly() else 0.02)
+            assert status.latency_max_s >= status.latency_s - 1e-9
+            assert (status.clock_steps, status.clock_restarts) == (0, 0)
+
+    run(main())
+
+
+def test_nothing_is_delivered_after_close_and_closing_twice_does_no_harm(
+    bench: Bench, run: Callable[[Any], None]
+) -> None:
+    async def main() -> None:
+        async with listening(bench) as (source, poses):
+            await grown(poses, 3)
+            await source.close()
+            count = len(poses)
+            await asyncio.sleep(0.1)
+            await source.close()
+            assert len(poses) == count
+
+    run(main())
+
+
+def test_a_source_that_was_closed_can_be_started_again(bench: Bench, run: Callable[[Any], None]) -> None:
+    async def main() -> None:
+        async with listening(bench) as (source, poses):
+            await grown(poses, 3)
+            if isinstance(bench.config, MavlinkPoseConfig):
+                return  # its link must be connected again: see the link's own tests
+            await source.close()
+            await asyncio.sleep(0.02)
+            await source.start(poses.append)
+            if bench.live:
+                await grown(poses, 3)
+
+    run(main())
+
+
+def test_garbage_is_counted_and_the_next_pose_delivered(bench: Bench, run: Callable[[Any], None]) -> None:
+    async def main() -> None:
+        async with listening(bench) as (source, poses):
+            await grown(poses, 3)
+            if await bench.garbage(b"\xfd\x00garbage"):
+                await grown(poses, 3)
+                assert sum(source.status.dropped.values()) > 0
+
+    run(main())
+
+
+def test_a_hidden_vehicle_gives_no_poses_and_a_reason(bench: Bench, run: Callable[[Any], None]) -> None:
+    async def main() -> None:
+        if not isinstance(bench, TrackerBench):
+            return
+        async with listening(bench) as (source, poses):
+            await grown(poses, 3)
+            where = poses[-1].position_ned
+            bench.hidden = True
+            await asyncio.sleep(0.1)
+            count = len(poses)
+            await asyncio.sleep(0.2)
+            if isinstance(bench, ViconBench):
+                return  # tells by standing still: see its own tests
+            assert len(poses) == count
+            if not isinstance(bench, VisionBench):
+                assert source.status.dropped["not_tracked"] >= 10
+            bench.hidden = False
+            await grown(poses, 3)
+            assert poses[-1].position_ned[0] > where[0]
+
+    run(main())

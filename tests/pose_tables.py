@@ -1,0 +1,74 @@
+"""The byte tables of the pose sources, shared by the tests of readers, writers and fuzz."""
+
+import pathlib
+
+import msgspec
+
+from groundstation.ops import Quat, Vec3
+from groundstation.poses.intake import Intake, Reader
+from groundstation.poses.json_codec import JsonReader
+from groundstation.poses.natnet_reader import NatNetReader
+from groundstation.poses.qualisys_codec import QualisysReader
+from groundstation.poses.vision_codec import VisionReader
+
+
+class GoldenPose(msgspec.Struct, frozen=True):
+    """Where the vehicle is, in our frames."""
+
+    position_ned: Vec3
+    attitude: Quat
+
+
+class Row(msgspec.Struct, frozen=True):
+    """A datagram: it makes a pose, or it is dropped for a reason."""
+
+    about: str
+    hex: str
+    pose: GoldenPose | None = None
+    drop: str | None = None
+
+    @property
+    def datagram(self) -> bytes:
+        return bytes.fromhex(self.hex)
+
+
+class Table(msgspec.Struct, frozen=True):
+    """One file."""
+
+    about: str
+    prelude: tuple[str, ...]
+    rows: tuple[Row, ...]
+
+
+GOLDEN = pathlib.Path(__file__).parent / "golden"
+FILES = {
+    "natnet 3.0": "natnet_3_0.json",
+    "natnet 4.1": "natnet_4_1.json",
+    "qualisys": "qualisys_rtp.json",
+    "json": "json_poses.json",
+    "vision": "vision_position_estimate.json",
+}
+TABLES = {name: msgspec.json.decode((GOLDEN / file).read_bytes(), type=Table) for name, file in FILES.items()}
+
+
+def fresh_reader(name: str) -> Reader:
+    """A reader of the table ``name`` that has heard the prelude; it looks for the body ``quad``."""
+    reader = _reader(name.split(maxsplit=1)[0])
+    for datagram in TABLES[name].prelude:
+        assert reader.read(bytes.fromhex(datagram), 0.0) == ()
+    return reader
+
+
+def _reader(kind: str) -> Reader:
+    match kind:
+        case "natnet":
+            return NatNetReader("quad", Intake(0.0, world="nue", body="fur"))
+        case "qualisys":
+            qualisys = QualisysReader("quad", Intake(0.0, world="nwu", body="flu"))
+            qualisys.names = ("wand", "quad")
+            return qualisys
+        case "json":
+            seconds, frames = (Intake(0.0, world="nwu", body="flu", seconds_per_stamp=s) for s in (1.0, 0.02))
+            return JsonReader("quad", seconds, frames)
+        case _:
+            return VisionReader(Intake(0.0))

@@ -1,0 +1,99 @@
+"""The NatNet source beside its contract: who is heard, what is refused, a server that restarts."""
+
+import asyncio
+from typing import Any
+
+import msgspec
+import pytest
+
+from groundstation import so3
+from groundstation.poses import natnet_codec
+from groundstation.poses.natnet import NatNetConfig
+from groundstation.poses.port import Pose
+from links.address import parse_address
+from sim.natnet_server import NatNetServer
+from sim.trackers import Seen
+from tests.loops import free_address, in_real_time, in_virtual_time
+
+
+async def streaming(server: NatNetServer, seconds: float) -> None:
+    loop = asyncio.get_running_loop()
+    for n in range(round(seconds / 0.01)):
+        await asyncio.sleep(0.01)
+        server.send(n, loop.time() - 0.005, [Seen("quad", (1.0, 2.0, -3.0), so3.IDENTITY, True)])
+
+
+def test_only_the_server_is_heard() -> None:
+    async def main() -> None:
+        config = NatNetConfig(server="127.0.0.1:1510")
+        server = NatNetServer(config)
+        await server.open()
+        source, poses = config.build(), list[Pose]()
+        await source.start(poses.append)
+        await streaming(server, 0.1)
+        await asyncio.sleep(0.1)
+        count = len(poses)
+        loop = asyncio.get_running_loop()
+        stranger, _ = await loop.create_datagram_endpoint(asyncio.DatagramProtocol, local_addr=("127.0.0.9", 1510))
+        (ours,) = server._clients
+        body = natnet_codec.RigidBody(1, (9.0, 9.0, 9.0), (0.0, 0.0, 0.0, 1.0))
+        forged = natnet_codec.Frame(10**6, (body,), 10**12, 10**12)
+        stranger.sendto(natnet_codec.encode_frame(forged, (4, 1)), ours)
+        await asyncio.sleep(0.1)
+        assert len(poses) == count
+        assert source.status.dropped["other_address"] == 1
+        await source.close()
+        server.close()
+
+    in_virtual_time(main())
+
+
+def test_a_unicast_server_that_forgets_its_clients_is_told_again() -> None:
+    async def main() -> None:
+        config = NatNetConfig()
+        server = NatNetServer(config)
+        await server.open()
+        source, poses = config.build(), list[Pose]()
+        await source.start(poses.append)
+        await streaming(server, 10.0)
+        assert len(poses) == pytest.approx(1000, abs=3), "the keep-alive keeps it streaming"
+        server.close()
+        await asyncio.sleep(3.0)
+        again = NatNetServer(config, (3, 0))
+        await again.open()
+        count = len(poses)
+        await streaming(again, 4.0)
+        assert len(poses) > count + 200
+        assert poses[-1].position_ned == pytest.approx((1.0, 2.0, -3.0))
+        await source.close()
+        again.close()
+
+    in_virtual_time(main())
+
+
+def test_a_group_on_an_interface_that_is_not_ours_is_refused_in_words() -> None:
+    async def main() -> None:
+        port = parse_address(await free_address())[1]
+        source = NatNetConfig(multicast=True, interface="192.0.2.1", data_port=port).build()
+        with pytest.raises(OSError, match=r"cannot listen for NatNet poses on 192\.0\.2\.1:0 .*give an address of"):
+            await source.start(lambda pose: None)
+        await source.close()
+
+    in_real_time(main())
+
+
+@pytest.mark.parametrize(
+    ("settings", "words"),
+    [
+        ({"server": "motive.lab:1510"}, "server: expected a numeric IPv4 address, got 'motive.lab'"),
+        ({"server": "239.1.1.1:1510"}, "server: expected no multicast address"),
+        ({"interface": "eth0"}, "interface: expected a numeric IPv4 address, got 'eth0'"),
+        ({"group": "192.168.1.5"}, "group: expected a multicast address, such as 239.255.42.99, got '192.168.1.5'"),
+        ({"server": "127.0.0.1"}, "it has no port"),
+        ({"name": ""}, "length >= 1"),
+        ({"world": "zup"}, "zup"),
+    ],
+)
+def test_a_bad_setting_is_refused_in_words(settings: dict[str, Any], words: str) -> None:
+    with pytest.raises(msgspec.ValidationError, match=words):
+        msgspec.convert({"kind": "natnet", **settings}, NatNetConfig)

@@ -1,0 +1,250 @@
+"""Readers and writers of the pose sources, on bytes that were put together by hand."""
+
+import math
+from collections.abc import Sequence
+
+import pytest
+
+from groundstation import so3
+from groundstation.ops import Quat
+from groundstation.poses import json_codec, natnet_codec, qualisys_codec, vision_codec
+from groundstation.poses.intake import Intake
+from groundstation.poses.natnet_reader import SILENT_BEATS, NatNetReader
+from groundstation.poses.vision_codec import VisionReader
+from links.mavlink_codec import MavlinkCodec
+from tests.pose_tables import TABLES, Row, fresh_reader
+
+ROWS = [pytest.param(name, row, id=f"{name}: {row.about}") for name, table in TABLES.items() for row in table.rows]
+NATNET = [name for name in TABLES if name.startswith("natnet")]
+TURNED = so3.from_euler_zyx(0.0, 0.0, math.pi / 2.0)
+
+
+def assert_same_turn(one: Quat, other: Quat) -> None:
+    assert abs(sum(a * b for a, b in zip(one, other, strict=True))) == pytest.approx(1.0, abs=1e-6)
+
+
+@pytest.mark.parametrize(("name", "row"), ROWS)
+def test_a_golden_datagram_makes_its_pose_or_is_dropped_for_its_reason(name: str, row: Row) -> None:
+    reader = fresh_reader(name)
+    poses = reader.read(row.datagram, 5.0)
+    if row.pose is None:
+        assert len(poses) == 0
+        assert reader.status.dropped == {row.drop: 1}
+        assert reader.status.accepted == 0
+    else:
+        (pose,) = poses
+        assert pose.position_ned == pytest.approx(row.pose.position_ned, abs=1e-6)
+        assert_same_turn(pose.attitude, row.pose.attitude)
+        assert (pose.id, pose.arrival_s) == (0, 5.0)
+        assert reader.status.dropped == {}
+
+
+@pytest.mark.parametrize("name", TABLES)
+def test_every_cut_of_a_good_datagram_is_dropped(name: str) -> None:
+    good = TABLES[name].rows[0].datagram
+    for size in range(len(good)):
+        reader = fresh_reader(name)
+        assert not reader.read(good[:size], 5.0)
+        assert sum(reader.status.dropped.values()) >= min(size, 1)
+
+
+# ---- NatNet
+
+
+@pytest.mark.parametrize("name", NATNET)
+def test_natnets_writer_is_read_back(name: str) -> None:
+    version = (3, 0) if name.endswith("3.0") else (4, 1)
+    frame = natnet_codec.Frame(
+        7, (natnet_codec.RigidBody(2, (0.5, 1.0, 2.0), (0.0, 0.0, 0.0, 1.0), 0.25, False),), 10, 20, True
+    )
+    number, payload = natnet_codec.split(natnet_codec.encode_frame(frame, version))
+    assert number == natnet_codec.FRAMEOFDATA
+    assert natnet_codec.decode_frame(payload, version) == frame
+
+
+@pytest.mark.parametrize("name", NATNET)
+def test_natnets_writer_gives_the_golden_handshake_byte_for_byte(name: str) -> None:
+    version = (3, 0) if name.endswith("3.0") else (4, 1)
+    info = natnet_codec.ServerInfo("Motive", version, 10_000_000, 1511, False)
+    models = natnet_codec.encode_models({"wand": 7, "quad": 2}, version)
+    assert (natnet_codec.encode_server_info(info).hex(), models.hex()) == TABLES[name].prelude
+
+
+def test_descriptions_of_bodies_are_found_among_marker_sets_and_skeletons_with_markers() -> None:
+    def described(name: str, number: int) -> bytes:
+        return (
+            name.encode() + b"\0" + number.to_bytes(4, "little") + bytes(4 + 12 + 16)  # parent, offset, quaternion
+            + (2).to_bytes(4, "little") + bytes(2 * 16) + b"m1\0m2\0"
+        )  # fmt: skip
+
+    kinds = [
+        (0, b"all\0" + (1).to_bytes(4, "little") + b"m\0"),
+        (1, described("quad", 3)),
+        (2, b"Ann\0" + (1).to_bytes(4, "little") + (1).to_bytes(4, "little") + described("hip", 1)),
+        (1, described("wand", 4)),
+        (9, b"something new"),
+        (1, described("lost behind it", 5)),
+    ]
+    sized = [k.to_bytes(4, "little") + len(d).to_bytes(4, "little") + d for k, d in kinds]
+    payload = len(kinds).to_bytes(4, "little") + b"".join(sized)
+    assert natnet_codec.decode_models(payload, (4, 2)) == {"quad": 3, "wand": 4}
+
+
+def heard(reader: NatNetReader, name: str, *rows: int) -> None:
+    for datagram in TABLES[name].prelude:
+        reader.read(bytes.fromhex(datagram), 0.0)
+    for row in rows:
+        reader.read(TABLES[name].rows[row].datagram, 0.0)
+
+
+def ids(messages: Sequence[bytes]) -> list[int]:
+    return [natnet_codec.split(message)[0] for message in messages]
+
+
+def test_a_client_connects_then_asks_for_names_then_keeps_alive() -> None:
+    reader = NatNetReader("quad", Intake(0.0))
+    assert ids(reader.due()) == ids(reader.due()) == [natnet_codec.CONNECT]
+    reader.read(bytes.fromhex(TABLES["natnet 4.1"].prelude[0]), 0.0)
+    assert ids(reader.due()) == [natnet_codec.REQUEST_MODELDEF, natnet_codec.KEEPALIVE]
+    reader.read(bytes.fromhex(TABLES["natnet 4.1"].prelude[1]), 0.0)
+    assert reader.names == ("wand", "quad")
+    assert ids(reader.due()) == [natnet_codec.KEEPALIVE]
+
+
+def test_a_silent_server_is_asked_anew() -> None:
+    reader = NatNetReader("quad", Intake(0.0))
+    heard(reader, "natnet 4.1", 0)
+    beats = [ids(reader.due()) for _ in range(SILENT_BEATS + 1)]
+    assert beats[:-1] == [[natnet_codec.KEEPALIVE]] * SILENT_BEATS
+    assert beats[-1] == [natnet_codec.CONNECT]
+
+
+def test_names_are_asked_for_again_where_the_models_change_and_poses_go_on() -> None:
+    reader = NatNetReader("quad", Intake(0.0), keep_alive=False)
+    heard(reader, "natnet 4.1", 0)
+    body = natnet_codec.RigidBody(2, (0.0, 0.0, 0.0), (0.0, 0.0, 0.0, 1.0))
+    frame = natnet_codec.encode_frame(natnet_codec.Frame(78, (body,), 10_000_100_000, 10_000_150_000, True), (4, 1))
+    assert len(reader.read(frame, 0.01)) == 1
+    assert ids(reader.due()) == [natnet_codec.REQUEST_MODELDEF]
+    assert ids(reader.due()) == [natnet_codec.REQUEST_MODELDEF]
+    reader.read(natnet_codec.encode_models({"quad": 3}, (4, 1)), 0.02)
+    assert reader.due() == []
+    assert reader.read(frame, 0.03) == ()
+    assert reader.status.dropped == {"no_such_body": 1}
+
+
+def test_a_streaming_id_needs_no_names() -> None:
+    reader = NatNetReader("whatever", Intake(0.0), body_id=2, keep_alive=False)
+    reader.read(bytes.fromhex(TABLES["natnet 3.0"].prelude[0]), 0.0)
+    assert reader.due() == []
+    assert len(reader.read(TABLES["natnet 3.0"].rows[0].datagram, 0.0)) == 1
+
+
+def test_frames_before_the_server_has_said_its_version_are_dropped() -> None:
+    reader = NatNetReader("quad", Intake(0.0))
+    assert reader.read(TABLES["natnet 4.1"].rows[0].datagram, 0.0) == ()
+    assert reader.status.dropped == {"no_server_info": 1}
+
+
+def test_a_pose_is_as_old_as_motive_says_and_the_networks_least_on_top() -> None:
+    reader = NatNetReader("quad", Intake(0.001, world="nue", body="fur"))
+    heard(reader, "natnet 4.1")
+    (pose,) = reader.read(TABLES["natnet 4.1"].rows[0].datagram, 5.0)
+    assert pose.time_s == pytest.approx(5.0 - 0.005 - 0.001, abs=1e-9)
+    assert reader.status.latency_s == pytest.approx(0.006, abs=1e-9)
+
+
+# ---- Qualisys
+
+
+def test_qtms_own_package_reads_what_our_writer_writes() -> None:
+    from qtm_rt.packet import QRTPacket
+
+    attitude = so3.from_euler_zyx(0.1, -0.2, 0.3)
+    packet = qualisys_codec.encode_data(1_234_567, 9, [((1.0, -2.0, 3.0), attitude), None])
+    assert int.from_bytes(packet[:4], "little") == len(packet)
+    read = QRTPacket(packet[8:])
+    info, bodies = read.get_6d()
+    assert (read.timestamp, read.framenumber, info.body_count) == (1_234_567, 9, 2)
+    position, rotation = bodies[0]
+    assert tuple(position) == (1000.0, -2000.0, 3000.0)
+    rows = so3.matrix(attitude)
+    assert rotation.matrix == pytest.approx([rows[i][j] for j in range(3) for i in range(3)], abs=1e-7)
+    assert all(map(math.isnan, bodies[1][0]))
+
+
+def test_names_come_in_the_order_of_the_stream_and_as_they_were_typed() -> None:
+    xml = qualisys_codec.parameters_xml(["wand", "quad <1> & co"]).encode()
+    assert qualisys_codec.body_names(xml + b"\0") == ("wand", "quad <1> & co")
+
+
+@pytest.mark.parametrize(
+    "xml", [b"", b"<a>", b"hello", b"\xff\xfe", b'<!DOCTYPE x [<!ENTITY a "b">]><x>&a;</x>', b"x" * (1 << 21)]
+)
+def test_parameters_that_are_no_plain_xml_are_refused_in_words(xml: bytes) -> None:
+    with pytest.raises(ValueError, match="the parameters are"):
+        qualisys_codec.body_names(xml)
+
+
+def test_a_stream_cut_anywhere_gives_the_same_packets() -> None:
+    packets = [
+        qualisys_codec.text_packet(qualisys_codec.COMMAND, "QTM RT Interface connected"),
+        qualisys_codec.encode_data(1, 1, [None]),
+        qualisys_codec.packet(qualisys_codec.NO_DATA, b""),
+    ]
+    stream = b"".join(packets)
+    for size in (1, 2, 3, 7, 50, len(stream)):
+        framer = qualisys_codec.Framer()
+        got = [p for at in range(0, len(stream), size) for p in framer.feed(stream[at : at + size])]
+        assert got == packets
+
+
+@pytest.mark.parametrize("header", [(0, 1), (7, 3), (1 << 31, 3), (20, 77)])
+def test_a_size_or_a_type_that_no_packet_has_breaks_the_stream(header: tuple[int, int]) -> None:
+    framer, good = qualisys_codec.Framer(), qualisys_codec.encode_data(1, 1, [None])
+    assert framer.feed(good + b"".join(n.to_bytes(4, "little") for n in header)) == [good]
+    assert framer.broken
+    assert framer.feed(good) == []
+
+
+# ---- JSON, vision
+
+
+def test_jsons_writer_gives_the_golden_datagram_byte_for_byte() -> None:
+    half = math.sqrt(0.5)
+    pose = json_codec.json_pose("quad", (0.5, -2.0, 1.0), (half, 0.0, 0.0, -half), t=1000.5, frame=7)
+    assert json_codec.encode([pose]) == TABLES["json"].rows[0].datagram
+
+
+def test_a_tracker_must_not_change_its_clock_while_it_runs() -> None:
+    reader = fresh_reader("json")
+    by_t, _, _, bare, by_frame = (row.datagram for row in TABLES["json"].rows[:5])
+    assert len(reader.read(by_t, 1.0)) == 1
+    assert reader.read(bare, 2.0) == reader.read(by_frame, 3.0) == ()
+    assert reader.status.dropped == {"no_stamp": 2}
+
+
+def test_visions_writer_gives_the_golden_frame_byte_for_byte() -> None:
+    vision = vision_codec.Vision(1000.5, (0.5, 2.0, -1.0), TURNED)
+    read = VisionReader(Intake(0.0)).read(vision_codec.encode(MavlinkCodec(1, 197), vision), 1.0)
+    assert read[0].position_ned == (0.5, 2.0, -1.0)
+    assert vision_codec.encode(MavlinkCodec(1, 197), vision) == TABLES["vision"].rows[0].datagram
+
+
+def test_several_messages_in_one_datagram_make_several_poses() -> None:
+    codec = MavlinkCodec(1, 197)
+    frames = [vision_codec.encode(codec, vision_codec.Vision(t, (t, 0.0, 0.0), so3.IDENTITY)) for t in (1.0, 2.0)]
+    poses = VisionReader(Intake(0.0)).read(b"".join(frames), 5.0)
+    assert [pose.position_ned[0] for pose in poses] == [1.0, 2.0]
+
+
+def test_another_system_is_not_believed_where_one_is_named() -> None:
+    reader = VisionReader(Intake(0.0), system_id=2)
+    assert not reader.read(TABLES["vision"].rows[0].datagram, 1.0)
+    assert reader.status.dropped == {"other_system": 1}
+
+
+def test_a_bridges_reset_changes_the_count() -> None:
+    reader = VisionReader(Intake(0.0))
+    (pose,) = reader.read(TABLES["vision"].rows[1].datagram, 1.0)
+    assert pose.reset_count == 2

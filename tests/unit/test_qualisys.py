@@ -1,0 +1,184 @@
+"""Qualisys through qtm-rt: lost connections, broken streams, bodies that change, refusals. TCP in memory or real."""
+
+import asyncio
+from collections.abc import Callable
+from typing import Any
+
+import pytest
+
+from groundstation import so3
+from groundstation.poses import qualisys_codec as qtm
+from groundstation.poses.port import Pose
+from groundstation.poses.qualisys import QualisysConfig, QualisysSource
+from links.address import parse_address
+from sim.qtm_server import QtmServer
+from sim.trackers import Seen
+from tests.loops import free_address, in_real_time, in_virtual_time
+
+
+class Room:
+    """A QTM that streams at 100 Hz, and a source that listens."""
+
+    def __init__(self, config: QualisysConfig) -> None:
+        self.server = QtmServer(config)
+        self.source: QualisysSource = config.build()
+        self.poses: list[Pose] = []
+        self.names = ["quad"]
+        self._frame = 0
+
+    async def stream(self) -> None:
+        loop = asyncio.get_running_loop()
+        while True:
+            seen = [Seen(name, (float(n), 0.0, -1.0), so3.IDENTITY, True) for n, name in enumerate(self.names)]
+            self.server.send(self._frame, loop.time(), seen)
+            self._frame += 1
+            await asyncio.sleep(0.01)
+
+    async def more(self, count: int = 3) -> Pose:
+        count += len(self.poses)
+        async with asyncio.timeout(8.0):
+            while len(self.poses) < count:
+                await asyncio.sleep(0.01)
+        return self.poses[-1]
+
+    def say(self, data: bytes) -> None:
+        """Send bytes of our own to every client."""
+        for client in self.server.clients:
+            assert client._transport is not None
+            client._transport.write(data)
+
+
+def scene(play: Callable[[Room], Any], run: Callable[[Any], None] = in_virtual_time) -> None:
+    async def main() -> None:
+        room = Room(QualisysConfig(server=await free_address(), latency_s=0.0))
+        await room.server.open()
+        streaming = asyncio.create_task(room.stream())
+        try:
+            await room.source.start(room.poses.append)
+            await play(room)
+        finally:
+            await room.source.close()
+            room.server.close()
+            streaming.cancel()
+
+    run(main())
+
+
+@pytest.mark.parametrize("run", [in_virtual_time, in_real_time], ids=["virtual", "real"])
+def test_a_lost_connection_is_opened_anew(run: Callable[[Any], None]) -> None:
+    async def play(room: Room) -> None:
+        await room.more()
+        for client in tuple(room.server.clients):
+            client.close()
+        await asyncio.sleep(0.1)
+        await room.more()
+        assert room.source.status.dropped == {"connection_lost": 1}
+
+    scene(play, run)
+
+
+@pytest.mark.parametrize("garbage", [bytes(8), b"\xff" * 8, b"GET / HTTP/1.1\r\n"])
+def test_bytes_that_would_stop_qtm_rt_for_ever_end_the_connection_instead(garbage: bytes) -> None:
+    async def play(room: Room) -> None:
+        await room.more()
+        room.say(garbage)
+        await asyncio.sleep(0.1)
+        await room.more()
+        assert room.source.status.dropped == {"broken_stream": 1, "connection_lost": 1}
+
+    scene(play)
+
+
+@pytest.mark.parametrize("packet", [qtm.packet(qtm.DATA, b"short"), qtm.packet(qtm.EVENT, b"\x63")])
+def test_a_packet_that_qtm_rt_cant_read_ends_the_connection_and_not_the_flight(packet: bytes) -> None:
+    async def play(room: Room) -> None:
+        await room.more()
+        room.say(qtm.text_packet(qtm.ERROR, "nobody asked"))
+        room.say(packet)
+        await asyncio.sleep(0.1)
+        await room.more()
+        assert room.source.status.dropped == {"malformed": 1, "connection_lost": 1}
+
+    scene(play)
+
+
+def test_a_body_that_is_added_while_we_listen_is_asked_for() -> None:
+    async def play(room: Room) -> None:
+        assert (await room.more()).position_ned == (0.0, 0.0, -1.0)
+        room.names = ["wand", "quad"]
+        await asyncio.sleep(0.02)
+        count = len(room.poses)
+        pose = await room.more()
+        assert pose.position_ned == (1.0, 0.0, -1.0)
+        assert all(p.position_ned == (1.0, 0.0, -1.0) for p in room.poses[count + 1 :])
+        assert room.source.status.dropped.keys() == {"other_bodies"}
+        assert room.source.other_objects == ("wand", "quad")
+
+    scene(play)
+
+
+def test_a_misspelt_name_shows_the_names_that_are_there() -> None:
+    async def play(room: Room) -> None:
+        room.names = ["Quad"]
+        await asyncio.sleep(1.1)
+        room.poses.clear()
+        await asyncio.sleep(1.0)
+        assert room.poses == []
+        assert room.source.other_objects == ("Quad",)
+        assert room.source.status.dropped["no_such_body"] > 0
+
+    scene(play)
+
+
+def test_nobody_there_is_said_with_what_to_check() -> None:
+    async def main() -> None:
+        source = QualisysConfig(server="127.0.0.1:22223").build()
+        with pytest.raises(OSError, match=r"cannot reach QTM at 127\.0\.0\.1:22223 .*little-endian port"):
+            await source.start(lambda pose: None)
+        await source.close()
+
+    in_virtual_time(main())
+
+
+class Mute(asyncio.Protocol):
+    """Takes connections and answers nothing, or only refusals."""
+
+    def __init__(self, refusal: str = "") -> None:
+        self._refusal = refusal
+
+    def connection_made(self, transport: asyncio.BaseTransport) -> None:
+        self._transport = transport
+
+    def data_received(self, data: bytes) -> None:
+        if self._refusal and isinstance(self._transport, asyncio.Transport):
+            self._transport.write(qtm.text_packet(qtm.ERROR, self._refusal))
+
+
+@pytest.mark.parametrize(
+    ("refusal", "words"), [("", "QTM did not speak version"), ("Version not supported", "QTM refused to speak version")]
+)
+def test_a_server_that_does_not_speak_as_qtm_does_is_told_of(refusal: str, words: str) -> None:
+    async def main() -> None:
+        loop = asyncio.get_running_loop()
+        address = await free_address()
+        await loop.create_server(lambda: Mute(refusal), *parse_address(address))
+        source = QualisysConfig(server=address).build()
+        with pytest.raises(OSError, match=words):
+            await source.start(lambda pose: None)
+        await source.close()
+
+    in_virtual_time(main())
+
+
+def test_without_a_measurement_the_operator_is_asked_for_one() -> None:
+    async def main() -> None:
+        config = QualisysConfig(server=await free_address())
+        server = QtmServer(config)
+        await server.open()
+        source = config.build()
+        with pytest.raises(OSError, match="did not stream; is a measurement or a preview running"):
+            await source.start(lambda pose: None)
+        await source.close()
+        server.close()
+
+    in_virtual_time(main())

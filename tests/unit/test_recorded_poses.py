@@ -1,0 +1,105 @@
+"""Recordings as pose sources: CSV, run folders, pace."""
+
+import asyncio
+import math
+from collections import Counter
+from pathlib import Path
+from typing import Any
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from groundstation.poses.csv import CsvConfig
+from groundstation.poses.csv_codec import Row, encode, rows
+from groundstation.poses.pace import Speed
+from groundstation.poses.port import Pose
+from sim.commands import prepare
+from sim.fly import fly
+from sim.run_folder import RunFolder
+from sim.scenarios import SCENARIOS
+from tests.loops import in_virtual_time
+
+number = st.floats(allow_nan=False, allow_infinity=False, width=64)
+LEVEL = (1.0, 0.0, 0.0, 0.0)
+
+
+@given(st.builds(Row, number, number, st.tuples(*[number] * 3), st.tuples(*[number] * 4)))
+def test_every_number_survives_the_file_to_the_last_bit(row: Row) -> None:
+    dropped: Counter[str] = Counter()
+    finite = math.isfinite(sum((row.t_s, row.arrival_s, *row.position, *row.attitude)))
+    assert list(rows([encode(row)], dropped)) == ([row] if finite else [])
+
+
+def test_headings_remarks_and_bad_rows_are_passed_over() -> None:
+    lines = [
+        "t,x,y,z,qw,qx,qy,qz", "# from the second camera", "", "0,1,2,3,1,0,0,0", "1,1,2,3,1,0,0",
+        "t,x,y,z,qw,qx,qy,qz", "2,1,2,nan,1,0,0,0", "3,1,2,3,1,0,0,0,3.5,9", "4,1,2,3,1,0,0,0,4.5", "5," * 1000,
+    ]  # fmt: skip
+    dropped: Counter[str] = Counter()
+    assert list(rows(lines, dropped)) == [
+        Row(0.0, 0.0, (1.0, 2.0, 3.0), LEVEL),
+        Row(4.0, 4.5, (1.0, 2.0, 3.0), LEVEL),
+    ]
+    assert dropped == {"malformed": 4, "not_finite": 1}
+
+
+def played(path: Path, until_s: float, **options: Any) -> tuple[list[tuple[float, Pose]], float]:
+    poses: list[tuple[float, Pose]] = []
+
+    async def main() -> float:
+        loop = asyncio.get_running_loop()
+        source = CsvConfig(path=str(path), **options).build()
+        await source.start(lambda pose: poses.append((loop.time(), pose)))
+        await asyncio.sleep(until_s)
+        await source.close()
+        return source.status.latency_s
+
+    return poses, in_virtual_time(main())
+
+
+@pytest.mark.parametrize(("speed", "step_s"), [(1.0, 0.02), (4.0, 0.005), (0.5, 0.04), ("max", 0.0)])
+def test_the_pace_moves_the_delivery_and_not_the_poses(tmp_path: Path, speed: Speed, step_s: float) -> None:
+    path = tmp_path / "poses.csv"
+    path.write_text("".join(encode(Row(0.02 * n, 0.02 * n + 0.01, (0.0, 0.0, -1.0), LEVEL)) for n in range(50)))
+    poses, latency_s = played(path, 3.0, speed=speed)
+    assert len(poses) == 50
+    assert [when for when, _ in poses] == pytest.approx([step_s * n for n in range(50)], abs=1e-6)
+    assert [pose.time_s - poses[0][1].time_s for _, pose in poses] == pytest.approx([0.02 * n for n in range(50)])
+    assert latency_s == pytest.approx(0.01)
+
+
+def test_a_file_in_the_labs_axes_is_turned_into_ours(tmp_path: Path) -> None:
+    path = tmp_path / "lab.csv"
+    path.write_text("0,1,2,3,1,0,0,0\n")
+    poses, _ = played(path, 0.1, world="nwu", body="flu")
+    assert poses[0][1].position_ned == (1.0, -2.0, -3.0)
+
+
+def test_a_runs_folder_plays_the_poses_that_were_flown_on(tmp_path: Path) -> None:
+    world, config = prepare(SCENARIOS["paper"], [])
+    folder, flown = RunFolder(tmp_path, config), []
+
+    def both(pose: Pose) -> None:
+        flown.append(pose)
+        folder.pose(pose)
+
+    fly(world, config, seed=0, duration_s=2.0, on_pose=both)
+    folder.close({}, world)
+    poses, _ = played(tmp_path, 10.0)
+    assert len(flown) > 100
+    assert [pose.position_ned for _, pose in poses] == [pose.position_ned for pose in flown]
+    shift = poses[0][1].time_s - flown[0].time_s
+    assert [pose.time_s - shift for _, pose in poses] == pytest.approx([pose.time_s for pose in flown], abs=1e-9)
+
+
+def test_a_file_without_poses_says_what_was_expected(tmp_path: Path) -> None:
+    path = tmp_path / "empty.csv"
+    path.write_text("hello\n1,2\n")
+    with pytest.raises(ValueError, match=r"no row of poses in it .*malformed.*expected t,x,y,z,qw"):
+        played(path, 0.1)
+
+
+def test_a_missing_file_is_an_oserror(tmp_path: Path) -> None:
+    with pytest.raises(FileNotFoundError):
+        played(tmp_path / "none.csv", 0.1)
