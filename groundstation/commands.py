@@ -13,6 +13,7 @@ from collections.abc import Awaitable, Callable
 from groundstation.config import ConfigError, dump, load
 from groundstation.mission import State
 from groundstation.poses import Recorded
+from groundstation.poses.port import SourceError
 from groundstation.preflight import ensure_flyable
 from groundstation.radio import ensure_link
 from groundstation.settings import Config
@@ -240,5 +241,8 @@ async def _run(config: Config, confirm: Callable[[], Awaitable[bool]], say: Call
     # A terminal that closes is no second opinion: it lands, and never more than that.
     loop.add_signal_handler(signal.SIGHUP, flight.land, "the terminal closed")
     _calm_memory()
-    outcome = await task
+    try:
+        outcome = await task
+    except SourceError:  # ``say`` has told
+        return EXIT_ABORTED
     return EXIT_DONE if outcome.state is State.LANDED else EXIT_ABORTED

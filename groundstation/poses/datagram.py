@@ -4,7 +4,7 @@ import asyncio
 from collections.abc import Callable
 
 from groundstation.poses.intake import Reader
-from groundstation.poses.port import Pose, PoseStatus
+from groundstation.poses.port import Pose, PoseStatus, SourceError
 from links.address import parse_address
 
 
@@ -29,7 +29,7 @@ class DatagramSource(asyncio.DatagramProtocol):
         """Begin to listen; ``deliver`` is called on the event loop for each pose.
 
         Raises:
-            OSError: the address cannot be listened on; the message says which and why.
+            SourceError: the address cannot be listened on; the message says which and why.
         """
         self._deliver = deliver
         self._loop = asyncio.get_running_loop()
@@ -56,10 +56,9 @@ class DatagramSource(asyncio.DatagramProtocol):
                 self._deliver(pose)
 
 
-def cannot_listen(what: str, address: str, error: OSError) -> OSError:
+def cannot_listen(what: str, address: str, error: OSError) -> SourceError:
     """``error`` in words for the operator: what was to come where, and what to do."""
-    return OSError(
-        error.errno,
+    return SourceError(
         f"cannot listen for {what} on {address} ({error.strerror or error}); "
         "stop the program that holds this port, or give an address of this machine",
     )

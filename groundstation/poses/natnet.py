@@ -108,7 +108,7 @@ class NatNetSource:
         """Begin to listen and to ask; ``deliver`` is called on the event loop for each pose.
 
         Raises:
-            OSError: the addresses cannot be listened on; the message says which and why.
+            SourceError: the addresses cannot be listened on; the message says which and why.
         """
         self._loop = loop = asyncio.get_running_loop()
         self._deliver = deliver

@@ -50,6 +50,10 @@ class PoseStatus(msgspec.Struct, frozen=True):
     """How often it began anew."""
 
 
+class SourceError(OSError):
+    """A source can't be started; the text says why, and what to look at."""
+
+
 class PoseSource(Protocol):
     """Where poses come from. ``start`` and ``close`` run on the event loop; neither blocks it."""
 
@@ -59,7 +63,11 @@ class PoseSource(Protocol):
         ...
 
     async def start(self, deliver: Callable[[Pose], None]) -> None:
-        """Begin to listen; ``deliver`` is called on the event loop for each pose, in order of arrival."""
+        """Begin to listen; ``deliver`` is called on the event loop for each pose, in order of arrival.
+
+        Raises:
+            SourceError: it can't.
+        """
         ...
 
     async def close(self) -> None:

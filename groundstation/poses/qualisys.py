@@ -9,7 +9,7 @@ import msgspec
 
 from groundstation.frames import Body, World
 from groundstation.poses.intake import Intake
-from groundstation.poses.port import Pose, PoseStatus
+from groundstation.poses.port import Pose, PoseStatus, SourceError
 from groundstation.poses.qualisys_codec import QualisysReader, body_names
 from links.address import parse_address
 
@@ -78,14 +78,13 @@ class QualisysSource:
         """Connect and ask for the stream; ``deliver`` is called on the event loop for each pose.
 
         Raises:
-            OSError: QTM can't be reached or refuses; the message says what to look at.
-            ModuleNotFoundError: qtm-rt is not installed; the message says how to.
+            SourceError: QTM can't be reached or refuses, or qtm-rt is not installed; the message says what to look at.
         """
         self._deliver = deliver
         try:
             connection = await self._open()
         except ModuleNotFoundError:
-            raise ModuleNotFoundError(
+            raise SourceError(
                 "poses from Qualisys need qtm-rt, which is not installed: pip install 'groundstation[qualisys]'"
             ) from None
         self._task = asyncio.create_task(self._stay(connection))
@@ -118,7 +117,7 @@ class QualisysSource:
     async def _open_again(self) -> "Connection":
         while True:
             await asyncio.sleep(AGAIN_S)
-            with contextlib.suppress(OSError, ValueError):
+            with contextlib.suppress(OSError):
                 return await self._open()
 
     async def _open(self) -> "Connection":
@@ -137,6 +136,9 @@ class QualisysSource:
         try:
             self._reader.names = body_names(await connection.parameters())
             await connection.stream(take)
+        except ValueError as error:
+            connection.close()
+            raise SourceError(f"QTM at {self._config.server} does not tell its bodies: {error}") from None
         except BaseException:
             connection.close()
             raise

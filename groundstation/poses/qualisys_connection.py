@@ -12,6 +12,7 @@ from typing import Any
 from qtm_rt import QRTConnection
 from qtm_rt.protocol import QRTCommandException, QTMProtocol
 
+from groundstation.poses.port import SourceError
 from groundstation.poses.qualisys_codec import Framer
 
 PROTOCOL_VERSION = "1.25"
@@ -69,7 +70,7 @@ class Connection(asyncio.Protocol):
         """The 6D parameters, as XML.
 
         Raises:
-            OSError: no answer, or a refusal.
+            SourceError: no answer, or a refusal.
         """
         return bytes(await self._asked(self._requests.get_parameters(["6d"]), "tell its 6DOF bodies"))
 
@@ -77,7 +78,7 @@ class Connection(asyncio.Protocol):
         """Have every frame's bodies streamed to ``take``.
 
         Raises:
-            OSError: no frame came, or a refusal.
+            SourceError: no frame came, or a refusal.
         """
         request = self._requests.stream_frames(
             frames="allframes", components=["6d"], on_packet=lambda packet: take(packet.data)
@@ -88,7 +89,7 @@ class Connection(asyncio.Protocol):
         """Settle on the protocol's version.
 
         Raises:
-            OSError: no answer, or a refusal.
+            SourceError: no answer, or a refusal.
         """
         version = asyncio.wait_for(self._qtm.set_version(PROTOCOL_VERSION), self._timeout)
         await self._asked(version, f"speak version {PROTOCOL_VERSION} of its protocol")
@@ -97,9 +98,9 @@ class Connection(asyncio.Protocol):
         try:
             return await request
         except TimeoutError:
-            raise TimeoutError(f"QTM did not {what}") from None
+            raise SourceError(f"QTM did not {what}") from None
         except QRTCommandException as error:
-            raise OSError(f"QTM refused to {what}: {error}") from None
+            raise SourceError(f"QTM refused to {what}: {error}") from None
 
 
 async def _reached(
@@ -117,15 +118,14 @@ async def connect(host: str, port: int, timeout_s: float, drop: Callable[[str], 
     """A connection to the QTM at ``host``:``port``, which has agreed on the protocol; ``drop``: see the class.
 
     Raises:
-        OSError: it can't be reached, or does not speak as QTM does.
+        SourceError: it can't be reached, or does not speak as QTM does.
     """
     loop = asyncio.get_running_loop()
     try:
         async with asyncio.timeout(timeout_s):
             _, connection = await _reached(loop, lambda: Connection(timeout_s, drop), host, port)
     except OSError as error:
-        raise OSError(
-            error.errno,
+        raise SourceError(
             f"cannot reach QTM at {host}:{port} ({error.strerror or str(error) or 'no answer'}); check that it runs, "
             "the address, and that its RT output is on (little-endian port, mostly 22223)",
         ) from error

@@ -15,8 +15,10 @@ from statistics import median
 
 CREEP = 0.01
 """The offset may rise by this share of the time that passes, whatever arrives."""
-FORGET_S = 1.0
-"""Above that it approaches later arrivals with this time constant [s]."""
+FORGET_S = 3.0
+"""Above that it approaches later arrivals with this time constant [s]: a queue that stays is believed that late."""
+FORGET_AT_FIRST_S = 1.0
+"""The same while the slope is not known yet [s]."""
 RESTART_S = 1.0
 """A source that sends only old stamps for this long has started its clock anew [s]."""
 BLOCK_S = 0.5
@@ -26,7 +28,7 @@ BLOCKS = 20
 TRUSTED_BLOCKS = 4
 """So many, at least."""
 WRONG_SCALE = 0.02
-"""Where the slope is off by more than this share, what is known of the offset is worth nothing."""
+"""Where we were told a slope that is off by more than this share, what is known of the offset is worth nothing."""
 STEP_S = 0.2
 """Stamps that run ahead of the arrivals by more than this from one message to the next are a step of the clock [s]."""
 AVERAGED = 20
@@ -58,6 +60,7 @@ class SourceClock:
         self._blocks: deque[tuple[float, float]] = deque(maxlen=BLOCKS)
         self._block: tuple[float, float] | None = None
         self._block_end_s = -math.inf
+        self._forget_s = FORGET_AT_FIRST_S
 
     @property
     def drift(self) -> float:
@@ -94,7 +97,7 @@ class SourceClock:
             late = offset - self._offset_s
             if late > 0.0:
                 # Whatever had piled up comes at once: that is no time in which to forget.
-                offset = min(offset, self._offset_s + min(elapsed, waited) * (CREEP + late / FORGET_S))
+                offset = min(offset, self._offset_s + min(elapsed, waited) * (CREEP + late / self._forget_s))
         self._stamp, self._own_s, self._offset_s, self._old_since_s = stamp, own, offset, None
         self._arrival_s = arrival_s
         self._seen += 1
@@ -115,7 +118,7 @@ class SourceClock:
         self.interval_s += (elapsed_s - self.interval_s) / min(self._seen, AVERAGED)
 
     def _learn(self, stamp: float, arrival_s: float) -> bool:
-        """Take one message into the measured slope; True where the slope so far was far off."""
+        """Take one message into the measured slope; True where the one that we were told was far off."""
         best = self._block
         if best is None or arrival_s - best[1] < (stamp - best[0]) * self._scale:
             self._block = (stamp, arrival_s)
@@ -131,6 +134,7 @@ class SourceClock:
         scale = median(slopes) if slopes else self._scale
         if not 0.01 < scale / self._nominal < 100.0:
             return False
-        wrong = abs(scale / self._scale - 1.0) > WRONG_SCALE
+        first, self._forget_s = self._forget_s == FORGET_AT_FIRST_S, FORGET_S
+        wrong = first and abs(scale / self._scale - 1.0) > WRONG_SCALE
         self._scale = scale
         return wrong

@@ -3,6 +3,7 @@
 import asyncio
 import os
 import signal
+import socket as sockets
 import subprocess
 import sys
 import time
@@ -156,9 +157,30 @@ def test_fly_does_not_arm_without_a_terminal_or_under_a_wrong_name() -> None:
         assert expected in run.stderr
 
 
-def test_a_recording_never_flies_a_vehicle(tmp_path: Path) -> None:
+@pytest.mark.parametrize(("kind", "port"), [("natnet", 1510), ("qualisys", 22223)])
+def test_fly_refuses_a_pose_server_that_is_not_loopback(kind: str, port: int, tmp_path: Path) -> None:
     config = tmp_path / "lab.toml"
-    config.write_text('[pose]\nkind = "tlog"\npath = "flight.tlog"\n')
+    config.write_text(f'[pose]\nkind = "{kind}"\nserver = "192.168.1.20:{port}"\n')
+    run = fly_without_terminal(config, "--arm", "mqx")
+    assert run.returncode == 2
+    assert f"pose.server: 192.168.1.20:{port}: only loopback addresses may fly yet" in run.stderr
+
+
+def test_a_pose_source_that_cant_be_started_is_told_in_words(tmp_path: Path) -> None:
+    with sockets.socket(sockets.AF_INET, sockets.SOCK_DGRAM) as taken:
+        taken.bind(("127.0.0.1", 0))
+        config = tmp_path / "lab.toml"
+        config.write_text(f'[pose]\nkind = "json"\nlisten = "127.0.0.1:{taken.getsockname()[1]}"\n')
+        run = fly_without_terminal(config, "--arm", "mqx")
+    assert run.returncode == 1
+    assert "cannot listen for JSON poses on 127.0.0.1:" in run.stdout
+    assert "Traceback" not in run.stderr
+
+
+@pytest.mark.parametrize("kind", ["tlog", "csv"])
+def test_a_recording_never_flies_a_vehicle(kind: str, tmp_path: Path) -> None:
+    config = tmp_path / "lab.toml"
+    config.write_text(f'[pose]\nkind = "{kind}"\npath = "flight"\n')
     run = fly_without_terminal(config, "--arm", "mqx")
     assert run.returncode == 2
     assert "a recording must not fly a vehicle" in run.stderr

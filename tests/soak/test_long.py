@@ -1,18 +1,17 @@
 """Long runs, for `make soak`: whatever the quick tests do once, very often."""
 
-import math
 import random
 import tracemalloc
 
 import pytest
 
-from groundstation.poses.vicon_codec import ViconDecoder
 from links.mavlink_codec import MavlinkCodec
 from sim.bench import Options, measured
 from sim.bench_allocation import grown
+from sim.fuzz import fuzz
+from sim.fuzz_subjects import LINKS, SOURCES
 from tests.flight.flights import flown
 from tests.mavlink_table import FRAMES
-from tests.vicon_table import OURS, TABLE
 
 pytestmark = pytest.mark.soak
 DATAGRAMS = 1_000_000
@@ -30,17 +29,14 @@ def mutated(data: bytes, draw: random.Random) -> bytes:
     return bytes(changed)
 
 
-def test_a_million_broken_vicon_datagrams_raise_nothing_and_deliver_only_numbers() -> None:
-    draw = random.Random(1)
-    originals = [row.datagram for row in TABLE.readable]
-    decoder = ViconDecoder(OURS)
-    for _ in range(DATAGRAMS):
-        pose = decoder.decode(mutated(draw.choice(originals), draw))
-        if pose is not None:
-            assert all(map(math.isfinite, (*pose.position_m, *pose.attitude)))
+@pytest.mark.parametrize("name", SOURCES | LINKS)
+def test_a_million_broken_datagrams_raise_nothing_and_keep_nothing(name: str) -> None:
+    report = fuzz(name, (SOURCES | LINKS)[name], DATAGRAMS, seed=1)
+    assert (report.exceptions, report.mismatches) == (0, 0)
+    assert report.memory_growth_mb < 20.0
 
 
-def test_a_million_broken_mavlink_datagrams_raise_nothing_and_keep_nothing() -> None:
+def test_a_million_broken_datagrams_leave_nothing_in_the_mavlink_stream() -> None:
     draw = random.Random(2)
     originals = [golden.frame for golden in FRAMES]
     codec = MavlinkCodec(245, 190)

@@ -25,6 +25,22 @@ def test_frames_that_waited_in_the_kernel_are_as_old_as_their_numbers_say() -> N
     assert got == pytest.approx([51.0 + 0.01 * n for n in range(20)], abs=0.003)
 
 
+def test_a_queue_that_stays_for_a_second_does_not_make_old_poses_look_young() -> None:
+    clock = SourceClock(0.01)
+    messages = [(n, 0.01 * n + (0.2 if 500 <= n < 600 else 0.0)) for n in range(800)]
+    got = times(clock, messages)
+    assert max(time - 0.01 * n for n, time in enumerate(got)) < 0.07
+    assert got[610:] == pytest.approx([0.01 * n for n in range(610, 800)], abs=1e-3)
+
+
+def test_a_queue_that_grows_slowly_is_not_taken_for_a_slow_clock_at_once() -> None:
+    clock = SourceClock(0.01)
+    times(clock, ((n, 0.01 * n) for n in range(1000)))
+    got = times(clock, ((n, 0.01 * n + 0.05 * 0.01 * (n - 1000)) for n in range(1000, 1300)))  # 50 ms a second
+    true_delay_s = 0.05 * 3.0
+    assert 0.01 * 1299 + true_delay_s - got[-1] > 0.5 * true_delay_s
+
+
 @pytest.mark.parametrize("told_hz", [25.0, 50.0, 200.0, 1000.0])
 def test_a_wrong_rate_is_found_out_within_three_seconds(told_hz: float) -> None:
     clock = SourceClock(1.0 / told_hz)
