@@ -4,6 +4,7 @@ import asyncio
 from collections.abc import Sequence
 from typing import Any
 
+from groundstation.frames import frames_of
 from groundstation.poses import natnet_codec as natnet
 from groundstation.poses.multicast import send_by
 from groundstation.poses.natnet import NatNetConfig
@@ -23,6 +24,7 @@ class NatNetServer(asyncio.DatagramProtocol):
     def __init__(self, config: NatNetConfig, version: natnet.Version = (4, 1)) -> None:
         """Speak NatNet ``version``."""
         self._config = config
+        self._frames = frames_of(config)
         host, port = parse_address(config.server)
         self._address = (host, port)
         self.info = natnet.ServerInfo("Motive", version, TICKS_PER_S, config.data_port, config.multicast, config.group)
@@ -78,10 +80,9 @@ class NatNetServer(asyncio.DatagramProtocol):
 
     def encode(self, frame: int, exposure_s: float, transmit_s: float, bodies: Sequence[Seen]) -> bytes:
         """One frame; a hidden body's last pose is marked as not tracked."""
-        config = self._config
         rigid = []
         for seen in bodies:
-            position, (w, x, y, z) = seen.pose(config.world, config.body)
+            position, (w, x, y, z) = seen.pose(self._frames)
             number = self._ids.setdefault(seen.name, len(self._ids) + 1)
             rigid.append(natnet.RigidBody(number, position, (x, y, z, w), 0.0002, seen.tracked))
         exposure, transmit = (round((s + CLOCK_AHEAD_S) * TICKS_PER_S) for s in (exposure_s, transmit_s))

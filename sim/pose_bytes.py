@@ -7,6 +7,7 @@ from collections.abc import Callable, Sequence
 from typing import NamedTuple
 
 from groundstation import so3
+from groundstation.frames import frames_of
 from groundstation.poses import natnet_codec
 from groundstation.poses.intake import Intake, Reader
 from groundstation.poses.json import JsonConfig
@@ -49,7 +50,7 @@ def vicon(frames: int) -> Flight:
     """Vicon's UDP Object Stream."""
     config = ViconConfig()
     encode = vicon_encoder(config)
-    reader = ViconReader(config.object, Intake(0.0, world=config.world, body=config.body, seconds_per_stamp=PERIOD_S))
+    reader = ViconReader(config.object, Intake(0.0, frames_of(config), seconds_per_stamp=PERIOD_S))
     return Flight(reader, [encode(n, 0.0, _bodies(n)) for n in range(frames)])
 
 
@@ -58,7 +59,7 @@ def natnet(frames: int, version: natnet_codec.Version = (4, 1)) -> Flight:
     config = NatNetConfig()
     server = NatNetServer(config, version)
     data = [server.encode(n, n * PERIOD_S, n * PERIOD_S + 0.005, _bodies(n)) for n in range(frames)]
-    reader = NatNetReader(config.name, Intake(0.0, world=config.world, body=config.body))
+    reader = NatNetReader(config.name, Intake(0.0, frames_of(config)))
     for message in natnet_handshake(version):
         reader.read(message, 0.0)
     return Flight(reader, data)
@@ -75,7 +76,7 @@ def qualisys(frames: int) -> Flight:
     """The contents of QTM's data packets, as qtm-rt hands them over."""
     config = QualisysConfig()
     server = QtmServer(config)
-    reader = QualisysReader(config.name, Intake(0.0, world=config.world, body=config.body))
+    reader = QualisysReader(config.name, Intake(0.0, frames_of(config)))
     reader.names = tuple(seen.name for seen in _bodies(0))
     return Flight(reader, [server.encode(n, n * PERIOD_S, _bodies(n))[8:] for n in range(frames)])
 
@@ -84,7 +85,7 @@ def json(frames: int) -> Flight:
     """JSON poses."""
     config = JsonConfig()
     encode = json_encoder(config)
-    intakes = [Intake(0.0, world=config.world, body=config.body, seconds_per_stamp=s) for s in (1.0, PERIOD_S)]
+    intakes = [Intake(0.0, frames_of(config), seconds_per_stamp=s) for s in (1.0, PERIOD_S)]
     reader = JsonReader(config.name, *intakes)
     return Flight(reader, [encode(n, n * PERIOD_S, _bodies(n)) for n in range(frames)])
 

@@ -3,6 +3,7 @@
 import asyncio
 from collections.abc import Sequence
 
+from groundstation.frames import frames_of
 from groundstation.poses import qualisys_codec as qtm
 from groundstation.poses.qualisys import QualisysConfig
 from links.address import parse_address
@@ -17,7 +18,7 @@ class QtmServer:
 
     def __init__(self, config: QualisysConfig) -> None:
         """Nothing is opened yet."""
-        self.config = config
+        self._frames = frames_of(config)
         self.names: tuple[str, ...] = (config.name,)
         self._address = parse_address(config.server)
         self._server: asyncio.AbstractServer | None = None
@@ -44,8 +45,7 @@ class QtmServer:
 
     def encode(self, frame: int, exposure_s: float, bodies: Sequence[Seen]) -> bytes:
         """The data packet of one frame; a hidden body is full of NaN."""
-        config = self.config
-        poses = [seen.pose(config.world, config.body) if seen.tracked else None for seen in bodies]
+        poses = [seen.pose(self._frames) if seen.tracked else None for seen in bodies]
         return qtm.encode_data(round((exposure_s + CLOCK_AHEAD_S) * 1e6), frame, poses)
 
 

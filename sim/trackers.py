@@ -4,7 +4,7 @@ import asyncio
 from collections.abc import Callable, Sequence
 from typing import NamedTuple, Protocol
 
-from groundstation.frames import Body, World, pose_from_ned_frd
+from groundstation.frames import Frames, frames_of
 from groundstation.ops import Quat, Vec3
 from groundstation.poses import PoseConfig, json_codec, vicon_codec, vision_codec
 from groundstation.poses.json import JsonConfig
@@ -28,9 +28,9 @@ class Seen(NamedTuple):
     tracked: bool
     """False where it is hidden; the pose is then an old one."""
 
-    def pose(self, world: World, body: Body) -> tuple[Vec3, Quat]:
+    def pose(self, frames: Frames) -> tuple[Vec3, Quat]:
         """Position [m] and attitude in the axes of a lab."""
-        return pose_from_ned_frd(self.position_ned, self.attitude, world, body)
+        return frames.theirs(self.position_ned, self.attitude)
 
 
 class Tracker(Protocol):
@@ -103,11 +103,12 @@ def make_tracker(config: PoseConfig) -> tuple[str, Tracker] | None:
 
 def vicon_encoder(config: ViconConfig) -> Encoder:
     """What a Vicon Tracker sends: a hidden object stands still."""
+    frames = frames_of(config)
 
     def encode(frame: int, stamp_s: float, bodies: Sequence[Seen]) -> bytes:
         objects = []
         for seen in bodies:
-            (x, y, z), attitude = seen.pose(config.world, config.body)
+            (x, y, z), attitude = seen.pose(frames)
             angles = vicon_codec.euler_xyz_from_quaternion(attitude)
             objects.append(vicon_codec.ViconObject(seen.name, (1e3 * x, 1e3 * y, 1e3 * z), angles))
         size = next(s for s, room in zip(vicon_codec.DATAGRAM_SIZES, (3, 6, 13), strict=True) if len(objects) <= room)
@@ -118,12 +119,11 @@ def vicon_encoder(config: ViconConfig) -> Encoder:
 
 def json_encoder(config: JsonConfig) -> Encoder:
     """What a home-made tracker sends: a hidden body is not valid."""
+    frames = frames_of(config)
 
     def encode(frame: int, stamp_s: float, bodies: Sequence[Seen]) -> bytes:
         return json_codec.encode(
-            json_codec.json_pose(
-                seen.name, *seen.pose(config.world, config.body), t=stamp_s, frame=frame, valid=seen.tracked
-            )
+            json_codec.json_pose(seen.name, *seen.pose(frames), t=stamp_s, frame=frame, valid=seen.tracked)
             for seen in bodies
         )
 
@@ -132,12 +132,13 @@ def json_encoder(config: JsonConfig) -> Encoder:
 
 def vision_encoder(config: VisionConfig) -> Encoder:
     """What a bridge sends: of our body only, and nothing while that is hidden."""
+    frames = frames_of(config)
     codec = MavlinkCodec(config.system_id or 1, 197)  # MAV_COMP_ID_VISUAL_INERTIAL_ODOMETRY
 
     def encode(frame: int, stamp_s: float, bodies: Sequence[Seen]) -> bytes:
         ours = bodies[0]
         if not ours.tracked:
             return b""
-        return vision_codec.encode(codec, vision_codec.Vision(stamp_s, *ours.pose(config.world, config.body)))
+        return vision_codec.encode(codec, vision_codec.Vision(stamp_s, *ours.pose(frames)))
 
     return encode

@@ -4,6 +4,7 @@ import pathlib
 
 import msgspec
 
+from groundstation.frames import Frames
 from groundstation.ops import Quat, Vec3
 from groundstation.poses.intake import Intake, Reader
 from groundstation.poses.json_codec import JsonReader
@@ -62,13 +63,13 @@ def fresh_reader(name: str) -> Reader:
 def _reader(kind: str) -> Reader:
     match kind:
         case "natnet":
-            return NatNetReader("quad", Intake(0.0, world="nue", body="fur"))
+            return NatNetReader("quad", Intake(0.0, Frames("nue", "fur")))
         case "qualisys":
-            qualisys = QualisysReader("quad", Intake(0.0, world="nwu", body="flu"))
+            qualisys = QualisysReader("quad", Intake(0.0, Frames("nwu", "flu")))
             qualisys.names = ("wand", "quad")
             return qualisys
         case "json":
-            seconds, frames = (Intake(0.0, world="nwu", body="flu", seconds_per_stamp=s) for s in (1.0, 0.02))
+            seconds, frames = (Intake(0.0, Frames("nwu", "flu"), seconds_per_stamp=s) for s in (1.0, 0.02))
             return JsonReader("quad", seconds, frames)
         case _:
             return VisionReader(Intake(0.0))

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import msgspec
 
-from groundstation.frames import Body, World
+from groundstation.frames import Alignment, Body, World, frames_of
 from groundstation.poses.csv_codec import COLUMNS, Row, rows
 from groundstation.poses.intake import Intake
 from groundstation.poses.pace import Speed, play
@@ -28,6 +28,8 @@ class CsvConfig(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields
     """Axes of the file's positions; a run's folder has ``ned``."""
     body: Body = "frd"
     """Axes of the body; a run's folder has ``frd``."""
+    alignment: Alignment = Alignment()
+    """How these axes lie against ours, beyond their names."""
 
     def build(self) -> "CsvSource":
         """The source of this config."""
@@ -40,7 +42,7 @@ class CsvSource:
     def __init__(self, config: CsvConfig) -> None:
         """Nothing is read yet."""
         self._config = config
-        self._intake = Intake(0.0, world=config.world, body=config.body)
+        self._intake = Intake(0.0, frames_of(config))
         self._deliver: Callable[[Pose], None] | None = None
         self._task: asyncio.Task[None] | None = None
 

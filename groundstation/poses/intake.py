@@ -5,7 +5,7 @@ from collections import Counter
 from collections.abc import Sequence
 from typing import Protocol
 
-from groundstation.frames import Body, World, pose_to_ned_frd
+from groundstation.frames import Frames
 from groundstation.ops import Quat, Vec3
 from groundstation.poses.port import Pose, PoseStatus
 from groundstation.poses.source_clock import SourceClock
@@ -35,13 +35,11 @@ class Reader(Protocol):
 class Intake:
     """Turns what one source measured into numbered poses; what is no pose is counted by reason."""
 
-    def __init__(
-        self, latency_s: float, *, world: World = "ned", body: Body = "frd", seconds_per_stamp: float = 1.0
-    ) -> None:
+    def __init__(self, latency_s: float, frames: Frames | None = None, *, seconds_per_stamp: float = 1.0) -> None:
         """``latency_s`` is the time from the instant of a pose to its earliest arrival here [s].
 
-        ``world`` and ``body`` name the source's axes; ``seconds_per_stamp``: 1 for stamps in seconds, the nominal
-        period for frame numbers [s].
+        ``frames`` leads from the source's axes into ours; None: they are ours. ``seconds_per_stamp``: 1 for stamps in
+        seconds, the nominal period for frame numbers [s].
         """
         self.accepted = 0
         """Poses made."""
@@ -49,8 +47,7 @@ class Intake:
         """By reason. Here: not_finite, not_unit, absurd, duplicate, out_of_order."""
         self.clock = SourceClock(seconds_per_stamp)
         self._base_latency_s = latency_s
-        self._world = world
-        self._body = body
+        self._frames = frames
         self._latency_s = 0.0
         self._latency_max_s = 0.0
 
@@ -109,8 +106,9 @@ class Intake:
         self._latency_max_s = max(self._latency_max_s, latency)
         if velocity_ned is not None and not math.isfinite(sum(velocity_ned)):
             velocity_ned = None  # PX4's way to say that it has none
-        position_ned, attitude = pose_to_ned_frd(position, attitude, self._world, self._body)
-        return Pose(number, time_s, arrival_s, position_ned, attitude, velocity_ned, resets + 256 * clock.restarts)
+        if self._frames is not None:
+            position, attitude = self._frames.ours(position, attitude)
+        return Pose(number, time_s, arrival_s, position, attitude, velocity_ned, resets + 256 * clock.restarts)
 
 
 class FrameCount:

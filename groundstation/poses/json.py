@@ -4,7 +4,7 @@ from typing import Annotated
 
 import msgspec
 
-from groundstation.frames import Body, World
+from groundstation.frames import Alignment, Body, World, frames_of
 from groundstation.poses.datagram import DatagramSource
 from groundstation.poses.intake import Intake
 from groundstation.poses.json_codec import MAX_NAME, JsonReader
@@ -22,6 +22,8 @@ class JsonConfig(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_field
     """Axes of the lab frame; ``nwu`` is the usual z-up frame, its x axis taken as north."""
     body: Body = "flu"
     """Axes of the body: ``flu`` is x forward, y left, z up."""
+    alignment: Alignment = Alignment()
+    """How these axes lie against ours, beyond their names."""
     latency_s: Annotated[float, msgspec.Meta(ge=0.0, le=1.0)] = 0.02
     """Shortest time from the instant that the tracker stamps to the arrival here [s]."""
     rate_hz: Annotated[float, msgspec.Meta(gt=0.0, le=1000.0)] = 50.0
@@ -38,7 +40,6 @@ class JsonConfig(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_field
     def build(self) -> DatagramSource:
         """The source of this config."""
         intake, frames = (
-            Intake(self.latency_s, world=self.world, body=self.body, seconds_per_stamp=seconds)
-            for seconds in (1.0, 1.0 / self.rate_hz)
+            Intake(self.latency_s, frames_of(self), seconds_per_stamp=seconds) for seconds in (1.0, 1.0 / self.rate_hz)
         )
         return DatagramSource("JSON poses", self.listen, JsonReader(self.name, intake, frames))

@@ -7,7 +7,7 @@ from typing import Annotated, Any
 
 import msgspec
 
-from groundstation.frames import Body, World
+from groundstation.frames import Alignment, Body, World, frames_of
 from groundstation.poses.datagram import cannot_listen
 from groundstation.poses.intake import Intake
 from groundstation.poses.multicast import join
@@ -42,6 +42,8 @@ class NatNetConfig(
     """Axes of the lab frame: ``nue`` for Motive's up axis Y, ``nwu`` for its up axis Z."""
     body: Body = "fur"
     """Axes of the rigid body, made with its nose along x: ``fur`` where up is Y, ``flu`` where up is Z."""
+    alignment: Alignment = Alignment()
+    """How these axes lie against ours, beyond their names."""
     network_s: Annotated[float, msgspec.Meta(ge=0.0, le=1.0)] = 0.0003
     """Shortest time of a frame on its way here [s]; Motive itself tells how old it was as it left."""
 
@@ -86,7 +88,7 @@ class NatNetSource:
         """Nothing is opened yet."""
         self._config = config
         self._server = parse_address(config.server)
-        intake = Intake(config.network_s, world=config.world, body=config.body)
+        intake = Intake(config.network_s, frames_of(config))
         self._reader = NatNetReader(config.name, intake, body_id=config.id, keep_alive=not config.multicast)
         self._loop: asyncio.AbstractEventLoop | None = None
         self._command: asyncio.DatagramTransport | None = None

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import msgspec
 
-from groundstation.frames import Body, World
+from groundstation.frames import Alignment, Body, World, frames_of
 from groundstation.poses.intake import Intake
 from groundstation.poses.port import Pose, PoseStatus, SourceError
 from groundstation.poses.qualisys_codec import QualisysReader, body_names
@@ -37,6 +37,8 @@ class QualisysConfig(
     """Axes of the lab frame; ``nwu`` is the usual z-up frame, its x axis taken as north."""
     body: Body = "flu"
     """Axes of the body: ``flu`` is x forward, y left, z up."""
+    alignment: Alignment = Alignment()
+    """How these axes lie against ours, beyond their names."""
     latency_s: Annotated[float, msgspec.Meta(ge=0.0, le=1.0)] = 0.015
     """Shortest time from the instant that QTM stamps to the arrival here [s]."""
 
@@ -59,7 +61,7 @@ class QualisysSource:
     def __init__(self, config: QualisysConfig) -> None:
         """Nothing is opened yet."""
         self._config = config
-        intake = Intake(config.latency_s, world=config.world, body=config.body)
+        intake = Intake(config.latency_s, frames_of(config))
         self._reader = QualisysReader(config.name, intake)
         self._deliver: Callable[[Pose], None] | None = None
         self._task: asyncio.Task[None] | None = None

@@ -4,7 +4,7 @@ from typing import Annotated
 
 import msgspec
 
-from groundstation.frames import Body, World
+from groundstation.frames import Alignment, Body, World, frames_of
 from groundstation.poses.datagram import DatagramSource
 from groundstation.poses.intake import Intake
 from groundstation.poses.vicon_codec import ViconReader, name_bytes
@@ -22,6 +22,8 @@ class ViconConfig(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fiel
     """Axes of the lab frame; ``nwu`` is the usual z-up frame, its x axis taken as north."""
     body: Body = "flu"
     """Axes of the object: ``flu`` is x forward, y left, z up."""
+    alignment: Alignment = Alignment()
+    """How these axes lie against ours, beyond their names."""
     latency_s: Annotated[float, msgspec.Meta(ge=0.0, le=1.0)] = 0.02
     """Shortest time from the cameras' exposure to the arrival here [s]; the datagram does not tell. What arrives later
     than the frame numbers promise counts as that much older."""
@@ -49,7 +51,7 @@ class ViconSource(DatagramSource):
     """Delivers the poses of one object, each frame once and never one older than the last (see the port)."""
 
     def __init__(self, config: ViconConfig) -> None:
-        intake = Intake(config.latency_s, world=config.world, body=config.body, seconds_per_stamp=1.0 / config.rate_hz)
+        intake = Intake(config.latency_s, frames_of(config), seconds_per_stamp=1.0 / config.rate_hz)
         self._vicon = ViconReader(config.object, intake, drop_frozen=config.drop_frozen)
         super().__init__("Vicon poses", config.listen, self._vicon)
 

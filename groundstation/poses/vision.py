@@ -7,7 +7,7 @@ from typing import Annotated
 
 import msgspec
 
-from groundstation.frames import Body, World
+from groundstation.frames import Alignment, Body, World, frames_of
 from groundstation.poses.datagram import DatagramSource
 from groundstation.poses.intake import Intake
 from groundstation.poses.vision_codec import VisionReader
@@ -27,6 +27,8 @@ class VisionConfig(
     """Axes of position and angles; by the message's definition ``ned``."""
     body: Body = "frd"
     """Axes of the body; by the message's definition ``frd``."""
+    alignment: Alignment = Alignment()
+    """How these axes lie against ours, beyond their names."""
     latency_s: Annotated[float, msgspec.Meta(ge=0.0, le=1.0)] = 0.02
     """Shortest time from the instant that the bridge stamps to the arrival here [s]."""
 
@@ -40,5 +42,5 @@ class VisionConfig(
 
     def build(self) -> DatagramSource:
         """The source of this config."""
-        intake = Intake(self.latency_s, world=self.world, body=self.body)
+        intake = Intake(self.latency_s, frames_of(self))
         return DatagramSource("MAVLink poses", self.listen, VisionReader(intake, self.system_id))

@@ -16,6 +16,7 @@ import pytest
 
 from groundstation import so3
 from groundstation.clock import sleep_until
+from groundstation.frames import Alignment
 from groundstation.poses import PoseConfig, make_source
 from groundstation.poses.csv import CsvConfig
 from groundstation.poses.csv_codec import Row, encode
@@ -56,6 +57,7 @@ class Bench:
         self.link = MavlinkLink(MavlinkLinkConfig(), thrust_max_n=2.0)
         self.hidden = False
         self.begun_s = 0.0
+        self.alignment: Alignment | None = None
 
     async def prepare(self) -> None:
         raise NotImplementedError
@@ -237,6 +239,8 @@ def run(request: pytest.FixtureRequest) -> Callable[[Awaitable[None]], None]:
 @contextlib.asynccontextmanager
 async def listening(bench: Bench) -> AsyncIterator[tuple[PoseSource, list[Pose]]]:
     await bench.prepare()
+    if bench.alignment is not None:  # of which the sender knows nothing
+        bench.config = msgspec.structs.replace(bench.config, alignment=bench.alignment)
     source = make_source(bench.config, bench.link)
     poses: list[Pose] = []
     sender: asyncio.Task[Any] | None = None
@@ -292,6 +296,22 @@ def test_poses_come_numbered_in_our_frames_and_true_at_their_time(bench: Bench, 
             assert (status.clock_steps, status.clock_restarts) == (0, 0)
 
     run(main())
+
+
+def test_the_configs_alignment_moves_every_pose(bench: Bench) -> None:
+    if isinstance(bench, OdometryBench | TlogBench):
+        return  # the autopilot's own frame is our world
+
+    async def main() -> None:
+        bench.alignment = Alignment(lab_origin_m=(0.0, 5.0, 0.0), body_rotation_deg=(0.0, 0.0, 90.0))
+        async with listening(bench) as (_, poses):
+            await grown(poses, 3)
+            for pose in poses:
+                assert pose.position_ned[1:] == pytest.approx((7.0, -1.0), abs=1e-6)
+                nose = so3.to_world(pose.attitude, (1.0, 0.0, 0.0))  # the body looks east, to the right of the nose
+                assert nose == pytest.approx((1.0, 0.0, 0.0), abs=1e-6)
+
+    in_virtual_time(main())
 
 
 def test_nothing_is_delivered_after_close_and_closing_twice_does_no_harm(

@@ -7,21 +7,13 @@ from typing import get_args
 import pytest
 
 from groundstation import so3
-from groundstation.frames import (
-    Body,
-    World,
-    attitude_from_ned_frd,
-    attitude_to_ned_frd,
-    pose_from_ned_frd,
-    pose_to_ned_frd,
-    to_frd,
-    to_ned,
-)
+from groundstation.config import ConfigError, from_dict
+from groundstation.frames import Alignment, Body, Frames, World
 from groundstation.ops import Quat, Vec3
+from groundstation.settings import Config
 
 WORLDS: tuple[World, ...] = get_args(World)
 BODIES: tuple[Body, ...] = get_args(Body)
-FRAMES = list(itertools.product(WORLDS, BODIES))
 S10, C10 = math.sin(math.radians(10.0)), math.cos(math.radians(10.0))
 
 
@@ -36,31 +28,41 @@ Y: Vec3 = (0.0, 1.0, 0.0)
 Z: Vec3 = (0.0, 0.0, 1.0)
 
 
-def assert_axes(attitude: Quat, forward: Vec3, right: Vec3) -> None:
+def position(given: Vec3, world: World, alignment: Alignment | None = None) -> Vec3:
+    """Where it is in NED."""
+    return Frames(world, "frd", alignment).ours(given, so3.IDENTITY)[0]
+
+
+def attitude(given: Quat, world: World, body: Body, alignment: Alignment | None = None) -> Quat:
+    """How it is turned, FRD to NED."""
+    return Frames(world, body, alignment).ours((0.0, 0.0, 0.0), given)[1]
+
+
+def assert_axes(turn: Quat, forward: Vec3, right: Vec3) -> None:
     """The body's forward and right axes point this way in NED."""
-    assert math.hypot(*attitude) == pytest.approx(1.0, abs=1e-15)
-    assert so3.to_world(attitude, X) == pytest.approx(forward, abs=1e-15)
-    assert so3.to_world(attitude, Y) == pytest.approx(right, abs=1e-15)
+    assert math.hypot(*turn) == pytest.approx(1.0, abs=1e-15)
+    assert so3.to_world(turn, X) == pytest.approx(forward, abs=1e-15)
+    assert so3.to_world(turn, Y) == pytest.approx(right, abs=1e-15)
 
 
 @pytest.mark.parametrize(
-    ("world", "position"),
+    ("world", "given"),
     [("ned", (0.0, 2.0, -1.0)), ("enu", (2.0, 0.0, 1.0)), ("nwu", (0.0, -2.0, 1.0)), ("nue", (0.0, 1.0, 2.0))],
 )
-def test_a_vehicle_two_metres_east_of_the_origin_and_one_up(world: World, position: Vec3) -> None:
-    assert to_ned(position, world) == (0.0, 2.0, -1.0)
+def test_a_vehicle_two_metres_east_of_the_origin_and_one_up(world: World, given: Vec3) -> None:
+    assert position(given, world) == (0.0, 2.0, -1.0)
 
 
 @pytest.mark.parametrize(
-    ("world", "position"),
+    ("world", "given"),
     [("ned", (3.0, 0.0, 0.5)), ("enu", (0.0, 3.0, -0.5)), ("nwu", (3.0, 0.0, -0.5)), ("nue", (3.0, -0.5, 0.0))],
 )
-def test_a_vehicle_three_metres_north_and_half_a_metre_below(world: World, position: Vec3) -> None:
-    assert to_ned(position, world) == (3.0, 0.0, 0.5)
+def test_a_vehicle_three_metres_north_and_half_a_metre_below(world: World, given: Vec3) -> None:
+    assert position(given, world) == (3.0, 0.0, 0.5)
 
 
 @pytest.mark.parametrize(
-    ("world", "body", "attitude"),
+    ("world", "body", "given"),
     [
         # Level, nose to the north. In enu the x axis of the lab is east: the nose is turned 90° to the left of it.
         ("ned", "frd", so3.IDENTITY),
@@ -71,12 +73,12 @@ def test_a_vehicle_three_metres_north_and_half_a_metre_below(world: World, posit
         ("nue", "fur", so3.IDENTITY),
     ],
 )
-def test_level_and_nose_north(world: World, body: Body, attitude: Quat) -> None:
-    assert_axes(attitude_to_ned_frd(attitude, world, body), forward=(1.0, 0.0, 0.0), right=(0.0, 1.0, 0.0))
+def test_level_and_nose_north(world: World, body: Body, given: Quat) -> None:
+    assert_axes(attitude(given, world, body), forward=(1.0, 0.0, 0.0), right=(0.0, 1.0, 0.0))
 
 
 @pytest.mark.parametrize(
-    ("world", "body", "attitude"),
+    ("world", "body", "given"),
     [
         ("ned", "frd", about(Z, 90.0)),  # z down: right-handed is north to east
         ("nwu", "flu", about(Z, -90.0)),  # z up
@@ -85,79 +87,175 @@ def test_level_and_nose_north(world: World, body: Body, attitude: Quat) -> None:
         ("nue", "fur", about(Y, -90.0)),  # y up
     ],
 )
-def test_level_and_nose_east(world: World, body: Body, attitude: Quat) -> None:
-    assert_axes(attitude_to_ned_frd(attitude, world, body), forward=(0.0, 1.0, 0.0), right=(-1.0, 0.0, 0.0))
+def test_level_and_nose_east(world: World, body: Body, given: Quat) -> None:
+    assert_axes(attitude(given, world, body), forward=(0.0, 1.0, 0.0), right=(-1.0, 0.0, 0.0))
 
 
 @pytest.mark.parametrize(
-    ("world", "body", "attitude"),
+    ("world", "body", "given"),
     [
         ("ned", "frd", about(Y, 10.0)),  # y right: right-handed lifts the nose
         ("nwu", "flu", about(Y, -10.0)),  # y left: right-handed lowers it
         ("nue", "fur", about(Z, 10.0)),  # z right
     ],
 )
-def test_nose_up_ten_degrees_raises_the_x_axis(world: World, body: Body, attitude: Quat) -> None:
+def test_nose_up_ten_degrees_raises_the_x_axis(world: World, body: Body, given: Quat) -> None:
     # Up is -z in NED.
-    assert_axes(attitude_to_ned_frd(attitude, world, body), forward=(C10, 0.0, -S10), right=(0.0, 1.0, 0.0))
+    assert_axes(attitude(given, world, body), forward=(C10, 0.0, -S10), right=(0.0, 1.0, 0.0))
 
 
 def test_nose_up_ten_degrees_while_facing_east_in_enu() -> None:
     # Body and lab axes coincide but for the tilt: about y, which points left (north), by minus 10°.
-    assert_axes(attitude_to_ned_frd(about(Y, -10.0), "enu", "flu"), forward=(0.0, C10, -S10), right=(-1.0, 0.0, 0.0))
+    assert_axes(attitude(about(Y, -10.0), "enu", "flu"), forward=(0.0, C10, -S10), right=(-1.0, 0.0, 0.0))
 
 
 @pytest.mark.parametrize(("world", "body"), [("ned", "frd"), ("nwu", "flu"), ("nue", "fur")])
 def test_rolled_right_ten_degrees_lowers_the_right_side(world: World, body: Body) -> None:
     # x is forward in all, so rolling right is right-handed in all. Down is +z in NED.
-    assert_axes(attitude_to_ned_frd(about(X, 10.0), world, body), forward=(1.0, 0.0, 0.0), right=(0.0, C10, S10))
+    assert_axes(attitude(about(X, 10.0), world, body), forward=(1.0, 0.0, 0.0), right=(0.0, C10, S10))
 
 
 def test_rolled_right_while_facing_east_in_enu_lowers_the_south_side() -> None:
-    assert_axes(attitude_to_ned_frd(about(X, 10.0), "enu", "flu"), forward=(0.0, 1.0, 0.0), right=(-C10, 0.0, S10))
+    assert_axes(attitude(about(X, 10.0), "enu", "flu"), forward=(0.0, 1.0, 0.0), right=(-C10, 0.0, S10))
 
 
 def test_thrust_of_a_level_vehicle_points_up_whatever_the_frames() -> None:
     # The body axis that points up is -z in frd, +z in flu; in NED it must be (0, 0, -1): R e3 = +e3.
     cases: list[tuple[World, Quat]] = [("nwu", so3.IDENTITY), ("enu", about(Z, 30.0))]
     for world, level in cases:
-        attitude = attitude_to_ned_frd(level, world, "flu")
-        assert so3.third_column(attitude) == pytest.approx((0.0, 0.0, 1.0), abs=1e-15)
+        assert so3.third_column(attitude(level, world, "flu")) == pytest.approx((0.0, 0.0, 1.0), abs=1e-15)
 
 
-def test_rates_of_a_left_turn_seen_from_above() -> None:
-    # Counter-clockwise from above: +z in flu (z up), -z in frd. Rolling right is +x in both.
-    assert to_frd((0.1, 0.2, 0.3), "flu") == (0.1, -0.2, -0.3)
-    assert to_frd((0.1, 0.2, 0.3), "frd") == (0.1, 0.2, 0.3)
-    assert to_frd((0.1, 0.2, 0.3), "fur") == (0.1, 0.3, -0.2)
+def test_every_right_handed_name_is_known_and_no_other() -> None:
+    for known, pairs in ((WORLDS, ("ns", "ew", "du")), (BODIES, ("fb", "rl", "du"))):
+        right = set()
+        for order in itertools.permutations(range(3)):
+            for flips in itertools.product((0, 1), repeat=3):
+                odd = sum(order[j] > order[i] for i in range(3) for j in range(i)) % 2
+                if (odd + sum(flips)) % 2 == 0:
+                    right.add("".join(pairs[axis][flip] for axis, flip in zip(order, flips, strict=True)))
+        assert len(known) == 24
+        assert set(known) == right
 
 
-@pytest.mark.parametrize(("world", "body"), FRAMES)
-def test_the_way_back_gives_the_same_numbers_with_the_same_sign(world: World, body: Body) -> None:
-    attitude = so3.normalized((0.5, -0.1, 0.7, 0.3))
-    position = (1.25, -2.5, 0.75)
-    back = pose_from_ned_frd(*pose_to_ned_frd(position, attitude, world, body), world, body)
-    assert back[0] == position
-    assert back[1] == pytest.approx(attitude, abs=1e-15)
-    assert attitude_to_ned_frd(attitude_from_ned_frd(attitude, world, body), world, body) == pytest.approx(
-        attitude, abs=1e-15
-    )
+@pytest.mark.parametrize("name", ["neu", "nwd", "enz", "", "NED"])
+def test_a_mirrored_or_unknown_name_is_refused_with_those_there_are(name: str) -> None:
+    with pytest.raises(ConfigError, match=rf"pose\.world: expected one of \[.*'nwu'.*\], got '{name}'"):
+        from_dict({"pose": {"kind": "vicon", "world": name}}, Config)
 
 
-@pytest.mark.parametrize(("world", "body"), FRAMES)
-def test_one_physical_attitude_has_one_answer(world: World, body: Body) -> None:
-    # Rows of H: which lab axis is north, east, down; columns of B: the frd axes in the named body.
-    to_ned_rows = {
-        "ned": ((1, 0, 0), (0, 1, 0), (0, 0, 1)),
-        "enu": ((0, 1, 0), (1, 0, 0), (0, 0, -1)),
-        "nwu": ((1, 0, 0), (0, -1, 0), (0, 0, -1)),
-        "nue": ((1, 0, 0), (0, 0, 1), (0, -1, 0)),
-    }[world]
-    # Which axis of the body is forward, right, down, and its sign.
-    frd = {"frd": ((0, 1), (1, 1), (2, 1)), "flu": ((0, 1), (1, -1), (2, -1)), "fur": ((0, 1), (2, 1), (1, -1))}[body]
-    attitude = so3.normalized((0.3, 0.6, -0.2, 0.7))
-    rows = so3.matrix(attitude)
-    expected = [[sum(to_ned_rows[i][k] * rows[k][j] for k in range(3)) * sign for j, sign in frd] for i in range(3)]
-    got = so3.matrix(attitude_to_ned_frd(attitude, world, body))
-    for i in range(3):
-        assert got[i] == pytest.approx(expected[i], abs=1e-15)
+def towards(letter: str) -> Vec3:
+    """Where a letter of a name points, in NED or FRD."""
+    for axis, (ahead, behind) in enumerate((("nf", "sb"), ("er", "wl"), ("d", "u"))):
+        if letter in ahead + behind:
+            sign = 1.0 if letter in ahead else -1.0
+            return (sign * (axis == 0), sign * (axis == 1), sign * (axis == 2))
+    raise AssertionError(letter)
+
+
+@pytest.mark.parametrize("world", WORLDS)
+def test_each_axis_of_the_lab_points_where_its_letter_says(world: World) -> None:
+    assert [position(axis, world) for axis in (X, Y, Z)] == [towards(letter) for letter in world]
+
+
+@pytest.mark.parametrize("world", WORLDS)
+def test_one_physical_attitude_has_one_answer_in_all_bodies(world: World) -> None:
+    # The tracked body's axes, in the lab's, for any attitude: each must point in NED where the same axis of our
+    # vehicle does.
+    given = so3.normalized((0.3, 0.6, -0.2, 0.7))
+    for body in BODIES:
+        turn = attitude(given, world, body)
+        for axis, letter in zip((X, Y, Z), body, strict=True):
+            seen = position(so3.to_world(given, axis), world)
+            assert so3.to_world(turn, towards(letter)) == pytest.approx(seen, abs=1e-14)
+
+
+def test_a_small_turn_of_the_body_never_flips_the_quaternion() -> None:
+    for world, body in itertools.product(WORLDS, BODIES):
+        before, after = (attitude(about(Z, degrees), world, body) for degrees in (179.9, 180.1))
+        assert after == pytest.approx(before, abs=2e-3)
+
+
+def test_a_lab_whose_north_lies_thirty_degrees_east_of_ours() -> None:
+    lab = Alignment(lab_rotation_deg=(0.0, 0.0, 30.0))
+    ahead = (math.cos(math.radians(30.0)), 0.5, 0.0)
+    assert position((1.0, 0.0, 0.0), "nwu", lab) == pytest.approx(ahead, abs=1e-15)
+    # One metre to the lab's left, which is west by north: 30° north of west.
+    assert position((0.0, 1.0, 0.0), "nwu", lab) == pytest.approx((0.5, -ahead[0], 0.0), abs=1e-15)
+    assert_axes(attitude(so3.IDENTITY, "nwu", "flu", lab), forward=ahead, right=(-0.5, ahead[0], 0.0))
+
+
+def test_the_origin_of_the_lab_two_metres_north_and_one_west_of_ours_on_a_table() -> None:
+    lab = Alignment(lab_origin_m=(2.0, -1.0, -0.7))
+    assert position((0.0, 0.0, 0.0), "nue", lab) == (2.0, -1.0, -0.7)
+    assert position((0.0, 0.3, 0.0), "nue", lab) == (2.0, -1.0, -1.0)  # 0.3 m above the table
+
+
+def test_a_floor_that_rises_ten_degrees_towards_the_labs_north() -> None:
+    lab = Alignment(lab_rotation_deg=(0.0, 10.0, 0.0))
+    assert position((1.0, 0.0, 0.0), "nwu", lab) == pytest.approx((C10, 0.0, -S10), abs=1e-15)
+    # Lying on that floor, its nose is up.
+    assert_axes(attitude(so3.IDENTITY, "nwu", "flu", lab), forward=(C10, 0.0, -S10), right=(0.0, 1.0, 0.0))
+
+
+def test_a_floor_that_falls_to_the_right_of_a_lab_that_looks_east() -> None:
+    # Yaw first: the lab's north is our east. Then it rolls about that: its right side, our south, goes down.
+    lab = Alignment(lab_rotation_deg=(10.0, 0.0, 90.0))
+    assert position((1.0, 0.0, 0.0), "nwu", lab) == pytest.approx((0.0, 1.0, 0.0), abs=1e-15)
+    assert position((0.0, -1.0, 0.0), "nwu", lab) == pytest.approx((-C10, 0.0, S10), abs=1e-15)
+
+
+def test_markers_whose_forward_lies_twenty_degrees_to_the_right_of_the_nose() -> None:
+    markers = Alignment(body_rotation_deg=(0.0, 0.0, 20.0))
+    # The tracker says "north": the nose is 20° west of it.
+    s, c = math.sin(math.radians(20.0)), math.cos(math.radians(20.0))
+    assert_axes(attitude(so3.IDENTITY, "nwu", "flu", markers), forward=(c, -s, 0.0), right=(s, c, 0.0))
+
+
+def test_markers_that_were_defined_while_the_vehicle_stood_nose_down() -> None:
+    # Then the body's forward, level at that time, lies above the nose. As the tracker says "level", the nose is down.
+    markers = Alignment(body_rotation_deg=(0.0, 10.0, 0.0))
+    assert_axes(attitude(so3.IDENTITY, "enu", "flu", markers), forward=(0.0, C10, S10), right=(-1.0, 0.0, 0.0))
+
+
+@pytest.mark.parametrize(
+    ("given", "centre"),
+    [
+        (so3.IDENTITY, (1.0, 0.0, 0.06)),  # level: below
+        (about(X, 90.0), (1.0, -0.06, 0.0)),  # on its right side, nose north: its belly looks west
+        (about(Y, 90.0), (1.06, 0.0, 0.0)),  # nose up: its belly looks ahead, where the nose was
+    ],
+)
+def test_markers_six_centimetres_above_the_centre_of_mass(given: Quat, centre: Vec3) -> None:
+    markers = Alignment(centre_of_mass_m=(0.0, 0.0, 0.06))
+    place, _ = Frames("ned", "frd", markers).ours((1.0, 0.0, 0.0), given)
+    assert place == pytest.approx(centre, abs=1e-15)
+
+
+def test_everything_at_once() -> None:
+    # y up; the lab's north is our east; its origin is half a metre north of ours and 1 m up. The markers' forward
+    # lies to the right of the nose, their centre 10 cm behind that of mass. They are 2 m "north" and 1 m up, looking
+    # "north", which is east: so the nose looks north.
+    alignment = Alignment(
+        lab_rotation_deg=(0.0, 0.0, 90.0), lab_origin_m=(0.5, 0.0, -1.0), body_rotation_deg=(0.0, 0.0, 90.0),
+        centre_of_mass_m=(0.1, 0.0, 0.0),
+    )  # fmt: skip
+    place, turn = Frames("nue", "fur", alignment).ours((2.0, 1.0, 0.0), so3.IDENTITY)
+    assert place == pytest.approx((0.6, 2.0, -2.0), abs=1e-15)
+    assert_axes(turn, forward=(1.0, 0.0, 0.0), right=(0.0, 1.0, 0.0))
+
+
+ANY = Alignment(
+    lab_rotation_deg=(5.0, -12.0, 130.0), lab_origin_m=(1.5, -0.25, 0.5), body_rotation_deg=(-3.0, 8.0, -75.0),
+    centre_of_mass_m=(0.02, -0.01, 0.05),
+)  # fmt: skip
+
+
+@pytest.mark.parametrize("alignment", [Alignment(), ANY], ids=["named", "aligned"])
+def test_the_way_back_gives_the_same_numbers_with_the_same_sign(alignment: Alignment) -> None:
+    given, place = so3.normalized((0.5, -0.1, 0.7, 0.3)), (1.25, -2.5, 0.75)
+    for world, body in itertools.product(WORLDS, BODIES):
+        frames = Frames(world, body, alignment)
+        back = frames.theirs(*frames.ours(place, given))
+        assert back[0] == pytest.approx(place, abs=1e-14)
+        assert back[1] == pytest.approx(given, abs=1e-14)

@@ -6,6 +6,7 @@ from collections.abc import Sequence
 import pytest
 
 from groundstation import so3
+from groundstation.frames import Frames
 from groundstation.ops import Quat
 from groundstation.poses import json_codec, natnet_codec, qualisys_codec, vision_codec
 from groundstation.poses.intake import Intake
@@ -147,7 +148,7 @@ def test_frames_before_the_server_has_said_its_version_are_dropped() -> None:
 
 
 def test_a_pose_is_as_old_as_motive_says_and_the_networks_least_on_top() -> None:
-    reader = NatNetReader("quad", Intake(0.001, world="nue", body="fur"))
+    reader = NatNetReader("quad", Intake(0.001, Frames("nue", "fur")))
     heard(reader, "natnet 4.1")
     (pose,) = reader.read(TABLES["natnet 4.1"].rows[0].datagram, 5.0)
     assert pose.time_s == pytest.approx(5.0 - 0.005 - 0.001, abs=1e-9)
