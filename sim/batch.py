@@ -27,7 +27,7 @@ HANDSHAKE_S = 1.2
 
 
 def check(world: World, config: Config) -> None:
-    """Refuse what no batch can fly as whole flights do.
+    """Refuse what no batch can fly as whole flights do, in ``world``.
 
     Raises:
         ConfigError: the key, and what a batch flies instead.
@@ -45,6 +45,9 @@ def check(world: World, config: Config) -> None:
     ):
         if delay_s > 0.0:
             raise ConfigError(key, "the commands of a batch act at once; expected 0")
+    for name in ("occlusion_s", "swap_s"):
+        if getattr(world, name) > 0.0:
+            raise ConfigError(f"sim.{name}", "the cameras of a batch never take one body for another; expected 0")
 
 
 def fly_batch(worlds: Sequence[World], config: Config, seeds: Sequence[int], *, duration_s: float = 60.0) -> Flights:
@@ -59,7 +62,8 @@ def fly_batch(worlds: Sequence[World], config: Config, seeds: Sequence[int], *, 
     for name in ("frame_period_s", "pose_rate_hz", "speed_m_s", "gravity"):
         if any(getattr(w, name) != getattr(first, name) for w in worlds):
             raise ValueError(f"all flights of a batch need the same sim.{name}")
-    check(first, config)
+    for world in worlds:
+        check(world, config)
     assert isinstance(gains, Gains) and isinstance(pose, ViconConfig)
     period = first.frame_period_s
     steps = math.ceil(period / first.step_s - 1e-9)

@@ -12,6 +12,7 @@ from typing import Any, NamedTuple
 WHAT = {
     "tick": "sim.bench_tick",
     "flight": "sim.bench_flight",
+    "decode": "sim.bench_decode",
     "batch": "sim.bench_batch",
     "allocation": "sim.bench_allocation",
     "links": "sim.bench_links",

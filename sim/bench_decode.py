@@ -1,69 +1,83 @@
-"""What one datagram costs to decode, from bytes to a pose in our frames, beside pymavlink's bare parse of ODOMETRY."""
+"""What one datagram costs, from bytes to a pose in our frames, beside pymavlink's bare parse of ODOMETRY."""
 
+import gc
 from collections.abc import Callable
+from statistics import median
+from time import perf_counter_ns
+from typing import TYPE_CHECKING, Any
 
-import msgspec
-
+from sim.bench_timing import percentile
 from sim.pose_bytes import FLIGHTS, PERIOD_S
 
-WARM_UP = 200
+if TYPE_CHECKING:
+    from sim.bench import Options
+
+DATAGRAMS = 1000
+"""For each decoder in each round."""
+ROUNDS = 6
+"""In turns; the first does not count."""
+PARSE = "pymavlink's parse of ODOMETRY"
 
 
-class Cost(msgspec.Struct, frozen=True):
-    """Of one datagram."""
+class Timed:
+    """One decoder and what it is fed; every call is timed by itself."""
 
-    name: str
-    bytes: int
-    """Its length."""
-    median_us: float
-    p99_us: float
+    def __init__(self, datagrams: list[bytes], decode: Callable[[bytes, float], object]) -> None:
+        """``decode`` takes a datagram and when it came [s]."""
+        self.bytes = len(datagrams[-1])
+        """Length of a datagram."""
+        self.took_us: list[float] = []
+        """Of each call that counts [µs]."""
+        self._datagrams = datagrams
+        self._decode = decode
+
+    def run(self, turn: int) -> None:
+        """Decode the datagrams of round ``turn``."""
+        decode, took = self._decode, []
+        first = turn * DATAGRAMS
+        for n, data in enumerate(self._datagrams[first : first + DATAGRAMS], first):
+            begun = perf_counter_ns()
+            decode(data, n * PERIOD_S)
+            took.append(1e-3 * (perf_counter_ns() - begun))
+        if turn:
+            self.took_us += took
 
 
-def decode_costs(count: int = 5000) -> list[Cost]:
-    """Every source's cost over ``count`` datagrams, and pymavlink's; single calls, timed one by one.
+def measure(options: "Options") -> dict[str, Any]:
+    """The figures of each decoder.
 
     Raises:
-        RuntimeError: a source did not make a pose of every datagram, so the figure would mean nothing.
+        RuntimeError: a source did not make a pose of every datagram, so that its figure would mean nothing.
     """
-    return [*(_source(name, count) for name in FLIGHTS), _pymavlink(count)]
-
-
-def _source(name: str, count: int) -> Cost:
-    reader, datagrams = FLIGHTS[name](count + WARM_UP)
-    cost = _timed(name, datagrams, lambda n, data: reader.read(data, n * PERIOD_S))
-    if reader.status.accepted != len(datagrams):
-        raise RuntimeError(f"{name}: {reader.status.accepted} poses of {len(datagrams)} datagrams")
-    return cost
-
-
-def _pymavlink(count: int) -> Cost:
     from pymavlink.dialects.v20 import ardupilotmega
 
+    del options
+    count = ROUNDS * DATAGRAMS
+    flights = {name: make(count) for name, make in FLIGHTS.items()}
     parse = ardupilotmega.MAVLink(None).parse_buffer
-    _, datagrams = FLIGHTS["odometry"](count + WARM_UP)
-    return _timed("pymavlink parse of ODOMETRY", datagrams, lambda n, data: parse(data))
-
-
-def _timed(name: str, datagrams: list[bytes], decode: Callable[[int, bytes], object]) -> Cost:
-    import gc
-    from time import perf_counter_ns  # noqa: TID251  # what is measured is this machine's time
-
-    took = []
+    decoders = {name: Timed(flight.datagrams, flight.reader.read) for name, flight in flights.items()}
+    decoders[PARSE] = Timed(flights["odometry"].datagrams, lambda data, _: parse(data))
     gc.collect()
     gc.disable()
     try:
-        for n, data in enumerate(datagrams):
-            begun = perf_counter_ns()
-            decode(n, data)
-            took.append(perf_counter_ns() - begun)
+        for turn in range(ROUNDS):
+            for decoder in decoders.values():
+                decoder.run(turn)
     finally:
         gc.enable()
-    took = sorted(took[WARM_UP:])
-    return Cost(name, len(datagrams[-1]), took[len(took) // 2] / 1e3, took[len(took) * 99 // 100] / 1e3)
+    for name, flight in flights.items():
+        if flight.reader.status.accepted != count:
+            raise RuntimeError(f"{name}: {flight.reader.status.accepted} poses of {count} datagrams")
+    rows = [
+        {"name": name, "bytes": d.bytes, "median_us": median(d.took_us), "p99_us": percentile(d.took_us, 0.99)}
+        for name, d in decoders.items()
+    ]
+    return {"datagrams": (ROUNDS - 1) * DATAGRAMS, "rows": rows}
 
 
-def table(costs: list[Cost]) -> str:
-    """For people."""
-    lines = [f"{'':<28} {'bytes':>6} {'median µs':>10} {'p99 µs':>8}"]
-    lines += [f"{c.name:<28} {c.bytes:>6} {c.median_us:>10.1f} {c.p99_us:>8.1f}" for c in costs]
-    return "\n".join(lines)
+def text(facts: dict[str, Any]) -> list[str]:
+    """One line a decoder."""
+    return [
+        f"{row['name']:30} {row['bytes']:4} bytes, median {row['median_us']:5.1f} µs, p99 {row['p99_us']:5.1f} µs"
+        for row in facts["rows"]
+    ]

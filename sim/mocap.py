@@ -32,6 +32,7 @@ class Mocap:
         self._name = name
         self._tracker = tracker
         self._covered = False
+        self._begun_s = 0.0
         self._last: Truth | None = None
 
     def cover(self, covered: bool) -> None:
@@ -44,7 +45,7 @@ class Mocap:
         world, tracker = self._world, self._tracker
         await tracker.open()
         period = 1.0 / world.pose_rate_hz
-        start = loop.time() + self._phase * period
+        start = self._begun_s = loop.time() + self._phase * period
         frame = 0
         try:
             while True:
@@ -66,21 +67,26 @@ class Mocap:
         """Our body first: where it is hidden, the last that was seen of it."""
         world = self._world
         position, attitude = truth.position_ned, truth.attitude
+        others = [_circling(n, when) for n in range(world.other_bodies)]
         hidden = self._mishap(when, world.occlusion_s, 0.5)
         if hidden and self._last is not None:
             position, attitude = self._last.position_ned, self._last.attitude
         elif self._mishap(when, world.swap_s, 0.75):
+            others[:1] = [(position, attitude)] if others else []
             position, attitude = _circling(0, when)
         self._last = msgspec.structs.replace(truth, position_ned=position, attitude=attitude)
         bodies = [Seen(self._name, position, attitude, not hidden)]
-        return bodies + [Seen(f"other{n}", *_circling(n, when), True) for n in range(world.other_bodies)]
+        return bodies + [Seen(f"other{n}", *pose, True) for n, pose in enumerate(others)]
 
     def _mishap(self, when: float, length_s: float, share: float) -> bool:
-        """Whether one that begins after ``share`` of each period, and takes ``length_s``, is going on."""
+        """Whether one that begins after ``share`` of each period, and takes ``length_s``, is going on.
+
+        The periods begin with the first frame, and anew as the vehicle is released: so a flight's do not depend on how
+        long it was made ready.
+        """
         released, period = self._plant.released_s, self._world.mishap_period_s
-        if not length_s or released is None or when < released:
-            return False
-        return 0.0 <= (when - released) % period - share * period < length_s
+        since = self._begun_s if released is None or when < released else released
+        return 0.0 <= (when - since) % period - share * period < length_s
 
     def _lost(self, when: float, luck: float) -> bool:
         """Lost at random, or within one of the regular outages (the last part of each period)."""

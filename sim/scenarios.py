@@ -85,7 +85,7 @@ class Scenario(msgspec.Struct, frozen=True, kw_only=True):
         )
         data: dict[str, Any] = msgspec.to_builtins(config)
         del data["controller"]  # all default, and the defaults depend on the kind that ``overrides`` may choose
-        data["pose"] = self._told_poses(source)
+        data["pose"] = self._told_poses(source, world)
         for key in ("vehicle.preset", "vehicle.file", "trajectory.kind", "pose.kind"):
             if any(override.partition("=")[0].strip() == key for override in overrides):
                 data.pop(key.partition(".")[0], None)  # another vehicle, another trajectory: nothing of this one
@@ -97,12 +97,13 @@ class Scenario(msgspec.Struct, frozen=True, kw_only=True):
             data.setdefault("vehicle", {})["command_delay_s"] = radio.lead_s + radio.frame_s
         return from_dict(data, Config, overrides)
 
-    def _told_poses(self, source: str) -> dict[str, Any]:
+    def _told_poses(self, source: str, world: World) -> dict[str, Any]:
         """What the controller is told of its poses when they come from ``source``."""
+        noisy = world.pose_noise_m > 0.0 or world.attitude_noise_rad > 0.0  # else a vehicle that is held looks frozen
         latency = {"latency_s": self.told_latency_s}
         rate = {"rate_hz": self.world.pose_rate_hz}
         return {
-            "vicon": {"kind": "vicon", "object": "quad", "drop_frozen": False, **latency, **rate},
+            "vicon": {"kind": "vicon", "object": "quad", "drop_frozen": noisy, **latency, **rate},
             "natnet": {"kind": "natnet", "network_s": 0.0},  # all else of its latency it tells itself
             "qualisys": {"kind": "qualisys", **latency},
             "odometry": {"kind": "mavlink", **latency, **rate},

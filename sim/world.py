@@ -67,7 +67,7 @@ class World(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=Tru
     occlusion_s: NonNegative = 0.0
     """Length of the regular occlusions: frames come, but our body is not seen [s]."""
     swap_s: NonNegative = 0.0
-    """Length of the regular mix-ups: our body gets the pose of another [s]."""
+    """Length of the regular mix-ups: our body and the next one change names [s]."""
     mishap_period_s: Positive = 10.0
     """Time from one occlusion, or mix-up, to the next [s]; they come in the middle of it, and after three quarters."""
     frame_period_s: Positive = 0.0225

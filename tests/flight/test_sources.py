@@ -33,9 +33,7 @@ def test_other_bodies_and_short_occlusions_are_borne(source: str) -> None:
     result = flown("paper", "sim.other_bodies=3", "sim.occlusion_s=0.1", source=source, duration_s=20.0)
     assert result.completed, result.why
     assert result.verdict.max_cm is not None
-    # A Vicon stream does not say that an object is hidden: told to drop frozen poses it would, but noise-free
-    # simulations must not.
-    assert result.verdict.max_cm < (25.0 if source == "vicon" else 3.0)
+    assert result.verdict.max_cm < 3.0
 
 
 def test_a_mix_up_of_markers_reaches_the_flight_as_the_tracker_sends_it() -> None:

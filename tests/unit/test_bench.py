@@ -6,10 +6,11 @@ import pytest
 
 from groundstation.ops import FLOATS, arrays
 from groundstation.pilot import Pilot
-from sim import bench, bench_allocation, bench_batch, bench_flight, bench_latency, bench_tick
+from sim import bench, bench_allocation, bench_batch, bench_decode, bench_flight, bench_latency, bench_tick
 from sim.__main__ import main
 from sim.bench_peers import Bench
 from sim.bench_timing import in_turns, percentile
+from sim.pose_bytes import FLIGHTS
 
 
 def test_every_measurement_gives_json_and_words(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -18,6 +19,7 @@ def test_every_measurement_gives_json_and_words(monkeypatch: pytest.MonkeyPatch)
     monkeypatch.setattr(bench_flight, "ROUNDS", 1)
     monkeypatch.setattr(bench_latency, "RATES_HZ", (100,))
     monkeypatch.setattr(bench_latency, "SETTLE_S", 0.1)
+    monkeypatch.setattr(bench_decode, "DATAGRAMS", 100)
     monkeypatch.setattr(bench_batch, "VEHICLES", 3)
     monkeypatch.setattr(bench_batch, "FLIGHT_S", 0.1)
     monkeypatch.setattr(bench_batch, "ROUNDS", 1)
@@ -25,6 +27,8 @@ def test_every_measurement_gives_json_and_words(monkeypatch: pytest.MonkeyPatch)
     assert list(facts) == ["machine", *bench.WHAT]
     assert all(row["ticks"] == 101 and row["median_us"] > 5.0 for row in facts["tick"]["rows"])
     assert all(row["times_real_time"] > 1.0 for row in facts["flight"]["rows"])
+    assert [row["name"] for row in facts["decode"]["rows"]] == [*FLIGHTS, bench_decode.PARSE]
+    assert all(row["bytes"] > 20 and 0.0 < row["median_us"] <= row["p99_us"] for row in facts["decode"]["rows"])
     assert [row["ratio"] > 0.0 for row in facts["batch"]["rows"]] == [True] * 3
     assert facts["allocation"]["blocks_end"] > 1000
     links = facts["links"]
@@ -58,9 +62,8 @@ def test_an_unknown_measurement_is_refused_with_the_ones_there_are(
 ) -> None:
     monkeypatch.setattr("sys.argv", ["groundstation-sim", "bench", "pigeons"])
     assert main() == 2
-    assert (
-        "expected some of ['tick', 'flight', 'batch', 'allocation', 'links'], got 'pigeons'" in capsys.readouterr().err
-    )
+    words = "expected some of ['tick', 'flight', 'decode', 'batch', 'allocation', 'links'], got 'pigeons'"
+    assert words in capsys.readouterr().err
 
 
 def test_a_pilot_is_itself_again_after_it_was_timed() -> None:
@@ -75,6 +78,19 @@ def test_a_pilot_is_itself_again_after_it_was_timed() -> None:
 def test_a_command_takes_far_less_than_a_frame() -> None:
     # The goal is 60 µs; this only finds what has become several times slower, on any machine.
     assert bench_tick.one("paper", 400)["cpu_median_us"] < 300.0
+
+
+def test_a_source_that_makes_no_poses_is_not_timed(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(bench_decode, "DATAGRAMS", 10)
+    deaf = FLIGHTS["vicon"](60)
+    monkeypatch.setitem(FLIGHTS, "vicon", lambda count: deaf._replace(datagrams=[b"noise"] * count))
+    with pytest.raises(RuntimeError, match="vicon: 0 poses of 60 datagrams"):
+        bench_decode.measure(bench.Options())
+
+
+def test_decoding_takes_far_less_than_a_pose_is_apart() -> None:
+    # Tens of microseconds; this only finds what has become many times slower, on any machine.
+    assert all(row["median_us"] < 500.0 for row in bench_decode.measure(bench.Options())["rows"])
 
 
 def test_runs_take_turns_and_the_first_round_does_not_count() -> None:
