@@ -155,7 +155,11 @@ class Flight:
         config = self._config
         self._move(Event.START, "waiting for the link and for poses")
         await self._unless_landed(self._connect())
-        self._move(Event.CONNECTED, "link and poses are there")
+        status = self._source.status
+        late_ms = 1e3 * status.latency_s
+        self._move(
+            Event.CONNECTED, f"link and poses are there; poses at {status.rate_hz:.0f} Hz, {late_ms:.0f} ms late"
+        )
         if not await self._unless_landed(self._confirm()):
             raise Ended("not armed: the operator did not confirm")
         self._move(Event.ARM, "asking the autopilot to obey and to arm")
@@ -375,7 +379,7 @@ class Flight:
             reason=self._mission.reason,
             started_s=self.started_s,
             pose=self._pilot.newest_pose,
-            dropped=self._source.status.dropped,
+            source=self._source.status,
             link=self._link.status,
             certificate=self._pilot.certificate,
         )

@@ -7,7 +7,7 @@ from collections import deque
 from groundstation.mission import State
 from groundstation.ops import Quat, Vec3
 from groundstation.pilot import Tick
-from groundstation.poses.port import Pose
+from groundstation.poses.port import Pose, PoseStatus
 from groundstation.settings import Config
 from groundstation.snapshot import Certificate, Snapshot
 from links.port import LinkStatus
@@ -49,7 +49,7 @@ class Scoreboard:
         reason: str,
         started_s: float | None,
         pose: Pose | None,
-        dropped: dict[str, int],
+        source: PoseStatus,
         link: LinkStatus,
         certificate: Certificate | None,
     ) -> Snapshot:
@@ -73,7 +73,7 @@ class Scoreboard:
             pose_id=-1 if pose is None else pose.id,
             pose_age_s=0.0 if pose is None else now - pose.time_s,
             pose_rate_hz=self._rate(now),
-            poses_dropped=dropped,
+            poses_dropped=source.dropped,
             position_ned=position,
             velocity_ned=velocity,
             attitude=attitude,
@@ -89,6 +89,10 @@ class Scoreboard:
             events=tuple(self._events),
             rate_limits_rad_s=(math.radians(roll), math.radians(pitch), math.radians(yaw)),
             thrust_effectiveness=1.0 if tick is None else tick.estimate.effectiveness,
+            pose_latency_s=source.latency_s,
+            pose_latency_max_s=source.latency_max_s,
+            pose_gaps=source.gaps,
+            pose_clock_steps=source.clock_steps + source.clock_restarts,
             certificate=certificate,
         )
 

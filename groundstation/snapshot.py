@@ -111,3 +111,11 @@ class Snapshot(msgspec.Struct, frozen=True):
     """λ̂: true thrust over told thrust, as the estimator finds it [-]."""
     certificate: Certificate | None = None
     """V against its bound; None before the second command."""
+    pose_latency_s: float = 0.0
+    """From the instant of a pose to its arrival here, averaged over some fifty poses [s]."""
+    pose_latency_max_s: float = 0.0
+    """The longest of the flight [s]."""
+    pose_gaps: int = 0
+    """How often poses were missing."""
+    pose_clock_steps: int = 0
+    """How often the source's clock leapt ahead or began anew."""

@@ -30,6 +30,7 @@ def sample(time_s: float, *, vehicle: str = "mqx", state: str = "flying", text: 
         pose_id=int(50.0 * time_s),
         pose_age_s=0.012,
         pose_rate_hz=50.0,
+        pose_latency_s=0.020,
         poses_dropped={"stale": 1, "wrong_object": 2},
         position_ned=(x, y, z),
         velocity_ned=(0.4, 0.2, 0.0),

@@ -18,8 +18,10 @@ if TYPE_CHECKING:
 
 ANSWER_S = 5.0
 """How long QTM may take to answer [s]."""
-LOOK_S = 1.0
-"""How often QTM is asked which bodies it streams: frames do not tell, and somebody may change them [s]."""
+BEAT_S = 0.1
+"""A frame with more or fewer bodies than QTM has named makes us ask anew within this time [s]."""
+LOOK_BEATS = 10
+"""After so many beats QTM is asked in any case: one body may have taken the place of another."""
 AGAIN_S = 1.0
 """How long to wait before a lost connection is opened anew [s]."""
 
@@ -104,8 +106,11 @@ class QualisysSource:
         """Keep a connection until cancelled."""
         while True:
             try:
-                while not await _happens(connection.lost, LOOK_S):
-                    await self._learn_names(connection)
+                beat = 0
+                while not await _happens(connection.lost, BEAT_S):
+                    beat += 1
+                    if self._reader.other_bodies or beat % LOOK_BEATS == 0:
+                        await self._learn_names(connection)
                 self._reader.drop("connection_lost")
             finally:
                 connection.close()

@@ -145,6 +145,8 @@ class QualisysReader:
         """Look for the body ``name``; :attr:`names` must be told."""
         self.names: tuple[str, ...] = ()
         """The bodies of the stream, in their order."""
+        self.other_bodies = False
+        """True where the newest frame had more or fewer of them."""
         self._name = name
         self._intake = intake
 
@@ -164,7 +166,8 @@ class QualisysReader:
         return () if pose is None else (pose,)
 
     def _pose(self, stamp_s: float, bodies: list[tuple[float, ...]], arrival_s: float) -> Pose | None:
-        if len(bodies) != len(self.names):
+        self.other_bodies = len(bodies) != len(self.names)
+        if self.other_bodies:
             return self._intake.drop("other_bodies")  # somebody changed them: whose pose is whose?
         if self._name not in self.names:
             return self._intake.drop("no_such_body")

@@ -172,6 +172,7 @@ def test_any_numbers_can_be_shown(
         error_m=other,
         pose_age_s=other,
         pose_rate_hz=other,
+        pose_latency_s=other,
         thrust_n=other,
         flight_time_s=other,
         rate_limits_rad_s=limits,

@@ -1,0 +1,114 @@
+"""``groundstation-sim serve`` as a process: its bytes on real sockets, read as the ground station reads them.
+
+The cameras see our body and three others; half a second after they begin ours is hidden for 0.2 s, and after 0.75 s it
+changes names with another for 0.1 s; so again in every second.
+"""
+
+import asyncio
+import math
+import subprocess
+import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
+from typing import Any
+
+import msgspec
+import pytest
+
+from groundstation.config import from_dict
+from groundstation.poses import PoseConfig
+from groundstation.poses.port import Pose, PoseStatus
+from sim.world import World
+from tests.e2e.stations import free_udp_port
+
+MISHAPS = ["sim.other_bodies=3", "sim.occlusion_s=0.2", "sim.swap_s=0.1", "sim.mishap_period_s=1"]
+KINDS = {
+    "vicon": "listen",
+    "json": "listen",
+    "vision": "listen",
+    "natnet": "server",
+    "qualisys": "server",
+}
+
+
+class _Told(msgspec.Struct, frozen=True):
+    pose: PoseConfig
+
+
+@contextmanager
+def served(source: str, *more: str) -> Iterator[PoseConfig]:
+    """A room whose cameras speak as ``source`` does; gives the config that hears them."""
+    key = KINDS[source]
+    poses = {key: f"127.0.0.1:{free_udp_port()}"}
+    sets = [*MISHAPS, f"link.listen=127.0.0.1:{free_udp_port()}", *(f"pose.{k}={v}" for k, v in poses.items()), *more]
+    words = [word for override in sets for word in ("--set", override)]
+    process = subprocess.Popen(
+        [sys.executable, "-m", "sim", "serve", "--source", source, *words, "--duration", "30"],
+        stdout=subprocess.PIPE,
+        text=True,
+    )
+    try:
+        assert process.stdout is not None
+        assert next(iter(poses.values())) in process.stdout.readline()
+        told = [f"pose.kind={source}", *(o for o in sets if o.startswith("pose."))]
+        yield from_dict({}, _Told, told).pose
+    finally:
+        process.terminate()
+        process.wait(10)
+        assert process.stdout is not None
+        process.stdout.close()
+
+
+def heard(config: Any, seconds: float) -> tuple[list[Pose], PoseStatus]:
+    """The poses of ``seconds`` from the first on."""
+    poses: list[Pose] = []
+
+    async def main() -> PoseStatus:
+        source = config.build()
+        await source.start(poses.append)
+        try:
+            async with asyncio.timeout(15.0):
+                while not poses:
+                    await asyncio.sleep(0.01)
+            await asyncio.sleep(seconds)
+            status = source.status
+        finally:
+            await source.close()
+        assert isinstance(status, PoseStatus)
+        return status
+
+    return poses, asyncio.run(main())
+
+
+@pytest.mark.parametrize(
+    ("source", "more"),
+    [
+        ("vicon", ()),
+        ("json", ()),
+        ("vision", ()),
+        ("natnet", ()),
+        ("natnet", ("pose.multicast=true", f"pose.data_port={free_udp_port()}")),
+        ("qualisys", ()),
+    ],
+    ids=["vicon", "json", "vision", "natnet", "natnet multicast", "qualisys"],
+)
+def test_a_served_room_has_other_bodies_hides_ours_and_mixes_them_up(source: str, more: tuple[str, ...]) -> None:
+    with served(source, *more) as config:
+        poses, status = heard(config, 2.5)
+    start = World().start_ned
+    away = [math.dist(pose.position_ned, start) for pose in poses]
+    ours = [pose for pose, distance in zip(poses, away, strict=True) if distance < 0.01]
+    others = [pose for pose, distance in zip(poses, away, strict=True) if distance > 1.0]
+    assert len(ours) + len(others) == len(poses)
+    # Of 125 frames in 2.5 s, twenty in a hundred are hidden and ten are another's. Machines stutter.
+    assert 60 <= len(ours) <= 100
+    assert 5 <= len(others) <= 20
+    if source == "vision":  # a bridge says nothing of what it does not see
+        assert status.gaps >= 2
+    else:
+        assert status.dropped["frozen" if source == "vicon" else "not_tracked"] >= 10
+    assert set(status.dropped) <= {"frozen", "not_tracked", "no_server_info", "no_such_body", "other_bodies"}
+    # Before the names are known, which takes a tenth of a second with QTM.
+    assert sum(status.dropped[reason] for reason in set(status.dropped) - {"frozen", "not_tracked"}) < 15
+    assert (status.clock_steps, status.clock_restarts) == (0, 0)
+    assert status.latency_s < 0.08
