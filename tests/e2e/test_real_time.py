@@ -1,6 +1,7 @@
 """The application as a user has it: own processes, real UDP sockets, real signals, real time."""
 
 import asyncio
+import contextlib
 import os
 import signal
 import socket as sockets
@@ -22,10 +23,13 @@ async def seen(socket: Path, until: Callable[[Snapshot], bool], within_s: float 
     async with asyncio.timeout(within_s):
         while not os.path.exists(socket):  # noqa: ASYNC240, PTH110  # a look at a local socket blocks nobody
             await asyncio.sleep(0.05)
-        async for snapshot in snapshots(socket):
-            if until(snapshot):
-                return snapshot
-    raise AssertionError("the status socket went away first")
+        while True:
+            with contextlib.suppress(ConnectionRefusedError):  # it is there a moment before somebody listens
+                async for snapshot in snapshots(socket):
+                    if until(snapshot):
+                        return snapshot
+                raise AssertionError("the status socket went away first")
+            await asyncio.sleep(0.05)
 
 
 def fly_without_terminal(config: Path, *arguments: str) -> "subprocess.CompletedProcess[str]":
