@@ -10,6 +10,7 @@ from pathlib import Path
 import msgspec
 
 from groundstation.config import load
+from groundstation.poses import PoseConfig
 from groundstation.poses.vicon import ViconConfig
 from groundstation.settings import Config
 from links.mavlink import MavlinkLinkConfig
@@ -17,6 +18,11 @@ from sim.world import World
 
 LEAST_HEIGHT_M = 0.5
 """The vehicle is let go at least so high above the floor [m]."""
+
+
+def timing(pose: PoseConfig, rate_hz: float, latency_s: float) -> tuple[float, float]:
+    """Rate [1/s] and latency [s] that ``pose`` tells; the others where its protocol tells them itself."""
+    return getattr(pose, "rate_hz", rate_hz), getattr(pose, "latency_s", latency_s)
 
 
 def world_of(air: World, told: Config) -> World:
@@ -47,8 +53,7 @@ def own(
         ConfigError: see :func:`groundstation.config.load`.
     """
     told = load(path, Config, overrides)
-    rate_hz = getattr(told.pose, "rate_hz", air.pose_rate_hz)
-    latency_s = getattr(told.pose, "latency_s", air.pose_latency_s)
+    rate_hz, latency_s = timing(told.pose, air.pose_rate_hz, air.pose_latency_s)
     floor = told.flight.floor_z_m
     north, east, down = told.trajectory.build().position_at(0.0)
     world = overridden(

@@ -6,13 +6,14 @@ from pathlib import Path
 import msgspec
 
 from groundstation.config import ConfigError, load
+from groundstation.poses import Recorded
 from groundstation.poses.mavlink import MavlinkPoseConfig
-from groundstation.poses.tlog import TlogConfig
 from groundstation.poses.vicon import ViconConfig
 from groundstation.settings import Config, LinkConfig
 from links.bridge_link import BridgeLinkConfig
 from links.mavlink import MavlinkLinkConfig
 from sim.commands import prepare
+from sim.own import timing
 from sim.scenarios import SCENARIOS, Scenario
 from sim.tune_space import Point, with_gains
 from sim.world import World
@@ -111,8 +112,9 @@ def fitted(scenario: Scenario, station: Config) -> Scenario:
         ConfigError: the poses are a recording, or the vehicle has lags where the scenario has none.
     """
     truth, told, vehicle, pose = scenario.world, scenario.told, station.vehicle, station.pose
-    if isinstance(pose, TlogConfig):
-        raise ConfigError("pose.kind", "a recording cannot be flown; expected vicon or mavlink")
+    if isinstance(pose, Recorded):
+        raise ConfigError("pose.kind", "a recording cannot be flown; expected a source that sees the vehicle")
+    rate_hz, latency_s = timing(pose, truth.pose_rate_hz, scenario.told_latency_s)
 
     def lag(key: str) -> float:
         theirs, ours = getattr(told, key), getattr(vehicle, key)
@@ -129,20 +131,21 @@ def fitted(scenario: Scenario, station: Config) -> Scenario:
         thrust_lag_s=lag("thrust_lag_s"),
         rate_lag_s=lag("rate_lag_s"),
         command_delay_s=vehicle.command_delay_s,
-        pose_latency_s=max(0.0, truth.pose_latency_s - scenario.told_latency_s + pose.latency_s),
-        pose_rate_hz=pose.rate_hz,
+        pose_latency_s=max(0.0, truth.pose_latency_s - scenario.told_latency_s + latency_s),
+        pose_rate_hz=rate_hz,
         frame_period_s=_period_s(station),
     )
-    return msgspec.structs.replace(scenario, world=world, told=vehicle, told_latency_s=pose.latency_s)
+    return msgspec.structs.replace(scenario, world=world, told=vehicle, told_latency_s=latency_s)
 
 
 def station_of(stage: Staged) -> Config:
     """A configuration for a real room with what ``stage`` is told: for where no file was given."""
     scenario, world, ours = stage.config, stage.world, Config()
+    rate_hz, latency_s = timing(scenario.pose, world.pose_rate_hz, world.pose_latency_s)
     return msgspec.structs.replace(
         ours,
         vehicle=scenario.vehicle,
         controller=scenario.controller,
-        pose=ViconConfig(latency_s=scenario.pose.latency_s, rate_hz=world.pose_rate_hz),
+        pose=ViconConfig(latency_s=latency_s, rate_hz=rate_hz),
         link=msgspec.structs.replace(_paced(scenario.link, _period_s(scenario)), thrust_curve=None),
     )

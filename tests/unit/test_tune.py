@@ -17,6 +17,7 @@ from groundstation.control.gains import Gains, Uncompensated
 from groundstation.control.geometric import Geometric
 from groundstation.control.indi import Indi
 from groundstation.control.pid import Pid
+from groundstation.poses.vicon import ViconConfig
 from groundstation.settings import Config
 from links.mavlink import MavlinkLinkConfig
 from sim.margins import AXES, DELAY, GAIN_DOWN, GAIN_UP, Margin, Report, boundary, failure, limit_cm
@@ -129,6 +130,7 @@ def test_a_vehicle_meets_a_scenario_with_the_scenarios_ratio_of_truth_to_told(tm
     assert (world.command_delay_s, world.wind_turbulence, world.wind_gust) == (0.01, 0.3, adverse.wind_gust)
     assert isinstance(config.controller, Gains)
     assert (config.controller.k2, config.controller.k3) == (3.0, 5.0)
+    assert isinstance(config.pose, ViconConfig)
     assert (config.vehicle.mass_kg, mavlink(config).period_s, config.pose.latency_s) == (0.5, 0.0125, 0.012)
     assert msgspec.to_builtins(config.trajectory)["scale_m"] == 0.5
 
@@ -168,6 +170,7 @@ def test_what_a_scenario_tells_makes_a_configuration_for_a_real_room() -> None:
     (stage,) = staged(["quad1kg"], None, ["controller.k2=3.0"])
     station = station_of(stage)
     assert station.vehicle == SCENARIOS["quad1kg"].told
+    assert isinstance(station.pose, ViconConfig)
     assert (mavlink(station).period_s, mavlink(station).pace, station.pose.latency_s) == (0.010, "period", 0.010)
     assert station.flight == Config().flight  # the simulated room's floor and idle thrust are not yours
     assert fitted(SCENARIOS["quad1kg"], station).world == SCENARIOS["quad1kg"].world
