@@ -14,8 +14,9 @@ import links.mavlink_connection
 from links.address import parse_address
 from links.mavlink import MavlinkLink, MavlinkLinkConfig
 from links.mavlink_codec import MavlinkCodec
+from links.port import Command
 from tests.loops import free_address, in_real_time
-from tests.unit.test_mavlink_wires import Answering, SerialEnd, TcpEnd, command, until
+from tests.unit.test_mavlink_wires import Answering, SerialEnd, TcpEnd, until
 
 FOREIGN = MavlinkCodec(7, 1)
 SILENCE_S = 1.5
@@ -122,6 +123,12 @@ def end(request: pytest.FixtureRequest, tmp_path: Path, monkeypatch: pytest.Monk
     yield ENDS[request.param](tmp_path)
 
 
+def command() -> Command:
+    """Good for longer than a busy machine keeps this program waiting."""
+    now = asyncio.get_running_loop().time()
+    return Command(1.0, (0.0, 0.0, 0.0), 1, now, now + 1.0)
+
+
 def play(main: Callable[[], Coroutine[Any, Any, None]]) -> None:
     """Run ``main`` in real time; an exception that escaped to the event loop fails the test."""
 
@@ -173,7 +180,7 @@ def test_garbage_and_half_frames_are_counted_and_commands_go_on(end: End, seed: 
             await asyncio.sleep(0.004)
         end.put(bytes(300))  # the end of whatever a false start has promised
         end.heard.clear()
-        await until(lambda: link.status.received > received + 5)
+        await until(lambda: link.send(command()) and link.status.received > received + 5)
         assert sum(link.status.dropped.values()) > 20
         assert link.status.state == "armed"
         assert link.send(command())
