@@ -119,7 +119,7 @@ class Seal:
             return None
         try:
             message = decoder.decode(body[_HEAD.size :])
-        except msgspec.MsgspecError:
+        except (msgspec.MsgspecError, UnicodeDecodeError, RecursionError):  # the second for text that is no UTF-8
             dropped["malformed"] += 1
             return None
         self.counter = counter

@@ -294,7 +294,8 @@ def check_vectors(args: argparse.Namespace) -> int:
 def fuzz(args: argparse.Namespace) -> int:
     """Feed decoders random and damaged bytes."""
     from sim.fuzz import fuzz_all, text
-    from sim.fuzz_subjects import LINKS, SOURCES, Subject
+    from sim.fuzz_links import LINKS
+    from sim.fuzz_subjects import SOURCES, Subject
 
     chosen: dict[str, Callable[[], Subject]] = {}
     for option, table in (("source", SOURCES), ("link", LINKS)):

@@ -1,4 +1,4 @@
-"""What the fuzzer tries: one subject a decoder, with good datagrams to damage. Two tables name them all."""
+"""What the fuzzer tries on pose sources: one subject a decoder, with good datagrams to damage."""
 
 import struct
 from collections import Counter
@@ -98,48 +98,6 @@ class MavlinkSubject(PoseSubject):
         return repaired_mavlink(datagram)
 
 
-class MavlinkLink:
-    """The link's own codec, on every message that the simulated autopilot sends."""
-
-    def __init__(self) -> None:
-        """As seen from a ground station."""
-        from links.mavlink_codec import MavlinkCodec
-
-        self._codec = MavlinkCodec(245, 190)
-        self._seeds = [
-            datagram for name in ("odometry", "local_position", "vision") for datagram in FLIGHTS[name](15)[1]
-        ]
-        self._seeds += [MavlinkCodec(1, 1).heartbeat(), MavlinkCodec(1, 1).command(1, 1, 400, 1.0)]
-
-    @property
-    def seeds(self) -> Sequence[bytes]:
-        """See :class:`Subject`."""
-        return self._seeds
-
-    def feed(self, datagram: bytes, now_s: float) -> int:
-        """See :class:`Subject`."""
-        return len(self._codec.feed_datagram(datagram))
-
-    def drops(self) -> Counter[str]:
-        """See :class:`Subject`."""
-        return Counter(self._codec.dropped)
-
-    def repair(self, datagram: bytes) -> bytes:
-        """See :class:`Subject`."""
-        return repaired_mavlink(datagram)
-
-    def in_pieces(self, stream: bytes, cuts: Sequence[int]) -> bool | None:
-        """See :class:`Subject`."""
-        return _mavlink_said([stream]) == _mavlink_said(pieces_of(stream, cuts))
-
-
-def _mavlink_said(pieces: Sequence[bytes]) -> tuple[list[bytes], Counter[str]]:
-    from links.mavlink_codec import MavlinkCodec
-
-    codec = MavlinkCodec(245, 190)
-    return [bytes(m.get_msgbuf()) for piece in pieces for m in codec.feed(piece)], codec.dropped
-
-
 class CsvSubject:
     """Rows of recorded poses."""
 
@@ -233,5 +191,3 @@ SOURCES: dict[str, Callable[[], Subject]] = {
     "tlog": TlogSubject,
 }
 """Decoders of pose sources; a new source adds its own here."""
-LINKS: dict[str, Callable[[], Subject]] = {"mavlink": MavlinkLink}
-"""Decoders of links; a new link adds its own here."""

@@ -9,7 +9,8 @@ from links.mavlink_codec import MavlinkCodec
 from sim.bench import Options, measured
 from sim.bench_allocation import grown
 from sim.fuzz import fuzz
-from sim.fuzz_subjects import LINKS, SOURCES
+from sim.fuzz_links import LINKS
+from sim.fuzz_subjects import SOURCES
 from tests.flight.flights import flown
 from tests.mavlink_table import FRAMES
 

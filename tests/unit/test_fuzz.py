@@ -7,9 +7,11 @@ from collections.abc import Sequence
 
 import pytest
 
+import links
 from sim.__main__ import main
 from sim.fuzz import fuzz
-from sim.fuzz_subjects import LINKS, SOURCES, PoseSubject
+from sim.fuzz_links import LINKS
+from sim.fuzz_subjects import SOURCES, PoseSubject
 from sim.pose_bytes import FLIGHTS
 
 ALL = SOURCES | LINKS
@@ -26,6 +28,10 @@ def test_no_bytes_make_a_decoder_raise(name: str) -> None:
 
 def test_every_source_that_is_timed_is_fuzzed() -> None:
     assert FLIGHTS.keys() <= SOURCES.keys()
+
+
+def test_every_link_is_fuzzed() -> None:
+    assert LINKS.keys() == links.LINKS.keys()
 
 
 class Broken(PoseSubject):
