@@ -2,6 +2,7 @@
 
 import argparse
 import sys
+import time
 from pathlib import Path
 
 
@@ -44,11 +45,30 @@ def _parser() -> argparse.ArgumentParser:
     tui.add_argument("--vehicle", default="mqx", metavar="NAME", help="name of the vehicle in its config (default mqx)")
     tui.add_argument("--socket", type=Path, metavar="PATH", help="its status socket, if not the usual one")
 
-    replay = commands.add_parser("replay", help="run estimator and controller over a .tlog, in shadow")
-    replay.add_argument("file", type=Path, metavar="FILE.tlog")
+    replay = commands.add_parser("replay", help="fly a recording again and compare to the last bit; a .tlog, in shadow")
+    replay.add_argument("file", type=Path, metavar="LOG.mcap|FILE.tlog")
     replay.add_argument("--set", action="append", default=[], dest="overrides", metavar="KEY=VALUE")
     replay.add_argument("--config", type=Path, metavar="FILE.toml")
     replay.add_argument("--json", action="store_true", help="print one JSON object instead of the report")
+
+    logs = commands.add_parser("logs", help="list the recorded flights with their headline numbers")
+    _config_arguments(logs, optional=True)
+    logs.add_argument("--folder", type=Path, metavar="DIR", help="list these instead of recording.folder")
+    logs.add_argument("--tidy", action="store_true", help="first remove what recording.keep_gb and keep_days let go")
+    logs.add_argument("--json", action="store_true", help="print one JSON object instead of the table")
+    logs.set_defaults(now_s=time.time())
+
+    export = commands.add_parser(
+        "export", help="channels of a recording as CSV, or a recording that was cut off made whole"
+    )
+    export.add_argument("file", type=Path, metavar="LOG.mcap")
+    export.add_argument("--format", choices=["csv", "mcap"], default="csv", help="default: csv")
+    export.add_argument(
+        "--channel", action="append", default=[], metavar="/NAME", help="only this one; may be repeated. Default: all"
+    )
+    export.add_argument(
+        "--out", type=Path, metavar="PATH", help="folder of the CSVs (default: beside the recording), or the new .mcap"
+    )
 
     trajectory = commands.add_parser("trajectory", help="what the trajectory asks of the vehicle: PASS or FAIL")
     _config_arguments(trajectory, optional=True)

@@ -1,17 +1,32 @@
 """The composition root: one config into a link, a source, a flight, and whoever watches it."""
 
 import asyncio
-from collections.abc import Awaitable, Callable, Mapping
+from collections.abc import AsyncIterator, Awaitable, Callable, Mapping
+from contextlib import asynccontextmanager
 from typing import Any
 
 from groundstation.broadcast import Latest
 from groundstation.flight import Flight, Outcome
 from groundstation.pilot import Tick
 from groundstation.poses import make_source
-from groundstation.poses.port import Overheard, Pose
+from groundstation.poses.port import Overheard, Pose, PoseSource
+from groundstation.recorded import Give, RecordedFlight, about
 from groundstation.settings import Config
 from groundstation.snapshot import Snapshot
 from links import make_link
+from links.port import CommandLink
+
+
+def make_ends(config: Config, wires: Mapping[str, Any] | None = None) -> tuple[CommandLink, PoseSource]:
+    """The link and the pose source that ``config`` names; nothing is opened yet.
+
+    ``wires`` is what a simulation puts in the place of the link's hardware; see :func:`links.make_link`.
+
+    Raises:
+        ConfigError: the poses need another link.
+    """
+    link = make_link(config.link, thrust_max_n=config.full_thrust_n, thrust_curve=config.thrust_curve, **(wires or {}))
+    return link, make_source(config.pose, link)
 
 
 def make_flight(
@@ -22,20 +37,36 @@ def make_flight(
     on_event: Callable[[str], None] | None = None,
     on_pose: Callable[[Pose], None] | None = None,
     wires: Mapping[str, Any] | None = None,
+    give: Give | None = None,
 ) -> Flight:
     """The parts that ``config`` names, put together; nothing is opened yet.
 
-    ``on_pose`` sees every pose first. ``wires`` is what a simulation puts in the place of the link's hardware; see
-    :func:`links.make_link`.
+    ``on_pose`` sees every pose first; ``give`` takes what is to be recorded. ``wires``: see :func:`make_ends`.
 
     Raises:
         ConfigError: the poses need another link.
     """
-    link = make_link(config.link, thrust_max_n=config.full_thrust_n, thrust_curve=config.thrust_curve, **(wires or {}))
-    source = make_source(config.pose, link)
+    link, source = make_ends(config, wires)
     if on_pose is not None:
         source = Overheard(source, on_pose)
+    if give is not None:
+        return RecordedFlight(config, link, source, give=give, confirm=confirm, on_tick=on_tick, on_event=on_event)
     return Flight(config, link, source, confirm=confirm, on_tick=on_tick, on_event=on_event)
+
+
+@asynccontextmanager
+async def recorder(config: Config, say: Callable[[str], None]) -> AsyncIterator[Give | None]:
+    """What records a flight in real time, in a process of its own; None where ``recording.enabled`` is false."""
+    if not config.recording.enabled:
+        yield None
+        return
+    from groundstation.recording.process import RecorderProcess
+
+    process = RecorderProcess(config.recording, about(config), say)
+    try:
+        yield process.give
+    finally:
+        await process.close()
 
 
 async def watched(flight: Flight, config: Config, say: Callable[[str], None]) -> Outcome:

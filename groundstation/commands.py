@@ -9,6 +9,7 @@ import shlex
 import signal
 import sys
 from collections.abc import Awaitable, Callable
+from typing import TYPE_CHECKING
 
 from groundstation.config import ConfigError, dump, load
 from groundstation.mission import State
@@ -18,6 +19,9 @@ from groundstation.preflight import ensure_flyable
 from groundstation.radio import ensure_link
 from groundstation.settings import Config
 from links.address import is_loopback, parse_address
+
+if TYPE_CHECKING:
+    from groundstation.recorded import Give
 
 EXIT_DONE, EXIT_ABORTED = 0, 1
 KILL_HINT = "Ctrl-\\ (SIGQUIT) stops its motors"
@@ -29,7 +33,7 @@ def fly(args: argparse.Namespace) -> int:
     _check_name(args.arm, config)
     if args.arm is None and not sys.stdin.isatty():
         raise ConfigError("--arm", f"without a terminal, arming needs --arm {config.vehicle.name}")
-    return asyncio.run(_run(config, _ask(config, args.arm), _say))
+    return asyncio.run(_recorded(config, _ask(config, args.arm), _say))
 
 
 def daemon(args: argparse.Namespace) -> int:
@@ -45,7 +49,7 @@ def daemon(args: argparse.Namespace) -> int:
             await asyncio.Event().wait()
         return True
 
-    return asyncio.run(_run(config, confirm, lambda line: log.info("%s", line)))
+    return asyncio.run(_recorded(config, confirm, lambda line: log.info("%s", line)))
 
 
 def radio(args: argparse.Namespace) -> int:
@@ -71,7 +75,13 @@ def tui(args: argparse.Namespace) -> int:
 
 
 def replay(args: argparse.Namespace) -> int:
-    """Run estimator and controller over a recording."""
+    """Run estimator and controller over a recording: exactly as in flight over our own, in shadow over a .tlog."""
+    if args.file.suffix == ".mcap":
+        from groundstation import replay
+
+        if args.config is not None:
+            raise ConfigError("--config", "a recording has its own configuration: change it with --set")
+        return replay.replay_command(args.file, args.overrides, as_json=args.json)
     from groundstation.shadow import replay_command
 
     return replay_command(args.file, args.config, args.overrides, as_json=args.json)
@@ -86,6 +96,20 @@ def doctor(args: argparse.Namespace) -> int:
     command = shlex.join(["groundstation", "doctor", str(args.config), *overrides])
     orders = Orders(command, args.fix, args.restore, args.yes, args.json)
     return asyncio.run(doctor(config, orders, _line_from_terminal if sys.stdin.isatty() else None, _say))
+
+
+def logs(args: argparse.Namespace) -> int:
+    """List the recorded flights."""
+    from groundstation.recording.listing import logs_command
+
+    return logs_command(load(args.config, Config, args.overrides).recording, args)
+
+
+def export(args: argparse.Namespace) -> int:
+    """Channels of a recording as CSV, or a whole file from one that was cut off."""
+    from groundstation.recording.export import export_command
+
+    return export_command(args.file, args.format, args.channel, args.out)
 
 
 def config(args: argparse.Namespace) -> int:
@@ -215,11 +239,21 @@ def _calm_memory() -> None:
     gc.set_threshold(young, middle, 1000)
 
 
-async def _run(config: Config, confirm: Callable[[], Awaitable[bool]], say: Callable[[str], None]) -> int:
+async def _recorded(config: Config, confirm: Callable[[], Awaitable[bool]], say: Callable[[str], None]) -> int:
+    """Fly as :func:`_run` does, with the recorder running for as long."""
+    from groundstation.app import recorder
+
+    async with recorder(config, say) as give:
+        return await _run(config, confirm, say, give)
+
+
+async def _run(
+    config: Config, confirm: Callable[[], Awaitable[bool]], say: Callable[[str], None], give: "Give | None"
+) -> int:
     """Fly until landed or aborted, land on the first signal, and answer with the exit code."""
     from groundstation.app import make_flight, watched
 
-    flight = make_flight(config, confirm=confirm, on_event=say)
+    flight = make_flight(config, confirm=confirm, on_event=say, give=give)
     loop = asyncio.get_running_loop()
     task = asyncio.ensure_future(watched(flight, config, say))
 

@@ -9,6 +9,7 @@ from groundstation.control.gains import Gains
 from groundstation.limits import LimitsConfig
 from groundstation.poses import PoseConfig
 from groundstation.poses.vicon import ViconConfig
+from groundstation.telemetry.flights import RecordingConfig
 from groundstation.telemetry.mqtt import MqttConfig
 from groundstation.telemetry.status import StatusConfig
 from groundstation.trajectories import TrajectoryConfig
@@ -55,6 +56,7 @@ class Config(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=Tr
     flight: FlightConfig = FlightConfig()
     status: StatusConfig = StatusConfig()
     mqtt: MqttConfig = MqttConfig()
+    recording: RecordingConfig = RecordingConfig()
 
     def __post_init__(self) -> None:
         """Check what the sections cannot.

@@ -8,7 +8,7 @@ import shlex
 import sys
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import msgspec
 
@@ -17,6 +17,9 @@ from groundstation.preflight import ensure_flyable
 from groundstation.settings import Config
 from sim.scenarios import SCENARIOS, Scenario
 from sim.world import World
+
+if TYPE_CHECKING:
+    from sim.run_folder import RunFolder
 
 DURATION_S = 60.0
 """How long a flight lasts if nobody says."""
@@ -90,7 +93,6 @@ def fly(args: argparse.Namespace) -> int:
     """Fly one scenario in virtual time."""
     from sim.console import Progress, summary
     from sim.fly import fly as fly_scenario
-    from sim.run_folder import RunFolder
 
     scenario = _scenario(args.scenario)
     wanted_s: float | None = None
@@ -106,7 +108,8 @@ def fly(args: argparse.Namespace) -> int:
         world, config, wanted_s = prepare_own(scenario, args.config, args.overrides, controller=args.controller)
     duration_s = args.duration or wanted_s or DURATION_S
     ensure_flyable(config)
-    folder = RunFolder(args.out, config) if args.out is not None else None
+    name = scenario.name if args.config is None else f"{args.config.stem} in the air of {scenario.name}"
+    folder = _run_folder(args.out, config, world, scenario=name, seed=args.seed) if args.out is not None else None
     progress = Progress(duration_s, quiet=args.json or not sys.stderr.isatty())
     with progress:
         result = fly_scenario(
@@ -115,14 +118,13 @@ def fly(args: argparse.Namespace) -> int:
             seed=args.seed,
             duration_s=duration_s,
             autopilot=args.autopilot,
-            on_tick=folder.tick if folder is not None else None,
             on_datagram=folder.datagram if folder is not None else None,
-            on_event=folder.event if folder is not None else None,
             on_pose=folder.pose if folder is not None else None,
+            give=folder.give if folder is not None else None,
             on_progress=progress.at,
         )
     facts: dict[str, Any] = {
-        "scenario": scenario.name if args.config is None else f"{args.config.stem} in the air of {scenario.name}",
+        "scenario": name,
         "seed": args.seed,
         "controller": config.controller.kind,
         "source": args.source,
@@ -138,9 +140,15 @@ def fly(args: argparse.Namespace) -> int:
         "wall_s": result.wall_s,
     }
     if folder is not None:
-        folder.close(facts, world)
+        folder.close(facts)
     print(json.dumps(facts) if args.json else summary(facts, folder.path if folder is not None else None))
     return 0 if result.completed else 1
+
+
+def _run_folder(path: Path, config: Config, world: World, *, scenario: str, seed: int) -> "RunFolder":
+    from sim.run_folder import RunFolder  # what records is imported only where something is
+
+    return RunFolder(path, config, world, scenario=scenario, seed=seed)
 
 
 def _thrust_bound(config: Config, v_start: float | None) -> float | None:

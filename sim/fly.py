@@ -17,6 +17,8 @@ from groundstation.mission import State
 from groundstation.ops import Vec3
 from groundstation.pilot import Tick
 from groundstation.poses.port import Pose
+from groundstation.recorded import Give
+from groundstation.recording.records import Record
 from groundstation.settings import Config
 from sim.referee import Referee, Verdict
 from sim.stage import Stage
@@ -80,12 +82,13 @@ def fly(
     on_datagram: Callable[[float, Address, Address, bytes], None] | None = None,
     on_event: Callable[[str], None] | None = None,
     on_pose: Callable[[Pose], None] | None = None,
+    give: Give | None = None,
     on_progress: Callable[[float], None] | None = None,
     on_step: Callable[[float, Vec3], None] | None = None,
 ) -> Result:
     """Fly ``config`` in ``world`` for ``duration_s`` [s] after the release; never raises for a bad flight.
 
-    ``autopilot`` is one of :data:`sim.autopilots.AUTOPILOTS`.
+    ``give`` takes what is to be recorded. ``autopilot`` is one of :data:`sim.autopilots.AUTOPILOTS`.
     ``on_step`` sees the true position [m, NED] at every step of the plant, by the event loop's clock.
     """
     start = time.perf_counter()
@@ -95,7 +98,7 @@ def fly(
         assert isinstance(loop, VirtualTimeLoop)
         loop.tap = log
         values = runner.run(
-            _fly(world, config, seed, duration_s, autopilot, on_tick, on_event, on_pose, on_progress, on_step)
+            _fly(world, config, seed, duration_s, autopilot, on_tick, on_event, on_pose, give, on_progress, on_step)
         )
     return Result(**values, log_sha256=log.sha256(), datagrams=log.count, wall_s=time.perf_counter() - start)
 
@@ -109,6 +112,7 @@ async def _fly(
     on_tick: Callable[[Tick], None] | None,
     on_event: Callable[[str], None] | None,
     on_pose: Callable[[Pose], None] | None,
+    give: Give | None,
     on_progress: Callable[[float], None] | None,
     on_step: Callable[[float, Vec3], None] | None,
 ) -> dict[str, Any]:
@@ -141,7 +145,19 @@ async def _fly(
         await sleep_until(CONFIRM_S)
         return True
 
-    flight = make_flight(config, confirm=confirm, on_tick=watch, on_event=on_event, on_pose=on_pose, wires=stage.wires)
+    def record(record: Record) -> None:
+        if give is not None and loop.tap is not None:  # as long as the world lasts
+            give(record)
+
+    flight = make_flight(
+        config,
+        confirm=confirm,
+        on_tick=watch,
+        on_event=on_event,
+        on_pose=on_pose,
+        wires=stage.wires,
+        give=record if give is not None else None,
+    )
     stage_task = asyncio.create_task(stage.run())
     flight_task = asyncio.create_task(flight.run())
     clock = asyncio.create_task(_end_of(flight_task, lambda: flight.started_s, duration_s, on_progress))

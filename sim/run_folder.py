@@ -1,95 +1,67 @@
-"""A run's folder: config, every command and every pose as CSV, the bytes on the wire, events, and the result.
+"""A run's folder: the configuration, the recording (flight.mcap, flight.tlog), the poses as CSV, and the result.
 
-MAVLink is kept as .tlog, both ways; a radio's frames as lines of hex.
-Rows are written as they come and flushed every half second of flight, so a crash loses no more than that.
+A radio's frames, which leave by no network, are kept as lines of hex.
 """
 
 import json
-import struct
-from collections.abc import Sequence
+import sys
 from pathlib import Path
 from typing import Any, TextIO
 
 import msgspec
 
 from groundstation.config import ConfigError, dump
-from groundstation.pilot import Tick
 from groundstation.poses import csv_codec
 from groundstation.poses.csv import IN_RUN_FOLDER
 from groundstation.poses.port import Pose
+from groundstation.recorded import about
+from groundstation.recording.log import FlightLog
+from groundstation.recording.records import Ended, Record, Ticked
 from groundstation.settings import Config
-from links.address import parse_address
 from links.mavlink import MavlinkLinkConfig
 from sim.inline_pacer import MODULE
 from sim.world import World
 
-COLUMNS = (
-    "time_s,x_m,y_m,z_m,ref_x_m,ref_y_m,ref_z_m,vx_m_s,vy_m_s,vz_m_s,qw,qx,qy,qz,"
-    "thrust_n,rate_x_rad_s,rate_y_rad_s,rate_z_rad_s,saturated,"
-    "z2_x,z2_y,z2_z,z3_x,z3_y,z3_z,b_hat_x,b_hat_y,b_hat_z,d_hat_x,d_hat_y,d_hat_z,v_known,w,effectiveness,"
-    "v_excess,certificate"
-)
-"""Positions are the estimate at the acting instant; world NED, body FRD. v_excess [m²/s²] and certificate: see Seen."""
+RECORDING, FRAMES = "flight.mcap", "frames.txt"
 
 
 class RunFolder:
     """Writes one run."""
 
-    def __init__(self, path: Path, config: Config) -> None:
-        """Make the folder and open its files.
+    def __init__(self, path: Path, config: Config, world: World, *, scenario: str, seed: int) -> None:
+        """Make the folder and begin the recording; one that is there already is replaced.
 
         Raises:
             ConfigError: the folder can't be written.
         """
         self.path = path
-        link = config.link
-        self._mavlink_port = parse_address(link.address)[1] if isinstance(link, MavlinkLinkConfig) else None
+        told = about(config, clock="virtual", scenario=scenario, seed=seed, sim=dump(world))
         try:
             path.mkdir(parents=True, exist_ok=True)
             (path / "config.toml").write_text(dump(config))
-            self._csv = _opened(path / "flight.csv")
-            self._events = _opened(path / "events.txt")
+            for name in (RECORDING, "flight.tlog", FRAMES):
+                (path / name).unlink(missing_ok=True)
+            # Virtual time begins at 0, whenever that is: the same flight gives the same bytes.
+            self._log = FlightLog(path / RECORDING, told, epoch_ns=0, tell=_warn)
             self._poses = _opened(path / IN_RUN_FOLDER)
-            self._wire = (path / ("frames.txt" if self._mavlink_port is None else "mavlink.tlog")).open("wb")
+            self._frames = None if isinstance(config.link, MavlinkLinkConfig) else _opened(path / FRAMES)
         except OSError as error:
             raise ConfigError("--out", f"cannot write {path}: {error.strerror}") from None
-        self._csv.write(COLUMNS + "\n")
         self._poses.write(csv_codec.COLUMNS + "\n")
-        self._flushed = 0.0
+        self._world = world
+        self._last_s = 0.0
 
-    def tick(self, tick: Tick) -> None:
-        """One command."""
-        d, motion = tick.decision.diagnostics, tick.estimate.motion
-        row: Sequence[float] = (
-            tick.flight_time_s,
-            *motion.position,
-            *tick.reference.position_ned,
-            *motion.velocity,
-            *motion.attitude,
-            tick.decision.drive.thrust,
-            *tick.decision.drive.rates,
-            int(tick.decision.saturated),
-            *d.z2,
-            *d.z3,
-            *d.b_hat,
-            *d.disturbance,
-            d.v_known,
-            d.w,
-            tick.estimate.effectiveness,
-            tick.seen.excess,
-        )
-        self._csv.write(",".join(f"{value:.9g}" for value in row) + f",{tick.seen.state}\n")
-        if tick.time_s > self._flushed + 0.5:
-            self._flushed = tick.time_s
-            for file in (self._csv, self._events, self._poses, self._wire):
-                file.flush()
+    def give(self, record: Record) -> None:
+        """Take one record of the flight."""
+        self._log.write(record)
+        if isinstance(record, Ticked):
+            self._last_s = record.tick.time_s
 
     def datagram(self, time_s: float, source: tuple[str, int], target: tuple[str, int], data: bytes) -> None:
-        """One datagram of the simulated network: MAVLink goes to the .tlog, a radio's frame is a line of hex."""
-        if target == MODULE:
-            self._wire.write(f"{time_s:.6f} {data.hex(' ')}\n".encode())
-        elif self._mavlink_port in (source[1], target[1]):
-            self._wire.write(struct.pack(">Q", round(time_s * 1e6)) + data)
+        """One datagram of the simulated network: a radio's frame is a line of hex."""
+        del source
+        if target == MODULE and self._frames is not None:
+            self._frames.write(f"{time_s:.6f} {data.hex(' ')}\n")
 
     def pose(self, pose: Pose) -> None:
         """One pose as it came; `pose.kind = "csv"` plays the folder's again."""
@@ -97,16 +69,21 @@ class RunFolder:
             csv_codec.encode(csv_codec.Row(pose.time_s, pose.arrival_s, pose.position_ned, pose.attitude))
         )
 
-    def event(self, line: str) -> None:
-        """One line for the operator."""
-        self._events.write(line + "\n")
-
-    def close(self, facts: dict[str, Any], world: World) -> None:
+    def close(self, facts: dict[str, Any]) -> None:
         """Write the result and close everything."""
-        for file in (self._csv, self._events, self._poses, self._wire):
-            file.close()
-        result = {**facts, "sim": msgspec.to_builtins(world)}
+        # The simulation ends by itself, in the air: that is no end of a mission.
+        state = "flying" if facts["completed"] else "aborted"
+        self._log.write(Ended(self._last_s, state, facts["why"]))
+        self._log.close()
+        for file in (self._poses, self._frames):
+            if file is not None:
+                file.close()
+        result = {**facts, "sim": msgspec.to_builtins(self._world)}
         (self.path / "summary.json").write_text(json.dumps(result, indent=2) + "\n")
+
+
+def _warn(line: str) -> None:
+    print(line, file=sys.stderr)
 
 
 def _opened(path: Path) -> TextIO:

@@ -21,6 +21,12 @@ NOT_RUN = "not run: install "
 SEARCH_PATH = os.pathsep.join([os.environ.get("PATH", os.defpath), "/usr/local/sbin", "/usr/sbin", "/sbin"])
 
 
+@pytest.fixture(scope="session", autouse=True)
+def _no_recordings_at_home(tmp_path_factory: pytest.TempPathFactory) -> None:
+    """Flights of tests are recorded too, but never among the user's own."""
+    os.environ["XDG_STATE_HOME"] = str(tmp_path_factory.mktemp("state"))
+
+
 @pytest.fixture(scope="session")
 def needs_program() -> Callable[..., str]:
     """``needs_program("tmux")`` is the program's full path; where it is missing, the test is left out, loudly.

@@ -34,6 +34,11 @@ class Room:
         return self.folder / "status.sock"
 
     @property
+    def recordings(self) -> Path:
+        """Where the ground station records its flights."""
+        return self.folder / "flights"
+
+    @property
     def wires(self) -> list[str]:
         """The overrides that make both ends meet."""
         return [
@@ -45,7 +50,7 @@ class Room:
         """The command line of ``groundstation fly`` or ``daemon`` in this room."""
         return [
             *(sys.executable, "-m", "groundstation", command, str(EXAMPLE), *self.wires, *QUICK_LANDING),
-            *("--set", f"status.path={self.status_socket}", *arguments),
+            *("--set", f"status.path={self.status_socket}", "--set", f"recording.folder={self.recordings}", *arguments),
         ]
 
 

@@ -131,20 +131,20 @@ def test_scenarios_lists_every_scenario_with_every_value() -> None:
     assert "sim.pose_latency_s = 0.04" in sim("scenarios").stdout
 
 
-def test_a_runs_folder_holds_config_commands_traffic_events_and_result(tmp_path: Path) -> None:
+def test_a_runs_folder_holds_config_recording_traffic_and_result(tmp_path: Path) -> None:
     folder = tmp_path / "run"
     done = sim("fly", "--duration", "4", "--out", str(folder))
     assert done.returncode == 0, done.stderr
     assert "RMS error" in done.stdout
     assert str(folder) in done.stdout
-    with (folder / "flight.csv").open() as file:
-        rows = list(csv.DictReader(file))
+    export = [sys.executable, "-m", "groundstation", "export", str(folder / "flight.mcap"), "--channel", "errors"]
+    table = subprocess.run(export, capture_output=True, check=True, text=True).stdout
+    rows = list(csv.DictReader(table.splitlines()))
     assert len(rows) == pytest.approx(4.0 / 0.0225, abs=2)
     assert rows[-1].pop("certificate") in ("holds", "suspended", "none")
     assert all(float(value) == float(value) for value in rows[-1].values())
-    names = [record.message.get_type() for record in TlogReader((folder / "mavlink.tlog").read_bytes())]
+    names = [record.message.get_type() for record in TlogReader((folder / "flight.tlog").read_bytes())]
     assert names.count("SET_ATTITUDE_TARGET") >= len(rows)
     assert "COMMAND_ACK" in names
-    assert "flying" in (folder / "events.txt").read_text()
     assert json.loads((folder / "summary.json").read_text())["sim"]["mass_kg"] == 0.08
     assert "[controller]" in (folder / "config.toml").read_text()

@@ -49,9 +49,9 @@ def test_channels_are_quantised_as_on_the_wire() -> None:
 
 def test_a_runs_folder_holds_every_frame_as_hex(tmp_path: Path) -> None:
     world, config = prepare(SCENARIOS["paper"], [], link="dsm")
-    folder = RunFolder(tmp_path, config)
+    folder = RunFolder(tmp_path, config, world, scenario="paper", seed=0)
     fly(world, config, seed=0, duration_s=2.0, on_datagram=folder.datagram)
-    folder.close({}, world)
+    folder.close({"completed": True, "why": ""})
     lines = (tmp_path / "frames.txt").read_text().splitlines()
     assert len(lines) > 2.0 / world.frame_period_s
     time_s, *frame = lines[-1].split()

@@ -78,14 +78,14 @@ def test_a_file_in_the_labs_axes_is_turned_into_ours(tmp_path: Path) -> None:
 
 def test_a_runs_folder_plays_the_poses_that_were_flown_on(tmp_path: Path) -> None:
     world, config = prepare(SCENARIOS["paper"], [])
-    folder, flown = RunFolder(tmp_path, config), []
+    folder, flown = RunFolder(tmp_path, config, world, scenario="paper", seed=0), []
 
     def both(pose: Pose) -> None:
         flown.append(pose)
         folder.pose(pose)
 
     fly(world, config, seed=0, duration_s=2.0, on_pose=both)
-    folder.close({}, world)
+    folder.close({"completed": True, "why": ""})
     poses, _ = played(tmp_path, 10.0)
     assert len(flown) > 100
     assert [pose.position_ned for _, pose in poses] == [pose.position_ned for pose in flown]

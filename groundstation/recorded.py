@@ -1,0 +1,154 @@
+"""A flight that is recorded: everything that it takes to fly it again is handed to a recorder as it happens."""
+
+import asyncio
+from collections.abc import Awaitable, Callable
+from typing import Any
+
+from groundstation.config import dump
+from groundstation.flight import Flight, Outcome
+from groundstation.pilot import Pilot, Tick
+from groundstation.poses.port import Pose, PoseSource
+from groundstation.recording.records import (
+    About,
+    Asked,
+    Ended,
+    Followed,
+    Idled,
+    Looked,
+    Posed,
+    Record,
+    Ticked,
+    Told,
+)
+from groundstation.recording.wires import Wires
+from groundstation.settings import Config
+from groundstation.trajectories.port import Trajectory
+from links.mavlink import MavlinkLinkConfig
+from links.port import Command, CommandLink
+
+LOOK_S = 0.2
+"""How often the state of link and source is noted [s]."""
+
+Give = Callable[[Record], None]
+"""Takes records in their order; never waits, never raises."""
+
+
+class RecordedPilot(Pilot):
+    """A pilot that hands over what it is given and what it makes of it."""
+
+    give: Give
+
+    def pose(self, pose: Pose) -> None:
+        """Take one pose."""
+        self.give(Posed(pose))
+        super().pose(pose)
+
+    def follow(self, trajectory: Trajectory, start_s: float) -> None:
+        """Follow a new trajectory."""
+        self.give(Followed(start_s))
+        super().follow(trajectory, start_s)
+
+    def idle(self, time_s: float, thrust_n: float) -> Command:
+        """Make an idle command."""
+        command = super().idle(time_s, thrust_n)
+        self.give(Idled(time_s, thrust_n, command))
+        return command
+
+    def tick(self, time_s: float) -> Tick:
+        """Make a command."""
+        tick = super().tick(time_s)
+        self.give(Ticked(tick))
+        return tick
+
+
+class RecordedFlight(Flight):
+    """Implements :class:`groundstation.flight.Flight`, with a recorder beside it."""
+
+    def __init__(
+        self,
+        config: Config,
+        link: CommandLink,
+        source: PoseSource,
+        *,
+        give: Give,
+        confirm: Callable[[], Awaitable[bool]],
+        on_tick: Callable[[Tick], None] | None = None,
+        on_event: Callable[[str], None] | None = None,
+    ) -> None:
+        """As a flight; ``give`` takes the records."""
+        self._recorder = give
+        self._deaf = False
+        self._told = on_event
+        self._status_noted_s = -LOOK_S
+        super().__init__(config, link, source, confirm=confirm, on_tick=on_tick, on_event=self._tell)
+        pilot = RecordedPilot(config.vehicle, config.controller, config.flight.coast_s, config.flight.floor_z_m)
+        pilot.give = self._noted
+        self._pilot = pilot
+
+    def land(self, reason: str) -> None:
+        """Note who asks, and land."""
+        self._give(Asked(asyncio.get_running_loop().time(), "land", reason))
+        super().land(reason)
+
+    def stop(self, reason: str) -> None:
+        """Note who asks, and stop."""
+        self._give(Asked(asyncio.get_running_loop().time(), "stop", reason))
+        super().stop(reason)
+
+    def kill(self, reason: str) -> None:
+        """Note who asks, and stop the motors."""
+        self._give(Asked(asyncio.get_running_loop().time(), "kill", reason))
+        super().kill(reason)
+
+    async def run(self) -> Outcome:
+        """Fly, with every wire tapped."""
+        Wires(self._give).tap()
+        try:
+            return await super().run()
+        finally:
+            self._note_status()
+            self._give(Ended(asyncio.get_running_loop().time(), self.state, self._mission.reason))
+
+    def _give(self, record: Record) -> None:
+        """Hand over one record. Whatever goes wrong with it, the flight goes on."""
+        try:
+            self._recorder(record)
+        except Exception as error:  # noqa: BLE001  # a controller of the user's own may put anything into a tick
+            if not self._deaf:
+                self._deaf = True
+                self._tell_operator(f"WARNING: a part of this flight can't be recorded: {error}")
+
+    def _noted(self, record: Record) -> None:
+        self._give(record)
+        if isinstance(record, Ticked | Posed):
+            self._note_status(LOOK_S)
+
+    def _note_status(self, period_s: float = 0.0) -> None:
+        """Note how link and source are, unless that was done within ``period_s`` [s]."""
+        now = asyncio.get_running_loop().time()
+        if now - self._status_noted_s >= period_s:
+            self._status_noted_s = now
+            self._give(Looked(now, self._link.status, self._source.status))
+
+    def _tell(self, line: str) -> None:
+        text = line.partition(" ")[2].removeprefix(f"{self.state}: ")
+        self._give(Told(asyncio.get_running_loop().time(), self.state, text))
+        self._tell_operator(line)
+
+    def _tell_operator(self, line: str) -> None:
+        if self._told is not None:
+            self._told(line)
+
+
+def about(config: Config, **more: Any) -> About:
+    """What is known before the flight; ``more`` of it about a simulated one."""
+    link = config.link
+    return About(
+        config=dump(config),
+        vehicle=config.vehicle.name,
+        controller=config.controller.kind,
+        trajectory=str(config.trajectory.__struct_config__.tag),
+        period_s=getattr(link, "period_s", 0.0) if getattr(link, "pace", "period") == "period" else 0.0,
+        mavlink=link.address if isinstance(link, MavlinkLinkConfig) else "",
+        **more,
+    )

@@ -1,0 +1,99 @@
+"""The recorder's own process: records from standard input to the file, words for the operator to standard output.
+
+It is deaf to signals that a terminal sends, and ends when its input ends: told to, or because the flight died.
+"""
+
+import contextlib
+import os
+import select
+import signal
+import sys
+import time
+from collections.abc import Iterator
+
+import msgspec
+
+from groundstation.recording.log import FLUSH_S, FlightLog
+from groundstation.recording.process import Setup
+from groundstation.recording.records import Record
+from groundstation.telemetry.flights import folder_of, free_name, tidy
+
+_READ_BYTES = 1 << 18
+
+
+def main() -> int:
+    """Record until the input ends; 1 where nothing could be recorded."""
+    for number in (signal.SIGINT, signal.SIGHUP, signal.SIGTERM, signal.SIGQUIT, signal.SIGTSTP):
+        signal.signal(number, signal.SIG_IGN)
+    os.nice(5)
+    with contextlib.suppress(OSError):  # woken up by the flight's writing, it must not take the processor from it
+        os.sched_setscheduler(0, os.SCHED_BATCH, os.sched_param(0))
+    log: FlightLog | None = None
+    decoder = msgspec.msgpack.Decoder(Record)
+    try:
+        for message in _messages():
+            if not message:
+                if log is not None:
+                    log.flush()
+            elif log is None:
+                log = _opened(msgspec.msgpack.decode(message, type=Setup))
+            else:
+                log.write(decoder.decode(message))
+    except OSError as error:
+        _tell(f"WARNING: not recording, the flight goes on: {error}")
+        return 0
+    finally:
+        if log is not None:
+            log.close()
+    return 0
+
+
+def _messages() -> Iterator[bytes]:
+    """Each message as it comes; an empty one wherever nothing has come for a while."""
+    pending = bytearray()
+    while True:
+        if not select.select([0], [], [], FLUSH_S)[0]:
+            yield b""
+            continue
+        data = os.read(0, _READ_BYTES)
+        if not data:
+            return
+        pending += data
+        start = 0
+        while len(pending) - start >= 4:
+            end = start + 4 + int.from_bytes(pending[start : start + 4], "little")
+            if end > len(pending):
+                break
+            yield bytes(pending[start + 4 : end])
+            start = end
+        del pending[:start]
+
+
+def _opened(setup: Setup) -> FlightLog:
+    """The log, in its folder, where what is no longer kept makes room first.
+
+    Raises:
+        OSError: the folder or the file can't be made.
+    """
+    config, folder = setup.recording, folder_of(setup.recording)
+    folder.mkdir(parents=True, exist_ok=True)
+    now = time.time()
+    for path in tidy(config, now):
+        _tell(f"recordings: {path.name} was removed to keep within recording.keep_gb and keep_days")
+    local = time.localtime(now)
+    path = free_name(folder, time.strftime("%Y%m%d-%H%M%S", local), setup.about.vehicle)
+    about = msgspec.structs.replace(setup.about, started=time.strftime("%Y-%m-%dT%H:%M:%S%z", local))
+    # The event loop's clock is CLOCK_MONOTONIC, the same in every process of this machine.
+    log = FlightLog(path, about, epoch_ns=time.time_ns() - time.monotonic_ns(), tell=_tell)
+    _tell(f"recording to {path}")
+    return log
+
+
+def _tell(line: str) -> None:
+    """Tell the operator, through the flight, if it still listens."""
+    with contextlib.suppress(OSError):
+        os.write(1, line.encode() + b"\n")
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,112 @@
+"""``groundstation export``: channels of a recording as CSV, or a recording that was cut off as a whole one."""
+
+import csv
+import sys
+from collections.abc import Iterator, Mapping
+from contextlib import ExitStack
+from pathlib import Path
+from typing import Any, TextIO
+
+from groundstation.config import ConfigError
+from groundstation.recording.channels import CHANNELS, schema
+from groundstation.recording.reader import NoRecording, Recording
+
+
+def export_command(path: Path, form: str, channels: list[str], out: Path | None) -> int:
+    """Do it, say what was written, and return 0.
+
+    Raises:
+        ConfigError: the file is no recording, a channel has another name, or the result can't be written.
+    """
+    wanted = [name if name.startswith("/") else f"/{name}" for name in channels]
+    for name in wanted:
+        if name not in CHANNELS:
+            raise ConfigError("--channel", f"expected one of {list(CHANNELS)}, got {name!r}")
+    try:
+        recording = Recording(path)
+        if form == "mcap":
+            target = out or path.with_name(f"{path.stem}-whole.mcap")
+            count = rewritten(recording, target, wanted)
+            print(f"{target}: {count} messages{'' if recording.whole else ', up to where the recording was cut off'}")
+        elif len(wanted) == 1 and out is None:
+            write_csv(recording, {wanted[0]: sys.stdout})
+        else:
+            _write_folder(recording, wanted or list(CHANNELS), out or path.with_suffix(""))
+    except NoRecording as error:
+        raise ConfigError("LOG", str(error)) from None
+    except BrokenPipeError:
+        sys.stderr.close()  # whoever read us has seen enough
+    except OSError as error:
+        raise ConfigError("", f"{error.filename}: {error.strerror}") from None
+    return 0
+
+
+def _write_folder(recording: Recording, topics: list[str], folder: Path) -> None:
+    folder.mkdir(parents=True, exist_ok=True)
+    with ExitStack() as stack:
+        paths = {topic: folder / f"{topic.strip('/').replace('/', '_')}.csv" for topic in topics}
+        files = {
+            topic: stack.enter_context(path.open("w", encoding="utf-8", newline="")) for topic, path in paths.items()
+        }
+        rows = write_csv(recording, files)
+    for topic, path in paths.items():
+        print(f"{path}: {rows[topic]} rows")
+
+
+def write_csv(recording: Recording, files: Mapping[str, TextIO]) -> dict[str, int]:
+    """Write the messages on each topic to its file, one row each; returns the number of rows.
+
+    Columns are named as ``rates_rad_s.x``. They are those of the first row: what comes only later (a counter's new
+    reason) is left out.
+    """
+    writers: dict[str, Any] = {}
+    rows = dict.fromkeys(files, 0)
+    for entry in recording.entries(files):
+        row = dict(_flat(entry.value(), ""))
+        if entry.topic not in writers:
+            writer = csv.DictWriter(files[entry.topic], list(row), extrasaction="ignore", lineterminator="\n")
+            writer.writeheader()
+            writers[entry.topic] = writer
+        writers[entry.topic].writerow(row)
+        rows[entry.topic] += 1
+    return rows
+
+
+def _flat(value: Any, name: str) -> Iterator[tuple[str, Any]]:
+    """Nested objects and arrays as one row."""
+    if isinstance(value, dict):
+        for key, item in value.items():
+            yield from _flat(item, f"{name}.{key}" if name else key)
+    elif isinstance(value, list):
+        for index, item in enumerate(value):
+            yield from _flat(item, f"{name}.{index}")
+    else:
+        yield name, value
+
+
+def rewritten(recording: Recording, target: Path, topics: list[str]) -> int:
+    """Write what can be read of ``recording`` to ``target``, whole and with an index; the number of messages."""
+    from mcap.writer import CompressionType, Writer
+
+    if target.exists():
+        raise ConfigError("--out", f"{target} is there already")
+    count = 0
+    with target.open("wb") as file:
+        writer: Any = Writer(file, compression=CompressionType.ZSTD)  # some of its methods have no types
+        writer.start(library="groundstation export")
+        writer.add_metadata("about", recording.about)
+        ids = {
+            topic: writer.register_channel(
+                topic, "json", writer.register_schema(name, "jsonschema", schema(name, message))
+            )
+            for topic, (name, message) in CHANNELS.items()
+            if not topics or topic in topics
+        }
+        for entry in recording.entries(topics):
+            if entry.topic in ids:
+                writer.add_message(ids[entry.topic], entry.stamp_ns, entry.data, entry.stamp_ns)
+                count += 1
+        if recording.result:
+            writer.add_metadata("result", recording.result)
+        writer.finish()
+    return count

@@ -1,0 +1,88 @@
+"""What a list of flights says of each: how long, how well, how it ended."""
+
+import math
+from typing import Any
+
+import msgspec
+
+STEADY_S = 5.0
+"""Errors count from this time on the trajectory on [s], as in the paper."""
+
+
+class Headline(msgspec.Struct, frozen=True, kw_only=True):
+    """The figures of one flight."""
+
+    state: str
+    """Mission state at the end."""
+    reason: str
+    flown_s: float
+    """Time on the trajectory [s]."""
+    commands: int
+    poses: int
+    rms_m: float | None
+    """Root mean square distance from the reference, after the first 5 s and before the landing [m]."""
+    max_m: float | None
+    """Largest such distance [m]."""
+    lost: int
+    """Records that are missing because the recorder could not keep up."""
+
+
+class Count:
+    """Keeps the headline as messages pass by."""
+
+    def __init__(self) -> None:
+        """Nothing has happened."""
+        self._state, self._reason = "idle", ""
+        self._flown = 0.0
+        self._commands = self._poses = self._steady = self._lost = 0
+        self._squares = self._max = 0.0
+        self._flight_time = 0.0
+
+    def told(self, state: str, reason: str) -> None:
+        """The mission is in ``state``."""
+        self._state, self._reason = state, reason
+
+    def posed(self) -> None:
+        """A pose was taken."""
+        self._poses += 1
+
+    def ticked(self, flight_time_s: float, error_m: float) -> None:
+        """A command was made."""
+        self._commands += 1
+        if self._state != "flying":
+            return
+        self._flown = flight_time_s
+        if flight_time_s >= STEADY_S:
+            self._steady += 1
+            self._squares += error_m * error_m
+            self._max = max(self._max, error_m)
+
+    def lost(self, count: int) -> None:
+        """Records went missing."""
+        self._lost += count
+
+    def read(self, topic: str, message: dict[str, Any]) -> None:
+        """The same from a message of a recording."""
+        if topic == "/command":
+            self._flight_time = message["flight_time_s"]
+        elif topic == "/errors":
+            self.ticked(self._flight_time, message["error_m"])
+        elif topic == "/measured":
+            self.posed()
+        elif topic == "/mission":
+            self.told(message["state"], message["text"])
+        elif topic == "/lost":
+            self.lost(message["count"])
+
+    def headline(self) -> Headline:
+        """The figures so far."""
+        return Headline(
+            state=self._state,
+            reason=self._reason,
+            flown_s=self._flown,
+            commands=self._commands,
+            poses=self._poses,
+            rms_m=math.sqrt(self._squares / self._steady) if self._steady else None,
+            max_m=self._max if self._steady else None,
+            lost=self._lost,
+        )

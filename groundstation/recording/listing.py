@@ -1,0 +1,64 @@
+"""``groundstation logs``: the recorded flights, each with its headline numbers."""
+
+import argparse
+import json
+from pathlib import Path
+from typing import Any
+
+import msgspec
+
+from groundstation.recording.reader import NoRecording, quick_headline
+from groundstation.telemetry.flights import RecordingConfig, being_written, folder_of, tidy
+
+
+def logs_command(config: RecordingConfig, args: argparse.Namespace) -> int:
+    """List what ``config`` has recorded (or what is in ``args.folder``), tidy first where ``args.tidy``; returns 0."""
+    if args.folder is not None:
+        config = msgspec.structs.replace(config, folder=str(args.folder))
+    folder = folder_of(config)
+    removed = tidy(config, args.now_s) if args.tidy else []
+    flights = [described(path) for path in sorted(folder.glob("*.mcap"))] if folder.is_dir() else []
+    if args.json:
+        print(json.dumps({"folder": str(folder), "flights": flights, "removed": [path.name for path in removed]}))
+        return 0
+    for path in removed:
+        print(f"removed {path.name}")
+    print(f"{folder}: {len(flights)} flight{'' if len(flights) == 1 else 's'}")
+    if flights:
+        print(f"{'':40}{'controller':>14}{'trajectory':>12}{'flown':>9}{'RMS':>10}{'largest':>10}{'size':>10}  ended")
+    for flight in flights:
+        print(_row(flight))
+    return 0
+
+
+def described(path: Path) -> dict[str, Any]:
+    """What the list says of one file."""
+    facts: dict[str, Any] = {"file": path.name, "size_bytes": path.stat().st_size}
+    try:
+        about, headline, whole = quick_headline(path)
+    except (NoRecording, OSError) as error:
+        return {**facts, "error": str(error)}
+    keys = ("started", "vehicle", "controller", "trajectory", "scenario", "seed", "version", "git")
+    return {
+        **facts,
+        **{key: about.get(key, "") for key in keys},
+        **msgspec.to_builtins(headline),
+        "whole": whole,
+        "being_written": not whole and being_written(path),
+    }
+
+
+def _row(flight: dict[str, Any]) -> str:
+    if "error" in flight:
+        return f"{flight['file']:40}{flight['error']}"
+    ended = f"{flight['state']}: {flight['reason']}"
+    if flight["being_written"]:
+        ended = f"{flight['state']}: being recorded now"
+    return (
+        f"{flight['file']:40}{flight['controller']:>14}{flight['trajectory']:>12}{flight['flown_s']:>7.1f} s"
+        f"{_cm(flight['rms_m'])}{_cm(flight['max_m'])}{flight['size_bytes'] / 1e6:>7.1f} MB  {ended}"
+    )
+
+
+def _cm(value: float | None) -> str:
+    return f"{'-':>10}" if value is None else f"{100.0 * value:>7.2f} cm"

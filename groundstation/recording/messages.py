@@ -1,0 +1,180 @@
+"""From records to the messages of the channels. Sans-IO."""
+
+import math
+from collections.abc import Iterator
+
+import msgspec
+
+from groundstation.ops import Quat, Vec3
+from groundstation.pilot import Tick
+from groundstation.recording import channels as ch
+from groundstation.recording.channels import quaternion, vector
+from groundstation.recording.records import (
+    Asked,
+    Ended,
+    Followed,
+    Idled,
+    Looked,
+    Lost,
+    Opened,
+    Peer,
+    Posed,
+    Received,
+    Record,
+    Sent,
+    Ticked,
+    Told,
+)
+from links.port import Command
+
+Message = tuple[str, float, msgspec.Struct]
+"""Topic, time on the event loop's clock [s], and what it says."""
+
+INFO, WARNING = 2, 3
+"""Levels of foxglove.Log."""
+NAME = "groundstation"
+
+
+class Messages:
+    """Makes messages of the records of one flight, in their order."""
+
+    def __init__(self, period_s: float, epoch_ns: int) -> None:
+        """``period_s`` is the time between two commands [s], 0 where there is none; ``epoch_ns``: see :meth:`stamp`."""
+        self._period = period_s
+        self._epoch_ns = epoch_ns
+        self._last: float | None = None
+        self._due = 0.0
+
+    def stamp(self, time_s: float) -> int:
+        """``time_s`` on the event loop's clock [s] as wall time [ns since 1970]."""
+        return self._epoch_ns + round(time_s * 1e9)
+
+    def of(self, record: Record) -> Iterator[Message]:
+        """The messages of one record."""
+        match record:
+            case Ticked(tick):
+                yield from self._tick(tick)
+            case Received(time_s, wire, turn, peer, data):
+                yield "/raw/received", time_s, ch.RawReceived(time_s, wire, turn, address(peer), data)
+            case Sent(time_s, wire, peer, data):
+                yield "/raw/sent", time_s, ch.RawSent(time_s, wire, address(peer), data)
+            case Posed():
+                yield from self._pose(record)
+            case Idled(time_s, _, command):
+                self._last = None
+                yield "/idle", time_s, ch.Idle(time_s, *_command(command))
+            case Looked(time_s, link, source):
+                yield "/link", time_s, ch.Link(time_s, link)
+                yield "/source", time_s, ch.Source(time_s, source)
+            case _:
+                yield from self._rare(record)
+
+    def _rare(self, record: Record) -> Iterator[Message]:
+        match record:
+            case Opened(time_s, wire, kind, local, remote):
+                if wire == 0:  # screens with z up see the world as it stands
+                    yield self._transform(time_s, ch.DISPLAY, ch.WORLD, (0.0, 0.0, 0.0), (0.0, 1.0, 0.0, 0.0))
+                yield "/raw/opened", time_s, ch.WireOpened(time_s, wire, kind, address(local), address(remote))
+            case Followed(time_s):
+                yield "/follow", time_s, ch.Follow(time_s)
+            case Told(time_s, state, text):
+                yield "/mission", time_s, ch.Mission(time_s, state, text)
+                yield self._log(time_s, INFO, f"{state}: {text}")
+            case Ended(time_s, state, reason):
+                yield self._log(time_s, INFO, f"the flight is over, {state}: {reason}")
+            case Asked(time_s, what, reason):
+                yield "/request", time_s, ch.Request(time_s, what, reason)
+            case Lost(time_s, count):
+                yield "/lost", time_s, ch.Missing(time_s, count)
+                yield self._log(time_s, WARNING, f"{count} records are missing here: the recorder could not keep up")
+
+    def _log(self, time_s: float, level: int, text: str) -> Message:
+        return "/log", time_s, ch.Log(self._time(time_s), level, text, NAME, "", 0)
+
+    def _pose(self, record: Posed) -> Iterator[Message]:
+        p = record.pose
+        position, attitude = vector(p.position_ned), quaternion(p.attitude)
+        velocity = msgspec.UNSET if p.velocity_ned is None else vector(p.velocity_ned)
+        measured = ch.Measured(p.time_s, p.arrival_s, p.id, position, attitude, p.reset_count, velocity)
+        yield "/measured", p.arrival_s, measured
+        yield (
+            "/pose",
+            p.arrival_s,
+            ch.PoseInFrame(self._time(p.time_s), ch.WORLD, ch.FoxglovePose(position, attitude)),
+        )
+
+    def _tick(self, tick: Tick) -> Iterator[Message]:
+        t, estimate, reference, d = tick.time_s, tick.estimate, tick.reference, tick.decision.diagnostics
+        motion = estimate.motion
+        thrust, rates, pose_id, pose_time, deadline, parts = _command(tick.command)
+        saturated = bool(tick.decision.saturated)
+        yield (
+            "/command",
+            t,
+            ch.Commanded(t, tick.flight_time_s, thrust, rates, saturated, pose_id, pose_time, deadline, parts),
+        )
+        yield (
+            "/reference",
+            t,
+            ch.Refer(
+                t,
+                vector(reference.position_ned),
+                vector(reference.velocity_ned),
+                vector(reference.acceleration_ned),
+                vector(reference.jerk_ned),
+                reference.yaw_rad,
+                reference.yaw_rate_rad_s,
+            ),
+        )
+        position, attitude = vector(motion.position), quaternion(motion.attitude)
+        yield (
+            "/estimate",
+            t,
+            ch.Estimated(
+                t, estimate.time_s, position, vector(motion.velocity), attitude, motion.thrust, vector(motion.rates)
+            ),
+        )
+        error = math.dist(motion.position, reference.position_ned)
+        yield "/errors", t, ch.Errors(t, error, vector(d.z1), vector(d.z2), vector(d.z3), vector(d.u_star))
+        yield (
+            "/adaptation",
+            t,
+            ch.Adaptation(t, vector(d.b_hat), vector(d.b_hat_dot), vector(d.disturbance), estimate.effectiveness),
+        )
+        yield "/lyapunov", t, ch.Lyapunov(t, d.v_known, *d.v_terms, d.w, *d.w_terms, d.certificate, *tick.seen[:2])
+        yield "/timing", t, self._timing(tick)
+        yield "/tf", t, ch.FrameTransform(self._time(estimate.time_s), ch.WORLD, ch.VEHICLE, position, attitude)
+
+    def _timing(self, tick: Tick) -> ch.Timing:
+        """How late the frame is, by the same rule as Flight's: a late frame is skipped, never made up for."""
+        now, last, period = tick.time_s, self._last, self._period
+        self._last = now
+        age = now - tick.pose.time_s
+        if period <= 0.0:
+            return ch.Timing(now, age, 0.0 if last is None else now - last)
+        if last is None:
+            self._due = now
+        interval = 0.0 if last is None else now - last
+        late = now - self._due
+        if late < -0.5 * period:  # one more, from a newer pose, before a deadline
+            return ch.Timing(now, age, interval)
+        self._due += period
+        if self._due < now:
+            self._due = now + period
+        return ch.Timing(now, age, interval, late)
+
+    def _transform(self, time_s: float, parent: str, child: str, at: Vec3, turned: Quat) -> Message:
+        return "/tf", time_s, ch.FrameTransform(self._time(time_s), parent, child, vector(at), quaternion(turned))
+
+    def _time(self, time_s: float) -> ch.Time:
+        return ch.Time(*divmod(self.stamp(time_s), 1_000_000_000))
+
+
+def _command(c: Command) -> tuple[float, ch.Vector3, int, float, float, tuple[ch.Part, ...]]:
+    parts = tuple(ch.Part(p.duration_s, p.thrust_n, vector(p.rates_rad_s)) for p in c.bring_down)
+    return c.thrust_n, vector(c.rates_rad_s), c.pose_id, c.pose_time_s, c.deadline_s, parts
+
+
+def address(peer: Peer) -> str:
+    """``host:port``, or an empty string."""
+    return "" if peer is None else f"{peer[0]}:{peer[1]}"

@@ -1,0 +1,172 @@
+"""The recorder in a process of its own, as the flight sees it: records go into a pipe, and nothing ever waits."""
+
+import asyncio
+import fcntl
+import os
+import subprocess
+import sys
+from collections.abc import Callable
+from contextlib import suppress
+from pathlib import Path
+
+import msgspec
+
+import groundstation
+from groundstation.recording.records import About, Lost, Record
+from groundstation.telemetry.flights import RecordingConfig
+
+PIPE_BYTES = 1 << 20
+"""What the pipe holds, where the system allows it: several seconds of flight."""
+BACKLOG_BYTES = 8 << 20
+"""So much may wait beyond it; what comes then is left out, and counted."""
+GATHER_S = 0.05
+"""Records wait for one another for so long [s], so that the recorder wakes up less often than the flight does."""
+END_S = 5.0
+"""How long the recorder may take to write its end [s]."""
+
+
+class Setup(msgspec.Struct, frozen=True):
+    """The first message."""
+
+    recording: RecordingConfig
+    about: About
+
+
+class RecorderProcess:
+    """Begins to record as it is made; belongs to one event loop."""
+
+    def __init__(self, config: RecordingConfig, about: About, say: Callable[[str], None]) -> None:
+        """Start the process; ``say`` takes what it tells the operator."""
+        self._say = say
+        self._loop = asyncio.get_running_loop()
+        self._encoder = msgspec.msgpack.Encoder()
+        self._backlog = bytearray()
+        self._lost = 0
+        self._given: list[Record] = []
+        self._timer: asyncio.TimerHandle | None = None
+        self._told = False
+        self._gone = self._loop.create_future()
+        self._words = b""
+        # -P: a folder `groundstation` where the operator happens to stand is not ours. Ours is named instead.
+        environment = os.environ | {"PYTHONPATH": str(Path(groundstation.__file__).parents[1])}
+        self._process = subprocess.Popen(  # our own program; a millisecond, on the ground
+            [sys.executable, "-P", "-m", "groundstation.recording"],
+            stdin=subprocess.PIPE,
+            stdout=subprocess.PIPE,
+            start_new_session=True,  # what the terminal sends reaches the flight alone
+            env=environment,
+        )
+        assert self._process.stdin is not None and self._process.stdout is not None, "both are pipes"
+        self._in, self._out = self._process.stdin.fileno(), self._process.stdout.fileno()
+        os.set_blocking(self._in, False)
+        os.set_blocking(self._out, False)
+        with suppress(OSError):  # not allowed so much: the backlog has room
+            fcntl.fcntl(self._in, fcntl.F_SETPIPE_SZ, PIPE_BYTES)
+        self._loop.add_reader(self._out, self._listen)
+        self._add(Setup(config, about))
+        self._hand_over()
+
+    @property
+    def pid(self) -> int:
+        """The number of the recorder's process."""
+        return self._process.pid
+
+    @property
+    def waiting(self) -> int:
+        """Bytes that the pipe has not taken yet."""
+        return len(self._backlog)
+
+    def give(self, record: Record) -> None:
+        """Take one record. Never waits, never raises; whatever it costs comes later."""
+        self._given.append(record)
+        if self._timer is None:
+            self._timer = self._loop.call_later(GATHER_S, self._hand_over)
+
+    def _pack(self) -> None:
+        """Make bytes of what was given."""
+        given, self._given = self._given, []
+        for record in given:
+            if len(self._backlog) > BACKLOG_BYTES:
+                self._lost += 1
+                continue
+            self._admit()
+            try:
+                self._add(record)
+            except (TypeError, ValueError, OverflowError, msgspec.MsgspecError) as error:
+                self._lost += 1  # a controller of the user's own may put anything into a tick
+                if not self._told:
+                    self._told = True
+                    self._say(f"WARNING: a part of this flight can't be recorded: {error}")
+
+    def _admit(self) -> None:
+        """Say how many records are missing here."""
+        if self._lost:
+            self._add(Lost(self._loop.time(), self._lost))
+            self._lost = 0
+
+    async def close(self) -> None:
+        """Hand over what is left and wait until all is written, but not for ever."""
+        with suppress(TimeoutError):
+            async with asyncio.timeout(END_S):
+                self._hand_over()
+                while self._backlog and not self._gone.done():
+                    await asyncio.sleep(0.01)
+                    self._hand_over()
+                self._admit()
+                self._hand_over()
+                self._end_of_pipe()
+                await asyncio.shield(self._gone)
+        self._end_of_pipe()
+        if self._timer is not None:
+            self._timer.cancel()
+        if not self._gone.done():
+            self._close_out()
+            self._say("WARNING: the recorder is still writing; it ends by itself")
+
+    def _add(self, message: Setup | Record) -> None:
+        data = self._encoder.encode(message)
+        self._backlog += len(data).to_bytes(4, "little")
+        self._backlog += data
+
+    def _hand_over(self) -> None:
+        """All that was given, as far as the pipe takes it."""
+        if self._timer is not None:
+            self._timer.cancel()
+            self._timer = None
+        self._pack()
+        if self._gone.done():
+            self._backlog.clear()
+            return
+        try:
+            while self._backlog:
+                del self._backlog[: os.write(self._in, self._backlog)]
+        except BlockingIOError:
+            self._timer = self._loop.call_later(GATHER_S, self._hand_over)
+        except OSError:  # what it said on its way out comes by the other pipe
+            self._backlog.clear()
+
+    def _end_of_pipe(self) -> None:
+        if self._process.stdin is not None and not self._process.stdin.closed:
+            with suppress(OSError):
+                self._process.stdin.close()
+
+    def _close_out(self) -> None:
+        self._loop.remove_reader(self._out)
+        if self._process.stdout is not None:
+            self._process.stdout.close()
+
+    def _listen(self) -> None:
+        """Whatever it tells, and its end."""
+        try:
+            data = os.read(self._out, 65536)
+        except BlockingIOError:
+            return
+        *lines, self._words = (self._words + data).split(b"\n")
+        for line in lines:
+            self._say(line.decode(errors="replace"))
+        if not data:
+            code = self._process.wait()  # its end of the pipe closes with its last breath
+            self._close_out()
+            if code:
+                self._say(f"WARNING: the recorder has died ({code}); the flight goes on and is no longer recorded")
+            self._gone.set_result(None)

@@ -1,0 +1,135 @@
+"""What a flight hands to its recorder, in the order in which it happened: everything that it takes to fly it again."""
+
+import msgspec
+
+from groundstation.pilot import Tick
+from groundstation.poses.port import Pose, PoseStatus
+from links.port import Command, LinkStatus
+
+Peer = tuple[str, int] | None
+"""Address of the other end; None on a wire that has only one."""
+
+
+class About(msgspec.Struct, frozen=True, kw_only=True):
+    """What is known before the flight: the first thing in a recording."""
+
+    config: str
+    """The whole configuration, as TOML."""
+    vehicle: str
+    """Its name in the configuration."""
+    controller: str
+    trajectory: str
+    period_s: float
+    """Time between two commands [s]; 0 where they follow the poses."""
+    mavlink: str = ""
+    """Address of the wire that carries MAVLink; empty where none does."""
+    clock: str = "real"
+    """``real`` or ``virtual`` time."""
+    started: str = ""
+    """Wall time when the recording began; empty in virtual time."""
+    scenario: str = ""
+    """Of a simulated flight, as all below."""
+    seed: int | None = None
+    sim: str = ""
+    """The simulated truth, as TOML."""
+
+
+class Opened(msgspec.Struct, frozen=True, array_like=True, gc=False, tag=1):
+    """A wire was opened; ``wire`` numbers it from 0."""
+
+    time_s: float
+    wire: int
+    kind: str
+    """``udp`` or ``tcp``."""
+    local: Peer
+    """As it was asked for."""
+    remote: Peer
+
+
+class Received(msgspec.Struct, frozen=True, array_like=True, gc=False, tag=2):
+    """Bytes came in."""
+
+    time_s: float
+    wire: int
+    turn: int
+    """Turn of the event loop: no task ran between two arrivals of the same turn."""
+    peer: Peer
+    data: bytes
+
+
+class Sent(msgspec.Struct, frozen=True, array_like=True, gc=False, tag=3):
+    """Bytes left."""
+
+    time_s: float
+    wire: int
+    peer: Peer
+    data: bytes
+
+
+class Posed(msgspec.Struct, frozen=True, array_like=True, gc=False, tag=4):
+    """The pilot was given a pose."""
+
+    pose: Pose
+
+
+class Followed(msgspec.Struct, frozen=True, array_like=True, gc=False, tag=5):
+    """The pilot was given a trajectory, begun at ``time_s``."""
+
+    time_s: float
+
+
+class Idled(msgspec.Struct, frozen=True, array_like=True, gc=False, tag=6):
+    """The pilot made an idle command."""
+
+    time_s: float
+    thrust_n: float
+    command: Command
+
+
+class Ticked(msgspec.Struct, frozen=True, array_like=True, gc=False, tag=7):
+    """The pilot made a command."""
+
+    tick: Tick
+
+
+class Told(msgspec.Struct, frozen=True, array_like=True, gc=False, tag=8):
+    """A line for the operator."""
+
+    time_s: float
+    state: str
+    """Mission state."""
+    text: str
+
+
+class Asked(msgspec.Struct, frozen=True, array_like=True, gc=False, tag=9):
+    """Somebody asked for something: the flight's method ``what``, and why."""
+
+    time_s: float
+    what: str
+    reason: str
+
+
+class Looked(msgspec.Struct, frozen=True, array_like=True, gc=False, tag=10):
+    """How link and pose source are, now and then."""
+
+    time_s: float
+    link: LinkStatus
+    source: PoseStatus
+
+
+class Lost(msgspec.Struct, frozen=True, array_like=True, gc=False, tag=11):
+    """So many records are missing here: whoever writes them could not keep up."""
+
+    time_s: float
+    count: int
+
+
+class Ended(msgspec.Struct, frozen=True, array_like=True, gc=False, tag=12):
+    """The flight is over."""
+
+    time_s: float
+    state: str
+    reason: str
+
+
+Record = Opened | Received | Sent | Posed | Followed | Idled | Ticked | Told | Asked | Looked | Lost | Ended

@@ -1,0 +1,125 @@
+"""``groundstation replay LOG.mcap``: a recorded flight flown again, from the wire up."""
+
+import json
+import tomllib
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import msgspec
+
+from groundstation.config import ConfigError, from_dict
+from groundstation.recording.reader import NoRecording, Recording
+from groundstation.settings import Config
+
+NAMES = ("thrust_n", "roll_rate_rad_s", "pitch_rate_rad_s", "yaw_rate_rad_s")
+
+
+def replay_command(path: Path, overrides: Sequence[str], *, as_json: bool) -> int:
+    """Fly ``path`` again, with ``overrides`` where given; print what came of it.
+
+    Returns 0, or 1 where nothing was changed and the commands are not the same to the last bit.
+
+    Raises:
+        ConfigError: the file is no recording, or an override is bad.
+    """
+    facts = replayed(path, overrides)
+    print(json.dumps(facts) if as_json else text_of(facts))
+    return 0 if overrides or facts["identical"] else 1
+
+
+def replayed(path: Path, overrides: Sequence[str] = ()) -> dict[str, Any]:
+    """The object that ``--json`` prints.
+
+    Raises:
+        ConfigError: see :func:`replay_command`.
+    """
+    from groundstation.recording.log import facts as program
+    from groundstation.recording.records import About
+    from groundstation.replay.again import fly_again
+
+    try:
+        recording = Recording(path)
+        config = from_dict(tomllib.loads(recording.about["config"]), Config, overrides, source=str(path))
+        result = fly_again(recording, config)
+    except NoRecording as error:
+        raise ConfigError("LOG", str(error)) from None
+    except OSError as error:
+        raise ConfigError("LOG", f"cannot read {path}: {error.strerror}") from None
+    own = program(About(config="", vehicle="", controller="", trajectory="", period_s=0.0))
+    nothing_differs = not any(result.differing.values())
+    count = len(result.commands)
+    return {
+        "file": str(path),
+        "identical": nothing_differs and not result.lost and count + result.idle > 0,
+        "first_difference": None if result.first is None else msgspec.to_builtins(result.first),
+        "commands": count,
+        "idle_commands": result.idle,
+        "poses": result.poses,
+        "differing": result.differing,
+        "lost": result.lost,
+        "unheard_wires": result.deaf,
+        "whole": recording.whole,
+        "overrides": list(overrides),
+        "changes": {name: _change([(p.recorded[i], p.replayed[i]) for p in result.commands]) for i, name in _indexed()},
+        "saturated_fraction": sum(pair.saturated for pair in result.commands) / count if count else None,
+        "recorded_by": {key: recording.about.get(key, "") for key in ("version", "git", "python")},
+        "replayed_by": {key: own[key] for key in ("version", "git", "python")},
+    }
+
+
+def _indexed() -> list[tuple[int, str]]:
+    return list(enumerate(NAMES))
+
+
+def _change(pairs: list[tuple[float, float]]) -> dict[str, float] | None:
+    """How far the numbers made anew are from the recorded ones; None without any."""
+    if not pairs:
+        return None
+    steps = [abs(b - a) for a, b in pairs]
+    return {
+        "rms": (sum(step * step for step in steps) / len(steps)) ** 0.5,
+        "max": max(steps),
+        "recorded_mean": sum(a for a, _ in pairs) / len(pairs),
+        "replayed_mean": sum(b for _, b in pairs) / len(pairs),
+    }
+
+
+def text_of(facts: dict[str, Any]) -> str:
+    """The same for people."""
+    lines = [
+        f"{facts['file']}: {facts['commands']} commands, {facts['idle_commands']} idle ones, {facts['poses']} poses"
+        + ("" if facts["whole"] else "; the recording was cut off, this is all that is in it")
+    ]
+    if facts["lost"]:
+        lines.append(f"{facts['lost']} records are missing: the recorder could not keep up")
+    if facts["differing"]["pose"]:
+        lines += [
+            f"nobody listens on {wire} this time: what was heard there is left out" for wire in facts["unheard_wires"]
+        ]
+    first = facts["first_difference"]
+    if facts["identical"]:
+        lines.append("identical: every pose and every command is the same to the last bit")
+    elif first is not None:
+        lines.append(
+            f"not identical: {facts['differing']['command']} commands differ, first {first['what']} "
+            f"{first['number']} at {first['time_s']:.6f} s, {first['field']}: "
+            f"{first['recorded']} recorded, {first['replayed']} now"
+        )
+    if facts["overrides"]:
+        lines += ["", f"with {', '.join(facts['overrides'])}, on the poses that were seen (nothing flies differently):"]
+    if not facts["identical"] and facts["commands"]:
+        lines.append(f"{'':20}{'mean recorded':>15}{'mean now':>12}{'change RMS':>12}{'largest':>12}")
+        for name in NAMES:
+            c = facts["changes"][name]
+            lines.append(
+                f"{name:20}{c['recorded_mean']:>15.4f}{c['replayed_mean']:>12.4f}{c['rms']:>12.4f}{c['max']:>12.4f}"
+            )
+        lines.append(f"{'at a limit':20}{'':>15}{100.0 * facts['saturated_fraction']:>10.1f} %")
+    if not facts["identical"] and not facts["overrides"] and facts["recorded_by"] != facts["replayed_by"]:
+        lines.append(f"recorded by {_said(facts['recorded_by'])}, replayed by {_said(facts['replayed_by'])}")
+    return "\n".join(lines)
+
+
+def _said(program: dict[str, str]) -> str:
+    return f"version {program['version']} ({program['git'][:12] or 'no commit'}) on Python {program['python']}"

@@ -1,0 +1,284 @@
+"""A recorded flight flown again: its bytes through source and estimator, its instants through the controller.
+
+What went in is taken from the recording: every byte with its arrival, the instant of every command, the reference. What
+came out, every pose and every command, is made anew and held against what was recorded, to the last bit.
+"""
+
+import math
+from collections import deque
+from typing import Any, NamedTuple
+
+import msgspec
+
+from groundstation.app import make_ends
+from groundstation.control.model import Drive
+from groundstation.ops import Quat, Vec3
+from groundstation.pilot import Pilot
+from groundstation.poses.mavlink import MavlinkPoseConfig
+from groundstation.poses.port import Pose
+from groundstation.recording import channels as ch
+from groundstation.recording.reader import Entry, Recording
+from groundstation.replay.tape import TapeLoop, tape_loop
+from groundstation.settings import Config
+from groundstation.trajectories.port import Reference
+from links.mavlink import MavlinkLinkConfig
+from links.port import Command, Segment
+
+TOPICS = ("/raw/opened", "/raw/received", "/measured", "/follow", "/idle", "/command", "/reference", "/lost")
+
+
+class Difference(msgspec.Struct, frozen=True):
+    """Where recording and replay first part."""
+
+    what: str
+    """``pose``, ``idle`` or ``command``."""
+    number: int
+    """Which of them, from 0."""
+    time_s: float
+    """On the flight's clock [s]."""
+    field: str
+    recorded: Any
+    replayed: Any
+
+
+class Pair(NamedTuple):
+    """One command as recorded and as made anew: thrust [N] and body rates [rad/s]."""
+
+    recorded: tuple[float, float, float, float]
+    replayed: tuple[float, float, float, float]
+    saturated: bool
+
+
+class Reflown(msgspec.Struct, frozen=True):
+    """What came of it."""
+
+    commands: list[Pair]
+    poses: int
+    idle: int
+    differing: dict[str, int]
+    """How many poses, idle commands and commands are not the same to the last bit."""
+    first: Difference | None
+    lost: int
+    """Records that the recorder had to leave out: then nothing can be the same."""
+    deaf: list[str]
+    """Wires whose bytes nobody took."""
+
+
+class _Pilot(Pilot):
+    """A pilot whose vehicle may have been told something else."""
+
+    def obeyed(self, time_s: float, command: Command) -> None:
+        """What left at ``time_s`` [s] was ``command``, whatever was made anew: the vehicle moved by that one."""
+        drive = Drive(command.thrust_n, command.rates_rad_s)
+        self._estimator.sent(time_s + self._vehicle.command_delay_s, drive)
+
+
+class _Told:
+    """The recorded reference, whatever time is asked for."""
+
+    duration_s = None
+    joints_s = ()
+
+    def __init__(self) -> None:
+        self.reference = Reference((0.0, 0.0, 0.0))
+
+    def at(self, _time_s: float) -> Reference:
+        return self.reference
+
+    def position_at(self, _time_s: float) -> Vec3:
+        return self.reference.position_ned
+
+
+def fly_again(recording: Recording, config: Config) -> Reflown:
+    """Fly ``recording`` again with ``config``, its own or a changed one.
+
+    Raises:
+        ConfigError: a controller of the user's own can't be loaded.
+    """
+    entries = list(recording.entries(TOPICS))
+    with tape_loop() as loop:
+        flight = _Again(config, loop)
+        for index, entry in enumerate(entries):
+            flight.take(entry, entries, index)
+    return flight.result()
+
+
+class _Again:
+    def __init__(self, config: Config, loop: TapeLoop) -> None:
+        self._loop = loop
+        self._link, self._source = make_ends(config)
+        link = config.link
+        poses_by_link = isinstance(config.pose, MavlinkPoseConfig) and isinstance(link, MavlinkLinkConfig)
+        self._hears_link = poses_by_link and getattr(link, "serial", None) is None
+        self._pilot = _Pilot(config.vehicle, config.controller, config.flight.coast_s, config.flight.floor_z_m)
+        self._told = _Told()
+        self._delivered: deque[Pose] = deque()
+        self._wires: dict[int, Any] = {}
+        self._deaf: list[str] = []
+        self._begun = False
+        self._turn = -1
+        self._command: ch.Commanded | None = None
+        self._pairs: list[Pair] = []
+        self._count = {"pose": 0, "idle": 0, "command": 0}
+        self._differing = {"pose": 0, "idle": 0, "command": 0}
+        self._first: Difference | None = None
+        self._lost = 0
+
+    def take(self, entry: Entry, entries: list[Entry], index: int) -> None:
+        """What happened next; ``entries`` and ``index`` for a look at what it led to."""
+        match entry.topic:
+            case "/raw/received":
+                self._received(msgspec.json.decode(entry.data, type=ch.RawReceived), entries, index)
+            case "/reference":
+                self._tick(msgspec.json.decode(entry.data, type=ch.Refer))
+            case "/command":
+                self._command = msgspec.json.decode(entry.data, type=ch.Commanded)
+            case "/measured":
+                self._measured(msgspec.json.decode(entry.data, type=ch.Measured))
+            case "/idle":
+                self._idle(msgspec.json.decode(entry.data, type=ch.Idle))
+            case "/follow":
+                self._pilot.follow(self._told, msgspec.json.decode(entry.data, type=ch.Follow).time_s)
+            case "/raw/opened":
+                self._opened(msgspec.json.decode(entry.data, type=ch.WireOpened))
+            case "/lost":
+                self._lost += msgspec.json.decode(entry.data, type=ch.Missing).count
+
+    def result(self) -> Reflown:
+        count = self._count
+        return Reflown(self._pairs, count["pose"], count["idle"], self._differing, self._first, self._lost, self._deaf)
+
+    async def _connect(self) -> None:
+        """As a flight does; but the link only where poses come by it, and never one that has a port of its own.
+
+        A wire that is opened past the event loop would be a real one, with a real vehicle at its other end.
+        """
+        await self._source.start(self._delivered.append)
+        if self._hears_link:
+            await self._link.connect()
+
+    def _opened(self, opened: ch.WireOpened) -> None:
+        self._loop.now = opened.time_s
+        if not self._begun:
+            self._begun = True
+            self._connecting = self._loop.create_task(self._connect())
+            self._connecting.add_done_callback(lambda task: task.cancelled() or task.exception())
+        self._loop.settle()
+        protocol = self._loop.protocol((opened.kind, opened.local, opened.remote))
+        self._wires[opened.wire] = protocol
+        if protocol is None:
+            self._deaf.append(f"{opened.kind} {opened.local or opened.remote}")
+
+    def _received(self, received: ch.RawReceived, entries: list[Entry], index: int) -> None:
+        if received.turn != self._turn:  # in the same turn no task has run
+            self._turn = received.turn
+            self._loop.settle()
+        protocol = self._wires.get(received.wire)
+        if protocol is None:
+            return
+        # The source looks at the clock a moment after the tap did. What it saw stands in the pose that it made.
+        self._loop.now = _arrival_s(entries, index) or received.time_s
+        if received.peer:
+            host, _, port = received.peer.rpartition(":")
+            protocol.datagram_received(received.data, (host, int(port)))
+        else:
+            protocol.data_received(received.data)
+
+    def _measured(self, seen: ch.Measured) -> None:
+        number = self._next("pose")
+        while self._delivered and self._delivered[0].id < seen.id:
+            self._delivered.popleft()  # the flight did not take it either
+        if not (self._delivered and self._delivered[0].id == seen.id):
+            self._loop.settle()
+        velocity = None if seen.velocity_ned is msgspec.UNSET else _tuple(seen.velocity_ned)
+        recorded = Pose(
+            seen.id,
+            seen.time_s,
+            seen.arrival_s,
+            _tuple(seen.position_ned),
+            _quat(seen.attitude),
+            velocity,
+            seen.reset_count,
+        )
+        pose = self._delivered.popleft() if self._delivered and self._delivered[0].id == seen.id else None
+        if pose is None:
+            self._differ("pose", number, seen.arrival_s, "all of it", seen.id, None)
+            pose = recorded
+        else:
+            self._compare("pose", number, seen.arrival_s, recorded, pose)
+        self._pilot.pose(pose)
+
+    def _idle(self, idle: ch.Idle) -> None:
+        command = self._pilot.idle(idle.time_s, idle.thrust_n)
+        self._compare("idle", self._next("idle"), idle.time_s, _command(idle), command)
+
+    def _tick(self, reference: ch.Refer) -> None:
+        recorded = self._command
+        if recorded is None:
+            return
+        self._command = None
+        self._told.reference = Reference(
+            _tuple(reference.position_ned),
+            _tuple(reference.velocity_ned),
+            _tuple(reference.acceleration_ned),
+            _tuple(reference.jerk_ned),
+            reference.yaw_rad,
+            reference.yaw_rate_rad_s,
+        )
+        tick = self._pilot.tick(recorded.time_s)
+        was, command = _command(recorded), tick.command
+        if was != command:
+            self._pilot.obeyed(recorded.time_s, was)
+        self._compare("command", self._next("command"), recorded.time_s, was, command)
+        self._pairs.append(
+            Pair(
+                (was.thrust_n, *was.rates_rad_s),
+                (command.thrust_n, *command.rates_rad_s),
+                bool(tick.decision.saturated),
+            )
+        )
+
+    def _next(self, what: str) -> int:
+        number = self._count[what]
+        self._count[what] = number + 1
+        return number
+
+    def _compare(self, what: str, number: int, time_s: float, was: msgspec.Struct, now: msgspec.Struct) -> None:
+        for field in was.__struct_fields__:
+            a, b = getattr(was, field), getattr(now, field)
+            if a != b or _signs(a) != _signs(b):
+                self._differ(what, number, time_s, field, a, b)
+                return
+
+    def _differ(self, what: str, number: int, time_s: float, field: str, was: Any, now: Any) -> None:
+        self._differing[what] += 1
+        if self._first is None:
+            self._first = Difference(what, number, time_s, field, was, now)
+
+
+def _arrival_s(entries: list[Entry], index: int) -> float | None:
+    """When the pose arrived that the bytes at ``index`` brought [s]; None where they brought none."""
+    for entry in entries[index + 1 :]:
+        if entry.topic == "/measured":
+            return msgspec.json.decode(entry.data, type=ch.Measured).arrival_s
+        if entry.topic == "/raw/received":
+            break
+    return None
+
+
+def _signs(value: Any) -> Any:
+    """The sign of a zero counts too."""
+    return math.copysign(1.0, value) if isinstance(value, float) else None
+
+
+def _tuple(v: ch.Vector3) -> Vec3:
+    return (v.x, v.y, v.z)
+
+
+def _quat(q: ch.Quaternion) -> Quat:
+    return (q.w, q.x, q.y, q.z)
+
+
+def _command(c: ch.Commanded | ch.Idle) -> Command:
+    parts = tuple(Segment(part.duration_s, part.thrust_n, _tuple(part.rates_rad_s)) for part in c.bring_down)
+    return Command(c.thrust_n, _tuple(c.rates_rad_s), c.pose_id, c.pose_time_s, c.deadline_s, parts)

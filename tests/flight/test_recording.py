@@ -1,0 +1,203 @@
+"""groundstation/recording: what stands in the file, whoever reads it and wherever it was cut off."""
+
+import json
+import math
+import tomllib
+from io import BytesIO
+from pathlib import Path
+from typing import Any
+
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from mcap.reader import make_reader
+
+from groundstation.config import from_dict
+from groundstation.poses.tlog_codec import TlogReader
+from groundstation.recording.channels import CHANNELS, schema
+from groundstation.recording.export import export_command
+from groundstation.recording.headline import STEADY_S
+from groundstation.recording.log import FLUSH_S
+from groundstation.recording.reader import NoRecording, Recording, quick_headline
+from groundstation.recording.records import Posed, Received, Sent, Ticked
+from groundstation.settings import Config
+from tests.flight.flights import flown
+from tests.recordings import recorded
+
+RARE = {"/lost", "/request"}
+"""Channels that a flight without trouble has nothing for."""
+
+
+def messages(path: Path) -> list[tuple[str, str, dict[str, Any]]]:
+    """Topic, schema's name and content of every message, by mcap's own reader."""
+    with path.open("rb") as file:
+        return [
+            (channel.topic, "" if schema is None else schema.name, json.loads(message.data))
+            for schema, channel, message in make_reader(file, validate_crcs=True).iter_messages()
+        ]
+
+
+def fits(value: Any, shape: dict[str, Any]) -> bool:
+    """Whether ``value`` is as the JSON schema ``shape`` says, as far as ours go."""
+    kinds = {"number": (int, float), "integer": int, "string": str, "boolean": bool, "array": list, "object": dict}
+    if not isinstance(value, kinds[shape["type"]]):  # type: ignore[arg-type]  # mypy joins them to object
+        return False
+    if shape["type"] == "array":
+        return all(fits(item, shape["items"]) for item in value)
+    if shape["type"] == "object" and "properties" in shape:
+        properties = shape["properties"]
+        return set(shape["required"]) <= set(value) <= set(properties) and all(
+            (item is None and key not in shape["required"]) or fits(item, properties[key])
+            for key, item in value.items()
+        )
+    return True
+
+
+def test_every_channel_is_in_the_file_and_keeps_its_schema() -> None:
+    path, _, _ = recorded()
+    seen = {topic: name for topic, name, _ in messages(path)}
+    assert seen == {topic: name for topic, (name, _) in CHANNELS.items() if topic not in RARE}
+    shapes = {topic: json.loads(schema(name, kind)) for topic, (name, kind) in CHANNELS.items()}
+    for topic, _, content in messages(path):
+        assert fits(content, shapes[topic]), (topic, content)
+
+
+def test_the_well_known_schemas_have_the_fields_that_foxglove_asks_for() -> None:
+    vector = {"x", "y", "z"}
+    shapes = {topic: json.loads(schema(*CHANNELS[topic])) for topic in ("/pose", "/tf", "/log")}
+    assert set(shapes["/log"]["required"]) == {"timestamp", "level", "message", "name", "file", "line"}
+    transform = shapes["/tf"]["properties"]
+    assert set(transform) == {"timestamp", "parent_frame_id", "child_frame_id", "translation", "rotation"}
+    assert transform["timestamp"]["title"] == "time"
+    assert set(transform["timestamp"]["properties"]) == {"sec", "nsec"}
+    assert set(transform["translation"]["properties"]) == vector
+    assert set(transform["rotation"]["properties"]) == vector | {"w"}
+    assert set(shapes["/pose"]["properties"]) == {"timestamp", "frame_id", "pose"}
+    assert set(shapes["/pose"]["properties"]["pose"]["properties"]) == {"position", "orientation"}
+    assert not any("$ref" in json.dumps(shape) for shape in shapes.values())
+
+
+def test_the_first_record_says_what_flew_and_how_to_fly_it_again() -> None:
+    path, _, _ = recorded()
+    about = Recording(path).about
+    assert from_dict(tomllib.loads(about["config"]), Config).vehicle.name == about["vehicle"] == "mqx"
+    assert about["scenario"] == "paper"
+    assert about["seed"] == "0"
+    assert tomllib.loads(about["sim"])["mass_kg"] == 0.08
+    assert about["version"] in about["packages"]
+    with path.open("rb") as file:
+        assert [metadata.name for metadata in make_reader(file).iter_metadata()] == ["about", "result"]
+
+
+def test_every_command_pose_and_byte_is_in_it_to_the_last_bit() -> None:
+    path, _, records = recorded()
+    entries = [(entry.topic, entry.value()) for entry in Recording(path).entries()]
+    ticks = [record.tick for record in records if isinstance(record, Ticked)]
+    commands = [value for topic, value in entries if topic == "/command"]
+    assert len(ticks) == len(commands) > 300
+    for tick, value in zip(ticks, commands, strict=True):
+        rates = value["rates_rad_s"]
+        assert (value["thrust_n"], rates["x"], rates["y"], rates["z"]) == (
+            tick.command.thrust_n,
+            *tick.command.rates_rad_s,
+        )
+        assert (value["time_s"], value["deadline_s"]) == (tick.time_s, tick.command.deadline_s)
+    stamps = [value["time_s"] for topic, value in entries if topic == "/measured"]
+    assert stamps == [record.pose.time_s for record in records if isinstance(record, Posed)]
+    for kind, channel in ((Received, "/raw/received"), (Sent, "/raw/sent")):
+        held = [value["data"] for topic, value in entries if topic == channel]
+        assert len(held) == sum(isinstance(record, kind) for record in records) > 300
+
+
+def test_recording_changes_nothing_about_the_flight() -> None:
+    _, result, _ = recorded()
+    assert result.log_sha256 == flown("paper", duration_s=8.0).log_sha256
+
+
+def test_the_tlog_holds_what_crossed_the_wire_both_ways() -> None:
+    path, _, records = recorded()
+    found = list(TlogReader(path.with_suffix(".tlog").read_bytes()))
+    names = [record.message.get_type() for record in found]
+    ticks = sum(isinstance(record, Ticked) for record in records)
+    assert names.count("SET_ATTITUDE_TARGET") >= ticks
+    assert {"HEARTBEAT", "COMMAND_ACK"} <= set(names)
+    assert [record.time_s for record in found] == sorted(record.time_s for record in found)
+
+
+def test_the_headline_is_the_same_from_the_index_and_counted_from_the_messages() -> None:
+    path, _, records = recorded()
+    about, headline, whole = quick_headline(path)
+    assert whole
+    assert about["controller"] == "adaptive"
+    errors = [
+        math.dist(r.tick.estimate.motion.position, r.tick.reference.position_ned)
+        for r in records
+        if isinstance(r, Ticked) and r.tick.flight_time_s >= STEADY_S
+    ]
+    assert headline.max_m == pytest.approx(max(errors))
+    assert headline.rms_m == pytest.approx(math.sqrt(sum(e * e for e in errors) / len(errors)))
+    data = path.read_bytes()
+    cut = path.with_name("cut.mcap")
+    cut.write_bytes(data[:-100])  # into the index
+    counted = Recording(cut).headline()
+    assert (counted.rms_m, counted.max_m) == (headline.rms_m, headline.max_m)
+    assert (counted.commands, counted.poses) == (headline.commands, headline.poses)
+
+
+@settings(max_examples=60)
+@given(st.floats(0.0, 1.0), st.binary(max_size=20))
+def test_a_recording_cut_off_anywhere_gives_all_but_its_last_quarter_of_a_second(share: float, tail: bytes) -> None:
+    path, _, _ = recorded()
+    data = path.read_bytes()
+    size = int(share * len(data))
+    cut = path.with_name("cut_anywhere.mcap")
+    cut.write_bytes(data[:size] + tail)
+    whole = [(entry.topic, entry.data) for entry in Recording(path).entries()]
+    try:
+        recording = Recording(cut)
+    except NoRecording:
+        assert size < 12000, "only the beginning of the file may be without what makes it a recording"
+        return
+    found = [(entry.topic, entry.data) for entry in recording.entries()]
+    assert found == whole[: len(found)]
+    # A chunk is a quarter of a second: what is missing before the cut is less than a chunk's bytes.
+    assert len(found) / len(whole) > share - (2.0 * FLUSH_S / 8.0) - 0.02
+
+
+@settings(max_examples=40)
+@given(st.integers(0, 1 << 30), st.integers(1, 255))
+def test_a_damaged_byte_never_gives_a_false_message(where: int, flip: int) -> None:
+    path, _, _ = recorded()
+    data = bytearray(path.read_bytes())
+    data[where % len(data)] ^= flip
+    bad = path.with_name("damaged.mcap")
+    bad.write_bytes(data)
+    whole = [entry.data for entry in Recording(path).entries()]
+    try:
+        found = [entry.data for entry in Recording(bad).entries()]
+    except NoRecording:
+        return
+    assert found == whole[: len(found)]
+
+
+def test_a_recording_that_was_cut_off_is_made_whole(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    path, _, _ = recorded()
+    cut = tmp_path / "cut.mcap"
+    cut.write_bytes(path.read_bytes()[:-50000])
+    with pytest.raises(Exception):  # noqa: B017  # mcap's own reader wants an index
+        messages(cut)
+    assert export_command(cut, "mcap", [], None) == 0
+    assert "cut off" in capsys.readouterr().out
+    made = messages(tmp_path / "cut-whole.mcap")
+    held = [(entry.topic, entry.value()) for entry in Recording(cut).entries()]
+    assert sorted(map(str, held)) == sorted(str((topic, value)) for topic, _, value in made)
+
+
+def test_a_file_that_is_no_recording_is_told_of(tmp_path: Path) -> None:
+    other = tmp_path / "x.mcap"
+    for content in (b"", b"\x89MCAP0\r\n", b"MCAP" * 100, b"\x89MCAP0\r\n" + b"\0" * 100):
+        other.write_bytes(content)
+        with pytest.raises(NoRecording, match=r"MCAP file|cut off before"):
+            Recording(other)
+    whole = BytesIO(recorded()[0].read_bytes())
+    assert next(iter(make_reader(whole).iter_metadata())).name == "about"

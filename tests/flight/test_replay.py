@@ -1,0 +1,162 @@
+"""groundstation/replay: a recorded flight flown again, to the last bit; and what is said where it is not."""
+
+import json
+import math
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import pytest
+from mcap.writer import Writer
+
+from groundstation.recording.channels import CHANNELS
+from groundstation.recording.reader import Entry, Recording
+from groundstation.replay import replay_command, replayed
+from tests.recordings import recorded
+
+
+def edited(path: Path, target: Path, edit: Callable[[Entry, dict[str, Any]], dict[str, Any] | None]) -> Path:
+    """A copy of the recording, each message as ``edit`` returns it; None leaves it out."""
+    recording = Recording(path)
+    with target.open("wb") as file:
+        writer: Any = Writer(file)
+        writer.start()
+        writer.add_metadata("about", recording.about)
+        ids = {topic: writer.register_channel(topic, "json", 0) for topic in CHANNELS}
+        for entry in recording.entries():
+            value = edit(entry, entry.value())
+            if value is not None:
+                data = json.dumps(value).encode()
+                writer.add_message(ids[entry.topic], entry.stamp_ns, data, entry.stamp_ns)
+        writer.finish()
+    return target
+
+
+@pytest.mark.parametrize(
+    ("scenario", "overrides", "source"),
+    [
+        ("paper", (), "vicon"),
+        ("storm", (), "vicon"),
+        ("paper", (), "odometry"),
+        ("adverse", ("controller.composite=raw",), "vicon"),
+        ("paper", ("controller.kind=pid",), "odometry"),
+        ("paper", (), "natnet"),
+        ("paper", (), "qualisys"),
+    ],
+)
+def test_a_simulated_flight_is_flown_again_to_the_last_bit(
+    scenario: str, overrides: tuple[str, ...], source: str
+) -> None:
+    path, _, _ = recorded(scenario, *overrides, source=source)
+    facts = replayed(path)
+    assert facts["first_difference"] is None
+    assert facts["identical"] is True
+    assert facts["commands"] > 300
+    assert facts["poses"] > 300
+    assert facts["idle_commands"] > 10
+    assert facts["differing"] == {"pose": 0, "idle": 0, "command": 0}
+
+
+def test_another_gain_shows_what_it_would_have_changed(capsys: pytest.CaptureFixture[str]) -> None:
+    path, _, _ = recorded()
+    assert replay_command(path, ["controller.k2=3"], as_json=True) == 0
+    facts = json.loads(capsys.readouterr().out)
+    assert facts["identical"] is False
+    assert facts["first_difference"]["what"] == "command"
+    assert facts["first_difference"]["number"] == 0
+    assert facts["differing"]["pose"] == 0, "the poses are as they were seen"
+    thrust = facts["changes"]["thrust_n"]
+    assert 0.001 < thrust["rms"] < 0.2
+    # The vehicle obeyed what was recorded, and the estimator knows: the change does not pile up.
+    assert thrust["replayed_mean"] == pytest.approx(thrust["recorded_mean"], abs=0.05)
+    assert replay_command(path, ["controller.k2=3"], as_json=False) == 0
+    assert "with controller.k2=3" in capsys.readouterr().out
+
+
+def test_one_last_bit_of_one_command_is_found(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    path, _, _ = recorded()
+    count = 0
+
+    def edit(entry: Entry, value: dict[str, Any]) -> dict[str, Any]:
+        nonlocal count
+        if entry.topic == "/command":
+            if count == 123:
+                value["rates_rad_s"]["y"] = math.nextafter(value["rates_rad_s"]["y"], 9.0)
+            count += 1
+        return value
+
+    bad = edited(path, tmp_path / "bad.mcap", edit)
+    facts = replayed(bad)
+    assert facts["identical"] is False
+    first = facts["first_difference"]
+    assert (first["what"], first["number"], first["field"]) == ("command", 123, "rates_rad_s")
+    assert facts["commands"] == count
+    assert replay_command(bad, [], as_json=False) == 1
+    assert "not identical" in capsys.readouterr().out
+
+
+def test_a_datagram_that_is_missing_is_missed(tmp_path: Path) -> None:
+    path, _, _ = recorded()
+    count = 0
+
+    def edit(entry: Entry, value: dict[str, Any]) -> dict[str, Any] | None:
+        nonlocal count
+        if entry.topic == "/raw/received" and len(value["data"]) > 90:
+            count += 1
+            if count == 200:
+                return None
+        return value
+
+    facts = replayed(edited(path, tmp_path / "gap.mcap", edit))
+    assert facts["identical"] is False
+    assert facts["first_difference"]["what"] == "pose"
+
+
+def test_records_that_the_recorder_left_out_are_never_called_identical(tmp_path: Path) -> None:
+    path, _, _ = recorded()
+
+    def edit(entry: Entry, value: dict[str, Any]) -> dict[str, Any]:
+        return value
+
+    same = edited(path, tmp_path / "same.mcap", edit)
+    assert replayed(same)["identical"] is True
+    lacking = _with_loss(same, tmp_path / "lacking.mcap")
+    facts = replayed(lacking)
+    assert (facts["identical"], facts["lost"]) == (False, 7)
+
+
+def _with_loss(path: Path, target: Path) -> Path:
+    told = False
+    recording = Recording(path)
+    with target.open("wb") as file:
+        writer: Any = Writer(file)
+        writer.start()
+        writer.add_metadata("about", recording.about)
+        ids = {topic: writer.register_channel(topic, "json", 0) for topic in CHANNELS}
+        for entry in recording.entries():
+            if entry.topic == "/command" and not told:
+                told = True
+                writer.add_message(ids["/lost"], entry.stamp_ns, b'{"time_s": 1.0, "count": 7}', entry.stamp_ns)
+            writer.add_message(ids[entry.topic], entry.stamp_ns, entry.data, entry.stamp_ns)
+        writer.finish()
+    return target
+
+
+def test_a_recording_that_was_cut_off_is_flown_again_up_to_there(tmp_path: Path) -> None:
+    path, _, _ = recorded()
+    cut = tmp_path / "cut.mcap"
+    cut.write_bytes(path.read_bytes()[:-200_000])
+    facts = replayed(cut)
+    assert (facts["identical"], facts["whole"]) == (True, False)
+    assert 0 < facts["commands"] < replayed(path)["commands"]
+
+
+def test_a_replay_opens_no_port_of_a_real_vehicle(monkeypatch: pytest.MonkeyPatch) -> None:
+    path, _, _ = recorded(source="odometry")
+    opened: list[str] = []
+    monkeypatch.setattr("links.mavlink_serial.open_port", lambda port, _: opened.append(port))
+    facts = replayed(path, ["link.serial=/dev/ttyACM0"])
+    assert opened == []
+    assert facts["identical"] is False
+    assert facts["first_difference"]["what"] == "pose"
+    assert facts["unheard_wires"] == ["udp 127.0.0.1:14540"]

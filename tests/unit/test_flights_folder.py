@@ -1,0 +1,113 @@
+"""groundstation/telemetry/flights.py: names, and what is tidied away; and the list of flights."""
+
+import argparse
+import fcntl
+import json
+import os
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from groundstation.recording.listing import logs_command
+from groundstation.telemetry.flights import RecordingConfig, being_written, folder_of, free_name, recordings, tidy
+
+NOW = 1_800_000_000.0
+DAY = 86400.0
+
+
+def kept(folder: Path) -> list[str]:
+    return sorted(path.name for path in folder.iterdir())
+
+
+def flight(folder: Path, day: int, size: int = 1000, *, tlog: bool = False) -> Path:
+    """A file called as a recording of that day of January."""
+    path = folder / f"202701{day:02}-120000-mqx.mcap"
+    path.write_bytes(b"x" * size)
+    os.utime(path, (NOW - DAY * (31 - day), NOW - DAY * (31 - day)))
+    if tlog:
+        path.with_suffix(".tlog").write_bytes(b"y" * size)
+    return path
+
+
+def config(folder: Path, *, gb: float | None = None, days: float | None = None) -> RecordingConfig:
+    return RecordingConfig(folder=str(folder), keep_gb=gb, keep_days=days)
+
+
+def test_recordings_are_kept_in_the_users_own_state_unless_told_otherwise(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("XDG_STATE_HOME", "/somewhere")
+    assert folder_of(RecordingConfig()) == Path("/somewhere/groundstation/flights")
+    monkeypatch.delenv("XDG_STATE_HOME")
+    monkeypatch.setenv("HOME", "/home-of")
+    assert folder_of(RecordingConfig()) == Path("/home-of/.local/state/groundstation/flights")
+    assert folder_of(RecordingConfig(folder="here")) == Path("here")
+
+
+def test_two_flights_in_one_second_get_two_names(tmp_path: Path) -> None:
+    first = free_name(tmp_path, "20270101-120000", "mqx")
+    first.touch()
+    second = free_name(tmp_path, "20270101-120000", "mqx")
+    assert (first.name, second.name) == ("20270101-120000-mqx.mcap", "20270101-120000-mqx-2.mcap")
+    second.touch()
+    assert set(recordings(tmp_path)) == {first, second}
+
+
+def test_the_oldest_go_when_all_take_too_much_their_tlogs_with_them(tmp_path: Path) -> None:
+    for day in range(1, 6):
+        flight(tmp_path, day, tlog=True)
+    removed = tidy(config(tmp_path, gb=6.5e-6), NOW)
+    assert [path.name[6:8] for path in removed] == ["01", "02"]
+    assert len(kept(tmp_path)) == 6
+
+
+def test_those_that_are_too_old_go_however_small(tmp_path: Path) -> None:
+    for day in (1, 20, 30):
+        flight(tmp_path, day)
+    assert [path.name[6:8] for path in tidy(config(tmp_path, days=15.0), NOW)] == ["01"]
+
+
+def test_the_newest_a_running_one_and_files_of_others_always_stay(tmp_path: Path) -> None:
+    running, newest = flight(tmp_path, 1), flight(tmp_path, 2)
+    for name in ("notes.txt", "flight.mcap", "20270101-mine.mcap"):
+        (tmp_path / name).write_bytes(b"z" * 5000)
+    with running.open("ab") as file:
+        fcntl.flock(file, fcntl.LOCK_EX)
+        assert being_written(running)
+        assert tidy(config(tmp_path, gb=1e-9, days=1e-6), NOW) == []
+    assert tidy(config(tmp_path, gb=1e-9, days=1e-6), NOW) == [running]
+    assert newest.exists()
+    assert len(kept(tmp_path)) == 4
+
+
+def test_without_limits_nothing_goes(tmp_path: Path) -> None:
+    flight(tmp_path, 1)
+    flight(tmp_path, 2)
+    assert tidy(config(tmp_path), NOW) == []
+
+
+def test_a_folder_that_is_not_there_holds_nothing(tmp_path: Path) -> None:
+    assert tidy(config(tmp_path / "none", gb=1.0), NOW) == []
+    assert recordings(tmp_path / "none") == []
+
+
+def listed(folder: Path, capsys: pytest.CaptureFixture[str], **more: Any) -> dict[str, Any]:
+    options = {"folder": folder, "tidy": False, "json": True, "now_s": NOW, **more}
+    assert logs_command(RecordingConfig(), argparse.Namespace(**options)) == 0
+    found: dict[str, Any] = json.loads(capsys.readouterr().out)
+    return found
+
+
+def test_a_file_that_is_no_recording_spoils_no_list(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    flight(tmp_path, 1)
+    (row,) = listed(tmp_path, capsys)["flights"]
+    assert row["error"] == f"{tmp_path / row['file']} is no MCAP file"
+    assert listed(tmp_path / "none", capsys)["flights"] == []
+
+
+def test_the_list_tidies_when_told_to(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    old, new = flight(tmp_path, 1), flight(tmp_path, 30)
+    settings = config(tmp_path, days=15.0)
+    logs_command(settings, argparse.Namespace(folder=None, tidy=True, json=True, now_s=NOW))
+    answer = json.loads(capsys.readouterr().out)
+    assert answer["removed"] == [old.name]
+    assert [row["file"] for row in answer["flights"]] == [new.name]

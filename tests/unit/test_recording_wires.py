@@ -1,0 +1,135 @@
+"""groundstation/recording/wires.py: what is seen of wires, and whose."""
+
+import asyncio
+from typing import Any
+
+from groundstation.recording.records import Opened, Received, Record, Sent
+from groundstation.recording.tlog import TlogCutter
+from groundstation.recording.wires import Wires
+from sim.virtual_time import VirtualTimeLoop
+from tests.mavlink_table import FRAMES
+
+
+class Echo(asyncio.DatagramProtocol):
+    """Answers what it gets in capitals, past the transport where there is a socket."""
+
+    def __init__(self) -> None:
+        self.heard: list[bytes] = []
+
+    def connection_made(self, transport: asyncio.BaseTransport) -> None:
+        assert isinstance(transport.get_extra_info("sockname", ()), tuple)
+        self.transport: Any = transport
+
+    def datagram_received(self, data: bytes, addr: object) -> None:
+        self.heard.append(data)
+        shared = self.transport.get_extra_info("socket")
+        sender = self.transport if shared is None else shared.dup()
+        sender.sendto(data.upper(), addr)
+        if sender is not self.transport:
+            sender.close()
+
+
+async def talk(records: list[Record]) -> Echo:
+    """One tapped endpoint, spoken to by one that belongs to somebody else."""
+    loop = asyncio.get_running_loop()
+
+    async def ours() -> Echo:
+        Wires(records.append).tap()
+        _, echo = await loop.create_datagram_endpoint(Echo, local_addr=("127.0.0.1", 40123))
+        assert isinstance(echo, Echo)
+        return echo
+
+    echo = await asyncio.create_task(ours())
+    other, _ = await loop.create_datagram_endpoint(asyncio.DatagramProtocol, remote_addr=("127.0.0.1", 40123))
+    other.sendto(b"hello")
+    await asyncio.sleep(0.1)
+    other.close()
+    echo.transport.close()
+    return echo
+
+
+def check(records: list[Record], echo: Echo) -> None:
+    assert echo.heard[0] == b"hello"
+    opened, received, sent = records[:3]
+    assert isinstance(opened, Opened)
+    assert (opened.wire, opened.kind, opened.local, opened.remote) == (0, "udp", ("127.0.0.1", 40123), None)
+    assert isinstance(received, Received)
+    assert isinstance(sent, Sent)
+    assert (received.wire, received.data) == (0, b"hello")
+    assert (sent.wire, sent.data, sent.peer) == (0, b"HELLO", received.peer)
+    assert sum(isinstance(record, Opened) for record in records) == 1, "nobody else's wire"
+
+
+def test_a_real_datagram_is_seen_both_ways_and_only_ours() -> None:
+    records: list[Record] = []
+    check(records, asyncio.run(talk(records)))
+
+
+def test_in_virtual_time_the_other_side_on_the_same_loop_is_not_seen() -> None:
+    records: list[Record] = []
+    with asyncio.Runner(loop_factory=VirtualTimeLoop) as runner:
+        check(records, runner.run(talk(records)))
+
+
+def test_a_tcp_connection_is_seen_both_ways() -> None:
+    records: list[Record] = []
+
+    async def answer(reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
+        writer.write((await reader.readline()).upper())
+        writer.close()
+
+    async def run() -> bytes:
+        server = await asyncio.start_server(answer, "127.0.0.1", 0)
+        port = server.sockets[0].getsockname()[1]
+
+        async def ours() -> bytes:
+            Wires(records.append).tap()
+            reader, writer = await asyncio.open_connection("127.0.0.1", port)
+            writer.write(b"hello\n")
+            answered = await reader.read()
+            writer.close()
+            return answered
+
+        answered = await asyncio.create_task(ours())
+        server.close()
+        return answered
+
+    assert asyncio.run(run()) == b"HELLO\n"
+    assert [(type(record), getattr(record, "data", b"")) for record in records] == [
+        (Opened, b""),
+        (Sent, b"hello\n"),
+        (Received, b"HELLO\n"),
+    ]
+
+
+def test_turns_tell_arrivals_apart_between_which_a_task_may_have_run() -> None:
+    records: list[Record] = []
+
+    async def run() -> None:
+        wires = Wires(records.append)
+        wires.tap()
+        wires.received(0, b"a", None)
+        wires.received(0, b"b", None)
+        await asyncio.sleep(0)
+        await asyncio.sleep(0)
+        wires.received(0, b"c", None)
+
+    asyncio.run(run())
+    turns = [record.turn for record in records if isinstance(record, Received)]
+    assert turns[0] == turns[1] < turns[2]
+
+
+def test_a_stream_is_cut_into_the_frames_of_a_tlog_wherever_its_bytes_were_cut() -> None:
+    frames = [golden.frame for golden in FRAMES]
+    stream = b"\x00" + b"".join(frames)
+    whole = TlogCutter(datagrams=False).records(stream, 1_000_000)
+    bytewise = TlogCutter(datagrams=False)
+    assert b"".join(bytewise.records(bytes([byte]), 1_000_000) for byte in stream) == whole
+    assert whole == b"".join((1000).to_bytes(8, "big") + frame for frame in frames)
+
+
+def test_a_datagram_that_ends_early_leaves_nothing_for_the_next() -> None:
+    frame = FRAMES[0].frame
+    cutter = TlogCutter(datagrams=True)
+    assert cutter.records(frame[:-3], 0) == b""
+    assert cutter.records(frame, 0) == bytes(8) + frame
