@@ -1,0 +1,81 @@
+"""examples/layouts: every curve that they show is in a recording."""
+
+import json
+import re
+import xml.etree.ElementTree as ET
+from collections.abc import Iterator
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+import pytest
+from mcap.reader import make_reader
+
+from tests.recordings import recorded
+
+LAYOUTS = Path(__file__).parents[2] / "examples/layouts"
+
+
+@cache
+def curves() -> frozenset[str]:
+    """Every value of every channel, by mcap's own reader: topic/field/part."""
+    path, _, _ = recorded()
+    found: set[str] = set()
+    with path.open("rb") as file:
+        for _, channel, message in make_reader(file).iter_messages():
+            found.update(_leaves(channel.topic, json.loads(message.data)))
+    return frozenset(found)
+
+
+def _leaves(name: str, value: Any) -> Iterator[str]:
+    if isinstance(value, dict):
+        for key, item in value.items():
+            yield from _leaves(f"{name}/{key}", item)
+    else:
+        yield name
+
+
+def foxglove() -> dict[str, Any]:
+    layout: dict[str, Any] = json.loads((LAYOUTS / "foxglove.json").read_text("utf-8"))
+    return layout
+
+
+def foxglove_paths(value: Any) -> Iterator[str]:
+    """Every message path in the layout."""
+    if isinstance(value, dict):
+        for key, item in value.items():
+            if key == "value" and isinstance(item, str):
+                yield item
+            else:
+                yield from foxglove_paths(item)
+    elif isinstance(value, list):
+        for item in value:
+            yield from foxglove_paths(item)
+
+
+def test_every_curve_of_the_plotjuggler_layout_is_in_the_file() -> None:
+    shown = {curve.attrib["name"] for curve in ET.parse(LAYOUTS / "plotjuggler.xml").iter("curve")}
+    assert len(shown) > 25
+    assert shown - curves() == set()
+
+
+def test_every_path_and_topic_of_the_foxglove_layout_is_in_the_file() -> None:
+    panels = foxglove()["configById"]
+    shown = {re.sub(r"\.", "/", path) for path in foxglove_paths(panels)}
+    assert len(shown) > 25
+    assert shown - curves() == set()
+    topics = {name.split("/")[1] for name in curves()}
+    named = {*panels["3D!room"]["topics"], panels["RosOut!log"]["topicToRender"]}
+    assert {topic.strip("/") for topic in named} - topics == set()
+
+
+def test_every_panel_of_the_foxglove_layout_is_placed_once() -> None:
+    layout = foxglove()
+    placed = re.findall(r'"([A-Za-z0-9]+![a-z0-9]+)"', json.dumps([layout["layout"], layout["configById"]["Tab!main"]]))
+    assert sorted(placed) == sorted(layout["configById"])
+
+
+@pytest.mark.parametrize("channel", ["/command", "/reference", "/errors", "/adaptation", "/lyapunov", "/timing"])
+def test_both_layouts_show_something_of_each_channel_that_control_is_judged_by(channel: str) -> None:
+    for text in ((LAYOUTS / name).read_text("utf-8") for name in ("foxglove.json", "plotjuggler.xml")):
+        assert re.search(rf'"{channel}[./]', text)
