@@ -76,8 +76,8 @@ def _parser() -> argparse.ArgumentParser:
         "bench",
         help="measure speed and memory on this machine",
         description="tick: law, observer and predictor a command. flight: how fast `fly` is. decode: a datagram of "
-        "each pose source. batch: time per vehicle and step. allocation: what grows in hours of flight. links: how "
-        "commands keep time. The JSON is described in docs/reference/bench.md.",
+        "each pose source. batch: time per vehicle and step. recording: what it costs a flight. allocation: what grows "
+        "in hours of flight. links: how commands keep time. The JSON is described in docs/reference/bench.md.",
     )
     bench.add_argument("what", nargs="*", metavar="WHAT", help=f"some of {', '.join(BENCHES)} (default: all)")
     bench.add_argument("--peers", action="store_true", help="batch: crazyflow and rotorpy too (dependency group peers)")

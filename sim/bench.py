@@ -14,6 +14,7 @@ WHAT = {
     "flight": "sim.bench_flight",
     "decode": "sim.bench_decode",
     "batch": "sim.bench_batch",
+    "recording": "sim.bench_recording",
     "allocation": "sim.bench_allocation",
     "links": "sim.bench_links",
 }

@@ -13,6 +13,7 @@ from sim.fly import Result, fly
 from sim.run_folder import RECORDING, RunFolder
 from sim.scenarios import SCENARIOS
 
+
 def _remove(folder: Path, owner: int) -> None:
     if os.getpid() == owner:  # a test may fork
         shutil.rmtree(folder, ignore_errors=True)

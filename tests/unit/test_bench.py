@@ -6,7 +6,16 @@ import pytest
 
 from groundstation.ops import FLOATS, arrays
 from groundstation.pilot import Pilot
-from sim import bench, bench_allocation, bench_batch, bench_decode, bench_flight, bench_latency, bench_tick
+from sim import (
+    bench,
+    bench_allocation,
+    bench_batch,
+    bench_decode,
+    bench_flight,
+    bench_latency,
+    bench_recording,
+    bench_tick,
+)
 from sim.__main__ import main
 from sim.bench_peers import Bench
 from sim.bench_timing import in_turns, percentile
@@ -23,6 +32,8 @@ def test_every_measurement_gives_json_and_words(monkeypatch: pytest.MonkeyPatch)
     monkeypatch.setattr(bench_batch, "VEHICLES", 3)
     monkeypatch.setattr(bench_batch, "FLIGHT_S", 0.1)
     monkeypatch.setattr(bench_batch, "ROUNDS", 1)
+    monkeypatch.setattr(bench_recording, "TICKS", 30)
+    monkeypatch.setattr(bench_recording, "TURNS", 1)
     facts = json.loads(json.dumps(bench.measured(list(bench.WHAT), bench.Options(hours=0.002, seconds=0.5))))
     assert list(facts) == ["machine", *bench.WHAT]
     assert all(row["ticks"] == 101 and row["median_us"] > 5.0 for row in facts["tick"]["rows"])
@@ -30,6 +41,7 @@ def test_every_measurement_gives_json_and_words(monkeypatch: pytest.MonkeyPatch)
     assert [row["name"] for row in facts["decode"]["rows"]] == [*FLIGHTS, bench_decode.PARSE]
     assert all(row["bytes"] > 20 and 0.0 < row["median_us"] <= row["p99_us"] for row in facts["decode"]["rows"])
     assert [row["ratio"] > 0.0 for row in facts["batch"]["rows"]] == [True] * 3
+    assert facts["recording"]["share_of_period"] < facts["recording"]["goal_share"]
     assert facts["allocation"]["blocks_end"] > 1000
     links = facts["links"]
     assert links["fifo"] in (True, False)
@@ -62,7 +74,7 @@ def test_an_unknown_measurement_is_refused_with_the_ones_there_are(
 ) -> None:
     monkeypatch.setattr("sys.argv", ["groundstation-sim", "bench", "pigeons"])
     assert main() == 2
-    words = "expected some of ['tick', 'flight', 'decode', 'batch', 'allocation', 'links'], got 'pigeons'"
+    words = "expected some of ['tick', 'flight', 'decode', 'batch', 'recording', 'allocation', 'links'], got 'pigeons'"
     assert words in capsys.readouterr().err
 
 
