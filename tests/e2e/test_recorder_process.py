@@ -88,7 +88,10 @@ def test_a_flight_that_is_killed_leaves_a_whole_recording(tmp_path: Path) -> Non
     said = tmp_path / "said.txt"
     with said.open("wb") as out:
         process = subprocess.Popen([sys.executable, "-m", "tests.e2e.endless_recording", str(tmp_path)], stdout=out)
-    time.sleep(2.0)
+    deadline = time.monotonic() + 20.0
+    while not any(path.stat().st_size for path in tmp_path.glob("*.mcap")) and time.monotonic() < deadline:
+        time.sleep(0.02)
+    time.sleep(1.5)
     process.kill()
     process.wait()
     path = the_recording(tmp_path)
