@@ -59,9 +59,12 @@ class StatusScreen(App[None]):
         yield Events()
 
     def on_mount(self) -> None:
-        """Begin to read and to draw."""
+        """Begin to read."""
         self._arrived_s = asyncio.get_running_loop().time()
         self.run_worker(self._watch())
+
+    def on_ready(self) -> None:
+        """Begin to draw: only now are all parts of the screen there."""
         self.set_interval(FRAME_S, self._draw)
 
     async def _watch(self) -> None:

