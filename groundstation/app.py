@@ -9,7 +9,8 @@ from groundstation.broadcast import Latest
 from groundstation.flight import Flight, Outcome
 from groundstation.pilot import Tick
 from groundstation.poses import make_source
-from groundstation.poses.port import Overheard, Pose, PoseSource
+from groundstation.poses.gated import Gated
+from groundstation.poses.port import Overheard, Pose, PoseEvent, PoseSource
 from groundstation.recorded import Give, RecordedFlight, about
 from groundstation.settings import Config
 from groundstation.snapshot import Snapshot
@@ -41,7 +42,8 @@ def make_flight(
 ) -> Flight:
     """The parts that ``config`` names, put together; nothing is opened yet.
 
-    ``on_pose`` sees every pose first; ``give`` takes what is to be recorded. ``wires``: see :func:`make_ends`.
+    ``on_pose`` sees every pose first, also those that the gate will drop; ``give`` takes what is to be recorded.
+    ``wires``: see :func:`make_ends`.
 
     Raises:
         ConfigError: the poses need another link.
@@ -49,9 +51,17 @@ def make_flight(
     link, source = make_ends(config, wires)
     if on_pose is not None:
         source = Overheard(source, on_pose)
-    if give is not None:
-        return RecordedFlight(config, link, source, give=give, confirm=confirm, on_tick=on_tick, on_event=on_event)
-    return Flight(config, link, source, confirm=confirm, on_tick=on_tick, on_event=on_event)
+
+    def tell(event: PoseEvent) -> None:
+        flight.pose_event(event)
+
+    source = Gated(source, config.gate, lost_s=config.flight.coast_s, tell=tell)
+    flight = (
+        Flight(config, link, source, confirm=confirm, on_tick=on_tick, on_event=on_event)
+        if give is None
+        else RecordedFlight(config, link, source, give=give, confirm=confirm, on_tick=on_tick, on_event=on_event)
+    )
+    return flight
 
 
 @asynccontextmanager

@@ -10,7 +10,7 @@ import msgspec
 from groundstation.clock import to_the_end
 from groundstation.mission import FINAL, Event, Mission, State
 from groundstation.pilot import Pilot, Tick
-from groundstation.poses.port import Pose, PoseSource
+from groundstation.poses.port import Pose, PoseEvent, PoseSource
 from groundstation.scoreboard import Scoreboard
 from groundstation.settings import Config
 from groundstation.snapshot import Snapshot
@@ -111,6 +111,10 @@ class Flight:
         if self._kill is None and not self._closed:
             self._kill = asyncio.ensure_future(self._link.kill())
             self.stop(f"motors off: {reason}")
+
+    def pose_event(self, event: PoseEvent) -> None:
+        """Hear what happens to the poses; that commands must not rest on one for long is seen to elsewhere."""
+        self._say(event.text)
 
     async def run(self) -> Outcome:
         """Fly. However this ends, the link first does what it owes the vehicle: bring it down, or stop its motors.

@@ -8,6 +8,7 @@ from groundstation.control.controllers import ControllerConfig
 from groundstation.control.gains import Gains
 from groundstation.limits import LimitsConfig
 from groundstation.poses import PoseConfig
+from groundstation.poses.gate import GateConfig
 from groundstation.poses.vicon import ViconConfig
 from groundstation.telemetry.flights import RecordingConfig
 from groundstation.telemetry.mqtt import MqttConfig
@@ -50,6 +51,7 @@ class Config(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=Tr
     vehicle: Vehicle = Vehicle()
     controller: ControllerConfig = Gains()
     pose: PoseConfig = ViconConfig()
+    gate: GateConfig = GateConfig()
     link: LinkConfig = MavlinkLinkConfig()
     trajectory: TrajectoryConfig = LemniscateConfig()
     limits: LimitsConfig = LimitsConfig()

@@ -11,6 +11,7 @@ import msgspec
 
 from groundstation.config import load
 from groundstation.poses import PoseConfig
+from groundstation.poses.gate import GateConfig
 from groundstation.poses.vicon import ViconConfig
 from groundstation.settings import Config
 from links.mavlink import MavlinkLinkConfig
@@ -68,6 +69,7 @@ def own(
     config = msgspec.structs.replace(
         told,
         pose=ViconConfig(object="quad", latency_s=latency_s, rate_hz=rate_hz, drop_frozen=False),
+        gate=GateConfig(drop_frozen=False),
         link=MavlinkLinkConfig(period_s=told.vehicle.frame_period_s, thrust_curve=told.link.thrust_curve),
         flight=msgspec.structs.replace(told.flight, idle_thrust=min(world.start_thrust, 0.9), duration_s=None),
     )

@@ -86,6 +86,7 @@ class Scenario(msgspec.Struct, frozen=True, kw_only=True):
         data: dict[str, Any] = msgspec.to_builtins(config)
         del data["controller"]  # all default, and the defaults depend on the kind that ``overrides`` may choose
         data["pose"] = self._told_poses(source, world)
+        data["gate"]["drop_frozen"] = _is_noisy(world)
         for key in ("vehicle.preset", "vehicle.file", "trajectory.kind", "pose.kind"):
             if any(override.partition("=")[0].strip() == key for override in overrides):
                 data.pop(key.partition(".")[0], None)  # another vehicle, another trajectory: nothing of this one
@@ -99,17 +100,21 @@ class Scenario(msgspec.Struct, frozen=True, kw_only=True):
 
     def _told_poses(self, source: str, world: World) -> dict[str, Any]:
         """What the controller is told of its poses when they come from ``source``."""
-        noisy = world.pose_noise_m > 0.0 or world.attitude_noise_rad > 0.0  # else a vehicle that is held looks frozen
         latency = {"latency_s": self.told_latency_s}
         rate = {"rate_hz": self.world.pose_rate_hz}
         return {
-            "vicon": {"kind": "vicon", "object": "quad", "drop_frozen": noisy, **latency, **rate},
+            "vicon": {"kind": "vicon", "object": "quad", "drop_frozen": _is_noisy(world), **latency, **rate},
             "natnet": {"kind": "natnet", "network_s": 0.0},  # all else of its latency it tells itself
             "qualisys": {"kind": "qualisys", **latency},
             "odometry": {"kind": "mavlink", **latency, **rate},
             "vision": {"kind": "vision", **latency},
             "json": {"kind": "json", **latency, **rate},
         }[source]
+
+
+def _is_noisy(world: World) -> bool:
+    """Without noise a vehicle that is held looks frozen."""
+    return world.pose_noise_m > 0.0 or world.attitude_noise_rad > 0.0
 
 
 _TOLD_QUAD1KG = Vehicle(

@@ -1,7 +1,7 @@
 """What every pose source delivers, and the port it implements."""
 
 from collections.abc import Callable
-from typing import Protocol
+from typing import Literal, Protocol
 
 import msgspec
 
@@ -48,6 +48,18 @@ class PoseStatus(msgspec.Struct, frozen=True):
     """How often the source's clock leapt ahead."""
     clock_restarts: int = 0
     """How often it began anew."""
+
+
+class PoseEvent(msgspec.Struct, frozen=True):
+    """Something about the poses that the operator and the safety rules should know."""
+
+    kind: Literal["dropping", "passed", "lost", "back", "reset", "moved"]
+    """``dropping`` begins and ``passed`` ends an outbreak; ``lost``: no pose for as long as commands may rest on one,
+    ``back``: there is one again; ``reset``, ``moved``: poses are elsewhere, as the source said or did not say."""
+    reason: str
+    """Of an outbreak: what the pose or datagram was dropped for; else empty."""
+    text: str
+    """For the operator."""
 
 
 class SourceError(OSError):

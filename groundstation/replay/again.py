@@ -14,6 +14,7 @@ from groundstation.app import make_ends
 from groundstation.control.model import Drive
 from groundstation.ops import Quat, Vec3
 from groundstation.pilot import Pilot
+from groundstation.poses.gate import Gate
 from groundstation.poses.mavlink import MavlinkPoseConfig
 from groundstation.poses.port import Pose
 from groundstation.recording import channels as ch
@@ -112,6 +113,7 @@ class _Again:
         self._hears_link = poses_by_link and getattr(link, "serial", None) is None
         self._pilot = _Pilot(config.vehicle, config.controller, config.flight.coast_s, config.flight.floor_z_m)
         self._told = _Told()
+        self._gate = Gate(config.gate)
         self._delivered: deque[Pose] = deque()
         self._wires: dict[int, Any] = {}
         self._deaf: list[str] = []
@@ -153,9 +155,14 @@ class _Again:
 
         A wire that is opened past the event loop would be a real one, with a real vehicle at its other end.
         """
-        await self._source.start(self._delivered.append)
+        await self._source.start(self._deliver)
         if self._hears_link:
             await self._link.connect()
+
+    def _deliver(self, pose: Pose) -> None:
+        passed, _ = self._gate.take(pose)
+        if passed is not None:
+            self._delivered.append(passed)
 
     def _opened(self, opened: ch.WireOpened) -> None:
         self._loop.now = opened.time_s

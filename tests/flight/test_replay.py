@@ -42,6 +42,7 @@ def edited(path: Path, target: Path, edit: Callable[[Entry, dict[str, Any]], dic
         ("paper", ("controller.kind=pid",), "odometry"),
         ("paper", (), "natnet"),
         ("paper", (), "qualisys"),
+        ("paper", ("sim.swap_s=0.1", "sim.mishap_period_s=2", "sim.other_bodies=2"), "json"),
     ],
 )
 def test_a_simulated_flight_is_flown_again_to_the_last_bit(

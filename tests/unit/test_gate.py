@@ -1,0 +1,229 @@
+"""The gate: what of a source's poses can't be true, how it is told, and how a new place comes to be believed."""
+
+import math
+from collections.abc import Iterable
+from typing import Any
+
+import msgspec
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from groundstation import so3
+from groundstation.ops import Quat, Vec3
+from groundstation.poses.gate import Gate, GateConfig
+from groundstation.poses.outbreaks import QUIET_S, Outbreaks
+from groundstation.poses.port import Pose, PoseEvent
+
+DT = 0.02
+COAST_S = 0.25
+
+
+def pose(n: int, place: Vec3 | None = None, attitude: Quat = so3.IDENTITY, **more: Any) -> Pose:
+    """Pose ``n`` of a flight north at 1 m/s that sways a little."""
+    time_s = n * DT
+    where = (time_s, 1e-3 * math.sin(n), -1.0) if place is None else place
+    return Pose(n, time_s, time_s + 0.02, where, attitude, **more)
+
+
+def flown(gate: Gate, poses: Iterable[Pose]) -> tuple[list[Pose], list[PoseEvent]]:
+    passed, events = [], []
+    for one in poses:
+        through, event = gate.take(one)
+        passed += [through] if through is not None else []
+        events += [event] if event is not None else []
+    return passed, events
+
+
+def yawed(degrees: float) -> Quat:
+    return so3.from_euler_zyx(0.0, 0.0, math.radians(degrees))
+
+
+def gate_in_flight(until: int = 20, **limits: Any) -> Gate:
+    gate = Gate(GateConfig(**limits))
+    passed, events = flown(gate, map(pose, range(until)))
+    assert len(passed) == until
+    assert not events
+    return gate
+
+
+def test_a_flight_passes_untouched() -> None:
+    gate = Gate(GateConfig())
+    poses = [pose(n) for n in range(200)]
+    passed, _ = flown(gate, poses)
+    assert all(a is b for a, b in zip(passed, poses, strict=True))
+    assert not gate.dropped
+
+
+@pytest.mark.parametrize(
+    ("wrong", "reason"),
+    [
+        (pose(20, (0.4, math.nan, -1.0)), "not_finite"),
+        (pose(20, attitude=(math.inf, 0.0, 0.0, 0.0)), "not_finite"),
+        (pose(20, attitude=(0.0, 0.0, 0.0, 0.0)), "not_unit"),
+        (pose(20, (0.4, 0.5, -1.0)), "jump"),
+        (pose(20, attitude=yawed(90.0)), "spin"),
+        (pose(20, attitude=so3.from_euler_zyx(math.pi, 0.0, 0.0)), "tilted"),
+        (pose(20, velocity_ned=(0.0, 30.0, 0.0)), "too_fast"),
+        (pose(19), "out_of_order"),
+        (pose(3), "out_of_order"),
+    ],
+)
+def test_what_can_not_be_true_is_counted_and_the_next_good_pose_passes(wrong: Pose, reason: str) -> None:
+    gate = gate_in_flight()
+    assert gate.take(wrong) == (None, None)
+    assert gate.dropped == {reason: 1}
+    good = pose(21)
+    assert gate.take(good) == (good, None)
+
+
+def test_a_body_that_creeps_away_too_fast_is_dropped_though_each_step_is_small() -> None:
+    gate = gate_in_flight(speed_m_s=3.0)
+    place, speed = 20 * DT, 1.0
+    for n in range(20, 60):
+        speed += 0.2
+        place += speed * DT
+        gate.take(pose(n, (place, 0.0, -1.0)))
+    assert set(gate.dropped) == {"too_fast"}
+
+
+def test_a_frozen_pose_passes_for_a_moment_and_then_no_more_until_it_moves() -> None:
+    gate = gate_in_flight(frozen_s=0.09)
+    passed, _ = flown(gate, (pose(n, (0.4, 0.0, -1.0)) for n in range(20, 40)))
+    assert len(passed) == 5
+    assert gate.dropped == {"frozen": 15}
+    assert gate.take(pose(40, (0.41, 0.0, -1.0)))[0] is not None
+
+
+def test_a_tracker_that_rounds_is_not_frozen_where_the_config_says_so() -> None:
+    gate = Gate(GateConfig(drop_frozen=False))
+    passed, _ = flown(gate, (pose(n, (0.4, 0.0, -1.0)) for n in range(50)))
+    assert len(passed) == 50
+
+
+def test_the_sign_of_a_quaternion_is_made_to_continue_and_its_length_one() -> None:
+    gate = gate_in_flight()
+    w, x, y, z = yawed(5.0)
+    passed, _ = gate.take(pose(20, attitude=(-w, -x, -y, -z)))
+    assert passed is not None
+    assert passed.attitude == (w, x, y, z)
+    passed, _ = gate.take(pose(21, attitude=(1.01 * w, x, y, 1.01 * z)))
+    assert passed is not None
+    assert passed.attitude == pytest.approx((w, x, y, z), abs=1e-9)
+    assert not gate.dropped
+
+
+def test_a_gap_allows_for_what_the_vehicle_may_have_done_meanwhile_and_no_more() -> None:
+    swerve = pose(30, (0.6 + 0.4, 0.0, -1.0))  # 0.2 s later and 0.4 m ahead of where it was heading
+    assert gate_in_flight(20).take(swerve)[0] is not None
+    assert gate_in_flight(30).take(swerve)[0] is None
+
+
+def test_poses_that_stay_elsewhere_are_believed_after_a_while_and_not_before() -> None:
+    gate = gate_in_flight()
+    passed, events = flown(gate, (pose(n, (5.0 + n * DT, 2e-3 * math.sin(n), -1.0)) for n in range(20, 200)))
+    (event,) = events
+    assert event.kind == "moved"
+    assert "6.5" in event.text
+    assert passed[0].time_s == pytest.approx(20 * DT + 1.5, abs=DT + 1e-9)
+    assert gate.dropped == {"jump": 75}
+    assert len({one.reset_count for one in passed}) == 1
+    assert passed[0].reset_count != 0, "who follows the poses must know that they are elsewhere"
+
+
+def test_poses_that_stay_turned_are_believed_after_a_while_too() -> None:
+    gate = gate_in_flight()
+    passed, events = flown(gate, (pose(n, attitude=yawed(120.0)) for n in range(20, 200)))
+    assert [event.kind for event in events] == ["moved"]
+    assert "120°" in events[0].text
+    assert passed[0].time_s > 20 * DT + 1.4
+
+
+def test_a_wrong_body_is_not_believed_as_time_passes_but_the_true_one_when_it_is_back() -> None:
+    gate = gate_in_flight()
+    away = [pose(n, (1.2, 0.5 + 1e-4 * n, -1.0)) for n in range(20, 80)]
+    passed, _ = flown(gate, away)
+    assert not passed, "1 m away could have been reached within a second, but not at once"
+    passed, _ = flown(gate, (pose(n) for n in range(80, 90)))
+    assert len(passed) == 10
+
+
+def test_two_bodies_in_turn_are_never_two_places_of_one() -> None:
+    gate = gate_in_flight()
+    mixed = [pose(n) if n % 2 else pose(n, (4.0, 3.0 + 1e-3 * math.sin(n), -1.0)) for n in range(20, 400)]
+    passed, events = flown(gate, mixed)
+    assert len(passed) == 190
+    assert not events
+
+
+def test_what_the_source_itself_has_moved_is_believed_at_once() -> None:
+    gate = gate_in_flight()
+    moved = pose(20, (5.0, 0.0, -1.0), reset_count=1)
+    passed, event = gate.take(moved)
+    assert passed == moved
+    assert event is not None
+    assert event.kind == "reset"
+    assert gate.take(pose(21, (5.02, 0.0, -1.0), reset_count=1))[1] is None
+    assert not gate.dropped
+
+
+@given(
+    st.lists(
+        st.builds(
+            Pose,
+            id=st.integers(0, 9),
+            time_s=st.floats() | st.floats(0.0, 5.0),
+            arrival_s=st.floats(),
+            position_ned=st.tuples(*[st.floats() | st.floats(-2.0, 2.0)] * 3),
+            attitude=st.tuples(*[st.floats() | st.floats(-1.0, 1.0)] * 4) | st.just(so3.IDENTITY),
+            velocity_ned=st.none() | st.tuples(*[st.floats()] * 3),
+            reset_count=st.integers(-5, 5),
+        ),
+        max_size=30,
+    )
+)
+def test_nothing_makes_it_raise_and_each_pose_passes_or_is_counted(poses: list[Pose]) -> None:
+    gate = Gate(GateConfig())
+    passed, _ = flown(gate, poses)
+    assert len(passed) + gate.dropped.total() == len(poses)
+    for one in passed:
+        assert math.isfinite(sum(one.position_ned) + one.time_s)
+        assert math.hypot(*one.attitude) == pytest.approx(1.0, abs=1e-6)
+
+
+def looks(outbreaks: Outbreaks, *, until_s: float, dropped: dict[str, int], newest: Pose | None = None) -> list[str]:
+    """Kinds of what is told from ``until_s`` - 1 s to ``until_s`` while nothing changes."""
+    steps = [until_s - 1.0 + 0.05 * n for n in range(21)]
+    return [event.kind for time_s in steps for event in outbreaks.look(time_s, dropped, newest)]
+
+
+def test_an_outbreak_is_told_once_as_it_begins_and_once_as_it_is_over() -> None:
+    outbreaks = Outbreaks(COAST_S)
+    told = [
+        event
+        for n in range(300)
+        for event in outbreaks.look(0.05 * n, {"not_tracked": max(0, min(n, 50) - 9), "jump": 0}, None)
+    ]
+    assert [(event.kind, event.reason) for event in told] == [("dropping", "not_tracked"), ("passed", "not_tracked")]
+    assert "hidden" in told[0].text
+    assert "41 dropped" in told[1].text
+
+
+def test_drops_soon_after_each_other_are_one_outbreak_and_later_ones_another() -> None:
+    outbreaks = Outbreaks(COAST_S)
+    assert looks(outbreaks, until_s=1.0, dropped={"jump": 1}) == ["dropping"]
+    assert looks(outbreaks, until_s=2.0, dropped={"jump": 2}) == []
+    assert looks(outbreaks, until_s=5.1 + QUIET_S, dropped={"jump": 2}) == ["passed"]
+    assert looks(outbreaks, until_s=9.0, dropped={"jump": 3}) == ["dropping"]
+
+
+def test_poses_are_lost_once_and_back_once() -> None:
+    outbreaks = Outbreaks(COAST_S)
+    assert looks(outbreaks, until_s=1.0, dropped={}) == [], "before the first pose there is none to lose"
+    newest = msgspec.structs.replace(pose(0), time_s=2.0)
+    assert outbreaks.look(2.0 + COAST_S, {}, newest) == []
+    assert looks(outbreaks, until_s=3.5, dropped={}, newest=newest) == ["lost"]
+    newest = msgspec.structs.replace(newest, time_s=3.6)
+    (back,) = outbreaks.look(3.62, {}, newest)
+    assert back.kind == "back"
+    assert "1.60 s" in back.text
