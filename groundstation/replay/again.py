@@ -265,7 +265,8 @@ class _Again:
 
 def _arrival_s(entries: list[Entry], index: int) -> float | None:
     """When the pose arrived that the bytes at ``index`` brought [s]; None where they brought none."""
-    for entry in entries[index + 1 :]:
+    for following in range(index + 1, len(entries)):
+        entry = entries[following]
         if entry.topic == "/measured":
             return msgspec.json.decode(entry.data, type=ch.Measured).arrival_s
         if entry.topic == "/raw/received":
