@@ -137,14 +137,18 @@ def test_a_runs_folder_holds_config_recording_traffic_and_result(tmp_path: Path)
     assert done.returncode == 0, done.stderr
     assert "RMS error" in done.stdout
     assert str(folder) in done.stdout
-    export = [sys.executable, "-m", "groundstation", "export", str(folder / "flight.mcap"), "--channel", "errors"]
-    table = subprocess.run(export, capture_output=True, check=True, text=True).stdout
-    rows = list(csv.DictReader(table.splitlines()))
-    assert len(rows) == pytest.approx(4.0 / 0.0225, abs=2)
-    assert rows[-1].pop("certificate") in ("holds", "suspended", "none")
-    assert all(float(value) == float(value) for value in rows[-1].values())
+
+    def rows(channel: str) -> list[dict[str, str]]:
+        export = [sys.executable, "-m", "groundstation", "export", str(folder / "flight.mcap"), "--channel", channel]
+        table = subprocess.run(export, capture_output=True, check=True, text=True).stdout
+        return list(csv.DictReader(table.splitlines()))
+
+    errors, lyapunov = rows("errors"), rows("lyapunov")
+    assert len(errors) == len(lyapunov) == pytest.approx(4.0 / 0.0225, abs=2)
+    assert all(float(value) == float(value) for value in errors[-1].values())
+    assert lyapunov[-1]["state"] in ("holds", "suspended", "none")
     names = [record.message.get_type() for record in TlogReader((folder / "flight.tlog").read_bytes())]
-    assert names.count("SET_ATTITUDE_TARGET") >= len(rows)
+    assert names.count("SET_ATTITUDE_TARGET") >= len(errors)
     assert "COMMAND_ACK" in names
     assert json.loads((folder / "summary.json").read_text())["sim"]["mass_kg"] == 0.08
     assert "[controller]" in (folder / "config.toml").read_text()
