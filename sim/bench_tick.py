@@ -90,7 +90,7 @@ def measure(options: "Options") -> dict[str, Any]:
 def text(facts: dict[str, Any]) -> list[str]:
     """One line a scenario."""
     return [
-        f"{row['scenario']:10} law, observer, predictor: median {row['median_us']:5.1f} µs, p99 {row['p99_us']:6.1f} µs "
+        f"{row['scenario']:10} law, observer, predictor: median {row['median_us']:.1f} µs, p99 {row['p99_us']:.1f} µs "
         f"a command (of the processor's time {row['cpu_median_us']:.1f} and {row['cpu_p99_us']:.1f}); "
         f"all of a command {row['whole_median_us']:.1f} and {row['whole_p99_us']:.1f} "
         f"({row['ticks']} commands; goal: median below {facts['goal_median_us']:g} µs)"
