@@ -70,6 +70,12 @@ def _parser() -> argparse.ArgumentParser:
         "--out", type=Path, metavar="PATH", help="folder of the CSVs (default: beside the recording), or the new .mcap"
     )
 
+    check = commands.add_parser("check", help="look at things before flying; arms nothing")
+    _config_arguments(check)
+    check.add_argument("--json", action="store_true", help="print one JSON object instead of the list")
+    check.add_argument("--watch", action="store_true", help="show the pose source live; opens no command link")
+    check.add_argument("--seconds", type=_seconds, metavar="S", help="for how long (with --watch)")
+
     trajectory = commands.add_parser("trajectory", help="what the trajectory asks of the vehicle: PASS or FAIL")
     _config_arguments(trajectory, optional=True)
     trajectory.add_argument("--json", action="store_true", help="print one JSON object instead of the table")
@@ -82,6 +88,13 @@ def _parser() -> argparse.ArgumentParser:
     show = verbs.add_parser("show", help="print what is in force, defaults and overrides included")
     _config_arguments(show, optional=True)
     return parser
+
+
+def _seconds(text: str) -> float:
+    value = float(text)
+    if not 0.0 < value <= 86400.0:
+        raise argparse.ArgumentTypeError(f"expected more than 0 and at most 86400, got {text}")
+    return value
 
 
 def _config_arguments(parser: argparse.ArgumentParser, *, optional: bool = False) -> None:

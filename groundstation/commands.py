@@ -118,6 +118,16 @@ def config(args: argparse.Namespace) -> int:
     return 0
 
 
+def check(args: argparse.Namespace) -> int:
+    """Show the pose source live."""
+    config = load(args.config, Config, args.overrides)
+    if not args.watch:
+        raise ConfigError("--watch", "expected: there is nothing else to check yet")
+    from groundstation.listen.command import watch
+
+    return watch(config, seconds=args.seconds, as_json=args.json)
+
+
 def trajectory(args: argparse.Namespace) -> int:
     """Say what the trajectory asks of the vehicle, and whether it may fly."""
     import json

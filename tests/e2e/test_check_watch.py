@@ -1,0 +1,60 @@
+"""``groundstation check --watch`` as a user starts it, on real sockets."""
+
+import json
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import pytest
+
+from groundstation.listen.seen import Seen
+from tests.e2e.stations import free_udp_port, served
+
+
+@pytest.fixture
+def silent(tmp_path: Path) -> list[str]:
+    """The command on an address that nobody sends to."""
+    config = tmp_path / "lab.toml"
+    config.write_text(f'[pose]\nlisten = "127.0.0.1:{free_udp_port()}"\n')
+    return [sys.executable, "-m", "groundstation", "check", str(config), "--watch"]
+
+
+def test_a_served_vehicle_is_shown_as_one_object_and_as_a_table() -> None:
+    with served() as room:
+        command = room.station("check")
+        command = [*command[: command.index("--set")], *room.wires, "--watch", "--seconds", "2.5"]
+        done = subprocess.run([*command, "--json"], capture_output=True, text=True, check=True, timeout=30)
+        facts = json.loads(done.stdout)
+        assert facts["ok"] is True
+        assert facts["source"] == "vicon"
+        assert set(Seen.__struct_fields__) < set(facts)
+        assert facts["rate_hz"] == pytest.approx(50.0, rel=0.2)
+        assert facts["noise_m"][0] == pytest.approx(3e-4, rel=0.5)
+        done = subprocess.run(command, capture_output=True, text=True, check=True, timeout=30)
+        assert "noise at rest" in done.stdout
+
+
+def test_the_exit_code_says_that_no_pose_came(silent: list[str]) -> None:
+    done = subprocess.run([*silent, "--seconds", "0.3", "--json"], capture_output=True, text=True, check=False)
+    assert done.returncode == 1, done.stderr
+    assert json.loads(done.stdout)["ok"] is False
+
+
+def test_an_address_that_can_not_be_listened_on_is_named(silent: list[str]) -> None:
+    done = subprocess.run(
+        [*silent, "--set", "pose.listen=192.0.2.1:51001"], capture_output=True, text=True, check=False
+    )
+    assert done.returncode == 3
+    assert "groundstation: check: " in done.stderr
+    assert "192.0.2.1" in done.stderr
+
+
+def test_ctrl_c_ends_it_with_what_was_seen(silent: list[str]) -> None:
+    process = subprocess.Popen(silent, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
+    time.sleep(2.0)
+    process.send_signal(signal.SIGINT)
+    out, errors = process.communicate(timeout=20)
+    assert process.returncode == 1, errors
+    assert "no pose yet" in out

@@ -1,0 +1,126 @@
+"""``check --watch`` towards simulated trackers in virtual time, with every byte that it sends looked at."""
+
+import asyncio
+import io
+import math
+from collections import Counter
+from functools import cache
+
+import pytest
+from rich.console import Console
+
+from groundstation import so3
+from groundstation.listen.command import listened
+from groundstation.listen.seen import WINDOW_S, Seen, Watcher
+from groundstation.listen.table import rows, table
+from groundstation.poses.port import Pose, PoseEvent, PoseStatus
+from links.mavlink_codec import MavlinkCodec
+from sim.commands import prepare
+from sim.scenarios import SCENARIOS
+from sim.stage import Stage
+from sim.virtual_time import VirtualTimeLoop
+from tests.loops import in_virtual_time
+
+SOURCES = ["vicon", "natnet", "qualisys", "odometry", "vision", "json"]
+AUTOPILOT_ADDRESS = 14540
+
+
+@cache
+def watched(
+    source: str, *overrides: str, seconds: float = 6.0, told: tuple[str, ...] = ()
+) -> tuple[Seen, Counter[str]]:
+    """What is seen of the held vehicle of ``paper``, and the names of the MAVLink messages that we sent."""
+    world, config = prepare(SCENARIOS["paper"], list(overrides), source=source)
+    _, config_told = prepare(SCENARIOS["paper"], [*overrides, *told], source=source)
+    reader, sent = MavlinkCodec(255, 1), Counter[str]()
+
+    def tap(_time_s: float, a: tuple[str, int], b: tuple[str, int], data: bytes) -> None:
+        if a[1] == AUTOPILOT_ADDRESS:
+            sent.update(message.get_type() for message in reader.feed_datagram(data))
+
+    async def main() -> Seen:
+        loop = asyncio.get_running_loop()
+        assert isinstance(loop, VirtualTimeLoop)
+        stage = asyncio.create_task(Stage(world, config, seed=2).run())
+        loop.tap = tap
+        try:
+            return await listened(config_told, seconds)
+        finally:
+            stage.cancel()
+            await asyncio.gather(stage, return_exceptions=True)
+
+    return in_virtual_time(main()), sent
+
+
+@pytest.mark.parametrize("source", SOURCES)
+def test_every_source_is_seen_as_it_is(source: str) -> None:
+    seen, sent = watched(source)
+    assert seen.ok
+    assert seen.rate_hz == pytest.approx(50.0, rel=0.02)
+    assert seen.age_s is not None
+    assert 0.01 < seen.age_s < 0.05
+    assert seen.latency_s == pytest.approx(0.02, abs=0.008)
+    assert seen.jitter_s < 0.005
+    assert seen.gaps == seen.clock_steps == 0
+    assert seen.position_ned == pytest.approx((0.8, -0.8, 0.0), abs=0.005)
+    assert seen.roll_pitch_yaw_deg == pytest.approx((0.0, 0.0, 0.0), abs=1.0)
+    assert seen.at_rest
+    assert seen.noise_m == pytest.approx((3e-4,) * 3, rel=0.3)
+    assert seen.noise_deg == pytest.approx((math.degrees(2e-3),) * 3, rel=0.3)
+    if source == "odometry":
+        assert set(sent) <= {"HEARTBEAT", "TIMESYNC", "COMMAND_LONG"}
+        assert sent["COMMAND_LONG"] <= 4, "to be sent the poses; nothing else is asked of the autopilot"
+    else:
+        assert not sent, "no command link is opened"
+
+
+def test_a_wrong_name_shows_the_names_that_are_there() -> None:
+    for source, key in (("vicon", "object"), ("natnet", "name"), ("qualisys", "name")):
+        seen, _ = watched(source, "sim.other_bodies=2", told=(f"pose.{key}=quadd",))
+        assert not seen.ok
+        assert {"quad", "other0", "other1"} <= set(seen.bodies)
+        assert any(reason.startswith("no_such") for reason in seen.dropped)
+        text = " ".join(" ".join(row) for row in rows(seen))
+        assert "is its name right" in text
+        assert "other1" in text
+
+
+def test_what_goes_wrong_with_poses_is_shown() -> None:
+    seen, _ = watched("json", "sim.occlusion_s=0.4", "sim.swap_s=0.1", "sim.other_bodies=1", "sim.mishap_period_s=2")
+    assert {"not_tracked", "jump"} <= set(seen.dropped)
+    assert not seen.at_rest or seen.noise_m is not None
+    words = "\n".join(seen.events)
+    assert "poses are lost" in words
+    assert "poses are back" in words
+    assert seen.longest_s > 0.4
+
+
+def test_silence_is_told_with_what_to_look_at() -> None:
+    seen, _ = watched("vicon", "pose.listen=127.0.0.1:51001", told=("pose.listen=127.0.0.1:51077",))
+    assert not seen.ok
+    assert "firewall" in rows(seen)[-1][1]
+
+
+def test_noise_is_of_the_poses_also_where_they_drift_and_unknown_while_they_move() -> None:
+    def seen(speed: float, sigma: float) -> Seen:
+        watcher = Watcher(0.0)
+        for n in range(300):
+            jerk = sigma * math.sqrt(2.0) * math.sin(2.4 * n)
+            place = (speed * 0.01 * n + jerk, jerk, 0.0)
+            watcher.pose(Pose(n, 0.01 * n - 0.02, 0.01 * n, place, so3.IDENTITY))
+        return watcher.seen(3.0, PoseStatus(accepted=300, dropped={}))
+
+    still = seen(0.0, 1e-3)
+    assert still.noise_m == pytest.approx((1e-3, 1e-3, 0.0), rel=0.05)
+    assert seen(0.2, 1e-3).noise_m is None
+    assert seen(0.2, 1e-3).at_rest is False
+    assert Watcher(0.0).seen(WINDOW_S, PoseStatus(accepted=0, dropped={})).age_s is None
+
+
+def test_names_from_the_network_do_not_steer_the_terminal() -> None:
+    watcher = Watcher(0.0)
+    watcher.event(PoseEvent("moved", "", "poses \x1b[2J"), 1.0)
+    seen = watcher.seen(2.0, PoseStatus(accepted=0, dropped={"jump": 2}), ("\x1b[31mred",))
+    console = Console(width=100, record=True, file=io.StringIO())
+    console.print(table("poses", seen))
+    assert "\x1b" not in console.export_text()
