@@ -212,31 +212,31 @@ class ModelEstimator:
 
     def _roll(self, motion: Motion, start: float, end: float) -> Motion:
         """``motion`` from ``start`` to ``end`` through the commands that act between."""
-        drives = self._drives
-        count = len(drives)
+        drives, last = self._drives, len(self._drives) - 1
         disturbance = self._disturbance_at(0.5 * (start + end))
+        mass, gravity = self._mass / self._effectiveness.value, self._gravity
+        thrust_lag, rate_lag = self._thrust_lag, self._rate_lag
         time = start
         index = 0
-        while index + 1 < count and drives[index + 1][0] <= time:
+        while index < last and drives[index + 1][0] <= time:
             index += 1
         while time < end - 1e-9:
-            until = drives[index + 1][0] if index + 1 < count else end
+            until = drives[index + 1][0] if index < last else end
             until = min(until, end, time + STEP_LIMIT)
-            drive = drives[index][1] if count else Drive(motion.thrust, motion.rates)
             if until - time > 1e-9:
                 motion = rolled(
                     FLOATS,
                     motion,
-                    drive,
+                    drives[index][1] if last >= 0 else Drive(motion.thrust, motion.rates),
                     until - time,
-                    mass=self._mass / self._effectiveness.value,
-                    gravity=self._gravity,
+                    mass=mass,
+                    gravity=gravity,
                     disturbance=disturbance,
-                    thrust_lag=self._thrust_lag,
-                    rate_lag=self._rate_lag,
+                    thrust_lag=thrust_lag,
+                    rate_lag=rate_lag,
                 )
             time = until
-            while index + 1 < count and drives[index + 1][0] <= time + 1e-9:
+            while index < last and drives[index + 1][0] <= time + 1e-9:
                 index += 1
         return motion
 
