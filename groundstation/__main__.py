@@ -80,6 +80,9 @@ def _parser() -> argparse.ArgumentParser:
     _config_arguments(trajectory, optional=True)
     trajectory.add_argument("--json", action="store_true", help="print one JSON object instead of the table")
 
+    states = commands.add_parser("states", help="the states of a flight, and what leads from one to another")
+    states.add_argument("--write", type=Path, metavar="FILE.md", help="put the diagram between the file's markers")
+
     vehicles = commands.add_parser("vehicles", help="list the vehicles that come along, for vehicle.preset")
     vehicles.add_argument("name", nargs="?", metavar="NAME", help="print this one's file, to start your own from")
 

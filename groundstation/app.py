@@ -7,6 +7,7 @@ from typing import Any
 
 from groundstation.broadcast import Latest
 from groundstation.flight import Flight, Outcome
+from groundstation.mission import State
 from groundstation.pilot import Tick
 from groundstation.poses import make_source
 from groundstation.poses.gated import Gated
@@ -39,6 +40,7 @@ def make_flight(
     on_pose: Callable[[Pose], None] | None = None,
     wires: Mapping[str, Any] | None = None,
     give: Give | None = None,
+    on_state: Callable[[State, str], None] | None = None,
 ) -> Flight:
     """The parts that ``config`` names, put together; nothing is opened yet.
 
@@ -56,10 +58,11 @@ def make_flight(
         flight.pose_event(event)
 
     source = Gated(source, config.gate, lost_s=config.flight.coast_s, tell=tell)
+    told: dict[str, Any] = {"confirm": confirm, "on_tick": on_tick, "on_event": on_event, "on_state": on_state}
     flight = (
-        Flight(config, link, source, confirm=confirm, on_tick=on_tick, on_event=on_event)
+        Flight(config, link, source, **told)
         if give is None
-        else RecordedFlight(config, link, source, give=give, confirm=confirm, on_tick=on_tick, on_event=on_event)
+        else RecordedFlight(config, link, source, give=give, **told)
     )
     return flight
 

@@ -12,11 +12,13 @@ from collections.abc import Awaitable, Callable
 from typing import TYPE_CHECKING
 
 from groundstation.config import ConfigError, dump, load
+from groundstation.interrupts import Interrupts
 from groundstation.mission import State
 from groundstation.poses import Recorded
 from groundstation.poses.port import SourceError
 from groundstation.preflight import ensure_flyable
 from groundstation.radio import ensure_link
+from groundstation.requests import Ask, Request
 from groundstation.settings import Config
 from links.address import is_loopback, parse_address
 
@@ -24,7 +26,6 @@ if TYPE_CHECKING:
     from groundstation.recorded import Give
 
 EXIT_DONE, EXIT_ABORTED = 0, 1
-KILL_HINT = "Ctrl-\\ (SIGQUIT) stops its motors"
 
 
 def fly(args: argparse.Namespace) -> int:
@@ -152,6 +153,16 @@ def trajectory(args: argparse.Namespace) -> int:
     return EXIT_DONE if report.ok else EXIT_ABORTED
 
 
+def states(args: argparse.Namespace) -> int:
+    """Draw the states of a flight."""
+    from groundstation.mission_diagram import markdown, write
+
+    if args.write is not None:
+        write(args.write)
+    print(markdown())
+    return EXIT_DONE
+
+
 def vehicles(args: argparse.Namespace) -> int:
     """List the vehicles that come along, or print the file of one."""
     from groundstation.config import from_dict
@@ -267,26 +278,26 @@ async def _run(
     loop = asyncio.get_running_loop()
     task = asyncio.ensure_future(watched(flight, config, say))
 
+    interrupts = Interrupts()
+
     def interrupted(name: str) -> None:
-        if flight.landing_asked:
-            say(f"{name} again: commands stop now, the link brings the vehicle down. {KILL_HINT}")
-            flight.stop(f"told by {name}, twice")
-        else:
-            say(f"{name}: landing. The same once more brings it down at once. {KILL_HINT}")
-            flight.land(f"told by {name}")
+        request, words = interrupts.press(name, loop.time())
+        say(words)
+        if request is not None:
+            flight.ask(request)
 
     def kill() -> None:
         say("SIGQUIT: motors off, now")
-        flight.kill("told by SIGQUIT")
+        flight.ask(Request(Ask.KILL, "told by SIGQUIT"))
 
     loop.add_signal_handler(signal.SIGINT, interrupted, "SIGINT")
     loop.add_signal_handler(signal.SIGTERM, interrupted, "SIGTERM")
     loop.add_signal_handler(signal.SIGQUIT, kill)
     # A terminal that closes is no second opinion: it lands, and never more than that.
-    loop.add_signal_handler(signal.SIGHUP, flight.land, "the terminal closed")
+    loop.add_signal_handler(signal.SIGHUP, flight.ask, Request(Ask.LAND, "the terminal closed"))
     _calm_memory()
     try:
         outcome = await task
     except SourceError:  # ``say`` has told
         return EXIT_ABORTED
-    return EXIT_DONE if outcome.state is State.LANDED else EXIT_ABORTED
+    return EXIT_DONE if outcome.state is State.LANDED and not outcome.fault else EXIT_ABORTED

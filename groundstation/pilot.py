@@ -5,6 +5,7 @@ from typing import NamedTuple
 from groundstation.control.adaptive import Adaptive
 from groundstation.control.bring_down import OFF, bring_down
 from groundstation.control.controllers import ControllerConfig, make_controller
+from groundstation.control.descent import Descent
 from groundstation.control.estimator import ModelEstimator
 from groundstation.control.model import Drive, rolled
 from groundstation.control.port import Decision, Estimate
@@ -12,6 +13,7 @@ from groundstation.control.watch import Seen, Watch
 from groundstation.ops import FLOATS, Vec3
 from groundstation.poses.port import Pose
 from groundstation.snapshot import Certificate
+from groundstation.so3 import euler_zyx
 from groundstation.trajectories.port import Reference, Trajectory
 from groundstation.vehicle import Vehicle
 from links.port import Command, Segment
@@ -69,6 +71,9 @@ class Pilot:
         self._pose: Pose | None = None
         self._trajectory: Trajectory | None = None
         self._start = 0.0
+        self._released = False
+        self._descent: Descent | None = None
+        self._sink: Vec3 = (0.0, 0.0, 0.0)
 
     @property
     def newest_pose(self) -> Pose | None:
@@ -94,10 +99,31 @@ class Pilot:
 
     def follow(self, trajectory: Trajectory, start_s: float) -> None:
         """From now on the reference is ``trajectory``, begun at ``start_s`` on the event loop's clock [s]."""
-        if self._trajectory is None:
+        if not self._released:
             self._estimator.release()
+            self._released = True
         self._trajectory = trajectory
         self._start = start_s
+        self._watch.restart()
+
+    def stand(self) -> None:
+        """The vehicle stands on the floor: its push is not to be learnt."""
+        self._estimator.frozen = True
+
+    def lift(self, time_s: float) -> Reference:
+        """The vehicle has just left the floor; returns the motion in which it will be when a command acts."""
+        disturbance = self._estimator.lifted()
+        if isinstance(self._controller, Adaptive):
+            self._controller.begin(disturbance)
+        self._released = True
+        motion = self._estimator.predict(time_s + self._vehicle.command_delay_s).motion
+        return Reference(motion.position, motion.velocity, yaw_rad=euler_zyx(motion.attitude)[2])
+
+    def descend(self, sink_m_s: float, *, blind: bool = False) -> None:
+        """From now on only level out and sink; ``blind`` where the estimate of the speed is not to be believed."""
+        self._descent = self._descent or Descent(self._vehicle, self._gravity)
+        self._descent.blind = self._descent.blind or blind
+        self._sink = (0.0, 0.0, sink_m_s)
         self._watch.restart()
 
     def idle(self, time_s: float, thrust_n: float) -> Command:
@@ -109,15 +135,17 @@ class Pilot:
 
     def tick(self, time_s: float) -> Tick:
         """The command for a frame that leaves at ``time_s``. Needs a pose and a trajectory."""
-        pose, trajectory = self._pose, self._trajectory
+        pose, trajectory, descent = self._pose, self._trajectory, self._descent
         assert pose is not None and trajectory is not None, "tick() needs a pose and a trajectory"
         acting = time_s + self._vehicle.command_delay_s
         estimate = self._estimator.predict(acting)
         flight_time = acting - self._start
         reference = trajectory.at(flight_time)
+        if descent is not None:
+            reference = Reference(estimate.motion.position, self._sink)
         interval = 0.0 if self._last is None else time_s - self._last
         self._last = time_s
-        decision = self._controller.decide(estimate, reference, interval)
+        decision = (descent or self._controller).decide(estimate, reference, interval)
         self._estimator.sent(acting, decision.drive)
         if self._driver is not None:
             self._estimator.follow(self._driver.b_hat)

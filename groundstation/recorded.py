@@ -6,6 +6,7 @@ from typing import Any
 
 from groundstation.config import dump
 from groundstation.flight import Flight, Outcome
+from groundstation.mission import State
 from groundstation.pilot import Pilot, Tick
 from groundstation.poses.port import Pose, PoseSource
 from groundstation.recording.records import (
@@ -21,6 +22,7 @@ from groundstation.recording.records import (
     Told,
 )
 from groundstation.recording.wires import Wires
+from groundstation.requests import Request
 from groundstation.settings import Config
 from groundstation.trajectories.port import Trajectory
 from links.mavlink import MavlinkLinkConfig
@@ -74,31 +76,23 @@ class RecordedFlight(Flight):
         confirm: Callable[[], Awaitable[bool]],
         on_tick: Callable[[Tick], None] | None = None,
         on_event: Callable[[str], None] | None = None,
+        on_state: Callable[[State, str], None] | None = None,
     ) -> None:
         """As a flight; ``give`` takes the records."""
         self._recorder = give
         self._deaf = False
         self._told = on_event
         self._status_noted_s = -LOOK_S
-        super().__init__(config, link, source, confirm=confirm, on_tick=on_tick, on_event=self._tell)
         pilot = RecordedPilot(config.vehicle, config.controller, config.flight.coast_s, config.flight.floor_z_m)
         pilot.give = self._noted
-        self._pilot = pilot
+        super().__init__(
+            config, link, source, confirm=confirm, on_tick=on_tick, on_event=self._tell, on_state=on_state, pilot=pilot
+        )
 
-    def land(self, reason: str) -> None:
-        """Note who asks, and land."""
-        self._give(Asked(asyncio.get_running_loop().time(), "land", reason))
-        super().land(reason)
-
-    def stop(self, reason: str) -> None:
-        """Note who asks, and stop."""
-        self._give(Asked(asyncio.get_running_loop().time(), "stop", reason))
-        super().stop(reason)
-
-    def kill(self, reason: str) -> None:
-        """Note who asks, and stop the motors."""
-        self._give(Asked(asyncio.get_running_loop().time(), "kill", reason))
-        super().kill(reason)
+    def ask(self, request: Request) -> bool:
+        """Note who asks, and do it."""
+        self._give(Asked(asyncio.get_running_loop().time(), request.ask, request.why))
+        return super().ask(request)
 
     async def run(self) -> Outcome:
         """Fly, with every wire tapped."""
@@ -107,7 +101,7 @@ class RecordedFlight(Flight):
             return await super().run()
         finally:
             self._note_status()
-            self._give(Ended(asyncio.get_running_loop().time(), self.state, self._mission.reason))
+            self._give(Ended(asyncio.get_running_loop().time(), self.state, self._progress.reason))
 
     def _give(self, record: Record) -> None:
         """Hand over one record. Whatever goes wrong with it, the flight goes on."""

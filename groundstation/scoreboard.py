@@ -32,9 +32,11 @@ class Scoreboard:
         """One pose was taken."""
         self._arrivals.append(pose.arrival_s)
 
-    def tick(self, tick: Tick) -> None:
-        """One command left."""
+    def tick(self, tick: Tick, *, counts: bool) -> None:
+        """One command left; ``counts`` where its error belongs to the trajectory."""
         self._tick = tick
+        if not counts:
+            return
         self._squares += math.dist(tick.estimate.motion.position, tick.reference.position_ned) ** 2
         self._count += 1
 

@@ -1,6 +1,6 @@
 """The whole configuration of a ground station: one TOML file, one section a struct in that thing's own file."""
 
-from typing import Annotated, TypeAlias
+from typing import Annotated, Literal, TypeAlias
 
 import msgspec
 
@@ -10,9 +10,11 @@ from groundstation.limits import LimitsConfig
 from groundstation.poses import PoseConfig
 from groundstation.poses.gate import GateConfig
 from groundstation.poses.vicon import ViconConfig
+from groundstation.takeoff import TakeoffConfig
 from groundstation.telemetry.flights import RecordingConfig
 from groundstation.telemetry.mqtt import MqttConfig
 from groundstation.telemetry.status import StatusConfig
+from groundstation.touchdown import LandingConfig
 from groundstation.trajectories import TrajectoryConfig
 from groundstation.trajectories.lemniscate import LemniscateConfig
 from groundstation.vehicle import Vehicle
@@ -31,8 +33,11 @@ LinkConfig: TypeAlias = MavlinkLinkConfig | RfConfig | BridgeLinkConfig
 class FlightConfig(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
     """How a flight begins, rests on its poses, and ends."""
 
+    start: Literal["floor", "air"] = "floor"
+    """``floor``: take off, hold, then fly onto the trajectory. ``air``: only for a simulated vehicle that is held in
+    the air until it obeys; it follows the trajectory at once."""
     duration_s: Annotated[float, msgspec.Meta(gt=0.0)] | None = None
-    """Land after this time on the trajectory [s]; without it the flight lasts until it is told to land."""
+    """Fly back and land after this time on the trajectory [s]; without it, only when told to."""
     coast_s: Annotated[float, msgspec.Meta(gt=0.0, le=1.0)] = 0.25
     """How long commands may rest on one pose [s]: after it the link plays the bring-down, and then nothing leaves."""
     pose_wait_s: Annotated[float, msgspec.Meta(gt=0.0)] = 5.0
@@ -55,7 +60,9 @@ class Config(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=Tr
     link: LinkConfig = MavlinkLinkConfig()
     trajectory: TrajectoryConfig = LemniscateConfig()
     limits: LimitsConfig = LimitsConfig()
+    takeoff: TakeoffConfig = TakeoffConfig()
     flight: FlightConfig = FlightConfig()
+    landing: LandingConfig = LandingConfig()
     status: StatusConfig = StatusConfig()
     mqtt: MqttConfig = MqttConfig()
     recording: RecordingConfig = RecordingConfig()
@@ -85,3 +92,8 @@ class Config(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=Tr
         if vehicle.hover_thrust is None:
             return vehicle.thrust_max_n
         return full_thrust_n(vehicle.mass_kg * self.controller.gravity, vehicle.hover_thrust, self.thrust_curve)
+
+    @property
+    def weight_n(self) -> float:
+        """The vehicle's weight as told [N]."""
+        return self.vehicle.mass_kg * self.controller.gravity

@@ -90,7 +90,7 @@ class Snapshot(msgspec.Struct, frozen=True):
     error_m: float
     """Distance between estimate and reference [m]."""
     rms_m: float
-    """Root mean square of that distance since the reference started [m]."""
+    """Root mean square of that distance on the trajectory [m]."""
     thrust_n: float
     """Commanded thrust [N]."""
     thrust_max_n: float

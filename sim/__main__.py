@@ -42,6 +42,17 @@ def _parser() -> argparse.ArgumentParser:
     fly.add_argument("--out", type=Path, metavar="DIR", help="write the run's folder")
     fly.add_argument("--json", action="store_true", help="print one JSON object instead of the summary")
 
+    mission = commands.add_parser("mission", help="fly a scenario from the floor to its figure, and back to the floor")
+    mission.add_argument("--scenario", default="paper", metavar="NAME", help="see `groundstation-sim scenarios`")
+    mission.add_argument("--seed", type=int, default=0, help="every random draw comes from it (default 0)")
+    mission.add_argument("--duration", type=_seconds, metavar="S", help="time on the figure (default 60 s)")
+    mission.add_argument("--controller", metavar="NAME", help=_CONTROLLERS)
+    mission.add_argument("--source", choices=["vicon", "odometry"], default="vicon", help="where poses come from")
+    mission.add_argument("--link", choices=_LINKS, default="mavlink", help="how commands leave; default mavlink")
+    mission.add_argument("--autopilot", choices=_AUTOPILOTS, default="px4", help="what it is like (default px4)")
+    mission.add_argument("--set", action="append", default=[], dest="overrides", metavar="KEY=VALUE", help="as in fly")
+    mission.add_argument("--json", action="store_true", help="print one JSON object instead of the summary")
+
     compare = commands.add_parser("compare", help="fly several controllers through the same scenarios, on all cores")
     compare.add_argument("--scenarios", metavar="A,B", type=_names, help="default: all")
     compare.add_argument("--controllers", metavar="A,B", type=_names, help="default: every one that comes along")

@@ -151,6 +151,29 @@ def _run_folder(path: Path, config: Config, world: World, *, scenario: str, seed
     return RunFolder(path, config, world, scenario=scenario, seed=seed)
 
 
+def mission(args: argparse.Namespace) -> int:
+    """Fly one scenario from the floor to its figure and back, in virtual time."""
+    from sim.mission import fly_mission, from_floor
+    from sim.mission_command import facts, summary
+
+    scenario = _scenario(args.scenario)
+    world, config = prepare(scenario, args.overrides, controller=args.controller, source=args.source, link=args.link)
+    world, config = from_floor(world, config, args.duration or DURATION_S)
+    ensure_flyable(config)
+    flown = fly_mission(world, config, seed=args.seed, autopilot=args.autopilot)
+    asked = {
+        "scenario": scenario.name,
+        "seed": args.seed,
+        "controller": config.controller.kind,
+        "source": args.source,
+        "link": args.link,
+        "autopilot": args.autopilot,
+    }
+    title = f"{scenario.name}, controller {config.controller.kind}, poses by {args.source}, seed {args.seed}"
+    print(json.dumps(facts(asked, flown)) if args.json else summary(title, flown))
+    return 0 if flown.landed else 1
+
+
 def _thrust_bound(config: Config, v_start: float | None) -> float | None:
     """The paper's a-priori bound on T/m [m/s²] for this flight; None for a controller without such a theory."""
     from groundstation.control.certificate import acceleration_sup, thrust_bound

@@ -71,6 +71,8 @@ def own(
         pose=ViconConfig(object="quad", latency_s=latency_s, rate_hz=rate_hz, drop_frozen=False),
         gate=GateConfig(drop_frozen=False),
         link=MavlinkLinkConfig(period_s=told.vehicle.frame_period_s, thrust_curve=told.link.thrust_curve),
-        flight=msgspec.structs.replace(told.flight, idle_thrust=min(world.start_thrust, 0.9), duration_s=None),
+        flight=msgspec.structs.replace(
+            told.flight, start="air", idle_thrust=min(world.start_thrust, 0.9), duration_s=None
+        ),
     )
     return world, config, told.flight.duration_s

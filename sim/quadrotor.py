@@ -13,6 +13,8 @@ from sim.plant import Body, Physics, moved
 from sim.wind import Wind
 from sim.world import World
 
+HOP_M = 0.005
+"""Whoever was not higher than this above the floor has not left it [m]."""
 _INSTANT_S = 1e-9
 """Shorter spans are rounding [s]."""
 
@@ -46,7 +48,11 @@ class Quadrotor:
         self._on_ground = False
         x, y, z = world.rate_limits_deg_s
         self._limits: Vec3 = (math.radians(x), math.radians(y), math.radians(z))
+        self._highest_m = 0.0
         self.touchdown_m_s: float | None = None
+        """How fast it met the floor when it first came down to it [m/s]."""
+        self.hardest_m_s: float | None = None
+        """The same for the hardest time of all: it may hop [m/s]."""
 
     def command(self, time_s: float, thrust_n: float, rates: Vec3) -> None:
         """From ``time_s`` on: thrust [N] as commanded (gain and limits apply here) and rates [rad/s, FRD]."""
@@ -117,8 +123,12 @@ class Quadrotor:
 
     def _step(self, flight_time: float, h: float) -> None:
         body, self._on_ground = self._after(flight_time, h)
-        if self._on_ground and self.touchdown_m_s is None and body.velocity[2] > 0.0:
-            self.touchdown_m_s = body.velocity[2]
+        if not self._on_ground:
+            self._highest_m = max(self._highest_m, self._world.floor_z_m - body.position[2])
+        elif self._highest_m > HOP_M:
+            self.touchdown_m_s = body.velocity[2] if self.touchdown_m_s is None else self.touchdown_m_s
+            self.hardest_m_s = max(self.hardest_m_s or 0.0, body.velocity[2])
+            self._highest_m = 0.0
         self._body = self._on_floor(body) if self._on_ground else body
 
     def _on_floor(self, body: Body) -> Body:

@@ -81,7 +81,7 @@ class Scenario(msgspec.Struct, frozen=True, kw_only=True):
             vehicle=self.told,
             link=MavlinkLinkConfig(period_s=world.frame_period_s, pace="period"),
             trajectory=LemniscateConfig(speed_m_s=world.speed_m_s),
-            flight=FlightConfig(idle_thrust=world.start_thrust, floor_z_m=world.floor_z_m),
+            flight=FlightConfig(start="air", idle_thrust=world.start_thrust, floor_z_m=world.floor_z_m),
         )
         data: dict[str, Any] = msgspec.to_builtins(config)
         del data["controller"]  # all default, and the defaults depend on the kind that ``overrides`` may choose

@@ -13,7 +13,7 @@ from groundstation.telemetry.status import StatusConfig, StatusServer
 from links.port import LinkStatus
 
 
-def sample(time_s: float, *, vehicle: str = "mqx", state: str = "flying", text: str = "Armed by us") -> Snapshot:
+def sample(time_s: float, *, vehicle: str = "mqx", state: str = "tracking", text: str = "Armed by us") -> Snapshot:
     """The made-up flight ``time_s`` after its start: a figure of eight, flown with some centimetres of error."""
     phase = 0.5 * time_s
     reference: Vec3 = (1.2 * math.sin(phase), 0.8 * math.sin(2.0 * phase), -1.0)
@@ -68,7 +68,7 @@ def sample(time_s: float, *, vehicle: str = "mqx", state: str = "flying", text: 
             suspended_fraction=0.0,
             b_hat_fraction=0.04,
         ),
-        events=(f"{99.0:.3f} ready: link and poses are there", f"{100.0:.3f} flying: following the trajectory"),
+        events=(f"{99.0:.3f} ready: link and poses are there", f"{100.0:.3f} tracking: following the trajectory"),
     )
 
 

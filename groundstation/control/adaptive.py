@@ -38,6 +38,10 @@ class Adaptive:
         self._thrust_sent: Real | None = None
         self._saturated = False
 
+    def begin(self, disturbance: Vec3) -> None:
+        """Let b̂ begin at ``disturbance`` [m/s², NED]: what was found out before the first command."""
+        self.b_hat = within(self._ops, disturbance, self._gains.b_bound)
+
     def decide(self, estimate: Estimate, reference: Reference, interval_s: float) -> Decision:
         """One command for the instant of ``estimate``."""
         gains, vehicle = self._gains, self._vehicle

@@ -50,6 +50,8 @@ class ModelEstimator:
         self._mass = vehicle.mass_kg
         self._gravity = gains.gravity
         self._separates = gains.composite == "provable" and gains.effectiveness_deviation > 0.0
+        self.frozen = False
+        """True on the floor, whose push must not be learnt as an error of the thrust: λ̂ then rests."""
         self._thrust_lag = vehicle.thrust_lag_s
         self._rate_lag = vehicle.rate_lag_s
         wander, white = (
@@ -96,6 +98,18 @@ class ModelEstimator:
         self._effectiveness = told(self._gains.effectiveness_deviation)
         self._disturbance = self._disturbance_rate = self._disturbance_step = ZERO
 
+    def lifted(self) -> Vec3:
+        """The vehicle has left the floor; returns the disturbance that is left then [m/s², NED].
+
+        Until then the floor's push was part of it, but that fades to nothing at this very instant: what is left
+        vertically is the wind and the error of the thrust. Sideways it was the floor's friction, and is forgotten.
+        """
+        self.frozen = False
+        down = self._disturbance[2]
+        self.release()
+        self._disturbance = (0.0, 0.0, down)
+        return self._disturbance
+
     def follow(self, disturbance: Vec3) -> None:
         """Drive the observer by b̂ [m/s², NED] instead of its own d̂ (composite adaptation off, or raw)."""
         self._disturbance = disturbance
@@ -126,21 +140,22 @@ class ModelEstimator:
         self._measure_noise(pose)
         gains = self._gains
         model = self._roll(previous, self._stamp, pose.time_s)
+        separates = self._separates and not self.frozen
         densities = self._still if pose.velocity_ned is None else self._moving
         expected = later(self._covariance, dt, densities)
         gain, self._covariance = seen(expected, self._noise)
         step = innovation(pose.position_ned, model.position)
-        if self._separates:
+        if separates:
             self._effectiveness = self._pushed(previous, model, dt)
         moved = self._correct(model.position, model.velocity, self._disturbance_at(pose.time_s), gain, step)
-        if self._separates:
+        if separates:
             moved = self._judge(*moved, gain, step, expected.pp + self._noise)
         if pose.velocity_ned is not None:
             expected, noise = self._covariance, gains.velocity_noise_m_s**2
             gain, self._covariance = seen_moving(expected, noise)
             step = innovation(pose.velocity_ned, moved[1])
             moved = self._correct(*moved, gain, step)
-            if self._separates:
+            if separates:
                 moved = self._judge(*moved, gain, step, expected.vv + noise, of=1)
         position, velocity, self._disturbance = moved
         if gains.observer == "backward_euler":

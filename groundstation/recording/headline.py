@@ -49,7 +49,7 @@ class Count:
     def ticked(self, flight_time_s: float, error_m: float) -> None:
         """A command was made."""
         self._commands += 1
-        if self._state != "flying":
+        if self._state != "tracking" or flight_time_s < 0.0:
             return
         self._flown = flight_time_s
         if flight_time_s >= STEADY_S:

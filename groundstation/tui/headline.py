@@ -2,6 +2,7 @@
 
 import msgspec
 
+from groundstation.mission import FINAL, IN_AIR
 from groundstation.snapshot import Snapshot
 
 SILENCE_S = 1.5
@@ -10,9 +11,13 @@ OLD_POSE_S = 0.2
 """A pose older than this, in the air, is worth an alarm [s]."""
 
 ALARM, BUSY, CALM, FLYING = "alarm", "busy", "calm", "flying"
-_TONES = {"flying": FLYING, "arming": BUSY, "landing": BUSY, "aborted": ALARM}
-_IN_THE_AIR = frozenset({"flying", "landing"})
-_ENDED = frozenset({"landed", "aborted"})
+_TONES = {
+    **dict.fromkeys(("hold", "tracking", "returning"), FLYING),
+    **dict.fromkeys(("arming", "takeoff", "landing", "disarming"), BUSY),
+    **dict.fromkeys(("descent", "aborted", "handed_over", "killed"), ALARM),
+}
+_IN_THE_AIR = frozenset(state.value for state in IN_AIR)
+_ENDED = frozenset(state.value for state in FINAL)
 
 
 class Headline(msgspec.Struct, frozen=True):
@@ -39,7 +44,7 @@ def headline(snapshot: Snapshot | None, silence_s: float, trouble: str) -> Headl
         return Headline("NO DATA", ALARM, f"since {silence_s:.0f} s: {trouble or 'attached, nothing came yet'}")
     if silent and snapshot.state in _ENDED:
         reason = f"{snapshot.reason}; ended {silence_s:.0f} s ago"
-        return Headline(snapshot.state, _TONES.get(snapshot.state, CALM), reason)
+        return Headline(_big(snapshot), _TONES.get(snapshot.state, CALM), reason)
     if silent:
         return Headline("NO DATA", ALARM, f"since {silence_s:.0f} s, it was {snapshot.state}. {trouble}".rstrip())
     if snapshot.link.phase == "bring_down":
@@ -50,4 +55,8 @@ def headline(snapshot: Snapshot | None, silence_s: float, trouble: str) -> Headl
         return Headline("LINK LOST", ALARM, f"while {snapshot.state}: {snapshot.reason}")
     if snapshot.state in _IN_THE_AIR and not snapshot.pose_age_s < OLD_POSE_S:
         return Headline("NO POSE", ALARM, f"for {snapshot.pose_age_s:.1f} s while {snapshot.state}: {snapshot.reason}")
-    return Headline(snapshot.state, _TONES.get(snapshot.state, CALM), snapshot.reason)
+    return Headline(_big(snapshot), _TONES.get(snapshot.state, CALM), snapshot.reason)
+
+
+def _big(snapshot: Snapshot) -> str:
+    return snapshot.state.replace("_", " ")

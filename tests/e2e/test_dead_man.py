@@ -215,20 +215,24 @@ async def told(folder: Path, *signals: signal.Signals) -> Lab:
         await tracking(here)
         for number in signals:
             here.station.send_signal(number)
-            await asyncio.sleep(0.2)
-        assert await here.exit_code() == 1, here.log
+            await asyncio.sleep(1.2)
+        await here.exit_code()
         return here
 
 
-def test_told_twice_it_brings_down_and_told_by_sigquit_it_stops_the_motors(tmp_path: Path) -> None:
+def test_told_twice_it_descends_told_three_times_or_told_by_sigquit_it_stops_the_motors(tmp_path: Path) -> None:
     async def main() -> None:
-        twice, quit_ = await asyncio.gather(
-            told(tmp_path / "twice", signal.SIGTERM, signal.SIGTERM, signal.SIGTERM),
+        twice, thrice, quit_ = await asyncio.gather(
+            told(tmp_path / "twice", signal.SIGTERM, signal.SIGINT),
+            told(tmp_path / "thrice", signal.SIGTERM, signal.SIGTERM, signal.SIGTERM),
             told(tmp_path / "quit", signal.SIGQUIT),
         )
-        assert any("the bring-down is over" in line for line in twice.log), twice.log
+        assert any("landing; once more: failsafe descent" in line for line in twice.log), twice.log
+        assert any("descent: told by SIGINT" in line for line in twice.log), twice.log
+        assert any("landed and disarmed" in line for line in twice.log), twice.log
         assert twice.set_points(0.0)[-1][1] == 0.0
-        assert any("acknowledged: motors off" in line for line in quit_.log), quit_.log
-        assert not quit_.stage.autopilot.armed
+        for killed in (thrice, quit_):
+            assert any("acknowledged: motors off" in line for line in killed.log), killed.log
+            assert not killed.stage.autopilot.armed
 
     asyncio.run(main())

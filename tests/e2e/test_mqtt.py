@@ -144,7 +144,7 @@ def test_state_events_and_snapshots_arrive_and_the_state_ends_offline(broker: Ca
                 latest.put(msgspec.structs.replace(flying, events=(*flying.events, "102.000 wind")))
                 await listener.until(lambda to: len(to.got[SNAPSHOT]) == 2)
             await listener.until(lambda to: to.got[STATE][-1:] == ["offline"])
-        assert listener.got[STATE] == ["ready", "flying", "offline"]
+        assert listener.got[STATE] == ["ready", "tracking", "offline"]
         assert listener.got[EVENT] == [*sample(1.0).events, "102.000 wind"]
         first = msgspec.json.decode(listener.got[SNAPSHOT][0], type=Snapshot)
         assert first == sample(1.0, state="ready")
@@ -172,7 +172,7 @@ def test_the_broker_declares_a_publisher_that_vanished_offline(broker: Callable[
             await listener.until(lambda to: bool(to.got[SNAPSHOT]))
             process.kill()
             await process.wait()
-            await listener.until(lambda to: to.got[STATE] == ["flying", "offline"])
+            await listener.until(lambda to: to.got[STATE] == ["tracking", "offline"])
 
     play(scene())
 
@@ -201,7 +201,7 @@ def test_a_broker_that_is_killed_and_comes_back_is_found_again_and_misses_no_eve
             async with Listener(server.port) as listener:
                 await listener.until(lambda to: bool(to.got[SNAPSHOT]))
                 assert listener.got[EVENT] == ["103.000 while the broker was away"]
-                assert listener.got[STATE] == ["flying"]
+                assert listener.got[STATE] == ["tracking"]
             assert not task.done()
 
     play(scene())

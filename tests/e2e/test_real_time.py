@@ -55,7 +55,7 @@ def test_fly_takes_a_served_vehicle_through_its_trajectory_and_lands_it() -> Non
             stdin=subprocess.DEVNULL,
         )
     assert run.returncode == 0, run.stdout + run.stderr
-    for word in ("connecting", "ready", "arming", "flying", "landing", "landed and disarmed"):
+    for word in ("connecting", "ready", "arming", "tracking", "landing", "landed and disarmed"):
         assert word in run.stdout
 
 
@@ -66,7 +66,7 @@ def test_the_daemon_lands_on_sigterm_and_its_status_shows_the_flight() -> None:
         )
         try:
             on_track = asyncio.run(
-                seen(room.status_socket, lambda s: s.state == "flying" and s.flight_time_s > 3.0 and s.error_m < 0.1)
+                seen(room.status_socket, lambda s: s.state == "tracking" and s.flight_time_s > 3.0 and s.error_m < 0.1)
             )
             assert on_track.pose_rate_hz == pytest.approx(50.0, abs=8.0)
             daemon.send_signal(signal.SIGTERM)
@@ -102,7 +102,7 @@ def test_a_station_that_is_killed_leaves_the_vehicle_to_the_autopilots_failsafe(
             room.station("fly", "--arm", "mqx"), stdout=subprocess.DEVNULL, stdin=subprocess.DEVNULL
         )
         try:
-            asyncio.run(seen(room.status_socket, lambda s: s.state == "flying"))
+            asyncio.run(seen(room.status_socket, lambda s: s.state == "tracking"))
         finally:
             station.kill()
             station.wait()
@@ -130,7 +130,7 @@ def test_a_terminal_that_closes_in_flight_lands_the_vehicle() -> None:
             stdin=subprocess.DEVNULL,
         )
         try:
-            asyncio.run(seen(room.status_socket, lambda s: s.state == "flying" and s.flight_time_s > 1.0))
+            asyncio.run(seen(room.status_socket, lambda s: s.state == "tracking" and s.flight_time_s > 1.0))
             assert station.stdout is not None
             station.stdout.close()  # whatever it says from now on fails
             station.send_signal(signal.SIGINT)

@@ -175,11 +175,11 @@ def test_a_recorder_that_hangs_never_holds_up_the_loop_and_what_is_left_out_is_c
         os.kill(process.pid, signal.SIGCONT)
         while not await _drained(process):
             pass
-        process.give(Told(1.0, "flying", "again"))
+        process.give(Told(1.0, "tracking", "again"))
 
     async def _drained(process: RecorderProcess) -> bool:
         await asyncio.sleep(0.06)
-        process.give(Told(0.9, "flying", "is there room?"))
+        process.give(Told(0.9, "tracking", "is there room?"))
         return process.waiting == 0
 
     asyncio.run(talk(tmp_path, script))
@@ -196,7 +196,7 @@ def test_the_recorder_is_deaf_to_what_a_terminal_sends(tmp_path: Path) -> None:
         for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP, signal.SIGQUIT):
             os.kill(process.pid, number)
         await asyncio.sleep(0.1)
-        process.give(Told(1.0, "flying", "still here"))
+        process.give(Told(1.0, "tracking", "still here"))
 
     asyncio.run(talk(tmp_path, script))
     assert times(the_recording(tmp_path), "/mission") == [1.0]
@@ -207,7 +207,7 @@ def test_a_folder_that_cannot_be_written_is_told_of_and_nothing_else_happens(tmp
 
     async def script(process: RecorderProcess) -> None:
         for _ in range(100):
-            process.give(Told(1.0, "flying", "x"))
+            process.give(Told(1.0, "tracking", "x"))
             await asyncio.sleep(0.01)
 
     said = asyncio.run(talk(tmp_path / "file", script))
@@ -265,7 +265,7 @@ def test_a_flight_lands_although_its_recorder_was_killed() -> None:
         )
         assert run.stdout is not None
         line = ""
-        while "flying" not in line:
+        while "tracking" not in line:
             line = run.stdout.readline()
         for process in Path("/proc").glob("[0-9]*"):
             with suppress(OSError):

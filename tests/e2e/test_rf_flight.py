@@ -48,7 +48,7 @@ async def flown(duration_s: float) -> list[tuple[float, float]]:
     while (begun := flight.started_s) is None or loop.time() < begun + duration_s:
         assert not flying.done(), flying.result().reason
         await asyncio.sleep(0.05)
-    assert flight.state is State.FLYING
+    assert flight.state is State.TRACKING
     flying.cancel()  # landing is the next test's
     beside.cancel()
     await asyncio.gather(flying, beside, return_exceptions=True)

@@ -102,7 +102,7 @@ def test_clients_get_the_last_snapshot_when_the_flight_ends_and_then_the_end_of_
                 await asyncio.sleep(0.01)
             latest.put(sample(2.0, state="landed"))
         await watcher
-        assert seen == ["flying", "landed"]
+        assert seen == ["tracking", "landed"]
 
     play(scene, tmp_path)
 

@@ -64,7 +64,7 @@ def test_every_part_shows_the_newest_snapshot(tmp_path: Path) -> None:
         latest: Latest[Snapshot] = Latest()
         async with served(path, latest):
             latest.put(sample(10.0))
-            await until(pilot, lambda: says(pilot, "flying"))
+            await until(pilot, lambda: says(pilot, "tracking"))
             latest.put(sample(11.0))
             await until(pilot, lambda: "11.0 s" in text(pilot, Banner))
             await pilot.pause(0.3)
@@ -77,7 +77,7 @@ def test_every_part_shows_the_newest_snapshot(tmp_path: Path) -> None:
                 assert words in text(pilot, Numbers)
             assert "●" in text(pilot, TopView)
             assert "█" in text(pilot, ErrorHistory)
-            assert "100.000 flying: following the trajectory" in text(pilot, Events)
+            assert "100.000 tracking: following the trajectory" in text(pilot, Events)
 
     play(scene, path)
 
@@ -111,12 +111,12 @@ def test_no_data_is_said_in_large_letters_and_goes_away_when_the_core_comes_back
         latest: Latest[Snapshot] = Latest()
         async with served(path, latest):
             latest.put(sample(1.0))
-            await until(pilot, lambda: says(pilot, "flying"))
+            await until(pilot, lambda: says(pilot, "tracking"))
         await until(pilot, lambda: says(pilot, "NO DATA"))
-        assert "it was flying" in text(pilot, Banner)
+        assert "it was tracking" in text(pilot, Banner)
         async with served(path, latest):
             latest.put(sample(2.0))
-            await until(pilot, lambda: says(pilot, "flying"))
+            await until(pilot, lambda: says(pilot, "tracking"))
 
     play(scene, path)
 
@@ -128,9 +128,9 @@ def test_a_core_that_hangs_with_its_socket_open_is_no_data_too(tmp_path: Path) -
         latest: Latest[Snapshot] = Latest()
         async with served(path, latest):
             latest.put(sample(1.0))
-            await until(pilot, lambda: says(pilot, "flying"))
+            await until(pilot, lambda: says(pilot, "tracking"))
             await until(pilot, lambda: says(pilot, "NO DATA"))
-            assert "it was flying" in text(pilot, Banner)
+            assert "it was tracking" in text(pilot, Banner)
 
     play(scene, path)
 
@@ -216,7 +216,7 @@ def test_the_screen_in_a_terminal_follows_a_core_that_dies_and_comes_back(termin
     path = tmp_path / "mqx.sock"
     core = [sys.executable, "-m", "tests.sample_flight", str(path)]
     code = f"from pathlib import Path; from groundstation.tui.app import run; raise SystemExit(run(Path('{path}')))"
-    flying, no_data = big("flying"), big("no data")
+    flying, no_data = big("tracking"), big("no data")
     with contextlib.ExitStack() as stack:
         first = subprocess.Popen(core)
         stack.callback(first.wait)

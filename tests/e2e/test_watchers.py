@@ -49,8 +49,8 @@ def test_dashboard_and_broker_show_a_flight_and_their_deaths_do_not_touch_it(
         )
         try:
             terminal.start(f"{sys.executable} -m groundstation tui --socket {room.status_socket}")
-            terminal.wait_for(*big("flying"), "following the trajectory")
-            shown = asyncio.run(on_broker(server, lambda s: s.state == "flying" and s.error_m < 0.1))
+            terminal.wait_for(*big("tracking"), "following the trajectory")
+            shown = asyncio.run(on_broker(server, lambda s: s.state == "tracking" and s.error_m < 0.1))
             assert shown.vehicle == "mqx"
             server.kill()
             terminal.close()

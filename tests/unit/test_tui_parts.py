@@ -97,11 +97,11 @@ def test_bars_show_share_and_sign() -> None:
 
 def test_the_banner_shows_the_state_while_all_is_well() -> None:
     shown = headline(sample(3.0), 0.2, "")
-    assert (shown.big, shown.tone, shown.detail) == ("flying", FLYING, "following the trajectory")
+    assert (shown.big, shown.tone, shown.detail) == ("tracking", FLYING, "following the trajectory")
 
 
 def test_silence_beats_every_state_but_the_last() -> None:
-    assert headline(sample(3.0), 3.2, "").detail == "since 3 s, it was flying."
+    assert headline(sample(3.0), 3.2, "").detail == "since 3 s, it was tracking."
     assert headline(sample(3.0), 3.2, "").big == "NO DATA"
     assert headline(None, 3.2, "nobody is there").detail == "since 3 s: nobody is there"
     assert headline(changed(state="landed"), 60.0, "").big == "landed"

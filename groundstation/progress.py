@@ -1,0 +1,144 @@
+"""Moves the mission on: what is flown as a state begins, and what ends it. Sans-IO: the caller owns time and wires."""
+
+from collections.abc import Callable
+
+from groundstation.course import Course, Leg
+from groundstation.mission import FINAL, IN_AIR, Event, Mission, State
+from groundstation.pilot import Pilot, Tick
+from groundstation.poses.port import Pose
+from groundstation.settings import Config
+from groundstation.takeoff import Spool, Standing
+from groundstation.trajectories.port import Reference
+from links.port import Command
+
+
+class Progress:
+    """One flight's mission, with the pilot that flies it. Times are on the event loop's clock [s]."""
+
+    def __init__(
+        self, config: Config, pilot: Pilot, say: Callable[[str], None], on_state: Callable[[State, str], None]
+    ) -> None:
+        """``say`` takes lines for the operator, ``on_state`` every state that begins, and why."""
+        self._config = config
+        self._pilot = pilot
+        self._say = say
+        self._on_state = on_state
+        self._mission = Mission()
+        self._course = Course(config)
+        self._standing = Standing()
+        self._spool: Spool | None = None
+        self._lifted = False
+        self.tick: Tick | None = None
+        """The newest command of the controller that left."""
+        self.fault = ""
+        """What made the flight come down early, where nobody had asked for it."""
+        self.started_s: float | None = None
+        """When the trajectory starts [s]; None before that is known."""
+
+    @property
+    def state(self) -> State:
+        """Where the flight stands."""
+        return self._mission.state
+
+    @property
+    def reason(self) -> str:
+        """Why it stands there."""
+        return self._mission.reason
+
+    @property
+    def standing(self) -> Standing:
+        """The poses before take-off."""
+        return self._standing
+
+    @property
+    def low(self) -> bool:
+        """Whether it was so near the floor when the last command left that an autopilot may have felt it."""
+        floor = self._config.flight.floor_z_m
+        return self.tick is not None and floor - self.tick.estimate.motion.position[2] < DISARMED_HEIGHT_M
+
+    def allows(self, event: Event) -> bool:
+        """Whether ``event`` is possible now."""
+        return self._mission.allows(event)
+
+    def go(self, event: Event, reason: str, now_s: float, *, fault: bool = False) -> None:
+        """Move by ``event``, and begin what is to be flown then; ``fault`` where it is not how it was meant to go.
+
+        Raises:
+            IllegalMove: it is not possible now.
+        """
+        if fault:
+            self.fault = self.fault or reason
+        before = self.state
+        state = self._mission.on(event, reason)
+        if state is before:
+            return
+        self._say(f"{state}: {reason}")
+        self._on_state(state, reason)
+        if state in FINAL or state not in IN_AIR:
+            return
+        if self._spool is not None and not self._lifted:  # still on the floor: there is nothing to fly
+            self.go(Event.TOUCHDOWN, "still on the floor", now_s)
+        elif state is State.DESCENT:
+            self._pilot.descend(self._config.flight.descent_m_s)
+        elif event is Event.ARMED:
+            self._spool_up(now_s)
+        elif event is Event.AIRBORNE:
+            self._follow(self._course.at_once(now_s))
+        else:
+            self._follow(self._course.leg(event, state, *self._motion(now_s)))
+
+    def command(self, now_s: float) -> tuple[Command, Tick | None]:
+        """The command of this frame, and the tick behind it; on the floor there is none."""
+        spool = self._spool
+        if spool is not None and self._lifted:
+            self._spool = spool = None
+            self._say("off the floor: climbing")
+            self._follow(self._course.leg(Event.ARMED, State.TAKEOFF, *self._motion(now_s)))
+        if spool is None:
+            tick = self._pilot.tick(now_s)
+            return tick.command, tick
+        if spool.exhausted(now_s):
+            why = (
+                f"no lift-off at {spool.most_n:.3g} N, the most that vehicle.hover_range and thrust_max_n allow: "
+                "check mass, battery and propellers, and that nothing holds the vehicle"
+            )
+            self.go(Event.LAND, why, now_s, fault=True)
+        return self._pilot.idle(now_s, spool.thrust_n(now_s)), None
+
+    def flown(self, tick: Tick) -> None:
+        """One command of the controller has left: is the state over?"""
+        self.tick = tick
+        move = self._course.over(self.state, tick)
+        if move is not None:
+            self.go(move.event, move.reason, tick.time_s, fault=move.fault)
+
+    def pose(self, pose: Pose) -> None:
+        """One pose has come."""
+        if self._spool is not None:
+            self._lifted = self._lifted or self._standing.lifts(pose)
+        elif self.tick is None:
+            self._standing.stands(pose)
+
+    def _spool_up(self, now_s: float) -> None:
+        """The motors turn: thrust rises from now on until the floor is left."""
+        config = self._config
+        weight, takeoff = config.weight_n, config.takeoff
+        most = min(config.vehicle.hover_range[1] * weight, config.vehicle.thrust_max_n)
+        self._course.stood(self._standing.place_ned)
+        self._spool = Spool(weight, most, takeoff.spool_s, config.flight.idle_thrust * weight, now_s)
+
+    def _motion(self, now_s: float) -> tuple[Reference, float]:
+        """The motion that the next leg begins with, and the instant [s] that it is for."""
+        if self.tick is None:  # it has just left the floor
+            self._spool = None
+            return self._pilot.lift(now_s), now_s + self._config.vehicle.command_delay_s
+        return self.tick.reference, self.tick.estimate.time_s
+
+    def _follow(self, leg: Leg) -> None:
+        self._pilot.follow(leg.trajectory, leg.start_s)
+        if self.state is State.TRACKING:
+            self.started_s = leg.start_s
+
+
+DISARMED_HEIGHT_M = 0.2
+"""An autopilot that disarms below this height while we come down has felt the floor [m]."""

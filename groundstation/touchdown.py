@@ -1,0 +1,71 @@
+"""Hovering and touching down, by thrust and vertical speed, as autopilots tell them. Sans-IO."""
+
+from typing import Annotated
+
+import msgspec
+
+LOW_SHARE = 0.75
+"""On the floor thrust falls below this share of the hover thrust, as the reference goes on down [-]."""
+STILL_M_S = 0.12
+"""Slower than this the vehicle does not sink any more [m/s]."""
+LASTING_S = 0.2
+"""How long both must be so near the floor [s], ..."""
+SURE_S = 1.0
+"""... and elsewhere, where the floor may be a table, or the vehicle in somebody's hand [s]."""
+BEHIND_M = 0.3
+"""Near the floor it also stands where it does not follow and is so far above its reference [m]: not every controller
+lets thrust fall that low."""
+NEAR_M = 0.3
+"""Near the floor is below this height [m]."""
+
+
+class LandingConfig(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
+    """How the vehicle comes down. Config section ``[landing]``."""
+
+    approach_m: Annotated[float, msgspec.Meta(ge=0.05, le=2.0)] = 0.25
+    """From this height above the floor on it sinks at ``touchdown_m_s`` [m]."""
+    touchdown_m_s: Annotated[float, msgspec.Meta(ge=0.05, le=0.5)] = 0.25
+    """Speed of the last part, until it touches down [m/s]."""
+
+
+class Hover:
+    """The thrust that hovers, as commanded: a mean over a hold."""
+
+    def __init__(self) -> None:
+        """Nothing measured."""
+        self._sum = 0.0
+        self._count = 0
+
+    def see(self, thrust_n: float) -> None:
+        """Take one command of a hold [N]."""
+        self._sum += thrust_n
+        self._count += 1
+
+    @property
+    def thrust_n(self) -> float | None:
+        """Mean commanded thrust [N]; None before the first command."""
+        return self._sum / self._count if self._count else None
+
+
+class Touchdown:
+    """Whether the vehicle has come to stand while it is told to sink."""
+
+    def __init__(self, hover_n: float) -> None:
+        """Take the thrust that hovers [N]."""
+        self._low_n = LOW_SHARE * hover_n
+        self._since_s: float | None = None
+
+    def felt(self, time_s: float, thrust_n: float, sinking_m_s: float, height_m: float, behind_m: float) -> bool:
+        """Whether it stands, by one more command of a descent.
+
+        ``sinking_m_s`` and ``height_m`` are the vehicle's speed and height above the floor, ``behind_m`` is how far it
+        is above its reference.
+        """
+        near = height_m < NEAR_M
+        refuses = thrust_n < self._low_n or (near and behind_m > BEHIND_M)
+        if not refuses or abs(sinking_m_s) > STILL_M_S:
+            self._since_s = None
+            return False
+        if self._since_s is None:
+            self._since_s = time_s
+        return time_s - self._since_s >= (LASTING_S if near else SURE_S)

@@ -1,0 +1,214 @@
+"""Whole missions from the floor to the figure and back, and requests in every state of them."""
+
+import asyncio
+import math
+
+import pytest
+
+from groundstation.flight import Flight
+from groundstation.mission import IN_AIR, State
+from groundstation.requests import Ask, Request
+from sim.commands import prepare
+from sim.mission import Mission, Script, fly_mission, from_floor
+from sim.scenarios import SCENARIOS
+from sim.stage import Stage
+
+WAY = ["connecting", "ready", "arming", "takeoff", "hold", "tracking", "returning", "landing", "disarming", "landed"]
+SHORT = ("takeoff.height_m=0.5", "takeoff.hold_s=1.0", "trajectory.altitude_m=-0.5", "takeoff.climb_m_s=1.0")
+
+
+def mission(
+    scenario: str, *overrides: str, figure_s: float = 2.0, seed: int = 0, script: Script | None = None,
+    source: str = "vicon", autopilot: str = "px4", link: str = "mavlink",
+) -> Mission:  # fmt: skip
+    world, config = prepare(SCENARIOS[scenario], list(overrides), source=source, link=link)
+    world, config = from_floor(world, config, figure_s)
+    return fly_mission(world, config, seed=seed, autopilot=autopilot, script=script)
+
+
+def in_state(state: State, ask: Ask, after_s: float = 0.3) -> Script:
+    """Ask as ``state`` has lasted ``after_s``."""
+
+    async def script(flight: Flight, _: Stage) -> None:
+        while flight.state is not state:
+            await asyncio.sleep(0.001)
+        await asyncio.sleep(after_s)
+        flight.ask(Request(ask, "the test"))
+
+    return script
+
+
+@pytest.mark.parametrize(("scenario", "rms_cm"), [("paper", 0.3), ("adverse", 3.0)])
+def test_a_whole_mission_goes_from_the_floor_to_the_figure_and_softly_back(scenario: str, rms_cm: float) -> None:
+    flown = mission(scenario, figure_s=60.0)
+    assert flown.landed, flown.why
+    assert [one.state for one in flown.states] == WAY
+    assert all(one.reason for one in flown.states)
+    assert flown.touchdown_m_s is not None
+    assert flown.touchdown_m_s <= 0.5
+    assert flown.figure_s >= 44.9
+    assert flown.rms_cm is not None
+    assert flown.rms_cm < rms_cm
+    assert flown.home_m < 0.1
+    assert flown.tilt_max_deg < 30.0
+
+
+@pytest.mark.parametrize("scenario", ["fast", "storm", "quad1kg"])
+def test_every_scenario_takes_off_and_lands(scenario: str) -> None:
+    flown = mission(scenario, *SHORT, seed=1)
+    assert flown.landed, flown.fault or flown.why
+    assert flown.touchdown_m_s is not None
+    assert flown.touchdown_m_s <= 0.5
+
+
+@pytest.mark.parametrize("controller", ["geometric", "pid", "indi", "uncompensated"])
+def test_every_controller_takes_off_and_lands(controller: str) -> None:
+    """Whatever it does with the wind: without compensation it comes down harder."""
+    flown = mission("paper", *SHORT, f"controller.kind={controller}")
+    assert flown.landed, flown.fault or flown.why
+    assert flown.touchdown_m_s is not None
+    assert flown.touchdown_m_s <= (1.0 if controller == "uncompensated" else 0.5)
+
+
+@pytest.mark.parametrize(("source", "autopilot"), [("odometry", "px4"), ("vicon", "ardupilot")])
+def test_other_poses_and_another_autopilot(source: str, autopilot: str) -> None:
+    flown = mission("paper", *SHORT, source=source, autopilot=autopilot)
+    assert flown.landed, flown.fault or flown.why
+
+
+@pytest.mark.parametrize("link", ["dsm", "rf_bridge"])
+def test_a_radio_without_telemetry(link: str) -> None:
+    flown = mission("adverse", *SHORT, link=link)
+    assert flown.landed, flown.fault or flown.why
+    assert flown.touchdown_m_s is not None
+    assert flown.touchdown_m_s <= 0.5
+
+
+def test_thrust_effectiveness_is_not_learnt_on_the_floor() -> None:
+    learnt: list[float] = []
+
+    async def script(flight: Flight, _: Stage) -> None:
+        while flight.state is not State.TAKEOFF:
+            await asyncio.sleep(0.01)
+        while flight.snapshot().thrust_n == 0.0:  # no law has flown yet
+            learnt.append(flight._pilot._estimator._effectiveness.value)
+            await asyncio.sleep(0.01)
+
+    assert mission("adverse", *SHORT, script=script).landed
+    assert len(learnt) > 100
+    assert set(learnt) == {1.0}
+
+
+def test_a_vehicle_that_lifts_too_little_is_not_flown() -> None:
+    flown = mission("paper", "sim.thrust_gain=0.5")
+    assert not flown.landed
+    assert "no lift-off at 1.14 N" in flown.fault
+    assert flown.states[-1].state == "landed"
+    assert flown.touchdown_m_s is None
+
+
+def test_a_vehicle_whose_hover_thrust_is_not_its_own_lands_again() -> None:
+    flown = mission("paper", *SHORT, "sim.thrust_gain=1.6")
+    assert not flown.landed
+    assert "vehicle.hover_range allows 70 to 145 %" in flown.fault
+    assert [one.state for one in flown.states][-4:] == ["hold", "landing", "disarming", "landed"]
+    assert flown.touchdown_m_s is not None
+    assert flown.touchdown_m_s < 0.5
+
+
+def test_landing_in_flight_begins_without_a_step_of_the_speed() -> None:
+    steps: list[float] = []
+
+    async def script(flight: Flight, _: Stage) -> None:
+        last = None
+        while True:
+            tick = flight._progress.tick
+            if tick is not None and last is not None and tick is not last:
+                dt = tick.estimate.time_s - last.estimate.time_s
+                steps.append(
+                    max(
+                        abs(b - a) / dt
+                        for a, b in zip(last.reference.velocity_ned, tick.reference.velocity_ned, strict=True)
+                    )
+                )
+            last = tick
+            started = flight.started_s or math.inf
+            if flight.state is State.TRACKING and asyncio.get_running_loop().time() > started + 1.7:
+                flight.ask(Request(Ask.LAND, "the test"))
+            await asyncio.sleep(0.005)
+
+    flown = mission("paper", script=script, figure_s=30.0)
+    assert flown.landed
+    assert [one.state for one in flown.states][-3:] == ["landing", "disarming", "landed"]
+    assert max(steps) < 1.3  # m/s²: the figure's own acceleration is 0.75
+
+
+@pytest.mark.parametrize("state", [State.TAKEOFF, State.HOLD, State.RETURNING])
+def test_landing_is_possible_in_every_state(state: State) -> None:
+    flown = mission("paper", *SHORT, script=in_state(state, Ask.LAND))
+    assert flown.states[-1].state == "landed", flown.why
+    assert flown.touchdown_m_s is None or flown.touchdown_m_s < 0.5
+
+
+@pytest.mark.parametrize(
+    ("scenario", "state"),
+    [
+        ("paper", State.TAKEOFF),
+        ("paper", State.HOLD),
+        ("paper", State.RETURNING),
+        ("paper", State.LANDING),
+        ("storm", State.TRACKING),
+    ],
+)
+def test_a_failsafe_descent_comes_down_from_every_state(scenario: str, state: State) -> None:
+    flown = mission(scenario, *SHORT, script=in_state(state, Ask.DESCEND, 0.9), figure_s=10.0)
+    assert flown.states[-1].state == "landed", flown.why
+    assert flown.touchdown_m_s is None or flown.touchdown_m_s < 1.0
+    assert flown.tilt_max_deg < 45.0
+
+
+KILLED = [State.CONNECTING, State.READY, State.ARMING, *IN_AIR[:3], State.LANDING, State.DISARMING]
+ABORTED = [State.CONNECTING, State.ARMING, State.TAKEOFF, State.TRACKING, State.DISARMING]
+
+
+@pytest.mark.parametrize(
+    ("ask", "end", "state"),
+    [*((Ask.KILL, State.KILLED, s) for s in KILLED), *((Ask.ABORT, State.ABORTED, s) for s in ABORTED)],
+)
+def test_abort_and_kill_end_every_state_with_the_motors_off(ask: Ask, end: State, state: State) -> None:
+    stages: list[Stage] = []
+
+    async def script(flight: Flight, stage: Stage) -> None:
+        stages.append(stage)
+        await in_state(state, ask, 0.0 if state in (State.CONNECTING, State.DISARMING) else 0.2)(flight, stage)
+
+    flown = mission("paper", *SHORT, script=script)
+    assert flown.states[-1].state == end
+    assert not flown.landed
+    assert stages[0].plant._body.thrust < 0.05
+
+
+def test_holding_in_flight_waits_until_it_is_told_to_go_on() -> None:
+    async def script(flight: Flight, _: Stage) -> None:
+        await in_state(State.TRACKING, Ask.HOLD, 1.0)(flight, _)
+        assert not flight.ask(Request(Ask.ARM, "out of place"))
+        await asyncio.sleep(5.0)
+        assert flight.state is State.HOLD
+        flight.ask(Request(Ask.TRACK, "on"))
+        await asyncio.sleep(1.0)
+        flight.ask(Request(Ask.RETURN, "home"))
+
+    flown = mission("paper", *SHORT, script=script, figure_s=30.0)
+    assert flown.landed
+    names = [one.state for one in flown.states]
+    assert names[3:] == [
+        "takeoff",
+        "hold",
+        "tracking",
+        "hold",
+        "tracking",
+        "returning",
+        "landing",
+        "disarming",
+        "landed",
+    ]

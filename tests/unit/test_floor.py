@@ -1,0 +1,95 @@
+"""Leaving the floor and coming back to it: thrust, lift-off, touchdown; and what an impatient operator means."""
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from groundstation.interrupts import Interrupts
+from groundstation.poses.port import Pose
+from groundstation.requests import Ask
+from groundstation.takeoff import LIFTED_M, Spool, Standing
+from groundstation.touchdown import Touchdown
+
+LEVEL = (1.0, 0.0, 0.0, 0.0)
+
+
+def pose(number: int, down: float, resets: int = 0) -> Pose:
+    return Pose(number, 0.02 * number, 0.02 * number, (0.5, -0.5, down), LEVEL, reset_count=resets)
+
+
+@given(st.floats(0.0, 0.9), st.floats(0.2, 5.0))
+def test_thrust_rises_without_a_step_and_never_above_its_limit(idle: float, spool_s: float) -> None:
+    spool = Spool(10.0, 14.0, spool_s, 10.0 * idle, 3.0)
+    told = [spool.thrust_n(3.0 + 0.01 * i) for i in range(2000)]
+    assert told[0] == pytest.approx(10.0 * idle)
+    assert all(0.0 <= b - a < 0.5 for a, b in zip(told, told[1:], strict=False))
+    assert told[-1] == 14.0
+
+
+def test_only_a_second_at_its_limit_exhausts_it() -> None:
+    spool = Spool(10.0, 14.0, 1.0, 0.0, 3.0)
+    reached = next(t for t in (3.0 + 0.01 * i for i in range(2000)) if spool.thrust_n(t) == 14.0)
+    assert not spool.exhausted(3.0)
+    assert not spool.exhausted(reached + 0.9)
+    assert spool.exhausted(reached + 1.1)
+
+
+def test_one_pose_above_the_floor_is_noise_and_two_are_lift_off() -> None:
+    standing = Standing()
+    for number in range(60):
+        standing.stands(pose(number, 1.0 + (0.001 if number % 2 else -0.001)))
+    assert standing.place_ned == pytest.approx((0.5, -0.5, 1.0), abs=1e-3)
+    assert not standing.lifts(pose(60, 1.0 - 2.0 * LIFTED_M))
+    assert not standing.lifts(pose(61, 1.0))
+    assert not standing.lifts(pose(62, 1.0 - 2.0 * LIFTED_M))
+    assert standing.lifts(pose(63, 1.0 - 2.0 * LIFTED_M))
+
+
+def test_a_source_that_moves_its_origin_on_the_floor_has_not_lifted_the_vehicle() -> None:
+    standing = Standing()
+    for number in range(60):
+        standing.stands(pose(number, 1.0))
+    standing.stands(pose(60, 0.0, resets=1))
+    assert standing.place_ned[2] == 0.0
+
+
+@pytest.mark.parametrize(
+    ("thrust_n", "sinking_m_s", "height_m", "behind_m", "after_s"),
+    [
+        (0.6, 0.0, 0.01, 0.0, 0.2),  # on the floor
+        (0.6, 0.0, 0.8, 0.0, 1.0),  # on a table
+        (0.9, 0.0, 0.01, 0.4, 0.2),  # a controller whose thrust does not fall that low
+        (0.9, 0.0, 0.8, 0.4, None),  # held up by a gust
+        (0.9, 0.0, 0.01, 0.1, None),  # hovering low
+        (0.6, 0.3, 0.1, 0.0, None),  # sinking fast
+    ],
+)
+def test_touching_down_is_not_sinking_though_nothing_holds_it_up(
+    thrust_n: float, sinking_m_s: float, height_m: float, behind_m: float, after_s: float | None
+) -> None:
+    touchdown = Touchdown(1.0)
+    felt = next(
+        (0.01 * i for i in range(300) if touchdown.felt(0.01 * i, thrust_n, sinking_m_s, height_m, behind_m)), None
+    )
+    assert felt == (None if after_s is None else pytest.approx(after_s, abs=0.011))
+
+
+def test_three_presses_land_descend_and_kill_and_each_says_what_comes_next() -> None:
+    interrupts = Interrupts()
+    asked = [interrupts.press("SIGINT", t) for t in (0.0, 2.0, 4.0, 6.0)]
+    assert [request and request.ask for request, _ in asked] == [Ask.LAND, Ask.DESCEND, Ask.KILL, Ask.KILL]
+    assert "failsafe descent" in asked[0][1]
+    assert "motors off" in asked[1][1]
+
+
+@given(st.lists(st.floats(0.0, 0.99), max_size=20))
+def test_presses_within_a_second_count_once(later: list[float]) -> None:
+    interrupts = Interrupts()
+    interrupts.press("SIGINT", 10.0)
+    for after in sorted(later):
+        request, words = interrupts.press("SIGTERM", 10.0 + after)
+        assert request is None
+        assert "counts once" in words
+    request, _ = interrupts.press("SIGINT", 11.5)
+    assert request is not None
+    assert request.ask is Ask.DESCEND
