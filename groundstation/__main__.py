@@ -70,7 +70,7 @@ def _parser() -> argparse.ArgumentParser:
         "--out", type=Path, metavar="PATH", help="folder of the CSVs (default: beside the recording), or the new .mcap"
     )
 
-    check = commands.add_parser("check", help="look at things before flying; arms nothing")
+    check = commands.add_parser("check", help="run the pre-flight checks on the vehicle as it stands; arms nothing")
     _config_arguments(check)
     check.add_argument("--json", action="store_true", help="print one JSON object instead of the list")
     check.add_argument("--watch", action="store_true", help="show the pose source live; opens no command link")

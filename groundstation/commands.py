@@ -16,11 +16,10 @@ from groundstation.interrupts import Interrupts
 from groundstation.mission import State
 from groundstation.poses import Recorded
 from groundstation.poses.port import SourceError
-from groundstation.preflight import ensure_flyable
+from groundstation.preflight import ensure_flyable, ensure_guarded
 from groundstation.radio import ensure_link
 from groundstation.requests import Ask, Request
 from groundstation.settings import Config
-from links.address import is_loopback, parse_address
 
 if TYPE_CHECKING:
     from groundstation.recorded import Give
@@ -119,16 +118,6 @@ def config(args: argparse.Namespace) -> int:
     return 0
 
 
-def check(args: argparse.Namespace) -> int:
-    """Show the pose source live."""
-    config = load(args.config, Config, args.overrides)
-    if not args.watch:
-        raise ConfigError("--watch", "expected: there is nothing else to check yet")
-    from groundstation.listen.command import watch
-
-    return watch(config, seconds=args.seconds, as_json=args.json)
-
-
 def trajectory(args: argparse.Namespace) -> int:
     """Say what the trajectory asks of the vehicle, and whether it may fly."""
     import json
@@ -151,6 +140,31 @@ def trajectory(args: argparse.Namespace) -> int:
     else:
         print(text(config, report))
     return EXIT_DONE if report.ok else EXIT_ABORTED
+
+
+def check(args: argparse.Namespace) -> int:
+    """Connect, run the pre-flight checks, and disconnect; or show the pose source live. Nothing is armed."""
+    import json
+
+    import msgspec
+
+    from groundstation.app import make_flight
+    from groundstation.checks import failed, text
+
+    config = load(args.config, Config, args.overrides)
+    if args.watch:
+        from groundstation.listen.command import watch
+
+        return watch(config, seconds=args.seconds, as_json=args.json)
+    _flyable(config)
+
+    async def never() -> bool:
+        return False
+
+    checks = asyncio.run(make_flight(config, confirm=never).check())
+    bad = failed(checks)
+    print(json.dumps({"pass": not bad, "checks": msgspec.to_builtins(checks)}) if args.json else text(checks))
+    return EXIT_ABORTED if bad else EXIT_DONE
 
 
 def states(args: argparse.Namespace) -> int:
@@ -190,23 +204,10 @@ def _check_name(arm: str | None, config: Config) -> None:
 
 
 def _flyable(config: Config) -> Config:
-    """Refuse what the vehicle can't fly, recorded poses, and all but loopback while flight guards do not exist."""
+    """Refuse what the vehicle can't fly, recorded poses, and a real vehicle without a fence and a speed limit."""
     if isinstance(config.pose, Recorded):
         raise ConfigError("pose.kind", "a recording must not fly a vehicle; look at it with `groundstation replay`")
-    why = "only loopback addresses may fly yet: this version has no flight guards, so it must not move a real vehicle"
-    addresses = {
-        "link.listen": getattr(config.link, "listen", None),
-        "link.remote": getattr(config.link, "remote", None),
-        "link.tcp": getattr(config.link, "tcp", None),
-        "pose.listen": getattr(config.pose, "listen", None),
-        "pose.server": getattr(config.pose, "server", None),
-    }
-    serial = getattr(config.link, "serial", None)
-    if serial is not None:
-        raise ConfigError("link.serial", f"{serial}: {why}")
-    for key, text in addresses.items():
-        if text is not None and not is_loopback(parse_address(text)[0]):
-            raise ConfigError(key, f"{text}: {why}")
+    ensure_guarded(config)
     ensure_link(config)
     ensure_flyable(config)
     return config

@@ -5,6 +5,7 @@ from collections.abc import Awaitable, Callable
 
 import msgspec
 
+from groundstation.checks import LOOK_S, Check, Checks, Verdict, failed
 from groundstation.clock import to_the_end
 from groundstation.mission import EVENT_OF, FINAL, ON_GROUND, Event, State
 from groundstation.pilot import Pilot, Tick
@@ -56,9 +57,10 @@ class Flight:
         self._on_state = on_state
         flight = config.flight
         self._pilot = pilot or Pilot(config.vehicle, config.controller, flight.coast_s, flight.floor_z_m)
-        self._progress = Progress(config, self._pilot, self._say, self._entered)
+        self._progress = Progress(config, self._pilot, link.period_s, self._say, self._entered)
         self._sender = Sender(link, self._pilot, self._progress, flight.idle_thrust * config.weight_n, self._flown)
         self._scoreboard = Scoreboard(config)
+        self._checks: Checks | None = None
         self._arm_asked = asyncio.Event()
         self._first_pose = asyncio.Event()
         self._crew: asyncio.Task[None] | None = None
@@ -154,12 +156,47 @@ class Flight:
             self._pilot.stand()
         progress.go(Event.START, "waiting for the link and for poses", loop.time())
         await self._connect()
+        if from_floor:
+            await self._stand()
+            bad, checks = self._checked()
+            for one in checks:
+                if one.verdict in (Verdict.WARN, Verdict.FAIL):
+                    self._say(f"pre-flight {one.verdict}: {one.name}: {one.says}")
+            if bad:
+                raise Ended(f"pre-flight checks failed: {bad}")
         status = self._source.status
         poses = f"poses at {status.rate_hz:.0f} Hz, {1e3 * status.latency_s:.0f} ms late"
         progress.go(Event.CONNECTED, f"link and poses are there; {poses}", loop.time())
         await self._operator()
+        if from_floor:
+            bad, _ = self._checked()
+            if bad:
+                raise Ended(f"not armed: {bad}")
         progress.go(Event.ARM, "asking the autopilot to obey and to arm", loop.time())
         await self._sender.fly(Event.ARMED if from_floor else Event.AIRBORNE)
+
+    async def check(self) -> list[Check]:
+        """Connect, look at everything as before a flight, and disconnect; instead of :meth:`run`."""
+        try:
+            await self._connect()
+            await self._stand()
+            return self._checked()[1]
+        except (Ended, LinkError, OSError) as error:
+            return [Check("connection", Verdict.FAIL, str(error))]
+        finally:
+            await to_the_end(self._close())
+
+    async def _stand(self) -> None:
+        """Look at the vehicle as it stands for a moment."""
+        self._checks = Checks(self._config)
+        await asyncio.sleep(LOOK_S)
+
+    def _checked(self) -> tuple[str, list[Check]]:
+        """What fails, and all checks."""
+        assert self._checks is not None, "nobody has looked yet"
+        now = asyncio.get_running_loop().time()
+        checks = self._checks(self._progress.standing, self._pilot.noise_m, self._link.status, now)
+        return failed(checks), checks
 
     async def _connect(self) -> None:
         await self._source.start(self._pose)

@@ -5,8 +5,8 @@ import math
 
 from links.port import CommandLink
 
-LAST_CHANCE_S = 0.002
-"""So long before a command's deadline does the next one leave, if a newer pose is there [s]."""
+LAST_CHANCE_S = 0.004
+"""So long before a command's deadline does the next one leave [s]."""
 
 
 class Pacing:
@@ -14,8 +14,8 @@ class Pacing:
 
     A command leaves every period; or, where the link follows poses, as soon as a pose has come (but not within half a
     period of the last one), and one and a half periods after the last one where none came. In both cases one more
-    leaves, from a newer pose, just before the last one's deadline: a gap between poses must not seem longer than it is
-    by waiting for the next frame.
+    leaves just before the last one's deadline: a gap between poses must not seem longer than it is by waiting for the
+    next frame, and where it is too long, what is flown without a pose begins then.
     """
 
     def __init__(self, link: CommandLink) -> None:
@@ -31,15 +31,17 @@ class Pacing:
 
     async def next(self, left_s: float, deadline_s: float) -> None:
         """Wait for the next frame; the last command left at ``left_s``, and its deadline is ``deadline_s``."""
-        period, last_chance = self._link.period_s, deadline_s - LAST_CHANCE_S
+        period, chance = self._link.period_s, deadline_s - LAST_CHANCE_S
+        if chance <= left_s:
+            chance = math.inf  # it is taken
         if self._link.follows_poses:
-            await self._pose(min(left_s + 0.5 * period, last_chance), left_s + 1.5 * period)
+            await self._pose(min(left_s + 0.5 * period, chance), min(left_s + 1.5 * period, chance))
             return
         if left_s > self._frame_s - 0.5 * period:  # else it left early, and this frame is still to come
             self._frame_s += period
         if self._frame_s < left_s:  # late frames are left out; the rest keep their distance to the link's own
             self._frame_s += math.ceil((left_s - self._frame_s) / period) * period
-        await self._pose(min(last_chance, self._frame_s), self._frame_s)
+        await self._pose(min(chance, self._frame_s), min(chance, self._frame_s))
 
     def pose(self, arrival_s: float) -> None:
         """A pose has come."""

@@ -72,6 +72,9 @@ class Pilot:
         self._trajectory: Trajectory | None = None
         self._start = 0.0
         self._released = False
+        self._jump: tuple[float, float] | None = None
+        self.jumped = 0
+        """Poses that were not believed, as the vehicle can't have moved like that."""
         self._descent: Descent | None = None
         self._sink: Vec3 = (0.0, 0.0, 0.0)
 
@@ -86,8 +89,13 @@ class Pilot:
         return self._watch.reading()
 
     def pose(self, pose: Pose) -> None:
-        """Take one pose; one that is not newer than the last is ignored."""
+        """Take one pose; one that is not newer than the last is ignored, and so is one that jumps, once guarded."""
         if self._pose is None or pose.time_s > self._pose.time_s:
+            if self._jump is not None:
+                far, turn = self._estimator.jump(pose)
+                if far > self._jump[0] or turn > self._jump[1]:
+                    self.jumped += 1
+                    return
             self._estimator.pose(pose)
             self._pose = pose
             self._poses += 1
@@ -119,8 +127,27 @@ class Pilot:
         motion = self._estimator.predict(time_s + self._vehicle.command_delay_s).motion
         return Reference(motion.position, motion.velocity, yaw_rad=euler_zyx(motion.attitude)[2])
 
-    def descend(self, sink_m_s: float, *, blind: bool = False) -> None:
-        """From now on only level out and sink; ``blind`` where the estimate of the speed is not to be believed."""
+    def guard(self, jump_m: float, jump_rad: float) -> None:
+        """From now on poses that jump farther are not believed."""
+        self._jump = (jump_m, jump_rad)
+
+    @property
+    def diverged_m(self) -> float:
+        """How far the newest pose was from where the model had the vehicle [m]."""
+        return self._estimator.diverged_m
+
+    @property
+    def noise_m(self) -> float:
+        """Position noise of the poses as measured, 1σ per axis [m]."""
+        return self._estimator.noise_m
+
+    def descend(self, sink_m_s: float, *, blind: bool = False, rest_s: float = 0.0) -> None:
+        """From now on only level out and sink; ``blind`` where the estimate of the speed is not to be believed.
+
+        ``rest_s`` is how much longer commands may rest on one pose then [s].
+        """
+        if self._descent is None:
+            self._coast += rest_s
         self._descent = self._descent or Descent(self._vehicle, self._gravity)
         self._descent.blind = self._descent.blind or blind
         self._sink = (0.0, 0.0, sink_m_s)

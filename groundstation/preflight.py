@@ -1,8 +1,11 @@
 """What is looked at before take-off: whether the vehicle can fly the trajectory at all."""
 
+from pathlib import Path
+
 from groundstation.config import ConfigError
 from groundstation.settings import Config
 from groundstation.trajectories.check import Demand, Report, check, refusal
+from links.address import is_loopback, parse_address
 
 
 def look(config: Config) -> Report:
@@ -30,6 +33,49 @@ def ensure_flyable(config: Config) -> None:
     why = refused(config, look(config))
     if why is not None:
         raise ConfigError("trajectory", f"{why}. To see all of it: groundstation trajectory CONFIG")
+
+
+def real(config: Config) -> str | None:
+    """The key that may lead to a real vehicle or to real poses, and its value; None where all stays on this machine.
+
+    On loopback there are simulators: whoever routes that to a vehicle must set a fence and a speed limit by himself.
+    """
+    link, pose = config.link, config.pose
+    for key, address in (
+        ("link.listen", getattr(link, "listen", None)),
+        ("link.remote", getattr(link, "remote", None)),
+        ("link.tcp", getattr(link, "tcp", None)),
+        ("pose.listen", getattr(pose, "listen", None)),
+        ("pose.server", getattr(pose, "server", None)),
+    ):
+        if address is not None and not is_loopback(parse_address(address)[0]):
+            return f"{key} = {address}"
+    serial = getattr(link, "serial", None)
+    if serial is not None:
+        return f"link.serial = {serial}"
+    port = getattr(link, "port", None)
+    if port is not None and not str(Path(port).resolve()).startswith("/dev/pts/"):
+        return f"link.port = {port}"
+    return None
+
+
+def ensure_guarded(config: Config) -> None:
+    """A real vehicle flies within a fence and a speed limit, which have no default, and takes off from the floor.
+
+    Raises:
+        ConfigError: one of them is missing.
+    """
+    why = real(config)
+    if why is None:
+        return
+    because = f"a real vehicle may fly here ({why})"
+    if config.fence is None:
+        says = f'missing, and {because}: kind = "box", north_m = [-2, 2], east_m = [-2, 2], height_m = 2.5, or convex'
+        raise ConfigError("fence", says)
+    if config.limits.max_speed_m_s is None:
+        raise ConfigError("limits.max_speed_m_s", f"missing, and {because}: the fastest that it may be told to go")
+    if config.flight.start != "floor":
+        raise ConfigError("flight.start", f"expected floor, as {because}")
 
 
 def text(config: Config, report: Report) -> str:

@@ -1,24 +1,36 @@
 """Moves the mission on: what is flown as a state begins, and what ends it. Sans-IO: the caller owns time and wires."""
 
+import math
 from collections.abc import Callable
 
 from groundstation.course import Course, Leg
-from groundstation.mission import FINAL, IN_AIR, Event, Mission, State
+from groundstation.fence import Fence
+from groundstation.guards import Escalation, Finding, Guards, Step
+from groundstation.mission import FINAL, IN_AIR, TABLE, Event, Mission, State
+from groundstation.pacing import LAST_CHANCE_S
 from groundstation.pilot import Pilot, Tick
 from groundstation.poses.port import Pose
 from groundstation.settings import Config
 from groundstation.takeoff import Spool, Standing
 from groundstation.trajectories.port import Reference
-from links.port import Command
+from links.port import Command, LinkStatus
 
 
 class Progress:
     """One flight's mission, with the pilot that flies it. Times are on the event loop's clock [s]."""
 
     def __init__(
-        self, config: Config, pilot: Pilot, say: Callable[[str], None], on_state: Callable[[State, str], None]
+        self,
+        config: Config,
+        pilot: Pilot,
+        period_s: float,
+        say: Callable[[str], None],
+        on_state: Callable[[State, str], None],
     ) -> None:
-        """``say`` takes lines for the operator, ``on_state`` every state that begins, and why."""
+        """``say`` takes lines for the operator, ``on_state`` every state that begins, and why.
+
+        ``period_s`` is the link's time between two commands [s].
+        """
         self._config = config
         self._pilot = pilot
         self._say = say
@@ -28,6 +40,13 @@ class Progress:
         self._standing = Standing()
         self._spool: Spool | None = None
         self._lifted = False
+        guards = config.guards
+        fence = None if config.fence is None else Fence(config.fence, config.flight.floor_z_m)
+        self._guards: Guards | None = None
+        if config.flight.start == "floor":  # what is held in the air has an error to begin with, and nobody beneath it
+            self._guards = Guards(guards, fence, config.vehicle, period_s)
+        self._escalation = Escalation(guards.lasting_s)
+        self._jumped = 0
         self.tick: Tick | None = None
         """The newest command of the controller that left."""
         self.fault = ""
@@ -60,8 +79,10 @@ class Progress:
         """Whether ``event`` is possible now."""
         return self._mission.allows(event)
 
-    def go(self, event: Event, reason: str, now_s: float, *, fault: bool = False) -> None:
+    def go(self, event: Event, reason: str, now_s: float, *, fault: bool = False, blind: bool = False) -> None:
         """Move by ``event``, and begin what is to be flown then; ``fault`` where it is not how it was meant to go.
+
+        ``blind`` where a descent must not believe the estimate of the speed.
 
         Raises:
             IllegalMove: it is not possible now.
@@ -79,7 +100,11 @@ class Progress:
         if self._spool is not None and not self._lifted:  # still on the floor: there is nothing to fly
             self.go(Event.TOUCHDOWN, "still on the floor", now_s)
         elif state is State.DESCENT:
-            self._pilot.descend(self._config.flight.descent_m_s)
+            rest = 0.0 if self._guards is None else self._config.guards.level_s
+            self._pilot.descend(self._config.flight.descent_m_s, blind=blind, rest_s=rest)
+        elif event is Event.TRACK:
+            self._escalation.eased()
+            self._follow(self._course.leg(event, state, *self._motion(now_s)))
         elif event is Event.ARMED:
             self._spool_up(now_s)
         elif event is Event.AIRBORNE:
@@ -93,8 +118,11 @@ class Progress:
         if spool is not None and self._lifted:
             self._spool = spool = None
             self._say("off the floor: climbing")
+            jump = self._config.guards
+            self._pilot.guard(jump.jump_m, math.radians(jump.jump_deg))
             self._follow(self._course.leg(Event.ARMED, State.TAKEOFF, *self._motion(now_s)))
         if spool is None:
+            self._ensure_pose(now_s)
             tick = self._pilot.tick(now_s)
             return tick.command, tick
         if spool.exhausted(now_s):
@@ -108,9 +136,45 @@ class Progress:
     def flown(self, tick: Tick) -> None:
         """One command of the controller has left: is the state over?"""
         self.tick = tick
+        guards = self._guards
+        if guards is not None:
+            self._answer(guards.see(tick, self.state, self._pilot.diverged_m), tick.time_s)
+            if self._pilot.jumped != self._jumped:
+                if self._jumped == 0:
+                    self._say("warning: a pose jumps farther than the vehicle can, and is not believed")
+                self._jumped = self._pilot.jumped
         move = self._course.over(self.state, tick)
         if move is not None:
             self.go(move.event, move.reason, tick.time_s, fault=move.fault)
+
+    def link(self, status: LinkStatus, now_s: float) -> None:
+        """The link has told of itself."""
+        if status.taken and self.allows(Event.TAKEN_OVER):
+            why = f"the autopilot is in {status.taken}, as somebody else wants: nothing leaves from here any more"
+            self.go(Event.TAKEN_OVER, why, now_s, fault=True)
+        elif self._guards is not None and self.tick is not None and self.state in IN_AIR:
+            self._answer(self._guards.link(status, now_s), now_s)
+
+    def _ensure_pose(self, now_s: float) -> None:
+        """Where no frame is left before the newest pose may not be rested on any longer, come down on the model."""
+        pose, coast = self._pilot.newest_pose, self._config.flight.coast_s
+        guarded = self._guards is not None and self._config.guards.level_s > 0.0
+        if guarded and pose is not None and now_s - pose.time_s > coast - LAST_CHANCE_S - 1e-3:
+            why = f"no pose for {(now_s - pose.time_s) * 1e3:.0f} ms"
+            self._answer(Finding(Step.DESCEND, why), now_s)
+
+    def _answer(self, finding: Finding | None, now_s: float) -> None:
+        """Do what a guard asks for, or the next possible step after it."""
+        answer = None if finding is None else self._escalation.answer(finding, now_s)
+        if answer is None:
+            return
+        for step, event in ((Step.HOLD, Event.HOLD), (Step.LAND, Event.LAND), (Step.DESCEND, Event.DESCEND)):
+            if step >= answer.step and self.allows(event):
+                if TABLE[self.state, event] is not self.state:
+                    self.go(event, answer.reason, now_s, fault=True, blind=answer.blind)
+                elif step is answer.step:
+                    self._say(f"warning: {answer.reason}")
+                return
 
     def pose(self, pose: Pose) -> None:
         """One pose has come."""

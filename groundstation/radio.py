@@ -115,8 +115,6 @@ def ensure_link(config: Config) -> None:
     Raises:
         ConfigError: by the dotted key.
     """
-    if isinstance(config.link, RfLinkConfig):
-        refuse_real_port(config.link.port)
     if isinstance(config.link, BridgeLinkConfig):
         key(config.link.key_file, "link.key_file")
     if isinstance(config.link, MavlinkLinkConfig) and config.link.signing_key_file is not None:
@@ -136,11 +134,11 @@ def key(file: str, name: str) -> bytes:
 
 
 def refuse_real_port(port: str) -> None:
-    """Commands leave by pseudo-terminals only while flight guards do not exist.
+    """A bridge's commands leave by pseudo-terminals only.
 
     Raises:
         ConfigError: ``port`` may be a real module's.
     """
     if not str(Path(port).resolve()).startswith("/dev/pts/"):
-        why = "this version has no flight guards, so it must not move a real vehicle"
+        why = "a bridge has no flight guards of its own, and can't know whether its station has"
         raise ConfigError("link.port", f"{port}: only pseudo-terminals may take commands yet: {why}")

@@ -18,13 +18,14 @@ from groundstation.recording.records import (
     Looked,
     Posed,
     Record,
+    Switched,
     Ticked,
     Told,
 )
 from groundstation.recording.wires import Wires
 from groundstation.requests import Request
 from groundstation.settings import Config
-from groundstation.trajectories.port import Trajectory
+from groundstation.trajectories.port import Reference, Trajectory
 from links.mavlink import MavlinkLinkConfig
 from links.port import Command, CommandLink
 
@@ -49,6 +50,29 @@ class RecordedPilot(Pilot):
         """Follow a new trajectory."""
         self.give(Followed(start_s))
         super().follow(trajectory, start_s)
+
+    def stand(self) -> None:
+        """Stand on the floor."""
+        self._switched("stand")
+        super().stand()
+
+    def lift(self, time_s: float) -> Reference:
+        """Leave the floor."""
+        self._switched("lift", time_s)
+        return super().lift(time_s)
+
+    def guard(self, jump_m: float, jump_rad: float) -> None:
+        """Believe no more jumps."""
+        self._switched("guard", jump_m, jump_rad)
+        super().guard(jump_m, jump_rad)
+
+    def descend(self, sink_m_s: float, *, blind: bool = False, rest_s: float = 0.0) -> None:
+        """Level out and sink."""
+        self._switched("descend", sink_m_s, float(blind), rest_s)
+        super().descend(sink_m_s, blind=blind, rest_s=rest_s)
+
+    def _switched(self, what: str, *values: float) -> None:
+        self.give(Switched(asyncio.get_running_loop().time(), what, values))
 
     def idle(self, time_s: float, thrust_n: float) -> Command:
         """Make an idle command."""

@@ -99,6 +99,7 @@ class Sender:
             if now >= look:
                 look += LINK_LOOK_S
                 self._ensure_armed(now)
+                progress.link(self._link.status, now)
             if progress.state not in IN_AIR:
                 return
             if not self._link.send(command):
@@ -132,6 +133,8 @@ class Sender:
             Ended: it has, in the air.
         """
         status, progress = self._link.status, self._progress
+        if status.taken:
+            progress.link(status, now)
         if status.state == "armed" or progress.state not in IN_AIR:
             return
         if status.state == "connected" and progress.low and progress.allows(Event.DISARMED):

@@ -6,6 +6,8 @@ import msgspec
 
 from groundstation.control.controllers import ControllerConfig
 from groundstation.control.gains import Gains
+from groundstation.fence import FenceConfig
+from groundstation.guards import GuardsConfig
 from groundstation.limits import LimitsConfig
 from groundstation.poses import PoseConfig
 from groundstation.poses.gate import GateConfig
@@ -39,7 +41,8 @@ class FlightConfig(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fie
     duration_s: Annotated[float, msgspec.Meta(gt=0.0)] | None = None
     """Fly back and land after this time on the trajectory [s]; without it, only when told to."""
     coast_s: Annotated[float, msgspec.Meta(gt=0.0, le=1.0)] = 0.25
-    """How long commands may rest on one pose [s]: after it the link plays the bring-down, and then nothing leaves."""
+    """How long commands may rest on one pose [s]. After it comes the descent on the model (``guards.level_s``), where
+    it took off from the floor, then the link's bring-down, and then nothing leaves."""
     pose_wait_s: Annotated[float, msgspec.Meta(gt=0.0)] = 5.0
     """How long to wait for the first pose [s]."""
     idle_thrust: Annotated[float, msgspec.Meta(ge=0.0, le=0.9)] = 0.0
@@ -63,6 +66,9 @@ class Config(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=Tr
     takeoff: TakeoffConfig = TakeoffConfig()
     flight: FlightConfig = FlightConfig()
     landing: LandingConfig = LandingConfig()
+    guards: GuardsConfig = GuardsConfig()
+    fence: FenceConfig | None = None
+    """The room to stay in; a real flight needs one, and ``limits.max_speed_m_s``."""
     status: StatusConfig = StatusConfig()
     mqtt: MqttConfig = MqttConfig()
     recording: RecordingConfig = RecordingConfig()

@@ -6,10 +6,11 @@ from collections.abc import Callable
 from links.deadman import Deadman
 from links.mavlink_codec import ARDUPILOT, ARM_DISARM, Message
 from links.mavlink_config import MavlinkLinkConfig
-from links.mavlink_connection import MavlinkConnection
+from links.mavlink_connection import STALE_NEWS_S, MavlinkConnection
 from links.mavlink_handshake import arming, disarming, landing, landing_disarmed
 from links.mavlink_steps import Autopilot, Handshake
 from links.mavlink_stop import Kill
+from links.mavlink_vitals import Vitals
 from links.port import Command, LinkError, LinkLost, LinkMisuse, LinkRejected, LinkStatus, Segment
 from links.thrust_curve import signal
 from links.transmit import Transmitter
@@ -43,6 +44,10 @@ class MavlinkLink:
         self.connection.when_back = self._deadman.hold
         self._under_way: Handshake | None = None
         self._obeys = False
+        self._obeys_s = 0.0
+        self._taken = ""
+        self._vitals = Vitals()
+        self.connection.subscribe(self._vitals.hear)
         self._landing: asyncio.Task[None] | None = None
         self._killing: asyncio.Task[None] | None = None
         self._loop: asyncio.AbstractEventLoop | None = None
@@ -74,6 +79,9 @@ class MavlinkLink:
             phase=self._deadman.phase(self._loop.time()) if self._loop is not None else "over",
             rtt_s=None if clock is None else clock.rtt_s,
             offset_s=None if clock is None else clock.offset_s,
+            taken=self._taken,
+            battery_v=self._vitals.battery_v,
+            battery_share=self._vitals.battery_share,
         )
 
     async def connect(self) -> None:
@@ -110,7 +118,7 @@ class MavlinkLink:
         handshake = self._under_way = arming(self.connection.autopilot(), self._config.ardupilot_mode)
         self.connection.begin_arming()
         self._busy = "while arm() streams"
-        self._obeys = False
+        self._obeys, self._taken = False, ""
         if self._landing is not None:
             self._landing.cancel()
             self._landing = None
@@ -120,7 +128,7 @@ class MavlinkLink:
             if handshake.failure is not None:  # killed in the very moment of its end
                 raise handshake.failure
             self.connection.armed(True)
-            self._obeys = True
+            self._obeys, self._obeys_s = True, asyncio.get_running_loop().time()
         except BaseException:
             self._transmitter.stop()
             if handshake.at_last_step and self._killing is None:
@@ -154,8 +162,15 @@ class MavlinkLink:
         return True
 
     def _watch(self) -> None:
-        """An autopilot that somebody else has disarmed must not fly on when that somebody arms it again."""
-        if self._obeys and self.connection.state == "connected":
+        """An autopilot that somebody else has disarmed must not fly on when that somebody arms it again.
+
+        One that somebody else has put in another mode is theirs: nothing leaves from then on, no bring-down either.
+        """
+        if not self._obeys:
+            return
+        if self._under_way is None and self._landing is None:
+            self._taken = self._vitals.foreign(self._obeys_s + STALE_NEWS_S)
+        if self._taken or self.connection.state == "connected":
             self._obeys = False
             self._transmitter.stop()
 

@@ -74,6 +74,12 @@ class LinkStatus(msgspec.Struct, frozen=True):
     """Shortest of the newest round trips to the other end and back [s]; None where it is not known."""
     offset_s: float | None = None
     """The other end's clock less the event loop's [s]; None where it is not known."""
+    taken: str = ""
+    """The mode that somebody else has put the autopilot in since we armed it: nothing leaves any more; else empty."""
+    battery_v: float | None = None
+    """Voltage of the vehicle's battery [V]; None where it does not tell."""
+    battery_share: float | None = None
+    """Its charge [-]; None where it does not tell."""
 
 
 class CommandLink(Protocol):

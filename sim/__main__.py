@@ -47,7 +47,7 @@ def _parser() -> argparse.ArgumentParser:
     mission.add_argument("--seed", type=int, default=0, help="every random draw comes from it (default 0)")
     mission.add_argument("--duration", type=_seconds, metavar="S", help="time on the figure (default 60 s)")
     mission.add_argument("--controller", metavar="NAME", help=_CONTROLLERS)
-    mission.add_argument("--source", choices=["vicon", "odometry"], default="vicon", help="where poses come from")
+    mission.add_argument("--source", choices=_SOURCES, default="vicon", help="where poses come from")
     mission.add_argument("--link", choices=_LINKS, default="mavlink", help="how commands leave; default mavlink")
     mission.add_argument("--autopilot", choices=_AUTOPILOTS, default="px4", help="what it is like (default px4)")
     mission.add_argument("--set", action="append", default=[], dest="overrides", metavar="KEY=VALUE", help="as in fly")
@@ -156,6 +156,7 @@ def _parser() -> argparse.ArgumentParser:
         help="one of the autopilot's parameters, to see what `groundstation doctor` says",
     )
     serve.add_argument("--link", choices=_LINKS[:-1], default="mavlink", help="dsm and crsf: a receiver on a pty")
+    serve.add_argument("--floor", action="store_true", help="it stands on the floor, instead of being held in the air")
     serve.add_argument("--duration", type=_seconds, metavar="S", help="stop after so many seconds")
     return parser
 

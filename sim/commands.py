@@ -348,6 +348,10 @@ def serve(args: argparse.Namespace) -> int:
 
     scenario = _scenario(args.scenario)
     world, config = prepare(scenario, args.overrides, source=args.source, link=args.link)
+    if args.floor:
+        from sim.mission import from_floor
+
+        world, config = from_floor(world, config, None)
     return asyncio.run(
         serve_stage(
             scenario.name,

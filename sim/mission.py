@@ -74,7 +74,7 @@ class _Truth:
         """Cosine of the largest tilt."""
 
 
-def from_floor(world: World, config: Config, figure_s: float) -> tuple[World, Config]:
+def from_floor(world: World, config: Config, figure_s: float | None) -> tuple[World, Config]:
     """The same vehicle standing on the floor below where it would be let go, and told to fly ``figure_s`` [s]."""
     north, east, _ = world.start_ned
     flight = msgspec.structs.replace(config.flight, start="floor", idle_thrust=0.0, duration_s=figure_s)

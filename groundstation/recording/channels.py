@@ -218,6 +218,14 @@ class Follow(msgspec.Struct, frozen=True, gc=False):
     time_s: float
 
 
+class Switch(msgspec.Struct, frozen=True, gc=False):
+    """The pilot flies otherwise from here on: on the floor, off it, guarded, descending."""
+
+    time_s: float
+    what: str
+    values: list[float]
+
+
 class Mission(msgspec.Struct, frozen=True, gc=False):
     """A line for the operator, and the mission's state."""
 
@@ -298,6 +306,7 @@ CHANNELS: dict[str, tuple[str, type[msgspec.Struct]]] = {
     "/lyapunov": ("groundstation.Lyapunov", Lyapunov),
     "/timing": ("groundstation.Timing", Timing),
     "/follow": ("groundstation.Follow", Follow),
+    "/switch": ("groundstation.Switch", Switch),
     "/mission": ("groundstation.Mission", Mission),
     "/request": ("groundstation.Request", Request),
     "/lost": ("groundstation.Lost", Missing),

@@ -22,6 +22,7 @@ from groundstation.recording.records import (
     Received,
     Record,
     Sent,
+    Switched,
     Ticked,
     Told,
 )
@@ -77,6 +78,8 @@ class Messages:
                 yield "/raw/opened", time_s, ch.WireOpened(time_s, wire, kind, address(local), address(remote))
             case Followed(time_s):
                 yield "/follow", time_s, ch.Follow(time_s)
+            case Switched(time_s, what, values):
+                yield "/switch", time_s, ch.Switch(time_s, what, list(values))
             case Told(time_s, state, text):
                 yield "/mission", time_s, ch.Mission(time_s, state, text)
                 yield self._log(time_s, INFO, f"{state}: {text}")

@@ -132,4 +132,12 @@ class Ended(msgspec.Struct, frozen=True, array_like=True, gc=False, tag=12):
     reason: str
 
 
-Record = Opened | Received | Sent | Posed | Followed | Idled | Ticked | Told | Asked | Looked | Lost | Ended
+class Switched(msgspec.Struct, frozen=True, array_like=True, gc=False, tag=13):
+    """The pilot was told to fly otherwise: its method ``what``, with these numbers."""
+
+    time_s: float
+    what: str
+    values: tuple[float, ...]
+
+
+Record = Opened | Received | Sent | Posed | Followed | Idled | Ticked | Told | Asked | Looked | Lost | Ended | Switched

@@ -25,7 +25,7 @@ from groundstation.trajectories.port import Reference
 from links.mavlink import MavlinkLinkConfig
 from links.port import Command, Segment
 
-TOPICS = ("/raw/opened", "/raw/received", "/measured", "/follow", "/idle", "/command", "/reference", "/lost")
+TOPICS = ("/raw/opened", "/raw/received", "/measured", "/follow", "/switch", "/idle", "/command", "/reference", "/lost")
 
 
 class Difference(msgspec.Struct, frozen=True):
@@ -141,6 +141,8 @@ class _Again:
                 self._idle(msgspec.json.decode(entry.data, type=ch.Idle))
             case "/follow":
                 self._pilot.follow(self._told, msgspec.json.decode(entry.data, type=ch.Follow).time_s)
+            case "/switch":
+                self._switch(msgspec.json.decode(entry.data, type=ch.Switch))
             case "/raw/opened":
                 self._opened(msgspec.json.decode(entry.data, type=ch.WireOpened))
             case "/lost":
@@ -218,6 +220,18 @@ class _Again:
     def _idle(self, idle: ch.Idle) -> None:
         command = self._pilot.idle(idle.time_s, idle.thrust_n)
         self._compare("idle", self._next("idle"), idle.time_s, _command(idle), command)
+
+    def _switch(self, switch: ch.Switch) -> None:
+        pilot, values = self._pilot, switch.values
+        match switch.what, len(values):
+            case "stand", 0:
+                pilot.stand()
+            case "lift", 1:
+                pilot.lift(values[0])
+            case "guard", 2:
+                pilot.guard(values[0], values[1])
+            case "descend", 3:
+                pilot.descend(values[0], blind=bool(values[1]), rest_s=values[2])
 
     def _tick(self, reference: ch.Refer) -> None:
         recorded = self._command

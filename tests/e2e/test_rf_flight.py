@@ -123,7 +123,7 @@ def test_fly_refuses_a_port_that_may_be_a_real_module(tmp_path: Path) -> None:
         stdin=subprocess.DEVNULL,
     )
     assert run.returncode == 2
-    assert "link.port: /dev/ttyUSB0: only pseudo-terminals may take commands yet" in run.stderr
+    assert "fence: missing, and a real vehicle may fly here (link.port = /dev/ttyUSB0)" in run.stderr
 
 
 @pytest.mark.parametrize(

@@ -16,6 +16,7 @@ remote = "127.0.0.1:{port}"
 key_file = "{folder}/bridge.key"
 connect_timeout_s = 10.0
 [flight]
+start = "air"
 idle_thrust = 0.6
 floor_z_m = 1.0
 duration_s = 0.5

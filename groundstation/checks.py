@@ -1,0 +1,213 @@
+"""What is looked at before the motors start: each check OFF, PASS, WARN or FAIL, with a sentence. Sans-IO."""
+
+import math
+from enum import StrEnum
+
+import msgspec
+
+from groundstation.control.certificate import acceleration_sup, thrust_bound
+from groundstation.control.gains import Law
+from groundstation.course import Course
+from groundstation.fence import Fence
+from groundstation.ops import Vec3
+from groundstation.poses.port import Pose
+from groundstation.preflight import look, refused
+from groundstation.settings import Config
+from groundstation.so3 import third_column
+from groundstation.takeoff import Standing
+from groundstation.trajectories.port import Reference, Trajectory
+from links.port import LinkStatus
+
+LOOK_S = 1.2
+"""Poses are looked at for so long before the first checks [s]."""
+STEP_S = 0.05
+"""How densely the ways are held against the fence [s]."""
+FEW_HZ, WARN_RATE = 20.0, 0.8
+"""Fewer poses a second fail; a smaller share of what the source should send is a warning."""
+OLD_SHARE, WARN_AGE_S = 0.5, 0.08
+"""A pose older than this share of ``flight.coast_s`` fails; older than this is a warning [s]."""
+NOISE_M, WARN_NOISE_M = 0.02, 0.005
+"""Noise of the poses, 1σ per axis [m]."""
+MOVED_M, WANDERED_M = 0.03, 0.5
+"""How far the poses of a vehicle that stands may lie apart [m]; the second where the source knows velocities (GPS)."""
+TILT_DEG, WARN_TILT_DEG = 15.0, 6.0
+FLOOR_M, FLOOR_WANDERS_M = 0.1, 1.0
+"""How far ``flight.floor_z_m`` may be from where the vehicle stands [m]; the second as above."""
+WARN_RTT = 0.5
+"""A longer round trip than this share of its limit is a warning."""
+
+
+class Verdict(StrEnum):
+    """What came of a check."""
+
+    OFF = "OFF"
+    PASS = "PASS"  # noqa: S105  # not a password
+    WARN = "WARN"
+    FAIL = "FAIL"
+
+
+class Check(msgspec.Struct, frozen=True):
+    """One check."""
+
+    name: str
+    verdict: Verdict
+    says: str
+    """A sentence: what was found, and what to do where it is not well."""
+
+
+def judged(name: str, value: float, warn: float, fail: float, says: str) -> Check:
+    """The larger ``value`` the worse; anything that is not below ``fail``, NaN too, fails."""
+    verdict = Verdict.PASS if value <= warn else Verdict.WARN if value <= fail else Verdict.FAIL
+    return Check(name, verdict, says)
+
+
+class Checks:
+    """The checks of one configuration. Times are on the event loop's clock [s]."""
+
+    def __init__(self, config: Config) -> None:
+        """What needs no vehicle is looked at here, once: it takes some tenths of a second."""
+        self._config = config
+        self._fence = None if config.fence is None else Fence(config.fence, config.flight.floor_z_m)
+        self._trajectory = config.trajectory.build()
+        self._still = [self._flyable(), self._certificate()]
+
+    def __call__(self, standing: Standing, noise_m: float, link: LinkStatus, now_s: float) -> list[Check]:
+        """All checks, as the vehicle stands now; ``noise_m`` is the measured noise of its poses [m]."""
+        poses = list(standing.poses)
+        if len(poses) < 2:
+            return [Check("poses", Verdict.FAIL, "no poses: check the source"), self._arm(link), *self._still]
+        place = standing.place_ned
+        return [
+            self._rate(poses),
+            self._age(poses[-1], now_s),
+            judged("pose noise", noise_m, WARN_NOISE_M, NOISE_M, f"noise of {1e3 * noise_m:.2f} mm on each axis"),
+            self._rest(poses),
+            self._tilt(poses[-1]),
+            self._floor(poses[-1], place),
+            self._inside(place),
+            self._battery(link),
+            self._round_trip(link),
+            self._arm(link),
+            *self._still,
+            self._ways(place),
+        ]
+
+    def _rate(self, poses: list[Pose]) -> Check:
+        rate = (len(poses) - 1) / max(poses[-1].arrival_s - poses[0].arrival_s, 1e-6)
+        wanted = getattr(self._config.pose, "rate_hz", None)
+        told = "" if wanted is None else f", pose.rate_hz says {wanted:g}"
+        says = f"{rate:.0f} poses a second{told}"
+        if rate < FEW_HZ:
+            return Check("pose rate", Verdict.FAIL, f"{says}: at least {FEW_HZ:g} are needed")
+        few = wanted is not None and rate < WARN_RATE * wanted
+        return Check("pose rate", Verdict.WARN if few else Verdict.PASS, says)
+
+    def _age(self, pose: Pose, now_s: float) -> Check:
+        age, fail = now_s - pose.time_s, OLD_SHARE * self._config.flight.coast_s
+        return judged("pose age", age, min(WARN_AGE_S, fail), fail, f"the newest pose is {1e3 * age:.0f} ms old")
+
+    def _rest(self, poses: list[Pose]) -> Check:
+        far = max(math.dist(poses[0].position_ned, pose.position_ned) for pose in poses)
+        limit = MOVED_M if poses[0].velocity_ned is None else WANDERED_M
+        says = f"poses lie within {100.0 * far:.1f} cm" + ("" if far <= limit else ": the vehicle must stand still")
+        return judged("at rest", far, limit, limit, says)
+
+    def _tilt(self, pose: Pose) -> Check:
+        tilt = math.degrees(math.acos(max(-1.0, min(1.0, third_column(pose.attitude)[2]))))
+        more = "" if tilt <= WARN_TILT_DEG else ": level the floor, or correct the object's axes in the capture system"
+        return judged("tilt", tilt, WARN_TILT_DEG, TILT_DEG, f"it stands tilted by {tilt:.1f}°{more}")
+
+    def _floor(self, pose: Pose, place: Vec3) -> Check:
+        off = abs(place[2] - self._config.flight.floor_z_m)
+        limit = FLOOR_M if pose.velocity_ned is None else FLOOR_WANDERS_M
+        says = f"it stands at {place[2]:+.2f} m, flight.floor_z_m says {self._config.flight.floor_z_m:+.2f} m"
+        more = "" if off <= limit else ": a wrong one makes a wrong bring-down; correct it"
+        return judged("floor", off, limit, limit, says + more)
+
+    def _inside(self, place: Vec3) -> Check:
+        if self._fence is None:
+            return Check("fence", Verdict.OFF, "there is none")
+        room = self._fence.room_m(place)
+        if room <= 0.0:
+            return Check("fence", Verdict.FAIL, f"it stands {-room:.2f} m outside the fence")
+        return Check("fence", Verdict.PASS, f"it stands {room:.2f} m inside the fence")
+
+    def _ways(self, place: Vec3) -> Check:
+        """The climb, the way onto the trajectory, all of it, and the way back, each with its braking distance."""
+        if self._fence is None:
+            return Check("ways in the fence", Verdict.OFF, "there is no fence")
+        config = self._config
+        above = (place[0], place[1], config.flight.floor_z_m - config.takeoff.height_m)
+        course = Course(config)
+        ways: list[tuple[str, Trajectory, float]] = [
+            (f"way {number} onto the trajectory", way, way.duration_s)
+            for number, way in enumerate(course.entry(Reference(above)), 1)
+        ]
+        ways.append(("trajectory", self._trajectory, self._trajectory.joints_s[-1]))
+        least, where = self._fence.room_m(above), "hold after take-off"
+        for name, way, lasts_s in ways:
+            for i in range(int(lasts_s / STEP_S) + 2):
+                at = way.at(min(i * STEP_S, lasts_s))
+                room = self._fence.braking_room_m(at.position_ned, at.velocity_ned)
+                if room < least:
+                    least, where = room, f"{name}, {min(i * STEP_S, lasts_s):.1f} s after its start"
+        if least <= 0.0:
+            return Check("ways in the fence", Verdict.FAIL, f"the {where}, could not be braked within the fence")
+        return Check("ways in the fence", Verdict.PASS, f"{least:.2f} m are left after braking from the {where}")
+
+    def _battery(self, link: LinkStatus) -> Check:
+        volts, share, c = link.battery_v, link.battery_share, self._config.guards
+        if share is None and (volts is None or c.battery_v is None):
+            why = "the vehicle does not tell" if volts is None else f"{volts:.2f} V; set guards.battery_v to judge it"
+            return Check("battery", Verdict.OFF, why)
+        told = [f"{volts:.2f} V"] if volts is not None else []
+        told += [f"{100.0 * share:.0f} %"] if share is not None else []
+        low = (share is not None and share < c.battery_share) or (
+            volts is not None and c.battery_v is not None and volts < c.battery_v
+        )
+        soon = share is not None and share < c.battery_share + 0.2
+        verdict = Verdict.FAIL if low else Verdict.WARN if soon else Verdict.PASS
+        return Check("battery", verdict, f"it is at {', '.join(told)}" + (": charge it" if low else ""))
+
+    def _round_trip(self, link: LinkStatus) -> Check:
+        if link.rtt_s is None:
+            return Check("round trip", Verdict.OFF, "the link does not know")
+        limit = self._config.guards.rtt_s
+        says = f"{1e3 * link.rtt_s:.0f} ms to the vehicle and back, limit {1e3 * limit:.0f} ms"
+        return judged("round trip", link.rtt_s, WARN_RTT * limit, limit, says)
+
+    def _arm(self, link: LinkStatus) -> Check:
+        if link.state == "armed":
+            return Check("ready to arm", Verdict.FAIL, "its motors are on already: somebody else has armed it")
+        if link.state != "connected":
+            return Check("ready to arm", Verdict.FAIL, f"the link is {link.state}: {link.text}".rstrip(": "))
+        said = f"; it said last: “{link.text}”" if link.text else ""
+        return Check("ready to arm", Verdict.PASS, f"connected, and disarmed{said}")
+
+    def _certificate(self) -> Check:
+        law = self._config.controller
+        if not isinstance(law, Law):
+            return Check("thrust bound", Verdict.OFF, "this controller comes without a Lyapunov function")
+        accelerations = [self._trajectory.at(0.02 * i).acceleration_ned for i in range(3000)]
+        bound = thrust_bound(law, acceleration_sup=acceleration_sup(accelerations), v_start=0.0).bound
+        if bound > 0.0:
+            return Check("thrust bound", Verdict.PASS, f"the theory keeps thrust over mass above {bound:.2f} m/s²")
+        says = f"{bound:+.2f} m/s²: the theory alone does not promise positive thrust; vehicle.thrust_min_n clamps it"
+        return Check("thrust bound", Verdict.WARN, says)
+
+    def _flyable(self) -> Check:
+        report = look(self._config)
+        why = refused(self._config, report)
+        if why is not None:
+            return Check("trajectory", Verdict.FAIL, why)
+        return Check("trajectory", Verdict.PASS, "within the limits of vehicle and configuration")
+
+
+def failed(checks: list[Check]) -> str:
+    """What fails, as one sentence; empty where nothing does."""
+    return "; ".join(f"{check.name}: {check.says}" for check in checks if check.verdict is Verdict.FAIL)
+
+
+def text(checks: list[Check]) -> str:
+    """``checks`` for people."""
+    return "\n".join(f"{check.verdict:5}{check.name:20}{check.says}" for check in checks)

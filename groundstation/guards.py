@@ -1,0 +1,265 @@
+"""What ends a flight early: limits that are looked at with every command, and what follows beyond them. Sans-IO.
+
+A guard answers with one step of hold → land → failsafe descent; what lasts on after its answer is answered by the next.
+"""
+
+import math
+from enum import IntEnum
+from typing import Annotated, NamedTuple, Protocol
+
+import msgspec
+
+from groundstation.control.port import Estimate
+from groundstation.fence import Fence
+from groundstation.mission import State
+from groundstation.so3 import third_column
+from groundstation.trajectories.port import Reference
+from groundstation.vehicle import Vehicle
+from links.port import Command, LinkStatus
+
+Seconds = Annotated[float, msgspec.Meta(ge=0.0, le=10.0)]
+Share = Annotated[float, msgspec.Meta(gt=0.0, le=1.0)]
+
+
+class GuardsConfig(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
+    """Limits in flight. Config section ``[guards]``; docs/explanation/guards.md has what follows beyond each."""
+
+    level_s: Annotated[float, msgspec.Meta(ge=0.0, le=0.75)] = 0.25
+    """How long it descends on the model after ``flight.coast_s`` without a pose; then the link brings it down [s]."""
+    jump_m: Annotated[float, msgspec.Meta(gt=0.0, le=10.0)] = 0.5
+    """A pose farther than this from where the vehicle can be is not believed [m]."""
+    jump_deg: Annotated[float, msgspec.Meta(gt=0.0, le=180.0)] = 30.0
+    """Nor is one that is turned by more than this from how it can be [deg]."""
+    divergence_m: Annotated[float, msgspec.Meta(gt=0.0, le=10.0)] = 0.10
+    """Poses that stay farther than this from what the model expects: the estimate has diverged [m]."""
+    divergence_s: Seconds = 0.15
+    """For how long [s]."""
+    tilt_deg: Annotated[float, msgspec.Meta(gt=0.0, le=90.0)] = 50.0
+    """Farthest that it may lean [deg]."""
+    tilt_s: Seconds = 0.1
+    """For how long it may lean farther [s]."""
+    tilt_error_deg: Annotated[float, msgspec.Meta(gt=0.0, le=90.0)] = 30.0
+    """Farthest from the direction that the reference and the estimated wind ask for [deg]."""
+    tilt_error_s: Seconds = 0.5
+    """For how long it may be farther from it [s]."""
+    error_m: Annotated[float, msgspec.Meta(gt=0.0, le=100.0)] = 0.5
+    """Farthest from the reference [m]."""
+    error_s: Seconds = 0.3
+    """For how long it may be farther from it [s]."""
+    thrust_limit_s: Seconds = 1.0
+    """How long the thrust may be at its upper limit [s]."""
+    rate_limit_s: Seconds = 1.0
+    """How long a body rate may be at its limit [s]."""
+    battery_share: Annotated[float, msgspec.Meta(ge=0.0, le=1.0)] = 0.2
+    """Charge below which it lands, where the vehicle tells [-]."""
+    battery_v: Annotated[float, msgspec.Meta(gt=0.0, le=1000.0)] | None = None
+    """Voltage below which it lands, where the vehicle tells [V]."""
+    effectiveness: Share = 0.7
+    """λ̂, thrust over told thrust, below which it lands [-]: all that is known of a battery without telemetry."""
+    rtt_s: Annotated[float, msgspec.Meta(gt=0.0, le=5.0)] = 0.2
+    """Longest round trip to the vehicle and back, where the link knows it [s]."""
+    overruns: Annotated[int, msgspec.Meta(ge=1, le=1000)] = 5
+    """So many frames that were late by more than one and a half periods, within the last 100, land it."""
+    lasting_s: Seconds = 2.0
+    """What lasts so long after its answer is answered by the next step [s]."""
+
+
+class Tick(Protocol):
+    """What the guards look at of one command; see :class:`groundstation.pilot.Tick`."""
+
+    @property
+    def time_s(self) -> float:
+        """When it was computed."""
+        ...
+
+    @property
+    def estimate(self) -> Estimate:
+        """What it rests on."""
+        ...
+
+    @property
+    def reference(self) -> Reference:
+        """Where the vehicle should be."""
+        ...
+
+    @property
+    def command(self) -> Command:
+        """What leaves."""
+        ...
+
+
+class Step(IntEnum):
+    """What may follow, in the order of escalation."""
+
+    WARN = 0
+    HOLD = 1
+    LAND = 2
+    DESCEND = 3
+
+
+class Finding(NamedTuple):
+    """A limit that is passed."""
+
+    step: Step
+    reason: str
+    blind: bool = False
+    """True where the estimate of the speed is not to be believed."""
+
+
+FRAMES = 100
+"""Over so many frames are late ones counted."""
+
+
+class Guards:
+    """One flight's limits. Times are on the event loop's clock [s]."""
+
+    def __init__(self, config: GuardsConfig, fence: Fence | None, vehicle: Vehicle, period_s: float) -> None:
+        """``period_s`` is the link's time between two commands [s]."""
+        self._config = config
+        self._fence = fence
+        self._thrust_max = vehicle.thrust_max_n
+        self._rates = tuple(math.radians(limit) for limit in vehicle.rate_limits_deg_s)
+        self._period = period_s
+        self._since: dict[str, float] = {}
+        self._late: list[int] = []
+        self._frames = 0
+        self._left_s: float | None = None
+
+    def see(self, tick: Tick, state: State, diverged_m: float) -> Finding | None:
+        """The gravest of what one command shows; ``diverged_m`` is how far the newest pose was from the model's."""
+        found = [
+            self._divergence(tick, diverged_m),
+            self._tilt(tick),
+            self._outside(tick),
+            self._overrun(tick.time_s),
+        ]
+        if state is not State.DESCENT:  # it has no reference, and its thrust and rates are what they are
+            found += [
+                self._tilt_error(tick), self._error(tick), self._thrust(tick), self._rate(tick), self._weak(tick),
+            ]  # fmt: skip
+        return max((one for one in found if one is not None), key=lambda one: one.step, default=None)
+
+    def link(self, status: LinkStatus, now_s: float) -> Finding | None:
+        """What the link tells."""
+        c = self._config
+        if self._lasts("rtt", status.rtt_s is not None and status.rtt_s > c.rtt_s, now_s, 1.0):
+            return Finding(
+                Step.LAND, f"round trip of {1e3 * (status.rtt_s or 0.0):.0f} ms, limit {1e3 * c.rtt_s:.0f} ms"
+            )
+        share, volts = status.battery_share, status.battery_v
+        if self._lasts("charge", share is not None and share < c.battery_share, now_s, 1.0):
+            return Finding(
+                Step.LAND, f"battery at {100.0 * (share or 0.0):.0f} %, limit {100.0 * c.battery_share:.0f} %"
+            )
+        low = c.battery_v is not None and volts is not None and volts < c.battery_v
+        if self._lasts("volts", low, now_s, 1.0):
+            return Finding(Step.LAND, f"battery at {volts:.2f} V, limit {c.battery_v:.2f} V")
+        return None
+
+    def _lasts(self, name: str, so: bool, now_s: float, for_s: float) -> bool:
+        if not so:
+            self._since.pop(name, None)
+            return False
+        return now_s - self._since.setdefault(name, now_s) >= for_s - 1e-9
+
+    def _divergence(self, tick: Tick, diverged_m: float) -> Finding | None:
+        c = self._config
+        if self._lasts("divergence", not diverged_m <= c.divergence_m, tick.time_s, c.divergence_s):
+            return Finding(Step.DESCEND, f"the estimate has diverged: poses are {diverged_m:.2f} m from it", blind=True)
+        return None
+
+    def _tilt(self, tick: Tick) -> Finding | None:
+        c = self._config
+        tilt = math.degrees(math.acos(max(-1.0, min(1.0, third_column(tick.estimate.motion.attitude)[2]))))
+        if self._lasts("tilt", not tilt <= c.tilt_deg, tick.time_s, c.tilt_s):
+            return Finding(Step.DESCEND, f"it leans by {tilt:.0f}°, limit {c.tilt_deg:g}°")
+        return None
+
+    def _outside(self, tick: Tick) -> Finding | None:
+        if self._fence is None:
+            return None
+        motion = tick.estimate.motion
+        room = self._fence.room_m(motion.position)
+        if room < 0.0:
+            return Finding(Step.LAND, f"{-room:.2f} m outside the fence")
+        if self._fence.braking_room_m(motion.position, motion.velocity) < 0.0:
+            speed = math.hypot(*motion.velocity)
+            return Finding(Step.HOLD, f"{room:.2f} m before the fence at {speed:.1f} m/s: braking")
+        return None
+
+    def _overrun(self, now_s: float) -> Finding | None:
+        left, self._left_s = self._left_s, now_s
+        self._frames += 1
+        if left is not None and now_s - left > 2.5 * self._period:
+            self._late.append(self._frames)
+        while self._late and self._late[0] <= self._frames - FRAMES:
+            self._late.pop(0)
+        if len(self._late) < self._config.overruns:
+            return None
+        return Finding(Step.LAND, f"{len(self._late)} of the last {FRAMES} frames were late: this computer is too slow")
+
+    def _tilt_error(self, tick: Tick) -> Finding | None:
+        c = self._config
+        a, d = tick.reference.acceleration_ned, tick.estimate.disturbance
+        x, y, z = d[0] - a[0], d[1] - a[1], 9.81 + d[2] - a[2]
+        u, v, w = third_column(tick.estimate.motion.attitude)
+        cosine = (x * u + y * v + z * w) / max(math.sqrt(x * x + y * y + z * z), 1e-6)
+        error = math.degrees(math.acos(max(-1.0, min(1.0, cosine))))
+        if self._lasts("tilt error", not error <= c.tilt_error_deg, tick.time_s, c.tilt_error_s):
+            return Finding(Step.LAND, f"it leans {error:.0f}° away from where it should, limit {c.tilt_error_deg:g}°")
+        return None
+
+    def _error(self, tick: Tick) -> Finding | None:
+        c = self._config
+        error = math.dist(tick.estimate.motion.position, tick.reference.position_ned)
+        if self._lasts("error", not error <= c.error_m, tick.time_s, c.error_s):
+            return Finding(Step.LAND, f"{error:.2f} m from where it should be, limit {c.error_m:g} m")
+        return None
+
+    def _thrust(self, tick: Tick) -> Finding | None:
+        c = self._config
+        at_limit = tick.command.thrust_n >= 0.999 * self._thrust_max
+        if self._lasts("thrust", at_limit, tick.time_s, c.thrust_limit_s):
+            return Finding(Step.LAND, f"thrust at its limit for {c.thrust_limit_s:g} s")
+        return None
+
+    def _rate(self, tick: Tick) -> Finding | None:
+        c = self._config
+        rates = tick.command.rates_rad_s
+        at_limit = any(abs(rate) >= 0.999 * limit for rate, limit in zip(rates, self._rates, strict=True))
+        if self._lasts("rate", at_limit, tick.time_s, c.rate_limit_s):
+            return Finding(Step.LAND, f"a body rate at its limit for {c.rate_limit_s:g} s")
+        return None
+
+    def _weak(self, tick: Tick) -> Finding | None:
+        c, found = self._config, tick.estimate.effectiveness
+        if self._lasts("weak", found < c.effectiveness, tick.time_s, 1.0):
+            return Finding(
+                Step.LAND, f"thrust is {100.0 * found:.0f} % of what is told, limit {100.0 * c.effectiveness:.0f} %"
+            )
+        return None
+
+
+class Escalation:
+    """Turns findings into steps: each no gentler than the last, the next one where its cause lasts on."""
+
+    def __init__(self, lasting_s: float) -> None:
+        """Nothing found."""
+        self._lasting = lasting_s
+        self._step = Step.WARN
+        self._at_s = -math.inf
+
+    def answer(self, finding: Finding, now_s: float) -> Finding | None:
+        """What to do now about ``finding``; None where the last answer is still at work."""
+        if finding.step > self._step:
+            answer = finding
+        elif self._step < Step.DESCEND and now_s - self._at_s > self._lasting:
+            answer = Finding(Step(self._step + 1), f"{finding.reason}, still", finding.blind)
+        else:
+            return None
+        self._step, self._at_s = answer.step, now_s
+        return answer
+
+    def eased(self) -> None:
+        """The operator has sent it on: begin anew."""
+        self._step, self._at_s = Step.WARN, -math.inf

@@ -1,0 +1,64 @@
+"""What an autopilot tells of itself beside its answers: the mode that it is in, and its battery. Sans-IO."""
+
+import math
+
+from links.mavlink_codec import ARDUPILOT, PX4, Message
+
+PX4_MODES = {
+    1: "MANUAL",
+    2: "ALTCTL",
+    3: "POSCTL",
+    4: "AUTO",
+    5: "ACRO",
+    6: "OFFBOARD",
+    7: "STABILIZED",
+    8: "RATTITUDE",
+}
+"""Main mode, bits 16 to 23 of HEARTBEAT.custom_mode."""
+PX4_AUTO = {2: "TAKEOFF", 3: "LOITER", 4: "MISSION", 5: "RTL", 6: "LAND", 9: "PRECLAND"}
+"""Sub mode of AUTO, bits 24 to 31."""
+ARDUPILOT_MODES = {
+    0: "STABILIZE", 1: "ACRO", 2: "ALT_HOLD", 3: "AUTO", 4: "GUIDED", 5: "LOITER", 6: "RTL", 7: "CIRCLE", 9: "LAND",
+    13: "SPORT", 15: "AUTOTUNE", 16: "POSHOLD", 17: "BRAKE", 18: "THROW", 20: "GUIDED_NOGPS", 21: "SMART_RTL",
+}  # fmt: skip
+"""HEARTBEAT.custom_mode of Copter."""
+FOLLOWING = ("OFFBOARD", "GUIDED", "GUIDED_NOGPS")
+"""Modes in which an autopilot follows set-points."""
+
+
+class Vitals:
+    """The newest of each. Times are on the event loop's clock [s]."""
+
+    def __init__(self) -> None:
+        """Nothing heard."""
+        self.mode = ""
+        """Its mode's name; empty before the first heartbeat, and where nobody knows its modes."""
+        self.mode_s = -math.inf
+        """When it was told."""
+        self.battery_v: float | None = None
+        self.battery_share: float | None = None
+
+    def hear(self, message: Message, now_s: float) -> None:
+        """Take one message of the autopilot."""
+        match message.get_type():
+            case "HEARTBEAT":
+                self.mode, self.mode_s = mode_name(message.autopilot, message.custom_mode), now_s
+            case "SYS_STATUS":
+                volts, percent = message.voltage_battery, message.battery_remaining
+                self.battery_v = None if volts in (0, 0xFFFF) else 1e-3 * volts
+                self.battery_share = 0.01 * percent if 0 <= percent <= 100 else None
+
+    def foreign(self, since_s: float) -> str:
+        """The mode that it is in since ``since_s``, where it follows no set-points there; else empty."""
+        return self.mode if self.mode_s > since_s and self.mode not in (*FOLLOWING, "") else ""
+
+
+def mode_name(autopilot: int, custom_mode: int) -> str:
+    """What ``custom_mode`` of HEARTBEAT is called on ``autopilot`` (MAV_AUTOPILOT); empty on any other."""
+    if autopilot == ARDUPILOT:
+        return ARDUPILOT_MODES.get(custom_mode, f"mode {custom_mode}")
+    if autopilot != PX4:
+        return ""
+    main, sub = custom_mode >> 16 & 0xFF, custom_mode >> 24 & 0xFF
+    name = PX4_MODES.get(main, f"mode {main}")
+    return f"{name}.{PX4_AUTO.get(sub, sub)}" if name == "AUTO" else name

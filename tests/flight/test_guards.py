@@ -1,0 +1,201 @@
+"""Guards in flight, from what is broken to the floor."""
+
+import asyncio
+from collections.abc import Callable
+
+import msgspec
+import pytest
+
+from groundstation import so3
+from groundstation.flight import Flight
+from groundstation.mission import State
+from sim.airframe import Truth
+from sim.autopilot import Px4Autopilot
+from sim.commands import prepare
+from sim.mission import Mission, Script, fly_mission, from_floor
+from sim.scenarios import SCENARIOS
+from sim.stage import Stage
+from tests.flight.test_missions import SHORT
+
+Wrong = Callable[[Truth], Truth]
+
+
+def mission(script: Script, *overrides: str, scenario: str = "paper", figure_s: float = 6.0) -> Mission:
+    world, config = prepare(SCENARIOS[scenario], [*SHORT, *overrides])
+    world, config = from_floor(world, config, figure_s)
+    return fly_mission(world, config, seed=0, script=script)
+
+
+async def tracking(flight: Flight, seconds: float = 1.0) -> None:
+    while flight.state is not State.TRACKING:
+        await asyncio.sleep(0.01)
+    await asyncio.sleep(seconds)
+
+
+def covered(for_s: float) -> Script:
+    async def script(flight: Flight, stage: Stage) -> None:
+        await tracking(flight)
+        assert stage.mocap is not None
+        stage.mocap.cover(True)
+        await asyncio.sleep(for_s)
+        stage.mocap.cover(False)
+
+    return script
+
+
+def seeing(wrong: Wrong, for_s: float) -> Script:
+    """The cameras see something else for a while."""
+
+    async def script(flight: Flight, stage: Stage) -> None:
+        await tracking(flight)
+        mocap = stage.mocap
+        assert mocap is not None
+        right = mocap._seen
+        vars(mocap)["_seen"] = lambda truth, when: right(wrong(truth), when)
+        await asyncio.sleep(for_s)
+        del vars(mocap)["_seen"]
+
+    return script
+
+
+def elsewhere(seen: Truth) -> Truth:
+    x, y, z = seen.position_ned
+    return msgspec.structs.replace(seen, position_ned=(x + 1.5, y, z))
+
+
+def turned(seen: Truth) -> Truth:
+    return msgspec.structs.replace(seen, attitude=so3.multiply(seen.attitude, (0.0, 0.0, 0.0, 1.0)))
+
+
+def states(flown: Mission) -> list[str]:
+    return [one.state for one in flown.states]
+
+
+def test_a_short_gap_between_poses_is_flown_through() -> None:
+    assert mission(covered(0.15)).landed
+
+
+@pytest.mark.parametrize("for_s", [0.28, 0.4])
+def test_poses_that_come_back_in_time_find_the_vehicle_in_a_descent_that_ends_softly(for_s: float) -> None:
+    flown = mission(covered(for_s))
+    assert states(flown)[-3:] == ["descent", "disarming", "landed"]
+    assert "no pose for 24" in flown.fault
+    assert not flown.landed
+    assert flown.touchdown_m_s is not None
+    assert flown.touchdown_m_s < 0.6
+
+
+def test_poses_that_stay_away_are_followed_by_the_descent_and_then_by_the_bring_down() -> None:
+    flown = mission(covered(60.0))
+    assert states(flown)[-2:] == ["descent", "aborted"]
+    descent, aborted = flown.states[-2:]
+    assert aborted.time_s - descent.time_s == pytest.approx(0.25, abs=0.03)
+    assert "no pose for 5" in aborted.reason
+    assert flown.touchdown_m_s is not None
+    assert flown.touchdown_m_s < 2.5
+
+
+@pytest.mark.parametrize("wrong", [elsewhere, turned])
+def test_a_few_poses_that_jump_are_not_believed_and_change_nothing(wrong: Wrong) -> None:
+    flown = mission(seeing(wrong, 0.1))
+    assert flown.landed, flown.fault
+    assert flown.tilt_max_deg < 15.0
+
+
+@pytest.mark.parametrize("wrong", [elsewhere, turned])
+def test_poses_that_have_jumped_for_good_are_as_none(wrong: Wrong) -> None:
+    flown = mission(seeing(wrong, 60.0))
+    assert states(flown)[-2:] == ["descent", "aborted"]
+    assert flown.tilt_max_deg < 25.0
+
+
+def test_an_autopilot_that_a_pilot_takes_over_is_his_at_once_and_nothing_leaves_any_more() -> None:
+    left: list[tuple[float, int]] = []
+    when: list[float] = []
+
+    async def script(flight: Flight, stage: Stage) -> None:
+        await tracking(flight)
+        autopilot = stage.autopilot
+        assert isinstance(autopilot, Px4Autopilot)
+        autopilot._intended = (3, 0)
+        when.append(asyncio.get_running_loop().time())
+        while True:
+            left.append((asyncio.get_running_loop().time(), flight.snapshot().link.sent))
+            await asyncio.sleep(0.01)
+
+    flown = mission(script)
+    assert states(flown)[-1] == "handed_over"
+    assert "the autopilot is in POSCTL" in flown.states[-1].reason
+    over_s = flown.states[-1].time_s
+    assert over_s - when[0] < 1.05  # its next heartbeat
+    at_end = [sent for t, sent in left if t > over_s + 0.02]
+    assert len(set(at_end)) <= 1
+
+
+def test_a_gust_beyond_all_limits_lands() -> None:
+    async def script(_: Flight, __: Stage) -> None:
+        return
+
+    flown = mission(script, "sim.wind_step=[6.0, 0.0, 0.0]", "sim.wind_step_time_s=12.0", figure_s=20.0)
+    assert not flown.landed
+    assert flown.fault
+    assert states(flown)[-1] == "landed", flown.why
+    assert flown.tilt_max_deg < 60.0
+
+
+def test_the_fence_holds_before_it_and_a_hold_waits_for_the_operator() -> None:
+    """The fence is laid once it flies: before, the pre-flight checks refuse such a trajectory."""
+
+    async def script(flight: Flight, stage: Stage) -> None:
+        from groundstation.fence import BoxFence, Fence
+
+        await tracking(flight, 6.0)
+        guards = flight._progress._guards
+        assert guards is not None
+        north = stage.plant.truth(asyncio.get_running_loop().time()).position_ned[0]
+        ahead = flight._progress.tick
+        assert ahead is not None
+        sign = 1.0 if ahead.reference.velocity_ned[0] > 0.0 else -1.0
+        side = (-9.0, north + 0.6) if sign > 0.0 else (north - 0.6, 9.0)
+        box = BoxFence(north_m=side, east_m=(-9.0, 9.0), height_m=9.0)
+        guards._fence = Fence(box, 1.0)
+        while flight.state is State.TRACKING:
+            await asyncio.sleep(0.01)
+        assert flight.state is State.HOLD
+        await asyncio.sleep(3.0)
+        assert flight.state is State.HOLD
+        assert guards._fence.room_m(stage.plant.truth(asyncio.get_running_loop().time()).position_ned) > 0.0
+        flight.land("seen")
+
+    flown = mission(script, figure_s=60.0)
+    assert "before the fence" in flown.fault
+    assert states(flown)[-4:] == ["hold", "landing", "disarming", "landed"]
+
+
+@pytest.mark.parametrize(
+    ("overrides", "says"),
+    [
+        (("flight.floor_z_m=0.5",), "floor: it stands at +1.00 m, flight.floor_z_m says +0.50 m"),
+        (("sim.pose_rate_hz=10", "pose.drop_frozen=false"), "pose rate: 10 poses a second"),
+        (("sim.pose_noise_m=0.05",), "noise of"),
+        (
+            (
+                "fence.kind=box", "fence.north_m=[-0.5, 1.0]", "fence.east_m=[-1.0, 0.5]", "fence.height_m=3.0",
+            ),
+            "could not be braked within the fence",
+        ),
+        (
+            ("fence.kind=box", "fence.north_m=[-3, 0]", "fence.east_m=[-3, 3]", "fence.height_m=3.0"),
+            "it stands 0.80 m outside the fence",
+        ),
+        (("limits.max_speed_m_s=0.3",), "trajectory: "),
+    ],
+)  # fmt: skip
+def test_a_flight_that_fails_its_checks_does_not_begin(overrides: tuple[str, ...], says: str) -> None:
+    async def script(_: Flight, __: Stage) -> None:
+        return
+
+    flown = mission(script, *overrides)
+    assert states(flown) == ["connecting", "aborted"]
+    assert says in flown.why
+    assert flown.touchdown_m_s is None

@@ -1,0 +1,150 @@
+"""Every pre-flight check: what passes, warns and fails, by the vehicle as it stands."""
+
+import math
+from typing import Any
+
+import msgspec
+import pytest
+
+from groundstation.checks import Check, Checks, Verdict, failed, text
+from groundstation.config import ConfigError, from_dict
+from groundstation.poses.port import Pose
+from groundstation.preflight import ensure_guarded, real
+from groundstation.settings import Config
+from groundstation.takeoff import Standing
+from links.port import LinkStatus
+
+BASE: dict[str, Any] = {
+    "pose": {"kind": "vicon", "rate_hz": 50.0},
+    "trajectory": {"kind": "hold", "position_ned": [0.0, 0.0, -1.0]},
+}
+LINK = LinkStatus(state="connected", sent=0, expired=0, received=9, dropped={}, text="", rtt_s=0.004)
+FENCE = {"kind": "box", "north_m": [-2.0, 2.0], "east_m": [-2.0, 2.0], "height_m": 2.0}
+
+
+def standing(rate_hz: float = 50.0, *, tilt_deg: float = 0.0, drift_m: float = 0.0, down: float = 0.0) -> Standing:
+    """A vehicle that has stood for a second until t = 1 s."""
+    half, stands = math.radians(0.5 * tilt_deg), Standing()
+    count = int(rate_hz) + 1
+    for i in range(count):
+        t = i / rate_hz
+        stands.stands(Pose(i, t, t, (drift_m * t, 0.0, down), (math.cos(half), math.sin(half), 0.0, 0.0)))
+    return stands
+
+
+def check(
+    name: str,
+    *,
+    config: dict[str, Any] | None = None,
+    stands: Standing | None = None,
+    noise_m: float = 0.0005,
+    now_s: float = 1.03,
+    **link: Any,
+) -> Check:
+    checks = Checks(from_dict({**BASE, **(config or {})}, Config))
+    seen = checks(stands or standing(), noise_m, msgspec.structs.replace(LINK, **link), now_s)
+    return next(one for one in seen if one.name == name)
+
+
+CASES: list[tuple[str, dict[str, Any], Verdict]] = [
+    ("pose rate", {}, Verdict.PASS),
+    ("pose rate", {"stands": standing(30.0)}, Verdict.WARN),
+    ("pose rate", {"stands": standing(15.0)}, Verdict.FAIL),
+    ("pose age", {}, Verdict.PASS),
+    ("pose age", {"now_s": 1.1}, Verdict.WARN),
+    ("pose age", {"now_s": 1.2}, Verdict.FAIL),
+    ("pose noise", {}, Verdict.PASS),
+    ("pose noise", {"noise_m": 0.006}, Verdict.WARN),
+    ("pose noise", {"noise_m": 0.03}, Verdict.FAIL),
+    ("pose noise", {"noise_m": math.nan}, Verdict.FAIL),
+    ("at rest", {"stands": standing(drift_m=0.02)}, Verdict.PASS),
+    ("at rest", {"stands": standing(drift_m=0.1)}, Verdict.FAIL),
+    ("tilt", {}, Verdict.PASS),
+    ("tilt", {"stands": standing(tilt_deg=8.0)}, Verdict.WARN),
+    ("tilt", {"stands": standing(tilt_deg=20.0)}, Verdict.FAIL),
+    ("floor", {}, Verdict.PASS),
+    ("floor", {"stands": standing(down=0.3)}, Verdict.FAIL),
+    ("fence", {}, Verdict.OFF),
+    ("fence", {"config": {"fence": FENCE}}, Verdict.PASS),
+    ("fence", {"config": {"fence": {**FENCE, "north_m": [0.5, 2.0]}}}, Verdict.FAIL),
+    ("ways in the fence", {}, Verdict.OFF),
+    ("ways in the fence", {"config": {"fence": FENCE}}, Verdict.PASS),
+    ("ways in the fence", {"config": {"fence": {**FENCE, "height_m": 0.9}}}, Verdict.FAIL),
+    (
+        "ways in the fence",
+        {"config": {"fence": FENCE, "trajectory": {"kind": "hold", "position_ned": [1.99, 2.5, -1.0]}}},
+        Verdict.FAIL,
+    ),
+    ("battery", {}, Verdict.OFF),
+    ("battery", {"battery_v": 3.9}, Verdict.OFF),
+    ("battery", {"battery_v": 3.9, "config": {"guards": {"battery_v": 3.5}}}, Verdict.PASS),
+    ("battery", {"battery_v": 3.4, "config": {"guards": {"battery_v": 3.5}}}, Verdict.FAIL),
+    ("battery", {"battery_share": 0.9}, Verdict.PASS),
+    ("battery", {"battery_share": 0.3}, Verdict.WARN),
+    ("battery", {"battery_share": 0.1}, Verdict.FAIL),
+    ("round trip", {}, Verdict.PASS),
+    ("round trip", {"rtt_s": None}, Verdict.OFF),
+    ("round trip", {"rtt_s": 0.15}, Verdict.WARN),
+    ("round trip", {"rtt_s": 0.25}, Verdict.FAIL),
+    ("ready to arm", {}, Verdict.PASS),
+    ("ready to arm", {"state": "armed"}, Verdict.FAIL),
+    ("ready to arm", {"state": "lost"}, Verdict.FAIL),
+    ("thrust bound", {}, Verdict.WARN),
+    ("thrust bound", {"config": {"controller": {"kind": "pid"}}}, Verdict.OFF),
+    ("trajectory", {}, Verdict.PASS),
+    (
+        "trajectory",
+        {"config": {"trajectory": {"kind": "lemniscate"}, "limits": {"max_speed_m_s": 0.3}}},
+        Verdict.FAIL,
+    ),
+]
+
+
+@pytest.mark.parametrize(("name", "given", "verdict"), CASES)
+def test_each_check_has_its_verdict_and_a_sentence(name: str, given: dict[str, Any], verdict: Verdict) -> None:
+    found = check(name, **given)
+    assert found.verdict is verdict, found.says
+    assert len(found.says) > 8
+
+
+def test_without_poses_nothing_else_is_asked_of_them() -> None:
+    checks = Checks(from_dict(BASE, Config))(Standing(), 0.0, LINK, 1.0)
+    assert "poses: no poses" in failed(checks)
+
+
+def test_what_fails_is_one_sentence_and_all_of_it_a_list() -> None:
+    checks = [Check("a", Verdict.PASS, "fine"), Check("b", Verdict.FAIL, "bad"), Check("c", Verdict.FAIL, "worse")]
+    assert failed(checks) == "b: bad; c: worse"
+    assert len(text(checks).splitlines()) == 3
+
+
+REAL: list[dict[str, Any]] = [
+    {"link": {"kind": "mavlink", "listen": "0.0.0.0:14540"}},
+    {"link": {"kind": "mavlink", "remote": "192.168.1.20:14540"}},
+    {"link": {"kind": "mavlink", "serial": "/dev/ttyACM0"}},
+    {"link": {"kind": "dsm", "port": "/dev/ttyUSB0"}},
+    {"pose": {"kind": "vicon", "listen": "0.0.0.0:51001"}},
+]
+
+
+@pytest.mark.parametrize("data", REAL)
+def test_a_real_vehicle_needs_a_fence_a_speed_limit_and_the_floor(data: dict[str, Any]) -> None:
+    limits = {"max_speed_m_s": 1.0}
+    assert real(from_dict(data, Config)) is not None
+    for more, key in (
+        ({}, "fence"),
+        ({"limits": limits}, "fence"),
+        ({"fence": FENCE}, "limits.max_speed_m_s"),
+        ({"fence": FENCE, "limits": limits, "flight": {"start": "air"}}, "flight.start"),
+    ):
+        with pytest.raises(ConfigError) as error:
+            ensure_guarded(from_dict({**data, **more}, Config))
+        assert error.value.key == key
+        assert "a real vehicle may fly here" in str(error.value)
+    ensure_guarded(from_dict({**data, "fence": FENCE, "limits": limits}, Config))
+
+
+@pytest.mark.parametrize("data", [{}, {"link": {"kind": "mavlink", "remote": "[::1]:14550"}}])
+def test_a_simulated_one_needs_neither(data: dict[str, Any]) -> None:
+    assert real(from_dict(data, Config)) is None
+    ensure_guarded(from_dict(data, Config))

@@ -1,0 +1,172 @@
+"""Every guard: quiet within its limit, heard beyond it for long enough, and what follows."""
+
+import math
+from typing import Any, NamedTuple
+
+import msgspec
+import pytest
+
+from groundstation.control.model import Motion
+from groundstation.control.port import Estimate
+from groundstation.fence import BoxFence, Fence
+from groundstation.guards import Escalation, Finding, Guards, GuardsConfig, Step
+from groundstation.mission import State
+from groundstation.trajectories.port import Reference
+from groundstation.vehicle import Vehicle
+from links.port import Command, LinkStatus
+
+VEHICLE = Vehicle()
+CONFIG = GuardsConfig()
+PERIOD_S = 0.02
+STATUS = LinkStatus(state="armed", sent=0, expired=0, received=0, dropped={}, text="")
+FENCE = Fence(BoxFence(north_m=(-2.0, 2.0), east_m=(-2.0, 2.0), height_m=2.0), 0.0)
+
+
+class Shown(NamedTuple):
+    time_s: float
+    estimate: Estimate
+    reference: Reference
+    command: Command
+
+
+def leaning(degrees: float) -> tuple[float, float, float, float]:
+    half = math.radians(0.5 * degrees)
+    return (math.cos(half), math.sin(half), 0.0, 0.0)
+
+
+def shown(time_s: float, **changes: Any) -> Shown:
+    motion = Motion((0.0, 0.0, -1.0), (0.0, 0.0, 0.0), (1.0, 0.0, 0.0, 0.0), 0.8, (0.0, 0.0, 0.0))
+    command = Command(0.8, (0.0, 0.0, 0.0), 0, 0.0, 1.0)
+    estimate = Estimate(
+        time_s,
+        motion._replace(**{k: v for k, v in changes.items() if k in Motion._fields}),
+        changes.get("disturbance", (0.0, 0.0, 0.0)),
+        (0.0, 0.0, 0.0),
+        changes.get("effectiveness", 1.0),
+    )
+    command = msgspec.structs.replace(command, **{k: v for k, v in changes.items() if k in ("thrust_n", "rates_rad_s")})
+    return Shown(time_s, estimate, Reference((0.0, 0.0, -1.0)), command)
+
+
+def first(
+    limit: dict[str, Any], state: State = State.TRACKING, *, diverged_m: float = 0.0, period_s: float = PERIOD_S
+) -> tuple[float, Finding] | None:
+    """When the first finding comes where ``limit`` lasts from 1 s on, and it."""
+    guards = Guards(CONFIG, FENCE, VEHICLE, PERIOD_S)
+    time_s = 0.0
+    while time_s < 5.0:
+        beyond = time_s >= 1.0
+        found = guards.see(shown(time_s, **(limit if beyond else {})), state, diverged_m if beyond else 0.0)
+        if found is not None:
+            return time_s - 1.0, found
+        time_s += period_s if beyond else PERIOD_S
+    return None
+
+
+FULL = math.radians(VEHICLE.rate_limits_deg_s[0])
+CASES: list[tuple[dict[str, Any], float, float, Step, str]] = [
+    ({"attitude": leaning(51.0)}, 0.0, CONFIG.tilt_s, Step.DESCEND, "it leans by 51°"),
+    ({"attitude": leaning(31.0)}, 0.0, CONFIG.tilt_error_s, Step.LAND, "31° away from where it should"),
+    ({"disturbance": (7.0, 0.0, 0.0)}, 0.0, CONFIG.tilt_error_s, Step.LAND, "away from where it should"),
+    ({"position": (0.6, 0.0, -1.0)}, 0.0, CONFIG.error_s, Step.LAND, "0.60 m from where it should be"),
+    ({"position": (1.9, 0.0, -1.0), "velocity": (1.0, 0.0, 0.0)}, 0.0, 0.0, Step.HOLD, "before the fence"),
+    ({"position": (2.1, 0.0, -1.0)}, 0.0, 0.0, Step.LAND, "0.10 m outside the fence"),
+    ({"position": (0.0, 0.0, -2.1)}, 0.0, 0.0, Step.LAND, "outside the fence"),
+    ({"thrust_n": VEHICLE.thrust_max_n}, 0.0, CONFIG.thrust_limit_s, Step.LAND, "thrust at its limit"),
+    ({"rates_rad_s": (0.0, -FULL, 0.0)}, 0.0, CONFIG.rate_limit_s, Step.LAND, "body rate at its limit"),
+    ({"effectiveness": 0.69}, 0.0, 1.0, Step.LAND, "thrust is 69 % of what is told"),
+    ({}, 0.11, CONFIG.divergence_s, Step.DESCEND, "has diverged"),
+    ({}, math.nan, CONFIG.divergence_s, Step.DESCEND, "has diverged"),
+    ({"position": (math.nan, 0.0, -1.0)}, 0.0, CONFIG.error_s, Step.LAND, "nan m from where it should be"),
+]
+
+
+@pytest.mark.parametrize(("limit", "diverged_m", "for_s", "step", "says"), CASES)
+def test_beyond_its_limit_a_guard_is_heard_after_its_time(
+    limit: dict[str, Any], diverged_m: float, for_s: float, step: Step, says: str
+) -> None:
+    found = first(limit, diverged_m=diverged_m)
+    assert found is not None
+    after_s, finding = found
+    assert after_s == pytest.approx(for_s, abs=1.01 * PERIOD_S)
+    assert finding.step is step
+    assert says in finding.reason
+    assert finding.blind == ("diverged" in says)
+
+
+@pytest.mark.parametrize(
+    ("limit", "diverged_m"),
+    [
+        ({"attitude": leaning(29.0)}, 0.0),
+        ({"position": (0.49, 0.0, -1.0)}, 0.0),
+        ({"position": (0.4, 0.0, -1.0), "velocity": (1.0, 0.0, 0.0)}, 0.0),
+        ({"thrust_n": 0.99 * VEHICLE.thrust_max_n}, 0.0),
+        ({"thrust_n": VEHICLE.thrust_min_n}, 0.0),
+        ({"rates_rad_s": (0.0, 0.99 * FULL, 0.0)}, 0.0),
+        ({"effectiveness": 0.71}, 0.0),
+        ({}, 0.09),
+    ],
+)
+def test_within_its_limit_a_guard_is_quiet(limit: dict[str, Any], diverged_m: float) -> None:
+    assert first(limit, diverged_m=diverged_m) is None
+
+
+def test_a_descent_has_no_reference_to_be_far_from() -> None:
+    assert first({"position": (0.9, 0.0, -1.0)}, State.DESCENT) is None
+    assert first({"attitude": leaning(51.0)}, State.DESCENT) is not None
+
+
+def test_what_comes_and_goes_within_its_time_is_not_told() -> None:
+    guards = Guards(CONFIG, None, VEHICLE, PERIOD_S)
+    for i in range(500):
+        far = (0.6, 0.0, -1.0) if i % 12 else (0.0, 0.0, -1.0)
+        assert guards.see(shown(0.02 * i, position=far), State.TRACKING, 0.0) is None
+
+
+def test_frames_that_are_late_again_and_again_land() -> None:
+    found = first({}, period_s=2.6 * PERIOD_S)
+    assert found is not None
+    assert "frames were late" in found[1].reason
+    assert found[0] == pytest.approx(CONFIG.overruns * 2.6 * PERIOD_S, abs=0.06)
+    assert first({}, period_s=2.4 * PERIOD_S) is None
+
+
+@pytest.mark.parametrize(
+    ("status", "says"),
+    [
+        ({"rtt_s": 0.25}, "round trip of 250 ms"),
+        ({"battery_share": 0.19}, "battery at 19 %"),
+        ({"battery_v": 3.2}, "battery at 3.20 V"),
+    ],
+)
+def test_the_link_tells_of_its_delay_and_of_the_battery(status: dict[str, Any], says: str) -> None:
+    guards = Guards(msgspec.structs.replace(CONFIG, battery_v=3.3), None, VEHICLE, PERIOD_S)
+    low = msgspec.structs.replace(STATUS, **status)
+    assert guards.link(STATUS, 0.0) is None
+    assert guards.link(low, 0.5) is None
+    found = guards.link(low, 1.6)
+    assert found is not None
+    assert found.step is Step.LAND
+    assert says in found.reason
+
+
+def test_what_lasts_is_answered_by_one_step_after_the_other_and_never_by_a_gentler_one() -> None:
+    escalation = Escalation(2.0)
+    brake, tilt = Finding(Step.HOLD, "fence"), Finding(Step.DESCEND, "tilt")
+    first_ = escalation.answer(brake, 0.0)
+    assert first_ == brake
+    assert escalation.answer(brake, 1.9) is None
+    second = escalation.answer(brake, 2.1)
+    assert second is not None
+    assert (second.step, second.reason) == (Step.LAND, "fence, still")
+    assert escalation.answer(brake, 3.0) is None
+    assert escalation.answer(tilt, 3.1) == tilt
+    assert escalation.answer(brake, 99.0) is None
+
+
+def test_an_operator_who_sends_it_on_begins_anew() -> None:
+    escalation = Escalation(2.0)
+    brake = Finding(Step.HOLD, "fence")
+    escalation.answer(brake, 0.0)
+    escalation.eased()
+    assert escalation.answer(brake, 50.0) == brake

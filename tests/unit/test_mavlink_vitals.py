@@ -1,0 +1,55 @@
+"""What an autopilot tells of itself: mode names of both firmwares, and its battery."""
+
+import pytest
+
+from links.mavlink_codec import ARDUPILOT, PX4, MavlinkCodec
+from links.mavlink_vitals import Vitals, mode_name
+
+
+@pytest.mark.parametrize(
+    ("autopilot", "mode", "name"),
+    [
+        (PX4, 6 << 16, "OFFBOARD"),
+        (PX4, 3 << 16, "POSCTL"),
+        (PX4, 4 << 16 | 6 << 24, "AUTO.LAND"),
+        (PX4, 99 << 16, "mode 99"),
+        (ARDUPILOT, 4, "GUIDED"),
+        (ARDUPILOT, 20, "GUIDED_NOGPS"),
+        (ARDUPILOT, 9, "LAND"),
+        (ARDUPILOT, 77, "mode 77"),
+        (8, 3, ""),
+    ],
+)
+def test_modes_have_the_names_of_their_firmware(autopilot: int, mode: int, name: str) -> None:
+    assert mode_name(autopilot, mode) == name
+
+
+def heard(vitals: Vitals, mode: int, now_s: float) -> None:
+    codec = MavlinkCodec(1, 1)
+    for message in codec.feed_datagram(codec.pack(codec.dialect.MAVLink_heartbeat_message(2, PX4, 0x81, mode, 4, 3))):
+        vitals.hear(message, now_s)
+
+
+def test_a_mode_is_foreign_only_where_it_is_told_late_enough_and_does_not_follow_us() -> None:
+    vitals = Vitals()
+    assert vitals.foreign(0.0) == ""
+    heard(vitals, 3 << 16, 10.0)
+    assert vitals.foreign(10.5) == ""  # that heartbeat may be older than the arming
+    assert vitals.foreign(9.0) == "POSCTL"
+    heard(vitals, 6 << 16, 11.0)
+    assert vitals.foreign(9.0) == ""
+
+
+@pytest.mark.parametrize(
+    ("millivolts", "percent", "volts", "share"),
+    [(3700, 55, 3.7, 0.55), (0xFFFF, -1, None, None), (0, 0, None, 0.0), (3700, 120, 3.7, None)],
+)
+def test_the_battery_is_read_where_it_is_told(
+    millivolts: int, percent: int, volts: float | None, share: float | None
+) -> None:
+    codec, vitals = MavlinkCodec(1, 1), Vitals()
+    status = codec.dialect.MAVLink_sys_status_message(0, 0, 0, 0, millivolts, 0, percent, 0, 0, 0, 0, 0, 0)
+    for message in codec.feed_datagram(codec.pack(status)):
+        vitals.hear(message, 1.0)
+    assert vitals.battery_v == volts
+    assert vitals.battery_share == (None if share is None else pytest.approx(share))
