@@ -95,14 +95,16 @@ class Course:
             case State.RETURNING:
                 return Move(Event.HOME, "over the place of take-off") if tick.flight_time_s >= 0.0 else None
             case State.LANDING | State.DESCENT:
-                return Move(Event.TOUCHDOWN, "touched down") if self._felt(tick) else None
+                return Move(Event.TOUCHDOWN, "touched down") if self._felt(state, tick) else None
             case _:
                 return None
 
-    def _felt(self, tick: Tick) -> bool:
+    def _felt(self, state: State, tick: Tick) -> bool:
         motion = tick.estimate.motion
         down = motion.position[2]
         height, behind = self._config.flight.floor_z_m - down, tick.reference.position_ned[2] - down
+        if state is State.DESCENT:
+            behind = math.inf
         return self._touchdown.felt(tick.time_s, tick.command.thrust_n, motion.velocity[2], height, behind)
 
     def _hovered(self, tick: Tick) -> Move | None:

@@ -1,5 +1,6 @@
 """Hovering and touching down, by thrust and vertical speed, as autopilots tell them. Sans-IO."""
 
+import math
 from typing import Annotated
 
 import msgspec
@@ -59,7 +60,7 @@ class Touchdown:
         """Whether it stands, by one more command of a descent.
 
         ``sinking_m_s`` and ``height_m`` are the vehicle's speed and height above the floor, ``behind_m`` is how far it
-        is above its reference.
+        is above its reference: inf where it has none but to sink, and then standing must last longer to be believed.
         """
         near = height_m < NEAR_M
         refuses = thrust_n < self._low_n or (near and behind_m > BEHIND_M)
@@ -68,4 +69,5 @@ class Touchdown:
             return False
         if self._since_s is None:
             self._since_s = time_s
-        return time_s - self._since_s >= (LASTING_S if near else SURE_S)
+        sure = near and (thrust_n < self._low_n or behind_m < math.inf)
+        return time_s - self._since_s >= (LASTING_S if sure else SURE_S)

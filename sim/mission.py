@@ -21,7 +21,7 @@ from sim.virtual_time import VirtualTimeLoop
 from sim.world import World
 
 Script: TypeAlias = Callable[[Flight, Stage], Coroutine[Any, Any, None]]
-CONFIRM_S = 1.5
+CONFIRM_S = 3.0
 """When arming is confirmed, in virtual time [s]."""
 LIMIT_S = 120.0
 """A mission that takes so much longer than its figure has failed [s, virtual]."""

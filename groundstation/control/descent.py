@@ -1,8 +1,9 @@
 """Failsafe descent: level and down by attitude and speed alone. No position, no adaptation, no reference. Sans-IO.
 
 The push that takes the velocity to (0, 0, sink), tilted a little at most; the attitude follows it by its sine error.
-It holds no place: what is left of the wind's estimate, it drifts with. Blind, it asks the speed for nothing either: it
-levels into the wind it knew and pushes a little less than what hovers.
+It holds no place: what is left of the wind's estimate, it drifts with. An estimate that is wrong must not make it
+climb: an integral of the sinking speed's error outweighs it. Blind, it asks the speed for nothing either: it levels
+into the wind it knew and pushes a little less than what hovers, and with time ever less.
 """
 
 import math
@@ -23,8 +24,14 @@ LEAN = math.radians(15.0)
 """Largest tilt that it asks for [rad]."""
 WIND_LIMIT_M_S2 = 4.0
 """Of an estimated disturbance no more is believed, on each axis."""
+INTEGRAL_GAIN, INTEGRAL_LIMIT_M_S2 = 1.0, 6.0
+"""Acceleration per integral of the sinking speed's error [1/s²], and its largest: more than any wind believed."""
 BLIND_PULL_M_S2 = 0.35
 """Downward acceleration that it asks for when blind: 1.2 m/s after 2 m."""
+BLIND_S, BLIND_MORE_M_S3 = 3.0, 0.3
+"""By then it should be down [s]; from there on the pull grows [m/s³], as what hovers was not what it was taken for."""
+BLIND_WIND_M_S2 = 1.5
+"""Of an estimated disturbance so much is believed when blind, on each axis."""
 
 
 class Descent:
@@ -36,16 +43,22 @@ class Descent:
         self._gravity = gravity
         self.blind = False
         """True where speed is not to be believed."""
+        self._integral = self._blind_s = 0.0
 
     def decide(self, estimate: Estimate, reference: Reference, interval_s: float) -> Decision:
         """One command."""
         motion, g = estimate.motion, self._gravity
-        x, y, z = (max(-WIND_LIMIT_M_S2, min(WIND_LIMIT_M_S2, d)) for d in estimate.disturbance)
-        wanted: Vec3 = (0.0, 0.0, BLIND_PULL_M_S2)
-        if not self.blind:
+        most = BLIND_WIND_M_S2 if self.blind else WIND_LIMIT_M_S2
+        x, y, z = (max(-most, min(most, d)) for d in estimate.disturbance)
+        if self.blind:
+            self._blind_s += interval_s
+            wanted: Vec3 = (0.0, 0.0, BLIND_PULL_M_S2 + BLIND_MORE_M_S3 * max(self._blind_s - BLIND_S, 0.0))
+        else:
             (a, b, c), (u, v, w) = motion.velocity, reference.velocity_ned
-            k = SPEED_GAIN
-            wanted = (k * (u - a), k * (v - b), max(-0.5 * g, min(0.3 * g, k * (w - c))))
+            k, limit = SPEED_GAIN, INTEGRAL_LIMIT_M_S2
+            self._integral = max(-limit, min(limit, self._integral + INTEGRAL_GAIN * (w - c) * interval_s))
+            down = max(-0.5 * g, min(0.3 * g, k * (w - c))) + self._integral
+            wanted = (k * (u - a), k * (v - b), down)
         along, _ = push(wanted, (x, y, z), g, LEAN)
         roll, pitch = sine_error(motion.attitude, along)
         upright = third_column(motion.attitude)[2]

@@ -1,5 +1,7 @@
 """Leaving the floor and coming back to it: thrust, lift-off, touchdown; and what an impatient operator means."""
 
+import math
+
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
@@ -59,6 +61,8 @@ def test_a_source_that_moves_its_origin_on_the_floor_has_not_lifted_the_vehicle(
         (0.6, 0.0, 0.01, 0.0, 0.2),  # on the floor
         (0.6, 0.0, 0.8, 0.0, 1.0),  # on a table
         (0.9, 0.0, 0.01, 0.4, 0.2),  # a controller whose thrust does not fall that low
+        (0.9, 0.0, 0.01, math.inf, 1.0),  # a failsafe descent that has found the floor
+        (0.9, 0.4, 0.01, math.inf, None),
         (0.9, 0.0, 0.8, 0.4, None),  # held up by a gust
         (0.9, 0.0, 0.01, 0.1, None),  # hovering low
         (0.6, 0.3, 0.1, 0.0, None),  # sinking fast
