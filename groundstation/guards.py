@@ -26,10 +26,6 @@ class GuardsConfig(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fie
 
     level_s: Annotated[float, msgspec.Meta(ge=0.0, le=0.75)] = 0.25
     """How long it descends on the model after ``flight.coast_s`` without a pose; then the link brings it down [s]."""
-    jump_m: Annotated[float, msgspec.Meta(gt=0.0, le=10.0)] = 0.5
-    """A pose farther than this from where the vehicle can be is not believed [m]."""
-    jump_deg: Annotated[float, msgspec.Meta(gt=0.0, le=180.0)] = 30.0
-    """Nor is one that is turned by more than this from how it can be [deg]."""
     divergence_m: Annotated[float, msgspec.Meta(gt=0.0, le=10.0)] = 0.10
     """Poses that stay farther than this from what the model expects: the estimate has diverged [m]."""
     divergence_s: Seconds = 0.15

@@ -72,9 +72,6 @@ class Pilot:
         self._trajectory: Trajectory | None = None
         self._start = 0.0
         self._released = False
-        self._jump: tuple[float, float] | None = None
-        self.jumped = 0
-        """Poses that were not believed, as the vehicle can't have moved like that."""
         self._descent: Descent | None = None
         self._sink: Vec3 = (0.0, 0.0, 0.0)
 
@@ -89,13 +86,8 @@ class Pilot:
         return self._watch.reading()
 
     def pose(self, pose: Pose) -> None:
-        """Take one pose; one that is not newer than the last is ignored, and so is one that jumps, once guarded."""
+        """Take one pose; one that is not newer than the last is ignored."""
         if self._pose is None or pose.time_s > self._pose.time_s:
-            if self._jump is not None:
-                far, turn = self._estimator.jump(pose)
-                if far > self._jump[0] or turn > self._jump[1]:
-                    self.jumped += 1
-                    return
             self._estimator.pose(pose)
             self._pose = pose
             self._poses += 1
@@ -126,10 +118,6 @@ class Pilot:
         self._released = True
         motion = self._estimator.predict(time_s + self._vehicle.command_delay_s).motion
         return Reference(motion.position, motion.velocity, yaw_rad=euler_zyx(motion.attitude)[2])
-
-    def guard(self, jump_m: float, jump_rad: float) -> None:
-        """From now on poses that jump farther are not believed."""
-        self._jump = (jump_m, jump_rad)
 
     @property
     def diverged_m(self) -> float:

@@ -1,6 +1,5 @@
 """Moves the mission on: what is flown as a state begins, and what ends it. Sans-IO: the caller owns time and wires."""
 
-import math
 from collections.abc import Callable
 
 from groundstation.course import Course, Leg
@@ -46,7 +45,6 @@ class Progress:
         if config.flight.start == "floor":  # what is held in the air has an error to begin with, and nobody beneath it
             self._guards = Guards(guards, fence, config.vehicle, period_s)
         self._escalation = Escalation(guards.lasting_s)
-        self._jumped = 0
         self.tick: Tick | None = None
         """The newest command of the controller that left."""
         self.fault = ""
@@ -118,8 +116,6 @@ class Progress:
         if spool is not None and self._lifted:
             self._spool = spool = None
             self._say("off the floor: climbing")
-            jump = self._config.guards
-            self._pilot.guard(jump.jump_m, math.radians(jump.jump_deg))
             self._follow(self._course.leg(Event.ARMED, State.TAKEOFF, *self._motion(now_s)))
         if spool is None:
             self._ensure_pose(now_s)
@@ -139,10 +135,6 @@ class Progress:
         guards = self._guards
         if guards is not None:
             self._answer(guards.see(tick, self.state, self._pilot.diverged_m), tick.time_s)
-            if self._pilot.jumped != self._jumped:
-                if self._jumped == 0:
-                    self._say("warning: a pose jumps farther than the vehicle can, and is not believed")
-                self._jumped = self._pilot.jumped
         move = self._course.over(self.state, tick)
         if move is not None:
             self.go(move.event, move.reason, tick.time_s, fault=move.fault)

@@ -61,11 +61,6 @@ class RecordedPilot(Pilot):
         self._switched("lift", time_s)
         return super().lift(time_s)
 
-    def guard(self, jump_m: float, jump_rad: float) -> None:
-        """Believe no more jumps."""
-        self._switched("guard", jump_m, jump_rad)
-        super().guard(jump_m, jump_rad)
-
     def descend(self, sink_m_s: float, *, blind: bool = False, rest_s: float = 0.0) -> None:
         """Level out and sink."""
         self._switched("descend", sink_m_s, float(blind), rest_s)

@@ -79,6 +79,8 @@ class Config(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=Tr
         Raises:
             ValueError: the controller would count on more thrust than the full signal gives.
         """
+        if self.flight.coast_s + self.guards.level_s > 1.0:
+            raise ValueError("guards.level_s: with flight.coast_s at most 1 s: no pose vouches for more")
         full, most = self.full_thrust_n, self.vehicle.thrust_max_n
         if full < (1.0 - HOVER_TOLERANCE) * most:
             raise ValueError(

@@ -14,6 +14,7 @@ from groundstation.clock import sleep_until
 from groundstation.flight import Flight, Outcome
 from groundstation.mission import State
 from groundstation.ops import Vec3
+from groundstation.recorded import Give
 from groundstation.settings import Config
 from sim.referee import STEADY_S
 from sim.stage import Stage
@@ -92,14 +93,16 @@ def fly_mission(
     autopilot: str = "px4",
     on_event: Callable[[str], None] | None = None,
     script: Script | None = None,
+    give: Give | None = None,
 ) -> Mission:
     """Fly ``config``, which says how long the figure is flown, in ``world``, from its floor; see :func:`from_floor`.
 
-    ``script(flight, stage)`` runs beside it, to ask for what an operator would, or to break something.
+    ``script(flight, stage)`` runs beside it, to ask for what an operator would, or to break something; ``give`` takes
+    what is to be recorded.
     """
     start = time.perf_counter()
     with asyncio.Runner(loop_factory=VirtualTimeLoop) as runner:
-        values = runner.run(_fly(world, config, seed, autopilot, on_event, script))
+        values = runner.run(_fly(world, config, seed, autopilot, on_event, script, give))
     return Mission(**values, wall_s=time.perf_counter() - start)
 
 
@@ -110,6 +113,7 @@ async def _fly(
     autopilot: str,
     on_event: Callable[[str], None] | None,
     script: Script | None,
+    give: Give | None,
 ) -> dict[str, Any]:
     loop = asyncio.get_running_loop()
     truth, states = _Truth(), list[Entered]()
@@ -128,7 +132,7 @@ async def _fly(
         states.append(Entered(state, round(loop.time(), 6), reason))
 
     stage = Stage(world, config, seed, step, autopilot=autopilot)
-    flight = make_flight(config, confirm=confirm, on_event=on_event, on_state=entered, wires=stage.wires)
+    flight = make_flight(config, confirm=confirm, on_event=on_event, on_state=entered, wires=stage.wires, give=give)
     turning, flying = asyncio.ensure_future(stage.run()), asyncio.ensure_future(flight.run())
     beside = asyncio.ensure_future(script(flight, stage)) if script is not None else None
     limit = LIMIT_S + (config.flight.duration_s or 0.0)

@@ -26,7 +26,6 @@ from groundstation.control.observer import (
 from groundstation.control.port import Estimate
 from groundstation.ops import FLOATS, Vec3
 from groundstation.poses.port import Pose
-from groundstation.so3 import conjugate, multiply, rotation_vector, turned
 from groundstation.vehicle import Vehicle
 
 ZERO: Vec3 = (0.0, 0.0, 0.0)
@@ -94,20 +93,6 @@ class ModelEstimator:
         while drives and drives[-1][0] >= time_s:
             drives.pop()
         drives.append((time_s, drive))
-
-    def jump(self, pose: Pose) -> tuple[float, float]:
-        """How far [m] and by what angle [rad] ``pose`` is from the last, beyond what speed and rates explain.
-
-        Zero where there is none before it, and where the source says that it has moved its origin.
-        """
-        motion, dt = self._motion, pose.time_s - self._stamp
-        if motion is None or pose.reset_count != self._reset_count or dt <= 0.0:
-            return 0.0, 0.0
-        (x, y, z), (u, v, w), (a, b, c) = motion.position, motion.velocity, motion.rates
-        far = math.dist(pose.position_ned, (x + dt * u, y + dt * v, z + dt * w))
-        turn = rotation_vector(multiply(conjugate(turned(motion.attitude, (dt * a, dt * b, dt * c))), pose.attitude))
-        # What an acceleration of half of gravity, and changes of the rates, may have done meanwhile.
-        return max(far - 0.25 * self._gravity * dt * dt, 0.0), max(math.hypot(*turn) - 3.0 * dt, 0.0)
 
     def release(self) -> None:
         """The vehicle begins to fly: forget the disturbance that its stand, or a hand, seemed to be."""

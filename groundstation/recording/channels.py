@@ -219,7 +219,7 @@ class Follow(msgspec.Struct, frozen=True, gc=False):
 
 
 class Switch(msgspec.Struct, frozen=True, gc=False):
-    """The pilot flies otherwise from here on: on the floor, off it, guarded, descending."""
+    """The pilot flies otherwise from here on: on the floor, off it, descending."""
 
     time_s: float
     what: str

@@ -228,8 +228,6 @@ class _Again:
                 pilot.stand()
             case "lift", 1:
                 pilot.lift(values[0])
-            case "guard", 2:
-                pilot.guard(values[0], values[1])
             case "descend", 3:
                 pilot.descend(values[0], blind=bool(values[1]), rest_s=values[2])
 

@@ -60,7 +60,7 @@ def seeing(wrong: Wrong, for_s: float) -> Script:
 
 def elsewhere(seen: Truth) -> Truth:
     x, y, z = seen.position_ned
-    return msgspec.structs.replace(seen, position_ned=(x + 1.5, y, z))
+    return msgspec.structs.replace(seen, position_ned=(x + 1.0, y, z))
 
 
 def turned(seen: Truth) -> Truth:

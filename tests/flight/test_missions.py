@@ -2,14 +2,17 @@
 
 import asyncio
 import math
+from pathlib import Path
 
 import pytest
 
 from groundstation.flight import Flight
 from groundstation.mission import IN_AIR, State
+from groundstation.replay import replayed
 from groundstation.requests import Ask, Request
 from sim.commands import prepare
 from sim.mission import Mission, Script, fly_mission, from_floor
+from sim.run_folder import RECORDING, RunFolder
 from sim.scenarios import SCENARIOS
 from sim.stage import Stage
 
@@ -221,3 +224,16 @@ def test_holding_in_flight_waits_until_it_is_told_to_go_on() -> None:
         "disarming",
         "landed",
     ]
+
+
+@pytest.mark.parametrize("ask", [Ask.LAND, Ask.DESCEND])
+def test_a_mission_from_the_floor_is_flown_again_from_its_recording_to_the_last_bit(tmp_path: Path, ask: Ask) -> None:
+    world, config = prepare(SCENARIOS["adverse"], list(SHORT))
+    world, config = from_floor(world, config, 5.0)
+    run = RunFolder(tmp_path, config, world, scenario="adverse", seed=0)
+    flown = fly_mission(world, config, seed=0, script=in_state(State.TRACKING, ask, 1.0), give=run.give)
+    run.close({"completed": flown.landed, "why": flown.why})
+    facts = replayed(tmp_path / RECORDING)
+    assert facts["first_difference"] is None
+    assert facts["commands"] > 300
+    assert facts["idle_commands"] > 100

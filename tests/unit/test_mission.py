@@ -64,7 +64,7 @@ def test_in_the_air_a_descent_follows_at_once_from_every_state(state: State) -> 
     assert TABLE[state, Event.DESCEND] is State.DESCENT
 
 
-@pytest.mark.parametrize("state", FINAL)
+@pytest.mark.parametrize("state", sorted(FINAL))
 def test_what_has_ended_can_only_be_killed(state: State) -> None:
     assert reached(state) <= {state, State.KILLED}
 
