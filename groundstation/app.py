@@ -10,12 +10,14 @@ from groundstation.flight import Flight, Outcome
 from groundstation.mission import State
 from groundstation.pilot import Tick
 from groundstation.poses import make_source
+from groundstation.poses.forward import Forwarding
 from groundstation.poses.gated import Gated
 from groundstation.poses.port import Overheard, Pose, PoseEvent, PoseSource
 from groundstation.recorded import Give, RecordedFlight, about
 from groundstation.settings import Config
 from groundstation.snapshot import Snapshot
 from links import make_link
+from links.mavlink import MavlinkLink, MavlinkLinkConfig
 from links.port import CommandLink
 
 
@@ -58,6 +60,8 @@ def make_flight(
         flight.pose_event(event)
 
     source = Gated(source, config.gate, lost_s=config.flight.coast_s, tell=tell)
+    if isinstance(link, MavlinkLink) and isinstance(config.link, MavlinkLinkConfig) and config.link.forward.enabled:
+        source = Forwarding(source, link, config.link.forward)
     told: dict[str, Any] = {"confirm": confirm, "on_tick": on_tick, "on_event": on_event, "on_state": on_state}
     flight = (
         Flight(config, link, source, **told)

@@ -11,6 +11,7 @@ from groundstation.guards import GuardsConfig
 from groundstation.limits import LimitsConfig
 from groundstation.poses import PoseConfig
 from groundstation.poses.gate import GateConfig
+from groundstation.poses.mavlink import MavlinkPoseConfig
 from groundstation.poses.vicon import ViconConfig
 from groundstation.takeoff import TakeoffConfig
 from groundstation.telemetry.flights import RecordingConfig
@@ -81,6 +82,12 @@ class Config(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=Tr
         """
         if self.flight.coast_s + self.guards.level_s > 1.0:
             raise ValueError("guards.level_s: with flight.coast_s at most 1 s: no pose vouches for more")
+        if (
+            isinstance(self.pose, MavlinkPoseConfig)
+            and isinstance(self.link, MavlinkLinkConfig)
+            and self.link.forward.enabled
+        ):
+            raise ValueError("link.forward.enabled: the poses are the autopilot's own, it must not be told them as new")
         full, most = self.full_thrust_n, self.vehicle.thrust_max_n
         if full < (1.0 - HOVER_TOLERANCE) * most:
             raise ValueError(

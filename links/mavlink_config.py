@@ -10,6 +10,27 @@ DEFAULT_LISTEN = "127.0.0.1:14540"
 """Where PX4 sends what it has for an offboard computer."""
 
 
+ODOMETRY_BYTES = 258
+"""Longest frame that forwarding sends."""
+FORWARD_SHARE = 0.3
+"""So much of a serial port's room may forwarding take: the rest is for commands and what the autopilot sends."""
+
+
+class ForwardConfig(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
+    """Our poses to the autopilot's own estimator, as ODOMETRY (links/odometry_codec.py)."""
+
+    enabled: bool = False
+    """Whether to send them; docs/how-to/forward-poses.md says what the autopilot must be told."""
+    rate_hz: Annotated[float, msgspec.Meta(gt=0.0, le=200.0)] = 40.0
+    """At most so many a second [1/s]; autopilots want 30 to 50."""
+    noise_m: Annotated[float, msgspec.Meta(gt=0.0, le=10.0)] = 0.005
+    """1σ of the position per axis that the autopilot is told [m]."""
+    noise_deg: Annotated[float, msgspec.Meta(gt=0.0, le=90.0)] = 0.5
+    """1σ of the attitude per axis that the autopilot is told [deg]."""
+    oldest_s: Annotated[float, msgspec.Meta(gt=0.0, le=1.0)] = 0.1
+    """A pose that is older as it would leave does not [s]."""
+
+
 class MavlinkLinkConfig(
     msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True, tag_field="kind", tag="mavlink"
 ):
@@ -55,6 +76,7 @@ class MavlinkLinkConfig(
     signing_key_file: str | None = None
     """File with the 32 bytes of a MAVLink 2 signing key (raw, hex or base64), mode 0600. With it we sign what we send
     and believe nothing that is not signed."""
+    forward: ForwardConfig = ForwardConfig()
     quiet: bool = True
     """Stop the autopilot's default telemetry that nobody here reads; false where others share this connection."""
 
@@ -72,6 +94,12 @@ class MavlinkLinkConfig(
             raise ValueError(
                 "bring_down = 'land' needs a position estimate on board, and ardupilot_mode = 'GUIDED_NOGPS' says that "
                 "there is none: leave out one of them"
+            )
+        needed = ODOMETRY_BYTES * self.forward.rate_hz
+        if self.serial is not None and self.forward.enabled and needed > FORWARD_SHARE * self.baud / 10.0:
+            raise ValueError(
+                f"forward.rate_hz: {self.forward.rate_hz:g} poses a second are {needed:.0f} bytes a second, too much "
+                f"beside commands at baud = {self.baud}: lower the rate, or use a faster port"
             )
         if self.serial is None:
             parse_address(self.address)

@@ -22,6 +22,7 @@ from links.mavlink_codec import (
     Message,
 )
 from sim.airframe import Airframe
+from sim.autopilot_external import ExternalPoses
 from sim.autopilot_parameters import Parameters
 from sim.autopilot_pilot import Pilot
 from sim.autopilot_streams import SAME_INSTANT_S, Streams, builders
@@ -95,6 +96,8 @@ class SimulatedAutopilot(ABC):
         self.armed = False
         self.failsafe = False
         """True while it says that it acts because set-points stopped."""
+        self.external = ExternalPoses(self.kind)
+        """The poses that it is sent."""
         self._airframe = airframe
         self._lose = lose
         self._streams = Streams({}, 0.0)
@@ -184,6 +187,8 @@ class SimulatedAutopilot(ABC):
         if name == "TIMESYNC":
             asked = message.tc1 == 0
             return [self.codec.timesync_reply(message, now_s - self._boot_s)] if asked else []
+        if name == "ODOMETRY":
+            self.external.take(message, now_s)
         if not self._is_for_us(message):
             return []
         match name:

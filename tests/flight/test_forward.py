@@ -1,0 +1,186 @@
+"""Poses forwarded to the simulated autopilots' estimators: right, rate-limited, and only while there are good ones."""
+
+import asyncio
+import math
+from collections.abc import Awaitable, Callable
+from typing import Any
+
+import msgspec
+import pytest
+
+from groundstation import so3
+from groundstation.app import make_flight
+from groundstation.config import ConfigError, from_dict
+from groundstation.ops import Vec3
+from groundstation.poses.forward import Forward
+from groundstation.poses.port import Pose
+from groundstation.settings import Config
+from links.mavlink_codec import ARDUPILOT, PX4, MavlinkCodec
+from links.mavlink_config import ForwardConfig
+from links.odometry_codec import Odometry, odometry
+from sim.autopilot_external import ExternalPoses, Fused
+from sim.commands import prepare
+from sim.scenarios import SCENARIOS
+from sim.stage import Stage
+from tests.loops import in_virtual_time
+
+ON = "link.forward.enabled=true"
+
+
+def ready(
+    *overrides: str, autopilot: str = "px4", source: str = "vicon", meanwhile: Callable[[Stage], Awaitable[None]]
+) -> tuple[ExternalPoses, Stage]:
+    """A flight that waits to be armed while something happens; what the autopilot has made of it."""
+    world, config = prepare(SCENARIOS["quad1kg"], list(overrides), source=source)
+
+    async def main() -> Stage:
+        stage = Stage(world, config, seed=1, autopilot=autopilot)
+
+        async def never() -> bool:
+            await asyncio.Event().wait()
+            return False
+
+        flight = make_flight(config, confirm=never, wires=stage.wires)
+        tasks = [asyncio.create_task(stage.run()), asyncio.create_task(flight.run())]
+        try:
+            await meanwhile(stage)
+        finally:
+            for task in tasks:
+                task.cancel()
+            await asyncio.gather(*tasks, return_exceptions=True)
+        return stage
+
+    stage = in_virtual_time(main())
+    return stage.autopilot.external, stage
+
+
+async def three_seconds(_: Stage) -> None:
+    await asyncio.sleep(3.0)
+
+
+@pytest.mark.parametrize("autopilot", ["px4", "ardupilot"])
+@pytest.mark.parametrize("source", ["vicon", "natnet", "json"])
+def test_each_autopilot_fuses_what_the_cameras_see(autopilot: str, source: str) -> None:
+    external, stage = ready(ON, autopilot=autopilot, source=source, meanwhile=three_seconds)
+    assert not external.left
+    last = external.fused[-60:]
+    rate = (len(last) - 1) / (last[-1].arrival_s - last[0].arrival_s)
+    assert rate == pytest.approx(40.0, rel=0.02)
+    for fused in last:
+        assert fused.position == pytest.approx(stage.world.start_ned, abs=0.005)
+        assert fused.attitude == pytest.approx((1.0, 0.0, 0.0, 0.0), abs=0.02)
+        assert fused.arrival_s - fused.stamp_s == pytest.approx(0.01, abs=0.002), "on the clock that answers TIMESYNC"
+        assert fused.variance == pytest.approx((0.005**2, math.radians(0.5) ** 2), rel=1e-5)
+        if autopilot == "px4":
+            assert fused.velocity_body is None, "differences of positions tell its filter nothing new"
+        else:
+            assert fused.velocity_body is not None, "it would take NaN for a velocity"
+            assert fused.velocity_body == pytest.approx((0.0, 0.0, 0.0), abs=0.06)
+    assert len({fused.resets for fused in external.fused}) == 1
+
+
+def test_nothing_is_forwarded_unless_told_to() -> None:
+    external, _ = ready(meanwhile=three_seconds)
+    assert not external.fused
+    assert not external.left
+
+
+def test_forwarding_stops_when_poses_stop_and_goes_on_when_they_are_back() -> None:
+    stopped: list[int] = []
+
+    async def covered(stage: Stage) -> None:
+        await asyncio.sleep(2.0)
+        assert stage.mocap is not None
+        stage.mocap.cover(True)
+        await asyncio.sleep(0.05)
+        stopped.append(len(stage.autopilot.external.fused))
+        await asyncio.sleep(2.0)
+        stopped.append(len(stage.autopilot.external.fused))
+        stage.mocap.cover(False)
+        await asyncio.sleep(1.0)
+
+    external, _ = ready(ON, meanwhile=covered)
+    assert stopped[0] == stopped[1] > 20
+    assert len(external.fused) > stopped[1] + 30
+
+
+def test_a_pose_that_the_gate_drops_does_not_reach_the_autopilot() -> None:
+    mishaps = ("sim.swap_s=0.2", "sim.mishap_period_s=1", "sim.other_bodies=1")
+    external, stage = ready(ON, *mishaps, source="json", meanwhile=three_seconds)
+    assert len(external.fused) > 60
+    assert all(math.dist(fused.position, stage.world.start_ned) < 0.01 for fused in external.fused)
+
+
+def test_in_flight_the_autopilot_is_told_the_velocity_along_its_own_axes() -> None:
+    forward = Forward(ForwardConfig(rate_hz=200.0))
+    east = so3.from_euler_zyx(0.0, 0.0, math.pi / 2.0)
+    told = [forward.take(pose(n, attitude=east), 0.01 * n + 0.01) for n in range(30)]
+    assert told[:2] == [None, None], "no velocity yet"
+    last = told[-1]
+    assert last is not None
+    assert last.velocity == pytest.approx((0.0, -2.0, 0.0), abs=1e-9)  # it flies north, which is to its left
+    assert last.noise_m_s == pytest.approx(math.sqrt(2.0) * 0.005 / 0.05, rel=0.01)
+    measured = forward.take(pose(30, velocity_ned=(1.0, 0.0, 0.0)), 0.31)
+    assert measured is not None
+    assert measured.measured_velocity
+
+
+def pose(n: int, place: Vec3 | None = None, **more: Any) -> Pose:
+    where = (0.02 * n, 0.0, -1.0) if place is None else place
+    return Pose(n, 0.01 * n, 0.01 * n + 0.01, where, **{"attitude": so3.IDENTITY, **more})
+
+
+@pytest.mark.parametrize("rate_hz", [10.0, 40.0, 50.0, 100.0])
+def test_the_rate_is_never_exceeded_and_reached_where_poses_allow(rate_hz: float) -> None:
+    forward = Forward(ForwardConfig(rate_hz=rate_hz))
+    times = [n * 0.01 for n in range(500) if forward.take(pose(n), 0.01 * n + 0.01) is not None]
+    assert (len(times) - 1) / (times[-1] - times[0]) == pytest.approx(min(rate_hz, 100.0), rel=0.03)
+
+
+def test_a_moved_origin_counts_as_a_reset_and_no_velocity_is_made_across_it() -> None:
+    forward = Forward(ForwardConfig(rate_hz=200.0))
+    poses = [pose(n, (0.0, 0.0, -1.0)) for n in range(20)]
+    poses += [pose(n, (5.0, 0.0, -1.0), reset_count=1 << 40) for n in range(20, 40)]
+    told = [t for t in (forward.take(p, p.arrival_s) for p in poses) if t is not None]
+    assert sorted({t.resets for t in told}) == [0, 1]
+    assert all(math.hypot(*t.velocity) < 1e-9 for t in told)
+    assert [t.resets for t in told if t.position[0] == 5.0] == [1] * sum(t.position[0] == 5.0 for t in told)
+
+
+def test_a_pose_that_is_too_old_is_not_forwarded() -> None:
+    forward = Forward(ForwardConfig(oldest_s=0.05))
+    assert [forward.take(pose(n), 0.01 * n + 0.06) for n in range(30)] == [None] * 30
+
+
+def test_the_bytes_hold_what_each_autopilot_wants() -> None:
+    told = Odometry(12.5, (1.0, 2.0, -3.0), so3.IDENTITY, (0.1, 0.2, 0.3), False, 300, 0.01, 0.02, 0.5)
+    codec = MavlinkCodec(245, 190)
+    for kind, speed in ((PX4, None), (ARDUPILOT, (0.1, 0.2, 0.3))):
+        frame = odometry(codec, kind, told)
+        (message,) = MavlinkCodec(1, 1).feed_datagram(frame)
+        assert (message.frame_id, message.child_frame_id, message.estimator_type) == (20, 12, 2)
+        assert message.time_usec == 12_500_000
+        assert message.reset_counter == 300 & 0xFF
+        assert message.quality == 100
+        assert all(map(math.isnan, (message.rollspeed, message.pitchspeed, message.yawspeed)))
+        diagonal = [message.pose_covariance[n] for n in (0, 6, 11, 15, 18, 20)]
+        assert diagonal == pytest.approx([1e-4] * 3 + [4e-4] * 3)
+        assert sum(map(abs, message.pose_covariance)) == pytest.approx(sum(diagonal))
+        external = ExternalPoses(kind)
+        external.take(message, 0.0)
+        (fused,) = external.fused
+        assert isinstance(fused, Fused)
+        assert fused.velocity_body == (None if speed is None else pytest.approx(speed))
+        assert len(frame) <= 258
+
+
+def test_the_autopilots_own_poses_are_not_told_it_as_new() -> None:
+    with pytest.raises(ConfigError, match="own"):
+        from_dict({"pose": {"kind": "mavlink"}}, Config, [ON])
+
+
+def test_a_serial_port_keeps_room_for_commands() -> None:
+    with pytest.raises(ConfigError, match="too much beside commands at baud = 57600"):
+        from_dict({"link": {"serial": "/dev/ttyX", "baud": 57600}}, Config, [ON])
+    config = from_dict({"link": {"serial": "/dev/ttyX"}}, Config, [ON])
+    assert msgspec.structs.asdict(config.link)["forward"].enabled
