@@ -76,6 +76,11 @@ def _parser() -> argparse.ArgumentParser:
     check.add_argument("--watch", action="store_true", help="show the pose source live; opens no command link")
     check.add_argument("--seconds", type=_seconds, metavar="S", help="for how long (with --watch)")
 
+    carry = commands.add_parser("carry", help="find the tracker's axes and latency by carrying the vehicle, props off")
+    _config_arguments(carry)
+    carry.add_argument("--json", action="store_true", help="print one JSON object; what to do goes to stderr")
+    carry.add_argument("--dry-run", action="store_true", help="write nothing into the configuration")
+
     trajectory = commands.add_parser("trajectory", help="what the trajectory asks of the vehicle: PASS or FAIL")
     _config_arguments(trajectory, optional=True)
     trajectory.add_argument("--json", action="store_true", help="print one JSON object instead of the table")

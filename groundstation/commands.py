@@ -118,6 +118,14 @@ def config(args: argparse.Namespace) -> int:
     return 0
 
 
+def carry(args: argparse.Namespace) -> int:
+    """Have the vehicle carried along shown moves, and find its tracker's axes."""
+    from groundstation.carry.command import carry
+
+    config = load(args.config, Config, args.overrides)
+    return carry(config, args.config, args.overrides, as_json=args.json, keep=args.dry_run)
+
+
 def trajectory(args: argparse.Namespace) -> int:
     """Say what the trajectory asks of the vehicle, and whether it may fly."""
     import json

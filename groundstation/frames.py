@@ -89,7 +89,7 @@ class Frames:
         self._after = so3.conjugate(so3.multiply(turned, _quaternion(body)))
         images = [self._turned((float(i == 0), float(i == 1), float(i == 2), float(i == 3))) for i in range(4)]
         self._attitude = tuple(image[row] for row in range(4) for image in images)
-        self._columns = tuple(so3.to_world(lab, axis) for axis in _axes(world))
+        self._columns = tuple(so3.to_world(lab, axis) for axis in axes(world))
         self._origin = more.lab_origin_m
         self._centre = more.centre_of_mass_m if any(more.centre_of_mass_m) else None
 
@@ -131,7 +131,7 @@ def frames_of(axes: Axes) -> Frames:
     return Frames(axes.world, axes.body, axes.alignment)
 
 
-def _axes(name: str) -> tuple[Vec3, Vec3, Vec3]:
+def axes(name: str) -> tuple[Vec3, Vec3, Vec3]:
     """Where the named x, y and z point, in NED or FRD."""
     x, y, z = (_POINTING[letter] for letter in name)
     return x, y, z
@@ -139,7 +139,7 @@ def _axes(name: str) -> tuple[Vec3, Vec3, Vec3]:
 
 def _quaternion(name: str) -> Quat:
     """The turn that takes the axes of NED, or FRD, onto the named ones."""
-    (a, b, c), (d, e, f), (g, h, i) = _axes(name)
+    (a, b, c), (d, e, f), (g, h, i) = axes(name)
     return so3.from_matrix(((a, d, g), (b, e, h), (c, f, i)))
 
 

@@ -26,9 +26,10 @@ def told(scenario: str, *overrides: str, source: str = "vicon", duration_s: floa
 def test_no_pose_of_any_scenario_is_dropped_or_changed(scenario: str) -> None:
     world, config = prepare(SCENARIOS[scenario], [])
     poses: list[Pose] = []
-    assert fly(world, config, seed=1, duration_s=15.0, on_pose=poses.append).completed
+    duration_s = 12.0 if world.pose_rate_hz < 200.0 else 4.0
+    assert fly(world, config, seed=1, duration_s=duration_s, on_pose=poses.append).completed
     gate = Gate(config.gate)
-    assert len(poses) > 700
+    assert len(poses) > 500
     assert all(gate.take(pose) == (pose, None) for pose in poses)
 
 

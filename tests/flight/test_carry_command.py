@@ -1,0 +1,234 @@
+"""``groundstation carry`` towards a simulated tracker and autopilot, in virtual time and through their real bytes."""
+
+import asyncio
+import contextlib
+import json
+import tomllib
+from collections.abc import Coroutine, Iterator
+from pathlib import Path
+from typing import Any
+
+import msgspec
+import pytest
+
+from groundstation import so3
+from groundstation.carry import command
+from groundstation.carry.write import written
+from groundstation.clock import sleep_until
+from groundstation.config import ConfigError, load
+from groundstation.frames import Alignment, Frames
+from groundstation.settings import Config
+from links.address import parse_address
+from links.mavlink_codec import MavlinkCodec
+from sim.airframe import Truth
+from sim.autopilot_peer import AutopilotPeer
+from sim.autopilots import AUTOPILOTS
+from sim.trackers import Seen, make_tracker
+from sim.virtual_time import VirtualTimeLoop
+from tests.airframe_double import Brick
+from tests.carried import hand
+from tests.loops import in_virtual_time
+
+LATENCY_S = 0.035
+LAB = """\
+# our lab
+[vehicle]
+name = "mqx"
+
+[pose]  # the cameras
+kind = "KIND"
+latency_s = 0.02   # a guess
+
+[pose.alignment]
+centre_of_mass_m = [0.0, 0.0, 0.06]
+
+[link]
+listen = "127.0.0.1:14540"
+"""
+
+
+class Hand(Brick):
+    """Carried along the moves, whatever it is told."""
+
+    def __init__(self, seed: int) -> None:
+        super().__init__(1.0, held=True)
+        self._at = hand(seed)
+
+    def truth(self, time_s: float) -> Truth:
+        place, attitude = self._at(max(time_s - 1.0, 0.0))
+        return msgspec.structs.replace(super().truth(time_s), position_ned=place, attitude=attitude)
+
+
+class Room:
+    """A tracker with axes of its own and an autopilot; both follow one hand."""
+
+    def __init__(self, config: Config, autopilot: str = "px4", *, armed_at_s: float | None = None) -> None:
+        self.config = config
+        self.hand = Hand(2)
+        self.autopilot = AUTOPILOTS[autopilot](self.hand)
+        self.armed_at_s = armed_at_s
+        self.sent: set[str] = set()
+        self._reader = MavlinkCodec(255, 1)
+
+    def run(self, work: Coroutine[Any, Any, Any]) -> Any:
+        """``asyncio.run`` in this room."""
+
+        async def main() -> Any:
+            loop = asyncio.get_running_loop()
+            assert isinstance(loop, VirtualTimeLoop)
+            loop.tap = self._tap
+            peer = AutopilotPeer(self.autopilot, parse_address("127.0.0.1:14540"))
+            tasks = [asyncio.create_task(peer.run()), asyncio.create_task(self._track())]
+            try:
+                return await work
+            finally:
+                for task in tasks:
+                    task.cancel()
+                await asyncio.gather(*tasks, return_exceptions=True)
+
+        return in_virtual_time(main())
+
+    def _tap(self, _time_s: float, source: tuple[str, int], _target: tuple[str, int], data: bytes) -> None:
+        if source[1] == 14540:
+            self.sent |= {message.get_type() for message in self._reader.feed_datagram(data)}
+
+    async def _track(self) -> None:
+        loop = asyncio.get_running_loop()
+        made = make_tracker(self.config.pose)
+        assert made is not None
+        name, tracker = made
+        await tracker.open()
+        for frame in range(100_000):
+            when = frame / 50.0
+            await sleep_until(when)
+            if self.armed_at_s is not None and when > self.armed_at_s:
+                self.autopilot.armed = True
+            truth = self.hand.truth(when)
+            jitter = 2e-4 * ((frame * 7919) % 13 - 6)  # so that a held vehicle does not look frozen
+            attitude = so3.turned(truth.attitude, (jitter, 0.0, 0.0))
+            seen = Seen(name, truth.position_ned, attitude, True)
+            loop.call_at(when + LATENCY_S, tracker.send, frame, when, [seen])
+
+
+@contextlib.contextmanager
+def room(lab: Path, monkeypatch: pytest.MonkeyPatch, autopilot: str = "px4", **more: Any) -> Iterator[Room]:
+    told = load(lab, Config)
+    pose: Any = told.pose
+    alignment = msgspec.structs.replace(
+        pose.alignment, lab_rotation_deg=(0.0, 0.0, 40.0), body_rotation_deg=(0.0, 0.0, 15.0)
+    )
+    true = msgspec.structs.replace(pose, world="eus", body="rub", alignment=alignment)
+    made = Room(msgspec.structs.replace(told, pose=true), autopilot, **more)
+    monkeypatch.setattr(asyncio, "run", made.run)
+    yield made
+
+
+@pytest.mark.parametrize(("kind", "autopilot"), [("vicon", "px4"), ("json", "ardupilot"), ("qualisys", "px4")])
+def test_the_axes_and_the_latency_are_found_and_written(
+    kind: str, autopilot: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    lab = tmp_path / "lab.toml"
+    lab.write_text(LAB.replace("KIND", kind))
+    with room(lab, monkeypatch, autopilot) as there:
+        assert command.carry(load(lab, Config), lab, [], as_json=True, keep=False) == 0
+    out, errors = capsys.readouterr()
+    facts = json.loads(out)
+    assert facts["ok"] is True
+    assert facts["synchronised"] is True
+    assert (facts["found"]["world"], facts["found"]["body"]) == ("eus", "rub")
+    pose: Any = load(lab, Config).pose
+    assert (pose.world, pose.body) == ("eus", "rub")
+    assert pose.alignment.lab_rotation_deg == pytest.approx((0.0, 0.0, 40.0), abs=1.0)
+    assert pose.alignment.body_rotation_deg == pytest.approx((0.0, 0.0, 15.0), abs=1.0)
+    assert pose.alignment.centre_of_mass_m == (0.0, 0.0, 0.06), "what was not measured stays"
+    assert pose.latency_s == pytest.approx(LATENCY_S, abs=0.005)
+    assert "# our lab" in lab.read_text()
+    assert (tmp_path / "lab.toml.before-carry").read_text() == LAB.replace("KIND", kind)
+    assert sorted(tmp_path.iterdir()) == [lab, tmp_path / "lab.toml.before-carry"]
+    assert errors.startswith("Propellers off")
+    assert [line[:6] for line in errors.splitlines()[1:10]] == [f"{n} of 9" for n in range(1, 10)]
+    assert there.sent <= {"HEARTBEAT", "TIMESYNC", "COMMAND_LONG"}
+
+
+def test_a_dry_run_writes_nothing(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    lab = tmp_path / "lab.toml"
+    lab.write_text(LAB.replace("KIND", "vicon"))
+    with room(lab, monkeypatch):
+        assert command.carry(load(lab, Config), lab, ["vehicle.name=x"], as_json=False, keep=True) == 0
+    assert lab.read_text() == LAB.replace("KIND", "vicon")
+    assert [*tmp_path.iterdir()] == [lab]
+    out = capsys.readouterr().out
+    assert "pose.world = 'eus'" in out
+    assert "40" in out
+
+
+@pytest.mark.parametrize("armed_at_s", [-1.0, 12.0])
+def test_an_armed_vehicle_is_refused_at_once_and_on_the_way(
+    armed_at_s: float, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    lab = tmp_path / "lab.toml"
+    lab.write_text(LAB.replace("KIND", "vicon"))
+    with room(lab, monkeypatch, armed_at_s=armed_at_s) as there:
+        assert command.carry(load(lab, Config), lab, [], as_json=True, keep=False) == 1
+    out, errors = capsys.readouterr()
+    assert "ARMED" in json.loads(out)["why"]
+    assert "9 of 9" not in errors
+    assert lab.read_text() == LAB.replace("KIND", "vicon")
+    assert "SET_ATTITUDE_TARGET" not in there.sent
+
+
+def test_poses_of_the_autopilot_itself_and_recordings_have_no_axes_to_find(tmp_path: Path) -> None:
+    for pose in ({"kind": "mavlink"}, {"kind": "csv", "path": "x"}):
+        config = msgspec.convert({"pose": pose}, Config)
+        with pytest.raises(ConfigError, match=r"pose\.kind"):
+            command.carry(config, tmp_path / "lab.toml", [], as_json=True, keep=True)
+
+
+def test_overrides_can_not_be_written(tmp_path: Path) -> None:
+    with pytest.raises(ConfigError, match="dry-run"):
+        command.carry(Config(), tmp_path / "lab.toml", ["vehicle.name=x"], as_json=True, keep=False)
+
+
+@pytest.mark.parametrize(
+    ("before", "after"),
+    [
+        ("", '[pose]\nworld = "nwu"\n'),
+        (
+            '[pose] # x\nworld = "ned" # y\nkind = "json"\n[link]\n',
+            '[pose] # x\nworld = "nwu"\nkind = "json"\n[link]\n',
+        ),
+        ('[pose]\nkind = "json"\n\n[link]\nq = 1', '[pose]\nkind = "json"\nworld = "nwu"\n\n[link]\nq = 1\n'),
+        ("[link]\nworld = 1\n", '[link]\nworld = 1\n\n[pose]\nworld = "nwu"\n'),
+        ("[ pose ]\n", '[ pose ]\nworld = "nwu"\n'),
+        ("[pose.alignment]\n", '[pose.alignment]\n\n[pose]\nworld = "nwu"\n'),
+    ],
+)
+def test_a_key_is_set_and_the_rest_stays(before: str, after: str) -> None:
+    assert written(before, "pose", {"world": "nwu"}) == after
+    assert tomllib.loads(after)["pose"]["world"] == "nwu"
+
+
+def test_numbers_and_lists_are_written_on_one_line() -> None:
+    text = written("", "a", {"x": 0.035, "y": (0.0, -1.5, 20.0)})
+    assert tomllib.loads(text) == {"a": {"x": 0.035, "y": [0.0, -1.5, 20.0]}}
+    assert len(text.splitlines()) == 3
+
+
+def test_a_file_that_can_not_be_changed_safely_is_left_and_the_lines_are_shown(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    lab = tmp_path / "lab.toml"
+    text = 'pose = { kind = "vicon", latency_s = 0.02 }\n'
+    lab.write_text(text)
+    with room(lab, monkeypatch), pytest.raises(ConfigError, match=r'put this into it: .*world = "eus"'):
+        command.carry(load(lab, Config), lab, [], as_json=False, keep=False)
+    assert lab.read_text() == text
+    assert [*tmp_path.iterdir()] == [lab]
+
+
+def test_frames_and_alignment_of_the_room_are_what_the_tests_think() -> None:
+    lab = Frames("eus", "rub", Alignment(lab_rotation_deg=(0.0, 0.0, 40.0)))
+    place, _ = lab.theirs((0.0, 0.0, -1.0), so3.IDENTITY)
+    assert place == pytest.approx((0.0, 1.0, 0.0)), "its y is up"

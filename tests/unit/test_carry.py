@@ -1,0 +1,149 @@
+"""What a carried vehicle tells of its tracker: every mapping of axes is found, every mirrored one refused."""
+
+import itertools
+import math
+from typing import get_args
+
+import msgspec
+import numpy as np
+import pytest
+
+from groundstation import so3
+from groundstation.carry.moves import MOVES
+from groundstation.carry.solve import Contradiction, Found, solve
+from groundstation.frames import Alignment, Body, Frames, World
+from groundstation.ops import Quat, Vec3
+from tests.carried import Measure, carried
+
+WORLDS, BODIES = get_args(World), get_args(Body)
+
+
+def found(measure: Measure, **more: float) -> Found:
+    carry, attitudes = carried(measure, **more)  # type: ignore[arg-type]  # numbers all of them
+    assert carry.move is None, f"'{carry.move}' was not recognised"
+    return solve(carry.rests, carry.samples, attitudes)
+
+
+@pytest.mark.parametrize("number", range(24))
+def test_each_of_the_24_mappings_of_the_world_and_of_the_body_is_found(number: int) -> None:
+    world, body = WORLDS[number], BODIES[(7 * number + 5) % 24]
+    result = found(Frames(world, body).theirs, seed=number)
+    assert (result.world, result.body) == (world, body)
+    assert result.lab_rotation_deg == result.body_rotation_deg == (0.0, 0.0, 0.0)
+
+
+@pytest.mark.parametrize("number", range(0, 24, 5))
+def test_without_an_autopilot_the_shown_moves_are_enough_for_the_names(number: int) -> None:
+    world, body = WORLDS[number], BODIES[(11 * number + 3) % 24]
+    carry, _ = carried(Frames(world, body).theirs, seed=number)
+    result = solve(carry.rests, carry.samples, [])
+    assert (result.world, result.body) == (world, body)
+    assert result.late_s is None
+    assert result.autopilot_north_deg is None
+
+
+def mirrors() -> list[np.ndarray]:
+    matrices = []
+    for order in itertools.permutations(range(3)):
+        for signs in itertools.product((1.0, -1.0), repeat=3):
+            matrix = np.zeros((3, 3))
+            matrix[range(3), order] = signs
+            if np.linalg.det(matrix) < 0.0:
+                matrices.append(matrix)
+    return matrices
+
+
+@pytest.mark.parametrize("number", range(24))
+def test_each_of_the_24_mirrored_mappings_is_refused(number: int) -> None:
+    lab, body = mirrors()[number], mirrors()[(5 * number + 7) % 24]
+
+    def mirrored(place: Vec3, attitude: Quat) -> tuple[Vec3, Quat]:
+        x, y, z = lab @ np.array(place)
+        (a, b, c), (d, e, f), (g, h, i) = lab @ np.array(so3.matrix(attitude)) @ body.T
+        return (x, y, z), so3.from_matrix(((a, b, c), (d, e, f), (g, h, i)))
+
+    for attitudes_too in (True, False):
+        carry, attitudes = carried(mirrored, seed=number)
+        with pytest.raises(Contradiction, match="left-handed") as caught:
+            solve(carry.rests, carry.samples, attitudes if attitudes_too else [])
+        assert caught.value.move == ""
+
+
+@pytest.mark.parametrize(("lab_deg", "body_deg"), [(35.0, (4.0, -3.0, 20.0)), (-20.0, (0.0, 6.0, -40.0))])
+def test_a_lab_that_is_turned_and_a_body_that_lies_askew_are_measured(lab_deg: float, body_deg: Vec3) -> None:
+    alignment = Alignment(
+        lab_rotation_deg=(0.0, 0.0, lab_deg), body_rotation_deg=body_deg, lab_origin_m=(1.0, 2.0, 0.0)
+    )
+    result = found(Frames("nwu", "flu", alignment).theirs, seed=3)
+    assert (result.world, result.body) == ("nwu", "flu")
+    assert result.lab_rotation_deg == pytest.approx((0.0, 0.0, lab_deg), abs=1.0)
+    assert result.body_rotation_deg == pytest.approx(body_deg, abs=1.0)
+    assert result.autopilot_north_deg == pytest.approx(-30.0, abs=1.0)
+
+
+def test_what_is_found_brings_the_poses_into_our_axes() -> None:
+    truth = Frames("wds", "ulb", Alignment(lab_rotation_deg=(0.0, 0.0, 30.0), body_rotation_deg=(3.0, 5.0, 15.0)))
+    result = found(truth.theirs, seed=8)
+    ours = Frames(
+        result.world, result.body,
+        Alignment(lab_rotation_deg=result.lab_rotation_deg, body_rotation_deg=result.body_rotation_deg),
+    )  # fmt: skip
+    attitude = so3.from_euler_zyx(0.1, 0.2, 0.3)
+    place, seen = ours.ours(*truth.theirs((1.0, 2.0, -3.0), attitude))
+    assert place == pytest.approx((1.0, 2.0, -3.0), abs=0.1)
+    assert abs(sum(a * b for a, b in zip(seen, attitude, strict=True))) > math.cos(math.radians(1.0))
+
+
+def test_a_nose_that_is_a_little_beside_the_labs_axis_means_that_axis() -> None:
+    result = found(Frames("nwu", "flu").theirs, nose_deg=6.0, autopilot_yaw_deg=0.0)
+    assert (result.world, result.lab_rotation_deg) == ("nwu", (0.0, 0.0, 0.0))
+    assert result.autopilot_north_deg == pytest.approx(0.0, abs=1.0)
+
+
+@pytest.mark.parametrize("late_s", [-0.03, 0.0, 0.012, 0.045, 0.12])
+def test_how_late_poses_are_is_measured_within_some_milliseconds(late_s: float) -> None:
+    result = found(Frames("nue", "fur").theirs, late_s=late_s, seed=4)
+    assert result.late_s == pytest.approx(late_s, abs=0.004)
+    assert result.match > 0.95
+
+
+@pytest.mark.parametrize(
+    ("name", "instead", "words"),
+    [
+        ("right", (0.0, -1.0, 0.0), "went left"),
+        ("up", (1.0, 0.0, 0.0), "went forward"),
+        ("forward", (0.0, 1.0, 0.0), "went right"),
+        ("roll right", (-1.0, 0.0, 0.0), "felt it roll left"),
+        ("turn right", (0.0, 0.0, -1.0), "felt it turn left"),
+        ("nose down", (0.0, 1.0, 0.0), "felt it tip its nose up"),
+    ],
+)
+def test_a_move_that_was_not_made_as_shown_is_named(name: str, instead: Vec3, words: str) -> None:
+    moves = [msgspec.structs.replace(move, axis=instead) if move.name == name else move for move in MOVES]
+    carry, attitudes = carried(Frames("nwu", "flu").theirs, moves=moves)
+    with pytest.raises(Contradiction, match=words) as caught:
+        solve(carry.rests, carry.samples, attitudes)
+    assert caught.value.move == name
+
+
+def test_a_tracker_that_follows_something_else_is_found_out() -> None:
+    def other(place: Vec3, attitude: Quat) -> tuple[Vec3, Quat]:
+        roll, pitch, yaw = so3.euler_zyx(attitude)
+        return place, so3.from_euler_zyx(0.6 * roll, 0.6 * pitch, yaw)
+
+    carry, attitudes = carried(other)
+    with pytest.raises(Contradiction, match="follow this vehicle"):
+        solve(carry.rests, carry.samples, attitudes)
+
+
+def test_a_vehicle_that_does_not_stand_level_at_first_is_told() -> None:
+    slope = Frames("ned", "frd", Alignment(lab_rotation_deg=(0.0, 20.0, 0.0)))
+    carry, attitudes = carried(slope.theirs)
+    with pytest.raises(Contradiction, match="askew"):
+        solve(carry.rests, carry.samples, attitudes)
+
+
+def test_an_autopilot_that_falls_silent_is_told() -> None:
+    carry, attitudes = carried(Frames("nwu", "flu").theirs)
+    with pytest.raises(Contradiction, match="has stopped"):
+        solve(carry.rests, carry.samples, attitudes[:800])
