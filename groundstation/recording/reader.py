@@ -2,17 +2,24 @@
 
 import struct
 from collections.abc import Collection, Iterator
+from io import BytesIO
 from pathlib import Path
 from typing import Any, NamedTuple
 
 import msgspec
+from mcap.data_stream import ReadDataStream
 from mcap.exceptions import McapError
-from mcap.records import Channel, DataEnd, Message, Metadata
-from mcap.stream_reader import StreamReader
+from mcap.opcode import Opcode
+from mcap.records import Channel, Chunk, DataEnd, Metadata
+from mcap.stream_reader import StreamReader, get_chunk_data_stream
 
 from groundstation.recording.headline import Count, Headline
 
 MAGIC = b"\x89MCAP0\r\n"
+_RECORD = struct.Struct("<BQ")
+"""How each begins: its kind, and how many bytes follow."""
+_MESSAGE = struct.Struct("<HIQQ")
+"""How a message begins: its channel, its number, and two times."""
 _RECORD_BYTES = 1 << 28
 """No record of ours is longer: a length beyond it is damage."""
 
@@ -79,15 +86,11 @@ class Recording:
         names: dict[int, str] = {}
         try:
             with self.path.open("rb") as file:
-                for record in StreamReader(file, validate_crcs=True, record_size_limit=_RECORD_BYTES).records:
+                reader = StreamReader(file, emit_chunks=True, validate_crcs=True, record_size_limit=_RECORD_BYTES)
+                for record in reader.records:
                     match record:
-                        case Message():
-                            name = names.get(record.channel_id)
-                            if name is not None:
-                                yield Entry(name, record.log_time, record.data)
-                        case Channel():
-                            if not topics or record.topic in topics:
-                                names[record.id] = record.topic
+                        case Chunk():
+                            yield from _messages(record, topics, names)
                         case Metadata(name="about"):
                             self.about = dict(record.metadata)
                         case Metadata(name="result"):
@@ -96,6 +99,31 @@ class Recording:
                             self.whole = True
         except (McapError, struct.error, ValueError, EOFError, MemoryError, _decompression_error()):
             self.whole = False
+
+
+def _messages(chunk: Chunk, topics: Collection[str], names: dict[int, str]) -> Iterator[Entry]:
+    """What a chunk holds on ``topics``; ``names`` keeps the channels. mcap's own way makes a call of every integer.
+
+    All of it is looked through before the first is given: of a damaged chunk nothing is.
+    """
+    stream, size = get_chunk_data_stream(chunk, validate_crc=True)
+    data = stream.read(size)
+    found = []
+    at = 0
+    while at < size:
+        kind, length = _RECORD.unpack_from(data, at)
+        at += _RECORD.size
+        if kind == Opcode.MESSAGE:
+            channel, _, stamp_ns, _ = _MESSAGE.unpack_from(data, at)
+            name = names.get(channel)
+            if name is not None:
+                found.append(Entry(name, stamp_ns, data[at + _MESSAGE.size : at + length]))
+        elif kind == Opcode.CHANNEL:
+            record = Channel.read(ReadDataStream(BytesIO(data[at : at + length])))
+            if not topics or record.topic in topics:
+                names[record.id] = record.topic
+        at += length
+    yield from found
 
 
 def quick_headline(path: Path) -> tuple[dict[str, str], Headline, bool]:
