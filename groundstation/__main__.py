@@ -80,6 +80,14 @@ def _parser() -> argparse.ArgumentParser:
     _config_arguments(carry)
     carry.add_argument("--json", action="store_true", help="print one JSON object; what to do goes to stderr")
     carry.add_argument("--dry-run", action="store_true", help="write nothing into the configuration")
+    report = commands.add_parser(
+        "report", help="one page about a recorded flight, with figures; or about two, compared"
+    )
+    report.add_argument("files", type=Path, nargs="+", metavar="LOG.mcap", help="a recording, or two to compare")
+    report.add_argument(
+        "--out", type=Path, metavar="DIR", help="folder of page and figures (default: beside the first)"
+    )
+    report.add_argument("--json", action="store_true", help="print the numbers; the page only where --out is given")
 
     trajectory = commands.add_parser("trajectory", help="what the trajectory asks of the vehicle: PASS or FAIL")
     _config_arguments(trajectory, optional=True)

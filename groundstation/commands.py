@@ -112,6 +112,13 @@ def export(args: argparse.Namespace) -> int:
     return export_command(args.file, args.format, args.channel, args.out)
 
 
+def report(args: argparse.Namespace) -> int:
+    """A page with figures about one recorded flight, or two."""
+    from groundstation.report import report_command
+
+    return report_command(args.files, args.out, as_json=args.json)
+
+
 def config(args: argparse.Namespace) -> int:
     """Print the configuration in force."""
     print(dump(load(args.config, Config, args.overrides)), end="")

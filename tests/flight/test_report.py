@@ -1,0 +1,140 @@
+"""``groundstation report``: the numbers of a recorded flight, and the page that shows them."""
+
+import base64
+import json
+import re
+import sys
+from functools import cache
+from html.parser import HTMLParser
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from groundstation.config import ConfigError
+from groundstation.recording.reader import quick_headline
+from groundstation.report import report_command
+from groundstation.report.figures import FIGURES
+from groundstation.report.flown import read
+from groundstation.report.numbers import numbers
+from sim.referee import SETTLED_M as REFEREE_SETTLED_M
+from tests.recordings import recorded
+
+LINKS = {"src", "href", "srcset", "action", "data", "poster"}
+
+
+class Page(HTMLParser):
+    """What a browser would load, and what it would run."""
+
+    def __init__(self, text: str) -> None:
+        super().__init__()
+        self.pictures: list[bytes] = []
+        self.links: list[str] = []
+        self.tags: set[str] = set()
+        self.feed(text)
+
+    def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
+        self.tags.add(tag)
+        for name, value in attrs:
+            if name in LINKS and value is not None:
+                self.links.append(value)
+                if tag == "img":
+                    self.pictures.append(base64.b64decode(value.removeprefix("data:image/png;base64,"), validate=True))
+
+
+@cache
+def facts() -> dict[str, Any]:
+    return numbers(read(recorded()[0]))
+
+
+def reported(paths: list[Path], capsys: pytest.CaptureFixture[str]) -> dict[str, Any]:
+    assert report_command(paths, None, as_json=True) == 0
+    found: dict[str, Any] = json.loads(capsys.readouterr().out)
+    return found
+
+
+def test_the_errors_are_those_that_the_list_of_flights_shows() -> None:
+    _, headline, _ = quick_headline(recorded()[0])
+    assert headline.rms_m is not None
+    assert headline.max_m is not None
+    assert facts()["error"]["rms_cm"] == pytest.approx(100.0 * headline.rms_m)
+    assert facts()["error"]["max_cm"] == pytest.approx(100.0 * headline.max_m)
+    assert facts()["flown_s"] == pytest.approx(headline.flown_s)
+    assert facts()["commands"] == headline.commands
+
+
+def test_settling_time_and_saturation_are_close_to_what_the_referee_saw_of_the_truth() -> None:
+    verdict = recorded()[1].verdict
+    assert verdict.settle_s is not None
+    assert REFEREE_SETTLED_M == 0.10
+    assert facts()["error"]["settle_s"] == pytest.approx(verdict.settle_s, abs=0.1)
+    assert facts()["actuation"]["saturated_fraction_steady"] == pytest.approx(verdict.saturated_fraction, abs=1e-3)
+    assert facts()["certificate"]["fractions"].get("suspended", 0.0) == pytest.approx(verdict.certificate_suspended)
+
+
+def test_every_command_has_an_instant_at_which_its_bytes_left() -> None:
+    assert facts()["latency_ms"]["compute"]["samples"] == facts()["commands"]
+    transport, age = facts()["latency_ms"]["transport"], facts()["latency_ms"]["pose_age"]
+    assert transport["p50"] == pytest.approx(20.0, abs=0.1)  # the scenario's
+    assert transport["p50"] < age["p50"] < transport["p50"] + 22.5
+
+
+def test_the_page_holds_every_figure_and_needs_nothing_from_elsewhere(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert report_command([recorded()[0]], tmp_path, as_json=False) == 0
+    path = Path(capsys.readouterr().out.strip())
+    text = path.read_text("utf-8")
+    page = Page(text)
+    assert page.pictures == [(tmp_path / f"{figure.name}.png").read_bytes() for figure in FIGURES]
+    assert all(picture.startswith(b"\x89PNG") and len(picture) > 5000 for picture in page.pictures)
+    assert [link for link in page.links if not link.startswith("data:")] == []
+    assert page.tags & {"script", "iframe", "object", "embed"} == set()
+    assert re.findall(r"@import|url\(", text) == []
+    for words in ("4.61", "7.60", "5.00", "A recording holds no truth", f"{facts()['error']['rms_cm']:.2f}"):
+        assert words in text
+
+
+def test_two_recordings_stand_side_by_side(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    other = recorded("paper", "controller.kind=pid")[0]
+    assert report_command([recorded()[0], other], tmp_path, as_json=True) == 0
+    found = json.loads(capsys.readouterr().out)
+    assert [flight["flight"]["controller"] for flight in found["flights"]] == ["adaptive", "pid"]
+    text = Path(found["page"]).read_text("utf-8")
+    assert "mqx, adaptive" in text
+    assert "mqx, pid" in text
+    assert len(Page(text).pictures) == len(FIGURES)
+
+
+def test_a_recording_that_was_cut_off_is_reported_as_far_as_it_goes(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    whole = recorded()[0].read_bytes()
+    (tmp_path / "cut.mcap").write_bytes(whole[: len(whole) // 2])
+    (flight,) = reported([tmp_path / "cut.mcap"], capsys)["flights"]
+    assert not flight["whole"]
+    assert 0 < flight["commands"] < facts()["commands"]
+    assert "cut off" in flight["ended"]["reason"]
+
+
+def test_the_numbers_need_no_matplotlib_and_the_page_says_that_it_does(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setitem(sys.modules, "matplotlib", None)
+    assert reported([recorded()[0]], capsys)["page"] is None
+    with pytest.raises(ConfigError, match=r"pip install 'groundstation\[plot\]'"):
+        report_command([recorded()[0]], None, as_json=False)
+
+
+def test_what_is_no_recording_or_holds_no_command_is_refused(tmp_path: Path) -> None:
+    (tmp_path / "notes.txt").write_text("no recording")
+    with pytest.raises(ConfigError, match=r"LOG: .* is no MCAP file"):
+        report_command([tmp_path / "notes.txt"], None, as_json=True)
+    with pytest.raises(ConfigError, match="LOG: cannot read"):
+        report_command([tmp_path / "missing.mcap"], None, as_json=True)
+    whole = recorded()[0].read_bytes()
+    (tmp_path / "early.mcap").write_bytes(whole[:20000])
+    with pytest.raises(ConfigError, match="holds no command"):
+        report_command([tmp_path / "early.mcap"], None, as_json=True)
+    with pytest.raises(ConfigError, match="or two to compare, got 3"):
+        report_command([recorded()[0]] * 3, None, as_json=True)
