@@ -60,5 +60,5 @@ def mode_name(autopilot: int, custom_mode: int) -> str:
     if autopilot != PX4:
         return ""
     main, sub = custom_mode >> 16 & 0xFF, custom_mode >> 24 & 0xFF
-    name = PX4_MODES.get(main, f"mode {main}")
+    name = PX4_MODES.get(main, f"mode {main}" if main else "")  # one that tells no mode is believed to follow
     return f"{name}.{PX4_AUTO.get(sub, sub)}" if name == "AUTO" else name
