@@ -62,7 +62,7 @@ def _parser() -> argparse.ArgumentParser:
         "export", help="channels of a recording as CSV, or a recording that was cut off made whole"
     )
     export.add_argument("file", type=Path, metavar="LOG.mcap")
-    export.add_argument("--format", choices=["csv", "mcap"], default="csv", help="default: csv")
+    export.add_argument("--format", choices=["csv", "mcap", "poses"], default="csv", help="default: csv")
     export.add_argument(
         "--channel", action="append", default=[], metavar="/NAME", help="only this one; may be repeated. Default: all"
     )

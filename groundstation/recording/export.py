@@ -1,4 +1,4 @@
-"""``groundstation export``: channels of a recording as CSV, or a recording that was cut off as a whole one."""
+"""``groundstation export``: channels as CSV, poses to be played again, or a recording that was cut off made whole."""
 
 import csv
 import sys
@@ -7,8 +7,11 @@ from contextlib import ExitStack
 from pathlib import Path
 from typing import Any, TextIO
 
+import msgspec
+
 from groundstation.config import ConfigError
-from groundstation.recording.channels import CHANNELS, schema
+from groundstation.poses.csv_codec import COLUMNS, Row, encode
+from groundstation.recording.channels import CHANNELS, Measured, schema
 from groundstation.recording.reader import NoRecording, Recording
 
 
@@ -28,6 +31,9 @@ def export_command(path: Path, form: str, channels: list[str], out: Path | None)
             target = out or path.with_name(f"{path.stem}-whole.mcap")
             count = rewritten(recording, target, wanted)
             print(f"{target}: {count} messages{'' if recording.whole else ', up to where the recording was cut off'}")
+        elif form == "poses":
+            target = out or path.with_name(f"{path.stem}-poses.csv")
+            print(f"{target}: {write_poses(recording, target)} poses; pose.kind = 'csv' plays them")
         elif len(wanted) == 1 and out is None:
             write_csv(recording, {wanted[0]: sys.stdout})
         else:
@@ -70,6 +76,19 @@ def write_csv(recording: Recording, files: Mapping[str, TextIO]) -> dict[str, in
         writers[entry.topic].writerow(row)
         rows[entry.topic] += 1
     return rows
+
+
+def write_poses(recording: Recording, target: Path) -> int:
+    """Write the poses as they came, in the columns that `pose.kind = "csv"` plays; the number of poses."""
+    count = 0
+    with target.open("w", encoding="utf-8") as file:
+        file.write(COLUMNS + "\n")
+        for entry in recording.entries(("/measured",)):
+            count += 1
+            seen = msgspec.json.decode(entry.data, type=Measured)
+            p, q = seen.position_ned, seen.attitude
+            file.write(encode(Row(seen.time_s, seen.arrival_s, (p.x, p.y, p.z), (q.w, q.x, q.y, q.z))))
+    return count
 
 
 def _flat(value: Any, name: str) -> Iterator[tuple[str, Any]]:

@@ -3,6 +3,7 @@
 import json
 import math
 import tomllib
+from collections import Counter
 from io import BytesIO
 from pathlib import Path
 from typing import Any
@@ -13,6 +14,7 @@ from hypothesis import strategies as st
 from mcap.reader import make_reader
 
 from groundstation.config import from_dict
+from groundstation.poses.csv_codec import rows
 from groundstation.poses.tlog_codec import TlogReader
 from groundstation.recording.channels import CHANNELS, schema
 from groundstation.recording.export import export_command
@@ -191,6 +193,20 @@ def test_a_recording_that_was_cut_off_is_made_whole(tmp_path: Path, capsys: pyte
     made = messages(tmp_path / "cut-whole.mcap")
     held = [(entry.topic, entry.value()) for entry in Recording(cut).entries()]
     assert sorted(map(str, held)) == sorted(str((topic, value)) for topic, _, value in made)
+
+
+def test_the_poses_of_a_recording_can_be_played_again(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    path, _, records = recorded()
+    assert export_command(path, "poses", [], tmp_path / "poses.csv") == 0
+    dropped: Counter[str] = Counter()
+    with (tmp_path / "poses.csv").open() as lines:
+        played = list(rows(lines, dropped))
+    came = [record.pose for record in records if isinstance(record, Posed)]
+    assert [(r.t_s, r.arrival_s, r.position, r.attitude) for r in played] == [
+        (pose.time_s, pose.arrival_s, pose.position_ned, pose.attitude) for pose in came
+    ]
+    assert not dropped
+    assert f"{len(came)} poses" in capsys.readouterr().out
 
 
 def test_a_file_that_is_no_recording_is_told_of(tmp_path: Path) -> None:
