@@ -11,7 +11,7 @@ from groundstation.report.numbers import limits
 # M. Okabe, K. Ito: a palette that the colour-blind can tell apart; dashes differ too, for print without colour.
 BLUE, ORANGE, GREEN, RED, GREY, PURPLE = "#0072B2", "#E69F00", "#009E73", "#D55E00", "#555555", "#CC79A7"
 AXES = (("north", BLUE, "-"), ("east", ORANGE, "--"), ("down", GREEN, "-."))
-TIME = "time on the trajectory [s]"
+TIME = "time [s]"
 V_FLOOR = 1e-8
 """V below this is drawn as this [m²/s²]."""
 

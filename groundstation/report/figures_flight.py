@@ -26,6 +26,8 @@ STATES = (
     ("aborted", RED),
     ("killed", RED),
 )
+FLOOR_CM = 0.01
+"""Smaller errors are drawn as this [cm]."""
 LABELS = 14
 """So many lines of text find room beside the events; the table below has them all."""
 
@@ -40,7 +42,8 @@ def path(panels: Sequence[Any], flown: Flown) -> None:
         p = flown.vectors[key]
         panel.plot(p[:, 1], p[:, 0], -p[:, 2], dash, color=colour, linewidth=1.0, label=name)
     both = np.concatenate([flown.vectors["position_ned"], flown.vectors["reference_ned"]])
-    spans = np.maximum(np.ptp(both, axis=0), 0.2)
+    spans = np.ptp(both, axis=0)
+    spans = np.maximum(spans, max(0.2, 0.4 * float(spans.max())))
     for i, (axis, sign) in enumerate((("y", 1.0), ("x", 1.0), ("z", -1.0))):
         middle = sign * 0.5 * (both[:, i].min() + both[:, i].max())
         getattr(panel, f"set_{axis}lim")(middle - 0.53 * spans[i], middle + 0.53 * spans[i])
@@ -56,7 +59,7 @@ def error(panels: Sequence[Any], flown: Flown) -> None:
     """The error in time, and its histogram."""
     over, shares = panels
     cm = 100.0 * flown.scalars["error_m"]
-    over.plot(flown.t, np.maximum(cm, 1e-3), color=BLUE, linewidth=0.9, label="error")
+    over.plot(flown.t, np.maximum(cm, FLOOR_CM), color=BLUE, linewidth=0.9, label="error")
     over.axhline(PAPER["rms_cm"], color=GREY, linestyle="--", linewidth=1.0, label="the paper's RMS, 4.61 cm")
     over.axhline(PAPER["max_cm"], color=RED, linestyle=":", linewidth=1.2, label="the paper's largest, 7.6 cm")
     over.set_yscale("log")
@@ -139,6 +142,7 @@ def events(panels: Sequence[Any], flown: Flown) -> None:
     (panel,) = panels
     colours = dict(STATES)
     end = float(flown.t[-1])
+    middle = 0.5 * (min(flown.events[0][0], 0.0) + end) if flown.events else 0.0
     told = [event for event in flown.events if event[1] not in ("request", "lost", "end")]
     for i, (time_s, state, _) in enumerate(told):
         until = told[i + 1][0] if i + 1 < len(told) else max(end, time_s)
@@ -148,14 +152,14 @@ def events(panels: Sequence[Any], flown: Flown) -> None:
     for i, (time_s, kind, text) in enumerate(shown):
         row = 1.0 + i
         words = f"{time_s:.1f} s  {kind}: {text}"
-        words = words if len(words) <= 80 else f"{words[:79]}…"
+        words = words if len(words) <= 60 else f"{words[:59]}…"
         alert = kind in ("request", "lost", "descent", "aborted", "killed")
         panel.plot([time_s, time_s], [-0.4, row], color="0.6", linewidth=0.6)
         panel.plot(time_s, row, "D" if alert else "o", color=RED if alert else GREY, markersize=4, clip_on=False)
-        late = time_s > 0.5 * end
+        late = time_s > middle
         panel.annotate(
             words, (time_s, row), (-6 if late else 6, 0), textcoords="offset points", va="center",
-            ha="right" if late else "left", fontsize=7.5,
+            ha="right" if late else "left", fontsize=7.5, in_layout=False,
         )  # fmt: skip
     panel.set_ylim(len(shown) + 0.8, -0.6)
     panel.set_yticks([0.0], ["mission"])
@@ -174,7 +178,8 @@ def saturation(panels: Sequence[Any], flown: Flown) -> None:
     counts = np.bincount(seconds)
     hits = np.bincount(seconds, weights=clamped)
     share: Column = 100.0 * hits / np.maximum(counts, 1)
-    over.fill_between(t[0] + np.arange(len(share)), share, step="post", color=RED, alpha=0.8, linewidth=0.0)
+    edges_s = t[0] + np.arange(len(share) + 1)
+    over.stairs(share, edges_s, fill=True, color=RED, alpha=0.8)
     over.set_ylim(0.0, max(5.0, 1.1 * float(share.max())))
     over.set_xlabel(TIME)
     over.set_ylabel("commands at\na limit [%]")

@@ -30,7 +30,7 @@ pre { font-size: 0.8rem; white-space: pre-wrap; background: #f5f5f5; padding: 0.
 AGAINST = (
     "A recording holds no truth: every error here is the distance of the estimate from the reference. Where poses are "
     "wrong, so is the estimate, and this page can't tell. In the simulator, <code>groundstation-sim fly</code> tells "
-    "the true error."
+    "the true error. Time counts from where the trajectory begins; where it never did, from the first command."
 )
 
 
@@ -117,7 +117,7 @@ def _results(names: Sequence[str], facts: Sequence[dict[str, Any]]) -> str:
 
 def _events(name: str, one: dict[str, Any]) -> str:
     rows = [[f"{event['time_s']:.2f}", event["kind"], event["text"]] for event in one["events"]]
-    return f"<h3>{escape(name)}</h3>" + _table(["time on the trajectory [s]", "what", ""], rows)
+    return f"<h3>{escape(name)}</h3>" + _table(["time [s]", "what", ""], rows)
 
 
 def _program(facts: Sequence[dict[str, Any]]) -> list[list[str]]:

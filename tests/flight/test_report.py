@@ -17,7 +17,11 @@ from groundstation.report import report_command
 from groundstation.report.figures import FIGURES
 from groundstation.report.flown import read
 from groundstation.report.numbers import numbers
+from sim.commands import prepare
+from sim.mission import fly_mission, from_floor
 from sim.referee import SETTLED_M as REFEREE_SETTLED_M
+from sim.run_folder import RECORDING, RunFolder
+from sim.scenarios import SCENARIOS
 from tests.recordings import recorded
 
 LINKS = {"src", "href", "srcset", "action", "data", "poster"}
@@ -70,6 +74,19 @@ def test_settling_time_and_saturation_are_close_to_what_the_referee_saw_of_the_t
     assert facts()["error"]["settle_s"] == pytest.approx(verdict.settle_s, abs=0.1)
     assert facts()["actuation"]["saturated_fraction_steady"] == pytest.approx(verdict.saturated_fraction, abs=1e-3)
     assert facts()["certificate"]["fractions"].get("suspended", 0.0) == pytest.approx(verdict.certificate_suspended)
+
+
+def test_the_way_to_the_trajectory_and_the_landing_do_not_count(tmp_path: Path) -> None:
+    world, config = from_floor(*prepare(SCENARIOS["paper"], ["takeoff.height_m=0.5", "takeoff.hold_s=1.0"]), 3.0)
+    run = RunFolder(tmp_path, config, world, scenario="paper", seed=0)
+    flown = fly_mission(world, config, seed=0, give=run.give)
+    run.close({"completed": flown.landed, "why": flown.why})
+    mission = numbers(read(tmp_path / RECORDING))
+    begun = next(event["time_s"] for event in mission["events"] if event["kind"] == "tracking")
+    assert begun < -1.0  # the way there
+    assert 2.0 < mission["flown_s"] < 4.0
+    assert mission["error"]["settle_s"] < 0.1
+    assert mission["events"][-1]["kind"] == "landed"
 
 
 def test_every_command_has_an_instant_at_which_its_bytes_left() -> None:
@@ -133,7 +150,7 @@ def test_what_is_no_recording_or_holds_no_command_is_refused(tmp_path: Path) -> 
     with pytest.raises(ConfigError, match="LOG: cannot read"):
         report_command([tmp_path / "missing.mcap"], None, as_json=True)
     whole = recorded()[0].read_bytes()
-    (tmp_path / "early.mcap").write_bytes(whole[:20000])
+    (tmp_path / "early.mcap").write_bytes(whole[: len(facts()["config"]) + 6000])
     with pytest.raises(ConfigError, match="holds no command"):
         report_command([tmp_path / "early.mcap"], None, as_json=True)
     with pytest.raises(ConfigError, match="or two to compare, got 3"):
