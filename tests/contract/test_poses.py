@@ -291,7 +291,9 @@ def test_poses_come_numbered_in_our_frames_and_true_at_their_time(bench: Bench, 
             status = source.status
             # PX4 begins with 30 Hz, until it has heard what is wanted.
             assert (25.0 if isinstance(bench, TlogBench | OdometryBench) else 90.0) < status.rate_hz < 110.0
-            assert status.latency_s == pytest.approx(LATENCY_S, abs=2e-3 if exactly() else 0.02)
+            assert status.latency_s == pytest.approx(
+                LATENCY_S, abs=2e-3 if exactly() else 0.04
+            )  # a busy machine reads late
             assert status.latency_max_s >= status.latency_s - 1e-9
             assert (status.clock_steps, status.clock_restarts) == (0, 0)
 
