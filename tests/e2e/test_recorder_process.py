@@ -231,7 +231,7 @@ def test_a_real_flight_is_recorded_whole_listed_and_flown_again_to_the_last_bit(
         assert recording.whole
         assert topics.count("/command") > 100
         assert topics.count("/raw/received") > topics.count("/measured") > 150
-        assert topics.count("/request") == 1
+        assert topics.count("/request") == 0  # it lands by itself, as its time is over
         assert recording.headline().state == "landed"
         again = subprocess.run(
             [sys.executable, "-m", "groundstation", "replay", str(path), "--json"],
