@@ -8,6 +8,9 @@ from links.port import CommandLink
 LAST_CHANCE_S = 0.004
 """So long before a command's deadline does the next one leave [s]."""
 
+AT_ONCE_S = 1e-6
+"""Timers fire a clock's tick early: an instant nearer than this has come [s], or in virtual time it never would."""
+
 
 class Pacing:
     """One link's frames. Times are on the event loop's clock [s].
@@ -32,7 +35,7 @@ class Pacing:
     async def next(self, left_s: float, deadline_s: float) -> None:
         """Wait for the next frame; the last command left at ``left_s``, and its deadline is ``deadline_s``."""
         period, chance = self._link.period_s, deadline_s - LAST_CHANCE_S
-        if chance <= left_s:
+        if chance <= left_s + AT_ONCE_S:
             chance = math.inf  # it is taken
         if self._link.follows_poses:
             await self._pose(min(left_s + 0.5 * period, chance), min(left_s + 1.5 * period, chance))

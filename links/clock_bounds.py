@@ -25,6 +25,9 @@ class ClockBounds:
         """Take two new bounds; False where they contradict the old ones: a clock has jumped. Then only they count."""
         if not math.isfinite(least_s + most_s):
             return False
+        # Each is true of an instant up to a round trip ago.
+        drifted = DRIFT * max(0.0, most_s - least_s)
+        least_s, most_s = least_s - drifted, most_s + drifted
         slack = DRIFT * max(0.0, now_s - self._at_s)
         least, most = max(self.least_s - slack, least_s), min(self.most_s + slack, most_s)
         self._at_s = now_s

@@ -47,7 +47,8 @@ class Relay(asyncio.DatagramProtocol):
         self.rest += data
         while self.rest and (end := frame_end(self.rest, 0)) <= len(self.rest):
             assert end, "what the link writes is frame after frame"
-            self.transport.sendto(self.rest[:end], self.autopilot)
+            if self.autopilot is not None:  # who speaks to an autopilot that hasn't started isn't heard
+                self.transport.sendto(self.rest[:end], self.autopilot)
             self.rest = self.rest[end:]
 
 
