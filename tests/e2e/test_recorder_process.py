@@ -118,7 +118,7 @@ async def talk(folder: Path, script: object, *, limit: int = 0) -> list[str]:
     if limit:
         resource.prlimit(process.pid, resource.RLIMIT_FSIZE, (limit, resource.RLIM_INFINITY))
     assert callable(script)
-    await script(process)
+    await script(process, said)
     await process.close()
     return said
 
@@ -126,13 +126,15 @@ async def talk(folder: Path, script: object, *, limit: int = 0) -> list[str]:
 def test_a_full_disk_is_told_of_and_what_waited_is_written_once_there_is_room(tmp_path: Path) -> None:
     tick = a_tick()
 
-    async def script(process: RecorderProcess) -> None:
+    async def script(process: RecorderProcess, said: list[str]) -> None:
         for number in range(1500):
             process.give(Ticked(tick._replace(time_s=0.01 * number)))
             process.give(Sent(0.01 * number, 0, None, os.urandom(200)))
             if number % 50 == 0:
                 await asyncio.sleep(0.02)
-        await asyncio.sleep(0.5)
+        while not any("recording waits" in line for line in said):
+            await asyncio.sleep(0.01)
+            process.give(Told(20.0, "tracking", "is it told?"))
         resource.prlimit(process.pid, resource.RLIMIT_FSIZE, (resource.RLIM_INFINITY, resource.RLIM_INFINITY))
 
     said = asyncio.run(talk(tmp_path, script, limit=100_000))
@@ -145,7 +147,7 @@ def test_a_full_disk_is_told_of_and_what_waited_is_written_once_there_is_room(tm
 def test_a_disk_that_stays_full_leaves_a_recording_that_opens(tmp_path: Path) -> None:
     tick = a_tick()
 
-    async def script(process: RecorderProcess) -> None:
+    async def script(process: RecorderProcess, _: list[str]) -> None:
         for number in range(1500):
             process.give(Ticked(tick._replace(time_s=0.01 * number)))
             process.give(Sent(0.01 * number, 0, None, os.urandom(200)))
@@ -161,7 +163,7 @@ def test_a_disk_that_stays_full_leaves_a_recording_that_opens(tmp_path: Path) ->
 def test_a_recorder_that_hangs_never_holds_up_the_loop_and_what_is_left_out_is_counted(tmp_path: Path) -> None:
     slowest = 0.0
 
-    async def script(process: RecorderProcess) -> None:
+    async def script(process: RecorderProcess, _: list[str]) -> None:
         nonlocal slowest
         await recording_in(tmp_path)
         os.kill(process.pid, signal.SIGSTOP)
@@ -190,7 +192,7 @@ def test_a_recorder_that_hangs_never_holds_up_the_loop_and_what_is_left_out_is_c
 
 
 def test_the_recorder_is_deaf_to_what_a_terminal_sends(tmp_path: Path) -> None:
-    async def script(process: RecorderProcess) -> None:
+    async def script(process: RecorderProcess, _: list[str]) -> None:
         await recording_in(tmp_path)
         assert os.getpgid(process.pid) != os.getpgid(0)
         for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP, signal.SIGQUIT):
@@ -205,8 +207,8 @@ def test_the_recorder_is_deaf_to_what_a_terminal_sends(tmp_path: Path) -> None:
 def test_a_folder_that_cannot_be_written_is_told_of_and_nothing_else_happens(tmp_path: Path) -> None:
     (tmp_path / "file").write_text("in the way")
 
-    async def script(process: RecorderProcess) -> None:
-        for _ in range(100):
+    async def script(process: RecorderProcess, _: list[str]) -> None:
+        for _again in range(100):
             process.give(Told(1.0, "tracking", "x"))
             await asyncio.sleep(0.01)
 
