@@ -93,26 +93,24 @@ class Adaptive:
             (b_hat[0] + dt * dot[0], b_hat[1] + dt * dot[1], b_hat[2] + dt * dot[2]),
             gains.b_bound + gains.epsilon,
         )
-        return Decision(
-            drive,
-            self._saturated,
-            Diagnostics(
-                z1=step.z1,
-                z2=step.z2,
-                z3=step.z3,
-                u_star=step.u_star,
-                b_hat=b_hat,
-                b_hat_dot=dot,
-                disturbance=estimate.disturbance if gains.composite == "provable" else b_hat,
-                v_terms=step.v_terms,
-                w_terms=step.w_terms,
-                v_known=step.v_known,
-                w=step.w,
-                certificate=_SUSPENDED if suspended is True else self._certificate,
-                thrust_rate=step.thrust_rate,
-                rates_wanted=wanted,
-            ),
+        # In the order of the fields: by name it would take three times as long.
+        seen = Diagnostics(
+            step.z1,
+            step.z2,
+            step.z3,
+            step.u_star,
+            b_hat,
+            dot,
+            estimate.disturbance if gains.composite == "provable" else b_hat,
+            step.v_terms,
+            step.w_terms,
+            step.v_known,
+            step.w,
+            _SUSPENDED if suspended is True else self._certificate,
+            step.thrust_rate,
+            wanted,
         )
+        return Decision(drive, self._saturated, seen)
 
     def _informed(self, estimate: Estimate) -> tuple[Vec3, Vec3 | None]:
         """b̂ with what the observer has learnt since the last command, and the witness κ (d̂ - b̂), if any.

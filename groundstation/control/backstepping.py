@@ -18,11 +18,11 @@ places; docs/explanation/law.md lists them, and this file is the corrected form.
 On the plant of the paper, V˙ = -W + b̃ᵀ(ξ - Proj) <= -W.
 """
 
-from typing import NamedTuple
+import msgspec
 
 from groundstation.control.gains import Law
 from groundstation.control.projection import Brink, brink, held_back
-from groundstation.control.shaping import growth, saturation, saturation_integral
+from groundstation.control.shaping import growth, saturated, saturation
 from groundstation.ops import Ops, Quat, Real, Vec3
 from groundstation.so3 import third_column, to_body
 
@@ -32,7 +32,7 @@ VELOCITY_LIMIT = 1e4
 """[m/s]; V grows like the fourth power of the speed error."""
 
 
-class Axis(NamedTuple):
+class Axis(msgspec.Struct, frozen=True, gc=False):
     """One axis of the double integrator: error, virtual control and its partial derivatives."""
 
     z1: Real
@@ -54,7 +54,7 @@ class Axis(NamedTuple):
     """k2 z2 ρ(z2), the second."""
 
 
-class Step(NamedTuple):
+class Step(msgspec.Struct, frozen=True, gc=False):
     """What the law says at one instant."""
 
     thrust_rate: Real
@@ -89,7 +89,7 @@ def axis(ops: Ops, law: Law, z1: Real, z1_dot: Real) -> Axis:
     """(5), (6) and their partial derivatives in (z1, z2), for one axis."""
     x1 = ops.clamp(z1, -POSITION_LIMIT, POSITION_LIMIT)
     x2 = ops.clamp(z1_dot, -VELOCITY_LIMIT, VELOCITY_LIMIT)
-    s, s1, s2 = saturation(ops, x1, law.sigma_bound, law.sigma_slope)
+    s, s1, s2, v_sigma = saturated(ops, x1, law.sigma_bound, law.sigma_slope)
     z2 = x2 + s  # (5)
     k2 = law.k2
     rho, rho1, _ = saturation(ops, z2, law.rho_bound, law.rho_slope)
@@ -106,8 +106,7 @@ def axis(ops: Ops, law: Law, z1: Real, z1_dot: Real) -> Axis:
     u_x1 = -i * (q_x1 * a + q * (k2 * rho1 + 1.0) * s1 + s2 * x2)
     u_x2 = -i * (q_x2 * a + q * k2 * rho1 + s1) - u_star * o2 * i
     # In the order of the fields: by name it would take three times as long, three times a command.
-    v_sigma, v_omega = saturation_integral(ops, x1, law.sigma_bound, law.sigma_slope), 0.5 * sum_ * sum_
-    du_dz1, dv_dz2 = u_x1 - s1 * u_x2, o1 * sum_
+    v_omega, du_dz1, dv_dz2 = 0.5 * sum_ * sum_, u_x1 - s1 * u_x2, o1 * sum_
     return Axis(x1, x2, z2, s, s1, u_star, du_dz1, u_x2, dv_dz2, v_sigma, v_omega, s * s, k2 * z2 * rho)
 
 

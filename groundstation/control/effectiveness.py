@@ -12,7 +12,7 @@ rests. Every change of thrust or tilt tells them apart. Elementwise: floats, or 
 
 from typing import NamedTuple, TypeAlias
 
-from groundstation.control.model import Motion
+from groundstation.control.model import Motion, new
 from groundstation.control.observer import Gain
 from groundstation.ops import Ops, Real, Vec3
 
@@ -46,17 +46,18 @@ def told(deviation: float) -> Effectiveness:
 def later(e: Effectiveness, h: Real, push: tuple[Vec3, Vec3], walk: float) -> Effectiveness:
     """``e`` after ``h`` [s] in which thrust gave ``push`` (see :func:`pushed`) and λ wandered ``walk`` [1/√s]."""
     (px, py, pz), (vx, vy, vz) = push
-    value, variance, x, y, z = e
-    return Effectiveness(
-        value, variance + walk * walk * h, _later(x, h, px, vx), _later(y, h, py, vy), _later(z, h, pz, vz)
+    value, variance, (xp, xv, xd, xc), (yp, yv, yd, yc), (zp, zv, zd, zc) = e
+    # The chain's exact transition, and what thrust adds to it; written out, as it runs once a pose.
+    x, y, z = h * xc, h * yc, h * zc
+    half = 0.5 * h
+    after = (
+        value,
+        variance + walk * walk * h,
+        (xp + h * (xv + half * (xd + x / 3.0)) + px, xv + h * (xd + 0.5 * x) + vx, xd + x, xc),
+        (yp + h * (yv + half * (yd + y / 3.0)) + py, yv + h * (yd + 0.5 * y) + vy, yd + y, yc),
+        (zp + h * (zv + half * (zd + z / 3.0)) + pz, zv + h * (zd + 0.5 * z) + vz, zd + z, zc),
     )
-
-
-def _later(chain: Chain, h: Real, way: Real, speed: Real) -> Chain:
-    """The chain's exact transition, and what thrust adds to it."""
-    p, v, d, c = chain
-    grown = h * c
-    return p + h * (v + 0.5 * h * (d + grown / 3.0)) + way, v + h * (d + 0.5 * grown) + speed, d + grown, c
+    return new(Effectiveness, after)
 
 
 def pushed(e: Effectiveness, before: Motion, after: Motion, h: Real, other: Vec3) -> tuple[Vec3, Vec3]:
@@ -98,15 +99,17 @@ def seen(ops: Ops, e: Effectiveness, step: Vec3, gain: Gain, variance: Real, of:
     k = p * c / (variance + c * c * p)
     moved = moved + k * (down - c * moved)
     p = p - k * c * p
-    new = ops.clamp(value + moved, *LIMITS)
-    return Effectiveness(new, p, _seen(x, gain, of), _seen(y, gain, of), _seen(z, gain, of)), new - value
-
-
-def _seen(chain: Chain, k: Gain, of: int) -> Chain:
-    m = chain[of]
-    p, v, d, c = chain
-    kp, kv, kd, kc = k
-    return p - kp * m, v - kv * m, d - kd * m, c - kc * m
+    now = ops.clamp(value + moved, *LIMITS)
+    kp, kv, kd, kc = gain
+    (xp, xv, xd, xc), (yp, yv, yd, yc), (zp, zv, zd, zc) = x, y, z
+    after = (
+        now,
+        p,
+        (xp - kp * a, xv - kv * a, xd - kd * a, xc - kc * a),
+        (yp - kp * b, yv - kv * b, yd - kd * b, yc - kc * b),
+        (zp - kp * c, zv - kv * c, zd - kd * c, zc - kc * c),
+    )
+    return new(Effectiveness, after), now - value
 
 
 def along(value: Vec3, e: Effectiveness, moved: Real, of: int) -> Vec3:

@@ -234,28 +234,28 @@ class ModelEstimator:
         disturbance = self._disturbance_at(0.5 * (start + end))
         mass, gravity = self._mass / self._effectiveness.value, self._gravity
         thrust_lag, rate_lag = self._thrust_lag, self._rate_lag
-        time = start
-        index = 0
-        while index < last and drives[index + 1][0] <= time:
-            index += 1
+        time, index = start, 0
+        drive = drives[0][1] if drives else Drive(motion.thrust, motion.rates)
+        change = drives[1][0] if last > 0 else end
         while time < end - 1e-9:
-            until = drives[index + 1][0] if index < last else end
-            until = min(until, end, time + STEP_LIMIT)
-            if until - time > 1e-9:
-                motion = rolled(
-                    FLOATS,
-                    motion,
-                    drives[index][1] if last >= 0 else Drive(motion.thrust, motion.rates),
-                    until - time,
-                    mass=mass,
-                    gravity=gravity,
-                    disturbance=disturbance,
-                    thrust_lag=thrust_lag,
-                    rate_lag=rate_lag,
-                )
-            time = until
-            while index < last and drives[index + 1][0] <= time + 1e-9:
+            while index < last and change <= time + 1e-9:
                 index += 1
+                drive, change = drives[index][1], drives[index + 1][0] if index < last else end
+            until = change if change < end else end
+            if until - time > STEP_LIMIT:
+                until = time + STEP_LIMIT
+            motion = rolled(
+                FLOATS,
+                motion,
+                drive,
+                until - time,
+                mass=mass,
+                gravity=gravity,
+                disturbance=disturbance,
+                thrust_lag=thrust_lag,
+                rate_lag=rate_lag,
+            )
+            time = until
         return motion
 
     def _forget(self, stamp: float) -> None:

@@ -8,6 +8,9 @@ from typing import NamedTuple
 from groundstation.ops import Ops, Quat, Real, Vec3
 from groundstation.so3 import turned
 
+new = tuple.__new__
+"""Makes a named tuple in a third to a half of the time that its own name takes; this runs some five times a command."""
+
 
 class Motion(NamedTuple):
     """Position and velocity [m, m/s, NED], attitude, thrust [N] and body rates [rad/s, FRD]."""
@@ -70,10 +73,11 @@ def rolled(
     accel_z = f * (1.0 - 2.0 * (x * x + y * y)) + gravity + disturbance[2]
     (px, py, pz), (vx, vy, vz) = motion.position, motion.velocity
     k = half * h
-    return Motion(
+    after = (
         (px + h * vx + k * accel_x, py + h * vy + k * accel_y, pz + h * vz + k * accel_z),
         (vx + h * accel_x, vy + h * accel_y, vz + h * accel_z),
         turned(attitude, (ax, ay, az)),
         motion.thrust + thrust_rise * d_thrust,
         (wx + rate_rise * dx, wy + rate_rise * dy, wz + rate_rise * dz),
     )
+    return new(Motion, after)

@@ -12,6 +12,7 @@ and it follows r, which is measured (see :func:`fourth_difference`). Elementwise
 
 from typing import NamedTuple
 
+from groundstation.control.model import new
 from groundstation.ops import Ops, Quat, Real, Vec3
 from groundstation.so3 import conjugate, multiply, rotation_vector, turned
 
@@ -67,7 +68,7 @@ def later(s: Covariance, h: Real, q: Densities) -> Covariance:
     v_d = vd + h * dd + a * dc
     v_c = vc + h * dc + a * cc
     d_c = dc + h * cc
-    return Covariance(
+    after = (
         pp + h * pv + a * pd + b * pc + h * p_v + a * p_d + b * p_c + q.position * h,
         p_v + h * p_d + a * p_c,
         p_d + h * p_c,
@@ -79,6 +80,7 @@ def later(s: Covariance, h: Real, q: Densities) -> Covariance:
         d_c,
         cc + q.disturbance_rate * h,
     )
+    return new(Covariance, after)
 
 
 def seen(s: Covariance, r: Real) -> tuple[Gain, Covariance]:
@@ -86,7 +88,7 @@ def seen(s: Covariance, r: Real) -> tuple[Gain, Covariance]:
     pp, pv, pd, pc, vv, vd, vc, dd, dc, cc = s
     w = 1.0 / (pp + r)
     kp, kv, kd, kc = pp * w, pv * w, pd * w, pc * w
-    return Gain(kp, kv, kd, kc), Covariance(
+    after = (
         pp - kp * pp,
         pv - kp * pv,
         pd - kp * pd,
@@ -98,6 +100,7 @@ def seen(s: Covariance, r: Real) -> tuple[Gain, Covariance]:
         dc - kd * pc,
         cc - kc * pc,
     )
+    return new(Gain, (kp, kv, kd, kc)), new(Covariance, after)
 
 
 def seen_moving(s: Covariance, r: Real) -> tuple[Gain, Covariance]:
@@ -105,7 +108,7 @@ def seen_moving(s: Covariance, r: Real) -> tuple[Gain, Covariance]:
     pp, pv, pd, pc, vv, vd, vc, dd, dc, cc = s
     w = 1.0 / (vv + r)
     kp, kv, kd, kc = pv * w, vv * w, vd * w, vc * w
-    return Gain(kp, kv, kd, kc), Covariance(
+    after = (
         pp - kp * pv,
         pv - kp * vv,
         pd - kp * vd,
@@ -117,6 +120,7 @@ def seen_moving(s: Covariance, r: Real) -> tuple[Gain, Covariance]:
         dc - kd * vc,
         cc - kc * vc,
     )
+    return new(Gain, (kp, kv, kd, kc)), new(Covariance, after)
 
 
 def fourth_difference(a: Vec3, b: Vec3, c: Vec3, d: Vec3, e: Vec3) -> Real:

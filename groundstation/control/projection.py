@@ -1,12 +1,13 @@
 """The smooth projection (9) that keeps the disturbance estimate inside a ball of radius B + ε."""
 
 import math
-from typing import NamedTuple
+
+import msgspec
 
 from groundstation.ops import Ops, Real, Vec3
 
 
-class Brink(NamedTuple):
+class Brink(msgspec.Struct, frozen=True, gc=False):
     """How far b̂ is beyond B: the part of (9) that does not depend on ξ."""
 
     eta1: Real

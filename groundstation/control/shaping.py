@@ -20,6 +20,15 @@ def saturation(ops: Ops, s: Real, bound: Real, slope: Real) -> tuple[Real, Real,
     return value, first, second
 
 
+def saturated(ops: Ops, s: Real, bound: Real, slope: Real) -> tuple[Real, Real, Real, Real]:
+    """σ(s), its first and second derivative as of :func:`saturation`, and φ(s) as of :func:`saturation_integral`."""
+    rs = slope * s
+    root = ops.sqrt(bound * bound + rs * rs)
+    w = 1.0 / root
+    first = slope * bound * bound * bound * w * w * w
+    return bound * rs * w, first, -3.0 * slope * rs * w * w * first, bound / slope * rs * rs / (root + bound)
+
+
 def saturation_integral(ops: Ops, s: Real, bound: Real, slope: Real) -> Real:
     """φ(s) = ∫₀ˢ σ = (M/r)(√(M² + r² s²) - M)."""
     rs = slope * s

@@ -130,7 +130,7 @@ def test_fly_refuses_a_port_that_may_be_a_real_module(tmp_path: Path) -> None:
     ("what", "kind", "code", "words"),
     [
         ("bind", "dsm", 0, "bind for 0.3 s, disarmed"),
-        ("idle", "crsf", 0, "0 lost"),
+        ("idle", "crsf", 0, "0 repeated"),
         ("range-check", "crsf", 1, "see its own menu"),
     ],
 )

@@ -3,6 +3,7 @@
 import math
 from typing import Any
 
+import msgspec
 import numpy as np
 import pytest
 from hypothesis import given
@@ -193,7 +194,7 @@ def test_the_estimate_stays_within_b_plus_epsilon_for_any_input_sequence(
 
 
 def numbers(step: Step) -> list[float]:
-    return [x for field in step for x in (field if isinstance(field, tuple) else (field,))]
+    return [x for field in msgspec.structs.astuple(step) for x in (field if isinstance(field, tuple) else (field,))]
 
 
 @given(any_vec, any_vec, angle, anything, vec, any_vec, any_vec)
