@@ -22,7 +22,7 @@ import msgspec
 
 from groundstation.control.gains import Law
 from groundstation.control.projection import Brink, brink, held_back
-from groundstation.control.shaping import growth, saturated, saturation
+from groundstation.control.shaping import growth, saturation
 from groundstation.ops import Ops, Quat, Real, Vec3
 from groundstation.so3 import third_column, to_body
 
@@ -89,10 +89,10 @@ def axis(ops: Ops, law: Law, z1: Real, z1_dot: Real) -> Axis:
     """(5), (6) and their partial derivatives in (z1, z2), for one axis."""
     x1 = ops.clamp(z1, -POSITION_LIMIT, POSITION_LIMIT)
     x2 = ops.clamp(z1_dot, -VELOCITY_LIMIT, VELOCITY_LIMIT)
-    s, s1, s2, v_sigma = saturated(ops, x1, law.sigma_bound, law.sigma_slope)
+    s, s1, s2, v_sigma = saturation(ops, x1, law.sigma_bound, law.sigma_slope)
     z2 = x2 + s  # (5)
     k2 = law.k2
-    rho, rho1, _ = saturation(ops, z2, law.rho_bound, law.rho_slope)
+    rho, rho1, _, _ = saturation(ops, z2, law.rho_bound, law.rho_slope)
     excess, o1, o2 = growth(ops, x2, law.sigma_bound, law.velocity_scale)
     # Ω(x2) + Ω(σ) = z2 + excess: zero only where the excess is (|σ| < M < |x2|), and there q = 1.
     sum_ = z2 + excess

@@ -10,30 +10,16 @@ import math
 from groundstation.ops import FLOATS, Ops, Real
 
 
-def saturation(ops: Ops, s: Real, bound: Real, slope: Real) -> tuple[Real, Real, Real]:
-    """σ(s) = M r s/√(M² + r² s²), and its first and second derivative."""
-    rs = slope * s
-    w = 1.0 / ops.sqrt(bound * bound + rs * rs)
-    value = bound * rs * w
-    first = slope * bound * bound * bound * w * w * w
-    second = -3.0 * slope * rs * w * w * first
-    return value, first, second
+def saturation(ops: Ops, s: Real, bound: Real, slope: Real) -> tuple[Real, Real, Real, Real]:
+    """σ(s) = M r s/√(M² + r² s²), its first and second derivative, and its integral φ(s) from 0.
 
-
-def saturated(ops: Ops, s: Real, bound: Real, slope: Real) -> tuple[Real, Real, Real, Real]:
-    """σ(s), its first and second derivative as of :func:`saturation`, and φ(s) as of :func:`saturation_integral`."""
+    φ(s) = (M/r)(√(M² + r² s²) - M), written without the cancellation near 0.
+    """
     rs = slope * s
     root = ops.sqrt(bound * bound + rs * rs)
     w = 1.0 / root
     first = slope * bound * bound * bound * w * w * w
     return bound * rs * w, first, -3.0 * slope * rs * w * w * first, bound / slope * rs * rs / (root + bound)
-
-
-def saturation_integral(ops: Ops, s: Real, bound: Real, slope: Real) -> Real:
-    """φ(s) = ∫₀ˢ σ = (M/r)(√(M² + r² s²) - M)."""
-    rs = slope * s
-    # (√(M²+x²) - M) = x²/(√(M²+x²) + M), without the cancellation near 0.
-    return bound / slope * rs * rs / (ops.sqrt(bound * bound + rs * rs) + bound)
 
 
 def growth(ops: Ops, s: Real, bound: Real, scale: Real) -> tuple[Real, Real, Real]:
