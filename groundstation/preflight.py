@@ -1,11 +1,10 @@
 """What is looked at before take-off: whether the vehicle can fly the trajectory at all."""
 
-from pathlib import Path
-
 from groundstation.config import ConfigError
 from groundstation.settings import Config
 from groundstation.trajectories.check import Demand, Report, check, refusal
 from links.address import is_loopback, parse_address
+from links.serial_port import is_pseudo_terminal
 
 
 def look(config: Config) -> Report:
@@ -54,7 +53,7 @@ def real(config: Config) -> str | None:
     if serial is not None:
         return f"link.serial = {serial}"
     port = getattr(link, "port", None)
-    if port is not None and not str(Path(port).resolve()).startswith("/dev/pts/"):
+    if port is not None and not is_pseudo_terminal(port):
         return f"link.port = {port}"
     return None
 

@@ -15,6 +15,7 @@ from links.mavlink import MavlinkLinkConfig
 from links.port import LinkError
 from links.rf_codec import RfLinkConfig, Service
 from links.rf_codecs import RF_CODECS
+from links.serial_port import is_pseudo_terminal
 
 Say = Callable[[str], None]
 
@@ -71,7 +72,6 @@ def bridge(args: argparse.Namespace, say: Say) -> bool:
             "CONFIG.toml", "expected a configuration, or --make-key FILE; see docs/how-to/two-computers.md"
         )
     config = load(args.config, BridgeConfig, args.overrides)
-    refuse_real_port(config.link.port)
     return asyncio.run(_bridge(config, key(config.key_file, "key_file"), say))
 
 
@@ -79,7 +79,9 @@ async def _bridge(config: BridgeConfig, shared: bytes, say: Say) -> bool:
     from links.bridge import Bridge
 
     loop = asyncio.get_running_loop()
-    it = Bridge(config, shared, say=lambda line: say(f"{loop.time():.3f} {line}"))
+    link = config.link
+    real = not is_pseudo_terminal(link.port)
+    it = Bridge(config, shared, say=lambda line: say(f"{loop.time():.3f} {line}"), remote_only=real)
     running = asyncio.ensure_future(it.run())
 
     def end(name: str) -> None:
@@ -93,7 +95,8 @@ async def _bridge(config: BridgeConfig, shared: bytes, say: Say) -> bool:
     for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
         loop.add_signal_handler(number, end, number.name)
     loop.add_signal_handler(signal.SIGQUIT, kill)
-    link = config.link
+    if real:
+        say(f"{link.port} may be a real module: whoever has the key {config.key_file} can start its vehicle's motors")
     say(
         f"rf-bridge at udp {config.listen}: {link.__struct_config__.tag} module on {link.port}, a frame every "
         f"{1e3 * link.period_s:g} ms. Ctrl-C ends"
@@ -131,14 +134,3 @@ def key(file: str, name: str) -> bytes:
         return read_key(Path(file))
     except ValueError as error:
         raise ConfigError(name, str(error)) from None
-
-
-def refuse_real_port(port: str) -> None:
-    """A bridge's commands leave by pseudo-terminals only.
-
-    Raises:
-        ConfigError: ``port`` may be a real module's.
-    """
-    if not str(Path(port).resolve()).startswith("/dev/pts/"):
-        why = "a bridge has no flight guards of its own, and can't know whether its station has"
-        raise ConfigError("link.port", f"{port}: only pseudo-terminals may take commands yet: {why}")

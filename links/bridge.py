@@ -14,7 +14,7 @@ from typing import Any
 
 import msgspec
 
-from links.address import parse_address
+from links.address import is_loopback, parse_address
 from links.bridge_codec import (
     HELLO,
     HELLOS,
@@ -95,8 +95,12 @@ class Bridge(asyncio.DatagramProtocol):
         say: Callable[[str], None] = lambda line: None,
         open_pacer: OpenPacer = open_process,
         nonce: Nonce = os.urandom,
+        remote_only: bool = False,
     ) -> None:
-        """``say`` takes lines for the operator; the rest is for simulations."""
+        """``say`` takes lines for the operator; ``open_pacer`` and ``nonce`` are for simulations.
+
+        With ``remote_only`` stations on this machine are not heard: on loopback they take vehicles for simulated ones.
+        """
         self.dropped: Counter[str] = Counter()
         """Datagrams dropped, by reason."""
         self._config = config
@@ -104,6 +108,7 @@ class Bridge(asyncio.DatagramProtocol):
         self._say = say
         self._open_pacer = open_pacer
         self._random = nonce
+        self._remote_only = remote_only
         self._pacer: Pacer | None = None
         self._report: Report | None = None
         self._arming = 0
@@ -188,12 +193,22 @@ class Bridge(asyncio.DatagramProtocol):
         """Take one datagram (called by the event loop)."""
         now = asyncio.get_running_loop().time()
         kind = kind_of(data)
-        if kind == UP:
+        if self._remote_only and is_loopback(addr[0]):
+            self._refuse_local(addr)
+        elif kind == UP:
             self._up(data, addr, now)
         elif kind == HELLO:
             self._hello(data, addr, now)
         else:
             self.dropped["not_ours"] += 1
+
+    def _refuse_local(self, addr: Any) -> None:
+        if not self.dropped["from_this_machine"]:
+            self._say(
+                f"a station on this machine ({addr[0]}) is not heard: give the flight the module itself, by "
+                f"link.kind = {self._config.link.__struct_config__.tag!r} and link.port"
+            )
+        self.dropped["from_this_machine"] += 1
 
     def _hello(self, data: bytes, addr: Any, now_s: float) -> None:
         seal = first_seal(self._key, HELLO, name_of(data))

@@ -9,6 +9,7 @@ import fcntl
 import os
 import struct
 import termios
+from pathlib import Path
 
 STANDARD = (9600, 19200, 38400, 57600, 115200, 230400, 460800, 500000, 921600, 1000000, 1500000, 2000000)
 """Baud rates that every Linux knows by name."""
@@ -44,6 +45,11 @@ def open_port(path: str, baud: int) -> int:
         os.close(fd)
         raise
     return fd
+
+
+def is_pseudo_terminal(path: str) -> bool:
+    """True where a program of this machine must be at the other end of ``path``, and no module can be."""
+    return str(Path(path).resolve()).startswith("/dev/pts/")
 
 
 def waiting(fd: int) -> int:

@@ -66,9 +66,10 @@ class Network:
 class Room:
     """A bridge with a module and a vehicle, and a station."""
 
-    def __init__(self) -> None:
+    def __init__(self, *, remote_only: bool = False) -> None:
         self.network = Network()
         self.wire = WirePort()
+        self.remote_only = remote_only
         self.vehicle = Brick(0.0)
         self.receiver = RfReceiver(self.vehicle, MODULE)
         self.peer = RfPeer(self.receiver, MODULE)
@@ -80,7 +81,8 @@ class Room:
 
     def new_bridge(self) -> Bridge:
         config = BridgeConfig(listen=ADDRESS, link=MODULE)
-        return Bridge(config, KEY, open_pacer=opened_on(self.wire), nonce=nonce, say=self.said.append)
+        wires: dict[str, Any] = {"open_pacer": opened_on(self.wire), "nonce": nonce}
+        return Bridge(config, KEY, say=self.said.append, remote_only=self.remote_only, **wires)
 
     async def restart(self) -> None:
         self.running.cancel()
@@ -110,6 +112,25 @@ class Room:
         for task in (self.running, self._peer):
             task.cancel()
         await asyncio.gather(self.running, self._peer, return_exceptions=True)
+
+
+def test_a_bridge_with_a_real_module_hears_no_station_on_its_own_machine() -> None:
+    async def main() -> tuple[list[str], int, bool]:
+        room = Room(remote_only=True)
+        try:
+            with pytest.raises(LinkLost, match="no answer"):
+                await room.link.connect()
+            return room.said, room.bridge.dropped["from_this_machine"], room.receiver.armed
+        finally:
+            await room.leave()
+
+    said, dropped, armed = in_virtual_time(main())
+    assert [line for line in said if "not heard" in line] == [
+        "a station on this machine (127.0.0.1) is not heard: give the flight the module itself, by "
+        "link.kind = 'dsm' and link.port"
+    ]
+    assert dropped > 2
+    assert not armed
 
 
 @contextlib.asynccontextmanager
