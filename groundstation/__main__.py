@@ -45,6 +45,18 @@ def _parser() -> argparse.ArgumentParser:
     tui.add_argument("--vehicle", default="mqx", metavar="NAME", help="name of the vehicle in its config (default mqx)")
     tui.add_argument("--socket", type=Path, metavar="PATH", help="its status socket, if not the usual one")
 
+    request = commands.add_parser("request", help="ask a running ground station: land, hold, kill, ...; done at once")
+    request.add_argument(
+        "ask",
+        choices=["hold", "return", "track", "land", "descend", "abort", "kill", "arm"],
+        metavar="WHAT",
+        help="hold, return, track, land, descend; abort: commands stop; kill: motors off AT ONCE, also in the air; "
+        "arm: THIS MOVES THE VEHICLE, and --vehicle must name it",
+    )
+    request.add_argument("--vehicle", metavar="NAME", help="not needed where only one is flown here, but for arm")
+    request.add_argument("--socket", type=Path, metavar="PATH", help="its status socket, if not the usual one")
+    request.add_argument("--why", default="", metavar="WORDS", help="why, for the others and the records")
+
     replay = commands.add_parser("replay", help="fly a recording again and compare to the last bit; a .tlog, in shadow")
     replay.add_argument("file", type=Path, metavar="LOG.mcap|FILE.tlog")
     replay.add_argument("--set", action="append", default=[], dest="overrides", metavar="KEY=VALUE")

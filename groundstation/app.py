@@ -1,11 +1,14 @@
 """The composition root: one config into a link, a source, a flight, and whoever watches it."""
 
 import asyncio
+import os
 from collections.abc import AsyncIterator, Awaitable, Callable, Mapping
 from contextlib import asynccontextmanager
+from importlib.metadata import version
 from typing import Any
 
 from groundstation.broadcast import Latest
+from groundstation.config import dump
 from groundstation.flight import Flight, Outcome
 from groundstation.mission import State
 from groundstation.pilot import Tick
@@ -88,10 +91,19 @@ async def recorder(config: Config, say: Callable[[str], None]) -> AsyncIterator[
 
 async def watched(flight: Flight, config: Config, say: Callable[[str], None]) -> Outcome:
     """Run ``flight`` with its status socket and telemetry; a watcher that fails is told of and left behind."""
-    from groundstation.telemetry.status import StatusServer
+    from groundstation.api.server import Server
 
     latest: Latest[Snapshot] = Latest()
-    server = StatusServer(config.status, config.vehicle.name, latest)
+    server = Server(
+        config.status,
+        config.vehicle.name,
+        latest,
+        flight,
+        pid=os.getpid(),
+        version=version("groundstation"),
+        config_text=dump(config),
+        log=say,
+    )
     crew = [asyncio.create_task(_guarded("snapshots", _publish(flight, latest), say))]
     crew.append(asyncio.create_task(_guarded("status socket", server.serve(), say)))
     if config.mqtt.enabled:

@@ -68,10 +68,17 @@ def rf_bridge(args: argparse.Namespace) -> int:
 
 def tui(args: argparse.Namespace) -> int:
     """Watch a running flight."""
-    from groundstation.telemetry.status import StatusConfig, socket_path
+    from groundstation.api.place import StatusConfig, socket_path
     from groundstation.tui.app import run
 
     return run(args.socket or socket_path(StatusConfig(), args.vehicle))
+
+
+def request(args: argparse.Namespace) -> int:
+    """One request to a running ground station."""
+    from groundstation.api.command import request_command
+
+    return request_command(Ask(args.ask), args.vehicle, args.socket, args.why)
 
 
 def replay(args: argparse.Namespace) -> int:

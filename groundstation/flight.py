@@ -11,7 +11,7 @@ from groundstation.mission import EVENT_OF, FINAL, ON_GROUND, Event, State
 from groundstation.pilot import Pilot, Tick
 from groundstation.poses.port import Pose, PoseEvent, PoseSource
 from groundstation.progress import Progress
-from groundstation.requests import Ask, Request
+from groundstation.requests import Ask, Reply, Request
 from groundstation.scoreboard import Scoreboard
 from groundstation.sender import Ended, Sender
 from groundstation.settings import Config
@@ -80,23 +80,35 @@ class Flight:
         """When the trajectory starts, on the event loop's clock [s]; None before that is known."""
         return self._progress.started_s
 
-    def ask(self, request: Request) -> bool:
-        """Do what ``request`` says, or tell the operator that it is not possible now; True where it is done."""
+    def ask(self, request: Request) -> Reply:
+        """Do what ``request`` says, or tell the operator that it is not possible now."""
         event, why = EVENT_OF[request.ask], request.why
         now = asyncio.get_running_loop().time()
         if not self._progress.allows(event):
-            self._say(f"{request.ask} is not possible while {self.state}" + (f" ({why})" if why else ""))
-            return False
+            says = f"{request.ask} is not possible while {self.state}"
+            self._say(says + (f" ({why})" if why else ""))
+            return Reply(False, says)
         match request.ask:
             case Ask.ARM:
                 self._arm_asked.set()
+                return Reply(True, "arming")
             case Ask.KILL:
-                if self._kill is None and not self._closed:
+                if self._kill is None and self._closed:
+                    return Reply(False, f"{self.state}: the flight is over, and nothing leaves any more")
+                if self._kill is None:
                     self._kill = asyncio.ensure_future(self._link.kill())
                     self._progress.go(event, f"motors off: {why}", now)
             case _:
                 self._progress.go(event, f"ended before take-off: {why}" if self.state in ON_GROUND else why, now)
-        return True
+        return Reply(True, f"{self.state}: {self._progress.reason}")
+
+    def set_gain(self, key: str, value: float) -> Reply:
+        """Gains stay as configured: say so."""
+        return Reply(False, f"{key} stays as it is: a flight keeps the gains that it began with (asked for {value:g})")
+
+    def note(self, text: str) -> None:
+        """Tell the operator, screens and records of something that happened beside the flight."""
+        self._say(text)
 
     def land(self, reason: str) -> None:
         """Ask to land here; before take-off, to end the flight."""

@@ -23,7 +23,7 @@ from groundstation.recording.records import (
     Told,
 )
 from groundstation.recording.wires import Wires
-from groundstation.requests import Request
+from groundstation.requests import Reply, Request
 from groundstation.settings import Config
 from groundstation.trajectories.port import Reference, Trajectory
 from links.mavlink import MavlinkLinkConfig
@@ -108,7 +108,7 @@ class RecordedFlight(Flight):
             config, link, source, confirm=confirm, on_tick=on_tick, on_event=self._tell, on_state=on_state, pilot=pilot
         )
 
-    def ask(self, request: Request) -> bool:
+    def ask(self, request: Request) -> Reply:
         """Note who asks, and do it."""
         self._give(Asked(asyncio.get_running_loop().time(), request.ask, request.why))
         return super().ask(request)

@@ -34,6 +34,14 @@ class Request(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """Who asks and why, as the operator shall read it."""
 
 
+class Reply(msgspec.Struct, frozen=True):
+    """What became of a request."""
+
+    done: bool
+    says: str
+    """What it does now, or why not, for the operator."""
+
+
 def decode(text: bytes) -> Request | None:
     """The request in a JSON object such as ``{"ask": "land", "why": "MQTT"}``; None where it is none."""
     try:

@@ -4,6 +4,7 @@ from typing import Annotated, Literal, TypeAlias
 
 import msgspec
 
+from groundstation.api.place import StatusConfig
 from groundstation.control.controllers import ControllerConfig
 from groundstation.control.gains import Gains
 from groundstation.fence import FenceConfig
@@ -16,7 +17,6 @@ from groundstation.poses.vicon import ViconConfig
 from groundstation.takeoff import TakeoffConfig
 from groundstation.telemetry.flights import RecordingConfig
 from groundstation.telemetry.mqtt import MqttConfig
-from groundstation.telemetry.status import StatusConfig
 from groundstation.touchdown import LandingConfig
 from groundstation.trajectories import TrajectoryConfig
 from groundstation.trajectories.lemniscate import LemniscateConfig

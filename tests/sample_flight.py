@@ -5,12 +5,36 @@ import contextlib
 import math
 import sys
 
+from groundstation.api.place import StatusConfig
+from groundstation.api.server import Server
 from groundstation.broadcast import Latest
 from groundstation.ops import Vec3
+from groundstation.requests import Ask, Reply, Request
 from groundstation.snapshot import Certificate, Diagnostics, Snapshot
 from groundstation.so3 import from_euler_zyx
-from groundstation.telemetry.status import StatusConfig, StatusServer
 from links.port import LinkStatus
+
+
+class Sampled:
+    """In the place of a flight: remembers what was asked, and does all but to hold."""
+
+    def __init__(self) -> None:
+        self.asked: list[Request] = []
+        self.gains: dict[str, float] = {}
+        self.notes: list[str] = []
+
+    def ask(self, request: Request) -> Reply:
+        self.asked.append(request)
+        if request.ask is Ask.HOLD:
+            return Reply(False, "hold is not possible while landing")
+        return Reply(True, f"{request.ask}: {request.why}")
+
+    def set_gain(self, key: str, value: float) -> Reply:
+        self.gains[key] = value
+        return Reply(True, f"{key} moves to {value:g}")
+
+    def note(self, text: str) -> None:
+        self.notes.append(text)
 
 
 def sample(time_s: float, *, vehicle: str = "mqx", state: str = "tracking", text: str = "Armed by us") -> Snapshot:
@@ -75,7 +99,7 @@ def sample(time_s: float, *, vehicle: str = "mqx", state: str = "tracking", text
 async def serve(path: str, seconds: float, rate_hz: float) -> None:
     """Fly the made-up flight for so long [s], with its status socket at ``path``."""
     latest: Latest[Snapshot] = Latest()
-    server = asyncio.create_task(StatusServer(StatusConfig(path=path, rate_hz=rate_hz), "mqx", latest).serve())
+    server = asyncio.create_task(Server(StatusConfig(path=path, rate_hz=rate_hz), "mqx", latest, Sampled()).serve())
     loop = asyncio.get_running_loop()
     start = loop.time()
     while (now := loop.time() - start) < seconds and not server.done():

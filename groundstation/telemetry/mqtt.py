@@ -1,7 +1,7 @@
 """Telemetry to an MQTT v5 broker. The broker may be away or slow at any time: the flight never notices.
 
 Topics, below ``PREFIX/VEHICLE/``: ``state`` (the mission state as plain text, retained; ``offline`` once nobody flies,
-also as last will), ``snapshot`` (JSON, see telemetry/status.py), ``event`` (each event once, as plain text).
+also as last will), ``snapshot`` (JSON, see snapshot.py), ``event`` (each event once, as plain text).
 """
 
 import asyncio

@@ -9,8 +9,9 @@ from textual.app import App, ComposeResult
 from textual.binding import BindingType
 from textual.containers import Horizontal, Vertical
 
+from groundstation.api.client import snapshots
+from groundstation.api.place import ApiError
 from groundstation.snapshot import Snapshot
-from groundstation.telemetry.status import StatusError, snapshots
 from groundstation.tui.headline import SILENCE_S, headline
 from groundstation.tui.panels import KEPT, Banner, ErrorHistory, Events, Flown, Numbers, TopView
 
@@ -79,7 +80,7 @@ class StatusScreen(App[None]):
                 self._trouble = f"No ground station serves {self._path}."
             except OSError as error:
                 self._trouble = f"{self._path}: {error.strerror or error}"
-            except StatusError as error:
+            except ApiError as error:
                 self._trouble = str(error)
             await asyncio.sleep(RETRY_S)
 

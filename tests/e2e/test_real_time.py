@@ -13,8 +13,8 @@ from pathlib import Path
 
 import pytest
 
+from groundstation.api.client import snapshots
 from groundstation.snapshot import Snapshot
-from groundstation.telemetry.status import snapshots
 from tests.e2e.stations import EXAMPLE, served
 
 

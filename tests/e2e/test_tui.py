@@ -14,18 +14,19 @@ import pytest
 from textual.pilot import Pilot
 from textual.widget import Widget
 
+from groundstation.api.place import StatusConfig
+from groundstation.api.server import Server
 from groundstation.broadcast import Latest
 from groundstation.snapshot import Snapshot
-from groundstation.telemetry.status import StatusConfig, StatusServer
 from groundstation.tui.app import StatusScreen
 from groundstation.tui.letters import big
 from groundstation.tui.panels import Banner, ErrorHistory, Events, Numbers, TopView
-from tests.sample_flight import sample
+from tests.sample_flight import Sampled, sample
 
 
 @contextlib.asynccontextmanager
 async def served(path: Path, latest: Latest[Snapshot]) -> AsyncIterator[None]:
-    task = asyncio.create_task(StatusServer(StatusConfig(path=str(path), rate_hz=50.0), "mqx", latest).serve())
+    task = asyncio.create_task(Server(StatusConfig(path=str(path), rate_hz=50.0), "mqx", latest, Sampled()).serve())
     try:
         yield
     finally:

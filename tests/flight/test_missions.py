@@ -203,7 +203,7 @@ def test_abort_and_kill_end_every_state_with_the_motors_off(ask: Ask, end: State
 def test_holding_in_flight_waits_until_it_is_told_to_go_on() -> None:
     async def script(flight: Flight, _: Stage) -> None:
         await in_state(State.TRACKING, Ask.HOLD, 1.0)(flight, _)
-        assert not flight.ask(Request(Ask.ARM, "out of place"))
+        assert not flight.ask(Request(Ask.ARM, "out of place")).done
         await asyncio.sleep(5.0)
         assert flight.state is State.HOLD
         flight.ask(Request(Ask.TRACK, "on"))

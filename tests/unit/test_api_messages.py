@@ -1,0 +1,102 @@
+"""Lines and orders of the core API: whatever a client sends, it comes out as an order, or as words why it is none."""
+
+import msgspec
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from groundstation.api.desk import Desk, Party, printable
+from groundstation.api.messages import Answer, Control, Hello, Lines, Order, Refused, decode, decode_order, encode
+from groundstation.requests import Ask
+from tests.sample_flight import Sampled, sample
+
+LINES = [b'{"id": 1, "ask": "land"}', b"", b"x" * 40, b"{}", b"y" * 41]
+
+
+def fed(pieces: list[bytes]) -> list[bytes | None]:
+    lines = Lines(40)
+    return [line for piece in pieces for line in lines.feed(piece)]
+
+
+@given(st.lists(st.integers(1, 50), max_size=40))
+def test_lines_come_out_the_same_however_they_are_cut(cuts: list[int]) -> None:
+    data = b"\n".join(LINES) + b"\n"
+    pieces = []
+    for cut in cuts:
+        pieces.append(data[:cut])
+        data = data[cut:]
+    assert fed([*pieces, data]) == [LINES[0], b"", LINES[2], b"{}", None]
+
+
+def test_a_line_without_an_end_keeps_no_memory_and_is_told_once() -> None:
+    lines = Lines(100)
+    told = [line for _ in range(1000) for line in lines.feed(b"x" * 1000)]
+    assert told == [None]
+    assert lines.feed(b'\n{"id"') == []
+    assert lines.feed(b": 1}\n") == [b'{"id": 1}']
+
+
+@given(st.binary(max_size=200) | st.text(max_size=100).map(str.encode))
+def test_no_bytes_raise_or_are_taken_for_an_order(data: bytes) -> None:
+    assert isinstance(decode_order(data), str)
+    with pytest.raises(ValueError, match=r".+"):
+        decode(data)
+
+
+@given(
+    st.dictionaries(
+        st.sampled_from(["id", "ask", "control", "set", "why", "vehicle", "name", "x"]),
+        st.none() | st.booleans() | st.integers() | st.floats(allow_nan=False) | st.sampled_from(["land", "take", "k"]),
+    )
+)
+def test_an_order_asks_for_exactly_one_thing(keys: dict[str, object]) -> None:
+    order = decode_order(msgspec.json.encode(keys))
+    if isinstance(order, Order):
+        assert sum(one is not None for one in (order.ask, order.control, order.gains)) == 1
+        assert "x" not in keys
+
+
+@pytest.mark.parametrize(
+    "message",
+    [Hello(1, "mqx", 7, "0.1", "[vehicle]"), Control("tui 7", True), Answer(7, True, "landing"),
+     Refused("no"), sample(3.0)],
+    ids=lambda message: type(message).__name__,
+)  # fmt: skip
+def test_a_message_comes_out_as_it_went_in(message: Hello) -> None:
+    line = encode(message)
+    assert line.endswith(b"\n") and line.count(b"\n") == 1
+    assert decode(line) == message
+
+
+def test_a_message_of_a_later_version_is_passed_over() -> None:
+    assert decode(b'{"fireworks": {"on": true}}') is None
+
+
+@given(st.lists(st.tuples(st.integers(0, 2), st.sampled_from([*Ask, "take", "give", "leave"])), max_size=40))
+def test_what_lifts_or_moves_the_vehicle_is_asked_by_the_one_holder_alone(moves: list[tuple[int, str]]) -> None:
+    core = Sampled()
+    desk, parties, holder = Desk("mqx", core), [Party(number) for number in range(3)], None
+    for number, (who, what) in enumerate(moves):
+        party, asked = parties[who], len(core.asked)
+        if what == "leave":
+            desk.leave(party)
+            holder = None if holder is party else holder
+        elif what in ("take", "give"):
+            done = desk.take(Order(id=number, control="take" if what == "take" else "give"), party).done
+            assert done == (holder in (None, party) if what == "take" else holder is party)
+            if done:
+                holder = party if what == "take" else None
+        else:
+            desk.take(Order(id=number, ask=Ask(what), vehicle="mqx"), party)
+            free = what in ("land", "descend", "abort", "kill")
+            assert (len(core.asked) == asked + 1) == (free or holder is party)
+        assert [desk.control(one).yours for one in parties] == [one is holder for one in parties]
+
+
+def test_words_of_a_client_stay_on_one_line_and_move_no_cursor() -> None:
+    core = Sampled()
+    party = Party(7)
+    order = Order(id=1, ask=Ask.LAND, why="fire\n12.3 landed\x1b[2J", name="t\x1bui\n")
+    Desk("mqx", core).take(order, party)
+    assert core.asked[0].why == "fire 12.3 landed [2J (t ui 7)"
+    assert printable("ü🚁 z1") == "ü🚁 z1"
