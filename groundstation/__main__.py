@@ -6,12 +6,13 @@ import time
 from pathlib import Path
 
 
-def _parser() -> argparse.ArgumentParser:
-    parser = argparse.ArgumentParser(
+def parser() -> argparse.ArgumentParser:
+    """All commands and their arguments."""
+    program = argparse.ArgumentParser(
         prog="groundstation",
         description="Fly a quadrotor from outside it. To try things without one: groundstation-sim.",
     )
-    commands = parser.add_subparsers(dest="command", required=True, metavar="COMMAND")
+    commands = program.add_subparsers(dest="command", required=True, metavar="COMMAND")
 
     fly = commands.add_parser("fly", help="connect, arm after asking, follow the trajectory, land")
     daemon = commands.add_parser("daemon", help="the same without a terminal; SIGTERM lands")
@@ -115,7 +116,7 @@ def _parser() -> argparse.ArgumentParser:
     verbs = config.add_subparsers(dest="verb", required=True, metavar="VERB")
     show = verbs.add_parser("show", help="print what is in force, defaults and overrides included")
     _config_arguments(show, optional=True)
-    return parser
+    return program
 
 
 def _seconds(text: str) -> float:
@@ -137,7 +138,7 @@ def main() -> int:
 
     ``doctor``: 0 for nothing to change, 1 for something to change or not confirmed, 3 for no answer or a refusal.
     """
-    args = _parser().parse_args()
+    args = parser().parse_args()
     from groundstation import commands
     from groundstation.config import ConfigError
 

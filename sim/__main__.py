@@ -14,11 +14,12 @@ _DRAWS = "what differs from flight to flight: mass,lags,gain,wind (default), and
 _AUTOPILOTS = ("px4", "ardupilot")
 
 
-def _parser() -> argparse.ArgumentParser:
-    parser = argparse.ArgumentParser(
+def parser() -> argparse.ArgumentParser:
+    """All commands and their arguments."""
+    program = argparse.ArgumentParser(
         prog="groundstation-sim", description="Fly, check and serve simulated vehicles. Nothing real can move."
     )
-    commands = parser.add_subparsers(dest="command", required=True, metavar="COMMAND")
+    commands = program.add_subparsers(dest="command", required=True, metavar="COMMAND")
 
     fly = commands.add_parser("fly", help="fly a scenario in virtual time, through real wire bytes")
     fly.add_argument("--scenario", default="paper", metavar="NAME", help="see `groundstation-sim scenarios`")
@@ -158,7 +159,10 @@ def _parser() -> argparse.ArgumentParser:
     serve.add_argument("--link", choices=_LINKS[:-1], default="mavlink", help="dsm and crsf: a receiver on a pty")
     serve.add_argument("--floor", action="store_true", help="it stands on the floor, instead of being held in the air")
     serve.add_argument("--duration", type=_seconds, metavar="S", help="stop after so many seconds")
-    return parser
+
+    reference = commands.add_parser("reference", help="the reference pages of the documents, made from the code")
+    reference.add_argument("--write", type=Path, metavar="DIR", help="write them there instead of printing them")
+    return program
 
 
 def _seconds(text: str) -> float:
@@ -202,7 +206,7 @@ def _names(text: str) -> list[str]:
 
 def main() -> int:
     """Entry point; the exit code is 0 for done, 1 for a flight that failed, 2 for bad usage or config."""
-    args = _parser().parse_args()
+    args = parser().parse_args()
     from groundstation.config import ConfigError
     from sim import commands
 

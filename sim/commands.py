@@ -342,6 +342,14 @@ def fuzz(args: argparse.Namespace) -> int:
     return 0 if total.exceptions == 0 and total.mismatches == 0 else 1
 
 
+def reference(args: argparse.Namespace) -> int:
+    """Print or write the pages of docs/reference that are made from the code."""
+    from sim.reference import reference_command
+
+    print(reference_command(args.write))
+    return 0
+
+
 def serve(args: argparse.Namespace) -> int:
     """Run the simulated side in real time."""
     from sim.serve import serve as serve_stage

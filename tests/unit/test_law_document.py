@@ -12,7 +12,7 @@ import pytest
 
 from groundstation.control import estimation, gains
 from groundstation.control.gains import Gains
-from sim.__main__ import _parser
+from sim.__main__ import parser
 from sim.commands import prepare
 from sim.fly import fly
 from sim.scenarios import SCENARIOS
@@ -81,7 +81,7 @@ def test_the_condition_on_kappa_is_met_by_the_defaults_and_said_so() -> None:
 
 @pytest.mark.parametrize("command", COMMANDS)
 def test_every_command_is_accepted(command: str) -> None:
-    args = _parser().parse_args(shlex.split(command)[1:])
+    args = parser().parse_args(shlex.split(command)[1:])
     assert args.seed == 0
     prepare(SCENARIOS[args.scenario], args.overrides, controller=args.controller)
 

@@ -1,0 +1,37 @@
+"""Pages of docs/reference that are made from the code: ``groundstation-sim reference --write docs/reference``."""
+
+from collections.abc import Callable
+from pathlib import Path
+
+from groundstation.config import ConfigError
+from sim.reference import channels, configuration, programs
+
+PAGES: dict[str, Callable[[], str]] = {
+    "configuration.md": configuration.page,
+    "commands.md": programs.page,
+    "recording-channels.md": channels.page,
+}
+"""File → what is in it."""
+
+MADE = "<!-- made by `groundstation-sim reference --write docs/reference`: change the code, not this page -->\n\n"
+
+
+def page(name: str) -> str:
+    """The whole text of that page."""
+    return MADE + PAGES[name]().rstrip() + "\n"
+
+
+def reference_command(folder: Path | None) -> str:
+    """Write all pages into ``folder``, or return them as one text.
+
+    Raises:
+        ConfigError: a page can't be written.
+    """
+    if folder is None:
+        return "\n".join(page(name) for name in PAGES)
+    for name in PAGES:
+        try:
+            (folder / name).write_text(page(name), "utf-8")
+        except OSError as error:
+            raise ConfigError("--write", f"cannot write {folder / name}: {error.strerror}") from None
+    return "\n".join(f"{folder / name} written" for name in PAGES)

@@ -1,0 +1,55 @@
+"""The reference pages say what the code says."""
+
+from pathlib import Path
+
+import msgspec
+import pytest
+
+from groundstation.config_files import presets
+from groundstation.settings import Config
+from groundstation.vehicle import Vehicle
+from sim.reference import PAGES, page, reference_command
+from sim.reference.remarks import remarks
+
+FOLDER = Path(__file__).parents[2] / "docs" / "reference"
+
+
+@pytest.mark.parametrize("name", PAGES)
+def test_a_page_that_was_made_from_the_code_is_as_the_code_is_now(name: str) -> None:
+    assert (FOLDER / name).read_text("utf-8") == page(name), (
+        "make it anew: groundstation-sim reference --write docs/reference"
+    )
+
+
+def test_every_key_of_the_configuration_has_a_remark() -> None:
+    text = page("configuration.md")
+    assert [line for line in text.splitlines() if line.startswith("| `") and line.endswith("|  |")] == []
+
+
+def test_every_section_of_the_configuration_is_there() -> None:
+    text = page("configuration.md")
+    for field in msgspec.structs.fields(Config):
+        assert f"## `[{field.encode_name}]`" in text
+
+
+def test_every_command_of_both_programs_is_there() -> None:
+    text = page("commands.md")
+    for command in (
+        "groundstation fly",
+        "groundstation config show",
+        "groundstation-sim fly",
+        "groundstation-sim tune",
+    ):
+        assert f"`{command}`" in text
+
+
+def test_a_remark_is_found_below_its_field_and_in_base_classes() -> None:
+    found = remarks(Vehicle)
+    assert found["mass_kg"] == "With battery and markers [kg]."
+    assert "preset" in found
+    assert presets(Vehicle)
+
+
+def test_pages_are_written_where_they_are_wanted(tmp_path: Path) -> None:
+    assert len(reference_command(tmp_path).splitlines()) == len(PAGES)
+    assert {path.name for path in tmp_path.iterdir()} == set(PAGES)
