@@ -5,7 +5,7 @@ WORKERS ?= 2
 
 BIN := .venv/bin
 
-.PHONY: fly test lint types contracts tests test-all-pythons soak setup lock clean
+.PHONY: fly test lint types contracts tests test-all-pythons soak docs setup lock clean
 
 fly: setup ## fly one simulated flight, on real wire bytes, and sum it up
 	@$(BIN)/groundstation-sim fly --scenario $(SCENARIO) --out runs/$(SCENARIO)-$$(date +%Y%m%d-%H%M%S)
@@ -32,6 +32,10 @@ soak: setup ## long runs: minutes to hours
 	$(BIN)/python -m pytest -m soak --timeout 0 || test $$? = 5  # 5: nothing is marked soak
 	$(BIN)/python -m pytest -n $(WORKERS) --timeout 0 --hypothesis-profile big tests/property
 
+docs: setup ## the documents as a site, in build/site
+	$(BIN)/groundstation-sim reference --write docs/reference
+	$(BIN)/mkdocs build --quiet --strict --config-file .mkdocs.yml
+
 setup: .venv/.synced ## prepare .venv from the lock
 
 .venv/.synced: pyproject.toml uv.lock
@@ -47,5 +51,5 @@ lock: setup ## choose the newest versions that pyproject.toml allows
 	$(BIN)/uv lock --upgrade --default-index https://pypi.org/simple
 
 clean: ## forget everything that can be made again
-	rm -rf .venv .venv-* .mypy_cache .ruff_cache .pytest_cache .hypothesis .import_linter_cache dist
+	rm -rf .venv .venv-* .mypy_cache .ruff_cache .pytest_cache .hypothesis .import_linter_cache dist build
 	find . -name __pycache__ -not -path './.venv*' -prune -exec rm -rf {} +

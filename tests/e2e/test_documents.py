@@ -1,0 +1,59 @@
+"""The documents: every link leads somewhere, and the site is built without a warning."""
+
+import re
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).parents[2]
+DOCUMENTS = [ROOT / "README.md", ROOT / "CHANGELOG.md", *sorted((ROOT / "docs").rglob("*.md"))]
+LINK = re.compile(r"\[[^\]]*\]\((?P<target>[^)\s]+)\)")
+FENCED = re.compile(r"^```.*?^```$", re.M | re.S)
+
+
+def anchors(text: str) -> set[str]:
+    """The anchors of a document's headings, as they are made from words."""
+    heads = re.findall(r"^#+ (.+)$", FENCED.sub("", text), re.M)
+    return {re.sub(r"[^\w\- ]", "", head.lower()).strip().replace(" ", "-") for head in heads}
+
+
+def broken(path: Path) -> list[str]:
+    """The links in ``path`` that lead nowhere."""
+    found = []
+    for match in LINK.finditer(FENCED.sub("", path.read_text("utf-8"))):
+        target, _, anchor = match["target"].partition("#")
+        if "://" in target:
+            continue
+        there = (path.parent / target).resolve() if target else path
+        inside = there == ROOT or ROOT in there.parents
+        if (
+            not inside
+            or not there.exists()
+            or (anchor and there.suffix == ".md" and anchor not in anchors(there.read_text("utf-8")))
+        ):
+            found.append(match["target"])
+    return found
+
+
+@pytest.mark.parametrize("path", DOCUMENTS, ids=lambda path: str(path.relative_to(ROOT)))
+def test_every_link_of_a_document_leads_somewhere(path: Path) -> None:
+    assert broken(path) == []
+
+
+def test_a_link_that_leads_nowhere_is_found(tmp_path: Path) -> None:
+    page = tmp_path / "page.md"
+    page.write_text("# A head\n[a](page.md#a-head) [b](page.md#none) [c](none.md) [d](https://example.org)\n")
+    assert broken(page) == ["page.md#a-head", "page.md#none", "none.md"]  # all of it is outside the project
+    assert anchors(page.read_text()) == {"a-head"}
+
+
+def test_every_page_is_in_the_site_and_it_is_built_without_a_warning(tmp_path: Path) -> None:
+    words = ("-m", "mkdocs", "build", "--strict", "--config-file", str(ROOT / ".mkdocs.yml"), "--site-dir")
+    done = subprocess.run(
+        [sys.executable, *words, str(tmp_path / "site")], capture_output=True, text=True, timeout=60, check=False
+    )
+    assert done.returncode == 0, done.stderr
+    assert (tmp_path / "site" / "tutorial" / "first-flight.html").exists()
+    assert (tmp_path / "site" / "images" / "frames.svg").exists()
