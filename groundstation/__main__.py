@@ -15,7 +15,7 @@ def parser() -> argparse.ArgumentParser:
     commands = program.add_subparsers(dest="command", required=True, metavar="COMMAND")
 
     fly = commands.add_parser("fly", help="connect, arm after asking, follow the trajectory, land")
-    daemon = commands.add_parser("daemon", help="the same without a terminal; SIGTERM lands")
+    daemon = commands.add_parser("daemon", help="flights without a terminal, each armed by request; SIGTERM lands")
     for command in (fly, daemon):
         _config_arguments(command)
         command.add_argument(
@@ -23,6 +23,18 @@ def parser() -> argparse.ArgumentParser:
             metavar="VEHICLE_NAME",
             help="arm this vehicle without asking; it must be the name in the config. THIS MOVES THE VEHICLE",
         )
+
+    daemon.add_argument("--once", action="store_true", help="end with the first flight")
+    daemon.add_argument("--log-format", choices=["text", "logfmt", "json"], default="text", help="default: text")
+
+    service = commands.add_parser("service", help="print a systemd unit for the daemon of a configuration")
+    _config_arguments(service)
+    service.add_argument("--user", default="groundstation", metavar="NAME", help="as whom it runs (groundstation)")
+
+    health = commands.add_parser("health", help="how a running daemon is: exit code 0 for well")
+    health.add_argument("--vehicle", metavar="NAME", help="not needed where only one is served here")
+    health.add_argument("--socket", type=Path, metavar="PATH", help="its status socket, if not the usual one")
+    health.add_argument("--json", action="store_true", help="print one JSON object instead of a line")
 
     doctor = commands.add_parser("doctor", help="look at the autopilot's parameters; set one on request, disarmed only")
     _config_arguments(doctor)
@@ -134,10 +146,7 @@ def _config_arguments(parser: argparse.ArgumentParser, *, optional: bool = False
 
 
 def main() -> int:
-    """Entry point; the exit code is 0 for landed or done, 1 for aborted, 2 for bad usage or config.
-
-    ``doctor``: 0 for nothing to change, 1 for something to change or not confirmed, 3 for no answer or a refusal.
-    """
+    """Entry point; for the exit codes see exits.py and docs/reference/exit-codes.md."""
     args = parser().parse_args()
     from groundstation import commands
     from groundstation.config import ConfigError

@@ -5,8 +5,10 @@ import os
 from collections.abc import AsyncIterator, Awaitable, Callable, Mapping
 from contextlib import asynccontextmanager
 from importlib.metadata import version
-from typing import Any
+from typing import Any, Protocol
 
+from groundstation.api.desk import Core
+from groundstation.api.server import Server
 from groundstation.broadcast import Latest
 from groundstation.config import dump
 from groundstation.flight import Flight, Outcome
@@ -75,8 +77,13 @@ def make_flight(
 
 
 @asynccontextmanager
-async def recorder(config: Config, say: Callable[[str], None]) -> AsyncIterator[Give | None]:
-    """What records a flight in real time, in a process of its own; None where ``recording.enabled`` is false."""
+async def recorder(
+    config: Config, say: Callable[[str], None], keep: Callable[[], bool] = lambda: True
+) -> AsyncIterator[Give | None]:
+    """What records a flight in real time, in a process of its own; None where ``recording.enabled`` is false.
+
+    ``keep`` is asked at the end whether the recording shall stay.
+    """
     if not config.recording.enabled:
         yield None
         return
@@ -86,43 +93,70 @@ async def recorder(config: Config, say: Callable[[str], None]) -> AsyncIterator[
     try:
         yield process.give
     finally:
-        await process.close()
+        await process.close(keep=keep())
 
 
-async def watched(flight: Flight, config: Config, say: Callable[[str], None]) -> Outcome:
-    """Run ``flight`` with its status socket and telemetry; a watcher that fails is told of and left behind."""
-    from groundstation.api.server import Server
+class Watched(Core, Protocol):
+    """What clients watch and ask: a flight, or a daemon with one flight after the other."""
 
+    def snapshot(self) -> Snapshot:
+        """As it is now."""
+        ...
+
+
+@asynccontextmanager
+async def crew(
+    config: Config, core: Watched, say: Callable[[str], None], *, needed: bool = False
+) -> AsyncIterator[Server]:
+    """Who watches ``core`` and asks of it: clients of the socket, and MQTT. What fails is told of and left behind.
+
+    Raises:
+        ApiError: the socket can't be served, where it is ``needed``.
+    """
     latest: Latest[Snapshot] = Latest()
     server = Server(
         config.status,
         config.vehicle.name,
         latest,
-        flight,
+        core,
         pid=os.getpid(),
         version=version("groundstation"),
         config_text=dump(config),
         log=say,
     )
-    crew = [asyncio.create_task(_guarded("snapshots", _publish(flight, latest), say))]
-    crew.append(asyncio.create_task(_guarded("status socket", server.serve(), say)))
-    if config.mqtt.enabled:
-        from groundstation.telemetry.mqtt import publish_forever
-
-        crew.append(asyncio.create_task(_guarded("MQTT", publish_forever(config.mqtt, latest), say)))
+    serve = asyncio.create_task(server.serve() if needed else _guarded("status socket", server.serve(), say))
+    tasks: list[asyncio.Task[Any]] = [serve, asyncio.create_task(_guarded("snapshots", _publish(core, latest), say))]
     try:
-        return await flight.run()
+        if needed:
+            serving = asyncio.create_task(server.serving.wait())
+            tasks.append(serving)
+            await asyncio.wait({serve, serving}, return_when=asyncio.FIRST_COMPLETED)
+            if serve.done():
+                serve.result()
+        if config.mqtt.enabled:
+            from groundstation.telemetry.mqtt import publish_forever
+
+            tasks.append(asyncio.create_task(_guarded("MQTT", publish_forever(config.mqtt, latest), say)))
+        try:
+            yield server
+        finally:
+            latest.put(core.snapshot())
+            await asyncio.sleep(0.1)  # the last word reaches whoever watches
     finally:
-        latest.put(flight.snapshot())
-        await asyncio.sleep(0.1)  # the last word reaches whoever watches
-        for task in crew:
+        for task in tasks:
             task.cancel()
-        await asyncio.gather(*crew, return_exceptions=True)
+        await asyncio.gather(*tasks, return_exceptions=True)
 
 
-async def _publish(flight: Flight, latest: Latest[Snapshot]) -> None:
+async def watched(flight: Flight, config: Config, say: Callable[[str], None]) -> Outcome:
+    """Run ``flight`` with its crew."""
+    async with crew(config, flight, say):
+        return await flight.run()
+
+
+async def _publish(core: Watched, latest: Latest[Snapshot]) -> None:
     while True:
-        latest.put(flight.snapshot())
+        latest.put(core.snapshot())
         await asyncio.sleep(0.1)
 
 

@@ -2,27 +2,21 @@
 
 import argparse
 import asyncio
-import gc
-import logging
 import os
 import shlex
-import signal
 import sys
 from collections.abc import Awaitable, Callable
 from typing import TYPE_CHECKING
 
 from groundstation.config import ConfigError, dump, load
-from groundstation.interrupts import Interrupts
-from groundstation.mission import State
 from groundstation.poses import Recorded
-from groundstation.poses.port import SourceError
 from groundstation.preflight import ensure_flyable, ensure_guarded
 from groundstation.radio import ensure_link
-from groundstation.requests import Ask, Request
+from groundstation.requests import Ask
 from groundstation.settings import Config
 
 if TYPE_CHECKING:
-    from groundstation.recorded import Give
+    pass
 
 EXIT_DONE, EXIT_ABORTED = 0, 1
 
@@ -33,23 +27,35 @@ def fly(args: argparse.Namespace) -> int:
     _check_name(args.arm, config)
     if args.arm is None and not sys.stdin.isatty():
         raise ConfigError("--arm", f"without a terminal, arming needs --arm {config.vehicle.name}")
-    return asyncio.run(_recorded(config, _ask(config, args.arm), _say))
+    from groundstation.service.command import fly_command
+
+    return fly_command(config, _ask(config, args.arm), _say)
 
 
 def daemon(args: argparse.Namespace) -> int:
-    """Fly headless: log lines to stderr, land on SIGTERM; without ``--arm`` it only watches poses and link."""
+    """Fly headless, whenever somebody arms: log lines to stderr, land and end on SIGTERM."""
     config = _flyable(load(args.config, Config, args.overrides))
     _check_name(args.arm, config)
-    logging.basicConfig(stream=sys.stderr, level=logging.INFO, format="%(levelname)s %(message)s")
-    log = logging.getLogger("groundstation")
+    from groundstation.service.command import daemon_command
+    from groundstation.service.logs import Format
 
-    async def confirm() -> bool:
-        if args.arm is None:
-            log.info("ready, and staying on the ground: started without --arm %s", config.vehicle.name)
-            await asyncio.Event().wait()
-        return True
+    return daemon_command(config, arm=args.arm is not None, once=args.once, style=Format(args.log_format))
 
-    return asyncio.run(_recorded(config, confirm, lambda line: log.info("%s", line)))
+
+def health(args: argparse.Namespace) -> int:
+    """How a running daemon is."""
+    from groundstation.service.health import health_command
+
+    return health_command(args.vehicle, args.socket, as_json=args.json)
+
+
+def service(args: argparse.Namespace) -> int:
+    """Print a systemd unit for a configuration."""
+    from groundstation.service.unit import unit
+
+    config = _flyable(load(args.config, Config, args.overrides))
+    print(unit(config, args.config, args.overrides, user=args.user), end="")
+    return EXIT_DONE
 
 
 def radio(args: argparse.Namespace) -> int:
@@ -273,54 +279,3 @@ async def _line_from_terminal(prompt: str) -> str:
         return await line
     finally:
         loop.remove_reader(sys.stdin.fileno())
-
-
-def _calm_memory() -> None:
-    """No long garbage collection in flight: what start-up made is never looked at again, whole sweeps are rare."""
-    gc.collect()
-    gc.freeze()
-    young, middle, _ = gc.get_threshold()
-    gc.set_threshold(young, middle, 1000)
-
-
-async def _recorded(config: Config, confirm: Callable[[], Awaitable[bool]], say: Callable[[str], None]) -> int:
-    """Fly as :func:`_run` does, with the recorder running for as long."""
-    from groundstation.app import recorder
-
-    async with recorder(config, say) as give:
-        return await _run(config, confirm, say, give)
-
-
-async def _run(
-    config: Config, confirm: Callable[[], Awaitable[bool]], say: Callable[[str], None], give: "Give | None"
-) -> int:
-    """Fly until landed or aborted, land on the first signal, and answer with the exit code."""
-    from groundstation.app import make_flight, watched
-
-    flight = make_flight(config, confirm=confirm, on_event=say, give=give)
-    loop = asyncio.get_running_loop()
-    task = asyncio.ensure_future(watched(flight, config, say))
-
-    interrupts = Interrupts()
-
-    def interrupted(name: str) -> None:
-        request, words = interrupts.press(name, loop.time())
-        say(words)
-        if request is not None:
-            flight.ask(request)
-
-    def kill() -> None:
-        say("SIGQUIT: motors off, now")
-        flight.ask(Request(Ask.KILL, "told by SIGQUIT"))
-
-    loop.add_signal_handler(signal.SIGINT, interrupted, "SIGINT")
-    loop.add_signal_handler(signal.SIGTERM, interrupted, "SIGTERM")
-    loop.add_signal_handler(signal.SIGQUIT, kill)
-    # A terminal that closes is no second opinion: it lands, and never more than that.
-    loop.add_signal_handler(signal.SIGHUP, flight.ask, Request(Ask.LAND, "the terminal closed"))
-    _calm_memory()
-    try:
-        outcome = await task
-    except SourceError:  # ``say`` has told
-        return EXIT_ABORTED
-    return EXIT_DONE if outcome.state is State.LANDED and not outcome.fault else EXIT_ABORTED

@@ -76,6 +76,16 @@ class Flight:
         return self._progress.state
 
     @property
+    def reason(self) -> str:
+        """Why it stands there."""
+        return self._progress.reason
+
+    @property
+    def newest_tick_s(self) -> float | None:
+        """When the newest command of the controller left, on the event loop's clock [s]; None before the first."""
+        return None if self._progress.tick is None else self._progress.tick.time_s
+
+    @property
     def started_s(self) -> float | None:
         """When the trajectory starts, on the event loop's clock [s]; None before that is known."""
         return self._progress.started_s

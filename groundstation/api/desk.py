@@ -63,6 +63,11 @@ class Desk:
         """Who holds control, as told to ``party``."""
         return Control(None if self._holder is None else self._holder.label, self._holder is party)
 
+    @property
+    def is_held(self) -> bool:
+        """Whether anybody holds control."""
+        return self._holder is not None
+
     def take(self, order: Order, party: Party) -> Answer:
         """Do what ``order`` says, or say why not."""
         if order.name:

@@ -65,6 +65,8 @@ class Server:
         self._log = log
         self._clients: dict[_Client, int] = {}  # to the number of the snapshot that it got last
         self._attached = asyncio.Event()
+        self.serving = asyncio.Event()
+        """Set once clients can attach."""
         self._line = (0, b"")
 
     async def serve(self) -> None:
@@ -83,6 +85,7 @@ class Server:
         try:
             self.path.chmod(0o600)  # nobody can connect before it: not listening yet
             await server.start_serving()
+            self.serving.set()
             await self.publish()
         finally:
             self.path.unlink(missing_ok=True)

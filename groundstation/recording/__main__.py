@@ -10,11 +10,12 @@ import signal
 import sys
 import time
 from collections.abc import Iterator
+from pathlib import Path
 
 import msgspec
 
 from groundstation.recording.log import FLUSH_S, FlightLog
-from groundstation.recording.process import Setup
+from groundstation.recording.process import FORGET, Setup
 from groundstation.recording.records import Record
 from groundstation.telemetry.flights import folder_of, free_name, tidy
 
@@ -29,12 +30,15 @@ def main() -> int:
     with contextlib.suppress(OSError):  # woken up by the flight's writing, it must not take the processor from it
         os.sched_setscheduler(0, os.SCHED_BATCH, os.sched_param(0))
     log: FlightLog | None = None
+    forget = False
     decoder = msgspec.msgpack.Decoder(Record)
     try:
         for message in _messages():
             if not message:
                 if log is not None:
                     log.flush()
+            elif message == FORGET:
+                forget = True
             elif log is None:
                 log = _opened(msgspec.msgpack.decode(message, type=Setup))
             else:
@@ -45,7 +49,17 @@ def main() -> int:
     finally:
         if log is not None:
             log.close()
+            if forget:
+                _forget(log.path)
     return 0
+
+
+def _forget(path: Path) -> None:
+    """Remove a recording of nothing."""
+    for file in (path, path.with_suffix(".tlog")):
+        with contextlib.suppress(OSError):
+            file.unlink(missing_ok=True)
+    _tell(f"{path.name} was removed: nothing was armed in it")
 
 
 def _messages() -> Iterator[bytes]:

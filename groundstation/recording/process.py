@@ -21,6 +21,8 @@ BACKLOG_BYTES = 8 << 20
 """So much may wait beyond it; what comes then is left out, and counted."""
 GATHER_S = 0.05
 """Records wait for one another for so long [s], so that the recorder wakes up less often than the flight does."""
+FORGET = b"forget"
+"""A message: the recording is not worth keeping."""
 END_S = 5.0
 """How long the recorder may take to write its end [s]."""
 
@@ -104,8 +106,8 @@ class RecorderProcess:
             self._add(Lost(self._loop.time(), self._lost))
             self._lost = 0
 
-    async def close(self) -> None:
-        """Hand over what is left and wait until all is written, but not for ever."""
+    async def close(self, *, keep: bool = True) -> None:
+        """Hand over what is left and wait until all is written, but not for ever; or have it all removed."""
         with suppress(TimeoutError):
             async with asyncio.timeout(END_S):
                 self._hand_over()
@@ -113,6 +115,8 @@ class RecorderProcess:
                     await asyncio.sleep(0.01)
                     self._hand_over()
                 self._admit()
+                if not keep:
+                    self._backlog += len(FORGET).to_bytes(4, "little") + FORGET
                 self._hand_over()
                 self._end_of_pipe()
                 await asyncio.shield(self._gone)

@@ -62,7 +62,7 @@ async def lab(folder: Path, *arguments: str, mute: bool = False) -> AsyncIterato
     world, config = prepare(SCENARIOS["paper"], [o for o in room.wires if o != "--set"])
     station = await asyncio.create_subprocess_exec(
         *(sys.executable, "-m", "groundstation", "daemon", str(EXAMPLE), *room.wires),
-        *("--set", f"status.path={folder}.sock", "--set", "flight.duration_s=30.0", *arguments),
+        *("--set", f"status.path={folder}.sock", "--set", "flight.duration_s=30.0", "--once", *arguments),
         stdin=asyncio.subprocess.DEVNULL,
         stderr=asyncio.subprocess.PIPE,
         cwd=ROOT,

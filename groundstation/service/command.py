@@ -1,0 +1,93 @@
+"""How flights run in real time: alone in a terminal, or as a daemon."""
+
+import asyncio
+import gc
+import logging
+import os
+import sys
+from collections.abc import Awaitable, Callable
+
+from groundstation.api.place import ApiError, socket_path
+from groundstation.app import make_ends, make_flight, recorder, watched
+from groundstation.config import ConfigError
+from groundstation.exits import Exit
+from groundstation.mission import State
+from groundstation.poses.port import SourceError
+from groundstation.service.daemon import Daemon
+from groundstation.service.lock import Taken, lock_path, only_one
+from groundstation.service.logs import Format, Lines, is_journal, level_of
+from groundstation.service.notify import Notify
+from groundstation.service.signals import obey
+from groundstation.settings import Config
+from links.port import LinkError
+
+Say = Callable[[str], None]
+
+
+def fly_command(config: Config, confirm: Callable[[], Awaitable[bool]], say: Say) -> Exit:
+    """One flight, with the lock of its vehicle held."""
+    try:
+        with only_one(lock_path(socket_path(config.status, config.vehicle.name)), config.vehicle.name):
+            return asyncio.run(_fly(config, confirm, say))
+    except Taken as error:
+        print(f"groundstation: {error}", file=sys.stderr)
+        return Exit.TAKEN
+    except ApiError as error:
+        raise ConfigError("status.path", str(error)) from None
+
+
+async def _fly(config: Config, confirm: Callable[[], Awaitable[bool]], say: Say) -> Exit:
+    """Fly until landed or aborted, and land on the first signal."""
+    async with recorder(config, say) as give:
+        flight = make_flight(config, confirm=confirm, on_event=say, give=give)
+        obey(flight.ask, say)
+        calm_memory()
+        try:
+            outcome = await watched(flight, config, say)
+        except SourceError:  # ``say`` has told
+            return Exit.FAULT
+        return Exit.DONE if outcome.state is State.LANDED and not outcome.fault else Exit.FAULT
+
+
+def daemon_command(config: Config, *, arm: bool, once: bool, style: Format) -> Exit:
+    """Flights until a signal comes, with the lock of the vehicle held; log lines to stderr.
+
+    Raises:
+        ConfigError: ``arm`` under a service manager, which might start it again and again.
+    """
+    if arm and "NOTIFY_SOCKET" in os.environ:
+        raise ConfigError(
+            "--arm",
+            "a service never arms by itself, as it may be started again at any time: start it without, then "
+            f"`groundstation request arm --vehicle {config.vehicle.name}`",
+        )
+    make_ends(config)  # what it names must go together, before anything is opened
+    log = logging.getLogger("groundstation")
+    log.setLevel(logging.INFO)
+    log.propagate = False
+    number = sys.stderr.fileno()
+    log.addHandler(Lines(number, style, journal=is_journal(number)))
+    try:
+        with only_one(lock_path(socket_path(config.status, config.vehicle.name)), config.vehicle.name):
+            return asyncio.run(_serve(config, lambda line: log.log(level_of(line), "%s", line), arm=arm, once=once))
+    except (Taken, ApiError) as error:
+        log.error("%s", error)
+        return Exit.TAKEN
+    except (SourceError, LinkError, OSError) as error:
+        log.error("%s", error)
+        return Exit.FAULT
+
+
+async def _serve(config: Config, say: Say, *, arm: bool, once: bool) -> Exit:
+    daemon = Daemon(config, say, Notify(), arm=arm, once=once)
+    obey(daemon.ask, say, daemon.stop)
+    calm_memory()
+    return await daemon.run()
+
+
+def calm_memory() -> None:
+    """No long garbage collection in flight: what start-up made is never looked at again, whole sweeps are rare."""
+    gc.collect()
+    gc.freeze()
+    young, middle, _ = gc.get_threshold()
+    gc.set_threshold(young, middle, 1000)

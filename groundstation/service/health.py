@@ -1,0 +1,94 @@
+"""How a daemon is, in a file beside its socket: for monitors that can't attach."""
+
+import asyncio
+import json
+import sys
+from pathlib import Path
+
+import msgspec
+
+from groundstation.api.place import SERVICES, directory
+from groundstation.config import ConfigError
+from groundstation.mission import IN_AIR
+
+WRITE_S = 1.0
+"""How often it is written [s]."""
+STALE_S = 3.5
+"""An older one is of a daemon that hangs or is no more [s]."""
+TICK_S = 1.0
+"""In the air, a command is never so old [s]."""
+EXIT_WELL, EXIT_ILL, EXIT_NOBODY = 0, 1, 2
+
+
+class Health(msgspec.Struct, frozen=True):
+    """One daemon at one instant."""
+
+    vehicle: str
+    state: str
+    reason: str
+    pid: int
+    written_s: float
+    """The machine's monotonic clock [s]: the same in all its processes."""
+    tick_age_s: float | None
+    """Age of the newest command of the controller [s]; None before the first of a flight."""
+    flights: int
+    """How many have been armed since it started."""
+    refused: dict[str, int]
+    """What clients have sent that was no order, by reason."""
+
+
+def health_path(socket: Path) -> Path:
+    """The file beside a socket."""
+    return socket.with_suffix(".health.json")
+
+
+def write(path: Path, health: Health) -> None:
+    """Replace the file as a whole; a full disk is not the flight's trouble."""
+    draft = path.with_suffix(".new")
+    try:
+        draft.write_bytes(msgspec.json.encode(health) + b"\n")
+        draft.replace(path)
+    except OSError:
+        return
+
+
+def ill(health: Health, now_s: float) -> str:
+    """What is wrong with it; empty for nothing."""
+    age = now_s - health.written_s
+    if not -0.1 <= age <= STALE_S:
+        return f"stale: written {age:.1f} s ago, by process {health.pid}"
+    if health.state in IN_AIR and (health.tick_age_s is None or health.tick_age_s > TICK_S):
+        return f"{health.state}, but no command has left lately"
+    return ""
+
+
+def health_command(vehicle: str | None, socket: Path | None, *, as_json: bool) -> int:
+    """Print how a daemon is; 0 where it is well, 1 where it is not, 2 where there is none."""
+    try:
+        path = health_path(socket) if socket is not None else _only(vehicle)
+        health = msgspec.json.decode(path.read_bytes(), type=Health)
+    except (OSError, msgspec.DecodeError) as error:
+        print(f"groundstation: health: {error}", file=sys.stderr)
+        return EXIT_NOBODY
+    wrong = ill(health, asyncio.new_event_loop().time())
+    if as_json:
+        print(json.dumps({"well": not wrong, "why": wrong, **msgspec.to_builtins(health)}))
+    else:
+        print(f"{health.vehicle}: {wrong or 'well'}; {health.state}: {health.reason}")
+    return EXIT_ILL if wrong else EXIT_WELL
+
+
+def _only(vehicle: str | None) -> Path:
+    """The file of ``vehicle``, or the only one.
+
+    Raises:
+        FileNotFoundError: there is none.
+        ConfigError: there are several.
+    """
+    name = "*" if vehicle is None else vehicle
+    found = [*directory().glob(f"{name}.health.json"), *SERVICES.glob(f"*/{name}.health.json")]
+    if not found:
+        raise FileNotFoundError(f"no daemon runs here (looked in {directory()} and {SERVICES})")
+    if len(found) > 1:
+        raise ConfigError("--vehicle", f"several daemons run here, name one: {', '.join(map(str, found))}")
+    return found[0]

@@ -1,0 +1,170 @@
+"""The daemon as a service manager and an operator have it: its own process, real sockets, real signals."""
+
+import asyncio
+import json
+import os
+import re
+import socket as sockets
+import subprocess
+import sys
+import threading
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+import pytest
+
+from tests.e2e.stations import Room, served
+from tests.e2e.test_real_time import seen
+
+
+class Manager:
+    """The service manager's end of ``$NOTIFY_SOCKET``, read all the time as a manager does."""
+
+    def __init__(self, name: str) -> None:
+        self._socket = sockets.socket(sockets.AF_UNIX, sockets.SOCK_DGRAM)
+        self._socket.bind(name)
+        self.told: list[str] = []
+        self._thread = threading.Thread(target=self._read)
+        self._thread.start()
+
+    def _read(self) -> None:
+        while datagram := self._socket.recv(4096):
+            self.told.append(datagram.decode())
+
+    def close(self) -> None:
+        with sockets.socket(sockets.AF_UNIX, sockets.SOCK_DGRAM) as last:
+            last.sendto(b"", self._socket.getsockname())
+        self._thread.join()
+        self._socket.close()
+
+
+class Running:
+    """A daemon, and what it has logged."""
+
+    def __init__(self, room: Room, log: Path, *arguments: str, environment: dict[str, str]) -> None:
+        self._room = room
+        self._log = log
+        with log.open("w") as file:
+            self.process = subprocess.Popen(
+                room.station("daemon", *arguments),
+                stderr=file,
+                stdin=subprocess.DEVNULL,
+                env=os.environ | environment,
+            )
+
+    @property
+    def log(self) -> str:
+        return self._log.read_text("utf-8")
+
+    def until(self, true: Callable[[], bool], within_s: float = 25.0) -> None:
+        limit = time.monotonic() + within_s
+        while not true():
+            assert self.process.poll() is None, self.log
+            assert time.monotonic() < limit, self.log
+            time.sleep(0.05)
+
+    def says(self, pattern: str, times: int = 1) -> None:
+        self.until(lambda: len(re.findall(pattern, self.log)) >= times)
+
+    def command(self, *words: str) -> "subprocess.CompletedProcess[str]":
+        return subprocess.run(
+            [sys.executable, "-m", "groundstation", *words, "--socket", str(self._room.status_socket)],
+            capture_output=True,
+            check=False,
+            text=True,
+            timeout=20,
+        )
+
+
+@contextmanager
+def running(room: Room, log: Path, *arguments: str, **environment: str) -> Iterator[Running]:
+    daemon = Running(room, log, *arguments, environment=environment)
+    try:
+        yield daemon
+    finally:
+        daemon.process.kill()
+        daemon.process.wait()
+
+
+@pytest.mark.timeout(120)
+def test_a_service_comes_up_idle_flies_on_request_gets_ready_again_and_ends_on_sigterm(tmp_path: Path) -> None:
+    name = f"\0groundstation-test-{os.getpid()}"
+    manager = Manager(name)
+    environment = {"NOTIFY_SOCKET": "@" + name[1:], "WATCHDOG_USEC": "600000"}
+    try:
+        with served() as room, running(room, tmp_path / "log", "--log-format", "logfmt", **environment) as daemon:
+            daemon.says("ready: link and poses are there")
+            assert "READY=1" in manager.told
+            time.sleep(0.5)
+            assert " arming: " not in daemon.log
+
+            second = subprocess.run(
+                room.station("daemon", "--once"), capture_output=True, check=False, text=True, timeout=20
+            )
+            assert second.returncode == 3
+            assert f"flown by another ground station already (process {daemon.process.pid}" in second.stderr
+
+            assert daemon.command("request", "track").returncode == 1
+            unnamed = daemon.command("request", "arm")
+            assert (unnamed.returncode, "must name the vehicle" in unnamed.stdout) == (1, True)
+            assert daemon.command("request", "arm", "--vehicle", "other").returncode == 2
+            assert " arming: " not in daemon.log
+            armed = daemon.command("request", "arm", "--vehicle", "mqx")
+            assert (armed.returncode, armed.stdout) == (0, "arming\n"), armed.stderr
+            asyncio.run(seen(room.status_socket, lambda s: s.flight_time_s > 3.0 and s.error_m < 0.1))
+
+            health = json.loads(daemon.command("health", "--json").stdout)
+            assert (health["well"], health["pid"], health["flights"]) == (True, daemon.process.pid, 1)
+            landing = daemon.command("request", "land", "--why", "enough")
+            assert (landing.returncode, landing.stdout[:8]) == (0, "landing:")
+            daemon.says("landed: landed and disarmed")
+            daemon.says("ready: link and poses are there", times=2)
+            assert daemon.log.count(" arming: ") == 1
+
+            daemon.process.terminate()
+            assert daemon.process.wait(20) == 0, daemon.log
+            assert daemon.command("health").returncode == 2
+            assert daemon.command("request", "land").returncode == 2
+            told = manager.told
+            assert told.count("WATCHDOG=1") > 20
+            assert any(one.startswith("STATUS=tracking") for one in told)
+            assert "STOPPING=1" in told
+            assert all(line.startswith("level=") for line in daemon.log.splitlines()), daemon.log
+            assert len(list(room.recordings.glob("*.mcap"))) == 1, "of what was never armed no recording is kept"
+    finally:
+        manager.close()
+
+
+@pytest.mark.timeout(120)
+def test_a_daemon_that_is_started_again_after_its_death_in_flight_stays_on_the_ground(tmp_path: Path) -> None:
+    with served() as room:
+        with running(room, tmp_path / "first", "--arm", "mqx") as first:
+            first.says("tracking: ")
+            first.process.kill()
+            first.process.wait()
+        stale = first.command("health")
+        assert stale.returncode in (0, 1)
+        with running(room, tmp_path / "second") as second:
+            second.says("ready: link and poses are there|pre-flight checks failed")
+            time.sleep(1.0)
+            assert " arming: " not in second.log
+            assert second.process.poll() is None
+            second.process.terminate()
+            assert second.process.wait(20) == 0
+
+
+def test_a_service_is_never_armed_from_its_command_line(tmp_path: Path) -> None:
+    with running(Room(tmp_path), tmp_path / "log", "--arm", "mqx", NOTIFY_SOCKET="/nowhere") as daemon:
+        assert daemon.process.wait(20) == 2
+    assert "a service never arms by itself" in daemon.log
+
+
+def test_a_daemon_without_poses_goes_on_trying_and_ends_on_sigterm(tmp_path: Path) -> None:
+    sets = [word for key in ("flight.pose_wait_s=0.2", "link.connect_timeout_s=0.3") for word in ("--set", key)]
+    with running(Room(tmp_path), tmp_path / "log", *sets) as daemon:
+        daemon.says("aborted: ", times=2)
+        daemon.process.terminate()
+        assert daemon.process.wait(10) == 0
+    assert not list((tmp_path / "flights").glob("*.mcap"))

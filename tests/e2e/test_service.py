@@ -1,0 +1,236 @@
+"""The parts of the daemon: lock, notifications, log lines, health, the unit file and the table of exit codes."""
+
+import asyncio
+import json
+import logging
+import os
+import shutil
+import socket as sockets
+import subprocess
+import sys
+from pathlib import Path
+
+import msgspec
+import pytest
+
+from groundstation.__main__ import _parser
+from groundstation.config import load
+from groundstation.exits import CODES, markdown
+from groundstation.fence import BoxFence
+from groundstation.service.health import STALE_S, Health, health_path, ill, write
+from groundstation.service.lock import Taken, only_one
+from groundstation.service.logs import Format, Lines, is_journal, level_of, line_of
+from groundstation.service.notify import Notify
+from groundstation.service.unit import longest_landing_s, unit
+from groundstation.settings import Config
+
+ROOT = Path(__file__).parents[2]
+EXAMPLE = ROOT / "examples" / "loopback.toml"
+
+
+def test_the_second_of_two_is_refused_in_words_and_the_lock_falls_with_its_holder(tmp_path: Path) -> None:
+    path = tmp_path / "mqx.lock"
+    code = f"""
+import sys, time
+from pathlib import Path
+from groundstation.service.lock import only_one
+with only_one(Path({str(path)!r}), "mqx"):
+    print("held", flush=True)
+    time.sleep(60)
+"""
+    holder = subprocess.Popen([sys.executable, "-c", code], stdout=subprocess.PIPE, text=True)
+    assert holder.stdout is not None
+    try:
+        assert holder.stdout.readline() == "held\n"
+        with pytest.raises(Taken, match=f"process {holder.pid}, lock"), only_one(path, "mqx"):
+            pass
+    finally:
+        holder.kill()
+        holder.wait()
+        holder.stdout.close()
+    with only_one(path, "mqx"):
+        assert path.read_text() == f"{os.getpid()}\n"
+
+
+@pytest.mark.parametrize("abstract", [False, True])
+def test_the_manager_is_told_on_a_path_and_on_an_abstract_name(tmp_path: Path, abstract: bool) -> None:
+    name = f"\0gs-notify-{os.getpid()}" if abstract else str(tmp_path / "notify")
+    with sockets.socket(sockets.AF_UNIX, sockets.SOCK_DGRAM) as manager:
+        manager.bind(name)
+        manager.settimeout(5.0)
+
+        async def tell() -> float | None:
+            notify = Notify({"NOTIFY_SOCKET": name.replace("\0", "@"), "WATCHDOG_USEC": "3000000"})
+            await notify.open()
+            notify.ready()
+            notify.status("landing:\nnow")
+            notify.feed()
+            notify.stopping()
+            notify.close()
+            return notify.feed_s
+
+        assert asyncio.run(tell()) == pytest.approx(1.0)
+        assert [manager.recv(200) for _ in range(4)] == [
+            b"READY=1",
+            b"STATUS=landing: now",
+            b"WATCHDOG=1",
+            b"STOPPING=1",
+        ]
+
+
+@pytest.mark.parametrize(
+    "environment",
+    [{}, {"NOTIFY_SOCKET": ""}, {"NOTIFY_SOCKET": "/nowhere/at/all"}, {"NOTIFY_SOCKET": "vsock:2:1"},
+     {"WATCHDOG_USEC": "0"}, {"WATCHDOG_USEC": "soon"}, {"WATCHDOG_USEC": "1000", "WATCHDOG_PID": "1"}],
+    ids=str,
+)  # fmt: skip
+def test_without_a_manager_nothing_happens(environment: dict[str, str]) -> None:
+    async def tell() -> float | None:
+        notify = Notify(environment)
+        await notify.open()
+        notify.ready()
+        notify.close()
+        return notify.feed_s
+
+    assert asyncio.run(tell()) is None
+
+
+def test_a_manager_that_dies_or_does_not_read_is_no_trouble(tmp_path: Path) -> None:
+    path = str(tmp_path / "notify")
+
+    async def tell() -> None:
+        with sockets.socket(sockets.AF_UNIX, sockets.SOCK_DGRAM) as manager:
+            manager.bind(path)
+            notify = Notify({"NOTIFY_SOCKET": path})
+            await notify.open()
+            for number in range(2000):
+                notify.status(f"{number}")
+            await asyncio.sleep(0)
+        for _ in range(10):
+            notify.feed()
+            await asyncio.sleep(0)
+        notify.close()
+        await asyncio.sleep(0)
+
+    asyncio.run(tell())
+
+
+@pytest.mark.parametrize(
+    ("style", "journal", "expected"),
+    [
+        (Format.TEXT, False, 'WARNING say "no" twice'),
+        (Format.TEXT, True, '<4>say "no" twice'),
+        (Format.LOGFMT, True, '<4>level=warning msg="say \\"no\\" twice"'),
+        (Format.JSON, False, '{"level": "warning", "msg": "say \\"no\\" twice"}'),
+    ],
+)
+def test_a_log_line_is_one_line(style: Format, journal: bool, expected: str) -> None:
+    assert line_of(logging.WARNING, 'say "no"\ntwice', style, journal=journal) == expected
+
+
+def test_a_reader_that_is_stuck_loses_log_lines_and_is_told_how_many(tmp_path: Path) -> None:
+    reading, writing = os.pipe()
+    handler = Lines(writing, Format.TEXT, journal=False)
+
+    def log(text: str) -> None:
+        handler.emit(logging.LogRecord("groundstation", logging.INFO, "", 0, text, None, None))
+
+    for number in range(500):
+        log(f"{number} " + "x" * 1000)
+    held = os.read(reading, 1 << 20).decode().splitlines()
+    assert len(held) < 100
+    log("after")
+    assert (
+        os.read(reading, 1 << 20).decode()
+        == f"WARNING {500 - len(held)} log lines were lost: nobody read them\nINFO after\n"
+    )
+    log("ü" * 5000)
+    assert len(os.read(reading, 1 << 20)) <= 4096
+    os.close(reading)
+    log("nobody is there")
+    os.close(writing)
+
+
+def test_a_journal_is_known_by_its_device_and_inode(tmp_path: Path) -> None:
+    with (tmp_path / "file").open("w") as file:
+        info = os.fstat(file.fileno())
+        assert is_journal(file.fileno(), {"JOURNAL_STREAM": f"{info.st_dev}:{info.st_ino}"})
+        assert not is_journal(file.fileno(), {"JOURNAL_STREAM": f"{info.st_dev}:1"})
+        assert not is_journal(file.fileno(), {})
+
+
+@pytest.mark.parametrize(
+    ("line", "level"),
+    [
+        ("12.345 tracking: following", logging.INFO),
+        ("12.345 descent: no pose for 250 ms", logging.WARNING),
+        ("12.345 warning: it leans", logging.WARNING),
+        ("WARNING: the recorder has died", logging.WARNING),
+        ("recording to x.mcap", logging.INFO),
+        ("0.1 pre-flight fail: battery", logging.WARNING),
+    ],
+)
+def test_what_needs_a_look_is_logged_as_a_warning(line: str, level: int) -> None:
+    assert level_of(line) == level
+
+
+WELL = Health("mqx", "tracking", "following", 7, 100.0, 0.02, 1, {})
+
+
+@pytest.mark.parametrize(
+    ("health", "now_s", "words"),
+    [
+        (WELL, 100.5, ""),
+        (WELL, 100.0 + STALE_S + 0.1, "stale"),
+        (WELL, 20.0, "stale"),  # the machine was started anew meanwhile
+        (msgspec.structs.replace(WELL, tick_age_s=2.0), 100.5, "no command has left lately"),
+        (msgspec.structs.replace(WELL, tick_age_s=None), 100.5, "no command has left lately"),
+        (msgspec.structs.replace(WELL, state="ready", tick_age_s=None), 100.5, ""),
+    ],
+)
+def test_health_is_judged_by_its_age_and_by_the_newest_command(health: Health, now_s: float, words: str) -> None:
+    assert (words in ill(health, now_s)) == bool(ill(health, now_s)) == bool(words) or (
+        not words and not ill(health, now_s)
+    )
+
+
+def test_the_health_file_is_replaced_as_a_whole_and_a_folder_that_is_gone_is_no_trouble(tmp_path: Path) -> None:
+    path = health_path(tmp_path / "mqx.sock")
+    write(path, WELL)
+    assert msgspec.json.decode(path.read_bytes(), type=Health) == WELL
+    assert [file.name for file in tmp_path.iterdir()] == ["mqx.health.json"]
+    write(tmp_path / "gone" / "x.health.json", WELL)
+
+
+def test_the_unit_waits_longer_than_the_longest_landing() -> None:
+    low = load(EXAMPLE, Config)
+    high = msgspec.structs.replace(low, fence=BoxFence(height_m=12.0, north_m=(-2.0, 2.0), east_m=(-2.0, 2.0)))
+    assert longest_landing_s(high) > longest_landing_s(low) + 12.0 / low.flight.descent_m_s * 0.7
+    assert longest_landing_s(low) > 8.0 + 1.0 / low.flight.descent_m_s
+
+
+def test_the_unit_file_pleases_systemd(tmp_path: Path) -> None:
+    text = unit(load(EXAMPLE, Config), EXAMPLE, ["flight.duration_s=5"], user="root")
+    assert "--arm" not in [word for line in text.splitlines() if line.startswith("ExecStart") for word in line.split()]
+    for line in ("Type=notify", "KillMode=mixed", "Restart=on-failure", "RestartPreventExitStatus=2 3"):
+        assert line in text.splitlines()
+    assert "$" not in "\n".join(line for line in text.splitlines() if not line.startswith("#"))
+    program = shutil.which("systemd-analyze")
+    if program is None:
+        pytest.skip("systemd-analyze is not installed: the unit file is not looked at")
+    file = tmp_path / "groundstation-mqx.service"
+    file.write_text(text)
+    done = subprocess.run([program, "verify", str(file)], capture_output=True, check=False, text=True)
+    about = [line for line in done.stderr.splitlines() if "groundstation" in line]
+    assert (done.returncode, about) == (0, []), done.stderr
+
+
+def test_the_table_of_exit_codes_is_that_of_the_code_and_names_commands_that_there_are() -> None:
+    document = (ROOT / "docs/reference/exit-codes.md").read_text("utf-8")
+    assert markdown() in document
+    [commands] = [a.choices for a in _parser()._actions if a.dest == "command" and a.choices is not None]
+    assert set(CODES) <= set(commands)
+
+
+def test_json_log_lines_are_json() -> None:
+    assert json.loads(line_of(logging.INFO, 'x "y" \x1b', Format.JSON, journal=False))["msg"] == 'x "y" \x1b'
