@@ -1,9 +1,6 @@
 """What is looked at before the motors start: each check OFF, PASS, WARN or FAIL, with a sentence. Sans-IO."""
 
 import math
-from enum import StrEnum
-
-import msgspec
 
 from groundstation.control.certificate import acceleration_sup, thrust_bound
 from groundstation.control.gains import Law
@@ -16,6 +13,7 @@ from groundstation.settings import Config
 from groundstation.so3 import third_column
 from groundstation.takeoff import Standing
 from groundstation.trajectories.port import Reference, Trajectory
+from groundstation.verdict import Check, Verdict
 from links.port import LinkStatus
 
 LOOK_S = 1.2
@@ -35,24 +33,6 @@ FLOOR_M, FLOOR_WANDERS_M = 0.1, 1.0
 """How far ``flight.floor_z_m`` may be from where the vehicle stands [m]; the second as above."""
 WARN_RTT = 0.5
 """A longer round trip than this share of its limit is a warning."""
-
-
-class Verdict(StrEnum):
-    """What came of a check."""
-
-    OFF = "OFF"
-    PASS = "PASS"  # noqa: S105  # not a password
-    WARN = "WARN"
-    FAIL = "FAIL"
-
-
-class Check(msgspec.Struct, frozen=True):
-    """One check."""
-
-    name: str
-    verdict: Verdict
-    says: str
-    """A sentence: what was found, and what to do where it is not well."""
 
 
 def judged(name: str, value: float, warn: float, fail: float, says: str) -> Check:

@@ -5,7 +5,7 @@ from collections.abc import Awaitable, Callable
 
 import msgspec
 
-from groundstation.checks import LOOK_S, Check, Checks, Verdict, failed
+from groundstation.checks import LOOK_S, Checks, failed
 from groundstation.clock import to_the_end
 from groundstation.mission import EVENT_OF, FINAL, ON_GROUND, Event, State
 from groundstation.pilot import Pilot, Tick
@@ -16,7 +16,11 @@ from groundstation.scoreboard import Scoreboard
 from groundstation.sender import Ended, Sender
 from groundstation.settings import Config
 from groundstation.snapshot import Snapshot
+from groundstation.verdict import Check, Verdict
 from links.port import CommandLink, LinkError
+
+LOOK_AGAIN_S = 1.0
+"""How often the checks are made anew while the operator has not armed yet [s]."""
 
 
 class Outcome(msgspec.Struct, frozen=True):
@@ -59,8 +63,9 @@ class Flight:
         self._pilot = pilot or Pilot(config.vehicle, config.controller, flight.coast_s, flight.floor_z_m)
         self._progress = Progress(config, self._pilot, link.period_s, self._say, self._entered)
         self._sender = Sender(link, self._pilot, self._progress, flight.idle_thrust * config.weight_n, self._flown)
-        self._scoreboard = Scoreboard(config)
+        self._scoreboard = Scoreboard(config, 0.0 if link.follows_poses else link.period_s)
         self._checks: Checks | None = None
+        self._checked_last: tuple[Check, ...] = ()
         self._arm_asked = asyncio.Event()
         self._first_pose = asyncio.Event()
         self._crew: asyncio.Task[None] | None = None
@@ -142,6 +147,7 @@ class Flight:
             source=self._source.status,
             link=self._link.status,
             certificate=self._pilot.certificate,
+            checks=self._checked_last,
         )
 
     # ---- its life
@@ -194,6 +200,7 @@ class Flight:
             bad, _ = self._checked()
             if bad:
                 raise Ended(f"not armed: {bad}")
+        self._checked_last = ()
         progress.go(Event.ARM, "asking the autopilot to obey and to arm", loop.time())
         await self._sender.fly(Event.ARMED if from_floor else Event.AIRBORNE)
 
@@ -218,6 +225,7 @@ class Flight:
         assert self._checks is not None, "nobody has looked yet"
         now = asyncio.get_running_loop().time()
         checks = self._checks(self._progress.standing, self._pilot.noise_m, self._link.status, now)
+        self._checked_last = tuple(checks)
         return failed(checks), checks
 
     async def _connect(self) -> None:
@@ -235,7 +243,10 @@ class Flight:
         """Wait until somebody asks to arm: at the terminal, or by a request."""
         confirmed, asked = asyncio.ensure_future(self._confirm()), asyncio.ensure_future(self._arm_asked.wait())
         try:
-            await asyncio.wait({confirmed, asked}, return_when=asyncio.FIRST_COMPLETED)
+            while not (confirmed.done() or asked.done()):
+                if self._checks is not None:
+                    self._checked()  # for the screens: whoever arms sees the vehicle as it stands now
+                await asyncio.wait({confirmed, asked}, timeout=LOOK_AGAIN_S, return_when=asyncio.FIRST_COMPLETED)
             if not asked.done() and not confirmed.result():
                 raise Ended("not armed: the operator did not confirm")
         finally:

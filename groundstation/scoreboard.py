@@ -4,12 +4,15 @@ import asyncio
 import math
 from collections import deque
 
+from groundstation.due import Due
 from groundstation.mission import State
 from groundstation.ops import Quat, Vec3
 from groundstation.pilot import Tick
 from groundstation.poses.port import Pose, PoseStatus
 from groundstation.settings import Config
 from groundstation.snapshot import Certificate, Snapshot
+from groundstation.verdict import Check
+from links.lateness import Lateness
 from links.port import LinkStatus
 
 ZERO: Vec3 = (0.0, 0.0, 0.0)
@@ -19,14 +22,16 @@ LEVEL: Quat = (1.0, 0.0, 0.0, 0.0)
 class Scoreboard:
     """Counts and remembers; makes a :class:`Snapshot` only when one is asked for."""
 
-    def __init__(self, config: Config) -> None:
-        """Begin with nothing seen."""
+    def __init__(self, config: Config, period_s: float = 0.0) -> None:
+        """Begin with nothing seen; ``period_s``: from frame to frame of the link [s], 0 where it follows the poses."""
         self._vehicle = config.vehicle
         self._arrivals: deque[float] = deque(maxlen=1000)
         self._events: deque[str] = deque(maxlen=20)
         self._tick: Tick | None = None
         self._squares = 0.0
         self._count = 0
+        self._due = Due(period_s)
+        self._lateness = Lateness()
 
     def pose(self, pose: Pose) -> None:
         """One pose was taken."""
@@ -34,11 +39,22 @@ class Scoreboard:
 
     def tick(self, tick: Tick, *, counts: bool) -> None:
         """One command left; ``counts`` where its error belongs to the trajectory."""
+        self._late(tick)
         self._tick = tick
         if not counts:
             return
         self._squares += math.dist(tick.estimate.motion.position, tick.reference.position_ned) ** 2
         self._count += 1
+
+    def _late(self, tick: Tick) -> None:
+        """How late it is: after its frame's instant, or where commands follow poses, after its pose came."""
+        if self._due.follows_poses:
+            new = self._tick is None or tick.pose.id != self._tick.pose.id
+            late = tick.time_s - tick.pose.arrival_s if new else None
+        else:
+            late = self._due.late_s(tick.time_s)
+        if late is not None:
+            self._lateness.add(late)
 
     def event(self, line: str) -> None:
         """One line for the operator."""
@@ -54,6 +70,7 @@ class Scoreboard:
         source: PoseStatus,
         link: LinkStatus,
         certificate: Certificate | None,
+        checks: tuple[Check, ...] = (),
     ) -> Snapshot:
         """The flight as it is now; before the first command, position and attitude are the newest pose's."""
         now = asyncio.get_running_loop().time()
@@ -96,6 +113,9 @@ class Scoreboard:
             pose_gaps=source.gaps,
             pose_clock_steps=source.clock_steps + source.clock_restarts,
             certificate=certificate,
+            checks=checks,
+            late_us=self._lateness.percentiles_us() if self._lateness.count else None,
+            late_octaves=tuple(self._lateness.octaves) if self._lateness.count else (),
         )
 
     def _rate(self, now: float) -> float:

@@ -3,6 +3,7 @@
 import msgspec
 
 from groundstation.ops import Quat, Vec3
+from groundstation.verdict import Check
 from links.port import LinkStatus
 
 
@@ -119,3 +120,10 @@ class Snapshot(msgspec.Struct, frozen=True):
     """How often poses were missing."""
     pose_clock_steps: int = 0
     """How often the source's clock leapt ahead or began anew."""
+    checks: tuple[Check, ...] = ()
+    """The pre-flight checks as they were made last; empty before the first, and once the vehicle flies."""
+    late_us: tuple[int, int, int] | None = None
+    """How late commands left after their frame, or where they follow poses, after their pose came: not later than this
+    were 50 %, 99 % and 99.9 % of them [µs]; None before the first."""
+    late_octaves: tuple[int, ...] = ()
+    """Entry k: how many left later by less than 2**k µs, and not by less than 2**(k-1)."""

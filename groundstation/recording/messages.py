@@ -5,6 +5,7 @@ from collections.abc import Iterator
 
 import msgspec
 
+from groundstation.due import Due
 from groundstation.ops import Quat, Vec3
 from groundstation.pilot import Tick
 from groundstation.recording import channels as ch
@@ -41,10 +42,9 @@ class Messages:
 
     def __init__(self, period_s: float, epoch_ns: int) -> None:
         """``period_s`` is the time between two commands [s], 0 where there is none; ``epoch_ns``: see :meth:`stamp`."""
-        self._period = period_s
         self._epoch_ns = epoch_ns
         self._last: float | None = None
-        self._due = 0.0
+        self._due = Due(period_s)
 
     def stamp(self, time_s: float) -> int:
         """``time_s`` on the event loop's clock [s] as wall time [ns since 1970]."""
@@ -63,6 +63,7 @@ class Messages:
                 yield from self._pose(record)
             case Idled(time_s, _, command):
                 self._last = None
+                self._due.begin()
                 yield "/idle", time_s, ch.Idle(time_s, *_command(command))
             case Looked(time_s, link, source):
                 yield "/link", time_s, ch.Link(time_s, link)
@@ -149,22 +150,11 @@ class Messages:
         yield "/tf", t, ch.FrameTransform(self._time(estimate.time_s), ch.WORLD, ch.VEHICLE, position, attitude)
 
     def _timing(self, tick: Tick) -> ch.Timing:
-        """How late the frame is, by the same rule as Flight's: a late frame is skipped, never made up for."""
-        now, last, period = tick.time_s, self._last, self._period
+        now, last = tick.time_s, self._last
         self._last = now
-        age = now - tick.pose.time_s
-        if period <= 0.0:
-            return ch.Timing(now, age, 0.0 if last is None else now - last)
-        if last is None:
-            self._due = now
+        late = self._due.late_s(now)
         interval = 0.0 if last is None else now - last
-        late = now - self._due
-        if late < -0.5 * period:  # one more, from a newer pose, before a deadline
-            return ch.Timing(now, age, interval)
-        self._due += period
-        if self._due < now:
-            self._due = now + period
-        return ch.Timing(now, age, interval, late)
+        return ch.Timing(now, now - tick.pose.time_s, interval, msgspec.UNSET if late is None else late)
 
     def _transform(self, time_s: float, parent: str, child: str, at: Vec3, turned: Quat) -> Message:
         return "/tf", time_s, ch.FrameTransform(self._time(time_s), parent, child, vector(at), quaternion(turned))

@@ -6,12 +6,13 @@ from typing import Any
 import msgspec
 import pytest
 
-from groundstation.checks import Check, Checks, Verdict, failed, text
+from groundstation.checks import Checks, failed, text
 from groundstation.config import ConfigError, from_dict
 from groundstation.poses.port import Pose
 from groundstation.preflight import ensure_guarded, real
 from groundstation.settings import Config
 from groundstation.takeoff import Standing
+from groundstation.verdict import Check, Verdict
 from links.port import LinkStatus
 
 BASE: dict[str, Any] = {
