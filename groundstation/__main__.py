@@ -54,9 +54,20 @@ def parser() -> argparse.ArgumentParser:
     _config_arguments(bridge, optional=True)
     bridge.add_argument("--make-key", type=Path, metavar="FILE", help="write a new key for both computers, and end")
 
-    tui = commands.add_parser("tui", help="watch a running flight (read-only)")
-    tui.add_argument("--vehicle", default="mqx", metavar="NAME", help="name of the vehicle in its config (default mqx)")
+    fly.add_argument("--tui", action="store_true", help="fly in a process of its own, and steer it from the dashboard")
+
+    tui = commands.add_parser("tui", help="the dashboard of a running flight, or of a recorded one")
+    tui.add_argument("log", type=Path, nargs="?", metavar="LOG.mcap", help="play this recording")
+    tui.add_argument(
+        "--vehicle", metavar="NAME", help="name of the vehicle in its config; without it, the one that runs"
+    )
     tui.add_argument("--socket", type=Path, metavar="PATH", help="its status socket, if not the usual one")
+    tui.add_argument("--read-only", action="store_true", help="nothing can be ordered from this screen")
+    tui.add_argument("--screenshot", type=Path, metavar="FILE.svg", help="draw LOG.mcap into this file, and end")
+    tui.add_argument("--at", type=float, metavar="S", help="begin so many seconds after the recording's start")
+    tui.add_argument("--size", default="120x36", metavar="COLSxROWS", help="of the screenshot (default 120x36)")
+    for command in (fly, tui):
+        command.add_argument("--theme", choices=["dark", "light", "contrast"], default="dark", help="its colours")
 
     request = commands.add_parser("request", help="ask a running ground station: land, hold, kill, ...; done at once")
     request.add_argument(

@@ -25,6 +25,10 @@ def fly(args: argparse.Namespace) -> int:
     """Fly in the foreground: ask before arming, say what happens, land on Ctrl-C."""
     config = _flyable(load(args.config, Config, args.overrides))
     _check_name(args.arm, config)
+    if args.tui:
+        from groundstation.tui.command import fly_with_screen
+
+        return fly_with_screen(args, config)
     if args.arm is None and not sys.stdin.isatty():
         raise ConfigError("--arm", f"without a terminal, arming needs --arm {config.vehicle.name}")
     from groundstation.service.command import fly_command
@@ -73,11 +77,10 @@ def rf_bridge(args: argparse.Namespace) -> int:
 
 
 def tui(args: argparse.Namespace) -> int:
-    """Watch a running flight."""
-    from groundstation.api.place import StatusConfig, socket_path
-    from groundstation.tui.app import run
+    """Watch and steer a running flight, or watch a recorded one."""
+    from groundstation.tui.command import tui_command
 
-    return run(args.socket or socket_path(StatusConfig(), args.vehicle))
+    return tui_command(args)
 
 
 def request(args: argparse.Namespace) -> int:

@@ -1,106 +1,295 @@
-"""The live screen of one vehicle: a process of its own that reads the status socket and can change nothing."""
+"""The dashboard: a process of its own that shows what a feed brings, and passes on what the operator orders."""
 
 import asyncio
-from collections import deque
-from pathlib import Path
-from typing import ClassVar
+from collections.abc import Awaitable, Callable, Iterable, Sequence
+from typing import Any, ClassVar
 
-from textual.app import App, ComposeResult
-from textual.binding import BindingType
-from textual.containers import Horizontal, Vertical
+from textual.app import App, SystemCommand
+from textual.binding import Binding, BindingType
+from textual.screen import Screen
 
-from groundstation.api.client import snapshots
-from groundstation.api.place import ApiError
-from groundstation.snapshot import Snapshot
-from groundstation.tui.headline import SILENCE_S, headline
-from groundstation.tui.panels import KEPT, Banner, ErrorHistory, Events, Flown, Numbers, TopView
+from groundstation.mission import FINAL, ON_GROUND
+from groundstation.requests import Ask
+from groundstation.tui.bars import TALL, Knobs
+from groundstation.tui.control_page import ControlPage
+from groundstation.tui.dialogs import Choice, Dialog, Help, Typed
+from groundstation.tui.feed import Answer, Feed
+from groundstation.tui.fly_page import FlyPage
+from groundstation.tui.gains import Gain
+from groundstation.tui.headline import SILENCE_S
+from groundstation.tui.links_page import LinksPage
+from groundstation.tui.orders import BY_ASK, ORDERS, Order, Twice, possible
+from groundstation.tui.page import PAGES, Frame, Page
+from groundstation.tui.picture import Picture
+from groundstation.tui.playback import Playback
+from groundstation.tui.text_pages import ConfigPage, LogPage
+from groundstation.tui.themes import THEMES
 
 FRAME_S = 0.2
 """Time between two drawings [s]."""
-RETRY_S = 0.5
-"""Time between two tries to attach [s]."""
+PAGE_TYPES: tuple[type[Page], ...] = (FlyPage, ControlPage, LinksPage, ConfigPage, LogPage)
+NO_SCREEN = frozenset(state.value for state in (*ON_GROUND, *FINAL))
+"""In these states a flight needs nobody to look at it."""
 
 
-def run(socket_path: Path) -> int:
-    """Show the vehicle whose status socket is at ``socket_path`` until the operator quits; returns the exit code."""
-    screen = StatusScreen(socket_path)
-    screen.run(mouse=False)
-    return screen.return_code or 0
+class Dashboard(App[None]):
+    """Pages by the keys 1 to 5; what brings the vehicle down works on all of them and in every dialog."""
 
+    DEFAULT_MODE = "fly"
+    ENABLE_COMMAND_PALETTE = True
+    COMMAND_PALETTE_BINDING = "ctrl+p"
+    CSS = "ToastRack { margin-bottom: 6; }"  # what brings the vehicle down stays in sight, and can be clicked on
+    BINDINGS: ClassVar[list[BindingType]] = [
+        *(Binding(str(number), f"page('{name.lower()}')", name) for number, name in enumerate(PAGES, 1)),
+        *(Binding(o.key, f"order('{o.ask}')", o.label.lower(), priority=o.always) for o in ORDERS if o.key),
+        Binding("c", "control", "take or give control"),
+        Binding("question_mark", "keys", "all keys"),
+        Binding("q", "quit", "leave"),
+        Binding("space", "play('pause')", "pause"),
+        Binding("left", "play('back')", "5 s back"),
+        Binding("right", "play('on')", "5 s on"),
+        Binding("home", "play('start')", "to the start"),
+        Binding("minus", "play('slower')", "slower"),
+        Binding("plus,equals_sign", "play('faster')", "faster"),
+    ]
 
-class StatusScreen(App[None]):
-    """One screen; q leaves. It may be started before the ground station, and stays when that goes away."""
+    def __init__(
+        self, feed: Feed, *, read_only: bool = False, take_control: bool = False, again: str = "groundstation tui"
+    ) -> None:
+        """Show ``feed``.
 
-    CSS = """
-    #body { height: 1fr; }
-    Numbers { width: 46; padding: 0 0 0 1; }
-    Events { height: 21%; min-height: 5; max-height: 21; }
-    """
-    BINDINGS: ClassVar[list[BindingType]] = [("q", "quit", "quit")]
-    ENABLE_COMMAND_PALETTE = False
-
-    def __init__(self, socket_path: Path) -> None:
-        """Attach to ``socket_path`` as soon as the screen is up."""
+        Args:
+            feed: What to show, and whom to ask.
+            read_only: Nothing can be ordered at all.
+            take_control: Take control as soon as somebody is there; after that only when told to.
+            again: The command that shows this flight again, for who leaves while it flies.
+        """
         super().__init__()
-        self._path = socket_path
-        self._flown: deque[Flown] = deque(maxlen=KEPT)
-        self._newest: Snapshot | None = None
-        self._drawn: tuple[Snapshot | None, bool] = (None, False)
-        self._arrived_s = 0.0
-        self._trouble = ""
+        self.title = "groundstation"
+        self.HORIZONTAL_BREAKPOINTS = [(0, "-narrow"), (120, "-wide")]
+        self.VERTICAL_BREAKPOINTS = [(0, "short"), (TALL, "tall")]
+        self._feed = feed
+        self._orders = feed.live and not read_only
+        self._read_only = read_only
+        self._take_control = take_control and self._orders
+        self._again = again
+        self._twice = Twice()
+        self.picture: Picture
+        for theme in THEMES:
+            self.register_theme(theme)
+        self.theme = THEMES[0].name
+        for page in PAGE_TYPES:
+            self.add_mode(page.NAME.lower(), self._make(page))
 
-    def compose(self) -> ComposeResult:
-        """Banner on top, plots beside numbers, events below."""
-        yield Banner()
-        with Horizontal(id="body"):
-            with Vertical():
-                yield TopView(self._flown)
-                yield ErrorHistory(self._flown)
-            yield Numbers()
-        yield Events()
+    def _make(self, page: type[Page]) -> Callable[[], Screen[Any]]:
+        more = [("?", "keys", "app.keys")]
+        if self._plays:
+            more += [("␣", "pause", "app.play('pause')"), ("←→", "wind", "app.play('on')")]
+        else:
+            more += [("^P", "more", "app.command_palette")]
+            more += [("c", "control", "app.control")] if self._orders else []
+        return lambda: page(orders=self._orders, more=(*more, ("q", "quit", "app.quit")))
+
+    @property
+    def _plays(self) -> bool:
+        return isinstance(self._feed, Playback)
+
+    # ---- what comes in
 
     def on_mount(self) -> None:
-        """Begin to read."""
-        self._arrived_s = asyncio.get_running_loop().time()
-        self.run_worker(self._watch())
+        """Begin to listen."""
+        self.picture = Picture(asyncio.get_running_loop().time())
+        self.run_worker(self._listen())
 
     def on_ready(self) -> None:
         """Begin to draw: only now are all parts of the screen there."""
-        self.set_interval(FRAME_S, self._draw)
+        self.set_interval(FRAME_S, self.draw)
 
-    async def _watch(self) -> None:
-        """Read the socket for ever, attaching again whenever it is lost."""
+    async def _listen(self) -> None:
         loop = asyncio.get_running_loop()
-        while True:
-            try:
-                async for snapshot in snapshots(self._path):
-                    self._newest, self._arrived_s, self._trouble = snapshot, loop.time(), ""
-                self._trouble = "The ground station closed its status socket."
-            except FileNotFoundError:
-                self._trouble = f"No ground station serves {self._path}."
-            except OSError as error:
-                self._trouble = f"{self._path}: {error.strerror or error}"
-            except ApiError as error:
-                self._trouble = str(error)
-            await asyncio.sleep(RETRY_S)
+        async for news in self._feed.news():
+            first = self.picture.hello is None
+            self.picture.take(news, loop.time())
+            if first and self.picture.hello is not None and self._take_control:
+                self._take_control = False
+                self._say(await self._feed.control(take=True))
 
-    def _draw(self) -> None:
-        newest = self._newest
-        silence_s = asyncio.get_running_loop().time() - self._arrived_s
-        self.query_one(Banner).show(headline(newest, silence_s, self._trouble), newest)
-        stale = silence_s > SILENCE_S
-        if newest is None or (newest, stale) == self._drawn:
+    def draw(self) -> None:
+        """Draw what is new on the page, and on the dialog above it."""
+        now, picture = asyncio.get_running_loop().time(), self.picture
+        if not self._feed.live:
+            picture.arrived_s = now
+        newest = picture.newest
+        frame = Frame(
+            picture,
+            now,
+            stale=now - picture.arrived_s > SILENCE_S,
+            again=self._twice.waits(now),
+            whose="" if newest is None else f"{newest.vehicle}  {newest.flight_time_s:.1f} s",
+            holder=self._beside(),
+        )
+        for screen in self.screen_stack:
+            if isinstance(screen, Page) and screen.is_mounted:
+                screen.show(frame)
+            elif isinstance(screen, Dialog) and screen.is_mounted:
+                for knobs in screen.query(Knobs):
+                    knobs.show(None if newest is None else newest.state, frame.again)
+
+    def _beside(self) -> str:
+        """What the banner says last: where a recording is, or who holds control."""
+        if isinstance(self._feed, Playback):
+            return self._feed.where()
+        if self._read_only:
+            return "read only: nothing can be ordered here"
+        holder = self.picture.holder
+        if holder.yours:
+            return "you hold control"
+        return f"{holder.name} holds control" if holder.name else "nobody holds control: c takes it"
+
+    # ---- what goes out
+
+    def check_action(self, action: str, parameters: tuple[object, ...]) -> bool | None:
+        """No orders to a recording, nor from a screen that may only look; nothing to play in a flight."""
+        del parameters
+        if action in ("order", "control"):
+            return self._orders
+        return self._plays if action == "play" else True
+
+    def action_order(self, ask: str) -> None:
+        """Do what a key, a button or the palette says. What brings the vehicle down does not ask back."""
+        if not self._orders:
             return
-        last, _ = self._drawn
-        self._drawn = (newest, stale)
-        self.query_one(Numbers).show(newest, stale)
-        self.query_one(Events).show(newest.events)
-        if newest is last:
+        order = BY_ASK[Ask(ask)]
+        if order.ask is Ask.KILL and not self._twice.press(asyncio.get_running_loop().time()):
+            self.draw()
+        elif order.always or order.ask in (Ask.HOLD, Ask.RETURN):
+            self._ask(order.ask)
+        else:
+            self.run_worker(self._confirmed(order))
+
+    async def _confirmed(self, order: Order) -> None:
+        """Arm and fly, once the operator has confirmed."""
+        newest = self.picture.newest
+        if newest is None:
+            self._say(Answer(done=False, says="there is no vehicle to see"))
+        elif not self.picture.holder.yours:
+            self._say(Answer(done=False, says="take control first: key c"))
+        elif not possible(order, newest.state):
+            self._say(Answer(done=False, says=f"{order.ask} is not possible while {newest.state}"))
+        elif order.ask is Ask.ARM:
+            says = f"The motors of {newest.vehicle} will start. Type its name:"
+            typed = await self.push_screen_wait(Typed(f"ARM {newest.vehicle}?", says, wanted=newest.vehicle))
+            if typed is not None:
+                self._ask(order.ask, typed)
+        else:
+            says = f"{newest.vehicle} leaves the hold for its trajectory."
+            options = [("no", "No, stay"), ("yes", "Yes, fly")]
+            if await self.push_screen_wait(Choice("FLY the trajectory?", says, options)) == "yes":
+                self._ask(order.ask)
+
+    def _ask(self, ask: Ask, vehicle: str = "") -> None:
+        self._later(lambda: self._feed.ask(ask, "", vehicle))
+
+    def action_control(self) -> None:
+        """Take control, or give it back."""
+        if self._orders:
+            self._later(lambda: self._feed.control(take=not self.picture.holder.yours))
+
+    def on_control_page_chosen(self, event: ControlPage.Chosen) -> None:
+        """A gain shall be changed."""
+        self.run_worker(self._edit(event.gain))
+
+    async def _edit(self, gain: Gain) -> None:
+        """Ask for a new value of a gain, and pass it on."""
+        if not self._orders or not self.picture.holder.yours:
+            self._say(Answer(done=False, says="gains need control: key c"))
             return
-        if last is not None and (newest.vehicle != last.vehicle or newest.flight_time_s < last.flight_time_s):
-            self._flown.clear()  # another flight
-        north, east, _ = newest.position_ned
-        reference_north, reference_east, _ = newest.reference_ned
-        self._flown.append(Flown((north, east), (reference_north, reference_east), newest.error_m))
-        self.query_one(TopView).refresh()
-        self.query_one(ErrorHistory).refresh()
+        typed = await self.push_screen_wait(Typed(gain.key, gain.text(), value=f"{gain.value:g}"))
+        if typed is None:
+            return
+        value = gain.read(typed)
+        if isinstance(value, str):
+            self._say(Answer(done=False, says=value))
+            return
+        answer = await self._feed.set_gain(gain.key, value)
+        if answer.done:
+            self.picture.gains[gain.key] = value
+        self._say(answer)
+
+    def _later(self, work: Callable[[], Awaitable[Answer]]) -> None:
+        """Do it beside the screen, which goes on being drawn, and say what came of it."""
+
+        async def do() -> None:
+            self._say(await work())
+
+        self.run_worker(do())
+
+    def _say(self, answer: Answer) -> None:
+        self.notify(answer.says, severity="information" if answer.done else "error", timeout=6.0, markup=False)
+
+    # ---- the screen itself
+
+    def action_page(self, name: str) -> None:
+        """Go to another page."""
+        self.switch_mode(name)
+        self.call_after_refresh(self.draw)
+
+    def action_play(self, what: str) -> None:
+        """Steer a recording."""
+        if isinstance(self._feed, Playback):
+            self._feed.steer(what)
+            self.call_after_refresh(self.draw)
+
+    def action_keys(self) -> None:
+        """Show all keys."""
+        self.push_screen(Help(list(self._keys()), orders=self._orders))
+
+    def _keys(self) -> Iterable[tuple[str, str]]:
+        if self._orders:
+            yield from ((order.shown, f"{order.label}: {order.says}") for order in ORDERS if order.key)
+            yield "c", "take control, or give it back"
+            yield "Enter", "on the page Control: change a gain"
+        if self._plays:
+            yield from (("space", "pause"), ("← →", "5 s back, 5 s on"), ("Home", "to the start"))
+            yield "- +", "slower, faster: 0.25 to 16 times"
+        yield "1 to 5", f"pages: {', '.join(PAGES)}"
+        yield from (("p", "on the page Fly: plots from above, or in time"), ("/", "on Config and Log: search"))
+        yield from (("^P", "all commands, and the colours"), ("q", "leave; what flies goes on flying"))
+
+    def get_system_commands(self, screen: Screen[Any]) -> Iterable[SystemCommand]:
+        """The palette."""
+        del screen
+        if self._orders:
+            for order in ORDERS:
+                yield SystemCommand(order.label, order.says, self._call(self.action_order, order.ask))
+            yield SystemCommand("Control", "take control, or give it back", self.action_control)
+        for name in PAGES:
+            yield SystemCommand(f"Page {name}", "show this page", self._call(self.action_page, name.lower()))
+        for theme in THEMES:
+            yield SystemCommand(f"Colours {theme.name}", "can be told apart by all eyes", self._colours(theme.name))
+        yield SystemCommand("Keys", "show all keys", self.action_keys)
+        yield SystemCommand("Quit", "leave; what flies goes on flying", self.action_quit)
+
+    def _call(self, what: Callable[[str], None], word: str) -> Callable[[], None]:
+        return lambda: what(word)
+
+    def _colours(self, name: str) -> Callable[[], None]:
+        def choose() -> None:
+            self.theme = name
+
+        return choose
+
+    async def action_quit(self) -> None:
+        """Leave; what flies goes on, and the operator is told so."""
+        newest = self.picture.newest
+        if newest is None or not self._feed.live or newest.state in NO_SCREEN:
+            self.exit()
+        elif not isinstance(self.screen, Dialog):
+            self.run_worker(self._leave(newest.vehicle, newest.state))
+
+    async def _leave(self, vehicle: str, state: str) -> None:
+        says = f"{vehicle} is {state}. Without this screen the flight goes on; nobody is asked to land."
+        options: Sequence[tuple[str, str]] = [("stay", "Stay"), ("leave", "Leave; the flight goes on")]
+        if await self.push_screen_wait(Choice("Leave?", says, options, orders=self._orders)) == "leave":
+            land = f"land: groundstation request land --vehicle {vehicle}"
+            self.exit(message=f"The flight of {vehicle} goes on ({state}). See it again: {self._again}; {land}")

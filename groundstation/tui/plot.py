@@ -1,4 +1,4 @@
-"""Plots as characters: a top view in braille dots, a history in blocks, bars with limits. Pure functions of numbers."""
+"""Plots as characters: a top view and curves in braille dots, a history in blocks, bars. Pure functions of numbers."""
 
 import math
 from collections.abc import Iterable, Sequence
@@ -21,7 +21,7 @@ class Track(msgspec.Struct, frozen=True):
     """(north, east) [m], oldest first; a point that is not a number, or a thousand kilometres away, breaks the line."""
     style: str
     head: str
-    """The character that marks the newest point."""
+    """The character that marks the newest point; empty: none."""
 
 
 def top_view(tracks: Sequence[Track], width: int, height: int) -> tuple[list[Spans], float]:
@@ -36,28 +36,98 @@ def top_view(tracks: Sequence[Track], width: int, height: int) -> tuple[list[Spa
     def dot(point: Point) -> tuple[int, int]:
         return round(width + (point[1] - east) / dot_m), round(2 * height - (point[0] - north) / dot_m)
 
-    bits = [[0] * width for _ in range(height)]
-    cells = [[("", "")] * width for _ in range(height)]
+    canvas = Canvas(width, height)
     for track in tracks:
         last: Point | None = None
         for point in track.points:
             here = point if _drawable(point) else None
             if here is not None:
-                for x, y in _line(dot(here if last is None else last), dot(here)):
-                    if 0 <= x < 2 * width and 0 <= y < 4 * height:
-                        bits[y // 4][x // 2] |= _DOTS[y % 4][x % 2]
-                        cells[y // 4][x // 2] = ("", track.style)
+                canvas.line(dot(here if last is None else last), dot(here), track.style)
             last = here
     for track in tracks:
-        if track.points and _drawable(track.points[-1]):
-            x, y = dot(track.points[-1])
-            if 0 <= x < 2 * width and 0 <= y < 4 * height:
-                cells[y // 4][x // 2] = (track.head, f"bold {track.style}")
-    rows = []
-    for marks, row_bits in zip(cells, bits, strict=True):
-        row = [(mark or chr(0x2800 + bit), style) for (mark, style), bit in zip(marks, row_bits, strict=True)]
-        rows.append(_joined(row))
-    return rows, 2.0 * dot_m
+        if track.head and track.points and _drawable(track.points[-1]):
+            canvas.mark(dot(track.points[-1]), track.head, f"bold {track.style}")
+    return canvas.rows(), 2.0 * dot_m
+
+
+class Canvas:
+    """Braille dots: two across and four down in each character; (0, 0) is at the top left."""
+
+    def __init__(self, width: int, height: int) -> None:
+        """An empty one of so many characters."""
+        self._width, self._height = width, height
+        self._bits = [[0] * width for _ in range(height)]
+        self._cells = [[("", "")] * width for _ in range(height)]
+
+    def line(self, start: tuple[int, int], end: tuple[int, int], style: str) -> None:
+        """A line of dots; what lies outside is not drawn."""
+        for x, y in _line(start, end):
+            if 0 <= x < 2 * self._width and 0 <= y < 4 * self._height:
+                self._bits[y // 4][x // 2] |= _DOTS[y % 4][x % 2]
+                self._cells[y // 4][x // 2] = ("", style)
+
+    def mark(self, dot: tuple[int, int], letter: str, style: str) -> None:
+        """One character in the place of the dots around ``dot``."""
+        x, y = dot
+        if 0 <= x < 2 * self._width and 0 <= y < 4 * self._height:
+            self._cells[y // 4][x // 2] = (letter, style)
+
+    def rows(self) -> list[Spans]:
+        """What was drawn."""
+        return [
+            _joined([(mark or chr(0x2800 + bit), style) for (mark, style), bit in zip(marks, bits, strict=True)])
+            for marks, bits in zip(self._cells, self._bits, strict=True)
+        ]
+
+
+class Line(msgspec.Struct, frozen=True):
+    """One line of a plot in time."""
+
+    values: Sequence[float]
+    """One for each instant, oldest first; one that is not finite breaks the line."""
+    style: str
+
+
+def in_time(lines: Sequence[Line], width: int, height: int, least: float) -> tuple[list[Spans], float, float]:
+    """Lines that share their axes: the newest value at the right, one column of dots for each.
+
+    Returns:
+        ``height`` rows of ``width`` characters, and the values at bottom and top; at least ``least`` lies between them.
+    """
+    shown = [line.values[-2 * width :] for line in lines]
+    known = [value for values in shown for value in values if abs(value) < 1e9]
+    low, high = (min(known), max(known)) if known else (0.0, 0.0)
+    step = nice_top((high - low,), least) / 2.0
+    low, high = step * math.floor(low / step + 1e-6), step * math.ceil(high / step - 1e-6)
+    if high <= low:
+        high = low + 2.0 * step
+    canvas = Canvas(width, height)
+    for line, values in zip(lines, shown, strict=True):
+        last: tuple[int, int] | None = None
+        for i, value in enumerate(values):
+            here = None
+            if abs(value) < 1e9:
+                share = (value - low) / (high - low)
+                here = (2 * width - len(values) + i, round((4 * height - 1) * (1.0 - share)))
+                canvas.line(here if last is None else last, here, line.style)
+            last = here
+    return canvas.rows(), low, high
+
+
+def horizon(roll: float, pitch: float, width: int, height: int, style: str, mark: str) -> list[Spans]:
+    """The horizon as it is seen from the vehicle, ±30° of pitch [rad] from top to bottom, and its own wings."""
+    canvas = Canvas(width, height)
+    middle_x, middle_y = width, 2 * height
+    if math.isfinite(roll) and math.isfinite(pitch):
+        drop = middle_y + 2.0 * height * pitch / math.radians(30.0)
+        across = width * min(1.0, abs(math.cos(roll)) + 0.2)
+        rise = across * math.tan(max(-1.4, min(1.4, roll)))
+        ends = [(round(middle_x + sign * across), round(drop - sign * rise)) for sign in (-1.0, 1.0)]
+        canvas.line(ends[0], ends[1], style)
+    for offset in (-6, -4, 4, 6):
+        canvas.mark((middle_x + offset, middle_y), "━", mark)
+    canvas.mark((middle_x, middle_y), "┷", mark)
+    return canvas.rows()
 
 
 def _frame(points: Sequence[Point], width: int, height: int) -> tuple[float, float, float]:

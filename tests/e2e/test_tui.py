@@ -1,179 +1,169 @@
-"""The live screen: its widgets on a status socket, and the whole program in a real terminal."""
+"""The dashboard: what it shows of a served flight, and the whole program in a real terminal."""
 
 import asyncio
 import contextlib
 import subprocess
 import sys
 import time
-from collections.abc import AsyncIterator, Callable, Coroutine, Iterator
+from collections.abc import Callable, Iterator
 from pathlib import Path
-from typing import Any
 
 import msgspec
 import pytest
 from textual.pilot import Pilot
-from textual.widget import Widget
 
-from groundstation.api.place import StatusConfig
-from groundstation.api.server import Server
-from groundstation.broadcast import Latest
-from groundstation.snapshot import Snapshot
-from groundstation.tui.app import StatusScreen
+from groundstation.tui.bars import Banner
 from groundstation.tui.letters import big
-from groundstation.tui.panels import Banner, ErrorHistory, Events, Numbers, TopView
-from tests.sample_flight import Sampled, sample
+from groundstation.tui.panels import ErrorHistory, Events, InTime, Numbers, Preflight, TopView
+from tests.dashboards import Fixed, Stage, flown, on_ground, play, says, standing, text, until
+from tests.sample_flight import sample
 
 
-@contextlib.asynccontextmanager
-async def served(path: Path, latest: Latest[Snapshot]) -> AsyncIterator[None]:
-    task = asyncio.create_task(Server(StatusConfig(path=str(path), rate_hz=50.0), "mqx", latest, Sampled()).serve())
-    try:
-        yield
-    finally:
-        task.cancel()
-        await asyncio.gather(task, return_exceptions=True)
+@pytest.fixture
+def stage(tmp_path: Path) -> Stage:
+    return Stage(tmp_path / "mqx.sock")
 
 
-def text(pilot: Pilot[None], part: type[Widget]) -> str:
-    return str(pilot.app.query_one(part).render())
-
-
-def says(pilot: Pilot[None], words: str) -> bool:
-    return all(row in text(pilot, Banner) for row in big(words))
-
-
-async def until(pilot: Pilot[None], true: Callable[[], bool]) -> None:
-    async with asyncio.timeout(20.0):
-        while not true():
-            await pilot.pause(0.02)
-
-
-def play(
-    scene: Callable[[Pilot[None]], Coroutine[Any, Any, None]], path: Path, size: tuple[int, int] = (80, 24)
-) -> None:
-    async def with_screen() -> None:
-        async with StatusScreen(path).run_test(size=size) as pilot:
-            await scene(pilot)
-
-    asyncio.run(with_screen())
-
-
-def test_every_part_shows_the_newest_snapshot(tmp_path: Path) -> None:
-    path = tmp_path / "mqx.sock"
-
+def test_every_part_shows_the_newest_snapshot(stage: Stage) -> None:
     async def scene(pilot: Pilot[None]) -> None:
-        latest: Latest[Snapshot] = Latest()
-        async with served(path, latest):
-            latest.put(sample(10.0))
+        async with stage.up():
+            stage.latest.put(sample(10.0))
             await until(pilot, lambda: says(pilot, "tracking"))
-            latest.put(sample(11.0))
+            stage.latest.put(sample(11.0))
             await until(pilot, lambda: "11.0 s" in text(pilot, Banner))
             await pilot.pause(0.3)
             assert "following the trajectory" in text(pilot, Banner)
+            assert "nobody holds control" in text(pilot, Banner)
             north, east, down = sample(11.0).position_ned
             assert f"{north:+.3f}   {east:+.3f}   {-down:+.3f} m" in text(pilot, Numbers)
             for words in ("b̂          +0.100   -0.050   +0.200", "d̂          +0.110", "age 12 ms  50 Hz  drops 3"):
                 assert words in text(pilot, Numbers)
-            for words in ("armed  sent 488  expired 0  drops 1", "Armed by us", "0.70 /1.37 N"):
+            for words in ("armed  sent 488 expired 0  drops 1", "Armed by us", "0.70 /1.37 N"):
                 assert words in text(pilot, Numbers)
             assert "●" in text(pilot, TopView)
-            assert "█" in text(pilot, ErrorHistory)
+            assert text(pilot, ErrorHistory).endswith("▇▂")
             assert "100.000 tracking: following the trajectory" in text(pilot, Events)
 
-    play(scene, path)
+    play(scene, stage.path)
 
 
 @pytest.mark.parametrize("size", [(80, 24), (200, 60), (30, 8)])
-def test_nothing_is_drawn_outside_a_terminal_of_any_size(tmp_path: Path, size: tuple[int, int]) -> None:
-    path = tmp_path / "mqx.sock"
-
+def test_nothing_is_drawn_outside_a_terminal_of_any_size(size: tuple[int, int]) -> None:
     async def scene(pilot: Pilot[None]) -> None:
-        latest: Latest[Snapshot] = Latest()
-        async with served(path, latest):
-            latest.put(sample(10.0))
-            await until(pilot, lambda: "10.0 s" in text(pilot, Banner) or size[0] < 40)
+        await until(pilot, lambda: "10.0 s" in text(pilot, Banner) or size[0] < 40)
+        await pilot.pause(0.3)
+        for key in "12345":
+            await pilot.press(key)
+            await pilot.pause(0.05)
+        await pilot.press("1")
+        for part in (Banner, TopView, InTime, ErrorHistory, Numbers, Events):
+            widget = pilot.app.screen.query(part).first()
+            rows = text(pilot, part).split("\n")
+            assert max(map(len, rows)) <= widget.size.width + 2  # two hats take no room
+            if size == (80, 24):
+                assert len(rows) <= max(1, widget.size.height), part
+
+    play(scene, Fixed(flown(10.0)), size)
+
+
+def test_the_checks_stand_where_the_plots_will_be_until_it_takes_off(stage: Stage) -> None:
+    async def scene(pilot: Pilot[None]) -> None:
+        async with stage.up():
+            stage.latest.put(standing())
+            await until(pilot, lambda: says(pilot, "ready"))
             await pilot.pause(0.3)
-            for part in (Banner, TopView, ErrorHistory, Numbers, Events):
-                widget = pilot.app.query_one(part)
-                rows = text(pilot, part).split("\n")
-                assert max(map(len, rows)) <= widget.size.width + 2  # two hats take no room
-                if size == (80, 24):
-                    assert len(rows) <= widget.size.height, part
+            assert text(pilot, Preflight).split("\n")[1].startswith("✗ FAIL floor: it stands at +1.00 m")
+            assert not pilot.app.query_one(TopView).display
+            stage.latest.put(sample(1.0))
+            await until(pilot, lambda: pilot.app.query_one(TopView).display)
+            assert not pilot.app.query_one(Preflight).display
 
-    play(scene, path, size)
+    play(scene, stage.path)
 
 
-def test_no_data_is_said_in_large_letters_and_goes_away_when_the_core_comes_back(tmp_path: Path) -> None:
-    path = tmp_path / "mqx.sock"
-
+def test_no_data_is_said_in_large_letters_and_goes_away_when_the_core_comes_back(stage: Stage) -> None:
     async def scene(pilot: Pilot[None]) -> None:
         await until(pilot, lambda: says(pilot, "NO DATA"))
-        await until(pilot, lambda: "No ground station serves" in text(pilot, Banner).replace("\n", " "))
-        latest: Latest[Snapshot] = Latest()
-        async with served(path, latest):
-            latest.put(sample(1.0))
+        await until(pilot, lambda: "No ground station" in text(pilot, Banner).replace("\n", " "))
+        async with stage.up():
+            stage.latest.put(sample(1.0))
             await until(pilot, lambda: says(pilot, "tracking"))
         await until(pilot, lambda: says(pilot, "NO DATA"))
-        assert "it was tracking" in text(pilot, Banner)
-        async with served(path, latest):
-            latest.put(sample(2.0))
+        assert "it was tracking" in " ".join(text(pilot, Banner).split())
+        async with stage.up():
+            stage.latest.put(sample(2.0))
             await until(pilot, lambda: says(pilot, "tracking"))
 
-    play(scene, path)
+    play(scene, stage.path)
 
 
-def test_a_core_that_hangs_with_its_socket_open_is_no_data_too(tmp_path: Path) -> None:
-    path = tmp_path / "mqx.sock"
-
+def test_a_core_that_hangs_with_its_socket_open_is_no_data_too(stage: Stage) -> None:
     async def scene(pilot: Pilot[None]) -> None:
-        latest: Latest[Snapshot] = Latest()
-        async with served(path, latest):
-            latest.put(sample(1.0))
+        async with stage.up():
+            stage.latest.put(sample(1.0))
             await until(pilot, lambda: says(pilot, "tracking"))
             await until(pilot, lambda: says(pilot, "NO DATA"))
-            assert "it was tracking" in text(pilot, Banner)
+            assert pilot.app.screen.has_class("alarm")
 
-    play(scene, path)
+    play(scene, stage.path)
 
 
-def test_something_else_at_the_socket_is_told_and_does_not_end_the_screen(tmp_path: Path) -> None:
-    path = tmp_path / "mqx.sock"
-
+def test_something_else_at_the_socket_is_told_and_does_not_end_the_screen(stage: Stage) -> None:
     async def scene(pilot: Pilot[None]) -> None:
         async def say(_: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
             writer.write(b"hello\n")
             writer.close()
 
-        server = await asyncio.start_unix_server(say, path)
-        await until(pilot, lambda: "no snapshot of this version" in text(pilot, Banner))
+        server = await asyncio.start_unix_server(say, stage.path)
+        await until(pilot, lambda: "not a ground" in " ".join(text(pilot, Banner).split()))
         server.close()
 
-    play(scene, path)
+    play(scene, stage.path, (160, 40))
 
 
-def test_a_new_flight_begins_with_empty_plots(tmp_path: Path) -> None:
-    path = tmp_path / "mqx.sock"
-
+def test_a_new_flight_begins_with_empty_plots(stage: Stage) -> None:
     async def scene(pilot: Pilot[None]) -> None:
-        latest: Latest[Snapshot] = Latest()
-        async with served(path, latest):
+        async with stage.up():
             for time_s in (50.0, 51.0, 52.0):
-                latest.put(sample(time_s))
+                stage.latest.put(sample(time_s))
                 await until(pilot, lambda wanted=f"{time_s:.1f} s": wanted in text(pilot, Banner))  # type: ignore[misc]
-            assert text(pilot, ErrorHistory).split("\n")[-1].count("█") > 1
-            latest.put(msgspec.structs.replace(sample(0.5), error_m=0.01))
-            await until(pilot, lambda: text(pilot, ErrorHistory).split("\n")[-1].strip() == "█")
+            assert len(text(pilot, ErrorHistory).split("\n")[-1].strip()) > 1
+            stage.latest.put(msgspec.structs.replace(sample(0.5), error_m=0.01))
+            await until(pilot, lambda: text(pilot, ErrorHistory).endswith(" █"))
 
-    play(scene, path)
+    play(scene, stage.path)
 
 
-def test_q_leaves(tmp_path: Path) -> None:
+def test_configuration_and_events_can_be_searched() -> None:
     async def scene(pilot: Pilot[None]) -> None:
-        await pilot.press("q")
-        await pilot.pause(0.1)
-        assert not pilot.app.is_running
+        await until(pilot, lambda: says(pilot, "ready"))
+        await pilot.press("4", "slash", *"coast", "enter")
+        await pilot.pause(0.5)
+        shown = str(pilot.app.screen.query_one("#text").render())
+        assert "flight.coast_s = 0.25" in shown
+        assert "vehicle.mass_kg" not in shown
+        await pilot.press("5", "slash", *"link and")
+        await pilot.pause(0.5)
+        shown = str(pilot.app.screen.query_one("#text").render())
+        assert ("ready: link and poses" in shown, "tracking" in shown) == (True, False)
 
-    play(scene, tmp_path / "mqx.sock")
+    play(scene, Fixed(on_ground()))
+
+
+def test_the_palette_changes_page_and_colours() -> None:
+    async def scene(pilot: Pilot[None]) -> None:
+        await until(pilot, lambda: says(pilot, "ready"))
+        for words in ("page links", "colours light"):
+            await pilot.press("ctrl+p")
+            await pilot.pause(0.1)
+            await pilot.press(*words)
+            await pilot.pause(0.5)
+            await pilot.press("enter")
+            await pilot.pause(0.3)
+        assert pilot.app.current_mode == "links"
+        assert pilot.app.theme == "light"
+
+    play(scene, Fixed(on_ground()))
 
 
 class Terminal:
@@ -216,15 +206,14 @@ def terminal(needs_program: Callable[..., str], tmp_path: Path) -> Iterator[Term
 def test_the_screen_in_a_terminal_follows_a_core_that_dies_and_comes_back(terminal: Terminal, tmp_path: Path) -> None:
     path = tmp_path / "mqx.sock"
     core = [sys.executable, "-m", "tests.sample_flight", str(path)]
-    code = f"from pathlib import Path; from groundstation.tui.app import run; raise SystemExit(run(Path('{path}')))"
     flying, no_data = big("tracking"), big("no data")
     with contextlib.ExitStack() as stack:
         first = subprocess.Popen(core)
         stack.callback(first.wait)
         stack.callback(first.kill)
-        terminal.start(f'{sys.executable} -c "{code}"')
+        terminal.start(f"{sys.executable} -m groundstation tui --socket {path}")
         screen = terminal.wait_for(*flying, "Armed by us", "following the trajectory", "age 12 ms")
-        assert all(len(line) <= 80 for line in screen.splitlines())
+        assert all(len(line.replace("\u0302", "")) <= 80 for line in screen.splitlines())
         first.kill()
         first.wait()
         terminal.wait_for(*no_data, "since 3 s")
@@ -233,4 +222,7 @@ def test_the_screen_in_a_terminal_follows_a_core_that_dies_and_comes_back(termin
         stack.callback(second.kill)
         screen = terminal.wait_for(*flying, "Armed by us")
         terminal.type("q")
-        terminal.wait_for("left with 0")
+        terminal.wait_for("Leave?")
+        terminal.type("Down")
+        terminal.type("Enter")
+        terminal.wait_for("left with 0", "groundstation request land --vehicle mqx")

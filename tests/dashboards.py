@@ -1,0 +1,151 @@
+"""Dashboards for tests: on a served flight that is made up, or on a fixed list of news."""
+
+import asyncio
+import contextlib
+import math
+from collections.abc import AsyncIterator, Callable, Coroutine, Sequence
+from pathlib import Path
+from typing import Any
+
+import msgspec
+from textual.pilot import Pilot
+from textual.widget import Widget
+
+from groundstation.api.place import StatusConfig
+from groundstation.api.server import Server
+from groundstation.broadcast import Latest
+from groundstation.config import dump
+from groundstation.requests import Ask
+from groundstation.settings import Config
+from groundstation.snapshot import Snapshot
+from groundstation.tui.app import Dashboard
+from groundstation.tui.attached import Attached
+from groundstation.tui.bars import Banner
+from groundstation.tui.feed import Answer, Feed, Hello, News
+from groundstation.tui.letters import big, huge
+from groundstation.verdict import Check, Verdict
+from tests.sample_flight import Sampled, sample
+
+Scene = Callable[[Pilot[None]], Coroutine[Any, Any, None]]
+
+
+class Fixed:
+    """A feed of what is known beforehand; it is asked for nothing."""
+
+    def __init__(self, news: Sequence[News], *, live: bool = True) -> None:
+        self._news = news
+        self.live = live
+
+    async def news(self) -> AsyncIterator[News]:
+        for one in self._news:
+            yield one
+        await asyncio.Event().wait()
+
+    async def ask(self, ask: Ask, why: str, vehicle: str = "") -> Answer:
+        raise AssertionError(f"asked for {ask} {why} {vehicle}")
+
+    async def control(self, *, take: bool) -> Answer:
+        raise AssertionError(f"asked for control: {take}")
+
+    async def set_gain(self, key: str, value: float) -> Answer:
+        raise AssertionError(f"asked for {key} = {value}")
+
+
+HELLO = Hello("mqx", "process 7, groundstation 0.1.0", dump(Config()))
+CHECKS = (
+    Check("pose rate", Verdict.PASS, "50 poses a second"),
+    Check("battery", Verdict.WARN, "it is at 7.41 V, 35 %"),
+    Check("floor", Verdict.FAIL, "it stands at +1.00 m, flight.floor_z_m says +0.00 m: correct it"),
+    Check("fence", Verdict.OFF, "there is none"),
+)
+
+
+def flown(until_s: float, **more: Any) -> list[News]:
+    """The made-up flight until then, five snapshots a second; the last is changed by ``more``."""
+    shown: list[News] = [sample(0.2 * i) for i in range(round(5.0 * until_s))]
+    return [HELLO, *shown, msgspec.structs.replace(sample(until_s), **more)]
+
+
+def on_ground(**more: Any) -> list[News]:
+    """It stands, ready."""
+    return [HELLO, standing(**more)]
+
+
+def standing(**more: Any) -> Snapshot:
+    """It stands, ready to be armed."""
+    still = msgspec.structs.replace(
+        sample(0.0),
+        state="ready",
+        reason="link and poses are there",
+        diagnostics=None,
+        certificate=None,
+        thrust_n=0.0,
+        rates_rad_s=(0.0, 0.0, 0.0),
+        error_m=0.0,
+        rms_m=math.nan,
+        checks=CHECKS,
+        position_ned=(0.5, -0.25, 0.0),
+        reference_ned=(0.5, -0.25, 0.0),
+    )
+    return msgspec.structs.replace(still, **more)
+
+
+class Stage:
+    """A served flight that is made up, and whoever is asked in its place."""
+
+    def __init__(self, path: Path) -> None:
+        self.path = path
+        self.latest: Latest[Snapshot] = Latest()
+        self.core = Sampled()
+
+    @property
+    def asked(self) -> list[Ask]:
+        """What was asked for, in order."""
+        return [request.ask for request in self.core.asked]
+
+    @contextlib.asynccontextmanager
+    async def up(self) -> AsyncIterator["Server"]:
+        """It is served."""
+        config = StatusConfig(path=str(self.path), rate_hz=50.0)
+        server = Server(config, "mqx", self.latest, self.core, config_text=dump(Config()))
+        task = asyncio.create_task(server.serve())
+        try:
+            yield server
+        finally:
+            task.cancel()
+            await asyncio.gather(task, return_exceptions=True)
+
+
+def play(scene: Scene, feed: Feed | Path, size: tuple[int, int] = (80, 24), **options: Any) -> None:
+    """Have ``scene`` played on a dashboard of ``feed``, or of the socket at a path."""
+
+    async def with_screen() -> None:
+        dashboard = Dashboard(Attached(feed) if isinstance(feed, Path) else feed, **options)
+        async with dashboard.run_test(size=size, notifications=True) as pilot:
+            await until(pilot, lambda: bool(dashboard.screen.query(Banner)))
+            await scene(pilot)
+
+    asyncio.run(with_screen())
+
+
+def text(pilot: Pilot[None], part: type[Widget]) -> str:
+    """What a part of the page shows."""
+    return str(pilot.app.screen_stack[0].query_one(part).render())
+
+
+def says(pilot: Pilot[None], words: str) -> bool:
+    """Whether the banner says ``words`` in large letters."""
+    shown = text(pilot, Banner)
+    return any(all(row.rstrip() in shown for row in letters(words)) for letters in (big, huge))
+
+
+def told(pilot: Pilot[None], words: str) -> bool:
+    """Whether the operator was told ``words``."""
+    return any(words in note.message for note in pilot.app._notifications)
+
+
+async def until(pilot: Pilot[None], true: Callable[[], bool]) -> None:
+    """Wait for it."""
+    async with asyncio.timeout(20.0):
+        while not true():
+            await pilot.pause(0.02)

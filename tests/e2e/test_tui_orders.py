@@ -1,0 +1,289 @@
+"""What leaves a dashboard: each order by its key, from every page and dialog, and nothing that was not ordered."""
+
+import asyncio
+from pathlib import Path
+
+import pytest
+from textual.command import CommandPalette
+from textual.pilot import Pilot
+from textual.screen import ModalScreen
+from textual.widgets import Input
+
+from groundstation.requests import Ask
+from groundstation.tui.app import Dashboard
+from groundstation.tui.attached import Attached
+from groundstation.tui.bars import Knob
+from groundstation.tui.dialogs import Help, Typed
+from groundstation.tui.feed import Answer
+from tests.dashboards import Fixed, Stage, flown, play, says, standing, told, until
+from tests.sample_flight import sample
+
+STOPS = [Ask.LAND, Ask.ABORT, Ask.KILL]
+STOP_KEYS = ["ctrl+l", "ctrl+x", "ctrl+k", "ctrl+k"]
+
+
+def knows(pilot: Pilot[None]) -> bool:
+    app = pilot.app
+    assert isinstance(app, Dashboard)
+    return app.picture.newest is not None
+
+
+async def in_control(pilot: Pilot[None]) -> None:
+    app = pilot.app
+    assert isinstance(app, Dashboard)
+    await until(pilot, lambda: knows(pilot))
+    await pilot.press("c")
+    await until(pilot, lambda: app.picture.holder.yours)
+
+
+@pytest.fixture
+def stage(tmp_path: Path) -> Stage:
+    stage = Stage(tmp_path / "mqx.sock")
+    stage.latest.put(sample(10.0))
+    return stage
+
+
+def test_what_brings_the_vehicle_down_leaves_at_once_from_every_page_and_dialog(stage: Stage) -> None:
+    ways = [[], ["2"], ["3"], ["4"], ["slash", "x"], ["escape", "5"], ["question_mark"], ["escape", "q"]]
+
+    async def scene(pilot: Pilot[None]) -> None:
+        async with stage.up():
+            await until(pilot, lambda: knows(pilot))
+            for way in [*ways, ["escape", "ctrl+p"]]:
+                await pilot.press(*way)
+                stage.core.asked.clear()
+                await pilot.press(*STOP_KEYS)
+                await until(pilot, lambda: stage.asked == STOPS)
+            assert isinstance(pilot.app.screen, CommandPalette)
+
+    play(scene, stage.path)
+
+
+def test_it_leaves_while_a_name_is_being_typed(stage: Stage) -> None:
+    stage.latest.put(standing())
+
+    async def scene(pilot: Pilot[None]) -> None:
+        async with stage.up():
+            await in_control(pilot)
+            await pilot.press("a", "m", "q")
+            await until(pilot, lambda: isinstance(pilot.app.screen, Typed))
+            await pilot.press(*STOP_KEYS)
+            await until(pilot, lambda: stage.asked == STOPS)
+            assert isinstance(pilot.app.screen, Typed)
+
+    play(scene, stage.path)
+
+
+def test_letters_that_are_typed_order_nothing(stage: Stage) -> None:
+    stage.latest.put(standing())
+
+    async def scene(pilot: Pilot[None]) -> None:
+        async with stage.up():
+            await in_control(pilot)
+            await pilot.press("a")
+            await until(pilot, lambda: isinstance(pilot.app.screen, Typed))
+            await pilot.press(*"hrtack")
+            await pilot.pause(0.1)
+            assert pilot.app.screen.query_one(Input).value == "hrtack"
+            await pilot.press("escape", "4", "slash", *"hrtack")
+            await pilot.pause(0.1)
+            assert stage.asked == []
+
+    play(scene, stage.path)
+
+
+def test_one_press_kills_nothing_and_a_second_one_that_is_late_does_not_either(stage: Stage) -> None:
+    async def scene(pilot: Pilot[None]) -> None:
+        async with stage.up():
+            await until(pilot, lambda: knows(pilot))
+            await pilot.press("ctrl+k")
+            knob = pilot.app.screen.query(Knob).filter(".kill").first()
+            assert "AGAIN" in str(knob.render())
+            await pilot.pause(1.3)
+            assert "AGAIN" not in str(knob.render())
+            await pilot.press("ctrl+k")
+            await pilot.pause(0.2)
+            assert stage.asked == []
+            await pilot.press("ctrl+k")
+            await until(pilot, lambda: stage.asked == [Ask.KILL])
+
+    play(scene, stage.path)
+
+
+def test_each_order_can_be_clicked_on(stage: Stage) -> None:
+    async def scene(pilot: Pilot[None]) -> None:
+        async with stage.up():
+            await in_control(pilot)
+            for knob in pilot.app.screen.query(Knob):
+                if knob.order.ask in (Ask.HOLD, Ask.RETURN, Ask.LAND, Ask.ABORT, Ask.KILL):
+                    await pilot.click(knob)
+            await pilot.pause(0.1)
+            killed = pilot.app.screen.query(Knob).filter(".kill").first()
+            assert Ask.KILL not in stage.asked
+            await pilot.click(killed)
+            await until(pilot, lambda: stage.asked == [Ask.HOLD, Ask.RETURN, Ask.LAND, Ask.ABORT, Ask.KILL])
+
+    play(scene, stage.path)
+
+
+def test_the_knobs_in_a_dialog_can_be_clicked_on(stage: Stage) -> None:
+    async def scene(pilot: Pilot[None]) -> None:
+        async with stage.up():
+            await until(pilot, lambda: knows(pilot))
+            await pilot.press("question_mark")
+            await until(pilot, lambda: isinstance(pilot.app.screen, Help))
+            await pilot.pause(0.1)
+            await pilot.click(pilot.app.screen.query(Knob).filter(".land").first())
+            await until(pilot, lambda: stage.asked == [Ask.LAND])
+
+    play(scene, stage.path)
+
+
+def test_arming_asks_for_the_name_and_for_no_other(stage: Stage) -> None:
+    stage.latest.put(standing())
+
+    async def scene(pilot: Pilot[None]) -> None:
+        async with stage.up():
+            await in_control(pilot)
+            await pilot.press("a", *"mqy", "enter")
+            await until(pilot, lambda: isinstance(pilot.app.screen, Typed))
+            await pilot.press("escape")
+            await pilot.pause(0.1)
+            await pilot.press("a", *"mq", "escape", "a")
+            await pilot.pause(0.1)
+            await pilot.press("enter")
+            await pilot.pause(0.1)
+            assert stage.asked == []
+            await pilot.press(*"mqx", "enter")
+            await until(pilot, lambda: stage.asked == [Ask.ARM])
+            await until(pilot, lambda: told(pilot, "arm"))
+
+    play(scene, stage.path)
+
+
+def test_flying_the_trajectory_asks_once_more_and_enter_alone_means_no(stage: Stage) -> None:
+    stage.latest.put(sample(1.0, state="hold"))
+
+    async def scene(pilot: Pilot[None]) -> None:
+        async with stage.up():
+            await in_control(pilot)
+            await pilot.press("t")
+            await until(pilot, lambda: isinstance(pilot.app.screen, ModalScreen))
+            await pilot.press("enter")
+            await until(pilot, lambda: not isinstance(pilot.app.screen, ModalScreen))
+            await pilot.press("t")
+            await until(pilot, lambda: isinstance(pilot.app.screen, ModalScreen))
+            assert stage.asked == []
+            await pilot.press("down", "enter")
+            await until(pilot, lambda: stage.asked == [Ask.TRACK])
+
+    play(scene, stage.path)
+
+
+def test_what_needs_control_is_not_asked_without_it(stage: Stage) -> None:
+    stage.latest.put(standing())
+
+    async def scene(pilot: Pilot[None]) -> None:
+        async with stage.up():
+            await until(pilot, lambda: knows(pilot))
+            await pilot.press("a")
+            await until(pilot, lambda: told(pilot, "take control first"))
+            await pilot.press("h")
+            await until(pilot, lambda: told(pilot, "needs control"))
+            assert stage.asked == []
+
+    play(scene, stage.path)
+
+
+def test_control_is_taken_and_given_back_by_its_key_and_a_refusal_is_told(stage: Stage) -> None:
+    async def scene(pilot: Pilot[None]) -> None:
+        async with stage.up():
+            await in_control(pilot)
+            await pilot.press("h")
+            await until(pilot, lambda: told(pilot, "hold is not possible while landing"))
+            await pilot.press("c")
+            await until(pilot, lambda: told(pilot, "nobody holds control now"))
+
+    play(scene, stage.path)
+
+
+def test_a_gain_is_changed_within_its_bounds_only(stage: Stage) -> None:
+    async def scene(pilot: Pilot[None]) -> None:
+        async with stage.up():
+            await in_control(pilot)
+            await pilot.press("2")
+            await pilot.pause(0.4)
+            table = pilot.app.screen.query_one("DataTable")
+            table.focus()
+            await pilot.press(*["down"] * 10, "enter")
+            await until(pilot, lambda: isinstance(pilot.app.screen, Typed))
+            await pilot.press("backspace", *"-3", "enter")
+            await until(pilot, lambda: told(pilot, "controller.k2 may be > 0, not -3"))
+            await pilot.press("enter")
+            await until(pilot, lambda: isinstance(pilot.app.screen, Typed))
+            await pilot.press("backspace", *"2.5", "enter")
+            await until(pilot, lambda: stage.core.gains == {"controller.k2": 2.5})
+
+    play(scene, stage.path)
+
+
+def test_a_screen_that_may_only_look_orders_nothing(stage: Stage) -> None:
+    async def scene(pilot: Pilot[None]) -> None:
+        async with stage.up():
+            await until(pilot, lambda: knows(pilot))
+            await pilot.press("c", "a", "t", "h", "r", "ctrl+l", "ctrl+x", "ctrl+k", "ctrl+k")
+            await pilot.press("ctrl+p", *"land", "enter")
+            await pilot.pause(0.5)
+            await pilot.press("escape")
+            assert not pilot.app.screen.query(Knob)
+            assert (stage.asked, stage.core.notes) == ([], [])
+
+    play(scene, stage.path, read_only=True)
+
+
+def test_what_is_ordered_while_nobody_is_there_is_not_ordered_later(stage: Stage) -> None:
+    async def scene(pilot: Pilot[None]) -> None:
+        await pilot.press("ctrl+x", "ctrl+k", "ctrl+k")
+        await until(pilot, lambda: told(pilot, "NOT SENT"))
+        async with stage.up():
+            await until(pilot, lambda: says(pilot, "tracking"))
+            await pilot.pause(0.3)
+            assert stage.asked == []
+
+    play(scene, stage.path)
+
+
+def test_a_ground_station_that_does_not_answer_is_told(tmp_path: Path) -> None:
+    async def deaf() -> Answer:
+        feed = Attached(tmp_path / "nobody.sock")
+        return await feed.ask(Ask.LAND, "")
+
+    assert not asyncio.run(deaf()).done
+
+
+def test_leaving_in_the_air_asks_and_says_how_to_come_back(capsys: pytest.CaptureFixture[str]) -> None:
+    async def scene(pilot: Pilot[None]) -> None:
+        await until(pilot, lambda: knows(pilot))
+        await pilot.press("q")
+        await until(pilot, lambda: isinstance(pilot.app.screen, ModalScreen))
+        await pilot.press("enter")
+        await pilot.pause(0.1)
+        assert pilot.app.is_running
+        await pilot.press("q")
+        await until(pilot, lambda: isinstance(pilot.app.screen, ModalScreen))
+        await pilot.press("down", "enter")
+        await until(pilot, lambda: not pilot.app.is_running)
+        goodbye = str(pilot.app._exit_renderables)
+        assert "goes on" in goodbye
+        assert "groundstation request land --vehicle mqx" in goodbye
+
+    play(scene, Fixed(flown(3.0)))
+
+
+def test_leaving_on_the_ground_asks_nothing() -> None:
+    async def scene(pilot: Pilot[None]) -> None:
+        await until(pilot, lambda: knows(pilot))
+        await pilot.press("q")
+        await until(pilot, lambda: not pilot.app.is_running)
+
+    play(scene, Fixed([standing()]))
