@@ -13,7 +13,7 @@ from pathlib import Path
 import msgspec
 import pytest
 
-from groundstation.__main__ import _parser
+from groundstation.__main__ import parser
 from groundstation.config import load
 from groundstation.exits import CODES, markdown
 from groundstation.fence import BoxFence
@@ -228,7 +228,7 @@ def test_the_unit_file_pleases_systemd(tmp_path: Path) -> None:
 def test_the_table_of_exit_codes_is_that_of_the_code_and_names_commands_that_there_are() -> None:
     document = (ROOT / "docs/reference/exit-codes.md").read_text("utf-8")
     assert markdown() in document
-    [commands] = [a.choices for a in _parser()._actions if a.dest == "command" and a.choices is not None]
+    [commands] = [a.choices for a in parser()._actions if a.dest == "command" and a.choices is not None]
     assert set(CODES) <= set(commands)
 
 
