@@ -1,7 +1,6 @@
 """A systemd unit for the daemon of one configuration. docs/how-to/run-as-a-service.md explains its lines."""
 
 import shlex
-import shutil
 import sys
 from pathlib import Path
 from string import Template
@@ -37,12 +36,17 @@ def longest_landing_s(config: Config) -> float:
 
 def unit(config: Config, path: Path, overrides: list[str], *, user: str) -> str:
     """The unit file's text; ``path`` is the configuration's, ``overrides`` as on the command line."""
-    program = shutil.which("groundstation") or str(Path(sys.argv[0]).resolve())
     sets = [word for override in overrides for word in ("--set", override)]
-    words = [program, "daemon", str(path.resolve()), *sets, "--log-format", "logfmt"]
+    words = [*_program(), "daemon", str(path.resolve()), *sets, "--log-format", "logfmt"]
     command = shlex.join(words).replace("%", "%%").replace("$", "$$")
     landing_s = longest_landing_s(config)
     text = Template((Path(__file__).parent / "groundstation.service").read_text("utf-8"))
     return text.substitute(
         vehicle=config.vehicle.name, command=command, user=user, stop_s=f"{landing_s:.0f}", landing_s=f"{landing_s:.0f}"
     )
+
+
+def _program() -> list[str]:
+    """This very installation, not whatever a path leads to."""
+    script = Path(sys.executable).with_name("groundstation")
+    return [str(script)] if script.exists() else [sys.executable, "-m", "groundstation"]
