@@ -7,6 +7,7 @@ import msgspec
 
 from groundstation.checks import LOOK_S, Checks, failed
 from groundstation.clock import to_the_end
+from groundstation.live_gains import LiveGains
 from groundstation.mission import EVENT_OF, FINAL, ON_GROUND, Event, State
 from groundstation.pilot import Pilot, Tick
 from groundstation.poses.port import Pose, PoseEvent, PoseSource
@@ -64,6 +65,7 @@ class Flight:
         self._progress = Progress(config, self._pilot, link.period_s, self._say, self._entered)
         self._sender = Sender(link, self._pilot, self._progress, flight.idle_thrust * config.weight_n, self._flown)
         self._scoreboard = Scoreboard(config, 0.0 if link.follows_poses else link.period_s)
+        self._live = LiveGains(config.controller)
         self._checks: Checks | None = None
         self._checked_last: tuple[Check, ...] = ()
         self._arm_asked = asyncio.Event()
@@ -118,8 +120,10 @@ class Flight:
         return Reply(True, f"{self.state}: {self._progress.reason}")
 
     def set_gain(self, key: str, value: float) -> Reply:
-        """Gains stay as configured: say so."""
-        return Reply(False, f"{key} stays as it is: a flight keeps the gains that it began with (asked for {value:g})")
+        """Begin to move a gain (see live_gains.py), or say why not."""
+        reply = self._live.set(key, value, asyncio.get_running_loop().time())
+        self._say(reply.says)
+        return reply
 
     def note(self, text: str) -> None:
         """Tell the operator, screens and records of something that happened beside the flight."""
@@ -291,6 +295,17 @@ class Flight:
         self._scoreboard.tick(tick, counts=self.state is State.TRACKING and tick.flight_time_s >= 0.0)
         if tick.seen.warning:
             self._say(f"warning: {tick.seen.warning}")
+        step, told = self._live.flown(
+            tick.time_s,
+            tick.estimate,
+            tick.reference,
+            tick.decision.diagnostics.v_known,
+            counts=self.state in (State.HOLD, State.TRACKING),
+        )
+        if step is not None:
+            self._pilot.gain(*step)
+        if told:
+            self._say(told)
         if self._on_tick is not None:
             self._on_tick(tick)
 

@@ -2,6 +2,8 @@
 
 from typing import NamedTuple
 
+import msgspec
+
 from groundstation.control.adaptive import Adaptive
 from groundstation.control.bring_down import OFF, bring_down
 from groundstation.control.controllers import ControllerConfig, make_controller
@@ -105,6 +107,13 @@ class Pilot:
         self._trajectory = trajectory
         self._start = start_s
         self._watch.restart()
+
+    def gain(self, name: str, value: float) -> None:
+        """From now on one gain of our own controller is ``value``; the caller moves it in small steps."""
+        controller = self._controller
+        if isinstance(controller, Adaptive):
+            controller.regain(msgspec.structs.replace(controller.gains, **{name: value}))
+            self._watch.regain(controller.gains)
 
     def stand(self) -> None:
         """The vehicle stands on the floor: its push is not to be learnt."""

@@ -10,6 +10,7 @@ from groundstation.mission import State
 from groundstation.pilot import Pilot, Tick
 from groundstation.poses.port import Pose, PoseSource
 from groundstation.recording.records import (
+    GAIN,
     About,
     Asked,
     Ended,
@@ -65,6 +66,11 @@ class RecordedPilot(Pilot):
         """Level out and sink."""
         self._switched("descend", sink_m_s, float(blind), rest_s)
         super().descend(sink_m_s, blind=blind, rest_s=rest_s)
+
+    def gain(self, name: str, value: float) -> None:
+        """Set a gain."""
+        self._switched(f"{GAIN}{name}", value)
+        super().gain(name, value)
 
     def _switched(self, what: str, *values: float) -> None:
         self.give(Switched(asyncio.get_running_loop().time(), what, values))

@@ -38,6 +38,16 @@ class Adaptive:
         self._thrust_sent: Real | None = None
         self._saturated = False
 
+    @property
+    def gains(self) -> Gains:
+        """As they are now."""
+        return self._gains
+
+    def regain(self, gains: Gains) -> None:
+        """Fly with other gains from now on; b̂ and all that it remembers stay."""
+        self._gains = gains
+        self._certificate = certificate(gains)
+
     def begin(self, disturbance: Vec3) -> None:
         """Let b̂ begin at ``disturbance`` [m/s², NED]: what was found out before the first command."""
         self.b_hat = within(self._ops, disturbance, self._gains.b_bound)

@@ -75,23 +75,31 @@ class Watch:
 
     def __init__(self, vehicle: Vehicle, config: Estimation) -> None:
         """Take the vehicle as told and the gains; a controller without a Lyapunov function has its limits watched."""
+        self._vehicle = vehicle
+        self._least_n, self._most_n = vehicle.thrust_min_n, vehicle.thrust_max_n
+        self._noise: tuple[float, float] | None = None
+        self._rising, self._outside, self._pinned = Lasting(), Lasting(), Lasting()
+        self._fed: dict[str, float] = {}
+        self._peak = self._fed_s = self._watched_s = self._violated_s = self._suspended_s = 0.0
+        self._opening = ""
+        self.regain(config)
+        if self._law is not None and self._known.share == 0.0:
+            self._opening = f"Lyapunov: {self._known.name}; only a lasting rise of V will be told"
+
+    def regain(self, config: Estimation) -> None:
+        """The gains are others from now on, and V with them: begin from there."""
         law = config if isinstance(config, Law) else None
         known = Decrease(NO_FUNCTION, 0.0, 0.0, 0.0) if law is None else decrease(law)
         own = isinstance(config, Gains) and config.composite == "provable" and config.kb > 0.0
-        self._vehicle, self._config, self._law, self._known = vehicle, config, law, known
+        self._config, self._law, self._known = config, law, known
         self._kappa = config.kappa if isinstance(config, Gains) and own else 0.0
         self._weight = 0.5 / config.kb if own else 0.0
         self._bound2 = law.b_bound**2 if law is not None and law.kb > 0.0 else math.inf
         self._radius = law.b_bound + law.epsilon if law is not None else None
-        self._least_n, self._most_n = vehicle.thrust_min_n, vehicle.thrust_max_n
         self._power = known.power
-        self._rising, self._outside, self._pinned = Lasting(), Lasting(), Lasting()
-        self._fed: dict[str, float] = {}
-        self._peak = self._fed_s = self._watched_s = self._violated_s = self._suspended_s = 0.0
+        if self._noise is not None:
+            self.noise(*self._noise)
         self._quiet = self._state(suspended=False)
-        self._opening = ""
-        if law is not None and known.share == 0.0:
-            self._opening = f"Lyapunov: {known.name}; only a lasting rise of V will be told"
         self.restart()
 
     def restart(self) -> None:
@@ -103,6 +111,7 @@ class Watch:
 
     def noise(self, noise_m: float, interval_s: float) -> None:
         """The poses' noise as measured [m, 1σ per axis] and their mean interval [s]: D follows them."""
+        self._noise = (noise_m, interval_s)
         if self._law is not None:
             self._power = self._known.power + noise_power(self._law, noise_m, interval_s)
 

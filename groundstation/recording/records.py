@@ -132,6 +132,10 @@ class Ended(msgspec.Struct, frozen=True, array_like=True, gc=False, tag=12):
     reason: str
 
 
+GAIN = "gain "
+"""What was switched, where a gain was changed in flight: this and its name."""
+
+
 class Switched(msgspec.Struct, frozen=True, array_like=True, gc=False, tag=13):
     """The pilot was told to fly otherwise: its method ``what``, with these numbers."""
 

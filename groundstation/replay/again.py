@@ -19,6 +19,7 @@ from groundstation.poses.mavlink import MavlinkPoseConfig
 from groundstation.poses.port import Pose
 from groundstation.recording import channels as ch
 from groundstation.recording.reader import Entry, Recording
+from groundstation.recording.records import GAIN
 from groundstation.replay.tape import TapeLoop, tape_loop
 from groundstation.settings import Config
 from groundstation.trajectories.port import Reference
@@ -230,6 +231,8 @@ class _Again:
                 pilot.lift(values[0])
             case "descend", 3:
                 pilot.descend(values[0], blind=bool(values[1]), rest_s=values[2])
+            case what, 1 if what.startswith(GAIN):
+                pilot.gain(what.removeprefix(GAIN), values[0])
 
     def _tick(self, reference: ch.Refer) -> None:
         recorded = self._command

@@ -1,0 +1,46 @@
+"""Gains that are changed in a whole flight: recorded, flown again to the last bit, and put back where they harm."""
+
+import asyncio
+from pathlib import Path
+
+from groundstation.flight import Flight
+from groundstation.mission import State
+from groundstation.recording.reader import Recording
+from groundstation.replay import replayed
+from sim.commands import prepare
+from sim.mission import Mission, fly_mission, from_floor
+from sim.run_folder import RECORDING, RunFolder
+from sim.scenarios import SCENARIOS
+from sim.stage import Stage
+from tests.flight.test_missions import SHORT
+
+
+def flown(folder: Path, key: str, value: float) -> tuple[Mission, Path, list[str]]:
+    """A mission with one change of a gain on the trajectory; its recording, and what it told."""
+    world, config = from_floor(*prepare(SCENARIOS["paper"], list(SHORT)), 30.0)
+    run = RunFolder(folder, config, world, scenario="paper", seed=0)
+    replies = []
+
+    async def script(flight: Flight, _: Stage) -> None:
+        while flight.state is not State.TRACKING:
+            await asyncio.sleep(0.01)
+        await asyncio.sleep(14.0)
+        replies.append(flight.set_gain(key, value))
+
+    mission = fly_mission(world, config, seed=0, script=script, give=run.give)
+    run.close({"completed": mission.landed, "why": mission.why})
+    assert [reply.done for reply in replies] == [True], replies
+    told = [entry.value()["text"] for entry in Recording(folder / RECORDING).entries(("/mission",))]
+    return mission, folder / RECORDING, told
+
+
+def test_a_gain_changed_in_flight_is_recorded_and_flown_again_to_the_last_bit(tmp_path: Path) -> None:
+    mission, path, told = flown(tmp_path, "controller.k2", 3.0)
+    assert mission.landed, mission.why
+    assert "controller.k2 goes from 2 to 3 within 2 s" in told
+    assert "controller.k2 stays at 3: the flight is as good as before" in told
+    facts = replayed(path)
+    assert facts["first_difference"] is None
+    assert facts["identical"] is True
+    switched = [entry.value()["what"] for entry in Recording(path).entries(("/switch",))]
+    assert switched.count("gain k2") > 50
