@@ -49,9 +49,9 @@ async def find(vehicle: str | None, services: Path = SERVICES) -> Path:
     found = _sockets("*" if vehicle is None else escape(vehicle), services)
     serving = [path for path in found if await _is_served(path)]
     if not serving:
-        whom = "no vehicle" if vehicle is None else repr(vehicle)
+        whom = "a vehicle" if vehicle is None else repr(vehicle)
         raise ApiError(
-            f"no ground station flies {whom} here (looked in {directory()} and {services}): name it by --vehicle, "
+            f"nobody flies {whom} here (looked in {directory()} and {services}): name it by --vehicle, "
             "or its socket by --socket"
         )
     if len(serving) > 1:
