@@ -152,6 +152,7 @@ class Flight:
             link=self._link.status,
             certificate=self._pilot.certificate,
             checks=self._checked_last,
+            gains=self._live.now,
         )
 
     # ---- its life

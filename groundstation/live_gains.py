@@ -78,6 +78,11 @@ class LiveGains:
         self._squares = self._v = 0.0
         self._last_s = -math.inf
 
+    @property
+    def now(self) -> dict[str, float]:
+        """Those that may be changed, by their keys in the configuration, as they are now."""
+        return {} if self.gains is None else {PREFIX + name: float(getattr(self.gains, name)) for name in LIVE}
+
     def set(self, key: str, value: float, now_s: float) -> Reply:
         """Begin to move the gain ``key`` (``controller.k2``) to ``value``, or say why not."""
         gains, name = self.gains, key.removeprefix(PREFIX)

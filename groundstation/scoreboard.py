@@ -70,7 +70,8 @@ class Scoreboard:
         source: PoseStatus,
         link: LinkStatus,
         certificate: Certificate | None,
-        checks: tuple[Check, ...] = (),
+        checks: tuple[Check, ...],
+        gains: dict[str, float],
     ) -> Snapshot:
         """The flight as it is now; before the first command, position and attitude are the newest pose's."""
         now = asyncio.get_running_loop().time()
@@ -114,6 +115,7 @@ class Scoreboard:
             pose_clock_steps=source.clock_steps + source.clock_restarts,
             certificate=certificate,
             checks=checks,
+            gains=gains,
             late_us=self._lateness.percentiles_us() if self._lateness.count else None,
             late_octaves=tuple(self._lateness.octaves) if self._lateness.count else (),
         )

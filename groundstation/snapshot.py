@@ -127,3 +127,5 @@ class Snapshot(msgspec.Struct, frozen=True):
     were 50 %, 99 % and 99.9 % of them [µs]; None before the first."""
     late_octaves: tuple[int, ...] = ()
     """Entry k: how many left later by less than 2**k µs, and not by less than 2**(k-1)."""
+    gains: dict[str, float] = {}
+    """The gains that may be changed in flight, by their keys in the configuration, as they are now."""

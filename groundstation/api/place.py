@@ -46,18 +46,23 @@ async def find(vehicle: str | None, services: Path = SERVICES) -> Path:
     Raises:
         ApiError: nobody serves it, or more than one could be meant.
     """
-    found = _sockets("*" if vehicle is None else escape(vehicle), services)
-    serving = [path for path in found if await _is_served(path)]
-    if not serving:
+    served = await serving(vehicle, services)
+    if not served:
         whom = "a vehicle" if vehicle is None else repr(vehicle)
         raise ApiError(
             f"nobody flies {whom} here (looked in {directory()} and {services}): name it by --vehicle, "
             "or its socket by --socket"
         )
-    if len(serving) > 1:
-        several = ", ".join(str(path) for path in serving)
+    if len(served) > 1:
+        several = ", ".join(str(path) for path in served)
         raise ApiError(f"more than one could be meant: name one by --vehicle or --socket: {several}")
-    return serving[0]
+    return served[0]
+
+
+async def serving(vehicle: str | None, services: Path = SERVICES) -> list[Path]:
+    """The sockets of ``vehicle``, or without a name of all, that somebody serves: this user's first."""
+    found = _sockets("*" if vehicle is None else escape(vehicle), services)
+    return [path for path in found if await _is_served(path)]
 
 
 def _sockets(name: str, services: Path) -> list[Path]:
