@@ -92,6 +92,7 @@ def sample(time_s: float, *, vehicle: str = "mqx", state: str = "tracking", text
             suspended_fraction=0.0,
             b_hat_fraction=0.04,
         ),
+        gains={"controller.k2": 2.0, "controller.k3": 4.0, "controller.kb": 1.0},
         events=(f"{99.0:.3f} ready: link and poses are there", f"{100.0:.3f} tracking: following the trajectory"),
     )
 

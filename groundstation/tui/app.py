@@ -2,10 +2,12 @@
 
 import asyncio
 from collections.abc import Awaitable, Callable, Iterable, Sequence
+from contextlib import suppress
 from typing import Any, ClassVar
 
 from textual.app import App, SystemCommand
 from textual.binding import Binding, BindingType
+from textual.css.query import NoMatches
 from textual.screen import Screen
 
 from groundstation.mission import FINAL, ON_GROUND
@@ -54,7 +56,7 @@ class Dashboard(App[None]):
     ]
 
     def __init__(
-        self, feed: Feed, *, read_only: bool = False, take_control: bool = False, again: str = "groundstation tui"
+        self, feed: Feed, *, read_only: bool = False, take_control: bool = False, which: str | None = None
     ) -> None:
         """Show ``feed``.
 
@@ -62,7 +64,8 @@ class Dashboard(App[None]):
             feed: What to show, and whom to ask.
             read_only: Nothing can be ordered at all.
             take_control: Take control as soon as somebody is there; after that only when told to.
-            again: The command that shows this flight again, for who leaves while it flies.
+            which: The options that name this flight to other commands, for who leaves while it flies; without it, its
+                vehicle's name.
         """
         super().__init__()
         self.title = "groundstation"
@@ -72,7 +75,7 @@ class Dashboard(App[None]):
         self._orders = feed.live and not read_only
         self._read_only = read_only
         self._take_control = take_control and self._orders
-        self._again = again
+        self._which = which
         self._twice = Twice()
         self.picture: Picture
         for theme in THEMES:
@@ -129,9 +132,10 @@ class Dashboard(App[None]):
             holder=self._beside(),
         )
         for screen in self.screen_stack:
-            if isinstance(screen, Page) and screen.is_mounted:
-                screen.show(frame)
-            elif isinstance(screen, Dialog) and screen.is_mounted:
+            if isinstance(screen, Page):
+                with suppress(NoMatches):  # one that is coming or going has not all its parts
+                    screen.show(frame)
+            elif isinstance(screen, Dialog):
                 for knobs in screen.query(Knobs):
                     knobs.show(None if newest is None else newest.state, frame.again)
 
@@ -144,7 +148,7 @@ class Dashboard(App[None]):
         holder = self.picture.holder
         if holder.yours:
             return "you hold control"
-        return f"{holder.name} holds control" if holder.name else "nobody holds control: c takes it"
+        return f"{holder.name} holds control" if holder.name else "control is free: c takes it"
 
     # ---- what goes out
 
@@ -172,6 +176,8 @@ class Dashboard(App[None]):
         newest = self.picture.newest
         if newest is None:
             self._say(Answer(done=False, says="there is no vehicle to see"))
+        elif self._silence_s > SILENCE_S:
+            self._say(Answer(done=False, says="what is shown is old: nothing is ordered by it"))
         elif not self.picture.holder.yours:
             self._say(Answer(done=False, says="take control first: key c"))
         elif not possible(order, newest.state):
@@ -186,6 +192,10 @@ class Dashboard(App[None]):
             options = [("no", "No, stay"), ("yes", "Yes, fly")]
             if await self.push_screen_wait(Choice("FLY the trajectory?", says, options)) == "yes":
                 self._ask(order.ask)
+
+    @property
+    def _silence_s(self) -> float:
+        return asyncio.get_running_loop().time() - self.picture.arrived_s
 
     def _ask(self, ask: Ask, vehicle: str = "") -> None:
         self._later(lambda: self._feed.ask(ask, "", vehicle))
@@ -211,10 +221,7 @@ class Dashboard(App[None]):
         if isinstance(value, str):
             self._say(Answer(done=False, says=value))
             return
-        answer = await self._feed.set_gain(gain.key, value)
-        if answer.done:
-            self.picture.gains[gain.key] = value
-        self._say(answer)
+        self._say(await self._feed.set_gain(gain.key, value))
 
     def _later(self, work: Callable[[], Awaitable[Answer]]) -> None:
         """Do it beside the screen, which goes on being drawn, and say what came of it."""
@@ -291,5 +298,8 @@ class Dashboard(App[None]):
         says = f"{vehicle} is {state}. Without this screen the flight goes on; nobody is asked to land."
         options: Sequence[tuple[str, str]] = [("stay", "Stay"), ("leave", "Leave; the flight goes on")]
         if await self.push_screen_wait(Choice("Leave?", says, options, orders=self._orders)) == "leave":
-            land = f"land: groundstation request land --vehicle {vehicle}"
-            self.exit(message=f"The flight of {vehicle} goes on ({state}). See it again: {self._again}; {land}")
+            which = self._which or f"--vehicle {vehicle}"
+            self.exit(
+                message=f"The flight of {vehicle} goes on ({state}).\n"
+                f"  see it again  groundstation tui {which}\n  land          groundstation request land {which}"
+            )

@@ -7,8 +7,9 @@ import subprocess
 import sys
 from pathlib import Path
 
-from groundstation.api.place import ApiError, find, socket_path
+from groundstation.api.place import ApiError, StatusConfig, find, serving, socket_path
 from groundstation.config import ConfigError
+from groundstation.mission import FINAL
 from groundstation.recording.reader import NoRecording
 from groundstation.settings import Config
 from groundstation.telemetry.flights import folder_of
@@ -18,6 +19,7 @@ from groundstation.tui.playback import Playback
 from groundstation.tui.screenshot import shoot
 from groundstation.tui.tape import Tape
 
+_ENDED = frozenset(state.value for state in FINAL)
 END_S = 20.0
 """How long a ground station on the ground may take to end [s]."""
 
@@ -29,9 +31,8 @@ def tui_command(args: argparse.Namespace) -> int:
     if args.screenshot is not None or args.at is not None:
         raise ConfigError("--screenshot, --at", "need a recording, LOG.mcap")
     path = args.socket or _socket(args.vehicle)
-    again = ["groundstation", "tui", *(("--socket", str(args.socket)) if args.socket else ())]
-    again += ["--vehicle", args.vehicle] if args.vehicle else []
-    dashboard = Dashboard(Attached(path), read_only=args.read_only, again=shlex.join(again))
+    which = _which(args.socket)
+    dashboard = Dashboard(Attached(path), read_only=args.read_only, which=which)
     return _run(dashboard, args.theme)
 
 
@@ -39,14 +40,16 @@ def fly_with_screen(args: argparse.Namespace, config: Config) -> int:
     """Start the ground station as a process of its own, which outlives this one, and show what it does."""
     vehicle = config.vehicle.name
     path = socket_path(config.status, vehicle)
+    if not sys.stdin.isatty():
+        raise ConfigError("--tui", "needs a terminal")
     if asyncio.run(_served(path)):
-        again = f"groundstation tui --socket {shlex.quote(str(path))}"
+        again = f"groundstation tui {_which(path)}"
         raise ConfigError("status.path", f"a ground station serves {path} already; to see it: {again}")
     log = folder_of(config.recording) / f"{vehicle}.log"
     log.parent.mkdir(parents=True, exist_ok=True)
     overrides = [word for override in args.overrides for word in ("--set", override)]
     arm = [] if args.arm is None else ["--arm", args.arm]
-    command = [sys.executable, "-m", "groundstation", "daemon", str(args.config), *overrides, *arm]
+    command = [sys.executable, "-m", "groundstation", "daemon", str(args.config), "--once", *overrides, *arm]
     with log.open("wb") as output:
         core = subprocess.Popen(  # noqa: S603  # ourselves
             command, stdin=subprocess.DEVNULL, stdout=output, stderr=output, start_new_session=True
@@ -55,9 +58,8 @@ def fly_with_screen(args: argparse.Namespace, config: Config) -> int:
     def gone() -> str:
         return "" if core.poll() is None else f"It has ended, exit code {core.returncode}: {_last_line(log)}"
 
-    named = ["--vehicle", vehicle] if not config.status.path else ["--socket", str(path)]
-    again = shlex.join(["groundstation", "tui", *named])
-    dashboard = Dashboard(Attached(path, core.pid, gone), take_control=True, again=again)
+    which = _which(path if config.status.path else None)
+    dashboard = Dashboard(Attached(path, core.pid, gone), take_control=True, which=which)
     code = _run(dashboard, args.theme)
     newest = dashboard.picture.newest
     if core.poll() is None and newest is not None and newest.state in NO_SCREEN:
@@ -69,8 +71,14 @@ def fly_with_screen(args: argparse.Namespace, config: Config) -> int:
     if core.poll() is None:
         print(f"The ground station goes on as process {core.pid}; what it says is in {log}")
         return code
-    print(f"The ground station has ended: {_last_line(log)}\nWhat it said is in {log}")
+    told = newest is not None and newest.state in _ENDED
+    ended = f"{vehicle} {newest.state}: {newest.reason}" if told and newest is not None else _last_line(log)
+    print(f"The ground station has ended. {ended}\nWhat it said is in {log}")
     return core.returncode
+
+
+def _which(socket: Path | None) -> str | None:
+    return None if socket is None else f"--socket {shlex.quote(str(socket))}"
 
 
 def _run(dashboard: Dashboard, theme: str) -> int:
@@ -106,11 +114,28 @@ def _size(text: str) -> tuple[int, int]:
 
 
 def _socket(vehicle: str | None) -> Path:
-    """Where the ground station that is meant serves."""
-    try:
-        return asyncio.run(find(vehicle))
-    except ApiError as error:
-        raise ConfigError("--vehicle", str(error)) from None
+    """Where the ground station that is meant serves; the operator chooses among several."""
+    served = asyncio.run(serving(vehicle))
+    if len(served) == 1:
+        return served[0]
+    if not served and vehicle is not None:
+        return socket_path(StatusConfig(), vehicle)  # it may come up yet
+    if not served:
+        raise ConfigError(
+            "tui",
+            "no ground station runs here: `groundstation fly CONFIG --tui` starts one; or name a recording, LOG.mcap",
+        )
+    if not sys.stdin.isatty():
+        try:
+            return asyncio.run(find(vehicle))
+        except ApiError as error:
+            raise ConfigError("--vehicle", str(error)) from None
+    for number, path in enumerate(served, 1):
+        print(f"{number}  {path.stem:16} {path}")
+    answer = input("Which one? ").strip()
+    if not (answer.isdigit() and 1 <= int(answer) <= len(served)):
+        raise ConfigError("--vehicle", f"expected a number from 1 to {len(served)}, got {answer!r}")
+    return served[int(answer) - 1]
 
 
 async def _served(path: Path) -> bool:

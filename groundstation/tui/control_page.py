@@ -21,6 +21,8 @@ from groundstation.tui.words import clean, row, three
 class ControlPage(Page):
     """Control."""
 
+    _shown: tuple[Gain, ...] = ()
+
     class Chosen(Message):
         """A gain shall be changed."""
 
@@ -47,35 +49,30 @@ class ControlPage(Page):
                 yield Curves("", [("V", ERROR)], 0.001)
             with Vertical(id="right"):
                 table: DataTable[str] = DataTable(cursor_type="row", zebra_stripes=True)
+                table.add_columns("gain", "now", "begun with")
                 yield table
-
-    def on_mount(self) -> None:
-        """Begin with no gains."""
-        self._shown: list[Gain] = []
-        self.query_one(DataTable).add_columns("gain", "now")
 
     def draw(self, frame: Frame) -> None:
         """All of it."""
         picture = frame.picture
         if picture.newest is not None:
             self.query_one("#law", Static).update(content(law(picture.newest), self.query_one("#left").size.width - 1))
+            self._gains(picture.config(), picture.newest.gains)
         errors, v = self.query(Curves)
         errors.show([[one.errors[i] for one in picture.flown] for i in range(3)])
         v.show([[one.v for one in picture.flown]])
-        self._gains(picture.config(), picture.gains)
 
-    def _gains(self, config: Mapping[str, object], changed: Mapping[str, float]) -> None:
-        known = gains(config, changed)
-        if known == self._shown:
+    def _gains(self, config: Mapping[str, object], now: Mapping[str, float]) -> None:
+        known = gains(config, now)
+        if tuple(known) == self._shown:
             return
-        self._shown = known
+        self._shown = tuple(known)
         table = self.query_one(DataTable)
         at = table.cursor_row
         table.clear()
         for gain in known:
             name = gain.key.removeprefix("controller.")
-            mark = "*" if gain.key in changed else ""
-            table.add_row(f"{name}{mark}", f"{gain.value:g}", key=gain.key)
+            table.add_row(name, f"{gain.value:.4g}", f"{gain.begun:.4g}", key=gain.key)
         table.move_cursor(row=at)
 
     def on_data_table_row_selected(self, event: "DataTable.RowSelected") -> None:

@@ -7,6 +7,7 @@ from typing import Any
 
 import msgspec
 
+from groundstation.mission import FINAL
 from groundstation.ops import Vec3
 from groundstation.snapshot import Snapshot
 from groundstation.tui.feed import Answer, Hello, Holder, Jump, News, Trouble
@@ -15,6 +16,7 @@ from groundstation.tui.headline import Headline, headline
 KEPT = 600
 """Snapshots kept for the plots: two minutes at 5 Hz."""
 EVENTS_KEPT = 2000
+_ENDED = frozenset(state.value for state in FINAL)
 
 
 class Flown(msgspec.Struct, frozen=True):
@@ -45,8 +47,6 @@ class Picture:
         self.flown: deque[Flown] = deque(maxlen=KEPT)
         self.events: deque[str] = deque(maxlen=EVENTS_KEPT)
         self.answer = Answer(done=True, says="")
-        self.gains: dict[str, float] = {}
-        """Gains that were changed from here, since the greeting."""
         self.count = 0
         """How many news there were: a screen that has drawn this number needs no new drawing."""
 
@@ -59,7 +59,7 @@ class Picture:
             case Hello():
                 if self.hello is not None and news.origin != self.hello.origin:
                     self._begin_anew()
-                self.hello, self.gains = news, {}
+                self.hello = news
             case Holder():
                 self.holder = news
             case Trouble(text):
@@ -87,6 +87,8 @@ class Picture:
         last = self.newest
         if last is not None and (new.vehicle != last.vehicle or new.time_s < last.time_s - 1.0):
             self._begin_anew()
+        elif last is not None and last.state in _ENDED and new.state not in _ENDED:
+            self.flown.clear()  # the next flight of a daemon
         self.newest, self.arrived_s, self.trouble = new, now_s, ""
         self.events.extend(fresh(self.events, new.events))
         law, seen = new.diagnostics, new.certificate

@@ -97,7 +97,7 @@ def in_time(lines: Sequence[Line], width: int, height: int, least: float) -> tup
     shown = [line.values[-2 * width :] for line in lines]
     known = [value for values in shown for value in values if abs(value) < 1e9]
     low, high = (min(known), max(known)) if known else (0.0, 0.0)
-    step = nice_top((high - low,), least) / 2.0
+    step = nice_top(((high - low) / 6.0,), least / 6.0)
     low, high = step * math.floor(low / step + 1e-6), step * math.ceil(high / step - 1e-6)
     if high <= low:
         high = low + 2.0 * step
@@ -119,7 +119,7 @@ def horizon(roll: float, pitch: float, width: int, height: int, style: str, mark
     canvas = Canvas(width, height)
     middle_x, middle_y = width, 2 * height
     if math.isfinite(roll) and math.isfinite(pitch):
-        drop = middle_y + 2.0 * height * pitch / math.radians(30.0)
+        drop = middle_y + 2.0 * height * max(-1.6, min(1.6, pitch)) / math.radians(30.0)
         across = width * min(1.0, abs(math.cos(roll)) + 0.2)
         rise = across * math.tan(max(-1.4, min(1.4, roll)))
         ends = [(round(middle_x + sign * across), round(drop - sign * rise)) for sign in (-1.0, 1.0)]

@@ -9,10 +9,12 @@ from typing import Any, TypeVar
 
 import msgspec
 
+from groundstation.live_gains import LIVE, PREFIX
 from groundstation.mission import State
 from groundstation.ops import Quat, Vec3
 from groundstation.poses.port import PoseStatus
 from groundstation.recording.reader import Entry, Recording
+from groundstation.recording.records import GAIN
 from groundstation.snapshot import Certificate, Diagnostics, Snapshot
 from groundstation.tui.feed import Hello
 from links.lateness import Lateness
@@ -21,7 +23,7 @@ from links.port import LinkStatus
 STEP_S = 0.1
 """Time between two snapshots [s]."""
 _TICK = ("/command", "/reference", "/estimate", "/errors", "/adaptation", "/lyapunov", "/timing")
-_TOPICS = (*_TICK, "/measured", "/mission", "/request", "/lost", "/link", "/source")
+_TOPICS = (*_TICK, "/measured", "/mission", "/switch", "/request", "/lost", "/link", "/source")
 _LINK = LinkStatus(state="closed", sent=0, expired=0, received=0, dropped={}, text="")
 
 
@@ -49,9 +51,10 @@ class Tape:
         about = self._recording.about
         self.hello = Hello(about.get("vehicle", "?"), f"recording {path.name}", about.get("config", ""))
         try:
-            vehicle = tomllib.loads(self.hello.config).get("vehicle", {})
+            config = tomllib.loads(self.hello.config)
         except tomllib.TOMLDecodeError:
-            vehicle = {}
+            config = {}
+        vehicle = config.get("vehicle", {})
         self._thrust_max_n = float(vehicle.get("thrust_max_n", math.nan))
         limits = vehicle.get("rate_limits_deg_s", ())
         self._limits = _triple([math.radians(one) for one in limits]) if len(limits) == 3 else None
@@ -61,6 +64,9 @@ class Tape:
         self._arrivals: deque[float] = deque(maxlen=1000)
         self._squares, self._count = 0.0, 0
         self._lateness = Lateness()
+        controller = config.get("controller", {})
+        named = {name: controller.get(name) for name in LIVE}
+        self._gains = {PREFIX + name: float(value) for name, value in named.items() if value is not None}
 
     def snapshots(self) -> Iterator[Snapshot]:
         """From its beginning to its end, or to its damage."""
@@ -98,6 +104,10 @@ class Tape:
                 if told["state"] != self._state:
                     self._state, self._reason = told["state"], told["text"]
                 self._events.append(f"{now:.3f} {told['state']}: {told['text']}")
+            case "/switch":
+                told = entry.value()
+                if told["what"].startswith(GAIN):
+                    self._gains[PREFIX + told["what"].removeprefix(GAIN)] = told["values"][0]
             case "/request":
                 told = entry.value()
                 self._events.append(f"{now:.3f} asked to {told['what']}: {told['reason']}")
@@ -150,6 +160,7 @@ class Tape:
             pose_gaps=source.gaps,
             pose_clock_steps=source.clock_steps + source.clock_restarts,
             late_us=self._lateness.percentiles_us() if self._lateness.count else None,
+            gains=dict(self._gains),
             late_octaves=tuple(self._lateness.octaves) if self._lateness.count else (),
         )
 

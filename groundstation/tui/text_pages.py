@@ -25,6 +25,7 @@ class TextPage(Page):
     """
     BINDINGS: ClassVar[list[BindingType]] = [Binding("slash", "search", "search"), Binding("escape", "read", "read")]
     HINT: ClassVar[str]
+    _shown: object = None
 
     def matter(self) -> ComposeResult:
         """The field above the text."""
@@ -34,7 +35,6 @@ class TextPage(Page):
 
     def on_mount(self) -> None:
         """One reads before one searches."""
-        self._shown: object = None
         self.query_one(VerticalScroll).focus()
 
     def lines(self, frame: Frame) -> list[Spans]:

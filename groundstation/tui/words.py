@@ -167,7 +167,7 @@ def _centimetres(metres: float) -> str:
 def checks(made: Sequence[Check]) -> list[Spans]:
     """The pre-flight list, what stands in the way first."""
     if not made:
-        return [[("no pre-flight checks yet: they need link and poses", LABEL)]]
+        return [[("no pre-flight checks yet: they need link and poses, and a start on the floor", LABEL)]]
     order = (Verdict.FAIL, Verdict.WARN, Verdict.PASS, Verdict.OFF)
     rows: list[Spans] = [[("─ before take-off ", LABEL)]]
     for check in sorted(made, key=lambda one: order.index(one.verdict)):

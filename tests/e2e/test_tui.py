@@ -33,7 +33,7 @@ def test_every_part_shows_the_newest_snapshot(stage: Stage) -> None:
             await until(pilot, lambda: "11.0 s" in text(pilot, Banner))
             await pilot.pause(0.3)
             assert "following the trajectory" in text(pilot, Banner)
-            assert "nobody holds control" in text(pilot, Banner)
+            assert "control is free" in text(pilot, Banner)
             north, east, down = sample(11.0).position_ned
             assert f"{north:+.3f}   {east:+.3f}   {-down:+.3f} m" in text(pilot, Numbers)
             for words in ("b̂          +0.100   -0.050   +0.200", "d̂          +0.110", "age 12 ms  50 Hz  drops 3"):
@@ -225,4 +225,4 @@ def test_the_screen_in_a_terminal_follows_a_core_that_dies_and_comes_back(termin
         terminal.wait_for("Leave?")
         terminal.type("Down")
         terminal.type("Enter")
-        terminal.wait_for("left with 0", "groundstation request land --vehicle mqx")
+        terminal.wait_for("left with 0", "groundstation request land --socket")

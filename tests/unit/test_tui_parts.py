@@ -7,14 +7,25 @@ import msgspec
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from textual.theme import Theme
 
+from groundstation.mission import State
+from groundstation.requests import Ask
 from groundstation.snapshot import Certificate, Snapshot
+from groundstation.tui.feed import Hello, Holder, Trouble
+from groundstation.tui.gains import gains
 from groundstation.tui.headline import ALARM, FLYING, headline
-from groundstation.tui.letters import big
-from groundstation.tui.plot import Spans, Track, bar, history, nice_top, top_view, two_sided_bar
-from groundstation.tui.words import clean, numbers
+from groundstation.tui.letters import big, huge
+from groundstation.tui.links_page import histogram, late
+from groundstation.tui.orders import BY_ASK, ORDERS, Twice, possible
+from groundstation.tui.picture import Picture, fresh
+from groundstation.tui.plot import Line, Spans, Track, bar, history, horizon, in_time, nice_top, top_view, two_sided_bar
+from groundstation.tui.text_pages import flat
+from groundstation.tui.themes import THEMES
+from groundstation.tui.words import arrow, clean, numbers
 from tests.sample_flight import sample
 
+TONES = ("alarm", "busy", "calm", "flying")
 ANY = st.floats(allow_nan=True, allow_infinity=True)
 
 
@@ -34,6 +45,49 @@ def test_large_letters_are_three_rows_of_half_blocks() -> None:
 def test_any_text_gives_three_rows_of_one_width(text: str) -> None:
     rows = big(text)
     assert len({len(row) for row in rows}) == 1
+
+
+def test_huge_letters_are_five_rows_of_full_blocks() -> None:
+    assert huge("I") == ("██",) * 5
+
+
+@given(st.lists(ANY, max_size=80), st.integers(1, 40), st.integers(1, 9))
+def test_any_curve_fills_exactly_its_room(values: list[float], width: int, height: int) -> None:
+    rows, low, high = in_time([Line(values, "x"), Line(values[::-1], "y")], width, height, 0.1)
+    assert [len(row) for row in plain(rows)] == [width] * height
+    assert low < high
+
+
+def test_a_curve_rises_to_the_right_and_its_newest_value_is_last() -> None:
+    rows, low, high = in_time([Line([0.0, 1.0, 2.0, 3.0], "x")], 2, 1, 0.1)
+    assert (low, high, plain(rows)) == (0.0, 3.0, ["⡠⠊"])
+
+
+def test_the_horizon_falls_to_the_left_in_a_roll_to_the_right_and_sinks_with_the_nose_up() -> None:
+    def heights(roll: float, pitch: float) -> list[int]:
+        rows = plain(horizon(roll, pitch, 20, 9, "x", "y"))
+        found = [next((i for i, row in enumerate(rows) if row[column] > "\u2800"), -1) for column in (1, 18)]
+        return found
+
+    left, right = heights(0.3, 0.0)
+    assert left > right
+    level, nosed_up = heights(0.0, 0.0), heights(0.0, 0.2)
+    assert nosed_up[0] > level[0]
+
+
+@pytest.mark.parametrize("width", [4, 30])
+@given(ANY, ANY)
+def test_any_attitude_has_a_horizon(width: int, roll: float, pitch: float) -> None:
+    assert [len(row) for row in plain(horizon(roll, pitch, width, 5, "x", "y"))] == [width] * 5
+
+
+def test_an_arrow_points_where_its_vector_does() -> None:
+    assert [arrow(v) for v in ((1.0, 0.0, 0.0), (0.0, 1.0, 1.0), (-1.0, -1.0, -1.0), (0.0, 0.0, 0.0))] == [
+        "↑",
+        "→▼",
+        "↙▲",
+        "·",
+    ]
 
 
 def test_north_is_up_and_east_is_to_the_right() -> None:
@@ -179,3 +233,106 @@ def test_any_numbers_can_be_shown(
     )
     assert len(numbers(snapshot)) == 16
     assert headline(snapshot, 0.0, "").big
+
+
+def test_a_kill_takes_two_presses_within_a_second() -> None:
+    twice = Twice()
+    assert [twice.press(t) for t in (0.0, 1.5, 2.4, 2.5, 3.0)] == [False, False, True, False, True]
+    assert not twice.waits(3.1)
+
+
+def test_orders_have_keys_of_their_own_and_those_that_act_everywhere_are_no_letters() -> None:
+    keys = [order.key for order in ORDERS if order.key]
+    assert len(set(keys)) == len(keys)
+    assert all(order.key.startswith("ctrl+") for order in ORDERS if order.always and order.key)
+    assert {order.ask for order in ORDERS} == set(Ask)
+
+
+@pytest.mark.parametrize("state", State)
+def test_what_brings_the_vehicle_down_is_possible_in_every_state_that_is_not_over(state: State) -> None:
+    over = state in ("landed", "aborted", "handed_over", "killed")
+    assert [possible(BY_ASK[ask], state) for ask in (Ask.LAND, Ask.ABORT, Ask.KILL)] == [not over, not over, True]
+    assert possible(BY_ASK[Ask.ARM], state) == (state is State.READY)
+    assert possible(BY_ASK[Ask.ARM], "of a later version")
+
+
+def test_events_are_kept_once_each_however_often_they_are_told() -> None:
+    picture = Picture(0.0)
+    for first in range(0, 30, 7):
+        told = tuple(f"{i}.0 event" for i in range(max(0, first - 20), first))
+        picture.take(changed(events=told), 0.0)
+        picture.take(changed(events=told), 0.0)
+    assert list(picture.events) == [f"{i}.0 event" for i in range(28)]
+
+
+def test_events_that_were_missed_do_not_hide_those_that_come() -> None:
+    assert fresh(Picture(0.0).events, ("1.0 a",)) == ("1.0 a",)
+    picture = Picture(0.0)
+    picture.take(changed(events=("1.0 a",)), 0.0)
+    assert fresh(picture.events, ("7.0 b", "8.0 c")) == ("7.0 b", "8.0 c")
+
+
+def test_who_holds_control_is_not_known_while_nobody_is_there() -> None:
+    picture = Picture(0.0)
+    picture.take(Holder("tui 7", yours=True), 0.0)
+    picture.take(Trouble("gone"), 0.0)
+    assert picture.holder == Holder("", yours=False)
+
+
+def test_another_ground_station_begins_with_empty_plots_and_the_next_flight_of_one_does_too() -> None:
+    picture = Picture(0.0)
+    for origin, kept in (("process 1", 1), ("process 1", 2), ("process 2", 1)):
+        picture.take(Hello("mqx", origin, ""), 0.0)
+        picture.take(sample(1.0), 0.0)
+        assert len(picture.flown) == kept
+    picture.take(sample(2.0, state="landed"), 0.0)
+    picture.take(sample(3.0, state="connecting"), 0.0)
+    assert len(picture.flown) == 1
+
+
+def test_gains_are_shown_as_they_are_and_as_they_were_configured() -> None:
+    config = {"controller": {"kind": "adaptive", "k2": 2.0}}
+    k2, kb = gains(config, {"controller.k2": 3.0, "controller.kb": 1.0})
+    assert (k2.value, k2.begun, kb.value, math.isnan(kb.begun)) == (3.0, 2.0, 1.0, True)
+    assert k2.read(" 3.5") == 3.5
+    for typed in ("nan", "inf", "two", ""):
+        assert "nothing was changed" in str(k2.read(typed))
+    assert gains({}, {}) == []
+
+
+def test_the_lines_of_a_configuration_carry_their_section() -> None:
+    assert plain(list(flat("# a\n[flight]\ncoast_s = 0.25  # [s]\n"))) == ["flight.coast_s = 0.25  # [s]"]
+
+
+@given(st.lists(ANY, max_size=40))
+def test_a_histogram_counts_every_finite_number_once(values: list[float]) -> None:
+    finite = [value for value in values if abs(value) < 1e6]
+    rows = plain(histogram(finite))
+    assert len(rows) <= 10
+    if finite:
+        assert sum(int(row.split()[-1]) for row in rows) == len(finite)
+
+
+def test_lateness_is_shown_by_octaves() -> None:
+    rows = plain(late(changed(late_us=(10, 60, 200), late_octaves=(0, 0, 0, 9, 0, 0, 3))))
+    assert rows == [
+        "late      50 % 10 µs   99 % 60 µs   99.9 % 200 µs",
+        "  <    8 µs ██████████ 9",
+        "  <   64 µs ███░░░░░░░ 3",
+    ]
+
+
+def luminance(colour: str) -> float:
+    parts = [int(colour[i : i + 2], 16) / 255.0 for i in (1, 3, 5)]
+    red, green, blue = (part / 12.92 if part <= 0.04045 else ((part + 0.055) / 1.055) ** 2.4 for part in parts)
+    return 0.2126 * red + 0.7152 * green + 0.0722 * blue
+
+
+@pytest.mark.parametrize("theme", THEMES, ids=lambda theme: theme.name)
+def test_all_that_is_written_can_be_read(theme: Theme) -> None:
+    """WCAG 2.2 asks for a contrast of 4.5; the letters of alarms are large, 3 is enough."""
+    pairs = [(theme.variables[f"{tone}-text"], theme.variables[f"{tone}-back"], 3.0) for tone in TONES]
+    pairs += [(theme.variables[name], str(theme.background), 4.5) for name in ("label", "flown", "warn", "bad", "wind")]
+    for one, other, wanted in pairs:
+        low, high = sorted((luminance(one), luminance(other)))
+        assert (high + 0.05) / (low + 0.05) >= wanted, (one, other)

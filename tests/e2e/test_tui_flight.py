@@ -1,0 +1,85 @@
+"""A simulated flight that is begun, armed, left and landed from the dashboard, in real terminals."""
+
+import os
+import signal
+import subprocess
+import sys
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+import pytest
+
+from groundstation.tui.letters import big
+from tests.e2e.stations import Room, served
+from tests.e2e.test_tui import Terminal
+
+
+@pytest.fixture
+def terminals(needs_program: Callable[..., str], tmp_path: Path) -> Iterator[list[Terminal]]:
+    made = []
+    for name in ("first", "second"):
+        (tmp_path / name).mkdir()
+        made.append(Terminal(needs_program("tmux"), tmp_path / name))
+    yield made
+    for one in made:
+        one.close()
+
+
+def processes(words: str) -> dict[int, str]:
+    """The processes whose command line holds ``words``, by their ids."""
+    listed = subprocess.run(["ps", "-ww", "-eo", "pid=,args="], check=True, capture_output=True, text=True).stdout
+    found = (line.strip().partition(" ") for line in listed.splitlines() if words in line)
+    return {int(pid): args for pid, _, args in found}
+
+
+@contextmanager
+def flown_in_a_room() -> Iterator[Room]:
+    """A room; whatever still flies in it afterwards is stopped."""
+    with served() as room:
+        try:
+            yield room
+        finally:
+            for pid, args in processes(str(room.status_socket)).items():
+                if " daemon " in args:
+                    os.kill(pid, signal.SIGKILL)
+
+
+@pytest.mark.timeout(120)
+def test_a_flight_outlives_its_dashboard_and_lands_from_another_one(terminals: list[Terminal]) -> None:
+    first, second = terminals
+    with flown_in_a_room() as room:
+        first.start(" ".join(room.station("fly", "--tui")))
+        first.wait_for(*big("ready"), "you hold control")
+        first.type("a")
+        first.wait_for("Type its name")
+        first.type("mqx")
+        first.type("Enter")
+        first.wait_for(*big("tracking"))
+        ours = processes(str(room.status_socket))
+        core = next(pid for pid, args in ours.items() if " daemon " in args)
+        screen = next(pid for pid, args in ours.items() if " --tui" in args and args.startswith(sys.executable))
+        os.kill(screen, signal.SIGKILL)
+        second.start(f"{sys.executable} -m groundstation tui --socket {room.status_socket}")
+        second.wait_for(*big("tracking"), "control is free", "held control")
+        second.type("?")
+        second.wait_for("twice within 1 s")
+        second.type("C-l")
+        second.wait_for("landing", "told by tui")
+        second.type("Escape")
+        second.wait_for(*big("landed"))
+        second.type("q")
+        second.wait_for("left with 0")
+        log = (room.recordings / "mqx.log").read_text()
+        assert "landed and disarmed" in log
+        assert core not in processes(str(room.status_socket))
+
+
+@pytest.mark.timeout(60)
+def test_a_core_that_ends_by_itself_is_told_on_the_screen_and_after_it(terminals: list[Terminal]) -> None:
+    with flown_in_a_room() as room:
+        nobody = ("--set", "pose.object=nobody", "--set", "flight.pose_wait_s=1")
+        terminals[0].start(" ".join(room.station("fly", "--tui", *nobody)))
+        terminals[0].wait_for(*big("aborted"), "no pose within 1 s")
+        terminals[0].type("q")
+        terminals[0].wait_for("has ended", "mqx aborted: no pose within 1 s", "mqx.log", "left with 1")

@@ -1,0 +1,70 @@
+"""The pictures of the dashboard that tests compare with: ``python -m tests.tui_pictures`` draws them anew."""
+
+import asyncio
+import math
+from collections.abc import Sequence
+from pathlib import Path
+from typing import NamedTuple
+
+import msgspec
+from textual.widgets import Input
+
+from groundstation.tui.app import Dashboard
+from groundstation.tui.bars import Banner
+from groundstation.tui.feed import Holder, News
+from groundstation.tui.screenshot import normal
+from tests.dashboards import Fixed, flown, on_ground, until
+from tests.sample_flight import sample
+
+FOLDER = Path(__file__).parent / "pictures"
+
+
+class Pictured(NamedTuple):
+    """What is drawn, on how large a terminal, in which colours, and after which keys."""
+
+    news: Sequence[News]
+    size: tuple[int, int]
+    theme: str = "dark"
+    keys: tuple[str, ...] = ()
+    live: bool = True
+
+
+YOURS = Holder("tui 7", yours=True)
+LOST = msgspec.structs.replace(sample(20.0).link, state="lost", dropped={"bad_checksum": 41})
+LATE = {"late_us": (180, 950, 2100), "late_octaves": (0, 0, 0, 0, 0, 0, 4, 90, 160, 41, 7, 1)}
+PICTURES = {
+    "fly": Pictured([*flown(20.0), YOURS], (80, 24)),
+    "fly_wide_light": Pictured([*flown(20.0), YOURS], (132, 40), "light"),
+    "ready": Pictured([*on_ground(), YOURS], (80, 24)),
+    "arm": Pictured([*on_ground(), YOURS], (80, 24), keys=("a", "m", "q")),
+    "link_lost_contrast": Pictured(flown(20.0, link=LOST, reason="nothing heard for 1.2 s"), (100, 30), "contrast"),
+    "control": Pictured(flown(20.0), (80, 24), keys=("2",)),
+    "links": Pictured(flown(20.0, **LATE), (80, 24), "light", keys=("3",)),
+    "recording": Pictured(flown(20.0), (80, 24), keys=("5",), live=False),
+}
+
+
+def draw(name: str) -> str:
+    """One of the pictures, as the text of an SVG."""
+    return asyncio.run(_draw(PICTURES[name]))
+
+
+async def _draw(wanted: Pictured) -> str:
+    dashboard = Dashboard(Fixed(wanted.news, live=wanted.live))
+    dashboard.theme = wanted.theme
+    async with dashboard.run_test(size=wanted.size) as pilot:
+        await until(pilot, lambda: bool(dashboard.screen.query(Banner)) and dashboard.picture.count == len(wanted.news))
+        dashboard.picture.arrived_s = math.inf  # it never gets old
+        await pilot.press(*wanted.keys)
+        await pilot.pause(0.5)
+        for line in dashboard.screen.query(Input):
+            line.cursor_blink = False
+        dashboard.draw()
+        await pilot.pause(0.1)
+        return normal(dashboard.export_screenshot())
+
+
+if __name__ == "__main__":
+    FOLDER.mkdir(parents=True, exist_ok=True)
+    for one in PICTURES:
+        (FOLDER / f"{one}.svg").write_text(draw(one), "utf-8")
