@@ -5,10 +5,15 @@ WORKERS ?= 2
 
 BIN := .venv/bin
 
-.PHONY: fly test lint types contracts tests test-all-pythons soak docs setup lock clean
+.PHONY: fly screenshot test lint types contracts tests test-all-pythons soak docs setup lock clean
 
 fly: setup ## fly one simulated flight, on real wire bytes, and sum it up
 	@$(BIN)/groundstation-sim fly --scenario $(SCENARIO) --out runs/$(SCENARIO)-$$(date +%Y%m%d-%H%M%S)
+
+screenshot: setup ## fly, and draw the dashboard of it into docs/dashboard.svg
+	@rm -rf runs/screenshot
+	@$(BIN)/groundstation-sim fly --scenario gust_front --set 'sim.start_ned=[0.7,0.7,-1.0]' --out runs/screenshot > /dev/null
+	@$(BIN)/groundstation tui --screenshot docs/dashboard.svg --at 36 runs/screenshot/flight.mcap
 
 test: lint types contracts tests test-all-pythons ## everything that must hold before a commit
 
