@@ -146,6 +146,6 @@ def told(pilot: Pilot[None], words: str) -> bool:
 
 async def until(pilot: Pilot[None], true: Callable[[], bool]) -> None:
     """Wait for it."""
-    async with asyncio.timeout(20.0):
+    async with asyncio.timeout(60.0):
         while not true():
             await pilot.pause(0.02)
