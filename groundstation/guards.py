@@ -1,6 +1,7 @@
 """What ends a flight early: limits that are looked at with every command, and what follows beyond them. Sans-IO.
 
-A guard answers with one step of hold → land → failsafe descent; what lasts on after its answer is answered by the next.
+A guard answers with one step of hold → land → failsafe descent; what lasts on after its answer is answered by the next,
+unless no landing could end it, as that of an empty battery.
 """
 
 import math
@@ -38,6 +39,10 @@ class GuardsConfig(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fie
     """Farthest from the direction that the reference and the estimated wind ask for [deg]."""
     tilt_error_s: Seconds = 0.5
     """For how long it may be farther from it [s]."""
+    sway_deg: Annotated[float, msgspec.Meta(gt=0.0, le=90.0)] = 15.0
+    """The same of one that swings, as poses that are older than they say or many lost frames make it [deg]."""
+    sway_s: Share = 0.45
+    """For how long of about the last second it may be farther [s]."""
     error_m: Annotated[float, msgspec.Meta(gt=0.0, le=100.0)] = 0.5
     """Farthest from the reference [m]."""
     error_s: Seconds = 0.3
@@ -100,8 +105,12 @@ class Finding(NamedTuple):
     reason: str
     blind: bool = False
     """True where the estimate of the speed is not to be believed."""
+    cured: bool = True
+    """Whether its answer should end it: what does not go away by landing is no reason to land worse."""
 
 
+SWAY_MEMORY_S = 1.0
+"""Time beyond ``sway_deg`` is forgotten so fast [s]."""
 FRAMES = 100
 """Over so many frames are late ones counted."""
 
@@ -120,6 +129,7 @@ class Guards:
         self._late: list[int] = []
         self._frames = 0
         self._left_s: float | None = None
+        self._swayed_s, self._sway_at_s = 0.0, -math.inf
 
     def see(self, tick: Tick, state: State, diverged_m: float) -> Finding | None:
         """The gravest of what one command shows; ``diverged_m`` is how far the newest pose was from the model's."""
@@ -140,16 +150,20 @@ class Guards:
         c = self._config
         if self._lasts("rtt", status.rtt_s is not None and status.rtt_s > c.rtt_s, now_s, 1.0):
             return Finding(
-                Step.LAND, f"round trip of {1e3 * (status.rtt_s or 0.0):.0f} ms, limit {1e3 * c.rtt_s:.0f} ms"
+                Step.LAND,
+                f"round trip of {1e3 * (status.rtt_s or 0.0):.0f} ms, limit {1e3 * c.rtt_s:.0f} ms",
+                cured=False,
             )
         share, volts = status.battery_share, status.battery_v
         if self._lasts("charge", share is not None and share < c.battery_share, now_s, 1.0):
             return Finding(
-                Step.LAND, f"battery at {100.0 * (share or 0.0):.0f} %, limit {100.0 * c.battery_share:.0f} %"
+                Step.LAND,
+                f"battery at {100.0 * (share or 0.0):.0f} %, limit {100.0 * c.battery_share:.0f} %",
+                cured=False,
             )
         low = c.battery_v is not None and volts is not None and volts < c.battery_v
         if self._lasts("volts", low, now_s, 1.0):
-            return Finding(Step.LAND, f"battery at {volts:.2f} V, limit {c.battery_v:.2f} V")
+            return Finding(Step.LAND, f"battery at {volts:.2f} V, limit {c.battery_v:.2f} V", cured=False)
         return None
 
     def _lasts(self, name: str, so: bool, now_s: float, for_s: float) -> bool:
@@ -201,9 +215,19 @@ class Guards:
         u, v, w = third_column(tick.estimate.motion.attitude)
         cosine = (x * u + y * v + z * w) / max(math.sqrt(x * x + y * y + z * z), 1e-6)
         error = math.degrees(math.acos(max(-1.0, min(1.0, cosine))))
+        if self._sways(error, tick.time_s):
+            return Finding(Step.DESCEND, f"it swings, {c.sway_deg:g}° and more away from where it should lean")
         if self._lasts("tilt error", not error <= c.tilt_error_deg, tick.time_s, c.tilt_error_s):
             return Finding(Step.LAND, f"it leans {error:.0f}° away from where it should, limit {c.tilt_error_deg:g}°")
         return None
+
+    def _sways(self, error_deg: float, now_s: float) -> bool:
+        """Whether it was so far away for too much of the last second, on whichever sides."""
+        elapsed, self._sway_at_s = now_s - self._sway_at_s, now_s
+        self._swayed_s *= math.exp(-elapsed / SWAY_MEMORY_S)
+        if not error_deg <= self._config.sway_deg:
+            self._swayed_s += min(elapsed, 0.1)
+        return self._swayed_s > self._config.sway_s
 
     def _error(self, tick: Tick) -> Finding | None:
         c = self._config
@@ -231,7 +255,9 @@ class Guards:
         c, found = self._config, tick.estimate.effectiveness
         if self._lasts("weak", found < c.effectiveness, tick.time_s, 1.0):
             return Finding(
-                Step.LAND, f"thrust is {100.0 * found:.0f} % of what is told, limit {100.0 * c.effectiveness:.0f} %"
+                Step.LAND,
+                f"thrust is {100.0 * found:.0f} % of what is told, limit {100.0 * c.effectiveness:.0f} %",
+                cured=False,
             )
         return None
 
@@ -249,7 +275,7 @@ class Escalation:
         """What to do now about ``finding``; None where the last answer is still at work."""
         if finding.step > self._step:
             answer = finding
-        elif self._step < Step.DESCEND and now_s - self._at_s > self._lasting:
+        elif finding.cured and self._step < Step.DESCEND and now_s - self._at_s > self._lasting:
             answer = Finding(Step(self._step + 1), f"{finding.reason}, still", finding.blind)
         else:
             return None

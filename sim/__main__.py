@@ -54,6 +54,20 @@ def parser() -> argparse.ArgumentParser:
     mission.add_argument("--set", action="append", default=[], dest="overrides", metavar="KEY=VALUE", help="as in fly")
     mission.add_argument("--json", action="store_true", help="print one JSON object instead of the summary")
 
+    faults = commands.add_parser("faults", help="break one thing in every state of a mission, and see what comes of it")
+    faults.add_argument("--quick", action="store_true", help="two dozen cells, over all faults and states")
+    faults.add_argument("--fault", metavar="NAME", help="this one only, in every state")
+    faults.add_argument("--state", metavar="NAME", help="in this state only")
+    faults.add_argument("--scenario", default="paper", metavar="NAME", help="what is flown (default paper)")
+    faults.add_argument("--seed", type=_whole, default=0, help="every random draw comes from it (default 0)")
+    faults.add_argument("--set", action="append", default=[], dest="overrides", metavar="KEY=VALUE", help="as in fly")
+    faults.add_argument("--workers", type=_count, metavar="N", help="processes at once (default: one a core)")
+    faults.add_argument("--json", action="store_true", help="print one JSON object instead of the table")
+    faults.add_argument(
+        "--write", type=Path, nargs="?", const=Path("docs/reference/fault-table.md"), metavar="FILE.md",
+        help="write the table as a page (default docs/reference/fault-table.md)",
+    )  # fmt: skip
+
     compare = commands.add_parser("compare", help="fly several controllers through the same scenarios, on all cores")
     compare.add_argument("--scenarios", metavar="A,B", type=_names, help="default: all")
     compare.add_argument("--controllers", metavar="A,B", type=_names, help="default: every one that comes along")

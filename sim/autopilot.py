@@ -28,7 +28,7 @@ from sim.autopilot_base import (
 from sim.autopilot_parameters import PX4_PARAMETERS
 from sim.autopilot_pilot import Descend, HoldAttitude
 
-OFFBOARD, LOITER, LAND = (6, 0), (4, 3), (4, 6)
+OFFBOARD, LOITER, LAND, POSCTL = (6, 0), (4, 3), (4, 6), (3, 0)
 """PX4's main and sub mode."""
 STREAM_GAP_S = 0.5
 """Set-points further apart are no stream [s]: 2 Hz."""
@@ -80,6 +80,17 @@ class Px4Autopilot(SimulatedAutopilot):
     @property
     def _disarms_by_landing(self) -> bool:
         return self.mode == LAND
+
+    def reboot(self, now_s: float) -> None:
+        """Begin anew."""
+        super().reboot(now_s)
+        self._intended = LOITER
+        self._setpoint_s, self._stream_since_s = -math.inf, math.inf
+
+    def take_over(self, now_s: float) -> None:
+        """A pilot takes it by the remote control, and lands it by hand."""
+        self._intended = POSCTL
+        self._fly_by(Descend(self._hover, now_s), now_s)
 
     # ---- set-points
 

@@ -96,6 +96,8 @@ class SimulatedAutopilot(ABC):
         self.armed = False
         self.failsafe = False
         """True while it says that it acts because set-points stopped."""
+        self.battery: tuple[float, float] | None = None
+        """Its voltage [V] and charge [0..1], told with each heartbeat; None where it has no way to measure them."""
         self.external = ExternalPoses(self.kind)
         """The poses that it is sent."""
         self._airframe = airframe
@@ -173,7 +175,14 @@ class SimulatedAutopilot(ABC):
             frames.append(self.codec.pack(self._build[number](now_s, now_s - self._boot_s)))
             if number == self._heartbeat_number:
                 self._has_landed(now_s)
+                if self.battery is not None:
+                    frames.append(self._battery(*self.battery))
         return frames
+
+    def reboot(self, now_s: float) -> None:
+        """Begin anew, as after a brown-out: the motors stop, and nothing is remembered."""
+        self._disarm(now_s, "")
+        self._boot_s = -math.inf
 
     def receive(self, datagram: bytes, now_s: float) -> list[bytes]:
         """Take one datagram; returns frames to send back."""
@@ -294,6 +303,10 @@ class SimulatedAutopilot(ABC):
         base = _CUSTOM_MODE_ENABLED | (ARMED if self.armed else 0)
         status = _CRITICAL if self.failsafe else _ACTIVE if self.armed else _STANDBY
         return self.codec.dialect.MAVLink_heartbeat_message(_QUADROTOR, self.kind, base, self.custom_mode, status, 3)
+
+    def _battery(self, volts: float, share: float) -> bytes:
+        status = self.codec.dialect.MAVLink_sys_status_message
+        return self.codec.pack(status(0, 0, 0, 0, round(1e3 * volts), -1, round(100.0 * share), 0, 0, 0, 0, 0, 0))
 
     def _say(self, severity: int, text: str) -> list[bytes]:
         """STATUSTEXT; a text that does not fit comes in numbered pieces."""

@@ -3,6 +3,7 @@
 import asyncio
 import math
 from collections import deque
+from collections.abc import Callable
 from typing import Any
 
 from sim.autopilot_base import SimulatedAutopilot
@@ -23,8 +24,10 @@ class AutopilotPeer(asyncio.DatagramProtocol):
         self._delay_s = delay_s
         self._hearing_s = hearing_s
         self._unheard: deque[bytes] = deque()
-        self._mute = False
+        self._mute = self._deaf = False
         self._remote = remote
+        self.overhear: Callable[[float, bytes], None] | None = None
+        """Sees every datagram as it comes, and when [s]."""
         self._loop: asyncio.AbstractEventLoop | None = None
         self._transport: asyncio.DatagramTransport | None = None
         self._timer: asyncio.TimerHandle | None = None
@@ -50,9 +53,29 @@ class AutopilotPeer(asyncio.DatagramProtocol):
         """Let nothing leave any more, as a telemetry radio that dies; it still hears and flies."""
         self._mute = True
 
+    def cut(self, cut: bool) -> None:
+        """Let nothing pass either way, or everything again; what would have passed is lost."""
+        self._mute = self._deaf = cut
+
+    def reboot(self, lasts_s: float) -> None:
+        """Restart the autopilot, which neither hears nor speaks for ``lasts_s`` [s]."""
+        loop = asyncio.get_running_loop()
+
+        def back() -> None:
+            self.cut(False)
+            self._wake()
+
+        self.cut(True)
+        self._autopilot.reboot(loop.time())
+        loop.call_later(lasts_s, back)
+
     def datagram_received(self, data: bytes, addr: Any) -> None:
         """Take one datagram (called by the event loop)."""
         if self._loop is None:
+            return
+        if self.overhear is not None:
+            self.overhear(self._loop.time(), data)
+        if self._deaf:
             return
         if self._hearing_s:
             # Timers of one instant may swap; what they let through stays in order.

@@ -174,6 +174,39 @@ def mission(args: argparse.Namespace) -> int:
     return 0 if flown.landed else 1
 
 
+def faults(args: argparse.Namespace) -> int:
+    """Break one thing in every state of a mission."""
+    from sim.console import Counter
+    from sim.deck.deal import cells, fly_all, quick
+    from sim.deck.faults import FAULTS
+    from sim.deck.moments import MOMENTS
+    from sim.deck.table import text, write
+
+    _scenario(args.scenario)
+    for option, value, known in (("--fault", args.fault, FAULTS), ("--state", args.state, MOMENTS)):
+        if value is not None and value not in known:
+            raise ConfigError(option, f"expected one of {list(known)}, got {value!r}")
+    work = cells(args.fault, args.state)
+    if args.quick:
+        work = [cell for cell in quick() if cell in work]
+    if not work:
+        raise ConfigError("--state", f"{args.fault} is not flown there" + (" with --quick" if args.quick else ""))
+    with Counter("cells", len(work), quiet=args.json or not sys.stderr.isatty()) as counter:
+        rows = fly_all(
+            work,
+            seed=args.seed,
+            scenario=args.scenario,
+            overrides=args.overrides,
+            workers=args.workers or os.cpu_count() or 1,
+            on_done=counter.at,
+        )
+    if args.write is not None:
+        words = [word for word in sys.argv[1:] if word != "--json"]
+        write(args.write, rows, shlex.join(["groundstation-sim", *words]))
+    print(json.dumps({"rows": msgspec.to_builtins(rows)}) if args.json else text(rows))
+    return 0 if all(row.safe for row in rows) else 1
+
+
 def _thrust_bound(config: Config, v_start: float | None) -> float | None:
     """The paper's a-priori bound on T/m [m/s²] for this flight; None for a controller without such a theory."""
     from groundstation.control.certificate import acceleration_sup, thrust_bound

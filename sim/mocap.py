@@ -2,6 +2,7 @@
 
 import asyncio
 import math
+from collections.abc import Callable
 
 import msgspec
 
@@ -39,11 +40,15 @@ class Mocap:
         """Cover the cameras: no pose leaves until they are uncovered."""
         self._covered = covered
 
+    def through(self, wrap: Callable[[Tracker], Tracker]) -> None:
+        """From now on let every frame pass what ``wrap`` puts before the tracking computer."""
+        self._tracker = wrap(self._tracker)
+
     async def run(self) -> None:
         """Emit until cancelled."""
         loop = asyncio.get_running_loop()
-        world, tracker = self._world, self._tracker
-        await tracker.open()
+        world = self._world
+        await self._tracker.open()
         period = 1.0 / world.pose_rate_hz
         start = self._begun_s = loop.time() + self._phase * period
         frame = 0
@@ -56,12 +61,12 @@ class Mocap:
                 if not self._lost(when, next(self._luck)[0]):
                     bodies = self._seen(truth, when)
                     if world.pose_latency_s > 0.0:
-                        loop.call_at(when + world.pose_latency_s, tracker.send, frame, when, bodies)
+                        loop.call_at(when + world.pose_latency_s, self._tracker.send, frame, when, bodies)
                     else:
-                        tracker.send(frame, when, bodies)
+                        self._tracker.send(frame, when, bodies)
                 frame += 1
         finally:
-            tracker.close()
+            self._tracker.close()
 
     def _seen(self, truth: Truth, when: float) -> list[Seen]:
         """Our body first: where it is hidden, the last that was seen of it."""

@@ -45,6 +45,8 @@ class Quadrotor:
         self._body = Body(world.start_ned, (0.0, 0.0, 0.0), so3.IDENTITY, thrust, (0.0, 0.0, 0.0))
         self._thrust_command = 0.0
         self._rate_command: Vec3 = (0.0, 0.0, 0.0)
+        self._told: tuple[float, Vec3] = (0.0, (0.0, 0.0, 0.0))
+        self._strength = 1.0
         self._on_ground = False
         x, y, z = world.rate_limits_deg_s
         self._limits: Vec3 = (math.radians(x), math.radians(y), math.radians(z))
@@ -57,8 +59,9 @@ class Quadrotor:
     def command(self, time_s: float, thrust_n: float, rates: Vec3) -> None:
         """From ``time_s`` on: thrust [N] as commanded (gain and limits apply here) and rates [rad/s, FRD]."""
         self._settle(time_s)
+        self._told = thrust_n, rates
         world, (a, b, c) = self._world, self._limits
-        gain = world.thrust_gain
+        gain = self._strength * world.thrust_gain
         if world.thrust_sag and self.released_s is not None:
             gain *= 1.0 - world.thrust_sag * min(1.0, (time_s - self.released_s) / 60.0)
         self._thrust_command = gain * min(max(thrust_n, 0.0), world.thrust_max_n)
@@ -67,6 +70,11 @@ class Quadrotor:
             min(max(rates[1], -b), b),
             min(max(rates[2], -c), c),
         )
+
+    def weaken(self, time_s: float, share: float) -> None:
+        """From ``time_s`` on the rotors give only ``share`` of the thrust that they would."""
+        self._strength = share
+        self.command(time_s, *self._told)
 
     def release(self, time_s: float) -> None:
         """Let go of the vehicle; does nothing the second time."""

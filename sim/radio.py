@@ -52,9 +52,14 @@ def module(config: Config, world: World) -> RfConfig:
     return found
 
 
-def wires(config: Config, radio: RfConfig, nonce: Callable[[int], bytes]) -> tuple[dict[str, Any], Bridge | None]:
-    """What the link of ``config`` gets in the place of hardware, and the bridge to run beside it, if it wants one."""
-    open_pacer = opened_on(WirePort())
+def wires(
+    config: Config, radio: RfConfig, nonce: Callable[[int], bytes], port: WirePort
+) -> tuple[dict[str, Any], Bridge | None]:
+    """What the link of ``config`` gets in the place of hardware, and the bridge to run beside it, if it wants one.
+
+    ``port`` is the wire to the module.
+    """
+    open_pacer = opened_on(port)
     if not isinstance(config.link, BridgeLinkConfig):
         return {"open_pacer": open_pacer}, None
     bridge = Bridge(BridgeConfig(listen=config.link.remote, link=radio), KEY, open_pacer=open_pacer, nonce=nonce)

@@ -97,6 +97,8 @@ class RfPeer(asyncio.DatagramProtocol):
         self._byte_s = 10.0 / config.baud
         self._gap_s = GAP_FRAMES * config.period_s
         self._free_s, self._air_s = 0.0, air_s
+        self.overhear: Callable[[float, bytes], None] | None = None
+        """Sees all bytes as they begin to come, and when [s]."""
         self._watch: asyncio.TimerHandle | None = None
         self._end: asyncio.Future[None] | None = None
 
@@ -121,6 +123,8 @@ class RfPeer(asyncio.DatagramProtocol):
         """Take bytes that begin to leave the other end now (called by the event loop)."""
         loop = asyncio.get_running_loop()
         now = loop.time()
+        if self.overhear is not None:
+            self.overhear(now, data)
         if now > self._free_s + self._gap_s:
             self.receiver.decoder.pause()
         self._free_s = max(self._free_s, now) + self._byte_s * len(data)

@@ -22,6 +22,7 @@ from sim.autopilot_base import SimulatedAutopilot
 from sim.autopilot_peer import AutopilotPeer
 from sim.autopilots import AUTOPILOTS
 from sim.draws import rows, stream
+from sim.inline_pacer import WirePort
 from sim.mocap import Mocap
 from sim.pty_wire import PtyWire
 from sim.quadrotor import Quadrotor
@@ -63,9 +64,12 @@ class Stage:
         vehicle = SimulatedVehicle(plant, world, rows(stream(seed, "estimate").standard_normal, 6))
         luck = rows(stream(seed, "frame loss").random, 1)
 
+        self.frame_loss = world.frame_loss
+        """Share of the command frames that get lost; may be changed in flight [-]."""
+
         def lose() -> bool:
             # Hand-shakes repeat what gets lost; losses that count begin with the flight.
-            return plant.released_s is not None and next(luck)[0] < world.frame_loss
+            return plant.released_s is not None and next(luck)[0] < self.frame_loss
 
         tracked = make_tracker(config.pose)
         self.wires: dict[str, Any] = {}
@@ -73,6 +77,8 @@ class Stage:
         self._pty = pty
         self._mavlink: tuple[SimulatedAutopilot, AutopilotPeer] | None = None
         self._bridge: Bridge | None = None
+        self.port = WirePort()
+        """The wire to the module of a radio link on the network in memory."""
         self.radio: RfPeer | None = None
         """The other end of a radio link."""
         if isinstance(config.link, MavlinkLinkConfig):
@@ -93,7 +99,7 @@ class Stage:
             radio = module(config, world)
             self.radio = RfPeer(RfReceiver(vehicle, radio, lose=lose), radio, world.command_delay_s)
             if pty is None:
-                self.wires, self._bridge = wires(config, radio, stream(seed, "nonces").bytes)
+                self.wires, self._bridge = wires(config, radio, stream(seed, "nonces").bytes, self.port)
         self.mocap = Mocap(world, self.plant, seed, *tracked) if tracked is not None else None
 
     @property

@@ -85,10 +85,14 @@ class Wind:
         self._index = -1
         self._eddies: Eddies | None = None
         self._felt: Vec3 = (0.0, 0.0, 0.0)
+        self.push: Vec3 = (0.0, 0.0, 0.0)
+        """What comes on top of all that the world has [m/s², NED]; may be changed in flight."""
 
     def at(self, flight_time: float) -> Vec3:
         """b at ``flight_time`` [s] after release."""
         x, y, z = steady(self._world, flight_time)
+        if self.push != (0.0, 0.0, 0.0):
+            x, y, z = x + self.push[0], y + self.push[1], z + self.push[2]
         if not self._world.wind_turbulence:
             return (x, y, z)
         index = cell(flight_time)

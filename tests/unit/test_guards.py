@@ -97,7 +97,7 @@ def test_beyond_its_limit_a_guard_is_heard_after_its_time(
 @pytest.mark.parametrize(
     ("limit", "diverged_m"),
     [
-        ({"attitude": leaning(29.0)}, 0.0),
+        ({"attitude": leaning(14.0)}, 0.0),
         ({"position": (0.49, 0.0, -1.0)}, 0.0),
         ({"position": (0.4, 0.0, -1.0), "velocity": (1.0, 0.0, 0.0)}, 0.0),
         ({"thrust_n": 0.99 * VEHICLE.thrust_max_n}, 0.0),
@@ -121,6 +121,32 @@ def test_what_comes_and_goes_within_its_time_is_not_told() -> None:
     for i in range(500):
         far = (0.6, 0.0, -1.0) if i % 12 else (0.0, 0.0, -1.0)
         assert guards.see(shown(0.02 * i, position=far), State.TRACKING, 0.0) is None
+
+
+def swung(degrees: float, period_s: float) -> Finding | None:
+    """What is found of a vehicle that leans to one side and the other."""
+    guards = Guards(CONFIG, None, VEHICLE, PERIOD_S)
+    for i in range(250):
+        lean = degrees * math.sin(math.tau * PERIOD_S * i / period_s)
+        found = guards.see(shown(PERIOD_S * i, attitude=leaning(lean)), State.TRACKING, 0.0)
+        if found is not None:
+            return found
+    return None
+
+
+def test_a_vehicle_that_swings_is_brought_down_though_no_limit_is_passed_for_long() -> None:
+    found = swung(32.0, 0.9)
+    assert found is not None
+    assert found.step is Step.DESCEND
+    assert "it swings" in found.reason
+    assert swung(16.0, 0.9) is None
+
+
+def test_what_no_landing_could_end_is_answered_by_a_landing_and_no_more() -> None:
+    escalation = Escalation(2.0)
+    empty = Finding(Step.LAND, "battery", cured=False)
+    assert escalation.answer(empty, 0.0) == empty
+    assert escalation.answer(empty, 9.0) is None
 
 
 def test_frames_that_are_late_again_and_again_land() -> None:

@@ -1,0 +1,91 @@
+"""The cells of the fault deck, and how they are flown: virtual ones by several processes, then the real-time ones."""
+
+import asyncio
+import concurrent.futures as cf  # noqa: TID251  # processes, not threads, and none of them around an event loop
+import multiprocessing
+from collections.abc import Callable, Sequence
+
+import msgspec
+
+from sim.deck.cell import Row, fly_cell
+from sim.deck.faults import FAULTS
+from sim.deck.moments import MOMENTS
+
+SPREAD = ("tracking", "hold", "take-off", "landing", "returning", "descent")
+"""The states that a quick deck goes around in."""
+AGAIN = ("dropout", "mode stolen", "controller exception", "frame loss")
+"""Faults that it strikes with once more, in another state."""
+
+
+class Cell(msgspec.Struct, frozen=True):
+    """One fault in one state."""
+
+    fault: str
+    state: str
+
+    @property
+    def live(self) -> bool:
+        """Whether it is flown by processes of their own, in real time."""
+        return self.state in FAULTS[self.fault].live
+
+
+def cells(fault: str | None = None, state: str | None = None) -> list[Cell]:
+    """Every cell; or those of one fault, or of one state."""
+    return [
+        Cell(name, place)
+        for name, told in FAULTS.items()
+        for place in told.states or MOMENTS
+        if fault in (None, name) and state in (None, place)
+    ]
+
+
+def quick() -> list[Cell]:
+    """Some two dozen cells in virtual time: every fault that needs no other process, and every state."""
+    names = [name for name, told in FAULTS.items() if told.strike is not None]
+    found: list[Cell] = []
+    for names_, offset in ((names, 0), (AGAIN, 3)):
+        for i, name in enumerate(names_):
+            places = [place for place in SPREAD if place not in FAULTS[name].live]
+            found.append(Cell(name, places[(i + offset) % len(places)]))
+    return [*dict.fromkeys(found), Cell("dropout", "ready"), Cell("SIGTERM", "arming"), Cell("freeze", "spool-up")]
+
+
+def fly_all(
+    work: Sequence[Cell],
+    *,
+    seed: int,
+    scenario: str,
+    overrides: Sequence[str],
+    workers: int,
+    on_done: Callable[[int], None] | None = None,
+) -> list[Row]:
+    """The rows of ``work``, in its order; ``on_done`` hears how many are flown."""
+    virtual = [cell for cell in work if not cell.live]
+    rows: dict[Cell, Row] = {}
+
+    def done(cell: Cell, row: Row) -> None:
+        rows[cell] = row
+        if on_done is not None:
+            on_done(len(rows))
+
+    # Spawned, as a forked process would inherit whatever threads this one has.
+    context = multiprocessing.get_context("spawn")
+    with cf.ProcessPoolExecutor(max_workers=max(1, min(workers, len(virtual))), mp_context=context) as pool:
+        futures = {
+            pool.submit(
+                fly_cell, cell.fault, cell.state, seed=seed, scenario=scenario, overrides=tuple(overrides)
+            ): cell
+            for cell in virtual
+        }
+        try:
+            for future in cf.as_completed(futures):
+                done(futures[future], future.result())
+        except BaseException:
+            pool.shutdown(wait=False, cancel_futures=True)
+            raise
+    live = [cell for cell in work if cell.live]
+    if live:
+        from sim.deck.live import fly_live_cells
+
+        asyncio.run(fly_live_cells([(c.fault, c.state) for c in live], lambda f, s, row: done(Cell(f, s), row)))
+    return [rows[cell] for cell in work]

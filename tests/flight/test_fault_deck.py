@@ -1,0 +1,116 @@
+"""A few cells of the fault deck; the whole of it is `groundstation-sim faults`. And that its judge can find fault."""
+
+import math
+import struct
+
+import pytest
+
+from groundstation.recording.records import Idled
+from links.mavlink_codec import MavlinkCodec
+from links.port import Command, Segment
+from sim.commands import prepare
+from sim.deck.cell import TOUCHDOWN_M_S, fly_cell
+from sim.deck.deal import cells, quick
+from sim.deck.faults import FAULTS
+from sim.deck.moments import MOMENTS
+from sim.deck.table import page, text
+from sim.deck.wire import Wire
+from sim.scenarios import SCENARIOS
+
+STATION, VEHICLE = ("127.0.0.1", 14540), ("127.0.0.1", 49152)
+CELLS = [
+    ("freeze", "hold", "descent → aborted"),
+    ("dropout", "tracking", "descent → aborted"),
+    ("marker swap", "take-off", "descent → aborted"),
+    ("latency step", "hold", "descent"),
+    ("frame loss", "hold", "autopilot lands → descent"),
+    ("clock step", "hold", "flies on"),
+    ("link stall", "landing", "autopilot lands"),
+    ("mode stolen", "take-off", "handed_over"),
+    ("motor at 70 %", "hold", "landing"),
+    ("battery sag", "take-off", "landing"),
+    ("controller exception", "landing", "aborted"),
+    ("SIGTERM", "descent", "flies on"),
+    ("teleport", "ready", "aborted"),
+    ("dropout", "arming", "aborted"),
+    ("dropout", "spool-up", "aborted"),
+]
+
+
+@pytest.mark.parametrize(("fault", "state", "reaction"), CELLS)
+def test_a_fault_ends_safely(fault: str, state: str, reaction: str) -> None:
+    row = fly_cell(fault, state)
+    assert row.safe, row.why
+    assert row.reaction == reaction
+    assert row.tilt_deg < 60.0
+    assert (row.touchdown_m_s or 0.0) < TOUCHDOWN_M_S
+    assert (row.react_ms is None) == (reaction == "flies on")
+
+
+def test_what_a_radio_vehicle_can_not_be_asked_for_is_said() -> None:
+    row = fly_cell("serial unplug", "hold")
+    assert row.safe
+    assert row.touchdown_m_s is not None
+    assert row.touchdown_m_s > TOUCHDOWN_M_S
+    assert "touchdown not judged" in row.why
+
+
+def test_a_bring_down_by_rates_alone_is_found_to_be_too_hard_for_a_vehicle_that_could_land_itself() -> None:
+    row = fly_cell("dropout", "tracking", overrides=("link.bring_down=rates",))
+    assert not row.safe
+    assert "it met the floor at" in row.why
+
+
+def test_the_quick_deck_has_every_fault_of_virtual_time_and_every_state() -> None:
+    work = quick()
+    assert len(work) == len(set(work)) >= 20
+    assert {cell.fault for cell in work} == {name for name, fault in FAULTS.items() if fault.strike is not None}
+    assert {cell.state for cell in work} == set(MOMENTS)
+    assert not any(cell.live for cell in work)
+    assert set(work) < set(cells())
+
+
+def judged(time_s: float, thrust: float, rates: tuple[float, float, float] = (0.0, 0.0, 0.0)) -> str:
+    """What is wrong with a frame that leaves at ``time_s``, where one command was made with its deadline at 1 s."""
+    _, config = prepare(SCENARIOS["paper"], [])
+    wire = Wire(config)
+    parts = (Segment(0.5, 0.6, (0.1, 0.0, 0.0)), Segment(0.1, 0.0, (0.0, 0.0, 0.0)))
+    wire.record(Idled(0.75, 0.8, Command(0.8, (0.0, 0.0, 0.0), 0, 0.75, 1.0, parts)))
+    frame = MavlinkCodec(245, 190).attitude_target(time_s, 1, 1, 0.5, (0.0, 0.0, 0.0))
+    frame = frame.ljust(60, b"\0")[:30] + struct.pack("<4f", *rates, thrust / config.full_thrust_n)
+    wire.tap(time_s, STATION, VEHICLE, frame)
+    return wire.wrong
+
+
+def test_the_judge_lets_pass_what_is_due() -> None:
+    assert judged(0.9, 0.8) == ""
+    assert judged(1.0, 0.8) == ""
+    assert judged(1.2, 0.6, (0.1, 0.0, 0.0)) == ""
+    assert judged(1.55, 0.0) == ""
+    assert judged(9.0, 0.0) == ""
+
+
+@pytest.mark.parametrize(
+    ("time_s", "thrust", "rates"),
+    [
+        (1.01, 0.8, (0.0, 0.0, 0.0)),
+        (0.9, 0.81, (0.0, 0.0, 0.0)),
+        (0.9, 0.6, (0.1, 0.0, 0.0)),
+        (1.7, 0.6, (0.1, 0.0, 0.0)),
+    ],
+)
+def test_the_judge_finds_what_is_not_due(time_s: float, thrust: float, rates: tuple[float, float, float]) -> None:
+    assert "was not due then" in judged(time_s, thrust, rates)
+
+
+def test_the_judge_finds_a_number_that_is_not_finite() -> None:
+    assert "not finite" in judged(0.9, math.nan)
+    assert "not finite" in judged(0.9, 0.8, (0.0, math.inf, 0.0))
+
+
+def test_the_table_says_what_is_unsafe() -> None:
+    row = fly_cell("dropout", "ready")
+    bad = type(row)(**{name: getattr(row, name) for name in row.__struct_fields__} | {"safe": False, "why": "so"})
+    assert "1 unsafe" in text([row, bad])
+    assert "UNSAFE dropout" in text([bad])
+    assert "**NO** | so |" in page([bad], "groundstation-sim faults")
