@@ -28,6 +28,8 @@ from sim.world import World
 
 CONFIRM_S = 1.0
 """When arming is confirmed, in virtual time [s]."""
+DOWN = (State.LANDING, State.DESCENT, State.DISARMING)
+"""Whoever meets the floor then has landed."""
 HANDSHAKE_LIMIT_S = 60.0
 """A hand-shake that takes longer has failed [s, virtual]."""
 
@@ -127,6 +129,7 @@ async def _fly(
         if on_step is not None:
             on_step(time_s, position)
 
+    over = False  # then the world has come to its end, and what is cancelled is no part of the flight
     stage = Stage(world, config, seed, referee.step if on_step is None else step, autopilot=autopilot)
     plant = stage.plant
 
@@ -137,7 +140,7 @@ async def _fly(
         referee.tick(tick, stage.wind.at(tick.time_s - released) if released is not None else world.wind_mean)
         if on_tick is not None:
             on_tick(tick)
-        if referee.crashed(truth.position_ned):
+        if referee.crashed(truth.position_ned, lands=flight.state in DOWN):
             clock.cancel()
 
     async def confirm() -> bool:
@@ -146,7 +149,7 @@ async def _fly(
         return True
 
     def record(record: Record) -> None:
-        if give is not None and loop.tap is not None:  # as long as the world lasts
+        if give is not None and not over:
             give(record)
 
     flight = make_flight(
@@ -166,6 +169,7 @@ async def _fly(
     if begun is not None and referee.crash is None:
         # Nobody has asked for the last steps: the errors in them count too.
         plant.advance(min(now, begun + duration_s))
+    over = True
     # The world ends first: what the link does to bring down a vehicle that is no more is not part of the flight.
     for task in (clock, stage_task, flight_task):
         task.cancel()

@@ -107,10 +107,10 @@ class Referee:
         if tick.seen.warning:
             self._warnings.append(f"{tick.flight_time_s:.2f} {tick.seen.warning}")
 
-    def crashed(self, position: Vec3) -> bool:
-        """Whether the vehicle hit the floor or left every room; says why in ``crash``."""
+    def crashed(self, position: Vec3, *, lands: bool = False) -> bool:
+        """Whether the vehicle hit the floor, unless it ``lands``, or left every room; says why in ``crash``."""
         sx, sy, sz = self._world.start_ned
-        if position[2] >= self._world.floor_z_m - 1e-9:
+        if not lands and position[2] >= self._world.floor_z_m - 1e-9:
             self.crash = "hit the floor"
         elif math.dist(position, (sx, sy, sz)) > CRASH_M:
             self.crash = f"flew {CRASH_M:g} m away from its start"

@@ -16,7 +16,7 @@ from groundstation.poses.csv import IN_RUN_FOLDER
 from groundstation.poses.port import Pose
 from groundstation.recorded import about
 from groundstation.recording.log import FlightLog
-from groundstation.recording.records import Ended, Record, Ticked
+from groundstation.recording.records import Ended, Record, Ticked, Told
 from groundstation.settings import Config
 from links.mavlink import MavlinkLinkConfig
 from sim.inline_pacer import MODULE
@@ -50,12 +50,19 @@ class RunFolder:
         self._poses.write(csv_codec.COLUMNS + "\n")
         self._world = world
         self._last_s = 0.0
+        self._state = "idle"
+        self._ended = False
 
     def give(self, record: Record) -> None:
         """Take one record of the flight."""
         self._log.write(record)
-        if isinstance(record, Ticked):
-            self._last_s = record.tick.time_s
+        match record:
+            case Ticked(tick):
+                self._last_s = tick.time_s
+            case Told(_, state):
+                self._state = state
+            case Ended():
+                self._ended = True
 
     def datagram(self, time_s: float, source: tuple[str, int], target: tuple[str, int], data: bytes) -> None:
         """One datagram of the simulated network: a radio's frame is a line of hex."""
@@ -71,9 +78,8 @@ class RunFolder:
 
     def close(self, facts: dict[str, Any]) -> None:
         """Write the result and close everything."""
-        # The simulation ends by itself, in the air: that is no end of a mission.
-        state = "flying" if facts["completed"] else "aborted"
-        self._log.write(Ended(self._last_s, state, facts["why"]))
+        if not self._ended:  # the simulation has, in the air: that is no end of a mission
+            self._log.write(Ended(self._last_s, self._state, facts["why"]))
         self._log.close()
         for file in (self._poses, self._frames):
             if file is not None:

@@ -143,7 +143,7 @@ def events(panels: Sequence[Any], flown: Flown) -> None:
     colours = dict(STATES)
     end = float(flown.t[-1])
     middle = 0.5 * (min(flown.events[0][0], 0.0) + end) if flown.events else 0.0
-    told = [event for event in flown.events if event[1] not in ("request", "lost", "end")]
+    told = [event for event in flown.events if event[1] not in ("request", "lost")]
     for i, (time_s, state, _) in enumerate(told):
         until = told[i + 1][0] if i + 1 < len(told) else max(end, time_s)
         colour = colours.get(state, GREY)

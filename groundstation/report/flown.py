@@ -146,10 +146,6 @@ def read(path: Path) -> Flown:
     clock, flight_time = flown.scalars["time_s"], flown.scalars["flight_time_s"]
     flown.begun_s = float(clock[on[0]] - flight_time[on[0]] if len(on) else clock[0])
     flown.compute_s, flown.arrivals_s = np.array(compute), np.array(arrivals).reshape(-1, 2)
-    ended = recording.result
-    if ended and flown.events and flown.events[-1][1] == State.ABORTED != ended["state"]:
-        # The simulator ends a flight by cancelling it, which is no event of the flight.
-        flown.events[-1] = (flown.events[-1][0], "end", ended["reason"])
     flown.events = [(time_s - flown.begun_s, kind, text) for time_s, kind, text in flown.events]
     return flown
 

@@ -14,11 +14,12 @@ from collections.abc import Awaitable, Callable, Sequence
 from pathlib import Path
 from typing import Any
 
+from groundstation.api.client import snapshots
+from groundstation.api.place import ApiError
 from groundstation.config import dump
 from groundstation.mission import State
 from groundstation.ops import Vec3
 from groundstation.settings import Config
-from groundstation.telemetry.status import snapshots
 from links.channel_map import Channels
 from links.rf_codec import RfLinkConfig
 from sim.commands import prepare
@@ -263,7 +264,7 @@ async def _watch(scene: _Scene, truth: Truth) -> None:
     """Hold the vehicle against the reference that the station shows; silent where it shows nothing."""
     loop = asyncio.get_running_loop()
     while True:
-        with contextlib.suppress(OSError):
+        with contextlib.suppress(OSError, ApiError):
             async for seen in snapshots(scene.folder / "status.sock"):
                 # A snapshot is some tenths of a second old: where it was told to be then is not far from that.
                 if seen.state in ("takeoff", "hold", "tracking", "returning", "landing") and seen.thrust_n > 0.0:

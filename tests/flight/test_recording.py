@@ -21,8 +21,12 @@ from groundstation.recording.export import export_command
 from groundstation.recording.headline import STEADY_S
 from groundstation.recording.log import FLUSH_S
 from groundstation.recording.reader import NoRecording, Recording, quick_headline
-from groundstation.recording.records import Posed, Received, Sent, Ticked
+from groundstation.recording.records import Posed, Received, Record, Sent, Ticked, Told
 from groundstation.settings import Config
+from sim.commands import prepare
+from sim.fly import fly
+from sim.run_folder import RECORDING, RunFolder
+from sim.scenarios import SCENARIOS
 from tests.flight.flights import flown
 from tests.recordings import recorded
 
@@ -219,3 +223,25 @@ def test_a_file_that_is_no_recording_is_told_of(tmp_path: Path) -> None:
             Recording(other)
     whole = BytesIO(recorded()[0].read_bytes())
     assert next(iter(make_reader(whole).iter_metadata())).name == "about"
+
+
+def test_a_recording_ends_as_its_flight_did(tmp_path: Path) -> None:
+    def ended(name: str, *overrides: str, duration_s: float) -> tuple[dict[str, str], list[Told]]:
+        world, config = prepare(SCENARIOS["paper"], list(overrides))
+        run, records = RunFolder(tmp_path / name, config, world, scenario="paper", seed=0), list[Record]()
+
+        def give(record: Record) -> None:
+            records.append(record)
+            run.give(record)
+
+        result = fly(world, config, seed=0, duration_s=duration_s, give=give)
+        run.close({"completed": result.completed, "why": result.why})
+        recording = Recording(tmp_path / name / RECORDING)
+        list(recording.entries())
+        return recording.result, [record for record in records if isinstance(record, Told)]
+
+    cut_off, told = ended("a", duration_s=1.0)
+    assert (cut_off["state"], cut_off["reason"]) == ("tracking", "flown to the end")
+    assert not any("Cancelled" in one.text or one.state == "aborted" for one in told)
+    landed, _ = ended("b", "flight.duration_s=1.0", "trajectory.altitude_m=0.0", duration_s=30.0)
+    assert (landed["state"], landed["reason"]) == ("landed", "landed and disarmed")
