@@ -37,11 +37,11 @@ class GuardsConfig(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fie
     """For how long it may lean farther [s]."""
     tilt_error_deg: Annotated[float, msgspec.Meta(gt=0.0, le=90.0)] = 30.0
     """Farthest from the direction that the reference and the estimated wind ask for [deg]."""
-    tilt_error_s: Seconds = 0.5
+    tilt_error_s: Seconds = 0.3
     """For how long it may be farther from it [s]."""
     sway_deg: Annotated[float, msgspec.Meta(gt=0.0, le=90.0)] = 15.0
     """The same of one that swings, as poses that are older than they say or many lost frames make it [deg]."""
-    sway_s: Share = 0.45
+    sway_s: Share = 0.3
     """For how long of about the last second it may be farther [s]."""
     error_m: Annotated[float, msgspec.Meta(gt=0.0, le=100.0)] = 0.5
     """Farthest from the reference [m]."""

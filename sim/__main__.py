@@ -68,6 +68,14 @@ def parser() -> argparse.ArgumentParser:
         help="write the table as a page (default docs/reference/fault-table.md)",
     )  # fmt: skip
 
+    soak = commands.add_parser(
+        "soak", help="fly mission after mission, with random faults, and see whether anything grows"
+    )
+    soak.add_argument("--hours", type=_hours, default=24.0, metavar="H", help="of virtual time (default 24)")
+    soak.add_argument("--scenario", default="adverse", metavar="NAME", help="what is flown (default adverse)")
+    soak.add_argument("--seed", type=_whole, default=0, help="every random draw comes from it (default 0)")
+    soak.add_argument("--json", action="store_true", help="print one JSON object instead of text")
+
     compare = commands.add_parser("compare", help="fly several controllers through the same scenarios, on all cores")
     compare.add_argument("--scenarios", metavar="A,B", type=_names, help="default: all")
     compare.add_argument("--controllers", metavar="A,B", type=_names, help="default: every one that comes along")

@@ -32,6 +32,8 @@ OFFBOARD, LOITER, LAND, POSCTL = (6, 0), (4, 3), (4, 6), (3, 0)
 """PX4's main and sub mode."""
 STREAM_GAP_S = 0.5
 """Set-points further apart are no stream [s]: 2 Hz."""
+HOVER_MEMORY_S, HOVER_RANGE = 1.0, 0.3
+"""Over which it learns its hover thrust from what it is told to push in the air [s], and how far from MPC_THR_HOVER."""
 STREAM_S = 1.0
 """A stream counts after this long [s]."""
 
@@ -65,6 +67,12 @@ class Px4Autopilot(SimulatedAutopilot):
         self._intended = LOITER
         self._setpoint_s = -math.inf
         self._stream_since_s = math.inf
+        self._learnt: float | None = None
+
+    @property
+    def _hover(self) -> float:
+        """As MPC_USE_HTE has it: learnt in the air, and MPC_THR_HOVER before."""
+        return super()._hover if self._learnt is None else self._learnt
 
     @property
     def mode(self) -> tuple[int, int]:
@@ -96,6 +104,7 @@ class Px4Autopilot(SimulatedAutopilot):
 
     def _obey(self, set_point: SetPoint, now_s: float) -> list[bytes]:
         frames: list[bytes] = []
+        elapsed = now_s - self._setpoint_s
         if now_s - self._setpoint_s > STREAM_GAP_S:
             self._stream_since_s = now_s
         self._setpoint_s = now_s
@@ -109,7 +118,15 @@ class Px4Autopilot(SimulatedAutopilot):
             if self._pilot is None:
                 self._airframe.act(now_s, thrust, rates_or_zero(set_point))
             self._airframe.release(now_s)
+            self._learn(thrust, elapsed, now_s)
         return frames
+
+    def _learn(self, thrust: float, elapsed_s: float, now_s: float) -> None:
+        if elapsed_s > STREAM_GAP_S or self._airframe.truth(now_s).on_ground:
+            return
+        told = self.parameters[self.hover_parameter]
+        hover = self._hover + (thrust - self._hover) * elapsed_s / (elapsed_s + HOVER_MEMORY_S)
+        self._learnt = min(max(hover, (1.0 - HOVER_RANGE) * told), (1.0 + HOVER_RANGE) * told)
 
     @property
     def _silence_due_s(self) -> float:

@@ -10,8 +10,8 @@ ATTITUDE_GAIN = 5.0
 """Body rate per attitude error [1/s]."""
 DESCENT_M_S = 0.5
 """Speed of the descent [m/s]."""
-SPEED_GAIN, SPEED_INTEGRAL_GAIN = 2.0, 1.0
-"""Acceleration per error of that speed [1/s], and per its integral [1/s²]."""
+SPEED_GAIN, SPEED_INTEGRAL_GAIN = 4.0, 2.0
+"""Acceleration per error of that speed [1/s], and per its integral [1/s²]: PX4's MPC_Z_VEL_P_ACC and _I_ACC."""
 INTEGRAL_LIMIT = 5.0
 """Largest acceleration by the integral [m/s²]."""
 GRAVITY = 9.81

@@ -207,6 +207,19 @@ def faults(args: argparse.Namespace) -> int:
     return 0 if all(row.safe for row in rows) else 1
 
 
+def soak(args: argparse.Namespace) -> int:
+    """Fly for hours, and see whether anything grows."""
+    from sim.console import Progress
+    from sim.soak import soak as fly_on
+    from sim.soak import text
+
+    _scenario(args.scenario)
+    with Progress(args.hours, quiet=args.json or not sys.stderr.isatty(), unit="h") as progress:
+        facts = fly_on(args.hours, scenario=args.scenario, seed=args.seed, on_progress=progress.at)
+    print(json.dumps(msgspec.to_builtins(facts)) if args.json else text(facts))
+    return 0 if facts.passed else 1
+
+
 def _thrust_bound(config: Config, v_start: float | None) -> float | None:
     """The paper's a-priori bound on T/m [m/s²] for this flight; None for a controller without such a theory."""
     from groundstation.control.certificate import acceleration_sup, thrust_bound

@@ -62,6 +62,8 @@ class Fault(NamedTuple):
     """Whether no pose is true from then on."""
     robs: str = ""
     """What is gone that a soft touchdown would need; empty where it is still there."""
+    frees: bool = False
+    """Whether nobody steers any more: then how far it leans is the fault's, too."""
     silences: bool = False
     """Whether nothing may leave once the autopilot has told of it."""
     live: tuple[str, ...] = ()
@@ -160,8 +162,10 @@ FAULTS: dict[str, Fault] = {
     "latency step": Fault("poses come 60 ms later than they did", _sees(Mishap.LATENCY_STEP)),
     "frame loss": Fault("70 % of the command frames get lost", _frame_loss),
     "link stall": Fault("for 1.5 s nothing passes on the link", _stall),
-    "serial unplug": Fault("the radio module's plug is out", _unplug, link="dsm", robs=ROBBED_RADIO),
-    "autopilot reboot": Fault("the autopilot restarts in flight", _reboot, robs="a restart stops the motors"),
+    "serial unplug": Fault("the radio module's plug is out", _unplug, link="dsm", robs=ROBBED_RADIO, frees=True),
+    "autopilot reboot": Fault(
+        "the autopilot restarts in flight", _reboot, robs="a restart stops the motors", frees=True
+    ),
     "mode stolen": Fault("a pilot takes over by the remote control, and lands", _steal, silences=True),
     "motor at 70 %": Fault("the rotors give 70 % of their thrust", _weak_motors),
     "battery sag": Fault("within 6 s the battery is empty, and thrust falls to 75 %", _sag),
