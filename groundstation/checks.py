@@ -14,6 +14,7 @@ from groundstation.so3 import third_column
 from groundstation.takeoff import Standing
 from groundstation.trajectories.port import Reference, Trajectory
 from groundstation.verdict import Check, Verdict
+from links.mavlink import MavlinkLinkConfig
 from links.port import LinkStatus
 
 LOOK_S = 1.2
@@ -68,6 +69,7 @@ class Checks:
             self._battery(link),
             self._round_trip(link),
             self._arm(link),
+            self._failsafe(),
             *self._still,
             self._ways(place),
         ]
@@ -163,6 +165,16 @@ class Checks:
             return Check("ready to arm", Verdict.FAIL, f"the link is {link.state}: {link.text}".rstrip(": "))
         said = f"; it said last: “{link.text}”" if link.text else ""
         return Check("ready to arm", Verdict.PASS, f"connected, and disarmed{said}")
+
+    def _failsafe(self) -> Check:
+        """What nobody can see from here: whether the other end stops by itself when we fall silent."""
+        if isinstance(self._config.link, MavlinkLinkConfig):
+            return Check("failsafe", Verdict.OFF, "the autopilot's own: `groundstation doctor CONFIG` looks at it")
+        says = (
+            "a receiver does not tell what it does without frames, and is sold to hold the last: with the propellers "
+            "off, `groundstation fly CONFIG`, then pull the module's plug; the motors must stop"
+        )
+        return Check("failsafe", Verdict.WARN, says)
 
     def _certificate(self) -> Check:
         law = self._config.controller

@@ -142,7 +142,7 @@ class Progress:
     def link(self, status: LinkStatus, now_s: float) -> None:
         """The link has told of itself."""
         if status.taken and self.allows(Event.TAKEN_OVER):
-            why = f"the autopilot is in {status.taken}, as somebody else wants: nothing leaves from here any more"
+            why = f"the autopilot is in {status.taken}, and not by us: nothing leaves from here any more"
             self.go(Event.TAKEN_OVER, why, now_s, fault=True)
         elif self._guards is not None and self.tick is not None and self.state in IN_AIR:
             self._answer(self._guards.link(status, now_s), now_s)

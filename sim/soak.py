@@ -1,6 +1,6 @@
 """Hours of missions one after the other in one process, some of them struck by a fault: does anything grow or stay?
 
-All of it is one run of one event loop in virtual time. Every third flight is recorded, into a folder that
+All of it is one run of one event loop in virtual time. Every fourth flight is recorded, into a folder that
 is tidied as in a real flight, with little room.
 """
 
@@ -31,7 +31,7 @@ FIGURE_S = (20.0, 90.0)
 """How long the figure is flown at least and at most [s]."""
 PAUSE_S = 5.0
 """Between two flights [s, virtual]."""
-RECORDED_EACH = 3
+RECORDED_EACH = 4
 """So many flights come to one that is recorded: recording takes longer than the flight itself."""
 KEEP_GB = 0.02
 """What the recordings of the soak may take [GB]."""

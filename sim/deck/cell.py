@@ -201,7 +201,7 @@ async def _autopilot_acts(stage: Stage, fault: Fault) -> float:
     while True:
         if fault.link == "mavlink" and stage.autopilot.failsafe:
             return asyncio.get_running_loop().time()
-        await asyncio.sleep(LOOK_S)
+        await asyncio.sleep(2.0 * LOOK_S)
 
 
 async def _rest(stage: Stage, world: World) -> float | None:

@@ -11,6 +11,7 @@ from sim.bench_allocation import grown
 from sim.fuzz import fuzz
 from sim.fuzz_links import LINKS
 from sim.fuzz_subjects import SOURCES
+from sim.soak import GROWTH, soak
 from tests.flight.flights import flown
 from tests.mavlink_table import FRAMES
 
@@ -65,6 +66,16 @@ def test_an_hour_of_flight_allocates_nothing_that_stays() -> None:
     assert abs(facts["objects_grown"]) < 50
     assert abs(facts["blocks_grown"]) < 1000
     assert facts["resident_bytes_grown"] < 1 << 20
+
+
+def test_half_an_hour_of_missions_and_faults_leaves_nothing_behind() -> None:
+    facts = soak(0.5)
+    assert facts.flights > 15
+    assert facts.struck > 2
+    assert facts.resident_growth < GROWTH
+    assert (facts.orphan_tasks, facts.orphan_endpoints) == (0, 0)
+    assert 0.0 < facts.recordings_mb <= facts.recordings_limit_mb
+    assert facts.passed
 
 
 @pytest.mark.parametrize("scenario", ["paper", "fast", "adverse", "storm", "quad1kg"])

@@ -90,6 +90,8 @@ CASES: list[tuple[str, dict[str, Any], Verdict]] = [
     ("ready to arm", {}, Verdict.PASS),
     ("ready to arm", {"state": "armed"}, Verdict.FAIL),
     ("ready to arm", {"state": "lost"}, Verdict.FAIL),
+    ("failsafe", {}, Verdict.OFF),
+    ("failsafe", {"config": {"link": {"kind": "dsm"}}}, Verdict.WARN),
     ("thrust bound", {}, Verdict.WARN),
     ("thrust bound", {"config": {"controller": {"kind": "pid"}}}, Verdict.OFF),
     ("trajectory", {}, Verdict.PASS),
