@@ -125,6 +125,14 @@ def parser() -> argparse.ArgumentParser:
     )
     report.add_argument("--json", action="store_true", help="print the numbers; the page only where --out is given")
 
+    identify = commands.add_parser(
+        "identify", help="thrust, lags, delay, drag and noise of the vehicle, from a recorded flight"
+    )
+    identify.add_argument("file", type=Path, metavar="LOG.mcap", help="best of trajectory.kind = 'excitation'")
+    identify.add_argument("--out", type=Path, metavar="FILE.toml", help="write a vehicle file, for vehicle.file")
+    identify.add_argument("--page", type=Path, metavar="DIR", help="write a page with the fits, and its figures")
+    identify.add_argument("--json", action="store_true", help="print one JSON object instead of the table")
+
     trajectory = commands.add_parser("trajectory", help="what the trajectory asks of the vehicle: PASS or FAIL")
     _config_arguments(trajectory, optional=True)
     trajectory.add_argument("--json", action="store_true", help="print one JSON object instead of the table")

@@ -135,6 +135,13 @@ def report(args: argparse.Namespace) -> int:
     return report_command(args.files, args.out, as_json=args.json)
 
 
+def identify(args: argparse.Namespace) -> int:
+    """What a recorded flight tells of its vehicle."""
+    from groundstation.identify import identify_command
+
+    return identify_command(args.file, args.out, args.page, as_json=args.json)
+
+
 def config(args: argparse.Namespace) -> int:
     """Print the configuration in force."""
     print(dump(load(args.config, Config, args.overrides)), end="")

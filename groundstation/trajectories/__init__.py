@@ -3,6 +3,7 @@
 from typing import TypeAlias
 
 from groundstation.trajectories.circle import CircleConfig
+from groundstation.trajectories.excitation import ExcitationConfig
 from groundstation.trajectories.hold import HoldConfig
 from groundstation.trajectories.lemniscate import LemniscateConfig
 from groundstation.trajectories.samples import SamplesConfig
@@ -11,6 +12,7 @@ from groundstation.trajectories.waypoints import WaypointsConfig
 
 __all__ = [
     "CircleConfig",
+    "ExcitationConfig",
     "HoldConfig",
     "LemniscateConfig",
     "SamplesConfig",
@@ -20,6 +22,6 @@ __all__ = [
 ]
 
 TrajectoryConfig: TypeAlias = (
-    CircleConfig | HoldConfig | LemniscateConfig | SamplesConfig | TransitConfig | WaypointsConfig
+    CircleConfig | ExcitationConfig | HoldConfig | LemniscateConfig | SamplesConfig | TransitConfig | WaypointsConfig
 )
 """Any trajectory as the config file tells it, picked by its ``kind``; ``.build()`` gives the trajectory."""

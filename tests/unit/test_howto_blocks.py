@@ -1,4 +1,4 @@
-"""Every configuration that the how-tos of trajectories and vehicles show is one."""
+"""Every configuration that the how-tos of trajectories, vehicles and identification show is one."""
 
 import re
 import shutil
@@ -12,7 +12,7 @@ from groundstation.settings import Config
 from groundstation.trajectories.course_csv import parsed
 
 ROOT = Path(__file__).parents[2]
-PAGES = [ROOT / "docs/how-to" / name for name in ("trajectories.md", "vehicles.md")]
+PAGES = [ROOT / "docs/how-to" / name for name in ("trajectories.md", "vehicles.md", "identify-a-vehicle.md")]
 BLOCKS = [
     block for page in PAGES for block in re.findall(r"^```toml\n(.*?)^```$", page.read_text("utf-8"), re.M | re.S)
 ]

@@ -1,0 +1,55 @@
+"""The page of an identification: one HTML file that holds its pictures and needs nothing else, as a report's does."""
+
+import base64
+from collections.abc import Sequence
+from html import escape
+from pathlib import Path
+
+from groundstation.identify.figures import Figure
+from groundstation.identify.found import Found
+from groundstation.identify.text import number, remarks
+from groundstation.report.page import STYLE
+
+PAGE = "identification.html"
+
+
+def write(folder: Path, found: Found, figures: Sequence[tuple[Figure, Path]]) -> Path:
+    """Write the page into ``folder``; returns its path.
+
+    Raises:
+        OSError: it can't be written, or a picture can't be read.
+    """
+    name = found.seen.config.vehicle.name
+    title = f"{name}, identified from {found.seen.path.name}"
+    head = "".join(
+        f"<th{' class=number' if i else ''}>{cell}</th>" for i, cell in enumerate(("", "found", "95 %", "told"))
+    )
+    rows = [f"<tr>{head}<th></th></tr>"]
+    for one in found.parameters.values():
+        interval = "" if one.interval is None else f"{number(one.interval[0])} to {number(one.interval[1])}"
+        cells = [number(one.value), interval, number(one.told)]
+        label = f"{one.title} [{one.unit}]" if one.unit else one.title
+        numbers = "".join(f'<td class="number">{escape(cell)}</td>' for cell in cells)
+        rows.append(f'<tr><td>{escape(label)}</td>{numbers}<td class="note">{escape(one.note)}</td></tr>')
+    parts = [f"<h1>{escape(title)}</h1>"]
+    parts += [f'<p class="note">{escape(line)}</p>' for line in remarks(found)]
+    parts.append(f"<table>{''.join(rows)}</table>")
+    for figure, path in figures:
+        picture = base64.b64encode(path.read_bytes()).decode()
+        parts.append(
+            f'<figure id="{figure.name}"><h2>{escape(figure.title)}</h2>'
+            f'<img alt="{escape(figure.title)}: {escape(figure.caption)}" src="data:image/png;base64,{picture}">'
+            f"<figcaption>{escape(figure.caption)}</figcaption></figure>"
+        )
+    page = folder / PAGE
+    page.write_text(
+        '<!DOCTYPE html>\n<html lang="en"><head><meta charset="utf-8">'
+        '<meta name="viewport" content="width=device-width, initial-scale=1">'
+        '<meta http-equiv="Content-Security-Policy" content="default-src \'none\'; img-src data:; '
+        "style-src 'unsafe-inline'\">"
+        f'<link rel="icon" href="data:,"><title>{escape(title)}</title><style>{STYLE}</style></head>\n<body>\n'
+        + "\n".join(parts)
+        + "\n</body></html>\n",
+        "utf-8",
+    )
+    return page

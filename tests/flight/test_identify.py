@@ -1,0 +1,161 @@
+"""``groundstation identify``: a vehicle that is not as told is found from a recorded flight of it."""
+
+import json
+import sys
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from groundstation.config import ConfigError, from_dict
+from groundstation.identify import identify_command
+from groundstation.settings import Config
+from tests.recordings import recorded
+
+GAIN, THRUST_LAG_S, RATE_LAG_S, DELAY_S, SECONDS = 0.9, 0.118, 0.093, 0.025, 42.0
+TRUTH = {
+    "thrust_gain": GAIN,
+    "thrust_lag_s": THRUST_LAG_S,
+    "rate_lag_s": RATE_LAG_S,
+    "command_delay_s": DELAY_S,
+}
+SET = ("trajectory.kind=excitation", "trajectory.laps=2", *(f"sim.{key}={value}" for key, value in TRUTH.items()))
+
+
+def log() -> Path:
+    return recorded("adverse", *SET, duration_s=SECONDS)[0]
+
+
+@cache
+def printed(path: Path, out: Path) -> dict[str, Any]:
+    """What --json prints."""
+    with pytest.MonkeyPatch.context() as patched:
+        lines: list[str] = []
+        patched.setattr("builtins.print", lines.append)
+        assert identify_command(path, out, None, as_json=True) == 0
+    (line,) = lines
+    found: dict[str, Any] = json.loads(line)
+    return found
+
+
+@cache
+def folder() -> Path:
+    return log().parent
+
+
+@cache
+def facts() -> dict[str, Any]:
+    return printed(log(), folder() / "found.toml")
+
+
+def value(name: str) -> float:
+    found: float = facts()["parameters"][name]["value"]
+    return found
+
+
+def test_lags_delay_and_thrust_of_a_vehicle_in_gusts_are_found() -> None:
+    assert value("thrust_lag") == pytest.approx(THRUST_LAG_S, rel=0.10)
+    for name in ("rate_lag", "roll_rate_lag", "pitch_rate_lag", "yaw_rate_lag"):
+        assert value(name) == pytest.approx(RATE_LAG_S, rel=0.10)
+    assert value("command_delay") == pytest.approx(DELAY_S, abs=0.003)
+    middle = GAIN * (1.0 - 0.05 * 0.5 * SECONDS / 60.0)  # the battery sags
+    assert value("thrust_scale") == pytest.approx(middle, rel=0.02)
+    assert value("hover_thrust") == pytest.approx(0.080 * 9.81 / 1.37 / middle, rel=0.03)
+    assert value("position_noise") == pytest.approx(0.0006, rel=0.1)
+    assert value("attitude_noise") == pytest.approx(0.004, rel=0.1)
+
+
+def test_every_figure_has_an_interval_a_unit_and_what_was_told() -> None:
+    assert facts()["whole"]
+    units = {"thrust_lag": "s", "drag": "1/s", "position_noise": "m", "attitude_noise": "rad", "thrust_scale": ""}
+    for name, one in facts()["parameters"].items():
+        assert one["unit"] == units.get(name, one["unit"])
+        low, high = one["interval"]
+        assert low <= one["value"] <= high
+        assert one["identified"]
+    assert facts()["parameters"]["rate_lag"]["told"] == pytest.approx(0.1061, abs=1e-4)
+    assert "thrust over mass" in facts()["parameters"]["thrust_scale"]["note"]
+
+
+def test_the_vehicle_file_is_one_and_says_how_sure_it_is() -> None:
+    path = Path(facts()["vehicle_file"])
+    vehicle = from_dict({"vehicle": {"file": path.name}}, Config, folder=path.parent).vehicle
+    assert vehicle.name == "mqx"
+    assert vehicle.mass_kg == 0.080
+    assert vehicle.thrust_lag_s == pytest.approx(value("thrust_lag"), rel=1e-4)
+    assert vehicle.command_delay_s == pytest.approx(value("command_delay"), rel=1e-4)
+    assert vehicle.thrust_max_n == pytest.approx(1.37 * value("thrust_scale"), rel=0.03)
+    text = path.read_text("utf-8")
+    assert "95 % from" in text
+    assert "told 0.1061" in text
+
+
+def test_told_what_was_found_it_flies_its_figure_better() -> None:
+    truth = [f"sim.{key}={value}" for key, value in TRUTH.items()]
+    told = recorded("adverse", *truth, f"vehicle.file={facts()['vehicle_file']}", duration_s=20.0)[1].verdict
+    before = recorded("adverse", *truth, duration_s=20.0)[1].verdict
+    assert told.rms_cm is not None
+    assert before.rms_cm is not None
+    assert told.rms_cm < 0.8 * before.rms_cm
+
+
+def test_a_recording_that_was_cut_off_is_read_as_far_as_it_goes(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    whole = log().read_bytes()
+    (tmp_path / "cut.mcap").write_bytes(whole[: len(whole) // 3])
+    assert identify_command(tmp_path / "cut.mcap", None, None, as_json=False) == 0
+    text = capsys.readouterr().out
+    assert "The recording was cut off: this is from what is in it." in text
+    assert "thrust lag" in text
+    (tmp_path / "early.mcap").write_bytes(whole[: len(whole) // 10])
+    with pytest.raises(ConfigError, match=r"8 s are the least: fly trajectory\.kind = 'excitation'"):
+        identify_command(tmp_path / "early.mcap", None, None, as_json=False)
+
+
+def test_a_fast_vehicle_with_much_drag_is_found_to_a_percent(capsys: pytest.CaptureFixture[str]) -> None:
+    path = recorded("quad1kg", "trajectory.kind=excitation", "trajectory.laps=1", duration_s=15.0)[0]
+    assert identify_command(path, None, None, as_json=True) == 0
+    found = json.loads(capsys.readouterr().out)["parameters"]
+    for name, true in (("thrust_scale", 1.0), ("drag", 1.0), ("thrust_lag", 0.030), ("rate_lag", 0.020)):
+        assert found[name]["value"] == pytest.approx(true, rel=0.03)
+    assert abs(found["command_delay"]["value"]) < 0.001
+
+
+QUIET = (
+    "trajectory.kind=hold",
+    "trajectory.position_ned=[0,0,-1]",
+    "sim.start_ned=[0,0,-1]",
+    "sim.start_thrust=0.9",
+    "sim.wind_mean=[0,0,0]",
+    "sim.pose_noise_m=0.00001",
+    "sim.attitude_noise_rad=0.00001",
+)
+
+
+def test_of_a_flight_that_moves_nothing_no_vehicle_file_is_written(tmp_path: Path) -> None:
+    path = recorded("paper", *QUIET, duration_s=10.0)[0]
+    with pytest.raises(ConfigError, match=r"--out: nothing to write: .* fly trajectory\.kind = 'excitation'"):
+        identify_command(path, tmp_path / "none.toml", None, as_json=False)
+    assert not (tmp_path / "none.toml").exists()
+
+
+def test_no_file_is_written_over_and_the_page_says_that_it_needs_matplotlib(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (tmp_path / "mine.toml").write_text("mine")
+    with pytest.raises(ConfigError, match=r"--out: .* is there already"):
+        identify_command(log(), tmp_path / "mine.toml", None, as_json=True)
+    assert (tmp_path / "mine.toml").read_text() == "mine"
+    monkeypatch.setitem(sys.modules, "matplotlib", None)
+    with pytest.raises(ConfigError, match=r"pip install 'groundstation\[plot\]'"):
+        identify_command(log(), None, tmp_path / "page", as_json=True)
+
+
+def test_what_is_no_recording_is_refused(tmp_path: Path) -> None:
+    (tmp_path / "notes.txt").write_text("no recording")
+    with pytest.raises(ConfigError, match=r"LOG: .* is no MCAP file"):
+        identify_command(tmp_path / "notes.txt", None, None, as_json=True)
+    with pytest.raises(ConfigError, match="LOG: cannot read"):
+        identify_command(tmp_path / "missing.mcap", None, None, as_json=True)

@@ -1,0 +1,263 @@
+"""groundstation/identify: each part on data whose truth is known."""
+
+import math
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from groundstation.control.model import Drive, Motion, rolled
+from groundstation.identify.curve import full_n, hover_signal, most_n
+from groundstation.identify.fit import Bounds, solved
+from groundstation.identify.found import Found, identified
+from groundstation.identify.lagged import lagged
+from groundstation.identify.noise import level
+from groundstation.identify.parameter import FLY
+from groundstation.identify.seen import Column, Seen
+from groundstation.identify.text import table
+from groundstation.identify.turning import turns
+from groundstation.identify.vehicle_file import file_text
+from groundstation.identify.whitening import designed, fitted
+from groundstation.ops import FLOATS
+from groundstation.settings import Config
+from groundstation.so3 import IDENTITY
+from groundstation.so3 import turned as turned_by
+from groundstation.vehicle import Vehicle
+from links.mavlink import MavlinkLinkConfig
+from links.thrust_curve import full_thrust_n, signal, thrust
+
+G, STEP_S = 9.81, 0.0025
+POSE_STEPS, FRAME_STEPS = 8, 9
+DELAY_STEPS = 6
+
+
+def flown(
+    *,
+    seconds: float = 20.0,
+    strength: float = 1.0,
+    scale: float = 0.9,
+    curve: float = 0.0,
+    told_curve: float = 0.0,
+    noise_m: float = 2e-4,
+    noise_rad: float = 1e-3,
+    wind: float = 0.1,
+    lever_m: float = 0.0,
+    link_curve: float | None = None,
+) -> Seen:
+    """Open loop, by the controller's own model: lags of 60 and 40 ms, a delay of 15 ms, poses at 50 Hz."""
+    rng = np.random.default_rng(3)
+    vehicle = Vehicle(name="made-up", mass_kg=0.5, thrust_max_n=9.0, thrust_curve=told_curve)
+    config = Config(vehicle=vehicle, link=MavlinkLinkConfig(thrust_curve=link_curve))
+    count = int(seconds / STEP_S)
+    sent_s, newtons, rates, at, places, attitudes = [], [], [], [], [], []
+    waiting: list[tuple[int, Drive]] = []
+    hover = signal(0.5 * G / (scale * 9.0), curve)
+    drive = Drive(0.5 * G, (0.0, 0.0, 0.0))
+    motion = Motion((0.0, 0.0, -5.0), (0.0, 0.0, 0.0), IDENTITY, 0.5 * G, (0.0, 0.0, 0.0))
+    push = np.zeros(3)
+    for step in range(count):
+        t = step * STEP_S
+        if step % FRAME_STEPS == 0:
+            told = strength * np.array([math.sin(7.0 * t), math.sin(5.0 * t + 1.0), 0.6 * math.sin(9.0 * t)])
+            u = hover + strength * (0.06 * math.sin(6.0 * t) + 0.05 * math.sin(11.0 * t))
+            command = 9.0 * thrust(u, told_curve if link_curve is None else link_curve)
+            sent_s.append(t)
+            newtons.append(command)
+            rates.append(told)
+            real = scale * 9.0 * thrust(u, curve)
+            waiting.append((step + DELAY_STEPS, Drive(real, (told[0], told[1], told[2]))))
+        while waiting and waiting[0][0] <= step:
+            drive = waiting.pop(0)[1]
+        if step % POSE_STEPS == 0:
+            x, y, z = rng.normal(0.0, noise_rad, 3) if noise_rad else np.zeros(3)
+            at.append(t)
+            axis = np.array(_down(motion.attitude))
+            places.append(np.array(motion.position) - lever_m * axis + rng.normal(0.0, noise_m, 3))
+            attitudes.append(turned_by(motion.attitude, (x, y, z)))
+        push = push + rng.normal(0.0, wind * math.sqrt(STEP_S), 3)
+        motion = rolled(
+            FLOATS,
+            motion,
+            drive,
+            STEP_S,
+            mass=0.5,
+            gravity=G,
+            disturbance=(push[0], push[1], push[2]),
+            thrust_lag=0.06,
+            rate_lag=0.04,
+        )
+    recording: Any = type("Whole", (), {"whole": True, "about": {}})()
+    use = slice(50, None)
+    parts = (np.array(sent_s), np.array(newtons), np.array(rates), np.array(at)[use], np.array(places)[use])
+    return Seen(Path("made-up.mcap"), recording, config, *parts, np.array(attitudes)[use])
+
+
+def _down(q: tuple[float, float, float, float]) -> tuple[float, float, float]:
+    w, x, y, z = q
+    return (2.0 * (x * z + w * y), 2.0 * (y * z - w * x), 1.0 - 2.0 * (x * x + y * y))
+
+
+def holds(found: Found, **truth: float) -> None:
+    """Every truth lies within its interval, widened by half: this is one draw of twenty that may miss."""
+    for name, true in truth.items():
+        one = found.parameters[name]
+        assert one.interval is not None, name
+        low, high = one.interval
+        spare = 0.5 * (high - low) / 2.0
+        assert low - spare <= true <= high + spare, f"{name}: {true} is not within {one.interval}"
+
+
+def test_a_lag_is_followed_and_summed_up_exactly() -> None:
+    sent, held = np.array([0.0, 0.1, 0.25]), np.array([1.0, 3.0, -1.0])
+    response = lagged(sent, held, 0.02, 0.05)
+    t = np.linspace(0.02, 0.6, 5801)
+    values = response.value(t)
+    assert values[0] == 1.0
+    inputs = held[np.clip(np.searchsorted(sent + 0.02, t, side="right") - 1, 0, None)]
+    slopes = np.gradient(values, t)
+    smooth = np.abs(np.gradient(inputs)) == 0.0
+    assert np.allclose(slopes[smooth][2:-2], ((inputs - values) / 0.05)[smooth][2:-2], atol=0.05)
+    summed = np.concatenate([[0.0], np.cumsum(0.5 * (values[1:] + values[:-1]) * np.diff(t))])
+    assert np.allclose(response.integral(t) - response.integral(t[:1]), summed, atol=1e-6)
+
+
+def test_without_a_lag_commands_are_obeyed_at_once() -> None:
+    response = lagged(np.array([0.0, 0.1]), np.array([1.0, 3.0]), 0.0, 0.0)
+    assert response.value(np.array([0.05, 0.1, 0.2])).tolist() == [1.0, 3.0, 3.0]
+    assert response.integral(np.array([0.05, 0.2])).tolist() == pytest.approx([0.05, 0.4])
+
+
+def test_the_noise_of_a_drifting_place_is_found_and_its_innovations_are_white() -> None:
+    rng = np.random.default_rng(1)
+    count, h = 3000, 0.02
+    at = np.linspace(0.0, h * (count - 1), count)
+    drift = np.cumsum(rng.normal(0.0, math.sqrt(2.0 * h), (count, 2)), axis=0)
+    speed = np.cumsum(h * drift, axis=0)
+    place = np.cumsum(h * speed, axis=0) + rng.normal(0.0, 1e-3, (count, 2))
+    noise, filter_ = fitted(at, place, (0.0, 1.0, 1e4), 0.1)
+    assert math.sqrt(noise.variance) == pytest.approx(1e-3, rel=0.1)
+    assert noise.ratios[2] * noise.variance == pytest.approx(2.0, rel=0.7)
+    news, _ = filter_.innovations(place)
+    whitened = (news / math.sqrt(noise.variance))[20:]
+    assert float((whitened**2).mean()) == pytest.approx(1.0, rel=0.1)
+    neighbours = float((whitened[1:] * whitened[:-1]).mean())
+    assert abs(neighbours) < 0.05
+
+
+def test_after_a_gap_the_filter_knows_nothing() -> None:
+    at = np.array([0.0, 0.02, 0.04, 0.06, 0.08, 1.0, 1.02, 1.04, 1.06, 1.08])
+    unsure = np.isinf(designed(at, (0.0, 1.0, 1.0), 0.1).variances)
+    assert unsure.tolist() == [True] * 3 + [False] * 2 + [True] * 3 + [False] * 2
+
+
+def test_a_fit_finds_what_is_seen_and_says_of_the_rest_that_it_is_not() -> None:
+    rng = np.random.default_rng(2)
+    t = np.linspace(0.0, 1.0, 500)
+    measured = 2.0 * t + rng.normal(0.0, 1.0, 500)
+
+    def whitened(sets: Any) -> Column:
+        return np.stack([(measured - one[0] * t)[:, None] for one in sets], axis=-1)
+
+    wide = np.full(2, np.inf)
+    fit = solved(whitened, np.zeros(2), Bounds(-10.0 + np.zeros(2), 10.0 + np.zeros(2), *_free(wide)), 0.02)
+    assert abs(fit.values[0] - 2.0) < 3.0 * fit.deviations[0]
+    assert fit.deviations[0] == pytest.approx(1.0 / math.sqrt(float((t**2).sum())), rel=0.4)
+    assert fit.deviations[1] > 10.0
+
+
+def _free(spread: Column) -> tuple[Column, Column, Column]:
+    return np.full(2, 1e-3), np.zeros(2), spread
+
+
+def test_a_fit_counts_in_that_innovations_hang_together() -> None:
+    rng = np.random.default_rng(4)
+    slow = np.repeat(rng.normal(0.0, 1.0, 40), 25)
+    t = np.ones(1000)
+
+    def whitened(sets: Any) -> Column:
+        return np.stack([(slow - one[0] * t)[:, None] for one in sets], axis=-1)
+
+    bounds = Bounds(np.array([-9.0]), np.array([9.0]), np.array([1e-3]), np.zeros(1), np.array([np.inf]))
+    fit = solved(whitened, np.zeros(1), bounds, 0.02)
+    assert fit.deviations[0] > 3.0 / math.sqrt(1000.0)
+
+
+def test_noise_is_told_from_motion() -> None:
+    rng = np.random.default_rng(5)
+    at = np.linspace(0.0, 39.98, 2000)
+    motion = np.sin(6.0 * at)[:, None] + rng.normal(0.0, 3e-4, (2000, 3))
+    found = level(at, motion)
+    assert abs(found.value - 3e-4) < 3.0 * found.deviation
+    assert found.deviation < 1e-5
+    assert math.isinf(level(at[:40], motion[:40]).deviation)
+
+
+def test_turns_are_those_between_the_attitudes() -> None:
+    first = turned_by(IDENTITY, (0.1, -0.2, 0.3))
+    attitudes = np.array([first, turned_by(first, (0.01, 0.02, -0.03))])
+    assert turns(attitudes)[0].tolist() == pytest.approx([0.01, 0.02, -0.03])
+
+
+def test_a_made_up_vehicle_is_found_again() -> None:
+    found = identified(flown())
+    holds(
+        found,
+        thrust_scale=0.9,
+        thrust_curve=0.0,
+        thrust_lag=0.06,
+        rate_lag=0.04,
+        yaw_rate_lag=0.04,
+        command_delay=0.015,
+        drag=0.0,
+        position_noise=2e-4,
+        attitude_noise=1e-3,
+    )
+    assert found.parameters["thrust_lag"].value == pytest.approx(0.06, rel=0.05)
+    assert found.parameters["thrust_scale"].value == pytest.approx(0.9, rel=0.02)
+
+
+def test_a_curve_that_nobody_told_is_found() -> None:
+    seen = flown(curve=0.6, scale=0.95)
+    found = identified(seen)
+    holds(found, thrust_curve=0.6, hover_thrust=signal(0.5 * G / (0.95 * 9.0), 0.6))
+    text = file_text(found)
+    written = Vehicle.with_text({}, text)
+    full = full_thrust_n(0.5 * G, written["hover_thrust"], written["thrust_curve"])
+    assert full == pytest.approx(0.95 * 9.0, rel=0.05)
+    assert written["thrust_max_n"] <= 1.02 * full
+
+
+def test_where_the_link_has_the_curve_the_vehicle_keeps_its_own() -> None:
+    found = identified(flown(curve=0.5, told_curve=0.2, link_curve=0.5, seconds=16.0))
+    written = Vehicle.with_text({}, file_text(found))
+    assert written["thrust_curve"] == 0.2
+    assert full_thrust_n(0.5 * G, written["hover_thrust"], 0.5) == pytest.approx(0.9 * 9.0, rel=0.03)
+
+
+def test_a_tracked_point_above_the_centre_of_mass_does_not_pass_for_thrust_and_a_wrong_latency_is_seen() -> None:
+    seen = flown(lever_m=0.03, seconds=16.0)
+    found = identified(replace(seen, at_s=seen.at_s - 0.025))
+    holds(found, thrust_scale=0.9, rate_lag=0.04, command_delay=-0.010)
+    assert (
+        "poses are stamped 10 ms early or more, so pose.latency_s is too large"
+        in found.parameters["command_delay"].note
+    )
+
+
+def test_of_a_flight_that_moves_nothing_it_says_so() -> None:
+    found = identified(flown(strength=0.0, scale=1.0, noise_m=1e-4, noise_rad=1e-4, wind=0.0, seconds=10.0))
+    for name in ("thrust_scale", "thrust_curve", "thrust_lag", "rate_lag", "yaw_rate_lag", "command_delay", "drag"):
+        one = found.parameters[name]
+        assert (one.value, one.interval, one.note) == (None, None, FLY)
+    assert found.parameters["position_noise"].identified
+    assert table(found).count(FLY) == 11
+
+
+def test_scale_and_curve_agree_with_what_was_told_where_the_vehicle_flew() -> None:
+    config = Config(vehicle=Vehicle(thrust_curve=0.3, mass_kg=0.08, thrust_max_n=1.37))
+    assert full_n(config, 0.6, 1.0, 0.3) == pytest.approx(1.37)
+    assert most_n(config, 0.6, 1.0, 0.3) == pytest.approx(1.37)
+    assert hover_signal(config, 0.6, 1.0, 0.3) == pytest.approx(signal(0.08 * G / 1.37, 0.3))
+    assert most_n(config, 0.6, 0.8, 0.7) == pytest.approx(0.8 * 1.37 * thrust(0.6, 0.3) / thrust(0.6, 0.7))
