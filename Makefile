@@ -2,10 +2,11 @@
 PYTHON ?= python3
 SCENARIO ?= paper
 WORKERS ?= 2
+BROKER_HOST ?= localhost
 
 BIN := .venv/bin
 
-.PHONY: fly screenshot test lint types contracts tests test-all-pythons soak docs setup lock clean
+.PHONY: fly screenshot broker test lint types contracts tests test-all-pythons soak docs setup lock clean
 
 fly: setup ## fly one simulated flight, on real wire bytes, and sum it up
 	@$(BIN)/groundstation-sim fly --scenario $(SCENARIO) --out runs/$(SCENARIO)-$$(date +%Y%m%d-%H%M%S)
@@ -40,6 +41,10 @@ soak: setup ## long runs: minutes to hours
 docs: setup ## the documents as a site, in build/site
 	$(BIN)/groundstation-sim reference --write docs/reference
 	$(BIN)/mkdocs build --quiet --strict --config-file .mkdocs.yml
+
+broker: ## run an MQTT broker with TLS and passwords; made in runs/broker, for BROKER_HOST, the first time
+	@test -d runs/broker || { mkdir -p runs && sh examples/broker/set-up.sh runs/broker $(BROKER_HOST); }
+	@PATH="$$PATH:/usr/sbin" mosquitto -c runs/broker/mosquitto.conf
 
 setup: .venv/.synced ## prepare .venv from the lock
 

@@ -68,6 +68,8 @@ def parser() -> argparse.ArgumentParser:
     tui.add_argument("--size", default="120x36", metavar="COLSxROWS", help="of the screenshot (default 120x36)")
     for command in (fly, tui):
         command.add_argument("--theme", choices=["dark", "light", "contrast"], default="dark", help="its colours")
+    tui.add_argument("--fleet", metavar="URL", help="all vehicles at this broker: mqtts://[USER@]HOST[:PORT][/PREFIX]")
+    _broker_arguments(tui)
 
     request = commands.add_parser("request", help="ask a running ground station: land, hold, kill, ...; done at once")
     request.add_argument(
@@ -80,6 +82,19 @@ def parser() -> argparse.ArgumentParser:
     request.add_argument("--vehicle", metavar="NAME", help="not needed where only one is flown here, but for arm")
     request.add_argument("--socket", type=Path, metavar="PATH", help="its status socket, if not the usual one")
     request.add_argument("--why", default="", metavar="WORDS", help="why, for the others and the records")
+    request.add_argument("--mqtt", metavar="URL", help="by this broker instead: mqtts://HOST[:PORT][/PREFIX]")
+    request.add_argument("--client", metavar="NAME", help="with --mqtt: who asks, by its name at the station")
+    request.add_argument("--key", type=Path, metavar="FILE", help="with --mqtt: the client's key")
+    _broker_arguments(request)
+
+    mqtt = commands.add_parser("mqtt", help="about MQTT: keys of clients, topics, schemas")
+    verbs = mqtt.add_subparsers(dest="verb", required=True, metavar="VERB")
+    make_key = verbs.add_parser("make-key", help="write the new key of a client that may ask by MQTT")
+    make_key.add_argument("file", type=Path, metavar="FILE")
+    topics = verbs.add_parser("topics", help="list the topics")
+    topics.add_argument("--write", type=Path, metavar="FILE.md", help="put them between the file's markers")
+    schemas = verbs.add_parser("schemas", help="print the JSON Schemas of the messages")
+    schemas.add_argument("--write", type=Path, metavar="DIR", help="write one file each instead")
 
     replay = commands.add_parser("replay", help="fly a recording again and compare to the last bit; a .tlog, in shadow")
     replay.add_argument("file", type=Path, metavar="LOG.mcap|FILE.tlog")
@@ -162,6 +177,12 @@ def _config_arguments(parser: argparse.ArgumentParser, *, optional: bool = False
     parser.add_argument(
         "--set", action="append", default=[], dest="overrides", metavar="KEY=VALUE", help="override one key"
     )
+
+
+def _broker_arguments(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument("--ca", type=Path, metavar="FILE", help="the authority that the broker's certificate is from")
+    parser.add_argument("--user", default="", metavar="NAME", help="name to log in with at the broker")
+    parser.add_argument("--password-file", type=Path, metavar="FILE", help="its first line is the password; mode 0600")
 
 
 def main() -> int:

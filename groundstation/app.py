@@ -136,7 +136,9 @@ async def crew(
         if config.mqtt.enabled:
             from groundstation.telemetry.mqtt import publish_forever
 
-            tasks.append(asyncio.create_task(_guarded("MQTT", publish_forever(config.mqtt, latest), say)))
+            tasks.append(
+                asyncio.create_task(_guarded("MQTT", publish_forever(config.mqtt, latest, server.desk.from_afar), say))
+            )
         try:
             yield server
         finally:

@@ -14,6 +14,7 @@ from groundstation.preflight import ensure_flyable, ensure_guarded
 from groundstation.radio import ensure_link
 from groundstation.requests import Ask
 from groundstation.settings import Config
+from groundstation.telemetry.mqtt_requests import ensure_mqtt
 
 if TYPE_CHECKING:
     pass
@@ -77,7 +78,12 @@ def rf_bridge(args: argparse.Namespace) -> int:
 
 
 def tui(args: argparse.Namespace) -> int:
-    """Watch and steer a running flight, or watch a recorded one."""
+    """Watch and steer a running flight, watch a recorded one, or all vehicles at a broker."""
+    if args.fleet is not None:
+        from groundstation.telemetry.mqtt_broker import from_url
+        from groundstation.tui.fleet import run_fleet
+
+        return run_fleet(from_url(args.fleet, ca=args.ca, user=args.user, password_file=args.password_file))
     from groundstation.tui.command import tui_command
 
     return tui_command(args)
@@ -85,9 +91,20 @@ def tui(args: argparse.Namespace) -> int:
 
 def request(args: argparse.Namespace) -> int:
     """One request to a running ground station."""
+    if args.mqtt is not None:
+        from groundstation.telemetry.mqtt_ask import ask_command
+
+        return ask_command(args)
     from groundstation.api.command import request_command
 
     return request_command(Ask(args.ask), args.vehicle, args.socket, args.why)
+
+
+def mqtt(args: argparse.Namespace) -> int:
+    """Keys, topics and schemas of MQTT."""
+    from groundstation.telemetry.mqtt_command import mqtt_command
+
+    return mqtt_command(args)
 
 
 def replay(args: argparse.Namespace) -> int:
@@ -247,6 +264,7 @@ def _flyable(config: Config) -> Config:
         raise ConfigError("pose.kind", "a recording must not fly a vehicle; look at it with `groundstation replay`")
     ensure_guarded(config)
     ensure_link(config)
+    ensure_mqtt(config.mqtt)
     ensure_flyable(config)
     return config
 

@@ -16,7 +16,7 @@ from groundstation.poses.mavlink import MavlinkPoseConfig
 from groundstation.poses.vicon import ViconConfig
 from groundstation.takeoff import TakeoffConfig
 from groundstation.telemetry.flights import RecordingConfig
-from groundstation.telemetry.mqtt import MqttConfig
+from groundstation.telemetry.mqtt_config import MqttConfig
 from groundstation.touchdown import LandingConfig
 from groundstation.trajectories import TrajectoryConfig
 from groundstation.trajectories.lemniscate import LemniscateConfig

@@ -18,6 +18,8 @@ class Check(msgspec.Struct, frozen=True):
     """One check."""
 
     name: str
+    """What was looked at."""
     verdict: Verdict
+    """How it is."""
     says: str
     """A sentence: what was found, and what to do where it is not well."""

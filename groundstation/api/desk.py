@@ -86,6 +86,17 @@ class Desk:
             reply = self._ask(order, party)
         return Answer(order.id, reply.done, reply.says)
 
+    def from_afar(self, request: Request) -> Reply:
+        """Do what somebody asks who is not attached here.
+
+        Never to arm; what needs control, only while nobody here holds it.
+        """
+        if request.ask is Ask.ARM:
+            return Reply(False, "nobody arms from afar: only who stands by the vehicle may")
+        if request.ask not in ANYONE and self._holder is not None:
+            return Reply(False, f"{self._who()} holds control at the station: from afar it can only be brought down")
+        return self._core.ask(request)
+
     def leave(self, party: Party) -> bool:
         """``party`` has gone; True where control went with it."""
         if self._holder is not party:

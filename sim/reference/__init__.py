@@ -4,6 +4,7 @@ from collections.abc import Callable
 from pathlib import Path
 
 from groundstation.config import ConfigError
+from groundstation.telemetry.mqtt_schemas import write_schemas
 from sim.reference import channels, configuration, programs
 
 PAGES: dict[str, Callable[[], str]] = {
@@ -13,6 +14,8 @@ PAGES: dict[str, Callable[[], str]] = {
 }
 """File → what is in it."""
 
+SCHEMAS = "mqtt-schemas"
+"""Folder of the JSON Schemas, beside the pages."""
 MADE = "<!-- made by `groundstation-sim reference --write docs/reference`: change the code, not this page -->\n\n"
 
 
@@ -22,7 +25,7 @@ def page(name: str) -> str:
 
 
 def reference_command(folder: Path | None) -> str:
-    """Write all pages into ``folder``, or return them as one text.
+    """Write all pages and schemas into ``folder``, or return the pages as one text.
 
     Raises:
         ConfigError: a page can't be written.
@@ -34,4 +37,5 @@ def reference_command(folder: Path | None) -> str:
             (folder / name).write_text(page(name), "utf-8")
         except OSError as error:
             raise ConfigError("--write", f"cannot write {folder / name}: {error.strerror}") from None
-    return "\n".join(f"{folder / name} written" for name in PAGES)
+    written = [folder / name for name in PAGES] + write_schemas(folder / SCHEMAS)
+    return "\n".join(f"{path} written" for path in written)

@@ -7,14 +7,19 @@ import sys
 from collections import defaultdict
 from collections.abc import AsyncIterator, Awaitable, Callable, Iterator
 from pathlib import Path
+from typing import Any
 
 import aiomqtt
 import msgspec
 import pytest
 
 from groundstation.broadcast import Latest
+from groundstation.config import ConfigError
 from groundstation.snapshot import Snapshot
-from groundstation.telemetry.mqtt import MqttConfig, publish_forever, unseen
+from groundstation.telemetry.mqtt import publish_forever
+from groundstation.telemetry.mqtt_broker import heed_cancellation
+from groundstation.telemetry.mqtt_config import MqttConfig
+from groundstation.telemetry.mqtt_messages import Event, unseen
 from tests.sample_flight import sample
 
 
@@ -53,7 +58,7 @@ def broker(needs_program: Callable[..., str], tmp_path: Path) -> Iterator[Callab
     made: list[Broker] = []
 
     def make(lines: str = "allow_anonymous true") -> Broker:
-        made.append(Broker(needs_program("mosquitto"), tmp_path, asyncio.run(_free_port()), lines))
+        made.append(Broker(needs_program("mosquitto"), tmp_path, asyncio.run(free_tcp_port()), lines))
         return made[-1]
 
     yield make
@@ -61,7 +66,7 @@ def broker(needs_program: Callable[..., str], tmp_path: Path) -> Iterator[Callab
         one.kill()
 
 
-async def _free_port() -> int:
+async def free_tcp_port() -> int:
     server = await asyncio.start_server(lambda _r, _w: None, "127.0.0.1", 0)
     port = server.sockets[0].getsockname()[1]
     server.close()
@@ -96,7 +101,8 @@ class Listener:
         async for message in self._client.messages:
             assert isinstance(message.payload, bytes)
             topic, text = str(message.topic), message.payload.decode()
-            self.got[topic].append(text)
+            if text:
+                self.got[topic].append(text)
             if message.retain:
                 self.retained[topic] = text
 
@@ -105,7 +111,8 @@ class Listener:
             await asyncio.sleep(0.01)
 
 
-STATE, SNAPSHOT, EVENT = "lab/mqx/state", "lab/mqx/snapshot", "lab/mqx/event"
+STATE, SNAPSHOT, EVENT, HEALTH = (f"lab/mqx/{name}" for name in ("state", "snapshot", "event", "health"))
+SESSION = "lab/mqx/request/session"
 
 
 def play(scene: Awaitable[None]) -> None:
@@ -126,7 +133,7 @@ async def publishing(config: MqttConfig, latest: Latest[Snapshot]) -> AsyncItera
         await asyncio.gather(task, return_exceptions=True)
 
 
-def config_for(broker: Broker, **more: str) -> MqttConfig:
+def config_for(broker: Broker, **more: Any) -> MqttConfig:
     return MqttConfig(enabled=True, port=broker.port, prefix="lab", rate_hz=50.0, **more)
 
 
@@ -145,12 +152,16 @@ def test_state_events_and_snapshots_arrive_and_the_state_ends_offline(broker: Ca
                 await listener.until(lambda to: len(to.got[SNAPSHOT]) == 2)
             await listener.until(lambda to: to.got[STATE][-1:] == ["offline"])
         assert listener.got[STATE] == ["ready", "tracking", "offline"]
-        assert listener.got[EVENT] == [*sample(1.0).events, "102.000 wind"]
+        events = [msgspec.json.decode(text, type=Event) for text in listener.got[EVENT]]
+        assert [f"{one.time_s:.3f} {one.text}" for one in events] == [*sample(1.0).events, "102.000 wind"]
+        assert [one.number for one in events] == [1, 2, 3]
+        assert SESSION not in listener.got  # an empty one: whoever retained it has withdrawn it
         first = msgspec.json.decode(listener.got[SNAPSHOT][0], type=Snapshot)
         assert first == sample(1.0, state="ready")
         async with Listener(server.port) as late:
-            await late.until(lambda to: bool(to.retained))
-            assert late.retained == {STATE: "offline"}
+            await late.until(lambda to: STATE in to.retained)
+            assert set(late.retained) <= {STATE, HEALTH}
+            assert late.retained[STATE] == "offline"
 
     play(scene())
 
@@ -162,7 +173,8 @@ def test_the_broker_declares_a_publisher_that_vanished_offline(broker: Callable[
         await server.start()
         code = (
             "import asyncio\nfrom groundstation.broadcast import Latest\n"
-            "from groundstation.telemetry.mqtt import MqttConfig, publish_forever\n"
+            "from groundstation.telemetry.mqtt import publish_forever\n"
+            "from groundstation.telemetry.mqtt_config import MqttConfig\n"
             "from tests.sample_flight import sample\n"
             f"latest = Latest(); latest.put(sample(1.0))\n"
             f"asyncio.run(publish_forever(MqttConfig(port={server.port}, prefix='lab'), latest))\n"
@@ -200,13 +212,36 @@ def test_a_broker_that_is_killed_and_comes_back_is_found_again_and_misses_no_eve
             await server.start()
             async with Listener(server.port) as listener:
                 await listener.until(lambda to: bool(to.got[SNAPSHOT]))
-                assert listener.got[EVENT] == ["103.000 while the broker was away"]
+                await listener.until(lambda to: bool(to.got[EVENT]))
+                (event,) = [msgspec.json.decode(text, type=Event) for text in listener.got[EVENT]]
+                assert event.text == "while the broker was away"
                 assert listener.got[STATE] == ["tracking"]
             assert not task.done()
 
     play(scene())
     told = [record.message for record in caplog.records if record.name == "groundstation.mqtt"]
     assert [line.partition(" ")[0] for line in told] == ["no", "publishing", "no", "publishing"]
+
+
+def test_a_cancellation_that_comes_as_a_wait_ends_is_not_forgotten() -> None:
+    """As ``asyncio.wait_for`` of Python 3.11 does, which aiomqtt waits by: the end of a flight would wait for ever."""
+
+    async def scene() -> None:
+        loop = asyncio.get_running_loop()
+        acknowledged: asyncio.Future[None] = loop.create_future()
+
+        async def publish() -> None:
+            await asyncio.wait_for(acknowledged, 3.0)
+            heed_cancellation()
+
+        task = asyncio.create_task(publish())
+        await asyncio.sleep(0)
+        acknowledged.set_result(None)
+        task.cancel()
+        await asyncio.wait([task])
+        assert task.cancelled()
+
+    play(scene())
 
 
 def test_a_broker_that_hangs_delays_nobody(broker: Callable[[], Broker]) -> None:
@@ -243,6 +278,7 @@ def test_a_broker_with_passwords_is_published_to_and_anonymous_refused(
     subprocess.run(["mosquitto_passwd", "-b", "-c", passwords, "quad", "s3 cret"], check=True)
     passwords.chmod(0o644)
     secret.write_text("s3 cret\n")
+    secret.chmod(0o600)
     server = broker(f"allow_anonymous false\npassword_file {passwords}")
 
     async def scene() -> None:
@@ -261,8 +297,8 @@ def test_a_broker_with_passwords_is_published_to_and_anonymous_refused(
 
 
 def test_a_password_file_that_is_missing_is_told() -> None:
-    with pytest.raises(FileNotFoundError, match="/nowhere/secret"):
-        asyncio.run(publish_forever(MqttConfig(password_file="/nowhere/secret"), Latest()))
+    with pytest.raises(ConfigError, match=r"mqtt\.password_file: cannot read /nowhere/secret: No such file"):
+        asyncio.run(publish_forever(MqttConfig(username="mqx", password_file="/nowhere/secret"), Latest()))
 
 
 def test_only_events_that_were_not_seen_are_published() -> None:

@@ -12,7 +12,8 @@ from groundstation.settings import Config
 from groundstation.trajectories.course_csv import parsed
 
 ROOT = Path(__file__).parents[2]
-PAGES = [ROOT / "docs/how-to" / name for name in ("trajectories.md", "vehicles.md", "identify-a-vehicle.md")]
+NAMES = ("trajectories.md", "vehicles.md", "identify-a-vehicle.md", "mqtt.md")
+PAGES = [ROOT / "docs/how-to" / name for name in NAMES]
 BLOCKS = [
     block for page in PAGES for block in re.findall(r"^```toml\n(.*?)^```$", page.read_text("utf-8"), re.M | re.S)
 ]

@@ -7,8 +7,9 @@ import pytest
 
 from groundstation.config_files import presets
 from groundstation.settings import Config
+from groundstation.telemetry.mqtt_schemas import schemas
 from groundstation.vehicle import Vehicle
-from sim.reference import PAGES, page, reference_command
+from sim.reference import PAGES, SCHEMAS, page, reference_command
 from sim.reference.remarks import remarks
 
 FOLDER = Path(__file__).parents[2] / "docs" / "reference"
@@ -51,5 +52,5 @@ def test_a_remark_is_found_below_its_field_and_in_base_classes() -> None:
 
 
 def test_pages_are_written_where_they_are_wanted(tmp_path: Path) -> None:
-    assert len(reference_command(tmp_path).splitlines()) == len(PAGES)
-    assert {path.name for path in tmp_path.iterdir()} == set(PAGES)
+    assert len(reference_command(tmp_path).splitlines()) == len(PAGES) + len(schemas())
+    assert {path.name for path in tmp_path.iterdir()} == {*PAGES, SCHEMAS}

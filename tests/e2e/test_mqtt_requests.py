@@ -1,0 +1,331 @@
+"""Requests by a real broker with TLS, passwords and access rules, as a laboratory has it."""
+
+import asyncio
+import contextlib
+import gc
+import subprocess
+import sys
+import time
+from collections import Counter
+from collections.abc import AsyncIterator, Awaitable, Callable, Iterator
+from pathlib import Path
+
+import aiomqtt
+import msgspec
+import pytest
+
+from groundstation.api.desk import Desk, Party
+from groundstation.api.messages import Order
+from groundstation.broadcast import Latest
+from groundstation.config import from_dict
+from groundstation.mission import State
+from groundstation.recording.reader import Recording
+from groundstation.requests import Ask
+from groundstation.settings import Config
+from groundstation.snapshot import Snapshot
+from groundstation.telemetry.mqtt import publish_forever
+from groundstation.telemetry.mqtt_ask import Unanswered, asked
+from groundstation.telemetry.mqtt_config import MqttConfig
+from groundstation.telemetry.mqtt_messages import Health, SessionMessage
+from groundstation.telemetry.request_codec import Place, sealed_request
+from groundstation.telemetry.wall_clock import wall_ms
+from links.key_file import make_key, read_key
+from tests.e2e.lab_broker import LabBroker, lab
+from tests.e2e.stations import served
+from tests.sample_flight import Sampled, sample
+
+__all__ = ["lab"]
+
+MAY = '["hold", "return", "track", "land", "abort", "kill"]'
+
+
+def play(scene: Awaitable[None]) -> None:
+    async def timed() -> None:
+        async with asyncio.timeout(30.0):
+            await scene
+
+    asyncio.run(timed())
+
+
+@pytest.fixture
+def key(tmp_path: Path) -> Iterator[Path]:
+    make_key(tmp_path / "tablet.key")
+    yield tmp_path / "tablet.key"
+
+
+def config_of(lab: LabBroker, key: Path | None, vehicle: str = "mqx", **more: str) -> MqttConfig:
+    overrides = [f"{name}={value}" for name, value in {**lab.settings(vehicle), **more}.items()]
+    if key is not None:
+        overrides += [
+            "mqtt.requests.enabled=true",
+            f"mqtt.requests.clients.tablet.key_file={key}",
+            f"mqtt.requests.clients.tablet.may={MAY}",
+        ]
+    return from_dict({}, Config, [*overrides, "mqtt.health_period_s=0.1"]).mqtt
+
+
+class Station:
+    """A station without a flight: it remembers what was asked of it."""
+
+    def __init__(self) -> None:
+        self.core = Sampled()
+        self.desk = Desk("mqx", self.core)
+
+    @contextlib.asynccontextmanager
+    async def serving(self, config: MqttConfig) -> AsyncIterator[None]:
+        latest: Latest[Snapshot] = Latest()
+        latest.put(sample(1.0))
+        task = asyncio.create_task(publish_forever(config, latest, self.desk.from_afar))
+        try:
+            yield
+            assert not task.done()
+        finally:
+            task.cancel()
+            await asyncio.gather(task, return_exceptions=True)
+
+
+async def retained(client: aiomqtt.Client, topic: str) -> bytes:
+    """The next non-empty message on ``topic``."""
+    await client.subscribe(topic)
+    async for message in client.messages:
+        if message.payload:
+            assert isinstance(message.payload, bytes)
+            return message.payload
+    raise AssertionError("unreachable")
+
+
+async def counted(client: aiomqtt.Client, least: int) -> dict[str, int]:
+    """What became of the requests, once they are so many."""
+    await client.subscribe("groundstation/mqx/health")
+    async for message in client.messages:
+        if str(message.topic).endswith("health"):
+            counts = msgspec.json.decode(message.payload, type=Health).requests
+            if sum(counts.values()) >= least:
+                return counts
+    raise AssertionError("unreachable")
+
+
+def test_a_request_is_done_and_answered_and_a_dropped_one_counted_where_all_can_see(lab: LabBroker, key: Path) -> None:
+    station = Station()
+
+    async def scene() -> None:
+        secret = read_key(key)
+        operator = lab.address("operator")
+        async with station.serving(config_of(lab, key)), operator.client() as client:
+            answer = await asked(operator, "mqx", "tablet", secret, "land", "too windy")
+            assert (answer.done, answer.says) == (True, "land: too windy (tablet by MQTT)")
+            assert [request.ask for request in station.core.asked] == [Ask.LAND]
+
+            session = msgspec.json.decode(
+                await retained(client, "groundstation/mqx/request/session"), type=SessionMessage
+            )
+            topic, place = "groundstation/mqx/request", Place("groundstation", "mqx")
+            now = wall_ms()
+            good = sealed_request(secret, place, session.session, "tablet", now, "kill", now + 3000)
+            for data in (b"{}", good[:-5], good.replace(b'"kill"', b'"hold"'), b" " * 2000, b" " * 60000):
+                await client.publish(topic, data, qos=1)
+            await client.publish(topic, sealed_request(secret, place, session.session, "tablet", 7, "kill", now), qos=1)
+            await client.publish(topic, good, qos=1, retain=True)  # a station that comes later must not hear it
+            await client.publish(topic, good, qos=1)
+            await client.publish(topic, good, qos=1)
+            counts = await counted(client, 9)
+            # Of 60 kB the broker has told nobody: a station says that it takes no such packet.
+            assert counts == {"done": 2, "malformed": 2, "oversized": 1, "replayed": 3, "unauthenticated": 1}
+            assert [request.ask for request in station.core.asked] == [Ask.LAND, Ask.KILL]
+        async with station.serving(config_of(lab, key)):  # another session, in which nothing old counts
+            await client_published(lab, topic, good)
+            await asyncio.sleep(0.3)
+        assert len(station.core.asked) == 2
+
+    play(scene())
+
+
+async def client_published(lab: LabBroker, topic: str, data: bytes) -> None:
+    async with lab.address("operator").client() as client:
+        await client.publish(topic, data, qos=1)
+
+
+def test_who_holds_control_at_the_station_is_not_overruled_but_for_bringing_down(lab: LabBroker, key: Path) -> None:
+    station = Station()
+    party = Party(4321)
+
+    async def scene() -> None:
+        secret, operator = read_key(key), lab.address("operator")
+        async with station.serving(config_of(lab, key)):
+            station.desk.take(Order(id=1, control="take", name="tui"), party)
+            answers = [await asked(operator, "mqx", "tablet", secret, ask) for ask in ("track", "return")]
+            assert [answer.done for answer in answers] == [False, False]
+            assert "tui 4321 holds control" in answers[0].says
+            assert station.core.asked == []
+            assert (await asked(operator, "mqx", "tablet", secret, "abort")).done
+            station.desk.leave(party)
+            assert (await asked(operator, "mqx", "tablet", secret, "track")).done
+        assert [request.ask for request in station.core.asked] == [Ask.ABORT, Ask.TRACK]
+
+    play(scene())
+
+
+def test_who_asks_reads_why_nothing_came_of_it(lab: LabBroker, key: Path, tmp_path: Path) -> None:
+    make_key(tmp_path / "other.key")
+
+    async def scene() -> None:
+        operator, secret = lab.address("operator"), read_key(key)
+        station = Station()
+        with pytest.raises(Unanswered, match="'mqx' is not known to this broker"):
+            await asked(operator, "mqx", "tablet", secret, "land")
+        async with station.serving(config_of(lab, None)):
+            with pytest.raises(Unanswered, match="takes no requests by MQTT"):
+                await asked(operator, "mqx", "tablet", secret, "land")
+        with pytest.raises(Unanswered, match="no station flies 'mqx' now"):
+            await asked(operator, "mqx", "tablet", secret, "land")
+        async with station.serving(config_of(lab, key)):
+            with pytest.raises(Unanswered, match="it may not know 'tablet' by this key"):
+                await asked(operator, "mqx", "tablet", read_key(tmp_path / "other.key"), "land")
+            with pytest.raises(Unanswered, match="has not answered"):  # the access rules do not let a viewer publish
+                await asked(lab.address("viewer"), "mqx", "tablet", secret, "land")
+        assert station.core.asked == []
+
+    # Four of them wait for as long as an operator would.
+    import groundstation.telemetry.mqtt_ask as module
+
+    patience, module.PATIENCE_S = module.PATIENCE_S, 0.7
+    try:
+        play(scene())
+    finally:
+        module.PATIENCE_S = patience
+
+
+def test_a_flood_of_requests_is_not_listened_to_for_a_while(
+    lab: LabBroker, key: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("groundstation.telemetry.mqtt_requests.PAUSE_S", 0.5)
+    station = Station()
+
+    async def scene() -> None:
+        operator, secret = lab.address("operator"), read_key(key)
+        loop = asyncio.get_running_loop()
+        async with station.serving(config_of(lab, key)), operator.client() as client:
+            await retained(client, "groundstation/mqx/request/session")
+            slowest, last = 0.0, loop.time()
+            for _ in range(3000):
+                await client.publish("groundstation/mqx/request", b"x" * 900)
+                slowest, last = max(slowest, loop.time() - last), loop.time()
+            await asyncio.sleep(1.2)
+            assert (await asked(operator, "mqx", "tablet", secret, "land")).done
+            counts = await counted(client, 1)
+            assert counts["flooded"] >= 1
+            assert counts["malformed"] < 1000
+        assert [request.ask for request in station.core.asked] == [Ask.LAND]
+
+    play(scene())
+
+
+@pytest.mark.filterwarnings("ignore:unclosed:ResourceWarning")  # paho leaves a failed handshake's socket to Python
+def test_a_broker_of_another_authority_is_not_spoken_to(
+    lab: LabBroker, needs_program: Callable[..., str], tmp_path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    stranger = LabBroker(needs_program("mosquitto"), tmp_path / "stranger", "mqx")
+
+    async def scene(ca: Path, more: dict[str, str]) -> None:
+        station = Station()
+        config = config_of(lab, None, **{"mqtt.tls.ca_file": str(ca), **more})
+        async with station.serving(config), lab.address("viewer").client() as client:
+            await client.subscribe("groundstation/mqx/snapshot")
+            async with asyncio.timeout(0.7):
+                await anext(aiter(client.messages))
+
+    with pytest.raises(TimeoutError):
+        asyncio.run(scene(stranger.folder / "ca.crt", {}))
+    assert "CERTIFICATE_VERIFY_FAILED" in caplog.text
+    asyncio.run(scene(lab.folder / "ca.crt", {}))
+    asyncio.run(scene(lab.folder / "ca.crt", {"mqtt.tls.verify": "false"}))
+    assert "NOT VERIFIED" in caplog.text
+    gc.collect()
+
+
+def test_a_station_can_speak_for_no_other_vehicle_and_nobody_without_a_password(lab: LabBroker) -> None:
+    async def scene() -> None:
+        anonymous = lab.address("mqx")
+        nobody = msgspec.structs.replace(
+            anonymous, password=None, config=msgspec.structs.replace(anonymous.config, username="", password_file="")
+        )
+        with pytest.raises(aiomqtt.MqttError, match=r"[Nn]ot authori[sz]ed"):
+            await nobody.client().__aenter__()
+        async with lab.address("viewer").client() as viewer, lab.address("mqx").client() as mqx:
+            await viewer.subscribe("groundstation/#")
+            await mqx.publish("groundstation/quad2/state", b"landed", qos=1)
+            await viewer.publish("groundstation/quad2/request", b"kill", qos=1)
+            await mqx.publish("groundstation/mqx/state", b"ready", qos=1)
+            message = await anext(aiter(viewer.messages))
+            assert str(message.topic) == "groundstation/mqx/state"
+
+    play(scene())
+
+
+@pytest.mark.timeout(120)
+def test_a_flight_is_held_and_landed_by_mqtt_and_the_death_of_the_broker_delays_no_command(
+    lab: LabBroker, key: Path
+) -> None:
+    overrides = {
+        **lab.settings("mqx"),
+        "mqtt.requests.enabled": "true",
+        "mqtt.requests.clients.tablet.key_file": str(key),
+        "mqtt.requests.clients.tablet.may": MAY,
+    }
+
+    def request(ask: str, *more: str) -> subprocess.CompletedProcess[str]:
+        return subprocess.run(
+            [
+                *(sys.executable, "-m", "groundstation", "request", ask, "--vehicle", "mqx", "--mqtt", lab.url),
+                *("--client", "tablet", "--key", str(key), *lab.login("operator"), *more),
+            ],
+            capture_output=True,
+            text=True,
+            check=False,
+        )
+
+    async def until(state: State) -> None:
+        async with asyncio.timeout(30.0), lab.address("viewer").client() as client:
+            await client.subscribe("groundstation/mqx/state")
+            async for message in client.messages:
+                if message.payload == state.value.encode():
+                    return
+
+    with served() as room:
+        daemon = subprocess.Popen(
+            room.station("daemon", "--arm", "mqx", *(p for k, v in overrides.items() for p in ("--set", f"{k}={v}"))),
+            stderr=subprocess.PIPE,
+            text=True,
+            stdin=subprocess.DEVNULL,
+        )
+        try:
+            asyncio.run(until(State.TRACKING))
+            held = request("hold", "--why", "people in the room")
+            assert held.returncode == 0, held.stderr
+            assert "people in the room (tablet by MQTT)" in held.stdout
+            asyncio.run(until(State.HOLD))
+            assert request("track").returncode == 0
+            lab.kill()
+            time.sleep(1.0)
+            nobody = request("land")
+            assert (nobody.returncode, nobody.stdout) == (2, "")
+            asyncio.run(lab.begin())
+            asyncio.run(until(State.TRACKING))
+            landed = request("land")
+            assert landed.returncode == 0, landed.stderr
+            asyncio.run(until(State.READY))  # a daemon goes on to wait for the next flight
+            daemon.terminate()
+            _, log = daemon.communicate(timeout=40)
+        finally:
+            daemon.kill()
+            daemon.wait()
+        assert daemon.returncode == 0, log
+        gaps = [gap for file in room.recordings.glob("*.mcap") for gap in command_gaps(file)]
+    assert len(gaps) > 100
+    assert max(gaps) < 0.2, Counter(round(gap, 2) for gap in gaps)
+
+
+def command_gaps(file: Path) -> list[float]:
+    """Times between the commands of a recording [s]."""
+    times = [entry.value()["time_s"] for entry in Recording(file).entries({"/command"})]
+    return [after - before for before, after in zip(times, times[1:], strict=False)]

@@ -1,0 +1,227 @@
+"""Requests by MQTT: sealed, new, in time and allowed, or they do nothing but count."""
+
+import hmac
+from collections.abc import Iterator
+
+import msgspec
+import pytest
+
+from groundstation.api.desk import ANYONE, Party
+from groundstation.api.desk import Desk as ControlDesk
+from groundstation.api.messages import Order
+from groundstation.requests import Ask, Reply, Request
+from groundstation.telemetry.gatekeeper import ANY_BURST, CLIENT_BURST, LIFE_MAX_MS, TELL_S, ClientKey, Gatekeeper
+from groundstation.telemetry.mqtt_messages import RequestMessage
+from groundstation.telemetry.request_codec import REQUEST_MAX_BYTES, Place, open_answer, sealed_request
+from tests.sample_flight import Sampled
+
+PLACE = Place("lab", "mqx")
+KEY, OTHER_KEY = bytes(range(32)), bytes(range(1, 33))
+NOW_MS = 1_700_000_000_000
+SESSION = "0" * 31 + "1"
+
+
+class Desk:
+    """A gatekeeper, the flight behind it, and what it has told."""
+
+    def __init__(self) -> None:
+        self.core = Sampled()
+        self.told: list[str] = []
+        sessions = (f"{number:032x}" for number in range(1, 100))
+        may = frozenset({Ask.LAND, Ask.HOLD})
+        self.gate = Gatekeeper(
+            PLACE, {"tablet": ClientKey(KEY, may)}, self.core.ask, lambda: next(sessions), self.told.append
+        )
+
+    def take(self, data: bytes, *, retained: bool = False, now_s: float = 0.0, wall_ms: int = NOW_MS) -> bytes | None:
+        return self.gate.take(data, retained=retained, now_s=now_s, wall_ms=wall_ms)
+
+
+@pytest.fixture
+def desk() -> Iterator[Desk]:
+    yield Desk()
+
+
+def sealed(
+    number: int = 1,
+    ask: str = "land",
+    *,
+    key: bytes = KEY,
+    place: Place = PLACE,
+    session: str = SESSION,
+    client: str = "tablet",
+    expires_ms: int = NOW_MS + 3000,
+    why: str = "",
+) -> bytes:
+    return sealed_request(key, place, session, client, number, ask, expires_ms, why)  # type: ignore[arg-type]  # also what is none
+
+
+def changed(data: bytes, **fields: object) -> bytes:
+    return msgspec.json.encode({**msgspec.json.decode(data), **fields})
+
+
+def test_a_sealed_request_is_done_and_its_answer_is_sealed(desk: Desk) -> None:
+    answer = desk.take(sealed(7, why="too windy"))
+    assert desk.core.asked == [Request(Ask.LAND, "too windy (tablet by MQTT)")]
+    assert answer is not None
+    opened = open_answer(answer, KEY, PLACE)
+    assert opened is not None
+    assert (opened.client, opened.id, opened.done) == ("tablet", 7, True)
+    assert open_answer(answer, OTHER_KEY, PLACE) is None
+    assert open_answer(changed(answer, done=False), KEY, PLACE) is None
+    assert desk.gate.counts == {"done": 1}
+    assert desk.told == []
+
+
+def test_the_seal_is_what_the_documents_say() -> None:
+    request = msgspec.json.decode(sealed(7, why="wind"), type=RequestMessage)
+    lines = f"groundstation request 1\nlab\nmqx\n{SESSION}\ntablet\n7\nland\n{NOW_MS + 3000}\nwind"
+    assert request.mac == hmac.new(KEY, lines.encode(), "sha256").hexdigest()
+
+
+DROPPED = {
+    "not JSON": (b"land", "malformed"),
+    "nothing": (b"", "malformed"),
+    "no object": (b"[]", "malformed"),
+    "deep": (b"[" * 900, "malformed"),
+    "not UTF-8": (b'{"why": "\xff"}', "malformed"),
+    "a field too many": (changed(sealed(), more=1), "malformed"),
+    "a why too long": (changed(sealed(), why="x" * 201), "malformed"),
+    "to arm": (sealed(ask="arm"), "malformed"),
+    "too long": (sealed() + b" " * REQUEST_MAX_BYTES, "oversized"),
+    "no seal": (changed(sealed(), mac="0" * 64), "unauthenticated"),
+    "another key": (sealed(key=OTHER_KEY), "unauthenticated"),
+    "another client": (sealed(client="phone"), "unauthenticated"),
+    "another vehicle": (sealed(place=Place("lab", "quad2")), "unauthenticated"),
+    "another prefix": (sealed(place=Place("lab2", "mqx")), "unauthenticated"),
+    "another ask than sealed": (changed(sealed(), ask="hold"), "unauthenticated"),
+    "a later expiry than sealed": (changed(sealed(), expires_ms=NOW_MS + 9000), "unauthenticated"),
+    "another id than sealed": (changed(sealed(), id=2), "unauthenticated"),
+    "another session": (sealed(session="f" * 32), "other_session"),
+    "expired": (sealed(expires_ms=NOW_MS), "expired"),
+    "good for ever": (sealed(expires_ms=NOW_MS + LIFE_MAX_MS + 1), "expires_too_late"),
+}
+
+
+@pytest.mark.parametrize(("data", "reason"), DROPPED.values(), ids=DROPPED)
+def test_anything_else_does_nothing_but_a_counter_and_one_line(desk: Desk, data: bytes, reason: str) -> None:
+    assert desk.take(data) is None
+    assert desk.core.asked == []
+    assert desk.gate.counts == {reason: 1}
+    assert len(desk.told) == 1
+    assert reason in desk.told[0]
+
+
+def test_what_the_broker_has_kept_is_never_obeyed(desk: Desk) -> None:
+    assert desk.take(sealed(), retained=True) is None
+    assert desk.gate.counts == {"retained": 1}
+    assert desk.core.asked == []
+
+
+@pytest.mark.parametrize("number", [5, 4, 0])
+def test_a_request_that_comes_again_or_late_is_dropped(desk: Desk, number: int) -> None:
+    assert desk.take(sealed(5)) is not None
+    assert desk.take(sealed(number)) is None
+    assert len(desk.core.asked) == 1
+    assert desk.gate.counts["replayed"] == 1
+    assert desk.take(sealed(6)) is not None
+
+
+def test_what_is_not_sealed_uses_no_number_up(desk: Desk) -> None:
+    desk.take(changed(sealed(1000), mac="0" * 64))
+    assert desk.take(sealed(1)) is not None
+
+
+def test_what_expired_stays_so_even_if_the_clock_is_set_back(desk: Desk) -> None:
+    old = sealed(expires_ms=NOW_MS)
+    desk.take(old)
+    desk.take(old, wall_ms=NOW_MS - 1000)
+    assert desk.gate.counts == {"expired": 1, "replayed": 1}
+    assert desk.core.asked == []
+
+
+def test_a_request_from_a_clock_ahead_is_not_obeyed_once_its_time_has_come(desk: Desk) -> None:
+    """And whoever has such a clock is heard again once it is right, although its numbers are smaller then."""
+    ahead = sealed(10**9, expires_ms=NOW_MS + 3_600_000)
+    desk.take(ahead)
+    assert desk.take(ahead, wall_ms=NOW_MS + 3_599_000) is None
+    assert desk.core.asked == []
+    assert desk.gate.counts == {"expires_too_late": 1, "other_session": 1}
+    assert desk.take(sealed(1, session=desk.gate.session)) is not None
+    assert len(desk.core.asked) == 1
+
+
+def test_a_client_may_only_ask_what_it_may(desk: Desk) -> None:
+    answer = desk.take(sealed(ask="kill"))
+    assert answer is not None
+    opened = open_answer(answer, KEY, PLACE)
+    assert opened is not None
+    assert (opened.done, opened.says) == (False, "tablet may not ask for kill")
+    assert desk.core.asked == []
+    assert desk.gate.counts == {"not_allowed": 1}
+
+
+def test_what_the_flight_refuses_is_answered_so(desk: Desk) -> None:
+    answer = desk.take(sealed(ask="hold"))
+    assert answer is not None
+    opened = open_answer(answer, KEY, PLACE)
+    assert opened is not None
+    assert (opened.done, opened.says) == (False, "hold is not possible while landing")
+    assert desk.gate.counts == {"not_possible": 1}
+
+
+def test_a_why_can_forge_no_line_of_a_log(desk: Desk) -> None:
+    desk.take(sealed(why="wind\n12.0 killed\x1b[2J"))
+    assert desk.core.asked[0].why == "wind 12.0 killed [2J (tablet by MQTT)"
+
+
+def test_a_client_that_asks_all_the_time_is_heard_at_a_rate(desk: Desk) -> None:
+    for number in range(100):
+        desk.take(sealed(number))
+    assert len(desk.core.asked) == CLIENT_BURST
+    assert desk.gate.counts["too_many"] == 100 - CLIENT_BURST
+    assert desk.take(sealed(1000), now_s=1.0) is not None
+
+
+def test_a_flood_is_not_listened_to(desk: Desk) -> None:
+    flooded = [desk.gate.is_flooded(0.0) for _ in range(200)]
+    assert flooded.count(False) == ANY_BURST
+    assert not desk.gate.is_flooded(1.0)
+    assert len(desk.told) == 1
+
+
+def test_a_reason_is_told_once_a_minute_however_often_it_happens(desk: Desk) -> None:
+    for tick in range(100):
+        desk.take(b"land", now_s=0.1 * tick)
+    assert len(desk.told) == 1
+    desk.take(b"land", now_s=TELL_S)
+    assert len(desk.told) == 2
+    assert "malformed (101 so far)" in desk.told[1]
+
+
+def test_the_reply_of_the_flight_reaches_the_client() -> None:
+    sessions = iter([SESSION])
+    gate = Gatekeeper(
+        PLACE,
+        {"tablet": ClientKey(KEY, frozenset(Ask))},
+        lambda request: Reply(True, f"{request.ask} now"),
+        lambda: next(sessions),
+        lambda _: None,
+    )
+    answer = gate.take(sealed(), retained=False, now_s=0.0, wall_ms=NOW_MS)
+    assert answer is not None
+    opened = open_answer(answer, KEY, PLACE)
+    assert opened is not None
+    assert opened.says == "land now"
+
+
+@pytest.mark.parametrize("ask", list(Ask))
+def test_the_desk_takes_from_afar_all_but_to_arm_and_what_a_local_client_has_control_of(ask: Ask) -> None:
+    core = Sampled()
+    station = ControlDesk("mqx", core)
+    assert (station.from_afar(Request(ask, "by MQTT")).says.startswith("nobody arms")) == (ask is Ask.ARM)
+    assert core.asked == ([] if ask is Ask.ARM else [Request(ask, "by MQTT")])
+    station.take(Order(id=1, control="take"), Party(7))
+    core.asked.clear()
+    station.from_afar(Request(ask, "by MQTT"))
+    assert core.asked == ([Request(ask, "by MQTT")] if ask in ANYONE else [])

@@ -1,0 +1,132 @@
+"""What a configuration of MQTT may say, and what stops the start."""
+
+import logging
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from groundstation.config import ConfigError, dump, from_dict
+from groundstation.settings import Config
+from groundstation.telemetry.mqtt_broker import from_url, opened
+from groundstation.telemetry.mqtt_config import MqttConfig
+from groundstation.telemetry.mqtt_requests import ensure_mqtt
+from links.key_file import make_key
+
+
+def of(**mqtt: Any) -> MqttConfig:
+    return from_dict({"mqtt": {"enabled": True, **mqtt}}, Config).mqtt
+
+
+@pytest.mark.parametrize("host", ["127.0.0.1", "localhost", "::1"])
+def test_on_this_machine_nothing_needs_encryption(host: str) -> None:
+    assert opened(of(host=host)).context is None
+    assert of(host=host).tcp_port == 1883
+
+
+def test_another_machine_needs_tls_or_a_word_that_it_does_not() -> None:
+    with pytest.raises(ConfigError, match=r"mqtt: host: 'lab\.example' is another machine.*mqtt\.insecure = true"):
+        of(host="lab.example")
+    assert of(host="lab.example", tls={"enabled": True}).tcp_port == 8883
+    assert of(host="lab.example", insecure=True).tcp_port == 1883
+
+
+@pytest.mark.parametrize(
+    ("mqtt", "words"),
+    [
+        ({"host": "lab.example", "insecure": True}, "NOT ENCRYPTED"),
+        ({"tls": {"enabled": True, "verify": False}}, "NOT VERIFIED"),
+    ],
+)
+def test_what_is_not_safe_is_told_at_each_start(
+    mqtt: dict[str, Any], words: str, caplog: pytest.LogCaptureFixture
+) -> None:
+    for _ in range(2):
+        opened(of(**mqtt))
+    assert [words in record.message for record in caplog.records] == [True, True]
+    assert all(record.levelno == logging.WARNING for record in caplog.records)
+
+
+def test_the_certificate_and_the_name_of_the_broker_are_checked_unless_told_otherwise() -> None:
+    checked = opened(of(tls={"enabled": True})).context
+    unchecked = opened(of(tls={"enabled": True, "verify": False})).context
+    assert checked is not None
+    assert unchecked is not None
+    assert (checked.check_hostname, checked.verify_mode.name) == (True, "CERT_REQUIRED")
+    assert (unchecked.check_hostname, unchecked.verify_mode.name) == (False, "CERT_NONE")
+
+
+@pytest.mark.parametrize(
+    ("mqtt", "error"),
+    [
+        ({"tls": {"verify": False}}, "enabled: expected true"),
+        ({"tls": {"enabled": True, "cert_file": "a"}}, "cert_file and key_file"),
+        ({"password_file": "a"}, "username: expected a name"),
+        ({"requests": {"enabled": True}}, "clients: expected at least one"),
+        ({"requests": {"clients": {"a b": {"key_file": "k", "may": ["land"]}}}}, "got 'a b'"),
+        ({"requests": {"clients": {"a": {"key_file": "k", "may": ["arm"]}}}}, r"clients\.a\.may\[0\]: expected one of"),
+        ({"requests": {"clients": {"a": {"key_file": "k", "may": []}}}}, r"clients\.a\.may: expected an array"),
+        ({"requests": {"clients": {"a": {"may": ["land"]}}}}, r"clients\.a\.key_file: missing"),
+    ],
+)
+def test_half_a_configuration_is_refused(mqtt: dict[str, Any], error: str) -> None:
+    with pytest.raises(ConfigError, match=error):
+        of(**mqtt)
+
+
+def test_a_configuration_with_clients_is_shown_and_read_back() -> None:
+    import tomllib
+
+    config = from_dict({"mqtt": {"requests": {"clients": {"tablet": {"key_file": "k", "may": ["land"]}}}}}, Config)
+    assert from_dict(tomllib.loads(dump(config)), Config) == config
+
+
+def test_a_password_or_a_key_that_others_may_read_stops_the_start(tmp_path: Path) -> None:
+    password, key = tmp_path / "password", tmp_path / "key"
+    password.write_text("secret\n")
+    make_key(key)
+    mqtt = {
+        "username": "mqx",
+        "password_file": str(password),
+        "requests": {"enabled": True, "clients": {"tablet": {"key_file": str(key), "may": ["land"]}}},
+    }
+    password.chmod(0o640)
+    with pytest.raises(ConfigError, match=r"mqtt\.password_file: .* has mode 0640"):
+        ensure_mqtt(of(**mqtt))
+    password.chmod(0o600)
+    ensure_mqtt(of(**mqtt))
+    key.chmod(0o644)
+    with pytest.raises(ConfigError, match=r"mqtt\.requests\.clients\.tablet\.key_file: .* has mode 0644"):
+        ensure_mqtt(of(**mqtt))
+
+
+def test_two_clients_never_share_a_key(tmp_path: Path) -> None:
+    make_key(tmp_path / "key")
+    one = {"key_file": str(tmp_path / "key"), "may": ["land"]}
+    with pytest.raises(ConfigError, match="another client's key"):
+        ensure_mqtt(of(requests={"enabled": True, "clients": {"a": one, "b": one}}))
+
+
+def test_a_missing_authority_or_certificate_is_named(tmp_path: Path) -> None:
+    with pytest.raises(ConfigError, match=r"mqtt\.tls\.ca_file: cannot use /nowhere/ca.crt: No such file"):
+        opened(of(tls={"enabled": True, "ca_file": "/nowhere/ca.crt"}))
+    (tmp_path / "key").touch(0o600)
+    (tmp_path / "cert").touch()
+    files = {"cert_file": str(tmp_path / "cert"), "key_file": str(tmp_path / "key")}
+    with pytest.raises(ConfigError, match=r"mqtt\.tls\.cert_file: cannot use"):
+        opened(of(tls={"enabled": True, **files}))
+
+
+def test_a_url_says_where_the_broker_is() -> None:
+    config = from_url("mqtts://viewer@lab.example:8884/lab/one").config
+    assert (config.host, config.tcp_port, config.username) == ("lab.example", 8884, "viewer")
+    assert (config.prefix, config.tls.enabled) == ("lab/one", True)
+    assert from_url("mqtt://localhost").config.tcp_port == 1883
+
+
+@pytest.mark.parametrize(
+    "url", ["lab.example", "http://lab", "mqtt://lab.example", "mqtts://", "mqtts://a:b@c", "mqtts://c:x"]
+)
+def test_what_is_no_url_of_a_broker_is_refused(url: str) -> None:
+    with pytest.raises(ConfigError):
+        from_url(url)
