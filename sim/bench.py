@@ -17,6 +17,7 @@ WHAT = {
     "recording": "sim.bench_recording",
     "allocation": "sim.bench_allocation",
     "links": "sim.bench_links",
+    "mqtt": "sim.bench_mqtt",
 }
 """Name -> module, in the order in which they run."""
 
@@ -29,7 +30,7 @@ class Options(NamedTuple):
     hours: float = 1.0
     """How long the flight of ``allocation`` lasts, in virtual time."""
     seconds: float = 60.0
-    """How long each part of ``links`` lasts [s]."""
+    """How long ``mqtt`` and each part of ``links`` last [s]."""
 
 
 def measured(names: list[str], options: Options) -> dict[str, Any]:

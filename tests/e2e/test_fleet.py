@@ -1,0 +1,95 @@
+"""The fleet view: from a real broker with ten stations, and its keys, at two sizes."""
+
+import asyncio
+from collections.abc import Callable
+
+import msgspec
+import pytest
+from textual.widgets import DataTable, Static
+
+from groundstation.telemetry.fleet_seen import Fleet
+from groundstation.telemetry.mqtt_broker import Broker, from_url
+from groundstation.tui.fleet import FleetScreen
+from sim.bench_mqtt import run
+from tests.e2e.lab_broker import LabBroker, lab
+from tests.sample_flight import sample
+
+__all__ = ["lab"]
+
+
+def shown(screen: FleetScreen) -> list[list[str]]:
+    table = screen.query_one(DataTable)
+    return [[str(cell) for cell in table.get_row_at(index)] for index in range(table.row_count)]
+
+
+def told(screen: FleetScreen, name: str) -> str:
+    return str(screen.query_one(name, Static).content)
+
+
+def hear(fleet: Fleet, name: str, state: str, now_s: float) -> None:
+    snapshot = msgspec.structs.replace(sample(1.0, vehicle=name), state=state)
+    fleet.hear(f"groundstation/{name}/state", state.encode(), now_s)
+    fleet.hear(f"groundstation/{name}/snapshot", msgspec.json.encode(snapshot), now_s)
+
+
+@pytest.mark.parametrize("size", [(80, 24), (160, 48)])
+def test_keys_sort_and_choose_and_the_worst_is_seen_first(size: tuple[int, int]) -> None:
+    async def scene() -> None:
+        screen = FleetScreen(from_url("mqtt://127.0.0.1:1"))  # nobody is there
+        async with screen.run_test(size=size) as pilot:
+            now_s = asyncio.get_running_loop().time()
+            for name, state in (("a", "ready"), ("b", "tracking"), ("c", "aborted")):
+                hear(screen.fleet, name, state, now_s)
+            screen.draw()
+            await pilot.pause()
+            assert [cells[:2] for cells in shown(screen)] == [["c", "!!ABORTED"], ["b", "▲ TRACKING"], ["a", "· READY"]]
+            assert told(screen, "#details").startswith("c: ABORTED - following the trajectory")
+            await pilot.press("down")
+            await pilot.pause()
+            assert told(screen, "#details").startswith("b: TRACKING")
+            await pilot.press("s")
+            await pilot.pause()
+            assert [cells[0] for cells in shown(screen)] == ["a", "b", "c"]
+            assert told(screen, "#details").startswith("b: TRACKING")  # the same one as before
+            hear(screen.fleet, "b", "landing", now_s + 0.1)
+            screen.draw()
+            assert shown(screen)[1][1] == "▲ LANDING"
+            assert screen.query_one("#details").region.bottom <= size[1]
+            await pilot.press("q")
+
+    asyncio.run(scene())
+
+
+def test_a_broker_is_found_lost_and_found_again(lab: LabBroker) -> None:
+    async def until(screen: FleetScreen, true: Callable[[], bool]) -> None:
+        async with asyncio.timeout(15.0):
+            while not true():
+                await asyncio.sleep(0.05)
+                screen.draw()
+
+    async def say(broker: Broker, topic: str, payload: bytes) -> None:
+        async with broker.client() as station:
+            await station.publish(topic, payload, qos=1, retain=True)
+
+    async def scene() -> None:
+        screen = FleetScreen(lab.address("viewer"))
+        async with screen.run_test(size=(100, 30)):
+            await until(screen, lambda: "none has published" in told(screen, "#banner"))
+            await say(lab.address("quad2"), "groundstation/quad2/state", b"offline")
+            await until(screen, lambda: [cells[:2] for cells in shown(screen)] == [["quad2", "  OFFLINE"]])
+            lab.kill()
+            await until(screen, lambda: f"localhost:{lab.port}: " in told(screen, "#banner"))
+            await lab.begin()
+            await until(screen, lambda: "1 offline" in told(screen, "#banner"))
+            await say(lab.address("quad2"), "groundstation/quad2/state", b"ready")
+            await until(screen, lambda: shown(screen)[0][1] == "!!NO DATA")
+
+    asyncio.run(scene())
+
+
+def test_ten_stations_meet_at_one_broker_and_little_is_lost(needs_program: Callable[..., str]) -> None:
+    """Latency is measured by ``groundstation-sim bench mqtt``; here the machine may be busy."""
+    facts = run(needs_program("mosquitto"), stations=10, seconds=1.0, settle_s=1.5)
+    assert facts["vehicles"] == 10
+    assert facts["published"] >= 60
+    assert facts["delivered_share"] > 0.7

@@ -1,0 +1,124 @@
+"""What a fleet view knows of each vehicle, and how it says so."""
+
+import math
+
+import msgspec
+import pytest
+
+from groundstation.telemetry.fleet_seen import SILENCE_S, VEHICLES_MAX, Fleet, Seen
+from groundstation.telemetry.mqtt_messages import event_of
+from groundstation.tui.fleet_rows import COLUMNS, ORDERS, details, headline, row, rows
+from tests.sample_flight import sample
+
+
+def heard(fleet: Fleet, name: str, *, state: str = "tracking", now_s: float = 0.0, station_s: float = 0.0) -> Seen:
+    snapshot = msgspec.structs.replace(sample(station_s, vehicle=name), state=state)
+    fleet.hear(f"lab/{name}/state", state.encode(), now_s)
+    fleet.hear(f"lab/{name}/snapshot", msgspec.json.encode(snapshot), now_s)
+    return next(seen for seen in fleet if seen.name == name)
+
+
+def test_a_vehicle_appears_with_its_first_word_and_its_snapshot_follows() -> None:
+    fleet = Fleet("lab")
+    fleet.hear("lab/mqx/state", b"ready", 0.0)
+    (seen,) = fleet
+    assert row(seen, 0.0).cells[:3] == ("mqx", "!!NO DATA", "-")
+    heard(fleet, "mqx")
+    assert row(seen, 0.5).cells == (
+        "mqx", "▲ TRACKING", "0.01s", f"{sample(0.0).error_m:.2f}m", "0.62m", "-", "armed", "0.50s",
+        "tracking: following the trajectory",
+    )  # fmt: skip
+
+
+def test_numbers_that_are_not_finite_are_dashes() -> None:
+    fleet = Fleet("lab")
+    seen = heard(fleet, "mqx")
+    lost = msgspec.structs.replace(sample(1.0), pose_age_s=math.inf, error_m=math.nan)
+    fleet.hear("lab/mqx/snapshot", msgspec.json.encode(lost), 1.0)
+    assert row(seen, 1.0).cells[2:4] == ("-", "-")
+
+
+def test_silence_is_an_alarm_unless_the_flight_has_ended_or_its_station_has_said_goodbye() -> None:
+    fleet = Fleet("lab")
+    silent, landed, away = (heard(fleet, name, state=state) for name, state in
+                            (("a", "hold"), ("b", "landed"), ("c", "offline")))  # fmt: skip
+    late_s = SILENCE_S + 0.1
+    assert [one.word(late_s) for one in (silent, landed, away)] == ["NO DATA", "LANDED", "OFFLINE"]
+    assert [one.urgency(late_s) for one in (silent, landed, away)] == [0, 2, 3]
+    assert silent.urgency(0.0) == 1
+
+
+def test_a_snapshot_that_was_held_up_on_its_way_is_as_old_as_it_is() -> None:
+    fleet = Fleet("lab")
+    seen = heard(fleet, "mqx", now_s=50.0)
+    for second in range(1, 5):
+        heard(fleet, "mqx", now_s=50.0 + second, station_s=float(second))
+    assert seen.age_s(54.0) == pytest.approx(0.0, abs=0.01)
+    heard(fleet, "mqx", now_s=60.0, station_s=5.0)
+    assert seen.age_s(60.0) == pytest.approx(5.0, abs=0.01)
+
+
+def test_another_run_of_the_station_begins_with_another_clock() -> None:
+    fleet = Fleet("lab")
+    seen = heard(fleet, "mqx", now_s=0.0, station_s=1000.0)
+    heard(fleet, "mqx", now_s=1.0, station_s=3.0)
+    assert seen.age_s(1.0) == 0.0
+    fleet.hear("lab/mqx/state", b"offline", 2.0)
+    heard(fleet, "mqx", now_s=3.0, station_s=5000.0)
+    assert seen.age_s(3.0) == 0.0
+
+
+@pytest.mark.parametrize(
+    ("topic", "payload"),
+    [
+        ("lab/mqx/snapshot", b"{}"),
+        ("lab/mqx/snapshot", b"\xff"),
+        ("lab/mqx/snapshot", b'{}, "hello": {}'),
+        ("lab/mqx/event", b"[]"),
+        ("lab/mqx/state", b"\xff"),
+        ("lab/mqx/other", b""),
+        ("other/mqx/state", b"ready"),
+        ("lab", b""),
+    ],
+)
+def test_what_is_not_understood_is_counted_and_dropped(topic: str, payload: bytes) -> None:
+    fleet = Fleet("lab")
+    fleet.hear(topic, payload, 0.0)
+    assert fleet.misunderstood == 1
+    assert all(seen.snapshot is None and seen.events == [] and seen.state == "" for seen in fleet)
+
+
+def test_a_broker_full_of_vehicles_fills_no_memory() -> None:
+    fleet = Fleet("lab")
+    for number in range(VEHICLES_MAX + 10):
+        fleet.hear(f"lab/v{number}/state", b"ready", 0.0)
+    assert len(list(fleet)) == VEHICLES_MAX
+    assert fleet.misunderstood == 10
+
+
+def test_what_needs_somebody_comes_first() -> None:
+    fleet = Fleet("lab")
+    for name, state in (("a", "offline"), ("b", "ready"), ("c", "tracking"), ("d", "aborted"), ("e", "hold")):
+        heard(fleet, name, state=state)
+    orders = {order: [one.name for one in rows(fleet, order, 0.0)] for order in ORDERS}
+    assert orders["what needs somebody"] == ["d", "c", "e", "b", "a"]
+    assert orders["name"] == ["a", "b", "c", "d", "e"]
+    assert orders["error"] == ["a", "b", "c", "d", "e"]  # all the same: by name
+    shown = rows(fleet, "name", 0.0)
+    assert headline(shown, "").big == "1 ALARM"
+    assert headline(shown, "").detail == "1 alarm, 2 flying, 1 on ground, 1 offline"
+    assert headline(shown, "refused").big == "NO BROKER"
+    assert headline([], "").big == "NO VEHICLE"
+
+
+def test_the_columns_fit_a_narrow_screen() -> None:
+    assert sum(width for _, width in COLUMNS) <= 66
+
+
+def test_the_details_say_where_it_is_and_what_has_happened() -> None:
+    fleet = Fleet("lab")
+    seen = heard(fleet, "mqx")
+    fleet.hear("lab/mqx/event", msgspec.json.encode(event_of(1, "101.5 wind")), 0.0)
+    told = details(seen, 0.0)
+    assert told[0] == "mqx: TRACKING - following the trajectory"
+    assert told[-1] == "    101.5 wind"
