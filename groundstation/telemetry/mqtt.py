@@ -7,6 +7,7 @@ reads late reads the newest.
 import asyncio
 import contextlib
 import logging
+import os
 from collections import Counter, deque
 from collections.abc import Callable, Coroutine
 from importlib.metadata import version
@@ -66,6 +67,8 @@ async def publish_forever(
     publisher = _Publisher(config, first.vehicle, latest)
     if keys is not None and ask is not None:
         publisher.requests = keys.of(first.vehicle, ask, lambda line: log.warning("%s", line))
+    # The same name in each connection: the broker drops one that is half dead, with its last will, for the next.
+    name = f"groundstation-{first.vehicle}-{os.urandom(4).hex()}"
     collecting = asyncio.create_task(publisher.collect())
     pause_s = RETRY_FIRST_S
     reachable = True
@@ -74,7 +77,10 @@ async def publish_forever(
             will = aiomqtt.Will(publisher.topic(STATE), OFFLINE, qos=STATE.quality, retain=STATE.retained)
             try:
                 async with broker.client(
-                    will=will, heard_max_bytes=HEARD_MAX_BYTES, max_queued_incoming_messages=HEARD_QUEUE
+                    identifier=name,
+                    will=will,
+                    heard_max_bytes=HEARD_MAX_BYTES,
+                    max_queued_incoming_messages=HEARD_QUEUE,
                 ) as client:
                     log.log(logging.INFO if reachable else logging.WARNING, "publishing to %s", broker)
                     reachable, pause_s = True, RETRY_FIRST_S

@@ -2,6 +2,7 @@
 
 import asyncio
 import contextlib
+import signal
 import subprocess
 import sys
 from collections import defaultdict
@@ -45,6 +46,14 @@ class Broker:
 
     def _launch(self) -> None:
         self._process = subprocess.Popen([self._program, "-c", self._config], stderr=subprocess.DEVNULL)
+
+    def stand_still(self) -> None:
+        assert self._process is not None
+        self._process.send_signal(signal.SIGSTOP)
+
+    def go_on(self) -> None:
+        assert self._process is not None
+        self._process.send_signal(signal.SIGCONT)
 
     def kill(self) -> None:
         if self._process is not None:
@@ -267,6 +276,91 @@ def test_a_broker_that_hangs_delays_nobody(broker: Callable[[], Broker]) -> None
             assert not task.done()
         assert slowest < 0.5
         silent.close()
+
+    play(scene())
+
+
+def test_a_broker_that_stands_still_delays_nobody_and_gets_the_newest_after(broker: Callable[[], Broker]) -> None:
+    server = broker()
+
+    async def scene() -> None:
+        await server.start()
+        loop = asyncio.get_running_loop()
+        latest: Latest[Snapshot] = Latest()
+        latest.put(sample(0.0))
+        async with publishing(config_for(server), latest) as task, Listener(server.port) as listener:
+            await listener.until(lambda to: bool(to.got[SNAPSHOT]))
+            server.stand_still()
+            slowest = 0.0
+            for number in range(300):
+                before = loop.time()
+                latest.put(sample(1.0 + number))
+                await asyncio.sleep(0.005)
+                slowest = max(slowest, loop.time() - before)
+            assert not task.done()
+            server.go_on()
+            await listener.until(lambda to: msgspec.json.decode(to.got[SNAPSHOT][-1], type=Snapshot) == sample(300.0))
+            assert len(listener.got[SNAPSHOT]) < 150
+        assert slowest < 0.5
+
+    play(scene())
+
+
+class Wire:
+    """Between a station and its broker; a connection can fall silent without an end."""
+
+    def __init__(self, port: int) -> None:
+        self._port = port
+        self._silent: set[int] = set()
+        self.ended: list[int] = []
+        """Connections that the broker has closed."""
+        self.connections = 0
+
+    async def carry(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
+        number, self.connections = self.connections, self.connections + 1
+        there, back = await asyncio.open_connection("127.0.0.1", self._port)
+        with contextlib.suppress(OSError):
+            await asyncio.gather(self._pass(number, reader, back), self._pass(number, there, writer, ends=True))
+        writer.close()
+        back.close()
+
+    def fall_silent(self) -> None:
+        self._silent = set(range(self.connections))
+
+    async def _pass(
+        self, number: int, reader: asyncio.StreamReader, writer: asyncio.StreamWriter, ends: bool = False
+    ) -> None:
+        while data := await reader.read(65536):
+            if number not in self._silent:
+                writer.write(data)
+        if ends:
+            self.ended.append(number)
+        if number not in self._silent:
+            writer.close()
+
+
+def test_the_last_will_of_a_connection_that_fell_silent_comes_before_the_next_connection(
+    broker: Callable[[], Broker],
+) -> None:
+    """Else the broker would say ``offline`` of a vehicle that flies."""
+    server = broker()
+
+    async def scene() -> None:
+        await server.start()
+        wire = Wire(server.port)
+        carrier = await asyncio.start_server(wire.carry, "127.0.0.1", 0)
+        latest: Latest[Snapshot] = Latest()
+        flying = sample(1.0)
+        latest.put(flying)
+        config = msgspec.structs.replace(config_for(server), port=carrier.sockets[0].getsockname()[1])
+        async with Listener(server.port) as listener, publishing(config, latest):
+            await listener.until(lambda to: len(to.got[EVENT]) == 2)
+            wire.fall_silent()
+            latest.put(msgspec.structs.replace(flying, events=(*flying.events, "103.000 unheard")))
+            await listener.until(lambda to: len(to.got[EVENT]) == 3)  # by the next connection
+            assert wire.ended == [0]
+            assert listener.got[STATE] == ["tracking", "offline", "tracking"]
+        carrier.close()
 
     play(scene())
 

@@ -188,7 +188,7 @@ def test_who_asks_reads_why_nothing_came_of_it(lab: LabBroker, key: Path, tmp_pa
     # Four of them wait for as long as an operator would.
     import groundstation.telemetry.mqtt_ask as module
 
-    patience, module.PATIENCE_S = module.PATIENCE_S, 0.7
+    patience, module.PATIENCE_S = module.PATIENCE_S, 0.5
     try:
         play(scene())
     finally:
@@ -203,13 +203,10 @@ def test_a_flood_of_requests_is_not_listened_to_for_a_while(
 
     async def scene() -> None:
         operator, secret = lab.address("operator"), read_key(key)
-        loop = asyncio.get_running_loop()
         async with station.serving(config_of(lab, key)), operator.client() as client:
             await retained(client, "groundstation/mqx/request/session")
-            slowest, last = 0.0, loop.time()
             for _ in range(3000):
                 await client.publish("groundstation/mqx/request", b"x" * 900)
-                slowest, last = max(slowest, loop.time() - last), loop.time()
             await asyncio.sleep(1.2)
             assert (await asked(operator, "mqx", "tablet", secret, "land")).done
             counts = await counted(client, 1)
