@@ -17,6 +17,7 @@ from groundstation.pilot import Tick
 from groundstation.poses import make_source
 from groundstation.poses.forward import Forwarding
 from groundstation.poses.gated import Gated
+from groundstation.poses.others import Others
 from groundstation.poses.port import Overheard, Pose, PoseEvent, PoseSource
 from groundstation.recorded import Give, RecordedFlight, about
 from groundstation.settings import Config
@@ -26,16 +27,19 @@ from links.mavlink import MavlinkLink, MavlinkLinkConfig
 from links.port import CommandLink
 
 
-def make_ends(config: Config, wires: Mapping[str, Any] | None = None) -> tuple[CommandLink, PoseSource]:
+def make_ends(
+    config: Config, wires: Mapping[str, Any] | None = None, others: Others | None = None
+) -> tuple[CommandLink, PoseSource]:
     """The link and the pose source that ``config`` names; nothing is opened yet.
 
-    ``wires`` is what a simulation puts in the place of the link's hardware; see :func:`links.make_link`.
+    ``wires`` is what a simulation puts in the place of the link's hardware; see :func:`links.make_link`. ``others`` are
+    further bodies that the source looks for.
 
     Raises:
         ConfigError: the poses need another link.
     """
     link = make_link(config.link, thrust_max_n=config.full_thrust_n, thrust_curve=config.thrust_curve, **(wires or {}))
-    return link, make_source(config.pose, link)
+    return link, make_source(config.pose, link, others)
 
 
 def make_flight(
@@ -57,7 +61,8 @@ def make_flight(
     Raises:
         ConfigError: the poses need another link.
     """
-    link, source = make_ends(config, wires)
+    others = Others(config.separation.others) if config.separation.others else None
+    link, source = make_ends(config, wires, others)
     if on_pose is not None:
         source = Overheard(source, on_pose)
 
@@ -68,6 +73,7 @@ def make_flight(
     if isinstance(link, MavlinkLink) and isinstance(config.link, MavlinkLinkConfig) and config.link.forward.enabled:
         source = Forwarding(source, link, config.link.forward)
     told: dict[str, Any] = {"confirm": confirm, "on_tick": on_tick, "on_event": on_event, "on_state": on_state}
+    told["others"] = others
     flight = (
         Flight(config, link, source, **told)
         if give is None

@@ -7,8 +7,10 @@ from groundstation.control.gains import Law
 from groundstation.course import Course
 from groundstation.fence import Fence
 from groundstation.ops import Vec3
+from groundstation.poses.others import Others
 from groundstation.poses.port import Pose
 from groundstation.preflight import look, refused
+from groundstation.separation import Separation
 from groundstation.settings import Config
 from groundstation.so3 import third_column
 from groundstation.takeoff import Standing
@@ -45,9 +47,13 @@ def judged(name: str, value: float, warn: float, fail: float, says: str) -> Chec
 class Checks:
     """The checks of one configuration. Times are on the event loop's clock [s]."""
 
-    def __init__(self, config: Config) -> None:
-        """What needs no vehicle is looked at here, once: it takes some tenths of a second."""
+    def __init__(self, config: Config, others: Others | None = None) -> None:
+        """What needs no vehicle is looked at here, once: it takes some tenths of a second.
+
+        ``others`` are vehicles to keep away from.
+        """
         self._config = config
+        self._separation = None if others is None else Separation(config.separation, others)
         self._fence = None if config.fence is None else Fence(config.fence, config.flight.floor_z_m)
         self._trajectory = config.trajectory.build()
         self._still = [self._flyable(), self._certificate()]
@@ -66,6 +72,7 @@ class Checks:
             self._tilt(poses[-1]),
             self._floor(poses[-1], place),
             self._inside(place),
+            self._apart(place, now_s),
             self._battery(link),
             self._round_trip(link),
             self._arm(link),
@@ -113,6 +120,22 @@ class Checks:
         if room <= 0.0:
             return Check("fence", Verdict.FAIL, f"it stands {-room:.2f} m outside the fence")
         return Check("fence", Verdict.PASS, f"it stands {room:.2f} m inside the fence")
+
+    def _apart(self, place: Vec3, now_s: float) -> Check:
+        """Whether every other vehicle is seen, and far enough away."""
+        separation = self._separation
+        if separation is None:
+            return Check("other vehicles", Verdict.OFF, "separation.others names none")
+        config, unknown = separation.config, separation.unknown(now_s)
+        near = separation.nearest(place, (0.0, 0.0, 0.0), now_s)
+        if near is not None and not near.distance_m >= config.distance_m:
+            says = f"it stands {near.distance_m:.2f} m from {near.name}, limit {config.distance_m:g} m"
+            return Check("other vehicles", Verdict.FAIL, f"{says}: move one of them")
+        if unknown:
+            says = f"the cameras do not see {', '.join(unknown)}: uncover them, or take them out of separation.others"
+            return Check("other vehicles", Verdict.WARN if config.unknown == "warn" else Verdict.FAIL, says)
+        assert near is not None, "all are seen"
+        return Check("other vehicles", Verdict.PASS, f"{near.name} is nearest, {near.distance_m:.2f} m away")
 
     def _ways(self, place: Vec3) -> Check:
         """The climb, the way onto the trajectory, all of it, and the way back, each with its braking distance."""

@@ -10,6 +10,7 @@ from groundstation.clock import to_the_end
 from groundstation.live_gains import LiveGains
 from groundstation.mission import EVENT_OF, FINAL, ON_GROUND, Event, State
 from groundstation.pilot import Pilot, Tick
+from groundstation.poses.others import Others
 from groundstation.poses.port import Pose, PoseEvent, PoseSource
 from groundstation.progress import Progress
 from groundstation.requests import Ask, Reply, Request
@@ -47,11 +48,13 @@ class Flight:
         on_event: Callable[[str], None] | None = None,
         on_state: Callable[[State, str], None] | None = None,
         pilot: Pilot | None = None,
+        others: Others | None = None,
     ) -> None:
         """Take the parts; ``confirm`` asks the operator before the vehicle is armed.
 
         ``on_tick`` sees every command of the controller that leaves; ``on_event`` every line meant for the operator;
         ``on_state`` every state that begins, and why. Without a ``pilot`` it makes its own.
+        ``others`` are vehicles to keep away from, as ``source`` sees them.
         """
         self._config = config
         self._link = link
@@ -62,10 +65,11 @@ class Flight:
         self._on_state = on_state
         flight = config.flight
         self._pilot = pilot or Pilot(config.vehicle, config.controller, flight.coast_s, flight.floor_z_m)
-        self._progress = Progress(config, self._pilot, link.period_s, self._say, self._entered)
+        self._progress = Progress(config, self._pilot, link.period_s, self._say, self._entered, others)
         self._sender = Sender(link, self._pilot, self._progress, flight.idle_thrust * config.weight_n, self._flown)
         self._scoreboard = Scoreboard(config, 0.0 if link.follows_poses else link.period_s)
         self._live = LiveGains(config.controller)
+        self._others = others
         self._checks: Checks | None = None
         self._checked_last: tuple[Check, ...] = ()
         self._arm_asked = asyncio.Event()
@@ -222,7 +226,7 @@ class Flight:
 
     async def _stand(self) -> None:
         """Look at the vehicle as it stands for a moment."""
-        self._checks = Checks(self._config)
+        self._checks = Checks(self._config, self._others)
         await asyncio.sleep(LOOK_S)
 
     def _checked(self) -> tuple[str, list[Check]]:

@@ -106,14 +106,18 @@ class Frames:
             i * w + j * x + k * y + m * z,
             n * w + o * x + p * y + q * z,
         )
-        x, y, z = position
-        (a, b, c), (d, e, f), (g, h, i) = self._columns
-        north, east, down = self._origin
-        place = (a * x + d * y + g * z + north, b * x + e * y + h * z + east, c * x + f * y + i * z + down)
+        place = self.place(position)
         if self._centre is not None:
             dx, dy, dz = so3.to_world(ours, self._centre)
             place = (place[0] + dx, place[1] + dy, place[2] + dz)
         return place, ours
+
+    def place(self, position: Vec3) -> Vec3:
+        """A point of the source's world [m] in ours [m, NED]."""
+        x, y, z = position
+        (a, b, c), (d, e, f), (g, h, i) = self._columns
+        north, east, down = self._origin
+        return a * x + d * y + g * z + north, b * x + e * y + h * z + east, c * x + f * y + i * z + down
 
     def theirs(self, position_ned: Vec3, attitude: Quat) -> tuple[Vec3, Quat]:
         """The inverse of :meth:`ours`, sign included: what a source says, for simulators."""

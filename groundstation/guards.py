@@ -13,6 +13,7 @@ import msgspec
 from groundstation.control.port import Estimate
 from groundstation.fence import Fence
 from groundstation.mission import State
+from groundstation.separation import Separation
 from groundstation.so3 import third_column
 from groundstation.trajectories.port import Reference
 from groundstation.vehicle import Vehicle
@@ -105,12 +106,14 @@ class Finding(NamedTuple):
     reason: str
     blind: bool = False
     """True where the estimate of the speed is not to be believed."""
-    cured: bool = True
-    """Whether its answer should end it: what does not go away by landing is no reason to land worse."""
+    most: Step = Step.DESCEND
+    """The last step that follows where it lasts on: what does not go away by landing is no reason to land worse."""
 
 
 SWAY_MEMORY_S = 1.0
 """Time beyond ``sway_deg`` is forgotten so fast [s]."""
+SURE_S = 0.06
+"""What the cameras tell of others must last so long [s]: one pose alone may be another body's."""
 FRAMES = 100
 """Over so many frames are late ones counted."""
 
@@ -118,10 +121,18 @@ FRAMES = 100
 class Guards:
     """One flight's limits. Times are on the event loop's clock [s]."""
 
-    def __init__(self, config: GuardsConfig, fence: Fence | None, vehicle: Vehicle, period_s: float) -> None:
-        """``period_s`` is the link's time between two commands [s]."""
+    def __init__(
+        self,
+        config: GuardsConfig,
+        fence: Fence | None,
+        vehicle: Vehicle,
+        period_s: float,
+        separation: Separation | None = None,
+    ) -> None:
+        """``period_s`` is the link's time between two commands [s]; ``separation`` is from other vehicles."""
         self._config = config
         self._fence = fence
+        self._separation = separation
         self._thrust_max = vehicle.thrust_max_n
         self._rates = tuple(math.radians(limit) for limit in vehicle.rate_limits_deg_s)
         self._period = period_s
@@ -137,6 +148,8 @@ class Guards:
             self._divergence(tick, diverged_m),
             self._tilt(tick),
             self._outside(tick),
+            self._near(tick),
+            self._unseen(tick.time_s),
             self._overrun(tick.time_s),
         ]
         if state is not State.DESCENT:  # it has no reference, and its thrust and rates are what they are
@@ -152,18 +165,18 @@ class Guards:
             return Finding(
                 Step.LAND,
                 f"round trip of {1e3 * (status.rtt_s or 0.0):.0f} ms, limit {1e3 * c.rtt_s:.0f} ms",
-                cured=False,
+                most=Step.LAND,
             )
         share, volts = status.battery_share, status.battery_v
         if self._lasts("charge", share is not None and share < c.battery_share, now_s, 1.0):
             return Finding(
                 Step.LAND,
                 f"battery at {100.0 * (share or 0.0):.0f} %, limit {100.0 * c.battery_share:.0f} %",
-                cured=False,
+                most=Step.LAND,
             )
         low = c.battery_v is not None and volts is not None and volts < c.battery_v
         if self._lasts("volts", low, now_s, 1.0):
-            return Finding(Step.LAND, f"battery at {volts:.2f} V, limit {c.battery_v:.2f} V", cured=False)
+            return Finding(Step.LAND, f"battery at {volts:.2f} V, limit {c.battery_v:.2f} V", most=Step.LAND)
         return None
 
     def _lasts(self, name: str, so: bool, now_s: float, for_s: float) -> bool:
@@ -196,6 +209,38 @@ class Guards:
             speed = math.hypot(*motion.velocity)
             return Finding(Step.HOLD, f"{room:.2f} m before the fence at {speed:.1f} m/s: braking")
         return None
+
+    def _near(self, tick: Tick) -> Finding | None:
+        """Too near to another vehicle: it brakes in time, and lands where that was not enough.
+
+        Down upon another would be worse than to stay: the one that is lower lands.
+        """
+        separation = self._separation
+        if separation is None:
+            return None
+        motion = tick.estimate.motion
+        near = separation.nearest(motion.position, motion.velocity, tick.time_s)
+        limit = separation.config.distance_m
+        if self._lasts("too near", near is not None and not near.distance_m >= limit, tick.time_s, SURE_S):
+            assert near is not None, "somebody is near"
+            step = Step.HOLD if near.beneath else Step.LAND
+            return Finding(step, f"{near.distance_m:.2f} m from {near.name}, limit {limit:g} m", most=step)
+        if self._lasts("nearing", near is not None and not near.room_m >= 0.0, tick.time_s, SURE_S):
+            assert near is not None, "somebody comes nearer"
+            return Finding(Step.HOLD, f"{near.distance_m:.2f} m from {near.name} and nearing: braking", most=Step.LAND)
+        return None
+
+    def _unseen(self, now_s: float) -> Finding | None:
+        """Where the cameras do not see another vehicle, nobody knows how near it is."""
+        if self._separation is None:
+            return None
+        config, names = self._separation.config, self._separation.unknown(now_s)
+        lasts = self._lasts("unseen", bool(names), now_s, config.unknown_s)
+        if not names:
+            return None
+        says = f"the cameras have not seen {', '.join(names)} for more than {config.stale_s:g} s"
+        step = {"warn": Step.WARN, "hold": Step.HOLD, "land": Step.LAND}[config.unknown] if lasts else Step.WARN
+        return Finding(step, says, most=step)
 
     def _overrun(self, now_s: float) -> Finding | None:
         left, self._left_s = self._left_s, now_s
@@ -257,7 +302,7 @@ class Guards:
             return Finding(
                 Step.LAND,
                 f"thrust is {100.0 * found:.0f} % of what is told, limit {100.0 * c.effectiveness:.0f} %",
-                cured=False,
+                most=Step.LAND,
             )
         return None
 
@@ -275,8 +320,8 @@ class Escalation:
         """What to do now about ``finding``; None where the last answer is still at work."""
         if finding.step > self._step:
             answer = finding
-        elif finding.cured and self._step < Step.DESCEND and now_s - self._at_s > self._lasting:
-            answer = Finding(Step(self._step + 1), f"{finding.reason}, still", finding.blind)
+        elif self._step < finding.most and now_s - self._at_s > self._lasting:
+            answer = Finding(Step(self._step + 1), f"{finding.reason}, still", finding.blind, finding.most)
         else:
             return None
         self._step, self._at_s = answer.step, now_s

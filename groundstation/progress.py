@@ -8,7 +8,9 @@ from groundstation.guards import Escalation, Finding, Guards, Step
 from groundstation.mission import FINAL, IN_AIR, TABLE, Event, Mission, State
 from groundstation.pacing import LAST_CHANCE_S
 from groundstation.pilot import Pilot, Tick
+from groundstation.poses.others import Others
 from groundstation.poses.port import Pose
+from groundstation.separation import Separation
 from groundstation.settings import Config
 from groundstation.takeoff import Spool, Standing
 from groundstation.trajectories.port import Reference
@@ -25,10 +27,11 @@ class Progress:
         period_s: float,
         say: Callable[[str], None],
         on_state: Callable[[State, str], None],
+        others: Others | None = None,
     ) -> None:
         """``say`` takes lines for the operator, ``on_state`` every state that begins, and why.
 
-        ``period_s`` is the link's time between two commands [s].
+        ``period_s`` is the link's time between two commands [s]; ``others`` are vehicles to keep away from.
         """
         self._config = config
         self._pilot = pilot
@@ -43,7 +46,9 @@ class Progress:
         fence = None if config.fence is None else Fence(config.fence, config.flight.floor_z_m)
         self._guards: Guards | None = None
         if config.flight.start == "floor":  # what is held in the air has an error to begin with, and nobody beneath it
-            self._guards = Guards(guards, fence, config.vehicle, period_s)
+            separation = None if others is None else Separation(config.separation, others)
+            self._guards = Guards(guards, fence, config.vehicle, period_s, separation)
+        self._warned = ""
         self._escalation = Escalation(guards.lasting_s)
         self.tick: Tick | None = None
         """The newest command of the controller that left."""
@@ -134,7 +139,11 @@ class Progress:
         self.tick = tick
         guards = self._guards
         if guards is not None:
-            self._answer(guards.see(tick, self.state, self._pilot.diverged_m), tick.time_s)
+            finding = guards.see(tick, self.state, self._pilot.diverged_m)
+            if finding is None or finding.step is Step.WARN:
+                self._warn("" if finding is None else f"warning: {finding.reason}")
+            else:
+                self._answer(finding, tick.time_s)
         move = self._course.over(self.state, tick)
         if move is not None:
             self.go(move.event, move.reason, tick.time_s, fault=move.fault)
@@ -154,6 +163,12 @@ class Progress:
         if guarded and pose is not None and now_s - pose.time_s > coast - LAST_CHANCE_S - 1e-3:
             why = f"no pose for {(now_s - pose.time_s) * 1e3:.0f} ms"
             self._answer(Finding(Step.DESCEND, why), now_s)
+
+    def _warn(self, says: str) -> None:
+        """Say it once, for as long as it lasts."""
+        if says and says != self._warned:
+            self._say(says)
+        self._warned = says
 
     def _answer(self, finding: Finding | None, now_s: float) -> None:
         """Do what a guard asks for, or the next possible step after it."""

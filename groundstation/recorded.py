@@ -8,6 +8,7 @@ from groundstation.config import dump
 from groundstation.flight import Flight, Outcome
 from groundstation.mission import State
 from groundstation.pilot import Pilot, Tick
+from groundstation.poses.others import Others
 from groundstation.poses.port import Pose, PoseSource
 from groundstation.recording.records import (
     GAIN,
@@ -102,6 +103,7 @@ class RecordedFlight(Flight):
         on_tick: Callable[[Tick], None] | None = None,
         on_event: Callable[[str], None] | None = None,
         on_state: Callable[[State, str], None] | None = None,
+        others: Others | None = None,
     ) -> None:
         """As a flight; ``give`` takes the records."""
         self._recorder = give
@@ -111,7 +113,15 @@ class RecordedFlight(Flight):
         pilot = RecordedPilot(config.vehicle, config.controller, config.flight.coast_s, config.flight.floor_z_m)
         pilot.give = self._noted
         super().__init__(
-            config, link, source, confirm=confirm, on_tick=on_tick, on_event=self._tell, on_state=on_state, pilot=pilot
+            config,
+            link,
+            source,
+            confirm=confirm,
+            on_tick=on_tick,
+            on_event=self._tell,
+            on_state=on_state,
+            pilot=pilot,
+            others=others,
         )
 
     def ask(self, request: Request) -> Reply:

@@ -10,10 +10,11 @@ from groundstation.control.gains import Gains
 from groundstation.fence import FenceConfig
 from groundstation.guards import GuardsConfig
 from groundstation.limits import LimitsConfig
-from groundstation.poses import PoseConfig
+from groundstation.poses import PoseConfig, ShowsOthers
 from groundstation.poses.gate import GateConfig
 from groundstation.poses.mavlink import MavlinkPoseConfig
 from groundstation.poses.vicon import ViconConfig
+from groundstation.separation import SeparationConfig
 from groundstation.takeoff import TakeoffConfig
 from groundstation.telemetry.flights import RecordingConfig
 from groundstation.telemetry.mqtt_config import MqttConfig
@@ -70,6 +71,7 @@ class Config(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=Tr
     guards: GuardsConfig = GuardsConfig()
     fence: FenceConfig | None = None
     """The room to stay in; a real flight needs one, and ``limits.max_speed_m_s``."""
+    separation: SeparationConfig = SeparationConfig()
     status: StatusConfig = StatusConfig()
     mqtt: MqttConfig = MqttConfig()
     recording: RecordingConfig = RecordingConfig()
@@ -88,6 +90,13 @@ class Config(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=Tr
             and self.link.forward.enabled
         ):
             raise ValueError("link.forward.enabled: the poses are the autopilot's own, it must not be told them as new")
+        others = self.separation.others
+        if others and not isinstance(self.pose, ShowsOthers):
+            kind = self.pose.__struct_config__.tag
+            raise ValueError(f"separation.others: poses of kind {kind} show no other vehicle: leave it out")
+        own = getattr(self.pose, "object", None) or getattr(self.pose, "name", None)
+        if own in others or len(set(others)) < len(others):
+            raise ValueError("separation.others: expected each other vehicle once, and not this one's own object")
         full, most = self.full_thrust_n, self.vehicle.thrust_max_n
         if full < (1.0 - HOVER_TOLERANCE) * most:
             raise ValueError(

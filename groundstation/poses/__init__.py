@@ -5,6 +5,7 @@ from groundstation.poses.csv import CsvConfig
 from groundstation.poses.json import JsonConfig
 from groundstation.poses.mavlink import MavlinkPoseConfig, MavlinkPoseSource
 from groundstation.poses.natnet import NatNetConfig
+from groundstation.poses.others import Others
 from groundstation.poses.port import PoseSource
 from groundstation.poses.qualisys import QualisysConfig
 from groundstation.poses.tlog import TlogConfig
@@ -22,8 +23,14 @@ Recorded = TlogConfig | CsvConfig
 """The sources that play recordings: they must never fly a vehicle."""
 
 
-def make_source(config: PoseConfig, link: CommandLink) -> PoseSource:
+ShowsOthers = ViconConfig | NatNetConfig | QualisysConfig | JsonConfig
+"""The sources that show other bodies too."""
+
+
+def make_source(config: PoseConfig, link: CommandLink, others: Others | None = None) -> PoseSource:
     """The source that ``config`` describes; the autopilot's own estimate shares the connection of ``link``.
+
+    ``others`` are further bodies to look for, where the source shows them.
 
     Raises:
         ConfigError: the link has no such connection.
@@ -32,4 +39,6 @@ def make_source(config: PoseConfig, link: CommandLink) -> PoseSource:
         if not isinstance(link, MavlinkLink):
             raise ConfigError("pose.kind", "'mavlink' needs link.kind = 'mavlink': no other link brings poses")
         return MavlinkPoseSource(config, link)
+    if isinstance(config, ShowsOthers):
+        return config.build(others)
     return config.build()

@@ -7,13 +7,12 @@ from typing import Protocol
 
 from groundstation.frames import Frames
 from groundstation.ops import Quat, Vec3
+from groundstation.poses.others import FAR_M, Others
 from groundstation.poses.port import Pose, PoseStatus
 from groundstation.poses.source_clock import SourceClock
 
 UNIT_TOLERANCE = 1e-3
 """How far from 1 the length of a unit quaternion may be; 32-bit floats leave it within 1e-6."""
-FAR_M = 1e6
-"""Nothing is further from an origin than this; more is absurd [m]. An autopilot's may lie beyond the horizon."""
 LATEST = 1e15
 """No stamp is further from zero, be it in seconds or frames: floats would no longer tell two of them apart."""
 _AVERAGED = 50
@@ -35,17 +34,26 @@ class Reader(Protocol):
 class Intake:
     """Turns what one source measured into numbered poses; what is no pose is counted by reason."""
 
-    def __init__(self, latency_s: float, frames: Frames | None = None, *, seconds_per_stamp: float = 1.0) -> None:
+    def __init__(
+        self,
+        latency_s: float,
+        frames: Frames | None = None,
+        *,
+        seconds_per_stamp: float = 1.0,
+        others: Others | None = None,
+    ) -> None:
         """``latency_s`` is the time from the instant of a pose to its earliest arrival here [s].
 
         ``frames`` leads from the source's axes into ours; None: they are ours. ``seconds_per_stamp``: 1 for stamps in
-        seconds, the nominal period for frame numbers [s].
+        seconds, the nominal period for frame numbers [s]. ``others`` are further bodies to look for.
         """
         self.accepted = 0
         """Poses made."""
         self.dropped: Counter[str] = Counter()
         """By reason. Here: not_finite, not_unit, absurd, duplicate, out_of_order."""
         self.clock = SourceClock(seconds_per_stamp)
+        self.others = others
+        """Further bodies to look for; None: nobody asks for them."""
         self._base_latency_s = latency_s
         self._frames = frames
         self._latency_s = 0.0
@@ -109,6 +117,15 @@ class Intake:
         if self._frames is not None:
             position, attitude = self._frames.ours(position, attitude)
         return Pose(number, time_s, arrival_s, position, attitude, velocity_ned, resets + 256 * clock.restarts)
+
+    def other(self, name: str, arrival_s: float, position: Vec3, *, age_s: float = 0.0) -> None:
+        """One of :attr:`others` was at ``position`` [m, the source's axes], as its bytes came at ``arrival_s`` [s].
+
+        ``age_s``: see :meth:`pose`. The source's stamp is the business of our own body alone.
+        """
+        if self.others is not None:
+            place = position if self._frames is None else self._frames.place(position)
+            self.others.see(name, arrival_s - self._base_latency_s - age_s, place)
 
 
 class FrameCount:

@@ -8,6 +8,7 @@ from groundstation.frames import Alignment, Body, World, frames_of
 from groundstation.poses.datagram import DatagramSource
 from groundstation.poses.intake import Intake
 from groundstation.poses.json_codec import MAX_NAME, JsonReader
+from groundstation.poses.others import Others
 from links.address import parse_address
 
 
@@ -37,9 +38,10 @@ class JsonConfig(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_field
         """
         parse_address(self.listen)
 
-    def build(self) -> DatagramSource:
-        """The source of this config."""
+    def build(self, others: Others | None = None) -> DatagramSource:
+        """The source of this config; ``others`` are further bodies to look for."""
         intake, frames = (
-            Intake(self.latency_s, frames_of(self), seconds_per_stamp=seconds) for seconds in (1.0, 1.0 / self.rate_hz)
+            Intake(self.latency_s, frames_of(self), seconds_per_stamp=seconds, others=others)
+            for seconds in (1.0, 1.0 / self.rate_hz)
         )
         return DatagramSource("JSON poses", self.listen, JsonReader(self.name, intake, frames))

@@ -102,6 +102,11 @@ class JsonReader:
         if isinstance(bodies, str):
             drop(bodies)
             return ()
+        intake = self._intakes["t"]
+        if intake.others is not None:
+            for other in bodies:
+                if other.valid and other.name in intake.others:
+                    intake.other(other.name, arrival_s, other.position)
         body = next((body for body in bodies if body.name == self._name), None)
         if body is None:
             drop("no_such_body")

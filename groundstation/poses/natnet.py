@@ -12,6 +12,7 @@ from groundstation.poses.datagram import cannot_listen
 from groundstation.poses.intake import Intake
 from groundstation.poses.multicast import join
 from groundstation.poses.natnet_reader import NatNetReader
+from groundstation.poses.others import Others
 from groundstation.poses.port import Pose, PoseStatus
 from links.address import parse_address
 
@@ -63,9 +64,9 @@ class NatNetConfig(
                 wanted = "a multicast address, such as 239.255.42.99" if key == "group" else "no multicast address"
                 raise ValueError(f"{key}: expected {wanted}, got {text!r}")
 
-    def build(self) -> "NatNetSource":
-        """The source of this config."""
-        return NatNetSource(self)
+    def build(self, others: Others | None = None) -> "NatNetSource":
+        """The source of this config; ``others`` are further bodies to look for."""
+        return NatNetSource(self, others)
 
 
 class _Ear(asyncio.DatagramProtocol):
@@ -84,11 +85,11 @@ class NatNetSource:
     A unicast server streams to the socket that its client's commands come from.
     """
 
-    def __init__(self, config: NatNetConfig) -> None:
+    def __init__(self, config: NatNetConfig, others: Others | None = None) -> None:
         """Nothing is opened yet."""
         self._config = config
         self._server = parse_address(config.server)
-        intake = Intake(config.network_s, frames_of(config))
+        intake = Intake(config.network_s, frames_of(config), others=others)
         self._reader = NatNetReader(config.name, intake, body_id=config.id, keep_alive=not config.multicast)
         self._loop: asyncio.AbstractEventLoop | None = None
         self._command: asyncio.DatagramTransport | None = None

@@ -32,7 +32,9 @@ class NatNetReader:
         self._intake = intake
         self._fixed_id = body_id
         self._id = body_id
-        self._ask_names = body_id is None
+        self._wants_names = body_id is None or intake.others is not None
+        self._ask_names = self._wants_names
+        self._others: dict[int, str] = {}
         self._keep_alive = keep_alive
         self._silent_beats = 0
 
@@ -81,7 +83,10 @@ class NatNetReader:
             models = codec.decode_models(payload, self.server.version)
             self.names = tuple(models)[:MAX_NAMES]
             self._id = models.get(self._name) if self._fixed_id is None else self._fixed_id
-            self._ask_names = self._id is None
+            others = self._intake.others
+            if others is not None:
+                self._others = {number: name for name, number in models.items() if name in others}
+            self._ask_names = self._id is None or (others is not None and len(self._others) < len(others.names))
         else:
             frame = codec.decode_frame(payload, self.server.version)
             self._silent_beats = 0
@@ -89,9 +94,11 @@ class NatNetReader:
         return None
 
     def _pose(self, frame: Frame, ticks_per_s: int, arrival_s: float) -> Pose | None:
+        if self._others:
+            self._look_around(frame, ticks_per_s, arrival_s)
         body = next((body for body in frame.bodies if body.id == self._id), None)
         if frame.models_changed:
-            self._ask_names = self._fixed_id is None  # until the answer, the id that we know stands
+            self._ask_names = self._wants_names  # until the answer, the id that we know stands
         if body is None:
             return self._intake.drop("no_such_body")
         if not body.tracked:
@@ -103,6 +110,15 @@ class NatNetReader:
             return self._intake.drop("absurd")
         stamp_s = frame.transmit_ticks / ticks_per_s
         return self._intake.pose(stamp_s, arrival_s, body.position, _wxyz(body), age_s=age_s)
+
+    def _look_around(self, frame: Frame, ticks_per_s: int, arrival_s: float) -> None:
+        """Take the other bodies that are seen now."""
+        age_s = (frame.transmit_ticks - frame.exposure_ticks) / ticks_per_s
+        if not 0.0 <= age_s <= OLDEST_S:
+            return
+        for body in frame.bodies:
+            if body.tracked and body.id in self._others:
+                self._intake.other(self._others[body.id], arrival_s, body.position, age_s=age_s)
 
 
 def _wxyz(body: RigidBody) -> Quat:

@@ -9,6 +9,7 @@ import msgspec
 
 from groundstation.frames import Alignment, Body, World, frames_of
 from groundstation.poses.intake import Intake
+from groundstation.poses.others import Others
 from groundstation.poses.port import Pose, PoseStatus, SourceError
 from groundstation.poses.qualisys_codec import QualisysReader, body_names
 from links.address import parse_address
@@ -52,18 +53,18 @@ class QualisysConfig(
         """
         parse_address(self.server)
 
-    def build(self) -> "QualisysSource":
-        """The source of this config."""
-        return QualisysSource(self)
+    def build(self, others: Others | None = None) -> "QualisysSource":
+        """The source of this config; ``others`` are further bodies to look for."""
+        return QualisysSource(self, others)
 
 
 class QualisysSource:
     """Implements :class:`groundstation.poses.port.PoseSource`; a connection that breaks is opened anew."""
 
-    def __init__(self, config: QualisysConfig) -> None:
+    def __init__(self, config: QualisysConfig, others: Others | None = None) -> None:
         """Nothing is opened yet."""
         self._config = config
-        intake = Intake(config.latency_s, frames_of(config))
+        intake = Intake(config.latency_s, frames_of(config), others=others)
         self._reader = QualisysReader(config.name, intake)
         self._deliver: Callable[[Pose], None] | None = None
         self._task: asyncio.Task[None] | None = None

@@ -169,6 +169,10 @@ class QualisysReader:
         self.other_bodies = len(bodies) != len(self.names)
         if self.other_bodies:
             return self._intake.drop("other_bodies")  # somebody changed them: whose pose is whose?
+        if self._intake.others is not None:
+            for name, (x, y, z, *_) in zip(self.names, bodies, strict=True):
+                if name in self._intake.others and not math.isnan(x):
+                    self._intake.other(name, arrival_s, (x * 1e-3, y * 1e-3, z * 1e-3))
         if self._name not in self.names:
             return self._intake.drop("no_such_body")
         index = self.names.index(self._name)

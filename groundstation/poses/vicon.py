@@ -7,6 +7,7 @@ import msgspec
 from groundstation.frames import Alignment, Body, World, frames_of
 from groundstation.poses.datagram import DatagramSource
 from groundstation.poses.intake import Intake
+from groundstation.poses.others import Others
 from groundstation.poses.vicon_codec import ViconReader, name_bytes
 from links.address import parse_address
 
@@ -42,16 +43,16 @@ class ViconConfig(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fiel
         parse_address(self.listen)
         name_bytes(self.object)
 
-    def build(self) -> "ViconSource":
-        """The source of this config."""
-        return ViconSource(self)
+    def build(self, others: Others | None = None) -> "ViconSource":
+        """The source of this config; ``others`` are further bodies to look for."""
+        return ViconSource(self, others)
 
 
 class ViconSource(DatagramSource):
     """Delivers the poses of one object, each frame once and never one older than the last (see the port)."""
 
-    def __init__(self, config: ViconConfig) -> None:
-        intake = Intake(config.latency_s, frames_of(config), seconds_per_stamp=1.0 / config.rate_hz)
+    def __init__(self, config: ViconConfig, others: Others | None = None) -> None:
+        intake = Intake(config.latency_s, frames_of(config), seconds_per_stamp=1.0 / config.rate_hz, others=others)
         self._vicon = ViconReader(config.object, intake, drop_frozen=config.drop_frozen)
         super().__init__("Vicon poses", config.listen, self._vicon)
 

@@ -132,6 +132,10 @@ class ViconDecoder:
         if isinstance(frame, str):
             self.dropped[frame] += 1
             return None
+        return self.pose(frame)
+
+    def pose(self, frame: ViconFrame) -> ViconPose | None:
+        """The pose in a frame, or None where it was dropped."""
         for item in frame.objects:
             if item.name == self._name:
                 break
@@ -179,6 +183,7 @@ class ViconReader:
         self._drop_frozen = drop_frozen
         self._frames = FrameCount()
         self._last: ViconPose | None = None
+        self._last_others: dict[str, ViconObject] = {}
 
     @property
     def status(self) -> PoseStatus:
@@ -192,7 +197,13 @@ class ViconReader:
 
     def read(self, datagram: bytes, arrival_s: float) -> Sequence[Pose]:
         """The pose of our object, or nothing."""
-        seen = self._decoder.decode(datagram)
+        found = decode(datagram)
+        if isinstance(found, str):
+            self._intake.drop(found)
+            return ()
+        if self._intake.others is not None:
+            self._look_around(found, arrival_s)
+        seen = self._decoder.pose(found)
         if seen is None:
             return ()
         last = self._last
@@ -210,6 +221,18 @@ class ViconReader:
             return ()
         self._last = seen
         return (pose,)
+
+    def _look_around(self, frame: ViconFrame, arrival_s: float) -> None:
+        """Take the other bodies; a hidden one stands still to the last bit."""
+        others = self._intake.others
+        for item in frame.objects:
+            if others is None or item.name not in others:
+                continue
+            if self._drop_frozen and self._last_others.get(item.name) == item:
+                continue
+            self._last_others[item.name] = item
+            x, y, z = item.translation_mm
+            self._intake.other(item.name, arrival_s, (x / 1000.0, y / 1000.0, z / 1000.0))
 
 
 def name_bytes(name: str) -> bytes:

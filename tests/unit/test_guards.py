@@ -144,7 +144,7 @@ def test_a_vehicle_that_swings_is_brought_down_though_no_limit_is_passed_for_lon
 
 def test_what_no_landing_could_end_is_answered_by_a_landing_and_no_more() -> None:
     escalation = Escalation(2.0)
-    empty = Finding(Step.LAND, "battery", cured=False)
+    empty = Finding(Step.LAND, "battery", most=Step.LAND)
     assert escalation.answer(empty, 0.0) == empty
     assert escalation.answer(empty, 9.0) is None
 

@@ -1,0 +1,107 @@
+"""Every source that sees several bodies tells where the others are, in our axes; hidden ones are not seen."""
+
+import asyncio
+import math
+from typing import Any
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from groundstation import so3
+from groundstation.config import from_dict
+from groundstation.poses import make_source
+from groundstation.poses.others import Others
+from groundstation.poses.port import Pose
+from groundstation.settings import Config
+from links import make_link
+from sim.pose_bytes import FLIGHTS, natnet_handshake
+from sim.trackers import Seen, make_tracker
+from tests.loops import in_virtual_time
+
+KINDS: list[dict[str, Any]] = [
+    {
+        "kind": "vicon",
+        "drop_frozen": True,
+        "alignment": {"lab_origin_m": [1.0, -2.0, 0.5], "centre_of_mass_m": [0.1, 0.0, 0.0]},
+    },
+    {"kind": "json", "world": "enu", "alignment": {"lab_rotation_deg": [0.0, 0.0, 30.0]}},
+    {"kind": "natnet", "multicast": True},
+    {"kind": "natnet", "id": 1},
+    {"kind": "qualisys"},
+]
+
+
+@pytest.mark.parametrize("pose", KINDS, ids=["vicon", "json", "natnet multicast", "natnet unicast", "qualisys"])
+def test_the_other_bodies_are_seen_in_our_axes_and_hidden_ones_are_not(pose: dict[str, Any]) -> None:
+    config = from_dict({"pose": pose}, Config)
+    others, poses = Others(("bee", "cat")), list[Pose]()
+
+    async def main() -> None:
+        loop = asyncio.get_running_loop()
+        tracked = make_tracker(config.pose)
+        assert tracked is not None
+        own, tracker = tracked
+        await tracker.open()
+        source = make_source(config.pose, make_link(config.link, thrust_max_n=1.0, thrust_curve=0.0), others)
+        frame, bee, cat = 0, (1.0, 0.5, -1.5), (-1.0, 0.25, -0.5)
+
+        async def stream(seconds: float, hidden: bool) -> None:
+            nonlocal frame
+            for _ in range(round(seconds / 0.01)):
+                await asyncio.sleep(0.01)
+                frame += 1
+                x = 1e-5 * frame
+                at = bee if hidden else (bee[0] + x, bee[1], bee[2])
+                bodies = [
+                    Seen(own, (x, 0.0, -1.0), so3.IDENTITY, True),
+                    Seen("dog", (5.0, 5.0, 5.0), so3.IDENTITY, True),
+                    Seen("bee", at, so3.from_euler_zyx(0.1, 0.2, 0.3), not hidden),
+                    Seen("cat", (cat[0] + x, cat[1], cat[2]), so3.IDENTITY, True),
+                ]
+                tracker.send(frame, loop.time() - 0.005, bodies)
+
+        sending = asyncio.ensure_future(stream(3.0, hidden=False))
+        await asyncio.sleep(0.5)
+        await source.start(poses.append)
+        await sending
+        sight = others.seen("bee")
+        assert sight is not None
+        assert loop.time() - sight.time_s < 0.1
+        # A centre of mass is a vehicle's own: of the others it is not known.
+        assert sight.position_ned == pytest.approx((bee[0] + 1e-5 * frame, bee[1], bee[2]), abs=0.11)
+        if not any(pose.get("alignment", {}).get("centre_of_mass_m", [0])):
+            assert sight.position_ned == pytest.approx((bee[0] + 1e-5 * frame, bee[1], bee[2]), abs=1e-4)
+        await stream(1.0, hidden=True)
+        hidden, visible = others.seen("bee"), others.seen("cat")
+        assert hidden is not None
+        assert visible is not None
+        assert loop.time() - hidden.time_s > 0.9
+        assert loop.time() - visible.time_s < 0.1
+        assert visible.velocity_ned == pytest.approx((1e-3, 0.0, 0.0), abs=1e-4)
+        assert len(poses) > 200
+        await source.close()
+        tracker.close()
+
+    in_virtual_time(main())
+
+
+@pytest.mark.parametrize("name", ["vicon", "natnet", "qualisys", "json"])
+@given(st.data())
+def test_damaged_bytes_put_no_other_body_nowhere(name: str, data: st.DataObject) -> None:
+    reader, datagrams = FLIGHTS[name](3)  # the first one whole
+    others = Others(("other0", "other1"))
+    for intake in getattr(reader, "_intakes", {"": getattr(reader, "_intake", None)}).values():
+        intake.others = others
+    for message in natnet_handshake((4, 1)) if name == "natnet" else ():
+        reader.read(message, 0.0)
+    reader.read(datagrams[0], 0.0)
+    assert all(others.seen(other) is not None for other in others.names)
+    for number in range(3):
+        damaged = bytearray(datagrams[data.draw(st.integers(0, len(datagrams) - 1))])
+        for at in data.draw(st.lists(st.integers(0, len(damaged) - 1), max_size=8)):
+            damaged[at] = data.draw(st.sampled_from((0x00, 0x7F, 0x80, 0xF0, 0xFF)))
+        reader.read(bytes(damaged), 0.01 * number + 0.01)
+    for other in others.names:
+        sight = others.seen(other)
+        assert sight is None or all(map(math.isfinite, (*sight.position_ned, *sight.velocity_ned)))
