@@ -36,6 +36,26 @@ def parser() -> argparse.ArgumentParser:
     health.add_argument("--socket", type=Path, metavar="PATH", help="its status socket, if not the usual one")
     health.add_argument("--json", action="store_true", help="print one JSON object instead of a line")
 
+    fleet = commands.add_parser("fleet", help="fly several vehicles at once, a process each, by one fleet file")
+    fleet.add_argument("fleet", type=Path, metavar="FLEET.toml")
+    fleet.add_argument(
+        "--arm",
+        action="append",
+        default=[],
+        metavar="NAME",
+        help="arm this vehicle without asking; may be repeated. The others wait for `groundstation request arm`. "
+        "THIS MOVES THE VEHICLE",
+    )
+    fleet.add_argument("--set", action="append", default=[], dest="overrides", metavar="KEY=VALUE", help="for all")
+    fleet.add_argument("--show", metavar="NAME", help="print the configuration of this vehicle's core, and end")
+
+    relay = commands.add_parser("relay", help="receive a stream of poses once, and hand it on to several cores")
+    relay.add_argument("listen", metavar="HOST:PORT", help="where the tracker sends to")
+    relay.add_argument("--to", action="append", required=True, metavar="HOST:PORT", help="a core; may be repeated")
+    relay.add_argument("--group", metavar="ADDRESS", help="multicast group to join")
+    relay.add_argument("--interface", metavar="ADDRESS", help="this machine's own address in the group's network")
+    relay.add_argument("--until-eof", action="store_true", help="end when standard input does")
+
     doctor = commands.add_parser("doctor", help="look at the autopilot's parameters; set one on request, disarmed only")
     _config_arguments(doctor)
     doctor.add_argument(

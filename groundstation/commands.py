@@ -63,6 +63,47 @@ def service(args: argparse.Namespace) -> int:
     return EXIT_DONE
 
 
+def fleet(args: argparse.Namespace) -> int:
+    """Fly several vehicles, a core process each; signals reach every one."""
+    from groundstation.fleet.plan import read_fleet
+    from groundstation.fleet.supervisor import Supervisor, by_hand
+
+    found = read_fleet(args.fleet, args.overrides)
+    names = [member.name for member in found.members]
+    for option, asked in (("--arm", args.arm), ("--show", [args.show] if args.show else [])):
+        for name in asked:
+            if name not in names:
+                raise ConfigError(option, f"expected one of {names}, got {name!r}")
+    if args.arm and "NOTIFY_SOCKET" in os.environ:
+        raise ConfigError("--arm", "a service never arms by itself, as it may be started again at any time")
+    if args.show:
+        print(by_hand(found, found.members[names.index(args.show)]))
+        return EXIT_DONE
+    for member in found.members:
+        try:
+            _flyable(member.lab)
+        except ConfigError as error:
+            raise ConfigError(error.key, error.problem, f"{args.fleet}: vehicle {member.name}") from None
+    return asyncio.run(Supervisor(found, list(dict.fromkeys(args.arm)), _say).run())
+
+
+def relay(args: argparse.Namespace) -> int:
+    """Hand datagrams on until told to end."""
+    from groundstation.fleet.relay import Relay, run_relay
+    from groundstation.poses.port import SourceError
+
+    try:
+        made = Relay(args.listen, args.to, group=args.group or "", interface=args.interface or "")
+    except ValueError as error:
+        raise ConfigError("relay", str(error)) from None
+    try:
+        asyncio.run(run_relay(made, _say, until_eof=args.until_eof))
+    except SourceError as error:
+        print(f"groundstation: {error}", file=sys.stderr)
+        return EXIT_ABORTED
+    return EXIT_DONE
+
+
 def radio(args: argparse.Namespace) -> int:
     """Have an RF module bind or check its range, or show it disarmed frames."""
     from groundstation.radio import serve

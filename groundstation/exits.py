@@ -30,6 +30,10 @@ CODES: dict[str, dict[int, str]] = {
         1: "the last flight was aborted, killed or handed over, or something failed at the start",
         3: "another ground station flies this vehicle already, or its socket can't be served",
     },
+    "fleet": {
+        0: "every vehicle landed, or was never armed",
+        1: "one of them was aborted, killed or handed over, landed because of a fault, or its core has died",
+    },
     "service": {0: "the unit file is printed"},
     "request": {
         0: "done: the answer is printed",

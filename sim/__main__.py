@@ -52,6 +52,10 @@ def parser() -> argparse.ArgumentParser:
     mission.add_argument("--link", choices=_LINKS, default="mavlink", help="how commands leave; default mavlink")
     mission.add_argument("--autopilot", choices=_AUTOPILOTS, default="px4", help="what it is like (default px4)")
     mission.add_argument("--set", action="append", default=[], dest="overrides", metavar="KEY=VALUE", help="as in fly")
+    mission.add_argument("--vehicles", type=_count, default=1, metavar="N", help="so many side by side (default 1)")
+    mission.add_argument(
+        "--real-time", action="store_true", help="by `groundstation fleet`: a process each, on real sockets, timed"
+    )
     mission.add_argument("--json", action="store_true", help="print one JSON object instead of the summary")
 
     faults = commands.add_parser("faults", help="break one thing in every state of a mission, and see what comes of it")
@@ -181,6 +185,7 @@ def parser() -> argparse.ArgumentParser:
     )
     serve.add_argument("--link", choices=_LINKS[:-1], default="mavlink", help="dsm and crsf: a receiver on a pty")
     serve.add_argument("--floor", action="store_true", help="it stands on the floor, instead of being held in the air")
+    serve.add_argument("--fleet", type=Path, metavar="FLEET.toml", help="a vehicle for each of this fleet file")
     serve.add_argument("--duration", type=_seconds, metavar="S", help="stop after so many seconds")
 
     reference = commands.add_parser("reference", help="the reference pages of the documents, made from the code")

@@ -160,6 +160,8 @@ def mission(args: argparse.Namespace) -> int:
     world, config = prepare(scenario, args.overrides, controller=args.controller, source=args.source, link=args.link)
     world, config = from_floor(world, config, args.duration or DURATION_S)
     ensure_flyable(config)
+    if args.vehicles > 1 or args.real_time:
+        return _missions(args, scenario.name, world, config)
     flown = fly_mission(world, config, seed=args.seed, autopilot=args.autopilot)
     asked = {
         "scenario": scenario.name,
@@ -218,6 +220,35 @@ def soak(args: argparse.Namespace) -> int:
         facts = fly_on(args.hours, scenario=args.scenario, seed=args.seed, on_progress=progress.at)
     print(json.dumps(msgspec.to_builtins(facts)) if args.json else text(facts))
     return 0 if facts.passed else 1
+
+
+def _missions(args: argparse.Namespace, name: str, world: World, config: Config) -> int:
+    """Several missions side by side."""
+    from sim.mission_command import fleet_facts, fleet_summary
+
+    if args.real_time:
+        from sim.fleet_real import fly_fleet_real
+
+        config = _paced_by_poses(config)
+        say = None if args.json else print
+        flown = fly_fleet_real(world, config, args.vehicles, seed=args.seed, autopilot=args.autopilot, say=say)
+    else:
+        from sim.fleet_mission import fly_fleet
+
+        flown = fly_fleet(world, config, args.vehicles, seed=args.seed, autopilot=args.autopilot)
+    asked = {"scenario": name, "seed": args.seed, "source": args.source, "real_time": args.real_time}
+    title = f"{name}, {args.vehicles} vehicles, poses by {args.source}, seed {args.seed}"
+    print(json.dumps(fleet_facts(asked, flown)) if args.json else fleet_summary(title, flown))
+    return 0 if flown.landed else 1
+
+
+def _paced_by_poses(config: Config) -> Config:
+    """``config`` with a link that sends as poses come, as a MAVLink link does where nobody says otherwise."""
+    from links.mavlink import MavlinkLinkConfig
+
+    if not isinstance(config.link, MavlinkLinkConfig):
+        return config
+    return msgspec.structs.replace(config, link=msgspec.structs.replace(config.link, pace="poses"))
 
 
 def _thrust_bound(config: Config, v_start: float | None) -> float | None:
@@ -399,8 +430,16 @@ def reference(args: argparse.Namespace) -> int:
 def serve(args: argparse.Namespace) -> int:
     """Run the simulated side in real time."""
     from sim.serve import serve as serve_stage
+    from sim.serve import serve_fleet
 
     scenario = _scenario(args.scenario)
+    if args.fleet is not None:
+        from groundstation.fleet.plan import read_fleet
+
+        truth, told = _sorted(args.overrides, None)
+        world, fleet = _overridden(scenario.world, truth), read_fleet(args.fleet, told)
+        served = serve_fleet(world, fleet, seed=args.seed, duration_s=args.duration, autopilot=args.autopilot)
+        return asyncio.run(served)
     world, config = prepare(scenario, args.overrides, source=args.source, link=args.link)
     if args.floor:
         from sim.mission import from_floor

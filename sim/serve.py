@@ -4,6 +4,10 @@ import asyncio
 import contextlib
 from collections.abc import Mapping
 
+import msgspec
+
+from groundstation.config import ConfigError
+from groundstation.fleet.plan import Fleet
 from groundstation.poses import PoseConfig
 from groundstation.poses.json import JsonConfig
 from groundstation.poses.natnet import NatNetConfig
@@ -12,6 +16,7 @@ from groundstation.poses.vicon import ViconConfig
 from groundstation.poses.vision import VisionConfig
 from groundstation.settings import Config
 from links.mavlink import MavlinkLinkConfig
+from sim.fleet_stage import FleetStage
 from sim.pty_wire import PtyWire
 from sim.stage import Stage
 from sim.world import World
@@ -44,6 +49,34 @@ async def serve(
     touchdown = stage.plant.touchdown_m_s
     if touchdown is not None:
         print(f"touched down at {touchdown:.2f} m/s", flush=True)
+    return 0
+
+
+async def serve_fleet(
+    world: World, fleet: Fleet, *, seed: int, duration_s: float | None, autopilot: str = "px4"
+) -> int:
+    """Serve a vehicle like that of ``world`` for each of a fleet, below where its trajectory begins.
+
+    Raises:
+        ConfigError: the links are not MAVLink's.
+    """
+    labs, worlds = [member.lab for member in fleet.members], []
+    for member in fleet.members:
+        link, flight = member.lab.link, member.lab.flight
+        if not isinstance(link, MavlinkLinkConfig):
+            raise ConfigError("link.kind", "expected mavlink: of a fleet nothing else is simulated", member.name)
+        start = member.lab.trajectory.build().position_at(0.0)
+        if flight.start == "floor":
+            start, world = (start[0], start[1], flight.floor_z_m), msgspec.structs.replace(world, start_thrust=0.0)
+        worlds.append(msgspec.structs.replace(world, start_ned=start, floor_z_m=flight.floor_z_m))
+    stage = FleetStage(worlds, labs, seed, lambda _number, _time_s, _place: None, autopilot=autopilot)
+    ends = ", ".join(f"{member.name} to udp {getattr(member.lab.link, 'address', '')}" for member in fleet.members)
+    print(f"serving {autopilot} autopilots (MAVLink): {ends}; {_poses(labs[0].pose)}. Ctrl-C ends.", flush=True)
+    with contextlib.suppress(TimeoutError):
+        await asyncio.wait_for(stage.run(), duration_s)
+    for member, one in zip(fleet.members, stage.stages, strict=True):
+        if one.plant.touchdown_m_s is not None:
+            print(f"{member.name} touched down at {one.plant.touchdown_m_s:.2f} m/s", flush=True)
     return 0
 
 

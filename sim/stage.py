@@ -47,11 +47,12 @@ class Stage:
         autopilot: str = "px4",
         parameters: Mapping[str, float] | None = None,
         pty: PtyWire | None = None,
+        alone: bool = True,
     ) -> None:
         """Set up a vehicle that is held in the air; ``config`` tells the addresses and formats to speak.
 
         ``autopilot`` is one of ``AUTOPILOTS``; ``parameters`` differ from its usual ones. A radio link ends at ``pty``,
-        or else on the network in memory.
+        or else on the network in memory. Without ``alone``, cameras of its own are left out: others see it.
 
         Raises:
             KeyError: it has no such parameter.
@@ -100,7 +101,7 @@ class Stage:
             self.radio = RfPeer(RfReceiver(vehicle, radio, lose=lose), radio, world.command_delay_s)
             if pty is None:
                 self.wires, self._bridge = wires(config, radio, stream(seed, "nonces").bytes, self.port)
-        self.mocap = Mocap(world, self.plant, seed, *tracked) if tracked is not None else None
+        self.mocap = Mocap(world, self.plant, seed, *tracked) if tracked is not None and alone else None
 
     @property
     def autopilot(self) -> SimulatedAutopilot:

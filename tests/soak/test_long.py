@@ -8,9 +8,13 @@ import pytest
 from links.mavlink_codec import MavlinkCodec
 from sim.bench import Options, measured
 from sim.bench_allocation import grown
+from sim.commands import prepare
+from sim.fleet_real import fly_fleet_real
 from sim.fuzz import fuzz
 from sim.fuzz_links import LINKS
 from sim.fuzz_subjects import SOURCES
+from sim.mission import from_floor
+from sim.scenarios import SCENARIOS
 from sim.soak import GROWTH, soak
 from tests.flight.flights import flown
 from tests.mavlink_table import FRAMES
@@ -94,3 +98,18 @@ def test_frames_and_commands_keep_time_beside_the_least_that_this_machine_allows
     for rate, figures in facts["pose_to_command"].items():
         assert figures["p50_us"] < 1000.0
         assert facts["latency_ratios"][rate]["p99"] < 3.0
+
+
+def test_ten_vehicles_fly_in_real_time_and_each_command_leaves_in_time() -> None:
+    """On two cores that have nothing else to do, with poses at 50 Hz."""
+    world, config = from_floor(*prepare(SCENARIOS["paper"], ["link.pace=poses"]), 20.0)
+    mission = fly_fleet_real(world, config, 10, seed=0)
+    assert mission.landed, [one.why for one in mission.vehicles]
+    assert mission.nearest is not None
+    assert mission.nearest.distance_m > 2.5
+    for one in mission.vehicles:
+        assert one.ticks > 1000
+        assert one.tick_p99_ms is not None
+        assert one.tick_p99_ms < 5.0
+        assert one.rms_cm is not None
+        assert one.rms_cm < 1.0

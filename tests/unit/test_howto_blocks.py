@@ -7,6 +7,7 @@ from pathlib import Path
 import pytest
 
 from groundstation.config import load
+from groundstation.fleet.plan import read_fleet
 from groundstation.preflight import look
 from groundstation.settings import Config
 from groundstation.trajectories.course_csv import parsed
@@ -34,5 +35,7 @@ def test_the_course_that_is_shown_is_one() -> None:
 
 @pytest.mark.parametrize("example", sorted((ROOT / "examples").glob("*.toml")), ids=lambda path: path.name)
 def test_an_example_is_a_configuration_that_may_fly(example: Path) -> None:
-    if example.name != "vehicle.toml":  # that one is a part of another
+    if example.name == "fleet.toml":
+        assert all(look(member.lab).ok for member in read_fleet(example).members)
+    elif example.name != "vehicle.toml":  # that one is a part of another
         assert look(load(example, Config)).ok

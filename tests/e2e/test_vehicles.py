@@ -1,0 +1,133 @@
+"""Two vehicles as a user flies them: a core process each, and one that dies takes nothing with it."""
+
+import os
+import re
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+from typing import IO, Any
+
+import tomli_w
+
+from tests.e2e.stations import free_udp_port
+
+LAB: dict[str, Any] = {
+    "pose": {"kind": "vicon"},
+    "trajectory": {"kind": "hold", "position_ned": [0.0, 0.0, 0.5]},
+    "takeoff": {"height_m": 0.4, "hold_s": 1.0, "climb_m_s": 1.0, "spool_s": 0.3},
+    "flight": {"floor_z_m": 1.0, "descent_m_s": 1.0},
+}
+
+
+def fleet_file(folder: Path) -> Path:
+    pose = {**LAB["pose"], "listen": f"127.0.0.1:{free_udp_port()}"}
+    lab = {**LAB, "pose": pose, "recording": {"folder": str(folder / "flights")}}
+    (folder / "lab.toml").write_text(tomli_w.dumps(lab), "utf-8")
+    vehicles = [
+        {
+            "name": name,
+            "link": {"listen": f"127.0.0.1:{free_udp_port()}"},
+            "status": {"path": str(folder / f"{name}.sock")},
+            "trajectory": {"position_ned": [0.0, east, 0.5]},
+        }
+        for name, east in (("ant", 0.0), ("bee", 2.0))
+    ]
+    relay_port = 20000 + free_udp_port() % 10000
+    (folder / "fleet.toml").write_text(
+        tomli_w.dumps({"config": "lab.toml", "relay_port": relay_port, "vehicles": vehicles}), "utf-8"
+    )
+    return folder / "fleet.toml"
+
+
+def children_of(process: int) -> list[int]:
+    """The processes that it has started."""
+    return [int(child) for child in Path(f"/proc/{process}/task/{process}/children").read_text("utf-8").split()]
+
+
+def core_of(supervisor: int, name: str) -> int:
+    """The process that flies ``name``, by the file that it was given."""
+    for child in children_of(supervisor):
+        if f"/{name}.toml".encode() in Path(f"/proc/{child}/cmdline").read_bytes():
+            return child
+    raise AssertionError(f"{name} has no core")
+
+
+def until(log: Path, pattern: str, within_s: float = 40.0) -> None:
+    limit = time.monotonic() + within_s
+    while not re.search(pattern, log.read_text("utf-8")):
+        assert time.monotonic() < limit, log.read_text("utf-8")
+        time.sleep(0.05)
+
+
+def test_a_core_that_is_killed_takes_nothing_with_it_and_a_signal_lands_the_other(tmp_path: Path) -> None:
+    file, log = fleet_file(tmp_path), tmp_path / "log"
+    with (tmp_path / "served").open("w") as served, log.open("w") as said:
+        server = started("sim", "serve", "--fleet", str(file), "--duration", "110", into=served)
+        station = started("groundstation", "fleet", str(file), "--arm", "ant", "--arm", "bee", into=said)
+        try:
+            for name in ("ant", "bee"):
+                until(log, rf"{name} +\| .* tracking: ")
+            os.kill(core_of(station.pid, "ant"), signal.SIGKILL)
+            until(log, r"ant: WARNING: its core has died \(SIGKILL\)")
+            time.sleep(1.0)  # the other flies on meanwhile
+            assert not re.search(r"bee +\| .* (landing|descent|aborted): ", log.read_text("utf-8"))
+            station.send_signal(signal.SIGTERM)
+            until(log, "SIGTERM: passed on to bee\n")
+            until(log, r"bee +\| .* landed: landed and disarmed")
+            assert station.wait(20) == 1  # one of them has died
+            text = log.read_text("utf-8")
+            assert "bee: its core has ended (0)" in text
+            assert re.search(r"relay \| relay: \d+ datagrams handed on to 2 cores", text)
+            assert "relay has ended" not in text
+            assert not (tmp_path / "bee.sock").exists()
+        finally:
+            for process in (station, server):
+                process.terminate()
+                process.wait(20)
+
+
+def test_cores_and_relay_end_with_a_supervisor_that_is_killed(tmp_path: Path) -> None:
+    """In the air each lands by the same signal: it is that of a terminal that closes."""
+    file, log = fleet_file(tmp_path), tmp_path / "log"
+    with (tmp_path / "served").open("w") as served, log.open("w") as said:
+        server = started("sim", "serve", "--fleet", str(file), "--duration", "60", into=served)
+        station = started("groundstation", "fleet", str(file), into=said)
+        try:
+            for name in ("ant", "bee"):
+                until(log, rf"{name} +\| .* ready, and staying on the ground")
+            children = children_of(station.pid)
+            assert len(children) == 3
+            station.kill()
+            station.wait(5)
+            limit = time.monotonic() + 15.0
+            while left := [child for child in children if Path(f"/proc/{child}").exists()]:
+                assert time.monotonic() < limit, f"{left} outlive their supervisor"
+                time.sleep(0.1)
+        finally:
+            for process in (station, server):
+                process.terminate()
+                process.wait(20)
+    assert not list(tmp_path.glob("*.sock"))
+
+
+def test_a_bad_fleet_file_stops_before_anything_is_started(tmp_path: Path) -> None:
+    file = fleet_file(tmp_path)
+    file.write_text(file.read_text("utf-8").replace('name = "bee"', 'name = "ant"'), "utf-8")
+    for words, says in (
+        ([str(file)], "vehicle ant: name: 'ant' is ant's already"),
+        ([str(tmp_path / "lab.toml")], "lab.toml: "),
+    ):
+        found = subprocess.run(
+            [sys.executable, "-m", "groundstation", "fleet", *words],
+            capture_output=True, text=True, check=False, timeout=30,
+        )  # fmt: skip
+        assert found.returncode == 2
+        assert says in found.stderr
+
+
+def started(program: str, *words: str, into: IO[str]) -> "subprocess.Popen[str]":
+    return subprocess.Popen(
+        [sys.executable, "-m", program, *words], stdin=subprocess.DEVNULL, stdout=into, stderr=into, text=True
+    )

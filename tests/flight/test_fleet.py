@@ -1,0 +1,200 @@
+"""Several vehicles in one room: side by side, made to meet, hidden from the cameras, and without their relay."""
+
+import asyncio
+import json
+from collections.abc import Callable
+
+import msgspec
+import pytest
+
+from groundstation.config import ConfigError
+from groundstation.fleet.plan import Fleet, Member
+from groundstation.flight import Flight
+from groundstation.mission import State
+from groundstation.requests import Ask, Request
+from groundstation.settings import Config
+from groundstation.trajectories.hold import HoldConfig
+from sim.__main__ import parser
+from sim.commands import mission as mission_command
+from sim.commands import prepare
+from sim.fleet_mission import Change, FleetMission, FleetScript, fly_fleet
+from sim.fleet_stage import FleetStage
+from sim.fleet_truth import Flown
+from sim.mission import from_floor
+from sim.scenarios import SCENARIOS
+from sim.virtual_time import VirtualTimeLoop
+from sim.world import World
+
+SHORT = ("takeoff.height_m=0.8", "takeoff.hold_s=1.0", "takeoff.climb_m_s=1.0")
+HOLD = (*SHORT, "trajectory.kind=hold", "trajectory.position_ned=[0.8, -0.8, 0.2]")
+
+
+def flown(
+    count: int,
+    *overrides: str,
+    figure_s: float = 2.0,
+    source: str = "vicon",
+    script: FleetScript | None = None,
+    change: Change | None = None,
+    said: list[str] | None = None,
+) -> FleetMission:
+    world, config = prepare(SCENARIOS["paper"], list(overrides), source=source)
+    world, config = from_floor(world, config, figure_s)
+    hear = None if said is None else lambda name, line: said.append(f"{name} {line}")
+    return fly_fleet(world, config, count, seed=0, script=script, change=change, on_event=hear)
+
+
+def cores(change: Callable[[str, Config], Config]) -> Change:
+    """Alter what each core is told, by its vehicle's name."""
+
+    def changed(worlds: list[World], fleet: Fleet) -> tuple[list[World], Fleet]:
+        members = tuple(Member(one.name, one.lab, change(one.name, one.core)) for one in fleet.members)
+        return worlds, fleet._replace(members=members)
+
+    return changed
+
+
+def towards_the_first(name: str, config: Config) -> Config:
+    """The second vehicle is told to hold where the first one does."""
+    if name != "quad2":
+        return config
+    return msgspec.structs.replace(config, trajectory=HoldConfig(position_ned=(0.8, -0.8, 0.2)))
+
+
+async def land_all(flights: dict[str, Flight], after_s: float) -> None:
+    await asyncio.sleep(after_s)
+    for flight in flights.values():
+        flight.ask(Request(Ask.LAND, "the test"))
+
+
+def reasons(one: Flown, state: State) -> str:
+    return "; ".join(entered.reason for entered in one.states if entered.state == state)
+
+
+def test_three_vehicles_fly_side_by_side_and_keep_apart() -> None:
+    mission = flown(3, *SHORT)
+    assert mission.landed, [one.why for one in mission.vehicles]
+    assert mission.nearest is not None
+    assert mission.nearest.distance_m > 2.5
+    assert all(one.touchdown_m_s is not None and one.touchdown_m_s <= 0.5 for one in mission.vehicles)
+    assert all(one.home_m < 0.1 for one in mission.vehicles)
+
+
+@pytest.mark.parametrize("source", ["natnet", "qualisys", "json"])
+def test_every_source_that_shows_several_bodies_serves_a_fleet(source: str) -> None:
+    mission = flown(2, *HOLD, source=source, figure_s=0.5)
+    assert mission.landed, [one.why for one in mission.vehicles]
+
+
+def test_two_that_are_told_to_be_at_the_same_place_stop_before_they_meet() -> None:
+    async def script(flights: dict[str, Flight], _: FleetStage) -> None:
+        await land_all(flights, 30.0)
+
+    mission = flown(2, *HOLD, figure_s=40.0, script=script, change=cores(towards_the_first))
+    first, second = mission.vehicles
+    assert mission.nearest is not None
+    assert 0.6 <= mission.nearest.distance_m < 0.9
+    for one, other in ((first, "quad2"), (second, "quad1")):
+        assert f"from {other} and nearing: braking" in reasons(one, State.HOLD)
+        assert reasons(one, State.DESCENT) == ""
+        assert one.states[-1].state == State.LANDED
+        assert one.touchdown_m_s is not None
+        assert one.touchdown_m_s <= 0.5
+
+
+def test_from_one_that_looks_at_nobody_the_other_lands() -> None:
+    def change(name: str, config: Config) -> Config:
+        config = towards_the_first(name, config)
+        if name == "quad1":
+            return config
+        return msgspec.structs.replace(config, separation=msgspec.structs.replace(config.separation, others=()))
+
+    async def script(flights: dict[str, Flight], _: FleetStage) -> None:
+        await land_all({"quad2": flights["quad2"]}, 20.0)
+
+    mission = flown(2, *HOLD, figure_s=40.0, script=script, change=cores(change))
+    first = mission.vehicles[0]
+    assert "from quad2 and nearing: braking" in reasons(first, State.HOLD)
+    assert "from quad2, limit 0.6 m" in reasons(first, State.LANDING)
+    assert reasons(first, State.DESCENT) == ""
+    assert first.touchdown_m_s is not None
+    assert first.touchdown_m_s <= 0.5
+    assert mission.nearest is not None
+    assert mission.nearest.distance_m > 0.3
+
+
+def test_one_that_the_cameras_lose_descends_and_the_others_hold() -> None:
+    said: list[str] = []
+
+    async def script(flights: dict[str, Flight], stage: FleetStage) -> None:
+        while any(flight.state is not State.TRACKING for flight in flights.values()):
+            await asyncio.sleep(0.1)
+        stage.mocap.hidden.add("quad3")
+        await land_all(flights, 5.0)
+
+    mission = flown(3, *HOLD, figure_s=30.0, script=script, said=said)
+    *others, hidden = mission.vehicles
+    assert "no pose for" in reasons(hidden, State.DESCENT)
+    for one in others:
+        assert "the cameras have not seen quad3" in reasons(one, State.HOLD)
+        assert one.states[-1].state == State.LANDED
+        warnings = [line for line in said if line.startswith(one.name) and "warning: the cameras" in line]
+        assert len(warnings) == 1
+
+
+def test_without_the_relay_every_core_brings_its_own_vehicle_down() -> None:
+    async def script(flights: dict[str, Flight], _: FleetStage) -> None:
+        while any(flight.state is not State.TRACKING for flight in flights.values()):
+            await asyncio.sleep(0.1)
+        loop = asyncio.get_running_loop()
+        assert isinstance(loop, VirtualTimeLoop)
+        loop.endpoints["127.0.0.1", 51001].close()
+
+    mission = flown(2, *HOLD, figure_s=30.0, script=script)
+    for one in mission.vehicles:
+        assert "no pose for" in reasons(one, State.DESCENT)
+        assert one.states[-1].state == State.ABORTED
+        assert one.touchdown_m_s is not None
+        assert one.touchdown_m_s < 2.0
+
+
+def test_who_stands_too_near_to_another_does_not_take_off() -> None:
+    def change(worlds: list[World], fleet: Fleet) -> tuple[list[World], Fleet]:
+        north, east, down = worlds[0].start_ned
+        return [worlds[0], msgspec.structs.replace(worlds[1], start_ned=(north + 0.5, east, down))], fleet
+
+    mission = flown(2, *HOLD, change=change)
+    for one in mission.vehicles:
+        assert "it stands 0.50 m from quad" in one.why
+        assert one.states[-1].state == State.ABORTED
+        assert one.touchdown_m_s is None
+
+
+def test_the_command_tells_separation_and_each_flight_as_json(capsys: pytest.CaptureFixture[str]) -> None:
+    words = [word for override in HOLD for word in ("--set", override)]
+    args = parser().parse_args(["mission", "--vehicles", "2", "--duration", "0.5", "--json", *words])
+    assert mission_command(args) == 0
+    facts = json.loads(capsys.readouterr().out)
+    assert facts["landed"] is True
+    assert facts["min_separation_m"] == pytest.approx(3.0, abs=0.1)
+    assert facts["tick_p99_ms"] is None  # in virtual time nothing takes any
+    assert [one["name"] for one in facts["vehicles"]] == ["quad1", "quad2"]
+    for one in facts["vehicles"]:
+        assert one["touchdown_m_s"] <= 0.5
+        assert [entered["state"] for entered in one["states"]][-1] == "landed"
+        assert all(entered["reason"] for entered in one["states"])
+
+
+@pytest.mark.parametrize(
+    ("words", "says"),
+    [
+        (["--vehicles", "14"], "--vehicles"),
+        (["--vehicles", "2", "--link", "dsm"], "--link"),
+        (["--vehicles", "2", "--source", "vision"], "must see the others"),
+        (["--vehicles", "2", "--set", "trajectory.kind=transit", "--set", "trajectory.to_ned=[1, 1, 0]"], "trajectory"),
+    ],
+)
+def test_a_fleet_that_can_not_be_simulated_says_why(words: list[str], says: str) -> None:
+    with pytest.raises(ConfigError) as refused:
+        mission_command(parser().parse_args(["mission", *words]))
+    assert says in str(refused.value)

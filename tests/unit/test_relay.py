@@ -1,0 +1,131 @@
+"""The relay: every datagram to every core, bytes unchanged; a core that is gone harms nobody."""
+
+import asyncio
+from typing import Any
+
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from groundstation.fleet.relay import Relay
+from groundstation.poses.multicast import send_by
+from groundstation.poses.port import SourceError
+from tests.loops import Run, free_address, in_real_time, in_virtual_time
+
+
+class Ear(asyncio.DatagramProtocol):
+    """A core that only listens."""
+
+    def __init__(self) -> None:
+        self.heard: list[bytes] = []
+        self.transport: Any = None
+
+    def datagram_received(self, data: bytes, addr: Any) -> None:
+        self.heard.append(data)
+
+
+async def ears(addresses: list[str]) -> list[Ear]:
+    found = []
+    for address in addresses:
+        host, port = address.split(":")
+        transport, ear = await asyncio.get_running_loop().create_datagram_endpoint(Ear, local_addr=(host, int(port)))
+        ear.transport = transport
+        found.append(ear)
+    return found
+
+
+async def handed_on(sent: list[bytes], *, gone: bool) -> tuple[list[Ear], Relay]:
+    """What three cores hear of ``sent``, the second of which may not be there."""
+    targets = [await free_address() for _ in range(3)]
+    listen = await free_address()
+    relay = Relay(listen, targets)
+    await relay.open()
+    listening = await ears([targets[0], targets[2]] if gone else targets)
+    host, port = listen.split(":")
+    sender, _ = await asyncio.get_running_loop().create_datagram_endpoint(
+        asyncio.DatagramProtocol, remote_addr=(host, int(port))
+    )
+    for data in sent:
+        sender.sendto(data)
+        await asyncio.sleep(0.002)
+    await asyncio.sleep(0.05)
+    relay.close()
+    sender.sendto(b"late")
+    await asyncio.sleep(0.01)
+    for transport in (sender, *(ear.transport for ear in listening)):
+        transport.close()
+    await asyncio.sleep(0)
+    return listening, relay
+
+
+@settings(max_examples=30)
+@given(st.lists(st.binary(min_size=1, max_size=2000), max_size=10))
+def test_bytes_reach_every_core_unchanged_and_in_order(sent: list[bytes]) -> None:
+    listening, relay = in_virtual_time(handed_on(sent, gone=False))
+    assert [ear.heard for ear in listening] == [sent] * 3
+    assert relay.received == len(sent)
+    assert not relay.dropped
+
+
+@pytest.mark.parametrize("run", [in_virtual_time, in_real_time])
+def test_a_core_that_is_gone_takes_nothing_from_the_others(run: Run[Any]) -> None:
+    sent = [bytes([number]) * (number + 1) for number in range(50)]
+    listening, relay = run(handed_on(sent, gone=True))
+    assert [ear.heard for ear in listening] == [sent] * 2
+    assert f"relay: {len(sent)} datagrams handed on to 3 cores" in relay.summary()
+
+
+def test_a_copy_that_can_not_leave_is_dropped_and_counted() -> None:
+    async def main() -> Relay:
+        relay = Relay("127.0.0.1:51001", ["127.0.0.1:51101"])
+        await relay.open()
+        relay.datagram_received(b"x" * 70000, None)  # longer than any datagram
+        relay.close()
+        relay.datagram_received(b"late", None)
+        return relay
+
+    relay = in_real_time(main())
+    assert relay.dropped == {"undeliverable": 1}
+    assert relay.received == 1
+    assert "dropped: 1 undeliverable" in relay.summary()
+
+
+@pytest.mark.parametrize("run", [in_virtual_time, in_real_time])
+def test_a_group_is_joined(run: Run[Any]) -> None:
+    async def main() -> list[bytes]:
+        target, port = await free_address(), int((await free_address()).split(":")[1])
+        relay = Relay(f"127.0.0.1:{port}", [target], group="239.255.42.98")
+        await relay.open()
+        (ear,) = await ears([target])
+        sender, _ = await asyncio.get_running_loop().create_datagram_endpoint(
+            asyncio.DatagramProtocol, local_addr=("127.0.0.1", 0)
+        )
+        send_by(sender, "127.0.0.1")
+        sender.sendto(b"frame", ("239.255.42.98", port))
+        await asyncio.sleep(0.05)
+        for transport in (sender, ear.transport):
+            transport.close()
+        relay.close()
+        await asyncio.sleep(0)
+        return ear.heard
+
+    assert run(main()) == [b"frame"]
+
+
+def test_a_port_that_is_taken_is_named() -> None:
+    async def main() -> None:
+        address = await free_address()
+        (ear,) = await ears([address])
+        try:
+            with pytest.raises(SourceError, match=f"cannot listen for poses to hand on on {address}"):
+                await Relay(address, ["127.0.0.1:51101"]).open()
+        finally:
+            ear.transport.close()
+            await asyncio.sleep(0)
+
+    in_real_time(main())
+
+
+def test_an_address_that_is_none_is_refused_before_anything_is_opened() -> None:
+    with pytest.raises(ValueError, match="not an address"):
+        Relay("127.0.0.1:51001", ["51101"])
