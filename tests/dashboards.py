@@ -93,8 +93,10 @@ def standing(**more: Any) -> Snapshot:
 class Stage:
     """A served flight that is made up, and whoever is asked in its place."""
 
-    def __init__(self, path: Path) -> None:
+    def __init__(self, path: Path, *, beats: bool = False) -> None:
+        """``beats``: its newest snapshot is served again and again, as if it were new."""
         self.path = path
+        self.beats = beats
         self.latest: Latest[Snapshot] = Latest()
         self.core = Sampled()
 
@@ -108,12 +110,19 @@ class Stage:
         """It is served."""
         config = StatusConfig(path=str(self.path), rate_hz=50.0)
         server = Server(config, "mqx", self.latest, self.core, config_text=dump(Config()))
-        task = asyncio.create_task(server.serve())
+        tasks = [asyncio.create_task(server.serve()), asyncio.create_task(self._beat())]
         try:
             yield server
         finally:
-            task.cancel()
-            await asyncio.gather(task, return_exceptions=True)
+            for task in tasks:
+                task.cancel()
+            await asyncio.gather(*tasks, return_exceptions=True)
+
+    async def _beat(self) -> None:
+        while True:
+            await asyncio.sleep(0.2)
+            if self.beats and self.latest.newest is not None:
+                self.latest.put(self.latest.newest[1])
 
 
 def play(scene: Scene, feed: Feed | Path, size: tuple[int, int] = (80, 24), **options: Any) -> None:

@@ -66,7 +66,8 @@ async def serving(vehicle: str | None, services: Path = SERVICES) -> list[Path]:
 
 
 def _sockets(name: str, services: Path) -> list[Path]:
-    return [path for path in (*directory().glob(f"{name}.sock"), *services.glob(f"*/{name}.sock")) if path.is_socket()]
+    found = (*sorted(directory().glob(f"{name}.sock")), *sorted(services.glob(f"*/{name}.sock")))
+    return [path for path in found if path.is_socket()]
 
 
 async def _is_served(path: Path) -> bool:

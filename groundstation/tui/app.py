@@ -164,7 +164,9 @@ class Dashboard(App[None]):
         if not self._orders:
             return
         order = BY_ASK[Ask(ask)]
-        if order.ask is Ask.KILL and not self._twice.press(asyncio.get_running_loop().time()):
+        if not order.always and self._silence_s > SILENCE_S:
+            self._say(Answer(done=False, says="what is shown is old: nothing is ordered by it"))
+        elif order.ask is Ask.KILL and not self._twice.press(asyncio.get_running_loop().time()):
             self.draw()
         elif order.always or order.ask in (Ask.HOLD, Ask.RETURN):
             self._ask(order.ask)
@@ -176,8 +178,6 @@ class Dashboard(App[None]):
         newest = self.picture.newest
         if newest is None:
             self._say(Answer(done=False, says="there is no vehicle to see"))
-        elif self._silence_s > SILENCE_S:
-            self._say(Answer(done=False, says="what is shown is old: nothing is ordered by it"))
         elif not self.picture.holder.yours:
             self._say(Answer(done=False, says="take control first: key c"))
         elif not possible(order, newest.state):

@@ -2,6 +2,7 @@
 
 import argparse
 import asyncio
+import os
 import shlex
 import subprocess
 import sys
@@ -20,6 +21,8 @@ from groundstation.tui.screenshot import shoot
 from groundstation.tui.tape import Tape
 
 _ENDED = frozenset(state.value for state in FINAL)
+NICE = 5
+"""By so much the dashboard stands behind what flies (nice(2)): a key still gets through on a machine that is busy."""
 END_S = 20.0
 """How long a ground station on the ground may take to end [s]."""
 
@@ -30,7 +33,7 @@ def tui_command(args: argparse.Namespace) -> int:
         return _recorded(args.log, args.theme, args.at, args.screenshot, args.size)
     if args.screenshot is not None or args.at is not None:
         raise ConfigError("--screenshot, --at", "need a recording, LOG.mcap")
-    path = args.socket or _socket(args.vehicle)
+    path = args.socket or served_socket(args.vehicle)
     which = _which(args.socket)
     dashboard = Dashboard(Attached(path), read_only=args.read_only, which=which)
     return _run(dashboard, args.theme)
@@ -82,6 +85,7 @@ def _which(socket: Path | None) -> str | None:
 
 
 def _run(dashboard: Dashboard, theme: str) -> int:
+    os.nice(NICE)  # what flies comes first, where both want the same processor
     dashboard.theme = theme
     dashboard.run()
     return dashboard.return_code or 0
@@ -113,7 +117,7 @@ def _size(text: str) -> tuple[int, int]:
     return int(columns), int(rows)
 
 
-def _socket(vehicle: str | None) -> Path:
+def served_socket(vehicle: str | None) -> Path:
     """Where the ground station that is meant serves; the operator chooses among several."""
     served = asyncio.run(serving(vehicle))
     if len(served) == 1:

@@ -2,6 +2,8 @@
 
 import asyncio
 import contextlib
+import io
+import socket
 import subprocess
 import sys
 import time
@@ -12,7 +14,9 @@ import msgspec
 import pytest
 from textual.pilot import Pilot
 
+from groundstation.config import ConfigError
 from groundstation.tui.bars import Banner
+from groundstation.tui.command import served_socket
 from groundstation.tui.letters import big
 from groundstation.tui.panels import ErrorHistory, Events, InTime, Numbers, Preflight, TopView
 from tests.dashboards import Fixed, Stage, flown, on_ground, play, says, standing, text, until
@@ -164,6 +168,42 @@ def test_the_palette_changes_page_and_colours() -> None:
         assert pilot.app.theme == "light"
 
     play(scene, Fixed(on_ground()))
+
+
+def test_without_a_name_it_is_the_only_one_that_runs_or_the_operator_is_asked(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setenv("XDG_RUNTIME_DIR", str(tmp_path))
+    monkeypatch.delenv("RUNTIME_DIRECTORY", raising=False)
+    monkeypatch.setattr("sys.stdin", io.StringIO())
+    folder = tmp_path / "groundstation"
+    folder.mkdir(mode=0o700)
+    with pytest.raises(ConfigError, match="no ground station runs here: `groundstation fly CONFIG --tui` starts one"):
+        served_socket(None)
+    assert served_socket("mqx") == folder / "mqx.sock"  # it may come up yet
+    with listening(folder / "mqx.sock"):
+        assert served_socket(None) == folder / "mqx.sock"
+        with listening(folder / "two.sock"):
+            with pytest.raises(ConfigError, match="more than one could be meant"):
+                served_socket(None)
+            assert served_socket("two") == folder / "two.sock"
+            monkeypatch.setattr("sys.stdin.isatty", lambda: True)
+            for typed, wanted in (("2", "two.sock"), ("1", "mqx.sock")):
+                monkeypatch.setattr("builtins.input", lambda _, typed=typed: typed)
+                assert served_socket(None) == folder / wanted
+            monkeypatch.setattr("builtins.input", lambda _: "3")
+            with pytest.raises(ConfigError, match="expected a number from 1 to 2"):
+                served_socket(None)
+    assert "2  two" in capsys.readouterr().out
+
+
+@contextlib.contextmanager
+def listening(path: Path) -> Iterator[None]:
+    with socket.socket(socket.AF_UNIX) as server:
+        server.bind(str(path))
+        server.listen()
+        yield
+    path.unlink()
 
 
 class Terminal:

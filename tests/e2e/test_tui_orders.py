@@ -45,7 +45,7 @@ async def in_control(pilot: Pilot[None]) -> None:
 
 @pytest.fixture
 def stage(tmp_path: Path) -> Stage:
-    stage = Stage(tmp_path / "mqx.sock")
+    stage = Stage(tmp_path / "mqx.sock", beats=True)
     stage.latest.put(sample(10.0))
     return stage
 
@@ -264,7 +264,25 @@ def test_what_is_ordered_while_nobody_is_there_is_not_ordered_later(stage: Stage
     play(scene, stage.path)
 
 
-def test_a_ground_station_that_does_not_answer_is_told(tmp_path: Path) -> None:
+def test_what_starts_or_steers_is_not_ordered_by_what_is_old(stage: Stage) -> None:
+    """A core that hangs would find it in its socket later."""
+    stage.latest.put(standing())
+
+    async def scene(pilot: Pilot[None]) -> None:
+        async with stage.up():
+            await in_control(pilot)
+            await until(pilot, lambda: says(pilot, "ready"))
+            stage.beats = False
+            await until(pilot, lambda: says(pilot, "NO DATA"))
+            await pilot.press("a", "h", "r", "t")
+            await until(pilot, lambda: told(pilot, "what is shown is old"))
+            assert not isinstance(pilot.app.screen, Typed)
+            assert stage.asked == []
+
+    play(scene, stage.path)
+
+
+def test_a_ground_station_that_is_not_there_is_told(tmp_path: Path) -> None:
     async def deaf() -> Answer:
         feed = Attached(tmp_path / "nobody.sock")
         return await feed.ask(Ask.LAND, "")
