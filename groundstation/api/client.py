@@ -106,8 +106,18 @@ class Client(asyncio.Protocol):
         if self._transport is None or self._over:
             raise ApiError(f"{self._path}: {self._trouble or 'the connection is lost'}")
         number, self._next_id = self._next_id, self._next_id + 1
-        order = Order(id=number, ask=ask, control=control, gains=gains, why=why[:200], vehicle=vehicle, name=self._name)
-        future: asyncio.Future[Answer] = asyncio.get_running_loop().create_future()
+        loop = asyncio.get_running_loop()
+        order = Order(
+            id=number,
+            ask=ask,
+            control=control,
+            gains=gains,
+            why=why[:200],
+            vehicle=vehicle,
+            name=self._name,
+            until_s=loop.time() + ANSWER_S,  # nobody waits for its answer any more
+        )
+        future: asyncio.Future[Answer] = loop.create_future()
         self._answers[number] = future
         self._transport.write(encode_order(order))
         try:

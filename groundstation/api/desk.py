@@ -68,14 +68,16 @@ class Desk:
         """Whether anybody holds control."""
         return self._holder is not None
 
-    def take(self, order: Order, party: Party) -> Answer:
-        """Do what ``order`` says, or say why not."""
+    def take(self, order: Order, party: Party, now_s: float) -> Answer:
+        """Do what ``order`` says, or say why not; ``now_s`` is on this machine's monotonic clock [s]."""
         if order.name:
             party.introduce(order.name)
         if order.control is not None:
             reply = self._take_control(party) if order.control == "take" else self._give_control(party)
         elif order.ask is not None and order.ask in ANYONE:
             reply = self._ask(order, party)
+        elif order.until_s is not None and now_s > order.until_s:
+            reply = Reply(False, f"it came {now_s - order.until_s:.1f} s too late: nothing was done; order it again")
         elif self._holder is not party:
             reply = Reply(False, f"needs control, which {self._who()} holds: take it first")
         elif order.ask is None:

@@ -13,7 +13,7 @@ From a client, an :class:`Order`; its ids grow, so that a line that is played ag
     {"id": 7, "ask": "land", "why": "too windy"}             land, descend, abort, kill: anyone attached
     {"id": 8, "control": "take", "name": "tui"}              or "give"
     {"id": 9, "ask": "hold"}                                 arm, hold, track, return: needs control
-    {"id": 10, "ask": "arm", "vehicle": "mqx"}               names the vehicle, as --arm does
+    {"id": 10, "ask": "arm", "vehicle": "mqx", "until_s": 8123.4}    names the vehicle, as --arm does; late, it is none
     {"id": 11, "set": {"controller.k1": 3.2}}                needs control
 
 A number that is not finite is ``null``. Keys may be added to what a client hears: it ignores those it does not know.
@@ -55,6 +55,9 @@ class Order(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True, forbi
     """Which vehicle shall be armed."""
     name: Annotated[str, msgspec.Meta(max_length=32)] = ""
     """What the client calls itself; remembered from then on."""
+    until_s: float | None = None
+    """When it is too late for what starts or steers, on this machine's monotonic clock [s]; what brings the vehicle
+    down is done at any time."""
 
     def __post_init__(self) -> None:
         """Check what the fields alone can't.

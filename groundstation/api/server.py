@@ -136,7 +136,7 @@ class Server:
         if client.party.replays(order):
             return self._refuse(client, "replayed", f"id {order.id} is not greater than those before it")
         before = self.desk.control(client.party)
-        client.write(encode(self.desk.take(order, client.party)))
+        client.write(encode(self.desk.take(order, client.party, asyncio.get_running_loop().time())))
         if self.desk.control(client.party) != before:
             self._tell_control()
         return None

@@ -152,7 +152,7 @@ def test_who_holds_control_at_the_station_is_not_overruled_but_for_bringing_down
     async def scene() -> None:
         secret, operator = read_key(key), lab.address("operator")
         async with station.serving(config_of(lab, key)):
-            station.desk.take(Order(id=1, control="take", name="tui"), party)
+            station.desk.take(Order(id=1, control="take", name="tui"), party, 0.0)
             answers = [await asked(operator, "mqx", "tablet", secret, ask) for ask in ("track", "return")]
             assert [answer.done for answer in answers] == [False, False]
             assert "tui 4321 holds control" in answers[0].says

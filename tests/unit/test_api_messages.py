@@ -82,12 +82,12 @@ def test_what_lifts_or_moves_the_vehicle_is_asked_by_the_one_holder_alone(moves:
             desk.leave(party)
             holder = None if holder is party else holder
         elif what in ("take", "give"):
-            done = desk.take(Order(id=number, control="take" if what == "take" else "give"), party).done
+            done = desk.take(Order(id=number, control="take" if what == "take" else "give"), party, 0.0).done
             assert done == (holder in (None, party) if what == "take" else holder is party)
             if done:
                 holder = party if what == "take" else None
         else:
-            desk.take(Order(id=number, ask=Ask(what), vehicle="mqx"), party)
+            desk.take(Order(id=number, ask=Ask(what), vehicle="mqx"), party, 0.0)
             free = what in ("land", "descend", "abort", "kill")
             assert (len(core.asked) == asked + 1) == (free or holder is party)
         assert [desk.control(one).yours for one in parties] == [one is holder for one in parties]
@@ -97,6 +97,18 @@ def test_words_of_a_client_stay_on_one_line_and_move_no_cursor() -> None:
     core = Sampled()
     party = Party(7)
     order = Order(id=1, ask=Ask.LAND, why="fire\n12.3 landed\x1b[2J", name="t\x1bui\n")
-    Desk("mqx", core).take(order, party)
+    Desk("mqx", core).take(order, party, 0.0)
     assert core.asked[0].why == "fire 12.3 landed [2J (t ui 7)"
     assert printable("ü🚁 z1") == "ü🚁 z1"
+
+
+@pytest.mark.parametrize("ask", list(Ask))
+def test_what_starts_or_steers_is_refused_late_and_what_brings_down_never(ask: Ask) -> None:
+    core, party = Sampled(), Party(7)
+    desk = Desk("mqx", core)
+    desk.take(Order(id=1, control="take"), party, 0.0)
+    late = desk.take(Order(id=2, ask=ask, vehicle="mqx", until_s=10.0), party, 12.5)
+    down = ask in (Ask.LAND, Ask.DESCEND, Ask.ABORT, Ask.KILL)
+    assert (late.done, len(core.asked)) == (down, int(down))
+    assert down or "2.5 s too late" in late.says
+    assert desk.take(Order(id=3, ask=ask, vehicle="mqx", until_s=10.0), party, 9.9).done

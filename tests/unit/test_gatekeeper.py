@@ -221,7 +221,7 @@ def test_the_desk_takes_from_afar_all_but_to_arm_and_what_a_local_client_has_con
     station = ControlDesk("mqx", core)
     assert (station.from_afar(Request(ask, "by MQTT")).says.startswith("nobody arms")) == (ask is Ask.ARM)
     assert core.asked == ([] if ask is Ask.ARM else [Request(ask, "by MQTT")])
-    station.take(Order(id=1, control="take"), Party(7))
+    station.take(Order(id=1, control="take"), Party(7), 0.0)
     core.asked.clear()
     station.from_afar(Request(ask, "by MQTT"))
     assert core.asked == ([Request(ask, "by MQTT")] if ask in ANYONE else [])
