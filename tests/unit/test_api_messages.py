@@ -111,4 +111,5 @@ def test_what_starts_or_steers_is_refused_late_and_what_brings_down_never(ask: A
     down = ask in (Ask.LAND, Ask.DESCEND, Ask.ABORT, Ask.KILL)
     assert (late.done, len(core.asked)) == (down, int(down))
     assert down or "2.5 s too late" in late.says
-    assert desk.take(Order(id=3, ask=ask, vehicle="mqx", until_s=10.0), party, 9.9).done
+    desk.take(Order(id=3, ask=ask, vehicle="mqx", until_s=10.0), party, 9.9)
+    assert len(core.asked) == 1 + int(down)
