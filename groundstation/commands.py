@@ -34,7 +34,7 @@ def fly(args: argparse.Namespace) -> int:
         raise ConfigError("--arm", f"without a terminal, arming needs --arm {config.vehicle.name}")
     from groundstation.service.command import fly_command
 
-    return fly_command(config, _ask(config, args.arm), _say)
+    return fly_command(config, _ask(config, args.arm), _unwaited())
 
 
 def daemon(args: argparse.Namespace) -> int:
@@ -84,7 +84,7 @@ def fleet(args: argparse.Namespace) -> int:
             _flyable(member.lab)
         except ConfigError as error:
             raise ConfigError(error.key, error.problem, f"{args.fleet}: vehicle {member.name}") from None
-    return asyncio.run(Supervisor(found, list(dict.fromkeys(args.arm)), _say).run())
+    return asyncio.run(Supervisor(found, list(dict.fromkeys(args.arm)), _unwaited()).run())
 
 
 def relay(args: argparse.Namespace) -> int:
@@ -97,7 +97,7 @@ def relay(args: argparse.Namespace) -> int:
     except ValueError as error:
         raise ConfigError("relay", str(error)) from None
     try:
-        asyncio.run(run_relay(made, _say, until_eof=args.until_eof))
+        asyncio.run(run_relay(made, _unwaited(), until_eof=args.until_eof))
     except SourceError as error:
         print(f"groundstation: {error}", file=sys.stderr)
         return EXIT_ABORTED
@@ -108,14 +108,14 @@ def radio(args: argparse.Namespace) -> int:
     """Have an RF module bind or check its range, or show it disarmed frames."""
     from groundstation.radio import serve
 
-    return EXIT_DONE if serve(args, _say) else EXIT_ABORTED
+    return EXIT_DONE if serve(args, _unwaited()) else EXIT_ABORTED
 
 
 def rf_bridge(args: argparse.Namespace) -> int:
     """Pace the commands of another computer out by an RF module; or make the key that both share."""
     from groundstation.radio import bridge
 
-    return EXIT_DONE if bridge(args, _say) else EXIT_ABORTED
+    return EXIT_DONE if bridge(args, _unwaited()) else EXIT_ABORTED
 
 
 def tui(args: argparse.Namespace) -> int:
@@ -311,11 +311,18 @@ def _flyable(config: Config) -> Config:
 
 
 def _say(line: str) -> None:
-    """Tell the operator; a terminal that is gone must not end a flight, nor spoil the exit code."""
+    """Tell the operator; a terminal that is gone must not spoil the exit code."""
     try:
         print(line, flush=True)
     except OSError:
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+
+
+def _unwaited() -> Callable[[str], None]:
+    """Tell the operator in flight: a terminal that stands still (Ctrl-S) or is gone must not hold up a command."""
+    from groundstation.outlet import Outlet
+
+    return Outlet(1).say
 
 
 def _ask(config: Config, arm: str | None) -> Callable[[], Awaitable[bool]]:

@@ -85,12 +85,12 @@ async def _bridge(config: BridgeConfig, shared: bytes, say: Say) -> bool:
     running = asyncio.ensure_future(it.run())
 
     def end(name: str) -> None:
-        say(f"{name}: ending; what flies is brought down first. Ctrl-\\ (SIGQUIT) stops its motors")
         running.cancel()
+        say(f"{name}: ending; what flies is brought down first. Ctrl-\\ (SIGQUIT) stops its motors")
 
     def kill() -> None:
-        say("SIGQUIT: motors off, now")
         it.kill()
+        say("SIGQUIT: motors off, now")
 
     for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
         loop.add_signal_handler(number, end, number.name)

@@ -28,6 +28,7 @@ def fly_command(config: Config, confirm: Callable[[], Awaitable[bool]], say: Say
     """One flight, with the lock of its vehicle held."""
     try:
         with only_one(lock_path(socket_path(config.status, config.vehicle.name)), config.vehicle.name):
+            logging.getLogger().addHandler(Lines(2, Format.TEXT, journal=False))
             return asyncio.run(_fly(config, confirm, say))
     except Taken as error:
         print(f"groundstation: {error}", file=sys.stderr)
@@ -64,9 +65,8 @@ def daemon_command(config: Config, *, arm: bool, once: bool, style: Format) -> E
     make_ends(config)  # what it names must go together, before anything is opened
     log = logging.getLogger("groundstation")
     log.setLevel(logging.INFO)
-    log.propagate = False
     number = sys.stderr.fileno()
-    log.addHandler(Lines(number, style, journal=is_journal(number)))
+    logging.getLogger().addHandler(Lines(number, style, journal=is_journal(number)))
     try:
         with only_one(lock_path(socket_path(config.status, config.vehicle.name)), config.vehicle.name):
             return asyncio.run(_serve(config, lambda line: log.log(level_of(line), "%s", line), arm=arm, once=once))

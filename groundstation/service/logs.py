@@ -3,12 +3,10 @@
 import json
 import logging
 import os
-import select
 from collections.abc import Mapping
 from enum import StrEnum
 
-LINE_MAX_BYTES = 4000
-"""Longer lines are cut: so much goes into a pipe that has room at all (pipe(7), PIPE_BUF)."""
+from groundstation.outlet import Outlet
 
 
 class Format(StrEnum):
@@ -26,33 +24,23 @@ class Lines(logging.Handler):
     def __init__(self, number: int, style: Format, *, journal: bool) -> None:
         """``journal``: begin each line with its priority, ``<6>``, as sd-daemon(3) has it."""
         super().__init__()
-        self._number = number
+        self._outlet = Outlet(number)
         self._style = style
         self._journal = journal
-        self._lost = 0
 
     def emit(self, record: logging.LogRecord) -> None:
         """Write one line, or count it as lost."""
         try:
-            if self._lost and self._write(logging.WARNING, f"{self._lost} log lines were lost: nobody read them"):
-                self._lost = 0
+            lost = self._outlet.lost
+            if lost and self._write(logging.WARNING, f"{lost} log lines were lost: nobody read them"):
+                self._outlet.lost = 0
             if not self._write(record.levelno, record.getMessage()):
-                self._lost += 1
+                self._outlet.lost += 1
         except Exception:  # noqa: BLE001  # a log must not end a flight
-            self._lost += 1
+            self._outlet.lost += 1
 
     def _write(self, level: int, message: str) -> bool:
-        poll = select.poll()
-        poll.register(self._number, select.POLLOUT)
-        events = poll.poll(0)
-        if not events or not events[0][1] & select.POLLOUT:
-            return False
-        line = line_of(level, message, self._style, journal=self._journal)
-        try:
-            os.write(self._number, line.encode()[: LINE_MAX_BYTES - 1].rstrip(b"\n") + b"\n")
-        except OSError:
-            return False
-        return True
+        return self._outlet.write(line_of(level, message, self._style, journal=self._journal))
 
 
 def line_of(level: int, message: str, style: Format, *, journal: bool) -> str:

@@ -18,14 +18,14 @@ def obey(
     def interrupted(name: str) -> None:
         on_stop()
         request, words = interrupts.press(name, loop.time())
-        say(words)
         if request is not None:
             ask(request)
+        say(words)
 
     def kill() -> None:
         on_stop()
-        say("SIGQUIT: motors off, now")
         ask(Request(Ask.KILL, "told by SIGQUIT"))
+        say("SIGQUIT: motors off, now")
 
     def hung_up() -> None:
         # A terminal that closes is no second opinion: it lands, and never more than that.
