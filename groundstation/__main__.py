@@ -207,6 +207,12 @@ def _broker_arguments(parser: argparse.ArgumentParser) -> None:
 
 def main() -> int:
     """Entry point; for the exit codes see exits.py and docs/reference/exit-codes.md."""
+    from groundstation.outlet import to_the_reader
+
+    return to_the_reader(_main)
+
+
+def _main() -> int:
     args = parser().parse_args()
     from groundstation import commands
     from groundstation.config import ConfigError

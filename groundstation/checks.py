@@ -107,6 +107,8 @@ class Checks:
         return judged("tilt", tilt, WARN_TILT_DEG, TILT_DEG, f"it stands tilted by {tilt:.1f}°{more}")
 
     def _floor(self, pose: Pose, place: Vec3) -> Check:
+        if self._config.flight.start == "air":
+            return Check("floor", Verdict.OFF, "a simulated vehicle is held in the air (flight.start)")
         off = abs(place[2] - self._config.flight.floor_z_m)
         limit = FLOOR_M if pose.velocity_ned is None else FLOOR_WANDERS_M
         says = f"it stands at {place[2]:+.2f} m, flight.floor_z_m says {self._config.flight.floor_z_m:+.2f} m"

@@ -51,8 +51,8 @@ Nonce = Callable[[int], bytes]
 class BridgeConfig(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
     """Where the bridge listens, and the module that it has."""
 
-    listen: str = "0.0.0.0:14600"  # another computer's commands are what it is for; they are sealed
-    """Address for stations."""
+    listen: str
+    """Our address for stations, such as ``192.168.1.20:14600``; ``0.0.0.0:14600`` hears on every network."""
     key_file: str = "bridge.key"
     """File with the key that both computers share, mode 0600."""
     link: RfConfig = DsmLinkConfig()

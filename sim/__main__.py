@@ -234,6 +234,12 @@ def _names(text: str) -> list[str]:
 
 def main() -> int:
     """Entry point; the exit code is 0 for done, 1 for a flight that failed, 2 for bad usage or config."""
+    from groundstation.outlet import to_the_reader
+
+    return to_the_reader(_main)
+
+
+def _main() -> int:
     args = parser().parse_args()
     from groundstation.config import ConfigError
     from sim import commands

@@ -1,0 +1,33 @@
+"""What nobody reads any more ends a program without a traceback."""
+
+import subprocess
+import sys
+
+import pytest
+
+
+@pytest.mark.parametrize(
+    "words",
+    [
+        ("groundstation", "config", "show"),
+        ("groundstation", "states"),
+        ("sim", "scenarios", "--json"),
+        ("sim", "fly", "--duration", "1"),
+    ],
+    ids=" ".join,
+)
+def test_a_reader_that_has_gone_ends_a_command_without_a_traceback(words: tuple[str, ...]) -> None:
+    process = subprocess.Popen(
+        [sys.executable, "-m", *words], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
+    )
+    assert process.stdout is not None
+    process.stdout.close()
+    _, said = process.communicate(timeout=60)
+    assert (process.returncode, said) == (1, "")
+
+
+def test_a_full_disk_is_told_of_in_one_line() -> None:
+    with open("/dev/full", "w") as full:  # noqa: PTH123  # a device
+        words = [sys.executable, "-m", "groundstation", "config", "show"]
+        done = subprocess.run(words, stdout=full, stderr=subprocess.PIPE, text=True, timeout=60, check=False)
+    assert (done.returncode, done.stderr) == (1, "the output cannot be written: No space left on device\n")
