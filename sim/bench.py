@@ -17,6 +17,7 @@ WHAT = {
     "recording": "sim.bench_recording",
     "allocation": "sim.bench_allocation",
     "links": "sim.bench_links",
+    "screen": "sim.bench_screen",
     "mqtt": "sim.bench_mqtt",
 }
 """Name -> module, in the order in which they run."""
@@ -30,7 +31,7 @@ class Options(NamedTuple):
     hours: float = 1.0
     """How long the flight of ``allocation`` lasts, in virtual time."""
     seconds: float = 60.0
-    """How long ``mqtt`` and each part of ``links`` last [s]."""
+    """How long ``mqtt``, ``screen`` and each part of ``links`` last [s]."""
 
 
 def measured(names: list[str], options: Options) -> dict[str, Any]:

@@ -9,6 +9,8 @@ import asyncio
 import gc
 import sys
 import tempfile
+from collections.abc import Callable
+from contextlib import AbstractAsyncContextManager, nullcontext
 from pathlib import Path
 from typing import Any
 
@@ -78,14 +80,15 @@ def measure(seconds: float) -> dict[str, Any]:
     gc.freeze()
     figures: dict[str, Any] = {"pose_to_command": {}, "echo": {}}
     for rate in RATES_HZ:
-        command, echo, sent = asyncio.run(_fly(rate, seconds))
-        figures["pose_to_command"][str(rate)] = _figures(command, sent)
-        figures["echo"][str(rate)] = _figures(echo, sent)
+        command, echo, sent = asyncio.run(fly(rate, seconds))
+        figures["pose_to_command"][str(rate)] = figures_of(command, sent)
+        figures["echo"][str(rate)] = figures_of(echo, sent)
     gc.unfreeze()
     return figures
 
 
-def _figures(latencies_s: list[float], sent: int) -> dict[str, float]:
+def figures_of(latencies_s: list[float], sent: int) -> dict[str, float]:
+    """Percentiles [µs], and how many of ``sent`` got none."""
     ordered = sorted(latencies_s)
 
     def percentile(p: float) -> float:
@@ -102,8 +105,13 @@ def _figures(latencies_s: list[float], sent: int) -> dict[str, float]:
     }
 
 
-async def _fly(rate_hz: int, seconds: float) -> tuple[list[float], list[float], int]:
-    """Latencies of commands and of echoes [s], and how many of each were asked for."""
+async def fly(
+    rate_hz: int, seconds: float, watched: Callable[[Path], AbstractAsyncContextManager[object]] | None = None
+) -> tuple[list[float], list[float], int]:
+    """Latencies of commands and of echoes [s], and how many of each were asked for.
+
+    ``watched`` lasts as long as the flight, and gets the path of its status socket.
+    """
     with tempfile.TemporaryDirectory(prefix="latency-") as name:
         folder = Path(name)
         echo = await _process("-m", "sim.bench_echo", stdout=asyncio.subprocess.PIPE)
@@ -114,7 +122,8 @@ async def _fly(rate_hz: int, seconds: float) -> tuple[list[float], list[float], 
         try:
             assert echo.stdout is not None
             port = int(await echo.stdout.readline())
-            return await _measured(config, rate_hz, seconds, port)
+            async with nullcontext() if watched is None else watched(Path(config.status.path)):
+                return await _measured(config, rate_hz, seconds, port)
         finally:
             for process in (daemon, echo):  # only simulated vehicles are left to themselves
                 process.kill()

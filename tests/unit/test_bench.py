@@ -14,6 +14,7 @@ from sim import (
     bench_flight,
     bench_latency,
     bench_recording,
+    bench_screen,
     bench_tick,
 )
 from sim.__main__ import main
@@ -34,6 +35,7 @@ def test_every_measurement_gives_json_and_words(monkeypatch: pytest.MonkeyPatch)
     monkeypatch.setattr(bench_batch, "ROUNDS", 1)
     monkeypatch.setattr(bench_recording, "TICKS", 30)
     monkeypatch.setattr(bench_recording, "TURNS", 1)
+    monkeypatch.setattr(bench_screen, "TURNS", 1)
     facts = json.loads(json.dumps(bench.measured(list(bench.WHAT), bench.Options(hours=0.002, seconds=0.5))))
     assert list(facts) == ["machine", *bench.WHAT]
     assert all(row["ticks"] == 101 and row["median_us"] > 5.0 for row in facts["tick"]["rows"])
@@ -51,6 +53,10 @@ def test_every_measurement_gives_json_and_words(monkeypatch: pytest.MonkeyPatch)
     assert links["latency_ratios"].keys() == links["echo"].keys() == {"100"}
     for figures in (links["pacer"], links["floor"], links["idle"]["pacer"], *links["pose_to_command"].values()):
         assert 0 < figures["p50_us"] <= figures["p99_us"] <= figures["p999_us"]
+    screen = facts["screen"]
+    assert screen["without"]["count"] > 0
+    assert screen["with"]["p50_us"] > 0.0
+    assert 0.0 < screen["dashboard_share"] < 2.0
     words = bench.text(facts)
     assert all(f"\n{name}:" in words for name in bench.WHAT)
 
