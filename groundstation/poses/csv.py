@@ -1,6 +1,7 @@
 """Poses from a CSV file, or from the folder of an earlier run, played back (csv_codec.py has the columns)."""
 
 import asyncio
+import io
 from collections import Counter
 from collections.abc import Callable
 from pathlib import Path
@@ -11,6 +12,7 @@ from groundstation.frames import Alignment, Body, World, frames_of
 from groundstation.poses.csv_codec import COLUMNS, Row, rows
 from groundstation.poses.intake import Intake
 from groundstation.poses.pace import Speed, play
+from groundstation.poses.played_file import contents, no_poses
 from groundstation.poses.port import Pose, PoseStatus
 
 IN_RUN_FOLDER = "poses.csv"
@@ -55,8 +57,7 @@ class CsvSource:
         """Read the whole file, then begin to play it.
 
         Raises:
-            OSError: the file can't be read.
-            ValueError: it holds no poses; the text says what to look for.
+            SourceError: the file can't be read, or holds no poses; the text says what to look for.
         """
         recorded = self._read()
         self._deliver = deliver
@@ -68,10 +69,9 @@ class CsvSource:
         if path.is_dir():
             path /= IN_RUN_FOLDER
         dropped: Counter[str] = self._intake.dropped
-        with path.open(encoding="utf-8", errors="replace") as lines:
-            recorded = list(rows(lines, dropped))
+        recorded = list(rows(io.StringIO(contents(path).decode("utf-8", "replace"), newline=None), dropped))
         if not recorded:
-            raise ValueError(f"{path}: no row of poses in it ({dict(dropped)}); expected {COLUMNS}, the last optional")
+            raise no_poses(path, dropped, f"expected rows {COLUMNS}, the last optional")
         return recorded
 
     def _take(self, row: Row, arrival_s: float) -> None:

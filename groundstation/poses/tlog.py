@@ -1,6 +1,7 @@
 """Poses from a recorded flight: a .tlog played back at the pace at which it was recorded, or another."""
 
 import asyncio
+from collections import Counter
 from collections.abc import Callable
 from pathlib import Path
 from typing import Annotated
@@ -9,6 +10,7 @@ import msgspec
 
 from groundstation.poses.mavlink_codec import Decoder, decoder_for
 from groundstation.poses.pace import Speed, play
+from groundstation.poses.played_file import contents, no_poses
 from groundstation.poses.port import Pose, PoseStatus
 from groundstation.poses.tlog_codec import Record, TlogReader
 from links.mavlink_codec import ARDUPILOT, PX4, Message
@@ -53,8 +55,7 @@ class TlogSource:
         """Read the whole file, then begin to play it.
 
         Raises:
-            OSError: the file can't be read.
-            ValueError: it holds no messages that make poses; the text says what to look for.
+            SourceError: the file can't be read, or holds no messages that make poses; the text says what to look for.
         """
         records, decoder = self._read()
         self._decoder = decoder
@@ -68,15 +69,17 @@ class TlogSource:
         self._task = asyncio.create_task(play(wanted, self._config.speed, take))
 
     def _read(self) -> tuple[list[Record], Decoder]:
-        path, system = self._config.path, self._config.system_id
-        self._reader = TlogReader(Path(path).read_bytes())
-        records = [record for record in self._reader if record.message.get_srcSystem() == system]
+        path, system = Path(self._config.path), self._config.system_id
+        self._reader = TlogReader(contents(path))
+        everything = list(self._reader)
+        records = [record for record in everything if record.message.get_srcSystem() == system]
         decoder = pose_decoder(records, self._config.latency_s)
         if decoder is None:
-            raise ValueError(
-                f"{path}: system {system} sends neither ODOMETRY nor LOCAL_POSITION_NED and ATTITUDE_QUATERNION in "
-                "it; check system_id, or record these messages"
+            found = self._reader.dropped + Counter(
+                f"messages of system {record.message.get_srcSystem()}" for record in everything
             )
+            wanted = "ODOMETRY, or LOCAL_POSITION_NED and ATTITUDE_QUATERNION"
+            raise no_poses(path, found, f"expected {wanted} of system {system}: check pose.system_id, or record them")
         return records, decoder
 
     async def close(self) -> None:

@@ -3,6 +3,7 @@
 import asyncio
 import math
 from collections import Counter
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -13,7 +14,8 @@ from hypothesis import strategies as st
 from groundstation.poses.csv import CsvConfig
 from groundstation.poses.csv_codec import Row, encode, rows
 from groundstation.poses.pace import Speed
-from groundstation.poses.port import Pose
+from groundstation.poses.port import Pose, SourceError
+from groundstation.poses.tlog import TlogConfig
 from sim.commands import prepare
 from sim.fly import fly
 from sim.run_folder import RunFolder
@@ -96,10 +98,32 @@ def test_a_runs_folder_plays_the_poses_that_were_flown_on(tmp_path: Path) -> Non
 def test_a_file_without_poses_says_what_was_expected(tmp_path: Path) -> None:
     path = tmp_path / "empty.csv"
     path.write_text("hello\n1,2\n")
-    with pytest.raises(ValueError, match=r"no row of poses in it .*malformed.*expected t,x,y,z,qw"):
+    with pytest.raises(
+        SourceError, match=r"^pose\.path: .* holds no poses \(found: 1 malformed\); expected rows t,x,y,z,qw"
+    ):
         played(path, 0.1)
 
 
-def test_a_missing_file_is_an_oserror(tmp_path: Path) -> None:
-    with pytest.raises(FileNotFoundError):
-        played(tmp_path / "none.csv", 0.1)
+@pytest.mark.parametrize("make", [CsvConfig, TlogConfig])
+@pytest.mark.parametrize(
+    ("content", "says"),
+    [
+        (None, "cannot read .*: No such file"),
+        (b"", "holds no poses"),
+        (b"\x00\xff garbage" * 40, "holds no poses"),
+        (b"\x89MCAP0\r\n and more", "`groundstation export .*flight --format poses` makes the file"),
+    ],
+    ids=["missing", "empty", "garbage", "mcap"],
+)
+def test_a_file_that_can_not_be_played_stops_the_start_with_what_is_wrong(
+    tmp_path: Path, make: Callable[..., CsvConfig | TlogConfig], content: bytes | None, says: str
+) -> None:
+    path = tmp_path / "flight"
+    if content is not None:
+        path.write_bytes(content)
+
+    async def main() -> None:
+        await make(path=str(path)).build().start(lambda _: None)
+
+    with pytest.raises(SourceError, match=rf"^pose\.path: .*{says}"):
+        in_virtual_time(main())
