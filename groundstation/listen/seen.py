@@ -24,12 +24,14 @@ class Seen(msgspec.Struct, frozen=True, kw_only=True):
 
     poses: int
     """That have passed the gate."""
+    recorded: bool
+    """Whether a recording is played: all that follows is then as it was, up to the newest pose."""
     rate_hz: float
     """Arrivals per second, over the window [1/s]."""
     source_rate_hz: float
     """By the source's own stamps [1/s]; 0 where there are too few."""
     age_s: float | None
-    """Time since the newest pose was true [s]; None before the first."""
+    """Time since the newest pose was true [s]; None before the first, and of a recording."""
     latency_s: float
     """From the instant of a pose to its arrival, averaged [s]."""
     latency_max_s: float
@@ -42,8 +44,8 @@ class Seen(msgspec.Struct, frozen=True, kw_only=True):
     """How often poses were missing."""
     clock_steps: int
     """How often the source's clock leapt ahead or began anew."""
-    drift: float
-    """How much slower than ours the source's clock runs, as a share."""
+    drift: float | None
+    """How much slower than ours the source's clock runs, as a share; None of a recording."""
     position_ned: Vec3 | None
     """[m]"""
     roll_pitch_yaw_deg: Vec3 | None
@@ -62,15 +64,18 @@ class Seen(msgspec.Struct, frozen=True, kw_only=True):
 
     @property
     def ok(self) -> bool:
-        """Whether there are poses now."""
+        """Whether there are poses now; of a recording, any at all."""
+        if self.recorded:
+            return self.poses > 0
         return self.age_s is not None and self.rate_hz > 0.0
 
 
 class Watcher:
     """Remembers what it takes to say that; times are on the event loop's clock [s]."""
 
-    def __init__(self, begun_s: float) -> None:
-        """Nothing seen at ``begun_s`` [s]."""
+    def __init__(self, begun_s: float, *, recorded: bool = False) -> None:
+        """Nothing seen at ``begun_s`` [s]; ``recorded`` where a recording is played."""
+        self._recorded = recorded
         self._begun_s = begun_s
         self._recent: deque[Pose] = deque()
         self._events: deque[str] = deque(maxlen=KEPT_EVENTS)
@@ -92,22 +97,25 @@ class Watcher:
     def seen(self, now_s: float, status: PoseStatus, bodies: tuple[str, ...] = ()) -> Seen:
         """All of it; ``status`` and ``bodies`` are the source's."""
         newest = self._recent[-1] if self._recent else None
+        if self._recorded and newest is not None:  # played faster it arrives in the future, and at its end is no fault
+            now_s = newest.arrival_s
         recent = [pose for pose in self._recent if pose.arrival_s > now_s - WINDOW_S]
         apart = [b.arrival_s - a.arrival_s for a, b in pairwise(recent)]
         window_s = min(WINDOW_S, now_s - self._begun_s)
         noise = _at_rest(recent) if window_s >= WINDOW_S else None
         return Seen(
             poses=self._poses,
+            recorded=self._recorded,
             rate_hz=(len(apart) / sum(apart) if len(recent) > 1 and now_s - recent[-1].arrival_s < 1.0 else 0.0),
             source_rate_hz=status.rate_hz,
-            age_s=None if newest is None else now_s - newest.time_s,
+            age_s=None if newest is None or self._recorded else now_s - newest.time_s,
             latency_s=status.latency_s,
             latency_max_s=status.latency_max_s,
             jitter_s=pstdev(apart) if apart else 0.0,
             longest_s=self._longest_s,
             gaps=status.gaps,
             clock_steps=status.clock_steps + status.clock_restarts,
-            drift=status.drift,
+            drift=None if self._recorded else status.drift,
             position_ned=None if newest is None else newest.position_ned,
             roll_pitch_yaw_deg=None if newest is None else _degrees(euler_zyx(newest.attitude)),
             at_rest=noise is not None,

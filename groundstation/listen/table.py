@@ -18,10 +18,10 @@ def rows(seen: Seen) -> list[tuple[str, str]]:
     """What is known, in words."""
     lines = [
         ("poses", f"{seen.poses}, {seen.rate_hz:.1f} per second arrive, {seen.source_rate_hz:.1f} by their stamps"),
-        ("age", "no pose yet" if seen.age_s is None else f"{1e3 * seen.age_s:.0f} ms"),
+        ("age", _age(seen)),
         ("latency", f"{1e3 * seen.latency_s:.1f} ms, longest {1e3 * seen.latency_max_s:.1f} ms"),
         ("jitter", f"{1e3 * seen.jitter_s:.1f} ms, longest wait {1e3 * seen.longest_s:.0f} ms"),
-        ("gaps", f"{seen.gaps}; its clock stepped {seen.clock_steps} times, drift {1e6 * seen.drift:+.0f} ppm"),
+        ("gaps", f"{seen.gaps}; its clock stepped {seen.clock_steps} times{_drift(seen.drift)}"),
     ]
     if seen.position_ned is not None and seen.roll_pitch_yaw_deg is not None:
         north, east, down = seen.position_ned
@@ -50,6 +50,16 @@ def table(title: str, seen: Seen) -> "Table":
         bad = name == "dropped" or (name == "age" and not seen.ok)
         drawn.add_row(name, Text(text, style="bold yellow" if bad else ""))
     return drawn
+
+
+def _age(seen: Seen) -> str:
+    if seen.recorded and seen.poses:
+        return "they are recorded"
+    return "no pose yet" if seen.age_s is None else f"{1e3 * seen.age_s:.0f} ms"
+
+
+def _drift(drift: float | None) -> str:
+    return "" if drift is None else f", drift {1e6 * drift:+.0f} ppm"
 
 
 def _noise(place_m: Vec3 | None, turn_deg: Vec3 | None) -> str:

@@ -5,6 +5,7 @@ import io
 import math
 from collections import Counter
 from functools import cache
+from pathlib import Path
 
 import pytest
 from rich.console import Console
@@ -13,7 +14,10 @@ from groundstation import so3
 from groundstation.listen.command import listened
 from groundstation.listen.seen import WINDOW_S, Seen, Watcher
 from groundstation.listen.table import rows, table
+from groundstation.poses.csv import CsvConfig
+from groundstation.poses.pace import Speed
 from groundstation.poses.port import Pose, PoseEvent, PoseStatus
+from groundstation.settings import Config
 from links.mavlink_codec import MavlinkCodec
 from sim.commands import prepare
 from sim.scenarios import SCENARIOS
@@ -99,6 +103,28 @@ def test_silence_is_told_with_what_to_look_at() -> None:
     seen, _ = watched("vicon", "pose.listen=127.0.0.1:51001", told=("pose.listen=127.0.0.1:51077",))
     assert not seen.ok
     assert "firewall" in rows(seen)[-1][1]
+
+
+@pytest.mark.parametrize("speed", [1.0, 50.0, "max"])
+def test_a_recording_has_no_age_and_no_drift_and_is_fine_at_its_end(speed: Speed, tmp_path: Path) -> None:
+    path = tmp_path / "poses.csv"
+    path.write_text("".join(f"{0.02 * n},1,2,-1,1,0,0,{1e-4 * (n % 7)},{0.02 * n + 0.01}\n" for n in range(200)))
+    seen = in_virtual_time(listened(Config(pose=CsvConfig(path=str(path), speed=speed)), 7.0))
+    assert (seen.ok, seen.recorded, seen.poses) == (True, True, 200)
+    assert (seen.age_s, seen.drift) == (None, None)
+    assert seen.rate_hz == pytest.approx(50.0)
+    assert seen.latency_s == pytest.approx(0.01)
+    words = " ".join(" ".join(row) for row in rows(seen))
+    assert "they are recorded" in words
+    assert "ppm" not in words
+
+
+def test_a_recording_whose_poses_are_all_dropped_is_not_fine(tmp_path: Path) -> None:
+    path = tmp_path / "poses.csv"
+    path.write_text("0,1,2,-1,3,0,0,0\n")
+    seen = in_virtual_time(listened(Config(pose=CsvConfig(path=str(path))), 1.0))
+    assert (seen.ok, seen.dropped) == (False, {"not_unit": 1})
+    assert ("age", "no pose yet") in rows(seen)
 
 
 def test_noise_is_of_the_poses_also_where_they_drift_and_unknown_while_they_move() -> None:
