@@ -46,6 +46,11 @@ CODES: dict[str, dict[int, str]] = {
         1: "a check fails, or (`--watch`) no poses",
         3: "(`--watch`) no such source",
     },
+    "carry": {
+        0: "the axes are found",
+        1: "a move contradicts, or was not made",
+        3: "poses or autopilot can't be heard",
+    },
     "doctor": {0: "nothing to change", 1: "something to change, or not confirmed", 3: "no answer, or a refusal"},
     "trajectory": {0: "PASS", 1: "FAIL"},
     "identify": {0: "something was found", 1: "the flight tells nothing of thrust, lags and delay"},

@@ -13,6 +13,7 @@ from groundstation.carry.moves import MOVES, Carry, Sample
 from groundstation.carry.solve import Contradiction, Found, solve
 from groundstation.carry.write import Value, write
 from groundstation.config import ConfigError
+from groundstation.exits import INTERRUPTED
 from groundstation.frames import Alignment
 from groundstation.listen.ears import ears
 from groundstation.poses import Recorded
@@ -51,7 +52,8 @@ class Refused(Exception):
 def carry(config: Config, path: Path, overrides: list[str], *, as_json: bool, keep: bool) -> int:
     """Show the moves, and write what they tell into the file ``path`` unless ``keep``.
 
-    Returns 0 where all fits, 1 where a move contradicts or was not made, 3 where poses or autopilot can't be heard.
+    Returns 0 where all fits, 1 where a move contradicts or was not made, 3 where poses or autopilot can't be heard,
+    130 after Ctrl-C.
 
     Raises:
         ConfigError: these poses have no axes to find, or the file can't be written.
@@ -66,17 +68,26 @@ def carry(config: Config, path: Path, overrides: list[str], *, as_json: bool, ke
         print(line, file=sys.stderr if as_json else sys.stdout, flush=True)
 
     facts: dict[str, Any] = {"ok": False, "move": None, "why": None, "found": None, "written": None}
+
+    def not_found(why: str) -> None:
+        if as_json:
+            print(json.dumps(facts | {"why": why}))
+
     try:
         seen = asyncio.run(carried(config, say))
         found = solve(seen.carry.rests, seen.carry.samples, seen.autopilot)
     except (SourceError, LinkError) as error:
         print(f"groundstation: carry: {error}", file=sys.stderr)
+        not_found(str(error))
         return EXIT_NO_SOURCE
+    except KeyboardInterrupt:
+        print("groundstation: carry: interrupted, nothing is written", file=sys.stderr)
+        not_found("interrupted")
+        return INTERRUPTED
     except (Contradiction, Refused) as error:
-        facts |= {"why": str(error), "move": getattr(error, "move", "") or None}
+        facts["move"] = getattr(error, "move", "") or None
         say(f"NOT FOUND: {error}")
-        if as_json:
-            print(json.dumps(facts))
+        not_found(str(error))
         return EXIT_CONTRADICTION
     tables, changed = settings(config, found)
     facts |= {"ok": True, "found": msgspec.to_builtins(found), "set": tables, "synchronised": seen.synchronised}

@@ -12,6 +12,7 @@ import msgspec
 
 from groundstation.listen.ears import Ears, ears
 from groundstation.listen.seen import Seen, Watcher
+from groundstation.poses import Recorded
 from groundstation.poses.port import PoseEvent, SourceError
 from groundstation.settings import Config
 from links.port import LinkError
@@ -37,6 +38,8 @@ def watch(config: Config, *, seconds: float | None, as_json: bool) -> int:
             seen = asyncio.run(_shown(config, seconds, f"{kind} poses of {config.vehicle.name}: Ctrl-C ends"))
     except (SourceError, LinkError) as error:
         print(f"groundstation: check: {error}", file=sys.stderr)
+        if as_json:
+            print(json.dumps({"source": kind, "ok": False, "error": str(error)}))
         return EXIT_NO_SOURCE
     return EXIT_POSES if seen.ok else EXIT_NO_POSES
 
@@ -50,7 +53,7 @@ async def listened(config: Config, seconds: float | None, show: Callable[[Seen],
         LinkError: the autopilot, by which the poses would come, does not answer.
     """
     loop = asyncio.get_running_loop()
-    watcher = Watcher(loop.time())
+    watcher = Watcher(loop.time(), recorded=isinstance(config.pose, Recorded))
 
     def tell(event: PoseEvent) -> None:
         watcher.event(event, loop.time())

@@ -2,6 +2,7 @@
 
 import json
 import signal
+import socket
 import subprocess
 import sys
 import time
@@ -49,6 +50,21 @@ def test_an_address_that_can_not_be_listened_on_is_named(silent: list[str]) -> N
     assert done.returncode == 3
     assert "groundstation: check: " in done.stderr
     assert "192.0.2.1" in done.stderr
+
+
+def test_a_taken_port_makes_one_object_too(tmp_path: Path) -> None:
+    config = tmp_path / "lab.toml"
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as other:
+        other.bind(("127.0.0.1", 0))
+        config.write_text(f'[pose]\nlisten = "127.0.0.1:{other.getsockname()[1]}"\n')
+        done = subprocess.run(
+            [sys.executable, "-m", "groundstation", "check", str(config), "--watch", "--json"],
+            capture_output=True, text=True, check=False,
+        )  # fmt: skip
+    assert done.returncode == 3, done.stderr
+    facts = json.loads(done.stdout)
+    assert (facts["ok"], facts["source"]) == (False, "vicon")
+    assert facts["error"] in done.stderr
 
 
 def test_ctrl_c_ends_it_with_what_was_seen(silent: list[str]) -> None:

@@ -16,6 +16,7 @@ from groundstation.carry import command
 from groundstation.carry.write import written
 from groundstation.clock import sleep_until
 from groundstation.config import ConfigError, load
+from groundstation.exits import INTERRUPTED
 from groundstation.frames import Alignment, Frames
 from groundstation.settings import Config
 from links.address import parse_address
@@ -177,6 +178,36 @@ def test_an_armed_vehicle_is_refused_at_once_and_on_the_way(
     assert "9 of 9" not in errors
     assert lab.read_text() == LAB.replace("KIND", "vicon")
     assert "SET_ATTITUDE_TARGET" not in there.sent
+
+
+def test_without_an_autopilot_json_is_one_object_with_the_reason(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    lab = tmp_path / "lab.toml"
+    lab.write_text(LAB.replace("KIND", "vicon").replace("14540", "14541"))
+    with room(lab, monkeypatch):
+        assert command.carry(load(lab, Config), lab, [], as_json=True, keep=False) == 3
+    out, errors = capsys.readouterr()
+    facts = json.loads(out)
+    assert (facts["ok"], facts["found"], facts["written"]) == (False, None, None)
+    assert facts["why"] in errors
+
+
+def test_ctrl_c_leaves_one_object_and_writes_nothing(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    lab = tmp_path / "lab.toml"
+    lab.write_text(LAB.replace("KIND", "vicon"))
+
+    def pressed(work: Coroutine[Any, Any, Any]) -> None:
+        work.close()
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(asyncio, "run", pressed)
+    assert command.carry(load(lab, Config), lab, [], as_json=True, keep=False) == INTERRUPTED
+    facts = json.loads(capsys.readouterr().out)
+    assert (facts["ok"], facts["why"]) == (False, "interrupted")
+    assert lab.read_text() == LAB.replace("KIND", "vicon")
 
 
 def test_poses_of_the_autopilot_itself_and_recordings_have_no_axes_to_find(tmp_path: Path) -> None:
