@@ -5,6 +5,7 @@ from collections.abc import Awaitable, Callable
 from typing import Any
 
 from groundstation.config import dump
+from groundstation.due import Due
 from groundstation.flight import Flight, Outcome
 from groundstation.mission import State
 from groundstation.pilot import Pilot, Tick
@@ -42,6 +43,7 @@ class RecordedPilot(Pilot):
     """A pilot that hands over what it is given and what it makes of it."""
 
     give: Give
+    due: Due
 
     def pose(self, pose: Pose) -> None:
         """Take one pose."""
@@ -79,13 +81,14 @@ class RecordedPilot(Pilot):
     def idle(self, time_s: float, thrust_n: float) -> Command:
         """Make an idle command."""
         command = super().idle(time_s, thrust_n)
+        self.due.begin()
         self.give(Idled(time_s, thrust_n, command))
         return command
 
     def tick(self, time_s: float) -> Tick:
         """Make a command."""
         tick = super().tick(time_s)
-        self.give(Ticked(tick))
+        self.give(Ticked(tick, self.due.late_s(time_s, tick.pose.id, tick.pose.arrival_s)))
         return tick
 
 
@@ -111,7 +114,7 @@ class RecordedFlight(Flight):
         self._told = on_event
         self._status_noted_s = -LOOK_S
         pilot = RecordedPilot(config.vehicle, config.controller, config.flight.coast_s, config.flight.floor_z_m)
-        pilot.give = self._noted
+        pilot.give, pilot.due = self._noted, Due(link)
         super().__init__(
             config,
             link,

@@ -13,7 +13,7 @@ from groundstation.settings import Config
 from groundstation.snapshot import Certificate, Snapshot
 from groundstation.verdict import Check
 from links.lateness import Lateness
-from links.port import LinkStatus
+from links.port import CommandLink, LinkStatus
 
 ZERO: Vec3 = (0.0, 0.0, 0.0)
 LEVEL: Quat = (1.0, 0.0, 0.0, 0.0)
@@ -22,15 +22,15 @@ LEVEL: Quat = (1.0, 0.0, 0.0, 0.0)
 class Scoreboard:
     """Counts and remembers; makes a :class:`Snapshot` only when one is asked for."""
 
-    def __init__(self, config: Config, period_s: float = 0.0) -> None:
-        """Begin with nothing seen; ``period_s``: from frame to frame of the link [s], 0 where it follows the poses."""
+    def __init__(self, config: Config, link: CommandLink) -> None:
+        """Begin with nothing seen; ``link`` is the one that commands leave by."""
         self._vehicle = config.vehicle
         self._arrivals: deque[float] = deque(maxlen=1000)
         self._events: deque[str] = deque(maxlen=20)
         self._tick: Tick | None = None
         self._squares = 0.0
         self._count = 0
-        self._due = Due(period_s)
+        self._due = Due(link)
         self._lateness = Lateness()
 
     def pose(self, pose: Pose) -> None:
@@ -39,22 +39,14 @@ class Scoreboard:
 
     def tick(self, tick: Tick, *, counts: bool) -> None:
         """One command left; ``counts`` where its error belongs to the trajectory."""
-        self._late(tick)
+        late = self._due.late_s(tick.time_s, tick.pose.id, tick.pose.arrival_s)
+        if late is not None:
+            self._lateness.add(late)
         self._tick = tick
         if not counts:
             return
         self._squares += math.dist(tick.estimate.motion.position, tick.reference.position_ned) ** 2
         self._count += 1
-
-    def _late(self, tick: Tick) -> None:
-        """How late it is: after its frame's instant, or where commands follow poses, after its pose came."""
-        if self._due.follows_poses:
-            new = self._tick is None or tick.pose.id != self._tick.pose.id
-            late = tick.time_s - tick.pose.arrival_s if new else None
-        else:
-            late = self._due.late_s(tick.time_s)
-        if late is not None:
-            self._lateness.add(late)
 
     def event(self, line: str) -> None:
         """One line for the operator."""

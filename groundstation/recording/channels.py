@@ -204,7 +204,7 @@ class Lyapunov(msgspec.Struct, frozen=True, gc=False):
 
 
 class Timing(msgspec.Struct, frozen=True, gc=False):
-    """How late the frame was, how old its pose, and how long after the last one."""
+    """How late the command was for its frame (or after its pose came), how old its pose, how long after the last."""
 
     time_s: float
     pose_age_s: float

@@ -43,7 +43,7 @@ class FlightLog:
         self._tlog: PatientFile | None = None
         self._mavlink = about.mavlink
         self._cutters: dict[int, tuple[TlogCutter, TlogCutter]] = {}
-        self._messages = Messages(about.period_s, epoch_ns)
+        self._messages = Messages(epoch_ns)
         self._count = Count()
         self._encode = msgspec.json.Encoder().encode
         self._flushed_s = 0.0

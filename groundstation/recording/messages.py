@@ -5,7 +5,6 @@ from collections.abc import Iterator
 
 import msgspec
 
-from groundstation.due import Due
 from groundstation.ops import Quat, Vec3
 from groundstation.pilot import Tick
 from groundstation.recording import channels as ch
@@ -40,11 +39,10 @@ NAME = "groundstation"
 class Messages:
     """Makes messages of the records of one flight, in their order."""
 
-    def __init__(self, period_s: float, epoch_ns: int) -> None:
-        """``period_s`` is the time between two commands [s], 0 where there is none; ``epoch_ns``: see :meth:`stamp`."""
+    def __init__(self, epoch_ns: int) -> None:
+        """``epoch_ns``: see :meth:`stamp`."""
         self._epoch_ns = epoch_ns
         self._last: float | None = None
-        self._due = Due(period_s)
 
     def stamp(self, time_s: float) -> int:
         """``time_s`` on the event loop's clock [s] as wall time [ns since 1970]."""
@@ -53,8 +51,8 @@ class Messages:
     def of(self, record: Record) -> Iterator[Message]:
         """The messages of one record."""
         match record:
-            case Ticked(tick):
-                yield from self._tick(tick)
+            case Ticked(tick, late_s):
+                yield from self._tick(tick, late_s)
             case Received(time_s, wire, turn, peer, data):
                 yield "/raw/received", time_s, ch.RawReceived(time_s, wire, turn, address(peer), data)
             case Sent(time_s, wire, peer, data):
@@ -63,7 +61,6 @@ class Messages:
                 yield from self._pose(record)
             case Idled(time_s, _, command):
                 self._last = None
-                self._due.begin()
                 yield "/idle", time_s, ch.Idle(time_s, *_command(command))
             case Looked(time_s, link, source):
                 yield "/link", time_s, ch.Link(time_s, link)
@@ -107,7 +104,7 @@ class Messages:
             ch.PoseInFrame(self._time(p.time_s), ch.WORLD, ch.FoxglovePose(position, attitude)),
         )
 
-    def _tick(self, tick: Tick) -> Iterator[Message]:
+    def _tick(self, tick: Tick, late_s: float | None) -> Iterator[Message]:
         t, estimate, reference, d = tick.time_s, tick.estimate, tick.reference, tick.decision.diagnostics
         motion = estimate.motion
         thrust, rates, pose_id, pose_time, deadline, parts = _command(tick.command)
@@ -146,15 +143,14 @@ class Messages:
             ch.Adaptation(t, vector(d.b_hat), vector(d.b_hat_dot), vector(d.disturbance), estimate.effectiveness),
         )
         yield "/lyapunov", t, ch.Lyapunov(t, d.v_known, *d.v_terms, d.w, *d.w_terms, d.certificate, *tick.seen[:2])
-        yield "/timing", t, self._timing(tick)
+        yield "/timing", t, self._timing(tick, late_s)
         yield "/tf", t, ch.FrameTransform(self._time(estimate.time_s), ch.WORLD, ch.VEHICLE, position, attitude)
 
-    def _timing(self, tick: Tick) -> ch.Timing:
+    def _timing(self, tick: Tick, late_s: float | None) -> ch.Timing:
         now, last = tick.time_s, self._last
         self._last = now
-        late = self._due.late_s(now)
         interval = 0.0 if last is None else now - last
-        return ch.Timing(now, now - tick.pose.time_s, interval, msgspec.UNSET if late is None else late)
+        return ch.Timing(now, now - tick.pose.time_s, interval, msgspec.UNSET if late_s is None else late_s)
 
     def _transform(self, time_s: float, parent: str, child: str, at: Vec3, turned: Quat) -> Message:
         return "/tf", time_s, ch.FrameTransform(self._time(time_s), parent, child, vector(at), quaternion(turned))

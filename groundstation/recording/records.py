@@ -20,7 +20,7 @@ class About(msgspec.Struct, frozen=True, kw_only=True):
     controller: str
     trajectory: str
     period_s: float
-    """Time between two commands [s]; 0 where they follow the poses."""
+    """Time between two commands [s]; 0 where they follow the poses, or where the link tells only once connected."""
     mavlink: str = ""
     """Address of the wire that carries MAVLink; empty where none does."""
     clock: str = "real"
@@ -90,6 +90,8 @@ class Ticked(msgspec.Struct, frozen=True, array_like=True, gc=False, tag=7):
     """The pilot made a command."""
 
     tick: Tick
+    late_s: float | None = None
+    """How late, for its frame or after its pose came [s]; None for one in between."""
 
 
 class Told(msgspec.Struct, frozen=True, array_like=True, gc=False, tag=8):

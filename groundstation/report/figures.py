@@ -118,8 +118,9 @@ FIGURES = (
     ),
     Figure(
         "lateness",
-        "Frame lateness",
-        "How late commands were computed, against their time. Shown from 1 µs: what is sooner is in the first bar.",
+        "Lateness",
+        "How late commands were computed: for their frame, or where they follow the poses, after their pose came. With "
+        "a radio also how late its pacer let frames go. Shown from 1 µs: what is sooner is in the first bar.",
         1,
         3.0,
         flight.lateness,

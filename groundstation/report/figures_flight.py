@@ -113,28 +113,44 @@ def latency_budget(panels: Sequence[Any], flown: Flown) -> None:
 
 
 def lateness(panels: Sequence[Any], flown: Flown) -> None:
-    """Histogram over decades: the tail is what counts."""
+    """Histograms over decades: the tail is what counts."""
     (panel,) = panels
     late = 1e3 * known(flown.scalars["lateness_s"])
-    panel.set_xlabel("frame lateness [ms]")
-    panel.set_ylabel("frames")
-    if not len(late):
-        panel.annotate("commands follow the poses: none is late", (0.5, 0.5), xycoords="axes fraction", ha="center")
+    octaves = flown.looks[-1].get("late_octaves", ()) if flown.looks else ()
+    panel.set_xlabel("lateness [ms]")
+    panel.set_ylabel("commands, frames")
+    if not len(late) and not any(octaves):
+        panel.annotate("not recorded", (0.5, 0.5), xycoords="axes fraction", ha="center")
         return
+    if any(octaves):
+        _octaves(panel, octaves)
+    if len(late):
+        _spread(panel, late)
+    panel.set_xscale("log")
+    panel.set_yscale("log")
+    panel.set_ylim(bottom=0.5)
+    panel.xaxis.set_major_formatter(lambda value, _: f"{value:g}")
+    panel.yaxis.set_major_formatter(lambda value, _: f"{value:g}")
+    panel.legend(loc="upper left", bbox_to_anchor=(1.0, 1.02))
+
+
+def _octaves(panel: Any, octaves: Sequence[int]) -> None:
+    """The frames of a pacer, by octaves of microseconds; those before 1 µs are in the first bar."""
+    last = max(k for k, count in enumerate(octaves) if count)
+    counts = [sum(octaves[:2]), *octaves[2 : max(last, 1) + 1]]
+    label = f"the pacer's {sum(octaves)} frames, all within {1e-3 * 2**last:g} ms"
+    panel.stairs(counts, [1e-3 * 2**k for k in range(len(counts) + 1)], color=ORANGE, linewidth=1.4, label=label)
+
+
+def _spread(panel: Any, late: Column) -> None:
     edges = np.geomspace(1e-3, max(10.0, 1.1 * float(late.max())), 49)
-    panel.hist(np.maximum(late, 1.0001e-3), bins=list(edges), color=BLUE)
+    panel.hist(np.maximum(late, 1.0001e-3), bins=list(edges), color=BLUE, label="commands")
     p50, p99, p999 = np.percentile(late, (50, 99, 99.9))
     for value, name, dash in ((p50, "median", "-"), (p99, "99 %", "--"), (p999, "99.9 %", ":")):
         shown = max(0.0, float(value))
         label = f"{name} {shown:.3f} ms"
         panel.axvline(max(shown, 1e-3), color="black", linestyle=dash, linewidth=1.1, label=label)
     panel.plot([], [], " ", label=f"largest {max(0.0, float(late.max())):.3f} ms")
-    panel.set_xscale("log")
-    panel.set_yscale("log")
-    panel.set_ylim(bottom=0.5)
-    panel.xaxis.set_major_formatter(lambda value, _: f"{value:g}")
-    panel.yaxis.set_major_formatter(lambda value, _: f"{value:g}")
-    panel.legend()
 
 
 def events(panels: Sequence[Any], flown: Flown) -> None:

@@ -85,7 +85,7 @@ def _warnings(one: dict[str, Any]) -> str:
     if one["lost_records"]:
         said.append(f"{one['lost_records']} records are missing: the recorder could not keep up.")
     if one["flight"]["clock"] == "virtual":
-        said.append("Flown in virtual time: computing takes none there, and frames are never late.")
+        said.append("Flown in virtual time: computing takes none there, and nothing is ever late.")
     return "".join(f'<p class="note warning">{escape(one["file"])}: {line}</p>' for line in said)
 
 
@@ -110,7 +110,7 @@ def _results(names: Sequence[str], facts: Sequence[dict[str, Any]]) -> str:
                 "",
             ]
         )
-    rows.append(["frame lateness, median / 99 % / largest [ms]", *(_spread(f["lateness_ms"]) for f in facts), ""])
+    rows.append(["command lateness, median / 99 % / largest [ms]", *(_spread(f["lateness_ms"]) for f in facts), ""])
     rows.append(["ended", *(f"{f['ended']['state']}: {f['ended']['reason']}" for f in facts), ""])
     return _table(["", *names, "the paper"], rows, numbers=True)
 

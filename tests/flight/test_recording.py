@@ -245,3 +245,12 @@ def test_a_recording_ends_as_its_flight_did(tmp_path: Path) -> None:
     assert not any("Cancelled" in one.text or one.state == "aborted" for one in told)
     landed, _ = ended("b", "flight.duration_s=1.0", "trajectory.altitude_m=0.0", duration_s=30.0)
     assert (landed["state"], landed["reason"]) == ("landed", "landed and disarmed")
+
+
+def test_where_commands_follow_poses_the_recording_knows_how_long_after_their_pose_they_left() -> None:
+    path, _, records = recorded("paper", "link.pace=poses", duration_s=3.0)
+    ticks = [record.tick for record in records if isinstance(record, Ticked)]
+    late = [entry.value().get("lateness_s") for entry in Recording(path).entries(("/timing",))]
+    assert sum(one is not None for one in late) == len({tick.pose.id for tick in ticks}) > 50
+    for one, tick in zip(late, ticks, strict=True):
+        assert one in (None, tick.time_s - tick.pose.arrival_s)

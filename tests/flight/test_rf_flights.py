@@ -3,11 +3,15 @@
 from pathlib import Path
 
 import pytest
+from matplotlib.figure import Figure
 
 from groundstation.config import ConfigError
+from groundstation.report.figures_flight import lateness
+from groundstation.report.flown import read
+from groundstation.report.numbers import numbers
 from sim.commands import prepare
 from sim.fly import fly
-from sim.run_folder import RunFolder
+from sim.run_folder import RECORDING, RunFolder
 from sim.scenarios import SCENARIOS
 
 
@@ -74,3 +78,22 @@ def test_the_vehicles_thrust_curve_is_straightened_on_the_way(link: str) -> None
     assert straightened < 0.3
     world, config = prepare(SCENARIOS["paper"], curved, link=link)
     assert (fly(world, config, seed=0, duration_s=20.0).verdict.rms_cm or 0.0) > straightened
+
+
+@pytest.mark.parametrize("link", ["dsm", "rf_bridge"])
+def test_a_recording_tells_how_late_commands_and_the_pacers_frames_were(link: str, tmp_path: Path) -> None:
+    world, config = prepare(SCENARIOS["paper"], [], link=link)
+    folder = RunFolder(tmp_path, config, world, scenario="paper", seed=0)
+    fly(world, config, seed=0, duration_s=3.0, give=folder.give)
+    folder.close({"completed": True, "why": ""})
+    flight = read(tmp_path / RECORDING)
+    facts = numbers(flight)
+    assert facts["lateness_ms"]["samples"] > 0.9 * facts["commands"] > 100
+    assert sum(facts["link"]["late_octaves"]) > facts["commands"]
+    panel = Figure().add_subplot()
+    lateness([panel], flight)
+    legend = panel.get_legend()
+    assert legend is not None
+    words = [text.get_text() for text in legend.get_texts()]
+    assert any(word.startswith("the pacer's ") for word in words)
+    assert "commands" in words
