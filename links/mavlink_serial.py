@@ -1,12 +1,11 @@
 """MAVLink over a serial port: USB, a telemetry radio, or an autopilot's TELEM port."""
 
 import asyncio
-import os
 from typing import Any
 
 from links.mavlink_config import MavlinkLinkConfig
 from links.mavlink_wire import Ear
-from links.serial_port import close_port, open_port, waiting
+from links.serial_port import create_serial_connection
 
 QUEUE_S = 0.02
 """A frame is dropped where what waits before it takes the port longer than this [s]."""
@@ -15,25 +14,24 @@ STALL_S = 0.25
 
 
 class SerialWire:
-    """Implements :class:`links.mavlink_wire.Wire`."""
+    """Implements :class:`links.mavlink_wire.Wire`, and :class:`links.serial_port.PortProtocol`."""
 
     datagrams = False
     speaks_first = True
 
-    def __init__(self, fd: int, baud: int, ear: Ear) -> None:
-        """Take over the open port ``fd``."""
-        self._fd = fd
+    def __init__(self, baud: int, ear: Ear) -> None:
+        """Opened by :func:`open_serial`."""
+        self._port: Any = None
         self._ear: Ear | None = ear
         self._room = max(64.0, QUEUE_S * baud / 10.0)  # a byte takes 10 bits
         self._loop = asyncio.get_running_loop()
         self._full_since_s: float | None = None
-        self._loop.add_reader(fd, self._read)
 
     def leave(self, frame: bytes, to: Any) -> str:
         """Send one frame."""
         if self._ear is None:
             return "full"
-        if waiting(self._fd) <= self._room and self._written(frame):
+        if self._port.waiting() <= self._room and self._written(frame):
             self._full_since_s = None
             return ""
         now = self._loop.time()
@@ -45,32 +43,31 @@ class SerialWire:
 
     def _written(self, frame: bytes) -> bool:
         try:
-            return os.write(self._fd, frame) == len(frame)
+            self._port.send(frame)
         except BlockingIOError:
             return False
         except OSError as error:
             self._end(f"the port is gone ({error.strerror})")
             return False
+        return True
 
     def cut(self) -> None:
         """Close the port."""
-        if self._ear is not None:
-            self._ear = None
-            self._loop.remove_reader(self._fd)
-            close_port(self._fd)
+        self._ear = None
+        self._port.abort()
 
-    def _read(self) -> None:
-        try:
-            data = os.read(self._fd, 4096)
-        except BlockingIOError:
-            return
-        except OSError as error:
-            self._end(f"the port is gone ({error.strerror})")
-            return
-        if not data:
-            self._end("the port is gone (unplugged)")
-        elif self._ear is not None:
+    def connection_made(self, transport: Any) -> None:
+        """Keep it (called by the port)."""
+        self._port = transport
+
+    def data_received(self, data: bytes) -> None:
+        """Pass it on (called by the port)."""
+        if self._ear is not None:
             self._ear.hear(data, None)
+
+    def connection_lost(self, exc: Exception | None) -> None:
+        """Pass it on (called by the port)."""
+        self._end(f"the port is gone ({getattr(exc, 'strerror', None) or 'unplugged'})")
 
     def _end(self, why: str) -> None:
         ear = self._ear
@@ -82,4 +79,5 @@ class SerialWire:
 async def open_serial(config: MavlinkLinkConfig, ear: Ear) -> SerialWire:
     """Open ``serial``; raises OSError."""
     assert config.serial is not None, "the caller has looked"
-    return SerialWire(open_port(config.serial, config.baud), config.baud, ear)
+    _, wire = await create_serial_connection(lambda: SerialWire(config.baud, ear), config.serial, config.baud)
+    return wire

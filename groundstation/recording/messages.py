@@ -10,6 +10,7 @@ from groundstation.pilot import Tick
 from groundstation.recording import channels as ch
 from groundstation.recording.channels import quaternion, vector
 from groundstation.recording.records import (
+    NO_PORT,
     Asked,
     Ended,
     Followed,
@@ -165,5 +166,7 @@ def _command(c: Command) -> tuple[float, ch.Vector3, int, float, float, tuple[ch
 
 
 def address(peer: Peer) -> str:
-    """``host:port``, or an empty string."""
-    return "" if peer is None else f"{peer[0]}:{peer[1]}"
+    """``host:port``, the name of a serial port, or an empty string."""
+    if peer is None:
+        return ""
+    return peer[0] if peer[1] == NO_PORT else f"{peer[0]}:{peer[1]}"

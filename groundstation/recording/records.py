@@ -8,6 +8,8 @@ from links.port import Command, LinkStatus
 
 Peer = tuple[str, int] | None
 """Address of the other end; None on a wire that has only one."""
+NO_PORT = -1
+"""Stands behind the name of a serial port, which is no network address."""
 
 
 class About(msgspec.Struct, frozen=True, kw_only=True):
@@ -40,7 +42,7 @@ class Opened(msgspec.Struct, frozen=True, array_like=True, gc=False, tag=1):
     time_s: float
     wire: int
     kind: str
-    """``udp`` or ``tcp``."""
+    """``udp``, ``tcp`` or ``serial``."""
     local: Peer
     """As it was asked for."""
     remote: Peer

@@ -1,7 +1,7 @@
 """Taps on the wires of a flight: every byte in and out, seen at the event loop, whatever link or source opens them.
 
-A context variable says whose code opens a wire: in virtual time the simulated side lives on the same loop. A wire that
-is not opened by the loop (a serial port, the pacer's own process) is not seen.
+A context variable says whose code opens a wire: in virtual time the simulated side lives on the same loop. What the
+pacer's own process opens is not seen.
 """
 
 import asyncio
@@ -9,7 +9,8 @@ from collections.abc import Callable
 from contextvars import ContextVar
 from typing import Any
 
-from groundstation.recording.records import Opened, Peer, Received, Record, Sent
+from groundstation.recording.records import NO_PORT, Opened, Peer, Received, Record, Sent
+from links.serial_port import open_serial_connection
 
 _TAPPED: "ContextVar[Wires | None]" = ContextVar("tapped", default=None)
 
@@ -26,12 +27,14 @@ class Wires:
         self._loop: Any = None
 
     def tap(self) -> None:
-        """Tap every UDP or TCP wire that this task, or one that it starts, opens from now on."""
+        """Tap every UDP, TCP or serial wire that this task, or one that it starts, opens from now on."""
         self._loop = asyncio.get_running_loop()
         _TAPPED.set(self)
         if not getattr(self._loop.create_datagram_endpoint, "taps", False):
             self._loop.create_datagram_endpoint = _tapping(self._loop.create_datagram_endpoint, "udp")
             self._loop.create_connection = _tapping(self._loop.create_connection, "tcp")
+            own = getattr(self._loop, "create_serial_connection", open_serial_connection)
+            self._loop.create_serial_connection = _tapping(own, "serial")
 
     def opened(self, kind: str, local: Any, remote: Any) -> int:
         """A wire was opened; returns its number."""
@@ -69,6 +72,8 @@ def _tapping(open_wire: Callable[..., Any], kind: str) -> Callable[..., Any]:
             return await open_wire(factory, *args, **options)
         if kind == "tcp":
             local, remote = None, args[:2] or (options.get("host"), options.get("port"))
+        elif kind == "serial":
+            local, remote = None, (args[0], NO_PORT)
         else:
             local, remote = (*args, None, None)[:2]
             local, remote = options.get("local_addr", local), options.get("remote_addr", remote)
@@ -159,7 +164,7 @@ class TappedTransport:
         return done
 
     def send(self, data: bytes) -> Any:
-        """Of a socket."""
+        """Of a socket, or of a serial port."""
         done = self._original.send(data)
         self._wires.sent(self._wire, data, None)
         return done

@@ -109,9 +109,7 @@ class _Again:
     def __init__(self, config: Config, loop: TapeLoop) -> None:
         self._loop = loop
         self._link, self._source = make_ends(config)
-        link = config.link
-        poses_by_link = isinstance(config.pose, MavlinkPoseConfig) and isinstance(link, MavlinkLinkConfig)
-        self._hears_link = poses_by_link and getattr(link, "serial", None) is None
+        self._hears_link = isinstance(config.pose, MavlinkPoseConfig) and isinstance(config.link, MavlinkLinkConfig)
         self._pilot = _Pilot(config.vehicle, config.controller, config.flight.coast_s, config.flight.floor_z_m)
         self._told = _Told()
         self._gate = Gate(config.gate)
@@ -154,9 +152,9 @@ class _Again:
         return Reflown(self._pairs, count["pose"], count["idle"], self._differing, self._first, self._lost, self._deaf)
 
     async def _connect(self) -> None:
-        """As a flight does; but the link only where poses come by it, and never one that has a port of its own.
+        """As a flight does; but the link only where poses come by it, and never one with a pacer.
 
-        A wire that is opened past the event loop would be a real one, with a real vehicle at its other end.
+        What is opened past the event loop would be a real wire, with a real vehicle at its other end.
         """
         await self._source.start(self._deliver)
         if self._hears_link:

@@ -63,10 +63,14 @@ class TapeLoop(asyncio.SelectorEventLoop):
         """A connection that only hears."""
         return self._open(("tcp", "", _address((host, port))), protocol_factory, None)
 
+    async def create_serial_connection(self, factory: Callable[[], Any], path: str, _baud: int) -> tuple[Any, Any]:
+        """A serial port that only hears, and is none."""
+        return self._open(("serial", "", path), factory, None)
+
     def _open(self, wire: Wire, factory: Callable[[], Any], local: Any) -> tuple[Any, Any]:
         protocol = factory()
         self._protocols[wire].append(protocol)
-        peer = tuple(wire[2].rsplit(":", 1)) if wire[2] else None
+        peer = tuple(wire[2].rsplit(":", 1)) if wire[2] and wire[0] != "serial" else None
         transport = _Mute({"sockname": local or ("127.0.0.1", 0), "peername": peer, "socket": _NoSocket()})
         protocol.connection_made(transport)
         return transport, protocol
@@ -97,6 +101,12 @@ class _Mute(asyncio.DatagramTransport, asyncio.Transport):
 
     def write(self, data: Any) -> None:
         pass
+
+    def send(self, data: bytes) -> int:
+        return len(data)
+
+    def waiting(self) -> int:
+        return 0
 
     def get_write_buffer_size(self) -> int:
         return 0

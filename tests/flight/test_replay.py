@@ -155,7 +155,7 @@ def test_a_recording_that_was_cut_off_is_flown_again_up_to_there(tmp_path: Path)
 def test_a_replay_opens_no_port_of_a_real_vehicle(monkeypatch: pytest.MonkeyPatch) -> None:
     path, _, _ = recorded(source="odometry")
     opened: list[str] = []
-    monkeypatch.setattr("links.mavlink_serial.open_port", lambda port, _: opened.append(port))
+    monkeypatch.setattr("links.serial_port.open_port", lambda port, _: opened.append(port))
     facts = replayed(path, ["link.serial=/dev/ttyACM0"])
     assert opened == []
     assert facts["identical"] is False

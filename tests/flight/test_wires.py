@@ -5,6 +5,7 @@ import contextlib
 import os
 import pty
 import tty
+from collections import Counter
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -15,6 +16,10 @@ import pytest
 from groundstation.app import make_flight
 from groundstation.flight import Flight
 from groundstation.pilot import Tick
+from groundstation.poses.tlog_codec import TlogReader
+from groundstation.recorded import about
+from groundstation.recording.log import FlightLog
+from groundstation.replay import replayed
 from links.address import parse_address
 from links.mavlink_codec import frame_end
 from sim.commands import prepare
@@ -87,13 +92,18 @@ async def over_serial(udp: str, folder: Path, stack: contextlib.AsyncExitStack) 
     return {"serial": os.ttyname(theirs)}
 
 
-@pytest.mark.parametrize(("autopilot", "over"), [("ardupilot", over_tcp), ("px4", over_serial)])
-def test_the_vehicle_is_flown_over_a_stream(autopilot: str, over: Any, tmp_path: Path) -> None:
+def flown(autopilot: str, over: Any, folder: Path, source: str = "vicon") -> list[Tick]:
+    """The commands of a short flight, which is recorded in ``folder``."""
+
     async def main() -> list[Tick]:
         udp, cameras = await free_address(), await free_address()
         async with contextlib.AsyncExitStack() as stack:
-            way = await over(udp, tmp_path, stack)
-            world, config = prepare(SCENARIOS["paper"], [f"pose.listen={cameras}", f"link.listen={udp}"])
+            way = await over(udp, folder, stack)
+            world, config = prepare(
+                SCENARIOS["paper"],
+                [f"link.listen={udp}", *([f"pose.listen={cameras}"] if source == "vicon" else [])],
+                source=source,
+            )
             stage = Stage(world, config, 0, autopilot=autopilot)
             config = msgspec.structs.replace(config, link=msgspec.structs.replace(config.link, listen=None, **way))
             running = asyncio.create_task(stage.run())
@@ -107,7 +117,9 @@ def test_the_vehicle_is_flown_over_a_stream(autopilot: str, over: Any, tmp_path:
             async def confirm() -> bool:
                 return True
 
-            flight: Flight = make_flight(config, confirm=confirm, on_tick=on_tick)
+            log = FlightLog(folder / "flight.mcap", about(config), epoch_ns=0, tell=print)
+            stack.callback(log.close)
+            flight: Flight = make_flight(config, confirm=confirm, on_tick=on_tick, give=log.write)
             outcome = await flight.run()
             assert outcome.reason == "motors off: enough"
             assert not stage.autopilot.armed
@@ -115,8 +127,25 @@ def test_the_vehicle_is_flown_over_a_stream(autopilot: str, over: Any, tmp_path:
             await asyncio.gather(running, return_exceptions=True)
             return ticks
 
-    ticks = in_real_time(main())
+    return in_real_time(main())
+
+
+@pytest.mark.parametrize(("autopilot", "over"), [("ardupilot", over_tcp), ("px4", over_serial)])
+def test_the_vehicle_is_flown_over_a_stream(autopilot: str, over: Any, tmp_path: Path) -> None:
+    ticks = flown(autopilot, over, tmp_path)
     last = ticks[-1]
     off = [a - b for a, b in zip(last.pose.position_ned, last.reference.position_ned, strict=True)]
     assert max(map(abs, off)) < 0.3
     assert len(ticks) > 0.5 * FLOWN_S / 0.0225
+    names = Counter(record.message.get_type() for record in TlogReader((tmp_path / "flight.tlog").read_bytes()))
+    assert names["SET_ATTITUDE_TARGET"] >= len(ticks)
+    assert names["HEARTBEAT"] > 2
+
+
+def test_a_flight_on_poses_by_a_serial_port_is_flown_again_to_the_last_bit(tmp_path: Path) -> None:
+    ticks = flown("px4", over_serial, tmp_path, source="odometry")
+    facts = replayed(tmp_path / "flight.mcap")
+    assert facts["first_difference"] is None
+    assert facts["identical"] is True
+    assert facts["commands"] >= len(ticks)
+    assert facts["unheard_wires"] == []
