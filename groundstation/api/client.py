@@ -148,7 +148,7 @@ class Client(asyncio.Protocol):
                 except ValueError as error:
                     raise ApiError(f"no snapshot of this version at {self._path}: {error}") from error
             if self._trouble:
-                raise ApiError(f"{self._path}: {self._trouble}")
+                raise ApiError(f"{self._trouble} ({self._path})")
             if self._over:
                 raise StopAsyncIteration
             self._news.clear()
@@ -178,7 +178,7 @@ class Client(asyncio.Protocol):
         """Whoever waits hears of it."""
         del exc
         self._over = True
-        lost = ApiError(f"{self._path}: {self._trouble or 'the ground station has closed the connection'}")
+        lost = ApiError(f"{self._trouble or 'the ground station has closed the connection'} ({self._path})")
         if not self.ready.done():
             self.ready.set_exception(lost)
         for future in self._answers.values():

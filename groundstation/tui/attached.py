@@ -46,7 +46,7 @@ class Attached:
             except FileNotFoundError:
                 trouble = f"No ground station serves {self._path}."
             except OSError as error:
-                trouble = f"{self._path}: {error.strerror or error}"
+                trouble = f"{error.strerror or error}: {self._path}"
             except ApiError as error:
                 trouble = str(error)
             finally:

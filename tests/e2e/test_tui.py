@@ -141,15 +141,15 @@ def test_a_new_flight_begins_with_empty_plots(stage: Stage) -> None:
 def test_configuration_and_events_can_be_searched() -> None:
     async def scene(pilot: Pilot[None]) -> None:
         await until(pilot, lambda: says(pilot, "ready"))
+
+        def shown() -> str:
+            found = pilot.app.screen.query("#text")
+            return str(found.first().render()) if found else ""
+
         await pilot.press("4", "slash", *"coast", "enter")
-        await pilot.pause(0.5)
-        shown = str(pilot.app.screen.query_one("#text").render())
-        assert "flight.coast_s = 0.25" in shown
-        assert "vehicle.mass_kg" not in shown
+        await until(pilot, lambda: "flight.coast_s = 0.25" in shown() and "vehicle.mass_kg" not in shown())
         await pilot.press("5", "slash", *"link and")
-        await pilot.pause(0.5)
-        shown = str(pilot.app.screen.query_one("#text").render())
-        assert ("ready: link and poses" in shown, "tracking" in shown) == (True, False)
+        await until(pilot, lambda: "ready: link and poses" in shown() and "tracking" not in shown())
 
     play(scene, Fixed(on_ground()))
 
@@ -157,15 +157,17 @@ def test_configuration_and_events_can_be_searched() -> None:
 def test_the_palette_changes_page_and_colours() -> None:
     async def scene(pilot: Pilot[None]) -> None:
         await until(pilot, lambda: says(pilot, "ready"))
-        for words in ("page links", "colours light"):
+
+        async def choose(words: str, done: Callable[[], bool]) -> None:
             await pilot.press("ctrl+p")
             await pilot.pause(0.1)
             await pilot.press(*words)
             await pilot.pause(0.5)
             await pilot.press("enter")
-            await pilot.pause(0.3)
-        assert pilot.app.current_mode == "links"
-        assert pilot.app.theme == "light"
+            await until(pilot, done)
+
+        await choose("page links", lambda: pilot.app.current_mode == "links")
+        await choose("colours light", lambda: pilot.app.theme == "light")
 
     play(scene, Fixed(on_ground()))
 
