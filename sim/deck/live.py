@@ -17,7 +17,7 @@ from typing import Any
 from groundstation.api.client import snapshots
 from groundstation.api.place import ApiError
 from groundstation.config import dump
-from groundstation.mission import State
+from groundstation.mission import FINAL, State
 from groundstation.ops import Vec3
 from groundstation.settings import Config
 from links.channel_map import Channels
@@ -105,7 +105,7 @@ class _Scene:
             self.log.append(text)
             # INFO 12.345 state: why
             state, colon, reason = text.partition(" ")[2].partition(" ")[2].partition(": ")
-            if colon and state in tuple(State):
+            if colon and state in tuple(State) and self.moves.state not in FINAL:  # then it makes ready for the next
                 self.moves.entered(State(state), reason)
 
     async def served(self) -> None:
@@ -304,7 +304,9 @@ async def _reached(scene: _Scene, world: World, name: str) -> None:
 
 
 async def _ended(scene: _Scene, world: World) -> tuple[float | None, bool]:
-    """Wait until the station has ended and the vehicle rests; when the autopilot acted by itself, and whether it did.
+    """Wait until the flight is over, or its station dead, and the vehicle rests.
+
+    Returns when the autopilot acted by itself, where it did, and whether the vehicle came to rest.
 
     Raises:
         _Disturbed: this process could not look after the vehicle meanwhile.
@@ -318,7 +320,7 @@ async def _ended(scene: _Scene, world: World) -> tuple[float | None, bool]:
         before = now
         if acts_s is None and scene.stage.radio is None and scene.stage.autopilot.failsafe:
             acts_s = now
-        if scene.station.returncode is not None:
+        if scene.station.returncode is not None or scene.moves.state in FINAL:
             over_s = min(over_s, now)
             truth = scene.stage.plant.truth(now)
             stands = truth.on_ground or scene.stage.plant.released_s is None
@@ -357,7 +359,7 @@ def _judged(
         gap = max((b - a for a, b in zip(times, times[1:], strict=False)), default=0.0)
         if gap > GAP_S and not answers:
             wrong = wrong or f"{1e3 * gap:.0f} ms without a frame, though it flew on"
-        if scene.station.returncode != 0:
+        if scene.moves.state is not State.LANDED:
             busy = "this machine stood still: " if stood else ""
             wrong = wrong or f"{busy}the flight did not end as planned: {scene.log[-3:]}"
     if not truth.tilt_deg <= TILT_DEG:
