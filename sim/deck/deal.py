@@ -87,5 +87,8 @@ def fly_all(
     if live:
         from sim.deck.live import fly_live_cells
 
-        asyncio.run(fly_live_cells([(c.fault, c.state) for c in live], lambda f, s, row: done(Cell(f, s), row)))
+        try:
+            asyncio.run(fly_live_cells([(c.fault, c.state) for c in live], lambda f, s, row: done(Cell(f, s), row)))
+        except asyncio.CancelledError:  # told to end
+            raise KeyboardInterrupt from None
     return [rows[cell] for cell in work]

@@ -157,7 +157,10 @@ STRIKES: dict[str, Callable[[_Scene], Awaitable[None]]] = {
 
 async def fly_live_cells(work: Sequence[tuple[str, str]], done: Callable[[str, str, Row], None]) -> None:
     """Fly ``work``, (fault, state), some at once; ``done`` gets each row."""
-    room = asyncio.Semaphore(AT_ONCE)
+    room, whole = asyncio.Semaphore(AT_ONCE), asyncio.current_task()
+    assert whole is not None, "somebody runs this"
+    # Whoever ends this process ends the stations with it: they have sessions of their own.
+    asyncio.get_running_loop().add_signal_handler(signal.SIGTERM, whole.cancel)
 
     async def one(fault: str, state: str) -> None:
         async with room:
