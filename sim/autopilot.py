@@ -1,7 +1,7 @@
 """A simulated autopilot that behaves towards a ground station as PX4 1.16 was seen to do. Sans-IO.
 
 - OFFBOARD is accepted while disarmed whether or not set-points come; arming is denied until they have come for 1 s.
-- Set-points that stop: the last one is held for 1 s (COM_OF_LOSS_T), then it lands by itself; when they come
+- Set-points that stop: the last one is held for COM_OF_LOSS_T, then it lands by itself; when they come
   again, it follows them again.
 - It denies to disarm until it has stood on the ground for 1-2 s; disarming by force works always.
 - SET_ATTITUDE_TARGET: an attitude that is not masked out wins over the rates; a masked thrust is no thrust.

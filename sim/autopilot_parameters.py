@@ -10,7 +10,7 @@ INT8, INT16, INT32 = 2, 4, 6
 """MAV_PARAM_TYPE."""
 
 PX4_PARAMETERS: Mapping[str, tuple[float, int]] = {
-    "COM_OF_LOSS_T": (1.0, REAL32),
+    "COM_OF_LOSS_T": (0.4, REAL32),
     "COM_OBL_RC_ACT": (4.0, INT32),
     "COM_RCL_EXCEPT": (4.0, INT32),
     "COM_RC_IN_MODE": (4.0, INT32),

@@ -37,9 +37,10 @@ def table(facts: Facts) -> list[Advice]:
         Advice(
             ("COM_OF_LOSS_T",),
             Weight.SHOULD,
-            between(0.2, 1.0, 0.5),
+            between(0.2, 0.5, 0.4),
             "When commands stop, PX4 holds the last one for this long [s], blind. We fall silent on purpose after a "
-            "bring-down, so this must be short; below 0.2 s a hiccup of the network already counts.",
+            "bring-down, so this must be short: with 1 s, as delivered, one that leans may meet the floor at 1.3 m/s. "
+            "Below 0.2 s a hiccup of the network already counts.",
         ),
         Advice(
             ("COM_OBL_RC_ACT",),

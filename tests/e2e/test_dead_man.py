@@ -67,7 +67,8 @@ async def lab(folder: Path, *arguments: str, mute: bool = False) -> AsyncIterato
         stderr=asyncio.subprocess.PIPE,
         cwd=ROOT,
     )
-    stage = Stage(world, config, 0)
+    # Its own failsafe comes as late as it is delivered: what leaves the station is looked at.
+    stage = Stage(world, config, 0, parameters={"COM_OF_LOSS_T": 1.0})
     here = Lab(station, stage)
     loop = asyncio.get_running_loop()
     receive = stage.autopilot.receive

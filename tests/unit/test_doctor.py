@@ -224,7 +224,7 @@ def test_nobody_there_is_told_of(tmp_path: Path, capsys: pytest.CaptureFixture[s
 @pytest.mark.parametrize(
     ("kind", "name", "old", "new"),
     [
-        ("px4", "COM_OF_LOSS_T", 5.0, 0.5),
+        ("px4", "COM_OF_LOSS_T", 5.0, 0.4),
         ("px4", "COM_OBL_RC_ACT", 0.0, 4.0),
         ("ardupilot", "GUID_OPTIONS", 5.0, 13.0),
         ("ardupilot", "ATC_ANGLE_BOOST", 1.0, 0.0),
@@ -259,9 +259,9 @@ def test_an_armed_vehicle_is_not_changed(tmp_path: Path, capsys: pytest.CaptureF
 
 
 def test_a_value_of_ones_own_must_be_accepted(tmp_path: Path) -> None:
-    seen = visit(tmp_path, orders={"fix": "COM_OF_LOSS_T=0.75", "yes": True}, parameters={"COM_OF_LOSS_T": 5.0})
-    assert seen.autopilot.parameters["COM_OF_LOSS_T"] == 0.75
-    with pytest.raises(ConfigError, match=r"COM_OF_LOSS_T: expected 0\.2 to 1, got 3"):
+    seen = visit(tmp_path, orders={"fix": "COM_OF_LOSS_T=0.25", "yes": True}, parameters={"COM_OF_LOSS_T": 5.0})
+    assert seen.autopilot.parameters["COM_OF_LOSS_T"] == 0.25
+    with pytest.raises(ConfigError, match=r"COM_OF_LOSS_T: expected 0\.2 to 0\.5, got 3"):
         visit(tmp_path, orders={"fix": "COM_OF_LOSS_T=3", "yes": True})
 
 
@@ -273,7 +273,7 @@ def test_a_value_of_ones_own_must_be_accepted(tmp_path: Path) -> None:
         ({"fix": "COM_OF_LOSS_T", "restore": Path("x"), "yes": True}, "one parameter at a time"),
         ({"fix": "NO_SUCH", "yes": True}, "expected one of"),
         ({"fix": "COM_OF_LOSS_T=soon", "yes": True}, "expected a number"),
-        ({"fix": "COM_OF_LOSS_T", "yes": True}, "is 1, which is fine"),
+        ({"fix": "COM_OF_LOSS_T", "yes": True}, "is 0.4, which is fine"),
         ({"restore": Path("missing.json"), "yes": True}, "cannot read missing.json"),
     ],
 )
