@@ -54,7 +54,10 @@ CODES: dict[str, dict[int, str]] = {
     "doctor": {0: "nothing to change", 1: "something to change, or not confirmed", 3: "no answer, or a refusal"},
     "trajectory": {0: "PASS", 1: "FAIL"},
     "identify": {0: "something was found", 1: "the flight tells nothing of thrust, lags and delay"},
-    "replay": {0: "the same to the last bit (own recordings), or within its limits (.tlog)", 1: "it differs"},
+    "replay": {
+        0: "the same to the last bit (own recordings), or within its limits (.tlog)",
+        1: "it differs, or the recording is damaged",
+    },
 }
 """What the codes of a command mean; those not named here have 0 for done and 1 for not done. 2 is usage in all."""
 

@@ -16,7 +16,7 @@ def remarks(found: Found) -> list[str]:
     flown = seen.config.trajectory.__struct_config__.tag
     lines = [f"{seen.length_s:.1f} s of {flown}, {len(seen.at_s)} poses. Intervals hold the truth in 95 % of flights."]
     if not seen.recording.whole:
-        lines.append("The recording was cut off: this is from what is in it.")
+        lines.append(f"The recording {seen.recording.trouble}. This is from what is in it before.")
     return lines
 
 

@@ -30,10 +30,11 @@ def export_command(path: Path, form: str, channels: list[str], out: Path | None)
         if form == "mcap":
             target = out or path.with_name(f"{path.stem}-whole.mcap")
             count = rewritten(recording, target, wanted)
-            print(f"{target}: {count} messages{'' if recording.whole else ', up to where the recording was cut off'}")
+            print(f"{target}: {count} messages{_short_of(recording)}")
         elif form == "poses":
             target = out or path.with_name(f"{path.stem}-poses.csv")
-            print(f"{target}: {write_poses(recording, target)} poses; pose.kind = 'csv' plays them")
+            count = write_poses(recording, target)
+            print(f"{target}: {count} poses; pose.kind = 'csv' plays them{_short_of(recording)}")
         elif len(wanted) == 1 and out is None:
             write_csv(recording, {wanted[0]: sys.stdout})
         else:
@@ -47,6 +48,10 @@ def export_command(path: Path, form: str, channels: list[str], out: Path | None)
     return 0
 
 
+def _short_of(recording: Recording) -> str:
+    return "" if recording.whole else f"; the recording {recording.trouble}"
+
+
 def _write_folder(recording: Recording, topics: list[str], folder: Path) -> None:
     folder.mkdir(parents=True, exist_ok=True)
     with ExitStack() as stack:
@@ -57,6 +62,8 @@ def _write_folder(recording: Recording, topics: list[str], folder: Path) -> None
         rows = write_csv(recording, files)
     for topic, path in paths.items():
         print(f"{path}: {rows[topic]} rows")
+    if not recording.whole:
+        print(f"the recording {recording.trouble}")
 
 
 def write_csv(recording: Recording, files: Mapping[str, TextIO]) -> dict[str, int]:

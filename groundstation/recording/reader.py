@@ -1,16 +1,17 @@
-"""Reads recordings, also those that were cut off: whatever stands before the damage."""
+"""Reads recordings, also those that were cut off or damaged: whatever stands before that."""
 
+import os
 import struct
 from collections.abc import Collection, Iterator
 from io import BytesIO
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any, BinaryIO, NamedTuple
 
 import msgspec
 from mcap.data_stream import ReadDataStream
 from mcap.exceptions import McapError
 from mcap.opcode import Opcode
-from mcap.records import Channel, Chunk, DataEnd, Metadata
+from mcap.records import Channel, Chunk, DataEnd, McapRecord, Metadata
 from mcap.stream_reader import StreamReader, get_chunk_data_stream
 
 from groundstation.recording.headline import Count, Headline
@@ -22,6 +23,8 @@ _MESSAGE = struct.Struct("<HIQQ")
 """How a message begins: its channel, its number, and two times."""
 _RECORD_BYTES = 1 << 28
 """No record of ours is longer: a length beyond it is damage."""
+_DATA = (Opcode.HEADER, Opcode.METADATA, Opcode.CHUNK, Opcode.MESSAGE_INDEX, Opcode.DATA_END)
+"""What stands in a recording before its index. mcap passes over other records; here they are damaged chunks."""
 
 
 class NoRecording(Exception):
@@ -63,6 +66,8 @@ class Recording:
         """The headline (headline.Headline) as text; empty before the end was read, and where it is missing."""
         self.whole = False
         """True once the end was read and nothing was damaged."""
+        self.damaged_at: int | None = None
+        """Where the damage begins that ended the reading [byte]; None where the recording is whole or was cut off."""
         next(self._records(()), None)
         if not self.about:
             raise NoRecording(f"{path} is no recording of a flight, or was cut off before it began")
@@ -70,6 +75,13 @@ class Recording:
     def entries(self, topics: Collection[str] = ()) -> Iterator[Entry]:
         """The messages on ``topics`` (none: all) in the order in which things happened, up to the end or the damage."""
         yield from self._records(topics)
+
+    @property
+    def trouble(self) -> str:
+        """Why not all of the flight could be read, for "the recording …"; empty where it could."""
+        if self.damaged_at is not None:
+            return f"is damaged at byte {self.damaged_at}: the rest is not read"
+        return "" if self.whole else "was cut off"
 
     def headline(self) -> Headline:
         """The figures of the flight: as written at its end, or else counted up to the damage."""
@@ -79,14 +91,15 @@ class Recording:
         if self.result:
             return from_texts(self.result)
         headline = count.headline()
-        return msgspec.structs.replace(headline, reason=f"{headline.reason} (the recording was cut off)")
+        return msgspec.structs.replace(headline, reason=f"{headline.reason} (the recording {self.trouble})")
 
     def _records(self, topics: Collection[str]) -> Iterator[Entry]:
-        self.whole = False
+        self.whole, self.damaged_at = False, None
         names: dict[int, str] = {}
-        try:
-            with self.path.open("rb") as file:
-                reader = StreamReader(file, emit_chunks=True, validate_crcs=True, record_size_limit=_RECORD_BYTES)
+        with self.path.open("rb") as file:
+            at = len(MAGIC)
+            try:
+                reader = _Strict(file, emit_chunks=True, validate_crcs=True, record_size_limit=_RECORD_BYTES)
                 for record in reader.records:
                     match record:
                         case Chunk():
@@ -97,8 +110,31 @@ class Recording:
                             self.result = dict(record.metadata)
                         case DataEnd():
                             self.whole = True
-        except (McapError, struct.error, ValueError, EOFError, MemoryError, _decompression_error()):
-            self.whole = False
+                    at = file.tell()
+            except (McapError, struct.error, ValueError, EOFError, MemoryError, _decompression_error()):
+                self.whole = False
+                if not _ends_early(file):
+                    self.damaged_at = at
+
+
+class _Strict(StreamReader):
+    """mcap's reader, for which a kind of record that is out of place is damage."""
+
+    _in_index = False
+
+    def _read_record(self, opcode: int, length: int) -> McapRecord | None:
+        if not self._in_index and opcode not in _DATA:
+            raise McapError(f"a record of kind {opcode} among the data")
+        self._in_index = self._in_index or opcode == Opcode.DATA_END
+        return super()._read_record(opcode, length)
+
+
+def _ends_early(file: BinaryIO) -> bool:
+    """Whether ``file`` was read to its end, and that is none: it was cut off there."""
+    reached = file.tell()
+    size = file.seek(0, os.SEEK_END)
+    file.seek(-len(MAGIC), os.SEEK_END)
+    return reached == size and file.read() != MAGIC
 
 
 def _messages(chunk: Chunk, topics: Collection[str], names: dict[int, str]) -> Iterator[Entry]:

@@ -15,17 +15,23 @@ from groundstation.settings import Config
 NAMES = ("thrust_n", "roll_rate_rad_s", "pitch_rate_rad_s", "yaw_rate_rad_s")
 
 
+FLOWN_AGAIN = ("vehicle", "controller", "pose", "gate", "link", "flight")
+"""Tables of the configuration that a replay asks; the reference, and what the mission did, are as recorded."""
+END = "this is all that is in it"
+
+
 def replay_command(path: Path, overrides: Sequence[str], *, as_json: bool) -> int:
     """Fly ``path`` again, with ``overrides`` where given; print what came of it.
 
-    Returns 0, or 1 where nothing was changed and the commands are not the same to the last bit.
+    Returns 0, or 1 where the recording is damaged, or nothing was changed and the commands are not the same to the last
+    bit.
 
     Raises:
         ConfigError: the file is no recording, or an override is bad.
     """
     facts = replayed(path, overrides)
     print(json.dumps(facts) if as_json else text_of(facts))
-    return 0 if overrides or facts["identical"] else 1
+    return 0 if facts["damaged_at"] is None and (overrides or facts["identical"]) else 1
 
 
 def replayed(path: Path, overrides: Sequence[str] = ()) -> dict[str, Any]:
@@ -60,12 +66,18 @@ def replayed(path: Path, overrides: Sequence[str] = ()) -> dict[str, Any]:
         "lost": result.lost,
         "unheard_wires": result.deaf,
         "whole": recording.whole,
+        "damaged_at": recording.damaged_at,
         "overrides": list(overrides),
+        "without_effect": [override for override in overrides if _table(override) not in FLOWN_AGAIN],
         "changes": {name: _change([(p.recorded[i], p.replayed[i]) for p in result.commands]) for i, name in _indexed()},
         "saturated_fraction": sum(pair.saturated for pair in result.commands) / count if count else None,
         "recorded_by": {key: recording.about.get(key, "") for key in ("version", "git", "python")},
         "replayed_by": {key: own[key] for key in ("version", "git", "python")},
     }
+
+
+def _table(override: str) -> str:
+    return override.partition("=")[0].strip().partition(".")[0]
 
 
 def _indexed() -> list[tuple[int, str]]:
@@ -89,8 +101,10 @@ def text_of(facts: dict[str, Any]) -> str:
     """The same for people."""
     lines = [
         f"{facts['file']}: {facts['commands']} commands, {facts['idle_commands']} idle ones, {facts['poses']} poses"
-        + ("" if facts["whole"] else "; the recording was cut off, this is all that is in it")
+        + ("" if facts["whole"] else f"; the recording was cut off, {END}" if facts["damaged_at"] is None else "")
     ]
+    if facts["damaged_at"] is not None:
+        lines.append(f"DAMAGED at byte {facts['damaged_at']}: the rest is not read, {END}")
     if facts["lost"]:
         lines.append(f"{facts['lost']} records are missing: the recorder could not keep up")
     if facts["differing"]["pose"]:
@@ -99,12 +113,18 @@ def text_of(facts: dict[str, Any]) -> str:
         ]
     first = facts["first_difference"]
     if facts["identical"]:
-        lines.append("identical: every pose and every command is the same to the last bit")
+        there = "" if facts["damaged_at"] is None else " before the damage"
+        lines.append(f"identical: every pose and every command{there} is the same to the last bit")
     elif first is not None:
         lines.append(
             f"not identical: {facts['differing']['command']} commands differ, first {first['what']} "
             f"{first['number']} at {first['time_s']:.6f} s, {first['field']}: "
             f"{first['recorded']} recorded, {first['replayed']} now"
+        )
+    if facts["without_effect"]:
+        lines.append(
+            f"{', '.join(facts['without_effect'])}: changes nothing here. The reference is the recorded one, and only "
+            "pose source, gate, estimator and controller run again; to fly it otherwise, use the simulator"
         )
     if facts["overrides"]:
         lines += ["", f"with {', '.join(facts['overrides'])}, on the poses that were seen (nothing flies differently):"]

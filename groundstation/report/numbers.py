@@ -26,13 +26,14 @@ def numbers(flown: Flown) -> dict[str, Any]:
     return {
         "file": str(flown.path),
         "whole": flown.recording.whole,
+        "damaged_at": flown.recording.damaged_at,
         "lost_records": flown.lost,
         "flight": {key: about.get(key, "") for key in ABOUT},
         "program": {key: about.get(key, "") for key in PROGRAM},
         "config": about.get("config", ""),
         "ended": {
             "state": headline.get("state", flown.events[-1][1] if flown.events else ""),
-            "reason": headline.get("reason", "the recording was cut off"),
+            "reason": headline.get("reason", f"the recording {flown.recording.trouble}"),
         },
         "flown_s": _value(t[tracking].max()) if tracking.any() else 0.0,
         "commands": len(t),

@@ -80,7 +80,9 @@ def _name(one: dict[str, Any]) -> str:
 
 def _warnings(one: dict[str, Any]) -> str:
     said = []
-    if not one["whole"]:
+    if one["damaged_at"] is not None:
+        said.append(f"The recording is damaged at byte {one['damaged_at']}: the rest is not read.")
+    elif not one["whole"]:
         said.append("The recording was cut off: this is all that is in it.")
     if one["lost_records"]:
         said.append(f"{one['lost_records']} records are missing: the recorder could not keep up.")

@@ -107,7 +107,7 @@ def test_a_recording_that_was_cut_off_is_read_as_far_as_it_goes(
     (tmp_path / "cut.mcap").write_bytes(whole[: len(whole) // 3])
     assert identify_command(tmp_path / "cut.mcap", None, None, as_json=False) == 0
     text = capsys.readouterr().out
-    assert "The recording was cut off: this is from what is in it." in text
+    assert "The recording was cut off. This is from what is in it before." in text
     assert "thrust lag" in text
     (tmp_path / "early.mcap").write_bytes(whole[: len(whole) // 10])
     with pytest.raises(ConfigError, match=r"8 s are the least: fly trajectory\.kind = 'excitation'"):

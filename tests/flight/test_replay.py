@@ -7,10 +7,11 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from mcap.opcode import Opcode
 from mcap.writer import Writer
 
 from groundstation.recording.channels import CHANNELS
-from groundstation.recording.reader import Entry, Recording
+from groundstation.recording.reader import MAGIC, Entry, Recording
 from groundstation.replay import replay_command, replayed
 from tests.recordings import recorded
 
@@ -150,6 +151,57 @@ def test_a_recording_that_was_cut_off_is_flown_again_up_to_there(tmp_path: Path)
     facts = replayed(cut)
     assert (facts["identical"], facts["whole"]) == (True, False)
     assert 0 < facts["commands"] < replayed(path)["commands"]
+
+
+@pytest.mark.parametrize("share", [0.4, 0.7])
+def test_a_recording_damaged_in_its_middle_is_not_called_cut_off(
+    share: float, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    path, _, _ = recorded()
+    data = bytearray(path.read_bytes())
+    where = int(share * len(data))
+    data[where : where + 30] = bytes(byte ^ 0x5A for byte in data[where : where + 30])
+    bad = tmp_path / "bad.mcap"
+    bad.write_bytes(data)
+    assert replay_command(bad, [], as_json=True) == 1
+    facts = json.loads(capsys.readouterr().out)
+    assert (facts["whole"], facts["identical"]) == (False, True)
+    assert where - 100_000 < facts["damaged_at"] <= where
+    assert 0 < facts["commands"] < replayed(path)["commands"]
+    assert replay_command(bad, [], as_json=False) == 1
+    text = capsys.readouterr().out
+    assert f"DAMAGED at byte {facts['damaged_at']}: the rest is not read" in text
+    assert "cut off" not in text
+    assert replay_command(bad, ["controller.k2=3"], as_json=True) == 1
+    bad.write_bytes(data[: len(data) - 1000])  # cut off behind the damage
+    assert replayed(bad)["damaged_at"] == facts["damaged_at"]
+
+
+@pytest.mark.parametrize("kind", [0x05, 0x46, 0x0A])
+def test_a_chunk_that_does_not_look_like_one_any_more_is_damage(kind: int, tmp_path: Path) -> None:
+    path, _, _ = recorded()
+    data = bytearray(path.read_bytes())
+    at = len(MAGIC)
+    for _ in range(20):
+        at += 9 + int.from_bytes(data[at + 1 : at + 9], "little")
+    while data[at] != Opcode.CHUNK:
+        at += 9 + int.from_bytes(data[at + 1 : at + 9], "little")
+    data[at] = kind
+    bad = tmp_path / "bad.mcap"
+    bad.write_bytes(data)
+    recording = Recording(bad)
+    found = [entry.data for entry in recording.entries()]
+    assert (recording.whole, recording.damaged_at) == (False, at)
+    assert found == [entry.data for entry in Recording(path).entries()][: len(found)]
+
+
+def test_a_change_that_a_replay_does_not_ask_for_is_told_of(capsys: pytest.CaptureFixture[str]) -> None:
+    path, _, _ = recorded()
+    told = ["trajectory.altitude_m=2.5", "controller.k2=3"]
+    assert replay_command(path, told, as_json=True) == 0
+    assert json.loads(capsys.readouterr().out)["without_effect"] == told[:1]
+    assert replay_command(path, told, as_json=False) == 0
+    assert "trajectory.altitude_m=2.5: changes nothing here. The reference is the recorded" in capsys.readouterr().out
 
 
 def test_a_replay_opens_no_port_of_a_real_vehicle(monkeypatch: pytest.MonkeyPatch) -> None:
