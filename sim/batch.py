@@ -19,6 +19,7 @@ from groundstation.settings import Config
 from sim.batch_estimator import BatchEstimator
 from sim.batch_fleet import Fleet
 from sim.batch_marks import Flights, Marks
+from sim.batch_watch import BatchWatch
 from sim.fly import CONFIRM_S
 from sim.world import World
 
@@ -74,11 +75,13 @@ def fly_batch(worlds: Sequence[World], config: Config, seeds: Sequence[int], *, 
     estimator = BatchEstimator(vehicle, gains, fleet.start, config.flight.idle_thrust * weight, period)
     pilot = Adaptive(vehicle, gains, arrays())
     trajectory = config.trajectory.build()
-    marks = Marks(fleet.count, duration_s, vehicle, gains)
+    watch = BatchWatch(fleet.count, gains, period)
+    marks = Marks(fleet.count, duration_s, vehicle, gains, watch)
     for frame in range(-math.ceil(release_s / period), math.ceil(duration_s / period - 1e-9)):
         time = frame * period
         for who, stamp, position, attitude in fleet.arrived(time):
             estimator.pose(who, stamp, position, attitude)
+            watch.pose(who, stamp, estimator.noise_m)
         if frame < 0:
             fleet.hold(time)
             continue

@@ -67,6 +67,11 @@ class BatchEstimator:
         """Time stamp of each vehicle's newest pose [s]."""
         return self._stamp
 
+    @property
+    def noise_m(self) -> Any:
+        """Position noise of each vehicle's poses as measured, 1σ per axis [m]."""
+        return np.sqrt(self._noise)
+
     def release(self) -> None:
         """As :meth:`ModelEstimator.release`."""
         zero = np.zeros_like(self._noise)

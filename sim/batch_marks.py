@@ -8,6 +8,7 @@ import numpy.typing as npt
 from groundstation.control.gains import Law
 from groundstation.control.port import Decision, Estimate
 from groundstation.vehicle import Vehicle
+from sim.batch_watch import BatchWatch
 from sim.referee import ROUNDING_S, SATURATION_FROM_S, SETTLED_M, STEADY_S, sought
 
 STEADY_FROM_S = STEADY_S - ROUNDING_S
@@ -24,8 +25,8 @@ class Flights(NamedTuple):
     saturated: Array
     lyapunov_start: Array
     lyapunov_floor: Array
-    lyapunov_above_bound: Array
-    """Share of the steady time in which V rose faster than -W, from one command to the next, b̃ from the truth [-]."""
+    certificate_violated: Array
+    certificate_suspended: Array
     b_hat_share_max: Array
     """Largest |b̂| over the flight, in shares of B + ε [-]."""
     thrust_margin_n: Array
@@ -36,20 +37,21 @@ class Flights(NamedTuple):
 class Marks:
     """What the referee writes down about N flights."""
 
-    def __init__(self, count: int, duration_s: float, vehicle: Vehicle, law: Law) -> None:
-        """All still fly; ``vehicle`` and ``law`` as told, whose limits and bounds margins are counted from."""
+    def __init__(self, count: int, duration_s: float, vehicle: Vehicle, law: Law, watch: BatchWatch) -> None:
+        """All still fly; ``vehicle`` and ``law`` as told, whose limits and bounds margins are counted from.
+
+        ``watch`` is shown every command.
+        """
         self._alive = np.ones(count, bool)
         self._squares, self._max = np.zeros(count), np.zeros(count)
         self._last_far = np.zeros(count)
         self._saturated, self._late, self._steps = np.zeros(count), 0, 0
         self._duration = duration_s
-        self._law = law
+        self._law, self._watch = law, watch
         self._told_kg = vehicle.mass_kg
         self._thrusts = vehicle.thrust_min_n, vehicle.thrust_max_n
         self._margin, self._b_hat = np.full(count, np.inf), np.zeros(count)
-        self._times: list[float] = []
         self._v: list[Array] = []
-        self._w: list[Array] = []
 
     def lost(self, who: Any) -> None:
         """These flights have failed."""
@@ -57,6 +59,7 @@ class Marks:
 
     def command(self, time_s: float, decision: Decision, estimate: Estimate, wind: Array) -> None:
         """One command of each, what it was computed from, and the true disturbance b [m/s², NED] at that instant."""
+        self._watch.look(decision)
         law, seen = self._law, decision.diagnostics
         if time_s >= SATURATION_FROM_S:
             self._saturated += decision.saturated
@@ -67,9 +70,7 @@ class Marks:
             return
         weight = 0.5 / law.kb if law.kb > 0.0 else 0.0
         wind = sought(wind, estimate, self._told_kg)
-        self._times.append(time_s)
         self._v.append(seen.v_known + weight * ((x - wind[0]) ** 2 + (y - wind[1]) ** 2 + (z - wind[2]) ** 2))
-        self._w.append(np.asarray(seen.w))
         if time_s >= STEADY_FROM_S:
             low, high = self._thrusts
             thrust: Any = decision.drive.thrust
@@ -92,11 +93,11 @@ class Marks:
         law = self._law
         nan = np.where(self._alive, 0.0, np.nan)
         settled = np.where(self._last_far < self._duration - 0.01, self._last_far, np.nan)
-        floor = above = np.full(nan.size, np.nan)
-        if len(self._times) > 2:  # long enough to have a steady part
-            v, w, times = np.array(self._v[1:]), np.array(self._w[1:]), np.array(self._times[1:])
+        violated, suspended = self._watch.shares()
+        floor = np.full(nan.size, np.nan)
+        if len(self._v) > 2:  # long enough to have a steady part
+            v = np.array(self._v[1:])
             floor = np.sort(v, axis=0)[len(v) // 2]
-            above = (np.diff(v, axis=0) / np.diff(times)[:, None] > -w[:-1]).mean(axis=0)
         return Flights(
             rms_m=np.sqrt(self._squares / max(self._steps, 1)) + nan,
             max_m=self._max + nan,
@@ -104,7 +105,8 @@ class Marks:
             saturated=self._saturated / max(self._late, 1),
             lyapunov_start=self._v[0],
             lyapunov_floor=floor + nan,
-            lyapunov_above_bound=above + nan,
+            certificate_violated=violated + nan,
+            certificate_suspended=suspended + nan,
             b_hat_share_max=np.sqrt(self._b_hat) / (law.b_bound + law.epsilon) + nan,
             thrust_margin_n=self._margin + nan,
             survived=self._alive,

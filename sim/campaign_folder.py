@@ -53,8 +53,10 @@ class Row(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True)
     """V at the first command, b̃ from the truth."""
     lyapunov_floor: float | None
     """Median of V over the steady part."""
-    lyapunov_above_bound: float | None
-    """Share of the steady time in which V rose faster than its bound -W, from one command to the next."""
+    certificate_violated: float | None
+    """Share of the commands at which V was above its bound for longer than a moment, as the watch in flight counts."""
+    certificate_suspended: float | None
+    """Share of the commands at which that bound was suspended, as the command before was clamped."""
     b_hat_share_max: float | None
     """Largest |b̂| over the flight, in shares of its bound B + ε."""
     thrust_margin_n: float | None

@@ -10,8 +10,12 @@ from typing import NamedTuple
 
 from groundstation.control.adaptive import certificate
 from groundstation.control.backstepping import axis
+from groundstation.control.estimation import Estimation
 from groundstation.control.gains import Gains, Law
-from groundstation.ops import FLOATS, Vec3
+from groundstation.ops import FLOATS, Real, Vec3
+from groundstation.snapshot import Diagnostics
+
+NO_FUNCTION = "none: this controller comes without a Lyapunov function"
 
 
 class ThrustBound(NamedTuple):
@@ -97,15 +101,46 @@ def decrease(law: Law) -> Decrease:
     return Decrease(name, share, COVERED_RATE_M_S3**2 / (2.0 * left * law.k3), spare)
 
 
-def noise_power(law: Law, noise_m: float, interval_s: float) -> float:
-    """What D has for poses of noise ``noise_m`` [m, 1σ per axis] every ``interval_s`` [s]: [m²/s³].
+class Measure(NamedTuple):
+    """V_m = V_known + |w|²/(2 kb) with w = d̂ - b̂, and what it must fall by, for one set of gains. Elementwise."""
+
+    decrease: Decrease
+    """The bound that these gains have."""
+    weight: float
+    """1/(2 kb) [s²]; 0 without an observer that finds d̂ by itself."""
+    kappa: float
+    """κ [1/s]; 0 likewise."""
+    b_bound2: float
+    """B², what the law keeps |b̂|² about [m²/s⁴]; without adaptation inf."""
+
+    def of(self, d: Diagnostics) -> tuple[Real, Real]:
+        """V_m [m²/s²], and W + κ|w|² [m²/s³], where the law says ``d``."""
+        bx, by, bz = d.b_hat
+        wx, wy, wz = d.disturbance
+        wx, wy, wz = wx - bx, wy - by, wz - bz
+        ww = wx * wx + wy * wy + wz * wz
+        return d.v_known + self.weight * ww, d.w + self.kappa * ww
+
+
+def measure(config: Estimation) -> Measure:
+    """What can be measured of V under these gains; for a controller without a Lyapunov function, of nothing."""
+    law = config if isinstance(config, Law) else None
+    known = Decrease(NO_FUNCTION, 0.0, 0.0, 0.0) if law is None else decrease(law)
+    bound2 = law.b_bound**2 if law is not None and law.kb > 0.0 else math.inf
+    if isinstance(config, Gains) and config.composite == "provable" and config.kb > 0.0:
+        return Measure(known, 0.5 / config.kb, config.kappa, bound2)
+    return Measure(known, 0.0, 0.0, bound2)
+
+
+def noise_power(law: Law, noise_m: Real, interval_s: Real) -> Real:
+    """What D has for poses of noise ``noise_m`` [m, 1σ per axis] every ``interval_s`` [s]: [m²/s³]. Elementwise.
 
     Innovations are white, so on average V_m only gains the second-order part of their jumps: half of its curvature at
     the origin times their intensity, on three axes. The observer's gains are those of its steady state in continuous
     time for a chain that the disturbance's rate drives: a Butterworth filter of order 4.
     """
     intensity = noise_m * noise_m * interval_s
-    w = math.pow(law.wind_rate_noise**2 / intensity, 0.125)
+    w: Real = (law.wind_rate_noise**2 / intensity) ** 0.125
     l1, l2, l3 = 2.613 * w, 3.414 * w * w, 2.613 * w * w * w
     if law.composite == "off":
         l3 = 0.0

@@ -13,9 +13,9 @@ where V only swings, though it must fall. Lasting excess is a warning that names
 import math
 from typing import NamedTuple
 
-from groundstation.control.certificate import Decrease, decrease, noise_power
+from groundstation.control.certificate import measure, noise_power
 from groundstation.control.estimation import Estimation
-from groundstation.control.gains import Gains, Law
+from groundstation.control.gains import Law
 from groundstation.control.model import Motion
 from groundstation.control.port import Decision
 from groundstation.control.power import terms
@@ -28,7 +28,6 @@ REST_S = 5.0
 """What comes again sooner than this after its end is not told again [s]."""
 
 HOLDS, VIOLATED, SUSPENDED, NONE = "holds", "violated", "suspended", "none"
-NO_FUNCTION = "none: this controller comes without a Lyapunov function"
 
 
 class Seen(NamedTuple):
@@ -89,14 +88,10 @@ class Watch:
     def regain(self, config: Estimation) -> None:
         """The gains are others from now on, and V with them: begin from there."""
         law = config if isinstance(config, Law) else None
-        known = Decrease(NO_FUNCTION, 0.0, 0.0, 0.0) if law is None else decrease(law)
-        own = isinstance(config, Gains) and config.composite == "provable" and config.kb > 0.0
-        self._config, self._law, self._known = config, law, known
-        self._kappa = config.kappa if isinstance(config, Gains) and own else 0.0
-        self._weight = 0.5 / config.kb if own else 0.0
-        self._bound2 = law.b_bound**2 if law is not None and law.kb > 0.0 else math.inf
+        self._config, self._law, self._measure = config, law, measure(config)
+        self._known, self._bound2 = self._measure.decrease, self._measure.b_bound2
         self._radius = law.b_bound + law.epsilon if law is not None else None
-        self._power = known.power
+        self._power = self._known.power
         if self._noise is not None:
             self.noise(*self._noise)
         self._quiet = self._state(suspended=False)
@@ -117,12 +112,7 @@ class Watch:
 
     def look(self, time_s: float, motion: Motion, decision: Decision) -> Seen:
         """One command, and the motion that it rests on."""
-        d = decision.diagnostics
-        bx, by, bz = d.b_hat
-        wx, wy, wz = d.disturbance
-        wx, wy, wz = wx - bx, wy - by, wz - bz
-        ww = wx * wx + wy * wy + wz * wz
-        v, fall = d.v_known + self._weight * ww, d.w + self._kappa * ww
+        v, fall = self._measure.of(decision.diagnostics)
         dt, before = time_s - self._time, self._decision
         words, self._opening, state = self._opening, "", NONE
         if before is not None and 0.0 < dt < LASTING_S:
@@ -130,6 +120,7 @@ class Watch:
             excess = self._excess + rise + self._known.share * fallen - self._power * dt
             if excess > 0.0 or self._excess > 0.0:
                 words = _both(words, self._above(excess, v, rise + fallen, dt, motion, before, decision))
+            bx, by, bz = decision.diagnostics.b_hat
             b2 = bx * bx + by * by + bz * bz
             if b2 > self._bound2 or self._outside.for_s > 0.0:
                 words = _both(words, self._beyond(math.sqrt(b2), dt))
@@ -171,7 +162,7 @@ class Watch:
             dt,
             total=total,
             mass=self._vehicle.mass_kg,
-            pull=self._config.kb * self._kappa,
+            pull=self._config.kb * self._measure.kappa,
         ).items():
             self._fed[name] = self._fed.get(name, 0.0) + energy
         # While adaptation is suspended nothing is promised, so that time does not count.

@@ -32,6 +32,34 @@ def test_a_batch_feels_a_thrust_curve_as_a_whole_flight_does() -> None:
     assert 100.0 * batch.rms_m[0] == pytest.approx(whole.verdict.rms_cm, abs=0.01)
 
 
+LAG_3X = f"sim.thrust_lag_s={3.0 * SCENARIOS['paper'].world.thrust_lag_s}"
+TWO_LOOKS = 0.006
+"""As a share of the commands of 8 s: rounding may move what is clamped, or lasts, by a command."""
+
+
+@pytest.mark.parametrize(
+    ("scenario", "overrides", "violated", "suspended"),
+    [
+        ("adverse", (), 0.0, 0.0),  # the seeds' first moments alone
+        ("paper", (LAG_3X,), 0.5, 0.0),  # V above its bound
+        ("paper", ("controller.b_bound=0.5", "sim.wind_mean=[0.9, 0, 0]"), 0.5, 0.0),  # |b̂| above B
+        ("paper", ("sim.thrust_gain=0.7",), 0.0, 0.1),  # thrust at its limit
+    ],
+)
+def test_the_certificate_of_a_batch_is_the_one_watched_in_flight(
+    scenario: str, overrides: tuple[str, ...], violated: float, suspended: float
+) -> None:
+    world, config = prepare(SCENARIOS[scenario], list(overrides))
+    seeds = [0, 1]
+    batch = fly_batch([world] * len(seeds), config, seeds, duration_s=8.0)
+    for seed in seeds:
+        verdict = fly(world, config, seed=seed, duration_s=8.0).verdict
+        assert verdict.certificate_violated >= violated
+        assert verdict.certificate_suspended >= suspended
+        assert batch.certificate_violated[seed] == pytest.approx(verdict.certificate_violated, abs=TWO_LOOKS)
+        assert batch.certificate_suspended[seed] == pytest.approx(verdict.certificate_suspended, abs=TWO_LOOKS)
+
+
 def test_vehicles_of_a_batch_do_not_touch_each_other() -> None:
     world, config = prepare(SCENARIOS["adverse"], [])
     heavy, _ = prepare(SCENARIOS["adverse"], ["sim.mass_kg=0.4"])

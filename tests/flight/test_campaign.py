@@ -212,7 +212,8 @@ def test_the_certificate_of_each_flight_stands_in_its_row(rows: list[Row]) -> No
     assert row.lyapunov_floor == pytest.approx(verdict.lyapunov_floor, rel=1e-3)
     assert row.b_hat_share_max == pytest.approx(largest / 5.5, rel=1e-3)
     assert row.thrust_margin_n == pytest.approx(margin, rel=1e-2)
-    assert 0.0 < (row.lyapunov_above_bound or 0.0) < 1.0
+    assert row.certificate_violated == verdict.certificate_violated == 0.0
+    assert row.certificate_suspended == pytest.approx(verdict.certificate_suspended, abs=0.002)
 
 
 def test_a_campaign_is_drawn(rows: list[Row], tmp_path: Path) -> None:
