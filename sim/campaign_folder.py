@@ -22,20 +22,28 @@ from groundstation.config import ConfigError
 class Row(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
     """One flight: what it met, how it went, and what its certificate rests on.
 
-    Winds in m/s², NED; noises 1σ per axis; losses are shares. Errors as in :class:`sim.referee.Verdict`.
+    What it takes over from the world is said there. Errors as in :class:`sim.referee.Verdict`.
     """
 
     seed: int
+    """What the flight is drawn from."""
     mass_kg: float
+    """True mass [kg]."""
     thrust_lag_s: float
     rate_lag_s: float
     thrust_gain: float
     wind_north: float
+    """Constant disturbance, north [m/s²]."""
     wind_east: float
+    """East [m/s²]."""
     wind_down: float
+    """Down [m/s²]."""
     gust_north: float
+    """Amplitude of the sine gust, north [m/s²]."""
     gust_east: float
+    """East [m/s²]."""
     gust_down: float
+    """Down [m/s²]."""
     pose_latency_s: float
     pose_noise_m: float
     attitude_noise_rad: float
@@ -43,25 +51,27 @@ class Row(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True)
     frame_loss: float
     outage_s: float
     rms_cm: float | None
-    """None, like every figure below but two, where it crashed or poses stayed away for too long."""
+    """RMS of the true position error over the steady part, from 15 s on [cm]."""
     max_cm: float | None
+    """Largest true position error over the steady part [cm]."""
     settle_s: float | None
-    """None also where it never settled."""
+    """First time after which the error stays below 10 cm [s]; empty also where it never settled."""
     saturated: float
-    """Share of the commands after 5 s in which any of the four was clamped."""
+    """Share of the commands after 5 s in which any of the four was clamped [-]."""
     lyapunov_start: float
-    """V at the first command, b̃ from the truth."""
+    """V at the first command, b̃ from the truth [m²/s²]."""
     lyapunov_floor: float | None
-    """Median of V over the steady part."""
+    """Median of V over the steady part [m²/s²]."""
     certificate_violated: float | None
-    """Share of the commands at which V was above its bound for longer than a moment, as the watch in flight counts."""
+    """Share of the commands at which the watch in flight finds V above its bound for longer than a moment [-]."""
     certificate_suspended: float | None
-    """Share of the commands at which that bound was suspended, as the command before was clamped."""
+    """Share of the commands at which that bound was suspended, as the command before was clamped [-]."""
     b_hat_share_max: float | None
-    """Largest |b̂| over the flight, in shares of its bound B + ε."""
+    """Largest |b̂| over the flight, in shares of its bound B + ε [-]."""
     thrust_margin_n: float | None
     """Least distance of the commanded thrust from either of its limits over the steady part [N]."""
     survived: bool
+    """False where it crashed, or poses stayed away for too long."""
 
 
 COLUMNS = Row.__struct_fields__

@@ -5,12 +5,13 @@ from pathlib import Path
 
 from groundstation.config import ConfigError
 from groundstation.telemetry.mqtt_schemas import write_schemas
-from sim.reference import channels, configuration, programs
+from sim.reference import campaign_columns, channels, configuration, programs
 
 PAGES: dict[str, Callable[[], str]] = {
     "configuration.md": configuration.page,
     "commands.md": programs.page,
     "recording-channels.md": channels.page,
+    "campaign-columns.md": campaign_columns.page,
 }
 """File → what is in it."""
 

@@ -9,6 +9,7 @@ from groundstation.config_files import presets
 from groundstation.settings import Config
 from groundstation.telemetry.mqtt_schemas import schemas
 from groundstation.vehicle import Vehicle
+from sim.campaign_folder import COLUMNS
 from sim.reference import PAGES, SCHEMAS, page, reference_command
 from sim.reference.remarks import remarks
 
@@ -25,6 +26,12 @@ def test_a_page_that_was_made_from_the_code_is_as_the_code_is_now(name: str) -> 
 def test_every_key_of_the_configuration_has_a_remark() -> None:
     text = page("configuration.md")
     assert [line for line in text.splitlines() if line.startswith("| `") and line.endswith("|  |")] == []
+
+
+def test_every_column_of_a_campaign_has_a_remark() -> None:
+    rows = [line for line in page("campaign-columns.md").splitlines() if line.startswith("| `")]
+    assert len(rows) == len(COLUMNS)
+    assert [line for line in rows if line.endswith("|  |")] == []
 
 
 def test_every_section_of_the_configuration_is_there() -> None:
