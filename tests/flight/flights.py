@@ -2,13 +2,17 @@
 
 from functools import cache
 from statistics import median
+from typing import Any
 
 from groundstation.config import ConfigError
+from sim.campaign import Campaign, run
+from sim.campaign_local import Local
+from sim.campaign_report import report
 from sim.commands import prepare
 from sim.fly import Result, fly
 from sim.scenarios import SCENARIOS
 
-__all__ = ["ConfigError", "flown", "median_of", "middle"]
+__all__ = ["ConfigError", "campaign_of", "flown", "median_of", "middle"]
 
 
 @cache
@@ -16,6 +20,14 @@ def flown(scenario: str, *overrides: str, seed: int = 0, duration_s: float = 60.
     """One flight of ``scenario`` with ``--set`` overrides."""
     world, config = prepare(SCENARIOS[scenario], list(overrides), source=source)
     return fly(world, config, seed=seed, duration_s=duration_s)
+
+
+def campaign_of(flights: int, *, duration_s: float, workers: int) -> dict[str, Any]:
+    """The figures of the `adverse` campaign's first flights, as its report has them."""
+    world, config = prepare(SCENARIOS["adverse"], [])
+    campaign = Campaign(scenario="adverse", world=world, config=config, duration_s=duration_s, overrides=[])
+    rows, flown = run(campaign, range(flights), Local(workers))
+    return report(campaign, rows, flown=flown, wall_s=1.0, workers=workers)
 
 
 def median_of(values: list[float | None]) -> float:

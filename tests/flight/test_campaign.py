@@ -24,6 +24,7 @@ from sim.commands import prepare
 from sim.fly import fly
 from sim.referee import STEADY_S
 from sim.scenarios import SCENARIOS
+from tests.flight.flights import campaign_of
 
 DURATION_S = 16.0
 SEEDS = range(3, 7)
@@ -193,6 +194,13 @@ def test_flights_that_do_not_agree_are_named(rows: list[Row]) -> None:
     assert facts["apart"] == [rows[1].seed, rows[2].seed]
     summary = report(_campaign(), rows, flown=0, wall_s=1.0, workers=1) | {"verified": facts}
     assert "2 of 2 DO NOT AGREE with fly: seeds 4, 5" in text(summary)
+
+
+def test_forty_adverse_flights_stay_under_8_cm_and_v_under_its_bound() -> None:
+    # The first of the thousand that `make soak` flies, and half as long.
+    facts = campaign_of(40, duration_s=30.0, workers=1)
+    assert (facts["survived"], facts["under_cm"]["8"]) == (1.0, 1.0)
+    assert facts["certificate"]["violated_max"] == 0.0
 
 
 def test_the_certificate_of_each_flight_stands_in_its_row(rows: list[Row]) -> None:

@@ -16,7 +16,7 @@ from sim.fuzz_subjects import SOURCES
 from sim.mission import from_floor
 from sim.scenarios import SCENARIOS
 from sim.soak import GROWTH, soak
-from tests.flight.flights import flown
+from tests.flight.flights import campaign_of, flown
 from tests.mavlink_table import FRAMES
 
 pytestmark = pytest.mark.soak
@@ -70,6 +70,13 @@ def test_an_hour_of_flight_allocates_nothing_that_stays() -> None:
     assert abs(facts["objects_grown"]) < 50
     assert abs(facts["blocks_grown"]) < 1000
     assert facts["resident_bytes_grown"] < 1 << 20
+
+
+def test_none_of_a_thousand_adverse_flights_crashes_and_99_percent_stay_under_8_cm() -> None:
+    facts = campaign_of(1000, duration_s=60.0, workers=2)
+    assert facts["survived"] == 1.0
+    assert facts["under_cm"]["8"] >= 0.99
+    assert facts["certificate"]["violated"] == 0.0
 
 
 def test_half_an_hour_of_missions_and_faults_leaves_nothing_behind() -> None:
