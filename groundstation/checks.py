@@ -207,9 +207,10 @@ class Checks:
             return Check("thrust bound", Verdict.OFF, "this controller comes without a Lyapunov function")
         accelerations = [self._trajectory.at(0.02 * i).acceleration_ned for i in range(3000)]
         bound = thrust_bound(law, acceleration_sup=acceleration_sup(accelerations), v_start=0.0).bound
+        where = f"{bound:+.2f} m/s² from rest on the reference"
         if bound > 0.0:
-            return Check("thrust bound", Verdict.PASS, f"the theory keeps thrust over mass above {bound:.2f} m/s²")
-        says = f"{bound:+.2f} m/s²: the theory alone does not promise positive thrust; vehicle.thrust_min_n clamps it"
+            return Check("thrust bound", Verdict.PASS, f"the theory keeps thrust over mass above {where}")
+        says = f"{where}: the theory alone does not promise positive thrust; vehicle.thrust_min_n clamps it"
         return Check("thrust bound", Verdict.WARN, says)
 
     def _flyable(self) -> Check:

@@ -47,6 +47,7 @@ def check(
     return next(one for one in seen if one.name == name)
 
 
+GENTLE = {"kind": "adaptive", "b_bound": 1.0, "sigma_bound": 0.3}
 CASES: list[tuple[str, dict[str, Any], Verdict]] = [
     ("pose rate", {}, Verdict.PASS),
     ("pose rate", {"stands": standing(30.0)}, Verdict.WARN),
@@ -93,6 +94,7 @@ CASES: list[tuple[str, dict[str, Any], Verdict]] = [
     ("failsafe", {}, Verdict.OFF),
     ("failsafe", {"config": {"link": {"kind": "dsm"}}}, Verdict.WARN),
     ("thrust bound", {}, Verdict.WARN),
+    ("thrust bound", {"config": {"controller": GENTLE}}, Verdict.PASS),
     ("thrust bound", {"config": {"controller": {"kind": "pid"}}}, Verdict.OFF),
     ("trajectory", {}, Verdict.PASS),
     (
@@ -101,6 +103,11 @@ CASES: list[tuple[str, dict[str, Any], Verdict]] = [
         Verdict.FAIL,
     ),
 ]
+
+
+@pytest.mark.parametrize("controller", [{"kind": "adaptive"}, GENTLE])
+def test_the_thrust_bound_says_from_where_it_counts(controller: dict[str, Any]) -> None:
+    assert "m/s² from rest on the reference" in check("thrust bound", config={"controller": controller}).says
 
 
 @pytest.mark.parametrize(("name", "given", "verdict"), CASES)
