@@ -36,8 +36,8 @@ def median_of(values: list[float | None]) -> float:
     return median(v for v in values if v is not None)
 
 
-def middle(scenario: str, field: str, *overrides: str, seeds: int = 10) -> float:
+def middle(scenario: str, field: str, *overrides: str, seeds: int = 10, duration_s: float = 60.0) -> float:
     """The median of one figure of the verdict over seeds 0 .. ``seeds`` - 1; every flight must be completed."""
-    results = [flown(scenario, *overrides, seed=seed) for seed in range(seeds)]
+    results = [flown(scenario, *overrides, seed=seed, duration_s=duration_s) for seed in range(seeds)]
     assert all(r.completed for r in results), [r.why for r in results]
     return median_of([getattr(r.verdict, field) for r in results])
