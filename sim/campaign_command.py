@@ -16,7 +16,7 @@ from sim.campaign_local import Local
 from sim.campaign_plot import plot
 from sim.campaign_report import report, text
 from sim.campaign_verify import verify
-from sim.compare_plot import need_matplotlib
+from sim.compare_plot import check_plot
 from sim.console import Progress
 from sim.world import World
 
@@ -35,7 +35,7 @@ def campaign(args: argparse.Namespace, scenario: str, world: World, config: Conf
     )
     shared.check()  # what can't fly says so before a cluster is called
     if args.plot is not None:
-        need_matplotlib()
+        check_plot(args.plot)
     here = args.workers or os.cpu_count() or 1
     start = perf_counter()
     quiet = args.json or not sys.stderr.isatty()

@@ -267,7 +267,7 @@ def compare(args: argparse.Namespace) -> int:
     """Fly controllers side by side."""
     from groundstation.control.controllers import make_controller
     from sim.compare import CONTROLLERS, cases, fly_all, rows
-    from sim.compare_plot import need_matplotlib, plot
+    from sim.compare_plot import check_plot, plot
     from sim.compare_table import check_markers, text_table, write_between_markers
     from sim.console import Counter
     from sim.referee import STEADY_S
@@ -284,7 +284,7 @@ def compare(args: argparse.Namespace) -> int:
         _, config = prepare(SCENARIOS[case.scenario], list(case.overrides))
         make_controller(config.controller, config.vehicle)
     if args.plot is not None:
-        need_matplotlib()
+        check_plot(args.plot)
     if args.write is not None:
         check_markers(args.write)
     with Counter("flights", len(work) * args.seeds, quiet=args.json or not sys.stderr.isatty()) as counter:
@@ -306,7 +306,7 @@ def compare(args: argparse.Namespace) -> int:
 
 
 def _comparison(args: argparse.Namespace) -> str:
-    """The command that makes this comparison's table again."""
+    """The command that makes this comparison's table, and its picture, again in the folder of ``--write``."""
     words = ["groundstation-sim", "compare"]
     for option in ("scenarios", "controllers"):
         names = getattr(args, option)
@@ -315,6 +315,9 @@ def _comparison(args: argparse.Namespace) -> str:
     words += ["--duration", f"{args.duration:g}"] if args.duration != 60.0 else []
     for override in args.overrides:
         words += ["--set", override]
+    if args.plot is not None:
+        plot = os.path.relpath(args.plot.absolute(), args.write.absolute().parent)
+        words += ["--plot", Path(plot).as_posix()]
     return shlex.join([*words, "--write", args.write.name])
 
 

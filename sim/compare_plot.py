@@ -27,11 +27,11 @@ SHOWN_S = (25.0, 45.0)
 """What the gust's panel shows of the flight [s]."""
 
 
-def need_matplotlib() -> None:
-    """Before minutes of flying, not after.
+def check_plot(path: Path) -> None:
+    """That a picture can be drawn into ``path``: before minutes of flying, not after.
 
     Raises:
-        ConfigError: it is not installed.
+        ConfigError: matplotlib is not installed, the folder is not there, or it is no kind of picture.
     """
     try:
         import matplotlib as _  # noqa: F401
@@ -39,6 +39,15 @@ def need_matplotlib() -> None:
         raise ConfigError(
             "--plot", "needs matplotlib, which is not installed: pip install 'groundstation[plot]'"
         ) from None
+    from matplotlib.figure import Figure
+
+    if not path.absolute().parent.is_dir():
+        raise ConfigError("--plot", f"cannot write {path}: there is no such folder")
+    if path.is_dir():
+        raise ConfigError("--plot", f"cannot write {path}: it is a folder")
+    kinds = Figure().canvas.get_supported_filetypes()
+    if path.suffix and path.suffix[1:].lower() not in kinds:
+        raise ConfigError("--plot", f"cannot write {path}: expected a name that ends in one of {sorted(kinds)}")
 
 
 def plot(path: Path, rows: Sequence[Row], flights: Sequence[Flown]) -> None:

@@ -25,6 +25,7 @@ PNG = b"\x89PNG\r\n\x1a\n"
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     path = tmp_path_factory.mktemp("compared")
+    (path / "pictures").mkdir()
     (path / "PAGE.md").write_text("# Page\n\n<!-- figures:begin -->\nold\n<!-- figures:end -->\n\nlast\n", "utf-8")
     return path
 
@@ -35,7 +36,15 @@ def compared(folder: Path) -> list[dict[str, Any]]:
     done = subprocess.run(
         [
             *(Path(sys.executable).with_name("groundstation-sim"), "compare", "--scenarios", SCENARIO, "--seeds", "1"),
-            *("--duration", str(DURATION_S), "--json", "--plot", folder / "x.png", "--write", folder / "PAGE.md"),
+            *(
+                "--duration",
+                str(DURATION_S),
+                "--json",
+                "--plot",
+                folder / "pictures" / "x.png",
+                "--write",
+                folder / "PAGE.md",
+            ),
         ],
         capture_output=True,
         text=True,
@@ -80,13 +89,13 @@ def test_the_table_stands_between_the_markers_with_the_command_that_makes_it(
     assert text.endswith("<!-- figures:end -->\n\nlast\n")
     assert "old" not in text
     assert f"| `{SCENARIO}` | {compared[0]['rms_cm']:.2f} |" in text
-    command = f"groundstation-sim compare --scenarios {SCENARIO} --seeds 1 --duration 25 --write PAGE.md"
-    assert f"made by `{command}`" in text
+    flown_by = f"groundstation-sim compare --scenarios {SCENARIO} --seeds 1 --duration 25"
+    assert f"made by `{flown_by} --plot pictures/x.png --write PAGE.md`" in text
 
 
 def test_the_picture_is_drawn(compared: list[dict[str, Any]], folder: Path) -> None:
     assert compared
-    assert (folder / "x.png").read_bytes().startswith(PNG)
+    assert (folder / "pictures" / "x.png").read_bytes().startswith(PNG)
 
 
 # ---- the parts, on made-up flights
@@ -148,9 +157,22 @@ def asked(**changes: Any) -> argparse.Namespace:
         ({"controllers": ["nosuchlab:make"]}, r"controller\.kind: can't import nosuchlab"),
         ({"duration": 15.0}, r"--duration: expected more than 16 s"),
         ({"write": Path("no/such.md")}, r"--write: cannot read no/such\.md"),
+        ({"plot": Path("no/such.png")}, r"--plot: cannot write no/such\.png: there is no such folder"),
+        ({"plot": Path("such.txt")}, r"--plot: cannot write such\.txt: expected a name that ends in one of"),
+        ({"plot": Path()}, r"--plot: cannot write \.: it is a folder"),
         ({"overrides": ["sim.masss=1"]}, r"sim\.masss: unknown key"),
     ],
-    ids=["scenario", "controller", "factory", "duration", "document", "override"],
+    ids=[
+        "scenario",
+        "controller",
+        "factory",
+        "duration",
+        "document",
+        "no_folder",
+        "no_picture",
+        "a_folder",
+        "override",
+    ],
 )
 def test_what_cannot_be_flown_or_written_is_said_before_anything_flies(changes: dict[str, Any], line: str) -> None:
     with pytest.raises(ConfigError, match=line):
