@@ -37,6 +37,8 @@ def export_command(path: Path, form: str, channels: list[str], out: Path | None)
             print(f"{target}: {count} poses; pose.kind = 'csv' plays them{_short_of(recording)}")
         elif len(wanted) == 1 and out is None:
             write_csv(recording, {wanted[0]: sys.stdout})
+            if not recording.whole:
+                print(f"groundstation: export: the recording {recording.trouble}", file=sys.stderr)
         else:
             _write_folder(recording, wanted or list(CHANNELS), out or path.with_suffix(""))
     except NoRecording as error:

@@ -138,8 +138,10 @@ def _octaves(panel: Any, octaves: Sequence[int]) -> None:
     """The frames of a pacer, by octaves of microseconds; those before 1 µs are in the first bar."""
     last = max(k for k, count in enumerate(octaves) if count)
     counts = [sum(octaves[:2]), *octaves[2 : max(last, 1) + 1]]
-    label = f"the pacer's {sum(octaves)} frames, all within {1e-3 * 2**last:g} ms"
-    panel.stairs(counts, [1e-3 * 2**k for k in range(len(counts) + 1)], color=ORANGE, linewidth=1.4, label=label)
+    label = f"the pacer's {sum(octaves)} frames,\nall within {1e-3 * 2**last:g} ms"
+    panel.stairs(
+        counts, [1e-3 * 2**k for k in range(len(counts) + 1)], color=ORANGE, linewidth=1.4, zorder=3, label=label
+    )
 
 
 def _spread(panel: Any, late: Column) -> None:
