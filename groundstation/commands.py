@@ -252,6 +252,8 @@ def check(args: argparse.Namespace) -> int:
         from groundstation.listen.command import watch
 
         return watch(config, seconds=args.seconds, as_json=args.json)
+    if args.seconds is not None:
+        raise ConfigError("--seconds", "is for --watch; without it the checks end by themselves")
     _flyable(config)
 
     async def never() -> bool:

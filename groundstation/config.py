@@ -70,6 +70,9 @@ def from_dict(
     except msgspec.ValidationError as error:  # what only a __post_init__ could see
         text, _, where = str(error).partition(" - at `$.")
         where = where.rstrip("`")
+        name, colon, rest = text.partition(": ")
+        if colon and not where and name in changed:  # of the root itself: its message begins with the key
+            where, text = name, rest
         raise ConfigError(where, text, _blame(tuple(where.split(".")), data, set_paths, source)) from None
 
 

@@ -61,9 +61,12 @@ class BridgeConfig(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fie
         """Check what the types cannot.
 
         Raises:
-            ValueError: ``listen`` is no address.
+            ValueError: ``listen`` is no address; the message begins with that key.
         """
-        parse_address(self.listen)
+        try:
+            parse_address(self.listen)
+        except ValueError as error:
+            raise ValueError(f"listen: {error}") from None
 
 
 class Session:

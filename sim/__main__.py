@@ -1,6 +1,7 @@
 """``groundstation-sim``: everything simulated. Imports are lazy, so that ``--help`` is instant."""
 
 import argparse
+import math
 import sys
 from pathlib import Path
 
@@ -26,7 +27,7 @@ def parser() -> argparse.ArgumentParser:
     fly.add_argument(
         "--config", type=Path, metavar="FILE.toml", help="fly its vehicle and trajectory in the scenario's air"
     )
-    fly.add_argument("--seed", type=int, default=0, help="every random draw comes from it (default 0)")
+    fly.add_argument("--seed", type=_whole, default=0, help="every random draw comes from it (default 0)")
     fly.add_argument("--duration", type=_seconds, metavar="S", help="seconds (default 60, or as --config has it)")
     fly.add_argument("--controller", metavar="NAME", help=_CONTROLLERS)
     fly.add_argument("--source", choices=_SOURCES, default="vicon", help="where poses come from")
@@ -45,7 +46,7 @@ def parser() -> argparse.ArgumentParser:
 
     mission = commands.add_parser("mission", help="fly a scenario from the floor to its figure, and back to the floor")
     mission.add_argument("--scenario", default="paper", metavar="NAME", help="see `groundstation-sim scenarios`")
-    mission.add_argument("--seed", type=int, default=0, help="every random draw comes from it (default 0)")
+    mission.add_argument("--seed", type=_whole, default=0, help="every random draw comes from it (default 0)")
     mission.add_argument("--duration", type=_seconds, metavar="S", help="time on the figure (default 60 s)")
     mission.add_argument("--controller", metavar="NAME", help=_CONTROLLERS)
     mission.add_argument("--source", choices=_SOURCES, default="vicon", help="where poses come from")
@@ -96,7 +97,7 @@ def parser() -> argparse.ArgumentParser:
     campaign = commands.add_parser("campaign", help="fly a scenario many times, vehicle and wind drawn by each seed")
     campaign.add_argument("--scenario", default="adverse", metavar="NAME")
     campaign.add_argument("--flights", type=_count, default=1000, metavar="N", help="how many (default 1000)")
-    campaign.add_argument("--first-seed", type=int, default=0, metavar="N", help="the others follow it (default 0)")
+    campaign.add_argument("--first-seed", type=_whole, default=0, metavar="N", help="the others follow it (default 0)")
     campaign.add_argument("--duration", type=_seconds, default=60.0, metavar="S", help="of each (default 60)")
     campaign.add_argument("--set", action="append", default=[], dest="overrides", metavar="KEY=VALUE", help="as in fly")
     campaign.add_argument("--draw", metavar="A,B", type=_names, help=_DRAWS)
@@ -166,12 +167,12 @@ def parser() -> argparse.ArgumentParser:
     fuzz.add_argument("--source", metavar="NAME", help="the decoder of this pose source only")
     fuzz.add_argument("--link", metavar="NAME", help="the decoder of this link only")
     fuzz.add_argument("--count", type=_count, default=10_000, metavar="N", help="datagrams for each (default 10000)")
-    fuzz.add_argument("--seed", type=int, default=0)
+    fuzz.add_argument("--seed", type=_whole, default=0)
     fuzz.add_argument("--json", action="store_true", help="print one JSON object instead of the table")
 
     serve = commands.add_parser("serve", help="a simulated vehicle and cameras in real time, on loopback UDP")
     serve.add_argument("--scenario", default="paper", metavar="NAME")
-    serve.add_argument("--seed", type=int, default=0)
+    serve.add_argument("--seed", type=_whole, default=0)
     serve.add_argument("--set", action="append", default=[], dest="overrides", metavar="KEY=VALUE")
     serve.add_argument("--source", choices=_SOURCES, default="vicon")
     serve.add_argument("--autopilot", choices=_AUTOPILOTS, default="px4", help="what it is like (default px4)")
@@ -194,35 +195,46 @@ def parser() -> argparse.ArgumentParser:
 
 
 def _seconds(text: str) -> float:
-    value = float(text)
+    value = _number(text)
     if not 0.0 < value <= 86400.0:
         raise argparse.ArgumentTypeError(f"expected seconds between 0 and 86400, got {text}")
     return value
 
 
 def _hours(text: str) -> float:
-    value = float(text)
+    value = _number(text)
     if not 0.0 < value <= 1000.0:
         raise argparse.ArgumentTypeError(f"expected hours between 0 and 1000, got {text}")
     return value
 
 
+def _number(text: str) -> float:
+    try:
+        return float(text)
+    except ValueError:
+        return math.nan  # is within no bounds
+
+
 def _count(text: str) -> int:
-    value = int(text)
-    if value < 1:
-        raise argparse.ArgumentTypeError(f"expected a whole number from 1 on, got {text}")
-    return value
+    return _from(1, text)
 
 
 def _whole(text: str) -> int:
-    value = int(text)
-    if value < 0:
-        raise argparse.ArgumentTypeError(f"expected a whole number from 0 on, got {text}")
+    return _from(0, text)
+
+
+def _from(least: int, text: str) -> int:
+    try:
+        value = int(text)
+    except ValueError:
+        value = least - 1
+    if value < least:
+        raise argparse.ArgumentTypeError(f"expected a whole number from {least} on, got {text}")
     return value
 
 
 def _percent(text: str) -> float:
-    value = float(text)
+    value = _number(text)
     if not 0.0 <= value < 90.0:
         raise argparse.ArgumentTypeError(f"expected percent from 0 to below 90, got {text}")
     return value

@@ -7,7 +7,6 @@ import sys
 from contextlib import AbstractContextManager, nullcontext
 from time import perf_counter  # noqa: TID251  # how long it took is for people; no flight sees it
 
-from groundstation.config import ConfigError
 from groundstation.settings import Config
 from sim.campaign import Campaign, Crew, run
 from sim.campaign_cluster import Cluster
@@ -23,8 +22,6 @@ from sim.world import World
 
 def campaign(args: argparse.Namespace, scenario: str, world: World, config: Config) -> int:
     """Fly ``scenario`` many times, in drawn worlds; 1 where a flight failed or does not agree with ``fly``."""
-    if args.first_seed < 0:
-        raise ConfigError("--first-seed", f"expected 0 or more, got {args.first_seed}")
     shared = Campaign(
         scenario=scenario,
         world=world,

@@ -473,7 +473,9 @@ def _parameters(autopilot: str, texts: list[str]) -> dict[str, float]:
     made = AUTOPILOTS[autopilot]
     parameters: dict[str, float] = {}
     for text in texts:
-        name, _, value = text.partition("=")
+        name, equals, value = text.partition("=")
+        if not equals:
+            raise ConfigError("--param", f"expected NAME=VALUE, got {text!r}")
         try:
             parameters[name] = float(value)
             Parameters(made.kind, made.table, parameters)

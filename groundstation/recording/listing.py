@@ -7,13 +7,21 @@ from typing import Any
 
 import msgspec
 
+from groundstation.config import ConfigError
 from groundstation.recording.reader import NoRecording, quick_headline
 from groundstation.telemetry.flights import RecordingConfig, being_written, folder_of, tidy
 
 
 def logs_command(config: RecordingConfig, args: argparse.Namespace) -> int:
-    """List what ``config`` has recorded (or what is in ``args.folder``), tidy first where ``args.tidy``; returns 0."""
+    """List what ``config`` has recorded (or what is in ``args.folder``), tidy first where ``args.tidy``; returns 0.
+
+    Raises:
+        ConfigError: ``args.folder`` is no folder. That of ``config`` need not be there: nothing has been recorded yet.
+    """
     if args.folder is not None:
+        if not args.folder.expanduser().is_dir():
+            is_what = "is no folder" if args.folder.expanduser().exists() else "does not exist"
+            raise ConfigError("--folder", f"{args.folder} {is_what}")
         config = msgspec.structs.replace(config, folder=str(args.folder))
     folder = folder_of(config)
     removed = tidy(config, args.now_s) if args.tidy else []

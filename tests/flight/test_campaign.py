@@ -247,7 +247,6 @@ def test_a_campaign_is_drawn(rows: list[Row], tmp_path: Path) -> None:
         (["--set", "sim.occlusion_s=0.1"], "sim.occlusion_s: the cameras of a batch never take one body for another"),
         (["--set", "sim.swap_s=0.1"], "sim.swap_s: the cameras of a batch never take one body for another"),
         (["--plot", "no/such.png"], "--plot: cannot write no/such.png: there is no such folder"),
-        (["--first-seed", "-1"], "--first-seed: expected 0 or more"),
     ],
 )
 def test_a_campaign_that_would_not_be_true_is_refused(

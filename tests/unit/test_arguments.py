@@ -1,0 +1,93 @@
+"""Arguments that can't be meant are refused in a sentence, before anything starts."""
+
+from pathlib import Path
+
+import pytest
+
+from groundstation import commands as flying
+from groundstation.__main__ import parser as flying_parser
+from groundstation.config import ConfigError, load
+from links.bridge import BridgeConfig
+from sim import commands as simulating
+from sim.__main__ import parser as simulating_parser
+
+BRIDGE = """
+listen = "127.0.0.1:14600"
+[link]
+kind = "dsm"
+port = "/dev/ttyUSB0"
+"""
+
+
+@pytest.mark.parametrize("command", ["fly", "serve", "mission", "faults", "soak", "fuzz", "tune"])
+@pytest.mark.parametrize("seed", ["-1", "1.5", "seven"])
+def test_a_seed_is_a_whole_number(command: str, seed: str, capsys: pytest.CaptureFixture[str]) -> None:
+    with pytest.raises(SystemExit) as caught:
+        simulating_parser().parse_args([command, "--seed", seed])
+    assert caught.value.code == 2
+    assert f"argument --seed: expected a whole number from 0 on, got {seed}" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    ("words", "complaint"),
+    [
+        ("campaign --first-seed -1", "--first-seed: expected a whole number from 0 on, got -1"),
+        ("campaign --flights none", "--flights: expected a whole number from 1 on, got none"),
+        ("fly --duration long", "--duration: expected seconds between 0 and 86400, got long"),
+        ("soak --hours nan", "--hours: expected hours between 0 and 1000, got nan"),
+        ("tune --gain-margin much", "--gain-margin: expected percent from 0 to below 90, got much"),
+    ],
+)
+def test_numbers_are_refused_with_what_is_expected(
+    words: str, complaint: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    with pytest.raises(SystemExit):
+        simulating_parser().parse_args(words.split())
+    assert complaint in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    ("param", "complaint"),
+    [
+        ("FOO", "--param: expected NAME=VALUE, got 'FOO'"),
+        ("FOO=1", "--param: expected one of "),
+        ("COM_OBL_RC_ACT=much", "--param: COM_OBL_RC_ACT=much: "),
+    ],
+)
+def test_a_parameter_of_the_simulated_autopilot_is_a_name_and_a_value(param: str, complaint: str) -> None:
+    with pytest.raises(ConfigError) as caught:
+        simulating.serve(simulating_parser().parse_args(["serve", "--param", param]))
+    assert str(caught.value).startswith(complaint)
+
+
+def test_an_address_that_is_none_is_blamed_by_its_key_in_the_bridges_file_too(tmp_path: Path) -> None:
+    file = tmp_path / "bridge.toml"
+    file.write_text(BRIDGE, "utf-8")
+    with pytest.raises(ConfigError, match=r"^--set: listen: 'foo' is not an address: it has no port"):
+        load(file, BridgeConfig, ["listen=foo"])
+    file.write_text(BRIDGE.replace("127.0.0.1:14600", "bar"), "utf-8")
+    with pytest.raises(ConfigError, match=r"bridge\.toml: listen: 'bar' is not an address"):
+        load(file, BridgeConfig)
+
+
+def test_the_list_of_a_folder_that_is_not_there_is_refused(tmp_path: Path) -> None:
+    (tmp_path / "file").touch()
+    for name, what in (("nope", "does not exist"), ("file", "is no folder")):
+        args = flying_parser().parse_args(["logs", "--folder", str(tmp_path / name)])
+        with pytest.raises(ConfigError, match=f"^--folder: .*{name} {what}$"):
+            flying.logs(args)
+
+
+def test_a_folder_that_the_configuration_names_may_come_with_the_first_recording(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    args = flying_parser().parse_args(["logs", "--set", f"recording.folder={tmp_path / 'later'}"])
+    assert flying.logs(args) == 0
+    assert "0 flights" in capsys.readouterr().out
+
+
+def test_how_long_to_watch_is_refused_where_nothing_is_watched(tmp_path: Path) -> None:
+    (tmp_path / "lab.toml").touch()
+    args = flying_parser().parse_args(["check", str(tmp_path / "lab.toml"), "--seconds", "3"])
+    with pytest.raises(ConfigError, match=r"^--seconds: is for --watch"):
+        flying.check(args)
