@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 from groundstation.app import make_flight
 from groundstation.clock import sleep_until
-from sim.commands import prepare
+from sim.prepare import prepare
 from sim.scenarios import SCENARIOS
 from sim.stage import Stage
 from sim.virtual_time import VirtualTimeLoop

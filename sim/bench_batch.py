@@ -17,8 +17,8 @@ from sim.batch import fly_batch
 from sim.bench_peers import PEERS, Bench
 from sim.bench_timing import in_turns
 from sim.columns import zeros
-from sim.commands import prepare
 from sim.plant import Body, Physics, moved
+from sim.prepare import prepare
 from sim.scenarios import SCENARIOS
 
 if TYPE_CHECKING:

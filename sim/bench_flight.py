@@ -5,8 +5,8 @@ from typing import TYPE_CHECKING, Any
 
 from groundstation.settings import Config
 from sim.bench_timing import in_turns
-from sim.commands import prepare
 from sim.fly import fly
+from sim.prepare import prepare
 from sim.scenarios import SCENARIOS
 from sim.world import World
 

@@ -22,8 +22,8 @@ from links.address import parse_address
 from links.mavlink import MavlinkLinkConfig
 from sim.autopilot import Px4Autopilot
 from sim.autopilot_peer import AutopilotPeer
-from sim.commands import prepare
 from sim.draws import rows, stream
+from sim.prepare import prepare
 from sim.quadrotor import Quadrotor
 from sim.scenarios import SCENARIOS
 from sim.trackers import Seen, vicon_encoder

@@ -10,8 +10,8 @@ from groundstation.control.adaptive import Adaptive
 from groundstation.control.estimator import ModelEstimator
 from groundstation.pilot import Pilot
 from sim.bench_timing import percentile
-from sim.commands import prepare
 from sim.fly import fly
+from sim.prepare import prepare
 from sim.scenarios import SCENARIOS
 
 if TYPE_CHECKING:

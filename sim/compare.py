@@ -11,8 +11,8 @@ import msgspec
 
 from groundstation.ops import Vec3
 from groundstation.pilot import Tick
-from sim.commands import prepare
 from sim.fly import fly
+from sim.prepare import prepare
 from sim.referee import STEADY_S
 from sim.scenarios import SCENARIOS
 

@@ -11,7 +11,7 @@ from groundstation.app import make_flight
 from groundstation.clock import sleep_until
 from groundstation.ops import Vec3
 from groundstation.pilot import Tick
-from sim.commands import prepare
+from sim.prepare import prepare
 from sim.scenarios import SCENARIOS
 from sim.stage import Stage
 from sim.virtual_time import VirtualTimeLoop

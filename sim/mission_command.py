@@ -1,68 +1,68 @@
-"""What ``groundstation-sim mission`` shows: the states of a whole flight, and how well and how softly it went."""
+"""What ``groundstation-sim mission`` does: from the floor to the figure and back, with one vehicle or several."""
 
-from typing import Any
+import argparse
+import json
 
 import msgspec
 
-from sim.fleet_mission import FleetMission
-from sim.mission import Mission
+from groundstation.preflight import ensure_flyable
+from groundstation.settings import Config
+from sim.prepare import prepare, scenario_of
+from sim.world import World
+
+FIGURE_S = 60.0
+"""Time on the figure if nobody says."""
 
 
-def summary(title: str, mission: Mission) -> str:
-    """The mission as text."""
-    lines = [title if mission.landed else f"{title}\nNOT AS PLANNED: {mission.fault or mission.why}", ""]
-    lines += [f"{one.time_s:9.2f} s  {one.state:12} {one.reason}" for one in mission.states]
-    lines.append("")
-    figure = "" if mission.rms_cm is None else f" over {mission.figure_s:.0f} s of the figure"
-    for label, value, unit, places, more in (
-        ("RMS error", mission.rms_cm, "cm", 2, figure),
-        ("largest error", mission.max_cm, "cm", 2, ""),
-        ("touchdown", mission.touchdown_m_s, "m/s", 2, ""),
-        ("from where it took off", 100.0 * mission.home_m, "cm", 1, ""),
-        ("largest tilt", mission.tilt_max_deg, "deg", 1, ""),
-        ("wall time", mission.wall_s, "s", 2, f" for {mission.duration_s:.0f} s"),
-    ):
-        shown = "none" if value is None else f"{value:.{places}f} {unit}"
-        lines.append(f"{label:24}{shown:>14}{more}")
-    return "\n".join(lines)
+def mission(args: argparse.Namespace) -> int:
+    """Fly one scenario from the floor to its figure and back, in virtual time."""
+    from sim.mission import fly_mission, from_floor
+    from sim.mission_text import facts, summary
 
-
-def facts(asked: dict[str, Any], mission: Mission) -> dict[str, Any]:
-    """The mission as one JSON object: what was asked, what came of it; ``states`` in their order."""
-    return {**asked, **msgspec.to_builtins(mission)}
-
-
-def fleet_summary(title: str, flown: FleetMission) -> str:
-    """Several missions as text."""
-    columns = f"{'':12}{'RMS':>9}{'touchdown':>12}{'tick p50':>11}{'p99':>10}{'compute p99':>13}{'round p99':>12}"
-    lines = [title if flown.landed else f"{title}\nNOT AS PLANNED", "", columns]
-    for one in flown.vehicles:
-        lines.append(
-            f"{one.name:12}{_shown(one.rms_cm, 'cm'):>9}{_shown(one.touchdown_m_s, 'm/s'):>12}"
-            f"{_shown(one.tick_p50_ms, 'ms'):>11}{_shown(one.tick_p99_ms, 'ms'):>10}"
-            f"{_shown(one.compute_p99_ms, 'ms'):>13}{_shown(one.round_p99_ms, 'ms'):>12}"
-            + ("" if one.landed else f"  {one.why}")
-        )
-    lines.append("")
-    if flown.nearest is not None:
-        a, b = flown.nearest.between
-        lines.append(f"nearest     {flown.nearest.distance_m:.2f} m, {a} and {b}, at {flown.nearest.time_s:.1f} s")
-    load = "" if flown.load is None else f", load average {flown.load[0]:.1f}"
-    lines.append(f"wall time   {flown.wall_s:.1f} s for {flown.duration_s:.0f} s{load}")
-    return "\n".join(lines)
-
-
-def _shown(value: float | None, unit: str) -> str:
-    return "–" if value is None else f"{value:.2f} {unit}"
-
-
-def fleet_facts(asked: dict[str, Any], flown: FleetMission) -> dict[str, Any]:
-    """The missions as one JSON object: what was asked, what came of it."""
-    ticks = [one.tick_p99_ms for one in flown.vehicles if one.tick_p99_ms is not None]
-    return {
-        **asked,
-        "landed": flown.landed,
-        "tick_p99_ms": max(ticks, default=None),
-        "min_separation_m": None if flown.nearest is None else flown.nearest.distance_m,
-        **msgspec.to_builtins(flown),
+    scenario = scenario_of(args.scenario)
+    world, config = prepare(scenario, args.overrides, controller=args.controller, source=args.source, link=args.link)
+    world, config = from_floor(world, config, args.duration or FIGURE_S)
+    ensure_flyable(config)
+    if args.vehicles > 1 or args.real_time:
+        return _missions(args, scenario.name, world, config)
+    flown = fly_mission(world, config, seed=args.seed, autopilot=args.autopilot)
+    asked = {
+        "scenario": scenario.name,
+        "seed": args.seed,
+        "controller": config.controller.kind,
+        "source": args.source,
+        "link": args.link,
+        "autopilot": args.autopilot,
     }
+    title = f"{scenario.name}, controller {config.controller.kind}, poses by {args.source}, seed {args.seed}"
+    print(json.dumps(facts(asked, flown)) if args.json else summary(title, flown))
+    return 0 if flown.landed else 1
+
+
+def _missions(args: argparse.Namespace, name: str, world: World, config: Config) -> int:
+    """Several missions side by side."""
+    from sim.mission_text import fleet_facts, fleet_summary
+
+    if args.real_time:
+        from sim.fleet_real import fly_fleet_real
+
+        config = _paced_by_poses(config)
+        say = None if args.json else print
+        flown = fly_fleet_real(world, config, args.vehicles, seed=args.seed, autopilot=args.autopilot, say=say)
+    else:
+        from sim.fleet_mission import fly_fleet
+
+        flown = fly_fleet(world, config, args.vehicles, seed=args.seed, autopilot=args.autopilot)
+    asked = {"scenario": name, "seed": args.seed, "source": args.source, "real_time": args.real_time}
+    title = f"{name}, {args.vehicles} vehicles, poses by {args.source}, seed {args.seed}"
+    print(json.dumps(fleet_facts(asked, flown)) if args.json else fleet_summary(title, flown))
+    return 0 if flown.landed else 1
+
+
+def _paced_by_poses(config: Config) -> Config:
+    """``config`` with a link that sends as poses come, as a MAVLink link does where nobody says otherwise."""
+    from links.mavlink import MavlinkLinkConfig
+
+    if not isinstance(config.link, MavlinkLinkConfig):
+        return config
+    return msgspec.structs.replace(config, link=msgspec.structs.replace(config.link, pace="poses"))

@@ -12,8 +12,8 @@ from groundstation.poses.vicon import ViconConfig
 from groundstation.settings import Config, LinkConfig
 from links.bridge_link import BridgeLinkConfig
 from links.mavlink import MavlinkLinkConfig
-from sim.commands import prepare
 from sim.own import timing
+from sim.prepare import prepare
 from sim.scenarios import SCENARIOS, Scenario
 from sim.tune_space import Point, with_gains
 from sim.world import World

@@ -8,8 +8,8 @@ from functools import cache
 from pathlib import Path
 
 from groundstation.recording.records import Record
-from sim.commands import prepare
 from sim.fly import Result, fly
+from sim.prepare import prepare
 from sim.run_folder import RECORDING, RunFolder
 from sim.scenarios import SCENARIOS
 

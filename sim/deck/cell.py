@@ -15,13 +15,13 @@ from groundstation.recorded import Give
 from groundstation.recording.records import Record
 from groundstation.requests import Ask, Request
 from groundstation.settings import Config
-from sim.commands import prepare
 from sim.deck.faults import FAULTS, Fault, Scene
 from sim.deck.meddler import Meddler
 from sim.deck.moments import DESCENT_AFTER_S, MOMENTS, Moment, Moves
 from sim.deck.truth import Truth
 from sim.deck.wire import Wire
 from sim.mission import from_floor
+from sim.prepare import prepare
 from sim.scenarios import SCENARIOS
 from sim.stage import Stage
 from sim.trackers import Tracker

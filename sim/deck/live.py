@@ -22,7 +22,6 @@ from groundstation.ops import Vec3
 from groundstation.settings import Config
 from links.channel_map import Channels
 from links.rf_codec import RfLinkConfig
-from sim.commands import prepare
 from sim.deck.broker import Broker
 from sim.deck.cell import AUTOPILOT, LANDS, LOOK_S, STILL_SHARE, TILT_DEG, TOUCHDOWN_M_S, Row
 from sim.deck.faults import FAULTS, Fault
@@ -30,6 +29,7 @@ from sim.deck.moments import MOMENTS, Moves
 from sim.deck.truth import Truth
 from sim.deck.wire import LIFTS, set_point
 from sim.mission import from_floor
+from sim.prepare import prepare
 from sim.pty_wire import PtyWire
 from sim.scenarios import SCENARIOS
 from sim.stage import Stage

@@ -20,8 +20,8 @@ from groundstation.settings import Config
 from groundstation.trajectories import HoldConfig, TrajectoryConfig
 from groundstation.trajectories.port import Reference
 from groundstation.vehicle import Vehicle
-from sim.commands import prepare
 from sim.fly import Result, fly
+from sim.prepare import prepare
 from sim.scenarios import SCENARIOS
 from sim.world import World
 

@@ -16,7 +16,7 @@ from links.channel_map import Channels
 from links.crsf_codec import CrsfLinkConfig
 from links.dsm_codec import DsmLinkConfig
 from links.rf_codec import Heard, Service
-from sim.commands import prepare
+from sim.prepare import prepare
 from sim.pty_wire import PtyWire
 from sim.scenarios import SCENARIOS
 from sim.stage import Stage

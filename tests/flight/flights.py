@@ -8,8 +8,8 @@ from groundstation.config import ConfigError
 from sim.campaign import Campaign, run
 from sim.campaign_local import Local
 from sim.campaign_report import report
-from sim.commands import prepare
 from sim.fly import Result, fly
+from sim.prepare import prepare
 from sim.scenarios import SCENARIOS
 
 __all__ = ["ConfigError", "campaign_of", "flown", "median_of", "middle"]

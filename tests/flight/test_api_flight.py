@@ -12,8 +12,8 @@ from groundstation.broadcast import Latest
 from groundstation.flight import Flight
 from groundstation.mission import State
 from groundstation.snapshot import Snapshot
-from sim.commands import prepare
 from sim.mission import fly_mission, from_floor
+from sim.prepare import prepare
 from sim.scenarios import SCENARIOS
 from sim.stage import Stage
 from sim.virtual_time import VirtualTimeLoop

@@ -10,8 +10,8 @@ from groundstation.clock import sleep_until
 from groundstation.flight import Outcome
 from groundstation.mission import State
 from sim.autopilots import AUTOPILOTS
-from sim.commands import prepare
 from sim.fly import fly
+from sim.prepare import prepare
 from sim.scenarios import SCENARIOS
 from sim.stage import Stage
 from tests.loops import in_virtual_time

@@ -5,8 +5,8 @@ import pytest
 
 from groundstation.ops import Vec3
 from sim.batch import fly_batch
-from sim.commands import prepare
 from sim.fly import fly
+from sim.prepare import prepare
 from sim.scenarios import SCENARIOS
 from sim.wind import Wind
 from tests.flight.flights import flown

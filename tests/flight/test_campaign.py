@@ -20,8 +20,8 @@ from sim.campaign_local import Local
 from sim.campaign_plot import plot
 from sim.campaign_report import command, report, text
 from sim.campaign_verify import verify
-from sim.commands import prepare
 from sim.fly import fly
+from sim.prepare import prepare
 from sim.referee import STEADY_S
 from sim.scenarios import SCENARIOS
 from tests.flight.flights import campaign_of

@@ -19,7 +19,7 @@ from sim.campaign import Campaign, run
 from sim.campaign_cluster import Cluster
 from sim.campaign_folder import Row
 from sim.campaign_local import Local
-from sim.commands import prepare
+from sim.prepare import prepare
 from sim.scenarios import SCENARIOS
 
 SEEDS = range(3)

@@ -14,6 +14,7 @@ from sim import commands
 from sim.compare import CONTROLLERS, GUST, WITHOUT_ADAPTATION, Case, Flown, cases, flown, rows
 from sim.compare_plot import plot
 from sim.compare_table import markdown_table, text_table, write_between_markers
+from sim.prepare import prepare
 from sim.scenarios import SCENARIOS
 from tests.flight.flights import flown as one_flight
 
@@ -128,7 +129,7 @@ def test_the_gust_front_is_flown_without_adaptation_too() -> None:
     names = [case.controller for case in work if case.scenario == GUST]
     assert names == ["pid", "adaptive", WITHOUT_ADAPTATION, "indi"]
     assert WITHOUT_ADAPTATION not in [case.controller for case in work if case.scenario == "paper"]
-    _, off = commands.prepare(SCENARIOS[GUST], list(work[5].overrides))
+    _, off = prepare(SCENARIOS[GUST], list(work[5].overrides))
     assert (off.controller.kind, off.controller.kb, off.controller.composite) == ("adaptive", 0.0, "off")
 
 

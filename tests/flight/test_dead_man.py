@@ -16,8 +16,8 @@ from groundstation.pacing import Pacing
 from groundstation.pilot import Tick
 from groundstation.standstill import Standstill
 from links.port import Command
-from sim.commands import prepare
 from sim.cut import CAUSES, cut
+from sim.prepare import prepare
 from sim.scenarios import SCENARIOS
 from sim.stage import Stage
 from sim.virtual_time import VirtualTimeLoop

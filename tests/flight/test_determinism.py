@@ -5,8 +5,8 @@ import sys
 
 import pytest
 
-from sim.commands import prepare
 from sim.fly import fly
+from sim.prepare import prepare
 from sim.scenarios import SCENARIOS
 from tests.flight.flights import flown
 
@@ -23,7 +23,7 @@ def test_two_runs_give_the_same_bytes(scenario: str) -> None:
 
 def test_another_process_with_another_hash_seed_gives_the_same_bytes() -> None:
     code = (
-        "from sim.commands import prepare; from sim.fly import fly; from sim.scenarios import SCENARIOS;"
+        "from sim.prepare import prepare; from sim.fly import fly; from sim.scenarios import SCENARIOS;"
         "w, c = prepare(SCENARIOS['adverse'], []); print(fly(w, c, seed=3, duration_s=8.0).log_sha256)"
     )
     out = subprocess.run(

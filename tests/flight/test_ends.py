@@ -13,7 +13,7 @@ from groundstation.clock import sleep_until
 from groundstation.flight import Flight, Outcome
 from groundstation.mission import State
 from groundstation.settings import Config
-from sim.commands import prepare
+from sim.prepare import prepare
 from sim.scenarios import SCENARIOS
 from sim.stage import Stage
 from sim.virtual_time import VirtualTimeLoop

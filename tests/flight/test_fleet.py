@@ -16,11 +16,11 @@ from groundstation.settings import Config
 from groundstation.trajectories.hold import HoldConfig
 from sim.__main__ import parser
 from sim.commands import mission as mission_command
-from sim.commands import prepare
 from sim.fleet_mission import Change, FleetMission, FleetScript, fly_fleet
 from sim.fleet_stage import FleetStage
 from sim.fleet_truth import Flown
 from sim.mission import from_floor
+from sim.prepare import prepare
 from sim.scenarios import SCENARIOS
 from sim.virtual_time import VirtualTimeLoop
 from sim.world import World

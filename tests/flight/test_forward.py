@@ -19,7 +19,7 @@ from links.mavlink_codec import ARDUPILOT, PX4, MavlinkCodec
 from links.mavlink_config import ForwardConfig
 from links.odometry_codec import Odometry, odometry
 from sim.autopilot_external import ExternalPoses, Fused
-from sim.commands import prepare
+from sim.prepare import prepare
 from sim.scenarios import SCENARIOS
 from sim.stage import Stage
 from tests.loops import in_virtual_time

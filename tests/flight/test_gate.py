@@ -6,8 +6,8 @@ import pytest
 
 from groundstation.poses.gate import Gate
 from groundstation.poses.port import Pose
-from sim.commands import prepare
 from sim.fly import Result, fly
+from sim.prepare import prepare
 from sim.scenarios import SCENARIOS
 
 

@@ -11,8 +11,8 @@ from groundstation.flight import Flight
 from groundstation.mission import State
 from sim.airframe import Truth
 from sim.autopilot import Px4Autopilot
-from sim.commands import prepare
 from sim.mission import Mission, Script, fly_mission, from_floor
+from sim.prepare import prepare
 from sim.scenarios import SCENARIOS
 from sim.stage import Stage
 from tests.flight.test_missions import SHORT

@@ -19,7 +19,7 @@ from groundstation.poses.pace import Speed
 from groundstation.poses.port import Pose, PoseEvent, PoseStatus
 from groundstation.settings import Config
 from links.mavlink_codec import MavlinkCodec
-from sim.commands import prepare
+from sim.prepare import prepare
 from sim.scenarios import SCENARIOS
 from sim.stage import Stage
 from sim.virtual_time import VirtualTimeLoop

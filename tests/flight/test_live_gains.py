@@ -7,8 +7,8 @@ from groundstation.flight import Flight
 from groundstation.mission import State
 from groundstation.recording.reader import Recording
 from groundstation.replay import replayed
-from sim.commands import prepare
 from sim.mission import Mission, fly_mission, from_floor
+from sim.prepare import prepare
 from sim.run_folder import RECORDING, RunFolder
 from sim.scenarios import SCENARIOS
 from sim.stage import Stage

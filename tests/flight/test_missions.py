@@ -10,8 +10,8 @@ from groundstation.flight import Flight
 from groundstation.mission import IN_AIR, State
 from groundstation.replay import replayed
 from groundstation.requests import Ask, Request
-from sim.commands import prepare
 from sim.mission import Mission, Script, fly_mission, from_floor
+from sim.prepare import prepare
 from sim.run_folder import RECORDING, RunFolder
 from sim.scenarios import SCENARIOS
 from sim.stage import Stage

@@ -9,8 +9,8 @@ from groundstation.config import ConfigError
 from groundstation.config_files import presets
 from groundstation.ops import Vec3
 from groundstation.vehicle import Vehicle
-from sim.commands import prepare_own
 from sim.fly import fly
+from sim.prepare import prepare_own
 from sim.scenarios import SCENARIOS
 
 COURSE = "t_s,north_m,east_m,up_m,yaw_deg\n0,0,0,1,0\n2,1,0,1.2,45\n4,1,1,1,90\n6.5,0,0,1.5,0\n"

@@ -23,8 +23,8 @@ from groundstation.recording.log import FLUSH_S
 from groundstation.recording.reader import NoRecording, Recording, quick_headline
 from groundstation.recording.records import Posed, Received, Record, Sent, Ticked, Told
 from groundstation.settings import Config
-from sim.commands import prepare
 from sim.fly import fly
+from sim.prepare import prepare
 from sim.run_folder import RECORDING, RunFolder
 from sim.scenarios import SCENARIOS
 from tests.flight.flights import flown

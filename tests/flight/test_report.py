@@ -17,8 +17,8 @@ from groundstation.report import report_command
 from groundstation.report.figures import FIGURES
 from groundstation.report.flown import read
 from groundstation.report.numbers import numbers
-from sim.commands import prepare
 from sim.mission import fly_mission, from_floor
+from sim.prepare import prepare
 from sim.referee import SETTLED_M as REFEREE_SETTLED_M
 from sim.run_folder import RECORDING, RunFolder
 from sim.scenarios import SCENARIOS

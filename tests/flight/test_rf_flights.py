@@ -9,8 +9,8 @@ from groundstation.config import ConfigError
 from groundstation.report.figures_flight import lateness
 from groundstation.report.flown import read
 from groundstation.report.numbers import numbers
-from sim.commands import prepare
 from sim.fly import fly
+from sim.prepare import prepare
 from sim.run_folder import RECORDING, RunFolder
 from sim.scenarios import SCENARIOS
 

@@ -4,8 +4,8 @@ import math
 
 import pytest
 
-from sim.commands import prepare
 from sim.fly import fly
+from sim.prepare import prepare
 from sim.scenarios import SCENARIOS
 from tests.flight.flights import flown
 

@@ -3,8 +3,8 @@
 import pytest
 
 from groundstation.pilot import Tick
-from sim.commands import prepare
 from sim.fly import fly
+from sim.prepare import prepare
 from sim.scenarios import SCENARIOS
 
 

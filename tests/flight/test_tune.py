@@ -9,9 +9,9 @@ import pytest
 from groundstation.config import load
 from groundstation.settings import Config
 from sim.__main__ import main
-from sim.commands import prepare
 from sim.fly import fly
 from sim.margins import DELAY, GAIN_DOWN, failure, report
+from sim.prepare import prepare
 from sim.scenarios import SCENARIOS
 from sim.tune_flights import Flyers, Outcome, Sortie, flown, sorties
 from sim.tune_stage import staged

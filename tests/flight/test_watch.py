@@ -7,8 +7,8 @@ from groundstation.control.gains import Gains
 from groundstation.control.power import LIMITS, POSES, VERTICAL, terms
 from groundstation.pilot import Tick
 from groundstation.snapshot import Diagnostics
-from sim.commands import prepare
 from sim.fly import fly
+from sim.prepare import prepare
 from sim.scenarios import SCENARIOS
 from tests.flight.flights import flown
 

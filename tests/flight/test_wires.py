@@ -22,7 +22,7 @@ from groundstation.recording.log import FlightLog
 from groundstation.replay import replayed
 from links.address import parse_address
 from links.mavlink_codec import frame_end
-from sim.commands import prepare
+from sim.prepare import prepare
 from sim.scenarios import SCENARIOS
 from sim.stage import Stage
 from tests.loops import free_address, in_real_time

@@ -23,8 +23,8 @@ from groundstation.control.shaping import growth
 from groundstation.ops import FLOATS, Vec3
 from groundstation.pilot import Tick
 from groundstation.trajectories.lemniscate import LemniscateConfig
-from sim.commands import prepare
 from sim.fly import fly
+from sim.prepare import prepare
 from sim.scenarios import SCENARIOS
 
 Array: TypeAlias = npt.NDArray[np.float64]

@@ -8,12 +8,12 @@ import pytest
 from links.mavlink_codec import MavlinkCodec
 from sim.bench import Options, measured
 from sim.bench_allocation import grown
-from sim.commands import prepare
 from sim.fleet_real import fly_fleet_real
 from sim.fuzz import fuzz
 from sim.fuzz_links import LINKS
 from sim.fuzz_subjects import SOURCES
 from sim.mission import from_floor
+from sim.prepare import prepare
 from sim.scenarios import SCENARIOS
 from sim.soak import GROWTH, soak
 from tests.flight.flights import campaign_of, flown

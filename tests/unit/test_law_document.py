@@ -13,8 +13,8 @@ import pytest
 from groundstation.control import estimation, gains
 from groundstation.control.gains import Gains
 from sim.__main__ import parser
-from sim.commands import prepare
 from sim.fly import fly
+from sim.prepare import prepare
 from sim.scenarios import SCENARIOS
 
 TEXT = (Path(__file__).parents[2] / "docs" / "explanation" / "law.md").read_text("utf-8")

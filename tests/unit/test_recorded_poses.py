@@ -16,8 +16,8 @@ from groundstation.poses.csv_codec import Row, encode, rows
 from groundstation.poses.pace import Speed
 from groundstation.poses.port import Pose, SourceError
 from groundstation.poses.tlog import TlogConfig
-from sim.commands import prepare
 from sim.fly import fly
+from sim.prepare import prepare
 from sim.run_folder import RunFolder
 from sim.scenarios import SCENARIOS
 from tests.loops import in_virtual_time

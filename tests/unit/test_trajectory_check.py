@@ -26,7 +26,7 @@ from groundstation.trajectories import (
 )
 from groundstation.trajectories.check import Demand, Report, check, refusal
 from groundstation.vehicle import Vehicle
-from sim.commands import prepare
+from sim.prepare import prepare
 from sim.scenarios import SCENARIOS
 
 G = 9.81
