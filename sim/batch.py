@@ -81,7 +81,7 @@ def fly_batch(worlds: Sequence[World], config: Config, seeds: Sequence[int], *, 
         time = frame * period
         for who, stamp, position, attitude in fleet.arrived(time):
             estimator.pose(who, stamp, position, attitude)
-            watch.pose(who, stamp, estimator.noise_m)
+            watch.pose(who, stamp, estimator.noise_m2)
         if frame < 0:
             fleet.hold(time)
             continue

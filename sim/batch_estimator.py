@@ -68,9 +68,9 @@ class BatchEstimator:
         return self._stamp
 
     @property
-    def noise_m(self) -> Any:
-        """Position noise of each vehicle's poses as measured, 1σ per axis [m]."""
-        return np.sqrt(self._noise)
+    def noise_m2(self) -> Any:
+        """Variance of the position noise of each vehicle's poses as measured, per axis [m²]."""
+        return self._noise
 
     def release(self) -> None:
         """As :meth:`ModelEstimator.release`."""

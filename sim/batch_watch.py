@@ -34,18 +34,19 @@ class BatchWatch:
         self._above_s, self._outside_s = np.zeros(count), np.zeros(count)
         self._violated, self._suspended, self._looks = np.zeros(count), np.zeros(count), 0
 
-    def pose(self, who: Index, stamp_s: Array, noise_m: Array) -> None:
-        """One pose of each of the vehicles ``who``; D follows the noise of everyone's as measured [m, 1σ per axis]."""
+    def pose(self, who: Index, stamp_s: Array, noise_m2: Array) -> None:
+        """One pose of each of the vehicles ``who``; D follows the noise of everyone's as measured [m², per axis]."""
         self._poses[who] += 1
-        count = self._poses[who]
-        first = who[count == 1]
-        self._counted_s[first] = stamp_s[count == 1]
-        due = (count % NOISE_POSES == 1) & (count > 1)
-        if due.any():
-            some, now = who[due], stamp_s[due]
-            interval = (now - self._counted_s[some]) / NOISE_POSES
-            self._power[some] = self._measure.decrease.power + noise_power(self._law, noise_m[some], interval)
-            self._counted_s[some] = now
+        turn = self._poses[who] % NOISE_POSES == 1
+        if not turn.any():
+            return
+        who, stamp_s = who[turn], stamp_s[turn]
+        again = self._poses[who] > 1
+        some, now = who[again], stamp_s[again]
+        noise_m: Any = np.sqrt(noise_m2[some])
+        interval_s: Any = (now - self._counted_s[some]) / NOISE_POSES
+        self._power[some] = self._measure.decrease.power + noise_power(self._law, noise_m, interval_s)
+        self._counted_s[who] = stamp_s
 
     def look(self, decision: Decision) -> None:
         """One command of each."""

@@ -70,7 +70,7 @@ def test_each_flight_of_a_batch_is_watched_as_if_it_were_alone(
     if noise_m is not None:
         everyone = np.arange(len(flights))
         for k in range(NOISE_POSES + 1):
-            batch.pose(everyone, np.full(len(flights), k / 64), np.full(len(flights), noise_m))
+            batch.pose(everyone, np.full(len(flights), k / 64), np.full(len(flights), noise_m**2))
         for watch in alone:
             watch.noise(noise_m, 1 / 64)
     states: list[list[str]] = [[] for _ in flights]
