@@ -2,7 +2,7 @@
 
 Any ``msgspec.Struct`` may be the root; types, ``msgspec.Meta`` bounds, ``Literal`` and tagged unions are its schema.
 A table needs only the keys that it changes: the rest comes from the field's default, also inside nested tables.
-Some sections may name a file of their own (a vehicle, a CSV): its path is relative to the configuration's.
+Some sections may name a file of their own (a vehicle, a CSV, a key): its path is relative to the configuration's.
 """
 
 import tomllib
@@ -12,7 +12,7 @@ from typing import Any, TypeVar
 
 import msgspec
 
-from groundstation.config_files import with_files
+from groundstation.config_files import beside, with_files
 from groundstation.config_schema import KeyPath, Problem, completed, dotted
 
 T = TypeVar("T", bound=msgspec.Struct)
@@ -45,7 +45,7 @@ def load(path: Path | None, root: type[T], overrides: Sequence[str] = ()) -> T:
         raise ConfigError("", f"not UTF-8 text (byte {error.start})", str(path)) from None
     except (tomllib.TOMLDecodeError, RecursionError) as error:
         raise ConfigError("", f"not valid TOML: {error}", str(path)) from None
-    return from_dict(data, root, overrides, source=str(path), folder=path.parent)
+    return from_dict(beside(data, path.parent), root, overrides, source=str(path), folder=path.parent)
 
 
 def from_dict(

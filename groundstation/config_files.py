@@ -40,6 +40,22 @@ def with_files(root: type[msgspec.Struct], data: dict[str, Any], folder: Path) -
     return changed
 
 
+def beside(data: dict[str, Any], folder: Path) -> dict[str, Any]:
+    """``data`` with the name of each key, password or certificate (``…_file = "name"``) as it is seen from ``folder``.
+
+    The names become absolute, so that the configuration in force means the same wherever it is read again.
+    """
+    changed: dict[str, Any] = {}
+    for key, value in data.items():
+        if isinstance(value, dict):
+            changed[key] = beside(value, folder)
+        elif key.endswith("_file") and isinstance(value, str) and value:
+            changed[key] = str(folder.absolute() / value)
+        else:
+            changed[key] = value
+    return changed
+
+
 def presets(kind: type[FromFile]) -> dict[str, str]:
     """The text of each preset of ``kind``, by name, in the order of their names."""
     if not kind.PRESETS:

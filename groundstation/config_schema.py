@@ -277,7 +277,7 @@ def _unknown(key: str, value: Any, known: list[str]) -> str:
 
     near = get_close_matches(key, known, n=1)
     what = "unknown section" if isinstance(value, dict) else "unknown key"
-    return f"{what};{f' did you mean {near[0]}?' if near else ''} (known: {', '.join(known) or 'none'})"
+    return f"{what}{f'; did you mean {near[0]}?' if near else ''} (known: {', '.join(known) or 'none'})"
 
 
 def _shown(value: Any) -> str:

@@ -8,6 +8,7 @@ from typing import Annotated, Any, NamedTuple
 import msgspec
 
 from groundstation.config import ConfigError, from_dict
+from groundstation.config_files import beside
 from groundstation.poses import ShowsOthers
 from groundstation.poses.json import JsonConfig
 from groundstation.poses.vicon import ViconConfig
@@ -128,7 +129,8 @@ def _member(
         if isinstance(table := data.get(section, {}), dict):  # anything else is refused below
             data[section] = table | told
     try:
-        return from_dict(data, Config, overrides, source=str(shared), folder=shared.parent)
+        placed = beside(data, shared.parent)
+        return from_dict(placed, Config, overrides, source=str(shared), folder=shared.parent)
     except ConfigError as error:
         source = f"{path}: vehicle {who.name}" if _has(entry, error.key) else f"{error.source} (for {who.name})"
         raise ConfigError(error.key, error.problem, source) from None

@@ -98,7 +98,7 @@ REFUSED: list[tuple[dict[str, Any], str]] = [
         "link.channel: expected a whole number >= 1 and <= 8, got 9",
     ),
     ({"link": {"kind": "radio", "device": "/dev/null"}}, "link: device: /dev/null hears nothing"),
-    ({"link": {"device": "a"}}, "link.device: unknown key; (known: kind, address, rate_hz)"),
+    ({"link": {"device": "a"}}, "link.device: unknown key (known: kind, address, rate_hz)"),
     ({"steps": [{"at_s": 1}, {"at": 2}]}, "steps[1].at: unknown key; did you mean at_s? (known: at_s, link)"),
     ({"steps": [{"at_s": 1}, {}]}, "steps[1].at_s: missing; expected a number"),
     (
@@ -192,7 +192,7 @@ REFUSED_OVERRIDES = [
     ("vehicle.mass_kg=1\narms=2", r"--set: vehicle.mass_kg: expected a number > 0, got '1\narms=2'"),
     ("vehicle.name=3", "--set: vehicle.name: expected a string matching ^[a-z]+$, got 3"),
     ("vehicle.mass_kg.x=1", "--set: vehicle.mass_kg: expected a number > 0, got a table"),
-    ("sim.mass_kg=1", "--set: sim: unknown section; (known: vehicle, link, steps, names, wait, points)"),
+    ("sim.mass_kg=1", "--set: sim: unknown section (known: vehicle, link, steps, names, wait, points)"),
     ("link.kind=pigeon", "--set: link.kind: expected one of ['udp', 'radio'], got 'pigeon'"),
     ("vehicle", "--set: expected key=value, such as vehicle.mass_kg=0.08, got 'vehicle'"),
     ("=3", "--set: expected key=value, such as vehicle.mass_kg=0.08, got '=3'"),
@@ -314,3 +314,27 @@ def test_any_override_text_is_taken_or_refused_as_a_configuration_error(text: st
             from_dict({}, Root, [override])
         except ConfigError as error:
             assert "--set" in str(error)
+
+
+def test_a_key_a_password_or_a_certificate_is_beside_the_configuration_wherever_one_stands(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    class Names(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
+        key_file: str = "from the default"
+        ca_file: str = ""
+        where: str = ""
+
+    class Keys(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
+        mqtt: Names = Names()
+        clients: dict[str, Names] = {}
+
+    (tmp_path / "lab").mkdir()
+    file = tmp_path / "lab" / "lab.toml"
+    file.write_text('[mqtt]\nkey_file = "a.key"\nca_file = ""\nwhere = "b"\n[clients.c]\nkey_file = "/etc/c.key"\n')
+    monkeypatch.chdir(tmp_path)
+    config = load(Path("lab/lab.toml"), Keys)
+    assert config.mqtt == Names(key_file=str(tmp_path / "lab" / "a.key"), where="b")
+    assert config.clients["c"].key_file == "/etc/c.key"
+    (tmp_path / "again.toml").write_text(dump(config))
+    assert load(tmp_path / "again.toml", Keys) == config
+    assert load(file, Keys, ["mqtt.key_file=z.key"]).mqtt.key_file == "z.key"

@@ -161,3 +161,8 @@ def test_a_file_that_can_not_be_read_is_named(tmp_path: Path, text: str, says: s
         read_fleet(tmp_path / "fleet.toml")
     with pytest.raises(ConfigError, match="cannot read"):
         read_fleet(tmp_path / "missing.toml")
+
+
+def test_a_password_is_beside_the_shared_configuration(tmp_path: Path) -> None:
+    ant, bee = fleet(tmp_path, ANT, BEE, lab={**LAB, "mqtt": {"username": "a", "password_file": "secret"}}).members
+    assert ant.core.mqtt.password_file == bee.core.mqtt.password_file == str(tmp_path / "secret")
