@@ -38,8 +38,13 @@ class Count:
         self._squares = self._max = 0.0
         self._flight_time = 0.0
 
-    def told(self, state: str, reason: str) -> None:
-        """The mission is in ``state``."""
+    def told(self, state: str, text: str) -> None:
+        """A line of the mission, in ``state``: the first of a state says why it was entered."""
+        if state != self._state:
+            self._state, self._reason = state, text
+
+    def ended(self, state: str, reason: str) -> None:
+        """The flight is over."""
         self._state, self._reason = state, reason
 
     def posed(self) -> None:

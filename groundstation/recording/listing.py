@@ -32,10 +32,8 @@ def logs_command(config: RecordingConfig, args: argparse.Namespace) -> int:
     for path in removed:
         print(f"removed {path.name}")
     print(f"{folder}: {len(flights)} flight{'' if len(flights) == 1 else 's'}")
-    if flights:
-        print(f"{'':40}{'controller':>14}{'trajectory':>12}{'flown':>9}{'RMS':>10}{'largest':>10}{'size':>10}  ended")
-    for flight in flights:
-        print(_row(flight))
+    for line in _table([_row(flight) for flight in flights]):
+        print(line)
     return 0
 
 
@@ -56,17 +54,42 @@ def described(path: Path) -> dict[str, Any]:
     }
 
 
-def _row(flight: dict[str, Any]) -> str:
+_HEADS = ("", "controller", "trajectory", "flown", "RMS", "largest", "size")
+
+
+def _table(rows: list[list[str]]) -> list[str]:
+    """The rows in columns as wide as what stands in them, below their heads; the last cell of a row is as it comes."""
+    if not rows:
+        return []
+    rows = [[*_HEADS, "ended"], *rows]
+    full = [row for row in rows if len(row) == len(rows[0])]
+    first = max(len(row[0]) for row in rows)
+    widths = [max(len(row[column]) for row in full) for column in range(1, len(_HEADS))]
+    lines = []
+    for row in rows:
+        cells = [f"{cell:>{width}}" for cell, width in zip(row[1:-1], widths, strict=False)]
+        lines.append("  ".join([f"{row[0]:{first}}", *cells, row[-1]]))
+    return lines
+
+
+def _row(flight: dict[str, Any]) -> list[str]:
     if "error" in flight:
-        return f"{flight['file']:40}{flight['error']}"
+        return [flight["file"], flight["error"].rpartition(f"{flight['file']} ")[2]]
     ended = f"{flight['state']}: {flight['reason']}"
     if flight["being_written"]:
         ended = f"{flight['state']}: being recorded now"
-    return (
-        f"{flight['file']:40}{flight['controller']:>14}{flight['trajectory']:>12}{flight['flown_s']:>7.1f} s"
-        f"{_cm(flight['rms_m'])}{_cm(flight['max_m'])}{flight['size_bytes'] / 1e6:>7.1f} MB  {ended}"
-    )
+    size = f"{flight['size_bytes'] / 1e6:.1f} MB"
+    errors = [_cm(flight["rms_m"]), _cm(flight["max_m"])]
+    return [
+        flight["file"],
+        flight["controller"],
+        flight["trajectory"],
+        f"{flight['flown_s']:.1f} s",
+        *errors,
+        size,
+        ended,
+    ]
 
 
 def _cm(value: float | None) -> str:
-    return f"{'-':>10}" if value is None else f"{100.0 * value:>7.2f} cm"
+    return "-" if value is None else f"{100.0 * value:.2f} cm"

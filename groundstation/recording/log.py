@@ -104,7 +104,7 @@ class FlightLog:
             case Told(_, state, text):
                 self._count.told(state, text)
             case Ended(_, state, reason):
-                self._count.told(state, reason)
+                self._count.ended(state, reason)
             case Lost(_, count):
                 self._count.lost(count)
 

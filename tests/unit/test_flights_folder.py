@@ -9,6 +9,7 @@ from typing import Any
 
 import pytest
 
+from groundstation.recording.headline import Count
 from groundstation.recording.listing import logs_command
 from groundstation.telemetry.flights import RecordingConfig, being_written, folder_of, free_name, recordings, tidy
 
@@ -110,3 +111,24 @@ def test_the_list_tidies_when_told_to(tmp_path: Path, capsys: pytest.CaptureFixt
     answer = json.loads(capsys.readouterr().out)
     assert answer["removed"] == [old.name]
     assert [row["file"] for row in answer["flights"]] == [new.name]
+
+
+def test_why_a_flight_ended_is_what_led_to_its_last_state_and_not_what_was_told_after() -> None:
+    count = Count()
+    for state, text in (
+        ("landing", "told by tui 7"),
+        ("landed", "landed and disarmed"),
+        ("landed", "tui 7 has gone, and held control: nobody does now"),
+    ):
+        count.read("/mission", {"state": state, "text": text})
+    assert (count.headline().state, count.headline().reason) == ("landed", "landed and disarmed")
+    count.ended("landed", "flown to the end")
+    assert count.headline().reason == "flown to the end"
+
+
+def test_the_list_is_as_wide_as_what_stands_in_it_and_an_error_names_its_file_once(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    name = flight(tmp_path, 1).name
+    logs_command(RecordingConfig(), argparse.Namespace(folder=tmp_path, tidy=False, json=False, now_s=NOW))
+    assert capsys.readouterr().out.splitlines()[-1] == f"{name}  is no MCAP file"
