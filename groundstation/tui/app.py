@@ -26,6 +26,7 @@ from groundstation.tui.picture import Picture
 from groundstation.tui.playback import Playback
 from groundstation.tui.text_pages import ConfigPage, LogPage
 from groundstation.tui.themes import THEMES
+from groundstation.tui.words import flight_time
 
 FRAME_S = 0.2
 """Time between two drawings [s]."""
@@ -128,7 +129,7 @@ class Dashboard(App[None]):
             now,
             stale=now - picture.arrived_s > SILENCE_S,
             again=self._twice.waits(now),
-            whose="" if newest is None else f"{newest.vehicle}  {newest.flight_time_s:.1f} s",
+            whose="" if newest is None else f"{newest.vehicle}  {flight_time(newest.flight_time_s)}",
             holder=self._beside(),
         )
         for screen in self.screen_stack:

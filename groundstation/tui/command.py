@@ -94,8 +94,10 @@ def _run(dashboard: Dashboard, theme: str) -> int:
 def _recorded(log: Path, theme: str, at: float | None, picture: Path | None, size: str) -> int:
     try:
         tape = Tape(log)
-    except (NoRecording, OSError) as error:
+    except NoRecording as error:
         raise ConfigError("LOG", str(error)) from None
+    except OSError as error:
+        raise ConfigError("LOG", f"cannot read {log}: {error.strerror}") from None
     playback = Playback(tape.hello, list(tape.snapshots()))
     dashboard = Dashboard(playback)
     if at is not None:
@@ -105,7 +107,10 @@ def _recorded(log: Path, theme: str, at: float | None, picture: Path | None, siz
     dashboard.theme = theme
     playback.paused = True
     columns, rows = _size(size)
-    picture.write_text(shoot(dashboard, (columns, rows)), "utf-8")
+    try:
+        picture.write_text(shoot(dashboard, (columns, rows)), "utf-8")
+    except OSError as error:
+        raise ConfigError("--screenshot", f"cannot write {picture}: {error.strerror}") from None
     print(f"written: {picture}")
     return 0
 

@@ -97,7 +97,8 @@ def details(seen: Seen, now_s: float) -> list[str]:
         at, to, speed = shot.position_ned, shot.reference_ned, shot.velocity_ned
         certificate = "none" if shot.certificate is None else shot.certificate.state
         lines += [
-            f"at {_ned(at)} m, to {_ned(to)} m, {math.hypot(*speed):.2f} m/s, {shot.flight_time_s:.0f} s on trajectory",
+            f"at {_ned(at)}, to {_ned(to)} m NED, {math.hypot(*speed):.2f} m/s, "
+            f"{max(shot.flight_time_s, 0.0):.0f} s on trajectory",
             f"thrust {shot.thrust_n:.2f} of {shot.thrust_max_n:.2f} N{', AT ITS LIMIT' if shot.saturated else ''}, "
             f"certificate {certificate}",
             f"poses {shot.pose_rate_hz:.0f} 1/s, {shot.pose_gaps} gaps; link sent {shot.link.sent}, "

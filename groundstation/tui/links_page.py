@@ -74,7 +74,7 @@ def poses(snapshot: Snapshot, ages_ms: Sequence[float]) -> list[Spans]:
 def link(snapshot: Snapshot) -> list[Spans]:
     """State, counters and clocks of the command link, and how late frames left."""
     status = snapshot.link
-    trip = "not known" if status.rtt_s is None else f"{1e3 * status.rtt_s:.2f} ms (shortest of late)"
+    trip = "not known" if status.rtt_s is None else f"{1e3 * status.rtt_s:.2f} ms (shortest lately)"
     clock = "not known" if status.offset_s is None else f"{status.offset_s:+.3f} s ahead of ours"
     return [
         [("─ command link ─", LABEL)],

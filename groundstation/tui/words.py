@@ -164,10 +164,15 @@ def _centimetres(metres: float) -> str:
     return f"{100.0 * metres:.1f} cm"
 
 
+def flight_time(time_s: float) -> str:
+    """How long the trajectory is flown, or when it begins, from its time [s]."""
+    return f"{time_s:.1f} s" if time_s >= 0.0 else f"trajectory in {-time_s:.1f} s"
+
+
 def checks(made: Sequence[Check]) -> list[Spans]:
     """The pre-flight list, what stands in the way first."""
     if not made:
-        return [[("no pre-flight checks yet: they need link and poses, and a start on the floor", LABEL)]]
+        return [[("no pre-flight checks yet: they need link and poses; a start in the air has none", LABEL)]]
     order = (Verdict.FAIL, Verdict.WARN, Verdict.PASS, Verdict.OFF)
     rows: list[Spans] = [[("─ before take-off ", LABEL)]]
     for check in sorted(made, key=lambda one: order.index(one.verdict)):

@@ -22,7 +22,7 @@ from groundstation.tui.picture import Picture, fresh
 from groundstation.tui.plot import Line, Spans, Track, bar, history, horizon, in_time, nice_top, top_view, two_sided_bar
 from groundstation.tui.text_pages import flat
 from groundstation.tui.themes import THEMES
-from groundstation.tui.words import arrow, clean, numbers
+from groundstation.tui.words import arrow, clean, flight_time, numbers
 from tests.sample_flight import sample
 
 TONES = ("alarm", "busy", "calm", "flying")
@@ -336,3 +336,8 @@ def test_all_that_is_written_can_be_read(theme: Theme) -> None:
     for one, other, wanted in pairs:
         low, high = sorted((luminance(one), luminance(other)))
         assert (high + 0.05) / (low + 0.05) >= wanted, (one, other)
+
+
+def test_a_trajectory_that_has_not_begun_has_no_negative_time() -> None:
+    assert flight_time(-6.24) == "trajectory in 6.2 s"
+    assert flight_time(34.91) == "34.9 s"
