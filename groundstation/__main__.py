@@ -108,7 +108,7 @@ def parser() -> argparse.ArgumentParser:
     _broker_arguments(request)
 
     mqtt = commands.add_parser("mqtt", help="about MQTT: keys of clients, topics, schemas")
-    verbs = mqtt.add_subparsers(dest="verb", required=True, metavar="VERB")
+    verbs = mqtt.add_subparsers(dest="verb", required=True, metavar="{make-key,topics,schemas}")
     make_key = verbs.add_parser("make-key", help="write the new key of a client that may ask by MQTT")
     make_key.add_argument("file", type=Path, metavar="FILE")
     topics = verbs.add_parser("topics", help="list the topics")
@@ -179,7 +179,7 @@ def parser() -> argparse.ArgumentParser:
     vehicles.add_argument("name", nargs="?", metavar="NAME", help="print this one's file, to start your own from")
 
     config = commands.add_parser("config", help="about configurations")
-    verbs = config.add_subparsers(dest="verb", required=True, metavar="VERB")
+    verbs = config.add_subparsers(dest="verb", required=True, metavar="show")
     show = verbs.add_parser("show", help="print what is in force, defaults and overrides included")
     _config_arguments(show, optional=True)
     return program
@@ -213,6 +213,9 @@ def main() -> int:
 
 
 def _main() -> int:
+    if len(sys.argv) == 1:
+        parser().print_help(sys.stderr)
+        return 2
     args = parser().parse_args()
     from groundstation import commands
     from groundstation.config import ConfigError

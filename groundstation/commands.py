@@ -261,7 +261,9 @@ def check(args: argparse.Namespace) -> int:
 
     checks = asyncio.run(make_flight(config, confirm=never).check())
     bad = failed(checks)
-    print(json.dumps({"pass": not bad, "checks": msgspec.to_builtins(checks)}) if args.json else text(checks))
+    verdict = "NOT ready to fly: see FAIL above" if bad else "ready to fly"
+    facts = json.dumps({"pass": not bad, "checks": msgspec.to_builtins(checks)})
+    print(facts if args.json else f"{text(checks)}\n{verdict}")
     return EXIT_ABORTED if bad else EXIT_DONE
 
 

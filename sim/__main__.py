@@ -197,14 +197,14 @@ def parser() -> argparse.ArgumentParser:
 def _seconds(text: str) -> float:
     value = _number(text)
     if not 0.0 < value <= 86400.0:
-        raise argparse.ArgumentTypeError(f"expected seconds between 0 and 86400, got {text}")
+        raise argparse.ArgumentTypeError(f"expected seconds, more than 0 and at most 86400, got {text}")
     return value
 
 
 def _hours(text: str) -> float:
     value = _number(text)
     if not 0.0 < value <= 1000.0:
-        raise argparse.ArgumentTypeError(f"expected hours between 0 and 1000, got {text}")
+        raise argparse.ArgumentTypeError(f"expected hours, more than 0 and at most 1000, got {text}")
     return value
 
 
@@ -252,6 +252,9 @@ def main() -> int:
 
 
 def _main() -> int:
+    if len(sys.argv) == 1:
+        parser().print_help(sys.stderr)
+        return 2
     args = parser().parse_args()
     from groundstation.config import ConfigError
     from sim import commands

@@ -135,7 +135,9 @@ def check_vectors(args: argparse.Namespace) -> int:
 
     try:
         worst, count = worst_disagreement(args.file)
-    except (OSError, ValueError) as error:
+    except OSError as error:
+        raise ConfigError("", f"cannot read {args.file}: {error.strerror}") from None
+    except ValueError as error:
         raise ConfigError("", str(error)) from None
     print(f"{count} vectors, largest |a - e| / max(1, |e|) = {worst:.3g} (limit {LIMIT:g})")
     return 0 if worst <= LIMIT else 1

@@ -4,6 +4,8 @@ from pathlib import Path
 from types import TracebackType
 from typing import Any
 
+from sim.referee import STEADY_S
+
 PAPER = {"rms_cm": 4.61, "max_cm": 7.6, "settle_s": 5.0}
 """Cabecinhas, Cunha, Silvestre, ACC 2013, section VI."""
 
@@ -102,8 +104,11 @@ def summary(facts: dict[str, Any], folder: Path | None) -> str:
         ("max_cm", "largest error", "cm"),
         ("settle_s", "settled (< 10 cm) after", "s"),
     ):
-        value = "never" if facts[key] is None else f"{facts[key]:.2f} {unit}"
+        none = "never" if key == "settle_s" else "-"
+        value = none if facts[key] is None else f"{facts[key]:.2f} {unit}"
         lines.append(f"{label:24}{value:>14}" + (f"{PAPER[key]:>11.2f} {unit}" if paper else ""))
+    if facts["completed"] and facts["rms_cm"] is None:
+        lines.append(f"errors count from {STEADY_S:.0f} s on: this flight was shorter")
     if facts["gust_peak_cm"] is not None:
         back = "never" if facts["gust_back_s"] is None else f"{facts['gust_back_s']:.2f} s"
         lines.append(f"{'gust: largest error':24}{facts['gust_peak_cm']:>11.2f} cm")

@@ -6,6 +6,7 @@ import msgspec
 
 from sim.fleet_mission import FleetMission
 from sim.mission import Mission
+from sim.referee import STEADY_S
 
 
 def summary(title: str, mission: Mission) -> str:
@@ -13,7 +14,9 @@ def summary(title: str, mission: Mission) -> str:
     lines = [title if mission.landed else f"{title}\nNOT AS PLANNED: {mission.fault or mission.why}", ""]
     lines += [f"{one.time_s:9.2f} s  {one.state:12} {one.reason}" for one in mission.states]
     lines.append("")
-    figure = "" if mission.rms_cm is None else f" over {mission.figure_s:.0f} s of the figure"
+    figure = f" over {mission.figure_s:.0f} s of the figure"
+    if mission.rms_cm is None:
+        figure = f" (counts from {STEADY_S:.0f} s on the figure: fly a longer one)"
     for label, value, unit, places, more in (
         ("RMS error", mission.rms_cm, "cm", 2, figure),
         ("largest error", mission.max_cm, "cm", 2, ""),
@@ -22,7 +25,7 @@ def summary(title: str, mission: Mission) -> str:
         ("largest tilt", mission.tilt_max_deg, "deg", 1, ""),
         ("wall time", mission.wall_s, "s", 2, f" for {mission.duration_s:.0f} s"),
     ):
-        shown = "none" if value is None else f"{value:.{places}f} {unit}"
+        shown = "-" if value is None else f"{value:.{places}f} {unit}"
         lines.append(f"{label:24}{shown:>14}{more}")
     return "\n".join(lines)
 

@@ -34,6 +34,8 @@ async def asked(ask: Ask, vehicle: str | None, socket: Path | None, why: str) ->
     path = socket or await find(vehicle)
     async with attached(path, "request") as client:
         served = client.hello.vehicle
+        if ask is Ask.ARM and vehicle is None:
+            raise ApiError(f"arm moves the vehicle, and must name it: --vehicle {served}")
         if vehicle is not None and vehicle != served:
             raise ApiError(f"{path}: the vehicle there is {served!r}, not {vehicle!r}")
         if ask not in ANYONE:

@@ -17,6 +17,7 @@ import pytest
 
 from groundstation.api import server as api_server
 from groundstation.api.client import attached, snapshots
+from groundstation.api.command import asked
 from groundstation.api.messages import Control, Hello
 from groundstation.api.place import ApiError, StatusConfig, find, socket_path
 from groundstation.api.server import Server
@@ -312,6 +313,17 @@ def test_arming_names_the_vehicle(tmp_path: Path) -> None:
                 assert not answer.done and "expected 'mqx'" in answer.says
             assert core.asked == []
             assert (await client.ask(Request(Ask.ARM), vehicle="mqx")).done
+
+    play(scene, tmp_path)
+
+
+def test_a_request_to_arm_without_a_name_says_which_one_to_give(tmp_path: Path) -> None:
+    async def scene(path: Path, latest: Latest[Snapshot]) -> None:
+        core = Sampled()
+        async with served(path, latest, core=core):
+            with pytest.raises(ApiError, match="must name it: --vehicle mqx"):
+                await asked(Ask.ARM, None, path, "")
+            assert core.asked == []
 
     play(scene, tmp_path)
 

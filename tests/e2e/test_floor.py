@@ -56,6 +56,7 @@ def test_check_says_what_is_found_and_fly_takes_off_from_the_floor_and_lands_the
         refused = groundstation("check", *words, "--set", "fence.height_m=0.4")
         assert refused.returncode == 1
         assert "FAIL ways in the fence" in refused.stdout
+        assert refused.stdout.splitlines()[-1].startswith("NOT ready to fly")
         flown = groundstation("fly", *words, "--arm", "mqx")
         assert flown.returncode == 0, flown.stdout + flown.stderr
         for word in ("takeoff", "hold", "tracking", "returning", "landing", "landed and disarmed"):

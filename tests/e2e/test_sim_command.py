@@ -102,7 +102,7 @@ def test_a_crash_exits_1_and_says_why() -> None:
         (["fly", "--set", "controller.k2=nan"], "controller.k2"),
         (["fly", "--controller", "pigeon"], "controller.kind: expected one of"),
         (["fly", "--set", "nonsense"], "--set"),
-        (["check-vectors", "absent.json"], "absent.json"),
+        (["check-vectors", "absent.json"], "cannot read absent.json: No such file"),
         (["fly", "--duration", "-3"], "expected seconds"),
         (["fly", "--out", "/dev/null/nowhere"], "cannot write"),
     ],
@@ -112,6 +112,17 @@ def test_bad_usage_exits_2_with_a_clear_last_line(arguments: list[str], expected
     assert done.returncode == 2
     assert expected in done.stderr.strip().splitlines()[-1]
     assert "Traceback" not in done.stderr
+
+
+@pytest.mark.parametrize("program", ["sim", "groundstation"])
+def test_without_a_command_the_list_of_them_is_shown(program: str) -> None:
+    done = subprocess.run([sys.executable, "-m", program], capture_output=True, text=True, timeout=60, check=False)
+    assert (done.returncode, done.stdout) == (2, "")
+    assert "config" in done.stderr or "scenarios" in done.stderr
+
+
+def test_a_flight_too_short_for_its_error_says_so() -> None:
+    assert "errors count from 15 s on: this flight was shorter" in sim("fly", "--duration", "3").stdout
 
 
 def test_check_vectors_passes_on_the_golden_vectors_and_fails_on_wrong_ones(tmp_path: Path) -> None:
