@@ -290,7 +290,10 @@ def test_poses_come_numbered_in_our_frames_and_true_at_their_time(bench: Bench, 
             assert all(a.time_s < b.time_s and a.arrival_s <= b.arrival_s for a, b in zip(poses, late, strict=False))
             status = source.status
             # PX4 begins with 30 Hz, until it has heard what is wanted.
-            assert (25.0 if isinstance(bench, TlogBench | OdometryBench) else 90.0) < status.rate_hz < 110.0
+            least = (
+                25.0 if isinstance(bench, TlogBench | OdometryBench) or not exactly() else 90.0
+            )  # of a busy machine too
+            assert least < status.rate_hz < 110.0
             assert status.latency_s == pytest.approx(
                 LATENCY_S, abs=2e-3 if exactly() else 0.04
             )  # a busy machine reads late

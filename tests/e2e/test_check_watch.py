@@ -67,9 +67,17 @@ def test_a_taken_port_makes_one_object_too(tmp_path: Path) -> None:
     assert facts["error"] in done.stderr
 
 
+def await_listening(port: int) -> None:
+    """Wait until a program on this machine has that UDP port (proc(5))."""
+    until = time.monotonic() + 30.0
+    while f":{port:04X} " not in Path("/proc/net/udp").read_text():
+        assert time.monotonic() < until
+        time.sleep(0.05)
+
+
 def test_ctrl_c_ends_it_with_what_was_seen(silent: list[str]) -> None:
     process = subprocess.Popen(silent, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
-    time.sleep(2.0)
+    await_listening(int(Path(silent[-2]).read_text().rpartition(":")[2].strip().strip('"')))
     process.send_signal(signal.SIGINT)
     out, errors = process.communicate(timeout=20)
     assert process.returncode == 1, errors
