@@ -8,7 +8,9 @@ from statistics import median
 from time import thread_time
 from typing import TYPE_CHECKING, Any
 
+from groundstation.app import make_ends
 from groundstation.clock import sleep_until
+from groundstation.due import Due
 from groundstation.pilot import Pilot
 from groundstation.poses.port import Pose
 from groundstation.recorded import RecordedPilot, about
@@ -34,7 +36,7 @@ async def flown(ticks: int, pilot: Pilot, config: Config, give: Callable[[Record
     """Processor time of this thread for a tick [s]: all of it, and from the pose's arrival to the command's leaving."""
     loop = asyncio.get_running_loop()
     if isinstance(pilot, RecordedPilot) and give is not None:
-        pilot.give = give
+        pilot.give, pilot.due = give, Due(make_ends(config)[0])
     trajectory = config.trajectory.build()
     first = loop.time()
     begun = thread_time()

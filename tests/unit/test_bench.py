@@ -83,7 +83,7 @@ def test_an_unknown_measurement_is_refused_with_the_ones_there_are(
 ) -> None:
     monkeypatch.setattr("sys.argv", ["groundstation-sim", "bench", "pigeons"])
     assert main() == 2
-    names = ["tick", "flight", "decode", "batch", "recording", "allocation", "links", "mqtt"]
+    names = ["tick", "flight", "decode", "batch", "recording", "allocation", "links", "screen", "mqtt"]
     words = f"expected some of {names}, got 'pigeons'"
     assert words in capsys.readouterr().err
 
