@@ -111,7 +111,7 @@ class Checks:
             return Check("floor", Verdict.OFF, "a simulated vehicle is held in the air (flight.start)")
         off = abs(place[2] - self._config.flight.floor_z_m)
         limit = FLOOR_M if pose.velocity_ned is None else FLOOR_WANDERS_M
-        says = f"it stands at {place[2]:+.2f} m, flight.floor_z_m says {self._config.flight.floor_z_m:+.2f} m"
+        says = f"it stands at {place[2]:+.2f} m (down), flight.floor_z_m says {self._config.flight.floor_z_m:+.2f} m"
         more = "" if off <= limit else ": a wrong one makes a wrong bring-down; correct it"
         return judged("floor", off, limit, limit, says + more)
 

@@ -74,6 +74,7 @@ class Typed(Dialog[str]):
         typed = event.value.strip()
         if self._wanted is not None and typed != self._wanted:
             self.query_one("#says", Static).update(Content(f"{typed!r} is not {self._wanted!r}: nothing was done"))
+            event.input.clear()  # what is typed next is a name of its own
             return
         self.dismiss(typed)
 

@@ -157,6 +157,7 @@ def test_arming_asks_for_the_name_and_for_no_other(stage: Stage) -> None:
             await in_control(pilot)
             await pilot.press("a", *"mqy", "enter")
             await until(pilot, lambda: isinstance(pilot.app.screen, Typed))
+            await until(pilot, lambda: not pilot.app.screen.query_one(Input).value)  # it is not typed onto
             await pilot.press("escape")
             await pilot.pause(0.1)
             await pilot.press("a", *"mq", "escape", "a")

@@ -175,7 +175,7 @@ def test_the_fence_holds_before_it_and_a_hold_waits_for_the_operator() -> None:
 @pytest.mark.parametrize(
     ("overrides", "says"),
     [
-        (("flight.floor_z_m=0.5",), "floor: it stands at +1.00 m, flight.floor_z_m says +0.50 m"),
+        (("flight.floor_z_m=0.5",), "floor: it stands at +1.00 m (down), flight.floor_z_m says +0.50 m"),
         (("sim.pose_rate_hz=10", "pose.drop_frozen=false"), "pose rate: 10 poses a second"),
         (("sim.pose_noise_m=0.05",), "noise of"),
         (
