@@ -108,7 +108,7 @@ def test_a_service_comes_up_idle_flies_on_request_gets_ready_again_and_ends_on_s
 
             assert daemon.command("request", "track").returncode == 1
             unnamed = daemon.command("request", "arm")
-            assert (unnamed.returncode, "must name the vehicle" in unnamed.stdout) == (1, True)
+            assert (unnamed.returncode, "must name it: --vehicle mqx" in unnamed.stderr) == (2, True)
             assert daemon.command("request", "arm", "--vehicle", "other").returncode == 2
             assert " arming: " not in daemon.log
             armed = daemon.command("request", "arm", "--vehicle", "mqx")

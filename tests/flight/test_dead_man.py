@@ -90,7 +90,7 @@ def fly(script: Any, *overrides: str, seed: int = 0, pace: str = "period") -> Wi
             await sleep_until(CONFIRMED_S)
             return True
 
-        wire.stage = Stage(world, config, seed)
+        wire.stage = Stage(world, config, seed, parameters={"COM_OF_LOSS_T": 1.0})  # later than what is looked at
         flight = make_flight(config, confirm=confirm, on_tick=wire.tick, on_event=wire.lines.append)
         stage = asyncio.create_task(wire.stage.run())
         beside = asyncio.create_task(script(flight, wire.stage))

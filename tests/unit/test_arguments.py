@@ -33,8 +33,8 @@ def test_a_seed_is_a_whole_number(command: str, seed: str, capsys: pytest.Captur
     [
         ("campaign --first-seed -1", "--first-seed: expected a whole number from 0 on, got -1"),
         ("campaign --flights none", "--flights: expected a whole number from 1 on, got none"),
-        ("fly --duration long", "--duration: expected seconds between 0 and 86400, got long"),
-        ("soak --hours nan", "--hours: expected hours between 0 and 1000, got nan"),
+        ("fly --duration long", "--duration: expected seconds, more than 0 and at most 86400, got long"),
+        ("soak --hours nan", "--hours: expected hours, more than 0 and at most 1000, got nan"),
         ("tune --gain-margin much", "--gain-margin: expected percent from 0 to below 90, got much"),
     ],
 )

@@ -18,7 +18,7 @@ class Flight:
 
     def __init__(self, airframe: Brick | None = None, **options: Any) -> None:
         self.airframe = airframe or Brick(2.0, held=True)
-        self.autopilot = Px4Autopilot(self.airframe, **options)
+        self.autopilot = Px4Autopilot(self.airframe, **{"parameters": {"COM_OF_LOSS_T": 1.0}, **options})
         self.codec = MavlinkCodec(245, 190)
         self.now = 50.0
         self.heard: list[tuple[float, Any]] = []
