@@ -18,7 +18,7 @@ from groundstation.recorded import about
 from groundstation.recording.log import FlightLog
 from groundstation.telemetry.flights import RecordingConfig, free_name, recordings, tidy
 from sim.bench_allocation import look
-from sim.deck.cell import Row, fly_here
+from sim.deck.cell import NotReached, Row, fly_here
 from sim.deck.faults import FAULTS, Fault, Scene
 from sim.deck.moments import MOMENTS
 from sim.prepare import prepare
@@ -72,6 +72,8 @@ class Soak(msgspec.Struct, frozen=True, kw_only=True):
     recordings_limit_mb: float
     """What they may take: what is kept, and the one being written."""
     wall_s: float
+    early: tuple[str, ...]
+    """Flights that ended before anything struck them, each with its seed and why."""
     passed: bool
 
 
@@ -105,7 +107,8 @@ def soak(
         recordings_mb=ledger.most_mb,
         recordings_limit_mb=limit,
         wall_s=time.perf_counter() - start,
-        passed=ledger.as_planned and growth <= GROWTH and orphans == 0 and ledger.most_mb <= limit,
+        early=tuple(ledger.early),
+        passed=ledger.as_planned and not ledger.early and growth <= GROWTH and orphans == 0 and ledger.most_mb <= limit,
     )
 
 
@@ -118,6 +121,8 @@ class _Ledger:
         self.objects: list[int] = []
         self.struck = self.tasks = self.endpoints = 0
         self.unsafe: list[Row] = []
+        self.early: list[str] = []
+        """Flights that ended before anything struck them."""
         self.as_planned = True
         """Whether every flight that nothing struck went as planned."""
         self.most_mb = self.largest_mb = 0.0
@@ -141,11 +146,15 @@ async def _soak(
             name, state = draw.choice(list(faults)), draw.choice(list(MOMENTS))
             fault = faults[name]
             ledger.struck += 1
-        row = await _recorded(folder, scenario, name, fault, state, draw.uniform(*FIGURE_S), seed + number, ledger)
-        if name == NOTHING and (not row.safe or row.reaction != "flies on"):
-            ledger.as_planned = False
-        if not row.safe:
-            ledger.unsafe.append(row)
+        try:
+            row = await _recorded(folder, scenario, name, fault, state, draw.uniform(*FIGURE_S), seed + number, ledger)
+        except NotReached as error:
+            ledger.early.append(f"seed {seed + number}: {error}")
+        else:
+            if name == NOTHING and (not row.safe or row.reaction != "flies on"):
+                ledger.as_planned = False
+            if not row.safe:
+                ledger.unsafe.append(row)
         await asyncio.sleep(PAUSE_S)
         ledger.tasks += len(asyncio.all_tasks()) - 1
         ledger.endpoints += len(loop.endpoints)
@@ -215,5 +224,6 @@ def text(facts: Soak) -> str:
         f"recordings took {facts.recordings_mb:.1f} MB at most (limit {facts.recordings_limit_mb:.1f} MB)",
         f"{facts.wall_s:.0f} s, {3600.0 * facts.hours / facts.wall_s:.0f} times as fast as the clock",
     ]
+    lines += [f"ENDED EARLY {one}" for one in facts.early]
     lines += [f"UNSAFE {row.fault} in {row.state}: {row.reaction}: {row.why}" for row in facts.unsafe]
     return "\n".join(lines)

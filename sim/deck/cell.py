@@ -52,6 +52,10 @@ HEARTBEAT_S = 1.1
 """An autopilot tells of its mode once a second."""
 
 
+class NotReached(Exception):
+    """The flight ended before the state in which it was to be struck; the text says why."""
+
+
 class Row(msgspec.Struct, frozen=True, kw_only=True):
     """What came of one cell."""
 
@@ -143,7 +147,7 @@ async def fly_here(
     if not striking.done():
         turning.cancel(), flying.cancel(), striking.cancel()
         await asyncio.gather(turning, flying, striking, return_exceptions=True)
-        raise RuntimeError(f"the flight ended before {state}: {moves.state}")
+        raise NotReached(f"the flight ended before {state}: {moves.state}: {moves.reason}")
     struck_s, where = striking.result()
     going_on = asyncio.ensure_future(_break(scene, fault))
     acted = asyncio.ensure_future(_autopilot_acts(stage, fault))

@@ -39,6 +39,8 @@ class Moves:
         self.state = State.IDLE
         self.since_s = 0.0
         """When it began."""
+        self.reason = ""
+        """Why it is there."""
         self.struck = False
         """True from the fault on."""
         self.answers: list[tuple[float, State, str]] = []
@@ -51,7 +53,7 @@ class Moves:
 
     def entered(self, state: State, reason: str) -> None:
         """A state has begun."""
-        before, self.state, self.since_s = self.state, state, self._now()
+        before, self.state, self.since_s, self.reason = self.state, state, self._now(), reason
         if self.struck and not is_planned(before, state, reason):
             self.answers.append((self.since_s, state, reason))
 
