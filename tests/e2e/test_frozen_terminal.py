@@ -10,7 +10,7 @@ from pathlib import Path
 
 import pytest
 
-from groundstation.recording.reader import Recording
+from groundstation.recording.reader import NoRecording, Recording
 from tests.e2e.stations import Room, served
 
 
@@ -26,7 +26,7 @@ def await_armed(room: Room, process: "subprocess.Popen[bytes]") -> None:
         if list(room.recordings.glob("*.mcap")):
             try:
                 topics = [entry.topic for entry in the_recording(room).entries(("/command",))]
-            except (OSError, ValueError):  # not yet written to
+            except (OSError, ValueError, NoRecording):  # not yet written to
                 topics = []
             if len(topics) > 20:
                 return
