@@ -207,27 +207,9 @@ def _broker_arguments(parser: argparse.ArgumentParser) -> None:
 
 def main() -> int:
     """Entry point; for the exit codes see exits.py and docs/reference/exit-codes.md."""
-    from groundstation.outlet import to_the_reader
+    from groundstation.entry import run
 
-    return to_the_reader(_main)
-
-
-def _main() -> int:
-    if len(sys.argv) == 1:
-        parser().print_help(sys.stderr)
-        return 2
-    args = parser().parse_args()
-    from groundstation import commands
-    from groundstation.config import ConfigError
-
-    try:
-        return int(getattr(commands, args.command.replace("-", "_"))(args))
-    except ConfigError as error:
-        print(f"groundstation: {error}", file=sys.stderr)
-        return 2
-    except KeyboardInterrupt:
-        print("groundstation: interrupted", file=sys.stderr)
-        return 130
+    return run(parser, "groundstation.commands")
 
 
 if __name__ == "__main__":

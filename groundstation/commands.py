@@ -6,7 +6,6 @@ import os
 import shlex
 import sys
 from collections.abc import Awaitable, Callable
-from typing import TYPE_CHECKING
 
 from groundstation.config import ConfigError, dump, load
 from groundstation.poses import Recorded
@@ -15,9 +14,6 @@ from groundstation.radio import ensure_link
 from groundstation.requests import Ask
 from groundstation.settings import Config
 from groundstation.telemetry.mqtt_requests import ensure_mqtt
-
-if TYPE_CHECKING:
-    pass
 
 EXIT_DONE, EXIT_ABORTED = 0, 1
 

@@ -3,41 +3,12 @@
 A terminal that stands still (Ctrl-S), a full pipe, or one that is gone, holds up nobody: least of all a command.
 """
 
-import errno
 import os
 import select
 import stat
-import sys
-from collections.abc import Callable
 
 LINE_MAX_BYTES = 4000
 """Longer lines are cut: so much goes into a pipe that has room at all (pipe(7), PIPE_BUF)."""
-
-
-UNREAD = 1
-"""Exit code of a program whose output nobody takes."""
-
-
-def to_the_reader(main: Callable[[], int]) -> int:
-    """Run ``main``; where whoever reads its output has gone (``| head``), or the disk is full, end without a trace."""
-    try:
-        code = main()
-        sys.stdout.flush()
-    except BrokenPipeError:
-        _hush()
-        return UNREAD
-    except OSError as error:
-        if error.errno != errno.ENOSPC:
-            raise
-        _hush()
-        print(f"the output cannot be written: {error.strerror}", file=sys.stderr)
-        return UNREAD
-    return code
-
-
-def _hush() -> None:
-    """What is still to be written goes nowhere: Python would complain of it at its end."""
-    os.dup2(os.open(os.devnull, os.O_WRONLY), 1)
 
 
 class Outlet:

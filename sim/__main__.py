@@ -246,27 +246,9 @@ def _names(text: str) -> list[str]:
 
 def main() -> int:
     """Entry point; the exit code is 0 for done, 1 for a flight that failed, 2 for bad usage or config."""
-    from groundstation.outlet import to_the_reader
+    from groundstation.entry import run
 
-    return to_the_reader(_main)
-
-
-def _main() -> int:
-    if len(sys.argv) == 1:
-        parser().print_help(sys.stderr)
-        return 2
-    args = parser().parse_args()
-    from groundstation.config import ConfigError
-    from sim import commands
-
-    try:
-        return int(getattr(commands, args.command.replace("-", "_"))(args))
-    except ConfigError as error:
-        print(f"groundstation-sim: {error}", file=sys.stderr)
-        return 2
-    except KeyboardInterrupt:
-        print("groundstation-sim: interrupted", file=sys.stderr)
-        return 130
+    return run(parser, "sim.commands")
 
 
 if __name__ == "__main__":

@@ -1,6 +1,5 @@
 """The page of an identification: one HTML file that holds its pictures and needs nothing else, as a report's does."""
 
-import base64
 from collections.abc import Sequence
 from html import escape
 from pathlib import Path
@@ -8,7 +7,7 @@ from pathlib import Path
 from groundstation.identify.figures import Figure
 from groundstation.identify.found import Found
 from groundstation.identify.text import number, remarks
-from groundstation.report.page import STYLE
+from groundstation.report.page import document, framed
 
 PAGE = "identification.html"
 
@@ -34,22 +33,7 @@ def write(folder: Path, found: Found, figures: Sequence[tuple[Figure, Path]]) ->
     parts = [f"<h1>{escape(title)}</h1>"]
     parts += [f'<p class="note">{escape(line)}</p>' for line in remarks(found)]
     parts.append(f"<table>{''.join(rows)}</table>")
-    for figure, path in figures:
-        picture = base64.b64encode(path.read_bytes()).decode()
-        parts.append(
-            f'<figure id="{figure.name}"><h2>{escape(figure.title)}</h2>'
-            f'<img alt="{escape(figure.title)}: {escape(figure.caption)}" src="data:image/png;base64,{picture}">'
-            f"<figcaption>{escape(figure.caption)}</figcaption></figure>"
-        )
+    parts += [framed(one.name, one.title, one.caption, path) for one, path in figures]
     page = folder / PAGE
-    page.write_text(
-        '<!DOCTYPE html>\n<html lang="en"><head><meta charset="utf-8">'
-        '<meta name="viewport" content="width=device-width, initial-scale=1">'
-        '<meta http-equiv="Content-Security-Policy" content="default-src \'none\'; img-src data:; '
-        "style-src 'unsafe-inline'\">"
-        f'<link rel="icon" href="data:,"><title>{escape(title)}</title><style>{STYLE}</style></head>\n<body>\n'
-        + "\n".join(parts)
-        + "\n</body></html>\n",
-        "utf-8",
-    )
+    page.write_text(document(title, parts), "utf-8")
     return page

@@ -44,28 +44,40 @@ def write(folder: Path, figures: Sequence[tuple[Figure, Path]], facts: Sequence[
     title = " against ".join(_name(one) for one in facts)
     parts = [f"<h1>{escape(title)}</h1>", *(_warnings(one) for one in facts)]
     parts += ["<h2>Result</h2>", _results(names, facts), f'<p class="note">{AGAINST}</p>']
-    for figure, path in figures:
-        picture = base64.b64encode(path.read_bytes()).decode()
-        parts.append(
-            f'<figure id="{figure.name}"><h2>{escape(figure.title)}</h2>'
-            f'<img alt="{escape(figure.title)}: {escape(figure.caption)}" src="data:image/png;base64,{picture}">'
-            f"<figcaption>{escape(figure.caption)}</figcaption></figure>"
-        )
+    parts += [framed(one.name, one.title, one.caption, path) for one, path in figures]
     parts += ["<h2>Events</h2>", *(_events(name, one) for name, one in zip(names, facts, strict=True))]
     parts += ["<h2>What flew</h2>", _table(["", *names], _program(facts))]
     parts += [_config(name, one) for name, one in zip(names, facts, strict=True)]
     page = folder / PAGE
-    page.write_text(
+    page.write_text(document(title, parts), "utf-8")
+    return page
+
+
+def framed(name: str, title: str, caption: str, path: Path) -> str:
+    """A figure with its words, and the picture at ``path`` inside it.
+
+    Raises:
+        OSError: the picture can't be read.
+    """
+    picture = base64.b64encode(path.read_bytes()).decode()
+    return (
+        f'<figure id="{name}"><h2>{escape(title)}</h2>'
+        f'<img alt="{escape(title)}: {escape(caption)}" src="data:image/png;base64,{picture}">'
+        f"<figcaption>{escape(caption)}</figcaption></figure>"
+    )
+
+
+def document(title: str, parts: Sequence[str]) -> str:
+    """The whole page; empty parts are left out."""
+    return (
         '<!DOCTYPE html>\n<html lang="en"><head><meta charset="utf-8">'
         '<meta name="viewport" content="width=device-width, initial-scale=1">'
         '<meta http-equiv="Content-Security-Policy" content="default-src \'none\'; img-src data:; '
         "style-src 'unsafe-inline'\">"
         f'<link rel="icon" href="data:,"><title>{escape(title)}</title><style>{STYLE}</style></head>\n<body>\n'
         + "\n".join(part for part in parts if part)
-        + "\n</body></html>\n",
-        "utf-8",
+        + "\n</body></html>\n"
     )
-    return page
 
 
 def _name(one: dict[str, Any]) -> str:
