@@ -5,6 +5,7 @@ from pathlib import Path
 from typing import Any
 
 from groundstation.config import ConfigError
+from groundstation.pictures import need_matplotlib
 from sim.compare import GUST, TRACE_S, WITHOUT_ADAPTATION, Flown, Row
 from sim.referee import STEADY_S
 from sim.scenarios import SCENARIOS
@@ -33,12 +34,7 @@ def check_plot(path: Path) -> None:
     Raises:
         ConfigError: matplotlib is not installed, the folder is not there, or it is no kind of picture.
     """
-    try:
-        import matplotlib as _  # noqa: F401
-    except ImportError:
-        raise ConfigError(
-            "--plot", "needs matplotlib, which is not installed: pip install 'groundstation[plot]'"
-        ) from None
+    need_matplotlib("--plot", "needs matplotlib, which is not installed: pip install 'groundstation[plot]'")
     from matplotlib.figure import Figure
 
     if not path.absolute().parent.is_dir():

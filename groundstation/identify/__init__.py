@@ -4,6 +4,7 @@ import json
 from pathlib import Path
 
 from groundstation.config import ConfigError
+from groundstation.pictures import need_matplotlib
 from groundstation.recording.reader import NoRecording
 
 EXIT_FOUND, EXIT_NOTHING = 0, 1
@@ -21,7 +22,7 @@ def identify_command(path: Path, out: Path | None, page: Path | None, *, as_json
             missing, or a file can't be written or is there already.
     """
     if page is not None:
-        _need_matplotlib()
+        need_matplotlib("--page", "its figures need matplotlib: pip install 'groundstation[plot]'")
     if out is not None and out.exists():
         raise ConfigError("--out", f"{out} is there already")
     from groundstation.identify.found import identified
@@ -65,10 +66,3 @@ def identify_command(path: Path, out: Path | None, page: Path | None, *, as_json
             if written_to is not None:
                 print(f"written to {written_to}")
     return EXIT_FOUND if knows else EXIT_NOTHING
-
-
-def _need_matplotlib() -> None:
-    try:
-        import matplotlib as _  # noqa: F401
-    except ImportError:
-        raise ConfigError("--page", "its figures need matplotlib: pip install 'groundstation[plot]'") from None

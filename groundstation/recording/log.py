@@ -144,7 +144,7 @@ def git_commit() -> str:
         return ""
     command = ["git", "-C", str(folder), "describe", "--always", "--dirty", "--abbrev=40", "--match="]
     try:
-        done = subprocess.run(command, capture_output=True, check=False, text=True, timeout=5.0)  # noqa: S603
+        done = subprocess.run(command, capture_output=True, check=False, text=True, timeout=5.0)  # noqa: S603  # our own words, no shell
     except (OSError, subprocess.TimeoutExpired):
         return ""
     return done.stdout.strip()

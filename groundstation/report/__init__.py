@@ -5,6 +5,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from groundstation.config import ConfigError
+from groundstation.pictures import need_matplotlib
 from groundstation.recording.reader import NoRecording
 
 
@@ -18,7 +19,7 @@ def report_command(paths: Sequence[Path], out: Path | None, *, as_json: bool) ->
     """
     draw = out is not None or not as_json
     if draw:
-        _need_matplotlib()
+        need_matplotlib("report", "its figures need matplotlib: pip install 'groundstation[plot]'; --json does without")
     if len(paths) > 2:
         raise ConfigError("LOG", f"expected one recording, or two to compare, got {len(paths)}")
     from groundstation.report.flown import NoCommand, read
@@ -44,12 +45,3 @@ def report_command(paths: Sequence[Path], out: Path | None, *, as_json: bool) ->
             raise ConfigError("--out", f"cannot write {error.filename or folder}: {error.strerror}") from None
     print(json.dumps({"flights": facts, "page": str(page) if page else None}) if as_json else page)
     return 0
-
-
-def _need_matplotlib() -> None:
-    try:
-        import matplotlib as _  # noqa: F401
-    except ImportError:
-        raise ConfigError(
-            "report", "its figures need matplotlib: pip install 'groundstation[plot]'; --json does without"
-        ) from None
