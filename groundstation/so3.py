@@ -85,7 +85,12 @@ def to_world(q: Quat, v: Vec3) -> Vec3:
 def to_body(q: Quat, v: Vec3) -> Vec3:
     """Rᵀ v: a world vector in body components."""
     w, x, y, z = q
-    return to_world((w, -x, -y, -z), v)
+    a, b, c = v
+    # to_world() of the conjugate.
+    tx = 2.0 * (z * b - y * c)
+    ty = 2.0 * (x * c - z * a)
+    tz = 2.0 * (y * a - x * b)
+    return (a + w * tx - y * tz + z * ty, b + w * ty - z * tx + x * tz, c + w * tz - x * ty + y * tx)
 
 
 def matrix(q: Quat) -> tuple[Vec3, Vec3, Vec3]:

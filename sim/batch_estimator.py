@@ -10,16 +10,17 @@ import numpy as np
 import numpy.typing as npt
 
 from groundstation.control import effectiveness
-from groundstation.control.effectiveness import Effectiveness, along, pushed, told
+from groundstation.control.effectiveness import Effectiveness, told
 from groundstation.control.estimator import NOISE_FLOOR_M2, NOISE_MEMORY, STEP_LIMIT
 from groundstation.control.gains import Gains
-from groundstation.control.model import Drive, Motion, rolled
+from groundstation.control.model import Drive, Driven, Motion, carried, driven
 from groundstation.control.observer import (
     Covariance,
     Densities,
     begun,
     corrected,
     corrected_attitude,
+    corrected_twice,
     fourth_difference,
     innovation,
     later,
@@ -82,7 +83,7 @@ class BatchEstimator:
     def _told(self, count: int) -> Any:
         zero: Any = np.zeros(count)
         start = told(self._gains.effectiveness_deviation)
-        return Effectiveness(zero + start.value, zero + start.variance, *(zeros(count, 4) for _ in range(3)))
+        return Effectiveness(zero + start.value, zero + start.variance, *(zeros(count, 3) for _ in range(4)))
 
     def sent(self, frame: int, drive: Drive) -> None:
         """The command of ``frame`` acts from frame · period on."""
@@ -102,23 +103,25 @@ class BatchEstimator:
         self._measure_noise(who, stamp, position)
         before = self._stamp[who]
         dt = stamp - before
-        model = self._roll(who, before, stamp)
+        given = self._driven(who, before, stamp)
+        model = self._at(who, given, dt)
         expected = later(pick(self._covariance, who), dt, self._densities)
         gain, covariance = seen(expected, self._noise[who])
         step = innovation(position, model.position)
-        d, c = pick(self._disturbance, who), pick(self._rate, who)
-        place, speed = corrected(model.position, gain.p, step), corrected(model.velocity, gain.v, step)
-        now, rate = corrected(corrected(d, dt, c), gain.d, step), corrected(c, gain.c, step)
+        rate = pick(self._rate, who)
+        now = corrected(pick(self._disturbance, who), dt, rate)
         if self._separates:
-            north, east, down = corrected(d, 0.5 * dt, c)
-            e, gains = pick(self._effectiveness, who), self._gains
-            other = (north, east, down + gains.gravity)
-            push = pushed(e, pick(self._motion, who), model, dt, other)
-            e = effectiveness.later(e, dt, push, gains.effectiveness_walk)
+            e, mass, walk = pick(self._effectiveness, who), self._vehicle.mass_kg, self._gains.effectiveness_walk
+            e = effectiveness.later(e, dt, given, mass, walk)
             e, moved = effectiveness.seen(OPS, e, step, gain, expected.pp + self._noise[who])
             put(self._effectiveness, who, e)
-            place, speed = along(place, e, moved, 0), along(speed, e, moved, 1)
-            now, rate = along(now, e, moved, 2), along(rate, e, moved, 3)
+            place = corrected_twice(model.position, gain.p, step, moved, e.p)
+            speed = corrected_twice(model.velocity, gain.v, step, moved, e.v)
+            now = corrected_twice(now, gain.d, step, moved, e.d)
+            rate = corrected_twice(rate, gain.c, step, moved, e.c)
+        else:
+            place, speed = corrected(model.position, gain.p, step), corrected(model.velocity, gain.v, step)
+            now, rate = corrected(now, gain.d, step), corrected(rate, gain.c, step)
         put(self._disturbance, who, now)
         put(self._rate, who, rate)
         put(self._covariance, who, covariance)
@@ -129,43 +132,45 @@ class BatchEstimator:
     def predict(self, time_s: float) -> Estimate:
         """Every vehicle at ``time_s``."""
         everyone = np.arange(self._stamp.size)
-        ahead = self._roll(everyone, self._stamp, np.full_like(self._stamp, time_s))
         h: Any = time_s - self._stamp
+        ahead = self._at(everyone, self._driven(everyone, self._stamp, np.full_like(self._stamp, time_s)), h)
         return Estimate(
             time_s, ahead, corrected(self._disturbance, h, self._rate), (0.0, 0.0, 0.0), self._effectiveness.value
         )
 
-    def _roll(self, who: Index, start: Any, end: Any) -> Any:
-        """The motion of ``who`` from ``start`` to ``end`` [s] through the commands that act between."""
-        vehicle, gains, period = self._vehicle, self._gains, self._period
+    def _driven(self, who: Index, start: Any, end: Any) -> Any:
+        """What the commands sent make of the state of ``who`` from ``start`` to ``end`` [s]."""
+        vehicle, period = self._vehicle, self._period
         motion: Any = pick(self._motion, who)
-        middle = 0.5 * (start + end) - self._stamp[who]
-        disturbance = corrected(pick(self._disturbance, who), middle, pick(self._rate, who))
-        mass: Any = vehicle.mass_kg / self._effectiveness.value[who]
+        state: Any = Driven(motion.attitude, motion.thrust, motion.rates, zeros(who.size, 3), zeros(who.size, 3))
         time = start.copy()
         part = np.arange(who.size)
         while True:
             part = part[time[part] < end[part] - 1e-9]
             if not part.size:
-                return motion
+                return state
             now = time[part]
             frame = np.minimum(np.floor((now + 1e-9) / period).astype(int), self._newest)
             until = np.minimum(end[part], now + STEP_LIMIT)
             until = np.where(frame < self._newest, np.minimum(until, (frame + 1) * period), until)
             drive = self._drives[frame % KEPT_FRAMES, :, who[part]].T
-            some: Any = rolled(
+            some: Any = driven(
                 OPS,
-                pick(motion, part),
+                pick(state, part),
                 Drive(drive[0], (drive[1], drive[2], drive[3])),
                 np.maximum(until - now, 1e-12),
-                mass=mass[part],
-                gravity=gains.gravity,
-                disturbance=pick(disturbance, part),
-                thrust_lag=vehicle.thrust_lag_s,
-                rate_lag=vehicle.rate_lag_s,
+                vehicle.thrust_lag_s,
+                vehicle.rate_lag_s,
             )
-            put(motion, part, some)
+            put(state, part, some)
             time[part] = until
+
+    def _at(self, who: Index, given: Any, h: Any) -> Any:
+        """The motion of ``who`` ``h`` [s] after their newest poses, after commands that did what ``given`` says."""
+        north, east, down = pick(self._disturbance, who)
+        mass: Any = self._vehicle.mass_kg / self._effectiveness.value[who]
+        other = (north, east, down + self._gains.gravity)
+        return carried(pick(self._motion, who), given, h, mass, other, pick(self._rate, who))
 
     def _measure_noise(self, who: Index, stamp: Any, position: Any) -> None:
         """As :meth:`ModelEstimator._measure_noise`."""

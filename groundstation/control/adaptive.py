@@ -5,7 +5,7 @@ import math
 from groundstation.control.actuators import lead
 from groundstation.control.backstepping import backstep, yaw_rate
 from groundstation.control.gains import Gains
-from groundstation.control.model import Drive
+from groundstation.control.model import Drive, new
 from groundstation.control.port import Decision, Estimate
 from groundstation.control.projection import within
 from groundstation.ops import FLOATS, Ops, Real, Vec3
@@ -120,7 +120,7 @@ class Adaptive:
             step.thrust_rate,
             wanted,
         )
-        return Decision(drive, self._saturated, seen)
+        return new(Decision, (drive, self._saturated, seen))
 
     def _informed(self, estimate: Estimate) -> tuple[Vec3, Vec3 | None]:
         """b̂ with what the observer has learnt since the last command, and the witness κ (d̂ - b̂), if any.
@@ -170,7 +170,7 @@ class Adaptive:
         (x, y, z), (a, b, c) = rates, self._limits
         inside = clamp(thrust, vehicle.thrust_min_n, vehicle.thrust_max_n)
         p, q, r = clamp(x, -a, a), clamp(y, -b, b), clamp(z, -c, c)
-        return Drive(inside, (p, q, r)), (inside != thrust) | (p != x) | (q != y) | (r != z)
+        return new(Drive, (inside, (p, q, r))), (inside != thrust) | (p != x) | (q != y) | (r != z)
 
 
 _SUSPENDED = "none: adaptation is suspended while a command is at its limit"

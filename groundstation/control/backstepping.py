@@ -23,7 +23,7 @@ import msgspec
 from groundstation.control.gains import Law
 from groundstation.control.projection import Brink, brink, held_back
 from groundstation.control.shaping import growth, saturation
-from groundstation.ops import Ops, Quat, Real, Vec3
+from groundstation.ops import FLOATS, Ops, Quat, Real, Vec3
 from groundstation.so3 import third_column, to_body
 
 POSITION_LIMIT = 1e6
@@ -93,6 +93,12 @@ def axis(ops: Ops, law: Law, z1: Real, z1_dot: Real) -> Axis:
     z2 = x2 + s  # (5)
     k2 = law.k2
     rho, rho1, _, _ = saturation(ops, z2, law.rho_bound, law.rho_slope)
+    if ops is FLOATS and -law.sigma_bound <= x2 <= law.sigma_bound:
+        # One vehicle is here nearly always, where Ω is the identity: the same, without what is then 0 or 1.
+        a, slope = k2 * rho + s, k2 * rho1
+        u_x1, u_x2 = -((slope + 1.0) * s1 + s2 * x2), -(slope + s1)
+        du_dz1 = u_x1 - s1 * u_x2
+        return Axis(x1, x2, z2, s, s1, -(a + s1 * x2), du_dz1, u_x2, z2, v_sigma, 0.5 * z2 * z2, s * s, k2 * z2 * rho)
     excess, o1, o2 = growth(ops, x2, law.sigma_bound, law.velocity_scale)
     # Ω(x2) + Ω(σ) = z2 + excess: zero only where the excess is (|σ| < M < |x2|), and there q = 1.
     sum_ = z2 + excess
@@ -187,7 +193,7 @@ def backstep(
     )
 
 
-def _adaptation(ops: Ops, law: Law, kb: Real, xi: Vec3, b_hat: Vec3, edge: Brink) -> Vec3:
+def _adaptation(ops: Ops, law: Law, kb: Real, xi: Vec3, b_hat: Vec3, edge: Brink | None) -> Vec3:
     """b̂˙ = kb Proj(ξ, b̂); ``kb`` is 0 where adaptation is suspended."""
     x, y, z = held_back(ops, xi, b_hat, edge, law.delta)
     return (kb * x, kb * y, kb * z)

@@ -8,15 +8,16 @@ import math
 from collections import deque
 
 from groundstation.control import effectiveness
-from groundstation.control.effectiveness import Effectiveness, along, pushed, told
+from groundstation.control.effectiveness import told
 from groundstation.control.estimation import Estimation
-from groundstation.control.model import Drive, Motion, rolled
+from groundstation.control.model import ZERO, Drive, Driven, Motion, carried, driven, new
 from groundstation.control.observer import (
     Densities,
     Gain,
     begun,
     corrected,
     corrected_attitude,
+    corrected_twice,
     fourth_difference,
     innovation,
     later,
@@ -28,7 +29,6 @@ from groundstation.ops import FLOATS, Vec3
 from groundstation.poses.port import Pose
 from groundstation.vehicle import Vehicle
 
-ZERO: Vec3 = (0.0, 0.0, 0.0)
 STEP_LIMIT = 0.025
 """Longest single step of the model [s]; longer spans are split."""
 NOISE_MEMORY = 100
@@ -49,7 +49,8 @@ class ModelEstimator:
         self._gains = gains
         self._mass = vehicle.mass_kg
         self._gravity = gains.gravity
-        self._separates = gains.composite == "provable" and gains.effectiveness_deviation > 0.0
+        self._provable = gains.composite == "provable"
+        self._separates = self._provable and gains.effectiveness_deviation > 0.0
         self.frozen = False
         """True on the floor, whose push must not be learnt as an error of the thrust: λ̂ then rests."""
         self.diverged_m = 0.0
@@ -76,6 +77,7 @@ class ModelEstimator:
         self._disturbance_rate: Vec3 = ZERO
         self._disturbance_step: Vec3 = ZERO
         self._drives: deque[tuple[float, Drive]] = deque()
+        self._path: list[tuple[float, Driven, int]] = []
 
     @property
     def ready(self) -> bool:
@@ -89,10 +91,12 @@ class ModelEstimator:
 
     def sent(self, time_s: float, drive: Drive) -> None:
         """A command acts from ``time_s`` on; one for the same instant or later replaces it."""
-        drives = self._drives
+        drives, path = self._drives, self._path
         while drives and drives[-1][0] >= time_s:
             drives.pop()
         drives.append((time_s, drive))
+        while path and path[-1][0] > time_s:
+            path.pop()
 
     def release(self) -> None:
         """The vehicle begins to fly: forget the disturbance that its stand, or a hand, seemed to be."""
@@ -125,87 +129,86 @@ class ModelEstimator:
         """Correct the model by one pose."""
         previous = self._motion
         if previous is None:
-            self._motion = self._first(pose)
-            self._reset_count, self._stamp = pose.reset_count, pose.time_s
+            self._begin(self._first(pose), pose)
             return
         dt = pose.time_s - self._stamp
         if dt <= 0.0:
             return
         if pose.reset_count != self._reset_count:
             # The source moved its origin, not the vehicle: take the new place, keep velocity and disturbance.
-            previous = self._roll(previous, self._stamp, pose.time_s)
-            self._motion = previous._replace(position=pose.position_ned, attitude=pose.attitude)
-            self._disturbance = self._disturbance_at(pose.time_s)
-            self._reset_count, self._stamp = pose.reset_count, pose.time_s
+            moved = self._at(previous, self._driven(pose.time_s), dt)
+            self._disturbance = corrected(self._disturbance, dt, self._disturbance_rate)
+            self._begin(moved._replace(position=pose.position_ned, attitude=pose.attitude), pose)
             self._recent.clear()
             return
         self._measure_noise(pose)
         gains = self._gains
-        model = self._roll(previous, self._stamp, pose.time_s)
-        separates = self._separates and not self.frozen
+        given = self._driven(pose.time_s)
+        model = self._at(previous, given, dt)
+        if self._separates and not self.frozen:
+            self._effectiveness = effectiveness.later(
+                self._effectiveness, dt, given, self._mass, gains.effectiveness_walk
+            )
         densities = self._still if pose.velocity_ned is None else self._moving
-        expected = later(self._covariance, dt, densities)
-        gain, self._covariance = seen(expected, self._noise)
+        expected, noise = later(self._covariance, dt, densities), self._noise
+        gain, self._covariance = seen(expected, noise)
         step = innovation(pose.position_ned, model.position)
         self.diverged_m = math.sqrt(step[0] * step[0] + step[1] * step[1] + step[2] * step[2])
-        if separates:
-            self._effectiveness = self._pushed(previous, model, dt)
-        moved = self._correct(model.position, model.velocity, self._disturbance_at(pose.time_s), gain, step)
-        if separates:
-            moved = self._judge(*moved, gain, step, expected.pp + self._noise)
+        disturbance = corrected(self._disturbance, dt, self._disturbance_rate)
+        chain = self._correct(model.position, model.velocity, disturbance, gain, step, expected.pp + noise)
         if pose.velocity_ned is not None:
             expected, noise = self._covariance, gains.velocity_noise_m_s**2
             gain, self._covariance = seen_moving(expected, noise)
-            step = innovation(pose.velocity_ned, moved[1])
-            moved = self._correct(*moved, gain, step)
-            if separates:
-                moved = self._judge(*moved, gain, step, expected.vv + noise, of=1)
-        position, velocity, self._disturbance = moved
+            chain = self._correct(*chain, gain, innovation(pose.velocity_ned, chain[1]), expected.vv + noise, 1)
+        position, velocity, self._disturbance = chain
         if gains.observer == "backward_euler":
             position = pose.position_ned
             velocity = corrected(ZERO, 1.0 / dt, innovation(position, previous.position))
         attitude = corrected_attitude(FLOATS, model.attitude, pose.attitude, gains.attitude_gain)
-        self._motion = Motion(position, velocity, attitude, model.thrust, model.rates)
-        self._stamp = pose.time_s
-        self._forget(pose.time_s)
+        self._begin(new(Motion, (position, velocity, attitude, model.thrust, model.rates)), pose)
+
+    def _begin(self, motion: Motion, pose: Pose) -> None:
+        """From here on: ``motion`` at the time stamp of ``pose``; commands that no longer act are dropped."""
+        stamp, drives = pose.time_s, self._drives
+        while len(drives) > 1 and drives[1][0] <= stamp:
+            drives.popleft()
+        self._motion, self._stamp, self._reset_count = motion, stamp, pose.reset_count
+        self._path = [(stamp, new(Driven, (motion.attitude, motion.thrust, motion.rates, ZERO, ZERO)), 0)]
 
     def _correct(
-        self, position: Vec3, velocity: Vec3, disturbance: Vec3, gain: Gain, step: Vec3
-    ) -> tuple[Vec3, Vec3, Vec3]:
-        """Position, velocity and disturbance, corrected by the innovation ``step``; ĉ and b̂'s step in place."""
-        composite = self._gains.composite
-        if composite == "provable":
-            disturbance = corrected(disturbance, gain.d, step)
-            self._disturbance_rate = corrected(self._disturbance_rate, gain.c, step)
-        elif composite == "raw":
-            self._disturbance_step = corrected(self._disturbance_step, gain.d, step)
-        return corrected(position, gain.p, step), corrected(velocity, gain.v, step), disturbance
-
-    def _pushed(self, previous: Motion, model: Motion, dt: float) -> Effectiveness:
-        """Thrust effectiveness at the end of a roll of ``dt`` [s] from ``previous`` to ``model``."""
-        x, y, z = self._disturbance_at(self._stamp + 0.5 * dt)
-        push = pushed(self._effectiveness, previous, model, dt, (x, y, z + self._gravity))
-        return effectiveness.later(self._effectiveness, dt, push, self._gains.effectiveness_walk)
-
-    def _judge(
         self, position: Vec3, velocity: Vec3, disturbance: Vec3, gain: Gain, step: Vec3, variance: float, of: int = 0
     ) -> tuple[Vec3, Vec3, Vec3]:
-        """Ask the innovation ``step`` what it says of the thrust; the chain moves along with it."""
-        self._effectiveness, moved = effectiveness.seen(FLOATS, self._effectiveness, step, gain, variance, of)
-        e = self._effectiveness
-        self._disturbance_rate = along(self._disturbance_rate, e, moved, 3)
-        return along(position, e, moved, 0), along(velocity, e, moved, 1), along(disturbance, e, moved, 2)
+        """Position, velocity and disturbance, corrected by the innovation ``step``; ĉ, λ̂ and b̂'s step in place."""
+        p, v, d, c = gain
+        if self._separates and not self.frozen:
+            # What the innovation says of the thrust moves the chain, too.
+            e, moved = effectiveness.seen(FLOATS, self._effectiveness, step, gain, variance, of)
+            self._effectiveness = e
+            self._disturbance_rate = corrected_twice(self._disturbance_rate, c, step, moved, e.c)
+            return (
+                corrected_twice(position, p, step, moved, e.p),
+                corrected_twice(velocity, v, step, moved, e.v),
+                corrected_twice(disturbance, d, step, moved, e.d),
+            )
+        if self._provable:
+            disturbance = corrected(disturbance, d, step)
+            self._disturbance_rate = corrected(self._disturbance_rate, c, step)
+        elif self._gains.composite == "raw":
+            self._disturbance_step = corrected(self._disturbance_step, d, step)
+        return corrected(position, p, step), corrected(velocity, v, step), disturbance
 
     def predict(self, time_s: float) -> Estimate:
         """The vehicle at ``time_s``; with delay prediction off, as it was at the newest pose."""
         motion = self._motion
         assert motion is not None, "predict() before the first pose"
-        ahead = self._roll(motion, self._stamp, time_s)
+        h = time_s - self._stamp
+        ahead = self._at(motion, self._driven(time_s), h)
         if not self._gains.delay_prediction:
             # The actuators are modelled from our own commands and need no pose.
             ahead = motion._replace(thrust=ahead.thrust, rates=ahead.rates)
         step, self._disturbance_step = self._disturbance_step, ZERO
-        return Estimate(time_s, ahead, self._disturbance_at(time_s), step, self._effectiveness.value)
+        disturbance = corrected(self._disturbance, h, self._disturbance_rate)
+        return new(Estimate, (time_s, ahead, disturbance, step, self._effectiveness.value))
 
     def _measure_noise(self, pose: Pose) -> None:
         """Follow the noise of the source by fourth differences, over poses at equal intervals only."""
@@ -219,47 +222,34 @@ class ModelEstimator:
         variance = fourth_difference(a, b, c, d, e)
         self._noise = max(self._noise + (variance - self._noise) / NOISE_MEMORY, NOISE_FLOOR_M2)
 
-    def _disturbance_at(self, time_s: float) -> Vec3:
-        """The disturbance as it will have moved by ``time_s`` at its present rate."""
-        return corrected(self._disturbance, time_s - self._stamp, self._disturbance_rate)
-
     def _first(self, pose: Pose) -> Motion:
         velocity = pose.velocity_ned or (0.0, 0.0, 0.0)
         drive = self._drives[-1][1] if self._drives else Drive(0.0, (0.0, 0.0, 0.0))
         return Motion(pose.position_ned, velocity, pose.attitude, drive.thrust, drive.rates)
 
-    def _roll(self, motion: Motion, start: float, end: float) -> Motion:
-        """``motion`` from ``start`` to ``end`` through the commands that act between."""
-        drives, last = self._drives, len(self._drives) - 1
-        disturbance = self._disturbance_at(0.5 * (start + end))
-        mass, gravity = self._mass / self._effectiveness.value, self._gravity
-        thrust_lag, rate_lag = self._thrust_lag, self._rate_lag
-        time, index = start, 0
-        drive = drives[0][1] if drives else Drive(motion.thrust, motion.rates)
-        change = drives[1][0] if last > 0 else end
+    def _driven(self, end: float) -> Driven:
+        """What the commands sent make of the newest pose's state by ``end`` [s]; steps are kept for the next call."""
+        drives, path = self._drives, self._path
+        while len(path) > 1 and path[-1][0] > end:
+            path.pop()
+        time, state, index = path[-1]
+        last = len(drives) - 1
         while time < end - 1e-9:
-            while index < last and change <= time + 1e-9:
+            while index < last and drives[index + 1][0] <= time + 1e-9:
                 index += 1
-                drive, change = drives[index][1], drives[index + 1][0] if index < last else end
-            until = change if change < end else end
-            if until - time > STEP_LIMIT:
-                until = time + STEP_LIMIT
-            motion = rolled(
-                FLOATS,
-                motion,
-                drive,
-                until - time,
-                mass=mass,
-                gravity=gravity,
-                disturbance=disturbance,
-                thrust_lag=thrust_lag,
-                rate_lag=rate_lag,
-            )
+            drive = drives[index][1] if drives else Drive(state.thrust, state.rates)
+            until = time + STEP_LIMIT
+            if index < last and drives[index + 1][0] < until:
+                until = drives[index + 1][0]
+            if until > end:
+                return driven(FLOATS, state, drive, end - time, self._thrust_lag, self._rate_lag)
+            state = driven(FLOATS, state, drive, until - time, self._thrust_lag, self._rate_lag)
             time = until
-        return motion
+            path.append((time, state, index))
+        return state
 
-    def _forget(self, stamp: float) -> None:
-        """Drop commands that no longer act after ``stamp``."""
-        drives = self._drives
-        while len(drives) > 1 and drives[1][0] <= stamp:
-            drives.popleft()
+    def _at(self, motion: Motion, given: Driven, h: float) -> Motion:
+        """``motion`` of the newest pose ``h`` [s] later, after commands that did what ``given`` says."""
+        x, y, z = self._disturbance
+        mass = self._mass / self._effectiveness.value
+        return carried(motion, given, h, mass, (x, y, z + self._gravity), self._disturbance_rate)

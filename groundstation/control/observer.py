@@ -146,6 +146,15 @@ def corrected(value: Vec3, gain: Real, step: Vec3) -> Vec3:
     return (value[0] + gain * step[0], value[1] + gain * step[1], value[2] + gain * step[2])
 
 
+def corrected_twice(value: Vec3, gain: Real, step: Vec3, more: Real, along: Vec3) -> Vec3:
+    """``value`` moved by ``gain`` times ``step`` and by ``more`` times ``along``."""
+    return (
+        value[0] + gain * step[0] + more * along[0],
+        value[1] + gain * step[1] + more * along[1],
+        value[2] + gain * step[2] + more * along[2],
+    )
+
+
 def corrected_attitude(ops: Ops, predicted: Quat, measured: Quat, gain: float) -> Quat:
     """The predicted attitude turned by ``gain`` (0..1) of the way to the measured one; 1 takes the measurement."""
     if gain >= 1.0:

@@ -2,6 +2,7 @@
 
 import math
 import random
+from collections.abc import Sequence
 
 import numpy as np
 import pytest
@@ -9,8 +10,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from groundstation.control import effectiveness, observer
-from groundstation.control.effectiveness import LIMITS, Effectiveness, along, pushed, told
-from groundstation.control.model import Drive, Motion, rolled
+from groundstation.control.effectiveness import LIMITS, Effectiveness, told
+from groundstation.control.model import Drive, Driven, Motion, carried, driven
 from groundstation.control.observer import Covariance, Densities
 from groundstation.ops import FLOATS, Vec3
 
@@ -25,6 +26,12 @@ def transition(h: float) -> np.ndarray:
     for i in range(3):
         f[4 * i : 4 * i + 4, 4 * i : 4 * i + 4] = chain
     return f
+
+
+def thrust_gives(velocity: Sequence[float], place: Sequence[float]) -> Driven:
+    """Commands that give that velocity [m/s] and place [m], NED, to one kilogram: thrust pushes against R e3."""
+    (a, b, c), (x, y, z) = velocity, place
+    return Driven((1.0, 0.0, 0.0, 0.0), 0.0, ZERO, (-a, -b, -c), (-x, -y, -z))
 
 
 def dense(s: Covariance) -> np.ndarray:
@@ -62,7 +69,7 @@ def test_both_stages_together_are_the_kalman_filter_with_thirteen_states(
         q = np.diag([*([DENSITIES.position, *DENSITIES[1:]] * 3), 0.0]) * h
         x, big = f @ x, f @ big @ f.T + q
         small = observer.later(small, h, DENSITIES)
-        e = effectiveness.later(e, h, ((push[0][0], push[0][1], push[0][2]), (push[1][0], push[1][1], push[1][2])), 0.0)
+        e = effectiveness.later(e, h, thrust_gives(push[1], push[0]), 1.0, 0.0)
         state = state @ transition(h)[:4, :4].T
         state[:, 0] += (e.value - 1.0) * np.array(push[0])
         state[:, 1] += (e.value - 1.0) * np.array(push[1])
@@ -77,7 +84,7 @@ def test_both_stages_together_are_the_kalman_filter_with_thirteen_states(
             variance = (small.vv if of else small.pp) + r
             gain, small = (observer.seen_moving if of else observer.seen)(small, r)
             e, moved = effectiveness.seen(FLOATS, e, (step[0], step[1], step[2]), gain, variance, of)
-            for i, chain in enumerate((e.x, e.y, e.z)):
+            for i, chain in enumerate(zip(e.p, e.v, e.d, e.c, strict=True)):
                 state[i] += np.array(gain) * step[i] + moved * np.array(chain)
             clipped |= not LIMITS[0] < e.value < LIMITS[1]
     assert math.isclose(e.variance, big[12, 12], rel_tol=1e-6)
@@ -97,25 +104,22 @@ def flown(true: float, wind: Vec3, seconds: float, *, shaken: bool) -> tuple[Eff
         swing = math.sin(2.0 * math.pi * n * h) if shaken else 0.0
         drive = Drive(9.81 * (1.0 + 0.3 * swing), (0.8 * swing, 0.0, 0.0))
 
-        def roll(motion: Motion, share: float, disturbance: Vec3, drive: Drive = drive) -> Motion:
-            return rolled(
-                FLOATS, motion, drive, h, mass=mass / share, gravity=9.81, disturbance=disturbance,
-                thrust_lag=lag, rate_lag=lag,
-            )  # fmt: skip
+        def roll(motion: Motion, share: float, wind: Vec3, rate: Vec3, drive: Drive = drive) -> tuple[Motion, Driven]:
+            still = Driven(motion.attitude, motion.thrust, motion.rates, ZERO, ZERO)
+            push = driven(FLOATS, still, drive, h, lag, lag)
+            return carried(motion, push, h, mass / share, (wind[0], wind[1], wind[2] + 9.81), rate), push
 
-        truth = roll(truth, true, wind)
-        middle = observer.corrected(d, 0.5 * h, c)
-        model = roll(believed, e.value, middle)
+        truth, _ = roll(truth, true, wind, ZERO)
+        model, push = roll(believed, e.value, d, c)
         expected = observer.later(covariance, h, DENSITIES)
         gain, covariance = observer.seen(expected, 1e-8)
-        push = pushed(e, believed, model, h, (middle[0], middle[1], middle[2] + 9.81))
-        e = effectiveness.later(e, h, push, 0.0)
+        e = effectiveness.later(e, h, push, mass, 0.0)
         step = observer.innovation(truth.position, model.position)
         e, moved = effectiveness.seen(FLOATS, e, step, gain, expected.pp + 1e-8)
-        d = along(observer.corrected(observer.corrected(d, h, c), gain.d, step), e, moved, 2)
-        c = along(observer.corrected(c, gain.c, step), e, moved, 3)
-        position = along(observer.corrected(model.position, gain.p, step), e, moved, 0)
-        velocity = along(observer.corrected(model.velocity, gain.v, step), e, moved, 1)
+        d = observer.corrected_twice(observer.corrected(d, h, c), gain.d, step, moved, e.d)
+        c = observer.corrected_twice(c, gain.c, step, moved, e.c)
+        position = observer.corrected_twice(model.position, gain.p, step, moved, e.p)
+        velocity = observer.corrected_twice(model.velocity, gain.v, step, moved, e.v)
         believed = Motion(position, velocity, truth.attitude, model.thrust, model.rates)
     return e, list(d)
 
@@ -142,7 +146,7 @@ def test_what_is_broken_is_not_taken_for_worn() -> None:
 
 def test_told_exactly_it_never_moves() -> None:
     e = told(0.0)
-    e = effectiveness.later(e, 0.02, ((0.0, 0.0, -2e-3), (0.0, 0.0, -0.2)), 0.0)
+    e = effectiveness.later(e, 0.02, thrust_gives((0.0, 0.0, -0.2), (0.0, 0.0, -2e-3)), 1.0, 0.0)
     gain, _ = observer.seen(observer.begun(1e-6), 1e-6)
     after, moved = effectiveness.seen(FLOATS, e, (0.1, 0.1, 0.1), gain, 1e-6)
     assert (after.value, moved) == (1.0, 0.0)
