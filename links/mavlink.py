@@ -181,8 +181,12 @@ class MavlinkLink:
         thrust = signal(what.thrust_n / self._thrust_max, self._curve)
         frame = self.connection.codec.attitude_target(now_s, *self._target, thrust, what.rates_rad_s)
         self._sent += self.connection.leave(frame)
-        if isinstance(what, Segment) and self._config.bring_down == "land" and self._landing is None:
+        if isinstance(what, Segment) and self._landing is None and self._lands(now_s):
             self._landing = asyncio.ensure_future(self._land())
+
+    def _lands(self, now_s: float) -> bool:
+        how = self._config.bring_down
+        return how == "land" or (how == "auto" and self._vitals.could_land(now_s))
 
     async def _land(self) -> None:
         """Ask for mode LAND beside the bring-down by rates, which ends as soon as it is accepted."""

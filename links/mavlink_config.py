@@ -59,10 +59,10 @@ class MavlinkLinkConfig(
     pace: Literal["poses", "period"] = "poses"
     """``poses``: a command leaves as soon as a pose has come, at most two in ``period_s``, and one and a half periods
     after the last one where no pose comes. ``period``: a command leaves every ``period_s``, as a radio's frames do."""
-    bring_down: Literal["rates", "land"] = "rates"
+    bring_down: Literal["auto", "rates", "land"] = "auto"
     """What is sent when commands stop in the air: ``rates`` levels, sinks and stops the motors within 2 s; ``land``
-    asks for mode LAND meanwhile, for an autopilot with a position estimate of its own, and goes on with rates until
-    it has accepted."""
+    asks for mode LAND meanwhile, and goes on with rates until it is accepted; ``auto`` does so where the autopilot
+    says at that moment that it knows its own position, height and speed."""
     connect_timeout_s: Annotated[float, msgspec.Meta(gt=0.0, le=600.0)] = 10.0
     """How long to wait for the autopilot's first HEARTBEAT [s]."""
     heartbeat_timeout_s: Annotated[float, msgspec.Meta(ge=1.5, le=60.0)] = 3.0

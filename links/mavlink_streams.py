@@ -4,7 +4,8 @@ from collections.abc import Awaitable, Callable, Mapping
 
 from links.mavlink_handshake import silence, stream
 from links.mavlink_steps import Autopilot, Handshake
-from links.port import LinkLost
+from links.mavlink_vitals import ESTIMATE, ESTIMATE_HZ
+from links.port import LinkError, LinkLost
 
 QUIETENED = (
     "ATTITUDE", "ATTITUDE_QUATERNION", "LOCAL_POSITION_NED", "GLOBAL_POSITION_INT", "ODOMETRY",
@@ -23,15 +24,21 @@ async def choose_streams(
 ) -> None:
     """Have the messages in ``wanted`` sent (name → rate [Hz]), and with ``quiet`` no others that come often.
 
+    Asked for, too, but not needed: what its estimator knows of itself.
+
     Raises:
         LinkRejected: the autopilot refuses to send one of them.
         LinkLost: it does not answer.
     """
-    for name in QUIETENED if quiet else ():
-        if name not in wanted:
-            try:
-                await see_through(silence(autopilot, name))
-            except LinkLost:
-                break  # it takes no such commands; a link with idle talk on it works too
+    spare = [silence(autopilot, name) for name in QUIETENED if quiet and name not in wanted]
+    if autopilot.kind in ESTIMATE and ESTIMATE[autopilot.kind] not in wanted:
+        spare.append(stream(autopilot, ESTIMATE[autopilot.kind], ESTIMATE_HZ))
+    for step in spare:
+        try:
+            await see_through(step)
+        except LinkLost:
+            break  # it takes no such commands; a link with idle talk on it works too
+        except LinkError:
+            continue
     for name, rate in wanted.items():
         await see_through(stream(autopilot, name, rate))

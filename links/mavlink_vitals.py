@@ -1,4 +1,4 @@
-"""What an autopilot tells of itself beside its answers: the mode that it is in, and its battery. Sans-IO."""
+"""What an autopilot tells of itself beside its answers: its mode, its battery, what it knows of itself. Sans-IO."""
 
 import math
 
@@ -22,6 +22,15 @@ ARDUPILOT_MODES = {
     13: "SPORT", 15: "AUTOTUNE", 16: "POSHOLD", 17: "BRAKE", 18: "THROW", 20: "GUIDED_NOGPS", 21: "SMART_RTL",
 }  # fmt: skip
 """HEARTBEAT.custom_mode of Copter."""
+ESTIMATE = {PX4: "ESTIMATOR_STATUS", ARDUPILOT: "EKF_STATUS_REPORT"}
+"""The message that tells what its estimator knows; the flags of both mean the same but for the last."""
+ESTIMATE_HZ = 2.0
+"""How often it is asked for."""
+ESTIMATE_OLD_S = 2.5
+"""What it told so long ago does not count [s]; unasked, autopilots tell once a second."""
+_SPEED, _PLACE, _HEIGHT = 2 | 4, 8 | 16, 32 | 64
+_CONSTANT, _LAST = 128, 1024
+"""It believes that it stands still; PX4: GPS jumps, ArduPilot: not initialised yet."""
 FOLLOWING = ("OFFBOARD", "GUIDED", "GUIDED_NOGPS")
 """Modes in which an autopilot follows set-points."""
 
@@ -37,6 +46,8 @@ class Vitals:
         """When it was told."""
         self.battery_v: float | None = None
         self.battery_share: float | None = None
+        self._knows = False
+        self._knows_s = -math.inf
 
     def hear(self, message: Message, now_s: float) -> None:
         """Take one message of the autopilot."""
@@ -47,10 +58,22 @@ class Vitals:
                 volts, percent = message.voltage_battery, message.battery_remaining
                 self.battery_v = None if volts in (0, 0xFFFF) else 1e-3 * volts
                 self.battery_share = 0.01 * percent if 0 <= percent <= 100 else None
+            case "ESTIMATOR_STATUS" | "EKF_STATUS_REPORT":
+                self._knows, self._knows_s = knows_itself(message.flags), now_s
+
+    def could_land(self, now_s: float) -> bool:
+        """Whether it has told of late that it knows where it is: then it comes down better by itself than unseen."""
+        return self._knows and now_s - self._knows_s < ESTIMATE_OLD_S
 
     def foreign(self, since_s: float) -> str:
         """The mode that it is in since ``since_s``, where it follows no set-points there; else empty."""
         return self.mode if self.mode_s > since_s and self.mode not in (*FOLLOWING, "") else ""
+
+
+def knows_itself(flags: int) -> bool:
+    """Whether ESTIMATOR_STATUS.flags or EKF_STATUS_REPORT.flags tell of speed, height and some horizontal position."""
+    known = flags & _SPEED == _SPEED and bool(flags & _PLACE) and bool(flags & _HEIGHT)
+    return known and not flags & (_CONSTANT | _LAST)
 
 
 def mode_name(autopilot: int, custom_mode: int) -> str:

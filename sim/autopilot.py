@@ -47,6 +47,7 @@ class Px4Autopilot(SimulatedAutopilot):
     land_mode: ClassVar[tuple[int, int]] = LAND
     rates_hz: ClassVar[Mapping[str, float]] = {
         "HEARTBEAT": 1.0,
+        "ESTIMATOR_STATUS": 1.0,
         "ATTITUDE_QUATERNION": 50.0,
         "LOCAL_POSITION_NED": 30.0,
         "ODOMETRY": 30.0,
@@ -61,9 +62,12 @@ class Px4Autopilot(SimulatedAutopilot):
         hover: float = 0.5,
         system_id: int = 1,
         parameters: Mapping[str, float] | None = None,
+        own_estimate: bool = False,
     ) -> None:
         """See the base."""
-        super().__init__(airframe, lose=lose, hover=hover, system_id=system_id, parameters=parameters)
+        super().__init__(
+            airframe, lose=lose, hover=hover, system_id=system_id, parameters=parameters, own_estimate=own_estimate
+        )
         self._intended = LOITER
         self._setpoint_s = -math.inf
         self._stream_since_s = math.inf

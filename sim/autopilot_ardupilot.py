@@ -52,6 +52,7 @@ class ArduPilotAutopilot(SimulatedAutopilot):
     land_mode: ClassVar[tuple[int, int]] = (LAND, 0)
     rates_hz: ClassVar[Mapping[str, float]] = {
         "HEARTBEAT": 1.0,
+        "EKF_STATUS_REPORT": 0.0,
         "ATTITUDE_QUATERNION": 0.0,
         "LOCAL_POSITION_NED": 4.0,
         "TIMESYNC": 0.1,
@@ -65,9 +66,12 @@ class ArduPilotAutopilot(SimulatedAutopilot):
         hover: float = 0.5,
         system_id: int = 1,
         parameters: Mapping[str, float] | None = None,
+        own_estimate: bool = False,
     ) -> None:
         """See the base."""
-        super().__init__(airframe, lose=lose, hover=hover, system_id=system_id, parameters=parameters)
+        super().__init__(
+            airframe, lose=lose, hover=hover, system_id=system_id, parameters=parameters, own_estimate=own_estimate
+        )
         self.mode = STABILIZE
         self._setpoint_s = math.inf
         self._levelling = False

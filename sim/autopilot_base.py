@@ -81,11 +81,13 @@ class SimulatedAutopilot(ABC):
         hover: float = 0.5,
         system_id: int = 1,
         parameters: Mapping[str, float] | None = None,
+        own_estimate: bool = False,
     ) -> None:
         """Disarmed, booting at the first poll.
 
         ``lose`` tells of each set-point whether it got lost on the air; ``hover`` is the thrust (0..1) that it
-        believes to hover with (a parameter too); ``parameters`` differ from its ``table``.
+        believes to hover with (a parameter too); ``parameters`` differ from its ``table``; with ``own_estimate`` it
+        says that it knows its position and speed.
 
         Raises:
             KeyError: it has no such parameter.
@@ -103,7 +105,7 @@ class SimulatedAutopilot(ABC):
         self._airframe = airframe
         self._lose = lose
         self._streams = Streams({}, 0.0)
-        self._build = builders(self.codec, airframe)
+        self._build = builders(self.codec, airframe, own_estimate)
         self._heartbeat_number: int = self.codec.dialect.MAVLINK_MSG_ID_HEARTBEAT
         self._build[self._heartbeat_number] = lambda now_s, boot_s: self._heartbeat()
         self._boot_s = -math.inf

@@ -11,6 +11,9 @@ LOCAL_NED = 1
 ESTIMATOR_AUTOPILOT = 8
 """MAV_ESTIMATOR_TYPE_AUTOPILOT."""
 
+KNOWN, STILL = 831, 167
+"""Flags of ESTIMATOR_STATUS and EKF_STATUS_REPORT of a real autopilot with GPS, and of one that has none: it takes its
+position as constant."""
 SAME_INSTANT_S = 1e-9
 """A timer may fire this much early [s]."""
 SHORTEST_S = 0.001
@@ -61,9 +64,12 @@ class Streams:
         return numbers
 
 
-def builders(codec: MavlinkCodec, airframe: Airframe) -> dict[int, Callable[[float, float], Message]]:
+def builders(
+    codec: MavlinkCodec, airframe: Airframe, own_estimate: bool
+) -> dict[int, Callable[[float, float], Message]]:
     """For each message number that tells of the vehicle's motion: (now, time since boot) [s] → message."""
     d = codec.dialect
+    flags = KNOWN if own_estimate else STILL
 
     def odometry(now_s: float, boot_s: float) -> Message:
         seen = airframe.measured(now_s)
@@ -83,7 +89,16 @@ def builders(codec: MavlinkCodec, airframe: Airframe) -> dict[int, Callable[[flo
     def timesync(now_s: float, boot_s: float) -> Message:
         return d.MAVLink_timesync_message(0, int(boot_s * 1e9))
 
+    def px4_estimator(now_s: float, boot_s: float) -> Message:
+        ratios = (0.1, 0.1, 0.1, 0.1, 0.0, 0.0)
+        return d.MAVLink_estimator_status_message(int(boot_s * 1e6), flags, *ratios, 0.1, 0.1)
+
+    def ardupilot_estimator(now_s: float, boot_s: float) -> Message:
+        return d.MAVLink_ekf_status_report_message(flags, 0.1, 0.1, 0.1, 0.1, 0.0)
+
     return {
+        d.MAVLINK_MSG_ID_ESTIMATOR_STATUS: px4_estimator,
+        d.MAVLINK_MSG_ID_EKF_STATUS_REPORT: ardupilot_estimator,
         d.MAVLINK_MSG_ID_ODOMETRY: odometry,
         d.MAVLINK_MSG_ID_LOCAL_POSITION_NED: local_position,
         d.MAVLINK_MSG_ID_ATTITUDE_QUATERNION: attitude,

@@ -88,6 +88,7 @@ class Stage:
                 lose=lose,
                 hover=signal(world.mass_kg * world.gravity / world.thrust_max_n, world.thrust_curve),
                 parameters=parameters,
+                own_estimate=world.own_estimate,
             )
             if config.link.signing_key_file is not None:
                 made.codec.signer = _signer(Path(config.link.signing_key_file))

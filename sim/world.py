@@ -82,6 +82,8 @@ class World(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=Tru
     """Where the vehicle is held until it obeys [m, NED]."""
     start_thrust: NonNegative = 0.6
     """Thrust at the release, as a share of the hover thrust [-]."""
+    own_estimate: bool = False
+    """Whether the autopilot knows its own position and speed (GPS, optical flow), and says so."""
     floor_z_m: float = 1.0
     """Height of the floor [m, NED, so 1 is one metre below the origin]."""
     step_s: Annotated[float, msgspec.Meta(gt=0.0, le=0.0025)] = 0.0025

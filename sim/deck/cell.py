@@ -28,8 +28,8 @@ from sim.trackers import Tracker
 from sim.virtual_time import VirtualTimeLoop
 from sim.world import World
 
-LANDS = ("link.bring_down=land",)
-"""The autopilot of the deck has a height of its own, so it may be asked to land where we can't."""
+LANDS = ("sim.own_estimate=true",)
+"""The autopilot of the deck knows where it is, so it is asked to land where we can't see it."""
 AUTOPILOT = {"COM_OF_LOSS_T": 0.3}
 """How long it holds the last set-point when they stop [s]; its default is 1 s, docs/how-to/px4.md asks for 0.2 to 1."""
 CONFIRM_S = 3.0

@@ -127,7 +127,7 @@ def test_a_message_comes_at_the_interval_that_was_set_and_stops_with_minus_one()
 
 def test_with_every_stream_stopped_only_heartbeats_are_left() -> None:
     flight = Flight()
-    for number in (331.0, 32.0, 31.0, 111.0):
+    for number in (331.0, 32.0, 31.0, 111.0, 230.0):
         assert flight.command(SET_MESSAGE_INTERVAL, number, -1.0) == 0
     flight.heard.clear()
     flight.wait(10.0)

@@ -49,7 +49,8 @@ class Endpoint(asyncio.DatagramProtocol):
             self.transport.sendto(self.codec.pack(message), self.remote)
 
     def beat(self) -> None:
-        self.say(D.MAVLink_heartbeat_message(2, self.kind, 128 if self.armed else 0, 0, 3, 3))
+        guided = 4 if self.kind == ARDUPILOT else 0
+        self.say(D.MAVLink_heartbeat_message(2, self.kind, 128 if self.armed else 0, guided, 3, 3))
 
     async def beating(self) -> None:
         while True:
@@ -270,7 +271,7 @@ def test_an_autopilot_that_restarts_behind_another_address_is_asked_again_and_wa
         await asyncio.sleep(0.1)
         assert link.status.state == "connected"
         assert "arm anew" in link.status.text
-        assert [m.param1 for m in second.of("COMMAND_LONG")] == [331.0]
+        assert [m.param1 for m in second.of("COMMAND_LONG")] == [230.0, 331.0]
         link.send(command())
         await asyncio.sleep(0.1)
         assert second.of("SET_ATTITUDE_TARGET") == []
@@ -295,7 +296,7 @@ def test_the_default_talk_of_the_autopilot_is_stopped() -> None:
         in_virtual_time(main())
         return seen
 
-    assert play(quiet=True) == {"HEARTBEAT", "TIMESYNC"}
+    assert play(quiet=True) == {"ESTIMATOR_STATUS", "HEARTBEAT", "TIMESYNC"}
     assert play(quiet=False) > {"ODOMETRY", "ATTITUDE_QUATERNION", "TIMESYNC"}
 
 
@@ -368,7 +369,7 @@ def test_ardupilot_is_asked_for_position_and_attitude_instead() -> None:
         await MavlinkPoseSource(MavlinkPoseConfig(rate_hz=50.0), link).start(poses.append)
         await link.connect()
         asked = {(m.param1, m.param2) for m in autopilot.of("COMMAND_LONG") if m.command == SET_MESSAGE_INTERVAL}
-        assert asked == {(32.0, 20_000.0), (31.0, 20_000.0)}
+        assert asked == {(32.0, 20_000.0), (31.0, 20_000.0), (193.0, 500_000.0)}
         autopilot.say(
             D.MAVLink_attitude_quaternion_message(1000, 1.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0),
             D.MAVLink_local_position_ned_message(1000, 1.0, 2.0, 3.0, 0.0, 0.0, 0.0),
@@ -439,6 +440,7 @@ def test_an_autopilot_that_refuses_the_poses_refuses_the_connection() -> None:
 def test_arming_stops_when_the_pose_under_the_idle_command_is_too_old() -> None:
     async def play(link: MavlinkLink, autopilot: Endpoint) -> None:
         stuck = command(0.0, coast_s=0.25)
+        autopilot.heard.clear()
         with pytest.raises(LinkError, match="idle command had expired"):
             await link.arm(lambda: stuck)
         assert autopilot.of("COMMAND_LONG") == []

@@ -162,6 +162,44 @@ def test_land_is_asked_for_beside_the_rates_which_end_when_it_is_accepted(kind: 
     scene(play, kind=kind, bring_down="land")
 
 
+KNOWN, STILL, GPS_JUMPS, SITS = 831, 167, 831 | 1024, 831 | 128
+"""Flags as real autopilots told them in flight, and on the ground without GPS; and what is not to be believed."""
+
+
+@pytest.mark.parametrize("kind", [PX4, ARDUPILOT])
+@pytest.mark.parametrize(
+    ("flags", "ago_s", "lands"),
+    [(KNOWN, 0.5, True), (KNOWN, 3.0, False), (STILL, 0.5, False), (GPS_JUMPS, 0.5, False), (SITS, 0.5, False)],
+)
+def test_unless_told_otherwise_land_is_asked_of_an_autopilot_that_says_that_it_knows_where_it_is(
+    kind: int, flags: int, ago_s: float, lands: bool
+) -> None:
+    async def play(link: MavlinkLink, autopilot: Endpoint) -> None:
+        def answer(message: Any) -> list[Any]:
+            if message.get_type() == "PARAM_REQUEST_READ":
+                right = {"GUID_OPTIONS": 8.0, "ATC_ANGLE_BOOST": 0.0}[message.param_id]
+                return [D.MAVLink_param_value_message(message.param_id.encode(), right, 9, 1, 0)]
+            return accept(message)
+
+        autopilot.answer = answer
+        await link.arm(idle)
+        autopilot.armed = True
+        if kind == PX4:
+            autopilot.say(D.MAVLink_estimator_status_message(0, flags, *[0.1] * 8))
+        else:
+            autopilot.say(D.MAVLink_ekf_status_report_message(flags, *[0.1] * 5))
+        for _ in range(round((ago_s - 0.25) / 0.05) + 1):
+            link.send(flown())
+            await asyncio.sleep(0.05)
+        autopilot.heard.clear()
+        await link.silent()
+        modes = [(m.param2, m.param3) for m in autopilot.of("COMMAND_LONG") if m.command == DO_SET_MODE]
+        assert modes == ([(4.0, 6.0) if kind == PX4 else (9.0, 0.0)] if lands else [])
+        assert (autopilot.of("SET_ATTITUDE_TARGET")[-1].thrust > 0.0) == lands  # the rates ended early, or at their end
+
+    scene(play, kind=kind)
+
+
 def test_a_land_that_is_refused_leaves_the_rates_to_their_end() -> None:
     async def play(link: MavlinkLink, autopilot: Endpoint) -> None:
         await link.arm(idle)
