@@ -13,6 +13,9 @@ from typing import Any, TypeAlias
 
 from sim.virtual_streams import Address, Listener, connected
 
+FREE_PORTS = range(61000, 65536)
+"""Whoever asks for any port gets one of these: above those of Linux, as above every port that listens by default."""
+
 Tap: TypeAlias = Callable[[float, Address, Address, bytes], None]
 
 
@@ -126,7 +129,7 @@ class VirtualTimeLoop(asyncio.SelectorEventLoop):
         self.groups: dict[Address, list[_Endpoint]] = {}
         self.listeners: dict[Address, Listener] = {}
         self.tap: Tap | None = None
-        self._next_port = 49152
+        self._next_port = FREE_PORTS.start
 
     def time(self) -> float:
         """Virtual time [s]."""
@@ -190,9 +193,20 @@ class VirtualTimeLoop(asyncio.SelectorEventLoop):
 
     def _bound(self, address: Address | None) -> Address:
         host, port = address or ("127.0.0.1", 0)
-        if port == 0:
-            port, self._next_port = self._next_port, self._next_port + 1
-        return host, port
+        return host, port or self._free_port(host)
+
+    def _free_port(self, host: str) -> int:
+        """The next one in turn, so that what is on its way to a port that was closed meets nobody new there.
+
+        Raises:
+            OSError: all are in use.
+        """
+        for _ in FREE_PORTS:
+            port = self._next_port
+            self._next_port = port + 1 if port + 1 in FREE_PORTS else FREE_PORTS.start
+            if (host, port) not in self.endpoints:
+                return port
+        raise OSError(98, f"every port of {host} is in use")
 
     def carry(self, source: Address, target: Address, data: bytes) -> None:
         """Bring one datagram to ``target`` in the next turn of the loop; lost where nobody listens, as in UDP."""
