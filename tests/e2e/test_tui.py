@@ -228,11 +228,14 @@ class Terminal:
     def wait_for(self, *rows: str) -> str:
         screen = ""
         for _ in range(400):
-            screen = self._do("capture-pane", "-p")
+            screen = self.screen()
             if all(row in screen for row in rows):
                 return screen
             time.sleep(0.05)
         raise AssertionError(f"{rows} did not appear on:\n{screen}")
+
+    def screen(self) -> str:
+        return self._do("capture-pane", "-p")
 
     def close(self) -> None:
         subprocess.run([*self._tmux, "kill-server"], check=False, capture_output=True)
