@@ -29,9 +29,9 @@ the scenario `paper` (80 g, 50 poses a second, a figure eight at 0.5 m/s, 2 m ab
   what it needs: thrust, or both the poses and an attitude loop that could land; the table then says so.
 
 The autopilot of MAVLink flights says that it knows its own position: where we can't see the vehicle any more it is
-asked to land, and open-loop rates are only played until it does. Without an autopilot that could, see *dropout, radio*. The autopilot holds the last set-point for {held} s when they stop (`COM_OF_LOSS_T`, from 0.2 to
-0.5 s by [px4.md](../how-to/px4.md)); with 1 s a process that is killed leaves a vehicle that leans and falls for so
-long.
+asked to land, and open-loop rates are only played until it does. Without an autopilot that could, see *dropout, radio*.
+The autopilot holds the last set-point for {held} s when they stop (`COM_OF_LOSS_T`, from 0.2 to 0.5 s by
+[px4.md](../how-to/px4.md)); with 1 s a process that is killed leaves a vehicle that leans and falls for so long.
 
 """
 
