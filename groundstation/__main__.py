@@ -83,6 +83,10 @@ def parser() -> argparse.ArgumentParser:
     )
     tui.add_argument("--socket", type=Path, metavar="PATH", help="its status socket, if not the usual one")
     tui.add_argument("--read-only", action="store_true", help="nothing can be ordered from this screen")
+    tui.add_argument(
+        "--browser", type=int, nargs="?", const=8000, metavar="PORT",
+        help="serve it as a page that can only look, to browsers on this machine (default port 8000)",
+    )  # fmt: skip
     tui.add_argument("--screenshot", type=Path, metavar="FILE.svg", help="draw LOG.mcap into this file, and end")
     tui.add_argument("--at", type=float, metavar="S", help="begin so many seconds after the recording's start")
     tui.add_argument("--size", default="120x36", metavar="COLSxROWS", help="of the screenshot (default 120x36)")

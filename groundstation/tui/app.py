@@ -154,15 +154,16 @@ class Dashboard(App[None]):
     # ---- what goes out
 
     def check_action(self, action: str, parameters: tuple[object, ...]) -> bool | None:
-        """No orders to a recording, nor from a screen that may only look; nothing to play in a flight."""
+        """No orders to a recording; a screen that may only look says so; nothing to play in a flight."""
         del parameters
         if action in ("order", "control"):
-            return self._orders
+            return self._orders or self._read_only
         return self._plays if action == "play" else True
 
     def action_order(self, ask: str) -> None:
         """Do what a key, a button or the palette says. What brings the vehicle down does not ask back."""
         if not self._orders:
+            self._only_looks()
             return
         order = BY_ASK[Ask(ask)]
         if not order.always and self._silence_s > SILENCE_S:
@@ -205,6 +206,13 @@ class Dashboard(App[None]):
         """Take control, or give it back."""
         if self._orders:
             self._later(lambda: self._feed.control(take=not self.picture.holder.yours))
+        else:
+            self._only_looks()
+
+    def _only_looks(self) -> None:
+        """Whoever tries to stop a vehicle from here must not wait for it."""
+        if self._read_only:
+            self._say(Answer(done=False, says="NOTHING WAS ORDERED: this screen may only look; go to the station"))
 
     def on_control_page_chosen(self, event: ControlPage.Chosen) -> None:
         """A gain shall be changed."""
@@ -212,7 +220,10 @@ class Dashboard(App[None]):
 
     async def _edit(self, gain: Gain) -> None:
         """Ask for a new value of a gain, and pass it on."""
-        if not self._orders or not self.picture.holder.yours:
+        if not self._orders:
+            self._only_looks()
+            return
+        if not self.picture.holder.yours:
             self._say(Answer(done=False, says="gains need control: key c"))
             return
         typed = await self.push_screen_wait(Typed(gain.key, gain.text(), value=f"{gain.value:g}"))

@@ -29,6 +29,8 @@ END_S = 20.0
 
 def tui_command(args: argparse.Namespace) -> int:
     """Show a flight that is going on, or a recorded one; or make a picture of a recorded one."""
+    if args.browser is not None:
+        return _in_browser(args)
     if args.log is not None:
         return _recorded(args.log, args.theme, args.at, args.screenshot, args.size)
     if args.screenshot is not None or args.at is not None:
@@ -78,6 +80,23 @@ def fly_with_screen(args: argparse.Namespace, config: Config) -> int:
     ended = f"{vehicle} {newest.state}: {newest.reason}" if told and newest is not None else _last_line(log)
     print(f"The ground station has ended. {ended}\nWhat it said is in {log}")
     return core.returncode
+
+
+def _in_browser(args: argparse.Namespace) -> int:
+    """Serve the same screen, without its orders, to browsers; each begins one of its own."""
+    if args.screenshot is not None or not 1 <= args.browser <= 65535:
+        raise ConfigError("--browser", f"expected a port from 1 to 65535, and no --screenshot, got {args.browser}")
+    try:
+        from groundstation.tui.browser import serve
+    except ImportError:
+        raise ConfigError("--browser", "needs textual-serve: pip install 'groundstation[browser]'") from None
+    if args.log is not None:
+        title, what = args.log.name, [str(args.log), *([] if args.at is None else ["--at", str(args.at)])]
+    else:
+        path = args.socket or served_socket(args.vehicle)
+        title, what = path.stem, ["--read-only", "--socket", str(path)]
+    serve([sys.executable, "-m", "groundstation", "tui", *what, "--theme", args.theme], args.browser, title)
+    return 0
 
 
 def _which(socket: Path | None) -> str | None:

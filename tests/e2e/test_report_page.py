@@ -9,9 +9,9 @@ from typing import NamedTuple
 
 from groundstation.report import report_command
 from groundstation.report.figures import FIGURES
+from tests.e2e.chromium import BROWSERS
 from tests.recordings import recorded
 
-BROWSERS = ("chromium", "chromium-browser", "google-chrome")
 LOOK = """<script>
 document.title = [...document.images].map(i => i.naturalWidth + "x" + i.naturalHeight)
 </script>"""

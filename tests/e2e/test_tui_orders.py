@@ -248,6 +248,7 @@ def test_a_screen_that_may_only_look_orders_nothing(stage: Stage) -> None:
             await pilot.press("escape")
             assert not pilot.app.screen.query(Knob)
             assert (stage.asked, stage.core.notes) == ([], [])
+            assert told(pilot, "NOTHING WAS ORDERED")
 
     play(scene, stage.path, read_only=True)
 

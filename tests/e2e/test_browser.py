@@ -1,0 +1,77 @@
+"""The dashboard as a page in a real browser: drawn there, deaf to orders, and asking nobody else for anything."""
+
+import asyncio
+import subprocess
+import sys
+import urllib.error
+import urllib.request
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+import pytest
+
+from tests.e2e.chromium import BROWSERS, Tab, opened
+from tests.e2e.test_mqtt import free_tcp_port
+
+
+@pytest.fixture
+def page(tmp_path: Path) -> Iterator[str]:
+    """The address of a page that shows a made-up flight."""
+    path, port = tmp_path / "mqx.sock", asyncio.run(free_tcp_port())
+    screen = ["-m", "groundstation", "tui", "--socket", str(path), "--browser", str(port)]
+    with (
+        running(["-m", "tests.sample_flight", str(path)]),
+        running(screen) as server,
+    ):
+        assert server.stdout is not None
+        assert f"to look at only: http://127.0.0.1:{port}" in server.stdout.readline()
+        yield f"http://127.0.0.1:{port}/"
+
+
+@contextmanager
+def running(words: list[str]) -> Iterator["subprocess.Popen[str]"]:
+    with subprocess.Popen([sys.executable, *words], stdout=subprocess.PIPE, text=True) as process:
+        try:
+            yield process
+        finally:
+            process.terminate()
+
+
+def shown(tab: Tab) -> str:
+    """What the rows of the terminal say to whoever looks."""
+    rows = tab.script("document.querySelector('.xterm-rows')?.innerText") or ""
+    return str(rows).replace("\N{NO-BREAK SPACE}", " ")
+
+
+def test_the_page_shows_the_flight_takes_no_order_and_fetches_nothing_from_elsewhere(
+    page: str, tmp_path: Path, needs_program: Callable[..., str]
+) -> None:
+    with opened(needs_program(*BROWSERS), page, tmp_path) as tab:
+        tab.until(lambda: "following the trajectory" in shown(tab))
+        assert "read only: nothing can be ordered here" in shown(tab)
+        assert "NOTHING WAS ORDERED" not in shown(tab)
+        tab.press("l", 76, ctrl=True)
+        tab.until(lambda: "NOTHING WAS ORDERED" in shown(tab))
+        tab.press("5", 53)
+        tab.until(lambda: "100.000 tracking" in shown(tab))
+        asked = [one["request"]["url"] for one in tab.of("Network.requestWillBeSent")]
+        assert len(asked) >= 3
+        assert all(url.startswith((page, "data:")) for url in asked), asked
+        assert tab.of("Network.loadingFailed") + tab.of("Runtime.exceptionThrown") + tab.of("Log.entryAdded") == []
+
+
+def test_a_page_of_somebody_elses_cannot_look(page: str) -> None:
+    with urllib.request.urlopen(page) as answer:
+        assert answer.status == 200
+    for name, value in (("Host", "lab.example:8000"), ("Origin", "http://lab.example"), ("Origin", "null")):
+        with pytest.raises(urllib.error.HTTPError, match="403"):
+            urllib.request.urlopen(urllib.request.Request(page, headers={name: value}))
+
+
+def test_a_port_that_is_taken_is_said_so(page: str) -> None:
+    port = page.rstrip("/").rpartition(":")[2]
+    words = [sys.executable, "-m", "groundstation", "tui", "--socket", "nobody.sock", "--browser", port]
+    done = subprocess.run(words, capture_output=True, check=False, text=True, timeout=20)
+    assert done.returncode == 2
+    assert f"--browser: cannot listen at 127.0.0.1:{port}" in done.stderr
