@@ -5,8 +5,12 @@ WORKERS ?= 2
 BROKER_HOST ?= localhost
 
 BIN := .venv/bin
+PYTEST := $(BIN)/python -m pytest -n $(WORKERS)
+# What only computes yields to what may not be kept waiting.
+YIELD := nice -n 19
 
-.PHONY: fly screenshot broker test lint types contracts tests test-all-pythons soak docs setup lock clean
+.PHONY: fly screenshot broker test lint types contracts tests tests-real-time tests-computed test-all-pythons soak docs \
+    setup lock clean
 
 fly: setup ## fly one simulated flight, on real wire bytes, and sum it up
 	@$(BIN)/groundstation-sim fly --scenario $(SCENARIO) --out runs/$(SCENARIO)-$$(date +%Y%m%d-%H%M%S)
@@ -16,23 +20,32 @@ screenshot: setup ## fly, and draw the dashboard of it into docs/dashboard.svg
 	@$(BIN)/groundstation-sim fly --scenario gust_front --set 'sim.start_ned=[0.7,0.7,-1.0]' --out runs/screenshot > /dev/null
 	@$(BIN)/groundstation tui --screenshot docs/dashboard.svg --at 36 runs/screenshot/flight.mcap
 
-test: lint types contracts tests test-all-pythons ## everything that must hold before a commit
+# In two rows at once: the tests in real time wait for most of their time, and leave the processors to the others.
+# What each says comes in one piece, when it ends.
+test: setup ## everything that must hold before a commit
+	@$(MAKE) --no-print-directory --jobs=2 --output-sync=target \
+	    tests-real-time lint types contracts tests-computed test-all-pythons
 
 lint: setup
 	$(BIN)/ruff check
 	$(BIN)/ruff format --check
 
 types: setup
-	$(BIN)/mypy
+	$(YIELD) $(BIN)/mypy
 
 contracts: setup
-	$(BIN)/lint-imports --no-logo
+	$(YIELD) $(BIN)/lint-imports --no-logo
 
-tests: setup
-	$(BIN)/python -m pytest -n $(WORKERS)
+tests: tests-real-time tests-computed
 
-test-all-pythons: setup ## the quick tests once more on every newer Python of this machine
-	@WORKERS=$(WORKERS) sh .ci/test-newer-pythons
+tests-real-time: setup
+	$(PYTEST) -m "real_time and not soak"
+
+tests-computed: setup
+	$(YIELD) $(PYTEST) -m "not real_time and not soak"
+
+test-all-pythons: setup ## the quick tests once more on the newer Pythons of this machine
+	@WORKERS=$(WORKERS) YIELD="$(YIELD)" sh .ci/test-newer-pythons
 
 soak: setup ## long runs: minutes to hours
 	$(BIN)/python -m pytest -m soak --timeout 0 || test $$? = 5  # 5: nothing is marked soak

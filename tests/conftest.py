@@ -4,6 +4,7 @@ import os
 import shutil
 from collections import Counter
 from collections.abc import Callable
+from pathlib import Path
 
 import pytest
 from hypothesis import HealthCheck, settings
@@ -15,10 +16,23 @@ settings.register_profile(
 settings.register_profile("big", max_examples=5000, deadline=None, print_blob=True)
 settings.load_profile("quick")
 
+# Where a Python differs from another, it does so in more than one example.
+settings.register_profile("few", settings.get_profile("quick"), max_examples=20)
+
 NOT_RUN = "not run: install "
+
+E2E = Path(__file__).parent / "e2e"
 
 # Debian puts brokers where a user's PATH does not look.
 SEARCH_PATH = os.pathsep.join([os.environ.get("PATH", os.defpath), "/usr/local/sbin", "/usr/sbin", "/sbin"])
+
+
+@pytest.hookimpl(tryfirst=True)  # before ``-m`` chooses
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    """Whole programs live in real time."""
+    for item in items:
+        if E2E in item.path.parents:
+            item.add_marker(pytest.mark.real_time)
 
 
 @pytest.fixture(scope="session", autouse=True)

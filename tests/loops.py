@@ -5,6 +5,8 @@ import gc
 from collections.abc import Callable, Coroutine
 from typing import Any, TypeVar
 
+import pytest
+
 from sim.virtual_time import VirtualTimeLoop
 
 T = TypeVar("T")
@@ -28,6 +30,13 @@ def in_real_time(main: Coroutine[Any, Any, T]) -> T:
         return asyncio.run(main)
     finally:
         gc.unfreeze()
+
+
+BOTH_LOOPS = [
+    pytest.param(in_virtual_time, id="virtual"),
+    pytest.param(in_real_time, id="real", marks=pytest.mark.real_time),
+]
+"""Parameters of a test or a fixture, for what must work on either loop."""
 
 
 async def free_address() -> str:

@@ -26,7 +26,7 @@ from sim.pty_wire import PtyWire
 from sim.rf_receiver import RfPeer, RfReceiver
 from sim.virtual_time import VirtualTimeLoop
 from tests.airframe_double import Brick
-from tests.loops import free_address, in_real_time, in_virtual_time
+from tests.loops import BOTH_LOOPS, free_address, in_virtual_time
 
 THRUST_MAX_N = 2.0
 BRING_DOWN = (
@@ -199,7 +199,7 @@ def bench(request: pytest.FixtureRequest) -> Bench:
     return BENCHES[request.param]()
 
 
-@pytest.fixture(params=[in_virtual_time, in_real_time], ids=["virtual", "real"])
+@pytest.fixture(params=BOTH_LOOPS)
 def run(request: pytest.FixtureRequest) -> Callable[[Any], Any]:
     return request.param  # type: ignore[no-any-return]  # one of the two above
 

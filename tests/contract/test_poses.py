@@ -38,7 +38,7 @@ from sim.natnet_server import NatNetServer
 from sim.trackers import Seen, Tracker, make_tracker
 from sim.virtual_time import VirtualTimeLoop
 from tests.airframe_double import Brick
-from tests.loops import free_address, in_real_time, in_virtual_time
+from tests.loops import BOTH_LOOPS, free_address, in_virtual_time
 
 RATE_HZ = 100.0
 LATENCY_S = 0.02
@@ -231,7 +231,7 @@ def bench(request: pytest.FixtureRequest, tmp_path: Path) -> Bench:
     return BENCHES[request.param](tmp_path)
 
 
-@pytest.fixture(params=[in_virtual_time, in_real_time], ids=["virtual", "real"])
+@pytest.fixture(params=BOTH_LOOPS)
 def run(request: pytest.FixtureRequest) -> Callable[[Awaitable[None]], None]:
     return request.param  # type: ignore[no-any-return]  # one of the two above
 

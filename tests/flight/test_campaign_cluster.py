@@ -22,6 +22,8 @@ from sim.campaign_local import Local
 from sim.prepare import prepare
 from sim.scenarios import SCENARIOS
 
+pytestmark = pytest.mark.real_time
+
 SEEDS = range(3)
 OTHER_PROGRAM = """
 import sim.campaign_folder

@@ -27,6 +27,8 @@ from sim.scenarios import SCENARIOS
 from sim.stage import Stage
 from tests.loops import free_address, in_real_time
 
+pytestmark = pytest.mark.real_time
+
 FLOWN_S = 1.5
 
 

@@ -81,6 +81,7 @@ def test_a_writer_that_stops_anywhere_leaves_the_value_before_or_none(
     writer.close()
 
 
+@pytest.mark.real_time
 def test_two_processes_at_full_speed_never_show_each_other_half_a_value() -> None:
     box = Mailbox()
     seen = 0

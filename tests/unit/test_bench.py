@@ -23,6 +23,7 @@ from sim.bench_timing import in_turns, percentile
 from sim.pose_bytes import FLIGHTS
 
 
+@pytest.mark.real_time
 def test_every_measurement_gives_json_and_words(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(bench_tick, "TICKS", 100)
     monkeypatch.setattr(bench_flight, "DURATION_S", 0.5)

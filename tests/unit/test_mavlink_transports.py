@@ -18,6 +18,8 @@ from links.port import Command
 from tests.loops import free_address, in_real_time
 from tests.unit.test_mavlink_wires import Answering, SerialEnd, TcpEnd, until
 
+pytestmark = pytest.mark.real_time
+
 FOREIGN = MavlinkCodec(7, 1)
 SILENCE_S = 1.5
 

@@ -19,6 +19,8 @@ from links.port import Command, LinkLost
 from links.serial_port import open_port
 from tests.loops import free_address, in_real_time
 
+pytestmark = pytest.mark.real_time
+
 D = MavlinkCodec(1, 1).dialect
 
 

@@ -71,6 +71,7 @@ def test_a_unicast_server_that_forgets_its_clients_is_told_again() -> None:
     in_virtual_time(main())
 
 
+@pytest.mark.real_time
 def test_a_group_on_an_interface_that_is_not_ours_is_refused_in_words() -> None:
     async def main() -> None:
         port = parse_address(await free_address())[1]

@@ -13,7 +13,7 @@ from groundstation.poses.qualisys import QualisysConfig, QualisysSource
 from links.address import parse_address
 from sim.qtm_server import QtmServer
 from sim.trackers import Seen
-from tests.loops import free_address, in_real_time, in_virtual_time
+from tests.loops import BOTH_LOOPS, free_address, in_virtual_time
 
 
 class Room:
@@ -64,7 +64,7 @@ def scene(play: Callable[[Room], Any], run: Callable[[Any], None] = in_virtual_t
     run(main())
 
 
-@pytest.mark.parametrize("run", [in_virtual_time, in_real_time], ids=["virtual", "real"])
+@pytest.mark.parametrize("run", BOTH_LOOPS)
 def test_a_lost_connection_is_opened_anew(run: Callable[[Any], None]) -> None:
     async def play(room: Room) -> None:
         await room.more()

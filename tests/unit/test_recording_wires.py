@@ -6,7 +6,9 @@ from typing import Any
 from groundstation.recording.records import Opened, Received, Record, Sent
 from groundstation.recording.tlog import TlogCutter
 from groundstation.recording.wires import Wires
+from links.address import parse_address
 from sim.virtual_time import VirtualTimeLoop
+from tests.loops import free_address
 from tests.mavlink_table import FRAMES
 
 
@@ -29,30 +31,33 @@ class Echo(asyncio.DatagramProtocol):
             sender.close()
 
 
-async def talk(records: list[Record]) -> Echo:
-    """One tapped endpoint, spoken to by one that belongs to somebody else."""
+async def talk(records: list[Record]) -> tuple[Echo, tuple[str, int]]:
+    """One tapped endpoint, spoken to by one that belongs to somebody else; and its address."""
     loop = asyncio.get_running_loop()
+    address = parse_address(await free_address())
 
     async def ours() -> Echo:
         Wires(records.append).tap()
-        _, echo = await loop.create_datagram_endpoint(Echo, local_addr=("127.0.0.1", 40123))
+        _, echo = await loop.create_datagram_endpoint(Echo, local_addr=address)
         assert isinstance(echo, Echo)
         return echo
 
     echo = await asyncio.create_task(ours())
-    other, _ = await loop.create_datagram_endpoint(asyncio.DatagramProtocol, remote_addr=("127.0.0.1", 40123))
+    other, _ = await loop.create_datagram_endpoint(asyncio.DatagramProtocol, remote_addr=address)
     other.sendto(b"hello")
-    await asyncio.sleep(0.1)
+    async with asyncio.timeout(5.0):
+        while len(records) < 3:
+            await asyncio.sleep(0.01)
     other.close()
     echo.transport.close()
-    return echo
+    return echo, address
 
 
-def check(records: list[Record], echo: Echo) -> None:
+def check(records: list[Record], echo: Echo, address: tuple[str, int]) -> None:
     assert echo.heard[0] == b"hello"
     opened, received, sent = records[:3]
     assert isinstance(opened, Opened)
-    assert (opened.wire, opened.kind, opened.local, opened.remote) == (0, "udp", ("127.0.0.1", 40123), None)
+    assert (opened.wire, opened.kind, opened.local, opened.remote) == (0, "udp", address, None)
     assert isinstance(received, Received)
     assert isinstance(sent, Sent)
     assert (received.wire, received.data) == (0, b"hello")
@@ -62,13 +67,13 @@ def check(records: list[Record], echo: Echo) -> None:
 
 def test_a_real_datagram_is_seen_both_ways_and_only_ours() -> None:
     records: list[Record] = []
-    check(records, asyncio.run(talk(records)))
+    check(records, *asyncio.run(talk(records)))
 
 
 def test_in_virtual_time_the_other_side_on_the_same_loop_is_not_seen() -> None:
     records: list[Record] = []
     with asyncio.Runner(loop_factory=VirtualTimeLoop) as runner:
-        check(records, runner.run(talk(records)))
+        check(records, *runner.run(talk(records)))
 
 
 def test_a_tcp_connection_is_seen_both_ways() -> None:

@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from groundstation.fleet.relay import Relay
 from groundstation.poses.multicast import send_by
 from groundstation.poses.port import SourceError
-from tests.loops import Run, free_address, in_real_time, in_virtual_time
+from tests.loops import BOTH_LOOPS, Run, free_address, in_real_time, in_virtual_time
 
 
 class Ear(asyncio.DatagramProtocol):
@@ -67,7 +67,7 @@ def test_bytes_reach_every_core_unchanged_and_in_order(sent: list[bytes]) -> Non
     assert not relay.dropped
 
 
-@pytest.mark.parametrize("run", [in_virtual_time, in_real_time])
+@pytest.mark.parametrize("run", BOTH_LOOPS)
 def test_a_core_that_is_gone_takes_nothing_from_the_others(run: Run[Any]) -> None:
     sent = [bytes([number]) * (number + 1) for number in range(50)]
     listening, relay = run(handed_on(sent, gone=True))
@@ -75,9 +75,10 @@ def test_a_core_that_is_gone_takes_nothing_from_the_others(run: Run[Any]) -> Non
     assert f"relay: {len(sent)} datagrams handed on to 3 cores" in relay.summary()
 
 
+@pytest.mark.real_time
 def test_a_copy_that_can_not_leave_is_dropped_and_counted() -> None:
     async def main() -> Relay:
-        relay = Relay("127.0.0.1:51001", ["127.0.0.1:51101"])
+        relay = Relay(await free_address(), ["127.0.0.1:51101"])
         await relay.open()
         relay.datagram_received(b"x" * 70000, None)  # longer than any datagram
         relay.close()
@@ -90,7 +91,7 @@ def test_a_copy_that_can_not_leave_is_dropped_and_counted() -> None:
     assert "dropped: 1 undeliverable" in relay.summary()
 
 
-@pytest.mark.parametrize("run", [in_virtual_time, in_real_time])
+@pytest.mark.parametrize("run", BOTH_LOOPS)
 def test_a_group_is_joined(run: Run[Any]) -> None:
     async def main() -> list[bytes]:
         target, port = await free_address(), int((await free_address()).split(":")[1])
@@ -112,6 +113,7 @@ def test_a_group_is_joined(run: Run[Any]) -> None:
     assert run(main()) == [b"frame"]
 
 
+@pytest.mark.real_time
 def test_a_port_that_is_taken_is_named() -> None:
     async def main() -> None:
         address = await free_address()
