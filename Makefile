@@ -5,7 +5,7 @@ WORKERS ?= 2
 BROKER_HOST ?= localhost
 
 BIN := .venv/bin
-PYTEST := $(BIN)/python -m pytest -n $(WORKERS)
+PYTEST := $(BIN)/python -m pytest -n $(WORKERS) --dist worksteal
 # What only computes yields to what may not be kept waiting.
 YIELD := nice -n 19
 

@@ -101,8 +101,8 @@ async def strike(stage: str, number: signal.Signals) -> Case:
     try:
         assert station.stdout is not None
         async with asyncio.timeout(20.0):
-            while (await station.stdout.readline()).decode().strip() != stage:
-                pass
+            while (line := await station.stdout.readline()).decode().strip() != stage:
+                assert line, f"the station ended before it was {stage}"
         await asyncio.sleep(0.2)
         case.struck_s = time.monotonic()
         os.killpg(station.pid, number)
