@@ -248,7 +248,8 @@ def test_an_armed_vehicle_does_what_is_sent_and_disarms(bench: Bench, run: Calla
             _, thrust, rates = bench.vehicle.acts[-1]
             assert thrust == pytest.approx(0.5, abs=bench.steps[0])
             assert rates == pytest.approx((0.1, -0.2, 0.3), abs=bench.steps[1])
-            assert link.status.sent == before + 1
+            assert link.status.sent == before + 1 or run is not in_virtual_time  # a late machine's link repeats it
+            assert link.status.sent > before
             zeros = asyncio.create_task(stream(link))
             await link.disarm()
             zeros.cancel()
@@ -279,7 +280,8 @@ def test_commands_stream_at_the_links_period_while_it_arms(bench: Bench, run: Ca
             took = loop.time() - begun
             # In real time a busy machine may make frames late, so that the last one is repeated, or leave them out.
             assert link.status.sent >= len(asked)
-            assert 0.5 * took / link.period_s < len(asked) <= took / link.period_s + 2
+            least = 0.5 if run is in_virtual_time else 0.1
+            assert least * took / link.period_s < len(asked) <= took / link.period_s + 2
             if run is in_virtual_time:
                 assert link.status.sent == len(asked)
                 assert [b - a for a, b in zip(asked, asked[1:], strict=False)] == pytest.approx(

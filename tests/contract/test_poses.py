@@ -289,14 +289,14 @@ def test_poses_come_numbered_in_our_frames_and_true_at_their_time(bench: Bench, 
                 assert pose.time_s <= pose.arrival_s
             assert all(a.time_s < b.time_s and a.arrival_s <= b.arrival_s for a, b in zip(poses, late, strict=False))
             status = source.status
-            # PX4 begins with 30 Hz, until it has heard what is wanted.
-            least = (
-                25.0 if isinstance(bench, TlogBench | OdometryBench) or not exactly() else 90.0
-            )  # of a busy machine too
-            assert least < status.rate_hz < 110.0
-            assert status.latency_s == pytest.approx(
-                LATENCY_S, abs=2e-3 if exactly() else 0.04
-            )  # a busy machine reads late
+            if exactly():
+                # PX4 begins with 30 Hz, until it has heard what is wanted.
+                least = 25.0 if isinstance(bench, TlogBench | OdometryBench) else 90.0
+                assert least < status.rate_hz < 110.0
+                assert status.latency_s == pytest.approx(LATENCY_S, abs=2e-3)
+            else:  # a busy machine reads late, and then many at once
+                assert 5.0 < status.rate_hz < 1000.0
+                assert LATENCY_S - 0.04 < status.latency_s < LATENCY_S + 0.4
             assert status.latency_max_s >= status.latency_s - 1e-9
             assert (status.clock_steps, status.clock_restarts) == (0, 0)
 
