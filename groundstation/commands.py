@@ -5,9 +5,10 @@ import asyncio
 import os
 import shlex
 import sys
-from collections.abc import Awaitable, Callable
+from collections.abc import Callable
 
 from groundstation.config import ConfigError, dump, load
+from groundstation.confirm import confirmation, ensure_named, line_from_terminal
 from groundstation.poses import Recorded
 from groundstation.preflight import ensure_flyable, ensure_guarded
 from groundstation.radio import ensure_link
@@ -21,7 +22,7 @@ EXIT_DONE, EXIT_ABORTED = 0, 1
 def fly(args: argparse.Namespace) -> int:
     """Fly in the foreground: ask before arming, say what happens, land on Ctrl-C."""
     config = _flyable(load(args.config, Config, args.overrides))
-    _check_name(args.arm, config)
+    ensure_named(args.arm, config)
     if args.tui:
         from groundstation.tui.command import fly_with_screen
 
@@ -30,13 +31,13 @@ def fly(args: argparse.Namespace) -> int:
         raise ConfigError("--arm", f"without a terminal, arming needs --arm {config.vehicle.name}")
     from groundstation.service.command import fly_command
 
-    return fly_command(config, _ask(config, args.arm), _unwaited())
+    return fly_command(config, confirmation(config, args.arm), _unwaited())
 
 
 def daemon(args: argparse.Namespace) -> int:
     """Fly headless, whenever somebody arms: log lines to stderr, land and end on SIGTERM."""
     config = _flyable(load(args.config, Config, args.overrides))
-    _check_name(args.arm, config)
+    ensure_named(args.arm, config)
     from groundstation.service.command import daemon_command
     from groundstation.service.logs import Format
 
@@ -165,7 +166,7 @@ def doctor(args: argparse.Namespace) -> int:
     overrides = [word for override in args.overrides for word in ("--set", override)]
     command = shlex.join(["groundstation", "doctor", str(args.config), *overrides])
     orders = Orders(command, args.fix, args.restore, args.yes, args.json)
-    return asyncio.run(doctor(config, orders, _line_from_terminal if sys.stdin.isatty() else None, _say))
+    return asyncio.run(doctor(config, orders, line_from_terminal if sys.stdin.isatty() else None, _say))
 
 
 def logs(args: argparse.Namespace) -> int:
@@ -293,12 +294,6 @@ def vehicles(args: argparse.Namespace) -> int:
     return EXIT_DONE
 
 
-def _check_name(arm: str | None, config: Config) -> None:
-    """``--arm`` must name the vehicle of the config: the operator says which one will move."""
-    if arm is not None and arm != config.vehicle.name:
-        raise ConfigError("--arm", f"expected {config.vehicle.name!r}, the vehicle in the config, got {arm!r}")
-
-
 def _flyable(config: Config) -> Config:
     """Refuse what the vehicle can't fly, recorded poses, and a real vehicle without a fence and a speed limit."""
     if isinstance(config.pose, Recorded):
@@ -323,35 +318,3 @@ def _unwaited() -> Callable[[str], None]:
     from groundstation.outlet import Outlet
 
     return Outlet(1).say
-
-
-def _ask(config: Config, arm: str | None) -> Callable[[], Awaitable[bool]]:
-    """Who confirms arming: ``--arm``, or the operator at the terminal."""
-
-    async def told() -> bool:
-        return True
-
-    async def asked() -> bool:
-        name = config.vehicle.name
-        prompt = f"{name} is ready. Its motors will start. Type its name to arm, anything else to stop: "
-        answer = await _line_from_terminal(prompt)
-        return answer.strip() == name
-
-    return told if arm is not None else asked
-
-
-async def _line_from_terminal(prompt: str) -> str:
-    """One line from the terminal, without blocking the event loop; empty at end of file."""
-    loop = asyncio.get_running_loop()
-    line: asyncio.Future[str] = loop.create_future()
-
-    def read() -> None:
-        if not line.done():
-            line.set_result(sys.stdin.readline())
-
-    print(prompt, end="", flush=True)
-    loop.add_reader(sys.stdin.fileno(), read)
-    try:
-        return await line
-    finally:
-        loop.remove_reader(sys.stdin.fileno())
