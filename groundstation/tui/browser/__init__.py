@@ -25,8 +25,14 @@ def serve(words: list[str], port: int, title: str) -> None:
     Raises:
         ConfigError: the port can't be listened at.
     """
+    logging.getLogger("aiohttp").setLevel(logging.WARNING)
+    page = _Page(shlex.join(words), HOST, port, title, templates_path=Path(__file__).parent)
+
+    def listening(*_: object) -> None:
+        print(f"{title}, to look at only: http://{HOST}:{port}  (Ctrl-C ends this)", flush=True)
+
     try:
-        _Page(shlex.join(words), HOST, port, title, templates_path=Path(__file__).parent).serve()
+        web.run_app(page.app(), host=HOST, port=port, print=listening)
     except OSError as error:
         raise ConfigError(
             "--browser", f"cannot listen at {HOST}:{port} ({error.strerror}): another port may be free"
@@ -34,16 +40,13 @@ def serve(words: list[str], port: int, title: str) -> None:
 
 
 class _Page(Server):
-    async def _make_app(self) -> web.Application:
-        app = await super()._make_app()
+    async def app(self) -> web.Application:
+        app = await self._make_app()
         app.middlewares.append(_only_ours)
         return app
 
     async def on_startup(self, app: web.Application) -> None:
-        print(f"{self.title}, to look at only: http://{HOST}:{self.port}  (Ctrl-C ends this)", flush=True)
-
-    def initialize_logging(self) -> None:
-        logging.getLogger("aiohttp").setLevel(logging.WARNING)
+        """Say nothing yet: nobody listens before it."""
 
 
 @web.middleware
