@@ -15,6 +15,7 @@ from pathlib import Path
 import msgspec
 
 from groundstation.recording.log import FLUSH_S, FlightLog
+from groundstation.recording.manners import stand_back
 from groundstation.recording.process import FORGET, Setup
 from groundstation.recording.records import Record
 from groundstation.telemetry.flights import folder_of, free_name, tidy
@@ -26,9 +27,7 @@ def main() -> int:
     """Record until the input ends; 1 where nothing could be recorded."""
     for number in (signal.SIGINT, signal.SIGHUP, signal.SIGTERM, signal.SIGQUIT, signal.SIGTSTP):
         signal.signal(number, signal.SIG_IGN)
-    os.nice(5)
-    with contextlib.suppress(OSError):  # woken up by the flight's writing, it must not take the processor from it
-        os.sched_setscheduler(0, os.SCHED_BATCH, os.sched_param(0))
+    stand_back()
     log: FlightLog | None = None
     forget = False
     decoder = msgspec.msgpack.Decoder(Record)
