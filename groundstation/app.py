@@ -19,6 +19,7 @@ from groundstation.poses.forward import Forwarding
 from groundstation.poses.gated import Gated
 from groundstation.poses.others import Others
 from groundstation.poses.port import Overheard, Pose, PoseEvent, PoseSource
+from groundstation.quiet import Quiet
 from groundstation.recorded import Give, RecordedFlight, about
 from groundstation.settings import Config
 from groundstation.snapshot import Snapshot
@@ -52,11 +53,12 @@ def make_flight(
     wires: Mapping[str, Any] | None = None,
     give: Give | None = None,
     on_state: Callable[[State, str], None] | None = None,
+    quiet: Quiet | None = None,
 ) -> Flight:
     """The parts that ``config`` names, put together; nothing is opened yet.
 
     ``on_pose`` sees every pose first, also those that the gate will drop; ``give`` takes what is to be recorded.
-    ``wires``: see :func:`make_ends`.
+    ``wires``: see :func:`make_ends`. ``quiet`` hears of each command that left.
 
     Raises:
         ConfigError: the poses need another link.
@@ -73,7 +75,7 @@ def make_flight(
     if isinstance(link, MavlinkLink) and isinstance(config.link, MavlinkLinkConfig) and config.link.forward.enabled:
         source = Forwarding(source, link, config.link.forward)
     told: dict[str, Any] = {"confirm": confirm, "on_tick": on_tick, "on_event": on_event, "on_state": on_state}
-    told["others"] = others
+    told |= {"others": others, "quiet": quiet}
     flight = (
         Flight(config, link, source, **told)
         if give is None
@@ -84,18 +86,18 @@ def make_flight(
 
 @asynccontextmanager
 async def recorder(
-    config: Config, say: Callable[[str], None], keep: Callable[[], bool] = lambda: True
+    config: Config, say: Callable[[str], None], quiet: Quiet, keep: Callable[[], bool] = lambda: True
 ) -> AsyncIterator[Give | None]:
     """What records a flight in real time, in a process of its own; None where ``recording.enabled`` is false.
 
-    ``keep`` is asked at the end whether the recording shall stay.
+    Records are handed over when it is ``quiet``. ``keep`` is asked at the end whether the recording shall stay.
     """
     if not config.recording.enabled:
         yield None
         return
     from groundstation.recording.process import RecorderProcess
 
-    process = RecorderProcess(config.recording, about(config), say)
+    process = RecorderProcess(config.recording, about(config), say, quiet)
     try:
         yield process.give
     finally:
@@ -112,26 +114,33 @@ class Watched(Core, Protocol):
 
 @asynccontextmanager
 async def crew(
-    config: Config, core: Watched, say: Callable[[str], None], *, needed: bool = False
+    config: Config, core: Watched, say: Callable[[str], None], quiet: Quiet | None = None, *, needed: bool = False
 ) -> AsyncIterator[Server]:
     """Who watches ``core`` and asks of it: clients of the socket, and MQTT. What fails is told of and left behind.
+
+    Snapshots are made, and sent to clients, when it is ``quiet``.
 
     Raises:
         ApiError: the socket can't be served, where it is ``needed``.
     """
     latest: Latest[Snapshot] = Latest()
+    quiet = quiet or Quiet()
     server = Server(
         config.status,
         config.vehicle.name,
         latest,
         core,
+        quiet=quiet,
         pid=os.getpid(),
         version=version("groundstation"),
         config_text=dump(config),
         log=say,
     )
     serve = asyncio.create_task(server.serve() if needed else _guarded("status socket", server.serve(), say))
-    tasks: list[asyncio.Task[Any]] = [serve, asyncio.create_task(_guarded("snapshots", _publish(core, latest), say))]
+    tasks: list[asyncio.Task[Any]] = [
+        serve,
+        asyncio.create_task(_guarded("snapshots", _publish(core, latest, quiet), say)),
+    ]
     try:
         if needed:
             serving = asyncio.create_task(server.serving.wait())
@@ -156,16 +165,17 @@ async def crew(
         await asyncio.gather(*tasks, return_exceptions=True)
 
 
-async def watched(flight: Flight, config: Config, say: Callable[[str], None]) -> Outcome:
+async def watched(flight: Flight, config: Config, say: Callable[[str], None], quiet: Quiet) -> Outcome:
     """Run ``flight`` with its crew."""
-    async with crew(config, flight, say):
+    async with crew(config, flight, say, quiet):
         return await flight.run()
 
 
-async def _publish(core: Watched, latest: Latest[Snapshot]) -> None:
+async def _publish(core: Watched, latest: Latest[Snapshot], quiet: Quiet) -> None:
     while True:
         latest.put(core.snapshot())
         await asyncio.sleep(0.1)
+        await quiet.moment()
 
 
 async def _guarded(what: str, work: Awaitable[None], say: Callable[[str], None]) -> None:

@@ -13,6 +13,7 @@ from groundstation.pilot import Pilot, Tick
 from groundstation.poses.others import Others
 from groundstation.poses.port import Pose, PoseEvent, PoseSource
 from groundstation.progress import Progress
+from groundstation.quiet import Quiet
 from groundstation.requests import Ask, Reply, Request
 from groundstation.scoreboard import Scoreboard
 from groundstation.sender import Ended, Sender
@@ -49,12 +50,13 @@ class Flight:
         on_state: Callable[[State, str], None] | None = None,
         pilot: Pilot | None = None,
         others: Others | None = None,
+        quiet: Quiet | None = None,
     ) -> None:
         """Take the parts; ``confirm`` asks the operator before the vehicle is armed.
 
         ``on_tick`` sees every command of the controller that leaves; ``on_event`` every line meant for the operator;
         ``on_state`` every state that begins, and why. Without a ``pilot`` it makes its own.
-        ``others`` are vehicles to keep away from, as ``source`` sees them.
+        ``others`` are vehicles to keep away from, as ``source`` sees them. ``quiet`` hears of each command that left.
         """
         self._config = config
         self._link = link
@@ -70,6 +72,7 @@ class Flight:
         self._scoreboard = Scoreboard(config, link)
         self._live = LiveGains(config.controller)
         self._others = others
+        self._quiet = quiet or Quiet()
         self._checks: Checks | None = None
         self._checked_last: tuple[Check, ...] = ()
         self._arm_asked = asyncio.Event()
@@ -313,6 +316,7 @@ class Flight:
             self._say(told)
         if self._on_tick is not None:
             self._on_tick(tick)
+        self._quiet.begin()
 
     def _say(self, text: str) -> None:
         line = f"{asyncio.get_running_loop().time():.3f} {text}"

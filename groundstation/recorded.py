@@ -11,6 +11,7 @@ from groundstation.mission import State
 from groundstation.pilot import Pilot, Tick
 from groundstation.poses.others import Others
 from groundstation.poses.port import Pose, PoseSource
+from groundstation.quiet import Quiet
 from groundstation.recording.records import (
     GAIN,
     About,
@@ -107,6 +108,7 @@ class RecordedFlight(Flight):
         on_event: Callable[[str], None] | None = None,
         on_state: Callable[[State, str], None] | None = None,
         others: Others | None = None,
+        quiet: Quiet | None = None,
     ) -> None:
         """As a flight; ``give`` takes the records."""
         self._recorder = give
@@ -125,6 +127,7 @@ class RecordedFlight(Flight):
             on_state=on_state,
             pilot=pilot,
             others=others,
+            quiet=quiet,
         )
 
     def ask(self, request: Request) -> Reply:

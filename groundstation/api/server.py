@@ -20,6 +20,7 @@ from groundstation.api.messages import (
 )
 from groundstation.api.place import ApiError, StatusConfig, claim, socket_path
 from groundstation.broadcast import Latest
+from groundstation.quiet import Quiet
 from groundstation.snapshot import Snapshot
 
 CLIENTS_MAX = 16
@@ -46,6 +47,7 @@ class Server:
         latest: Latest[Snapshot],
         core: Core,
         *,
+        quiet: Quiet | None = None,
         pid: int = 0,
         version: str = "",
         config_text: str = "",
@@ -53,6 +55,7 @@ class Server:
     ) -> None:
         """Serve what ``latest`` holds for the vehicle of that name, and have ``core`` do what is ordered.
 
+        Snapshots leave when it is ``quiet``.
         ``pid``, ``version`` and ``config_text`` are told to clients; ``log`` takes a line about each that misbehaves.
         """
         self.path = socket_path(config, vehicle)
@@ -61,6 +64,7 @@ class Server:
         """Lines that were no order, by reason."""
         self._period_s = 1.0 / config.rate_hz
         self._latest = latest
+        self._quiet = quiet or Quiet()
         self._hello = encode(Hello(VERSION, vehicle, pid, version, config_text))
         self._log = log
         self._clients: dict[_Client, int] = {}  # to the number of the snapshot that it got last
@@ -100,6 +104,7 @@ class Server:
         """Send snapshots until cancelled."""
         while True:
             await self._attached.wait()
+            await self._quiet.moment()
             self._publish()
             await asyncio.sleep(self._period_s)
 

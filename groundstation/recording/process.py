@@ -12,6 +12,7 @@ from pathlib import Path
 import msgspec
 
 import groundstation
+from groundstation.quiet import Quiet
 from groundstation.recording.records import About, Lost, Record
 from groundstation.telemetry.flights import RecordingConfig
 
@@ -19,8 +20,9 @@ PIPE_BYTES = 1 << 20
 """What the pipe holds, where the system allows it: several seconds of flight."""
 BACKLOG_BYTES = 8 << 20
 """So much may wait beyond it; what comes then is left out, and counted."""
-GATHER_S = 0.05
-"""Records wait for one another for so long [s], so that the recorder wakes up less often than the flight does."""
+GATHER_S = 0.03
+"""Records wait for one another for so long [s], so that the recorder wakes up less often than the flight does; then
+for a quiet moment, which comes with the next command."""
 FORGET = b"forget"
 """A message: the recording is not worth keeping."""
 END_S = 5.0
@@ -37,15 +39,19 @@ class Setup(msgspec.Struct, frozen=True):
 class RecorderProcess:
     """Begins to record as it is made; belongs to one event loop."""
 
-    def __init__(self, config: RecordingConfig, about: About, say: Callable[[str], None]) -> None:
-        """Start the process; ``say`` takes what it tells the operator."""
+    def __init__(
+        self, config: RecordingConfig, about: About, say: Callable[[str], None], quiet: Quiet | None = None
+    ) -> None:
+        """Start the process; ``say`` takes what it tells the operator. Records are handed over when it is ``quiet``."""
         self._say = say
+        self._quiet = quiet or Quiet()
         self._loop = asyncio.get_running_loop()
         self._encoder = msgspec.msgpack.Encoder()
         self._backlog = bytearray()
         self._lost = 0
         self._given: list[Record] = []
         self._timer: asyncio.TimerHandle | None = None
+        self._moment: asyncio.Future[None] | None = None
         self._told = False
         self._gone = self._loop.create_future()
         self._words = b""
@@ -81,8 +87,26 @@ class RecorderProcess:
     def give(self, record: Record) -> None:
         """Take one record. Never waits, never raises; whatever it costs comes later."""
         self._given.append(record)
-        if self._timer is None:
-            self._timer = self._loop.call_later(GATHER_S, self._hand_over)
+        if self._timer is None and self._moment is None:
+            self._timer = self._loop.call_later(GATHER_S, self._gathered)
+
+    def _gathered(self) -> None:
+        """Enough for once: hand it over as soon as that delays no command."""
+        self._timer = None
+        self._moment = self._quiet.moment()
+        self._moment.add_done_callback(self._hand_over_now)
+
+    def _hand_over_now(self, moment: "asyncio.Future[None]") -> None:
+        if not moment.cancelled():
+            self._hand_over()
+
+    def _call_off(self) -> None:
+        """Wait for nothing any more."""
+        if self._timer is not None:
+            self._timer.cancel()
+        if self._moment is not None:
+            self._moment.cancel()
+        self._timer = self._moment = None
 
     def _pack(self) -> None:
         """Make bytes of what was given."""
@@ -121,8 +145,7 @@ class RecorderProcess:
                 self._end_of_pipe()
                 await asyncio.shield(self._gone)
         self._end_of_pipe()
-        if self._timer is not None:
-            self._timer.cancel()
+        self._call_off()
         if not self._gone.done():
             self._close_out()
             self._say("WARNING: the recorder is still writing; it ends by itself")
@@ -134,9 +157,7 @@ class RecorderProcess:
 
     def _hand_over(self) -> None:
         """All that was given, as far as the pipe takes it."""
-        if self._timer is not None:
-            self._timer.cancel()
-            self._timer = None
+        self._call_off()
         self._pack()
         if self._gone.done():
             self._backlog.clear()
@@ -145,7 +166,7 @@ class RecorderProcess:
             while self._backlog:
                 del self._backlog[: os.write(self._in, self._backlog)]
         except BlockingIOError:
-            self._timer = self._loop.call_later(GATHER_S, self._hand_over)
+            self._timer = self._loop.call_later(GATHER_S, self._gathered)
         except OSError:  # what it said on its way out comes by the other pipe
             self._backlog.clear()
 

@@ -13,6 +13,7 @@ from groundstation.config import ConfigError
 from groundstation.exits import Exit
 from groundstation.mission import State
 from groundstation.poses.port import SourceError
+from groundstation.quiet import Quiet
 from groundstation.service.daemon import Daemon
 from groundstation.service.lock import Taken, lock_path, only_one
 from groundstation.service.logs import Format, Lines, is_journal, level_of
@@ -39,12 +40,13 @@ def fly_command(config: Config, confirm: Callable[[], Awaitable[bool]], say: Say
 
 async def _fly(config: Config, confirm: Callable[[], Awaitable[bool]], say: Say) -> Exit:
     """Fly until landed or aborted, and land on the first signal."""
-    async with recorder(config, say) as give:
-        flight = make_flight(config, confirm=confirm, on_event=say, give=give)
+    quiet = Quiet()
+    async with recorder(config, say, quiet) as give:
+        flight = make_flight(config, confirm=confirm, on_event=say, give=give, quiet=quiet)
         obey(flight.ask, say)
         calm_memory()
         try:
-            outcome = await watched(flight, config, say)
+            outcome = await watched(flight, config, say, quiet)
         except SourceError:  # ``say`` has told
             return Exit.FAULT
         return Exit.DONE if outcome.state is State.LANDED and not outcome.fault else Exit.FAULT

@@ -11,8 +11,9 @@ from groundstation.exits import Exit
 from groundstation.flight import Flight, Outcome
 from groundstation.mission import FINAL, ON_GROUND, State
 from groundstation.poses.port import SourceError
+from groundstation.quiet import Quiet
 from groundstation.requests import Ask, Reply, Request
-from groundstation.service.health import WRITE_S, Health, health_path, write
+from groundstation.service.health import WRITE_S, Health, HealthFile, health_path
 from groundstation.service.notify import Notify
 from groundstation.settings import Config
 from groundstation.snapshot import Snapshot
@@ -38,6 +39,7 @@ class Daemon:
         self._notify = notify
         self._arm = arm
         self._once = once
+        self._quiet = Quiet()
         self._armed = 0
         self._stop = asyncio.Event()
         self._server: Server | None = None
@@ -77,15 +79,16 @@ class Daemon:
         """
         await self._notify.open()
         try:
-            async with crew(self._config, self, self._say, needed=True) as server:
+            async with crew(self._config, self, self._say, self._quiet, needed=True) as server:
                 self._server = server
-                pulse = asyncio.ensure_future(self._pulse(server))
+                health = HealthFile(health_path(server.path))
+                pulse = asyncio.ensure_future(self._pulse(server, health))
                 try:
                     return await self._flights()
                 finally:
                     pulse.cancel()
                     await asyncio.gather(pulse, return_exceptions=True)
-                    health_path(server.path).unlink(missing_ok=True)
+                    health.remove()
         finally:
             self._notify.close()
 
@@ -114,7 +117,11 @@ class Daemon:
     async def _fly(self) -> Outcome:
         """One flight from connecting to its end, recorded; of one that was never armed no recording is kept."""
         before = self._armed
-        async with recorder(self._config, self._say, keep=lambda: self._armed > before or self._once) as give:
+
+        def keep() -> bool:
+            return self._armed > before or self._once
+
+        async with recorder(self._config, self._say, self._quiet, keep) as give:
             self._flight = self._made(give)
             renewing = asyncio.ensure_future(self._renew(self._flight))
             try:
@@ -123,7 +130,14 @@ class Daemon:
                 renewing.cancel()
 
     def _made(self, give: Callable[..., None] | None) -> Flight:
-        return make_flight(self._config, confirm=self._confirm, on_event=self._say, on_state=self._entered, give=give)
+        return make_flight(
+            self._config,
+            confirm=self._confirm,
+            on_event=self._say,
+            on_state=self._entered,
+            give=give,
+            quiet=self._quiet,
+        )
 
     async def _confirm(self) -> bool:
         """Arm by itself only where the operator has said so on the command line, and only once."""
@@ -151,10 +165,10 @@ class Daemon:
             if flight.state in ON_GROUND and flight.state is not State.ARMING and not held:
                 flight.ask(Request(Ask.LAND, "nothing has flown for an hour: a new recording begins"))
 
-    async def _pulse(self, server: Server) -> None:
+    async def _pulse(self, server: Server, health: HealthFile) -> None:
         """Feed the watchdog and write the health file, from the loop that flies: a loop that hangs does neither."""
         loop = asyncio.get_running_loop()
-        path, period_s = health_path(server.path), min(WRITE_S, self._notify.feed_s or WRITE_S)
+        period_s = min(WRITE_S, self._notify.feed_s or WRITE_S)
         written_s = -WRITE_S
         while True:
             if self._notify.feed_s is not None:
@@ -162,7 +176,10 @@ class Daemon:
             now = loop.time()
             if now - written_s >= WRITE_S - 0.01:
                 written_s = now
-                write(path, self._health(server, now))
+                await self._quiet.moment()
+                health.draft(self._health(server, loop.time()))
+                await self._quiet.moment()
+                health.publish()
             await asyncio.sleep(period_s)
 
     def _health(self, server: Server, now_s: float) -> Health:

@@ -2,7 +2,9 @@
 
 import asyncio
 import json
+import os
 import sys
+from contextlib import suppress
 from pathlib import Path
 
 import msgspec
@@ -42,14 +44,34 @@ def health_path(socket: Path) -> Path:
     return socket.with_suffix(".health.json")
 
 
-def write(path: Path, health: Health) -> None:
-    """Replace the file as a whole; a full disk is not the flight's trouble."""
-    draft = path.with_suffix(".new")
-    try:
-        draft.write_bytes(msgspec.json.encode(health) + b"\n")
-        draft.replace(path)
-    except OSError:
-        return
+class HealthFile:
+    """Replaced as a whole, in two short steps. Never raises: a full disk is not the flight's trouble."""
+
+    def __init__(self, path: Path) -> None:
+        """Nothing is written yet."""
+        self._path = path
+        self._draft = path.with_suffix(".new")
+        self._encode = msgspec.json.Encoder().encode
+
+    def draft(self, health: Health) -> None:
+        """Write it down, for nobody yet."""
+        with suppress(OSError):
+            number = os.open(self._draft, os.O_WRONLY | os.O_CREAT | os.O_TRUNC | os.O_CLOEXEC, 0o666)
+            try:
+                os.write(number, self._encode(health) + b"\n")
+            finally:
+                os.close(number)
+
+    def publish(self) -> None:
+        """Put the draft in the file's place."""
+        with suppress(OSError):
+            self._draft.replace(self._path)
+
+    def remove(self) -> None:
+        """The daemon ends."""
+        for path in (self._path, self._draft):
+            with suppress(OSError):
+                path.unlink()
 
 
 def ill(health: Health, now_s: float) -> str:

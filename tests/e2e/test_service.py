@@ -17,7 +17,7 @@ from groundstation.__main__ import parser
 from groundstation.config import load
 from groundstation.exits import CODES, markdown
 from groundstation.fence import BoxFence
-from groundstation.service.health import STALE_S, Health, health_path, ill, write
+from groundstation.service.health import STALE_S, Health, HealthFile, health_path, ill
 from groundstation.service.lock import Taken, only_one
 from groundstation.service.logs import Format, Lines, is_journal, level_of, line_of
 from groundstation.service.notify import Notify
@@ -196,10 +196,24 @@ def test_health_is_judged_by_its_age_and_by_the_newest_command(health: Health, n
 
 def test_the_health_file_is_replaced_as_a_whole_and_a_folder_that_is_gone_is_no_trouble(tmp_path: Path) -> None:
     path = health_path(tmp_path / "mqx.sock")
-    write(path, WELL)
+    file = HealthFile(path)
+    file.draft(WELL)
+    assert not path.exists()
+    file.publish()
     assert msgspec.json.decode(path.read_bytes(), type=Health) == WELL
     assert [file.name for file in tmp_path.iterdir()] == ["mqx.health.json"]
-    write(tmp_path / "gone" / "x.health.json", WELL)
+    later = msgspec.structs.replace(WELL, reason="later")
+    file.draft(later)
+    assert msgspec.json.decode(path.read_bytes(), type=Health) == WELL
+    file.publish()
+    assert msgspec.json.decode(path.read_bytes(), type=Health) == later
+    file.draft(WELL)
+    file.remove()
+    assert list(tmp_path.iterdir()) == []
+    gone = HealthFile(tmp_path / "gone" / "x.health.json")
+    gone.draft(WELL)
+    gone.publish()
+    gone.remove()
 
 
 def test_the_unit_waits_longer_than_the_longest_landing() -> None:
