@@ -2,17 +2,19 @@
 
 ``groundstation daemon`` flies a simulated vehicle that lives here; poses leave from here at 50, 100 and 250 Hz, and
 between any two of them a datagram of the same size goes to a bare asyncio echo in a process of its own. Both times
-are taken here, by one clock, so both hold the same wake-up of this process.
+are taken here, by one clock, so both hold the same wake-up of this process. Poses are a thousandth slower than they
+say: they slide along what the autopilot tells of itself, as cameras of their own clock do, and so does the echo.
 """
 
 import asyncio
 import gc
 import sys
 import tempfile
-from collections.abc import Callable
+from collections import deque
+from collections.abc import Callable, Sequence
 from contextlib import AbstractAsyncContextManager, nullcontext
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 from groundstation.clock import sleep_until
 from groundstation.config import dump
@@ -36,6 +38,10 @@ START_LIMIT_S = 20.0
 """How long the program may take to arm the vehicle [s]."""
 SETTLE_S = 1.0
 """What is left out at the beginning of each flight [s]."""
+SLIDE = 1.001
+"""The time between two poses, in nominal periods."""
+LAST_S = 0.1
+"""How long the last answers are waited for [s]."""
 _SET_POINT = b"\x52\x00\x00"
 
 
@@ -43,35 +49,66 @@ class LatencyFailed(Exception):
     """The program that flies did not fly; the text says how far it came."""
 
 
-class _Peer(AutopilotPeer):
-    """The autopilot's end, which notes when the first set-point after each pose arrives."""
+class Answers(NamedTuple):
+    """How long what was sent had to wait for its answer [s]."""
 
-    pose_left_s: float | None = None
     latencies_s: list[float]
+    sent: int
+    overtaken: int = 0
+    """Poses that a newer one followed before a command left: what answered the newer one has answered them, late."""
+
+
+class Waiting:
+    """The poses that no command has answered yet. Times are on the event loop's clock [s]."""
+
+    def __init__(self) -> None:
+        """None yet."""
+        self.latencies_s: list[float] = []
+        self.overtaken = 0
+        self._left: deque[float] = deque()
+
+    def left(self, now_s: float) -> None:
+        """A pose has left."""
+        self._left.append(now_s)
+
+    def command(self, computed_ms: int, now_s: float) -> None:
+        """A command has come, computed in the millisecond ``computed_ms`` (modulo 2³²).
+
+        It answers every pose that had left by then; one between two poses, from what is known, answers no pose.
+        """
+        answered = 0
+        while self._left and (computed_ms - int(1e3 * self._left[0])) & 0xFFFFFFFF < 1 << 31:
+            self.latencies_s.append(now_s - self._left.popleft())
+            answered += 1
+        self.overtaken += max(answered - 1, 0)
+
+
+class _Peer(AutopilotPeer):
+    """The autopilot's end, which notes when set-points arrive."""
+
+    waiting: Waiting
 
     def datagram_received(self, data: bytes, addr: Any) -> None:
-        now = asyncio.get_running_loop().time()
-        if data[7:10] == _SET_POINT and self.pose_left_s is not None:
-            self.latencies_s.append(now - self.pose_left_s)
-            self.pose_left_s = None
+        if data[7:10] == _SET_POINT:  # its payload begins with time_boot_ms, by the clock that is ours too
+            self.waiting.command(int.from_bytes(data[10:14], "little"), asyncio.get_running_loop().time())
         super().datagram_received(data, addr)
 
 
-class _Answers(asyncio.DatagramProtocol):
+class _Echoes(asyncio.DatagramProtocol):
     """The other end of the echo."""
 
     def __init__(self) -> None:
-        self.left_s: float | None = None
+        self.left_s: dict[bytes, float] = {}
         self.latencies_s: list[float] = []
 
     def datagram_received(self, data: bytes, addr: Any) -> None:
-        if self.left_s is not None:
-            self.latencies_s.append(asyncio.get_running_loop().time() - self.left_s)
-            self.left_s = None
+        left_s = self.left_s.pop(data, None)
+        if left_s is not None:
+            self.latencies_s.append(asyncio.get_running_loop().time() - left_s)
 
 
 def measure(seconds: float) -> dict[str, Any]:
-    """Fly ``seconds`` [s] at each rate; latencies in µs: p50, p99, p99.9, and how many poses got no command.
+    """Fly ``seconds`` [s] at each rate; latencies in µs: see :func:`figures_of`.
 
     Raises:
         LatencyFailed: the program did not come to fly.
@@ -80,16 +117,16 @@ def measure(seconds: float) -> dict[str, Any]:
     gc.freeze()
     figures: dict[str, Any] = {"pose_to_command": {}, "echo": {}}
     for rate in RATES_HZ:
-        command, echo, sent = asyncio.run(fly(rate, seconds))
-        figures["pose_to_command"][str(rate)] = figures_of(command, sent)
-        figures["echo"][str(rate)] = figures_of(echo, sent)
+        commands, echoes = asyncio.run(fly(rate, seconds))
+        figures["pose_to_command"][str(rate)] = figures_of(commands)
+        figures["echo"][str(rate)] = figures_of(echoes)
     gc.unfreeze()
     return figures
 
 
-def figures_of(latencies_s: list[float], sent: int) -> dict[str, float]:
-    """Percentiles [µs], and how many of ``sent`` got none."""
-    ordered = sorted(latencies_s)
+def figures_of(answers: Answers) -> dict[str, float]:
+    """Percentiles [µs] of all that were answered, overtaken ones too; how many those were, and how many were not."""
+    ordered = sorted(answers.latencies_s)
 
     def percentile(p: float) -> float:
         return round(1e6 * ordered[min(int(p * len(ordered)), len(ordered) - 1)], 1)
@@ -101,14 +138,24 @@ def figures_of(latencies_s: list[float], sent: int) -> dict[str, float]:
         "p99_us": percentile(0.99),
         "p999_us": percentile(0.999),
         "count": len(ordered),
-        "unanswered": sent - len(ordered),
+        "overtaken": answers.overtaken,
+        "unanswered": answers.sent - len(ordered),
     }
+
+
+def together(several: Sequence[Answers]) -> Answers:
+    """Those of several flights as of one."""
+    return Answers(
+        [latency for one in several for latency in one.latencies_s],
+        sum(one.sent for one in several),
+        sum(one.overtaken for one in several),
+    )
 
 
 async def fly(
     rate_hz: int, seconds: float, watched: Callable[[Path], AbstractAsyncContextManager[object]] | None = None
-) -> tuple[list[float], list[float], int]:
-    """Latencies of commands and of echoes [s], and how many of each were asked for.
+) -> tuple[Answers, Answers]:
+    """The answers of commands, and of echoes.
 
     ``watched`` lasts as long as the flight, and gets the path of its status socket.
     """
@@ -141,7 +188,7 @@ async def _config(rate_hz: int, folder: Path) -> Config:
     overrides = [
         f"link.listen={await _free_address()}",
         f"pose.listen={await _free_address()}",
-        f"pose.rate_hz={rate_hz}",
+        f"pose.rate_hz={rate_hz / SLIDE!r}",
         "pose.latency_s=0.0",
         f"link.period_s={period!r}",
         "link.pace=poses",
@@ -161,7 +208,7 @@ async def _free_address() -> str:
     return f"{host}:{port}"
 
 
-async def _measured(config: Config, rate_hz: int, seconds: float, port: int) -> tuple[list[float], list[float], int]:
+async def _measured(config: Config, rate_hz: int, seconds: float, port: int) -> tuple[Answers, Answers]:
     loop = asyncio.get_running_loop()
     world = SCENARIOS["paper"].world
     plant = Quadrotor(world, Wind(world, rows(stream(0, "turbulence").standard_normal, 3)))
@@ -170,15 +217,15 @@ async def _measured(config: Config, rate_hz: int, seconds: float, port: int) -> 
     autopilot = Px4Autopilot(vehicle)
     assert isinstance(config.link, MavlinkLinkConfig)
     peer = _Peer(autopilot, parse_address(config.link.address))
-    peer.latencies_s = []
+    waiting = peer.waiting = Waiting()
     assert isinstance(config.pose, ViconConfig)
     encode = vicon_encoder(config.pose)
     poses, _ = await loop.create_datagram_endpoint(
         asyncio.DatagramProtocol, remote_addr=parse_address(config.pose.listen)
     )
-    echo, answers = await loop.create_datagram_endpoint(_Answers, remote_addr=("127.0.0.1", port))
+    echo, echoes = await loop.create_datagram_endpoint(_Echoes, remote_addr=("127.0.0.1", port))
     running = asyncio.create_task(peer.run())
-    period, frame, sent = 1.0 / rate_hz, 0, 0
+    period, frame, sent = SLIDE / rate_hz, 0, 0
     begun = loop.time()
     counts_from = None
     try:
@@ -190,7 +237,8 @@ async def _measured(config: Config, rate_hz: int, seconds: float, port: int) -> 
             seen = vehicle.measured(loop.time())
             data = encode(frame, due, [Seen(config.pose.object, seen.position_ned, seen.attitude, True)])
             counts = counts_from is not None and loop.time() >= counts_from
-            peer.pose_left_s = loop.time() if counts else None
+            if counts:
+                waiting.left(loop.time())
             poses.sendto(data)
             frame += 1
             if counts_from is None:
@@ -201,10 +249,11 @@ async def _measured(config: Config, rate_hz: int, seconds: float, port: int) -> 
             await sleep_until(due + 0.5 * period)
             if counts:
                 sent += 1
-                answers.left_s = loop.time()
+                echoes.left_s[data] = loop.time()
                 echo.sendto(data)
             if frame * period < loop.time() - begun - 0.5:  # after a standstill of this machine: no burst
                 begun += period
+        await asyncio.sleep(LAST_S)
     finally:
         running.cancel()
         await asyncio.gather(running, return_exceptions=True)
@@ -212,4 +261,4 @@ async def _measured(config: Config, rate_hz: int, seconds: float, port: int) -> 
         echo.close()
     if not autopilot.armed:
         raise LatencyFailed("the flight ended before the measurement did")
-    return peer.latencies_s, answers.latencies_s, sent
+    return Answers(waiting.latencies_s, sent, waiting.overtaken), Answers(echoes.latencies_s, sent)

@@ -13,7 +13,8 @@ from contextlib import asynccontextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from sim.bench_latency import figures_of, fly
+from sim.bench_latency import Answers, figures_of, fly, together
+from sim.bench_links import lost_words
 
 if TYPE_CHECKING:
     from sim.bench import Options
@@ -31,8 +32,8 @@ def measure(options: "Options") -> dict[str, Any]:
     """``options.seconds`` in all, half of them watched."""
     gc.collect()
     gc.freeze()
-    found: dict[bool, list[float]] = {False: [], True: []}
-    sent, shares = {False: 0, True: 0}, list[float]()
+    found: dict[bool, list[Answers]] = {False: [], True: []}
+    shares = list[float]()
 
     @asynccontextmanager
     async def dashboard(path: Path) -> AsyncIterator[None]:
@@ -42,14 +43,13 @@ def measure(options: "Options") -> dict[str, Any]:
     for _ in range(TURNS):
         for watched in (False, True):
             seconds = options.seconds / (2 * TURNS)
-            latencies, _, asked = asyncio.run(fly(RATE_HZ, seconds, dashboard if watched else None))
-            found[watched] += latencies
-            sent[watched] += asked
+            commands, _ = asyncio.run(fly(RATE_HZ, seconds, dashboard if watched else None))
+            found[watched].append(commands)
     gc.unfreeze()
     return {
         "rate_hz": RATE_HZ,
-        "without": figures_of(found[False], sent[False]),
-        "with": figures_of(found[True], sent[True]),
+        "without": figures_of(together(found[False])),
+        "with": figures_of(together(found[True])),
         "dashboard_share": sum(shares) / len(shares),
         "goal_p99_us": LIMIT_US,
     }
@@ -91,7 +91,7 @@ def text(facts: dict[str, Any]) -> list[str]:
         these = facts[name]
         lines.append(
             f"{name:8} a dashboard: 50 % within {these['p50_us']:.0f} µs, 99 % {these['p99_us']:.0f}, 99.9 % "
-            f"{these['p999_us']:.0f}; {these['unanswered']} unanswered"
+            f"{these['p999_us']:.0f}; {lost_words(these)}"
         )
     lines[-1] += f" (goal: 99 % below {facts['goal_p99_us']:.0f} µs)"
     return [*lines, f"the dashboard takes {100.0 * facts['dashboard_share']:.0f} % of a processor, its start included"]
