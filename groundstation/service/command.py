@@ -5,7 +5,7 @@ import gc
 import logging
 import os
 import sys
-from collections.abc import Awaitable, Callable
+from collections.abc import Awaitable, Callable, Coroutine
 
 from groundstation.api.place import ApiError, socket_path
 from groundstation.app import make_ends, make_flight, recorder, watched
@@ -20,6 +20,7 @@ from groundstation.service.logs import Format, Lines, is_journal, level_of
 from groundstation.service.notify import Notify
 from groundstation.service.signals import obey
 from groundstation.settings import Config
+from groundstation.timers import precise_loop
 from links.port import LinkError
 
 Say = Callable[[str], None]
@@ -30,7 +31,7 @@ def fly_command(config: Config, confirm: Callable[[], Awaitable[bool]], say: Say
     try:
         with only_one(lock_path(socket_path(config.status, config.vehicle.name)), config.vehicle.name):
             logging.getLogger().addHandler(Lines(2, Format.TEXT, journal=False))
-            return asyncio.run(_fly(config, confirm, say))
+            return _run(_fly(config, confirm, say))
     except Taken as error:
         print(f"groundstation: {error}", file=sys.stderr)
         return Exit.TAKEN
@@ -71,7 +72,7 @@ def daemon_command(config: Config, *, arm: bool, once: bool, style: Format) -> E
     logging.getLogger().addHandler(Lines(number, style, journal=is_journal(number)))
     try:
         with only_one(lock_path(socket_path(config.status, config.vehicle.name)), config.vehicle.name):
-            return asyncio.run(_serve(config, lambda line: log.log(level_of(line), "%s", line), arm=arm, once=once))
+            return _run(_serve(config, lambda line: log.log(level_of(line), "%s", line), arm=arm, once=once))
     except (Taken, ApiError) as error:
         log.error("%s", error)
         return Exit.TAKEN
@@ -85,6 +86,11 @@ async def _serve(config: Config, say: Say, *, arm: bool, once: bool) -> Exit:
     obey(daemon.ask, say, daemon.stop)
     calm_memory()
     return await daemon.run()
+
+
+def _run(work: Coroutine[None, None, Exit]) -> Exit:
+    with asyncio.Runner(loop_factory=precise_loop) as runner:
+        return runner.run(work)
 
 
 def calm_memory() -> None:
