@@ -2,6 +2,7 @@
 
 import asyncio
 from collections.abc import Awaitable, Callable
+from contextlib import suppress
 
 import msgspec
 
@@ -20,10 +21,14 @@ from groundstation.sender import Ended, Sender
 from groundstation.settings import Config
 from groundstation.snapshot import Snapshot
 from groundstation.verdict import Check, Verdict
+from links.mavlink_config import MavlinkLinkConfig
 from links.port import CommandLink, LinkError
 
 LOOK_AGAIN_S = 1.0
 """How often the checks are made anew while the operator has not armed yet [s]."""
+
+FEED_LOOK_S = 0.1
+"""How often it is looked whether poses still serve the autopilot after the flight [s]."""
 
 
 class Outcome(msgspec.Struct, frozen=True):
@@ -73,6 +78,8 @@ class Flight:
         self._live = LiveGains(config.controller)
         self._others = others
         self._quiet = quiet or Quiet()
+        self._forwards = isinstance(config.link, MavlinkLinkConfig) and config.link.forward.enabled
+        self._feeding: asyncio.Event | None = None
         self._checks: Checks | None = None
         self._checked_last: tuple[Check, ...] = ()
         self._arm_asked = asyncio.Event()
@@ -122,6 +129,11 @@ class Flight:
                 if self._kill is None:
                     self._kill = asyncio.ensure_future(self._link.kill())
                     self._progress.go(event, f"motors off: {why}", now)
+            case _ if self._feeding is not None:
+                # It is in somebody else's hands, who may rest on our poses: a first Ctrl-C does not end them.
+                if request.ask is Ask.LAND:
+                    return Reply(False, "poses go on to the autopilot until its motors stop, or until asked to descend")
+                self._feeding.set()
             case _:
                 self._progress.go(event, f"ended before take-off: {why}" if self.state in ON_GROUND else why, now)
         return Reply(True, f"{self.state}: {self._progress.reason}")
@@ -274,6 +286,7 @@ class Flight:
             await link.silent()
             if self._kill is None:
                 self._say("the bring-down is over: nothing leaves any more")
+        await self._feed()
         if self._kill is not None:
             try:
                 await self._kill
@@ -283,6 +296,22 @@ class Flight:
         self._closed = True
         await link.close()
         await self._source.close()
+
+    async def _feed(self) -> None:
+        """The autopilot may fly by the poses that it gets from us: they do not end with our commands."""
+        if not (self._forwards and self._turns()):
+            return
+        asked = self._feeding = asyncio.Event()
+        self._say("poses go on to the autopilot until its motors stop; a second Ctrl-C ends them too")
+        while self._turns() and not asked.is_set():
+            with suppress(TimeoutError):
+                await asyncio.wait_for(asked.wait(), FEED_LOOK_S)
+        why = "as asked" if asked.is_set() else "its motors have stopped, or it is heard no more"
+        self._say(f"no more poses to the autopilot: {why}")
+        self._feeding = None
+
+    def _turns(self) -> bool:
+        return self._kill is None and self._link.status.state == "armed"
 
     # ---- what comes in, and what is told
 

@@ -91,7 +91,7 @@ class Px4Autopilot(SimulatedAutopilot):
 
     @property
     def _disarms_by_landing(self) -> bool:
-        return self.mode == LAND
+        return self.mode in (LAND, POSCTL)  # COM_DISARM_LAND, as does a pilot
 
     def reboot(self, now_s: float) -> None:
         """Begin anew."""

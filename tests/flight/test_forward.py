@@ -1,6 +1,7 @@
 """Poses forwarded to the simulated autopilots' estimators: right, rate-limited, and only while there are good ones."""
 
 import asyncio
+import itertools
 import math
 from collections.abc import Awaitable, Callable
 from typing import Any
@@ -11,14 +12,19 @@ import pytest
 from groundstation import so3
 from groundstation.app import make_flight
 from groundstation.config import ConfigError, from_dict
+from groundstation.flight import Flight
+from groundstation.mission import State
 from groundstation.ops import Vec3
 from groundstation.poses.forward import Forward
 from groundstation.poses.port import Pose
+from groundstation.requests import Ask, Reply, Request
 from groundstation.settings import Config
 from links.mavlink_codec import ARDUPILOT, PX4, MavlinkCodec
 from links.mavlink_config import ForwardConfig
 from links.odometry_codec import Odometry, odometry
+from sim.autopilot import Px4Autopilot
 from sim.autopilot_external import ExternalPoses, Fused
+from sim.mission import fly_mission, from_floor
 from sim.prepare import prepare
 from sim.scenarios import SCENARIOS
 from sim.stage import Stage
@@ -83,6 +89,64 @@ def test_nothing_is_forwarded_unless_told_to() -> None:
     external, _ = ready(meanwhile=three_seconds)
     assert not external.fused
     assert not external.left
+
+
+def test_a_pilot_who_takes_over_keeps_the_poses_until_the_motors_stop() -> None:
+    external, lines = taken_over()
+    disarmed_s = next(time_s for time_s, line in lines if "motors have stopped" in line)
+    taken_s = next(time_s for time_s, line in lines if line.startswith("handed_over"))
+    after = [fused.arrival_s for fused in external.fused if fused.arrival_s > taken_s]
+    assert disarmed_s - taken_s > 2.0, "it has to come down first"
+    assert after[-1] == pytest.approx(disarmed_s, abs=0.2)
+    assert max(b - a for a, b in itertools.pairwise([taken_s, *after])) < 0.05
+
+
+@pytest.mark.parametrize("ask", [Ask.DESCEND, Ask.ABORT])
+def test_poses_after_a_flight_end_when_asked_twice_and_not_by_a_request_to_land(ask: Ask) -> None:
+    replies: list[Reply] = []
+
+    async def asked(flight: Flight) -> None:
+        for one in (Ask.LAND, ask):
+            await asyncio.sleep(0.5)
+            replies.append(flight.ask(Request(one, "a test")))
+
+    external, lines = taken_over(asked)
+    taken_s = next(time_s for time_s, line in lines if line.startswith("handed_over"))
+    assert [reply.done for reply in replies] == [False, True]
+    assert "until its motors stop" in replies[0].says
+    end_s = next(time_s for time_s, line in lines if line.startswith("no more poses"))
+    assert end_s == pytest.approx(taken_s + 1.0, abs=0.2)
+    assert external.fused[-1].arrival_s == pytest.approx(end_s, abs=0.15)
+
+
+def taken_over(
+    beside: Callable[[Flight], Awaitable[None]] | None = None,
+) -> tuple[ExternalPoses, list[tuple[float, str]]]:
+    """A mission whose pilot takes over on the figure and lands by hand; what was told, and when."""
+    world, config = from_floor(*prepare(SCENARIOS["paper"], [ON]), 30.0)
+    lines: list[tuple[float, str]] = []
+    stages: list[Stage] = []
+
+    async def script(flight: Flight, stage: Stage) -> None:
+        stages.append(stage)
+        await reached(flight, State.TRACKING)
+        assert isinstance(stage.autopilot, Px4Autopilot)
+        stage.autopilot.take_over(asyncio.get_running_loop().time())
+        await reached(flight, State.HANDED_OVER)
+        if beside is not None:
+            await beside(flight)
+
+    def tell(line: str) -> None:
+        at_s, _, text = line.partition(" ")
+        lines.append((float(at_s), text))
+
+    fly_mission(world, config, seed=1, on_event=tell, script=script)
+    return stages[0].autopilot.external, lines
+
+
+async def reached(flight: Flight, state: State) -> None:
+    while flight.state is not state:
+        await asyncio.sleep(0.01)
 
 
 def test_forwarding_stops_when_poses_stop_and_goes_on_when_they_are_back() -> None:
