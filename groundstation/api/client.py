@@ -28,7 +28,7 @@ from groundstation.api.messages import (
     decode,
     encode_order,
 )
-from groundstation.api.place import ApiError
+from groundstation.api.place import ApiError, owner
 from groundstation.requests import Ask, Request
 from groundstation.snapshot import Snapshot
 
@@ -224,9 +224,14 @@ async def attach(path: Path, name: str = "client") -> Client:
 
     Raises:
         OSError: nobody serves there.
-        ApiError: what serves there is no ground station of this version, or has too many clients.
+        ApiError: what serves there is no ground station of this version, has too many clients, or is another user's.
     """
-    _, client = await asyncio.get_running_loop().create_unix_connection(lambda: Client(path, name), str(path))
+    loop = asyncio.get_running_loop()
+    try:
+        _, client = await loop.create_unix_connection(lambda: Client(path, name), str(path))
+    except PermissionError:
+        whose = owner(path)
+        raise ApiError(f"{path} is for user {whose} alone: do the same as that user, by sudo -u {whose}") from None
     try:
         await asyncio.wait_for(client.ready, ANSWER_S)
     except BaseException as error:

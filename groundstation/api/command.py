@@ -18,7 +18,8 @@ def request_command(ask: Ask, vehicle: str | None, socket: Path | None, why: str
     try:
         answer = asyncio.run(asked(ask, vehicle, socket, why))
     except (ApiError, OSError) as error:
-        print(f"groundstation: request: {error}", file=sys.stderr)
+        says = f"{socket}: {error.strerror}" if isinstance(error, OSError) and error.filename is None else error
+        print(f"groundstation: request: {says}", file=sys.stderr)
         return EXIT_NOBODY
     print(answer.says)
     return EXIT_DONE if answer.done else EXIT_REFUSED

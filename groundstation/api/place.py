@@ -62,7 +62,19 @@ async def find(vehicle: str | None, services: Path = SERVICES) -> Path:
 async def serving(vehicle: str | None, services: Path = SERVICES) -> list[Path]:
     """The sockets of ``vehicle``, or without a name of all, that somebody serves: this user's first."""
     found = _sockets("*" if vehicle is None else escape(vehicle), services)
-    return [path for path in found if await _is_served(path)]
+    return [path for path in found if await is_served(path)]
+
+
+def owner(path: Path) -> str:
+    """Who owns ``path``, or else what can be seen of it: the nearest folder above."""
+    for seen in (path, *path.parents):
+        try:
+            return seen.owner()
+        except KeyError:  # a number without a name
+            return f"#{seen.stat().st_uid}"
+        except OSError:
+            continue
+    return "root"
 
 
 def _sockets(name: str, services: Path) -> list[Path]:
@@ -70,7 +82,7 @@ def _sockets(name: str, services: Path) -> list[Path]:
     return [path for path in found if path.is_socket()]
 
 
-async def _is_served(path: Path) -> bool:
+async def is_served(path: Path) -> bool:
     """Whether somebody listens; where we may not look, somebody may."""
     try:
         _, writer = await asyncio.open_unix_connection(path)

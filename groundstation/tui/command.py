@@ -8,7 +8,7 @@ import subprocess
 import sys
 from pathlib import Path
 
-from groundstation.api.place import ApiError, StatusConfig, find, serving, socket_path
+from groundstation.api.place import ApiError, StatusConfig, find, is_served, serving, socket_path
 from groundstation.config import ConfigError
 from groundstation.mission import FINAL
 from groundstation.recording.reader import NoRecording
@@ -47,7 +47,7 @@ def fly_with_screen(args: argparse.Namespace, config: Config) -> int:
     path = socket_path(config.status, vehicle)
     if not sys.stdin.isatty():
         raise ConfigError("--tui", "needs a terminal")
-    if asyncio.run(_served(path)):
+    if asyncio.run(is_served(path)):
         again = f"groundstation tui {_which(path)}"
         raise ConfigError("status.path", f"a ground station serves {path} already; to see it: {again}")
     log = folder_of(config.recording) / f"{vehicle}.log"
@@ -164,15 +164,6 @@ def served_socket(vehicle: str | None) -> Path:
     if not (answer.isdigit() and 1 <= int(answer) <= len(served)):
         raise ConfigError("--vehicle", f"expected a number from 1 to {len(served)}, got {answer!r}")
     return served[int(answer) - 1]
-
-
-async def _served(path: Path) -> bool:
-    try:
-        _, writer = await asyncio.open_unix_connection(path)
-    except OSError:
-        return False
-    writer.close()
-    return True
 
 
 def _last_line(log: Path) -> str:
