@@ -1,6 +1,7 @@
 """``groundstation``: real flying. Imports are lazy, so that ``--help`` is instant."""
 
 import argparse
+import math
 import sys
 import time
 from pathlib import Path
@@ -190,9 +191,12 @@ def parser() -> argparse.ArgumentParser:
 
 
 def _seconds(text: str) -> float:
-    value = float(text)
+    try:
+        value = float(text)
+    except ValueError:
+        value = math.nan  # is within no bounds
     if not 0.0 < value <= 86400.0:
-        raise argparse.ArgumentTypeError(f"expected more than 0 and at most 86400, got {text}")
+        raise argparse.ArgumentTypeError(f"expected seconds, more than 0 and at most 86400, got {text}")
     return value
 
 

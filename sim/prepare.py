@@ -1,5 +1,7 @@
 """A scenario and what ``--set`` says into the truth, and what the controller is told."""
 
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 
 import msgspec
@@ -42,7 +44,8 @@ def prepare(
     """
     truth, told = by_side(overrides, controller)
     world = overridden(scenario.world, truth)
-    return world, _on_udp(scenario.config(world, told, source, link))
+    with _option(controller):
+        return world, _on_udp(scenario.config(world, told, source, link))
 
 
 def prepare_own(
@@ -56,7 +59,8 @@ def prepare_own(
     from sim.own import own
 
     truth, told = by_side(overrides, controller)
-    return own(scenario.world, path, told, lambda world: overridden(world, truth))
+    with _option(controller):
+        return own(scenario.world, path, told, lambda world: overridden(world, truth))
 
 
 def by_side(overrides: list[str], controller: str | None) -> tuple[list[str], list[str]]:
@@ -65,6 +69,17 @@ def by_side(overrides: list[str], controller: str | None) -> tuple[list[str], li
     if controller is not None:
         told.append(f"controller.kind={controller}")
     return [o for o in overrides if o.startswith("sim.")], told
+
+
+@contextmanager
+def _option(controller: str | None) -> Iterator[None]:
+    """Say of a wrong ``controller`` by which option it was given."""
+    try:
+        yield
+    except ConfigError as error:
+        if controller is None or error.key != "controller.kind":
+            raise
+        raise ConfigError("--controller", error.problem) from None
 
 
 def overridden(world: World, truth: list[str]) -> World:

@@ -2,7 +2,7 @@
 
 import asyncio
 import contextlib
-from collections.abc import Mapping
+from collections.abc import AsyncIterator, Mapping
 
 import msgspec
 
@@ -21,6 +21,31 @@ from sim.pty_wire import PtyWire
 from sim.stage import Stage
 from sim.world import World
 
+AF_UNIX = 1
+"""A number of Linux."""
+
+
+@contextlib.asynccontextmanager
+async def _alone(*ends: str) -> AsyncIterator[None]:
+    """Keep others like us from ``ends``, by what is sent and where: a ground station would take two for one.
+
+    Raises:
+        ConfigError: another one is there already.
+    """
+    loop = asyncio.get_running_loop()
+    with contextlib.ExitStack() as held:
+        for end in ends:
+            name = f"\0groundstation-sim serve {end}"  # in no folder, and gone with its process
+            try:
+                transport, _ = await loop.create_datagram_endpoint(
+                    asyncio.DatagramProtocol, local_addr=name, family=AF_UNIX
+                )
+            except OSError:
+                says = f"another `groundstation-sim serve` sends {end} already: stop it, or --set another address"
+                raise ConfigError("serve", says) from None
+            held.callback(transport.close)
+        yield
+
 
 async def serve(
     name: str,
@@ -32,7 +57,11 @@ async def serve(
     autopilot: str = "px4",
     parameters: Mapping[str, float] | None = None,
 ) -> int:
-    """Serve until ``duration_s`` [s] have passed (None: until interrupted); returns the exit code."""
+    """Serve until ``duration_s`` [s] have passed (None: until interrupted); returns the exit code.
+
+    Raises:
+        ConfigError: another one serves the same.
+    """
     link = config.link
     pty = None if isinstance(link, MavlinkLinkConfig) else PtyWire()
     stage = Stage(world, config, seed, autopilot=autopilot, parameters=parameters, pty=pty)
@@ -41,9 +70,13 @@ async def serve(
     else:
         assert pty is not None, "every other link is a radio's"
         end = f"{type(link).__struct_config__.tag} receiver on {pty.path}"
-    print(f"serving {name}: {end}, {_poses(config.pose)}. Ctrl-C ends.", flush=True)
-    with contextlib.suppress(TimeoutError):
-        await asyncio.wait_for(stage.run(), duration_s)
+    ends = [f"MAVLink to {link.address}"] if isinstance(link, MavlinkLinkConfig) else []
+    if (cameras := getattr(config.pose, "listen", None)) is not None:
+        ends.append(f"poses of {getattr(config.pose, 'object', '')} to {cameras}")
+    async with _alone(*ends):
+        print(f"serving {name}: {end}, {_poses(config.pose)}. Ctrl-C ends.", flush=True)
+        with contextlib.suppress(TimeoutError):
+            await asyncio.wait_for(stage.run(), duration_s)
     if pty is not None:
         pty.close()
     touchdown = stage.plant.touchdown_m_s
@@ -58,7 +91,7 @@ async def serve_fleet(
     """Serve a vehicle like that of ``world`` for each of a fleet, below where its trajectory begins.
 
     Raises:
-        ConfigError: the links are not MAVLink's.
+        ConfigError: the links are not MAVLink's, or another one serves the same.
     """
     labs, worlds = [member.lab for member in fleet.members], []
     for member in fleet.members:
@@ -71,9 +104,10 @@ async def serve_fleet(
         worlds.append(msgspec.structs.replace(world, start_ned=start, floor_z_m=flight.floor_z_m))
     stage = FleetStage(worlds, labs, seed, lambda _number, _time_s, _place: None, autopilot=autopilot)
     ends = ", ".join(f"{member.name} to udp {getattr(member.lab.link, 'address', '')}" for member in fleet.members)
-    print(f"serving {autopilot} autopilots (MAVLink): {ends}; {_poses(labs[0].pose)}. Ctrl-C ends.", flush=True)
-    with contextlib.suppress(TimeoutError):
-        await asyncio.wait_for(stage.run(), duration_s)
+    async with _alone(*(f"MAVLink to {getattr(one.lab.link, 'address', '')}" for one in fleet.members)):
+        print(f"serving {autopilot} autopilots (MAVLink): {ends}; {_poses(labs[0].pose)}. Ctrl-C ends.", flush=True)
+        with contextlib.suppress(TimeoutError):
+            await asyncio.wait_for(stage.run(), duration_s)
     for member, one in zip(fleet.members, stage.stages, strict=True):
         if one.plant.touchdown_m_s is not None:
             print(f"{member.name} touched down at {one.plant.touchdown_m_s:.2f} m/s", flush=True)

@@ -18,7 +18,7 @@ import msgspec
 from groundstation.broadcast import Latest
 from groundstation.requests import Reply, Request
 from groundstation.snapshot import Snapshot
-from groundstation.telemetry.mqtt_broker import HEARD_MAX_BYTES, TIMEOUT_S, heed_cancellation, opened
+from groundstation.telemetry.mqtt_broker import HEARD_MAX_BYTES, TIMEOUT_S, heed_cancellation, in_words, opened
 from groundstation.telemetry.mqtt_config import MqttConfig
 from groundstation.telemetry.mqtt_messages import (
     EVENT,
@@ -88,7 +88,7 @@ async def publish_forever(
                     await publisher.run(client)
             except (aiomqtt.MqttError, ValueError) as error:  # ValueError: no possible host name
                 if reachable:
-                    log.warning("no broker at %s (%s); trying again", broker, error)
+                    log.warning("no broker at %s (%s); trying again", broker, in_words(error))
                 reachable = False
             heed_cancellation()
             await asyncio.sleep(pause_s)

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 import msgspec
 
 from groundstation.config import ConfigError
-from groundstation.telemetry.mqtt_broker import Broker, from_url, heed_cancellation
+from groundstation.telemetry.mqtt_broker import Broker, from_url, heed_cancellation, in_words
 from groundstation.telemetry.mqtt_config import CLIENT, RemoteAsk
 from groundstation.telemetry.mqtt_messages import (
     ANSWER,
@@ -77,7 +77,7 @@ async def asked(broker: Broker, vehicle: str, client: str, key: bytes, ask: Remo
         async with asyncio.timeout(PATIENCE_S), broker.client() as connection:
             return await asking.run(connection)
     except (aiomqtt.MqttError, msgspec.MsgspecError, ValueError) as error:
-        raise Unanswered(f"the broker {broker}: {error}") from None
+        raise Unanswered(f"the broker {broker}: {in_words(error)}") from None
     except TimeoutError:
         raise Unanswered(asking.why_not()) from None
 

@@ -3,6 +3,7 @@
 import asyncio
 import logging
 import os
+import re
 import stat
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -98,6 +99,11 @@ def heed_cancellation() -> None:
     task = asyncio.current_task()
     if task is not None and task.cancelling():
         raise asyncio.CancelledError
+
+
+def in_words(error: Exception) -> str:
+    """What has gone wrong with a broker, without the numbers of the libraries below."""
+    return re.sub(r"^\[[^\]]*\] *| *\(_ssl\.c:\d+\)", "", str(error)) or "the connection was lost"
 
 
 def from_url(url: str, *, ca: Path | None = None, user: str = "", password_file: Path | None = None) -> Broker:

@@ -9,7 +9,7 @@ from textual.binding import BindingType
 from textual.widgets import DataTable, Footer, Static
 
 from groundstation.telemetry.fleet_seen import Fleet, Seen
-from groundstation.telemetry.mqtt_broker import Broker, heed_cancellation
+from groundstation.telemetry.mqtt_broker import Broker, heed_cancellation, in_words
 from groundstation.telemetry.mqtt_messages import EVENT as EVENT_TOPIC
 from groundstation.telemetry.mqtt_messages import SNAPSHOT, STATE
 from groundstation.tui.fleet_rows import COLUMNS, EVENT, ORDERS, Row, details, headline, rows
@@ -101,7 +101,7 @@ class FleetScreen(App[None]):
                     async for message in client.messages:
                         self.fleet.hear(str(message.topic), message.payload, loop.time())
             except (aiomqtt.MqttError, ValueError) as error:  # ValueError: no possible host name
-                self._trouble = f"{self._broker}: {error}"
+                self._trouble = f"{self._broker}: {in_words(error)}"
             heed_cancellation()
             await asyncio.sleep(RETRY_S)
 

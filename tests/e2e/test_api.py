@@ -8,7 +8,7 @@ import math
 import os
 import stat
 import sys
-from collections.abc import AsyncIterator, Callable, Coroutine
+from collections.abc import AsyncIterator, Callable, Coroutine, Iterator
 from pathlib import Path
 from typing import Any
 
@@ -96,6 +96,31 @@ def test_the_socket_is_for_its_owner_alone_and_goes_away_at_the_end(tmp_path: Pa
         assert not path.exists()
 
     play(scene, tmp_path)
+
+
+@contextlib.contextmanager
+def as_nobody() -> Iterator[None]:
+    """Root may open every socket: for a while we are somebody else."""
+    us = os.geteuid()
+    if us == 0:
+        os.seteuid(65534)
+    try:
+        yield
+    finally:
+        os.seteuid(us)
+
+
+def test_whoever_may_not_open_the_socket_is_told_whose_it_is(tmp_path: Path) -> None:
+    path = tmp_path / "mqx.sock"
+
+    async def work() -> None:
+        async with served(path, Latest()):
+            whose = path.owner()
+            path.chmod(0)
+            with as_nobody(), pytest.raises(ApiError, match=f"is for user {whose} alone: .* sudo -u {whose}"):
+                await asked(Ask.LAND, None, path, "")
+
+    asyncio.run(work())
 
 
 def test_clients_get_the_last_snapshot_when_the_flight_ends_and_then_the_end_of_the_stream(tmp_path: Path) -> None:

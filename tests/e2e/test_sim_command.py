@@ -10,6 +10,7 @@ import pytest
 
 from groundstation.poses.tlog_codec import TlogReader
 from sim.scenarios import SCENARIOS
+from tests.e2e.stations import free_udp_port, served
 
 GOLDEN = Path(__file__).parents[1] / "golden"
 
@@ -100,7 +101,7 @@ def test_a_crash_exits_1_and_says_why() -> None:
         (["fly", "--set", "sim.mass_kg=-1"], "sim.mass_kg: expected a number > 0, got -1"),
         (["fly", "--set", "controller.k2=fast"], "controller.k2: expected a number > 0, got 'fast'"),
         (["fly", "--set", "controller.k2=nan"], "controller.k2"),
-        (["fly", "--controller", "pigeon"], "controller.kind: expected one of"),
+        (["fly", "--controller", "pigeon"], "--controller: expected one of"),
         (["fly", "--set", "nonsense"], "--set"),
         (["check-vectors", "absent.json"], "cannot read absent.json: No such file"),
         (["fly", "--duration", "-3"], "expected seconds"),
@@ -133,6 +134,18 @@ def test_check_vectors_passes_on_the_golden_vectors_and_fails_on_wrong_ones(tmp_
     wrong = tmp_path / "wrong.json"
     wrong.write_text(json.dumps(data))
     assert sim("check-vectors", str(wrong)).returncode == 1
+
+
+def test_a_second_vehicle_for_the_same_ground_station_is_refused() -> None:
+    with served() as room:
+        done = sim("serve", *room.wires, "--duration", "1")
+        assert done.returncode == 2
+        assert f"another `groundstation-sim serve` sends MAVLink to 127.0.0.1:{room.mavlink} already" in done.stderr
+        elsewhere = ("--set", f"link.listen=127.0.0.1:{free_udp_port()}")
+        done = sim("serve", *room.wires, *elsewhere, "--duration", "1")
+        assert f"sends poses of quad to 127.0.0.1:{room.vicon} already" in done.stderr
+        done = sim("serve", *room.wires, *elsewhere, "--set", "pose.object=other", "--duration", "1")
+        assert done.returncode == 0, done.stderr
 
 
 def test_scenarios_lists_every_scenario_with_every_value() -> None:

@@ -46,6 +46,20 @@ def test_numbers_are_refused_with_what_is_expected(
     assert complaint in capsys.readouterr().err
 
 
+def test_seconds_of_the_ground_station_are_a_number(capsys: pytest.CaptureFixture[str]) -> None:
+    with pytest.raises(SystemExit):
+        flying_parser().parse_args(["check", "lab.toml", "--seconds", "x"])
+    assert "--seconds: expected seconds, more than 0 and at most 86400, got x" in capsys.readouterr().err
+
+
+def test_a_controller_that_there_is_not_is_blamed_on_the_option_that_named_it() -> None:
+    for words in ([], ["--config", "examples/loopback.toml"]):
+        with pytest.raises(ConfigError, match=r"^--controller: expected one of \['adaptive', .* got 'bogus'"):
+            simulating.fly(simulating_parser().parse_args(["fly", *words, "--controller", "bogus"]))
+    with pytest.raises(ConfigError, match=r"^--set: controller.kind: "):
+        simulating.fly(simulating_parser().parse_args(["fly", "--set", "controller.kind=bogus"]))
+
+
 @pytest.mark.parametrize(
     ("param", "complaint"),
     [

@@ -8,10 +8,24 @@ import pytest
 
 from groundstation.config import ConfigError, dump, from_dict
 from groundstation.settings import Config
-from groundstation.telemetry.mqtt_broker import from_url, opened
+from groundstation.telemetry.mqtt_broker import from_url, in_words, opened
 from groundstation.telemetry.mqtt_config import MqttConfig
 from groundstation.telemetry.mqtt_requests import ensure_mqtt
 from links.key_file import make_key
+
+
+@pytest.mark.parametrize(
+    ("error", "says"),
+    [
+        ("[Errno 111] Connection refused", "Connection refused"),
+        ("[code:135] Not authorized", "Not authorized"),
+        ("[SSL: WRONG] certificate verify failed: self-signed (_ssl.c:1006)", "certificate verify failed: self-signed"),
+        ("[code:None] ", "the connection was lost"),
+        ("Operation timed out", "Operation timed out"),
+    ],
+)
+def test_the_operator_reads_no_numbers_of_libraries(error: str, says: str) -> None:
+    assert in_words(OSError(error)) == says
 
 
 def of(**mqtt: Any) -> MqttConfig:
