@@ -155,8 +155,14 @@ class RecordedFlight(Flight):
 
     def _noted(self, record: Record) -> None:
         self._give(record)
-        if isinstance(record, Ticked | Posed):
-            self._note_status(LOOK_S)
+        if isinstance(record, Posed):
+            tick_s = self.newest_tick_s
+            if tick_s is None or record.pose.arrival_s - tick_s > LOOK_S:
+                self._note_status(LOOK_S)
+
+    def _flown(self, tick: Tick) -> None:
+        super()._flown(tick)
+        self._note_status(LOOK_S)  # not while a pose waits for its command
 
     def _note_status(self, period_s: float = 0.0) -> None:
         """Note how link and source are, unless that was done within ``period_s`` [s]."""
