@@ -82,6 +82,7 @@ class MavlinkLink:
             taken=self._taken,
             battery_v=self._vitals.battery_v,
             battery_share=self._vitals.battery_share,
+            ready=self._vitals.ready,
         )
 
     async def connect(self) -> None:

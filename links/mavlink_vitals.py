@@ -1,4 +1,4 @@
-"""What an autopilot tells of itself beside its answers: its mode, its battery, what it knows of itself. Sans-IO."""
+"""What an autopilot tells of itself: its mode, its battery, what it knows of itself, its pre-arm checks. Sans-IO."""
 
 import math
 
@@ -34,6 +34,9 @@ _CONSTANT, _LAST = 128, 1024
 FOLLOWING = ("OFFBOARD", "GUIDED", "GUIDED_NOGPS")
 """Modes in which an autopilot follows set-points."""
 
+_PREARM = 0x10000000
+"""MAV_SYS_STATUS_PREARM_CHECK."""
+
 
 class Vitals:
     """The newest of each. Times are on the event loop's clock [s]."""
@@ -46,6 +49,9 @@ class Vitals:
         """When it was told."""
         self.battery_v: float | None = None
         self.battery_share: float | None = None
+        self.ready: bool | None = None
+        """Whether its own pre-arm checks pass; None where it does not tell, or can't know before set-points come."""
+        self._kind = -1
         self._knows = False
         self._knows_s = -math.inf
 
@@ -53,17 +59,28 @@ class Vitals:
         """Take one message of the autopilot."""
         match message.get_type():
             case "HEARTBEAT":
-                self.mode, self.mode_s = mode_name(message.autopilot, message.custom_mode), now_s
+                self._kind = message.autopilot
+                self.mode, self.mode_s = mode_name(self._kind, message.custom_mode), now_s
             case "SYS_STATUS":
                 volts, percent = message.voltage_battery, message.battery_remaining
                 self.battery_v = None if volts in (0, 0xFFFF) else 1e-3 * volts
                 self.battery_share = 0.01 * percent if 0 <= percent <= 100 else None
+                self.ready = self._ready(
+                    message.onboard_control_sensors_enabled, message.onboard_control_sensors_health
+                )
             case "ESTIMATOR_STATUS" | "EKF_STATUS_REPORT":
                 self._knows, self._knows_s = knows_itself(message.flags), now_s
 
     def could_land(self, now_s: float) -> bool:
         """Whether it has told of late that it knows where it is: then it comes down better by itself than unseen."""
         return self._knows and now_s - self._knows_s < ESTIMATE_OLD_S
+
+    def _ready(self, enabled: int, health: int) -> bool | None:
+        """PX4 1.16 tells by health alone, and in OFFBOARD it lacks the set-points that come only as it is armed."""
+        passes = bool(health & _PREARM)
+        if self._kind == PX4:
+            return None if not passes and self.mode in (*FOLLOWING, "") else passes
+        return passes if enabled & _PREARM else None
 
     def foreign(self, since_s: float) -> str:
         """The mode that it is in since ``since_s``, where it follows no set-points there; else empty."""

@@ -80,6 +80,8 @@ class LinkStatus(msgspec.Struct, frozen=True):
     """Voltage of the vehicle's battery [V]; None where it does not tell."""
     battery_share: float | None = None
     """Its charge [-]; None where it does not tell."""
+    ready: bool | None = None
+    """Whether the vehicle's own pre-arm checks pass; None where it does not tell."""
     late_octaves: tuple[int, ...] = ()
     """Frames by how late they left, where a pacer lets them go and tells: entry k counts those late by less than 2**k
     µs and not by less than 2**(k-1); of all frames since it began."""

@@ -5,6 +5,7 @@
   again, it follows them again.
 - It denies to disarm until it has stood on the ground for 1-2 s; disarming by force works always.
 - SET_ATTITUDE_TARGET: an attitude that is not masked out wins over the rates; a masked thrust is no thrust.
+- SYS_STATUS tells by its health bit alone that the pre-arm checks pass; in OFFBOARD without a stream they don't.
 - Telemetry as on its ONBOARD link, changed by SET_MESSAGE_INTERVAL.
 """
 
@@ -45,9 +46,11 @@ class Px4Autopilot(SimulatedAutopilot):
     table: ClassVar[Mapping[str, tuple[float, int]]] = PX4_PARAMETERS
     hover_parameter: ClassVar[str] = "MPC_THR_HOVER"
     land_mode: ClassVar[tuple[int, int]] = LAND
+    tells_prearm_enabled: ClassVar[bool] = False
     rates_hz: ClassVar[Mapping[str, float]] = {
         "HEARTBEAT": 1.0,
         "ESTIMATOR_STATUS": 1.0,
+        "SYS_STATUS": 2.0,
         "ATTITUDE_QUATERNION": 50.0,
         "LOCAL_POSITION_NED": 30.0,
         "ODOMETRY": 30.0,
@@ -163,6 +166,9 @@ class Px4Autopilot(SimulatedAutopilot):
         if self._intended != OFFBOARD or not self._streaming(now_s):
             return TEMPORARILY_REJECTED, "Arming denied: Resolve system health failures first"
         return ACCEPTED, ""
+
+    def _passes_checks(self, now_s: float) -> bool:
+        return super()._passes_checks(now_s) and (self._intended != OFFBOARD or self._streaming(now_s))
 
     def _refuses_to_disarm(self, now_s: float) -> tuple[int, str]:
         return (ACCEPTED, "") if self._has_landed(now_s) else (TEMPORARILY_REJECTED, "Disarming denied: not landed")

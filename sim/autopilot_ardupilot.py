@@ -53,6 +53,7 @@ class ArduPilotAutopilot(SimulatedAutopilot):
     rates_hz: ClassVar[Mapping[str, float]] = {
         "HEARTBEAT": 1.0,
         "EKF_STATUS_REPORT": 0.0,
+        "SYS_STATUS": 2.0,
         "ATTITUDE_QUATERNION": 0.0,
         "LOCAL_POSITION_NED": 4.0,
         "TIMESYNC": 0.1,

@@ -72,6 +72,8 @@ class SimulatedAutopilot(ABC):
     """Main and sub mode that comes down by itself."""
     rates_hz: ClassVar[Mapping[str, float]]
     """What it sends by default [Hz]; 0: what it could send."""
+    tells_prearm_enabled: ClassVar[bool] = True
+    """Whether SYS_STATUS says that there are pre-arm checks, beside whether they pass."""
 
     def __init__(
         self,
@@ -99,7 +101,9 @@ class SimulatedAutopilot(ABC):
         self.failsafe = False
         """True while it says that it acts because set-points stopped."""
         self.battery: tuple[float, float] | None = None
-        """Its voltage [V] and charge [0..1], told with each heartbeat; None where it has no way to measure them."""
+        """Its voltage [V] and charge [0..1], told by SYS_STATUS; None where it has no way to measure them."""
+        self.lacks = ""
+        """What its own pre-arm checks find missing, in its words: it tells that they fail, and does not arm."""
         self.external = ExternalPoses(self.kind)
         """The poses that it is sent."""
         self._airframe = airframe
@@ -108,6 +112,7 @@ class SimulatedAutopilot(ABC):
         self._build = builders(self.codec, airframe, own_estimate)
         self._heartbeat_number: int = self.codec.dialect.MAVLINK_MSG_ID_HEARTBEAT
         self._build[self._heartbeat_number] = lambda now_s, boot_s: self._heartbeat()
+        self._build[self.codec.dialect.MAVLINK_MSG_ID_SYS_STATUS] = lambda now_s, boot_s: self._sys_status(now_s)
         self._boot_s = -math.inf
         self._ground_since_s: float | None = None
         self._pilot: Pilot | None = None
@@ -141,6 +146,10 @@ class SimulatedAutopilot(ABC):
     @abstractmethod
     def _refuses_to_arm(self, now_s: float) -> tuple[int, str]:
         """The result and the words that deny arming; ACCEPTED where nothing does."""
+
+    def _passes_checks(self, now_s: float) -> bool:
+        """Whether its own pre-arm checks pass in the mode that it is in."""
+        return not self.lacks
 
     @abstractmethod
     def _refuses_to_disarm(self, now_s: float) -> tuple[int, str]:
@@ -177,8 +186,6 @@ class SimulatedAutopilot(ABC):
             frames.append(self.codec.pack(self._build[number](now_s, now_s - self._boot_s)))
             if number == self._heartbeat_number:
                 self._has_landed(now_s)
-                if self.battery is not None:
-                    frames.append(self._battery(*self.battery))
         return frames
 
     def reboot(self, now_s: float) -> None:
@@ -272,7 +279,7 @@ class SimulatedAutopilot(ABC):
     def _arm(self, now_s: float) -> tuple[int, list[bytes]]:
         if self.armed:
             return ACCEPTED, []
-        result, words = self._refuses_to_arm(now_s)
+        result, words = (TEMPORARILY_REJECTED, self.lacks) if self.lacks else self._refuses_to_arm(now_s)
         if result != ACCEPTED:
             return result, self._say(CRITICAL, words)
         self.armed = True
@@ -306,9 +313,12 @@ class SimulatedAutopilot(ABC):
         status = _CRITICAL if self.failsafe else _ACTIVE if self.armed else _STANDBY
         return self.codec.dialect.MAVLink_heartbeat_message(_QUADROTOR, self.kind, base, self.custom_mode, status, 3)
 
-    def _battery(self, volts: float, share: float) -> bytes:
-        status = self.codec.dialect.MAVLink_sys_status_message
-        return self.codec.pack(status(0, 0, 0, 0, round(1e3 * volts), -1, round(100.0 * share), 0, 0, 0, 0, 0, 0))
+    def _sys_status(self, now_s: float) -> Message:
+        d, battery = self.codec.dialect, self.battery
+        told = d.MAV_SYS_STATUS_PREARM_CHECK if self.tells_prearm_enabled else 0
+        health = d.MAV_SYS_STATUS_PREARM_CHECK if self.armed or self._passes_checks(now_s) else 0
+        millivolts, percent = (0xFFFF, -1) if battery is None else (round(1e3 * battery[0]), round(100.0 * battery[1]))
+        return d.MAVLink_sys_status_message(told, told, health, 0, millivolts, -1, percent, 0, 0, 0, 0, 0, 0)
 
     def _say(self, severity: int, text: str) -> list[bytes]:
         """STATUSTEXT; a text that does not fit comes in numbered pieces."""

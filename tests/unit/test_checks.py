@@ -91,6 +91,8 @@ CASES: list[tuple[str, dict[str, Any], Verdict]] = [
     ("ready to arm", {}, Verdict.PASS),
     ("ready to arm", {"state": "armed"}, Verdict.FAIL),
     ("ready to arm", {"state": "lost"}, Verdict.FAIL),
+    ("ready to arm", {"ready": True}, Verdict.PASS),
+    ("ready to arm", {"ready": False}, Verdict.WARN),
     ("failsafe", {}, Verdict.OFF),
     ("failsafe", {"config": {"link": {"kind": "dsm"}}}, Verdict.WARN),
     ("thrust bound", {}, Verdict.WARN),

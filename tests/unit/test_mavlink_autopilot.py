@@ -84,6 +84,27 @@ def test_it_speaks_first_and_sends_a_heartbeat_every_second() -> None:
     assert (first.autopilot, first.type, first.base_mode & 128, first.get_srcSystem()) == (12, 2, 0, 1)
 
 
+def test_its_health_bit_alone_tells_whether_it_would_arm() -> None:
+    prearm = 0x10000000
+
+    def told(flight: Flight) -> tuple[int, int]:
+        status = flight.messages("SYS_STATUS")[-1]
+        return status.onboard_control_sensors_enabled, status.onboard_control_sensors_health & prearm
+
+    flight = Flight()
+    assert told(flight) == (0, prearm)
+    assert flight.command(DO_SET_MODE, 1.0, 6.0) == 0
+    flight.wait(1.1)
+    assert told(flight) == (0, 0)  # OFFBOARD wants a stream first
+    flight.stream(2.1)
+    assert told(flight) == (0, prearm)
+    flight.autopilot.lacks = "Preflight Fail: Compass Sensor 0 missing"
+    flight.stream(1.1)
+    assert told(flight) == (0, 0)
+    assert flight.command(ARM_DISARM, 1.0) != 0
+    assert "Compass Sensor 0 missing" in flight.words
+
+
 def test_heartbeats_tell_offboard_and_armed() -> None:
     flight = Flight().arm()
     flight.stream(1.0)
@@ -127,7 +148,7 @@ def test_a_message_comes_at_the_interval_that_was_set_and_stops_with_minus_one()
 
 def test_with_every_stream_stopped_only_heartbeats_are_left() -> None:
     flight = Flight()
-    for number in (331.0, 32.0, 31.0, 111.0, 230.0):
+    for number in (331.0, 32.0, 31.0, 111.0, 230.0, 1.0):
         assert flight.command(SET_MESSAGE_INTERVAL, number, -1.0) == 0
     flight.heard.clear()
     flight.wait(10.0)

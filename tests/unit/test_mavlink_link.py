@@ -296,7 +296,7 @@ def test_the_default_talk_of_the_autopilot_is_stopped() -> None:
         in_virtual_time(main())
         return seen
 
-    assert play(quiet=True) == {"ESTIMATOR_STATUS", "HEARTBEAT", "TIMESYNC"}
+    assert play(quiet=True) == {"ESTIMATOR_STATUS", "HEARTBEAT", "SYS_STATUS", "TIMESYNC"}
     assert play(quiet=False) > {"ODOMETRY", "ATTITUDE_QUATERNION", "TIMESYNC"}
 
 

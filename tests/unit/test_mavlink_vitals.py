@@ -1,4 +1,4 @@
-"""What an autopilot tells of itself: mode names of both firmwares, and its battery."""
+"""What an autopilot tells of itself: mode names of both firmwares, its battery, and its pre-arm checks."""
 
 import pytest
 
@@ -53,3 +53,45 @@ def test_the_battery_is_read_where_it_is_told(
         vitals.hear(message, 1.0)
     assert vitals.battery_v == volts
     assert vitals.battery_share == (None if share is None else pytest.approx(share))
+
+
+PREARM = 0x10000000
+
+
+def after(vitals: Vitals, kind: int, mode: int, enabled: int, health: int) -> bool | None:
+    """What is known of readiness after a heartbeat and a SYS_STATUS with these bits."""
+    codec = MavlinkCodec(1, 1)
+    d = codec.dialect
+    beat = d.MAVLink_heartbeat_message(2, kind, 0x01, mode, 3, 3)
+    status = d.MAVLink_sys_status_message(enabled, enabled, health, 0, 0, 0, -1, 0, 0, 0, 0, 0, 0)
+    for message in codec.feed_datagram(codec.pack(beat) + codec.pack(status)):
+        vitals.hear(message, 1.0)
+    return vitals.ready
+
+
+@pytest.mark.parametrize(
+    ("kind", "mode", "enabled", "health", "ready"),
+    [
+        # As PX4 1.16 and ArduCopter 4.8 were seen to tell it.
+        (PX4, 4 << 16 | 3 << 24, 0, PREARM | 1, True),
+        (PX4, 4 << 16 | 3 << 24, 0, 1, False),
+        (PX4, 6 << 16, 0, PREARM, True),
+        (PX4, 6 << 16, 0, 0, None),  # in OFFBOARD it waits for set-points, which wait for the arming
+        (ARDUPILOT, 0, PREARM, PREARM, True),
+        (ARDUPILOT, 4, PREARM, 0, False),
+        (ARDUPILOT, 0, 0, 0, None),  # its checks are switched off
+        (8, 0, 0, 0, None),
+    ],
+)
+def test_pre_arm_checks_are_read_as_each_firmware_tells_them(
+    kind: int, mode: int, enabled: int, health: int, ready: bool | None
+) -> None:
+    assert after(Vitals(), kind, mode, enabled, health) is ready
+
+
+def test_of_an_autopilot_without_a_heartbeat_nobody_knows_whether_it_is_ready() -> None:
+    codec, vitals = MavlinkCodec(1, 1), Vitals()
+    status = codec.dialect.MAVLink_sys_status_message(0, 0, 0, 0, 0, 0, -1, 0, 0, 0, 0, 0, 0)
+    for message in codec.feed_datagram(codec.pack(status)):
+        vitals.hear(message, 1.0)
+    assert vitals.ready is None
