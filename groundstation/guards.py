@@ -12,6 +12,7 @@ import msgspec
 
 from groundstation.control.port import Estimate
 from groundstation.fence import Fence
+from groundstation.heave import Heave
 from groundstation.mission import State
 from groundstation.separation import Separation
 from groundstation.so3 import third_column
@@ -44,6 +45,10 @@ class GuardsConfig(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fie
     """The same of one that swings, as poses that are older than they say or many lost frames make it [deg]."""
     sway_s: Share = 0.3
     """For how long of about the last second it may be farther [s]."""
+    heave: Share = 0.2
+    """Share of its mean by which the thrust of a landing may swing, down and up: the same faults near the floor [-]."""
+    heave_s: Share = 0.05
+    """For how long of about the last second it may be farther down, and farther up [s]."""
     error_m: Annotated[float, msgspec.Meta(gt=0.0, le=100.0)] = 0.5
     """Farthest from the reference [m]."""
     error_s: Seconds = 0.3
@@ -112,6 +117,9 @@ class Finding(NamedTuple):
 
 SWAY_MEMORY_S = 1.0
 """Time beyond ``sway_deg`` is forgotten so fast [s]."""
+HEAVE_M, HEAVE_OFF_M = (0.05, 0.5), 0.3
+"""Swings count between these heights: above, what the landing began with dies away; below, the floor pushes too [m].
+So far from the reference it is on its way back, and thrust does what it must [m]."""
 SURE_S = 0.06
 """What the cameras tell of others must last so long [s]: one pose alone may be another body's."""
 FRAMES = 100
@@ -128,8 +136,12 @@ class Guards:
         vehicle: Vehicle,
         period_s: float,
         separation: Separation | None = None,
+        floor_z_m: float = 0.0,
     ) -> None:
-        """``period_s`` is the link's time between two commands [s]; ``separation`` is from other vehicles."""
+        """``period_s`` is the link's time between two commands [s]; ``separation`` is from other vehicles.
+
+        ``floor_z_m`` is where its pose is when it stands on the floor [m, NED].
+        """
         self._config = config
         self._fence = fence
         self._separation = separation
@@ -141,6 +153,7 @@ class Guards:
         self._frames = 0
         self._left_s: float | None = None
         self._swayed_s, self._sway_at_s = 0.0, -math.inf
+        self._heave, self._floor = Heave(), floor_z_m
 
     def see(self, tick: Tick, state: State, diverged_m: float) -> Finding | None:
         """The gravest of what one command shows; ``diverged_m`` is how far the newest pose was from the model's."""
@@ -155,6 +168,7 @@ class Guards:
         if state is not State.DESCENT:  # it has no reference, and its thrust and rates are what they are
             found += [
                 self._tilt_error(tick), self._error(tick), self._thrust(tick), self._rate(tick), self._weak(tick),
+                self._heaves(tick, state),
             ]  # fmt: skip
         return max((one for one in found if one is not None), key=lambda one: one.step, default=None)
 
@@ -273,6 +287,17 @@ class Guards:
         if not error_deg <= self._config.sway_deg:
             self._swayed_s += min(elapsed, 0.1)
         return self._swayed_s > self._config.sway_s
+
+    def _heaves(self, tick: Tick, state: State) -> Finding | None:
+        """Whether a landing's thrust swings: near the floor a swing ends in a fall before it shows in how it leans."""
+        c = self._config
+        place = tick.estimate.motion.position
+        low = HEAVE_M[0] < self._floor - place[2] < HEAVE_M[1]
+        there = math.dist(place, tick.reference.position_ned) < HEAVE_OFF_M
+        share = c.heave if state is State.LANDING and low and there else math.inf
+        if self._heave.see(tick.time_s, tick.command.thrust_n, share) > c.heave_s:
+            return Finding(Step.DESCEND, f"its thrust swings by {100.0 * c.heave:.0f} % and more, down and up")
+        return None
 
     def _error(self, tick: Tick) -> Finding | None:
         c = self._config

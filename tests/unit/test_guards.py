@@ -142,6 +142,43 @@ def test_a_vehicle_that_swings_is_brought_down_though_no_limit_is_passed_for_lon
     assert swung(16.0, 0.9) is None
 
 
+def landing(time_s: float, thrust_n: float, height_m: float = 0.3, off_m: float = 0.0) -> Shown:
+    place = (0.0, 0.0, -height_m)
+    return shown(time_s, thrust_n=thrust_n, position=place)._replace(reference=Reference((off_m, 0.0, -height_m)))
+
+
+def heaved(shares: tuple[float, float], state: State = State.LANDING, **place: float) -> Finding | None:
+    """The first finding where the thrust goes down and up twice a second, by these shares of the hover thrust."""
+    guards, down, up = Guards(CONFIG, FENCE, VEHICLE, PERIOD_S), *shares
+    for tick in range(200):
+        time_s = tick * PERIOD_S
+        share = 1.0 if time_s < 2.0 else 1.0 - down if time_s % 0.5 < 0.25 else 1.0 + up
+        found = guards.see(landing(time_s, 0.8 * share, **place), state, 0.0)
+        if found is not None:
+            return found
+    return None
+
+
+def test_a_landing_whose_thrust_swings_is_ended_by_speed_alone() -> None:
+    found = heaved((0.3, 0.3))
+    assert found is not None
+    assert found.step is Step.DESCEND
+    assert "its thrust swings by 20 %" in found.reason
+    assert heaved((0.1, 0.1)) is None
+    assert heaved((0.3, 0.3), State.HOLD) is None
+    assert heaved((0.3, 0.3), height_m=0.6) is None
+    assert heaved((0.3, 0.3), height_m=0.02) is None
+    assert heaved((0.3, 0.3), off_m=0.4) is None
+
+
+def test_thrust_that_only_falls_is_the_floor_and_no_swing() -> None:
+    assert heaved((0.4, 0.0)) is None
+    guards = Guards(CONFIG, FENCE, VEHICLE, PERIOD_S)
+    for tick in range(200):
+        stands = landing(tick * PERIOD_S, 0.8 if tick < 100 else 0.3, height_m=0.0)
+        assert guards.see(stands, State.LANDING, 0.0) is None
+
+
 def test_what_no_landing_could_end_is_answered_by_a_landing_and_no_more() -> None:
     escalation = Escalation(2.0)
     empty = Finding(Step.LAND, "battery", most=Step.LAND)
