@@ -60,16 +60,24 @@ class Quadrotor:
         """From ``time_s`` on: thrust [N] as commanded (gain and limits apply here) and rates [rad/s, FRD]."""
         self._settle(time_s)
         self._told = thrust_n, rates
-        world, (a, b, c) = self._world, self._limits
-        gain = self._strength * world.thrust_gain
-        if world.thrust_sag and self.released_s is not None:
-            gain *= 1.0 - world.thrust_sag * min(1.0, (time_s - self.released_s) / 60.0)
-        self._thrust_command = gain * min(max(thrust_n, 0.0), world.thrust_max_n)
+        a, b, c = self._limits
+        self._thrust_command = self._gain(time_s) * min(max(thrust_n, 0.0), self._world.thrust_max_n)
         self._rate_command = (
             min(max(rates[0], -a), a),
             min(max(rates[1], -b), b),
             min(max(rates[2], -c), c),
         )
+
+    def _gain(self, time_s: float) -> float:
+        """Thrust that comes of what is told, as a share."""
+        gain, sag = self._strength * self._world.thrust_gain, self._world.thrust_sag
+        if sag and self.released_s is not None:
+            gain *= 1.0 - sag * min(1.0, (time_s - self.released_s) / 60.0)
+        return gain
+
+    def most_n(self, time_s: float) -> float:
+        """The thrust that its rotors give at their fullest, as they are at ``time_s`` [N]."""
+        return self._gain(time_s) * self._world.thrust_max_n
 
     def weaken(self, time_s: float, share: float) -> None:
         """From ``time_s`` on the rotors give only ``share`` of the thrust that they would."""

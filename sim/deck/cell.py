@@ -165,6 +165,7 @@ async def fly_here(
     acts_s = acted.result() if not acted.cancelled() else None
     return _judged(
         name, state, fault, config, wire, truth, moves, struck_s, acts_s,
+        robs=fault.robs or _too_weak(stage, world),
         wrong="" if ended and rest_s is not None else "it does not end" if not ended else "it does not come to rest",
         drift_m=math.dist(where[:2], end[:2]),
         touchdown_m_s=stage.plant.hardest_m_s,
@@ -221,9 +222,18 @@ async def _rest(stage: Stage, world: World) -> float | None:
     return None
 
 
+def _too_weak(stage: Stage, world: World) -> str:
+    """Why nobody could land it softly, where its rotors at their fullest can't hold it against weight and wind."""
+    most_n = stage.plant.most_n(asyncio.get_running_loop().time())
+    needs_n = world.mass_kg * (world.gravity + world.wind_mean[2])
+    return (
+        "" if most_n > needs_n else f"its rotors give {most_n:.2f} N at most, weight and wind pull with {needs_n:.2f} N"
+    )
+
+
 def _judged(
     name: str, state: str, fault: Fault, config: Config, wire: Wire, truth: Truth, moves: Moves, struck_s: float,
-    acts_s: float | None, *, wrong: str, drift_m: float, touchdown_m_s: float | None,
+    acts_s: float | None, *, robs: str, wrong: str, drift_m: float, touchdown_m_s: float | None,
 ) -> Row:  # fmt: skip
     """The row, safe where nothing is wrong."""
     answers = [(time_s, str(after), reason) for time_s, after, reason in moves.answers]
@@ -238,10 +248,10 @@ def _judged(
         wrong = wrong or f"something left {wire.last_s - struck_s:.2f} s after a pilot had taken over"
     if not fault.frees and not truth.tilt_deg <= TILT_DEG:
         wrong = wrong or f"it leant by {truth.tilt_deg:.0f}°"
-    if not fault.robs and touchdown_m_s is not None and not touchdown_m_s < TOUCHDOWN_M_S:
+    if not robs and touchdown_m_s is not None and not touchdown_m_s < TOUCHDOWN_M_S:
         wrong = wrong or f"it met the floor at {touchdown_m_s:.2f} m/s"
     said = answers[0][2] if answers else ""
-    note = f"touchdown not judged: {fault.robs}" if fault.robs and MOMENTS[state].flying else ""
+    note = f"touchdown not judged: {robs}" if robs and MOMENTS[state].flying else ""
     return Row(
         fault=name,
         state=state,

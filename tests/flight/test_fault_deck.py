@@ -55,6 +55,25 @@ def test_what_a_radio_vehicle_can_not_be_asked_for_is_said() -> None:
     assert "touchdown not judged" in row.why
 
 
+def test_late_poses_and_lost_frames_do_not_make_a_landing_in_bad_air_a_fall() -> None:
+    for fault in ("latency step", "frame loss"):
+        row = fly_cell(fault, "landing", seed=3, scenario="adverse")
+        assert row.safe, row.why
+        assert row.reaction == "descent"
+        assert "its thrust swings by 20 % and more" in row.why
+        assert row.touchdown_m_s is not None
+        assert row.touchdown_m_s < 0.7
+
+
+def test_rotors_that_can_not_hold_the_vehicle_any_more_are_not_asked_for_a_soft_touchdown() -> None:
+    weak = fly_cell("motor at 70 %", "landing", scenario="adverse")
+    assert weak.safe, weak.why
+    assert weak.touchdown_m_s is not None
+    assert weak.touchdown_m_s > TOUCHDOWN_M_S
+    assert "touchdown not judged: its rotors give" in weak.why
+    assert "not judged" not in fly_cell("motor at 70 %", "landing").why
+
+
 def test_a_bring_down_by_rates_alone_is_found_to_be_too_hard_for_a_vehicle_that_could_land_itself() -> None:
     row = fly_cell("dropout", "tracking", overrides=("link.bring_down=rates",))
     assert not row.safe
