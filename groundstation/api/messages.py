@@ -181,24 +181,20 @@ def _snapshot(body: Any) -> Snapshot:
     try:
         return msgspec.convert(body, Snapshot)
     except msgspec.ValidationError:
-        return msgspec.convert(_with_nan(body), Snapshot)
+        return msgspec.convert(_with_nan(body, Snapshot), Snapshot)
 
 
-def _with_nan(body: Any) -> Any:
-    """JSON has no NaN: wherever a null is not a None of the snapshot itself, it was a number that is not finite."""
-    if not isinstance(body, dict):
-        return body
-    optional = {
-        f.name for f in msgspec.structs.fields(Snapshot) if types.NoneType in typing.get_args(f.type)
-    }  # fmt: skip
-    return {key: value if value is None and key in optional else _nan(value) for key, value in body.items()}
-
-
-def _nan(value: Any) -> Any:
-    if value is None:
-        return math.nan
-    if isinstance(value, list):
-        return [_nan(item) for item in value]
-    if isinstance(value, dict):
-        return {key: _nan(item) for key, item in value.items()}
-    return value
+def _with_nan(body: Any, kind: Any) -> Any:
+    """JSON has no NaN: a null where a number must stand was one that is not finite."""
+    options = typing.get_args(kind) if isinstance(kind, types.UnionType) else (kind,)
+    if body is None:
+        return None if types.NoneType in options else math.nan
+    [kind] = [option for option in options if option is not types.NoneType]
+    if isinstance(body, list):
+        parts = typing.get_args(kind)
+        each = parts if Ellipsis not in parts else parts[:1] * len(body)
+        return [_with_nan(item, part) for item, part in zip(body, each, strict=True)]
+    if isinstance(body, dict) and isinstance(kind, type) and issubclass(kind, msgspec.Struct):
+        fields = {field.encode_name: field.type for field in msgspec.structs.fields(kind)}
+        return {key: _with_nan(value, fields[key]) if key in fields else value for key, value in body.items()}
+    return body

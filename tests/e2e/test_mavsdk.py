@@ -55,7 +55,8 @@ def served(autopilot: str, port: int) -> Iterator["subprocess.Popen[str]"]:
     server = subprocess.Popen(
         [
             *(sys.executable, "-m", "sim", "serve", "--autopilot", autopilot, "--duration", "30"),
-            *("--set", f"link.listen=127.0.0.1:{port}", "--set", "sim.floor_z_m=0.4"),
+            *("--set", f"link.listen=127.0.0.1:{port}", "--set", f"pose.listen=127.0.0.1:{free_udp_port()}"),
+            *("--set", "sim.floor_z_m=0.4"),
         ],
         stdout=subprocess.PIPE,
         text=True,

@@ -233,7 +233,7 @@ def test_a_broker_of_another_authority_is_not_spoken_to(
 
     with pytest.raises(TimeoutError):
         asyncio.run(scene(stranger.folder / "ca.crt", {}))
-    assert "CERTIFICATE_VERIFY_FAILED" in caplog.text
+    assert "certificate verify failed" in caplog.text
     asyncio.run(scene(lab.folder / "ca.crt", {}))
     asyncio.run(scene(lab.folder / "ca.crt", {"mqtt.tls.verify": "false"}))
     assert "NOT VERIFIED" in caplog.text

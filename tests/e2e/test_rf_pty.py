@@ -5,6 +5,8 @@ import contextlib
 import os
 import signal
 import sys
+import tempfile
+import termios
 import time
 import tty
 from collections.abc import Iterator
@@ -89,10 +91,14 @@ async def strike(stage: str, number: signal.Signals) -> Case:
     """Start a station, and 0.2 s after it has reached ``stage`` send ``number`` to its process group."""
     case = Case()
     far, near = os.openpty()
-    tty.setraw(near)
+    tty.setraw(near, termios.TCSANOW)
     os.set_blocking(far, False)
+    # By a path of its own: pacers that outlive this test must not find the next terminal of the same name.
+    folder = tempfile.TemporaryDirectory()
+    port = Path(folder.name) / "port"
+    port.symlink_to(os.ttyname(near))
     station = await asyncio.create_subprocess_exec(
-        *(sys.executable, "-c", STATION, os.ttyname(near)),
+        *(sys.executable, "-c", STATION, str(port)),
         stdout=asyncio.subprocess.PIPE,
         stderr=asyncio.subprocess.DEVNULL,
         start_new_session=True,
@@ -120,6 +126,7 @@ async def strike(stage: str, number: signal.Signals) -> Case:
         with contextlib.suppress(ProcessLookupError):
             station.kill()
         await station.wait()
+        folder.cleanup()
         os.close(far)
     return case
 
