@@ -85,7 +85,7 @@ def test_a_cluster_of_processes_flies_the_same_rows(rows: list[Row], tmp_path: P
             n_workers=2,
             threads_per_worker=1,
             processes=True,
-            dashboard_address=None,
+            dashboard_address="127.0.0.1:0",  # None takes the usual port, where another cluster may be
             local_directory=str(tmp_path),
             protocol="tcp://",
         ) as cluster,
