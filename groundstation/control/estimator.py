@@ -95,7 +95,7 @@ class ModelEstimator:
         while drives and drives[-1][0] >= time_s:
             drives.pop()
         drives.append((time_s, drive))
-        while path and path[-1][0] > time_s:
+        while len(path) > 1 and path[-1][0] > time_s:
             path.pop()
 
     def release(self) -> None:

@@ -150,6 +150,15 @@ def test_a_pose_that_is_not_newer_changes_nothing() -> None:
     assert estimator.predict(1.0) == before
 
 
+def test_a_command_that_acts_from_before_the_newest_pose_on_is_flown_from_that_pose_on() -> None:
+    late, on_time = ModelEstimator(VEHICLE, Gains()), ModelEstimator(VEHICLE, Gains())
+    for estimator, acts_s in ((late, 0.99), (on_time, 1.0)):
+        estimator.sent(0.0, Drive(0.0, (0.0, 0.0, 0.0)))
+        estimator.pose(Pose(0, 1.0, 1.0, (0.0, 0.0, 0.0), so3.IDENTITY))
+        estimator.sent(acts_s, Drive(1.0, (0.1, 0.0, 0.0)))
+    assert late.predict(1.02) == on_time.predict(1.02)
+
+
 def test_a_second_command_for_the_same_instant_replaces_the_first() -> None:
     estimator = ModelEstimator(VEHICLE, Gains())
     estimator.pose(Pose(0, 0.0, 0.0, (0.0, 0.0, 0.0), so3.IDENTITY))
