@@ -133,6 +133,8 @@ class Sender:
             Ended: it has, in the air.
         """
         status, progress = self._link.status, self._progress
+        if status.slept_s > 0.0:
+            raise Ended(f"the computer that sends slept for {status.slept_s:.1f} s: arm anew to fly")
         if status.taken:
             progress.link(status, now)
         if status.state == "armed" or progress.state not in IN_AIR:

@@ -12,6 +12,7 @@ from links.mavlink_steps import Autopilot, Handshake
 from links.mavlink_stop import Kill
 from links.mavlink_vitals import Vitals
 from links.port import Command, LinkError, LinkLost, LinkMisuse, LinkRejected, LinkStatus, Segment
+from links.sleep import Sleep
 from links.thrust_curve import signal
 from links.transmit import Transmitter
 
@@ -46,6 +47,8 @@ class MavlinkLink:
         self._obeys = False
         self._obeys_s = 0.0
         self._taken = ""
+        self._sleep: Sleep | None = None
+        """Since the newest arming."""
         self._vitals = Vitals()
         self.connection.subscribe(self._vitals.hear)
         self._landing: asyncio.Task[None] | None = None
@@ -80,6 +83,7 @@ class MavlinkLink:
             rtt_s=None if clock is None else clock.rtt_s,
             offset_s=None if clock is None else clock.offset_s,
             taken=self._taken,
+            slept_s=0.0 if self._sleep is None else self._sleep.slept_s,
             battery_v=self._vitals.battery_v,
             battery_share=self._vitals.battery_share,
             ready=self._vitals.ready,
@@ -110,8 +114,11 @@ class MavlinkLink:
 
         def stream(now_s: float) -> None:
             if not self._send(idle(), now_s):
-                held = self._deadman.held
-                why = self.connection.text if held else "the idle command had expired, as its pose is too old"
+                why = "the idle command had expired, as its pose is too old"
+                if self._sleep is not None and self._sleep.slept_s:
+                    why = "this computer slept"
+                elif self._deadman.held:
+                    why = self.connection.text
                 raise LinkError(f"arming was abandoned: {why}")
 
         if self._busy or not _over(self._killing):
@@ -123,6 +130,7 @@ class MavlinkLink:
         if self._landing is not None:
             self._landing.cancel()
             self._landing = None
+        self._sleep = Sleep(asyncio.get_running_loop().time())
         self._transmitter.start()
         try:
             await self.connection.see_through(handshake, stream, self.period_s)
@@ -166,7 +174,13 @@ class MavlinkLink:
         """An autopilot that somebody else has disarmed must not fly on when that somebody arms it again.
 
         One that somebody else has put in another mode is theirs: nothing leaves from then on, no bring-down either.
+        Nor does anything after this computer has slept: the autopilot has come down without us long ago.
         """
+        if self._sleep is not None and self._sleep.slept_s:
+            self._obeys = False
+            self._transmitter.stop()
+            if self._landing is not None:
+                self._landing.cancel()
         if not self._obeys:
             return
         if self._under_way is None and self._landing is None:

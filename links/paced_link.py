@@ -76,6 +76,7 @@ class PacedLink:
             dropped=dict(report.dropped) if report is not None else {},
             text=self._words(),
             phase="over" if self._pacer is None else self._deadman.phase(_now()),
+            slept_s=report.slept_s if report is not None else 0.0,
             late_octaves=report.late_octaves if report is not None else (),
         )
 

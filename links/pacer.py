@@ -65,6 +65,7 @@ class FramePacer:
         self._high_s = self._obey_s = math.inf
         self._service: tuple[Service, float] | None = None
         self._served = 0
+        self._slept_s = 0.0
         self._linger_s: float | None = None
         self._quiet_since_s = now_s
         self._frame = b""
@@ -88,7 +89,7 @@ class FramePacer:
                 except LinkMisuse:
                     self._errors["bad_command"] += 1
             case Arm(number, at_s) if self._deadman.phase(now_s) is Phase.OVER:
-                self._arming = number
+                self._arming, self._slept_s = number, 0.0
                 if self._linger_s is None and not self._why_closed:
                     self._service = None
                     self._high_s = at_s + self._config.arm_low_s
@@ -105,6 +106,12 @@ class FramePacer:
     def orphaned(self, now_s: float) -> None:
         """Whoever commanded has died: what it left is played to its end, then disarm frames, then nothing."""
         self._end(max(AFTERLIFE_S, self._linger_s or 0.0), now_s)
+
+    def slept(self, slept_s: float, now_s: float) -> None:
+        """The computer has slept for ``slept_s`` [s]: what was to leave is older by that."""
+        self._slept_s += slept_s
+        self._deadman.stop()
+        self.prepare(now_s)
 
     def done(self, now_s: float) -> bool:
         """Whether it was told to end and has nothing left to do."""
@@ -189,6 +196,7 @@ class FramePacer:
             dropped={**self._errors, **self._decoder.dropped},
             late_us=self._lateness.percentiles_us(),
             late_octaves=tuple(self._lateness.octaves),
+            slept_s=self._slept_s,
             note=note,
             fifo=fifo,
         )

@@ -22,6 +22,7 @@ from links.pacer import FramePacer
 from links.pacer_messages import Give, Order, Report
 from links.rf_codecs import RfConfig
 from links.rf_port import ModulePort
+from links.sleep import Sleep
 
 PREPARE_S = 0.0004
 """How long before its instant a frame is made [s]; then only the write is left to do."""
@@ -137,6 +138,7 @@ class Commander:
 def _pace(pacer: FramePacer, period_s: float, frame_s: float, clock: Clock, commander: Commander) -> None:
     now = clock.now
     due = now() + period_s
+    sleep = Sleep(now())
     pacer.prepare(due)
     commander.tell(pacer, now())
     while not pacer.done(now()):
@@ -146,6 +148,9 @@ def _pace(pacer: FramePacer, period_s: float, frame_s: float, clock: Clock, comm
         clock.sleep_until(due - SPIN_S)
         while (woken := now()) < due:
             pass
+        if slept := sleep.slept_s:
+            pacer.slept(slept, due)
+            sleep = Sleep(now())
         pacer.leave(woken)
         left = now()
         skipped = max(0, int((left - due) / period_s))

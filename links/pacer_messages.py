@@ -76,6 +76,8 @@ class Report(msgspec.Struct, frozen=True, kw_only=True):
     """Lateness of the frames, 50, 99 and 99.9 % [µs]."""
     late_octaves: tuple[int, ...]
     """Frames by lateness: entry k counts those late by less than 2**k µs and not by less than 2**(k-1)."""
+    slept_s: float = 0.0
+    """How long its computer has slept since the newest arming [s]: nothing that lifts leaves, see sleep.py."""
     note: str = ""
     """How it is scheduled, in words."""
     fifo: bool = False

@@ -82,6 +82,8 @@ class LinkStatus(msgspec.Struct, frozen=True):
     """Its charge [-]; None where it does not tell."""
     ready: bool | None = None
     """Whether the vehicle's own pre-arm checks pass; None where it does not tell."""
+    slept_s: float = 0.0
+    """How long the computer that sends has slept since the arming [s]: nothing more leaves, see sleep.py."""
     late_octaves: tuple[int, ...] = ()
     """Frames by how late they left, where a pacer lets them go and tells: entry k counts those late by less than 2**k
     µs and not by less than 2**(k-1); of all frames since it began."""

@@ -16,6 +16,7 @@ from groundstation.pacing import Pacing
 from groundstation.pilot import Tick
 from groundstation.standstill import Standstill
 from links.port import Command
+from links.sleep import Sleep
 from sim.cut import CAUSES, cut
 from sim.prepare import prepare
 from sim.scenarios import SCENARIOS
@@ -188,6 +189,24 @@ def test_a_controller_that_hangs_for_ever_ends_the_flight_all_the_same() -> None
         monkeypatch.undo()
     assert wire.state is State.ABORTED
     assert wire.reason == "the controller hangs: the link has brought the vehicle down without it"
+
+
+def test_a_flight_ends_when_its_computer_wakes_from_sleep() -> None:
+    monkeypatch = pytest.MonkeyPatch()
+    woken: list[float] = []
+
+    async def script(flight: Flight, _: Stage) -> None:
+        await flying(flight, 2.0)
+        monkeypatch.setattr(Sleep, "slept_s", 600.0)
+        woken.append(asyncio.get_running_loop().time())
+
+    try:
+        wire = fly(script)
+    finally:
+        monkeypatch.undo()
+    assert wire.state is State.ABORTED
+    assert wire.reason == "the computer that sends slept for 600.0 s: arm anew to fly"
+    assert wire.frames[-1][0] <= woken[0]
 
 
 def test_a_flight_that_is_stopped_is_brought_down_and_cannot_be_hurried() -> None:
