@@ -376,7 +376,7 @@ class MavlinkConnection:
                 self.leave(self.codec.heartbeat())
             self._ask_the_time(now_s)
             self._first_beat.set()
-        if back and self._loop is not None:
+        if back and self._loop is not None and self._wire is not None:  # a port may end in the moment of an answer
             self.when_back()
             self._armed_s = None
             self._timesync = Timesync()

@@ -15,9 +15,11 @@ import pytest
 import links.mavlink_connection
 from links.mavlink import MavlinkLink, MavlinkLinkConfig
 from links.mavlink_codec import PX4, MavlinkCodec
+from links.mavlink_connection import MavlinkConnection
+from links.mavlink_wire import Ear
 from links.port import Command, LinkLost
 from links.serial_port import open_port
-from tests.loops import free_address, in_real_time
+from tests.loops import free_address, in_real_time, in_virtual_time
 
 pytestmark = pytest.mark.real_time
 
@@ -278,6 +280,54 @@ def test_a_port_that_takes_nothing_drops_frames_and_throws_away_what_waits_in_it
         end.unplug()
 
     in_real_time(main())
+
+
+class BreakingWire:
+    """A port that ends in the moment when a frame is to leave, as a serial port does."""
+
+    datagrams = speaks_first = True
+
+    def __init__(self, ear: Ear) -> None:
+        self.ear = ear
+        self.breaks = False
+
+    def leave(self, frame: bytes, to: Any) -> str:
+        if self.breaks:
+            self.ear.gone("unplugged")
+        return "full" if self.breaks else ""
+
+    def cut(self) -> None:
+        self.breaks = False
+
+
+def test_a_port_that_ends_as_the_autopilot_is_heard_again_is_opened_again(monkeypatch: pytest.MonkeyPatch) -> None:
+    wires: list[BreakingWire] = []
+
+    async def open_breaking(config: MavlinkLinkConfig, ear: Ear) -> BreakingWire:
+        wires.append(BreakingWire(ear))
+        return wires[-1]
+
+    monkeypatch.setattr(links.mavlink_connection, "opener", lambda config: open_breaking)
+
+    async def main() -> None:
+        config = MavlinkLinkConfig(serial="/dev/ttyACM0", quiet=False)
+        connection, end = MavlinkConnection(config), Answering()
+        opening = asyncio.create_task(connection.open())
+        await asyncio.sleep(0.01)
+        connection.hear(end.beat(), None)
+        await asyncio.sleep(0.1)
+        opening.cancel()  # what it asks for is not answered here
+        await asyncio.sleep(config.heartbeat_timeout_s + 0.5)
+        assert connection.state == "lost"
+        wires[0].breaks = True
+        connection.hear(end.beat(), None)
+        await asyncio.sleep(1.0)
+        assert len(wires) == 2
+        connection.hear(end.beat(), None)
+        assert connection.state == "connected"
+        connection.close()
+
+    in_virtual_time(main())
 
 
 def test_nobody_at_a_tcp_address_is_a_lost_link() -> None:
