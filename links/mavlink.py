@@ -6,8 +6,9 @@ from collections.abc import Callable
 from links.deadman import Deadman
 from links.mavlink_codec import ARDUPILOT, ARM_DISARM, Message
 from links.mavlink_config import MavlinkLinkConfig
-from links.mavlink_connection import STALE_NEWS_S, MavlinkConnection
+from links.mavlink_connection import MavlinkConnection
 from links.mavlink_handshake import arming, disarming, landing, landing_disarmed
+from links.mavlink_heard import STALE_NEWS_S
 from links.mavlink_steps import Autopilot, Handshake
 from links.mavlink_stop import Kill
 from links.mavlink_vitals import Vitals

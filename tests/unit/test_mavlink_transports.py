@@ -10,7 +10,7 @@ from typing import Any, Protocol
 
 import pytest
 
-import links.mavlink_connection
+import links.mavlink_lasting_wire
 from links.address import parse_address
 from links.mavlink import MavlinkLink, MavlinkLinkConfig
 from links.mavlink_codec import MavlinkCodec
@@ -120,7 +120,7 @@ ENDS: dict[str, Callable[[Path], End]] = {
 
 @pytest.fixture(params=ENDS)
 def end(request: pytest.FixtureRequest, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[End]:
-    monkeypatch.setattr(links.mavlink_connection, "FIRST_PAUSE_S", 0.05)
+    monkeypatch.setattr(links.mavlink_lasting_wire, "FIRST_PAUSE_S", 0.05)
     monkeypatch.setattr("links.mavlink_handshake.STREAM_S", 0.1)
     yield ENDS[request.param](tmp_path)
 

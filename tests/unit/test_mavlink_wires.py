@@ -12,7 +12,7 @@ from typing import Any
 import msgspec
 import pytest
 
-import links.mavlink_connection
+import links.mavlink_lasting_wire
 from links.mavlink import MavlinkLink, MavlinkLinkConfig
 from links.mavlink_codec import PX4, MavlinkCodec
 from links.mavlink_connection import MavlinkConnection
@@ -122,7 +122,7 @@ class SerialEnd(Answering):
 
 @pytest.fixture(autouse=True)
 def hasty(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(links.mavlink_connection, "FIRST_PAUSE_S", 0.05)
+    monkeypatch.setattr(links.mavlink_lasting_wire, "FIRST_PAUSE_S", 0.05)
     monkeypatch.setattr("links.mavlink_handshake.STREAM_S", 0.1)
 
 
@@ -199,7 +199,7 @@ def test_a_serial_port_that_is_unplugged_is_opened_again_and_waits_for_a_new_arm
 def test_the_pauses_before_a_port_is_opened_again_grow_to_a_limit(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(links.mavlink_connection, "LONGEST_PAUSE_S", 0.2)
+    monkeypatch.setattr(links.mavlink_lasting_wire, "LONGEST_PAUSE_S", 0.2)
 
     async def main() -> None:
         end = SerialEnd(tmp_path / "ttyACM0").plug()
@@ -307,23 +307,23 @@ def test_a_port_that_ends_as_the_autopilot_is_heard_again_is_opened_again(monkey
         wires.append(BreakingWire(ear))
         return wires[-1]
 
-    monkeypatch.setattr(links.mavlink_connection, "opener", lambda config: open_breaking)
+    monkeypatch.setattr(links.mavlink_lasting_wire, "opener", lambda config: open_breaking)
 
     async def main() -> None:
         config = MavlinkLinkConfig(serial="/dev/ttyACM0", quiet=False)
         connection, end = MavlinkConnection(config), Answering()
         opening = asyncio.create_task(connection.open())
         await asyncio.sleep(0.01)
-        connection.hear(end.beat(), None)
+        wires[-1].ear.hear(end.beat(), None)
         await asyncio.sleep(0.1)
         opening.cancel()  # what it asks for is not answered here
         await asyncio.sleep(config.heartbeat_timeout_s + 0.5)
         assert connection.state == "lost"
         wires[0].breaks = True
-        connection.hear(end.beat(), None)
+        wires[-1].ear.hear(end.beat(), None)
         await asyncio.sleep(1.0)
         assert len(wires) == 2
-        connection.hear(end.beat(), None)
+        wires[-1].ear.hear(end.beat(), None)
         assert connection.state == "connected"
         connection.close()
 
