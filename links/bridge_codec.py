@@ -158,7 +158,7 @@ def session_seals(key: bytes, station_nonce: bytes, bridge_nonce: bytes) -> tupl
     return Seal(derived(b"up"), UP, name), Seal(derived(b"down"), DOWN, name)
 
 
-_ENCODER = msgspec.msgpack.Encoder()
+_ENCODER = msgspec.msgpack.Encoder(order="deterministic")  # a set has another order in every process
 HELLOS = msgspec.msgpack.Decoder(Hello)
 WELCOMES = msgspec.msgpack.Decoder(Welcome)
 UPS = msgspec.msgpack.Decoder(Up)
