@@ -18,9 +18,10 @@ from groundstation.recorded import about
 from groundstation.recording.log import FlightLog
 from groundstation.telemetry.flights import RecordingConfig, free_name, recordings, tidy
 from sim.bench_allocation import look
-from sim.deck.cell import NotReached, Row, fly_here
+from sim.deck.cell import NotReached, fly_here
 from sim.deck.faults import FAULTS, Fault, Scene
 from sim.deck.moments import MOMENTS
+from sim.deck.verdict import Row
 from sim.prepare import prepare
 from sim.scenarios import SCENARIOS
 from sim.virtual_time import VirtualTimeLoop

@@ -3,8 +3,6 @@
 import asyncio
 import math
 
-import msgspec
-
 from groundstation.app import make_flight
 from groundstation.clock import sleep_until
 from groundstation.flight import Flight
@@ -19,6 +17,7 @@ from sim.deck.faults import FAULTS, Fault, Scene
 from sim.deck.meddler import Meddler
 from sim.deck.moments import DESCENT_AFTER_S, MOMENTS, Moment, Moves
 from sim.deck.truth import Truth
+from sim.deck.verdict import Row, judged
 from sim.deck.wire import Wire
 from sim.mission import from_floor
 from sim.prepare import prepare
@@ -44,8 +43,6 @@ REST_LIMIT_S = 12.0
 """How long after a flight's end the vehicle may take to come to rest [s]."""
 STILL_SHARE = 0.05
 """Motors that give less than this share of the weight are off [-]."""
-TOUCHDOWN_M_S, TILT_DEG = 1.0, 60.0
-"""What a safe end stays below."""
 BLIND_S = 0.2
 """Beside the limits that are told: age of the last true pose, and rounding [s]."""
 HEARTBEAT_S = 1.1
@@ -54,28 +51,6 @@ HEARTBEAT_S = 1.1
 
 class NotReached(Exception):
     """The flight ended before the state in which it was to be struck; the text says why."""
-
-
-class Row(msgspec.Struct, frozen=True, kw_only=True):
-    """What came of one cell."""
-
-    fault: str
-    state: str
-    reaction: str
-    """The states that it led to; ``flies on`` where the flight went on as planned."""
-    react_ms: float | None
-    """From the fault to the first of these; None where there was none."""
-    peak_error_m: float
-    """Farthest from the reference; where none is followed any more, sideways from where that began."""
-    touchdown_m_s: float | None
-    """Fastest that it met the floor; None where it did not leave it."""
-    drift_m: float
-    """Sideways, from where it was struck to where it stands in the end."""
-    tilt_deg: float
-    """Farthest that it leant after the fault."""
-    safe: bool
-    why: str
-    """Why it is not; else what the flight said of it, and what could not be asked of it."""
 
 
 def fly_cell(fault: str, state: str, *, seed: int = 0, scenario: str = "paper", overrides: tuple[str, ...] = ()) -> Row:
@@ -163,10 +138,15 @@ async def fly_here(
     loop.tap = None
     end = stage.plant.truth(loop.time()).position_ned
     acts_s = acted.result() if not acted.cancelled() else None
-    return _judged(
-        name, state, fault, config, wire, truth, moves, struck_s, acts_s,
+    answers = [(time_s, str(after), reason) for time_s, after, reason in moves.answers]
+    if acts_s is not None:
+        answers.append((acts_s, "autopilot lands", "set-points stopped: the autopilot's own failsafe"))
+    answers.sort()
+    restless = "" if ended and rest_s is not None else "it does not end" if not ended else "it does not come to rest"
+    return judged(
+        name, fault, state, truth, answers,
+        wrong=restless or _left_wrongly(fault, state, config, wire, struck_s),
         robs=fault.robs or _too_weak(stage, world),
-        wrong="" if ended and rest_s is not None else "it does not end" if not ended else "it does not come to rest",
         drift_m=math.dist(where[:2], end[:2]),
         touchdown_m_s=stage.plant.hardest_m_s,
     )  # fmt: skip
@@ -231,36 +211,13 @@ def _too_weak(stage: Stage, world: World) -> str:
     )
 
 
-def _judged(
-    name: str, state: str, fault: Fault, config: Config, wire: Wire, truth: Truth, moves: Moves, struck_s: float,
-    acts_s: float | None, *, robs: str, wrong: str, drift_m: float, touchdown_m_s: float | None,
-) -> Row:  # fmt: skip
-    """The row, safe where nothing is wrong."""
-    answers = [(time_s, str(after), reason) for time_s, after, reason in moves.answers]
-    if acts_s is not None:
-        answers.append((acts_s, "autopilot lands", "set-points stopped: the autopilot's own failsafe"))
-    answers.sort()
-    wrong = wrong or wire.wrong
+def _left_wrongly(fault: Fault, state: str, config: Config, wire: Wire, struck_s: float) -> str:
+    """What must not have left; empty where there is nothing."""
+    if wire.wrong:
+        return wire.wrong
     most = config.flight.coast_s + config.guards.level_s + 2.0 + BLIND_S
     if fault.blinds and wire.last_lift_s > struck_s + most:
-        wrong = wrong or f"a command that lifts left {wire.last_lift_s - struck_s:.2f} s after the last true pose"
+        return f"a command that lifts left {wire.last_lift_s - struck_s:.2f} s after the last true pose"
     if fault.silences and wire.last_s > struck_s + HEARTBEAT_S and MOMENTS[state].flying:
-        wrong = wrong or f"something left {wire.last_s - struck_s:.2f} s after a pilot had taken over"
-    if not fault.frees and not truth.tilt_deg <= TILT_DEG:
-        wrong = wrong or f"it leant by {truth.tilt_deg:.0f}°"
-    if not robs and touchdown_m_s is not None and not touchdown_m_s < TOUCHDOWN_M_S:
-        wrong = wrong or f"it met the floor at {touchdown_m_s:.2f} m/s"
-    said = answers[0][2] if answers else ""
-    note = f"touchdown not judged: {robs}" if robs and MOMENTS[state].flying else ""
-    return Row(
-        fault=name,
-        state=state,
-        reaction=" → ".join(dict.fromkeys(after for _, after, _ in answers)) or "flies on",
-        react_ms=round(1e3 * (answers[0][0] - struck_s), 1) if answers else None,
-        peak_error_m=round(truth.off_m, 3),
-        touchdown_m_s=None if touchdown_m_s is None else round(touchdown_m_s, 3),
-        drift_m=round(drift_m, 3),
-        tilt_deg=round(truth.tilt_deg, 1),
-        safe=not wrong,
-        why=wrong or "; ".join(part for part in (said, note) if part),
-    )
+        return f"something left {wire.last_s - struck_s:.2f} s after a pilot had taken over"
+    return ""

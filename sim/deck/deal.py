@@ -7,9 +7,10 @@ from collections.abc import Callable, Sequence
 
 import msgspec
 
-from sim.deck.cell import Row, fly_cell
+from sim.deck.cell import fly_cell
 from sim.deck.faults import FAULTS
 from sim.deck.moments import MOMENTS
+from sim.deck.verdict import Row
 
 SPREAD = ("tracking", "hold", "take-off", "landing", "returning", "descent")
 """The states that a quick deck goes around in."""

@@ -4,8 +4,9 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from groundstation.config import ConfigError
-from sim.deck.cell import AUTOPILOT, Row
+from sim.deck.cell import AUTOPILOT
 from sim.deck.faults import FAULTS
+from sim.deck.verdict import Row
 
 HEAD = """# What a fault leads to
 

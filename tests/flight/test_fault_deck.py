@@ -8,11 +8,12 @@ import pytest
 from groundstation.recording.records import Idled
 from links.mavlink_codec import MavlinkCodec
 from links.port import Command, Segment
-from sim.deck.cell import TOUCHDOWN_M_S, fly_cell
+from sim.deck.cell import fly_cell
 from sim.deck.deal import cells, quick
 from sim.deck.faults import FAULTS
 from sim.deck.moments import MOMENTS
 from sim.deck.table import page, text
+from sim.deck.verdict import TOUCHDOWN_M_S
 from sim.deck.wire import Wire
 from sim.prepare import prepare
 from sim.scenarios import SCENARIOS

@@ -1,0 +1,63 @@
+"""What a flight in real time tells of itself: what it answered to the fault, and what went wrong."""
+
+import math
+
+from groundstation.mission import State
+from sim.deck.live_scene import LiveScene
+from sim.deck.moments import MOMENTS
+from sim.deck.verdict import Answer
+from sim.deck.wire import LIFTS
+
+UNDER_WAY_S = 0.06
+"""What a killed process has sent may be under way for so long on a busy machine [s]."""
+GAP_S = 0.3
+"""A flight that goes on leaves no longer gap between two frames [s]: the coast limit, and a moment more."""
+RADIO_S = 2.0 + 0.25 + 0.25 + 0.1
+"""How long after its station's death a pacer may lift: to the deadline, and its bring-down [s]."""
+
+
+def evidence(
+    scene: LiveScene, name: str, state: str, *, struck_s: float, acts_s: float | None, rests: bool
+) -> tuple[list[Answer], str]:
+    """What ``scene`` answered to the fault ``name`` in ``state``, and what is wrong with that; empty where nothing is.
+
+    ``acts_s`` is when the autopilot acted by itself, where it did, and ``rests`` whether the vehicle stands in the end.
+    """
+    answers = [(time_s, str(after), reason) for time_s, after, reason in scene.moves.answers]
+    if acts_s is not None and acts_s > struck_s:
+        answers.append((acts_s, "autopilot lands", "set-points stopped: the autopilot's own failsafe"))
+    wrong = "" if rests else "it does not come to rest"
+    if not scene.finite:
+        wrong = wrong or "a number that is not finite left"
+    killed = name.startswith("SIGKILL")
+    then = _after_death(scene, state, struck_s, answers) if killed else _flying_on(scene, struck_s, answers)
+    return answers, wrong or then
+
+
+def _after_death(scene: LiveScene, state: str, struck_s: float, answers: list[Answer]) -> str:
+    """Of a station that was killed. A pacer that outlives it is an answer."""
+    wrong = ""
+    if scene.stage.radio is None and scene.bytes_s[-1] > struck_s + UNDER_WAY_S:
+        wrong = f"something left {scene.bytes_s[-1] - struck_s:.2f} s after the station was dead"
+    if scene.stage.radio is not None:
+        lifted_s = max((t for t, thrust in scene.frames if thrust > LIFTS), default=-math.inf)
+        if lifted_s > struck_s + RADIO_S:
+            wrong = f"a frame that lifts left {lifted_s - struck_s:.2f} s after the station was dead"
+        if lifted_s > struck_s + scene.config.flight.coast_s:
+            said = "no orders any more: the pacer plays the bring-down"
+            answers.append((struck_s + scene.config.flight.coast_s, "pacer brings down", said))
+    if not answers and not MOMENTS[state].flying:
+        answers.append((struck_s, "silence", "nothing leaves a dead process, and it had not left the floor"))
+    return wrong
+
+
+def _flying_on(scene: LiveScene, struck_s: float, answers: list[Answer]) -> str:
+    """Of a station that lives."""
+    times = [t for t, _ in scene.frames if t >= struck_s - 0.1]
+    gap = max((b - a for a, b in zip(times, times[1:], strict=False)), default=0.0)
+    if gap > GAP_S and not answers:
+        return f"{1e3 * gap:.0f} ms without a frame, though it flew on"
+    if scene.moves.state is not State.LANDED:
+        busy = "this machine stood still: " if any("stood still" in line for line in scene.log) else ""
+        return f"{busy}the flight did not end as planned: {scene.log[-3:]}"
+    return ""
