@@ -6,19 +6,14 @@ throttle down, and "disarmed" that disarm frames left for one.
 """
 
 import asyncio
-import math
 from collections.abc import Awaitable, Callable
 
 from links.deadman import Deadman, Phase
-from links.pacer_messages import Arm, End, Give, Hear, Order, Pacer, Report, Serve, Stop
+from links.heard_pacer import HeardPacer, end
+from links.pacer_messages import Arm, Give, Hear, Pacer, Report, Serve, Stop
 from links.port import Command, LinkError, LinkLost, LinkMisuse, LinkRejected, LinkStatus
 from links.rf_codec import Manner, Service
 
-CLOSE_LIMIT_S = 4.0
-"""Longest wait for the pacer to end [s]: the longest command, its bring-down, and then some."""
-
-SILENT_S = 1.0
-"""A pacer that reports nothing for so long stands still, or can't be heard [s]."""
 OBEY_LIMIT_S = 1.0
 """An arming that the pacer has not taken so long after its end has failed [s]."""
 
@@ -30,15 +25,7 @@ class PacedLink:
 
     def __init__(self, manner: Manner, open_pacer: Callable[[Hear], Awaitable[Pacer]]) -> None:
         """Nothing is opened yet; ``open_pacer`` gets at the pacer, whose ``manner`` counts from then on."""
-        self._manner = manner
-        self._open_pacer = open_pacer
-        self._pacer: Pacer | None = None
-        self._report: Report | None = None
-        self._dead = False
-        """True once the pacer has ended without being told to."""
-        self._mute = False
-        """True while the pacer should have reported and has not."""
-        self._watch: asyncio.TimerHandle | None = None
+        self._heard = HeardPacer(manner, open_pacer, news=self._hear, missed=self._stop)
         self._deadman = Deadman()
         """A likeness of the pacer's own, so that send() knows at once what will not leave."""
         self._arming = 0
@@ -52,7 +39,7 @@ class PacedLink:
     @property
     def period_s(self) -> float:
         """Time between two commands [s]."""
-        return self._manner.period_s
+        return self._heard.manner.period_s
 
     @property
     def follows_poses(self) -> bool:
@@ -62,20 +49,20 @@ class PacedLink:
     @property
     def report(self) -> Report | None:
         """The newest report of the pacer; None before the first."""
-        return self._report
+        return self._heard.report
 
     @property
     def status(self) -> LinkStatus:
         """The link as it is now; ``received`` counts frames that came back from the module."""
-        report = self._report
+        report = self._heard.report
         return LinkStatus(
             state=self._state(),
             sent=self._sent,
             expired=self._expired,
             received=report.received if report is not None else 0,
             dropped=dict(report.dropped) if report is not None else {},
-            text=self._words(),
-            phase="over" if self._pacer is None else self._deadman.phase(_now()),
+            text="" if self._state() == "closed" else self._heard.words(),
+            phase="over" if self._heard.pacer is None else self._deadman.phase(_now()),
             slept_s=report.slept_s if report is not None else 0.0,
             late_octaves=report.late_octaves if report is not None else (),
         )
@@ -83,19 +70,11 @@ class PacedLink:
     def _state(self) -> str:
         if self._busy == _CLOSED:
             return "closed"
-        if self._pacer is None:
+        if self._heard.pacer is None:
             return "connecting"
-        if self._why_lost():
+        if self._heard.why_lost():
             return "lost"
         return "connected" if self._over() else "armed"
-
-    def _why_lost(self) -> str:
-        """Why nothing leaves; empty where it does."""
-        if self._dead:
-            return "the pacer's process ended, and with it every frame: close the link, and connect it again"
-        if self._mute:
-            return self._pacer.why_mute if self._pacer is not None else "not connected"
-        return self._report.port if self._report is not None else "not connected"
 
     def _over(self) -> bool:
         return self._busy == _ARMING or self._deadman.phase(_now()) is Phase.OVER
@@ -110,15 +89,12 @@ class PacedLink:
         if self._busy != _CLOSED:
             raise LinkMisuse("the link is connected already, or being closed; close it first")
         self._busy = "while it connects"
-        self._report, self._dead, self._mute = None, False, False
         try:
-            self._pacer = await self._open_pacer(self._hear)
+            await self._heard.open()
         except BaseException:
             self._busy = _CLOSED
-            self._listen_until(None)
             raise
-        self._manner = self._pacer.manner
-        why = self._newest().port
+        why = self._heard.newest.port
         if self._busy == _CLOSED or why:
             await self.close()
             raise LinkLost(why or "the link was closed before it was connected")
@@ -138,25 +114,25 @@ class PacedLink:
         self._free_for("arm")
         if self._state() == "armed":
             raise LinkMisuse("arm() on a link that is armed")
-        loop, manner = asyncio.get_running_loop(), self._manner
+        loop, heard, manner = asyncio.get_running_loop(), self._heard, self._heard.manner
         self._busy = _ARMING
         try:
-            due = self._ahead_of_frame(loop.time())
+            due = heard.ahead_of_frame(loop.time())
             await _sleep_until(due)
             self._arming += 1
             self._deadman.arm()
             self._stopped = False
-            if not self._give(Arm(self._arming, due)):
-                raise LinkLost(self._why_lost() or "the pacer takes no orders: close the link, and connect it again")
+            if not heard.give(Arm(self._arming, due)):
+                raise LinkLost(heard.why_lost() or "the pacer takes no orders: close the link, and connect it again")
             obeys_s = due + manner.arm_low_s + manner.arm_high_s
-            while due < obeys_s or self._newest().arming != self._arming:
+            while due < obeys_s or heard.newest.arming != self._arming:
                 if not self._send(idle(), loop.time()) and not self._stopped:
                     raise LinkError("arming was abandoned: the idle command had expired, as its pose is too old")
                 if due > obeys_s + OBEY_LIMIT_S:
                     raise LinkLost("the pacer did not take the arming")
                 due += manner.period_s
                 if due < loop.time():
-                    due = self._ahead_of_frame(loop.time())
+                    due = heard.ahead_of_frame(loop.time())
                 await _sleep_until(due)
                 self._still_arming()
             self._busy = ""
@@ -184,7 +160,7 @@ class PacedLink:
         if not self._deadman.take(command, now_s):
             self._expired += 1
             return False
-        if not self._give(Give(self._arming, command)):
+        if not self._heard.give(Give(self._arming, command)):
             return False
         self._sent += 1
         return True
@@ -192,7 +168,7 @@ class PacedLink:
     async def silent(self) -> None:
         """Return once nothing that lifts may leave any more without a new arming."""
         while self._deadman.phase(_now()) is not Phase.OVER:  # noqa: ASYNC110  # the clock opens it, not an event
-            await asyncio.sleep(self._manner.period_s)
+            await asyncio.sleep(self._heard.manner.period_s)
 
     async def kill(self) -> None:
         """Disarm at once, also in the air: with the next frame, and nothing else leaves until a new arming.
@@ -202,11 +178,11 @@ class PacedLink:
         Raises:
             LinkLost: the port or the pacer is gone: the receiver's failsafe has to act.
         """
-        pacer = self._pacer
+        heard, pacer = self._heard, self._heard.pacer
         self._stop()
-        await asyncio.sleep(self._manner.disarm_s)
-        if pacer is None or (self._pacer is pacer and self._why_lost()):
-            why = self._why_lost() if pacer is not None else "the link is closed"
+        await asyncio.sleep(self._heard.manner.disarm_s)
+        if pacer is None or (heard.pacer is pacer and heard.why_lost()):
+            why = heard.why_lost() if pacer is not None else "the link is closed"
             raise LinkLost(f"nothing can be sent, the receiver's failsafe has to act: {why}")
 
     async def disarm(self) -> None:
@@ -218,7 +194,7 @@ class PacedLink:
         """
         self._free_for("disarm")
         self._stop()
-        await asyncio.sleep(self._manner.disarm_s)
+        await asyncio.sleep(self._heard.manner.disarm_s)
         self._still_there()
 
     async def bind(self, duration_s: float = 10.0) -> None:
@@ -234,11 +210,11 @@ class PacedLink:
             LinkMisuse: the link is not connected.
         """
         self._free_for(service)
-        if service not in self._manner.services:
+        if service not in self._heard.manner.services:
             raise LinkRejected(f"a module of this kind takes no order to {service}: see its own menu")
         if self._state() == "armed":
             raise LinkRejected(f"no {service} while armed: disarm first")
-        self._give(Serve(service, duration_s))
+        self._heard.give(Serve(service, duration_s))
         await asyncio.sleep(duration_s)
         self._still_there()
 
@@ -248,25 +224,20 @@ class PacedLink:
         A vehicle in the air is brought down first: the newest command until its deadline, then its bring-down, then
         disarm frames. Only :meth:`kill` cuts that short.
         """
-        pacer, busy = self._pacer, self._busy
+        pacer, busy = self._heard.pacer, self._busy
         self._busy = _CLOSED if pacer is None else _CLOSING
         if busy == _ARMING:
             self._stop()
         if pacer is None:
             return
-        linger_s = self._manner.disarm_s if self._arming else 0.0
+        linger_s = self._heard.manner.disarm_s if self._arming else 0.0
         try:
-            if pacer.give(End(linger_s)):
-                async with asyncio.timeout(CLOSE_LIMIT_S + linger_s):
-                    await pacer.ended()
-        except TimeoutError:
-            pass  # it is frozen; should it ever wake up, it finds itself alone and disarms
+            await end(pacer, linger_s)
         finally:
-            pacer.forget()
-            if self._pacer is pacer:
-                self._pacer, self._busy = None, _CLOSED
+            if self._heard.pacer is pacer:
+                self._heard.let_go()
+                self._busy = _CLOSED
                 self._deadman.stop()
-                self._listen_until(None)
 
     # ----
 
@@ -274,7 +245,7 @@ class PacedLink:
         """Nothing that lifts from the next frame on."""
         self._stopped = True
         self._deadman.stop()
-        self._give(Stop())
+        self._heard.give(Stop())
 
     def _free_for(self, what: str) -> None:
         if self._busy:
@@ -289,52 +260,12 @@ class PacedLink:
         if self._busy in (_CLOSED, _CLOSING):
             raise LinkError("the link was closed before it was done")
         if self._state() == "lost":
-            raise LinkLost(self._why_lost())
-
-    def _words(self) -> str:
-        """What an operator wants to know of the pacer."""
-        report = self._report
-        if report is None or self._state() == "closed":
-            return ""
-        if self._why_lost():
-            return self._why_lost()
-        counts = f"{report.frames} frames, {report.lost} lost, {report.repeated} repeated"
-        return f"{counts}, 99 % within {report.late_us[1]} µs; {report.note}"
-
-    def _newest(self) -> Report:
-        assert self._report is not None, "a pacer that was opened has reported"
-        return self._report
-
-    def _give(self, order: Order) -> bool:
-        return self._pacer is not None and self._pacer.give(order)
-
-    def _ahead_of_frame(self, now_s: float) -> float:
-        """The next instant that lies ``lead_s`` before a frame."""
-        period = self._manner.period_s
-        first = self._newest().frame_s - self._manner.lead_s
-        return first + math.ceil((now_s - first) / period) * period
+            raise LinkLost(self._heard.why_lost())
 
     def _hear(self, report: Report | None) -> None:
-        if report is None:
-            self._dead = True
-            self._deadman.stop()
-            self._listen_until(None)
-            return
-        self._report, self._mute = report, False
-        self._listen_until(_now() + SILENT_S)
         # A report from before the newest arming says nothing about it.
-        if report.arming == self._arming and report.over:
+        if report is None or (report.arming == self._arming and report.over):
             self._deadman.stop()
-
-    def _listen_until(self, when_s: float | None) -> None:
-        """Expect a report before ``when_s``. What came while this process stood still is read before it is missed."""
-        if self._watch is not None:
-            self._watch.cancel()
-        self._watch = asyncio.get_running_loop().call_at(when_s, self._miss) if when_s is not None else None
-
-    def _miss(self) -> None:
-        self._mute = True
-        self._stop()
 
 
 def _now() -> float:
