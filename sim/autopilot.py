@@ -15,7 +15,8 @@ from typing import ClassVar
 
 from links.mavlink_codec import PX4
 from sim.airframe import Airframe
-from sim.autopilot_base import (
+from sim.autopilot_base import SimulatedAutopilot
+from sim.autopilot_dialect import (
     ACCEPTED,
     CRITICAL,
     DENIED,
@@ -23,7 +24,6 @@ from sim.autopilot_base import (
     INFO,
     TEMPORARILY_REJECTED,
     SetPoint,
-    SimulatedAutopilot,
     rates_or_zero,
 )
 from sim.autopilot_parameters import PX4_PARAMETERS

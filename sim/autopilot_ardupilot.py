@@ -18,7 +18,8 @@ from typing import ClassVar
 from groundstation import so3
 from links.mavlink_codec import ARDUPILOT
 from sim.airframe import Airframe
-from sim.autopilot_base import (
+from sim.autopilot_base import SimulatedAutopilot
+from sim.autopilot_dialect import (
     ACCEPTED,
     CRITICAL,
     DENIED,
@@ -26,7 +27,6 @@ from sim.autopilot_base import (
     INFO,
     WARNING,
     SetPoint,
-    SimulatedAutopilot,
     rates_or_zero,
 )
 from sim.autopilot_parameters import ARDUPILOT_PARAMETERS

@@ -1,16 +1,13 @@
 """What every simulated autopilot does towards a ground station; the dialects say the rest. Sans-IO.
 
 Here: telemetry, COMMAND_LONG and its answers, parameters, TIMESYNC, arming and disarming as such, and its own
-control loop. In a dialect (sim/autopilot.py, sim/autopilot_ardupilot.py): modes, what it refuses, what it makes of a
-set-point, and what it does when they stop.
+control loop. In a dialect (sim/autopilot_dialect.py; sim/autopilot.py, sim/autopilot_ardupilot.py): modes, what it
+refuses, what it makes of a set-point, and what it does when they stop.
 """
 
 import math
-from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping
-from typing import ClassVar
 
-from groundstation.ops import Quat, Vec3
 from links.mavlink_codec import (
     ARM_DISARM,
     ARMED,
@@ -22,58 +19,24 @@ from links.mavlink_codec import (
     Message,
 )
 from sim.airframe import Airframe
+from sim.autopilot_dialect import ACCEPTED, CRITICAL, INFO, TEMPORARILY_REJECTED, UNSUPPORTED, Dialect, SetPoint
 from sim.autopilot_external import ExternalPoses
 from sim.autopilot_parameters import Parameters
 from sim.autopilot_pilot import Pilot
-from sim.autopilot_streams import SAME_INSTANT_S, Streams, builders
+from sim.autopilot_streams import SAME_INSTANT_S, Streams, builders, statustext
 
 LANDED_S = 1.0
 """How long it must stand on the ground to believe it [s]; it looks once a second."""
 CONTROL_S = 0.01
 """Period of its own control loop [s]."""
-ACCEPTED, TEMPORARILY_REJECTED, DENIED, UNSUPPORTED, FAILED = range(5)
-CRITICAL, WARNING, INFO = 2, 4, 6
-"""MAV_SEVERITY."""
 
 _CUSTOM_MODE_ENABLED = 1
 _QUADROTOR = 2
 _STANDBY, _ACTIVE, _CRITICAL = 3, 4, 5
-_IGNORE_THRUST, _IGNORE_ATTITUDE = 64, 128
-_TEXT_BYTES = 50
 
 
-class SetPoint:
-    """One SET_ATTITUDE_TARGET; what its mask takes out is None."""
-
-    def __init__(self, message: Message) -> None:
-        """Of a ``message``."""
-        mask = message.type_mask
-        self.thrust: float | None = None if mask & _IGNORE_THRUST else message.thrust
-        rates = (message.body_roll_rate, message.body_pitch_rate, message.body_yaw_rate)
-        self.rates: tuple[float | None, ...] = tuple(None if mask & 1 << n else r for n, r in enumerate(rates))
-        self.attitude: Quat | None = None if mask & _IGNORE_ATTITUDE else tuple(message.q)
-
-    @property
-    def is_finite(self) -> bool:
-        """No number in it is infinite or none at all."""
-        return all(math.isfinite(x) for x in (self.thrust, *self.rates, *(self.attitude or ())) if x is not None)
-
-
-class SimulatedAutopilot(ABC):
+class SimulatedAutopilot(Dialect):
     """The autopilot of one ``airframe``. All times are on the event loop's clock [s] and never go backwards."""
-
-    kind: ClassVar[int]
-    """Its HEARTBEAT.autopilot."""
-    table: ClassVar[Mapping[str, tuple[float, int]]]
-    """Its parameters: name → value, MAV_PARAM_TYPE."""
-    hover_parameter: ClassVar[str]
-    """Its parameter for the thrust that it believes to hover with."""
-    land_mode: ClassVar[tuple[int, int]]
-    """Main and sub mode that comes down by itself."""
-    rates_hz: ClassVar[Mapping[str, float]]
-    """What it sends by default [Hz]; 0: what it could send."""
-    tells_prearm_enabled: ClassVar[bool] = True
-    """Whether SYS_STATUS says that there are pre-arm checks, beside whether they pass."""
 
     def __init__(
         self,
@@ -103,7 +66,6 @@ class SimulatedAutopilot(ABC):
         self.battery: tuple[float, float] | None = None
         """Its voltage [V] and charge [0..1], told by SYS_STATUS; None where it has no way to measure them."""
         self.lacks = ""
-        """What its own pre-arm checks find missing, in its words: it tells that they fail, and does not arm."""
         self.external = ExternalPoses(self.kind)
         """The poses that it is sent."""
         self._airframe = airframe
@@ -118,51 +80,6 @@ class SimulatedAutopilot(ABC):
         self._pilot: Pilot | None = None
         self._pilot_due_s = math.inf
         self._said = 0
-
-    # ---- what a dialect says
-
-    @property
-    @abstractmethod
-    def custom_mode(self) -> int:
-        """HEARTBEAT.custom_mode of the mode that it is in."""
-
-    @property
-    @abstractmethod
-    def _silence_due_s(self) -> float:
-        """When it acts if no further set-point comes; infinite where it does not wait for any."""
-
-    @abstractmethod
-    def _fall_silent(self, now_s: float) -> list[bytes]:
-        """Act because set-points stopped; returns frames to send."""
-
-    @abstractmethod
-    def _obey(self, set_point: SetPoint, now_s: float) -> list[bytes]:
-        """Take a finite set-point; returns frames to send."""
-
-    @abstractmethod
-    def _set_mode(self, mode: tuple[int, int], now_s: float) -> tuple[int, list[bytes]]:
-        """Answer the main and sub mode of a DO_SET_MODE, and frames to send first."""
-
-    @abstractmethod
-    def _refuses_to_arm(self, now_s: float) -> tuple[int, str]:
-        """The result and the words that deny arming; ACCEPTED where nothing does."""
-
-    def _passes_checks(self, now_s: float) -> bool:
-        """Whether its own pre-arm checks pass in the mode that it is in."""
-        return not self.lacks
-
-    @abstractmethod
-    def _refuses_to_disarm(self, now_s: float) -> tuple[int, str]:
-        """The result and the words that deny disarming; ACCEPTED where nothing does."""
-
-    @abstractmethod
-    def _set_interval(self, number: int, interval_us: float, now_s: float) -> tuple[int, list[bytes]]:
-        """Answer a SET_MESSAGE_INTERVAL."""
-
-    @property
-    @abstractmethod
-    def _disarms_by_landing(self) -> bool:
-        """Whether it is in a mode that ends with the motors off on the ground."""
 
     # ---- time and datagrams
 
@@ -321,22 +238,10 @@ class SimulatedAutopilot(ABC):
         return d.MAVLink_sys_status_message(told, told, health, 0, millivolts, -1, percent, 0, 0, 0, 0, 0, 0)
 
     def _say(self, severity: int, text: str) -> list[bytes]:
-        """STATUSTEXT; a text that does not fit comes in numbered pieces."""
-        pieces = [text[i : i + _TEXT_BYTES] for i in range(0, len(text), _TEXT_BYTES)]
         self._said += 1
-        statustext = self.codec.dialect.MAVLink_statustext_message
-        return [
-            self.codec.pack(statustext(severity, piece.encode("ascii"), self._said & 0xFFFF, n))
-            for n, piece in enumerate(pieces)
-        ]
+        return [self.codec.pack(piece) for piece in statustext(self.codec, self._said, severity, text)]
 
 
 def whole(number: float) -> int:
     """A parameter that stands for a whole number; -1 where it does not."""
     return int(number) if math.isfinite(number) else -1
-
-
-def rates_or_zero(set_point: SetPoint) -> Vec3:
-    """The body rates of ``set_point`` [rad/s], those that are masked out being zero."""
-    p, q, r = (rate or 0.0 for rate in set_point.rates)
-    return p, q, r

@@ -19,6 +19,7 @@ SAME_INSTANT_S = 1e-9
 SHORTEST_S = 0.001
 """Nothing is sent more often [s]."""
 
+_TEXT_BYTES = 50
 _UNKNOWN = (math.nan,) * 21
 
 
@@ -104,3 +105,10 @@ def builders(
         d.MAVLINK_MSG_ID_ATTITUDE_QUATERNION: attitude,
         d.MAVLINK_MSG_ID_TIMESYNC: timesync,
     }
+
+
+def statustext(codec: MavlinkCodec, number: int, severity: int, text: str) -> list[Message]:
+    """The ``number``-th STATUSTEXT; a ``text`` that does not fit comes in numbered pieces."""
+    pieces = [text[i : i + _TEXT_BYTES] for i in range(0, len(text), _TEXT_BYTES)]
+    message = codec.dialect.MAVLink_statustext_message
+    return [message(severity, piece.encode("ascii"), number & 0xFFFF, n) for n, piece in enumerate(pieces)]
