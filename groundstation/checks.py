@@ -12,7 +12,7 @@ from groundstation.poses.port import Pose
 from groundstation.preflight import look, refused
 from groundstation.separation import Separation
 from groundstation.settings import Config
-from groundstation.so3 import third_column
+from groundstation.so3 import angle_deg, third_column
 from groundstation.takeoff import Standing
 from groundstation.trajectories.port import Reference, Trajectory
 from groundstation.verdict import Check, Verdict
@@ -102,7 +102,7 @@ class Checks:
         return judged("at rest", far, limit, limit, says)
 
     def _tilt(self, pose: Pose) -> Check:
-        tilt = math.degrees(math.acos(max(-1.0, min(1.0, third_column(pose.attitude)[2]))))
+        tilt = angle_deg(third_column(pose.attitude)[2])
         more = "" if tilt <= WARN_TILT_DEG else ": level the floor, or correct the object's axes in the capture system"
         return judged("tilt", tilt, WARN_TILT_DEG, TILT_DEG, f"it stands tilted by {tilt:.1f}°{more}")
 

@@ -15,7 +15,7 @@ from groundstation.fence import Fence
 from groundstation.heave import Heave
 from groundstation.mission import State
 from groundstation.separation import Separation
-from groundstation.so3 import third_column
+from groundstation.so3 import angle_deg, third_column
 from groundstation.trajectories.port import Reference
 from groundstation.vehicle import Vehicle
 from links.port import Command, LinkStatus
@@ -207,7 +207,7 @@ class Guards:
 
     def _tilt(self, tick: Tick) -> Finding | None:
         c = self._config
-        tilt = math.degrees(math.acos(max(-1.0, min(1.0, third_column(tick.estimate.motion.attitude)[2]))))
+        tilt = angle_deg(third_column(tick.estimate.motion.attitude)[2])
         if self._lasts("tilt", not tilt <= c.tilt_deg, tick.time_s, c.tilt_s):
             return Finding(Step.DESCEND, f"it leans by {tilt:.0f}°, limit {c.tilt_deg:g}°")
         return None
@@ -273,7 +273,7 @@ class Guards:
         x, y, z = d[0] - a[0], d[1] - a[1], 9.81 + d[2] - a[2]
         u, v, w = third_column(tick.estimate.motion.attitude)
         cosine = (x * u + y * v + z * w) / max(math.sqrt(x * x + y * y + z * z), 1e-6)
-        error = math.degrees(math.acos(max(-1.0, min(1.0, cosine))))
+        error = angle_deg(cosine)
         if self._sways(error, tick.time_s):
             return Finding(Step.DESCEND, f"it swings, {c.sway_deg:g}° and more away from where it should lean")
         if self._lasts("tilt error", not error <= c.tilt_error_deg, tick.time_s, c.tilt_error_s):

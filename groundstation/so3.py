@@ -3,6 +3,8 @@
 A quaternion (w, x, y, z) turns body vectors into world vectors: v_world = R(q) v_body.
 """
 
+import math
+
 from groundstation.ops import FLOATS, Ops, Quat, Real, Vec3
 
 IDENTITY: Quat = (1.0, 0.0, 0.0, 0.0)
@@ -69,6 +71,11 @@ def third_column(q: Quat) -> Vec3:
     """R e3: where the body's z axis (down) points in the world."""
     w, x, y, z = q
     return (2.0 * (x * z + w * y), 2.0 * (y * z - w * x), 1.0 - 2.0 * (x * x + y * y))
+
+
+def angle_deg(cosine: float) -> float:
+    """The angle [deg] of a cosine, which rounding may have left beyond ±1; not a number counts as 180°, never as 0°."""
+    return math.degrees(math.acos(min(1.0, max(-1.0, cosine))))  # nan beats no first argument
 
 
 def to_world(q: Quat, v: Vec3) -> Vec3:

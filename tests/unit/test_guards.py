@@ -66,8 +66,10 @@ def first(
 FULL = math.radians(VEHICLE.rate_limits_deg_s[0])
 CASES: list[tuple[dict[str, Any], float, float, Step, str]] = [
     ({"attitude": leaning(51.0)}, 0.0, CONFIG.tilt_s, Step.DESCEND, "it leans by 51°"),
+    ({"attitude": (math.nan,) * 4}, 0.0, CONFIG.tilt_s, Step.DESCEND, "it leans by 180°"),
     ({"attitude": leaning(31.0)}, 0.0, CONFIG.tilt_error_s, Step.LAND, "31° away from where it should"),
     ({"disturbance": (7.0, 0.0, 0.0)}, 0.0, CONFIG.tilt_error_s, Step.LAND, "away from where it should"),
+    ({"disturbance": (math.nan, 0.0, 0.0)}, 0.0, CONFIG.tilt_error_s, Step.LAND, "180° away from where it should"),
     ({"position": (0.6, 0.0, -1.0)}, 0.0, CONFIG.error_s, Step.LAND, "0.60 m from where it should be"),
     ({"position": (1.9, 0.0, -1.0), "velocity": (1.0, 0.0, 0.0)}, 0.0, 0.0, Step.HOLD, "before the fence"),
     ({"position": (2.1, 0.0, -1.0)}, 0.0, 0.0, Step.LAND, "0.10 m outside the fence"),
