@@ -72,7 +72,7 @@ class Flight:
         self._on_state = on_state
         flight = config.flight
         self._pilot = pilot or Pilot(config.vehicle, config.controller, flight.coast_s, flight.floor_z_m)
-        self._progress = Progress(config, self._pilot, link.period_s, self._say, self._entered, others)
+        self._progress = Progress(config, self._pilot, lambda: link.period_s, self._say, self._entered, others)
         self._sender = Sender(link, self._pilot, self._progress, flight.idle_thrust * config.weight_n, self._flown)
         self._scoreboard = Scoreboard(config, link)
         self._live = LiveGains(config.controller)

@@ -5,6 +5,7 @@ unless no landing could end it, as that of an empty battery.
 """
 
 import math
+from collections.abc import Callable
 from enum import IntEnum
 from typing import Annotated, NamedTuple, Protocol
 
@@ -134,12 +135,13 @@ class Guards:
         config: GuardsConfig,
         fence: Fence | None,
         vehicle: Vehicle,
-        period_s: float,
+        period_s: Callable[[], float],
         separation: Separation | None = None,
         floor_z_m: float = 0.0,
     ) -> None:
-        """``period_s`` is the link's time between two commands [s]; ``separation`` is from other vehicles.
+        """``period_s`` tells the link's time between two commands [s]; ``separation`` is from other vehicles.
 
+        It is asked with each command: a bridge's is known only once it is connected.
         ``floor_z_m`` is where its pose is when it stands on the floor [m, NED].
         """
         self._config = config
@@ -147,7 +149,7 @@ class Guards:
         self._separation = separation
         self._thrust_max = vehicle.thrust_max_n
         self._rates = tuple(math.radians(limit) for limit in vehicle.rate_limits_deg_s)
-        self._period = period_s
+        self._period_s = period_s
         self._since: dict[str, float] = {}
         self._late: list[int] = []
         self._frames = 0
@@ -259,7 +261,7 @@ class Guards:
     def _overrun(self, now_s: float) -> Finding | None:
         left, self._left_s = self._left_s, now_s
         self._frames += 1
-        if left is not None and now_s - left > 2.5 * self._period:
+        if left is not None and now_s - left > 2.5 * self._period_s():
             self._late.append(self._frames)
         while self._late and self._late[0] <= self._frames - FRAMES:
             self._late.pop(0)

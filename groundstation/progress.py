@@ -24,14 +24,14 @@ class Progress:
         self,
         config: Config,
         pilot: Pilot,
-        period_s: float,
+        period_s: Callable[[], float],
         say: Callable[[str], None],
         on_state: Callable[[State, str], None],
         others: Others | None = None,
     ) -> None:
         """``say`` takes lines for the operator, ``on_state`` every state that begins, and why.
 
-        ``period_s`` is the link's time between two commands [s]; ``others`` are vehicles to keep away from.
+        ``period_s`` tells the link's time between two commands [s]; ``others`` are vehicles to keep away from.
         """
         self._config = config
         self._pilot = pilot

@@ -143,6 +143,22 @@ def test_a_gust_beyond_all_limits_lands() -> None:
     assert flown.tilt_max_deg < 60.0
 
 
+def test_a_bridge_s_own_period_is_what_its_frames_are_late_by() -> None:
+    told: list[float] = []
+
+    async def script(flight: Flight, _: Stage) -> None:
+        guards = flight._progress._guards
+        assert guards is not None
+        told.append(guards._period_s())
+        await tracking(flight)
+        told.append(guards._period_s())
+
+    world, config = prepare(SCENARIOS["paper"], [*SHORT, "sim.frame_period_s=0.011"], link="rf_bridge")
+    world, config = from_floor(world, config, 2.0)
+    assert fly_mission(world, config, seed=0, script=script).landed
+    assert told == [0.0225, 0.011], "what is assumed until it is connected, and what the bridge then tells"
+
+
 def test_the_fence_holds_before_it_and_a_hold_waits_for_the_operator() -> None:
     """The fence is laid once it flies: before, the pre-flight checks refuse such a trajectory."""
 

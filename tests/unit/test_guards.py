@@ -52,7 +52,7 @@ def first(
     limit: dict[str, Any], state: State = State.TRACKING, *, diverged_m: float = 0.0, period_s: float = PERIOD_S
 ) -> tuple[float, Finding] | None:
     """When the first finding comes where ``limit`` lasts from 1 s on, and it."""
-    guards = Guards(CONFIG, FENCE, VEHICLE, PERIOD_S)
+    guards = Guards(CONFIG, FENCE, VEHICLE, lambda: PERIOD_S)
     time_s = 0.0
     while time_s < 5.0:
         beyond = time_s >= 1.0
@@ -119,7 +119,7 @@ def test_a_descent_has_no_reference_to_be_far_from() -> None:
 
 
 def test_what_comes_and_goes_within_its_time_is_not_told() -> None:
-    guards = Guards(CONFIG, None, VEHICLE, PERIOD_S)
+    guards = Guards(CONFIG, None, VEHICLE, lambda: PERIOD_S)
     for i in range(500):
         far = (0.6, 0.0, -1.0) if i % 12 else (0.0, 0.0, -1.0)
         assert guards.see(shown(0.02 * i, position=far), State.TRACKING, 0.0) is None
@@ -127,7 +127,7 @@ def test_what_comes_and_goes_within_its_time_is_not_told() -> None:
 
 def swung(degrees: float, period_s: float) -> Finding | None:
     """What is found of a vehicle that leans to one side and the other."""
-    guards = Guards(CONFIG, None, VEHICLE, PERIOD_S)
+    guards = Guards(CONFIG, None, VEHICLE, lambda: PERIOD_S)
     for i in range(250):
         lean = degrees * math.sin(math.tau * PERIOD_S * i / period_s)
         found = guards.see(shown(PERIOD_S * i, attitude=leaning(lean)), State.TRACKING, 0.0)
@@ -151,7 +151,7 @@ def landing(time_s: float, thrust_n: float, height_m: float = 0.3, off_m: float 
 
 def heaved(shares: tuple[float, float], state: State = State.LANDING, **place: float) -> Finding | None:
     """The first finding where the thrust goes down and up twice a second, by these shares of the hover thrust."""
-    guards, down, up = Guards(CONFIG, FENCE, VEHICLE, PERIOD_S), *shares
+    guards, down, up = Guards(CONFIG, FENCE, VEHICLE, lambda: PERIOD_S), *shares
     for tick in range(200):
         time_s = tick * PERIOD_S
         share = 1.0 if time_s < 2.0 else 1.0 - down if time_s % 0.5 < 0.25 else 1.0 + up
@@ -175,7 +175,7 @@ def test_a_landing_whose_thrust_swings_is_ended_by_speed_alone() -> None:
 
 def test_thrust_that_only_falls_is_the_floor_and_no_swing() -> None:
     assert heaved((0.4, 0.0)) is None
-    guards = Guards(CONFIG, FENCE, VEHICLE, PERIOD_S)
+    guards = Guards(CONFIG, FENCE, VEHICLE, lambda: PERIOD_S)
     for tick in range(200):
         stands = landing(tick * PERIOD_S, 0.8 if tick < 100 else 0.3, height_m=0.0)
         assert guards.see(stands, State.LANDING, 0.0) is None
@@ -196,6 +196,16 @@ def test_frames_that_are_late_again_and_again_land() -> None:
     assert first({}, period_s=2.4 * PERIOD_S) is None
 
 
+def test_frames_are_late_by_the_period_that_the_link_has_once_it_is_connected() -> None:
+    told_s = 0.0225
+    guards = Guards(CONFIG, None, VEHICLE, lambda: told_s)
+    told_s = 0.004
+    found = [guards.see(shown(0.012 * i), State.TRACKING, 0.0) for i in range(CONFIG.overruns + 1)]
+    assert found[:-1] == [None] * CONFIG.overruns
+    assert found[-1] is not None
+    assert "frames were late" in found[-1].reason
+
+
 @pytest.mark.parametrize(
     ("status", "says"),
     [
@@ -205,7 +215,7 @@ def test_frames_that_are_late_again_and_again_land() -> None:
     ],
 )
 def test_the_link_tells_of_its_delay_and_of_the_battery(status: dict[str, Any], says: str) -> None:
-    guards = Guards(msgspec.structs.replace(CONFIG, battery_v=3.3), None, VEHICLE, PERIOD_S)
+    guards = Guards(msgspec.structs.replace(CONFIG, battery_v=3.3), None, VEHICLE, lambda: PERIOD_S)
     low = msgspec.structs.replace(STATUS, **status)
     assert guards.link(STATUS, 0.0) is None
     assert guards.link(low, 0.5) is None

@@ -151,7 +151,7 @@ def test_the_one_that_leaves_least_room_counts_but_one_that_is_too_near_comes_fi
 
 def found_after(place: Vec3, velocity: Vec3, other: Vec3, others_velocity: Vec3 = (0.0, 0.0, 0.0)) -> Finding | None:
     """What a guard says of it once it lasts; time stands still for the other one."""
-    guards = Guards(CONFIG, None, VEHICLE, PERIOD_S, Separation(PLACE, seen(other, others_velocity)))
+    guards = Guards(CONFIG, None, VEHICLE, lambda: PERIOD_S, Separation(PLACE, seen(other, others_velocity)))
     finding = None
     for i in range(6):
         tick = shown(1.0 + 0.02 * i, position=place, velocity=velocity)
@@ -195,7 +195,7 @@ def test_who_keeps_away_is_left_alone(velocity: Vec3, other: Vec3) -> None:
 @pytest.mark.parametrize(("unknown", "step"), [("warn", Step.WARN), ("hold", Step.HOLD), ("land", Step.LAND)])
 def test_one_that_is_not_seen_is_a_warning_and_then_as_configured(unknown: Any, step: Step) -> None:
     config = msgspec.structs.replace(PLACE, unknown=unknown)
-    guards = Guards(CONFIG, None, VEHICLE, PERIOD_S, Separation(config, seen((3.0, 0.0, 0.0))))
+    guards = Guards(CONFIG, None, VEHICLE, lambda: PERIOD_S, Separation(config, seen((3.0, 0.0, 0.0))))
     said: list[tuple[float, Step | None]] = []
     for i in range(150):
         time_s = 1.0 + 0.02 * i
