@@ -1,22 +1,23 @@
-"""What ends a flight early: limits that are looked at with every command, and what follows beyond them. Sans-IO.
+"""What ends a flight early: limits that are looked at with every command. Sans-IO.
 
-A guard answers with one step of hold → land → failsafe descent; what lasts on after its answer is answered by the next,
-unless no landing could end it, as that of an empty battery.
+escalation.py has what follows beyond them.
 """
 
 import math
 from collections.abc import Callable
-from enum import IntEnum
-from typing import Annotated, NamedTuple, Protocol
+from typing import Annotated, Protocol
 
 import msgspec
 
 from groundstation.control.port import Estimate
+from groundstation.escalation import Finding, Since, Step
 from groundstation.fence import Fence
 from groundstation.heave import Heave
 from groundstation.mission import State
 from groundstation.separation import Separation
 from groundstation.so3 import angle_deg, third_column
+from groundstation.surroundings import Surroundings
+from groundstation.sway import Sway
 from groundstation.trajectories.port import Reference
 from groundstation.vehicle import Vehicle
 from links.port import Command, LinkStatus
@@ -96,33 +97,9 @@ class Tick(Protocol):
         ...
 
 
-class Step(IntEnum):
-    """What may follow, in the order of escalation."""
-
-    WARN = 0
-    HOLD = 1
-    LAND = 2
-    DESCEND = 3
-
-
-class Finding(NamedTuple):
-    """A limit that is passed."""
-
-    step: Step
-    reason: str
-    blind: bool = False
-    """True where the estimate of the speed is not to be believed."""
-    most: Step = Step.DESCEND
-    """The last step that follows where it lasts on: what does not go away by landing is no reason to land worse."""
-
-
-SWAY_MEMORY_S = 1.0
-"""Time beyond ``sway_deg`` is forgotten so fast [s]."""
 HEAVE_M, HEAVE_OFF_M = (0.05, 0.5), 0.3
 """Swings count between these heights: above, what the landing began with dies away; below, the floor pushes too [m].
 So far from the reference it is on its way back, and thrust does what it must [m]."""
-SURE_S = 0.06
-"""What the cameras tell of others must last so long [s]: one pose alone may be another body's."""
 FRAMES = 100
 """Over so many frames are late ones counted."""
 
@@ -145,26 +122,25 @@ class Guards:
         ``floor_z_m`` is where its pose is when it stands on the floor [m, NED].
         """
         self._config = config
-        self._fence = fence
-        self._separation = separation
+        self._around = Surroundings(fence, separation)
         self._thrust_max = vehicle.thrust_max_n
         self._rates = tuple(math.radians(limit) for limit in vehicle.rate_limits_deg_s)
         self._period_s = period_s
-        self._since: dict[str, float] = {}
+        self._since = Since()
         self._late: list[int] = []
         self._frames = 0
         self._left_s: float | None = None
-        self._swayed_s, self._sway_at_s = 0.0, -math.inf
-        self._heave, self._floor = Heave(), floor_z_m
+        self._sway, self._heave, self._floor = Sway(), Heave(), floor_z_m
 
     def see(self, tick: Tick, state: State, diverged_m: float) -> Finding | None:
         """The gravest of what one command shows; ``diverged_m`` is how far the newest pose was from the model's."""
+        around, motion = self._around, tick.estimate.motion
         found = [
             self._divergence(tick, diverged_m),
             self._tilt(tick),
-            self._outside(tick),
-            self._near(tick),
-            self._unseen(tick.time_s),
+            around.outside(motion),
+            around.near(motion, tick.time_s),
+            around.unseen(tick.time_s),
             self._overrun(tick.time_s),
         ]
         if state is not State.DESCENT:  # it has no reference, and its thrust and rates are what they are
@@ -177,86 +153,28 @@ class Guards:
     def link(self, status: LinkStatus, now_s: float) -> Finding | None:
         """What the link tells."""
         c = self._config
-        if self._lasts("rtt", status.rtt_s is not None and status.rtt_s > c.rtt_s, now_s, 1.0):
-            return Finding(
-                Step.LAND,
-                f"round trip of {1e3 * (status.rtt_s or 0.0):.0f} ms, limit {1e3 * c.rtt_s:.0f} ms",
-                most=Step.LAND,
-            )
+        if self._since.lasts("rtt", status.rtt_s is not None and status.rtt_s > c.rtt_s, now_s, 1.0):
+            return _lands(f"round trip of {1e3 * (status.rtt_s or 0.0):.0f} ms, limit {1e3 * c.rtt_s:.0f} ms")
         share, volts = status.battery_share, status.battery_v
-        if self._lasts("charge", share is not None and share < c.battery_share, now_s, 1.0):
-            return Finding(
-                Step.LAND,
-                f"battery at {100.0 * (share or 0.0):.0f} %, limit {100.0 * c.battery_share:.0f} %",
-                most=Step.LAND,
-            )
+        if self._since.lasts("charge", share is not None and share < c.battery_share, now_s, 1.0):
+            return _lands(f"battery at {100.0 * (share or 0.0):.0f} %, limit {100.0 * c.battery_share:.0f} %")
         low = c.battery_v is not None and volts is not None and volts < c.battery_v
-        if self._lasts("volts", low, now_s, 1.0):
-            return Finding(Step.LAND, f"battery at {volts:.2f} V, limit {c.battery_v:.2f} V", most=Step.LAND)
+        if self._since.lasts("volts", low, now_s, 1.0):
+            return _lands(f"battery at {volts:.2f} V, limit {c.battery_v:.2f} V")
         return None
-
-    def _lasts(self, name: str, so: bool, now_s: float, for_s: float) -> bool:
-        if not so:
-            self._since.pop(name, None)
-            return False
-        return now_s - self._since.setdefault(name, now_s) >= for_s - 1e-9
 
     def _divergence(self, tick: Tick, diverged_m: float) -> Finding | None:
         c = self._config
-        if self._lasts("divergence", not diverged_m <= c.divergence_m, tick.time_s, c.divergence_s):
+        if self._since.lasts("divergence", not diverged_m <= c.divergence_m, tick.time_s, c.divergence_s):
             return Finding(Step.DESCEND, f"the estimate has diverged: poses are {diverged_m:.2f} m from it", blind=True)
         return None
 
     def _tilt(self, tick: Tick) -> Finding | None:
         c = self._config
         tilt = angle_deg(third_column(tick.estimate.motion.attitude)[2])
-        if self._lasts("tilt", not tilt <= c.tilt_deg, tick.time_s, c.tilt_s):
+        if self._since.lasts("tilt", not tilt <= c.tilt_deg, tick.time_s, c.tilt_s):
             return Finding(Step.DESCEND, f"it leans by {tilt:.0f}°, limit {c.tilt_deg:g}°")
         return None
-
-    def _outside(self, tick: Tick) -> Finding | None:
-        if self._fence is None:
-            return None
-        motion = tick.estimate.motion
-        room = self._fence.room_m(motion.position)
-        if room < 0.0:
-            return Finding(Step.LAND, f"{-room:.2f} m outside the fence")
-        if self._fence.braking_room_m(motion.position, motion.velocity) < 0.0:
-            speed = math.hypot(*motion.velocity)
-            return Finding(Step.HOLD, f"{room:.2f} m before the fence at {speed:.1f} m/s: braking")
-        return None
-
-    def _near(self, tick: Tick) -> Finding | None:
-        """Too near to another vehicle: it brakes in time, and lands where that was not enough.
-
-        Down upon another would be worse than to stay: the one that is lower lands.
-        """
-        separation = self._separation
-        if separation is None:
-            return None
-        motion = tick.estimate.motion
-        near = separation.nearest(motion.position, motion.velocity, tick.time_s)
-        limit = separation.config.distance_m
-        if self._lasts("too near", near is not None and not near.distance_m >= limit, tick.time_s, SURE_S):
-            assert near is not None, "somebody is near"
-            step = Step.HOLD if near.beneath else Step.LAND
-            return Finding(step, f"{near.distance_m:.2f} m from {near.name}, limit {limit:g} m", most=step)
-        if self._lasts("nearing", near is not None and not near.room_m >= 0.0, tick.time_s, SURE_S):
-            assert near is not None, "somebody comes nearer"
-            return Finding(Step.HOLD, f"{near.distance_m:.2f} m from {near.name} and nearing: braking", most=Step.LAND)
-        return None
-
-    def _unseen(self, now_s: float) -> Finding | None:
-        """Where the cameras do not see another vehicle, nobody knows how near it is."""
-        if self._separation is None:
-            return None
-        config, names = self._separation.config, self._separation.unknown(now_s)
-        lasts = self._lasts("unseen", bool(names), now_s, config.unknown_s)
-        if not names:
-            return None
-        says = f"the cameras have not seen {', '.join(names)} for more than {config.stale_s:g} s"
-        step = {"warn": Step.WARN, "hold": Step.HOLD, "land": Step.LAND}[config.unknown] if lasts else Step.WARN
-        return Finding(step, says, most=step)
 
     def _overrun(self, now_s: float) -> Finding | None:
         left, self._left_s = self._left_s, now_s
@@ -276,19 +194,11 @@ class Guards:
         u, v, w = third_column(tick.estimate.motion.attitude)
         cosine = (x * u + y * v + z * w) / max(math.sqrt(x * x + y * y + z * z), 1e-6)
         error = angle_deg(cosine)
-        if self._sways(error, tick.time_s):
+        if self._sway.see(tick.time_s, not error <= c.sway_deg) > c.sway_s:
             return Finding(Step.DESCEND, f"it swings, {c.sway_deg:g}° and more away from where it should lean")
-        if self._lasts("tilt error", not error <= c.tilt_error_deg, tick.time_s, c.tilt_error_s):
+        if self._since.lasts("tilt error", not error <= c.tilt_error_deg, tick.time_s, c.tilt_error_s):
             return Finding(Step.LAND, f"it leans {error:.0f}° away from where it should, limit {c.tilt_error_deg:g}°")
         return None
-
-    def _sways(self, error_deg: float, now_s: float) -> bool:
-        """Whether it was so far away for too much of the last second, on whichever sides."""
-        elapsed, self._sway_at_s = now_s - self._sway_at_s, now_s
-        self._swayed_s *= math.exp(-elapsed / SWAY_MEMORY_S)
-        if not error_deg <= self._config.sway_deg:
-            self._swayed_s += min(elapsed, 0.1)
-        return self._swayed_s > self._config.sway_s
 
     def _heaves(self, tick: Tick, state: State) -> Finding | None:
         """Whether a landing's thrust swings: near the floor a swing ends in a fall before it shows in how it leans."""
@@ -304,14 +214,14 @@ class Guards:
     def _error(self, tick: Tick) -> Finding | None:
         c = self._config
         error = math.dist(tick.estimate.motion.position, tick.reference.position_ned)
-        if self._lasts("error", not error <= c.error_m, tick.time_s, c.error_s):
+        if self._since.lasts("error", not error <= c.error_m, tick.time_s, c.error_s):
             return Finding(Step.LAND, f"{error:.2f} m from where it should be, limit {c.error_m:g} m")
         return None
 
     def _thrust(self, tick: Tick) -> Finding | None:
         c = self._config
         at_limit = tick.command.thrust_n >= 0.999 * self._thrust_max
-        if self._lasts("thrust", at_limit, tick.time_s, c.thrust_limit_s):
+        if self._since.lasts("thrust", at_limit, tick.time_s, c.thrust_limit_s):
             return Finding(Step.LAND, f"thrust at its limit for {c.thrust_limit_s:g} s")
         return None
 
@@ -319,41 +229,17 @@ class Guards:
         c = self._config
         rates = tick.command.rates_rad_s
         at_limit = any(abs(rate) >= 0.999 * limit for rate, limit in zip(rates, self._rates, strict=True))
-        if self._lasts("rate", at_limit, tick.time_s, c.rate_limit_s):
+        if self._since.lasts("rate", at_limit, tick.time_s, c.rate_limit_s):
             return Finding(Step.LAND, f"a body rate at its limit for {c.rate_limit_s:g} s")
         return None
 
     def _weak(self, tick: Tick) -> Finding | None:
         c, found = self._config, tick.estimate.effectiveness
-        if self._lasts("weak", found < c.effectiveness, tick.time_s, 1.0):
-            return Finding(
-                Step.LAND,
-                f"thrust is {100.0 * found:.0f} % of what is told, limit {100.0 * c.effectiveness:.0f} %",
-                most=Step.LAND,
-            )
+        if self._since.lasts("weak", found < c.effectiveness, tick.time_s, 1.0):
+            return _lands(f"thrust is {100.0 * found:.0f} % of what is told, limit {100.0 * c.effectiveness:.0f} %")
         return None
 
 
-class Escalation:
-    """Turns findings into steps: each no gentler than the last, the next one where its cause lasts on."""
-
-    def __init__(self, lasting_s: float) -> None:
-        """Nothing found."""
-        self._lasting = lasting_s
-        self._step = Step.WARN
-        self._at_s = -math.inf
-
-    def answer(self, finding: Finding, now_s: float) -> Finding | None:
-        """What to do now about ``finding``; None where the last answer is still at work."""
-        if finding.step > self._step:
-            answer = finding
-        elif self._step < finding.most and now_s - self._at_s > self._lasting:
-            answer = Finding(Step(self._step + 1), f"{finding.reason}, still", finding.blind, finding.most)
-        else:
-            return None
-        self._step, self._at_s = answer.step, now_s
-        return answer
-
-    def eased(self) -> None:
-        """The operator has sent it on: begin anew."""
-        self._step, self._at_s = Step.WARN, -math.inf
+def _lands(reason: str) -> Finding:
+    """It lands, and nothing worse follows: no landing ends this."""
+    return Finding(Step.LAND, reason, most=Step.LAND)

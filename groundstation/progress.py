@@ -3,8 +3,9 @@
 from collections.abc import Callable
 
 from groundstation.course import Course, Leg
+from groundstation.escalation import Escalation, Finding, Step
 from groundstation.fence import Fence
-from groundstation.guards import Escalation, Finding, Guards, Step
+from groundstation.guards import Guards
 from groundstation.mission import FINAL, IN_AIR, TABLE, Event, Mission, State
 from groundstation.pacing import LAST_CHANCE_S
 from groundstation.pilot import Pilot, Tick

@@ -174,13 +174,13 @@ def test_the_fence_holds_before_it_and_a_hold_waits_for_the_operator() -> None:
         sign = 1.0 if ahead.reference.velocity_ned[0] > 0.0 else -1.0
         side = (-9.0, north + 0.6) if sign > 0.0 else (north - 0.6, 9.0)
         box = BoxFence(north_m=side, east_m=(-9.0, 9.0), height_m=9.0)
-        guards._fence = Fence(box, 1.0)
+        guards._around._fence = fence = Fence(box, 1.0)
         while flight.state is State.TRACKING:
             await asyncio.sleep(0.01)
         assert flight.state is State.HOLD
         await asyncio.sleep(3.0)
         assert flight.state is State.HOLD
-        assert guards._fence.room_m(stage.plant.truth(asyncio.get_running_loop().time()).position_ned) > 0.0
+        assert fence.room_m(stage.plant.truth(asyncio.get_running_loop().time()).position_ned) > 0.0
         flight.land("seen")
 
     flown = mission(script, figure_s=60.0)

@@ -8,8 +8,9 @@ import pytest
 
 from groundstation.control.model import Motion
 from groundstation.control.port import Estimate
+from groundstation.escalation import Escalation, Finding, Step
 from groundstation.fence import BoxFence, Fence
-from groundstation.guards import Escalation, Finding, Guards, GuardsConfig, Step
+from groundstation.guards import Guards, GuardsConfig
 from groundstation.mission import State
 from groundstation.trajectories.port import Reference
 from groundstation.vehicle import Vehicle

@@ -10,7 +10,8 @@ from hypothesis import strategies as st
 
 from groundstation.checks import Checks
 from groundstation.config import ConfigError, from_dict
-from groundstation.guards import Escalation, Finding, Guards, Step
+from groundstation.escalation import Escalation, Finding, Step
+from groundstation.guards import Guards
 from groundstation.mission import State
 from groundstation.ops import Vec3
 from groundstation.poses.others import BASE_S, GAP_S, Others, Sight
