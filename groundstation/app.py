@@ -24,7 +24,7 @@ from groundstation.recorded import Give, RecordedFlight, about
 from groundstation.settings import Config
 from groundstation.snapshot import Snapshot
 from links import make_link
-from links.mavlink import MavlinkLink, MavlinkLinkConfig
+from links.mavlink import MavlinkLink
 from links.port import CommandLink
 
 
@@ -72,8 +72,9 @@ def make_flight(
         flight.pose_event(event)
 
     source = Gated(source, config.gate, lost_s=config.flight.coast_s, tell=tell)
-    if isinstance(link, MavlinkLink) and isinstance(config.link, MavlinkLinkConfig) and config.link.forward.enabled:
-        source = Forwarding(source, link, config.link.forward)
+    if config.forwards is not None:
+        assert isinstance(link, MavlinkLink), "only a MAVLink section says so"
+        source = Forwarding(source, link, config.forwards)
     told: dict[str, Any] = {"confirm": confirm, "on_tick": on_tick, "on_event": on_event, "on_state": on_state}
     told |= {"others": others, "quiet": quiet}
     flight = (

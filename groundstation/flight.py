@@ -21,7 +21,6 @@ from groundstation.sender import Ended, Sender
 from groundstation.settings import Config
 from groundstation.snapshot import Snapshot
 from groundstation.verdict import Check, Verdict
-from links.mavlink_config import MavlinkLinkConfig
 from links.port import CommandLink, LinkError
 
 LOOK_AGAIN_S = 1.0
@@ -78,7 +77,6 @@ class Flight:
         self._live = LiveGains(config.controller)
         self._others = others
         self._quiet = quiet or Quiet()
-        self._forwards = isinstance(config.link, MavlinkLinkConfig) and config.link.forward.enabled
         self._feeding: asyncio.Event | None = None
         self._checks: Checks | None = None
         self._checked_last: tuple[Check, ...] = ()
@@ -299,7 +297,7 @@ class Flight:
 
     async def _feed(self) -> None:
         """The autopilot may fly by the poses that it gets from us: they do not end with our commands."""
-        if not (self._forwards and self._turns()):
+        if self._config.forwards is None or not self._turns():
             return
         asked = self._feeding = asyncio.Event()
         self._say("poses go on to the autopilot until its motors stop; a second Ctrl-C ends them too")

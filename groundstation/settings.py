@@ -23,7 +23,7 @@ from groundstation.trajectories import TrajectoryConfig
 from groundstation.trajectories.lemniscate import LemniscateConfig
 from groundstation.vehicle import Vehicle
 from links.bridge_link import BridgeLinkConfig
-from links.mavlink import MavlinkLinkConfig
+from links.mavlink_config import ForwardConfig, MavlinkLinkConfig
 from links.rf_codecs import RfConfig
 from links.thrust_curve import full_thrust_n
 
@@ -84,11 +84,7 @@ class Config(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=Tr
         """
         if self.flight.coast_s + self.guards.level_s > 1.0:
             raise ValueError("guards.level_s: with flight.coast_s at most 1 s: no pose vouches for more")
-        if (
-            isinstance(self.pose, MavlinkPoseConfig)
-            and isinstance(self.link, MavlinkLinkConfig)
-            and self.link.forward.enabled
-        ):
+        if isinstance(self.pose, MavlinkPoseConfig) and self.forwards is not None:
             raise ValueError("link.forward.enabled: the poses are the autopilot's own, it must not be told them as new")
         others = self.separation.others
         if others and not isinstance(self.pose, ShowsOthers):
@@ -108,6 +104,13 @@ class Config(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=Tr
     def thrust_curve(self) -> float:
         """The curve in force, from signal to thrust (links/thrust_curve.py): the link's, or else the vehicle's."""
         return self.vehicle.thrust_curve if self.link.thrust_curve is None else self.link.thrust_curve
+
+    @property
+    def forwards(self) -> ForwardConfig | None:
+        """How the autopilot gets our poses for its own estimator; None where it gets none."""
+        if isinstance(self.link, MavlinkLinkConfig) and self.link.forward.enabled:
+            return self.link.forward
+        return None
 
     @property
     def full_thrust_n(self) -> float:
