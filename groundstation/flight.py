@@ -1,13 +1,13 @@
-"""One flight from connecting to its end: what may be asked of it, how it lives, and what is told of it."""
+"""One flight: what may be asked of it, how it lives, and what is told of it."""
 
 import asyncio
 from collections.abc import Awaitable, Callable
-from contextlib import suppress
 
 import msgspec
 
-from groundstation.checks import LOOK_S, Checks, failed
 from groundstation.clock import to_the_end
+from groundstation.departure import Departure
+from groundstation.ending import Ending
 from groundstation.live_gains import LiveGains
 from groundstation.mission import EVENT_OF, FINAL, ON_GROUND, Event, State
 from groundstation.pilot import Pilot, Tick
@@ -20,14 +20,8 @@ from groundstation.scoreboard import Scoreboard
 from groundstation.sender import Ended, Sender
 from groundstation.settings import Config
 from groundstation.snapshot import Snapshot
-from groundstation.verdict import Check, Verdict
+from groundstation.verdict import Check
 from links.port import CommandLink, LinkError
-
-LOOK_AGAIN_S = 1.0
-"""How often the checks are made anew while the operator has not armed yet [s]."""
-
-FEED_LOOK_S = 0.1
-"""How often it is looked whether poses still serve the autopilot after the flight [s]."""
 
 
 class Outcome(msgspec.Struct, frozen=True):
@@ -65,7 +59,6 @@ class Flight:
         self._config = config
         self._link = link
         self._source = source
-        self._confirm = confirm
         self._on_tick = on_tick
         self._on_event = on_event
         self._on_state = on_state
@@ -75,17 +68,13 @@ class Flight:
         self._sender = Sender(link, self._pilot, self._progress, flight.idle_thrust * config.weight_n, self._flown)
         self._scoreboard = Scoreboard(config, link)
         self._live = LiveGains(config.controller)
-        self._others = others
         self._quiet = quiet or Quiet()
-        self._feeding: asyncio.Event | None = None
-        self._checks: Checks | None = None
-        self._checked_last: tuple[Check, ...] = ()
-        self._arm_asked = asyncio.Event()
-        self._first_pose = asyncio.Event()
+        self._departure = Departure(
+            config, link, source, self._pilot, self._progress, confirm=confirm, others=others, say=self._say
+        )
+        self._ending = Ending(link, source, self._say, forwards=config.forwards is not None)
         self._crew: asyncio.Task[None] | None = None
         self._dismissed = False
-        self._closed = False
-        self._kill: asyncio.Task[None] | None = None
 
     # ---- what may be asked of it
 
@@ -119,19 +108,19 @@ class Flight:
             return Reply(False, says)
         match request.ask:
             case Ask.ARM:
-                self._arm_asked.set()
+                self._departure.arm()
                 return Reply(True, "arming")
             case Ask.KILL:
-                if self._kill is None and self._closed:
+                if self._ending.closed and not self._ending.killed:
                     return Reply(False, f"{self.state}: the flight is over, and nothing leaves any more")
-                if self._kill is None:
-                    self._kill = asyncio.ensure_future(self._link.kill())
+                if not self._ending.killed:
+                    self._ending.kill()
                     self._progress.go(event, f"motors off: {why}", now)
-            case _ if self._feeding is not None:
+            case _ if self._ending.feeds:
                 # It is in somebody else's hands, who may rest on our poses: a first Ctrl-C does not end them.
                 if request.ask is Ask.LAND:
                     return Reply(False, "poses go on to the autopilot until its motors stop, or until asked to descend")
-                self._feeding.set()
+                self._ending.starve()
             case _:
                 self._progress.go(event, f"ended before take-off: {why}" if self.state in ON_GROUND else why, now)
         return Reply(True, f"{self.state}: {self._progress.reason}")
@@ -168,7 +157,7 @@ class Flight:
             source=self._source.status,
             link=self._link.status,
             certificate=self._pilot.certificate,
-            checks=self._checked_last,
+            checks=self._departure.checks,
             gains=self._live.now,
         )
 
@@ -196,127 +185,27 @@ class Flight:
             if not (self._dismissed and isinstance(error, asyncio.CancelledError)):
                 raise
         finally:
-            await to_the_end(self._close())
+            await to_the_end(self._ending.close())
         return Outcome(self.state, progress.reason, progress.fault)
 
     async def _fly(self) -> None:
-        loop, progress = asyncio.get_running_loop(), self._progress
-        from_floor = self._config.flight.start == "floor"
-        if from_floor:
-            self._pilot.stand()
-        progress.go(Event.START, "waiting for the link and for poses", loop.time())
-        await self._connect()
-        if from_floor:
-            await self._stand()
-            bad, checks = self._checked()
-            for one in checks:
-                if one.verdict in (Verdict.WARN, Verdict.FAIL):
-                    self._say(f"pre-flight {one.verdict}: {one.name}: {one.says}")
-            if bad:
-                raise Ended(f"pre-flight checks failed: {bad}")
-        status = self._source.status
-        poses = f"poses at {status.rate_hz:.0f} Hz, {1e3 * status.latency_s:.0f} ms late"
-        progress.go(Event.CONNECTED, f"link and poses are there; {poses}", loop.time())
-        await self._operator()
-        if from_floor:
-            bad, _ = self._checked()
-            if bad:
-                raise Ended(f"not armed: {bad}")
-        self._checked_last = ()
-        progress.go(Event.ARM, "asking the autopilot to obey and to arm", loop.time())
-        await self._sender.fly(Event.ARMED if from_floor else Event.AIRBORNE)
+        await self._departure.depart(self._pose)
+        self._progress.go(Event.ARM, "asking the autopilot to obey and to arm", asyncio.get_running_loop().time())
+        await self._sender.fly(Event.ARMED if self._config.flight.start == "floor" else Event.AIRBORNE)
 
     async def check(self) -> list[Check]:
         """Connect, look at everything as before a flight, and disconnect; instead of :meth:`run`."""
         try:
-            await self._connect()
-            await self._stand()
-            return self._checked()[1]
-        except (Ended, LinkError, OSError) as error:
-            return [Check("connection", Verdict.FAIL, str(error))]
+            return await self._departure.check(self._pose)
         finally:
-            await to_the_end(self._close())
-
-    async def _stand(self) -> None:
-        """Look at the vehicle as it stands for a moment."""
-        self._checks = Checks(self._config, self._others)
-        await asyncio.sleep(LOOK_S)
-
-    def _checked(self) -> tuple[str, list[Check]]:
-        """What fails, and all checks."""
-        assert self._checks is not None, "nobody has looked yet"
-        now = asyncio.get_running_loop().time()
-        checks = self._checks(self._progress.standing, self._pilot.noise_m, self._link.status, now)
-        self._checked_last = tuple(checks)
-        return failed(checks), checks
-
-    async def _connect(self) -> None:
-        await self._source.start(self._pose)
-        await self._link.connect()
-        wait = self._config.flight.pose_wait_s
-        try:
-            await asyncio.wait_for(self._first_pose.wait(), wait)
-        except TimeoutError:
-            dropped = self._source.status.dropped
-            hint = f"dropped so far: {dropped}" if dropped else "nothing arrived at all; check address and port"
-            raise Ended(f"no pose within {wait:g} s ({self._config.pose!r}): {hint}") from None
-
-    async def _operator(self) -> None:
-        """Wait until somebody asks to arm: at the terminal, or by a request."""
-        confirmed, asked = asyncio.ensure_future(self._confirm()), asyncio.ensure_future(self._arm_asked.wait())
-        try:
-            while not (confirmed.done() or asked.done()):
-                if self._checks is not None:
-                    self._checked()  # for the screens: whoever arms sees the vehicle as it stands now
-                await asyncio.wait({confirmed, asked}, timeout=LOOK_AGAIN_S, return_when=asyncio.FIRST_COMPLETED)
-            if not asked.done() and not confirmed.result():
-                raise Ended("not armed: the operator did not confirm")
-        finally:
-            for task in (confirmed, asked):
-                task.cancel()
-            await asyncio.gather(confirmed, asked, return_exceptions=True)
-
-    async def _close(self) -> None:
-        """Close the link, which may have to bring down first, and tell what it does."""
-        link = self._link
-        if self._kill is None and link.status.phase in ("fresh", "bring_down"):
-            self._say("bringing down: the link levels, sinks and stops by itself")
-            await link.silent()
-            if self._kill is None:
-                self._say("the bring-down is over: nothing leaves any more")
-        await self._feed()
-        if self._kill is not None:
-            try:
-                await self._kill
-                self._say("the vehicle has acknowledged: motors off")
-            except LinkError as error:
-                self._say(f"NOT acknowledged: {error}")
-        self._closed = True
-        await link.close()
-        await self._source.close()
-
-    async def _feed(self) -> None:
-        """The autopilot may fly by the poses that it gets from us: they do not end with our commands."""
-        if self._config.forwards is None or not self._turns():
-            return
-        asked = self._feeding = asyncio.Event()
-        self._say("poses go on to the autopilot until its motors stop; a second Ctrl-C ends them too")
-        while self._turns() and not asked.is_set():
-            with suppress(TimeoutError):
-                await asyncio.wait_for(asked.wait(), FEED_LOOK_S)
-        why = "as asked" if asked.is_set() else "its motors have stopped, or it is heard no more"
-        self._say(f"no more poses to the autopilot: {why}")
-        self._feeding = None
-
-    def _turns(self) -> bool:
-        return self._kill is None and self._link.status.state == "armed"
+            await to_the_end(self._ending.close())
 
     # ---- what comes in, and what is told
 
     def _pose(self, pose: Pose) -> None:
         if self._sender.pose(pose):
             self._scoreboard.pose(pose)
-            self._first_pose.set()
+            self._departure.pose()
 
     def _entered(self, state: State, reason: str) -> None:
         if state in FINAL and state is not State.LANDED:  # no more commands from here: what follows is the link's
