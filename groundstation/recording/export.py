@@ -11,8 +11,9 @@ import msgspec
 
 from groundstation.config import ConfigError
 from groundstation.poses.csv_codec import COLUMNS, Row, encode
-from groundstation.recording.channels import CHANNELS, Measured, schema
+from groundstation.recording.channels import CHANNELS, Measured
 from groundstation.recording.reader import NoRecording, Recording
+from groundstation.recording.schema import schema
 
 
 def export_command(path: Path, form: str, channels: list[str], out: Path | None) -> int:

@@ -13,11 +13,12 @@ import msgspec
 from mcap.writer import CompressionType, Writer
 
 import groundstation
-from groundstation.recording.channels import CHANNELS, schema
+from groundstation.recording.channels import CHANNELS
 from groundstation.recording.headline import Count
 from groundstation.recording.messages import Messages, address
 from groundstation.recording.patient_file import PatientFile
 from groundstation.recording.records import About, Ended, Lost, Opened, Posed, Received, Record, Sent, Ticked, Told
+from groundstation.recording.schema import schema
 from groundstation.recording.tlog import TlogCutter
 
 FLUSH_S = 0.25

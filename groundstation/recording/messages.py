@@ -8,7 +8,19 @@ import msgspec
 from groundstation.ops import Quat, Vec3
 from groundstation.pilot import Tick
 from groundstation.recording import channels as ch
-from groundstation.recording.channels import quaternion, vector
+from groundstation.recording.foxglove import (
+    DISPLAY,
+    VEHICLE,
+    WORLD,
+    FoxglovePose,
+    FrameTransform,
+    Log,
+    PoseInFrame,
+    Time,
+    Vector3,
+    quaternion,
+    vector,
+)
 from groundstation.recording.records import (
     NO_PORT,
     Asked,
@@ -73,7 +85,7 @@ class Messages:
         match record:
             case Opened(time_s, wire, kind, local, remote):
                 if wire == 0:  # screens with z up see the world as it stands
-                    yield self._transform(time_s, ch.DISPLAY, ch.WORLD, (0.0, 0.0, 0.0), (0.0, 1.0, 0.0, 0.0))
+                    yield self._transform(time_s, DISPLAY, WORLD, (0.0, 0.0, 0.0), (0.0, 1.0, 0.0, 0.0))
                 yield "/raw/opened", time_s, ch.WireOpened(time_s, wire, kind, address(local), address(remote))
             case Followed(time_s):
                 yield "/follow", time_s, ch.Follow(time_s)
@@ -91,7 +103,7 @@ class Messages:
                 yield self._log(time_s, WARNING, f"{count} records are missing here: the recorder could not keep up")
 
     def _log(self, time_s: float, level: int, text: str) -> Message:
-        return "/log", time_s, ch.Log(self._time(time_s), level, text, NAME, "", 0)
+        return "/log", time_s, Log(self._time(time_s), level, text, NAME, "", 0)
 
     def _pose(self, record: Posed) -> Iterator[Message]:
         p = record.pose
@@ -102,7 +114,7 @@ class Messages:
         yield (
             "/pose",
             p.arrival_s,
-            ch.PoseInFrame(self._time(p.time_s), ch.WORLD, ch.FoxglovePose(position, attitude)),
+            PoseInFrame(self._time(p.time_s), WORLD, FoxglovePose(position, attitude)),
         )
 
     def _tick(self, tick: Tick, late_s: float | None) -> Iterator[Message]:
@@ -145,7 +157,7 @@ class Messages:
         )
         yield "/lyapunov", t, ch.Lyapunov(t, d.v_known, *d.v_terms, d.w, *d.w_terms, d.certificate, *tick.seen[:2])
         yield "/timing", t, self._timing(tick, late_s)
-        yield "/tf", t, ch.FrameTransform(self._time(estimate.time_s), ch.WORLD, ch.VEHICLE, position, attitude)
+        yield "/tf", t, FrameTransform(self._time(estimate.time_s), WORLD, VEHICLE, position, attitude)
 
     def _timing(self, tick: Tick, late_s: float | None) -> ch.Timing:
         now, last = tick.time_s, self._last
@@ -154,13 +166,13 @@ class Messages:
         return ch.Timing(now, now - tick.pose.time_s, interval, msgspec.UNSET if late_s is None else late_s)
 
     def _transform(self, time_s: float, parent: str, child: str, at: Vec3, turned: Quat) -> Message:
-        return "/tf", time_s, ch.FrameTransform(self._time(time_s), parent, child, vector(at), quaternion(turned))
+        return "/tf", time_s, FrameTransform(self._time(time_s), parent, child, vector(at), quaternion(turned))
 
-    def _time(self, time_s: float) -> ch.Time:
-        return ch.Time(*divmod(self.stamp(time_s), 1_000_000_000))
+    def _time(self, time_s: float) -> Time:
+        return Time(*divmod(self.stamp(time_s), 1_000_000_000))
 
 
-def _command(c: Command) -> tuple[float, ch.Vector3, int, float, float, tuple[ch.Part, ...]]:
+def _command(c: Command) -> tuple[float, Vector3, int, float, float, tuple[ch.Part, ...]]:
     parts = tuple(ch.Part(p.duration_s, p.thrust_n, vector(p.rates_rad_s)) for p in c.bring_down)
     return c.thrust_n, vector(c.rates_rad_s), c.pose_id, c.pose_time_s, c.deadline_s, parts
 

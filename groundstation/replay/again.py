@@ -18,6 +18,7 @@ from groundstation.poses.gate import Gate
 from groundstation.poses.mavlink import MavlinkPoseConfig
 from groundstation.poses.port import Pose
 from groundstation.recording import channels as ch
+from groundstation.recording.foxglove import Quaternion, Vector3
 from groundstation.recording.reader import Entry, Recording
 from groundstation.recording.records import GAIN
 from groundstation.replay.tape import TapeLoop, tape_loop
@@ -292,11 +293,11 @@ def _signs(value: Any) -> Any:
     return math.copysign(1.0, value) if isinstance(value, float) else None
 
 
-def _tuple(v: ch.Vector3) -> Vec3:
+def _tuple(v: Vector3) -> Vec3:
     return (v.x, v.y, v.z)
 
 
-def _quat(q: ch.Quaternion) -> Quat:
+def _quat(q: Quaternion) -> Quat:
     return (q.w, q.x, q.y, q.z)
 
 

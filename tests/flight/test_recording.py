@@ -16,12 +16,13 @@ from mcap.reader import make_reader
 from groundstation.config import from_dict
 from groundstation.poses.csv_codec import rows
 from groundstation.poses.tlog_codec import TlogReader
-from groundstation.recording.channels import CHANNELS, schema
+from groundstation.recording.channels import CHANNELS
 from groundstation.recording.export import export_command
 from groundstation.recording.headline import STEADY_S
 from groundstation.recording.log import FLUSH_S
 from groundstation.recording.reader import NoRecording, Recording, quick_headline
 from groundstation.recording.records import Posed, Received, Record, Sent, Ticked, Told
+from groundstation.recording.schema import schema
 from groundstation.settings import Config
 from sim.fly import fly
 from sim.prepare import prepare
