@@ -9,19 +9,16 @@ from collections.abc import Callable
 
 from groundstation.config import ConfigError, dump, load
 from groundstation.confirm import confirmation, ensure_named, line_from_terminal
-from groundstation.poses import Recorded
-from groundstation.preflight import ensure_flyable, ensure_guarded
-from groundstation.radio import ensure_link
+from groundstation.preflight import flyable
 from groundstation.requests import Ask
 from groundstation.settings import Config
-from groundstation.telemetry.mqtt_requests import ensure_mqtt
 
 EXIT_DONE, EXIT_ABORTED = 0, 1
 
 
 def fly(args: argparse.Namespace) -> int:
     """Fly in the foreground: ask before arming, say what happens, land on Ctrl-C."""
-    config = _flyable(load(args.config, Config, args.overrides))
+    config = flyable(load(args.config, Config, args.overrides))
     ensure_named(args.arm, config)
     if args.tui:
         from groundstation.tui.command import fly_with_screen
@@ -36,7 +33,7 @@ def fly(args: argparse.Namespace) -> int:
 
 def daemon(args: argparse.Namespace) -> int:
     """Fly headless, whenever somebody arms: log lines to stderr, land and end on SIGTERM."""
-    config = _flyable(load(args.config, Config, args.overrides))
+    config = flyable(load(args.config, Config, args.overrides))
     ensure_named(args.arm, config)
     from groundstation.service.command import daemon_command
     from groundstation.service.logs import Format
@@ -55,50 +52,23 @@ def service(args: argparse.Namespace) -> int:
     """Print a systemd unit for a configuration."""
     from groundstation.service.unit import unit
 
-    config = _flyable(load(args.config, Config, args.overrides))
+    config = flyable(load(args.config, Config, args.overrides))
     print(unit(config, args.config, args.overrides, user=args.user), end="")
     return EXIT_DONE
 
 
 def fleet(args: argparse.Namespace) -> int:
     """Fly several vehicles, a core process each; signals reach every one."""
-    from groundstation.fleet.plan import read_fleet
-    from groundstation.fleet.supervisor import Supervisor, by_hand
+    from groundstation.fleet.command import fleet_command
 
-    found = read_fleet(args.fleet, args.overrides)
-    names = [member.name for member in found.members]
-    for option, asked in (("--arm", args.arm), ("--show", [args.show] if args.show else [])):
-        for name in asked:
-            if name not in names:
-                raise ConfigError(option, f"expected one of {names}, got {name!r}")
-    if args.arm and "NOTIFY_SOCKET" in os.environ:
-        raise ConfigError("--arm", "a service never arms by itself, as it may be started again at any time")
-    if args.show:
-        print(by_hand(found, found.members[names.index(args.show)]))
-        return EXIT_DONE
-    for member in found.members:
-        try:
-            _flyable(member.lab)
-        except ConfigError as error:
-            raise ConfigError(error.key, error.problem, f"{args.fleet}: vehicle {member.name}") from None
-    return asyncio.run(Supervisor(found, list(dict.fromkeys(args.arm)), _unwaited()).run())
+    return fleet_command(args, _unwaited())
 
 
 def relay(args: argparse.Namespace) -> int:
     """Hand datagrams on until told to end."""
-    from groundstation.fleet.relay import Relay, run_relay
-    from groundstation.poses.port import SourceError
+    from groundstation.fleet.command import relay_command
 
-    try:
-        made = Relay(args.listen, args.to, group=args.group or "", interface=args.interface or "")
-    except ValueError as error:
-        raise ConfigError("relay", str(error)) from None
-    try:
-        asyncio.run(run_relay(made, _unwaited(), until_eof=args.until_eof))
-    except SourceError as error:
-        print(f"groundstation: {error}", file=sys.stderr)
-        return EXIT_ABORTED
-    return EXIT_DONE
+    return relay_command(args, _unwaited())
 
 
 def radio(args: argparse.Namespace) -> int:
@@ -213,55 +183,16 @@ def carry(args: argparse.Namespace) -> int:
 
 def trajectory(args: argparse.Namespace) -> int:
     """Say what the trajectory asks of the vehicle, and whether it may fly."""
-    import json
+    from groundstation.preflight_commands import trajectory_command
 
-    import msgspec
-
-    from groundstation.preflight import look, refused, text
-
-    config = load(args.config, Config, args.overrides)
-    report = look(config)
-    if args.json:
-        facts = {
-            "kind": config.trajectory.__struct_config__.tag,
-            "vehicle": config.vehicle.name,
-            "pass": report.ok,
-            "refusal": refused(config, report),
-            **msgspec.to_builtins(report),
-        }
-        print(json.dumps(facts))
-    else:
-        print(text(config, report))
-    return EXIT_DONE if report.ok else EXIT_ABORTED
+    return trajectory_command(args)
 
 
 def check(args: argparse.Namespace) -> int:
     """Connect, run the pre-flight checks, and disconnect; or show the pose source live. Nothing is armed."""
-    import json
+    from groundstation.preflight_commands import check_command
 
-    import msgspec
-
-    from groundstation.app import make_flight
-    from groundstation.checks import failed, text
-
-    config = load(args.config, Config, args.overrides)
-    if args.watch:
-        from groundstation.listen.command import watch
-
-        return watch(config, seconds=args.seconds, as_json=args.json)
-    if args.seconds is not None:
-        raise ConfigError("--seconds", "is for --watch; without it the checks end by themselves")
-    _flyable(config)
-
-    async def never() -> bool:
-        return False
-
-    checks = asyncio.run(make_flight(config, confirm=never).check())
-    bad = failed(checks)
-    verdict = "NOT ready to fly: see FAIL above" if bad else "ready to fly"
-    facts = json.dumps({"pass": not bad, "checks": msgspec.to_builtins(checks)})
-    print(facts if args.json else f"{text(checks)}\n{verdict}")
-    return EXIT_ABORTED if bad else EXIT_DONE
+    return check_command(args)
 
 
 def states(args: argparse.Namespace) -> int:
@@ -292,17 +223,6 @@ def vehicles(args: argparse.Namespace) -> int:
         summary = text.splitlines()[0].lstrip("# ")
         print(f"{name:12}{figures:20}{summary}")
     return EXIT_DONE
-
-
-def _flyable(config: Config) -> Config:
-    """Refuse what the vehicle can't fly, recorded poses, and a real vehicle without a fence and a speed limit."""
-    if isinstance(config.pose, Recorded):
-        raise ConfigError("pose.kind", "a recording must not fly a vehicle; look at it with `groundstation replay`")
-    ensure_guarded(config)
-    ensure_link(config)
-    ensure_mqtt(config.mqtt)
-    ensure_flyable(config)
-    return config
 
 
 def _say(line: str) -> None:

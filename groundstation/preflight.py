@@ -1,9 +1,16 @@
-"""What is looked at before take-off: whether the vehicle can fly the trajectory at all."""
+"""What is looked at before take-off, and before anything is opened: whether this configuration may fly at all."""
+
+from pathlib import Path
 
 from groundstation.config import ConfigError
+from groundstation.poses import Recorded
 from groundstation.settings import Config
+from groundstation.telemetry.mqtt_requests import ensure_mqtt
 from groundstation.trajectories.check import Demand, Report, check, refusal
 from links.address import is_loopback, parse_address
+from links.bridge_link import BridgeLinkConfig
+from links.key_file import read_key
+from links.mavlink_config import MavlinkLinkConfig
 from links.serial_port import is_pseudo_terminal
 
 
@@ -75,6 +82,46 @@ def ensure_guarded(config: Config) -> None:
         raise ConfigError("limits.max_speed_m_s", f"missing, and {because}: the fastest that it may be told to go")
     if config.flight.start != "floor":
         raise ConfigError("flight.start", f"expected floor, as {because}")
+
+
+def flyable(config: Config) -> Config:
+    """``config``, which must have all that a flight needs.
+
+    Raises:
+        ConfigError: the vehicle can't fly this, the poses are recorded, a real vehicle has no fence or no speed limit,
+            or a key can't be used.
+    """
+    if isinstance(config.pose, Recorded):
+        raise ConfigError("pose.kind", "a recording must not fly a vehicle; look at it with `groundstation replay`")
+    ensure_guarded(config)
+    ensure_link(config)
+    ensure_mqtt(config.mqtt)
+    ensure_flyable(config)
+    return config
+
+
+def ensure_link(config: Config) -> None:
+    """Stop before anything moves if a link's port or key can't be used.
+
+    Raises:
+        ConfigError: by the dotted key.
+    """
+    if isinstance(config.link, BridgeLinkConfig):
+        key(config.link.key_file, "link.key_file")
+    if isinstance(config.link, MavlinkLinkConfig) and config.link.signing_key_file is not None:
+        key(config.link.signing_key_file, "link.signing_key_file")
+
+
+def key(file: str, name: str) -> bytes:
+    """The key in ``file``, which the configuration calls ``name``.
+
+    Raises:
+        ConfigError: it can't be used.
+    """
+    try:
+        return read_key(Path(file))
+    except ValueError as error:
+        raise ConfigError(name, str(error)) from None
 
 
 def text(config: Config, report: Report) -> str:

@@ -4,14 +4,12 @@ import argparse
 import asyncio
 import signal
 from collections.abc import Callable
-from pathlib import Path
 
 from groundstation.config import ConfigError, load
+from groundstation.preflight import key
 from groundstation.settings import Config
 from links.bridge import BridgeConfig
-from links.bridge_link import BridgeLinkConfig
-from links.key_file import make_key, read_key
-from links.mavlink import MavlinkLinkConfig
+from links.key_file import make_key
 from links.port import LinkError
 from links.rf_codec import RfLinkConfig, Service
 from links.rf_codecs import RF_CODECS
@@ -110,27 +108,3 @@ async def _bridge(config: BridgeConfig, shared: bytes, say: Say) -> bool:
     except LinkError as error:
         say(str(error))
     return False
-
-
-def ensure_link(config: Config) -> None:
-    """Stop before anything moves if a link's port or key can't be used.
-
-    Raises:
-        ConfigError: by the dotted key.
-    """
-    if isinstance(config.link, BridgeLinkConfig):
-        key(config.link.key_file, "link.key_file")
-    if isinstance(config.link, MavlinkLinkConfig) and config.link.signing_key_file is not None:
-        key(config.link.signing_key_file, "link.signing_key_file")
-
-
-def key(file: str, name: str) -> bytes:
-    """The key in ``file``, which the configuration calls ``name``.
-
-    Raises:
-        ConfigError: it can't be used.
-    """
-    try:
-        return read_key(Path(file))
-    except ValueError as error:
-        raise ConfigError(name, str(error)) from None
