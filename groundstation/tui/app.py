@@ -1,7 +1,7 @@
 """The dashboard: a process of its own that shows what a feed brings, and passes on what the operator orders."""
 
 import asyncio
-from collections.abc import Awaitable, Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from contextlib import suppress
 from typing import Any, ClassVar
 
@@ -14,13 +14,13 @@ from groundstation.mission import FINAL, ON_GROUND
 from groundstation.requests import Ask
 from groundstation.tui.bars import TALL, Knobs
 from groundstation.tui.control_page import ControlPage
-from groundstation.tui.dialogs import Choice, Dialog, Help, Typed
-from groundstation.tui.feed import Answer, Feed
+from groundstation.tui.dialogs import Choice, Dialog, Help
+from groundstation.tui.feed import Feed
 from groundstation.tui.fly_page import FlyPage
-from groundstation.tui.gains import Gain
 from groundstation.tui.headline import SILENCE_S
 from groundstation.tui.links_page import LinksPage
-from groundstation.tui.orders import BY_ASK, ORDERS, Order, Twice, possible
+from groundstation.tui.ordering import Ordering
+from groundstation.tui.orders import BY_ASK, ORDERS
 from groundstation.tui.page import PAGES, Frame, Page
 from groundstation.tui.picture import Picture
 from groundstation.tui.playback import Playback
@@ -77,8 +77,8 @@ class Dashboard(App[None]):
         self._read_only = read_only
         self._take_control = take_control and self._orders
         self._which = which
-        self._twice = Twice()
         self.picture: Picture
+        self._ordering: Ordering
         for theme in THEMES:
             self.register_theme(theme)
         self.theme = THEMES[0].name
@@ -103,6 +103,7 @@ class Dashboard(App[None]):
     def on_mount(self) -> None:
         """Begin to listen."""
         self.picture = Picture(asyncio.get_running_loop().time())
+        self._ordering = Ordering(self, self._feed, self.picture, self.draw, read_only=self._read_only)
         self.run_worker(self._listen())
 
     def on_ready(self) -> None:
@@ -116,7 +117,7 @@ class Dashboard(App[None]):
             self.picture.take(news, loop.time())
             if first and self.picture.hello is not None and self._take_control:
                 self._take_control = False
-                self._say(await self._feed.control(take=True))
+                await self._ordering.take()
 
     def draw(self) -> None:
         """Draw what is new on the page, and on the dialog above it."""
@@ -128,7 +129,7 @@ class Dashboard(App[None]):
             picture,
             now,
             stale=now - picture.arrived_s > SILENCE_S,
-            again=self._twice.waits(now),
+            again=self._ordering.waits(now),
             whose="" if newest is None else f"{newest.vehicle}  {flight_time(newest.flight_time_s)}",
             holder=self._beside(),
         )
@@ -161,90 +162,16 @@ class Dashboard(App[None]):
         return self._plays if action == "play" else True
 
     def action_order(self, ask: str) -> None:
-        """Do what a key, a button or the palette says. What brings the vehicle down does not ask back."""
-        if not self._orders:
-            self._only_looks()
-            return
-        order = BY_ASK[Ask(ask)]
-        if not order.always and self._silence_s > SILENCE_S:
-            self._say(Answer(done=False, says="what is shown is old: nothing is ordered by it"))
-        elif order.ask is Ask.KILL and not self._twice.press(asyncio.get_running_loop().time()):
-            self.draw()
-        elif order.always or order.ask in (Ask.HOLD, Ask.RETURN):
-            self._ask(order.ask)
-        else:
-            self.run_worker(self._confirmed(order))
-
-    async def _confirmed(self, order: Order) -> None:
-        """Arm and fly, once the operator has confirmed."""
-        newest = self.picture.newest
-        if newest is None:
-            self._say(Answer(done=False, says="there is no vehicle to see"))
-        elif not self.picture.holder.yours:
-            self._say(Answer(done=False, says="take control first: key c"))
-        elif not possible(order, newest.state):
-            self._say(Answer(done=False, says=f"{order.ask} is not possible while {newest.state}"))
-        elif order.ask is Ask.ARM:
-            says = f"The motors of {newest.vehicle} will start. Type its name:"
-            typed = await self.push_screen_wait(Typed(f"ARM {newest.vehicle}?", says, wanted=newest.vehicle))
-            if typed is not None:
-                self._ask(order.ask, typed)
-        else:
-            says = f"{newest.vehicle} leaves the hold for its trajectory."
-            options = [("no", "No, stay"), ("yes", "Yes, fly")]
-            if await self.push_screen_wait(Choice("FLY the trajectory?", says, options)) == "yes":
-                self._ask(order.ask)
-
-    @property
-    def _silence_s(self) -> float:
-        return asyncio.get_running_loop().time() - self.picture.arrived_s
-
-    def _ask(self, ask: Ask, vehicle: str = "") -> None:
-        self._later(lambda: self._feed.ask(ask, "", vehicle))
+        """Do what a key, a button or the palette says."""
+        self._ordering.order(BY_ASK[Ask(ask)])
 
     def action_control(self) -> None:
         """Take control, or give it back."""
-        if self._orders:
-            self._later(lambda: self._feed.control(take=not self.picture.holder.yours))
-        else:
-            self._only_looks()
-
-    def _only_looks(self) -> None:
-        """Whoever tries to stop a vehicle from here must not wait for it."""
-        if self._read_only:
-            self._say(Answer(done=False, says="NOTHING WAS ORDERED: this screen may only look; go to the station"))
+        self._ordering.control()
 
     def on_control_page_chosen(self, event: ControlPage.Chosen) -> None:
         """A gain shall be changed."""
-        self.run_worker(self._edit(event.gain))
-
-    async def _edit(self, gain: Gain) -> None:
-        """Ask for a new value of a gain, and pass it on."""
-        if not self._orders:
-            self._only_looks()
-            return
-        if not self.picture.holder.yours:
-            self._say(Answer(done=False, says="gains need control: key c"))
-            return
-        typed = await self.push_screen_wait(Typed(gain.key, gain.text(), value=f"{gain.value:g}"))
-        if typed is None:
-            return
-        value = gain.read(typed)
-        if isinstance(value, str):
-            self._say(Answer(done=False, says=value))
-            return
-        self._say(await self._feed.set_gain(gain.key, value))
-
-    def _later(self, work: Callable[[], Awaitable[Answer]]) -> None:
-        """Do it beside the screen, which goes on being drawn, and say what came of it."""
-
-        async def do() -> None:
-            self._say(await work())
-
-        self.run_worker(do())
-
-    def _say(self, answer: Answer) -> None:
-        self.notify(answer.says, severity="information" if answer.done else "error", timeout=6.0, markup=False)
+        self.run_worker(self._ordering.edit(event.gain))
 
     # ---- the screen itself
 
