@@ -4,7 +4,6 @@ What went in is taken from the recording: every byte with its arrival, the insta
 came out, every pose and every command, is made anew and held against what was recorded, to the last bit.
 """
 
-import math
 from collections import deque
 from typing import Any, NamedTuple
 
@@ -12,36 +11,23 @@ import msgspec
 
 from groundstation.app import make_ends
 from groundstation.control.model import Drive
-from groundstation.ops import Quat, Vec3
+from groundstation.ops import Vec3
 from groundstation.pilot import Pilot
 from groundstation.poses.gate import Gate
 from groundstation.poses.mavlink import MavlinkPoseConfig
 from groundstation.poses.port import Pose
 from groundstation.recording import channels as ch
-from groundstation.recording.foxglove import Quaternion, Vector3
 from groundstation.recording.reader import Entry, Recording
 from groundstation.recording.records import GAIN
+from groundstation.replay import read_back
+from groundstation.replay.comparison import Comparison, Difference
 from groundstation.replay.tape import TapeLoop, tape_loop
 from groundstation.settings import Config
 from groundstation.trajectories.port import Reference
 from links.mavlink import MavlinkLinkConfig
-from links.port import Command, Segment
+from links.port import Command
 
 TOPICS = ("/raw/opened", "/raw/received", "/measured", "/follow", "/switch", "/idle", "/command", "/reference", "/lost")
-
-
-class Difference(msgspec.Struct, frozen=True):
-    """Where recording and replay first part."""
-
-    what: str
-    """``pose``, ``idle`` or ``command``."""
-    number: int
-    """Which of them, from 0."""
-    time_s: float
-    """On the flight's clock [s]."""
-    field: str
-    recorded: Any
-    replayed: Any
 
 
 class Pair(NamedTuple):
@@ -121,9 +107,7 @@ class _Again:
         self._turn = -1
         self._command: ch.Commanded | None = None
         self._pairs: list[Pair] = []
-        self._count = {"pose": 0, "idle": 0, "command": 0}
-        self._differing = {"pose": 0, "idle": 0, "command": 0}
-        self._first: Difference | None = None
+        self._comparison = Comparison()
         self._lost = 0
 
     def take(self, entry: Entry, entries: list[Entry], index: int) -> None:
@@ -149,8 +133,8 @@ class _Again:
                 self._lost += msgspec.json.decode(entry.data, type=ch.Missing).count
 
     def result(self) -> Reflown:
-        count = self._count
-        return Reflown(self._pairs, count["pose"], count["idle"], self._differing, self._first, self._lost, self._deaf)
+        c = self._comparison
+        return Reflown(self._pairs, c.count["pose"], c.count["idle"], c.differing, c.first, self._lost, self._deaf)
 
     async def _connect(self) -> None:
         """As a flight does; but the link only where poses come by it, and never one with a pacer.
@@ -194,32 +178,22 @@ class _Again:
             protocol.data_received(received.data)
 
     def _measured(self, seen: ch.Measured) -> None:
-        number = self._next("pose")
         while self._delivered and self._delivered[0].id < seen.id:
             self._delivered.popleft()  # the flight did not take it either
         if not (self._delivered and self._delivered[0].id == seen.id):
             self._loop.settle()
-        velocity = None if seen.velocity_ned is msgspec.UNSET else _tuple(seen.velocity_ned)
-        recorded = Pose(
-            seen.id,
-            seen.time_s,
-            seen.arrival_s,
-            _tuple(seen.position_ned),
-            _quat(seen.attitude),
-            velocity,
-            seen.reset_count,
-        )
+        recorded = read_back.pose(seen)
         pose = self._delivered.popleft() if self._delivered and self._delivered[0].id == seen.id else None
         if pose is None:
-            self._differ("pose", number, seen.arrival_s, "all of it", seen.id, None)
+            self._comparison.missing("pose", seen.arrival_s, seen.id)
             pose = recorded
         else:
-            self._compare("pose", number, seen.arrival_s, recorded, pose)
+            self._comparison.compare("pose", seen.arrival_s, recorded, pose)
         self._pilot.pose(pose)
 
     def _idle(self, idle: ch.Idle) -> None:
         command = self._pilot.idle(idle.time_s, idle.thrust_n)
-        self._compare("idle", self._next("idle"), idle.time_s, _command(idle), command)
+        self._comparison.compare("idle", idle.time_s, read_back.command(idle), command)
 
     def _switch(self, switch: ch.Switch) -> None:
         pilot, values = self._pilot, switch.values
@@ -238,19 +212,12 @@ class _Again:
         if recorded is None:
             return
         self._command = None
-        self._told.reference = Reference(
-            _tuple(reference.position_ned),
-            _tuple(reference.velocity_ned),
-            _tuple(reference.acceleration_ned),
-            _tuple(reference.jerk_ned),
-            reference.yaw_rad,
-            reference.yaw_rate_rad_s,
-        )
+        self._told.reference = read_back.reference(reference)
         tick = self._pilot.tick(recorded.time_s)
-        was, command = _command(recorded), tick.command
+        was, command = read_back.command(recorded), tick.command
         if was != command:
             self._pilot.obeyed(recorded.time_s, was)
-        self._compare("command", self._next("command"), recorded.time_s, was, command)
+        self._comparison.compare("command", recorded.time_s, was, command)
         self._pairs.append(
             Pair(
                 (was.thrust_n, *was.rates_rad_s),
@@ -258,23 +225,6 @@ class _Again:
                 bool(tick.decision.saturated),
             )
         )
-
-    def _next(self, what: str) -> int:
-        number = self._count[what]
-        self._count[what] = number + 1
-        return number
-
-    def _compare(self, what: str, number: int, time_s: float, was: msgspec.Struct, now: msgspec.Struct) -> None:
-        for field in was.__struct_fields__:
-            a, b = getattr(was, field), getattr(now, field)
-            if a != b or _signs(a) != _signs(b):
-                self._differ(what, number, time_s, field, a, b)
-                return
-
-    def _differ(self, what: str, number: int, time_s: float, field: str, was: Any, now: Any) -> None:
-        self._differing[what] += 1
-        if self._first is None:
-            self._first = Difference(what, number, time_s, field, was, now)
 
 
 def _arrival_s(entries: list[Entry], index: int) -> float | None:
@@ -286,21 +236,3 @@ def _arrival_s(entries: list[Entry], index: int) -> float | None:
         if entry.topic == "/raw/received":
             break
     return None
-
-
-def _signs(value: Any) -> Any:
-    """The sign of a zero counts too."""
-    return math.copysign(1.0, value) if isinstance(value, float) else None
-
-
-def _tuple(v: Vector3) -> Vec3:
-    return (v.x, v.y, v.z)
-
-
-def _quat(q: Quaternion) -> Quat:
-    return (q.w, q.x, q.y, q.z)
-
-
-def _command(c: ch.Commanded | ch.Idle) -> Command:
-    parts = tuple(Segment(part.duration_s, part.thrust_n, _tuple(part.rates_rad_s)) for part in c.bring_down)
-    return Command(c.thrust_n, _tuple(c.rates_rad_s), c.pose_id, c.pose_time_s, c.deadline_s, parts)
