@@ -6,8 +6,10 @@ from typing import Any
 
 from groundstation.frames import frames_of
 from groundstation.poses import natnet_codec as natnet
+from groundstation.poses import natnet_models_codec
 from groundstation.poses.multicast import send_by
 from groundstation.poses.natnet import NatNetConfig
+from groundstation.poses.natnet_payload import Unreadable
 from links.address import parse_address
 from sim.trackers import CLOCK_AHEAD_S, Seen
 
@@ -49,7 +51,7 @@ class NatNetServer(asyncio.DatagramProtocol):
         """Answer a client (called by the event loop)."""
         try:
             number, _ = natnet.split(data)
-        except natnet.Unreadable:
+        except Unreadable:
             return
         if addr in self._clients or len(self._clients) < MOST_CLIENTS:
             self._clients[addr] = asyncio.get_running_loop().time()
@@ -76,7 +78,7 @@ class NatNetServer(asyncio.DatagramProtocol):
 
     def models(self) -> bytes:
         """The bodies that were streamed so far."""
-        return natnet.encode_models(self._ids, self.info.version)
+        return natnet_models_codec.encode_models(self._ids, self.info.version)
 
     def encode(self, frame: int, exposure_s: float, transmit_s: float, bodies: Sequence[Seen]) -> bytes:
         """One frame; a hidden body's last pose is marked as not tracked."""

@@ -4,7 +4,7 @@
 
     SERVERINFO     char[256] name | u8[4] its version | u8[4] NatNet version | u64 clock frequency | u16 data port |
                    u8 multicast | u8[4] group
-    MODELDEF       u32 n, then n × (u32 type, [4.1: u32 bytes], description); names and ids of bodies are here only
+    MODELDEF       natnet_models_codec.py
     FRAMEOFDATA    u32 frame, then sections, each u32 n, [4.1: u32 bytes], n elements: marker sets, unlabelled markers,
                    rigid bodies, skeletons, [4.1: assets], labelled markers, force plates, devices; then the suffix:
                    u32 timecode, u32 sub-frame | f64 time | u64 mid-exposure, data received, transmit (ticks) |
@@ -17,12 +17,13 @@ That 4.1 writes the bytes of each section is known; readers walk the elements an
 """
 
 import struct
-from collections.abc import Iterable, Mapping
-from typing import Any, TypeAlias
+from collections.abc import Iterable
+from typing import TypeAlias
 
 import msgspec
 
 from groundstation.ops import Quat, Vec3
+from groundstation.poses.natnet_payload import U32, Payload, Unreadable, text_of
 
 CONNECT, SERVERINFO, REQUEST_MODELDEF, MODELDEF, FRAMEOFDATA, KEEPALIVE = 0, 1, 4, 5, 7, 10
 """Message ids."""
@@ -36,19 +37,14 @@ OLDEST: Version = (3, 0)
 """Before it, there are no ticks of the exposure."""
 SIZED: Version = (4, 1)
 """From here on sections tell their bytes."""
-TURNED: Version = (4, 2)
-"""From here on the description of a body holds a quaternion."""
 
 _HEADER = struct.Struct("<HH")
-_U32 = struct.Struct("<I")
 _SERVER = struct.Struct("<256s4s4sQHB4s")
 _BODY = struct.Struct("<i3f4ffH")
 _SUFFIX = struct.Struct("<IIdQQQ")
 _PRECISION = struct.Struct("<II")
 _FLAGS = struct.Struct("<H")
-_BODY_DESCRIPTION = struct.Struct("<ii3f")
 _POINT_BYTES = 12
-_QUATERNION_BYTES = 16
 _LABELLED_BYTES = 26
 _ASSET_MARKER_BYTES = 26
 
@@ -92,10 +88,6 @@ class Frame(msgspec.Struct, frozen=True):
     models_changed: bool = False
 
 
-class Unreadable(Exception):
-    """Why a message can't be read, as one word; never leaves this file's callers."""
-
-
 def message(number: int, payload: bytes = b"") -> bytes:
     """One message."""
     return _HEADER.pack(number, len(payload)) + payload
@@ -130,7 +122,7 @@ def decode_server_info(payload: bytes) -> ServerInfo:
         raise Unreadable("wrong_version")
     if ticks == 0:
         raise Unreadable("absurd")
-    return ServerInfo(_text(name), (version[0], version[1]), ticks, port, bool(multicast), ".".join(map(str, group)))
+    return ServerInfo(text_of(name), (version[0], version[1]), ticks, port, bool(multicast), ".".join(map(str, group)))
 
 
 def encode_server_info(info: ServerInfo) -> bytes:
@@ -143,67 +135,13 @@ def encode_server_info(info: ServerInfo) -> bytes:
     )
 
 
-def decode_models(payload: bytes, version: Version) -> dict[str, int]:
-    """Rigid bodies of a MODELDEF, name → streaming id.
-
-    Descriptions of unknown kinds end the list: those of rigid bodies come before them.
-
-    Raises:
-        Unreadable: truncated.
-    """
-    walk = _Walk(payload)
-    bodies: dict[str, int] = {}
-    for _ in range(walk.count()):
-        kind = walk.count()
-        if version >= SIZED:
-            walk.count()
-        if kind == 0:
-            walk.text()
-            for _ in range(walk.count()):
-                walk.text()
-        elif kind == 1:
-            name, number = _body_description(walk, version)
-            bodies[name] = number
-        elif kind == 2:
-            walk.text()
-            walk.skip(4)
-            for _ in range(walk.count()):
-                _body_description(walk, version)
-        else:
-            break
-    return bodies
-
-
-def _body_description(walk: "_Walk", version: Version) -> tuple[str, int]:
-    name = walk.text()
-    number, *_ = walk.take(_BODY_DESCRIPTION)
-    if version >= TURNED:
-        walk.skip(_QUATERNION_BYTES)
-    markers = walk.count()
-    walk.skip(markers * (_POINT_BYTES + 4))
-    if version >= (4, 0):
-        for _ in range(markers):
-            walk.text()
-    return name, int(number)
-
-
-def encode_models(bodies: Mapping[str, int], version: Version) -> bytes:
-    """The message MODELDEF with rigid bodies that have no markers, for simulators and tests."""
-    parts = [_U32.pack(len(bodies))]
-    for name, number in bodies.items():
-        turn = bytes(_QUATERNION_BYTES) if version >= TURNED else b""
-        body = name.encode() + b"\0" + _BODY_DESCRIPTION.pack(number, -1, 0.0, 0.0, 0.0) + turn + _U32.pack(0)
-        parts += [_U32.pack(1), _U32.pack(len(body)) if version >= SIZED else b"", body]
-    return message(MODELDEF, b"".join(parts))
-
-
 def decode_frame(payload: bytes, version: Version) -> Frame:
     """The payload of FRAMEOFDATA.
 
     Raises:
         Unreadable: truncated.
     """
-    walk = _Walk(payload)
+    walk = Payload(payload)
     sized = version >= SIZED
     number = walk.count()
     for _ in range(walk.section(sized)):  # marker sets
@@ -231,7 +169,7 @@ def decode_frame(payload: bytes, version: Version) -> Frame:
     return Frame(number, bodies, exposure, transmit, bool(flags & MODELS_CHANGED))
 
 
-def _body(walk: "_Walk") -> RigidBody:
+def _body(walk: Payload) -> RigidBody:
     number, x, y, z, qx, qy, qz, qw, error, flags = walk.take(_BODY)
     return RigidBody(number, (x, y, z), (qx, qy, qz, qw), error, bool(flags & TRACKED))
 
@@ -243,14 +181,14 @@ def encode_frame(frame: Frame, version: Version, *, ticks_per_s: int = 10_000_00
     def section(elements: Iterable[bytes]) -> bytes:
         parts = list(elements)
         data = b"".join(parts)
-        return _U32.pack(len(parts)) + (_U32.pack(len(data)) if sized else b"") + data
+        return U32.pack(len(parts)) + (U32.pack(len(data)) if sized else b"") + data
 
     bodies = (
         _BODY.pack(b.id, *b.position, *b.quaternion_xyzw, b.error_m, TRACKED if b.tracked else 0) for b in frame.bodies
     )
     ticks = frame.exposure_ticks
     payload = [
-        _U32.pack(frame.number),
+        U32.pack(frame.number),
         section(()),
         section(()),
         section(bodies),
@@ -258,48 +196,6 @@ def encode_frame(frame: Frame, version: Version, *, ticks_per_s: int = 10_000_00
         _SUFFIX.pack(0, 0, ticks / ticks_per_s, ticks, frame.transmit_ticks, frame.transmit_ticks),
         _PRECISION.pack(ticks // ticks_per_s, 0) if sized else b"",
         _FLAGS.pack(MODELS_CHANGED if frame.models_changed else 0),
-        _U32.pack(0),  # end of data
+        U32.pack(0),  # end of data
     ]
     return message(FRAMEOFDATA, b"".join(payload))
-
-
-class _Walk:
-    """Reads a payload from front to back; whatever leads beyond its end is ``truncated``."""
-
-    def __init__(self, data: bytes) -> None:
-        self._data = data
-        self._at = 0
-
-    def take(self, layout: struct.Struct) -> tuple[Any, ...]:
-        try:
-            values = layout.unpack_from(self._data, self._at)
-        except struct.error:
-            raise Unreadable("truncated") from None
-        self._at += layout.size
-        return values
-
-    def count(self) -> int:
-        return int(self.take(_U32)[0])
-
-    def section(self, sized: bool) -> int:
-        count = self.count()
-        if sized:
-            self.skip(4)
-        return count
-
-    def skip(self, size: int) -> None:
-        self._at += size
-        if self._at > len(self._data):
-            raise Unreadable("truncated")
-
-    def text(self) -> str:
-        end = self._data.find(b"\0", self._at)
-        if end < 0:
-            raise Unreadable("truncated")
-        text = _text(self._data[self._at : end])
-        self._at = end + 1
-        return text
-
-
-def _text(data: bytes) -> str:
-    return data.partition(b"\0")[0].decode("utf-8", "replace")

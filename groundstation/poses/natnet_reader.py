@@ -4,8 +4,10 @@ from collections.abc import Sequence
 
 from groundstation.ops import Quat
 from groundstation.poses import natnet_codec as codec
+from groundstation.poses import natnet_models_codec
 from groundstation.poses.intake import Intake
-from groundstation.poses.natnet_codec import Frame, RigidBody, ServerInfo, Unreadable
+from groundstation.poses.natnet_codec import Frame, RigidBody, ServerInfo
+from groundstation.poses.natnet_payload import Unreadable
 from groundstation.poses.port import Pose, PoseStatus
 
 SILENT_BEATS = 4
@@ -80,7 +82,7 @@ class NatNetReader:
         elif self.server is None:
             return self._intake.drop("no_server_info")
         elif number == codec.MODELDEF:
-            models = codec.decode_models(payload, self.server.version)
+            models = natnet_models_codec.decode_models(payload, self.server.version)
             self.names = tuple(models)[:MAX_NAMES]
             self._id = models.get(self._name) if self._fixed_id is None else self._fixed_id
             others = self._intake.others
