@@ -11,7 +11,8 @@ from typing import Any
 import msgspec
 from msgspec import inspect as mi
 
-from groundstation.config_schema import FromFile, KeyPath, Problem, bare
+from groundstation.config_schema import FromFile, KeyPath, Problem
+from groundstation.config_words import bare
 
 PACKAGE = "groundstation"
 """Where the presets stand."""

@@ -11,6 +11,8 @@ from typing import Any, ClassVar, NoReturn
 import msgspec
 from msgspec import inspect as mi
 
+from groundstation.config_words import bare, expected, shown, unknown
+
 KeyPath = tuple[str, ...]
 
 
@@ -118,9 +120,9 @@ def _struct(info: mi.StructType, value: Any, default: Any, path: KeyPath) -> dic
             base = _default(field) if default is None else getattr(default, field.name)
             complete[key] = _complete(field.type, item, base, inner)
         elif key not in tag:
-            raise Problem(inner, _unknown(key, item, [*tag, *fields]))
+            raise Problem(inner, unknown(key, item, [*tag, *fields]))
         elif item != info.tag:
-            raise Problem(inner, f"expected one of {[info.tag]}, got {_shown(item)}")
+            raise Problem(inner, f"expected one of {[info.tag]}, got {shown(item)}")
     for key, field in fields.items():
         if key in complete:
             continue
@@ -147,7 +149,7 @@ def _union(info: mi.UnionType, value: Any, default: Any, path: KeyPath) -> Any:
         if tag is None:
             raise Problem((*path, first.tag_field), f"missing; expected one of {accepted}")
         if not isinstance(tag, str | int) or tag not in structs:
-            raise Problem((*path, first.tag_field), f"expected one of {accepted}, got {_shown(tag)}")
+            raise Problem((*path, first.tag_field), f"expected one of {accepted}, got {shown(tag)}")
         return _complete(structs[tag], value, default if tag == fallback else None, path)
     problems = []
     for kind in info.types:
@@ -203,92 +205,14 @@ def _within(length: int, low: int | None, high: int | None) -> bool:
     return (low is None or length >= low) and (high is None or length <= high)
 
 
-def bare(info: mi.Type) -> mi.Type:
-    """The type without its remarks."""
-    return bare(info.type) if isinstance(info, mi.Metadata) else info
-
-
 def _default(field: mi.Field) -> Any:
     if field.default_factory is not msgspec.NODEFAULT:
         return field.default_factory()
     return None if field.default is msgspec.NODEFAULT else field.default
 
 
-# ---- words
-
-
-def expected(info: mi.Type) -> str:
-    """What a key of this type accepts, in words: ``a number > 0``, ``one of ['vicon', 'natnet']``."""
-    match info:
-        case mi.Metadata():
-            return expected(info.type)
-        case mi.FloatType():
-            return "a number" + _bounds(info)
-        case mi.IntType():
-            return "a whole number" + _bounds(info)
-        case mi.BoolType():
-            return "true or false"
-        case mi.StrType():
-            return "a string" + _lengths(info, "character") + (f" matching {info.pattern}" if info.pattern else "")
-        case mi.LiteralType():
-            return f"one of {list(info.values)}"
-        case mi.EnumType():
-            return f"one of {[one.value for one in info.cls]}"
-        case mi.TupleType():
-            each = " or ".join(dict.fromkeys(map(expected, info.item_types)))
-            return f"an array of {len(info.item_types)} values, each {each}"
-        case mi.VarTupleType() | mi.ListType():
-            return f"an array{_lengths(info, 'value')}, each {expected(info.item_type)}"
-        case mi.UnionType():
-            kinds = [kind for kind in info.types if not isinstance(kind, mi.NoneType)]
-            tagged = [kind for kind in map(bare, kinds) if isinstance(kind, mi.StructType) and kind.tag_field]
-            if len(tagged) == len(kinds) > 1:
-                return f"a table with {tagged[0].tag_field}, one of {[kind.tag for kind in tagged]}"
-            return " or ".join(dict.fromkeys(map(expected, kinds)))
-        case mi.StructType():
-            needed = [field.encode_name for field in info.fields if field.required]
-            return f"a table with {', '.join(needed)}" if needed else "a table"
-        case mi.DictType():
-            return "a table"
-    return "a value"
-
-
-def _bounds(info: mi.FloatType | mi.IntType) -> str:
-    signs = ((">", info.gt), (">=", info.ge), ("<", info.lt), ("<=", info.le), ("a multiple of", info.multiple_of))
-    text = " and ".join(f"{sign} {bound:g}" for sign, bound in signs if bound is not None)
-    return f" {text}" if text else ""
-
-
-def _lengths(info: mi.StrType | mi.VarTupleType | mi.ListType, unit: str) -> str:
-    low, high = info.min_length, info.max_length
-    if low is None and high is None:
-        return ""
-    if high is None:
-        return f" of at least {low} {unit}{'' if low == 1 else 's'}"
-    return f" of {low or 0} to {high} {unit}s"
-
-
 def _refuse(info: mi.Type, value: Any, path: KeyPath) -> NoReturn:
-    raise Problem(path, f"expected {expected(info)}, got {_shown(value)}")
-
-
-def _unknown(key: str, value: Any, known: list[str]) -> str:
-    from difflib import get_close_matches
-
-    near = get_close_matches(key, known, n=1)
-    what = "unknown section" if isinstance(value, dict) else "unknown key"
-    return f"{what}{f'; did you mean {near[0]}?' if near else ''} (known: {', '.join(known) or 'none'})"
-
-
-def _shown(value: Any) -> str:
-    if isinstance(value, dict):
-        return "a table"
-    if isinstance(value, bool):
-        return str(value).lower()
-    if isinstance(value, int) and abs(value) >= 10**40:
-        return "a number of more than 40 digits"
-    text = repr(value) if isinstance(value, str | int | float | list) else str(value)
-    return text if len(text) <= 80 else text[:77] + "..."
+    raise Problem(path, f"expected {expected(info)}, got {shown(value)}")
 
 
 def _indexed(path: KeyPath, index: int) -> KeyPath:

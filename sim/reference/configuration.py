@@ -6,7 +6,7 @@ from typing import Any
 import msgspec
 from msgspec import inspect as mi
 
-from groundstation.config_schema import bare, expected
+from groundstation.config_words import bare, expected
 from groundstation.settings import Config
 from links.bridge import BridgeConfig
 from sim.reference.remarks import remarks, summary
