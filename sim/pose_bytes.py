@@ -19,7 +19,7 @@ from groundstation.poses.port import Pose, PoseStatus
 from groundstation.poses.qualisys import QualisysConfig
 from groundstation.poses.qualisys_codec import QualisysReader
 from groundstation.poses.vicon import ViconConfig
-from groundstation.poses.vicon_codec import ViconReader
+from groundstation.poses.vicon_reader import ViconReader
 from groundstation.poses.vision import VisionConfig
 from groundstation.poses.vision_codec import VisionReader
 from links.mavlink_codec import MavlinkCodec, Message

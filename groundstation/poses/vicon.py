@@ -8,7 +8,8 @@ from groundstation.frames import Alignment, Body, World, frames_of
 from groundstation.poses.datagram import DatagramSource
 from groundstation.poses.intake import Intake
 from groundstation.poses.others import Others
-from groundstation.poses.vicon_codec import ViconReader, name_bytes
+from groundstation.poses.vicon_codec import name_bytes
+from groundstation.poses.vicon_reader import ViconReader
 from links.address import parse_address
 
 
