@@ -5,7 +5,8 @@ from collections.abc import AsyncIterator, Awaitable, Callable
 from pathlib import Path
 
 from groundstation.api import messages
-from groundstation.api.client import Client, attach
+from groundstation.api.client import attach
+from groundstation.api.connection import Client
 from groundstation.api.messages import Control
 from groundstation.api.place import ApiError
 from groundstation.requests import Ask, Request
