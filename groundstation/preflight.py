@@ -6,7 +6,8 @@ from groundstation.config import ConfigError
 from groundstation.poses import Recorded
 from groundstation.settings import Config
 from groundstation.telemetry.mqtt_requests import ensure_mqtt
-from groundstation.trajectories.check import Demand, Report, check, refusal
+from groundstation.trajectories.check import Report, check, refusal
+from groundstation.trajectories.demands import Demand
 from links.address import is_loopback, parse_address
 from links.bridge_link import BridgeLinkConfig
 from links.key_file import read_key

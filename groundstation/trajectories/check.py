@@ -1,48 +1,19 @@
-"""What a trajectory asks of a vehicle in still air, held against what the vehicle and its operator allow. Pure.
-
-To follow the acceleration a and jerk j with the heading ψ, the rotors must push F = g e3 - a per mass (section 1 of
-docs/explanation/law.md): thrust m |F|, tilted by the angle between F and e3, turning with F's direction z,
-    z˙ = -(j - (z·j) z) / |F|,    ω1 = -y·z˙,    ω2 = x·z˙,    ω3 = (cosθ ψ˙ - sinφ ω2) / cosφ
-about the body axes x, y, z of that direction and heading.
-"""
+"""What a trajectory asks of a vehicle in still air, held against what the vehicle and its operator allow. Pure."""
 
 import math
-from typing import TYPE_CHECKING, NamedTuple
 
 import msgspec
 
 from groundstation.limits import LimitsConfig
 from groundstation.ops import Vec3
+from groundstation.trajectories.demands import Demand, Motion, demands
 from groundstation.trajectories.port import Trajectory
 from groundstation.vehicle import Vehicle
-
-if TYPE_CHECKING:
-    import numpy as np
-    import numpy.typing as npt
-
-    Array = npt.NDArray[np.float64]
 
 STEP_S = 0.01
 """The trajectory is looked at so often [s] between two joints, ..."""
 FEWEST, MOST = 8, 1000
 """... but within these numbers: its formulas are smooth, and the shortest may be the hardest to fly."""
-
-
-class Demand(msgspec.Struct, frozen=True, kw_only=True):
-    """One figure where it is at its extreme, and its limit."""
-
-    name: str
-    unit: str
-    value: float
-    time_s: float
-    """When [s after the start of the trajectory]."""
-    limit: float | None = None
-    """None where nobody set one."""
-    least: bool = False
-    """The limit is from below, and so is the extreme."""
-    key: str = ""
-    """Where the limit comes from, as the operator finds it in the configuration."""
-    ok: bool = True
 
 
 class Report(msgspec.Struct, frozen=True, kw_only=True):
@@ -82,7 +53,7 @@ def check(
     ]
     times = np.concatenate([*looks, [span]])
     seen = [trajectory.at(t) for t in times.tolist()]
-    motion = _Motion(
+    motion = Motion(
         times,
         np.array([r.velocity_ned for r in seen]),
         np.array([r.acceleration_ned for r in seen]),
@@ -103,7 +74,6 @@ def check(
         key="flight.floor_z_m",
         ok=bool(height[lowest] >= 0.0),
     )
-    demands = _demands(motion, vehicle, limits, gravity)
     return Report(
         duration_s=trajectory.duration_s,
         span_s=span,
@@ -111,7 +81,7 @@ def check(
         start_speed_m_s=math.hypot(*seen[0].velocity_ned),
         lowest_ned=tuple(places.min(axis=0).tolist()),
         highest_ned=tuple(places.max(axis=0).tolist()),
-        demands=(above, *demands),
+        demands=(above, *demands(motion, vehicle, limits, gravity)),
         share=_share(motion, vehicle, limits, gravity),
     )
 
@@ -143,106 +113,11 @@ def refusal(report: Report, speed_m_s: float | None = None) -> str | None:
     return f"{says} ({worst.key}): slow it down to about {slower}"
 
 
-class _Motion(NamedTuple):
-    """What was seen at each of N times: vectors (N, 3), NED."""
-
-    times: "Array"
-    velocity: "Array"
-    acceleration: "Array"
-    jerk: "Array"
-    yaw: "Array"
-    yaw_rate: "Array"
-
-    def slowed(self, share: float) -> "_Motion":
-        """The same way at ``share`` of the speed."""
-        return _Motion(
-            self.times / share,
-            self.velocity * share,
-            self.acceleration * share**2,
-            self.jerk * share**3,
-            self.yaw,
-            self.yaw_rate * share,
-        )
-
-
-def _demands(motion: _Motion, vehicle: Vehicle, limits: LimitsConfig, gravity: float) -> list[Demand]:
-    import numpy as np
-
-    push = -motion.acceleration
-    push[:, 2] += gravity
-    strength = np.linalg.norm(push, axis=1)
-    z = push / np.maximum(strength, 1e-6)[:, None]
-    rates = np.degrees(_rates(motion, z, strength))
-    tilt = np.degrees(np.arccos(np.clip(z[:, 2], -1.0, 1.0)))
-    thrust = vehicle.mass_kg * strength
-    kept = limits.reserve * (vehicle.thrust_max_n - vehicle.thrust_min_n)
-    reserved = " and limits.reserve"
-
-    def most(name: str, unit: str, values: "Array", limit: float | None, key: str) -> Demand:
-        i = int(values.argmax())
-        value = float(values[i])
-        ok = limit is None or value <= limit
-        time_s = float(motion.times[i])
-        return Demand(name=name, unit=unit, value=value, time_s=time_s, limit=limit, key=key, ok=ok)
-
-    least = int(thrust.argmin())
-    lower = vehicle.thrust_min_n + kept
-    return [
-        most("speed", "m/s", np.linalg.norm(motion.velocity, axis=1), limits.max_speed_m_s, "limits.max_speed_m_s"),
-        most(
-            "acceleration",
-            "m/s²",
-            np.linalg.norm(motion.acceleration, axis=1),
-            limits.max_acceleration_m_s2,
-            "limits.max_acceleration_m_s2",
-        ),
-        most("tilt", "deg", tilt, limits.max_tilt_deg, "limits.max_tilt_deg"),
-        most("thrust", "N", thrust, vehicle.thrust_max_n - kept, f"vehicle.thrust_max_n{reserved}"),
-        Demand(
-            name="thrust",
-            unit="N",
-            value=float(thrust[least]),
-            time_s=float(motion.times[least]),
-            limit=lower,
-            least=True,
-            key=f"vehicle.thrust_min_n{reserved}",
-            ok=bool(thrust[least] >= lower),
-        ),
-        *(
-            most(
-                f"{axis} rate",
-                "deg/s",
-                np.abs(rates[:, i]),
-                (1.0 - limits.reserve) * vehicle.rate_limits_deg_s[i],
-                f"vehicle.rate_limits_deg_s{reserved}",
-            )
-            for i, axis in enumerate(("roll", "pitch", "yaw"))
-        ),
-    ]
-
-
-def _rates(motion: _Motion, z: "Array", strength: "Array") -> "Array":
-    """Body rates (N, 3) [rad/s]."""
-    import numpy as np
-
-    turning = -(motion.jerk - (z * motion.jerk).sum(axis=1)[:, None] * z) / np.maximum(strength, 1e-6)[:, None]
-    side = np.stack([-np.sin(motion.yaw), np.cos(motion.yaw), np.zeros_like(motion.yaw)], axis=1)
-    x = np.cross(side, z)
-    x /= np.maximum(np.linalg.norm(x, axis=1), 1e-6)[:, None]
-    y = np.cross(z, x)
-    roll, pitch = -(y * turning).sum(axis=1), (x * turning).sum(axis=1)
-    cos_pitch = np.maximum(np.hypot(y[:, 2], z[:, 2]), 1e-6)
-    sin_roll, cos_roll = y[:, 2] / cos_pitch, z[:, 2] / cos_pitch
-    cos_roll = np.where(np.abs(cos_roll) < 1e-6, 1e-6, cos_roll)
-    yaw = (cos_pitch * motion.yaw_rate - sin_roll * pitch) / cos_roll
-    return np.stack([roll, pitch, yaw], axis=1)
-
-
-def _share(motion: _Motion, vehicle: Vehicle, limits: LimitsConfig, gravity: float) -> float | None:
+def _share(motion: Motion, vehicle: Vehicle, limits: LimitsConfig, gravity: float) -> float | None:
     """The largest share of its speed at which it keeps the limits, height aside."""
 
     def kept(share: float) -> bool:
-        return all(demand.ok for demand in _demands(motion.slowed(share), vehicle, limits, gravity))
+        return all(demand.ok for demand in demands(motion.slowed(share), vehicle, limits, gravity))
 
     if kept(1.0):
         return 1.0

@@ -24,7 +24,8 @@ from groundstation.trajectories import (
     TrajectoryConfig,
     WaypointsConfig,
 )
-from groundstation.trajectories.check import Demand, Report, check, refusal
+from groundstation.trajectories.check import Report, check, refusal
+from groundstation.trajectories.demands import Demand
 from groundstation.vehicle import Vehicle
 from sim.prepare import prepare
 from sim.scenarios import SCENARIOS
