@@ -57,15 +57,8 @@ class ModelEstimator:
         """How far the newest pose was from where the model had the vehicle [m]."""
         self._thrust_lag = vehicle.thrust_lag_s
         self._rate_lag = vehicle.rate_lag_s
-        wander, white = (
-            gains.position_wander**2,
-            (
-                gains.acceleration_noise**2,
-                gains.wind_noise**2,
-                gains.wind_rate_noise**2,
-            ),
-        )
-        self._still, self._moving = Densities(0.0, *white), Densities(wander, *white)
+        white = (gains.acceleration_noise**2, gains.wind_noise**2, gains.wind_rate_noise**2)
+        self._still, self._moving = Densities(0.0, *white), Densities(gains.position_wander**2, *white)
         self._noise = gains.pose_noise_m**2
         self._covariance = begun(self._noise)
         self._effectiveness = told(gains.effectiveness_deviation)
