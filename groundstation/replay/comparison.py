@@ -56,4 +56,8 @@ class Comparison:
 
 def _signs(value: Any) -> Any:
     """The sign of a zero counts too."""
+    if isinstance(value, tuple):
+        return tuple(map(_signs, value))
+    if isinstance(value, msgspec.Struct):
+        return tuple(map(_signs, msgspec.structs.astuple(value)))
     return math.copysign(1.0, value) if isinstance(value, float) else None

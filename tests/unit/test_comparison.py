@@ -1,0 +1,46 @@
+"""Recorded and replayed side by side: what counts as the same."""
+
+from typing import Any
+
+import msgspec
+import pytest
+
+from groundstation.replay.comparison import Comparison, Difference
+from links.port import Command, Segment
+
+WAS = Command(1.0, (0.0, 0.5, 0.0), 3, 0.0, 1.0, (Segment(1.0, 2.0, (0.0, 0.0, 0.0)),))
+
+
+def compared(now: Command) -> Comparison:
+    comparison = Comparison()
+    comparison.compare("command", 0.5, WAS, WAS)
+    comparison.compare("command", 0.5, WAS, now)
+    return comparison
+
+
+def test_the_same_numbers_do_not_differ() -> None:
+    comparison = compared(msgspec.structs.replace(WAS))
+    assert comparison.count["command"] == 2
+    assert comparison.differing["command"] == 0
+    assert comparison.first is None
+
+
+@pytest.mark.parametrize(
+    ("field", "value"),
+    [
+        ("pose_time_s", -0.0),
+        ("rates_rad_s", (0.0, 0.5, -0.0)),
+        ("bring_down", (Segment(1.0, 2.0, (0.0, 0.0, -0.0)),)),
+    ],
+)
+def test_the_sign_of_a_zero_counts_wherever_it_stands(field: str, value: Any) -> None:
+    comparison = compared(msgspec.structs.replace(WAS, **{field: value}))
+    assert comparison.differing["command"] == 1
+    assert comparison.first == Difference("command", 1, 0.5, field, getattr(WAS, field), value)
+
+
+def test_what_was_not_made_anew_counts_as_different() -> None:
+    comparison = Comparison()
+    comparison.missing("pose", 0.5, 7)
+    assert comparison.count["pose"] == comparison.differing["pose"] == 1
+    assert comparison.first == Difference("pose", 0, 0.5, "all of it", 7, None)
