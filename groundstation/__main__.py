@@ -128,8 +128,8 @@ def parser() -> argparse.ArgumentParser:
     replay.add_argument("--json", action="store_true", help="print one JSON object instead of the report")
 
     logs = commands.add_parser("logs", help="list the recorded flights with their headline numbers")
-    _config_arguments(logs, optional=True)
-    logs.add_argument("--folder", type=Path, metavar="DIR", help="list these instead of recording.folder")
+    _config_arguments(logs, optional=True, metavar="CONFIG.toml|DIR")
+    logs.add_argument("--folder", type=Path, metavar="DIR", help="list these instead of recording.folder; as DIR alone")
     logs.add_argument("--tidy", action="store_true", help="first remove what recording.keep_gb and keep_days let go")
     logs.add_argument("--json", action="store_true", help="print one JSON object instead of the table")
     logs.set_defaults(now_s=time.time())
@@ -200,8 +200,8 @@ def _seconds(text: str) -> float:
     return value
 
 
-def _config_arguments(parser: argparse.ArgumentParser, *, optional: bool = False) -> None:
-    parser.add_argument("config", type=Path, nargs="?" if optional else None, metavar="CONFIG.toml")
+def _config_arguments(parser: argparse.ArgumentParser, *, optional: bool = False, metavar: str = "CONFIG.toml") -> None:
+    parser.add_argument("config", type=Path, nargs="?" if optional else None, metavar=metavar)
     parser.add_argument(
         "--set", action="append", default=[], dest="overrides", metavar="KEY=VALUE", help="override one key"
     )

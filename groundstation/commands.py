@@ -143,6 +143,8 @@ def logs(args: argparse.Namespace) -> int:
     """List the recorded flights."""
     from groundstation.recording.listing import logs_command
 
+    if args.config is not None and args.config.is_dir():
+        args.config, args.folder = None, args.folder or args.config
     return logs_command(load(args.config, Config, args.overrides).recording, args)
 
 

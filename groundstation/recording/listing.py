@@ -25,7 +25,7 @@ def logs_command(config: RecordingConfig, args: argparse.Namespace) -> int:
         config = msgspec.structs.replace(config, folder=str(args.folder))
     folder = folder_of(config)
     removed = tidy(config, args.now_s) if args.tidy else []
-    flights = [described(path) for path in sorted(folder.glob("*.mcap"))] if folder.is_dir() else []
+    flights = [{**described(path), "file": str(path.relative_to(folder))} for path in _recordings(folder)]
     if args.json:
         print(json.dumps({"folder": str(folder), "flights": flights, "removed": [path.name for path in removed]}))
         return 0
@@ -35,6 +35,11 @@ def logs_command(config: RecordingConfig, args: argparse.Namespace) -> int:
     for line in _table([_row(flight) for flight in flights]):
         print(line)
     return 0
+
+
+def _recordings(folder: Path) -> list[Path]:
+    """Those in it, and those of simulated flights, each of which has a folder of its own."""
+    return sorted(folder.glob("*.mcap")) + sorted(folder.glob("*/*.mcap"))
 
 
 def described(path: Path) -> dict[str, Any]:

@@ -1,5 +1,6 @@
 """Arguments that can't be meant are refused in a sentence, before anything starts."""
 
+import json
 from pathlib import Path
 
 import pytest
@@ -98,6 +99,17 @@ def test_a_folder_that_the_configuration_names_may_come_with_the_first_recording
     args = flying_parser().parse_args(["logs", "--set", f"recording.folder={tmp_path / 'later'}"])
     assert flying.logs(args) == 0
     assert "0 flights" in capsys.readouterr().out
+
+
+def test_a_folder_is_listed_with_the_flights_that_have_folders_of_their_own(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    for name in ("20260101-120000-mqx.mcap", "paper/flight.mcap", "paper/deeper/flight.mcap"):
+        (tmp_path / name).parent.mkdir(exist_ok=True)
+        (tmp_path / name).touch()
+    assert flying.logs(flying_parser().parse_args(["logs", str(tmp_path), "--json"])) == 0
+    found = json.loads(capsys.readouterr().out)
+    assert [row["file"] for row in found["flights"]] == ["20260101-120000-mqx.mcap", "paper/flight.mcap"]
 
 
 def test_how_long_to_watch_is_refused_where_nothing_is_watched(tmp_path: Path) -> None:
