@@ -4,7 +4,7 @@ import msgspec
 
 from groundstation.ops import Quat, Vec3
 
-WORLD, VEHICLE, REFERENCE = "world_ned", "vehicle", "reference"
+WORLD, VEHICLE = "world_ned", "vehicle"
 """Frames of /tf and /pose."""
 DISPLAY = "world"
 """The same world with z up, for screens: its x is north, its y is west."""
