@@ -21,27 +21,24 @@ from links.bridge_codec import (
     NONCE_BYTES,
     UP,
     UPS,
-    WELCOME,
     Down,
     Up,
     Welcome,
     first_seal,
     kind_of,
     name_of,
-    session_seals,
 )
-from links.clock_bounds import ClockBounds
+from links.bridge_session import BridgeEnd
 from links.datagrams import Datagrams
 from links.dsm_codec import DsmLinkConfig
-from links.pacer_messages import Arm, End, Give, OpenPacer, Pacer, Report, Serve, Stop
+from links.kept_pacer import KeptPacer
+from links.pacer_messages import Arm, Give, OpenPacer, Serve, Stop
 from links.pacer_process import open_process
 from links.port import Command, LinkError
 from links.rf_codecs import RfConfig
 
 SILENT_S = 1.0
 """A station that says nothing for so long has left [s]: another may command, once the vehicle is down."""
-AGAIN_S = 1.0
-"""Wait before a pacer that ended is started again [s]."""
 SESSIONS = 8
 """Most sessions remembered; who asks for more pushes out the oldest that does not command."""
 
@@ -69,24 +66,6 @@ class BridgeConfig(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fie
             raise ValueError(f"listen: {error}") from None
 
 
-class Session:
-    """One station's."""
-
-    def __init__(self, key: bytes, station_nonce: bytes, bridge_nonce: bytes) -> None:
-        """Nothing was heard yet."""
-        self.bridge_nonce = bridge_nonce
-        self.welcome = first_seal(key, WELCOME, station_nonce)
-        self.up, self.down = session_seals(key, station_nonce, bridge_nonce)
-        self.clock = ClockBounds()
-        self.peer: Any = None
-        self.heard_s = 0.0
-        self.wants: Up | None = None
-        """All but the command, as heard last."""
-        self.arming: int | None = None
-        """The pacer's number of its newest arming; None where it has not armed."""
-        self.ended = False
-
-
 class Bridge(asyncio.DatagramProtocol):
     """``run`` it. Times are on the event loop's clock [s]."""
 
@@ -109,16 +88,13 @@ class Bridge(asyncio.DatagramProtocol):
         self._config = config
         self._key = key
         self._say = say
-        self._open_pacer = open_pacer
         self._random = nonce
         self._remote_only = remote_only
-        self._pacer: Pacer | None = None
-        self._report: Report | None = None
+        self._pacer = KeptPacer(config.link, open_pacer, say, self._heard)
         self._arming = 0
-        self._sessions: dict[bytes, Session] = {}
+        self._sessions: dict[bytes, BridgeEnd] = {}
         """By the station's nonce, the oldest first."""
-        self._live: Session | None = None
-        self._ends = False
+        self._live: BridgeEnd | None = None
         self._wire: Datagrams | None = None
 
     async def run(self) -> None:
@@ -133,57 +109,22 @@ class Bridge(asyncio.DatagramProtocol):
         except OSError as error:
             raise LinkError(f"cannot listen at {self._config.listen}: {error.strerror or error}") from None
         try:
-            while True:
-                await self._paced()
-                await asyncio.sleep(AGAIN_S)
+            await self._pacer.run()
         finally:
             if self._wire is not None:
                 self._wire.abort()
 
     def kill(self) -> None:
         """Motors off, by the operator of this machine: disarm frames from the next one on, until a new arming."""
-        self._give(Stop())
+        self._pacer.give(Stop())
         if self._live is not None:
             self._live.arming = None
 
-    async def _paced(self) -> None:
-        try:
-            pacer = self._pacer = await self._open_pacer(self._config.link, 1.0, self._hear)
-        except LinkError as error:
-            self._say(str(error))
-            return
-        try:
-            await pacer.ended()
-            self._say("the pacer's process ended: starting it again, disarmed")
-        except asyncio.CancelledError:
-            self._ends = True
-            pacer.give(End(self._config.link.disarm_s))
-            await pacer.ended()
-            raise
-        finally:
-            self._pacer = None
-            pacer.forget()
-
-    def _hear(self, report: Report | None) -> None:
-        """Take the pacer's report; None means that it ended."""
-        before = self._report
-        if self._ends and report is None:
-            return
-        if report is None:
-            gone = "the pacer's process ended; it is being started again"
-            if self._live is not None:
-                self._live.arming = None
-            report = msgspec.structs.replace(before, port=gone, over=True) if before is not None else None
-        self._report = report
-        if report is None:
-            return
-        if report.port and (before is None or before.port != report.port):
-            self._say(report.port)
-        if before is not None and before.port and not report.port:
-            self._say("the port is back, disarmed")
-        if before is not None and before.over != report.over:
-            self._say("the vehicle is disarmed" if report.over else "the vehicle is armed")
+    def _heard(self, ended: bool) -> None:
+        """The pacer has reported, or ended."""
         if self._live is not None:
+            if ended:
+                self._live.arming = None
             self._answer(self._live)
 
     # ---- stations
@@ -216,7 +157,7 @@ class Bridge(asyncio.DatagramProtocol):
     def _hello(self, data: bytes, addr: Any, now_s: float) -> None:
         seal = first_seal(self._key, HELLO, name_of(data))
         hello = seal.open(data, HELLOS, self.dropped)
-        if hello is None or self._report is None:
+        if hello is None or self._pacer.report is None:
             return
         if len(hello.nonce) != NONCE_BYTES or hello.nonce[:8] != name_of(data):
             self.dropped["malformed"] += 1
@@ -226,8 +167,8 @@ class Bridge(asyncio.DatagramProtocol):
             spare = [nonce for nonce, each in self._sessions.items() if each is not self._live]
             if len(self._sessions) >= SESSIONS:
                 del self._sessions[spare[0]]
-            session = self._sessions[hello.nonce] = Session(self._key, hello.nonce, self._random(NONCE_BYTES))
-        welcome = Welcome(hello.nonce, session.bridge_nonce, now_s, self._config.link.manner, self._report)
+            session = self._sessions[hello.nonce] = BridgeEnd(self._key, hello.nonce, self._random(NONCE_BYTES))
+        welcome = Welcome(hello.nonce, session.bridge_nonce, now_s, self._config.link.manner, self._pacer.report)
         if self._wire is not None:
             self._wire.send(session.welcome.close(welcome), addr)
 
@@ -252,10 +193,10 @@ class Bridge(asyncio.DatagramProtocol):
         if news or up.command is None:
             self._answer(session)
 
-    def _may_command(self, session: Session, now_s: float) -> bool:
+    def _may_command(self, session: BridgeEnd, now_s: float) -> bool:
         """Whether this station takes over."""
         live = self._live
-        if session.ended or self._report is None or not self._report.over:
+        if session.ended or self._pacer.report is None or not self._pacer.report.over:
             return False
         if live is not None and not live.ended and now_s < live.heard_s + SILENT_S:
             return False
@@ -263,7 +204,7 @@ class Bridge(asyncio.DatagramProtocol):
         self._say(f"station {session.peer[0]}:{session.peer[1]} commands")
         return True
 
-    def _obey(self, session: Session, up: Up, now_s: float) -> bool:
+    def _obey(self, session: BridgeEnd, up: Up, now_s: float) -> bool:
         """Pass on what is new; returns whether there was more than a command."""
         before, session.wants = session.wants, msgspec.structs.replace(up, command=None)
         to_ours = session.clock.least_s
@@ -273,27 +214,23 @@ class Bridge(asyncio.DatagramProtocol):
             news = True
             self._arming += 1
             session.arming = self._arming
-            self._give(Arm(self._arming, up.arm_at_s + to_ours))
+            self._pacer.give(Arm(self._arming, up.arm_at_s + to_ours))
         if up.stopped and (before is None or not before.stopped):
             news = True
             session.arming = None
-            self._give(Stop())
+            self._pacer.give(Stop())
         if before is not None and up.serve is not None and up.serve != before.serve:
             news = True
-            self._give(Serve(up.serve[1], up.serve[2]))
+            self._pacer.give(Serve(up.serve[1], up.serve[2]))
         if up.end and not session.ended:
             news = session.ended = True
             self._say(f"station {session.peer[0]}:{session.peer[1]} leaves")
         if up.command is not None and session.arming is not None and not up.end:
-            self._give(Give(session.arming, _moved(up.command, to_ours)))
+            self._pacer.give(Give(session.arming, _moved(up.command, to_ours)))
         return news
 
-    def _give(self, order: Any) -> None:
-        if self._pacer is not None:
-            self._pacer.give(order)
-
-    def _answer(self, session: Session) -> None:
-        report = self._report
+    def _answer(self, session: BridgeEnd) -> None:
+        report = self._pacer.report
         if report is None or self._wire is None:
             return
         now = asyncio.get_running_loop().time()

@@ -14,12 +14,13 @@ from hypothesis import strategies as st
 from links.address import parse_address
 from links.bridge import SILENT_S, Bridge, BridgeConfig
 from links.bridge_codec import HELLO, UP, UPS, Hello, Seal, Up, first_seal, kind_of
-from links.bridge_link import BridgeLink, BridgeLinkConfig, RemotePacer
+from links.bridge_link import BridgeLink, BridgeLinkConfig
 from links.channel_map import ChannelMap, Switch
 from links.clock_bounds import ClockBounds
 from links.dsm_codec import DsmLinkConfig
 from links.pacer_messages import Arm, Give, Report
 from links.port import Command, LinkError, LinkLost, LinkRejected, Segment
+from links.remote_pacer import RemotePacer
 from links.rf_codec import Service
 from sim.inline_pacer import WirePort, opened_on
 from sim.rf_receiver import RfPeer, RfReceiver
@@ -405,9 +406,9 @@ def test_a_pacer_that_dies_at_the_bridge_is_started_again_and_the_station_is_tol
     async def main() -> None:
         async with room(armed=True) as it:
             await it.stream(1.0, 0.3)
-            pacer: Any = it.bridge._pacer
+            pacer: Any = it.bridge._pacer._pacer
             pacer._task.cancel()
-            it.bridge._hear(None)
+            it.bridge._pacer._hear(None)
             await it.stream(1.0, 0.1)
             assert it.link.status.state == "lost"
             assert "being started again" in it.link.status.text
@@ -467,10 +468,9 @@ def test_deadlines_hold_whatever_the_other_machines_clock_shows(shift_s: float) 
         it = Room()
         it.network.delay_s = lambda datagram: 0.04
         reports: list[Report | None] = []
-        config = BridgeLinkConfig(remote=ADDRESS, connect_timeout_s=0.5)
-        station = RemotePacer(config, 2.0, 0.0, KEY, nonce, reports.append)
+        station = RemotePacer(ADDRESS, 2.0, 0.0, KEY, nonce, reports.append)
         station._loop = AnotherClock(shift_s)  # type: ignore[assignment]  # a loop in all that is used
-        await station.opened()
+        await station.open(0.5)
         here = loop.time() + shift_s
         station.give(Arm(1, here))
         for _ in range(80):
