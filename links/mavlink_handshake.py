@@ -12,7 +12,9 @@ The caller streams set-points while they last. What shapes them, measured on PX4
 """
 
 from links.mavlink_codec import ARDUPILOT, ARM_DISARM, DO_SET_MODE, PX4, SET_MESSAGE_INTERVAL
-from links.mavlink_steps import PATIENCE_S, Autopilot, Disarmed, Exchange, Handshake, ParameterMust, Step, Wait
+from links.mavlink_command import PATIENCE_S, Exchange
+from links.mavlink_parameters import ParameterMust
+from links.mavlink_steps import Autopilot, Disarmed, Handshake, Step, Wait
 from links.port import LinkRejected
 
 STREAM_S = 1.2

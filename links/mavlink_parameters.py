@@ -1,4 +1,4 @@
-"""An autopilot's parameters over MAVLink: reading several by name, and setting one. Sans-IO.
+"""An autopilot's parameters over MAVLink: reading several by name, setting one, insisting on one. Sans-IO.
 
 PARAM_VALUE has one 32-bit float for every kind of number. PX4 puts the bytes of a whole number into it, ArduPilot
 the number itself: taken for the other, 8 reads as 1.1e-44.
@@ -7,7 +7,7 @@ Source: mavlink.io/en/services/parameter.html (encodings "bytewise" and "C cast"
 
 import math
 import struct
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from typing import NamedTuple
 
 from links.mavlink_codec import PX4, Message
@@ -142,6 +142,30 @@ class Write(Repeated):
             self.failure = LinkRejected(
                 f"{self._autopilot.name} keeps {wanted.name} at {got:g} instead of {wanted.value:g}: {reason}"
             )
+
+
+class ParameterMust(Repeated):
+    """Make sure that a parameter of ArduPilot has a value that we can fly with."""
+
+    def __init__(self, autopilot: Autopilot, name: str, accepts: Callable[[int], bool], hint: str) -> None:
+        """Ask ``autopilot`` for the whole number ``name``; where ``accepts`` says no, fail with ``hint``."""
+        super().__init__(
+            f"tell its parameter {name}",
+            lambda _: autopilot.codec.parameter_request(autopilot.system, autopilot.component, name),
+        )
+        self._name = name
+        self._accepts = accepts
+        self._hint = hint
+
+    def hear(self, message: Message, now_s: float) -> None:
+        """Take the parameter's value."""
+        if message.get_type() != "PARAM_VALUE" or message.param_id != self._name:
+            return
+        if math.isfinite(message.param_value):
+            # ArduPilot sends whole numbers as floats of the same value.
+            self.done = self._accepts(int(message.param_value))
+            if not self.done:
+                self.failure = LinkRejected(f"{self._name} is {message.param_value:g}: {self._hint}")
 
 
 def is_same(a: float, b: float) -> bool:

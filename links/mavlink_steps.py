@@ -5,9 +5,8 @@ A step is polled with the time and answers with frames to send; it is shown ever
 :class:`Handshake` is steps one after the other.
 """
 
-import math
 from collections import deque
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable
 from typing import NamedTuple, Protocol
 
 from links.mavlink_codec import ARDUPILOT, ARMED, PX4, MavlinkCodec, Message
@@ -18,15 +17,6 @@ ANSWER_S = 0.5
 """Without an answer for this long a request is repeated [s]."""
 TRIES = 6
 """A request that is not answered this often is given up."""
-PATIENCE_S = 4.0
-"""For how long a refusal that may pass is answered by asking again [s]."""
-AGAIN_S = 1.0
-"""Pause before asking again after such a refusal [s]."""
-WORDS_S = 0.3
-"""How long after a refusal the autopilot's explanation may still arrive [s]."""
-
-ACCEPTED, TEMPORARILY_REJECTED, FAILED, IN_PROGRESS = 0, 1, 4, 5
-_MAY_PASS = (TEMPORARILY_REJECTED, FAILED)
 
 
 class Autopilot(NamedTuple):
@@ -166,89 +156,6 @@ class Repeated:
         """There was an answer, but no end: ask again at ``next_s``."""
         self._unanswered = 0
         self._next_s = next_s
-
-
-class Exchange(Repeated):
-    """One COMMAND_LONG until its COMMAND_ACK."""
-
-    def __init__(
-        self,
-        autopilot: Autopilot,
-        what: str,
-        command: int,
-        params: Sequence[float],
-        hint: str,
-        patience_s: float = PATIENCE_S,
-        any_answer: bool = False,
-    ) -> None:
-        """Ask ``autopilot`` for ``command``; a refusal quotes its words and ends with ``hint``: what to do.
-
-        A refusal that may pass is final after ``patience_s`` [s]; with ``any_answer`` it is as good as a yes.
-        """
-
-        def frame(repetition: int) -> bytes:
-            system, component = autopilot.system, autopilot.component
-            return autopilot.codec.command(system, component, command, *params, confirmation=repetition)
-
-        super().__init__(what, frame)
-        self._autopilot = autopilot
-        self._command = command
-        self._hint = hint
-        self._patience = patience_s
-        self._any_answer = any_answer
-        self._refused: tuple[int, float] | None = None
-
-    def poll(self, now_s: float) -> list[bytes]:
-        """The request, where it is due."""
-        if self._refused is None:
-            return super().poll(now_s)
-        result, at_s = self._refused
-        if now_s >= at_s + WORDS_S and self.failure is None:
-            name, because = self._autopilot.name, self._autopilot.codec.result_name(result)
-            reason = self._autopilot.words.complaints() or "it gave no reason"
-            self.failure = LinkRejected(f"{name} refused to {self._what} ({because}): {reason}. {self._hint}")
-        return []
-
-    def hear(self, message: Message, now_s: float) -> None:
-        """Take the answer, where ``message`` is one and answers us."""
-        if message.get_type() != "COMMAND_ACK" or message.command != self._command or not self._sent:
-            return
-        if message.target_system not in (0, self._autopilot.codec.system_id):
-            return
-        result = message.result
-        began_s = now_s if self._since_s is None else self._since_s
-        if result == ACCEPTED or self._any_answer:
-            self.done = True
-        elif result == IN_PROGRESS:
-            self._answered(now_s + ANSWER_S * TRIES)
-        elif result in _MAY_PASS and now_s < began_s + self._patience:
-            self._answered(now_s + AGAIN_S)
-        else:
-            self._refused = (result, now_s)
-
-
-class ParameterMust(Repeated):
-    """Make sure that a parameter of ArduPilot has a value that we can fly with."""
-
-    def __init__(self, autopilot: Autopilot, name: str, accepts: Callable[[int], bool], hint: str) -> None:
-        """Ask ``autopilot`` for the whole number ``name``; where ``accepts`` says no, fail with ``hint``."""
-        super().__init__(
-            f"tell its parameter {name}",
-            lambda _: autopilot.codec.parameter_request(autopilot.system, autopilot.component, name),
-        )
-        self._name = name
-        self._accepts = accepts
-        self._hint = hint
-
-    def hear(self, message: Message, now_s: float) -> None:
-        """Take the parameter's value."""
-        if message.get_type() != "PARAM_VALUE" or message.param_id != self._name:
-            return
-        if math.isfinite(message.param_value):
-            # ArduPilot sends whole numbers as floats of the same value.
-            self.done = self._accepts(int(message.param_value))
-            if not self.done:
-                self.failure = LinkRejected(f"{self._name} is {message.param_value:g}: {self._hint}")
 
 
 class Disarmed:

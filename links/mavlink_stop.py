@@ -1,7 +1,8 @@
 """Motors off at once, asked for until the autopilot has said yes. Sans-IO."""
 
 from links.mavlink_codec import ARM_DISARM, FORCE, Message
-from links.mavlink_steps import ACCEPTED, Autopilot
+from links.mavlink_command import ACCEPTED
+from links.mavlink_steps import Autopilot
 from links.port import LinkError, LinkLost, LinkRejected
 
 AGAIN_S = 0.05

@@ -6,8 +6,9 @@ from typing import Any
 import pytest
 
 from links.mavlink_codec import ARDUPILOT, ARM_DISARM, DO_SET_MODE, PX4, MavlinkCodec
+from links.mavlink_command import PATIENCE_S
 from links.mavlink_handshake import STREAM_S, arming, disarming, landing_disarmed, silence, stream
-from links.mavlink_steps import ANSWER_S, PATIENCE_S, TRIES, Autopilot, Handshake
+from links.mavlink_steps import ANSWER_S, TRIES, Autopilot, Handshake
 from links.mavlink_words import Words
 from links.port import LinkLost, LinkRejected
 
