@@ -4,7 +4,8 @@ import asyncio
 from collections.abc import Callable
 
 from links.deadman import Deadman
-from links.mavlink_codec import ARDUPILOT, ARM_DISARM, Message
+from links.mavlink_beside import beside
+from links.mavlink_codec import ARDUPILOT, ARM_DISARM
 from links.mavlink_config import MavlinkLinkConfig
 from links.mavlink_connection import MavlinkConnection
 from links.mavlink_handshake import arming, disarming, landing, landing_disarmed
@@ -18,9 +19,6 @@ from links.thrust_curve import signal
 from links.transmit import Transmitter
 
 __all__ = ["MavlinkLink", "MavlinkLinkConfig"]
-
-LOOK_S = 0.01
-"""How often a request that stands outside the queue of hand-shakes looks at the time [s]."""
 
 
 class MavlinkLink:
@@ -207,34 +205,10 @@ class MavlinkLink:
     async def _land(self) -> None:
         """Ask for mode LAND beside the bring-down by rates, which ends as soon as it is accepted."""
         try:
-            await self._beside(landing(self.connection.autopilot()))
+            await beside(self.connection, landing(self.connection.autopilot()))
         except LinkError:
             return  # the bring-down by rates goes on to its end
         self._transmitter.stop()
-
-    async def _beside(self, step: Handshake | Kill) -> None:
-        """Go through ``step`` without waiting for hand-shakes that are under way.
-
-        Raises:
-            LinkError: it failed.
-        """
-        loop = asyncio.get_running_loop()
-
-        def hear(message: Message, now_s: float) -> None:
-            step.hear(message, now_s)
-
-        leave = self.connection.subscribe(hear)
-        try:
-            while True:
-                for frame in step.poll(loop.time()):
-                    self.connection.leave(frame)
-                if step.failure is not None:
-                    raise step.failure
-                if step.done:
-                    return
-                await asyncio.sleep(LOOK_S)
-        finally:
-            leave()
 
     async def silent(self) -> None:
         """Return once nothing that lifts may leave any more without a new arming."""
@@ -289,7 +263,7 @@ class MavlinkLink:
     async def _killed(self, step: Kill) -> None:
         if self.connection.state == "closed":
             raise LinkLost("the link is closed: nothing can be sent. Use the remote control's kill switch")
-        await self._beside(step)
+        await beside(self.connection, step)
         self.connection.armed(False)
 
     async def close(self) -> None:
