@@ -13,7 +13,8 @@ from contextlib import asynccontextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from sim.bench_latency import Answers, figures_of, fly, together
+from sim.bench_answers import Answers, figures_of, together
+from sim.bench_latency import fly
 from sim.bench_links import lost_words
 
 if TYPE_CHECKING:
