@@ -1,0 +1,60 @@
+"""What the values of ``groundstation-sim``'s arguments may be; each raises ArgumentTypeError where one is not."""
+
+import argparse
+import math
+
+
+def seconds(text: str) -> float:
+    """A length of time, at most a day."""
+    value = _number(text)
+    if not 0.0 < value <= 86400.0:
+        raise argparse.ArgumentTypeError(f"expected seconds, more than 0 and at most 86400, got {text}")
+    return value
+
+
+def hours(text: str) -> float:
+    """A length of virtual time."""
+    value = _number(text)
+    if not 0.0 < value <= 1000.0:
+        raise argparse.ArgumentTypeError(f"expected hours, more than 0 and at most 1000, got {text}")
+    return value
+
+
+def _number(text: str) -> float:
+    try:
+        return float(text)
+    except ValueError:
+        return math.nan  # is within no bounds
+
+
+def count(text: str) -> int:
+    """How many, 1 or more."""
+    return _from(1, text)
+
+
+def whole(text: str) -> int:
+    """A whole number, 0 or more."""
+    return _from(0, text)
+
+
+def _from(least: int, text: str) -> int:
+    try:
+        value = int(text)
+    except ValueError:
+        value = least - 1
+    if value < least:
+        raise argparse.ArgumentTypeError(f"expected a whole number from {least} on, got {text}")
+    return value
+
+
+def percent(text: str) -> float:
+    """A share, below 90."""
+    value = _number(text)
+    if not 0.0 <= value < 90.0:
+        raise argparse.ArgumentTypeError(f"expected percent from 0 to below 90, got {text}")
+    return value
+
+
+def names(text: str) -> list[str]:
+    """Names between commas, each once."""
+    return list(dict.fromkeys(name.strip() for name in text.split(",") if name.strip()))
