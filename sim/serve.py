@@ -70,10 +70,7 @@ async def serve(
     else:
         assert pty is not None, "every other link is a radio's"
         end = f"{type(link).__struct_config__.tag} receiver on {pty.path}"
-    ends = [f"MAVLink to {link.address}"] if isinstance(link, MavlinkLinkConfig) else []
-    if (cameras := getattr(config.pose, "listen", None)) is not None:
-        ends.append(f"poses of {getattr(config.pose, 'object', '')} to {cameras}")
-    async with _alone(*ends):
+    async with _alone(*_sent(config)):
         print(f"serving {name}: {end}, {_poses(config.pose)}. Ctrl-C ends.", flush=True)
         with contextlib.suppress(TimeoutError):
             await asyncio.wait_for(stage.run(), duration_s)
@@ -104,7 +101,7 @@ async def serve_fleet(
         worlds.append(msgspec.structs.replace(world, start_ned=start, floor_z_m=flight.floor_z_m))
     stage = FleetStage(worlds, labs, seed, lambda _number, _time_s, _place: None, autopilot=autopilot)
     ends = ", ".join(f"{member.name} to udp {getattr(member.lab.link, 'address', '')}" for member in fleet.members)
-    async with _alone(*(f"MAVLink to {getattr(one.lab.link, 'address', '')}" for one in fleet.members)):
+    async with _alone(*dict.fromkeys(end for lab in labs for end in _sent(lab))):
         print(f"serving {autopilot} autopilots (MAVLink): {ends}; {_poses(labs[0].pose)}. Ctrl-C ends.", flush=True)
         with contextlib.suppress(TimeoutError):
             await asyncio.wait_for(stage.run(), duration_s)
@@ -112,6 +109,14 @@ async def serve_fleet(
         if one.plant.touchdown_m_s is not None:
             print(f"{member.name} touched down at {one.plant.touchdown_m_s:.2f} m/s", flush=True)
     return 0
+
+
+def _sent(config: Config) -> list[str]:
+    """What is sent to one vehicle's ground station, and where; a radio's pseudo-terminal is nobody else's anyway."""
+    ends = [f"MAVLink to {config.link.address}"] if isinstance(config.link, MavlinkLinkConfig) else []
+    if (cameras := getattr(config.pose, "listen", None)) is not None:
+        ends.append(f"poses of {getattr(config.pose, 'object', '')} to {cameras}")
+    return ends
 
 
 def _poses(config: PoseConfig) -> str:
