@@ -10,6 +10,8 @@ from pathlib import Path
 import pytest
 from hypothesis import HealthCheck, settings
 
+from tests.orphans import end_orphans, mark_session
+
 # The same examples in every run: `make test` passes or fails by the code alone. `make soak` looks further.
 settings.register_profile(
     "quick", derandomize=True, database=None, deadline=None, suppress_health_check=[HealthCheck.too_slow]
@@ -31,6 +33,16 @@ SEARCH_PATH = os.pathsep.join([os.environ.get("PATH", os.defpath), "/usr/local/s
 # Whatever a shell starts in the background ignores Ctrl-C, and so would every program that a test starts.
 if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
     signal.signal(signal.SIGINT, signal.default_int_handler)
+
+
+# Workers are marked by whoever starts them, and leave the end to that.
+OUTERMOST = mark_session()
+
+
+def pytest_unconfigure() -> None:
+    """Nothing that tests have started goes on after them."""
+    if OUTERMOST:
+        end_orphans()
 
 
 @pytest.hookimpl(tryfirst=True)  # before ``-m`` chooses

@@ -1,0 +1,45 @@
+"""tests/orphans.py: pacers of a test that was killed end, those of a session that runs stay."""
+
+import os
+import subprocess
+import sys
+import time
+
+from tests.orphans import MARK, end_orphans, pacers, session_of
+
+KILLED = """
+import asyncio, os, pty
+from links.dsm_codec import DsmLinkConfig
+from links.pacer_process import open_process
+
+async def main():
+    port = os.ttyname(pty.openpty()[1])
+    await open_process(DsmLinkConfig(port=port, fifo_priority=0), 2.0, lambda report: None)
+    os.kill(os.getpid(), 9)
+
+asyncio.run(main())
+"""
+
+
+def of_session(session: str) -> list[int]:
+    """The pacers that a process of ``session`` leaves behind when it is killed."""
+    done = subprocess.run([sys.executable, "-c", KILLED], env=os.environ | {MARK: session}, timeout=60, check=False)
+    assert done.returncode == -9
+    return [process for process, its in pacers().items() if its == session]
+
+
+def test_pacers_of_a_session_that_is_dead_are_ended_and_those_of_one_that_runs_are_not() -> None:
+    with subprocess.Popen(["sleep", "60"]) as other:
+        runs = session_of(other.pid)
+        dead, alive = of_session(f"{other.pid}:1"), of_session(runs)
+        assert len(dead) == len(alive) == 1
+        try:
+            end_orphans()
+            limit = time.monotonic() + 5.0
+            while dead[0] in pacers():
+                assert time.monotonic() < limit, "it outlives its session"
+                time.sleep(0.02)
+            assert pacers()[alive[0]] == runs
+        finally:
+            os.kill(alive[0], 9)
+            other.kill()

@@ -1,0 +1,49 @@
+"""Pacers that outlive whoever started them. Each sends disarm frames for ever, as it must to a real module.
+
+A worker or a test that is killed leaves its pacers behind, as a station would. They are known by a mark in their
+environment: the session that started them, by the process that runs it.
+"""
+
+import contextlib
+import os
+import signal
+from pathlib import Path
+
+MARK = "GROUNDSTATION_TEST_SESSION"
+
+
+def mark_session() -> bool:
+    """Have everything that is started from now on bear our mark; False where an outer session's is borne already."""
+    if MARK in os.environ:
+        return False
+    os.environ[MARK] = session_of(os.getpid())
+    return True
+
+
+def session_of(process: int) -> str:
+    """The mark of the session that ``process`` runs: its number and, as numbers come again, when it began."""
+    try:
+        return f"{process}:{Path(f'/proc/{process}/stat').read_text().rpartition(')')[2].split()[19]}"
+    except OSError:
+        return ""
+
+
+def pacers() -> dict[int, str]:
+    """Every pacer that bears a mark: its process → the session."""
+    found: dict[int, str] = {}
+    for folder in Path("/proc").glob("[0-9]*"):
+        with contextlib.suppress(OSError):  # it ended meanwhile, or is not ours
+            if b"links.pacer_child" in (folder / "cmdline").read_bytes().split(b"\0"):
+                environment = (folder / "environ").read_bytes().split(b"\0")
+                marks = [one.decode().partition("=")[2] for one in environment if one.startswith(MARK.encode() + b"=")]
+                found |= {int(folder.name): session for session in marks}
+    return found
+
+
+def end_orphans() -> None:
+    """End the pacers of this session, which is over, and of those that did not come to do it themselves."""
+    for process, session in pacers().items():
+        runs = session_of(int(session.partition(":")[0])) == session
+        if session == os.environ.get(MARK) or not runs:
+            with contextlib.suppress(ProcessLookupError):
+                os.kill(process, signal.SIGKILL)
