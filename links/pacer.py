@@ -201,8 +201,6 @@ class FramePacer:
             fifo=fifo,
         )
 
-    # ----
-
     def _made(self, at_s: float) -> bytes:
         if self._greet and (greeting := self._codec.greeting()):
             return greeting
