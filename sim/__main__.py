@@ -12,6 +12,7 @@ _LINKS = ["mavlink", "dsm", "crsf", "rf_bridge"]
 _SOURCES = ["vicon", "natnet", "qualisys", "odometry", "vision", "json"]
 
 _DRAWS = "what differs from flight to flight: mass,lags,gain,wind (default), and latency, noise, losses"
+_KERNEL = "compiled by this machine's C compiler, or numpy; the figures are the same (default: c if it works)"
 _AUTOPILOTS = ("px4", "ardupilot")
 
 
@@ -106,6 +107,7 @@ def parser() -> argparse.ArgumentParser:
     campaign.add_argument(
         "--verify", type=count, metavar="N", help="then fly N of them again through `fly`, which must agree"
     )
+    campaign.add_argument("--kernel", choices=["auto", "numpy", "c"], default="auto", help=_KERNEL)
     campaign.add_argument("--plot", type=Path, metavar="FILE.png", help="draw it too; needs matplotlib")
     campaign.add_argument("--json", action="store_true", help="print one JSON object instead of the summary")
 

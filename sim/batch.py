@@ -11,16 +11,16 @@ from collections.abc import Sequence
 import numpy as np
 
 from groundstation.config import ConfigError
-from groundstation.control.adaptive import Adaptive
 from groundstation.control.gains import Gains
-from groundstation.ops import arrays
 from groundstation.poses.vicon import ViconConfig
 from groundstation.settings import Config
 from sim.batch_estimator import BatchEstimator
 from sim.batch_fleet import Fleet
 from sim.batch_marks import Flights, Marks
+from sim.batch_pilot import BatchPilot
 from sim.batch_watch import BatchWatch
 from sim.fly import CONFIRM_S
+from sim.stages import Numpy, Stages
 from sim.world import World
 
 HANDSHAKE_S = 1.2
@@ -51,8 +51,12 @@ def check(world: World, config: Config) -> None:
             raise ConfigError(f"sim.{name}", "the cameras of a batch never take one body for another; expected 0")
 
 
-def fly_batch(worlds: Sequence[World], config: Config, seeds: Sequence[int], *, duration_s: float = 60.0) -> Flights:
+def fly_batch(
+    worlds: Sequence[World], config: Config, seeds: Sequence[int], *, duration_s: float = 60.0, stages: Stages = Numpy
+) -> Flights:
     """Fly N vehicles in N worlds, all told the same ``config``, for ``duration_s`` [s] after the release.
+
+    ``stages`` computes them; whichever does, the figures are the same.
 
     Raises:
         ValueError: the worlds differ in a period or in the reference.
@@ -70,10 +74,18 @@ def fly_batch(worlds: Sequence[World], config: Config, seeds: Sequence[int], *, 
     steps = math.ceil(period / first.step_s - 1e-9)
     h = period / steps
     release_s = CONFIRM_S + math.ceil(HANDSHAKE_S / period - 1e-9) * period
-    fleet = Fleet(worlds, seeds, duration_s=duration_s, release_s=release_s, steps=steps, told_latency_s=pose.latency_s)
+    fleet = Fleet(
+        worlds,
+        seeds,
+        duration_s=duration_s,
+        release_s=release_s,
+        steps=steps,
+        told_latency_s=pose.latency_s,
+        stages=stages,
+    )
     weight = vehicle.mass_kg * gains.gravity
-    estimator = BatchEstimator(vehicle, gains, fleet.start, config.flight.idle_thrust * weight, period)
-    pilot = Adaptive(vehicle, gains, arrays())
+    estimator = BatchEstimator(vehicle, gains, fleet.start, config.flight.idle_thrust * weight, period, stages)
+    pilot = BatchPilot(vehicle, gains, period, stages)
     trajectory = config.trajectory.build()
     watch = BatchWatch(fleet.count, gains, period)
     marks = Marks(fleet.count, duration_s, vehicle, gains, watch)
@@ -90,11 +102,11 @@ def fly_batch(worlds: Sequence[World], config: Config, seeds: Sequence[int], *, 
         # Where poses stay away too long commands stop, and with them the flight.
         marks.lost(time > estimator.stamp_s + config.flight.coast_s)
         estimate = estimator.predict(time)
-        decision = pilot.decide(estimate, trajectory.at(time), 0.0 if frame == 0 else period)
+        decision = pilot.decide(estimate, trajectory.at(time))
         estimator.sent(frame, decision.drive)
         fleet.command(frame, time, decision.drive, config.full_thrust_n, config.thrust_curve)
-        marks.command(time, decision, estimate, fleet.wind(time))
         fleet.fly(time)
+        marks.command(time, decision, estimate, fleet.felt[0])
         ends = time + np.arange(steps, dtype=np.float64) * h + h
         ends = ends[ends <= duration_s + 1e-9]  # the last frame is held beyond the end of the flight
         wanted = np.array([trajectory.position_at(end) for end in ends.tolist()])

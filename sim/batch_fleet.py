@@ -1,23 +1,23 @@
 """The truth about N vehicles: plants, wind and cameras. What :mod:`sim.stage` is to one."""
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
 from groundstation.control.model import Drive
-from groundstation.ops import arrays
+from groundstation.ops import Ops
 from sim.batch_cameras import Cameras
-from sim.columns import pick
+from sim.columns import pick, put, zeros
 from sim.draws import stream
 from sim.plant import Body, Physics, moved
 from sim.referee import CRASH_M
-from sim.wind import begun, cell, felt, stirred
+from sim.stages import Stages
+from sim.wind import Eddies, begun, cell, felt, stirred
 from sim.world import World
 
 Array = npt.NDArray[np.float64]
-OPS = arrays()
 BODY = 14
 """Numbers that make a Body."""
 BLOCK = 512
@@ -28,6 +28,7 @@ class Fleet:
     """The truth about N vehicles, one frame of commands at a time.
 
     ``track`` has shape (steps + 1, 14, N): the vehicles at the start of each plant step of the frame, and at its end.
+    ``felt`` has shape (steps + 1, 3, N): the disturbance b [m/s², NED] at the start of the frame, and in each step.
     """
 
     def __init__(
@@ -39,6 +40,7 @@ class Fleet:
         release_s: float,
         steps: int,
         told_latency_s: float,
+        stages: Stages,
     ) -> None:
         """``release_s`` [s] is when the flights begin, counted from the start of the cameras."""
         first = worlds[0]
@@ -65,18 +67,26 @@ class Fleet:
         self.track[-1, :3] = self.start
         self.track[-1, 6] = 1.0
         self.track[-1, 10] = column("start_thrust") * self._physics.mass_kg * first.gravity
-        self._felt = np.zeros((steps, 3, n))
+        self.felt = np.zeros((steps + 1, 3, n))
         self._thrust_command: Any = np.zeros(n)
-        self._rate_command: Any = (self._thrust_command,) * 3
+        self._rate_command: Any = zeros(n, 3)
         self._gust_hz, self._wind_step_s = column("wind_gust_hz"), column("wind_step_time_s")
         self._mean, self._gust, self._wind_step = (
-            np.array([getattr(w, key) for w in worlds]).T for key in ("wind_mean", "wind_gust", "wind_step")
+            np.array([getattr(w, key) for w in worlds], np.float64).T.copy()
+            for key in ("wind_mean", "wind_gust", "wind_step")
         )
         self._turbulence = column("wind_turbulence")
         self._normals = [stream(seed, "turbulence") for seed in seeds]
-        self._block: Array = np.empty((0, 3, n))
-        self._grid = -1
-        self._eddies: Any = None
+        self._stirs = bool(self._turbulence.any())
+        self._grid, self._block = 0, self._drawn() if self._stirs else np.zeros((1, 3, n))
+        zero: Any = np.zeros(n)
+        eddies = Eddies(zeros(n, 3), zero, zero.copy())
+        put(eddies, slice(None), begun(tuple(self._block[0])))
+        told = self._thrust_command, self._rate_command, self._physics
+        self._frame = stages(self._flown, (tuple(map(_body, self.track)), tuple(map(tuple, self.felt[1:])), *told))
+        self._part = stages(_seen, told)
+        winds = (tuple(self._mean), tuple(self._gust), tuple(self._wind_step), self._wind_step_s, self._gust_hz)
+        self._blow = stages(_blown, (*winds, self._turbulence, eddies, tuple(map(tuple, self.felt))))
         self._cameras = Cameras(worlds, seeds, duration_s, release_s, told_latency_s)
         self.arrived = self._cameras.arrived
         losses = [stream(seed, "frame loss").random(int(duration_s / first.frame_period_s) + 8) for seed in seeds]
@@ -101,60 +111,43 @@ class Fleet:
         gain = self._gain * (1.0 - self._sag * min(1.0, time_s / 60.0))
         # The first frame is what releases the vehicle; losses count from the second.
         lost = self._frame_lost[frame - 1] & (frame > 0)
-        self._thrust_command = np.where(lost, self._thrust_command, gain * share * self._thrust_max)
-        x, y, z = (
-            np.where(lost, old, np.clip(new, -limit, limit))
-            for old, new, limit in zip(self._rate_command, rates, self._limits, strict=True)
-        )
-        self._rate_command = (x, y, z)
+        self._thrust_command[...] = np.where(lost, self._thrust_command, gain * share * self._thrust_max)
+        for now, new, limit in zip(self._rate_command, rates, self._limits, strict=True):
+            now[...] = np.where(lost, now, np.clip(new, -limit, limit))
 
     def fly(self, time_s: float) -> None:
         """All steps of the frame that begins at ``time_s`` after the release, and the pictures taken meanwhile."""
         h, track = self._step_s, self.track
         track[0] = track[-1]
         starts: Array = time_s + np.arange(self._steps, dtype=np.float64) * h
-        for k, start in enumerate(starts.tolist()):
-            self._felt[k] = self.wind(start + 0.5 * h)
-            now: Any = moved(
-                OPS,
-                _body(track[k]),
-                self._thrust_command,
-                self._rate_command,
-                tuple(self._felt[k]),
-                h,
-                self._physics,
-            )
-            _write(track[k + 1], now)
+        self._blow(tuple((time, tuple(self._new_normals(time))) for time in (time_s, *(starts + 0.5 * h).tolist())))
+        self._frame(())
 
         def seen(step: Any, who: Any, taken: Any) -> Any:
-            felt_then = self._felt[step, :, who].T
-            physics = Physics(*(x[who] if isinstance(x, np.ndarray) else x for x in self._physics))
-            return moved(
-                OPS,
-                _body(track[step, :, who].T),
-                self._thrust_command[who],
-                pick(self._rate_command, who),
-                tuple(felt_then),
-                np.maximum(taken - starts[step], 1e-12),
-                physics,
+            before = _body(track[step, :, who].T)
+            return self._part(
+                (before, tuple(self.felt[step + 1, :, who].T), np.maximum(taken - starts[step], 1e-12)), who
             )
 
         self._cameras.expose(starts + h, seen)
 
-    def wind(self, time_s: float) -> Any:
-        """b [m/s², NED] at ``time_s`` after the release, of shape (3, N); questions go forward in time."""
-        sine = np.sin(2.0 * np.pi * self._gust_hz * time_s)
-        steady = self._mean + self._gust * sine + self._wind_step * (time_s >= self._wind_step_s)
-        if not self._turbulence.any():
-            return steady
-        while self._grid < cell(time_s):
+    def _flown(self, ops: Ops, state: Any, _: Any) -> Any:
+        bodies, felt, thrust, rates, physics = state
+        after = [bodies[0]]
+        for wind in felt:
+            after.append(moved(ops, after[-1], thrust, rates, wind, self._step_s, physics))
+        return (tuple(after), *state[1:]), ()
+
+    def _new_normals(self, time_s: float) -> Iterator[Any]:
+        """What stirs the turbulence until ``time_s`` after the release; questions go forward in time."""
+        while self._stirs and self._grid < cell(time_s):
             self._grid += 1
-            row = self._grid % BLOCK
-            if row == 0:
-                self._block = np.stack([g.standard_normal((BLOCK, 3)) for g in self._normals], axis=2)
-            normals: Any = tuple(self._block[row])
-            self._eddies = begun(normals) if self._eddies is None else stirred(self._eddies, normals)
-        return steady + felt(self._eddies, self._turbulence)
+            if self._grid % BLOCK == 0:
+                self._block = self._drawn()
+            yield tuple(self._block[self._grid % BLOCK])
+
+    def _drawn(self) -> Array:
+        return np.stack([g.standard_normal((BLOCK, 3)) for g in self._normals], axis=2)
 
     def crashed(self, steps: int) -> Any:
         """Who has hit the floor or left every room within so many ``steps`` of this frame.
@@ -173,15 +166,26 @@ class Fleet:
         return down
 
 
+def _seen(ops: Ops, state: Any, given: Any) -> Any:
+    before, wind, h = given
+    thrust, rates, physics = state
+    return state, moved(ops, before, thrust, rates, wind, h, physics)
+
+
+def _blown(ops: Ops, state: Any, given: Any) -> Any:
+    *winds, eddies, _ = state
+    mean, gust, step, step_s, gust_hz, turbulence = winds
+    now = []
+    for time_s, stirs in given:
+        for normals in stirs:
+            eddies = stirred(eddies, normals)
+        sine = ops.sin(2.0 * np.pi * gust_hz * time_s)
+        steady = (m + g * sine + s * (time_s >= step_s) for m, g, s in zip(mean, gust, step, strict=True))
+        now.append(tuple(a + b for a, b in zip(steady, felt(eddies, turbulence), strict=True)))
+    return (*winds, eddies, tuple(now)), ()
+
+
 def _body(numbers: Any) -> Any:
     """The Body of 14 rows, without a copy."""
     px, py, pz, vx, vy, vz, w, x, y, z, thrust, p, q, r = numbers
     return Body((px, py, pz), (vx, vy, vz), (w, x, y, z), thrust, (p, q, r))
-
-
-def _write(rows: Array, body: Any) -> None:
-    """Put a Body into 14 rows."""
-    for row, values in zip(
-        rows, (*body.position, *body.velocity, *body.attitude, body.thrust, *body.rates), strict=True
-    ):
-        row[...] = values

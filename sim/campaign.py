@@ -16,6 +16,7 @@ from groundstation.settings import Config
 from sim.batch import check, fly_batch
 from sim.campaign_draws import DRAWS, USUAL, absolute, drawn
 from sim.campaign_folder import Folder, Row, program_sha256
+from sim.kernels import chosen
 from sim.referee import STEADY_S
 from sim.world import World
 
@@ -36,6 +37,8 @@ class Campaign(msgspec.Struct, frozen=True, kw_only=True):
     """``--set`` as given, to name the command that flies one flight again."""
     draws: tuple[str, ...] = USUAL
     """Names of what differs from flight to flight, keys of ``DRAWS``."""
+    kernel: str = "auto"
+    """How the flights are computed, see :func:`sim.kernels.chosen`; whichever it is, the rows are the same."""
 
     def check(self) -> None:
         """Refuse what cannot be flown or would not be true.
@@ -119,7 +122,8 @@ def run(
 def fly_chunk(campaign: Campaign, seeds: list[int]) -> list[Row]:
     """Fly ``seeds`` as one batch."""
     worlds = [drawn(campaign.world, seed, campaign.draws) for seed in seeds]
-    flights = fly_batch(worlds, campaign.config, seeds, duration_s=campaign.duration_s)
+    stages, _ = chosen(campaign.kernel)
+    flights = fly_batch(worlds, campaign.config, seeds, duration_s=campaign.duration_s, stages=stages)
     columns = {name: column.tolist() for name, column in flights._asdict().items()}
     return [
         _row(seed, world, **{name: column[i] for name, column in columns.items()})

@@ -17,6 +17,7 @@ from sim.campaign_report import report, text
 from sim.campaign_verify import verify
 from sim.compare_plot import check_plot
 from sim.console import Progress
+from sim.kernels import chosen
 from sim.world import World
 
 
@@ -29,12 +30,15 @@ def campaign(args: argparse.Namespace, scenario: str, world: World, config: Conf
         duration_s=args.duration,
         overrides=args.overrides,
         draws=USUAL if args.draw is None else tuple(args.draw),
+        kernel=args.kernel,
     )
     shared.check()  # what can't fly says so before a cluster is called
     if args.plot is not None:
         check_plot(args.plot)
     here = args.workers or os.cpu_count() or 1
     start = perf_counter()
+    if args.cluster is None and (note := chosen(args.kernel)[1]):
+        print(note, file=sys.stderr)
     quiet = args.json or not sys.stderr.isatty()
     with _crew(args.cluster, here) as crew, Progress(args.flights, quiet=quiet, unit="flights", digits=0) as progress:
         rows, flown = run(

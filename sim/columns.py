@@ -10,6 +10,13 @@ def zeros(count: int, width: int) -> Any:
     return tuple(np.zeros(count) for _ in range(width))
 
 
+def columns(values: Any, count: int) -> Any:
+    """``values`` in nested tuples as arrays of ``count`` numbers, each its own; None stays."""
+    if isinstance(values, tuple):
+        return tuple([columns(value, count) for value in values])
+    return None if values is None else np.array(np.broadcast_to(values, count), np.float64)
+
+
 def pick(values: Any, who: Any) -> Any:
     """The entries ``who`` of every array in a nested, perhaps named, tuple; plain numbers stay."""
     if isinstance(values, np.ndarray):

@@ -1,6 +1,7 @@
 """Our controller: the law, fed the modelled actuators, its output led through their lags and limits."""
 
 import math
+from typing import Any
 
 from groundstation.control.actuators import lead
 from groundstation.control.backstepping import backstep, yaw_rate
@@ -51,6 +52,16 @@ class Adaptive:
     def begin(self, disturbance: Vec3) -> None:
         """Let b̂ begin at ``disturbance`` [m/s², NED]: what was found out before the first command."""
         self.b_hat = within(self._ops, disturbance, self._gains.b_bound)
+
+    @property
+    def memory(self) -> tuple[Any, ...]:
+        """All that one command leaves for the next, as nested tuples; to be given back as it was taken."""
+        rates = self._wanted, self._wanted_dot
+        return self.b_hat, self._witnessed, *rates, self._thrust_sent, self._saturated
+
+    @memory.setter
+    def memory(self, memory: tuple[Any, ...]) -> None:
+        self.b_hat, self._witnessed, self._wanted, self._wanted_dot, self._thrust_sent, self._saturated = memory
 
     def decide(self, estimate: Estimate, reference: Reference, interval_s: float) -> Decision:
         """One command for the instant of ``estimate``."""
