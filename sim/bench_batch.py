@@ -4,22 +4,26 @@ from collections.abc import Callable
 from time import perf_counter
 from typing import TYPE_CHECKING, Any
 
+import msgspec
 import numpy as np
 
 from groundstation.control.adaptive import Adaptive
 from groundstation.control.gains import Gains
-from groundstation.control.model import Motion
+from groundstation.control.model import ZERO, Motion
 from groundstation.control.port import Estimate
 from groundstation.ops import FLOATS, Ops, arrays
+from groundstation.so3 import IDENTITY
 from groundstation.trajectories.lemniscate import LemniscateConfig
+from groundstation.trajectories.port import Reference
 from groundstation.vehicle import Vehicle
 from sim.batch import fly_batch
 from sim.bench_peers import PEERS, Bench
 from sim.bench_timing import in_turns
-from sim.columns import zeros
+from sim.columns import columns, zeros
 from sim.plant import Body, Physics, moved
 from sim.prepare import prepare
 from sim.scenarios import SCENARIOS
+from sim.stages import Compiled, Numpy, Stages
 
 if TYPE_CHECKING:
     from sim.bench import Options
@@ -56,12 +60,41 @@ def law_and_plant(count: int, ops: Ops, steps: int) -> Bench:
     return Bench(run, count * steps, "")
 
 
-def whole_flights() -> Bench:
+def compiled_law_and_plant(count: int, steps: int) -> Bench:
+    """The same as one compiled stage."""
+    vehicle, trajectory = Vehicle(), LemniscateConfig().build()
+    world = SCENARIOS["paper"].world
+    physics = Physics(world.mass_kg, world.thrust_lag_s, world.rate_lag_s, 0.0, 0.0, world.gravity)
+    body = Body(*columns((ZERO, ZERO, IDENTITY, 0.785, ZERO), count))
+
+    def step(ops: Ops, state: Any, reference: Any) -> Any:
+        body, memory = state
+        pilot = Adaptive(vehicle, Gains(), ops)
+        pilot.memory = memory
+        drive = pilot.decide(Estimate(0.0, Motion(*body), ZERO, ZERO), Reference(*reference), STEP_S).drive
+        return (moved(ops, body, drive.thrust, drive.rates, ZERO, STEP_S, physics), pilot.memory), ()
+
+    pilot = Adaptive(vehicle, Gains(), arrays())
+    pilot.decide(Estimate(0.0, Motion(*body), ZERO, ZERO), trajectory.at(0.0), 0.0)
+    stage, time = Compiled(step, (body, columns(pilot.memory, count))), 0.0
+
+    def run() -> None:
+        nonlocal time
+        for _ in range(steps):
+            stage(msgspec.structs.astuple(trajectory.at(time)))
+            time += STEP_S
+
+    return Bench(run, count * steps, "")
+
+
+def whole_flights(stages: Stages) -> Bench:
     """Flights of a campaign: observer, predictor, law at 44 Hz, plant at 400 Hz, cameras, wind, wire rounding."""
     world, config = prepare(SCENARIOS["adverse"], [])
     worlds, seeds = [world] * VEHICLES, list(range(VEHICLES))
     steps = round(FLIGHT_S / world.frame_period_s) * round(world.frame_period_s / world.step_s)
-    return Bench(lambda: _discard(fly_batch(worlds, config, seeds, duration_s=FLIGHT_S)), VEHICLES * steps, "")
+    return Bench(
+        lambda: _discard(fly_batch(worlds, config, seeds, duration_s=FLIGHT_S, stages=stages)), VEHICLES * steps, ""
+    )
 
 
 def _discard(_: object) -> None:
@@ -70,7 +103,9 @@ def _discard(_: object) -> None:
 
 OURS: dict[str, Callable[[], Bench]] = {
     "ours, 1,000 vehicles: law and plant at every step": lambda: law_and_plant(VEHICLES, arrays(), STEPS),
-    "ours, 1,000 vehicles: whole flights of a campaign": whole_flights,
+    "ours, 1,000 vehicles: the same, compiled": lambda: compiled_law_and_plant(VEHICLES, STEPS),
+    "ours, 1,000 vehicles: whole flights of a campaign": lambda: whole_flights(Numpy),
+    "ours, 1,000 vehicles: whole flights, compiled": lambda: whole_flights(Compiled),
     "ours, one vehicle: law and plant at every step": lambda: law_and_plant(1, FLOATS, 1000),
 }
 
