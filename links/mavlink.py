@@ -129,7 +129,7 @@ class MavlinkLink:
         if self._landing is not None:
             self._landing.cancel()
             self._landing = None
-        self._sleep = Sleep(asyncio.get_running_loop().time())
+        self._sleep = Sleep(asyncio.get_running_loop().time)
         self._transmitter.start()
         try:
             await self.connection.see_through(handshake, stream, self.period_s)

@@ -138,7 +138,7 @@ class Commander:
 def _pace(pacer: FramePacer, period_s: float, frame_s: float, clock: Clock, commander: Commander) -> None:
     now = clock.now
     due = now() + period_s
-    sleep = Sleep(now())
+    sleep = Sleep(now)
     pacer.prepare(due)
     commander.tell(pacer, now())
     while not pacer.done(now()):
@@ -150,7 +150,7 @@ def _pace(pacer: FramePacer, period_s: float, frame_s: float, clock: Clock, comm
             pass
         if slept := sleep.slept_s:
             pacer.slept(slept, due)
-            sleep = Sleep(now())
+            sleep = Sleep(now)
         pacer.leave(woken)
         left = now()
         skipped = max(0, int((left - due) / period_s))

@@ -4,6 +4,7 @@ What was fresh when a laptop's lid was closed would pass for fresh when it is op
 """
 
 import time
+from collections.abc import Callable
 
 SHORTEST_S = 0.01
 """A sleep [s]; below, the two clocks were only read one after the other."""
@@ -24,9 +25,9 @@ def _ahead_s() -> float:
 class Sleep:
     """Watches from its making on."""
 
-    def __init__(self, now_s: float) -> None:
-        """``now_s`` is what the owner's clock shows; one that is not this machine's, a simulation's, never sleeps."""
-        self._counts = abs(now_s - time.monotonic()) < OURS_S
+    def __init__(self, now_s: Callable[[], float]) -> None:
+        """``now_s`` is the owner's clock; one that is not this machine's, as a simulation's, never sleeps."""
+        self._counts = time.monotonic() - OURS_S < now_s() < time.monotonic() + OURS_S
         self._before_s = max(_ahead_s() for _ in range(3))
 
     @property

@@ -40,7 +40,7 @@ def lid(monkeypatch: pytest.MonkeyPatch) -> Iterator[Lid]:
 
 
 def test_a_computer_that_is_awake_has_not_slept() -> None:
-    sleep = Sleep(time.monotonic())
+    sleep = Sleep(time.monotonic)
     time.sleep(2.0 * SHORTEST_S)
     assert sleep.slept_s == 0.0
 
@@ -51,26 +51,42 @@ def test_linux_has_a_clock_that_goes_on_in_sleep() -> None:
 
 
 def test_it_is_told_how_long_the_computer_slept_since_the_watch_began(lid: Lid) -> None:
-    sleep = Sleep(0.0)
+    sleep = Sleep(time.monotonic)
     lid.slept_s += 0.9 * SHORTEST_S
     assert sleep.slept_s == 0.0
     lid.slept_s += 600.0
     assert sleep.slept_s == pytest.approx(600.0, abs=0.1)
-    assert Sleep(0.0).slept_s == 0.0
+    assert Sleep(time.monotonic).slept_s == 0.0
 
 
 def test_a_program_that_stands_still_between_two_looks_at_the_clocks_has_not_slept(lid: Lid) -> None:
     lid.less_s = [5.0, 0.0]
-    sleep = Sleep(0.0)
+    sleep = Sleep(time.monotonic)
     assert sleep.slept_s == 0.0
     lid.less_s = [5.0]
     assert sleep.slept_s == 0.0
 
 
+def test_a_program_that_stands_still_as_the_watch_begins_is_watched(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    lid = Lid()
+    monkeypatch.setattr(links.sleep, "_ahead_s", lid.ahead_s)
+
+    def stuck() -> float:
+        now = time.monotonic()
+        time.sleep(2.0 * OURS_S)
+        return now
+
+    sleep = Sleep(stuck)
+    lid.slept_s += 600.0
+    assert sleep.slept_s > 0.0
+
+
 def test_a_simulation_goes_on_where_it_was(monkeypatch: pytest.MonkeyPatch) -> None:
     lid = Lid()
     monkeypatch.setattr(links.sleep, "_ahead_s", lid.ahead_s)
-    simulated, real = Sleep(time.monotonic() - 2.0 * OURS_S), Sleep(time.monotonic())
+    simulated, real = Sleep(lambda: time.monotonic() - 2.0 * OURS_S), Sleep(time.monotonic)
     lid.slept_s += 600.0
     assert simulated.slept_s == 0.0
     assert real.slept_s > 0.0
