@@ -120,6 +120,39 @@ class Listener:
             await asyncio.sleep(0.01)
 
 
+class Wire:
+    """Between a station and its broker; a connection can fall silent without an end."""
+
+    def __init__(self, port: int) -> None:
+        self._port = port
+        self._silent: set[int] = set()
+        self.ended: list[int] = []
+        """Connections that the broker has closed."""
+        self.connections = 0
+
+    async def carry(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
+        number, self.connections = self.connections, self.connections + 1
+        there, back = await asyncio.open_connection("127.0.0.1", self._port)
+        with contextlib.suppress(OSError):
+            await asyncio.gather(self._pass(number, reader, back), self._pass(number, there, writer, ends=True))
+        writer.close()
+        back.close()
+
+    def fall_silent(self) -> None:
+        self._silent = set(range(self.connections))
+
+    async def _pass(
+        self, number: int, reader: asyncio.StreamReader, writer: asyncio.StreamWriter, ends: bool = False
+    ) -> None:
+        while data := await reader.read(65536):
+            if number not in self._silent:
+                writer.write(data)
+        if ends:
+            self.ended.append(number)
+        if number not in self._silent:
+            writer.close()
+
+
 STATE, SNAPSHOT, EVENT, HEALTH = (f"lab/mqx/{name}" for name in ("state", "snapshot", "event", "health"))
 SESSION = "lab/mqx/request/session"
 
@@ -207,19 +240,28 @@ def test_a_broker_that_is_killed_and_comes_back_is_found_again_and_misses_no_eve
         latest: Latest[Snapshot] = Latest()
         flying = sample(2.0)
         latest.put(flying)
-        async with publishing(config_for(server), latest) as task:
-            await asyncio.sleep(0.2)  # nobody is there yet
+        wire, port = Wire(server.port), await free_tcp_port()
+
+        @contextlib.asynccontextmanager
+        async def there() -> AsyncIterator[Listener]:
+            """For a while the broker is; the station finds it only once somebody listens."""
             await server.start()
             async with Listener(server.port) as listener:
-                await listener.until(lambda to: bool(to.got[SNAPSHOT]))
+                way = await asyncio.start_server(wire.carry, "127.0.0.1", port)
+                yield listener
+                way.close()
             server.kill()
+
+        async with publishing(msgspec.structs.replace(config_for(server), port=port), latest) as task:
+            await asyncio.sleep(0.2)  # nobody is there yet
+            async with there() as listener:
+                await listener.until(lambda to: bool(to.got[SNAPSHOT]))
             lost = msgspec.structs.replace(flying, events=(*flying.events, "103.000 while the broker was away"))
             for _ in range(50):
                 latest.put(lost)
                 await asyncio.sleep(0.005)
             assert not task.done()
-            await server.start()
-            async with Listener(server.port) as listener:
+            async with there() as listener:
                 await listener.until(lambda to: bool(to.got[SNAPSHOT]))
                 await listener.until(lambda to: bool(to.got[EVENT]))
                 (event,) = [msgspec.json.decode(text, type=Event) for text in listener.got[EVENT]]
@@ -288,7 +330,7 @@ def test_a_broker_that_stands_still_delays_nobody_and_gets_the_newest_after(brok
         loop = asyncio.get_running_loop()
         latest: Latest[Snapshot] = Latest()
         latest.put(sample(0.0))
-        async with publishing(config_for(server), latest) as task, Listener(server.port) as listener:
+        async with Listener(server.port) as listener, publishing(config_for(server), latest) as task:
             await listener.until(lambda to: bool(to.got[SNAPSHOT]))
             server.stand_still()
             slowest = 0.0
@@ -304,39 +346,6 @@ def test_a_broker_that_stands_still_delays_nobody_and_gets_the_newest_after(brok
         assert slowest < 0.5
 
     play(scene())
-
-
-class Wire:
-    """Between a station and its broker; a connection can fall silent without an end."""
-
-    def __init__(self, port: int) -> None:
-        self._port = port
-        self._silent: set[int] = set()
-        self.ended: list[int] = []
-        """Connections that the broker has closed."""
-        self.connections = 0
-
-    async def carry(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
-        number, self.connections = self.connections, self.connections + 1
-        there, back = await asyncio.open_connection("127.0.0.1", self._port)
-        with contextlib.suppress(OSError):
-            await asyncio.gather(self._pass(number, reader, back), self._pass(number, there, writer, ends=True))
-        writer.close()
-        back.close()
-
-    def fall_silent(self) -> None:
-        self._silent = set(range(self.connections))
-
-    async def _pass(
-        self, number: int, reader: asyncio.StreamReader, writer: asyncio.StreamWriter, ends: bool = False
-    ) -> None:
-        while data := await reader.read(65536):
-            if number not in self._silent:
-                writer.write(data)
-        if ends:
-            self.ended.append(number)
-        if number not in self._silent:
-            writer.close()
 
 
 def test_the_last_will_of_a_connection_that_fell_silent_comes_before_the_next_connection(
