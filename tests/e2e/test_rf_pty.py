@@ -103,7 +103,7 @@ async def strike(stage: str, number: signal.Signals) -> Case:
         stderr=asyncio.subprocess.DEVNULL,
         start_new_session=True,
     )
-    reader = asyncio.create_task(read(far, near, case))
+    reader, end = asyncio.create_task(read(far, near, case)), asyncio.create_task(ended(station, case))
     try:
         assert station.stdout is not None
         async with asyncio.timeout(20.0):
@@ -118,8 +118,7 @@ async def strike(stage: str, number: signal.Signals) -> Case:
             await asyncio.sleep(0.6)
             with contextlib.suppress(ProcessLookupError):  # one that was frozen while arming has given up
                 os.killpg(station.pid, signal.SIGKILL)
-        await station.wait()
-        case.died_s = time.monotonic()
+        await end
         await asyncio.wait_for(reader, 15.0)
     finally:
         reader.cancel()
@@ -129,6 +128,12 @@ async def strike(stage: str, number: signal.Signals) -> Case:
         folder.cleanup()
         os.close(far)
     return case
+
+
+async def ended(station: asyncio.subprocess.Process, case: Case) -> None:
+    """Wait for the end, which may come before that of what is done to it."""
+    await station.wait()
+    case.died_s = time.monotonic()
 
 
 async def read(far: int, near: int, case: Case) -> None:
