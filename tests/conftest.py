@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 from hypothesis import HealthCheck, settings
 
-from tests.orphans import end_orphans, mark_session
+from tests.orphans import MARK, end_orphans, mark_session
 
 # The same examples in every run: `make test` passes or fails by the code alone. `make soak` looks further.
 settings.register_profile(
@@ -42,7 +42,7 @@ OUTERMOST = mark_session()
 def pytest_unconfigure() -> None:
     """Nothing that tests have started goes on after them."""
     if OUTERMOST:
-        end_orphans()
+        end_orphans(os.environ[MARK])
 
 
 @pytest.hookimpl(tryfirst=True)  # before ``-m`` chooses

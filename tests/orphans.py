@@ -40,10 +40,10 @@ def pacers() -> dict[int, str]:
     return found
 
 
-def end_orphans() -> None:
-    """End the pacers of this session, which is over, and of those that did not come to do it themselves."""
+def end_orphans(over: str) -> None:
+    """End the pacers of the session ``over``, and of those that did not come to do it themselves."""
     for process, session in pacers().items():
         runs = session_of(int(session.partition(":")[0])) == session
-        if session == os.environ.get(MARK) or not runs:
+        if session == over or not runs:
             with contextlib.suppress(ProcessLookupError):
                 os.kill(process, signal.SIGKILL)
