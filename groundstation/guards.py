@@ -235,7 +235,7 @@ class Guards:
 
     def _weak(self, tick: Tick) -> Finding | None:
         c, found = self._config, tick.estimate.effectiveness
-        if self._since.lasts("weak", found < c.effectiveness, tick.time_s, 1.0):
+        if self._since.lasts("weak", not found >= c.effectiveness, tick.time_s, 1.0):
             return _lands(f"thrust is {100.0 * found:.0f} % of what is told, limit {100.0 * c.effectiveness:.0f} %")
         return None
 

@@ -78,6 +78,7 @@ CASES: list[tuple[dict[str, Any], float, float, Step, str]] = [
     ({"thrust_n": VEHICLE.thrust_max_n}, 0.0, CONFIG.thrust_limit_s, Step.LAND, "thrust at its limit"),
     ({"rates_rad_s": (0.0, -FULL, 0.0)}, 0.0, CONFIG.rate_limit_s, Step.LAND, "body rate at its limit"),
     ({"effectiveness": 0.69}, 0.0, 1.0, Step.LAND, "thrust is 69 % of what is told"),
+    ({"effectiveness": math.nan}, 0.0, 1.0, Step.LAND, "thrust is nan % of what is told"),
     ({}, 0.11, CONFIG.divergence_s, Step.DESCEND, "has diverged"),
     ({}, math.nan, CONFIG.divergence_s, Step.DESCEND, "has diverged"),
     ({"position": (math.nan, 0.0, -1.0)}, 0.0, CONFIG.error_s, Step.LAND, "nan m from where it should be"),
