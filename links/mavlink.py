@@ -82,11 +82,15 @@ class MavlinkLink:
             rtt_s=None if clock is None else clock.rtt_s,
             offset_s=None if clock is None else clock.offset_s,
             taken=self._taken,
-            slept_s=0.0 if self._sleep is None else self._sleep.slept_s,
+            slept_s=self._slept_s,
             battery_v=self._vitals.battery_v,
             battery_share=self._vitals.battery_share,
             ready=self._vitals.ready,
         )
+
+    @property
+    def _slept_s(self) -> float:
+        return 0.0 if self._sleep is None else self._sleep.slept_s
 
     async def connect(self) -> None:
         """Open the socket, wait for the autopilot's HEARTBEAT, and ask for the messages that are wanted.
@@ -114,7 +118,7 @@ class MavlinkLink:
         def stream(now_s: float) -> None:
             if not self._send(idle(), now_s):
                 why = "the idle command had expired, as its pose is too old"
-                if self._sleep is not None and self._sleep.slept_s:
+                if self._slept_s:
                     why = "this computer slept"
                 elif self._deadman.held:
                     why = self.connection.text
@@ -175,7 +179,7 @@ class MavlinkLink:
         One that somebody else has put in another mode is theirs: nothing leaves from then on, no bring-down either.
         Nor does anything after this computer has slept: the autopilot has come down without us long ago.
         """
-        if self._sleep is not None and self._sleep.slept_s:
+        if self._slept_s:
             self._obeys = False
             self._transmitter.stop()
             if self._landing is not None:
