@@ -172,8 +172,7 @@ def test_a_controller_that_stands_still_at_any_instant_for_any_time(seed: int) -
         assert wire.frames[-1][1] == 0.0
 
 
-def test_a_controller_that_hangs_for_ever_ends_the_flight_all_the_same() -> None:
-    monkeypatch = pytest.MonkeyPatch()
+def test_a_controller_that_hangs_for_ever_ends_the_flight_all_the_same(monkeypatch: pytest.MonkeyPatch) -> None:
 
     async def script(flight: Flight, _: Stage) -> None:
         await flying(flight, 2.0)
@@ -183,16 +182,12 @@ def test_a_controller_that_hangs_for_ever_ends_the_flight_all_the_same() -> None
 
         monkeypatch.setattr(Pacing, "next", never)
 
-    try:
-        wire = fly(script)
-    finally:
-        monkeypatch.undo()
+    wire = fly(script)
     assert wire.state is State.ABORTED
     assert wire.reason == "the controller hangs: the link has brought the vehicle down without it"
 
 
-def test_a_flight_ends_when_its_computer_wakes_from_sleep() -> None:
-    monkeypatch = pytest.MonkeyPatch()
+def test_a_flight_ends_when_its_computer_wakes_from_sleep(monkeypatch: pytest.MonkeyPatch) -> None:
     woken: list[float] = []
 
     async def script(flight: Flight, _: Stage) -> None:
@@ -200,10 +195,7 @@ def test_a_flight_ends_when_its_computer_wakes_from_sleep() -> None:
         monkeypatch.setattr(Sleep, "slept_s", 600.0)
         woken.append(asyncio.get_running_loop().time())
 
-    try:
-        wire = fly(script)
-    finally:
-        monkeypatch.undo()
+    wire = fly(script)
     assert wire.state is State.ABORTED
     assert wire.reason == "the computer that sends slept for 600.0 s: arm anew to fly"
     assert wire.frames[-1][0] <= woken[0]
