@@ -25,7 +25,7 @@ def logs_command(config: RecordingConfig, args: argparse.Namespace) -> int:
         config = msgspec.structs.replace(config, folder=str(args.folder))
     folder = folder_of(config)
     removed = tidy(config, args.now_s) if args.tidy else []
-    flights = [{**described(path), "file": str(path.relative_to(folder))} for path in _recordings(folder)]
+    flights = [described(path, folder) for path in _recordings(folder)]
     if args.json:
         print(json.dumps({"folder": str(folder), "flights": flights, "removed": [path.name for path in removed]}))
         return 0
@@ -42,9 +42,9 @@ def _recordings(folder: Path) -> list[Path]:
     return sorted(folder.glob("*.mcap")) + sorted(folder.glob("*/*.mcap"))
 
 
-def described(path: Path) -> dict[str, Any]:
-    """What the list says of one file."""
-    facts: dict[str, Any] = {"file": path.name, "size_bytes": path.stat().st_size}
+def described(path: Path, folder: Path) -> dict[str, Any]:
+    """What the list of ``folder`` says of one file in it."""
+    facts: dict[str, Any] = {"file": str(path.relative_to(folder)), "size_bytes": path.stat().st_size}
     try:
         about, headline, whole = quick_headline(path)
     except (NoRecording, OSError) as error:
