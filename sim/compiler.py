@@ -9,13 +9,14 @@ import os
 import platform
 import shlex
 import shutil
-import stat
 import subprocess
 import tempfile
 from collections.abc import Callable
 from contextlib import suppress
 from functools import cache
 from pathlib import Path
+
+from groundstation.ownership import FILE, FOLDER, ours
 
 FLAGS = ("-std=gnu99", "-O1", "-ftree-vectorize", "-shared", "-fPIC", "-nostdlib")
 """For any machine of this kind, as homes are shared. No headers, no library: a bare compiler will do."""
@@ -34,7 +35,7 @@ def built(text: str) -> ctypes.CDLL:
     said = "\n".join((text, *command, version, *FLAGS, *EXACT, platform.machine()))
     name = f"{hashlib.sha256(said.encode()).hexdigest()}.so"
     folder = _cache()
-    if folder is not None and _own(folder / name, stat.S_ISREG):
+    if folder is not None and _own(folder / name, FILE):
         with suppress(OSError):  # spoilt, by a full disk or a crash: it is made anew
             return ctypes.CDLL(str(folder / name))
     with tempfile.TemporaryDirectory(dir=folder) as scratch:  # for this user alone
@@ -78,7 +79,7 @@ def _cache() -> Path | None:
         # Who may write a folder may put others in the place of those in it.
         for folder in (root, root / "groundstation", root / "groundstation" / "kernels"):
             folder.mkdir(mode=0o700, exist_ok=True)
-            if not _own(folder, stat.S_ISDIR):
+            if not _own(folder, FOLDER):
                 return None
     except (OSError, RuntimeError):
         return None
@@ -86,9 +87,8 @@ def _cache() -> Path | None:
 
 
 def _own(path: Path, kind: Callable[[int], bool]) -> bool:
-    """Whether it is there, no link, of that kind, this user's, and nobody else may write it."""
+    """Whether it is there, and this user's alone."""
     try:
-        found = path.lstat()
+        return ours(path.lstat(), kind)
     except OSError:
         return False
-    return kind(found.st_mode) and found.st_uid == os.geteuid() and not found.st_mode & 0o022

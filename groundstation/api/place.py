@@ -9,6 +9,8 @@ from typing import Annotated
 
 import msgspec
 
+from groundstation.ownership import FOLDER, ours
+
 SERVICES = Path("/run/groundstation")
 """Here every service of the machine has a folder of its own: ``groundstation service`` makes it so."""
 
@@ -105,7 +107,7 @@ def own_directory(folder: Path) -> None:
         info = folder.lstat()
     except OSError as error:
         raise ApiError(f"folder {folder} of the status socket: {error.strerror}") from error
-    if not stat.S_ISDIR(info.st_mode) or info.st_uid != os.geteuid() or info.st_mode & 0o022:
+    if not ours(info, FOLDER):
         raise ApiError(
             f"folder {folder} of the status socket must be a folder that belongs to you and that nobody else "
             "may write to: another program could take the socket's place; set status.path"
