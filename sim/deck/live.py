@@ -18,16 +18,20 @@ from groundstation.api.place import ApiError
 from groundstation.config import dump
 from groundstation.mission import FINAL, State
 from sim.deck.broker import Broker
-from sim.deck.cell import AUTOPILOT, LANDS, LOOK_S, STILL_SHARE
-from sim.deck.faults import FAULTS, Fault
+from sim.deck.cell import AUTOPILOT, LANDS, LOOK_S, STILL_SHARE, hover_n
+from sim.deck.exemptions import Exemption
+from sim.deck.fault import Fault
+from sim.deck.faults import FAULTS
 from sim.deck.live_evidence import evidence
 from sim.deck.live_scene import STRIKES, LiveScene
 from sim.deck.moments import MOMENTS, Moves
+from sim.deck.thrust import Thrust
 from sim.deck.truth import Truth
 from sim.deck.verdict import Row, judged
 from sim.mission import from_floor
 from sim.prepare import prepare
 from sim.pty_wire import PtyWire
+from sim.rf_receiver import FAILSAFE_S
 from sim.scenarios import SCENARIOS
 from sim.stage import Stage
 from sim.world import World
@@ -83,9 +87,9 @@ async def fly_live(name: str, state: str) -> Row:
                 why = f"it does not end within {LIMIT_S:g} s"
             except _Disturbed as disturbed:
                 why = str(disturbed)
-    return Row(
-        fault=name, state=state, reaction="none", react_ms=None, peak_error_m=0.0, touchdown_m_s=None, drift_m=0.0,
-        tilt_deg=0.0, safe=False, why=why,
+    return judged(
+        name, FAULTS[name], state, Truth(0.0), [],
+        wrong=why, exemption=Exemption.NONE, begun_s=0.0, drift_m=0.0, touchdown_m_s=None,
     )  # fmt: skip
 
 
@@ -100,6 +104,7 @@ async def _free_port() -> int:
 
 async def _fly(folder: Path, name: str, fault: Fault, state: str) -> Row:
     loop = asyncio.get_running_loop()
+    begun_s = loop.time()
     radio = fault.link != "mavlink"
     pty = PtyWire() if radio else None
     broker = Broker()
@@ -133,8 +138,8 @@ async def _fly(folder: Path, name: str, fault: Fault, state: str) -> Row:
             await scene.show()
         await _reached(scene, world, state)
         struck_s = loop.time()
-        where = stage.plant.truth(struck_s).position_ned
-        moves.struck, truth.struck_s = True, struck_s
+        moves.struck = True
+        where = truth.strike(struck_s)
         await STRIKES[name](scene)
         acts_s, rests = await _ended(scene, world)
     finally:
@@ -152,13 +157,25 @@ async def _fly(folder: Path, name: str, fault: Fault, state: str) -> Row:
         if isinstance(result, Exception):
             raise result
     end = stage.plant.truth(loop.time()).position_ned
+    pushing = Thrust(
+        hover_n(world),
+        lambda time_s, share: share * world.thrust_max_n,
+        FAILSAFE_S if radio else AUTOPILOT["COM_OF_LOSS_T"],
+    )
     answers, wrong = evidence(scene, name, state, struck_s=struck_s, acts_s=acts_s, rests=rests)
+    if answers:
+        pushing.answered_s = answers[0][0] + world.frame_period_s
+    for time_s, share in scene.frames:
+        pushing.told(time_s, share)
+    pushing.end(loop.time())
     return judged(
         name, fault, state, truth, answers,
         wrong=wrong,
-        robs=fault.robs,
+        exemption=fault.exemption,
+        begun_s=begun_s,
         drift_m=math.dist(where[:2], end[:2]),
         touchdown_m_s=stage.plant.hardest_m_s,
+        thrust=pushing,
         how="in real time",
     )  # fmt: skip
 

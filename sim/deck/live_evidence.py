@@ -5,8 +5,8 @@ import math
 from groundstation.mission import State
 from sim.deck.live_scene import LiveScene
 from sim.deck.moments import MOMENTS
+from sim.deck.thrust import LIFTS
 from sim.deck.verdict import Answer
-from sim.deck.wire import LIFTS
 
 UNDER_WAY_S = 0.06
 """What a killed process has sent may be under way for so long on a busy machine [s]."""

@@ -42,7 +42,7 @@ def text(rows: Sequence[Row]) -> str:
     lines = []
     for row in rows:
         verdict = "safe  " if row.safe else "UNSAFE"
-        after = "" if row.react_ms is None else f"after {row.react_ms:.0f} ms"
+        after = "" if row.answer_ms is None else f"after {row.answer_ms:.0f} ms"
         met = "" if row.touchdown_m_s is None else f"floor at {row.touchdown_m_s:.2f} m/s"
         lines.append(
             f"{verdict} {row.fault:21}{row.state:10} {row.reaction:34}{after:16}off {row.peak_error_m:5.2f} m  {met}"
@@ -69,7 +69,7 @@ def page(rows: Sequence[Row], command: str) -> str:
 
 
 def _line(row: Row) -> str:
-    after = "" if row.react_ms is None else f"{row.react_ms:.0f} ms"
+    after = "" if row.answer_ms is None else f"{row.answer_ms:.0f} ms"
     met = "" if row.touchdown_m_s is None else f"{row.touchdown_m_s:.2f} m/s"
     safe = "yes" if row.safe else "**NO**"
     why = row.why.replace("|", "\\|")
