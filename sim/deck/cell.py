@@ -24,7 +24,7 @@ from sim.deck.meddler import Meddler
 from sim.deck.moments import DESCENT_AFTER_S, MOMENTS, Moment, Moves
 from sim.deck.thrust import Thrust
 from sim.deck.truth import Truth
-from sim.deck.verdict import JUDGED_S, Row, broken, judged
+from sim.deck.verdict import JUDGED_S, Row, broken, exempted, judged
 from sim.deck.wire import Wire
 from sim.mission import from_floor
 from sim.prepare import prepare
@@ -89,6 +89,7 @@ async def fly_here(
     asked = [*(LANDS if fault.link == "mavlink" else ()), *fault.overrides, *overrides]
     world, config = prepare(SCENARIOS[scenario], asked, source=fault.source, link=fault.link)
     world, config = from_floor(world, config, figure_s)
+    exemption = exempted(fault, state)
     over: asyncio.Future[None] = loop.create_future()
 
     def decide() -> None:
@@ -96,7 +97,7 @@ async def fly_here(
             over.set_result(None)
 
     def look(seen: Truth) -> None:
-        if broken(seen, fault.exemption):
+        if broken(fault, state, seen, exemption):
             decide()
 
     def newtons(time_s: float, signal: float) -> float:
@@ -159,7 +160,7 @@ async def fly_here(
     going_on = asyncio.ensure_future(_break(scene, fault))
     watching = asyncio.ensure_future(autopilot.watch(stage))
     timing: asyncio.Future[None] = over
-    if fault.exemption is Exemption.NOT_OBSERVABLE:
+    if exemption is Exemption.NOT_OBSERVABLE:
         timing = asyncio.ensure_future(_flown(stage, JUDGED_S))
         timing.add_done_callback(lambda _: decide())
     ends: set[asyncio.Future[Any]] = {turning, flying, over}
@@ -187,7 +188,7 @@ async def fly_here(
     return judged(
         name, fault, state, truth, answers,
         wrong=restless or wrong,
-        exemption=fault.exemption or weak,
+        exemption=exemption or weak,
         begun_s=begun_s,
         drift_m=math.dist(where[:2], end[:2]),
         touchdown_m_s=stage.plant.hardest_m_s,

@@ -40,7 +40,7 @@ def cells(fault: str | None = None, state: str | None = None) -> list[Cell]:
 
 
 def quick() -> list[Cell]:
-    """Some two dozen cells in virtual time: every fault that needs no other process, and every state."""
+    """In virtual time every fault that needs no other process, and every state."""
     names = [name for name, told in FAULTS.items() if told.strike is not None]
     found: list[Cell] = []
     for names_, offset in ((names, 0), (AGAIN, 3)):

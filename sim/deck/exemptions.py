@@ -32,8 +32,8 @@ REASONS: dict[Exemption, str] = {
         "speed and touchdown are not judged"
     ),
     Exemption.NOT_OBSERVABLE: (
-        "poses alone can't tell it from a true flight; the row is judged as it is 5 s after the strike. "
-        "What bounds it: telemetry that knows its own velocity, the fence, and the flight's time"
+        "poses alone can't tell it from a true flight; the row is judged as it is 5 s after the strike, or after "
+        "lift-off. What bounds it: telemetry that knows its own velocity, the fence, and the flight's time"
     ),
 }
 """Where each holds, and which limits it lifts."""

@@ -70,8 +70,10 @@ class Fault(NamedTuple):
     """What they are from then on."""
     obeys: bool = False
     """Whether the vehicle goes on doing what it is told, and the poses say so: then to convict them is wrong."""
+    rises_m: float = 1.0
+    """How far it may rise where it was struck before it left the floor [m]."""
     exemption: Exemption = Exemption.NONE
-    """What can't be asked of it."""
+    """What can't be asked of it in the air."""
     silences: bool = False
     """Whether nothing may leave once the autopilot has told of it."""
     live: tuple[str, ...] = ()

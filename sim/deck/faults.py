@@ -6,6 +6,9 @@ Every one is flown in every state, but for these:
 - A vehicle that stands can't be pushed, hang on a cable, or be taken out of the air: not in *ready* and *arming*.
 - The air under the rotors matters near the floor alone: its cushion is there from the start, or sets in while coming
   down.
+- Another body at rest matters with a wrong thrust or mass before lift-off alone: in the air both are known.
+- Over a radio what is false meets something else than over MAVLink in the air alone, where nobody could land the
+  vehicle: not in *ready* and *arming*; and of what lies on the way down only the *descent*.
 - What needs processes of its own is flown where a process of its own makes a difference.
 
 *start* is before the first pose: the flight begins with the fault. It is flown with what an instrument may be set up
@@ -16,9 +19,11 @@ from sim.deck import pictures, strikes, ways
 from sim.deck.exemptions import Exemption
 from sim.deck.fault import Fault, Poses
 from sim.deck.moments import MOMENTS
+from sim.deck.verdict import SPOOL_M
 
 STATES = tuple(name for name in MOMENTS if name != "start")
 FROM_START = ("start", *STATES)
+ON_FLOOR = ("start", "ready", "arming", "spool-up")
 IN_AIR = ("arming", "spool-up", "take-off", "hold", "tracking", "returning", "landing", "descent")
 FLYING = ("take-off", "hold", "tracking", "returning", "landing", "descent")
 RADIO_STATES = ("spool-up", "take-off", "hold", "tracking", "descent")
@@ -97,12 +102,28 @@ LYING: dict[str, Fault] = {
         "the poses are those of a body beside it that rests",
         strikes.shows(pictures.resting),
         poses=Poses.FALSE,
+        rises_m=SPOOL_M,
         states=FROM_START,
     ),
+    **{
+        f"body at rest, {what}": Fault(
+            f"the poses are those of a body beside it that rests, and {says}",
+            strikes.shows(pictures.resting),
+            overrides=(override,),
+            poses=Poses.FALSE,
+            rises_m=SPOOL_M,
+            states=ON_FLOOR,
+        )
+        for what, says, override in (
+            ("thrust +25 %", "the rotors give 25 % more than told", "sim.thrust_gain=1.25"),
+            ("mass told +25 %", "the mass is told 25 % too large", "vehicle.mass_kg=0.1"),
+        )
+    },
     "body carried": Fault(
         "the poses are those of a body beside it that is carried around at 0.5 m/s",
         strikes.shows(pictures.carried),
         poses=Poses.FALSE,
+        rises_m=SPOOL_M,
         states=FROM_START,
     ),
     "partner": Fault(

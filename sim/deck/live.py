@@ -27,7 +27,7 @@ from sim.deck.live_scene import STRIKES, LiveScene
 from sim.deck.moments import MOMENTS, Moves
 from sim.deck.thrust import Thrust
 from sim.deck.truth import Truth
-from sim.deck.verdict import Row, judged
+from sim.deck.verdict import Row, exempted, judged
 from sim.mission import from_floor
 from sim.prepare import prepare
 from sim.pty_wire import PtyWire
@@ -171,7 +171,7 @@ async def _fly(folder: Path, name: str, fault: Fault, state: str) -> Row:
     return judged(
         name, fault, state, truth, answers,
         wrong=wrong,
-        exemption=fault.exemption,
+        exemption=exempted(fault, state),
         begun_s=begun_s,
         drift_m=math.dist(where[:2], end[:2]),
         touchdown_m_s=stage.plant.hardest_m_s,

@@ -118,11 +118,12 @@ def carried(struck: Struck) -> Picture:
     def change(time_s: float, position: Vec3, attitude: Quat) -> tuple[Vec3, Quat]:
         t = time_s - struck.time_s
         begun = 1.0 - math.exp(-t / CARRY_RAMP_S)
+        each = begun * CARRY_M_S * math.sqrt(0.5)
         x, y, z = struck.position_ned
         a, b, c = 2.0 * math.pi * 0.25, 2.0 * math.pi * 0.19, 2.0 * math.pi * 0.12  # no two alike [rad/s]
         place = (
-            x + NEAR_M + begun * CARRY_M_S / a * math.sin(a * t),
-            y + begun * CARRY_M_S / b * math.sin(b * t),
+            x + NEAR_M + each / a * math.sin(a * t),
+            y + each / b * math.sin(b * t),
             z - 0.15 * (1.0 - math.cos(c * t)),
         )
         lean = begun * math.radians(CARRY_TILT_DEG)

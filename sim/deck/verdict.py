@@ -7,11 +7,14 @@ import msgspec
 
 from sim.deck.exemptions import FALLS, TUMBLES, Exemption
 from sim.deck.fault import Fault, Poses
+from sim.deck.moments import MOMENTS
 from sim.deck.thrust import Thrust
 from sim.deck.truth import Truth
 
 HIGHEST_M, SIDEWAYS_M, FASTEST_M_S = 1.0, 3.0, 3.0
 """How far a vehicle may go after a fault: above where it was struck or its course, sideways from there; how fast."""
+SPOOL_M = 0.8
+"""How high a take-off by another body's poses may come."""
 TOUCHDOWN_M_S, RATES_TOUCHDOWN_M_S, TILT_DEG = 1.0, 2.5, 60.0
 """What a safe end stays below; the second where body rates alone brought it down, without any pose."""
 MOST_SHARE, OVER_HOVER_S = 1.25, 0.5
@@ -29,6 +32,7 @@ CONVICTED = "convicted:"
 
 LIMITS = (
     ("rises above where it was struck, or above its course if that is higher", f"{HIGHEST_M:g} m"),
+    ("the same, where another body's poses came before it left the floor", f"{SPOOL_M:g} m"),
     ("goes sideways from where it was struck, carried along with its course", f"{SIDEWAYS_M:g} m"),
     ("moves", f"{FASTEST_M_S:g} m/s"),
     ("leans", f"{TILT_DEG:g}°"),
@@ -81,9 +85,16 @@ class Row(msgspec.Struct, frozen=True, kw_only=True):
     """Why it is not; else what the flight said of it."""
 
 
-def broken(truth: Truth, exemption: Exemption) -> str:
+def exempted(fault: Fault, state: str) -> Exemption:
+    """What can't be asked of ``fault`` in ``state``: who has not left the floor does not fall."""
+    flying = MOMENTS[state].flying or fault.exemption is Exemption.NOT_OBSERVABLE
+    return fault.exemption if flying else Exemption.NONE
+
+
+def broken(fault: Fault, state: str, truth: Truth, exemption: Exemption) -> str:
     """The first limit on its motion that is broken already; empty where none is."""
-    if not truth.highest_m <= HIGHEST_M:
+    highest_m = HIGHEST_M if MOMENTS[state].flying else min(HIGHEST_M, fault.rises_m)
+    if not truth.highest_m <= highest_m:
         return f"it rose {truth.highest_m:.2f} m above where it was struck and its course"
     if not truth.sideways_m < SIDEWAYS_M:
         return f"it went {truth.sideways_m:.2f} m sideways"
@@ -119,7 +130,7 @@ def judged(
     """
     found = [
         wrong,
-        broken(truth, exemption),
+        broken(fault, state, truth, exemption),
         "" if exemption in FALLS else _too_hard(fault, touchdown_m_s),
         "" if thrust is None else _pushed(fault, thrust, land_s),
         _flew_on(fault, truth, answers, exemption),

@@ -1,5 +1,6 @@
 """A few cells of the fault deck; the whole of it is `groundstation-sim faults`. And that its judge can find fault."""
 
+import json
 import math
 import struct
 
@@ -8,6 +9,7 @@ import pytest
 from groundstation.recording.records import Idled
 from links.mavlink_codec import MavlinkCodec
 from links.port import Command, Segment
+from sim.__main__ import main
 from sim.deck.cell import fly_cell
 from sim.deck.deal import cells, quick
 from sim.deck.faults import FAULTS
@@ -127,6 +129,59 @@ def test_the_judge_finds_what_is_not_due(time_s: float, thrust: float, rates: tu
 def test_the_judge_finds_a_number_that_is_not_finite() -> None:
     assert "not finite" in judged(0.9, math.nan)
     assert "not finite" in judged(0.9, 0.8, (0.0, math.inf, 0.0))
+
+
+def test_a_row_of_the_json_says_where_when_and_how_far(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    words = "groundstation-sim faults --fault dropout --state hold --json"
+    monkeypatch.setattr("sys.argv", words.split())
+    assert main() == 0
+    (row,) = json.loads(capsys.readouterr().out)["rows"]
+    assert (row["fault"], row["state"]) == ("dropout", "hold")
+    assert (row["link"], row["scenario"]) == ("mavlink", "paper")
+    assert 5.0 < row["struck_s"] < 20.0
+    assert 200.0 < row["answer_ms"] < 300.0
+    numbers = ("highest_m", "sideways_m", "fastest_m_s", "touchdown_m_s", "over_hover_s", "peak_error_m", "tilt_deg")
+    assert all(isinstance(row[name], float) for name in numbers)
+    assert (row["exemption"], row["safe"]) == ("", True)
+
+
+FROM_THE_START = ("partner", "yaw off by 14°", "ground effect")
+
+
+@pytest.mark.parametrize("fault", FROM_THE_START)
+def test_a_flight_may_begin_with_its_fault(fault: str) -> None:
+    row = fly_cell(fault, "start")
+    assert row.safe, row.why
+    assert row.struck_s == 0.0
+    assert row.reaction == "flies on"
+
+
+@pytest.mark.parametrize("fault", ["push", "motor at 130 %", "wireless", "stamps off by 5 ms"])
+def test_a_vehicle_that_obeys_flies_on(fault: str) -> None:
+    row = fly_cell(fault, "hold")
+    assert row.safe, row.why
+    assert row.reaction == "flies on"
+
+
+def test_a_vehicle_that_is_led_by_a_hand_or_hangs_on_a_cable_comes_to_rest() -> None:
+    for fault, state in (("taken out of the air", "tracking"), ("tether", "hold")):
+        row = fly_cell(fault, state)
+        assert row.safe, row.why
+        assert row.reaction != "flies on"
+
+
+def test_what_poses_alone_can_not_tell_is_judged_after_five_seconds() -> None:
+    row = fly_cell("drift 0.3 m/s", "hold")
+    assert (row.safe, row.exemption) == (True, "not observable")
+    assert row.sideways_m == pytest.approx(1.5, abs=0.1)
+
+
+def test_a_partner_is_told_the_same_and_goes_another_way_in_other_air() -> None:
+    row = fly_cell("partner", "hold")
+    assert row.exemption == "not observable"
+    assert 0.5 < row.sideways_m < 1.0
 
 
 def test_the_table_says_what_is_unsafe() -> None:
