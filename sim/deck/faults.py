@@ -26,6 +26,7 @@ FROM_START = ("start", *STATES)
 ON_FLOOR = ("start", "ready", "arming", "spool-up")
 IN_AIR = ("arming", "spool-up", "take-off", "hold", "tracking", "returning", "landing", "descent")
 FLYING = ("take-off", "hold", "tracking", "returning", "landing", "descent")
+PACED = ("spool-up", "hold", "tracking", "descent")
 RADIO_STATES = ("spool-up", "take-off", "hold", "tracking", "descent")
 """Where a false pose over a radio meets something else than over MAVLink: nobody could land the vehicle."""
 BEHIND_RADIO = ", on a vehicle behind a radio"
@@ -76,6 +77,34 @@ BROKEN: dict[str, Fault] = {
     "SIGKILL, radio": Fault(
         "the process is killed, on a vehicle behind a radio whose frames another process paces",
         link="dsm",
+        poses=Poses.GONE,
+        live=("hold", "tracking"),
+        states=("hold", "tracking"),
+    ),
+    "pacer killed": Fault(
+        "the process that paces the radio's frames is killed",
+        link="dsm",
+        poses=Poses.GONE,
+        live=PACED,
+        states=PACED,
+    ),
+    "pacer stopped": Fault(
+        "the process that paces the radio's frames is stopped (SIGSTOP)",
+        link="dsm",
+        poses=Poses.GONE,
+        live=("hold", "tracking"),
+        states=("hold", "tracking"),
+    ),
+    "pacer killed, bridge": Fault(
+        "the process that paces the frames of a bridge's radio is killed",
+        link="rf_bridge",
+        poses=Poses.GONE,
+        live=("hold", "tracking"),
+        states=("hold", "tracking"),
+    ),
+    "bridge interrupted": Fault(
+        "the bridge to the radio is told to end, by Ctrl-C",
+        link="rf_bridge",
         poses=Poses.GONE,
         live=("hold", "tracking"),
         states=("hold", "tracking"),
