@@ -1,5 +1,6 @@
 """The simulated vehicle as its autopilot sees it: the plant behind motors that may be off, and its own estimate."""
 
+import math
 from collections.abc import Iterator
 
 import msgspec
@@ -20,6 +21,7 @@ class SimulatedVehicle:
         self.plant = plant
         self._world = world
         self._noise = noise
+        self._turn, self._resets = so3.IDENTITY, 0
         self._on = False
 
     def act(self, time_s: float, thrust_fraction: float, rates_rad_s: Vec3) -> None:
@@ -44,7 +46,16 @@ class SimulatedVehicle:
 
     def measured(self, time_s: float) -> Truth:
         """The state with the noise that the scenario gives to poses."""
-        return with_noise(self.plant.truth(time_s), self._world, next(self._noise))
+        truth = with_noise(self.plant.truth(time_s), self._world, next(self._noise))
+        if not self._resets:
+            return truth
+        attitude = so3.multiply(self._turn, truth.attitude)
+        return msgspec.structs.replace(truth, attitude=attitude, resets=truth.resets + self._resets)
+
+    def reset(self, turn_deg: float) -> None:
+        """Have its estimator turn its heading by so much [deg], and say so."""
+        self._turn = so3.multiply(so3.from_euler_zyx(0.0, 0.0, math.radians(turn_deg)), self._turn)
+        self._resets += 1
 
 
 def with_noise(truth: Truth, world: World, normals: list[float]) -> Truth:

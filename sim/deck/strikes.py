@@ -39,6 +39,8 @@ LED_M_S, LED_TILT_DEG, GRIP_S = 0.5, 20.0, 0.3
 """An operator takes the vehicle out of the air: how fast a hand leads it down, how far it leans, and how long it takes
 to close."""
 
+RESET_DEG = 19.0
+"""A heading that an estimator corrects [deg]: PX4 was seen to do so."""
 ELSEWHERE_M_S2 = (0.05, -0.03, 0.02)
 """How much another wind a partner feels that flies beside ours."""
 
@@ -47,7 +49,7 @@ def shows(make: Callable[[Struck], Picture]) -> Strike:
     """A wrong picture."""
 
     async def strike(scene: Scene) -> None:
-        scene.meddler.picture = make(scene.struck)
+        scene.between.picture = make(scene.struck)
 
     return strike
 
@@ -56,7 +58,7 @@ def comes(make: Callable[[], Way]) -> Strike:
     """Frames that come otherwise."""
 
     async def strike(scene: Scene) -> None:
-        scene.meddler.way = make()
+        scene.between.way = make()
 
     return strike
 
@@ -66,7 +68,7 @@ def comes_late(delay_s: float | Callable[[float], float], *, fresh: bool) -> Str
 
     async def strike(scene: Scene) -> None:
         of = delay_s if callable(delay_s) else lambda since_s: delay_s
-        scene.meddler.way = late(of, 1.0 / scene.stage.world.pose_rate_hz, fresh=fresh)
+        scene.between.way = late(of, 1.0 / scene.stage.world.pose_rate_hz, fresh=fresh)
 
     return strike
 
@@ -75,7 +77,7 @@ def stamped(sigma_s: float) -> Strike:
     """Stamps that jitter."""
 
     async def strike(scene: Scene) -> None:
-        scene.meddler.way = jitter(sigma_s, scene.normals)
+        scene.between.way = jitter(sigma_s, scene.normals)
 
     return strike
 
@@ -87,7 +89,7 @@ async def wifi(scene: Scene) -> None:
     def delay_s(_: float) -> float:
         return WIFI_S * min(abs(next(normals)[0]) / 3.0, 1.0)
 
-    scene.meddler.way = late(delay_s, 1.0 / scene.stage.world.pose_rate_hz, fresh=False)
+    scene.between.way = late(delay_s, 1.0 / scene.stage.world.pose_rate_hz, fresh=False)
 
 
 async def partner(scene: Scene) -> None:
@@ -100,6 +102,11 @@ async def partner(scene: Scene) -> None:
     other = stage.plant.twin(scene.now_s, world, Wind(world, rows(stream(0, "partner").standard_normal, 3)))
     stage.plant.partner = other
     stage.mocap.see(other)
+
+
+async def reset(scene: Scene) -> None:
+    """The autopilot's estimator turns its heading, and says so."""
+    scene.stage.vehicle.reset(RESET_DEG)
 
 
 async def nothing(scene: Scene) -> None:
