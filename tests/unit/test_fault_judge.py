@@ -206,7 +206,7 @@ def test_the_table_has_at_least_45_faults_and_350_cells_on_both_links() -> None:
     assert len(FAULTS) >= 45
     assert len(cells()) >= 350
     assert len(set(cells())) == len(cells())
-    assert {fault.link for fault in FAULTS.values()} == {"mavlink", "dsm"}
+    assert {fault.link for fault in FAULTS.values()} == {"mavlink", "dsm", "rf_bridge"}
     assert set(OBEYING) <= {name for name, fault in FAULTS.items() if fault.obeys and fault.poses is Poses.TRUE}
     for name, fault in FAULTS.items():
         assert set(fault.states) <= set(MOMENTS), name
