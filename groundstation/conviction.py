@@ -1,17 +1,18 @@
-"""From evidence against the poses to what is done: suspicion, honest age, conviction. Sans-IO.
+"""From evidence against the poses to what is done: suspicion, and conviction. Sans-IO.
 
-*Suspicion*: nothing is learnt from the poses, and the operator is told. *Honest age*: poses that follow the commands, but
-later than their stamps say, are as old as that. *Conviction*: the poses are not believed again in this flight; it ends
-with a descent on the model, from what was believed before. Where the attitude obeys and only the position stands, it may
-be the vehicle itself that is held, by a tether or a net: the flight ends in the same way, and nobody is convicted.
+*Suspicion*: nothing is learnt from the poses, the last trim is held, and the operator is told. *Conviction*: the poses are
+not believed again in this flight; it ends with a descent on the model, from what was believed before. Where the attitude
+obeys and only the position stands, it may be the vehicle itself that is held, by a tether or a net: the flight ends in
+the same way, and nobody is convicted. (Poses that follow the commands, but later than their stamps say, only count as
+older: :meth:`groundstation.pilot.Pilot.admit_lateness`.)
 """
 
 from typing import NamedTuple
 
-from groundstation.control.obedience import SUSPECTS, Evidence
+from groundstation.control.obedience import STILL_SUSPECTS, Evidence
 
-HELD_S = 0.3
-"""How long a position that stands must do so beyond its limit, to end the flight [s]."""
+HELD_S = 1.0
+"""How long the suspicion that the position stands may last, before it ends the flight [s]."""
 WITNESS = 0.5
 """Share of the evidence that convicts where the autopilot's own attitude disagrees with the poses, too [-]."""
 
@@ -37,7 +38,7 @@ class Conviction:
     def look(self, evidence: Evidence, now_s: float, *, doubted: bool = False) -> Charge | None:
         """What follows from ``evidence``; ``doubted`` where the autopilot's own attitude disagrees with the poses."""
         self.says = ""
-        suspect = max(evidence) >= SUSPECTS
+        suspect = evidence.suspicious
         if suspect != self._suspected:
             self._suspected = suspect
             share = 100.0 * max(evidence)
@@ -50,11 +51,11 @@ class Conviction:
         if evidence.attitude >= least or evidence.axes >= least:
             also = ", and the autopilot's own attitude says so, too" if doubted else ""
             return Charge(f"convicted: {_accusation(evidence)}{also}: down on the model", convicted=True)
-        if evidence.still < 1.0:
+        if evidence.still < STILL_SUSPECTS:
             self._still_since_s = None
         elif self._still_since_s is None:
             self._still_since_s = now_s
-        elif now_s - self._still_since_s >= HELD_S - 1e-9:
+        elif evidence.still >= 1.0 or now_s - self._still_since_s >= HELD_S - 1e-9:
             return Charge(f"suspicion: {_accusation(evidence)}: down on the model", convicted=False)
         return None
 

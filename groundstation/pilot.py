@@ -176,14 +176,14 @@ class Pilot:
         return self._obedience.evidence
 
     @property
-    def obedience(self) -> Obedience:
+    def monitor(self) -> Obedience:
         """The monitor itself, for what it counts."""
         return self._obedience
 
     @property
     def suspicious(self) -> bool:
         """Whether nothing is learnt from the poses at present."""
-        return self._estimator.held is not None
+        return self._estimator.holds
 
     def descend(self, sink_m_s: float, *, blind: bool = False, rest_s: float = 0.0) -> None:
         """From now on only level out and sink; ``blind`` where the estimate of the speed is not to be believed.
@@ -214,6 +214,9 @@ class Pilot:
         reference = trajectory.at(flight_time)
         if descent is not None:
             reference = Reference(estimate.motion.position, self._sink)
+        elif self.suspicious:  # no error is believed: what is left is the trim of before
+            motion = estimate.motion
+            reference = Reference(motion.position, motion.velocity, yaw_rad=reference.yaw_rad)
         interval = 0.0 if self._last is None else time_s - self._last
         self._last = time_s
         decision = (descent or self._controller).decide(estimate, reference, interval)
@@ -238,7 +241,7 @@ class Pilot:
         return late_s
 
     def surrender(self, time_s: float, hold_s: float) -> Command:
-        """The last command, where the poses are not believed any more: down on the model, from what was believed before.
+        """The last command, where the poses are not believed any more: down on the model, from what it was before.
 
         It leaves at ``time_s`` and holds for ``hold_s`` [s], so that it reaches the link's next frame; the rest is its
         bring-down.
@@ -271,15 +274,16 @@ class Pilot:
             return
         height = self._floor - pose.position_ned[2]
         node = self._obedience.pose(
-            pose, given, before.rates, pose.time_s - self._newest_s, estimator.noise_m, counts=height > NEAR_FLOOR_M
+            pose, before, given, pose.time_s - self._newest_s, estimator.noise_m, counts=height > NEAR_FLOOR_M
         )
         if not node:
             return
-        if max(self._obedience.evidence) >= SUSPECTS:
-            if estimator.held is None:
-                estimator.held = self._before().disturbance
+        if self._obedience.evidence.suspicious:
+            if not estimator.holds:
+                before = self._before()
+                estimator.hold(before.disturbance, before.effectiveness)
         else:
-            estimator.held = None
+            estimator.resume()
             wind = self._wind or (0.0, 0.0, 0.0)
             self._trusted.append(Trusted(pose.time_s, motion, wind, estimator.effectiveness))
             while self._trusted[0].time_s < pose.time_s - REMEMBER_S:

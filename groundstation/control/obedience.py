@@ -29,8 +29,8 @@ import math
 from collections import deque
 from typing import NamedTuple
 
-from groundstation.control.model import Driven
-from groundstation.ops import Quat, Vec3
+from groundstation.control.model import Driven, Motion
+from groundstation.ops import Quat
 from groundstation.poses.port import Pose
 
 NODE_S = 0.1
@@ -43,24 +43,30 @@ LEARN_S = 4.0
 """So does what is known of the noise [s]."""
 CALM = 2.0
 """Noise is learnt while the evidence is below this."""
-CAP = 6.0
-"""Most that one node may say: a single outlier convicts nobody."""
-CONVICTS = 14.0
-"""Evidence that convicts: e^14, a million to one, for each of the windows looked at."""
-SUSPECTS = 0.5
-"""Share of it that is a suspicion."""
-UNEXPLAINED = 8.0
-"""A node that neither rival explains counts by so much less than its square [-]."""
+CAP, CAP_IMAGE = 6.0, 10.0
+"""Most that one node may say, of an image and of all else: a single outlier convicts nobody."""
+CONVICTS, IMAGE_CONVICTS = 14.0, 10.0
+"""Evidence that convicts: e^14, a million to one, for each of the windows looked at; of an image, which must explain
+better than both a vehicle that obeys and a picture that stands, e^10."""
+SUSPECTS, STILL_SUSPECTS = 0.5, 0.7
+"""Share of it that is a suspicion; of a position that stands."""
+STOPPED = 0.7
+"""What a position that has just left its way counts as, until it moves again [-]."""
+UNEXPLAINED, IMAGE = 8.0, 2.0
+"""A node that neither rival explains counts by so much less than its square [-]; an image must explain well."""
 ANSWER = 0.8
 """An answer of half this share of the command speaks for neither [-]: attitude."""
 TURN_NOISE_RAD, TURN_FLOOR_RAD = 0.004, 0.0025
 """Noise of a turn between two nodes, to begin with and at least [rad]."""
-WIND_M = 0.008
-"""What a storm leaves in the position's filter at least, 1σ [m]: 1 m/s² of gust within a node."""
+WIND_M, WIND_RISES, WIND_FALLS = 0.02, 0.2, 0.03
+"""What wind leaves in the position's filter at least, 1σ [m], and how fast more and less of it are learnt from a node."""
 STILL, LIVELY = 0.05, 0.3
 """Shares of the command that a picture that stands, and one that wind moves, show at most and at least [-]."""
-ARREST_M, ARREST = 0.02, 4.0
-"""A picture that leaves its way by so much more than commands make it [m] may have been stopped: so much for that."""
+MOVES = 16.0
+"""A position that leaves its way by so much more than its noise, squared, moves [-]."""
+ARREST_M, ARREST_S, STANDS_M = 0.02, 0.4, 0.01
+"""A position that leaves its way by so much more than commands make it [m], 4 m/s², and then for so long [s] stays
+within so much [m] has been stopped dead: no wind does that."""
 FILTER_NOISE = 2.0
 """The filter's innovation has so much of a pose's own noise [-]."""
 THETA = 0.6
@@ -117,6 +123,11 @@ class Evidence(NamedTuple):
     still: float
     """They stand where the vehicle is pushed: never more than a suspicion."""
 
+    @property
+    def suspicious(self) -> bool:
+        """Whether nothing should be learnt from the poses."""
+        return max(self.attitude, self.axes) >= SUSPECTS or self.still >= STILL_SUSPECTS
+
 
 class Obedience:
     """One flight's. Fed with each pose and what the commands did since the last one."""
@@ -138,22 +149,27 @@ class Obedience:
 
     def restart(self) -> None:
         """It has just left the floor, or was let go in the air: what was seen before counts no more."""
-        self._attitude, self._maps, self._still = 0.0, [0.0] * 8, [0.0] * 3
+        self._attitude, self._maps, self._still = 0.0, [0.0] * 8, 0.0
         self._last: Quat | None = None
+        self._arrest: Pose | None = None
+        self._stopped_s = 0.0
         self._turns.clear()
 
     @property
     def evidence(self) -> Evidence:
         """As it stands."""
-        return Evidence(self._attitude / CONVICTS, max(self._maps) / CONVICTS, max(self._still) / CONVICTS)
+        still = self._still / CONVICTS
+        if self._stopped_s > NODE_S:
+            still = max(still, STOPPED if self._stopped_s < ARREST_S else 1.0)
+        return Evidence(self._attitude / CONVICTS, max(self._maps) / IMAGE_CONVICTS, still)
 
-    def pose(self, pose: Pose, given: Driven, rates: Vec3, dt: float, noise_m: float, *, counts: bool) -> bool:
+    def pose(self, pose: Pose, before: Motion, given: Driven, dt: float, noise_m: float, *, counts: bool) -> bool:
         """Take one pose; whether it was a node, with new evidence.
 
         Args:
             pose: the newest.
-            given: what the commands made of the motion since the pose before.
-            rates: the modelled body rates then [rad/s, FRD].
+            before: the motion at the pose before.
+            given: what the commands have made of that since.
             dt: time since then [s].
             noise_m: position noise of the poses as measured, 1σ per axis [m].
             counts: False near the floor, which holds the vehicle, too.
@@ -162,14 +178,13 @@ class Obedience:
         if last is None or dt > GAP_S or not counts or pose.reset_count != self._resets:
             self._begin(pose)
             return False
-        w, x, y, z = last
-        a, b, c, d = pose.attitude
-        k = 2.0 if w * a + x * b + y * c + z * d > 0.0 else -2.0
-        self._seen_x += k * (w * b - x * a - y * d + z * c)
-        self._seen_y += k * (w * c + x * d - y * a - z * b)
-        after, half = given.rates, 0.5 * dt
-        self._told_x += half * (rates[0] + after[0])
-        self._told_y += half * (rates[1] + after[1])
+        x, y = _turn(last, pose.attitude)
+        self._seen_x += x
+        self._seen_y += y
+        x, y = _turn(before.attitude, given.attitude)
+        self._told_x += x
+        self._told_y += y
+        half = 0.5 * dt
         m, (ix, iy, iz), (sx, sy, sz), g = -1.0 / self._mass, given.impulse, given.reach, self._gravity
         (px, py, pz), (vx, vy, vz) = self._pushed, self._speed
         self._pushed = (px + dt * vx + m * sx, py + dt * vy + m * sy, pz + dt * (vz + half * g) + m * sz)
@@ -196,7 +211,8 @@ class Obedience:
         for back in range(min(first, int(0.5 / h)) + 1):
             told = turns[first - back : len(turns) - back]
             left.append(
-                sum((s[1] - t[3]) ** 2 + (s[2] - t[4]) ** 2 for s, t in zip(newest, told, strict=True)) / max(power, 1e-9)
+                sum((s[1] - t[3]) ** 2 + (s[2] - t[4]) ** 2 for s, t in zip(newest, told, strict=True))
+                / max(power, 1e-9)
             )
         best = min(range(len(left)), key=left.__getitem__)
         return best * h if left[best] < LATE_EXPLAINS and left[best] < 0.5 * left[0] else 0.0
@@ -221,66 +237,93 @@ class Obedience:
             self._turns.popleft()
         says = self._turned(turn[0], turn[2], 0, learn) + self._turned(turn[1], turn[3], 1, learn)
         self._attitude = max(0.0, self._attitude * fade + min(says, CAP))
-        y = [f.innovation(x, h) for f, x in zip(self._seen, pose.position_ned, strict=True)]
-        c = [f.innovation(x, h) for f, x in zip(self._told, self._pushed, strict=True)]
-        if self._nodes > SETTLES and math.hypot(*y) - math.hypot(*c) > ARREST_M:
-            # It leaves its way, and not by our doing: what follows is looked at without what the filter knows of before.
-            self._seen = [Filter(x) for x in pose.position_ned]
-            self._told = [Filter(x) for x in self._pushed]
-            self._nodes = 1
-            self._still = [one + ARREST for one in self._still]
-        elif self._nodes > SETTLES:
-            self._across(y[0], y[1], c[0], c[1], fade, learn)
-            self._down(y[2], c[2], fade, learn)
-            own = (FILTER_NOISE * noise_m) ** 2
-            for axis in range(3):
-                a, b = own + (STILL * c[axis]) ** 2, own + (LIVELY * c[axis]) ** 2
-                stands = 0.5 * math.log(b / a) - 0.5 * y[axis] ** 2 * (1.0 / a - 1.0 / b)
-                self._still[axis] = max(0.0, self._still[axis] * fade + max(stands, -CAP))
+        # What the filter does not know grows with the square of the time.
+        k = min(1.0, NODE_S * NODE_S / (h * h))
+        y = [k * f.innovation(x, h) for f, x in zip(self._seen, pose.position_ned, strict=True)]
+        c = [k * f.innovation(x, h) for f, x in zip(self._told, self._pushed, strict=True)]
+        if h > 1.5 * NODE_S:
+            self._nodes = min(self._nodes, SETTLES - 2)  # poses were missing: the filter must find its way again
+        if self._nodes > SETTLES:
+            self._across(y[0], y[1], c[0], c[1], fade)
+            self._down(y[2], c[2], fade)
+            self._stands(pose, y, c, fade, FILTER_NOISE * noise_m)
         attitude, axes, still = self.evidence
         self.largest = max(self.largest, attitude, axes)
         if max(attitude, axes, still) < CALM / CONVICTS:
             self.calm_s = pose.time_s
+
+    def _stands(self, pose: Pose, y: list[float], c: list[float], fade: float, noise_m: float) -> None:
+        """What one node says of a position that stands; ``noise_m`` is the filter's own [m]."""
+        own, says = noise_m * noise_m, 0.0
+        for seen, told in zip(y, c, strict=True):
+            square = seen * seen
+            a, b = own + (STILL * told) ** 2, own + (LIVELY * told) ** 2
+            if square > max(MOVES * own, b):
+                says -= CAP  # whatever moves it, it is no picture
+            else:
+                says += 0.5 * math.log(b / a) - 0.5 * square * (1.0 / a - 1.0 / b)
+        self._still = max(0.0, self._still * fade + max(-CAP, min(says, CAP)))
+        arrest = self._arrest
+        if arrest is not None:
+            moved = math.dist(arrest.position_ned, pose.position_ned)
+            self._stopped_s = pose.time_s - arrest.time_s
+            if moved > STANDS_M + 2.0 * noise_m or self._stopped_s > 2.0 * ARREST_S:
+                self._arrest, self._stopped_s = None, 0.0
+        if math.hypot(*y) - math.hypot(*c) > max(ARREST_M, 3.0 * math.sqrt(max(self._wind))):
+            # It leaves its way, and not by our doing: a gust, a hand, or the end of what was true.
+            self._arrest = pose
 
     def _turned(self, y: float, told: float, axis: int, learn: float) -> float:
         """What one node says of roll or pitch; a constant offset of the rates is the vehicle's trim."""
         c = told + self._bias[axis]
         r = y - c
         variance = self._turn_variance[axis]
-        s = max(variance, min(r * r, y * y) / UNEXPLAINED)
+        best = min(r * r, y * y)
+        self._turn_variance[axis] = max(variance + learn * (min(best, 9.0 * variance) - variance), TURN_FLOOR_RAD**2)
         if self._attitude < CALM:
             most = 3.0 * math.sqrt(variance)
-            r = max(-most, min(most, r))
-            self._turn_variance[axis] = max(variance + learn * (r * r - variance), TURN_FLOOR_RAD**2)
-            self._bias[axis] += learn * r
-        return ANSWER * c * (ANSWER * c - 2.0 * y) / (2.0 * s)
+            self._bias[axis] += learn * max(-most, min(most, r))
+        return ANSWER * c * (ANSWER * c - 2.0 * y) / (2.0 * max(variance, best / UNEXPLAINED))
 
-    def _across(self, x: float, y: float, cx: float, cy: float, fade: float, learn: float) -> None:
+    def _across(self, x: float, y: float, cx: float, cy: float, fade: float) -> None:
         """What one node says of the two horizontal axes."""
         xx, yy, xy, yx = x * cx, y * cy, x * cy, y * cx
         told, seen = cx * cx + cy * cy, x * x + y * y
-        obeys = seen - 2.0 * (xx + yy) + told
-        wind = self._wind[0]
-        rest = min(obeys, seen)
+        wind, both = self._wind[0], seen + told
+        rest = min(both - 2.0 * (xx + yy), seen)
+        best = rest
         for i, image in enumerate((-xx - yy, yy - xx, xx - yy, xy + yx, -xy - yx, yx - xy, xy - yx)):
-            off = seen - 2.0 * image + told
-            self._maps[i] = _summed(self._maps[i], fade, rest - off, max(wind, min(off, rest) / UNEXPLAINED))
-        if max(self._maps) < CALM:
-            self._wind[0] = max(wind + learn * (0.5 * min(obeys, 18.0 * wind) - wind), WIND_M**2)
+            off = both - 2.0 * image
+            self._maps[i] = _summed(self._maps[i], fade, rest - off, max(wind, off / IMAGE))
+            best = min(best, off)
+        self._wind[0] = _learnt(wind, 0.5 * best)
 
-    def _down(self, z: float, c: float, fade: float, learn: float) -> None:
+    def _down(self, z: float, c: float, fade: float) -> None:
         """What one node says of the vertical axis."""
-        off, obeys, wind = (z + c) ** 2, (z - c) ** 2, self._wind[1]
-        rest = min(obeys, z * z)
-        self._maps[7] = _summed(self._maps[7], fade, rest - off, max(wind, min(off, rest) / UNEXPLAINED))
-        if max(self._maps) < CALM:
-            self._wind[1] = max(wind + learn * (min(obeys, 9.0 * wind) - wind), WIND_M**2)
+        off, wind = (z + c) ** 2, self._wind[1]
+        rest = min((z - c) ** 2, z * z)
+        self._maps[7] = _summed(self._maps[7], fade, rest - off, max(wind, off / IMAGE))
+        self._wind[1] = _learnt(wind, min(rest, off))
+
+
+def _learnt(wind: float, best: float) -> float:
+    """The variance that wind leaves [m²], after a node that the best rival explains but for ``best`` [m²]."""
+    share = WIND_RISES if best > wind else WIND_FALLS
+    return max(wind + share * (min(best, 9.0 * wind) - wind), WIND_M * WIND_M)
 
 
 LATE_EXPLAINS = 0.35
 """A lateness explains the turns where it leaves less than this share of their power [-]."""
 
 
+def _turn(a: Quat, b: Quat) -> tuple[float, float]:
+    """The small turn from ``a`` to ``b`` about body x and y [rad]."""
+    w, x, y, z = a
+    p, q, r, s = b
+    k = 2.0 if w * p + x * q + y * r + z * s > 0.0 else -2.0
+    return k * (w * q - x * p - y * s + z * r), k * (w * r + x * s - y * p - z * q)
+
+
 def _summed(evidence: float, fade: float, gain: float, variance: float) -> float:
     """The evidence after a node in which a rival explains ``gain`` [m²] more."""
-    return max(0.0, evidence * fade + max(-CAP, min(gain / (2.0 * variance), CAP)))
+    return max(0.0, evidence * fade + max(-CAP_IMAGE, min(gain / (2.0 * variance), CAP_IMAGE)))
