@@ -16,6 +16,7 @@ from sim.deck.faults import FAULTS
 from sim.deck.moments import MOMENTS
 from sim.deck.table import page, text
 from sim.deck.thrust import Thrust
+from sim.deck.together import fly_together
 from sim.deck.verdict import TOUCHDOWN_M_S
 from sim.deck.wire import Wire
 from sim.prepare import prepare
@@ -145,6 +146,19 @@ def test_a_row_of_the_json_says_where_when_and_how_far(
     numbers = ("highest_m", "sideways_m", "fastest_m_s", "touchdown_m_s", "over_hover_s", "peak_error_m", "tilt_deg")
     assert all(isinstance(row[name], float) for name in numbers)
     assert (row["exemption"], row["safe"]) == ("", True)
+
+
+def test_cells_that_are_flown_together_are_those_of_flights_of_their_own() -> None:
+    faults = ["dropout", "push", "controller exception"]
+    together = fly_together(faults, "hold", seed=0, scenario="paper")
+    assert together == [fly_cell(fault, "hold") for fault in faults]
+
+
+def test_a_flight_that_never_comes_to_its_strike_is_a_row_that_is_unsafe() -> None:
+    grounded = ("vehicle.mass_kg=0.03",)
+    rows = fly_together(["dropout", "push"], "hold", seed=0, scenario="paper", overrides=grounded)
+    assert [(row.fault, row.safe, row.struck_s) for row in rows] == [("dropout", False, None), ("push", False, None)]
+    assert "the flight ended before hold" in rows[0].why
 
 
 FROM_THE_START = ("partner", "yaw off by 14°", "ground effect")
