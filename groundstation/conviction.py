@@ -1,9 +1,9 @@
 """From evidence against the poses to what is done: suspicion, and conviction. Sans-IO.
 
-*Suspicion*: nothing is learnt from the poses, the last trim is held, and the operator is told. *Conviction*: the poses are
-not believed again in this flight; it ends with a descent on the model, from what was believed before. Where the attitude
-obeys and only the position stands, it may be the vehicle itself that is held, by a tether or a net: the flight ends in
-the same way, and nobody is convicted. (Poses that follow the commands, but later than their stamps say, only count as
+*Suspicion*: nothing is learnt from the poses, the last trim is held, and the operator is told. *Conviction*: the poses
+are not believed again in this flight; it ends with a descent on the model, from what was believed before. Where the
+attitude obeys and only the position stands, or where something moves the vehicle, it may be a tether, a net or a hand:
+the flight ends in the same way, and nobody is convicted. (Poses that follow the commands, but later than their stamps say, only count as
 older: :meth:`groundstation.pilot.Pilot.admit_lateness`.)
 """
 
@@ -35,8 +35,12 @@ class Conviction:
         self._suspected = False
         self._still_since_s: float | None = None
 
-    def look(self, evidence: Evidence, now_s: float, *, doubted: bool = False) -> Charge | None:
-        """What follows from ``evidence``; ``doubted`` where the autopilot's own attitude disagrees with the poses."""
+    def look(self, evidence: Evidence, now_s: float, *, led: bool = False, doubted: bool = False) -> Charge | None:
+        """What follows from ``evidence``.
+
+        ``led`` where something else than commands moves it; ``doubted`` where the autopilot's own attitude disagrees
+        with the poses.
+        """
         self.says = ""
         suspect = evidence.suspicious
         if suspect != self._suspected:
@@ -48,7 +52,9 @@ class Conviction:
                 else "the suspicion has gone: the poses show what the commands do"
             )
         least = WITNESS if doubted else 1.0
-        if evidence.attitude >= least or evidence.axes >= least:
+        if max(evidence.attitude, evidence.axes, evidence.heading) >= least:
+            if led and not doubted:
+                return Charge(f"suspicion: {LED}: down on the model", convicted=False)
             also = ", and the autopilot's own attitude says so, too" if doubted else ""
             return Charge(f"convicted: {_accusation(evidence)}{also}: down on the model", convicted=True)
         if evidence.still < STILL_SUSPECTS:
@@ -60,6 +66,9 @@ class Conviction:
         return None
 
 
+LED = "something else than the commands moves it (a hand, or it is another body)"
+
+
 def _accusation(evidence: Evidence) -> str:
     largest = max(evidence)
     if evidence.attitude == largest:
@@ -67,6 +76,8 @@ def _accusation(evidence: Evidence) -> str:
             "the poses do not turn as the commands turn the vehicle (another body, a picture that stands, "
             "or axes that are set up wrongly: see groundstation carry)"
         )
+    if evidence.heading == largest:
+        return "the poses turn about the vertical, and no command asks for that"
     if evidence.axes == largest:
         return "the poses move as a mirrored or turned image of the vehicle (check pose.axes with groundstation carry)"
     return "the position stands while the vehicle is pushed (something holds it, or the position is not its own)"

@@ -229,16 +229,10 @@ class Pilot:
         command = self._command(decision.drive, parts)
         return Tick(time_s, flight_time, pose, estimate, reference, decision, command, seen)
 
-    def admit_lateness(self) -> float:
-        """By how much more the poses turn out to be older than they say [s]: from now on they count as that old."""
-        monitor = self._obedience
-        if monitor.evidence.attitude < SUSPECTS:
-            return 0.0
-        late_s = monitor.lateness_s()
-        if late_s > 0.0:
-            self._late_s += late_s
-            monitor.restart()
-        return late_s
+    @property
+    def late_s(self) -> float:
+        """By how much the poses turned out to be older than they say, and count as older since [s]."""
+        return self._late_s
 
     def surrender(self, time_s: float, hold_s: float) -> Command:
         """The last command, where the poses are not believed any more: down on the model, from what it was before.
@@ -278,6 +272,10 @@ class Pilot:
         )
         if not node:
             return
+        if self._obedience.evidence.attitude >= SUSPECTS and self._late_s == 0.0:
+            self._late_s = self._obedience.lateness_s()
+            if self._late_s > 0.0:
+                self._obedience.restart()
         if self._obedience.evidence.suspicious:
             if not estimator.holds:
                 before = self._before()

@@ -43,6 +43,7 @@ class Progress:
         self._on_conviction = on_conviction
         self._conviction = Conviction()
         self._charge: Charge | None = None
+        self._late_s = 0.0
         self._say = say
         self._on_state = on_state
         self._mission = Mission()
@@ -154,13 +155,14 @@ class Progress:
         """Whether the poses are not believed any more."""
         if self._guards is None:
             return False
-        late_s = self._pilot.admit_lateness()
-        if late_s > 0.0:
-            self._say(f"warning: the poses are {1e3 * late_s:.0f} ms older than they say, by what the commands did")
-        self._charge = self._conviction.look(self._pilot.evidence, now_s)
+        late_s, self._late_s = self._late_s, self._pilot.late_s
+        if self._late_s > late_s:
+            why = f"the poses are {1e3 * self._late_s:.0f} ms older than they say, by what the commands did"
+            self._answer(Finding(Step.LAND, why), now_s)
+        self._charge = self._conviction.look(self._pilot.evidence, now_s, led=self._pilot.monitor.led(now_s))
         if self._conviction.says:
             self._say(self._conviction.says)
-        if self._charge is not None and self._charge.convicted:
+        if self._charge is not None:
             self._on_conviction(self._charge.reason)
         return self._charge is not None
 

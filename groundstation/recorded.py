@@ -71,6 +71,13 @@ class RecordedPilot(Pilot):
         self._switched("descend", sink_m_s, float(blind), rest_s)
         super().descend(sink_m_s, blind=blind, rest_s=rest_s)
 
+    def surrender(self, time_s: float, hold_s: float) -> Command:
+        """Make the last command."""
+        self._switched("surrender", hold_s)
+        command = super().surrender(time_s, hold_s)
+        self.give(Idled(time_s, command.thrust_n, command))
+        return command
+
     def gain(self, name: str, value: float) -> None:
         """Set a gain."""
         self._switched(f"{GAIN}{name}", value)

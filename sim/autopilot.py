@@ -105,7 +105,7 @@ class Px4Autopilot(SimulatedAutopilot):
     def take_over(self, now_s: float) -> None:
         """A pilot takes it by the remote control, and lands it by hand."""
         self._intended = POSCTL
-        self._fly_by(Descend(self._hover, now_s), now_s)
+        self._fly_by(Descend(self._hover, now_s, brakes=self._knows), now_s)
 
     # ---- set-points
 
@@ -143,7 +143,7 @@ class Px4Autopilot(SimulatedAutopilot):
 
     def _fall_silent(self, now_s: float) -> list[bytes]:
         self.failsafe = True
-        self._fly_by(Descend(self._hover, now_s), now_s)
+        self._fly_by(Descend(self._hover, now_s, brakes=self._knows), now_s)
         return self._say(CRITICAL, "Failsafe activated: no offboard signal, landing")
 
     def _streaming(self, now_s: float) -> bool:
@@ -159,7 +159,7 @@ class Px4Autopilot(SimulatedAutopilot):
         self._intended = mode
         self.failsafe = False
         if mode == LAND and self.armed:
-            self._fly_by(Descend(self._hover, now_s), now_s)
+            self._fly_by(Descend(self._hover, now_s, brakes=self._knows), now_s)
         return ACCEPTED, []
 
     def _refuses_to_arm(self, now_s: float) -> tuple[int, str]:

@@ -141,7 +141,7 @@ class ArduPilotAutopilot(SimulatedAutopilot):
         self._setpoint_s = math.inf
         self._levelling = False
         if self.armed and self.mode == LAND:
-            self._fly_by(Descend(self._hover, now_s), now_s)
+            self._fly_by(Descend(self._hover, now_s, brakes=self._knows), now_s)
         return ACCEPTED, []
 
     def _refuses_to_arm(self, now_s: float) -> tuple[int, str]:

@@ -52,7 +52,7 @@ class SimulatedAutopilot(Dialect):
 
         ``lose`` tells of each set-point whether it got lost on the air; ``hover`` is the thrust (0..1) that it
         believes to hover with (a parameter too); ``parameters`` differ from its ``table``; with ``own_estimate`` it
-        says that it knows its position and speed.
+        says that it knows its position and speed, and brakes when it lands.
 
         Raises:
             KeyError: it has no such parameter.
@@ -68,6 +68,7 @@ class SimulatedAutopilot(Dialect):
         self.lacks = ""
         self.external = ExternalPoses(self.kind)
         """The poses that it is sent."""
+        self._knows = own_estimate
         self._airframe = airframe
         self._lose = lose
         self._streams = Streams({}, 0.0)

@@ -1,5 +1,6 @@
 """What a simulated autopilot flies by itself: an attitude, a climb, a level descent. Plain P and PI loops."""
 
+import math
 from typing import Protocol
 
 from groundstation import so3
@@ -14,6 +15,8 @@ SPEED_GAIN, SPEED_INTEGRAL_GAIN = 4.0, 2.0
 """Acceleration per error of that speed [1/s], and per its integral [1/s²]: PX4's MPC_Z_VEL_P_ACC and _I_ACC."""
 INTEGRAL_LIMIT = 5.0
 """Largest acceleration by the integral [m/s²]."""
+BRAKING_GAIN, BRAKING_LEAN = 1.5, math.radians(15.0)
+"""Acceleration per horizontal speed [1/s], and how far it leans for that at most [rad]."""
 GRAVITY = 9.81
 """[m/s²]"""
 
@@ -69,6 +72,21 @@ class Climb:
 class Descend(Climb):
     """Level out, come down slowly, stop the rotors on the ground."""
 
-    def __init__(self, hover: float, begin_s: float) -> None:
-        """``hover``: see the base."""
+    def __init__(self, hover: float, begin_s: float, *, brakes: bool = False) -> None:
+        """``hover``: see the base; one that ``brakes`` knows its speed, and leans against it."""
         super().__init__(hover, -DESCENT_M_S, None, begin_s)
+        self._brakes = brakes
+
+    def fly(self, truth: Truth) -> tuple[float, Vec3]:
+        """Thrust towards the vertical speed, and the rates."""
+        thrust, rates = super().fly(truth)
+        if not self._brakes or truth.on_ground:
+            return thrust, rates
+        north, east, _ = truth.velocity_ned
+        most = math.tan(BRAKING_LEAN)
+        push = math.hypot(north, east) * BRAKING_GAIN / GRAVITY
+        share = BRAKING_GAIN / GRAVITY * (1.0 if push <= most else most / push)
+        # Where the body's z axis shall point: its thrust, along -z, against the speed.
+        x, y, z = so3.to_body(truth.attitude, (share * north, share * east, 1.0))
+        n = 1.0 / math.sqrt(x * x + y * y + z * z)
+        return thrust, (-ATTITUDE_GAIN * y * n, ATTITUDE_GAIN * x * n, 0.0)

@@ -30,7 +30,7 @@ from collections import deque
 from typing import NamedTuple
 
 from groundstation.control.model import Driven, Motion
-from groundstation.ops import Quat
+from groundstation.ops import Quat, Vec3
 from groundstation.poses.port import Pose
 
 NODE_S = 0.1
@@ -64,7 +64,7 @@ STILL, LIVELY = 0.05, 0.3
 """Shares of the command that a picture that stands, and one that wind moves, show at most and at least [-]."""
 MOVES = 16.0
 """A position that leaves its way by so much more than its noise, squared, moves [-]."""
-ARREST_M, ARREST_S, STANDS_M = 0.02, 0.4, 0.01
+ARREST_M, ARREST_S, STANDS_M = 0.018, 0.4, 0.01
 """A position that leaves its way by so much more than commands make it [m], 4 m/s², and then for so long [s] stays
 within so much [m] has been stopped dead: no wind does that."""
 FILTER_NOISE = 2.0
@@ -76,6 +76,10 @@ EXPANDS = 8
 """For so many nodes after the first the filter's memory expands."""
 SETTLES = 5
 """So many nodes the filter takes to know velocity and acceleration."""
+HEADING_S, HEADING_RAD_S = 0.7, 0.25
+"""Time constant of a turn about the vertical that no command asks for [s], and what convicts [rad/s]: 14°/s."""
+LED_S = 1.0
+"""So long after it was moved by something else than commands it may still be in somebody's hand [s]."""
 LAGS_S = 1.2
 """Turns of so long are kept to look for a lateness in them [s]."""
 
@@ -120,13 +124,15 @@ class Evidence(NamedTuple):
     """They do not turn as the commands turn the vehicle."""
     axes: float
     """They move as a mirrored or turned image of it."""
+    heading: float
+    """They turn about the vertical, and no command asks for that."""
     still: float
     """They stand where the vehicle is pushed: never more than a suspicion."""
 
     @property
     def suspicious(self) -> bool:
         """Whether nothing should be learnt from the poses."""
-        return max(self.attitude, self.axes) >= SUSPECTS or self.still >= STILL_SUSPECTS
+        return max(self.attitude, self.axes, self.heading) >= SUSPECTS or self.still >= STILL_SUSPECTS
 
 
 class Obedience:
@@ -144,16 +150,22 @@ class Obedience:
         """Largest share of what convicts that was ever reached, attitude or axes [-]."""
         self.calm_s = -math.inf
         """When nothing was suspicious last: poses of before are to be trusted [s]."""
+        self.led_s = -math.inf
+        """When it was last seen to move, after it had left its way by no command [s]."""
         self._turns: deque[tuple[float, float, float, float, float]] = deque()
         self.restart()
 
     def restart(self) -> None:
         """It has just left the floor, or was let go in the air: what was seen before counts no more."""
-        self._attitude, self._maps, self._still = 0.0, [0.0] * 8, 0.0
+        self._attitude, self._maps, self._still, self._heading = 0.0, [0.0] * 8, 0.0, 0.0
         self._last: Quat | None = None
         self._arrest: Pose | None = None
         self._stopped_s = 0.0
         self._turns.clear()
+
+    def led(self, now_s: float) -> bool:
+        """Whether something else than the commands moves it, as a hand does, at ``now_s`` [s]."""
+        return now_s - self.led_s < LED_S
 
     @property
     def evidence(self) -> Evidence:
@@ -161,7 +173,8 @@ class Obedience:
         still = self._still / CONVICTS
         if self._stopped_s > NODE_S:
             still = max(still, STOPPED if self._stopped_s < ARREST_S else 1.0)
-        return Evidence(self._attitude / CONVICTS, max(self._maps) / IMAGE_CONVICTS, still)
+        heading = abs(self._heading) / HEADING_RAD_S
+        return Evidence(self._attitude / CONVICTS, max(self._maps) / IMAGE_CONVICTS, heading, still)
 
     def pose(self, pose: Pose, before: Motion, given: Driven, dt: float, noise_m: float, *, counts: bool) -> bool:
         """Take one pose; whether it was a node, with new evidence.
@@ -178,12 +191,14 @@ class Obedience:
         if last is None or dt > GAP_S or not counts or pose.reset_count != self._resets:
             self._begin(pose)
             return False
-        x, y = _turn(last, pose.attitude)
+        x, y, z = _turn(last, pose.attitude)
         self._seen_x += x
         self._seen_y += y
-        x, y = _turn(before.attitude, given.attitude)
+        self._strayed += z
+        x, y, z = _turn(before.attitude, given.attitude)
         self._told_x += x
         self._told_y += y
+        self._strayed -= z
         half = 0.5 * dt
         m, (ix, iy, iz), (sx, sy, sz), g = -1.0 / self._mass, given.impulse, given.reach, self._gravity
         (px, py, pz), (vx, vy, vz) = self._pushed, self._speed
@@ -219,7 +234,7 @@ class Obedience:
 
     def _begin(self, pose: Pose) -> None:
         self._resets, self._node_s = pose.reset_count, pose.time_s
-        self._seen_x = self._seen_y = self._told_x = self._told_y = 0.0
+        self._seen_x = self._seen_y = self._told_x = self._told_y = self._strayed = 0.0
         self._pushed = self._speed = (0.0, 0.0, 0.0)
         self._seen = [Filter(x) for x in pose.position_ned]
         self._told = [Filter(0.0) for _ in range(3)]
@@ -231,7 +246,8 @@ class Obedience:
         self._nodes += 1
         fade, learn = 1.0 - h / FADE_S, h / LEARN_S
         turn = self._seen_x, self._seen_y, self._told_x, self._told_y
-        self._seen_x = self._seen_y = self._told_x = self._told_y = 0.0
+        self._heading += min(h / HEADING_S, 1.0) * (self._strayed / h - self._heading)
+        self._seen_x = self._seen_y = self._told_x = self._told_y = self._strayed = 0.0
         self._turns.append((pose.time_s, *turn))
         while self._turns[0][0] < pose.time_s - LAGS_S:
             self._turns.popleft()
@@ -247,9 +263,9 @@ class Obedience:
             self._across(y[0], y[1], c[0], c[1], fade)
             self._down(y[2], c[2], fade)
             self._stands(pose, y, c, fade, FILTER_NOISE * noise_m)
-        attitude, axes, still = self.evidence
-        self.largest = max(self.largest, attitude, axes)
-        if max(attitude, axes, still) < CALM / CONVICTS:
+        attitude, axes, heading, still = self.evidence
+        self.largest = max(self.largest, attitude, axes, heading, still)
+        if max(attitude, axes, still) < CALM / CONVICTS and heading < SUSPECTS:
             self.calm_s = pose.time_s
 
     def _stands(self, pose: Pose, y: list[float], c: list[float], fade: float, noise_m: float) -> None:
@@ -268,8 +284,8 @@ class Obedience:
             moved = math.dist(arrest.position_ned, pose.position_ned)
             self._stopped_s = pose.time_s - arrest.time_s
             if moved > STANDS_M + 2.0 * noise_m or self._stopped_s > 2.0 * ARREST_S:
-                self._arrest, self._stopped_s = None, 0.0
-        if math.hypot(*y) - math.hypot(*c) > max(ARREST_M, 3.0 * math.sqrt(max(self._wind))):
+                self._arrest, self._stopped_s, self.led_s = None, 0.0, pose.time_s
+        if math.hypot(*y) - math.hypot(*c) > ARREST_M + 2.0 * (math.sqrt(max(self._wind)) - WIND_M):
             # It leaves its way, and not by our doing: a gust, a hand, or the end of what was true.
             self._arrest = pose
 
@@ -316,12 +332,16 @@ LATE_EXPLAINS = 0.35
 """A lateness explains the turns where it leaves less than this share of their power [-]."""
 
 
-def _turn(a: Quat, b: Quat) -> tuple[float, float]:
-    """The small turn from ``a`` to ``b`` about body x and y [rad]."""
+def _turn(a: Quat, b: Quat) -> Vec3:
+    """The small turn from ``a`` to ``b`` in the body's axes [rad]."""
     w, x, y, z = a
     p, q, r, s = b
     k = 2.0 if w * p + x * q + y * r + z * s > 0.0 else -2.0
-    return k * (w * q - x * p - y * s + z * r), k * (w * r + x * s - y * p - z * q)
+    return (
+        k * (w * q - x * p - y * s + z * r),
+        k * (w * r + x * s - y * p - z * q),
+        k * (w * s - x * r + y * q - z * p),
+    )
 
 
 def _summed(evidence: float, fade: float, gain: float, variance: float) -> float:

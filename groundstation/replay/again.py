@@ -106,6 +106,7 @@ class _Again:
         self._begun = False
         self._turn = -1
         self._command: ch.Commanded | None = None
+        self._surrender_s: float | None = None
         self._pairs: list[Pair] = []
         self._comparison = Comparison()
         self._lost = 0
@@ -192,7 +193,9 @@ class _Again:
         self._pilot.pose(pose)
 
     def _idle(self, idle: ch.Idle) -> None:
-        command = self._pilot.idle(idle.time_s, idle.thrust_n)
+        pilot, hold_s = self._pilot, self._surrender_s
+        command = pilot.idle(idle.time_s, idle.thrust_n) if hold_s is None else pilot.surrender(idle.time_s, hold_s)
+        self._surrender_s = None
         self._comparison.compare("idle", idle.time_s, read_back.command(idle), command)
 
     def _switch(self, switch: ch.Switch) -> None:
@@ -204,6 +207,8 @@ class _Again:
                 pilot.lift(values[0])
             case "descend", 3:
                 pilot.descend(values[0], blind=bool(values[1]), rest_s=values[2])
+            case "surrender", 1:
+                self._surrender_s = values[0]
             case what, 1 if what.startswith(GAIN):
                 pilot.gain(what.removeprefix(GAIN), values[0])
 
