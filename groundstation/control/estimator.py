@@ -97,16 +97,18 @@ class ModelEstimator:
         self._effectiveness = told(self._gains.effectiveness_deviation)
         self._disturbance = self._disturbance_rate = self._disturbance_step = ZERO
 
-    def lifted(self) -> Vec3:
-        """The vehicle has left the floor; returns the disturbance that is left then [m/s², NED].
+    def lifted(self, climb_m_s: float, down_m_s2: float) -> Vec3:
+        """The vehicle has left the floor, climbs, and is pulled down by wind and errors of thrust or mass [m/s²].
 
-        Until then the floor's push was part of it, but that fades to nothing at this very instant: what is left
-        vertically is the wind and the error of the thrust. Sideways it was the floor's friction, and is forgotten.
+        What the observer has made of the floor's push and friction is forgotten, and so is the speed that it took
+        the vehicle to have on the floor. Returns the disturbance that is left [m/s², NED].
         """
         self.frozen = False
-        down = self._disturbance[2]
         self.release()
-        self._disturbance = (0.0, 0.0, down)
+        if self._motion is not None:
+            north, east, _ = self._motion.velocity
+            self._motion = self._motion._replace(velocity=(north, east, -climb_m_s))
+        self._disturbance = (0.0, 0.0, down_m_s2)
         return self._disturbance
 
     def follow(self, disturbance: Vec3) -> None:
