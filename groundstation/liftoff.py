@@ -19,8 +19,8 @@ SPREAD = 0.2
 """How well a told weight, and the thrust that lifts it, are known, 1σ [-]."""
 STEP_S = 0.01
 """Longest step of the hypotheses [s]."""
-MOVES, FLIES = 4.6, 9.2
-"""Logarithms of the odds, 100 and 10,000 to 1, with which it is said to move, and to fly."""
+MOVES, FLIES = 3.0, 9.2
+"""Logarithms of the odds, 20 and 10,000 to 1, with which it is said to move, and to fly."""
 HEIGHT_M, WANDERING_M = 0.015, 0.35
 """Height that it must have for that [m]. The second is of poses that come with a velocity: such a source is an
 autopilot that integrates its accelerometers, which feel a lift that the floor has not let go of."""

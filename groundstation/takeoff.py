@@ -41,7 +41,9 @@ WANDER_S, WANDERS = 0.5, 12
 TIPPED_DEG = 10.0
 """On the floor it leans no farther from how it stood [deg]."""
 SLIPPED_M = 0.05
-"""And is not farther aside from where it stood [m], beside what its place wanders."""
+"""And is not farther aside from where it stood [m], beside what its place wanders, ..."""
+WIND_M_S2 = 4.0
+"""... and what such a wind makes of it once thrust takes its weight from the floor [m/s²]."""
 
 
 class TakeoffConfig(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
@@ -165,8 +167,11 @@ class Standing:
         )
         return max(north, east), down
 
-    def disturbed(self, pose: Pose, place_ned: Vec3) -> str:
-        """What ``pose`` shows that no vehicle on its floor does; it stood at ``place_ned`` [m]. Empty for nothing."""
+    def disturbed(self, pose: Pose, place_ned: Vec3, light_s: float) -> str:
+        """What ``pose`` shows that no vehicle on its floor does; it stood at ``place_ned`` [m]. Empty for nothing.
+
+        ``light_s`` is for how long thrust has taken so much of its weight that wind may move it [s].
+        """
         stood = self.poses[-1]
         if pose.reset_count != stood.reset_count:
             return ""  # not comparable
@@ -175,7 +180,7 @@ class Standing:
         if not tilt <= TIPPED_DEG:
             return f"it tips: {tilt:.0f}° from how it stood, limit {TIPPED_DEG:g}°"
         aside = math.dist(pose.position_ned[:2], place_ned[:2])
-        limit = SLIPPED_M + 4.0 * math.sqrt(self.wander_m2_s[0])
+        limit = SLIPPED_M + 4.0 * math.sqrt(self.wander_m2_s[0]) + 0.5 * WIND_M_S2 * light_s * light_s
         if not aside <= limit:
             return f"it moves sideways on the floor: {aside:.2f} m, limit {limit:.2f} m"
         return ""
@@ -240,12 +245,13 @@ class SpoolUp:
             return f"no pose for {1e3 * (now_s - pose.time_s):.0f} ms while the motors spool up"
         if fence is not None and fence.room_m(pose.position_ned) < 0.0:
             return f"{-fence.room_m(pose.position_ned):.2f} m outside the fence while the motors spool up"
-        why = self._standing.disturbed(pose, self.place_ned)
+        why = self._standing.disturbed(pose, self.place_ned, max(now_s - spool.sure_s, 0.0))
         if why:
             return f"{why}: look at what holds or pushes it, and at its poses"
         if lift is not None and lift.jumps:
             return "its height jumps as no thrust makes it: look at its poses, and at what lifts it"
-        if self._moved_s is None and now_s >= spool.near_s + WATCHED_S:
+        moves = lift is not None and lift.moves
+        if not moves and now_s >= spool.near_s + WATCHED_S:
             return (
                 "no lift-off: is this the right body, is the mass right? Thrust went to "
                 f"{spool.most_n:.3g} N, {100.0 * spool.most_n / self._weight:.0f} % of the told weight, and the poses "

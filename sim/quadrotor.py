@@ -15,6 +15,12 @@ from sim.world import World
 
 HOP_M = 0.005
 """Whoever was not higher than this above the floor has not left it [m]."""
+STANDS_RADII = 0.85
+"""How high above the floor the rotors of a vehicle are that stands on it, in their radii."""
+LEVELS_S = 0.02
+"""Time constant with which the floor levels what comes down tilted [s]."""
+FORGETS_S = 2.0
+"""Time constant with which an autopilot's own estimate finds out that the floor held it [s]."""
 _INSTANT_S = 1e-9
 """Shorter spans are rounding [s]."""
 
@@ -48,6 +54,10 @@ class Quadrotor:
         self._told: tuple[float, Vec3] = (0.0, (0.0, 0.0, 0.0))
         self._strength = 1.0
         self._on_ground = False
+        self._held_s: float | None = None
+        """Since when the floor has held a vehicle that gathers speed upwards [s of flight]."""
+        self.felt_m = 0.0
+        """How much higher than it is its own accelerometers would have it, as the floor holds it [m]."""
         x, y, z = world.rate_limits_deg_s
         self._limits: Vec3 = (math.radians(x), math.radians(y), math.radians(z))
         self._highest_m = 0.0
@@ -97,7 +107,7 @@ class Quadrotor:
         if self.released_s is not None and rest > _INSTANT_S:
             # Only a look into the step under way: the questions asked must not change the flight.
             body, down = self._after(self._time - self.released_s, rest)
-            body = self._on_floor(body) if down else body
+            body = self._on_floor(body, rest) if down else body
         p, v, q, thrust, rates = body
         return Truth(time_s, p, v, q, rates, thrust, down)
 
@@ -132,10 +142,17 @@ class Quadrotor:
             self._on_step(time_s, self._body.position)
 
     def _after(self, flight_time: float, h: float) -> tuple[Body, bool]:
-        """The body ``h`` [s] after ``flight_time`` [s], and whether it fell onto the floor meanwhile."""
+        """The body ``h`` [s] after ``flight_time`` [s], and whether it is on the floor then."""
+        world, body = self._world, self._body
         wind = self._wind.at(flight_time + 0.5 * h)
-        body = moved(FLOATS, self._body, self._thrust_command, self._rate_command, wind, h, self._physics)
-        return body, body.position[2] >= self._world.floor_z_m
+        if world.ground_effect:
+            push = (_ground_effect(world, body.position[2]) - 1.0) * body.thrust / world.mass_kg
+            (x, y, z), (u, v, w) = so3.third_column(body.attitude), wind
+            wind = u - push * x, v - push * y, w - push * z
+        body = moved(FLOATS, body, self._thrust_command, self._rate_command, wind, h, self._physics)
+        held = world.floor_hold_s > 0.0 and self._on_ground
+        held = held and (self._held_s is None or flight_time - self._held_s < world.floor_hold_s)
+        return body, held or body.position[2] >= world.floor_z_m
 
     def _step(self, flight_time: float, h: float) -> None:
         body, self._on_ground = self._after(flight_time, h)
@@ -145,16 +162,35 @@ class Quadrotor:
             self.touchdown_m_s = body.velocity[2] if self.touchdown_m_s is None else self.touchdown_m_s
             self.hardest_m_s = max(self.hardest_m_s or 0.0, body.velocity[2])
             self._highest_m = 0.0
-        self._body = self._on_floor(body) if self._on_ground else body
+        self._body = self._on_floor(body, h) if self._on_ground else body
+        rises = self._on_ground and self._body.velocity[2] < 0.0
+        self._held_s = (flight_time if self._held_s is None else self._held_s) if rises else None
+        if self._world.floor_hold_s > 0.0:
+            self.felt_m = self.felt_m * math.exp(-h / FORGETS_S) - (h * self._body.velocity[2] if rises else 0.0)
 
-    def _on_floor(self, body: Body) -> Body:
-        """Rest on the floor, upright, while there is no more lift than weight."""
-        x, y, _ = body.position
-        yaw = so3.euler_zyx(body.attitude)[2]
+    def _on_floor(self, body: Body, h: float) -> Body:
+        """On the floor after ``h`` [s]: it does not sink, slides against friction, levels out, and does not turn."""
+        (x, y, _), (u, v, w) = body.position, body.velocity
+        speed, stops = math.hypot(u, v), self._world.floor_friction * max(w, 0.0)  # w is what the floor takes of it
+        slides = 1.0 - stops / speed if stops < speed else 0.0
+        if not slides:
+            x, y, _ = self._body.position
+        roll, pitch, yaw = so3.euler_zyx(body.attitude)
+        keep = math.exp(-h / LEVELS_S)
         return Body(
             (x, y, self._world.floor_z_m),
-            (0.0, 0.0, min(body.velocity[2], 0.0)),
-            so3.from_euler_zyx(0.0, 0.0, yaw),
+            (slides * u, slides * v, min(w, 0.0)),
+            so3.from_euler_zyx(keep * roll, keep * pitch, yaw),
             body.thrust,
             (0.0, 0.0, 0.0),
         )
+
+
+def _ground_effect(world: World, down_m: float) -> float:
+    """Thrust near the floor over thrust far from it: 1 / (1 - (R / 4 z)²), z the height of the rotors.
+
+    Source: Cheeseman and Bennett, The effect of the ground on a helicopter rotor in forward flight, ARC R&M 3021, 1955.
+    """
+    radius = world.rotor_radius_m
+    share = radius / (4.0 * (max(world.floor_z_m - down_m, 0.0) + STANDS_RADII * radius))
+    return 1.0 / (1.0 - share * share)
