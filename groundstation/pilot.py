@@ -124,7 +124,7 @@ class Pilot:
 
         ``hover_share`` is the thrust that seems to hover as a share of the weight, ``climb_m_s`` how fast it climbs.
         """
-        disturbance = self._estimator.lifted(climb_m_s, (hover_share - 1.0) * self._gravity)
+        disturbance = self._estimator.lifted(climb_m_s, hover_share)
         if isinstance(self._controller, Adaptive):
             self._controller.begin(disturbance)
         self._released = True

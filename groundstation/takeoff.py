@@ -32,7 +32,7 @@ WATCHED_S = 0.3
 """So long after the second share something must have moved [s]."""
 TOLD_SHARE, MEASURED_SHARE = 1.3, 1.1
 """Largest thrust, as a share of the weight as told, and of the thrust that was measured to hover [-]."""
-CLIMBING_SHARE = 1.25
+CLIMBING_SHARE = 1.15
 """Thrust while it moves and is not yet known to have left the floor, as a share of what seems to hover [-]."""
 REST_POSES = 50
 """Where it stands is the mean of so many poses."""
@@ -203,7 +203,8 @@ class SpoolUp:
         """Where it stood [m]."""
         self._lift: LiftOff | None = None
         self._moved_s: float | None = None
-        self._last: tuple[float, float] | None = None
+        self._told: list[tuple[float, float]] = []
+        """What was told before any pose could show that it lifts: from when on [s], thrust [N]."""
 
     @property
     def flies(self) -> LiftOff | None:
@@ -222,8 +223,8 @@ class SpoolUp:
             stood = standing.poses[-1]
             lag = vehicle.thrust_lag_s
             self._lift = LiftOff(stood, down, self._weight, lag, self._gravity, wander, self._noise)
-            if self._last is not None:
-                self._lift.sent(*self._last)
+            for acting_s, thrust_n in self._told:
+                self._lift.sent(acting_s, thrust_n)
             self._lift.pose(pose)
 
     def thrust_n(self, now_s: float) -> float:
@@ -233,9 +234,11 @@ class SpoolUp:
         if lift is not None and lift.moves:
             self._moved_s = now_s if self._moved_s is None else self._moved_s
             thrust = min(CLIMBING_SHARE * lift.hover_share * self._weight, spool.most_n)
-        self._last = now_s + self._vehicle.command_delay_s, thrust
-        if lift is not None:
-            lift.sent(*self._last)
+        acting_s = now_s + self._vehicle.command_delay_s
+        if lift is None:
+            self._told.append((acting_s, thrust))
+        else:
+            lift.sent(acting_s, thrust)
         return thrust
 
     def fault(self, now_s: float, pose: Pose, coast_s: float, fence: Fence | None) -> str:
