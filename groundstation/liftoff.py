@@ -24,8 +24,12 @@ MOVES, FLIES = 3.0, 9.2
 HEIGHT_M, WANDERING_M = 0.015, 0.35
 """Height that it must have for that [m]. The second is of poses that come with a velocity: such a source is an
 autopilot that integrates its accelerometers, which feel a lift that the floor has not let go of."""
+CLIMBING = 1.1
+"""Thrust until then, as a share of what seems to hover [-]."""
 LEAST_NOISE_M = 0.0003
 """No pose is believed to less [m]: legs and floor give way as thrust relieves them."""
+LEAST_M2_S, LEAST_FELT_M2_S = 1e-6, 0.05**2 / 2.0
+"""No height is believed to wander less [m²/s]; the second is of poses with a velocity: 5 cm in 2 s."""
 JUMP_M, JUMPS = 0.1, 2
 """So many poses farther than this from every hypothesis [m] are no motion of a vehicle on its floor."""
 
@@ -48,8 +52,11 @@ class LiftOff:
         ``wander_m2_s`` is how its height wanders [m²/s], ``noise_m`` the poses' white noise [m].
         """
         self._floor, self._weight, self._lag, self._gravity = down_m, weight_n, lag_s, gravity
-        self._q, self._r = wander_m2_s, max(noise_m, LEAST_NOISE_M) ** 2
-        self._least_m = HEIGHT_M if stands.velocity_ned is None else WANDERING_M
+        felt = stands.velocity_ned is not None
+        self._q = max(wander_m2_s, LEAST_FELT_M2_S if felt else LEAST_M2_S)
+        self._r = max(noise_m, LEAST_NOISE_M) ** 2
+        self._climb: float | None = None
+        self._least_m = WANDERING_M if felt else HEIGHT_M
         self._resets = stands.reset_count
         self._at = stands.time_s
         self._thrust: float | None = None
@@ -74,6 +81,7 @@ class LiftOff:
             return
         self._advance(pose.time_s)
         height = self._floor - pose.position_ned[2]
+        self._climb = None if pose.velocity_ned is None else -pose.velocity_ned[2]
         paths = [*self._heights, 0.0]
         if pose.reset_count != self._resets:  # the source has moved its origin, not the vehicle
             self._resets = pose.reset_count
@@ -115,9 +123,19 @@ class LiftOff:
         return self._mean(SHARES)
 
     @property
+    def climbing_share(self) -> float:
+        """The thrust that it is to climb with until it is known to fly, as a share of the weight [-]."""
+        return CLIMBING * self.hover_share
+
+    @property
     def climb_m_s(self) -> float:
-        """How fast it climbs at the newest pose [m/s]."""
-        return self._mean(self._speeds)
+        """How fast it climbs at the newest pose, as that says or else as the hypotheses have it [m/s]."""
+        return self._mean(self._speeds) if self._climb is None else self._climb
+
+    @property
+    def thrust_n(self) -> float:
+        """What the rotors gave at the newest pose, by their lag [N]."""
+        return self._thrust or 0.0
 
     @property
     def _odds(self) -> float:

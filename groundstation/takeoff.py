@@ -32,8 +32,8 @@ WATCHED_S = 0.3
 """So long after the second share something must have moved [s]."""
 TOLD_SHARE, MEASURED_SHARE = 1.3, 1.1
 """Largest thrust, as a share of the weight as told, and of the thrust that was measured to hover [-]."""
-CLIMBING_SHARE = 1.15
-"""Thrust while it moves and is not yet known to have left the floor, as a share of what seems to hover [-]."""
+LEAST_SHARE = 0.75
+"""Where it moves and the rotors still give more than wanted, no less than this share of that is told [-]."""
 REST_POSES = 50
 """Where it stands is the mean of so many poses."""
 WANDER_S, WANDERS = 0.5, 12
@@ -233,7 +233,8 @@ class SpoolUp:
         thrust = spool.thrust_n(now_s)
         if lift is not None and lift.moves:
             self._moved_s = now_s if self._moved_s is None else self._moved_s
-            thrust = min(CLIMBING_SHARE * lift.hover_share * self._weight, spool.most_n)
+            wanted = lift.climbing_share * self._weight
+            thrust = min(max(2.0 * wanted - lift.thrust_n, LEAST_SHARE * wanted), spool.most_n)
         acting_s = now_s + self._vehicle.command_delay_s
         if lift is None:
             self._told.append((acting_s, thrust))

@@ -19,8 +19,9 @@ STANDS_RADII = 0.85
 """How high above the floor the rotors of a vehicle are that stands on it, in their radii."""
 LEVELS_S = 0.02
 """Time constant with which the floor levels what comes down tilted [s]."""
-FORGETS_S = 2.0
-"""Time constant with which an autopilot's own estimate finds out that the floor held it [s]."""
+NOTICES_S, FORGETS_S = 0.15, 2.0
+"""Time constants with which an autopilot's own estimate finds out that the floor holds it, and did [s]: of speed, and
+of height. By a take-off of ArduCopter's SITL, whose estimate stayed at 0.4 m/s for 0.4 s and then rose to 1.7."""
 _INSTANT_S = 1e-9
 """Shorter spans are rounding [s]."""
 
@@ -56,8 +57,9 @@ class Quadrotor:
         self._on_ground = False
         self._held_s: float | None = None
         """Since when the floor has held a vehicle that gathers speed upwards [s of flight]."""
-        self.felt_m = 0.0
-        """How much higher than it is its own accelerometers would have it, as the floor holds it [m]."""
+        self.felt = (0.0, 0.0)
+        """What the autopilot's own estimate has of a vehicle that the floor holds: how much higher it seems [m], and
+        its speed upwards [m/s]. Only with a late floor."""
         x, y, z = world.rate_limits_deg_s
         self._limits: Vec3 = (math.radians(x), math.radians(y), math.radians(z))
         self._highest_m = 0.0
@@ -162,11 +164,18 @@ class Quadrotor:
             self.touchdown_m_s = body.velocity[2] if self.touchdown_m_s is None else self.touchdown_m_s
             self.hardest_m_s = max(self.hardest_m_s or 0.0, body.velocity[2])
             self._highest_m = 0.0
-        self._body = self._on_floor(body, h) if self._on_ground else body
+        before, self._body = self._body, self._on_floor(body, h) if self._on_ground else body
         rises = self._on_ground and self._body.velocity[2] < 0.0
         self._held_s = (flight_time if self._held_s is None else self._held_s) if rises else None
         if self._world.floor_hold_s > 0.0:
-            self.felt_m = self.felt_m * math.exp(-h / FORGETS_S) - (h * self._body.velocity[2] if rises else 0.0)
+            self._feel(before.velocity[2] - self._body.velocity[2], h)
+
+    def _feel(self, gained_m_s: float, h: float) -> None:
+        """Let the autopilot's own estimate go on by ``h`` [s], in which it was accelerated upwards by so much [m/s]."""
+        higher, up = self.felt
+        moves = 0.0 if self._on_ground else -self._body.velocity[2]
+        up += gained_m_s + (moves - up) * h / NOTICES_S
+        self.felt = higher * math.exp(-h / FORGETS_S) + (up - moves) * h, up
 
     def _on_floor(self, body: Body, h: float) -> Body:
         """On the floor after ``h`` [s]: it does not sink, slides against friction, levels out, and does not turn."""

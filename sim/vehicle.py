@@ -49,9 +49,9 @@ class SimulatedVehicle:
     def measured(self, time_s: float) -> Truth:
         """The state with the noise that the scenario gives to poses, as its own estimator has it."""
         truth = with_noise(self.plant.truth(time_s), self._world, next(self._noise))
-        if self.plant.felt_m:
-            north, east, down = truth.position_ned
-            truth = msgspec.structs.replace(truth, position_ned=(north, east, down - self.plant.felt_m))
+        if self._world.floor_hold_s > 0.0:
+            (north, east, down), (u, v, _), (higher, up) = truth.position_ned, truth.velocity_ned, self.plant.felt
+            truth = msgspec.structs.replace(truth, position_ned=(north, east, down - higher), velocity_ned=(u, v, -up))
         return self._wander.seen(truth, self.plant.released_s)
 
 
