@@ -42,8 +42,9 @@ TIPPED_DEG = 10.0
 """On the floor it leans no farther from how it stood [deg]."""
 SLIPPED_M = 0.05
 """And is not farther aside from where it stood [m], beside what its place wanders, ..."""
-WIND_M_S2 = 4.0
-"""... and what such a wind makes of it once thrust takes its weight from the floor [m/s²]."""
+WIND_M_S2, LIGHT_S = 5.0, 0.2
+"""... and what such a wind makes of it as thrust takes its weight from the floor [m/s²]: from so long before the first
+share on [s]."""
 
 
 class TakeoffConfig(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
@@ -249,7 +250,7 @@ class SpoolUp:
             return f"no pose for {1e3 * (now_s - pose.time_s):.0f} ms while the motors spool up"
         if fence is not None and fence.room_m(pose.position_ned) < 0.0:
             return f"{-fence.room_m(pose.position_ned):.2f} m outside the fence while the motors spool up"
-        why = self._standing.disturbed(pose, self.place_ned, max(now_s - spool.sure_s, 0.0))
+        why = self._standing.disturbed(pose, self.place_ned, max(now_s - spool.sure_s + LIGHT_S, 0.0))
         if why:
             return f"{why}: look at what holds or pushes it, and at its poses"
         if lift is not None and lift.jumps:

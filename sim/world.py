@@ -93,7 +93,7 @@ class World(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=Tru
     """When it comes [s after release]."""
     floor_z_m: float = 1.0
     """Height of the floor [m, NED, so 1 is one metre below the origin]."""
-    floor_friction: NonNegative = 0.6
+    floor_friction: NonNegative = 1.0
     """Force that the floor holds it with sideways over the force that it presses on it with [-]."""
     floor_hold_s: NonNegative = 0.0
     """How long the floor holds its place while it gathers speed upwards [s]; ArduPilot's SITL: 0.6."""
