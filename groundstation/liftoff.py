@@ -28,8 +28,10 @@ CLIMBING = 1.1
 """Thrust until then, as a share of what seems to hover [-]."""
 LEAST_NOISE_M = 0.0003
 """No pose is believed to less [m]: legs and floor give way as thrust relieves them."""
-LEAST_M2_S, LEAST_FELT_M2_S = 1e-6, 0.05**2 / 2.0
-"""No height is believed to wander less [m²/s]; the second is of poses with a velocity: 5 cm in 2 s."""
+LEAST_M2_S, LEAST_FELT_M2_S = 1e-6, 2.5e-5
+"""No height is believed to wander less: 1 mm in 1 s, and 5 mm where poses come with a velocity [m²/s]."""
+FITS_M = 0.02
+"""Nothing flies whose newest height is farther than this, beside noise, from where the thrust would have it [m]."""
 JUMP_M, JUMPS = 0.1, 2
 """So many poses farther than this from every hypothesis [m] are no motion of a vehicle on its floor."""
 
@@ -68,6 +70,7 @@ class LiftOff:
         self._variance = self._r
         prior = [math.exp(-0.5 * ((s - 1.0) / SPREAD) ** 2) for s in SHARES]
         self._logs = [math.log(p / sum(prior)) for p in prior] + [0.0]
+        self._fits = False
         self._jumps = 0
 
     def sent(self, acting_s: float, thrust_n: float) -> None:
@@ -94,8 +97,9 @@ class LiftOff:
         steps = [height - path - walk for path, walk in zip(paths, self._walks, strict=True)]
         self._walks = [walk + gain * step for walk, step in zip(self._walks, steps, strict=True)]
         self._logs = [log - 0.5 * step * step / total for log, step in zip(self._logs, steps, strict=True)]
-        far = min(abs(step) for step in steps)
-        self._jumps = self._jumps + 1 if far > JUMP_M + 4.0 * math.sqrt(total) else 0
+        spread = 4.0 * math.sqrt(total)
+        self._fits = abs(self._mean(steps[:-1])) < FITS_M + spread
+        self._jumps = self._jumps + 1 if min(map(abs, steps)) > JUMP_M + spread else 0
 
     @property
     def jumps(self) -> bool:
@@ -110,7 +114,7 @@ class LiftOff:
     @property
     def flies(self) -> bool:
         """Whether it has left the floor."""
-        return self._odds > FLIES and self._mean(self._heights) > self._least_m
+        return self._odds > FLIES and self._fits and self._mean(self._heights) > self._least_m
 
     @property
     def patience_s(self) -> float:
