@@ -150,9 +150,12 @@ class Pilot:
         """The vehicle stands on the floor: its push is not to be learnt."""
         self._estimator.frozen = True
 
-    def lift(self, time_s: float) -> Reference:
-        """The vehicle has just left the floor; returns the motion in which it will be when a command acts."""
-        disturbance = self._estimator.lifted()
+    def lift(self, time_s: float, hover_share: float, climb_m_s: float) -> Reference:
+        """The vehicle has just left the floor; returns the motion in which it will be when a command acts.
+
+        ``hover_share`` is the thrust that seems to hover as a share of the weight, ``climb_m_s`` how fast it climbs.
+        """
+        disturbance = self._estimator.lifted(climb_m_s, hover_share)
         if isinstance(self._controller, Adaptive):
             self._controller.begin(disturbance)
         self._released = True

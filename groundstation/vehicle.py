@@ -49,6 +49,9 @@ class Vehicle(FromFile, msgspec.Struct, frozen=True, kw_only=True, forbid_unknow
     """How long a command is held: the period of command frames [s]."""
     hover_range: tuple[Positive, Positive] = (0.7, 1.45)
     """Least and largest thrust at which it may hover, as a share of its weight [-]; outside, it lands again."""
+    hover_n: Positive | None = None
+    """Thrust that hovers, where it was measured (`groundstation identify` does) [N]: take-off then goes
+    to 1.1 of it and no further, in the place of 1.3 of the weight."""
 
     def __post_init__(self) -> None:
         """Only the reader of configurations follows ``preset`` and ``file``.
@@ -89,5 +92,5 @@ class Vehicle(FromFile, msgspec.Struct, frozen=True, kw_only=True, forbid_unknow
         return {**told, **table}
 
 
-_OPTIONAL = ("preset", "file", "command_delay_s", "thrust_curve", "hover_thrust", "hover_range")
+_OPTIONAL = ("preset", "file", "command_delay_s", "thrust_curve", "hover_thrust", "hover_range", "hover_n")
 """What a vehicle file may leave out."""

@@ -41,7 +41,7 @@ AUTOPILOT = {"COM_OF_LOSS_T": 0.3}
 """How long it holds the last set-point when they stop [s]; its default is 1 s, docs/how-to/px4.md asks for 0.2 to 1."""
 CONFIRM_S = 3.0
 """When arming is confirmed, in virtual time [s]."""
-FIGURE_S = 4.0
+FIGURE_S = 5.0
 """How long the figure is flown where nothing ends it early [s]."""
 NEAR = ("trajectory.centre_ned=[0.093,-1.507,0]",)
 """The figure begins 1 m above the place at which the scenario's vehicle holds after its take-off: a short way."""

@@ -329,6 +329,29 @@ OBEYING: dict[str, Fault] = {
         source="odometry",
         obeys=True,
     ),
+    "wandering estimate": Fault(
+        "poses are the autopilot's own, and wander: a random walk of 5 cm (1 sigma) in 2 s, and one turn by 19°",
+        strikes.nothing,
+        source="odometry",
+        overrides=("sim.estimate_wander_m=0.05", "sim.estimate_yaw_step_deg=19"),
+        obeys=True,
+        states=("start",),
+    ),
+    "late floor": Fault(
+        "the floor holds the vehicle for 0.6 s while it gathers speed",
+        strikes.nothing,
+        overrides=("sim.floor_hold_s=0.6",),
+        obeys=True,
+        states=("start",),
+    ),
+    "late floor, own estimate": Fault(
+        "the same, and poses are the autopilot's own, which feels that it rises",
+        strikes.nothing,
+        source="odometry",
+        overrides=("sim.floor_hold_s=0.6",),
+        obeys=True,
+        states=("start",),
+    ),
     "wireless": Fault("poses come up to 60 ms late, each otherwise; their numbers tell", strikes.wifi, obeys=True),
 }
 """Nothing is wrong with the poses, and whoever convicts them is wrong."""

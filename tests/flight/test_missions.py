@@ -114,7 +114,7 @@ def test_thrust_effectiveness_is_not_learnt_on_the_floor() -> None:
 def test_a_vehicle_that_lifts_too_little_is_not_flown() -> None:
     flown = mission("paper", "sim.thrust_gain=0.5")
     assert not flown.landed
-    assert "no lift-off at 1.14 N" in flown.fault
+    assert "no lift-off: is this the right body, is the mass right? Thrust went to 1.02 N" in flown.fault
     assert flown.states[-1].state == "landed"
     assert flown.touchdown_m_s is None
 
