@@ -91,6 +91,11 @@ class ModelEstimator:
         return self._motion
 
     @property
+    def disturbance(self) -> Vec3:
+        """d̂ at the newest pose [m/s², NED]."""
+        return self._disturbance
+
+    @property
     def effectiveness(self) -> float:
         """λ̂, true thrust over told thrust [-]."""
         return float(self._effectiveness.value)

@@ -62,8 +62,9 @@ WIND_M, WIND_RISES, WIND_FALLS = 0.02, 0.2, 0.03
 """What wind leaves in the position's filter at least, 1σ [m], and how fast more and less of it are learnt from a node."""
 STILL, LIVELY = 0.05, 0.3
 """Shares of the command that a picture that stands, and one that wind moves, show at most and at least [-]."""
-MOVES = 16.0
-"""A position that leaves its way by so much more than its noise, squared, moves [-]."""
+MOVES, ANSWERS = 16.0, 0.5
+"""A position that leaves its way by so much more than its noise, squared, moves [-]; with so much of the command, it
+answers."""
 ARREST_M, ARREST_S, STANDS_M = 0.018, 0.4, 0.01
 """A position that leaves its way by so much more than commands make it [m], 4 m/s², and then for so long [s] stays
 within so much [m] has been stopped dead: no wind does that."""
@@ -161,7 +162,13 @@ class Obedience:
         self._last: Quat | None = None
         self._arrest: Pose | None = None
         self._stopped_s = 0.0
+        self._moved_s = -math.inf
+        self._nodes = 0
         self._turns.clear()
+
+    def stands(self, now_s: float) -> bool:
+        """Whether the position has not moved by itself or answered a command since the newest node but one."""
+        return now_s - self._moved_s > 1.5 * NODE_S and self._nodes > SETTLES
 
     def led(self, now_s: float) -> bool:
         """Whether something else than the commands moves it, as a hand does, at ``now_s`` [s]."""
@@ -273,6 +280,8 @@ class Obedience:
         own, says = noise_m * noise_m, 0.0
         for seen, told in zip(y, c, strict=True):
             square = seen * seen
+            if square > max(MOVES * own, (ANSWERS * told) ** 2):
+                self._moved_s = pose.time_s
             a, b = own + (STILL * told) ** 2, own + (LIVELY * told) ** 2
             if square > max(MOVES * own, b):
                 says -= CAP  # whatever moves it, it is no picture
