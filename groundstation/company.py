@@ -7,9 +7,10 @@ from groundstation.api.place import socket_path
 from groundstation.api.register import Running
 from groundstation.hold_to_run.hold import Hold
 from groundstation.poses.others import Others
-from groundstation.settings import Config
+from groundstation.settings import Config, LinkConfig
 from groundstation.takeoff import Standing
 from groundstation.verdict import Check, Verdict
+from links.bridge_link import BridgeLinkConfig
 from links.mavlink_config import MavlinkLinkConfig
 
 SEEN_S = 0.5
@@ -91,8 +92,7 @@ def body_of(config: Config) -> str:
 
 def entry_of(config: Config, command: str, pid: int) -> Running:
     """What the register tells of a flight with this configuration."""
-    pose, link = config.pose, config.link
-    end = f"{link.address} system {link.target_system}" if isinstance(link, MavlinkLinkConfig) else ""
+    pose = config.pose
     where = getattr(pose, "listen", None) or getattr(pose, "server", None) or ""
     return Running(
         pid=pid,
@@ -101,5 +101,14 @@ def entry_of(config: Config, command: str, pid: int) -> Running:
         socket=str(socket_path(config.status, config.vehicle.name).absolute()),
         body=body_of(config),
         poses=f"{pose.__struct_config__.tag} {where}",
-        link=f"{link.__struct_config__.tag} {end or getattr(link, 'port', None) or getattr(link, 'remote', '')}",
+        link=link_of(config.link),
     )
+
+
+def link_of(link: LinkConfig) -> str:
+    """Where the commands of ``link`` go."""
+    if isinstance(link, MavlinkLinkConfig):
+        where = f"{link.address} system {link.target_system}"
+    else:
+        where = link.remote if isinstance(link, BridgeLinkConfig) else link.port
+    return f"{link.__struct_config__.tag} {where}"

@@ -8,6 +8,7 @@ from collections.abc import Callable
 
 from groundstation.api.place import ApiError
 from groundstation.api.register import BRIDGE, Running, registered
+from groundstation.company import link_of
 from groundstation.config import ConfigError, load
 from groundstation.preflight import key
 from groundstation.settings import Config
@@ -74,7 +75,7 @@ def bridge(args: argparse.Namespace, say: Say) -> bool:
         )
     config = load(args.config, BridgeConfig, args.overrides)
     shared = key(config.key_file, "key_file")
-    one = Running(pid=os.getpid(), command=BRIDGE, vehicle=config.listen, link=config.link.port)
+    one = Running(pid=os.getpid(), command=BRIDGE, vehicle=config.listen, link=link_of(config.link))
     try:
         with registered(one):
             return asyncio.run(_bridge(config, shared, say))
