@@ -64,7 +64,7 @@ def registered(one: Running) -> Iterator[None]:
 def running(services: Path = SERVICES) -> list[Running]:
     """What runs for this user, but for this process; what dead ones have left is removed."""
     found = []
-    for folder in sorted({directory(), *_services(services)}):
+    for folder in sorted({*_folders(), *_services(services)}):
         with suppress(OSError):
             if ours(folder.lstat(), FOLDER):
                 found += [one for path in sorted(folder.glob(f"*{SUFFIX}")) if (one := _read(path)) is not None]
@@ -74,6 +74,14 @@ def running(services: Path = SERVICES) -> list[Running]:
 def strangers(services: Path = SERVICES) -> list[Path]:
     """Folders of services that run for another user."""
     return [folder for folder in _services(services) if folder.stat().st_uid != os.geteuid()]
+
+
+def _folders() -> set[Path]:
+    """Where processes of this user may have registered: not every shell of theirs has a runtime folder."""
+    told, usual = os.environ.get("XDG_RUNTIME_DIR", ""), f"/run/user/{os.getuid()}"
+    if told not in ("", usual):
+        return {directory()}
+    return {directory(), Path(usual) / "groundstation", Path(f"/tmp/groundstation-{os.getuid()}")}  # noqa: S108  # each is checked
 
 
 def _services(services: Path) -> list[Path]:

@@ -8,9 +8,20 @@ from evdev import ecodes
 
 from groundstation.config import ConfigError
 from groundstation.hold_to_run.config import OperatorConfig
-from groundstation.hold_to_run.device import open_device
+from groundstation.hold_to_run.device import DeviceInput, open_device
 from groundstation.hold_to_run.hold import InputLost
 from tests.conftest import NOT_RUN
+
+
+def opened() -> DeviceInput:
+    """The device, once udev has made its file."""
+    end = time.monotonic() + 5.0
+    while True:
+        try:
+            return open_device(OperatorConfig(hold="BTN_TR", device="groundstation test pedal", grab=True))
+        except ConfigError:
+            assert time.monotonic() < end
+            time.sleep(0.05)
 
 
 def test_a_real_device_of_the_kernel_is_held_let_go_and_unplugged() -> None:
@@ -19,14 +30,7 @@ def test_a_real_device_of_the_kernel_is_held_let_go_and_unplugged() -> None:
     except (OSError, evdev.UInputError):
         pytest.skip(NOT_RUN + "uinput, and the right to write to it: no real input device was held")
     try:
-        end = time.monotonic() + 5.0
-        while True:
-            try:
-                held = open_device(OperatorConfig(hold="BTN_TR", device="groundstation test pedal", grab=True))
-                break
-            except ConfigError:  # udev takes its time
-                assert time.monotonic() < end
-                time.sleep(0.05)
+        held = opened()
         assert held.share() == 0.0
         made.write(ecodes.EV_KEY, ecodes.BTN_TR, 1)
         made.syn()

@@ -8,6 +8,7 @@ from pathlib import Path
 
 import pytest
 
+from groundstation.api import register
 from groundstation.api.place import ApiError
 from groundstation.api.register import SUFFIX, Running, registered, running, send
 
@@ -15,7 +16,7 @@ ONE = Running(pid=os.getpid(), command="fly", vehicle="mqx", socket="/x/mqx.sock
 PROGRAM = """
 import os, sys, time
 from groundstation.api.register import Running, registered
-with registered(Running(pid=os.getpid(), command="daemon", vehicle=sys.argv[1])):
+with registered(Running(pid=os.getpid(), command=sys.argv[2], vehicle=sys.argv[1])):
     print("registered", flush=True)
     time.sleep(60)
 """
@@ -28,9 +29,9 @@ def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     return tmp_path / "groundstation"
 
 
-def another(name: str) -> "subprocess.Popen[str]":
+def another(name: str, command: str = "daemon") -> "subprocess.Popen[str]":
     """A process that has registered itself, to be ended by :func:`end`."""
-    process = subprocess.Popen([sys.executable, "-c", PROGRAM, name], stdout=subprocess.PIPE, text=True)
+    process = subprocess.Popen([sys.executable, "-c", PROGRAM, name, command], stdout=subprocess.PIPE, text=True)
     assert process.stdout is not None
     assert process.stdout.readline() == "registered\n"
     return process
@@ -119,3 +120,14 @@ def test_flights_of_a_service_of_this_user_are_found_in_its_folder(
         assert [one.vehicle for one in running(services)] == ["bee"]
     finally:
         end(bee)
+
+
+@pytest.mark.parametrize("told", [None, "/run/user/{uid}"])
+def test_flights_from_shells_with_and_without_a_runtime_folder_are_found_by_each(
+    told: str | None, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    uid = os.getuid()
+    monkeypatch.delenv("XDG_RUNTIME_DIR")
+    if told is not None:
+        monkeypatch.setenv("XDG_RUNTIME_DIR", told.format(uid=uid))
+    assert register._folders() == {Path(f"/run/user/{uid}/groundstation"), Path(f"/tmp/groundstation-{uid}")}
