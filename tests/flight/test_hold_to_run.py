@@ -13,6 +13,7 @@ from groundstation.hold_to_run.watch import LOOK_S, HoldWatch
 from groundstation.mission import State
 from groundstation.requests import Ask, Request
 from groundstation.verdict import Verdict
+from sim.autopilot_base import SimulatedAutopilot
 from sim.mission import Mission, from_floor
 from sim.mission import fly_mission as fly
 from sim.prepare import prepare
@@ -120,3 +121,34 @@ def test_what_is_not_held_or_stuck_is_not_armed(hand: Hand, stuck: bool, why: st
     assert mission.states[-1].state == "aborted"
     assert f"not armed: operator's hold: the pedal {why}" in mission.why
     assert hand.closed
+
+
+@pytest.mark.parametrize("autopilot", ["px4", "ardupilot"])
+@pytest.mark.parametrize(
+    ("after", "why", "within_s"),
+    [
+        ([1000, 1000], "channel 2 of the transmitter is not held", 0.1),
+        ([1000], "channel 2 of the transmitter is lost: the receiver has no such channel", 0.06),
+    ],
+)
+def test_a_channel_of_the_transmitter_is_held_as_the_autopilot_tells_it(
+    autopilot: str, after: list[int], why: str, within_s: float, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(SimulatedAutopilot, "channels", [1000, 1000])
+    world, config = from_floor(*prepare(SCENARIOS["paper"], [*SHORT, "operator.hold=rc:2"]), 2.0)
+    at_s = 0.0
+
+    async def script(flight: Flight, stage: Stage) -> None:
+        nonlocal at_s
+        await asyncio.sleep(2.0)
+        stage.autopilot.channels = [1000, 1900]
+        while flight.state is not State.TRACKING:
+            await asyncio.sleep(0.001)
+        stage.autopilot.channels = after
+        at_s = asyncio.get_running_loop().time()
+
+    mission = fly(world, config, seed=0, autopilot=autopilot, script=script)
+    landing = next(one for one in mission.states if one.state == "landing")
+    assert landing.reason == why
+    assert landing.time_s - at_s <= within_s
+    assert mission.states[-1].state == "landed"
