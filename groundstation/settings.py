@@ -94,6 +94,7 @@ class Config(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=Tr
             raise ValueError(f"separation.others: poses of kind {kind} show no other vehicle: leave it out")
         if self.body in others or len(set(others)) < len(others):
             raise ValueError("separation.others: expected each other vehicle once, and not this one's own object")
+        self.operator.ensure_named()
         if self.operator.channel is not None and not isinstance(self.link, MavlinkLinkConfig):
             raise ValueError("operator.hold: a channel of the transmitter is told by link.kind mavlink alone")
         full, most = self.full_thrust_n, self.vehicle.thrust_max_n

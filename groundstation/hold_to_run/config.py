@@ -25,7 +25,7 @@ class OperatorConfig(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_f
     """Keep what the device sends from everybody else, as for a pedal that types letters. Never for the keyboard in
     use: its Ctrl-C would reach nobody."""
 
-    def __post_init__(self) -> None:
+    def ensure_named(self) -> None:
         """Check what the types cannot.
 
         Raises:
@@ -33,8 +33,8 @@ class OperatorConfig(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_f
         """
         if self.hold and not _INPUT.fullmatch(self.hold) and not _CHANNEL.fullmatch(self.hold):
             raise ValueError(
-                f"hold: expected a key, button or axis as evtest names it, such as BTN_TR, KEY_B or ABS_RZ, or rc:1 to "
-                f"rc:18, got {self.hold!r}"
+                "operator.hold: expected a key, button or axis as evtest names it, such as BTN_TR, KEY_B or ABS_RZ, or "
+                f"rc:1 to rc:18, got {self.hold!r}"
             )
 
     @property
