@@ -13,7 +13,7 @@ from groundstation.preflight import look, refused
 from groundstation.separation import Separation
 from groundstation.settings import Config
 from groundstation.so3 import angle_deg, third_column
-from groundstation.takeoff import Standing
+from groundstation.takeoff import Standing, limit_n, usual_limit_n
 from groundstation.trajectories.port import Reference, Trajectory
 from groundstation.verdict import Check, Verdict
 from links.mavlink import MavlinkLinkConfig
@@ -56,7 +56,7 @@ class Checks:
         self._separation = None if others is None else Separation(config.separation, others)
         self._fence = None if config.fence is None else Fence(config.fence, config.flight.floor_z_m)
         self._trajectory = config.trajectory.build()
-        self._still = [self._flyable(), self._certificate()]
+        self._still = [self._flyable(), self._certificate(), self._take_off()]
 
     def __call__(self, standing: Standing, noise_m: float, link: LinkStatus, now_s: float) -> list[Check]:
         """All checks, as the vehicle stands now; ``noise_m`` is the measured noise of its poses [m]."""
@@ -203,6 +203,18 @@ class Checks:
             "off, `groundstation fly CONFIG`, then pull the module's plug; the motors must stop"
         )
         return Check("failsafe", Verdict.WARN, says)
+
+    def _take_off(self) -> Check:
+        """How far thrust goes on the floor, where nobody knows yet whether the poses are this vehicle's."""
+        config, weight = self._config, self._config.weight_n
+        most, usual = (limit(config) for limit in (limit_n, usual_limit_n))
+        says = f"thrust goes to {most:.3g} N before lift-off, {100.0 * most / weight:.0f} % of the weight"
+        if most <= usual:
+            return Check("take-off thrust", Verdict.PASS, says)
+        more = (
+            f"{says}, by takeoff.thrust_limit: with wrong poses or a wrong mass it jumps higher than by {usual:.3g} N"
+        )
+        return Check("take-off thrust", Verdict.WARN, more)
 
     def _certificate(self) -> Check:
         law = self._config.controller

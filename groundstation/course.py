@@ -14,6 +14,8 @@ from groundstation.trajectories.port import Reference, Trajectory
 
 AT_REST_M_S = 0.02
 """Slower than this a reference need not be stopped first [m/s]."""
+FAST_M_S2 = 2.0
+"""What leaves the floor faster than it is to climb may be slowed down so hard, rather than climb too high [m/s²]."""
 
 
 class Leg(NamedTuple):
@@ -65,7 +67,10 @@ class Course:
         """What is flown from the motion ``now`` on at ``time_s`` [s], as ``event`` leads to ``state``."""
         match state:
             case State.TAKEOFF:
-                return self._over_home(now, time_s, self._climb, halts=False)
+                climb = self._climb
+                if math.hypot(*now.velocity_ned) > climb.speed_m_s:
+                    climb = Limits(climb.speed_m_s, max(climb.acceleration_m_s2, FAST_M_S2))
+                return self._over_home(now, time_s, climb, halts=False)
             case State.TRACKING:
                 return _leg(self.entry(now), self._trajectory, time_s)
             case State.RETURNING:

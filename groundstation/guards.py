@@ -58,7 +58,7 @@ class GuardsConfig(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fie
     thrust_limit_s: Seconds = 1.0
     """How long the thrust may be at its upper limit [s]."""
     rate_limit_s: Seconds = 1.0
-    """How long a body rate may be at its limit [s]."""
+    """How long a body rate may be at its limit without a break, or as large a share of about the last 2 s [s]."""
     battery_share: Annotated[float, msgspec.Meta(ge=0.0, le=1.0)] = 0.2
     """Charge below which it lands, where the vehicle tells [-]."""
     battery_v: Annotated[float, msgspec.Meta(gt=0.0, le=1000.0)] | None = None
@@ -100,6 +100,8 @@ class Tick(Protocol):
 HEAVE_M, HEAVE_OFF_M = (0.05, 0.5), 0.3
 """Swings count between these heights: above, what the landing began with dies away; below, the floor pushes too [m].
 So far from the reference it is on its way back, and thrust does what it must [m]."""
+RATE_FADES_S = 2.0
+"""Time that a rate was at its limit is forgotten so fast [s]: a limit cycle has breaks."""
 FRAMES = 100
 """Over so many frames are late ones counted."""
 
@@ -131,6 +133,7 @@ class Guards:
         self._frames = 0
         self._left_s: float | None = None
         self._sway, self._heave, self._floor = Sway(), Heave(), floor_z_m
+        self._fast = Sway(RATE_FADES_S)
 
     def see(self, tick: Tick, state: State, diverged_m: float) -> Finding | None:
         """The gravest of what one command shows; ``diverged_m`` is how far the newest pose was from the model's."""
@@ -229,8 +232,9 @@ class Guards:
         c = self._config
         rates = tick.command.rates_rad_s
         at_limit = any(abs(rate) >= 0.999 * limit for rate, limit in zip(rates, self._rates, strict=True))
-        if self._since.lasts("rate", at_limit, tick.time_s, c.rate_limit_s):
-            return Finding(Step.LAND, f"a body rate at its limit for {c.rate_limit_s:g} s")
+        most_s = -RATE_FADES_S * math.expm1(-c.rate_limit_s / RATE_FADES_S)  # what is left of one without a break
+        if self._fast.see(tick.time_s, at_limit) >= most_s - 1e-9 and at_limit:
+            return Finding(Step.LAND, f"a body rate at its limit for {c.rate_limit_s:g} s, or again and again")
         return None
 
     def _weak(self, tick: Tick) -> Finding | None:

@@ -155,9 +155,12 @@ class Pilot:
         """The vehicle stands on the floor: its push is not to be learnt."""
         self._estimator.frozen = True
 
-    def lift(self, time_s: float) -> Reference:
-        """The vehicle has just left the floor; returns the motion in which it will be when a command acts."""
-        disturbance = self._estimator.lifted()
+    def lift(self, time_s: float, hover_share: float, climb_m_s: float) -> Reference:
+        """The vehicle has just left the floor; returns the motion in which it will be when a command acts.
+
+        ``hover_share`` is the thrust that seems to hover as a share of the weight, ``climb_m_s`` how fast it climbs.
+        """
+        disturbance = self._estimator.lifted(climb_m_s, hover_share)
         if isinstance(self._controller, Adaptive):
             self._controller.begin(disturbance)
         self._released = True
@@ -267,7 +270,7 @@ class Pilot:
         assert motion is not None, "nothing flies without a pose"
         self._obedience.restart()
         self._trusted.clear()
-        self._trusted.append(Trusted(self._newest_s, motion, disturbance, 1.0))
+        self._trusted.append(Trusted(self._newest_s, motion, disturbance, self._estimator.effectiveness))
 
     def _obeys(self, pose: Pose, before: Motion) -> None:
         """Hold one more pose against the commands; learn nothing while it is suspect."""

@@ -14,7 +14,7 @@ from groundstation.poses.others import Others
 from groundstation.poses.port import Pose
 from groundstation.separation import Separation
 from groundstation.settings import Config
-from groundstation.takeoff import Spool, Standing
+from groundstation.takeoff import Spool, SpoolUp, Standing, limit_n
 from groundstation.trajectories.port import Reference
 from links.port import Command, LinkStatus
 
@@ -49,10 +49,9 @@ class Progress:
         self._mission = Mission()
         self._course = Course(config)
         self._standing = Standing()
-        self._spool: Spool | None = None
-        self._lifted = False
+        self._spooling: SpoolUp | None = None
         guards = config.guards
-        fence = None if config.fence is None else Fence(config.fence, config.flight.floor_z_m)
+        self._fence = fence = None if config.fence is None else Fence(config.fence, config.flight.floor_z_m)
         self._guards: Guards | None = None
         if config.flight.start == "floor":  # what is held in the air has an error to begin with, and nobody beneath it
             separation = None if others is None else Separation(config.separation, others)
@@ -110,7 +109,7 @@ class Progress:
         self._on_state(state, reason)
         if state in FINAL or state not in IN_AIR:
             return
-        if self._spool is not None and not self._lifted:  # still on the floor: there is nothing to fly
+        if self._spooling is not None and self._spooling.flies is None:  # still on the floor: there is nothing to fly
             self.go(Event.TOUCHDOWN, "still on the floor", now_s)
         elif state is State.DESCENT:
             rest = 0.0 if self._guards is None else self._config.guards.level_s
@@ -127,24 +126,24 @@ class Progress:
 
     def command(self, now_s: float) -> tuple[Command, Tick | None]:
         """The command of this frame, and the tick behind it; on the floor there is none."""
-        spool = self._spool
-        if spool is not None and self._lifted:
-            self._spool = spool = None
+        spooling, pose = self._spooling, self._pilot.newest_pose
+        if spooling is not None and spooling.flies is not None:
             self._say("off the floor: climbing")
             self._follow(self._course.leg(Event.ARMED, State.TAKEOFF, *self._motion(now_s)))
-        if spool is None:
+            spooling = None
+        if spooling is None:
             if self._accused(now_s):
                 return self._pilot.surrender(now_s, LAST_PERIODS * self._period_s()), None
             self._ensure_pose(now_s)
             tick = self._pilot.tick(now_s)
             return tick.command, tick
-        if spool.exhausted(now_s):
-            why = (
-                f"no lift-off at {spool.most_n:.3g} N, the most that vehicle.hover_range and thrust_max_n allow: "
-                "check mass, battery and propellers, and that nothing holds the vehicle"
-            )
+        assert pose is not None, "it stood, by its poses"
+        coast_s = self._config.flight.coast_s - LAST_CHANCE_S - 1e-3
+        why = spooling.fault(now_s, pose, coast_s, self._fence)
+        if why:
             self.go(Event.LAND, why, now_s, fault=True)
-        return self._pilot.idle(now_s, spool.thrust_n(now_s)), None
+            return self._pilot.idle(now_s, 0.0), None
+        return self._pilot.idle(now_s, spooling.thrust_n(now_s)), None
 
     def left(self, now_s: float) -> None:
         """A command has left; where it was the last that poses have led to, commands end with it."""
@@ -185,7 +184,7 @@ class Progress:
         if status.taken and self.allows(Event.TAKEN_OVER):
             why = f"the autopilot is in {status.taken}, and not by us: nothing leaves from here any more"
             self.go(Event.TAKEN_OVER, why, now_s, fault=True)
-        elif self._guards is not None and self.tick is not None and self.state in IN_AIR:
+        elif self._guards is not None and self.state in IN_AIR:
             self._answer(self._guards.link(status, now_s), now_s)
 
     def _ensure_pose(self, now_s: float) -> None:
@@ -217,24 +216,29 @@ class Progress:
 
     def pose(self, pose: Pose) -> None:
         """One pose has come."""
-        if self._spool is not None:
-            self._lifted = self._lifted or self._standing.lifts(pose)
+        if self._spooling is not None:
+            self._spooling.pose(pose)
         elif self.tick is None:
             self._standing.stands(pose)
 
     def _spool_up(self, now_s: float) -> None:
         """The motors turn: thrust rises from now on until the floor is left."""
-        config = self._config
+        config, vehicle = self._config, self._config.vehicle
         weight, takeoff = config.weight_n, config.takeoff
-        most = min(config.vehicle.hover_range[1] * weight, config.vehicle.thrust_max_n)
-        self._course.stood(self._standing.place_ned)
-        self._spool = Spool(weight, most, takeoff.spool_s, config.flight.idle_thrust * weight, now_s)
+        most, idle = limit_n(config), config.flight.idle_thrust * weight
+        spool = Spool(weight, most, takeoff.spool_s, idle, now_s, vehicle.thrust_lag_s)
+        gravity, noise_m = config.controller.gravity, self._pilot.noise_m
+        self._spooling = spooling = SpoolUp(self._standing, spool, vehicle, weight, gravity, noise_m)
+        self._course.stood(spooling.place_ned)
 
     def _motion(self, now_s: float) -> tuple[Reference, float]:
         """The motion that the next leg begins with, and the instant [s] that it is for."""
-        if self.tick is None:  # it has just left the floor
-            self._spool = None
-            return self._pilot.lift(now_s), now_s + self._config.vehicle.command_delay_s
+        spooling, self._spooling = self._spooling, None
+        climb = None if spooling is None else spooling.flies
+        if climb is not None:  # it has just left the floor
+            motion = self._pilot.lift(now_s, climb.hover_share, climb.climb_m_s)
+            return motion, now_s + self._config.vehicle.command_delay_s
+        assert self.tick is not None, "it flies"
         return self.tick.reference, self.tick.estimate.time_s
 
     def _follow(self, leg: Leg) -> None:

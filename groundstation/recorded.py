@@ -63,10 +63,10 @@ class RecordedPilot(Pilot):
         self._switched("stand")
         super().stand()
 
-    def lift(self, time_s: float) -> Reference:
+    def lift(self, time_s: float, hover_share: float, climb_m_s: float) -> Reference:
         """Leave the floor."""
-        self._switched("lift", time_s)
-        return super().lift(time_s)
+        self._switched("lift", time_s, hover_share, climb_m_s)
+        return super().lift(time_s, hover_share, climb_m_s)
 
     def descend(self, sink_m_s: float, *, blind: bool = False, rest_s: float = 0.0) -> None:
         """Level out and sink."""

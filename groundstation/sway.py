@@ -11,8 +11,9 @@ LONGEST_S = 0.1
 class Sway:
     """One flight's lean. Times are on the event loop's clock [s]."""
 
-    def __init__(self) -> None:
-        """Nothing seen."""
+    def __init__(self, fades_s: float = FADES_S) -> None:
+        """Nothing seen; it is forgotten within ``fades_s`` [s]."""
+        self._fades_s = fades_s
         self._at_s = -math.inf
         self._far_s = 0.0
 
@@ -22,7 +23,7 @@ class Sway:
         Returns for how long of about the last second it did [s].
         """
         elapsed, self._at_s = now_s - self._at_s, now_s
-        self._far_s *= math.exp(-elapsed / FADES_S)
+        self._far_s *= math.exp(-elapsed / self._fades_s)
         if far:
             self._far_s += min(elapsed, LONGEST_S)
         return self._far_s

@@ -1,28 +1,50 @@
-"""From the floor into the air: thrust rises until the floor is left, whatever the thrust really lifts. Sans-IO.
+"""From the floor into the air: thrust rises for a moment, and stays on only where the poses answer to it. Sans-IO.
 
 No law flies on the floor, where position does not answer to thrust and adaptation would learn the floor's push as
-wind. Thrust rises quickly to a share of the weight that lifts nothing, then slowly, so that the vehicle leaves the
-floor with hardly more lift than weight: what it then has is the thrust that hovers.
+wind. Whether the poses are this vehicle's, and whether its mass is right, is not known before it moves: so thrust is
+raised quickly and not far, and what is not seen to move gets no time to gather energy. liftoff.py has what is believed
+of the poses meanwhile.
 """
 
+import math
 from collections import deque
-from typing import Annotated
+from typing import Annotated, Protocol
 
 import msgspec
 
+from groundstation.fence import Fence
+from groundstation.liftoff import LiftOff
 from groundstation.ops import Vec3
 from groundstation.poses.port import Pose
+from groundstation.so3 import angle_deg, third_column
+from groundstation.vehicle import Vehicle
 
 SURE_SHARE = 0.6
-"""Share of the weight that thrust reaches within ``spool_s`` [-]."""
-SLOW_PER_S = 0.25
-"""How fast it rises from there, as a share of the weight [1/s]: at lift-off 2.5 m/s² more each second."""
-LIFTED_M = 0.015
-"""Lifted is so far above where it stood [m], ..."""
-LIFTED_POSES = 2
-"""... in so many poses one after the other: one alone may be noise."""
+"""Share of the weight that thrust reaches within ``spool_s``, and that lifts nothing [-]."""
+NEAR_SHARE = 0.9
+"""From this share of the weight on it may lift [-]: from here time is counted."""
+NEAR_S = 0.1
+"""How long thrust rises from the first share to the second [s]."""
+RISE_S, SHORTEST_S = 0.15, 0.05
+"""How long the rotors take from there to the limit [s]: what is told is earlier by their lag, but no faster than the
+second."""
+WATCHED_S = 0.3
+"""So long after the second share something must have moved [s]."""
+TOLD_SHARE, MEASURED_SHARE = 1.3, 1.1
+"""Largest thrust, as a share of the weight as told, and of the thrust that was measured to hover [-]."""
+LEAST_SHARE = 0.75
+"""Where it moves and the rotors still give more than wanted, no less than this share of that is told [-]."""
 REST_POSES = 50
 """Where it stands is the mean of so many poses."""
+WANDER_S, WANDERS = 0.5, 12
+"""How far the place of a vehicle that stands wanders is measured over such spans [s], and over so many of them."""
+TIPPED_DEG = 10.0
+"""On the floor it leans no farther from how it stood [deg]."""
+SLIPPED_M = 0.05
+"""And is not farther aside from where it stood [m], beside what its place wanders, ..."""
+WIND_M_S2, LIGHT_S = 5.0, 0.2
+"""... and what such a wind makes of it as thrust takes its weight from the floor [m/s²]: from so long before the first
+share on [s]."""
 
 
 class TakeoffConfig(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
@@ -32,6 +54,9 @@ class TakeoffConfig(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fi
     """Height above the floor at which it holds before and after the trajectory [m]."""
     spool_s: Annotated[float, msgspec.Meta(ge=0.2, le=10.0)] = 1.0
     """Time in which the rotors are brought up to 60 % of the weight [s]."""
+    thrust_limit: Annotated[float, msgspec.Meta(ge=1.0, le=2.0)] | None = None
+    """Largest thrust before it has left the floor, as a share of its weight [-]. Without it: 1.3, or 1.1 of
+    vehicle.hover_n where that was measured; a larger one lets a vehicle that is not seen jump higher."""
     climb_m_s: Annotated[float, msgspec.Meta(gt=0.0, le=5.0)] = 0.5
     """Fastest speed of the climb [m/s]."""
     hold_s: Annotated[float, msgspec.Meta(ge=1.0, le=600.0)] = 3.0
@@ -42,45 +67,86 @@ class TakeoffConfig(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fi
     """Largest acceleration of these ways, of the climb and of stopping [m/s²]."""
 
 
-class Spool:
-    """Thrust on the floor as a function of time, and whether the floor has been left."""
+class Told(Protocol):
+    """What the limit of the thrust rests on; see :class:`groundstation.settings.Config`."""
 
-    def __init__(self, weight_n: float, most_n: float, spool_s: float, idle_n: float, start_s: float) -> None:
-        """Begin at ``start_s`` [s] with ``idle_n`` [N]; thrust is never told to be above ``most_n`` [N]."""
-        self._weight = weight_n
+    @property
+    def takeoff(self) -> TakeoffConfig:
+        """How it takes off."""
+        ...
+
+    @property
+    def vehicle(self) -> Vehicle:
+        """The vehicle as told."""
+        ...
+
+    @property
+    def weight_n(self) -> float:
+        """Its weight as told [N]."""
+        ...
+
+
+def usual_limit_n(told: Told) -> float:
+    """The largest thrust [N] before the floor is left, where ``takeoff.thrust_limit`` does not say more."""
+    vehicle = told.vehicle
+    most = TOLD_SHARE * told.weight_n if vehicle.hover_n is None else MEASURED_SHARE * vehicle.hover_n
+    return min(most, vehicle.thrust_max_n)
+
+
+def limit_n(told: Told) -> float:
+    """The largest thrust [N] before the floor is left."""
+    share = told.takeoff.thrust_limit
+    return usual_limit_n(told) if share is None else min(share * told.weight_n, told.vehicle.thrust_max_n)
+
+
+class Spool:
+    """Thrust on the floor as a function of time. Times are on the event loop's clock [s]."""
+
+    def __init__(
+        self, weight_n: float, most_n: float, spool_s: float, idle_n: float, start_s: float, lag_s: float
+    ) -> None:
+        """Begin at ``start_s`` [s] with ``idle_n`` [N]; thrust is never told to be above ``most_n`` [N].
+
+        ``lag_s`` is how far thrust lags behind what is told [s].
+        """
         self.most_n = most_n
-        self._spool = spool_s
-        self._idle = idle_n
+        self._rise = max(RISE_S - lag_s, SHORTEST_S)
+        self._idle = min(idle_n, most_n)
+        self._sure = min(max(SURE_SHARE * weight_n, idle_n), most_n)
+        self._near = min(max(NEAR_SHARE * weight_n, self._sure), most_n)
         self._start = start_s
+        self.sure_s = start_s + spool_s
+        """Until then thrust lifts nothing."""
+        self.near_s = self.sure_s + NEAR_S
+        """From then on it may."""
 
     def thrust_n(self, time_s: float) -> float:
         """Thrust to command at ``time_s`` [N]."""
-        since = max(time_s - self._start, 0.0)
-        sure = max(SURE_SHARE * self._weight, self._idle)
-        if since < self._spool:
-            x = since / self._spool
-            return self._idle + (sure - self._idle) * x * x * (3.0 - 2.0 * x)
-        return min(sure + SLOW_PER_S * self._weight * (since - self._spool), self.most_n)
-
-    def exhausted(self, time_s: float) -> bool:
-        """Whether thrust has been at its limit for a second, in which it would have lifted."""
-        return self.thrust_n(time_s - 1.0) >= self.most_n
+        if time_s < self.sure_s:
+            x = max(time_s - self._start, 0.0) / (self.sure_s - self._start)
+            return self._idle + (self._sure - self._idle) * x * x * (3.0 - 2.0 * x)
+        if time_s < self.near_s:
+            return self._sure + (self._near - self._sure) * (time_s - self.sure_s) / NEAR_S
+        return min(self._near + (self.most_n - self._near) * (time_s - self.near_s) / self._rise, self.most_n)
 
 
 class Standing:
-    """Poses of a vehicle that stands, and whether it still does."""
+    """Poses of a vehicle that stands, and how far they wander."""
 
     def __init__(self) -> None:
         """Nothing seen."""
         self.poses: deque[Pose] = deque(maxlen=REST_POSES)
         """The newest of them."""
-        self._above = 0
+        self._spans: deque[Pose] = deque(maxlen=WANDERS + 1)
 
     def stands(self, pose: Pose) -> None:
         """Take a pose of a vehicle whose motors don't lift."""
         if self.poses and self.poses[-1].reset_count != pose.reset_count:
             self.poses.clear()  # the source has moved its origin
+            self._spans.clear()
         self.poses.append(pose)
+        if not self._spans or pose.time_s - self._spans[-1].time_s >= WANDER_S:
+            self._spans.append(pose)
 
     @property
     def place_ned(self) -> Vec3:
@@ -89,8 +155,114 @@ class Standing:
         north, east, down = (sum(pose.position_ned[axis] for pose in self.poses) / n for axis in range(3))
         return north, east, down
 
-    def lifts(self, pose: Pose) -> bool:
-        """Whether it has left the floor, by one more pose while thrust rises."""
-        up = self.place_ned[2] - pose.position_ned[2]
-        self._above = self._above + 1 if up > LIFTED_M else 0
-        return self._above >= LIFTED_POSES
+    @property
+    def wander_m2_s(self) -> tuple[float, float]:
+        """How the place wanders sideways (the worse axis) and in height, as the variance of a random walk [m²/s]."""
+        spans = list(self._spans)
+        if len(spans) < 2:
+            return 0.0, 0.0
+        north, east, down = (
+            sum((b.position_ned[axis] - a.position_ned[axis]) ** 2 for a, b in zip(spans, spans[1:], strict=False))
+            / (spans[-1].time_s - spans[0].time_s)
+            for axis in range(3)
+        )
+        return max(north, east), down
+
+    def disturbed(self, pose: Pose, place_ned: Vec3, light_s: float) -> str:
+        """What ``pose`` shows that no vehicle on its floor does; it stood at ``place_ned`` [m]. Empty for nothing.
+
+        ``light_s`` is for how long thrust has taken so much of its weight that wind may move it [s].
+        """
+        stood = self.poses[-1]
+        if pose.reset_count != stood.reset_count:
+            return ""  # not comparable
+        (x, y, z), (u, v, w) = third_column(stood.attitude), third_column(pose.attitude)
+        tilt = angle_deg(x * u + y * v + z * w)
+        if not tilt <= TIPPED_DEG:
+            return f"it tips: {tilt:.0f}° from how it stood, limit {TIPPED_DEG:g}°"
+        aside = math.dist(pose.position_ned[:2], place_ned[:2])
+        limit = SLIPPED_M + 4.0 * math.sqrt(self.wander_m2_s[0]) + 0.5 * WIND_M_S2 * light_s * light_s
+        if not aside <= limit:
+            return f"it moves sideways on the floor: {aside:.2f} m, limit {limit:.2f} m"
+        return ""
+
+
+class SpoolUp:
+    """One vehicle's spool-up, from arming until it flies or its motors go off again."""
+
+    def __init__(
+        self, standing: Standing, spool: Spool, vehicle: Vehicle, weight_n: float, gravity: float, noise_m: float
+    ) -> None:
+        """Begin with a vehicle that stands; ``noise_m`` is the white noise of its poses [m]."""
+        self._standing = standing
+        self._spool = spool
+        self._vehicle = vehicle
+        self._weight = weight_n
+        self._gravity = gravity
+        self._noise = noise_m
+        self.place_ned = standing.place_ned
+        """Where it stood [m]."""
+        self._lift: LiftOff | None = None
+        self._moved_s: float | None = None
+        self._told: list[tuple[float, float]] = []
+        """What was told before any pose could show that it lifts: from when on [s], thrust [N]."""
+
+    @property
+    def flies(self) -> LiftOff | None:
+        """What is known of its climb, once it has left the floor."""
+        return self._lift if self._lift is not None and self._lift.flies else None
+
+    def pose(self, pose: Pose) -> None:
+        """Take one more pose."""
+        if self._lift is not None:
+            self._lift.pose(pose)
+        elif pose.time_s < self._spool.sure_s:
+            self._standing.stands(pose)
+        else:
+            standing, vehicle = self._standing, self._vehicle
+            down, wander = standing.place_ned[2], standing.wander_m2_s[1]
+            stood = standing.poses[-1]
+            lag = vehicle.thrust_lag_s
+            self._lift = LiftOff(stood, down, self._weight, lag, self._gravity, wander, self._noise)
+            for acting_s, thrust_n in self._told:
+                self._lift.sent(acting_s, thrust_n)
+            self._lift.pose(pose)
+
+    def thrust_n(self, now_s: float) -> float:
+        """Thrust to command now [N]."""
+        lift, spool = self._lift, self._spool
+        thrust = spool.thrust_n(now_s)
+        if lift is not None and lift.moves:
+            self._moved_s = now_s if self._moved_s is None else self._moved_s
+            wanted = lift.climbing_share * self._weight
+            thrust = min(max(2.0 * wanted - lift.thrust_n, LEAST_SHARE * wanted), spool.most_n)
+        acting_s = now_s + self._vehicle.command_delay_s
+        if lift is None:
+            self._told.append((acting_s, thrust))
+        else:
+            lift.sent(acting_s, thrust)
+        return thrust
+
+    def fault(self, now_s: float, pose: Pose, coast_s: float, fence: Fence | None) -> str:
+        """Why the motors must go off, by the newest pose; empty where they need not."""
+        spool, lift = self._spool, self._lift
+        if now_s - pose.time_s > coast_s:
+            return f"no pose for {1e3 * (now_s - pose.time_s):.0f} ms while the motors spool up"
+        if fence is not None and fence.room_m(pose.position_ned) < 0.0:
+            return f"{-fence.room_m(pose.position_ned):.2f} m outside the fence while the motors spool up"
+        why = self._standing.disturbed(pose, self.place_ned, max(now_s - spool.sure_s + LIGHT_S, 0.0))
+        if why:
+            return f"{why}: look at what holds or pushes it, and at its poses"
+        if lift is not None and lift.jumps:
+            return "its height jumps as no thrust makes it: look at its poses, and at what lifts it"
+        moves = lift is not None and lift.moves
+        if not moves and now_s >= spool.near_s + WATCHED_S:
+            return (
+                "no lift-off: is this the right body, is the mass right? Thrust went to "
+                f"{spool.most_n:.3g} N, {100.0 * spool.most_n / self._weight:.0f} % of the told weight, and the poses "
+                "did not move: check the object's name, vehicle.mass_kg, battery and propellers, and that nothing "
+                "holds the vehicle; one that needs more thrust needs a larger takeoff.thrust_limit"
+            )
+        if lift is not None and self._moved_s is not None and now_s - self._moved_s > lift.patience_s:
+            return "no lift-off: it began to move and did not leave the floor: check that nothing holds the vehicle"
+        return ""

@@ -52,6 +52,9 @@ class Vehicle(FromFile, msgspec.Struct, frozen=True, kw_only=True, forbid_unknow
     one body under two names."""
     hover_range: tuple[Positive, Positive] = (0.7, 1.45)
     """Least and largest thrust at which it may hover, as a share of its weight [-]; outside, it lands again."""
+    hover_n: Positive | None = None
+    """Thrust that hovers, where it was measured (`groundstation identify` does) [N]: take-off then goes
+    to 1.1 of it and no further, in the place of 1.3 of the weight."""
 
     def __post_init__(self) -> None:
         """Only the reader of configurations follows ``preset`` and ``file``.
@@ -92,5 +95,7 @@ class Vehicle(FromFile, msgspec.Struct, frozen=True, kw_only=True, forbid_unknow
         return {**told, **table}
 
 
-_OPTIONAL = ("preset", "file", "command_delay_s", "thrust_curve", "hover_thrust", "hover_range", "size_m")
+_OPTIONAL = (
+    "preset", "file", "command_delay_s", "thrust_curve", "hover_thrust", "hover_range", "size_m", "hover_n",
+)  # fmt: skip
 """What a vehicle file may leave out."""

@@ -24,6 +24,8 @@ class Truth(msgspec.Struct, frozen=True, gc=False):
     """Thrust the rotors give now [N]."""
     on_ground: bool
     """True while it rests on the floor (not while it is held in the air)."""
+    resets: int = 0
+    """How often the estimator that measured it has moved its origin or heading."""
 
 
 class Airframe(Protocol):

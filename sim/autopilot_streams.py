@@ -76,7 +76,7 @@ def builders(
         seen = airframe.measured(now_s)
         return d.MAVLink_odometry_message(
             int(boot_s * 1e6), LOCAL_NED, LOCAL_NED, *seen.position_ned, seen.attitude, *seen.velocity_ned,
-            *seen.rates_rad_s, _UNKNOWN, _UNKNOWN, 0, ESTIMATOR_AUTOPILOT, 0,
+            *seen.rates_rad_s, _UNKNOWN, _UNKNOWN, seen.resets, ESTIMATOR_AUTOPILOT, 0,
         )  # fmt: skip
 
     def local_position(now_s: float, boot_s: float) -> Message:

@@ -76,11 +76,11 @@ class _Truth:
 
 
 def from_floor(world: World, config: Config, figure_s: float | None) -> tuple[World, Config]:
-    """The same vehicle standing on the floor below where it would be let go, and told to fly ``figure_s`` [s]."""
+    """The same vehicle on the floor below where it would be let go, and told to fly ``figure_s`` [s]."""
     north, east, _ = world.start_ned
     flight = msgspec.structs.replace(config.flight, start="floor", idle_thrust=0.0, duration_s=figure_s)
     return (
-        msgspec.structs.replace(world, start_ned=(north, east, world.floor_z_m), start_thrust=0.0),
+        msgspec.structs.replace(world, start_ned=(north, east, world.floor_z_m), start_thrust=0.0, ground_effect=True),
         msgspec.structs.replace(config, flight=flight),
     )
 

@@ -13,7 +13,7 @@ from sim.airframe import Truth
 from sim.draws import rows, stream
 from sim.quadrotor import Quadrotor
 from sim.trackers import Seen, Tracker
-from sim.vehicle import with_noise
+from sim.vehicle import Wander, with_noise
 from sim.world import World
 
 CIRCLE_M, APART_M, CIRCLE_RAD_S = 2.5, 0.5, 0.4
@@ -30,6 +30,7 @@ class Mocap:
         self._phase = stream(seed, "phase").random()
         self._noise = rows(stream(seed, "noise").standard_normal, 6)
         self._luck = rows(stream(seed, "pose loss").random, 1)
+        self._wander = Wander(world, rows(stream(seed, "cameras' wander").standard_normal, 3))
         self._name = name
         self._tracker = tracker
         self._covered = False
@@ -62,6 +63,7 @@ class Mocap:
                 await sleep_until(when)
                 # The instant of the exposure is the scheduled one: a late wake-up must not move the truth.
                 truth = with_noise(self._plant.truth(when), world, next(self._noise))
+                truth = self._wander.seen(truth, self._plant.released_s)
                 if not self._lost(when, next(self._luck)[0]):
                     bodies = self._seen(truth, when)
                     if world.pose_latency_s > 0.0:

@@ -15,6 +15,13 @@ from sim.world import World
 
 HOP_M = 0.005
 """Whoever was not higher than this above the floor has not left it [m]."""
+STANDS_RADII = 0.85
+"""How high above the floor the rotors of a vehicle are that stands on it, in their radii."""
+LEVELS_S = 0.02
+"""Time constant with which the floor levels what comes down tilted [s]."""
+NOTICES_S, FORGETS_S = 0.15, 2.0
+"""Time constants with which an autopilot's own estimate finds out that the floor holds it, and did [s]: of speed, and
+of height. By a take-off of ArduCopter's SITL, whose estimate stayed at 0.4 m/s for 0.4 s and then rose to 1.7."""
 _INSTANT_S = 1e-9
 """Shorter spans are rounding [s]."""
 
@@ -54,6 +61,11 @@ class Quadrotor:
         """A hand that holds it: time [s] and thrust [N] → where it is, whatever its motors do."""
         self.partner: Quadrotor | None = None
         """Another one that is told the same."""
+        self._held_s: float | None = None
+        """Since when the floor has held a vehicle that gathers speed upwards [s of flight]."""
+        self.felt = (0.0, 0.0)
+        """What the autopilot's own estimate has of a vehicle that the floor holds: how much higher it seems [m], and
+        its speed upwards [m/s]. Only with a late floor."""
         x, y, z = world.rate_limits_deg_s
         self._limits: Vec3 = (math.radians(x), math.radians(y), math.radians(z))
         self._highest_m = 0.0
@@ -118,7 +130,7 @@ class Quadrotor:
         if self.released_s is not None and rest > _INSTANT_S:
             # Only a look into the step under way: the questions asked must not change the flight.
             body, down = self._after(self._time - self.released_s, rest)
-            body = self._on_floor(body) if down else body
+            body = self._on_floor(body, rest) if down else body
         p, v, q, thrust, rates = body
         return Truth(time_s, p, v, q, rates, thrust, down)
 
@@ -158,15 +170,22 @@ class Quadrotor:
             self._on_step(time_s, self._body.position)
 
     def _after(self, flight_time: float, h: float) -> tuple[Body, bool]:
-        """The body ``h`` [s] after ``flight_time`` [s], and whether it fell onto the floor meanwhile."""
+        """The body ``h`` [s] after ``flight_time`` [s], and whether it is on the floor then."""
+        world, body = self._world, self._body
         wind = self._wind.at(flight_time + 0.5 * h)
         if self.pull is not None:
-            x, y, z = self.pull(self._body)
+            x, y, z = self.pull(body)
             wind = wind[0] + x, wind[1] + y, wind[2] + z
-        body = moved(FLOATS, self._body, self._thrust_command, self._rate_command, wind, h, self._physics)
+        if world.ground_effect:
+            push = (_ground_effect(world, body.position[2]) - 1.0) * body.thrust / world.mass_kg
+            (x, y, z), (u, v, w) = so3.third_column(body.attitude), wind
+            wind = u - push * x, v - push * y, w - push * z
+        body = moved(FLOATS, body, self._thrust_command, self._rate_command, wind, h, self._physics)
         if self.lead is not None and self.released_s is not None:
             body = self.lead(self.released_s + flight_time + h, body.thrust)
-        return body, body.position[2] >= self._world.floor_z_m
+        held = world.floor_hold_s > 0.0 and self._on_ground
+        held = held and (self._held_s is None or flight_time - self._held_s < world.floor_hold_s)
+        return body, held or body.position[2] >= world.floor_z_m
 
     def _step(self, flight_time: float, h: float) -> None:
         body, self._on_ground = self._after(flight_time, h)
@@ -176,16 +195,42 @@ class Quadrotor:
             self.touchdown_m_s = body.velocity[2] if self.touchdown_m_s is None else self.touchdown_m_s
             self.hardest_m_s = max(self.hardest_m_s or 0.0, body.velocity[2])
             self._highest_m = 0.0
-        self._body = self._on_floor(body) if self._on_ground else body
+        before, self._body = self._body, self._on_floor(body, h) if self._on_ground else body
+        rises = self._on_ground and self._body.velocity[2] < 0.0
+        self._held_s = (flight_time if self._held_s is None else self._held_s) if rises else None
+        if self._world.floor_hold_s > 0.0:
+            self._feel(before.velocity[2] - self._body.velocity[2], h)
 
-    def _on_floor(self, body: Body) -> Body:
-        """Rest on the floor, upright, while there is no more lift than weight."""
-        x, y, _ = body.position
-        yaw = so3.euler_zyx(body.attitude)[2]
+    def _feel(self, gained_m_s: float, h: float) -> None:
+        """Let the autopilot's own estimate go on by ``h`` [s], in which it was accelerated upwards by so much [m/s]."""
+        higher, up = self.felt
+        moves = 0.0 if self._on_ground else -self._body.velocity[2]
+        up += gained_m_s + (moves - up) * h / NOTICES_S
+        self.felt = higher * math.exp(-h / FORGETS_S) + (up - moves) * h, up
+
+    def _on_floor(self, body: Body, h: float) -> Body:
+        """On the floor after ``h`` [s]: it does not sink, slides against friction, levels out, and does not turn."""
+        (x, y, _), (u, v, w) = body.position, body.velocity
+        speed, stops = math.hypot(u, v), self._world.floor_friction * max(w, 0.0)  # w is what the floor takes of it
+        slides = 1.0 - stops / speed if stops < speed else 0.0
+        if not slides:
+            x, y, _ = self._body.position
+        roll, pitch, yaw = so3.euler_zyx(body.attitude)
+        keep = math.exp(-h / LEVELS_S)
         return Body(
             (x, y, self._world.floor_z_m),
-            (0.0, 0.0, min(body.velocity[2], 0.0)),
-            so3.from_euler_zyx(0.0, 0.0, yaw),
+            (slides * u, slides * v, min(w, 0.0)),
+            so3.from_euler_zyx(keep * roll, keep * pitch, yaw),
             body.thrust,
             (0.0, 0.0, 0.0),
         )
+
+
+def _ground_effect(world: World, down_m: float) -> float:
+    """Thrust near the floor over thrust far from it: 1 / (1 - (R / 4 z)²), z the height of the rotors.
+
+    Source: Cheeseman and Bennett, The effect of the ground on a helicopter rotor in forward flight, ARC R&M 3021, 1955.
+    """
+    radius = world.rotor_radius_m
+    share = radius / (4.0 * (max(world.floor_z_m - down_m, 0.0) + STANDS_RADII * radius))
+    return 1.0 / (1.0 - share * share)

@@ -44,12 +44,15 @@ _ADVERSE = msgspec.structs.replace(
     outage_s=0.15,
     frame_loss=0.02,
 )
+_WEAK = ("takeoff.thrust_limit=1.7",)
+"""In this wind its battery hovers it only at 1.24 (`adverse`) to 1.34 (`storm`) of the told weight."""
 _QUAD1KG = msgspec.structs.replace(
     MQX,
     mass_kg=1.0,
     thrust_max_n=20.0,
     thrust_lag_s=0.030,
     rate_lag_s=0.020,
+    rotor_radius_m=0.12,
     drag_per_s=1.0,
     pose_rate_hz=100.0,
     pose_latency_s=0.010,
@@ -148,6 +151,7 @@ SCENARIOS: dict[str, Scenario] = {
             name="adverse",
             summary="wrong thrust and lags, wind, gusts, turbulence, drag, lost poses and frames, sagging battery",
             world=_ADVERSE,
+            told_more=_WEAK,
         ),
         Scenario(
             name="storm",
@@ -156,6 +160,7 @@ SCENARIOS: dict[str, Scenario] = {
                 _ADVERSE, wind_mean=(2.0, -1.6, 1.0), wind_gust=(1.0, 1.0, 0.4), pose_latency_s=0.040
             ),
             told_latency_s=0.040,
+            told_more=_WEAK,
         ),
         Scenario(
             name="gust_front",

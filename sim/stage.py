@@ -62,7 +62,8 @@ class Stage:
         self.world = world
         self.wind = Wind(world, rows(stream(seed, "turbulence").standard_normal, 3))
         self.plant = plant = Quadrotor(world, self.wind, on_step)
-        vehicle = SimulatedVehicle(plant, world, rows(stream(seed, "estimate").standard_normal, 6))
+        estimate, wander = stream(seed, "estimate").standard_normal, stream(seed, "wander").standard_normal
+        vehicle = SimulatedVehicle(plant, world, rows(estimate, 6), rows(wander, 3))
         luck = rows(stream(seed, "frame loss").random, 1)
 
         self.frame_loss = world.frame_loss

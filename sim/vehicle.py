@@ -1,5 +1,6 @@
 """The simulated vehicle as its autopilot sees it: the plant behind motors that may be off, and its own estimate."""
 
+import math
 from collections.abc import Iterator
 
 import msgspec
@@ -15,11 +16,14 @@ from sim.world import World
 class SimulatedVehicle:
     """Implements :class:`sim.airframe.Airframe` on a :class:`Quadrotor`."""
 
-    def __init__(self, plant: Quadrotor, world: World, noise: Iterator[list[float]]) -> None:
-        """Motors off; ``noise`` gives rows of six standard normal numbers for :meth:`measured`."""
+    def __init__(
+        self, plant: Quadrotor, world: World, noise: Iterator[list[float]], wander: Iterator[list[float]]
+    ) -> None:
+        """Motors off; ``noise`` gives rows of six, ``wander`` of three standard normal numbers for :meth:`measured`."""
         self.plant = plant
         self._world = world
         self._noise = noise
+        self._wander = Wander(world, wander)
         self._on = False
 
     def act(self, time_s: float, thrust_fraction: float, rates_rad_s: Vec3) -> None:
@@ -43,8 +47,12 @@ class SimulatedVehicle:
         return self.plant.truth(time_s)
 
     def measured(self, time_s: float) -> Truth:
-        """The state with the noise that the scenario gives to poses."""
-        return with_noise(self.plant.truth(time_s), self._world, next(self._noise))
+        """The state with the noise that the scenario gives to poses, as its own estimator has it."""
+        truth = with_noise(self.plant.truth(time_s), self._world, next(self._noise))
+        if self._world.floor_hold_s > 0.0:
+            (north, east, down), (u, v, _), (higher, up) = truth.position_ned, truth.velocity_ned, self.plant.felt
+            truth = msgspec.structs.replace(truth, position_ned=(north, east, down - higher), velocity_ned=(u, v, -up))
+        return self._wander.seen(truth, self.plant.released_s)
 
 
 def with_noise(truth: Truth, world: World, normals: list[float]) -> Truth:
@@ -58,3 +66,37 @@ def with_noise(truth: Truth, world: World, normals: list[float]) -> Truth:
         position_ned=(x + n * i, y + n * j, z + n * k),
         attitude=so3.turned(truth.attitude, (a * roll, a * pitch, a * yaw)),
     )
+
+
+WANDER_S, FORGETS_S = 2.0, 40.0
+"""Over which a wander is told [s], and the time constant with which it comes back [s]."""
+
+
+class Wander:
+    """What a measured place and yaw do that the vehicle does not."""
+
+    def __init__(self, world: World, normals: Iterator[list[float]]) -> None:
+        """Nothing yet; ``normals`` gives rows of three standard normal numbers."""
+        self._world = world
+        self._normals = normals
+        self._at_s: float | None = None
+        self._off: Vec3 = (0.0, 0.0, 0.0)
+
+    def seen(self, truth: Truth, released_s: float | None) -> Truth:
+        """``truth`` as it is measured; times do not go backwards."""
+        world = self._world
+        if world.estimate_wander_m:
+            elapsed = truth.time_s - (truth.time_s if self._at_s is None else self._at_s)
+            self._at_s = truth.time_s
+            keep = math.exp(-elapsed / FORGETS_S)
+            step = world.estimate_wander_m * math.sqrt(elapsed / WANDER_S)
+            (a, b, c), (i, j, k) = self._off, next(self._normals)
+            self._off = a, b, c = (keep * a + step * i, keep * b + step * j, keep * c + step * k)
+            x, y, z = truth.position_ned
+            truth = msgspec.structs.replace(truth, position_ned=(x + a, y + b, z + c))
+        released = released_s is not None and truth.time_s - released_s >= world.estimate_yaw_step_s
+        if world.estimate_yaw_step_deg and released:
+            half = math.radians(0.5 * world.estimate_yaw_step_deg)
+            turned = so3.multiply((math.cos(half), 0.0, 0.0, math.sin(half)), truth.attitude)
+            truth = msgspec.structs.replace(truth, attitude=turned, resets=1)
+        return truth

@@ -84,8 +84,23 @@ class World(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=Tru
     """Thrust at the release, as a share of the hover thrust [-]."""
     own_estimate: bool = False
     """Whether the autopilot knows its own position and speed (GPS, optical flow), and says so."""
+    estimate_wander_m: NonNegative = 0.0
+    """How far the place that is measured wanders in 2 s, a random walk, 1σ per axis [m]; the autopilot's own estimate
+    and the cameras' alike. PX4's own, with a simulated GPS: 0.05."""
+    estimate_yaw_step_deg: float = 0.0
+    """A step of the measured yaw, which the autopilot's ODOMETRY announces [deg]; PX4 was seen to make 19."""
+    estimate_yaw_step_s: NonNegative = 2.0
+    """When it comes [s after release]."""
     floor_z_m: float = 1.0
     """Height of the floor [m, NED, so 1 is one metre below the origin]."""
+    floor_friction: NonNegative = 1.0
+    """Force that the floor holds it with sideways over the force that it presses on it with [-]."""
+    floor_hold_s: NonNegative = 0.0
+    """How long the floor holds its place while it gathers speed upwards [s]; ArduPilot's SITL: 0.6."""
+    ground_effect: bool = False
+    """Whether thrust grows near the floor; flights that begin on the floor have it."""
+    rotor_radius_m: Positive = 0.035
+    """Of one rotor [m]: by it the ground effect fades with height."""
     step_s: Annotated[float, msgspec.Meta(gt=0.0, le=0.0025)] = 0.0025
     """Longest step of the plant [s]; errors are sampled at every step."""
     gravity: Positive = 9.81

@@ -35,6 +35,8 @@ NOISE_MEMORY = 100
 """Poses over which the position noise is averaged."""
 NOISE_FLOOR_M2 = 1e-12
 """Even a perfect source is not believed beyond a micrometre: float noise would do the rest [m²]."""
+LIFTED_M_S, LIFTED_M_S2 = 0.1, 0.5
+"""How well speed [m/s] and disturbance [m/s²] are known at lift-off, 1σ per axis."""
 
 
 class ModelEstimator:
@@ -115,16 +117,29 @@ class ModelEstimator:
         self._effectiveness = told(self._gains.effectiveness_deviation)
         self._disturbance = self._disturbance_rate = self._disturbance_step = ZERO
 
-    def lifted(self) -> Vec3:
-        """The vehicle has left the floor; returns the disturbance that is left then [m/s², NED].
+    def lifted(self, climb_m_s: float, hover_share: float) -> Vec3:
+        """The vehicle has left the floor, climbs, and seems to hover at this share of its told weight.
 
-        Until then the floor's push was part of it, but that fades to nothing at this very instant: what is left
-        vertically is the wind and the error of the thrust. Sideways it was the floor's friction, and is forgotten.
+        What the observer has made of the floor's push and friction is forgotten, and so is the speed that it took
+        the vehicle to have on the floor. What the hover thrust is off by is divided between λ̂ and the disturbance as
+        both are uncertain; which of them it is does not show while thrust stays as it is.
+        Returns the disturbance that is left [m/s², NED].
         """
         self.frozen = False
-        down = self._disturbance[2]
         self.release()
-        self._disturbance = (0.0, 0.0, down)
+        self._covariance = self._covariance._replace(vv=LIFTED_M_S**2, dd=LIFTED_M_S2**2)
+        if self._motion is not None:
+            north, east, _ = self._motion.velocity
+            self._motion = self._motion._replace(velocity=(north, east, -climb_m_s))
+        value = 1.0
+        if self._separates:
+            by_thrust = (self._gains.effectiveness_deviation * self._gravity) ** 2
+            weight = by_thrust / (by_thrust + 1.0)  # begun() has the disturbance at 1 m/s²
+            value = 1.0 / (1.0 + weight * (hover_share - 1.0))
+            e = self._effectiveness
+            moved = (0.0, 0.0, hover_share * self._gravity)
+            self._effectiveness = e._replace(value=value, variance=(1.0 - weight) * e.variance, d=moved)
+        self._disturbance = (0.0, 0.0, (value * hover_share - 1.0) * self._gravity)
         return self._disturbance
 
     def hold(self, disturbance: Vec3, effectiveness: float) -> None:

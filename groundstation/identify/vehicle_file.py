@@ -48,6 +48,8 @@ def file_text(found: Found) -> str:
     if scale.value is not None:
         _scaled(found, values)
         notes["thrust_max_n"] = f"what the signal gives of which {told.vehicle.thrust_max_n:g} N were told"
+        values["hover_n"] = _rounded(told.weight_n)
+        notes["hover_n"] = "measured: with these figures the thrust that hovers is the weight"
     lines = [
         f"# {told.vehicle.name}, identified from {found.seen.path.name}: {found.seen.length_s:.0f} s of flight",
         "# Each interval holds the truth in about 95 % of flights. Look at the fits before you fly it.",

@@ -178,7 +178,9 @@ class Track:
         far = math.dist(pose.position_ned, self._anchor.position_ned)
         if far > config.jump_m + config.speed_m_s * (pose.time_s - self._anchor.time_s):
             return "too_fast"
-        turn = turned_deg(self.last.attitude, pose.attitude)
+        # A floor levels what comes down leaning in less time than passes between two poses.
+        levels = max(_lean_deg(self.last.attitude) - _lean_deg(pose.attitude), 0.0)
+        turn = turned_deg(self.last.attitude, pose.attitude) - levels
         return "spin" if turn > TURN_DEG + config.rate_deg_s * elapsed else ""
 
     def off(self, pose: Pose) -> float:
@@ -198,6 +200,11 @@ class Track:
         ahead = (pose.time_s - last.time_s) / base if base else 0.0
         heading = (q + ahead * (q - p) for p, q in zip(self._anchor.position_ned, last.position_ned, strict=True))
         return math.dist(pose.position_ned, tuple(heading))
+
+
+def _lean_deg(attitude: Quat) -> float:
+    """The angle between the body's vertical and the world's [deg], 0..180."""
+    return so3.angle_deg(so3.third_column(attitude)[2])
 
 
 def turned_deg(a: Quat, b: Quat) -> float:

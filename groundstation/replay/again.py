@@ -203,8 +203,8 @@ class _Again:
         match switch.what, len(values):
             case "stand", 0:
                 pilot.stand()
-            case "lift", 1:
-                pilot.lift(values[0])
+            case "lift", 3:
+                pilot.lift(*values)
             case "descend", 3:
                 pilot.descend(values[0], blind=bool(values[1]), rest_s=values[2])
             case "surrender", 1:

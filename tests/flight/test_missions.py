@@ -114,7 +114,7 @@ def test_thrust_effectiveness_is_not_learnt_on_the_floor() -> None:
 def test_a_vehicle_that_lifts_too_little_is_not_flown() -> None:
     flown = mission("paper", "sim.thrust_gain=0.5")
     assert not flown.landed
-    assert "no lift-off at 1.14 N" in flown.fault
+    assert "no lift-off: is this the right body, is the mass right? Thrust went to 1.02 N" in flown.fault
     assert flown.states[-1].state == "landed"
     assert flown.touchdown_m_s is None
 
@@ -258,5 +258,5 @@ def test_a_mission_from_the_floor_is_flown_again_from_its_recording_to_the_last_
     run.close({"completed": flown.landed, "why": flown.why})
     facts = replayed(tmp_path / RECORDING)
     assert facts["first_difference"] is None
-    assert facts["commands"] > 300
+    assert facts["commands"] > 250
     assert facts["idle_commands"] > 100

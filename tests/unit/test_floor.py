@@ -6,10 +6,12 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from groundstation.config import from_dict
 from groundstation.interrupts import Interrupts
 from groundstation.poses.port import Pose
 from groundstation.requests import Ask
-from groundstation.takeoff import LIFTED_M, Spool, Standing
+from groundstation.settings import Config
+from groundstation.takeoff import Spool, Standing, limit_n
 from groundstation.touchdown import Touchdown
 
 LEVEL = (1.0, 0.0, 0.0, 0.0)
@@ -19,32 +21,24 @@ def pose(number: int, down: float, resets: int = 0) -> Pose:
     return Pose(number, 0.02 * number, 0.02 * number, (0.5, -0.5, down), LEVEL, reset_count=resets)
 
 
-@given(st.floats(0.0, 0.9), st.floats(0.2, 5.0))
-def test_thrust_rises_without_a_step_and_never_above_its_limit(idle: float, spool_s: float) -> None:
-    spool = Spool(10.0, 14.0, spool_s, 10.0 * idle, 3.0)
-    told = [spool.thrust_n(3.0 + 0.01 * i) for i in range(2000)]
+@given(st.floats(0.0, 0.9), st.floats(0.2, 5.0), st.floats(0.0, 0.3))
+def test_thrust_rises_without_a_step_and_never_above_its_limit(idle: float, spool_s: float, lag_s: float) -> None:
+    spool = Spool(10.0, 13.0, spool_s, 10.0 * idle, 3.0, lag_s)
+    told = [spool.thrust_n(3.0 + 0.001 * i) for i in range(6000)]
     assert told[0] == pytest.approx(10.0 * idle)
-    assert all(0.0 <= b - a < 0.5 for a, b in zip(told, told[1:], strict=False))
-    assert told[-1] == 14.0
+    assert all(0.0 <= b - a < 0.1 for a, b in zip(told, told[1:], strict=False))
+    assert told[-1] == 13.0
+    assert 0.001 * sum(9.0 < thrust < 13.0 for thrust in told) <= 0.3  # from 0.9x the weight to the limit
 
 
-def test_only_a_second_at_its_limit_exhausts_it() -> None:
-    spool = Spool(10.0, 14.0, 1.0, 0.0, 3.0)
-    reached = next(t for t in (3.0 + 0.01 * i for i in range(2000)) if spool.thrust_n(t) == 14.0)
-    assert not spool.exhausted(3.0)
-    assert not spool.exhausted(reached + 0.9)
-    assert spool.exhausted(reached + 1.1)
+def test_thrust_before_lift_off_is_bounded_by_the_told_weight_or_by_a_measured_hover_thrust() -> None:
+    def limit(*told: str) -> float:
+        return limit_n(from_dict({}, Config, ["vehicle.mass_kg=1", "vehicle.thrust_max_n=20", *told])) / 9.81
 
-
-def test_one_pose_above_the_floor_is_noise_and_two_are_lift_off() -> None:
-    standing = Standing()
-    for number in range(60):
-        standing.stands(pose(number, 1.0 + (0.001 if number % 2 else -0.001)))
-    assert standing.place_ned == pytest.approx((0.5, -0.5, 1.0), abs=1e-3)
-    assert not standing.lifts(pose(60, 1.0 - 2.0 * LIFTED_M))
-    assert not standing.lifts(pose(61, 1.0))
-    assert not standing.lifts(pose(62, 1.0 - 2.0 * LIFTED_M))
-    assert standing.lifts(pose(63, 1.0 - 2.0 * LIFTED_M))
+    assert limit() == pytest.approx(1.3)
+    assert limit("vehicle.hover_n=9.0") == pytest.approx(1.1 * 9.0 / 9.81)
+    assert limit("vehicle.thrust_max_n=11.0") == pytest.approx(11.0 / 9.81)
+    assert limit("takeoff.thrust_limit=1.5", "vehicle.hover_n=9.0") == pytest.approx(1.5)
 
 
 def test_a_source_that_moves_its_origin_on_the_floor_has_not_lifted_the_vehicle() -> None:

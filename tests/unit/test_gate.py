@@ -47,6 +47,23 @@ def gate_in_flight(until: int = 20, **limits: Any) -> Gate:
     return gate
 
 
+def leaning(degrees: float) -> Quat:
+    return so3.from_euler_zyx(math.radians(degrees), 0.0, 0.0)
+
+
+@pytest.mark.parametrize("degrees", [20.0, 40.0, 80.0])
+def test_a_floor_levels_what_comes_down_leaning_from_one_pose_to_the_next_and_nothing_else_turns_so_fast(
+    degrees: float,
+) -> None:
+    gate = Gate(GateConfig(rate_deg_s=100.0))
+    leans = [pose(n, attitude=leaning(degrees)) for n in range(10)]
+    passed, _ = flown(gate, [*leans, *(pose(n) for n in range(10, 20))])
+    assert len(passed) == 20
+    dropped = Gate(GateConfig(rate_deg_s=100.0))
+    flown(dropped, [*(pose(n) for n in range(10)), pose(10, attitude=leaning(degrees))])
+    assert dropped.dropped["spin"] == 1
+
+
 def test_a_flight_passes_untouched() -> None:
     gate = Gate(GateConfig())
     poses = [pose(n) for n in range(200)]

@@ -127,6 +127,17 @@ def test_what_comes_and_goes_within_its_time_is_not_told() -> None:
         assert guards.see(shown(0.02 * i, position=far), State.TRACKING, 0.0) is None
 
 
+@pytest.mark.parametrize(("share", "lands"), [(0.3, False), (0.6, True)])
+def test_a_limit_cycle_has_breaks_and_lands_it_all_the_same(share: float, lands: bool) -> None:
+    guards = Guards(CONFIG, None, VEHICLE, lambda: PERIOD_S)
+    found = None
+    for i in range(250):
+        rates = (FULL, 0.0, 0.0) if i % 20 < 20 * share else (0.0, 0.0, 0.0)
+        found = found or guards.see(shown(PERIOD_S * i, rates_rad_s=rates), State.TRACKING, 0.0)
+    assert (found is not None) == lands
+    assert found is None or (found.step is Step.LAND and "again and again" in found.reason)
+
+
 def swung(degrees: float, period_s: float) -> Finding | None:
     """What is found of a vehicle that leans to one side and the other."""
     guards = Guards(CONFIG, None, VEHICLE, lambda: PERIOD_S)

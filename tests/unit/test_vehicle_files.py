@@ -46,6 +46,7 @@ def test_every_preset_says_all_of_its_vehicle_with_the_source_of_each_figure(nam
         "file",
         "hover_thrust",
         "hover_range",
+        "hover_n",
     }
     unsourced = [line for line in text.splitlines()[2:] if "#" not in line and not line.startswith("name")]
     assert unsourced == []
