@@ -48,6 +48,8 @@ class PoseStatus(msgspec.Struct, frozen=True):
     """How often the source's clock leapt ahead."""
     clock_restarts: int = 0
     """How often it began anew."""
+    late_s: float = 0.0
+    """How much later than at their best poses come now, and go on to [s]; 0 where they do not."""
 
 
 class PoseEvent(msgspec.Struct, frozen=True):
