@@ -16,7 +16,7 @@ from collections import deque
 from itertools import combinations
 from statistics import median
 
-MAX_DRIFT = 0.002
+MAX_DRIFT = 0.0015
 """So much slower than nominal may the source's clock run, as a share: what exceeds it is lateness that grows."""
 SLACK_S = 0.02
 """A block whose least delayed message is late by more than this is late, and moves nothing [s]."""
@@ -77,6 +77,8 @@ class SourceClock:
         self._block: tuple[float, float] | None = None
         self._block_begun = stamp, arrival_s
         self._late = (0.0, 0.0)
+        self._lowered_s = 0.0
+        self._early_blocks = 0
 
     @property
     def drift(self) -> float:
@@ -137,9 +139,11 @@ class SourceClock:
             self.steps += 1
             self._blocks.clear()
             self._own_s = arrival_s - self.late_s  # nothing says that a queue has gone as the clock leapt
-        else:
-            self._count(elapsed, arrival_s - self._arrival_s)
-        self._own_s = min(self._own_s, arrival_s)
+            return True
+        self._count(elapsed, arrival_s - self._arrival_s)
+        if late < 0.0:
+            self._lowered_s -= late
+            self._own_s = arrival_s
         return True
 
     def exchanged(self, ahead_s: float) -> None:
@@ -176,8 +180,13 @@ class SourceClock:
             if not is_late:
                 self._own_s = min(self._own_s + min(late, most), arrival_s)
             self._late = self._late[1], late if is_late else 0.0
+            self._early_blocks = self._early_blocks + 1 if self._lowered_s > self._band * lasted else 0
         self._blocks.append(self._block)
-        self._block, self._block_begun = None, (stamp, arrival_s)
+        self._block, self._block_begun, self._lowered_s = None, (stamp, arrival_s), 0.0
+        if self._frames and self._early_blocks >= FIRST_BLOCKS:
+            # Nothing comes earlier and earlier: they are other frames than those that were measured.
+            self._band, self._early_blocks = math.inf, 0
+            self._blocks.clear()
         self._measure()
 
     def _lateness(self, message: tuple[float, float]) -> float:
@@ -198,9 +207,5 @@ class SourceClock:
             self._own_s = min(self._own_s + min(map(self._lateness, self._blocks)), self._arrival_s)
         elif abs(off - 1.0) <= self._band:
             self._scale = slope
-            if self._frames and self._band > MAX_DRIFT:
+            if self._frames and not self._late[1]:
                 self._nominal, self._band = slope, MAX_DRIFT
-        elif self._frames and off < 1.0:
-            # Nothing comes too early: they are other frames than those that were measured.
-            self._band = math.inf
-            self._blocks.clear()
