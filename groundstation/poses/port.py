@@ -55,9 +55,10 @@ class PoseStatus(msgspec.Struct, frozen=True):
 class PoseEvent(msgspec.Struct, frozen=True):
     """Something about the poses that the operator and the safety rules should know."""
 
-    kind: Literal["dropping", "passed", "lost", "back", "reset", "moved"]
+    kind: Literal["dropping", "passed", "lost", "back", "late", "punctual", "reset", "moved"]
     """``dropping`` begins and ``passed`` ends an outbreak; ``lost``: no pose for as long as commands may rest on one,
-    ``back``: there is one again; ``reset``, ``moved``: poses are elsewhere, as the source said or did not say."""
+    ``back``: there is one again; ``late``: they come later than they did, ``punctual``: no longer; ``reset``,
+    ``moved``: poses are elsewhere, as the source said or did not say."""
     reason: str
     """Of an outbreak: what the pose or datagram was dropped for; else empty."""
     text: str
