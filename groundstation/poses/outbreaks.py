@@ -28,8 +28,8 @@ HINTS = {
 """What a reason may mean, and what to look at."""
 LATE = (
     "they wait on their way (network, tracking computer); or the tracker's clock was set back, its frame counter "
-    "paused or its rate changed, which looks the same. Where they are not that old: on the ground, stop the tracker's stream "
-    "for 5 s, or start this program anew"
+    "paused or its rate changed, which looks the same. Where they are not that old: on the ground, stop the "
+    "tracker's stream for 5 s, or start this program anew"
 )
 """What late poses may mean, and what to do."""
 
