@@ -1,7 +1,7 @@
 """What every pose source delivers, and the port it implements."""
 
 from collections.abc import Callable
-from typing import Literal, Protocol
+from typing import Literal, Protocol, runtime_checkable
 
 import msgspec
 
@@ -87,6 +87,15 @@ class PoseSource(Protocol):
 
     async def close(self) -> None:
         """Stop listening; no pose is delivered afterwards."""
+        ...
+
+
+@runtime_checkable
+class Distrusts(Protocol):
+    """Whoever goes on by our poses beside the flight, and must stop where they have been found to be wrong."""
+
+    def distrust(self) -> None:
+        """Our poses are wrong: for the rest of this flight, nothing is to rest on them."""
         ...
 
 
