@@ -150,9 +150,9 @@ class SourceClock:
         """An exchange of clocks has shown that a source that stamps seconds is at most ``ahead_s`` ahead of us [s]."""
         if self._stamp is not None and not self._is_anew:
             own = self._stamp - ahead_s
-            # What would have come before it left was stamped by another clock than the one that was asked.
-            if self._own_s < own <= self._arrival_s:
-                self._own_s = own
+            # What would have come long before it left was stamped by another clock than the one that was asked.
+            if own <= self._arrival_s + SLACK_S and self._own_s < min(own, self._arrival_s):
+                self._own_s = min(own, self._arrival_s)
                 self._block = None
                 self._blocks.clear()
 
