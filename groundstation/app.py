@@ -43,6 +43,8 @@ def make_ends(
         ConfigError: the poses need another link.
     """
     link = make_link(config.link, thrust_max_n=config.full_thrust_n, thrust_curve=config.thrust_curve, **(wires or {}))
+    if isinstance(link, MavlinkLink):
+        link.shares_poses = config.shares_poses
     return link, make_source(config.pose, link, others)
 
 

@@ -192,6 +192,11 @@ class Flight:
         """Hear what happens to the poses; that commands must not rest on one for long is seen to elsewhere."""
         self._say(event.text)
 
+    def distrust(self, reason: str) -> None:
+        """The poses have been found to be wrong: for the rest of this flight, nobody else rests on them either."""
+        self._say(f"poses are not trusted any more: {reason}")
+        self._ending.distrust()
+
     async def run(self) -> Outcome:
         """Fly. However this ends, the link first does what it owes the vehicle: bring it down, or stop its motors.
 

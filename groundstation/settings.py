@@ -15,6 +15,7 @@ from groundstation.poses import PoseConfig, ShowsOthers
 from groundstation.poses.gate import GateConfig
 from groundstation.poses.mavlink import MavlinkPoseConfig
 from groundstation.poses.vicon import ViconConfig
+from groundstation.poses.vision import VisionConfig
 from groundstation.separation import SeparationConfig
 from groundstation.takeoff import TakeoffConfig
 from groundstation.telemetry.flights import RecordingConfig
@@ -120,6 +121,11 @@ class Config(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=Tr
         if isinstance(self.link, MavlinkLinkConfig) and self.link.forward.enabled:
             return self.link.forward
         return None
+
+    @property
+    def shares_poses(self) -> bool:
+        """Whether the poses are an autopilot's own, or such as bridges send to autopilots, too."""
+        return isinstance(self.pose, MavlinkPoseConfig | VisionConfig)
 
     @property
     def full_thrust_n(self) -> float:

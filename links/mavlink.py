@@ -46,6 +46,9 @@ class MavlinkLink:
         self._obeys = False
         self._obeys_s = 0.0
         self._taken = ""
+        self.shares_poses = False
+        """Whether the poses that are flown by are the autopilot's own, or come to it from elsewhere too."""
+        self._distrusted = False
         self._sleep: Sleep | None = None
         """Since the newest arming."""
         self._vitals = Vitals()
@@ -100,6 +103,7 @@ class MavlinkLink:
             LinkRejected: the autopilot refuses to send a message that was requested.
         """
         self._loop = asyncio.get_running_loop()
+        self._distrusted = False
         await self.connection.open()
         self._busy = ""
 
@@ -204,7 +208,19 @@ class MavlinkLink:
 
     def _lands(self, now_s: float) -> bool:
         how = self._config.bring_down
-        return how == "land" or (how == "auto" and self._vitals.could_land(now_s))
+        if how != "auto":
+            return how == "land"
+        return self._vitals.could_land(now_s) and (not self._distrusted or self._knows_by_itself)
+
+    @property
+    def _knows_by_itself(self) -> bool:
+        """Whether nothing says that what the autopilot knows of its position may come from our tracker."""
+        config = self._config
+        return config.own_position or not (config.forward.enabled or self.connection.heard_vision or self.shares_poses)
+
+    def distrust(self) -> None:
+        """Our poses are wrong: until it is connected anew, LAND is asked of an autopilot only that knows by itself."""
+        self._distrusted = True
 
     async def _land(self) -> None:
         """Ask for mode LAND beside the bring-down by rates, which ends as soon as it is accepted."""

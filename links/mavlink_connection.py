@@ -89,6 +89,16 @@ class MavlinkConnection:
         return self._contact.timesync.best
 
     @property
+    def newest_trip(self) -> Trip | None:
+        """The newest exchange of clocks with the autopilot, however long its way was; None until it has answered."""
+        return self._contact.timesync.newest
+
+    @property
+    def heard_vision(self) -> bool:
+        """Whether somebody else was heard here who tells an autopilot its position."""
+        return self._contact.heard_vision
+
+    @property
     def dropped(self) -> dict[str, int]:
         """What was received and not used, and frames of ours that did not leave or came back, by reason."""
         return self._contact.dropped

@@ -94,6 +94,7 @@ class NatNetReader:
         else:
             frame = codec.decode_frame(payload, self.server.version)
             self._silent_beats = 0
+            self._intake.heard(arrival_s)
             return self._pose(frame, self.server.ticks_per_s, arrival_s)
         return None
 
