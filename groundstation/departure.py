@@ -12,6 +12,7 @@ from groundstation.progress import Progress
 from groundstation.sender import Ended
 from groundstation.settings import Config
 from groundstation.verdict import Check, Verdict
+from groundstation.witness import Witness
 from links.port import CommandLink, LinkError
 
 LOOK_AGAIN_S = 1.0
@@ -31,6 +32,7 @@ class Departure:
         source: PoseSource,
         pilot: Pilot,
         progress: Progress,
+        witness: Witness,
         *,
         confirm: Callable[[], Awaitable[bool]],
         others: Others | None,
@@ -42,6 +44,7 @@ class Departure:
         self._source = source
         self._pilot = pilot
         self._progress = progress
+        self._witness = witness
         self._confirm = confirm
         self._others = others
         self._say = say
@@ -87,6 +90,7 @@ class Departure:
             if bad:
                 raise Ended(f"not armed: {bad}")
         self.checks = ()
+        self._witness.arm()
 
     async def check(self, deliver: Callable[[Pose], None]) -> list[Check]:
         """Connect and look, and no more; what can't be connected is a check that fails."""
@@ -106,7 +110,8 @@ class Departure:
         """What fails, and all checks."""
         assert self._look is not None, "nobody has looked yet"
         now = asyncio.get_running_loop().time()
-        checks = self._look(self._progress.standing, self._pilot.noise_m, self._link.status, now)
+        testimony = self._witness.verdict(now)
+        checks = self._look(self._progress.standing, self._pilot.noise_m, self._link.status, now, testimony)
         self.checks = tuple(checks)
         return failed(checks), checks
 

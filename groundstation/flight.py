@@ -11,6 +11,7 @@ from groundstation.ending import Ending
 from groundstation.live_gains import LiveGains
 from groundstation.mission import EVENT_OF, FINAL, ON_GROUND, Event, State
 from groundstation.pilot import Pilot, Tick
+from groundstation.poses.mavlink import MavlinkPoseConfig
 from groundstation.poses.others import Others
 from groundstation.poses.port import Pose, PoseEvent, PoseSource
 from groundstation.progress import Progress
@@ -21,6 +22,7 @@ from groundstation.sender import Ended, Sender
 from groundstation.settings import Config
 from groundstation.snapshot import Snapshot
 from groundstation.verdict import Check
+from groundstation.witness import Witness
 from links.port import CommandLink, LinkError
 
 
@@ -69,8 +71,19 @@ class Flight:
         self._scoreboard = Scoreboard(config, link)
         self._live = LiveGains(config.controller)
         self._quiet = quiet or Quiet()
+        self._witness = Witness()
+        if not isinstance(config.pose, MavlinkPoseConfig):  # one that is only heard twice is no second witness
+            link.watch_attitude(self._witness.attitude)
         self._departure = Departure(
-            config, link, source, self._pilot, self._progress, confirm=confirm, others=others, say=self._say
+            config,
+            link,
+            source,
+            self._pilot,
+            self._progress,
+            self._witness,
+            confirm=confirm,
+            others=others,
+            say=self._say,
         )
         self._ending = Ending(link, source, self._say, forwards=config.forwards is not None)
         self._crew: asyncio.Task[None] | None = None
@@ -204,6 +217,7 @@ class Flight:
 
     def _pose(self, pose: Pose) -> None:
         if self._sender.pose(pose):
+            self._witness.pose(pose)
             self._scoreboard.pose(pose)
             self._departure.pose()
 

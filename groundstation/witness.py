@@ -49,8 +49,8 @@ TILT_TAU_S = 0.1
 """Over which the disagreement of the tilts is averaged [s]."""
 LEAN_SHARE, LEAN_TAU_S = 0.3, 3.0
 """The share of the lean, that of now or its average over so long [s], by which an autopilot may be wrong."""
-ASKEW_RAD = math.radians(8.0)
-"""The tilts of one body that stands are not farther apart."""
+ASKEW_DEG = 8.0
+"""The tilts of one body that stands are not farther apart [deg]."""
 FOLLOW_RAD = math.radians(2.0)
 """In flight the tilts may drift apart by so much, slowly (the same ``LEARN_S``): vibrations shift an autopilot's."""
 
@@ -125,7 +125,7 @@ class Witness:
     def arm(self) -> None:
         """From now on nothing is learnt but a slow drift of the tilts."""
         self._armed = True
-        self._askew = self._offset = _within(self._askew, (0.0, 0.0), ASKEW_RAD)
+        self._askew = self._offset = _within(self._askew, (0.0, 0.0), math.radians(ASKEW_DEG))
 
     def pose(self, pose: Pose) -> None:
         """Take one pose; one that is not newer than the last is ignored."""
@@ -246,7 +246,7 @@ class Witness:
         gain = 1.0 / self._learnt
         x, y = self._askew
         self._askew = (x + gain * (askew[0] - x), y + gain * (askew[1] - y))
-        self._offset = _within(self._askew, (0.0, 0.0), ASKEW_RAD)
+        self._offset = _within(self._askew, (0.0, 0.0), math.radians(ASKEW_DEG))
         if agrees:
             self._scatter += gain * (scatter - self._scatter)
             if stands:
