@@ -30,10 +30,8 @@ STEP_S = 0.05
 """From one instant that is compared to the next [s]."""
 LAG = 2
 """The witnesses' clocks may be so many steps apart, either way."""
-SPAN = 2
-"""Turning is that from one instant to so many steps later: 0.1 s."""
-GAP_S = 0.25
-"""What lies between two attitudes further apart is not known [s]."""
+GAP_S = 0.13
+"""Between two attitudes further apart nothing is known [s]."""
 CLOSEST_S = 0.004
 """Poses that follow the last one faster tell nothing more [s]."""
 SILENT_S = 0.5
@@ -54,11 +52,12 @@ ASKEW_DEG = 8.0
 FOLLOW_RAD = math.radians(2.0)
 """In flight the tilts may drift apart by so much, slowly (the same ``LEARN_S``): vibrations shift an autopilot's."""
 
-TURN_WINDOWS = ((0.15, 4.0), (0.6, 2.0))
-"""Turning is compared over the last so long [s], and stands out where its mean square is about so many times that of
-the noise."""
-TURN_COUNTS_RAD = math.radians(2.0)
-"""Faster turning within 0.1 s counts as this: no leap counts for long."""
+TURN_WINDOWS = ((0.15, 2, 4.0), (0.6, 6, 3.0))
+"""Turning is compared over the last so long [s], from one instant to so many steps later, and stands out where its mean
+square is about so many times that of the noise."""
+SPAN = max(span for _, span, _ in TURN_WINDOWS)
+TURN_COUNTS_RAD_S = math.radians(20.0)
+"""Faster turning counts as this [rad/s]: no leap counts for long."""
 TURN_SHARE = 0.5
 """Of the turning, that share at most is not common."""
 TURN_NOISE_RAD, TURN_NOISE_MOST_RAD = math.radians(0.3), math.radians(2.0)
@@ -198,64 +197,59 @@ class Witness:
 
     def _judge(self, number: int) -> None:
         seen, felt = self._seen, self._felt
-        a, b, c, d = felt.at(number)
-        a0, b0, c0, d0 = felt.at(number - SPAN)
-        ta, tb, tc, td = a - a0, b - b0, c - c0, d - d0  # how it turned, as it felt
-        felt_turn = ta * ta + tb * tb + tc * tc + td * td
-        seen_turn = 0.0
+        a, b, c, _ = felt.at(number)
         ox, oy = self._offset
         least, apart = math.inf, (0.0, 0.0, 0.0)
-        different = []
         for lag in range(-LAG, LAG + 1):
-            x, y, z, w = seen.at(number + lag)
-            x0, y0, z0, w0 = seen.at(number + lag - SPAN)
+            x, y, z, _ = seen.at(number + lag)
             ex, ey, ez = x - a - ox, y - b - oy, z - c
-            tilt = ex * ex + ey * ey + ez * ez
-            if tilt < least:
-                least, apart = tilt, (ex, ey, ez)
-            x0, y0, z0, w0 = x - x0, y - y0, z - z0, w - w0
-            if lag == 0:
-                seen_turn = x0 * x0 + y0 * y0 + z0 * z0 + w0 * w0
-            x0, y0, z0, w0 = x0 - ta, y0 - tb, z0 - tc, w0 - td
-            different.append(x0 * x0 + y0 * y0 + z0 * z0 + w0 * w0)
+            squared = ex * ex + ey * ey + ez * ez
+            if squared < least:
+                least, apart = squared, (ex, ey, ez)
         gain = STEP_S / TILT_TAU_S
-        ax, ay, az = self._apart
-        ex, ey, ez = apart
-        self._apart = ax, ay, az = ax + gain * (ex - ax), ay + gain * (ey - ay), az + gain * (ez - az)
-        apart_squared = ax * ax + ay * ay + az * az
+        (x, y, z), (ex, ey, ez) = self._apart, apart
+        self._apart = x, y, z = x + gain * (ex - x), y + gain * (ey - y), z + gain * (ez - z)
+        squared = x * x + y * y + z * z
         lean = math.sqrt(a * a + b * b)
         self._lean += (lean - self._lean) * (STEP_S / LEAN_TAU_S)
         unit = min(max(math.sqrt(self._scatter), TILT_UNIT_RAD), TILT_UNIT_MOST_RAD)
-        self._tilting = math.sqrt(apart_squared) / (TILT_UNITS * unit + LEAN_SHARE * max(lean, self._lean))
+        self._tilting = math.sqrt(squared) / (TILT_UNITS * unit + LEAN_SHARE * max(lean, self._lean))
         noise = min(max(self._noise, TURN_NOISE_RAD**2), TURN_NOISE_MOST_RAD**2)
-        self._turning = max([turns.add(different, seen_turn + felt_turn, noise) for turns in self._turns])
+        for turns in self._turns:
+            turns.add(number, seen, felt)
+        self._turning = max([turns.statistic(noise) for turns in self._turns])
         self._judged_s = number * STEP_S
         agrees = self._tilting < 1.0 and self._turning < 1.0
         self._doubts_s = None if agrees else self._judged_s if self._doubts_s is None else self._doubts_s
         x, y, _, _ = seen.at(number)
         if not self._armed:
-            self._learn((x - a, y - b), apart_squared, different[LAG], felt_turn < STANDS_RAD**2, agrees)
+            self._learn((x - a, y - b), squared if agrees else None)
             self._note_moves(number)
         elif agrees:
             gain = STEP_S / LEARN_S
             self._offset = _within((ox + gain * (x - a - ox), oy + gain * (y - b - oy)), self._askew, FOLLOW_RAD)
 
-    def _learn(self, askew: tuple[float, float], scatter: float, noise: float, stands: bool, agrees: bool) -> None:
-        """Take one instant into the means of the last ``LEARN_S``, or of as long as there was."""
+    def _learn(self, askew: tuple[float, float], scatter: float | None) -> None:
+        """Take one instant into the means of the last ``LEARN_S``, or of as long as there was.
+
+        ``scatter`` is the square of what they are apart now [rad²]; None where they do not agree.
+        """
         self._learnt = min(self._learnt + 1, round(LEARN_S / STEP_S))
         gain = 1.0 / self._learnt
         x, y = self._askew
         self._askew = (x + gain * (askew[0] - x), y + gain * (askew[1] - y))
         self._offset = _within(self._askew, (0.0, 0.0), math.radians(ASKEW_DEG))
-        if agrees:
+        if scatter is not None:
             self._scatter += gain * (scatter - self._scatter)
-            if stands:
-                self._noise += gain * (noise - self._noise)
+            fast = self._turns[0]
+            if fast.felt < STANDS_RAD**2:
+                self._noise += gain * (fast.newest - self._noise)
 
     def _note_moves(self, number: int) -> None:
         """Which way both turned where the vehicle was moved."""
-        seen, felt, lag = self._seen, self._felt, self._turns[-1].lag
-        p, p0, q, q0 = seen.at(number + lag), seen.at(number + lag - SPAN), felt.at(number), felt.at(number - SPAN)
+        seen, felt, (_, span, _) = self._seen, self._felt, TURN_WINDOWS[0]
+        lag = self._turns[-1].lag
+        p, p0, q, q0 = seen.at(number + lag), seen.at(number + lag - span), felt.at(number), felt.at(number - span)
         keep = 1.0 - STEP_S / MOVED_TAU_S
         for axis, (_, n) in enumerate(AXES):
             by_seen, by_felt = p[n] - p0[n], q[n] - q0[n]
@@ -316,29 +310,50 @@ class _Track:
 
 
 class _Turns:
-    """How much of the turning of the last ``tau_s`` [s] is not common to both, at the lag where that is least."""
+    """How much of the turning of late is not common to both, at the lag where that is least."""
 
-    def __init__(self, tau_s: float, noises: float) -> None:
-        """Nothing has turned; it stands out where it is ``noises`` times the noise."""
+    def __init__(self, tau_s: float, span: int, noises: float) -> None:
+        """Nothing has turned. See ``TURN_WINDOWS``."""
         self._gain = STEP_S / tau_s
+        self._span = span
         self._noises = noises
+        self._counts = (TURN_COUNTS_RAD_S * span * STEP_S) ** 2
         self._different = [0.0] * (2 * LAG + 1)
         self._all = 0.0
+        self.newest = 0.0
+        """The square of the newest difference, at no lag [rad²]."""
+        self.felt = 0.0
+        """The square of the newest turn that was felt [rad²]."""
 
     @property
     def lag(self) -> int:
         """By how many steps the poses are late."""
         return self._different.index(min(self._different)) - LAG
 
-    def add(self, different: list[float], turned: float, noise: float) -> float:
-        """Take one instant, and return the statistic as a share of its limit; all are squares [rad²].
-
-        ``different``: of the turns, at each lag; ``turned``: of both; ``noise``: of one that stands.
-        """
+    def add(self, number: int, seen: "_Track", felt: "_Track") -> None:
+        """Take the turns that end at the instant ``number``."""
+        span = self._span
+        a, b, c, d = felt.at(number)
+        x, y, z, w = felt.at(number - span)
+        a, b, c, d = a - x, b - y, c - z, d - w
+        self.felt = turned = a * a + b * b + c * c + d * d
+        squares = []
+        for at in range(number - LAG, number + LAG + 1):
+            p, q, r, s = seen.at(at)
+            x, y, z, w = seen.at(at - span)
+            p, q, r, s = p - x, q - y, r - z, s - w
+            if at == number:
+                turned += p * p + q * q + r * r + s * s
+            p, q, r, s = p - a, q - b, r - c, s - d
+            squares.append(p * p + q * q + r * r + s * s)
+        self.newest = squares[LAG]
         keep = 1.0 - self._gain
-        counts = self._gain / (1.0 + turned / TURN_COUNTS_RAD**2)
+        counts = self._gain / (1.0 + turned / self._counts)
         self._all = keep * self._all + counts * turned
-        self._different = [keep * old + counts * new for old, new in zip(self._different, different, strict=True)]
+        self._different = [keep * old + counts * new for old, new in zip(self._different, squares, strict=True)]
+
+    def statistic(self, noise: float) -> float:
+        """As a share of its limit, where one that stands turns by ``noise``, squared [rad²]."""
         return min(self._different) / (TURN_SHARE * self._all + self._noises * noise)
 
 
