@@ -110,8 +110,8 @@ class Departure:
         """What fails, and all checks."""
         assert self._look is not None, "nobody has looked yet"
         now = asyncio.get_running_loop().time()
-        testimony = self._witness.verdict(now)
-        checks = self._look(self._progress.standing, self._pilot.noise_m, self._link.status, now, testimony)
+        evidence = self._witness.verdict(now)
+        checks = self._look(self._progress.standing, self._pilot.noise_m, self._link.status, now, evidence)
         self.checks = tuple(checks)
         return failed(checks), checks
 

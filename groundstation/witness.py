@@ -14,7 +14,7 @@ the angle turned about it. Two things are compared there:
 
 Clocks may be apart and messages late: what the autopilot says of one instant is held against what the poses show up to
 0.1 s before and after it, and the best of these counts. A heading that leaps, as an autopilot's estimator resets it,
-changes neither: its turning about gravity is that of its gyros.
+changes neither: where it goes farther than the gyros turned, these count.
 """
 
 import math
@@ -34,6 +34,8 @@ GAP_S = 0.13
 """Between two attitudes further apart nothing is known [s]."""
 CLOSEST_S = 0.004
 """Poses that follow the last one faster tell nothing more [s]."""
+LEAP_RAD = math.radians(1.5)
+"""An autopilot's heading that goes so much farther than its gyros, from one message to the next, was reset."""
 SILENT_S = 0.5
 """Nothing compared for so long: there is no second witness [s]."""
 
@@ -69,7 +71,7 @@ MOVED_TAU_S = 3.0
 """How the vehicle was moved before arming: the newest so long of moving counts [s]."""
 MOVED_RAD = math.radians(8.0)
 """Root of the sum of the squares of its turns about an axis, each within 0.1 s, that shows which way that goes."""
-ALIKE, UNLIKE = 0.5, 0.9
+ALIKE, UNLIKE = 0.5, 0.8
 """Less of them is not common to both: the same way; more: another."""
 AXES = (("pitch", 0), ("roll", 1), ("yaw", 3))
 """Which of a vector changes by it."""
@@ -78,7 +80,7 @@ _Vector = tuple[float, float, float, float]
 """Gravity in the body's axes, and the angle turned about it [rad]."""
 
 
-class Testimony(NamedTuple):
+class Evidence(NamedTuple):
     """What comes of holding both against each other."""
 
     share: float
@@ -136,12 +138,11 @@ class Witness:
             return
         else:
             turned = seen.turned
-        gx, gy, gz = _gravity(pose.attitude)
+        gravity = _gravity(pose.attitude)
         if last is not None:
-            w, x, y, z = multiply(conjugate(last.attitude), pose.attitude)
-            turned += math.copysign(2.0, w) * (x * gx + y * gy + z * gz)
+            turned += _turn(last.attitude, pose.attitude, gravity)
         self._pose = pose
-        if seen.take(pose.time_s, (gx, gy, gz, turned)):
+        if seen.take(pose.time_s, (*gravity, turned)):
             self._compare()
 
     def attitude(self, told: Attitude) -> None:
@@ -152,16 +153,17 @@ class Witness:
             return
         if since <= 0.0:  # its clock is another one
             felt.forget()
-        gx, gy, gz = _gravity(told.attitude)
-        turned = felt.turned
+        gravity, turned = _gravity(told.attitude), felt.turned
         if last is not None and 0.0 < since <= GAP_S:
-            (p, q, r), (a, b, c) = told.rates_rad_s, last.rates_rad_s
-            turned += 0.5 * since * ((p + a) * gx + (q + b) * gy + (r + c) * gz)
+            (gx, gy, gz), (p, q, r), (a, b, c) = gravity, told.rates_rad_s, last.rates_rad_s
+            by_gyros = 0.5 * since * ((p + a) * gx + (q + b) * gy + (r + c) * gz)
+            by_angle = _turn(last.attitude, told.attitude, gravity)
+            turned += by_angle if abs(by_angle - by_gyros) < LEAP_RAD else by_gyros
         self._told = told
-        if felt.take(told.time_s, (gx, gy, gz, turned)):
+        if felt.take(told.time_s, (*gravity, turned)):
             self._compare()
 
-    def verdict(self, now_s: float) -> Testimony | None:
+    def verdict(self, now_s: float) -> Evidence | None:
         """What comes of it at ``now_s``; None where one of the two is silent."""
         if now_s - self._judged_s > SILENT_S:
             return None
@@ -173,7 +175,7 @@ class Witness:
                     alike.append(name)
                 elif share > UNLIKE:
                     unlike.append(name)
-        return Testimony(
+        return Evidence(
             share=max(self._tilting, self._turning),
             tilt_deg=math.degrees(math.hypot(*self._apart)),
             askew_deg=math.degrees(math.hypot(*self._askew)),
@@ -198,6 +200,10 @@ class Witness:
     def _judge(self, number: int) -> None:
         seen, felt = self._seen, self._felt
         a, b, c, _ = felt.at(number)
+        x, y, _, _ = seen.at(number)
+        askew = (x - a, y - b)
+        if not self._armed:
+            self._learn_askew(askew)
         ox, oy = self._offset
         least, apart = math.inf, (0.0, 0.0, 0.0)
         for lag in range(-LAG, LAG + 1):
@@ -221,29 +227,25 @@ class Witness:
         self._judged_s = number * STEP_S
         agrees = self._tilting < 1.0 and self._turning < 1.0
         self._doubts_s = None if agrees else self._judged_s if self._doubts_s is None else self._doubts_s
-        x, y, _, _ = seen.at(number)
-        if not self._armed:
-            self._learn((x - a, y - b), squared if agrees else None)
+        if self._armed and agrees:
+            self._offset = _within(_towards(self._offset, askew, STEP_S / LEARN_S), self._askew, FOLLOW_RAD)
+        elif not self._armed:
             self._note_moves(number)
-        elif agrees:
-            gain = STEP_S / LEARN_S
-            self._offset = _within((ox + gain * (x - a - ox), oy + gain * (y - b - oy)), self._askew, FOLLOW_RAD)
+            if agrees:
+                self._learn_scatter(squared)
 
-    def _learn(self, askew: tuple[float, float], scatter: float | None) -> None:
-        """Take one instant into the means of the last ``LEARN_S``, or of as long as there was.
-
-        ``scatter`` is the square of what they are apart now [rad²]; None where they do not agree.
-        """
+    def _learn_askew(self, askew: tuple[float, float]) -> None:
+        """Take one instant into the mean of the last ``LEARN_S``, or of as long as there was."""
         self._learnt = min(self._learnt + 1, round(LEARN_S / STEP_S))
-        gain = 1.0 / self._learnt
-        x, y = self._askew
-        self._askew = (x + gain * (askew[0] - x), y + gain * (askew[1] - y))
+        self._askew = _towards(self._askew, askew, 1.0 / self._learnt)
         self._offset = _within(self._askew, (0.0, 0.0), math.radians(ASKEW_DEG))
-        if scatter is not None:
-            self._scatter += gain * (scatter - self._scatter)
-            fast = self._turns[0]
-            if fast.felt < STANDS_RAD**2:
-                self._noise += gain * (fast.newest - self._noise)
+
+    def _learn_scatter(self, squared: float) -> None:
+        """The same of the square of what tilts are apart beyond that [rad²], and of turns while it stands."""
+        gain, fast = 1.0 / self._learnt, self._turns[0]
+        self._scatter += gain * (squared - self._scatter)
+        if fast.felt < STANDS_RAD**2:
+            self._noise += gain * (fast.newest - self._noise)
 
     def _note_moves(self, number: int) -> None:
         """Which way both turned where the vehicle was moved."""
@@ -361,6 +363,18 @@ def _gravity(attitude: Quat) -> tuple[float, float, float]:
     """The direction of gravity in the body's axes: the third row of R."""
     w, x, y, z = attitude
     return 2.0 * (x * z - w * y), 2.0 * (y * z + w * x), 1.0 - 2.0 * (x * x + y * y)
+
+
+def _turn(last: Quat, attitude: Quat, gravity: tuple[float, float, float]) -> float:
+    """The small turn about ``gravity``, in the body's axes, from one attitude to the next [rad]."""
+    w, x, y, z = multiply(conjugate(last), attitude)
+    return math.copysign(2.0, w) * (x * gravity[0] + y * gravity[1] + z * gravity[2])
+
+
+def _towards(what: tuple[float, float], there: tuple[float, float], share: float) -> tuple[float, float]:
+    """``what``, moved by ``share`` of the way."""
+    (x, y), (a, b) = what, there
+    return x + share * (a - x), y + share * (b - y)
 
 
 def _within(what: tuple[float, float], centre: tuple[float, float], radius: float) -> tuple[float, float]:
