@@ -119,7 +119,7 @@ class Witness:
     def _begin(self) -> None:
         """Compare anew; what was learnt stays."""
         self._doubts_s: float | None = None
-        self._apart = (0.0, 0.0, 0.0)
+        self._apart: tuple[float, float, float] | None = None
         self._lean = self._tilting = self._turning = 0.0
         self._turns = [_Turns(*window) for window in TURN_WINDOWS]
 
@@ -165,7 +165,7 @@ class Witness:
 
     def verdict(self, now_s: float) -> Evidence | None:
         """What comes of it at ``now_s``; None where one of the two is silent."""
-        if now_s - self._judged_s > SILENT_S:
+        if self._apart is None or now_s - self._judged_s > SILENT_S:
             return None
         alike, unlike = list[str](), list[str]()
         for (name, _), (different, seen, felt) in zip(AXES, self._moved, strict=True):
@@ -213,7 +213,7 @@ class Witness:
             if squared < least:
                 least, apart = squared, (ex, ey, ez)
         gain = STEP_S / TILT_TAU_S
-        (x, y, z), (ex, ey, ez) = self._apart, apart
+        (x, y, z), (ex, ey, ez) = self._apart or apart, apart
         self._apart = x, y, z = x + gain * (ex - x), y + gain * (ey - y), z + gain * (ez - z)
         squared = x * x + y * y + z * z
         lean = math.sqrt(a * a + b * b)

@@ -221,7 +221,7 @@ def test_a_vehicle_that_is_moved_by_hand_shows_which_way_its_axes_go() -> None:
         (flipped(1.0, -1.0, 1.0), {"pitch"}),
         (flipped(1.0, 1.0, -1.0), {"yaw"}),
         (body_turned(180.0), {"roll", "pitch"}),
-        (body_turned(90.0), {"roll", "pitch"}),
+        (body_turned(90.0), {"roll"}),
         (resting, {"roll", "pitch", "yaw"}),
     ],
     ids=["roll", "pitch", "yaw", "180°", "90°", "another body"],
