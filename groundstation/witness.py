@@ -112,7 +112,7 @@ class Witness:
         self._armed = False
         self._learnt = 0
         self._askew = self._offset = (0.0, 0.0)
-        self._scatter = self._noise = 0.0  # squared
+        self._scatter, self._noise = 0.0, TURN_NOISE_MOST_RAD**2  # squares
         self._moved = [(0.0, 0.0, 0.0) for _ in AXES]
         self._begin()
 
