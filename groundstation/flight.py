@@ -71,16 +71,17 @@ class Flight:
         self._scoreboard = Scoreboard(config, link)
         self._live = LiveGains(config.controller)
         self._quiet = quiet or Quiet()
-        self._witness = Witness()
+        self.witness = Witness()
+        """What the vehicle's own attitude says of the poses."""
         if not isinstance(config.pose, MavlinkPoseConfig):  # one that is only heard twice is no second witness
-            link.watch_attitude(self._witness.attitude)
+            link.watch_attitude(self.witness.attitude)
         self._departure = Departure(
             config,
             link,
             source,
             self._pilot,
             self._progress,
-            self._witness,
+            self.witness,
             confirm=confirm,
             others=others,
             say=self._say,
@@ -217,7 +218,7 @@ class Flight:
 
     def _pose(self, pose: Pose) -> None:
         if self._sender.pose(pose):
-            self._witness.pose(pose)
+            self.witness.pose(pose)
             self._scoreboard.pose(pose)
             self._departure.pose()
 

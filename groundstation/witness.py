@@ -36,7 +36,7 @@ CLOSEST_S = 0.004
 """Poses that follow the last one faster tell nothing more [s]."""
 LEAP_RAD = math.radians(1.5)
 """An autopilot's heading that goes so much farther than its gyros, from one message to the next, was reset."""
-SILENT_S = 0.5
+SILENT_S = 0.6
 """Nothing compared for so long: there is no second witness [s]."""
 
 LEARN_S = 10.0
@@ -57,7 +57,8 @@ FOLLOW_RAD = math.radians(2.0)
 TURN_WINDOWS = ((0.15, 2, 4.0), (0.6, 6, 3.0))
 """Turning is compared over the last so long [s], from one instant to so many steps later, and stands out where its mean
 square is about so many times that of the noise."""
-SPAN = max(span for _, span, _ in TURN_WINDOWS)
+SPAN = min(span for _, span, _ in TURN_WINDOWS)
+"""So many steps after a gap the first turn is known."""
 TURN_COUNTS_RAD_S = math.radians(20.0)
 """Faster turning counts as this [rad/s]: no leap counts for long."""
 TURN_SHARE = 0.5
@@ -333,8 +334,10 @@ class _Turns:
         return self._different.index(min(self._different)) - LAG
 
     def add(self, number: int, seen: "_Track", felt: "_Track") -> None:
-        """Take the turns that end at the instant ``number``."""
+        """Take the turns that end at the instant ``number``, where they began after the last gap."""
         span = self._span
+        if number - span < max(felt.begin, seen.begin + LAG):
+            return
         a, b, c, d = felt.at(number)
         x, y, z, w = felt.at(number - span)
         a, b, c, d = a - x, b - y, c - z, d - w
