@@ -14,7 +14,7 @@ the angle turned about it. Two things are compared there:
 
 Clocks may be apart and messages late: what the autopilot says of one instant is held against what the poses show up to
 0.1 s before and after it, and the best of these counts. A heading that leaps, as an autopilot's estimator resets it,
-changes neither: where it goes farther than the gyros turned, these count.
+tells nothing: where it goes farther than the gyros turned, turning is compared anew from there.
 """
 
 import math
@@ -159,7 +159,9 @@ class Witness:
             (gx, gy, gz), (p, q, r), (a, b, c) = gravity, told.rates_rad_s, last.rates_rad_s
             by_gyros = 0.5 * since * ((p + a) * gx + (q + b) * gy + (r + c) * gz)
             by_angle = _turn(last.attitude, told.attitude, gravity)
-            turned += by_angle if abs(by_angle - by_gyros) < LEAP_RAD else by_gyros
+            turned += by_angle
+            if abs(by_angle - by_gyros) > LEAP_RAD:
+                felt.forget()
         self._told = told
         if felt.take(told.time_s, (*gravity, turned)):
             self._compare()

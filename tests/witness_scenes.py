@@ -87,7 +87,8 @@ class Scene:
         """What arrives, and when [s], in order."""
         rng = random.Random(self.seed)
         events: list[tuple[float, int, Pose | Attitude]] = []
-        mounted = so3.from_euler_zyx(*map(math.radians, self.askew_deg))
+        roll, pitch, yaw = map(math.radians, self.askew_deg)
+        mounted = so3.from_euler_zyx(roll, pitch, yaw)
         noise = math.radians(self.noise_deg)
         for n in range(int(self.pose_hz * self.until_s)):
             time_s = n / self.pose_hz

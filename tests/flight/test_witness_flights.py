@@ -84,8 +84,13 @@ def flown(
     async def script(flight: Flight, stage: Stage) -> None:
         loop = asyncio.get_running_loop()
         liars: list[Liar] = []
+
+        def meddle(tracker: Tracker) -> Tracker:
+            liars.append(Liar(tracker))
+            return liars[0]
+
         assert stage.mocap is not None
-        stage.mocap.through(lambda tracker: liars.append(Liar(tracker)) or liars[0])  # type: ignore[func-returns-value]
+        stage.mocap.through(meddle)
         striking = asyncio.ensure_future(strike(flight, liars[0])) if lie is not None else None
         while True:
             now = loop.time()

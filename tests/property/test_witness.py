@@ -9,7 +9,7 @@ ANGLE, HZ = st.floats(0.0, 20.0), st.floats(0.05, 1.0)
 ASKEW = st.floats(-4.0, 4.0)
 
 
-@settings(max_examples=25, deadline=None)
+@settings(max_examples=15, deadline=None)
 @given(
     motion=st.builds(Motion, st.tuples(ANGLE, ANGLE, st.floats(0.0, 40.0)), st.tuples(HZ, HZ, HZ)),
     seed=st.integers(0, 1000),

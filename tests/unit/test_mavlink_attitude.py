@@ -116,7 +116,7 @@ def test_whoever_watches_gets_fifty_attitudes_a_second_on_our_clock(
     assert 0.01 < min(late) < 0.035  # half of the round trip, which is 30 ms one way and nothing the other
 
 
-def asked(answer: Callable[[Message], list[Message]] = accept, **options: bool) -> list[tuple[float, float]]:
+def asked(answer: Callable[[Message], list[Message]] = accept) -> list[tuple[float, float]]:
     """Which messages a link that is watched asks of an autopilot, with their intervals [µs], in order."""
     seen: list[tuple[float, float]] = []
 
@@ -124,7 +124,7 @@ def asked(answer: Callable[[Message], list[Message]] = accept, **options: bool) 
         autopilot = await Endpoint(kind=PX4).open()
         autopilot.answer = answer
         beating = asyncio.create_task(autopilot.beating())
-        link = MavlinkLink(MavlinkLinkConfig(**options), thrust_max_n=2.0)
+        link = MavlinkLink(MavlinkLinkConfig(quiet=True), thrust_max_n=2.0)
         link.watch_attitude(lambda told: None)
         try:
             await link.connect()
@@ -138,7 +138,7 @@ def asked(answer: Callable[[Message], list[Message]] = accept, **options: bool) 
 
 
 def test_the_quaternion_is_asked_for_and_the_angles_are_stopped() -> None:
-    seen = asked(quiet=True)
+    seen = asked()
     assert (31.0, 20_000.0) in seen
     assert (31.0, -1.0) not in seen
     assert (30.0, -1.0) in seen
@@ -151,7 +151,7 @@ def test_an_autopilot_that_has_no_quaternion_is_asked_for_the_angles() -> None:
             return [d.MAVLink_command_ack_message(message.command, 2, 0, 0, 245, 190)]
         return accept(message)
 
-    assert asked(answer, quiet=True)[-1] == (30.0, 20_000.0)
+    assert asked(answer)[-1] == (30.0, 20_000.0)
 
 
 def test_one_that_is_wanted_anyhow_is_asked_for_once() -> None:
