@@ -4,7 +4,7 @@ import asyncio
 from collections.abc import Callable
 
 from links.deadman import Deadman
-from links.mavlink_attitude import ATTITUDE_HZ, ATTITUDES, attitude_of
+from links.mavlink_attitude import ATTITUDE_HZ, ATTITUDES, SLOW_BAUD, SLOW_HZ, attitude_of
 from links.mavlink_beside import beside
 from links.mavlink_codec import ARDUPILOT, ARM_DISARM, Message
 from links.mavlink_config import MavlinkLinkConfig
@@ -91,7 +91,8 @@ class MavlinkLink:
 
     def watch_attitude(self, watch: Callable[[Attitude], None]) -> None:
         """Ask the autopilot for its attitude, and call ``watch`` with each that comes; not on a connected link."""
-        self.connection.wish(ATTITUDES, ATTITUDE_HZ)
+        slow = self._config.serial is not None and self._config.baud <= SLOW_BAUD
+        self.connection.wish(ATTITUDES, SLOW_HZ if slow else ATTITUDE_HZ)
 
         def hear(message: Message, arrival_s: float) -> None:
             told = attitude_of(message, arrival_s, self.connection.clock)

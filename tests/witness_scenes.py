@@ -62,6 +62,7 @@ class Scene:
     """How the tracked body is mounted: roll, pitch, yaw."""
     heading_deg: float = 70.0
     """The autopilot's north against the tracker's."""
+    told_hz: float = 50.0
     told_late_s: float = 0.01
     told_jitter_s: float = 0.0
     """How late the autopilot's messages come beyond that, at most."""
@@ -101,8 +102,8 @@ class Scene:
                 arrival = time_s + self.pose_late_s
                 events.append((arrival, n, Pose(n, time_s, arrival, ZERO, attitude)))
         arrival = 0.0
-        for n in range(int(50.0 * self.until_s)):
-            time_s = 0.02 * n + 0.003
+        for n in range(int(self.told_hz * self.until_s)):
+            time_s = n / self.told_hz + 0.003
             late = self.told_late_s + rng.random() * self.told_jitter_s
             told = self._told(time_s, rng)
             if rng.random() >= self.told_loss:

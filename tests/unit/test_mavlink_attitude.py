@@ -4,6 +4,7 @@ import asyncio
 import math
 from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import pytest
 from pymavlink.dialects.v20 import ardupilotmega as d
@@ -171,6 +172,23 @@ def test_one_that_is_wanted_anyhow_is_asked_for_once() -> None:
 
     in_virtual_time(main())
     assert [interval for number, interval in seen if number == 31.0] == [10_000.0]
+
+
+@pytest.mark.parametrize(
+    ("way", "rate_hz"),
+    [
+        ({"serial": "/dev/ttyUSB0", "baud": 57_600}, 12.5),
+        ({"serial": "/dev/ttyUSB0", "baud": 921_600}, 50.0),
+        ({"listen": "127.0.0.1:14540"}, 50.0),
+    ],
+)
+def test_a_slow_serial_port_is_not_filled_with_it(way: dict[str, Any], rate_hz: float) -> None:
+    link = MavlinkLink(MavlinkLinkConfig(**way), thrust_max_n=2.0)
+    with pytest.MonkeyPatch.context() as patch:
+        wished: list[float] = []
+        patch.setattr(link.connection, "wish", lambda names, hz: wished.append(hz))
+        link.watch_attitude(lambda told: None)
+    assert wished == [rate_hz]
 
 
 def test_it_can_only_be_watched_from_before_the_link_is_connected() -> None:

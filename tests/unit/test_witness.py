@@ -31,6 +31,7 @@ TRUE: dict[str, Scene] = {
     "telemetry that jitters": Scene(told_jitter_s=0.1),
     "telemetry that jitters without stamps": Scene(told_jitter_s=0.09, stamped=False),
     "late telemetry without stamps": Scene(told_late_s=0.09, stamped=False),
+    "a slow telemetry radio": Scene(told_hz=12.5, told_late_s=0.1, told_jitter_s=0.1),
     "half the telemetry lost": Scene(told_loss=0.5),
     "an estimator that wanders": Scene(slow_error_deg=2.0),
     "an estimator that is pulled upright": Scene(pulled_upright=0.2),
@@ -95,6 +96,12 @@ STRIKES: dict[str, Lie] = {
 @pytest.mark.parametrize("lie", STRIKES.values(), ids=STRIKES)
 def test_poses_that_begin_to_lie_in_flight_are_doubted_at_once(lie: Lie) -> None:
     doubted = doubted_s(Scene(lies=((STRUCK_S, lie),)))
+    assert doubted is not None
+    assert STRUCK_S < doubted < STRUCK_S + IN_S
+
+
+def test_a_few_attitudes_a_second_are_enough() -> None:
+    doubted = doubted_s(Scene(told_hz=12.5, told_late_s=0.05, lies=((STRUCK_S, resting),)))
     assert doubted is not None
     assert STRUCK_S < doubted < STRUCK_S + IN_S
 
