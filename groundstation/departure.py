@@ -13,6 +13,7 @@ from groundstation.progress import Progress
 from groundstation.sender import Ended
 from groundstation.settings import Config
 from groundstation.verdict import Check, Verdict
+from groundstation.witness import Witness
 from links.port import CommandLink, LinkError
 
 LOOK_AGAIN_S = 1.0
@@ -32,6 +33,7 @@ class Departure:
         source: PoseSource,
         pilot: Pilot,
         progress: Progress,
+        witness: Witness,
         *,
         confirm: Callable[[], Awaitable[bool]],
         others: Others | None,
@@ -47,6 +49,7 @@ class Departure:
         self._source = source
         self._pilot = pilot
         self._progress = progress
+        self._witness = witness
         self._confirm = confirm
         self._others = others
         self._say = say
@@ -95,6 +98,7 @@ class Departure:
         self.checks = ()
         if self._company is not None:
             self._company.leave()
+        self._witness.arm()
 
     async def check(self, deliver: Callable[[Pose], None]) -> list[Check]:
         """Connect and look, and no more; what can't be connected is a check that fails."""
@@ -114,7 +118,8 @@ class Departure:
         """What fails, and all checks; ``arming`` where the motors start next."""
         assert self._look is not None, "nobody has looked yet"
         now = asyncio.get_running_loop().time()
-        checks = self._look(self._progress.standing, self._pilot.noise_m, self._link.status, now)
+        evidence = self._witness.verdict(now)
+        checks = self._look(self._progress.standing, self._pilot.noise_m, self._link.status, now, evidence)
         if self._company is not None:
             checks += self._company(self._progress.standing, now, arming=arming)
         self.checks = tuple(checks)

@@ -14,6 +14,7 @@ from groundstation.hold_to_run.watch import HoldWatch
 from groundstation.live_gains import LiveGains
 from groundstation.mission import EVENT_OF, FINAL, ON_GROUND, Event, State
 from groundstation.pilot import Pilot, Tick
+from groundstation.poses.mavlink import MavlinkPoseConfig
 from groundstation.poses.others import Others
 from groundstation.poses.port import Pose, PoseEvent, PoseSource
 from groundstation.progress import Progress
@@ -24,6 +25,7 @@ from groundstation.sender import Ended, Sender
 from groundstation.settings import Config
 from groundstation.snapshot import Snapshot
 from groundstation.verdict import Check
+from groundstation.witness import Witness
 from links.port import CommandLink, LinkError
 
 HELD_IN = frozenset({State.ARMING, State.TAKEOFF, State.HOLD, State.TRACKING, State.RETURNING})
@@ -78,12 +80,17 @@ class Flight:
         self._scoreboard = Scoreboard(config, link)
         self._live = LiveGains(config.controller)
         self._quiet = quiet or Quiet()
+        self.witness = Witness()
+        """What the vehicle's own attitude says of the poses."""
+        if not isinstance(config.pose, MavlinkPoseConfig):  # one that is only heard twice is no second witness
+            link.watch_attitude(self.witness.attitude)
         self._departure = Departure(
             config,
             link,
             source,
             self._pilot,
             self._progress,
+            self.witness,
             confirm=confirm,
             others=others,
             say=self._say,
@@ -253,6 +260,7 @@ class Flight:
 
     def _pose(self, pose: Pose) -> None:
         if self._sender.pose(pose):
+            self.witness.pose(pose)
             self._scoreboard.pose(pose)
             self._departure.pose()
 

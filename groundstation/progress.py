@@ -30,12 +30,12 @@ class Progress:
         say: Callable[[str], None],
         on_state: Callable[[State, str], None],
         others: Others | None = None,
-        on_conviction: Callable[[str], None] = lambda reason: None,
+        on_conviction: Callable[[], None] = lambda: None,
     ) -> None:
         """``say`` takes lines for the operator, ``on_state`` every state that begins, and why.
 
         ``period_s`` tells the link's time between two commands [s]; ``others`` are vehicles to keep away from.
-        ``on_conviction`` hears why the poses are not believed any more, before the last command leaves.
+        ``on_conviction`` hears that the poses are not believed any more, before the last command leaves.
         """
         self._config = config
         self._pilot = pilot
@@ -162,7 +162,7 @@ class Progress:
         if self._conviction.says:
             self._say(self._conviction.says)
         if self._charge is not None:
-            self._on_conviction(self._charge.reason)
+            self._on_conviction()
         return self._charge is not None
 
     def flown(self, tick: Tick) -> None:

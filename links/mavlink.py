@@ -4,8 +4,9 @@ import asyncio
 from collections.abc import Callable
 
 from links.deadman import Deadman
+from links.mavlink_attitude import ATTITUDE_HZ, ATTITUDES, SLOW_BAUD, SLOW_HZ, attitude_of
 from links.mavlink_beside import beside
-from links.mavlink_codec import ARDUPILOT, ARM_DISARM
+from links.mavlink_codec import ARDUPILOT, ARM_DISARM, Message
 from links.mavlink_config import MavlinkLinkConfig
 from links.mavlink_connection import MavlinkConnection
 from links.mavlink_handshake import arming, disarming, landing, landing_disarmed
@@ -13,7 +14,7 @@ from links.mavlink_heard import STALE_NEWS_S
 from links.mavlink_steps import Autopilot, Handshake
 from links.mavlink_stop import Kill
 from links.mavlink_vitals import Vitals
-from links.port import Command, LinkError, LinkLost, LinkMisuse, LinkRejected, LinkStatus, Segment
+from links.port import Attitude, Command, LinkError, LinkLost, LinkMisuse, LinkRejected, LinkStatus, Segment
 from links.sleep import Sleep
 from links.thrust_curve import signal
 from links.transmit import Transmitter
@@ -90,6 +91,18 @@ class MavlinkLink:
             battery_share=self._vitals.battery_share,
             ready=self._vitals.ready,
         )
+
+    def watch_attitude(self, watch: Callable[[Attitude], None]) -> None:
+        """Ask the autopilot for its attitude, and call ``watch`` with each that comes; not on a connected link."""
+        slow = self._config.serial is not None and self._config.baud <= SLOW_BAUD
+        self.connection.wish(ATTITUDES, SLOW_HZ if slow else ATTITUDE_HZ)
+
+        def hear(message: Message, arrival_s: float) -> None:
+            told = attitude_of(message, arrival_s, self.connection.clock)
+            if told is not None:
+                watch(told)
+
+        self.connection.subscribe(hear)
 
     @property
     def _slept_s(self) -> float:
