@@ -75,12 +75,21 @@ class Flight:
         self._on_state = on_state
         flight = config.flight
         self._pilot = pilot or Pilot(config.vehicle, config.controller, flight.coast_s, flight.floor_z_m)
-        self._progress = Progress(config, self._pilot, lambda: link.period_s, self._say, self._entered, others)
+        self.witness = Witness()
+        self._progress = Progress(
+            config,
+            self._pilot,
+            lambda: link.period_s,
+            self._say,
+            self._entered,
+            others,
+            doubts=self._doubts,
+            on_conviction=self.distrust,
+        )
         self._sender = Sender(link, self._pilot, self._progress, flight.idle_thrust * config.weight_n, self._flown)
         self._scoreboard = Scoreboard(config, link)
         self._live = LiveGains(config.controller)
         self._quiet = quiet or Quiet()
-        self.witness = Witness()
         """What the vehicle's own attitude says of the poses."""
         if not isinstance(config.pose, MavlinkPoseConfig):  # one that is only heard twice is no second witness
             link.watch_attitude(self.witness.attitude)
@@ -199,10 +208,14 @@ class Flight:
         """Hear what happens to the poses; that commands must not rest on one for long is seen to elsewhere."""
         self._say(event.text)
 
-    def distrust(self, reason: str) -> None:
+    def distrust(self) -> None:
         """The poses have been found to be wrong: for the rest of this flight, nobody else rests on them either."""
-        self._say(f"poses are not trusted any more: {reason}")
         self._ending.distrust()
+
+    def _doubts(self, now_s: float) -> bool:
+        """Whether the autopilot's own attitude disagrees with the poses."""
+        testimony = self.witness.verdict(now_s)
+        return testimony is not None and testimony.doubts_s is not None
 
     async def run(self) -> Outcome:
         """Fly. However this ends, the link first does what it owes the vehicle: bring it down, or stop its motors.

@@ -13,7 +13,7 @@ from groundstation.control.descent import Descent
 from groundstation.control.estimator import ModelEstimator
 from groundstation.control.model import Drive, Motion, rolled
 from groundstation.control.model_descent import model_descent
-from groundstation.control.obedience import STILL_SUSPECTS, SUSPECTS, Evidence, Obedience
+from groundstation.control.obedience import STILL_SUSPECTS, SUSPECTS, Contradiction, Obedience
 from groundstation.control.port import Decision, Estimate
 from groundstation.control.watch import Seen, Watch
 from groundstation.ops import FLOATS, Vec3
@@ -179,7 +179,7 @@ class Pilot:
         return self._estimator.noise_m
 
     @property
-    def evidence(self) -> Evidence:
+    def evidence(self) -> Contradiction:
         """What speaks against the poses, as shares of what convicts (control/obedience.py)."""
         found, since = self._obedience.evidence, self._pushed_since_s
         if since is None:
@@ -296,8 +296,8 @@ class Pilot:
             self._pushed_since_s = pose.time_s
         if self.evidence.suspicious:
             if not estimator.holds:
-                before = self._before()
-                estimator.hold(before.disturbance, before.effectiveness)
+                trusted = self._before()
+                estimator.hold(trusted.disturbance, trusted.effectiveness)
         else:
             estimator.resume()
             self._trusted.append(Trusted(pose.time_s, motion, wind, estimator.effectiveness))

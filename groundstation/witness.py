@@ -81,7 +81,7 @@ _Vector = tuple[float, float, float, float]
 """Gravity in the body's axes, and the angle turned about it [rad]."""
 
 
-class Evidence(NamedTuple):
+class Testimony(NamedTuple):
     """What comes of holding both against each other."""
 
     share: float
@@ -166,7 +166,7 @@ class Witness:
         if felt.take(told.time_s, (*gravity, turned)):
             self._compare()
 
-    def verdict(self, now_s: float) -> Evidence | None:
+    def verdict(self, now_s: float) -> Testimony | None:
         """What comes of it at ``now_s``; None where one of the two is silent."""
         if self._apart is None or now_s - self._judged_s > SILENT_S:
             return None
@@ -178,7 +178,7 @@ class Witness:
                     alike.append(name)
                 elif share > UNLIKE:
                     unlike.append(name)
-        return Evidence(
+        return Testimony(
             share=max(self._tilting, self._turning),
             tilt_deg=math.degrees(math.hypot(*self._apart)),
             askew_deg=math.degrees(math.hypot(*self._askew)),

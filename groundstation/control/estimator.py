@@ -143,7 +143,7 @@ class ModelEstimator:
         return self._disturbance
 
     def hold(self, disturbance: Vec3, effectiveness: float) -> None:
-        """The poses are suspect: learn nothing from them; ``disturbance`` [m/s², NED] and λ̂ stay until :meth:`resume`."""
+        """The poses are suspect: learn nothing; ``disturbance`` [m/s², NED] and λ̂ stay so until :meth:`resume`."""
         self._held = disturbance
         self._effectiveness = self._effectiveness._replace(value=effectiveness)
 

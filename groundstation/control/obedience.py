@@ -38,7 +38,7 @@ NODE_S = 0.1
 GAP_S = 0.2
 """Poses further apart than this begin anew [s]: between them the model has gone astray."""
 FADE_S = 4.0
-"""Evidence fades with this time constant [s]."""
+"""Contradiction fades with this time constant [s]."""
 LEARN_S = 4.0
 """So does what is known of the noise [s]."""
 CALM = 2.0
@@ -59,7 +59,7 @@ ANSWER = 0.8
 TURN_NOISE_RAD, TURN_FLOOR_RAD = 0.004, 0.0025
 """Noise of a turn between two nodes, to begin with and at least [rad]."""
 WIND_M, WIND_RISES, WIND_FALLS = 0.02, 0.2, 0.03
-"""What wind leaves in the position's filter at least, 1σ [m], and how fast more and less of it are learnt from a node."""
+"""What wind leaves in the position's filter at least, 1σ [m]; how fast more and less of it are learnt from a node."""
 STILL, LIVELY = 0.05, 0.3
 """Shares of the command that a picture that stands, and one that wind moves, show at most and at least [-]."""
 MOVES, ANSWERS = 16.0, 0.5
@@ -118,7 +118,7 @@ def _expanding(n: int) -> tuple[float, float, float]:
     return max(alpha, ALPHA), max(beta, BETA), max(gamma, GAMMA)
 
 
-class Evidence(NamedTuple):
+class Contradiction(NamedTuple):
     """What speaks against the poses, as shares of what convicts."""
 
     attitude: float
@@ -175,13 +175,13 @@ class Obedience:
         return now_s - self.led_s < LED_S
 
     @property
-    def evidence(self) -> Evidence:
+    def evidence(self) -> Contradiction:
         """As it stands."""
         still = self._still / CONVICTS
         if self._stopped_s > NODE_S:
             still = max(still, STOPPED if self._stopped_s < ARREST_S else 1.0)
         heading = abs(self._heading) / HEADING_RAD_S
-        return Evidence(self._attitude / CONVICTS, max(self._maps) / IMAGE_CONVICTS, heading, still)
+        return Contradiction(self._attitude / CONVICTS, max(self._maps) / IMAGE_CONVICTS, heading, still)
 
     def pose(self, pose: Pose, before: Motion, given: Driven, dt: float, noise_m: float, *, counts: bool) -> bool:
         """Take one pose; whether it was a node, with new evidence.
@@ -242,7 +242,8 @@ class Obedience:
     def _begin(self, pose: Pose) -> None:
         self._resets, self._node_s = pose.reset_count, pose.time_s
         self._seen_x = self._seen_y = self._told_x = self._told_y = self._strayed = 0.0
-        self._pushed = self._speed = (0.0, 0.0, 0.0)
+        self._pushed: Vec3 = (0.0, 0.0, 0.0)
+        self._speed: Vec3 = (0.0, 0.0, 0.0)
         self._seen = [Filter(x) for x in pose.position_ned]
         self._told = [Filter(0.0) for _ in range(3)]
         self._nodes = 0

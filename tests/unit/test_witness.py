@@ -10,7 +10,7 @@ import pytest
 from groundstation import so3
 from groundstation.ops import Quat, Vec3
 from groundstation.poses.port import Pose
-from groundstation.witness import SILENT_S, Evidence, Witness
+from groundstation.witness import SILENT_S, Testimony, Witness
 from tests.witness_scenes import ARMED_S, ZERO, Lie, Motion, Scene, doubted_s, heard, largest
 
 STRUCK_S = 14.0
@@ -206,7 +206,7 @@ def test_in_flight_only_a_slow_drift_of_the_tilts_is_followed_and_not_far() -> N
     assert 15.0 < doubted < ARMED_S + (3.0 + 2.0 + 0.6) / 0.4
 
 
-def moved_by_hand(lie: Lie | None = None) -> Evidence:
+def moved_by_hand(lie: Lie | None = None) -> Testimony:
     """It is rolled, pitched and turned before arming, and stands again."""
     by_hand = Motion((25.0, 20.0, 40.0), (0.4, 0.3, 0.25))
     scene = Scene(motion=by_hand, until_s=19.0, lies=() if lie is None else ((0.0, lie),))
