@@ -112,6 +112,12 @@ def parser() -> argparse.ArgumentParser:
     request.add_argument("--key", type=Path, metavar="FILE", help="with --mqtt: the client's key")
     _broker_arguments(request)
 
+    stop_all = commands.add_parser("stop-all", help="have every flight of this user on this machine land, at once")
+    how = stop_all.add_mutually_exclusive_group()
+    how.add_argument("--descend", action="store_true", help="failsafe descent instead")
+    how.add_argument("--kill", action="store_true", help="motors off instead, also in the air; asks before")
+    stop_all.add_argument("--yes", action="store_true", help="with --kill: do not ask")
+
     mqtt = commands.add_parser("mqtt", help="about MQTT: keys of clients, topics, schemas")
     verbs = mqtt.add_subparsers(dest="verb", required=True, metavar="{make-key,topics,schemas}")
     make_key = verbs.add_parser("make-key", help="write the new key of a client that may ask by MQTT")

@@ -2,19 +2,22 @@
 
 import asyncio
 import os
-from collections.abc import AsyncIterator, Awaitable, Callable, Mapping
+from collections.abc import AsyncIterator, Awaitable, Callable, Mapping, Sequence
 from contextlib import asynccontextmanager
 from importlib.metadata import version
 from typing import Any, Protocol
 
 from groundstation.api.desk import Core
+from groundstation.api.register import Running
 from groundstation.api.server import Server
 from groundstation.broadcast import Latest
+from groundstation.company import Company, body_of
 from groundstation.config import dump
 from groundstation.flight import Flight, Outcome
+from groundstation.hold_to_run import make_hold
 from groundstation.mission import State
 from groundstation.pilot import Tick
-from groundstation.poses import make_source
+from groundstation.poses import ShowsOthers, make_source
 from groundstation.poses.forward import Forwarding
 from groundstation.poses.gated import Gated
 from groundstation.poses.others import Others
@@ -40,6 +43,8 @@ def make_ends(
         ConfigError: the poses need another link.
     """
     link = make_link(config.link, thrust_max_n=config.full_thrust_n, thrust_curve=config.thrust_curve, **(wires or {}))
+    if isinstance(link, MavlinkLink):
+        link.shares_poses = config.shares_poses
     return link, make_source(config.pose, link, others)
 
 
@@ -54,17 +59,22 @@ def make_flight(
     give: Give | None = None,
     on_state: Callable[[State, str], None] | None = None,
     quiet: Quiet | None = None,
+    running: Callable[[], Sequence[Running]] = tuple,
 ) -> Flight:
     """The parts that ``config`` names, put together; nothing is opened yet.
 
     ``on_pose`` sees every pose first, also those that the gate will drop; ``give`` takes what is to be recorded.
     ``wires``: see :func:`make_ends`. ``quiet`` hears of each command that left.
+    ``running`` tells what else flies from this machine.
 
     Raises:
         ConfigError: the poses need another link.
     """
-    others = Others(config.separation.others) if config.separation.others else None
-    link, source = make_ends(config, wires, others)
+    bodies = None
+    if isinstance(config.pose, ShowsOthers):
+        bodies = Others(config.separation.others, own=body_of(config) if config.flight.start == "floor" else None)
+    link, source = make_ends(config, wires, bodies)
+    hold = make_hold(config.operator, link)
     if on_pose is not None:
         source = Overheard(source, on_pose)
 
@@ -76,7 +86,8 @@ def make_flight(
         assert isinstance(link, MavlinkLink), "only a MAVLink section says so"
         source = Forwarding(source, link, config.forwards)
     told: dict[str, Any] = {"confirm": confirm, "on_tick": on_tick, "on_event": on_event, "on_state": on_state}
-    told |= {"others": others, "quiet": quiet}
+    told |= {"others": bodies if config.separation.others else None, "quiet": quiet, "hold": hold}
+    told |= {"company": Company(config, bodies, running, None if hold is None else hold.hold)}
     flight = (
         Flight(config, link, source, **told)
         if give is None

@@ -7,6 +7,7 @@ from groundstation.control.gains import Law
 from groundstation.course import Course
 from groundstation.fence import Fence
 from groundstation.ops import Vec3
+from groundstation.poses.mavlink import MavlinkPoseConfig
 from groundstation.poses.others import Others
 from groundstation.poses.port import Pose
 from groundstation.preflight import look, refused
@@ -16,6 +17,7 @@ from groundstation.so3 import angle_deg, third_column
 from groundstation.takeoff import Standing, limit_n, usual_limit_n
 from groundstation.trajectories.port import Reference, Trajectory
 from groundstation.verdict import Check, Verdict
+from groundstation.witness import ASKEW_DEG, Testimony
 from links.mavlink import MavlinkLinkConfig
 from links.port import LinkStatus
 
@@ -58,8 +60,13 @@ class Checks:
         self._trajectory = config.trajectory.build()
         self._still = [self._flyable(), self._certificate(), self._take_off()]
 
-    def __call__(self, standing: Standing, noise_m: float, link: LinkStatus, now_s: float) -> list[Check]:
-        """All checks, as the vehicle stands now; ``noise_m`` is the measured noise of its poses [m]."""
+    def __call__(
+        self, standing: Standing, noise_m: float, link: LinkStatus, now_s: float, witness: Testimony | None = None
+    ) -> list[Check]:
+        """All checks, as the vehicle stands now; ``noise_m`` is the measured noise of its poses [m].
+
+        ``witness`` is what comes of holding the poses against the autopilot's own attitude; None where it tells none.
+        """
         poses = list(standing.poses)
         if len(poses) < 2:
             return [Check("poses", Verdict.FAIL, "no poses: check the source"), self._arm(link), *self._still]
@@ -70,6 +77,7 @@ class Checks:
             judged("pose noise", noise_m, WARN_NOISE_M, NOISE_M, f"noise of {1e3 * noise_m:.2f} mm on each axis"),
             self._rest(poses),
             self._tilt(poses[-1]),
+            self._witness(witness),
             self._floor(poses[-1], place),
             self._inside(place),
             self._apart(place, now_s),
@@ -105,6 +113,28 @@ class Checks:
         tilt = angle_deg(third_column(pose.attitude)[2])
         more = "" if tilt <= WARN_TILT_DEG else ": level the floor, or correct the object's axes in the capture system"
         return judged("tilt", tilt, WARN_TILT_DEG, TILT_DEG, f"it stands tilted by {tilt:.1f}°{more}")
+
+    def _witness(self, told: Testimony | None) -> Check:
+        """Whether the autopilot lies and turns as the tracker sees it."""
+        name, config = "second witness", self._config
+        if isinstance(config.pose, MavlinkPoseConfig):
+            return Check(name, Verdict.OFF, "there is none: the poses are the autopilot's own")
+        if not isinstance(config.link, MavlinkLinkConfig):
+            return Check(name, Verdict.OFF, "there is none: a radio does not tell how the vehicle lies")
+        if told is None:
+            says = "the autopilot does not send its attitude, so nothing holds against poses that lie"
+            return Check(name, Verdict.WARN, says)
+        cure = "is it the right body? `groundstation carry` finds the axes of its object"
+        if told.unlike:
+            says = f"moved by hand, {' and '.join(told.unlike)} went another way in the poses than in the autopilot"
+            return Check(name, Verdict.FAIL, f"{says}: {cure}")
+        says = f"tilt by the poses and by the autopilot is {told.askew_deg:.1f}° apart"
+        if told.askew_deg > ASKEW_DEG:
+            return Check(name, Verdict.FAIL, f"{says}: {cure}, level the autopilot's accelerometers")
+        if told.doubts_s is not None:
+            return Check(name, Verdict.WARN, "poses move otherwise than the autopilot feels: does somebody carry it?")
+        alike = f"; {', '.join(told.alike)} went the same way as it was moved" if told.alike else ""
+        return Check(name, Verdict.PASS, f"{says}{alike}")
 
     def _floor(self, pose: Pose, place: Vec3) -> Check:
         if self._config.flight.start == "air":

@@ -108,6 +108,13 @@ def request(args: argparse.Namespace) -> int:
     return request_command(Ask(args.ask), args.vehicle, args.socket, args.why)
 
 
+def stop_all(args: argparse.Namespace) -> int:
+    """Have every flight of this user on this machine come down."""
+    from groundstation.stop_all import stop_all_command
+
+    return stop_all_command(args, input if sys.stdin.isatty() else None)
+
+
 def mqtt(args: argparse.Namespace) -> int:
     """Keys, topics and schemas of MQTT."""
     from groundstation.telemetry.mqtt_command import mqtt_command

@@ -3,13 +3,13 @@
 *Suspicion*: nothing is learnt from the poses, the last trim is held, and the operator is told. *Conviction*: the poses
 are not believed again in this flight; it ends with a descent on the model, from what was believed before. Where the
 attitude obeys and only the position stands, or where something moves the vehicle, it may be a tether, a net or a hand:
-the flight ends in the same way, and nobody is convicted. (Poses that follow the commands, but later than their stamps say, only count as
-older: :meth:`groundstation.pilot.Pilot.admit_lateness`.)
+the flight ends in the same way, and nobody is convicted. Poses that follow the commands, but later than their stamps
+say, only count as older (:attr:`groundstation.pilot.Pilot.late_s`).
 """
 
 from typing import NamedTuple
 
-from groundstation.control.obedience import STILL_SUSPECTS, Evidence
+from groundstation.control.obedience import STILL_SUSPECTS, Contradiction
 
 HELD_S = 1.0
 """How long the suspicion that the position stands may last, before it ends the flight [s]."""
@@ -35,7 +35,7 @@ class Conviction:
         self._suspected = False
         self._still_since_s: float | None = None
 
-    def look(self, evidence: Evidence, now_s: float, *, led: bool = False, doubted: bool = False) -> Charge | None:
+    def look(self, evidence: Contradiction, now_s: float, *, led: bool = False, doubted: bool = False) -> Charge | None:
         """What follows from ``evidence``.
 
         ``led`` where something else than commands moves it; ``doubted`` where the autopilot's own attitude disagrees
@@ -69,7 +69,7 @@ class Conviction:
 LED = "something else than the commands moves it (a hand, or it is another body)"
 
 
-def _accusation(evidence: Evidence) -> str:
+def _accusation(evidence: Contradiction) -> str:
     largest = max(evidence)
     if evidence.attitude == largest:
         return (

@@ -4,6 +4,7 @@ import asyncio
 from collections.abc import Awaitable, Callable
 
 from groundstation.checks import LOOK_S, Checks, failed
+from groundstation.company import Company
 from groundstation.mission import Event
 from groundstation.pilot import Pilot
 from groundstation.poses.others import Others
@@ -12,6 +13,7 @@ from groundstation.progress import Progress
 from groundstation.sender import Ended
 from groundstation.settings import Config
 from groundstation.verdict import Check, Verdict
+from groundstation.witness import Witness
 from links.port import CommandLink, LinkError
 
 LOOK_AGAIN_S = 1.0
@@ -31,20 +33,27 @@ class Departure:
         source: PoseSource,
         pilot: Pilot,
         progress: Progress,
+        witness: Witness,
         *,
         confirm: Callable[[], Awaitable[bool]],
         others: Others | None,
         say: Callable[[str], None],
+        company: Company | None = None,
     ) -> None:
-        """``confirm`` asks the operator before the vehicle is armed; ``others`` are vehicles to keep away from."""
+        """``confirm`` asks the operator before the vehicle is armed; ``others`` are vehicles to keep away from.
+
+        ``company`` makes more checks, of what is beside the vehicle.
+        """
         self._config = config
         self._link = link
         self._source = source
         self._pilot = pilot
         self._progress = progress
+        self._witness = witness
         self._confirm = confirm
         self._others = others
         self._say = say
+        self._company = company
         self._look: Checks | None = None
         self._arm_asked = asyncio.Event()
         self._first_pose = asyncio.Event()
@@ -83,10 +92,13 @@ class Departure:
         progress.go(Event.CONNECTED, f"link and poses are there; {poses}", loop.time())
         await self._operator()
         if from_floor:
-            bad, _ = self._checked()
+            bad, _ = self._checked(arming=True)
             if bad:
                 raise Ended(f"not armed: {bad}")
         self.checks = ()
+        if self._company is not None:
+            self._company.leave()
+        self._witness.arm()
 
     async def check(self, deliver: Callable[[Pose], None]) -> list[Check]:
         """Connect and look, and no more; what can't be connected is a check that fails."""
@@ -102,11 +114,14 @@ class Departure:
         self._look = Checks(self._config, self._others)
         await asyncio.sleep(LOOK_S)
 
-    def _checked(self) -> tuple[str, list[Check]]:
-        """What fails, and all checks."""
+    def _checked(self, *, arming: bool = False) -> tuple[str, list[Check]]:
+        """What fails, and all checks; ``arming`` where the motors start next."""
         assert self._look is not None, "nobody has looked yet"
         now = asyncio.get_running_loop().time()
-        checks = self._look(self._progress.standing, self._pilot.noise_m, self._link.status, now)
+        evidence = self._witness.verdict(now)
+        checks = self._look(self._progress.standing, self._pilot.noise_m, self._link.status, now, evidence)
+        if self._company is not None:
+            checks += self._company(self._progress.standing, now, arming=arming)
         self.checks = tuple(checks)
         return failed(checks), checks
 

@@ -4,7 +4,7 @@ import asyncio
 from collections.abc import Callable
 from contextlib import suppress
 
-from groundstation.poses.port import PoseSource
+from groundstation.poses.port import Distrusts, PoseSource
 from links.port import CommandLink, LinkError
 
 FEED_LOOK_S = 0.1
@@ -44,6 +44,14 @@ class Ending:
         """End those poses, too."""
         if self._feeding is not None:
             self._feeding.set()
+
+    def distrust(self) -> None:
+        """Our poses are wrong: nobody gets them any more, and no LAND is asked for that may rest on them."""
+        self._forwards = False
+        self.starve()
+        for part in (self._source, self._link):
+            if isinstance(part, Distrusts):
+                part.distrust()
 
     async def close(self) -> None:
         """Close the link, which may have to bring down first, and the source, and tell what is done."""

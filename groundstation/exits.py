@@ -40,6 +40,10 @@ CODES: dict[str, dict[int, str]] = {
         1: "refused: the reason is printed",
         2: "nobody there, or not clear who is meant",
     },
+    "stop-all": {
+        0: "every flight has answered, or none is there",
+        1: "one did not answer, and got a signal; or `--kill` was not confirmed",
+    },
     "health": {0: "alive and well", 1: "stale, or no command leaves in flight", 2: "no daemon runs"},
     "check": {
         0: "ready to fly",

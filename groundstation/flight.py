@@ -6,12 +6,15 @@ from collections.abc import Awaitable, Callable
 import msgspec
 
 from groundstation.clock import to_the_end
+from groundstation.company import Company
 from groundstation.control.obedience import Obedience
 from groundstation.departure import Departure
 from groundstation.ending import Ending
+from groundstation.hold_to_run.watch import HoldWatch
 from groundstation.live_gains import LiveGains
 from groundstation.mission import EVENT_OF, FINAL, ON_GROUND, Event, State
 from groundstation.pilot import Pilot, Tick
+from groundstation.poses.mavlink import MavlinkPoseConfig
 from groundstation.poses.others import Others
 from groundstation.poses.port import Pose, PoseEvent, PoseSource
 from groundstation.progress import Progress
@@ -22,7 +25,11 @@ from groundstation.sender import Ended, Sender
 from groundstation.settings import Config
 from groundstation.snapshot import Snapshot
 from groundstation.verdict import Check
+from groundstation.witness import Witness
 from links.port import CommandLink, LinkError
+
+HELD_IN = frozenset({State.ARMING, State.TAKEOFF, State.HOLD, State.TRACKING, State.RETURNING})
+"""Where the operator's hold is let go in these states, it lands; in those that come down already it changes nothing."""
 
 
 class Outcome(msgspec.Struct, frozen=True):
@@ -50,12 +57,15 @@ class Flight:
         pilot: Pilot | None = None,
         others: Others | None = None,
         quiet: Quiet | None = None,
+        company: Company | None = None,
+        hold: HoldWatch | None = None,
     ) -> None:
         """Take the parts; ``confirm`` asks the operator before the vehicle is armed.
 
         ``on_tick`` sees every command of the controller that leaves; ``on_event`` every line meant for the operator;
         ``on_state`` every state that begins, and why. Without a ``pilot`` it makes its own.
         ``others`` are vehicles to keep away from, as ``source`` sees them. ``quiet`` hears of each command that left.
+        ``company`` checks what is beside it before it is armed; ``hold`` watches what the operator must hold.
         """
         self._config = config
         self._link = link
@@ -65,14 +75,37 @@ class Flight:
         self._on_state = on_state
         flight = config.flight
         self._pilot = pilot or Pilot(config.vehicle, config.controller, flight.coast_s, flight.floor_z_m)
-        self._progress = Progress(config, self._pilot, lambda: link.period_s, self._say, self._entered, others)
+        self.witness = Witness()
+        self._progress = Progress(
+            config,
+            self._pilot,
+            lambda: link.period_s,
+            self._say,
+            self._entered,
+            others,
+            doubts=self._doubts,
+            on_conviction=self.distrust,
+        )
         self._sender = Sender(link, self._pilot, self._progress, flight.idle_thrust * config.weight_n, self._flown)
         self._scoreboard = Scoreboard(config, link)
         self._live = LiveGains(config.controller)
         self._quiet = quiet or Quiet()
+        """What the vehicle's own attitude says of the poses."""
+        if not isinstance(config.pose, MavlinkPoseConfig):  # one that is only heard twice is no second witness
+            link.watch_attitude(self.witness.attitude)
         self._departure = Departure(
-            config, link, source, self._pilot, self._progress, confirm=confirm, others=others, say=self._say
+            config,
+            link,
+            source,
+            self._pilot,
+            self._progress,
+            self.witness,
+            confirm=confirm,
+            others=others,
+            say=self._say,
+            company=company,
         )
+        self._hold = hold
         self._ending = Ending(link, source, self._say, forwards=config.forwards is not None)
         self._crew: asyncio.Task[None] | None = None
         self._dismissed = False
@@ -113,6 +146,8 @@ class Flight:
             self._say(says + (f" ({why})" if why else ""))
             return Reply(False, says)
         match request.ask:
+            case Ask.ARM if self._hold is not None and self._hold.hold.obstacle:
+                return Reply(False, f"{self._hold.hold.obstacle}: {self._hold.hold.advice}")
             case Ask.ARM:
                 self._departure.arm()
                 return Reply(True, "arming")
@@ -173,12 +208,22 @@ class Flight:
         """Hear what happens to the poses; that commands must not rest on one for long is seen to elsewhere."""
         self._say(event.text)
 
+    def distrust(self) -> None:
+        """The poses have been found to be wrong: for the rest of this flight, nobody else rests on them either."""
+        self._ending.distrust()
+
+    def _doubts(self, now_s: float) -> bool:
+        """Whether the autopilot's own attitude disagrees with the poses."""
+        testimony = self.witness.verdict(now_s)
+        return testimony is not None and testimony.doubts_s is not None
+
     async def run(self) -> Outcome:
         """Fly. However this ends, the link first does what it owes the vehicle: bring it down, or stop its motors.
 
         Then the link and the source are closed, and nothing leaves any more; cancelling does not shorten that.
         """
         loop, progress = asyncio.get_running_loop(), self._progress
+        watching = self._watch()
         self._crew = asyncio.ensure_future(self._fly())
         if self._dismissed:
             self._crew.cancel()
@@ -192,6 +237,7 @@ class Flight:
                 raise
         finally:
             await to_the_end(self._ending.close())
+            watching.cancel()
         return Outcome(self.state, progress.reason, progress.fault)
 
     async def _fly(self) -> None:
@@ -201,15 +247,33 @@ class Flight:
 
     async def check(self) -> list[Check]:
         """Connect, look at everything as before a flight, and disconnect; instead of :meth:`run`."""
+        watching = self._watch()
         try:
             return await self._departure.check(self._pose)
         finally:
             await to_the_end(self._ending.close())
+            watching.cancel()
+
+    def _watch(self) -> "asyncio.Future[None]":
+        """Watch what the operator must hold, from now on."""
+        if self._hold is None:
+            return asyncio.get_running_loop().create_future()
+        return asyncio.ensure_future(self._hold.run(self._looked))
 
     # ---- what comes in, and what is told
 
+    def _looked(self) -> None:
+        """How the operator's hold stands is known anew: let go or lost, it lands."""
+        assert self._hold is not None, "somebody has looked"
+        why = self._hold.hold.obstacle
+        if why and self.state in HELD_IN:
+            if self._hold.hold.lost:
+                self._progress.fault = self._progress.fault or why
+            self.ask(Request(Ask.LAND, why))
+
     def _pose(self, pose: Pose) -> None:
         if self._sender.pose(pose):
+            self.witness.pose(pose)
             self._scoreboard.pose(pose)
             self._departure.pose()
 

@@ -13,7 +13,7 @@ from groundstation.control.descent import Descent
 from groundstation.control.estimator import ModelEstimator
 from groundstation.control.model import Drive, Motion, rolled
 from groundstation.control.model_descent import model_descent
-from groundstation.control.obedience import SUSPECTS, Evidence, Obedience
+from groundstation.control.obedience import STILL_SUSPECTS, SUSPECTS, Contradiction, Obedience
 from groundstation.control.port import Decision, Estimate
 from groundstation.control.watch import Seen, Watch
 from groundstation.ops import FLOATS, Vec3
@@ -33,6 +33,10 @@ TRUST_S = 0.4
 """So long before suspicion began is the estimate believed again [s]: what was seen just then may be false already."""
 REMEMBER_S = 4.0
 """How far back estimates and commands are kept for that [s]."""
+GUST_M_S2 = 2.0
+"""A disturbance that is found to change by so much against its mean [m/s²] moves a vehicle, or is none."""
+PUSHED_S = 0.2
+"""A position that stands against that for so long [s] is not the vehicle's, or the vehicle is held."""
 NEAR_FLOOR_M = 0.12
 """Below this height the floor holds the vehicle, too [m]: obedience is not asked there."""
 
@@ -91,6 +95,7 @@ class Pilot:
         self._watch = Watch(vehicle, config)
         self._obedience = Obedience(vehicle.mass_kg, config.gravity)
         self._late_s = 0.0
+        self._pushed_since_s: float | None = None
         self._trusted: deque[Trusted] = deque()
         self._drives: deque[tuple[float, Drive]] = deque()
         self._poses, self._counted_s = 0, 0.0
@@ -174,9 +179,13 @@ class Pilot:
         return self._estimator.noise_m
 
     @property
-    def evidence(self) -> Evidence:
+    def evidence(self) -> Contradiction:
         """What speaks against the poses, as shares of what convicts (control/obedience.py)."""
-        return self._obedience.evidence
+        found, since = self._obedience.evidence, self._pushed_since_s
+        if since is None:
+            return found
+        lasts = self._newest_s - since >= PUSHED_S - 1e-6
+        return found._replace(still=max(found.still, 1.0 if lasts else STILL_SUSPECTS))
 
     @property
     def monitor(self) -> Obedience:
@@ -261,7 +270,7 @@ class Pilot:
         assert motion is not None, "nothing flies without a pose"
         self._obedience.restart()
         self._trusted.clear()
-        self._trusted.append(Trusted(self._newest_s, motion, disturbance, 1.0))
+        self._trusted.append(Trusted(self._newest_s, motion, disturbance, self._estimator.effectiveness))
 
     def _obeys(self, pose: Pose, before: Motion) -> None:
         """Hold one more pose against the commands; learn nothing while it is suspect."""
@@ -279,13 +288,18 @@ class Pilot:
             self._late_s = self._obedience.lateness_s()
             if self._late_s > 0.0:
                 self._obedience.restart()
-        if self._obedience.evidence.suspicious:
+        wind = self._wind or (0.0, 0.0, 0.0)
+        gust = math.dist(estimator.disturbance, wind)
+        if not self._obedience.stands(pose.time_s) or (gust <= GUST_M_S2 and not estimator.holds):
+            self._pushed_since_s = None
+        elif self._pushed_since_s is None:
+            self._pushed_since_s = pose.time_s
+        if self.evidence.suspicious:
             if not estimator.holds:
-                before = self._before()
-                estimator.hold(before.disturbance, before.effectiveness)
+                trusted = self._before()
+                estimator.hold(trusted.disturbance, trusted.effectiveness)
         else:
             estimator.resume()
-            wind = self._wind or (0.0, 0.0, 0.0)
             self._trusted.append(Trusted(pose.time_s, motion, wind, estimator.effectiveness))
             while self._trusted[0].time_s < pose.time_s - REMEMBER_S:
                 self._trusted.popleft()

@@ -3,6 +3,7 @@
 from pathlib import Path
 
 from groundstation.config import ConfigError
+from groundstation.hold_to_run import ensure_held
 from groundstation.poses import Recorded
 from groundstation.settings import Config
 from groundstation.telemetry.mqtt_requests import ensure_mqtt
@@ -97,6 +98,7 @@ def flyable(config: Config) -> Config:
     ensure_guarded(config)
     ensure_link(config)
     ensure_mqtt(config.mqtt)
+    ensure_held(config.operator)
     ensure_flyable(config)
     return config
 

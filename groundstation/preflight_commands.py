@@ -40,6 +40,7 @@ def check_command(args: argparse.Namespace) -> int:
         return watch(config, seconds=args.seconds, as_json=args.json)
     if args.seconds is not None:
         raise ConfigError("--seconds", "is for --watch; without it the checks end by themselves")
+    from groundstation.api.register import running
     from groundstation.app import make_flight
 
     preflight.flyable(config)
@@ -47,7 +48,7 @@ def check_command(args: argparse.Namespace) -> int:
     async def never() -> bool:
         return False
 
-    found = asyncio.run(make_flight(config, confirm=never).check())
+    found = asyncio.run(make_flight(config, confirm=never, running=running).check())
     bad = checks.failed(found)
     verdict = "NOT ready to fly: see FAIL above" if bad else "ready to fly"
     facts = json.dumps({"pass": not bad, "checks": msgspec.to_builtins(found)})

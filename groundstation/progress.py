@@ -2,7 +2,7 @@
 
 from collections.abc import Callable
 
-from groundstation.conviction import Charge, Conviction
+from groundstation.conviction import WITNESS, Charge, Conviction
 from groundstation.course import Course, Leg
 from groundstation.escalation import Escalation, Finding, Step
 from groundstation.fence import Fence
@@ -30,16 +30,20 @@ class Progress:
         say: Callable[[str], None],
         on_state: Callable[[State, str], None],
         others: Others | None = None,
-        on_conviction: Callable[[str], None] = lambda reason: None,
+        *,
+        doubts: Callable[[float], bool] = lambda now_s: False,
+        on_conviction: Callable[[], None] = lambda: None,
     ) -> None:
         """``say`` takes lines for the operator, ``on_state`` every state that begins, and why.
 
         ``period_s`` tells the link's time between two commands [s]; ``others`` are vehicles to keep away from.
-        ``on_conviction`` hears why the poses are not believed any more, before the last command leaves.
+        ``doubts`` tells whether the autopilot's own attitude disagrees with the poses at an instant [s];
+        ``on_conviction`` hears that the poses are not believed any more, before the last command leaves.
         """
         self._config = config
         self._pilot = pilot
         self._period_s = period_s
+        self._doubts = doubts
         self._on_conviction = on_conviction
         self._conviction = Conviction()
         self._charge: Charge | None = None
@@ -158,11 +162,13 @@ class Progress:
         if self._late_s > late_s:
             why = f"the poses are {1e3 * self._late_s:.0f} ms older than they say, by what the commands did"
             self._answer(Finding(Step.LAND, why), now_s)
-        self._charge = self._conviction.look(self._pilot.evidence, now_s, led=self._pilot.monitor.led(now_s))
+        evidence = self._pilot.evidence
+        doubted = max(evidence) >= WITNESS and self._doubts(now_s)
+        self._charge = self._conviction.look(evidence, now_s, led=self._pilot.monitor.led(now_s), doubted=doubted)
         if self._conviction.says:
             self._say(self._conviction.says)
         if self._charge is not None:
-            self._on_conviction(self._charge.reason)
+            self._on_conviction()
         return self._charge is not None
 
     def flown(self, tick: Tick) -> None:

@@ -2,9 +2,13 @@
 
 import argparse
 import asyncio
+import os
 import signal
 from collections.abc import Callable
 
+from groundstation.api.place import ApiError
+from groundstation.api.register import BRIDGE, Running, registered
+from groundstation.company import link_of
 from groundstation.config import ConfigError, load
 from groundstation.preflight import key
 from groundstation.settings import Config
@@ -70,7 +74,13 @@ def bridge(args: argparse.Namespace, say: Say) -> bool:
             "CONFIG.toml", "expected a configuration, or --make-key FILE; see docs/how-to/two-computers.md"
         )
     config = load(args.config, BridgeConfig, args.overrides)
-    return asyncio.run(_bridge(config, key(config.key_file, "key_file"), say))
+    shared = key(config.key_file, "key_file")
+    one = Running(pid=os.getpid(), command=BRIDGE, vehicle=config.listen, link=link_of(config.link))
+    try:
+        with registered(one):
+            return asyncio.run(_bridge(config, shared, say))
+    except ApiError as error:
+        raise ConfigError("XDG_RUNTIME_DIR", str(error)) from None
 
 
 async def _bridge(config: BridgeConfig, shared: bytes, say: Say) -> bool:

@@ -4,9 +4,11 @@ import asyncio
 from collections.abc import Awaitable, Callable
 from typing import Any
 
+from groundstation.company import Company
 from groundstation.config import dump
 from groundstation.due import Due
 from groundstation.flight import Flight, Outcome
+from groundstation.hold_to_run.watch import HoldWatch
 from groundstation.mission import State
 from groundstation.pilot import Pilot, Tick
 from groundstation.poses.others import Others
@@ -116,6 +118,8 @@ class RecordedFlight(Flight):
         on_state: Callable[[State, str], None] | None = None,
         others: Others | None = None,
         quiet: Quiet | None = None,
+        company: Company | None = None,
+        hold: HoldWatch | None = None,
     ) -> None:
         """As a flight; ``give`` takes the records."""
         self._recorder = give
@@ -135,6 +139,8 @@ class RecordedFlight(Flight):
             pilot=pilot,
             others=others,
             quiet=quiet,
+            company=company,
+            hold=hold,
         )
 
     def ask(self, request: Request) -> Reply:

@@ -9,11 +9,13 @@ from groundstation.control.controllers import ControllerConfig
 from groundstation.control.gains import Gains
 from groundstation.fence import FenceConfig
 from groundstation.guards import GuardsConfig
+from groundstation.hold_to_run.config import OperatorConfig
 from groundstation.limits import LimitsConfig
 from groundstation.poses import PoseConfig, ShowsOthers
 from groundstation.poses.gate import GateConfig
 from groundstation.poses.mavlink import MavlinkPoseConfig
 from groundstation.poses.vicon import ViconConfig
+from groundstation.poses.vision import VisionConfig
 from groundstation.separation import SeparationConfig
 from groundstation.takeoff import TakeoffConfig
 from groundstation.telemetry.flights import RecordingConfig
@@ -72,6 +74,7 @@ class Config(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=Tr
     fence: FenceConfig | None = None
     """The room to stay in; a real flight needs one, and ``limits.max_speed_m_s``."""
     separation: SeparationConfig = SeparationConfig()
+    operator: OperatorConfig = OperatorConfig()
     status: StatusConfig = StatusConfig()
     mqtt: MqttConfig = MqttConfig()
     recording: RecordingConfig = RecordingConfig()
@@ -90,15 +93,22 @@ class Config(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=Tr
         if others and not isinstance(self.pose, ShowsOthers):
             kind = self.pose.__struct_config__.tag
             raise ValueError(f"separation.others: poses of kind {kind} show no other vehicle: leave it out")
-        own = getattr(self.pose, "object", None) or getattr(self.pose, "name", None)
-        if own in others or len(set(others)) < len(others):
+        if self.body in others or len(set(others)) < len(others):
             raise ValueError("separation.others: expected each other vehicle once, and not this one's own object")
+        self.operator.ensure_named()
+        if self.operator.channel is not None and not isinstance(self.link, MavlinkLinkConfig):
+            raise ValueError("operator.hold: a channel of the transmitter is told by link.kind mavlink alone")
         full, most = self.full_thrust_n, self.vehicle.thrust_max_n
         if full < (1.0 - HOVER_TOLERANCE) * most:
             raise ValueError(
                 f"vehicle.thrust_max_n: {most:.4g} N is more than the full signal gives, {full:.4g} N by mass_kg, "
                 f"hover_thrust and the thrust curve (f = {self.thrust_curve:g}): lower it, or correct one of these"
             )
+
+    @property
+    def body(self) -> str:
+        """The vehicle's object in the capture system; empty where poses are of nothing else."""
+        return str(getattr(self.pose, "object", "") or getattr(self.pose, "name", ""))
 
     @property
     def thrust_curve(self) -> float:
@@ -111,6 +121,11 @@ class Config(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=Tr
         if isinstance(self.link, MavlinkLinkConfig) and self.link.forward.enabled:
             return self.link.forward
         return None
+
+    @property
+    def shares_poses(self) -> bool:
+        """Whether the poses are an autopilot's own, or such as bridges send to autopilots, too."""
+        return isinstance(self.pose, MavlinkPoseConfig | VisionConfig)
 
     @property
     def full_thrust_n(self) -> float:

@@ -47,6 +47,9 @@ class Vehicle(FromFile, msgspec.Struct, frozen=True, kw_only=True, forbid_unknow
     """From a command leaving us to the actuators seeing it [s]."""
     frame_period_s: Positive = 0.0225
     """How long a command is held: the period of command frames [s]."""
+    size_m: Positive = 0.3
+    """Its largest extent, propellers included [m]: another tracked body that is nearer before arming is too near, or
+    one body under two names."""
     hover_range: tuple[Positive, Positive] = (0.7, 1.45)
     """Least and largest thrust at which it may hover, as a share of its weight [-]; outside, it lands again."""
     hover_n: Positive | None = None
@@ -92,5 +95,7 @@ class Vehicle(FromFile, msgspec.Struct, frozen=True, kw_only=True, forbid_unknow
         return {**told, **table}
 
 
-_OPTIONAL = ("preset", "file", "command_delay_s", "thrust_curve", "hover_thrust", "hover_range", "hover_n")
+_OPTIONAL = (
+    "preset", "file", "command_delay_s", "thrust_curve", "hover_thrust", "hover_range", "size_m", "hover_n",
+)  # fmt: skip
 """What a vehicle file may leave out."""

@@ -4,8 +4,9 @@ import asyncio
 from collections.abc import Callable
 
 from links.deadman import Deadman
+from links.mavlink_attitude import ATTITUDE_HZ, ATTITUDES, SLOW_BAUD, SLOW_HZ, attitude_of
 from links.mavlink_beside import beside
-from links.mavlink_codec import ARDUPILOT, ARM_DISARM
+from links.mavlink_codec import ARDUPILOT, ARM_DISARM, Message
 from links.mavlink_config import MavlinkLinkConfig
 from links.mavlink_connection import MavlinkConnection
 from links.mavlink_handshake import arming, disarming, landing, landing_disarmed
@@ -13,7 +14,7 @@ from links.mavlink_heard import STALE_NEWS_S
 from links.mavlink_steps import Autopilot, Handshake
 from links.mavlink_stop import Kill
 from links.mavlink_vitals import Vitals
-from links.port import Command, LinkError, LinkLost, LinkMisuse, LinkRejected, LinkStatus, Segment
+from links.port import Attitude, Command, LinkError, LinkLost, LinkMisuse, LinkRejected, LinkStatus, Segment
 from links.sleep import Sleep
 from links.thrust_curve import signal
 from links.transmit import Transmitter
@@ -46,6 +47,9 @@ class MavlinkLink:
         self._obeys = False
         self._obeys_s = 0.0
         self._taken = ""
+        self.shares_poses = False
+        """Whether the poses that are flown by are the autopilot's own, or come to it from elsewhere too."""
+        self._distrusted = False
         self._sleep: Sleep | None = None
         """Since the newest arming."""
         self._vitals = Vitals()
@@ -88,6 +92,18 @@ class MavlinkLink:
             ready=self._vitals.ready,
         )
 
+    def watch_attitude(self, watch: Callable[[Attitude], None]) -> None:
+        """Ask the autopilot for its attitude, and call ``watch`` with each that comes; not on a connected link."""
+        slow = self._config.serial is not None and self._config.baud <= SLOW_BAUD
+        self.connection.wish(ATTITUDES, SLOW_HZ if slow else ATTITUDE_HZ)
+
+        def hear(message: Message, arrival_s: float) -> None:
+            told = attitude_of(message, arrival_s, self.connection.clock)
+            if told is not None:
+                watch(told)
+
+        self.connection.subscribe(hear)
+
     @property
     def _slept_s(self) -> float:
         return 0.0 if self._sleep is None else self._sleep.slept_s
@@ -100,6 +116,7 @@ class MavlinkLink:
             LinkRejected: the autopilot refuses to send a message that was requested.
         """
         self._loop = asyncio.get_running_loop()
+        self._distrusted = False
         await self.connection.open()
         self._busy = ""
 
@@ -204,7 +221,19 @@ class MavlinkLink:
 
     def _lands(self, now_s: float) -> bool:
         how = self._config.bring_down
-        return how == "land" or (how == "auto" and self._vitals.could_land(now_s))
+        if how != "auto":
+            return how == "land"
+        return self._vitals.could_land(now_s) and (not self._distrusted or self._knows_by_itself)
+
+    @property
+    def _knows_by_itself(self) -> bool:
+        """Whether nothing says that what the autopilot knows of its position may come from our tracker."""
+        config = self._config
+        return config.own_position or not (config.forward.enabled or self.connection.heard_vision or self.shares_poses)
+
+    def distrust(self) -> None:
+        """Our poses are wrong: until it is connected anew, LAND is asked of an autopilot only that knows by itself."""
+        self._distrusted = True
 
     async def _land(self) -> None:
         """Ask for mode LAND beside the bring-down by rates, which ends as soon as it is accepted."""

@@ -63,6 +63,10 @@ class MavlinkLinkConfig(
     """What is sent when commands stop in the air: ``rates`` levels, sinks and stops the motors within 2 s; ``land``
     asks for mode LAND meanwhile, and goes on with rates until it is accepted; ``auto`` does so where the autopilot
     says at that moment that it knows its own position, height and speed."""
+    own_position: bool = False
+    """Whether the autopilot knows its position by something else than our tracker, such as GPS or optical flow. Where
+    our poses have been found to be wrong, ``auto`` asks for mode LAND only with that, or where nothing says that the
+    autopilot gets poses: no ``forward``, no vision message heard, ``pose.kind`` neither mavlink nor vision."""
     connect_timeout_s: Annotated[float, msgspec.Meta(gt=0.0, le=600.0)] = 10.0
     """How long to wait for the autopilot's first HEARTBEAT [s]."""
     heartbeat_timeout_s: Annotated[float, msgspec.Meta(ge=1.5, le=60.0)] = 3.0

@@ -40,6 +40,7 @@ class MavlinkConnection:
         self._contact = Contact(config, self)
         self.codec, self.words = self._contact.codec, self._contact.words
         self._streams: list[Streams] = []
+        self._wishes: dict[tuple[str, ...], float] = {}
         self._requests = Requests(self.leave, self._obstacle)
         self._contact.subscribe(self._requests.hear)  # before anybody else
         self._signing: Signing | None = None
@@ -89,6 +90,16 @@ class MavlinkConnection:
         return self._contact.timesync.best
 
     @property
+    def newest_trip(self) -> Trip | None:
+        """The newest exchange of clocks with the autopilot, however long its way was; None until it has answered."""
+        return self._contact.timesync.newest
+
+    @property
+    def heard_vision(self) -> bool:
+        """Whether somebody else was heard here who tells an autopilot its position."""
+        return self._contact.heard_vision
+
+    @property
     def dropped(self) -> dict[str, int]:
         """What was received and not used, and frames of ours that did not leave or came back, by reason."""
         return self._contact.dropped
@@ -131,6 +142,16 @@ class MavlinkConnection:
         if self._loop is not None:
             raise LinkMisuse("messages must be requested before the link is connected")
         self._streams.append(streams)
+
+    def wish(self, names: tuple[str, ...], rate_hz: float) -> None:
+        """Have ``open`` ask for the first message of ``names`` that the autopilot is willing to send, if any.
+
+        Raises:
+            LinkMisuse: the connection is open already.
+        """
+        if self._loop is not None:
+            raise LinkMisuse("messages must be asked for before the link is connected")
+        self._wishes[names] = rate_hz
 
     # ---- opening and closing
 
@@ -189,7 +210,7 @@ class MavlinkConnection:
     async def _choose_streams(self) -> None:
         kind = self.autopilot().kind
         wanted = {name: rate for ask in self._streams for name, rate in ask(kind).items()}
-        await choose_streams(self.autopilot(), wanted, self.see_through, quiet=self._config.quiet)
+        await choose_streams(self.autopilot(), wanted, self._wishes, self.see_through, quiet=self._config.quiet)
 
     # ---- what the contact tells: see :class:`links.mavlink_contact.Keeper`
 

@@ -13,6 +13,11 @@ from links.mavlink_words import Words
 from links.port import LinkLost
 from links.timesync import Timesync
 
+VISION = (
+    "VISION_POSITION_ESTIMATE", "GLOBAL_VISION_POSITION_ESTIMATE", "VICON_POSITION_ESTIMATE", "ATT_POS_MOCAP",
+    "ODOMETRY", "GPS_INPUT",
+)  # fmt: skip
+"""Messages by which somebody tells an autopilot where it is."""
 HEARTBEAT_S = 1.0
 """Period of our own HEARTBEAT [s]."""
 
@@ -49,6 +54,8 @@ class Contact:
         self._keeper = keeper
         self.codec = MavlinkCodec(config.system_id, config.component_id)
         self.words = Words()
+        self.heard_vision = False
+        """Whether somebody else was heard who tells an autopilot its position."""
         self._first_beat = asyncio.Event()
         self._dropped: Counter[str] = Counter()
         self._line = LastingWire(config, self._dropped, hear=self._hear, lose=self._lose, tell=keeper.tell)
@@ -164,6 +171,7 @@ class Contact:
         for message in read(data):
             if (message.get_srcSystem(), message.get_srcComponent()) != self._target:
                 self._dropped["other_system"] += 1
+                self.heard_vision = self.heard_vision or message.get_type() in VISION
                 continue
             if message.get_type() == "HEARTBEAT":
                 self._heartbeat(message, source, now)

@@ -99,7 +99,7 @@ def landing(autopilot: Autopilot) -> Handshake:
 def stream(autopilot: Autopilot, name: str, rate_hz: float) -> Handshake:
     """Have the message ``name`` sent ``rate_hz`` times a second."""
     params = (float(autopilot.codec.message_number(name)), 1e6 / rate_hz)
-    hint = "This autopilot may not have the message; take poses from another source."
+    hint = "This autopilot may not have the message; do without what it is for (pose.kind, operator.hold)."
     what = f"send {name} at {rate_hz:g} Hz"
     return Handshake([Exchange(autopilot, what, SET_MESSAGE_INTERVAL, params, hint, patience_s=0.0)])
 

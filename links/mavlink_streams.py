@@ -1,6 +1,7 @@
 """Which messages an autopilot sends: those that are wanted at their rates, and no idle talk beside them."""
 
 from collections.abc import Awaitable, Callable, Mapping
+from contextlib import suppress
 
 from links.mavlink_handshake import silence, stream
 from links.mavlink_steps import Autopilot, Handshake
@@ -18,27 +19,35 @@ QUIETENED = (
 async def choose_streams(
     autopilot: Autopilot,
     wanted: Mapping[str, float],
+    wishes: Mapping[tuple[str, ...], float],
     see_through: Callable[[Handshake], Awaitable[None]],
     *,
     quiet: bool,
 ) -> None:
     """Have the messages in ``wanted`` sent (name → rate [Hz]), and with ``quiet`` no others that come often.
 
-    Asked for, too, but not needed: what its estimator knows of itself.
+    Asked for, too, but not needed: what its estimator knows of itself, and of each of ``wishes`` (names → rate [Hz])
+    the first message that it is willing to send, unless one of them is wanted anyhow.
 
     Raises:
         LinkRejected: the autopilot refuses to send one of them.
         LinkLost: it does not answer.
     """
-    spare = [silence(autopilot, name) for name in QUIETENED if quiet and name not in wanted]
+    wishes = {names: rate for names, rate in wishes.items() if not any(name in wanted for name in names)}
+    spoken = {*wanted, *(names[0] for names in wishes)}
+    spare = [[silence(autopilot, name)] for name in QUIETENED if quiet and name not in spoken]
     if autopilot.kind in ESTIMATE and ESTIMATE[autopilot.kind] not in wanted:
-        spare.append(stream(autopilot, ESTIMATE[autopilot.kind], ESTIMATE_HZ))
-    for step in spare:
-        try:
-            await see_through(step)
-        except LinkLost:
-            break  # it takes no such commands; a link with idle talk on it works too
-        except LinkError:
-            continue
+        spare.append([stream(autopilot, ESTIMATE[autopilot.kind], ESTIMATE_HZ)])
+    spare += [[stream(autopilot, name, rate) for name in names] for names, rate in wishes.items()]
+    with suppress(LinkLost):  # it takes no such commands; a link with idle talk on it works too
+        for steps in spare:
+            for step in steps:
+                try:
+                    await see_through(step)
+                    break
+                except LinkLost:
+                    raise
+                except LinkError:
+                    continue
     for name, rate in wanted.items():
         await see_through(stream(autopilot, name, rate))

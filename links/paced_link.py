@@ -11,7 +11,7 @@ from collections.abc import Awaitable, Callable
 from links.deadman import Deadman, Phase
 from links.heard_pacer import HeardPacer, end
 from links.pacer_messages import Arm, Give, Hear, Pacer, Report, Serve, Stop
-from links.port import Command, LinkError, LinkLost, LinkMisuse, LinkRejected, LinkStatus
+from links.port import Attitude, Command, LinkError, LinkLost, LinkMisuse, LinkRejected, LinkStatus
 from links.rf_codec import Manner, Service
 
 OBEY_LIMIT_S = 1.0
@@ -78,6 +78,9 @@ class PacedLink:
 
     def _over(self) -> bool:
         return self._busy == _ARMING or self._deadman.phase(_now()) is Phase.OVER
+
+    def watch_attitude(self, watch: Callable[[Attitude], None]) -> None:
+        """Nothing comes back from the vehicle."""
 
     async def connect(self) -> None:
         """Start the pacer and open the port, or find both; from now on disarm frames leave.

@@ -37,6 +37,17 @@ class Command(msgspec.Struct, frozen=True, gc=False):
     """What leaves after the deadline where no newer command came: at most 2 s in all, then nothing that lifts."""
 
 
+class Attitude(msgspec.Struct, frozen=True, gc=False):
+    """How the vehicle itself believes that it lies and turns."""
+
+    time_s: float
+    """When that was so, on the event loop's clock [s]."""
+    attitude: tuple[float, float, float, float]
+    """Unit quaternion w, x, y, z, body FRD to NED; its north is the vehicle's own."""
+    rates_rad_s: tuple[float, float, float]
+    """Body rates [rad/s], FRD."""
+
+
 class LinkError(Exception):
     """Anything that a link reports to the operator."""
 
@@ -110,6 +121,13 @@ class CommandLink(Protocol):
     @property
     def status(self) -> LinkStatus:
         """The link as it is now."""
+        ...
+
+    def watch_attitude(self, watch: Callable[[Attitude], None]) -> None:
+        """Call ``watch`` with every attitude that the vehicle tells; to be asked for before :meth:`connect`.
+
+        Never called where the vehicle tells none.
+        """
         ...
 
     async def connect(self) -> None:

@@ -47,6 +47,11 @@ class Timesync:
         return True
 
     @property
+    def newest(self) -> Trip | None:
+        """The newest trip; None before the first answer."""
+        return self._trips[-1] if self._trips else None
+
+    @property
     def best(self) -> Trip | None:
         """The shortest of the newest trips; None before the first answer."""
         return min(self._trips, default=None)

@@ -50,3 +50,7 @@ class Airframe(Protocol):
     def measured(self, time_s: float) -> Truth:
         """The same with the noise of the vehicle's own position estimate."""
         ...
+
+    def felt(self, time_s: float) -> tuple[Quat, Vec3]:
+        """Attitude and body rates [rad/s] as its own estimator has them, by gyros and accelerometers."""
+        ...

@@ -6,7 +6,7 @@ refuses, what it makes of a set-point, and what it does when they stop.
 """
 
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 
 from links.mavlink_codec import (
     ARM_DISARM,
@@ -37,6 +37,9 @@ _STANDBY, _ACTIVE, _CRITICAL = 3, 4, 5
 
 class SimulatedAutopilot(Dialect):
     """The autopilot of one ``airframe``. All times are on the event loop's clock [s] and never go backwards."""
+
+    channels: Sequence[int] = ()
+    """What its receiver hears of a transmitter, one pulse a channel [µs]; none without one, as it boots."""
 
     def __init__(
         self,
@@ -76,6 +79,7 @@ class SimulatedAutopilot(Dialect):
         self._heartbeat_number: int = self.codec.dialect.MAVLINK_MSG_ID_HEARTBEAT
         self._build[self._heartbeat_number] = lambda now_s, boot_s: self._heartbeat()
         self._build[self.codec.dialect.MAVLINK_MSG_ID_SYS_STATUS] = lambda now_s, boot_s: self._sys_status(now_s)
+        self._build[self.codec.dialect.MAVLINK_MSG_ID_RC_CHANNELS] = lambda now_s, boot_s: self._rc_channels(boot_s)
         self._boot_s = -math.inf
         self._ground_since_s: float | None = None
         self._pilot: Pilot | None = None
@@ -224,7 +228,8 @@ class SimulatedAutopilot(Dialect):
 
     def _boot(self, now_s: float) -> None:
         self._boot_s = now_s
-        self._streams = Streams({self.codec.message_number(n): rate for n, rate in self.rates_hz.items()}, now_s)
+        rates_hz = {**self.rates_hz, **({"RC_CHANNELS": 0.0} if self.channels else {})}
+        self._streams = Streams({self.codec.message_number(n): rate for n, rate in rates_hz.items()}, now_s)
 
     def _heartbeat(self) -> Message:
         base = _CUSTOM_MODE_ENABLED | (ARMED if self.armed else 0)
@@ -237,6 +242,10 @@ class SimulatedAutopilot(Dialect):
         health = d.MAV_SYS_STATUS_PREARM_CHECK if self.armed or self._passes_checks(now_s) else 0
         millivolts, percent = (0xFFFF, -1) if battery is None else (round(1e3 * battery[0]), round(100.0 * battery[1]))
         return d.MAVLink_sys_status_message(told, told, health, 0, millivolts, -1, percent, 0, 0, 0, 0, 0, 0)
+
+    def _rc_channels(self, boot_s: float) -> Message:
+        pulses = (*self.channels, *[0xFFFF] * 18)[:18]
+        return self.codec.dialect.MAVLink_rc_channels_message(int(1e3 * boot_s), len(self.channels), *pulses, 255)
 
     def _say(self, severity: int, text: str) -> list[bytes]:
         self._said += 1

@@ -84,8 +84,8 @@ def builders(
         return d.MAVLink_local_position_ned_message(int(boot_s * 1e3), *seen.position_ned, *seen.velocity_ned)
 
     def attitude(now_s: float, boot_s: float) -> Message:
-        seen = airframe.measured(now_s)
-        return d.MAVLink_attitude_quaternion_message(int(boot_s * 1e3), *seen.attitude, *seen.rates_rad_s)
+        turned, rates = airframe.felt(now_s)
+        return d.MAVLink_attitude_quaternion_message(int(boot_s * 1e3), *turned, *rates)
 
     def timesync(now_s: float, boot_s: float) -> Message:
         return d.MAVLink_timesync_message(0, int(boot_s * 1e9))

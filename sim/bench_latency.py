@@ -147,8 +147,8 @@ async def _measured(config: Config, rate_hz: int, seconds: float, port: int) -> 
     world = SCENARIOS["paper"].world
     plant = Quadrotor(world, Wind(world, rows(stream(0, "turbulence").standard_normal, 3)))
     plant.advance(loop.time())
-    noise = (rows(stream(0, purpose).standard_normal, n) for purpose, n in (("estimate", 6), ("wander", 3)))
-    vehicle = SimulatedVehicle(plant, world, *noise)
+    noise, wander = (rows(stream(0, what).standard_normal, n) for what, n in (("estimate", 6), ("wander", 3)))
+    vehicle = SimulatedVehicle(plant, world, noise, wander)
     autopilot = Px4Autopilot(vehicle)
     assert isinstance(config.link, MavlinkLinkConfig)
     peer = _Peer(autopilot, parse_address(config.link.address))

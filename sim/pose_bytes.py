@@ -50,7 +50,7 @@ def vicon(frames: int) -> Flight:
     """Vicon's UDP Object Stream."""
     config = ViconConfig()
     encode = vicon_encoder(config)
-    reader = ViconReader(config.object, Intake(0.0, frames_of(config), seconds_per_stamp=PERIOD_S))
+    reader = ViconReader(config.object, Intake(0.0, frames_of(config), frame_s=PERIOD_S))
     return Flight(reader, [encode(n, 0.0, _bodies(n)) for n in range(frames)])
 
 
@@ -85,7 +85,7 @@ def json(frames: int) -> Flight:
     """JSON poses."""
     config = JsonConfig()
     encode = json_encoder(config)
-    intakes = [Intake(0.0, frames_of(config), seconds_per_stamp=s) for s in (1.0, PERIOD_S)]
+    intakes = [Intake(0.0, frames_of(config), frame_s=s) for s in (None, PERIOD_S)]
     reader = JsonReader(config.name, *intakes)
     return Flight(reader, [encode(n, n * PERIOD_S, _bodies(n)) for n in range(frames)])
 

@@ -173,13 +173,13 @@ class Quadrotor:
         """The body ``h`` [s] after ``flight_time`` [s], and whether it is on the floor then."""
         world, body = self._world, self._body
         wind = self._wind.at(flight_time + 0.5 * h)
+        if self.pull is not None:
+            x, y, z = self.pull(body)
+            wind = wind[0] + x, wind[1] + y, wind[2] + z
         if world.ground_effect:
             push = (_ground_effect(world, body.position[2]) - 1.0) * body.thrust / world.mass_kg
             (x, y, z), (u, v, w) = so3.third_column(body.attitude), wind
             wind = u - push * x, v - push * y, w - push * z
-        if self.pull is not None:
-            x, y, z = self.pull(body)
-            wind = wind[0] + x, wind[1] + y, wind[2] + z
         body = moved(FLOATS, body, self._thrust_command, self._rate_command, wind, h, self._physics)
         if self.lead is not None and self.released_s is not None:
             body = self.lead(self.released_s + flight_time + h, body.thrust)

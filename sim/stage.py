@@ -22,6 +22,7 @@ from sim.autopilot_base import SimulatedAutopilot
 from sim.autopilot_peer import AutopilotPeer
 from sim.autopilots import AUTOPILOTS
 from sim.draws import rows, stream
+from sim.horizon import Horizon
 from sim.inline_pacer import WirePort
 from sim.mocap import Mocap
 from sim.pty_wire import PtyWire
@@ -63,7 +64,9 @@ class Stage:
         self.wind = Wind(world, rows(stream(seed, "turbulence").standard_normal, 3))
         self.plant = plant = Quadrotor(world, self.wind, on_step)
         estimate, wander = stream(seed, "estimate").standard_normal, stream(seed, "wander").standard_normal
-        self.vehicle = vehicle = SimulatedVehicle(plant, world, rows(estimate, 6), rows(wander, 3))
+        tracked = make_tracker(config.pose)
+        horizon = Horizon(rows(stream(seed, "horizon").standard_normal, 3), world.gravity) if tracked else None
+        self.vehicle = vehicle = SimulatedVehicle(plant, world, rows(estimate, 6), rows(wander, 3), horizon)
         luck = rows(stream(seed, "frame loss").random, 1)
 
         self.frame_loss = world.frame_loss
@@ -73,7 +76,6 @@ class Stage:
             # Hand-shakes repeat what gets lost; losses that count begin with the flight.
             return plant.released_s is not None and next(luck)[0] < self.frame_loss
 
-        tracked = make_tracker(config.pose)
         self.wires: dict[str, Any] = {}
         """What the link gets in the place of hardware; see :func:`groundstation.app.make_flight`."""
         self._pty = pty

@@ -6,9 +6,10 @@ from collections.abc import Iterator
 import msgspec
 
 from groundstation import so3
-from groundstation.ops import Vec3
+from groundstation.ops import Quat, Vec3
 from links.thrust_curve import thrust
 from sim.airframe import Truth
+from sim.horizon import Horizon
 from sim.quadrotor import Quadrotor
 from sim.world import World
 
@@ -17,14 +18,23 @@ class SimulatedVehicle:
     """Implements :class:`sim.airframe.Airframe` on a :class:`Quadrotor`."""
 
     def __init__(
-        self, plant: Quadrotor, world: World, noise: Iterator[list[float]], wander: Iterator[list[float]]
+        self,
+        plant: Quadrotor,
+        world: World,
+        noise: Iterator[list[float]],
+        wander: Iterator[list[float]],
+        horizon: Horizon | None = None,
     ) -> None:
-        """Motors off; ``noise`` gives rows of six, ``wander`` of three standard normal numbers for :meth:`measured`."""
+        """Motors off; ``noise`` gives rows of six, ``wander`` of three standard normal numbers for :meth:`measured`.
+
+        Without a ``horizon`` its attitude is that of :meth:`measured`, as where its own estimate serves as the poses.
+        """
         self.plant = plant
         self._world = world
         self._noise = noise
         self._turn, self._resets = so3.IDENTITY, 0
         self._wander = Wander(world, wander)
+        self._horizon = horizon
         self._on = False
 
     def act(self, time_s: float, thrust_fraction: float, rates_rad_s: Vec3) -> None:
@@ -63,6 +73,13 @@ class SimulatedVehicle:
         """Have its estimator turn its heading by so much [deg], and say so."""
         self._turn = so3.multiply(so3.from_euler_zyx(0.0, 0.0, math.radians(turn_deg)), self._turn)
         self._resets += 1
+
+    def felt(self, time_s: float) -> tuple[Quat, Vec3]:
+        """Attitude and body rates as its own estimator has them."""
+        if self._horizon is not None:
+            return self._horizon.feel(self.plant.truth(time_s))
+        seen = self.measured(time_s)
+        return seen.attitude, seen.rates_rad_s
 
 
 def with_noise(truth: Truth, world: World, normals: list[float]) -> Truth:

@@ -48,6 +48,10 @@ class Brick:
     def measured(self, time_s: float) -> Truth:
         return self.truth(time_s)
 
+    def felt(self, time_s: float) -> tuple[Quat, Vec3]:
+        truth = self.truth(time_s)
+        return truth.attitude, truth.rates_rad_s
+
     def _move(self, time_s: float) -> None:
         """Euler steps of at most 1 ms."""
         if self._time is None:

@@ -54,9 +54,10 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
 
 
 @pytest.fixture(scope="session", autouse=True)
-def _no_recordings_at_home(tmp_path_factory: pytest.TempPathFactory) -> None:
-    """Flights of tests are recorded too, but never among the user's own."""
+def _not_at_home(tmp_path_factory: pytest.TempPathFactory) -> None:
+    """Flights of tests are recorded and registered too, but never among the user's own, nor those of other tests."""
     os.environ["XDG_STATE_HOME"] = str(tmp_path_factory.mktemp("state"))
+    os.environ["XDG_RUNTIME_DIR"] = str(tmp_path_factory.mktemp("run"))
 
 
 @pytest.fixture(scope="session")

@@ -69,7 +69,7 @@ def _reader(kind: str) -> Reader:
             qualisys.names = ("wand", "quad")
             return qualisys
         case "json":
-            seconds, frames = (Intake(0.0, Frames("nwu", "flu"), seconds_per_stamp=s) for s in (1.0, 0.02))
+            seconds, frames = (Intake(0.0, Frames("nwu", "flu"), frame_s=s) for s in (None, 0.02))
             return JsonReader("quad", seconds, frames)
         case _:
             return VisionReader(Intake(0.0))

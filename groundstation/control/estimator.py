@@ -93,6 +93,11 @@ class ModelEstimator:
         return self._motion
 
     @property
+    def disturbance(self) -> Vec3:
+        """d̂ at the newest pose [m/s², NED]."""
+        return self._disturbance
+
+    @property
     def effectiveness(self) -> float:
         """λ̂, true thrust over told thrust [-]."""
         return float(self._effectiveness.value)
@@ -138,7 +143,7 @@ class ModelEstimator:
         return self._disturbance
 
     def hold(self, disturbance: Vec3, effectiveness: float) -> None:
-        """The poses are suspect: learn nothing from them; ``disturbance`` [m/s², NED] and λ̂ stay until :meth:`resume`."""
+        """The poses are suspect: learn nothing; ``disturbance`` [m/s², NED] and λ̂ stay so until :meth:`resume`."""
         self._held = disturbance
         self._effectiveness = self._effectiveness._replace(value=effectiveness)
 

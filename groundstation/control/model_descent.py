@@ -1,4 +1,4 @@
-"""Descent on the model alone, where the poses are no longer believed: flown ahead at once, and played open loop. Sans-IO.
+"""Descent on the model alone, where poses are no longer believed: flown ahead at once, played open loop. Sans-IO.
 
 From the motion that the model has now the vehicle is flown down in the model: it levels, takes away the speed that it
 has sideways, sinks, and brakes before the floor. The commands of that flight are the bring-down. Unlike bring_down.py,

@@ -38,7 +38,7 @@ NODE_S = 0.1
 GAP_S = 0.2
 """Poses further apart than this begin anew [s]: between them the model has gone astray."""
 FADE_S = 4.0
-"""Evidence fades with this time constant [s]."""
+"""Contradiction fades with this time constant [s]."""
 LEARN_S = 4.0
 """So does what is known of the noise [s]."""
 CALM = 2.0
@@ -59,11 +59,12 @@ ANSWER = 0.8
 TURN_NOISE_RAD, TURN_FLOOR_RAD = 0.004, 0.0025
 """Noise of a turn between two nodes, to begin with and at least [rad]."""
 WIND_M, WIND_RISES, WIND_FALLS = 0.02, 0.2, 0.03
-"""What wind leaves in the position's filter at least, 1σ [m], and how fast more and less of it are learnt from a node."""
+"""What wind leaves in the position's filter at least, 1σ [m]; how fast more and less of it are learnt from a node."""
 STILL, LIVELY = 0.05, 0.3
 """Shares of the command that a picture that stands, and one that wind moves, show at most and at least [-]."""
-MOVES = 16.0
-"""A position that leaves its way by so much more than its noise, squared, moves [-]."""
+MOVES, ANSWERS = 16.0, 0.5
+"""A position that leaves its way by so much more than its noise, squared, moves [-]; with so much of the command, it
+answers."""
 ARREST_M, ARREST_S, STANDS_M = 0.018, 0.4, 0.01
 """A position that leaves its way by so much more than commands make it [m], 4 m/s², and then for so long [s] stays
 within so much [m] has been stopped dead: no wind does that."""
@@ -117,7 +118,7 @@ def _expanding(n: int) -> tuple[float, float, float]:
     return max(alpha, ALPHA), max(beta, BETA), max(gamma, GAMMA)
 
 
-class Evidence(NamedTuple):
+class Contradiction(NamedTuple):
     """What speaks against the poses, as shares of what convicts."""
 
     attitude: float
@@ -161,20 +162,26 @@ class Obedience:
         self._last: Quat | None = None
         self._arrest: Pose | None = None
         self._stopped_s = 0.0
+        self._moved_s = -math.inf
+        self._nodes = 0
         self._turns.clear()
+
+    def stands(self, now_s: float) -> bool:
+        """Whether the position has not moved by itself or answered a command since the newest node but one."""
+        return now_s - self._moved_s > 1.5 * NODE_S and self._nodes > SETTLES
 
     def led(self, now_s: float) -> bool:
         """Whether something else than the commands moves it, as a hand does, at ``now_s`` [s]."""
         return now_s - self.led_s < LED_S
 
     @property
-    def evidence(self) -> Evidence:
+    def evidence(self) -> Contradiction:
         """As it stands."""
         still = self._still / CONVICTS
         if self._stopped_s > NODE_S:
             still = max(still, STOPPED if self._stopped_s < ARREST_S else 1.0)
         heading = abs(self._heading) / HEADING_RAD_S
-        return Evidence(self._attitude / CONVICTS, max(self._maps) / IMAGE_CONVICTS, heading, still)
+        return Contradiction(self._attitude / CONVICTS, max(self._maps) / IMAGE_CONVICTS, heading, still)
 
     def pose(self, pose: Pose, before: Motion, given: Driven, dt: float, noise_m: float, *, counts: bool) -> bool:
         """Take one pose; whether it was a node, with new evidence.
@@ -235,7 +242,8 @@ class Obedience:
     def _begin(self, pose: Pose) -> None:
         self._resets, self._node_s = pose.reset_count, pose.time_s
         self._seen_x = self._seen_y = self._told_x = self._told_y = self._strayed = 0.0
-        self._pushed = self._speed = (0.0, 0.0, 0.0)
+        self._pushed: Vec3 = (0.0, 0.0, 0.0)
+        self._speed: Vec3 = (0.0, 0.0, 0.0)
         self._seen = [Filter(x) for x in pose.position_ned]
         self._told = [Filter(0.0) for _ in range(3)]
         self._nodes = 0
@@ -273,6 +281,8 @@ class Obedience:
         own, says = noise_m * noise_m, 0.0
         for seen, told in zip(y, c, strict=True):
             square = seen * seen
+            if square > max(MOVES * own, (ANSWERS * told) ** 2):
+                self._moved_s = pose.time_s
             a, b = own + (STILL * told) ** 2, own + (LIVELY * told) ** 2
             if square > max(MOVES * own, b):
                 says -= CAP  # whatever moves it, it is no picture

@@ -82,6 +82,7 @@ class Forwarding:
         self._source = source
         self._connection = link.connection
         self._forward = Forward(config)
+        self._distrusted = False
 
     @property
     def status(self) -> PoseStatus:
@@ -102,11 +103,17 @@ class Forwarding:
 
         await self._source.start(both)
 
+    def distrust(self) -> None:
+        """From now on no pose leaves, nor the one that is under way."""
+        self._distrusted = True
+
     async def close(self) -> None:
         """Close the source."""
         await self._source.close()
 
     def _tell(self, pose: Pose) -> None:
+        if self._distrusted:
+            return
         connection = self._connection
         told = self._forward.take(pose, asyncio.get_running_loop().time())
         if told is not None and connection.kind is not None and connection.state in ("connected", "armed"):

@@ -22,8 +22,12 @@ class Gated:
     def __init__(
         self, source: PoseSource, config: GateConfig, *, lost_s: float, tell: Callable[[PoseEvent], None]
     ) -> None:
-        """``tell`` hears what happens to the poses; they are lost after ``lost_s`` [s] without one."""
+        """``tell`` hears what happens to the poses; they are lost after ``lost_s`` [s] without one.
+
+        One that is older than that as it comes is counted and does not pass: no command could ever have rested on it.
+        """
         self._source = source
+        self._lost_s = lost_s
         self._gate = Gate(config)
         self._outbreaks = Outbreaks(lost_s)
         self._tell = tell
@@ -49,6 +53,9 @@ class Gated:
         """
 
         def take(pose: Pose) -> None:
+            if pose.arrival_s - pose.time_s > self._lost_s:
+                self._gate.dropped["late"] += 1
+                return
             passed, event = self._gate.take(pose)
             if event is not None:
                 self._tell(event)
@@ -67,6 +74,7 @@ class Gated:
 
     def _look(self) -> None:
         loop = asyncio.get_running_loop()
-        for event in self._outbreaks.look(loop.time(), self.status.dropped, self._gate.newest):
+        status = self.status
+        for event in self._outbreaks.look(loop.time(), status.dropped, self._gate.newest, status.late_s):
             self._tell(event)
         self._next_look = loop.call_later(LOOK_S, self._look)

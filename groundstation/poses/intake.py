@@ -39,19 +39,19 @@ class Intake:
         latency_s: float,
         frames: Frames | None = None,
         *,
-        seconds_per_stamp: float = 1.0,
+        frame_s: float | None = None,
         others: Others | None = None,
     ) -> None:
         """``latency_s`` is the time from the instant of a pose to its earliest arrival here [s].
 
-        ``frames`` leads from the source's axes into ours; None: they are ours. ``seconds_per_stamp``: 1 for stamps in
-        seconds, the nominal period for frame numbers [s]. ``others`` are further bodies to look for.
+        ``frames`` leads from the source's axes into ours; None: they are ours. ``frame_s``: what stamps that number
+        frames were told to be apart [s]; None for stamps in seconds. ``others`` are further bodies to look for.
         """
         self.accepted = 0
         """Poses made."""
         self.dropped: Counter[str] = Counter()
         """By reason. Here: not_finite, not_unit, absurd, duplicate, out_of_order."""
-        self.clock = SourceClock(seconds_per_stamp)
+        self.clock = SourceClock(frame_s)
         self.others = others
         """Further bodies to look for; None: nobody asks for them."""
         self._base_latency_s = latency_s
@@ -73,7 +73,12 @@ class Intake:
             gaps=clock.gaps,
             clock_steps=clock.steps,
             clock_restarts=clock.restarts,
+            late_s=clock.late_s,
         )
+
+    def heard(self, arrival_s: float) -> None:
+        """The source has sent something at all, perhaps without our body, that came at ``arrival_s`` [s, our clock]."""
+        self.clock.heard(arrival_s)
 
     def drop(self, reason: str) -> Pose | None:
         """Count one thing that made no pose; returns None, which stands for the pose."""
@@ -125,7 +130,7 @@ class Intake:
         """
         if self.others is not None:
             place = position if self._frames is None else self._frames.place(position)
-            self.others.see(name, arrival_s - self._base_latency_s - age_s, place)
+            self.others.see(name, arrival_s - self.clock.late_s - self._base_latency_s - age_s, place)
 
 
 class FrameCount:

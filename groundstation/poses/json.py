@@ -41,7 +41,7 @@ class JsonConfig(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_field
     def build(self, others: Others | None = None) -> DatagramSource:
         """The source of this config; ``others`` are further bodies to look for."""
         intake, frames = (
-            Intake(self.latency_s, frames_of(self), seconds_per_stamp=seconds, others=others)
+            Intake(self.latency_s, frames_of(self), frame_s=seconds, others=others)
             for seconds in (1.0, 1.0 / self.rate_hz)
         )
         return DatagramSource("JSON poses", self.listen, JsonReader(self.name, intake, frames))

@@ -102,6 +102,8 @@ class JsonReader:
         if isinstance(bodies, str):
             drop(bodies)
             return ()
+        for each in self._intakes.values():
+            each.heard(arrival_s)
         intake = self._intakes["t"]
         if intake.others is not None:
             for other in bodies:

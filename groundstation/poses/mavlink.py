@@ -9,6 +9,7 @@ from groundstation.poses.mavlink_codec import Decoder, decoder_for
 from groundstation.poses.port import Pose, PoseStatus
 from links.mavlink import MavlinkLink
 from links.mavlink_codec import Message
+from links.timesync import Trip
 
 
 class MavlinkPoseConfig(
@@ -32,6 +33,7 @@ class MavlinkPoseSource:
         self._decoder: Decoder | None = None
         self._deliver: Callable[[Pose], None] | None = None
         self._unsubscribe: Callable[[], None] | None = None
+        self._trip: Trip | None = None
 
     @property
     def status(self) -> PoseStatus:
@@ -66,6 +68,10 @@ class MavlinkPoseSource:
 
     def _take(self, message: Message, arrival_s: float) -> None:
         if self._decoder is not None and self._deliver is not None:
+            trip = self._connection.newest_trip
+            if trip is not None and trip is not self._trip:
+                self._trip = trip
+                self._decoder.exchanged(trip.offset_s + 0.5 * trip.rtt_s)
             pose = self._decoder.decode(message, arrival_s)
             if pose is not None:
                 self._deliver(pose)

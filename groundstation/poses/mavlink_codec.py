@@ -47,6 +47,10 @@ class Decoder(Protocol):
         """The pose that ``message``, which arrived at ``arrival_s`` [s, our clock], completes; or None."""
         ...
 
+    def exchanged(self, ahead_s: float) -> None:
+        """The autopilot's clock is at most ``ahead_s`` ahead of ours, as an exchange of clocks has just shown [s]."""
+        ...
+
 
 class _Decoder:
     """What decoders share: the intake and its counters."""
@@ -69,6 +73,10 @@ class _Decoder:
     def status(self) -> PoseStatus:
         """Counters as they are now."""
         return self._intake.status
+
+    def exchanged(self, ahead_s: float) -> None:
+        """A simulated autopilot on a busy machine falls behind for good: its poses are not late for that."""
+        self._intake.clock.exchanged(ahead_s)
 
 
 class OdometryDecoder(_Decoder):

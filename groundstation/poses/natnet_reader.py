@@ -87,11 +87,14 @@ class NatNetReader:
             self._id = models.get(self._name) if self._fixed_id is None else self._fixed_id
             others = self._intake.others
             if others is not None:
-                self._others = {number: name for name, number in models.items() if name in others}
+                self._others = {
+                    number: name for name, number in models.items() if name in others and number != self._id
+                }
             self._ask_names = self._id is None or (others is not None and len(self._others) < len(others.names))
         else:
             frame = codec.decode_frame(payload, self.server.version)
             self._silent_beats = 0
+            self._intake.heard(arrival_s)
             return self._pose(frame, self.server.ticks_per_s, arrival_s)
         return None
 

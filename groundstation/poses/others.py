@@ -13,6 +13,8 @@ GAP_S = 0.5
 """Places further apart than this say nothing of the speed between them [s]."""
 FAR_M = 1e6
 """Nothing is further from an origin than this; more is absurd [m]. An autopilot's may lie beyond the horizon."""
+BODIES_MAX = 64
+"""So many bodies are remembered that were not looked for."""
 
 
 class Sight(NamedTuple):
@@ -33,26 +35,33 @@ class Sight(NamedTuple):
 
 
 class Others:
-    """The bodies whose names are looked for, beside the vehicle's own."""
+    """The bodies whose names are looked for, beside the vehicle's own; before take-off, every one."""
 
-    def __init__(self, names: Iterable[str]) -> None:
-        """None of them has been seen yet."""
-        self._recent: dict[str, deque[tuple[float, Vec3]]] = {name: deque() for name in names}
+    def __init__(self, names: Iterable[str], own: str | None = None) -> None:
+        """None of them has been seen yet. With ``own``, the vehicle's, all bodies but that one count, too."""
+        self.names = tuple(names)
+        """Those that are looked for."""
+        self._recent: dict[str, deque[tuple[float, Vec3]]] = {name: deque() for name in self.names}
+        self._own = own
+        self.every = own is not None
+        """Whether bodies count that nobody looks for."""
         self.dropped: Counter[str] = Counter()
         """Places that were none, by reason: not_finite, absurd."""
 
     @property
-    def names(self) -> tuple[str, ...]:
-        """All of them."""
+    def bodies(self) -> tuple[str, ...]:
+        """All that were seen or are looked for."""
         return tuple(self._recent)
 
     def __contains__(self, name: str) -> bool:
-        """Whether ``name`` is looked for."""
-        return name in self._recent
+        """Whether ``name`` counts."""
+        if not self.every or name in self.names:
+            return name in self.names
+        return name != self._own and (name in self._recent or len(self._recent) < BODIES_MAX)
 
     def see(self, name: str, time_s: float, position_ned: Vec3) -> None:
         """``name`` was at ``position_ned`` [m] at ``time_s`` [s]; what is not newer than the last is ignored."""
-        recent = self._recent[name]
+        recent = self._recent.setdefault(name, deque())
         x, y, z = position_ned
         if not math.isfinite(x + y + z + time_s):
             self.dropped["not_finite"] += 1
@@ -70,7 +79,8 @@ class Others:
 
     def unseen(self, since_s: float) -> tuple[str, ...]:
         """Those that have not been seen since ``since_s`` [s], or never."""
-        return tuple(name for name, recent in self._recent.items() if not recent or not recent[-1][0] >= since_s)
+        recent = {name: self._recent[name] for name in self.names}
+        return tuple(name for name, seen in recent.items() if not seen or not seen[-1][0] >= since_s)
 
     def seen(self, name: str) -> Sight | None:
         """``name`` as it was seen last; None where it never was."""

@@ -4,6 +4,8 @@ from collections.abc import Mapping
 
 from groundstation.poses.port import Pose, PoseEvent
 
+MORE = 2.0
+"""Poses that are late are told of again when they are so many times as late."""
 QUIET_S = 2.0
 """An outbreak is over when nothing has been dropped for its reason for this long [s]."""
 HINTS = {
@@ -21,8 +23,15 @@ HINTS = {
     "out_of_order": "older than one before: is more than one sender on this address?",
     "duplicate": "sent twice: is more than one sender on this address?",
     "other_address": "somebody else sends to this address",
+    "late": "older as it came than a command may rest on one (flight.coast_s)",
 }
 """What a reason may mean, and what to look at."""
+LATE = (
+    "they wait on their way (network, tracking computer); or the tracker's clock was set back, its frame counter "
+    "paused or its rate changed, which looks the same. Where they are not that old: on the ground, stop the "
+    "tracker's stream for 5 s, or start this program anew"
+)
+"""What late poses may mean, and what to do."""
 
 
 class Outbreaks:
@@ -36,10 +45,17 @@ class Outbreaks:
         self._looked_s: float | None = None
         self._newest: Pose | None = None
         self._lost = False
+        self._late_s = 0.0
+        self._late_until_s = 0.0
 
-    def look(self, now_s: float, dropped: Mapping[str, int], newest: Pose | None) -> list[PoseEvent]:
-        """What has happened since the last look: ``dropped`` by reason, and the ``newest`` pose that has passed."""
-        events = []
+    def look(
+        self, now_s: float, dropped: Mapping[str, int], newest: Pose | None, late_s: float = 0.0
+    ) -> list[PoseEvent]:
+        """What has happened since the last look: ``dropped`` by reason, and the ``newest`` pose that has passed.
+
+        ``late_s`` is how much later than at their best poses come now [s].
+        """
+        events = self._lateness(now_s, late_s)
         for reason, count in dropped.items():
             before = self._counts.get(reason, 0)
             if count == before:
@@ -57,6 +73,17 @@ class Outbreaks:
         if newest is not None:
             events += self._presence(now_s, newest)
         return events
+
+    def _lateness(self, now_s: float, late_s: float) -> list[PoseEvent]:
+        if late_s > 0.0:
+            self._late_until_s = now_s + QUIET_S
+            if late_s > MORE * self._late_s:
+                self._late_s = late_s
+                return [PoseEvent("late", "", f"poses come {1e3 * late_s:.0f} ms later than they did: {LATE}")]
+        elif self._late_s and now_s >= self._late_until_s:
+            self._late_s = 0.0
+            return [PoseEvent("punctual", "", "poses come as early as before, or their source has begun anew")]
+        return []
 
     def _presence(self, now_s: float, newest: Pose) -> list[PoseEvent]:
         before, self._newest = self._newest, newest

@@ -1,7 +1,7 @@
 """What every pose source delivers, and the port it implements."""
 
 from collections.abc import Callable
-from typing import Literal, Protocol
+from typing import Literal, Protocol, runtime_checkable
 
 import msgspec
 
@@ -48,14 +48,17 @@ class PoseStatus(msgspec.Struct, frozen=True):
     """How often the source's clock leapt ahead."""
     clock_restarts: int = 0
     """How often it began anew."""
+    late_s: float = 0.0
+    """How much later than at their best poses come now, and go on to [s]; 0 where they do not."""
 
 
 class PoseEvent(msgspec.Struct, frozen=True):
     """Something about the poses that the operator and the safety rules should know."""
 
-    kind: Literal["dropping", "passed", "lost", "back", "reset", "moved"]
+    kind: Literal["dropping", "passed", "lost", "back", "late", "punctual", "reset", "moved"]
     """``dropping`` begins and ``passed`` ends an outbreak; ``lost``: no pose for as long as commands may rest on one,
-    ``back``: there is one again; ``reset``, ``moved``: poses are elsewhere, as the source said or did not say."""
+    ``back``: there is one again; ``late``: they come later than they did, ``punctual``: no longer; ``reset``,
+    ``moved``: poses are elsewhere, as the source said or did not say."""
     reason: str
     """Of an outbreak: what the pose or datagram was dropped for; else empty."""
     text: str
@@ -84,6 +87,15 @@ class PoseSource(Protocol):
 
     async def close(self) -> None:
         """Stop listening; no pose is delivered afterwards."""
+        ...
+
+
+@runtime_checkable
+class Distrusts(Protocol):
+    """Whoever goes on by our poses beside the flight, and must stop where they have been found to be wrong."""
+
+    def distrust(self) -> None:
+        """Our poses are wrong: for the rest of this flight, nothing is to rest on them."""
         ...
 
 

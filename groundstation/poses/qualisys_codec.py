@@ -166,6 +166,7 @@ class QualisysReader:
         return () if pose is None else (pose,)
 
     def _pose(self, stamp_s: float, bodies: list[tuple[float, ...]], arrival_s: float) -> Pose | None:
+        self._intake.heard(arrival_s)
         self.other_bodies = len(bodies) != len(self.names)
         if self.other_bodies:
             return self._intake.drop("other_bodies")  # somebody changed them: whose pose is whose?

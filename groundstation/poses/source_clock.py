@@ -1,36 +1,42 @@
-"""A source's own time stamps on our clock, without any exchange of clocks. Sans-IO.
+"""A source's own time stamps on our clock, and how late its messages come. Sans-IO.
 
-A message can only arrive late, never early: the smallest difference between arrival and stamp seen so far tells
-where the source's zero lies on our clock, and a message that was held up still gets the time that it is true for.
-Stamps may be seconds or mere frame numbers. How much of our time passes between two of them is measured as the
-median slope from the least delayed message of one half second to that of the next, which bursts, stalls and steps do
-not move.
-The minimum itself slowly forgets, so that it follows what the slope has not yet seen.
+A message can only come late, never early: the smallest difference between arrival and stamp so far tells where the
+source's zero lies on our clock. What comes later than that is late, however long it goes on so: a queue that stays, and
+one that fills, can't be told from a clock that was set back or a frame counter that paused, and the older answer is
+the safe one. Three things move the zero later: a slope that the source's clock may well have (``MAX_DRIFT``), as long
+as nothing is late by more than ``SLACK_S``; an exchange of clocks, where there is one; and beginning anew.
+Stamps are seconds, or numbers of frames. How much of our time passes from one to the next is measured from the least
+delayed message of each half second (Theil and Sen: the median of the slopes between any two of them, which bursts and
+stalls do not move). Of frames any rate is believed at first, as a told one is often wrong; from then on a
+rate that is slower is lateness, too.
 """
 
 import math
 from collections import deque
-from itertools import pairwise
+from itertools import combinations
 from statistics import median
 
-CREEP = 0.01
-"""The offset may rise by this share of the time that passes, whatever arrives."""
-FORGET_S = 3.0
-"""Above that it approaches later arrivals with this time constant [s]: a queue that stays is believed that late."""
-FORGET_AT_FIRST_S = 1.0
-"""The same while the slope is not known yet [s]."""
-RESTART_S = 1.0
-"""A source that sends only old stamps for this long has started its clock anew [s]."""
+MAX_DRIFT = 0.0015
+"""So much slower than nominal may the source's clock run, as a share: what exceeds it is lateness that grows."""
+SLACK_S = 0.02
+"""A block whose least delayed message is late by more than this is late, and moves nothing [s]."""
 BLOCK_S = 0.5
 """One least delayed message is kept of each so long [s]."""
-BLOCKS = 20
-"""How many of them tell the slope."""
-TRUSTED_BLOCKS = 4
-"""So many, at least."""
-WRONG_SCALE = 0.02
-"""Where we were told a slope that is off by more than this share, what is known of the offset is worth nothing."""
+BLOCKS = 40
+"""So many of them tell the slope."""
+FIRST_BLOCKS, SETTLED_BLOCKS = 5, 20
+"""So many at least, where the rate of the frames is not known at all; and where a slope is to be told from jitter."""
+ROUGH = MAX_DRIFT + SLACK_S / (FIRST_BLOCKS * BLOCK_S)
+"""How far a rate that was measured over so few may be off, as a share."""
+RATES = 100.0
+"""A rate of frames that is off by more than this factor is none."""
+RESTART_S = 1.0
+"""A source that sends only old stamps for this long has started its clock anew [s]."""
+ANEW_S = 4.0
+"""After so long without a message, and with a frame as late as that, we begin anew [s]. No flight lives so long
+without a fresh pose: what rests on one for 1 s at most is followed by a bring-down of 2 s."""
 STEP_S = 0.2
-"""Stamps that run ahead of the arrivals by more than this from one message to the next are a step of the clock [s]."""
+"""A message that comes earlier by more than this than any before is a step of the source's clock [s]."""
 AVERAGED = 20
 """Over so many messages the usual interval is averaged."""
 GAP_INTERVALS = 2.5
@@ -40,8 +46,8 @@ GAP_INTERVALS = 2.5
 class SourceClock:
     """The clock of one source."""
 
-    def __init__(self, seconds_per_unit: float = 1.0) -> None:
-        """Nothing seen yet; ``seconds_per_unit`` is the nominal time from one stamp to the next higher number [s]."""
+    def __init__(self, frame_s: float | None = None) -> None:
+        """Nothing seen yet. Stamps are seconds; or frame numbers, ``frame_s`` being what the period was told to be."""
         self.restarts = 0
         """How often the source's clock began anew."""
         self.steps = 0
@@ -50,28 +56,52 @@ class SourceClock:
         """How often messages were missing."""
         self.interval_s = 0.0
         """Usual time from one message to the next, by the source [s]; 0 before the second."""
-        self._nominal = self._scale = seconds_per_unit
+        self._frames = frame_s is not None
+        self._told = 1.0 if frame_s is None else frame_s
+        self._heard_s = -math.inf
         self._stamp: float | None = None
-        self._own_s = 0.0  # the last stamp in our seconds, from an arbitrary zero
-        self._offset_s = 0.0
-        self._arrival_s = 0.0
-        self._seen = 0
         self._old_since_s: float | None = None
         self._blocks: deque[tuple[float, float]] = deque(maxlen=BLOCKS)
+        self._begin(0.0, 0.0)
+        self._is_anew = True
+        """Whether the next message begins it all."""
+
+    def _begin(self, stamp: float, arrival_s: float) -> None:
+        """Know nothing but what we were told, and that this message has come."""
+        self._is_anew = False
+        self._scale = self._nominal = self._told
+        self._band = math.inf if self._frames else MAX_DRIFT
+        self._own_s = self._arrival_s = arrival_s  # of the newest message: on our clock, had it come as fast as any
+        self._seen = 0
+        self._blocks.clear()
         self._block: tuple[float, float] | None = None
-        self._block_end_s = -math.inf
-        self._forget_s = FORGET_AT_FIRST_S
+        self._block_begun = stamp, arrival_s
+        self._late = (0.0, 0.0)
+        self._lowered_s = 0.0
+        self._early_blocks = 0
 
     @property
     def drift(self) -> float:
         """How much slower than nominal the source's clock runs, as a share of the time that passes."""
-        return self._scale / self._nominal - 1.0
+        return self._scale / self._told - 1.0
+
+    @property
+    def late_s(self) -> float:
+        """How much later than at their best messages have come for the last two blocks [s]; 0 within the slack."""
+        return min(self._late)
+
+    def heard(self, arrival_s: float) -> None:
+        """The source has sent something, be it without a pose of ours, that came at ``arrival_s`` [s, our clock]."""
+        if arrival_s - self._heard_s > ANEW_S:
+            self._is_anew = True
+        self._heard_s = arrival_s
 
     def stale(self, stamp: float, arrival_s: float) -> str:
         """Why a message stamped ``stamp`` must be dropped; an empty string where it must not.
 
         ``duplicate`` or ``out_of_order``; ``arrival_s`` is on our clock [s].
         """
+        self.heard(arrival_s)
         if self._stamp is None or stamp > self._stamp:
             return ""
         if stamp == self._stamp:
@@ -80,36 +110,54 @@ class SourceClock:
             self._old_since_s = arrival_s
         if arrival_s - self._old_since_s <= RESTART_S:
             return "out_of_order"
-        self._stamp = None
+        self._is_anew = True
         self.restarts += 1
         return ""
 
     def time_s(self, stamp: float, arrival_s: float) -> float:
         """When a message that is not stale left its source [s, our clock]: ``arrival_s`` or earlier."""
-        own = 0.0
-        offset = arrival_s
-        if self._stamp is not None:
-            elapsed = (stamp - self._stamp) * self._scale
-            own = self._own_s + elapsed
-            offset = arrival_s - own
-            waited = arrival_s - self._arrival_s
-            self._count(elapsed, waited)
-            late = offset - self._offset_s
-            if late > 0.0:
-                # Whatever had piled up comes at once: that is no time in which to forget.
-                offset = min(offset, self._offset_s + min(elapsed, waited) * (CREEP + late / self._forget_s))
-        self._stamp, self._own_s, self._offset_s, self._old_since_s = stamp, own, offset, None
-        self._arrival_s = arrival_s
+        if self._is_anew or self._stamp is None or not self._goes_on(stamp - self._stamp, arrival_s):
+            self._begin(stamp, arrival_s)
+        self._stamp, self._arrival_s, self._old_since_s = stamp, arrival_s, None
         self._seen += 1
-        if self._learn(stamp, arrival_s):
-            self._offset_s = arrival_s - own
-            self.interval_s, self._seen = 0.0, 1
-            return arrival_s
-        return own + offset
+        best = self._block
+        if best is None or arrival_s - best[1] < (stamp - best[0]) * self._scale:
+            self._block = stamp, arrival_s
+        if arrival_s >= self._block_begun[1] + BLOCK_S:
+            self._close_block(stamp, arrival_s)
+        return self._own_s
+
+    def _goes_on(self, stamps: float, arrival_s: float) -> bool:
+        """Go on to the next message, ``stamps`` after the last; False where it must be of another rate of frames."""
+        elapsed = stamps * self._scale
+        self._own_s += elapsed
+        late = arrival_s - self._own_s
+        if late > ANEW_S and self._frames:
+            self.restarts += 1
+            return False
+        if late < -STEP_S:
+            self.steps += 1
+            self._blocks.clear()
+            self._own_s = arrival_s - self.late_s  # nothing says that a queue has gone as the clock leapt
+            return True
+        self._count(elapsed, arrival_s - self._arrival_s)
+        if late < 0.0:
+            self._lowered_s -= late
+            self._own_s = arrival_s
+        return True
+
+    def exchanged(self, ahead_s: float) -> None:
+        """An exchange of clocks has shown that a source that stamps seconds is at most ``ahead_s`` ahead of us [s]."""
+        if self._stamp is not None and not self._is_anew:
+            own = self._stamp - ahead_s
+            # What would have come long before it left was stamped by another clock than the one that was asked.
+            if own <= self._arrival_s + SLACK_S and self._own_s < min(own, self._arrival_s):
+                self._own_s = min(own, self._arrival_s)
+                self._block = None
+                self._blocks.clear()
 
     def _count(self, elapsed_s: float, waited_s: float) -> None:
         if elapsed_s - waited_s > STEP_S:
-            self.steps += 1
             return
         longest = GAP_INTERVALS * self.interval_s
         if self._seen > 10 and elapsed_s > longest:
@@ -117,24 +165,47 @@ class SourceClock:
             elapsed_s = longest
         self.interval_s += (elapsed_s - self.interval_s) / min(self._seen, AVERAGED)
 
-    def _learn(self, stamp: float, arrival_s: float) -> bool:
-        """Take one message into the measured slope; True where the one that we were told was far off."""
-        best = self._block
-        if best is None or arrival_s - best[1] < (stamp - best[0]) * self._scale:
-            self._block = (stamp, arrival_s)
-        if arrival_s < self._block_end_s:
-            return False
-        if self._block_end_s > -math.inf and self._block is not None:
-            self._blocks.append(self._block)
-        self._block, self._block_end_s = None, arrival_s + BLOCK_S
-        if len(self._blocks) < TRUSTED_BLOCKS:
-            return False
-        # Neighbours only: a step or a restart of the clock spoils one slope, and a median does not mind one.
-        slopes = [(b[1] - a[1]) / (b[0] - a[0]) for a, b in pairwise(self._blocks) if b[0] != a[0]]
-        scale = median(slopes) if slopes else self._scale
-        if not 0.01 < scale / self._nominal < 100.0:
-            return False
-        first, self._forget_s = self._forget_s == FORGET_AT_FIRST_S, FORGET_S
-        wrong = first and abs(scale / self._scale - 1.0) > WRONG_SCALE
-        self._scale = scale
-        return wrong
+    def _close_block(self, stamp: float, arrival_s: float) -> None:
+        """Judge the block that ends with this message."""
+        assert self._block is not None, "it holds this message"
+        begun_stamp, begun_s = self._block_begun
+        lasted = min((stamp - begun_stamp) * self._scale, arrival_s - begun_s)
+        late = self._lateness(self._block)
+        if self._band < math.inf:
+            # With all that its slope may be, the clock is no slower than this; what piled up comes in no time.
+            most = lasted * (self._nominal / self._scale * (1.0 + self._band) - 1.0)
+            is_late = late - most > SLACK_S
+            if is_late != (self._late[1] > 0.0):
+                self._blocks.clear()  # from here on it is another line
+            if not is_late:
+                self._own_s = min(self._own_s + min(late, most), arrival_s)
+            self._late = self._late[1], late if is_late else 0.0
+            self._early_blocks = self._early_blocks + 1 if self._lowered_s > self._band * lasted else 0
+        self._blocks.append(self._block)
+        self._block, self._block_begun, self._lowered_s = None, (stamp, arrival_s), 0.0
+        if self._frames and self._early_blocks >= FIRST_BLOCKS:
+            # Nothing comes earlier and earlier: they are other frames than those that were measured.
+            self._band, self._early_blocks = math.inf, 0
+            self._blocks.clear()
+        self._measure()
+
+    def _lateness(self, message: tuple[float, float]) -> float:
+        """How late (stamp, arrival) is by what we know now [s]."""
+        assert self._stamp is not None, "there is a message"
+        return message[1] - self._own_s - (message[0] - self._stamp) * self._scale
+
+    def _measure(self) -> None:
+        """Measure the slope, where there are blocks enough."""
+        unknown = self._band == math.inf
+        if len(self._blocks) < (FIRST_BLOCKS if unknown else SETTLED_BLOCKS):
+            return
+        slope = median((b[1] - a[1]) / (b[0] - a[0]) for a, b in combinations(self._blocks, 2))
+        off = slope / self._nominal
+        if unknown and 1.0 / RATES < off < RATES:
+            self._scale = self._nominal = slope
+            self._band = ROUGH
+            self._own_s = min(self._own_s + min(map(self._lateness, self._blocks)), self._arrival_s)
+        elif abs(off - 1.0) <= self._band:
+            self._scale = slope
+            if self._frames and not self._late[1]:
+                self._nominal, self._band = slope, MAX_DRIFT

@@ -53,7 +53,7 @@ class ViconSource(DatagramSource):
     """Delivers the poses of one object, each frame once and never one older than the last (see the port)."""
 
     def __init__(self, config: ViconConfig, others: Others | None = None) -> None:
-        intake = Intake(config.latency_s, frames_of(config), seconds_per_stamp=1.0 / config.rate_hz, others=others)
+        intake = Intake(config.latency_s, frames_of(config), frame_s=1.0 / config.rate_hz, others=others)
         self._vicon = ViconReader(config.object, intake, drop_frozen=config.drop_frozen)
         super().__init__("Vicon poses", config.listen, self._vicon)
 

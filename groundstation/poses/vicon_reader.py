@@ -45,6 +45,7 @@ class ViconReader:
         if isinstance(found, str):
             self._intake.drop(found)
             return ()
+        self._intake.heard(arrival_s)
         if self._intake.others is not None:
             self._look_around(found, arrival_s)
         seen = self._decoder.pose(found)

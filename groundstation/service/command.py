@@ -8,7 +8,9 @@ import sys
 from collections.abc import Awaitable, Callable, Coroutine
 
 from groundstation.api.place import ApiError, socket_path
+from groundstation.api.register import registered, running
 from groundstation.app import make_ends, make_flight, recorder, watched
+from groundstation.company import entry_of
 from groundstation.config import ConfigError
 from groundstation.exits import Exit
 from groundstation.mission import State
@@ -31,7 +33,8 @@ def fly_command(config: Config, confirm: Callable[[], Awaitable[bool]], say: Say
     try:
         with only_one(lock_path(socket_path(config.status, config.vehicle.name)), config.vehicle.name):
             logging.getLogger().addHandler(Lines(2, Format.TEXT, journal=False))
-            return _run(_fly(config, confirm, say))
+            with registered(entry_of(config, "fly", os.getpid())):
+                return _run(_fly(config, confirm, say))
     except Taken as error:
         print(f"groundstation: {error}", file=sys.stderr)
         return Exit.TAKEN
@@ -43,7 +46,7 @@ async def _fly(config: Config, confirm: Callable[[], Awaitable[bool]], say: Say)
     """Fly until landed or aborted, and land on the first signal."""
     quiet = Quiet()
     async with recorder(config, say, quiet) as give:
-        flight = make_flight(config, confirm=confirm, on_event=say, give=give, quiet=quiet)
+        flight = make_flight(config, confirm=confirm, on_event=say, give=give, quiet=quiet, running=running)
         obey(flight.ask, say)
         calm_memory()
         try:
@@ -71,7 +74,10 @@ def daemon_command(config: Config, *, arm: bool, once: bool, style: Format) -> E
     number = sys.stderr.fileno()
     logging.getLogger().addHandler(Lines(number, style, journal=is_journal(number)))
     try:
-        with only_one(lock_path(socket_path(config.status, config.vehicle.name)), config.vehicle.name):
+        with (
+            only_one(lock_path(socket_path(config.status, config.vehicle.name)), config.vehicle.name),
+            registered(entry_of(config, "daemon", os.getpid())),
+        ):
             return _run(_serve(config, lambda line: log.log(level_of(line), "%s", line), arm=arm, once=once))
     except (Taken, ApiError) as error:
         log.error("%s", error)

@@ -5,6 +5,7 @@ import os
 from collections.abc import Callable
 from contextlib import suppress
 
+from groundstation.api.register import running
 from groundstation.api.server import Server
 from groundstation.app import crew, make_flight, recorder
 from groundstation.exits import Exit
@@ -137,6 +138,7 @@ class Daemon:
             on_state=self._entered,
             give=give,
             quiet=self._quiet,
+            running=running,
         )
 
     async def _confirm(self) -> bool:

@@ -45,6 +45,7 @@ class Dashboard(App[None]):
     BINDINGS: ClassVar[list[BindingType]] = [
         *(Binding(str(number), f"page('{name.lower()}')", name) for number, name in enumerate(PAGES, 1)),
         *(Binding(o.key, f"order('{o.ask}')", o.label.lower(), priority=o.always) for o in ORDERS if o.key),
+        Binding("ctrl+a", "land_all", "land all flights", priority=True),
         Binding("c", "control", "take or give control"),
         Binding("question_mark", "keys", "all keys"),
         Binding("q", "quit", "leave"),
@@ -157,13 +158,17 @@ class Dashboard(App[None]):
     def check_action(self, action: str, parameters: tuple[object, ...]) -> bool | None:
         """No orders to a recording; a screen that may only look says so; nothing to play in a flight."""
         del parameters
-        if action in ("order", "control"):
+        if action in ("order", "control", "land_all"):
             return self._orders or self._read_only
         return self._plays if action == "play" else True
 
     def action_order(self, ask: str) -> None:
         """Do what a key, a button or the palette says."""
         self._ordering.order(BY_ASK[Ask(ask)])
+
+    def action_land_all(self) -> None:
+        """Land this vehicle, and every other one that this user flies from this machine."""
+        self._ordering.land_all()
 
     def action_control(self) -> None:
         """Take control, or give it back."""
@@ -193,6 +198,7 @@ class Dashboard(App[None]):
     def _keys(self) -> Iterable[tuple[str, str]]:
         if self._orders:
             yield from ((order.shown, f"{order.label}: {order.says}") for order in ORDERS if order.key)
+            yield "^A", "LAND ALL: every flight of yours on this machine, as groundstation stop-all does"
             yield "c", "take control, or give it back"
             yield "Enter", "on the page Control: change a gain"
         if self._plays:
@@ -208,6 +214,7 @@ class Dashboard(App[None]):
         if self._orders:
             for order in ORDERS:
                 yield SystemCommand(order.label, order.says, self._call(self.action_order, order.ask))
+            yield SystemCommand("LAND ALL", "every flight of yours on this machine", self.action_land_all)
             yield SystemCommand("Control", "take control, or give it back", self.action_control)
         for name in PAGES:
             yield SystemCommand(f"Page {name}", "show this page", self._call(self.action_page, name.lower()))

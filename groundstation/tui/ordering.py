@@ -6,6 +6,7 @@ from collections.abc import Awaitable, Callable
 from textual.app import App
 
 from groundstation.requests import Ask
+from groundstation.stop_all import stop_all
 from groundstation.tui.dialogs import Choice, Typed
 from groundstation.tui.feed import Answer, Feed
 from groundstation.tui.gains import Gain
@@ -69,6 +70,19 @@ class Ordering:
 
     def _ask(self, ask: Ask, vehicle: str = "") -> None:
         self._later(lambda: self._feed.ask(ask, "", vehicle))
+
+    def land_all(self) -> None:
+        """Land this vehicle, and every other one that this user flies from this machine. It does not ask back."""
+        if not self._orders:
+            self._only_looks()
+            return
+        self._ask(Ask.LAND)
+        self._later(self._stop_all)
+
+    async def _stop_all(self) -> Answer:
+        told = await stop_all(Ask.LAND, "stop-all from a dashboard")
+        silent = [one.says for one in told if not one.answered]
+        return Answer(done=not silent, says="; ".join(silent) or f"land all: {len(told)} have answered")
 
     def control(self) -> None:
         """Take control, or give it back."""

@@ -10,7 +10,8 @@ from textual.screen import ModalScreen
 from textual.widgets import Input
 
 from groundstation.requests import Ask
-from groundstation.tui import orders
+from groundstation.stop_all import Told
+from groundstation.tui import ordering, orders
 from groundstation.tui.app import Dashboard
 from groundstation.tui.attached import Attached
 from groundstation.tui.bars import Knob
@@ -79,6 +80,30 @@ def test_it_leaves_while_a_name_is_being_typed(stage: Stage) -> None:
             await pilot.press(*STOP_KEYS)
             await until(pilot, lambda: stage.asked == STOPS)
             assert isinstance(pilot.app.screen, Typed)
+
+    play(scene, stage.path)
+
+
+def test_one_key_lands_this_vehicle_and_every_other_one_also_while_a_name_is_typed(
+    stage: Stage, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    asked = list[Ask]()
+
+    async def stop_all(ask: Ask, why: str) -> list[Told]:
+        asked.append(ask)
+        return [Told(True, "ant: landing"), Told(False, f"bee: NOT ANSWERED ({why})")]
+
+    monkeypatch.setattr(ordering, "stop_all", stop_all)
+    stage.latest.put(standing())
+
+    async def scene(pilot: Pilot[None]) -> None:
+        async with stage.up():
+            await in_control(pilot)
+            await pilot.press("a", "m", "q")
+            await until(pilot, lambda: isinstance(pilot.app.screen, Typed))
+            await pilot.press("ctrl+a")
+            await until(pilot, lambda: (stage.asked, asked) == ([Ask.LAND], [Ask.LAND]))
+            await until(pilot, lambda: told(pilot, "bee: NOT ANSWERED (stop-all from a dashboard)"))
 
     play(scene, stage.path)
 

@@ -4,6 +4,7 @@ import asyncio
 import itertools
 import math
 from collections.abc import Awaitable, Callable
+from types import SimpleNamespace
 from typing import Any
 
 import msgspec
@@ -15,14 +16,15 @@ from groundstation.config import ConfigError, from_dict
 from groundstation.flight import Flight
 from groundstation.mission import State
 from groundstation.ops import Vec3
-from groundstation.poses.forward import Forward
-from groundstation.poses.port import Pose
+from groundstation.poses.forward import Forward, Forwarding
+from groundstation.poses.port import Pose, PoseStatus
 from groundstation.requests import Ask, Reply, Request
 from groundstation.settings import Config
+from links.mavlink import MavlinkLink, MavlinkLinkConfig
 from links.mavlink_codec import ARDUPILOT, PX4, MavlinkCodec
 from links.mavlink_config import ForwardConfig
 from links.odometry_codec import Odometry, odometry
-from sim.autopilot import Px4Autopilot
+from sim.autopilot import LAND, Px4Autopilot
 from sim.autopilot_external import ExternalPoses, Fused
 from sim.mission import fly_mission, from_floor
 from sim.prepare import prepare
@@ -117,6 +119,73 @@ def test_poses_after_a_flight_end_when_asked_twice_and_not_by_a_request_to_land(
     end_s = next(time_s for time_s, line in lines if line.startswith("no more poses"))
     assert end_s == pytest.approx(taken_s + 1.0, abs=0.2)
     assert external.fused[-1].arrival_s == pytest.approx(end_s, abs=0.15)
+
+
+@pytest.mark.parametrize("forwards", [True, False])
+def test_poses_that_were_found_to_be_wrong_leave_no_more_and_no_land_rests_on_them(forwards: bool) -> None:
+    overrides = ["sim.own_estimate=true", *([ON] if forwards else [])]
+    world, config = from_floor(*prepare(SCENARIOS["paper"], overrides), 30.0)
+    lines: list[str] = []
+    stages: list[Stage] = []
+    convicted_s: list[float] = []
+    lands: list[bool] = []
+
+    async def script(flight: Flight, stage: Stage) -> None:
+        stages.append(stage)
+        await reached(flight, State.HOLD)
+        await asyncio.sleep(0.5)
+        fused = stage.autopilot.external.fused
+        while forwards and fused[-1].arrival_s < asyncio.get_running_loop().time() - 0.001:
+            await asyncio.sleep(0.0005)
+        convicted_s.append(asyncio.get_running_loop().time())
+        flight.distrust()
+        flight.stop("convicted")
+        await asyncio.sleep(0.8)
+        assert isinstance(stage.autopilot, Px4Autopilot)
+        lands.append(stage.autopilot.mode == LAND and not stage.autopilot.failsafe)
+
+    fly_mission(world, config, seed=1, on_event=lines.append, script=script)
+    external, told = stages[0].autopilot.external, "\n".join(lines)
+    assert "poses are not trusted any more: a test" in told
+    assert bool(external.fused) == forwards
+    assert all(fused.arrival_s <= convicted_s[0] + 0.001 for fused in external.fused), "nothing that left afterwards"
+    assert "poses go on" not in told
+    assert lands == [not forwards]
+
+
+def test_a_pose_that_is_under_way_to_the_autopilot_does_not_leave_either() -> None:
+    left: list[bytes] = []
+
+    class Source:
+        status = PoseStatus(0, {})
+
+        async def start(self, deliver: Callable[[Pose], None]) -> None:
+            self.deliver = deliver
+
+        async def close(self) -> None:
+            pass
+
+    async def main() -> None:
+        source = Source()
+        forwarding = Forwarding(
+            source, MavlinkLink(MavlinkLinkConfig(), thrust_max_n=2.0), ForwardConfig(rate_hz=200.0)
+        )
+        forwarding._connection = SimpleNamespace(  # type: ignore[assignment]  # what it needs of one
+            kind=PX4, state="armed", codec=MavlinkCodec(245, 190), leave=left.append
+        )
+        await forwarding.start(lambda pose: None)
+        now = asyncio.get_running_loop().time()
+        for n in range(10):
+            source.deliver(msgspec.structs.replace(pose(n), time_s=now + 0.01 * n))
+        await asyncio.sleep(0)
+        before = len(left)
+        assert before > 0
+        source.deliver(msgspec.structs.replace(pose(10), time_s=now + 0.1))
+        forwarding.distrust()
+        await asyncio.sleep(0.01)
+        assert len(left) == before
+
+    in_virtual_time(main())
 
 
 def taken_over(

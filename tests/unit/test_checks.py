@@ -13,6 +13,7 @@ from groundstation.preflight import ensure_guarded, real
 from groundstation.settings import Config
 from groundstation.takeoff import Standing
 from groundstation.verdict import Check, Verdict
+from groundstation.witness import Testimony
 from links.port import LinkStatus
 
 BASE: dict[str, Any] = {
@@ -40,10 +41,11 @@ def check(
     stands: Standing | None = None,
     noise_m: float = 0.0005,
     now_s: float = 1.03,
+    witness: Testimony | None = None,
     **link: Any,
 ) -> Check:
     checks = Checks(from_dict({**BASE, **(config or {})}, Config))
-    seen = checks(stands or standing(), noise_m, msgspec.structs.replace(LINK, **link), now_s)
+    seen = checks(stands or standing(), noise_m, msgspec.structs.replace(LINK, **link), now_s, witness)
     return next(one for one in seen if one.name == name)
 
 
@@ -117,6 +119,39 @@ def test_each_check_has_its_verdict_and_a_sentence(name: str, given: dict[str, A
     found = check(name, **given)
     assert found.verdict is verdict, found.says
     assert len(found.says) > 8
+
+
+AGREES = Testimony(share=0.2, tilt_deg=0.3, askew_deg=1.2, turning=0.2, doubts_s=None, alike=(), unlike=())
+WITNESSED: list[tuple[Testimony | None, Verdict, str]] = [
+    (AGREES, Verdict.PASS, "1.2° apart"),
+    (AGREES._replace(alike=("roll", "pitch")), Verdict.PASS, "roll, pitch went the same way"),
+    (None, Verdict.WARN, "does not send its attitude"),
+    (AGREES._replace(doubts_s=0.5), Verdict.WARN, "does somebody carry it?"),
+    (AGREES._replace(askew_deg=7.9), Verdict.PASS, "7.9° apart"),
+    (AGREES._replace(askew_deg=8.1), Verdict.FAIL, "8.1° apart: is it the right body?"),
+    (AGREES._replace(unlike=("roll",)), Verdict.FAIL, "roll went another way in the poses"),
+    (AGREES._replace(unlike=("roll", "pitch")), Verdict.FAIL, "roll and pitch went another way"),
+]
+
+
+@pytest.mark.parametrize(("witness", "verdict", "says"), WITNESSED)
+def test_the_autopilots_attitude_is_a_second_witness(witness: Testimony | None, verdict: Verdict, says: str) -> None:
+    found = check("second witness", witness=witness)
+    assert found.verdict is verdict
+    assert says in found.says
+
+
+@pytest.mark.parametrize(
+    ("config", "says"),
+    [
+        ({"pose": {"kind": "mavlink"}}, "the poses are the autopilot's own"),
+        ({"link": {"kind": "dsm", "port": "/dev/ttyUSB0"}}, "a radio does not tell"),
+    ],
+)
+def test_where_nobody_else_can_tell_the_second_witness_is_off(config: dict[str, Any], says: str) -> None:
+    found = check("second witness", config=config)
+    assert found.verdict is Verdict.OFF
+    assert says in found.says
 
 
 def test_without_poses_nothing_else_is_asked_of_them() -> None:

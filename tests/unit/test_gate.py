@@ -244,3 +244,12 @@ def test_poses_are_lost_once_and_back_once() -> None:
     (back,) = outbreaks.look(3.62, {}, newest)
     assert back.kind == "back"
     assert "1.60 s" in back.text
+
+
+def test_lateness_is_told_as_it_begins_as_it_doubles_and_as_it_is_over() -> None:
+    outbreaks = Outbreaks(COAST_S)
+    late = [0.0] * 10 + [0.1] * 100 + [0.15] * 100 + [0.25] * 10 + [0.0] * 100
+    events = [event for n, late_s in enumerate(late) for event in outbreaks.look(0.05 * n, {}, None, late_s)]
+    assert [event.kind for event in events] == ["late", "late", "punctual"]
+    assert "100 ms later" in events[0].text
+    assert "stop the tracker's stream" in events[0].text

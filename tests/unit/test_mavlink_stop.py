@@ -1,13 +1,15 @@
 """How the MAVLink link ends a flight: by force, by mode LAND, by its own bring-down; and a network without room."""
 
 import asyncio
+from collections.abc import Callable
 from typing import Any
 
 import pytest
 
 from links.datagrams import Datagrams
 from links.mavlink import MavlinkLink, MavlinkLinkConfig
-from links.mavlink_codec import ARDUPILOT, ARM_DISARM, DO_SET_MODE, FORCE, PX4
+from links.mavlink_codec import ARDUPILOT, ARM_DISARM, DO_SET_MODE, FORCE, PX4, MavlinkCodec
+from links.mavlink_config import ForwardConfig
 from links.port import Command, LinkError, LinkLost, LinkMisuse, LinkRejected, Segment
 from tests.loops import in_virtual_time
 from tests.unit.test_mavlink_link import D, Endpoint, accept, command, scene
@@ -198,6 +200,68 @@ def test_unless_told_otherwise_land_is_asked_of_an_autopilot_that_says_that_it_k
         assert (autopilot.of("SET_ATTITUDE_TARGET")[-1].thrust > 0.0) == lands  # the rates ended early, or at their end
 
     scene(play, kind=kind)
+
+
+def bridge(name: str) -> Callable[[MavlinkLink, Endpoint], None]:
+    """Somebody else behind the same router, who tells the autopilot where it is."""
+
+    def say(_: MavlinkLink, autopilot: Endpoint) -> None:
+        other = MavlinkCodec(1, 197)
+        told = {
+            "vision": D.MAVLink_vision_position_estimate_message(1, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0),
+            "mocap": D.MAVLink_att_pos_mocap_message(1, (1.0, 0.0, 0.0, 0.0), 0.0, 0.0, 0.0),
+            "battery": D.MAVLink_sys_status_message(0, 0, 0, 0, 0, 0, -1, 0, 0, 0, 0, 0, 0),
+        }[name]
+        autopilot.transport.sendto(other.pack(told), autopilot.remote)
+
+    return say
+
+
+def shares(link: MavlinkLink, _: Endpoint) -> None:
+    link.shares_poses = True
+
+
+def nothing(_link: MavlinkLink, _autopilot: Endpoint) -> None:
+    pass
+
+
+FORWARDS = ForwardConfig(enabled=True)
+
+
+@pytest.mark.parametrize(
+    ("settings", "happens", "lands"),
+    [
+        ({}, nothing, True),
+        ({}, bridge("battery"), True),
+        ({}, bridge("vision"), False),
+        ({}, bridge("mocap"), False),
+        ({}, shares, False),
+        ({"forward": FORWARDS}, nothing, False),
+        ({"forward": FORWARDS, "own_position": True}, bridge("vision"), True),
+        ({"forward": FORWARDS, "bring_down": "land"}, shares, True),
+        ({"bring_down": "rates"}, nothing, False),
+    ],
+)
+@pytest.mark.parametrize("distrusted", [True, False])
+def test_after_poses_were_wrong_land_is_asked_only_where_it_can_not_rest_on_them(
+    settings: dict[str, Any], happens: Callable[[MavlinkLink, Endpoint], None], lands: bool, distrusted: bool
+) -> None:
+    async def play(link: MavlinkLink, autopilot: Endpoint) -> None:
+        autopilot.answer = accept
+        await link.arm(idle)
+        autopilot.armed = True
+        autopilot.say(D.MAVLink_estimator_status_message(0, KNOWN, *[0.1] * 8))
+        happens(link, autopilot)
+        await asyncio.sleep(0.05)
+        link.send(flown())
+        if distrusted:
+            link.distrust()
+        autopilot.heard.clear()
+        await link.silent()
+        asked = [m for m in autopilot.of("COMMAND_LONG") if m.command == DO_SET_MODE]
+        assert bool(asked) == (lands or (not distrusted and settings.get("bring_down") != "rates"))
+
+    scene(play, **settings)
 
 
 def test_a_land_that_is_refused_leaves_the_rates_to_their_end() -> None:

@@ -1,0 +1,70 @@
+"""Whether the operator holds what must be held to fly (a hold-to-run control, as ISO 12100 calls it). Sans-IO."""
+
+DEBOUNCE_S = 0.03
+"""A contact that opens for less than this only bounces, or was shaken [s]."""
+HYSTERESIS = 0.1
+"""An axis is let go by this share of its travel below where it is held [-]."""
+
+
+class InputLost(Exception):
+    """What is held can't be asked any more; the text says why."""
+
+
+class Hold:
+    """One input, from free over held to free again. Times are on the event loop's clock [s].
+
+    It must have been seen free before it counts as held: what is stuck, tied down or turned round can't fly anything.
+    """
+
+    def __init__(self, what: str, above: float) -> None:
+        """``what`` names it to the operator; it is held from the share ``above`` of its travel on [-]."""
+        self._what = what
+        self._above = above
+        self._held = self._was_free = False
+        self._open_s: float | None = None
+        self._lost = "nobody has looked yet"
+
+    def name(self, what: str) -> None:
+        """Call it ``what`` from now on."""
+        self._what = what
+
+    def see(self, share: float | None, now_s: float) -> None:
+        """It stands at ``share`` of its travel, 0 to 1 for free and held [-]; None where nothing was heard yet."""
+        self._lost = "" if share is not None else "nothing was heard of it yet"
+        if share is not None and share >= self._above - (HYSTERESIS if self._held else 0.0):
+            self._open_s = None
+            self._held = self._was_free
+            return
+        if self._open_s is None:
+            self._open_s = now_s
+        if not self._held or now_s - self._open_s >= DEBOUNCE_S - 1e-9:
+            self._held = False
+            self._was_free = self._was_free or share is not None
+
+    def lose(self, why: str) -> None:
+        """It can't be asked; once it can again, it must be let go before it counts."""
+        self._held = self._was_free = False
+        self._lost = why
+
+    @property
+    def lost(self) -> bool:
+        """Whether nobody knows how it stands."""
+        return bool(self._lost)
+
+    @property
+    def obstacle(self) -> str:
+        """Why the vehicle may not fly; empty while it is held."""
+        if self._lost:
+            return f"{self._what} is lost: {self._lost}"
+        if self._held:
+            return ""
+        return f"{self._what} is not held" if self._was_free else f"{self._what} was held from the beginning"
+
+    @property
+    def advice(self) -> str:
+        """What the operator is to do about it."""
+        if self._lost:
+            return "connect it; a device that was unplugged is found by the next flight"
+        if self._held:
+            return f"{self._what} is held: let go, and it lands"
+        return "hold it, and keep holding: let go, and it lands" if self._was_free else "let go once, then hold it"

@@ -1,0 +1,102 @@
+"""``groundstation stop-all``: real flights in real processes, one of which stands still, reached without a broker."""
+
+import asyncio
+import os
+import signal
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from tests.e2e.stations import free_udp_port, served
+from tests.e2e.test_daemon import running
+from tests.e2e.test_real_time import seen
+
+GROUNDSTATION = [sys.executable, "-m", "groundstation"]
+
+
+def stop_all(*words: str) -> "subprocess.CompletedProcess[str]":
+    return subprocess.run(
+        [*GROUNDSTATION, "stop-all", *words],
+        capture_output=True,
+        check=False,
+        text=True,
+        timeout=20,
+        stdin=subprocess.DEVNULL,
+    )
+
+
+@pytest.fixture(autouse=True)
+def _alone(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Only what this test starts is registered where it looks."""
+    monkeypatch.setenv("XDG_RUNTIME_DIR", str(tmp_path))
+
+
+@pytest.mark.timeout(90)
+def test_every_flight_lands_and_one_that_stands_still_is_told_in_time_and_lands_as_it_wakes(tmp_path: Path) -> None:
+    # Their sockets are not where sockets are looked for.
+    with (
+        served() as north,
+        served() as south,
+        running(north, tmp_path / "ant", "--once", "--arm", "ant", "--set", "vehicle.name=ant") as ant,
+        running(south, tmp_path / "bee", "--once", "--arm", "bee", "--set", "vehicle.name=bee") as bee,
+    ):
+        for room in (north, south):
+            asyncio.run(seen(room.status_socket, lambda s: s.state == "tracking"))
+        bee.process.send_signal(signal.SIGSTOP)
+        stopped = stop_all()
+        bee.process.send_signal(signal.SIGCONT)
+
+        assert stopped.returncode == 1
+        first, second = f"ant (process {ant.process.pid})", f"bee (process {bee.process.pid})"
+        assert stopped.stdout.startswith(f"{first}: landing: stop-all (stop-all ")
+        assert f"{second}: NOT ANSWERED: no answer within 1 s; SIGTERM sent" in stopped.stderr
+        ant.says("landing: stop-all")
+        ant.says("landed: ")
+        assert ant.process.wait(20) == 0
+        bee.says("SIGTERM: landing; once more: failsafe descent")
+        bee.process.wait(20)
+
+    nobody = stop_all()
+    assert (nobody.returncode, nobody.stdout) == (0, "nothing flies here\n")
+
+
+@pytest.mark.timeout(60)
+def test_a_flight_with_the_same_body_is_told_and_kill_asks_before_and_reaches_what_stands_ready(tmp_path: Path) -> None:
+    with served() as north, served() as south, running(north, tmp_path / "log", "--once") as daemon:
+        daemon.says("ready: link and poses are there")
+        looked = subprocess.run(south.station("check"), capture_output=True, check=False, text=True, timeout=20)
+        assert f"WARN other flights       daemon mqx (process {daemon.process.pid}) follows the body" in looked.stdout
+
+        unasked = stop_all("--kill")
+        assert (unasked.returncode, "mqx in the air: without a terminal it needs --yes" in unasked.stderr) == (2, True)
+        assert daemon.process.poll() is None
+        killed = stop_all("--kill", "--yes")
+        assert (killed.returncode, "killed: motors off: stop-all" in killed.stdout) == (0, True), killed.stderr
+        daemon.process.wait(20)
+
+
+@pytest.mark.timeout(60)
+def test_a_bridge_goes_on_and_is_told_with_how_to_end_it(tmp_path: Path) -> None:
+    key, config = tmp_path / "key", tmp_path / "bridge.toml"
+    subprocess.run([*GROUNDSTATION, "rf-bridge", "--make-key", str(key)], check=True, capture_output=True, timeout=20)
+    master, slave = os.openpty()
+    try:
+        link = f'[link]\nkind = "crsf"\nport = "{os.ttyname(slave)}"\n'
+        config.write_text(f'listen = "127.0.0.1:{free_udp_port()}"\nkey_file = "key"\n{link}')
+        bridge = subprocess.Popen([*GROUNDSTATION, "rf-bridge", str(config)], stdout=subprocess.PIPE, text=True)
+        try:
+            assert bridge.stdout is not None
+            assert "rf-bridge at udp" in bridge.stdout.readline()
+            told = stop_all()
+            assert told.returncode == 0
+            assert f"(process {bridge.pid}): goes on" in told.stdout
+            assert f"kill -QUIT {bridge.pid} stops its motors" in told.stdout
+            assert bridge.poll() is None
+        finally:
+            bridge.terminate()
+            bridge.communicate(timeout=20)
+    finally:
+        os.close(master)
+        os.close(slave)

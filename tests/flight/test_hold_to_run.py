@@ -1,0 +1,154 @@
+"""The operator's own dead man in whole flights: let go, it lands; lost, it lands; not held, it does not start."""
+
+import asyncio
+from collections.abc import Callable
+from typing import Any
+
+import pytest
+
+from groundstation import app
+from groundstation.flight import Flight
+from groundstation.hold_to_run.hold import DEBOUNCE_S, InputLost
+from groundstation.hold_to_run.watch import LOOK_S, HoldWatch
+from groundstation.mission import State
+from groundstation.requests import Ask, Request
+from groundstation.verdict import Verdict
+from sim.autopilot_base import SimulatedAutopilot
+from sim.mission import Mission, from_floor
+from sim.mission import fly_mission as fly
+from sim.prepare import prepare
+from sim.scenarios import SCENARIOS
+from sim.stage import Stage
+from tests.hold_double import Hand
+
+SOON_S = DEBOUNCE_S + 2 * LOOK_S
+SHORT = ("takeoff.height_m=0.5", "takeoff.hold_s=1.0", "trajectory.altitude_m=-0.5", "takeoff.climb_m_s=1.0")
+
+
+@pytest.fixture
+def hand(monkeypatch: pytest.MonkeyPatch) -> Hand:
+    """What the operator of every flight of this test holds."""
+    hand = Hand()
+    monkeypatch.setattr(app, "make_hold", lambda config, link: HoldWatch("the pedal", 0.75, lambda: hand))
+    return hand
+
+
+def flown(hand: Hand, change: Callable[[Hand], None], state: State, after_s: float = 0.3) -> tuple[Mission, float]:
+    """A mission in which the operator presses before arming, and ``change`` happens in ``state``, and when it did."""
+    world, config = from_floor(*prepare(SCENARIOS["paper"], list(SHORT)), 2.0)
+    at_s = 0.0
+
+    async def script(flight: Flight, _: Stage) -> None:
+        nonlocal at_s
+        await asyncio.sleep(2.0)
+        hand.held = True
+        while flight.state is not state:
+            await asyncio.sleep(0.001)
+        await asyncio.sleep(after_s)
+        change(hand)
+        at_s = asyncio.get_running_loop().time()
+
+    return fly(world, config, seed=0, script=script), at_s
+
+
+def let_go(hand: Hand) -> None:
+    hand.held = False
+
+
+def unplug(hand: Hand) -> None:
+    hand.trouble = InputLost("No such device")
+
+
+def break_reader(hand: Hand) -> None:
+    hand.trouble = RuntimeError("the reader is broken")
+
+
+@pytest.mark.parametrize("state", [State.HOLD, State.TRACKING, State.RETURNING])
+def test_let_go_in_the_air_it_lands_within_50_ms_and_says_why(hand: Hand, state: State) -> None:
+    mission, at_s = flown(hand, let_go, state)
+    landing = next(one for one in mission.states if one.state == "landing")
+    assert landing.reason == "the pedal is not held"
+    assert landing.time_s - at_s <= SOON_S + 1e-6
+    assert (mission.landed, mission.fault) == (True, "")
+
+
+@pytest.mark.parametrize("change", [unplug, break_reader])
+def test_lost_in_the_air_it_lands_at_once_and_that_is_a_fault(hand: Hand, change: Callable[[Hand], None]) -> None:
+    mission, at_s = flown(hand, change, State.TRACKING)
+    landing = next(one for one in mission.states if one.state == "landing")
+    assert landing.reason == mission.fault == f"the pedal is lost: {hand.trouble}"
+    assert landing.time_s - at_s <= LOOK_S + 1e-6
+    assert mission.states[-1].state == "landed"
+
+
+@pytest.mark.parametrize(("state", "after_s"), [(State.ARMING, 0.0), (State.TAKEOFF, 0.3)])
+def test_let_go_before_it_has_lifted_off_it_never_does(hand: Hand, state: State, after_s: float) -> None:
+    mission, _ = flown(hand, let_go, state, after_s)
+    assert "hold" not in [one.state for one in mission.states]
+    assert "the pedal is not held" in " ".join(one.reason for one in mission.states)
+    assert mission.states[-1].state in ("landed", "aborted")
+
+
+def test_a_contact_that_bounces_does_not_land(hand: Hand) -> None:
+    def bounce(hand: Hand) -> None:
+        hand.held = False
+        asyncio.get_running_loop().call_later(0.02, lambda: setattr(hand, "held", True))
+
+    mission, _ = flown(hand, bounce, State.TRACKING)
+    assert [one.state for one in mission.states][-4:] == ["returning", "landing", "disarming", "landed"]
+    assert "held" not in " ".join(one.reason for one in mission.states)
+
+
+@pytest.mark.parametrize(("stuck", "why"), [(False, "is not held: hold it"), (True, "was held from the beginning")])
+def test_what_is_not_held_or_stuck_is_not_armed(hand: Hand, stuck: bool, why: str) -> None:
+    hand.held = stuck
+    world, config = from_floor(*prepare(SCENARIOS["paper"], list(SHORT)), 2.0)
+    seen: dict[str, Any] = {}
+
+    async def script(flight: Flight, _: Stage) -> None:
+        while flight.state is not State.READY:
+            await asyncio.sleep(0.001)
+        seen["check"] = next(one for one in flight.snapshot().checks if one.name == "operator's hold")
+        seen["reply"] = flight.ask(Request(Ask.ARM, "the test"))
+        seen["state"] = flight.state
+
+    mission = fly(world, config, seed=0, script=script)
+    assert seen["check"].verdict is Verdict.WARN
+    assert why in seen["check"].says
+    assert not seen["reply"].done
+    assert why in seen["reply"].says
+    assert seen["state"] is State.READY
+    assert mission.states[-1].state == "aborted"
+    assert f"not armed: operator's hold: the pedal {why}" in mission.why
+    assert hand.closed
+
+
+@pytest.mark.parametrize("autopilot", ["px4", "ardupilot"])
+@pytest.mark.parametrize(
+    ("after", "why", "within_s"),
+    [
+        ([1000, 1000], "channel 2 of the transmitter is not held", 0.1),
+        ([1000], "channel 2 of the transmitter is lost: the receiver has no such channel", 0.06),
+    ],
+)
+def test_a_channel_of_the_transmitter_is_held_as_the_autopilot_tells_it(
+    autopilot: str, after: list[int], why: str, within_s: float, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(SimulatedAutopilot, "channels", [1000, 1000])
+    world, config = from_floor(*prepare(SCENARIOS["paper"], [*SHORT, "operator.hold=rc:2"]), 2.0)
+    at_s = 0.0
+
+    async def script(flight: Flight, stage: Stage) -> None:
+        nonlocal at_s
+        await asyncio.sleep(2.0)
+        stage.autopilot.channels = [1000, 1900]
+        while flight.state is not State.TRACKING:
+            await asyncio.sleep(0.001)
+        stage.autopilot.channels = after
+        at_s = asyncio.get_running_loop().time()
+
+    mission = fly(world, config, seed=0, autopilot=autopilot, script=script)
+    landing = next(one for one in mission.states if one.state == "landing")
+    assert landing.reason == why
+    assert landing.time_s - at_s <= within_s
+    assert mission.states[-1].state == "landed"

@@ -1,0 +1,95 @@
+"""Poses that from some instant on come later than they did, with stamps that say so: their age counts, for good."""
+
+import asyncio
+from collections.abc import Sequence
+
+import pytest
+
+from groundstation.flight import Flight
+from groundstation.mission import State
+from sim.mission import Mission, fly_mission, from_floor
+from sim.prepare import prepare
+from sim.scenarios import SCENARIOS
+from sim.stage import Stage
+from sim.trackers import Seen, Tracker
+
+STRIKE_AFTER_S = 1.0
+LASTS_S = 10.0
+SOURCES = ["vicon", "natnet", "qualisys", "json"]
+
+
+class Queue:
+    """Implements :class:`sim.trackers.Tracker`: from ``late_s`` > 0 on each frame waits for so long."""
+
+    def __init__(self, tracker: Tracker) -> None:
+        self._tracker = tracker
+        self.late_s = 0.0
+        self.left_s = 0.0
+        """When the newest frame that has left was exposed."""
+
+    async def open(self) -> None:
+        await self._tracker.open()
+
+    def close(self) -> None:
+        self._tracker.close()
+
+    def send(self, frame: int, exposure_s: float, bodies: Sequence[Seen]) -> None:
+        asyncio.get_running_loop().call_later(self.late_s, self._send, frame, exposure_s, bodies)
+
+    def _send(self, frame: int, exposure_s: float, bodies: Sequence[Seen]) -> None:
+        self.left_s = max(self.left_s, exposure_s)
+        self._tracker.send(frame, exposure_s, bodies)
+
+
+def late(source: str, late_s: float) -> tuple[Mission, list[str], list[float]]:
+    """A mission struck in hold: what became of it, what was told afterwards, and errors of the newest pose's time."""
+    world, config = from_floor(*prepare(SCENARIOS["paper"], [], source=source), 5.0)
+    told: list[str] = []
+    errors: list[float] = []
+
+    async def script(flight: Flight, stage: Stage) -> None:
+        queues: list[Queue] = []
+
+        def wait(tracker: Tracker) -> Tracker:
+            queues.append(Queue(tracker))
+            return queues[0]
+
+        assert stage.mocap is not None
+        stage.mocap.through(wait)
+        while flight.state is not State.HOLD:
+            await asyncio.sleep(0.01)
+        await asyncio.sleep(STRIKE_AFTER_S)
+        told.clear()
+        queues[0].late_s = late_s
+        await asyncio.sleep(late_s + 0.1)
+        for _ in range(round(LASTS_S / 0.05)):
+            await asyncio.sleep(0.05)
+            true_s = asyncio.get_running_loop().time() - flight.snapshot().pose_age_s
+            errors.append(true_s - queues[0].left_s)
+        flight.stop("enough was seen")
+
+    return fly_mission(world, config, seed=0, on_event=told.append, script=script), told, errors
+
+
+def text(told: list[str], word: str) -> str:
+    return next((line for line in told if word in line), "")
+
+
+@pytest.mark.parametrize("source", SOURCES)
+@pytest.mark.parametrize("late_s", [0.1, 0.2])
+def test_poses_that_come_late_for_good_are_as_old_as_they_are_for_good(source: str, late_s: float) -> None:
+    _, told, errors = late(source, late_s)
+    assert max(map(abs, errors)) < 2e-3
+    if source != "natnet":  # Motive says itself how old each frame was as it left: nothing is late on its way
+        assert f"poses come {1e3 * late_s:.0f} ms later than they did" in text(told, "later")
+
+
+@pytest.mark.parametrize("source", SOURCES)
+def test_a_flight_whose_poses_come_older_than_commands_may_rest_on_one_ends_as_if_none_came(source: str) -> None:
+    mission, told, _ = late(source, 0.4)
+    assert mission.fault.startswith("no pose for 2"), "at flight.coast_s, with the frames' step"
+    descent, ended = (next(e for e in mission.states if e.state == s) for s in (State.DESCENT, State.ABORTED))
+    assert ended.time_s - descent.time_s == pytest.approx(0.25, abs=0.05), "guards.level_s more, and no fresh pose"
+    assert "late" in text(told, "poses are dropped")
+    assert mission.touchdown_m_s is not None
+    assert mission.touchdown_m_s < 2.5

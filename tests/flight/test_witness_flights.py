@@ -1,0 +1,195 @@
+"""The second witness in whole flights: true poses in bad air, and a tracker that lies."""
+
+import asyncio
+import math
+import random
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
+from typing import Any
+
+import pytest
+
+from groundstation import so3
+from groundstation.flight import Flight
+from groundstation.mission import IN_AIR, State
+from groundstation.ops import Quat
+from sim.mission import Mission, fly_mission, from_floor
+from sim.prepare import prepare
+from sim.scenarios import SCENARIOS
+from sim.stage import Stage
+from sim.trackers import Seen, Tracker
+
+LOOK_S = 0.01
+SEEN_LEAN_DEG = 3.0
+IN_S = 0.4
+"""So soon after the vehicle leans or turns it must doubt."""
+
+Lie = Callable[[Quat], Quat]
+
+
+class Liar:
+    """Implements :class:`sim.trackers.Tracker` around another one; what it says of attitudes may be made up."""
+
+    def __init__(self, tracker: Tracker) -> None:
+        self.lie: Lie | None = None
+        self.newest: Quat = so3.IDENTITY
+        self._tracker = tracker
+
+    async def open(self) -> None:
+        await self._tracker.open()
+
+    def close(self) -> None:
+        self._tracker.close()
+
+    def send(self, frame: int, exposure_s: float, bodies: Sequence[Seen]) -> None:
+        ours = bodies[0]
+        if self.lie is None:
+            self.newest = ours.attitude
+        else:
+            ours = ours._replace(attitude=self.lie(ours.attitude))
+        self._tracker.send(frame, exposure_s, [ours, *bodies[1:]])
+
+
+@dataclass
+class Told:
+    """What came of a flight."""
+
+    mission: Mission | None = None
+    share: float = 0.0
+    """The largest statistic, as a share of its threshold."""
+    silent_s: float = 0.0
+    """For how long the witness said nothing in the air."""
+    struck_s: float = math.inf
+    leans_s: float = math.inf
+    """When the vehicle first leant by more than 3° after that, by the truth [s]."""
+    doubted_s: float = math.inf
+    events: list[str] = field(default_factory=list)
+
+
+def flown(
+    scenario: str,
+    *,
+    seed: int = 0,
+    autopilot: str = "px4",
+    lie: Callable[[Liar], Lie] | None = None,
+    state: State | None = State.HOLD,
+    after_s: float = 1.5,
+    sets: tuple[str, ...] = (),
+) -> Told:
+    """A mission with 10 s of figure; ``lie(liar)`` begins ``after_s`` [s] into ``state``, or before all of it."""
+    world, config = prepare(SCENARIOS[scenario], list(sets))
+    world, config = from_floor(world, config, 10.0)
+    told = Told()
+
+    async def script(flight: Flight, stage: Stage) -> None:
+        loop = asyncio.get_running_loop()
+        liars: list[Liar] = []
+
+        def meddle(tracker: Tracker) -> Tracker:
+            liars.append(Liar(tracker))
+            return liars[0]
+
+        assert stage.mocap is not None
+        stage.mocap.through(meddle)
+        striking = asyncio.ensure_future(strike(flight, liars[0])) if lie is not None else None
+        while True:
+            now = loop.time()
+            evidence = flight.witness.verdict(now)
+            if evidence is None:
+                told.silent_s += LOOK_S if flight.state in IN_AIR else 0.0
+            else:
+                told.share = max(told.share, evidence.share)
+                if evidence.doubts_s is not None:
+                    told.doubted_s = min(told.doubted_s, now)
+            upright = so3.third_column(stage.plant.truth(now).attitude)[2]
+            if now > told.struck_s and upright < math.cos(math.radians(SEEN_LEAN_DEG)):
+                told.leans_s = min(told.leans_s, now)
+            if striking is not None and striking.done():
+                striking.result()
+            await asyncio.sleep(LOOK_S)
+
+    async def strike(flight: Flight, liar: Liar) -> None:
+        while state is not None and flight.state is not state:
+            await asyncio.sleep(LOOK_S)
+        await asyncio.sleep(after_s)
+        assert lie is not None
+        told.struck_s, liar.lie = asyncio.get_running_loop().time(), lie(liar)
+
+    told.mission = fly_mission(
+        world, config, seed=seed, autopilot=autopilot, script=script, on_event=told.events.append
+    )  # fmt: skip
+    return told
+
+
+@pytest.mark.parametrize("autopilot", ["px4", "ardupilot"])
+@pytest.mark.parametrize("scenario", ["storm", "adverse", "gust_front", "quad1kg"])
+def test_true_poses_are_not_doubted_in_any_air(scenario: str, autopilot: str) -> None:
+    told = flown(scenario, seed=7, autopilot=autopilot)
+    assert told.mission is not None and told.mission.landed
+    assert told.share < 0.9
+    assert told.silent_s < 0.5
+    assert not any("second witness" in line for line in told.events)
+
+
+def frozen(liar: Liar) -> Lie:
+    rng, held = random.Random(1), liar.newest
+    return lambda _: so3.turned(held, (rng.gauss(0.0, 1e-3), rng.gauss(0.0, 1e-3), rng.gauss(0.0, 1e-3)))
+
+
+def mirrored(roll: float, pitch: float) -> Callable[[Liar], Lie]:
+    def begin(_: Liar) -> Lie:
+        def lie(attitude: Quat) -> Quat:
+            a, b, c = so3.euler_zyx(attitude)
+            return so3.from_euler_zyx(roll * a, pitch * b, c)
+
+        return lie
+
+    return begin
+
+
+def body_turned(roll_deg: float, yaw_deg: float) -> Callable[[Liar], Lie]:
+    by = so3.from_euler_zyx(math.radians(roll_deg), 0.0, math.radians(yaw_deg))
+    return lambda _: lambda attitude: so3.multiply(attitude, by)
+
+
+@pytest.mark.parametrize("scenario", ["paper", "storm"])
+@pytest.mark.parametrize("lie", [frozen, mirrored(-1.0, 1.0), mirrored(1.0, -1.0)], ids=["frozen", "roll", "pitch"])
+def test_attitudes_that_begin_to_lie_in_flight_are_doubted_once_it_leans(
+    scenario: str, lie: Callable[[Liar], Lie]
+) -> None:
+    told = flown(scenario, lie=lie)
+    # In a storm it leans all the time: what was frozen comes out by how it turns.
+    in_s = IN_S if scenario == "paper" else 1.5 * IN_S
+    assert told.struck_s < told.doubted_s < max(told.struck_s, told.leans_s) + in_s + LOOK_S
+
+
+@pytest.mark.parametrize("autopilot", ["px4", "ardupilot"])
+@pytest.mark.parametrize(
+    "lie",
+    [body_turned(0.0, 90.0), body_turned(0.0, 180.0), mirrored(-1.0, 1.0), mirrored(1.0, -1.0)],
+    ids=["yaw 90°", "yaw 180°", "roll", "pitch"],
+)
+def test_axes_that_were_never_right_are_doubted_as_soon_as_it_leans(lie: Callable[[Liar], Lie], autopilot: str) -> None:
+    told = flown("paper", lie=lie, state=None, after_s=0.1, autopilot=autopilot)
+    assert told.doubted_s < told.leans_s + IN_S
+
+
+def test_a_body_that_lies_otherwise_than_the_vehicle_stands_is_refused_before_arming() -> None:
+    told = flown("paper", lie=body_turned(12.0, 0.0), state=None, after_s=0.1)
+    assert told.mission is not None
+    assert "second witness: tilt by the poses and by the autopilot is 1" in told.mission.why or any(
+        "second witness: tilt by the poses and by the autopilot is 1" in line for line in told.events
+    )
+    assert {entered.state for entered in told.mission.states} <= {"connecting", "ready", "aborted", "init"}
+
+
+def test_an_autopilot_that_keeps_its_attitude_to_itself_is_warned_of_and_flown_all_the_same() -> None:
+    from sim.autopilot import Px4Autopilot
+
+    silent: Any = {name: rate for name, rate in Px4Autopilot.rates_hz.items() if name != "ATTITUDE_QUATERNION"}
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(Px4Autopilot, "rates_hz", silent)
+        told = flown("paper")
+    assert told.mission is not None and told.mission.landed
+    assert any("pre-flight WARN: second witness: the autopilot does not send" in line for line in told.events)
+    assert told.share == 0.0

@@ -1,0 +1,264 @@
+"""The operator's own dead man: when it counts as held, what is refused at the start, and what is lost."""
+
+import asyncio
+import math
+from typing import Any
+
+import evdev
+import pytest
+from evdev import ecodes
+from hypothesis import given
+from hypothesis import strategies as st
+from pymavlink.dialects.v20 import common
+
+from groundstation.config import ConfigError, from_dict
+from groundstation.hold_to_run.channel import OLD_S, RATE_HZ, ChannelInput
+from groundstation.hold_to_run.config import OperatorConfig
+from groundstation.hold_to_run.device import open_device
+from groundstation.hold_to_run.hold import DEBOUNCE_S, Hold, InputLost
+from groundstation.hold_to_run.watch import LOOK_S, HoldWatch
+from groundstation.preflight import flyable
+from groundstation.settings import Config
+from tests.hold_double import DeviceDouble, Hand, pad
+from tests.loops import in_virtual_time
+
+
+def seen(*shares: float | None, above: float = 0.75, step_s: float = LOOK_S) -> Hold:
+    """A hold that was looked at again and again."""
+    hold = Hold("the pedal", above)
+    for number, share in enumerate(shares):
+        hold.see(share, number * step_s)
+    return hold
+
+
+@pytest.mark.parametrize(
+    ("shares", "obstacle"),
+    [
+        ([], "the pedal is lost: nobody has looked yet"),
+        ([None], "the pedal is lost: nothing was heard of it yet"),
+        ([0.0], "the pedal is not held"),
+        ([0.0, 1.0], ""),
+        ([1.0] * 9, "the pedal was held from the beginning"),
+        ([1.0, 0.0, 1.0], ""),
+        ([None, 1.0], "the pedal was held from the beginning"),
+        ([math.nan], "the pedal is not held"),
+        ([0.0, 1.0, 0.0], ""),
+        ([0.0, 1.0, 0.0, 0.0, 0.0], ""),
+        ([0.0, 1.0, 0.0, 0.0, 0.0, 0.0], "the pedal is not held"),
+        ([0.0, 1.0, 0.0, 0.0, 1.0, 0.0, 0.0], ""),
+        ([0.0, 1.0, math.nan, math.nan, math.nan, math.nan], "the pedal is not held"),
+    ],
+)
+def test_it_is_held_once_it_was_free_and_until_it_is_open_for_longer_than_a_bounce(
+    shares: list[float | None], obstacle: str
+) -> None:
+    assert seen(*shares).obstacle == obstacle
+
+
+def test_an_axis_that_trembles_at_its_threshold_stays_held() -> None:
+    assert seen(0.0, 0.76, *[0.70, 0.66] * 9).obstacle == ""
+    assert seen(0.0, 0.74).obstacle == "the pedal is not held"
+    assert seen(0.0, 0.76, *[0.64] * 4).obstacle == "the pedal is not held"
+
+
+def test_what_was_lost_must_be_let_go_before_it_counts_again() -> None:
+    hold = seen(0.0, 1.0)
+    hold.lose("No such device")
+    assert (hold.lost, hold.obstacle) == (True, "the pedal is lost: No such device")
+    hold.see(1.0, 1.0)
+    assert hold.obstacle == "the pedal was held from the beginning"
+    hold.see(0.0, 1.01)
+    hold.see(1.0, 1.02)
+    assert hold.obstacle == ""
+
+
+@given(st.lists(st.tuples(st.booleans(), st.floats(0.001, 0.05)), min_size=1, max_size=60))
+def test_it_is_never_believed_held_for_longer_than_a_bounce_after_it_was_open(looks: list[tuple[bool, float]]) -> None:
+    hold, now, open_s = Hold("the pedal", 0.75), 0.0, None
+    for held, step_s in looks:
+        now += step_s
+        open_s = None if held else now if open_s is None else open_s
+        hold.see(1.0 if held else 0.0, now)
+        if open_s is not None and now - open_s >= DEBOUNCE_S:
+            assert hold.obstacle
+
+
+@pytest.mark.parametrize("hold", ["BTN_TR", "KEY_B", "ABS_RZ", "rc:1", "rc:18", ""])
+def test_what_can_be_held_is_taken(hold: str) -> None:
+    assert from_dict({"operator": {"hold": hold}}, Config).operator.hold == hold
+
+
+@pytest.mark.parametrize("hold", ["space", "btn_tr", "rc:0", "rc:19", "rc:7\n", "REL_X", "BTN_TR\n"])
+def test_what_cannot_be_held_is_refused_with_what_can(hold: str) -> None:
+    with pytest.raises(ConfigError, match=r"operator\.hold: expected .*BTN_TR.*rc:1 to rc:18") as error:
+        from_dict({"operator": {"hold": hold}}, Config)
+    assert "\n" not in str(error.value)
+
+
+def test_a_channel_needs_a_link_that_tells_it() -> None:
+    with pytest.raises(ConfigError, match=r"operator\.hold: a channel"):
+        from_dict({"operator": {"hold": "rc:7"}, "link": {"kind": "crsf", "port": "/dev/ttyUSB0"}}, Config)
+
+
+def plugged(monkeypatch: pytest.MonkeyPatch, *devices: DeviceDouble) -> None:
+    there = {device.path: device for device in devices}
+
+    def opened(path: str, readonly: bool) -> DeviceDouble:
+        assert readonly
+        if path not in there:
+            raise OSError(2, "No such file or directory")
+        return there[path]
+
+    monkeypatch.setattr(evdev, "InputDevice", opened)
+    monkeypatch.setattr(evdev, "list_devices", lambda writable: list(there))
+
+
+def test_the_only_device_that_has_the_key_is_found_and_asked_and_the_others_are_closed(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    it, keyboard = pad(), DeviceDouble("Keyboard", "/dev/input/event0", {ecodes.EV_KEY: [ecodes.KEY_A]})
+    plugged(monkeypatch, it, keyboard)
+    held = open_device(OperatorConfig(hold="BTN_TR"))
+    assert (it.closed, keyboard.closed, it.grabbed) == (False, True, False)
+    assert held.what == "BTN_TR of “Xbox pad” (/dev/input/event5)"
+    assert held.share() == 0.0
+    it.pressed = {ecodes.BTN_TL, ecodes.BTN_TR}
+    assert held.share() == 1.0
+    it.unplugged = True
+    with pytest.raises(InputLost, match="No such device"):
+        held.share()
+    held.close()
+    assert it.closed
+
+
+def test_an_axis_is_asked_by_its_range(monkeypatch: pytest.MonkeyPatch) -> None:
+    it = pad()
+    plugged(monkeypatch, it)
+    held = open_device(OperatorConfig(hold="ABS_RZ"))
+    it.axes[ecodes.ABS_RZ] = 204
+    assert held.share() == 0.8
+
+
+def test_two_flights_may_hold_by_one_device_that_is_grabbed(monkeypatch: pytest.MonkeyPatch) -> None:
+    it = pad()
+    plugged(monkeypatch, it)
+    config = OperatorConfig(hold="BTN_TR", device="xbox", grab=True)
+    first, second = open_device(config), open_device(config)
+    it.pressed = {ecodes.BTN_TR}
+    assert (it.grabbed, first.share(), second.share()) == (True, 1.0, 1.0)
+
+
+@pytest.mark.parametrize(
+    ("operator", "says"),
+    [
+        ({"hold": "BTN_NO_SUCH"}, r"operator\.hold: no key, button or axis has this name"),
+        (
+            {"hold": "KEY_B"},
+            r"operator\.device: expected a device that has KEY_B; .*Xbox pad.*Other pad.*event6",
+        ),
+        ({"hold": "BTN_TR"}, r"operator\.device: more than one has BTN_TR.*Xbox pad.*Other pad"),
+        ({"hold": "KEY_B", "device": "xbox"}, r"operator\.hold: “Xbox pad” has no KEY_B.* it has BTN_TL, BTN_TR"),
+        ({"hold": "BTN_TR", "device": "saitek"}, r"operator\.device: expected a device .*Xbox pad"),
+        ({"hold": "BTN_TR", "device": "/dev/input/event9"}, r"operator\.device: /dev/input/event9: No such file"),
+        ({"hold": "BTN_TR", "device": "/dev/input/js0"}, r"operator\.device: /dev/input/js0: .*-event-joystick"),
+    ],
+)
+def test_a_device_that_is_not_there_stops_at_the_start_with_those_that_are(
+    operator: dict[str, Any], says: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    devices = pad(), pad("Other pad", "/dev/input/event6")
+    plugged(monkeypatch, *devices)
+    with pytest.raises(ConfigError, match=says):
+        flyable(from_dict({"operator": operator}, Config))
+    assert all(device.closed for device in devices) or "no key" in says or operator.get("device", "").startswith("/")
+
+
+def test_where_no_device_may_be_read_the_operator_is_told_of_the_group(monkeypatch: pytest.MonkeyPatch) -> None:
+    plugged(monkeypatch)
+    with pytest.raises(ConfigError, match="are you in the group input"):
+        open_device(OperatorConfig(hold="BTN_TR"))
+
+
+class Wire:
+    """A connection that was asked for messages."""
+
+    def __init__(self) -> None:
+        self.wanted: dict[str, float] = {}
+        self.hear: Any = None
+
+    def request(self, streams: Any) -> None:
+        self.wanted |= streams(12)
+
+    def subscribe(self, subscriber: Any) -> None:
+        self.hear = subscriber
+
+
+def rc_channels(*values: int) -> Any:
+    return common.MAVLink_rc_channels_message(0, len(values), *values, *[0xFFFF] * (18 - len(values)), 255)
+
+
+def sys_status(enabled: int, health: int) -> Any:
+    return common.MAVLink_sys_status_message(enabled, enabled, health, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0)
+
+
+def test_a_channel_is_held_while_the_autopilot_tells_it_high() -> None:
+    async def main() -> None:
+        wire: Any = Wire()
+        channel = ChannelInput(wire, 3)
+        assert wire.wanted == {"RC_CHANNELS": RATE_HZ}
+        assert channel.share() is None
+        await asyncio.sleep(1.0)
+        wire.hear(rc_channels(1500, 1500, 1900), 1.0)
+        assert channel.share() == pytest.approx(0.9)
+        wire.hear(sys_status(0x10000, 0x10000), 1.0)
+        assert channel.share() == pytest.approx(0.9)
+        wire.hear(sys_status(0x10000, 0), 1.0)
+        with pytest.raises(InputLost, match="does not hear the transmitter"):
+            channel.share()
+        wire.hear(sys_status(0, 0), 1.0)
+        assert channel.share() == pytest.approx(0.9)
+        await asyncio.sleep(OLD_S + 0.01)
+        with pytest.raises(InputLost, match=r"has not told it for 0\.5 s"):
+            channel.share()
+        wire.hear(rc_channels(1500, 1500), 1.0 + OLD_S)
+        with pytest.raises(InputLost, match="no such channel"):
+            channel.share()
+
+    in_virtual_time(main())
+
+
+@pytest.mark.parametrize("trouble", [InputLost("No such device"), RuntimeError("the reader is broken")])
+def test_what_goes_wrong_with_the_reader_is_a_loss_and_goes_on_being_told(trouble: Exception) -> None:
+    async def main() -> None:
+        hand, obstacles = Hand(), list[str]()
+        watch = HoldWatch("pedal", 0.75, lambda: hand)
+        running = asyncio.ensure_future(watch.run(lambda: obstacles.append(watch.hold.obstacle)))
+        await asyncio.sleep(0.1)
+        hand.held = True
+        await asyncio.sleep(0.1)
+        assert obstacles[-1] == ""
+        hand.trouble = trouble
+        await asyncio.sleep(LOOK_S + 0.001)
+        assert obstacles[-1] == f"the pedal is lost: {trouble}"
+        count = len(obstacles)
+        await asyncio.sleep(0.1)
+        assert len(obstacles) > count
+        running.cancel()
+        await asyncio.gather(running, return_exceptions=True)
+        assert hand.closed
+
+    in_virtual_time(main())
+
+
+def test_a_device_that_has_gone_before_the_flight_begins_is_a_loss() -> None:
+    async def main() -> None:
+        def connect() -> Hand:
+            raise ConfigError("operator.device", "there are none")
+
+        watch = HoldWatch("BTN_TR", 0.75, connect)
+        running = asyncio.ensure_future(watch.run(lambda: None))
+        await asyncio.sleep(0.1)
+        assert watch.hold.obstacle == "BTN_TR is lost: operator.device: there are none"
+        running.cancel()
+
+    in_virtual_time(main())

@@ -1,0 +1,73 @@
+"""The attitude estimator on board of simulated vehicles."""
+
+import math
+
+from groundstation import so3
+from groundstation.ops import Quat, Vec3
+from sim.airframe import Truth
+from sim.draws import rows, stream
+from sim.horizon import LOOP_S, WANDER_RAD, Horizon
+
+GRAVITY = 9.81
+ZERO: Vec3 = (0.0, 0.0, 0.0)
+
+
+def horizon(seed: int = 0) -> Horizon:
+    return Horizon(rows(stream(seed, "horizon").standard_normal, 3), GRAVITY)
+
+
+def truth(
+    time_s: float, attitude: Quat = so3.IDENTITY, velocity: Vec3 = ZERO, rates: Vec3 = ZERO, *, on_ground: bool = False
+) -> Truth:
+    return Truth(time_s, ZERO, velocity, attitude, rates, GRAVITY, on_ground)
+
+
+def off_deg(told: Quat, true: Quat) -> float:
+    return math.degrees(math.hypot(*so3.rotation_vector(so3.multiply(so3.conjugate(true), told))))
+
+
+def test_it_is_off_by_some_tenths_of_a_degree_that_wander_slowly() -> None:
+    squares, steps = list[float](), list[float]()
+    for seed in range(40):
+        felt, last = horizon(seed), None
+        for n in range(200):
+            told, _ = felt.feel(truth(0.02 * n, on_ground=True))
+            squares.append(off_deg(told, so3.IDENTITY) ** 2)
+            steps += [off_deg(told, last)] if last is not None else []
+            last = told
+    rms = math.sqrt(sum(squares) / len(squares) / 3.0)
+    assert 0.7 < rms / math.degrees(WANDER_RAD) < 1.3
+    assert sum(steps) / len(steps) < 0.1
+
+
+def test_it_turns_with_the_body_and_tells_its_newest_loop() -> None:
+    felt, rates = horizon(), (0.0, 0.0, math.radians(90.0))
+
+    def at(time_s: float) -> tuple[Quat, Vec3]:
+        return felt.feel(truth(time_s, so3.from_euler_zyx(0.0, 0.0, time_s * rates[2]), rates=rates))
+
+    before, after = at(250.25 * LOOP_S)[0], at(255.75 * LOOP_S)[0]
+    turned = so3.rotation_vector(so3.multiply(so3.conjugate(before), after))[2]
+    assert abs(math.degrees(turned) - 1.8) < 0.1  # five turns of the loop
+    assert at(2.0)[1] == rates
+
+
+def test_who_accelerates_for_long_is_taken_for_less_leant() -> None:
+    lean = math.radians(15.0)
+    for heading, axis in ((0.0, 1), (0.5 * math.pi, 0)):
+        felt, roll_pitch = horizon(), (0.0, 0.0, 0.0)
+        attitude = so3.from_euler_zyx(lean, 0.0, 0.0) if heading else so3.from_euler_zyx(0.0, -lean, 0.0)
+        for n in range(300):
+            speed = 0.02 * n * GRAVITY * math.tan(lean)
+            velocity = (speed * math.cos(heading), speed * math.sin(heading), 0.0)
+            roll_pitch = so3.euler_zyx(felt.feel(truth(0.02 * n, attitude, velocity))[0])
+        assert 2.0 < 15.0 - abs(math.degrees(roll_pitch[axis])) < 12.0
+
+
+def test_it_draws_its_own_numbers_and_the_same_for_the_same_seed() -> None:
+    one, same, other = horizon(3), horizon(3), horizon(4)
+    for n in range(50):
+        now = truth(0.02 * n)
+        told = one.feel(now)
+        assert told == same.feel(now)
+        assert told != other.feel(now)

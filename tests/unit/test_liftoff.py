@@ -1,0 +1,118 @@
+"""What is believed of a vehicle on its floor, over many draws: a vehicle in one dimension, and what its poses are."""
+
+import math
+import random
+from typing import NamedTuple
+
+import pytest
+
+from groundstation.poses.port import Pose
+from groundstation.takeoff import Spool, SpoolUp, Standing
+from groundstation.vehicle import Vehicle
+
+LEVEL = (1.0, 0.0, 0.0, 0.0)
+G, PERIOD_S, STEP_S, LATENCY_S = 9.81, 0.01, 0.002, 0.02
+
+
+class Spooled(NamedTuple):
+    """How a spool-up ended."""
+
+    fault: str
+    """Empty where it flies."""
+    after_s: float
+    """From when thrust had 90 % of the weight [s]."""
+    highest_m: float
+    """Of the vehicle, and of its fall."""
+    fastest_m_s: float
+    hover_share: float
+    climb_off_m_s: float
+    """What it is believed to climb with less what it does."""
+
+
+def spooled(
+    seed: int, *, hover_share: float = 1.0, lag_s: float = 0.05, noise_m: float = 0.0003, wander_m: float = 0.0,
+    others: bool = False,
+) -> Spooled:  # fmt: skip
+    """Spool up a vehicle that hovers at a share of its told weight; its poses may be ``others``', which rest.
+
+    They wander by ``wander_m`` in 2 s, 1σ [m].
+    """
+    draw, vehicle = random.Random(seed), Vehicle(mass_kg=1.0 / G, thrust_max_n=2.0, thrust_lag_s=lag_s)
+    standing, walked, number = Standing(), 0.0, 0
+
+    def pose(at_s: float, up_m: float) -> Pose:
+        nonlocal walked, number
+        number += 1
+        walked += draw.gauss(0.0, wander_m * math.sqrt(PERIOD_S / 2.0))
+        down = -((0.0 if others else up_m) + walked + draw.gauss(0.0, noise_m))
+        return Pose(number, at_s, at_s + LATENCY_S, (draw.gauss(0.0, noise_m), 0.0, down), LEVEL)
+
+    for k in range(600):
+        standing.stands(pose(PERIOD_S * (k - 600), 0.0))
+    spool = Spool(1.0, 1.3, 1.0, 0.0, 0.0, lag_s)
+    spool_up = SpoolUp(standing, spool, vehicle, 1.0, G, noise_m)
+    height = speed = thrust = told = highest = fastest = now = 0.0
+    coming: list[Pose] = []
+    newest = standing.poses[-1]
+    fault, off_s = "", math.inf
+    for k in range(round(4.0 / STEP_S)):
+        now = STEP_S * k
+        while coming and coming[0].arrival_s <= now:
+            newest = coming.pop(0)
+            spool_up.pose(newest)
+        if k % round(PERIOD_S / STEP_S) == 0:
+            coming.append(pose(now, height))
+            if not fault:
+                flies = spool_up.flies
+                if flies is not None:
+                    off = flies.climb_m_s - speed
+                    return Spooled("", now - spool.near_s, height, speed, flies.hover_share, off)
+                fault = spool_up.fault(now, newest, 0.25, None)
+                off_s = now if fault else off_s
+            told = 0.0 if fault else spool_up.thrust_n(now)
+        thrust += (told - thrust) * (1.0 - math.exp(-STEP_S / lag_s))
+        speed += STEP_S * G * (thrust / hover_share - 1.0)
+        height += STEP_S * speed
+        fastest = max(fastest, abs(speed) if height > 0.0 else 0.0)
+        if height <= 0.0:
+            height, speed = 0.0, max(speed, 0.0)
+        highest = max(highest, height)
+    return Spooled(fault, off_s - spool.near_s, highest, fastest, 0.0, 0.0)
+
+
+@pytest.mark.parametrize("noise_m", [0.0, 0.0003, 0.002])
+@pytest.mark.parametrize("lag_s", [0.03, 0.106])
+@pytest.mark.parametrize("hover_share", [1.0, 0.8])
+def test_a_body_that_rests_lets_no_vehicle_gather_energy(hover_share: float, lag_s: float, noise_m: float) -> None:
+    for seed in range(40):
+        one = spooled(seed, hover_share=hover_share, lag_s=lag_s, noise_m=noise_m, others=True)
+        assert "is this the right body" in one.fault
+        assert one.highest_m < 0.8
+        assert one.fastest_m_s < 3.0
+
+
+@pytest.mark.parametrize("wander_m", [0.0, 0.01, 0.05])
+@pytest.mark.parametrize("hover_share", [0.75, 0.9, 1.0, 1.1])
+def test_a_vehicle_that_lifts_is_seen_to_fly_and_its_hover_thrust_and_speed_are_found(
+    hover_share: float, wander_m: float
+) -> None:
+    seen = [spooled(seed, hover_share=hover_share, wander_m=wander_m) for seed in range(40)]
+    flown = [one for one in seen if not one.fault]
+    assert len(flown) >= (40 if wander_m < 0.05 and hover_share <= 1.0 else 20)
+    assert all(one.highest_m < 0.4 for one in flown)
+    exact = 0.12 if wander_m == 0.0 else 0.3
+    assert all(abs(one.hover_share - hover_share) < exact for one in flown)
+    assert all(abs(one.climb_off_m_s) < 2.0 * exact for one in flown)
+
+
+def test_heights_that_wander_alone_fly_hardly_ever() -> None:
+    """Poses of an estimate that wanders by 5 cm in 2 s, while the vehicle stands: too heavy for its rotors."""
+    flown = [seed for seed in range(200) if not spooled(seed, hover_share=1.6, wander_m=0.05).fault]
+    assert len(flown) <= 2
+
+
+def test_a_vehicle_that_hovers_above_the_limit_of_its_thrust_refuses() -> None:
+    for seed in range(10):
+        one = spooled(seed, hover_share=1.32)
+        assert "is the mass right?" in one.fault
+        assert one.after_s <= 0.31

@@ -1,0 +1,133 @@
+"""The register of what runs: it is there while its process lives, whole and locked, and only this user's counts."""
+
+import os
+import signal
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from groundstation.api import register
+from groundstation.api.place import ApiError
+from groundstation.api.register import SUFFIX, Running, registered, running, send
+
+ONE = Running(pid=os.getpid(), command="fly", vehicle="mqx", socket="/x/mqx.sock")
+PROGRAM = """
+import os, sys, time
+from groundstation.api.register import Running, registered
+with registered(Running(pid=os.getpid(), command=sys.argv[2], vehicle=sys.argv[1])):
+    print("registered", flush=True)
+    time.sleep(60)
+"""
+
+
+@pytest.fixture(autouse=True)
+def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """Where this test's processes register."""
+    monkeypatch.setenv("XDG_RUNTIME_DIR", str(tmp_path))
+    return tmp_path / "groundstation"
+
+
+def another(name: str, command: str = "daemon") -> "subprocess.Popen[str]":
+    """A process that has registered itself, to be ended by :func:`end`."""
+    process = subprocess.Popen([sys.executable, "-c", PROGRAM, name, command], stdout=subprocess.PIPE, text=True)
+    assert process.stdout is not None
+    assert process.stdout.readline() == "registered\n"
+    return process
+
+
+def end(process: "subprocess.Popen[str]") -> None:
+    process.kill()
+    process.wait()
+    assert process.stdout is not None
+    process.stdout.close()
+
+
+def entries(folder: Path) -> list[Path]:
+    return list(folder.glob(f"*{SUFFIX}"))
+
+
+def test_a_process_is_registered_while_it_lives_and_what_a_killed_one_left_is_removed(
+    folder: Path, tmp_path: Path
+) -> None:
+    bee, ant = another("bee"), another("ant")
+    try:
+        assert [(one.vehicle, one.pid) for one in running(tmp_path)] == [("ant", ant.pid), ("bee", bee.pid)]
+        assert (folder.stat().st_mode & 0o777, entries(folder)[0].stat().st_mode & 0o777) == (0o700, 0o600)
+        end(bee)
+        assert len(entries(folder)) == 2
+        assert [one.vehicle for one in running(tmp_path)] == ["ant"]
+        assert len(entries(folder)) == 1
+    finally:
+        end(bee)
+        end(ant)
+    assert running(tmp_path) == []
+
+
+def test_ones_own_entry_is_not_told_and_goes_with_the_flight(folder: Path, tmp_path: Path) -> None:
+    with registered(ONE):
+        assert len(entries(folder)) == 1
+        assert running(tmp_path) == []
+    assert list(folder.iterdir()) == []
+
+
+def test_a_signal_reaches_only_who_is_registered(tmp_path: Path) -> None:
+    bee = another("bee")
+    try:
+        [one] = running(tmp_path)
+        stranger = Running(pid=bee.pid, command="daemon", vehicle="not bee")
+        assert not send(stranger, signal.SIGTERM)
+        assert send(one, signal.SIGTERM)
+        assert bee.wait(10) == -signal.SIGTERM
+        assert not send(one, signal.SIGTERM)
+    finally:
+        end(bee)
+
+
+@pytest.mark.parametrize("text", [b"", b"{", b'{"pid": "x"}', b"\xff" * 100, b"[" * 9000])
+def test_what_is_no_entry_is_passed_over(folder: Path, tmp_path: Path, text: bytes) -> None:
+    bee = another("bee")
+    try:
+        (folder / f"broken{SUFFIX}").write_bytes(text)
+        (folder / f"link{SUFFIX}").symlink_to(entries(folder)[0])
+        os.mkfifo(folder / f"pipe{SUFFIX}", 0o600)
+        assert [one.vehicle for one in running(tmp_path)] == ["bee"]
+    finally:
+        end(bee)
+
+
+def test_a_folder_that_others_may_write_is_neither_used_nor_believed(folder: Path, tmp_path: Path) -> None:
+    bee = another("bee")
+    try:
+        folder.chmod(0o777)
+        assert running(tmp_path) == []
+        with pytest.raises(ApiError, match="nobody else may write to"), registered(ONE):
+            raise AssertionError("it must not fly")
+    finally:
+        end(bee)
+
+
+def test_flights_of_a_service_of_this_user_are_found_in_its_folder(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    services = tmp_path / "services"
+    monkeypatch.setenv("RUNTIME_DIRECTORY", str(services / "bee"))
+    bee = another("bee")
+    try:
+        monkeypatch.delenv("RUNTIME_DIRECTORY")
+        assert running(tmp_path / "nowhere") == []
+        assert [one.vehicle for one in running(services)] == ["bee"]
+    finally:
+        end(bee)
+
+
+@pytest.mark.parametrize("told", [None, "/run/user/{uid}"])
+def test_flights_from_shells_with_and_without_a_runtime_folder_are_found_by_each(
+    told: str | None, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    uid = os.getuid()
+    monkeypatch.delenv("XDG_RUNTIME_DIR")
+    if told is not None:
+        monkeypatch.setenv("XDG_RUNTIME_DIR", told.format(uid=uid))
+    assert register._folders() == {Path(f"/run/user/{uid}/groundstation"), Path(f"/tmp/groundstation-{uid}")}
