@@ -8,7 +8,7 @@ import msgspec
 
 from groundstation import so3
 from groundstation.interrupts import Interrupts
-from groundstation.ops import Vec3
+from groundstation.ops import Quat, Vec3
 from sim.autopilot import Px4Autopilot
 from sim.deck.fault import Scene, Strike
 from sim.deck.pictures import Picture, Struck
@@ -28,8 +28,10 @@ STALL_S = 1.5
 """How long nothing passes either way on a link that stalls [s]."""
 REBOOT_S = 2.0
 """How long an autopilot takes to restart [s]."""
-PUSH_M_S2, PUSH_S, PUSH_STEP_S = 4.0, 1.0, 0.01
-"""A hand that pushes: the most that it accelerates the vehicle, for how long, and how finely that is told."""
+PUSH_M_S2, PUSH_S = 4.0, 1.0
+"""A hand that pushes: the most that it accelerates the vehicle, and for how long."""
+STEP_S = 0.01
+"""How finely a hand's motion is told [s]."""
 SLACK_M, TETHER_PER_S2 = 0.3, 40.0
 """A cable that is caught on the floor: how much farther it lets the vehicle, and how stiff it is for its mass: 3.2 N/m
 at 80 g."""
@@ -176,11 +178,11 @@ async def gust(scene: Scene) -> None:
 
 async def push(scene: Scene) -> None:
     """A hand pushes the vehicle sideways: softly at first, and softly at last."""
-    steps = round(PUSH_S / PUSH_STEP_S)
+    steps = round(PUSH_S / STEP_S)
     for step in range(1, steps):
         share = PUSH_M_S2 * math.sin(math.pi * step / steps)
         scene.stage.wind.push = (0.8 * share, 0.6 * share, 0.0)
-        await asyncio.sleep(PUSH_STEP_S)
+        await asyncio.sleep(STEP_S)
     scene.stage.wind.push = (0.0, 0.0, 0.0)
 
 
@@ -217,22 +219,23 @@ async def take_out(scene: Scene) -> None:
     roll, pitch, yaw = so3.euler_zyx(truth.attitude)
     begun_s, (x, y, z), drop = scene.now_s, truth.position_ned, floor - truth.position_ned[2]
 
-    def lead(time_s: float, thrust: float) -> Body:
-        t = time_s - begun_s
+    def at(t: float) -> tuple[Vec3, Quat]:
         closed = 1.0 - math.exp(-t / GRIP_S)  # its speed becomes the hand's
-        hand = LED_M_S * (t - GRIP_S * closed)
+        keep, hand = 1.0 - closed, LED_M_S * (t - GRIP_S * closed)
         down = min(hand + GRIP_S * closed * truth.velocity_ned[2], drop)
         done = min(max(down / drop, 0.0), 1.0) if drop > 0.0 else 1.0
         lean = math.radians(LED_TILT_DEG) * closed * (1.0 - done)
-        place = (
-            x + GRIP_S * closed * truth.velocity_ned[0] + 0.3 * done,
-            y + GRIP_S * closed * truth.velocity_ned[1],
-            z + down,
-        )
-        speed = LED_M_S * closed if down < drop else 0.0
-        keep = 1.0 - closed
-        attitude = so3.from_euler_zyx(keep * roll + lean * math.sin(2.0 * t), keep * pitch + lean, yaw)
-        return Body(place, (0.0, 0.0, speed), attitude, thrust, (0.0, 0.0, 0.0))
+        north = x + GRIP_S * closed * truth.velocity_ned[0] + 0.3 * done
+        east = y + GRIP_S * closed * truth.velocity_ned[1]
+        turn = so3.from_euler_zyx(keep * roll + lean * math.sin(2.0 * t), keep * pitch + lean, yaw)
+        return (north, east, z + down if down < drop else floor), turn
+
+    def lead(time_s: float, thrust: float) -> Body:
+        t = time_s - begun_s
+        (place, turn), (ahead, then) = at(t), at(t + STEP_S)
+        u, v, w = ((q - p) / STEP_S for p, q in zip(place, ahead, strict=True))
+        p, q, r = (angle / STEP_S for angle in so3.rotation_vector(so3.multiply(so3.conjugate(turn), then)))
+        return Body(place, (u, v, w), turn, thrust, (p, q, r))
 
     scene.stage.plant.lead = lead
 
