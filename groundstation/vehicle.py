@@ -8,6 +8,7 @@ import msgspec
 
 from groundstation.config_files import presets
 from groundstation.config_schema import FromFile, Problem, completed, dotted
+from groundstation.names import VEHICLE_LETTERS, name_of
 
 Positive = Annotated[float, msgspec.Meta(gt=0.0)]
 NonNegative = Annotated[float, msgspec.Meta(ge=0.0)]
@@ -23,7 +24,7 @@ class Vehicle(FromFile, msgspec.Struct, frozen=True, kw_only=True, forbid_unknow
     """Vehicle that comes along to start from, see `groundstation vehicles`; its keys then stand here."""
     file: str | None = None
     """Vehicle file to start from, beside the configuration; its keys then stand here."""
-    name: Annotated[str, msgspec.Meta(pattern=r"^[A-Za-z0-9_.-]{1,24}$")] = "mqx"
+    name: Annotated[str, msgspec.Meta(pattern=name_of(VEHICLE_LETTERS))] = "mqx"
     """What the operator calls it; asked for before arming."""
     mass_kg: Positive = 0.080
     """With battery and markers [kg]."""

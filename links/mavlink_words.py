@@ -3,6 +3,7 @@
 from collections import deque
 
 from links.mavlink_codec import Message
+from links.printable import printable
 
 _WARNING = 4
 """MAV_SEVERITY_WARNING; lower is graver."""
@@ -17,7 +18,7 @@ class Words:
 
     def hear(self, message: Message) -> None:
         """Take one STATUSTEXT."""
-        number, severity, text = message.id, message.severity, message.text
+        number, severity, text = message.id, message.severity, printable(message.text)
         if number and message.chunk_seq and self._texts and self._texts[-1][0] == number:
             text = self._texts.pop()[2] + text
         self._texts.append((number, severity, text))

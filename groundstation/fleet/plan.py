@@ -9,13 +9,14 @@ import msgspec
 
 from groundstation.config import ConfigError, from_dict
 from groundstation.config_files import beside
+from groundstation.names import VEHICLE_LETTERS, name_of
 from groundstation.poses import ShowsOthers
 from groundstation.poses.json import JsonConfig
 from groundstation.poses.vicon import ViconConfig
 from groundstation.settings import Config
 from links.address import parse_address
 
-Name = Annotated[str, msgspec.Meta(pattern=r"^[A-Za-z0-9][A-Za-z0-9_.-]{0,23}$")]
+Name = Annotated[str, msgspec.Meta(pattern=name_of(VEHICLE_LETTERS))]
 MOST = 64
 """Most vehicles of one fleet."""
 RELAYED = (ViconConfig, JsonConfig)

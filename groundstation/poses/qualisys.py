@@ -13,6 +13,7 @@ from groundstation.poses.others import Others
 from groundstation.poses.port import Pose, PoseStatus, SourceError
 from groundstation.poses.qualisys_codec import QualisysReader, body_names
 from links.address import parse_address
+from links.printable import printable
 
 if TYPE_CHECKING:
     from groundstation.poses.qualisys_connection import Connection
@@ -146,7 +147,9 @@ class QualisysSource:
             await connection.stream(take)
         except ValueError as error:
             connection.close()
-            raise SourceError(f"QTM at {self._config.server} does not tell its bodies: {error}") from None
+            raise SourceError(
+                f"QTM at {self._config.server} does not tell its bodies: {printable(str(error))}"
+            ) from None
         except BaseException:
             connection.close()
             raise

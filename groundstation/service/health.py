@@ -5,6 +5,7 @@ import json
 import os
 import sys
 from contextlib import suppress
+from glob import escape
 from pathlib import Path
 
 import msgspec
@@ -107,7 +108,7 @@ def _only(vehicle: str | None) -> Path:
         FileNotFoundError: there is none.
         ConfigError: there are several.
     """
-    name = "*" if vehicle is None else vehicle
+    name = "*" if vehicle is None else escape(vehicle)
     found = [*directory().glob(f"{name}.health.json"), *SERVICES.glob(f"*/{name}.health.json")]
     if not found:
         raise FileNotFoundError(f"no daemon runs here (looked in {directory()} and {SERVICES})")

@@ -8,7 +8,9 @@ from typing import Annotated
 
 import msgspec
 
-NAME = re.compile(r"^\d{8}-\d{6}-[A-Za-z0-9_.-]+\.mcap$")
+from groundstation.names import NAME
+
+RECORDING = re.compile(rf"[0-9]{{8}}-[0-9]{{6}}-{NAME}\.mcap")
 """YYYYMMDD-HHMMSS-VEHICLE.mcap, in local time; nothing else is ever tidied away."""
 
 
@@ -48,7 +50,7 @@ def recordings(folder: Path) -> list[Path]:
     """The recordings in ``folder``, oldest first."""
     if not folder.is_dir():
         return []
-    return sorted(path for path in folder.iterdir() if NAME.match(path.name))
+    return sorted(path for path in folder.iterdir() if RECORDING.fullmatch(path.name))
 
 
 def being_written(path: Path) -> bool:
