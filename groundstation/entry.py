@@ -51,7 +51,7 @@ def bare(stream: TextIO) -> TextIO:
 def _unsteered() -> Iterator[None]:
     """Guard standard output and standard error: what is printed may come from a vehicle, a broker, or a recording."""
     before = sys.stdout, sys.stderr
-    sys.stdout, sys.stderr = map(_Unsteered, before)  # type: ignore[assignment]  # all else is the stream's own
+    sys.stdout, sys.stderr = map(_Unsteered, before)  # all else is the stream's own
     try:
         yield
     finally:

@@ -124,7 +124,7 @@ class Gatekeeper:
         late = self._late(found, now_s, wall_ms)
         if late is not None:
             self._drop(late, now_s)
-            if found.ask != Ask.KILL or late.reason in ("replayed", "too_many"):
+            if Ask(found.ask) is not Ask.KILL or late.reason in ("replayed", "too_many"):
                 return None
             return self._answer(client, found, Reply(False, f"NOT KILLED, {late.reason}: {late.text}"))
         if Ask(found.ask) not in client.may:
@@ -160,7 +160,7 @@ class Gatekeeper:
         self._sessions[request.session][client] = request.id
         # The rate comes first: nobody makes sessions faster. But a kill of whoever may waits for no turn.
         turn = self._each[client].take(now_s)
-        if not turn and not (request.ask == Ask.KILL and Ask.KILL in self._clients[client].may):
+        if not turn and not (Ask(request.ask) is Ask.KILL and Ask.KILL in self._clients[client].may):
             return Dropped("too_many", whose)
         left_ms = request.expires_ms - wall_ms
         if left_ms > LIFE_MAX_MS:

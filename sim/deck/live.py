@@ -109,7 +109,10 @@ async def _fly(folder: Path, name: str, fault: Fault, state: str) -> Row:
         f"recording.folder={folder}/flights", "status.rate_hz=20",
         *(["mqtt.enabled=true", f"mqtt.port={broker.port}"] if name.startswith("MQTT") else []),
     ]  # fmt: skip
-    told += [f"link.port={pty.path}"] if pty is not None else [f"link.listen=127.0.0.1:{await _free_port()}", *LANDS]
+    if pty is not None:
+        told += [f"link.port={pty.path}", "link.simulated=true"]
+    else:
+        told += [f"link.listen=127.0.0.1:{await _free_port()}", *LANDS]
     world, config = prepare(SCENARIOS["paper"], told, link=fault.link)
     world, config = from_floor(world, config, FIGURE_S)
     (folder / "config.toml").write_text(dump(config))
