@@ -90,7 +90,7 @@ def health_command(vehicle: str | None, socket: Path | None, *, as_json: bool) -
     try:
         path = health_path(socket) if socket is not None else _only(vehicle)
         health = msgspec.json.decode(path.read_bytes(), type=Health)
-    except (OSError, msgspec.DecodeError) as error:
+    except (OSError, msgspec.DecodeError, UnicodeDecodeError, RecursionError) as error:
         print(f"groundstation: health: {error}", file=sys.stderr)
         return EXIT_NOBODY
     wrong = ill(health, asyncio.new_event_loop().time())

@@ -81,7 +81,7 @@ async def asked(broker: Broker, vehicle: str, client: str, key: bytes, ask: Remo
     try:
         async with asyncio.timeout(PATIENCE_S), broker.client() as connection:
             return await asking.run(connection)
-    except (aiomqtt.MqttError, msgspec.MsgspecError, ValueError) as error:
+    except (aiomqtt.MqttError, msgspec.MsgspecError, ValueError, RecursionError) as error:
         raise Unanswered(f"the broker {broker}: {in_words(error)}") from None
     except TimeoutError:
         raise Unanswered(asking.why_not()) from None
