@@ -102,7 +102,7 @@ def _ensure_own(config: Config, path: Path) -> None:
         raise ConfigError(
             "controller.kind",
             f"flown by {config.controller.factory}: to replay it, that module is imported here, and its code runs. "
-            "Where you trust it, say --trust-modules, or name your own by --set controller.factory=package.module:factory",
+            "Where you trust it, say --trust-modules; or fly your own: --set controller.factory=package.module:factory",
             str(path),
         )
 

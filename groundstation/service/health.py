@@ -57,7 +57,7 @@ class HealthFile:
     def draft(self, health: Health) -> None:
         """Write it down, for nobody yet."""
         with suppress(OSError):
-            number = os.open(self._draft, os.O_WRONLY | os.O_CREAT | os.O_TRUNC | os.O_CLOEXEC, 0o666)
+            number = os.open(self._draft, os.O_WRONLY | os.O_CREAT | os.O_TRUNC | os.O_CLOEXEC, 0o600)
             try:
                 os.write(number, self._encode(health) + b"\n")
             finally:

@@ -36,6 +36,26 @@ def folder_of(config: RecordingConfig) -> Path:
     return base / "groundstation" / "flights"
 
 
+def made_folder(config: RecordingConfig) -> Path:
+    """Where its recordings are, made where it is missing, for its owner alone: they show who flew what, and how.
+
+    A folder of the operator's choice that is there already stays as open as it is.
+
+    Raises:
+        OSError: it can't be made.
+    """
+    folder = folder_of(config)
+    folder.mkdir(mode=0o700, parents=True, exist_ok=True)
+    if not config.folder:
+        folder.chmod(0o700)
+    return folder
+
+
+def for_us_alone(path: str, flags: int) -> int:
+    """Open ``path`` as ``open(..., opener=...)`` wants it; a new file is its owner's alone."""
+    return os.open(path, flags, 0o600)
+
+
 def free_name(folder: Path, stamp: str, vehicle: str) -> Path:
     """A path in ``folder`` for a flight that begins at ``stamp`` (YYYYMMDD-HHMMSS), with nothing there yet."""
     path = folder / f"{stamp}-{vehicle}.mcap"
