@@ -115,10 +115,11 @@ class Recording:
                 reader = _Strict(file, emit_chunks=True, validate_crcs=True, record_size_limit=_RECORD_BYTES)
                 for record in reader.records:
                     match record:
-                        case Chunk() if topics is None:
-                            get_chunk_data_stream(record, validate_crc=True)
                         case Chunk():
-                            yield from _messages(record, topics, names)
+                            if topics is None:
+                                get_chunk_data_stream(record, validate_crc=True)
+                            else:
+                                yield from _messages(record, topics, names)
                         case Metadata(name="about"):
                             self.about = dict(record.metadata)
                         case Metadata(name="result"):
@@ -221,7 +222,7 @@ def _bytes_hold(path: Path) -> bool:
         crc, left = 0, end
         while left and (data := file.read(min(left, _BLOCK_BYTES))):
             crc, left = zlib.crc32(data, crc), left - len(data)
-        return left == 0 and crc == told
+        return left == 0 and bool(crc == told)
 
 
 def from_texts(result: dict[str, str]) -> Headline:

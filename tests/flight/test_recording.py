@@ -212,7 +212,7 @@ def test_a_list_calls_no_recording_whole_of_which_a_byte_before_its_index_is_ano
     assert "(the recording " in headline.reason
 
 
-def _index_at(data: bytes) -> int:
+def _index_at(data: bytes | bytearray) -> int:
     """Where what is listed of a recording begins: its footer tells."""
     return int.from_bytes(data[-28:-20], "little")
 
