@@ -6,6 +6,7 @@ from collections.abc import Awaitable, Callable
 import msgspec
 
 from groundstation.clock import to_the_end
+from groundstation.control.obedience import Obedience
 from groundstation.departure import Departure
 from groundstation.ending import Ending
 from groundstation.live_gains import LiveGains
@@ -92,6 +93,11 @@ class Flight:
     def newest_tick_s(self) -> float | None:
         """When the newest command of the controller left, on the event loop's clock [s]; None before the first."""
         return None if self._progress.tick is None else self._progress.tick.time_s
+
+    @property
+    def monitor(self) -> Obedience:
+        """What holds the poses against the commands."""
+        return self._pilot.monitor
 
     @property
     def started_s(self) -> float | None:

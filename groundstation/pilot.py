@@ -1,5 +1,7 @@
 """Poses in, commands out: the estimator, the controller and the reference of one vehicle. Sans-IO."""
 
+import math
+from collections import deque
 from typing import NamedTuple
 
 import msgspec
@@ -9,7 +11,9 @@ from groundstation.control.bring_down import OFF, bring_down
 from groundstation.control.controllers import ControllerConfig, make_controller
 from groundstation.control.descent import Descent
 from groundstation.control.estimator import ModelEstimator
-from groundstation.control.model import Drive, rolled
+from groundstation.control.model import Drive, Motion, rolled
+from groundstation.control.model_descent import model_descent
+from groundstation.control.obedience import SUSPECTS, Evidence, Obedience
 from groundstation.control.port import Decision, Estimate
 from groundstation.control.watch import Seen, Watch
 from groundstation.ops import FLOATS, Vec3
@@ -24,6 +28,13 @@ WIND_MEMORY_S = 1.0
 """Over which the disturbance is averaged for the bring-down [s]: the gust of this moment will be over by then."""
 HOLD_STEP_S = 0.08
 """Longest single step of the model while a command is held to its deadline [s]."""
+
+TRUST_S = 0.4
+"""So long before suspicion began is the estimate believed again [s]: what was seen just then may be false already."""
+REMEMBER_S = 4.0
+"""How far back estimates and commands are kept for that [s]."""
+NEAR_FLOOR_M = 0.12
+"""Below this height the floor holds the vehicle, too [m]: obedience is not asked there."""
 
 NOISE_POSES = 50
 """After so many poses the watch hears of their noise and interval again."""
@@ -44,6 +55,16 @@ class Tick(NamedTuple):
     command: Command
     seen: Seen
     """V against its bound."""
+
+
+class Trusted(NamedTuple):
+    """The vehicle at one pose, from when nothing was suspicious."""
+
+    time_s: float
+    motion: Motion
+    disturbance: Vec3
+    """The mean of the last second [m/s², NED]."""
+    effectiveness: float
 
 
 class Pilot:
@@ -68,6 +89,10 @@ class Pilot:
         driven = config.composite != "provable"
         self._driver = self._controller if driven and isinstance(self._controller, Adaptive) else None
         self._watch = Watch(vehicle, config)
+        self._obedience = Obedience(vehicle.mass_kg, config.gravity)
+        self._late_s = 0.0
+        self._trusted: deque[Trusted] = deque()
+        self._drives: deque[tuple[float, Drive]] = deque()
         self._poses, self._counted_s = 0, 0.0
         self._last: float | None = None
         self._pose: Pose | None = None
@@ -89,8 +114,13 @@ class Pilot:
 
     def pose(self, pose: Pose) -> None:
         """Take one pose; one that is not newer than the last is ignored."""
+        if self._late_s > 0.0:
+            pose = msgspec.structs.replace(pose, time_s=pose.time_s - self._late_s)
         if self._pose is None or pose.time_s > self._pose.time_s:
+            before = self._estimator.motion
             self._estimator.pose(pose)
+            if before is not None and self._released:
+                self._obeys(pose, before)
             self._pose = pose
             self._poses += 1
             if self._poses == 1:
@@ -104,6 +134,7 @@ class Pilot:
         if not self._released:
             self._estimator.release()
             self._released = True
+            self._trust_from_here((0.0, 0.0, 0.0))
         self._trajectory = trajectory
         self._start = start_s
         self._watch.restart()
@@ -125,6 +156,7 @@ class Pilot:
         if isinstance(self._controller, Adaptive):
             self._controller.begin(disturbance)
         self._released = True
+        self._trust_from_here(disturbance)
         motion = self._estimator.predict(time_s + self._vehicle.command_delay_s).motion
         return Reference(motion.position, motion.velocity, yaw_rad=euler_zyx(motion.attitude)[2])
 
@@ -137,6 +169,21 @@ class Pilot:
     def noise_m(self) -> float:
         """Position noise of the poses as measured, 1σ per axis [m]."""
         return self._estimator.noise_m
+
+    @property
+    def evidence(self) -> Evidence:
+        """What speaks against the poses, as shares of what convicts (control/obedience.py)."""
+        return self._obedience.evidence
+
+    @property
+    def monitor(self) -> Obedience:
+        """The monitor itself, for what it counts."""
+        return self._obedience
+
+    @property
+    def suspicious(self) -> bool:
+        """Whether nothing is learnt from the poses at present."""
+        return self._estimator.holds
 
     def descend(self, sink_m_s: float, *, blind: bool = False, rest_s: float = 0.0) -> None:
         """From now on only level out and sink; ``blind`` where the estimate of the speed is not to be believed.
@@ -153,7 +200,7 @@ class Pilot:
     def idle(self, time_s: float, thrust_n: float) -> Command:
         """A command that holds the rates at zero and the thrust at ``thrust_n``, resting on the newest pose."""
         drive = Drive(thrust_n, (0.0, 0.0, 0.0))
-        self._estimator.sent(time_s + self._vehicle.command_delay_s, drive)
+        self._send(time_s + self._vehicle.command_delay_s, drive)
         self._last = None
         return self._command(drive, OFF if thrust_n > 0.0 else ())
 
@@ -167,10 +214,13 @@ class Pilot:
         reference = trajectory.at(flight_time)
         if descent is not None:
             reference = Reference(estimate.motion.position, self._sink)
+        elif self.suspicious:  # no error is believed: what is left is the trim of before
+            motion = estimate.motion
+            reference = Reference(motion.position, motion.velocity, yaw_rad=reference.yaw_rad)
         interval = 0.0 if self._last is None else time_s - self._last
         self._last = time_s
         decision = (descent or self._controller).decide(estimate, reference, interval)
-        self._estimator.sent(acting, decision.drive)
+        self._send(acting, decision.drive)
         if self._driver is not None:
             self._estimator.follow(self._driver.b_hat)
         wind = self._mean_wind(estimate.disturbance, interval)
@@ -178,6 +228,99 @@ class Pilot:
         seen = self._watch.look(time_s, estimate.motion, decision)
         command = self._command(decision.drive, parts)
         return Tick(time_s, flight_time, pose, estimate, reference, decision, command, seen)
+
+    def admit_lateness(self) -> float:
+        """By how much more the poses turn out to be older than they say [s]: from now on they count as that old."""
+        monitor = self._obedience
+        if monitor.evidence.attitude < SUSPECTS:
+            return 0.0
+        late_s = monitor.lateness_s()
+        if late_s > 0.0:
+            self._late_s += late_s
+            monitor.restart()
+        return late_s
+
+    def surrender(self, time_s: float, hold_s: float) -> Command:
+        """The last command, where the poses are not believed any more: down on the model, from what it was before.
+
+        It leaves at ``time_s`` and holds for ``hold_s`` [s], so that it reaches the link's next frame; the rest is its
+        bring-down.
+        """
+        pose, vehicle = self._pose, self._vehicle
+        assert pose is not None, "only what has flown by poses ceases to"
+        acting = time_s + vehicle.command_delay_s
+        before = self._before()
+        motion = self._reckoned(before, acting)
+        mass = vehicle.mass_kg / before.effectiveness
+        first, *rest = model_descent(
+            motion, vehicle, mass_kg=mass, gravity=self._gravity, disturbance=before.disturbance,
+            height_m=self._floor - motion.position[2],
+        )  # fmt: skip
+        return Command(first.thrust_n, first.rates_rad_s, pose.id, pose.time_s, time_s + hold_s, tuple(rest))
+
+    def _trust_from_here(self, disturbance: Vec3) -> None:
+        """It begins to fly: the monitor begins, and the estimate is believed as it is now."""
+        motion = self._estimator.motion
+        assert motion is not None, "nothing flies without a pose"
+        self._obedience.restart()
+        self._trusted.clear()
+        self._trusted.append(Trusted(self._newest_s, motion, disturbance, 1.0))
+
+    def _obeys(self, pose: Pose, before: Motion) -> None:
+        """Hold one more pose against the commands; learn nothing while it is suspect."""
+        estimator, given = self._estimator, self._estimator.given
+        motion = estimator.motion
+        if given is None or motion is None:
+            return
+        height = self._floor - pose.position_ned[2]
+        node = self._obedience.pose(
+            pose, before, given, pose.time_s - self._newest_s, estimator.noise_m, counts=height > NEAR_FLOOR_M
+        )
+        if not node:
+            return
+        if self._obedience.evidence.suspicious:
+            if not estimator.holds:
+                before = self._before()
+                estimator.hold(before.disturbance, before.effectiveness)
+        else:
+            estimator.resume()
+            wind = self._wind or (0.0, 0.0, 0.0)
+            self._trusted.append(Trusted(pose.time_s, motion, wind, estimator.effectiveness))
+            while self._trusted[0].time_s < pose.time_s - REMEMBER_S:
+                self._trusted.popleft()
+
+    def _before(self) -> Trusted:
+        """The newest estimate of well before suspicion began, or the first."""
+        until = self._obedience.calm_s - TRUST_S
+        return next((one for one in reversed(self._trusted) if one.time_s <= until), self._trusted[0])
+
+    def _reckoned(self, before: Trusted, until_s: float) -> Motion:
+        """Where the commands sent have taken the vehicle since ``before``, by ``until_s`` [s]."""
+        vehicle, motion, now = self._vehicle, before.motion, before.time_s
+        drives = list(self._drives)
+        for i, (begins, drive) in enumerate(drives):
+            ends = min(drives[i + 1][0] if i + 1 < len(drives) else until_s, until_s)
+            steps = int((ends - now) / HOLD_STEP_S) + 1 if ends > max(begins, now) else 0
+            for _ in range(steps):
+                motion = rolled(
+                    FLOATS, motion, drive, (ends - now) / steps, mass=vehicle.mass_kg / before.effectiveness,
+                    gravity=self._gravity, disturbance=before.disturbance,
+                    thrust_lag=vehicle.thrust_lag_s, rate_lag=vehicle.rate_lag_s,
+                )  # fmt: skip
+            now = max(now, ends)
+        return motion
+
+    def _send(self, acting_s: float, drive: Drive) -> None:
+        """A command acts from ``acting_s`` on [s]."""
+        self._estimator.sent(acting_s, drive)
+        drives = self._drives
+        drives.append((acting_s, drive))
+        while drives[0][0] < acting_s - REMEMBER_S:
+            drives.popleft()
+
+    @property
+    def _newest_s(self) -> float:
+        return -math.inf if self._pose is None else self._pose.time_s
 
     def _command(self, drive: Drive, parts: tuple[Segment, ...]) -> Command:
         pose = self._pose

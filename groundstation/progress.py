@@ -2,6 +2,7 @@
 
 from collections.abc import Callable
 
+from groundstation.conviction import Charge, Conviction
 from groundstation.course import Course, Leg
 from groundstation.escalation import Escalation, Finding, Step
 from groundstation.fence import Fence
@@ -29,13 +30,19 @@ class Progress:
         say: Callable[[str], None],
         on_state: Callable[[State, str], None],
         others: Others | None = None,
+        on_conviction: Callable[[str], None] = lambda reason: None,
     ) -> None:
         """``say`` takes lines for the operator, ``on_state`` every state that begins, and why.
 
         ``period_s`` tells the link's time between two commands [s]; ``others`` are vehicles to keep away from.
+        ``on_conviction`` hears why the poses are not believed any more, before the last command leaves.
         """
         self._config = config
         self._pilot = pilot
+        self._period_s = period_s
+        self._on_conviction = on_conviction
+        self._conviction = Conviction()
+        self._charge: Charge | None = None
         self._say = say
         self._on_state = on_state
         self._mission = Mission()
@@ -127,6 +134,8 @@ class Progress:
             self._say("off the floor: climbing")
             self._follow(self._course.leg(Event.ARMED, State.TAKEOFF, *self._motion(now_s)))
         if spool is None:
+            if self._accused(now_s):
+                return self._pilot.surrender(now_s, LAST_PERIODS * self._period_s()), None
             self._ensure_pose(now_s)
             tick = self._pilot.tick(now_s)
             return tick.command, tick
@@ -137,6 +146,25 @@ class Progress:
             )
             self.go(Event.LAND, why, now_s, fault=True)
         return self._pilot.idle(now_s, spool.thrust_n(now_s)), None
+
+    def left(self, now_s: float) -> None:
+        """A command has left; where it was the last that poses have led to, commands end with it."""
+        if self._charge is not None:
+            self.go(Event.ABORT, self._charge.reason, now_s, fault=True)
+
+    def _accused(self, now_s: float) -> bool:
+        """Whether the poses are not believed any more."""
+        if self._guards is None:
+            return False
+        late_s = self._pilot.admit_lateness()
+        if late_s > 0.0:
+            self._say(f"warning: the poses are {1e3 * late_s:.0f} ms older than they say, by what the commands did")
+        self._charge = self._conviction.look(self._pilot.evidence, now_s)
+        if self._conviction.says:
+            self._say(self._conviction.says)
+        if self._charge is not None and self._charge.convicted:
+            self._on_conviction(self._charge.reason)
+        return self._charge is not None
 
     def flown(self, tick: Tick) -> None:
         """One command of the controller has left: is the state over?"""
@@ -215,5 +243,7 @@ class Progress:
             self.started_s = leg.start_s
 
 
+LAST_PERIODS = 2.5
+"""The last command holds for so many periods: it must reach the next frame of a pacer, which its own leads."""
 DISARMED_HEIGHT_M = 0.2
 """An autopilot that disarms below this height while we come down has felt the floor [m]."""

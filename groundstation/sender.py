@@ -111,6 +111,7 @@ class Sender:
             if tick is not None:
                 self._on_tick(tick)
                 progress.flown(tick)
+            progress.left(now)
             if progress.state not in IN_AIR:
                 return
             await self._pacing.next(now, command.deadline_s)

@@ -61,7 +61,7 @@ def parser() -> argparse.ArgumentParser:
     mission.add_argument("--json", action="store_true", help="print one JSON object instead of the summary")
 
     faults = commands.add_parser("faults", help="break one thing in every state of a mission, and see what comes of it")
-    faults.add_argument("--quick", action="store_true", help="two dozen cells, over all faults and states")
+    faults.add_argument("--quick", action="store_true", help="every fault once, over all states")
     faults.add_argument("--fault", metavar="NAME", help="this one only, in every state")
     faults.add_argument("--state", metavar="NAME", help="in this state only")
     faults.add_argument("--scenario", default="paper", metavar="NAME", help="what is flown (default paper)")

@@ -40,6 +40,10 @@ class Mocap:
         """Cover the cameras: no pose leaves until they are uncovered."""
         self._covered = covered
 
+    def see(self, plant: Quadrotor) -> None:
+        """From now on take that vehicle for ours."""
+        self._plant = plant
+
     def through(self, wrap: Callable[[Tracker], Tracker]) -> None:
         """From now on let every frame pass what ``wrap`` puts before the tracking computer."""
         self._tracker = wrap(self._tracker)

@@ -48,6 +48,12 @@ class Quadrotor:
         self._told: tuple[float, Vec3] = (0.0, (0.0, 0.0, 0.0))
         self._strength = 1.0
         self._on_ground = False
+        self.pull: Callable[[Body], Vec3] | None = None
+        """What else accelerates it, by where it is [m/s², NED]; may be changed in flight."""
+        self.lead: Callable[[float, float], Body] | None = None
+        """A hand that holds it: time [s] and thrust [N] → where it is, whatever its motors do."""
+        self.partner: Quadrotor | None = None
+        """Another one that is told the same."""
         x, y, z = world.rate_limits_deg_s
         self._limits: Vec3 = (math.radians(x), math.radians(y), math.radians(z))
         self._highest_m = 0.0
@@ -60,6 +66,8 @@ class Quadrotor:
         """From ``time_s`` on: thrust [N] as commanded (gain and limits apply here) and rates [rad/s, FRD]."""
         self._settle(time_s)
         self._told = thrust_n, rates
+        if self.partner is not None:
+            self.partner.command(time_s, thrust_n, rates)
         a, b, c = self._limits
         self._thrust_command = self._gain(time_s) * min(max(thrust_n, 0.0), self._world.thrust_max_n)
         self._rate_command = (
@@ -89,6 +97,19 @@ class Quadrotor:
         if self.released_s is None:
             self.advance(time_s)
             self.released_s = time_s
+        if self.partner is not None:
+            self.partner.release(time_s)
+
+    def twin(self, time_s: float, world: World, wind: Wind) -> "Quadrotor":
+        """Another one that is in the same state at ``time_s`` [s], in a ``world`` and ``wind`` of its own."""
+        self._settle(time_s)
+        other = Quadrotor(world, wind)
+        other._time = other._cut = self._time
+        other.released_s, other._body, other._on_ground = self.released_s, self._body, self._on_ground
+        other._told, other._strength = self._told, self._strength
+        other._thrust_command, other._rate_command = self._thrust_command, self._rate_command
+        other._highest_m = self._highest_m
+        return other
 
     def truth(self, time_s: float) -> Truth:
         """The exact state at ``time_s`` [s], which must not lie before an earlier question."""
@@ -105,6 +126,11 @@ class Quadrotor:
     def attitude(self) -> Quat:
         """Where it has been advanced to: body FRD to world NED."""
         return self._body.attitude
+
+    @property
+    def velocity(self) -> Vec3:
+        """Where it has been advanced to [m/s, NED]."""
+        return self._body.velocity
 
     def advance(self, time_s: float) -> None:
         """Let the physics run until ``time_s`` [s], in whole steps."""
@@ -134,7 +160,12 @@ class Quadrotor:
     def _after(self, flight_time: float, h: float) -> tuple[Body, bool]:
         """The body ``h`` [s] after ``flight_time`` [s], and whether it fell onto the floor meanwhile."""
         wind = self._wind.at(flight_time + 0.5 * h)
+        if self.pull is not None:
+            x, y, z = self.pull(self._body)
+            wind = wind[0] + x, wind[1] + y, wind[2] + z
         body = moved(FLOATS, self._body, self._thrust_command, self._rate_command, wind, h, self._physics)
+        if self.lead is not None and self.released_s is not None:
+            body = self.lead(self.released_s + flight_time + h, body.thrust)
         return body, body.position[2] >= self._world.floor_z_m
 
     def _step(self, flight_time: float, h: float) -> None:

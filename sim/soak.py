@@ -19,8 +19,8 @@ from groundstation.recording.log import FlightLog
 from groundstation.telemetry.flights import RecordingConfig, free_name, recordings, tidy
 from sim.bench_allocation import look
 from sim.deck.cell import NotReached, fly_here
-from sim.deck.faults import FAULTS, Fault, Scene
-from sim.deck.moments import MOMENTS
+from sim.deck.fault import Fault, Scene
+from sim.deck.faults import BROKEN, STATES
 from sim.deck.verdict import Row
 from sim.prepare import prepare
 from sim.scenarios import SCENARIOS
@@ -139,12 +139,12 @@ async def _soak(
     loop = asyncio.get_running_loop()
     assert isinstance(loop, VirtualTimeLoop), "in virtual time only"
     draw, ledger = random.Random(seed), _Ledger()
-    faults = {name: fault for name, fault in FAULTS.items() if fault.strike is not None}
+    faults = {name: fault for name, fault in BROKEN.items() if fault.strike is not None}
     number = 0
     while loop.time() < until_s:
         name, state, fault = NOTHING, "tracking", Fault("nothing happens", _nothing)
         if draw.random() < FAULTY_SHARE:
-            name, state = draw.choice(list(faults)), draw.choice(list(MOMENTS))
+            name, state = draw.choice(list(faults)), draw.choice(list(STATES))
             fault = faults[name]
             ledger.struck += 1
         try:

@@ -53,6 +53,9 @@ class ModelEstimator:
         self._separates = self._provable and gains.effectiveness_deviation > 0.0
         self.frozen = False
         """True on the floor, whose push must not be learnt as an error of the thrust: λ̂ then rests."""
+        self._held: Vec3 | None = None
+        self.given: Driven | None = None
+        """What the commands made of the motion from the pose before to the newest; None at first and after a reset."""
         self.diverged_m = 0.0
         """How far the newest pose was from where the model had the vehicle [m]."""
         self._thrust_lag = vehicle.thrust_lag_s
@@ -82,6 +85,16 @@ class ModelEstimator:
         """Time stamp of the newest pose [s]."""
         return self._stamp
 
+    @property
+    def motion(self) -> Motion | None:
+        """The vehicle at the newest pose; None before the first."""
+        return self._motion
+
+    @property
+    def effectiveness(self) -> float:
+        """λ̂, true thrust over told thrust [-]."""
+        return float(self._effectiveness.value)
+
     def sent(self, time_s: float, drive: Drive) -> None:
         """A command acts from ``time_s`` on; one for the same instant or later replaces it."""
         drives, path = self._drives, self._path
@@ -109,6 +122,20 @@ class ModelEstimator:
         self._disturbance = (0.0, 0.0, down)
         return self._disturbance
 
+    def hold(self, disturbance: Vec3, effectiveness: float) -> None:
+        """The poses are suspect: learn nothing from them; ``disturbance`` [m/s², NED] and λ̂ stay until :meth:`resume`."""
+        self._held = disturbance
+        self._effectiveness = self._effectiveness._replace(value=effectiveness)
+
+    def resume(self) -> None:
+        """The poses are believed again."""
+        self._held = None
+
+    @property
+    def holds(self) -> bool:
+        """Whether nothing is learnt."""
+        return self._held is not None
+
     def follow(self, disturbance: Vec3) -> None:
         """Drive the observer by b̂ [m/s², NED] instead of its own d̂ (composite adaptation off, or raw)."""
         self._disturbance = disturbance
@@ -120,6 +147,7 @@ class ModelEstimator:
 
     def pose(self, pose: Pose) -> None:
         """Correct the model by one pose."""
+        self.given = None
         previous = self._motion
         if previous is None:
             self._begin(self._first(pose), pose)
@@ -136,9 +164,9 @@ class ModelEstimator:
             return
         self._measure_noise(pose)
         gains = self._gains
-        given = self._driven(pose.time_s)
+        given = self.given = self._driven(pose.time_s)
         model = self._at(previous, given, dt)
-        if self._separates and not self.frozen:
+        if self._separates and not self.frozen and self._held is None:
             self._effectiveness = effectiveness.later(
                 self._effectiveness, dt, given, self._mass, gains.effectiveness_walk
             )
@@ -154,6 +182,8 @@ class ModelEstimator:
             gain, self._covariance = seen_moving(expected, noise)
             chain = self._correct(*chain, gain, innovation(pose.velocity_ned, chain[1]), expected.vv + noise, 1)
         position, velocity, self._disturbance = chain
+        if self._held is not None:
+            self._disturbance, self._disturbance_rate = self._held, ZERO
         if gains.observer == "backward_euler":
             position = pose.position_ned
             velocity = corrected(ZERO, 1.0 / dt, innovation(position, previous.position))
@@ -173,7 +203,7 @@ class ModelEstimator:
     ) -> tuple[Vec3, Vec3, Vec3]:
         """Position, velocity and disturbance, corrected by the innovation ``step``; ĉ, λ̂ and b̂'s step in place."""
         p, v, d, c = gain
-        if self._separates and not self.frozen:
+        if self._separates and not self.frozen and self._held is None:
             # What the innovation says of the thrust moves the chain, too.
             e, moved = effectiveness.seen(FLOATS, self._effectiveness, step, gain, variance, of)
             self._effectiveness = e

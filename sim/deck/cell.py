@@ -2,6 +2,8 @@
 
 import asyncio
 import math
+from collections.abc import Callable
+from typing import Any
 
 from groundstation.app import make_flight
 from groundstation.clock import sleep_until
@@ -13,14 +15,20 @@ from groundstation.recorded import Give
 from groundstation.recording.records import Record
 from groundstation.requests import Ask, Request
 from groundstation.settings import Config
-from sim.deck.faults import FAULTS, Fault, Scene
+from links.thrust_curve import thrust as thrust_of
+from sim.autopilot import Px4Autopilot
+from sim.deck.exemptions import Exemption
+from sim.deck.fault import Fault, Poses, Scene
+from sim.deck.faults import FAULTS
 from sim.deck.meddler import Meddler
 from sim.deck.moments import DESCENT_AFTER_S, MOMENTS, Moment, Moves
+from sim.deck.thrust import Thrust
 from sim.deck.truth import Truth
-from sim.deck.verdict import Row, judged
+from sim.deck.verdict import JUDGED_S, Row, broken, exempted, judged
 from sim.deck.wire import Wire
 from sim.mission import from_floor
 from sim.prepare import prepare
+from sim.rf_receiver import FAILSAFE_S
 from sim.scenarios import SCENARIOS
 from sim.stage import Stage
 from sim.trackers import Tracker
@@ -81,9 +89,24 @@ async def fly_here(
     asked = [*(LANDS if fault.link == "mavlink" else ()), *fault.overrides, *overrides]
     world, config = prepare(SCENARIOS[scenario], asked, source=fault.source, link=fault.link)
     world, config = from_floor(world, config, figure_s)
-    wire = Wire(config)
+    exemption = exempted(fault, state)
+    over: asyncio.Future[None] = loop.create_future()
+
+    def decide() -> None:
+        if not over.done():
+            over.set_result(None)
+
+    def look(seen: Truth) -> None:
+        if broken(fault, state, seen, exemption):
+            decide()
+
+    def newtons(time_s: float, signal: float) -> float:
+        return thrust_of(signal, world.thrust_curve) * stage.plant.most_n(time_s)
+
+    pushing = Thrust(hover_n(world), newtons, AUTOPILOT["COM_OF_LOSS_T"] if fault.link == "mavlink" else FAILSAFE_S)
+    wire = Wire(config, pushing)
     loop.tap = wire.tap
-    truth, moves, meddlers = Truth(world.floor_z_m), Moves(loop.time), list[Meddler]()
+    truth, moves, meddlers = Truth(world.floor_z_m, look), Moves(loop.time), list[Meddler]()
 
     def meddle(tracker: Tracker) -> Tracker:
         meddlers.append(Meddler(tracker))
@@ -93,8 +116,9 @@ async def fly_here(
         truth.step(time_s, position)
 
     def watch(tick: Tick) -> None:
-        follows = moves.state not in (State.DESCENT, State.ABORTED, State.DISARMING)
-        truth.tick(tick, follows=follows)
+        # What false poses led to is no course any more: it may run away with them.
+        misled = fault.poses is not Poses.TRUE and bool(moves.answers)
+        truth.tick(tick, follows=not misled and moves.state not in (State.DESCENT, State.ABORTED, State.DISARMING))
         if scene.controller_raises:
             raise _Broken("the controller broke")
 
@@ -105,6 +129,14 @@ async def fly_here(
         if scene.recorder_raises:
             raise OSError("the recorder is gone")
 
+    def answered(time_s: float) -> None:
+        pushing.answered_s = min(pushing.answered_s, time_s + world.frame_period_s)
+
+    def entered(state: State, reason: str) -> None:
+        moves.entered(state, reason)
+        if moves.answers:
+            answered(moves.answers[0][0])
+
     async def confirm() -> bool:
         await sleep_until(begun_s + CONFIRM_S)
         return True
@@ -114,55 +146,67 @@ async def fly_here(
     stage.plant.advance(begun_s)
     assert stage.mocap is not None, "the deck flies with cameras"
     stage.mocap.through(meddle)
-    flight = make_flight(config, confirm=confirm, on_tick=watch, on_state=moves.entered, wires=stage.wires, give=give)
-    scene = Scene(flight, stage, meddlers[0])
+    flight = make_flight(config, confirm=confirm, on_tick=watch, on_state=entered, wires=stage.wires, give=give)
+    scene = Scene(flight, stage, meddlers[0], seed)
     turning, flying = asyncio.ensure_future(stage.run()), asyncio.ensure_future(flight.run())
-    striking = asyncio.ensure_future(_strike(scene, fault, state, moves, truth, world))
+    striking = asyncio.ensure_future(_strike(scene, state, moves, truth))
     await asyncio.wait({turning, flying, striking}, return_when=asyncio.FIRST_COMPLETED)
     if not striking.done():
         turning.cancel(), flying.cancel(), striking.cancel()
         await asyncio.gather(turning, flying, striking, return_exceptions=True)
         raise NotReached(f"the flight ended before {state}: {moves.state}: {moves.reason}")
     struck_s, where = striking.result()
+    autopilot = _Autopilot(answered)
     going_on = asyncio.ensure_future(_break(scene, fault))
-    acted = asyncio.ensure_future(_autopilot_acts(stage, fault))
-    await asyncio.wait({turning, flying}, timeout=LIMIT_S + figure_s, return_when=asyncio.FIRST_COMPLETED)
-    ended = flying.done()
-    rest_s = await _rest(stage, world) if ended else None
-    tasks = (turning, flying, going_on, acted)
+    watching = asyncio.ensure_future(autopilot.watch(stage))
+    timing: asyncio.Future[None] = over
+    if exemption is Exemption.NOT_OBSERVABLE:
+        timing = asyncio.ensure_future(_flown(stage, JUDGED_S))
+        timing.add_done_callback(lambda _: decide())
+    ends: set[asyncio.Future[Any]] = {turning, flying, over}
+    await asyncio.wait(ends, timeout=LIMIT_S + figure_s, return_when=asyncio.FIRST_COMPLETED)
+    rests = flying.done() and await _rests(stage, world, over)
+    ended, rests = flying.done() or over.done(), rests or over.done()
+    # How a flight is ended that is cut short is no part of it.
+    truth.end()
+    pushing.end(loop.time())
+    answers = [(time_s, str(after), reason) for time_s, after, reason in moves.answers]
+    end = stage.plant.truth(loop.time()).position_ned
+    wrong = _left_wrongly(fault, state, config, wire, pushing, struck_s)
+    tasks = (turning, flying, going_on, watching, timing)
     for task in tasks:
         task.cancel()
     for result in await asyncio.gather(*tasks, return_exceptions=True):
         if isinstance(result, Exception) and not isinstance(result, _Broken):
             raise result
     loop.tap = None
-    end = stage.plant.truth(loop.time()).position_ned
-    acts_s = acted.result() if not acted.cancelled() else None
-    answers = [(time_s, str(after), reason) for time_s, after, reason in moves.answers]
-    if acts_s is not None:
-        answers.append((acts_s, "autopilot lands", "set-points stopped: the autopilot's own failsafe"))
+    if autopilot.acts_s is not None:
+        answers.append((autopilot.acts_s, "autopilot lands", "set-points stopped: the autopilot's own failsafe"))
     answers.sort()
-    restless = "" if ended and rest_s is not None else "it does not end" if not ended else "it does not come to rest"
+    restless = "" if rests else "it does not come to rest" if ended else "it does not end"
+    weak = Exemption.WEAK if _too_weak(stage, world) else Exemption.NONE
     return judged(
         name, fault, state, truth, answers,
-        wrong=restless or _left_wrongly(fault, state, config, wire, struck_s),
-        robs=fault.robs or _too_weak(stage, world),
+        wrong=restless or wrong,
+        exemption=exemption or weak,
+        begun_s=begun_s,
         drift_m=math.dist(where[:2], end[:2]),
         touchdown_m_s=stage.plant.hardest_m_s,
+        thrust=pushing,
+        land_s=autopilot.land_s,
+        scenario=scenario,
     )  # fmt: skip
 
 
-async def _strike(
-    scene: Scene, fault: Fault, name: str, moves: Moves, truth: Truth, world: World
-) -> tuple[float, Vec3]:
+async def _strike(scene: Scene, name: str, moves: Moves, truth: Truth) -> tuple[float, Vec3]:
     """Wait for the moment; when and where it is."""
-    await reached(MOMENTS[name], scene.flight, scene.stage, moves, world)
-    now = asyncio.get_running_loop().time()
-    moves.struck, truth.struck_s = True, now
-    return now, scene.stage.plant.truth(now).position_ned
+    await reached(MOMENTS[name], scene.flight, scene.stage, moves)
+    now = scene.now_s
+    moves.struck = True
+    return now, truth.strike(now)
 
 
-async def reached(moment: Moment, flight: Flight, stage: Stage, moves: Moves, world: World) -> None:
+async def reached(moment: Moment, flight: Flight, stage: Stage, moves: Moves) -> None:
     """Return at ``moment``; a failsafe descent is asked for, as no flight comes to it by itself."""
     loop = asyncio.get_running_loop()
     while True:
@@ -170,7 +214,7 @@ async def reached(moment: Moment, flight: Flight, stage: Stage, moves: Moves, wo
             moves.since_s = flight.started_s  # the figure, not the way onto it
         if moment.state is State.DESCENT and moves.lasted(State.TRACKING, DESCENT_AFTER_S):
             flight.ask(Request(Ask.DESCEND, "the deck"))
-        height_m = world.floor_z_m - stage.plant.truth(loop.time()).position_ned[2]
+        height_m = stage.world.floor_z_m - stage.plant.truth(loop.time()).position_ned[2]
         if moment.is_now(moves, height_m):
             return
         await asyncio.sleep(LOOK_S)
@@ -181,43 +225,71 @@ async def _break(scene: Scene, fault: Fault) -> None:
     await fault.strike(scene)
 
 
-async def _autopilot_acts(stage: Stage, fault: Fault) -> float:
-    """When the autopilot begins to act by itself [s]."""
-    while True:
-        if fault.link == "mavlink" and stage.autopilot.failsafe:
-            return asyncio.get_running_loop().time()
-        await asyncio.sleep(2.0 * LOOK_S)
+async def _flown(stage: Stage, for_s: float) -> None:
+    """Return ``for_s`` [s] from now, or from when it leaves the floor."""
+    loop, flown_s = asyncio.get_running_loop(), 0.0
+    while flown_s < for_s:
+        await asyncio.sleep(LOOK_S)
+        flies = stage.plant.released_s is not None and not stage.plant.truth(loop.time()).on_ground
+        flown_s += LOOK_S if flies or flown_s else 0.0
 
 
-async def _rest(stage: Stage, world: World) -> float | None:
-    """How long until it stands with its motors off [s]; None where it does not."""
+class _Autopilot:
+    """What the autopilot does beside obeying."""
+
+    def __init__(self, on_act: Callable[[float], None]) -> None:
+        """Nothing yet; ``on_act(time_s)`` hears once when it acts by itself."""
+        self.acts_s: float | None = None
+        """When it began to act by itself [s]."""
+        self.land_s: float | None = None
+        """When it took over landing, as it was asked to [s]."""
+        self._on_act = on_act
+
+    async def watch(self, stage: Stage) -> None:
+        """Look until cancelled."""
+        loop = asyncio.get_running_loop()
+        while stage.radio is None:
+            told = stage.autopilot
+            assert isinstance(told, Px4Autopilot), "the deck flies with a PX4"
+            if self.acts_s is None and told.failsafe:
+                self.acts_s = loop.time()
+                self._on_act(self.acts_s)
+            if self.land_s is None and not told.failsafe and told.armed and told.mode == told.land_mode:
+                self.land_s = loop.time()
+            await asyncio.sleep(2.0 * LOOK_S)
+
+
+async def _rests(stage: Stage, world: World, over: "asyncio.Future[None]") -> bool:
+    """Whether it comes to stand with its motors off, before all is ``over``."""
     loop = asyncio.get_running_loop()
     begun = loop.time()
-    while loop.time() < begun + REST_LIMIT_S:
+    while loop.time() < begun + REST_LIMIT_S and not over.done():
         now = stage.plant.truth(loop.time())
         stands = now.on_ground or stage.plant.released_s is None
         if stands and now.thrust_n < STILL_SHARE * world.mass_kg * world.gravity:
-            return loop.time() - begun
+            return True
         await asyncio.sleep(0.05)
-    return None
+    return False
 
 
-def _too_weak(stage: Stage, world: World) -> str:
-    """Why nobody could land it softly, where its rotors at their fullest can't hold it against weight and wind."""
-    most_n = stage.plant.most_n(asyncio.get_running_loop().time())
-    needs_n = world.mass_kg * (world.gravity + world.wind_mean[2])
-    return (
-        "" if most_n > needs_n else f"its rotors give {most_n:.2f} N at most, weight and wind pull with {needs_n:.2f} N"
-    )
+def hover_n(world: World) -> float:
+    """The thrust that holds it against weight and wind [N]."""
+    north, east, down = world.wind_mean
+    return world.mass_kg * math.hypot(north, east, world.gravity + down)
 
 
-def _left_wrongly(fault: Fault, state: str, config: Config, wire: Wire, struck_s: float) -> str:
+def _too_weak(stage: Stage, world: World) -> bool:
+    """Whether its rotors at their fullest can't hold it."""
+    return stage.plant.most_n(asyncio.get_running_loop().time()) <= hover_n(world)
+
+
+def _left_wrongly(fault: Fault, state: str, config: Config, wire: Wire, pushing: Thrust, struck_s: float) -> str:
     """What must not have left; empty where there is nothing."""
     if wire.wrong:
         return wire.wrong
     most = config.flight.coast_s + config.guards.level_s + 2.0 + BLIND_S
-    if fault.blinds and wire.last_lift_s > struck_s + most:
-        return f"a command that lifts left {wire.last_lift_s - struck_s:.2f} s after the last true pose"
+    if fault.poses is Poses.GONE and pushing.last_lift_s > struck_s + most:
+        return f"a command that lifts left {pushing.last_lift_s - struck_s:.2f} s after the last true pose"
     if fault.silences and wire.last_s > struck_s + HEARTBEAT_S and MOMENTS[state].flying:
         return f"something left {wire.last_s - struck_s:.2f} s after a pilot had taken over"
     return ""

@@ -8,8 +8,7 @@ from collections.abc import Callable, Sequence
 import msgspec
 
 from sim.deck.cell import fly_cell
-from sim.deck.faults import FAULTS
-from sim.deck.moments import MOMENTS
+from sim.deck.faults import FAULTS, STATES
 from sim.deck.verdict import Row
 
 SPREAD = ("tracking", "hold", "take-off", "landing", "returning", "descent")
@@ -35,18 +34,19 @@ def cells(fault: str | None = None, state: str | None = None) -> list[Cell]:
     return [
         Cell(name, place)
         for name, told in FAULTS.items()
-        for place in told.states or MOMENTS
+        for place in told.states or STATES
         if fault in (None, name) and state in (None, place)
     ]
 
 
 def quick() -> list[Cell]:
-    """Some two dozen cells in virtual time: every fault that needs no other process, and every state."""
+    """In virtual time every fault that needs no other process, and every state."""
     names = [name for name, told in FAULTS.items() if told.strike is not None]
     found: list[Cell] = []
     for names_, offset in ((names, 0), (AGAIN, 3)):
         for i, name in enumerate(names_):
-            places = [place for place in SPREAD if place not in FAULTS[name].live]
+            told = FAULTS[name]
+            places = [place for place in told.states or SPREAD if place not in told.live]
             found.append(Cell(name, places[(i + offset) % len(places)]))
     return [*dict.fromkeys(found), Cell("dropout", "ready"), Cell("SIGTERM", "arming"), Cell("freeze", "spool-up")]
 

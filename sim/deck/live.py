@@ -13,21 +13,30 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
+import msgspec
+
 from groundstation.api.client import snapshots
 from groundstation.api.place import ApiError
 from groundstation.config import dump
 from groundstation.mission import FINAL, State
+from links.bridge import BridgeConfig
+from links.key_file import make_key
 from sim.deck.broker import Broker
-from sim.deck.cell import AUTOPILOT, LANDS, LOOK_S, STILL_SHARE
-from sim.deck.faults import FAULTS, Fault
+from sim.deck.cell import AUTOPILOT, LANDS, LOOK_S, STILL_SHARE, hover_n
+from sim.deck.exemptions import Exemption
+from sim.deck.fault import Fault
+from sim.deck.faults import FAULTS
 from sim.deck.live_evidence import evidence
 from sim.deck.live_scene import STRIKES, LiveScene
 from sim.deck.moments import MOMENTS, Moves
+from sim.deck.thrust import Thrust
 from sim.deck.truth import Truth
-from sim.deck.verdict import Row, judged
+from sim.deck.verdict import Row, exempted, judged
 from sim.mission import from_floor
 from sim.prepare import prepare
 from sim.pty_wire import PtyWire
+from sim.radio import module
+from sim.rf_receiver import FAILSAFE_S
 from sim.scenarios import SCENARIOS
 from sim.stage import Stage
 from sim.world import World
@@ -83,9 +92,9 @@ async def fly_live(name: str, state: str) -> Row:
                 why = f"it does not end within {LIMIT_S:g} s"
             except _Disturbed as disturbed:
                 why = str(disturbed)
-    return Row(
-        fault=name, state=state, reaction="none", react_ms=None, peak_error_m=0.0, touchdown_m_s=None, drift_m=0.0,
-        tilt_deg=0.0, safe=False, why=why,
+    return judged(
+        name, FAULTS[name], state, Truth(0.0), [],
+        wrong=why, exemption=Exemption.NONE, begun_s=0.0, drift_m=0.0, touchdown_m_s=None,
     )  # fmt: skip
 
 
@@ -100,6 +109,7 @@ async def _free_port() -> int:
 
 async def _fly(folder: Path, name: str, fault: Fault, state: str) -> Row:
     loop = asyncio.get_running_loop()
+    begun_s = loop.time()
     radio = fault.link != "mavlink"
     pty = PtyWire() if radio else None
     broker = Broker()
@@ -109,10 +119,12 @@ async def _fly(folder: Path, name: str, fault: Fault, state: str) -> Row:
         f"recording.folder={folder}/flights", "status.rate_hz=20",
         *(["mqtt.enabled=true", f"mqtt.port={broker.port}"] if name.startswith("MQTT") else []),
     ]  # fmt: skip
-    if pty is not None:
-        told += [f"link.port={pty.path}", "link.simulated=true"]
-    else:
-        told += [f"link.listen=127.0.0.1:{await _free_port()}", *LANDS]
+    bridge = f"127.0.0.1:{await _free_port()}"
+    told += {
+        "mavlink": [f"link.listen=127.0.0.1:{await _free_port()}", *LANDS],
+        "dsm": [f"link.port={pty.path}", "link.simulated=true"] if pty is not None else [],
+        "rf_bridge": [f"link.remote={bridge}", f"link.key_file={folder}/bridge.key", "link.connect_timeout_s=15"],
+    }[fault.link]
     world, config = prepare(SCENARIOS["paper"], told, link=fault.link)
     world, config = from_floor(world, config, FIGURE_S)
     (folder / "config.toml").write_text(dump(config))
@@ -120,11 +132,15 @@ async def _fly(folder: Path, name: str, fault: Fault, state: str) -> Row:
     stage = Stage(world, config, 0, truth.step, pty=pty, parameters=AUTOPILOT)
     truth.plant = stage.plant
     stage.plant.advance(loop.time())
-    scene = LiveScene(folder, config, stage, broker, moves)
+    rf = module(config, world) if radio else None
+    scene = LiveScene(folder, config, stage, broker, moves, rf)
     if stage.radio is not None:
         stage.radio.overhear = scene.heard_radio
     else:
         stage.peer.overhear = scene.heard
+    if pty is not None and rf is not None and fault.link == "rf_bridge":
+        link = msgspec.structs.replace(rf, port=pty.path, simulated=True)
+        scene.bridge = await _bridge(folder, BridgeConfig(listen=bridge, key_file=f"{folder}/bridge.key", link=link))
     arguments = ("-m", "groundstation", "daemon", str(folder / "config.toml"), "--arm", config.vehicle.name)
     scene.station = await asyncio.create_subprocess_exec(
         sys.executable, *arguments, stdin=asyncio.subprocess.DEVNULL, stderr=asyncio.subprocess.PIPE,
@@ -136,15 +152,12 @@ async def _fly(folder: Path, name: str, fault: Fault, state: str) -> Row:
             await scene.show()
         await _reached(scene, world, state)
         struck_s = loop.time()
-        where = stage.plant.truth(struck_s).position_ned
-        moves.struck, truth.struck_s = True, struck_s
+        moves.struck = True
+        where = truth.strike(struck_s)
         await STRIKES[name](scene)
         acts_s, rests = await _ended(scene, world)
     finally:
-        for process in (scene.station, scene.screen):
-            if process is not None and process.returncode is None:
-                process.kill()
-                await process.wait()
+        await scene.end()
         for task in tasks:
             task.cancel()
         results: list[Any] = await asyncio.gather(*tasks, return_exceptions=True)
@@ -155,14 +168,37 @@ async def _fly(folder: Path, name: str, fault: Fault, state: str) -> Row:
         if isinstance(result, Exception):
             raise result
     end = stage.plant.truth(loop.time()).position_ned
+    pushing = Thrust(
+        hover_n(world),
+        lambda time_s, share: share * world.thrust_max_n,
+        FAILSAFE_S if radio else AUTOPILOT["COM_OF_LOSS_T"],
+    )
     answers, wrong = evidence(scene, name, state, struck_s=struck_s, acts_s=acts_s, rests=rests)
+    if answers:
+        pushing.answered_s = answers[0][0] + world.frame_period_s
+    for time_s, share in scene.frames:
+        pushing.told(time_s, share)
+    pushing.end(loop.time())
     return judged(
         name, fault, state, truth, answers,
         wrong=wrong,
-        robs=fault.robs,
+        exemption=exempted(fault, state),
+        begun_s=begun_s,
         drift_m=math.dist(where[:2], end[:2]),
         touchdown_m_s=stage.plant.hardest_m_s,
+        thrust=pushing,
         how="in real time",
+    )  # fmt: skip
+
+
+async def _bridge(folder: Path, config: BridgeConfig) -> asyncio.subprocess.Process:
+    """A bridge in a process of its own."""
+    make_key(Path(config.key_file))
+    (folder / "bridge.toml").write_text(dump(config))
+    return await asyncio.create_subprocess_exec(
+        sys.executable, "-m", "groundstation", "rf-bridge", str(folder / "bridge.toml"),
+        stdin=asyncio.subprocess.DEVNULL, stdout=asyncio.subprocess.DEVNULL, stderr=asyncio.subprocess.DEVNULL,
+        start_new_session=True,
     )  # fmt: skip
 
 

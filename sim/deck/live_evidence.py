@@ -5,8 +5,8 @@ import math
 from groundstation.mission import State
 from sim.deck.live_scene import LiveScene
 from sim.deck.moments import MOMENTS
+from sim.deck.thrust import LIFTS
 from sim.deck.verdict import Answer
-from sim.deck.wire import LIFTS
 
 UNDER_WAY_S = 0.06
 """What a killed process has sent may be under way for so long on a busy machine [s]."""
@@ -14,6 +14,9 @@ GAP_S = 0.3
 """A flight that goes on leaves no longer gap between two frames [s]: the coast limit, and a moment more."""
 RADIO_S = 2.0 + 0.25 + 0.25 + 0.1
 """How long after its station's death a pacer may lift: to the deadline, and its bring-down [s]."""
+TAKEN_OVER_S = 0.15
+"""How long the last frame of a pacer that is gone may be held [s]: a sign of life 60 ms old on two looks, and what a
+busy machine takes."""
 
 
 def evidence(
@@ -29,8 +32,12 @@ def evidence(
     wrong = "" if rests else "it does not come to rest"
     if not scene.finite:
         wrong = wrong or "a number that is not finite left"
-    killed = name.startswith("SIGKILL")
-    then = _after_death(scene, state, struck_s, answers) if killed else _flying_on(scene, struck_s, answers)
+    if name.startswith("SIGKILL"):
+        then = _after_death(scene, state, struck_s, answers)
+    elif scene.stage.radio is not None:
+        then = _after_pacing(scene, struck_s)
+    else:
+        then = _flying_on(scene, struck_s, answers)
     return answers, wrong or then
 
 
@@ -49,6 +56,20 @@ def _after_death(scene: LiveScene, state: str, struck_s: float, answers: list[An
     if not answers and not MOMENTS[state].flying:
         answers.append((struck_s, "silence", "nothing leaves a dead process, and it had not left the floor"))
     return wrong
+
+
+def _after_pacing(scene: LiveScene, struck_s: float) -> str:
+    """Of a radio whose pacer is gone, or told to end: somebody goes on, with a bring-down, and last of all disarmed."""
+    after = [(t, thrust) for t, thrust in scene.frames if t > struck_s]
+    if not after:
+        return "no frame came any more: the receiver held one that flies"
+    gap = max(b - a for (a, lifts), (b, _) in zip([(struck_s, 1.0), *after], after, strict=False) if lifts > LIFTS)
+    if gap > TAKEN_OVER_S:
+        return f"the receiver held a frame that flies for {1e3 * gap:.0f} ms"
+    if after[-1][1] > LIFTS:
+        return "the last frame flies"
+    lifted_s = max((t for t, thrust in after if thrust > LIFTS), default=-math.inf)
+    return f"a frame that lifts left {lifted_s - struck_s:.2f} s after" if lifted_s > struck_s + RADIO_S else ""
 
 
 def _flying_on(scene: LiveScene, struck_s: float, answers: list[Answer]) -> str:

@@ -1,6 +1,7 @@
 """A station in processes of its own with what hangs on it, and what kills each of them."""
 
 import asyncio
+import contextlib
 import math
 import os
 import signal
@@ -17,24 +18,33 @@ from sim.deck.moments import Moves
 from sim.deck.wire import set_point
 from sim.stage import Stage
 
+PACER = "links.pacer_child"
+"""What paces the frames of a radio, in a process of its own."""
+
 
 class LiveScene:
     """One flight of it; the simulated vehicle is in this process."""
 
-    def __init__(self, folder: Path, config: Config, stage: Stage, broker: Broker, moves: Moves) -> None:
+    def __init__(
+        self, folder: Path, config: Config, stage: Stage, broker: Broker, moves: Moves, radio: RfLinkConfig | None
+    ) -> None:
+        """``radio`` is the module that the commands leave by, where there is one."""
         self.folder, self.config, self.stage, self.broker, self.moves = folder, config, stage, broker, moves
         self.station: asyncio.subprocess.Process
         self.screen: asyncio.subprocess.Process | None = None
+        self.bridge: asyncio.subprocess.Process | None = None
+        """It has the radio module, where the station itself has none."""
         self.log: list[str] = []
         self.frames: list[tuple[float, float]] = []
         """When, and thrust as a share."""
         self.bytes_s: list[float] = []
         """When anything came at all."""
         self.finite = True
-        if isinstance(config.link, RfLinkConfig):
-            codec = config.link.codec()
+        self._stopped: int | None = None
+        if radio is not None:
+            codec = radio.codec()
             self._decoder = codec.decoder()
-            self._channels = Channels(config.link.with_thrust_curve(0.0).map, count=codec.channels, thrust_max_n=1.0)
+            self._channels = Channels(radio.with_thrust_curve(0.0).map, count=codec.channels, thrust_max_n=1.0)
 
     def heard_radio(self, time_s: float, data: bytes) -> None:
         """Bytes for a radio module."""
@@ -69,13 +79,31 @@ class LiveScene:
                 return
             await asyncio.sleep(0.05)
 
-    def recorder(self) -> int:
-        """The number of the recorder's process."""
-        children = Path(f"/proc/{self.station.pid}/task/{self.station.pid}/children").read_text().split()
-        for child in children:
-            if b"groundstation.recording" in Path(f"/proc/{child}/cmdline").read_bytes():
-                return int(child)
-        raise RuntimeError("the station has no recorder")
+    def child(self, module: str) -> int:
+        """The number of the process that runs ``module``, below the station or the bridge."""
+        parents = [process.pid for process in (self.station, self.bridge) if process is not None]
+        for parent in parents:  # grows by the children of each
+            for child in map(int, Path(f"/proc/{parent}/task/{parent}/children").read_text().split()):
+                if module.encode() in Path(f"/proc/{child}/cmdline").read_bytes().split(b"\0"):
+                    return child
+                parents.append(child)
+        raise RuntimeError(f"nobody runs {module}")
+
+    def stop(self, module: str) -> None:
+        """Have what runs ``module`` stand still."""
+        self._stopped = os.pidfd_open(self.child(module))
+        signal.pidfd_send_signal(self._stopped, signal.SIGSTOP)
+
+    async def end(self) -> None:
+        """Leave no process behind: what stands still would not hear that its station is gone."""
+        for process in (self.station, self.screen, self.bridge):
+            if process is not None and process.returncode is None:
+                process.kill()
+                await process.wait()
+        if self._stopped is not None:
+            with contextlib.suppress(ProcessLookupError):
+                signal.pidfd_send_signal(self._stopped, signal.SIGKILL)
+            os.close(self._stopped)
 
     async def show(self) -> None:
         """Have a screen watch, on a terminal of its own."""
@@ -104,7 +132,20 @@ async def _kill(scene: LiveScene) -> None:
 
 
 async def _kill_recorder(scene: LiveScene) -> None:
-    os.kill(scene.recorder(), signal.SIGKILL)
+    os.kill(scene.child("groundstation.recording"), signal.SIGKILL)
+
+
+async def _kill_pacer(scene: LiveScene) -> None:
+    os.kill(scene.child(PACER), signal.SIGKILL)
+
+
+async def _stop_pacer(scene: LiveScene) -> None:
+    scene.stop(PACER)
+
+
+async def _interrupt_bridge(scene: LiveScene) -> None:
+    assert scene.bridge is not None, "the bridge runs"
+    scene.bridge.send_signal(signal.SIGINT)
 
 
 async def _kill_broker(scene: LiveScene) -> None:
@@ -123,6 +164,10 @@ async def _kill_screen(scene: LiveScene) -> None:
 STRIKES: dict[str, Callable[[LiveScene], Awaitable[None]]] = {
     "SIGKILL": _kill,
     "SIGKILL, radio": _kill,
+    "pacer killed": _kill_pacer,
+    "pacer stopped": _stop_pacer,
+    "pacer killed, bridge": _kill_pacer,
+    "bridge interrupted": _interrupt_bridge,
     "recorder failure": _kill_recorder,
     "MQTT broker gone": _kill_broker,
     "TUI crash": _kill_screen,

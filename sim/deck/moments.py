@@ -76,6 +76,7 @@ class Moment:
 
 
 MOMENTS: dict[str, Moment] = {
+    "start": Moment(State.IDLE, 0.0, flying=False),
     "ready": Moment(State.READY, 0.3, flying=False),
     "arming": Moment(State.ARMING, 0.4, flying=False),
     "spool-up": Moment(State.TAKEOFF, 1.0, flying=False),
@@ -86,4 +87,5 @@ MOMENTS: dict[str, Moment] = {
     "landing": Moment(State.LANDING, 0.7),
     "descent": Moment(State.DESCENT, 0.3),
 }
-"""By the name that the deck gives them. ``spool-up`` and ``take-off`` are two parts of one state."""
+"""By the name that the deck gives them. ``start`` is before the first pose comes; ``spool-up`` and ``take-off`` are two
+parts of one state."""

@@ -15,6 +15,7 @@ from links.mavlink import MavlinkLinkConfig
 from links.port import Command, Segment
 from links.rf_codec import RfLinkConfig
 from links.thrust_curve import signal
+from sim.deck.thrust import LIFTS, Thrust
 from sim.inline_pacer import MODULE
 from sim.virtual_streams import Address
 
@@ -26,8 +27,6 @@ AGREES = 2e-6
 """32-bit floats agree so well with what they were made of [-]."""
 INSTANT_S = 2e-6
 """Timers fire up to a clock's tick early or late [s]."""
-LIFTS = 0.01
-"""A smaller share of the thrust lifts nothing."""
 
 
 def set_point(data: bytes) -> tuple[float, float, float, float] | None:
@@ -41,15 +40,14 @@ def set_point(data: bytes) -> tuple[float, float, float, float] | None:
 class Wire:
     """The frames of one flight."""
 
-    def __init__(self, config: Config) -> None:
-        """``config`` says how the commands leave."""
+    def __init__(self, config: Config, thrust: Thrust) -> None:
+        """``config`` says how the commands leave; ``thrust`` hears what each pushes with."""
         self.wrong = ""
         """The first thing that must not have left; empty where there is none."""
-        self.last_lift_s = -math.inf
-        """When a frame last left that lifts."""
         self.last_s = -math.inf
         """When anything last left."""
         self._config = config
+        self._thrust = thrust
         self._commands: deque[Command] = deque(maxlen=4)
         self._port = None
         self._sticks: tuple[Channels, float] | None = None
@@ -82,8 +80,7 @@ class Wire:
     def _frame(self, time_s: float, thrust: float, p: float, q: float, r: float) -> None:
         if not math.isfinite(thrust + p + q + r):
             self._say(f"a number that is not finite left at {time_s:.3f} s")
-        if thrust > LIFTS:
-            self.last_lift_s = time_s
+        self._thrust.told(time_s, thrust)
         # At the very border of two parts either may be meant.
         borders = (time_s - INSTANT_S, time_s + INSTANT_S)
         for due in {_due(command, at_s) for command in self._commands for at_s in borders}:
@@ -103,10 +100,10 @@ class Wire:
             if heard.positions is None:
                 continue
             sticks = channels.read(heard.positions)
-            if sticks.armed and sticks.thrust_n > LIFTS:
-                self.last_lift_s = time_s
-                if not any(_due(command, time_s - lead_s) for command in self._commands):
-                    self._say(f"a frame that lifts left at {time_s:.3f} s, and no command was due then")
+            self._thrust.told(time_s, sticks.thrust_n if sticks.armed else 0.0)
+            lifts = sticks.armed and sticks.thrust_n > LIFTS
+            if lifts and not any(_due(command, time_s - lead_s) for command in self._commands):
+                self._say(f"a frame that lifts left at {time_s:.3f} s, and no command was due then")
 
     def _say(self, wrong: str) -> None:
         self.wrong = self.wrong or wrong

@@ -1,0 +1,329 @@
+"""Obedience monitor: do the poses show what the commands must have done? Sans-IO.
+
+A tracker can lie in ways that no single pose betrays: a picture that stands, another body's name, axes that are
+mirrored, poses that are older than they say. What it cannot do is to answer our commands. So what the commands must
+have made of the vehicle, c, is held against what the poses show, y, over nodes a tenth of a second apart:
+
+- **Attitude.** c is the integral of the modelled body rates, y the turn from node to node, roll and pitch. Wind turns
+  a vehicle hardly at all, so this is the sharp witness: even in a calm hold the law answers the noise of the poses.
+- **Position.** c is the second integral of the modelled thrust along the attitude as seen, y the position; both go
+  through one fading-memory filter of second order (Morrison 1969), which takes out constant acceleration. What is left
+  is what moved within some tenths of a second. Wind moves the picture first and the law follows: then y and c
+  oppose each other weakly. A mirrored or turned picture answers with the command's own image.
+
+The evidence is a log likelihood ratio between "it obeys" (y = c and noise) and its rival, summed with fading memory and
+never below zero (Page's CUSUM, Biometrika 41, 1954):
+
+- attitude: the rival is a picture that does not answer, y = noise; half an answer counts for neither. A rate lag or
+  a gain that is told wrong by half leaves y on the side of c.
+- axes: the rival is the best of the seven other maps of the two horizontal axes onto themselves (mirrored, swapped,
+  turned by quarter turns), and for the vertical one its mirror image; it must also beat a picture that stands.
+- stillness: |y| is a tenth of |c| and less, where wind that the law cancels, one delay late, leaves three. This alone
+  is a suspicion: a tether that holds the vehicle looks the same.
+
+The scale of the noise is measured while nothing is suspicious, and grows where neither rival explains y: a hand, a
+push or a reset speaks for neither. docs/explanation/guards.md has the curve of detection time against false alarms.
+"""
+
+import math
+from collections import deque
+from typing import NamedTuple
+
+from groundstation.control.model import Driven, Motion
+from groundstation.ops import Quat
+from groundstation.poses.port import Pose
+
+NODE_S = 0.1
+"""Time between two nodes [s]."""
+GAP_S = 0.2
+"""Poses further apart than this begin anew [s]: between them the model has gone astray."""
+FADE_S = 4.0
+"""Evidence fades with this time constant [s]."""
+LEARN_S = 4.0
+"""So does what is known of the noise [s]."""
+CALM = 2.0
+"""Noise is learnt while the evidence is below this."""
+CAP, CAP_IMAGE = 6.0, 10.0
+"""Most that one node may say, of an image and of all else: a single outlier convicts nobody."""
+CONVICTS, IMAGE_CONVICTS = 14.0, 10.0
+"""Evidence that convicts: e^14, a million to one, for each of the windows looked at; of an image, which must explain
+better than both a vehicle that obeys and a picture that stands, e^10."""
+SUSPECTS, STILL_SUSPECTS = 0.5, 0.7
+"""Share of it that is a suspicion; of a position that stands."""
+STOPPED = 0.7
+"""What a position that has just left its way counts as, until it moves again [-]."""
+UNEXPLAINED, IMAGE = 8.0, 2.0
+"""A node that neither rival explains counts by so much less than its square [-]; an image must explain well."""
+ANSWER = 0.8
+"""An answer of half this share of the command speaks for neither [-]: attitude."""
+TURN_NOISE_RAD, TURN_FLOOR_RAD = 0.004, 0.0025
+"""Noise of a turn between two nodes, to begin with and at least [rad]."""
+WIND_M, WIND_RISES, WIND_FALLS = 0.02, 0.2, 0.03
+"""What wind leaves in the position's filter at least, 1σ [m], and how fast more and less of it are learnt from a node."""
+STILL, LIVELY = 0.05, 0.3
+"""Shares of the command that a picture that stands, and one that wind moves, show at most and at least [-]."""
+MOVES = 16.0
+"""A position that leaves its way by so much more than its noise, squared, moves [-]."""
+ARREST_M, ARREST_S, STANDS_M = 0.02, 0.4, 0.01
+"""A position that leaves its way by so much more than commands make it [m], 4 m/s², and then for so long [s] stays
+within so much [m] has been stopped dead: no wind does that."""
+FILTER_NOISE = 2.0
+"""The filter's innovation has so much of a pose's own noise [-]."""
+THETA = 0.6
+"""Memory of the filter: what it knows fades by this factor from node to node [-]."""
+ALPHA, BETA, GAMMA = 1.0 - THETA**3, 1.5 * (1.0 - THETA**2) * (1.0 - THETA), (1.0 - THETA) ** 3
+EXPANDS = 8
+"""For so many nodes after the first the filter's memory expands."""
+SETTLES = 5
+"""So many nodes the filter takes to know velocity and acceleration."""
+LAGS_S = 1.2
+"""Turns of so long are kept to look for a lateness in them [s]."""
+
+
+class Filter:
+    """Fading-memory filter of second order for one axis: position, velocity, acceleration.
+
+    It begins with the gains of the expanding memory (a parabola through all so far), until those are the smaller ones.
+    """
+
+    __slots__ = ("_a", "_n", "_v", "_x")
+
+    def __init__(self, x: float) -> None:
+        """Nothing is known yet but a first ``x`` [m]."""
+        self._x, self._v, self._a, self._n = x, 0.0, 0.0, 0
+
+    def innovation(self, x: float, h: float) -> float:
+        """How far ``x`` is from where it was heading ``h`` [s] ago [m]; the state moves on."""
+        alpha, beta, gamma = ALPHA, BETA, GAMMA
+        if self._n < EXPANDS:
+            self._n += 1
+            alpha, beta, gamma = _expanding(self._n)
+        ahead, speed = self._x + h * (self._v + 0.5 * h * self._a), self._v + h * self._a
+        i = x - ahead
+        self._x, self._v, self._a = ahead + alpha * i, speed + beta * i / h, self._a + gamma * i / (h * h)
+        return i
+
+
+def _expanding(n: int) -> tuple[float, float, float]:
+    """Gains for the ``n``-th point after the first, of the least-squares parabola, but at least the fading ones."""
+    if n == 1:
+        return 1.0, 1.0, 0.0
+    d = (n + 1.0) * (n + 2.0) * (n + 3.0)
+    alpha, beta, gamma = 3.0 * (3.0 * n * n + 3.0 * n + 2.0) / d, 18.0 * (2.0 * n + 1.0) / d, 60.0 / d
+    return max(alpha, ALPHA), max(beta, BETA), max(gamma, GAMMA)
+
+
+class Evidence(NamedTuple):
+    """What speaks against the poses, as shares of what convicts."""
+
+    attitude: float
+    """They do not turn as the commands turn the vehicle."""
+    axes: float
+    """They move as a mirrored or turned image of it."""
+    still: float
+    """They stand where the vehicle is pushed: never more than a suspicion."""
+
+    @property
+    def suspicious(self) -> bool:
+        """Whether nothing should be learnt from the poses."""
+        return max(self.attitude, self.axes) >= SUSPECTS or self.still >= STILL_SUSPECTS
+
+
+class Obedience:
+    """One flight's. Fed with each pose and what the commands did since the last one."""
+
+    def __init__(self, mass_kg: float, gravity: float) -> None:
+        """Take the vehicle's mass as told [kg] and g [m/s²]."""
+        self._mass, self._gravity = mass_kg, gravity
+        self._turn_variance = [TURN_NOISE_RAD**2] * 2
+        self._bias = [0.0, 0.0]
+        self._wind = [WIND_M**2] * 2
+        self.windows = 0
+        """Nodes looked at."""
+        self.largest = 0.0
+        """Largest share of what convicts that was ever reached, attitude or axes [-]."""
+        self.calm_s = -math.inf
+        """When nothing was suspicious last: poses of before are to be trusted [s]."""
+        self._turns: deque[tuple[float, float, float, float, float]] = deque()
+        self.restart()
+
+    def restart(self) -> None:
+        """It has just left the floor, or was let go in the air: what was seen before counts no more."""
+        self._attitude, self._maps, self._still = 0.0, [0.0] * 8, 0.0
+        self._last: Quat | None = None
+        self._arrest: Pose | None = None
+        self._stopped_s = 0.0
+        self._turns.clear()
+
+    @property
+    def evidence(self) -> Evidence:
+        """As it stands."""
+        still = self._still / CONVICTS
+        if self._stopped_s > NODE_S:
+            still = max(still, STOPPED if self._stopped_s < ARREST_S else 1.0)
+        return Evidence(self._attitude / CONVICTS, max(self._maps) / IMAGE_CONVICTS, still)
+
+    def pose(self, pose: Pose, before: Motion, given: Driven, dt: float, noise_m: float, *, counts: bool) -> bool:
+        """Take one pose; whether it was a node, with new evidence.
+
+        Args:
+            pose: the newest.
+            before: the motion at the pose before.
+            given: what the commands have made of that since.
+            dt: time since then [s].
+            noise_m: position noise of the poses as measured, 1σ per axis [m].
+            counts: False near the floor, which holds the vehicle, too.
+        """
+        last, self._last = self._last, pose.attitude
+        if last is None or dt > GAP_S or not counts or pose.reset_count != self._resets:
+            self._begin(pose)
+            return False
+        x, y = _turn(last, pose.attitude)
+        self._seen_x += x
+        self._seen_y += y
+        x, y = _turn(before.attitude, given.attitude)
+        self._told_x += x
+        self._told_y += y
+        half = 0.5 * dt
+        m, (ix, iy, iz), (sx, sy, sz), g = -1.0 / self._mass, given.impulse, given.reach, self._gravity
+        (px, py, pz), (vx, vy, vz) = self._pushed, self._speed
+        self._pushed = (px + dt * vx + m * sx, py + dt * vy + m * sy, pz + dt * (vz + half * g) + m * sz)
+        self._speed = (vx + m * ix, vy + m * iy, vz + m * iz + g * dt)
+        h = pose.time_s - self._node_s
+        if h < NODE_S - 1e-6:
+            return False
+        self._node(pose, h, noise_m)
+        return True
+
+    def lateness_s(self) -> float:
+        """By how much later than they say the poses follow the commands [s]; 0 where no lateness explains them.
+
+        The newest turns are held against those that the commands must have made up to half a second earlier.
+        """
+        turns = list(self._turns)
+        if len(turns) < 8:
+            return 0.0
+        h = (turns[-1][0] - turns[0][0]) / (len(turns) - 1)
+        newest = turns[len(turns) // 2 :]
+        first = len(turns) - len(newest)
+        power = sum(one[1] ** 2 + one[2] ** 2 for one in newest)
+        left: list[float] = []
+        for back in range(min(first, int(0.5 / h)) + 1):
+            told = turns[first - back : len(turns) - back]
+            left.append(
+                sum((s[1] - t[3]) ** 2 + (s[2] - t[4]) ** 2 for s, t in zip(newest, told, strict=True))
+                / max(power, 1e-9)
+            )
+        best = min(range(len(left)), key=left.__getitem__)
+        return best * h if left[best] < LATE_EXPLAINS and left[best] < 0.5 * left[0] else 0.0
+
+    def _begin(self, pose: Pose) -> None:
+        self._resets, self._node_s = pose.reset_count, pose.time_s
+        self._seen_x = self._seen_y = self._told_x = self._told_y = 0.0
+        self._pushed = self._speed = (0.0, 0.0, 0.0)
+        self._seen = [Filter(x) for x in pose.position_ned]
+        self._told = [Filter(0.0) for _ in range(3)]
+        self._nodes = 0
+
+    def _node(self, pose: Pose, h: float, noise_m: float) -> None:
+        self._node_s = pose.time_s
+        self.windows += 1
+        self._nodes += 1
+        fade, learn = 1.0 - h / FADE_S, h / LEARN_S
+        turn = self._seen_x, self._seen_y, self._told_x, self._told_y
+        self._seen_x = self._seen_y = self._told_x = self._told_y = 0.0
+        self._turns.append((pose.time_s, *turn))
+        while self._turns[0][0] < pose.time_s - LAGS_S:
+            self._turns.popleft()
+        says = self._turned(turn[0], turn[2], 0, learn) + self._turned(turn[1], turn[3], 1, learn)
+        self._attitude = max(0.0, self._attitude * fade + min(says, CAP))
+        # What the filter does not know grows with the square of the time.
+        k = min(1.0, NODE_S * NODE_S / (h * h))
+        y = [k * f.innovation(x, h) for f, x in zip(self._seen, pose.position_ned, strict=True)]
+        c = [k * f.innovation(x, h) for f, x in zip(self._told, self._pushed, strict=True)]
+        if h > 1.5 * NODE_S:
+            self._nodes = min(self._nodes, SETTLES - 2)  # poses were missing: the filter must find its way again
+        if self._nodes > SETTLES:
+            self._across(y[0], y[1], c[0], c[1], fade)
+            self._down(y[2], c[2], fade)
+            self._stands(pose, y, c, fade, FILTER_NOISE * noise_m)
+        attitude, axes, still = self.evidence
+        self.largest = max(self.largest, attitude, axes)
+        if max(attitude, axes, still) < CALM / CONVICTS:
+            self.calm_s = pose.time_s
+
+    def _stands(self, pose: Pose, y: list[float], c: list[float], fade: float, noise_m: float) -> None:
+        """What one node says of a position that stands; ``noise_m`` is the filter's own [m]."""
+        own, says = noise_m * noise_m, 0.0
+        for seen, told in zip(y, c, strict=True):
+            square = seen * seen
+            a, b = own + (STILL * told) ** 2, own + (LIVELY * told) ** 2
+            if square > max(MOVES * own, b):
+                says -= CAP  # whatever moves it, it is no picture
+            else:
+                says += 0.5 * math.log(b / a) - 0.5 * square * (1.0 / a - 1.0 / b)
+        self._still = max(0.0, self._still * fade + max(-CAP, min(says, CAP)))
+        arrest = self._arrest
+        if arrest is not None:
+            moved = math.dist(arrest.position_ned, pose.position_ned)
+            self._stopped_s = pose.time_s - arrest.time_s
+            if moved > STANDS_M + 2.0 * noise_m or self._stopped_s > 2.0 * ARREST_S:
+                self._arrest, self._stopped_s = None, 0.0
+        if math.hypot(*y) - math.hypot(*c) > max(ARREST_M, 3.0 * math.sqrt(max(self._wind))):
+            # It leaves its way, and not by our doing: a gust, a hand, or the end of what was true.
+            self._arrest = pose
+
+    def _turned(self, y: float, told: float, axis: int, learn: float) -> float:
+        """What one node says of roll or pitch; a constant offset of the rates is the vehicle's trim."""
+        c = told + self._bias[axis]
+        r = y - c
+        variance = self._turn_variance[axis]
+        best = min(r * r, y * y)
+        self._turn_variance[axis] = max(variance + learn * (min(best, 9.0 * variance) - variance), TURN_FLOOR_RAD**2)
+        if self._attitude < CALM:
+            most = 3.0 * math.sqrt(variance)
+            self._bias[axis] += learn * max(-most, min(most, r))
+        return ANSWER * c * (ANSWER * c - 2.0 * y) / (2.0 * max(variance, best / UNEXPLAINED))
+
+    def _across(self, x: float, y: float, cx: float, cy: float, fade: float) -> None:
+        """What one node says of the two horizontal axes."""
+        xx, yy, xy, yx = x * cx, y * cy, x * cy, y * cx
+        told, seen = cx * cx + cy * cy, x * x + y * y
+        wind, both = self._wind[0], seen + told
+        rest = min(both - 2.0 * (xx + yy), seen)
+        best = rest
+        for i, image in enumerate((-xx - yy, yy - xx, xx - yy, xy + yx, -xy - yx, yx - xy, xy - yx)):
+            off = both - 2.0 * image
+            self._maps[i] = _summed(self._maps[i], fade, rest - off, max(wind, off / IMAGE))
+            best = min(best, off)
+        self._wind[0] = _learnt(wind, 0.5 * best)
+
+    def _down(self, z: float, c: float, fade: float) -> None:
+        """What one node says of the vertical axis."""
+        off, wind = (z + c) ** 2, self._wind[1]
+        rest = min((z - c) ** 2, z * z)
+        self._maps[7] = _summed(self._maps[7], fade, rest - off, max(wind, off / IMAGE))
+        self._wind[1] = _learnt(wind, min(rest, off))
+
+
+def _learnt(wind: float, best: float) -> float:
+    """The variance that wind leaves [m²], after a node that the best rival explains but for ``best`` [m²]."""
+    share = WIND_RISES if best > wind else WIND_FALLS
+    return max(wind + share * (min(best, 9.0 * wind) - wind), WIND_M * WIND_M)
+
+
+LATE_EXPLAINS = 0.35
+"""A lateness explains the turns where it leaves less than this share of their power [-]."""
+
+
+def _turn(a: Quat, b: Quat) -> tuple[float, float]:
+    """The small turn from ``a`` to ``b`` about body x and y [rad]."""
+    w, x, y, z = a
+    p, q, r, s = b
+    k = 2.0 if w * p + x * q + y * r + z * s > 0.0 else -2.0
+    return k * (w * q - x * p - y * s + z * r), k * (w * r + x * s - y * p - z * q)
+
+
+def _summed(evidence: float, fade: float, gain: float, variance: float) -> float:
+    """The evidence after a node in which a rival explains ``gain`` [m²] more."""
+    return max(0.0, evidence * fade + max(-CAP_IMAGE, min(gain / (2.0 * variance), CAP_IMAGE)))

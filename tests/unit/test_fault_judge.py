@@ -1,0 +1,222 @@
+"""The judge of the fault table can find fault: each limit is broken by a made-up flight, and kept just below it."""
+
+from collections.abc import Callable
+
+import pytest
+
+from groundstation import so3
+from groundstation.ops import Vec3
+from sim.deck.deal import cells
+from sim.deck.exemptions import REASONS, Exemption
+from sim.deck.fault import Fault, Poses
+from sim.deck.faults import FAULTS, FROM_START, OBEYING
+from sim.deck.moments import MOMENTS
+from sim.deck.table import page
+from sim.deck.thrust import Thrust
+from sim.deck.truth import Truth
+from sim.deck.verdict import LIMITS, Answer, Row, judged
+from sim.plant import Body
+from sim.prepare import prepare
+from sim.quadrotor import Quadrotor
+from sim.scenarios import SCENARIOS
+from sim.wind import Wind
+
+FALSE = Fault("made up", poses=Poses.FALSE)
+TRUE = Fault("made up")
+ANSWER = (0.4, "descent", "convicted: it does not obey")
+STRUCK_S = 0.1
+
+
+def moved(
+    place: Callable[[float], Vec3], *, speed_m_s: float = 0.0, lean_rad: float = 0.0, course: bool = False
+) -> Truth:
+    """The truth of a vehicle that a hand leads along ``place`` for 1 s, struck at 0.1 s; ``course``: as it is told."""
+    world, _ = prepare(SCENARIOS["paper"], [])
+    truth = Truth(world.floor_z_m)
+    plant = Quadrotor(world, Wind(world, iter(())), truth.step)
+    truth.plant = plant
+    plant.release(0.0)
+    attitude = so3.from_euler_zyx(lean_rad, 0.0, 0.0)
+    plant.lead = lambda time_s, thrust: Body(place(time_s), (0.0, speed_m_s, 0.0), attitude, thrust, (0.0, 0.0, 0.0))
+    for k in range(1, 101):
+        if k == 10:
+            plant.advance(STRUCK_S)
+            truth.strike(STRUCK_S)
+        plant.advance(0.01 * k)
+        if course:
+            truth.refer(0.01 * k, place(0.01 * k), (0.0, 0.0, 0.0), 0.01 * k)
+    return truth
+
+
+def verdict(
+    fault: Fault = FALSE,
+    truth: Truth | None = None,
+    *answers: Answer,
+    thrust: Thrust | None = None,
+    touchdown_m_s: float | None = None,
+    land_s: float | None = None,
+    exemption: Exemption = Exemption.NONE,
+    state: str = "hold",
+) -> Row:
+    """The row of a made-up flight; of one that stood still where nothing else is told."""
+    return judged(
+        "made up", fault, state, moved(lambda t: (0.0, 0.0, -1.0)) if truth is None else truth, answers,
+        wrong="", exemption=exemption, begun_s=0.0, drift_m=0.0, touchdown_m_s=touchdown_m_s, thrust=thrust,
+        land_s=land_s,
+    )  # fmt: skip
+
+
+def told(*signals: tuple[float, float], held_s: float = 0.3) -> Thrust:
+    """Commands (when, as a share of what hovers) after an answer at 1 s."""
+    thrust = Thrust(1.0, lambda time_s, signal: signal, held_s)
+    thrust.answered_s = 1.0
+    for time_s, signal in signals:
+        thrust.told(time_s, signal)
+    thrust.end(9.0)
+    return thrust
+
+
+def test_a_vehicle_that_stays_where_it_is_is_safe() -> None:
+    row = verdict()
+    assert row.safe, row.why
+    assert (row.struck_s, row.answer_ms, row.exemption) == (STRUCK_S, None, "")
+
+
+@pytest.mark.parametrize(("rise_m", "safe"), [(0.99, True), (1.02, False)])
+def test_it_may_rise_by_a_metre(rise_m: float, *, safe: bool) -> None:
+    row = verdict(TRUE, moved(lambda t: (0.0, 0.0, -1.0 - rise_m * max(t - STRUCK_S, 0.0) / 0.9)))
+    assert (row.safe, "it rose" in row.why) == (safe, not safe)
+    assert row.highest_m == pytest.approx(rise_m, abs=1e-3)
+
+
+def test_by_another_bodys_poses_it_may_rise_less_before_it_left_the_floor() -> None:
+    up = moved(lambda t: (0.0, 0.0, -max(t - STRUCK_S, 0.0)))
+    body = FAULTS["body at rest"]._replace(poses=Poses.TRUE)
+    assert "it rose 0.90 m" in verdict(body, up, state="spool-up").why
+    assert verdict(body, up, state="hold").safe
+
+
+@pytest.mark.parametrize(("far_m", "safe"), [(2.95, True), (3.05, False)])
+def test_it_may_go_three_metres_sideways(far_m: float, *, safe: bool) -> None:
+    row = verdict(TRUE, moved(lambda t: (0.0, far_m * max(t - STRUCK_S, 0.0) / 0.9, -1.0)))
+    assert (row.safe, "sideways" in row.why) == (safe, not safe)
+
+
+def test_what_follows_its_course_goes_neither_up_nor_sideways() -> None:
+    row = verdict(TRUE, moved(lambda t: (5.0 * t, 0.0, -1.0 - 2.0 * t), course=True))
+    assert row.safe, row.why
+    assert row.sideways_m < 0.1
+    assert row.highest_m < 0.1
+
+
+@pytest.mark.parametrize(("speed_m_s", "safe"), [(2.95, True), (3.05, False)])
+def test_it_may_move_at_three_metres_a_second(speed_m_s: float, *, safe: bool) -> None:
+    fast = moved(lambda t: (0.0, 0.0, -1.0), speed_m_s=speed_m_s)
+    row = verdict(TRUE, fast)
+    assert (row.safe, "it moved at" in row.why) == (safe, not safe)
+    assert verdict(TRUE, fast, exemption=Exemption.NO_MOTORS).safe
+
+
+def test_it_may_lean_by_sixty_degrees() -> None:
+    assert verdict(TRUE, moved(lambda t: (0.0, 0.0, -1.0), lean_rad=1.0)).safe
+    tipped = moved(lambda t: (0.0, 0.0, -1.0), lean_rad=1.1)
+    assert "it leant by 63°" in verdict(TRUE, tipped).why
+    assert "it leant" in verdict(TRUE, tipped, exemption=Exemption.WEAK).why
+    assert verdict(TRUE, tipped, exemption=Exemption.NO_LINK).safe
+
+
+@pytest.mark.parametrize(
+    ("link", "poses", "most_m_s"),
+    [
+        ("mavlink", Poses.GONE, 1.0),
+        ("mavlink", Poses.TRUE, 1.0),
+        ("dsm", Poses.TRUE, 1.0),
+        ("dsm", Poses.GONE, 2.5),
+        ("dsm", Poses.FALSE, 2.5),
+    ],
+)
+def test_how_hard_it_may_meet_the_floor_depends_on_who_brings_it_down(link: str, poses: Poses, most_m_s: float) -> None:
+    fault = Fault("made up", link=link, poses=poses)
+    assert verdict(fault, touchdown_m_s=most_m_s - 0.01).safe
+    assert "it met the floor" in verdict(fault, touchdown_m_s=most_m_s + 0.01).why
+    assert verdict(fault, touchdown_m_s=most_m_s + 0.01, exemption=Exemption.WEAK).safe
+
+
+def test_after_the_answer_no_command_pushes_with_more_than_a_quarter_above_hovering() -> None:
+    assert verdict(thrust=told((1.1, 1.25), (1.2, 0.9), (1.3, 0.0))).safe
+    hard = told((0.9, 2.0), (1.1, 1.26), (1.2, 0.0))
+    assert "1.26x what hovers" in verdict(thrust=hard).why
+    assert verdict(TRUE, thrust=hard).safe  # whoever sees may push as he must
+    assert verdict(thrust=told((0.9, 2.0), (1.1, 0.0))).safe  # before the answer
+
+
+def test_after_the_answer_commands_push_above_hovering_for_half_a_second_in_all() -> None:
+    assert told((1.0, 1.1), (1.2, 1.0), (1.5, 1.1), (1.7, 0.9)).over_s == pytest.approx(0.4)
+    assert told((1.0, 1.1)).over_s == pytest.approx(0.3)  # it is held for no longer
+    long = told((1.0, 1.1), (1.3, 1.1), (1.6, 0.9))
+    row = verdict(thrust=long)
+    assert row.over_hover_s == pytest.approx(0.6)
+    assert "more than what hovers for 0.60 s" in row.why
+
+
+def test_nothing_lifts_any_more_after_the_bring_down_or_once_land_is_acknowledged() -> None:
+    assert verdict(thrust=told((3.7, 0.9), (3.8, 0.0))).safe
+    assert "2.80 s after the answer" in verdict(thrust=told((3.8, 0.9), (3.9, 0.0))).why
+    assert verdict(thrust=told((1.5, 0.9)), land_s=1.45).safe
+    assert "after LAND was acknowledged" in verdict(thrust=told((1.6, 0.9)), land_s=1.45).why
+    assert "after LAND was acknowledged" in verdict(TRUE, thrust=told((1.6, 0.9)), land_s=1.45).why
+
+
+def test_who_flies_on_with_false_poses_stays_near_the_course() -> None:
+    off = moved(lambda t: (0.0, 0.0, -1.0))
+    off.off_m = 0.51
+    assert "it flew on 0.51 m off its course" in verdict(FALSE, off).why
+    assert verdict(FALSE, off, ANSWER).safe
+    assert verdict(TRUE, off).safe
+    assert verdict(FALSE, off, exemption=Exemption.NOT_OBSERVABLE).safe
+    off.off_m = 0.49
+    assert verdict(FALSE, off).safe
+
+
+def test_true_poses_of_a_vehicle_that_obeys_must_not_be_convicted() -> None:
+    pushed = TRUE._replace(obeys=True)
+    assert "true poses were convicted" in verdict(pushed, None, ANSWER).why
+    assert verdict(pushed, None, (0.4, "landing", "0.6 m from where it should be")).safe
+    assert verdict(TRUE, None, ANSWER).safe
+
+
+def test_the_answer_is_counted_from_the_strike() -> None:
+    row = verdict(FALSE, None, ANSWER, (0.6, "aborted", "down"))
+    assert (row.answer_ms, row.reaction, row.why) == (300.0, "descent → aborted", ANSWER[2])
+
+
+def test_exemptions_are_a_closed_table_and_each_is_used_and_explained() -> None:
+    assert set(REASONS) == set(Exemption) - {Exemption.NONE}
+    assert {fault.exemption for fault in FAULTS.values()} == set(Exemption) - {Exemption.WEAK}  # found in flight
+    exempted = {name for name, fault in FAULTS.items() if fault.exemption}
+    assert exempted == {"serial unplug", "autopilot reboot", "partner", "drift 0.1 m/s", "drift 0.3 m/s"}
+
+
+def test_the_table_has_at_least_45_faults_and_350_cells_on_both_links() -> None:
+    assert len(FAULTS) >= 45
+    assert len(cells()) >= 350
+    assert len(set(cells())) == len(cells())
+    assert {fault.link for fault in FAULTS.values()} == {"mavlink", "dsm"}
+    assert set(OBEYING) <= {name for name, fault in FAULTS.items() if fault.obeys and fault.poses is Poses.TRUE}
+    for name, fault in FAULTS.items():
+        assert set(fault.states) <= set(MOMENTS), name
+        assert (fault.strike is None) <= bool(fault.live), name
+    assert set(FROM_START) == set(MOMENTS)
+
+
+def test_the_page_says_every_limit_and_every_exemption_and_what_is_unsafe() -> None:
+    good, bad = verdict(), verdict(thrust=told((1.1, 1.3)))
+    rows = [type(row)(**{k: getattr(row, k) for k in row.__struct_fields__} | {"fault": "gust"}) for row in (good, bad)]
+    text = page(rows, "groundstation-sim faults")
+    for what, most in LIMITS:
+        assert f"| {what} | {most} |" in text
+    for word, why in REASONS.items():
+        assert f"| {word} | {why} |" in text
+    assert "**NO** | after the answer a command pushed with 1.30x what hovers |" in text
+    heads = [line for line in text.splitlines() if line.startswith("| in |")]
+    assert heads[0].count("|") == text.splitlines()[-2].count("|")
