@@ -132,6 +132,9 @@ def parser() -> argparse.ArgumentParser:
     replay.add_argument("--set", action="append", default=[], dest="overrides", metavar="KEY=VALUE")
     replay.add_argument("--config", type=Path, metavar="FILE.toml")
     replay.add_argument("--json", action="store_true", help="print one JSON object instead of the report")
+    replay.add_argument(
+        "--trust-modules", action="store_true", help="import the controller's module that LOG names: its code runs here"
+    )
 
     logs = commands.add_parser("logs", help="list the recorded flights with their headline numbers")
     _config_arguments(logs, optional=True, metavar="CONFIG.toml|DIR")

@@ -10,7 +10,7 @@ from groundstation.ops import Vec3
 from groundstation.poses.mavlink import MavlinkPoseConfig
 from groundstation.poses.others import Others
 from groundstation.poses.port import Pose
-from groundstation.preflight import look, refused
+from groundstation.preflight import is_simulated, look, refused
 from groundstation.separation import Separation
 from groundstation.settings import Config
 from groundstation.so3 import angle_deg, third_column
@@ -20,6 +20,7 @@ from groundstation.verdict import Check, Verdict
 from groundstation.witness import ASKEW_DEG, Testimony
 from links.mavlink import MavlinkLinkConfig
 from links.port import LinkStatus
+from links.rf_codec import RfLinkConfig
 
 LOOK_S = 1.2
 """Poses are looked at for so long before the first checks [s]."""
@@ -58,7 +59,7 @@ class Checks:
         self._separation = None if others is None else Separation(config.separation, others)
         self._fence = None if config.fence is None else Fence(config.fence, config.flight.floor_z_m)
         self._trajectory = config.trajectory.build()
-        self._still = [self._flyable(), self._certificate(), self._take_off()]
+        self._still = [self._flyable(), self._certificate(), self._take_off(), *self._simulated()]
 
     def __call__(
         self, standing: Standing, noise_m: float, link: LinkStatus, now_s: float, witness: Testimony | None = None
@@ -245,6 +246,15 @@ class Checks:
             f"{says}, by takeoff.thrust_limit: with wrong poses or a wrong mass it jumps higher than by {usual:.3g} N"
         )
         return Check("take-off thrust", Verdict.WARN, more)
+
+    def _simulated(self) -> list[Check]:
+        """A word that takes guards away must not stay in a configuration unseen."""
+        link = self._config.link
+        if not (isinstance(link, RfLinkConfig) and link.simulated):
+            return []
+        believed = "no fence and no speed limit are asked for" if is_simulated(link) else "not believed of this port"
+        says = f"link.simulated = true: {believed}. Behind {link.port} no module may be; else take it out"
+        return [Check("simulated", Verdict.WARN, says)]
 
     def _certificate(self) -> Check:
         law = self._config.controller

@@ -129,7 +129,7 @@ def replay(args: argparse.Namespace) -> int:
 
         if args.config is not None:
             raise ConfigError("--config", "a recording has its own configuration: change it with --set")
-        return replay.replay_command(args.file, args.overrides, as_json=args.json)
+        return replay.replay_command(args.file, args.overrides, as_json=args.json, trust_modules=args.trust_modules)
     from groundstation.shadow import replay_command
 
     return replay_command(args.file, args.config, args.overrides, as_json=args.json)

@@ -5,14 +5,13 @@ A table needs only the keys that it changes: the rest comes from the field's def
 Some sections may name a file of their own (a vehicle, a CSV, a key): its path is relative to the configuration's.
 """
 
-import tomllib
 from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any, TypeVar
 
 import msgspec
 
-from groundstation.config_files import beside, with_files
+from groundstation.config_files import beside, toml, with_files
 from groundstation.config_schema import KeyPath, Problem, completed, dotted
 
 T = TypeVar("T", bound=msgspec.Struct)
@@ -38,13 +37,13 @@ def load(path: Path | None, root: type[T], overrides: Sequence[str] = ()) -> T:
     if path is None:
         return from_dict({}, root, overrides)
     try:
-        data = tomllib.loads(path.read_bytes().decode())
+        data = toml(path.read_bytes().decode())
     except OSError as error:
         raise ConfigError("", f"cannot read the configuration: {error.strerror}", str(path)) from None
     except UnicodeDecodeError as error:
         raise ConfigError("", f"not UTF-8 text (byte {error.start})", str(path)) from None
-    except (tomllib.TOMLDecodeError, RecursionError) as error:
-        raise ConfigError("", f"not valid TOML: {error}", str(path)) from None
+    except ValueError as error:
+        raise ConfigError("", str(error), str(path)) from None
     return from_dict(beside(data, path.parent), root, overrides, source=str(path), folder=path.parent)
 
 
@@ -103,8 +102,8 @@ def _override(data: dict[str, Any], text: str) -> KeyPath:
 
 def _toml_value(text: str) -> Any:
     try:
-        parsed = tomllib.loads(f"value = {text}")
-    except (tomllib.TOMLDecodeError, RecursionError):
+        parsed = toml(f"value = {text}")
+    except ValueError:
         return text
     return parsed["value"] if len(parsed) == 1 else text
 

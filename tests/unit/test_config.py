@@ -11,6 +11,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from groundstation.config import ConfigError, dump, from_dict, load
+from groundstation.fleet.plan import read_fleet
+from groundstation.settings import Config
 
 Positive = Annotated[float, msgspec.Meta(gt=0)]
 
@@ -338,3 +340,38 @@ def test_a_key_a_password_or_a_certificate_is_beside_the_configuration_wherever_
     (tmp_path / "again.toml").write_text(dump(config))
     assert load(tmp_path / "again.toml", Keys) == config
     assert load(file, Keys, ["mqtt.key_file=z.key"]).mqtt.key_file == "z.key"
+
+
+DEEP = ".".join(["a"] * 20_000)
+NESTED = {
+    "dotted keys": f"{DEEP} = 1\n",
+    "dotted keys in a section": f"[controller]\n{DEEP} = 1\n",
+    "a header": f"[{DEEP}]\n",
+    "arrays": f"x = {'[' * 20_000}{']' * 20_000}\n",
+    "fewer arrays": f"x = {'[' * 90}{']' * 90}\n",
+    "tables": f"x = {'{a=' * 90}1{'}' * 90}\n",
+}
+
+
+@pytest.mark.parametrize("text", NESTED.values(), ids=NESTED)
+def test_what_is_nested_without_end_is_refused_by_the_name_of_its_file(text: str, tmp_path: Path) -> None:
+    path = tmp_path / "deep.toml"
+    path.write_text(text)
+    (tmp_path / "flat.toml").write_text("[vehicle]\nfile = 'deep.toml'\n")
+    with pytest.raises(ConfigError, match="16 deep") as error:
+        load(path, Config)
+    assert str(error.value).startswith(f"{path}: no configuration")
+    with pytest.raises(ConfigError, match="16 deep") as error:
+        load(tmp_path / "flat.toml", Config)
+    assert "vehicle.file: deep.toml: no configuration" in str(error.value)
+    with pytest.raises(ConfigError, match="16 deep") as error:
+        read_fleet(path)
+    assert str(path) in str(error.value)
+
+
+@pytest.mark.parametrize("key", [DEEP, f"controller.{DEEP}", f"mqtt.requests.clients.{DEEP}", "vehicle.mass_kg"])
+@pytest.mark.parametrize("value", ["[" * 20_000 + "]" * 20_000, "[" * 90 + "]" * 90])
+def test_an_override_nested_without_end_is_refused_as_any_other(key: str, value: str) -> None:
+    with pytest.raises(ConfigError) as error:
+        load(None, Config, [f"{key}={value}"])
+    assert str(error.value).startswith("--set: ")
