@@ -60,7 +60,11 @@ def parser() -> argparse.ArgumentParser:
     doctor = commands.add_parser("doctor", help="look at the autopilot's parameters; set one on request, disarmed only")
     _config_arguments(doctor)
     doctor.add_argument(
-        "--fix", metavar="NAME[=VALUE]", help="set one parameter, to the recommended value without VALUE"
+        "--fix",
+        action="append",
+        default=[],
+        metavar="NAME[=VALUE]",
+        help="set one parameter, to the recommended value without VALUE; may be repeated",
     )
     doctor.add_argument("--restore", type=Path, metavar="FILE", help="put back the old value that --fix has kept")
     doctor.add_argument("--yes", action="store_true", help="do not ask before setting it")
