@@ -189,6 +189,8 @@ class Checks:
         if link.state != "connected":
             return Check("ready to arm", Verdict.FAIL, f"the link is {link.state}: {link.text}".rstrip(": "))
         said = f"; it said last: “{link.text}”" if link.text else ""
+        if link.unfit:
+            return Check("ready to arm", Verdict.FAIL, link.unfit)
         if link.ready is False:  # a warning: they may ask for what only its present mode needs, and arming tells
             says = "its own pre-arm checks do not pass, so it may refuse to arm: QGroundControl lists what they lack"
             return Check("ready to arm", Verdict.WARN, says + said)

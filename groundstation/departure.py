@@ -100,7 +100,7 @@ class Departure:
     async def _stand(self) -> None:
         """Look at the vehicle as it stands for a moment."""
         self._look = Checks(self._config, self._others)
-        await asyncio.sleep(LOOK_S)
+        await asyncio.gather(asyncio.sleep(LOOK_S), self._link.examine())
 
     def _checked(self) -> tuple[str, list[Check]]:
         """What fails, and all checks."""
