@@ -6,12 +6,13 @@ from groundstation.control.certificate import acceleration_sup, thrust_bound
 from groundstation.control.gains import Law
 from groundstation.course import Course
 from groundstation.fence import Fence
+from groundstation.guards import GuardsConfig
 from groundstation.ops import Vec3
 from groundstation.poses.others import Others
 from groundstation.poses.port import Pose
 from groundstation.preflight import look, refused
 from groundstation.separation import Separation
-from groundstation.settings import Config
+from groundstation.settings import Config, FlightConfig
 from groundstation.so3 import angle_deg, third_column
 from groundstation.takeoff import Standing
 from groundstation.trajectories.port import Reference, Trajectory
@@ -56,7 +57,7 @@ class Checks:
         self._separation = None if others is None else Separation(config.separation, others)
         self._fence = None if config.fence is None else Fence(config.fence, config.flight.floor_z_m)
         self._trajectory = config.trajectory.build()
-        self._still = [self._flyable(), self._certificate()]
+        self._still = [self._deadline(), self._flyable(), self._certificate()]
 
     def __call__(self, standing: Standing, noise_m: float, link: LinkStatus, now_s: float) -> list[Check]:
         """All checks, as the vehicle stands now; ``noise_m`` is the measured noise of its poses [m]."""
@@ -205,6 +206,18 @@ class Checks:
             "off, `groundstation fly CONFIG`, then pull the module's plug; the motors must stop"
         )
         return Check("failsafe", Verdict.WARN, says)
+
+    def _deadline(self) -> Check:
+        """How old the pose may be that a command rests on; the configuration may say more than the defaults."""
+        coast_s, level_s = self._config.flight.coast_s, self._config.guards.level_s
+        usual_s = FlightConfig().coast_s + GuardsConfig().level_s
+        says = (
+            f"commands rest on a pose for {1e3 * coast_s:.0f} ms (flight.coast_s), in a descent for "
+            f"{1e3 * level_s:.0f} ms more (guards.level_s); then the bring-down"
+        )
+        if coast_s + level_s <= usual_s + 1e-9:
+            return Check("deadline", Verdict.PASS, says)
+        return Check("deadline", Verdict.WARN, f"{says}. Together they are {1e3 * usual_s:.0f} ms unless told otherwise")
 
     def _certificate(self) -> Check:
         law = self._config.controller

@@ -88,6 +88,7 @@ class MavlinkLink:
             battery_v=self._vitals.battery_v,
             battery_share=self._vitals.battery_share,
             ready=self._vitals.ready,
+            mode=self._vitals.mode,
             unfit=self._unfit,
             firmware=self._firmware,
         )

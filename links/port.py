@@ -82,6 +82,8 @@ class LinkStatus(msgspec.Struct, frozen=True):
     """Its charge [-]; None where it does not tell."""
     ready: bool | None = None
     """Whether the vehicle's own pre-arm checks pass; None where it does not tell."""
+    mode: str = ""
+    """The mode that the vehicle's autopilot was in when it was heard last; empty where it does not tell."""
     unfit: str = ""
     """Why :meth:`CommandLink.arm` would be refused, as :meth:`CommandLink.examine` found; empty where it found nothing.
     """

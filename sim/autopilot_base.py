@@ -70,14 +70,18 @@ class SimulatedAutopilot(Dialect):
         self.battery: tuple[float, float] | None = None
         """Its voltage [V] and charge [0..1], told by SYS_STATUS; None where it has no way to measure them."""
         self.lacks = ""
+        self.has_estimate = True
+        """False while its estimator knows no position yet, as for some 40 s after a boot: it tells none."""
         self.external = ExternalPoses(self.kind)
         """The poses that it is sent."""
         self._airframe = airframe
         self._lose = lose
         self._streams = Streams({}, 0.0)
         self._build = builders(self.codec, airframe, own_estimate)
-        self._version_number: int = self.codec.dialect.MAVLINK_MSG_ID_AUTOPILOT_VERSION
-        self._heartbeat_number: int = self.codec.dialect.MAVLINK_MSG_ID_HEARTBEAT
+        d = self.codec.dialect
+        self._places = (d.MAVLINK_MSG_ID_ODOMETRY, d.MAVLINK_MSG_ID_LOCAL_POSITION_NED)
+        self._version_number: int = d.MAVLINK_MSG_ID_AUTOPILOT_VERSION
+        self._heartbeat_number: int = d.MAVLINK_MSG_ID_HEARTBEAT
         self._build[self._heartbeat_number] = lambda now_s, boot_s: self._heartbeat()
         self._build[self.codec.dialect.MAVLINK_MSG_ID_SYS_STATUS] = lambda now_s, boot_s: self._sys_status(now_s)
         self._boot_s = -math.inf
@@ -105,6 +109,8 @@ class SimulatedAutopilot(Dialect):
         if self._pilot is not None and by_now >= self._pilot_due_s:
             frames += self._control(self._pilot, now_s)
         for number in self._streams.take(now_s):
+            if number in self._places and not self.has_estimate:
+                continue
             frames.append(self.codec.pack(self._build[number](now_s, now_s - self._boot_s)))
             if number == self._heartbeat_number:
                 self._has_landed(now_s)

@@ -93,6 +93,11 @@ CASES: list[tuple[str, dict[str, Any], Verdict]] = [
     ("ready to arm", {"state": "lost"}, Verdict.FAIL),
     ("ready to arm", {"ready": True}, Verdict.PASS),
     ("ready to arm", {"ready": False}, Verdict.WARN),
+    ("ready to arm", {"unfit": "GUID_OPTIONS is 0: it would take our thrust as a climb rate"}, Verdict.FAIL),
+    ("deadline", {}, Verdict.PASS),
+    ("deadline", {"config": {"flight": {"coast_s": 0.4}, "guards": {"level_s": 0.1}}}, Verdict.PASS),
+    ("deadline", {"config": {"flight": {"coast_s": 0.3}}}, Verdict.WARN),
+    ("deadline", {"config": {"guards": {"level_s": 0.75}}}, Verdict.WARN),
     ("failsafe", {}, Verdict.OFF),
     ("failsafe", {"config": {"link": {"kind": "dsm"}}}, Verdict.WARN),
     ("thrust bound", {}, Verdict.WARN),
@@ -117,6 +122,13 @@ def test_each_check_has_its_verdict_and_a_sentence(name: str, given: dict[str, A
     found = check(name, **given)
     assert found.verdict is verdict, found.says
     assert len(found.says) > 8
+
+
+def test_a_longer_deadline_names_both_keys_and_what_is_usual() -> None:
+    says = check("deadline", config={"flight": {"coast_s": 0.5}, "guards": {"level_s": 0.5}}).says
+    assert "500 ms (flight.coast_s)" in says
+    assert "500 ms more (guards.level_s)" in says
+    assert "500 ms unless told otherwise" in says
 
 
 def test_without_poses_nothing_else_is_asked_of_them() -> None:
