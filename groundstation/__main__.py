@@ -70,6 +70,12 @@ def parser() -> argparse.ArgumentParser:
     doctor.add_argument("--yes", action="store_true", help="do not ask before setting it")
     doctor.add_argument("--json", action="store_true", help="print one JSON object instead of the table")
 
+    props_off = commands.add_parser(
+        "props-off", help="the required test with the propellers off, step by step. THIS STARTS THE MOTORS"
+    )
+    _config_arguments(props_off)
+    props_off.set_defaults(now_s=time.time())
+
     radio = commands.add_parser("radio", help="bind an RF module, check its range, or just show it disarmed frames")
     radio.add_argument("what", choices=["bind", "range-check", "idle"])
     _config_arguments(radio)

@@ -10,7 +10,8 @@ from groundstation.guards import GuardsConfig
 from groundstation.ops import Vec3
 from groundstation.poses.others import Others
 from groundstation.poses.port import Pose
-from groundstation.preflight import look, refused
+from groundstation.preflight import look, real, refused
+from groundstation.proof import Proof, lacks
 from groundstation.separation import Separation
 from groundstation.settings import Config, FlightConfig
 from groundstation.so3 import angle_deg, third_column
@@ -48,12 +49,13 @@ def judged(name: str, value: float, warn: float, fail: float, says: str) -> Chec
 class Checks:
     """The checks of one configuration. Times are on the event loop's clock [s]."""
 
-    def __init__(self, config: Config, others: Others | None = None) -> None:
+    def __init__(self, config: Config, others: Others | None = None, proof: Proof | None = None) -> None:
         """What needs no vehicle is looked at here, once: it takes some tenths of a second.
 
-        ``others`` are vehicles to keep away from.
+        ``others`` are vehicles to keep away from; ``proof`` is the test with the propellers off that is on file.
         """
         self._config = config
+        self._proof = proof
         self._separation = None if others is None else Separation(config.separation, others)
         self._fence = None if config.fence is None else Fence(config.fence, config.flight.floor_z_m)
         self._trajectory = config.trajectory.build()
@@ -78,6 +80,7 @@ class Checks:
             self._round_trip(link),
             self._arm(link),
             self._failsafe(),
+            self._props_off(link),
             *self._still,
             self._ways(place),
         ]
@@ -207,6 +210,15 @@ class Checks:
         )
         return Check("failsafe", Verdict.WARN, says)
 
+    def _props_off(self, link: LinkStatus) -> Check:
+        """Whether somebody has seen the motors of this vehicle stop, as it is now."""
+        if real(self._config) is None:
+            return Check("props-off test", Verdict.OFF, "only a real vehicle needs one")
+        why = lacks(self._proof, self._config, link.firmware)
+        if why or self._proof is None:
+            return Check("props-off test", Verdict.WARN, why)
+        return Check("props-off test", Verdict.PASS, f"passed on {self._proof.date}")
+
     def _deadline(self) -> Check:
         """How old the pose may be that a command rests on; the configuration may say more than the defaults."""
         coast_s, level_s = self._config.flight.coast_s, self._config.guards.level_s
@@ -217,7 +229,8 @@ class Checks:
         )
         if coast_s + level_s <= usual_s + 1e-9:
             return Check("deadline", Verdict.PASS, says)
-        return Check("deadline", Verdict.WARN, f"{says}. Together they are {1e3 * usual_s:.0f} ms unless told otherwise")
+        says += f". Together they are {1e3 * usual_s:.0f} ms unless told otherwise"
+        return Check("deadline", Verdict.WARN, says)
 
     def _certificate(self) -> Check:
         law = self._config.controller

@@ -140,6 +140,13 @@ def doctor(args: argparse.Namespace) -> int:
     return asyncio.run(doctor(config, orders, line_from_terminal if sys.stdin.isatty() else None, _say))
 
 
+def props_off(args: argparse.Namespace) -> int:
+    """The required test with the propellers off, step by step."""
+    from groundstation.props_off.command import props_off_command
+
+    return props_off_command(flyable(load(args.config, Config, args.overrides)), args.now_s)
+
+
 def logs(args: argparse.Namespace) -> int:
     """List the recorded flights."""
     from groundstation.recording.listing import logs_command

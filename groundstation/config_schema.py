@@ -70,7 +70,7 @@ def completed(root: type[msgspec.Struct], data: dict[str, Any]) -> dict[str, Any
 
 
 def kinds(root: type[msgspec.Struct], section: str) -> tuple[str, dict[Any, set[str]]]:
-    """The key that tells the kind of a ``section`` of ``root``, and the keys of each kind; none where it has no kinds."""
+    """The key that tells a ``section`` of ``root`` its kind, and the keys of each kind; none where it has no kinds."""
     info = mi.type_info(root)
     assert isinstance(info, mi.StructType)
     for field in info.fields:

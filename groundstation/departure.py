@@ -10,6 +10,7 @@ from groundstation.poses.mavlink import MavlinkPoseConfig
 from groundstation.poses.others import Others
 from groundstation.poses.port import Pose, PoseSource
 from groundstation.progress import Progress
+from groundstation.proof import on_file, place
 from groundstation.sender import Ended
 from groundstation.settings import Config
 from groundstation.verdict import Check, Verdict
@@ -100,7 +101,7 @@ class Departure:
 
     async def _stand(self) -> None:
         """Look at the vehicle as it stands for a moment."""
-        self._look = Checks(self._config, self._others)
+        self._look = Checks(self._config, self._others, on_file(place(self._config)))
         await asyncio.gather(asyncio.sleep(LOOK_S), self._link.examine())
 
     def _checked(self) -> tuple[str, list[Check]]:

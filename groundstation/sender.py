@@ -145,7 +145,7 @@ class Sender:
         if status.state == "lost":  # nobody knows whether it is armed still: it may be coming down by itself
             last = f", and the autopilot was in {status.mode} when last heard" if status.mode else ""
             raise Ended(f"the link is lost: commands have stopped{last}. {status.text}")
-        raise Ended(f"the link is {status.state}, and the vehicle armed no longer: commands have stopped. {status.text}")
+        raise Ended(f"the link is {status.state}, the vehicle armed no longer: commands have stopped. {status.text}")
 
     async def _stop_motors(self) -> None:
         """Hold zero thrust on the floor until the autopilot has disarmed."""
