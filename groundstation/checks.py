@@ -55,7 +55,7 @@ class Checks:
         ``others`` are vehicles to keep away from; ``proof`` is the test with the propellers off that is on file.
         """
         self._config = config
-        self._proof = proof
+        self._proof, self._real = proof, real(config) is not None
         self._separation = None if others is None else Separation(config.separation, others)
         self._fence = None if config.fence is None else Fence(config.fence, config.flight.floor_z_m)
         self._trajectory = config.trajectory.build()
@@ -212,7 +212,7 @@ class Checks:
 
     def _props_off(self, link: LinkStatus) -> Check:
         """Whether somebody has seen the motors of this vehicle stop, as it is now."""
-        if real(self._config) is None:
+        if not self._real:
             return Check("props-off test", Verdict.OFF, "only a real vehicle needs one")
         why = lacks(self._proof, self._config, link.firmware)
         if why or self._proof is None:

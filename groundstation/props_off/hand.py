@@ -7,7 +7,7 @@ first, by force.
 
 import asyncio
 from collections.abc import Awaitable, Callable
-from typing import Any, Literal
+from typing import Literal
 
 import msgspec
 
@@ -19,15 +19,16 @@ from groundstation.settings import Config
 from links.mavlink_config import MavlinkLinkConfig
 from links.port import CommandLink, LinkError
 
-Event = Literal["armed", "silent", "lost", "disarmed", "failed", "off"]
+Event = Literal["arming", "armed", "silent", "lost", "disarmed", "failed", "off"]
 
 
 class News(msgspec.Struct, frozen=True):
     """What has become of the vehicle."""
 
     event: Event
-    """``armed``: the motors turn. ``silent``: nothing leaves any more. ``lost``: the link is. ``disarmed``: the vehicle
-    tells so. ``failed``: it can't go on. ``off``: the order to stop was acknowledged, and that is the last."""
+    """``arming``: from here on the motors may turn. ``armed``: they do. ``silent``: nothing leaves any more. ``lost``:
+    the link is. ``disarmed``: the vehicle tells so. ``failed``: it can't go on. ``off``: the order to stop was
+    acknowledged, and that is the last."""
     at_s: float
     """On the machine's monotonic clock [s]."""
     text: str = ""
@@ -49,6 +50,13 @@ def idle_n(config: Config) -> float:
 async def hold(config: Config, link: CommandLink, source: PoseSource, ordered: Awaitable[object], tell: Tell) -> None:
     """Arm, and hold it idling until ``ordered`` is done; then, or where it can't go on, the motors are ordered off."""
     loop = asyncio.get_running_loop()
+    begun = False
+
+    def note(news: News) -> None:
+        nonlocal begun
+        begun = begun or news.event == "arming"
+        tell(news)
+
     pilot = Pilot(config.vehicle, config.controller, config.flight.coast_s, config.flight.floor_z_m)
     source = Gated(source, config.gate, lost_s=config.flight.coast_s, tell=lambda event: None)
     come = asyncio.Event()
@@ -57,8 +65,12 @@ async def hold(config: Config, link: CommandLink, source: PoseSource, ordered: A
         pilot.pose(pose)
         come.set()
 
+    async def let_go() -> None:
+        await asyncio.gather(end, work, return_exceptions=True)
+        await _off(link, source, tell, begun=begun)
+
     end = asyncio.ensure_future(ordered)
-    work = asyncio.ensure_future(_held(config, link, source, pilot, take, come, tell))
+    work = asyncio.ensure_future(_held(config, link, source, pilot, take, come, note))
     try:
         await asyncio.wait({end, work}, return_when=asyncio.FIRST_COMPLETED)
         if work.done():
@@ -68,7 +80,7 @@ async def hold(config: Config, link: CommandLink, source: PoseSource, ordered: A
     finally:
         for task in (end, work):
             task.cancel()
-        await to_the_end(_off(link, source, tell, end, work))
+        await to_the_end(let_go())
 
 
 async def disarm(link: CommandLink, source: PoseSource, tell: Tell) -> None:
@@ -78,7 +90,7 @@ async def disarm(link: CommandLink, source: PoseSource, tell: Tell) -> None:
     except LinkError as error:
         tell(News("failed", asyncio.get_running_loop().time(), str(error)))
     finally:
-        await to_the_end(_off(link, source, tell))
+        await to_the_end(_off(link, source, tell, begun=True))
 
 
 async def _held(
@@ -98,6 +110,9 @@ async def _held(
     await link.examine()
     if link.status.unfit:
         raise LinkError(link.status.unfit)
+    if link.status.state == "armed":
+        raise LinkError("its motors are on already: somebody else has armed it")
+    tell(News("arming", loop.time()))
     await link.arm(lambda: pilot.idle(loop.time(), thrust_n))
     tell(News("armed", loop.time(), firmware=link.status.firmware))
     told: set[Event] = set()
@@ -124,13 +139,12 @@ def _seen(config: Config, link: CommandLink) -> list[Event]:
     return seen
 
 
-async def _off(link: CommandLink, source: PoseSource, tell: Tell, *tasks: "asyncio.Future[Any]") -> None:
-    """Order the motors off once ``tasks`` have ended, and close both ends."""
+async def _off(link: CommandLink, source: PoseSource, tell: Tell, *, begun: bool) -> None:
+    """Order the motors off where we may have started them (``begun``), and close both ends."""
     loop = asyncio.get_running_loop()
-    await asyncio.gather(*tasks, return_exceptions=True)
     was = link.status.state
     try:
-        if was not in ("closed", "connecting"):
+        if begun and was not in ("closed", "connecting"):
             await link.kill()
             tell(News("off", loop.time(), was))
     except LinkError as error:

@@ -194,8 +194,8 @@ class Guide:
             await to_the_end(self._disarmed(hand))
 
     async def _disarmed(self, hand: Hand) -> None:
-        if await hand.off() is not None:
-            return
+        if await hand.off() is not None or not any(news.event == "arming" for news in hand.heard):
+            return  # what somebody else may have armed is not ours to stop
         why = ""
         for attempt in range(TRIES):
             if attempt:
@@ -205,8 +205,8 @@ class Guide:
                 return
             why = "; ".join(news.text for news in other.heard if news.event == "failed") or why
         self._say(
-            f"\nTHE VEHICLE MAY STILL BE ARMED: nobody acknowledged the order to disarm ({why or 'no answer'}). Stop it "
-            "by the remote control, or by its battery plug, before you touch it."
+            f"\nTHE VEHICLE MAY STILL BE ARMED: nobody acknowledged the order to disarm ({why or 'no answer'}). "
+            "Stop it by the remote control, or by its battery plug, before you touch it."
         )
 
     def _ensure_armed(self, hand: Hand) -> None:
