@@ -12,6 +12,7 @@ from groundstation.props_off.steps import Guide, NotProven, Trouble
 from groundstation.settings import Config
 from links.mavlink_codec import MavlinkCodec
 from sim.autopilots import AUTOPILOTS
+from sim.mission import from_floor
 from sim.prepare import prepare
 from sim.scenarios import SCENARIOS
 from sim.stage import Stage
@@ -46,7 +47,7 @@ def held(script: Script, *overrides: str, autopilot: str = "px4", link: str = "m
     """Have a hand hold the vehicle in virtual time while ``script`` runs; it is told to let go afterwards."""
 
     async def main() -> Bench:
-        world, config = prepare(SCENARIOS["paper"], list(overrides), link=link)
+        world, config = from_floor(*prepare(SCENARIOS["paper"], list(overrides), link=link), None)
         stage = Stage(world, config, 0, autopilot=autopilot, parameters=parameters)
         bench, codec, loop = Bench(config, stage), MavlinkCodec(9, 1), asyncio.get_running_loop()
         assert isinstance(loop, VirtualTimeLoop)
