@@ -61,13 +61,13 @@ async def _guided(config: Config, now_s: float) -> int:
             return Exit.FAULT
         steps = await guide.run()
     except NotProven as error:
-        _say(f"\nNOT PROVEN: {error}. The motors are ordered off. Do not fly before the test is passed.")
+        _say(f"\nNOT PROVEN: {error}. Do not fly before this test is passed.")
         return Exit.FAULT
     except Trouble as error:
-        _say(f"\nThe test can't go on: {error}. The motors are ordered off, and nothing was kept.")
+        _say(f"\nThe test can't go on: {error}. Nothing was kept.")
         return Exit.FAULT
     except asyncio.CancelledError:
-        _say("\nInterrupted: the motors are ordered off, and nothing was kept.")
+        _say("\nInterrupted. Nothing was kept.")
         return Exit.FAULT
     date = datetime.fromtimestamp(now_s + loop.time() - began_s, tz=UTC).isoformat(timespec="seconds")
     path = place(config)

@@ -19,8 +19,8 @@ ACT_S = 60.0
 """How long the operator may take to do what a step asks for [s]."""
 STOP_S = 15.0
 """How long the motors may take to stop where nobody here can stop them [s]: the longest failsafe of an autopilot."""
-TOLD_S = 3.0
-"""How long what the vehicle tells by itself is waited for [s]; it tells once a second."""
+NEWS_S = 3.0
+"""So old may be what the vehicle tells [s]; it tells once a second."""
 TRIES = 3
 """How often a step is begun that the vehicle ended by disarming itself, and how often a disarming is tried."""
 AGAIN_S = 3.0
@@ -82,6 +82,8 @@ class Guide:
         self._open = open_hand
         self._ask = ask
         self._say = say
+        self._tells = isinstance(config.link, MavlinkLinkConfig)
+        """Whether the vehicle tells that it is disarmed."""
         self.firmware = ""
         """What the autopilot runs, as it told."""
 
@@ -96,7 +98,7 @@ class Guide:
         if not isinstance(self._config.pose, MavlinkPoseConfig):
             steps.append(("no poses", self._poses))
         steps += [("program killed", self._killed), ("plug pulled", self._pulled)]
-        if isinstance(self._config.link, MavlinkLinkConfig):
+        if self._tells:
             steps.append(("remote control's kill switch", self._switch))
         shown: dict[str, str] = {}
         for number, (name, step) in enumerate(steps, 1):
@@ -127,6 +129,8 @@ class Guide:
             if acknowledged is None:
                 raise NotProven("nobody acknowledged the order to stop the motors")
         await self._yes("They were ordered off, as Ctrl-\\ does. Did they stop at once?")
+        if not self._tells:
+            return "stopped, by the operator's eye"
         return f"stopped, acknowledged {1e3 * (acknowledged.at_s - told_s):.0f} ms after the order"
 
     async def _poses(self) -> str:
@@ -136,8 +140,7 @@ class Guide:
             silent = await self._event(hand, "silent", "poses still come")
             if silent.pose_s is None or silent.at_s - silent.pose_s < coast_s:
                 raise _Again
-            await hand.listen(TOLD_S)
-            disarmed = next((news for news in hand.heard if news.event == "disarmed"), None)
+            disarmed = await self._told_off(hand)
             await self._yes("Did the motors stop?")
             await self._go_on(
                 "Uncover the markers, or open the tracker again, and press Enter: the motors must stay off. "
@@ -194,20 +197,35 @@ class Guide:
             await to_the_end(self._disarmed(hand))
 
     async def _disarmed(self, hand: Hand) -> None:
-        if await hand.off() is not None or not any(news.event == "arming" for news in hand.heard):
+        if not any(news.event == "arming" for news in hand.heard):
+            await hand.off()
             return  # what somebody else may have armed is not ours to stop
+        if await hand.off() is not None:
+            self._say("     Ordered off.")
+            return
         why = ""
         for attempt in range(TRIES):
             if attempt:
                 await asyncio.sleep(AGAIN_S)
             other = await self._open(self._config, "disarm")
             if await other.off() is not None:
+                self._say("     Ordered off.")
                 return
             why = "; ".join(news.text for news in other.heard if news.event == "failed") or why
         self._say(
             f"\nTHE VEHICLE MAY STILL BE ARMED: nobody acknowledged the order to disarm ({why or 'no answer'}). "
             "Stop it by the remote control, or by its battery plug, before you touch it."
         )
+
+    async def _told_off(self, hand: Hand) -> News | None:
+        """Wait until the vehicle tells that it is disarmed; None where it does not in time."""
+        for news in hand.heard:
+            if news.event == "disarmed":
+                return news
+        try:
+            return await hand.until("disarmed", STOP_S) if self._tells else None
+        except TimeoutError:
+            return None
 
     def _ensure_armed(self, hand: Hand) -> None:
         if any(news.event in ("disarmed", "silent") for news in hand.heard):
@@ -219,7 +237,7 @@ class Guide:
             news = await hand.until(event, ACT_S)
         except TimeoutError:
             raise NotProven(otherwise) from None
-        if any(one.event == "disarmed" and one.at_s < news.at_s - TOLD_S for one in hand.heard):
+        if any(one.event == "disarmed" and one.at_s < news.at_s - NEWS_S for one in hand.heard):
             raise _Again
         return news
 
