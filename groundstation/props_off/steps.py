@@ -19,6 +19,8 @@ ACT_S = 60.0
 """How long the operator may take to do what a step asks for [s]."""
 STOP_S = 15.0
 """How long the motors may take to stop where nobody here can stop them [s]: the longest failsafe of an autopilot."""
+HEAR_S = 0.05
+"""What was told meanwhile is heard within this time [s]."""
 NEWS_S = 3.0
 """So old may be what the vehicle tells [s]; it tells once a second."""
 TRIES = 3
@@ -123,7 +125,7 @@ class Guide:
     async def _motors(self) -> str:
         async with self._armed() as hand:
             await self._yes("Do all motors turn, slowly, and each the right way round?")
-            self._ensure_armed(hand)
+            await self._ensure_armed(hand)
             told_s = _now()
             acknowledged = await hand.off()
             if acknowledged is None:
@@ -157,8 +159,8 @@ class Guide:
             self._say(
                 f"     In {LOOK_S:g} s the program that flies is killed (SIGKILL). The motors must stop by themselves."
             )
-            await hand.listen(LOOK_S)
-            self._ensure_armed(hand)
+            await asyncio.sleep(LOOK_S)
+            await self._ensure_armed(hand)
             await hand.kill()
             lasted_s = await self._stopped("It is killed.")
         return f"the motors stopped {lasted_s:.1f} s after it, by the operator's eye"
@@ -197,10 +199,10 @@ class Guide:
             await to_the_end(self._disarmed(hand))
 
     async def _disarmed(self, hand: Hand) -> None:
+        acknowledged = await hand.off()
         if not any(news.event == "arming" for news in hand.heard):
-            await hand.off()
             return  # what somebody else may have armed is not ours to stop
-        if await hand.off() is not None:
+        if acknowledged is not None:
             self._say("     Ordered off.")
             return
         why = ""
@@ -227,7 +229,8 @@ class Guide:
         except TimeoutError:
             return None
 
-    def _ensure_armed(self, hand: Hand) -> None:
+    async def _ensure_armed(self, hand: Hand) -> None:
+        await hand.listen(HEAR_S)
         if any(news.event in ("disarmed", "silent") for news in hand.heard):
             raise _Again
 

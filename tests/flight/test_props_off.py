@@ -1,6 +1,7 @@
 """The test with the propellers off, against simulated vehicles: what is sent, and that every end of it disarms."""
 
 import asyncio
+import contextlib
 from collections.abc import Awaitable, Callable
 from typing import Any
 
@@ -195,8 +196,9 @@ class ScriptedHand:
     async def until(self, event: str, within_s: float) -> News:
         async with asyncio.timeout(within_s):
             while self._coming:
-                wait_s, news = self._coming.pop(0)
+                wait_s, news = self._coming[0]
                 await asyncio.sleep(wait_s)
+                self._coming.pop(0)
                 news = News(news.event, asyncio.get_running_loop().time(), news.text, news.pose_s, news.firmware)
                 self.heard.append(news)
                 if news.event == event:
@@ -207,7 +209,8 @@ class ScriptedHand:
         raise AssertionError
 
     async def listen(self, for_s: float) -> None:
-        await asyncio.sleep(for_s)
+        with contextlib.suppress(TimeoutError):
+            await self.until("nothing", for_s)
 
     async def off(self) -> News | None:
         self.end = self.end or "off"
@@ -323,6 +326,14 @@ def test_a_vehicle_that_disarms_itself_too_early_has_the_step_once_more() -> Non
     scene = Scene([[], early, early, early])
     with pytest.raises(Trouble, match="disarmed itself 3 times"):
         scene.run()
+
+
+def test_one_that_disarms_itself_while_the_operator_looks_at_the_motors_has_them_turn_once_more() -> None:
+    scene = Scene([[(0.0, News("disarmed", 0.0))], *WHOLE])
+    scene.run()
+    assert [hand.end for hand in scene.hands[:2]] == ["off", "off"]
+    assert len(scene.hands) == 6
+    assert any("Once more" in line for line in scene.said)
 
 
 def test_poses_or_a_link_that_go_on_prove_nothing() -> None:
