@@ -59,7 +59,7 @@ class Checks:
         self._separation = None if others is None else Separation(config.separation, others)
         self._fence = None if config.fence is None else Fence(config.fence, config.flight.floor_z_m)
         self._trajectory = config.trajectory.build()
-        self._still = [self._deadline(), self._flyable(), self._certificate()]
+        self._still = [self._flyable(), self._certificate()]
 
     def __call__(self, standing: Standing, noise_m: float, link: LinkStatus, now_s: float) -> list[Check]:
         """All checks, as the vehicle stands now; ``noise_m`` is the measured noise of its poses [m]."""
@@ -70,6 +70,8 @@ class Checks:
         return [
             self._rate(poses),
             self._age(poses[-1], now_s),
+            self._deadline(),
+            self._props_off(link),
             judged("pose noise", noise_m, WARN_NOISE_M, NOISE_M, f"noise of {1e3 * noise_m:.2f} mm on each axis"),
             self._rest(poses),
             self._tilt(poses[-1]),
@@ -80,7 +82,6 @@ class Checks:
             self._round_trip(link),
             self._arm(link),
             self._failsafe(),
-            self._props_off(link),
             *self._still,
             self._ways(place),
         ]
@@ -98,6 +99,28 @@ class Checks:
     def _age(self, pose: Pose, now_s: float) -> Check:
         age, fail = now_s - pose.time_s, OLD_SHARE * self._config.flight.coast_s
         return judged("pose age", age, min(WARN_AGE_S, fail), fail, f"the newest pose is {1e3 * age:.0f} ms old")
+
+    def _props_off(self, link: LinkStatus) -> Check:
+        """Whether somebody has seen the motors of this vehicle stop, as it is now."""
+        if not self._real:
+            return Check("props-off test", Verdict.OFF, "only a real vehicle needs one")
+        why = lacks(self._proof, self._config, link.firmware)
+        if why or self._proof is None:
+            return Check("props-off test", Verdict.WARN, why)
+        return Check("props-off test", Verdict.PASS, f"passed on {self._proof.date}")
+
+    def _deadline(self) -> Check:
+        """How old the pose may be that a command rests on; the configuration may say more than the defaults."""
+        coast_s, level_s = self._config.flight.coast_s, self._config.guards.level_s
+        usual_s = FlightConfig().coast_s + GuardsConfig().level_s
+        says = (
+            f"commands rest on a pose for {1e3 * coast_s:.0f} ms (flight.coast_s), in a descent for "
+            f"{1e3 * level_s:.0f} ms more (guards.level_s); then the bring-down"
+        )
+        if coast_s + level_s <= usual_s + 1e-9:
+            return Check("deadline", Verdict.PASS, says)
+        says += f". Together they are {1e3 * usual_s:.0f} ms unless told otherwise"
+        return Check("deadline", Verdict.WARN, says)
 
     def _rest(self, poses: list[Pose]) -> Check:
         far = max(math.dist(poses[0].position_ned, pose.position_ned) for pose in poses)
@@ -209,28 +232,6 @@ class Checks:
             "off, `groundstation fly CONFIG`, then pull the module's plug; the motors must stop"
         )
         return Check("failsafe", Verdict.WARN, says)
-
-    def _props_off(self, link: LinkStatus) -> Check:
-        """Whether somebody has seen the motors of this vehicle stop, as it is now."""
-        if not self._real:
-            return Check("props-off test", Verdict.OFF, "only a real vehicle needs one")
-        why = lacks(self._proof, self._config, link.firmware)
-        if why or self._proof is None:
-            return Check("props-off test", Verdict.WARN, why)
-        return Check("props-off test", Verdict.PASS, f"passed on {self._proof.date}")
-
-    def _deadline(self) -> Check:
-        """How old the pose may be that a command rests on; the configuration may say more than the defaults."""
-        coast_s, level_s = self._config.flight.coast_s, self._config.guards.level_s
-        usual_s = FlightConfig().coast_s + GuardsConfig().level_s
-        says = (
-            f"commands rest on a pose for {1e3 * coast_s:.0f} ms (flight.coast_s), in a descent for "
-            f"{1e3 * level_s:.0f} ms more (guards.level_s); then the bring-down"
-        )
-        if coast_s + level_s <= usual_s + 1e-9:
-            return Check("deadline", Verdict.PASS, says)
-        says += f". Together they are {1e3 * usual_s:.0f} ms unless told otherwise"
-        return Check("deadline", Verdict.WARN, says)
 
     def _certificate(self) -> Check:
         law = self._config.controller

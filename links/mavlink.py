@@ -47,11 +47,11 @@ class MavlinkLink:
         self._obeys = False
         self._obeys_s = 0.0
         self._taken = ""
-        self._unfit = self._firmware = ""
         self._sleep: Sleep | None = None
         """Since the newest arming."""
         self._vitals = Vitals()
         self.connection.subscribe(self._vitals.hear)
+        self._unfit = self._firmware = ""
         self._landing: asyncio.Task[None] | None = None
         self._killing: asyncio.Task[None] | None = None
         self._loop: asyncio.AbstractEventLoop | None = None
