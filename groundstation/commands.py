@@ -136,14 +136,22 @@ def replay(args: argparse.Namespace) -> int:
 
 
 def doctor(args: argparse.Namespace) -> int:
-    """Look at the autopilot's parameters, and set one on request."""
+    """Look at the autopilot's parameters, and set some on request."""
     from groundstation.doctor.command import Orders, doctor
+    from groundstation.telemetry.flights import folder_of
 
     config = load(args.config, Config, args.overrides)
     overrides = [word for override in args.overrides for word in ("--set", override)]
     command = shlex.join(["groundstation", "doctor", str(args.config), *overrides])
-    orders = Orders(command, args.fix, args.restore, args.yes, args.json)
+    orders = Orders(command, tuple(args.fix), args.restore, args.yes, args.json, folder_of(config.recording))
     return asyncio.run(doctor(config, orders, line_from_terminal if sys.stdin.isatty() else None, _say))
+
+
+def props_off(args: argparse.Namespace) -> int:
+    """The required test with the propellers off, step by step."""
+    from groundstation.props_off.command import props_off_command
+
+    return props_off_command(flyable(load(args.config, Config, args.overrides)), args.now_s)
 
 
 def logs(args: argparse.Namespace) -> int:

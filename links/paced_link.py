@@ -103,6 +103,14 @@ class PacedLink:
             raise LinkLost(why or "the link was closed before it was connected")
         self._busy = ""
 
+    async def examine(self) -> None:
+        """Nothing can be asked: no receiver tells of itself.
+
+        Raises:
+            LinkMisuse: the link is not connected.
+        """
+        self._free_for("examine")
+
     async def arm(self, idle: Callable[[], Command]) -> None:
         """Show a disarmed transmitter, then an armed one, both with the throttle down, while ``idle()`` is streamed.
 

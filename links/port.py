@@ -93,6 +93,13 @@ class LinkStatus(msgspec.Struct, frozen=True):
     """Its charge [-]; None where it does not tell."""
     ready: bool | None = None
     """Whether the vehicle's own pre-arm checks pass; None where it does not tell."""
+    mode: str = ""
+    """The mode that the vehicle's autopilot was in when it was heard last; empty where it does not tell."""
+    unfit: str = ""
+    """Why :meth:`CommandLink.arm` would be refused, as :meth:`CommandLink.examine` found; empty where it found nothing.
+    """
+    firmware: str = ""
+    """What the vehicle's autopilot runs, as it tells itself; empty where it does not tell."""
     slept_s: float = 0.0
     """How long the computer that sends has slept since the arming [s]: nothing more leaves, see sleep.py."""
     late_octaves: tuple[int, ...] = ()
@@ -135,6 +142,17 @@ class CommandLink(Protocol):
 
         Raises:
             LinkLost: nobody answered within the configured time.
+        """
+        ...
+
+    async def examine(self) -> None:
+        """Ask the other end what arming hangs on, as far as that can be asked without arming.
+
+        ``status.unfit`` and ``status.firmware`` tell it from then on. Changes nothing there.
+
+        Raises:
+            LinkLost: it did not answer.
+            LinkMisuse: the link is not connected.
         """
         ...
 

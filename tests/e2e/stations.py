@@ -27,6 +27,8 @@ class Room:
     folder: Path
     mavlink: int = field(default_factory=free_udp_port)
     vicon: int = field(default_factory=free_udp_port)
+    server: "subprocess.Popen[str] | None" = None
+    """The simulated side, to be frozen or killed."""
 
     @property
     def status_socket(self) -> Path:
@@ -79,6 +81,7 @@ def served(scenario: str = "paper", *, says: str = "") -> Iterator[Room]:
         try:
             assert server.stdout is not None
             assert "serving" in server.stdout.readline()
+            room.server = server
             yield room
         finally:
             server.terminate()

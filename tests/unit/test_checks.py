@@ -59,6 +59,11 @@ CASES: list[tuple[str, dict[str, Any], Verdict]] = [
     ("pose age", {}, Verdict.PASS),
     ("pose age", {"now_s": 1.1}, Verdict.WARN),
     ("pose age", {"now_s": 1.2}, Verdict.FAIL),
+    ("ready to arm", {"unfit": "GUID_OPTIONS is 0: it would take our thrust as a climb rate"}, Verdict.FAIL),
+    ("deadline", {}, Verdict.PASS),
+    ("deadline", {"config": {"flight": {"coast_s": 0.4}, "guards": {"level_s": 0.1}}}, Verdict.PASS),
+    ("deadline", {"config": {"flight": {"coast_s": 0.3}}}, Verdict.WARN),
+    ("deadline", {"config": {"guards": {"level_s": 0.75}}}, Verdict.WARN),
     ("pose noise", {}, Verdict.PASS),
     ("pose noise", {"noise_m": 0.006}, Verdict.WARN),
     ("pose noise", {"noise_m": 0.03}, Verdict.FAIL),
@@ -154,6 +159,13 @@ def test_where_nobody_else_can_tell_the_second_witness_is_off(config: dict[str, 
     found = check("second witness", config=config)
     assert found.verdict is Verdict.OFF
     assert says in found.says
+
+
+def test_a_longer_deadline_names_both_keys_and_what_is_usual() -> None:
+    says = check("deadline", config={"flight": {"coast_s": 0.5}, "guards": {"level_s": 0.5}}).says
+    assert "500 ms (flight.coast_s)" in says
+    assert "500 ms more (guards.level_s)" in says
+    assert "500 ms unless told otherwise" in says
 
 
 def test_without_poses_nothing_else_is_asked_of_them() -> None:

@@ -13,6 +13,8 @@ from hypothesis import strategies as st
 from groundstation.config import ConfigError, dump, from_dict, load
 from groundstation.fleet.plan import read_fleet
 from groundstation.settings import Config
+from groundstation.trajectories.circle import CircleConfig
+from groundstation.trajectories.hold import HoldConfig
 
 Positive = Annotated[float, msgspec.Meta(gt=0)]
 
@@ -212,6 +214,33 @@ def test_a_bad_override_is_blamed_itself_and_not_the_file(override: str, line: s
 def test_the_file_is_blamed_for_its_own_mistake_beside_a_good_override() -> None:
     with pytest.raises(ConfigError, match=r"^lab\.toml: vehicle\.arms: "):
         from_dict({"vehicle": {"arms": "x"}}, Root, ["vehicle.mass_kg=2"], source="lab.toml")
+
+
+def test_an_override_of_a_sections_kind_keeps_the_keys_of_the_file_that_fit_and_drops_the_others() -> None:
+    lab = {"trajectory": {"kind": "lemniscate", "speed_m_s": 0.7, "scale_m": 0.4, "yaw_deg": 20.0}}
+    flown = from_dict(lab, Config, ["trajectory.kind=circle"]).trajectory
+    assert flown == CircleConfig(speed_m_s=0.7, yaw_deg=20.0)
+    lab = {"trajectory": {"scale_m": 0.4}}  # of the default kind
+    assert from_dict(lab, Config, ["trajectory.kind=hold"]).trajectory == HoldConfig()
+    assert lab == {"trajectory": {"scale_m": 0.4}}
+
+
+@pytest.mark.parametrize(
+    ("overrides", "line"),
+    [
+        (["trajectory.kind=circle", "trajectory.scale_m=1"], "--set: trajectory.scale_m: unknown key"),
+        (["trajectory.kind=lemniscate", "trajectory.radius_m=1"], "--set: trajectory.radius_m: unknown key"),
+        (["trajectory.kind=transit"], "--set: trajectory.start_ned: missing; .*; add --set trajectory.start_ned=VALUE"),
+        (["trajectory.kind=[1]"], "--set: trajectory.kind: expected one of"),
+        (["trajectory.kind=circle", "trajectory=3"], "--set: trajectory: expected a table"),
+        ([], "lab.toml: trajectory.scal_m: unknown key"),
+        (["trajectory.kind=circle"], "lab.toml: trajectory.scal_m: unknown key"),
+    ],
+)
+def test_another_kind_does_not_hide_a_key_that_is_wrong(overrides: list[str], line: str) -> None:
+    data = {"trajectory": {"kind": "lemniscate", **({"scal_m": 1.0} if "scal_m" in line else {"scale_m": 1.0})}}
+    with pytest.raises(ConfigError, match=line):
+        from_dict(data, Config, overrides, source="lab.toml")
 
 
 def test_a_missing_file_is_named(tmp_path: Path) -> None:
