@@ -60,6 +60,11 @@ class Deadman:
         self._over = True
         self._command = None
 
+    @property
+    def command(self) -> Command | None:
+        """The newest command, while it or its bring-down may leave; else None."""
+        return self._command
+
     def take(self, command: Command, now_s: float) -> bool:
         """Take the newest command; False where it does not count, and then it changes nothing.
 

@@ -1,0 +1,247 @@
+"""The pacer's stand-by on pseudo-terminals: real processes that are killed and stopped, and the bytes that left."""
+
+import asyncio
+import contextlib
+import os
+import random
+import signal
+import time
+from collections.abc import AsyncIterator
+from pathlib import Path
+
+import pytest
+
+from links.channel_map import ChannelMap, Channels, Sticks, Switch
+from links.dsm_codec import DsmLinkConfig
+from links.pacer_process import PacerProcess
+from links.port import Command, LinkLost, LinkMisuse, Segment
+from links.serial_rf import SerialRfLink
+from sim.pty_wire import PtyWire
+
+PERIOD_S = 0.01
+COAST_S, DOWN_S = 0.25, 0.3
+MAP = ChannelMap(arm=Switch(channel=5))
+CHANNELS = Channels(MAP, count=6, thrust_max_n=2.0)
+GAP_S = 0.2
+"""Longest time without a frame [s]: 60 ms, two looks, and what a busy machine adds."""
+
+
+def children(parent: int) -> list[int]:
+    return [int(child) for child in Path(f"/proc/{parent}/task/{parent}/children").read_text().split()]
+
+
+class Flight:
+    """A link whose vehicle is flown by commands that are always fresh, and every frame that left."""
+
+    def __init__(self) -> None:
+        self.wire = PtyWire()
+        self.seen: list[tuple[float, Sticks]] = []
+        self._decoder = DsmLinkConfig().codec().decoder()
+        config = DsmLinkConfig(port=self.wire.path, period_s=PERIOD_S, arm_low_s=0.0, arm_high_s=0.1, map=MAP)
+        self.link = SerialRfLink(config, thrust_max_n=2.0)
+        self.pacer = self.standby = 0
+        self._sends: asyncio.Task[None] | None = None
+
+    def take(self, data: bytes) -> None:
+        for heard in self._decoder.feed(data):
+            assert heard.positions is not None
+            self.seen.append((time.monotonic(), CHANNELS.read(heard.positions)))
+
+    async def begin(self) -> None:
+        self.wire.listen(self.take)
+        await self.link.connect()
+        pacer = self.link._heard.pacer
+        assert isinstance(pacer, PacerProcess)
+        self.standby = pacer._process.pid
+        (self.pacer,) = children(self.standby)
+        await self.link.arm(command)
+        self._sends = asyncio.create_task(self._send())
+
+    async def _send(self) -> None:
+        while True:
+            with contextlib.suppress(LinkMisuse):
+                self.link.send(command(1.0))
+            await asyncio.sleep(PERIOD_S)
+
+    async def lost(self) -> None:
+        async with asyncio.timeout(5.0):
+            while self.link.status.state != "lost":
+                await asyncio.sleep(0.002)
+
+    def fall_silent(self) -> None:
+        """No more commands."""
+        assert self._sends is not None
+        self._sends.cancel()
+
+    async def end(self) -> None:
+        for each in (self.standby, self.pacer):
+            with contextlib.suppress(ProcessLookupError):
+                os.kill(each, signal.SIGCONT)
+        if self._sends is not None:
+            self._sends.cancel()
+        await self.link.close()
+        self.wire.close()
+
+    def sent(self, since_s: float) -> list[Sticks]:
+        return [sticks for time_s, sticks in self.seen if time_s > since_s]
+
+    def is_one_writers(self) -> None:
+        """Every frame whole; never two in one period; and nothing flies again after a frame that did not."""
+        assert not self._decoder.dropped
+        times = [time_s for time_s, _ in self.seen]
+        for first, third in zip(times, times[2:]):
+            assert third - first > 0.7 * PERIOD_S, "three frames within a period"
+        thrusts = [sticks.thrust_n for _, sticks in self.seen]
+        flown = thrusts[next(k for k, thrust in enumerate(thrusts) if thrust > 0.9) :]
+        ranks = [2 if thrust > 0.9 else 1 if thrust > 0.1 else 0 for thrust in flown]
+        assert ranks == sorted(ranks, reverse=True), "a frame that lifts more after one that lifts less"
+
+    def is_down(self) -> None:
+        last = self.seen[-1][1]
+        assert not last.armed
+        assert last.thrust_n == 0.0
+
+
+def command(thrust_n: float = 0.0) -> Command:
+    now = asyncio.get_running_loop().time()
+    down = (Segment(DOWN_S, 0.5, (0.0, 0.0, 0.0)),) if thrust_n > 0.0 else ()
+    return Command(thrust_n, (0.0, 0.0, 0.0), 1, now, now + COAST_S, down)
+
+
+@contextlib.asynccontextmanager
+async def flight() -> AsyncIterator[Flight]:
+    it = Flight()
+    try:
+        await it.begin()
+        await asyncio.sleep(0.15)
+        yield it
+    finally:
+        await it.end()
+
+
+def gap_s(it: Flight, since_s: float) -> float:
+    times = [since_s, *(time_s for time_s, _ in it.seen if time_s > since_s)]
+    return max(second - first for first, second in zip(times, times[1:]))
+
+
+@pytest.mark.parametrize("number", [signal.SIGKILL, signal.SIGSTOP])
+def test_a_pacer_that_dies_or_stands_still_in_flight_is_replaced_by_what_it_held(number: signal.Signals) -> None:
+    async def main() -> None:
+        async with flight() as it:
+            struck = time.monotonic()
+            os.kill(it.pacer, number)
+            await it.lost()
+            assert "its stand-by has taken over" in it.link.status.text
+            assert not it.link.send(command(1.0))
+            await asyncio.sleep(COAST_S + DOWN_S + 0.3)
+            assert not Path(f"/proc/{it.pacer}").exists(), "killed, and reaped"
+            assert gap_s(it, struck) < GAP_S
+            after = it.sent(struck)
+            assert any(0.4 < sticks.thrust_n < 0.6 for sticks in after), "its bring-down"
+            it.is_down()
+            it.is_one_writers()
+            with pytest.raises(LinkLost, match="its stand-by has taken over"):
+                await it.link.arm(command)
+            it.is_down()
+            await it.link.close()
+            await it.link.connect()
+            assert it.link.status.state == "connected"
+            await it.link.arm(command)
+
+    asyncio.run(main())
+
+
+@pytest.mark.parametrize("number", [signal.SIGKILL, signal.SIGSTOP])
+def test_a_stand_by_that_dies_or_stands_still_is_told_and_the_pacer_goes_on(number: signal.Signals) -> None:
+    async def main() -> None:
+        async with flight() as it:
+            assert "stand-by" not in it.link.status.warning
+            struck = time.monotonic()
+            os.kill(it.standby, number)
+            async with asyncio.timeout(5.0):
+                while "stand-by is gone or stands still" not in it.link.status.warning:
+                    await asyncio.sleep(0.01)
+            assert it.link.status.state == "armed"
+            assert gap_s(it, struck) < GAP_S
+            assert all(sticks.thrust_n > 0.9 for sticks in it.sent(struck))
+            os.kill(it.standby, signal.SIGCONT)
+
+    asyncio.run(main())
+
+
+def test_motors_that_were_killed_stay_off_when_the_pacer_dies_at_that_moment() -> None:
+    async def main() -> None:
+        async with flight() as it:
+            os.kill(it.pacer, signal.SIGSTOP)  # it will never read the order
+            killed = asyncio.create_task(it.link.kill())
+            await it.lost()
+            told = time.monotonic()
+            await killed
+            assert not any(sticks.armed for sticks in it.sent(told + 0.05))
+            it.is_down()
+
+    asyncio.run(main())
+
+
+def test_a_station_that_dies_after_its_pacer_is_still_outlived() -> None:
+    async def main() -> None:
+        async with flight() as it:
+            os.kill(it.pacer, signal.SIGKILL)
+            await it.lost()
+            pacer = it.link._heard.pacer
+            assert isinstance(pacer, PacerProcess)
+            pacer.forget()  # as its death would: the other end of the wire closes
+            await asyncio.sleep(COAST_S + DOWN_S + 0.3)
+            it.is_down()
+            it.is_one_writers()
+            last = it.seen[-1][0]
+            assert time.monotonic() - last < GAP_S, "disarm frames go on for a while"
+            async with asyncio.timeout(10.0):
+                while pacer._process.poll() is None:
+                    await asyncio.sleep(0.05)
+
+    asyncio.run(main())
+
+
+async def harass(seed: int) -> str:
+    """Stop and wake either side at random moments, for random times; what came of it."""
+    draw = random.Random(seed)
+    async with flight() as it:
+        for _ in range(draw.randint(1, 4)):
+            await asyncio.sleep(draw.uniform(0.0, 0.03))
+            struck = draw.sample([it.pacer, it.standby], draw.choice([1, 1, 2]))
+            for each in struck:
+                with contextlib.suppress(ProcessLookupError):
+                    os.kill(each, signal.SIGSTOP)
+                await asyncio.sleep(draw.choice([0.0, draw.uniform(0.0, 0.01)]))
+            await asyncio.sleep(draw.choice([draw.uniform(0.0, 0.05), draw.uniform(0.05, 0.1), 0.15]))
+            for each in draw.sample(struck, len(struck)):
+                with contextlib.suppress(ProcessLookupError):
+                    os.kill(each, signal.SIGCONT)
+        await asyncio.sleep(0.2)
+        taken = it.link.status.state == "lost"
+        assert taken or it.link.status.state == "armed", it.link.status
+        it.fall_silent()
+        await asyncio.sleep(COAST_S + DOWN_S + 0.3)
+        it.is_down()
+        it.is_one_writers()
+        return "taken over" if taken else "went on"
+
+
+async def harassed(seeds: range) -> list[str]:
+    found: list[str] = []
+    for first in range(seeds.start, seeds.stop, 4):
+        found += await asyncio.gather(*(harass(seed) for seed in range(first, min(first + 4, seeds.stop))))
+    return found
+
+
+def test_whichever_side_is_stopped_and_woken_there_are_never_two_writers() -> None:
+    found = asyncio.run(harassed(range(12)))
+    assert {"taken over", "went on"} == set(found)
+
+
+@pytest.mark.soak
+@pytest.mark.timeout(900)
+def test_at_two_hundred_random_moments_there_are_never_two_writers() -> None:
+    found = asyncio.run(harassed(range(1000, 1200)))
+    assert min(found.count("taken over"), found.count("went on")) > 20
