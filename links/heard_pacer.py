@@ -77,7 +77,7 @@ class HeardPacer:
     def why_silent(self) -> str:
         """Why nothing leaves at all; empty where it does."""
         if self._dead:
-            return "the pacer and its stand-by have ended, and with them every frame: close the link, and connect it again"
+            return "the pacer and its stand-by ended, and with them every frame: close the link, and connect it again"
         if self._mute:
             return self.pacer.why_mute if self.pacer is not None else "not connected"
         return self.report.port if self.report is not None else "not connected"

@@ -54,6 +54,7 @@ class KeptPacer:
             self._pacer.give(order)
 
     async def _paced(self) -> None:
+        self._quiet = None
         try:
             pacer = self._pacer = await self._open_pacer(self._config, 1.0, self._hear)
         except LinkError as error:
@@ -82,7 +83,6 @@ class KeptPacer:
                 self._pacer.give(End(self._config.disarm_s))  # once all is down, a pacer with a stand-by follows
         elif before is not None:  # what flew then may still do so: nobody sends it anything until there is another
             report = msgspec.structs.replace(before, port="the pacer ended; it is being started again")
-            self._quiet = None
         self.report = report
         self._heard(ended)
 
@@ -101,7 +101,8 @@ class KeptPacer:
             self._quiet = None
         elif self._quiet is None:
             self._quiet = report
-        # It counts frames, the one before the first such report included: they have left.
-        elif not self._disarmed and (report.frames - self._quiet.frames + 1) * self._config.period_s >= self._config.disarm_s:
-            self._say("the vehicle is disarmed")
-            self._disarmed = True
+        elif not self._disarmed:
+            left = report.frames - self._quiet.frames + 1  # one had left before the first such report
+            if left * self._config.period_s >= self._config.disarm_s:
+                self._say("the vehicle is disarmed")
+                self._disarmed = True

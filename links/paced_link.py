@@ -17,7 +17,10 @@ from links.rf_codec import Manner, Service
 OBEY_LIMIT_S = 1.0
 """An arming that the pacer has not taken so long after its end has failed [s]."""
 
-_UNTIMELY = "no command has come in time where frames leave: what was held is played to its end, bring-down and all"
+_UNTIMELY = (
+    "where frames leave commands count no more, as none had come in time, or as the program there ends: "
+    "what it held is played to its end, bring-down and all"
+)
 
 _CLOSED, _CLOSING, _ARMING = "on a link that is not connected", "on a link that is being closed", "while arm() streams"
 
@@ -273,7 +276,7 @@ class PacedLink:
         # A report from before the newest arming says nothing about it.
         if report is None or (report.arming == self._arming and report.over):
             ends = self._deadman.stop
-        elif report.heir or (report.arming == self._arming and report.deaf):
+        elif self._heard.why_lost() or (report.arming == self._arming and report.deaf):
             ends = self._deadman.hold
         else:
             return

@@ -120,7 +120,8 @@ class FramePacer:
 
         ``why`` says what became of it. The port is the one that it had, open as it was.
         """
-        self._heir, self._greet = why, False
+        self._heir = f"{why}; its stand-by has taken over and brings down: close the link, and connect it again"
+        self._greet = False
         self._arming, self._obey_s, self._linger_s = held.arming, held.obey_s, held.linger_s
         if held.command is not None and now_s >= held.obey_s:
             self._deadman.arm()

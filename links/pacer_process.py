@@ -27,7 +27,7 @@ CLOCK_TOLERANCE_S = 0.05
 class PacerProcess:
     """Implements :class:`links.pacer_messages.Pacer`."""
 
-    why_mute = "the pacer's process and its stand-by stand still: nothing leaves until they go on, and then disarm frames"
+    why_mute = "the pacer and its stand-by stand still: nothing leaves until they go on, and then disarm frames"
 
     def __init__(
         self,

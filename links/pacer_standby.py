@@ -88,10 +88,11 @@ def _take_over(
     config, now = setup.config, clock.now()
     shared = SharedPort(config.port, config.baud, lease, lease.generation, None, port.fd)
     pacer = FramePacer(config, setup.thrust_max_n, shared, now)
-    pacer.inherit(held, f"{why}; its stand-by has taken over and brings down: close the link, and connect it again", now)
+    pacer.inherit(held, why, now)
     periods = (clock.now() + PREPARE_S - held.frame_s) // config.period_s + 1.0
+    first_s = held.frame_s + periods * config.period_s
     try:
-        pace(pacer, config.period_s, config.frame_s, clock, commander, held.frame_s + periods * config.period_s)
+        pace(pacer, config.period_s, config.frame_s, clock, commander, first_s)
     finally:
         pacer.close()
 

@@ -14,7 +14,9 @@ class Watch:
     def __init__(self, period_s: float) -> None:
         """The sign comes every ``period_s`` [s]."""
         self._old_s = max(OLD_S, 1.5 * period_s)
-        self._wait_s = self._old_s + 0.5 * period_s  # half-way between two frames, so that no look delays one
+        self.wait_s = self._old_s + 0.5 * period_s
+        """How long after a sign of life it is looked for the next [s]: half-way between two frames, which no look then
+        delays."""
         self._suspects = False
         self.next_s = 0.0
         """When to look next."""
@@ -27,5 +29,5 @@ class Watch:
         self._suspects = old and not late
         fresh = vouched_s > 0.0 and not old and not late
         # A pacer may vouch in advance for what takes long, and then be done with it earlier.
-        self.next_s = min(vouched_s, now_s) + self._wait_s if fresh else now_s + LOOK_S
+        self.next_s = min(vouched_s, now_s) + self.wait_s if fresh else now_s + LOOK_S
         return convicted
