@@ -226,7 +226,7 @@ class Bridge(asyncio.DatagramProtocol):
             news = session.ended = True
             self._say(f"station {session.peer[0]}:{session.peer[1]} leaves")
         if up.command is not None and session.arming is not None and not up.end:
-            self._pacer.give(Give(session.arming, _moved(up.command, to_ours), now_s))
+            self._pacer.give(Give(session.arming, _moved(up.command, to_ours)))
         return news
 
     def _answer(self, session: BridgeEnd) -> None:

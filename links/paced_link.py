@@ -170,7 +170,7 @@ class PacedLink:
         if not self._deadman.take(command, now_s):
             self._expired += 1
             return False
-        if not self._heard.give(Give(self._arming, command, now_s)):
+        if not self._heard.give(Give(self._arming, command)):
             return False
         self._sent += 1
         return True

@@ -85,11 +85,12 @@ class FramePacer:
     def order(self, order: Order, now_s: float) -> None:
         """Obey; what comes too late, or out of place, changes nothing and is counted."""
         match order:
-            case Give(arming, command, given_s):
+            case Give(arming, command):
                 try:
-                    if arming == self._arming:  # it counts as of when it was given, but undoes no frame that was made
-                        taken = self._deadman.take(command, min(now_s, max(given_s, self._made_s)))
-                        self._deaf = self._deaf or not (taken or self._obeys(now_s))
+                    if arming == self._arming:
+                        seen_s = min(now_s, self._made_s)
+                        taken = self._deadman.take(command, now_s, seen_s)
+                        self._deaf = self._deaf or not (taken or self._obeys(seen_s))
                 except LinkMisuse:
                     self._errors["bad_command"] += 1
             case Arm(number, at_s) if self._deadman.phase(now_s) is Phase.OVER:
@@ -204,9 +205,9 @@ class FramePacer:
         over = self._deadman.phase(now_s) is Phase.OVER
         return self._arming, over, self._deaf and not over
 
-    def _obeys(self, now_s: float) -> bool:
-        """Whether a command could still count that is fresh."""
-        return not self._deadman.held and self._deadman.phase(now_s) in (Phase.WAITING, Phase.FRESH)
+    def _obeys(self, seen_s: float) -> bool:
+        """Whether a command that is fresh could still count, by what was last seen to leave."""
+        return not self._deadman.held and self._deadman.phase(seen_s) in (Phase.WAITING, Phase.FRESH)
 
     def report(self, now_s: float, *, note: str = "", fifo: bool = False, warning: str = "") -> Report:
         """The pacer as it is now."""

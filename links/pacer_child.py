@@ -93,9 +93,8 @@ def deafen() -> None:
 
 
 def hush() -> None:
-    """Nothing is said or thrown away any more: whoever waits for the end of what the station prints must not wait for
-    us, who outlive it, and a frame must not wait for the garbage collector.
-    """
+    """From now on say nothing, and collect no garbage: no frame must wait for that."""
+    # Whoever waits for the end of what the station prints must not wait for us, who outlive it.
     os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stderr.fileno())
     gc.collect()
     gc.freeze()

@@ -1,6 +1,5 @@
 """What a link tells its pacer, and what the pacer tells back. Sans-IO."""
 
-import math
 from collections.abc import Awaitable, Callable
 from typing import Protocol, TypeAlias
 
@@ -25,9 +24,6 @@ class Give(msgspec.Struct, frozen=True, tag="give", gc=False):
     arming: int
     """Number of the arming that it belongs to; under any other it is nothing."""
     command: Command
-    given_s: float = math.inf
-    """When it was handed over, on the pacer's clock [s]: the pacer looks once a frame, and by then the command before
-    may have passed its deadline though this one came in time. Whatever is later than the look counts as the look."""
 
 
 class Stop(msgspec.Struct, frozen=True, tag="stop"):
@@ -52,7 +48,7 @@ Order: TypeAlias = Arm | Give | Stop | Serve | End
 
 
 class Held(msgspec.Struct, frozen=True, gc=False):
-    """What a pacer holds as a frame leaves, for whoever must take over from it. Times are on the commands' clock [s]."""
+    """What a pacer holds as a frame leaves, for whoever must take over. Times are on the commands' clock [s]."""
 
     frame_s: float
     """When that frame leaves."""

@@ -1,8 +1,8 @@
 """The pacer's stand-by: it starts the pacer, sleeps, and lets the frames go should that die or stand still.
 
 It holds all that the pacer holds: the port, the socket that orders come in by, and what lay behind the pacer's newest
-frame. It is the pacer's parent, so it hears at once of its end, and it ends one whose sign of life stays out; either way
-it has reaped it before a byte of its own leaves. What leaves then is the newest command up to its deadline, its
+frame. It is the pacer's parent, so it hears at once of its end, and it ends one whose sign of life stays out; either
+way it has reaped it before a byte of its own leaves. What leaves then is the newest command up to its deadline, its
 bring-down, and disarm frames: nothing that lifts ever again. It is started by links/pacer_process.py.
 """
 

@@ -10,15 +10,20 @@ import sys
 import time
 from collections.abc import AsyncIterator
 from pathlib import Path
+from typing import TypeVar
 
 import pytest
 
+from links.bridge_link import BridgeLink, BridgeLinkConfig
 from links.channel_map import ChannelMap, Channels, Sticks, Switch
 from links.dsm_codec import DsmLinkConfig
+from links.key_file import make_key
+from links.paced_link import PacedLink
 from links.pacer_process import PacerProcess
 from links.port import Command, LinkLost, LinkMisuse, Segment
 from links.serial_rf import SerialRfLink
 from sim.pty_wire import PtyWire
+from tests.e2e.stations import free_udp_port
 
 PERIOD_S = 0.02
 COAST_S, DOWN_S = 0.25, 0.3
@@ -49,6 +54,13 @@ def children(parent: int) -> list[int]:
     return [int(child) for child in Path(f"/proc/{parent}/task/{parent}/children").read_text().split()]
 
 
+def is_gone(process: int) -> bool:
+    return not Path(f"/proc/{process}").exists()
+
+
+F = TypeVar("F", bound="Flight")
+
+
 class Flight:
     """A link whose vehicle is flown by commands that are always fresh, and every frame that left."""
 
@@ -57,7 +69,7 @@ class Flight:
         self.seen: list[tuple[float, Sticks]] = []
         self._decoder = DsmLinkConfig().codec().decoder()
         config = DsmLinkConfig(port=self.wire.path, period_s=PERIOD_S, arm_low_s=0.0, arm_high_s=0.1, map=MAP)
-        self.link = SerialRfLink(config, thrust_max_n=2.0)
+        self.link: PacedLink = SerialRfLink(config, thrust_max_n=2.0)
         self.pacer = self.standby = 0
         self._sends: asyncio.Task[None] | None = None
 
@@ -76,13 +88,17 @@ class Flight:
         )
         assert self._reader.stdout is not None
         self._reads = asyncio.create_task(self._read(self._reader.stdout))
-        await self.link.connect()
-        pacer = self.link._heard.pacer
-        assert isinstance(pacer, PacerProcess)
-        self.standby = pacer._process.pid
+        self.standby = await self._connect()
         (self.pacer,) = children(self.standby)
         await self.link.arm(command)
         self._sends = asyncio.create_task(self._send())
+
+    async def _connect(self) -> int:
+        """Connect; the stand-by."""
+        await self.link.connect()
+        pacer = self.link._heard.pacer
+        assert isinstance(pacer, PacerProcess)
+        return pacer._process.pid
 
     async def _send(self) -> None:
         while True:
@@ -106,11 +122,15 @@ class Flight:
                 os.kill(each, signal.SIGCONT)
         if self._sends is not None:
             self._sends.cancel()
-        await self.link.close()
+        await self.leave()
         self._reader.kill()
         await self._reader.wait()
         await asyncio.gather(self._reads, return_exceptions=True)
         self.wire.close()
+
+    async def leave(self) -> None:
+        """Close the link."""
+        await self.link.close()
 
     def sent(self, since_s: float) -> list[Sticks]:
         return [sticks for time_s, sticks in self.seen if time_s > since_s]
@@ -119,7 +139,7 @@ class Flight:
         """Every frame whole; never two in one period; and nothing flies again after a frame that did not."""
         assert not self._decoder.dropped
         times = [time_s for time_s, _ in self.seen]
-        for first, third in zip(times, times[2:]):  # the first of the three may have left late
+        for first, third in zip(times, times[2:], strict=False):  # the first of the three may have left late
             assert third - first > 0.7 * PERIOD_S, "three frames within a period"
         thrusts = [sticks.thrust_n for _, sticks in self.seen]
         flown = thrusts[next(k for k, thrust in enumerate(thrusts) if thrust > 0.9) :]
@@ -132,6 +152,54 @@ class Flight:
         assert last.thrust_n == 0.0
 
 
+class Bridged(Flight):
+    """The same by a bridge, a program of its own."""
+
+    def __init__(self, folder: Path) -> None:
+        super().__init__()
+        key = folder / "bridge.key"
+        make_key(key)
+        self._config = folder / "bridge.toml"
+        address = f"127.0.0.1:{free_udp_port()}"
+        self._config.write_text(BRIDGE.format(address=address, key=key, port=self.wire.path, period_s=PERIOD_S))
+        config = BridgeLinkConfig(remote=address, key_file=str(key), connect_timeout_s=10.0)
+        self.link = BridgeLink(config, thrust_max_n=2.0)
+        self.said = ""
+
+    async def _connect(self) -> int:
+        self.bridge = await asyncio.create_subprocess_exec(
+            *(sys.executable, "-m", "groundstation", "rf-bridge", str(self._config)), stdout=asyncio.subprocess.PIPE
+        )
+        await self.link.connect()
+        (standby,) = children(self.bridge.pid)
+        return standby
+
+    async def leave(self) -> None:
+        await super().leave()
+        with contextlib.suppress(ProcessLookupError):
+            self.bridge.terminate()
+        await self.lines()
+
+    async def lines(self) -> str:
+        """What the bridge has said, once it has ended."""
+        out, _ = await asyncio.wait_for(self.bridge.communicate(), 10.0)
+        self.said += out.decode()
+        return self.said
+
+
+BRIDGE = """
+listen = "{address}"
+key_file = "{key}"
+[link]
+kind = "dsm"
+port = "{port}"
+period_s = {period_s}
+arm_low_s = 0.0
+arm_high_s = 0.1
+map = {{ arm = {{ channel = 5 }} }}
+"""
+
+
 def command(thrust_n: float = 0.0) -> Command:
     now = asyncio.get_running_loop().time()
     down = (Segment(DOWN_S, 0.5, (0.0, 0.0, 0.0)),) if thrust_n > 0.0 else ()
@@ -140,7 +208,12 @@ def command(thrust_n: float = 0.0) -> Command:
 
 @contextlib.asynccontextmanager
 async def flight() -> AsyncIterator[Flight]:
-    it = Flight()
+    async with begun(Flight()) as it:
+        yield it
+
+
+@contextlib.asynccontextmanager
+async def begun(it: F) -> AsyncIterator[F]:
     try:
         await it.begin()
         await asyncio.sleep(0.15)
@@ -151,7 +224,7 @@ async def flight() -> AsyncIterator[Flight]:
 
 def gap_s(it: Flight, since_s: float) -> float:
     times = [since_s, *(time_s for time_s, _ in it.seen if time_s > since_s)]
-    return max(second - first for first, second in zip(times, times[1:]))
+    return max(second - first for first, second in zip(times, times[1:], strict=False))
 
 
 @pytest.mark.parametrize("number", [signal.SIGKILL, signal.SIGSTOP])
@@ -164,7 +237,7 @@ def test_a_pacer_that_dies_or_stands_still_in_flight_is_replaced_by_what_it_held
             assert "its stand-by has taken over" in it.link.status.text
             assert not it.link.send(command(1.0))
             await asyncio.sleep(COAST_S + DOWN_S + 0.3)
-            assert not Path(f"/proc/{it.pacer}").exists(), "killed, and reaped"
+            assert is_gone(it.pacer), "killed, and reaped"
             assert gap_s(it, struck) < GAP_S
             after = it.sent(struck)
             assert any(0.4 < sticks.thrust_n < 0.6 for sticks in after), "its bring-down"
@@ -229,6 +302,50 @@ def test_a_station_that_dies_after_its_pacer_is_still_outlived() -> None:
             async with asyncio.timeout(10.0):
                 while pacer._process.poll() is None:
                     await asyncio.sleep(0.05)
+
+    asyncio.run(main())
+
+
+@pytest.mark.parametrize("number", [signal.SIGKILL, signal.SIGSTOP])
+def test_at_a_bridge_too_the_last_frame_is_never_a_flying_one(number: signal.Signals, tmp_path: Path) -> None:
+    async def main() -> None:
+        async with begun(Bridged(tmp_path)) as it:
+            struck = time.monotonic()
+            os.kill(it.pacer, number)
+            await it.lost()
+            assert "on the bridge: the pacer" in it.link.status.text
+            async with asyncio.timeout(5.0):
+                while it.link.status.state != "connected":  # another pacer is there
+                    await asyncio.sleep(0.01)
+            assert not it.link.send(command(1.0))
+            await asyncio.sleep(0.6)
+            it.is_down()
+            it.is_one_writers()
+            lifted = [time_s for time_s, sticks in it.seen if sticks.armed]
+            assert lifted[-1] < struck + COAST_S + DOWN_S + 0.1
+            flown = [time_s for time_s, _ in it.seen if struck < time_s < lifted[-1] + 0.4]
+            assert max(b - a for a, b in zip(flown, flown[1:], strict=False)) < GAP_S
+        disarmed = [line for line in it.said.splitlines() if "the vehicle is disarmed" in line]
+        assert float(disarmed[0].split()[0]) > lifted[-1] + 0.4, "disarm frames had left for disarm_s"
+
+    asyncio.run(main())
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_a_bridge_that_is_told_to_end_lets_nothing_go_but_the_bring_down(
+    number: signal.Signals, tmp_path: Path
+) -> None:
+    async def main() -> None:
+        async with begun(Bridged(tmp_path)) as it:
+            ended = time.monotonic()
+            it.bridge.send_signal(number)
+            await asyncio.wait_for(it.bridge.wait(), 5.0)  # its station goes on commanding
+            assert time.monotonic() < ended + COAST_S + DOWN_S + 0.5 + 1.0
+            lifted = [time_s for time_s, sticks in it.seen if sticks.armed]
+            assert ended + DOWN_S < lifted[-1] < ended + COAST_S + DOWN_S + 0.1
+            it.is_down()
+            it.is_one_writers()
+            assert "the vehicle is disarmed" in await it.lines()
 
     asyncio.run(main())
 

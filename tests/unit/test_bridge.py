@@ -415,7 +415,9 @@ def test_a_pacer_and_a_stand_by_that_die_at_the_bridge_are_started_again_and_the
             assert not it.receiver.armed, "the new one begins at once, and disarmed"
             assert "the vehicle is disarmed" not in it.said
             await it.stream(1.0, 1.0)
-            assert it.said.index("the pacer ended: starting it again, disarmed") < it.said.index("the vehicle is disarmed")
+            assert it.said.index("the pacer ended: starting it again, disarmed") < it.said.index(
+                "the vehicle is disarmed"
+            )
             assert it.link.status.state == "connected"
             assert not it.receiver.armed
             await it.link.arm(idle)
@@ -476,7 +478,7 @@ def test_a_bridge_that_ends_takes_no_command_any_more_and_tells_the_station() ->
             assert max(share for _, share, _ in it.vehicle.acts) == pytest.approx(0.5, abs=2e-3), "the one it held"
             lifted = [time_s for time_s, share, _ in it.vehicle.acts if share > 0.0]
             assert lifted[-1] < ended + 0.25 + DOWN.duration_s + MODULE.period_s
-            it.running = asyncio.create_task(asyncio.sleep(0.0))  # type: ignore[arg-type]  # nothing is left to end
+            it.running = asyncio.create_task(asyncio.sleep(0.0))  # nothing is left to end
 
     in_virtual_time(main())
 
