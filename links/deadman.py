@@ -69,7 +69,7 @@ class Deadman:
         """Take the newest command; False where it does not count, and then it changes nothing.
 
         Whoever looks for commands only once a frame says for which instant it made the last one, ``seen_s``: the switch
-        has opened if it had by then. One that opened since has moved nothing, and a command may still have come in time.
+        has opened if it had by then. One that opened since has moved nothing yet, and the command may come in time.
 
         Raises:
             LinkMisuse: a number in it is not finite, its deadline is too far away, or its bring-down lasts too long.

@@ -17,7 +17,7 @@ import time
 
 import msgspec
 
-from links.lease import FIRST, PACER, STANDBY, Lease, Superseded
+from links.lease import FIRST, PACER, STANDBY, Lease
 from links.mailbox import Mailbox
 from links.pacer import FramePacer
 from links.pacer_messages import Give, Order, Report
@@ -80,10 +80,9 @@ def main() -> None:
     commander = Commander(socket.socket(fileno=wire), Mailbox(mailbox), note, fifo, estate)
     try:
         pace(pacer, config.period_s, config.frame_s, clock, commander)
-    except Superseded:
-        os._exit(1)  # the port is another's now: not even close it
-    finally:
-        pacer.close()
+    except BaseException:  # noqa: BLE001  # whatever it is, Superseded too
+        os._exit(1)  # the stand-by goes on with the port as it is: it must not even be closed
+    pacer.close()
 
 
 def deafen() -> None:

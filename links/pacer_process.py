@@ -12,7 +12,7 @@ from pathlib import Path
 import msgspec
 
 import links
-from links.mailbox import Mailbox
+from links.mailbox import CAPACITY_BYTES, Mailbox
 from links.pacer_child import MESSAGE_BYTES, Setup
 from links.pacer_messages import Arm, End, Give, Order, Report, Stop
 from links.port import LinkError, LinkLost
@@ -20,6 +20,8 @@ from links.rf_codec import Manner, RfLinkConfig
 
 START_LIMIT_S = 10.0
 """Longest wait for the first report [s]."""
+GIVE_BYTES = CAPACITY_BYTES - 256
+"""Longest command in its message: the stand-by's mailbox must hold it with all else that the pacer holds."""
 CLOCK_TOLERANCE_S = 0.05
 """The child's clock must show an instant between our two looks, or this close to them [s]."""
 
@@ -63,10 +65,12 @@ class PacerProcess:
         data = self._encoder.encode(order)
         try:
             if isinstance(order, Give):
+                if len(data) > GIVE_BYTES:
+                    return False
                 self._mailbox.put(data)
             else:
                 self._wire.send(data)
-        except (OSError, ValueError):  # it is gone or takes nothing; or a bring-down of hundreds of parts
+        except OSError:  # it is gone or takes nothing
             return False
         return True
 

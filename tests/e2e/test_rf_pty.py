@@ -326,6 +326,21 @@ def test_a_port_in_use_is_not_shared() -> None:
     asyncio.run(main())
 
 
+def test_a_pacer_without_real_time_priority_is_a_warning_before_take_off() -> None:
+    async def main() -> None:
+        wire = PtyWire()
+        wire.listen(lambda data: None)
+        link = SerialRfLink(DsmLinkConfig(port=wire.path, fifo_priority=0), thrust_max_n=2.0)
+        await link.connect()
+        async with asyncio.timeout(5.0):  # its stand-by may not have looked yet
+            while link.status.warning != "frames may leave late, by ordinary priority, as configured":
+                await asyncio.sleep(0.01)
+        await link.close()
+        wire.close()
+
+    asyncio.run(main())
+
+
 def children(parent: int) -> list[int]:
     return [int(child) for child in Path(f"/proc/{parent}/task/{parent}/children").read_text().split()]
 
