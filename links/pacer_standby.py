@@ -9,7 +9,6 @@ bring-down, and disarm frames: nothing that lifts ever again. It is started by l
 import gc
 import os
 import select
-import signal
 import socket
 import subprocess
 import sys
@@ -69,7 +68,7 @@ def _stand_by(pacer: "subprocess.Popen[bytes]", port: HeldPort, lease: Lease, wa
             lease.take()
             code = pacer.wait()
             port.hear()
-            killed = f"the pacer was killed ({signal.Signals(-code).name})" if code < 0 else ""
+            killed = f"the pacer was killed (signal {-code})" if code < 0 else ""
             return killed or (f"the pacer failed (code {code})" if code else "")
         if (now := clock.now()) >= watch.next_s:
             if watch.look(now, lease.vouched_s(PACER)):
