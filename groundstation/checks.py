@@ -90,6 +90,7 @@ class Checks:
             self._battery(link),
             self._round_trip(link),
             self._arm(link),
+            self._frames(link),
             self._failsafe(),
             *self._still,
             self._ways(place),
@@ -254,13 +255,21 @@ class Checks:
             return Check("ready to arm", Verdict.WARN, says + said)
         return Check("ready to arm", Verdict.PASS, f"connected, and disarmed{said}")
 
+    def _frames(self, link: LinkStatus) -> Check:
+        if isinstance(self._config.link, MavlinkLinkConfig):
+            return Check("frames", Verdict.OFF, "commands leave as this program sends them")
+        if link.warning:
+            return Check("frames", Verdict.WARN, link.warning)
+        return Check("frames", Verdict.PASS, "the pacer and its stand-by have what they need")
+
     def _failsafe(self) -> Check:
         """What nobody can see from here: whether the other end stops by itself when we fall silent."""
         if isinstance(self._config.link, MavlinkLinkConfig):
             return Check("failsafe", Verdict.OFF, "the autopilot's own: `groundstation doctor CONFIG` looks at it")
         says = (
-            "a receiver does not tell what it does without frames, and is sold to hold the last: with the propellers "
-            "off, `groundstation fly CONFIG`, then pull the module's plug; the motors must stop"
+            "the receiver's failsafe must stop the motors, as nothing here can if the module loses its plug or its "
+            "computer; it does not tell, and is sold to hold the last frame: once, with the propellers off, "
+            "`groundstation fly CONFIG`, then pull the module's plug; the motors must stop"
         )
         return Check("failsafe", Verdict.WARN, says)
 

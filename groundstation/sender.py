@@ -140,7 +140,8 @@ class Sender:
             progress.link(status, now)
         if status.state == "armed" or progress.state not in IN_AIR:
             return
-        if status.state == "connected" and progress.low and progress.allows(Event.DISARMED):
+        felt = status.state == "connected" and status.hears_vehicle  # else nobody has told of a floor
+        if felt and progress.low and progress.allows(Event.DISARMED):
             progress.go(Event.DISARMED, "the autopilot has felt the floor and disarmed", now)
             return
         if status.state == "lost":  # nobody knows whether it is armed still: it may be coming down by itself

@@ -105,6 +105,13 @@ class LinkStatus(msgspec.Struct, frozen=True):
     late_octaves: tuple[int, ...] = ()
     """Frames by how late they left, where a pacer lets them go and tells: entry k counts those late by less than 2**k
     µs and not by less than 2**(k-1); of all frames since it began."""
+    period_s: float = 0.0
+    """Time between two frames [s]; 0 where commands follow the poses, or where that is not known yet."""
+    hears_vehicle: bool = True
+    """Whether ``connected`` and ``armed`` are the vehicle's own words; False where nothing comes back from it, and they
+    only say what was sent."""
+    warning: str = ""
+    """What an operator should know of how frames leave, before arming; empty where nothing is wrong."""
 
 
 class CommandLink(Protocol):
