@@ -66,7 +66,7 @@ class Stage:
         estimate, wander = stream(seed, "estimate").standard_normal, stream(seed, "wander").standard_normal
         tracked = make_tracker(config.pose)
         horizon = Horizon(rows(stream(seed, "horizon").standard_normal, 3), world.gravity) if tracked else None
-        vehicle = SimulatedVehicle(plant, world, rows(estimate, 6), rows(wander, 3), horizon)
+        self.vehicle = vehicle = SimulatedVehicle(plant, world, rows(estimate, 6), rows(wander, 3), horizon)
         luck = rows(stream(seed, "frame loss").random, 1)
 
         self.frame_loss = world.frame_loss

@@ -32,6 +32,7 @@ class SimulatedVehicle:
         self.plant = plant
         self._world = world
         self._noise = noise
+        self._turn, self._resets = so3.IDENTITY, 0
         self._wander = Wander(world, wander)
         self._horizon = horizon
         self._on = False
@@ -62,7 +63,16 @@ class SimulatedVehicle:
         if self._world.floor_hold_s > 0.0:
             (north, east, down), (u, v, _), (higher, up) = truth.position_ned, truth.velocity_ned, self.plant.felt
             truth = msgspec.structs.replace(truth, position_ned=(north, east, down - higher), velocity_ned=(u, v, -up))
-        return self._wander.seen(truth, self.plant.released_s)
+        truth = self._wander.seen(truth, self.plant.released_s)
+        if not self._resets:
+            return truth
+        attitude = so3.multiply(self._turn, truth.attitude)
+        return msgspec.structs.replace(truth, attitude=attitude, resets=truth.resets + self._resets)
+
+    def reset(self, turn_deg: float) -> None:
+        """Have its estimator turn its heading by so much [deg], and say so."""
+        self._turn = so3.multiply(so3.from_euler_zyx(0.0, 0.0, math.radians(turn_deg)), self._turn)
+        self._resets += 1
 
     def felt(self, time_s: float) -> tuple[Quat, Vec3]:
         """Attitude and body rates as its own estimator has them."""

@@ -7,14 +7,16 @@ from collections.abc import Callable, Sequence
 
 import msgspec
 
-from sim.deck.cell import fly_cell
 from sim.deck.faults import FAULTS, STATES
+from sim.deck.together import fly_together
 from sim.deck.verdict import Row
 
 SPREAD = ("tracking", "hold", "take-off", "landing", "returning", "descent")
 """The states that a quick deck goes around in."""
 AGAIN = ("dropout", "mode stolen", "controller exception", "frame loss")
 """Faults that it strikes with once more, in another state."""
+TOGETHER = 12
+"""So many cells at most are flown together by one process, that all processes have enough to do."""
 
 
 class Cell(msgspec.Struct, frozen=True):
@@ -61,7 +63,6 @@ def fly_all(
     on_done: Callable[[int], None] | None = None,
 ) -> list[Row]:
     """The rows of ``work``, in its order; ``on_done`` hears how many are flown."""
-    virtual = [cell for cell in work if not cell.live]
     rows: dict[Cell, Row] = {}
 
     def done(cell: Cell, row: Row) -> None:
@@ -69,18 +70,26 @@ def fly_all(
         if on_done is not None:
             on_done(len(rows))
 
+    alike: dict[object, list[Cell]] = {}
+    for cell in work:
+        told = FAULTS[cell.fault]
+        if not cell.live:
+            alike.setdefault((cell.state, told.link, told.source, told.overrides), []).append(cell)
+    jobs = [cells[i : i + TOGETHER] for cells in alike.values() for i in range(0, len(cells), TOGETHER)]
     # Spawned, as a forked process would inherit whatever threads this one has.
     context = multiprocessing.get_context("spawn")
-    with cf.ProcessPoolExecutor(max_workers=max(1, min(workers, len(virtual))), mp_context=context) as pool:
+    with cf.ProcessPoolExecutor(max_workers=max(1, min(workers, len(jobs))), mp_context=context) as pool:
         futures = {
             pool.submit(
-                fly_cell, cell.fault, cell.state, seed=seed, scenario=scenario, overrides=tuple(overrides)
-            ): cell
-            for cell in virtual
-        }
+                fly_together, [cell.fault for cell in job], job[0].state,
+                seed=seed, scenario=scenario, overrides=tuple(overrides),
+            ): job
+            for job in jobs
+        }  # fmt: skip
         try:
             for future in cf.as_completed(futures):
-                done(futures[future], future.result())
+                for cell, row in zip(futures[future], future.result(), strict=True):
+                    done(cell, row)
         except BaseException:
             pool.shutdown(wait=False, cancel_futures=True)
             raise

@@ -27,11 +27,11 @@ class Poses(StrEnum):
 class Scene:
     """One flight, and what may be broken in it."""
 
-    def __init__(self, flight: Flight, stage: Stage, meddler: Meddler, seed: int = 0) -> None:
-        """Nothing is broken."""
+    def __init__(self, flight: Flight, stage: Stage, meddler: Meddler | None, seed: int = 0) -> None:
+        """Nothing is broken; ``meddler`` stands behind the cameras, where there are any."""
         self.flight = flight
         self.stage = stage
-        self.meddler = meddler
+        self._meddler = meddler
         self.normals = rows(stream(seed, "fault").standard_normal, 6)
         """Rows of six standard normal numbers for what a fault draws."""
         self.controller_raises = False
@@ -45,9 +45,15 @@ class Scene:
         return asyncio.get_running_loop().time()
 
     @property
+    def between(self) -> Meddler:
+        """What stands between the cameras and the network."""
+        assert self._meddler is not None, "this one needs cameras"
+        return self._meddler
+
+    @property
     def struck(self) -> Struck:
         """What a wrong picture begins with, now."""
-        truth, shown = self.stage.plant.truth(self.now_s), self.meddler.shown
+        truth, shown = self.stage.plant.truth(self.now_s), self.between.shown
         place = (truth.position_ned, truth.attitude) if shown is None else (shown.position_ned, shown.attitude)
         return Struck(self.now_s, *place, self.normals)
 
@@ -70,8 +76,6 @@ class Fault(NamedTuple):
     """What they are from then on."""
     obeys: bool = False
     """Whether the vehicle goes on doing what it is told, and the poses say so: then to convict them is wrong."""
-    rises_m: float = 1.0
-    """How far it may rise where it was struck before it left the floor [m]."""
     exemption: Exemption = Exemption.NONE
     """What can't be asked of it in the air."""
     silences: bool = False

@@ -2,7 +2,8 @@
 
 Every one is flown in every state, but for these:
 
-- What is set up wrongly from the beginning (mass, another propeller) is one flight: *start*.
+- What is so from the beginning (a wrong mass, another propeller, an estimate that wanders, a floor that holds) is one
+  flight: *start*.
 - A vehicle that stands can't be pushed, hang on a cable, or be taken out of the air: not in *ready* and *arming*.
 - The air under the rotors matters near the floor alone: its cushion is there from the start, or sets in while coming
   down.
@@ -19,7 +20,6 @@ from sim.deck import pictures, strikes, ways
 from sim.deck.exemptions import Exemption
 from sim.deck.fault import Fault, Poses
 from sim.deck.moments import MOMENTS
-from sim.deck.verdict import SPOOL_M
 
 STATES = tuple(name for name in MOMENTS if name != "start")
 FROM_START = ("start", *STATES)
@@ -131,7 +131,6 @@ LYING: dict[str, Fault] = {
         "the poses are those of a body beside it that rests",
         strikes.shows(pictures.resting),
         poses=Poses.FALSE,
-        rises_m=SPOOL_M,
         states=FROM_START,
     ),
     **{
@@ -140,7 +139,6 @@ LYING: dict[str, Fault] = {
             strikes.shows(pictures.resting),
             overrides=(override,),
             poses=Poses.FALSE,
-            rises_m=SPOOL_M,
             states=ON_FLOOR,
         )
         for what, says, override in (
@@ -152,7 +150,6 @@ LYING: dict[str, Fault] = {
         "the poses are those of a body beside it that is carried around at 0.5 m/s",
         strikes.shows(pictures.carried),
         poses=Poses.FALSE,
-        rises_m=SPOOL_M,
         states=FROM_START,
     ),
     "partner": Fault(
@@ -315,7 +312,7 @@ OBEYING: dict[str, Fault] = {
         states=("spool-up", *FLYING),
     ),
     "ground effect": Fault(
-        "on the floor the same rotors lift 25 % more, 10 cm above it 6 %",
+        "on the floor the same rotors lift 25 % more than far from it, 10 cm above it 6 %",
         strikes.cushion,
         obeys=True,
         states=("start", "landing", "descent"),
@@ -325,6 +322,35 @@ OBEYING: dict[str, Fault] = {
         strikes.take_out,
         obeys=True,
         states=FLYING,
+    ),
+    "estimator reset": Fault(
+        "poses are the autopilot's own; its estimator turns its heading by 19°, and says so",
+        strikes.reset,
+        source="odometry",
+        obeys=True,
+    ),
+    "wandering estimate": Fault(
+        "poses are the autopilot's own, and wander: a random walk of 5 cm (1 sigma) in 2 s, and one turn by 19°",
+        strikes.nothing,
+        source="odometry",
+        overrides=("sim.estimate_wander_m=0.05", "sim.estimate_yaw_step_deg=19"),
+        obeys=True,
+        states=("start",),
+    ),
+    "late floor": Fault(
+        "the floor holds the vehicle for 0.6 s while it gathers speed",
+        strikes.nothing,
+        overrides=("sim.floor_hold_s=0.6",),
+        obeys=True,
+        states=("start",),
+    ),
+    "late floor, own estimate": Fault(
+        "the same, and poses are the autopilot's own, which feels that it rises",
+        strikes.nothing,
+        source="odometry",
+        overrides=("sim.floor_hold_s=0.6",),
+        obeys=True,
+        states=("start",),
     ),
     "wireless": Fault("poses come up to 60 ms late, each otherwise; their numbers tell", strikes.wifi, obeys=True),
 }

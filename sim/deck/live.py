@@ -22,8 +22,7 @@ from groundstation.mission import FINAL, State
 from links.bridge import BridgeConfig
 from links.key_file import make_key
 from sim.deck.broker import Broker
-from sim.deck.cell import AUTOPILOT, LANDS, LOOK_S, STILL_SHARE, hover_n
-from sim.deck.exemptions import Exemption
+from sim.deck.cell import AUTOPILOT, LANDS, LOOK_S, STILL_SHARE, hover_n, not_struck
 from sim.deck.fault import Fault
 from sim.deck.faults import FAULTS
 from sim.deck.live_evidence import evidence
@@ -92,10 +91,7 @@ async def fly_live(name: str, state: str) -> Row:
                 why = f"it does not end within {LIMIT_S:g} s"
             except _Disturbed as disturbed:
                 why = str(disturbed)
-    return judged(
-        name, FAULTS[name], state, Truth(0.0), [],
-        wrong=why, exemption=Exemption.NONE, begun_s=0.0, drift_m=0.0, touchdown_m_s=None,
-    )  # fmt: skip
+    return not_struck(name, state, why)
 
 
 async def _free_port() -> int:

@@ -8,7 +8,7 @@ import msgspec
 
 from groundstation import so3
 from groundstation.interrupts import Interrupts
-from groundstation.ops import Vec3
+from groundstation.ops import Quat, Vec3
 from sim.autopilot import Px4Autopilot
 from sim.deck.fault import Scene, Strike
 from sim.deck.pictures import Picture, Struck
@@ -28,8 +28,10 @@ STALL_S = 1.5
 """How long nothing passes either way on a link that stalls [s]."""
 REBOOT_S = 2.0
 """How long an autopilot takes to restart [s]."""
-PUSH_M_S2, PUSH_S, PUSH_STEP_S = 4.0, 1.0, 0.01
-"""A hand that pushes: the most that it accelerates the vehicle, for how long, and how finely that is told."""
+PUSH_M_S2, PUSH_S = 4.0, 1.0
+"""A hand that pushes: the most that it accelerates the vehicle, and for how long."""
+STEP_S = 0.01
+"""How finely a hand's motion is told [s]."""
 SLACK_M, TETHER_PER_S2 = 0.3, 40.0
 """A cable that is caught on the floor: how much farther it lets the vehicle, and how stiff it is for its mass: 3.2 N/m
 at 80 g."""
@@ -39,6 +41,8 @@ LED_M_S, LED_TILT_DEG, GRIP_S = 0.5, 20.0, 0.3
 """An operator takes the vehicle out of the air: how fast a hand leads it down, how far it leans, and how long it takes
 to close."""
 
+RESET_DEG = 19.0
+"""A heading that an estimator corrects [deg]: PX4 was seen to do so."""
 ELSEWHERE_M_S2 = (0.05, -0.03, 0.02)
 """How much another wind a partner feels that flies beside ours."""
 
@@ -47,7 +51,7 @@ def shows(make: Callable[[Struck], Picture]) -> Strike:
     """A wrong picture."""
 
     async def strike(scene: Scene) -> None:
-        scene.meddler.picture = make(scene.struck)
+        scene.between.picture = make(scene.struck)
 
     return strike
 
@@ -56,7 +60,7 @@ def comes(make: Callable[[], Way]) -> Strike:
     """Frames that come otherwise."""
 
     async def strike(scene: Scene) -> None:
-        scene.meddler.way = make()
+        scene.between.way = make()
 
     return strike
 
@@ -66,7 +70,7 @@ def comes_late(delay_s: float | Callable[[float], float], *, fresh: bool) -> Str
 
     async def strike(scene: Scene) -> None:
         of = delay_s if callable(delay_s) else lambda since_s: delay_s
-        scene.meddler.way = late(of, 1.0 / scene.stage.world.pose_rate_hz, fresh=fresh)
+        scene.between.way = late(of, 1.0 / scene.stage.world.pose_rate_hz, fresh=fresh)
 
     return strike
 
@@ -75,7 +79,7 @@ def stamped(sigma_s: float) -> Strike:
     """Stamps that jitter."""
 
     async def strike(scene: Scene) -> None:
-        scene.meddler.way = jitter(sigma_s, scene.normals)
+        scene.between.way = jitter(sigma_s, scene.normals)
 
     return strike
 
@@ -87,7 +91,7 @@ async def wifi(scene: Scene) -> None:
     def delay_s(_: float) -> float:
         return WIFI_S * min(abs(next(normals)[0]) / 3.0, 1.0)
 
-    scene.meddler.way = late(delay_s, 1.0 / scene.stage.world.pose_rate_hz, fresh=False)
+    scene.between.way = late(delay_s, 1.0 / scene.stage.world.pose_rate_hz, fresh=False)
 
 
 async def partner(scene: Scene) -> None:
@@ -100,6 +104,11 @@ async def partner(scene: Scene) -> None:
     other = stage.plant.twin(scene.now_s, world, Wind(world, rows(stream(0, "partner").standard_normal, 3)))
     stage.plant.partner = other
     stage.mocap.see(other)
+
+
+async def reset(scene: Scene) -> None:
+    """The autopilot's estimator turns its heading, and says so."""
+    scene.stage.vehicle.reset(RESET_DEG)
 
 
 async def nothing(scene: Scene) -> None:
@@ -169,11 +178,11 @@ async def gust(scene: Scene) -> None:
 
 async def push(scene: Scene) -> None:
     """A hand pushes the vehicle sideways: softly at first, and softly at last."""
-    steps = round(PUSH_S / PUSH_STEP_S)
+    steps = round(PUSH_S / STEP_S)
     for step in range(1, steps):
         share = PUSH_M_S2 * math.sin(math.pi * step / steps)
         scene.stage.wind.push = (0.8 * share, 0.6 * share, 0.0)
-        await asyncio.sleep(PUSH_STEP_S)
+        await asyncio.sleep(STEP_S)
     scene.stage.wind.push = (0.0, 0.0, 0.0)
 
 
@@ -210,22 +219,23 @@ async def take_out(scene: Scene) -> None:
     roll, pitch, yaw = so3.euler_zyx(truth.attitude)
     begun_s, (x, y, z), drop = scene.now_s, truth.position_ned, floor - truth.position_ned[2]
 
-    def lead(time_s: float, thrust: float) -> Body:
-        t = time_s - begun_s
+    def at(t: float) -> tuple[Vec3, Quat]:
         closed = 1.0 - math.exp(-t / GRIP_S)  # its speed becomes the hand's
-        hand = LED_M_S * (t - GRIP_S * closed)
+        keep, hand = 1.0 - closed, LED_M_S * (t - GRIP_S * closed)
         down = min(hand + GRIP_S * closed * truth.velocity_ned[2], drop)
         done = min(max(down / drop, 0.0), 1.0) if drop > 0.0 else 1.0
         lean = math.radians(LED_TILT_DEG) * closed * (1.0 - done)
-        place = (
-            x + GRIP_S * closed * truth.velocity_ned[0] + 0.3 * done,
-            y + GRIP_S * closed * truth.velocity_ned[1],
-            z + down,
-        )
-        speed = LED_M_S * closed if down < drop else 0.0
-        keep = 1.0 - closed
-        attitude = so3.from_euler_zyx(keep * roll + lean * math.sin(2.0 * t), keep * pitch + lean, yaw)
-        return Body(place, (0.0, 0.0, speed), attitude, thrust, (0.0, 0.0, 0.0))
+        north = x + GRIP_S * closed * truth.velocity_ned[0] + 0.3 * done
+        east = y + GRIP_S * closed * truth.velocity_ned[1]
+        turn = so3.from_euler_zyx(keep * roll + lean * math.sin(2.0 * t), keep * pitch + lean, yaw)
+        return (north, east, z + down if down < drop else floor), turn
+
+    def lead(time_s: float, thrust: float) -> Body:
+        t = time_s - begun_s
+        (place, turn), (ahead, then) = at(t), at(t + STEP_S)
+        u, v, w = ((q - p) / STEP_S for p, q in zip(place, ahead, strict=True))
+        p, q, r = (angle / STEP_S for angle in so3.rotation_vector(so3.multiply(so3.conjugate(turn), then)))
+        return Body(place, (u, v, w), turn, thrust, (p, q, r))
 
     scene.stage.plant.lead = lead
 

@@ -49,6 +49,11 @@ class Truth:
         """Farthest that it leant."""
         return math.degrees(math.acos(max(-1.0, min(1.0, self._upright))))
 
+    @property
+    def led(self) -> bool:
+        """Whether there was a course since it was struck."""
+        return self._told is not None
+
     def strike(self, time_s: float) -> Vec3:
         """From now on it counts; where that is [m, NED]."""
         self.struck_s = time_s

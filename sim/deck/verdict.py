@@ -13,8 +13,8 @@ from sim.deck.truth import Truth
 
 HIGHEST_M, SIDEWAYS_M, FASTEST_M_S = 1.0, 3.0, 3.0
 """How far a vehicle may go after a fault: above where it was struck or its course, sideways from there; how fast."""
-SPOOL_M = 0.8
-"""How high a take-off by another body's poses may come."""
+SPOOL_M, SPOOL_M_S = 0.8, 3.0
+"""How high a vehicle may come whose lift-off is not seen while thrust rises, and how fast fall from there."""
 TOUCHDOWN_M_S, RATES_TOUCHDOWN_M_S, TILT_DEG = 1.0, 2.5, 60.0
 """What a safe end stays below; the second where body rates alone brought it down, without any pose."""
 MOST_SHARE, OVER_HOVER_S = 1.25, 0.5
@@ -32,12 +32,13 @@ CONVICTED = "convicted:"
 
 LIMITS = (
     ("rises above where it was struck, or above its course if that is higher", f"{HIGHEST_M:g} m"),
-    ("the same, where another body's poses came before it left the floor", f"{SPOOL_M:g} m"),
+    ("the same, where no lift-off is seen, so that the motors only stop", f"{SPOOL_M:g} m"),
     ("goes sideways from where it was struck, carried along with its course", f"{SIDEWAYS_M:g} m"),
     ("moves", f"{FASTEST_M_S:g} m/s"),
     ("leans", f"{TILT_DEG:g}°"),
     ("meets the floor where an attitude loop is there, or poses are true", f"{TOUCHDOWN_M_S:g} m/s"),
     ("meets the floor on body rates alone, without any pose", f"{RATES_TOUCHDOWN_M_S:g} m/s"),
+    ("meets the floor where no lift-off was seen", f"{SPOOL_M_S:g} m/s"),
     ("after the answer to false or missing poses: thrust", f"{MOST_SHARE:g}x what hovers"),
     ("after that answer: thrust above what hovers (3 % more still count as hovering), in all", f"{OVER_HOVER_S:g} s"),
     ("after that answer: commands that lift", f"{LIFT_S:g} s"),
@@ -93,7 +94,7 @@ def exempted(fault: Fault, state: str) -> Exemption:
 
 def broken(fault: Fault, state: str, truth: Truth, exemption: Exemption) -> str:
     """The first limit on its motion that is broken already; empty where none is."""
-    highest_m = HIGHEST_M if MOMENTS[state].flying else min(HIGHEST_M, fault.rises_m)
+    highest_m = SPOOL_M if _unseen(state, truth) else HIGHEST_M
     if not truth.highest_m <= highest_m:
         return f"it rose {truth.highest_m:.2f} m above where it was struck and its course"
     if not truth.sideways_m < SIDEWAYS_M:
@@ -131,7 +132,7 @@ def judged(
     found = [
         wrong,
         broken(fault, state, truth, exemption),
-        "" if exemption in FALLS else _too_hard(fault, touchdown_m_s),
+        "" if exemption in FALLS else _too_hard(fault, state, truth, touchdown_m_s),
         "" if thrust is None else _pushed(fault, thrust, land_s),
         _flew_on(fault, truth, answers, exemption),
         _convicted(fault, answers),
@@ -161,10 +162,15 @@ def judged(
     )
 
 
-def _too_hard(fault: Fault, touchdown_m_s: float | None) -> str:
+def _unseen(state: str, truth: Truth) -> bool:
+    """Whether no lift-off was seen, so that it was told nothing but to rise: all that helps is to stop the motors."""
+    return not MOMENTS[state].flying and not truth.led
+
+
+def _too_hard(fault: Fault, state: str, truth: Truth, touchdown_m_s: float | None) -> str:
     """Nobody sees, and there is no attitude loop: then body rates alone bring it down."""
     by_rates = fault.link != "mavlink" and fault.poses is not Poses.TRUE
-    most = RATES_TOUCHDOWN_M_S if by_rates else TOUCHDOWN_M_S
+    most = SPOOL_M_S if _unseen(state, truth) else RATES_TOUCHDOWN_M_S if by_rates else TOUCHDOWN_M_S
     met = touchdown_m_s is None or touchdown_m_s < most
     return "" if met else f"it met the floor at {touchdown_m_s:.2f} m/s"
 
