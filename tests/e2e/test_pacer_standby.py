@@ -194,6 +194,7 @@ key_file = "{key}"
 kind = "dsm"
 port = "{port}"
 period_s = {period_s}
+simulated = true
 arm_low_s = 0.0
 arm_high_s = 0.1
 map = {{ arm = {{ channel = 5 }} }}
