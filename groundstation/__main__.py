@@ -60,11 +60,21 @@ def parser() -> argparse.ArgumentParser:
     doctor = commands.add_parser("doctor", help="look at the autopilot's parameters; set one on request, disarmed only")
     _config_arguments(doctor)
     doctor.add_argument(
-        "--fix", metavar="NAME[=VALUE]", help="set one parameter, to the recommended value without VALUE"
+        "--fix",
+        action="append",
+        default=[],
+        metavar="NAME[=VALUE]",
+        help="set one parameter, to the recommended value without VALUE; may be repeated",
     )
     doctor.add_argument("--restore", type=Path, metavar="FILE", help="put back the old value that --fix has kept")
     doctor.add_argument("--yes", action="store_true", help="do not ask before setting it")
     doctor.add_argument("--json", action="store_true", help="print one JSON object instead of the table")
+
+    props_off = commands.add_parser(
+        "props-off", help="the required test with the propellers off, step by step. THIS STARTS THE MOTORS"
+    )
+    _config_arguments(props_off)
+    props_off.set_defaults(now_s=time.time())
 
     radio = commands.add_parser("radio", help="bind an RF module, check its range, or just show it disarmed frames")
     radio.add_argument("what", choices=["bind", "range-check", "idle"])
@@ -132,6 +142,9 @@ def parser() -> argparse.ArgumentParser:
     replay.add_argument("--set", action="append", default=[], dest="overrides", metavar="KEY=VALUE")
     replay.add_argument("--config", type=Path, metavar="FILE.toml")
     replay.add_argument("--json", action="store_true", help="print one JSON object instead of the report")
+    replay.add_argument(
+        "--trust-modules", action="store_true", help="import the controller's module that LOG names: its code runs here"
+    )
 
     logs = commands.add_parser("logs", help="list the recorded flights with their headline numbers")
     _config_arguments(logs, optional=True, metavar="CONFIG.toml|DIR")

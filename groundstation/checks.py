@@ -6,13 +6,15 @@ from groundstation.control.certificate import acceleration_sup, thrust_bound
 from groundstation.control.gains import Law
 from groundstation.course import Course
 from groundstation.fence import Fence
+from groundstation.guards import GuardsConfig
 from groundstation.ops import Vec3
 from groundstation.poses.mavlink import MavlinkPoseConfig
 from groundstation.poses.others import Others
 from groundstation.poses.port import Pose
-from groundstation.preflight import look, refused
+from groundstation.preflight import is_simulated, look, real, refused
+from groundstation.proof import Proof, lacks
 from groundstation.separation import Separation
-from groundstation.settings import Config
+from groundstation.settings import Config, FlightConfig
 from groundstation.so3 import angle_deg, third_column
 from groundstation.takeoff import Standing, limit_n, usual_limit_n
 from groundstation.trajectories.port import Reference, Trajectory
@@ -20,6 +22,7 @@ from groundstation.verdict import Check, Verdict
 from groundstation.witness import ASKEW_DEG, Testimony
 from links.mavlink import MavlinkLinkConfig
 from links.port import LinkStatus
+from links.rf_codec import RfLinkConfig
 
 LOOK_S = 1.2
 """Poses are looked at for so long before the first checks [s]."""
@@ -49,16 +52,17 @@ def judged(name: str, value: float, warn: float, fail: float, says: str) -> Chec
 class Checks:
     """The checks of one configuration. Times are on the event loop's clock [s]."""
 
-    def __init__(self, config: Config, others: Others | None = None) -> None:
+    def __init__(self, config: Config, others: Others | None = None, proof: Proof | None = None) -> None:
         """What needs no vehicle is looked at here, once: it takes some tenths of a second.
 
-        ``others`` are vehicles to keep away from.
+        ``others`` are vehicles to keep away from; ``proof`` is the test with the propellers off that is on file.
         """
         self._config = config
+        self._proof, self._real = proof, real(config) is not None
         self._separation = None if others is None else Separation(config.separation, others)
         self._fence = None if config.fence is None else Fence(config.fence, config.flight.floor_z_m)
         self._trajectory = config.trajectory.build()
-        self._still = [self._flyable(), self._certificate(), self._take_off()]
+        self._still = [self._flyable(), self._certificate(), self._take_off(), *self._simulated()]
 
     def __call__(
         self, standing: Standing, noise_m: float, link: LinkStatus, now_s: float, witness: Testimony | None = None
@@ -74,6 +78,8 @@ class Checks:
         return [
             self._rate(poses),
             self._age(poses[-1], now_s),
+            self._deadline(),
+            self._props_off(link),
             judged("pose noise", noise_m, WARN_NOISE_M, NOISE_M, f"noise of {1e3 * noise_m:.2f} mm on each axis"),
             self._rest(poses),
             self._tilt(poses[-1]),
@@ -84,6 +90,7 @@ class Checks:
             self._battery(link),
             self._round_trip(link),
             self._arm(link),
+            self._frames(link),
             self._failsafe(),
             *self._still,
             self._ways(place),
@@ -102,6 +109,28 @@ class Checks:
     def _age(self, pose: Pose, now_s: float) -> Check:
         age, fail = now_s - pose.time_s, OLD_SHARE * self._config.flight.coast_s
         return judged("pose age", age, min(WARN_AGE_S, fail), fail, f"the newest pose is {1e3 * age:.0f} ms old")
+
+    def _props_off(self, link: LinkStatus) -> Check:
+        """Whether somebody has seen the motors of this vehicle stop, as it is now."""
+        if not self._real:
+            return Check("props-off test", Verdict.OFF, "only a real vehicle needs one")
+        why = lacks(self._proof, self._config, link.firmware)
+        if why or self._proof is None:
+            return Check("props-off test", Verdict.WARN, why)
+        return Check("props-off test", Verdict.PASS, f"passed on {self._proof.date}")
+
+    def _deadline(self) -> Check:
+        """How old the pose may be that a command rests on; the configuration may say more than the defaults."""
+        coast_s, level_s = self._config.flight.coast_s, self._config.guards.level_s
+        usual_s = FlightConfig().coast_s + GuardsConfig().level_s
+        says = (
+            f"commands rest on a pose for {1e3 * coast_s:.0f} ms (flight.coast_s), in a descent for "
+            f"{1e3 * level_s:.0f} ms more (guards.level_s); then the bring-down"
+        )
+        if coast_s + level_s <= usual_s + 1e-9:
+            return Check("deadline", Verdict.PASS, says)
+        says += f". Together they are {1e3 * usual_s:.0f} ms unless told otherwise"
+        return Check("deadline", Verdict.WARN, says)
 
     def _rest(self, poses: list[Pose]) -> Check:
         far = max(math.dist(poses[0].position_ned, pose.position_ned) for pose in poses)
@@ -219,18 +248,28 @@ class Checks:
         if link.state != "connected":
             return Check("ready to arm", Verdict.FAIL, f"the link is {link.state}: {link.text}".rstrip(": "))
         said = f"; it said last: “{link.text}”" if link.text else ""
+        if link.unfit:
+            return Check("ready to arm", Verdict.FAIL, link.unfit)
         if link.ready is False:  # a warning: they may ask for what only its present mode needs, and arming tells
             says = "its own pre-arm checks do not pass, so it may refuse to arm: QGroundControl lists what they lack"
             return Check("ready to arm", Verdict.WARN, says + said)
         return Check("ready to arm", Verdict.PASS, f"connected, and disarmed{said}")
+
+    def _frames(self, link: LinkStatus) -> Check:
+        if isinstance(self._config.link, MavlinkLinkConfig):
+            return Check("frames", Verdict.OFF, "commands leave as this program sends them")
+        if link.warning:
+            return Check("frames", Verdict.WARN, link.warning)
+        return Check("frames", Verdict.PASS, "the pacer and its stand-by have what they need")
 
     def _failsafe(self) -> Check:
         """What nobody can see from here: whether the other end stops by itself when we fall silent."""
         if isinstance(self._config.link, MavlinkLinkConfig):
             return Check("failsafe", Verdict.OFF, "the autopilot's own: `groundstation doctor CONFIG` looks at it")
         says = (
-            "a receiver does not tell what it does without frames, and is sold to hold the last: with the propellers "
-            "off, `groundstation fly CONFIG`, then pull the module's plug; the motors must stop"
+            "the receiver's failsafe must stop the motors, as nothing here can if the module loses its plug or its "
+            "computer; it does not tell, and is sold to hold the last frame: once, with the propellers off, "
+            "`groundstation fly CONFIG`, then pull the module's plug; the motors must stop"
         )
         return Check("failsafe", Verdict.WARN, says)
 
@@ -245,6 +284,15 @@ class Checks:
             f"{says}, by takeoff.thrust_limit: with wrong poses or a wrong mass it jumps higher than by {usual:.3g} N"
         )
         return Check("take-off thrust", Verdict.WARN, more)
+
+    def _simulated(self) -> list[Check]:
+        """A word that takes guards away must not stay in a configuration unseen."""
+        link = self._config.link
+        if not (isinstance(link, RfLinkConfig) and link.simulated):
+            return []
+        believed = "no fence and no speed limit are asked for" if is_simulated(link) else "not believed of this port"
+        says = f"link.simulated = true: {believed}. Behind {link.port} no module may be; else take it out"
+        return [Check("simulated", Verdict.WARN, says)]
 
     def _certificate(self) -> Check:
         law = self._config.controller

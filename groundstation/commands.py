@@ -129,21 +129,29 @@ def replay(args: argparse.Namespace) -> int:
 
         if args.config is not None:
             raise ConfigError("--config", "a recording has its own configuration: change it with --set")
-        return replay.replay_command(args.file, args.overrides, as_json=args.json)
+        return replay.replay_command(args.file, args.overrides, as_json=args.json, trust_modules=args.trust_modules)
     from groundstation.shadow import replay_command
 
     return replay_command(args.file, args.config, args.overrides, as_json=args.json)
 
 
 def doctor(args: argparse.Namespace) -> int:
-    """Look at the autopilot's parameters, and set one on request."""
+    """Look at the autopilot's parameters, and set some on request."""
     from groundstation.doctor.command import Orders, doctor
+    from groundstation.telemetry.flights import folder_of
 
     config = load(args.config, Config, args.overrides)
     overrides = [word for override in args.overrides for word in ("--set", override)]
     command = shlex.join(["groundstation", "doctor", str(args.config), *overrides])
-    orders = Orders(command, args.fix, args.restore, args.yes, args.json)
+    orders = Orders(command, tuple(args.fix), args.restore, args.yes, args.json, folder_of(config.recording))
     return asyncio.run(doctor(config, orders, line_from_terminal if sys.stdin.isatty() else None, _say))
+
+
+def props_off(args: argparse.Namespace) -> int:
+    """The required test with the propellers off, step by step."""
+    from groundstation.props_off.command import props_off_command
+
+    return props_off_command(flyable(load(args.config, Config, args.overrides)), args.now_s)
 
 
 def logs(args: argparse.Namespace) -> int:

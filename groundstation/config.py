@@ -5,15 +5,14 @@ A table needs only the keys that it changes: the rest comes from the field's def
 Some sections may name a file of their own (a vehicle, a CSV, a key): its path is relative to the configuration's.
 """
 
-import tomllib
 from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any, TypeVar
 
 import msgspec
 
-from groundstation.config_files import beside, with_files
-from groundstation.config_schema import KeyPath, Problem, completed, dotted
+from groundstation.config_files import beside, toml, with_files
+from groundstation.config_schema import KeyPath, Problem, completed, dotted, kinds
 
 T = TypeVar("T", bound=msgspec.Struct)
 
@@ -38,13 +37,13 @@ def load(path: Path | None, root: type[T], overrides: Sequence[str] = ()) -> T:
     if path is None:
         return from_dict({}, root, overrides)
     try:
-        data = tomllib.loads(path.read_bytes().decode())
+        data = toml(path.read_bytes().decode())
     except OSError as error:
         raise ConfigError("", f"cannot read the configuration: {error.strerror}", str(path)) from None
     except UnicodeDecodeError as error:
         raise ConfigError("", f"not UTF-8 text (byte {error.start})", str(path)) from None
-    except (tomllib.TOMLDecodeError, RecursionError) as error:
-        raise ConfigError("", f"not valid TOML: {error}", str(path)) from None
+    except ValueError as error:
+        raise ConfigError("", str(error), str(path)) from None
     return from_dict(beside(data, path.parent), root, overrides, source=str(path), folder=path.parent)
 
 
@@ -53,7 +52,8 @@ def from_dict(
 ) -> T:
     """The configuration in ``data`` as a ``root``, changed by ``overrides``, ``source`` being named in errors.
 
-    The value of an override is TOML (``3.5``, ``true``, ``[1, 2]``, ``"text"``), or else a string as it stands.
+    The value of an override is TOML (``3.5``, ``true``, ``[1, 2]``, ``"text"``), or else a string as it stands. One
+    that gives a section another kind leaves out what ``data`` says there for the old kind alone.
     Files that a section names are relative to ``folder``.
 
     Raises:
@@ -61,9 +61,13 @@ def from_dict(
     """
     changed: dict[str, Any] = dict(data)
     set_paths = [_override(changed, text) for text in overrides]
+    told = _switch(root, data, changed, set_paths)
     try:
         complete = completed(root, with_files(root, changed, folder))
     except Problem as problem:
+        if problem.path[:1] in told and problem.text.startswith("missing"):
+            key = dotted(problem.path)
+            raise ConfigError(key, f"{problem.text}; add --set {key}=VALUE", "--set") from None
         raise ConfigError(dotted(problem.path), problem.text, _blame(problem.path, data, set_paths, source)) from None
     try:
         return msgspec.convert(complete, root)
@@ -101,10 +105,32 @@ def _override(data: dict[str, Any], text: str) -> KeyPath:
     return path
 
 
+def _switch(
+    root: type[msgspec.Struct], data: Mapping[str, Any], changed: dict[str, Any], set_paths: Sequence[KeyPath]
+) -> list[KeyPath]:
+    """Where an override gives a section another kind, leave out the keys of ``data`` that only other kinds have.
+
+    Returns the sections whose kind an override tells.
+    """
+    told: list[KeyPath] = []
+    for section, *rest in set_paths:
+        tag_field, keys = kinds(root, section)
+        table, written = changed[section], data.get(section)
+        if rest != [tag_field] or not keys or not isinstance(table, dict):
+            continue
+        told.append((section,))
+        kind = table.get(tag_field)
+        if isinstance(kind, str) and kind in keys and isinstance(written, Mapping) and kind != written.get(tag_field):
+            strange = set().union(*keys.values()) - keys[kind]
+            kept = {key: value for key, value in table.items() if key not in strange or (section, key) in set_paths}
+            changed[section] = kept
+    return told
+
+
 def _toml_value(text: str) -> Any:
     try:
-        parsed = tomllib.loads(f"value = {text}")
-    except (tomllib.TOMLDecodeError, RecursionError):
+        parsed = toml(f"value = {text}")
+    except ValueError:
         return text
     return parsed["value"] if len(parsed) == 1 else text
 

@@ -4,6 +4,7 @@ They are read once, when the configuration is, so that what was checked is what 
 what was in them and needs them no more.
 """
 
+import tomllib
 from importlib import resources
 from pathlib import Path
 from typing import Any
@@ -16,6 +17,30 @@ from groundstation.config_words import bare
 
 PACKAGE = "groundstation"
 """Where the presets stand."""
+DEEPEST = 16
+"""Tables and arrays stand within each other no deeper than this; ours need 5."""
+TOO_DEEP = f"no configuration: its tables or arrays stand more than {DEEPEST} deep within each other"
+
+
+def toml(text: str) -> dict[str, Any]:
+    """What the TOML ``text`` says.
+
+    Raises:
+        ValueError: it is no TOML, or nested deeper than any configuration is.
+    """
+    try:
+        data = tomllib.loads(text)
+    except tomllib.TOMLDecodeError as error:
+        raise ValueError(f"not valid TOML: {error}") from None
+    except RecursionError:
+        raise ValueError(TOO_DEEP) from None
+    inside: list[Any] = [data]
+    for _ in range(DEEPEST):
+        inside = [one for item in inside for one in (item.values() if isinstance(item, dict) else item)]
+        inside = [one for one in inside if isinstance(one, dict | list)]
+        if not inside:
+            return data
+    raise ValueError(TOO_DEEP)
 
 
 def with_files(root: type[msgspec.Struct], data: dict[str, Any], folder: Path) -> dict[str, Any]:

@@ -69,6 +69,20 @@ def completed(root: type[msgspec.Struct], data: dict[str, Any]) -> dict[str, Any
     return result
 
 
+def kinds(root: type[msgspec.Struct], section: str) -> tuple[str, dict[Any, set[str]]]:
+    """The key that tells a ``section`` of ``root`` its kind, and the keys of each kind; none where it has no kinds."""
+    info = mi.type_info(root)
+    assert isinstance(info, mi.StructType)
+    for field in info.fields:
+        if field.encode_name == section:
+            union = bare(field.type)
+            found = [bare(kind) for kind in (union.types if isinstance(union, mi.UnionType) else (union,))]
+            tagged = [kind for kind in found if isinstance(kind, mi.StructType) and kind.tag_field is not None]
+            keys = {kind.tag: {each.encode_name for each in kind.fields} for kind in tagged}
+            return (tagged[0].tag_field or "", keys) if tagged else ("", {})
+    return "", {}
+
+
 def dotted(path: KeyPath) -> str:
     """The path as an operator writes it."""
     return ".".join(path)

@@ -7,6 +7,8 @@ from typing import Any
 
 from msgspec import inspect as mi
 
+from groundstation.names import in_words
+
 
 def expected(info: mi.Type) -> str:
     """What a key of this type accepts, in words: ``a number > 0``, ``one of ['vicon', 'natnet']``."""
@@ -20,7 +22,11 @@ def expected(info: mi.Type) -> str:
         case mi.BoolType():
             return "true or false"
         case mi.StrType():
-            return "a string" + _lengths(info, "character") + (f" matching {info.pattern}" if info.pattern else "")
+            return (
+                "a string"
+                + _lengths(info, "character")
+                + (f" matching {in_words(info.pattern)}" if info.pattern else "")
+            )
         case mi.LiteralType():
             return f"one of {list(info.values)}"
         case mi.EnumType():

@@ -7,9 +7,11 @@ from groundstation.checks import LOOK_S, Checks, failed
 from groundstation.company import Company
 from groundstation.mission import Event
 from groundstation.pilot import Pilot
+from groundstation.poses.mavlink import MavlinkPoseConfig
 from groundstation.poses.others import Others
 from groundstation.poses.port import Pose, PoseSource
 from groundstation.progress import Progress
+from groundstation.proof import on_file, place
 from groundstation.sender import Ended
 from groundstation.settings import Config
 from groundstation.verdict import Check, Verdict
@@ -111,8 +113,8 @@ class Departure:
 
     async def _stand(self) -> None:
         """Look at the vehicle as it stands for a moment."""
-        self._look = Checks(self._config, self._others)
-        await asyncio.sleep(LOOK_S)
+        self._look = Checks(self._config, self._others, on_file(place(self._config)))
+        await asyncio.gather(asyncio.sleep(LOOK_S), self._link.examine())
 
     def _checked(self, *, arming: bool = False) -> tuple[str, list[Check]]:
         """What fails, and all checks; ``arming`` where the motors start next."""
@@ -132,9 +134,20 @@ class Departure:
         try:
             await asyncio.wait_for(self._first_pose.wait(), wait)
         except TimeoutError:
-            dropped = self._source.status.dropped
-            hint = f"dropped so far: {dropped}" if dropped else "nothing arrived at all; check address and port"
-            raise Ended(f"no pose within {wait:g} s ({self._config.pose!r}): {hint}") from None
+            raise Ended(f"no pose within {wait:g} s: {self._why_no_pose()}") from None
+
+    def _why_no_pose(self) -> str:
+        pose, dropped = self._config.pose, self._source.status.dropped
+        if isinstance(pose, MavlinkPoseConfig):
+            said = f"; it said last: “{self._link.status.text}”" if self._link.status.text else ""
+            return (
+                "the autopilot is heard but has no estimate of its position yet (pose.kind = mavlink). After a start "
+                f"that takes it some 40 s, and it needs GPS or an external pose: wait for it, then try again{said}"
+            )
+        told = ("server", "listen", "object", "name")
+        keys = ", ".join(f"pose.{key} = {getattr(pose, key)}" for key in told if hasattr(pose, key))
+        hint = f"dropped so far: {dropped}" if dropped else "nothing arrived at all; check address and port"
+        return f"nothing of use from pose.kind = {pose.__struct_config__.tag} ({keys}); {hint}"
 
     async def _operator(self) -> None:
         """Wait until somebody asks to arm: at the terminal, or by a request."""

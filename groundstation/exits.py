@@ -56,6 +56,11 @@ CODES: dict[str, dict[int, str]] = {
         3: "poses or autopilot can't be heard",
     },
     "doctor": {0: "nothing to change", 1: "something to change, or not confirmed", 3: "no answer, or a refusal"},
+    "props-off": {
+        0: "passed, and kept on file",
+        1: "not proven, interrupted, or it could not go on: the motors were ordered off",
+        3: "another ground station flies this vehicle",
+    },
     "trajectory": {0: "PASS", 1: "FAIL"},
     "identify": {0: "something was found", 1: "the flight tells nothing of thrust, lags and delay"},
     "replay": {

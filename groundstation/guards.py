@@ -117,17 +117,19 @@ class Guards:
         period_s: Callable[[], float],
         separation: Separation | None = None,
         floor_z_m: float = 0.0,
+        gravity: float = 9.81,
     ) -> None:
         """``period_s`` tells the link's time between two commands [s]; ``separation`` is from other vehicles.
 
         It is asked with each command: a bridge's is known only once it is connected.
-        ``floor_z_m`` is where its pose is when it stands on the floor [m, NED].
+        ``floor_z_m`` is where its pose is when it stands on the floor [m, NED], ``gravity`` the controller's [m/s²].
         """
         self._config = config
         self._around = Surroundings(fence, separation)
         self._thrust_max = vehicle.thrust_max_n
         self._rates = tuple(math.radians(limit) for limit in vehicle.rate_limits_deg_s)
         self._period_s = period_s
+        self._gravity = gravity
         self._since = Since()
         self._late: list[int] = []
         self._frames = 0
@@ -193,7 +195,7 @@ class Guards:
     def _tilt_error(self, tick: Tick) -> Finding | None:
         c = self._config
         a, d = tick.reference.acceleration_ned, tick.estimate.disturbance
-        x, y, z = d[0] - a[0], d[1] - a[1], 9.81 + d[2] - a[2]
+        x, y, z = d[0] - a[0], d[1] - a[1], self._gravity + d[2] - a[2]
         u, v, w = third_column(tick.estimate.motion.attitude)
         cosine = (x * u + y * v + z * w) / max(math.sqrt(x * x + y * y + z * z), 1e-6)
         error = angle_deg(cosine)

@@ -1,11 +1,15 @@
 """Lines to whoever reads them, if anybody does. What is not taken at once is lost, and counted.
 
+Whatever a line quotes of others, it stays one line and steers no terminal.
+
 A terminal that stands still (Ctrl-S), a full pipe, or one that is gone, holds up nobody: least of all a command.
 """
 
 import os
 import select
 import stat
+
+from links.printable import printable
 
 LINE_MAX_BYTES = 4000
 """Longer lines are cut: so much goes into a pipe that has room at all (pipe(7), PIPE_BUF)."""
@@ -30,7 +34,7 @@ class Outlet:
 
     def write(self, text: str) -> bool:
         """Write ``text`` as one line; False where it is not taken at once."""
-        line = text.encode(errors="replace")[: LINE_MAX_BYTES - 1].rstrip(b"\n") + b"\n"
+        line = printable(text.rstrip("\n")).encode(errors="replace")[: LINE_MAX_BYTES - 1] + b"\n"
         try:
             if self._rest:
                 self._rest = self._rest[self._taken(self._rest) :]

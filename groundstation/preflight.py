@@ -9,10 +9,10 @@ from groundstation.settings import Config
 from groundstation.telemetry.mqtt_requests import ensure_mqtt
 from groundstation.trajectories.check import Report, check, refusal
 from groundstation.trajectories.demands import Demand
-from links.address import is_loopback, parse_address
 from links.bridge_link import BridgeLinkConfig
 from links.key_file import read_key
 from links.mavlink_config import MavlinkLinkConfig
+from links.rf_codec import RfLinkConfig
 from links.serial_port import is_pseudo_terminal
 
 
@@ -46,25 +46,19 @@ def ensure_flyable(config: Config) -> None:
 def real(config: Config) -> str | None:
     """The key that may lead to a real vehicle or to real poses, and its value; None where all stays on this machine.
 
+    Every kind of link and of poses answers for itself, by its property ``real``; one that does not counts as real.
     On loopback there are simulators: whoever routes that to a vehicle must set a fence and a speed limit by himself.
     """
-    link, pose = config.link, config.pose
-    for key, address in (
-        ("link.listen", getattr(link, "listen", None)),
-        ("link.remote", getattr(link, "remote", None)),
-        ("link.tcp", getattr(link, "tcp", None)),
-        ("pose.listen", getattr(pose, "listen", None)),
-        ("pose.server", getattr(pose, "server", None)),
-    ):
-        if address is not None and not is_loopback(parse_address(address)[0]):
-            return f"{key} = {address}"
-    serial = getattr(link, "serial", None)
-    if serial is not None:
-        return f"link.serial = {serial}"
-    port = getattr(link, "port", None)
-    if port is not None and not is_pseudo_terminal(port):
-        return f"link.port = {port}"
+    for section, kind in (("link", config.link), ("pose", config.pose)):
+        key = getattr(kind, "real", f"kind = {kind.__struct_config__.tag}")
+        if key is not None and not is_simulated(kind):
+            return f"{section}.{key}"
     return None
+
+
+def is_simulated(link: object) -> bool:
+    """Whether the operator says that a simulator is behind the port of ``link``, and one can be."""
+    return isinstance(link, RfLinkConfig) and link.simulated and is_pseudo_terminal(link.port)
 
 
 def ensure_guarded(config: Config) -> None:

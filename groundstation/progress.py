@@ -60,7 +60,9 @@ class Progress:
         if config.flight.start == "floor":  # what is held in the air has an error to begin with, and nobody beneath it
             separation = None if others is None else Separation(config.separation, others)
             floor_z_m = config.flight.floor_z_m
-            self._guards = Guards(guards, fence, config.vehicle, period_s, separation, floor_z_m)
+            self._guards = Guards(
+                guards, fence, config.vehicle, period_s, separation, floor_z_m, config.controller.gravity
+            )
         self._warned = ""
         self._escalation = Escalation(guards.lasting_s)
         self.tick: Tick | None = None

@@ -10,14 +10,13 @@ from groundstation.api.place import ApiError
 from groundstation.api.register import BRIDGE, Running, registered
 from groundstation.company import link_of
 from groundstation.config import ConfigError, load
-from groundstation.preflight import key
+from groundstation.preflight import is_simulated, key
 from groundstation.settings import Config
 from links.bridge import BridgeConfig
 from links.key_file import make_key
 from links.port import LinkError
 from links.rf_codec import RfLinkConfig, Service
 from links.rf_codecs import RF_CODECS
-from links.serial_port import is_pseudo_terminal
 
 Say = Callable[[str], None]
 
@@ -88,7 +87,7 @@ async def _bridge(config: BridgeConfig, shared: bytes, say: Say) -> bool:
 
     loop = asyncio.get_running_loop()
     link = config.link
-    real = not is_pseudo_terminal(link.port)
+    real = not is_simulated(link)
     it = Bridge(config, shared, say=lambda line: say(f"{loop.time():.3f} {line}"), remote_only=real)
     running = asyncio.ensure_future(it.run())
 

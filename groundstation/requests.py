@@ -46,5 +46,5 @@ def decode(text: bytes) -> Request | None:
     """The request in a JSON object such as ``{"ask": "land", "why": "MQTT"}``; None where it is none."""
     try:
         return msgspec.json.decode(text, type=Request)
-    except msgspec.DecodeError:
+    except (msgspec.DecodeError, UnicodeDecodeError, RecursionError):
         return None

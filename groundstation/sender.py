@@ -140,10 +140,14 @@ class Sender:
             progress.link(status, now)
         if status.state == "armed" or progress.state not in IN_AIR:
             return
-        if status.state == "connected" and progress.low and progress.allows(Event.DISARMED):
+        felt = status.state == "connected" and status.hears_vehicle  # else nobody has told of a floor
+        if felt and progress.low and progress.allows(Event.DISARMED):
             progress.go(Event.DISARMED, "the autopilot has felt the floor and disarmed", now)
             return
-        raise Ended(f"the link is {status.state}, no longer armed: commands have stopped. {status.text}")
+        if status.state == "lost":  # nobody knows whether it is armed still: it may be coming down by itself
+            last = f", and the autopilot was in {status.mode} when last heard" if status.mode else ""
+            raise Ended(f"the link is lost: commands have stopped{last}. {status.text}")
+        raise Ended(f"the link is {status.state}, the vehicle armed no longer: commands have stopped. {status.text}")
 
     async def _stop_motors(self) -> None:
         """Hold zero thrust on the floor until the autopilot has disarmed."""

@@ -1,13 +1,13 @@
 """The vehicle as the controller is told it is. Config section ``[vehicle]``, or a file of its own."""
 
 import math
-import tomllib
 from typing import Annotated, Any, ClassVar
 
 import msgspec
 
-from groundstation.config_files import presets
+from groundstation.config_files import presets, toml
 from groundstation.config_schema import FromFile, Problem, completed, dotted
+from groundstation.names import VEHICLE_LETTERS, name_of
 
 Positive = Annotated[float, msgspec.Meta(gt=0.0)]
 NonNegative = Annotated[float, msgspec.Meta(ge=0.0)]
@@ -23,7 +23,7 @@ class Vehicle(FromFile, msgspec.Struct, frozen=True, kw_only=True, forbid_unknow
     """Vehicle that comes along to start from, see `groundstation vehicles`; its keys then stand here."""
     file: str | None = None
     """Vehicle file to start from, beside the configuration; its keys then stand here."""
-    name: Annotated[str, msgspec.Meta(pattern=r"^[A-Za-z0-9_.-]{1,24}$")] = "mqx"
+    name: Annotated[str, msgspec.Meta(pattern=name_of(VEHICLE_LETTERS))] = "mqx"
     """What the operator calls it; asked for before arming."""
     mass_kg: Positive = 0.080
     """With battery and markers [kg]."""
@@ -75,7 +75,7 @@ class Vehicle(FromFile, msgspec.Struct, frozen=True, kw_only=True, forbid_unknow
             ValueError: not TOML, a key that is unknown or missing, or a value outside its bounds.
         """
         try:
-            told = tomllib.loads(text)
+            told = toml(text)
             base = told.pop("preset", None)
             if "file" in told:
                 raise ValueError("file: a vehicle file can't name another; it may name a preset")
@@ -83,10 +83,8 @@ class Vehicle(FromFile, msgspec.Struct, frozen=True, kw_only=True, forbid_unknow
                 known = presets(cls)
                 if not isinstance(base, str) or base not in known:
                     raise ValueError(f"preset: expected one of {list(known)}, got {base!r}")
-                told = {**tomllib.loads(known[base]), **told}
+                told = {**toml(known[base]), **told}
             told = completed(cls, told)
-        except (tomllib.TOMLDecodeError, RecursionError) as error:
-            raise ValueError(f"not valid TOML: {error}") from None
         except Problem as problem:
             raise ValueError(f"{dotted(problem.path)}: {problem.text}") from None
         missing = [key for key in cls.__struct_fields__ if key not in {*told, *_OPTIONAL}]

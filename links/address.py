@@ -46,6 +46,11 @@ def is_loopback(host: str) -> bool:
     return (mapped or address).is_loopback
 
 
+def beyond(key: str, address: str) -> str | None:
+    """``key = address`` where that may lead off this machine; None on loopback."""
+    return None if is_loopback(parse_address(address)[0]) else f"{key} = {address}"
+
+
 def _is_ipv6(host: str) -> bool:
     try:
         ipaddress.IPv6Address(host)

@@ -9,7 +9,7 @@ from typing import Annotated
 
 import msgspec
 
-from links.address import parse_address
+from links.address import beyond, parse_address
 from links.key_file import read_key
 from links.paced_link import PacedLink
 from links.pacer_messages import Hear
@@ -36,6 +36,14 @@ class BridgeLinkConfig(
             ValueError: ``remote`` is no address.
         """
         parse_address(self.remote)
+
+    @property
+    def real(self) -> str | None:
+        """The key that may lead to a real vehicle, and its value; None where all stays on this machine.
+
+        A bridge with a real module takes no station of its own machine (links/bridge.py).
+        """
+        return beyond("remote", self.remote)
 
     @property
     def thrust_curve(self) -> None:

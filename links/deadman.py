@@ -60,15 +60,23 @@ class Deadman:
         self._over = True
         self._command = None
 
-    def take(self, command: Command, now_s: float) -> bool:
+    @property
+    def command(self) -> Command | None:
+        """The newest command, while it or its bring-down may leave; else None."""
+        return self._command
+
+    def take(self, command: Command, now_s: float, seen_s: float | None = None) -> bool:
         """Take the newest command; False where it does not count, and then it changes nothing.
+
+        Whoever looks for commands only once a frame says for which instant it made the last one, ``seen_s``: the switch
+        has opened if it had by then. One that opened since has moved nothing yet, and the command may come in time.
 
         Raises:
             LinkMisuse: a number in it is not finite, its deadline is too far away, or its bring-down lasts too long.
         """
         _check(command, now_s)
-        newest = self._command
-        if self.held or self.phase(now_s) not in (Phase.WAITING, Phase.FRESH) or now_s > command.deadline_s:
+        newest, opens = self._command, self.phase(now_s if seen_s is None else seen_s)
+        if self.held or opens not in (Phase.WAITING, Phase.FRESH) or now_s > command.deadline_s:
             self.refused += 1
             return False
         if newest is not None and command.pose_time_s < newest.pose_time_s:

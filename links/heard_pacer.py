@@ -71,9 +71,13 @@ class HeardPacer:
         return self.report
 
     def why_lost(self) -> str:
-        """Why nothing leaves; empty where it does."""
+        """Why nothing leaves but a bring-down and disarm frames, or nothing at all; empty where commands may."""
+        return self.why_silent() or (self.report.heir if self.report is not None else "")
+
+    def why_silent(self) -> str:
+        """Why nothing leaves at all; empty where it does."""
         if self._dead:
-            return "the pacer's process ended, and with it every frame: close the link, and connect it again"
+            return "the pacer and its stand-by ended, and with them every frame: close the link, and connect it again"
         if self._mute:
             return self.pacer.why_mute if self.pacer is not None else "not connected"
         return self.report.port if self.report is not None else "not connected"

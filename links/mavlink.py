@@ -9,10 +9,11 @@ from links.mavlink_beside import beside
 from links.mavlink_codec import ARDUPILOT, ARM_DISARM, Message
 from links.mavlink_config import MavlinkLinkConfig
 from links.mavlink_connection import MavlinkConnection
-from links.mavlink_handshake import arming, disarming, landing, landing_disarmed
+from links.mavlink_handshake import arming, disarming, fitness, landing, landing_disarmed
 from links.mavlink_heard import STALE_NEWS_S
 from links.mavlink_steps import Autopilot, Handshake
 from links.mavlink_stop import Kill
+from links.mavlink_version import ReadVersion
 from links.mavlink_vitals import Vitals
 from links.port import Attitude, Command, LinkError, LinkLost, LinkMisuse, LinkRejected, LinkStatus, Segment
 from links.sleep import Sleep
@@ -54,6 +55,7 @@ class MavlinkLink:
         """Since the newest arming."""
         self._vitals = Vitals()
         self.connection.subscribe(self._vitals.hear)
+        self._unfit = self._firmware = ""
         self._landing: asyncio.Task[None] | None = None
         self._killing: asyncio.Task[None] | None = None
         self._loop: asyncio.AbstractEventLoop | None = None
@@ -90,6 +92,9 @@ class MavlinkLink:
             battery_v=self._vitals.battery_v,
             battery_share=self._vitals.battery_share,
             ready=self._vitals.ready,
+            mode=self._vitals.mode,
+            unfit=self._unfit,
+            firmware=self._firmware,
         )
 
     def watch_attitude(self, watch: Callable[[Attitude], None]) -> None:
@@ -119,6 +124,22 @@ class MavlinkLink:
         self._distrusted = False
         await self.connection.open()
         self._busy = ""
+
+    async def examine(self) -> None:
+        """Ask the autopilot for its version, and whether it is set up so that it may be armed.
+
+        Raises:
+            LinkLost: it did not answer.
+            LinkMisuse: the link is not connected.
+        """
+        autopilot = self.connection.autopilot()
+        version = ReadVersion(autopilot)
+        await self._ask(Handshake([version]))
+        self._firmware, self._unfit = version.firmware, ""
+        try:
+            await self._ask(fitness(autopilot))
+        except LinkRejected as error:
+            self._unfit = str(error)
 
     async def arm(self, idle: Callable[[], Command]) -> None:
         """Stream what ``idle()`` returns until the vehicle is in OFFBOARD (GUIDED on ArduPilot) and armed.

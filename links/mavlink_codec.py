@@ -37,6 +37,7 @@ NAV_LAND = 21
 DO_SET_MODE = 176
 ARM_DISARM = 400
 SET_MESSAGE_INTERVAL = 511
+REQUEST_MESSAGE = 512
 FORCE = 21196.0
 """Second parameter of ARM_DISARM that overrides every check: with it, disarming stops the motors in the air."""
 

@@ -4,7 +4,7 @@ from typing import Annotated, Literal
 
 import msgspec
 
-from links.address import parse_address
+from links.address import beyond, parse_address
 
 DEFAULT_LISTEN = "127.0.0.1:14540"
 """Where PX4 sends what it has for an offboard computer."""
@@ -107,6 +107,13 @@ class MavlinkLinkConfig(
             )
         if self.serial is None:
             parse_address(self.address)
+
+    @property
+    def real(self) -> str | None:
+        """The key that may lead to a real vehicle, and its value; None where all stays on this machine."""
+        if self.serial is not None:
+            return f"serial = {self.serial}"
+        return beyond("tcp" if self.tcp else "remote" if self.remote else "listen", self.address)
 
     @property
     def address(self) -> str:

@@ -32,6 +32,15 @@ _LAND_MODE = {PX4: (1.0, 4.0, 6.0), ARDUPILOT: (1.0, 9.0)}
 _THRUST_AS_THRUST = 8
 
 
+def fitness(autopilot: Autopilot) -> Handshake:
+    """What it is asked before it is armed, and can be asked without arming.
+
+    Raises:
+        LinkRejected: the autopilot is neither PX4 nor ArduPilot, or the vehicle no multirotor.
+    """
+    return Handshake(_musts(autopilot))
+
+
 def arming(autopilot: Autopilot, guided: str = "GUIDED") -> Handshake:
     """Into the mode that follows our set-points, then motors on; the caller streams set-points throughout.
 
@@ -40,6 +49,17 @@ def arming(autopilot: Autopilot, guided: str = "GUIDED") -> Handshake:
     Raises:
         LinkRejected: the autopilot is neither PX4 nor ArduPilot, or the vehicle no multirotor.
     """
+    steps: list[Step] = [Wait(STREAM_S), *_musts(autopilot)]
+    mode, params = ("OFFBOARD", _OFFBOARD) if autopilot.kind == PX4 else (guided, GUIDED_MODES[guided])
+    hint = f"Switch to {mode} by hand to see what it lacks: it needs an attitude and our stream of set-points."
+    steps.append(Exchange(autopilot, f"enter {mode}", DO_SET_MODE, params, hint))
+    hint = "Clear what it names (its pre-arm checks tell more), then arm again."
+    steps.append(Exchange(autopilot, "arm", ARM_DISARM, (1.0, 0.0), hint))
+    return Handshake(steps)
+
+
+def _musts(autopilot: Autopilot) -> list[Step]:
+    """What we insist on; raises LinkRejected, see :func:`arming`."""
     if autopilot.kind not in (PX4, ARDUPILOT):
         raise LinkRejected(
             f"system {autopilot.system} is no PX4 and no ArduPilot (MAV_AUTOPILOT {autopilot.kind}): "
@@ -50,24 +70,18 @@ def arming(autopilot: Autopilot, guided: str = "GUIDED") -> Handshake:
             f"{autopilot.name} says that its vehicle is no multirotor (MAV_TYPE {autopilot.vehicle}): it may take our "
             "thrust for something else, so it is not armed. Set its frame or airframe to the multirotor that it is"
         )
-    mode, params = ("OFFBOARD", _OFFBOARD) if autopilot.kind == PX4 else (guided, GUIDED_MODES[guided])
-    steps: list[Step] = [Wait(STREAM_S)]
-    if autopilot.kind == ARDUPILOT:
-        hint = (
-            "it would take our thrust as a climb rate. Set GUID_OPTIONS to 8 (bit 3, thrust as "
-            "thrust; `groundstation doctor` does), then arm again."
-        )
-        steps.append(ParameterMust(autopilot, "GUID_OPTIONS", lambda v: bool(v & _THRUST_AS_THRUST), hint))
-        hint = (
-            "it would raise our thrust whenever the vehicle leans, on top of the controller, which does so already. "
-            "Set ATC_ANGLE_BOOST to 0 (`groundstation doctor` does), then arm again."
-        )
-        steps.append(ParameterMust(autopilot, "ATC_ANGLE_BOOST", lambda v: v == 0, hint))
-    hint = f"Switch to {mode} by hand to see what it lacks: it needs an attitude and our stream of set-points."
-    steps.append(Exchange(autopilot, f"enter {mode}", DO_SET_MODE, params, hint))
-    hint = "Clear what it names (its pre-arm checks tell more), then arm again."
-    steps.append(Exchange(autopilot, "arm", ARM_DISARM, (1.0, 0.0), hint))
-    return Handshake(steps)
+    if autopilot.kind == PX4:
+        return []
+    hint = (
+        "it would take our thrust as a climb rate. Set GUID_OPTIONS to 8 (bit 3, thrust as "
+        "thrust; `groundstation doctor` does), then arm again."
+    )
+    thrust = ParameterMust(autopilot, "GUID_OPTIONS", lambda v: bool(v & _THRUST_AS_THRUST), hint)
+    hint = (
+        "it would raise our thrust whenever the vehicle leans, on top of the controller, which does so already. "
+        "Set ATC_ANGLE_BOOST to 0 (`groundstation doctor` does), then arm again."
+    )
+    return [thrust, ParameterMust(autopilot, "ATC_ANGLE_BOOST", lambda v: v == 0, hint)]
 
 
 def disarming(autopilot: Autopilot) -> Handshake:

@@ -3,13 +3,14 @@
 from collections import deque
 
 from links.mavlink_codec import Message
+from links.printable import printable
 
 _WARNING = 4
 """MAV_SEVERITY_WARNING; lower is graver."""
 
 
 class Words:
-    """What the autopilot said of late (STATUSTEXT), long texts put together again."""
+    """What the autopilot said of late (STATUSTEXT), long texts put together again, and only what is fit to be shown."""
 
     def __init__(self) -> None:
         """Nothing said yet."""
@@ -25,9 +26,9 @@ class Words:
     @property
     def newest(self) -> str:
         """The newest text, or an empty string."""
-        return self._texts[-1][2].strip() if self._texts else ""
+        return printable(self._texts[-1][2].strip()) if self._texts else ""
 
     def complaints(self) -> str:
         """The last warnings and errors, newest last, each once; an empty string where there are none."""
-        texts = [text.strip() for _, severity, text in self._texts if severity <= _WARNING]
+        texts = [printable(text.strip()) for _, severity, text in self._texts if severity <= _WARNING]
         return "; ".join(f"“{text}”" for text in list(dict.fromkeys(texts))[-3:])

@@ -17,6 +17,11 @@ from links.rf_codec import Manner, Service
 OBEY_LIMIT_S = 1.0
 """An arming that the pacer has not taken so long after its end has failed [s]."""
 
+_UNTIMELY = (
+    "where frames leave commands count no more, as none had come in time, or as the program there ends: "
+    "what it held is played to its end, bring-down and all"
+)
+
 _CLOSED, _CLOSING, _ARMING = "on a link that is not connected", "on a link that is being closed", "while arm() streams"
 
 
@@ -33,6 +38,8 @@ class PacedLink:
         """Killed, disarmed or closed since the newest arming began."""
         self._sent = 0
         self._expired = 0
+        self._why_over = ""
+        """Why the newest arming is over, or soon will be, though nobody here has ended it."""
         self._busy = _CLOSED
         """Why send() is out of place now; empty where it is not."""
 
@@ -61,10 +68,13 @@ class PacedLink:
             expired=self._expired,
             received=report.received if report is not None else 0,
             dropped=dict(report.dropped) if report is not None else {},
-            text="" if self._state() == "closed" else self._heard.words(),
+            text="" if self._state() == "closed" else self._why_over or self._heard.words(),
             phase="over" if self._heard.pacer is None else self._deadman.phase(_now()),
             slept_s=report.slept_s if report is not None else 0.0,
             late_octaves=report.late_octaves if report is not None else (),
+            period_s=self.period_s if report is not None else 0.0,
+            hears_vehicle=False,
+            warning=report.warning if report is not None else "",
         )
 
     def _state(self) -> str:
@@ -97,11 +107,19 @@ class PacedLink:
         except BaseException:
             self._busy = _CLOSED
             raise
-        why = self._heard.newest.port
+        why = self._heard.why_lost()
         if self._busy == _CLOSED or why:
             await self.close()
             raise LinkLost(why or "the link was closed before it was connected")
         self._busy = ""
+
+    async def examine(self) -> None:
+        """Nothing can be asked: no receiver tells of itself.
+
+        Raises:
+            LinkMisuse: the link is not connected.
+        """
+        self._free_for("examine")
 
     async def arm(self, idle: Callable[[], Command]) -> None:
         """Show a disarmed transmitter, then an armed one, both with the throttle down, while ``idle()`` is streamed.
@@ -124,7 +142,7 @@ class PacedLink:
             await _sleep_until(due)
             self._arming += 1
             self._deadman.arm()
-            self._stopped = False
+            self._stopped, self._why_over = False, ""
             if not heard.give(Arm(self._arming, due)):
                 raise LinkLost(heard.why_lost() or "the pacer takes no orders: close the link, and connect it again")
             obeys_s = due + manner.arm_low_s + manner.arm_high_s
@@ -184,8 +202,8 @@ class PacedLink:
         heard, pacer = self._heard, self._heard.pacer
         self._stop()
         await asyncio.sleep(self._heard.manner.disarm_s)
-        if pacer is None or (heard.pacer is pacer and heard.why_lost()):
-            why = heard.why_lost() if pacer is not None else "the link is closed"
+        if pacer is None or (heard.pacer is pacer and heard.why_silent()):
+            why = heard.why_silent() if pacer is not None else "the link is closed"
             raise LinkLost(f"nothing can be sent, the receiver's failsafe has to act: {why}")
 
     async def disarm(self) -> None:
@@ -268,7 +286,15 @@ class PacedLink:
     def _hear(self, report: Report | None) -> None:
         # A report from before the newest arming says nothing about it.
         if report is None or (report.arming == self._arming and report.over):
-            self._deadman.stop()
+            ends = self._deadman.stop
+        elif self._heard.why_lost() or (report.arming == self._arming and report.deaf):
+            ends = self._deadman.hold
+        else:
+            return
+        asked = self._stopped or self._busy in (_CLOSED, _CLOSING)
+        if not asked and not self._why_over and self._deadman.phase(_now()) is not Phase.OVER:
+            self._why_over = self._heard.why_lost() or _UNTIMELY
+        ends()
 
 
 def _now() -> float:

@@ -4,6 +4,7 @@ Whoever owns the clock calls, for each instant ``due_s``: ``prepare`` a little b
 The port is handed in. It may vanish and come back; what was armed then stays disarmed until a new arming.
 """
 
+import contextlib
 import math
 from collections import Counter
 from typing import Protocol
@@ -11,7 +12,7 @@ from typing import Protocol
 from links.channel_map import Channels
 from links.deadman import Deadman, Phase
 from links.lateness import Lateness
-from links.pacer_messages import Arm, End, Give, Order, Report, Serve, Stop
+from links.pacer_messages import Arm, End, Give, Held, Order, Report, Serve, Stop
 from links.port import Command, LinkMisuse, Segment
 from links.rf_codec import RfLinkConfig, Service
 
@@ -59,6 +60,7 @@ class FramePacer:
         self._deadman = Deadman()
         self._lateness = Lateness()
         self._errors: Counter[str] = Counter()
+        self._deaf = False
         self._frames = self._lost = self._repeated = self._received = self._arming = 0
         self._says: Command | Segment | None = None
         self._said: Command | Segment | None = None
@@ -69,11 +71,12 @@ class FramePacer:
         self._linger_s: float | None = None
         self._quiet_since_s = now_s
         self._frame = b""
-        self._due_s = now_s
+        self._due_s = self._made_s = now_s
+        self._heir = ""
         self._port = port
         self._why_closed = "not opened yet"
         self._greet = False
-        self._tell_s, self._told = now_s, (0, True)
+        self._tell_s, self._told = now_s, (0, True, False)
         self._reopen_s, self._wait_s = now_s, REOPEN_S
         self._reopen(now_s)
 
@@ -85,12 +88,14 @@ class FramePacer:
             case Give(arming, command):
                 try:
                     if arming == self._arming:
-                        self._deadman.take(command, now_s)
+                        seen_s = min(now_s, self._made_s)
+                        taken = self._deadman.take(command, now_s, seen_s)
+                        self._deaf = self._deaf or not (taken or self._obeys(seen_s))
                 except LinkMisuse:
                     self._errors["bad_command"] += 1
             case Arm(number, at_s) if self._deadman.phase(now_s) is Phase.OVER:
-                self._arming, self._slept_s = number, 0.0
-                if self._linger_s is None and not self._why_closed:
+                self._arming, self._slept_s, self._deaf = number, 0.0, False
+                if self._linger_s is None and not self._why_closed and not self._heir:
                     self._service = None
                     self._high_s = at_s + self._config.arm_low_s
                     self._obey_s = self._high_s + self._config.arm_high_s
@@ -106,6 +111,25 @@ class FramePacer:
     def orphaned(self, now_s: float) -> None:
         """Whoever commanded has died: what it left is played to its end, then disarm frames, then nothing."""
         self._end(max(AFTERLIFE_S, self._linger_s or 0.0), now_s)
+
+    def held(self) -> Held:
+        """What whoever takes over must know."""
+        return Held(self._due_s, self._arming, self._obey_s, self._deadman.command, self._linger_s)
+
+    def inherit(self, held: Held, why: str, now_s: float) -> None:
+        """Go on in the place of a pacer that held this: to the end of its newest command and bring-down, and no arming.
+
+        ``why`` says what became of it. The port is the one that it had, open as it was.
+        """
+        self._heir = f"{why}; its stand-by has taken over and brings down: close the link, and connect it again"
+        self._greet = False
+        self._arming, self._obey_s, self._linger_s = held.arming, held.obey_s, held.linger_s
+        if held.command is not None and now_s >= held.obey_s:
+            self._deadman.arm()
+            with contextlib.suppress(LinkMisuse):  # it was taken once: here nothing may fail
+                self._deadman.take(held.command, min(held.frame_s, held.command.deadline_s))
+        self._deadman.hold()
+        self._quiet_since_s = now_s
 
     def slept(self, slept_s: float, now_s: float) -> None:
         """The computer has slept for ``slept_s`` [s]: what was to leave is older by that."""
@@ -176,17 +200,24 @@ class FramePacer:
         """Whether a report is due: after each arming, when all is over, and every so often."""
         return now_s >= self._tell_s or self._told != self._stands(now_s)
 
-    def _stands(self, now_s: float) -> tuple[int, bool]:
-        return self._arming, self._deadman.phase(now_s) is Phase.OVER
+    def _stands(self, now_s: float) -> tuple[int, bool, bool]:
+        """Number of the arming; whether nothing lifts any more; and whether commands of it come that count no more."""
+        over = self._deadman.phase(now_s) is Phase.OVER
+        return self._arming, over, self._deaf and not over
 
-    def report(self, now_s: float, *, note: str = "", fifo: bool = False) -> Report:
+    def _obeys(self, seen_s: float) -> bool:
+        """Whether a command that is fresh could still count, by what was last seen to leave."""
+        return not self._deadman.held and self._deadman.phase(seen_s) in (Phase.WAITING, Phase.FRESH)
+
+    def report(self, now_s: float, *, note: str = "", fifo: bool = False, warning: str = "") -> Report:
         """The pacer as it is now."""
         self._tell_s, self._told = now_s + REPORT_S, self._stands(now_s)
+        arming, over, deaf = self._told
         return Report(
             now_s=now_s,
             frame_s=self._due_s,
-            arming=self._arming,
-            over=self._deadman.phase(now_s) is Phase.OVER,
+            arming=arming,
+            over=over,
             frames=self._frames,
             lost=self._lost,
             repeated=self._repeated,
@@ -199,11 +230,17 @@ class FramePacer:
             slept_s=self._slept_s,
             note=note,
             fifo=fifo,
+            deaf=deaf,
+            heir=self._heir,
+            warning=warning,
         )
 
     def _made(self, at_s: float) -> bytes:
+        self._made_s = at_s
         if self._greet and (greeting := self._codec.greeting()):
             return greeting
+        if at_s >= self._obey_s and self._deadman.phase(at_s) is Phase.WAITING:
+            self._deadman.stop()  # no command has come all through the arming: it has failed
         what = self._says = self._deadman.at(at_s)
         if what is None:
             idle = self._channels.idle(armed=False)
@@ -228,8 +265,9 @@ class FramePacer:
     def _end(self, linger_s: float, now_s: float) -> None:
         self._linger_s = linger_s
         self._quiet_since_s = max(self._quiet_since_s, now_s)
-        if self._deadman.phase(now_s) is Phase.WAITING or now_s < self._obey_s:
+        if now_s < self._obey_s:
             self._deadman.stop()
+        self._deadman.hold()  # nothing after it but the bring-down of what is held
 
     def _reopen(self, now_s: float) -> None:
         try:

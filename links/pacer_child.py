@@ -1,9 +1,9 @@
 """The pacer's own process: absolute deadlines, real-time priority where allowed, deaf to the terminal.
 
-It is started by links/pacer_process.py with a mailbox in shared memory, which holds the newest command, and one end of
-a socket pair, on which messages arrive whole or not at all and in order, and whose other end closes when whoever
-commands dies. All other orders come in there, and reports go out. Nothing here waits but the sleep until the next
-frame. The commands' clock is CLOCK_MONOTONIC, the same in every process of this machine.
+It is started by its stand-by (links/pacer_standby.py) with a mailbox in shared memory, which holds the newest command,
+and one end of a socket pair, on which messages arrive whole or not at all and in order, and whose other end closes when
+whoever commands dies. All other orders come in there, and reports go out. Nothing here waits but the sleep until the
+next frame. The commands' clock is CLOCK_MONOTONIC, the same in every process of this machine.
 """
 
 import contextlib
@@ -17,11 +17,12 @@ import time
 
 import msgspec
 
+from links.lease import FIRST, PACER, STANDBY, Lease
 from links.mailbox import Mailbox
 from links.pacer import FramePacer
 from links.pacer_messages import Give, Order, Report
 from links.rf_codecs import RfConfig
-from links.rf_port import ModulePort
+from links.shared_port import SharedPort
 from links.sleep import Sleep
 
 PREPARE_S = 0.0004
@@ -65,34 +66,71 @@ class Clock:
 
 def main() -> None:
     """Pace until told to end, or until nobody commands any more and all is brought down."""
-    wire = socket.socket(fileno=int(sys.argv[1]))
+    deafen()
+    wire, mailbox, lease, held, beside = map(int, sys.argv[1:])
+    by_standby = socket.socket(fileno=beside)
+    setup = msgspec.msgpack.decode(by_standby.recv(MESSAGE_BYTES), type=Setup)  # it comes once the stand-by is ready
+    by_standby.setblocking(False)
+    config, clock = setup.config, Clock()
+    fifo, note = prioritise(config.fifo_priority, clock)
+    estate = Estate(Lease(lease), Mailbox(held))
+    port = SharedPort(config.port, config.baud, estate.lease, FIRST, by_standby)
+    pacer = FramePacer(config, setup.thrust_max_n, port, clock.now())
+    hush()
+    commander = Commander(socket.socket(fileno=wire), Mailbox(mailbox), note, fifo, estate)
+    try:
+        pace(pacer, config.period_s, config.frame_s, clock, commander)
+    except BaseException:  # noqa: BLE001  # whatever it is, Superseded too
+        os._exit(1)  # the stand-by goes on with the port as it is: it must not even be closed
+    pacer.close()
+
+
+def deafen() -> None:
+    """From now on no signal of a terminal, nor a polite request to end, does anything."""
     for number in (signal.SIGINT, signal.SIGHUP, signal.SIGTERM, signal.SIGQUIT, signal.SIGTSTP):
         signal.signal(number, signal.SIG_IGN)
-    setup = msgspec.msgpack.decode(wire.recv(MESSAGE_BYTES), type=Setup)
-    config = setup.config
-    clock = Clock()
-    fifo, note = _prioritise(config.fifo_priority, clock)
-    mailbox = Mailbox(int(sys.argv[2]))
-    pacer = FramePacer(config, setup.thrust_max_n, ModulePort(config.port, config.baud), clock.now())
+
+
+def hush() -> None:
+    """From now on say nothing, and collect no garbage: no frame must wait for that."""
     # Whoever waits for the end of what the station prints must not wait for us, who outlive it.
     os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stderr.fileno())
     gc.collect()
     gc.freeze()
     gc.disable()
-    try:
-        _pace(pacer, config.period_s, config.frame_s, clock, Commander(wire, mailbox, note, fifo))
-    finally:
-        pacer.close()
+
+
+class Estate:
+    """What a pacer leaves to its stand-by: the sign that it lives, and what it holds."""
+
+    def __init__(self, lease: Lease, held: Mailbox) -> None:
+        """Both are shared with the stand-by."""
+        self.lease = lease
+        self._held = held
+        self._encoder = msgspec.msgpack.Encoder()
+
+    def keep(self, pacer: FramePacer, now_s: float) -> None:
+        """Before each frame: nothing leaves that the stand-by could not bring down."""
+        self._held.put(self._encoder.encode(pacer.held()))
+        self.lease.vouch(PACER, now_s)
+
+    def warning(self, now_s: float) -> str:
+        """What is wrong with the stand-by; empty where nothing is."""
+        lives = now_s < self.lease.vouched_s(STANDBY)
+        return "" if lives else "the pacer's stand-by is gone or stands still: close the link, and connect it again"
 
 
 class Commander:
     """Whoever holds the other ends of the socket pair and of the mailbox."""
 
-    def __init__(self, wire: socket.socket, mailbox: Mailbox, note: str, fifo: bool) -> None:
-        """``note`` and ``fifo`` go into every report."""
+    def __init__(
+        self, wire: socket.socket, mailbox: Mailbox, note: str, fifo: bool, estate: Estate | None = None
+    ) -> None:
+        """``note`` and ``fifo`` go into every report; ``estate`` is for the stand-by, where there is one."""
         self._wire = wire
         self._mailbox = mailbox
         self._note, self._fifo = note, fifo
+        self._estate = estate
         self._orders = msgspec.msgpack.Decoder(Order)
         self._commands = msgspec.msgpack.Decoder(Give)
         self._encoder = msgspec.msgpack.Encoder()
@@ -127,17 +165,27 @@ class Commander:
                 continue  # no order of ours; an exception here would silence the vehicle's link
             pacer.order(order, now_s)
 
+    def keep(self, pacer: FramePacer, now_s: float) -> None:
+        """The next frame is made: let the stand-by have what is behind it."""
+        if self._estate is not None:
+            self._estate.keep(pacer, now_s)
+
     def tell(self, pacer: FramePacer, now_s: float) -> None:
         """Report; one that does not fit is left out."""
         if self._alive:
-            report: Report = pacer.report(now_s, note=self._note, fifo=self._fifo)
+            missing = self._estate.warning(now_s) if self._estate is not None else ""
+            warning = missing or ("" if self._fifo else f"frames may leave late, by {self._note}")
+            report: Report = pacer.report(now_s, note=self._note, fifo=self._fifo, warning=warning)
             with contextlib.suppress(OSError):  # nobody reads for now, or for ever: the next look tells
                 self._wire.send(self._encoder.encode(report))
 
 
-def _pace(pacer: FramePacer, period_s: float, frame_s: float, clock: Clock, commander: Commander) -> None:
+def pace(
+    pacer: FramePacer, period_s: float, frame_s: float, clock: Clock, commander: Commander, first_s: float | None = None
+) -> None:
+    """Let frames go until the pacer is done, the first at ``first_s`` [s], or in a period."""
     now = clock.now
-    due = now() + period_s
+    due = now() + period_s if first_s is None else first_s
     sleep = Sleep(now)
     pacer.prepare(due)
     commander.tell(pacer, now())
@@ -145,6 +193,7 @@ def _pace(pacer: FramePacer, period_s: float, frame_s: float, clock: Clock, comm
         clock.sleep_until(due - PREPARE_S)
         commander.listen(pacer, now())
         pacer.prepare(due)
+        commander.keep(pacer, now())
         clock.sleep_until(due - SPIN_S)
         while (woken := now()) < due:
             pass
@@ -163,7 +212,7 @@ def _pace(pacer: FramePacer, period_s: float, frame_s: float, clock: Clock, comm
     commander.tell(pacer, now())
 
 
-def _prioritise(priority: int, clock: Clock) -> tuple[bool, str]:
+def prioritise(priority: int, clock: Clock) -> tuple[bool, str]:
     """Ask for real-time priority and locked memory; whether we have the first, and in words what we have."""
     if priority == 0:
         return False, "ordinary priority, as configured"

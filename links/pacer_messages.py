@@ -47,7 +47,22 @@ class End(msgspec.Struct, frozen=True, tag="end"):
 Order: TypeAlias = Arm | Give | Stop | Serve | End
 
 
-class Report(msgspec.Struct, frozen=True, kw_only=True):
+class Held(msgspec.Struct, frozen=True, gc=False):
+    """What a pacer holds as a frame leaves, for whoever must take over. Times are on the commands' clock [s]."""
+
+    frame_s: float
+    """When that frame leaves."""
+    arming: int
+    """Number of the newest arming."""
+    obey_s: float
+    """When that arming is over, and commands leave; infinite before the first."""
+    command: Command | None
+    """The newest, while it or its bring-down may leave."""
+    linger_s: float | None
+    """Of the :class:`End` that it was told; None before."""
+
+
+class Report(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True):
     """The pacer as it is now; times are on CLOCK_MONOTONIC in real time [s]."""
 
     now_s: float
@@ -76,12 +91,19 @@ class Report(msgspec.Struct, frozen=True, kw_only=True):
     """Lateness of the frames, 50, 99 and 99.9 % [µs]."""
     late_octaves: tuple[int, ...]
     """Frames by lateness: entry k counts those late by less than 2**k µs and not by less than 2**(k-1)."""
-    slept_s: float = 0.0
+    slept_s: float
     """How long its computer has slept since the newest arming [s]: nothing that lifts leaves, see sleep.py."""
-    note: str = ""
+    note: str
     """How it is scheduled, in words."""
-    fifo: bool = False
+    fifo: bool
     """Whether it runs with real-time priority."""
+    deaf: bool = False
+    """Whether commands of this arming have come in vain, and will: what it holds is played to its end, bring-down and
+    all."""
+    heir: str = ""
+    """What became of the pacer, where its stand-by lets the frames go; empty where it does so itself."""
+    warning: str = ""
+    """What is not as it should be with how it paces; empty where nothing is."""
 
 
 class Pacer(Protocol):

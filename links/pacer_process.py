@@ -1,7 +1,8 @@
-"""A pacer in a process of its own, as the link sees it."""
+"""A pacer in a process of its own, and its stand-by in another, as the link sees them."""
 
 import asyncio
 import os
+import signal
 import socket
 import subprocess
 import sys
@@ -11,14 +12,16 @@ from pathlib import Path
 import msgspec
 
 import links
-from links.mailbox import Mailbox
+from links.mailbox import CAPACITY_BYTES, Mailbox
 from links.pacer_child import MESSAGE_BYTES, Setup
-from links.pacer_messages import Give, Order, Report
+from links.pacer_messages import Arm, End, Give, Order, Report, Stop
 from links.port import LinkError, LinkLost
 from links.rf_codec import Manner, RfLinkConfig
 
 START_LIMIT_S = 10.0
 """Longest wait for the first report [s]."""
+GIVE_BYTES = CAPACITY_BYTES - 256
+"""Longest command in its message: the stand-by's mailbox must hold it with all else that the pacer holds."""
 CLOCK_TOLERANCE_S = 0.05
 """The child's clock must show an instant between our two looks, or this close to them [s]."""
 
@@ -26,7 +29,7 @@ CLOCK_TOLERANCE_S = 0.05
 class PacerProcess:
     """Implements :class:`links.pacer_messages.Pacer`."""
 
-    why_mute = "the pacer's process stands still: nothing leaves until it goes on, and then disarm frames"
+    why_mute = "the pacer and its stand-by stand still: nothing leaves until they go on, and then disarm frames"
 
     def __init__(
         self,
@@ -36,7 +39,7 @@ class PacerProcess:
         mailbox: Mailbox,
         on_report: Callable[[Report | None], None],
     ) -> None:
-        """See :func:`open_process`."""
+        """See :func:`open_process`; ``process`` is the stand-by, whose child the pacer is."""
         self.manner = manner
         self._process = process
         self._wire = wire
@@ -44,6 +47,9 @@ class PacerProcess:
         self._on_report = on_report
         self._encoder = msgspec.msgpack.Encoder()
         self._decoder = msgspec.msgpack.Decoder(Report)
+        self._lasting: dict[type, Stop | End] = {}
+        """Orders that hold whoever lets the frames go: a pacer that died may have read one, and not done it."""
+        self._taken_over = False
         self._loop = asyncio.get_running_loop()
         self._end = self._loop.create_future()
         self._loop.add_reader(wire.fileno(), self._readable)
@@ -52,13 +58,19 @@ class PacerProcess:
         """Hand over ``order`` without waiting; False where nobody takes it."""
         if self._end.done():
             return False
+        if isinstance(order, Arm):
+            self._lasting.pop(Stop, None)
+        elif isinstance(order, Stop | End):
+            self._lasting[type(order)] = order
         data = self._encoder.encode(order)
         try:
             if isinstance(order, Give):
+                if len(data) > GIVE_BYTES:
+                    return False
                 self._mailbox.put(data)
             else:
                 self._wire.send(data)
-        except (OSError, ValueError):  # it is gone or takes nothing; or a bring-down of hundreds of parts
+        except OSError:  # it is gone or takes nothing
             return False
         return True
 
@@ -88,13 +100,18 @@ class PacerProcess:
                 self.forget()
                 self._on_report(None)
                 return
-            self._on_report(self._decoder.decode(data))
+            report = self._decoder.decode(data)
+            if report.heir and not self._taken_over:
+                self._taken_over = True
+                for order in self._lasting.values():
+                    self.give(order)
+            self._on_report(report)
 
 
 async def open_process(
     config: RfLinkConfig, thrust_max_n: float, on_report: Callable[[Report | None], None]
 ) -> PacerProcess:
-    """Start the process, in a session of its own, and wait for its first report.
+    """Start both processes, in a session of their own, and wait for the pacer's first report.
 
     Raises:
         LinkLost: it did not start.
@@ -114,7 +131,7 @@ async def open_process(
         # -P: a folder `links` where the operator happens to stand is not ours. Ours is named instead.
         environment = os.environ | {"PYTHONPATH": str(Path(links.__file__).parents[1])}
         shared = (theirs.fileno(), mailbox.fd)
-        command = [sys.executable, "-P", "-m", "links.pacer_child", *map(str, shared)]
+        command = [sys.executable, "-P", "-m", "links.pacer_standby", *map(str, shared)]
         started = loop.time()
         process = subprocess.Popen(  # noqa: ASYNC220, S603  # a millisecond, on the ground; our own program
             command,
@@ -135,7 +152,7 @@ async def open_process(
             raise LinkError("the pacer's clock is not the event loop's: deadlines would mean nothing to it")
     except BaseException as error:
         pacer.forget()
-        process.kill()  # nothing is armed yet
+        os.killpg(process.pid, signal.SIGKILL)  # nothing is armed yet
         process.wait()
         if isinstance(error, TimeoutError):
             raise LinkLost(f"the pacer did not start within {START_LIMIT_S:g} s") from None

@@ -93,11 +93,25 @@ class LinkStatus(msgspec.Struct, frozen=True):
     """Its charge [-]; None where it does not tell."""
     ready: bool | None = None
     """Whether the vehicle's own pre-arm checks pass; None where it does not tell."""
+    mode: str = ""
+    """The mode that the vehicle's autopilot was in when it was heard last; empty where it does not tell."""
+    unfit: str = ""
+    """Why :meth:`CommandLink.arm` would be refused, as :meth:`CommandLink.examine` found; empty where it found nothing.
+    """
+    firmware: str = ""
+    """What the vehicle's autopilot runs, as it tells itself; empty where it does not tell."""
     slept_s: float = 0.0
     """How long the computer that sends has slept since the arming [s]: nothing more leaves, see sleep.py."""
     late_octaves: tuple[int, ...] = ()
     """Frames by how late they left, where a pacer lets them go and tells: entry k counts those late by less than 2**k
     µs and not by less than 2**(k-1); of all frames since it began."""
+    period_s: float = 0.0
+    """Time between two frames [s]; 0 where commands follow the poses, or where that is not known yet."""
+    hears_vehicle: bool = True
+    """Whether ``connected`` and ``armed`` are the vehicle's own words; False where nothing comes back from it, and they
+    only say what was sent."""
+    warning: str = ""
+    """What an operator should know of how frames leave, before arming; empty where nothing is wrong."""
 
 
 class CommandLink(Protocol):
@@ -135,6 +149,17 @@ class CommandLink(Protocol):
 
         Raises:
             LinkLost: nobody answered within the configured time.
+        """
+        ...
+
+    async def examine(self) -> None:
+        """Ask the other end what arming hangs on, as far as that can be asked without arming.
+
+        ``status.unfit`` and ``status.firmware`` tell it from then on. Changes nothing there.
+
+        Raises:
+            LinkLost: it did not answer.
+            LinkMisuse: the link is not connected.
         """
         ...
 

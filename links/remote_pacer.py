@@ -236,7 +236,13 @@ class RemotePacer(asyncio.DatagramProtocol):
         """``report`` in words that tell of the bridge."""
         return msgspec.structs.replace(
             report,
-            port=f"on the bridge: {report.port}" if report.port else "",
+            port=_there(report.port),
+            heir=_there(report.heir),
+            warning=_there(report.warning),
             dropped={**report.dropped, **self.dropped},
             note=f"{report.note}; bridge answers in {1e3 * session.round_trip_s:.1f} ms",
         )
+
+
+def _there(says: str) -> str:
+    return f"on the bridge: {says}" if says else ""

@@ -85,6 +85,9 @@ class RfLinkConfig(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fie
 
     port: str = "/dev/ttyUSB0"
     """The serial port of the module."""
+    simulated: bool = False
+    """A simulator is at the other end of the port, such as `groundstation-sim serve`: neither fence nor speed limit is
+    asked for. Believed only of a pseudo-terminal; but some lead on to a module (socat, ser2net), so nobody can tell."""
     baud: Annotated[int, msgspec.Meta(ge=1200, le=6_000_000)] = 115200
     """Its speed [bit/s]."""
     period_s: Annotated[float, msgspec.Meta(ge=0.001, le=0.1)] = 0.0225
@@ -122,6 +125,11 @@ class RfLinkConfig(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fie
             )
         if self.lead_s >= self.period_s:
             raise ValueError("lead_s must be shorter than period_s")
+
+    @property
+    def real(self) -> str:
+        """The key that may lead to a real vehicle, and its value; preflight.py knows the one exception."""
+        return f"port = {self.port}"
 
     @property
     def thrust_curve(self) -> float | None:

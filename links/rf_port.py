@@ -54,7 +54,7 @@ class ModulePort:
             _flush(fd, termios.TCOFLUSH)
             return False
         try:
-            written = os.write(fd, frame)
+            written = self._send(fd, frame)
         except BlockingIOError:
             written = 0
         if written != len(frame):
@@ -79,6 +79,9 @@ class ModulePort:
             fd, self._fd = self._fd, None
             with contextlib.suppress(OSError):  # its device is gone already
                 os.close(fd)
+
+    def _send(self, fd: int, frame: bytes) -> int:
+        return os.write(fd, frame)
 
     def _open_fd(self) -> int:
         if self._fd is None:

@@ -51,7 +51,7 @@ def open_port(path: str, baud: int) -> int:
 
 
 def is_pseudo_terminal(path: str) -> bool:
-    """True where a program of this machine must be at the other end of ``path``, and no module can be."""
+    """True where a program of this machine is at the other end of ``path``; what is behind that one, nobody knows."""
     return str(Path(path).resolve()).startswith("/dev/pts/")
 
 

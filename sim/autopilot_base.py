@@ -14,6 +14,7 @@ from links.mavlink_codec import (
     DO_SET_MODE,
     FORCE,
     NAV_LAND,
+    REQUEST_MESSAGE,
     SET_MESSAGE_INTERVAL,
     MavlinkCodec,
     Message,
@@ -29,6 +30,9 @@ LANDED_S = 1.0
 """How long it must stand on the ground to believe it [s]; it looks once a second."""
 CONTROL_S = 0.01
 """Period of its own control loop [s]."""
+
+FIRMWARE, COMMIT = 0x01_10_00_FF, b"simulate"
+"""The version that it says it runs, 1.16.0, and the first bytes of its commit."""
 
 _CUSTOM_MODE_ENABLED = 1
 _QUADROTOR = 2
@@ -69,6 +73,8 @@ class SimulatedAutopilot(Dialect):
         self.battery: tuple[float, float] | None = None
         """Its voltage [V] and charge [0..1], told by SYS_STATUS; None where it has no way to measure them."""
         self.lacks = ""
+        self.has_estimate = True
+        """False while its estimator knows no position yet, as for some 40 s after a boot: it tells none."""
         self.external = ExternalPoses(self.kind)
         """The poses that it is sent."""
         self._knows = own_estimate
@@ -76,7 +82,10 @@ class SimulatedAutopilot(Dialect):
         self._lose = lose
         self._streams = Streams({}, 0.0)
         self._build = builders(self.codec, airframe, own_estimate)
-        self._heartbeat_number: int = self.codec.dialect.MAVLINK_MSG_ID_HEARTBEAT
+        d = self.codec.dialect
+        self._places = (d.MAVLINK_MSG_ID_ODOMETRY, d.MAVLINK_MSG_ID_LOCAL_POSITION_NED)
+        self._version_number: int = d.MAVLINK_MSG_ID_AUTOPILOT_VERSION
+        self._heartbeat_number: int = d.MAVLINK_MSG_ID_HEARTBEAT
         self._build[self._heartbeat_number] = lambda now_s, boot_s: self._heartbeat()
         self._build[self.codec.dialect.MAVLINK_MSG_ID_SYS_STATUS] = lambda now_s, boot_s: self._sys_status(now_s)
         self._build[self.codec.dialect.MAVLINK_MSG_ID_RC_CHANNELS] = lambda now_s, boot_s: self._rc_channels(boot_s)
@@ -105,6 +114,8 @@ class SimulatedAutopilot(Dialect):
         if self._pilot is not None and by_now >= self._pilot_due_s:
             frames += self._control(self._pilot, now_s)
         for number in self._streams.take(now_s):
+            if number in self._places and not self.has_estimate:
+                continue
             frames.append(self.codec.pack(self._build[number](now_s, now_s - self._boot_s)))
             if number == self._heartbeat_number:
                 self._has_landed(now_s)
@@ -191,6 +202,8 @@ class SimulatedAutopilot(Dialect):
                 result, said = self._arm(now_s) if message.param1 == 1.0 else self._try_to_disarm(message, now_s)
             case c if c == SET_MESSAGE_INTERVAL:
                 result, said = self._set_interval(whole(message.param1), message.param2, now_s)
+            case c if c == REQUEST_MESSAGE and whole(message.param1) == self._version_number:
+                result, said = ACCEPTED, [self.codec.pack(self._version())]
             case _:
                 result = UNSUPPORTED
         ack = self.codec.dialect.MAVLink_command_ack_message(
@@ -235,6 +248,10 @@ class SimulatedAutopilot(Dialect):
         base = _CUSTOM_MODE_ENABLED | (ARMED if self.armed else 0)
         status = _CRITICAL if self.failsafe else _ACTIVE if self.armed else _STANDBY
         return self.codec.dialect.MAVLink_heartbeat_message(_QUADROTOR, self.kind, base, self.custom_mode, status, 3)
+
+    def _version(self) -> Message:
+        d, none = self.codec.dialect, bytes(8)
+        return d.MAVLink_autopilot_version_message(0, FIRMWARE, 0, 0, 0, list(COMMIT), list(none), list(none), 0, 0, 0)
 
     def _sys_status(self, now_s: float) -> Message:
         d, battery = self.codec.dialect, self.battery

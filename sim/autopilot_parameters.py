@@ -37,6 +37,7 @@ ARDUPILOT_PARAMETERS: Mapping[str, tuple[float, int]] = {
     "EK3_SRC1_YAW": (1.0, INT8),
     "FRAME_CLASS": (1.0, INT8),
     "FS_GCS_ENABLE": (5.0, INT8),
+    "FS_GCS_TIMEOUT": (2.0, REAL32),
     "FS_THR_ENABLE": (0.0, INT8),
     "GUID_OPTIONS": (8.0, INT32),
     "GUID_TIMEOUT": (3.0, REAL32),

@@ -24,10 +24,10 @@ HOGS_PER_CPU = 1.5
 
 _FLOOR_IN_PYTHON = """
 import sys
-from links.pacer_child import Clock, _prioritise
+from links.pacer_child import Clock, prioritise
 period, count, priority = int(sys.argv[1]) / 1e9, int(sys.argv[2]), int(sys.argv[3])
 clock = Clock()
-_prioritise(priority, clock)
+prioritise(priority, clock)
 due, late = clock.now(), []
 for _ in range(count):
     due += period

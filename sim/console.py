@@ -1,9 +1,11 @@
 """What ``groundstation-sim fly`` shows a person: a progress bar, and a summary beside the paper's figures."""
 
+import sys
 from pathlib import Path
 from types import TracebackType
 from typing import Any
 
+from groundstation.entry import bare
 from sim.referee import STEADY_S
 
 PAPER = {"rms_cm": 4.61, "max_cm": 7.6, "settle_s": 5.0}
@@ -31,7 +33,7 @@ class Progress:
                 BarColumn(),
                 TextColumn(self._format),
                 TimeElapsedColumn(),
-                console=Console(stderr=True),
+                console=Console(file=bare(sys.stderr)),
             )
             self._bar.start()
             self._task = self._bar.add_task("fly", total=self._duration)
@@ -71,7 +73,7 @@ class Counter:
                 BarColumn(),
                 MofNCompleteColumn(),
                 TimeRemainingColumn(),
-                console=Console(stderr=True),
+                console=Console(file=bare(sys.stderr)),
             )
             self._bar.start()
             self._task = self._bar.add_task(self._what, total=self._total)

@@ -6,8 +6,9 @@ from collections.abc import Callable
 
 from groundstation.clock import sleep_until
 from links.pacer import FramePacer
-from links.pacer_messages import OpenPacer, Order, Report
+from links.pacer_messages import Give, OpenPacer, Order, Report
 from links.rf_codec import RfLinkConfig
+from links.watch import LOOK_S, Watch
 
 MODULE = ("module", 1)
 """Where the simulated module listens, on the loop's network in memory."""
@@ -22,6 +23,8 @@ class WirePort(asyncio.DatagramProtocol):
         """Nothing is opened yet; ``attach`` first."""
         self.cut = False
         """True while the plug is out."""
+        self.pacer: InlinePacer | None = None
+        """Whoever lets frames go here, or did last; None before the first."""
         self._transport: asyncio.DatagramTransport | None = None
         self._came = b""
 
@@ -76,9 +79,12 @@ class InlinePacer:
         self.manner = config.manner
         self._loop = asyncio.get_running_loop()
         self._period, self._frame_s = config.period_s, 1.01 * config.frame_s
+        self._config, self._thrust_max = config, thrust_max_n
         self._port = port
         self._on_report = on_report
         self._pacer = FramePacer(config, thrust_max_n, port, self._loop.time())
+        self._struck: tuple[float, str] | None = None
+        self._waiting: list[Order] = []
         self._task = asyncio.create_task(self._pace())
 
     def report(self) -> Report:
@@ -89,8 +95,16 @@ class InlinePacer:
         """Hand over ``order``."""
         if self._task.done():
             return False
-        self._pacer.order(order, self._loop.time())
+        if self._struck is None:
+            self._pacer.order(order, self._loop.time())
+        elif not isinstance(order, Give):
+            self._waiting.append(order)
         return True
+
+    def strike(self, *, stopped: bool = False) -> None:
+        """The pacer dies, or only stands still: its stand-by lets frames go as soon as it would know of it."""
+        knows_s = self._loop.time() + (Watch(self._period).wait_s + LOOK_S if stopped else 0.0)
+        self._struck = knows_s, "the pacer stood still and was ended" if stopped else "the pacer was killed"
 
     async def ended(self) -> None:
         """Wait until it has ended."""
@@ -105,9 +119,20 @@ class InlinePacer:
         pacer, loop = self._pacer, self._loop
         due = loop.time() + self._period
         pacer.prepare(due)
+        held = pacer.held()
         while not pacer.done(loop.time()):
             await sleep_until(due)
+            if self._struck is not None:
+                if due < self._struck[0]:
+                    due += self._period
+                    continue
+                pacer = self._pacer = FramePacer(self._config, self._thrust_max, self._port, loop.time())
+                pacer.inherit(held, self._struck[1], loop.time())
+                self._struck = None
+                for order in self._waiting:
+                    pacer.order(order, loop.time())
             pacer.prepare(due)
+            held = pacer.held()
             pacer.leave(loop.time())
             pacer.measured(loop.time(), 0)
             pacer.tidy(loop.time())
@@ -126,7 +151,7 @@ def opened_on(port: WirePort) -> OpenPacer:
         config: RfLinkConfig, thrust_max_n: float, on_report: Callable[[Report | None], None]
     ) -> InlinePacer:
         await port.attach()
-        pacer = InlinePacer(config, thrust_max_n, port, on_report)
+        pacer = port.pacer = InlinePacer(config, thrust_max_n, port, on_report)
         on_report(pacer.report())
         return pacer
 

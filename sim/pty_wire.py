@@ -37,6 +37,10 @@ class PtyWire:
 
         asyncio.get_running_loop().add_reader(self._far, readable)
 
+    def fileno(self) -> int:
+        """The far end's file descriptor."""
+        return self._far
+
     def say(self, data: bytes) -> None:
         """Let the module say something; what does not fit is lost."""
         with contextlib.suppress(BlockingIOError):

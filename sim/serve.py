@@ -69,7 +69,7 @@ async def serve(
         end = f"{autopilot} autopilot (MAVLink) to udp {link.address}"
     else:
         assert pty is not None, "every other link is a radio's"
-        end = f"{type(link).__struct_config__.tag} receiver on {pty.path}"
+        end = f"{type(link).__struct_config__.tag} receiver on {pty.path}, for link.port beside link.simulated = true"
     async with _alone(*_sent(config)):
         print(f"serving {name}: {end}, {_poses(config.pose)}. Ctrl-C ends.", flush=True)
         with contextlib.suppress(TimeoutError):

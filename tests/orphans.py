@@ -10,6 +10,7 @@ import signal
 from pathlib import Path
 
 MARK = "GROUNDSTATION_TEST_SESSION"
+PROGRAMS = {b"links.pacer_child", b"links.pacer_standby"}
 
 
 def mark_session() -> bool:
@@ -29,11 +30,11 @@ def session_of(process: int) -> str:
 
 
 def pacers() -> dict[int, str]:
-    """Every pacer that bears a mark: its process → the session."""
+    """Every pacer, and every stand-by, that bears a mark: its process → the session."""
     found: dict[int, str] = {}
     for folder in Path("/proc").glob("[0-9]*"):
         with contextlib.suppress(OSError):  # it ended meanwhile, or is not ours
-            if b"links.pacer_child" in (folder / "cmdline").read_bytes().split(b"\0"):
+            if not PROGRAMS.isdisjoint((folder / "cmdline").read_bytes().split(b"\0")):
                 environment = (folder / "environ").read_bytes().split(b"\0")
                 marks = [one.decode().partition("=")[2] for one in environment if one.startswith(MARK.encode() + b"=")]
                 found |= {int(folder.name): session for session in marks}

@@ -4,6 +4,7 @@ from typing import Protocol
 
 from groundstation.api.messages import Answer, Control, Order
 from groundstation.requests import Ask, Reply, Request
+from links.printable import printable
 
 ANYONE = frozenset({Ask.LAND, Ask.DESCEND, Ask.ABORT, Ask.KILL})
 """What needs no control: it only ever brings the vehicle down."""
@@ -135,8 +136,3 @@ class Desk:
         assert order.gains is not None, "an order has one of the three"
         replies = [self._core.set_gain(key, value) for key, value in order.gains.items()]
         return Reply(all(reply.done for reply in replies), "; ".join(reply.says for reply in replies))
-
-
-def printable(text: str) -> str:
-    """``text`` on one line, without what could move a terminal's cursor or forge a line of a log."""
-    return "".join(letter if letter.isprintable() else " " for letter in text)

@@ -15,7 +15,7 @@ from groundstation.control.port import Controller, Decision, Estimate
 from groundstation.trajectories.port import Reference
 from groundstation.vehicle import Vehicle
 
-FACTORY = r"^[A-Za-z_]\w*(\.[A-Za-z_]\w*)*:[A-Za-z_]\w*$"
+FACTORY = r"\A[A-Za-z_]\w*(\.[A-Za-z_]\w*)*:[A-Za-z_]\w*\Z"
 """``package.module:factory``."""
 KEY = "controller.kind"
 

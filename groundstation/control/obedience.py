@@ -65,6 +65,9 @@ STILL, LIVELY = 0.05, 0.3
 MOVES, ANSWERS = 16.0, 0.5
 """A position that leaves its way by so much more than its noise, squared, moves [-]; with so much of the command, it
 answers."""
+SWEPT_M, SWEPT_S = 0.01, 1.0
+"""A position that leaves its way by so much [m] is moved, and what commands do against that for so long [s] is no push
+against a position that stands."""
 ARREST_M, ARREST_S, STANDS_M = 0.018, 0.4, 0.01
 """A position that leaves its way by so much more than commands make it [m], 4 m/s², and then for so long [s] stays
 within so much [m] has been stopped dead: no wind does that."""
@@ -162,13 +165,14 @@ class Obedience:
         self._last: Quat | None = None
         self._arrest: Pose | None = None
         self._stopped_s = 0.0
-        self._moved_s = -math.inf
+        self._moved_s = self._swept_s = -math.inf
         self._nodes = 0
         self._turns.clear()
 
     def stands(self, now_s: float) -> bool:
-        """Whether the position has not moved by itself or answered a command since the newest node but one."""
-        return now_s - self._moved_s > 1.5 * NODE_S and self._nodes > SETTLES
+        """Whether the position has not moved by itself or answered a command of late."""
+        still = now_s - self._moved_s > 1.5 * NODE_S and now_s - self._swept_s > SWEPT_S
+        return still and self._nodes > SETTLES
 
     def led(self, now_s: float) -> bool:
         """Whether something else than the commands moves it, as a hand does, at ``now_s`` [s]."""
@@ -288,6 +292,8 @@ class Obedience:
                 says -= CAP  # whatever moves it, it is no picture
             else:
                 says += 0.5 * math.log(b / a) - 0.5 * square * (1.0 / a - 1.0 / b)
+        if math.hypot(*y) > SWEPT_M:
+            self._swept_s = pose.time_s
         self._still = max(0.0, self._still * fade + max(-CAP, min(says, CAP)))
         arrest = self._arrest
         if arrest is not None:

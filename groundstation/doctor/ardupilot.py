@@ -72,6 +72,14 @@ def table(facts: Facts) -> list[Advice]:
             "last levelled out. 1 and 3 return through the lab.",
         ),
         Advice(
+            ("FS_GCS_TIMEOUT",),
+            Weight.SHOULD,
+            between(2.0, 3.0, 2.0),
+            "How long our heartbeat, which comes once a second, may be missing before that [s]. A program that was "
+            "killed in flight is noticed by this alone: with 5 s, as delivered, a vehicle at 1 m/s came down 3 m away. "
+            "Below 2 s a single lost heartbeat may count.",
+        ),
+        Advice(
             ("FS_THR_ENABLE",),
             Weight.NOTE,
             between(0.0, 7.0, 3.0),

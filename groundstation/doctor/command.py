@@ -1,6 +1,7 @@
-"""What ``groundstation doctor`` does: examine, and on request set one parameter or put an old one back."""
+"""What ``groundstation doctor`` does: examine, and on request set parameters one by one or put an old one back."""
 
 import json
+import shlex
 import sys
 from collections.abc import Awaitable, Callable
 from pathlib import Path
@@ -27,8 +28,8 @@ class Orders(NamedTuple):
 
     command: str
     """How this command was called, to be shown with ``--fix``."""
-    fix: str | None = None
-    """``NAME`` or ``NAME=VALUE``."""
+    fix: tuple[str, ...] = ()
+    """Each ``NAME`` or ``NAME=VALUE``."""
     restore: Path | None = None
     """File of an earlier fix."""
     yes: bool = False
@@ -58,10 +59,10 @@ async def doctor(config: Config, orders: Orders, ask: Ask | None, say: Callable[
     Raises:
         ConfigError: the orders make no sense.
     """
-    if orders.yes and orders.fix is None and orders.restore is None:
+    if orders.yes and not orders.fix and orders.restore is None:
         raise ConfigError("--yes", "it needs the one parameter that it confirms: --fix NAME")
-    if orders.fix is not None and orders.restore is not None:
-        raise ConfigError("--restore", "one parameter at a time: leave out --fix")
+    if orders.fix and orders.restore is not None:
+        raise ConfigError("--restore", "it puts one parameter back: leave out --fix")
     if (orders.fix or orders.restore) and ask is None and not orders.yes:
         raise ConfigError("--fix", "without a terminal, confirm with --yes")
     kept = _kept(orders.restore) if orders.restore is not None else None
@@ -69,12 +70,20 @@ async def doctor(config: Config, orders: Orders, ask: Ask | None, say: Callable[
     try:
         await visit.open()
         findings = await visit.examine()
-        fixed = None
-        if orders.fix is not None or kept is not None:
-            wanted = await _old(visit, kept) if kept is not None else _wanted(orders.fix or "", visit)
-            fixed = await _set(visit, wanted, config, orders, ask)
-            if fixed is None:
-                return EXIT_FINDINGS
+        all_wanted = [_wanted(fix, visit) for fix in orders.fix] if kept is None else [await _old(visit, kept)]
+        _ensure_each_once(all_wanted)
+        fixed: list[_Fix] = []
+        for wanted in all_wanted:
+            one = await _set(visit, wanted, config, orders, ask)
+            if one is None:
+                break
+            fixed.append(one)
+            if not orders.as_json:
+                say(_taken_back(one, orders))
+        confirmed = len(fixed) == len(all_wanted)
+        if all_wanted and not fixed:
+            return EXIT_FINDINGS
+        if fixed:
             findings = await visit.examine()
         say(_told(visit, findings, fixed, config, orders))
     except LinkError as error:
@@ -82,7 +91,19 @@ async def doctor(config: Config, orders: Orders, ask: Ask | None, say: Callable[
         return EXIT_NO_ANSWER
     finally:
         visit.close()
-    return EXIT_FINDINGS if is_wrong(findings) else EXIT_HEALTHY
+    return EXIT_FINDINGS if is_wrong(findings) or not confirmed else EXIT_HEALTHY
+
+
+def _ensure_each_once(wanted: list[Parameter]) -> None:
+    """Refuse two values for one parameter: nobody could tell which one was meant.
+
+    Raises:
+        ConfigError: a parameter is named twice.
+    """
+    names = [parameter.name for parameter in wanted]
+    for name in names:
+        if names.count(name) > 1:
+            raise ConfigError("--fix", f"{name} is named twice: say once what it should be")
 
 
 def _kept(path: Path) -> restore.Restore:
@@ -136,7 +157,7 @@ async def _set(visit: Visit, wanted: Parameter, config: Config, orders: Orders, 
             f"{visit.autopilot} of {config.vehicle.name}: {wanted.name} is {old.value:g} and becomes {wanted.value:g}"
         )
         if (await ask(f"{what}.\nType {wanted.name} to set it, anything else to stop: ")).strip() != wanted.name:
-            print("groundstation: doctor: nothing was changed", file=sys.stderr)
+            print(f"groundstation: doctor: {wanted.name} was not changed", file=sys.stderr)
             return None
     kept = restore.Restore(
         vehicle=config.vehicle.name,
@@ -147,6 +168,7 @@ async def _set(visit: Visit, wanted: Parameter, config: Config, orders: Orders, 
         kind=old.kind,
     )
     try:
+        orders.folder.mkdir(mode=0o700, parents=True, exist_ok=True)
         path = restore.save(kept, orders.folder)
     except OSError as error:
         raise ConfigError(
@@ -156,26 +178,27 @@ async def _set(visit: Visit, wanted: Parameter, config: Config, orders: Orders, 
         now = await visit.set(wanted)
     except ValueError as error:
         raise ConfigError("--fix", f"{wanted.name}: {error}") from None
-    return _Fix(old.name, old.value, now.value, str(path))
+    return _Fix(old.name, old.value, now.value, str(path.absolute()))
 
 
-def _told(visit: Visit, findings: list[Finding], fixed: _Fix | None, config: Config, orders: Orders) -> str:
+def _told(visit: Visit, findings: list[Finding], fixed: list[_Fix], config: Config, orders: Orders) -> str:
     if orders.as_json:
         facts: dict[str, Any] = {
             "vehicle": config.vehicle.name,
             "autopilot": visit.autopilot,
             "system": visit.facts.target_system,
             "healthy": not is_wrong(findings),
-            "fixed": None if fixed is None else fixed._asdict(),
+            "fixed": [fix._asdict() for fix in fixed],
             "findings": msgspec.to_builtins(findings),
         }
         return json.dumps(facts)
-    text = report(
+    return report(
         f"{config.vehicle.name}: {visit.autopilot}, system {visit.facts.target_system}", findings, orders.command
     )
-    if fixed is None:
-        return text
+
+
+def _taken_back(fix: _Fix, orders: Orders) -> str:
     return (
-        f"{fixed.name}: {fixed.old:g} became {fixed.new:g}, read back from the autopilot.\n"
-        f"To take it back: {orders.command} --restore {fixed.saved}\n\n{text}"
+        f"{fix.name}: {fix.old:g} became {fix.new:g}, read back from the autopilot.\n"
+        f"To take it back: {orders.command} --restore {shlex.quote(fix.saved)}\n"
     )

@@ -29,7 +29,9 @@ class Restore(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=T
 
 
 def save(restore: Restore, folder: Path) -> Path:
-    """Write ``restore`` into a new file in ``folder`` and return its path; no file is ever overwritten.
+    """Write ``restore`` into a new file in ``folder``, for its owner alone, and return its path.
+
+    No file is ever overwritten.
 
     Raises:
         OSError: it can't be written.
@@ -39,7 +41,7 @@ def save(restore: Restore, folder: Path) -> Path:
         suffix = "" if number == 1 else f"-{number}"
         path = folder / f"restore-{restore.vehicle}-{restore.name}{suffix}.json"
         try:
-            with path.open("xb") as file:
+            with open(path, "xb", opener=lambda name, flags: os.open(name, flags, 0o600)) as file:
                 file.write(msgspec.json.encode(restore) + b"\n")
                 file.flush()
                 os.fsync(file.fileno())

@@ -1,6 +1,5 @@
 """Several vehicles: a fleet file names the configuration that all share, and for each vehicle what differs from it."""
 
-import tomllib
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Annotated, Any, NamedTuple
@@ -8,14 +7,15 @@ from typing import Annotated, Any, NamedTuple
 import msgspec
 
 from groundstation.config import ConfigError, from_dict
-from groundstation.config_files import beside
+from groundstation.config_files import beside, toml
+from groundstation.names import VEHICLE_LETTERS, name_of
 from groundstation.poses import ShowsOthers
 from groundstation.poses.json import JsonConfig
 from groundstation.poses.vicon import ViconConfig
 from groundstation.settings import Config
 from links.address import parse_address
 
-Name = Annotated[str, msgspec.Meta(pattern=r"^[A-Za-z0-9][A-Za-z0-9_.-]{0,23}$")]
+Name = Annotated[str, msgspec.Meta(pattern=name_of(VEHICLE_LETTERS))]
 MOST = 64
 """Most vehicles of one fleet."""
 RELAYED = (ViconConfig, JsonConfig)
@@ -89,13 +89,13 @@ def read_fleet(path: Path, overrides: Sequence[str] = ()) -> Fleet:
 
 def _table(path: Path) -> dict[str, Any]:
     try:
-        return tomllib.loads(path.read_bytes().decode())
+        return toml(path.read_bytes().decode())
     except OSError as error:
         raise ConfigError("", f"cannot read the configuration: {error.strerror}", str(path)) from None
     except UnicodeDecodeError as error:
         raise ConfigError("", f"not UTF-8 text (byte {error.start})", str(path)) from None
-    except (tomllib.TOMLDecodeError, RecursionError) as error:
-        raise ConfigError("", f"not valid TOML: {error}", str(path)) from None
+    except ValueError as error:
+        raise ConfigError("", str(error), str(path)) from None
 
 
 def _who(entry: dict[str, Any], number: int, path: Path) -> _Who:

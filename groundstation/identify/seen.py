@@ -1,6 +1,5 @@
 """What identification needs of a recording: the commands that left, and the poses of one stretch of steady flight."""
 
-import tomllib
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -8,6 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from groundstation.config import ConfigError, from_dict
+from groundstation.config_files import toml
 from groundstation.mission import State
 from groundstation.recording.reader import Recording
 from groundstation.settings import Config
@@ -120,6 +120,6 @@ def _stretch(sent_s: Column, poses: Column) -> slice:
 
 def _config(text: str, path: Path) -> Config:
     try:
-        return from_dict(tomllib.loads(text), Config)
+        return from_dict(toml(text), Config)
     except (ValueError, ConfigError) as error:
         raise NotEnough(f"{path} was flown with a configuration that this version cannot read: {error}") from None

@@ -10,6 +10,7 @@ from collections.abc import Callable, Iterator
 
 import msgspec
 
+from groundstation.entry import bare
 from groundstation.listen.ears import Ears, ears
 from groundstation.listen.seen import Seen, Watcher
 from groundstation.poses import Recorded
@@ -79,7 +80,7 @@ async def _shown(config: Config, seconds: float | None, title: str) -> Seen:
 
     from groundstation.listen.table import table
 
-    console = Console()
+    console = Console(file=bare(sys.stdout))
     if not console.is_terminal:  # a pipe gets the end of it only
         seen = await listened(config, seconds)
         console.print(table(title, seen))

@@ -5,6 +5,7 @@ from typing import TYPE_CHECKING
 from groundstation.listen.seen import Seen
 from groundstation.ops import Vec3
 from groundstation.poses.outbreaks import HINTS
+from links.printable import printable
 
 if TYPE_CHECKING:
     from rich.table import Table
@@ -33,8 +34,8 @@ def rows(seen: Seen) -> list[tuple[str, str]]:
     if not seen.poses and not seen.dropped:
         lines.append(("", NOTHING))
     if seen.bodies:
-        lines.append(("bodies there", ", ".join(map(_clean, seen.bodies))))
-    lines += [("", _clean(event)) for event in seen.events[-SHOWN_EVENTS:]]
+        lines.append(("bodies there", ", ".join(map(printable, seen.bodies))))
+    lines += [("", printable(event)) for event in seen.events[-SHOWN_EVENTS:]]
     return lines
 
 
@@ -73,8 +74,3 @@ def _noise(place_m: Vec3 | None, turn_deg: Vec3 | None) -> str:
 def _named(reason: str) -> str:
     hint = HINTS.get(reason)
     return reason if hint is None else f"{reason}: {hint}"
-
-
-def _clean(text: str) -> str:
-    """Names come from the network, and must not steer the terminal."""
-    return "".join(letter if letter.isprintable() else "·" for letter in text)

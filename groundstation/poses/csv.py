@@ -33,6 +33,11 @@ class CsvConfig(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields
     alignment: Alignment = Alignment()
     """How these axes lie against ours, beyond their names."""
 
+    @property
+    def real(self) -> None:
+        """None: they were recorded, and never fly anything."""
+        return None
+
     def build(self) -> "CsvSource":
         """The source of this config."""
         return CsvSource(self)

@@ -9,7 +9,7 @@ from groundstation.poses.datagram import DatagramSource
 from groundstation.poses.intake import Intake
 from groundstation.poses.json_codec import MAX_NAME, JsonReader
 from groundstation.poses.others import Others
-from links.address import parse_address
+from links.address import beyond, parse_address
 
 
 class JsonConfig(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True, tag_field="kind", tag="json"):
@@ -37,6 +37,11 @@ class JsonConfig(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_field
             ValueError: ``listen`` is no address.
         """
         parse_address(self.listen)
+
+    @property
+    def real(self) -> str | None:
+        """The key by which real poses may come, and its value; None where all stays on this machine."""
+        return beyond("listen", self.listen)
 
     def build(self, others: Others | None = None) -> DatagramSource:
         """The source of this config; ``others`` are further bodies to look for."""

@@ -22,6 +22,11 @@ class MavlinkPoseConfig(
     rate_hz: Annotated[float, msgspec.Meta(gt=0.0, le=1000.0)] = 100.0
     """Poses per second to ask for [1/s]. PX4's estimator gives up to 124, ArduPilot's up to 250."""
 
+    @property
+    def real(self) -> None:
+        """None: they come by the link, which answers for itself."""
+        return None
+
 
 class MavlinkPoseSource:
     """Implements :class:`groundstation.poses.port.PoseSource` on the connection of a link."""

@@ -14,7 +14,7 @@ from groundstation.poses.multicast import join
 from groundstation.poses.natnet_reader import NatNetReader
 from groundstation.poses.others import Others
 from groundstation.poses.port import Pose, PoseStatus
-from links.address import parse_address
+from links.address import beyond, is_loopback, parse_address
 
 BEAT_S = 0.5
 """How often the server is told that we are there [s]."""
@@ -63,6 +63,12 @@ class NatNetConfig(
             if address.is_multicast != (key == "group"):
                 wanted = "a multicast address, such as 239.255.42.99" if key == "group" else "no multicast address"
                 raise ValueError(f"{key}: expected {wanted}, got {text!r}")
+
+    @property
+    def real(self) -> str | None:
+        """The key by which real poses may come, and its value; None where all stays on this machine."""
+        here = None if is_loopback(self.interface) else f"interface = {self.interface}"
+        return beyond("server", self.server) or here
 
     def build(self, others: Others | None = None) -> "NatNetSource":
         """The source of this config; ``others`` are further bodies to look for."""

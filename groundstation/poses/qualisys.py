@@ -12,7 +12,8 @@ from groundstation.poses.intake import Intake
 from groundstation.poses.others import Others
 from groundstation.poses.port import Pose, PoseStatus, SourceError
 from groundstation.poses.qualisys_codec import QualisysReader, body_names
-from links.address import parse_address
+from links.address import beyond, parse_address
+from links.printable import printable
 
 if TYPE_CHECKING:
     from groundstation.poses.qualisys_connection import Connection
@@ -52,6 +53,11 @@ class QualisysConfig(
             ValueError: ``server`` is no address.
         """
         parse_address(self.server)
+
+    @property
+    def real(self) -> str | None:
+        """The key by which real poses may come, and its value; None where all stays on this machine."""
+        return beyond("server", self.server)
 
     def build(self, others: Others | None = None) -> "QualisysSource":
         """The source of this config; ``others`` are further bodies to look for."""
@@ -146,7 +152,9 @@ class QualisysSource:
             await connection.stream(take)
         except ValueError as error:
             connection.close()
-            raise SourceError(f"QTM at {self._config.server} does not tell its bodies: {error}") from None
+            raise SourceError(
+                f"QTM at {self._config.server} does not tell its bodies: {printable(str(error))}"
+            ) from None
         except BaseException:
             connection.close()
             raise

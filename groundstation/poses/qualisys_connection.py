@@ -14,6 +14,7 @@ from qtm_rt.protocol import QRTCommandException, QTMProtocol
 
 from groundstation.poses.port import SourceError
 from groundstation.poses.qualisys_codec import Framer
+from links.printable import printable
 
 PROTOCOL_VERSION = "1.25"
 KNOCK_S = 0.2
@@ -100,7 +101,7 @@ class Connection(asyncio.Protocol):
         except TimeoutError:
             raise SourceError(f"QTM did not {what}") from None
         except QRTCommandException as error:
-            raise SourceError(f"QTM refused to {what}: {error}") from None
+            raise SourceError(f"QTM refused to {what}: {printable(str(error))}") from None
 
 
 async def _reached(

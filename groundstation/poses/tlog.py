@@ -28,6 +28,11 @@ class TlogConfig(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_field
     speed: Speed = 1.0
     """Pace: 1 as recorded, 2 twice as fast, "max" as fast as possible."""
 
+    @property
+    def real(self) -> None:
+        """None: they were recorded, and never fly anything."""
+        return None
+
     def build(self) -> "TlogSource":
         """The source of this config."""
         return TlogSource(self)

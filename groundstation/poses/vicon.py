@@ -10,7 +10,7 @@ from groundstation.poses.intake import Intake
 from groundstation.poses.others import Others
 from groundstation.poses.vicon_codec import name_bytes
 from groundstation.poses.vicon_reader import ViconReader
-from links.address import parse_address
+from links.address import beyond, parse_address
 
 
 class ViconConfig(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True, tag_field="kind", tag="vicon"):
@@ -43,6 +43,11 @@ class ViconConfig(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fiel
         """
         parse_address(self.listen)
         name_bytes(self.object)
+
+    @property
+    def real(self) -> str | None:
+        """The key by which real poses may come, and its value; None where all stays on this machine."""
+        return beyond("listen", self.listen)
 
     def build(self, others: Others | None = None) -> "ViconSource":
         """The source of this config; ``others`` are further bodies to look for."""

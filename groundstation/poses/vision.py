@@ -11,7 +11,7 @@ from groundstation.frames import Alignment, Body, World, frames_of
 from groundstation.poses.datagram import DatagramSource
 from groundstation.poses.intake import Intake
 from groundstation.poses.vision_codec import VisionReader
-from links.address import parse_address
+from links.address import beyond, parse_address
 
 
 class VisionConfig(
@@ -39,6 +39,11 @@ class VisionConfig(
             ValueError: ``listen`` is no address.
         """
         parse_address(self.listen)
+
+    @property
+    def real(self) -> str | None:
+        """The key by which real poses may come, and its value; None where all stays on this machine."""
+        return beyond("listen", self.listen)
 
     def build(self) -> DatagramSource:
         """The source of this config."""

@@ -18,9 +18,11 @@ from groundstation.recording.log import FLUSH_S, FlightLog
 from groundstation.recording.manners import stand_back
 from groundstation.recording.process import FORGET, Setup
 from groundstation.recording.records import Record
-from groundstation.telemetry.flights import folder_of, free_name, tidy
+from groundstation.telemetry.flights import free_name, made_folder, tidy
 
 _READ_BYTES = 1 << 18
+SYNC_S = 1.0
+"""What was written has reached the disk itself after so long, or the operator is told that it has not [s]."""
 
 
 def main() -> int:
@@ -30,6 +32,7 @@ def main() -> int:
     stand_back()
     log: FlightLog | None = None
     forget = False
+    synced_s = time.monotonic()
     decoder = msgspec.msgpack.Decoder(Record)
     try:
         for message in _messages():
@@ -42,11 +45,16 @@ def main() -> int:
                 log = _opened(msgspec.msgpack.decode(message, type=Setup))
             else:
                 log.write(decoder.decode(message))
+            if log is not None and time.monotonic() - synced_s > SYNC_S:
+                log.sync()
+                synced_s = time.monotonic()
     except OSError as error:
         _tell(f"WARNING: not recording, the flight goes on: {error}")
         return 0
     finally:
         if log is not None:
+            log.flush()
+            log.sync()
             log.close()
             if forget:
                 _forget(log.path)
@@ -88,8 +96,7 @@ def _opened(setup: Setup) -> FlightLog:
     Raises:
         OSError: the folder or the file can't be made.
     """
-    config, folder = setup.recording, folder_of(setup.recording)
-    folder.mkdir(parents=True, exist_ok=True)
+    config, folder = setup.recording, made_folder(setup.recording)
     now = time.time()
     for path in tidy(config, now):
         _tell(f"recordings: {path.name} was removed to keep within recording.keep_gb and keep_days")

@@ -14,6 +14,7 @@ from groundstation.poses.csv_codec import COLUMNS, Row, encode
 from groundstation.recording.channels import CHANNELS, Measured
 from groundstation.recording.reader import NoRecording, Recording
 from groundstation.recording.schema import schema
+from groundstation.telemetry.flights import for_us_alone
 
 
 def export_command(path: Path, form: str, channels: list[str], out: Path | None) -> int:
@@ -120,7 +121,7 @@ def rewritten(recording: Recording, target: Path, topics: list[str]) -> int:
     if target.exists():
         raise ConfigError("--out", f"{target} is there already")
     count = 0
-    with target.open("wb") as file:
+    with open(target, "wb", opener=for_us_alone) as file:  # Path.open has no opener
         writer: Any = Writer(file, compression=CompressionType.ZSTD)  # some of its methods have no types
         writer.start(library="groundstation export")
         writer.add_metadata("about", recording.about)

@@ -49,7 +49,7 @@ class FlightLog:
         self._encode = msgspec.json.Encoder().encode
         self._flushed_s = 0.0
         # Any: some of its methods have no types
-        self._writer: Any = Writer(cast(IO[bytes], self._file), compression=CompressionType.ZSTD)
+        self._writer: Any = Writer(cast(IO[bytes], self._file), compression=CompressionType.ZSTD, enable_data_crcs=True)
         self._writer.start(library=f"groundstation {_version('groundstation')}")
         self._writer.add_metadata("about", facts(about))
         self._channels = {
@@ -76,6 +76,12 @@ class FlightLog:
         self._writer.flush()
         if self._tlog is not None:
             self._tlog.flush()
+
+    def sync(self) -> None:
+        """Wait until what is written has reached the disk."""
+        self._file.sync()
+        if self._tlog is not None:
+            self._tlog.sync()
 
     def close(self) -> None:
         """Write the result and the index, and close."""

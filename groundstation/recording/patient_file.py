@@ -20,11 +20,12 @@ class PatientFile:
         """
         self._path = path
         self._tell = tell
-        self._fd = os.open(path, os.O_WRONLY | os.O_CREAT | os.O_EXCL | os.O_CLOEXEC, 0o644)
+        self._fd = os.open(path, os.O_WRONLY | os.O_CREAT | os.O_EXCL | os.O_CLOEXEC, 0o600)
         fcntl.flock(self._fd, fcntl.LOCK_EX)  # while it lasts, nobody tidies this file away
         self._waiting = bytearray()
         self._size = 0
         self._trouble = ""
+        self._torn = False
 
     @property
     def alive(self) -> bool:
@@ -54,6 +55,21 @@ class PatientFile:
         if self._trouble and self.alive:
             self._trouble = ""
             self._tell(f"recording to {self._path} goes on, nothing is lost")
+
+    def sync(self) -> None:
+        """Have all that was written reach the disk itself, and tell where it did not.
+
+        What writing takes, the operating system only keeps for the disk: that it has no room after all (a thin volume,
+        a network's), or is broken, it finds out some ten seconds later, and tells whoever asks.
+        """
+        if not self.alive or self._torn:
+            return
+        try:
+            os.fdatasync(self._fd)
+        except OSError as error:
+            self._torn = True
+            why = error.strerror or str(error)
+            self._tell(f"WARNING: parts of {self._path} are lost from here on, the flight goes on: {why}")
 
     def _fail(self, why: str) -> None:
         if not self._trouble:

@@ -2,6 +2,7 @@
 
 import os
 import struct
+import zlib
 from collections.abc import Collection, Iterator
 from io import BytesIO
 from pathlib import Path
@@ -21,6 +22,11 @@ _RECORD = struct.Struct("<BQ")
 """How each begins: its kind, and how many bytes follow."""
 _MESSAGE = struct.Struct("<HIQQ")
 """How a message begins: its channel, its number, and two times."""
+_FOOTER = struct.Struct("<BQQQI")
+"""The last record: its kind, its length, where the index begins, where its offsets do, and a sum."""
+_DATA_END = struct.Struct("<BQI")
+"""The record before the index: its kind, its length, and the sum of all bytes before it."""
+_BLOCK_BYTES = 1 << 20
 _RECORD_BYTES = 1 << 28
 """No record of ours is longer: a length beyond it is damage."""
 _DATA = (Opcode.HEADER, Opcode.METADATA, Opcode.CHUNK, Opcode.MESSAGE_INDEX, Opcode.DATA_END)
@@ -79,6 +85,8 @@ class Recording:
     @property
     def trouble(self) -> str:
         """Why not all of the flight could be read, for "the recording …"; empty where it could."""
+        if self.damaged_at is not None and self.result:
+            return f"is damaged somewhere before byte {self.damaged_at}, but in no message"
         if self.damaged_at is not None:
             return f"is damaged at byte {self.damaged_at}: the rest is not read"
         return "" if self.whole else "was cut off"
@@ -88,13 +96,18 @@ class Recording:
         count = Count()
         for entry in self.entries(("/command", "/errors", "/measured", "/mission", "/lost")):
             count.read(entry.topic, entry.value())
-        if self.result:
-            return from_texts(self.result)
-        headline = count.headline()
+        headline = from_texts(self.result) if self.result else count.headline()
+        if not self.trouble:
+            return headline
         return msgspec.structs.replace(headline, reason=f"{headline.reason} (the recording {self.trouble})")
 
-    def _records(self, topics: Collection[str]) -> Iterator[Entry]:
-        self.whole, self.damaged_at = False, None
+    def holds(self) -> bool:
+        """Whether it is whole, by the sums of its chunks: no message is looked at."""
+        return next(self._records(None), None) is None and self.whole
+
+    def _records(self, topics: Collection[str] | None) -> Iterator[Entry]:
+        """The messages on ``topics``, none for None."""
+        self.whole, self.damaged_at, self.result = False, None, {}
         names: dict[int, str] = {}
         with self.path.open("rb") as file:
             at = len(MAGIC)
@@ -103,7 +116,10 @@ class Recording:
                 for record in reader.records:
                     match record:
                         case Chunk():
-                            yield from _messages(record, topics, names)
+                            if topics is None:
+                                get_chunk_data_stream(record, validate_crc=True)
+                            else:
+                                yield from _messages(record, topics, names)
                         case Metadata(name="about"):
                             self.about = dict(record.metadata)
                         case Metadata(name="result"):
@@ -163,7 +179,9 @@ def _messages(chunk: Chunk, topics: Collection[str], names: dict[int, str]) -> I
 
 
 def quick_headline(path: Path) -> tuple[dict[str, str], Headline, bool]:
-    """About, headline, and whether the recording is whole: from its index where there is one.
+    """About, headline, and whether the recording is whole: from its index where there is one, and all bytes hold.
+
+    The bytes are summed up, nothing is unpacked: 7 ms for the 8 MB of two minutes.
 
     Raises:
         NoRecording, OSError: see :class:`Recording`.
@@ -176,11 +194,35 @@ def quick_headline(path: Path) -> tuple[dict[str, str], Headline, bool]:
             found = {metadata.name: dict(metadata.metadata) for metadata in make_reader(file).iter_metadata()}
     except (McapError, struct.error, ValueError, EOFError, MemoryError):
         pass
-    if "about" in found and "result" in found:
+    if "about" in found and "result" in found and _bytes_hold(path):
         return found["about"], from_texts(found["result"]), True
     recording = Recording(path)
     headline = recording.headline()
     return recording.about, headline, recording.whole
+
+
+def _bytes_hold(path: Path) -> bool:
+    """Whether the bytes before the index are those that were written, by the sum that stands behind them.
+
+    Where there is none, as in recordings of older versions, the sums of the chunks tell.
+    """
+    with path.open("rb") as file:
+        file.seek(-_FOOTER.size - len(MAGIC), os.SEEK_END)
+        kind, _, index_at, _, _ = _FOOTER.unpack(file.read(_FOOTER.size))
+        end = index_at - _DATA_END.size
+        if kind != Opcode.FOOTER or end < 0:
+            return False
+        file.seek(end)
+        kind, length, told = _DATA_END.unpack(file.read(_DATA_END.size))
+        if kind != Opcode.DATA_END or length != 4:
+            return False
+        if told == 0:
+            return Recording(path).holds()
+        file.seek(0)
+        crc, left = 0, end
+        while left and (data := file.read(min(left, _BLOCK_BYTES))):
+            crc, left = zlib.crc32(data, crc), left - len(data)
+        return left == 0 and bool(crc == told)
 
 
 def from_texts(result: dict[str, str]) -> Headline:

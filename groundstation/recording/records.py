@@ -22,7 +22,8 @@ class About(msgspec.Struct, frozen=True, kw_only=True):
     controller: str
     trajectory: str
     period_s: float
-    """Time between two commands [s]; 0 where they follow the poses, or where the link tells only once connected."""
+    """Time between two commands [s]; 0 where they follow the poses, or where the link tells only once connected: then
+    each :class:`Looked` has it."""
     mavlink: str = ""
     """Address of the wire that carries MAVLink; empty where none does."""
     clock: str = "real"

@@ -1,7 +1,6 @@
 """``groundstation replay LOG.mcap``: a recorded flight flown again, from the wire up."""
 
 import json
-import tomllib
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
@@ -9,6 +8,8 @@ from typing import Any
 import msgspec
 
 from groundstation.config import ConfigError, from_dict
+from groundstation.config_files import toml
+from groundstation.control.custom import Custom
 from groundstation.recording.reader import NoRecording, Recording
 from groundstation.settings import Config
 
@@ -20,21 +21,22 @@ FLOWN_AGAIN = ("vehicle", "controller", "pose", "gate", "link", "flight")
 END = "this is all that is in it"
 
 
-def replay_command(path: Path, overrides: Sequence[str], *, as_json: bool) -> int:
+def replay_command(path: Path, overrides: Sequence[str], *, as_json: bool, trust_modules: bool = False) -> int:
     """Fly ``path`` again, with ``overrides`` where given; print what came of it.
 
     Returns 0, or 1 where the recording is damaged, or nothing was changed and the commands are not the same to the last
     bit.
 
     Raises:
-        ConfigError: the file is no recording, or an override is bad.
+        ConfigError: the file is no recording, an override is bad, or it was flown by a controller of somebody's own,
+            whose module nobody has said to be trusted.
     """
-    facts = replayed(path, overrides)
+    facts = replayed(path, overrides, trust_modules=trust_modules)
     print(json.dumps(facts) if as_json else text_of(facts))
     return 0 if facts["damaged_at"] is None and (overrides or facts["identical"]) else 1
 
 
-def replayed(path: Path, overrides: Sequence[str] = ()) -> dict[str, Any]:
+def replayed(path: Path, overrides: Sequence[str] = (), *, trust_modules: bool = False) -> dict[str, Any]:
     """The object that ``--json`` prints.
 
     Raises:
@@ -46,7 +48,9 @@ def replayed(path: Path, overrides: Sequence[str] = ()) -> dict[str, Any]:
 
     try:
         recording = Recording(path)
-        config = from_dict(tomllib.loads(recording.about["config"]), Config, overrides, source=str(path))
+        config = _config(recording, overrides)
+        if not trust_modules and not any(map(_names_controller, overrides)):
+            _ensure_own(config, path)
         result = fly_again(recording, config)
     except NoRecording as error:
         raise ConfigError("LOG", str(error)) from None
@@ -74,6 +78,33 @@ def replayed(path: Path, overrides: Sequence[str] = ()) -> dict[str, Any]:
         "recorded_by": {key: recording.about.get(key, "") for key in ("version", "git", "python")},
         "replayed_by": {key: own[key] for key in ("version", "git", "python")},
     }
+
+
+def _config(recording: Recording, overrides: Sequence[str]) -> Config:
+    try:
+        told = toml(recording.about.get("config", ""))
+    except ValueError as error:
+        raise ConfigError("", f"the configuration in it is {error}", str(recording.path)) from None
+    return from_dict(told, Config, overrides, source=str(recording.path))
+
+
+def _names_controller(override: str) -> bool:
+    return override.partition("=")[0].strip() in ("controller.kind", "controller.factory")
+
+
+def _ensure_own(config: Config, path: Path) -> None:
+    """Let no recording choose what code runs here: whoever has made it may have meant any.
+
+    Raises:
+        ConfigError: it names a module.
+    """
+    if isinstance(config.controller, Custom):
+        raise ConfigError(
+            "controller.kind",
+            f"flown by {config.controller.factory}: to replay it, that module is imported here, and its code runs. "
+            "Where you trust it, say --trust-modules; or fly your own: --set controller.factory=package.module:factory",
+            str(path),
+        )
 
 
 def _table(override: str) -> str:

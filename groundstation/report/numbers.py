@@ -1,10 +1,10 @@
 """The numbers of a flight: what ``--json`` prints and the tables of the page show."""
 
-import tomllib
 from typing import Any
 
 import numpy as np
 
+from groundstation.config_files import toml
 from groundstation.recording.headline import STEADY_S
 from groundstation.report.flown import Column, Flown
 
@@ -88,7 +88,7 @@ def latency(flown: Flown) -> dict[str, Column]:
 def limits(flown: Flown) -> dict[str, tuple[float, float]]:
     """Least and largest thrust [N] and body rates [rad/s] of the vehicle as told; empty where the config lacks them."""
     try:
-        vehicle = tomllib.loads(flown.recording.about["config"])["vehicle"]
+        vehicle = toml(flown.recording.about["config"])["vehicle"]
         rates = [float(np.radians(rate)) for rate in vehicle["rate_limits_deg_s"]]
         thrust = float(vehicle["thrust_min_n"]), float(vehicle["thrust_max_n"])
     except (KeyError, ValueError, TypeError):

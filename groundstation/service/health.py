@@ -5,6 +5,7 @@ import json
 import os
 import sys
 from contextlib import suppress
+from glob import escape
 from pathlib import Path
 
 import msgspec
@@ -56,7 +57,7 @@ class HealthFile:
     def draft(self, health: Health) -> None:
         """Write it down, for nobody yet."""
         with suppress(OSError):
-            number = os.open(self._draft, os.O_WRONLY | os.O_CREAT | os.O_TRUNC | os.O_CLOEXEC, 0o666)
+            number = os.open(self._draft, os.O_WRONLY | os.O_CREAT | os.O_TRUNC | os.O_CLOEXEC, 0o600)
             try:
                 os.write(number, self._encode(health) + b"\n")
             finally:
@@ -89,7 +90,7 @@ def health_command(vehicle: str | None, socket: Path | None, *, as_json: bool) -
     try:
         path = health_path(socket) if socket is not None else _only(vehicle)
         health = msgspec.json.decode(path.read_bytes(), type=Health)
-    except (OSError, msgspec.DecodeError) as error:
+    except (OSError, msgspec.DecodeError, UnicodeDecodeError, RecursionError) as error:
         print(f"groundstation: health: {error}", file=sys.stderr)
         return EXIT_NOBODY
     wrong = ill(health, asyncio.new_event_loop().time())
@@ -107,7 +108,7 @@ def _only(vehicle: str | None) -> Path:
         FileNotFoundError: there is none.
         ConfigError: there are several.
     """
-    name = "*" if vehicle is None else vehicle
+    name = "*" if vehicle is None else escape(vehicle)
     found = [*directory().glob(f"{name}.health.json"), *SERVICES.glob(f"*/{name}.health.json")]
     if not found:
         raise FileNotFoundError(f"no daemon runs here (looked in {directory()} and {SERVICES})")

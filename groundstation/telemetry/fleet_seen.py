@@ -7,8 +7,10 @@ import msgspec
 
 from groundstation.api.messages import decode
 from groundstation.mission import FINAL
+from groundstation.names import VEHICLE_LETTERS, is_name
 from groundstation.snapshot import Snapshot
 from groundstation.telemetry.mqtt_messages import EVENT, OFFLINE, SNAPSHOT, STATE, Event
+from links.printable import printable
 
 SILENCE_S = 3.0
 """Without a snapshot for this long, what was true is no longer known [s]."""
@@ -39,14 +41,16 @@ class Seen:
         """Take what came on ``topic``, below the vehicle's; False where it is nothing that we understand."""
         try:
             if topic == STATE.name:
-                self.state = payload.decode()[:32]
+                self.state = printable(payload.decode()[:32])
                 if self.state == OFFLINE:
                     self._offset_s = math.inf  # the next station has another clock
             elif topic == EVENT.name:
-                self.events = [*self.events, msgspec.json.decode(payload, type=Event)][-EVENTS_KEPT:]
+                event = msgspec.json.decode(payload, type=Event)
+                event = msgspec.structs.replace(event, text=printable(event.text))
+                self.events = [*self.events, event][-EVENTS_KEPT:]
             elif topic == SNAPSHOT.name:
                 return self._snapshot(decode(b'{"snapshot":%s}' % payload), now_s)
-        except (ValueError, msgspec.MsgspecError, UnicodeError):
+        except (ValueError, msgspec.MsgspecError, UnicodeError, RecursionError):
             return False
         return True
 
@@ -96,7 +100,7 @@ class Fleet:
         self._prefix = prefix + "/"
         self._seen: dict[str, Seen] = {}
         self.misunderstood = 0
-        """Messages that were not what they should be, or of one vehicle too many."""
+        """Messages that were not what they should be, or of one vehicle too many, or of none by its name."""
 
     def __iter__(self) -> Iterator[Seen]:
         """The vehicles, as they appeared."""
@@ -110,7 +114,7 @@ class Fleet:
             return
         seen = self._seen.get(name)
         if seen is None:
-            if len(self._seen) >= VEHICLES_MAX:
+            if len(self._seen) >= VEHICLES_MAX or not is_name(name, VEHICLE_LETTERS):
                 self.misunderstood += 1
                 return
             seen = self._seen[name] = Seen(name)

@@ -8,7 +8,9 @@ from typing import Annotated
 
 import msgspec
 
-NAME = re.compile(r"^\d{8}-\d{6}-[A-Za-z0-9_.-]+\.mcap$")
+from groundstation.names import NAME
+
+RECORDING = re.compile(rf"[0-9]{{8}}-[0-9]{{6}}-{NAME}\.mcap")
 """YYYYMMDD-HHMMSS-VEHICLE.mcap, in local time; nothing else is ever tidied away."""
 
 
@@ -34,6 +36,26 @@ def folder_of(config: RecordingConfig) -> Path:
     return base / "groundstation" / "flights"
 
 
+def made_folder(config: RecordingConfig) -> Path:
+    """Where its recordings are, made where it is missing, for its owner alone: they show who flew what, and how.
+
+    A folder of the operator's choice that is there already stays as open as it is.
+
+    Raises:
+        OSError: it can't be made.
+    """
+    folder = folder_of(config)
+    folder.mkdir(mode=0o700, parents=True, exist_ok=True)
+    if not config.folder:
+        folder.chmod(0o700)
+    return folder
+
+
+def for_us_alone(path: str, flags: int) -> int:
+    """Open ``path`` as ``open(..., opener=...)`` wants it; a new file is its owner's alone."""
+    return os.open(path, flags, 0o600)
+
+
 def free_name(folder: Path, stamp: str, vehicle: str) -> Path:
     """A path in ``folder`` for a flight that begins at ``stamp`` (YYYYMMDD-HHMMSS), with nothing there yet."""
     path = folder / f"{stamp}-{vehicle}.mcap"
@@ -48,7 +70,7 @@ def recordings(folder: Path) -> list[Path]:
     """The recordings in ``folder``, oldest first."""
     if not folder.is_dir():
         return []
-    return sorted(path for path in folder.iterdir() if NAME.match(path.name))
+    return sorted(path for path in folder.iterdir() if RECORDING.fullmatch(path.name))
 
 
 def being_written(path: Path) -> bool:

@@ -6,10 +6,10 @@ from typing import NamedTuple
 
 import msgspec
 
-from groundstation.api.desk import printable
 from groundstation.requests import Ask, Reply, Request
 from groundstation.telemetry.mqtt_messages import RequestMessage
 from groundstation.telemetry.request_codec import Place, decode_request, is_sealed, sealed_answer
+from links.printable import printable
 
 LIFE_MAX_MS = 10_000
 """No request is good for longer: what is held back on its way is not obeyed later [ms]."""
@@ -19,6 +19,8 @@ ANY_HZ, ANY_BURST = 50.0, 100.0
 """More messages than this, whoever sends them, and nobody listens for a while [1/s], and at once."""
 TELL_S = 60.0
 """A reason for which requests are dropped is told once in this time [s]."""
+SESSIONS_KEPT = 64
+"""So many sessions of one station count; more begin only where a client's clock is wrong again and again."""
 
 
 class ClientKey(msgspec.Struct, frozen=True):
@@ -72,17 +74,28 @@ class Gatekeeper:
         """
         self.counts: Counter[str] = Counter()
         """``done``, ``not_possible``, and the reasons for which requests were dropped."""
-        self.session = new_session()
-        """What requests must name."""
         self._new_session = new_session
         self._place = place
         self._clients = clients
         self._do = do
         self._tell = tell
         self._told_s: dict[str, float] = {}
-        self._newest: dict[str, int] = {}
+        self._sessions: dict[str, dict[str, int]] = {}
+        """Each session that counts, oldest first: who may name it, and the newest number of that client in it."""
         self._each = {name: Bucket(CLIENT_HZ, CLIENT_BURST) for name in clients}
         self._any = Bucket(ANY_HZ, ANY_BURST)
+        self._begin()
+
+    @property
+    def session(self) -> str:
+        """What new requests shall name."""
+        return next(reversed(self._sessions))
+
+    def _begin(self) -> None:
+        """Begin a session, which every client may name."""
+        self._sessions[self._new_session()] = dict.fromkeys(self._clients, -1)
+        if len(self._sessions) > SESSIONS_KEPT:
+            del self._sessions[next(iter(self._sessions))]
 
     def is_flooded(self, now_s: float) -> bool:
         """Count one more message, whatever it is; True where they are so many that it is better not to listen."""
@@ -94,17 +107,26 @@ class Gatekeeper:
     def take(self, data: bytes, *, retained: bool, now_s: float, wall_ms: int) -> bytes | None:
         """Do what a message asks for, and return its answer; None where it is dropped, counted by reason.
 
+        A kill is answered even then, so that whoever has asked for it knows that the motors still run: but for what
+        was not sealed by a client, what came before and was answered then, and one too many of who may not kill.
+
         Args:
             data: What was published.
             retained: Whether the broker had kept it.
             now_s: The event loop's clock [s].
             wall_ms: The wall clock [ms since 1970].
         """
-        found = self._checked(data, retained, now_s, wall_ms)
+        found = self._opened(data, retained)
         if isinstance(found, Dropped):
             self._drop(found, now_s)
             return None
         client = self._clients[found.client]
+        late = self._late(found, now_s, wall_ms)
+        if late is not None:
+            self._drop(late, now_s)
+            if Ask(found.ask) is not Ask.KILL or late.reason in ("replayed", "too_many"):
+                return None
+            return self._answer(client, found, Reply(False, f"NOT KILLED, {late.reason}: {late.text}"))
         if Ask(found.ask) not in client.may:
             self._drop(Dropped("not_allowed", f"of {found.client!r}, to {found.ask}"), now_s)
             return self._answer(client, found, Reply(False, f"{found.client} may not ask for {found.ask}"))
@@ -114,8 +136,8 @@ class Gatekeeper:
         self.counts["done" if reply.done else "not_possible"] += 1
         return self._answer(client, found, reply)
 
-    def _checked(self, data: bytes, retained: bool, now_s: float, wall_ms: int) -> "RequestMessage | Dropped":
-        """The request in ``data``, where it is sealed, new and in time."""
+    def _opened(self, data: bytes, retained: bool) -> "RequestMessage | Dropped":
+        """The request in ``data``, where a client has sealed it."""
         if retained:
             return Dropped("retained", "kept by the broker")
         request = decode_request(data)
@@ -124,23 +146,34 @@ class Gatekeeper:
         client = self._clients.get(request.client)
         if client is None or not is_sealed(request, client.key, self._place):
             return Dropped("unauthenticated", f"it says that it is {request.client!r}")
-        whose = f"of {request.client!r}, to {request.ask}"
-        if request.session != self.session:
-            return Dropped("other_session", whose)
-        if request.id <= self._newest.get(request.client, -1):
+        return request
+
+    def _late(self, request: RequestMessage, now_s: float, wall_ms: int) -> "Dropped | None":
+        """Why a sealed request is not obeyed: it is of another session, old, or one too many; None where it is."""
+        client = request.client
+        whose = f"of {client!r}, to {request.ask}"
+        newest = self._sessions.get(request.session, {}).get(client)
+        if newest is None:
+            return Dropped("other_session", f"{whose}: sealed for another session than {self.session}")
+        if request.id <= newest:
             return Dropped("replayed", f"{whose}: id {request.id} is not greater than those before it")
-        self._newest[request.client] = request.id
+        self._sessions[request.session][client] = request.id
+        # The rate comes first: nobody makes sessions faster. But a kill of whoever may waits for no turn.
+        turn = self._each[client].take(now_s)
+        if not turn and not (Ask(request.ask) is Ask.KILL and Ask.KILL in self._clients[client].may):
+            return Dropped("too_many", whose)
         left_ms = request.expires_ms - wall_ms
         if left_ms > LIFE_MAX_MS:
-            # Kept by somebody, it would come into force one day: so no request of this session shall ever again.
-            self.session = self._new_session()
-            self._newest.clear()
+            # Kept by somebody, it would come into force one day: so nothing that this client has sealed so far shall.
+            # What others have sealed is in time, and counts.
+            if turn:
+                for numbers in self._sessions.values():
+                    numbers.pop(client, None)
+                self._begin()
             return Dropped("expires_too_late", f"{whose}: good for {left_ms} ms, by our clock")
         if left_ms <= 0:
             return Dropped("expired", f"{whose}: {-left_ms} ms ago, by our clock")
-        if not self._each[request.client].take(now_s):
-            return Dropped("too_many", whose)
-        return request
+        return None
 
     def _answer(self, client: ClientKey, request: RequestMessage, reply: Reply) -> bytes:
         return sealed_answer(client.key, self._place, request, reply.done, reply.says)

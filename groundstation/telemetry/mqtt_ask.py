@@ -9,8 +9,9 @@ from typing import TYPE_CHECKING
 import msgspec
 
 from groundstation.config import ConfigError
+from groundstation.names import CLIENT_LETTERS, VEHICLE_LETTERS, a_name, is_name
 from groundstation.telemetry.mqtt_broker import Broker, from_url, heed_cancellation, in_words
-from groundstation.telemetry.mqtt_config import CLIENT, RemoteAsk
+from groundstation.telemetry.mqtt_config import RemoteAsk
 from groundstation.telemetry.mqtt_messages import (
     ANSWER,
     OFFLINE,
@@ -50,8 +51,12 @@ def ask_command(args: argparse.Namespace) -> int:
             raise ConfigError(name, "missing; --mqtt needs --vehicle, --client and --key")
     if args.ask == "arm":
         raise ConfigError("arm", "nobody arms from afar: only who stands by the vehicle may")
-    if CLIENT.fullmatch(args.client) is None:
-        raise ConfigError("--client", f"expected a name matching {CLIENT.pattern}, got {args.client!r}")
+    for name, value, letters in (
+        ("--vehicle", args.vehicle, VEHICLE_LETTERS),
+        ("--client", args.client, CLIENT_LETTERS),
+    ):
+        if not is_name(value, letters):
+            raise ConfigError(name, f"expected {a_name(letters)}, got {value!r}")
     broker = from_url(args.mqtt, ca=args.ca, user=args.user, password_file=args.password_file)
     key = _key(args.key)
     try:
@@ -76,7 +81,7 @@ async def asked(broker: Broker, vehicle: str, client: str, key: bytes, ask: Remo
     try:
         async with asyncio.timeout(PATIENCE_S), broker.client() as connection:
             return await asking.run(connection)
-    except (aiomqtt.MqttError, msgspec.MsgspecError, ValueError) as error:
+    except (aiomqtt.MqttError, msgspec.MsgspecError, ValueError, RecursionError) as error:
         raise Unanswered(f"the broker {broker}: {in_words(error)}") from None
     except TimeoutError:
         raise Unanswered(asking.why_not()) from None

@@ -12,6 +12,7 @@ import msgspec
 
 from groundstation.config import ConfigError, from_dict
 from groundstation.telemetry.mqtt_config import MqttConfig
+from links.printable import printable
 
 if TYPE_CHECKING:
     import ssl
@@ -103,7 +104,7 @@ def heed_cancellation() -> None:
 
 def in_words(error: Exception) -> str:
     """What has gone wrong with a broker, without the numbers of the libraries below."""
-    return re.sub(r"^\[[^\]]*\] *| *\(_ssl\.c:\d+\)", "", str(error)) or "the connection was lost"
+    return re.sub(r"^\[[^\]]*\] *| *\(_ssl\.c:\d+\)", "", printable(str(error))) or "the connection was lost"
 
 
 def from_url(url: str, *, ca: Path | None = None, user: str = "", password_file: Path | None = None) -> Broker:

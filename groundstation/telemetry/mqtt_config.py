@@ -1,17 +1,15 @@
 """Where the broker is, how it is spoken to, and who may ask something by it."""
 
-import re
 from typing import Annotated, Literal
 
 import msgspec
 
+from groundstation.names import CLIENT_LETTERS, NAME, a_name, is_name
 from groundstation.requests import Ask
 from links.address import is_loopback
 
 PORT, PORT_TLS = 1883, 8883
 """What IANA has registered, without and with TLS."""
-CLIENT = re.compile(r"[A-Za-z0-9_.-]{1,32}")
-"""What a client may be called."""
 
 RemoteAsk = Literal["hold", "return", "track", "land", "descend", "abort", "kill"]
 """What may be asked from afar: everything but to arm."""
@@ -69,8 +67,8 @@ class RequestsConfig(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_f
         if self.enabled and not self.clients:
             raise ValueError("clients: expected at least one where enabled = true; or leave requests off")
         for name in self.clients:
-            if CLIENT.fullmatch(name) is None:
-                raise ValueError(f"clients: expected a name matching {CLIENT.pattern}, got {name!r}")
+            if not is_name(name, CLIENT_LETTERS):
+                raise ValueError(f"clients: expected {a_name(CLIENT_LETTERS)}, got {name!r}")
 
 
 class MqttConfig(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
@@ -89,9 +87,7 @@ class MqttConfig(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_field
     """Name to log in with; empty for none."""
     password_file: str = ""
     """File whose first line is the password, mode 0600; empty for none."""
-    prefix: Annotated[str, msgspec.Meta(pattern=r"^[A-Za-z0-9_.-]+(/[A-Za-z0-9_.-]+)*$", max_length=64)] = (
-        "groundstation"
-    )
+    prefix: Annotated[str, msgspec.Meta(pattern=rf"\A{NAME}(/{NAME})*\Z", max_length=64)] = "groundstation"
     """First part of every topic."""
     rate_hz: Annotated[float, msgspec.Meta(gt=0.0, le=50.0)] = 5.0
     """Most snapshots a second [1/s]."""

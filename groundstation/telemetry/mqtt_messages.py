@@ -4,16 +4,17 @@ from typing import Annotated, Any
 
 import msgspec
 
+from groundstation.names import CLIENT_LETTERS, name_of
 from groundstation.snapshot import Snapshot
-from groundstation.telemetry.mqtt_config import CLIENT, RemoteAsk
+from groundstation.telemetry.mqtt_config import RemoteAsk
 
 OFFLINE = "offline"
 """The ``state`` of a vehicle that no station flies, also as last will."""
 
-Session = Annotated[str, msgspec.Meta(pattern="^[0-9a-f]{32}$")]
-Seal = Annotated[str, msgspec.Meta(pattern="^[0-9a-f]{64}$")]
+Session = Annotated[str, msgspec.Meta(pattern=r"\A[0-9a-f]{32}\Z")]
+Seal = Annotated[str, msgspec.Meta(pattern=r"\A[0-9a-f]{64}\Z")]
 """HMAC-SHA256 in hex; see request_codec.py."""
-Client = Annotated[str, msgspec.Meta(pattern=f"^{CLIENT.pattern}$")]
+Client = Annotated[str, msgspec.Meta(pattern=name_of(CLIENT_LETTERS))]
 Number = Annotated[int, msgspec.Meta(ge=0, le=1 << 53)]
 
 

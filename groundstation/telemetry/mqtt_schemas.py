@@ -7,6 +7,7 @@ from typing import Any
 import msgspec
 
 from groundstation.config_text import docs
+from groundstation.names import in_words
 from groundstation.telemetry.mqtt_messages import TOPICS, Topic
 
 BEGIN, END = "<!-- mqtt topics -->", "<!-- end of mqtt topics -->"
@@ -72,6 +73,8 @@ def _schema(topic: Topic) -> dict[str, Any]:
         for key, field in component.get("properties", {}).items():
             if key in notes:
                 field["description"] = notes[key]
+            if "pattern" in field:  # JSON Schema writes regular expressions as ECMA-262, where ^ and $ mean the ends
+                field["pattern"] = f"^{in_words(field['pattern'])}$"
     made = _with_null(components)
     root = made.pop(topic.message.__name__)
     return {

@@ -13,7 +13,7 @@ from groundstation.tui.letters import big, huge
 from groundstation.tui.orders import ORDERS, Order, possible
 from groundstation.tui.plot import Spans
 from groundstation.tui.themes import LABEL
-from groundstation.tui.words import clean
+from links.printable import printable
 
 TALL, WORDS_WIDTH = 36, 30
 """From this height on letters may be large [rows]; they leave this room for the words beside them [columns]."""
@@ -38,7 +38,7 @@ class Banner(Widget):
     def show(self, shown: Headline, whose: str, holder: str) -> None:
         """Take what to say: the headline, the vehicle and its time, and who holds control."""
         if (shown, (whose, holder)) != (self._shown, self._beside):
-            self._shown, self._beside = shown, (clean(whose), clean(holder))
+            self._shown, self._beside = shown, (printable(whose), printable(holder))
             self.styles.height = len(self._letters())
             self.refresh()
 
@@ -61,7 +61,7 @@ class Banner(Widget):
         letters = self._letters()
         room = max(0, self.size.width - len(letters[0]) - 3)
         whose, holder = self._beside
-        words = [whose, *wrap(clean(self._shown.detail), max(room, 1))]
+        words = [whose, *wrap(printable(self._shown.detail), max(room, 1))]
         if holder and len(letters) > len(words):
             words += [""] * (len(letters) - len(words) - 1) + [holder]
         words = (words + [""] * len(letters))[: len(letters)]

@@ -13,7 +13,7 @@ from groundstation.config import ConfigError
 from groundstation.mission import FINAL
 from groundstation.recording.reader import NoRecording
 from groundstation.settings import Config
-from groundstation.telemetry.flights import folder_of
+from groundstation.telemetry.flights import for_us_alone, made_folder
 from groundstation.tui.app import NO_SCREEN, Dashboard
 from groundstation.tui.attached import Attached
 from groundstation.tui.playback import Playback
@@ -50,12 +50,11 @@ def fly_with_screen(args: argparse.Namespace, config: Config) -> int:
     if asyncio.run(is_served(path)):
         again = f"groundstation tui {_which(path)}"
         raise ConfigError("status.path", f"a ground station serves {path} already; to see it: {again}")
-    log = folder_of(config.recording) / f"{vehicle}.log"
-    log.parent.mkdir(parents=True, exist_ok=True)
+    log = made_folder(config.recording) / f"{vehicle}.log"
     overrides = [word for override in args.overrides for word in ("--set", override)]
     arm = [] if args.arm is None else ["--arm", args.arm]
     command = [sys.executable, "-m", "groundstation", "daemon", str(args.config), "--once", *overrides, *arm]
-    with log.open("wb") as output:
+    with open(log, "wb", opener=for_us_alone) as output:  # Path.open has no opener
         core = subprocess.Popen(  # noqa: S603  # ourselves
             command, stdin=subprocess.DEVNULL, stdout=output, stderr=output, start_new_session=True
         )

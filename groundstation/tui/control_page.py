@@ -3,6 +3,7 @@
 from collections.abc import Mapping
 from typing import ClassVar
 
+from rich.text import Text
 from textual.app import ComposeResult
 from textual.containers import Horizontal, Vertical
 from textual.message import Message
@@ -15,7 +16,8 @@ from groundstation.tui.page import Frame, Page
 from groundstation.tui.panels import Curves
 from groundstation.tui.plot import Spans
 from groundstation.tui.themes import AXES, ERROR, LABEL, WARNING
-from groundstation.tui.words import clean, row, three
+from groundstation.tui.words import row, three
+from links.printable import printable
 
 
 class ControlPage(Page):
@@ -72,7 +74,7 @@ class ControlPage(Page):
         table.clear()
         for gain in known:
             name = gain.key.removeprefix("controller.")
-            table.add_row(name, f"{gain.value:.4g}", f"{gain.begun:.4g}", key=gain.key)
+            table.add_row(Text(printable(name)), f"{gain.value:.4g}", f"{gain.begun:.4g}", key=gain.key)
         table.move_cursor(row=at)
 
     def on_data_table_row_selected(self, event: "DataTable.RowSelected") -> None:
@@ -93,13 +95,13 @@ def law(snapshot: Snapshot) -> list[Spans]:
     rows.append(row("V known", f"{d.v_known:.4g} = φ {v[0]:.3g} + Ω {v[1]:.3g} + z3 {v[2]:.3g}"))
     rows.append(row("W", f"{d.w:.4g} = σ {w[0]:.3g} + ρ {w[1]:.3g} + z3 {w[2]:.3g}"))
     if seen is None:
-        return [*rows, row("bound", clean(d.certificate))]
+        return [*rows, row("bound", printable(d.certificate))]
     bad = seen.state == "violated"
     shares = f"violated {_share(seen.violated_fraction)}  suspended {_share(seen.suspended_fraction)} of the time"
     excess = f"{seen.state}{'!' if bad else ''}, {seen.excess:.3g} above its bound"
-    rows += [row("V", f"{seen.v:.4g}  {clean(excess)}", WARNING if bad else ""), row("", shares)]
+    rows += [row("V", f"{seen.v:.4g}  {printable(excess)}", WARNING if bad else ""), row("", shares)]
     fraction = "-" if seen.b_hat_fraction is None else f"{100.0 * seen.b_hat_fraction:.0f} % of what it may be"
-    return [*rows, row("b̂", fraction), row("bound", clean(seen.bound))]
+    return [*rows, row("b̂", fraction), row("bound", printable(seen.bound))]
 
 
 def _share(fraction: float) -> str:

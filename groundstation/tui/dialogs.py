@@ -12,6 +12,7 @@ from textual.widgets import Input, OptionList, Static
 from textual.widgets.option_list import Option
 
 from groundstation.tui.bars import Knobs
+from links.printable import printable
 
 T = TypeVar("T")
 CSS = """
@@ -36,7 +37,7 @@ class Dialog(ModalScreen[T]):
     def __init__(self, title: str, text: str, *, orders: bool = True) -> None:
         """Its words; ``orders``: whether anything can be ordered here."""
         super().__init__()
-        self._title, self._text, self._orders = title, text, orders
+        self._title, self._text, self._orders = printable(title), printable(text, keep="\n"), orders
 
     def compose(self) -> ComposeResult:
         """Title, text, and what is to be answered."""

@@ -7,6 +7,7 @@ from typing import NamedTuple
 
 from groundstation.telemetry.fleet_seen import Seen
 from groundstation.tui.headline import ALARM, BUSY, CALM, FLYING
+from links.printable import printable
 
 COLUMNS = (("vehicle", 10), ("state", 14), ("pose", 7), ("error", 7), ("RMS", 7), ("batt", 6), ("link", 8), ("data", 6))
 """Heading and width of all columns but the last, which is the newest event."""
@@ -43,7 +44,7 @@ def row(seen: Seen, now_s: float) -> Row:
         seen.name, state, _short(shot.pose_age_s, "s"), *metres, battery, shot.link.state[:7],
         _short(seen.age_s(now_s), "s"), event,
     )  # fmt: skip
-    return Row(seen.name, urgency, cells)
+    return Row(seen.name, urgency, tuple(map(printable, cells)))
 
 
 def _number(value: float) -> float:
@@ -105,7 +106,7 @@ def details(seen: Seen, now_s: float) -> list[str]:
             f"late {shot.link.expired}, says {shot.link.text or 'nothing'}",
         ]
     texts = [f"{one.time_s:9.1f} {one.text}" for one in seen.events]
-    return lines + (texts or list(shot.events if shot else ()))[::-1]
+    return [printable(line) for line in lines + (texts or list(shot.events if shot else ()))[::-1]]
 
 
 def _short(value: float, unit: str) -> str:

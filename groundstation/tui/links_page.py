@@ -14,7 +14,8 @@ from groundstation.tui.page import Frame, Page
 from groundstation.tui.panels import Curves
 from groundstation.tui.plot import Spans, bar
 from groundstation.tui.themes import ERROR, FLOWN, LABEL
-from groundstation.tui.words import battery, clean, row
+from groundstation.tui.words import battery, row
+from links.printable import printable
 
 BINS = 8
 
@@ -79,7 +80,9 @@ def link(snapshot: Snapshot) -> list[Spans]:
     return [
         [("─ command link ─", LABEL)],
         row(
-            "state", f"{clean(status.state)}, {clean(status.phase)}" + (f", {clean(status.taken)}" * bool(status.taken))
+            "state",
+            f"{printable(status.state)}, {printable(status.phase)}"
+            + (f", {printable(status.taken)}" * bool(status.taken)),
         ),
         row("sent", f"{status.sent}   expired {status.expired}"),
         row("received", f"{status.received}"),
@@ -87,7 +90,7 @@ def link(snapshot: Snapshot) -> list[Spans]:
         row("its clock", clock),
         row("battery", battery(status)),
         *_drops(status.dropped),
-        row("says", clean(status.text) or "-"),
+        row("says", printable(status.text) or "-"),
         *late(snapshot),
     ]
 
@@ -131,7 +134,7 @@ def _drops(dropped: dict[str, int]) -> list[Spans]:
     found = [(reason, count) for reason, count in dropped.items() if count]
     if not found:
         return [row("dropped", "none")]
-    return [row("dropped" if i == 0 else "", f"{count} {clean(reason)}") for i, (reason, count) in enumerate(found)]
+    return [row("dropped" if i == 0 else "", f"{count} {printable(reason)}") for i, (reason, count) in enumerate(found)]
 
 
 def _micros(value: int) -> str:

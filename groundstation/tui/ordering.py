@@ -4,6 +4,7 @@ import asyncio
 from collections.abc import Awaitable, Callable
 
 from textual.app import App
+from textual.notifications import SeverityLevel
 
 from groundstation.requests import Ask
 from groundstation.stop_all import stop_all
@@ -13,6 +14,7 @@ from groundstation.tui.gains import Gain
 from groundstation.tui.headline import SILENCE_S
 from groundstation.tui.orders import Order, Twice, possible
 from groundstation.tui.picture import Picture
+from links.printable import printable
 
 
 class Ordering:
@@ -126,4 +128,5 @@ class Ordering:
         self._app.run_worker(do())
 
     def _say(self, answer: Answer) -> None:
-        self._app.notify(answer.says, severity="information" if answer.done else "error", timeout=6.0, markup=False)
+        severity: SeverityLevel = "information" if answer.done else "error"
+        self._app.notify(printable(answer.says), severity=severity, timeout=6.0, markup=False)

@@ -13,8 +13,9 @@ from groundstation.tui.bars import content
 from groundstation.tui.picture import Flown
 from groundstation.tui.plot import Line, Spans, Track, history, horizon, in_time, nice_top, top_view
 from groundstation.tui.themes import ERROR, FLOWN, LABEL, WANTED, WARNING, WIND
-from groundstation.tui.words import arrow, checks, clean, numbers
+from groundstation.tui.words import arrow, checks, numbers
 from groundstation.verdict import Check
+from links.printable import printable
 
 WIND_S2 = 0.5
 """The arrow of b̂ is so long in the view from above [m per m/s²]."""
@@ -237,6 +238,6 @@ class Events(Widget):
 
 def event(line: str) -> Spans:
     """One event, with a mark where it is a warning."""
-    time, _, text = clean(line).partition(" ")
+    time, _, text = printable(line).partition(" ")
     warns = text.lower().startswith(("aborted", "warning", "killed", "not ", "pre-flight fail"))
     return [(f"{time:>9} ", LABEL), (text, WARNING if warns else "")]

@@ -1,12 +1,12 @@
 """What a dashboard knows: the newest of everything, and what its plots remember. Knows no screen. Sans-IO."""
 
 import math
-import tomllib
 from collections import deque
 from typing import Any
 
 import msgspec
 
+from groundstation.config_files import toml
 from groundstation.mission import FINAL
 from groundstation.ops import Vec3
 from groundstation.snapshot import Snapshot
@@ -74,8 +74,8 @@ class Picture:
     def config(self) -> dict[str, Any]:
         """The configuration in force; empty where it is not known."""
         try:
-            return tomllib.loads(self.hello.config) if self.hello is not None else {}
-        except tomllib.TOMLDecodeError:
+            return toml(self.hello.config) if self.hello is not None else {}
+        except ValueError:
             return {}
 
     def _begin_anew(self) -> None:

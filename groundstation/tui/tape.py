@@ -1,7 +1,6 @@
 """A recording as the snapshots that a dashboard would have seen, ten a second."""
 
 import math
-import tomllib
 from collections import deque
 from collections.abc import Iterator
 from pathlib import Path
@@ -9,6 +8,7 @@ from typing import Any, TypeVar
 
 import msgspec
 
+from groundstation.config_files import toml
 from groundstation.live_gains import LIVE, PREFIX
 from groundstation.mission import State
 from groundstation.ops import Quat, Vec3
@@ -51,8 +51,8 @@ class Tape:
         about = self._recording.about
         self.hello = Hello(about.get("vehicle", "?"), f"recording {path.name}", about.get("config", ""))
         try:
-            config = tomllib.loads(self.hello.config)
-        except tomllib.TOMLDecodeError:
+            config = toml(self.hello.config)
+        except ValueError:
             config = {}
         vehicle = config.get("vehicle", {})
         self._thrust_max_n = float(vehicle.get("thrust_max_n", math.nan))

@@ -13,7 +13,7 @@ from groundstation.tui.page import Frame, Page
 from groundstation.tui.panels import event
 from groundstation.tui.plot import Spans
 from groundstation.tui.themes import LABEL
-from groundstation.tui.words import clean
+from links.printable import printable
 
 
 class TextPage(Page):
@@ -78,7 +78,7 @@ class ConfigPage(TextPage):
         hello = frame.picture.hello
         if hello is None or not hello.config:
             return [[("the configuration is not known", LABEL)]]
-        head: Spans = [(clean(f"{hello.vehicle}: {hello.origin}"), LABEL)]
+        head: Spans = [(printable(f"{hello.vehicle}: {hello.origin}"), LABEL)]
         return [head, *flat(hello.config)]
 
 
@@ -102,7 +102,7 @@ def flat(config: str) -> Iterable[Spans]:
     """The lines of a TOML text as ``section.key = value``."""
     section = ""
     for line in config.splitlines():
-        text = clean(line.strip())
+        text = printable(line.strip())
         if text.startswith("["):
             section = text.strip("[]") + "."
         elif text and not text.startswith("#"):

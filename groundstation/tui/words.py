@@ -11,6 +11,7 @@ from groundstation.tui.plot import Spans, bar, two_sided_bar
 from groundstation.tui.themes import FLOWN, LABEL, NORMAL, WARNING, WIND
 from groundstation.verdict import Check, Verdict
 from links.port import LinkStatus
+from links.printable import printable
 
 RATE_SCALE_DEG_S = 360.0
 """Full scale of the rate bars where no limit is known [deg/s]."""
@@ -18,11 +19,6 @@ RATE_SCALE_DEG_S = 360.0
 
 SMALL = 0.02
 """A smaller part of a vector has no arrow [m/s²]."""
-
-
-def clean(text: str) -> str:
-    """``text`` without control characters: it may come from the vehicle, and must not steer the terminal."""
-    return "".join(letter if letter.isprintable() else "·" for letter in text)
 
 
 def numbers(snapshot: Snapshot) -> list[Spans]:
@@ -97,7 +93,7 @@ def _certificate(snapshot: Snapshot) -> Spans:
     if seen is None:
         return row("V", "-")
     bad = seen.state == "violated"
-    text = f"{seen.v:.3g}  {clean(seen.state)}{'!' if bad else ''}"
+    text = f"{seen.v:.3g}  {printable(seen.state)}{'!' if bad else ''}"
     if seen.excess > 0.0:
         text += f" by {seen.excess:.2g}"
     if seen.b_hat_fraction is not None:
@@ -117,11 +113,13 @@ def _pose(snapshot: Snapshot) -> Spans:
 def _link(snapshot: Snapshot) -> list[Spans]:
     link = snapshot.link
     lost = link.state == "lost"
-    text = f"{clean(link.state)}{'!' if lost else ''}  sent {link.sent} expired {link.expired}{_drops(link.dropped)}"
+    text = (
+        f"{printable(link.state)}{'!' if lost else ''}  sent {link.sent} expired {link.expired}{_drops(link.dropped)}"
+    )
     return [
         row("link", text, WARNING if lost else NORMAL),
         row("battery", battery(link)),
-        row("", clean(link.text) or "-", LABEL),
+        row("", printable(link.text) or "-", LABEL),
     ]
 
 
@@ -138,7 +136,7 @@ def _drops(dropped: Mapping[str, int]) -> str:
     if not any(dropped.values()):
         return "  drops 0"
     reason = max(dropped, key=lambda name: dropped[name])
-    return f"  drops {sum(dropped.values())} {clean(reason)}"
+    return f"  drops {sum(dropped.values())} {printable(reason)}"
 
 
 def row(label: str, text: str, style: str = NORMAL) -> Spans:
@@ -179,6 +177,6 @@ def checks(made: Sequence[Check]) -> list[Spans]:
         bad = check.verdict in (Verdict.FAIL, Verdict.WARN)
         mark = {Verdict.FAIL: "✗", Verdict.WARN: "!", Verdict.PASS: "✓", Verdict.OFF: "-"}[check.verdict]
         style = "bold $bad reverse" if check.verdict is Verdict.FAIL else WARNING if bad else NORMAL
-        rows.append([(f"{mark} {check.verdict:4} ", style), (f"{clean(check.name)}: ", style if bad else NORMAL)])
-        rows[-1].append((clean(check.says), style if bad else LABEL))
+        rows.append([(f"{mark} {check.verdict:4} ", style), (f"{printable(check.name)}: ", style if bad else NORMAL)])
+        rows[-1].append((printable(check.says), style if bad else LABEL))
     return rows

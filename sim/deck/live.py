@@ -118,7 +118,7 @@ async def _fly(folder: Path, name: str, fault: Fault, state: str) -> Row:
     bridge = f"127.0.0.1:{await _free_port()}"
     told += {
         "mavlink": [f"link.listen=127.0.0.1:{await _free_port()}", *LANDS],
-        "dsm": [f"link.port={pty.path}" if pty is not None else ""],
+        "dsm": [f"link.port={pty.path}", "link.simulated=true"] if pty is not None else [],
         "rf_bridge": [f"link.remote={bridge}", f"link.key_file={folder}/bridge.key", "link.connect_timeout_s=15"],
     }[fault.link]
     world, config = prepare(SCENARIOS["paper"], told, link=fault.link)
@@ -135,7 +135,7 @@ async def _fly(folder: Path, name: str, fault: Fault, state: str) -> Row:
     else:
         stage.peer.overhear = scene.heard
     if pty is not None and rf is not None and fault.link == "rf_bridge":
-        link = msgspec.structs.replace(rf, port=pty.path)
+        link = msgspec.structs.replace(rf, port=pty.path, simulated=True)
         scene.bridge = await _bridge(folder, BridgeConfig(listen=bridge, key_file=f"{folder}/bridge.key", link=link))
     arguments = ("-m", "groundstation", "daemon", str(folder / "config.toml"), "--arm", config.vehicle.name)
     scene.station = await asyncio.create_subprocess_exec(

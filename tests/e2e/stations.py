@@ -27,6 +27,8 @@ class Room:
     folder: Path
     mavlink: int = field(default_factory=free_udp_port)
     vicon: int = field(default_factory=free_udp_port)
+    server: "subprocess.Popen[str] | None" = None
+    """The simulated side, to be frozen or killed."""
 
     @property
     def status_socket(self) -> Path:
@@ -54,19 +56,32 @@ class Room:
         ]
 
 
+REFUSING = """
+import sys
+from sim import autopilot_base
+from sim.__main__ import main
+
+autopilot_base.SimulatedAutopilot.lacks = property(lambda _: {says!r}, lambda *_: None)
+sys.exit(main())
+"""
+"""A program that serves an autopilot which refuses to arm, in these words."""
+
+
 @contextmanager
-def served(scenario: str = "paper") -> Iterator[Room]:
-    """A room with a simulated vehicle in it."""
+def served(scenario: str = "paper", *, says: str = "") -> Iterator[Room]:
+    """A room with a simulated vehicle in it; with ``says``, one that refuses to arm and says this."""
+    program = ["-c", REFUSING.format(says=says)] if says else ["-m", "sim"]
     with tempfile.TemporaryDirectory(prefix="gs-") as folder:
         room = Room(Path(folder))
         server = subprocess.Popen(
-            [sys.executable, "-m", "sim", "serve", "--scenario", scenario, *room.wires, "--duration", "100"],
+            [sys.executable, *program, "serve", "--scenario", scenario, *room.wires, "--duration", "100"],
             stdout=subprocess.PIPE,
             text=True,
         )
         try:
             assert server.stdout is not None
             assert "serving" in server.stdout.readline()
+            room.server = server
             yield room
         finally:
             server.terminate()

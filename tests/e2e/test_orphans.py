@@ -22,7 +22,7 @@ asyncio.run(main())
 
 
 def of_session(session: str) -> list[int]:
-    """The pacers that a process of ``session`` leaves behind when it is killed."""
+    """The pacer and the stand-by that a process of ``session`` leaves behind when it is killed."""
     done = subprocess.run([sys.executable, "-c", KILLED], env=os.environ | {MARK: session}, timeout=60, check=False)
     assert done.returncode == -9
     return [process for process, its in pacers().items() if its == session]
@@ -38,12 +38,13 @@ def are_gone(*processes: int) -> None:
 def test_pacers_of_sessions_that_are_dead_or_over_are_ended_and_those_of_one_that_runs_are_not() -> None:
     with subprocess.Popen(["sleep", "60"]) as other:
         runs = session_of(other.pid)
-        (dead,), (alive,) = of_session(f"{other.pid}:1"), of_session(runs)
+        dead, alive = of_session(f"{other.pid}:1"), of_session(runs)
+        assert len(dead) == len(alive) == 2
         try:
             end_orphans("")  # ours goes on, with other tests beside this one
-            are_gone(dead)
-            assert pacers()[alive] == runs
+            are_gone(*dead)
+            assert [pacers()[each] for each in alive] == [runs, runs]
             end_orphans(runs)
-            are_gone(alive)
+            are_gone(*alive)
         finally:
             other.kill()

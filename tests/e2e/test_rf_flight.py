@@ -29,7 +29,7 @@ async def flown(duration_s: float) -> list[tuple[float, float]]:
     """The true distance to the reference at every step of the plant [s, m]."""
     loop = asyncio.get_running_loop()
     wire = PtyWire()
-    told = [f"link.port={wire.path}", f"pose.listen=127.0.0.1:{free_udp_port()}"]
+    told = [f"link.port={wire.path}", "link.simulated=true", f"pose.listen=127.0.0.1:{free_udp_port()}"]
     world, config = prepare(SCENARIOS["paper"], told, link="dsm")
     assert isinstance(config.link, DsmLinkConfig)
     path: list[tuple[float, Vec3]] = []
@@ -92,7 +92,13 @@ def test_serve_and_fly_meet_on_a_pseudo_terminal() -> None:
             line = server.stdout.readline()
             assert "dsm receiver on /" in line
             port = line.split(" receiver on ")[1].split(",")[0]
-            sets = (listen, f"link.port={port}", f"status.path={folder}/status.sock", "flight.duration_s=0.5")
+            sets = (
+                listen,
+                f"link.port={port}",
+                "link.simulated=true",
+                f"status.path={folder}/status.sock",
+                "flight.duration_s=0.5",
+            )
             run = subprocess.run(
                 [
                     *(sys.executable, "-m", "groundstation", "fly", str(EXAMPLE), "--arm", "mqx", *QUICK_LANDING),

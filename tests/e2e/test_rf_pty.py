@@ -326,39 +326,34 @@ def test_a_port_in_use_is_not_shared() -> None:
     asyncio.run(main())
 
 
-def pacer_of(parent: int) -> int:
-    """The pacer that the process ``parent`` has started."""
-    children = Path(f"/proc/{parent}/task/{parent}/children").read_text().split()
-    (pid,) = (int(c) for c in children if b"pacer_child" in Path(f"/proc/{c}/cmdline").read_bytes())
-    return pid
-
-
-def test_a_pacer_that_stands_still_is_told_and_goes_on_disarmed() -> None:
+def test_a_pacer_without_real_time_priority_is_a_warning_before_take_off() -> None:
     async def main() -> None:
         wire = PtyWire()
         wire.listen(lambda data: None)
-        config = DsmLinkConfig(port=wire.path, period_s=0.01, arm_low_s=0.0, arm_high_s=0.2)
-        link = SerialRfLink(config, thrust_max_n=2.0)
+        link = SerialRfLink(DsmLinkConfig(port=wire.path, fifo_priority=0), thrust_max_n=2.0)
         await link.connect()
-        await link.arm(lambda: command(0.0))
-        pid = pacer_of(os.getpid())
-        os.kill(pid, signal.SIGSTOP)
-        try:
-            await until("it is missed", link, "lost")
-            assert "stands still" in link.status.text
-            with pytest.raises(LinkLost, match="stands still"):
-                await link.arm(lambda: command(0.0))
-        finally:
-            os.kill(pid, signal.SIGCONT)
-        await until("it is back", link, "connected")
-        assert not link.send(command())
+        async with asyncio.timeout(5.0):  # its stand-by may not have looked yet
+            while link.status.warning != "frames may leave late, by ordinary priority, as configured":
+                await asyncio.sleep(0.01)
         await link.close()
         wire.close()
 
     asyncio.run(main())
 
 
-def test_the_pacer_is_deaf_to_signals_and_its_death_is_told() -> None:
+def children(parent: int) -> list[int]:
+    return [int(child) for child in Path(f"/proc/{parent}/task/{parent}/children").read_text().split()]
+
+
+def pacer_of(parent: int) -> int:
+    """The pacer that the process ``parent`` has started, by its stand-by."""
+    (standby,) = (c for c in children(parent) if b"links.pacer_standby" in Path(f"/proc/{c}/cmdline").read_bytes())
+    (pacer,) = children(standby)
+    assert b"links.pacer_child" in Path(f"/proc/{pacer}/cmdline").read_bytes()
+    return pacer
+
+
+def test_pacer_and_stand_by_are_deaf_to_signals_and_their_death_is_told() -> None:
     async def main() -> None:
         wire = PtyWire()
         came: list[bytes] = []
@@ -366,18 +361,19 @@ def test_the_pacer_is_deaf_to_signals_and_its_death_is_told() -> None:
         link = SerialRfLink(DsmLinkConfig(port=wire.path, period_s=0.01), thrust_max_n=2.0)
         await link.connect()
         pid = pacer_of(os.getpid())
-        assert os.getsid(pid) == pid != os.getsid(0)
+        group = os.getsid(pid)
+        assert group == os.getpgid(pid) != os.getsid(0)
         for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP, signal.SIGQUIT):
-            os.kill(pid, number)
+            os.killpg(group, number)
         before = len(came)
         await asyncio.sleep(0.3)
         assert len(came) > before + 10
         assert link.status.state == "connected"
-        os.kill(pid, signal.SIGKILL)
+        os.killpg(group, signal.SIGKILL)
         async with asyncio.timeout(5.0):
             while link.status.state != "lost":
                 await asyncio.sleep(0.01)
-        assert "connect it again" in link.status.text
+        assert "and with them every frame" in link.status.text
         assert not link.send(command())
         await link.close()
         await link.connect()

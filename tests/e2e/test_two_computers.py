@@ -63,7 +63,8 @@ def test_a_station_flies_the_vehicle_by_the_module_of_a_bridge(tmp_path: Path) -
     with program("sim", "serve", "--link", "dsm", "--set", poses, "--duration", "60") as vehicle:
         assert vehicle.stdout is not None
         module = vehicle.stdout.readline().split(" receiver on ")[1].split(",")[0]
-        words = ("rf-bridge", str(tmp_path / "bridge.toml"), "--set", f"link.port={module}")
+        simulated = ("--set", f"link.port={module}", "--set", "link.simulated=true")
+        words = ("rf-bridge", str(tmp_path / "bridge.toml"), *simulated)
         with program("groundstation", *words) as bridge:
             assert bridge.stdout is not None
             assert f"dsm module on {module}" in bridge.stdout.readline()

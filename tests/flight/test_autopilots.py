@@ -9,6 +9,7 @@ from groundstation.app import make_flight
 from groundstation.clock import sleep_until
 from groundstation.flight import Outcome
 from groundstation.mission import State
+from groundstation.verdict import Check, Verdict
 from sim.autopilots import AUTOPILOTS
 from sim.fly import fly
 from sim.prepare import prepare
@@ -112,6 +113,37 @@ def test_ardupilot_that_would_misunderstand_our_thrust_is_never_armed(parameters
     assert outcome.state is State.ABORTED
     assert words in outcome.reason
     assert stage.plant.released_s is None
+
+
+@pytest.mark.parametrize(
+    ("autopilot", "parameters", "verdict", "words"),
+    [
+        ("ardupilot", {"GUID_OPTIONS": 0.0}, Verdict.FAIL, "GUID_OPTIONS is 0: it would take our thrust as a climb"),
+        ("ardupilot", {"GUID_OPTIONS": 4.0, "ATC_ANGLE_BOOST": 0.0}, Verdict.FAIL, "GUID_OPTIONS is 4"),
+        ("ardupilot", {"ATC_ANGLE_BOOST": 1.0}, Verdict.FAIL, "ATC_ANGLE_BOOST is 1"),
+        ("ardupilot", {}, Verdict.PASS, "connected"),
+        ("px4", {}, Verdict.PASS, "connected"),
+    ],
+)
+def test_check_asks_the_autopilot_what_arming_asks_it(
+    autopilot: str, parameters: dict[str, float], verdict: Verdict, words: str
+) -> None:
+    world, config = prepare(SCENARIOS["paper"], ["flight.start=floor"])
+
+    async def never() -> bool:
+        return False
+
+    async def main() -> list[Check]:
+        stage = Stage(world, config, 0, autopilot=autopilot, parameters=parameters)
+        running = asyncio.create_task(stage.run())
+        found = await make_flight(config, confirm=never).check()
+        running.cancel()
+        await asyncio.gather(running, return_exceptions=True)
+        return found
+
+    (ready,) = [one for one in in_virtual_time(main()) if one.name == "ready to arm"]
+    assert ready.verdict is verdict
+    assert words in ready.says
 
 
 @AUTOPILOT

@@ -165,7 +165,18 @@ def test_no_poses_at_all_is_said_with_what_to_check() -> None:
     scene = play(script, {})
     assert scene.outcome.state is State.ABORTED
     assert "no pose within 5 s" in scene.outcome.reason
-    assert "51001" in scene.outcome.reason
+    assert "pose.kind = vicon (pose.listen = 127.0.0.1:51001, pose.object = " in scene.outcome.reason
+    assert "Config(" not in scene.outcome.reason
+
+
+def test_an_autopilot_that_is_heard_and_knows_no_position_yet_is_told_as_that() -> None:
+    async def script(_: Flight, stage: Stage) -> None:
+        stage.autopilot.has_estimate = False
+
+    scene = play(script, {}, "pose.kind=mavlink")
+    assert scene.outcome.state is State.ABORTED
+    assert "the autopilot is heard but has no estimate of its position yet" in scene.outcome.reason
+    assert "Config(" not in scene.outcome.reason
 
 
 def test_an_autopilot_that_somebody_else_disarms_ends_the_commands() -> None:
@@ -178,7 +189,7 @@ def test_an_autopilot_that_somebody_else_disarms_ends_the_commands() -> None:
 
     scene = play(script, {})
     assert scene.outcome.state is State.ABORTED
-    assert "no longer armed" in scene.outcome.reason
+    assert "the vehicle armed no longer" in scene.outcome.reason
     last = max(t for t, data in scene.sent if data[7:10] == b"\x52\x00\x00")
     assert last < when[0] + 1.0 + 0.5 + 0.1  # its next heartbeat, our next look
 
@@ -206,6 +217,8 @@ def test_an_autopilot_that_goes_silent_ends_the_commands() -> None:
     scene = play(script, {})
     assert scene.outcome.state is State.ABORTED
     assert "the link is lost" in scene.outcome.reason
+    assert "the autopilot was in OFFBOARD when last heard" in scene.outcome.reason
+    assert "armed" not in scene.outcome.reason  # nobody can know
     assert max(t for t, _ in scene.sent) < when[0] + 3.0 + 0.5 + 2.35  # its next heartbeat, our look, the bring-down
 
 

@@ -1,7 +1,11 @@
 """groundstation/recording: what stands in the file, whoever reads it and wherever it was cut off."""
 
+import argparse
+import errno
 import json
 import math
+import os
+import stat
 import tomllib
 from collections import Counter
 from io import BytesIO
@@ -19,11 +23,14 @@ from groundstation.poses.tlog_codec import TlogReader
 from groundstation.recording.channels import CHANNELS
 from groundstation.recording.export import export_command
 from groundstation.recording.headline import STEADY_S
+from groundstation.recording.listing import logs_command
 from groundstation.recording.log import FLUSH_S
+from groundstation.recording.patient_file import PatientFile
 from groundstation.recording.reader import NoRecording, Recording, quick_headline
 from groundstation.recording.records import Posed, Received, Record, Sent, Ticked, Told
 from groundstation.recording.schema import schema
 from groundstation.settings import Config
+from groundstation.telemetry.flights import RecordingConfig, made_folder
 from sim.fly import fly
 from sim.prepare import prepare
 from sim.run_folder import RECORDING, RunFolder
@@ -187,6 +194,102 @@ def test_a_damaged_byte_never_gives_a_false_message(where: int, flip: int) -> No
     except NoRecording:
         return
     assert found == whole[: len(found)]
+
+
+@settings(max_examples=60)
+@given(st.floats(0.0, 1.0, exclude_max=True), st.integers(1, 255))
+def test_a_list_calls_no_recording_whole_of_which_a_byte_before_its_index_is_another(share: float, flip: int) -> None:
+    path, _, _ = recorded()
+    data = bytearray(path.read_bytes())
+    data[int(share * _index_at(data))] ^= flip
+    bad = path.with_name("not_as_written.mcap")
+    bad.write_bytes(data)
+    try:
+        _, headline, whole = quick_headline(bad)
+    except NoRecording:
+        return
+    assert not whole
+    assert "(the recording " in headline.reason
+
+
+def _index_at(data: bytes | bytearray) -> int:
+    """Where what is listed of a recording begins: its footer tells."""
+    return int.from_bytes(data[-28:-20], "little")
+
+
+def test_a_damaged_recording_is_listed_as_damaged_and_not_by_its_end(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    path, _, _ = recorded()
+    data = path.read_bytes()
+    (tmp_path / "20270101-120000-whole.mcap").write_bytes(data)
+    for name, at in (("early", 40_000), ("late", _index_at(data) - 60_000)):
+        bad = bytearray(data)
+        bad[at : at + 4] = b"\0\0\0\0"
+        (tmp_path / f"20270101-120000-{name}.mcap").write_bytes(bad)
+    logs_command(RecordingConfig(folder=str(tmp_path)), argparse.Namespace(folder=None, tidy=False, json=False))
+    lines = capsys.readouterr().out.splitlines()
+    assert ["damaged" in line for line in lines[2:]] == [True, True, False]
+
+
+def test_a_recording_of_before_its_bytes_were_summed_up_is_checked_chunk_by_chunk(tmp_path: Path) -> None:
+    path, _, _ = recorded()
+    old = bytearray(path.read_bytes())
+    old[_index_at(old) - 4 : _index_at(old)] = bytes(4)  # no sum
+    (tmp_path / "old.mcap").write_bytes(old)
+    about, headline, whole = quick_headline(tmp_path / "old.mcap")
+    assert whole
+    assert (about, headline) == quick_headline(path)[:2]
+    at = next(index for index in range(60_000, len(old)) if old[index : index + 4] == b"zstd") + 200
+    old[at] ^= 1  # in a chunk
+    (tmp_path / "old.mcap").write_bytes(old)
+    _, headline, whole = quick_headline(tmp_path / "old.mcap")
+    assert not whole
+    assert "the recording is damaged" in headline.reason
+
+
+def test_a_recording_is_for_its_owner_alone(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    path, _, _ = recorded()
+    for file in (path, path.with_suffix(".tlog")):
+        assert stat.S_IMODE(file.stat().st_mode) == 0o600
+    assert export_command(path, "mcap", [], tmp_path / "copy.mcap") == 0
+    assert stat.S_IMODE((tmp_path / "copy.mcap").stat().st_mode) == 0o600
+    monkeypatch.setenv("XDG_STATE_HOME", str(tmp_path / "state"))
+    before = os.umask(0)
+    try:
+        usual = made_folder(RecordingConfig())
+        chosen = made_folder(RecordingConfig(folder=str(tmp_path / "chosen")))
+        usual.chmod(0o755)  # as older versions made it
+        made_folder(RecordingConfig())
+        shared = tmp_path / "shared"
+        shared.mkdir(0o750)
+        made_folder(RecordingConfig(folder=str(shared)))
+    finally:
+        os.umask(before)
+    assert [stat.S_IMODE(folder.stat().st_mode) for folder in (usual, chosen, shared)] == [0o700, 0o700, 0o750]
+
+
+def test_what_never_reaches_the_disk_is_told_once(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    said: list[str] = []
+    file = PatientFile(tmp_path / "flight.mcap", said.append)
+    file.write(b"x" * 100)
+    file.flush()
+    file.sync()
+    assert said == []
+
+    def full(_: int) -> None:
+        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+
+    monkeypatch.setattr(os, "fdatasync", full)
+    file.sync()
+    file.sync()
+    (line,) = said
+    assert line.startswith("WARNING: parts of ")
+    assert "No space left on device" in line
+    file.write(b"y")
+    file.close()
+    assert (tmp_path / "flight.mcap").stat().st_size == 101
+    assert len(said) == 1
 
 
 def test_a_recording_that_was_cut_off_is_made_whole(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

@@ -90,6 +90,7 @@ def test_a_recording_tells_how_late_commands_and_the_pacers_frames_were(link: st
     facts = numbers(flight)
     assert facts["lateness_ms"]["samples"] > 0.9 * facts["commands"] > 100
     assert sum(facts["link"]["late_octaves"]) > facts["commands"]
+    assert flight.looks[-1]["period_s"] == world.frame_period_s, "also where the bridge tells it"
     panel = Figure().add_subplot()
     lateness([panel], flight)
     legend = panel.get_legend()

@@ -5,9 +5,10 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from groundstation.api.desk import Desk, Party, printable
+from groundstation.api.desk import Desk, Party
 from groundstation.api.messages import Answer, Control, Hello, Lines, Order, Refused, decode, decode_order, encode
 from groundstation.requests import Ask
+from links.printable import printable
 from tests.sample_flight import Sampled, sample
 
 LINES = [b'{"id": 1, "ask": "land"}', b"", b"x" * 40, b"{}", b"y" * 41]
@@ -98,7 +99,7 @@ def test_words_of_a_client_stay_on_one_line_and_move_no_cursor() -> None:
     party = Party(7)
     order = Order(id=1, ask=Ask.LAND, why="fire\n12.3 landed\x1b[2J", name="t\x1bui\n")
     Desk("mqx", core).take(order, party, 0.0)
-    assert core.asked[0].why == "fire 12.3 landed [2J (t ui 7)"
+    assert core.asked[0].why == "fire·12.3 landed·[2J (t·ui· 7)"
     assert printable("ü🚁 z1") == "ü🚁 z1"
 
 

@@ -402,22 +402,101 @@ def test_a_plug_pulled_at_the_bridge_is_told_at_the_station() -> None:
     in_virtual_time(main())
 
 
-def test_a_pacer_that_dies_at_the_bridge_is_started_again_and_the_station_is_told() -> None:
+def test_a_pacer_and_a_stand_by_that_die_at_the_bridge_are_started_again_and_the_station_is_told() -> None:
     async def main() -> None:
         async with room(armed=True) as it:
             await it.stream(1.0, 0.3)
-            pacer: Any = it.bridge._pacer._pacer
+            pacer: Any = it.wire.pacer
             pacer._task.cancel()
             it.bridge._pacer._hear(None)
-            await it.stream(1.0, 0.1)
-            assert it.link.status.state == "lost"
+            await it.stream(1.0, 0.05)
+            assert not it.link.send(command(1.0))
             assert "being started again" in it.link.status.text
-            await it.stream(1.0, 2.0)
+            assert not it.receiver.armed, "the new one begins at once, and disarmed"
+            assert "the vehicle is disarmed" not in it.said
+            await it.stream(1.0, 1.0)
+            assert it.said.index("the pacer ended: starting it again, disarmed") < it.said.index(
+                "the vehicle is disarmed"
+            )
             assert it.link.status.state == "connected"
             assert not it.receiver.armed
             await it.link.arm(idle)
             await it.stream(1.0, 0.1)
             assert it.thrust == pytest.approx(0.5, abs=2e-3)
+
+    in_virtual_time(main())
+
+
+@pytest.mark.parametrize("stopped", [False, True])
+def test_a_pacer_that_dies_or_stands_still_at_the_bridge_is_replaced_and_the_flight_is_over(stopped: bool) -> None:
+    async def main() -> None:
+        async with room(armed=True) as it:
+            loop = asyncio.get_running_loop()
+            await it.stream(1.0, 0.3)
+            heard: list[float] = []
+            it.peer.overhear = lambda time_s, data: heard.append(time_s)
+            heard.append(loop.time())
+            assert it.wire.pacer is not None
+            it.wire.pacer.strike(stopped=stopped)
+            await it.stream(1.0, 0.15)
+            assert it.link.status.state == "lost"
+            assert "on the bridge: the pacer " in it.link.status.text
+            assert not it.link.send(command(1.0))
+            await it.stream(1.0, 0.2)
+            assert it.thrust == pytest.approx(0.4, abs=2e-3), "its bring-down"
+            assert "the vehicle is disarmed" not in it.said
+            await it.stream(1.0, 0.5)
+            assert not it.receiver.armed
+            await it.stream(1.0, 0.5)
+            assert "the vehicle is disarmed" in it.said
+            gaps = [second - first for first, second in zip(heard, heard[1:], strict=False)]
+            assert max(gaps) < (0.12 if stopped else 2.1 * MODULE.period_s)
+            assert it.link.status.state == "connected", "there is another pacer, with a stand-by"
+            assert not it.receiver.armed
+            await it.link.arm(idle)
+            await it.stream(1.0, 0.1)
+            assert it.thrust == pytest.approx(0.5, abs=2e-3)
+
+    in_virtual_time(main())
+
+
+def test_a_bridge_that_ends_takes_no_command_any_more_and_tells_the_station() -> None:
+    async def main() -> None:
+        async with room(armed=True) as it:
+            loop = asyncio.get_running_loop()
+            await it.stream(1.0, 0.3)
+            it.vehicle.acts.clear()
+            ended = loop.time()
+            it.running.cancel()
+            await it.stream(1.5, 0.1)
+            assert not it.link.send(command(1.5))
+            assert it.link.status.phase == "fresh"
+            assert "commands count no more" in it.link.status.text
+            await it.stream(1.5, 1.5)
+            assert it.running.done()
+            assert not it.receiver.armed
+            assert max(share for _, share, _ in it.vehicle.acts) == pytest.approx(0.5, abs=2e-3), "the one it held"
+            lifted = [time_s for time_s, share, _ in it.vehicle.acts if share > 0.0]
+            assert lifted[-1] < ended + 0.25 + DOWN.duration_s + MODULE.period_s
+            it.running = asyncio.create_task(asyncio.sleep(0.0))  # nothing is left to end
+
+    in_virtual_time(main())
+
+
+def test_a_bridge_that_refuses_every_command_is_not_believed_to_fly() -> None:
+    async def main() -> None:
+        async with room(armed=True) as it:
+            loop = asyncio.get_running_loop()
+            await it.stream(1.0, 0.3)
+            it.network.delay_s = lambda datagram: 0.3 if kind_of(datagram[2]) == UP else 0.0
+            struck = loop.time()
+            while it.link.send(command(1.0)):
+                await asyncio.sleep(it.link.period_s)
+            assert loop.time() < struck + 0.25 + 0.1, "as soon as the first is refused"
+            assert "commands count no more" in it.link.status.text
+            await it.stream(1.0, 2.0)
+            assert it.link.status.state == "connected"
+            assert not it.link.status.hears_vehicle
 
     in_virtual_time(main())
 

@@ -1,16 +1,18 @@
 """Every pre-flight check: what passes, warns and fails, by the vehicle as it stands."""
 
 import math
-from typing import Any
+import os
+from typing import Any, get_args
 
 import msgspec
 import pytest
 
 from groundstation.checks import Checks, failed, text
 from groundstation.config import ConfigError, from_dict
+from groundstation.poses import PoseConfig
 from groundstation.poses.port import Pose
 from groundstation.preflight import ensure_guarded, real
-from groundstation.settings import Config
+from groundstation.settings import Config, LinkConfig
 from groundstation.takeoff import Standing
 from groundstation.verdict import Check, Verdict
 from groundstation.witness import Testimony
@@ -57,6 +59,11 @@ CASES: list[tuple[str, dict[str, Any], Verdict]] = [
     ("pose age", {}, Verdict.PASS),
     ("pose age", {"now_s": 1.1}, Verdict.WARN),
     ("pose age", {"now_s": 1.2}, Verdict.FAIL),
+    ("ready to arm", {"unfit": "GUID_OPTIONS is 0: it would take our thrust as a climb rate"}, Verdict.FAIL),
+    ("deadline", {}, Verdict.PASS),
+    ("deadline", {"config": {"flight": {"coast_s": 0.4}, "guards": {"level_s": 0.1}}}, Verdict.PASS),
+    ("deadline", {"config": {"flight": {"coast_s": 0.3}}}, Verdict.WARN),
+    ("deadline", {"config": {"guards": {"level_s": 0.75}}}, Verdict.WARN),
     ("pose noise", {}, Verdict.PASS),
     ("pose noise", {"noise_m": 0.006}, Verdict.WARN),
     ("pose noise", {"noise_m": 0.03}, Verdict.FAIL),
@@ -95,6 +102,9 @@ CASES: list[tuple[str, dict[str, Any], Verdict]] = [
     ("ready to arm", {"state": "lost"}, Verdict.FAIL),
     ("ready to arm", {"ready": True}, Verdict.PASS),
     ("ready to arm", {"ready": False}, Verdict.WARN),
+    ("frames", {}, Verdict.OFF),
+    ("frames", {"config": {"link": {"kind": "dsm"}}}, Verdict.PASS),
+    ("frames", {"config": {"link": {"kind": "dsm"}}, "warning": "no real-time priority"}, Verdict.WARN),
     ("failsafe", {}, Verdict.OFF),
     ("failsafe", {"config": {"link": {"kind": "dsm"}}}, Verdict.WARN),
     ("thrust bound", {}, Verdict.WARN),
@@ -154,6 +164,13 @@ def test_where_nobody_else_can_tell_the_second_witness_is_off(config: dict[str, 
     assert says in found.says
 
 
+def test_a_longer_deadline_names_both_keys_and_what_is_usual() -> None:
+    says = check("deadline", config={"flight": {"coast_s": 0.5}, "guards": {"level_s": 0.5}}).says
+    assert "500 ms (flight.coast_s)" in says
+    assert "500 ms more (guards.level_s)" in says
+    assert "500 ms unless told otherwise" in says
+
+
 def test_without_poses_nothing_else_is_asked_of_them() -> None:
     checks = Checks(from_dict(BASE, Config))(Standing(), 0.0, LINK, 1.0)
     assert "poses: no poses" in failed(checks)
@@ -170,7 +187,17 @@ REAL: list[dict[str, Any]] = [
     {"link": {"kind": "mavlink", "remote": "192.168.1.20:14540"}},
     {"link": {"kind": "mavlink", "serial": "/dev/ttyACM0"}},
     {"link": {"kind": "dsm", "port": "/dev/ttyUSB0"}},
+    {"link": {"kind": "dsm", "port": "/dev/pts/3"}},
+    {"link": {"kind": "crsf", "port": "/dev/ttyUSB0", "simulated": True}},
+    {"link": {"kind": "mavlink", "serial": "/dev/pts/3"}},
+    {"link": {"kind": "mavlink", "tcp": "sitl.example:5760"}},
+    {"link": {"kind": "rf_bridge", "remote": "192.168.1.20:14600"}},
     {"pose": {"kind": "vicon", "listen": "0.0.0.0:51001"}},
+    {"pose": {"kind": "natnet", "server": "127.0.0.1:1510", "interface": "192.168.1.5"}},
+    {"pose": {"kind": "natnet", "server": "192.168.1.5:1510"}},
+    {"pose": {"kind": "qualisys", "server": "qtm.example:22223"}},
+    {"pose": {"kind": "json", "listen": "[::]:51002"}},
+    {"pose": {"kind": "vision", "listen": "10.0.0.2:14551"}},
 ]
 
 
@@ -191,7 +218,46 @@ def test_a_real_vehicle_needs_a_fence_a_speed_limit_and_the_floor(data: dict[str
     ensure_guarded(from_dict({**data, "fence": FENCE, "limits": limits}, Config))
 
 
-@pytest.mark.parametrize("data", [{}, {"link": {"kind": "mavlink", "remote": "[::1]:14550"}}])
+LOCAL: list[dict[str, Any]] = [
+    {},
+    {"link": {"kind": "mavlink", "remote": "[::1]:14550"}},
+    {"link": {"kind": "rf_bridge"}},
+    *({"pose": {"kind": kind}} for kind in ("vicon", "natnet", "qualisys", "json", "vision", "mavlink")),
+    {"pose": {"kind": "natnet", "multicast": True}},
+]
+
+
+@pytest.mark.parametrize("data", LOCAL)
 def test_a_simulated_one_needs_neither(data: dict[str, Any]) -> None:
     assert real(from_dict(data, Config)) is None
     ensure_guarded(from_dict(data, Config))
+
+
+class Unasked(msgspec.Struct, frozen=True, tag_field="kind", tag="homemade"):
+    """A kind of link or of poses that has never heard of the question."""
+
+
+def test_what_does_not_answer_whether_it_is_real_counts_as_real() -> None:
+    for section in ("link", "pose"):
+        config = msgspec.structs.replace(from_dict({}, Config), **{section: Unasked()})
+        assert real(config) == f"{section}.kind = homemade"
+
+
+def test_every_kind_of_link_and_of_poses_answers() -> None:
+    for kind in (*get_args(LinkConfig), *get_args(PoseConfig)):
+        assert isinstance(kind.real, property), kind
+
+
+def test_a_simulated_port_is_believed_of_a_pseudo_terminal_alone_and_told_before_each_flight() -> None:
+    far, near = os.openpty()
+    try:
+        for port, believed in ((os.ttyname(near), True), ("/dev/ttyUSB0", False), ("/dev/pts/../ttyUSB0", False)):
+            config = from_dict({"link": {"kind": "dsm", "port": port, "simulated": True}}, Config)
+            assert (real(config) is None) == believed
+            (told,) = (one for one in Checks(config)(standing(), 0.0, LINK, 1.0) if one.name == "simulated")
+            assert told.verdict is Verdict.WARN
+            assert port in told.says
+            assert ("not believed" in told.says) != believed
+    finally:
+        os.close(far)
+        os.close(near)

@@ -11,6 +11,10 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from groundstation.config import ConfigError, dump, from_dict, load
+from groundstation.fleet.plan import read_fleet
+from groundstation.settings import Config
+from groundstation.trajectories.circle import CircleConfig
+from groundstation.trajectories.hold import HoldConfig
 
 Positive = Annotated[float, msgspec.Meta(gt=0)]
 
@@ -212,6 +216,33 @@ def test_the_file_is_blamed_for_its_own_mistake_beside_a_good_override() -> None
         from_dict({"vehicle": {"arms": "x"}}, Root, ["vehicle.mass_kg=2"], source="lab.toml")
 
 
+def test_an_override_of_a_sections_kind_keeps_the_keys_of_the_file_that_fit_and_drops_the_others() -> None:
+    lab = {"trajectory": {"kind": "lemniscate", "speed_m_s": 0.7, "scale_m": 0.4, "yaw_deg": 20.0}}
+    flown = from_dict(lab, Config, ["trajectory.kind=circle"]).trajectory
+    assert flown == CircleConfig(speed_m_s=0.7, yaw_deg=20.0)
+    lab = {"trajectory": {"scale_m": 0.4}}  # of the default kind
+    assert from_dict(lab, Config, ["trajectory.kind=hold"]).trajectory == HoldConfig()
+    assert lab == {"trajectory": {"scale_m": 0.4}}
+
+
+@pytest.mark.parametrize(
+    ("overrides", "line"),
+    [
+        (["trajectory.kind=circle", "trajectory.scale_m=1"], "--set: trajectory.scale_m: unknown key"),
+        (["trajectory.kind=lemniscate", "trajectory.radius_m=1"], "--set: trajectory.radius_m: unknown key"),
+        (["trajectory.kind=transit"], "--set: trajectory.start_ned: missing; .*; add --set trajectory.start_ned=VALUE"),
+        (["trajectory.kind=[1]"], "--set: trajectory.kind: expected one of"),
+        (["trajectory.kind=circle", "trajectory=3"], "--set: trajectory: expected a table"),
+        ([], "lab.toml: trajectory.scal_m: unknown key"),
+        (["trajectory.kind=circle"], "lab.toml: trajectory.scal_m: unknown key"),
+    ],
+)
+def test_another_kind_does_not_hide_a_key_that_is_wrong(overrides: list[str], line: str) -> None:
+    data = {"trajectory": {"kind": "lemniscate", **({"scal_m": 1.0} if "scal_m" in line else {"scale_m": 1.0})}}
+    with pytest.raises(ConfigError, match=line):
+        from_dict(data, Config, overrides, source="lab.toml")
+
+
 def test_a_missing_file_is_named(tmp_path: Path) -> None:
     path = tmp_path / "nowhere.toml"
     with pytest.raises(ConfigError) as caught:
@@ -338,3 +369,38 @@ def test_a_key_a_password_or_a_certificate_is_beside_the_configuration_wherever_
     (tmp_path / "again.toml").write_text(dump(config))
     assert load(tmp_path / "again.toml", Keys) == config
     assert load(file, Keys, ["mqtt.key_file=z.key"]).mqtt.key_file == "z.key"
+
+
+DEEP = ".".join(["a"] * 20_000)
+NESTED = {
+    "dotted keys": f"{DEEP} = 1\n",
+    "dotted keys in a section": f"[controller]\n{DEEP} = 1\n",
+    "a header": f"[{DEEP}]\n",
+    "arrays": f"x = {'[' * 20_000}{']' * 20_000}\n",
+    "fewer arrays": f"x = {'[' * 90}{']' * 90}\n",
+    "tables": f"x = {'{a=' * 90}1{'}' * 90}\n",
+}
+
+
+@pytest.mark.parametrize("text", NESTED.values(), ids=NESTED)
+def test_what_is_nested_without_end_is_refused_by_the_name_of_its_file(text: str, tmp_path: Path) -> None:
+    path = tmp_path / "deep.toml"
+    path.write_text(text)
+    (tmp_path / "flat.toml").write_text("[vehicle]\nfile = 'deep.toml'\n")
+    with pytest.raises(ConfigError, match="16 deep") as error:
+        load(path, Config)
+    assert str(error.value).startswith(f"{path}: no configuration")
+    with pytest.raises(ConfigError, match="16 deep") as error:
+        load(tmp_path / "flat.toml", Config)
+    assert "vehicle.file: deep.toml: no configuration" in str(error.value)
+    with pytest.raises(ConfigError, match="16 deep") as error:
+        read_fleet(path)
+    assert str(path) in str(error.value)
+
+
+@pytest.mark.parametrize("key", [DEEP, f"controller.{DEEP}", f"mqtt.requests.clients.{DEEP}", "vehicle.mass_kg"])
+@pytest.mark.parametrize("value", ["[" * 20_000 + "]" * 20_000, "[" * 90 + "]" * 90])
+def test_an_override_nested_without_end_is_refused_as_any_other(key: str, value: str) -> None:
+    with pytest.raises(ConfigError) as error:
+        load(None, Config, [f"{key}={value}"])
+    assert str(error.value).startswith("--set: ")

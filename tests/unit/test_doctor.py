@@ -170,6 +170,8 @@ def test_an_autopilot_that_is_set_up_well_has_nothing_to_change(tmp_path: Path, 
         ("ardupilot", "GUID_OPTIONS", 1.0),
         ("ardupilot", "ATC_ANGLE_BOOST", 1.0),
         ("ardupilot", "GUID_TIMEOUT", 3.0),
+        ("ardupilot", "FS_GCS_ENABLE", 1.0),
+        ("ardupilot", "FS_GCS_TIMEOUT", 5.0),
         ("ardupilot", "RC_OPTIONS", 1.0),
         ("ardupilot", "SYSID_MYGCS", 255.0),
         ("ardupilot", "MOT_THST_HOVER", 0.35),
@@ -183,7 +185,7 @@ def test_each_wrong_value_is_found(tmp_path: Path, kind: str, name: str, value: 
     wrong = [f for f in facts["findings"] if f["verdict"] in ("must", "should")]
     assert [(f["name"], f["value"]) for f in wrong] == [(name, pytest.approx(value))]
     assert facts["healthy"] is False
-    assert facts["fixed"] is None
+    assert facts["fixed"] == []
 
 
 @pytest.mark.parametrize(("kind", "name"), [("px4", "THR_MDL_FAC"), ("ardupilot", "MOT_THST_EXPO")])
@@ -233,7 +235,7 @@ def test_nobody_there_is_told_of(tmp_path: Path, capsys: pytest.CaptureFixture[s
 def test_a_parameter_whose_name_the_operator_types_is_set_and_can_be_put_back(
     tmp_path: Path, kind: str, name: str, old: float, new: float
 ) -> None:
-    seen = visit(tmp_path, kind, answer=name, orders={"fix": name}, parameters={name: old})
+    seen = visit(tmp_path, kind, answer=name, orders={"fix": (name,)}, parameters={name: old})
     assert seen.autopilot.parameters[name] == pytest.approx(new, rel=1e-6)  # float32 on the wire
     assert f"{name}: {old:g} became {new:g}, read back" in seen.said
     (file,) = tmp_path.iterdir()
@@ -244,36 +246,75 @@ def test_a_parameter_whose_name_the_operator_types_is_set_and_can_be_put_back(
     assert len(list(tmp_path.iterdir())) == 2
 
 
+def test_several_parameters_are_set_one_after_the_other(tmp_path: Path) -> None:
+    wrong = {"COM_OF_LOSS_T": 5.0, "COM_OBL_RC_ACT": 0.0}
+    orders = {"fix": ("COM_OF_LOSS_T", "COM_OBL_RC_ACT"), "yes": True}
+    seen = visit(tmp_path, orders=orders, parameters=wrong)
+    assert seen.code == EXIT_HEALTHY
+    assert seen.autopilot.parameters["COM_OF_LOSS_T"] == pytest.approx(0.4)
+    assert seen.autopilot.parameters["COM_OBL_RC_ACT"] == 4.0
+    assert sorted(restore.load(file).name for file in tmp_path.iterdir()) == ["COM_OBL_RC_ACT", "COM_OF_LOSS_T"]
+    assert all(f"--restore {file}" in seen.said for file in tmp_path.iterdir())
+
+
+def test_nothing_is_set_where_one_of_several_makes_no_sense(tmp_path: Path) -> None:
+    with pytest.raises(ConfigError, match="expected one of"):
+        visit(tmp_path, orders={"fix": ("COM_OF_LOSS_T=0.3", "NO_SUCH"), "yes": True})
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_a_second_parameter_that_is_not_confirmed_leaves_the_first_set_and_says_so(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    wrong = {"COM_OF_LOSS_T": 5.0, "COM_OBL_RC_ACT": 0.0}
+    orders = {"fix": ("COM_OF_LOSS_T", "COM_OBL_RC_ACT")}
+    seen = visit(tmp_path, answer="COM_OF_LOSS_T", orders=orders, parameters=wrong)
+    assert seen.code == EXIT_FINDINGS
+    assert "COM_OF_LOSS_T: 5 became 0.4" in seen.said
+    assert seen.autopilot.parameters["COM_OBL_RC_ACT"] == 0.0
+    assert "COM_OBL_RC_ACT was not changed" in capsys.readouterr().err
+
+
+def test_old_values_are_kept_in_a_folder_that_is_made_and_for_the_owner_alone(tmp_path: Path) -> None:
+    folder = tmp_path / "state" / "flights"
+    visit(folder, orders={"fix": ("COM_OF_LOSS_T",), "yes": True}, parameters={"COM_OF_LOSS_T": 5.0})
+    (file,) = folder.iterdir()
+    assert file.stat().st_mode & 0o777 == 0o600
+
+
 def test_anything_else_typed_changes_nothing(tmp_path: Path) -> None:
-    seen = visit(tmp_path, answer="yes", orders={"fix": "COM_OF_LOSS_T"}, parameters={"COM_OF_LOSS_T": 5.0})
+    seen = visit(tmp_path, answer="yes", orders={"fix": ("COM_OF_LOSS_T",)}, parameters={"COM_OF_LOSS_T": 5.0})
     assert seen.code == EXIT_FINDINGS
     assert seen.autopilot.parameters["COM_OF_LOSS_T"] == 5.0
     assert list(tmp_path.iterdir()) == []
 
 
 def test_an_armed_vehicle_is_not_changed(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    seen = visit(tmp_path, armed=True, orders={"fix": "COM_OF_LOSS_T", "yes": True}, parameters={"COM_OF_LOSS_T": 5.0})
+    seen = visit(
+        tmp_path, armed=True, orders={"fix": ("COM_OF_LOSS_T",), "yes": True}, parameters={"COM_OF_LOSS_T": 5.0}
+    )
     assert seen.code == EXIT_NO_ANSWER
     assert "the vehicle is armed" in capsys.readouterr().err
     assert seen.autopilot.parameters["COM_OF_LOSS_T"] == 5.0
 
 
 def test_a_value_of_ones_own_must_be_accepted(tmp_path: Path) -> None:
-    seen = visit(tmp_path, orders={"fix": "COM_OF_LOSS_T=0.25", "yes": True}, parameters={"COM_OF_LOSS_T": 5.0})
+    seen = visit(tmp_path, orders={"fix": ("COM_OF_LOSS_T=0.25",), "yes": True}, parameters={"COM_OF_LOSS_T": 5.0})
     assert seen.autopilot.parameters["COM_OF_LOSS_T"] == 0.25
     with pytest.raises(ConfigError, match=r"COM_OF_LOSS_T: expected 0\.2 to 0\.5, got 3"):
-        visit(tmp_path, orders={"fix": "COM_OF_LOSS_T=3", "yes": True})
+        visit(tmp_path, orders={"fix": ("COM_OF_LOSS_T=3",), "yes": True})
 
 
 @pytest.mark.parametrize(
     ("orders", "complaint"),
     [
         ({"yes": True}, "--yes: it needs the one parameter that it confirms"),
-        ({"fix": "COM_OF_LOSS_T"}, "without a terminal, confirm with --yes"),
-        ({"fix": "COM_OF_LOSS_T", "restore": Path("x"), "yes": True}, "one parameter at a time"),
-        ({"fix": "NO_SUCH", "yes": True}, "expected one of"),
-        ({"fix": "COM_OF_LOSS_T=soon", "yes": True}, "expected a number"),
-        ({"fix": "COM_OF_LOSS_T", "yes": True}, "is 0.4, which is fine"),
+        ({"fix": ("COM_OF_LOSS_T",)}, "without a terminal, confirm with --yes"),
+        ({"fix": ("COM_OF_LOSS_T",), "restore": Path("x"), "yes": True}, "leave out --fix"),
+        ({"fix": ("NO_SUCH",), "yes": True}, "expected one of"),
+        ({"fix": ("COM_OF_LOSS_T=soon",), "yes": True}, "expected a number"),
+        ({"fix": ("COM_OF_LOSS_T",), "yes": True}, "is 0.4, which is fine"),
+        ({"fix": ("COM_OF_LOSS_T=0.3", "COM_OF_LOSS_T=0.4"), "yes": True}, "COM_OF_LOSS_T is named twice"),
         ({"restore": Path("missing.json"), "yes": True}, "cannot read missing.json"),
     ],
 )

@@ -2,6 +2,7 @@
 
 import hmac
 from collections.abc import Iterator
+from typing import Any
 
 import msgspec
 import pytest
@@ -10,7 +11,15 @@ from groundstation.api.desk import ANYONE, Party
 from groundstation.api.desk import Desk as ControlDesk
 from groundstation.api.messages import Order
 from groundstation.requests import Ask, Reply, Request
-from groundstation.telemetry.gatekeeper import ANY_BURST, CLIENT_BURST, LIFE_MAX_MS, TELL_S, ClientKey, Gatekeeper
+from groundstation.telemetry.gatekeeper import (
+    ANY_BURST,
+    CLIENT_BURST,
+    LIFE_MAX_MS,
+    SESSIONS_KEPT,
+    TELL_S,
+    ClientKey,
+    Gatekeeper,
+)
 from groundstation.telemetry.mqtt_messages import RequestMessage
 from groundstation.telemetry.request_codec import REQUEST_MAX_BYTES, Place, open_answer, sealed_request
 from tests.sample_flight import Sampled
@@ -172,7 +181,7 @@ def test_what_the_flight_refuses_is_answered_so(desk: Desk) -> None:
 
 def test_a_why_can_forge_no_line_of_a_log(desk: Desk) -> None:
     desk.take(sealed(why="wind\n12.0 killed\x1b[2J"))
-    assert desk.core.asked[0].why == "wind 12.0 killed [2J (tablet by MQTT)"
+    assert desk.core.asked[0].why == "wind·12.0 killed·[2J (tablet by MQTT)"
 
 
 def test_a_client_that_asks_all_the_time_is_heard_at_a_rate(desk: Desk) -> None:
@@ -197,6 +206,109 @@ def test_a_reason_is_told_once_a_minute_however_often_it_happens(desk: Desk) -> 
     desk.take(b"land", now_s=TELL_S)
     assert len(desk.told) == 2
     assert "malformed (101 so far)" in desk.told[1]
+
+
+MINUTE_AHEAD = 60_000
+KILLED = (True, "kill: told by phone by MQTT")
+
+
+class Pair(Desk):
+    """A tablet that may only hold, and a phone that may also kill."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        sessions = (f"{number:032x}" for number in range(1, 1000))
+        keys = {
+            "tablet": ClientKey(KEY, frozenset({Ask.HOLD})),
+            "phone": ClientKey(OTHER_KEY, frozenset({Ask.HOLD, Ask.KILL})),
+        }
+        self.gate = Gatekeeper(PLACE, keys, self.core.ask, lambda: next(sessions), self.told.append)
+
+    def kill(self, number: int = 1, **more: Any) -> tuple[bool, str] | None:
+        """The phone's kill, and its answer."""
+        wall_ms, now_s = more.pop("wall_ms", NOW_MS), more.pop("now_s", 0.0)
+        answer = self.take(
+            sealed(number, "kill", **{"key": OTHER_KEY, "client": "phone"} | more), wall_ms=wall_ms, now_s=now_s
+        )
+        if answer is None:
+            return None
+        opened = open_answer(answer, more.get("key", OTHER_KEY), PLACE)
+        assert opened is not None
+        return opened.done, opened.says
+
+
+def test_a_clock_ahead_makes_sessions_at_the_rate_of_a_client_and_no_faster() -> None:
+    desk = Pair()
+    seen = set()
+    for number in range(1000):
+        desk.take(sealed(number, "hold", session=desk.gate.session, expires_ms=NOW_MS + LIFE_MAX_MS + 1000))
+        seen.add(desk.gate.session)
+    assert len(seen) <= CLIENT_BURST + 1
+    assert desk.gate.counts["too_many"] == 1000 - CLIENT_BURST
+
+
+def test_a_kill_too_makes_no_sessions_faster() -> None:
+    desk = Pair()
+    seen = set()
+    for number in range(100):
+        assert desk.kill(number, session=desk.gate.session, expires_ms=NOW_MS + MINUTE_AHEAD) is not None
+        seen.add(desk.gate.session)
+    assert len(seen) <= CLIENT_BURST + 1
+
+
+def test_another_clients_wrong_clock_takes_nobody_the_kill() -> None:
+    desk = Pair()
+    for number in range(1000):
+        desk.take(sealed(number, "hold", session=desk.gate.session, expires_ms=NOW_MS + LIFE_MAX_MS + 1000))
+    assert desk.gate.session != SESSION
+    assert desk.kill(7) == KILLED
+    assert desk.core.asked[-1].ask is Ask.KILL
+    assert desk.kill(7) is None  # again: it was answered
+    assert desk.gate.counts["replayed"] == 1
+
+
+def test_a_kill_waits_for_no_turn() -> None:
+    desk = Pair()
+    for number in range(100):
+        desk.take(sealed(number, "hold", key=OTHER_KEY, client="phone"))
+    assert desk.gate.counts["too_many"] > 0
+    assert desk.kill(1000) == KILLED
+
+
+@pytest.mark.parametrize(
+    ("more", "reason"),
+    [
+        ({"session": "f" * 32}, "other_session"),
+        ({"expires_ms": NOW_MS}, "expired"),
+        ({"expires_ms": NOW_MS + MINUTE_AHEAD}, "expires_too_late"),
+    ],
+)
+def test_a_kill_that_does_not_count_is_answered_why(more: dict[str, Any], reason: str) -> None:
+    desk = Pair()
+    answer = desk.kill(**more)
+    assert answer is not None
+    done, says = answer
+    assert not done
+    assert says.startswith(f"NOT KILLED, {reason}")
+    assert desk.core.asked == []
+
+
+def test_the_kill_of_a_client_that_may_not_is_answered_and_not_obeyed() -> None:
+    desk = Pair()
+    assert desk.kill(key=KEY, client="tablet") == (False, "tablet may not ask for kill")
+    assert desk.core.asked == []
+
+
+def test_old_sessions_are_forgotten_in_the_end() -> None:
+    desk = Pair()
+    for number in range(2 * SESSIONS_KEPT):
+        ahead = sealed(number, "hold", session=desk.gate.session, expires_ms=NOW_MS + LIFE_MAX_MS + 1000)
+        desk.take(ahead, now_s=float(number))
+    assert desk.gate.counts["expires_too_late"] == 2 * SESSIONS_KEPT
+    answer = desk.kill()
+    assert answer is not None
+    assert answer[1].startswith("NOT KILLED, other_session")
+    assert desk.kill(session=desk.gate.session) == KILLED
 
 
 def test_the_reply_of_the_flight_reaches_the_client() -> None:

@@ -258,3 +258,10 @@ def test_an_operator_who_sends_it_on_begins_anew() -> None:
     escalation.answer(brake, 0.0)
     escalation.eased()
     assert escalation.answer(brake, 50.0) == brake
+
+
+def test_where_it_should_lean_is_reckoned_with_the_gravity_that_the_controller_has() -> None:
+    for gravity, leans_wrong in ((9.81, False), (1.62, True)):
+        guards = Guards(CONFIG, None, VEHICLE, lambda: PERIOD_S, gravity=gravity)
+        found = [guards.see(shown(0.02 * i, disturbance=(1.5, 0.0, 0.0)), State.TRACKING, 0.0) for i in range(100)]
+        assert any(one is not None and "away from where it should" in one.reason for one in found) == leans_wrong

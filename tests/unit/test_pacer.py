@@ -370,3 +370,138 @@ def test_percentiles_of_lateness_are_right_within_half_a_percent(lates_s: list[f
     ordered = sorted(int(1e6 * each) for each in lates_s)
     exact = [ordered[max(0, math.ceil(share * len(ordered)) - 1)] for share in (0.5, 0.99, 0.999)]
     assert late.percentiles_us() == pytest.approx(exact, rel=0.004, abs=1)
+
+
+# ---- what comes in time, and what comes after the end
+
+
+def test_a_command_that_came_in_time_counts_though_it_is_looked_for_only_once_a_frame() -> None:
+    bench = Bench()
+    bench.arm()
+    bench.frame()
+    short = Command(1.5, (0.0, 0.0, 0.0), 1, bench.now, bench.now + 1.5 * PERIOD_S, (DOWN,))
+    bench.pacer.order(Give(1, short), bench.now)
+    bench.frame()
+    # Its deadline passes half-way to the next frame; the one that replaces it is only seen just before that.
+    look_s = bench.now + 0.9 * PERIOD_S
+    bench.pacer.order(Give(1, Command(1.2, (0.0, 0.0, 0.0), 2, look_s, look_s + 0.25, (DOWN,))), look_s)
+    sticks = bench.frame()
+    assert sticks is not None
+    assert sticks.thrust_n == pytest.approx(1.2, abs=0.01)
+    assert bench.pacer.report(bench.now).refused == 0
+
+
+def test_a_command_that_comes_after_a_frame_of_the_bring_down_is_told_to_be_in_vain() -> None:
+    bench = Bench()
+    bench.arm()
+    bench.give(1.5)
+    bench.flown(0.25 + PERIOD_S)
+    assert not bench.pacer.report(bench.now).deaf
+    bench.give(1.5)
+    assert bench.pacer.has_news(bench.now)
+    report = bench.pacer.report(bench.now)
+    assert report.deaf and not report.over
+    assert all(sticks is not None and sticks.thrust_n < 1.0 for sticks in bench.flown(2.0))
+    bench.arm()
+    assert not bench.pacer.report(bench.now).deaf
+
+
+@pytest.mark.parametrize("orphaned", [True, False])
+def test_end_means_end_whatever_is_commanded_after_it(orphaned: bool) -> None:
+    bench = Bench()
+    bench.arm()
+    bench.give(1.5)
+    if orphaned:
+        bench.pacer.orphaned(bench.now)
+    else:
+        bench.pacer.order(End(0.1), bench.now)
+    thrusts: list[float] = []
+    for _ in range(50):
+        bench.give(1.9)
+        bench.pacer.order(Arm(2, bench.now), bench.now)
+        sticks = bench.frame()
+        assert sticks is not None
+        thrusts.append(round(sticks.thrust_n, 1))
+    assert thrusts == [1.5] * 11 + [0.8] * 22 + [0.0] * 17
+
+
+def test_an_arming_without_any_command_has_failed_when_it_is_over() -> None:
+    bench = Bench()
+    bench.pacer.order(Arm(1, bench.now), bench.now)
+    assert not bench.pacer.report(bench.now).over
+    assert all(map(is_disarm, bench.flown(CONFIG.arm_low_s + CONFIG.arm_high_s + 2 * PERIOD_S)))
+    assert bench.pacer.report(bench.now).over
+
+
+# ---- whoever takes over
+
+
+def heir_of(bench: Bench, after_s: float) -> Bench:
+    """Whoever takes over ``after_s`` [s] after the newest frame."""
+    heir = Bench()
+    heir.now = bench.now + after_s
+    heir.pacer.inherit(bench.pacer.held(), "the pacer was killed", heir.now)
+    return heir
+
+
+def test_whoever_takes_over_plays_what_was_held_and_nothing_else_ever_again() -> None:
+    bench = Bench()
+    bench.arm()
+    bench.give(1.5)
+    bench.frame()
+    heir = heir_of(bench, 3 * PERIOD_S)
+    thrusts: list[float] = []
+    for _ in range(60):
+        heir.give(1.9)
+        heir.pacer.order(Arm(2, heir.now), heir.now)
+        sticks = heir.frame()
+        assert sticks is not None
+        thrusts.append(round(sticks.thrust_n, 1))
+    assert thrusts == [1.5] * 7 + [0.8] * 22 + [0.0] * 31
+    report = heir.pacer.report(heir.now)
+    assert "the pacer was killed; its stand-by has taken over" in report.heir
+    assert not report.port
+
+
+@pytest.mark.parametrize(("after_s", "lifts"), [(0.3, True), (0.8, False)])
+def test_one_that_takes_over_late_begins_in_the_midst_of_the_bring_down_or_after_it(
+    after_s: float, lifts: bool
+) -> None:
+    bench = Bench()
+    bench.arm()
+    bench.give(1.5)
+    bench.frame()
+    sticks = heir_of(bench, after_s).frame()
+    assert sticks is not None
+    assert sticks.thrust_n == pytest.approx(0.8 if lifts else 0.0, abs=0.01)
+    assert sticks.armed is lifts
+
+
+def test_one_that_takes_over_in_the_midst_of_an_arming_disarms() -> None:
+    bench = Bench()
+    bench.pacer.order(Arm(1, bench.now), bench.now)
+    for _ in range(15):
+        bench.give(0.5)
+        bench.frame()
+    assert all(map(is_disarm, heir_of(bench, PERIOD_S).flown(1.0)))
+
+
+def test_one_that_takes_over_after_an_end_still_ends() -> None:
+    bench = Bench()
+    bench.arm()
+    bench.give(1.5)
+    bench.frame()
+    bench.pacer.order(End(0.1), bench.now)
+    heir = heir_of(bench, PERIOD_S)
+    while not heir.pacer.done(heir.now):
+        heir.frame()
+    assert heir.now - bench.now == pytest.approx(0.25 + DOWN.duration_s + 0.1, abs=3 * PERIOD_S)
+
+
+def test_a_module_is_not_greeted_by_whoever_takes_over() -> None:
+    bench = Bench(CrsfLinkConfig(model_id=3))
+    bench.flown(0.02)
+    heir = Bench(CrsfLinkConfig(model_id=3))
+    heir.pacer.inherit(bench.pacer.held(), "the pacer was killed", bench.now)
+    heir.flown(0.02)
+    assert 0x32 not in [frame[2] for frame in heir.port.frames]

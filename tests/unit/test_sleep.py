@@ -182,6 +182,9 @@ class Pilot(Commander):
             self._until_s = 0.0
             pacer.orphaned(now_s)
 
+    def keep(self, pacer: FramePacer, now_s: float) -> None:
+        pass
+
     def tell(self, pacer: FramePacer, now_s: float) -> None:
         pass
 
@@ -207,7 +210,7 @@ class Leap(Clock):
 def test_the_pacers_process_notices_that_it_slept(lid: Lid) -> None:
     bench, clock = Bench(), Leap(lid, lid_s=1.2)
     bench.pacer.order(Arm(1, 0.0), 0.0)
-    pacer_child._pace(bench.pacer, PERIOD_S, CONFIG.frame_s, clock, Pilot(bench))
+    pacer_child.pace(bench.pacer, PERIOD_S, CONFIG.frame_s, clock, Pilot(bench))
     heard = [frame.positions for frame in bench._decoder.feed(b"".join(bench.port.frames))]
     seen = [bench._channels.read(positions) for positions in heard if positions is not None]
     flew = [lifting(sticks) for sticks in seen]

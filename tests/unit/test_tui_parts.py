@@ -22,7 +22,8 @@ from groundstation.tui.picture import Picture, fresh
 from groundstation.tui.plot import Line, Spans, Track, bar, history, horizon, in_time, nice_top, top_view, two_sided_bar
 from groundstation.tui.text_pages import flat
 from groundstation.tui.themes import THEMES
-from groundstation.tui.words import arrow, clean, flight_time, numbers
+from groundstation.tui.words import arrow, flight_time, numbers
+from links.printable import printable
 from tests.sample_flight import sample
 
 TONES = ("alarm", "busy", "calm", "flying")
@@ -203,7 +204,7 @@ def test_a_violated_bound_carries_a_mark_and_a_bound_that_holds_does_not() -> No
 
 def test_words_from_the_vehicle_cannot_steer_the_terminal() -> None:
     hostile = "\x1b[2J\x07[red]armed[/]\r\n"
-    assert clean(hostile) == "·[2J·[red]armed[/]··"
+    assert printable(hostile) == "·[2J·[red]armed[/]··"
     link = msgspec.structs.replace(sample(1.0).link, text=hostile, state=hostile, dropped={hostile: 3})
     assert "\x1b" not in "".join(plain(numbers(changed(link=link))))
 

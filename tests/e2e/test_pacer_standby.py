@@ -1,0 +1,395 @@
+"""The pacer's stand-by on pseudo-terminals: real processes that are killed and stopped, and the bytes that left."""
+
+import asyncio
+import contextlib
+import os
+import random
+import signal
+import struct
+import sys
+import time
+from collections.abc import AsyncIterator
+from pathlib import Path
+from typing import TypeVar
+
+import pytest
+
+from links.bridge_link import BridgeLink, BridgeLinkConfig
+from links.channel_map import ChannelMap, Channels, Sticks, Switch
+from links.dsm_codec import DsmLinkConfig
+from links.key_file import make_key
+from links.paced_link import PacedLink
+from links.pacer_process import PacerProcess
+from links.port import Command, LinkLost, LinkMisuse, Segment
+from links.serial_rf import SerialRfLink
+from sim.pty_wire import PtyWire
+from tests.e2e.stations import free_udp_port
+
+PERIOD_S = 0.02
+COAST_S, DOWN_S = 0.25, 0.3
+MAP = ChannelMap(arm=Switch(channel=5))
+CHANNELS = Channels(MAP, count=6, thrust_max_n=2.0)
+GAP_S = 0.2
+"""Longest time without a frame [s]: 60 ms, two looks, and what a busy machine adds."""
+
+
+READER = """
+import os, struct, sys, time
+try:
+    os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(40))
+except OSError:
+    pass
+while True:
+    try:
+        data = os.read(int(sys.argv[1]), 4096)
+    except OSError:
+        break
+    os.write(1, struct.pack("=dI", time.monotonic(), len(data)) + data)
+"""
+"""Says when it has read what: this process may be too busy to know."""
+HEAD = struct.Struct("=dI")
+
+
+def children(parent: int) -> list[int]:
+    return [int(child) for child in Path(f"/proc/{parent}/task/{parent}/children").read_text().split()]
+
+
+def is_gone(process: int) -> bool:
+    return not Path(f"/proc/{process}").exists()
+
+
+F = TypeVar("F", bound="Flight")
+
+
+class Flight:
+    """A link whose vehicle is flown by commands that are always fresh, and every frame that left."""
+
+    def __init__(self) -> None:
+        self.wire = PtyWire()
+        self.seen: list[tuple[float, Sticks]] = []
+        self._decoder = DsmLinkConfig().codec().decoder()
+        config = DsmLinkConfig(port=self.wire.path, period_s=PERIOD_S, arm_low_s=0.0, arm_high_s=0.1, map=MAP)
+        self.link: PacedLink = SerialRfLink(config, thrust_max_n=2.0)
+        self.pacer = self.standby = 0
+        self._sends: asyncio.Task[None] | None = None
+
+    async def _read(self, stream: asyncio.StreamReader) -> None:
+        while True:
+            time_s, size = HEAD.unpack(await stream.readexactly(HEAD.size))
+            for heard in self._decoder.feed(await stream.readexactly(size)):
+                assert heard.positions is not None
+                self.seen.append((time_s, CHANNELS.read(heard.positions)))
+
+    async def begin(self) -> None:
+        far = self.wire.fileno()
+        os.set_blocking(far, True)
+        self._reader = await asyncio.create_subprocess_exec(
+            *(sys.executable, "-c", READER, str(far)), stdout=asyncio.subprocess.PIPE, pass_fds=[far]
+        )
+        assert self._reader.stdout is not None
+        self._reads = asyncio.create_task(self._read(self._reader.stdout))
+        self.standby = await self._connect()
+        (self.pacer,) = children(self.standby)
+        await self.link.arm(command)
+        self._sends = asyncio.create_task(self._send())
+
+    async def _connect(self) -> int:
+        """Connect; the stand-by."""
+        await self.link.connect()
+        pacer = self.link._heard.pacer
+        assert isinstance(pacer, PacerProcess)
+        return pacer._process.pid
+
+    async def _send(self) -> None:
+        while True:
+            with contextlib.suppress(LinkMisuse):
+                self.link.send(command(1.0))
+            await asyncio.sleep(PERIOD_S)
+
+    async def lost(self) -> None:
+        async with asyncio.timeout(5.0):
+            while self.link.status.state != "lost":
+                await asyncio.sleep(0.002)
+
+    def fall_silent(self) -> None:
+        """No more commands."""
+        assert self._sends is not None
+        self._sends.cancel()
+
+    async def end(self) -> None:
+        for each in (self.standby, self.pacer):
+            with contextlib.suppress(ProcessLookupError):
+                os.kill(each, signal.SIGCONT)
+        if self._sends is not None:
+            self._sends.cancel()
+        await self.leave()
+        self._reader.kill()
+        await self._reader.wait()
+        await asyncio.gather(self._reads, return_exceptions=True)
+        self.wire.close()
+
+    async def leave(self) -> None:
+        """Close the link."""
+        await self.link.close()
+
+    def sent(self, since_s: float) -> list[Sticks]:
+        return [sticks for time_s, sticks in self.seen if time_s > since_s]
+
+    def is_one_writers(self) -> None:
+        """Every frame whole; never two in one period; and nothing flies again after a frame that did not."""
+        assert not self._decoder.dropped
+        times = [time_s for time_s, _ in self.seen]
+        for first, third in zip(times, times[2:], strict=False):  # the first of the three may have left late
+            assert third - first > 0.7 * PERIOD_S, "three frames within a period"
+        thrusts = [sticks.thrust_n for _, sticks in self.seen]
+        flown = thrusts[next(k for k, thrust in enumerate(thrusts) if thrust > 0.9) :]
+        ranks = [2 if thrust > 0.9 else 1 if thrust > 0.1 else 0 for thrust in flown]
+        assert ranks == sorted(ranks, reverse=True), "a frame that lifts more after one that lifts less"
+
+    def is_down(self) -> None:
+        last = self.seen[-1][1]
+        assert not last.armed
+        assert last.thrust_n == 0.0
+
+
+class Bridged(Flight):
+    """The same by a bridge, a program of its own."""
+
+    def __init__(self, folder: Path) -> None:
+        super().__init__()
+        key = folder / "bridge.key"
+        make_key(key)
+        self._config = folder / "bridge.toml"
+        address = f"127.0.0.1:{free_udp_port()}"
+        self._config.write_text(BRIDGE.format(address=address, key=key, port=self.wire.path, period_s=PERIOD_S))
+        config = BridgeLinkConfig(remote=address, key_file=str(key), connect_timeout_s=10.0)
+        self.link = BridgeLink(config, thrust_max_n=2.0)
+        self.said = ""
+
+    async def _connect(self) -> int:
+        self.bridge = await asyncio.create_subprocess_exec(
+            *(sys.executable, "-m", "groundstation", "rf-bridge", str(self._config)), stdout=asyncio.subprocess.PIPE
+        )
+        await self.link.connect()
+        (standby,) = children(self.bridge.pid)
+        return standby
+
+    async def leave(self) -> None:
+        await super().leave()
+        with contextlib.suppress(ProcessLookupError):
+            self.bridge.terminate()
+        await self.lines()
+
+    async def lines(self) -> str:
+        """What the bridge has said, once it has ended."""
+        out, _ = await asyncio.wait_for(self.bridge.communicate(), 10.0)
+        self.said += out.decode()
+        return self.said
+
+
+BRIDGE = """
+listen = "{address}"
+key_file = "{key}"
+[link]
+kind = "dsm"
+port = "{port}"
+period_s = {period_s}
+simulated = true
+arm_low_s = 0.0
+arm_high_s = 0.1
+map = {{ arm = {{ channel = 5 }} }}
+"""
+
+
+def command(thrust_n: float = 0.0) -> Command:
+    now = asyncio.get_running_loop().time()
+    down = (Segment(DOWN_S, 0.5, (0.0, 0.0, 0.0)),) if thrust_n > 0.0 else ()
+    return Command(thrust_n, (0.0, 0.0, 0.0), 1, now, now + COAST_S, down)
+
+
+@contextlib.asynccontextmanager
+async def flight() -> AsyncIterator[Flight]:
+    async with begun(Flight()) as it:
+        yield it
+
+
+@contextlib.asynccontextmanager
+async def begun(it: F) -> AsyncIterator[F]:
+    try:
+        await it.begin()
+        await asyncio.sleep(0.15)
+        yield it
+    finally:
+        await it.end()
+
+
+def gap_s(it: Flight, since_s: float) -> float:
+    times = [since_s, *(time_s for time_s, _ in it.seen if time_s > since_s)]
+    return max(second - first for first, second in zip(times, times[1:], strict=False))
+
+
+@pytest.mark.parametrize("number", [signal.SIGKILL, signal.SIGSTOP])
+def test_a_pacer_that_dies_or_stands_still_in_flight_is_replaced_by_what_it_held(number: signal.Signals) -> None:
+    async def main() -> None:
+        async with flight() as it:
+            struck = time.monotonic()
+            os.kill(it.pacer, number)
+            await it.lost()
+            assert "its stand-by has taken over" in it.link.status.text
+            assert not it.link.send(command(1.0))
+            await asyncio.sleep(COAST_S + DOWN_S + 0.3)
+            assert is_gone(it.pacer), "killed, and reaped"
+            assert gap_s(it, struck) < GAP_S
+            after = it.sent(struck)
+            assert any(0.4 < sticks.thrust_n < 0.6 for sticks in after), "its bring-down"
+            it.is_down()
+            it.is_one_writers()
+            with pytest.raises(LinkLost, match="its stand-by has taken over"):
+                await it.link.arm(command)
+            it.is_down()
+            await it.link.close()
+            await it.link.connect()
+            assert it.link.status.state == "connected"
+            await it.link.arm(command)
+
+    asyncio.run(main())
+
+
+@pytest.mark.parametrize("number", [signal.SIGKILL, signal.SIGSTOP])
+def test_a_stand_by_that_dies_or_stands_still_is_told_and_the_pacer_goes_on(number: signal.Signals) -> None:
+    async def main() -> None:
+        async with flight() as it:
+            assert "stand-by" not in it.link.status.warning
+            struck = time.monotonic()
+            os.kill(it.standby, number)
+            async with asyncio.timeout(5.0):
+                while "stand-by is gone or stands still" not in it.link.status.warning:
+                    await asyncio.sleep(0.01)
+            assert it.link.status.state == "armed"
+            assert gap_s(it, struck) < GAP_S
+            assert all(sticks.thrust_n > 0.9 for sticks in it.sent(struck))
+            os.kill(it.standby, signal.SIGCONT)
+
+    asyncio.run(main())
+
+
+def test_motors_that_were_killed_stay_off_when_the_pacer_dies_at_that_moment() -> None:
+    async def main() -> None:
+        async with flight() as it:
+            os.kill(it.pacer, signal.SIGSTOP)  # it will never read the order
+            killed = asyncio.create_task(it.link.kill())
+            await it.lost()
+            told = time.monotonic()
+            await killed
+            assert not any(sticks.armed for sticks in it.sent(told + 0.05))
+            it.is_down()
+
+    asyncio.run(main())
+
+
+def test_a_station_that_dies_after_its_pacer_is_still_outlived() -> None:
+    async def main() -> None:
+        async with flight() as it:
+            os.kill(it.pacer, signal.SIGKILL)
+            await it.lost()
+            pacer = it.link._heard.pacer
+            assert isinstance(pacer, PacerProcess)
+            pacer.forget()  # as its death would: the other end of the wire closes
+            await asyncio.sleep(COAST_S + DOWN_S + 0.3)
+            it.is_down()
+            it.is_one_writers()
+            last = it.seen[-1][0]
+            assert time.monotonic() - last < GAP_S, "disarm frames go on for a while"
+            async with asyncio.timeout(10.0):
+                while pacer._process.poll() is None:
+                    await asyncio.sleep(0.05)
+
+    asyncio.run(main())
+
+
+@pytest.mark.parametrize("number", [signal.SIGKILL, signal.SIGSTOP])
+def test_at_a_bridge_too_the_last_frame_is_never_a_flying_one(number: signal.Signals, tmp_path: Path) -> None:
+    async def main() -> None:
+        async with begun(Bridged(tmp_path)) as it:
+            struck = time.monotonic()
+            os.kill(it.pacer, number)
+            await it.lost()
+            assert "on the bridge: the pacer" in it.link.status.text
+            async with asyncio.timeout(5.0):
+                while it.link.status.state != "connected":  # another pacer is there
+                    await asyncio.sleep(0.01)
+            assert not it.link.send(command(1.0))
+            await asyncio.sleep(0.6)
+            it.is_down()
+            it.is_one_writers()
+            lifted = [time_s for time_s, sticks in it.seen if sticks.armed]
+            assert lifted[-1] < struck + COAST_S + DOWN_S + 0.1
+            flown = [time_s for time_s, _ in it.seen if struck < time_s < lifted[-1] + 0.4]
+            assert max(b - a for a, b in zip(flown, flown[1:], strict=False)) < GAP_S
+        disarmed = [line for line in it.said.splitlines() if "the vehicle is disarmed" in line]
+        assert float(disarmed[0].split()[0]) > lifted[-1] + 0.4, "disarm frames had left for disarm_s"
+
+    asyncio.run(main())
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_a_bridge_that_is_told_to_end_lets_nothing_go_but_the_bring_down(
+    number: signal.Signals, tmp_path: Path
+) -> None:
+    async def main() -> None:
+        async with begun(Bridged(tmp_path)) as it:
+            ended = time.monotonic()
+            it.bridge.send_signal(number)
+            await asyncio.wait_for(it.bridge.wait(), 5.0)  # its station goes on commanding
+            assert time.monotonic() < ended + COAST_S + DOWN_S + 0.5 + 1.0
+            lifted = [time_s for time_s, sticks in it.seen if sticks.armed]
+            assert ended + DOWN_S < lifted[-1] < ended + COAST_S + DOWN_S + 0.1
+            it.is_down()
+            it.is_one_writers()
+            assert "the vehicle is disarmed" in await it.lines()
+
+    asyncio.run(main())
+
+
+async def harass(seed: int) -> str:
+    """Stop and wake either side at random moments, for random times; what came of it."""
+    draw = random.Random(seed)
+    async with flight() as it:
+        for _ in range(draw.randint(1, 4)):
+            await asyncio.sleep(draw.uniform(0.0, 0.03))
+            struck = draw.sample([it.pacer, it.standby], draw.choice([1, 1, 2]))
+            for each in struck:
+                with contextlib.suppress(ProcessLookupError):
+                    os.kill(each, signal.SIGSTOP)
+                await asyncio.sleep(draw.choice([0.0, draw.uniform(0.0, 0.01)]))
+            await asyncio.sleep(draw.choice([draw.uniform(0.0, 0.05), draw.uniform(0.05, 0.1), 0.15]))
+            for each in draw.sample(struck, len(struck)):
+                with contextlib.suppress(ProcessLookupError):
+                    os.kill(each, signal.SIGCONT)
+        await asyncio.sleep(0.2)
+        taken = it.link.status.state == "lost"
+        assert taken or it.link.status.state == "armed", it.link.status
+        it.fall_silent()
+        await asyncio.sleep(COAST_S + DOWN_S + 0.3)
+        it.is_down()
+        it.is_one_writers()
+        return "taken over" if taken else "went on"
+
+
+async def harassed(seeds: range) -> list[str]:
+    found: list[str] = []
+    for first in range(seeds.start, seeds.stop, 4):
+        found += await asyncio.gather(*(harass(seed) for seed in range(first, min(first + 4, seeds.stop))))
+    return found
+
+
+def test_whichever_side_is_stopped_and_woken_there_are_never_two_writers() -> None:
+    found = asyncio.run(harassed(range(12)))
+    assert {"taken over", "went on"} == set(found)
+
+
+@pytest.mark.soak
+@pytest.mark.timeout(900)
+def test_at_two_hundred_random_moments_there_are_never_two_writers() -> None:
+    found = asyncio.run(harassed(range(1000, 1200)))
+    assert min(found.count("taken over"), found.count("went on")) > 20

@@ -1,0 +1,169 @@
+"""`groundstation props-off` at a terminal, against a simulated vehicle in a process of its own."""
+
+import contextlib
+import json
+import os
+import pty
+import select
+import signal
+import socket
+import subprocess
+import time
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+from groundstation.proof import on_file
+from links.mavlink_codec import ARMED, MavlinkCodec
+from tests.e2e.stations import Room, served
+
+
+class Terminal:
+    """An operator's terminal with the command in it."""
+
+    def __init__(self, room: Room, state: Path) -> None:
+        self._ours, theirs = pty.openpty()
+        self.process = subprocess.Popen(
+            room.station("props-off", "--set", "link.connect_timeout_s=5"),
+            stdin=theirs, stdout=theirs, stderr=theirs,
+            start_new_session=True,
+            env=os.environ | {"XDG_STATE_HOME": str(state)},
+        )  # fmt: skip
+        os.close(theirs)
+        self.seen = ""
+        self._read = 0
+
+    def wait_for(self, words: str, within_s: float = 40.0) -> None:
+        until = time.monotonic() + within_s
+        while words not in self.seen[self._read :]:
+            assert time.monotonic() < until, f"no {words!r} in: {self.seen}"
+            self.listen()
+        self._read = self.seen.index(words, self._read) + len(words)
+
+    def listen(self) -> None:
+        if select.select([self._ours], [], [], 0.1)[0]:
+            with contextlib.suppress(OSError):  # its end
+                self.seen += os.read(self._ours, 4096).decode()
+
+    def types(self, line: str) -> None:
+        os.write(self._ours, f"{line}\n".encode())
+
+    def exit_code(self, within_s: float = 20.0) -> int:
+        until = time.monotonic() + within_s
+        while (code := self.process.poll()) is None:
+            assert time.monotonic() < until, self.seen
+            self.listen()
+        self.listen()
+        return code
+
+    def close(self) -> None:
+        if self.process.poll() is None:
+            self.process.kill()
+        self.process.wait()
+        os.close(self._ours)
+
+
+@contextlib.contextmanager
+def at_terminal(room: Room, state: Path) -> Iterator[Terminal]:
+    terminal = Terminal(room, state)
+    try:
+        yield terminal
+    finally:
+        terminal.close()
+
+
+def test_the_whole_test_is_gone_through_and_kept_and_preflight_finds_it(tmp_path: Path) -> None:
+    with served() as room, at_terminal(room, tmp_path) as terminal:
+        assert room.server is not None
+        frozen = room.server.send_signal
+        terminal.wait_for("THE MOTORS OF mqx WILL START")
+        terminal.wait_for("to begin")
+        terminal.types("mqx")
+        for _ in range(2):
+            terminal.wait_for("[y/n]")
+            terminal.types("y")
+        terminal.wait_for("close the tracker, NOW")
+        frozen(signal.SIGSTOP)  # poses end, and before the link is given up they are back
+        time.sleep(1.0)
+        frozen(signal.SIGCONT)
+        terminal.wait_for("[y/n]")
+        terminal.types("y")
+        terminal.wait_for("press Enter")
+        terminal.types("")
+        terminal.wait_for("[y/n]")
+        terminal.types("y")
+        terminal.wait_for("It is killed")
+        terminal.types("")
+        terminal.wait_for("[y/n]")
+        terminal.types("y")
+        terminal.wait_for("Pull the plug")
+        frozen(signal.SIGSTOP)
+        terminal.wait_for("has noticed")
+        terminal.types("")
+        terminal.wait_for("[y/n]")
+        terminal.types("y")
+        terminal.wait_for("Put the plug back")
+        frozen(signal.SIGCONT)
+        time.sleep(1.0)
+        terminal.types("")
+        terminal.wait_for("kill switch NOW")
+        terminal.types("")
+        terminal.wait_for("[y/n]")
+        terminal.types("y")
+        terminal.wait_for("Passed. Kept in")
+        assert terminal.exit_code() == 0
+        proof = on_file(tmp_path / "groundstation" / "props-off" / "mqx.json")
+        assert proof is not None
+        assert proof.vehicle == "mqx"
+        assert proof.firmware.startswith("PX4 1.16.0")
+        assert len(proof.steps) == 5
+        assert "ms after the last pose" in proof.steps["no poses"]
+        facts = subprocess.run(room.station("check", "--json"), capture_output=True, text=True, timeout=60, check=False)
+        (ready,) = [one for one in json.loads(facts.stdout)["checks"] if one["name"] == "ready to arm"]
+        assert ready["verdict"] == "PASS", "it was left disarmed"
+
+
+@pytest.mark.parametrize("how", ["Ctrl-C", "killed"])
+def test_however_it_ends_the_vehicle_is_disarmed_and_nothing_is_kept(tmp_path: Path, how: str) -> None:
+    with served() as room, at_terminal(room, tmp_path) as terminal:
+        terminal.wait_for("to begin")
+        terminal.types("mqx")
+        terminal.wait_for("[y/n]")
+        terminal.process.send_signal(signal.SIGINT if how == "Ctrl-C" else signal.SIGKILL)
+        assert terminal.exit_code() == (-signal.SIGKILL if how == "killed" else 1)
+        assert not (tmp_path / "groundstation" / "props-off").exists()
+        assert not armed(room)
+
+
+def armed(room: Room) -> bool:
+    """What the vehicle's next heartbeat says, once whoever held it has let go of the port."""
+    until = time.monotonic() + 15.0
+    while True:
+        with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as end:
+            try:
+                end.bind(("127.0.0.1", room.mavlink))
+            except OSError:
+                assert time.monotonic() < until, "the hand holds the port for ever"
+                time.sleep(0.2)
+                continue
+            end.settimeout(10.0)
+            codec = MavlinkCodec(9, 1)
+            while True:
+                for message in codec.feed_datagram(end.recv(2048)):
+                    if message.get_type() == "HEARTBEAT":
+                        return bool(message.base_mode & ARMED)
+
+
+def test_another_name_begins_nothing_and_without_a_terminal_it_is_refused(tmp_path: Path) -> None:
+    with served() as room:
+        with at_terminal(room, tmp_path) as terminal:
+            terminal.wait_for("to begin")
+            terminal.types("yes")
+            assert terminal.exit_code() == 1
+            assert "Arming" not in terminal.seen
+        refused = subprocess.run(
+            room.station("props-off"), input="mqx\n", capture_output=True, text=True, timeout=30, check=False
+        )
+    assert refused.returncode == 2
+    assert "needs somebody at a terminal" in refused.stderr

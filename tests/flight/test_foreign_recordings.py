@@ -1,0 +1,129 @@
+"""A recording of somebody else's: nothing in it runs, and nothing in it steers the screen."""
+
+import os
+import sys
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import pytest
+from mcap.writer import Writer
+
+from groundstation import __main__ as program
+from groundstation.config import ConfigError
+from groundstation.recording.channels import CHANNELS
+from groundstation.recording.reader import Recording
+from groundstation.replay import replay_command, replayed
+from groundstation.tui.tape import Tape
+from tests.recordings import recorded
+
+MODULE = """import pathlib
+
+from groundstation.control.pid import Pid
+
+pathlib.Path({mark!r}).touch()
+
+
+def make(vehicle, options):
+    return Pid().build(vehicle)
+"""
+OWN = 'kind = "custom"\nfactory = "{module}:make"\n'
+
+
+def changed(target: Path, edit: Callable[[dict[str, str]], dict[str, str]]) -> Path:
+    """A recording that says something else about itself."""
+    path, _, _ = recorded()
+    recording = Recording(path)
+    with target.open("wb") as file:
+        writer: Any = Writer(file)
+        writer.start()
+        writer.add_metadata("about", edit(recording.about))
+        ids = {topic: writer.register_channel(topic, "json", 0) for topic in CHANNELS}
+        for entry in recording.entries():
+            writer.add_message(ids[entry.topic], entry.stamp_ns, entry.data, entry.stamp_ns)
+        writer.finish()
+    return target
+
+
+def flown_by(module: str) -> Callable[[dict[str, str]], dict[str, str]]:
+    def edit(about: dict[str, str]) -> dict[str, str]:
+        config = about["config"]
+        begin = config.index("[controller]\n") + len("[controller]\n")
+        end = config.index("\n[", begin)
+        return {**about, "config": config[:begin] + OWN.format(module=module) + config[end:]}
+
+    return edit
+
+
+@pytest.fixture
+def foreign(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> tuple[Path, Path]:
+    """A recording that names a module, and the file that appears once somebody imports it."""
+    mark = tmp_path / "imported"
+    module = f"foreign_{os.getpid()}_{tmp_path.name}".replace("-", "_")
+    (tmp_path / f"{module}.py").write_text(MODULE.format(mark=str(mark)))
+    monkeypatch.syspath_prepend(tmp_path)
+    return changed(tmp_path / "foreign.mcap", flown_by(module)), mark
+
+
+def test_no_module_that_a_recording_names_is_imported_unasked(foreign: tuple[Path, Path]) -> None:
+    path, mark = foreign
+    for overrides in ((), ("vehicle.mass_kg=0.1",)):
+        with pytest.raises(ConfigError) as error:
+            replayed(path, overrides)
+        assert error.value.key == "controller.kind"
+        assert "--trust-modules" in str(error.value)
+        assert str(path) in str(error.value)
+    Tape(path)
+    assert not mark.exists()
+
+
+def test_it_is_where_the_operator_says_so(foreign: tuple[Path, Path], tmp_path: Path) -> None:
+    path, mark = foreign
+    (tmp_path / "of_my_own.py").write_text(
+        "from groundstation.control.pid import Pid\nmake = lambda v, _: Pid().build(v)\n"
+    )
+    assert replayed(path, ["controller.factory=of_my_own:make"])["commands"] > 300
+    assert not mark.exists()
+    assert replayed(path, trust_modules=True)["commands"] > 300
+    assert mark.exists()
+
+
+def test_the_other_commands_import_nothing(
+    foreign: tuple[Path, Path], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    path, mark = foreign
+    for words in (
+        ["report", str(path), "--out", str(tmp_path / "page.html")],
+        ["identify", str(path)],
+        ["logs", str(tmp_path)],
+        ["export", str(path), "--format", "poses", "--out", str(tmp_path / "poses.csv")],
+    ):
+        monkeypatch.setattr(sys, "argv", ["groundstation", *words])
+        program.main()
+    assert not mark.exists()
+
+
+@pytest.mark.parametrize("config", [".".join(["a"] * 20_000) + " = 1", "x = ]", "x = " + "[" * 20_000])
+def test_a_configuration_that_is_none_is_told_by_the_name_of_the_file(config: str, tmp_path: Path) -> None:
+    path = changed(tmp_path / "broken.mcap", lambda about: {**about, "config": config})
+    with pytest.raises(ConfigError) as error:
+        replay_command(path, [], as_json=False)
+    assert str(path) in str(error.value)
+    assert "the configuration in it is no" in str(error.value)
+    Tape(path)
+
+
+def test_a_list_of_recordings_shows_letters_alone(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    hostile = "\x1b]0;owned\x07\r\n20260101-000000-mqx.mcap  landed\u202e"
+    path = changed(tmp_path / "20260101-000000-mqx.mcap", lambda about: {**about, "controller": hostile})
+    for words in (
+        ["logs", str(tmp_path)],
+        ["report", str(path), "--out", str(tmp_path / "page.html")],
+        ["replay", str(path)],
+    ):
+        monkeypatch.setattr(sys, "argv", ["groundstation", *words])
+        program.main()
+        out = capsys.readouterr().out
+        assert all(line.isprintable() for line in out.split("\n"))

@@ -1,0 +1,112 @@
+"""When a stand-by believes that its pacer stands still, and what the two share."""
+
+import os
+import pty
+import socket
+from pathlib import Path
+
+import pytest
+
+from links.lease import FIRST, PACER, Lease, Superseded
+from links.shared_port import HeldPort, SharedPort
+from links.watch import LATE_S, LOOK_S, OLD_S, Watch
+
+
+def looks(watch: Watch, begin_s: float, *, late_s: float = 0.0, vouched_s: float | None = None) -> float | None:
+    """Look whenever it is time, by a pacer that vouched last at ``vouched_s``; when it is convicted."""
+    now = begin_s
+    for _ in range(100):
+        if watch.look(now + late_s, begin_s if vouched_s is None else vouched_s):
+            return now
+        now = max(watch.next_s, now) + 1e-6
+    return None
+
+
+def test_a_sign_of_life_that_stays_out_convicts_at_the_second_look() -> None:
+    watch = Watch(0.0225)
+    watch.next_s = 10.0
+    convicted = looks(watch, 10.0)
+    assert convicted == pytest.approx(10.0 + OLD_S + 0.5 * 0.0225 + LOOK_S, abs=1e-4)
+
+
+def test_a_watcher_that_is_late_convicts_nobody() -> None:
+    watch = Watch(0.004)
+    watch.next_s = 10.0
+    assert looks(watch, 10.0, late_s=2.0 * LATE_S) is None
+
+
+def test_one_look_in_time_and_one_late_begin_anew() -> None:
+    watch = Watch(0.004)
+    watch.next_s = 10.0
+    assert not watch.look(10.0, 9.9)
+    assert not watch.look(10.0 + LOOK_S + 2.0 * LATE_S, 9.9)
+    assert not watch.look(watch.next_s, 9.9)
+    assert watch.look(watch.next_s, 9.9)
+
+
+def test_a_sign_in_between_acquits() -> None:
+    watch = Watch(0.004)
+    watch.next_s = 10.0
+    assert not watch.look(10.0, 9.9)
+    assert not watch.look(watch.next_s, 10.005)
+    assert not watch.look(10.3, 10.2)
+
+
+def test_frames_far_apart_are_waited_for() -> None:
+    watch = Watch(0.1)
+    watch.next_s = 10.0
+    convicted = looks(watch, 10.0)
+    assert convicted is not None and convicted > 10.15
+
+
+def test_a_pacer_that_has_not_begun_or_vouches_ahead_is_waited_for_and_looked_at_all_the_same() -> None:
+    watch = Watch(0.0225)
+    watch.next_s = 10.0
+    assert looks(watch, 10.0, vouched_s=0.0) is None
+    watch = Watch(0.0225)
+    watch.next_s = 10.0
+    assert not watch.look(10.0, 12.0)
+    assert watch.next_s < 10.1, "it may be done with what takes long, and die"
+
+
+def test_only_the_newest_generation_writes() -> None:
+    lease = Lease()
+    other = Lease(os.dup(lease.fd))
+    other.ensure(FIRST)
+    lease.take()
+    with pytest.raises(Superseded):
+        other.ensure(FIRST)
+    other.ensure(lease.generation)
+    lease.vouch(PACER, 12.5)
+    assert other.vouched_s(PACER) == pytest.approx(12.5)
+
+
+def test_a_port_is_held_in_common_and_let_go_in_common() -> None:
+    far, near = pty.openpty()
+    beside, theirs = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
+    lease = Lease()
+    port, held = SharedPort(os.ttyname(near), 125000, lease, FIRST, theirs), HeldPort(beside)
+    assert held.hear()
+    assert held.fd is None
+    port.open()
+    assert held.hear()
+    assert held.fd is not None
+    assert port.write(b"one")
+    lease.take()
+    with pytest.raises(Superseded):
+        port.write(b"two")
+    heir = SharedPort("/nowhere", 125000, lease, lease.generation, None, held.fd)
+    heir.open()  # it is open
+    assert heir.write(b"two")
+    assert os.read(far, 100) == b"onetwo"
+    locked = Path(f"/proc/self/fdinfo/{held.fd}").read_text()
+    assert "lock:" in locked
+    port.close()
+    assert "lock:" not in Path(f"/proc/self/fdinfo/{held.fd}").read_text(), "who opens it again is not kept out"
+    held.hear()
+    assert held.fd is None
+    theirs.close()
+    assert not held.hear(), "the pacer says nothing any more"
+    beside.close()
+    os.close(far)
+    os.close(near)
