@@ -40,7 +40,7 @@ from sim.scenarios import SCENARIOS
 from sim.stage import Stage
 from sim.world import World
 
-AT_ONCE = 4
+AT_ONCE = 3
 """So many are flown side by side: each is mostly waiting."""
 SHORT = (
     "takeoff.height_m=0.6", "takeoff.hold_s=1.5", "takeoff.climb_m_s=1.0", "trajectory.altitude_m=-0.4",
