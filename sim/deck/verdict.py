@@ -97,7 +97,7 @@ def broken(fault: Fault, state: str, truth: Truth, exemption: Exemption) -> str:
     highest_m = SPOOL_M if _unseen(state, truth) else HIGHEST_M
     if not truth.highest_m <= highest_m:
         return f"it rose {truth.highest_m:.2f} m above where it was struck and its course"
-    if not truth.sideways_m < SIDEWAYS_M:
+    if exemption is not Exemption.NO_LINK and not truth.sideways_m < SIDEWAYS_M:
         return f"it went {truth.sideways_m:.2f} m sideways"
     if exemption not in FALLS and not truth.fastest_m_s <= FASTEST_M_S:
         return f"it moved at {truth.fastest_m_s:.2f} m/s"
@@ -192,7 +192,7 @@ def _pushed(fault: Fault, thrust: Thrust, land_s: float | None) -> str:
 def _flew_on(fault: Fault, truth: Truth, answers: Sequence[Answer], exemption: Exemption) -> str:
     if fault.poses is not Poses.FALSE or answers or exemption is Exemption.NOT_OBSERVABLE:
         return ""
-    return "" if truth.off_m <= COURSE_M else f"it flew on {truth.off_m:.2f} m off its course"
+    return "" if truth.off_m <= COURSE_M or not truth.led else f"it flew on {truth.off_m:.2f} m off its course"
 
 
 def _convicted(fault: Fault, answers: Sequence[Answer]) -> str:

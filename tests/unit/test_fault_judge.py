@@ -102,8 +102,11 @@ def test_where_no_lift_off_is_seen_it_may_rise_less_and_fall_from_there() -> Non
 
 @pytest.mark.parametrize(("far_m", "safe"), [(2.95, True), (3.05, False)])
 def test_it_may_go_three_metres_sideways(far_m: float, *, safe: bool) -> None:
-    row = verdict(TRUE, moved(lambda t: (0.0, far_m * max(t - STRUCK_S, 0.0) / 0.9, -1.0)))
+    away = moved(lambda t: (0.0, far_m * max(t - STRUCK_S, 0.0) / 0.9, -1.0))
+    row = verdict(TRUE, away)
     assert (row.safe, "sideways" in row.why) == (safe, not safe)
+    assert verdict(TRUE, away, exemption=Exemption.NO_MOTORS).safe is safe
+    assert verdict(TRUE, away, exemption=Exemption.NO_LINK).safe
 
 
 def test_what_follows_its_course_goes_neither_up_nor_sideways() -> None:
@@ -172,7 +175,7 @@ def test_nothing_lifts_any_more_after_the_bring_down_or_once_land_is_acknowledge
 
 
 def test_who_flies_on_with_false_poses_stays_near_the_course() -> None:
-    off = moved(lambda t: (0.0, 0.0, -1.0))
+    off = moved(lambda t: (0.0, 0.0, -1.0), course=True)
     off.off_m = 0.51
     assert "it flew on 0.51 m off its course" in verdict(FALSE, off).why
     assert verdict(FALSE, off, ANSWER).safe
@@ -180,6 +183,9 @@ def test_who_flies_on_with_false_poses_stays_near_the_course() -> None:
     assert verdict(FALSE, off, exemption=Exemption.NOT_OBSERVABLE).safe
     off.off_m = 0.49
     assert verdict(FALSE, off).safe
+    coming_down = moved(lambda t: (0.0, 0.0, -1.0))  # by attitude and speed alone: there is no course
+    coming_down.off_m = 0.6
+    assert verdict(FALSE, coming_down, state="descent").safe
 
 
 def test_true_poses_of_a_vehicle_that_obeys_must_not_be_convicted() -> None:
