@@ -29,7 +29,7 @@ CELLS = [
     ("freeze", "hold", "descent → aborted"),
     ("dropout", "tracking", "descent → aborted"),
     ("marker swap", "take-off", "descent → aborted"),
-    ("latency step", "hold", "descent"),
+    ("latency step", "hold", "flies on"),
     ("frame loss", "hold", "descent"),
     ("clock step", "hold", "flies on"),
     ("link stall", "landing", "autopilot lands"),
@@ -63,11 +63,11 @@ def test_what_a_radio_vehicle_can_not_be_asked_for_is_said() -> None:
 
 
 def test_late_poses_and_lost_frames_do_not_make_a_landing_in_bad_air_a_fall() -> None:
-    for fault in ("latency step", "frame loss"):
+    for fault, reaction in (("latency step", "flies on"), ("frame loss", "descent")):
         row = fly_cell(fault, "landing", seed=3, scenario="adverse", overrides=FAR)
         assert row.safe, row.why
-        assert row.reaction == "descent"
-        assert "its thrust swings by 20 % and more" in row.why
+        assert row.reaction == reaction
+        assert reaction == "flies on" or "its thrust swings by 20 % and more" in row.why
         assert row.touchdown_m_s is not None
         assert row.touchdown_m_s < 0.7
 
