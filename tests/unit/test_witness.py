@@ -138,11 +138,12 @@ def test_axes_that_were_never_right_are_doubted_as_soon_as_the_vehicle_leans(lie
 
 
 @pytest.mark.parametrize("late_s", [0.3, 0.4])
-def test_poses_much_later_than_they_say_are_doubted_where_the_vehicle_turns_fast(late_s: float) -> None:
-    late: Lie = lambda time_s, _attitude: FAST.attitude(time_s - late_s)  # noqa: E731
-    doubted = doubted_s(Scene(motion=FAST, lies=((STRUCK_S, late),)))
+@pytest.mark.parametrize("motion", [Motion(), FAST], ids=["flown", "fast"])
+def test_poses_much_older_than_they_say_are_doubted_as_it_begins_to_swing(motion: Motion, late_s: float) -> None:
+    late: Lie = lambda time_s, _attitude: motion.attitude(time_s - late_s)  # noqa: E731
+    doubted = doubted_s(Scene(motion=motion, lies=((0.0, late),)))
     assert doubted is not None
-    assert doubted < STRUCK_S + 2.0 * IN_S
+    assert doubted < ARMED_S + 1.0 + IN_S
 
 
 def test_what_moves_neither_tilts_nor_turns_it_can_not_see() -> None:
