@@ -63,14 +63,9 @@ def test_what_a_radio_vehicle_can_not_be_asked_for_is_said() -> None:
 
 
 def test_late_poses_and_lost_frames_do_not_make_a_landing_in_bad_air_a_fall() -> None:
-    for fault, reaction in (("latency step", "flies on"), ("frame loss", "descent")):
+    for fault in ("latency step", "frame loss"):
         row = fly_cell(fault, "landing", seed=3, scenario="adverse", overrides=FAR)
         assert row.safe, row.why
-<<<<<<< HEAD
-        assert row.reaction == reaction
-        assert reaction == "flies on" or "its thrust swings by 20 % and more" in row.why
-=======
->>>>>>> wip-deck
         assert row.touchdown_m_s is not None
         assert row.touchdown_m_s < 0.7
 
