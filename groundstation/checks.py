@@ -19,7 +19,7 @@ from groundstation.so3 import angle_deg, third_column
 from groundstation.takeoff import Standing, limit_n, usual_limit_n
 from groundstation.trajectories.port import Reference, Trajectory
 from groundstation.verdict import Check, Verdict
-from groundstation.witness import ASKEW_DEG, Testimony
+from groundstation.witness import ASKEW_DEG, Agreement
 from links.mavlink import MavlinkLinkConfig
 from links.port import LinkStatus
 from links.rf_codec import RfLinkConfig
@@ -65,7 +65,7 @@ class Checks:
         self._still = [self._flyable(), self._certificate(), self._take_off(), *self._simulated()]
 
     def __call__(
-        self, standing: Standing, noise_m: float, link: LinkStatus, now_s: float, witness: Testimony | None = None
+        self, standing: Standing, noise_m: float, link: LinkStatus, now_s: float, witness: Agreement | None = None
     ) -> list[Check]:
         """All checks, as the vehicle stands now; ``noise_m`` is the measured noise of its poses [m].
 
@@ -143,7 +143,7 @@ class Checks:
         more = "" if tilt <= WARN_TILT_DEG else ": level the floor, or correct the object's axes in the capture system"
         return judged("tilt", tilt, WARN_TILT_DEG, TILT_DEG, f"it stands tilted by {tilt:.1f}°{more}")
 
-    def _witness(self, told: Testimony | None) -> Check:
+    def _witness(self, told: Agreement | None) -> Check:
         """Whether the autopilot lies and turns as the tracker sees it."""
         name, config = "second witness", self._config
         if isinstance(config.pose, MavlinkPoseConfig):

@@ -4,7 +4,7 @@ from collections.abc import Callable
 
 from groundstation.conviction import WITNESS, Charge, Conviction
 from groundstation.course import Course, Leg
-from groundstation.escalation import Escalation, Finding, Step
+from groundstation.escalation import Escalation, Finding, Since, Step
 from groundstation.fence import Fence
 from groundstation.guards import Guards
 from groundstation.mission import FINAL, IN_AIR, TABLE, Event, Mission, State
@@ -47,6 +47,7 @@ class Progress:
         self._on_conviction = on_conviction
         self._conviction = Conviction()
         self._charge: Charge | None = None
+        self._since = Since()
         self._late_s = 0.0
         self._say = say
         self._on_state = on_state
@@ -164,6 +165,9 @@ class Progress:
         if self._late_s > late_s:
             why = f"the poses are {1e3 * self._late_s:.0f} ms older than they say, by what the commands did"
             self._answer(Finding(Step.LAND, why), now_s)
+        self._charge = self._too_old(now_s)
+        if self._charge is not None:
+            return True
         evidence = self._pilot.evidence
         doubted = max(evidence) >= WITNESS and self._doubts(now_s)
         self._charge = self._conviction.look(evidence, now_s, led=self._pilot.monitor.led(now_s), doubted=doubted)
@@ -172,6 +176,19 @@ class Progress:
         if self._charge is not None:
             self._on_conviction()
         return self._charge is not None
+
+    def _too_old(self, now_s: float) -> Charge | None:
+        """Poses so old that no loop is stable by them, though no command has passed its deadline."""
+        pose, limit = self._pilot.newest_pose, OLD_SHARE * self._config.flight.coast_s
+        assert pose is not None, "what flies has poses"
+        age = pose.arrival_s - pose.time_s
+        if not self._since.lasts("old", age > limit, now_s, OLD_S):
+            return None
+        return Charge(
+            f"the poses are {1e3 * age:.0f} ms old as they come, limit {1e3 * limit:.0f} ms "
+            f"({OLD_SHARE:g} of flight.coast_s): down on the model",
+            convicted=False,
+        )
 
     def flown(self, tick: Tick) -> None:
         """One command of the controller has left: is the state over?"""
@@ -255,6 +272,8 @@ class Progress:
             self.started_s = leg.start_s
 
 
+OLD_SHARE, OLD_S = 0.6, 0.3
+"""Poses older than this share of ``flight.coast_s`` for so long [s] are too old to fly by."""
 LAST_PERIODS = 2.5
 """The last command holds for so many periods: it must reach the next frame of a pacer, which its own leads."""
 DISARMED_HEIGHT_M = 0.2

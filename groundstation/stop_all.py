@@ -10,11 +10,11 @@ from pathlib import Path
 import msgspec
 
 from groundstation.api.client import attached
-from groundstation.api.desk import printable
 from groundstation.api.place import ApiError, owner
 from groundstation.api.register import BRIDGE, Running, running, send, strangers
 from groundstation.config import ConfigError
 from groundstation.requests import Ask, Request
+from links.printable import printable
 
 ANSWER_S = 1.0
 """Who has not answered by then gets a signal [s]."""

@@ -30,6 +30,7 @@ STEP_S = 0.05
 """From one instant that is compared to the next [s]."""
 LAG = 2
 """The witnesses' clocks may be so many steps apart, either way."""
+LAGS = tuple(range(-LAG, LAG + 1))
 GAP_S = 0.13
 """Between two attitudes further apart nothing is known [s]."""
 CLOSEST_S = 0.004
@@ -81,7 +82,7 @@ _Vector = tuple[float, float, float, float]
 """Gravity in the body's axes, and the angle turned about it [rad]."""
 
 
-class Testimony(NamedTuple):
+class Agreement(NamedTuple):
     """What comes of holding both against each other."""
 
     share: float
@@ -166,7 +167,7 @@ class Witness:
         if felt.take(told.time_s, (*gravity, turned)):
             self._compare()
 
-    def verdict(self, now_s: float) -> Testimony | None:
+    def verdict(self, now_s: float) -> Agreement | None:
         """What comes of it at ``now_s``; None where one of the two is silent."""
         if self._apart is None or now_s - self._judged_s > SILENT_S:
             return None
@@ -178,7 +179,7 @@ class Witness:
                     alike.append(name)
                 elif share > UNLIKE:
                     unlike.append(name)
-        return Testimony(
+        return Agreement(
             share=max(self._tilting, self._turning),
             tilt_deg=math.degrees(math.hypot(*self._apart)),
             askew_deg=math.degrees(math.hypot(*self._askew)),
@@ -202,15 +203,16 @@ class Witness:
 
     def _judge(self, number: int) -> None:
         seen, felt = self._seen, self._felt
-        a, b, c, _ = felt.at(number)
-        x, y, _, _ = seen.at(number)
+        at, samples = number - seen.end, seen.samples
+        a, b, c, _ = felt.samples[number - felt.end]
+        x, y, _, _ = samples[at]
         askew = (x - a, y - b)
         if not self._armed:
             self._learn_askew(askew)
         ox, oy = self._offset
         least, apart = math.inf, (0.0, 0.0, 0.0)
-        for lag in range(-LAG, LAG + 1):
-            x, y, z, _ = seen.at(number + lag)
+        for lag in LAGS:
+            x, y, z, _ = samples[at + lag]
             ex, ey, ez = x - a - ox, y - b - oy, z - c
             squared = ex * ex + ey * ey + ez * ez
             if squared < least:
@@ -254,7 +256,10 @@ class Witness:
         """Which way both turned where the vehicle was moved."""
         seen, felt, (_, span, _) = self._seen, self._felt, TURN_WINDOWS[0]
         lag = self._turns[-1].lag
-        p, p0, q, q0 = seen.at(number + lag), seen.at(number + lag - span), felt.at(number), felt.at(number - span)
+        at = number - seen.end + lag
+        p, p0 = seen.samples[at], seen.samples[at - span]
+        at = number - felt.end
+        q, q0 = felt.samples[at], felt.samples[at - span]
         keep = 1.0 - STEP_S / MOVED_TAU_S
         for axis, (_, n) in enumerate(AXES):
             by_seen, by_felt = p[n] - p0[n], q[n] - q0[n]
@@ -272,14 +277,15 @@ class _Track:
         """Nothing taken."""
         self.end = 0
         """The number of the next instant."""
-        self._samples: deque[_Vector] = deque(maxlen=round(2.0 / STEP_S))
+        self.samples: deque[_Vector] = deque(maxlen=round(2.0 / STEP_S))
+        """Those since the last gap; the instant ``number`` is at ``number - end``."""
         self._time_s = -math.inf
         self._value: _Vector = (0.0, 0.0, 1.0, 0.0)
 
     @property
     def begin(self) -> int:
         """The number of the first instant that is known since the last gap."""
-        return self.end - len(self._samples)
+        return self.end - len(self.samples)
 
     @property
     def turned(self) -> float:
@@ -292,7 +298,7 @@ class _Track:
         self._time_s, self._value = time_s, value
         since = time_s - last_s
         if since > GAP_S:
-            self._samples.clear()
+            self.samples.clear()
             self.end = math.floor(time_s / STEP_S) + 1
             return False
         if time_s < self.end * STEP_S:
@@ -301,13 +307,9 @@ class _Track:
         x, y, z, w = value
         while self.end * STEP_S <= time_s:
             r = (self.end * STEP_S - last_s) / since
-            self._samples.append((a + r * (x - a), b + r * (y - b), c + r * (z - c), d + r * (w - d)))
+            self.samples.append((a + r * (x - a), b + r * (y - b), c + r * (z - c), d + r * (w - d)))
             self.end += 1
         return True
-
-    def at(self, number: int) -> _Vector:
-        """At the instant ``number``, which is not before ``begin`` and before ``end``."""
-        return self._samples[number - self.end]
 
     def forget(self) -> None:
         """What comes next does not go on from here."""
@@ -323,7 +325,7 @@ class _Turns:
         self._span = span
         self._noises = noises
         self._counts = (TURN_COUNTS_RAD_S * span * STEP_S) ** 2
-        self._different = [0.0] * (2 * LAG + 1)
+        self._different = [0.0] * len(LAGS)
         self._all = 0.0
         self.newest = 0.0
         """The square of the newest difference, at no lag [rad²]."""
@@ -340,16 +342,15 @@ class _Turns:
         span = self._span
         if number - span < max(felt.begin, seen.begin + LAG):
             return
-        a, b, c, d = felt.at(number)
-        x, y, z, w = felt.at(number - span)
+        at, samples = number - felt.end, felt.samples
+        (a, b, c, d), (x, y, z, w) = samples[at], samples[at - span]
         a, b, c, d = a - x, b - y, c - z, d - w
         self.felt = turned = a * a + b * b + c * c + d * d
-        squares = []
-        for at in range(number - LAG, number + LAG + 1):
-            p, q, r, s = seen.at(at)
-            x, y, z, w = seen.at(at - span)
+        at, samples, squares = number - seen.end, seen.samples, []
+        for n in LAGS:
+            (p, q, r, s), (x, y, z, w) = samples[at + n], samples[at + n - span]
             p, q, r, s = p - x, q - y, r - z, s - w
-            if at == number:
+            if n == 0:
                 turned += p * p + q * q + r * r + s * s
             p, q, r, s = p - a, q - b, r - c, s - d
             squares.append(p * p + q * q + r * r + s * s)

@@ -16,7 +16,7 @@ ATTITUDES = ("ATTITUDE_QUATERNION", "ATTITUDE")
 ATTITUDE_HZ = 50.0
 """How often it is asked for: 2 kB a second [1/s]."""
 SLOW_BAUD, SLOW_HZ = 115_200, 12.5
-"""Serial ports up to that speed [bit/s] may lead to a telemetry radio: it comes so often there [1/s], 0.5 kB/s."""
+"""Serial ports up to that speed [bit/s] may lead to a telemetry radio; there it comes so often [1/s]."""
 EARLY_S, LATE_S = 0.1, 1.0
 """A stamp further before or after its arrival comes from another clock than TIMESYNC's [s]."""
 _UNIT = 0.01

@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 from groundstation import so3
 from groundstation.ops import Quat, Vec3
 from groundstation.poses.port import Pose
-from groundstation.witness import Testimony, Witness
+from groundstation.witness import Agreement, Witness
 from links.port import Attitude
 
 ARMED_S = 10.0
@@ -127,9 +127,9 @@ class Scene:
         return attitude, (p + rng.gauss(0.0, shake), q + rng.gauss(0.0, shake), r + rng.gauss(0.0, shake))
 
 
-def heard(scene: Scene, armed_s: float = ARMED_S) -> list[tuple[float, Testimony | None]]:
+def heard(scene: Scene, armed_s: float = ARMED_S) -> list[tuple[float, Agreement | None]]:
     """What the witness says after each message and pose, and when that came [s]; it is armed at ``armed_s``."""
-    witness, armed, said = Witness(), False, list[tuple[float, Testimony | None]]()
+    witness, armed, said = Witness(), False, list[tuple[float, Agreement | None]]()
     for arrival, what in scene.events():
         if arrival >= armed_s and not armed:
             armed = True

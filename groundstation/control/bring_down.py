@@ -7,7 +7,8 @@ longer; the link plays it open loop, so it must do without poses. Four ideas:
   τ ω more. So the turn to level is a pulse whose area is the angle that is left after that.
 - Level means upright in the wind: where the thrust cancels the estimated disturbance, within ``WIND_TILT``.
 - With x down, τ A˙ + A = a, w = v + τ A and ζ = x + τ v obey ζ˙ = w, w˙ = a: the lagged vehicle is a plain double
-  integrator. It sinks at a = +a for t1 and brakes at -a for t2, so that it comes to the floor at ``TOUCHDOWN_M_S``.
+  integrator. It falls at a = +a, sinks on as fast, and brakes at -b, softly and shortly, as nobody sees what it does;
+  so it comes to the floor at ``TOUCHDOWN_M_S`` from a room's height.
 - What an autopilot is told last it goes on doing for 1 to 3 s after we fall silent: the last part is zero thrust.
 """
 
@@ -23,20 +24,22 @@ ON_FLOOR_M = 0.03
 """Below this height above the floor the motors only stop [m]."""
 MARGIN_M = 0.15
 """So far above the floor is the braking to be over [m]."""
-SINK_S = 1.25
+SINK_S = 1.45
 """Time for sinking and braking together, where the height does not ask for less [s].
 
 This and the figures down to ``BIAS`` were chosen by `groundstation-sim bring-down` from 1 and 2 m: smallest worst
 touchdown over a vehicle as modelled, one with other thrust, lags and gusts, and one with strong drag.
 """
-SETTLE_S, SETTLE_SHARE = 0.60, 0.93
+SETTLE_S, SETTLE_SHARE = 0.4, 0.93
 """Then, should the floor not be there yet: a share of the hover thrust for this long [s]."""
 OFF_S = 0.15
 """Then zero thrust, sent for this long, so that it arrives on a bad link too [s]."""
 TOUCHDOWN_M_S = 0.8
 """Speed when the braking is over [m/s]: not zero, as a vehicle that stops above the floor falls the rest."""
 SOFTEST, HARDEST = 0.08, 0.45
-"""Bounds on the acceleration of sinking and braking, as a share of gravity."""
+"""Bounds on the acceleration of falling, as a share of gravity."""
+BRAKES, BRAKE_S = 0.22, 0.45
+"""Braking, as a share of gravity at most, and how long [s]: what is played unseen pushes little above what hovers."""
 PULSE_S = 0.15
 """Shortest turn to level [s]."""
 WIND_TILT = 0.18
@@ -60,18 +63,18 @@ def bring_down(
         return OFF
     weight = min(max(gravity + disturbance[2], 0.5 * gravity), 1.5 * gravity)
     turn_s, rates, cosine = _turn(motion, vehicle, weight, disturbance)
-    fall_s, brake_s, pull = _descent(motion, vehicle, mass_kg, gravity, weight, height_m)
+    fall_s, hold_s, brake_s, pull, brake = _descent(motion, vehicle, mass_kg, gravity, weight, height_m)
     top = vehicle.thrust_max_n
     hover = mass_kg * weight * BIAS
     # What is left along the vertical is rather an error of the thrust's scale not found yet than wind: it scales.
-    fall_n, brake_n, settle_n = hover * (1.0 - pull / gravity), hover * (1.0 + pull / gravity), hover * SETTLE_SHARE
+    fall_n, brake_n, settle_n = hover * (1.0 - pull / gravity), hover * (1.0 + brake / gravity), hover * SETTLE_SHARE
     parts: list[Segment] = []
-    for duration, thrust in ((fall_s, fall_n), (brake_s, brake_n), (SETTLE_S, settle_n)):
+    for duration, thrust in ((fall_s, fall_n), (hold_s, hover), (brake_s, brake_n), (SETTLE_S, settle_n)):
         left = duration
         if turn_s > 0.0 and left > 0.0:
             first = min(turn_s, left)
             # A leaning vehicle lifts less; one far over lifts nothing that helps.
-            lift = min(thrust / cosine, 1.5 * thrust, top) if cosine > 0.3 else vehicle.thrust_min_n
+            lift = min(thrust / cosine, max(thrust, hover), top) if cosine > 0.3 else vehicle.thrust_min_n
             parts.append(Segment(first, lift, rates))
             turn_s -= first
             left -= first
@@ -107,8 +110,8 @@ def _turn(motion: Motion, vehicle: Vehicle, weight: float, disturbance: Vec3) ->
 
 def _descent(
     motion: Motion, vehicle: Vehicle, mass: float, gravity: float, weight: float, height: float
-) -> tuple[float, float, float]:
-    """How long to sink and to brake [s], and how strongly [m/s²]."""
+) -> tuple[float, float, float, float, float]:
+    """How long to fall, to sink as fast, and to brake [s]; how strongly it falls and brakes [m/s²]."""
     lag = vehicle.thrust_lag_s
     speed = motion.velocity[2]
     lift = gravity * motion.thrust / (mass * weight)
@@ -116,20 +119,17 @@ def _descent(
     strength = 0.85 * gravity * (vehicle.thrust_max_n / (mass * weight) - 1.0)
     hardest = max(min(HARDEST * gravity, strength), 0.02 * gravity)
     softest = min(SOFTEST * gravity, hardest)
-    guess = min(max(4.0 * height / SINK_S**2, softest), hardest)
-    w0, w1 = speed + lag * now, TOUCHDOWN_M_S - lag * guess
+    pull = min(max(4.0 * height / SINK_S**2, softest), hardest)
+    brake = min(pull, BRAKES * gravity, strength) if strength > softest else hardest
+    w0, w1 = speed + lag * now, TOUCHDOWN_M_S - lag * brake
     way = max(height - MARGIN_M, 0.0) + lag * (TOUCHDOWN_M_S - speed)
-    # t1 + t2 = SINK_S asks for  a² T² + a (2 T (w0 + w1) - 4 ζ) - (w0 - w1)² = 0.
-    half = 2.0 * way - SINK_S * (w0 + w1)
-    wanted = (half + math.sqrt(half * half + (SINK_S * (w0 - w1)) ** 2)) / SINK_S**2
-    pull = min(max(wanted, softest), hardest)
-    if wanted > hardest:  # higher than that: what can be done in the time
-        peak = 0.5 * (pull * SINK_S + w0 + w1)
-    else:
-        peak = math.sqrt(max(pull * way + 0.5 * (w0 * w0 + w1 * w1), 0.0))
-    if peak <= w0:  # fast already: brake at once, as hard as the rest of the way asks for
-        gap = w0 * w0 - w1 * w1
-        pull = min(max(0.5 * gap / way if way > 0.0 else hardest, softest), hardest)
-        return 0.0, min(max((w0 - w1) / pull, 0.0), SINK_S), pull
-    fall = min((peak - w0) / pull, SINK_S)
-    return fall, min(max((peak - w1) / pull, 0.0), SINK_S - fall), pull
+    if w0 > w1 and w0 * w0 - w1 * w1 >= 2.0 * brake * way:  # fast already: brake at once
+        return 0.0, 0.0, min((w0 - w1) / brake, BRAKE_S), pull, brake
+    # Fall at +pull to the peak, brake at -brake to w1, and hold the peak for what is left of the way.
+    square = 2.0 * (way + 0.5 * w0 * w0 / pull + 0.5 * w1 * w1 / brake) / (1.0 / pull + 1.0 / brake)
+    peak = max(min(math.sqrt(max(square, 0.0)), w1 + brake * BRAKE_S), w0, w1)
+    fall, slow = (peak - w0) / pull, min((peak - w1) / brake, BRAKE_S)
+    left = way - 0.5 * (peak * peak - w0 * w0) / pull - 0.5 * (peak * peak - w1 * w1) / brake
+    fall = min(fall, SINK_S)
+    hold = min(max(left, 0.0) / peak if peak > 0.0 else 0.0, max(SINK_S - fall - slow, 0.0))
+    return fall, hold, min(slow, SINK_S - fall - hold), pull, brake

@@ -145,6 +145,8 @@ class Obedience:
     def __init__(self, mass_kg: float, gravity: float) -> None:
         """Take the vehicle's mass as told [kg] and g [m/s²]."""
         self._mass, self._gravity = mass_kg, gravity
+        self._pushed: Vec3 = (0.0, 0.0, 0.0)
+        self._speed: Vec3 = (0.0, 0.0, 0.0)
         self._turn_variance = [TURN_NOISE_RAD**2] * 2
         self._bias = [0.0, 0.0]
         self._wind = [WIND_M**2] * 2
@@ -246,8 +248,7 @@ class Obedience:
     def _begin(self, pose: Pose) -> None:
         self._resets, self._node_s = pose.reset_count, pose.time_s
         self._seen_x = self._seen_y = self._told_x = self._told_y = self._strayed = 0.0
-        self._pushed: Vec3 = (0.0, 0.0, 0.0)
-        self._speed: Vec3 = (0.0, 0.0, 0.0)
+        self._pushed = self._speed = (0.0, 0.0, 0.0)
         self._seen = [Filter(x) for x in pose.position_ned]
         self._told = [Filter(0.0) for _ in range(3)]
         self._nodes = 0

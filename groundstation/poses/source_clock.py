@@ -207,5 +207,5 @@ class SourceClock:
             self._own_s = min(self._own_s + min(map(self._lateness, self._blocks)), self._arrival_s)
         elif abs(off - 1.0) <= self._band:
             self._scale = slope
-            if self._frames and not self._late[1]:
+            if self._band > MAX_DRIFT and not self._late[1]:
                 self._nominal, self._band = slope, MAX_DRIFT

@@ -6,6 +6,7 @@ import pytest
 
 from groundstation.ops import Quat, Vec3
 from groundstation.poses.intake import FrameCount, Intake
+from groundstation.poses.others import Others
 from groundstation.poses.source_clock import SourceClock
 
 HERE: Vec3 = (1.0, 2.0, 3.0)
@@ -185,6 +186,18 @@ def test_the_latency_is_that_of_the_longest_wait_too() -> None:
     assert status.latency_s == pytest.approx(0.02, abs=0.002)
     assert status.latency_max_s == pytest.approx(0.07, abs=1e-3)
     assert status.rate_hz == pytest.approx(100.0, rel=0.01)
+
+
+def test_other_bodies_in_a_stream_that_is_late_are_as_old_as_our_own() -> None:
+    others = Others(["wand"])
+    intake = Intake(0.02, others=others)
+    for n in range(2000):
+        arrival_s = 0.01 * n + (0.1 if n >= 1000 else 0.0)
+        intake.other("wand", arrival_s, HERE)
+        intake.pose(0.01 * n, arrival_s, HERE, LEVEL)
+    sight = others.seen("wand")
+    assert sight is not None
+    assert sight.time_s == pytest.approx(19.99 - 0.02, abs=1e-6)
 
 
 @pytest.mark.parametrize(

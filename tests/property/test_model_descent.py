@@ -1,0 +1,98 @@
+"""The descent on the model: sparing with thrust, and down within two seconds."""
+
+import math
+
+from hypothesis import given
+from hypothesis import strategies as st
+
+from groundstation.control.model import Drive, Motion, rolled
+from groundstation.control.model_descent import BRAKE_S, MOST, model_descent
+from groundstation.ops import FLOATS, Vec3
+from groundstation.so3 import from_euler_zyx
+from groundstation.vehicle import Vehicle
+from links.deadman import BRING_DOWN_LIMIT_S
+from links.port import Segment
+
+VEHICLE = Vehicle()
+GRAVITY = 9.81
+HOVER = VEHICLE.mass_kg * GRAVITY
+
+speeds = st.floats(-3.0, 3.0)
+tilts = st.floats(-1.2, 1.2)
+motions = st.builds(
+    lambda velocity, roll, pitch, thrust, rates: Motion(
+        (0.0, 0.0, 0.0), velocity, from_euler_zyx(roll, pitch, 0.3), thrust, rates
+    ),
+    st.tuples(speeds, speeds, speeds),
+    tilts,
+    tilts,
+    st.floats(0.0, VEHICLE.thrust_max_n),
+    st.tuples(st.floats(-3.0, 3.0), st.floats(-3.0, 3.0), st.floats(-3.0, 3.0)),
+)
+
+
+def planned(motion: Motion, height_m: float, disturbance: Vec3 = (0.0, 0.0, 0.0)) -> tuple[Segment, ...]:
+    return model_descent(
+        motion, VEHICLE, mass_kg=VEHICLE.mass_kg, gravity=GRAVITY, disturbance=disturbance, height_m=height_m
+    )
+
+
+def flown(motion: Motion, parts: tuple[Segment, ...], height_m: float) -> list[Motion]:
+    """The motion after each part, until the floor."""
+    path = [motion]
+    for part in parts:
+        drive = Drive(part.thrust_n, part.rates_rad_s)
+        motion = rolled(
+            FLOATS, motion, drive, part.duration_s, mass=VEHICLE.mass_kg, gravity=GRAVITY,
+            disturbance=(0.0, 0.0, 0.0), thrust_lag=VEHICLE.thrust_lag_s, rate_lag=VEHICLE.rate_lag_s,
+        )  # fmt: skip
+        path.append(motion)
+        if motion.position[2] >= height_m:
+            break
+    return path
+
+
+@given(motions, st.floats(0.0, 5.0))
+def test_thrust_is_never_far_above_what_hovers_and_not_for_long(motion: Motion, height_m: float) -> None:
+    parts = planned(motion, height_m)
+    over = [part for part in parts if part.thrust_n > HOVER * (1.0 + 1e-9)]
+    assert all(part.thrust_n <= MOST * HOVER * (1.0 + 1e-9) for part in parts)
+    assert sum(part.duration_s for part in over) <= BRAKE_S + 1e-9
+
+
+@given(motions, st.floats(0.0, 5.0))
+def test_nothing_pushes_above_what_hovers_while_the_model_rises(motion: Motion, height_m: float) -> None:
+    parts = planned(motion, height_m)
+    for part, at in zip(parts, flown(motion, parts, height_m), strict=False):
+        if at.velocity[2] < 0.0:
+            assert part.thrust_n <= HOVER * (1.0 + 1e-9)
+
+
+@given(motions, st.floats(0.0, 5.0))
+def test_it_fits_into_what_a_link_plays_and_ends_with_zero_thrust(motion: Motion, height_m: float) -> None:
+    parts = planned(motion, height_m)
+    assert sum(part.duration_s for part in parts) <= BRING_DOWN_LIMIT_S + 1e-9
+    assert parts[-1].thrust_n == 0.0
+    for part in parts:
+        assert all(
+            abs(rate) <= math.radians(limit) + 1e-9
+            for rate, limit in zip(part.rates_rad_s, VEHICLE.rate_limits_deg_s, strict=True)
+        )
+
+
+@given(st.floats(0.3, 2.0), st.floats(-1.0, 1.0), st.floats(-0.5, 0.5))
+def test_from_a_room_s_height_it_meets_the_floor_slowly_and_without_going_far(
+    height_m: float, speed: float, tilt: float
+) -> None:
+    motion = Motion((0.0, 0.0, 0.0), (speed, -speed, 0.0), from_euler_zyx(tilt, -tilt, 0.0), HOVER, (0.0, 0.0, 0.0))
+    path = flown(motion, planned(motion, height_m), height_m)
+    end = path[-1]
+    assert end.position[2] >= height_m, "it comes down within its time"
+    assert end.velocity[2] < 2.0
+    assert math.hypot(end.position[0], end.position[1]) < 1.5
+
+
+def test_on_the_floor_the_motors_only_stop() -> None:
+    motion = Motion((0.0, 0.0, 0.0), (0.0, 0.0, 0.0), (1.0, 0.0, 0.0, 0.0), 0.0, (0.0, 0.0, 0.0))
+    (off,) = planned(motion, 0.0)
+    assert off.thrust_n == 0.0

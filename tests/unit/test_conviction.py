@@ -1,0 +1,64 @@
+"""From what speaks against the poses to what is done."""
+
+from groundstation.control.obedience import Contradiction
+from groundstation.conviction import HELD_S, Conviction
+
+NOTHING = Contradiction(0.0, 0.0, 0.0, 0.0)
+
+
+def test_poses_that_show_what_the_commands_do_are_charged_with_nothing() -> None:
+    conviction = Conviction()
+    assert conviction.look(NOTHING, 0.0) is None
+    assert conviction.says == ""
+
+
+def test_a_suspicion_is_told_once_and_so_is_its_end() -> None:
+    conviction = Conviction()
+    said = []
+    for now, share in enumerate((0.2, 0.6, 0.7, 0.6, 0.1, 0.0)):
+        assert conviction.look(NOTHING._replace(attitude=share), float(now)) is None
+        said.append(conviction.says)
+    assert [bool(line) for line in said] == [False, True, False, False, True, False]
+    assert said[1].startswith("suspicion: ") and "gone" in said[4]
+
+
+def test_each_witness_but_a_position_that_stands_convicts() -> None:
+    for name in ("attitude", "axes", "heading"):
+        charge = Conviction().look(NOTHING._replace(**{name: 1.0}), 0.0)
+        assert charge is not None and charge.convicted
+        assert charge.reason.startswith("convicted: ")
+
+
+def test_half_the_evidence_convicts_where_the_autopilot_disagrees_with_the_poses_too() -> None:
+    half = NOTHING._replace(attitude=0.5)
+    assert Conviction().look(half, 0.0) is None
+    charge = Conviction().look(half, 0.0, doubted=True)
+    assert charge is not None and charge.convicted
+    assert "autopilot" in charge.reason
+
+
+def test_the_autopilot_s_doubt_alone_convicts_nobody() -> None:
+    assert Conviction().look(NOTHING, 0.0, doubted=True) is None
+
+
+def test_what_something_else_moves_ends_the_flight_and_is_not_convicted() -> None:
+    charge = Conviction().look(NOTHING._replace(attitude=2.0), 0.0, led=True)
+    assert charge is not None and not charge.convicted
+    assert charge.reason.startswith("suspicion: ")
+
+
+def test_a_position_that_stands_is_never_convicted_and_ends_the_flight_only_when_it_lasts() -> None:
+    conviction = Conviction()
+    stands = NOTHING._replace(still=0.8)
+    assert conviction.look(stands, 0.0) is None
+    assert conviction.look(stands, 0.9 * HELD_S) is None
+    charge = conviction.look(stands, HELD_S)
+    assert charge is not None and not charge.convicted
+
+
+def test_a_position_that_moves_again_in_time_is_forgotten() -> None:
+    conviction = Conviction()
+    assert conviction.look(NOTHING._replace(still=0.8), 0.0) is None
+    assert conviction.look(NOTHING._replace(still=0.1), 0.5 * HELD_S) is None
+    assert conviction.look(NOTHING._replace(still=0.8), 0.9 * HELD_S) is None
+    assert conviction.look(NOTHING._replace(still=0.8), 1.2 * HELD_S) is None
