@@ -20,8 +20,8 @@ TUMBLES = (Exemption.NO_LINK, Exemption.NO_MOTORS)
 
 REASONS: dict[Exemption, str] = {
     Exemption.NO_LINK: (
-        "the radio module's plug is out: no command reaches the vehicle any more, and its receiver holds the last frame "
-        "for 1 s and stops the motors; distance sideways, lean, speed and touchdown are not judged"
+        "the radio module's plug is out: no command reaches the vehicle any more, and its receiver holds the last "
+        "frame for 1 s and stops the motors; distance sideways, lean, speed and touchdown are not judged"
     ),
     Exemption.NO_MOTORS: (
         "the autopilot restarts, which stops the motors: it falls whatever anybody does; "
