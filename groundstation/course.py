@@ -70,11 +70,11 @@ class Course:
                 climb = self._climb
                 if math.hypot(*now.velocity_ned) > climb.speed_m_s:
                     climb = Limits(climb.speed_m_s, max(climb.acceleration_m_s2, FAST_M_S2))
-                return self._over_home(now, time_s, climb, halts=False)
+                return self._above(now.position_ned, now, time_s, climb, halts=False)
             case State.TRACKING:
                 return _leg(self.entry(now), self._trajectory, time_s)
             case State.RETURNING:
-                return self._over_home(now, time_s, self._transit, halts=True)
+                return self._above(self._home, now, time_s, self._transit, halts=True)
             case State.LANDING:
                 return self._down(now, time_s)
             case _:
@@ -143,12 +143,12 @@ class Course:
         """To rest, where ``now`` is not."""
         return [stopped(now, self._transit)] if math.hypot(*now.velocity_ned) > AT_REST_M_S else []
 
-    def _over_home(self, now: Reference, time_s: float, limits: Limits, *, halts: bool) -> Leg:
-        """To rest above the place of take-off."""
+    def _above(self, place: Vec3 | None, now: Reference, time_s: float, limits: Limits, *, halts: bool) -> Leg:
+        """To rest above ``place``, at the height of the take-off; without one, above where it stops."""
         ways = self._halt(now) if halts else []
         at_rest = now if not ways else ways[-1].at(ways[-1].duration_s)
-        home = self._home or at_rest.position_ned
-        above = (home[0], home[1], self._config.flight.floor_z_m - self._config.takeoff.height_m)
+        north, east, _ = place or at_rest.position_ned
+        above = (north, east, self._config.flight.floor_z_m - self._config.takeoff.height_m)
         ways.append(blend(at_rest, Reference(above, yaw_rad=at_rest.yaw_rad), limits))
         return _leg(ways, Hold(above, at_rest.yaw_rad), time_s)
 

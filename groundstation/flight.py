@@ -214,8 +214,8 @@ class Flight:
 
     def _doubts(self, now_s: float) -> bool:
         """Whether the autopilot's own attitude disagrees with the poses."""
-        testimony = self.witness.verdict(now_s)
-        return testimony is not None and testimony.doubts_s is not None
+        agreement = self.witness.verdict(now_s)
+        return agreement is not None and agreement.doubts_s is not None
 
     async def run(self) -> Outcome:
         """Fly. However this ends, the link first does what it owes the vehicle: bring it down, or stop its motors.

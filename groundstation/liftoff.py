@@ -10,6 +10,8 @@ thrust hovers and how fast it climbs, before any law needs to know.
 
 import math
 from collections import deque
+from collections.abc import Sequence
+from typing import NamedTuple
 
 from groundstation.poses.port import Pose
 
@@ -30,10 +32,47 @@ LEAST_NOISE_M = 0.0003
 """No pose is believed to less [m]: legs and floor give way as thrust relieves them."""
 LEAST_M2_S, LEAST_FELT_M2_S = 1e-6, 2.5e-5
 """No height is believed to wander less: 1 mm in 1 s, and 5 mm where poses come with a velocity [m²/s]."""
+SPEED_NOISE_M_S, LEAST_M2_S3 = 0.05, 1e-4
+"""The same of speeds: noise, and least wander [m²/s³]."""
 FITS_M = 0.02
 """Nothing flies whose newest height is farther than this, beside noise, from where the thrust would have it [m]."""
 JUMP_M, JUMPS = 0.1, 2
 """So many poses farther than this from every hypothesis [m] are no motion of a vehicle on its floor."""
+
+
+class Wander(NamedTuple):
+    """How what is measured of a vehicle that stands wanders, as the variance of random walks."""
+
+    aside_m2_s: float
+    """Of its place sideways, on the worse axis [m²/s]."""
+    height_m2_s: float
+    """Of its height [m²/s]."""
+    climb_m2_s3: float
+    """Of its speed upwards [m²/s³]."""
+
+
+class _Walks:
+    """A measurement less what each hypothesis says, as a random walk and white noise: what is the walk?"""
+
+    def __init__(self, count: int, walk: float, noise: float) -> None:
+        """Variance of the ``walk`` per second, and of the ``noise``."""
+        self._walk, self._noise = walk, noise
+        self._variance = noise
+        self._values = [0.0] * count
+
+    def seen(self, elapsed_s: float, off: list[float]) -> tuple[list[float], float]:
+        """Take one more, ``elapsed_s`` after the last [s]; returns steps from what was expected, and their variance."""
+        variance = self._variance + self._walk * elapsed_s
+        total = variance + self._noise
+        gain = variance / total
+        self._variance = (1.0 - gain) * variance
+        steps = [one - value for one, value in zip(off, self._values, strict=True)]
+        self._values = [value + gain * step for value, step in zip(self._values, steps, strict=True)]
+        return steps, total
+
+    def begin(self, off: list[float]) -> None:
+        """The measurement has moved its zero."""
+        self._values = off
 
 
 class LiftOff:
@@ -46,17 +85,15 @@ class LiftOff:
         weight_n: float,
         lag_s: float,
         gravity: float,
-        wander_m2_s: float,
+        wander: Wander,
         noise_m: float,
     ) -> None:
         """Begin with a vehicle that ``stands``, at ``down_m`` [m, NED] on the mean; thrust lags by ``lag_s`` [s].
 
-        ``wander_m2_s`` is how its height wanders [m²/s], ``noise_m`` the poses' white noise [m].
+        ``noise_m`` is the poses' white noise [m].
         """
         self._floor, self._weight, self._lag, self._gravity = down_m, weight_n, lag_s, gravity
         felt = stands.velocity_ned is not None
-        self._q = max(wander_m2_s, LEAST_FELT_M2_S if felt else LEAST_M2_S)
-        self._r = max(noise_m, LEAST_NOISE_M) ** 2
         self._climb: float | None = None
         self._least_m = WANDERING_M if felt else HEIGHT_M
         self._resets = stands.reset_count
@@ -64,10 +101,12 @@ class LiftOff:
         self._thrust: float | None = None
         self._told: deque[tuple[float, float]] = deque()
         n = len(SHARES)
-        self._heights, self._speeds = [0.0] * n, [0.0] * n
-        self._walks = [0.0] * (n + 1)
-        """What the walk is taken to be under each hypothesis; the last is that it stands."""
-        self._variance = self._r
+        self._paths, self._speeds = [0.0] * n, [0.0] * n
+        # The last hypothesis is that it stands.
+        least_m2_s = LEAST_FELT_M2_S if felt else LEAST_M2_S
+        self._height = _Walks(n + 1, max(wander.height_m2_s, least_m2_s), max(noise_m, LEAST_NOISE_M) ** 2)
+        self._speed = _Walks(n + 1, max(wander.climb_m2_s3, LEAST_M2_S3), SPEED_NOISE_M_S**2)
+        self._stood_m_s = 0.0 if stands.velocity_ned is None else -stands.velocity_ned[2]
         prior = [math.exp(-0.5 * ((s - 1.0) / SPREAD) ** 2) for s in SHARES]
         self._logs = [math.log(p / sum(prior)) for p in prior] + [0.0]
         self._fits = False
@@ -84,22 +123,23 @@ class LiftOff:
             return
         self._advance(pose.time_s)
         height = self._floor - pose.position_ned[2]
-        self._climb = None if pose.velocity_ned is None else -pose.velocity_ned[2]
-        paths = [*self._heights, 0.0]
+        off = [height - path for path in (*self._paths, 0.0)]
         if pose.reset_count != self._resets:  # the source has moved its origin, not the vehicle
             self._resets = pose.reset_count
-            self._walks = [height - path for path in paths]
+            self._height.begin(off)
             return
-        variance = self._variance + self._q * elapsed
-        total = variance + self._r
-        gain = variance / total
-        self._variance = (1.0 - gain) * variance
-        steps = [height - path - walk for path, walk in zip(paths, self._walks, strict=True)]
-        self._walks = [walk + gain * step for walk, step in zip(self._walks, steps, strict=True)]
-        self._logs = [log - 0.5 * step * step / total for log, step in zip(self._logs, steps, strict=True)]
-        spread = 4.0 * math.sqrt(total)
+        steps, variance = self._height.seen(elapsed, off)
+        self._weigh(steps, variance)
+        spread = 4.0 * math.sqrt(variance)
         self._fits = abs(self._mean(steps[:-1])) < FITS_M + spread
         self._jumps = self._jumps + 1 if min(map(abs, steps)) > JUMP_M + spread else 0
+        if pose.velocity_ned is not None:
+            self._climb = -pose.velocity_ned[2]
+            gained = self._climb - self._stood_m_s
+            self._weigh(*self._speed.seen(elapsed, [gained - speed for speed in (*self._speeds, 0.0)]))
+
+    def _weigh(self, steps: list[float], variance: float) -> None:
+        self._logs = [log - 0.5 * step * step / variance for log, step in zip(self._logs, steps, strict=True)]
 
     @property
     def jumps(self) -> bool:
@@ -114,7 +154,7 @@ class LiftOff:
     @property
     def flies(self) -> bool:
         """Whether it has left the floor."""
-        return self._odds > FLIES and self._fits and self._mean(self._heights) > self._least_m
+        return self._odds > FLIES and self._fits and self._mean(self._paths) > self._least_m
 
     @property
     def patience_s(self) -> float:
@@ -146,7 +186,7 @@ class LiftOff:
         best = max(self._logs[:-1])
         return best + math.log(sum(math.exp(log - best) for log in self._logs[:-1])) - self._logs[-1]
 
-    def _mean(self, values: "list[float] | tuple[float, ...]") -> float:
+    def _mean(self, values: Sequence[float]) -> float:
         """Over the hypotheses that it rises."""
         best = max(self._logs[:-1])
         weights = [math.exp(log - best) for log in self._logs[:-1]]
@@ -168,7 +208,7 @@ class LiftOff:
             lift = 0.5 * (before + self._thrust) / self._weight
             for k, share in enumerate(SHARES):
                 a, v = g * (lift / share - 1.0), self._speeds[k]
-                height = self._heights[k] + h * (v + 0.5 * h * a)
+                height = self._paths[k] + h * (v + 0.5 * h * a)
                 rests = height <= 0.0
-                self._heights[k], self._speeds[k] = (0.0, 0.0) if rests else (height, v + h * a)
+                self._paths[k], self._speeds[k] = (0.0, 0.0) if rests else (height, v + h * a)
             self._at += h

@@ -13,7 +13,7 @@ from typing import Annotated, Protocol
 import msgspec
 
 from groundstation.fence import Fence
-from groundstation.liftoff import LiftOff
+from groundstation.liftoff import LiftOff, Wander
 from groundstation.ops import Vec3
 from groundstation.poses.port import Pose
 from groundstation.so3 import angle_deg, third_column
@@ -156,17 +156,17 @@ class Standing:
         return north, east, down
 
     @property
-    def wander_m2_s(self) -> tuple[float, float]:
-        """How the place wanders sideways (the worse axis) and in height, as the variance of a random walk [m²/s]."""
+    def wander(self) -> Wander:
+        """How what is measured of it wanders."""
         spans = list(self._spans)
         if len(spans) < 2:
-            return 0.0, 0.0
+            return Wander(0.0, 0.0, 0.0)
+        elapsed, pairs = spans[-1].time_s - spans[0].time_s, list(zip(spans, spans[1:], strict=False))
         north, east, down = (
-            sum((b.position_ned[axis] - a.position_ned[axis]) ** 2 for a, b in zip(spans, spans[1:], strict=False))
-            / (spans[-1].time_s - spans[0].time_s)
-            for axis in range(3)
+            sum((b.position_ned[axis] - a.position_ned[axis]) ** 2 for a, b in pairs) / elapsed for axis in range(3)
         )
-        return max(north, east), down
+        climbs = [b.velocity_ned[2] - a.velocity_ned[2] for a, b in pairs if a.velocity_ned and b.velocity_ned]
+        return Wander(max(north, east), down, sum(climb * climb for climb in climbs) / elapsed)
 
     def disturbed(self, pose: Pose, place_ned: Vec3, light_s: float) -> str:
         """What ``pose`` shows that no vehicle on its floor does; it stood at ``place_ned`` [m]. Empty for nothing.
@@ -181,7 +181,7 @@ class Standing:
         if not tilt <= TIPPED_DEG:
             return f"it tips: {tilt:.0f}° from how it stood, limit {TIPPED_DEG:g}°"
         aside = math.dist(pose.position_ned[:2], place_ned[:2])
-        limit = SLIPPED_M + 4.0 * math.sqrt(self.wander_m2_s[0]) + 0.5 * WIND_M_S2 * light_s * light_s
+        limit = SLIPPED_M + 4.0 * math.sqrt(self.wander.aside_m2_s) + 0.5 * WIND_M_S2 * light_s * light_s
         if not aside <= limit:
             return f"it moves sideways on the floor: {aside:.2f} m, limit {limit:.2f} m"
         return ""
@@ -220,8 +220,7 @@ class SpoolUp:
             self._standing.stands(pose)
         else:
             standing, vehicle = self._standing, self._vehicle
-            down, wander = standing.place_ned[2], standing.wander_m2_s[1]
-            stood = standing.poses[-1]
+            down, wander, stood = standing.place_ned[2], standing.wander, standing.poses[-1]
             lag = vehicle.thrust_lag_s
             self._lift = LiftOff(stood, down, self._weight, lag, self._gravity, wander, self._noise)
             for acting_s, thrust_n in self._told:

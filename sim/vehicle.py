@@ -97,6 +97,8 @@ def with_noise(truth: Truth, world: World, normals: list[float]) -> Truth:
 
 WANDER_S, FORGETS_S = 2.0, 40.0
 """Over which a wander is told [s], and the time constant with which it comes back [s]."""
+SPEED_PER_M, SPEED_FORGETS_S = 1.5, 5.0
+"""What is measured of its speed wanders so much more [1/s], and comes back so fast [s]: PX4's by 5 cm/s in 0.5 s."""
 
 
 class Wander:
@@ -108,6 +110,7 @@ class Wander:
         self._normals = normals
         self._at_s: float | None = None
         self._off: Vec3 = (0.0, 0.0, 0.0)
+        self._fast: Vec3 = (0.0, 0.0, 0.0)
 
     def seen(self, truth: Truth, released_s: float | None) -> Truth:
         """``truth`` as it is measured; times do not go backwards."""
@@ -119,8 +122,13 @@ class Wander:
             step = world.estimate_wander_m * math.sqrt(elapsed / WANDER_S)
             (a, b, c), (i, j, k) = self._off, next(self._normals)
             self._off = a, b, c = (keep * a + step * i, keep * b + step * j, keep * c + step * k)
-            x, y, z = truth.position_ned
-            truth = msgspec.structs.replace(truth, position_ned=(x + a, y + b, z + c))
+            fade = math.exp(-elapsed / SPEED_FORGETS_S)
+            (d, e, f), step = self._fast, SPEED_PER_M * step
+            self._fast = d, e, f = (fade * d + step * i, fade * e + step * j, fade * f + step * k)
+            (x, y, z), (u, v, w) = truth.position_ned, truth.velocity_ned
+            truth = msgspec.structs.replace(
+                truth, position_ned=(x + a, y + b, z + c), velocity_ned=(u + d, v + e, w + f)
+            )
         released = released_s is not None and truth.time_s - released_s >= world.estimate_yaw_step_s
         if world.estimate_yaw_step_deg and released:
             half = math.radians(0.5 * world.estimate_yaw_step_deg)

@@ -85,8 +85,8 @@ class World(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=Tru
     own_estimate: bool = False
     """Whether the autopilot knows its own position and speed (GPS, optical flow), and says so."""
     estimate_wander_m: NonNegative = 0.0
-    """How far the place that is measured wanders in 2 s, a random walk, 1σ per axis [m]; the autopilot's own estimate
-    and the cameras' alike. PX4's own, with a simulated GPS: 0.05."""
+    """How far the place that is measured wanders in 2 s, a random walk, 1σ per axis [m], and speed with it; the
+    autopilot's own estimate and the cameras' alike. PX4's own, with a simulated GPS: 0.05."""
     estimate_yaw_step_deg: float = 0.0
     """A step of the measured yaw, which the autopilot's ODOMETRY announces [deg]; PX4 was seen to make 19."""
     estimate_yaw_step_s: NonNegative = 2.0

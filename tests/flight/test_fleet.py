@@ -110,7 +110,7 @@ def test_from_one_that_looks_at_nobody_the_other_lands() -> None:
         return msgspec.structs.replace(config, separation=msgspec.structs.replace(config.separation, others=()))
 
     async def script(flights: dict[str, Flight], _: FleetStage) -> None:
-        await land_all({"quad2": flights["quad2"]}, 20.0)
+        await land_all({"quad2": flights["quad2"]}, 18.5)
 
     mission = flown(2, *HOLD, figure_s=40.0, script=script, change=cores(change))
     first = mission.vehicles[0]

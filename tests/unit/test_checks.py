@@ -15,7 +15,7 @@ from groundstation.preflight import ensure_guarded, real
 from groundstation.settings import Config, LinkConfig
 from groundstation.takeoff import Standing
 from groundstation.verdict import Check, Verdict
-from groundstation.witness import Testimony
+from groundstation.witness import Agreement
 from links.port import LinkStatus
 
 BASE: dict[str, Any] = {
@@ -43,7 +43,7 @@ def check(
     stands: Standing | None = None,
     noise_m: float = 0.0005,
     now_s: float = 1.03,
-    witness: Testimony | None = None,
+    witness: Agreement | None = None,
     **link: Any,
 ) -> Check:
     checks = Checks(from_dict({**BASE, **(config or {})}, Config))
@@ -131,8 +131,8 @@ def test_each_check_has_its_verdict_and_a_sentence(name: str, given: dict[str, A
     assert len(found.says) > 8
 
 
-AGREES = Testimony(share=0.2, tilt_deg=0.3, askew_deg=1.2, turning=0.2, doubts_s=None, alike=(), unlike=())
-WITNESSED: list[tuple[Testimony | None, Verdict, str]] = [
+AGREES = Agreement(share=0.2, tilt_deg=0.3, askew_deg=1.2, turning=0.2, doubts_s=None, alike=(), unlike=())
+WITNESSED: list[tuple[Agreement | None, Verdict, str]] = [
     (AGREES, Verdict.PASS, "1.2° apart"),
     (AGREES._replace(alike=("roll", "pitch")), Verdict.PASS, "roll, pitch went the same way"),
     (None, Verdict.WARN, "does not send its attitude"),
@@ -145,7 +145,7 @@ WITNESSED: list[tuple[Testimony | None, Verdict, str]] = [
 
 
 @pytest.mark.parametrize(("witness", "verdict", "says"), WITNESSED)
-def test_the_autopilots_attitude_is_a_second_witness(witness: Testimony | None, verdict: Verdict, says: str) -> None:
+def test_the_autopilots_attitude_is_a_second_witness(witness: Agreement | None, verdict: Verdict, says: str) -> None:
     found = check("second witness", witness=witness)
     assert found.verdict is verdict
     assert says in found.says
