@@ -161,6 +161,8 @@ class Obedience:
         """Largest share of what convicts that was ever reached, attitude or axes [-]."""
         self.calm_s = -math.inf
         """When nothing was suspicious last: poses of before are to be trusted [s]."""
+        self.answered = 0.0
+        """What speaks for a vehicle whose attitude answers, since it began or poses were missing for long."""
         self.led_s = -math.inf
         """When it was last seen to move, after it had left its way by no command [s]."""
         self._turns: deque[tuple[float, float, float, float, float]] = deque()
@@ -255,6 +257,7 @@ class Obedience:
         return best * h if left[best] < LATE_EXPLAINS and left[best] < 0.5 * left[0] else 0.0
 
     def _begin(self, pose: Pose) -> None:
+        self.answered = 0.0
         self._resets, self._node_s = pose.reset_count, pose.time_s
         self._seen_x = self._seen_y = self._told_x = self._told_y = self._strayed = 0.0
         self._pushed = self._speed = (0.0, 0.0, 0.0)
@@ -276,6 +279,7 @@ class Obedience:
         says = self._turned(turn[0], turn[2], 0, learn) + self._turned(turn[1], turn[3], 1, learn)
         most = CAP if self._attitude > CALM else FIRST
         self._attitude = max(0.0, self._attitude * fade + min(says, most))
+        self.answered = max(0.0, self.answered - max(says, -CAP))
         # What the filter does not know grows with the square of the time.
         k = min(1.0, NODE_S * NODE_S / (h * h))
         y = [k * f.innovation(x, h) for f, x in zip(self._seen, pose.position_ned, strict=True)]
@@ -359,7 +363,7 @@ def _learnt(wind: float, best: float) -> float:
 
 OPPOSED = 3
 """So many images, the first, oppose the command on an axis or two [-]."""
-EXACT_M, SMALLEST_M = 0.004, 0.008
+EXACT_M, SMALLEST_M = 0.005, 0.015
 """So well does an image agree that is one [m], and smaller ones are not told from noise [m]."""
 LATE_EXPLAINS = 0.35
 """A lateness explains the turns where it leaves less than this share of their power [-]."""
