@@ -35,7 +35,7 @@ TOUCHDOWN_M_S, FASTEST_M_S = 0.6, 1.6
 """Sinking speed at the floor, and largest [m/s]."""
 FLOOR_M = 0.05
 """From this height on the motors only stop [m]."""
-SINK_GAIN, SPEED_GAIN, ATTITUDE_GAIN = 4.0, 2.0, 4.0
+SINK_GAIN, SPEED_GAIN, ATTITUDE_GAIN = 4.0, 2.0, 6.0
 """Acceleration per error of the vertical and the horizontal speed [1/s]; body rate per sine of the tilt's [1/s]."""
 LEAN = math.radians(20.0)
 """Largest tilt that it asks for [rad]."""

@@ -8,21 +8,22 @@ have made of the vehicle, c, is held against what the poses show, y, over nodes 
   a vehicle hardly at all, so this is the sharp witness: even in a calm hold the law answers the noise of the poses.
 - **Position.** c is the second integral of the modelled thrust along the attitude as seen, y the position; both go
   through one fading-memory filter of second order (Morrison 1969), which takes out constant acceleration. What is left
-  is what moved within some tenths of a second. Wind moves the picture first and the law follows: then y and c
-  oppose each other weakly. A mirrored or turned picture answers with the command's own image.
+  is what moved within some tenths of a second. Wind moves the picture first and the law follows: then y is a part
+  of c, or has its own way. A mirrored or turned picture answers with the command's own image, exactly.
 
 The evidence is a log likelihood ratio between "it obeys" (y = c and noise) and its rival, summed with fading memory and
 never below zero (Page's CUSUM, Biometrika 41, 1954):
 
-- attitude: the rival is a picture that does not answer, y = noise; half an answer counts for neither. A rate lag or
-  a gain that is told wrong by half leaves y on the side of c.
+- attitude: the rivals are a picture that does not answer, y = noise, and one whose axes are a quarter turn off; half
+  an answer counts for neither. A rate lag or a gain that is told wrong by half leaves y on the side of c.
+- heading: the turn about the vertical that no command asks for, averaged; a trim of some degrees a second is none.
 - axes: the rival is the best of the seven other maps of the two horizontal axes onto themselves (mirrored, swapped,
   turned by quarter turns), and for the vertical one its mirror image; it must also beat a picture that stands.
-- stillness: |y| is a tenth of |c| and less, where wind that the law cancels, one delay late, leaves three. This alone
-  is a suspicion: a tether that holds the vehicle looks the same.
+- stillness: |y| is a twentieth of |c|, where wind that the law cancels, one delay late, leaves three tenths; or the
+  position was stopped dead. This alone is a suspicion: a tether that holds the vehicle looks the same.
 
-The scale of the noise is measured while nothing is suspicious, and grows where neither rival explains y: a hand, a
-push or a reset speaks for neither. docs/explanation/guards.md has the curve of detection time against false alarms.
+The scale of the noise is measured by what the best rival leaves, and a node that none explains counts little: a hand,
+a push or a reset speaks for neither. docs/explanation/guards.md has the curve of detection time against false alarms.
 """
 
 import math
@@ -40,12 +41,12 @@ GAP_S = 0.2
 HOLE_S = 0.07
 """After a time so long without a pose [s] positions are not looked at for some nodes."""
 FADE_S = 4.0
-"""Contradiction fades with this time constant [s]."""
+"""Evidence fades with this time constant [s]."""
 LEARN_S = 4.0
 """So does what is known of the noise [s]."""
 CALM = 2.0
 """Noise is learnt while the evidence is below this."""
-FIRST, CAP, CAP_IMAGE = 5.0, 8.0, 10.0
+FIRST, CAP, CAP_IMAGE = 5.0, 8.0, 6.5
 """Most that one node may say: the first and any other of the attitude, and of an image. No single outlier convicts."""
 CONVICTS, IMAGE_CONVICTS = 14.0, 7.0
 """Evidence that convicts: e^14, a million to one, for each of the windows looked at; of an image, which must explain
