@@ -216,10 +216,10 @@ class Flight:
         self.witness.attitude(told)
         self._progress.heard_s = asyncio.get_running_loop().time()
 
-    def _doubts(self, now_s: float) -> bool:
-        """Whether the autopilot's own attitude disagrees with the poses."""
+    def _doubts(self, now_s: float) -> bool | None:
+        """Whether the autopilot's own attitude disagrees with the poses; None where it tells none."""
         agreement = self.witness.verdict(now_s)
-        return agreement is not None and agreement.doubts_s is not None
+        return None if agreement is None else agreement.doubts_s is not None
 
     async def run(self) -> Outcome:
         """Fly. However this ends, the link first does what it owes the vehicle: bring it down, or stop its motors.

@@ -32,13 +32,14 @@ class Progress:
         on_state: Callable[[State, str], None],
         others: Others | None = None,
         *,
-        doubts: Callable[[float], bool] = lambda now_s: False,
+        doubts: Callable[[float], bool | None] = lambda now_s: None,
         on_conviction: Callable[[], None] = lambda: None,
     ) -> None:
         """``say`` takes lines for the operator, ``on_state`` every state that begins, and why.
 
         ``period_s`` tells the link's time between two commands [s]; ``others`` are vehicles to keep away from.
-        ``doubts`` tells whether the autopilot's own attitude disagrees with the poses at an instant [s];
+        ``doubts`` tells whether the autopilot's own attitude disagrees with the poses at an instant [s], None where it
+        does not tell;
         ``on_conviction`` hears that the poses are not believed any more, before the last command leaves.
         """
         self._config = config
@@ -171,8 +172,13 @@ class Progress:
         if SILENT_S < now_s - self.heard_s < LOST_S:
             self._pilot.monitor.restart()  # the link stalls: who does not hear the commands can't obey them
         evidence = self._pilot.evidence
-        doubted = max(evidence) >= WITNESS and self._doubts(now_s)
-        self._charge = self._conviction.look(evidence, now_s, led=self._pilot.monitor.led(now_s), doubted=doubted)
+        doubts = self._doubts(now_s) if max(evidence) >= WITNESS else None
+        led = self._pilot.monitor.led(now_s)
+        charge = self._conviction.look(evidence, now_s, led=led, doubted=doubts is True)
+        # Where its own attitude agrees, a pilot may have taken over: its heartbeat tells, once a second.
+        patient = charge is not None and doubts is False and evidence.attitude == max(evidence)
+        lasts = self._since.lasts("taken", patient, now_s, HEARTBEAT_S)
+        self._charge = charge if not patient or lasts else None
         if self._conviction.says:
             self._say(self._conviction.says)
         if self._charge is not None:
@@ -301,6 +307,8 @@ class Progress:
 ANSWERED, PAROLE_S = 8.0, 0.8
 """Poses that came back after the descent had begun are believed as to speed once so much speaks for them (see
 control/obedience.py), and not at all where that takes longer than so long [s]."""
+HEARTBEAT_S = 1.1
+"""By then an autopilot has told of a mode that somebody else has chosen [s]."""
 SILENT_S, LOST_S = 0.15, 3.0
 """A vehicle that tells how it turns, and has been silent for so long [s], may not hear us either; for longer than the
 second, it only tells no more."""
