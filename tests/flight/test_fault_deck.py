@@ -70,6 +70,14 @@ def test_late_poses_and_lost_frames_do_not_make_a_landing_in_bad_air_a_fall() ->
         assert row.touchdown_m_s < 0.7
 
 
+@pytest.mark.parametrize("state", ["take-off", "landing"])
+def test_a_floor_that_few_poses_show_is_felt_before_the_model_falls_through_it(state: str) -> None:
+    row = fly_cell("every 11th frame", state)
+    assert row.safe, row.why
+    assert "descent" not in row.reaction
+    assert row.over_hover_s == 0.0
+
+
 def test_rotors_that_can_not_hold_the_vehicle_any_more_are_not_asked_for_a_soft_touchdown() -> None:
     weak = fly_cell("motor at 70 %", "landing", scenario="adverse", overrides=FAR)
     assert weak.safe, weak.why
