@@ -10,6 +10,7 @@ from groundstation.recording.records import Idled
 from links.mavlink_codec import MavlinkCodec
 from links.port import Command, Segment
 from sim.__main__ import main
+from sim.deck import pictures
 from sim.deck.cell import fly_cell
 from sim.deck.deal import cells, quick
 from sim.deck.faults import FAULTS
@@ -68,6 +69,25 @@ def test_late_poses_and_lost_frames_do_not_make_a_landing_in_bad_air_a_fall() ->
         assert row.safe, row.why
         assert row.touchdown_m_s is not None
         assert row.touchdown_m_s < 0.7
+
+
+@pytest.mark.parametrize("fault", ["body carried", "body carried, radio"])
+def test_a_body_that_somebody_takes_away_during_spool_up_is_not_our_vehicle_lifting_off(fault: str) -> None:
+    row = fly_cell(fault, "spool-up")
+    assert row.safe, row.why
+    assert row.answer_ms is not None
+    assert row.answer_ms < 100.0
+    assert row.highest_m < 0.1
+
+
+def test_a_body_that_was_taken_for_ours_from_the_start_is_seen_to_be_carried_by_how_it_leans(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr(pictures, "NEAR_M", 0.0)
+    row = fly_cell("body carried", "spool-up")
+    assert row.safe, row.why
+    assert "it tips" in row.why
+    assert row.highest_m < 0.1
 
 
 @pytest.mark.parametrize("state", ["take-off", "landing"])
