@@ -90,6 +90,14 @@ def test_a_body_that_was_taken_for_ours_from_the_start_is_seen_to_be_carried_by_
     assert row.highest_m < 0.1
 
 
+def test_a_vehicle_that_a_tether_stops_below_its_course_lands_from_where_it_is_and_does_not_shoot_up_first() -> None:
+    row = fly_cell("tether", "spool-up")
+    assert row.safe, row.why
+    assert "from where it should be" in row.why
+    assert row.touchdown_m_s is not None
+    assert row.touchdown_m_s < 0.5
+
+
 @pytest.mark.parametrize("state", ["take-off", "landing"])
 def test_a_floor_that_few_poses_show_is_felt_before_the_model_falls_through_it(state: str) -> None:
     row = fly_cell("every 11th frame", state)
