@@ -98,6 +98,14 @@ def test_a_vehicle_that_a_tether_stops_below_its_course_lands_from_where_it_is_a
     assert row.touchdown_m_s < 0.5
 
 
+@pytest.mark.parametrize("seed", [0, 3])
+def test_positions_in_another_unit_do_not_throw_the_estimate_by_one_that_comes_near(seed: int) -> None:
+    row = fly_cell("mm for m", "hold", seed=seed)
+    assert row.safe, row.why
+    assert row.fastest_m_s < 1.0
+    assert "no pose for" in row.why
+
+
 @pytest.mark.parametrize("state", ["take-off", "landing"])
 def test_a_floor_that_few_poses_show_is_felt_before_the_model_falls_through_it(state: str) -> None:
     row = fly_cell("every 11th frame", state)
