@@ -286,9 +286,9 @@ class Progress:
             motion = self._pilot.lift(now_s, climb.hover_share, climb.climb_m_s)
             return motion, now_s + self._config.vehicle.command_delay_s
         assert self.tick is not None, "it flies"
-        reference, motion = self.tick.reference, self.tick.estimate.motion
-        if self.state is State.LANDING and math.dist(reference.position_ned, motion.position) > ASTRAY_M:
-            reference = Reference(motion.position, motion.velocity, yaw_rad=reference.yaw_rad)
+        reference, here = self.tick.reference, self.tick.estimate.motion
+        if self.state is State.LANDING and math.dist(reference.position_ned, here.position) > ASTRAY_M:
+            reference = Reference(here.position, here.velocity, yaw_rad=reference.yaw_rad)
         return reference, self.tick.estimate.time_s
 
     def _follow(self, leg: Leg) -> None:
