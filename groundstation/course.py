@@ -110,7 +110,10 @@ class Course:
         height, behind = self._config.flight.floor_z_m - down, tick.reference.position_ned[2] - down
         if state is State.DESCENT:
             behind = math.inf
-        return self._touchdown.felt(tick.time_s, tick.command.thrust_n, motion.velocity[2], height, behind)
+        pose_m, sinks_m_s = self._config.flight.floor_z_m - tick.pose.position_ned[2], tick.reference.velocity_ned[2]
+        stands = self._touchdown.stands(tick.pose, pose_m, sinks_m_s)
+        felt = self._touchdown.felt(tick.time_s, tick.command.thrust_n, motion.velocity[2], height, behind)
+        return stands or felt
 
     def _hovered(self, tick: Tick) -> Move | None:
         """After the climb: on to the trajectory, or down again where the hover thrust is not this vehicle's."""

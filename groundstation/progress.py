@@ -296,7 +296,10 @@ class Progress:
             motion = self._pilot.lift(now_s, climb.hover_share, climb.climb_m_s)
             return motion, now_s + self._config.vehicle.command_delay_s
         assert self.tick is not None, "it flies"
-        return self.tick.reference, self.tick.estimate.time_s
+        reference, here = self.tick.reference, self.tick.estimate.motion
+        if self.state is State.LANDING and math.dist(reference.position_ned, here.position) > ASTRAY_M:
+            reference = Reference(here.position, here.velocity, yaw_rad=reference.yaw_rad)
+        return reference, self.tick.estimate.time_s
 
     def _follow(self, leg: Leg) -> None:
         self._pilot.follow(leg.trajectory, leg.start_s)
@@ -304,6 +307,9 @@ class Progress:
             self.started_s = leg.start_s
 
 
+ASTRAY_M = 0.3
+"""A landing begins where the vehicle is, where that is farther from the reference [m]: what holds it below would let it
+shoot up to where it should have been."""
 ANSWERED, PAROLE_S = 8.0, 0.8
 """Poses that came back after the descent had begun are believed as to speed once so much speaks for them (see
 control/obedience.py), and not at all where that takes longer than so long [s]."""

@@ -38,10 +38,13 @@ REST_POSES = 50
 """Where it stands is the mean of so many poses."""
 WANDER_S, WANDERS = 0.5, 12
 """How far the place of a vehicle that stands wanders is measured over such spans [s], and over so many of them."""
-TIPPED_DEG = 10.0
+TIPPED_DEG = 6.0
 """On the floor it leans no farther from how it stood [deg]."""
 SLIPPED_M = 0.05
 """And is not farther aside from where it stood [m], beside what its place wanders, ..."""
+STEP_M = 0.03
+"""Nor, from one pose to the next, farther than this beside noise and what such a wind makes of it [m]: another body
+is nowhere nearer than a vehicle's size."""
 WIND_M_S2, LIGHT_S = 5.0, 0.2
 """... and what such a wind makes of it as thrust takes its weight from the floor [m/s²]: from so long before the first
 share on [s]."""
@@ -168,6 +171,20 @@ class Standing:
         climbs = [b.velocity_ned[2] - a.velocity_ned[2] for a, b in pairs if a.velocity_ned and b.velocity_ned]
         return Wander(max(north, east), down, sum(climb * climb for climb in climbs) / elapsed)
 
+    def leaps(self, before: Pose, pose: Pose, light_s: float, noise_m: float) -> str:
+        """What the step from one pose to the next shows that no vehicle on its floor does; empty for nothing.
+
+        ``light_s`` is as below, ``noise_m`` the white noise of its poses [m].
+        """
+        elapsed = pose.time_s - before.time_s
+        if pose.reset_count != before.reset_count or elapsed <= 0.0:
+            return ""  # not comparable
+        step = math.dist(pose.position_ned[:2], before.position_ned[:2])
+        wanders = 4.0 * math.sqrt(2.0 * noise_m * noise_m + self.wander.aside_m2_s * elapsed)
+        if step <= STEP_M + wanders + WIND_M_S2 * light_s * elapsed:
+            return ""
+        return f"it is seen {step:.2f} m aside from one pose to the next"
+
     def disturbed(self, pose: Pose, place_ned: Vec3, light_s: float) -> str:
         """What ``pose`` shows that no vehicle on its floor does; it stood at ``place_ned`` [m]. Empty for nothing.
 
@@ -202,6 +219,8 @@ class SpoolUp:
         self._noise = noise_m
         self.place_ned = standing.place_ned
         """Where it stood [m]."""
+        self._newest = standing.poses[-1]
+        self._leaps = ""
         self._lift: LiftOff | None = None
         self._moved_s: float | None = None
         self._told: list[tuple[float, float]] = []
@@ -214,6 +233,9 @@ class SpoolUp:
 
     def pose(self, pose: Pose) -> None:
         """Take one more pose."""
+        light_s = self._light_s(pose.time_s)
+        self._leaps = self._leaps or self._standing.leaps(self._newest, pose, light_s, self._noise)
+        self._newest = pose
         if self._lift is not None:
             self._lift.pose(pose)
         elif pose.time_s < self._spool.sure_s:
@@ -226,6 +248,10 @@ class SpoolUp:
             for acting_s, thrust_n in self._told:
                 self._lift.sent(acting_s, thrust_n)
             self._lift.pose(pose)
+
+    def _light_s(self, now_s: float) -> float:
+        """For how long thrust has taken so much of the weight that wind may move the vehicle [s]."""
+        return max(now_s - self._spool.sure_s + LIGHT_S, 0.0)
 
     def thrust_n(self, now_s: float) -> float:
         """Thrust to command now [N]."""
@@ -249,7 +275,7 @@ class SpoolUp:
             return f"no pose for {1e3 * (now_s - pose.time_s):.0f} ms while the motors spool up"
         if fence is not None and fence.room_m(pose.position_ned) < 0.0:
             return f"{-fence.room_m(pose.position_ned):.2f} m outside the fence while the motors spool up"
-        why = self._standing.disturbed(pose, self.place_ned, max(now_s - spool.sure_s + LIGHT_S, 0.0))
+        why = self._leaps or self._standing.disturbed(pose, self.place_ned, self._light_s(now_s))
         if why:
             return f"{why}: look at what holds or pushes it, and at its poses"
         if lift is not None and lift.jumps:

@@ -1,9 +1,12 @@
-"""Hovering and touching down, by thrust and vertical speed, as autopilots tell them. Sans-IO."""
+"""Hovering and touching down, by thrust and vertical speed, as autopilots tell them, and by standing poses. Sans-IO."""
 
 import math
+from collections import deque
 from typing import Annotated
 
 import msgspec
+
+from groundstation.poses.port import Pose
 
 LOW_SHARE = 0.75
 """On the floor thrust falls below this share of the hover thrust, as the reference goes on down [-]."""
@@ -18,6 +21,11 @@ BEHIND_M = 0.3
 lets thrust fall that low."""
 NEAR_M = 0.3
 """Near the floor is below this height [m]."""
+REST_M, RESTS_M = 0.15, 0.015
+"""Lower than the first above the floor, heights that differ by less than the second are of one that stands [m], ..."""
+REST_S, REST_WAY_M = 0.4, 0.1
+"""... once they do for so long [s], and it was told to sink so far meanwhile [m]. That counts whatever the estimate
+says: where few poses come, the model has it fall on through the floor, and then thrown up by what holds it."""
 
 
 class LandingConfig(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
@@ -55,6 +63,23 @@ class Touchdown:
         """Take the thrust that hovers [N]."""
         self._low_n = LOW_SHARE * hover_n
         self._since_s: float | None = None
+        self._stand: deque[tuple[float, float]] = deque()
+        """The newest poses whose heights agree: of when [s], and how high [m]."""
+
+    def stands(self, pose: Pose, height_m: float, sinks_m_s: float) -> bool:
+        """Whether the poses by themselves say that it stands on the floor; ``pose`` is the newest one.
+
+        ``height_m`` is its height above the floor, ``sinks_m_s`` how fast the vehicle is told to sink.
+        """
+        stand = self._stand
+        if height_m > REST_M or not sinks_m_s > 0.0:
+            stand.clear()
+            return False
+        if not stand or pose.time_s > stand[-1][0]:
+            while stand and any(abs(height_m - height) > RESTS_M for _, height in stand):
+                stand.popleft()
+            stand.append((pose.time_s, height_m))
+        return stand[-1][0] - stand[0][0] >= max(REST_S, REST_WAY_M / sinks_m_s)
 
     def felt(self, time_s: float, thrust_n: float, sinking_m_s: float, height_m: float, behind_m: float) -> bool:
         """Whether it stands, by one more command of a descent.

@@ -3,6 +3,7 @@
 A decoder sees one datagram at a time; here each pose is held against those before it. What does not fit is counted by
 reason, and told once for each outbreak; the flight goes on with its model for as long as commands may rest on one pose
 (flight.coast_s), and what ``lost`` tells is what safety rules act on.
+After a pose that did not fit the next ones must fit better, for as long as none does.
 There are two ways to a new place. Either the source says that it has moved its origin (``reset``): believed at once,
 as the vehicle did not move. Or the poses that do not fit agree among themselves for ``settle_s`` (``moved``), which is
 longer than any command may rest on one pose: so no flight survives it, and on the ground it heals by itself.
@@ -24,6 +25,9 @@ BASE_S = 0.05
 """Speed is measured over at least this time [s]: from pose to pose it would be mostly noise and jitter."""
 TURN_DEG = 15.0
 """Noise and jitter may turn a pose by this much [deg], beside what ``rate_deg_s`` allows."""
+DOUBT = 0.25
+"""Share of what a pose may be off by that is left after one that jumped, until one fits: of a crowd of wild poses the
+odd one comes near enough by chance, and would throw the estimate."""
 UNIT_TOLERANCE = 1e-6
 """An attitude whose squared length is no further from 1 stays as it is: 32-bit floats leave it so."""
 UNANNOUNCED = 1 << 32
@@ -82,7 +86,7 @@ class Gate:
             return self._passed(straight), None
         if straight.reset_count != track.last.reset_count:
             return self._elsewhere(straight, "reset", "the source has moved its origin")
-        why = track.refuses(straight)
+        why = track.refuses(straight, DOUBT if other is not None and other.why == "jump" else 1.0)
         if why == "out_of_order":
             return self._drop(why), None
         # The longer the last pose is ago, the more would fit it: so the nearer of two tracks has the pose.
@@ -165,15 +169,15 @@ class Track:
         if pose.time_s - self._next_anchor.time_s >= BASE_S:
             self._anchor, self._next_anchor = self._next_anchor, pose
 
-    def refuses(self, pose: Pose) -> str:
-        """Why ``pose`` can't be of the same vehicle; empty where it can."""
+    def refuses(self, pose: Pose, share: float = 1.0) -> str:
+        """Why ``pose`` can't be of the same vehicle, by a ``share`` of the usual limit; empty where it can."""
         config, elapsed = self._config, pose.time_s - self.last.time_s
         if elapsed <= 0.0:
             return "out_of_order"
         # With no speed known yet any may be meant; after that it has had ``elapsed`` and half the base to change.
         base = self._base_s
         allowed = 0.5 * config.acceleration_m_s2 * elapsed * (elapsed + base) if base else config.speed_m_s * elapsed
-        if self._away_m(pose) > config.jump_m + allowed:
+        if self._away_m(pose) > share * (config.jump_m + allowed):
             return "jump"
         far = math.dist(pose.position_ned, self._anchor.position_ned)
         if far > config.jump_m + config.speed_m_s * (pose.time_s - self._anchor.time_s):

@@ -10,6 +10,7 @@ from groundstation.recording.records import Idled
 from links.mavlink_codec import MavlinkCodec
 from links.port import Command, Segment
 from sim.__main__ import main
+from sim.deck import pictures
 from sim.deck.cell import fly_cell
 from sim.deck.deal import cells, quick
 from sim.deck.faults import FAULTS
@@ -68,6 +69,49 @@ def test_late_poses_and_lost_frames_do_not_make_a_landing_in_bad_air_a_fall() ->
         assert row.safe, row.why
         assert row.touchdown_m_s is not None
         assert row.touchdown_m_s < 0.7
+
+
+@pytest.mark.parametrize("fault", ["body carried", "body carried, radio"])
+def test_a_body_that_somebody_takes_away_during_spool_up_is_not_our_vehicle_lifting_off(fault: str) -> None:
+    row = fly_cell(fault, "spool-up")
+    assert row.safe, row.why
+    assert row.answer_ms is not None
+    assert row.answer_ms < 100.0
+    assert row.highest_m < 0.1
+
+
+def test_a_body_that_was_taken_for_ours_from_the_start_is_seen_to_be_carried_by_how_it_leans(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr(pictures, "NEAR_M", 0.0)
+    row = fly_cell("body carried", "spool-up")
+    assert row.safe, row.why
+    assert "it tips" in row.why
+    assert row.highest_m < 0.1
+
+
+def test_a_vehicle_that_a_tether_stops_below_its_course_lands_from_where_it_is_and_does_not_shoot_up_first() -> None:
+    row = fly_cell("tether", "spool-up")
+    assert row.safe, row.why
+    assert "from where it should be" in row.why
+    assert row.touchdown_m_s is not None
+    assert row.touchdown_m_s < 0.5
+
+
+@pytest.mark.parametrize("seed", [0, 3])
+def test_positions_in_another_unit_do_not_throw_the_estimate_by_one_that_comes_near(seed: int) -> None:
+    row = fly_cell("mm for m", "hold", seed=seed)
+    assert row.safe, row.why
+    assert row.fastest_m_s < 1.0
+    assert "no pose for" in row.why
+
+
+@pytest.mark.parametrize("state", ["take-off", "landing"])
+def test_a_floor_that_few_poses_show_is_felt_before_the_model_falls_through_it(state: str) -> None:
+    row = fly_cell("every 11th frame", state)
+    assert row.safe, row.why
+    assert "descent" not in row.reaction
+    assert row.over_hover_s == 0.0
 
 
 def test_rotors_that_can_not_hold_the_vehicle_any_more_are_not_asked_for_a_soft_touchdown() -> None:

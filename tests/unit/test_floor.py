@@ -72,6 +72,31 @@ def test_touching_down_is_not_sinking_though_nothing_holds_it_up(
     assert felt == (None if after_s is None else pytest.approx(after_s, abs=0.011))
 
 
+@pytest.mark.parametrize(
+    ("heights_m", "sinks_m_s", "every_s", "stands_s"),
+    [
+        ([0.06, 0.01, 0.008, 0.0, 0.0, 0.0], 0.25, 0.22, 0.66),  # few poses come: stands since the second one
+        ([0.1] * 40, 0.25, 0.02, 0.4),
+        ([0.1] * 40, 0.16, 0.02, 0.64),  # told to sink slowly: so it may be slower
+        ([0.1] * 40, 0.0, 0.02, None),  # a hover so low, and a landing that stops first
+        ([0.2] * 40, 0.25, 0.02, None),  # a picture that stands in the air
+        ([0.15 - 0.05 * 0.02 * i for i in range(100)], 0.25, 0.02, None),  # held back by its own cushion, but sinking
+        ([0.0, 0.03] * 40, 0.25, 0.02, None),
+    ],
+)
+def test_poses_that_stand_low_while_it_is_told_to_sink_are_of_a_vehicle_on_the_floor(
+    heights_m: list[float], sinks_m_s: float, every_s: float, stands_s: float | None
+) -> None:
+    touchdown = Touchdown(1.0)
+    stood = None
+    for number, height_m in enumerate(heights_m):
+        newest = Pose(number, every_s * number, every_s * number, (0.0, 0.0, -height_m), LEVEL)
+        looks = [touchdown.stands(newest, height_m, sinks_m_s) for _ in range(5)]  # several commands rest on one pose
+        if stood is None and looks[0]:
+            stood = newest.time_s
+    assert stood == (None if stands_s is None else pytest.approx(stands_s))
+
+
 def test_three_presses_land_descend_and_kill_and_each_says_what_comes_next() -> None:
     interrupts = Interrupts()
     asked = [interrupts.press("SIGINT", t) for t in (0.0, 2.0, 4.0, 6.0)]

@@ -136,6 +136,17 @@ def test_a_gap_allows_for_what_the_vehicle_may_have_done_meanwhile_and_no_more()
     assert gate_in_flight(30).take(swerve)[0] is None
 
 
+def test_of_a_crowd_of_wild_poses_none_passes_because_it_happens_to_come_near() -> None:
+    near = pose(24, (24 * DT + 0.15, 0.0, -1.0))
+    assert gate_in_flight(24).take(near)[0] is not None, "one such step by itself is borne"
+    gate = gate_in_flight(20)
+    wild = [pose(n, (n * DT, 0.6 * (-1.0) ** n, -0.5)) for n in range(20, 24)]
+    passed, _ = flown(gate, [*wild, near])
+    assert not passed
+    swerve = pose(25, (25 * DT, 0.5 * 5.0 * (6 * DT) ** 2, -1.0))  # what the vehicle may have done at 5 m/s²
+    assert gate.take(swerve)[0] is not None
+
+
 def test_poses_that_stay_elsewhere_are_believed_after_a_while_and_not_before() -> None:
     gate = gate_in_flight()
     passed, events = flown(gate, (pose(n, (5.0 + n * DT, 2e-3 * math.sin(n), -1.0)) for n in range(20, 200)))

@@ -91,6 +91,31 @@ def test_a_body_that_rests_lets_no_vehicle_gather_energy(hover_share: float, lag
         assert one.fastest_m_s < 3.0
 
 
+@pytest.mark.parametrize(
+    ("step_m", "elapsed_s", "noise_m", "resets", "stranger"),
+    [
+        (0.08, 0.02, 0.0003, 0, True),  # another body has its name
+        (0.02, 0.02, 0.0003, 0, False),
+        (0.08, 0.02, 0.0003, 1, False),  # the source has moved its origin, and says so
+        (0.08, 0.02, 0.02, 0, False),  # noise
+        (0.08, 0.1, 0.0003, 0, False),  # wind, as it becomes light
+    ],
+)
+def test_what_leaps_aside_on_the_floor_as_no_vehicle_does_stops_the_motors(
+    step_m: float, elapsed_s: float, noise_m: float, resets: int, stranger: bool
+) -> None:
+    standing = Standing()
+    for k in range(100):
+        standing.stands(Pose(k, 0.02 * k, 0.02 * k, (0.0, 0.0, 0.0), LEVEL))
+    spool_up = SpoolUp(standing, Spool(1.0, 1.3, 1.0, 0.0, 1.8, 0.05), Vehicle(mass_kg=1.0 / G), 1.0, G, noise_m)
+    at_s = 1.98 + elapsed_s + 0.8  # thrust is at 60 % of the weight
+    spool_up.pose(Pose(100, at_s - elapsed_s, at_s, (0.0, 0.0, 0.0), LEVEL))
+    spool_up.pose(Pose(101, at_s, at_s, (step_m, 0.0, 0.0), LEVEL, reset_count=resets))
+    after = Pose(102, at_s + 0.01, at_s + 0.01, (step_m, 0.0, 0.0), LEVEL, reset_count=resets)
+    spool_up.pose(after)
+    assert ("from one pose to the next" in spool_up.fault(at_s + 0.01, after, 0.25, None)) is stranger
+
+
 @pytest.mark.parametrize("wander_m", [0.0, 0.01, 0.05])
 @pytest.mark.parametrize("hover_share", [0.75, 0.9, 1.0, 1.1])
 def test_a_vehicle_that_lifts_is_seen_to_fly_and_its_hover_thrust_and_speed_are_found(
