@@ -26,7 +26,7 @@ from sim.trackers import Tracker
 KINDS = Contradiction._fields
 """What may speak against the poses."""
 SHARES = (0.25, 0.375, 0.5, 0.75, 1.0, 1.25, 1.5)
-"""Thresholds whose alarms are counted, as shares of what convicts."""
+"""Thresholds whose alarms are counted, as shares of what ends a flight."""
 REMARKABLE = (0.2, 0.5)
 """A flight whose largest statistic exceeds these is counted."""
 ACCUSES = ("suspicion: ", "convicted: ")
@@ -50,7 +50,7 @@ class Watched(msgspec.Struct, frozen=True, kw_only=True):
     largest: dict[str, float]
     """Largest statistic of each kind, as a share of what convicts."""
     passed: tuple[int, ...]
-    """Windows in which what convicts reached each of :data:`SHARES`."""
+    """Windows in which the largest statistic reached each of :data:`SHARES`."""
     accused: tuple[str, ...]
     """What was said against the poses."""
     landed: bool
@@ -100,11 +100,6 @@ class _Trace:
             await asyncio.sleep(LOOK_S)
 
 
-def convicting(evidence: Contradiction) -> float:
-    """The largest of what convicts; a position that stands never does."""
-    return max(evidence.attitude, evidence.axes, evidence.heading)
-
-
 def watched(
     scenario: str, seed: int, *, overrides: Sequence[str] = (), source: str = "vicon", link: str = "mavlink",
     figure_s: float,
@@ -125,7 +120,7 @@ def watched(
         seed=seed,
         windows=flights[0].monitor.windows,
         largest={kind: max(getattr(each, kind) for each in evidence) for kind in KINDS},
-        passed=tuple(sum(convicting(each) >= share for each in evidence) for share in SHARES),
+        passed=tuple(sum(max(each) >= share for each in evidence) for share in SHARES),
         accused=tuple(line for line in lines if line.startswith(ACCUSES) or LATE in line),
         landed=flown.landed,
         why=flown.fault or flown.why,
@@ -164,7 +159,7 @@ def watch_all(
 
 
 class Detection(msgspec.Struct, frozen=True, kw_only=True):
-    """How long it takes until what convicts reaches a threshold, after a picture has begun to stand but for noise."""
+    """How long it takes until the largest statistic reaches a threshold, once a picture stands but for noise."""
 
     share: float
     """The threshold as a share of what convicts."""
@@ -219,4 +214,4 @@ def _struck(seed: int, *overrides: str) -> list[tuple[float, Contradiction]]:
 
 
 def _reached(trace: list[tuple[float, Contradiction]], share: float) -> float | None:
-    return next((since_s for since_s, each in trace if convicting(each) >= share), None)
+    return next((since_s for since_s, each in trace if max(each) >= share), None)

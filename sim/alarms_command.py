@@ -3,6 +3,7 @@
 import argparse
 import json
 import os
+import shlex
 import sys
 from statistics import median
 
@@ -11,6 +12,7 @@ import msgspec
 from groundstation.config import ConfigError
 from groundstation.preflight import ensure_flyable
 from sim.alarms import KINDS, REMARKABLE, SHARES, Alarms, Detection, detections, watch_all
+from sim.compare_table import check_markers, put_between_markers
 from sim.console import Counter
 from sim.mission import from_floor
 from sim.prepare import prepare, scenario_of
@@ -23,23 +25,31 @@ def alarms(args: argparse.Namespace) -> int:
     """Fly true flights from the floor, and see how near they came to an accusation."""
     if args.curve and args.scenario is not None:
         raise ConfigError("--scenario", f"--curve flies {', '.join(CURVE)}")
+    if args.write is not None:
+        if not args.curve:
+            raise ConfigError("--write", "only the table of --curve is written")
+        check_markers(args.write)
     names = CURVE if args.curve else (args.scenario or "adverse",)
     for name in names:  # what can't be flown is told before anything is
         world, config = prepare(scenario_of(name), args.overrides, source=args.source, link=args.link)
         ensure_flyable(from_floor(world, config, args.duration)[1])
     found = dict[str, Alarms]()
     quiet = args.json or not sys.stderr.isatty()
-    with Counter("flights", args.flights * len(names), quiet=quiet) as counter:
-        for number, name in enumerate(names):
-            before = number * args.flights
+    for name in names:
+        with Counter(f"flights of {name}", args.flights, quiet=quiet) as counter:
             found[name] = watch_all(
                 name, range(args.seed, args.seed + args.flights), overrides=args.overrides, source=args.source,
                 link=args.link, figure_s=args.duration, workers=args.workers or os.cpu_count() or 1,
-                on_done=lambda count, before=before: counter.at(before + count),
+                on_done=counter.at,
             )  # fmt: skip
     if args.curve:
         curve = detections()
-        print(json.dumps(_curve_facts(curve, found)) if args.json else markdown(curve, found))
+        table = markdown(curve, found)
+        print(json.dumps(_curve_facts(curve, found)) if args.json else table)
+        if args.write is not None:
+            words = [word for word in sys.argv[1:] if word != "--json"]
+            made = f"Made by `{shlex.join(['groundstation-sim', *words])}`."
+            put_between_markers(args.write, f"{table} {made}")
     else:
         ((name, one),) = found.items()
         print(json.dumps(facts(name, one)) if args.json else text(name, one))
