@@ -29,10 +29,8 @@ SHARES = (0.25, 0.375, 0.5, 0.75, 1.0, 1.25, 1.5)
 """Thresholds whose alarms are counted, as shares of what ends a flight."""
 REMARKABLE = (0.2, 0.5)
 """A flight whose largest statistic exceeds these is counted."""
-ACCUSES = ("suspicion: ", "convicted: ")
-"""A line or a reason that begins so accuses the poses."""
-LATE = "older than they say"
-"""So does one that says this."""
+ACCUSES = ("suspicion: ", "convicted: ", "older than they say")
+"""A line or a reason that says so accuses the poses."""
 LOOK_S = 0.5 * NODE_S
 """How often it is looked whether there is a new window [s]."""
 STRUCK_S, SEEN_S = 12.0, 8.0
@@ -56,6 +54,11 @@ class Watched(msgspec.Struct, frozen=True, kw_only=True):
     landed: bool
     why: str
     """What made it come down early, or how it ended."""
+
+    @property
+    def ended_by_poses(self) -> bool:
+        """Whether it ended early because of them, as poses that lie end a flight."""
+        return not self.landed and _accuses(self.why)
 
 
 class Alarms(msgspec.Struct, frozen=True, kw_only=True):
@@ -81,6 +84,10 @@ class Alarms(msgspec.Struct, frozen=True, kw_only=True):
     def above(self, share: float) -> int:
         """How many flights had a statistic above ``share`` of what convicts."""
         return sum(max(one.largest.values()) > share for one in self.flights)
+
+
+def _accuses(line: str) -> bool:
+    return any(word in line for word in ACCUSES)
 
 
 class _Trace:
@@ -121,7 +128,7 @@ def watched(
         windows=flights[0].monitor.windows,
         largest={kind: max(getattr(each, kind) for each in evidence) for kind in KINDS},
         passed=tuple(sum(max(each) >= share for each in evidence) for share in SHARES),
-        accused=tuple(line for line in lines if line.startswith(ACCUSES) or LATE in line),
+        accused=tuple(line for line in lines if _accuses(line)),
         landed=flown.landed,
         why=flown.fault or flown.why,
     )
