@@ -7,7 +7,7 @@ import msgspec
 
 from groundstation.clock import to_the_end
 from groundstation.company import Company
-from groundstation.control.obedience import Obedience
+from groundstation.control.obedience import Contradiction, Obedience
 from groundstation.departure import Departure
 from groundstation.ending import Ending
 from groundstation.hold_to_run.watch import HoldWatch
@@ -131,6 +131,11 @@ class Flight:
     def monitor(self) -> Obedience:
         """What holds the poses against the commands."""
         return self._pilot.monitor
+
+    @property
+    def evidence(self) -> Contradiction:
+        """What speaks against the poses at present, as shares of what convicts."""
+        return self._pilot.evidence
 
     @property
     def started_s(self) -> float | None:

@@ -74,6 +74,23 @@ def parser() -> argparse.ArgumentParser:
         help="write the table as a page (default docs/reference/fault-table.md)",
     )  # fmt: skip
 
+    alarms = commands.add_parser(
+        "alarms", help="fly from the floor, and see how near the poses came to being accused, where nothing is wrong"
+    )
+    alarms.add_argument("--scenario", metavar="NAME", help="what is flown (default adverse)")
+    alarms.add_argument("--flights", type=count, default=50, metavar="N", help="how many (default 50)")
+    alarms.add_argument("--seed", type=whole, default=0, metavar="FIRST", help="the others follow it (default 0)")
+    alarms.add_argument("--duration", type=seconds, default=15.0, metavar="S", help="time on the figure (default 15 s)")
+    alarms.add_argument("--source", choices=_SOURCES, default="vicon", help="where poses come from")
+    alarms.add_argument("--link", choices=_LINKS, default="mavlink", help="how commands leave; default mavlink")
+    alarms.add_argument("--set", action="append", default=[], dest="overrides", metavar="KEY=VALUE", help="as in fly")
+    alarms.add_argument("--workers", type=count, metavar="N", help="processes at once (default: one a core)")
+    alarms.add_argument(
+        "--curve", action="store_true", help="by threshold: how soon a picture that stands is seen, and false alarms"
+    )
+    alarms.add_argument("--write", type=Path, metavar="FILE.md", help="put that table between the file's markers")
+    alarms.add_argument("--json", action="store_true", help="print one JSON object instead of text")
+
     soak = commands.add_parser(
         "soak", help="fly mission after mission, with random faults, and see whether anything grows"
     )

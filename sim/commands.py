@@ -32,6 +32,13 @@ def faults(args: argparse.Namespace) -> int:
     return command(args)
 
 
+def alarms(args: argparse.Namespace) -> int:
+    """Fly true flights, and see how near the monitor of the poses came to accusing them."""
+    from sim.alarms_command import alarms as command
+
+    return command(args)
+
+
 def soak(args: argparse.Namespace) -> int:
     """Fly for hours, and see whether anything grows."""
     from sim.stress_commands import soak as command
