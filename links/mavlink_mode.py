@@ -7,10 +7,10 @@ import math
 
 from links.mavlink_codec import REQUEST_MESSAGE, Message
 from links.mavlink_steps import Autopilot
-from links.port import LinkError
+from links.port import LinkError, LinkLost
 
-AGAIN_S = 0.1
-"""An autopilot that does not tell is asked again after so long [s]."""
+AGAIN_S, PATIENCE_S = 0.1, 1.5
+"""An autopilot that does not tell is asked again after so long, and not at all after the second [s]."""
 
 
 class AskMode:
@@ -19,14 +19,13 @@ class AskMode:
     One that refuses is waited for. Its answer is waited for, too: a HEARTBEAT of before the question may be under way.
     """
 
-    failure: LinkError | None = None
-
     def __init__(self, autopilot: Autopilot) -> None:
         """Nothing is asked yet."""
+        self.failure: LinkError | None = None
         self._autopilot = autopilot
         self._heard = self._answered = False
         self._asked = 0
-        self._next_s = -math.inf
+        self._next_s = self._until_s = -math.inf
 
     @property
     def done(self) -> bool:
@@ -35,7 +34,12 @@ class AskMode:
 
     def poll(self, now_s: float) -> list[bytes]:
         """The question, where it is due."""
+        if self._asked == 0:
+            self._until_s = now_s + PATIENCE_S
         if self.done or now_s < self._next_s:
+            return []
+        if now_s >= self._until_s:
+            self.failure = LinkLost(f"it did not tell its mode within {PATIENCE_S:g} s")
             return []
         self._next_s = now_s + AGAIN_S
         self._asked += 1
