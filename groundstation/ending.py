@@ -60,7 +60,9 @@ class Ending:
             self._say("bringing down: the link levels, sinks and stops by itself")
             await link.silent()
             if self._kill is None:
-                self._say("the bring-down is over: nothing leaves any more")
+                taken = link.status.taken
+                whose = f"the autopilot is in {taken}, and not by us" if taken else "the bring-down is over"
+                self._say(f"{whose}: nothing leaves any more")
         await self._feed()
         if self._kill is not None:
             try:

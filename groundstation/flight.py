@@ -26,7 +26,7 @@ from groundstation.settings import Config
 from groundstation.snapshot import Snapshot
 from groundstation.verdict import Check
 from groundstation.witness import Witness
-from links.port import Attitude, CommandLink, LinkError
+from links.port import Attitude, CommandLink, LinkError, TellsMode
 
 HELD_IN = frozenset({State.ARMING, State.TAKEOFF, State.HOLD, State.TRACKING, State.RETURNING})
 """Where the operator's hold is let go in these states, it lands; in those that come down already it changes nothing."""
@@ -75,7 +75,9 @@ class Flight:
         self._on_state = on_state
         flight = config.flight
         self._pilot = pilot or Pilot(config.vehicle, config.controller, flight.coast_s, flight.floor_z_m)
+        self._suspicious = False
         self.witness = Witness()
+        """What the vehicle's own attitude says of the poses."""
         self._progress = Progress(
             config,
             self._pilot,
@@ -90,7 +92,6 @@ class Flight:
         self._scoreboard = Scoreboard(config, link)
         self._live = LiveGains(config.controller)
         self._quiet = quiet or Quiet()
-        """What the vehicle's own attitude says of the poses."""
         if not isinstance(config.pose, MavlinkPoseConfig):  # one that is only heard twice is no second witness
             link.watch_attitude(self._attitude)
         self._departure = Departure(
@@ -298,6 +299,9 @@ class Flight:
         self._scoreboard.tick(tick, counts=self.state is State.TRACKING and tick.flight_time_s >= 0.0)
         if tick.seen.warning:
             self._say(f"warning: {tick.seen.warning}")
+        suspicious, self._suspicious = self._suspicious, self._pilot.suspicious
+        if self._suspicious and not suspicious and isinstance(self._link, TellsMode):
+            self._link.ask_mode()  # who has taken it over flies otherwise, too
         step, told = self._live.flown(
             tick.time_s,
             tick.estimate,

@@ -11,6 +11,7 @@ from links.mavlink_config import MavlinkLinkConfig
 from links.mavlink_connection import MavlinkConnection
 from links.mavlink_handshake import arming, disarming, fitness, landing, landing_disarmed
 from links.mavlink_heard import STALE_NEWS_S
+from links.mavlink_mode import AskMode, question
 from links.mavlink_steps import Autopilot, Handshake
 from links.mavlink_stop import Kill
 from links.mavlink_version import ReadVersion
@@ -257,12 +258,24 @@ class MavlinkLink:
         self._distrusted = True
 
     async def _land(self) -> None:
-        """Ask for mode LAND beside the bring-down by rates, which ends as soon as it is accepted."""
+        """Ask for mode LAND beside the bring-down by rates, which ends as soon as it is accepted.
+
+        Before, it is asked for its mode: whoever has taken it over, but a moment ago, keeps it.
+        """
+        connection, asked_s = self.connection, asyncio.get_running_loop().time()
         try:
-            await beside(self.connection, landing(self.connection.autopilot()))
+            await beside(connection, AskMode(connection.autopilot()))
+            self._taken = self._vitals.foreign(asked_s)
+            if not self._taken:
+                await beside(connection, landing(connection.autopilot()))
         except LinkError:
             return  # the bring-down by rates goes on to its end
         self._transmitter.stop()
+
+    def ask_mode(self) -> None:
+        """Have the autopilot tell its mode now, not only within a second."""
+        if self._obeys:
+            self.connection.leave(question(self.connection.autopilot()))
 
     async def silent(self) -> None:
         """Return once nothing that lifts may leave any more without a new arming."""

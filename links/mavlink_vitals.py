@@ -84,7 +84,7 @@ class Vitals:
 
     def foreign(self, since_s: float) -> str:
         """The mode that it is in since ``since_s``, where it follows no set-points there; else empty."""
-        return self.mode if self.mode_s > since_s and self.mode not in (*FOLLOWING, "") else ""
+        return self.mode if self.mode_s >= since_s and self.mode not in (*FOLLOWING, "") else ""
 
 
 def knows_itself(flags: int) -> bool:

@@ -4,7 +4,7 @@ A link turns a :class:`Command` into bytes on a wire. It knows no control, no mi
 """
 
 from collections.abc import Callable
-from typing import Protocol
+from typing import Protocol, runtime_checkable
 
 import msgspec
 
@@ -112,6 +112,15 @@ class LinkStatus(msgspec.Struct, frozen=True):
     only say what was sent."""
     warning: str = ""
     """What an operator should know of how frames leave, before arming; empty where nothing is wrong."""
+
+
+@runtime_checkable
+class TellsMode(Protocol):
+    """A link to an autopilot that somebody else may take over: in which mode it is then, it tells when asked."""
+
+    def ask_mode(self) -> None:
+        """Have it tell its mode now: what it does not do may be somebody else's doing."""
+        ...
 
 
 class CommandLink(Protocol):

@@ -204,6 +204,8 @@ class SimulatedAutopilot(Dialect):
                 result, said = self._set_interval(whole(message.param1), message.param2, now_s)
             case c if c == REQUEST_MESSAGE and whole(message.param1) == self._version_number:
                 result, said = ACCEPTED, [self.codec.pack(self._version())]
+            case c if c == REQUEST_MESSAGE and whole(message.param1) == self._heartbeat_number:
+                result, said = ACCEPTED, [self.codec.pack(self._heartbeat())]
             case _:
                 result = UNSUPPORTED
         ack = self.codec.dialect.MAVLink_command_ack_message(

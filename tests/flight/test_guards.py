@@ -10,7 +10,7 @@ from groundstation import so3
 from groundstation.flight import Flight
 from groundstation.mission import State
 from sim.airframe import Truth
-from sim.autopilot import Px4Autopilot
+from sim.autopilot import POSCTL, Px4Autopilot
 from sim.mission import Mission, Script, fly_mission, from_floor
 from sim.prepare import prepare
 from sim.scenarios import SCENARIOS
@@ -130,6 +130,30 @@ def test_an_autopilot_that_a_pilot_takes_over_is_his_at_once_and_nothing_leaves_
     assert over_s - when[0] < 1.05  # its next heartbeat
     at_end = [sent for t, sent in left if t > over_s + 0.02]
     assert len(set(at_end)) <= 1
+
+
+@pytest.mark.parametrize("wait_s", [1.0, 1.4, 1.8])
+@pytest.mark.parametrize("blind", [False, True], ids=["sees", "blind"])
+def test_who_takes_over_between_two_heartbeats_keeps_it_although_the_vehicle_then_obeys_us_no_more(
+    wait_s: float, blind: bool
+) -> None:
+    modes: set[tuple[int, int]] = set()
+
+    async def script(flight: Flight, stage: Stage) -> None:
+        await tracking(flight, wait_s)
+        autopilot = stage.autopilot
+        assert isinstance(autopilot, Px4Autopilot)
+        assert stage.mocap is not None
+        autopilot.take_over(asyncio.get_running_loop().time())
+        stage.mocap.cover(blind)
+        while autopilot.armed:
+            modes.add(autopilot.mode)
+            await asyncio.sleep(0.005)
+
+    flown = mission(script, "sim.own_estimate=true")
+    assert modes == {POSCTL}, "nobody asked it to land"
+    if not blind:
+        assert states(flown)[-1] == "handed_over"
 
 
 def test_a_gust_beyond_all_limits_lands() -> None:

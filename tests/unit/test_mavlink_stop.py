@@ -8,7 +8,7 @@ import pytest
 
 from links.datagrams import Datagrams
 from links.mavlink import MavlinkLink, MavlinkLinkConfig
-from links.mavlink_codec import ARDUPILOT, ARM_DISARM, DO_SET_MODE, FORCE, PX4, MavlinkCodec
+from links.mavlink_codec import ARDUPILOT, ARM_DISARM, DO_SET_MODE, FORCE, PX4, REQUEST_MESSAGE, MavlinkCodec
 from links.mavlink_config import ForwardConfig
 from links.port import Command, LinkError, LinkLost, LinkMisuse, LinkRejected, Segment
 from tests.loops import in_virtual_time
@@ -146,6 +146,8 @@ def test_land_is_asked_for_beside_the_rates_which_end_when_it_is_accepted(kind: 
             if getattr(message, "command", None) == DO_SET_MODE and (message.param2, message.param3) == mode:
                 lands.append(asyncio.get_running_loop().time())
                 return [] if len(lands) == 1 else accept(message)  # the first got lost
+            if getattr(message, "command", None) == REQUEST_MESSAGE:
+                autopilot.beat()
             return accept(message)
 
         autopilot.answer = answer
@@ -162,6 +164,34 @@ def test_land_is_asked_for_beside_the_rates_which_end_when_it_is_accepted(kind: 
         assert not link.send(flown())
 
     scene(play, kind=kind, bring_down="land")
+
+
+@pytest.mark.parametrize("loses", [0, 2])
+def test_an_autopilot_that_a_pilot_has_just_taken_over_is_asked_for_its_mode_and_not_to_land(loses: int) -> None:
+    async def play(link: MavlinkLink, autopilot: Endpoint) -> None:
+        asked: list[float] = []
+
+        def answer(message: Any) -> list[Any]:
+            if getattr(message, "command", None) != REQUEST_MESSAGE:
+                return accept(message)
+            assert message.param1 == D.MAVLINK_MSG_ID_HEARTBEAT
+            asked.append(asyncio.get_running_loop().time())
+            posctl = D.MAVLink_heartbeat_message(2, PX4, 128, 3 << 16, 3, 3)
+            return [] if len(asked) <= loses else [posctl, *accept(message)]
+
+        autopilot.answer = answer
+        await link.arm(idle)
+        autopilot.armed = True
+        link.send(flown())
+        await asyncio.sleep(0.26)
+        autopilot.heard.clear()
+        await link.silent()
+        assert len(asked) == loses + 1
+        assert not [m for m in autopilot.of("COMMAND_LONG") if m.command == DO_SET_MODE]
+        assert link.status.taken == "POSCTL"
+        assert all(m.thrust > 0.0 for m in autopilot.of("SET_ATTITUDE_TARGET")), "it was not played to its end"
+
+    scene(play, bring_down="land")
 
 
 KNOWN, STILL, GPS_JUMPS, SITS = 831, 167, 831 | 1024, 831 | 128

@@ -1,0 +1,154 @@
+"""The monitor that asks whether the vehicle obeys, in whole flights: who is convicted, how soon, and who never is."""
+
+import asyncio
+import math
+from functools import cache
+from pathlib import Path
+from statistics import median
+from typing import NamedTuple
+
+import pytest
+
+from groundstation.mission import FINAL
+from groundstation.recording.records import Idled, Record, Sent, Switched, Ticked, Told
+from groundstation.replay import replayed
+from links.mavlink_codec import DO_SET_MODE, MavlinkCodec
+from sim.deck.cell import FIGURE_S, NEAR, fly_here
+from sim.deck.faults import FAULTS
+from sim.deck.verdict import CONVICTED, FASTEST_M_S, SIDEWAYS_M, Row
+from sim.mission import from_floor
+from sim.prepare import prepare
+from sim.run_folder import RECORDING, RunFolder
+from sim.scenarios import SCENARIOS
+from sim.virtual_time import VirtualTimeLoop
+
+EXCITED_MS, CALM_MS = 400.0, 1000.0
+"""So soon a picture that stands still is found out: where a course excites the vehicle, and in a calm hold."""
+FORWARDS = "link.forward.enabled=true"
+
+
+class Cell(NamedTuple):
+    """One cell of the deck, with all that was recorded of it."""
+
+    row: Row
+    records: tuple[Record, ...]
+
+    @property
+    def reasons(self) -> list[str]:
+        """What the operator read."""
+        return [one.text for one in self.records if isinstance(one, Told)]
+
+    @property
+    def convicted_s(self) -> float:
+        """When the poses were convicted [s]."""
+        return next(one.time_s for one in self.records if isinstance(one, Told) and one.text.startswith(CONVICTED))
+
+
+@cache
+def flown(fault: str, state: str, *overrides: str, seed: int = 0) -> Cell:
+    """One cell in ``paper``, flown once however many tests look at it."""
+    records: list[Record] = []
+    with asyncio.Runner(loop_factory=VirtualTimeLoop) as runner:
+        row = runner.run(
+            fly_here(
+                fault,
+                FAULTS[fault],
+                state,
+                seed=seed,
+                scenario="paper",
+                overrides=(*NEAR, *overrides),
+                keep=records.append,
+            )
+        )
+    return Cell(row, tuple(records))
+
+
+def written(cell: Cell, folder: Path) -> Path:
+    """The recording of a cell."""
+    fault = FAULTS[cell.row.fault]
+    asked = [*fault.overrides, *NEAR]
+    world, config = prepare(SCENARIOS["paper"], asked, source=fault.source, link=fault.link)
+    world, config = from_floor(world, config, FIGURE_S)
+    run = RunFolder(folder, config, world, scenario="paper", seed=0)
+    for record in cell.records:
+        run.give(record)
+    run.close({"why": cell.row.why})
+    return folder / RECORDING
+
+
+@pytest.mark.parametrize(("state", "within_ms"), [("hold", CALM_MS), ("tracking", EXCITED_MS)])
+@pytest.mark.parametrize("fault", ["frozen", "frozen, radio"])
+def test_a_picture_that_stands_still_is_found_out_while_the_vehicle_is_near_and_slow(
+    fault: str, state: str, within_ms: float
+) -> None:
+    rows = [flown(fault, state, seed=seed).row for seed in range(3)]
+    assert median(math.inf if row.answer_ms is None else row.answer_ms for row in rows) <= 600.0
+    for row in rows:
+        assert row.answer_ms is not None
+        assert row.answer_ms <= within_ms
+        assert row.why.startswith((CONVICTED, "suspicion: the position stands"))
+        assert row.sideways_m < SIDEWAYS_M
+        assert row.fastest_m_s < FASTEST_M_S
+        assert row.safe, row.why
+
+
+@pytest.mark.parametrize("fault", ["frozen", "frozen, radio"])
+def test_no_command_follows_the_one_that_ends_a_convicted_flight(fault: str) -> None:
+    cell = flown(fault, "tracking")
+    after = [one for one in cell.records if isinstance(one, Ticked | Idled | Switched)]
+    last = next(i for i, one in enumerate(after) if isinstance(one, Switched) and one.what == "surrender")
+    (command,) = after[last + 1 :]
+    assert isinstance(command, Idled)
+    assert command.command.bring_down, "down on the model"
+    assert any(one.state in FINAL and one.text.startswith(CONVICTED) for one in cell.records if isinstance(one, Told))
+
+
+@pytest.mark.parametrize("fault", ["frozen", "frozen, radio", "late by 200 ms, fresh"])
+def test_a_flight_that_ends_by_what_the_commands_did_is_flown_again_to_the_last_bit(fault: str, tmp_path: Path) -> None:
+    cell = flown(fault, "hold")
+    facts = replayed(written(cell, tmp_path))
+    assert facts["first_difference"] is None
+    assert facts["identical"] is True
+    assert facts["differing"] == {"pose": 0, "idle": 0, "command": 0}
+    assert facts["commands"] == sum(isinstance(one, Ticked) for one in cell.records) > 100
+
+
+@pytest.mark.parametrize(
+    ("fault", "state"),
+    [
+        ("mass told +30 %", "start"),
+        ("mass told -30 %", "start"),
+        ("thrust +30 %", "start"),
+        ("thrust -30 %, radio", "start"),
+        ("push", "hold"),
+        ("push", "tracking"),
+        ("gust", "hold"),
+        ("gust", "tracking"),
+        ("tether", "hold"),
+        ("tether", "take-off"),
+        ("ground effect", "start"),
+        ("ground effect", "landing"),
+        ("estimator reset", "hold"),
+        ("estimator reset", "tracking"),
+    ],
+)
+def test_a_vehicle_that_obeys_is_never_convicted(fault: str, state: str) -> None:
+    cell = flown(fault, state)
+    assert not [reason for reason in cell.reasons if reason.startswith(CONVICTED)]
+    assert cell.row.safe, cell.row.why
+
+
+def test_a_conviction_ends_what_the_autopilot_is_told_of_the_poses_and_no_land_rests_on_them() -> None:
+    cell = flown("frozen", "tracking", FORWARDS)
+    codec = MavlinkCodec(1, 1)
+    left = [
+        (one.time_s, message)
+        for one in cell.records
+        if isinstance(one, Sent)
+        for message in codec.feed_datagram(one.data)
+    ]
+    forwarded_s = [time_s for time_s, message in left if message.get_type() == "ODOMETRY"]
+    assert cell.convicted_s - 0.05 < forwarded_s[-1] <= cell.convicted_s
+    modes_s = [time_s for time_s, message in left if getattr(message, "command", None) == DO_SET_MODE]
+    assert modes_s
+    assert modes_s[-1] < cell.convicted_s, "its position may come from the poses that were convicted"
