@@ -136,11 +136,12 @@ class Flight:
         return [sticks for time_s, sticks in self.seen if time_s > since_s]
 
     def is_one_writers(self) -> None:
-        """Every frame whole; never two in one period; and nothing flies again after a frame that did not."""
+        """Every frame whole; never more than one a period; and nothing flies again after a frame that did not."""
         assert not self._decoder.dropped
+        # Six frames of one writer take five periods, less what the first of them was late by; of two, two and a half.
         times = [time_s for time_s, _ in self.seen]
-        for first, third in zip(times, times[2:], strict=False):  # the first of the three may have left late
-            assert third - first > 0.7 * PERIOD_S, "three frames within a period"
+        for first, sixth in zip(times, times[5:], strict=False):
+            assert sixth - first > 2.75 * PERIOD_S, "six frames as quick as those of two writers"
         thrusts = [sticks.thrust_n for _, sticks in self.seen]
         flown = thrusts[next(k for k, thrust in enumerate(thrusts) if thrust > 0.9) :]
         ranks = [2 if thrust > 0.9 else 1 if thrust > 0.1 else 0 for thrust in flown]
