@@ -28,7 +28,7 @@ def test_a_real_device_of_the_kernel_is_held_let_go_and_unplugged() -> None:
     try:
         made = evdev.UInput({ecodes.EV_KEY: [ecodes.BTN_TR]}, name="groundstation test pedal")
     except (OSError, evdev.UInputError):
-        pytest.skip(LEFT_OUT + "no real input device was held, as the kernel offers no /dev/uinput that we may write to")
+        pytest.skip(LEFT_OUT + "no real input device was held, for want of a /dev/uinput to write to")
     try:
         held = opened()
         assert held.share() == 0.0

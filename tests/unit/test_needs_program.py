@@ -1,4 +1,4 @@
-"""A test left out for want of a program, or of what no program brings, is said loudly, also where several workers run the tests."""
+"""A test left out for want of a program or a device is said loudly, also where several workers run the tests."""
 
 import shutil
 import subprocess
@@ -28,7 +28,7 @@ def test_skipped_for_another_reason():
 
 
 @pytest.mark.parametrize("options", [[], ["-n", "2"]], ids=["one worker", "two workers"])
-def test_each_missing_program_or_device_gets_one_line_with_its_number_of_tests(tmp_path: Path, options: list[str]) -> None:
+def test_each_missing_program_or_device_has_one_line_with_its_tests(tmp_path: Path, options: list[str]) -> None:
     shutil.copy(CONFTEST, tmp_path)
     (tmp_path / "test_it.py").write_text(TESTS)
     command = [sys.executable, "-m", "pytest", "-q", "-p", "no:cacheprovider", *options]
