@@ -10,6 +10,7 @@ import signal
 import sys
 import time
 from collections.abc import Iterator
+from concurrent.futures import Future, ThreadPoolExecutor
 from pathlib import Path
 
 import msgspec
@@ -33,6 +34,8 @@ def main() -> int:
     log: FlightLog | None = None
     forget = False
     synced_s = time.monotonic()
+    beside, syncing = ThreadPoolExecutor(1), Future[None]()
+    syncing.set_result(None)
     decoder = msgspec.msgpack.Decoder(Record)
     try:
         for message in _messages():
@@ -45,13 +48,14 @@ def main() -> int:
                 log = _opened(msgspec.msgpack.decode(message, type=Setup))
             else:
                 log.write(decoder.decode(message))
-            if log is not None and time.monotonic() - synced_s > SYNC_S:
-                log.sync()
+            if log is not None and syncing.done() and time.monotonic() - synced_s > SYNC_S:
+                syncing = beside.submit(log.sync)  # a busy disk takes seconds: what comes meanwhile is written on
                 synced_s = time.monotonic()
     except OSError as error:
         _tell(f"WARNING: not recording, the flight goes on: {error}")
         return 0
     finally:
+        beside.shutdown()
         if log is not None:
             log.flush()
             log.sync()

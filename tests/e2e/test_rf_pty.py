@@ -23,6 +23,7 @@ from links.pacer import AFTERLIFE_S
 from links.port import Command, LinkLost
 from links.serial_rf import SerialRfLink
 from sim.pty_wire import PtyWire
+from tests.e2e.stamped_reader import StampedReader
 
 COAST_S, DOWN_S = 0.25, 0.3
 STATION = """
@@ -92,7 +93,6 @@ async def strike(stage: str, number: signal.Signals) -> Case:
     case = Case()
     far, near = os.openpty()
     tty.setraw(near, termios.TCSANOW)
-    os.set_blocking(far, False)
     # By a path of its own: pacers that outlive this test must not find the next terminal of the same name.
     folder = tempfile.TemporaryDirectory()
     port = Path(folder.name) / "port"
@@ -103,7 +103,8 @@ async def strike(stage: str, number: signal.Signals) -> Case:
         stderr=asyncio.subprocess.DEVNULL,
         start_new_session=True,
     )
-    reader, end = asyncio.create_task(read(far, near, case)), asyncio.create_task(ended(station, case))
+    stamped = await StampedReader.start(far)
+    reader, end = asyncio.create_task(read(stamped, near, case)), asyncio.create_task(ended(station, case))
     try:
         assert station.stdout is not None
         async with asyncio.timeout(20.0):
@@ -122,6 +123,7 @@ async def strike(stage: str, number: signal.Signals) -> Case:
         await asyncio.wait_for(reader, 15.0)
     finally:
         reader.cancel()
+        await stamped.close()
         with contextlib.suppress(ProcessLookupError):
             station.kill()
         await station.wait()
@@ -136,25 +138,22 @@ async def ended(station: asyncio.subprocess.Process, case: Case) -> None:
     case.died_s = time.monotonic()
 
 
-async def read(far: int, near: int, case: Case) -> None:
+async def read(stamped: StampedReader, near: int, case: Case) -> None:
     """Decode what leaves until the last process closes the port; our own end of it is closed once another has it."""
     decoder = CONFIG.codec().decoder()
-    while case.closed_s is None:
-        await asyncio.sleep(0.001)
+    while True:
         try:
-            data = os.read(far, 4096)
-        except BlockingIOError:
-            continue
-        except OSError:
+            time_s, data = await stamped.read()
+        except EOFError:
             case.closed_s = time.monotonic()
+            assert not decoder.dropped
             return
         if near >= 0:
             os.close(near)
             near = -1
         for heard in decoder.feed(data):
             assert heard.positions is not None
-            case.frames.append(Seen(time.monotonic(), CHANNELS.read(heard.positions)))
-    assert not decoder.dropped
+            case.frames.append(Seen(time_s, CHANNELS.read(heard.positions)))
 
 
 STAGES = ("connected", "arming", "flying")

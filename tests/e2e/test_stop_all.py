@@ -83,7 +83,7 @@ def test_a_bridge_goes_on_and_is_told_with_how_to_end_it(tmp_path: Path) -> None
     subprocess.run([*GROUNDSTATION, "rf-bridge", "--make-key", str(key)], check=True, capture_output=True, timeout=20)
     master, slave = os.openpty()
     try:
-        link = f'[link]\nkind = "crsf"\nport = "{os.ttyname(slave)}"\n'
+        link = f'[link]\nkind = "crsf"\nport = "{os.ttyname(slave)}"\nsimulated = true\n'
         config.write_text(f'listen = "127.0.0.1:{free_udp_port()}"\nkey_file = "key"\n{link}')
         bridge = subprocess.Popen([*GROUNDSTATION, "rf-bridge", str(config)], stdout=subprocess.PIPE, text=True)
         try:

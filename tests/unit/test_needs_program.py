@@ -1,4 +1,4 @@
-"""A test left out for want of a program is said loudly, also where several workers run the tests."""
+"""A test left out for want of a program or a device is said loudly, also where several workers run the tests."""
 
 import shutil
 import subprocess
@@ -19,19 +19,26 @@ def test_flown(needs_program, n):
 def test_seen(needs_program):
     needs_program("no-such-browser")
 
+def test_held():
+    pytest.skip("left out: the kernel has no such device")
+
 def test_skipped_for_another_reason():
     pytest.skip("some other reason")
 """
 
 
 @pytest.mark.parametrize("options", [[], ["-n", "2"]], ids=["one worker", "two workers"])
-def test_each_missing_program_gets_one_line_with_its_number_of_tests(tmp_path: Path, options: list[str]) -> None:
+def test_each_missing_program_or_device_has_one_line_with_its_tests(tmp_path: Path, options: list[str]) -> None:
     shutil.copy(CONFTEST, tmp_path)
     (tmp_path / "test_it.py").write_text(TESTS)
     command = [sys.executable, "-m", "pytest", "-q", "-p", "no:cacheprovider", *options]
     done = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, check=False)
-    lines = [line for line in done.stdout.splitlines() if line.startswith("not run:")]
-    assert lines == ["not run: install no-such-browser (1 test)", "not run: install no-such-program (3 tests)"]
+    lines = [line for line in done.stdout.splitlines() if line.startswith(("not run:", "left out:"))]
+    assert lines == [
+        "left out: the kernel has no such device (1 test)",
+        "not run: install no-such-browser (1 test)",
+        "not run: install no-such-program (3 tests)",
+    ]
     assert done.returncode == 0
 
 
