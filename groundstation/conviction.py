@@ -3,8 +3,7 @@
 *Suspicion*: nothing is learnt from the poses, the last trim is held, and the operator is told. *Conviction*: the poses
 are not believed again in this flight; it ends with a descent on the model, from what was believed before. Where the
 attitude obeys and only the position stands, or where something moves the vehicle, it may be a tether, a net or a hand:
-the flight ends in the same way, and nobody is convicted. Poses that follow the commands, but later than their stamps
-say, only count as older (:attr:`groundstation.pilot.Pilot.late_s`).
+the flight ends in the same way, and nobody is convicted.
 """
 
 from typing import NamedTuple

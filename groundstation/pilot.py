@@ -31,14 +31,16 @@ HOLD_STEP_S = 0.08
 
 TRUST_S = 0.4
 """So long before suspicion began is the estimate believed again [s]: what was seen just then may be false already."""
-REMEMBER_S = 4.0
+LEARNT_S = 1.2
+"""So much longer before that is believed what was learnt of wind and thrust [s]: a slow lie is learnt as one of these."""
+REMEMBER_S = 5.0
 """How far back estimates and commands are kept for that [s]."""
 GUST_M_S2 = 2.0
 """A disturbance that is found to change by so much against its mean [m/s²] moves a vehicle, or is none."""
 PUSHED_S = 0.2
 """A position that stands against that for so long [s] is not the vehicle's, or the vehicle is held."""
 NEAR_FLOOR_M = 0.12
-"""Below this height the floor holds the vehicle, too [m]: obedience is not asked there."""
+"""Below this height the floor holds a vehicle that comes down, too [m]: obedience is not asked there."""
 
 NOISE_POSES = 50
 """After so many poses the watch hears of their noise and interval again."""
@@ -94,6 +96,7 @@ class Pilot:
         self._driver = self._controller if driven and isinstance(self._controller, Adaptive) else None
         self._watch = Watch(vehicle, config)
         self._obedience = Obedience(vehicle.mass_kg, config.gravity)
+        self._climbed = False
         self._late_s = 0.0
         self._pushed_since_s: float | None = None
         self._trusted: deque[Trusted] = deque()
@@ -119,8 +122,6 @@ class Pilot:
 
     def pose(self, pose: Pose) -> None:
         """Take one pose; one that is not newer than the last is ignored."""
-        if self._late_s > 0.0:
-            pose = msgspec.structs.replace(pose, time_s=pose.time_s - self._late_s)
         if self._pose is None or pose.time_s > self._pose.time_s:
             before = self._estimator.motion
             self._estimator.pose(pose)
@@ -243,7 +244,7 @@ class Pilot:
 
     @property
     def late_s(self) -> float:
-        """By how much the poses turned out to be older than they say, and count as older since [s]."""
+        """By how much the poses turned out to be older than they say, by what the commands did [s]."""
         return self._late_s
 
     def surrender(self, time_s: float, hold_s: float) -> Command:
@@ -278,16 +279,15 @@ class Pilot:
         motion = estimator.motion
         if given is None or motion is None:
             return
-        height = self._floor - pose.position_ned[2]
+        high = self._floor - pose.position_ned[2] > NEAR_FLOOR_M
+        self._climbed = self._climbed or high
         node = self._obedience.pose(
-            pose, before, given, pose.time_s - self._newest_s, estimator.noise_m, counts=height > NEAR_FLOOR_M
+            pose, before, given, pose.time_s - self._newest_s, estimator.noise_m, counts=high or not self._climbed
         )
         if not node:
             return
         if self._obedience.evidence.attitude >= SUSPECTS and self._late_s == 0.0:
             self._late_s = self._obedience.lateness_s()
-            if self._late_s > 0.0:
-                self._obedience.restart()
         wind = self._wind or (0.0, 0.0, 0.0)
         gust = math.dist(estimator.disturbance, wind)
         if not self._obedience.stands(pose.time_s) or (gust <= GUST_M_S2 and not estimator.holds):
@@ -307,7 +307,9 @@ class Pilot:
     def _before(self) -> Trusted:
         """The newest estimate of well before suspicion began, or the first."""
         until = self._obedience.calm_s - TRUST_S
-        return next((one for one in reversed(self._trusted) if one.time_s <= until), self._trusted[0])
+        newest = next((one for one in reversed(self._trusted) if one.time_s <= until), self._trusted[0])
+        older = next((one for one in reversed(self._trusted) if one.time_s <= until - LEARNT_S), newest)
+        return newest._replace(disturbance=older.disturbance, effectiveness=older.effectiveness)
 
     def _reckoned(self, before: Trusted, until_s: float) -> Motion:
         """Where the commands sent have taken the vehicle since ``before``, by ``until_s`` [s]."""

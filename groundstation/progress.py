@@ -48,7 +48,6 @@ class Progress:
         self._conviction = Conviction()
         self._charge: Charge | None = None
         self._since = Since()
-        self._late_s = 0.0
         self._say = say
         self._on_state = on_state
         self._mission = Mission()
@@ -161,11 +160,7 @@ class Progress:
         """Whether the poses are not believed any more."""
         if self._guards is None:
             return False
-        late_s, self._late_s = self._late_s, self._pilot.late_s
-        if self._late_s > late_s:
-            why = f"the poses are {1e3 * self._late_s:.0f} ms older than they say, by what the commands did"
-            self._answer(Finding(Step.LAND, why), now_s)
-        self._charge = self._too_old(now_s)
+        self._charge = self._too_old(now_s) or self._late()
         if self._charge is not None:
             return True
         evidence = self._pilot.evidence
@@ -176,6 +171,14 @@ class Progress:
         if self._charge is not None:
             self._on_conviction()
         return self._charge is not None
+
+    def _late(self) -> Charge | None:
+        """Poses that follow the commands later than their stamps say: their age is what the response says."""
+        late_s = self._pilot.late_s
+        if late_s == 0.0:
+            return None
+        why = f"convicted: the poses are {1e3 * late_s:.0f} ms older than they say, by what the commands did"
+        return Charge(f"{why}: down on the model", convicted=True)
 
     def _too_old(self, now_s: float) -> Charge | None:
         """Poses so old that no loop is stable by them, though no command has passed its deadline."""

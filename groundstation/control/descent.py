@@ -20,10 +20,12 @@ SPEED_GAIN = 1.5
 """Acceleration per error of the speed [1/s]."""
 ATTITUDE_GAIN = 4.0
 """Body rate per sine of the attitude error [1/s]; the rate lag of the smallest vehicle allows no more."""
-LEAN = math.radians(15.0)
+LEAN = math.radians(16.0)
 """Largest tilt that it asks for [rad]."""
 WIND_LIMIT_M_S2 = 4.0
 """Of an estimated disturbance no more is believed, on each axis."""
+MOST = 0.24
+"""Largest acceleration upwards that it asks for, as a share of gravity: poses that are late or wrong ask for more."""
 INTEGRAL_GAIN, INTEGRAL_LIMIT_M_S2 = 1.0, 6.0
 """Acceleration per integral of the sinking speed's error [1/s²], and its largest: more than any wind believed."""
 BLIND_PULL_M_S2 = 0.35
@@ -57,7 +59,7 @@ class Descent:
             (a, b, c), (u, v, w) = motion.velocity, reference.velocity_ned
             k, limit = SPEED_GAIN, INTEGRAL_LIMIT_M_S2
             self._integral = max(-limit, min(limit, self._integral + INTEGRAL_GAIN * (w - c) * interval_s))
-            down = max(-0.5 * g, min(0.3 * g, k * (w - c))) + self._integral
+            down = max(-MOST * g, min(0.3 * g, k * (w - c)) + self._integral)
             wanted = (k * (u - a), k * (v - b), down)
         along, _ = push(wanted, (x, y, z), g, LEAN)
         roll, pitch = sine_error(motion.attitude, along)
@@ -67,7 +69,11 @@ class Descent:
             roll, pitch = (roll * n, pitch * n) if n < 1e6 else (1.0, 0.0)
         mass = self._vehicle.mass_kg / estimate.effectiveness
         # A leaning vehicle lifts less, one far over nothing that helps.
-        lift = length(along) / max(upright, 0.7) if upright > 0.3 else 0.0
+        lift = (
+            min(length(along) / max(upright, 0.7), (1.0 + MOST) * (g + min(z, BLIND_WIND_M_S2)))
+            if upright > 0.3
+            else 0.0
+        )
         return decided(
             self._vehicle,
             estimate,

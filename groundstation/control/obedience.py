@@ -37,18 +37,20 @@ NODE_S = 0.1
 """Time between two nodes [s]."""
 GAP_S = 0.2
 """Poses further apart than this begin anew [s]: between them the model has gone astray."""
+HOLE_S = 0.07
+"""After a time so long without a pose [s] positions are not looked at for some nodes."""
 FADE_S = 4.0
 """Contradiction fades with this time constant [s]."""
 LEARN_S = 4.0
 """So does what is known of the noise [s]."""
 CALM = 2.0
 """Noise is learnt while the evidence is below this."""
-CAP, CAP_IMAGE = 6.0, 10.0
-"""Most that one node may say, of an image and of all else: a single outlier convicts nobody."""
+FIRST, CAP, CAP_IMAGE = 5.0, 8.0, 10.0
+"""Most that one node may say: the first and any other of the attitude, and of an image. No single outlier convicts."""
 CONVICTS, IMAGE_CONVICTS = 14.0, 10.0
 """Evidence that convicts: e^14, a million to one, for each of the windows looked at; of an image, which must explain
 better than both a vehicle that obeys and a picture that stands, e^10."""
-SUSPECTS, STILL_SUSPECTS = 0.5, 0.7
+SUSPECTS, STILL_SUSPECTS = 0.5, 0.55
 """Share of it that is a suspicion; of a position that stands."""
 STOPPED = 0.7
 """What a position that has just left its way counts as, until it moves again [-]."""
@@ -68,6 +70,9 @@ answers."""
 SWEPT_M, SWEPT_S = 0.01, 1.0
 """A position that leaves its way by so much [m] is moved, and what commands do against that for so long [s] is no push
 against a position that stands."""
+SHOCK_M, SHOCK_S = 0.045, 0.35
+"""A position that leaves its way by so much [m], 9 m/s², was struck, or is not the vehicle's: nothing is done in haste
+for so long [s]."""
 ARREST_M, ARREST_S, STANDS_M = 0.018, 0.4, 0.01
 """A position that leaves its way by so much more than commands make it [m], 4 m/s², and then for so long [s] stays
 within so much [m] has been stopped dead: no wind does that."""
@@ -78,7 +83,7 @@ THETA = 0.6
 ALPHA, BETA, GAMMA = 1.0 - THETA**3, 1.5 * (1.0 - THETA**2) * (1.0 - THETA), (1.0 - THETA) ** 3
 EXPANDS = 8
 """For so many nodes after the first the filter's memory expands."""
-SETTLES = 5
+SETTLES = 4
 """So many nodes the filter takes to know velocity and acceleration."""
 HEADING_S, HEADING_RAD_S = 0.7, 0.25
 """Time constant of a turn about the vertical that no command asks for [s], and what convicts [rad/s]: 14°/s."""
@@ -167,7 +172,7 @@ class Obedience:
         self._last: Quat | None = None
         self._arrest: Pose | None = None
         self._stopped_s = 0.0
-        self._moved_s = self._swept_s = -math.inf
+        self._moved_s = self._swept_s = self._shock_s = self._newest_s = -math.inf
         self._nodes = 0
         self._turns.clear()
 
@@ -184,6 +189,8 @@ class Obedience:
     def evidence(self) -> Contradiction:
         """As it stands."""
         still = self._still / CONVICTS
+        if self._newest_s - self._shock_s < SHOCK_S:
+            still = max(still, STOPPED)
         if self._stopped_s > NODE_S:
             still = max(still, STOPPED if self._stopped_s < ARREST_S else 1.0)
         heading = abs(self._heading) / HEADING_RAD_S
@@ -217,6 +224,8 @@ class Obedience:
         (px, py, pz), (vx, vy, vz) = self._pushed, self._speed
         self._pushed = (px + dt * vx + m * sx, py + dt * vy + m * sy, pz + dt * (vz + half * g) + m * sz)
         self._speed = (vx + m * ix, vy + m * iy, vz + m * iz + g * dt)
+        if dt > HOLE_S:
+            self._nodes = min(self._nodes, SETTLES - 3)  # poses were missing: the filter must find its way again
         h = pose.time_s - self._node_s
         if h < NODE_S - 1e-6:
             return False
@@ -254,7 +263,7 @@ class Obedience:
         self._nodes = 0
 
     def _node(self, pose: Pose, h: float, noise_m: float) -> None:
-        self._node_s = pose.time_s
+        self._node_s = self._newest_s = pose.time_s
         self.windows += 1
         self._nodes += 1
         fade, learn = 1.0 - h / FADE_S, h / LEARN_S
@@ -265,13 +274,12 @@ class Obedience:
         while self._turns[0][0] < pose.time_s - LAGS_S:
             self._turns.popleft()
         says = self._turned(turn[0], turn[2], 0, learn) + self._turned(turn[1], turn[3], 1, learn)
-        self._attitude = max(0.0, self._attitude * fade + min(says, CAP))
+        most = CAP if self._attitude > CALM else FIRST
+        self._attitude = max(0.0, self._attitude * fade + min(says, most))
         # What the filter does not know grows with the square of the time.
         k = min(1.0, NODE_S * NODE_S / (h * h))
         y = [k * f.innovation(x, h) for f, x in zip(self._seen, pose.position_ned, strict=True)]
         c = [k * f.innovation(x, h) for f, x in zip(self._told, self._pushed, strict=True)]
-        if h > 1.5 * NODE_S:
-            self._nodes = min(self._nodes, SETTLES - 2)  # poses were missing: the filter must find its way again
         if self._nodes > SETTLES:
             self._across(y[0], y[1], c[0], c[1], fade)
             self._down(y[2], c[2], fade)
@@ -295,6 +303,10 @@ class Obedience:
                 says += 0.5 * math.log(b / a) - 0.5 * square * (1.0 / a - 1.0 / b)
         if math.hypot(*y) > SWEPT_M:
             self._swept_s = pose.time_s
+            if math.dist(y, c) > SWEPT_M:
+                self.led_s = pose.time_s
+            if math.hypot(*y) - math.hypot(*c) > SHOCK_M:
+                self._shock_s = pose.time_s
         self._still = max(0.0, self._still * fade + max(-CAP, min(says, CAP)))
         arrest = self._arrest
         if arrest is not None:
@@ -327,7 +339,7 @@ class Obedience:
         best = rest
         for i, image in enumerate((-xx - yy, yy - xx, xx - yy, xy + yx, -xy - yx, yx - xy, xy - yx)):
             off = both - 2.0 * image
-            self._maps[i] = _summed(self._maps[i], fade, rest - off, max(wind, off / IMAGE))
+            self._maps[i] = _summed(self._maps[i], fade, rest - off, max(wind, off / IMAGE), off, i < OPPOSED)
             best = min(best, off)
         self._wind[0] = _learnt(wind, 0.5 * best)
 
@@ -335,7 +347,7 @@ class Obedience:
         """What one node says of the vertical axis."""
         off, wind = (z + c) ** 2, self._wind[1]
         rest = min((z - c) ** 2, z * z)
-        self._maps[7] = _summed(self._maps[7], fade, rest - off, max(wind, off / IMAGE))
+        self._maps[7] = _summed(self._maps[7], fade, rest - off, max(wind, off / IMAGE), off, True)
         self._wind[1] = _learnt(wind, min(rest, off))
 
 
@@ -345,6 +357,10 @@ def _learnt(wind: float, best: float) -> float:
     return max(wind + share * (min(best, 9.0 * wind) - wind), WIND_M * WIND_M)
 
 
+OPPOSED = 3
+"""So many images, the first, oppose the command on an axis or two [-]."""
+EXACT_M, SMALLEST_M = 0.004, 0.008
+"""So well does an image agree that is one [m], and smaller ones are not told from noise [m]."""
 LATE_EXPLAINS = 0.35
 """A lateness explains the turns where it leaves less than this share of their power [-]."""
 
@@ -361,6 +377,12 @@ def _turn(a: Quat, b: Quat) -> Vec3:
     )
 
 
-def _summed(evidence: float, fade: float, gain: float, variance: float) -> float:
-    """The evidence after a node in which a rival explains ``gain`` [m²] more."""
-    return max(0.0, evidence * fade + max(-CAP_IMAGE, min(gain / (2.0 * variance), CAP_IMAGE)))
+def _summed(evidence: float, fade: float, gain: float, variance: float, off: float, opposed: bool) -> float:
+    """The evidence after a node in which a rival explains all but ``off`` [m²], and ``gain`` [m²] more than the others.
+
+    What is ``opposed`` to a command, and answers it exactly, is no wind: the wind comes first, and commands oppose it.
+    """
+    says = gain / (2.0 * variance)
+    if opposed and gain > SMALLEST_M * SMALLEST_M:
+        says = max(says, math.log((gain + off + EXACT_M * EXACT_M) / (off + EXACT_M * EXACT_M)))
+    return max(0.0, evidence * fade + max(-CAP_IMAGE, min(says, CAP_IMAGE)))
