@@ -32,7 +32,7 @@ HOLD_STEP_S = 0.08
 TRUST_S = 0.4
 """So long before suspicion began is the estimate believed again [s]: what was seen just then may be false already."""
 LEARNT_S = 1.2
-"""So much longer before that is believed what was learnt of wind and thrust [s]: a slow lie is learnt as one of these."""
+"""So much longer before is believed what was learnt of wind and thrust [s]: a slow lie is learnt as one of these."""
 REMEMBER_S = 5.0
 """How far back estimates and commands are kept for that [s]."""
 GUST_M_S2 = 2.0
@@ -205,8 +205,9 @@ class Pilot:
         """
         if self._descent is None:
             self._coast += rest_s
+            self._estimator.frozen = True  # what thrust seems to give is not learnt from poses that may be at fault
         self._descent = self._descent or Descent(self._vehicle, self._gravity)
-        self._descent.blind = self._descent.blind or blind
+        self._descent.blind = blind
         self._sink = (0.0, 0.0, sink_m_s)
         self._watch.restart()
 

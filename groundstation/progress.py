@@ -48,6 +48,8 @@ class Progress:
         self._conviction = Conviction()
         self._charge: Charge | None = None
         self._since = Since()
+        self._blind_since_s: float | None = None
+        """When poses went missing for so long that the descent began [s]; None where they have proven themselves."""
         self._say = say
         self._on_state = on_state
         self._mission = Mission()
@@ -160,7 +162,7 @@ class Progress:
         """Whether the poses are not believed any more."""
         if self._guards is None:
             return False
-        self._charge = self._too_old(now_s) or self._late()
+        self._charge = self._too_old(now_s) or self._late() or self._parole(now_s)
         if self._charge is not None:
             return True
         evidence = self._pilot.evidence
@@ -179,6 +181,19 @@ class Progress:
             return None
         why = f"convicted: the poses are {1e3 * late_s:.0f} ms older than they say, by what the commands did"
         return Charge(f"{why}: down on the model", convicted=True)
+
+    def _parole(self, now_s: float) -> Charge | None:
+        """Poses that come back after so long that the descent has begun: are they this vehicle's, and new?"""
+        pose, answered = self._pilot.newest_pose, self._pilot.monitor.answered
+        if self._blind_since_s is None or pose is None or pose.time_s <= self._blind_since_s:
+            return None
+        if answered > ANSWERED:
+            self._blind_since_s = None
+            self._pilot.descend(self._config.flight.descent_m_s, blind=False)
+            return None
+        if not self._since.lasts("parole", True, now_s, PAROLE_S):
+            return None
+        return Charge("the poses that came back do not show what the commands do: down on the model", convicted=False)
 
     def _too_old(self, now_s: float) -> Charge | None:
         """Poses so old that no loop is stable by them, though no command has passed its deadline."""
@@ -221,7 +236,10 @@ class Progress:
         guarded = self._guards is not None and self._config.guards.level_s > 0.0
         if guarded and pose is not None and now_s - pose.time_s > coast - LAST_CHANCE_S - 1e-3:
             why = f"no pose for {(now_s - pose.time_s) * 1e3:.0f} ms"
-            self._answer(Finding(Step.DESCEND, why), now_s)
+            if self.state is not State.DESCENT:
+                self._blind_since_s = pose.time_s
+                self._since.lasts("parole", False, now_s, 0.0)
+            self._answer(Finding(Step.DESCEND, why, blind=True), now_s)
 
     def _warn(self, says: str) -> None:
         """Say it once, for as long as it lasts."""
@@ -275,6 +293,9 @@ class Progress:
             self.started_s = leg.start_s
 
 
+ANSWERED, PAROLE_S = 8.0, 0.8
+"""Poses that came back after the descent had begun are believed as to speed once so much speaks for them (see
+control/obedience.py), and not at all where that takes longer than so long [s]."""
 OLD_SHARE, OLD_S = 0.6, 0.3
 """Poses older than this share of ``flight.coast_s`` for so long [s] are too old to fly by."""
 LAST_PERIODS = 2.5

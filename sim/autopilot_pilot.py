@@ -15,8 +15,8 @@ SPEED_GAIN, SPEED_INTEGRAL_GAIN = 4.0, 2.0
 """Acceleration per error of that speed [1/s], and per its integral [1/s²]: PX4's MPC_Z_VEL_P_ACC and _I_ACC."""
 INTEGRAL_LIMIT = 5.0
 """Largest acceleration by the integral [m/s²]."""
-BRAKING_GAIN, BRAKING_LEAN = 1.5, math.radians(15.0)
-"""Acceleration per horizontal speed [1/s], and how far it leans for that at most [rad]."""
+BRAKING_GAIN, BRAKING_LEAN = 1.8, math.radians(15.0)
+"""Acceleration per horizontal speed [1/s], PX4's MPC_XY_VEL_P_ACC, and how far it leans for that at most [rad]."""
 GRAVITY = 9.81
 """[m/s²]"""
 

@@ -20,7 +20,7 @@ SPEED_GAIN = 1.5
 """Acceleration per error of the speed [1/s]."""
 ATTITUDE_GAIN = 4.0
 """Body rate per sine of the attitude error [1/s]; the rate lag of the smallest vehicle allows no more."""
-LEAN = math.radians(16.0)
+LEAN = math.radians(20.0)
 """Largest tilt that it asks for [rad]."""
 WIND_LIMIT_M_S2 = 4.0
 """Of an estimated disturbance no more is believed, on each axis."""

@@ -47,9 +47,9 @@ CALM = 2.0
 """Noise is learnt while the evidence is below this."""
 FIRST, CAP, CAP_IMAGE = 5.0, 8.0, 10.0
 """Most that one node may say: the first and any other of the attitude, and of an image. No single outlier convicts."""
-CONVICTS, IMAGE_CONVICTS = 14.0, 10.0
+CONVICTS, IMAGE_CONVICTS = 14.0, 8.0
 """Evidence that convicts: e^14, a million to one, for each of the windows looked at; of an image, which must explain
-better than both a vehicle that obeys and a picture that stands, e^10."""
+better than both a vehicle that obeys and a picture that stands, e^8."""
 SUSPECTS, STILL_SUSPECTS = 0.5, 0.55
 """Share of it that is a suspicion; of a position that stands."""
 STOPPED = 0.7
@@ -163,6 +163,8 @@ class Obedience:
         """Largest share of what convicts that was ever reached, attitude or axes [-]."""
         self.calm_s = -math.inf
         """When nothing was suspicious last: poses of before are to be trusted [s]."""
+        self.answered = 0.0
+        """What speaks for a vehicle whose attitude answers, since it began or poses were missing for long."""
         self.led_s = -math.inf
         """When it was last seen to move, after it had left its way by no command [s]."""
         self._turns: deque[tuple[float, float, float, float, float]] = deque()
@@ -171,6 +173,7 @@ class Obedience:
     def restart(self) -> None:
         """It has just left the floor, or was let go in the air: what was seen before counts no more."""
         self._attitude, self._maps, self._still, self._heading = 0.0, [0.0] * 8, 0.0, 0.0
+        self._quarters = [0.0, 0.0]
         self._last: Quat | None = None
         self._arrest: Pose | None = None
         self._stopped_s = 0.0
@@ -196,7 +199,8 @@ class Obedience:
         if self._stopped_s > NODE_S:
             still = max(still, STOPPED if self._stopped_s < ARREST_S else 1.0)
         heading = abs(self._heading) / HEADING_RAD_S
-        return Contradiction(self._attitude / CONVICTS, max(self._maps) / IMAGE_CONVICTS, heading, still)
+        attitude = max(self._attitude, *self._quarters) / CONVICTS
+        return Contradiction(attitude, max(self._maps) / IMAGE_CONVICTS, heading, still)
 
     def pose(self, pose: Pose, before: Motion, given: Driven, dt: float, noise_m: float, *, counts: bool) -> bool:
         """Take one pose; whether it was a node, with new evidence.
@@ -257,6 +261,7 @@ class Obedience:
         return best * h if left[best] < LATE_EXPLAINS and left[best] < 0.5 * left[0] else 0.0
 
     def _begin(self, pose: Pose) -> None:
+        self.answered = 0.0
         self._resets, self._node_s = pose.reset_count, pose.time_s
         self._seen_x = self._seen_y = self._told_x = self._told_y = self._strayed = 0.0
         self._pushed = self._speed = (0.0, 0.0, 0.0)
@@ -277,7 +282,9 @@ class Obedience:
             self._turns.popleft()
         says = self._turned(turn[0], turn[2], 0, learn) + self._turned(turn[1], turn[3], 1, learn)
         most = CAP if self._attitude > CALM else FIRST
-        self._attitude = max(0.0, self._attitude * fade + min(says, most))
+        self._attitude = max(0.0, self._attitude * fade + max(-CAP, min(says, most)))
+        self._quarter(*turn, fade)
+        self.answered = max(0.0, self.answered - max(says, -CAP))
         # What the filter does not know grows with the square of the time.
         k = min(1.0, NODE_S * NODE_S / (h * h))
         y = [k * f.innovation(x, h) for f, x in zip(self._seen, pose.position_ned, strict=True)]
@@ -319,6 +326,14 @@ class Obedience:
         if math.hypot(*y) - math.hypot(*c) > ARREST_M + 2.0 * (math.sqrt(max(self._wind)) - WIND_M):
             # It leaves its way, and not by our doing: a gust, a hand, or the end of what was true.
             self._arrest = pose
+
+    def _quarter(self, x: float, y: float, cx: float, cy: float, fade: float) -> None:
+        """What one node says of an object whose axes are a quarter turn off: roll is seen as pitch."""
+        obeys, seen = (x - cx) ** 2 + (y - cy) ** 2, x * x + y * y
+        for i, sign in enumerate((1.0, -1.0)):
+            off = (x - sign * cy) ** 2 + (y + sign * cx) ** 2
+            says = (min(obeys, seen) - off) / (2.0 * max(max(self._turn_variance), off / UNEXPLAINED))
+            self._quarters[i] = max(0.0, self._quarters[i] * fade + max(-CAP, min(says, FIRST)))
 
     def _turned(self, y: float, told: float, axis: int, learn: float) -> float:
         """What one node says of roll or pitch; a constant offset of the rates is the vehicle's trim."""
@@ -365,7 +380,7 @@ def _learnt(wind: float, best: float) -> float:
 
 OPPOSED = 3
 """So many images, the first, oppose the command on an axis or two [-]."""
-EXACT_M, SMALLEST_M = 0.004, 0.008
+EXACT_M, SMALLEST_M = 0.005, 0.015
 """So well does an image agree that is one [m], and smaller ones are not told from noise [m]."""
 LATE_EXPLAINS = 0.35
 """A lateness explains the turns where it leaves less than this share of their power [-]."""
