@@ -332,7 +332,7 @@ class Obedience:
         obeys, seen = (x - cx) ** 2 + (y - cy) ** 2, x * x + y * y
         for i, sign in enumerate((1.0, -1.0)):
             off = (x - sign * cy) ** 2 + (y + sign * cx) ** 2
-            says = (min(obeys, seen) - off) / (2.0 * max(max(self._turn_variance), off / UNEXPLAINED))
+            says = (min(obeys, seen) - off) / (2.0 * max(*self._turn_variance, off / UNEXPLAINED))
             self._quarters[i] = max(0.0, self._quarters[i] * fade + max(-CAP, min(says, FIRST)))
 
     def _turned(self, y: float, told: float, axis: int, learn: float) -> float:
