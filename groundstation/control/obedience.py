@@ -329,6 +329,7 @@ class Obedience:
 
     def _quarter(self, x: float, y: float, cx: float, cy: float, fade: float) -> None:
         """What one node says of an object whose axes are a quarter turn off: roll is seen as pitch."""
+        x, y = x - self._bias[0], y - self._bias[1]
         obeys, seen = (x - cx) ** 2 + (y - cy) ** 2, x * x + y * y
         for i, sign in enumerate((1.0, -1.0)):
             off = (x - sign * cy) ** 2 + (y + sign * cx) ** 2
