@@ -26,7 +26,7 @@ from groundstation.settings import Config
 from groundstation.snapshot import Snapshot
 from groundstation.verdict import Check
 from groundstation.witness import Witness
-from links.port import CommandLink, LinkError
+from links.port import Attitude, CommandLink, LinkError
 
 HELD_IN = frozenset({State.ARMING, State.TAKEOFF, State.HOLD, State.TRACKING, State.RETURNING})
 """Where the operator's hold is let go in these states, it lands; in those that come down already it changes nothing."""
@@ -92,7 +92,7 @@ class Flight:
         self._quiet = quiet or Quiet()
         """What the vehicle's own attitude says of the poses."""
         if not isinstance(config.pose, MavlinkPoseConfig):  # one that is only heard twice is no second witness
-            link.watch_attitude(self.witness.attitude)
+            link.watch_attitude(self._attitude)
         self._departure = Departure(
             config,
             link,
@@ -211,6 +211,10 @@ class Flight:
     def distrust(self) -> None:
         """The poses have been found to be wrong: for the rest of this flight, nobody else rests on them either."""
         self._ending.distrust()
+
+    def _attitude(self, told: Attitude) -> None:
+        self.witness.attitude(told)
+        self._progress.heard_s = asyncio.get_running_loop().time()
 
     def _doubts(self, now_s: float) -> bool:
         """Whether the autopilot's own attitude disagrees with the poses."""

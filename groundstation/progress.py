@@ -1,5 +1,6 @@
 """Moves the mission on: what is flown as a state begins, and what ends it. Sans-IO: the caller owns time and wires."""
 
+import math
 from collections.abc import Callable
 
 from groundstation.conviction import WITNESS, Charge, Conviction
@@ -47,6 +48,8 @@ class Progress:
         self._on_conviction = on_conviction
         self._conviction = Conviction()
         self._charge: Charge | None = None
+        self.heard_s = -math.inf
+        """When the vehicle was last heard to tell how it turns [s]; never, where it does not."""
         self._since = Since()
         self._blind_since_s: float | None = None
         """When poses went missing for so long that the descent began [s]; None where they have proven themselves."""
@@ -165,6 +168,8 @@ class Progress:
         self._charge = self._too_old(now_s) or self._late() or self._parole(now_s)
         if self._charge is not None:
             return True
+        if SILENT_S < now_s - self.heard_s < LOST_S:
+            self._pilot.monitor.restart()  # the link stalls: who does not hear the commands can't obey them
         evidence = self._pilot.evidence
         doubted = max(evidence) >= WITNESS and self._doubts(now_s)
         self._charge = self._conviction.look(evidence, now_s, led=self._pilot.monitor.led(now_s), doubted=doubted)
@@ -296,6 +301,9 @@ class Progress:
 ANSWERED, PAROLE_S = 8.0, 0.8
 """Poses that came back after the descent had begun are believed as to speed once so much speaks for them (see
 control/obedience.py), and not at all where that takes longer than so long [s]."""
+SILENT_S, LOST_S = 0.15, 3.0
+"""A vehicle that tells how it turns, and has been silent for so long [s], may not hear us either; for longer than the
+second, it only tells no more."""
 OLD_SHARE, OLD_S = 0.6, 0.3
 """Poses older than this share of ``flight.coast_s`` for so long [s] are too old to fly by."""
 LAST_PERIODS = 2.5

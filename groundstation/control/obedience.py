@@ -47,9 +47,9 @@ CALM = 2.0
 """Noise is learnt while the evidence is below this."""
 FIRST, CAP, CAP_IMAGE = 5.0, 8.0, 10.0
 """Most that one node may say: the first and any other of the attitude, and of an image. No single outlier convicts."""
-CONVICTS, IMAGE_CONVICTS = 14.0, 8.0
+CONVICTS, IMAGE_CONVICTS = 14.0, 7.0
 """Evidence that convicts: e^14, a million to one, for each of the windows looked at; of an image, which must explain
-better than both a vehicle that obeys and a picture that stands, e^8."""
+better than both a vehicle that obeys and a picture that stands, e^7."""
 SUSPECTS, STILL_SUSPECTS = 0.5, 0.55
 """Share of it that is a suspicion; of a position that stands."""
 STOPPED = 0.7
