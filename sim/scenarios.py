@@ -128,6 +128,7 @@ _TOLD_QUAD1KG = Vehicle(
     thrust_lag_s=0.030,
     rate_lag_s=0.020,
     frame_period_s=0.010,
+    size_m=0.8,
 )
 
 SCENARIOS: dict[str, Scenario] = {

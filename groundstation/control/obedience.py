@@ -61,6 +61,8 @@ ANSWER = 0.8
 """An answer of half this share of the command speaks for neither [-]: attitude."""
 TURN_NOISE_RAD, TURN_FLOOR_RAD = 0.004, 0.0025
 """Noise of a turn between two nodes, to begin with and at least [rad]."""
+TRIM_RAD, GAIN = 0.01, 0.5
+"""What a trim turns it between two nodes [rad], and how far its answer may be from the command [-], 1σ."""
 WIND_M, WIND_RISES, WIND_FALLS = 0.02, 0.2, 0.03
 """What wind leaves in the position's filter at least, 1σ [m]; how fast more and less of it are learnt from a node."""
 STILL, LIVELY = 0.05, 0.3
@@ -154,7 +156,7 @@ class Obedience:
         self._pushed: Vec3 = (0.0, 0.0, 0.0)
         self._speed: Vec3 = (0.0, 0.0, 0.0)
         self._turn_variance = [TURN_NOISE_RAD**2] * 2
-        self._bias = [0.0, 0.0]
+        self._bias, self._bias_variance = [0.0, 0.0], [TRIM_RAD**2] * 2
         self._wind = [WIND_M**2] * 2
         self.windows = 0
         """Nodes looked at."""
@@ -328,6 +330,7 @@ class Obedience:
 
     def _quarter(self, x: float, y: float, cx: float, cy: float, fade: float) -> None:
         """What one node says of an object whose axes are a quarter turn off: roll is seen as pitch."""
+        x, y = x - self._bias[0], y - self._bias[1]
         obeys, seen = (x - cx) ** 2 + (y - cy) ** 2, x * x + y * y
         for i, sign in enumerate((1.0, -1.0)):
             off = (x - sign * cy) ** 2 + (y + sign * cx) ** 2
@@ -342,8 +345,12 @@ class Obedience:
         best = min(r * r, y * y)
         self._turn_variance[axis] = max(variance + learn * (min(best, 9.0 * variance) - variance), TURN_FLOOR_RAD**2)
         if self._attitude < CALM:
-            most = 3.0 * math.sqrt(variance)
-            self._bias[axis] += learn * max(-most, min(most, r))
+            # A command of which we don't know how much arrives says little of what turns it beside.
+            trim = self._bias_variance[axis]
+            noise = variance + (GAIN * told) ** 2
+            gain, most = max(learn, trim / (trim + noise)), 3.0 * math.sqrt(trim + variance)
+            self._bias_variance[axis] = (1.0 - gain) * trim
+            self._bias[axis] += gain * max(-most, min(most, r))
         return ANSWER * c * (ANSWER * c - 2.0 * y) / (2.0 * max(variance, best / UNEXPLAINED))
 
     def _across(self, x: float, y: float, cx: float, cy: float, fade: float) -> None:

@@ -55,9 +55,13 @@ class Decoder(Protocol):
 class _Decoder:
     """What decoders share: the intake and its counters."""
 
-    def __init__(self, latency_s: float) -> None:
-        """``latency_s`` is the time from the instant of a pose to its earliest arrival here [s]."""
-        self._intake = Intake(latency_s)
+    def __init__(self, latency_s: float, *, recorded: bool = False) -> None:
+        """``latency_s`` is the time from the instant of a pose to its earliest arrival here [s].
+
+        ``recorded``: nobody exchanges clocks, and a simulated autopilot may have run at another pace than real time.
+        So the rate of its stamps is measured, as that of numbered frames is.
+        """
+        self._intake = Intake(latency_s, frame_s=1.0 if recorded else None)
 
     @property
     def accepted(self) -> int:
@@ -108,9 +112,9 @@ class LocalPositionDecoder(_Decoder):
 
     messages: tuple[str, ...] = ("LOCAL_POSITION_NED", "ATTITUDE_QUATERNION")
 
-    def __init__(self, latency_s: float) -> None:
+    def __init__(self, latency_s: float, *, recorded: bool = False) -> None:
         """See the base."""
-        super().__init__(latency_s)
+        super().__init__(latency_s, recorded=recorded)
         self._attitude: Message | None = None
 
     def decode(self, message: Message, arrival_s: float) -> Pose | None:
@@ -133,6 +137,7 @@ class LocalPositionDecoder(_Decoder):
         return self._intake.pose(message.time_boot_ms * 1e-3, arrival_s, position, attitude, velocity)
 
 
-def decoder_for(autopilot: int, latency_s: float) -> Decoder:
-    """The decoder that fits what an autopilot (HEARTBEAT.autopilot) sends; ``latency_s``: see the decoders."""
-    return LocalPositionDecoder(latency_s) if autopilot == ARDUPILOT else OdometryDecoder(latency_s)
+def decoder_for(autopilot: int, latency_s: float, *, recorded: bool = False) -> Decoder:
+    """The decoder that fits what an autopilot (HEARTBEAT.autopilot) sends; for the rest, see the decoders."""
+    kind = LocalPositionDecoder if autopilot == ARDUPILOT else OdometryDecoder
+    return kind(latency_s, recorded=recorded)

@@ -98,7 +98,7 @@ def pose_decoder(records: list[Record], latency_s: float) -> Decoder | None:
     """The decoder for ``records`` of one vehicle: of ODOMETRY where it is there; None where nothing makes poses."""
     names = {record.message.get_type() for record in records}
     for autopilot in (PX4, ARDUPILOT):
-        decoder = decoder_for(autopilot, latency_s)
+        decoder = decoder_for(autopilot, latency_s, recorded=True)
         if names.issuperset(decoder.messages):
             return decoder
     return None

@@ -14,7 +14,8 @@ from groundstation.api.register import SUFFIX, Running, registered, running, sen
 
 ONE = Running(pid=os.getpid(), command="fly", vehicle="mqx", socket="/x/mqx.sock")
 PROGRAM = """
-import os, sys, time
+import os, signal, sys, time
+signal.signal(signal.SIGQUIT, signal.SIG_DFL)  # a shell's background jobs ignore it
 from groundstation.api.register import Running, registered
 with registered(Running(pid=os.getpid(), command=sys.argv[2], vehicle=sys.argv[1])):
     print("registered", flush=True)

@@ -1,0 +1,335 @@
+"""The obedience monitor on made-up poses and commands: what convicts, how soon, and what never does."""
+
+import math
+import random
+from collections.abc import Callable
+from typing import NamedTuple
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from groundstation.control.model import Driven, Motion
+from groundstation.control.obedience import EXPANDS, GAP_S, NODE_S, SUSPECTS, Filter, Obedience
+from groundstation.ops import Quat, Vec3
+from groundstation.poses.port import Pose
+from groundstation.so3 import multiply, third_column, turned
+
+G, MASS_KG, PERIOD_S = 9.81, 0.5, 0.01
+NOISE_M, NOISE_RAD = 0.0005, 0.002
+ORIGIN, LEVEL = (0.0, 0.0, 0.0), (1.0, 0.0, 0.0, 0.0)
+SETTLED_S = 5.0
+
+
+class Truth(NamedTuple):
+    """Where the vehicle is and how it leans."""
+
+    position: Vec3
+    attitude: Quat
+
+
+class Demand(NamedTuple):
+    """What the pilot wants: roll and pitch [rad], and thrust as a share of the weight."""
+
+    roll: float
+    pitch: float
+    thrust: float = 1.0
+
+
+Picture = Callable[[Truth], Truth]
+"""What the poses show of the truth."""
+Air = Callable[[float], Vec3]
+"""What pushes the vehicle at a time, beside the commands [m/s², NED]."""
+
+
+def true(truth: Truth) -> Truth:
+    """Poses that don't lie."""
+    return truth
+
+
+def calm(_: float) -> Vec3:
+    """No wind."""
+    return ORIGIN
+
+
+def lively(time_s: float) -> Demand:
+    """A flight that excites all axes, as one along a course does in gusts."""
+    roll = 0.10 * math.sin(5.1 * time_s) + 0.05 * math.sin(9.7 * time_s + 1.0)
+    pitch = 0.10 * math.cos(4.3 * time_s) + 0.05 * math.sin(8.3 * time_s)
+    return Demand(roll, pitch, 1.0 + 0.15 * math.sin(4.7 * time_s) + 0.05 * math.sin(8.9 * time_s))
+
+
+class Watched:
+    """A vehicle that leans as a pilot wants who sees it by its poses, and the monitor that watches these."""
+
+    def __init__(self, seed: int, *, gain: float = 1.0, bias_rad_s: float = 0.0, stiff_1_s: float = 5.0) -> None:
+        """It turns with ``gain`` times the rates that it is told, and with a bias in roll and pitch.
+
+        The pilot turns it back at ``stiff_1_s`` for each radian that it is off [1/s].
+        """
+        self.monitor = Obedience(MASS_KG, G)
+        self.now = 0.0
+        self.highest = 0.0
+        """Largest share of what convicts so far."""
+        self.counts = True
+        """False near the floor."""
+        self._draw = random.Random(seed)
+        self._gain, self._bias, self._stiff = gain, bias_rad_s, stiff_1_s
+        self._velocity: Vec3 = ORIGIN
+        self._past = [Truth(ORIGIN, LEVEL)]
+        self._seen = Pose(0, 0.0, 0.0, ORIGIN, LEVEL)
+
+    @property
+    def share(self) -> float:
+        """Of what convicts, the most that is against the poses now."""
+        evidence = self.monitor.evidence
+        return max(evidence.attitude, evidence.axes, evidence.heading)
+
+    @property
+    def attitude(self) -> Quat:
+        """How it leans in truth."""
+        return self._past[-1].attitude
+
+    def fly(
+        self, duration_s: float, demand: Callable[[float], Demand] = lively, *, picture: Picture = true,
+        air: Air = calm, late_s: float = 0.0, resets: int = 0, silent: bool = False,
+    ) -> None:  # fmt: skip
+        """Fly on; poses are ``late_s`` older than they say, or ``silent``: none comes but the last."""
+        steps = round(duration_s / PERIOD_S)
+        motion, made = self._begin()
+        for left in reversed(range(steps)):
+            rates, push = self._commands(demand(self.now))
+            made = self._driven(made, rates, push)
+            self._move(rates, push, air(self.now))
+            if silent and left:
+                continue
+            before, self._seen = self._seen, self._pose(picture, late_s, resets)
+            elapsed = self._seen.time_s - before.time_s
+            self.monitor.pose(self._seen, motion, made, elapsed, NOISE_M, counts=self.counts)
+            self.highest = max(self.highest, self.share)
+            motion, made = self._begin()
+
+    def convicts_s(self, within_s: float, demand: Callable[[float], Demand] = lively, *, picture: Picture) -> float:
+        """How long until the poses are convicted [s]; infinity where they are not ``within_s`` [s]."""
+        for step in range(1, round(within_s / PERIOD_S) + 1):
+            self.fly(PERIOD_S, demand, picture=picture)
+            if self.share >= 1.0:
+                return step * PERIOD_S
+        return math.inf
+
+    def _begin(self) -> tuple[Motion, Driven]:
+        """As the estimate is at the newest pose."""
+        attitude = self._seen.attitude
+        weight = MASS_KG * G
+        return (
+            Motion(self._seen.position_ned, self._velocity, attitude, weight, ORIGIN),
+            Driven(attitude, weight, ORIGIN, ORIGIN, ORIGIN),
+        )
+
+    def _commands(self, demand: Demand) -> tuple[Vec3, float]:
+        """Body rates [rad/s] and thrust [N], by what is seen."""
+        x, y, _ = third_column(self._seen.attitude)
+        w, *_, z = self._seen.attitude
+        k = self._stiff
+        return (k * (demand.roll + y), k * (demand.pitch - x), -2.0 * k * z * w), demand.thrust * MASS_KG * G
+
+    def _driven(self, made: Driven, rates: Vec3, push: float) -> Driven:
+        h, (x, y, z), (ix, iy, iz), (sx, sy, sz) = PERIOD_S, third_column(made.attitude), made.impulse, made.reach
+        fx, fy, fz = push * x, push * y, push * z
+        return Driven(
+            turned(made.attitude, (h * rates[0], h * rates[1], h * rates[2])), push, rates,
+            (ix + h * fx, iy + h * fy, iz + h * fz),
+            (sx + h * (ix + 0.5 * h * fx), sy + h * (iy + 0.5 * h * fy), sz + h * (iz + 0.5 * h * fz)),
+        )  # fmt: skip
+
+    def _move(self, rates: Vec3, push: float, air: Vec3) -> None:
+        h, truth, g, b = PERIOD_S, self._past[-1], self._gain, self._bias
+        (tx, ty, tz), a = third_column(truth.attitude), push / MASS_KG
+        ax, ay, az = air[0] - a * tx, air[1] - a * ty, air[2] + G - a * tz
+        (x, y, z), (vx, vy, vz) = truth.position, self._velocity
+        there = x + h * (vx + 0.5 * h * ax), y + h * (vy + 0.5 * h * ay), z + h * (vz + 0.5 * h * az)
+        self._velocity = vx + h * ax, vy + h * ay, vz + h * az
+        turn = h * (g * rates[0] + b), h * (g * rates[1] + b), h * g * rates[2]
+        self._past.append(Truth(there, turned(truth.attitude, turn)))
+        self.now += h
+
+    def _pose(self, picture: Picture, late_s: float, resets: int) -> Pose:
+        (x, y, z), attitude = picture(self._past[-1 - min(round(late_s / PERIOD_S), len(self._past) - 1)])
+        gauss = self._draw.gauss
+        place = x + gauss(0.0, NOISE_M), y + gauss(0.0, NOISE_M), z + gauss(0.0, NOISE_M)
+        seen = turned(attitude, (gauss(0.0, NOISE_RAD), gauss(0.0, NOISE_RAD), gauss(0.0, NOISE_RAD)))
+        return Pose(self._seen.id + 1, self.now, self.now, place, seen, reset_count=resets)
+
+
+@given(
+    st.tuples(*[st.floats(-5.0, 5.0)] * 3),
+    st.floats(NODE_S, 1.5 * NODE_S),
+)
+def test_a_parabola_leaves_no_innovation_in_a_filter_that_has_settled(path: Vec3, step_s: float) -> None:
+    x, v, a = path
+    follows = Filter(x)
+    for k in range(1, 60):
+        t = k * step_s
+        off = follows.innovation(x + v * t + 0.5 * a * t * t, step_s)
+        assert k <= EXPANDS or abs(off) < 1e-9
+
+
+def test_what_leaves_its_parabola_leaves_an_innovation() -> None:
+    follows = Filter(0.0)
+    for k in range(1, 30):
+        follows.innovation(0.5 * k, NODE_S)
+    assert follows.innovation(15.0 + 0.1, NODE_S) == pytest.approx(0.1)
+
+
+def vigorous(time_s: float) -> Demand:
+    """A flight that accelerates and brakes hard, along one horizontal axis more than the other."""
+    pitch = 0.25 * math.cos(5.3 * time_s) + 0.10 * math.sin(8.3 * time_s)
+    return Demand(0.10 * math.sin(7.1 * time_s), pitch, 1.0 + 0.3 * math.sin(6.7 * time_s))
+
+
+def hold(_: float) -> Demand:
+    """Nothing is wanted; what the pilot does answers the noise of the poses."""
+    return Demand(0.0, 0.0)
+
+
+def attitude_mirrored_in_roll(truth: Truth) -> Truth:
+    """As where the sign of one axis of the tracker's body is wrong."""
+    w, x, y, z = truth.attitude
+    return Truth(truth.position, (w, -x, y, z))
+
+
+def under_way(seed: int, demand: Callable[[float], Demand] = lively) -> Watched:
+    """A vehicle that has flown for some seconds, with nothing against it."""
+    vehicle = Watched(seed)
+    vehicle.fly(SETTLED_S + 0.077 * seed, demand)
+    assert vehicle.highest < SUSPECTS
+    return vehicle
+
+
+@pytest.mark.parametrize(
+    ("gain", "bias_rad_s"),
+    [(0.6, 0.0), (0.6, 0.03), (0.6, -0.03), (1.0, 0.0), (1.0, -0.05), (1.0, 0.1), (1.5, 0.0), (1.5, -0.05)],
+)
+@pytest.mark.parametrize("demand", [lively, vigorous, hold])
+def test_a_vehicle_that_obeys_is_never_suspected(
+    demand: Callable[[float], Demand], gain: float, bias_rad_s: float
+) -> None:
+    for seed in range(3):
+        vehicle = Watched(seed, gain=gain, bias_rad_s=bias_rad_s)
+        vehicle.fly(60.0, demand)
+        assert vehicle.highest < SUSPECTS
+        assert vehicle.monitor.windows > 0.9 * 60.0 / NODE_S
+
+
+def test_an_attitude_that_stands_while_commands_turn_convicts_within_a_second() -> None:
+    for seed in range(12):
+        vehicle = under_way(seed)
+        stood = vehicle.attitude
+
+        def stands(truth: Truth, stood: Quat = stood) -> Truth:
+            return Truth(truth.position, stood)
+
+        took_s = vehicle.convicts_s(3.0, picture=stands)
+        assert took_s <= 1.0, seed
+
+
+def roll_alone(time_s: float) -> Demand:
+    """Nothing but roll moves."""
+    return lively(time_s)._replace(pitch=0.0)
+
+
+@pytest.mark.parametrize(("demand", "within_s"), [(roll_alone, 0.5), (lively, 1.0), (vigorous, 1.0)])
+def test_a_mirrored_roll_convicts_at_once_and_soon_where_pitch_obeys(
+    demand: Callable[[float], Demand], within_s: float
+) -> None:
+    for seed in range(12):
+        took_s = under_way(seed, demand).convicts_s(3.0, demand, picture=attitude_mirrored_in_roll)
+        assert took_s <= within_s, seed
+
+
+IMAGES: dict[str, Callable[[Vec3], Vec3]] = {
+    "north mirrored": lambda at: (-at[0], at[1], at[2]),
+    "east mirrored": lambda at: (at[0], -at[1], at[2]),
+    "down mirrored": lambda at: (at[0], at[1], -at[2]),
+    "north and east swapped": lambda at: (at[1], at[0], at[2]),
+    "turned by 90": lambda at: (-at[1], at[0], at[2]),
+    "turned by 180": lambda at: (-at[0], -at[1], at[2]),
+}
+
+
+@pytest.mark.parametrize("image", IMAGES)
+def test_positions_along_wrong_axes_convict(image: str) -> None:
+    wrong = IMAGES[image]
+    for seed in range(6):
+        vehicle = Watched(seed)
+        took_s = vehicle.convicts_s(6.0, vigorous, picture=lambda truth: Truth(wrong(truth.position), truth.attitude))
+        assert vehicle.monitor.evidence.axes >= 1.0, seed
+        assert took_s <= 2.0, seed
+
+
+@pytest.mark.parametrize("late_s", [0.1, 0.15, 0.2, 0.3, 0.4])
+def test_how_late_poses_are_is_found_from_what_they_do(late_s: float) -> None:
+    for seed in range(6):
+        vehicle = Watched(seed, stiff_1_s=2.0)
+        vehicle.fly(3.0, late_s=late_s)
+        assert vehicle.monitor.lateness_s() == pytest.approx(late_s, abs=NODE_S)
+
+
+def test_poses_that_come_in_time_are_not_called_late() -> None:
+    for demand in (lively, vigorous, hold):
+        for seed in range(6):
+            vehicle = Watched(seed)
+            for _ in range(20):
+                vehicle.fly(0.5, demand)
+                assert vehicle.monitor.lateness_s() == 0.0
+
+
+DIRECTIONS = [(1.0, 0.0, 0.0), (0.0, -1.0, 0.0), (-0.7, 0.7, 0.0), (0.0, 0.0, 1.0), (0.0, 0.0, -1.0)]
+
+
+@pytest.mark.parametrize("direction", DIRECTIONS)
+def test_a_gust_in_a_hold_convicts_nobody(direction: Vec3) -> None:
+    north, east, down = (4.0 * one for one in direction)
+    for seed in range(6):
+        vehicle = under_way(seed, hold)
+        begun_s = vehicle.now
+
+        def leans(time_s: float, begun_s: float = begun_s) -> Demand:
+            """The pilot leans and thrusts against it, a quarter of a second later."""
+            if time_s < begun_s + 0.25:
+                return hold(time_s)
+            return Demand(-math.atan(east / G), math.atan(north / G), 1.0 + down / G)
+
+        vehicle.fly(5.0, leans, air=lambda _: (north, east, down))
+        assert vehicle.highest < 1.0, seed
+
+
+def test_a_reset_of_the_source_s_estimate_is_no_evidence() -> None:
+    def reset(truth: Truth) -> Truth:
+        """The origin leaps, and the heading by 19°."""
+        north, east, down = truth.position
+        return Truth((north + 0.5, east, down - 0.3), multiply(truth.attitude, (0.98629, 0.0, 0.0, 0.16505)))
+
+    for seed in range(6):
+        vehicle = under_way(seed)
+        vehicle.fly(5.0, picture=reset, resets=1)
+        assert vehicle.highest < SUSPECTS
+
+
+def test_what_happens_while_no_pose_comes_is_no_evidence() -> None:
+    for seed in range(6):
+        vehicle = under_way(seed, vigorous)
+        for _ in range(5):
+            vehicle.fly(GAP_S + 0.1, vigorous, air=lambda _: (3.0, 0.0, 0.0), silent=True)
+            vehicle.fly(1.0, vigorous)
+        assert vehicle.highest < SUSPECTS
+
+
+def test_near_the_floor_and_after_a_fresh_start_nothing_counts() -> None:
+    vehicle = under_way(1)
+    assert vehicle.convicts_s(3.0, picture=attitude_mirrored_in_roll) < math.inf
+    vehicle.monitor.restart()
+    assert vehicle.share == 0.0
+    vehicle.counts, vehicle.highest = False, 0.0
+    vehicle.fly(3.0, picture=attitude_mirrored_in_roll)
+    assert vehicle.highest == 0.0
