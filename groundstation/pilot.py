@@ -309,6 +309,9 @@ class Pilot:
         """The newest estimate of well before suspicion began, or the first."""
         until = self._obedience.calm_s - TRUST_S
         newest = next((one for one in reversed(self._trusted) if one.time_s <= until), self._trusted[0])
+        found = self.evidence
+        if found.still < max(found):
+            return newest
         older = next((one for one in reversed(self._trusted) if one.time_s <= until - LEARNT_S), newest)
         return newest._replace(disturbance=older.disturbance, effectiveness=older.effectiveness)
 

@@ -145,6 +145,7 @@ class Progress:
             spooling = None
         if spooling is None:
             if self._accused(now_s):
+                self._on_conviction()
                 return self._pilot.surrender(now_s, LAST_PERIODS * self._period_s()), None
             self._ensure_pose(now_s)
             tick = self._pilot.tick(now_s)
@@ -181,8 +182,6 @@ class Progress:
         self._charge = charge if not patient or lasts else None
         if self._conviction.says:
             self._say(self._conviction.says)
-        if self._charge is not None:
-            self._on_conviction()
         return self._charge is not None
 
     def _late(self) -> Charge | None:
@@ -310,11 +309,11 @@ class Progress:
 ASTRAY_M = 0.3
 """A landing begins where the vehicle is, where that is farther from the reference [m]: what holds it below would let it
 shoot up to where it should have been."""
-ANSWERED, PAROLE_S = 8.0, 0.8
+ANSWERED, PAROLE_S = 3.0, 0.8
 """Poses that came back after the descent had begun are believed as to speed once so much speaks for them (see
 control/obedience.py), and not at all where that takes longer than so long [s]."""
-HEARTBEAT_S = 1.1
-"""By then an autopilot has told of a mode that somebody else has chosen [s]."""
+HEARTBEAT_S = 0.4
+"""By then an autopilot, which is asked as suspicion begins, has told of a mode that somebody else has chosen [s]."""
 SILENT_S, LOST_S = 0.15, 3.0
 """A vehicle that tells how it turns, and has been silent for so long [s], may not hear us either; for longer than the
 second, it only tells no more."""

@@ -48,13 +48,17 @@ CALM = 2.0
 """Noise is learnt while the evidence is below this."""
 FIRST, CAP, CAP_IMAGE = 5.0, 8.0, 6.5
 """Most that one node may say: the first and any other of the attitude, and of an image. No single outlier convicts."""
-CONVICTS, IMAGE_CONVICTS = 14.0, 7.0
+CONVICTS, IMAGE_CONVICTS = 14.0, 9.0
 """Evidence that convicts: e^14, a million to one, for each of the windows looked at; of an image, which must explain
-better than both a vehicle that obeys and a picture that stands, e^7."""
-SUSPECTS, STILL_SUSPECTS = 0.5, 0.55
+better than both a vehicle that obeys and a picture that stands, e^9."""
+SUSPECTS, STILL_SUSPECTS = 0.5, 0.6
 """Share of it that is a suspicion; of a position that stands."""
+STILL_CAP = 2.0
+"""Most that one node may say for a position that stands: a ramp of wind that the law follows lasts some nodes, too."""
 STOPPED = 0.7
 """What a position that has just left its way counts as, until it moves again [-]."""
+SLIP = 0.15
+"""Share of the change of a command from node to node that may come a node earlier or later [-]."""
 UNEXPLAINED, IMAGE = 8.0, 2.0
 """A node that neither rival explains counts by so much less than its square [-]; an image must explain well."""
 ANSWER = 0.8
@@ -178,6 +182,9 @@ class Obedience:
         self._last: Quat | None = None
         self._arrest: Pose | None = None
         self._stopped_s = 0.0
+        self._strays = False
+        self._place: Vec3 = (0.0, 0.0, 0.0)
+        self._before = [0.0, 0.0]
         self._moved_s = self._swept_s = self._shock_s = self._newest_s = -math.inf
         self._nodes = 0
         self._turns.clear()
@@ -301,7 +308,11 @@ class Obedience:
 
     def _stands(self, pose: Pose, y: list[float], c: list[float], fade: float, noise_m: float) -> None:
         """What one node says of a position that stands; ``noise_m`` is the filter's own [m]."""
-        own, says = noise_m * noise_m, 0.0
+        own, says, strays = noise_m * noise_m, 0.0, False
+        far = math.dist(self._place, pose.position_ned) > SWEPT_M
+        if far and self._strays:  # it left its way, and moves on: no picture does that
+            self.led_s = pose.time_s
+        self._place = pose.position_ned
         for seen, told in zip(y, c, strict=True):
             square = seen * seen
             if square > max(MOVES * own, (ANSWERS * told) ** 2):
@@ -313,11 +324,11 @@ class Obedience:
                 says += 0.5 * math.log(b / a) - 0.5 * square * (1.0 / a - 1.0 / b)
         if math.hypot(*y) > SWEPT_M:
             self._swept_s = pose.time_s
-            if math.dist(y, c) > SWEPT_M:
-                self.led_s = pose.time_s
+            strays = math.dist(y, c) > SWEPT_M
             if math.hypot(*y) - math.hypot(*c) > SHOCK_M:
                 self._shock_s = pose.time_s
-        self._still = max(0.0, self._still * fade + max(-CAP, min(says, CAP)))
+        self._still = max(0.0, self._still * fade + max(-CAP, min(says, STILL_CAP)))
+        self._strays = strays and far
         arrest = self._arrest
         if arrest is not None:
             moved = math.dist(arrest.position_ned, pose.position_ned)
@@ -341,6 +352,9 @@ class Obedience:
         """What one node says of roll or pitch; a constant offset of the rates is the vehicle's trim."""
         c = told + self._bias[axis]
         r = y - c
+        # A rate lag that is told a little wrong shifts what a changing command does by a part of a node.
+        slip = SLIP * (c - self._before[axis])
+        self._before[axis] = c
         variance = self._turn_variance[axis]
         best = min(r * r, y * y)
         self._turn_variance[axis] = max(variance + learn * (min(best, 9.0 * variance) - variance), TURN_FLOOR_RAD**2)
@@ -351,7 +365,7 @@ class Obedience:
             gain, most = max(learn, trim / (trim + noise)), 3.0 * math.sqrt(trim + variance)
             self._bias_variance[axis] = (1.0 - gain) * trim
             self._bias[axis] += gain * max(-most, min(most, r))
-        return ANSWER * c * (ANSWER * c - 2.0 * y) / (2.0 * max(variance, best / UNEXPLAINED))
+        return ANSWER * c * (ANSWER * c - 2.0 * y) / (2.0 * max(variance, best / UNEXPLAINED, slip * slip))
 
     def _across(self, x: float, y: float, cx: float, cy: float, fade: float) -> None:
         """What one node says of the two horizontal axes."""
