@@ -88,5 +88,7 @@ class Descend(Climb):
         share = BRAKING_GAIN / GRAVITY * (1.0 if push <= most else most / push)
         # Where the body's z axis shall point: its thrust, along -z, against the speed.
         x, y, z = so3.to_body(truth.attitude, (share * north, share * east, 1.0))
+        # Position controllers ask for the thrust that the wanted attitude needs, not for more while it leans farther.
+        thrust *= max(so3.third_column(truth.attitude)[2], 0.5)
         n = 1.0 / math.sqrt(x * x + y * y + z * z)
         return thrust, (-ATTITUDE_GAIN * y * n, ATTITUDE_GAIN * x * n, 0.0)

@@ -27,6 +27,8 @@ MOST, BRAKE_S = 1.15, 0.35
 """Largest thrust, as a share of what hovers, and how long it may be above that in all [s]."""
 LEAST = 0.4
 """Smallest thrust before the floor, as a share of what hovers: with less, rates are hard to hold [-]."""
+LEANS = math.cos(math.radians(12.0))
+"""Cosine of a lean from which on thrust is held back where it makes the vehicle faster [-]."""
 BIAS = 0.97
 """Of the hover thrust: to meet the floor early is better than to stop above it."""
 BRAKES_M_S2 = 1.3
@@ -68,12 +70,14 @@ def model_descent(
         wanted = (-SPEED_GAIN * north, -SPEED_GAIN * east, SINK_GAIN * (fastest - sinking))
         along, _ = push(wanted, disturbance, gravity, LEAN)
         roll, pitch = sine_error(motion.attitude, along)
-        upright = third_column(motion.attitude)[2]
+        lean_x, lean_y, upright = third_column(motion.attitude)
         # Far over, thrust lifts nothing that helps.
         ask = mass_kg * length(along) / max(upright, 0.7) if upright > 0.3 else 0.0
         ask = BIAS * min(motion.thrust + thrust_lead * (ask - motion.thrust) / STEP_S, MOST * hover)
         # It may only brake what it sank itself.
         may_brake = sinking > TOUCHDOWN_M_S and braked < BRAKE_S - 1e-9
+        if upright < LEANS and lean_x * north + lean_y * east < 0.0:
+            ask = 0.0  # it leans into where it goes: thrust would only make it faster
         thrust = max(min(ask, MOST * hover if may_brake else hover), LEAST * hover if upright > 0.3 else 0.0)
         braked += STEP_S if thrust > hover else 0.0
         k = ATTITUDE_GAIN

@@ -48,9 +48,10 @@ CALM = 2.0
 """Noise is learnt while the evidence is below this."""
 FIRST, CAP, CAP_IMAGE = 5.0, 8.0, 6.5
 """Most that one node may say: the first and any other of the attitude, and of an image. No single outlier convicts."""
-CONVICTS, IMAGE_CONVICTS = 14.0, 9.0
+CONVICTS, IMAGE_CONVICTS, EARLY_CONVICTS, EARLY = 14.0, 9.0, 7.0, 30
 """Evidence that convicts: e^14, a million to one, for each of the windows looked at; of an image, which must explain
-better than both a vehicle that obeys and a picture that stands, e^9."""
+better than both a vehicle that obeys and a picture that stands, e^9, and e^7 in so many windows after lift-off: axes
+that are set up wrongly are so from the first."""
 SUSPECTS, STILL_SUSPECTS = 0.5, 0.6
 """Share of it that is a suspicion; of a position that stands."""
 STILL_CAP = 2.0
@@ -182,6 +183,7 @@ class Obedience:
         self._last: Quat | None = None
         self._arrest: Pose | None = None
         self._stopped_s = 0.0
+        self._flown = 0
         self._strays = False
         self._place: Vec3 = (0.0, 0.0, 0.0)
         self._before = [0.0, 0.0]
@@ -208,7 +210,8 @@ class Obedience:
             still = max(still, STOPPED if self._stopped_s < ARREST_S else 1.0)
         heading = abs(self._heading) / HEADING_RAD_S
         attitude = max(self._attitude, *self._quarters) / CONVICTS
-        return Contradiction(attitude, max(self._maps) / IMAGE_CONVICTS, heading, still)
+        images = EARLY_CONVICTS if self._flown < EARLY else IMAGE_CONVICTS
+        return Contradiction(attitude, max(self._maps) / images, heading, still)
 
     def pose(self, pose: Pose, before: Motion, given: Driven, dt: float, noise_m: float, *, counts: bool) -> bool:
         """Take one pose; whether it was a node, with new evidence.
@@ -280,6 +283,7 @@ class Obedience:
     def _node(self, pose: Pose, h: float, noise_m: float) -> None:
         self._node_s = self._newest_s = pose.time_s
         self.windows += 1
+        self._flown += 1
         self._nodes += 1
         fade, learn = 1.0 - h / FADE_S, h / LEARN_S
         turn = self._seen_x, self._seen_y, self._told_x, self._told_y
