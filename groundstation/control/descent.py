@@ -69,7 +69,11 @@ class Descent:
             roll, pitch = (roll * n, pitch * n) if n < 1e6 else (1.0, 0.0)
         mass = self._vehicle.mass_kg / estimate.effectiveness
         # A leaning vehicle lifts less, one far over nothing that helps.
-        lift = min(length(along) / max(upright, 0.7), (1.0 + MOST) * g) if upright > 0.3 else 0.0
+        lift = (
+            min(length(along) / max(upright, 0.7), (1.0 + MOST) * (g + min(z, BLIND_WIND_M_S2)))
+            if upright > 0.3
+            else 0.0
+        )
         return decided(
             self._vehicle,
             estimate,
