@@ -52,8 +52,8 @@ CONVICTS, IMAGE_CONVICTS, EARLY_CONVICTS, EARLY = 14.0, 9.0, 7.0, 30
 """Evidence that convicts: e^14, a million to one, for each of the windows looked at; of an image, which must explain
 better than both a vehicle that obeys and a picture that stands, e^9, and e^7 in so many windows after lift-off: axes
 that are set up wrongly are so from the first."""
-SUSPECTS, STILL_SUSPECTS = 0.5, 0.6
-"""Share of it that is a suspicion; of a position that stands."""
+SUSPECTS, STILL_SUSPECTS, IMAGE_SUSPECTS = 0.5, 0.6, 0.7
+"""Share of it that is a suspicion; of a position that stands, or moves as an image."""
 STILL_CAP = 2.0
 """Most that one node may say for a position that stands: a ramp of wind that the law follows lasts some nodes, too."""
 STOPPED = 0.7
@@ -149,7 +149,8 @@ class Contradiction(NamedTuple):
     @property
     def suspicious(self) -> bool:
         """Whether nothing should be learnt from the poses."""
-        return max(self.attitude, self.axes, self.heading) >= SUSPECTS or self.still >= STILL_SUSPECTS
+        turns = max(self.attitude, self.heading) >= SUSPECTS
+        return turns or self.axes >= IMAGE_SUSPECTS or self.still >= STILL_SUSPECTS
 
 
 class Obedience:
