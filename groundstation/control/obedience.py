@@ -188,7 +188,7 @@ class Obedience:
         self._strays = False
         self._place: Vec3 = (0.0, 0.0, 0.0)
         self._before = [0.0, 0.0]
-        self._moved_s = self._swept_s = self._shock_s = self._newest_s = -math.inf
+        self._moved_s = self._swept_s = self._shock_s = self._shocks_s = self._newest_s = -math.inf
         self._nodes = 0
         self._turns.clear()
 
@@ -315,6 +315,9 @@ class Obedience:
         """What one node says of a position that stands; ``noise_m`` is the filter's own [m]."""
         own, says, strays = noise_m * noise_m, 0.0, False
         far = math.dist(self._place, pose.position_ned) > SWEPT_M
+        if far:  # what goes somewhere does not stand, however steadily it goes
+            self._moved_s = pose.time_s
+            says = -CAP
         if far and self._strays:  # it left its way, and moves on: no picture does that
             self.led_s = pose.time_s
         self._place = pose.position_ned
@@ -325,13 +328,15 @@ class Obedience:
             a, b = own + (STILL * told) ** 2, own + (LIVELY * told) ** 2
             if square > max(MOVES * own, b):
                 says -= CAP  # whatever moves it, it is no picture
-            else:
+            elif not far:
                 says += 0.5 * math.log(b / a) - 0.5 * square * (1.0 / a - 1.0 / b)
         if math.hypot(*y) > SWEPT_M:
             self._swept_s = pose.time_s
             strays = math.dist(y, c) > SWEPT_M
             if math.hypot(*y) - math.hypot(*c) > SHOCK_M:
-                self._shock_s = pose.time_s
+                if pose.time_s - self._shocks_s > SWEPT_S:  # what goes on pushing is no shock
+                    self._shock_s = pose.time_s
+                self._shocks_s = pose.time_s
         self._still = max(0.0, self._still * fade + max(-CAP, min(says, STILL_CAP)))
         self._strays = strays and far
         arrest = self._arrest

@@ -22,7 +22,7 @@ from sim.run_folder import RECORDING, RunFolder
 from sim.scenarios import SCENARIOS
 from sim.virtual_time import VirtualTimeLoop
 
-EXCITED_MS, CALM_MS = 400.0, 1000.0
+EXCITED_MS, CALM_MS = 400.0, 1100.0
 """So soon a picture that stands still is found out: where a course excites the vehicle, and in a calm hold."""
 FORWARDS = "link.forward.enabled=true"
 
