@@ -52,7 +52,7 @@ class Conviction:
             )
         least = WITNESS if doubted else 1.0
         if max(evidence.attitude, evidence.axes, evidence.heading) >= least:
-            if led and not doubted and evidence.axes < least:
+            if led and not doubted:
                 return Charge(f"suspicion: {LED}: down on the model", convicted=False)
             also = ", and the autopilot's own attitude says so, too" if doubted else ""
             return Charge(f"convicted: {_accusation(evidence)}{also}: down on the model", convicted=True)

@@ -96,7 +96,7 @@ class Pilot:
         self._driver = self._controller if driven and isinstance(self._controller, Adaptive) else None
         self._watch = Watch(vehicle, config)
         self._obedience = Obedience(vehicle.mass_kg, config.gravity)
-        self._climbed = False
+        self._lifted = self._climbed = False
         self._late_s = 0.0
         self._pushed_since_s: float | None = None
         self._trusted: deque[Trusted] = deque()
@@ -164,7 +164,7 @@ class Pilot:
         disturbance = self._estimator.lifted(climb_m_s, hover_share)
         if isinstance(self._controller, Adaptive):
             self._controller.begin(disturbance)
-        self._released = True
+        self._released = self._lifted = True
         self._trust_from_here(disturbance)
         motion = self._estimator.predict(time_s + self._vehicle.command_delay_s).motion
         return Reference(motion.position, motion.velocity, yaw_rad=euler_zyx(motion.attitude)[2])
@@ -295,7 +295,7 @@ class Pilot:
             self._pushed_since_s = None
         elif self._pushed_since_s is None:
             self._pushed_since_s = pose.time_s
-        if self.evidence.suspicious:
+        if self.evidence.suspicious and self._lifted:
             if not estimator.holds:
                 trusted = self._before()
                 estimator.hold(trusted.disturbance, trusted.effectiveness)
