@@ -317,18 +317,31 @@ class Pilot:
 
     def _reckoned(self, before: Trusted, until_s: float) -> Motion:
         """Where the commands sent have taken the vehicle since ``before``, by ``until_s`` [s]."""
-        vehicle, motion, now = self._vehicle, before.motion, before.time_s
+        motion, now, mass = before.motion, before.time_s, self._vehicle.mass_kg / before.effectiveness
         drives = list(self._drives)
         for i, (begins, drive) in enumerate(drives):
             ends = min(drives[i + 1][0] if i + 1 < len(drives) else until_s, until_s)
-            steps = int((ends - now) / HOLD_STEP_S) + 1 if ends > max(begins, now) else 0
-            for _ in range(steps):
-                motion = rolled(
-                    FLOATS, motion, drive, (ends - now) / steps, mass=vehicle.mass_kg / before.effectiveness,
-                    gravity=self._gravity, disturbance=before.disturbance,
-                    thrust_lag=vehicle.thrust_lag_s, rate_lag=vehicle.rate_lag_s,
-                )  # fmt: skip
+            if ends > max(begins, now):
+                motion = self._rolled(motion, drive, ends - now, mass, before.disturbance)
             now = max(now, ends)
+        return motion
+
+    def _rolled(self, motion: Motion, drive: Drive, duration_s: float, mass_kg: float, disturbance: Vec3) -> Motion:
+        """``motion`` after ``duration_s`` [s] of one ``drive``, in steps that the model can take."""
+        vehicle = self._vehicle
+        steps = int(duration_s / HOLD_STEP_S) + 1
+        for _ in range(steps):
+            motion = rolled(
+                FLOATS,
+                motion,
+                drive,
+                duration_s / steps,
+                mass=mass_kg,
+                gravity=self._gravity,
+                disturbance=disturbance,
+                thrust_lag=vehicle.thrust_lag_s,
+                rate_lag=vehicle.rate_lag_s,
+            )
         return motion
 
     def _send(self, acting_s: float, drive: Drive) -> None:
@@ -364,19 +377,7 @@ class Pilot:
             return ()
         vehicle, motion = self._vehicle, now.motion
         mass = vehicle.mass_kg / now.effectiveness
-        steps = int(held_s / HOLD_STEP_S) + 1
-        for _ in range(steps):
-            motion = rolled(
-                FLOATS,
-                motion,
-                drive,
-                held_s / steps,
-                mass=mass,
-                gravity=self._gravity,
-                disturbance=disturbance,
-                thrust_lag=vehicle.thrust_lag_s,
-                rate_lag=vehicle.rate_lag_s,
-            )
+        motion = self._rolled(motion, drive, held_s, mass, disturbance)
         return bring_down(
             motion,
             vehicle,

@@ -176,7 +176,7 @@ class Progress:
         doubts = self._doubts(now_s) if max(evidence) >= WITNESS else None
         led = self._pilot.monitor.led(now_s)
         charge = self._conviction.look(evidence, now_s, led=led, doubted=doubts is True)
-        # Where its own attitude agrees, a pilot may have taken over: its heartbeat tells, once a second.
+        # Where its own attitude agrees, a pilot may have taken over: it is asked for its mode, and that takes a moment.
         patient = charge is not None and doubts is False and evidence.attitude == max(evidence)
         lasts = self._since.lasts("taken", patient, now_s, HEARTBEAT_S)
         self._charge = charge if not patient or lasts else None

@@ -97,6 +97,12 @@ HEADING_S, HEADING_RAD_S = 0.7, 0.25
 """Time constant of a turn about the vertical that no command asks for [s], and what convicts [rad/s]: 14°/s."""
 LED_S = 1.0
 """So long after it was moved by something else than commands it may still be in somebody's hand [s]."""
+OPPOSED = 3
+"""So many images, the first, oppose the command on an axis or two [-]."""
+EXACT_M, SMALLEST_M = 0.005, 0.015
+"""So well does an image agree that is one [m], and smaller ones are not told from noise [m]."""
+LATE_EXPLAINS = 0.35
+"""A lateness explains the turns where it leaves less than this share of their power [-]."""
 LAGS_S = 1.2
 """Turns of so long are kept to look for a lateness in them [s]."""
 
@@ -167,7 +173,7 @@ class Obedience:
         self.windows = 0
         """Nodes looked at."""
         self.largest = 0.0
-        """Largest share of what convicts that was ever reached, attitude or axes [-]."""
+        """Largest share of what convicts that was ever reached, by any statistic [-]."""
         self.calm_s = -math.inf
         """When nothing was suspicious last: poses of before are to be trusted [s]."""
         self.answered = 0.0
@@ -314,6 +320,7 @@ class Obedience:
     def _stands(self, pose: Pose, y: list[float], c: list[float], fade: float, noise_m: float) -> None:
         """What one node says of a position that stands; ``noise_m`` is the filter's own [m]."""
         own, says, strays = noise_m * noise_m, 0.0, False
+        leaves = math.hypot(*y) - math.hypot(*c)
         far = math.dist(self._place, pose.position_ned) > SWEPT_M
         if far:  # what goes somewhere does not stand, however steadily it goes
             self._moved_s = pose.time_s
@@ -333,7 +340,7 @@ class Obedience:
         if math.hypot(*y) > SWEPT_M:
             self._swept_s = pose.time_s
             strays = math.dist(y, c) > SWEPT_M
-            if math.hypot(*y) - math.hypot(*c) > SHOCK_M:
+            if leaves > SHOCK_M:
                 if pose.time_s - self._shocks_s > SWEPT_S:  # what goes on pushing is no shock
                     self._shock_s = pose.time_s
                 self._shocks_s = pose.time_s
@@ -345,7 +352,7 @@ class Obedience:
             self._stopped_s = pose.time_s - arrest.time_s
             if moved > STANDS_M + 2.0 * noise_m or self._stopped_s > 2.0 * ARREST_S:
                 self._arrest, self._stopped_s, self.led_s = None, 0.0, pose.time_s
-        if math.hypot(*y) - math.hypot(*c) > ARREST_M + 2.0 * (math.sqrt(max(self._wind)) - WIND_M):
+        if leaves > ARREST_M + 2.0 * (math.sqrt(max(self._wind)) - WIND_M):
             # It leaves its way, and not by our doing: a gust, a hand, or the end of what was true.
             self._arrest = pose
 
@@ -402,14 +409,6 @@ def _learnt(wind: float, best: float) -> float:
     """The variance that wind leaves [m²], after a node that the best rival explains but for ``best`` [m²]."""
     share = WIND_RISES if best > wind else WIND_FALLS
     return max(wind + share * (min(best, 9.0 * wind) - wind), WIND_M * WIND_M)
-
-
-OPPOSED = 3
-"""So many images, the first, oppose the command on an axis or two [-]."""
-EXACT_M, SMALLEST_M = 0.005, 0.015
-"""So well does an image agree that is one [m], and smaller ones are not told from noise [m]."""
-LATE_EXPLAINS = 0.35
-"""A lateness explains the turns where it leaves less than this share of their power [-]."""
 
 
 def _turn(a: Quat, b: Quat) -> Vec3:
