@@ -26,9 +26,9 @@ from groundstation.quiet import Quiet
 from groundstation.recorded import Give, RecordedFlight, about
 from groundstation.settings import Config
 from groundstation.snapshot import Snapshot
-from links import make_link
-from links.mavlink import MavlinkLink
-from links.port import CommandLink
+from links.core.port import CommandLink
+from links.make import make_link
+from links.mavlink.link import MavlinkLink
 
 
 def make_ends(
@@ -36,8 +36,8 @@ def make_ends(
 ) -> tuple[CommandLink, PoseSource]:
     """The link and the pose source that ``config`` names; nothing is opened yet.
 
-    ``wires`` is what a simulation puts in the place of the link's hardware; see :func:`links.make_link`. ``others`` are
-    further bodies that the source looks for.
+    ``wires`` is what a simulation puts in the place of the link's hardware; see :func:`links.make.make_link`.
+    ``others`` are further bodies that the source looks for.
 
     Raises:
         ConfigError: the poses need another link.

@@ -20,9 +20,9 @@ from groundstation.takeoff import Standing, limit_n, usual_limit_n
 from groundstation.trajectories.port import Reference, Trajectory
 from groundstation.verdict import Check, Verdict
 from groundstation.witness import ASKEW_DEG, Agreement
-from links.mavlink import MavlinkLinkConfig
-from links.port import LinkStatus
-from links.rf_codec import RfLinkConfig
+from links.core.port import LinkStatus
+from links.mavlink.link import MavlinkLinkConfig
+from links.rf.codecs.codec import RfLinkConfig
 
 LOOK_S = 1.2
 """Poses are looked at for so long before the first checks [s]."""

@@ -10,8 +10,8 @@ from groundstation.poses.others import Others
 from groundstation.settings import Config, LinkConfig
 from groundstation.takeoff import Standing
 from groundstation.verdict import Check, Verdict
-from links.bridge_link import BridgeLinkConfig
-from links.mavlink_config import MavlinkLinkConfig
+from links.bridge.link import BridgeLinkConfig
+from links.mavlink.config import MavlinkLinkConfig
 
 SEEN_S = 0.5
 """A body that was not seen for so long may be anywhere [s]."""

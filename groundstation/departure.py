@@ -16,7 +16,7 @@ from groundstation.sender import Ended
 from groundstation.settings import Config
 from groundstation.verdict import Check, Verdict
 from groundstation.witness import Witness
-from links.port import CommandLink, LinkError
+from links.core.port import CommandLink, LinkError
 
 LOOK_AGAIN_S = 1.0
 """How often the checks are made anew while the operator has not armed yet [s]."""

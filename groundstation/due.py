@@ -1,6 +1,6 @@
 """How late a command is: for its link's frame, or where commands follow the poses, after its pose. Sans-IO."""
 
-from links.port import CommandLink
+from links.core.port import CommandLink
 
 
 class Due:

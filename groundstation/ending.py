@@ -5,7 +5,7 @@ from collections.abc import Callable
 from contextlib import suppress
 
 from groundstation.poses.port import Distrusts, PoseSource
-from links.port import CommandLink, LinkError
+from links.core.port import CommandLink, LinkError
 
 FEED_LOOK_S = 0.1
 """How often it is looked whether poses still serve the autopilot after the flight [s]."""

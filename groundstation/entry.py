@@ -9,7 +9,7 @@ import sys
 from collections.abc import Callable, Iterator
 from typing import Any, TextIO
 
-from links.printable import printable
+from links.core.printable import printable
 
 UNREAD = 1
 """Exit code of a program whose output nobody takes."""

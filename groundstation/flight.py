@@ -26,7 +26,7 @@ from groundstation.settings import Config
 from groundstation.snapshot import Snapshot
 from groundstation.verdict import Check
 from groundstation.witness import Witness
-from links.port import Attitude, CommandLink, LinkError, TellsMode
+from links.core.port import Attitude, CommandLink, LinkError, TellsMode
 
 HELD_IN = frozenset({State.ARMING, State.TAKEOFF, State.HOLD, State.TRACKING, State.RETURNING})
 """Where the operator's hold is let go in these states, it lands; in those that come down already it changes nothing."""

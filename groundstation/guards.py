@@ -20,7 +20,7 @@ from groundstation.surroundings import Surroundings
 from groundstation.sway import Sway
 from groundstation.trajectories.port import Reference
 from groundstation.vehicle import Vehicle
-from links.port import Command, LinkStatus
+from links.core.port import Command, LinkStatus
 
 Seconds = Annotated[float, msgspec.Meta(ge=0.0, le=10.0)]
 Share = Annotated[float, msgspec.Meta(gt=0.0, le=1.0)]

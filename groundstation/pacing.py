@@ -3,7 +3,7 @@
 import asyncio
 import math
 
-from links.port import CommandLink
+from links.core.port import CommandLink
 
 LAST_CHANCE_S = 0.004
 """So long before a command's deadline does the next one leave [s]."""

@@ -22,7 +22,7 @@ from groundstation.snapshot import Certificate
 from groundstation.so3 import euler_zyx
 from groundstation.trajectories.port import Reference, Trajectory
 from groundstation.vehicle import Vehicle
-from links.port import Command, Segment
+from links.core.port import Command, Segment
 
 WIND_MEMORY_S = 1.0
 """Over which the disturbance is averaged for the bring-down [s]: the gust of this moment will be over by then."""

@@ -9,11 +9,11 @@ from groundstation.settings import Config
 from groundstation.telemetry.mqtt_requests import ensure_mqtt
 from groundstation.trajectories.check import Report, check, refusal
 from groundstation.trajectories.demands import Demand
-from links.bridge_link import BridgeLinkConfig
-from links.key_file import read_key
-from links.mavlink_config import MavlinkLinkConfig
-from links.rf_codec import RfLinkConfig
-from links.serial_port import is_pseudo_terminal
+from links.bridge.link import BridgeLinkConfig
+from links.io.key_file import read_key
+from links.io.serial_port import is_pseudo_terminal
+from links.mavlink.config import MavlinkLinkConfig
+from links.rf.codecs.codec import RfLinkConfig
 
 
 def look(config: Config) -> Report:

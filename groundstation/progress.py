@@ -17,7 +17,7 @@ from groundstation.separation import Separation
 from groundstation.settings import Config
 from groundstation.takeoff import Spool, SpoolUp, Standing, limit_n
 from groundstation.trajectories.port import Reference
-from links.port import Command, LinkStatus
+from links.core.port import Command, LinkStatus
 
 
 class Progress:

@@ -12,11 +12,11 @@ from groundstation.company import link_of
 from groundstation.config import ConfigError, load
 from groundstation.preflight import is_simulated, key
 from groundstation.settings import Config
-from links.bridge import BridgeConfig
-from links.key_file import make_key
-from links.port import LinkError
-from links.rf_codec import RfLinkConfig, Service
-from links.rf_codecs import RF_CODECS
+from links.bridge.server import BridgeConfig
+from links.core.port import LinkError
+from links.io.key_file import make_key
+from links.rf.codecs.codec import RfLinkConfig, Service
+from links.rf.codecs.kinds import RF_CODECS
 
 Say = Callable[[str], None]
 
@@ -32,7 +32,7 @@ def serve(args: argparse.Namespace, say: Say) -> bool:
 
 
 async def _serve(config: RfLinkConfig, thrust_max_n: float, what: str, seconds: float, say: Say) -> bool:
-    from links.serial_rf import SerialRfLink
+    from links.rf.link import SerialRfLink
 
     link = SerialRfLink(config, thrust_max_n=thrust_max_n)
     try:
@@ -55,7 +55,7 @@ async def _serve(config: RfLinkConfig, thrust_max_n: float, what: str, seconds: 
 
 
 def _histogram(octaves: tuple[int, ...]) -> str:
-    """``<64 µs 12, <128 µs 3`` of counts by lateness; see :class:`links.pacer_messages.Report`."""
+    """``<64 µs 12, <128 µs 3`` of counts by lateness; see :class:`links.rf.pacer_messages.Report`."""
     return ", ".join(f"<{2**k} µs {count}" for k, count in enumerate(octaves) if count)
 
 
@@ -83,7 +83,7 @@ def bridge(args: argparse.Namespace, say: Say) -> bool:
 
 
 async def _bridge(config: BridgeConfig, shared: bytes, say: Say) -> bool:
-    from links.bridge import Bridge
+    from links.bridge.server import Bridge
 
     loop = asyncio.get_running_loop()
     link = config.link

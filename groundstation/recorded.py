@@ -32,8 +32,8 @@ from groundstation.recording.wires import Wires
 from groundstation.requests import Reply, Request
 from groundstation.settings import Config
 from groundstation.trajectories.port import Reference, Trajectory
-from links.mavlink import MavlinkLinkConfig
-from links.port import Command, CommandLink
+from links.core.port import Command, CommandLink
+from links.mavlink.link import MavlinkLinkConfig
 
 LOOK_S = 0.2
 """How often the state of link and source is noted [s]."""

@@ -12,8 +12,8 @@ from groundstation.poses.port import Pose, PoseStatus
 from groundstation.settings import Config
 from groundstation.snapshot import Certificate, Snapshot
 from groundstation.verdict import Check
-from links.lateness import Lateness
-from links.port import CommandLink, LinkStatus
+from links.core.lateness import Lateness
+from links.core.port import CommandLink, LinkStatus
 
 ZERO: Vec3 = (0.0, 0.0, 0.0)
 LEVEL: Quat = (1.0, 0.0, 0.0, 0.0)

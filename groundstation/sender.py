@@ -9,7 +9,7 @@ from groundstation.pilot import Pilot, Tick
 from groundstation.poses.port import Pose
 from groundstation.progress import Progress
 from groundstation.standstill import LOOK_S, STALL_S, Standstill
-from links.port import Command, CommandLink, LinkError
+from links.core.port import Command, CommandLink, LinkError
 
 LINK_LOOK_S = 0.5
 """How often it is asked whether the autopilot is still there and armed [s]."""

@@ -24,16 +24,16 @@ from groundstation.touchdown import LandingConfig
 from groundstation.trajectories import TrajectoryConfig
 from groundstation.trajectories.lemniscate import LemniscateConfig
 from groundstation.vehicle import Vehicle
-from links.bridge_link import BridgeLinkConfig
-from links.mavlink_config import ForwardConfig, MavlinkLinkConfig
-from links.rf_codecs import RfConfig
-from links.thrust_curve import full_thrust_n
+from links.bridge.link import BridgeLinkConfig
+from links.core.thrust_curve import full_thrust_n
+from links.mavlink.config import ForwardConfig, MavlinkLinkConfig
+from links.rf.codecs.kinds import RfConfig
 
 HOVER_TOLERANCE = 0.02
 """Hover thrust is rounded where autopilots show it: so much may the full thrust by it fall short, as a share."""
 
 LinkConfig: TypeAlias = MavlinkLinkConfig | RfConfig | BridgeLinkConfig
-"""The configuration of one link, picked by its ``kind``; see ``links.LINKS``."""
+"""The configuration of one link, picked by its ``kind``; see ``links.make.LINKS``."""
 
 
 class FlightConfig(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
@@ -112,7 +112,7 @@ class Config(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=Tr
 
     @property
     def thrust_curve(self) -> float:
-        """The curve in force, from signal to thrust (links/thrust_curve.py): the link's, or else the vehicle's."""
+        """The curve in force, from signal to thrust (links/core/thrust_curve.py): the link's, or else the vehicle's."""
         return self.vehicle.thrust_curve if self.link.thrust_curve is None else self.link.thrust_curve
 
     @property

@@ -4,7 +4,7 @@ import msgspec
 
 from groundstation.ops import Quat, Vec3
 from groundstation.verdict import Check
-from links.port import LinkStatus
+from links.core.port import LinkStatus
 
 
 class Diagnostics(msgspec.Struct, frozen=True, gc=False):

@@ -14,7 +14,7 @@ from groundstation.api.place import ApiError, owner
 from groundstation.api.register import BRIDGE, Running, running, send, strangers
 from groundstation.config import ConfigError
 from groundstation.requests import Ask, Request
-from links.printable import printable
+from links.core.printable import printable
 
 ANSWER_S = 1.0
 """Who has not answered by then gets a signal [s]."""

@@ -24,7 +24,7 @@ from typing import NamedTuple
 from groundstation.ops import Quat
 from groundstation.poses.port import Pose
 from groundstation.so3 import conjugate, multiply
-from links.port import Attitude
+from links.core.port import Attitude
 
 STEP_S = 0.05
 """From one instant that is compared to the next [s]."""

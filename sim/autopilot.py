@@ -13,7 +13,7 @@ import math
 from collections.abc import Callable, Mapping
 from typing import ClassVar
 
-from links.mavlink_codec import PX4
+from links.mavlink.codec import PX4
 from sim.airframe import Airframe
 from sim.autopilot_base import SimulatedAutopilot
 from sim.autopilot_dialect import (

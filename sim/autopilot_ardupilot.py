@@ -16,7 +16,7 @@ from collections.abc import Callable, Mapping
 from typing import ClassVar
 
 from groundstation import so3
-from links.mavlink_codec import ARDUPILOT
+from links.mavlink.codec import ARDUPILOT
 from sim.airframe import Airframe
 from sim.autopilot_base import SimulatedAutopilot
 from sim.autopilot_dialect import (

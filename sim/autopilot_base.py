@@ -8,7 +8,7 @@ refuses, what it makes of a set-point, and what it does when they stop.
 import math
 from collections.abc import Callable, Mapping, Sequence
 
-from links.mavlink_codec import (
+from links.mavlink.codec import (
     ARM_DISARM,
     ARMED,
     DO_SET_MODE,

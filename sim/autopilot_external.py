@@ -9,7 +9,7 @@ from collections import Counter
 import msgspec
 
 from groundstation.ops import Quat, Vec3
-from links.mavlink_codec import ARDUPILOT, Message
+from links.mavlink.codec import ARDUPILOT, Message
 
 NED, BODY_FRD, LOCAL_FRD = 1, 12, 20
 UNKNOWN, VISION, VIO = 0, 2, 3

@@ -19,8 +19,8 @@ from groundstation.clock import sleep_until
 from groundstation.config import dump
 from groundstation.poses.vicon import ViconConfig
 from groundstation.settings import Config
-from links.address import parse_address
-from links.mavlink import MavlinkLinkConfig
+from links.io.address import parse_address
+from links.mavlink.link import MavlinkLinkConfig
 from sim.autopilot import Px4Autopilot
 from sim.autopilot_peer import AutopilotPeer
 from sim.bench_answers import Answers, LatencyFailed, Waiting, figures_of

@@ -18,7 +18,7 @@ from groundstation.snapshot import Snapshot
 from groundstation.telemetry.mqtt import publish_forever
 from groundstation.telemetry.mqtt_broker import from_url
 from groundstation.telemetry.mqtt_config import MqttConfig
-from links.port import LinkStatus
+from links.core.port import LinkStatus
 from sim.bench import Options
 
 STATIONS = 100

@@ -11,10 +11,10 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
-from links.dsm_codec import DsmLinkConfig
-from links.pacer_messages import Arm, End, Give, Pacer, Report, Stop
-from links.pacer_process import open_process
-from links.port import Command, Segment
+from links.core.port import Command, Segment
+from links.rf.codecs.dsm_codec import DsmLinkConfig
+from links.rf.pacer_messages import Arm, End, Give, Pacer, Report, Stop
+from links.rf.pacer_process import open_process
 from sim.pty_wire import PtyWire
 
 PERIOD_S = 0.0225
@@ -24,7 +24,7 @@ HOGS_PER_CPU = 1.5
 
 _FLOOR_IN_PYTHON = """
 import sys
-from links.pacer_child import Clock, prioritise
+from links.rf.pacer_child import Clock, prioritise
 period, count, priority = int(sys.argv[1]) / 1e9, int(sys.argv[2]), int(sys.argv[3])
 clock = Clock()
 prioritise(priority, clock)

@@ -11,7 +11,7 @@ import tomli_w
 from groundstation.config import ConfigError, dump
 from groundstation.poses.natnet import NatNetConfig
 from groundstation.settings import Config
-from links.mavlink import MavlinkLinkConfig
+from links.mavlink.link import MavlinkLinkConfig
 from sim.world import World
 
 APART_M = 3.0

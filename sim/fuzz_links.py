@@ -6,8 +6,8 @@ from typing import Any
 
 import msgspec
 
-from links.port import Command
-from links.rf_codecs import RF_CODECS
+from links.core.port import Command
+from links.rf.codecs.kinds import RF_CODECS
 from sim.fuzz_subjects import Subject, pieces_of, repaired_mavlink
 from sim.pose_bytes import FLIGHTS
 
@@ -17,7 +17,7 @@ class MavlinkLink:
 
     def __init__(self) -> None:
         """As seen from a ground station."""
-        from links.mavlink_codec import MavlinkCodec
+        from links.mavlink.codec import MavlinkCodec
 
         self._codec = MavlinkCodec(245, 190)
         self._seeds = [
@@ -48,7 +48,7 @@ class MavlinkLink:
 
 
 def _mavlink_said(pieces: Sequence[bytes]) -> tuple[list[bytes], Counter[str]]:
-    from links.mavlink_codec import MavlinkCodec
+    from links.mavlink.codec import MavlinkCodec
 
     codec = MavlinkCodec(245, 190)
     return [bytes(m.get_msgbuf()) for piece in pieces for m in codec.feed(piece)], codec.dropped
@@ -103,8 +103,8 @@ class BridgeSubject:
 
     def __init__(self) -> None:
         """Commands, arming, services and the end."""
-        from links import bridge_codec
-        from links.rf_codec import Service
+        from links.bridge import codec as bridge_codec
+        from links.rf.codecs.codec import Service
 
         self._codec = bridge_codec
         self._nonces = (bytes(range(bridge_codec.NONCE_BYTES)), bytes(bridge_codec.NONCE_BYTES))

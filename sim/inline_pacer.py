@@ -5,10 +5,10 @@ import errno
 from collections.abc import Callable
 
 from groundstation.clock import sleep_until
-from links.pacer import FramePacer
-from links.pacer_messages import Give, OpenPacer, Order, Report
-from links.rf_codec import RfLinkConfig
-from links.watch import LOOK_S, Watch
+from links.rf.codecs.codec import RfLinkConfig
+from links.rf.pacer import FramePacer
+from links.rf.pacer_messages import Give, OpenPacer, Order, Report
+from links.rf.standby_watch import LOOK_S, Watch
 
 MODULE = ("module", 1)
 """Where the simulated module listens, on the loop's network in memory."""
@@ -17,7 +17,7 @@ STATION = ("station", 1)
 
 
 class WirePort(asyncio.DatagramProtocol):
-    """Implements :class:`links.pacer.Port`: a wire to :data:`MODULE`, a datagram a frame."""
+    """Implements :class:`links.rf.pacer.Port`: a wire to :data:`MODULE`, a datagram a frame."""
 
     def __init__(self) -> None:
         """Nothing is opened yet; ``attach`` first."""
@@ -68,7 +68,7 @@ class WirePort(asyncio.DatagramProtocol):
 
 
 class InlinePacer:
-    """Implements :class:`links.pacer_messages.Pacer`."""
+    """Implements :class:`links.rf.pacer_messages.Pacer`."""
 
     why_mute = "the simulated pacer has failed"
 

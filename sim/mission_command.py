@@ -61,7 +61,7 @@ def _missions(args: argparse.Namespace, name: str, world: World, config: Config)
 
 def _paced_by_poses(config: Config) -> Config:
     """``config`` with a link that sends as poses come, as a MAVLink link does where nobody says otherwise."""
-    from links.mavlink import MavlinkLinkConfig
+    from links.mavlink.link import MavlinkLinkConfig
 
     if not isinstance(config.link, MavlinkLinkConfig):
         return config

@@ -10,7 +10,7 @@ from groundstation.poses import natnet_models_codec
 from groundstation.poses.multicast import send_by
 from groundstation.poses.natnet import NatNetConfig
 from groundstation.poses.natnet_payload import Unreadable
-from links.address import parse_address
+from links.io.address import parse_address
 from sim.trackers import CLOCK_AHEAD_S, Seen
 
 TICKS_PER_S = 10_000_000

@@ -14,7 +14,7 @@ from groundstation.poses import PoseConfig
 from groundstation.poses.gate import GateConfig
 from groundstation.poses.vicon import ViconConfig
 from groundstation.settings import Config
-from links.mavlink import MavlinkLinkConfig
+from links.mavlink.link import MavlinkLinkConfig
 from sim.world import World
 
 LEAST_HEIGHT_M = 0.5

@@ -22,7 +22,7 @@ from groundstation.poses.vicon import ViconConfig
 from groundstation.poses.vicon_reader import ViconReader
 from groundstation.poses.vision import VisionConfig
 from groundstation.poses.vision_codec import VisionReader
-from links.mavlink_codec import MavlinkCodec, Message
+from links.mavlink.codec import MavlinkCodec, Message
 from sim.natnet_server import NatNetServer
 from sim.qtm_server import QtmServer
 from sim.trackers import Seen, json_encoder, vicon_encoder, vision_encoder

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from groundstation.frames import frames_of
 from groundstation.poses import qualisys_codec as qtm
 from groundstation.poses.qualisys import QualisysConfig
-from links.address import parse_address
+from links.io.address import parse_address
 from sim.trackers import CLOCK_AHEAD_S, Seen
 
 MOST_UNREAD = 1 << 18

@@ -8,9 +8,9 @@ import msgspec
 from groundstation.config import from_dict
 from groundstation.settings import Config
 from groundstation.vehicle import Vehicle
-from links.bridge import Bridge, BridgeConfig
-from links.bridge_link import BridgeLinkConfig
-from links.rf_codecs import RF_CODECS, RfConfig
+from links.bridge.link import BridgeLinkConfig
+from links.bridge.server import Bridge, BridgeConfig
+from links.rf.codecs.kinds import RF_CODECS, RfConfig
 from sim.inline_pacer import WirePort, opened_on
 from sim.world import World
 

@@ -11,8 +11,8 @@ import asyncio
 from collections.abc import Callable
 from typing import Any
 
-from links.channel_map import Channels
-from links.rf_codec import Heard, RfLinkConfig, Service
+from links.rf.codecs.channel_map import Channels
+from links.rf.codecs.codec import Heard, RfLinkConfig, Service
 from sim.airframe import Airframe
 from sim.inline_pacer import MODULE
 

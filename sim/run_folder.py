@@ -18,7 +18,7 @@ from groundstation.recorded import about
 from groundstation.recording.log import FlightLog
 from groundstation.recording.records import Ended, Record, Ticked, Told
 from groundstation.settings import Config
-from links.mavlink import MavlinkLinkConfig
+from links.mavlink.link import MavlinkLinkConfig
 from sim.inline_pacer import MODULE
 from sim.world import World
 

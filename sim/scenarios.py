@@ -8,7 +8,7 @@ from groundstation.config import from_dict
 from groundstation.settings import Config, FlightConfig
 from groundstation.trajectories.lemniscate import LemniscateConfig
 from groundstation.vehicle import Vehicle
-from links.mavlink import MavlinkLinkConfig
+from links.mavlink.link import MavlinkLinkConfig
 from sim.radio import module, section
 from sim.world import World
 

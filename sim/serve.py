@@ -15,7 +15,7 @@ from groundstation.poses.qualisys import QualisysConfig
 from groundstation.poses.vicon import ViconConfig
 from groundstation.poses.vision import VisionConfig
 from groundstation.settings import Config
-from links.mavlink import MavlinkLinkConfig
+from links.mavlink.link import MavlinkLinkConfig
 from sim.fleet_stage import FleetStage
 from sim.pty_wire import PtyWire
 from sim.stage import Stage

@@ -11,13 +11,13 @@ from typing import Any
 from groundstation.config import ConfigError
 from groundstation.ops import Vec3
 from groundstation.settings import Config
-from links.address import parse_address
-from links.bridge import Bridge
-from links.key_file import read_key
-from links.mavlink import MavlinkLinkConfig
-from links.mavlink_key import StampFile
-from links.mavlink_signing import TICKS_PER_S, Signer
-from links.thrust_curve import signal
+from links.bridge.server import Bridge
+from links.core.thrust_curve import signal
+from links.io.address import parse_address
+from links.io.key_file import read_key
+from links.mavlink.link import MavlinkLinkConfig
+from links.mavlink.signing import TICKS_PER_S, Signer
+from links.mavlink.signing_key import StampFile
 from sim.autopilot_base import SimulatedAutopilot
 from sim.autopilot_peer import AutopilotPeer
 from sim.autopilots import AUTOPILOTS

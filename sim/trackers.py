@@ -12,8 +12,8 @@ from groundstation.poses.natnet import NatNetConfig
 from groundstation.poses.qualisys import QualisysConfig
 from groundstation.poses.vicon import ViconConfig
 from groundstation.poses.vision import VisionConfig
-from links.address import parse_address
-from links.mavlink_codec import MavlinkCodec
+from links.io.address import parse_address
+from links.mavlink.codec import MavlinkCodec
 
 CLOCK_AHEAD_S = 1000.0
 """How far the tracking computer's clock is ahead of ours: nobody told them to agree [s]."""

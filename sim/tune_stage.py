@@ -10,8 +10,8 @@ from groundstation.poses import Recorded
 from groundstation.poses.mavlink import MavlinkPoseConfig
 from groundstation.poses.vicon import ViconConfig
 from groundstation.settings import Config, LinkConfig
-from links.bridge_link import BridgeLinkConfig
-from links.mavlink import MavlinkLinkConfig
+from links.bridge.link import BridgeLinkConfig
+from links.mavlink.link import MavlinkLinkConfig
 from sim.own import timing
 from sim.prepare import prepare
 from sim.scenarios import SCENARIOS, Scenario

@@ -7,7 +7,7 @@ import msgspec
 
 from groundstation import so3
 from groundstation.ops import Quat, Vec3
-from links.thrust_curve import thrust
+from links.core.thrust_curve import thrust
 from sim.airframe import Truth
 from sim.horizon import Horizon
 from sim.quadrotor import Quadrotor

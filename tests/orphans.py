@@ -10,7 +10,7 @@ import signal
 from pathlib import Path
 
 MARK = "GROUNDSTATION_TEST_SESSION"
-PROGRAMS = {b"links.pacer_child", b"links.pacer_standby"}
+PROGRAMS = {b"links.rf.pacer_child", b"links.rf.pacer_standby"}
 
 
 def mark_session() -> bool:

@@ -4,9 +4,9 @@ import json
 import pathlib
 from typing import NamedTuple
 
-from links.crsf_codec import CrsfLinkConfig
-from links.dsm_codec import DsmLinkConfig
-from links.rf_codec import RfCodec, Service, position
+from links.rf.codecs.codec import RfCodec, Service, position
+from links.rf.codecs.crsf_codec import CrsfLinkConfig
+from links.rf.codecs.dsm_codec import DsmLinkConfig
 
 
 class Row(NamedTuple):

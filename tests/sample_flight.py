@@ -12,7 +12,7 @@ from groundstation.ops import Vec3
 from groundstation.requests import Ask, Reply, Request
 from groundstation.snapshot import Certificate, Diagnostics, Snapshot
 from groundstation.so3 import from_euler_zyx
-from links.port import LinkStatus
+from links.core.port import LinkStatus
 
 
 class Sampled:

@@ -9,7 +9,7 @@ from groundstation import so3
 from groundstation.ops import Quat, Vec3
 from groundstation.poses.port import Pose
 from groundstation.witness import Agreement, Witness
-from links.port import Attitude
+from links.core.port import Attitude
 
 ARMED_S = 10.0
 """It stands until then."""

@@ -4,7 +4,7 @@ from typing import Protocol
 
 from groundstation.api.messages import Answer, Control, Order
 from groundstation.requests import Ask, Reply, Request
-from links.printable import printable
+from links.core.printable import printable
 
 ANYONE = frozenset({Ask.LAND, Ask.DESCEND, Ask.ABORT, Ask.KILL})
 """What needs no control: it only ever brings the vehicle down."""

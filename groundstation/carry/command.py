@@ -20,10 +20,10 @@ from groundstation.poses import Recorded
 from groundstation.poses.mavlink import MavlinkPoseConfig
 from groundstation.poses.port import Pose, PoseEvent, SourceError
 from groundstation.settings import Config
-from links.mavlink import MavlinkLinkConfig
-from links.mavlink_codec import Message
-from links.mavlink_connection import MavlinkConnection
-from links.port import LinkError
+from links.core.port import LinkError
+from links.mavlink.codec import Message
+from links.mavlink.connection import MavlinkConnection
+from links.mavlink.link import MavlinkLinkConfig
 
 EXIT_FOUND, EXIT_CONTRADICTION, EXIT_NO_SOURCE = 0, 1, 3
 ATTITUDE_HZ = 100.0

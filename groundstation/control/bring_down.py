@@ -18,7 +18,7 @@ from groundstation.control.model import Motion
 from groundstation.ops import Vec3
 from groundstation.so3 import third_column, to_body, turned
 from groundstation.vehicle import Vehicle
-from links.port import Segment
+from links.core.port import Segment
 
 ON_FLOOR_M = 0.03
 """Below this height above the floor the motors only stop [m]."""

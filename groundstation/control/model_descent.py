@@ -15,7 +15,7 @@ from groundstation.control.model import Motion, rolled
 from groundstation.ops import FLOATS, Vec3
 from groundstation.so3 import third_column
 from groundstation.vehicle import Vehicle
-from links.port import Segment
+from links.core.port import Segment
 
 STEP_S = 0.05
 """Length of one part [s]."""

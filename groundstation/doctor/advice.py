@@ -9,7 +9,7 @@ from typing import NamedTuple
 
 import msgspec
 
-from links.mavlink_parameters import Parameter
+from links.mavlink.procedures.parameters import Parameter
 
 
 class Weight(StrEnum):

@@ -15,8 +15,8 @@ from groundstation.doctor.advice import Finding, is_wrong
 from groundstation.doctor.text import report
 from groundstation.doctor.visit import Visit
 from groundstation.settings import Config
-from links.mavlink_parameters import Parameter
-from links.port import LinkError
+from links.core.port import LinkError
+from links.mavlink.procedures.parameters import Parameter
 
 EXIT_HEALTHY, EXIT_FINDINGS, EXIT_NO_ANSWER = 0, 1, 3
 

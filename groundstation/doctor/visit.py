@@ -10,13 +10,13 @@ from groundstation.config import ConfigError
 from groundstation.doctor import ardupilot, px4
 from groundstation.doctor.advice import Advice, Facts, Finding, judged
 from groundstation.settings import Config
-from links.mavlink import MavlinkLinkConfig
-from links.mavlink_codec import ARDUPILOT, ARMED, PX4
-from links.mavlink_connection import MavlinkConnection
-from links.mavlink_parameters import Parameter, ReadAll, Write, is_same
-from links.mavlink_steps import Handshake
-from links.port import LinkLost, LinkRejected
-from links.thrust_curve import signal
+from links.core.port import LinkLost, LinkRejected
+from links.core.thrust_curve import signal
+from links.mavlink.codec import ARDUPILOT, ARMED, PX4
+from links.mavlink.connection import MavlinkConnection
+from links.mavlink.link import MavlinkLinkConfig
+from links.mavlink.procedures.parameters import Parameter, ReadAll, Write, is_same
+from links.mavlink.procedures.steps import Handshake
 
 BEAT_S = 3.0
 """How long the heartbeat that tells whether it is armed may take [s]."""

@@ -13,7 +13,7 @@ from groundstation.poses import ShowsOthers
 from groundstation.poses.json import JsonConfig
 from groundstation.poses.vicon import ViconConfig
 from groundstation.settings import Config
-from links.address import parse_address
+from links.io.address import parse_address
 
 Name = Annotated[str, msgspec.Meta(pattern=name_of(VEHICLE_LETTERS))]
 MOST = 64

@@ -8,8 +8,8 @@ from collections.abc import Callable, Sequence
 
 from groundstation.poses.datagram import cannot_listen
 from groundstation.poses.multicast import join
-from links.address import parse_address
-from links.datagrams import Datagrams
+from links.io.address import parse_address
+from links.io.datagrams import Datagrams
 
 
 class Relay(asyncio.DatagramProtocol):

@@ -4,8 +4,8 @@ from groundstation.hold_to_run.channel import ChannelInput
 from groundstation.hold_to_run.config import OperatorConfig
 from groundstation.hold_to_run.device import open_device
 from groundstation.hold_to_run.watch import HoldWatch, Input
-from links.mavlink import MavlinkLink
-from links.port import CommandLink
+from links.core.port import CommandLink
+from links.mavlink.link import MavlinkLink
 
 
 def make_hold(config: OperatorConfig, link: CommandLink) -> HoldWatch | None:

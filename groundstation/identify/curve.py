@@ -1,10 +1,10 @@
-"""Thrust by its signal, where curve and scale are not as told. The curve is links/thrust_curve.py's."""
+"""Thrust by its signal, where curve and scale are not as told. The curve is links/core/thrust_curve.py's."""
 
 import numpy as np
 
 from groundstation.identify.seen import Column
 from groundstation.settings import Config
-from links.thrust_curve import signal, thrust
+from links.core.thrust_curve import signal, thrust
 
 
 def thrust_n(config: Config, about: float, curve: float, signals: Column) -> Column:

@@ -13,7 +13,7 @@ from groundstation.identify.scene import NAMES
 from groundstation.identify.seen import Column
 from groundstation.report.figures import DPI, STYLE
 from groundstation.report.figures_control import BLUE, GREEN, GREY, ORANGE
-from links.thrust_curve import signal
+from links.core.thrust_curve import signal
 
 CLOSE_S = 5.0
 """Motions are shown over this time, where they are strongest [s]."""

@@ -17,7 +17,7 @@ from groundstation.identify.scene import NAMES
 from groundstation.identify.seen import Column, Seen
 from groundstation.identify.turning import Turning, turning
 from groundstation.trajectories.excitation import ExcitationConfig
-from links.thrust_curve import signal
+from links.core.thrust_curve import signal
 
 UNSEEN_FRAMES = 0.02
 """The recording does not know which frames were lost: so many would make every command this share of a period late."""

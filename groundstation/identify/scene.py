@@ -9,7 +9,7 @@ from groundstation.identify.curve import thrust_n
 from groundstation.identify.lagged import lagged
 from groundstation.identify.seen import Column, Seen
 from groundstation.identify.turning import Turning, angles
-from links.thrust_curve import signal
+from links.core.thrust_curve import signal
 
 STEPS = 5
 """Between two poses thrust and attitude are looked at so often."""

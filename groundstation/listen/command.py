@@ -16,7 +16,7 @@ from groundstation.listen.seen import Seen, Watcher
 from groundstation.poses import Recorded
 from groundstation.poses.port import PoseEvent, SourceError
 from groundstation.settings import Config
-from links.port import LinkError
+from links.core.port import LinkError
 
 EXIT_POSES, EXIT_NO_POSES, EXIT_NO_SOURCE = 0, 1, 3
 JSON_S = 5.0

@@ -11,9 +11,9 @@ from groundstation.poses.gated import Gated
 from groundstation.poses.mavlink import MavlinkPoseConfig
 from groundstation.poses.port import Overheard, Pose, PoseEvent, PoseSource
 from groundstation.settings import Config
-from links import make_link
-from links.mavlink import MavlinkLink, MavlinkLinkConfig
-from links.mavlink_connection import MavlinkConnection
+from links.make import make_link
+from links.mavlink.connection import MavlinkConnection
+from links.mavlink.link import MavlinkLink, MavlinkLinkConfig
 
 
 class Ears(msgspec.Struct, frozen=True):

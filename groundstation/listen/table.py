@@ -5,7 +5,7 @@ from typing import TYPE_CHECKING
 from groundstation.listen.seen import Seen
 from groundstation.ops import Vec3
 from groundstation.poses.outbreaks import HINTS
-from links.printable import printable
+from links.core.printable import printable
 
 if TYPE_CHECKING:
     from rich.table import Table

@@ -11,8 +11,8 @@ from groundstation.poses.qualisys import QualisysConfig
 from groundstation.poses.tlog import TlogConfig
 from groundstation.poses.vicon import ViconConfig
 from groundstation.poses.vision import VisionConfig
-from links.mavlink import MavlinkLink
-from links.port import CommandLink
+from links.core.port import CommandLink
+from links.mavlink.link import MavlinkLink
 
 PoseConfig = (
     ViconConfig | NatNetConfig | QualisysConfig | MavlinkPoseConfig | VisionConfig | JsonConfig | TlogConfig | CsvConfig

@@ -5,7 +5,7 @@ from collections.abc import Callable
 
 from groundstation.poses.intake import Reader
 from groundstation.poses.port import Pose, PoseStatus, SourceError
-from links.address import parse_address
+from links.io.address import parse_address
 
 
 class DatagramSource(asyncio.DatagramProtocol):

@@ -11,9 +11,9 @@ from collections.abc import Callable
 from groundstation.ops import Vec3
 from groundstation.poses.port import Pose, PoseSource, PoseStatus
 from groundstation.so3 import to_body
-from links.mavlink import MavlinkLink
-from links.mavlink_config import ForwardConfig
-from links.odometry_codec import Odometry, odometry
+from links.mavlink.config import ForwardConfig
+from links.mavlink.link import MavlinkLink
+from links.mavlink.odometry_codec import Odometry, odometry
 
 BASE_S = 0.04
 """Velocity is measured over at least this time [s]."""

@@ -9,7 +9,7 @@ from groundstation.poses.datagram import DatagramSource
 from groundstation.poses.intake import Intake
 from groundstation.poses.json_codec import MAX_NAME, JsonReader
 from groundstation.poses.others import Others
-from links.address import beyond, parse_address
+from links.io.address import beyond, parse_address
 
 
 class JsonConfig(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True, tag_field="kind", tag="json"):

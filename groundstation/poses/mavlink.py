@@ -7,9 +7,9 @@ import msgspec
 
 from groundstation.poses.mavlink_codec import Decoder, decoder_for
 from groundstation.poses.port import Pose, PoseStatus
-from links.mavlink import MavlinkLink
-from links.mavlink_codec import Message
-from links.timesync import Trip
+from links.mavlink.codec import Message
+from links.mavlink.link import MavlinkLink
+from links.mavlink.timesync import Trip
 
 
 class MavlinkPoseConfig(

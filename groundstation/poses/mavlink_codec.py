@@ -14,7 +14,7 @@ from groundstation import so3
 from groundstation.ops import Quat, Vec3
 from groundstation.poses.intake import Intake
 from groundstation.poses.port import Pose, PoseStatus
-from links.mavlink_codec import ARDUPILOT, Message
+from links.mavlink.codec import ARDUPILOT, Message
 
 LOCAL_NED, BODY_NED, BODY_FRD, LOCAL_FRD = 1, 8, 12, 20
 """MAV_FRAME. LOCAL_FRD is NED but for its heading, which the vehicle chose as it started: it is our north."""

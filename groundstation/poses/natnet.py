@@ -14,7 +14,7 @@ from groundstation.poses.multicast import join
 from groundstation.poses.natnet_reader import NatNetReader
 from groundstation.poses.others import Others
 from groundstation.poses.port import Pose, PoseStatus
-from links.address import beyond, is_loopback, parse_address
+from links.io.address import beyond, is_loopback, parse_address
 
 BEAT_S = 0.5
 """How often the server is told that we are there [s]."""

@@ -12,8 +12,8 @@ from groundstation.poses.intake import Intake
 from groundstation.poses.others import Others
 from groundstation.poses.port import Pose, PoseStatus, SourceError
 from groundstation.poses.qualisys_codec import QualisysReader, body_names
-from links.address import beyond, parse_address
-from links.printable import printable
+from links.core.printable import printable
+from links.io.address import beyond, parse_address
 
 if TYPE_CHECKING:
     from groundstation.poses.qualisys_connection import Connection

@@ -14,7 +14,7 @@ from qtm_rt.protocol import QRTCommandException, QTMProtocol
 
 from groundstation.poses.port import SourceError
 from groundstation.poses.qualisys_codec import Framer
-from links.printable import printable
+from links.core.printable import printable
 
 PROTOCOL_VERSION = "1.25"
 KNOCK_S = 0.2

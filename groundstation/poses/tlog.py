@@ -13,7 +13,7 @@ from groundstation.poses.pace import Speed, play
 from groundstation.poses.played_file import contents, no_poses
 from groundstation.poses.port import Pose, PoseStatus
 from groundstation.poses.tlog_codec import Record, TlogReader
-from links.mavlink_codec import ARDUPILOT, PX4, Message
+from links.mavlink.codec import ARDUPILOT, PX4, Message
 
 
 class TlogConfig(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True, tag_field="kind", tag="tlog"):

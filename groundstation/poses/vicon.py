@@ -10,7 +10,7 @@ from groundstation.poses.intake import Intake
 from groundstation.poses.others import Others
 from groundstation.poses.vicon_codec import name_bytes
 from groundstation.poses.vicon_reader import ViconReader
-from links.address import beyond, parse_address
+from links.io.address import beyond, parse_address
 
 
 class ViconConfig(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True, tag_field="kind", tag="vicon"):

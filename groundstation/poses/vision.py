@@ -11,7 +11,7 @@ from groundstation.frames import Alignment, Body, World, frames_of
 from groundstation.poses.datagram import DatagramSource
 from groundstation.poses.intake import Intake
 from groundstation.poses.vision_codec import VisionReader
-from links.address import beyond, parse_address
+from links.io.address import beyond, parse_address
 
 
 class VisionConfig(

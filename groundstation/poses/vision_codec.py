@@ -12,7 +12,7 @@ from groundstation import so3
 from groundstation.ops import Quat, Vec3
 from groundstation.poses.intake import Intake
 from groundstation.poses.port import Pose, PoseStatus
-from links.mavlink_codec import MavlinkCodec
+from links.mavlink.codec import MavlinkCodec
 
 NAME = "VISION_POSITION_ESTIMATE"
 

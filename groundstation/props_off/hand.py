@@ -16,8 +16,8 @@ from groundstation.pilot import Pilot
 from groundstation.poses.gated import Gated
 from groundstation.poses.port import Pose, PoseSource, SourceError
 from groundstation.settings import Config
-from links.mavlink_config import MavlinkLinkConfig
-from links.port import CommandLink, LinkError
+from links.core.port import CommandLink, LinkError
+from links.mavlink.config import MavlinkLinkConfig
 
 Event = Literal["arming", "armed", "silent", "lost", "disarmed", "failed", "off"]
 

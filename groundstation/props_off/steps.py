@@ -9,7 +9,7 @@ from groundstation.clock import to_the_end
 from groundstation.poses.mavlink import MavlinkPoseConfig
 from groundstation.props_off.hand import News
 from groundstation.settings import Config
-from links.mavlink_config import MavlinkLinkConfig
+from links.mavlink.config import MavlinkLinkConfig
 
 ARM_S = 90.0
 """How long a hand may take to connect and to arm [s]."""

@@ -8,7 +8,7 @@ import msgspec
 
 from groundstation.poses.port import PoseStatus
 from groundstation.recording.foxglove import FrameTransform, Log, PoseInFrame, Quaternion, Vector3
-from links.port import LinkStatus
+from links.core.port import LinkStatus
 
 
 class Measured(msgspec.Struct, frozen=True, gc=False):
@@ -24,7 +24,7 @@ class Measured(msgspec.Struct, frozen=True, gc=False):
 
 
 class Part(msgspec.Struct, frozen=True, gc=False):
-    """One part of a bring-down (links/port.py)."""
+    """One part of a bring-down (links/core/port.py)."""
 
     duration_s: float
     thrust_n: float

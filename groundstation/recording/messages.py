@@ -39,7 +39,7 @@ from groundstation.recording.records import (
     Ticked,
     Told,
 )
-from links.port import Command
+from links.core.port import Command
 
 Message = tuple[str, float, msgspec.Struct]
 """Topic, time on the event loop's clock [s], and what it says."""

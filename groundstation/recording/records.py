@@ -4,7 +4,7 @@ import msgspec
 
 from groundstation.pilot import Tick
 from groundstation.poses.port import Pose, PoseStatus
-from links.port import Command, LinkStatus
+from links.core.port import Command, LinkStatus
 
 Peer = tuple[str, int] | None
 """Address of the other end; None on a wire that has only one."""

@@ -24,8 +24,8 @@ from groundstation.replay.comparison import Comparison, Difference
 from groundstation.replay.tape import TapeLoop, tape_loop
 from groundstation.settings import Config
 from groundstation.trajectories.port import Reference
-from links.mavlink import MavlinkLinkConfig
-from links.port import Command
+from links.core.port import Command
+from links.mavlink.link import MavlinkLinkConfig
 
 TOPICS = ("/raw/opened", "/raw/received", "/measured", "/follow", "/switch", "/idle", "/command", "/reference", "/lost")
 

@@ -7,7 +7,7 @@ from groundstation.poses.port import Pose
 from groundstation.recording import channels as ch
 from groundstation.recording.foxglove import Quaternion, Vector3
 from groundstation.trajectories.port import Reference
-from links.port import Command, Segment
+from links.core.port import Command, Segment
 
 
 def pose(seen: ch.Measured) -> Pose:

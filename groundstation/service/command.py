@@ -23,7 +23,7 @@ from groundstation.service.notify import Notify
 from groundstation.service.signals import obey
 from groundstation.settings import Config
 from groundstation.timers import precise_loop
-from links.port import LinkError
+from links.core.port import LinkError
 
 Say = Callable[[str], None]
 

@@ -18,7 +18,7 @@ from groundstation.service.health import WRITE_S, Health, HealthFile, health_pat
 from groundstation.service.notify import Notify
 from groundstation.settings import Config
 from groundstation.snapshot import Snapshot
-from links.port import LinkError
+from links.core.port import LinkError
 
 PAUSE_S = 2.0
 """Between a flight's end and the next one's beginning [s]; it doubles while none gets as far as to be armed, ..."""

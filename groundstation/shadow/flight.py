@@ -6,7 +6,7 @@ import numpy.typing as npt
 from groundstation.shadow.path import FlownPath
 from groundstation.shadow.recording import Recording, Sent
 from groundstation.so3 import third_column
-from links.thrust_curve import thrust
+from links.core.thrust_curve import thrust
 
 CARRIES = 0.85
 """A vehicle in the air carries its weight: over one second the mean thrust is at least this share of hover.
@@ -30,7 +30,7 @@ Flags = npt.NDArray[np.bool_]
 
 
 def thrust_shares(sent: list[Sent], curve: float) -> list[float]:
-    """Thrust as a share 0..1 of full thrust, for each set-point; ``curve``: see links/thrust_curve.py."""
+    """Thrust as a share 0..1 of full thrust, for each set-point; ``curve``: see links/core/thrust_curve.py."""
     return [thrust(min(max(each.signal, 0.0), 1.0), curve) for each in sent]
 
 

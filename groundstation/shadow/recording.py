@@ -11,7 +11,7 @@ from groundstation.poses.mavlink_codec import Decoder
 from groundstation.poses.port import Pose
 from groundstation.poses.tlog import pose_decoder
 from groundstation.poses.tlog_codec import Record, TlogReader
-from links.mavlink_codec import ARDUPILOT, ARM_DISARM, ARMED, GROUND_STATION, PX4, Message
+from links.mavlink.codec import ARDUPILOT, ARM_DISARM, ARMED, GROUND_STATION, PX4, Message
 
 AUTOPILOTS = {PX4: "PX4", ARDUPILOT: "ArduPilot"}
 """What to call them, by HEARTBEAT.autopilot."""

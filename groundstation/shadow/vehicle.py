@@ -11,7 +11,7 @@ from groundstation.poses.mavlink import MavlinkPoseConfig
 from groundstation.poses.tlog import TlogConfig
 from groundstation.settings import Config
 from groundstation.shadow.recording import Recording
-from links.mavlink import MavlinkLinkConfig
+from links.mavlink.link import MavlinkLinkConfig
 
 NOMINAL_KG = 1.0
 """Mass of a vehicle that nobody described [kg]. Motion only shows thrust over mass, so any will do."""

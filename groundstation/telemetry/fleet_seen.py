@@ -10,7 +10,7 @@ from groundstation.mission import FINAL
 from groundstation.names import VEHICLE_LETTERS, is_name
 from groundstation.snapshot import Snapshot
 from groundstation.telemetry.mqtt_messages import EVENT, OFFLINE, SNAPSHOT, STATE, Event
-from links.printable import printable
+from links.core.printable import printable
 
 SILENCE_S = 3.0
 """Without a snapshot for this long, what was true is no longer known [s]."""

@@ -24,7 +24,7 @@ from groundstation.telemetry.mqtt_messages import (
 )
 from groundstation.telemetry.request_codec import Place, open_answer, sealed_request
 from groundstation.telemetry.wall_clock import wall_ms
-from links.key_file import read_key
+from links.io.key_file import read_key
 
 if TYPE_CHECKING:
     import aiomqtt

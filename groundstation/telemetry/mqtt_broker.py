@@ -12,7 +12,7 @@ import msgspec
 
 from groundstation.config import ConfigError, from_dict
 from groundstation.telemetry.mqtt_config import MqttConfig
-from links.printable import printable
+from links.core.printable import printable
 
 if TYPE_CHECKING:
     import ssl

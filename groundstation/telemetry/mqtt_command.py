@@ -22,7 +22,7 @@ def mqtt_command(args: argparse.Namespace) -> int:
 
 
 def _make_key(args: argparse.Namespace) -> None:
-    from links.key_file import make_key
+    from links.io.key_file import make_key
 
     make_key(args.file)
     print(

@@ -6,7 +6,7 @@ import msgspec
 
 from groundstation.names import CLIENT_LETTERS, NAME, a_name, is_name
 from groundstation.requests import Ask
-from links.address import is_loopback
+from links.io.address import is_loopback
 
 PORT, PORT_TLS = 1883, 8883
 """What IANA has registered, without and with TLS."""

@@ -17,7 +17,7 @@ from groundstation.telemetry.mqtt_config import MqttConfig, asks
 from groundstation.telemetry.mqtt_messages import ANSWER, REQUEST, SESSION, SessionMessage, Topic
 from groundstation.telemetry.request_codec import Place
 from groundstation.telemetry.wall_clock import wall_ms
-from links.key_file import read_key
+from links.io.key_file import read_key
 
 if TYPE_CHECKING:
     import aiomqtt

@@ -13,7 +13,7 @@ from groundstation.tui.letters import big, huge
 from groundstation.tui.orders import ORDERS, Order, possible
 from groundstation.tui.plot import Spans
 from groundstation.tui.themes import LABEL
-from links.printable import printable
+from links.core.printable import printable
 
 TALL, WORDS_WIDTH = 36, 30
 """From this height on letters may be large [rows]; they leave this room for the words beside them [columns]."""

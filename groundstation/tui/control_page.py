@@ -17,7 +17,7 @@ from groundstation.tui.panels import Curves
 from groundstation.tui.plot import Spans
 from groundstation.tui.themes import AXES, ERROR, LABEL, WARNING
 from groundstation.tui.words import row, three
-from links.printable import printable
+from links.core.printable import printable
 
 
 class ControlPage(Page):

@@ -12,7 +12,7 @@ from textual.widgets import Input, OptionList, Static
 from textual.widgets.option_list import Option
 
 from groundstation.tui.bars import Knobs
-from links.printable import printable
+from links.core.printable import printable
 
 T = TypeVar("T")
 CSS = """

@@ -15,7 +15,7 @@ from groundstation.tui.panels import Curves
 from groundstation.tui.plot import Spans, bar
 from groundstation.tui.themes import ERROR, FLOWN, LABEL
 from groundstation.tui.words import battery, row
-from links.printable import printable
+from links.core.printable import printable
 
 BINS = 8
 

@@ -14,7 +14,7 @@ from groundstation.tui.gains import Gain
 from groundstation.tui.headline import SILENCE_S
 from groundstation.tui.orders import Order, Twice, possible
 from groundstation.tui.picture import Picture
-from links.printable import printable
+from links.core.printable import printable
 
 
 class Ordering:

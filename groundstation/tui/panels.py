@@ -15,7 +15,7 @@ from groundstation.tui.plot import Line, Spans, Track, history, horizon, in_time
 from groundstation.tui.themes import ERROR, FLOWN, LABEL, WANTED, WARNING, WIND
 from groundstation.tui.words import arrow, checks, numbers
 from groundstation.verdict import Check
-from links.printable import printable
+from links.core.printable import printable
 
 WIND_S2 = 0.5
 """The arrow of b̂ is so long in the view from above [m per m/s²]."""

@@ -17,8 +17,8 @@ from groundstation.recording.reader import Entry, Recording
 from groundstation.recording.records import GAIN
 from groundstation.snapshot import Certificate, Diagnostics, Snapshot
 from groundstation.tui.feed import Hello
-from links.lateness import Lateness
-from links.port import LinkStatus
+from links.core.lateness import Lateness
+from links.core.port import LinkStatus
 
 STEP_S = 0.1
 """Time between two snapshots [s]."""

@@ -13,7 +13,7 @@ from groundstation.tui.page import Frame, Page
 from groundstation.tui.panels import event
 from groundstation.tui.plot import Spans
 from groundstation.tui.themes import LABEL
-from links.printable import printable
+from links.core.printable import printable
 
 
 class TextPage(Page):

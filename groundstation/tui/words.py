@@ -10,8 +10,8 @@ from groundstation.tui.headline import OLD_POSE_S
 from groundstation.tui.plot import Spans, bar, two_sided_bar
 from groundstation.tui.themes import FLOWN, LABEL, NORMAL, WARNING, WIND
 from groundstation.verdict import Check, Verdict
-from links.port import LinkStatus
-from links.printable import printable
+from links.core.port import LinkStatus
+from links.core.printable import printable
 
 RATE_SCALE_DEG_S = 360.0
 """Full scale of the rate bars where no limit is known [deg/s]."""

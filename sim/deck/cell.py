@@ -15,7 +15,7 @@ from groundstation.recorded import Give
 from groundstation.recording.records import Record
 from groundstation.requests import Ask, Request
 from groundstation.settings import Config
-from links.thrust_curve import thrust as thrust_of
+from links.core.thrust_curve import thrust as thrust_of
 from sim.autopilot import Px4Autopilot
 from sim.deck.exemptions import Exemption
 from sim.deck.fault import Fault, Poses, Scene

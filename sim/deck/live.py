@@ -19,8 +19,8 @@ from groundstation.api.client import snapshots
 from groundstation.api.place import ApiError
 from groundstation.config import dump
 from groundstation.mission import FINAL, State
-from links.bridge import BridgeConfig
-from links.key_file import make_key
+from links.bridge.server import BridgeConfig
+from links.io.key_file import make_key
 from sim.deck.broker import Broker
 from sim.deck.cell import AUTOPILOT, LANDS, LOOK_S, STILL_SHARE, hover_n, not_struck
 from sim.deck.fault import Fault

@@ -11,14 +11,14 @@ from pathlib import Path
 
 from groundstation.mission import FINAL, State
 from groundstation.settings import Config
-from links.channel_map import Channels
-from links.rf_codec import RfLinkConfig
+from links.rf.codecs.channel_map import Channels
+from links.rf.codecs.codec import RfLinkConfig
 from sim.deck.broker import Broker
 from sim.deck.moments import Moves
 from sim.deck.wire import set_point
 from sim.stage import Stage
 
-PACER = "links.pacer_child"
+PACER = "links.rf.pacer_child"
 """What paces the frames of a radio, in a process of its own."""
 
 

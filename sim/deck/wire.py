@@ -10,11 +10,11 @@ from collections import deque
 
 from groundstation.recording.records import Idled, Record, Ticked
 from groundstation.settings import Config
-from links.channel_map import Channels
-from links.mavlink import MavlinkLinkConfig
-from links.port import Command, Segment
-from links.rf_codec import RfLinkConfig
-from links.thrust_curve import signal
+from links.core.port import Command, Segment
+from links.core.thrust_curve import signal
+from links.mavlink.link import MavlinkLinkConfig
+from links.rf.codecs.channel_map import Channels
+from links.rf.codecs.codec import RfLinkConfig
 from sim.deck.thrust import LIFTS, Thrust
 from sim.inline_pacer import MODULE
 from sim.virtual_streams import Address

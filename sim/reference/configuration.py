@@ -8,7 +8,7 @@ from msgspec import inspect as mi
 
 from groundstation.config_words import bare, expected
 from groundstation.settings import Config
-from links.bridge import BridgeConfig
+from links.bridge.server import BridgeConfig
 from sim.reference.remarks import remarks, summary
 from sim.world import World
 

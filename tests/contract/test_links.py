@@ -11,14 +11,14 @@ from typing import Any, Protocol
 import msgspec
 import pytest
 
-from links import LINKS, make_link
-from links.address import parse_address
-from links.bridge import Bridge, BridgeConfig
-from links.bridge_link import BridgeLinkConfig
-from links.channel_map import Switch
-from links.mavlink import MavlinkLinkConfig
-from links.port import Command, CommandLink, LinkLost, LinkMisuse, Segment
-from links.rf_codecs import RF_CODECS
+from links.bridge.link import BridgeLinkConfig
+from links.bridge.server import Bridge, BridgeConfig
+from links.core.port import Command, CommandLink, LinkLost, LinkMisuse, Segment
+from links.io.address import parse_address
+from links.make import LINKS, make_link
+from links.mavlink.link import MavlinkLinkConfig
+from links.rf.codecs.channel_map import Switch
+from links.rf.codecs.kinds import RF_CODECS
 from sim.autopilot import Px4Autopilot
 from sim.autopilot_peer import AutopilotPeer
 from sim.inline_pacer import WirePort, opened_on

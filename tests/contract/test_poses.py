@@ -29,8 +29,8 @@ from groundstation.poses.qualisys import QualisysConfig
 from groundstation.poses.tlog import TlogConfig
 from groundstation.poses.vicon import ViconConfig
 from groundstation.poses.vision import VisionConfig
-from links.address import parse_address
-from links.mavlink import MavlinkLink, MavlinkLinkConfig
+from links.io.address import parse_address
+from links.mavlink.link import MavlinkLink, MavlinkLinkConfig
 from sim.airframe import Truth
 from sim.autopilot import Px4Autopilot
 from sim.autopilot_peer import AutopilotPeer

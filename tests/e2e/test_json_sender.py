@@ -10,7 +10,7 @@ import pytest
 
 from groundstation.poses.json import JsonConfig
 from groundstation.poses.port import Pose
-from links.address import parse_address
+from links.io.address import parse_address
 from tests.loops import free_address
 
 PAGE = Path(__file__).parents[2] / "docs" / "how-to" / "json-tracker.md"

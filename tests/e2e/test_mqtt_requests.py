@@ -29,7 +29,7 @@ from groundstation.telemetry.mqtt_config import MqttConfig
 from groundstation.telemetry.mqtt_messages import Health, SessionMessage
 from groundstation.telemetry.request_codec import Place, sealed_request
 from groundstation.telemetry.wall_clock import wall_ms
-from links.key_file import make_key, read_key
+from links.io.key_file import make_key, read_key
 from tests.e2e.lab_broker import LabBroker, lab
 from tests.e2e.stations import served
 from tests.sample_flight import Sampled, sample

@@ -9,8 +9,8 @@ from tests.orphans import MARK, end_orphans, pacers, session_of
 
 KILLED = """
 import asyncio, os, pty
-from links.dsm_codec import DsmLinkConfig
-from links.pacer_process import open_process
+from links.rf.codecs.dsm_codec import DsmLinkConfig
+from links.rf.pacer_process import open_process
 
 async def main():
     port = os.ttyname(pty.openpty()[1])

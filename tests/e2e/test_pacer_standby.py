@@ -13,14 +13,14 @@ from typing import TypeVar
 
 import pytest
 
-from links.bridge_link import BridgeLink, BridgeLinkConfig
-from links.channel_map import ChannelMap, Channels, Sticks, Switch
-from links.dsm_codec import DsmLinkConfig
-from links.key_file import make_key
-from links.paced_link import PacedLink
-from links.pacer_process import PacerProcess
-from links.port import Command, LinkLost, LinkMisuse, Segment
-from links.serial_rf import SerialRfLink
+from links.bridge.link import BridgeLink, BridgeLinkConfig
+from links.core.port import Command, LinkLost, LinkMisuse, Segment
+from links.io.key_file import make_key
+from links.rf.codecs.channel_map import ChannelMap, Channels, Sticks, Switch
+from links.rf.codecs.dsm_codec import DsmLinkConfig
+from links.rf.link import SerialRfLink
+from links.rf.paced_link import PacedLink
+from links.rf.pacer_process import PacerProcess
 from sim.pty_wire import PtyWire
 from tests.e2e.stamped_reader import StampedReader
 from tests.e2e.stations import free_udp_port

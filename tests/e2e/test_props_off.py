@@ -15,7 +15,7 @@ from pathlib import Path
 import pytest
 
 from groundstation.proof import on_file
-from links.mavlink_codec import ARMED, MavlinkCodec
+from links.mavlink.codec import ARMED, MavlinkCodec
 from tests.e2e.stations import Room, served
 
 

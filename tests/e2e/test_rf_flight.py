@@ -12,10 +12,10 @@ import pytest
 from groundstation.app import make_flight
 from groundstation.mission import State
 from groundstation.ops import Vec3
-from links.channel_map import Channels
-from links.crsf_codec import CrsfLinkConfig
-from links.dsm_codec import DsmLinkConfig
-from links.rf_codec import Heard, Service
+from links.rf.codecs.channel_map import Channels
+from links.rf.codecs.codec import Heard, Service
+from links.rf.codecs.crsf_codec import CrsfLinkConfig
+from links.rf.codecs.dsm_codec import DsmLinkConfig
 from sim.prepare import prepare
 from sim.pty_wire import PtyWire
 from sim.scenarios import SCENARIOS

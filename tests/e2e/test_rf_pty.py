@@ -16,22 +16,22 @@ from typing import NamedTuple
 
 import pytest
 
-from links.channel_map import ChannelMap, Channels, Sticks, Switch
-from links.crsf_codec import CrsfLinkConfig
-from links.dsm_codec import DsmLinkConfig
-from links.pacer import AFTERLIFE_S
-from links.port import Command, LinkLost
-from links.serial_rf import SerialRfLink
+from links.core.port import Command, LinkLost
+from links.rf.codecs.channel_map import ChannelMap, Channels, Sticks, Switch
+from links.rf.codecs.crsf_codec import CrsfLinkConfig
+from links.rf.codecs.dsm_codec import DsmLinkConfig
+from links.rf.link import SerialRfLink
+from links.rf.pacer import AFTERLIFE_S
 from sim.pty_wire import PtyWire
 from tests.e2e.stamped_reader import StampedReader
 
 COAST_S, DOWN_S = 0.25, 0.3
 STATION = """
 import asyncio, sys
-from links.channel_map import ChannelMap, Switch
-from links.dsm_codec import DsmLinkConfig
-from links.port import Command, Segment
-from links.serial_rf import SerialRfLink
+from links.rf.codecs.channel_map import ChannelMap, Switch
+from links.rf.codecs.dsm_codec import DsmLinkConfig
+from links.core.port import Command, Segment
+from links.rf.link import SerialRfLink
 
 async def main():
     loop = asyncio.get_running_loop()
@@ -346,9 +346,9 @@ def children(parent: int) -> list[int]:
 
 def pacer_of(parent: int) -> int:
     """The pacer that the process ``parent`` has started, by its stand-by."""
-    (standby,) = (c for c in children(parent) if b"links.pacer_standby" in Path(f"/proc/{c}/cmdline").read_bytes())
+    (standby,) = (c for c in children(parent) if b"links.rf.pacer_standby" in Path(f"/proc/{c}/cmdline").read_bytes())
     (pacer,) = children(standby)
-    assert b"links.pacer_child" in Path(f"/proc/{pacer}/cmdline").read_bytes()
+    assert b"links.rf.pacer_child" in Path(f"/proc/{pacer}/cmdline").read_bytes()
     return pacer
 
 

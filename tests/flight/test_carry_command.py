@@ -19,8 +19,8 @@ from groundstation.config import ConfigError, load
 from groundstation.exits import INTERRUPTED
 from groundstation.frames import Alignment, Frames
 from groundstation.settings import Config
-from links.address import parse_address
-from links.mavlink_codec import MavlinkCodec
+from links.io.address import parse_address
+from links.mavlink.codec import MavlinkCodec
 from sim.airframe import Truth
 from sim.autopilot_peer import AutopilotPeer
 from sim.autopilots import AUTOPILOTS

@@ -15,8 +15,8 @@ from groundstation.mission import State
 from groundstation.pacing import Pacing
 from groundstation.pilot import Tick
 from groundstation.standstill import Standstill
-from links.port import Command
-from links.sleep import Sleep
+from links.core.port import Command
+from links.io.suspend import Sleep
 from sim.cut import CAUSES, cut
 from sim.prepare import prepare
 from sim.scenarios import SCENARIOS

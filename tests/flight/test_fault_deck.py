@@ -7,8 +7,8 @@ import struct
 import pytest
 
 from groundstation.recording.records import Idled
-from links.mavlink_codec import MavlinkCodec
-from links.port import Command, Segment
+from links.core.port import Command, Segment
+from links.mavlink.codec import MavlinkCodec
 from sim.__main__ import main
 from sim.deck import pictures
 from sim.deck.cell import fly_cell

@@ -20,10 +20,10 @@ from groundstation.poses.forward import Forward, Forwarding
 from groundstation.poses.port import Pose, PoseStatus
 from groundstation.requests import Ask, Reply, Request
 from groundstation.settings import Config
-from links.mavlink import MavlinkLink, MavlinkLinkConfig
-from links.mavlink_codec import ARDUPILOT, PX4, MavlinkCodec
-from links.mavlink_config import ForwardConfig
-from links.odometry_codec import Odometry, odometry
+from links.mavlink.codec import ARDUPILOT, PX4, MavlinkCodec
+from links.mavlink.config import ForwardConfig
+from links.mavlink.link import MavlinkLink, MavlinkLinkConfig
+from links.mavlink.odometry_codec import Odometry, odometry
 from sim.autopilot import LAND, Px4Autopilot
 from sim.autopilot_external import ExternalPoses, Fused
 from sim.mission import fly_mission, from_floor

@@ -18,7 +18,7 @@ from groundstation.poses.csv import CsvConfig
 from groundstation.poses.pace import Speed
 from groundstation.poses.port import Pose, PoseEvent, PoseStatus
 from groundstation.settings import Config
-from links.mavlink_codec import MavlinkCodec
+from links.mavlink.codec import MavlinkCodec
 from sim.prepare import prepare
 from sim.scenarios import SCENARIOS
 from sim.stage import Stage

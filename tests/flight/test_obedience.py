@@ -12,7 +12,7 @@ import pytest
 from groundstation.mission import FINAL
 from groundstation.recording.records import Idled, Record, Sent, Switched, Ticked, Told
 from groundstation.replay import replayed
-from links.mavlink_codec import DO_SET_MODE, MavlinkCodec
+from links.mavlink.codec import DO_SET_MODE, MavlinkCodec
 from sim.deck.cell import FIGURE_S, NEAR, fly_here
 from sim.deck.faults import FAULTS
 from sim.deck.verdict import CONVICTED, FASTEST_M_S, SIDEWAYS_M, Row

@@ -12,7 +12,7 @@ from groundstation.app import make_ends
 from groundstation.props_off.hand import News, disarm, hold, idle_n
 from groundstation.props_off.steps import Guide, NotProven, Trouble
 from groundstation.settings import Config
-from links.mavlink_codec import MavlinkCodec
+from links.mavlink.codec import MavlinkCodec
 from sim.autopilots import AUTOPILOTS
 from sim.mission import from_floor
 from sim.prepare import prepare

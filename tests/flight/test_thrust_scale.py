@@ -7,7 +7,7 @@ import pytest
 
 from groundstation.config import ConfigError, from_dict, load
 from groundstation.settings import Config
-from links.thrust_curve import signal
+from links.core.thrust_curve import signal
 from sim.fly import fly
 from sim.prepare import prepare
 from sim.scenarios import SCENARIOS

@@ -12,8 +12,8 @@ from groundstation.guards import GuardsConfig
 from groundstation.mission import State
 from groundstation.pacing import LAST_CHANCE_S
 from groundstation.settings import FlightConfig
-from links.deadman import BRING_DOWN_LIMIT_S
-from links.pacer import AFTERLIFE_S
+from links.core.deadman import BRING_DOWN_LIMIT_S
+from links.rf.pacer import AFTERLIFE_S
 from sim.mission import from_floor
 from sim.prepare import prepare
 from sim.scenarios import SCENARIOS

@@ -20,8 +20,8 @@ from groundstation.poses.tlog_codec import TlogReader
 from groundstation.recorded import about
 from groundstation.recording.log import FlightLog
 from groundstation.replay import replayed
-from links.address import parse_address
-from links.mavlink_codec import frame_end
+from links.io.address import parse_address
+from links.mavlink.codec import frame_end
 from sim.prepare import prepare
 from sim.scenarios import SCENARIOS
 from sim.stage import Stage

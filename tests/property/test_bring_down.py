@@ -11,8 +11,8 @@ from groundstation.control.bring_down import OFF, SINK_S, bring_down
 from groundstation.control.model import Drive, Motion, rolled
 from groundstation.ops import FLOATS, Vec3
 from groundstation.vehicle import Vehicle
-from links.deadman import BRING_DOWN_LIMIT_S
-from links.port import Segment
+from links.core.deadman import BRING_DOWN_LIMIT_S
+from links.core.port import Segment
 
 MQX = Vehicle()
 BIG = Vehicle(mass_kg=1.0, thrust_max_n=20.0, thrust_min_n=0.5, thrust_lag_s=0.03, rate_lag_s=0.02)

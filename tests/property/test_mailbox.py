@@ -8,11 +8,11 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from links.mailbox import CAPACITY_BYTES, Mailbox
+from links.io.mailbox import CAPACITY_BYTES, Mailbox
 
 WRITER = """
 import sys, time
-from links.mailbox import Mailbox
+from links.io.mailbox import Mailbox
 box = Mailbox(int(sys.argv[1]))
 end, number = time.monotonic() + float(sys.argv[2]), 0
 while time.monotonic() < end:

@@ -7,8 +7,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from groundstation.poses.mavlink_codec import LocalPositionDecoder, OdometryDecoder
-from links.mavlink_codec import MavlinkCodec
-from links.mavlink_words import Words
+from links.mavlink.codec import MavlinkCodec
+from links.mavlink.words import Words
 from sim.autopilot_base import SimulatedAutopilot
 from sim.autopilots import AUTOPILOTS
 from tests.airframe_double import Brick

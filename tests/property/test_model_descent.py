@@ -10,8 +10,8 @@ from groundstation.control.model_descent import BRAKE_S, MOST, model_descent
 from groundstation.ops import FLOATS, Vec3
 from groundstation.so3 import from_euler_zyx
 from groundstation.vehicle import Vehicle
-from links.deadman import BRING_DOWN_LIMIT_S
-from links.port import Segment
+from links.core.deadman import BRING_DOWN_LIMIT_S
+from links.core.port import Segment
 
 VEHICLE = Vehicle()
 GRAVITY = 9.81

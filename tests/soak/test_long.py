@@ -5,7 +5,7 @@ import tracemalloc
 
 import pytest
 
-from links.mavlink_codec import MavlinkCodec
+from links.mavlink.codec import MavlinkCodec
 from sim.bench import Options, measured
 from sim.bench_allocation import grown
 from sim.fleet_real import fly_fleet_real

@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 from groundstation.api.desk import Desk, Party
 from groundstation.api.messages import Answer, Control, Hello, Lines, Order, Refused, decode, decode_order, encode
 from groundstation.requests import Ask
-from links.printable import printable
+from links.core.printable import printable
 from tests.sample_flight import Sampled, sample
 
 LINES = [b'{"id": 1, "ask": "land"}', b"", b"x" * 40, b"{}", b"y" * 41]

@@ -8,7 +8,7 @@ import pytest
 from groundstation import commands as flying
 from groundstation.__main__ import parser as flying_parser
 from groundstation.config import ConfigError, load
-from links.bridge import BridgeConfig
+from links.bridge.server import BridgeConfig
 from sim import commands as simulating
 from sim.__main__ import parser as simulating_parser
 

@@ -11,17 +11,17 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from links.address import parse_address
-from links.bridge import SILENT_S, Bridge, BridgeConfig
-from links.bridge_codec import HELLO, UP, UPS, Hello, Seal, Up, first_seal, kind_of
-from links.bridge_link import BridgeLink, BridgeLinkConfig
-from links.channel_map import ChannelMap, Switch
-from links.clock_bounds import ClockBounds
-from links.dsm_codec import DsmLinkConfig
-from links.pacer_messages import Arm, Give, Report
-from links.port import Command, LinkError, LinkLost, LinkRejected, Segment
-from links.remote_pacer import RemotePacer
-from links.rf_codec import Service
+from links.bridge.clock_bounds import ClockBounds
+from links.bridge.codec import HELLO, UP, UPS, Hello, Seal, Up, first_seal, kind_of
+from links.bridge.link import BridgeLink, BridgeLinkConfig
+from links.bridge.remote_pacer import RemotePacer
+from links.bridge.server import SILENT_S, Bridge, BridgeConfig
+from links.core.port import Command, LinkError, LinkLost, LinkRejected, Segment
+from links.io.address import parse_address
+from links.rf.codecs.channel_map import ChannelMap, Switch
+from links.rf.codecs.codec import Service
+from links.rf.codecs.dsm_codec import DsmLinkConfig
+from links.rf.pacer_messages import Arm, Give, Report
 from sim.inline_pacer import WirePort, opened_on
 from sim.rf_receiver import RfPeer, RfReceiver
 from sim.virtual_time import VirtualTimeLoop

@@ -8,8 +8,8 @@ from hypothesis import strategies as st
 
 from groundstation.config import ConfigError, from_dict
 from groundstation.settings import Config
-from links.channel_map import ChannelMap, Channels, Copy, Fixed, Stick, Switch, Throttle
-from links.dsm_codec import DsmLinkConfig
+from links.rf.codecs.channel_map import ChannelMap, Channels, Copy, Fixed, Stick, Switch, Throttle
+from links.rf.codecs.dsm_codec import DsmLinkConfig
 
 PLAIN = Channels(ChannelMap(), count=6, thrust_max_n=2.0)
 RATE = math.radians(100.0)

@@ -16,7 +16,7 @@ from groundstation.settings import Config, LinkConfig
 from groundstation.takeoff import Standing
 from groundstation.verdict import Check, Verdict
 from groundstation.witness import Agreement
-from links.port import LinkStatus
+from links.core.port import LinkStatus
 
 BASE: dict[str, Any] = {
     "pose": {"kind": "vicon", "rate_hz": 50.0},

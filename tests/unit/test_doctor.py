@@ -27,7 +27,7 @@ from groundstation.doctor.advice import (
 from groundstation.doctor.command import EXIT_FINDINGS, EXIT_HEALTHY, EXIT_NO_ANSWER, Orders, doctor
 from groundstation.doctor.text import report
 from groundstation.settings import Config
-from links.mavlink_parameters import REAL32, Parameter
+from links.mavlink.procedures.parameters import REAL32, Parameter
 from sim.autopilot_base import SimulatedAutopilot
 from sim.autopilot_parameters import ARDUPILOT_PARAMETERS, PX4_PARAMETERS
 from sim.autopilot_peer import AutopilotPeer

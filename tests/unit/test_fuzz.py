@@ -31,7 +31,7 @@ def test_every_source_that_is_timed_is_fuzzed() -> None:
 
 
 def test_every_link_is_fuzzed() -> None:
-    assert LINKS.keys() == links.LINKS.keys()
+    assert LINKS.keys() == links.make.LINKS.keys()
 
 
 class Broken(PoseSubject):

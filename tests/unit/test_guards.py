@@ -14,7 +14,7 @@ from groundstation.guards import Guards, GuardsConfig
 from groundstation.mission import State
 from groundstation.trajectories.port import Reference
 from groundstation.vehicle import Vehicle
-from links.port import Command, LinkStatus
+from links.core.port import Command, LinkStatus
 
 VEHICLE = Vehicle()
 CONFIG = GuardsConfig()

@@ -25,8 +25,8 @@ from groundstation.settings import Config
 from groundstation.so3 import IDENTITY
 from groundstation.so3 import turned as turned_by
 from groundstation.vehicle import Vehicle
-from links.mavlink import MavlinkLinkConfig
-from links.thrust_curve import full_thrust_n, signal, thrust
+from links.core.thrust_curve import full_thrust_n, signal, thrust
+from links.mavlink.link import MavlinkLinkConfig
 
 G, STEP_S = 9.81, 0.0025
 POSE_STEPS, FRAME_STEPS = 8, 9

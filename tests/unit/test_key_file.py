@@ -4,7 +4,7 @@ from pathlib import Path
 
 import pytest
 
-from links.key_file import KEY_BYTES, make_key, read_key
+from links.io.key_file import KEY_BYTES, make_key, read_key
 
 
 def test_a_new_key_is_for_its_owner_alone_and_different_each_time(tmp_path: Path) -> None:

@@ -11,11 +11,11 @@ from pymavlink.dialects.v20 import ardupilotmega as d
 
 from groundstation import so3
 from groundstation.poses.tlog_codec import TlogReader
-from links.mavlink import MavlinkLink, MavlinkLinkConfig
-from links.mavlink_attitude import ATTITUDE_HZ, attitude_of
-from links.mavlink_codec import PX4, Message
-from links.port import Attitude, LinkMisuse
-from links.timesync import Trip
+from links.core.port import Attitude, LinkMisuse
+from links.mavlink.attitude import ATTITUDE_HZ, attitude_of
+from links.mavlink.codec import PX4, Message
+from links.mavlink.link import MavlinkLink, MavlinkLinkConfig
+from links.mavlink.timesync import Trip
 from sim.autopilot import Px4Autopilot
 from sim.autopilot_ardupilot import ArduPilotAutopilot
 from sim.autopilot_base import SimulatedAutopilot

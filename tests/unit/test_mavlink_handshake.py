@@ -1,16 +1,16 @@
-"""links/mavlink_handshake.py and its steps: what is asked when, and what the operator is told."""
+"""links/mavlink/procedures/handshake.py and its steps: what is asked when, and what the operator is told."""
 
 from collections.abc import Callable
 from typing import Any
 
 import pytest
 
-from links.mavlink_codec import ARDUPILOT, ARM_DISARM, DO_SET_MODE, PX4, MavlinkCodec
-from links.mavlink_command import PATIENCE_S
-from links.mavlink_handshake import STREAM_S, arming, disarming, landing_disarmed, silence, stream
-from links.mavlink_steps import ANSWER_S, TRIES, Autopilot, Handshake
-from links.mavlink_words import Words
-from links.port import LinkLost, LinkRejected
+from links.core.port import LinkLost, LinkRejected
+from links.mavlink.codec import ARDUPILOT, ARM_DISARM, DO_SET_MODE, PX4, MavlinkCodec
+from links.mavlink.procedures.command import PATIENCE_S
+from links.mavlink.procedures.handshake import STREAM_S, arming, disarming, landing_disarmed, silence, stream
+from links.mavlink.procedures.steps import ANSWER_S, TRIES, Autopilot, Handshake
+from links.mavlink.words import Words
 
 Answer = Callable[[Any], list[Any]]
 

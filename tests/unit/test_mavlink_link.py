@@ -1,4 +1,4 @@
-"""links/mavlink.py and its connection towards PX4, ArduPilot and strangers, in virtual time."""
+"""links/mavlink/link.py and its connection towards PX4, ArduPilot and strangers, in virtual time."""
 
 import asyncio
 from collections.abc import Awaitable, Callable
@@ -9,9 +9,9 @@ import pytest
 
 from groundstation.poses.mavlink import MavlinkPoseConfig, MavlinkPoseSource
 from groundstation.poses.port import Pose
-from links.mavlink import MavlinkLink, MavlinkLinkConfig
-from links.mavlink_codec import ARDUPILOT, ARM_DISARM, DO_SET_MODE, PX4, SET_MESSAGE_INTERVAL, MavlinkCodec
-from links.port import Command, LinkError, LinkLost, LinkMisuse, LinkRejected
+from links.core.port import Command, LinkError, LinkLost, LinkMisuse, LinkRejected
+from links.mavlink.codec import ARDUPILOT, ARM_DISARM, DO_SET_MODE, PX4, SET_MESSAGE_INTERVAL, MavlinkCodec
+from links.mavlink.link import MavlinkLink, MavlinkLinkConfig
 from sim.autopilot import Px4Autopilot
 from sim.autopilot_peer import AutopilotPeer
 from sim.virtual_time import VirtualTimeLoop

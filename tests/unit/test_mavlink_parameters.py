@@ -1,4 +1,4 @@
-"""links/mavlink_parameters.py: numbers in both encodings, reading many, setting one."""
+"""links/mavlink/procedures/parameters.py: numbers in both encodings, reading many, setting one."""
 
 import math
 import struct
@@ -8,11 +8,21 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from links.mavlink_codec import ARDUPILOT, PX4, MavlinkCodec
-from links.mavlink_parameters import ASKED, AT_ONCE, REAL32, WHOLE_BITS, Parameter, ReadAll, Write, decode, encode
-from links.mavlink_steps import TRIES, Autopilot
-from links.mavlink_words import Words
-from links.port import LinkLost, LinkRejected
+from links.core.port import LinkLost, LinkRejected
+from links.mavlink.codec import ARDUPILOT, PX4, MavlinkCodec
+from links.mavlink.procedures.parameters import (
+    ASKED,
+    AT_ONCE,
+    REAL32,
+    WHOLE_BITS,
+    Parameter,
+    ReadAll,
+    Write,
+    decode,
+    encode,
+)
+from links.mavlink.procedures.steps import TRIES, Autopilot
+from links.mavlink.words import Words
 
 INT8, INT32 = 2, 6
 

@@ -9,7 +9,7 @@ from groundstation import so3
 from groundstation.poses.mavlink_codec import Decoder, LocalPositionDecoder, OdometryDecoder, decoder_for
 from groundstation.poses.port import Pose
 from groundstation.poses.source_clock import SourceClock
-from links.mavlink_codec import ARDUPILOT, PX4, MavlinkCodec
+from links.mavlink.codec import ARDUPILOT, PX4, MavlinkCodec
 from tests.mavlink_table import golden
 
 CODEC = MavlinkCodec(1, 1)

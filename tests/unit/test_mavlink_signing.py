@@ -1,4 +1,4 @@
-"""links/mavlink_signing.py and links/mavlink_key.py: what is signed, what is believed, and where the key lies."""
+"""links/mavlink/signing.py and signing_key.py: what is signed, what is believed, and where the key lies."""
 
 import base64
 import os
@@ -10,10 +10,10 @@ from hypothesis import given
 from hypothesis import strategies as st
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
-from links.key_file import read_key
-from links.mavlink_codec import ARM_DISARM, MavlinkCodec
-from links.mavlink_key import StampFile
-from links.mavlink_signing import MINUTE, TICKS_PER_S, Signer
+from links.io.key_file import read_key
+from links.mavlink.codec import ARM_DISARM, MavlinkCodec
+from links.mavlink.signing import MINUTE, TICKS_PER_S, Signer
+from links.mavlink.signing_key import StampFile
 from tests.mavlink_table import golden
 
 KEY = bytes(range(32))

@@ -6,11 +6,11 @@ from typing import Any
 
 import pytest
 
-from links.datagrams import Datagrams
-from links.mavlink import MavlinkLink, MavlinkLinkConfig
-from links.mavlink_codec import ARDUPILOT, ARM_DISARM, DO_SET_MODE, FORCE, PX4, REQUEST_MESSAGE, MavlinkCodec
-from links.mavlink_config import ForwardConfig
-from links.port import Command, LinkError, LinkLost, LinkMisuse, LinkRejected, Segment
+from links.core.port import Command, LinkError, LinkLost, LinkMisuse, LinkRejected, Segment
+from links.io.datagrams import Datagrams
+from links.mavlink.codec import ARDUPILOT, ARM_DISARM, DO_SET_MODE, FORCE, PX4, REQUEST_MESSAGE, MavlinkCodec
+from links.mavlink.config import ForwardConfig
+from links.mavlink.link import MavlinkLink, MavlinkLinkConfig
 from tests.loops import in_virtual_time
 from tests.unit.test_mavlink_link import D, Endpoint, accept, command, scene
 

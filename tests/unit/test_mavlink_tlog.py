@@ -11,7 +11,7 @@ from groundstation.poses.mavlink_codec import LocalPositionDecoder, OdometryDeco
 from groundstation.poses.port import Pose, SourceError
 from groundstation.poses.tlog import TlogConfig, TlogSource, pose_decoder
 from groundstation.poses.tlog_codec import TlogReader
-from links.mavlink_codec import MavlinkCodec
+from links.mavlink.codec import MavlinkCodec
 from sim.virtual_time import VirtualTimeLoop
 from tests.mavlink_table import FRAMES, golden
 

@@ -10,11 +10,11 @@ from typing import Any, Protocol
 
 import pytest
 
-import links.mavlink_lasting_wire
-from links.address import parse_address
-from links.mavlink import MavlinkLink, MavlinkLinkConfig
-from links.mavlink_codec import MavlinkCodec
-from links.port import Command
+import links.mavlink.transport.reconnecting
+from links.core.port import Command
+from links.io.address import parse_address
+from links.mavlink.codec import MavlinkCodec
+from links.mavlink.link import MavlinkLink, MavlinkLinkConfig
 from tests.loops import free_address, in_real_time
 from tests.unit.test_mavlink_wires import Answering, SerialEnd, TcpEnd, until
 
@@ -120,8 +120,8 @@ ENDS: dict[str, Callable[[Path], End]] = {
 
 @pytest.fixture(params=ENDS)
 def end(request: pytest.FixtureRequest, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[End]:
-    monkeypatch.setattr(links.mavlink_lasting_wire, "FIRST_PAUSE_S", 0.05)
-    monkeypatch.setattr("links.mavlink_handshake.STREAM_S", 0.1)
+    monkeypatch.setattr(links.mavlink.transport.reconnecting, "FIRST_PAUSE_S", 0.05)
+    monkeypatch.setattr("links.mavlink.procedures.handshake.STREAM_S", 0.1)
     yield ENDS[request.param](tmp_path)
 
 

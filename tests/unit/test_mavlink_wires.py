@@ -12,13 +12,13 @@ from typing import Any
 import msgspec
 import pytest
 
-import links.mavlink_lasting_wire
-from links.mavlink import MavlinkLink, MavlinkLinkConfig
-from links.mavlink_codec import PX4, MavlinkCodec
-from links.mavlink_connection import MavlinkConnection
-from links.mavlink_wire import Ear
-from links.port import Command, LinkLost
-from links.serial_port import open_port
+import links.mavlink.transport.reconnecting
+from links.core.port import Command, LinkLost
+from links.io.serial_port import open_port
+from links.mavlink.codec import PX4, MavlinkCodec
+from links.mavlink.connection import MavlinkConnection
+from links.mavlink.link import MavlinkLink, MavlinkLinkConfig
+from links.mavlink.transport.wire import Ear
 from tests.loops import free_address, in_real_time, in_virtual_time
 
 pytestmark = pytest.mark.real_time
@@ -122,8 +122,8 @@ class SerialEnd(Answering):
 
 @pytest.fixture(autouse=True)
 def hasty(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(links.mavlink_lasting_wire, "FIRST_PAUSE_S", 0.05)
-    monkeypatch.setattr("links.mavlink_handshake.STREAM_S", 0.1)
+    monkeypatch.setattr(links.mavlink.transport.reconnecting, "FIRST_PAUSE_S", 0.05)
+    monkeypatch.setattr("links.mavlink.procedures.handshake.STREAM_S", 0.1)
 
 
 def command() -> Command:
@@ -199,7 +199,7 @@ def test_a_serial_port_that_is_unplugged_is_opened_again_and_waits_for_a_new_arm
 def test_the_pauses_before_a_port_is_opened_again_grow_to_a_limit(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(links.mavlink_lasting_wire, "LONGEST_PAUSE_S", 0.2)
+    monkeypatch.setattr(links.mavlink.transport.reconnecting, "LONGEST_PAUSE_S", 0.2)
 
     async def main() -> None:
         end = SerialEnd(tmp_path / "ttyACM0").plug()
@@ -307,7 +307,7 @@ def test_a_port_that_ends_as_the_autopilot_is_heard_again_is_opened_again(monkey
         wires.append(BreakingWire(ear))
         return wires[-1]
 
-    monkeypatch.setattr(links.mavlink_lasting_wire, "opener", lambda config: open_breaking)
+    monkeypatch.setattr(links.mavlink.transport.reconnecting, "opener", lambda config: open_breaking)
 
     async def main() -> None:
         config = MavlinkLinkConfig(serial="/dev/ttyACM0", quiet=False)

@@ -11,7 +11,7 @@ from groundstation.settings import Config
 from groundstation.telemetry.mqtt_broker import from_url, in_words, opened
 from groundstation.telemetry.mqtt_config import MqttConfig
 from groundstation.telemetry.mqtt_requests import ensure_mqtt
-from links.key_file import make_key
+from links.io.key_file import make_key
 
 
 @pytest.mark.parametrize(

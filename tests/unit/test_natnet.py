@@ -10,7 +10,7 @@ from groundstation import so3
 from groundstation.poses import natnet_codec
 from groundstation.poses.natnet import NatNetConfig
 from groundstation.poses.port import Pose
-from links.address import parse_address
+from links.io.address import parse_address
 from sim.natnet_server import NatNetServer
 from sim.trackers import Seen
 from tests.loops import free_address, in_real_time, in_virtual_time

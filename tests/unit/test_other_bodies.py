@@ -14,7 +14,7 @@ from groundstation.poses import make_source
 from groundstation.poses.others import Others
 from groundstation.poses.port import Pose
 from groundstation.settings import Config
-from links import make_link
+from links.make import make_link
 from sim.pose_bytes import FLIGHTS, natnet_handshake
 from sim.trackers import Seen, make_tracker
 from tests.loops import in_virtual_time

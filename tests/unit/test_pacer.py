@@ -7,14 +7,14 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from links.channel_map import ChannelMap, Channels, Sticks, Switch
-from links.crsf_codec import CrsfLinkConfig
-from links.dsm_codec import DsmLinkConfig
-from links.lateness import Lateness
-from links.pacer import AFTERLIFE_S, FramePacer
-from links.pacer_messages import Arm, End, Give, Serve, Stop
-from links.port import Command, Segment
-from links.rf_codec import Service
+from links.core.lateness import Lateness
+from links.core.port import Command, Segment
+from links.rf.codecs.channel_map import ChannelMap, Channels, Sticks, Switch
+from links.rf.codecs.codec import Service
+from links.rf.codecs.crsf_codec import CrsfLinkConfig
+from links.rf.codecs.dsm_codec import DsmLinkConfig
+from links.rf.pacer import AFTERLIFE_S, FramePacer
+from links.rf.pacer_messages import Arm, End, Give, Serve, Stop
 
 CONFIG = DsmLinkConfig(map=ChannelMap(arm=Switch(channel=5)), arm_low_s=0.2, arm_high_s=0.3)
 THRUST_MAX_N = 2.0
@@ -23,7 +23,7 @@ DOWN = Segment(0.5, 0.8, (0.0, 0.0, 0.0))
 
 
 class Notebook:
-    """Implements :class:`links.pacer.Port`: keeps what leaves."""
+    """Implements :class:`links.rf.pacer.Port`: keeps what leaves."""
 
     def __init__(self) -> None:
         self.frames: list[bytes] = []

@@ -12,7 +12,7 @@ from groundstation.poses import json_codec, natnet_codec, natnet_models_codec, q
 from groundstation.poses.intake import Intake
 from groundstation.poses.natnet_reader import SILENT_BEATS, NatNetReader
 from groundstation.poses.vision_codec import VisionReader
-from links.mavlink_codec import MavlinkCodec
+from links.mavlink.codec import MavlinkCodec
 from tests.pose_tables import TABLES, Row, fresh_reader
 
 ROWS = [pytest.param(name, row, id=f"{name}: {row.about}") for name, table in TABLES.items() for row in table.rows]

@@ -16,9 +16,9 @@ from groundstation.telemetry.fleet_seen import Fleet
 from groundstation.tui.bars import content
 from groundstation.tui.fleet_rows import details, row
 from groundstation.tui.words import row as shown
-from links.mavlink_codec import MavlinkCodec
-from links.mavlink_words import Words
-from links.printable import printable
+from links.core.printable import printable
+from links.mavlink.codec import MavlinkCodec
+from links.mavlink.words import Words
 
 HOSTILE = {
     "window title": "\x1b]0;owned\x07",

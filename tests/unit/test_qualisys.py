@@ -10,7 +10,7 @@ from groundstation import so3
 from groundstation.poses import qualisys_codec as qtm
 from groundstation.poses.port import Pose
 from groundstation.poses.qualisys import QualisysConfig, QualisysSource
-from links.address import parse_address
+from links.io.address import parse_address
 from sim.qtm_server import QtmServer
 from sim.trackers import Seen
 from tests.loops import BOTH_LOOPS, free_address, in_virtual_time

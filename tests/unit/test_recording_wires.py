@@ -6,7 +6,7 @@ from typing import Any
 from groundstation.recording.records import Opened, Received, Record, Sent
 from groundstation.recording.tlog import TlogCutter
 from groundstation.recording.wires import Wires
-from links.address import parse_address
+from links.io.address import parse_address
 from sim.virtual_time import VirtualTimeLoop
 from tests.loops import free_address
 from tests.mavlink_table import FRAMES

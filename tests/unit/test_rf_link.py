@@ -8,12 +8,12 @@ from typing import Any
 import msgspec
 import pytest
 
-from links.channel_map import ChannelMap, Switch
-from links.crsf_codec import CrsfLinkConfig
-from links.dsm_codec import DsmLinkConfig
-from links.port import Command, LinkError, LinkLost, LinkMisuse, LinkRejected, Segment
-from links.rf_codec import Service
-from links.serial_rf import SerialRfLink
+from links.core.port import Command, LinkError, LinkLost, LinkMisuse, LinkRejected, Segment
+from links.rf.codecs.channel_map import ChannelMap, Switch
+from links.rf.codecs.codec import Service
+from links.rf.codecs.crsf_codec import CrsfLinkConfig
+from links.rf.codecs.dsm_codec import DsmLinkConfig
+from links.rf.link import SerialRfLink
 from sim.inline_pacer import WirePort, opened_on
 from sim.rf_receiver import FAILSAFE_S, RfPeer, RfReceiver
 from tests.airframe_double import Brick

@@ -1,10 +1,10 @@
-"""links/thrust_curve.py."""
+"""links/core/thrust_curve.py."""
 
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from links.thrust_curve import full_thrust_n, signal, thrust
+from links.core.thrust_curve import full_thrust_n, signal, thrust
 
 share = st.floats(0.0, 1.0)
 

@@ -23,7 +23,7 @@ from groundstation.tui.plot import Line, Spans, Track, bar, history, horizon, in
 from groundstation.tui.text_pages import flat
 from groundstation.tui.themes import THEMES
 from groundstation.tui.words import arrow, flight_time, numbers
-from links.printable import printable
+from links.core.printable import printable
 from tests.sample_flight import sample
 
 TONES = ("alarm", "busy", "calm", "flying")

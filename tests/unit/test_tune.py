@@ -19,7 +19,7 @@ from groundstation.control.indi import Indi
 from groundstation.control.pid import Pid
 from groundstation.poses.vicon import ViconConfig
 from groundstation.settings import Config
-from links.mavlink import MavlinkLinkConfig
+from links.mavlink.link import MavlinkLinkConfig
 from sim.margins import AXES, DELAY, GAIN_DOWN, GAIN_UP, Margin, Report, boundary, failure, limit_cm
 from sim.margins_text import markdown_table, shown, text
 from sim.scenarios import SCENARIOS

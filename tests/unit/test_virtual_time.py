@@ -9,7 +9,7 @@ import pytest
 
 from groundstation.clock import sleep_until
 from groundstation.poses import PoseConfig
-from links.address import parse_address
+from links.io.address import parse_address
 from sim.virtual_time import FREE_PORTS, SimulationStuck, VirtualTimeLoop
 
 

@@ -16,8 +16,8 @@ from groundstation.ops import Quat
 from groundstation.poses.port import Pose
 from groundstation.poses.tlog_codec import TlogReader
 from groundstation.witness import Witness
-from links.mavlink_attitude import attitude_of
-from links.port import Attitude
+from links.core.port import Attitude
+from links.mavlink.attitude import attitude_of
 
 GOLDEN = Path(__file__).parents[1] / "golden"
 BOTH = pytest.mark.parametrize("name", ["px4_takeoff", "ardupilot_landing"])

@@ -1,0 +1,237 @@
+"""The RF bridge: paces the commands of a station on another computer, as the paper did. `groundstation rf-bridge`.
+
+Whoever holds the key may command, one station at a time. Its times are brought to this machine's clock so that no
+deadline can come out later than it was meant: by the earliest instant that the messages so far allow. The pacer with
+its dead man's switch is the one that a link on this machine has (links/rf/pacer.py); disarm frames leave whether there
+is a station or not.
+"""
+
+import asyncio
+import os
+from collections import Counter
+from collections.abc import Callable
+from typing import Any
+
+import msgspec
+
+from links.bridge.codec import HELLO, HELLOS, NONCE_BYTES, UP, UPS, Down, Up, Welcome, first_seal, kind_of, name_of
+from links.bridge.kept_pacer import KeptPacer
+from links.bridge.session import BridgeEnd
+from links.core.port import Command, LinkError
+from links.io.address import is_loopback, parse_address
+from links.io.datagrams import Datagrams
+from links.rf.codecs.dsm_codec import DsmLinkConfig
+from links.rf.codecs.kinds import RfConfig
+from links.rf.pacer_messages import Arm, Give, OpenPacer, Serve, Stop
+from links.rf.pacer_process import open_process
+
+SILENT_S = 1.0
+"""A station that says nothing for so long has left [s]: another may command, once the vehicle is down."""
+SESSIONS = 8
+"""Most sessions remembered; who asks for more pushes out the oldest that does not command."""
+
+Nonce = Callable[[int], bytes]
+
+
+class BridgeConfig(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
+    """Where the bridge listens, and the module that it has."""
+
+    listen: str
+    """Our address for stations, such as ``192.168.1.20:14600``; ``0.0.0.0:14600`` hears on every network."""
+    key_file: str = "bridge.key"
+    """File with the key that both computers share, mode 0600."""
+    link: RfConfig = DsmLinkConfig()
+
+    def __post_init__(self) -> None:
+        """Check what the types cannot.
+
+        Raises:
+            ValueError: ``listen`` is no address; the message begins with that key.
+        """
+        try:
+            parse_address(self.listen)
+        except ValueError as error:
+            raise ValueError(f"listen: {error}") from None
+
+
+class Bridge(asyncio.DatagramProtocol):
+    """``run`` it. Times are on the event loop's clock [s]."""
+
+    def __init__(
+        self,
+        config: BridgeConfig,
+        key: bytes,
+        *,
+        say: Callable[[str], None] = lambda line: None,
+        open_pacer: OpenPacer = open_process,
+        nonce: Nonce = os.urandom,
+        remote_only: bool = False,
+    ) -> None:
+        """``say`` takes lines for the operator; ``open_pacer`` and ``nonce`` are for simulations.
+
+        With ``remote_only`` stations on this machine are not heard: on loopback they take vehicles for simulated ones.
+        """
+        self.dropped: Counter[str] = Counter()
+        """Datagrams dropped, by reason."""
+        self._config = config
+        self._key = key
+        self._say = say
+        self._random = nonce
+        self._remote_only = remote_only
+        self._pacer = KeptPacer(config.link, open_pacer, say, self._heard)
+        self._arming = 0
+        self._sessions: dict[bytes, BridgeEnd] = {}
+        """By the station's nonce, the oldest first."""
+        self._live: BridgeEnd | None = None
+        self._wire: Datagrams | None = None
+
+    async def run(self) -> None:
+        """Pace and listen until cancelled; then what flies is brought down before this returns.
+
+        Raises:
+            LinkError: the address can't be opened.
+        """
+        loop = asyncio.get_running_loop()
+        try:
+            await loop.create_datagram_endpoint(lambda: self, local_addr=parse_address(self._config.listen))
+        except OSError as error:
+            raise LinkError(f"cannot listen at {self._config.listen}: {error.strerror or error}") from None
+        try:
+            await self._pacer.run()
+        finally:
+            if self._wire is not None:
+                self._wire.abort()
+
+    def kill(self) -> None:
+        """Motors off, by the operator of this machine: disarm frames from the next one on, until a new arming."""
+        self._pacer.give(Stop())
+        if self._live is not None:
+            self._live.arming = None
+
+    def _heard(self, ended: bool) -> None:
+        """The pacer has reported, or ended."""
+        if self._live is not None:
+            if ended:
+                self._live.arming = None
+            self._answer(self._live)
+
+    # ---- stations
+
+    def connection_made(self, transport: Any) -> None:
+        """Take the wire (called by the event loop)."""
+        self._wire = Datagrams(transport)
+
+    def datagram_received(self, data: bytes, addr: Any) -> None:
+        """Take one datagram (called by the event loop)."""
+        now = asyncio.get_running_loop().time()
+        kind = kind_of(data)
+        if self._remote_only and is_loopback(addr[0]):
+            self._refuse_local(addr)
+        elif kind == UP:
+            self._up(data, addr, now)
+        elif kind == HELLO:
+            self._hello(data, addr, now)
+        else:
+            self.dropped["not_ours"] += 1
+
+    def _refuse_local(self, addr: Any) -> None:
+        if not self.dropped["from_this_machine"]:
+            self._say(
+                f"a station on this machine ({addr[0]}) is not heard: give the flight the module itself, by "
+                f"link.kind = {self._config.link.__struct_config__.tag!r} and link.port"
+            )
+        self.dropped["from_this_machine"] += 1
+
+    def _hello(self, data: bytes, addr: Any, now_s: float) -> None:
+        seal = first_seal(self._key, HELLO, name_of(data))
+        hello = seal.open(data, HELLOS, self.dropped)
+        if hello is None or self._pacer.report is None:
+            return
+        if len(hello.nonce) != NONCE_BYTES or hello.nonce[:8] != name_of(data):
+            self.dropped["malformed"] += 1
+            return
+        session = self._sessions.get(hello.nonce)
+        if session is None:
+            spare = [nonce for nonce, each in self._sessions.items() if each is not self._live]
+            if len(self._sessions) >= SESSIONS:
+                del self._sessions[spare[0]]
+            session = self._sessions[hello.nonce] = BridgeEnd(self._key, hello.nonce, self._random(NONCE_BYTES))
+        welcome = Welcome(hello.nonce, session.bridge_nonce, now_s, self._config.link.manner, self._pacer.report)
+        if self._wire is not None:
+            self._wire.send(session.welcome.close(welcome), addr)
+
+    def _up(self, data: bytes, addr: Any, now_s: float) -> None:
+        name = name_of(data)
+        session = next((each for each in self._sessions.values() if each.up.name == name), None)
+        if session is None:
+            self.dropped["other_session"] += 1
+            return
+        up = session.up.open(data, UPS, self.dropped)
+        if up is None:
+            return
+        if not session.clock.narrow(up.bridge_s - up.heard_s, now_s - up.sent_s, now_s):
+            self.dropped["clock_jumped"] += 1
+        session.peer = addr
+        if session is not self._live and not self._may_command(session, now_s):
+            session.heard_s = now_s
+            self._answer(session)
+            return
+        session.heard_s = now_s
+        news = self._obey(session, up, now_s)
+        if news or up.command is None:
+            self._answer(session)
+
+    def _may_command(self, session: BridgeEnd, now_s: float) -> bool:
+        """Whether this station takes over."""
+        live = self._live
+        if session.ended or self._pacer.report is None or not self._pacer.report.over:
+            return False
+        if live is not None and not live.ended and now_s < live.heard_s + SILENT_S:
+            return False
+        self._live = session
+        self._say(f"station {session.peer[0]}:{session.peer[1]} commands")
+        return True
+
+    def _obey(self, session: BridgeEnd, up: Up, now_s: float) -> bool:
+        """Pass on what is new; returns whether there was more than a command."""
+        before, session.wants = session.wants, msgspec.structs.replace(up, command=None)
+        to_ours = session.clock.least_s
+        news = False
+        # What a station wanted before this session began is over: it has to ask anew.
+        if before is not None and up.arming != before.arming and not up.stopped:
+            news = True
+            self._arming += 1
+            session.arming = self._arming
+            self._pacer.give(Arm(self._arming, up.arm_at_s + to_ours))
+        if up.stopped and (before is None or not before.stopped):
+            news = True
+            session.arming = None
+            self._pacer.give(Stop())
+        if before is not None and up.serve is not None and up.serve != before.serve:
+            news = True
+            self._pacer.give(Serve(up.serve[1], up.serve[2]))
+        if up.end and not session.ended:
+            news = session.ended = True
+            self._say(f"station {session.peer[0]}:{session.peer[1]} leaves")
+        if up.command is not None and session.arming is not None and not up.end:
+            self._pacer.give(Give(session.arming, _moved(up.command, to_ours)))
+        return news
+
+    def _answer(self, session: BridgeEnd) -> None:
+        report = self._pacer.report
+        if report is None or self._wire is None:
+            return
+        now = asyncio.get_running_loop().time()
+        refused = "" if session is self._live else "it obeys another station, or brings a vehicle down"
+        theirs = 0
+        if session.wants is not None and session.arming in (None, report.arming):
+            theirs = session.wants.arming  # what it says of this one is true; or this one is over in any case
+        down = Down(now, session.up.counter, refused, msgspec.structs.replace(report, arming=theirs))
+        why = self._wire.send(session.down.close(down), session.peer)
+        if why:
+            self.dropped[why] += 1
+
+
+def _moved(command: Command, by_s: float) -> Command:
+    """``command`` with its deadline on this clock. Its pose's time stays the station's: only its order counts here."""
+    return msgspec.structs.replace(command, deadline_s=command.deadline_s + by_s)

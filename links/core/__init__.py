@@ -1,0 +1,1 @@
+"""What every link shares, sans-IO: the port, the dead man's switch, the thrust curve."""

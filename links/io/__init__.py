@@ -1,0 +1,1 @@
+"""What the links open: sockets' addresses, serial ports, key files, shared memory."""

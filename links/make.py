@@ -1,0 +1,59 @@
+"""How commands leave: every kind of link, by the name that a configuration gives it (``kind = "mavlink"``)."""
+
+from collections.abc import Callable
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from links.core.port import CommandLink
+
+
+def _mavlink() -> "tuple[type, Callable[..., CommandLink]]":
+    from links.mavlink.link import MavlinkLink, MavlinkLinkConfig
+
+    return MavlinkLinkConfig, MavlinkLink
+
+
+def _dsm() -> "tuple[type, Callable[..., CommandLink]]":
+    from links.rf.codecs.dsm_codec import DsmLinkConfig
+    from links.rf.link import SerialRfLink
+
+    return DsmLinkConfig, SerialRfLink
+
+
+def _crsf() -> "tuple[type, Callable[..., CommandLink]]":
+    from links.rf.codecs.crsf_codec import CrsfLinkConfig
+    from links.rf.link import SerialRfLink
+
+    return CrsfLinkConfig, SerialRfLink
+
+
+def _rf_bridge() -> "tuple[type, Callable[..., CommandLink]]":
+    from links.bridge.link import BridgeLink, BridgeLinkConfig
+
+    return BridgeLinkConfig, BridgeLink
+
+
+LINKS: "dict[str, Callable[[], tuple[type, Callable[..., CommandLink]]]]" = {
+    "mavlink": _mavlink,
+    "dsm": _dsm,
+    "crsf": _crsf,
+    "rf_bridge": _rf_bridge,
+}
+"""Kind → a function that imports it and returns its configuration and its class."""
+
+
+def make_link(config: Any, *, thrust_max_n: float, thrust_curve: float = 0.0, **wires: Any) -> "CommandLink":
+    """The link that ``config``, the configuration of one kind, describes.
+
+    ``thrust_max_n`` is the thrust of the full signal [N], ``thrust_curve`` the vehicle's (see thrust_curve.py).
+
+    ``wires`` go to the link as they are: what a simulation puts in the place of hardware.
+
+    Raises:
+        TypeError: ``config`` is the configuration of no link.
+    """
+    for load in LINKS.values():
+        config_type, link_type = load()
+        if isinstance(config, config_type):
+            return link_type(config, thrust_max_n=thrust_max_n, thrust_curve=thrust_curve, **wires)
+    raise TypeError(f"no link is configured by {config!r}")

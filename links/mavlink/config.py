@@ -1,0 +1,121 @@
+"""What a MAVLink link can be told."""
+
+from typing import Annotated, Literal
+
+import msgspec
+
+from links.io.address import beyond, parse_address
+
+DEFAULT_LISTEN = "127.0.0.1:14540"
+"""Where PX4 sends what it has for an offboard computer."""
+
+
+ODOMETRY_BYTES = 258
+"""Longest frame that forwarding sends."""
+FORWARD_SHARE = 0.3
+"""So much of a serial port's room may forwarding take: the rest is for commands and what the autopilot sends."""
+
+
+class ForwardConfig(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
+    """Our poses to the autopilot's own estimator, as ODOMETRY (links/mavlink/odometry_codec.py)."""
+
+    enabled: bool = False
+    """Whether to send them; docs/how-to/forward-poses.md says what the autopilot must be told."""
+    rate_hz: Annotated[float, msgspec.Meta(gt=0.0, le=200.0)] = 40.0
+    """At most so many a second [1/s]; autopilots want 30 to 50."""
+    noise_m: Annotated[float, msgspec.Meta(gt=0.0, le=10.0)] = 0.005
+    """1σ of the position per axis that the autopilot is told [m]."""
+    noise_deg: Annotated[float, msgspec.Meta(gt=0.0, le=90.0)] = 0.5
+    """1σ of the attitude per axis that the autopilot is told [deg]."""
+    oldest_s: Annotated[float, msgspec.Meta(gt=0.0, le=1.0)] = 0.1
+    """A pose that is older as it would leave does not [s]."""
+
+
+class MavlinkLinkConfig(
+    msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True, tag_field="kind", tag="mavlink"
+):
+    """MAVLink 2 over UDP, TCP or a serial port, to PX4 (OFFBOARD) or ArduPilot Copter (GUIDED)."""
+
+    listen: str | None = None
+    """Address of this machine that the autopilot sends to, host:port (UDP). Without any other: 127.0.0.1:14540."""
+    remote: str | None = None
+    """Address of an autopilot that waits for us to speak first, host:port (UDP)."""
+    tcp: str | None = None
+    """Address of a simulator or radio that accepts TCP connections, host:port."""
+    serial: str | None = None
+    """Serial port, such as /dev/serial/by-id/usb-…, whose name stays the same when it is plugged in again."""
+    baud: Annotated[int, msgspec.Meta(ge=9600, le=4_000_000)] = 921600
+    """Speed of the serial port [bit/s]; over USB it does not matter."""
+    system_id: Annotated[int, msgspec.Meta(ge=1, le=255)] = 245
+    """Our own MAVLink system."""
+    component_id: Annotated[int, msgspec.Meta(ge=1, le=255)] = 190
+    """Our own MAVLink component; 190 is a ground station."""
+    target_system: Annotated[int, msgspec.Meta(ge=1, le=255)] = 1
+    """MAVLink system of the vehicle; every other one is ignored."""
+    target_component: Annotated[int, msgspec.Meta(ge=1, le=255)] = 1
+    """MAVLink component of its autopilot; every other one is ignored."""
+    period_s: Annotated[float, msgspec.Meta(gt=0.0, le=0.25)] = 0.0225
+    """Time between two commands [s]. PX4 gives up OFFBOARD below two a second."""
+    pace: Literal["poses", "period"] = "poses"
+    """``poses``: a command leaves as soon as a pose has come, at most two in ``period_s``, and one and a half periods
+    after the last one where no pose comes. ``period``: a command leaves every ``period_s``, as a radio's frames do."""
+    bring_down: Literal["auto", "rates", "land"] = "auto"
+    """What is sent when commands stop in the air: ``rates`` levels, sinks and stops the motors within 2 s; ``land``
+    asks for mode LAND meanwhile, and goes on with rates until it is accepted; ``auto`` does so where the autopilot
+    says at that moment that it knows its own position, height and speed."""
+    own_position: bool = False
+    """Whether the autopilot knows its position by something else than our tracker, such as GPS or optical flow. Where
+    our poses have been found to be wrong, ``auto`` asks for mode LAND only with that, or where nothing says that the
+    autopilot gets poses: no ``forward``, no vision message heard, ``pose.kind`` neither mavlink nor vision."""
+    connect_timeout_s: Annotated[float, msgspec.Meta(gt=0.0, le=600.0)] = 10.0
+    """How long to wait for the autopilot's first HEARTBEAT [s]."""
+    heartbeat_timeout_s: Annotated[float, msgspec.Meta(ge=1.5, le=60.0)] = 3.0
+    """The autopilot counts as lost after this long without its HEARTBEAT, sent once a second [s]."""
+    thrust_curve: Annotated[float, msgspec.Meta(ge=0.0, le=1.0)] | None = None
+    """f of thrust = f u² + (1 - f) u, from what we send (u) to what the motors give, in place of
+    vehicle.thrust_curve. 0 where the autopilot straightens the curve itself: PX4 with THR_MDL_FAC set, ArduPilot with
+    MOT_THST_EXPO set."""
+    ardupilot_mode: Literal["GUIDED", "GUIDED_NOGPS"] = "GUIDED"
+    """Mode that follows our commands on ArduPilot: GUIDED wants a position estimate of its own, GUIDED_NOGPS none."""
+    signing_key_file: str | None = None
+    """File with the 32 bytes of a MAVLink 2 signing key (raw, hex or base64), mode 0600. With it we sign what we send
+    and believe nothing that is not signed."""
+    forward: ForwardConfig = ForwardConfig()
+    quiet: bool = True
+    """Stop the autopilot's default telemetry that nobody here reads; false where others share this connection."""
+
+    def __post_init__(self) -> None:
+        """Check what the types cannot.
+
+        Raises:
+            ValueError: more than one way is given, or an address is none.
+        """
+        ways = {"listen": self.listen, "remote": self.remote, "tcp": self.tcp, "serial": self.serial}
+        given = [name for name, way in ways.items() if way is not None]
+        if len(given) > 1:
+            raise ValueError(f"{' and '.join(given)} exclude each other: leave only one of them")
+        if self.bring_down == "land" and self.ardupilot_mode == "GUIDED_NOGPS":
+            raise ValueError(
+                "bring_down = 'land' needs a position estimate on board, and ardupilot_mode = 'GUIDED_NOGPS' says that "
+                "there is none: leave out one of them"
+            )
+        needed = ODOMETRY_BYTES * self.forward.rate_hz
+        if self.serial is not None and self.forward.enabled and needed > FORWARD_SHARE * self.baud / 10.0:
+            raise ValueError(
+                f"forward.rate_hz: {self.forward.rate_hz:g} poses a second are {needed:.0f} bytes a second, too much "
+                f"beside commands at baud = {self.baud}: lower the rate, or use a faster port"
+            )
+        if self.serial is None:
+            parse_address(self.address)
+
+    @property
+    def real(self) -> str | None:
+        """The key that may lead to a real vehicle, and its value; None where all stays on this machine."""
+        if self.serial is not None:
+            return f"serial = {self.serial}"
+        return beyond("tcp" if self.tcp else "remote" if self.remote else "listen", self.address)
+
+    @property
+    def address(self) -> str:
+        """The address that is given, host:port, or the serial port."""
+        return self.serial or self.tcp or self.remote or self.listen or DEFAULT_LISTEN

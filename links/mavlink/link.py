@@ -1,0 +1,357 @@
+"""The MAVLink link: thrust and body rates to PX4 or ArduPilot over UDP, TCP or a serial port."""
+
+import asyncio
+from collections.abc import Callable
+
+from links.core.deadman import Deadman
+from links.core.port import Attitude, Command, LinkError, LinkLost, LinkMisuse, LinkRejected, LinkStatus, Segment
+from links.core.thrust_curve import signal
+from links.io.suspend import Sleep
+from links.mavlink.attitude import ATTITUDE_HZ, ATTITUDES, SLOW_BAUD, SLOW_HZ, attitude_of
+from links.mavlink.beside import beside
+from links.mavlink.codec import ARDUPILOT, ARM_DISARM, Message
+from links.mavlink.config import MavlinkLinkConfig
+from links.mavlink.connection import MavlinkConnection
+from links.mavlink.heartbeat import STALE_NEWS_S
+from links.mavlink.mode import AskMode, question
+from links.mavlink.procedures.handshake import arming, disarming, fitness, landing, landing_disarmed
+from links.mavlink.procedures.steps import Autopilot, Handshake
+from links.mavlink.procedures.stop import Kill
+from links.mavlink.procedures.version import ReadVersion
+from links.mavlink.status import Vitals
+from links.mavlink.transmit import Transmitter
+
+__all__ = ["MavlinkLink", "MavlinkLinkConfig"]
+
+
+class MavlinkLink:
+    """Implements :class:`links.core.port.CommandLink` (see there); others may read along on ``connection``."""
+
+    def __init__(self, config: MavlinkLinkConfig, *, thrust_max_n: float, thrust_curve: float = 0.0) -> None:
+        """Nothing is opened yet; ``thrust_max_n`` is the thrust of the full signal [N].
+
+        ``thrust_curve`` is the vehicle's, see thrust_curve.py; one in ``config`` takes its place.
+        """
+        self._config = config
+        self._thrust_max = thrust_max_n
+        self._curve = thrust_curve if config.thrust_curve is None else config.thrust_curve
+        self._target = (config.target_system, config.target_component)
+        self.connection = MavlinkConnection(config)
+        """The socket, for whoever shares it."""
+        self._sent = 0
+        self._deadman = Deadman()
+        self._transmitter = Transmitter(self._deadman, config.period_s, self._leave)
+        # On a wire that was lost the autopilot has begun its own failsafe: nothing more leaves, also when it is back.
+        # An autopilot that was silent may have heard us all the time: it gets the rest, and no newer command.
+        self.connection.when_lost = self._transmitter.stop
+        self.connection.when_back = self._deadman.hold
+        self._under_way: Handshake | None = None
+        self._obeys = False
+        self._obeys_s = 0.0
+        self._taken = ""
+        self.shares_poses = False
+        """Whether the poses that are flown by are the autopilot's own, or come to it from elsewhere too."""
+        self._distrusted = False
+        self._sleep: Sleep | None = None
+        """Since the newest arming."""
+        self._vitals = Vitals()
+        self.connection.subscribe(self._vitals.hear)
+        self._unfit = self._firmware = ""
+        self._landing: asyncio.Task[None] | None = None
+        self._killing: asyncio.Task[None] | None = None
+        self._loop: asyncio.AbstractEventLoop | None = None
+        self._busy = "on a link that is not connected"
+        """Why send() is out of place now; empty where it is not."""
+
+    @property
+    def period_s(self) -> float:
+        """Time between two commands [s]."""
+        return self._config.period_s
+
+    @property
+    def follows_poses(self) -> bool:
+        """True where a command may leave as soon as a pose has come."""
+        return self._config.pace == "poses"
+
+    @property
+    def status(self) -> LinkStatus:
+        """The link as it is now."""
+        connection = self.connection
+        clock = connection.clock
+        return LinkStatus(
+            state=connection.state,
+            sent=self._sent,
+            expired=self._deadman.refused,
+            received=connection.codec.received,
+            dropped=connection.dropped,
+            text=connection.text,
+            phase=self._deadman.phase(self._loop.time()) if self._loop is not None else "over",
+            rtt_s=None if clock is None else clock.rtt_s,
+            offset_s=None if clock is None else clock.offset_s,
+            taken=self._taken,
+            slept_s=self._slept_s,
+            battery_v=self._vitals.battery_v,
+            battery_share=self._vitals.battery_share,
+            ready=self._vitals.ready,
+            mode=self._vitals.mode,
+            unfit=self._unfit,
+            firmware=self._firmware,
+        )
+
+    def watch_attitude(self, watch: Callable[[Attitude], None]) -> None:
+        """Ask the autopilot for its attitude, and call ``watch`` with each that comes; not on a connected link."""
+        slow = self._config.serial is not None and self._config.baud <= SLOW_BAUD
+        self.connection.wish(ATTITUDES, SLOW_HZ if slow else ATTITUDE_HZ)
+
+        def hear(message: Message, arrival_s: float) -> None:
+            told = attitude_of(message, arrival_s, self.connection.clock)
+            if told is not None:
+                watch(told)
+
+        self.connection.subscribe(hear)
+
+    @property
+    def _slept_s(self) -> float:
+        return 0.0 if self._sleep is None else self._sleep.slept_s
+
+    async def connect(self) -> None:
+        """Open the socket, wait for the autopilot's HEARTBEAT, and ask for the messages that are wanted.
+
+        Raises:
+            LinkLost: the address can't be opened, or nobody answered within the configured time.
+            LinkRejected: the autopilot refuses to send a message that was requested.
+        """
+        self._loop = asyncio.get_running_loop()
+        self._distrusted = False
+        await self.connection.open()
+        self._busy = ""
+
+    async def examine(self) -> None:
+        """Ask the autopilot for its version, and whether it is set up so that it may be armed.
+
+        Raises:
+            LinkLost: it did not answer.
+            LinkMisuse: the link is not connected.
+        """
+        autopilot = self.connection.autopilot()
+        version = ReadVersion(autopilot)
+        await self._ask(Handshake([version]))
+        self._firmware, self._unfit = version.firmware, ""
+        try:
+            await self._ask(fitness(autopilot))
+        except LinkRejected as error:
+            self._unfit = str(error)
+
+    async def arm(self, idle: Callable[[], Command]) -> None:
+        """Stream what ``idle()`` returns until the vehicle is in OFFBOARD (GUIDED on ArduPilot) and armed.
+
+        Only for an operator's own arming. Whatever ends this early, an order to disarm leaves after an order to arm.
+
+        Raises:
+            LinkRejected: the autopilot refused, in its own words.
+            LinkLost: it did not answer.
+            LinkError: ``idle()`` returned a command whose deadline had passed, or the motors were killed meanwhile.
+            LinkMisuse: the link is not connected.
+        """
+
+        def stream(now_s: float) -> None:
+            if not self._send(idle(), now_s):
+                why = "the idle command had expired, as its pose is too old"
+                if self._slept_s:
+                    why = "this computer slept"
+                elif self._deadman.held:
+                    why = self.connection.text
+                raise LinkError(f"arming was abandoned: {why}")
+
+        if self._busy or not _over(self._killing):
+            raise LinkMisuse(f"arm() {self._busy or 'while the motors are being killed'}")
+        handshake = self._under_way = arming(self.connection.autopilot(), self._config.ardupilot_mode)
+        self.connection.begin_arming()
+        self._busy = "while arm() streams"
+        self._obeys, self._taken = False, ""
+        if self._landing is not None:
+            self._landing.cancel()
+            self._landing = None
+        self._sleep = Sleep(asyncio.get_running_loop().time)
+        self._transmitter.start()
+        try:
+            await self.connection.see_through(handshake, stream, self.period_s)
+            if handshake.failure is not None:  # killed in the very moment of its end
+                raise handshake.failure
+            self.connection.armed(True)
+            self._obeys, self._obeys_s = True, asyncio.get_running_loop().time()
+        except BaseException:
+            self._transmitter.stop()
+            if handshake.at_last_step and self._killing is None:
+                self.connection.leave(self.connection.codec.command(*self._target, ARM_DISARM, 0.0))
+            raise
+        finally:
+            self._under_way = None
+            if self._busy == "while arm() streams":  # not closed meanwhile
+                self._busy = ""
+
+    def send(self, command: Command) -> bool:
+        """Send one command now, and repeat it until its deadline if no other comes.
+
+        Returns False, and changes nothing, where its deadline has passed, where a bring-down has begun, where the
+        autopilot is armed no longer, or where nobody has armed.
+
+        Raises:
+            LinkMisuse: a number in the command is not finite, its deadline or its bring-down is too long, the link
+                is not connected, or ``arm`` is streaming.
+        """
+        if self._busy or self._loop is None:
+            raise LinkMisuse(f"send() {self._busy}")
+        return self._send(command, self._loop.time())
+
+    def _send(self, command: Command, now_s: float) -> bool:
+        self._watch()
+        if not self._deadman.take(command, now_s):
+            return False
+        self._leave(command, now_s)
+        self._transmitter.left(now_s)
+        return True
+
+    def _watch(self) -> None:
+        """An autopilot that somebody else has disarmed must not fly on when that somebody arms it again.
+
+        One that somebody else has put in another mode is theirs: nothing leaves from then on, no bring-down either.
+        Nor does anything after this computer has slept: the autopilot has come down without us long ago.
+        """
+        if self._slept_s:
+            self._obeys = False
+            self._transmitter.stop()
+            if self._landing is not None:
+                self._landing.cancel()
+        if not self._obeys:
+            return
+        if self._under_way is None and self._landing is None:
+            self._taken = self._vitals.foreign(self._obeys_s + STALE_NEWS_S)
+        if self._taken or self.connection.state == "connected":
+            self._obeys = False
+            self._transmitter.stop()
+
+    def _leave(self, what: Command | Segment, now_s: float) -> None:
+        self._watch()
+        if self._deadman.at(now_s) is not what:
+            return
+        thrust = signal(what.thrust_n / self._thrust_max, self._curve)
+        frame = self.connection.codec.attitude_target(now_s, *self._target, thrust, what.rates_rad_s)
+        self._sent += self.connection.leave(frame)
+        if isinstance(what, Segment) and self._landing is None and self._lands(now_s):
+            self._landing = asyncio.ensure_future(self._land())
+
+    def _lands(self, now_s: float) -> bool:
+        how = self._config.bring_down
+        if how != "auto":
+            return how == "land"
+        return self._vitals.could_land(now_s) and (not self._distrusted or self._knows_by_itself)
+
+    @property
+    def _knows_by_itself(self) -> bool:
+        """Whether nothing says that what the autopilot knows of its position may come from our tracker."""
+        config = self._config
+        return config.own_position or not (config.forward.enabled or self.connection.heard_vision or self.shares_poses)
+
+    def distrust(self) -> None:
+        """Our poses are wrong: until it is connected anew, LAND is asked of an autopilot only that knows by itself."""
+        self._distrusted = True
+
+    async def _land(self) -> None:
+        """Ask for mode LAND beside the bring-down by rates, which ends as soon as it is accepted.
+
+        Before, it is asked for its mode: whoever has taken it over, but a moment ago, keeps it.
+        """
+        connection, asked_s = self.connection, asyncio.get_running_loop().time()
+        try:
+            await beside(connection, AskMode(connection.autopilot()))
+            self._taken = self._vitals.foreign(asked_s)
+            if not self._taken:
+                await beside(connection, landing(connection.autopilot()))
+        except LinkError:
+            return  # the bring-down by rates goes on to its end
+        self._transmitter.stop()
+
+    def ask_mode(self) -> None:
+        """Have the autopilot tell its mode now, not only within a second."""
+        if self._obeys:
+            self.connection.leave(question(self.connection.autopilot()))
+
+    async def silent(self) -> None:
+        """Return once nothing that lifts may leave any more without a new arming."""
+        await self._transmitter.silent()
+
+    async def disarm(self) -> None:
+        """Ask the vehicle, which stands on the ground, to stop its motors; then nothing leaves without a new arming.
+
+        Raises:
+            LinkRejected: the autopilot refused, in its own words.
+            LinkLost: it did not answer.
+            LinkMisuse: the link is not connected.
+        """
+        autopilot = self.connection.autopilot()
+        try:
+            await self._ask(disarming(autopilot))
+        except LinkRejected:
+            if autopilot.kind != ARDUPILOT:
+                raise
+            await self._ask(landing_disarmed(autopilot))
+        self.connection.armed(False)
+        self._transmitter.stop()
+
+    async def _ask(self, handshake: Handshake) -> None:
+        self._under_way = handshake
+        try:
+            await self.connection.see_through(handshake)
+        finally:
+            self._under_way = None
+
+    async def kill(self) -> None:
+        """Stop the motors at once, also in the air: nothing else leaves from the call on. Works in every state.
+
+        It goes on to its end where the caller is cancelled, and :meth:`close` waits for it.
+
+        Raises:
+            LinkLost: nobody acknowledged within some seconds, or the link was never connected.
+            LinkRejected: the autopilot refused, in its own words.
+        """
+        self._transmitter.stop()
+        if self._under_way is not None:
+            self._under_way.failure = LinkError("the motors were killed")
+        if self._landing is not None:
+            self._landing.cancel()
+        if self._killing is None or _over(self._killing):
+            connection = self.connection
+            kind = connection.kind if connection.kind is not None else -1
+            step = Kill(Autopilot(connection.codec, connection.words, *self._target, kind))
+            self._killing = asyncio.ensure_future(self._killed(step))
+        await asyncio.shield(self._killing)
+
+    async def _killed(self, step: Kill) -> None:
+        if self.connection.state == "closed":
+            raise LinkLost("the link is closed: nothing can be sent. Use the remote control's kill switch")
+        await beside(self.connection, step)
+        self.connection.armed(False)
+
+    async def close(self) -> None:
+        """Release the socket. Nothing leaves afterwards.
+
+        What may still leave does so first: the newest command until its deadline, then its bring-down; a kill that
+        is under way goes on until it is acknowledged.
+        """
+        self._busy = "on a link that is being closed"
+        if self._under_way is not None:
+            self._under_way.failure = LinkError("the link was closed before the autopilot answered")
+        await self._transmitter.silent()
+        for last in (self._killing, self._landing):
+            if last is not None:
+                await asyncio.wait({last})
+                last.cancelled() or last.exception()  # whoever asked for it has been told
+        self._killing = self._landing = None
+        self._obeys = False
+        self._busy = "on a link that is not connected"
+        self.connection.close()
+
+
+def _over(task: "asyncio.Task[None] | None") -> bool:
+    return task is None or task.done()

@@ -1,0 +1,1 @@
+"""Procedures that an autopilot goes through with us, sans-IO: arming, parameters, message rates."""

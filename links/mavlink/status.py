@@ -1,0 +1,104 @@
+"""What an autopilot tells of itself: its mode, its battery, what it knows of itself, its pre-arm checks. Sans-IO."""
+
+import math
+
+from links.mavlink.codec import ARDUPILOT, PX4, Message
+
+PX4_MODES = {
+    1: "MANUAL",
+    2: "ALTCTL",
+    3: "POSCTL",
+    4: "AUTO",
+    5: "ACRO",
+    6: "OFFBOARD",
+    7: "STABILIZED",
+    8: "RATTITUDE",
+}
+"""Main mode, bits 16 to 23 of HEARTBEAT.custom_mode."""
+PX4_AUTO = {2: "TAKEOFF", 3: "LOITER", 4: "MISSION", 5: "RTL", 6: "LAND", 9: "PRECLAND"}
+"""Sub mode of AUTO, bits 24 to 31."""
+ARDUPILOT_MODES = {
+    0: "STABILIZE", 1: "ACRO", 2: "ALT_HOLD", 3: "AUTO", 4: "GUIDED", 5: "LOITER", 6: "RTL", 7: "CIRCLE", 9: "LAND",
+    13: "SPORT", 15: "AUTOTUNE", 16: "POSHOLD", 17: "BRAKE", 18: "THROW", 20: "GUIDED_NOGPS", 21: "SMART_RTL",
+}  # fmt: skip
+"""HEARTBEAT.custom_mode of Copter."""
+ESTIMATE = {PX4: "ESTIMATOR_STATUS", ARDUPILOT: "EKF_STATUS_REPORT"}
+"""The message that tells what its estimator knows; the flags of both mean the same but for the last."""
+ESTIMATE_HZ = 2.0
+"""How often it is asked for."""
+ESTIMATE_OLD_S = 2.5
+"""What it told so long ago does not count [s]; unasked, autopilots tell once a second."""
+_SPEED, _PLACE, _HEIGHT = 2 | 4, 8 | 16, 32 | 64
+_CONSTANT, _LAST = 128, 1024
+"""It believes that it stands still; PX4: GPS jumps, ArduPilot: not initialised yet."""
+FOLLOWING = ("OFFBOARD", "GUIDED", "GUIDED_NOGPS")
+"""Modes in which an autopilot follows set-points."""
+
+_PREARM = 0x10000000
+"""MAV_SYS_STATUS_PREARM_CHECK."""
+
+
+class Vitals:
+    """The newest of each. Times are on the event loop's clock [s]."""
+
+    def __init__(self) -> None:
+        """Nothing heard."""
+        self.mode = ""
+        """Its mode's name; empty before the first heartbeat, and where nobody knows its modes."""
+        self.mode_s = -math.inf
+        """When it was told."""
+        self.battery_v: float | None = None
+        self.battery_share: float | None = None
+        self.ready: bool | None = None
+        """Whether its own pre-arm checks pass; None where it does not tell, or can't know before set-points come."""
+        self._kind = -1
+        self._knows = False
+        self._knows_s = -math.inf
+
+    def hear(self, message: Message, now_s: float) -> None:
+        """Take one message of the autopilot."""
+        match message.get_type():
+            case "HEARTBEAT":
+                self._kind = message.autopilot
+                self.mode, self.mode_s = mode_name(self._kind, message.custom_mode), now_s
+            case "SYS_STATUS":
+                volts, percent = message.voltage_battery, message.battery_remaining
+                self.battery_v = None if volts in (0, 0xFFFF) else 1e-3 * volts
+                self.battery_share = 0.01 * percent if 0 <= percent <= 100 else None
+                self.ready = self._ready(
+                    message.onboard_control_sensors_enabled, message.onboard_control_sensors_health
+                )
+            case "ESTIMATOR_STATUS" | "EKF_STATUS_REPORT":
+                self._knows, self._knows_s = knows_itself(message.flags), now_s
+
+    def could_land(self, now_s: float) -> bool:
+        """Whether it has told of late that it knows where it is: then it comes down better by itself than unseen."""
+        return self._knows and now_s - self._knows_s < ESTIMATE_OLD_S
+
+    def _ready(self, enabled: int, health: int) -> bool | None:
+        """PX4 1.16 tells by health alone, and in OFFBOARD it lacks the set-points that come only as it is armed."""
+        passes = bool(health & _PREARM)
+        if self._kind == PX4:
+            return None if not passes and self.mode in (*FOLLOWING, "") else passes
+        return passes if enabled & _PREARM else None
+
+    def foreign(self, since_s: float) -> str:
+        """The mode that it is in since ``since_s``, where it follows no set-points there; else empty."""
+        return self.mode if self.mode_s >= since_s and self.mode not in (*FOLLOWING, "") else ""
+
+
+def knows_itself(flags: int) -> bool:
+    """Whether ESTIMATOR_STATUS.flags or EKF_STATUS_REPORT.flags tell of speed, height and some horizontal position."""
+    known = flags & _SPEED == _SPEED and bool(flags & _PLACE) and bool(flags & _HEIGHT)
+    return known and not flags & (_CONSTANT | _LAST)
+
+
+def mode_name(autopilot: int, custom_mode: int) -> str:
+    """What ``custom_mode`` of HEARTBEAT is called on ``autopilot`` (MAV_AUTOPILOT); empty on any other."""
+    if autopilot == ARDUPILOT:
+        return ARDUPILOT_MODES.get(custom_mode, f"mode {custom_mode}")
+    if autopilot != PX4:
+        return ""
+    main, sub = custom_mode >> 16 & 0xFF, custom_mode >> 24 & 0xFF
+    name = PX4_MODES.get(main, f"mode {main}" if main else "")  # one that tells no mode is believed to follow
+    return f"{name}.{PX4_AUTO.get(sub, sub)}" if name == "AUTO" else name

@@ -1,0 +1,1 @@
+"""The serial RF link: a transmitter module, whose frames a process of its own paces."""

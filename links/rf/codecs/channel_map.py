@@ -1,0 +1,201 @@
+"""Thrust and body rates to the positions of a transmitter's channels, and back. Pure.
+
+A position is -1..1, what transmitters call -100 % to +100 %; a codec makes counts of it. Channels count from 1.
+"""
+
+import math
+from collections.abc import Sequence
+from typing import Annotated, NamedTuple
+
+import msgspec
+
+from links.core.thrust_curve import signal, thrust
+
+Channel = Annotated[int, msgspec.Meta(ge=1, le=16)]
+Position = Annotated[float, msgspec.Meta(ge=-1.0, le=1.0)]
+Rates = tuple[float, float, float]
+
+
+class Throttle(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
+    """The channel of the thrust."""
+
+    channel: Channel
+    """Its number."""
+    low: Position = -1.0
+    """Position for no thrust; also what leaves while disarmed."""
+    high: Position = 1.0
+    """Position for the vehicle's full thrust; below ``low`` where the receiver wants the channel reversed."""
+    curve: Annotated[float, msgspec.Meta(ge=0.0, le=1.0)] | None = None
+    """f of thrust = f u² + (1 - f) u, from the position's share u of the throw to the motors' thrust, in place of
+    vehicle.thrust_curve; 0 where the flight controller straightens the curve."""
+
+    def __post_init__(self) -> None:
+        """Check what the types cannot.
+
+        Raises:
+            ValueError: it has no throw.
+        """
+        if self.low == self.high:
+            raise ValueError("low and high are the same: the throttle would not move")
+
+
+class Stick(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
+    """The channel of one body rate."""
+
+    channel: Channel
+    """Its number."""
+    full_rate_deg_s: Annotated[float, msgspec.Meta(gt=0.0)] = 200.0
+    """Body rate at full stick, as it is set on board [deg/s]; no faster one can be sent."""
+    reverse: bool = False
+    """Whether a positive rate (right roll, nose up, clockwise from above) takes a lower position."""
+    trim: Position = 0.0
+    """Position at which the vehicle does not turn."""
+    failsafe: Position | None = None
+    """Position while disarmed; without it: ``trim``."""
+
+
+class Switch(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
+    """The channel that arms the flight controller."""
+
+    channel: Channel
+    """Its number."""
+    armed: Position = 1.0
+    """Position that arms."""
+    disarmed: Position = -1.0
+    """Position that disarms."""
+
+    def __post_init__(self) -> None:
+        """Check what the types cannot.
+
+        Raises:
+            ValueError: both positions are one.
+        """
+        if self.armed == self.disarmed:
+            raise ValueError("armed and disarmed are the same: it could never disarm")
+
+
+class Fixed(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
+    """A channel that always stays where it is, such as a flight mode."""
+
+    channel: Channel
+    """Its number."""
+    position: Position
+    """Where it stays."""
+
+
+class Copy(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
+    """A channel that follows the throttle between two limits, as on the MLP4DSM transmitter."""
+
+    channel: Channel
+    """Its number."""
+    low: Position = -1.0
+    """Its lowest position."""
+    high: Position = 1.0
+    """Its highest position."""
+
+
+class ChannelMap(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
+    """Which channel says what. The default is Spektrum's order: throttle, aileron, elevator, rudder."""
+
+    thrust: Throttle = Throttle(channel=1)
+    roll: Stick = Stick(channel=2)
+    pitch: Stick = Stick(channel=3)
+    yaw: Stick = Stick(channel=4, full_rate_deg_s=300.0)
+    arm: Switch | None = None
+    """The channel that arms; without it, whatever the vehicle itself does."""
+    throttle_copy: Copy | None = None
+    """A channel that follows the throttle."""
+    fixed: tuple[Fixed, ...] = ()
+    """Channels that stay where they are; every channel that nobody names stays at 0."""
+
+    def __post_init__(self) -> None:
+        """Check what the types cannot.
+
+        Raises:
+            ValueError: two things share a channel.
+        """
+        numbers = self.channels
+        twice = sorted({number for number in numbers if numbers.count(number) > 1})
+        if twice:
+            raise ValueError(f"channel {twice[0]} is given to two things: give each its own")
+
+    @property
+    def channels(self) -> list[int]:
+        """Every channel that is named."""
+        named = (self.thrust, self.roll, self.pitch, self.yaw, self.arm, self.throttle_copy, *self.fixed)
+        return [part.channel for part in named if part is not None]
+
+
+class Sticks(NamedTuple):
+    """What positions say."""
+
+    thrust_n: float
+    """[N]"""
+    rates_rad_s: Rates
+    """Body rates [rad/s], FRD."""
+    armed: bool
+    """True where there is no channel for it."""
+
+
+class Channels:
+    """One vehicle's map, ready for use."""
+
+    def __init__(self, channel_map: ChannelMap, *, count: int, thrust_max_n: float) -> None:
+        """``count`` channels in all; ``thrust_max_n`` is the thrust at full throttle [N]."""
+        self._map = channel_map
+        self._thrust_max = thrust_max_n
+        rest = [0.0] * count
+        for part in channel_map.fixed:
+            rest[part.channel - 1] = part.position
+        self._sticks = (channel_map.roll, channel_map.pitch, channel_map.yaw)
+        # Position = trim + gain * rate.
+        self._gains = [(-1.0 if s.reverse else 1.0) / math.radians(s.full_rate_deg_s) for s in self._sticks]
+        self._rest = rest
+        self._idle = {armed: self._idled(armed) for armed in (False, True)}
+
+    def flying(self, thrust_n: float, rates_rad_s: Rates) -> list[float]:
+        """Positions for a thrust [N] and body rates [rad/s, FRD], armed; clamped to what the channels can say."""
+        m, out = self._map, self._rest.copy()
+        throttle = m.thrust
+        share = signal(thrust_n / self._thrust_max, throttle.curve or 0.0)
+        self._set_throttle(out, throttle.low + (throttle.high - throttle.low) * share)
+        for stick, gain, rate in zip(self._sticks, self._gains, rates_rad_s, strict=True):
+            out[stick.channel - 1] = min(max(stick.trim + gain * rate, -1.0), 1.0)
+        if m.arm is not None:
+            out[m.arm.channel - 1] = m.arm.armed
+        return out
+
+    def idle(self, *, armed: bool) -> list[float]:
+        """Positions without thrust: the failsafe values, or with ``armed`` the arm channel up and no rates."""
+        return self._idle[armed]
+
+    def read(self, positions: Sequence[float]) -> Sticks:
+        """What ``positions`` say; the inverse of :meth:`flying`."""
+        m = self._map
+        throttle = m.thrust
+        share = (positions[throttle.channel - 1] - throttle.low) / (throttle.high - throttle.low)
+        roll, pitch, yaw = (
+            (positions[stick.channel - 1] - stick.trim) / gain
+            for stick, gain in zip(self._sticks, self._gains, strict=True)
+        )
+        armed = True
+        if m.arm is not None:
+            at = positions[m.arm.channel - 1]
+            armed = abs(at - m.arm.armed) < abs(at - m.arm.disarmed)
+        thrust_n = self._thrust_max * thrust(min(max(share, 0.0), 1.0), throttle.curve or 0.0)
+        return Sticks(thrust_n, (roll, pitch, yaw), armed)
+
+    def _idled(self, armed: bool) -> list[float]:
+        m, out = self._map, self._rest.copy()
+        self._set_throttle(out, m.thrust.low)
+        for stick in self._sticks:
+            out[stick.channel - 1] = stick.trim if armed or stick.failsafe is None else stick.failsafe
+        if m.arm is not None:
+            out[m.arm.channel - 1] = m.arm.armed if armed else m.arm.disarmed
+        return out
+
+    def _set_throttle(self, out: list[float], position: float) -> None:
+        m = self._map
+        out[m.thrust.channel - 1] = position
+        if m.throttle_copy is not None:
+            out[m.throttle_copy.channel - 1] = min(max(position, m.throttle_copy.low), m.throttle_copy.high)

@@ -1,0 +1,169 @@
+"""What the codecs of serial RF modules have in common, and what every such link can be told. Sans-IO.
+
+A codec is one file: a configuration that is a :class:`RfLinkConfig`, and a class that is a :class:`RfCodec`. It gets
+one line in ``RF_CODECS`` (links/rf/codecs/kinds.py).
+"""
+
+from collections.abc import Sequence
+from enum import StrEnum
+from typing import Annotated, NamedTuple, Protocol, Self
+
+import msgspec
+
+from links.rf.codecs.channel_map import ChannelMap
+
+
+class Service(StrEnum):
+    """What a module can be told beside channels; while disarmed only."""
+
+    BIND = "bind"
+    RANGE_CHECK = "range_check"
+
+
+class Heard(NamedTuple):
+    """One frame as a module understands it."""
+
+    positions: tuple[float, ...] | None
+    """Of every channel, -1..1 (a little beyond where the wire allows it); None in a frame without channels."""
+    service: Service | None = None
+    """What else it asks for."""
+    model_id: int | None = None
+    """The model it names."""
+
+
+class Decoder(Protocol):
+    """Bytes to frames; garbage is skipped, one byte at a time, and counted."""
+
+    dropped: dict[str, int]
+    """Bytes that belong to no frame, by reason."""
+
+    def feed(self, data: bytes) -> list[Heard]:
+        """Take the next bytes, however they were cut; returns the frames that they complete."""
+        ...
+
+    def pause(self) -> None:
+        """The wire was silent: whatever was begun will not be completed."""
+        ...
+
+
+class RfCodec(Protocol):
+    """Positions to frames."""
+
+    channels: int
+    """How many it carries."""
+    services: frozenset[Service]
+    """What the module can do."""
+    frame_bytes: int
+    """Size of a frame of channels."""
+
+    def greeting(self) -> bytes:
+        """What a module must hear first, once, in place of a frame of channels; may be empty."""
+        ...
+
+    def encode(self, positions: Sequence[float], service: Service | None = None, nth: int = 0) -> bytes:
+        """The frame for ``positions`` (-1..1); with ``service``, the ``nth`` frame since it was asked for."""
+        ...
+
+    def decoder(self) -> Decoder:
+        """A new decoder of the same frames."""
+        ...
+
+
+class Manner(msgspec.Struct, frozen=True, kw_only=True):
+    """How a pacer paces, for whoever commands it; see :class:`RfLinkConfig`."""
+
+    period_s: float
+    lead_s: float
+    arm_low_s: float
+    arm_high_s: float
+    disarm_s: float
+    services: frozenset[Service]
+
+
+class RfLinkConfig(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True, tag_field="kind"):
+    """What every serial RF link can be told."""
+
+    port: str = "/dev/ttyUSB0"
+    """The serial port of the module."""
+    simulated: bool = False
+    """A simulator is at the other end of the port, such as `groundstation-sim serve`: neither fence nor speed limit is
+    asked for. Believed only of a pseudo-terminal; but some lead on to a module (socat, ser2net), so nobody can tell."""
+    baud: Annotated[int, msgspec.Meta(ge=1200, le=6_000_000)] = 115200
+    """Its speed [bit/s]."""
+    period_s: Annotated[float, msgspec.Meta(ge=0.001, le=0.1)] = 0.0225
+    """Time between two frames [s]."""
+    map: ChannelMap = ChannelMap()
+    arm_low_s: Annotated[float, msgspec.Meta(ge=0.0, le=10.0)] = 0.5
+    """How long arming first shows a disarmed transmitter with its throttle down [s]: flight controllers want that."""
+    arm_high_s: Annotated[float, msgspec.Meta(ge=0.0, le=10.0)] = 1.0
+    """How long it then holds the arm channel up with the throttle down before it counts as armed [s]."""
+    disarm_s: Annotated[float, msgspec.Meta(ge=0.0, le=10.0)] = 0.5
+    """How long disarm frames must have left before the vehicle counts as disarmed [s]: nothing comes back to tell."""
+    lead_s: Annotated[float, msgspec.Meta(ge=0.0, le=0.02)] = 0.005
+    """How long before its frame leaves a command is asked for [s]. One that comes later waits for the next frame."""
+    fifo_priority: Annotated[int, msgspec.Meta(ge=0, le=90)] = 50
+    """Real-time priority (SCHED_FIFO) of the process that paces the frames, where allowed; 0 for none."""
+
+    def codec(self) -> RfCodec:
+        """The codec that this configures."""
+        raise NotImplementedError
+
+    def __post_init__(self) -> None:
+        """Check what the types cannot.
+
+        Raises:
+            ValueError: a channel that the module does not have, or frames that don't fit between each other.
+        """
+        codec = self.codec()
+        highest = max(self.map.channels)
+        if highest > codec.channels:
+            raise ValueError(f"map names channel {highest}, but these frames carry {codec.channels} channels")
+        if self.frame_s > 0.9 * self.period_s:
+            raise ValueError(
+                f"a frame of {codec.frame_bytes} bytes takes {1e3 * self.frame_s:.2f} ms at {self.baud} baud, "
+                f"too long for a period of {1e3 * self.period_s:g} ms"
+            )
+        if self.lead_s >= self.period_s:
+            raise ValueError("lead_s must be shorter than period_s")
+
+    @property
+    def real(self) -> str:
+        """The key that may lead to a real vehicle, and its value; preflight.py knows the one exception."""
+        return f"port = {self.port}"
+
+    @property
+    def thrust_curve(self) -> float | None:
+        """The throttle's curve (see :class:`links.rf.codecs.channel_map.Throttle`); None for the vehicle's."""
+        return self.map.thrust.curve
+
+    def with_thrust_curve(self, curve: float) -> Self:
+        """The same where the throttle has this curve."""
+        throttle = msgspec.structs.replace(self.map.thrust, curve=curve)
+        return msgspec.structs.replace(self, map=msgspec.structs.replace(self.map, thrust=throttle))
+
+    @property
+    def manner(self) -> Manner:
+        """What whoever commands must know of it."""
+        return Manner(
+            period_s=self.period_s,
+            lead_s=self.lead_s,
+            arm_low_s=self.arm_low_s,
+            arm_high_s=self.arm_high_s,
+            disarm_s=self.disarm_s,
+            services=self.codec().services,
+        )
+
+    @property
+    def frame_s(self) -> float:
+        """How long a frame is on the wire [s], 10 bits a byte."""
+        return 10.0 * self.codec().frame_bytes / self.baud
+
+
+def counts(position: float, low: int, high: int, largest: int) -> int:
+    """The count of a position where -1 is ``low`` and 1 is ``high``, within 0..``largest``."""
+    return min(max(round(0.5 * (low + high) + 0.5 * (high - low) * position), 0), largest)
+
+
+def position(count: int, low: int, high: int) -> float:
+    """The position of a count: the inverse of :func:`counts`."""
+    return (2.0 * count - low - high) / (high - low)

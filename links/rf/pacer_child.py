@@ -1,0 +1,229 @@
+"""The pacer's own process: absolute deadlines, real-time priority where allowed, deaf to the terminal.
+
+It is started by its stand-by (pacer_standby.py) with a mailbox in shared memory, which holds the newest command, and
+one end of a socket pair, on which messages arrive whole or not at all and in order, and whose other end closes when
+whoever commands dies. All other orders come in there, and reports go out. Nothing here waits but the sleep until the
+next frame. The commands' clock is CLOCK_MONOTONIC, the same in every process of this machine.
+"""
+
+import contextlib
+import ctypes
+import gc
+import os
+import signal
+import socket
+import sys
+import time
+
+import msgspec
+
+from links.io.mailbox import Mailbox
+from links.io.suspend import Sleep
+from links.rf.codecs.kinds import RfConfig
+from links.rf.lease import FIRST, PACER, STANDBY, Lease
+from links.rf.pacer import FramePacer
+from links.rf.pacer_messages import Give, Order, Report
+from links.rf.shared_port import SharedPort
+
+PREPARE_S = 0.0004
+"""How long before its instant a frame is made [s]; then only the write is left to do."""
+SPIN_S = 0.00012
+"""The last part of the wait is spent awake [s]: about what the kernel takes to wake a process up."""
+MESSAGE_BYTES = 65536
+"""Longest message on the socket pair."""
+_MOST_ORDERS = 256
+"""Most orders taken between two frames, so that nobody who floods us delays a frame."""
+
+
+class Setup(msgspec.Struct, frozen=True):
+    """The first message."""
+
+    config: RfConfig
+    thrust_max_n: float
+    """[N]"""
+
+
+class Clock:
+    """CLOCK_MONOTONIC, and sleeping until an instant on it."""
+
+    def __init__(self) -> None:
+        """Look up what the standard library does not offer."""
+        self._libc = ctypes.CDLL(None, use_errno=True)
+        self._libc.clock_nanosleep.argtypes = (ctypes.c_int, ctypes.c_int, ctypes.c_void_p, ctypes.c_void_p)
+        self._until = (ctypes.c_long * 2)()
+        self.now = time.monotonic
+
+    def sleep_until(self, when_s: float) -> None:
+        """Sleep until ``when_s`` [s]; at once where that has passed."""
+        seconds = int(when_s)
+        self._until[0], self._until[1] = seconds, int(1e9 * (when_s - seconds))
+        self._libc.clock_nanosleep(time.CLOCK_MONOTONIC, 1, self._until, None)
+
+    def lock_memory(self) -> bool:
+        """Keep every page in memory, now and later; whether that was allowed."""
+        return int(self._libc.mlockall(3)) == 0
+
+
+def main() -> None:
+    """Pace until told to end, or until nobody commands any more and all is brought down."""
+    deafen()
+    wire, mailbox, lease, held, beside = map(int, sys.argv[1:])
+    by_standby = socket.socket(fileno=beside)
+    setup = msgspec.msgpack.decode(by_standby.recv(MESSAGE_BYTES), type=Setup)  # it comes once the stand-by is ready
+    by_standby.setblocking(False)
+    config, clock = setup.config, Clock()
+    fifo, note = prioritise(config.fifo_priority, clock)
+    estate = Estate(Lease(lease), Mailbox(held))
+    port = SharedPort(config.port, config.baud, estate.lease, FIRST, by_standby)
+    pacer = FramePacer(config, setup.thrust_max_n, port, clock.now())
+    hush()
+    commander = Commander(socket.socket(fileno=wire), Mailbox(mailbox), note, fifo, estate)
+    try:
+        pace(pacer, config.period_s, config.frame_s, clock, commander)
+    except BaseException:  # noqa: BLE001  # whatever it is, Superseded too
+        os._exit(1)  # the stand-by goes on with the port as it is: it must not even be closed
+    pacer.close()
+
+
+def deafen() -> None:
+    """From now on no signal of a terminal, nor a polite request to end, does anything."""
+    for number in (signal.SIGINT, signal.SIGHUP, signal.SIGTERM, signal.SIGQUIT, signal.SIGTSTP):
+        signal.signal(number, signal.SIG_IGN)
+
+
+def hush() -> None:
+    """From now on say nothing, and collect no garbage: no frame must wait for that."""
+    # Whoever waits for the end of what the station prints must not wait for us, who outlive it.
+    os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stderr.fileno())
+    gc.collect()
+    gc.freeze()
+    gc.disable()
+
+
+class Estate:
+    """What a pacer leaves to its stand-by: the sign that it lives, and what it holds."""
+
+    def __init__(self, lease: Lease, held: Mailbox) -> None:
+        """Both are shared with the stand-by."""
+        self.lease = lease
+        self._held = held
+        self._encoder = msgspec.msgpack.Encoder()
+
+    def keep(self, pacer: FramePacer, now_s: float) -> None:
+        """Before each frame: nothing leaves that the stand-by could not bring down."""
+        self._held.put(self._encoder.encode(pacer.held()))
+        self.lease.vouch(PACER, now_s)
+
+    def warning(self, now_s: float) -> str:
+        """What is wrong with the stand-by; empty where nothing is."""
+        lives = now_s < self.lease.vouched_s(STANDBY)
+        return "" if lives else "the pacer's stand-by is gone or stands still: close the link, and connect it again"
+
+
+class Commander:
+    """Whoever holds the other ends of the socket pair and of the mailbox."""
+
+    def __init__(
+        self, wire: socket.socket, mailbox: Mailbox, note: str, fifo: bool, estate: Estate | None = None
+    ) -> None:
+        """``note`` and ``fifo`` go into every report; ``estate`` is for the stand-by, where there is one."""
+        self._wire = wire
+        self._mailbox = mailbox
+        self._note, self._fifo = note, fifo
+        self._estate = estate
+        self._orders = msgspec.msgpack.Decoder(Order)
+        self._commands = msgspec.msgpack.Decoder(Give)
+        self._encoder = msgspec.msgpack.Encoder()
+        self._alive = True
+        wire.setblocking(False)
+
+    def listen(self, pacer: FramePacer, now_s: float) -> None:
+        """Take what was ordered since the last time."""
+        if not self._alive:
+            return
+        newest = self._mailbox.get()  # before the orders: the arming that it follows is then among those
+        self._obey(pacer, now_s)
+        if newest is not None:
+            with contextlib.suppress(msgspec.MsgspecError):  # as below
+                pacer.order(self._commands.decode(newest), now_s)
+
+    def _obey(self, pacer: FramePacer, now_s: float) -> None:
+        for _ in range(_MOST_ORDERS):
+            try:
+                data = self._wire.recv(MESSAGE_BYTES)
+            except BlockingIOError:
+                return
+            except OSError:
+                data = b""
+            if not data:
+                self._alive = False
+                pacer.orphaned(now_s)
+                return
+            try:
+                order = self._orders.decode(data)
+            except msgspec.MsgspecError:
+                continue  # no order of ours; an exception here would silence the vehicle's link
+            pacer.order(order, now_s)
+
+    def keep(self, pacer: FramePacer, now_s: float) -> None:
+        """The next frame is made: let the stand-by have what is behind it."""
+        if self._estate is not None:
+            self._estate.keep(pacer, now_s)
+
+    def tell(self, pacer: FramePacer, now_s: float) -> None:
+        """Report; one that does not fit is left out."""
+        if self._alive:
+            missing = self._estate.warning(now_s) if self._estate is not None else ""
+            warning = missing or ("" if self._fifo else f"frames may leave late, by {self._note}")
+            report: Report = pacer.report(now_s, note=self._note, fifo=self._fifo, warning=warning)
+            with contextlib.suppress(OSError):  # nobody reads for now, or for ever: the next look tells
+                self._wire.send(self._encoder.encode(report))
+
+
+def pace(
+    pacer: FramePacer, period_s: float, frame_s: float, clock: Clock, commander: Commander, first_s: float | None = None
+) -> None:
+    """Let frames go until the pacer is done, the first at ``first_s`` [s], or in a period."""
+    now = clock.now
+    due = now() + period_s if first_s is None else first_s
+    sleep = Sleep(now)
+    pacer.prepare(due)
+    commander.tell(pacer, now())
+    while not pacer.done(now()):
+        clock.sleep_until(due - PREPARE_S)
+        commander.listen(pacer, now())
+        pacer.prepare(due)
+        commander.keep(pacer, now())
+        clock.sleep_until(due - SPIN_S)
+        while (woken := now()) < due:
+            pass
+        if slept := sleep.slept_s:
+            pacer.slept(slept, due)
+            sleep = Sleep(now)
+        pacer.leave(woken)
+        left = now()
+        skipped = max(0, int((left - due) / period_s))
+        pacer.measured(left, skipped)
+        pacer.tidy(left)
+        if pacer.has_news(left):
+            commander.tell(pacer, left)
+        due += (1 + skipped) * period_s
+    clock.sleep_until(now() + frame_s)  # the last frame leaves whole
+    commander.tell(pacer, now())
+
+
+def prioritise(priority: int, clock: Clock) -> tuple[bool, str]:
+    """Ask for real-time priority and locked memory; whether we have the first, and in words what we have."""
+    if priority == 0:
+        return False, "ordinary priority, as configured"
+    try:
+        os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(priority))
+    except OSError:
+        return False, "ordinary priority: SCHED_FIFO is not allowed (set rtprio in /etc/security/limits.conf)"
+    if not clock.lock_memory():
+        return True, f"SCHED_FIFO {priority}, memory not locked (set memlock in /etc/security/limits.conf)"
+    return True, f"SCHED_FIFO {priority}, memory locked"
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,160 @@
+"""A pacer in a process of its own, and its stand-by in another, as the link sees them."""
+
+import asyncio
+import os
+import signal
+import socket
+import subprocess
+import sys
+from collections.abc import Callable
+from pathlib import Path
+
+import msgspec
+
+import links
+from links.core.port import LinkError, LinkLost
+from links.io.mailbox import CAPACITY_BYTES, Mailbox
+from links.rf.codecs.codec import Manner, RfLinkConfig
+from links.rf.pacer_child import MESSAGE_BYTES, Setup
+from links.rf.pacer_messages import Arm, End, Give, Order, Report, Stop
+
+START_LIMIT_S = 10.0
+"""Longest wait for the first report [s]."""
+GIVE_BYTES = CAPACITY_BYTES - 256
+"""Longest command in its message: the stand-by's mailbox must hold it with all else that the pacer holds."""
+CLOCK_TOLERANCE_S = 0.05
+"""The child's clock must show an instant between our two looks, or this close to them [s]."""
+
+
+class PacerProcess:
+    """Implements :class:`links.rf.pacer_messages.Pacer`."""
+
+    why_mute = "the pacer and its stand-by stand still: nothing leaves until they go on, and then disarm frames"
+
+    def __init__(
+        self,
+        manner: Manner,
+        process: "subprocess.Popen[bytes]",
+        wire: socket.socket,
+        mailbox: Mailbox,
+        on_report: Callable[[Report | None], None],
+    ) -> None:
+        """See :func:`open_process`; ``process`` is the stand-by, whose child the pacer is."""
+        self.manner = manner
+        self._process = process
+        self._wire = wire
+        self._mailbox = mailbox
+        self._on_report = on_report
+        self._encoder = msgspec.msgpack.Encoder()
+        self._decoder = msgspec.msgpack.Decoder(Report)
+        self._lasting: dict[type, Stop | End] = {}
+        """Orders that hold whoever lets the frames go: a pacer that died may have read one, and not done it."""
+        self._taken_over = False
+        self._loop = asyncio.get_running_loop()
+        self._end = self._loop.create_future()
+        self._loop.add_reader(wire.fileno(), self._readable)
+
+    def give(self, order: Order) -> bool:
+        """Hand over ``order`` without waiting; False where nobody takes it."""
+        if self._end.done():
+            return False
+        if isinstance(order, Arm):
+            self._lasting.pop(Stop, None)
+        elif isinstance(order, Stop | End):
+            self._lasting[type(order)] = order
+        data = self._encoder.encode(order)
+        try:
+            if isinstance(order, Give):
+                if len(data) > GIVE_BYTES:
+                    return False
+                self._mailbox.put(data)
+            else:
+                self._wire.send(data)
+        except OSError:  # it is gone or takes nothing
+            return False
+        return True
+
+    async def ended(self) -> None:
+        """Wait until it has ended."""
+        await asyncio.shield(self._end)
+
+    def forget(self) -> None:
+        """Let go of it; its dead man's switch ends it."""
+        if self._wire.fileno() >= 0:
+            self._loop.remove_reader(self._wire.fileno())
+            self._wire.close()
+            self._mailbox.close()
+        if not self._end.done():
+            self._end.set_result(None)
+
+    def _readable(self) -> None:
+        while True:
+            try:
+                data = self._wire.recv(MESSAGE_BYTES)
+            except BlockingIOError:
+                return
+            except OSError:
+                data = b""
+            if not data:
+                self._process.wait()  # its end of the wire closes with its last breath
+                self.forget()
+                self._on_report(None)
+                return
+            report = self._decoder.decode(data)
+            if report.heir and not self._taken_over:
+                self._taken_over = True
+                for order in self._lasting.values():
+                    self.give(order)
+            self._on_report(report)
+
+
+async def open_process(
+    config: RfLinkConfig, thrust_max_n: float, on_report: Callable[[Report | None], None]
+) -> PacerProcess:
+    """Start both processes, in a session of their own, and wait for the pacer's first report.
+
+    Raises:
+        LinkLost: it did not start.
+        LinkError: its clock is not ours.
+    """
+    loop = asyncio.get_running_loop()
+    ours, theirs = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
+    mailbox = Mailbox()
+    first: asyncio.Future[Report | None] = loop.create_future()
+
+    def report(news: Report | None) -> None:
+        if not first.done():
+            first.set_result(news)
+        on_report(news)
+
+    with theirs:
+        # -P: a folder `links` where the operator happens to stand is not ours. Ours is named instead.
+        environment = os.environ | {"PYTHONPATH": str(Path(links.__file__).parents[1])}
+        shared = (theirs.fileno(), mailbox.fd)
+        command = [sys.executable, "-P", "-m", "links.rf.pacer_standby", *map(str, shared)]
+        started = loop.time()
+        process = subprocess.Popen(  # noqa: ASYNC220, S603  # a millisecond, on the ground; our own program
+            command,
+            stdin=subprocess.DEVNULL,
+            stdout=subprocess.DEVNULL,
+            pass_fds=shared,
+            start_new_session=True,
+            env=environment,
+        )
+    ours.setblocking(False)
+    pacer = PacerProcess(config.manner, process, ours, mailbox, report)
+    pacer.give(Setup(config, thrust_max_n))  # type: ignore[arg-type]  # the one message that is no order
+    try:
+        hello = await asyncio.wait_for(asyncio.shield(first), START_LIMIT_S)
+        if hello is None:
+            raise LinkLost(f"the pacer ended at once, with code {process.wait()}: see what it printed")
+        if not started - CLOCK_TOLERANCE_S <= hello.now_s <= loop.time() + CLOCK_TOLERANCE_S:
+            raise LinkError("the pacer's clock is not the event loop's: deadlines would mean nothing to it")
+    except BaseException as error:
+        pacer.forget()
+        os.killpg(process.pid, signal.SIGKILL)  # nothing is armed yet
+        process.wait()
+        if isinstance(error, TimeoutError):
+            raise LinkLost(f"the pacer did not start within {START_LIMIT_S:g} s") from None
+        raise
+    return pacer

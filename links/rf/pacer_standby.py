@@ -1,0 +1,100 @@
+"""The pacer's stand-by: it starts the pacer, sleeps, and lets the frames go should that die or stand still.
+
+It holds all that the pacer holds: the port, the socket that orders come in by, and what lay behind the pacer's newest
+frame. It is the pacer's parent, so it hears at once of its end, and it ends one whose sign of life stays out; either
+way it has reaped it before a byte of its own leaves. What leaves then is the newest command up to its deadline, its
+bring-down, and disarm frames: nothing that lifts ever again. It is started by links/rf/pacer_process.py.
+"""
+
+import gc
+import os
+import select
+import socket
+import subprocess
+import sys
+
+import msgspec
+
+from links.io.mailbox import Mailbox
+from links.rf.lease import PACER, STANDBY, Lease
+from links.rf.pacer import FramePacer
+from links.rf.pacer_child import MESSAGE_BYTES, PREPARE_S, Clock, Commander, Setup, deafen, hush, pace, prioritise
+from links.rf.pacer_messages import Held
+from links.rf.shared_port import HeldPort, SharedPort
+from links.rf.standby_watch import Watch
+
+VOUCH_S = 0.5
+"""A stand-by that comes so late to its next look is none [s]."""
+
+
+def main() -> None:
+    """Stand by until the pacer ends; take over where it should not have."""
+    deafen()
+    wire, mailbox = socket.socket(fileno=int(sys.argv[1])), int(sys.argv[2])
+    lease, held = Lease(), Mailbox()
+    beside, theirs = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
+    with theirs:
+        shared = (wire.fileno(), mailbox, lease.fd, held.fd, theirs.fileno())
+        command = [sys.executable, "-P", "-m", "links.rf.pacer_child", *map(str, shared)]
+        pacer = subprocess.Popen(command, pass_fds=shared)  # noqa: S603  # our own program
+    message = wire.recv(MESSAGE_BYTES)
+    setup = msgspec.msgpack.decode(message, type=Setup)
+    clock = Clock()
+    fifo, note = prioritise(setup.config.fifo_priority, clock)
+    port = HeldPort(beside)
+    watch = Watch(setup.config.period_s)
+    lease.vouch(STANDBY, clock.now() + VOUCH_S)
+    beside.send(message)
+    why = _stand_by(pacer, port, lease, watch, clock)
+    last = held.get()
+    if not why or last is None:
+        sys.exit(pacer.returncode)  # it is done, or has never begun
+    hush()
+    commander = Commander(wire, Mailbox(mailbox), note, fifo)
+    _take_over(setup, port, lease, msgspec.msgpack.decode(last, type=Held), why, clock, commander)
+
+
+def _stand_by(pacer: "subprocess.Popen[bytes]", port: HeldPort, lease: Lease, watch: Watch, clock: Clock) -> str:
+    """Sleep until the pacer has ended; what became of it, or an empty string where it was done."""
+    ended, heard = os.pidfd_open(pacer.pid), port.beside.fileno()
+    waits = [ended, heard]
+    gc.collect()
+    gc.freeze()
+    while True:
+        ready, _, _ = select.select(waits, [], [], max(0.0, watch.next_s - clock.now()))
+        if heard in ready and not port.hear():
+            waits.remove(heard)
+        if ended in ready:
+            lease.take()
+            code = pacer.wait()
+            port.hear()
+            killed = f"the pacer was killed (signal {-code})" if code < 0 else ""
+            return killed or (f"the pacer failed (code {code})" if code else "")
+        if (now := clock.now()) >= watch.next_s:
+            if watch.look(now, lease.vouched_s(PACER)):
+                lease.take()
+                pacer.kill()
+                pacer.wait()
+                port.hear()
+                return "the pacer stood still and was ended"
+            lease.vouch(STANDBY, watch.next_s + VOUCH_S)
+
+
+def _take_over(
+    setup: Setup, port: HeldPort, lease: Lease, held: Held, why: str, clock: Clock, commander: Commander
+) -> None:
+    """Let frames go at the pacer's instants, by what it held, until told to end or until nobody commands any more."""
+    config, now = setup.config, clock.now()
+    shared = SharedPort(config.port, config.baud, lease, lease.generation, None, port.fd)
+    pacer = FramePacer(config, setup.thrust_max_n, shared, now)
+    pacer.inherit(held, why, now)
+    periods = (clock.now() + PREPARE_S - held.frame_s) // config.period_s + 1.0
+    first_s = held.frame_s + periods * config.period_s
+    try:
+        pace(pacer, config.period_s, config.frame_s, clock, commander, first_s)
+    finally:
+        pacer.close()
+
+
+if __name__ == "__main__":
+    main()
