@@ -234,9 +234,9 @@ def _broker_arguments(parser: argparse.ArgumentParser) -> None:
 
 def main() -> int:
     """Entry point; for the exit codes see exits.py and docs/reference/exit-codes.md."""
-    from groundstation.entry import run
+    from groundstation.runtime.entry import run
 
-    return run(parser, "groundstation.commands")
+    return run(parser, "groundstation.interfaces.cli.commands")
 
 
 if __name__ == "__main__":

@@ -7,25 +7,25 @@ from contextlib import asynccontextmanager
 from importlib.metadata import version
 from typing import Any, Protocol
 
-from groundstation.api.desk import Core
-from groundstation.api.register import Running
-from groundstation.api.server import Server
-from groundstation.broadcast import Latest
-from groundstation.company import Company, body_of
-from groundstation.config import dump
-from groundstation.flight import Flight, Outcome
-from groundstation.hold_to_run import make_hold
-from groundstation.mission import State
-from groundstation.pilot import Tick
-from groundstation.poses import ShowsOthers, make_source
-from groundstation.poses.forward import Forwarding
-from groundstation.poses.gated import Gated
-from groundstation.poses.others import Others
-from groundstation.poses.port import Overheard, Pose, PoseEvent, PoseSource
-from groundstation.quiet import Quiet
-from groundstation.recorded import Give, RecordedFlight, about
-from groundstation.settings import Config
-from groundstation.snapshot import Snapshot
+from groundstation.config.load import dump
+from groundstation.core.messages.bodies import Others
+from groundstation.core.messages.pose import Overheard, Pose, PoseEvent, PoseSource
+from groundstation.core.messages.snapshot import Snapshot
+from groundstation.core.mission.mission import State
+from groundstation.core.pilot import Tick
+from groundstation.flight.company import Company, body_of
+from groundstation.flight.flight import Flight, Outcome
+from groundstation.flight.hold_to_run.kinds import make_hold
+from groundstation.interfaces.api.desk import Core
+from groundstation.interfaces.api.server import Server
+from groundstation.pose.forward import Forwarding
+from groundstation.pose.gated import Gated
+from groundstation.pose.kinds import ShowsOthers, make_source
+from groundstation.recording.recorded import Give, RecordedFlight, about
+from groundstation.runtime.broadcast import Latest
+from groundstation.runtime.quiet import Quiet
+from groundstation.runtime.register import Running
+from groundstation.settings.settings import Config
 from links.core.port import CommandLink
 from links.make import make_link
 from links.mavlink.link import MavlinkLink
@@ -161,7 +161,7 @@ async def crew(
             if serve.done():
                 serve.result()
         if config.mqtt.enabled:
-            from groundstation.telemetry.mqtt import publish_forever
+            from groundstation.interfaces.mqtt.publisher import publish_forever
 
             tasks.append(
                 asyncio.create_task(_guarded("MQTT", publish_forever(config.mqtt, latest, server.desk.from_afar), say))

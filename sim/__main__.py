@@ -213,7 +213,7 @@ def parser() -> argparse.ArgumentParser:
 
 def main() -> int:
     """Entry point; the exit code is 0 for done, 1 for a flight that failed, 2 for bad usage or config."""
-    from groundstation.entry import run
+    from groundstation.runtime.entry import run
 
     return run(parser, "sim.commands")
 

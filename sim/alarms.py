@@ -11,9 +11,9 @@ from functools import partial
 
 import msgspec
 
-from groundstation.clock import sleep_until
-from groundstation.control.obedience import NODE_S, Contradiction
-from groundstation.flight import Flight
+from groundstation.core.safety.obedience import NODE_S, Contradiction
+from groundstation.flight.flight import Flight
+from groundstation.runtime.clock import sleep_until
 from sim.deck.meddler import Meddler
 from sim.deck.pictures import Struck, still
 from sim.draws import rows, stream

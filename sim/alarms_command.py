@@ -9,8 +9,8 @@ from statistics import median
 
 import msgspec
 
-from groundstation.config import ConfigError
-from groundstation.preflight import ensure_flyable
+from groundstation.config.load import ConfigError
+from groundstation.flight.preflight import ensure_flyable
 from sim.alarms import KINDS, REMARKABLE, SHARES, Alarms, Detection, detections, watch_all
 from sim.compare_table import check_markers, put_between_markers
 from sim.console import Counter

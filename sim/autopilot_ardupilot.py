@@ -15,7 +15,7 @@ import math
 from collections.abc import Callable, Mapping
 from typing import ClassVar
 
-from groundstation import so3
+from groundstation.core.geometry import so3
 from links.mavlink.codec import ARDUPILOT
 from sim.airframe import Airframe
 from sim.autopilot_base import SimulatedAutopilot

@@ -5,7 +5,7 @@ from abc import ABC, abstractmethod
 from collections.abc import Mapping
 from typing import ClassVar
 
-from groundstation.ops import Quat, Vec3
+from groundstation.core.geometry.ops import Quat, Vec3
 from links.mavlink.codec import Message
 
 ACCEPTED, TEMPORARILY_REJECTED, DENIED, UNSUPPORTED, FAILED = range(5)

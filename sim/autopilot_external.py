@@ -8,7 +8,7 @@ from collections import Counter
 
 import msgspec
 
-from groundstation.ops import Quat, Vec3
+from groundstation.core.geometry.ops import Quat, Vec3
 from links.mavlink.codec import ARDUPILOT, Message
 
 NED, BODY_FRD, LOCAL_FRD = 1, 12, 20

@@ -3,8 +3,8 @@
 import math
 from typing import Protocol
 
-from groundstation import so3
-from groundstation.ops import Quat, Vec3
+from groundstation.core.geometry import so3
+from groundstation.core.geometry.ops import Quat, Vec3
 from sim.airframe import Truth
 
 ATTITUDE_GAIN = 5.0

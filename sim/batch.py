@@ -10,10 +10,10 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from groundstation.config import ConfigError
-from groundstation.control.gains import Gains
-from groundstation.poses.vicon import ViconConfig
-from groundstation.settings import Config
+from groundstation.config.load import ConfigError
+from groundstation.core.control.gains import Gains
+from groundstation.pose.sources.vicon import ViconConfig
+from groundstation.settings.settings import Config
 from sim.batch_estimator import BatchEstimator
 from sim.batch_fleet import Fleet
 from sim.batch_marks import Flights, Marks

@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from groundstation.so3 import turned
+from groundstation.core.geometry.so3 import turned
 from sim.draws import stream
 from sim.world import World
 

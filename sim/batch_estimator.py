@@ -1,4 +1,4 @@
-"""The estimator of N vehicles: :class:`groundstation.control.estimator.ModelEstimator` on arrays.
+"""The estimator of N vehicles: :class:`groundstation.core.estimation.estimator.ModelEstimator` on arrays.
 
 The same pure functions on arrays of shape (N,), or on those vehicles whose pose has just arrived. Only what differs
 between one vehicle and many is written here: who has a pose, and which command acts when.
@@ -10,12 +10,11 @@ from typing import Any, NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from groundstation.control import effectiveness
-from groundstation.control.effectiveness import Effectiveness, told
-from groundstation.control.estimator import NOISE_FLOOR_M2, NOISE_MEMORY, STEP_LIMIT
-from groundstation.control.gains import Gains
-from groundstation.control.model import ZERO, Drive, Driven, Motion, carried, driven
-from groundstation.control.observer import (
+from groundstation.core.control.gains import Gains
+from groundstation.core.estimation import effectiveness
+from groundstation.core.estimation.effectiveness import Effectiveness, told
+from groundstation.core.estimation.estimator import NOISE_FLOOR_M2, NOISE_MEMORY, STEP_LIMIT
+from groundstation.core.estimation.observer import (
     Covariance,
     Densities,
     begun,
@@ -27,9 +26,10 @@ from groundstation.control.observer import (
     later,
     seen,
 )
-from groundstation.control.port import Estimate
-from groundstation.ops import Ops, Real, Vec3
-from groundstation.vehicle import Vehicle
+from groundstation.core.geometry.ops import Ops, Real, Vec3
+from groundstation.core.messages.control import Estimate
+from groundstation.core.vehicle.model import ZERO, Drive, Driven, Motion, carried, driven
+from groundstation.core.vehicle.vehicle import Vehicle
 from sim.columns import pick, put, zeros
 from sim.stages import Stages
 
@@ -39,7 +39,7 @@ Index = npt.NDArray[np.intp]
 
 
 class Filtered(NamedTuple):
-    """What is known at the newest pose; see :class:`groundstation.control.estimator.ModelEstimator`. Elementwise."""
+    """Known at the newest pose; see :class:`groundstation.core.estimation.estimator.ModelEstimator`. Elementwise."""
 
     stamp: Real
     motion: Motion

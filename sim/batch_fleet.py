@@ -6,8 +6,8 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from groundstation.control.model import Drive
-from groundstation.ops import Ops
+from groundstation.core.geometry.ops import Ops
+from groundstation.core.vehicle.model import Drive
 from sim.batch_cameras import Cameras
 from sim.columns import pick, put, zeros
 from sim.draws import stream

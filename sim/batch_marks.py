@@ -5,9 +5,9 @@ from typing import Any, NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from groundstation.control.gains import Law
-from groundstation.control.port import Decision, Estimate
-from groundstation.vehicle import Vehicle
+from groundstation.core.control.gains import Law
+from groundstation.core.messages.control import Decision, Estimate
+from groundstation.core.vehicle.vehicle import Vehicle
 from sim.batch_watch import BatchWatch
 from sim.referee import ROUNDING_S, SATURATION_FROM_S, SETTLED_M, STEADY_S, sought
 

@@ -1,17 +1,17 @@
-"""The controller of N vehicles: :class:`groundstation.control.adaptive.Adaptive` on arrays, its memory the state."""
+"""The controller of N vehicles: :class:`groundstation.core.control.adaptive.Adaptive` on arrays, memory and all."""
 
 from typing import Any
 
 import msgspec
 import numpy as np
 
-from groundstation.control.adaptive import Adaptive
-from groundstation.control.gains import Gains
-from groundstation.control.port import Decision, Estimate
-from groundstation.ops import Ops, arrays
-from groundstation.snapshot import Diagnostics
-from groundstation.trajectories.port import Reference
-from groundstation.vehicle import Vehicle
+from groundstation.core.control.adaptive import Adaptive
+from groundstation.core.control.gains import Gains
+from groundstation.core.geometry.ops import Ops, arrays
+from groundstation.core.messages.control import Decision, Estimate
+from groundstation.core.messages.snapshot import Diagnostics
+from groundstation.core.trajectory.port import Reference
+from groundstation.core.vehicle.vehicle import Vehicle
 from sim.columns import columns
 from sim.stages import Stage, Stages
 

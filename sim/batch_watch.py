@@ -1,4 +1,4 @@
-"""The certificate in N flights: :class:`groundstation.control.watch.Watch` on arrays of shape (N,).
+"""The certificate in N flights: :class:`groundstation.core.control.watch.Watch` on arrays of shape (N,).
 
 The same V_m against the same bound, and how long that lasts; nobody is told. Written again is only what the watch
 does step by step with numbers of one flight (a test holds both against each other).
@@ -9,11 +9,11 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from groundstation.control.certificate import measure, noise_power
-from groundstation.control.gains import Law
-from groundstation.control.port import Decision
-from groundstation.control.watch import LASTING_S
-from groundstation.pilot import NOISE_POSES
+from groundstation.core.control.certificate import measure, noise_power
+from groundstation.core.control.gains import Law
+from groundstation.core.control.watch import LASTING_S
+from groundstation.core.messages.control import Decision
+from groundstation.core.pilot import NOISE_POSES
 
 Array = npt.NDArray[np.float64]
 Index = npt.NDArray[np.intp]

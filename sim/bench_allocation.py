@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from groundstation.app import make_flight
-from groundstation.clock import sleep_until
+from groundstation.runtime.clock import sleep_until
 from sim.prepare import prepare
 from sim.scenarios import SCENARIOS
 from sim.stage import Stage

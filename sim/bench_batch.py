@@ -7,15 +7,15 @@ from typing import TYPE_CHECKING, Any
 import msgspec
 import numpy as np
 
-from groundstation.control.adaptive import Adaptive
-from groundstation.control.gains import Gains
-from groundstation.control.model import ZERO, Motion
-from groundstation.control.port import Estimate
-from groundstation.ops import FLOATS, Ops, arrays
-from groundstation.so3 import IDENTITY
-from groundstation.trajectories.lemniscate import LemniscateConfig
-from groundstation.trajectories.port import Reference
-from groundstation.vehicle import Vehicle
+from groundstation.core.control.adaptive import Adaptive
+from groundstation.core.control.gains import Gains
+from groundstation.core.geometry.ops import FLOATS, Ops, arrays
+from groundstation.core.geometry.so3 import IDENTITY
+from groundstation.core.messages.control import Estimate
+from groundstation.core.trajectory.lemniscate import LemniscateConfig
+from groundstation.core.trajectory.port import Reference
+from groundstation.core.vehicle.model import ZERO, Motion
+from groundstation.core.vehicle.vehicle import Vehicle
 from sim.batch import fly_batch
 from sim.bench_peers import PEERS, Bench
 from sim.bench_timing import in_turns

@@ -3,7 +3,7 @@
 from functools import partial
 from typing import TYPE_CHECKING, Any
 
-from groundstation.settings import Config
+from groundstation.settings.settings import Config
 from sim.bench_timing import in_turns
 from sim.fly import fly
 from sim.prepare import prepare

@@ -15,10 +15,10 @@ from contextlib import AbstractAsyncContextManager, nullcontext
 from pathlib import Path
 from typing import Any
 
-from groundstation.clock import sleep_until
-from groundstation.config import dump
-from groundstation.poses.vicon import ViconConfig
-from groundstation.settings import Config
+from groundstation.config.load import dump
+from groundstation.pose.sources.vicon import ViconConfig
+from groundstation.runtime.clock import sleep_until
+from groundstation.settings.settings import Config
 from links.io.address import parse_address
 from links.mavlink.link import MavlinkLinkConfig
 from sim.autopilot import Px4Autopilot

@@ -13,11 +13,11 @@ from typing import Any
 
 import msgspec
 
-from groundstation.broadcast import Latest
-from groundstation.snapshot import Snapshot
-from groundstation.telemetry.mqtt import publish_forever
-from groundstation.telemetry.mqtt_broker import from_url
-from groundstation.telemetry.mqtt_config import MqttConfig
+from groundstation.core.messages.snapshot import Snapshot
+from groundstation.interfaces.mqtt.broker import from_url
+from groundstation.interfaces.mqtt.publisher import publish_forever
+from groundstation.runtime.broadcast import Latest
+from groundstation.settings.mqtt import MqttConfig
 from links.core.port import LinkStatus
 from sim.bench import Options
 

@@ -9,15 +9,15 @@ from time import thread_time
 from typing import TYPE_CHECKING, Any
 
 from groundstation.app import make_ends
-from groundstation.clock import sleep_until
-from groundstation.due import Due
-from groundstation.pilot import Pilot
-from groundstation.poses.port import Pose
-from groundstation.recorded import RecordedPilot, about
+from groundstation.core.messages.pose import Pose
+from groundstation.core.pilot import Pilot
+from groundstation.flight.due import Due
 from groundstation.recording.process import RecorderProcess
+from groundstation.recording.recorded import RecordedPilot, about
 from groundstation.recording.records import Received, Record, Sent
-from groundstation.settings import Config
-from groundstation.telemetry.flights import RecordingConfig
+from groundstation.runtime.clock import sleep_until
+from groundstation.runtime.flights import RecordingConfig
+from groundstation.settings.settings import Config
 
 if TYPE_CHECKING:
     from sim.bench import Options

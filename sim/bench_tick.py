@@ -6,11 +6,11 @@ from statistics import median
 from time import perf_counter_ns, thread_time_ns
 from typing import TYPE_CHECKING, Any
 
-from groundstation.control.adaptive import Adaptive
-from groundstation.control.estimator import ModelEstimator
-from groundstation.control.obedience import Obedience
-from groundstation.pilot import Pilot
-from groundstation.witness import Witness
+from groundstation.core.control.adaptive import Adaptive
+from groundstation.core.estimation.estimator import ModelEstimator
+from groundstation.core.pilot import Pilot
+from groundstation.core.safety.obedience import Obedience
+from groundstation.core.safety.witness import Witness
 from sim.bench_timing import percentile
 from sim.fly import fly
 from sim.prepare import prepare

@@ -11,8 +11,8 @@ from typing import Any, Protocol
 
 import msgspec
 
-from groundstation.config import ConfigError
-from groundstation.settings import Config
+from groundstation.config.load import ConfigError
+from groundstation.settings.settings import Config
 from sim.batch import check, fly_batch
 from sim.campaign_draws import DRAWS, USUAL, absolute, drawn
 from sim.campaign_folder import Folder, Row, program_sha256

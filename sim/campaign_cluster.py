@@ -9,7 +9,7 @@ from collections.abc import Iterator, Sequence
 from types import TracebackType
 from typing import Any
 
-from groundstation.config import ConfigError
+from groundstation.config.load import ConfigError
 from sim.campaign import Campaign, fly_chunk
 from sim.campaign_folder import Row, program_sha256
 

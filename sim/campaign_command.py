@@ -7,7 +7,7 @@ import sys
 from contextlib import AbstractContextManager, nullcontext
 from time import perf_counter  # noqa: TID251  # how long it took is for people; no flight sees it
 
-from groundstation.settings import Config
+from groundstation.settings.settings import Config
 from sim.campaign import Campaign, Crew, run
 from sim.campaign_cluster import Cluster
 from sim.campaign_draws import USUAL

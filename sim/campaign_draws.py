@@ -7,7 +7,7 @@ from typing import NamedTuple
 import msgspec
 import numpy as np
 
-from groundstation.ops import Vec3
+from groundstation.core.geometry.ops import Vec3
 from sim.draws import stream
 from sim.world import World
 

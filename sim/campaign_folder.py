@@ -16,7 +16,7 @@ import msgspec
 import groundstation
 import links
 import sim
-from groundstation.config import ConfigError
+from groundstation.config.load import ConfigError
 
 
 class Row(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):

@@ -9,7 +9,7 @@ from concurrent.futures import (  # noqa: TID251  # processes, no threads, and n
 )
 from concurrent.futures.process import BrokenProcessPool  # noqa: TID251  # as above
 
-from groundstation.config import ConfigError
+from groundstation.config.load import ConfigError
 from sim.campaign import Campaign, fly_chunk
 from sim.campaign_folder import Row
 

@@ -4,7 +4,7 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from groundstation.config import ConfigError
+from groundstation.config.load import ConfigError
 from sim.campaign import Campaign
 from sim.campaign_folder import Row
 from sim.campaign_report import LIMITS_CM

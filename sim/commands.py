@@ -6,7 +6,7 @@ from typing import Any
 
 import msgspec
 
-from groundstation.config import ConfigError
+from groundstation.config.load import ConfigError
 from sim.prepare import prepare, scenario_of
 from sim.scenarios import SCENARIOS
 

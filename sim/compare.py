@@ -9,8 +9,8 @@ from statistics import median
 
 import msgspec
 
-from groundstation.ops import Vec3
-from groundstation.pilot import Tick
+from groundstation.core.geometry.ops import Vec3
+from groundstation.core.pilot import Tick
 from sim.fly import fly
 from sim.prepare import prepare
 from sim.referee import STEADY_S

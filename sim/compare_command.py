@@ -9,14 +9,14 @@ from pathlib import Path
 
 import msgspec
 
-from groundstation.config import ConfigError
+from groundstation.config.load import ConfigError
 from sim.prepare import prepare
 from sim.scenarios import SCENARIOS
 
 
 def compare(args: argparse.Namespace) -> int:
     """Fly controllers side by side."""
-    from groundstation.control.controllers import make_controller
+    from groundstation.core.controllers.kinds import make_controller
     from sim.compare import CONTROLLERS, cases, fly_all, rows
     from sim.compare_plot import check_plot, plot
     from sim.compare_table import check_markers, text_table, write_between_markers

@@ -4,8 +4,8 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-from groundstation.config import ConfigError
-from groundstation.pictures import need_matplotlib
+from groundstation.config.load import ConfigError
+from groundstation.runtime.pictures import need_matplotlib
 from sim.compare import GUST, TRACE_S, WITHOUT_ADAPTATION, Flown, Row
 from sim.referee import STEADY_S
 from sim.scenarios import SCENARIOS

@@ -3,7 +3,7 @@
 from collections.abc import Sequence
 from pathlib import Path
 
-from groundstation.config import ConfigError
+from groundstation.config.load import ConfigError
 from sim.compare import Row
 
 BEGIN, END = "<!-- figures:begin -->", "<!-- figures:end -->"

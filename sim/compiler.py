@@ -16,7 +16,7 @@ from contextlib import suppress
 from functools import cache
 from pathlib import Path
 
-from groundstation.ownership import FILE, FOLDER, ours
+from groundstation.runtime.ownership import FILE, FOLDER, ours
 
 FLAGS = ("-std=gnu99", "-O1", "-ftree-vectorize", "-shared", "-fPIC", "-nostdlib")
 """For any machine of this kind, as homes are shared. No headers, no library: a bare compiler will do."""

@@ -5,7 +5,7 @@ from pathlib import Path
 from types import TracebackType
 from typing import Any
 
-from groundstation.entry import bare
+from groundstation.runtime.entry import bare
 from sim.referee import STEADY_S
 
 PAPER = {"rms_cm": 4.61, "max_cm": 7.6, "settle_s": 5.0}

@@ -6,11 +6,11 @@ from statistics import median
 
 import msgspec
 
-from groundstation import so3
 from groundstation.app import make_flight
-from groundstation.clock import sleep_until
-from groundstation.ops import Vec3
-from groundstation.pilot import Tick
+from groundstation.core.geometry import so3
+from groundstation.core.geometry.ops import Vec3
+from groundstation.core.pilot import Tick
+from groundstation.runtime.clock import sleep_until
 from sim.prepare import prepare
 from sim.scenarios import SCENARIOS
 from sim.stage import Stage

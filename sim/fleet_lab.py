@@ -8,9 +8,9 @@ from typing import Any
 import msgspec
 import tomli_w
 
-from groundstation.config import ConfigError, dump
-from groundstation.poses.natnet import NatNetConfig
-from groundstation.settings import Config
+from groundstation.config.load import ConfigError, dump
+from groundstation.pose.sources.natnet import NatNetConfig
+from groundstation.settings.settings import Config
 from links.mavlink.link import MavlinkLinkConfig
 from sim.world import World
 

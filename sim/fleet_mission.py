@@ -10,12 +10,12 @@ from typing import Any, TypeAlias
 import msgspec
 
 from groundstation.app import make_flight
-from groundstation.clock import sleep_until
-from groundstation.fleet.plan import Fleet, read_fleet
-from groundstation.fleet.relay import Relay
-from groundstation.flight import Flight, Outcome
-from groundstation.mission import State
-from groundstation.settings import Config
+from groundstation.core.mission.mission import State
+from groundstation.flight.flight import Flight, Outcome
+from groundstation.lab.fleet.plan import Fleet, read_fleet
+from groundstation.lab.fleet.relay import Relay
+from groundstation.runtime.clock import sleep_until
+from groundstation.settings.settings import Config
 from sim.fleet_lab import lay_out
 from sim.fleet_stage import FleetStage
 from sim.fleet_truth import Flown, Nearest, Told, Tracks, judged

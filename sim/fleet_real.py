@@ -15,10 +15,10 @@ from typing import Any
 
 import msgspec
 
-from groundstation.fleet.plan import Fleet, read_fleet
-from groundstation.mission import State
+from groundstation.core.mission.mission import State
+from groundstation.lab.fleet.plan import Fleet, read_fleet
 from groundstation.recording.reader import NoRecording, Recording
-from groundstation.settings import Config
+from groundstation.settings.settings import Config
 from sim.bench_timing import percentile
 from sim.fleet_lab import lay_out
 from sim.fleet_mission import FleetMission

@@ -3,10 +3,10 @@
 import asyncio
 from collections.abc import Callable, Sequence
 
-from groundstation.clock import sleep_until
-from groundstation.config import ConfigError
-from groundstation.ops import Vec3
-from groundstation.settings import Config
+from groundstation.config.load import ConfigError
+from groundstation.core.geometry.ops import Vec3
+from groundstation.runtime.clock import sleep_until
+from groundstation.settings.settings import Config
 from sim.draws import rows, stream
 from sim.stage import Stage
 from sim.trackers import Seen, Tracker, make_tracker

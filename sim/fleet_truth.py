@@ -7,9 +7,9 @@ from itertools import combinations, pairwise
 
 import msgspec
 
-from groundstation.mission import State
-from groundstation.ops import Vec3
-from groundstation.settings import Config
+from groundstation.core.geometry.ops import Vec3
+from groundstation.core.mission.mission import State
+from groundstation.settings.settings import Config
 from sim.fleet_stage import FleetStage
 from sim.mission import Entered
 from sim.referee import STEADY_S

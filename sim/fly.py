@@ -10,16 +10,16 @@ from typing import Any
 import msgspec
 
 from groundstation.app import make_flight
-from groundstation.clock import sleep_until
-from groundstation.control.gains import Law
-from groundstation.flight import Outcome
-from groundstation.mission import State
-from groundstation.ops import Vec3
-from groundstation.pilot import Tick
-from groundstation.poses.port import Pose
-from groundstation.recorded import Give
+from groundstation.core.control.gains import Law
+from groundstation.core.geometry.ops import Vec3
+from groundstation.core.messages.pose import Pose
+from groundstation.core.mission.mission import State
+from groundstation.core.pilot import Tick
+from groundstation.flight.flight import Outcome
+from groundstation.recording.recorded import Give
 from groundstation.recording.records import Record
-from groundstation.settings import Config
+from groundstation.runtime.clock import sleep_until
+from groundstation.settings.settings import Config
 from sim.referee import Referee, Verdict
 from sim.stage import Stage
 from sim.virtual_streams import Address

@@ -8,9 +8,9 @@ from typing import TYPE_CHECKING, Any
 
 import msgspec
 
-from groundstation.config import ConfigError
-from groundstation.preflight import ensure_flyable
-from groundstation.settings import Config
+from groundstation.config.load import ConfigError
+from groundstation.flight.preflight import ensure_flyable
+from groundstation.settings.settings import Config
 from sim.prepare import prepare, prepare_own, scenario_of
 from sim.world import World
 
@@ -85,8 +85,8 @@ def _run_folder(path: Path, config: Config, world: World, *, scenario: str, seed
 
 def _thrust_bound(config: Config, v_start: float | None) -> float | None:
     """The paper's a-priori bound on T/m [m/s²] for this flight; None for a controller without such a theory."""
-    from groundstation.control.certificate import acceleration_sup, thrust_bound
-    from groundstation.control.gains import Law
+    from groundstation.core.control.certificate import acceleration_sup, thrust_bound
+    from groundstation.core.control.gains import Law
 
     if v_start is None or not isinstance(config.controller, Law):
         return None

@@ -4,7 +4,7 @@ import asyncio
 import errno
 from collections.abc import Callable
 
-from groundstation.clock import sleep_until
+from groundstation.runtime.clock import sleep_until
 from links.rf.codecs.codec import RfLinkConfig
 from links.rf.pacer import FramePacer
 from links.rf.pacer_messages import Give, OpenPacer, Order, Report

@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from groundstation.ops import arrays
+from groundstation.core.geometry.ops import arrays
 from sim.compiler import built
 from sim.trace import Operand, Program, Symbol
 

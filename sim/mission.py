@@ -10,12 +10,12 @@ from typing import Any, TypeAlias
 import msgspec
 
 from groundstation.app import make_flight
-from groundstation.clock import sleep_until
-from groundstation.flight import Flight, Outcome
-from groundstation.mission import State
-from groundstation.ops import Vec3
-from groundstation.recorded import Give
-from groundstation.settings import Config
+from groundstation.core.geometry.ops import Vec3
+from groundstation.core.mission.mission import State
+from groundstation.flight.flight import Flight, Outcome
+from groundstation.recording.recorded import Give
+from groundstation.runtime.clock import sleep_until
+from groundstation.settings.settings import Config
 from sim.referee import STEADY_S
 from sim.stage import Stage
 from sim.virtual_time import VirtualTimeLoop

@@ -5,8 +5,8 @@ import json
 
 import msgspec
 
-from groundstation.preflight import ensure_flyable
-from groundstation.settings import Config
+from groundstation.flight.preflight import ensure_flyable
+from groundstation.settings.settings import Config
 from sim.prepare import prepare, scenario_of
 from sim.world import World
 

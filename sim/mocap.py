@@ -6,9 +6,9 @@ from collections.abc import Callable
 
 import msgspec
 
-from groundstation import so3
-from groundstation.clock import sleep_until
-from groundstation.ops import Quat, Vec3
+from groundstation.core.geometry import so3
+from groundstation.core.geometry.ops import Quat, Vec3
+from groundstation.runtime.clock import sleep_until
 from sim.airframe import Truth
 from sim.draws import rows, stream
 from sim.quadrotor import Quadrotor

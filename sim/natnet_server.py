@@ -4,12 +4,12 @@ import asyncio
 from collections.abc import Sequence
 from typing import Any
 
-from groundstation.frames import frames_of
-from groundstation.poses import natnet_codec as natnet
-from groundstation.poses import natnet_models_codec
-from groundstation.poses.multicast import send_by
-from groundstation.poses.natnet import NatNetConfig
-from groundstation.poses.natnet_payload import Unreadable
+from groundstation.core.geometry.frames import frames_of
+from groundstation.pose.intake.multicast import send_by
+from groundstation.pose.sources import natnet_codec as natnet
+from groundstation.pose.sources import natnet_models_codec
+from groundstation.pose.sources.natnet import NatNetConfig
+from groundstation.pose.sources.natnet_payload import Unreadable
 from links.io.address import parse_address
 from sim.trackers import CLOCK_AHEAD_S, Seen
 

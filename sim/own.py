@@ -9,11 +9,11 @@ from pathlib import Path
 
 import msgspec
 
-from groundstation.config import load
-from groundstation.poses import PoseConfig
-from groundstation.poses.gate import GateConfig
-from groundstation.poses.vicon import ViconConfig
-from groundstation.settings import Config
+from groundstation.config.load import load
+from groundstation.pose.gate import GateConfig
+from groundstation.pose.kinds import PoseConfig
+from groundstation.pose.sources.vicon import ViconConfig
+from groundstation.settings.settings import Config
 from links.mavlink.link import MavlinkLinkConfig
 from sim.world import World
 
@@ -51,7 +51,7 @@ def own(
     judged is how well the trajectory is followed. ``overrides`` are of what is told; ``overridden`` changes the truth.
 
     Raises:
-        ConfigError: see :func:`groundstation.config.load`.
+        ConfigError: see :func:`groundstation.config.load.load`.
     """
     told = load(path, Config, overrides)
     rate_hz, latency_s = timing(told.pose, air.pose_rate_hz, air.pose_latency_s)

@@ -3,13 +3,13 @@
 p¨ = -(T/m) R e3 + g e3 + b - k v,   R˙ = R S(ω),   T and ω follow their commands through first-order lags.
 
 Lags are exact, attitude turns by the exact integral of the rates, translation is by Simpson's rule (fourth order
-in the step). The controller's own model (groundstation/control/model.py) shares none of this.
+in the step). The controller's own model (groundstation/core/vehicle/model.py) shares none of this.
 """
 
 from typing import NamedTuple
 
-from groundstation.ops import FLOATS, Ops, Quat, Real, Vec3
-from groundstation.so3 import third_column, to_world, turned
+from groundstation.core.geometry.ops import FLOATS, Ops, Quat, Real, Vec3
+from groundstation.core.geometry.so3 import third_column, to_world, turned
 
 
 class Body(NamedTuple):

@@ -6,22 +6,22 @@ Shared by the fuzzer, which damages them, and by the benchmark, which times them
 from collections.abc import Callable, Sequence
 from typing import NamedTuple
 
-from groundstation import so3
-from groundstation.frames import frames_of
-from groundstation.poses import natnet_codec
-from groundstation.poses.intake import Intake, Reader
-from groundstation.poses.json import JsonConfig
-from groundstation.poses.json_codec import JsonReader
-from groundstation.poses.mavlink_codec import Decoder, LocalPositionDecoder, OdometryDecoder
-from groundstation.poses.natnet import NatNetConfig
-from groundstation.poses.natnet_reader import NatNetReader
-from groundstation.poses.port import Pose, PoseStatus
-from groundstation.poses.qualisys import QualisysConfig
-from groundstation.poses.qualisys_codec import QualisysReader
-from groundstation.poses.vicon import ViconConfig
-from groundstation.poses.vicon_reader import ViconReader
-from groundstation.poses.vision import VisionConfig
-from groundstation.poses.vision_codec import VisionReader
+from groundstation.core.geometry import so3
+from groundstation.core.geometry.frames import frames_of
+from groundstation.core.messages.pose import Pose, PoseStatus
+from groundstation.pose.intake.intake import Intake, Reader
+from groundstation.pose.sources import natnet_codec
+from groundstation.pose.sources.json import JsonConfig
+from groundstation.pose.sources.json_codec import JsonReader
+from groundstation.pose.sources.mavlink_codec import Decoder, LocalPositionDecoder, OdometryDecoder
+from groundstation.pose.sources.natnet import NatNetConfig
+from groundstation.pose.sources.natnet_reader import NatNetReader
+from groundstation.pose.sources.qualisys import QualisysConfig
+from groundstation.pose.sources.qualisys_codec import QualisysReader
+from groundstation.pose.sources.vicon import ViconConfig
+from groundstation.pose.sources.vicon_reader import ViconReader
+from groundstation.pose.sources.vision import VisionConfig
+from groundstation.pose.sources.vision_codec import VisionReader
 from links.mavlink.codec import MavlinkCodec, Message
 from sim.natnet_server import NatNetServer
 from sim.qtm_server import QtmServer

@@ -6,8 +6,8 @@ from pathlib import Path
 
 import msgspec
 
-from groundstation.config import ConfigError, from_dict
-from groundstation.settings import Config
+from groundstation.config.load import ConfigError, from_dict
+from groundstation.settings.settings import Config
 from sim.scenarios import SCENARIOS, Scenario
 from sim.world import World
 

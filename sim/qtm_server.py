@@ -3,9 +3,9 @@
 import asyncio
 from collections.abc import Sequence
 
-from groundstation.frames import frames_of
-from groundstation.poses import qualisys_codec as qtm
-from groundstation.poses.qualisys import QualisysConfig
+from groundstation.core.geometry.frames import frames_of
+from groundstation.pose.sources import qualisys_codec as qtm
+from groundstation.pose.sources.qualisys import QualisysConfig
 from links.io.address import parse_address
 from sim.trackers import CLOCK_AHEAD_S, Seen
 

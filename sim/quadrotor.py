@@ -6,8 +6,8 @@ It advances when it is asked for a later instant, in steps of ``world.step_s`` t
 import math
 from collections.abc import Callable
 
-from groundstation import so3
-from groundstation.ops import FLOATS, Quat, Vec3
+from groundstation.core.geometry import so3
+from groundstation.core.geometry.ops import FLOATS, Quat, Vec3
 from sim.airframe import Truth
 from sim.plant import Body, Physics, moved
 from sim.wind import Wind

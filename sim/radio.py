@@ -5,9 +5,9 @@ from typing import Any
 
 import msgspec
 
-from groundstation.config import from_dict
-from groundstation.settings import Config
-from groundstation.vehicle import Vehicle
+from groundstation.config.load import from_dict
+from groundstation.core.vehicle.vehicle import Vehicle
+from groundstation.settings.settings import Config
 from links.bridge.link import BridgeLinkConfig
 from links.bridge.server import Bridge, BridgeConfig
 from links.rf.codecs.kinds import RF_CODECS, RfConfig

@@ -6,12 +6,12 @@ from typing import Any
 
 import msgspec
 
-from groundstation.control.port import Estimate
-from groundstation.control.watch import SUSPENDED, VIOLATED
-from groundstation.ops import Vec3
-from groundstation.pilot import Tick
-from groundstation.so3 import third_column
-from groundstation.trajectories.port import Trajectory
+from groundstation.core.control.watch import SUSPENDED, VIOLATED
+from groundstation.core.geometry.ops import Vec3
+from groundstation.core.geometry.so3 import third_column
+from groundstation.core.messages.control import Estimate
+from groundstation.core.pilot import Tick
+from groundstation.core.trajectory.port import Trajectory
 from sim.world import World
 
 STEADY_S = 15.0

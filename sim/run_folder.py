@@ -10,14 +10,14 @@ from typing import Any, TextIO
 
 import msgspec
 
-from groundstation.config import ConfigError, dump
-from groundstation.poses import csv_codec
-from groundstation.poses.csv import IN_RUN_FOLDER
-from groundstation.poses.port import Pose
-from groundstation.recorded import about
+from groundstation.config.load import ConfigError, dump
+from groundstation.core.messages.pose import Pose
+from groundstation.pose.sources import csv_codec
+from groundstation.pose.sources.csv import IN_RUN_FOLDER
 from groundstation.recording.log import FlightLog
+from groundstation.recording.recorded import about
 from groundstation.recording.records import Ended, Record, Ticked, Told
-from groundstation.settings import Config
+from groundstation.settings.settings import Config
 from links.mavlink.link import MavlinkLinkConfig
 from sim.inline_pacer import MODULE
 from sim.world import World

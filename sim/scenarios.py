@@ -4,10 +4,10 @@ from typing import Any
 
 import msgspec
 
-from groundstation.config import from_dict
-from groundstation.settings import Config, FlightConfig
-from groundstation.trajectories.lemniscate import LemniscateConfig
-from groundstation.vehicle import Vehicle
+from groundstation.config.load import from_dict
+from groundstation.core.trajectory.lemniscate import LemniscateConfig
+from groundstation.core.vehicle.vehicle import Vehicle
+from groundstation.settings.settings import Config, FlightConfig
 from links.mavlink.link import MavlinkLinkConfig
 from sim.radio import module, section
 from sim.world import World

@@ -6,15 +6,15 @@ from collections.abc import AsyncIterator, Mapping
 
 import msgspec
 
-from groundstation.config import ConfigError
-from groundstation.fleet.plan import Fleet
-from groundstation.poses import PoseConfig
-from groundstation.poses.json import JsonConfig
-from groundstation.poses.natnet import NatNetConfig
-from groundstation.poses.qualisys import QualisysConfig
-from groundstation.poses.vicon import ViconConfig
-from groundstation.poses.vision import VisionConfig
-from groundstation.settings import Config
+from groundstation.config.load import ConfigError
+from groundstation.lab.fleet.plan import Fleet
+from groundstation.pose.kinds import PoseConfig
+from groundstation.pose.sources.json import JsonConfig
+from groundstation.pose.sources.natnet import NatNetConfig
+from groundstation.pose.sources.qualisys import QualisysConfig
+from groundstation.pose.sources.vicon import ViconConfig
+from groundstation.pose.sources.vision import VisionConfig
+from groundstation.settings.settings import Config
 from links.mavlink.link import MavlinkLinkConfig
 from sim.fleet_stage import FleetStage
 from sim.pty_wire import PtyWire

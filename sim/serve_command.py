@@ -3,7 +3,7 @@
 import argparse
 import asyncio
 
-from groundstation.config import ConfigError
+from groundstation.config.load import ConfigError
 from sim.prepare import by_side, overridden, prepare, scenario_of
 
 
@@ -14,7 +14,7 @@ def serve(args: argparse.Namespace) -> int:
 
     scenario = scenario_of(args.scenario)
     if args.fleet is not None:
-        from groundstation.fleet.plan import read_fleet
+        from groundstation.lab.fleet.plan import read_fleet
 
         truth, told = by_side(args.overrides, None)
         world, fleet = overridden(scenario.world, truth), read_fleet(args.fleet, told)

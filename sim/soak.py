@@ -13,10 +13,10 @@ from pathlib import Path
 
 import msgspec
 
-from groundstation.config import dump
-from groundstation.recorded import about
+from groundstation.config.load import dump
 from groundstation.recording.log import FlightLog
-from groundstation.telemetry.flights import RecordingConfig, free_name, recordings, tidy
+from groundstation.recording.recorded import about
+from groundstation.runtime.flights import RecordingConfig, free_name, recordings, tidy
 from sim.bench_allocation import look
 from sim.deck.cell import NotReached, fly_here
 from sim.deck.fault import Fault, Scene

@@ -8,9 +8,9 @@ from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
 
-from groundstation.config import ConfigError
-from groundstation.ops import Vec3
-from groundstation.settings import Config
+from groundstation.config.load import ConfigError
+from groundstation.core.geometry.ops import Vec3
+from groundstation.settings.settings import Config
 from links.bridge.server import Bridge
 from links.core.thrust_curve import signal
 from links.io.address import parse_address

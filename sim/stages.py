@@ -10,7 +10,7 @@ from typing import Any, Protocol, TypeAlias
 
 import numpy as np
 
-from groundstation.ops import arrays
+from groundstation.core.geometry.ops import arrays
 from sim.columns import pick
 from sim.kernel import GIVEN, SCALAR, STATE, TRUTHS, Index, Kernel
 from sim.trace import Program, Symbol, symbols

@@ -9,7 +9,7 @@ from collections.abc import Callable
 
 import msgspec
 
-from groundstation.config import ConfigError
+from groundstation.config.load import ConfigError
 from sim.prepare import scenario_of
 
 

@@ -1,13 +1,13 @@
 """Elementwise code written down as a straight-line program, by calling it once with symbols in place of its numbers.
 
-So the source (groundstation/ops.py says how it is written) stays the only one. The program has its operations, in its
-order, each once: whoever computes them exactly as told gets the same bits.
+So the source (groundstation/core/geometry/ops.py says how it is written) stays the only one. The program has its
+operations, in its order, each once: whoever computes them exactly as told gets the same bits.
 """
 
 from collections.abc import Callable, Iterable
 from typing import Any, TypeAlias
 
-from groundstation.ops import FLOATS, Ops
+from groundstation.core.geometry.ops import FLOATS, Ops
 
 Operand: TypeAlias = "Symbol | float"
 

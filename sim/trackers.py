@@ -4,14 +4,15 @@ import asyncio
 from collections.abc import Callable, Sequence
 from typing import NamedTuple, Protocol
 
-from groundstation.frames import Frames, frames_of
-from groundstation.ops import Quat, Vec3
-from groundstation.poses import PoseConfig, json_codec, vicon_codec, vision_codec
-from groundstation.poses.json import JsonConfig
-from groundstation.poses.natnet import NatNetConfig
-from groundstation.poses.qualisys import QualisysConfig
-from groundstation.poses.vicon import ViconConfig
-from groundstation.poses.vision import VisionConfig
+from groundstation.core.geometry.frames import Frames, frames_of
+from groundstation.core.geometry.ops import Quat, Vec3
+from groundstation.pose.kinds import PoseConfig
+from groundstation.pose.sources import json_codec, vicon_codec, vision_codec
+from groundstation.pose.sources.json import JsonConfig
+from groundstation.pose.sources.natnet import NatNetConfig
+from groundstation.pose.sources.qualisys import QualisysConfig
+from groundstation.pose.sources.vicon import ViconConfig
+from groundstation.pose.sources.vision import VisionConfig
 from links.io.address import parse_address
 from links.mavlink.codec import MavlinkCodec
 

@@ -18,7 +18,7 @@ from typing import TYPE_CHECKING, Any
 
 import msgspec
 
-from groundstation.config import ConfigError
+from groundstation.config.load import ConfigError
 from sim.campaign_folder import program_sha256
 from sim.margins import DELAY, GAIN_DOWN, GAIN_UP, Axis, failure, limit_cm
 from sim.tune_flights import CRASH_CM, Flyers, Outcome, sorties

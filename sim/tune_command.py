@@ -12,9 +12,9 @@ from typing import Any
 
 import msgspec
 
-from groundstation.config import ConfigError
-from groundstation.control.controllers import make_controller
-from groundstation.settings import Config
+from groundstation.config.load import ConfigError
+from groundstation.core.controllers.kinds import make_controller
+from groundstation.settings.settings import Config
 from sim.compare_table import check_markers, put_between_markers
 from sim.console import Counter
 from sim.margins import AXES

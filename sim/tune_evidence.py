@@ -8,8 +8,8 @@ from statistics import median
 
 import msgspec
 
-from groundstation.config import dump
-from groundstation.settings import Config
+from groundstation.config.load import dump
+from groundstation.settings.settings import Config
 from sim.margins import DELAY, GAIN_DOWN, GAIN_UP, Report, report
 from sim.margins_text import criterion, shown
 from sim.tune import PROBE_SEEDS, Floors, Search, Trial, geometric_mean

@@ -13,7 +13,7 @@ from typing import NamedTuple
 
 import msgspec
 
-from groundstation.config import ConfigError
+from groundstation.config.load import ConfigError
 from sim.fly import fly
 from sim.tune_stage import Staged
 

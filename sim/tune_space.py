@@ -7,11 +7,11 @@ from typing import Any
 import msgspec
 from msgspec import inspect as mi
 
-from groundstation.config import ConfigError
-from groundstation.control.adaptive import certificate
-from groundstation.control.controllers import ControllerConfig
-from groundstation.control.custom import Custom
-from groundstation.control.gains import Gains
+from groundstation.config.load import ConfigError
+from groundstation.core.control.adaptive import certificate
+from groundstation.core.control.gains import Gains
+from groundstation.core.controllers.custom import Custom
+from groundstation.core.controllers.kinds import ControllerConfig
 
 SECTION = "controller."
 KEYS: dict[str, tuple[str, ...]] = {

@@ -5,11 +5,11 @@ from pathlib import Path
 
 import msgspec
 
-from groundstation.config import ConfigError, load
-from groundstation.poses import Recorded
-from groundstation.poses.mavlink import MavlinkPoseConfig
-from groundstation.poses.vicon import ViconConfig
-from groundstation.settings import Config, LinkConfig
+from groundstation.config.load import ConfigError, load
+from groundstation.pose.kinds import Recorded
+from groundstation.pose.sources.mavlink import MavlinkPoseConfig
+from groundstation.pose.sources.vicon import ViconConfig
+from groundstation.settings.settings import Config, LinkConfig
 from links.bridge.link import BridgeLinkConfig
 from links.mavlink.link import MavlinkLinkConfig
 from sim.own import timing
@@ -43,7 +43,7 @@ def own(path: Path | None, overrides: Sequence[str]) -> Config | None:
     None where neither tells a vehicle, so that the scenarios do. Overrides of the truth (``sim.…``) are left out.
 
     Raises:
-        ConfigError: see :func:`groundstation.config.load`; or the link's frames are not those the vehicle is told of.
+        ConfigError: see :func:`groundstation.config.load.load`; or the link's frames are not as told.
     """
     told = [text for text in overrides if not text.startswith("sim.")]
     if path is None and not any(_key(text) in _VEHICLES for text in told):

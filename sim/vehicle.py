@@ -5,8 +5,8 @@ from collections.abc import Iterator
 
 import msgspec
 
-from groundstation import so3
-from groundstation.ops import Quat, Vec3
+from groundstation.core.geometry import so3
+from groundstation.core.geometry.ops import Quat, Vec3
 from links.core.thrust_curve import thrust
 from sim.airframe import Truth
 from sim.horizon import Horizon

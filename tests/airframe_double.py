@@ -1,7 +1,7 @@
 """A vehicle for tests: a point of mass 1 that turns at once as it is told, and writes down what is done to it."""
 
-from groundstation import so3
-from groundstation.ops import Quat, Vec3
+from groundstation.core.geometry import so3
+from groundstation.core.geometry.ops import Quat, Vec3
 from sim.airframe import Truth
 
 GRAVITY = 9.81

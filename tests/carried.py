@@ -4,9 +4,9 @@ import math
 import random
 from collections.abc import Callable, Sequence
 
-from groundstation import so3
-from groundstation.carry.moves import MOVES, Carry, Move, Sample
-from groundstation.ops import Quat, Vec3
+from groundstation.core.geometry import so3
+from groundstation.core.geometry.ops import Quat, Vec3
+from groundstation.lab.axes.moves import MOVES, Carry, Move, Sample
 
 START: tuple[Vec3, Quat] = ((0.7, -0.4, -0.1), so3.IDENTITY)
 MOVE_S, HOLD_S = 1.6, 1.2
@@ -52,7 +52,7 @@ def hand(seed: int, *, moves: Sequence[Move] = MOVES, nose_deg: float = 0.0) -> 
 
 
 def turned(q: Quat, angle: Vec3) -> Quat:
-    """As :func:`groundstation.so3.turned`, for large angles too."""
+    """As :func:`groundstation.core.geometry.so3.turned`, for large angles too."""
     size = math.hypot(*angle)
     k = math.sin(0.5 * size) / size if size > 1e-9 else 0.5
     return so3.multiply(q, (math.cos(0.5 * size), k * angle[0], k * angle[1], k * angle[2]))

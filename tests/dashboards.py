@@ -11,19 +11,19 @@ import msgspec
 from textual.pilot import Pilot
 from textual.widget import Widget
 
-from groundstation.api.place import StatusConfig
-from groundstation.api.server import Server
-from groundstation.broadcast import Latest
-from groundstation.config import dump
-from groundstation.requests import Ask
-from groundstation.settings import Config
-from groundstation.snapshot import Snapshot
-from groundstation.tui.app import Dashboard
-from groundstation.tui.attached import Attached
-from groundstation.tui.bars import Banner
-from groundstation.tui.feed import Answer, Feed, Hello, News
-from groundstation.tui.letters import big, huge
-from groundstation.verdict import Check, Verdict
+from groundstation.config.load import dump
+from groundstation.core.messages.requests import Ask
+from groundstation.core.messages.snapshot import Snapshot
+from groundstation.core.messages.verdict import Check, Verdict
+from groundstation.interfaces.api.server import Server
+from groundstation.interfaces.tui.app import Dashboard
+from groundstation.interfaces.tui.feeds.attached import Attached
+from groundstation.interfaces.tui.parts.bars import Banner
+from groundstation.interfaces.tui.parts.feed import Answer, Feed, Hello, News
+from groundstation.interfaces.tui.parts.letters import big, huge
+from groundstation.runtime.broadcast import Latest
+from groundstation.runtime.place import StatusConfig
+from groundstation.settings.settings import Config
 from tests.sample_flight import Sampled, sample
 
 Scene = Callable[[Pilot[None]], Coroutine[Any, Any, None]]

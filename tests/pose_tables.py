@@ -4,13 +4,13 @@ import pathlib
 
 import msgspec
 
-from groundstation.frames import Frames
-from groundstation.ops import Quat, Vec3
-from groundstation.poses.intake import Intake, Reader
-from groundstation.poses.json_codec import JsonReader
-from groundstation.poses.natnet_reader import NatNetReader
-from groundstation.poses.qualisys_codec import QualisysReader
-from groundstation.poses.vision_codec import VisionReader
+from groundstation.core.geometry.frames import Frames
+from groundstation.core.geometry.ops import Quat, Vec3
+from groundstation.pose.intake.intake import Intake, Reader
+from groundstation.pose.sources.json_codec import JsonReader
+from groundstation.pose.sources.natnet_reader import NatNetReader
+from groundstation.pose.sources.qualisys_codec import QualisysReader
+from groundstation.pose.sources.vision_codec import VisionReader
 
 
 class GoldenPose(msgspec.Struct, frozen=True):

@@ -5,13 +5,13 @@ import contextlib
 import math
 import sys
 
-from groundstation.api.place import StatusConfig
-from groundstation.api.server import Server
-from groundstation.broadcast import Latest
-from groundstation.ops import Vec3
-from groundstation.requests import Ask, Reply, Request
-from groundstation.snapshot import Certificate, Diagnostics, Snapshot
-from groundstation.so3 import from_euler_zyx
+from groundstation.core.geometry.ops import Vec3
+from groundstation.core.geometry.so3 import from_euler_zyx
+from groundstation.core.messages.requests import Ask, Reply, Request
+from groundstation.core.messages.snapshot import Certificate, Diagnostics, Snapshot
+from groundstation.interfaces.api.server import Server
+from groundstation.runtime.broadcast import Latest
+from groundstation.runtime.place import StatusConfig
 from links.core.port import LinkStatus
 
 

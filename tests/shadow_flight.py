@@ -6,8 +6,8 @@ from collections.abc import Callable
 
 import msgspec
 
-from groundstation import so3
-from groundstation.ops import Quat, Vec3
+from groundstation.core.geometry import so3
+from groundstation.core.geometry.ops import Quat, Vec3
 from links.mavlink.codec import ARM_DISARM, MavlinkCodec
 
 GRAVITY = 9.81

@@ -9,10 +9,10 @@ from typing import NamedTuple
 import msgspec
 from textual.widgets import Input
 
-from groundstation.tui.app import Dashboard
-from groundstation.tui.bars import Banner
-from groundstation.tui.feed import Holder, News
-from groundstation.tui.screenshot import normal
+from groundstation.interfaces.tui.app import Dashboard
+from groundstation.interfaces.tui.parts.bars import Banner
+from groundstation.interfaces.tui.parts.feed import Holder, News
+from groundstation.interfaces.tui.screenshot import normal
 from tests.dashboards import Fixed, flown, on_ground, until
 from tests.sample_flight import sample
 

@@ -4,7 +4,7 @@ import pathlib
 
 import msgspec
 
-from groundstation.poses.vicon_codec import ViconObject
+from groundstation.pose.sources.vicon_codec import ViconObject
 
 
 class Readable(msgspec.Struct, frozen=True):

@@ -5,10 +5,10 @@ import random
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
 
-from groundstation import so3
-from groundstation.ops import Quat, Vec3
-from groundstation.poses.port import Pose
-from groundstation.witness import Agreement, Witness
+from groundstation.core.geometry import so3
+from groundstation.core.geometry.ops import Quat, Vec3
+from groundstation.core.messages.pose import Pose
+from groundstation.core.safety.witness import Agreement, Witness
 from links.core.port import Attitude
 
 ARMED_S = 10.0

@@ -19,7 +19,7 @@ from groundstation.recording.log import FLUSH_S, FlightLog
 from groundstation.recording.manners import stand_back
 from groundstation.recording.process import FORGET, Setup
 from groundstation.recording.records import Record
-from groundstation.telemetry.flights import free_name, made_folder, tidy
+from groundstation.runtime.flights import free_name, made_folder, tidy
 
 _READ_BYTES = 1 << 18
 SYNC_S = 1.0

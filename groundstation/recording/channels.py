@@ -6,7 +6,7 @@ NED, body FRD; ``time_s`` is the event loop's clock [s], the log time its wall t
 
 import msgspec
 
-from groundstation.poses.port import PoseStatus
+from groundstation.core.messages.pose import PoseStatus
 from groundstation.recording.foxglove import FrameTransform, Log, PoseInFrame, Quaternion, Vector3
 from links.core.port import LinkStatus
 

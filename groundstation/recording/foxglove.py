@@ -2,7 +2,7 @@
 
 import msgspec
 
-from groundstation.ops import Quat, Vec3
+from groundstation.core.geometry.ops import Quat, Vec3
 
 WORLD, VEHICLE = "world_ned", "vehicle"
 """Frames of /tf and /pose."""

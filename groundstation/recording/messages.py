@@ -5,8 +5,8 @@ from collections.abc import Iterator
 
 import msgspec
 
-from groundstation.ops import Quat, Vec3
-from groundstation.pilot import Tick
+from groundstation.core.geometry.ops import Quat, Vec3
+from groundstation.core.pilot import Tick
 from groundstation.recording import channels as ch
 from groundstation.recording.foxglove import (
     DISPLAY,

@@ -12,9 +12,9 @@ from pathlib import Path
 import msgspec
 
 import groundstation
-from groundstation.quiet import Quiet
 from groundstation.recording.records import About, Lost, Record
-from groundstation.telemetry.flights import RecordingConfig
+from groundstation.runtime.flights import RecordingConfig
+from groundstation.runtime.quiet import Quiet
 
 PIPE_BYTES = 1 << 20
 """What the pipe holds, where the system allows it: several seconds of flight."""

@@ -2,8 +2,8 @@
 
 import msgspec
 
-from groundstation.pilot import Tick
-from groundstation.poses.port import Pose, PoseStatus
+from groundstation.core.messages.pose import Pose, PoseStatus
+from groundstation.core.pilot import Tick
 from links.core.port import Command, LinkStatus
 
 Peer = tuple[str, int] | None

@@ -1,6 +1,6 @@
 """The MAVLink traffic of a flight as .tlog, for Mission Planner, MAVProxy and QGroundControl.
 
-The form is in groundstation/poses/tlog_codec.py: each frame behind the microseconds since 1970, big-endian.
+The form is in groundstation/pose/sources/tlog_codec.py: each frame behind the microseconds since 1970, big-endian.
 """
 
 from links.mavlink.codec import frame_end

@@ -6,15 +6,15 @@ from collections.abc import Callable
 from typing import Any
 
 from groundstation.app import make_flight
-from groundstation.clock import sleep_until
-from groundstation.flight import Flight
-from groundstation.mission import State
-from groundstation.ops import Vec3
-from groundstation.pilot import Tick
-from groundstation.recorded import Give
+from groundstation.core.geometry.ops import Vec3
+from groundstation.core.messages.requests import Ask, Request
+from groundstation.core.mission.mission import State
+from groundstation.core.pilot import Tick
+from groundstation.flight.flight import Flight
+from groundstation.recording.recorded import Give
 from groundstation.recording.records import Record
-from groundstation.requests import Ask, Request
-from groundstation.settings import Config
+from groundstation.runtime.clock import sleep_until
+from groundstation.settings.settings import Config
 from links.core.thrust_curve import thrust as thrust_of
 from sim.autopilot import Px4Autopilot
 from sim.deck.exemptions import Exemption

@@ -5,7 +5,7 @@ from collections.abc import Callable, Coroutine
 from enum import StrEnum
 from typing import Any, NamedTuple
 
-from groundstation.flight import Flight
+from groundstation.flight.flight import Flight
 from sim.deck.exemptions import Exemption
 from sim.deck.meddler import Meddler
 from sim.deck.pictures import Struck

@@ -15,10 +15,10 @@ from typing import Any
 
 import msgspec
 
-from groundstation.api.client import snapshots
-from groundstation.api.place import ApiError
-from groundstation.config import dump
-from groundstation.mission import FINAL, State
+from groundstation.config.load import dump
+from groundstation.core.mission.mission import FINAL, State
+from groundstation.interfaces.api.client import snapshots
+from groundstation.runtime.place import ApiError
 from links.bridge.server import BridgeConfig
 from links.io.key_file import make_key
 from sim.deck.broker import Broker

@@ -2,7 +2,7 @@
 
 import math
 
-from groundstation.mission import State
+from groundstation.core.mission.mission import State
 from sim.deck.live_scene import LiveScene
 from sim.deck.moments import MOMENTS
 from sim.deck.thrust import LIFTS

@@ -9,8 +9,8 @@ import sys
 from collections.abc import Awaitable, Callable
 from pathlib import Path
 
-from groundstation.mission import FINAL, State
-from groundstation.settings import Config
+from groundstation.core.mission.mission import FINAL, State
+from groundstation.settings.settings import Config
 from links.rf.codecs.channel_map import Channels
 from links.rf.codecs.codec import RfLinkConfig
 from sim.deck.broker import Broker

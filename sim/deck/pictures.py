@@ -4,8 +4,8 @@ import math
 from collections.abc import Callable, Iterator, Sequence
 from typing import NamedTuple
 
-from groundstation import so3
-from groundstation.ops import Quat, Vec3
+from groundstation.core.geometry import so3
+from groundstation.core.geometry.ops import Quat, Vec3
 from sim.trackers import Seen
 
 NOISE_M, NOISE_RAD = 0.0003, 0.002

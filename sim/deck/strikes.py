@@ -6,9 +6,9 @@ from collections.abc import Callable
 
 import msgspec
 
-from groundstation import so3
-from groundstation.interrupts import Interrupts
-from groundstation.ops import Quat, Vec3
+from groundstation.core.geometry import so3
+from groundstation.core.geometry.ops import Quat, Vec3
+from groundstation.core.mission.interrupts import Interrupts
 from sim.autopilot import Px4Autopilot
 from sim.deck.fault import Scene, Strike
 from sim.deck.pictures import Picture, Struck

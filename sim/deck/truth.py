@@ -3,9 +3,9 @@
 import math
 from collections.abc import Callable
 
-from groundstation import so3
-from groundstation.ops import Vec3
-from groundstation.pilot import Tick
+from groundstation.core.geometry import so3
+from groundstation.core.geometry.ops import Vec3
+from groundstation.core.pilot import Tick
 from sim.quadrotor import Quadrotor
 
 OFF_FLOOR_M = 0.02

@@ -9,7 +9,7 @@ import struct
 from collections import deque
 
 from groundstation.recording.records import Idled, Record, Ticked
-from groundstation.settings import Config
+from groundstation.settings.settings import Config
 from links.core.port import Command, Segment
 from links.core.thrust_curve import signal
 from links.mavlink.link import MavlinkLinkConfig

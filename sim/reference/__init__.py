@@ -3,8 +3,8 @@
 from collections.abc import Callable
 from pathlib import Path
 
-from groundstation.config import ConfigError
-from groundstation.telemetry.mqtt_schemas import write_schemas
+from groundstation.config.load import ConfigError
+from groundstation.interfaces.mqtt.schemas import write_schemas
 from sim.reference import campaign_columns, channels, configuration, programs
 
 PAGES: dict[str, Callable[[], str]] = {

@@ -6,8 +6,8 @@ from typing import Any
 import msgspec
 from msgspec import inspect as mi
 
-from groundstation.config_words import bare, expected
-from groundstation.settings import Config
+from groundstation.config.words import bare, expected
+from groundstation.settings.settings import Config
 from links.bridge.server import BridgeConfig
 from sim.reference.remarks import remarks, summary
 from sim.world import World

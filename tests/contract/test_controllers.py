@@ -9,17 +9,17 @@ from typing import Any, NamedTuple
 import msgspec
 import pytest
 
-from groundstation.config import ConfigError
-from groundstation.control.controllers import make_controller
-from groundstation.control.custom import ControllerFault, Custom, Guarded
-from groundstation.control.model import Drive, Motion
-from groundstation.control.port import Controller, Decision, Estimate
-from groundstation.ops import Vec3
-from groundstation.pilot import Tick
-from groundstation.settings import Config
-from groundstation.trajectories import HoldConfig, TrajectoryConfig
-from groundstation.trajectories.port import Reference
-from groundstation.vehicle import Vehicle
+from groundstation.config.load import ConfigError
+from groundstation.core.controllers.custom import ControllerFault, Custom, Guarded
+from groundstation.core.controllers.kinds import make_controller
+from groundstation.core.geometry.ops import Vec3
+from groundstation.core.messages.control import Controller, Decision, Estimate
+from groundstation.core.pilot import Tick
+from groundstation.core.trajectory.kinds import HoldConfig, TrajectoryConfig
+from groundstation.core.trajectory.port import Reference
+from groundstation.core.vehicle.model import Drive, Motion
+from groundstation.core.vehicle.vehicle import Vehicle
+from groundstation.settings.settings import Config
 from sim.fly import Result, fly
 from sim.prepare import prepare
 from sim.scenarios import SCENARIOS

@@ -14,21 +14,21 @@ from typing import Any, get_args
 import msgspec
 import pytest
 
-from groundstation import so3
-from groundstation.clock import sleep_until
-from groundstation.frames import Alignment
-from groundstation.poses import PoseConfig, make_source
-from groundstation.poses.csv import CsvConfig
-from groundstation.poses.csv_codec import Row, encode
-from groundstation.poses.json import JsonConfig
-from groundstation.poses.mavlink import MavlinkPoseConfig
-from groundstation.poses.natnet import NatNetConfig
-from groundstation.poses.natnet_codec import Version
-from groundstation.poses.port import Pose, PoseSource
-from groundstation.poses.qualisys import QualisysConfig
-from groundstation.poses.tlog import TlogConfig
-from groundstation.poses.vicon import ViconConfig
-from groundstation.poses.vision import VisionConfig
+from groundstation.core.geometry import so3
+from groundstation.core.geometry.frames import Alignment
+from groundstation.core.messages.pose import Pose, PoseSource
+from groundstation.pose.kinds import PoseConfig, make_source
+from groundstation.pose.sources.csv import CsvConfig
+from groundstation.pose.sources.csv_codec import Row, encode
+from groundstation.pose.sources.json import JsonConfig
+from groundstation.pose.sources.mavlink import MavlinkPoseConfig
+from groundstation.pose.sources.natnet import NatNetConfig
+from groundstation.pose.sources.natnet_codec import Version
+from groundstation.pose.sources.qualisys import QualisysConfig
+from groundstation.pose.sources.tlog import TlogConfig
+from groundstation.pose.sources.vicon import ViconConfig
+from groundstation.pose.sources.vision import VisionConfig
+from groundstation.runtime.clock import sleep_until
 from links.io.address import parse_address
 from links.mavlink.link import MavlinkLink, MavlinkLinkConfig
 from sim.airframe import Truth

@@ -6,13 +6,13 @@ Prints the time of every command once it was handed over.
 import asyncio
 import sys
 
-from groundstation.pilot import Pilot, Tick
-from groundstation.poses.port import Pose
-from groundstation.recorded import about
+from groundstation.core.messages.pose import Pose
+from groundstation.core.pilot import Pilot, Tick
 from groundstation.recording.process import RecorderProcess
+from groundstation.recording.recorded import about
 from groundstation.recording.records import Received, Sent, Ticked
-from groundstation.settings import Config
-from groundstation.telemetry.flights import RecordingConfig
+from groundstation.runtime.flights import RecordingConfig
+from groundstation.settings.settings import Config
 
 
 def a_tick() -> Tick:

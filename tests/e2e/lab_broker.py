@@ -9,8 +9,8 @@ from pathlib import Path
 
 import pytest
 
-from groundstation.telemetry.mqtt_broker import Broker as Address
-from groundstation.telemetry.mqtt_broker import from_url
+from groundstation.interfaces.mqtt.broker import Broker as Address
+from groundstation.interfaces.mqtt.broker import from_url
 from tests.e2e.test_mqtt import free_tcp_port
 
 SET_UP = Path(__file__).parents[2] / "examples" / "broker" / "set-up.sh"

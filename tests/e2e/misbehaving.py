@@ -2,11 +2,11 @@
 
 import time
 
-from groundstation.control.adaptive import Adaptive
-from groundstation.control.gains import Gains
-from groundstation.control.port import Controller, Decision, Estimate
-from groundstation.trajectories.port import Reference
-from groundstation.vehicle import Vehicle
+from groundstation.core.control.adaptive import Adaptive
+from groundstation.core.control.gains import Gains
+from groundstation.core.messages.control import Controller, Decision, Estimate
+from groundstation.core.trajectory.port import Reference
+from groundstation.core.vehicle.vehicle import Vehicle
 
 
 class Misbehaving:

@@ -15,15 +15,15 @@ from typing import Any
 import msgspec
 import pytest
 
-from groundstation.api import server as api_server
-from groundstation.api.client import attached, snapshots
-from groundstation.api.command import asked
-from groundstation.api.messages import Control, Hello
-from groundstation.api.place import ApiError, StatusConfig, find, socket_path
-from groundstation.api.server import Server
-from groundstation.broadcast import Latest
-from groundstation.requests import Ask, Request
-from groundstation.snapshot import Snapshot
+from groundstation.core.messages.requests import Ask, Request
+from groundstation.core.messages.snapshot import Snapshot
+from groundstation.interfaces.api import server as api_server
+from groundstation.interfaces.api.client import attached, snapshots
+from groundstation.interfaces.api.command import asked
+from groundstation.interfaces.api.messages import Control, Hello
+from groundstation.interfaces.api.server import Server
+from groundstation.runtime.broadcast import Latest
+from groundstation.runtime.place import ApiError, StatusConfig, find, socket_path
 from tests.sample_flight import Sampled, sample
 
 Scene = Callable[[Path, Latest[Snapshot]], Coroutine[Any, Any, None]]

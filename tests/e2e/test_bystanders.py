@@ -16,12 +16,12 @@ from pathlib import Path
 import msgspec
 import pytest
 
-from groundstation.api.place import StatusConfig
-from groundstation.api.server import Server
 from groundstation.app import crew
-from groundstation.flight import Flight
-from groundstation.mission import FINAL, State
-from groundstation.tui.letters import big
+from groundstation.core.mission.mission import FINAL, State
+from groundstation.flight.flight import Flight
+from groundstation.interfaces.api.server import Server
+from groundstation.interfaces.tui.parts.letters import big
+from groundstation.runtime.place import StatusConfig
 from sim.mission import Script, fly_mission, from_floor
 from sim.prepare import prepare
 from sim.scenarios import SCENARIOS

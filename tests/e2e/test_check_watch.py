@@ -10,7 +10,7 @@ from pathlib import Path
 
 import pytest
 
-from groundstation.listen.seen import Seen
+from groundstation.lab.pose_monitor.seen import Seen
 from tests.e2e.stations import free_udp_port, served
 
 

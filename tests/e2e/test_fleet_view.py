@@ -7,9 +7,9 @@ import msgspec
 import pytest
 from textual.widgets import DataTable, Static
 
-from groundstation.telemetry.fleet_seen import Fleet
-from groundstation.telemetry.mqtt_broker import Broker, from_url
-from groundstation.tui.fleet import FleetScreen
+from groundstation.interfaces.mqtt.broker import Broker, from_url
+from groundstation.interfaces.mqtt.fleet import Fleet
+from groundstation.interfaces.tui.fleet import FleetScreen
 from sim.bench_mqtt import run
 from tests.e2e.lab_broker import LabBroker, lab
 from tests.sample_flight import sample

@@ -8,8 +8,8 @@ from pathlib import Path
 
 import pytest
 
-from groundstation.poses.json import JsonConfig
-from groundstation.poses.port import Pose
+from groundstation.core.messages.pose import Pose
+from groundstation.pose.sources.json import JsonConfig
 from links.io.address import parse_address
 from tests.loops import free_address
 

@@ -14,13 +14,13 @@ import aiomqtt
 import msgspec
 import pytest
 
-from groundstation.broadcast import Latest
-from groundstation.config import ConfigError
-from groundstation.snapshot import Snapshot
-from groundstation.telemetry.mqtt import publish_forever
-from groundstation.telemetry.mqtt_broker import heed_cancellation
-from groundstation.telemetry.mqtt_config import MqttConfig
-from groundstation.telemetry.mqtt_messages import Event, unseen
+from groundstation.config.load import ConfigError
+from groundstation.core.messages.snapshot import Snapshot
+from groundstation.interfaces.mqtt.broker import heed_cancellation
+from groundstation.interfaces.mqtt.messages import Event, unseen
+from groundstation.interfaces.mqtt.publisher import publish_forever
+from groundstation.runtime.broadcast import Latest
+from groundstation.settings.mqtt import MqttConfig
 from tests.sample_flight import sample
 
 
@@ -214,9 +214,9 @@ def test_the_broker_declares_a_publisher_that_vanished_offline(broker: Callable[
     async def scene() -> None:
         await server.start()
         code = (
-            "import asyncio\nfrom groundstation.broadcast import Latest\n"
-            "from groundstation.telemetry.mqtt import publish_forever\n"
-            "from groundstation.telemetry.mqtt_config import MqttConfig\n"
+            "import asyncio\nfrom groundstation.runtime.broadcast import Latest\n"
+            "from groundstation.interfaces.mqtt.publisher import publish_forever\n"
+            "from groundstation.settings.mqtt import MqttConfig\n"
             "from tests.sample_flight import sample\n"
             f"latest = Latest(); latest.put(sample(1.0))\n"
             f"asyncio.run(publish_forever(MqttConfig(port={server.port}, prefix='lab'), latest))\n"

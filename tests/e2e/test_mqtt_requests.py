@@ -14,21 +14,21 @@ import aiomqtt
 import msgspec
 import pytest
 
-from groundstation.api.desk import Desk, Party
-from groundstation.api.messages import Order
-from groundstation.broadcast import Latest
-from groundstation.config import from_dict
-from groundstation.mission import State
+from groundstation.config.load import from_dict
+from groundstation.core.messages.requests import Ask
+from groundstation.core.messages.snapshot import Snapshot
+from groundstation.core.mission.mission import State
+from groundstation.interfaces.api.desk import Desk, Party
+from groundstation.interfaces.api.messages import Order
+from groundstation.interfaces.mqtt.ask import Unanswered, asked
+from groundstation.interfaces.mqtt.messages import Health, SessionMessage
+from groundstation.interfaces.mqtt.publisher import publish_forever
+from groundstation.interfaces.mqtt.request_codec import Place, sealed_request
 from groundstation.recording.reader import Recording
-from groundstation.requests import Ask
-from groundstation.settings import Config
-from groundstation.snapshot import Snapshot
-from groundstation.telemetry.mqtt import publish_forever
-from groundstation.telemetry.mqtt_ask import Unanswered, asked
-from groundstation.telemetry.mqtt_config import MqttConfig
-from groundstation.telemetry.mqtt_messages import Health, SessionMessage
-from groundstation.telemetry.request_codec import Place, sealed_request
-from groundstation.telemetry.wall_clock import wall_ms
+from groundstation.runtime.broadcast import Latest
+from groundstation.runtime.wall_clock import wall_ms
+from groundstation.settings.mqtt import MqttConfig
+from groundstation.settings.settings import Config
 from links.io.key_file import make_key, read_key
 from tests.e2e.lab_broker import LabBroker, lab
 from tests.e2e.stations import served
@@ -186,7 +186,7 @@ def test_who_asks_reads_why_nothing_came_of_it(lab: LabBroker, key: Path, tmp_pa
         assert station.core.asked == []
 
     # Four of them wait for as long as an operator would.
-    import groundstation.telemetry.mqtt_ask as module
+    import groundstation.interfaces.mqtt.ask as module
 
     patience, module.PATIENCE_S = module.PATIENCE_S, 0.5
     try:
@@ -198,7 +198,7 @@ def test_who_asks_reads_why_nothing_came_of_it(lab: LabBroker, key: Path, tmp_pa
 def test_a_flood_of_requests_is_not_listened_to_for_a_while(
     lab: LabBroker, key: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("groundstation.telemetry.mqtt_requests.PAUSE_S", 0.5)
+    monkeypatch.setattr("groundstation.interfaces.mqtt.requests.PAUSE_S", 0.5)
     station = Station()
 
     async def scene() -> None:

@@ -14,7 +14,7 @@ from pathlib import Path
 
 import pytest
 
-from groundstation.proof import on_file
+from groundstation.flight.proof import on_file
 from links.mavlink.codec import ARMED, MavlinkCodec
 from tests.e2e.stations import Room, served
 

@@ -13,13 +13,13 @@ from contextlib import suppress
 from pathlib import Path
 from statistics import median
 
-from groundstation.poses.tlog_codec import TlogReader
-from groundstation.recorded import about
+from groundstation.pose.sources.tlog_codec import TlogReader
 from groundstation.recording.process import BACKLOG_BYTES, RecorderProcess
 from groundstation.recording.reader import Recording
+from groundstation.recording.recorded import about
 from groundstation.recording.records import Received, Sent, Ticked, Told
-from groundstation.settings import Config
-from groundstation.telemetry.flights import RecordingConfig, being_written
+from groundstation.runtime.flights import RecordingConfig, being_written
+from groundstation.settings.settings import Config
 from tests.e2e.endless_recording import a_tick
 from tests.e2e.stations import served
 

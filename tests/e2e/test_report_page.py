@@ -7,8 +7,8 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import NamedTuple
 
-from groundstation.report import report_command
-from groundstation.report.figures import FIGURES
+from groundstation.analysis.report.command import report_command
+from groundstation.analysis.report.figures import FIGURES
 from tests.e2e.chromium import BROWSERS
 from tests.recordings import recorded
 

@@ -10,8 +10,8 @@ from pathlib import Path
 import pytest
 
 from groundstation.app import make_flight
-from groundstation.mission import State
-from groundstation.ops import Vec3
+from groundstation.core.geometry.ops import Vec3
+from groundstation.core.mission.mission import State
 from links.rf.codecs.channel_map import Channels
 from links.rf.codecs.codec import Heard, Service
 from links.rf.codecs.crsf_codec import CrsfLinkConfig

@@ -15,9 +15,9 @@ from typing import Any
 import msgspec
 import pytest
 
-from groundstation.config import from_dict
-from groundstation.poses import PoseConfig
-from groundstation.poses.port import Pose, PoseStatus
+from groundstation.config.load import from_dict
+from groundstation.core.messages.pose import Pose, PoseStatus
+from groundstation.pose.kinds import PoseConfig
 from sim.world import World
 from tests.e2e.stations import free_udp_port
 

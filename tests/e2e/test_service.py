@@ -14,15 +14,15 @@ import msgspec
 import pytest
 
 from groundstation.__main__ import parser
-from groundstation.config import load
-from groundstation.exits import CODES, markdown
-from groundstation.fence import BoxFence
-from groundstation.service.health import STALE_S, Health, HealthFile, health_path, ill
-from groundstation.service.lock import Taken, only_one
-from groundstation.service.logs import Format, Lines, is_journal, level_of, line_of
-from groundstation.service.notify import Notify
-from groundstation.service.unit import longest_landing_s, unit
-from groundstation.settings import Config
+from groundstation.config.load import load
+from groundstation.core.safety.fence import BoxFence
+from groundstation.interfaces.service.health import STALE_S, Health, HealthFile, health_path, ill
+from groundstation.interfaces.service.logs import Format, Lines, is_journal, level_of, line_of
+from groundstation.interfaces.service.notify import Notify
+from groundstation.interfaces.service.unit import longest_landing_s, unit
+from groundstation.runtime.exits import CODES, markdown
+from groundstation.runtime.lock import Taken, only_one
+from groundstation.settings.settings import Config
 
 ROOT = Path(__file__).parents[2]
 EXAMPLE = ROOT / "examples" / "loopback.toml"
@@ -33,7 +33,7 @@ def test_the_second_of_two_is_refused_in_words_and_the_lock_falls_with_its_holde
     code = f"""
 import sys, time
 from pathlib import Path
-from groundstation.service.lock import only_one
+from groundstation.runtime.lock import only_one
 with only_one(Path({str(path)!r}), "mqx"):
     print("held", flush=True)
     time.sleep(60)

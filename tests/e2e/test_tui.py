@@ -14,11 +14,11 @@ import msgspec
 import pytest
 from textual.pilot import Pilot
 
-from groundstation.config import ConfigError
-from groundstation.tui.bars import Banner
-from groundstation.tui.command import served_socket
-from groundstation.tui.letters import big
-from groundstation.tui.panels import ErrorHistory, Events, InTime, Numbers, Preflight, TopView
+from groundstation.config.load import ConfigError
+from groundstation.interfaces.tui.command import served_socket
+from groundstation.interfaces.tui.parts.bars import Banner
+from groundstation.interfaces.tui.parts.letters import big
+from groundstation.interfaces.tui.parts.panels import ErrorHistory, Events, InTime, Numbers, Preflight, TopView
 from tests.dashboards import Fixed, Stage, flown, on_ground, play, says, standing, text, until
 from tests.sample_flight import sample
 

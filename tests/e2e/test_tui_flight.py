@@ -10,7 +10,7 @@ from pathlib import Path
 
 import pytest
 
-from groundstation.tui.letters import big
+from groundstation.interfaces.tui.parts.letters import big
 from tests.e2e.stations import Room, served
 from tests.e2e.test_tui import Terminal
 

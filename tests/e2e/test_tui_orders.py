@@ -9,14 +9,15 @@ from textual.pilot import Pilot
 from textual.screen import ModalScreen
 from textual.widgets import Input
 
-from groundstation.requests import Ask
-from groundstation.stop_all import Told
-from groundstation.tui import ordering, orders
-from groundstation.tui.app import Dashboard
-from groundstation.tui.attached import Attached
-from groundstation.tui.bars import Knob
-from groundstation.tui.dialogs import Help, Typed
-from groundstation.tui.feed import Answer
+from groundstation.core.messages.requests import Ask
+from groundstation.interfaces.api.stop_all import Told
+from groundstation.interfaces.tui import ordering
+from groundstation.interfaces.tui.app import Dashboard
+from groundstation.interfaces.tui.feeds.attached import Attached
+from groundstation.interfaces.tui.parts import orders
+from groundstation.interfaces.tui.parts.bars import Knob
+from groundstation.interfaces.tui.parts.dialogs import Help, Typed
+from groundstation.interfaces.tui.parts.feed import Answer
 from tests.dashboards import Fixed, Stage, flown, play, says, standing, told, until
 from tests.sample_flight import sample
 

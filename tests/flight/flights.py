@@ -4,7 +4,7 @@ from functools import cache
 from statistics import median
 from typing import Any
 
-from groundstation.config import ConfigError
+from groundstation.config.load import ConfigError
 from sim.campaign import Campaign, run
 from sim.campaign_local import Local
 from sim.campaign_report import report

@@ -6,12 +6,12 @@ from typing import Any
 
 import pytest
 
-from groundstation.api.place import StatusConfig
-from groundstation.api.server import CLIENTS_MAX, Server
-from groundstation.broadcast import Latest
-from groundstation.flight import Flight
-from groundstation.mission import State
-from groundstation.snapshot import Snapshot
+from groundstation.core.messages.snapshot import Snapshot
+from groundstation.core.mission.mission import State
+from groundstation.flight.flight import Flight
+from groundstation.interfaces.api.server import CLIENTS_MAX, Server
+from groundstation.runtime.broadcast import Latest
+from groundstation.runtime.place import StatusConfig
 from sim.mission import fly_mission, from_floor
 from sim.prepare import prepare
 from sim.scenarios import SCENARIOS

@@ -6,10 +6,10 @@ from pathlib import Path
 import pytest
 
 from groundstation.app import make_flight
-from groundstation.clock import sleep_until
-from groundstation.flight import Outcome
-from groundstation.mission import State
-from groundstation.verdict import Check, Verdict
+from groundstation.core.messages.verdict import Check, Verdict
+from groundstation.core.mission.mission import State
+from groundstation.flight.flight import Outcome
+from groundstation.runtime.clock import sleep_until
 from sim.autopilots import AUTOPILOTS
 from sim.fly import fly
 from sim.prepare import prepare

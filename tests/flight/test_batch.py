@@ -6,7 +6,7 @@ import msgspec
 import numpy as np
 import pytest
 
-from groundstation.ops import Vec3
+from groundstation.core.geometry.ops import Vec3
 from sim.batch import fly_batch
 from sim.campaign_draws import DRAWS, drawn
 from sim.fly import fly

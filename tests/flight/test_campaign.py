@@ -10,8 +10,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from groundstation.config import ConfigError
-from groundstation.pilot import Tick
+from groundstation.config.load import ConfigError
+from groundstation.core.pilot import Tick
 from sim.__main__ import main
 from sim.campaign import Campaign, run
 from sim.campaign_draws import DRAWS, USUAL, drawn, fields, overrides

@@ -12,7 +12,7 @@ from pathlib import Path
 
 import pytest
 
-from groundstation.config import ConfigError
+from groundstation.config.load import ConfigError
 from sim import campaign_cluster
 from sim.__main__ import main
 from sim.campaign import Campaign, run

@@ -11,14 +11,14 @@ from typing import Any
 import msgspec
 import pytest
 
-from groundstation import so3
-from groundstation.carry import command
-from groundstation.carry.write import written
-from groundstation.clock import sleep_until
-from groundstation.config import ConfigError, load
-from groundstation.exits import INTERRUPTED
-from groundstation.frames import Alignment, Frames
-from groundstation.settings import Config
+from groundstation.config.load import ConfigError, load
+from groundstation.core.geometry import so3
+from groundstation.core.geometry.frames import Alignment, Frames
+from groundstation.lab.axes import command
+from groundstation.lab.axes.write import written
+from groundstation.runtime.clock import sleep_until
+from groundstation.runtime.exits import INTERRUPTED
+from groundstation.settings.settings import Config
 from links.io.address import parse_address
 from links.mavlink.codec import MavlinkCodec
 from sim.airframe import Truth

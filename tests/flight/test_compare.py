@@ -9,7 +9,7 @@ from typing import Any
 
 import pytest
 
-from groundstation.config import ConfigError
+from groundstation.config.load import ConfigError
 from sim import commands
 from sim.compare import CONTROLLERS, GUST, WITHOUT_ADAPTATION, Case, Flown, cases, flown, rows
 from sim.compare_plot import plot

@@ -9,12 +9,12 @@ from typing import Any
 import pytest
 
 from groundstation.app import make_flight
-from groundstation.clock import sleep_until
-from groundstation.flight import Flight
-from groundstation.mission import State
-from groundstation.pacing import Pacing
-from groundstation.pilot import Tick
-from groundstation.standstill import Standstill
+from groundstation.core.mission.mission import State
+from groundstation.core.pilot import Tick
+from groundstation.core.safety.standstill import Standstill
+from groundstation.flight.flight import Flight
+from groundstation.flight.pacing import Pacing
+from groundstation.runtime.clock import sleep_until
 from links.core.port import Command
 from links.io.suspend import Sleep
 from sim.cut import CAUSES, cut

@@ -9,10 +9,10 @@ import msgspec
 import pytest
 
 from groundstation.app import make_flight
-from groundstation.clock import sleep_until
-from groundstation.flight import Flight, Outcome
-from groundstation.mission import State
-from groundstation.settings import Config
+from groundstation.core.mission.mission import State
+from groundstation.flight.flight import Flight, Outcome
+from groundstation.runtime.clock import sleep_until
+from groundstation.settings.settings import Config
 from sim.prepare import prepare
 from sim.scenarios import SCENARIOS
 from sim.stage import Stage

@@ -7,13 +7,13 @@ from collections.abc import Callable
 import msgspec
 import pytest
 
-from groundstation.config import ConfigError
-from groundstation.fleet.plan import Fleet, Member
-from groundstation.flight import Flight
-from groundstation.mission import State
-from groundstation.requests import Ask, Request
-from groundstation.settings import Config
-from groundstation.trajectories.hold import HoldConfig
+from groundstation.config.load import ConfigError
+from groundstation.core.messages.requests import Ask, Request
+from groundstation.core.mission.mission import State
+from groundstation.core.trajectory.hold import HoldConfig
+from groundstation.flight.flight import Flight
+from groundstation.lab.fleet.plan import Fleet, Member
+from groundstation.settings.settings import Config
 from sim.__main__ import parser
 from sim.commands import mission as mission_command
 from sim.fleet_mission import Change, FleetMission, FleetScript, fly_fleet

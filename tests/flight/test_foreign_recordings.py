@@ -10,16 +10,16 @@ import pytest
 from mcap.writer import Writer
 
 from groundstation import __main__ as program
-from groundstation.config import ConfigError
+from groundstation.analysis.replay.command import replay_command, replayed
+from groundstation.config.load import ConfigError
+from groundstation.interfaces.tui.feeds.tape import Tape
 from groundstation.recording.channels import CHANNELS
 from groundstation.recording.reader import Recording
-from groundstation.replay import replay_command, replayed
-from groundstation.tui.tape import Tape
 from tests.recordings import recorded
 
 MODULE = """import pathlib
 
-from groundstation.control.pid import Pid
+from groundstation.core.controllers.pid import Pid
 
 pathlib.Path({mark!r}).touch()
 
@@ -80,7 +80,7 @@ def test_no_module_that_a_recording_names_is_imported_unasked(foreign: tuple[Pat
 def test_it_is_where_the_operator_says_so(foreign: tuple[Path, Path], tmp_path: Path) -> None:
     path, mark = foreign
     (tmp_path / "of_my_own.py").write_text(
-        "from groundstation.control.pid import Pid\nmake = lambda v, _: Pid().build(v)\n"
+        "from groundstation.core.controllers.pid import Pid\nmake = lambda v, _: Pid().build(v)\n"
     )
     assert replayed(path, ["controller.factory=of_my_own:make"])["commands"] > 300
     assert not mark.exists()

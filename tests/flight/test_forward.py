@@ -10,16 +10,16 @@ from typing import Any
 import msgspec
 import pytest
 
-from groundstation import so3
 from groundstation.app import make_flight
-from groundstation.config import ConfigError, from_dict
-from groundstation.flight import Flight
-from groundstation.mission import State
-from groundstation.ops import Vec3
-from groundstation.poses.forward import Forward, Forwarding
-from groundstation.poses.port import Pose, PoseStatus
-from groundstation.requests import Ask, Reply, Request
-from groundstation.settings import Config
+from groundstation.config.load import ConfigError, from_dict
+from groundstation.core.geometry import so3
+from groundstation.core.geometry.ops import Vec3
+from groundstation.core.messages.pose import Pose, PoseStatus
+from groundstation.core.messages.requests import Ask, Reply, Request
+from groundstation.core.mission.mission import State
+from groundstation.flight.flight import Flight
+from groundstation.pose.forward import Forward, Forwarding
+from groundstation.settings.settings import Config
 from links.mavlink.codec import ARDUPILOT, PX4, MavlinkCodec
 from links.mavlink.config import ForwardConfig
 from links.mavlink.link import MavlinkLink, MavlinkLinkConfig

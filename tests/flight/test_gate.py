@@ -4,8 +4,8 @@ from functools import cache
 
 import pytest
 
-from groundstation.poses.gate import Gate
-from groundstation.poses.port import Pose
+from groundstation.core.messages.pose import Pose
+from groundstation.pose.gate import Gate
 from sim.fly import Result, fly
 from sim.prepare import prepare
 from sim.scenarios import SCENARIOS

@@ -6,9 +6,9 @@ from collections.abc import Callable
 import msgspec
 import pytest
 
-from groundstation import so3
-from groundstation.flight import Flight
-from groundstation.mission import State
+from groundstation.core.geometry import so3
+from groundstation.core.mission.mission import State
+from groundstation.flight.flight import Flight
 from sim.airframe import Truth
 from sim.autopilot import POSCTL, Px4Autopilot
 from sim.mission import Mission, Script, fly_mission, from_floor
@@ -187,7 +187,7 @@ def test_the_fence_holds_before_it_and_a_hold_waits_for_the_operator() -> None:
     """The fence is laid once it flies: before, the pre-flight checks refuse such a trajectory."""
 
     async def script(flight: Flight, stage: Stage) -> None:
-        from groundstation.fence import BoxFence, Fence
+        from groundstation.core.safety.fence import BoxFence, Fence
 
         await tracking(flight, 6.0)
         guards = flight._progress._guards

@@ -7,12 +7,12 @@ from typing import Any
 import pytest
 
 from groundstation import app
-from groundstation.flight import Flight
-from groundstation.hold_to_run.hold import DEBOUNCE_S, InputLost
-from groundstation.hold_to_run.watch import LOOK_S, HoldWatch
-from groundstation.mission import State
-from groundstation.requests import Ask, Request
-from groundstation.verdict import Verdict
+from groundstation.core.messages.requests import Ask, Request
+from groundstation.core.messages.verdict import Verdict
+from groundstation.core.mission.mission import State
+from groundstation.flight.flight import Flight
+from groundstation.flight.hold_to_run.hold import DEBOUNCE_S, InputLost
+from groundstation.flight.hold_to_run.watch import LOOK_S, HoldWatch
 from sim.autopilot_base import SimulatedAutopilot
 from sim.mission import Mission, from_floor
 from sim.mission import fly_mission as fly

@@ -5,8 +5,8 @@ from collections.abc import Sequence
 
 import pytest
 
-from groundstation.flight import Flight
-from groundstation.mission import FINAL, State
+from groundstation.core.mission.mission import FINAL, State
+from groundstation.flight.flight import Flight
 from sim.mission import Mission, fly_mission, from_floor
 from sim.prepare import prepare
 from sim.scenarios import SCENARIOS

@@ -10,14 +10,14 @@ from pathlib import Path
 import pytest
 from rich.console import Console
 
-from groundstation import so3
-from groundstation.listen.command import listened
-from groundstation.listen.seen import WINDOW_S, Seen, Watcher
-from groundstation.listen.table import rows, table
-from groundstation.poses.csv import CsvConfig
-from groundstation.poses.pace import Speed
-from groundstation.poses.port import Pose, PoseEvent, PoseStatus
-from groundstation.settings import Config
+from groundstation.core.geometry import so3
+from groundstation.core.messages.pose import Pose, PoseEvent, PoseStatus
+from groundstation.lab.pose_monitor.command import listened
+from groundstation.lab.pose_monitor.seen import WINDOW_S, Seen, Watcher
+from groundstation.lab.pose_monitor.table import rows, table
+from groundstation.pose.intake.pace import Speed
+from groundstation.pose.sources.csv import CsvConfig
+from groundstation.settings.settings import Config
 from links.mavlink.codec import MavlinkCodec
 from sim.prepare import prepare
 from sim.scenarios import SCENARIOS

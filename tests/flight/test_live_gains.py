@@ -3,10 +3,10 @@
 import asyncio
 from pathlib import Path
 
-from groundstation.flight import Flight
-from groundstation.mission import State
+from groundstation.analysis.replay.command import replayed
+from groundstation.core.mission.mission import State
+from groundstation.flight.flight import Flight
 from groundstation.recording.reader import Recording
-from groundstation.replay import replayed
 from sim.mission import Mission, fly_mission, from_floor
 from sim.prepare import prepare
 from sim.run_folder import RECORDING, RunFolder

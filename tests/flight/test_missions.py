@@ -6,10 +6,10 @@ from pathlib import Path
 
 import pytest
 
-from groundstation.flight import Flight
-from groundstation.mission import IN_AIR, State
-from groundstation.replay import replayed
-from groundstation.requests import Ask, Request
+from groundstation.analysis.replay.command import replayed
+from groundstation.core.messages.requests import Ask, Request
+from groundstation.core.mission.mission import IN_AIR, State
+from groundstation.flight.flight import Flight
 from sim.mission import Mission, Script, fly_mission, from_floor
 from sim.prepare import prepare
 from sim.run_folder import RECORDING, RunFolder

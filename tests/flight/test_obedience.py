@@ -9,9 +9,9 @@ from typing import NamedTuple
 
 import pytest
 
-from groundstation.mission import FINAL
+from groundstation.analysis.replay.command import replayed
+from groundstation.core.mission.mission import FINAL
 from groundstation.recording.records import Idled, Record, Sent, Switched, Ticked, Told
-from groundstation.replay import replayed
 from links.mavlink.codec import DO_SET_MODE, MavlinkCodec
 from sim.deck.cell import FIGURE_S, NEAR, fly_here
 from sim.deck.faults import FAULTS

@@ -5,10 +5,10 @@ from pathlib import Path
 
 import pytest
 
-from groundstation.config import ConfigError
-from groundstation.config_files import presets
-from groundstation.ops import Vec3
-from groundstation.vehicle import Vehicle
+from groundstation.config.files import presets
+from groundstation.config.load import ConfigError
+from groundstation.core.geometry.ops import Vec3
+from groundstation.core.vehicle.vehicle import Vehicle
 from sim.fly import fly
 from sim.prepare import prepare_own
 from sim.scenarios import SCENARIOS

@@ -4,8 +4,8 @@ import asyncio
 
 import pytest
 
-from groundstation.flight import Flight
-from groundstation.mission import State
+from groundstation.core.mission.mission import State
+from groundstation.flight.flight import Flight
 from sim.mission import Mission
 from sim.stage import Stage
 from tests.flight.test_missions import SHORT, mission

@@ -9,9 +9,9 @@ import msgspec
 import pytest
 
 from groundstation.app import make_ends
-from groundstation.props_off.hand import News, disarm, hold, idle_n
-from groundstation.props_off.steps import Guide, NotProven, Trouble
-from groundstation.settings import Config
+from groundstation.lab.props_off.hand import News, disarm, hold, idle_n
+from groundstation.lab.props_off.steps import Guide, NotProven, Trouble
+from groundstation.settings.settings import Config
 from links.mavlink.codec import MavlinkCodec
 from sim.autopilots import AUTOPILOTS
 from sim.mission import from_floor

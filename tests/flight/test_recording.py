@@ -17,20 +17,20 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from mcap.reader import make_reader
 
-from groundstation.config import from_dict
-from groundstation.poses.csv_codec import rows
-from groundstation.poses.tlog_codec import TlogReader
+from groundstation.analysis.export import export_command
+from groundstation.analysis.listing import logs_command
+from groundstation.config.load import from_dict
+from groundstation.pose.sources.csv_codec import rows
+from groundstation.pose.sources.tlog_codec import TlogReader
 from groundstation.recording.channels import CHANNELS
-from groundstation.recording.export import export_command
 from groundstation.recording.headline import STEADY_S
-from groundstation.recording.listing import logs_command
 from groundstation.recording.log import FLUSH_S
 from groundstation.recording.patient_file import PatientFile
 from groundstation.recording.reader import NoRecording, Recording, quick_headline
 from groundstation.recording.records import Posed, Received, Record, Sent, Ticked, Told
 from groundstation.recording.schema import schema
-from groundstation.settings import Config
-from groundstation.telemetry.flights import RecordingConfig, made_folder
+from groundstation.runtime.flights import RecordingConfig, made_folder
+from groundstation.settings.settings import Config
 from sim.fly import fly
 from sim.prepare import prepare
 from sim.run_folder import RECORDING, RunFolder

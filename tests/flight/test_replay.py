@@ -10,9 +10,9 @@ import pytest
 from mcap.opcode import Opcode
 from mcap.writer import Writer
 
+from groundstation.analysis.replay.command import replay_command, replayed
 from groundstation.recording.channels import CHANNELS
 from groundstation.recording.reader import MAGIC, Entry, Recording
-from groundstation.replay import replay_command, replayed
 from tests.recordings import recorded
 
 

@@ -11,12 +11,12 @@ from typing import Any
 
 import pytest
 
-from groundstation.config import ConfigError
+from groundstation.analysis.report.command import report_command
+from groundstation.analysis.report.figures import FIGURES
+from groundstation.analysis.report.flown import read
+from groundstation.analysis.report.numbers import numbers
+from groundstation.config.load import ConfigError
 from groundstation.recording.reader import quick_headline
-from groundstation.report import report_command
-from groundstation.report.figures import FIGURES
-from groundstation.report.flown import read
-from groundstation.report.numbers import numbers
 from sim.mission import fly_mission, from_floor
 from sim.prepare import prepare
 from sim.referee import SETTLED_M as REFEREE_SETTLED_M

@@ -5,10 +5,10 @@ from pathlib import Path
 import pytest
 from matplotlib.figure import Figure
 
-from groundstation.config import ConfigError
-from groundstation.report.figures_flight import lateness
-from groundstation.report.flown import read
-from groundstation.report.numbers import numbers
+from groundstation.analysis.report.figures_flight import lateness
+from groundstation.analysis.report.flown import read
+from groundstation.analysis.report.numbers import numbers
+from groundstation.config.load import ConfigError
 from sim.fly import fly
 from sim.prepare import prepare
 from sim.run_folder import RECORDING, RunFolder

@@ -8,12 +8,12 @@ import pytest
 from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
-from groundstation import so3
-from groundstation.control.adaptive import Adaptive
-from groundstation.flight import Flight
-from groundstation.mission import State
-from groundstation.ops import Vec3
-from groundstation.pilot import Tick
+from groundstation.core.control.adaptive import Adaptive
+from groundstation.core.geometry import so3
+from groundstation.core.geometry.ops import Vec3
+from groundstation.core.mission.mission import State
+from groundstation.core.pilot import Tick
+from groundstation.flight.flight import Flight
 from sim.mission import Mission, Script, fly_mission, from_floor
 from sim.prepare import prepare
 from sim.scenarios import SCENARIOS

@@ -2,7 +2,7 @@
 
 import pytest
 
-from groundstation.pilot import Tick
+from groundstation.core.pilot import Tick
 from sim.fly import fly
 from sim.prepare import prepare
 from sim.scenarios import SCENARIOS

@@ -5,8 +5,8 @@ from pathlib import Path
 
 import pytest
 
-from groundstation.config import ConfigError, from_dict, load
-from groundstation.settings import Config
+from groundstation.config.load import ConfigError, from_dict, load
+from groundstation.settings.settings import Config
 from links.core.thrust_curve import signal
 from sim.fly import fly
 from sim.prepare import prepare

@@ -6,8 +6,8 @@ from pathlib import Path
 
 import pytest
 
-from groundstation.config import load
-from groundstation.settings import Config
+from groundstation.config.load import load
+from groundstation.settings.settings import Config
 from sim.__main__ import main
 from sim.fly import fly
 from sim.margins import DELAY, GAIN_DOWN, failure, report

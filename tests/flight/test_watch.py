@@ -2,11 +2,11 @@
 
 import pytest
 
-from groundstation.control.certificate import noise_power
-from groundstation.control.gains import Gains
-from groundstation.control.power import LIMITS, POSES, VERTICAL, terms
-from groundstation.pilot import Tick
-from groundstation.snapshot import Diagnostics
+from groundstation.core.control.certificate import noise_power
+from groundstation.core.control.gains import Gains
+from groundstation.core.control.power import LIMITS, POSES, VERTICAL, terms
+from groundstation.core.messages.snapshot import Diagnostics
+from groundstation.core.pilot import Tick
 from sim.fly import fly
 from sim.prepare import prepare
 from sim.scenarios import SCENARIOS

@@ -7,11 +7,11 @@ from pathlib import Path
 import pytest
 
 from groundstation.app import make_flight
-from groundstation.flight import Flight
-from groundstation.guards import GuardsConfig
-from groundstation.mission import State
-from groundstation.pacing import LAST_CHANCE_S
-from groundstation.settings import FlightConfig
+from groundstation.core.mission.mission import State
+from groundstation.core.safety.guards import GuardsConfig
+from groundstation.flight.flight import Flight
+from groundstation.flight.pacing import LAST_CHANCE_S
+from groundstation.settings.settings import FlightConfig
 from links.core.deadman import BRING_DOWN_LIMIT_S
 from links.rf.pacer import AFTERLIFE_S
 from sim.mission import from_floor

@@ -13,13 +13,13 @@ from typing import Any
 import msgspec
 import pytest
 
+from groundstation.analysis.replay.command import replayed
 from groundstation.app import make_flight
-from groundstation.flight import Flight
-from groundstation.pilot import Tick
-from groundstation.poses.tlog_codec import TlogReader
-from groundstation.recorded import about
+from groundstation.core.pilot import Tick
+from groundstation.flight.flight import Flight
+from groundstation.pose.sources.tlog_codec import TlogReader
 from groundstation.recording.log import FlightLog
-from groundstation.replay import replayed
+from groundstation.recording.recorded import about
 from links.io.address import parse_address
 from links.mavlink.codec import frame_end
 from sim.prepare import prepare

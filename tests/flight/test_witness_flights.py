@@ -9,10 +9,10 @@ from typing import Any
 
 import pytest
 
-from groundstation import so3
-from groundstation.flight import Flight
-from groundstation.mission import IN_AIR, State
-from groundstation.ops import Quat
+from groundstation.core.geometry import so3
+from groundstation.core.geometry.ops import Quat
+from groundstation.core.mission.mission import IN_AIR, State
+from groundstation.flight.flight import Flight
 from sim.mission import Mission, fly_mission, from_floor
 from sim.prepare import prepare
 from sim.scenarios import SCENARIOS

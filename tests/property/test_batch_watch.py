@@ -8,14 +8,14 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from groundstation.control.gains import Gains
-from groundstation.control.model import Drive, Motion
-from groundstation.control.port import Decision
-from groundstation.control.watch import SUSPENDED, VIOLATED, Watch
-from groundstation.ops import Vec3
-from groundstation.pilot import NOISE_POSES
-from groundstation.snapshot import Diagnostics
-from groundstation.vehicle import Vehicle
+from groundstation.core.control.gains import Gains
+from groundstation.core.control.watch import SUSPENDED, VIOLATED, Watch
+from groundstation.core.geometry.ops import Vec3
+from groundstation.core.messages.control import Decision
+from groundstation.core.messages.snapshot import Diagnostics
+from groundstation.core.pilot import NOISE_POSES
+from groundstation.core.vehicle.model import Drive, Motion
+from groundstation.core.vehicle.vehicle import Vehicle
 from sim.batch_watch import BatchWatch
 
 ZERO: Vec3 = (0.0, 0.0, 0.0)

@@ -6,11 +6,11 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from groundstation import so3
-from groundstation.control.bring_down import OFF, SINK_S, bring_down
-from groundstation.control.model import Drive, Motion, rolled
-from groundstation.ops import FLOATS, Vec3
-from groundstation.vehicle import Vehicle
+from groundstation.core.control.bring_down import OFF, SINK_S, bring_down
+from groundstation.core.geometry import so3
+from groundstation.core.geometry.ops import FLOATS, Vec3
+from groundstation.core.vehicle.model import Drive, Motion, rolled
+from groundstation.core.vehicle.vehicle import Vehicle
 from links.core.deadman import BRING_DOWN_LIMIT_S
 from links.core.port import Segment
 

@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from groundstation.ops import Ops
+from groundstation.core.geometry.ops import Ops
 from sim.kernel import INLINE, OUTSIDE
 from sim.stages import Compiled, Numpy, Stages
 from sim.trace import Program, symbols

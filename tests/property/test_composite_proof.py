@@ -14,15 +14,15 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from groundstation import so3
-from groundstation.control.backstepping import Axis, Step, axis, backstep
-from groundstation.control.gains import Gains
-from groundstation.control.observer import Covariance, Densities, Gain, begun, later, seen, seen_moving
-from groundstation.control.projection import project, within
-from groundstation.control.shaping import growth
-from groundstation.ops import FLOATS, Vec3
-from groundstation.pilot import Tick
-from groundstation.trajectories.lemniscate import LemniscateConfig
+from groundstation.core.control.backstepping import Axis, Step, axis, backstep
+from groundstation.core.control.gains import Gains
+from groundstation.core.control.projection import project, within
+from groundstation.core.control.shaping import growth
+from groundstation.core.estimation.observer import Covariance, Densities, Gain, begun, later, seen, seen_moving
+from groundstation.core.geometry import so3
+from groundstation.core.geometry.ops import FLOATS, Vec3
+from groundstation.core.pilot import Tick
+from groundstation.core.trajectory.lemniscate import LemniscateConfig
 from sim.fly import fly
 from sim.prepare import prepare
 from sim.scenarios import SCENARIOS

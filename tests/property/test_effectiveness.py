@@ -9,11 +9,11 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from groundstation.control import effectiveness, observer
-from groundstation.control.effectiveness import LIMITS, Effectiveness, told
-from groundstation.control.model import Drive, Driven, Motion, carried, driven
-from groundstation.control.observer import Covariance, Densities
-from groundstation.ops import FLOATS, Vec3
+from groundstation.core.estimation import effectiveness, observer
+from groundstation.core.estimation.effectiveness import LIMITS, Effectiveness, told
+from groundstation.core.estimation.observer import Covariance, Densities
+from groundstation.core.geometry.ops import FLOATS, Vec3
+from groundstation.core.vehicle.model import Drive, Driven, Motion, carried, driven
 
 DENSITIES = Densities(0.0, 1e-4, 1e-2, 2.9)
 ZERO: Vec3 = (0.0, 0.0, 0.0)

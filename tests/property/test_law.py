@@ -9,12 +9,12 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from groundstation import so3
-from groundstation.control.backstepping import Step, axis, backstep, yaw_rate
-from groundstation.control.gains import Law
-from groundstation.control.projection import project, within
-from groundstation.control.shaping import growth, saturation
-from groundstation.ops import FLOATS, Quat, Vec3, arrays
+from groundstation.core.control.backstepping import Step, axis, backstep, yaw_rate
+from groundstation.core.control.gains import Law
+from groundstation.core.control.projection import project, within
+from groundstation.core.control.shaping import growth, saturation
+from groundstation.core.geometry import so3
+from groundstation.core.geometry.ops import FLOATS, Quat, Vec3, arrays
 
 LAW = Law()
 small = st.floats(-3.0, 3.0)

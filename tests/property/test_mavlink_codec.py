@@ -6,7 +6,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from groundstation.poses.mavlink_codec import LocalPositionDecoder, OdometryDecoder
+from groundstation.pose.sources.mavlink_codec import LocalPositionDecoder, OdometryDecoder
 from links.mavlink.codec import MavlinkCodec
 from links.mavlink.words import Words
 from sim.autopilot_base import SimulatedAutopilot

@@ -5,11 +5,11 @@ import math
 from hypothesis import given
 from hypothesis import strategies as st
 
-from groundstation.control.model import Drive, Motion, rolled
-from groundstation.control.model_descent import BRAKE_S, MOST, model_descent
-from groundstation.ops import FLOATS, Vec3
-from groundstation.so3 import from_euler_zyx
-from groundstation.vehicle import Vehicle
+from groundstation.core.control.model_descent import BRAKE_S, MOST, model_descent
+from groundstation.core.geometry.ops import FLOATS, Vec3
+from groundstation.core.geometry.so3 import from_euler_zyx
+from groundstation.core.vehicle.model import Drive, Motion, rolled
+from groundstation.core.vehicle.vehicle import Vehicle
 from links.core.deadman import BRING_DOWN_LIMIT_S
 from links.core.port import Segment
 

@@ -3,10 +3,10 @@
 from hypothesis import given
 from hypothesis import strategies as st
 
-from groundstation.requests import Ask, Reply, Request
-from groundstation.telemetry.gatekeeper import ClientKey, Gatekeeper
-from groundstation.telemetry.mqtt_messages import RequestMessage
-from groundstation.telemetry.request_codec import Place, decode_request, is_sealed, sealed_request
+from groundstation.core.messages.requests import Ask, Reply, Request
+from groundstation.interfaces.mqtt.gatekeeper import ClientKey, Gatekeeper
+from groundstation.interfaces.mqtt.messages import RequestMessage
+from groundstation.interfaces.mqtt.request_codec import Place, decode_request, is_sealed, sealed_request
 
 PLACE, KEY, NOW_MS = Place("lab", "mqx"), bytes(range(32)), 1_700_000_000_000
 GOOD = sealed_request(KEY, PLACE, "0" * 32, "tablet", 1, "land", NOW_MS + 3000, "too windy")

@@ -7,8 +7,8 @@ import numpy.typing as npt
 from hypothesis import given
 from hypothesis import strategies as st
 
-from groundstation import so3
-from groundstation.ops import Quat, Vec3, arrays
+from groundstation.core.geometry import so3
+from groundstation.core.geometry.ops import Quat, Vec3, arrays
 
 Matrix = npt.NDArray[np.float64]
 

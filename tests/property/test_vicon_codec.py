@@ -4,8 +4,8 @@ import struct
 from hypothesis import given
 from hypothesis import strategies as st
 
-from groundstation import so3
-from groundstation.poses.vicon_codec import (
+from groundstation.core.geometry import so3
+from groundstation.pose.sources.vicon_codec import (
     ViconDecoder,
     ViconFrame,
     ViconObject,

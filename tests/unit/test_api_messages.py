@@ -5,9 +5,19 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from groundstation.api.desk import Desk, Party
-from groundstation.api.messages import Answer, Control, Hello, Lines, Order, Refused, decode, decode_order, encode
-from groundstation.requests import Ask
+from groundstation.core.messages.requests import Ask
+from groundstation.interfaces.api.desk import Desk, Party
+from groundstation.interfaces.api.messages import (
+    Answer,
+    Control,
+    Hello,
+    Lines,
+    Order,
+    Refused,
+    decode,
+    decode_order,
+    encode,
+)
 from links.core.printable import printable
 from tests.sample_flight import Sampled, sample
 

@@ -5,9 +5,9 @@ from pathlib import Path
 
 import pytest
 
-from groundstation import commands as flying
 from groundstation.__main__ import parser as flying_parser
-from groundstation.config import ConfigError, load
+from groundstation.config.load import ConfigError, load
+from groundstation.interfaces.cli import commands as flying
 from links.bridge.server import BridgeConfig
 from sim import commands as simulating
 from sim.__main__ import parser as simulating_parser

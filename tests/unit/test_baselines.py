@@ -8,18 +8,18 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from groundstation.control.attitude import acceleration, half_angle_error, length, push, sine_error, turning
-from groundstation.control.baseline import Baseline, Outlet
-from groundstation.control.controllers import ControllerConfig, make_controller
-from groundstation.control.geometric import Geometric
-from groundstation.control.indi import Indi
-from groundstation.control.model import Motion
-from groundstation.control.pid import Pid
-from groundstation.control.port import Estimate
-from groundstation.ops import Quat, Vec3
-from groundstation.so3 import from_euler_zyx, third_column, turned
-from groundstation.trajectories.port import Reference
-from groundstation.vehicle import Vehicle
+from groundstation.core.control.attitude import acceleration, half_angle_error, length, push, sine_error, turning
+from groundstation.core.controllers.baseline import Baseline, Outlet
+from groundstation.core.controllers.geometric import Geometric
+from groundstation.core.controllers.indi import Indi
+from groundstation.core.controllers.kinds import ControllerConfig, make_controller
+from groundstation.core.controllers.pid import Pid
+from groundstation.core.geometry.ops import Quat, Vec3
+from groundstation.core.geometry.so3 import from_euler_zyx, third_column, turned
+from groundstation.core.messages.control import Estimate
+from groundstation.core.trajectory.port import Reference
+from groundstation.core.vehicle.model import Motion
+from groundstation.core.vehicle.vehicle import Vehicle
 
 G = 9.81
 VEHICLE = Vehicle()

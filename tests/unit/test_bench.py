@@ -4,8 +4,8 @@ import json
 
 import pytest
 
-from groundstation.ops import FLOATS, arrays
-from groundstation.pilot import Pilot
+from groundstation.core.geometry.ops import FLOATS, arrays
+from groundstation.core.pilot import Pilot
 from sim import (
     bench,
     bench_allocation,

@@ -8,11 +8,11 @@ import msgspec
 import numpy as np
 import pytest
 
-from groundstation import so3
-from groundstation.carry.moves import MOVES
-from groundstation.carry.solve import Contradiction, Found, solve
-from groundstation.frames import Alignment, Body, Frames, World
-from groundstation.ops import Quat, Vec3
+from groundstation.core.geometry import so3
+from groundstation.core.geometry.frames import Alignment, Body, Frames, World
+from groundstation.core.geometry.ops import Quat, Vec3
+from groundstation.lab.axes.moves import MOVES
+from groundstation.lab.axes.solve import Contradiction, Found, solve
 from tests.carried import Measure, carried
 
 WORLDS, BODIES = get_args(World), get_args(Body)

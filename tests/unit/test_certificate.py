@@ -6,11 +6,11 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from groundstation.control.adaptive import certificate
-from groundstation.control.backstepping import axis
-from groundstation.control.certificate import acceleration_sup, thrust_bound, virtual_control_sup
-from groundstation.control.gains import Gains, Law
-from groundstation.ops import FLOATS
+from groundstation.core.control.adaptive import certificate
+from groundstation.core.control.backstepping import axis
+from groundstation.core.control.certificate import acceleration_sup, thrust_bound, virtual_control_sup
+from groundstation.core.control.gains import Gains, Law
+from groundstation.core.geometry.ops import FLOATS
 
 LAW = Law()
 SUP = virtual_control_sup(LAW)

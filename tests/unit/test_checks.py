@@ -7,15 +7,15 @@ from typing import Any, get_args
 import msgspec
 import pytest
 
-from groundstation.checks import Checks, failed, text
-from groundstation.config import ConfigError, from_dict
-from groundstation.poses import PoseConfig
-from groundstation.poses.port import Pose
-from groundstation.preflight import ensure_guarded, real
-from groundstation.settings import Config, LinkConfig
-from groundstation.takeoff import Standing
-from groundstation.verdict import Check, Verdict
-from groundstation.witness import Agreement
+from groundstation.config.load import ConfigError, from_dict
+from groundstation.core.messages.pose import Pose
+from groundstation.core.messages.verdict import Check, Verdict
+from groundstation.core.safety.takeoff import Standing
+from groundstation.core.safety.witness import Agreement
+from groundstation.flight.checks import Checks, failed, text
+from groundstation.flight.preflight import ensure_guarded, real
+from groundstation.pose.kinds import PoseConfig
+from groundstation.settings.settings import Config, LinkConfig
 from links.core.port import LinkStatus
 
 BASE: dict[str, Any] = {

@@ -4,12 +4,12 @@ from typing import Any
 
 import pytest
 
-from groundstation.api.register import Running
-from groundstation.company import Company, entry_of
-from groundstation.config import from_dict
-from groundstation.poses.others import BODIES_MAX, Others
-from groundstation.settings import Config
-from groundstation.verdict import Check, Verdict
+from groundstation.config.load import from_dict
+from groundstation.core.messages.bodies import BODIES_MAX, Others
+from groundstation.core.messages.verdict import Check, Verdict
+from groundstation.flight.company import Company, entry_of
+from groundstation.runtime.register import Running
+from groundstation.settings.settings import Config
 from tests.unit.test_checks import standing
 
 BASE: dict[str, Any] = {

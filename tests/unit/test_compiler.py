@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from groundstation.config import ConfigError
+from groundstation.config.load import ConfigError
 from sim import compiler
 from sim.compiler import built
 from sim.kernels import chosen

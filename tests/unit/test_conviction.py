@@ -1,7 +1,7 @@
 """From what speaks against the poses to what is done."""
 
-from groundstation.control.obedience import Contradiction
-from groundstation.conviction import HELD_S, Conviction
+from groundstation.core.safety.conviction import HELD_S, Conviction
+from groundstation.core.safety.obedience import Contradiction
 
 NOTHING = Contradiction(0.0, 0.0, 0.0, 0.0)
 

@@ -8,9 +8,9 @@ from typing import Any
 
 import pytest
 
-from groundstation.config import ConfigError, from_dict
-from groundstation.doctor import ardupilot, px4, restore
-from groundstation.doctor.advice import (
+from groundstation.config.load import ConfigError, from_dict
+from groundstation.lab.doctor import ardupilot, px4, restore
+from groundstation.lab.doctor.advice import (
     Advice,
     Facts,
     Finding,
@@ -24,9 +24,9 @@ from groundstation.doctor.advice import (
     with_bit,
     without_bit,
 )
-from groundstation.doctor.command import EXIT_FINDINGS, EXIT_HEALTHY, EXIT_NO_ANSWER, Orders, doctor
-from groundstation.doctor.text import report
-from groundstation.settings import Config
+from groundstation.lab.doctor.command import EXIT_FINDINGS, EXIT_HEALTHY, EXIT_NO_ANSWER, Orders, doctor
+from groundstation.lab.doctor.text import report
+from groundstation.settings.settings import Config
 from links.mavlink.procedures.parameters import REAL32, Parameter
 from sim.autopilot_base import SimulatedAutopilot
 from sim.autopilot_parameters import ARDUPILOT_PARAMETERS, PX4_PARAMETERS

@@ -5,7 +5,7 @@ from typing import Any
 
 import pytest
 
-from groundstation.due import Due
+from groundstation.flight.due import Due
 
 
 def link(period_s: float, *, follows_poses: bool = False) -> Any:

@@ -9,14 +9,14 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from groundstation import so3
-from groundstation.control.actuators import approach, lead
-from groundstation.control.estimator import ModelEstimator
-from groundstation.control.gains import Gains
-from groundstation.control.model import Drive, Motion, rolled
-from groundstation.ops import FLOATS, Vec3
-from groundstation.poses.port import Pose
-from groundstation.vehicle import Vehicle
+from groundstation.core.control.gains import Gains
+from groundstation.core.estimation.estimator import ModelEstimator
+from groundstation.core.geometry import so3
+from groundstation.core.geometry.ops import FLOATS, Vec3
+from groundstation.core.messages.pose import Pose
+from groundstation.core.vehicle.actuators import approach, lead
+from groundstation.core.vehicle.model import Drive, Motion, rolled
+from groundstation.core.vehicle.vehicle import Vehicle
 from sim.draws import rows, stream
 from sim.quadrotor import Quadrotor
 from sim.wind import Wind

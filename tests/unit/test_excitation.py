@@ -3,12 +3,12 @@
 import numpy as np
 import pytest
 
-from groundstation.config import ConfigError, from_dict, load
-from groundstation.config_files import presets
-from groundstation.preflight import look
-from groundstation.settings import Config
-from groundstation.trajectories.excitation import Excitation, ExcitationConfig
-from groundstation.vehicle import Vehicle
+from groundstation.config.files import presets
+from groundstation.config.load import ConfigError, from_dict, load
+from groundstation.core.trajectory.excitation import Excitation, ExcitationConfig
+from groundstation.core.vehicle.vehicle import Vehicle
+from groundstation.flight.preflight import look
+from groundstation.settings.settings import Config
 
 CONFIG = ExcitationConfig()
 

@@ -4,8 +4,8 @@ from collections.abc import Callable
 
 import pytest
 
-from groundstation import so3
-from groundstation.ops import Vec3
+from groundstation.core.geometry import so3
+from groundstation.core.geometry.ops import Vec3
 from sim.deck.deal import cells
 from sim.deck.exemptions import REASONS, Exemption
 from sim.deck.fault import Fault, Poses

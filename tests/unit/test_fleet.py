@@ -5,9 +5,9 @@ import math
 import msgspec
 import pytest
 
-from groundstation.telemetry.fleet_seen import SILENCE_S, VEHICLES_MAX, Fleet, Seen
-from groundstation.telemetry.mqtt_messages import event_of
-from groundstation.tui.fleet_rows import COLUMNS, ORDERS, details, headline, row, rows
+from groundstation.interfaces.mqtt.fleet import SILENCE_S, VEHICLES_MAX, Fleet, Seen
+from groundstation.interfaces.mqtt.messages import event_of
+from groundstation.interfaces.tui.fleet_rows import COLUMNS, ORDERS, details, headline, row, rows
 from tests.sample_flight import sample
 
 

@@ -8,10 +8,10 @@ import msgspec
 import pytest
 import tomli_w
 
-from groundstation.config import ConfigError, from_dict
-from groundstation.fleet.plan import Fleet, read_fleet
-from groundstation.fleet.supervisor import by_hand
-from groundstation.settings import Config
+from groundstation.config.load import ConfigError, from_dict
+from groundstation.lab.fleet.plan import Fleet, read_fleet
+from groundstation.lab.fleet.supervisor import by_hand
+from groundstation.settings.settings import Config
 
 LAB: dict[str, Any] = {
     "vehicle": {"mass_kg": 0.1},

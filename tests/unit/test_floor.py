@@ -6,13 +6,13 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from groundstation.config import from_dict
-from groundstation.interrupts import Interrupts
-from groundstation.poses.port import Pose
-from groundstation.requests import Ask
-from groundstation.settings import Config
-from groundstation.takeoff import Spool, Standing, limit_n
-from groundstation.touchdown import Touchdown
+from groundstation.config.load import from_dict
+from groundstation.core.messages.pose import Pose
+from groundstation.core.messages.requests import Ask
+from groundstation.core.mission.interrupts import Interrupts
+from groundstation.core.safety.takeoff import Spool, Standing, limit_n
+from groundstation.core.safety.touchdown import Touchdown
+from groundstation.settings.settings import Config
 
 LEVEL = (1.0, 0.0, 0.0, 0.0)
 

@@ -6,11 +6,11 @@ from typing import get_args
 
 import pytest
 
-from groundstation import so3
-from groundstation.config import ConfigError, from_dict
-from groundstation.frames import Alignment, Body, Frames, World
-from groundstation.ops import Quat, Vec3
-from groundstation.settings import Config
+from groundstation.config.load import ConfigError, from_dict
+from groundstation.core.geometry import so3
+from groundstation.core.geometry.frames import Alignment, Body, Frames, World
+from groundstation.core.geometry.ops import Quat, Vec3
+from groundstation.settings.settings import Config
 
 WORLDS: tuple[World, ...] = get_args(World)
 BODIES: tuple[Body, ...] = get_args(Body)

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 
 import pytest
 
-import links
+import links.make
 from sim.__main__ import main
 from sim.fuzz import fuzz
 from sim.fuzz_links import LINKS

@@ -9,11 +9,11 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from groundstation import so3
-from groundstation.ops import Quat, Vec3
-from groundstation.poses.gate import Gate, GateConfig
-from groundstation.poses.outbreaks import QUIET_S, Outbreaks
-from groundstation.poses.port import Pose, PoseEvent
+from groundstation.core.geometry import so3
+from groundstation.core.geometry.ops import Quat, Vec3
+from groundstation.core.messages.pose import Pose, PoseEvent
+from groundstation.pose.gate import Gate, GateConfig
+from groundstation.pose.outbreaks import QUIET_S, Outbreaks
 
 DT = 0.02
 COAST_S = 0.25

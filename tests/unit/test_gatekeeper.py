@@ -7,11 +7,11 @@ from typing import Any
 import msgspec
 import pytest
 
-from groundstation.api.desk import ANYONE, Party
-from groundstation.api.desk import Desk as ControlDesk
-from groundstation.api.messages import Order
-from groundstation.requests import Ask, Reply, Request
-from groundstation.telemetry.gatekeeper import (
+from groundstation.core.messages.requests import Ask, Reply, Request
+from groundstation.interfaces.api.desk import ANYONE, Party
+from groundstation.interfaces.api.desk import Desk as ControlDesk
+from groundstation.interfaces.api.messages import Order
+from groundstation.interfaces.mqtt.gatekeeper import (
     ANY_BURST,
     CLIENT_BURST,
     LIFE_MAX_MS,
@@ -20,8 +20,8 @@ from groundstation.telemetry.gatekeeper import (
     ClientKey,
     Gatekeeper,
 )
-from groundstation.telemetry.mqtt_messages import RequestMessage
-from groundstation.telemetry.request_codec import REQUEST_MAX_BYTES, Place, open_answer, sealed_request
+from groundstation.interfaces.mqtt.messages import RequestMessage
+from groundstation.interfaces.mqtt.request_codec import REQUEST_MAX_BYTES, Place, open_answer, sealed_request
 from tests.sample_flight import Sampled
 
 PLACE = Place("lab", "mqx")

@@ -6,14 +6,14 @@ from typing import Any, NamedTuple
 import msgspec
 import pytest
 
-from groundstation.control.model import Motion
-from groundstation.control.port import Estimate
-from groundstation.escalation import Escalation, Finding, Step
-from groundstation.fence import BoxFence, Fence
-from groundstation.guards import Guards, GuardsConfig
-from groundstation.mission import State
-from groundstation.trajectories.port import Reference
-from groundstation.vehicle import Vehicle
+from groundstation.core.messages.control import Estimate
+from groundstation.core.mission.mission import State
+from groundstation.core.safety.escalation import Escalation, Finding, Step
+from groundstation.core.safety.fence import BoxFence, Fence
+from groundstation.core.safety.guards import Guards, GuardsConfig
+from groundstation.core.trajectory.port import Reference
+from groundstation.core.vehicle.model import Motion
+from groundstation.core.vehicle.vehicle import Vehicle
 from links.core.port import Command, LinkStatus
 
 VEHICLE = Vehicle()

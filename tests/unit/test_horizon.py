@@ -2,8 +2,8 @@
 
 import math
 
-from groundstation import so3
-from groundstation.ops import Quat, Vec3
+from groundstation.core.geometry import so3
+from groundstation.core.geometry.ops import Quat, Vec3
 from sim.airframe import Truth
 from sim.draws import rows, stream
 from sim.horizon import LOOP_S, WANDER_RAD, Horizon

@@ -6,11 +6,11 @@ from pathlib import Path
 
 import pytest
 
-from groundstation.config import load
-from groundstation.fleet.plan import read_fleet
-from groundstation.preflight import look
-from groundstation.settings import Config
-from groundstation.trajectories.course_csv import parsed
+from groundstation.config.load import load
+from groundstation.core.trajectory.course_csv import parsed
+from groundstation.flight.preflight import look
+from groundstation.lab.fleet.plan import read_fleet
+from groundstation.settings.settings import Config
 
 ROOT = Path(__file__).parents[2]
 NAMES = ("trajectories.md", "vehicles.md", "identify-a-vehicle.md", "mqtt.md")

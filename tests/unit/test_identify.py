@@ -8,23 +8,23 @@ from typing import Any
 import numpy as np
 import pytest
 
-from groundstation.control.model import Drive, Motion, rolled
-from groundstation.identify.curve import full_n, hover_signal, most_n
-from groundstation.identify.fit import Bounds, solved
-from groundstation.identify.found import Found, identified
-from groundstation.identify.lagged import lagged
-from groundstation.identify.noise import level
-from groundstation.identify.parameter import FLY
-from groundstation.identify.seen import Column, Seen
-from groundstation.identify.text import table
-from groundstation.identify.turning import turns
-from groundstation.identify.vehicle_file import file_text
-from groundstation.identify.whitening import designed, fitted
-from groundstation.ops import FLOATS
-from groundstation.settings import Config
-from groundstation.so3 import IDENTITY
-from groundstation.so3 import turned as turned_by
-from groundstation.vehicle import Vehicle
+from groundstation.analysis.identify.curve import full_n, hover_signal, most_n
+from groundstation.analysis.identify.fit import Bounds, solved
+from groundstation.analysis.identify.found import Found, identified
+from groundstation.analysis.identify.lagged import lagged
+from groundstation.analysis.identify.noise import level
+from groundstation.analysis.identify.parameter import FLY
+from groundstation.analysis.identify.seen import Column, Seen
+from groundstation.analysis.identify.text import table
+from groundstation.analysis.identify.turning import turns
+from groundstation.analysis.identify.vehicle_file import file_text
+from groundstation.analysis.identify.whitening import designed, fitted
+from groundstation.core.geometry.ops import FLOATS
+from groundstation.core.geometry.so3 import IDENTITY
+from groundstation.core.geometry.so3 import turned as turned_by
+from groundstation.core.vehicle.model import Drive, Motion, rolled
+from groundstation.core.vehicle.vehicle import Vehicle
+from groundstation.settings.settings import Config
 from links.core.thrust_curve import full_thrust_n, signal, thrust
 from links.mavlink.link import MavlinkLinkConfig
 

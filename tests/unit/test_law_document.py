@@ -10,8 +10,9 @@ from pathlib import Path
 import msgspec
 import pytest
 
-from groundstation.control import estimation, gains
-from groundstation.control.gains import Gains
+from groundstation.core.control import gains
+from groundstation.core.control.gains import Gains
+from groundstation.core.estimation import settings as estimation
 from sim.__main__ import parser
 from sim.fly import fly
 from sim.prepare import prepare

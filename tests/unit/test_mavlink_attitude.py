@@ -9,8 +9,8 @@ from typing import Any
 import pytest
 from pymavlink.dialects.v20 import ardupilotmega as d
 
-from groundstation import so3
-from groundstation.poses.tlog_codec import TlogReader
+from groundstation.core.geometry import so3
+from groundstation.pose.sources.tlog_codec import TlogReader
 from links.core.port import Attitude, LinkMisuse
 from links.mavlink.attitude import ATTITUDE_HZ, attitude_of
 from links.mavlink.codec import PX4, Message

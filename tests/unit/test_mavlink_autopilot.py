@@ -4,7 +4,7 @@ from typing import Any
 
 import pytest
 
-from groundstation import so3
+from groundstation.core.geometry import so3
 from links.mavlink.codec import ARM_DISARM, DO_SET_MODE, FORCE, SET_MESSAGE_INTERVAL, MavlinkCodec
 from sim.autopilot import LAND, OFFBOARD, Px4Autopilot
 from tests.airframe_double import Brick

@@ -7,8 +7,8 @@ from typing import Any
 import msgspec
 import pytest
 
-from groundstation.poses.mavlink import MavlinkPoseConfig, MavlinkPoseSource
-from groundstation.poses.port import Pose
+from groundstation.core.messages.pose import Pose
+from groundstation.pose.sources.mavlink import MavlinkPoseConfig, MavlinkPoseSource
 from links.core.port import Command, LinkError, LinkLost, LinkMisuse, LinkRejected
 from links.mavlink.codec import ARDUPILOT, ARM_DISARM, DO_SET_MODE, PX4, SET_MESSAGE_INTERVAL, MavlinkCodec
 from links.mavlink.link import MavlinkLink, MavlinkLinkConfig

@@ -5,10 +5,10 @@ from typing import Any
 
 import pytest
 
-from groundstation import so3
-from groundstation.poses.mavlink_codec import Decoder, LocalPositionDecoder, OdometryDecoder, decoder_for
-from groundstation.poses.port import Pose
-from groundstation.poses.source_clock import SourceClock
+from groundstation.core.geometry import so3
+from groundstation.core.messages.pose import Pose
+from groundstation.pose.intake.source_clock import SourceClock
+from groundstation.pose.sources.mavlink_codec import Decoder, LocalPositionDecoder, OdometryDecoder, decoder_for
 from links.mavlink.codec import ARDUPILOT, PX4, MavlinkCodec
 from tests.mavlink_table import golden
 

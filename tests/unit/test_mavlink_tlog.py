@@ -1,4 +1,4 @@
-"""groundstation/poses/tlog_codec.py and tlog.py: recorded flights."""
+"""groundstation/pose/sources/tlog_codec.py and tlog.py: recorded flights."""
 
 import asyncio
 import pathlib
@@ -7,10 +7,10 @@ from typing import Any
 
 import pytest
 
-from groundstation.poses.mavlink_codec import LocalPositionDecoder, OdometryDecoder
-from groundstation.poses.port import Pose, SourceError
-from groundstation.poses.tlog import TlogConfig, TlogSource, pose_decoder
-from groundstation.poses.tlog_codec import TlogReader
+from groundstation.core.messages.pose import Pose, SourceError
+from groundstation.pose.sources.mavlink_codec import LocalPositionDecoder, OdometryDecoder
+from groundstation.pose.sources.tlog import TlogConfig, TlogSource, pose_decoder
+from groundstation.pose.sources.tlog_codec import TlogReader
 from links.mavlink.codec import MavlinkCodec
 from sim.virtual_time import VirtualTimeLoop
 from tests.mavlink_table import FRAMES, golden

@@ -4,7 +4,8 @@ from pathlib import Path
 
 import pytest
 
-from groundstation.mission import (
+from groundstation.core.messages.requests import Ask, Request, decode
+from groundstation.core.mission.mission import (
     EVENT_OF,
     FINAL,
     IN_AIR,
@@ -15,8 +16,7 @@ from groundstation.mission import (
     Mission,
     State,
 )
-from groundstation.mission_diagram import BEGIN, END, markdown, mermaid, write
-from groundstation.requests import Ask, Request, decode
+from groundstation.interfaces.cli.mission_diagram import BEGIN, END, markdown, mermaid, write
 
 PAGE = Path(__file__).parents[2] / "docs" / "explanation" / "mission.md"
 

@@ -6,11 +6,11 @@ from typing import Any
 
 import pytest
 
-from groundstation.config import ConfigError, dump, from_dict
-from groundstation.settings import Config
-from groundstation.telemetry.mqtt_broker import from_url, in_words, opened
-from groundstation.telemetry.mqtt_config import MqttConfig
-from groundstation.telemetry.mqtt_requests import ensure_mqtt
+from groundstation.config.load import ConfigError, dump, from_dict
+from groundstation.interfaces.mqtt.broker import from_url, in_words, opened
+from groundstation.interfaces.mqtt.requests import ensure_mqtt
+from groundstation.settings.mqtt import MqttConfig
+from groundstation.settings.settings import Config
 from links.io.key_file import make_key
 
 

@@ -9,9 +9,9 @@ import msgspec
 import pytest
 from jsonschema import Draft202012Validator
 
-from groundstation.snapshot import Snapshot
-from groundstation.telemetry import gatekeeper, request_codec
-from groundstation.telemetry.mqtt_messages import (
+from groundstation.core.messages.snapshot import Snapshot
+from groundstation.interfaces.mqtt import gatekeeper, request_codec
+from groundstation.interfaces.mqtt.messages import (
     TOPICS,
     AnswerMessage,
     Event,
@@ -20,8 +20,8 @@ from groundstation.telemetry.mqtt_messages import (
     SessionMessage,
     event_of,
 )
-from groundstation.telemetry.mqtt_schemas import BEGIN, END, schemas, text, topics_table, write_topics
-from groundstation.telemetry.request_codec import Place, decode_request, is_sealed, sealed_answer, sealed_request
+from groundstation.interfaces.mqtt.request_codec import Place, decode_request, is_sealed, sealed_answer, sealed_request
+from groundstation.interfaces.mqtt.schemas import BEGIN, END, schemas, text, topics_table, write_topics
 from tests.sample_flight import sample
 
 DOCS = Path(__file__).parents[2] / "docs" / "reference"

@@ -5,13 +5,13 @@ from typing import Any
 import msgspec
 import pytest
 
-from groundstation.config import ConfigError, from_dict
-from groundstation.fleet.plan import Name
-from groundstation.names import is_name
-from groundstation.settings import Config
-from groundstation.telemetry.fleet_seen import Fleet
-from groundstation.telemetry.flights import RECORDING
-from groundstation.telemetry.mqtt_messages import RequestMessage
+from groundstation.config.load import ConfigError, from_dict
+from groundstation.config.names import is_name
+from groundstation.interfaces.mqtt.fleet import Fleet
+from groundstation.interfaces.mqtt.messages import RequestMessage
+from groundstation.lab.fleet.plan import Name
+from groundstation.runtime.flights import RECORDING
+from groundstation.settings.settings import Config
 
 NO_NAMES = ["", "mqx\n", "..", ".", "-rf", "_x", "a/b", "a b", "ä", "x\x00", "\nmqx", "mqx\r", "+", "#"]
 

@@ -6,10 +6,10 @@ from typing import Any
 import msgspec
 import pytest
 
-from groundstation import so3
-from groundstation.poses import natnet_codec
-from groundstation.poses.natnet import NatNetConfig
-from groundstation.poses.port import Pose
+from groundstation.core.geometry import so3
+from groundstation.core.messages.pose import Pose
+from groundstation.pose.sources import natnet_codec
+from groundstation.pose.sources.natnet import NatNetConfig
 from links.io.address import parse_address
 from sim.natnet_server import NatNetServer
 from sim.trackers import Seen

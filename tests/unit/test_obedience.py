@@ -9,11 +9,11 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from groundstation.control.model import Driven, Motion
-from groundstation.control.obedience import EXPANDS, GAP_S, NODE_S, SUSPECTS, Filter, Obedience
-from groundstation.ops import Quat, Vec3
-from groundstation.poses.port import Pose
-from groundstation.so3 import multiply, third_column, turned
+from groundstation.core.geometry.ops import Quat, Vec3
+from groundstation.core.geometry.so3 import multiply, third_column, turned
+from groundstation.core.messages.pose import Pose
+from groundstation.core.safety.obedience import EXPANDS, GAP_S, NODE_S, SUSPECTS, Filter, Obedience
+from groundstation.core.vehicle.model import Driven, Motion
 
 G, MASS_KG, PERIOD_S = 9.81, 0.5, 0.01
 NOISE_M, NOISE_RAD = 0.0005, 0.002

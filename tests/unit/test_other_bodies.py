@@ -8,12 +8,12 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from groundstation import so3
-from groundstation.config import from_dict
-from groundstation.poses import make_source
-from groundstation.poses.others import Others
-from groundstation.poses.port import Pose
-from groundstation.settings import Config
+from groundstation.config.load import from_dict
+from groundstation.core.geometry import so3
+from groundstation.core.messages.bodies import Others
+from groundstation.core.messages.pose import Pose
+from groundstation.pose.kinds import make_source
+from groundstation.settings.settings import Config
 from links.make import make_link
 from sim.pose_bytes import FLIGHTS, natnet_handshake
 from sim.trackers import Seen, make_tracker

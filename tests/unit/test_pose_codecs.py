@@ -5,13 +5,13 @@ from collections.abc import Sequence
 
 import pytest
 
-from groundstation import so3
-from groundstation.frames import Frames
-from groundstation.ops import Quat
-from groundstation.poses import json_codec, natnet_codec, natnet_models_codec, qualisys_codec, vision_codec
-from groundstation.poses.intake import Intake
-from groundstation.poses.natnet_reader import SILENT_BEATS, NatNetReader
-from groundstation.poses.vision_codec import VisionReader
+from groundstation.core.geometry import so3
+from groundstation.core.geometry.frames import Frames
+from groundstation.core.geometry.ops import Quat
+from groundstation.pose.intake.intake import Intake
+from groundstation.pose.sources import json_codec, natnet_codec, natnet_models_codec, qualisys_codec, vision_codec
+from groundstation.pose.sources.natnet_reader import SILENT_BEATS, NatNetReader
+from groundstation.pose.sources.vision_codec import VisionReader
 from links.mavlink.codec import MavlinkCodec
 from tests.pose_tables import TABLES, Row, fresh_reader
 

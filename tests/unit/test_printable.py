@@ -9,13 +9,13 @@ from typing import Any
 
 import pytest
 
-from groundstation import entry
-from groundstation.config import ConfigError
-from groundstation.outlet import Outlet
-from groundstation.telemetry.fleet_seen import Fleet
-from groundstation.tui.bars import content
-from groundstation.tui.fleet_rows import details, row
-from groundstation.tui.words import row as shown
+from groundstation.config.load import ConfigError
+from groundstation.interfaces.mqtt.fleet import Fleet
+from groundstation.interfaces.tui.fleet_rows import details, row
+from groundstation.interfaces.tui.parts.bars import content
+from groundstation.interfaces.tui.parts.words import row as shown
+from groundstation.runtime import entry
+from groundstation.runtime.outlet import Outlet
 from links.core.printable import printable
 from links.mavlink.codec import MavlinkCodec
 from links.mavlink.words import Words

@@ -1,15 +1,15 @@
-"""groundstation/proof.py: what a test with the propellers off holds for, and who may have written it."""
+"""groundstation/flight/proof.py: what a test with the propellers off holds for, and who may have written it."""
 
 from pathlib import Path
 from typing import Any
 
 import pytest
 
-from groundstation.checks import Checks
-from groundstation.config import from_dict
-from groundstation.proof import Proof, digest, lacks, on_file, place, save
-from groundstation.settings import Config
-from groundstation.verdict import Check, Verdict
+from groundstation.config.load import from_dict
+from groundstation.core.messages.verdict import Check, Verdict
+from groundstation.flight.checks import Checks
+from groundstation.flight.proof import Proof, digest, lacks, on_file, place, save
+from groundstation.settings.settings import Config
 from tests.unit.test_checks import BASE, LINK, standing
 
 REAL: dict[str, Any] = {**BASE, "link": {"kind": "mavlink", "remote": "192.168.1.20:14540"}}

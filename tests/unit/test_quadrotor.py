@@ -6,8 +6,8 @@ import msgspec
 import numpy as np
 import pytest
 
-from groundstation import so3
-from groundstation.ops import Vec3
+from groundstation.core.geometry import so3
+from groundstation.core.geometry.ops import Vec3
 from sim.draws import rows, stream
 from sim.quadrotor import Quadrotor
 from sim.wind import CORRELATION_S, GRID_S, Wind, begun, felt, stirred

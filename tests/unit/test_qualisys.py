@@ -6,10 +6,10 @@ from typing import Any
 
 import pytest
 
-from groundstation import so3
-from groundstation.poses import qualisys_codec as qtm
-from groundstation.poses.port import Pose
-from groundstation.poses.qualisys import QualisysConfig, QualisysSource
+from groundstation.core.geometry import so3
+from groundstation.core.messages.pose import Pose
+from groundstation.pose.sources import qualisys_codec as qtm
+from groundstation.pose.sources.qualisys import QualisysConfig, QualisysSource
 from links.io.address import parse_address
 from sim.qtm_server import QtmServer
 from sim.trackers import Seen

@@ -3,7 +3,7 @@
 import asyncio
 from collections.abc import Coroutine
 
-from groundstation.quiet import WITHIN_S, Quiet
+from groundstation.runtime.quiet import WITHIN_S, Quiet
 from sim.virtual_time import VirtualTimeLoop
 
 

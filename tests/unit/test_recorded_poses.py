@@ -11,11 +11,11 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from groundstation.poses.csv import CsvConfig
-from groundstation.poses.csv_codec import Row, encode, rows
-from groundstation.poses.pace import Speed
-from groundstation.poses.port import Pose, SourceError
-from groundstation.poses.tlog import TlogConfig
+from groundstation.core.messages.pose import Pose, SourceError
+from groundstation.pose.intake.pace import Speed
+from groundstation.pose.sources.csv import CsvConfig
+from groundstation.pose.sources.csv_codec import Row, encode, rows
+from groundstation.pose.sources.tlog import TlogConfig
 from sim.fly import fly
 from sim.prepare import prepare
 from sim.run_folder import RunFolder

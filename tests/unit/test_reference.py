@@ -5,10 +5,10 @@ from pathlib import Path
 import msgspec
 import pytest
 
-from groundstation.config_files import presets
-from groundstation.settings import Config
-from groundstation.telemetry.mqtt_schemas import schemas
-from groundstation.vehicle import Vehicle
+from groundstation.config.files import presets
+from groundstation.core.vehicle.vehicle import Vehicle
+from groundstation.interfaces.mqtt.schemas import schemas
+from groundstation.settings.settings import Config
 from sim.campaign_folder import COLUMNS
 from sim.reference import PAGES, SCHEMAS, page, reference_command
 from sim.reference.remarks import remarks

@@ -8,15 +8,15 @@ from pathlib import Path
 
 import pytest
 
-from groundstation.api import register
-from groundstation.api.place import ApiError
-from groundstation.api.register import SUFFIX, Running, registered, running, send
+from groundstation.runtime import register
+from groundstation.runtime.place import ApiError
+from groundstation.runtime.register import SUFFIX, Running, registered, running, send
 
 ONE = Running(pid=os.getpid(), command="fly", vehicle="mqx", socket="/x/mqx.sock")
 PROGRAM = """
 import os, signal, sys, time
 signal.signal(signal.SIGQUIT, signal.SIG_DFL)  # a shell's background jobs ignore it
-from groundstation.api.register import Running, registered
+from groundstation.runtime.register import Running, registered
 with registered(Running(pid=os.getpid(), command=sys.argv[2], vehicle=sys.argv[1])):
     print("registered", flush=True)
     time.sleep(60)

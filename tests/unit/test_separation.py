@@ -8,16 +8,16 @@ import pytest
 from hypothesis import assume, given
 from hypothesis import strategies as st
 
-from groundstation.checks import Checks
-from groundstation.config import ConfigError, from_dict
-from groundstation.escalation import Escalation, Finding, Step
-from groundstation.guards import Guards
-from groundstation.mission import State
-from groundstation.ops import Vec3
-from groundstation.poses.others import BASE_S, GAP_S, Others, Sight
-from groundstation.separation import Near, Separation, SeparationConfig
-from groundstation.settings import Config
-from groundstation.verdict import Check, Verdict
+from groundstation.config.load import ConfigError, from_dict
+from groundstation.core.geometry.ops import Vec3
+from groundstation.core.messages.bodies import BASE_S, GAP_S, Others, Sight
+from groundstation.core.messages.verdict import Check, Verdict
+from groundstation.core.mission.mission import State
+from groundstation.core.safety.escalation import Escalation, Finding, Step
+from groundstation.core.safety.guards import Guards
+from groundstation.core.safety.separation import Near, Separation, SeparationConfig
+from groundstation.flight.checks import Checks
+from groundstation.settings.settings import Config
 from tests.unit.test_checks import BASE, LINK, standing
 from tests.unit.test_guards import CONFIG, PERIOD_S, VEHICLE, shown
 

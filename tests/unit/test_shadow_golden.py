@@ -7,9 +7,9 @@ from pathlib import Path
 
 import pytest
 
-from groundstation.poses.port import Pose
-from groundstation.shadow.recording import Recording, read_recording
-from groundstation.shadow.report import Report, report
+from groundstation.analysis.shadow.recording import Recording, read_recording
+from groundstation.analysis.shadow.report import Report, report
+from groundstation.core.messages.pose import Pose
 
 GOLDEN = Path(__file__).parents[1] / "golden"
 PX4, ARDUPILOT = GOLDEN / "px4_takeoff.tlog", GOLDEN / "ardupilot_landing.tlog"

@@ -1,14 +1,14 @@
-"""groundstation/shadow/path.py: the flown path with its derivatives."""
+"""groundstation/analysis/shadow/path.py: the flown path with its derivatives."""
 
 import math
 
 import numpy as np
 import pytest
 
-from groundstation import so3
-from groundstation.ops import Vec3
-from groundstation.poses.port import Pose
-from groundstation.shadow.path import HALF_WIDTH_S, FlownPath
+from groundstation.analysis.shadow.path import HALF_WIDTH_S, FlownPath
+from groundstation.core.geometry import so3
+from groundstation.core.geometry.ops import Vec3
+from groundstation.core.messages.pose import Pose
 
 COEFFICIENTS = np.array([[0.3, -1.0, 2.0], [0.5, 0.2, -0.1], [-0.4, 0.3, 0.2], [0.2, -0.1, 0.3], [0.05, 0.1, -0.2]])
 

@@ -9,11 +9,11 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from groundstation.config import ConfigError
-from groundstation.ops import Vec3
-from groundstation.poses.tlog_codec import Record
-from groundstation.shadow.recording import in_order
-from groundstation.shadow.report import Report, report
+from groundstation.analysis.shadow.recording import in_order
+from groundstation.analysis.shadow.report import Report, report
+from groundstation.config.load import ConfigError
+from groundstation.core.geometry.ops import Vec3
+from groundstation.pose.sources.tlog_codec import Record
 from tests.shadow_flight import Flight
 
 UNKNOWN: Vec3 = (math.nan, math.nan, math.nan)

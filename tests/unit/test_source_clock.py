@@ -4,10 +4,10 @@ from collections.abc import Iterable
 
 import pytest
 
-from groundstation.ops import Quat, Vec3
-from groundstation.poses.intake import FrameCount, Intake
-from groundstation.poses.others import Others
-from groundstation.poses.source_clock import SourceClock
+from groundstation.core.geometry.ops import Quat, Vec3
+from groundstation.core.messages.bodies import Others
+from groundstation.pose.intake.intake import FrameCount, Intake
+from groundstation.pose.intake.source_clock import SourceClock
 
 HERE: Vec3 = (1.0, 2.0, 3.0)
 LEVEL: Quat = (1.0, 0.0, 0.0, 0.0)

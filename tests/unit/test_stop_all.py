@@ -6,8 +6,8 @@ from pathlib import Path
 
 import pytest
 
-from groundstation.requests import Ask
-from groundstation.stop_all import stop_all
+from groundstation.core.messages.requests import Ask
+from groundstation.interfaces.api.stop_all import stop_all
 from tests.unit.test_register import another, end
 
 

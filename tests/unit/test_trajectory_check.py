@@ -10,13 +10,12 @@ import msgspec
 import pytest
 
 from groundstation.__main__ import main
-from groundstation.config import ConfigError, from_dict
-from groundstation.control.attitude import turning
-from groundstation.limits import LimitsConfig
-from groundstation.preflight import ensure_flyable, look
-from groundstation.settings import Config
-from groundstation.so3 import from_euler_zyx
-from groundstation.trajectories import (
+from groundstation.config.load import ConfigError, from_dict
+from groundstation.core.control.attitude import turning
+from groundstation.core.geometry.so3 import from_euler_zyx
+from groundstation.core.trajectory.check import Report, check, refusal
+from groundstation.core.trajectory.demands import Demand
+from groundstation.core.trajectory.kinds import (
     CircleConfig,
     HoldConfig,
     LemniscateConfig,
@@ -24,9 +23,10 @@ from groundstation.trajectories import (
     TrajectoryConfig,
     WaypointsConfig,
 )
-from groundstation.trajectories.check import Report, check, refusal
-from groundstation.trajectories.demands import Demand
-from groundstation.vehicle import Vehicle
+from groundstation.core.vehicle.limits import LimitsConfig
+from groundstation.core.vehicle.vehicle import Vehicle
+from groundstation.flight.preflight import ensure_flyable, look
+from groundstation.settings.settings import Config
 from sim.prepare import prepare
 from sim.scenarios import SCENARIOS
 

@@ -9,20 +9,31 @@ from hypothesis import given
 from hypothesis import strategies as st
 from textual.theme import Theme
 
-from groundstation.mission import State
-from groundstation.requests import Ask
-from groundstation.snapshot import Certificate, Snapshot
-from groundstation.tui.feed import Hello, Holder, Trouble
-from groundstation.tui.gains import gains
-from groundstation.tui.headline import ALARM, FLYING, headline
-from groundstation.tui.letters import big, huge
-from groundstation.tui.links_page import histogram, late
-from groundstation.tui.orders import BY_ASK, ORDERS, Twice, possible
-from groundstation.tui.picture import Picture, fresh
-from groundstation.tui.plot import Line, Spans, Track, bar, history, horizon, in_time, nice_top, top_view, two_sided_bar
-from groundstation.tui.text_pages import flat
-from groundstation.tui.themes import THEMES
-from groundstation.tui.words import arrow, flight_time, numbers
+from groundstation.core.messages.requests import Ask
+from groundstation.core.messages.snapshot import Certificate, Snapshot
+from groundstation.core.mission.mission import State
+from groundstation.interfaces.tui.pages.links_page import histogram, late
+from groundstation.interfaces.tui.pages.text_pages import flat
+from groundstation.interfaces.tui.parts.feed import Hello, Holder, Trouble
+from groundstation.interfaces.tui.parts.gains import gains
+from groundstation.interfaces.tui.parts.headline import ALARM, FLYING, headline
+from groundstation.interfaces.tui.parts.letters import big, huge
+from groundstation.interfaces.tui.parts.orders import BY_ASK, ORDERS, Twice, possible
+from groundstation.interfaces.tui.parts.picture import Picture, fresh
+from groundstation.interfaces.tui.parts.plot import (
+    Line,
+    Spans,
+    Track,
+    bar,
+    history,
+    horizon,
+    in_time,
+    nice_top,
+    top_view,
+    two_sided_bar,
+)
+from groundstation.interfaces.tui.parts.themes import THEMES
+from groundstation.interfaces.tui.parts.words import arrow, flight_time, numbers
 from links.core.printable import printable
 from tests.sample_flight import sample
 

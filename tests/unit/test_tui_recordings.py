@@ -7,13 +7,13 @@ from pathlib import Path
 
 import pytest
 
+from groundstation.core.messages.requests import Ask
+from groundstation.core.messages.snapshot import Snapshot
+from groundstation.interfaces.tui.feeds.playback import Playback
+from groundstation.interfaces.tui.feeds.tape import STEP_S, Tape
+from groundstation.interfaces.tui.parts.feed import Hello, Jump, News
+from groundstation.interfaces.tui.parts.picture import Picture
 from groundstation.recording.reader import NoRecording
-from groundstation.requests import Ask
-from groundstation.snapshot import Snapshot
-from groundstation.tui.feed import Hello, Jump, News
-from groundstation.tui.picture import Picture
-from groundstation.tui.playback import Playback
-from groundstation.tui.tape import STEP_S, Tape
 from sim.virtual_time import VirtualTimeLoop
 from tests.recordings import recorded
 from tests.sample_flight import sample

@@ -9,16 +9,16 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from groundstation.config import ConfigError, from_dict
-from groundstation.control.adaptive import certificate
-from groundstation.control.controllers import ControllerConfig
-from groundstation.control.custom import Custom
-from groundstation.control.gains import Gains, Uncompensated
-from groundstation.control.geometric import Geometric
-from groundstation.control.indi import Indi
-from groundstation.control.pid import Pid
-from groundstation.poses.vicon import ViconConfig
-from groundstation.settings import Config
+from groundstation.config.load import ConfigError, from_dict
+from groundstation.core.control.adaptive import certificate
+from groundstation.core.control.gains import Gains, Uncompensated
+from groundstation.core.controllers.custom import Custom
+from groundstation.core.controllers.geometric import Geometric
+from groundstation.core.controllers.indi import Indi
+from groundstation.core.controllers.kinds import ControllerConfig
+from groundstation.core.controllers.pid import Pid
+from groundstation.pose.sources.vicon import ViconConfig
+from groundstation.settings.settings import Config
 from links.mavlink.link import MavlinkLinkConfig
 from sim.margins import AXES, DELAY, GAIN_DOWN, GAIN_UP, Margin, Report, boundary, failure, limit_cm
 from sim.margins_text import markdown_table, shown, text

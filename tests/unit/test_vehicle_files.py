@@ -8,10 +8,10 @@ from pathlib import Path
 import pytest
 
 from groundstation.__main__ import main
-from groundstation.config import ConfigError, dump, from_dict, load
-from groundstation.config_files import presets
-from groundstation.settings import Config
-from groundstation.vehicle import Vehicle
+from groundstation.config.files import presets
+from groundstation.config.load import ConfigError, dump, from_dict, load
+from groundstation.core.vehicle.vehicle import Vehicle
+from groundstation.settings.settings import Config
 from sim.scenarios import SCENARIOS
 
 PRESETS = presets(Vehicle)

@@ -10,9 +10,9 @@ from typing import Any
 import msgspec
 import pytest
 
-from groundstation.poses.port import Pose, PoseSource
-from groundstation.poses.vicon import ViconConfig
-from groundstation.poses.vicon_codec import ViconObject, encode
+from groundstation.core.messages.pose import Pose, PoseSource
+from groundstation.pose.sources.vicon import ViconConfig
+from groundstation.pose.sources.vicon_codec import ViconObject, encode
 from tests.vicon_table import OURS, TABLE
 
 

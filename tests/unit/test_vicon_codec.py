@@ -3,9 +3,9 @@ import struct
 
 import pytest
 
-from groundstation import so3
-from groundstation.ops import Vec3
-from groundstation.poses.vicon_codec import (
+from groundstation.core.geometry import so3
+from groundstation.core.geometry.ops import Vec3
+from groundstation.pose.sources.vicon_codec import (
     ViconDecoder,
     ViconFrame,
     ViconObject,

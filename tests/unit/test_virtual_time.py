@@ -7,8 +7,8 @@ from typing import Any, get_args
 import msgspec
 import pytest
 
-from groundstation.clock import sleep_until
-from groundstation.poses import PoseConfig
+from groundstation.pose.kinds import PoseConfig
+from groundstation.runtime.clock import sleep_until
 from links.io.address import parse_address
 from sim.virtual_time import FREE_PORTS, SimulationStuck, VirtualTimeLoop
 
@@ -194,7 +194,7 @@ def test_a_stream_carries_bytes_both_ways_until_one_end_hangs_up() -> None:
 
 
 def test_a_group_brings_a_datagram_to_each_of_its_members() -> None:
-    from groundstation.poses.multicast import join, send_by
+    from groundstation.pose.intake.multicast import join, send_by
 
     async def work() -> list[list[bytes]]:
         loop = asyncio.get_running_loop()

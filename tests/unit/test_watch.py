@@ -4,16 +4,16 @@ import math
 
 import pytest
 
-from groundstation.control.certificate import COVERED_RATE_M_S3, decrease, noise_power
-from groundstation.control.gains import Gains
-from groundstation.control.model import Drive, Motion
-from groundstation.control.pid import Pid
-from groundstation.control.port import Decision
-from groundstation.control.power import LIMITS, POSES, RATES, SIDEWAYS, THRUST, VERTICAL, WITNESSES, terms
-from groundstation.control.watch import LASTING_S, REST_S, Watch
-from groundstation.ops import Vec3
-from groundstation.snapshot import Diagnostics
-from groundstation.vehicle import Vehicle
+from groundstation.core.control.certificate import COVERED_RATE_M_S3, decrease, noise_power
+from groundstation.core.control.gains import Gains
+from groundstation.core.control.power import LIMITS, POSES, RATES, SIDEWAYS, THRUST, VERTICAL, WITNESSES, terms
+from groundstation.core.control.watch import LASTING_S, REST_S, Watch
+from groundstation.core.controllers.pid import Pid
+from groundstation.core.geometry.ops import Vec3
+from groundstation.core.messages.control import Decision
+from groundstation.core.messages.snapshot import Diagnostics
+from groundstation.core.vehicle.model import Drive, Motion
+from groundstation.core.vehicle.vehicle import Vehicle
 
 ZERO: Vec3 = (0.0, 0.0, 0.0)
 VEHICLE = Vehicle()

@@ -11,11 +11,11 @@ from pathlib import Path
 
 import pytest
 
-from groundstation import so3
-from groundstation.ops import Quat
-from groundstation.poses.port import Pose
-from groundstation.poses.tlog_codec import TlogReader
-from groundstation.witness import Witness
+from groundstation.core.geometry import so3
+from groundstation.core.geometry.ops import Quat
+from groundstation.core.messages.pose import Pose
+from groundstation.core.safety.witness import Witness
+from groundstation.pose.sources.tlog_codec import TlogReader
 from links.core.port import Attitude
 from links.mavlink.attitude import attitude_of
 

@@ -1,0 +1,1 @@
+"""Thrust, lags, delay, drag and noise of a vehicle from a recorded flight."""

@@ -1,0 +1,239 @@
+"""What a recording tells of its vehicle: each parameter with its interval, or why it tells nothing."""
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any, NamedTuple
+
+import msgspec
+import numpy as np
+
+from groundstation.analysis.identify import noise
+from groundstation.analysis.identify.curve import hover_signal
+from groundstation.analysis.identify.parameter import AGAIN, WIDE, Parameter, judged
+from groundstation.analysis.identify.pushing import Pushing, pushing
+from groundstation.analysis.identify.scene import NAMES
+from groundstation.analysis.identify.seen import Column, Seen
+from groundstation.analysis.identify.turning import Turning, turning
+from groundstation.core.geometry import so3
+from groundstation.core.trajectory.excitation import ExcitationConfig
+from links.core.thrust_curve import signal
+
+UNSEEN_FRAMES = 0.02
+"""The recording does not know which frames were lost: so many would make every command this share of a period late."""
+MODEL = 0.005
+"""No lag is quite of first order, no scale quite constant: nothing is known better than this share."""
+WHITE = 0.01
+"""The same of noise, which is never quite white."""
+TURNED_RAD_S = 0.05
+"""Body rates of less than this (RMS about each axis) tell of nothing but noise, whatever the statistics say."""
+PUSHED_M_S2 = 0.2
+"""The same of acceleration by thrust, and by tilt."""
+
+
+class Excited(NamedTuple):
+    """What the flight moved enough to tell of it."""
+
+    turned: tuple[bool, bool, bool]
+    """About roll, pitch and yaw."""
+    thrust: bool
+    pushed: bool
+    """Any acceleration."""
+
+
+@dataclass(frozen=True)
+class Found:
+    """All of it, and what it rests on."""
+
+    seen: Seen
+    turned: Turning
+    pushed: Pushing
+    parameters: dict[str, Parameter]
+    """By name."""
+
+
+def accelerations(found: Found) -> tuple[Column, Column, Column]:
+    """Times [s], and second differences over 0.2 s of the measured positions and of the model's path, (n, 3) [m/s²].
+
+    Both are NaN where two poses in a row are missing within that time.
+    """
+    at, place = found.seen.at_s, found.seen.position_ned
+    path, h = place - found.pushed.left, 0.1
+    spans = np.diff(at)
+    holes = np.flatnonzero(spans > 2.5 * np.median(spans))
+    whole = (at > at[0] + h) & (at < at[-1] - h)
+    for hole in holes:
+        whole &= (at < at[hole] - h) | (at > at[hole + 1] + h)
+
+    def second(values: Column) -> Column:
+        parts = [np.stack([np.interp(at + k * h, at, axis) for axis in values.T], axis=1) for k in (-1, 0, 1)]
+        difference: Column = (parts[0] - 2.0 * parts[1] + parts[2]) / h**2
+        difference[~whole] = np.nan
+        return difference
+
+    return at, second(place), second(path)
+
+
+def identified(seen: Seen) -> Found:
+    """Find everything that ``seen`` tells."""
+    turned = turning(seen)
+    pushed = pushing(seen, turned)
+    moved = excited(seen, turned)
+    parameters = [
+        *_thrust(seen, pushed, moved),
+        *_lags(seen, turned, pushed, moved),
+        *_rest(seen, turned, pushed, moved),
+    ]
+    if isinstance(seen.config.trajectory, ExcitationConfig):
+        parameters = [one if one.identified else msgspec.structs.replace(one, note=AGAIN) for one in parameters]
+    return Found(seen, turned, pushed, {one.name: one for one in parameters})
+
+
+def excited(seen: Seen, turned: Turning) -> Excited:
+    """Judge the stretch that was ``seen`` by how it moved."""
+    rates = turned.modelled / np.diff(seen.at_s)[:, None]
+    roll, pitch, yaw = (bool(rms > TURNED_RAD_S) for rms in np.sqrt((rates**2).mean(axis=0)).tolist())
+    flown = (seen.sent_s >= seen.at_s[0]) & (seen.sent_s <= seen.at_s[-1])
+    thrust = float(seen.thrust_n[flown].std()) / seen.config.vehicle.mass_kg
+    down = np.stack(so3.third_column(_columns(seen.attitude)), axis=1)
+    tilt = seen.config.controller.gravity * float(np.sqrt(down[:, :2].var(axis=0).max()))
+    return Excited((roll, pitch, yaw), thrust > PUSHED_M_S2, max(thrust, tilt) > PUSHED_M_S2)
+
+
+def _columns(rows: Column) -> Any:
+    return tuple(rows.T)
+
+
+def _thrust(seen: Seen, pushed: Pushing, moved: Excited) -> list[Parameter]:
+    config, vehicle = seen.config, seen.config.vehicle
+    values, deviations = pushed.fit.values, pushed.fit.deviations
+    scale, sag, curve = (NAMES.index(name) for name in ("scale", "sag", "curve"))
+
+    def hover(values: Column) -> float:
+        return hover_signal(config, pushed.about, float(values[scale]), float(values[curve]))
+
+    told_hover = signal(config.weight_n / config.full_thrust_n, config.thrust_curve)
+    mass = vehicle.mass_kg
+    of = f"of thrust over mass: if it weighs m and not {mass:g} kg, thrust is this times m/{mass:g}"
+    spread = math.hypot(deviations[scale], MODEL * values[scale])
+    hover_spread = math.hypot(_spread(hover, pushed), MODEL * told_hover)
+    return [
+        judged(
+            "thrust_scale",
+            "thrust over what was told",
+            "",
+            values[scale],
+            spread,
+            0.05,
+            moved=moved.pushed,
+            told=1.0,
+            note=of,
+        ),
+        judged(
+            "hover_thrust",
+            "signal that carries it",
+            "",
+            hover(values),
+            hover_spread,
+            math.inf if WIDE * spread <= 0.05 else 0.0,
+            moved=moved.pushed,
+            told=told_hover,
+            note="in the middle of the flight, in still air",
+        ),
+        judged(
+            "thrust_curve",
+            "thrust curve f",
+            "",
+            values[curve],
+            math.hypot(deviations[curve], MODEL),
+            0.25,
+            moved=moved.thrust,
+            told=config.thrust_curve,
+            least=0.0,
+            most=1.0,
+            note="" if config.link.thrust_curve is None else "link.thrust_curve stands in its place",
+        ),
+        judged(
+            "thrust_sag", "thrust lost to the battery", "1/min", values[sag], deviations[sag], 0.08, moved=moved.pushed
+        ),
+    ]
+
+
+def _spread(figure: Callable[[Column], float], pushed: Pushing) -> float:
+    """One deviation of a ``figure`` that follows from the parameters."""
+    values, steps = pushed.fit.values, 1e-4
+    slope = np.array([(figure(values + move) - figure(values)) / steps for move in steps * np.eye(len(values))])
+    return math.sqrt(max(float(slope @ pushed.fit.covariance @ slope), 0.0))
+
+
+def _lags(seen: Seen, turned: Turning, pushed: Pushing, moved: Excited) -> list[Parameter]:
+    vehicle = seen.config.vehicle
+    delay, roll, pitch, yaw = turned.fit.values.tolist()
+    lag = float(pushed.fit.values[1])
+
+    def lag_of(
+        name: str, title: str, value: float, deviation: float, told: float, seen: bool, note: str = ""
+    ) -> Parameter:
+        enough = max(0.005, 0.25 * value)
+        spread = math.hypot(deviation, MODEL * value)
+        return judged(name, title, "s", value, spread, enough, moved=seen, told=told, least=0.0, note=note)
+
+    # Both together, each by its information: the correlation through the delay counts.
+    cover = turned.fit.covariance[1:3, 1:3]
+    weights = np.linalg.solve(cover, np.ones(2))
+    weights = np.clip(weights / weights.sum(), 0.0, 1.0)
+    weights /= weights.sum()
+    both, both_spread = float(weights @ (roll, pitch)), math.sqrt(float(weights @ cover @ weights))
+    deviations = turned.fit.deviations.tolist()
+    frames = UNSEEN_FRAMES * vehicle.frame_period_s
+    delay, spread = float(pushed.fit.values[0]), math.hypot(float(pushed.fit.deviations[0]), frames)
+    note = "from a command's leaving to the vehicle's following; what pose.latency_s is wrong by is part of it"
+    if delay + WIDE * spread < 0.0:
+        note = (
+            f"it seems to obey before commands leave: poses are stamped {-1e3 * delay:.0f} ms early or more, so "
+            "pose.latency_s is too large by as much"
+        )
+    told, (rolled, pitched, yawed) = vehicle.rate_lag_s, moved.turned
+    turned_at_all, one = rolled or pitched, "the controller is told one lag for all three"
+    return [
+        lag_of("thrust_lag", "thrust lag", lag, float(pushed.fit.deviations[1]), vehicle.thrust_lag_s, moved.thrust),
+        lag_of("rate_lag", "rate lag, roll and pitch", both, both_spread, told, turned_at_all),
+        lag_of("roll_rate_lag", "roll rate lag", roll, deviations[1], told, rolled),
+        lag_of("pitch_rate_lag", "pitch rate lag", pitch, deviations[2], told, pitched),
+        lag_of("yaw_rate_lag", "yaw rate lag", yaw, deviations[3], told, yawed, one),
+        judged(
+            "command_delay",
+            "transport delay",
+            "s",
+            delay,
+            spread,
+            0.01,
+            moved=turned_at_all,
+            told=vehicle.command_delay_s,
+            note=note,
+        ),
+    ]
+
+
+def _rest(seen: Seen, turned: Turning, pushed: Pushing, moved: Excited) -> list[Parameter]:
+    drag = NAMES.index("drag")
+    place, turn = noise.level(seen.at_s, pushed.left), noise.level(seen.at_s, turned.left)
+
+    def noise_of(name: str, title: str, unit: str, level: noise.Level) -> Parameter:
+        spread = math.hypot(level.deviation, WHITE * level.value)
+        return judged(name, title, unit, level.value, spread, 0.5 * level.value, least=0.0)
+
+    return [
+        judged(
+            "drag",
+            "drag, deceleration per speed",
+            "1/s",
+            float(pushed.fit.values[drag]),
+            float(pushed.fit.deviations[drag]),
+            0.2,
+            moved=moved.pushed,
+            note="no key of a vehicle: the controller finds it with the wind",
+        ),
+        noise_of("position_noise", "position noise per axis", "m", place),
+        noise_of("attitude_noise", "attitude noise per axis", "rad", turn),
+    ]

@@ -1,0 +1,1 @@
+"""A recorded flight flown again, compared to the last bit."""

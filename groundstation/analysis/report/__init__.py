@@ -1,0 +1,1 @@
+"""One page about a recorded flight, with its figures."""

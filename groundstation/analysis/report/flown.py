@@ -1,0 +1,167 @@
+"""A recorded flight as columns: one row a command, and beside them what happened now and then."""
+
+import base64
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from groundstation.core.mission.mission import State
+from groundstation.recording.reader import Recording
+
+Column = NDArray[np.float64]
+
+SCALARS = {
+    "time_s": ("/command", "time_s"),
+    "flight_time_s": ("/command", "flight_time_s"),
+    "thrust_n": ("/command", "thrust_n"),
+    "saturated": ("/command", "saturated"),
+    "error_m": ("/errors", "error_m"),
+    "effectiveness": ("/adaptation", "effectiveness"),
+    "v": ("/lyapunov", "v_known"),
+    "v_sigma": ("/lyapunov", "v_sigma"),
+    "v_omega": ("/lyapunov", "v_omega"),
+    "v_z3": ("/lyapunov", "v_z3"),
+    "excess": ("/lyapunov", "excess"),
+    "pose_age_s": ("/timing", "pose_age_s"),
+    "lateness_s": ("/timing", "lateness_s"),
+}
+"""Column → topic and field."""
+VECTORS = {
+    "rates_rad_s": ("/command", "rates_rad_s"),
+    "reference_ned": ("/reference", "position_ned"),
+    "position_ned": ("/estimate", "position_ned"),
+    "z1_m": ("/errors", "z1_m"),
+    "z2_m_s": ("/errors", "z2_m_s"),
+    "z3_m_s2": ("/errors", "z3_m_s2"),
+    "b_hat_m_s2": ("/adaptation", "b_hat_m_s2"),
+    "d_hat_m_s2": ("/adaptation", "d_hat_m_s2"),
+}
+"""The same, of three components each."""
+_PARTS = ("/command", "/reference", "/estimate", "/errors", "/adaptation", "/lyapunov", "/timing")
+"""What is recorded of each command, in this order."""
+_OTHERS = ("/measured", "/mission", "/request", "/lost", "/link", "/source", "/raw/sent")
+_ATTITUDE_TARGET = (82).to_bytes(3, "little")
+"""MAVLink's SET_ATTITUDE_TARGET, bytes 7 to 9 of a MAVLink 2 frame: other frames leave by the same wire."""
+
+
+class NoCommand(Exception):
+    """The recording holds no command; the text says so."""
+
+
+@dataclass
+class Flown:
+    """One flight."""
+
+    path: Path
+    recording: Recording
+    scalars: dict[str, Column] = field(default_factory=dict)
+    """Each of shape (commands,)."""
+    vectors: dict[str, Column] = field(default_factory=dict)
+    """Each of shape (commands, 3)."""
+    compute_s: Column = field(default_factory=lambda: np.empty(0))
+    """From a command's instant until its bytes left this program [s]; only where its wire was recorded."""
+    arrivals_s: Column = field(default_factory=lambda: np.empty((0, 2)))
+    """Of each pose: when it came, and how long after its instant that was [s]."""
+    begun_s: float = 0.0
+    """When the trajectory began, on the event loop's clock [s]; the first command where it never did."""
+    states: list[str] = field(default_factory=list)
+    """The mission's state at each command."""
+    certificates: list[str] = field(default_factory=list)
+    """Whether V kept to its bound, at each command."""
+    events: list[tuple[float, str, str]] = field(default_factory=list)
+    """Mission states, requests and lost records: time since ``begun_s`` [s], kind, text."""
+    looks: list[dict[str, Any]] = field(default_factory=list)
+    """What the link said of itself."""
+    source: dict[str, Any] = field(default_factory=dict)
+    """What the pose source said last."""
+    lost: int = 0
+
+    @property
+    def t(self) -> Column:
+        """Time since the trajectory began, of each command [s]."""
+        return self.scalars["time_s"] - self.begun_s
+
+    @property
+    def tracking(self) -> NDArray[np.bool_]:
+        """True for commands on the trajectory: not on the way to it, and before the way back."""
+        return _tracking(self.states, self.scalars["flight_time_s"])
+
+
+def read(path: Path) -> Flown:
+    """Read the recording at ``path``, up to its damage where it is cut off.
+
+    Raises:
+        NoRecording, OSError: see :class:`Recording`.
+        NoCommand: nothing was commanded in it.
+    """
+    recording = Recording(path)
+    flown = Flown(path, recording)
+    by_mavlink = bool(recording.about.get("mavlink"))
+    rows: list[list[float]] = []
+    compute: list[float] = []
+    arrivals: list[tuple[float, float]] = []
+    now: dict[str, dict[str, Any]] = {}
+    state, waiting = "idle", False
+    for entry in recording.entries((*_PARTS, *_OTHERS)):
+        topic, value = entry.topic, entry.value()
+        match topic:
+            case "/timing":
+                now[topic] = value
+                if len(now) == len(_PARTS):
+                    rows.append(_row(now))
+                    flown.states.append(state)
+                    flown.certificates.append(now["/lyapunov"]["state"])
+                    waiting = True
+                now = {}
+            case "/raw/sent":
+                if waiting and (not by_mavlink or base64.b64decode(value["data"])[7:10] == _ATTITUDE_TARGET):
+                    waiting = False
+                    compute.append(value["time_s"] - rows[-1][0])
+            case "/measured":
+                arrivals.append((value["arrival_s"], value["arrival_s"] - value["time_s"]))
+            case "/mission":
+                state = value["state"]
+                flown.events.append((value["time_s"], state, value["text"]))
+            case "/request":
+                flown.events.append((value["time_s"], "request", f"{value['what']}: {value['reason']}"))
+            case "/lost":
+                flown.lost += value["count"]
+                flown.events.append((value["time_s"], "lost", f"{value['count']} records are missing"))
+            case "/link":
+                flown.looks.append({"time_s": value["time_s"], **value["status"]})
+            case "/source":
+                flown.source = value["status"]
+            case _:
+                now[topic] = value
+    if not rows:
+        raise NoCommand(f"{path} holds no command: nothing was flown, so there is nothing to report")
+    table = np.array(rows)
+    flown.scalars = {name: table[:, i] for i, name in enumerate(SCALARS)}
+    first = len(SCALARS)
+    flown.vectors = {name: table[:, first + 3 * i : first + 3 * i + 3] for i, name in enumerate(VECTORS)}
+    on = np.flatnonzero(flown.tracking)
+    clock, flight_time = flown.scalars["time_s"], flown.scalars["flight_time_s"]
+    flown.begun_s = float(clock[on[0]] - flight_time[on[0]] if len(on) else clock[0])
+    flown.compute_s, flown.arrivals_s = np.array(compute), np.array(arrivals).reshape(-1, 2)
+    flown.events = [(time_s - flown.begun_s, kind, text) for time_s, kind, text in flown.events]
+    return flown
+
+
+def _tracking(states: list[str], flight_time_s: Column) -> NDArray[np.bool_]:
+    return np.array([state == State.TRACKING for state in states]) & (flight_time_s >= 0.0)
+
+
+def _row(now: dict[str, dict[str, Any]]) -> list[float]:
+    row = [_number(now[topic].get(key)) for topic, key in SCALARS.values()]
+    for topic, key in VECTORS.values():
+        value = now[topic][key]
+        row += [_number(value["x"]), _number(value["y"]), _number(value["z"])]
+    return row
+
+
+def _number(value: float | None) -> float:
+    """JSON knows no NaN: null is one, and so is what is left out."""
+    return np.nan if value is None else float(value)

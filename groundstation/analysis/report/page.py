@@ -1,0 +1,175 @@
+"""The page of a report: one HTML file that holds its pictures and needs nothing else, no network and no script."""
+
+import base64
+from collections.abc import Sequence
+from html import escape
+from pathlib import Path
+from typing import Any
+
+from groundstation.analysis.report.figures import Figure
+from groundstation.analysis.report.numbers import PAPER
+
+PAGE = "report.html"
+STYLE = """
+body { font: 15px/1.45 system-ui, sans-serif; color: #111; background: #fff; max-width: 62rem; margin: 1.5rem auto;
+       padding: 0 1rem; }
+h1 { font-size: 1.5rem; margin-bottom: 0.2rem; }
+h2 { font-size: 1.15rem; margin: 2rem 0 0.5rem; }
+table { border-collapse: collapse; margin: 0.5rem 0; }
+th, td { text-align: left; padding: 0.2rem 0.9rem 0.2rem 0; border-bottom: 1px solid #ddd; vertical-align: top;
+         overflow-wrap: anywhere; }
+td.number, th.number { text-align: right; font-variant-numeric: tabular-nums; white-space: nowrap; }
+figure { margin: 1.5rem 0; break-inside: avoid; }
+img { max-width: 100%; height: auto; }
+figcaption, .note { color: #444; font-size: 0.9rem; }
+.warning { border-left: 4px solid #d55e00; padding-left: 0.7rem; }
+pre { font-size: 0.8rem; white-space: pre-wrap; background: #f5f5f5; padding: 0.7rem; }
+@media print { body { font-size: 10pt; margin: 0; max-width: none; } details { break-before: page; } }
+@page { size: A4; margin: 15mm; }
+"""
+AGAINST = (
+    "A recording holds no truth: every error here is the distance of the estimate from the reference. Where poses are "
+    "wrong, so is the estimate, and this page can't tell. In the simulator, <code>groundstation-sim fly</code> tells "
+    "the true error. Time counts from where the trajectory begins; where it never did, from the first command."
+)
+
+
+def write(folder: Path, figures: Sequence[tuple[Figure, Path]], facts: Sequence[dict[str, Any]]) -> Path:
+    """Write the page of one or two flights into ``folder``; returns its path.
+
+    Raises:
+        OSError: it can't be written, or a picture can't be read.
+    """
+    names = [facts[0]["flight"]["vehicle"]] if len(facts) == 1 else ["A", "B"]
+    title = " against ".join(_name(one) for one in facts)
+    parts = [f"<h1>{escape(title)}</h1>", *(_warnings(one) for one in facts)]
+    parts += ["<h2>Result</h2>", _results(names, facts), f'<p class="note">{AGAINST}</p>']
+    parts += [framed(one.name, one.title, one.caption, path) for one, path in figures]
+    parts += ["<h2>Events</h2>", *(_events(name, one) for name, one in zip(names, facts, strict=True))]
+    parts += ["<h2>What flew</h2>", _table(["", *names], _program(facts))]
+    parts += [_config(name, one) for name, one in zip(names, facts, strict=True)]
+    page = folder / PAGE
+    page.write_text(document(title, parts), "utf-8")
+    return page
+
+
+def framed(name: str, title: str, caption: str, path: Path) -> str:
+    """A figure with its words, and the picture at ``path`` inside it.
+
+    Raises:
+        OSError: the picture can't be read.
+    """
+    picture = base64.b64encode(path.read_bytes()).decode()
+    return (
+        f'<figure id="{name}"><h2>{escape(title)}</h2>'
+        f'<img alt="{escape(title)}: {escape(caption)}" src="data:image/png;base64,{picture}">'
+        f"<figcaption>{escape(caption)}</figcaption></figure>"
+    )
+
+
+def document(title: str, parts: Sequence[str]) -> str:
+    """The whole page; empty parts are left out."""
+    return (
+        '<!DOCTYPE html>\n<html lang="en"><head><meta charset="utf-8">'
+        '<meta name="viewport" content="width=device-width, initial-scale=1">'
+        '<meta http-equiv="Content-Security-Policy" content="default-src \'none\'; img-src data:; '
+        "style-src 'unsafe-inline'\">"
+        f'<link rel="icon" href="data:,"><title>{escape(title)}</title><style>{STYLE}</style></head>\n<body>\n'
+        + "\n".join(part for part in parts if part)
+        + "\n</body></html>\n"
+    )
+
+
+def _name(one: dict[str, Any]) -> str:
+    flight = one["flight"]
+    words = [flight["vehicle"], flight["controller"], flight["trajectory"]]
+    if flight["scenario"]:
+        words.append(f"simulated {flight['scenario']}, seed {flight['seed']}")
+    if flight["started"]:
+        words.append(flight["started"])
+    return ", ".join(words)
+
+
+def _warnings(one: dict[str, Any]) -> str:
+    said = []
+    if one["damaged_at"] is not None:
+        said.append(f"The recording is damaged at byte {one['damaged_at']}: the rest is not read.")
+    elif not one["whole"]:
+        said.append("The recording was cut off: this is all that is in it.")
+    if one["lost_records"]:
+        said.append(f"{one['lost_records']} records are missing: the recorder could not keep up.")
+    if one["flight"]["clock"] == "virtual":
+        said.append("Flown in virtual time: computing takes none there, and nothing is ever late.")
+    return "".join(f'<p class="note warning">{escape(one["file"])}: {line}</p>' for line in said)
+
+
+def _results(names: Sequence[str], facts: Sequence[dict[str, Any]]) -> str:
+    rows = [
+        ["RMS error, from 5 s on [cm]", *(_n(f["error"]["rms_cm"]) for f in facts), _n(PAPER["rms_cm"])],
+        ["largest error, from 5 s on [cm]", *(_n(f["error"]["max_cm"]) for f in facts), _n(PAPER["max_cm"])],
+        ["error stays below 10 cm after [s]", *(_n(f["error"]["settle_s"]) for f in facts), _n(PAPER["settle_s"])],
+        ["99 % of errors below [cm]", *(_n(f["error"]["p99_cm"]) for f in facts), ""],
+        ["time on the trajectory [s]", *(_n(f["flown_s"], 1) for f in facts), ""],
+        ["b̂ north, east, down, last second [m/s²]", *(_v(f["disturbance"]["b_hat_m_s2"]) for f in facts), ""],
+        ["thrust effectiveness, last second [%]", *(_p(f["disturbance"]["effectiveness"]) for f in facts), ""],
+        ["commands at a limit, from 5 s on [%]", *(_p(f["actuation"]["saturated_fraction_steady"]) for f in facts), ""],
+        ["certificate holds [%]", *(_p(f["certificate"]["fractions"].get("holds", 0.0)) for f in facts), ""],
+        ["certificate violated [%]", *(_p(f["certificate"]["fractions"].get("violated", 0.0)) for f in facts), ""],
+    ]
+    for part, label in (("transport", "pose transport"), ("pose_age", "pose age"), ("compute", "compute")):
+        rows.append(
+            [
+                f"{label}, median / 99 % / largest [ms]",
+                *(_spread(f["latency_ms"][part]) for f in facts),
+                "",
+            ]
+        )
+    rows.append(["command lateness, median / 99 % / largest [ms]", *(_spread(f["lateness_ms"]) for f in facts), ""])
+    rows.append(["ended", *(f"{f['ended']['state']}: {f['ended']['reason']}" for f in facts), ""])
+    return _table(["", *names, "the paper"], rows, numbers=True)
+
+
+def _events(name: str, one: dict[str, Any]) -> str:
+    rows = [[f"{event['time_s']:.2f}", event["kind"], event["text"]] for event in one["events"]]
+    return f"<h3>{escape(name)}</h3>" + _table(["time [s]", "what", ""], rows)
+
+
+def _program(facts: Sequence[dict[str, Any]]) -> list[list[str]]:
+    rows = [["recording", *(f["file"] for f in facts)]]
+    for part in ("flight", "program"):
+        for key in facts[0][part]:
+            values = [str(f[part][key]) for f in facts]
+            if any(values):
+                rows.append([key, *values])
+    return rows
+
+
+def _config(name: str, one: dict[str, Any]) -> str:
+    return f"<details><summary>Configuration of {escape(name)}</summary><pre>{escape(one['config'])}</pre></details>"
+
+
+def _table(head: Sequence[str], rows: Sequence[Sequence[str]], *, numbers: bool = False) -> str:
+    kind = ' class="number"' if numbers else ""
+    cells = [[f"<th{kind if i else ''}>{escape(cell)}</th>" for i, cell in enumerate(head)]]
+    cells += [[f"<td{kind if i else ''}>{escape(cell)}</td>" for i, cell in enumerate(row)] for row in rows]
+    return "<table>" + "".join(f"<tr>{''.join(row)}</tr>" for row in cells) + "</table>"
+
+
+def _n(value: float | None, digits: int = 2) -> str:
+    return "–" if value is None else f"{value:.{digits}f}"
+
+
+def _p(value: float | None) -> str:
+    return _n(None if value is None else 100.0 * value)
+
+
+def _v(values: Sequence[float | None]) -> str:
+    return ", ".join(f"{value:+.3f}" if value is not None else "–" for value in values)
+
+
+def _spread(spread: dict[str, float | None]) -> str:
+    if spread["p50"] is None:
+        return "–"
+    return " / ".join(
+        _n(None if value is None else max(value, 0.0)) for value in map(spread.get, ("p50", "p99", "max"))
+    )

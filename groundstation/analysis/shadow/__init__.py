@@ -1,0 +1,1 @@
+"""Offline comparison: our estimator and controller over a recorded .tlog."""

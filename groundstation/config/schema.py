@@ -1,0 +1,233 @@
+"""The schema of a configuration: check what was written key by key, and complete it from the defaults.
+
+The types are the schema (``msgspec.inspect``). msgspec checks them too, but its errors don't speak to an operator.
+"""
+
+import math
+import re
+from collections.abc import Callable
+from typing import Any, ClassVar, NoReturn
+
+import msgspec
+from msgspec import inspect as mi
+
+from groundstation.config.words import bare, expected, shown, unknown
+
+KeyPath = tuple[str, ...]
+
+
+class Problem(Exception):
+    """A key that is wrong, and why."""
+
+    def __init__(self, path: KeyPath, text: str) -> None:
+        """Keep the ``path`` of the key and the ``text`` of what is wrong."""
+        super().__init__(text)
+        self.path = path
+        self.text = text
+
+
+class Open:
+    """Beside a struct of a tagged union: it also answers to tags that nobody can list, such as a module's name."""
+
+    __slots__ = ()
+    EXAMPLE: ClassVar[str]
+    """Such a tag, for error messages."""
+
+    @classmethod
+    def expanded(cls, table: dict[str, Any]) -> dict[str, Any]:
+        """``table`` with the struct's own tag where it has such a one, else ``table`` as it is."""
+        raise NotImplementedError
+
+
+class FromFile:
+    """Beside a struct that is a section of a configuration: its keys may stand in a file, which its key ``file`` names.
+
+    Such a struct has the optional key ``file``, and ``preset`` if it has :attr:`PRESETS`. Both are gone once read.
+    """
+
+    __slots__ = ()
+    PRESETS: ClassVar[str] = ""
+    """Folder of this package with files that come along, one a preset; empty where there are none."""
+
+    @classmethod
+    def with_text(cls, table: dict[str, Any], text: str) -> dict[str, Any]:
+        """The section as written, ``table``, completed from the text of its file.
+
+        Raises:
+            ValueError: what is wrong with the text, and in which line or key; without the file's name.
+        """
+        raise NotImplementedError
+
+
+def completed(root: type[msgspec.Struct], data: dict[str, Any]) -> dict[str, Any]:
+    """``data`` checked as a ``root`` and completed with the defaults of the tables that it mentions.
+
+    Raises:
+        Problem: the first thing that is wrong, in the order of ``data``; a missing key comes after its neighbours.
+    """
+    result: dict[str, Any] = _complete(mi.type_info(root), data, None, ())
+    return result
+
+
+def kinds(root: type[msgspec.Struct], section: str) -> tuple[str, dict[Any, set[str]]]:
+    """The key that tells a ``section`` of ``root`` its kind, and the keys of each kind; none where it has no kinds."""
+    info = mi.type_info(root)
+    assert isinstance(info, mi.StructType)
+    for field in info.fields:
+        if field.encode_name == section:
+            union = bare(field.type)
+            found = [bare(kind) for kind in (union.types if isinstance(union, mi.UnionType) else (union,))]
+            tagged = [kind for kind in found if isinstance(kind, mi.StructType) and kind.tag_field is not None]
+            keys = {kind.tag: {each.encode_name for each in kind.fields} for kind in tagged}
+            return (tagged[0].tag_field or "", keys) if tagged else ("", {})
+    return "", {}
+
+
+def dotted(path: KeyPath) -> str:
+    """The path as an operator writes it."""
+    return ".".join(path)
+
+
+def _complete(info: mi.Type, value: Any, default: Any, path: KeyPath) -> Any:
+    """``value`` checked against ``info``, its missing keys taken from ``default`` (a struct, or None).
+
+    Raises:
+        Problem: the first thing that is wrong, in the order of the file.
+    """
+    match info:
+        case mi.Metadata():
+            return _complete(info.type, value, default, path)
+        case mi.StructType():
+            return _struct(info, value, default, path)
+        case mi.UnionType():
+            return _union(info, value, default, path)
+        case mi.DictType():
+            if not isinstance(value, dict):
+                _refuse(info, value, path)
+            return {key: _complete(info.value_type, item, None, (*path, key)) for key, item in value.items()}
+        case mi.TupleType():
+            if not isinstance(value, list | tuple) or len(value) != len(info.item_types):
+                _refuse(info, value, path)
+            return [
+                _complete(kind, item, None, _indexed(path, i))
+                for i, (kind, item) in enumerate(zip(info.item_types, value, strict=True))
+            ]
+        case mi.VarTupleType() | mi.ListType():
+            if not isinstance(value, list | tuple) or not _within(len(value), info.min_length, info.max_length):
+                _refuse(info, value, path)
+            return [_complete(info.item_type, item, None, _indexed(path, i)) for i, item in enumerate(value)]
+    if not _SCALARS.get(type(info), lambda _info, _value: True)(info, value):
+        _refuse(info, value, path)
+    return value
+
+
+def _struct(info: mi.StructType, value: Any, default: Any, path: KeyPath) -> dict[str, Any]:
+    if not isinstance(value, dict):
+        _refuse(info, value, path)
+    tag = {} if info.tag_field is None else {info.tag_field: info.tag}
+    fields = {field.encode_name: field for field in info.fields}
+    complete: dict[str, Any] = dict(tag)
+    for key, item in value.items():
+        inner = (*path, key)
+        if key in fields:
+            field = fields[key]
+            base = _default(field) if default is None else getattr(default, field.name)
+            complete[key] = _complete(field.type, item, base, inner)
+        elif key not in tag:
+            raise Problem(inner, unknown(key, item, [*tag, *fields]))
+        elif item != info.tag:
+            raise Problem(inner, f"expected one of {[info.tag]}, got {shown(item)}")
+    for key, field in fields.items():
+        if key in complete:
+            continue
+        if default is not None:
+            complete[key] = msgspec.to_builtins(getattr(default, field.name))
+        elif field.required:
+            raise Problem((*path, key), f"missing; expected {expected(field.type)}")
+    return complete
+
+
+def _union(info: mi.UnionType, value: Any, default: Any, path: KeyPath) -> Any:
+    structs = {kind.tag: kind for kind in map(bare, info.types) if isinstance(kind, mi.StructType)}
+    if isinstance(value, dict) and structs:
+        fallback = next((tag for tag, kind in structs.items() if isinstance(default, kind.cls)), None)
+        first = next(iter(structs.values()))
+        if first.tag_field is None:
+            return _complete(first, value, default, path)
+        accepted: list[Any] = list(structs)
+        for struct in structs.values():
+            if issubclass(struct.cls, Open):
+                value = struct.cls.expanded(value)
+                accepted.append(struct.cls.EXAMPLE)
+        tag = value.get(first.tag_field, fallback)
+        if tag is None:
+            raise Problem((*path, first.tag_field), f"missing; expected one of {accepted}")
+        if not isinstance(tag, str | int) or tag not in structs:
+            raise Problem((*path, first.tag_field), f"expected one of {accepted}, got {shown(tag)}")
+        return _complete(structs[tag], value, default if tag == fallback else None, path)
+    problems = []
+    for kind in info.types:
+        try:
+            return _complete(kind, value, None, path)
+        except Problem as problem:
+            problems.append(problem)
+    deeper = [problem for problem in problems if len(problem.path) > len(path)]
+    if len(deeper) == 1:
+        raise deeper[0]
+    _refuse(info, value, path)
+
+
+def _is_float(info: Any, value: Any) -> bool:
+    if isinstance(value, bool) or not isinstance(value, int | float):
+        return False
+    try:
+        return math.isfinite(float(value)) and _bounded(info, value)
+    except OverflowError:
+        return False
+
+
+def _is_str(info: Any, value: Any) -> bool:
+    return (
+        isinstance(value, str)
+        and _within(len(value), info.min_length, info.max_length)
+        and (info.pattern is None or re.search(info.pattern, value) is not None)
+    )
+
+
+_SCALARS: dict[type, Callable[[Any, Any], bool]] = {
+    mi.FloatType: _is_float,
+    mi.IntType: lambda info, value: type(value) is int and abs(value) < 2**63 and _bounded(info, value),
+    mi.BoolType: lambda _, value: isinstance(value, bool),
+    mi.StrType: _is_str,
+    mi.NoneType: lambda _, value: value is None,
+    mi.LiteralType: lambda info, value: any(type(value) is type(one) and value == one for one in info.values),
+    mi.EnumType: lambda info, value: any(type(value) is type(one.value) and value == one.value for one in info.cls),
+}
+
+
+def _bounded(info: mi.FloatType | mi.IntType, value: float) -> bool:
+    return (
+        (info.gt is None or value > info.gt)
+        and (info.ge is None or value >= info.ge)
+        and (info.lt is None or value < info.lt)
+        and (info.le is None or value <= info.le)
+        and (info.multiple_of is None or value % info.multiple_of == 0)
+    )
+
+
+def _within(length: int, low: int | None, high: int | None) -> bool:
+    return (low is None or length >= low) and (high is None or length <= high)
+
+
+def _default(field: mi.Field) -> Any:
+    if field.default_factory is not msgspec.NODEFAULT:
+        return field.default_factory()
+    return None if field.default is msgspec.NODEFAULT else field.default
+
+
+def _refuse(info: mi.Type, value: Any, path: KeyPath) -> NoReturn:
+    raise Problem(path, f"expected {expected(info)}, got {shown(value)}")
+
+
+def _indexed(path: KeyPath, index: int) -> KeyPath:
+    return (*path[:-1], f"{path[-1]}[{index}]")

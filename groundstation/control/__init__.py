@@ -1,1 +1,0 @@
-"""How a vehicle is controlled: the pure law, the blocks around it, the estimator."""

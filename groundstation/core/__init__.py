@@ -1,0 +1,1 @@
+"""The heart of a flight, sans-IO: what is computed from poses to commands, and what is refused."""

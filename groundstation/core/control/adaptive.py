@@ -1,0 +1,201 @@
+"""Our controller: the law, fed the modelled actuators, its output led through their lags and limits."""
+
+import math
+from typing import Any
+
+from groundstation.core.control.backstepping import backstep, yaw_rate
+from groundstation.core.control.gains import Gains
+from groundstation.core.control.projection import within
+from groundstation.core.geometry.ops import FLOATS, Ops, Real, Vec3
+from groundstation.core.messages.control import Decision, Estimate
+from groundstation.core.messages.snapshot import Diagnostics
+from groundstation.core.trajectory.port import Reference
+from groundstation.core.vehicle.actuators import lead
+from groundstation.core.vehicle.model import Drive, new
+from groundstation.core.vehicle.vehicle import Vehicle
+
+
+class Adaptive:
+    """Adaptive backstepping with actuator compensation. State: b̂, the last wanted rate and its derivative.
+
+    With ``ARRAYS`` for ``ops`` one object flies N vehicles that are told the same: all numbers have shape (N,).
+    """
+
+    def __init__(self, vehicle: Vehicle, gains: Gains, ops: Ops = FLOATS) -> None:
+        """Start with b̂ = 0, as the paper does."""
+        self._ops = ops
+        self._certificate = certificate(gains)
+        self._vehicle = vehicle
+        self._gains = gains
+        self._hold = vehicle.frame_period_s
+        self._thrust_lead = lead(FLOATS, self._hold, vehicle.thrust_lag_s)
+        self._rate_lead = lead(FLOATS, self._hold, vehicle.rate_lag_s)
+        x, y, z = vehicle.rate_limits_deg_s
+        self._limits: Vec3 = (math.radians(x), math.radians(y), math.radians(z))
+        self.b_hat: Vec3 = (0.0, 0.0, 0.0)
+        self._witnessed: Vec3 | None = None
+        self._wanted: Vec3 | None = None
+        self._wanted_dot: Vec3 = (0.0, 0.0, 0.0)
+        self._thrust_sent: Real | None = None
+        self._saturated = False
+
+    @property
+    def gains(self) -> Gains:
+        """As they are now."""
+        return self._gains
+
+    def regain(self, gains: Gains) -> None:
+        """Fly with other gains from now on; b̂ and all that it remembers stay."""
+        self._gains = gains
+        self._certificate = certificate(gains)
+
+    def begin(self, disturbance: Vec3) -> None:
+        """Let b̂ begin at ``disturbance`` [m/s², NED]: what was found out before the first command."""
+        self.b_hat = within(self._ops, disturbance, self._gains.b_bound)
+
+    @property
+    def memory(self) -> tuple[Any, ...]:
+        """All that one command leaves for the next, as nested tuples; to be given back as it was taken."""
+        rates = self._wanted, self._wanted_dot
+        return self.b_hat, self._witnessed, *rates, self._thrust_sent, self._saturated
+
+    @memory.setter
+    def memory(self, memory: tuple[Any, ...]) -> None:
+        self.b_hat, self._witnessed, self._wanted, self._wanted_dot, self._thrust_sent, self._saturated = memory
+
+    def decide(self, estimate: Estimate, reference: Reference, interval_s: float) -> Decision:
+        """One command for the instant of ``estimate``."""
+        gains, vehicle = self._gains, self._vehicle
+        motion = estimate.motion
+        b_hat, witness = self._informed(estimate)
+        compensate = gains.actuator_compensation
+        thrust = motion.thrust if compensate or self._thrust_sent is None else self._thrust_sent
+        p, v = reference.position_ned, reference.velocity_ned
+        (px, py, pz), (vx, vy, vz) = motion.position, motion.velocity
+        suspended = self._saturated
+        step = backstep(
+            self._ops,
+            gains,
+            mass=vehicle.mass_kg / estimate.effectiveness,
+            z1=(px - p[0], py - p[1], pz - p[2]),
+            z1_dot=(vx - v[0], vy - v[1], vz - v[2]),
+            attitude=motion.attitude,
+            thrust=thrust,
+            b_hat=b_hat,
+            acceleration=reference.acceleration_ned,
+            jerk=reference.jerk_ned,
+            witness=witness,
+            suspended=suspended,
+        )
+        wanted: Vec3 = (
+            step.rate_x,
+            step.rate_y,
+            yaw_rate(
+                self._ops,
+                attitude=motion.attitude,
+                yaw=reference.yaw_rad,
+                yaw_dot=reference.yaw_rate_rad_s,
+                rate_y=step.rate_y,
+                k_yaw=gains.k_yaw,
+                limit=self._limits[2],
+            ),
+        )
+        if compensate:
+            thrust_command = thrust + self._thrust_lead * step.thrust_rate
+            rates = self._led(motion.rates, wanted, interval_s)
+        else:
+            thrust_command = thrust + self._hold * step.thrust_rate
+            rates = wanted
+        drive, self._saturated = self._clamped(thrust_command, rates)
+        self._thrust_sent = drive.thrust
+        dt, dot = interval_s, step.b_hat_dot
+        self.b_hat = within(
+            self._ops,
+            (b_hat[0] + dt * dot[0], b_hat[1] + dt * dot[1], b_hat[2] + dt * dot[2]),
+            gains.b_bound + gains.epsilon,
+        )
+        # In the order of the fields: by name it would take three times as long.
+        seen = Diagnostics(
+            step.z1,
+            step.z2,
+            step.z3,
+            step.u_star,
+            b_hat,
+            dot,
+            estimate.disturbance if gains.composite == "provable" else b_hat,
+            step.v_terms,
+            step.w_terms,
+            step.v_known,
+            step.w,
+            _SUSPENDED if suspended is True else self._certificate,
+            step.thrust_rate,
+            wanted,
+        )
+        return new(Decision, (drive, self._saturated, seen))
+
+    def _informed(self, estimate: Estimate) -> tuple[Vec3, Vec3 | None]:
+        """b̂ with what the observer has learnt since the last command, and the witness κ (d̂ - b̂), if any.
+
+        Provable form: b̂ moves along with d̂, ν = d̂˙ in docs/explanation/law.md. Raw form: innovations are added.
+        With adaptation off b̂ stays; while it is suspended only ν moves b̂, as the clamped commands are modelled.
+        """
+        gains, b = self._gains, self.b_hat
+        if gains.composite == "off" or gains.kb == 0.0:
+            return b, None
+        radius = gains.b_bound + gains.epsilon
+        if gains.composite == "raw":
+            step = estimate.disturbance_step
+            return within(self._ops, (b[0] + step[0], b[1] + step[1], b[2] + step[2]), radius), None
+        d, before = estimate.disturbance, self._witnessed
+        self._witnessed = d
+        if before is not None:
+            b = within(self._ops, (b[0] + d[0] - before[0], b[1] + d[1] - before[1], b[2] + d[2] - before[2]), radius)
+        k = gains.kappa
+        return b, (k * (d[0] - b[0]), k * (d[1] - b[1]), k * (d[2] - b[2]))
+
+    def _led(self, rates: Vec3, wanted: Vec3, interval: float) -> Vec3:
+        """Rates to command so that the true ones follow ``wanted``: e = ω_d - ω̂ decays like e^(-k_ω t)."""
+        gains = self._gains
+        if self._vehicle.rate_lag_s == 0.0:
+            return wanted
+        if self._wanted is not None and interval > 0.0:
+            # A first-order filter on the difference quotient, discretised for this interval.
+            k = interval / (interval + gains.rate_feedforward)
+            w, o, d = wanted, self._wanted, self._wanted_dot
+            self._wanted_dot = (
+                d[0] + k * ((w[0] - o[0]) / interval - d[0]),
+                d[1] + k * ((w[1] - o[1]) / interval - d[1]),
+                d[2] + k * ((w[2] - o[2]) / interval - d[2]),
+            )
+        self._wanted = wanted
+        n, k, d = self._rate_lead, gains.k_omega, self._wanted_dot
+        return (
+            rates[0] + n * (k * (wanted[0] - rates[0]) + d[0]),
+            rates[1] + n * (k * (wanted[1] - rates[1]) + d[1]),
+            rates[2] + n * (k * (wanted[2] - rates[2]) + d[2]),
+        )
+
+    def _clamped(self, thrust: float, rates: Vec3) -> tuple[Drive, bool]:
+        """A command within the vehicle's limits, and whether any of the four had to be clamped."""
+        vehicle, clamp = self._vehicle, self._ops.clamp
+        (x, y, z), (a, b, c) = rates, self._limits
+        inside = clamp(thrust, vehicle.thrust_min_n, vehicle.thrust_max_n)
+        p, q, r = clamp(x, -a, a), clamp(y, -b, b), clamp(z, -c, c)
+        return new(Drive, (inside, (p, q, r))), (inside != thrust) | (p != x) | (q != y) | (r != z)
+
+
+_SUSPENDED = "none: adaptation is suspended while a command is at its limit"
+
+
+def certificate(gains: Gains) -> str:
+    """Which bound on V holds for these gains, for a constant wind and no lag (docs/explanation/law.md, section 5)."""
+    if gains.kb == 0.0:
+        return "none: adaptation is off (controller.kb = 0)"
+    if gains.composite == "off":
+        return "paper: V falls at least by W"
+    if gains.composite == "raw":
+        return "none: the raw form of composite adaptation has no proof"
+    beyond = max(1.0, ((gains.b_bound + gains.epsilon) / gains.b_bound) ** 2 - 1.0)
+    if gains.kb**2 * gains.kappa * beyond**2 >= 4.0 * gains.k3:
+        return "none: the proof needs kb² κ < 4 k3"
+    return "composite: V and the observer's error fall together, by a share of W at least"

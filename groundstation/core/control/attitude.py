@@ -1,0 +1,70 @@
+"""From a wanted push to body rates: for every controller that does not backstep through the attitude.
+
+The push F [m/s², NED] is what the rotors must take from the vehicle's acceleration: with the disturbance d, thrust T
+and attitude R, acceleration = g e3 + d - (T/m) R e3, so F = g e3 + d - a_wanted, T = m |F|, and R e3 along F.
+Floats only.
+"""
+
+import math
+
+from groundstation.core.geometry.ops import Quat, Vec3
+from groundstation.core.geometry.so3 import third_column, to_body
+from groundstation.core.vehicle.model import Motion
+
+LEAST_PUSH = 1.0
+"""F is kept at least so far downwards [m/s²]: no controller here asks the vehicle to fly on its back."""
+
+
+def push(wanted: Vec3, disturbance: Vec3, gravity: float, tilt_limit: float = math.radians(45.0)) -> tuple[Vec3, bool]:
+    """F for a wanted acceleration [m/s², NED], tilted by no more than ``tilt_limit`` [rad]; True where that cut it."""
+    x, y = disturbance[0] - wanted[0], disturbance[1] - wanted[1]
+    z = gravity + disturbance[2] - wanted[2]
+    down = max(z, LEAST_PUSH)
+    sideways, most = math.hypot(x, y), math.tan(tilt_limit) * down
+    if sideways > most:
+        x, y = x * most / sideways, y * most / sideways
+    return (x, y, down), sideways > most or down != z
+
+
+def length(v: Vec3) -> float:
+    """|v|."""
+    return math.sqrt(v[0] * v[0] + v[1] * v[1] + v[2] * v[2])
+
+
+def acceleration(motion: Motion, disturbance: Vec3, mass: float, gravity: float) -> Vec3:
+    """What the model says that the vehicle does now [m/s², NED], ``disturbance`` included."""
+    x, y, z = third_column(motion.attitude)
+    f = motion.thrust / mass
+    return (disturbance[0] - f * x, disturbance[1] - f * y, gravity + disturbance[2] - f * z)
+
+
+def sine_error(attitude: Quat, along: Vec3) -> tuple[float, float]:
+    """Turn about body x and y that brings the body's z axis to ``along``: sin of the angle, along the axis [-].
+
+    The attitude error of T. Lee, M. Leok, N. H. McClamroch, CDC 2010, without its heading: largest at 90°.
+    """
+    x, y, _ = to_body(attitude, along)
+    n = 1.0 / length(along)
+    return (-y * n, x * n)
+
+
+def half_angle_error(attitude: Quat, along: Vec3) -> tuple[float, float]:
+    """As :func:`sine_error`, but 2 sin of half the angle [-]: the shortest quaternion's, as in PX4; largest at 180°."""
+    x, y, z = to_body(attitude, along)
+    n = 1.0 / length(along)
+    k = n * math.sqrt(2.0 / max(1.0 + z * n, 1e-6))
+    return (-y * k, x * k)
+
+
+def turning(attitude: Quat, along: Vec3, along_dot: Vec3) -> tuple[float, float]:
+    """Body rates about x and y [rad/s] at which the direction of ``along`` turns that changes by ``along_dot``."""
+    x, y, _ = to_body(attitude, _direction_dot(along, along_dot))
+    return (-y, x)
+
+
+def _direction_dot(along: Vec3, dot: Vec3) -> Vec3:
+    """The derivative of along/|along|."""
+    n = 1.0 / length(along)
+    a, b, c = along[0] * n, along[1] * n, along[2] * n
+    inner = a * dot[0] + b * dot[1] + c * dot[2]
+    return (n * (dot[0] - inner * a), n * (dot[1] - inner * b), n * (dot[2] - inner * c))

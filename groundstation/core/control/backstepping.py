@@ -1,0 +1,223 @@
+"""The law: nonlinear adaptive backstepping, equations (5)-(10) of Cabecinhas, Cunha, Silvestre, ACC 2013.
+
+A pure function: state in, state rates and commands out; no clock, no I/O. The printed paper is wrong in
+places; docs/explanation/law.md lists them, and this file is the corrected form.
+
+    symbol      unit    frame   meaning                                       equation
+    p, v        m, m/s  NED     position, velocity                            (1)
+    R (q)       -       FRD→NED attitude                                      (2)
+    T           N       -z FRD  thrust the rotors give now, > 0               (1)
+    b̂           m/s²    NED     estimate of the disturbance b                 (8)
+    z1          m       NED     p - pd
+    z2          m/s     NED     z1˙ + σ(z1)                                   (5)
+    û           m/s²    NED     -(T/m) R e3 + g e3 + b̂ - p¨d
+    u*          m/s²    NED     virtual control                               (6)
+    z3          m/s²    NED     û - u*                                        (7)
+    Ṫ, ω1, ω2   N/s, rad/s      what the vehicle should do                    (10)
+
+On the plant of the paper, V˙ = -W + b̃ᵀ(ξ - Proj) <= -W.
+"""
+
+import msgspec
+
+from groundstation.core.control.gains import Law
+from groundstation.core.control.projection import Brink, brink, held_back
+from groundstation.core.control.shaping import growth, saturation
+from groundstation.core.geometry.ops import FLOATS, Ops, Quat, Real, Vec3
+from groundstation.core.geometry.so3 import third_column, to_body
+
+POSITION_LIMIT = 1e6
+"""Errors are clamped here [m, m/s², m/s³], far beyond any room, so that no finite input overflows."""
+VELOCITY_LIMIT = 1e4
+"""[m/s]; V grows like the fourth power of the speed error."""
+
+
+class Axis(msgspec.Struct, frozen=True, gc=False):
+    """One axis of the double integrator: error, virtual control and its partial derivatives."""
+
+    z1: Real
+    z1_dot: Real
+    z2: Real
+    sigma: Real
+    sigma_prime: Real
+    u_star: Real
+    du_dz1: Real
+    du_dz2: Real
+    dv_dz2: Real
+    v_sigma: Real
+    """φ(z1), the first part of V_DI."""
+    v_omega: Real
+    """½ (Ω(x2) + Ω(σ))², the second."""
+    w_sigma: Real
+    """σ², the first part of W."""
+    w_rho: Real
+    """k2 z2 ρ(z2), the second."""
+
+
+class Step(msgspec.Struct, frozen=True, gc=False):
+    """What the law says at one instant."""
+
+    thrust_rate: Real
+    """Ṫ [N/s]."""
+    rate_x: Real
+    """ω1 [rad/s], roll rate, FRD."""
+    rate_y: Real
+    """ω2 [rad/s], pitch rate, FRD."""
+    b_hat_dot: Vec3
+    """b̂˙ [m/s³], NED."""
+    z1: Vec3
+    z2: Vec3
+    z3: Vec3
+    u_star: Vec3
+    v_terms: Vec3
+    """Σ φ(z1), ½|Ω(x2) + Ω(σ)|², ½ z3ᵀz3: all of V but its b̃ term."""
+    w_terms: Vec3
+    """σᵀσ, k2 z2ᵀρ(z2), k3 z3ᵀz3: all of W."""
+
+    @property
+    def v_known(self) -> Real:
+        """V_DI + ½ z3ᵀz3: V without its b̃ term."""
+        return self.v_terms[0] + self.v_terms[1] + self.v_terms[2]
+
+    @property
+    def w(self) -> Real:
+        """W = σᵀσ + k2 z2ᵀρ(z2) + k3 z3ᵀz3."""
+        return self.w_terms[0] + self.w_terms[1] + self.w_terms[2]
+
+
+def axis(ops: Ops, law: Law, z1: Real, z1_dot: Real) -> Axis:
+    """(5), (6) and their partial derivatives in (z1, z2), for one axis."""
+    x1 = ops.clamp(z1, -POSITION_LIMIT, POSITION_LIMIT)
+    x2 = ops.clamp(z1_dot, -VELOCITY_LIMIT, VELOCITY_LIMIT)
+    s, s1, s2, v_sigma = saturation(ops, x1, law.sigma_bound, law.sigma_slope)
+    z2 = x2 + s  # (5)
+    k2 = law.k2
+    rho, rho1, _, _ = saturation(ops, z2, law.rho_bound, law.rho_slope)
+    if ops is FLOATS and -law.sigma_bound <= x2 <= law.sigma_bound:
+        # One vehicle is here nearly always, where Ω is the identity: the same, without what is then 0 or 1.
+        a, slope = k2 * rho + s, k2 * rho1
+        u_x1, u_x2 = -((slope + 1.0) * s1 + s2 * x2), -(slope + s1)
+        du_dz1 = u_x1 - s1 * u_x2
+        return Axis(x1, x2, z2, s, s1, -(a + s1 * x2), du_dz1, u_x2, z2, v_sigma, 0.5 * z2 * z2, s * s, k2 * z2 * rho)
+    excess, o1, o2 = growth(ops, x2, law.sigma_bound, law.velocity_scale)
+    # Ω(x2) + Ω(σ) = z2 + excess: zero only where the excess is (|σ| < M < |x2|), and there q = 1.
+    sum_ = z2 + excess
+    over = 1.0 / ops.where(excess == 0.0, 1.0, sum_)
+    q = 1.0 - excess * over
+    a = k2 * rho + s
+    i = 1.0 / o1
+    u_star = -i * (q * a + s1 * x2)  # (6)
+    q_x1 = s1 * excess * over * over
+    q_x2 = (z2 * (1.0 - o1) + excess) * over * over
+    u_x1 = -i * (q_x1 * a + q * (k2 * rho1 + 1.0) * s1 + s2 * x2)
+    u_x2 = -i * (q_x2 * a + q * k2 * rho1 + s1) - u_star * o2 * i
+    # In the order of the fields: by name it would take three times as long, three times a command.
+    v_omega, du_dz1, dv_dz2 = 0.5 * sum_ * sum_, u_x1 - s1 * u_x2, o1 * sum_
+    return Axis(x1, x2, z2, s, s1, u_star, du_dz1, u_x2, dv_dz2, v_sigma, v_omega, s * s, k2 * z2 * rho)
+
+
+def backstep(
+    ops: Ops,
+    law: Law,
+    *,
+    mass: Real,
+    z1: Vec3,
+    z1_dot: Vec3,
+    attitude: Quat,
+    thrust: Real,
+    b_hat: Vec3,
+    acceleration: Vec3,
+    jerk: Vec3,
+    witness: Vec3 | None = None,
+    suspended: bool = False,
+) -> Step:
+    """One evaluation of the law.
+
+    Args:
+        ops: elementary functions (floats, or arrays of shape (N,)).
+        law: gains.
+        mass: [kg].
+        z1: p - pd [m], NED.
+        z1_dot: v - p˙d [m/s], NED.
+        attitude: unit quaternion, body FRD to world NED.
+        thrust: T [N]; the law needs T > 0 and takes at least a thousandth of the weight.
+        b_hat: b̂ [m/s²], NED.
+        acceleration: p¨d [m/s²], NED.
+        jerk: p⃛d [m/s³], NED.
+        witness: κ (d̂ - b̂) [m/s³ per kb], a second witness of the disturbance (composite adaptation), or None.
+            It moves b̂ only: Ṫ and ω answer b̂˙ = kb Proj(ξ, b̂), which follows gusts better (docs/decisions/0005).
+        suspended: True freezes b̂ (on the ground, saturated); the law then uses b̂˙ = 0.
+    """
+    lim = POSITION_LIMIT
+    clamp = ops.clamp
+    x = axis(ops, law, z1[0], z1_dot[0])
+    y = axis(ops, law, z1[1], z1_dot[1])
+    z = axis(ops, law, z1[2], z1_dot[2])
+    thrust = clamp(thrust, 1e-3 * mass * law.gravity, 1e6)
+    down = third_column(attitude)
+    f = -thrust / mass
+    ux = f * down[0] + b_hat[0] - clamp(acceleration[0], -lim, lim)
+    uy = f * down[1] + b_hat[1] - clamp(acceleration[1], -lim, lim)
+    uz = f * down[2] + law.gravity + b_hat[2] - clamp(acceleration[2], -lim, lim)
+    z3x, z3y, z3z = ux - x.u_star, uy - y.u_star, uz - z.u_star  # (7)
+
+    xi: Vec3 = (x.dv_dz2 - x.du_dz2 * z3x, y.dv_dz2 - y.du_dz2 * z3y, z.dv_dz2 - z.du_dz2 * z3z)
+    active = ops.where(suspended, 0.0, law.kb)
+    edge = brink(ops, b_hat, bound=law.b_bound, epsilon=law.epsilon, order=law.projection_order)
+    b_dot_all = b_dot = _adaptation(ops, law, active, xi, b_hat, edge)  # (8)
+    if witness is not None:
+        more = (xi[0] + witness[0], xi[1] + witness[1], xi[2] + witness[2])
+        b_dot_all = _adaptation(ops, law, active, more, b_hat, edge)
+
+    k3 = law.k3
+    turn = to_body(
+        attitude,
+        (
+            k3 * z3x + x.dv_dz2 + b_dot[0] - clamp(jerk[0], -lim, lim) - _u_star_rate(x, ux),
+            k3 * z3y + y.dv_dz2 + b_dot[1] - clamp(jerk[1], -lim, lim) - _u_star_rate(y, uy),
+            k3 * z3z + z.dv_dz2 + b_dot[2] - clamp(jerk[2], -lim, lim) - _u_star_rate(z, uz),
+        ),
+    )
+    z3z3 = z3x * z3x + z3y * z3y + z3z * z3z
+    return Step(
+        mass * turn[2],  # (10)
+        -(mass / thrust) * turn[1],
+        (mass / thrust) * turn[0],
+        b_dot_all,
+        (x.z1, y.z1, z.z1),
+        (x.z2, y.z2, z.z2),
+        (z3x, z3y, z3z),
+        (x.u_star, y.u_star, z.u_star),
+        (x.v_sigma + y.v_sigma + z.v_sigma, x.v_omega + y.v_omega + z.v_omega, 0.5 * z3z3),
+        (x.w_sigma + y.w_sigma + z.w_sigma, x.w_rho + y.w_rho + z.w_rho, k3 * z3z3),
+    )
+
+
+def _adaptation(ops: Ops, law: Law, kb: Real, xi: Vec3, b_hat: Vec3, edge: Brink | None) -> Vec3:
+    """b̂˙ = kb Proj(ξ, b̂); ``kb`` is 0 where adaptation is suspended."""
+    x, y, z = held_back(ops, xi, b_hat, edge, law.delta)
+    return (kb * x, kb * y, kb * z)
+
+
+def _u_star_rate(a: Axis, u_hat: Real) -> Real:
+    """The known part of u˙*: what it would be if b̂ were b."""
+    return a.du_dz1 * a.z1_dot + a.du_dz2 * (u_hat + a.sigma_prime * a.z1_dot)
+
+
+def yaw_rate(ops: Ops, *, attitude: Quat, yaw: Real, yaw_dot: Real, rate_y: Real, k_yaw: Real, limit: Real) -> Real:
+    """ω3 [rad/s] that turns the heading towards ``yaw`` [rad]; the law leaves ω3 free.
+
+    ω3 = (cosθ (ψ˙d - k_ψ sin(ψ - ψd)) - sinφ ω2)/cosφ, kept away from |roll| = 90° and limited.
+    """
+    w, x, y, z = attitude
+    # The first column and last row of R give the angles without trigonometry.
+    north, east = 1.0 - 2.0 * (y * y + z * z), 2.0 * (x * y + w * z)
+    cos_pitch = ops.sqrt(north * north + east * east + 1e-12)
+    r32, r33 = 2.0 * (y * z + w * x), 1.0 - 2.0 * (x * x + y * y)
+    roll_norm = ops.sqrt(r32 * r32 + r33 * r33 + 1e-12)
+    sin_roll, cos_roll = r32 / roll_norm, r33 / roll_norm
+    # sin(ψ - ψd) by the difference formula, from (cosψ, sinψ) = (north, east)/cosθ.
+    sine = (east * ops.cos(yaw) - north * ops.sin(yaw)) / cos_pitch
+    cos_roll = ops.where(cos_roll < 0.0, -1.0, 1.0) * ops.clamp(abs(cos_roll), 0.2, 1.0)
+    rate = (cos_pitch * (yaw_dot - k_yaw * sine) - sin_roll * rate_y) / cos_roll
+    return ops.clamp(rate, -limit, limit)

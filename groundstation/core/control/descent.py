@@ -1,0 +1,84 @@
+"""Failsafe descent: level and down by attitude and speed alone. No position, no adaptation, no reference. Sans-IO.
+
+The push that takes the velocity to (0, 0, sink), tilted a little at most; the attitude follows it by its sine error.
+It holds no place: what is left of the wind's estimate, it drifts with. An estimate that is wrong must not make it
+climb: an integral of the sinking speed's error outweighs it. Blind, it asks the speed for nothing either: it levels
+into the wind it knew and pushes a little less than what hovers, and with time ever less.
+"""
+
+import math
+
+from groundstation.core.control.attitude import length, push, sine_error
+from groundstation.core.control.decision import decided
+from groundstation.core.geometry.ops import Vec3
+from groundstation.core.geometry.so3 import third_column
+from groundstation.core.messages.control import Decision, Estimate
+from groundstation.core.trajectory.port import Reference
+from groundstation.core.vehicle.vehicle import Vehicle
+
+SPEED_GAIN = 1.5
+"""Acceleration per error of the speed [1/s]."""
+ATTITUDE_GAIN = 4.0
+"""Body rate per sine of the attitude error [1/s]; the rate lag of the smallest vehicle allows no more."""
+LEAN = math.radians(20.0)
+"""Largest tilt that it asks for [rad]."""
+WIND_LIMIT_M_S2 = 4.0
+"""Of an estimated disturbance no more is believed, on each axis."""
+MOST = 0.24
+"""Largest acceleration upwards that it asks for, as a share of gravity: poses that are late or wrong ask for more."""
+INTEGRAL_GAIN, INTEGRAL_LIMIT_M_S2 = 1.0, 6.0
+"""Acceleration per integral of the sinking speed's error [1/s²], and its largest: more than any wind believed."""
+BLIND_PULL_M_S2 = 0.35
+"""Downward acceleration that it asks for when blind: 1.2 m/s after 2 m."""
+BLIND_S, BLIND_MORE_M_S3 = 3.0, 0.3
+"""By then it should be down [s]; from there on the pull grows [m/s³], as what hovers was not what it was taken for."""
+BLIND_WIND_M_S2 = 1.5
+"""Of an estimated disturbance so much is believed when blind, on each axis."""
+
+
+class Descent:
+    """Implements :class:`~groundstation.core.messages.control.Controller`; of the reference speed and heading count."""
+
+    def __init__(self, vehicle: Vehicle, gravity: float) -> None:
+        """Take the vehicle as told, and g [m/s²]."""
+        self._vehicle = vehicle
+        self._gravity = gravity
+        self.blind = False
+        """True where speed is not to be believed."""
+        self._integral = self._blind_s = 0.0
+
+    def decide(self, estimate: Estimate, reference: Reference, interval_s: float) -> Decision:
+        """One command."""
+        motion, g = estimate.motion, self._gravity
+        most = BLIND_WIND_M_S2 if self.blind else WIND_LIMIT_M_S2
+        x, y, z = (max(-most, min(most, d)) for d in estimate.disturbance)
+        if self.blind:
+            self._blind_s += interval_s
+            wanted: Vec3 = (0.0, 0.0, BLIND_PULL_M_S2 + BLIND_MORE_M_S3 * max(self._blind_s - BLIND_S, 0.0))
+        else:
+            (a, b, c), (u, v, w) = motion.velocity, reference.velocity_ned
+            k, limit = SPEED_GAIN, INTEGRAL_LIMIT_M_S2
+            self._integral = max(-limit, min(limit, self._integral + INTEGRAL_GAIN * (w - c) * interval_s))
+            down = max(-MOST * g, min(0.3 * g, k * (w - c)) + self._integral)
+            wanted = (k * (u - a), k * (v - b), down)
+        along, _ = push(wanted, (x, y, z), g, LEAN)
+        roll, pitch = sine_error(motion.attitude, along)
+        upright = third_column(motion.attitude)[2]
+        if upright < 0.0:  # beyond 90° the sine falls again: turn as hard as at 90°
+            n = 1.0 / max(math.hypot(roll, pitch), 1e-6)
+            roll, pitch = (roll * n, pitch * n) if n < 1e6 else (1.0, 0.0)
+        mass = self._vehicle.mass_kg / estimate.effectiveness
+        # A leaning vehicle lifts less, one far over nothing that helps.
+        lift = (
+            min(length(along) / max(upright, 0.7), (1.0 + MOST) * (g + min(z, BLIND_WIND_M_S2)))
+            if upright > 0.3
+            else 0.0
+        )
+        return decided(
+            self._vehicle,
+            estimate,
+            reference,
+            mass * lift,
+            (ATTITUDE_GAIN * roll, ATTITUDE_GAIN * pitch, 0.0),
+            wanted=wanted,
+        )

@@ -1,0 +1,101 @@
+"""Descent on the model alone, where poses are no longer believed: flown ahead at once, played open loop. Sans-IO.
+
+From the motion that the model has now the vehicle is flown down in the model: it levels, takes away the speed that it
+has sideways, sinks, and brakes before the floor. The commands of that flight are the bring-down. Unlike bring_down.py,
+which is made with every command, this is made once, for a state that may be anything, and it is sparing with thrust:
+what was believed wrongly so far may be wrong still. Above what hovers it only brakes what it sank itself.
+"""
+
+import math
+
+from groundstation.core.control.attitude import length, push, sine_error
+from groundstation.core.control.decision import limited
+from groundstation.core.geometry.ops import FLOATS, Vec3
+from groundstation.core.geometry.so3 import third_column
+from groundstation.core.vehicle.actuators import lead
+from groundstation.core.vehicle.model import Motion, rolled
+from groundstation.core.vehicle.vehicle import Vehicle
+from links.core.port import Segment
+
+STEP_S = 0.05
+"""Length of one part [s]."""
+LASTS_S = 1.85
+"""Longest descent [s]; with ``OFF_S`` of zero thrust it is what a link plays at most."""
+OFF_S = 0.15
+"""Zero thrust at the end, sent for this long, so that it arrives on a bad link too [s]."""
+MOST, BRAKE_S = 1.15, 0.35
+"""Largest thrust, as a share of what hovers, and how long it may be above that in all [s]."""
+LEAST = 0.4
+"""Smallest thrust before the floor, as a share of what hovers: with less, rates are hard to hold [-]."""
+LEANS = math.cos(math.radians(12.0))
+"""Cosine of a lean from which on thrust is held back where it makes the vehicle faster [-]."""
+BIAS = 0.97
+"""Of the hover thrust: to meet the floor early is better than to stop above it."""
+BRAKES_M_S2 = 1.3
+"""How hard it counts on braking [m/s²]."""
+TOUCHDOWN_M_S, FASTEST_M_S = 0.6, 1.6
+"""Sinking speed at the floor, and largest [m/s]."""
+FLOOR_M = 0.05
+"""From this height on the motors only stop [m]."""
+SINK_GAIN, SPEED_GAIN, ATTITUDE_GAIN = 4.0, 2.0, 6.0
+"""Acceleration per error of the vertical and the horizontal speed [1/s]; body rate per sine of the tilt's [1/s]."""
+LEAN = math.radians(20.0)
+"""Largest tilt that it asks for [rad]."""
+ZERO: Vec3 = (0.0, 0.0, 0.0)
+
+
+def model_descent(
+    motion: Motion, vehicle: Vehicle, *, mass_kg: float, gravity: float, disturbance: Vec3, height_m: float
+) -> tuple[Segment, ...]:
+    """The parts that begin at the state ``motion``, ``height_m`` above the floor; some 0.5 ms of work.
+
+    Args:
+        motion: as the model has it; its height above the floor is told apart.
+        vehicle: as told; its limits and lags apply.
+        mass_kg: the mass that thrust seems to lift, m/λ̂ [kg].
+        gravity: g [m/s²].
+        disturbance: the mean wind that is believed [m/s², NED].
+        height_m: above the floor [m].
+    """
+    hover = mass_kg * min(max(gravity + disturbance[2], 0.7 * gravity), 1.3 * gravity)
+    thrust_lead = lead(FLOATS, STEP_S, vehicle.thrust_lag_s)
+    rate_lead = min(lead(FLOATS, STEP_S, vehicle.rate_lag_s) / STEP_S, 2.0)
+    floor, braked = motion.position[2] + height_m, 0.0
+    parts: list[Segment] = []
+    for _ in range(round(LASTS_S / STEP_S)):
+        height, (north, east, sinking) = floor - motion.position[2], motion.velocity
+        if height < FLOOR_M:
+            break
+        fastest = min(math.sqrt(TOUCHDOWN_M_S**2 + 2.0 * BRAKES_M_S2 * max(height - FLOOR_M, 0.0)), FASTEST_M_S)
+        wanted = (-SPEED_GAIN * north, -SPEED_GAIN * east, SINK_GAIN * (fastest - sinking))
+        along, _ = push(wanted, disturbance, gravity, LEAN)
+        roll, pitch = sine_error(motion.attitude, along)
+        lean_x, lean_y, upright = third_column(motion.attitude)
+        # Far over, thrust lifts nothing that helps.
+        ask = mass_kg * length(along) / max(upright, 0.7) if upright > 0.3 else 0.0
+        ask = BIAS * min(motion.thrust + thrust_lead * (ask - motion.thrust) / STEP_S, MOST * hover)
+        # It may only brake what it sank itself.
+        may_brake = sinking > TOUCHDOWN_M_S and braked < BRAKE_S - 1e-9
+        if upright < LEANS and lean_x * north + lean_y * east < 0.0:
+            ask = 0.0  # it leans into where it goes: thrust would only make it faster
+        thrust = max(min(ask, MOST * hover if may_brake else hover), LEAST * hover if upright > 0.3 else 0.0)
+        braked += STEP_S if thrust > hover else 0.0
+        k = ATTITUDE_GAIN
+        rates = [
+            rate + rate_lead * (k * error - rate)
+            for rate, error in ((motion.rates[0], roll), (motion.rates[1], pitch), (motion.rates[2], 0.0))
+        ]
+        drive, _ = limited(vehicle, thrust, (rates[0], rates[1], rates[2]))
+        parts.append(Segment(STEP_S, drive.thrust, drive.rates))
+        motion = rolled(
+            FLOATS,
+            motion,
+            drive,
+            STEP_S,
+            mass=mass_kg,
+            gravity=gravity,
+            disturbance=disturbance,
+            thrust_lag=vehicle.thrust_lag_s,
+            rate_lag=vehicle.rate_lag_s,
+        )
+    return (*parts, Segment(OFF_S, 0.0, ZERO))

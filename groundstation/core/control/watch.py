@@ -1,0 +1,231 @@
+"""The certificate in flight: V from measured quantities against the bound that the theory gives it. Sans-IO.
+
+The wind is unknown, so b̃ is too; what the observer knows of it takes its place: w = d̂ - b̂. With
+V_m = V_known + |w|²/(2 kb), docs/explanation/law.md (section 5.9) has, for the noise and the gusts that it covers,
+
+    V_m˙ <= -s (W + κ|w|²) + D
+
+on average. So from any instant on, V_m stays below its value there plus the integral of the right side. The watch
+keeps the excess of V_m over the lowest of these bounds: zero where the theory holds; it grows where V rises, and also
+where V only swings, though it must fall. Lasting excess is a warning that names the largest term of V_m˙.
+"""
+
+import math
+from typing import NamedTuple
+
+from groundstation.core.control.certificate import measure, noise_power
+from groundstation.core.control.gains import Law
+from groundstation.core.control.power import terms
+from groundstation.core.estimation.settings import Estimation
+from groundstation.core.messages.control import Decision
+from groundstation.core.messages.snapshot import Certificate
+from groundstation.core.vehicle.model import Motion
+from groundstation.core.vehicle.vehicle import Vehicle
+
+LASTING_S = 0.5
+"""What lasts so long is told [s]: an outage of the poses, or a gust's front, is over by then."""
+REST_S = 5.0
+"""What comes again sooner than this after its end is not told again [s]."""
+
+HOLDS, VIOLATED, SUSPENDED, NONE = "holds", "violated", "suspended", "none"
+
+
+class Seen(NamedTuple):
+    """What the watch says at one command."""
+
+    state: str
+    """``holds``, ``violated``, ``suspended`` (a command was clamped: adaptation stops) or ``none`` (no promise)."""
+    excess: float
+    """V_m above its bound [m²/s²]."""
+    warning: str
+    """A sentence for the operator, once for each lasting violation; else empty."""
+
+
+class Lasting:
+    """A condition that is told once when it has lasted, and again only after a rest."""
+
+    __slots__ = ("_ended_s", "_told", "for_s")
+
+    def __init__(self) -> None:
+        """It is not so."""
+        self.for_s = 0.0
+        self._told = False
+        self._ended_s = -math.inf
+
+    def so(self, time_s: float, dt: float) -> bool:
+        """It was so for another ``dt`` [s]; True when that is to be told."""
+        if self.for_s == 0.0 and time_s - self._ended_s > REST_S:
+            self._told = False
+        self.for_s += dt
+        if self._told or self.for_s < LASTING_S:
+            return False
+        self._told = True
+        return True
+
+    def over(self, time_s: float) -> None:
+        """It is so no longer."""
+        if self.for_s > 0.0:
+            self.for_s = 0.0
+            self._ended_s = time_s
+
+
+class Watch:
+    """Looks at every command of one flight, and changes nothing."""
+
+    def __init__(self, vehicle: Vehicle, config: Estimation) -> None:
+        """Take the vehicle as told and the gains; a controller without a Lyapunov function has its limits watched."""
+        self._vehicle = vehicle
+        self._least_n, self._most_n = vehicle.thrust_min_n, vehicle.thrust_max_n
+        self._noise: tuple[float, float] | None = None
+        self._rising, self._outside, self._pinned = Lasting(), Lasting(), Lasting()
+        self._fed: dict[str, float] = {}
+        self._peak = self._fed_s = self._watched_s = self._violated_s = self._suspended_s = 0.0
+        self._opening = ""
+        self.regain(config)
+        if self._law is not None and self._known.share == 0.0:
+            self._opening = f"Lyapunov: {self._known.name}; only a lasting rise of V will be told"
+
+    def regain(self, config: Estimation) -> None:
+        """The gains are others from now on, and V with them: begin from there."""
+        law = config if isinstance(config, Law) else None
+        self._config, self._law, self._measure = config, law, measure(config)
+        self._known, self._bound2 = self._measure.decrease, self._measure.b_bound2
+        self._radius = law.b_bound + law.epsilon if law is not None else None
+        self._power = self._known.power
+        if self._noise is not None:
+            self.noise(*self._noise)
+        self._quiet = self._state(suspended=False)
+        self.restart()
+
+    def restart(self) -> None:
+        """The reference jumps, and V with it: begin from there."""
+        self._time = -math.inf
+        self._v = self._fall = self._excess = 0.0
+        self._motion: Motion | None = None
+        self._decision: Decision | None = None
+
+    def noise(self, noise_m: float, interval_s: float) -> None:
+        """The poses' noise as measured [m, 1σ per axis] and their mean interval [s]: D follows them."""
+        self._noise = (noise_m, interval_s)
+        if self._law is not None:
+            self._power = self._known.power + noise_power(self._law, noise_m, interval_s)
+
+    def look(self, time_s: float, motion: Motion, decision: Decision) -> Seen:
+        """One command, and the motion that it rests on."""
+        v, fall = self._measure.of(decision.diagnostics)
+        dt, before = time_s - self._time, self._decision
+        words, self._opening, state = self._opening, "", NONE
+        if before is not None and 0.0 < dt < LASTING_S:
+            rise, fallen = v - self._v, 0.5 * dt * (fall + self._fall)
+            excess = self._excess + rise + self._known.share * fallen - self._power * dt
+            if excess > 0.0 or self._excess > 0.0:
+                words = _both(words, self._above(excess, v, rise + fallen, dt, motion, before, decision))
+            bx, by, bz = decision.diagnostics.b_hat
+            b2 = bx * bx + by * by + bz * bz
+            if b2 > self._bound2 or self._outside.for_s > 0.0:
+                words = _both(words, self._beyond(math.sqrt(b2), dt))
+            thrust = decision.drive.thrust
+            if not self._least_n < thrust < self._most_n or self._pinned.for_s > 0.0:
+                words = _both(words, self._at_limit(thrust, dt))
+            self._watched_s += dt
+            state = self._quiet
+            if before.saturated or self._excess > 0.0 or self._outside.for_s > 0.0:
+                state = self._state(suspended=before.saturated)
+                if state is VIOLATED:
+                    self._violated_s += dt
+                elif state is SUSPENDED:
+                    self._suspended_s += dt
+        self._time = time_s
+        self._v, self._fall, self._motion, self._decision = v, fall, motion, decision
+        return Seen(state, self._excess, words)
+
+    def _above(
+        self, excess: float, v: float, total: float, dt: float, motion: Motion, before: Decision, decision: Decision
+    ) -> str:
+        """V_m is above its bound, or was until now: what has fed it since?"""
+        if self._excess == 0.0:
+            self._fed, self._fed_s, self._peak = {}, 0.0, 0.0
+        # The bound is not let fall below zero by more than V has been above it, so that what is over is over.
+        self._peak = max(self._peak, v)
+        self._excess = excess = min(max(excess, 0.0), self._peak + self._known.spare)
+        if excess <= self._known.spare:
+            self._rising.over(self._time)
+        if excess <= 0.0 or self._motion is None:
+            return ""
+        self._fed_s += dt
+        for name, energy in terms(
+            self._motion,
+            before.diagnostics,
+            before.saturated,
+            motion,
+            decision.diagnostics,
+            dt,
+            total=total,
+            mass=self._vehicle.mass_kg,
+            pull=self._config.kb * self._measure.kappa,
+        ).items():
+            self._fed[name] = self._fed.get(name, 0.0) + energy
+        # While adaptation is suspended nothing is promised, so that time does not count.
+        if excess <= self._known.spare or before.saturated or not self._rising.so(self._time, dt):
+            return ""
+        return f"Lyapunov: V has been above its bound for {self._fed_s:.1f} s; largest term: {self._largest()}"
+
+    def _largest(self) -> str:
+        """The largest term since V has been above its bound, and the next where it is half as large."""
+        (name, most), (other, next_) = sorted(self._fed.items(), key=lambda item: -item[1])[:2]
+        said = f"{name}, {most / self._fed_s:.2g} m²/s³"
+        # Commands at a limit are often the consequence, and what comes next is the cause.
+        return said if next_ < 0.5 * most else f"{said}; then {other}, {next_ / self._fed_s:.2g}"
+
+    def _beyond(self, length: float, dt: float) -> str:
+        """|b̂| is above B, or was until now."""
+        law = self._law
+        if law is None or length <= law.b_bound:
+            self._outside.over(self._time)
+            return ""
+        if not self._outside.so(self._time, dt):
+            return ""
+        return (
+            f"Lyapunov: |b̂| = {length:.1f} m/s² has been above B = {law.b_bound:g} for {self._outside.for_s:.1f} s: "
+            "wind, thrust or mass are off by more than controller.b_bound covers"
+        )
+
+    def _at_limit(self, thrust: float, dt: float) -> str:
+        """The thrust is at one of its limits, or was until now."""
+        if self._least_n < thrust < self._most_n:
+            self._pinned.over(self._time)
+            return ""
+        if not self._pinned.so(self._time, dt):
+            return ""
+        which = "upper" if thrust >= self._most_n else "lower"
+        return (
+            f"thrust margin: the command has been at its {which} limit, {thrust:.2f} N, "
+            f"for {self._pinned.for_s:.1f} s; the Lyapunov bound is suspended"
+        )
+
+    def _state(self, *, suspended: bool) -> str:
+        if max(self._rising.for_s, self._outside.for_s) >= LASTING_S:
+            return VIOLATED
+        if self._law is None:
+            return NONE
+        return SUSPENDED if suspended else HOLDS if self._known.share > 0.0 else NONE
+
+    def reading(self) -> Certificate | None:
+        """For screens; None before the second command."""
+        decision = self._decision
+        if decision is None or self._watched_s == 0.0:
+            return None
+        return Certificate(
+            state=self._state(suspended=decision.saturated),
+            bound=self._known.name,
+            v=self._v,
+            excess=self._excess,
+            violated_fraction=self._violated_s / self._watched_s,
+            suspended_fraction=self._suspended_s / self._watched_s,
+            b_hat_fraction=self._radius and math.hypot(*decision.diagnostics.b_hat) / self._radius,
+        )
+
+
+def _both(words: str, more: str) -> str:
+    """Two sentences, either of which may be empty."""
+    return f"{words}; {more}" if words and more else words or more

@@ -1,0 +1,1 @@
+"""Controllers to fly with: ours, the baselines, and a user's own."""

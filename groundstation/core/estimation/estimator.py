@@ -1,0 +1,298 @@
+"""The estimator: a model-based observer at the newest pose's instant, rolled forward through sent commands.
+
+With composite adaptation in its provable form the observer is autonomous: it is driven by its own d̂ and ĉ, never
+by b̂. Otherwise b̂ drives it (see :meth:`ModelEstimator.follow`).
+"""
+
+import math
+from collections import deque
+
+from groundstation.core.estimation import effectiveness
+from groundstation.core.estimation.effectiveness import told
+from groundstation.core.estimation.observer import (
+    Densities,
+    Gain,
+    begun,
+    corrected,
+    corrected_attitude,
+    corrected_twice,
+    fourth_difference,
+    innovation,
+    later,
+    seen,
+    seen_moving,
+)
+from groundstation.core.estimation.settings import Estimation
+from groundstation.core.geometry.ops import FLOATS, Vec3
+from groundstation.core.messages.control import Estimate
+from groundstation.core.messages.pose import Pose
+from groundstation.core.vehicle.model import ZERO, Drive, Driven, Motion, carried, driven, new
+from groundstation.core.vehicle.vehicle import Vehicle
+
+STEP_LIMIT = 0.025
+"""Longest single step of the model [s]; longer spans are split."""
+NOISE_MEMORY = 100
+"""Poses over which the position noise is averaged."""
+NOISE_FLOOR_M2 = 1e-12
+"""Even a perfect source is not believed beyond a micrometre: float noise would do the rest [m²]."""
+LIFTED_M_S, LIFTED_M_S2 = 0.1, 0.5
+"""How well speed [m/s] and disturbance [m/s²] are known at lift-off, 1σ per axis."""
+
+
+class ModelEstimator:
+    """State at the newest pose's time stamp, and the commands that act from then on.
+
+    The state before the first pose is unknown; :meth:`predict` must not be called then.
+    """
+
+    def __init__(self, vehicle: Vehicle, gains: Estimation) -> None:
+        """Take what the controller is told about the vehicle, and the gains and switches."""
+        self._vehicle = vehicle
+        self._gains = gains
+        self._mass = vehicle.mass_kg
+        self._gravity = gains.gravity
+        self._provable = gains.composite == "provable"
+        self._separates = self._provable and gains.effectiveness_deviation > 0.0
+        self.frozen = False
+        """True on the floor, whose push must not be learnt as an error of the thrust: λ̂ then rests."""
+        self._held: Vec3 | None = None
+        self.given: Driven | None = None
+        """What the commands made of the motion from the pose before to the newest; None at first and after a reset."""
+        self.diverged_m = 0.0
+        """How far the newest pose was from where the model had the vehicle [m]."""
+        self._thrust_lag = vehicle.thrust_lag_s
+        self._rate_lag = vehicle.rate_lag_s
+        white = (gains.acceleration_noise**2, gains.wind_noise**2, gains.wind_rate_noise**2)
+        self._still, self._moving = Densities(0.0, *white), Densities(gains.position_wander**2, *white)
+        self._noise = gains.pose_noise_m**2
+        self._covariance = begun(self._noise)
+        self._effectiveness = told(gains.effectiveness_deviation)
+        self._recent: deque[tuple[float, Vec3]] = deque(maxlen=5)
+        self._reset_count = 0
+        self._stamp = 0.0
+        self._motion: Motion | None = None
+        self._disturbance: Vec3 = ZERO
+        self._disturbance_rate: Vec3 = ZERO
+        self._disturbance_step: Vec3 = ZERO
+        self._drives: deque[tuple[float, Drive]] = deque()
+        self._path: list[tuple[float, Driven, int]] = []
+
+    @property
+    def ready(self) -> bool:
+        """True from the first pose on."""
+        return self._motion is not None
+
+    @property
+    def stamp_s(self) -> float:
+        """Time stamp of the newest pose [s]."""
+        return self._stamp
+
+    @property
+    def motion(self) -> Motion | None:
+        """The vehicle at the newest pose; None before the first."""
+        return self._motion
+
+    @property
+    def disturbance(self) -> Vec3:
+        """d̂ at the newest pose [m/s², NED]."""
+        return self._disturbance
+
+    @property
+    def effectiveness(self) -> float:
+        """λ̂, true thrust over told thrust [-]."""
+        return float(self._effectiveness.value)
+
+    def sent(self, time_s: float, drive: Drive) -> None:
+        """A command acts from ``time_s`` on; one for the same instant or later replaces it."""
+        drives, path = self._drives, self._path
+        while drives and drives[-1][0] >= time_s:
+            drives.pop()
+        drives.append((time_s, drive))
+        while len(path) > 1 and path[-1][0] > time_s:
+            path.pop()
+
+    def release(self) -> None:
+        """The vehicle begins to fly: forget the disturbance that its stand, or a hand, seemed to be."""
+        self._covariance = begun(self._noise)
+        self._effectiveness = told(self._gains.effectiveness_deviation)
+        self._disturbance = self._disturbance_rate = self._disturbance_step = ZERO
+
+    def lifted(self, climb_m_s: float, hover_share: float) -> Vec3:
+        """The vehicle has left the floor, climbs, and seems to hover at this share of its told weight.
+
+        What the observer has made of the floor's push and friction is forgotten, and so is the speed that it took
+        the vehicle to have on the floor. What the hover thrust is off by is divided between λ̂ and the disturbance as
+        both are uncertain; which of them it is does not show while thrust stays as it is.
+        Returns the disturbance that is left [m/s², NED].
+        """
+        self.frozen = False
+        self.release()
+        self._covariance = self._covariance._replace(vv=LIFTED_M_S**2, dd=LIFTED_M_S2**2)
+        if self._motion is not None:
+            north, east, _ = self._motion.velocity
+            self._motion = self._motion._replace(velocity=(north, east, -climb_m_s))
+        value = 1.0
+        if self._separates:
+            by_thrust = (self._gains.effectiveness_deviation * self._gravity) ** 2
+            weight = by_thrust / (by_thrust + 1.0)  # begun() has the disturbance at 1 m/s²
+            value = 1.0 / (1.0 + weight * (hover_share - 1.0))
+            e = self._effectiveness
+            moved = (0.0, 0.0, hover_share * self._gravity)
+            self._effectiveness = e._replace(value=value, variance=(1.0 - weight) * e.variance, d=moved)
+        self._disturbance = (0.0, 0.0, (value * hover_share - 1.0) * self._gravity)
+        return self._disturbance
+
+    def hold(self, disturbance: Vec3, effectiveness: float) -> None:
+        """The poses are suspect: learn nothing; ``disturbance`` [m/s², NED] and λ̂ stay so until :meth:`resume`."""
+        self._held = disturbance
+        self._effectiveness = self._effectiveness._replace(value=effectiveness)
+
+    def resume(self) -> None:
+        """The poses are believed again."""
+        self._held = None
+
+    @property
+    def holds(self) -> bool:
+        """Whether nothing is learnt."""
+        return self._held is not None
+
+    def follow(self, disturbance: Vec3) -> None:
+        """Drive the observer by b̂ [m/s², NED] instead of its own d̂ (composite adaptation off, or raw)."""
+        self._disturbance = disturbance
+
+    @property
+    def noise_m(self) -> float:
+        """Position noise of the poses as measured, 1σ per axis [m]."""
+        return math.sqrt(self._noise)
+
+    def pose(self, pose: Pose) -> None:
+        """Correct the model by one pose."""
+        self.given = None
+        previous = self._motion
+        if previous is None:
+            self._begin(self._first(pose), pose)
+            return
+        dt = pose.time_s - self._stamp
+        if dt <= 0.0:
+            return
+        if pose.reset_count != self._reset_count:
+            # The source moved its origin, not the vehicle: take the new place, keep velocity and disturbance.
+            moved = self._at(previous, self._driven(pose.time_s), dt)
+            self._disturbance = corrected(self._disturbance, dt, self._disturbance_rate)
+            self._begin(moved._replace(position=pose.position_ned, attitude=pose.attitude), pose)
+            self._recent.clear()
+            return
+        self._measure_noise(pose)
+        gains = self._gains
+        given = self.given = self._driven(pose.time_s)
+        model = self._at(previous, given, dt)
+        if self._separates and not self.frozen and self._held is None:
+            self._effectiveness = effectiveness.later(
+                self._effectiveness, dt, given, self._mass, gains.effectiveness_walk
+            )
+        densities = self._still if pose.velocity_ned is None else self._moving
+        expected, noise = later(self._covariance, dt, densities), self._noise
+        gain, self._covariance = seen(expected, noise)
+        step = innovation(pose.position_ned, model.position)
+        self.diverged_m = math.sqrt(step[0] * step[0] + step[1] * step[1] + step[2] * step[2])
+        disturbance = corrected(self._disturbance, dt, self._disturbance_rate)
+        chain = self._correct(model.position, model.velocity, disturbance, gain, step, expected.pp + noise)
+        if pose.velocity_ned is not None:
+            expected, noise = self._covariance, gains.velocity_noise_m_s**2
+            gain, self._covariance = seen_moving(expected, noise)
+            chain = self._correct(*chain, gain, innovation(pose.velocity_ned, chain[1]), expected.vv + noise, 1)
+        position, velocity, self._disturbance = chain
+        if self._held is not None:
+            self._disturbance, self._disturbance_rate = self._held, ZERO
+        if gains.observer == "backward_euler":
+            position = pose.position_ned
+            velocity = corrected(ZERO, 1.0 / dt, innovation(position, previous.position))
+        attitude = corrected_attitude(FLOATS, model.attitude, pose.attitude, gains.attitude_gain)
+        self._begin(new(Motion, (position, velocity, attitude, model.thrust, model.rates)), pose)
+
+    def _begin(self, motion: Motion, pose: Pose) -> None:
+        """From here on: ``motion`` at the time stamp of ``pose``; commands that no longer act are dropped."""
+        stamp, drives = pose.time_s, self._drives
+        while len(drives) > 1 and drives[1][0] <= stamp:
+            drives.popleft()
+        self._motion, self._stamp, self._reset_count = motion, stamp, pose.reset_count
+        self._path = [(stamp, new(Driven, (motion.attitude, motion.thrust, motion.rates, ZERO, ZERO)), 0)]
+
+    def _correct(
+        self, position: Vec3, velocity: Vec3, disturbance: Vec3, gain: Gain, step: Vec3, variance: float, of: int = 0
+    ) -> tuple[Vec3, Vec3, Vec3]:
+        """Position, velocity and disturbance, corrected by the innovation ``step``; ĉ, λ̂ and b̂'s step in place."""
+        p, v, d, c = gain
+        if self._separates and not self.frozen and self._held is None:
+            # What the innovation says of the thrust moves the chain, too.
+            e, moved = effectiveness.seen(FLOATS, self._effectiveness, step, gain, variance, of)
+            self._effectiveness = e
+            self._disturbance_rate = corrected_twice(self._disturbance_rate, c, step, moved, e.c)
+            return (
+                corrected_twice(position, p, step, moved, e.p),
+                corrected_twice(velocity, v, step, moved, e.v),
+                corrected_twice(disturbance, d, step, moved, e.d),
+            )
+        if self._provable:
+            disturbance = corrected(disturbance, d, step)
+            self._disturbance_rate = corrected(self._disturbance_rate, c, step)
+        elif self._gains.composite == "raw":
+            self._disturbance_step = corrected(self._disturbance_step, d, step)
+        return corrected(position, p, step), corrected(velocity, v, step), disturbance
+
+    def predict(self, time_s: float) -> Estimate:
+        """The vehicle at ``time_s``; with delay prediction off, as it was at the newest pose."""
+        motion = self._motion
+        assert motion is not None, "predict() before the first pose"
+        h = time_s - self._stamp
+        ahead = self._at(motion, self._driven(time_s), h)
+        if not self._gains.delay_prediction:
+            # The actuators are modelled from our own commands and need no pose.
+            ahead = motion._replace(thrust=ahead.thrust, rates=ahead.rates)
+        step, self._disturbance_step = self._disturbance_step, ZERO
+        disturbance = corrected(self._disturbance, h, self._disturbance_rate)
+        return new(Estimate, (time_s, ahead, disturbance, step, self._effectiveness.value))
+
+    def _measure_noise(self, pose: Pose) -> None:
+        """Follow the noise of the source by fourth differences, over poses at equal intervals only."""
+        recent = self._recent
+        recent.append((pose.time_s, pose.position_ned))
+        if len(recent) < 5:
+            return
+        (t0, a), (t1, b), (_, c), (_, d), (t4, e) = recent
+        if abs((t4 - t0) - 4.0 * (t1 - t0)) > 0.1 * (t1 - t0):
+            return
+        variance = fourth_difference(a, b, c, d, e)
+        self._noise = max(self._noise + (variance - self._noise) / NOISE_MEMORY, NOISE_FLOOR_M2)
+
+    def _first(self, pose: Pose) -> Motion:
+        velocity = pose.velocity_ned or (0.0, 0.0, 0.0)
+        drive = self._drives[-1][1] if self._drives else Drive(0.0, (0.0, 0.0, 0.0))
+        return Motion(pose.position_ned, velocity, pose.attitude, drive.thrust, drive.rates)
+
+    def _driven(self, end: float) -> Driven:
+        """What the commands sent make of the newest pose's state by ``end`` [s]; steps are kept for the next call."""
+        drives, path = self._drives, self._path
+        while len(path) > 1 and path[-1][0] > end:
+            path.pop()
+        time, state, index = path[-1]
+        last = len(drives) - 1
+        while time < end - 1e-9:
+            while index < last and drives[index + 1][0] <= time + 1e-9:
+                index += 1
+            drive = drives[index][1] if drives else Drive(state.thrust, state.rates)
+            until = time + STEP_LIMIT
+            if index < last and drives[index + 1][0] < until:
+                until = drives[index + 1][0]
+            if until > end:
+                return driven(FLOATS, state, drive, end - time, self._thrust_lag, self._rate_lag)
+            state = driven(FLOATS, state, drive, until - time, self._thrust_lag, self._rate_lag)
+            time = until
+            path.append((time, state, index))
+        return state
+
+    def _at(self, motion: Motion, given: Driven, h: float) -> Motion:
+        """``motion`` of the newest pose ``h`` [s] later, after commands that did what ``given`` says."""
+        x, y, z = self._disturbance
+        mass = self._mass / self._effectiveness.value
+        return carried(motion, given, h, mass, (x, y, z + self._gravity), self._disturbance_rate)

@@ -1,0 +1,163 @@
+"""A Kalman filter of a chain of integrators: how far one pose moves position, velocity, disturbance and its rate.
+
+The model's acceleration drives the chain, so the filter only has to follow what the model does not know:
+
+    p˙ = v + n_p,   v˙ = a_model + d + n_a,   d˙ = c + n_d,   c˙ = n_c,   measured p + noise of variance r
+
+The three axes share one covariance, as the noise is taken as isotropic. n_p, n_a, n_d, n_c are white. n_p is zero
+but for a source that measures velocity too, an autopilot: its position wanders against its velocity (GPS), and must
+then not be taken for motion. The gain follows the interval between poses, so a gap needs no special case,
+and it follows r, which is measured (see :func:`fourth_difference`). Elementwise: floats, or arrays of shape (N,).
+"""
+
+from typing import NamedTuple
+
+from groundstation.core.geometry.ops import Ops, Quat, Real, Vec3
+from groundstation.core.geometry.so3 import conjugate, multiply, rotation_vector, turned
+from groundstation.core.vehicle.model import new
+
+
+class Covariance(NamedTuple):
+    """The upper triangle of the covariance of (p, v, d, c), in SI units."""
+
+    pp: Real
+    pv: Real
+    pd: Real
+    pc: Real
+    vv: Real
+    vd: Real
+    vc: Real
+    dd: Real
+    dc: Real
+    cc: Real
+
+
+class Densities(NamedTuple):
+    """White-noise densities that drive position [m²/s], velocity [m²/s³], disturbance [m²/s⁵], its rate [m²/s⁷]."""
+
+    position: float
+    acceleration: float
+    disturbance: float
+    disturbance_rate: float
+
+
+class Gain(NamedTuple):
+    """What one metre of innovation changes: position [-], velocity [1/s], disturbance [1/s²], its rate [1/s³]."""
+
+    p: Real
+    v: Real
+    d: Real
+    c: Real
+
+
+def begun(noise: Real) -> Covariance:
+    """The covariance at the first pose: it is at rest to 1 m/s, the disturbance is known to 1 m/s² and constant."""
+    return Covariance(noise, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 1.0, 0.0, 0.01)
+
+
+def later(s: Covariance, h: Real, q: Densities) -> Covariance:
+    """``s`` after ``h`` [s] without a pose: F S Fᵀ + Q, F the chain's exact transition.
+
+    Q is diagonal, q h: what it leaves out is of second order in h and grows back through F at the next step.
+    """
+    pp, pv, pd, pc, vv, vd, vc, dd, dc, cc = s
+    a, b = 0.5 * h * h, h * h * h / 6.0
+    p_v = pv + h * vv + a * vd + b * vc
+    p_d = pd + h * vd + a * dd + b * dc
+    p_c = pc + h * vc + a * dc + b * cc
+    v_d = vd + h * dd + a * dc
+    v_c = vc + h * dc + a * cc
+    d_c = dc + h * cc
+    after = (
+        pp + h * pv + a * pd + b * pc + h * p_v + a * p_d + b * p_c + q.position * h,
+        p_v + h * p_d + a * p_c,
+        p_d + h * p_c,
+        p_c,
+        vv + h * vd + a * vc + h * v_d + a * v_c + q.acceleration * h,
+        v_d + h * v_c,
+        v_c,
+        dd + h * dc + h * d_c + q.disturbance * h,
+        d_c,
+        cc + q.disturbance_rate * h,
+    )
+    return new(Covariance, after)
+
+
+def seen(s: Covariance, r: Real) -> tuple[Gain, Covariance]:
+    """The gain for a pose of position noise ``r`` [m²], and the covariance after it."""
+    pp, pv, pd, pc, vv, vd, vc, dd, dc, cc = s
+    w = 1.0 / (pp + r)
+    kp, kv, kd, kc = pp * w, pv * w, pd * w, pc * w
+    after = (
+        pp - kp * pp,
+        pv - kp * pv,
+        pd - kp * pd,
+        pc - kp * pc,
+        vv - kv * pv,
+        vd - kv * pd,
+        vc - kv * pc,
+        dd - kd * pd,
+        dc - kd * pc,
+        cc - kc * pc,
+    )
+    return new(Gain, (kp, kv, kd, kc)), new(Covariance, after)
+
+
+def seen_moving(s: Covariance, r: Real) -> tuple[Gain, Covariance]:
+    """As :func:`seen`, for a velocity of noise ``r`` [m²/s²]: what one m/s of innovation changes."""
+    pp, pv, pd, pc, vv, vd, vc, dd, dc, cc = s
+    w = 1.0 / (vv + r)
+    kp, kv, kd, kc = pv * w, vv * w, vd * w, vc * w
+    after = (
+        pp - kp * pv,
+        pv - kp * vv,
+        pd - kp * vd,
+        pc - kp * vc,
+        vv - kv * vv,
+        vd - kv * vd,
+        vc - kv * vc,
+        dd - kd * vd,
+        dc - kd * vc,
+        cc - kc * vc,
+    )
+    return new(Gain, (kp, kv, kd, kc)), new(Covariance, after)
+
+
+def fourth_difference(a: Vec3, b: Vec3, c: Vec3, d: Vec3, e: Vec3) -> Real:
+    """The variance of position noise [m²] that five positions at equal intervals show, motion all but cancelled.
+
+    The fourth difference of independent noise has 1 + 16 + 36 + 16 + 1 = 70 times its variance; of a smooth motion
+    it leaves snap · h⁴ (0.02 mm for 100 m/s⁴ at 50 Hz).
+    """
+    (ax, ay, az), (bx, by, bz), (cx, cy, cz), (dx, dy, dz), (ex, ey, ez) = a, b, c, d, e
+    x = ax - 4.0 * bx + 6.0 * cx - 4.0 * dx + ex
+    y = ay - 4.0 * by + 6.0 * cy - 4.0 * dy + ey
+    z = az - 4.0 * bz + 6.0 * cz - 4.0 * dz + ez
+    return (x * x + y * y + z * z) / 210.0
+
+
+def innovation(measured: Vec3, predicted: Vec3) -> Vec3:
+    """i = measured - predicted [m]."""
+    return (measured[0] - predicted[0], measured[1] - predicted[1], measured[2] - predicted[2])
+
+
+def corrected(value: Vec3, gain: Real, step: Vec3) -> Vec3:
+    """``value`` moved by ``gain`` times ``step``."""
+    return (value[0] + gain * step[0], value[1] + gain * step[1], value[2] + gain * step[2])
+
+
+def corrected_twice(value: Vec3, gain: Real, step: Vec3, more: Real, along: Vec3) -> Vec3:
+    """``value`` moved by ``gain`` times ``step`` and by ``more`` times ``along``."""
+    return (
+        value[0] + gain * step[0] + more * along[0],
+        value[1] + gain * step[1] + more * along[1],
+        value[2] + gain * step[2] + more * along[2],
+    )
+
+
+def corrected_attitude(ops: Ops, predicted: Quat, measured: Quat, gain: float) -> Quat:
+    """The predicted attitude turned by ``gain`` (0..1) of the way to the measured one; 1 takes the measurement."""
+    if gain >= 1.0:
+        return measured
+    x, y, z = rotation_vector(multiply(conjugate(predicted), measured), ops)
+    return turned(predicted, (gain * x, gain * y, gain * z))

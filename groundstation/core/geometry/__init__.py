@@ -1,0 +1,1 @@
+"""Elementary functions, rotations and frames, for floats and arrays of vehicles."""

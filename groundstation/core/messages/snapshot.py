@@ -1,0 +1,131 @@
+"""One frozen picture of a flight per command, for screens, telemetry and logs. It flows one way: out."""
+
+import msgspec
+
+from groundstation.core.geometry.ops import Quat, Vec3
+from groundstation.core.messages.verdict import Check
+from links.core.port import LinkStatus
+
+
+class Diagnostics(msgspec.Struct, frozen=True, gc=False):
+    """What the control law says about itself at one step (symbols of the paper, see control/backstepping.py)."""
+
+    z1: Vec3
+    """Position error p - pd [m], NED."""
+    z2: Vec3
+    """Second backstepping error [m/s], NED."""
+    z3: Vec3
+    """Third backstepping error [m/s²], NED."""
+    u_star: Vec3
+    """Virtual control u* [m/s²], NED."""
+    b_hat: Vec3
+    """Disturbance estimate [m/s²], NED."""
+    b_hat_dot: Vec3
+    """Its rate as the law used it [m/s³], NED."""
+    disturbance: Vec3
+    """The observer's own disturbance estimate d̂ [m/s²], NED; b̂ where composite adaptation is off."""
+    v_terms: Vec3
+    """Σ φ(z1), ½|Ω(x2) + Ω(σ)|², ½|z3|²: all of V but its b̃ term."""
+    w_terms: Vec3
+    """σᵀσ, k2 z2ᵀρ(z2), k3|z3|²: all of W."""
+    v_known: float
+    """The sum of ``v_terms``."""
+    w: float
+    """The sum of ``w_terms``: V falls at least this fast on the ideal plant, with the paper's adaptation."""
+    certificate: str
+    """Which bound on V holds for the law that flies: ``paper``, ``composite`` or ``none``, and why not."""
+    thrust_rate: float = 0.0
+    """Ṫ as the law wants it [N/s]."""
+    rates_wanted: Vec3 = (0.0, 0.0, 0.0)
+    """Body rates as the law wants them [rad/s, FRD], before lags and limits."""
+
+
+class Certificate(msgspec.Struct, frozen=True):
+    """V against its bound since the first command (docs/explanation/law.md, section 5.9)."""
+
+    state: str
+    """``holds``, ``violated``, ``suspended`` (a command is at its limit, adaptation stops) or ``none``."""
+    bound: str
+    """Which bound it is, or why there is none."""
+    v: float
+    """V_m: V with what the observer knows of the wind in the place of the truth [m²/s²]."""
+    excess: float
+    """How far it is above its bound [m²/s²]."""
+    violated_fraction: float
+    """Share of the time with a lasting violation [-]."""
+    suspended_fraction: float
+    """Share of the time with adaptation suspended [-]."""
+    b_hat_fraction: float | None
+    """|b̂|/(B + ε) [-]; None without adaptation."""
+
+
+class Snapshot(msgspec.Struct, frozen=True):
+    """A flight as it was when one command was computed."""
+
+    vehicle: str
+    """Name of the vehicle, from the config."""
+    state: str
+    """Mission state (see mission.py)."""
+    reason: str
+    """Why it is in that state, as a sentence for the operator; may be empty."""
+    time_s: float
+    """Event loop's clock when the command was computed [s]."""
+    flight_time_s: float
+    """Time since the reference started [s]; 0 before."""
+    pose_id: int
+    """Newest pose used; -1 before the first."""
+    pose_age_s: float
+    """Time since that pose was true [s]."""
+    pose_rate_hz: float
+    """Poses per second over the last second."""
+    poses_dropped: dict[str, int]
+    """Pose datagrams dropped, by reason."""
+    position_ned: Vec3
+    """Estimate at the acting instant [m]."""
+    velocity_ned: Vec3
+    """[m/s]"""
+    attitude: Quat
+    """Body FRD to world NED, w first."""
+    reference_ned: Vec3
+    """Where it should be [m]."""
+    error_m: float
+    """Distance between estimate and reference [m]."""
+    rms_m: float
+    """Root mean square of that distance on the trajectory [m]."""
+    thrust_n: float
+    """Commanded thrust [N]."""
+    thrust_max_n: float
+    """Its upper limit [N]."""
+    rates_rad_s: Vec3
+    """Commanded body rates [rad/s]."""
+    saturated: bool
+    """True where any of the four was clamped."""
+    diagnostics: Diagnostics | None
+    """The control law's own view; None while no law runs."""
+    link: LinkStatus
+    """The command link."""
+    events: tuple[str, ...] = ()
+    """The newest events (at most 20), oldest first, each ``12.345 text``."""
+    rate_limits_rad_s: Vec3 | None = None
+    """Largest body rates that are commanded [rad/s], where known."""
+    thrust_effectiveness: float = 1.0
+    """λ̂: true thrust over told thrust, as the estimator finds it [-]."""
+    certificate: Certificate | None = None
+    """V against its bound; None before the second command."""
+    pose_latency_s: float = 0.0
+    """From the instant of a pose to its arrival here, averaged over some fifty poses [s]."""
+    pose_latency_max_s: float = 0.0
+    """The longest of the flight [s]."""
+    pose_gaps: int = 0
+    """How often poses were missing."""
+    pose_clock_steps: int = 0
+    """How often the source's clock leapt ahead or began anew."""
+    checks: tuple[Check, ...] = ()
+    """The pre-flight checks as they were made last; empty before the first, and once the vehicle flies."""
+    late_us: tuple[int, int, int] | None = None
+    """How late commands left after their frame, or where they follow poses, after their pose came: not later than this
+    were 50 %, 99 % and 99.9 % of them [µs]; None before the first."""
+    late_octaves: tuple[int, ...] = ()
+    """Entry k: how many left later by less than 2**k µs, and not by less than 2**(k-1)."""
+    gains: dict[str, float] = {}
+    """The gains that may be changed in flight, by their keys in the configuration, as they are now."""

@@ -1,0 +1,1 @@
+"""The mission as a table: state and event to state."""

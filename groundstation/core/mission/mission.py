@@ -1,0 +1,145 @@
+"""The mission as a table: state × event → state. A missing key is an illegal move. Sans-IO."""
+
+from enum import StrEnum
+
+from groundstation.core.messages.requests import Ask
+
+
+class State(StrEnum):
+    """Where a flight stands."""
+
+    IDLE = "idle"
+    CONNECTING = "connecting"
+    """Waiting for the link and for poses."""
+    READY = "ready"
+    """On the ground, motors off; waiting for the operator."""
+    ARMING = "arming"
+    """The autopilot is asked to obey and to start its motors."""
+    TAKEOFF = "takeoff"
+    """Spooling up on the floor, then climbing."""
+    HOLD = "hold"
+    """Staying at one place."""
+    TRACKING = "tracking"
+    """Flying onto the trajectory, and along it."""
+    RETURNING = "returning"
+    """Flying back over the place of take-off."""
+    LANDING = "landing"
+    """Coming down under full control."""
+    DESCENT = "descent"
+    """Failsafe descent: level and down, by attitude and speed alone."""
+    DISARMING = "disarming"
+    """On the floor at zero thrust, until the motors are confirmed off."""
+    LANDED = "landed"
+    """On the floor, motors off."""
+    ABORTED = "aborted"
+    """Commands have stopped; where it flew, the link has brought the vehicle down."""
+    HANDED_OVER = "handed_over"
+    """The autopilot obeys somebody else: nothing leaves any more."""
+    KILLED = "killed"
+    """Motors off at once."""
+
+
+class Event(StrEnum):
+    """What may happen to it. Requests are called as in :class:`groundstation.core.messages.requests.Ask`."""
+
+    START = "start"
+    CONNECTED = "connected"
+    ARM = "arm"
+    ARMED = "armed"
+    AIRBORNE = "airborne"
+    """Armed in the air, as only a simulated vehicle is that is held there."""
+    CLIMBED = "climbed"
+    HOLD = "hold"
+    TRACK = "track"
+    RETURN = "return"
+    HOME = "home"
+    LAND = "land"
+    DESCEND = "descend"
+    TOUCHDOWN = "touchdown"
+    DISARMED = "disarmed"
+    TAKEN_OVER = "taken_over"
+    ABORT = "abort"
+    KILL = "kill"
+
+
+FINAL = frozenset({State.LANDED, State.ABORTED, State.HANDED_OVER, State.KILLED})
+"""Nothing flies after these."""
+ON_GROUND = (State.IDLE, State.CONNECTING, State.READY, State.ARMING)
+"""The vehicle has not been told to lift yet."""
+IN_AIR = (State.TAKEOFF, State.HOLD, State.TRACKING, State.RETURNING, State.LANDING, State.DESCENT)
+"""Commands may lift the vehicle."""
+
+
+def _everywhere() -> dict[tuple[State, Event], State]:
+    """What works in every state: descent, abort and kill; and on what has ended it changes nothing, but for a kill."""
+    table: dict[tuple[State, Event], State] = {}
+    for state in State:
+        over = state in FINAL
+        table[state, Event.ABORT] = state if over else State.ABORTED
+        table[state, Event.DESCEND] = state if over else State.DESCENT if state in IN_AIR else State.ABORTED
+        table[state, Event.LAND] = state if over else State.LANDING if state in IN_AIR else State.ABORTED
+        table[state, Event.KILL] = State.KILLED
+    # What is coming down already is not made to come down more gently, nor what stands to take off.
+    table[State.DESCENT, Event.LAND] = State.DESCENT
+    for event in (Event.LAND, Event.DESCEND):
+        table[State.DISARMING, event] = State.DISARMING
+    return table
+
+
+TABLE: dict[tuple[State, Event], State] = {
+    (State.IDLE, Event.START): State.CONNECTING,
+    (State.CONNECTING, Event.CONNECTED): State.READY,
+    (State.READY, Event.ARM): State.ARMING,
+    (State.ARMING, Event.ARMED): State.TAKEOFF,
+    (State.ARMING, Event.AIRBORNE): State.TRACKING,
+    (State.TAKEOFF, Event.CLIMBED): State.HOLD,
+    (State.HOLD, Event.TRACK): State.TRACKING,
+    (State.HOLD, Event.HOLD): State.HOLD,
+    (State.TRACKING, Event.HOLD): State.HOLD,
+    (State.RETURNING, Event.HOLD): State.HOLD,
+    (State.HOLD, Event.RETURN): State.RETURNING,
+    (State.TRACKING, Event.RETURN): State.RETURNING,
+    (State.RETURNING, Event.HOME): State.LANDING,
+    (State.LANDING, Event.TOUCHDOWN): State.DISARMING,
+    (State.DESCENT, Event.TOUCHDOWN): State.DISARMING,
+    (State.DISARMING, Event.DISARMED): State.LANDED,
+    # The autopilot has felt the floor before we did.
+    (State.LANDING, Event.DISARMED): State.LANDED,
+    (State.DESCENT, Event.DISARMED): State.LANDED,
+    **{(state, Event.TAKEN_OVER): State.HANDED_OVER for state in (*IN_AIR, State.ARMING)},
+    **_everywhere(),
+}
+
+EVENT_OF = {ask: Event(ask.value) for ask in Ask}
+"""Every request is an event of the same name."""
+
+
+class IllegalMove(Exception):
+    """An event that the table does not allow in the present state."""
+
+
+class Mission:
+    """The present state, and why."""
+
+    def __init__(self) -> None:
+        """Begin idle."""
+        self.state = State.IDLE
+        self.reason = ""
+
+    def allows(self, event: Event) -> bool:
+        """Whether the table has a move by ``event`` from here."""
+        return (self.state, event) in TABLE
+
+    def on(self, event: Event, reason: str = "") -> State:
+        """Move by ``event``; a move that stays where it is keeps the reason that was.
+
+        Raises:
+            IllegalMove: the table has no such move.
+        """
+        target = TABLE.get((self.state, event))
+        if target is None:
+            raise IllegalMove(f"{event} is not possible while {self.state}")
+        if target is not self.state:
+            self.state = target
+            self.reason = reason
+        return target

@@ -1,0 +1,388 @@
+"""Poses in, commands out: the estimator, the controller and the reference of one vehicle. Sans-IO."""
+
+import math
+from collections import deque
+from typing import NamedTuple
+
+import msgspec
+
+from groundstation.core.control.adaptive import Adaptive
+from groundstation.core.control.bring_down import OFF, bring_down
+from groundstation.core.control.descent import Descent
+from groundstation.core.control.model_descent import model_descent
+from groundstation.core.control.watch import Seen, Watch
+from groundstation.core.controllers.kinds import ControllerConfig, make_controller
+from groundstation.core.estimation.estimator import ModelEstimator
+from groundstation.core.geometry.ops import FLOATS, Vec3
+from groundstation.core.geometry.so3 import euler_zyx
+from groundstation.core.messages.control import Decision, Estimate
+from groundstation.core.messages.pose import Pose
+from groundstation.core.messages.snapshot import Certificate
+from groundstation.core.safety.obedience import STILL_SUSPECTS, SUSPECTS, Contradiction, Obedience
+from groundstation.core.trajectory.port import Reference, Trajectory
+from groundstation.core.vehicle.model import Drive, Motion, rolled
+from groundstation.core.vehicle.vehicle import Vehicle
+from links.core.port import Command, Segment
+
+WIND_MEMORY_S = 1.0
+"""Over which the disturbance is averaged for the bring-down [s]: the gust of this moment will be over by then."""
+HOLD_STEP_S = 0.08
+"""Longest single step of the model while a command is held to its deadline [s]."""
+
+TRUST_S = 0.4
+"""So long before suspicion began is the estimate believed again [s]: what was seen just then may be false already."""
+LEARNT_S = 1.2
+"""So much longer before is believed what was learnt of wind and thrust [s]: a slow lie is learnt as one of these."""
+REMEMBER_S = 5.0
+"""How far back estimates and commands are kept for that [s]."""
+GUST_M_S2 = 2.0
+"""A disturbance that is found to change by so much against its mean [m/s²] moves a vehicle, or is none."""
+PUSHED_S = 0.2
+"""A position that stands against that for so long [s] is not the vehicle's, or the vehicle is held."""
+NEAR_FLOOR_M = 0.12
+"""Below this height the floor holds a vehicle that comes down, too [m]: obedience is not asked there."""
+
+NOISE_POSES = 50
+"""After so many poses the watch hears of their noise and interval again."""
+
+
+class Tick(NamedTuple):
+    """Everything about one command, for records and screens."""
+
+    time_s: float
+    """When it was computed, on the event loop's clock [s]."""
+    flight_time_s: float
+    """Time on the trajectory at the instant it acts [s]."""
+    pose: Pose
+    """The newest pose it rests on."""
+    estimate: Estimate
+    reference: Reference
+    decision: Decision
+    command: Command
+    seen: Seen
+    """V against its bound."""
+
+
+class Trusted(NamedTuple):
+    """The vehicle at one pose, from when nothing was suspicious."""
+
+    time_s: float
+    motion: Motion
+    disturbance: Vec3
+    """The mean of the last second [m/s², NED]."""
+    effectiveness: float
+
+
+class Pilot:
+    """One vehicle's pose → command pipeline. The caller owns time, wires and the mission."""
+
+    def __init__(self, vehicle: Vehicle, config: ControllerConfig, coast_s: float, floor_z_m: float) -> None:
+        """Take the vehicle as told, the controller's config, and how long commands may rest on one pose [s].
+
+        ``floor_z_m`` is where its pose is when it stands on the floor [m, NED].
+
+        Raises:
+            ConfigError: a controller of the user's own can't be loaded.
+        """
+        self._vehicle = vehicle
+        self._coast = coast_s
+        self._floor = floor_z_m
+        self._gravity = config.gravity
+        self._wind: Vec3 | None = None
+        self._estimator = ModelEstimator(vehicle, config)
+        self._controller = make_controller(config, vehicle)
+        # An observer that does not find the disturbance by itself is driven by b̂.
+        driven = config.composite != "provable"
+        self._driver = self._controller if driven and isinstance(self._controller, Adaptive) else None
+        self._watch = Watch(vehicle, config)
+        self._obedience = Obedience(vehicle.mass_kg, config.gravity)
+        self._lifted = self._climbed = False
+        self._late_s = 0.0
+        self._pushed_since_s: float | None = None
+        self._trusted: deque[Trusted] = deque()
+        self._drives: deque[tuple[float, Drive]] = deque()
+        self._poses, self._counted_s = 0, 0.0
+        self._last: float | None = None
+        self._pose: Pose | None = None
+        self._trajectory: Trajectory | None = None
+        self._start = 0.0
+        self._released = False
+        self._descent: Descent | None = None
+        self._sink: Vec3 = (0.0, 0.0, 0.0)
+
+    @property
+    def newest_pose(self) -> Pose | None:
+        """The newest pose taken, or None."""
+        return self._pose
+
+    @property
+    def certificate(self) -> Certificate | None:
+        """V against its bound so far, for screens."""
+        return self._watch.reading()
+
+    def pose(self, pose: Pose) -> None:
+        """Take one pose; one that is not newer than the last is ignored."""
+        if self._pose is None or pose.time_s > self._pose.time_s:
+            before = self._estimator.motion
+            self._estimator.pose(pose)
+            if before is not None and self._released:
+                self._obeys(pose, before)
+            self._pose = pose
+            self._poses += 1
+            if self._poses == 1:
+                self._counted_s = pose.time_s
+            elif self._poses % NOISE_POSES == 1:
+                self._watch.noise(self._estimator.noise_m, (pose.time_s - self._counted_s) / NOISE_POSES)
+                self._counted_s = pose.time_s
+
+    def follow(self, trajectory: Trajectory, start_s: float) -> None:
+        """From now on the reference is ``trajectory``, begun at ``start_s`` on the event loop's clock [s]."""
+        if not self._released:
+            self._estimator.release()
+            self._released = True
+            self._trust_from_here((0.0, 0.0, 0.0))
+        self._trajectory = trajectory
+        self._start = start_s
+        self._watch.restart()
+
+    def gain(self, name: str, value: float) -> None:
+        """From now on one gain of our own controller is ``value``; the caller moves it in small steps."""
+        controller = self._controller
+        if isinstance(controller, Adaptive):
+            controller.regain(msgspec.structs.replace(controller.gains, **{name: value}))
+            self._watch.regain(controller.gains)
+
+    def stand(self) -> None:
+        """The vehicle stands on the floor: its push is not to be learnt."""
+        self._estimator.frozen = True
+
+    def lift(self, time_s: float, hover_share: float, climb_m_s: float) -> Reference:
+        """The vehicle has just left the floor; returns the motion in which it will be when a command acts.
+
+        ``hover_share`` is the thrust that seems to hover as a share of the weight, ``climb_m_s`` how fast it climbs.
+        """
+        disturbance = self._estimator.lifted(climb_m_s, hover_share)
+        if isinstance(self._controller, Adaptive):
+            self._controller.begin(disturbance)
+        self._released = self._lifted = True
+        self._trust_from_here(disturbance)
+        motion = self._estimator.predict(time_s + self._vehicle.command_delay_s).motion
+        return Reference(motion.position, motion.velocity, yaw_rad=euler_zyx(motion.attitude)[2])
+
+    @property
+    def diverged_m(self) -> float:
+        """How far the newest pose was from where the model had the vehicle [m]."""
+        return self._estimator.diverged_m
+
+    @property
+    def noise_m(self) -> float:
+        """Position noise of the poses as measured, 1σ per axis [m]."""
+        return self._estimator.noise_m
+
+    @property
+    def evidence(self) -> Contradiction:
+        """What speaks against the poses, as shares of what convicts (control/obedience.py)."""
+        found, since = self._obedience.evidence, self._pushed_since_s
+        if since is None:
+            return found
+        lasts = self._newest_s - since >= PUSHED_S - 1e-6
+        return found._replace(still=max(found.still, 1.0 if lasts else STILL_SUSPECTS))
+
+    @property
+    def monitor(self) -> Obedience:
+        """The monitor itself, for what it counts."""
+        return self._obedience
+
+    @property
+    def suspicious(self) -> bool:
+        """Whether nothing is learnt from the poses at present."""
+        return self._estimator.holds
+
+    def descend(self, sink_m_s: float, *, blind: bool = False, rest_s: float = 0.0) -> None:
+        """From now on only level out and sink; ``blind`` where the estimate of the speed is not to be believed.
+
+        ``rest_s`` is how much longer commands may rest on one pose then [s].
+        """
+        if self._descent is None:
+            self._coast += rest_s
+            self._estimator.frozen = True  # what thrust seems to give is not learnt from poses that may be at fault
+        self._descent = self._descent or Descent(self._vehicle, self._gravity)
+        self._descent.blind = blind
+        self._sink = (0.0, 0.0, sink_m_s)
+        self._watch.restart()
+
+    def idle(self, time_s: float, thrust_n: float) -> Command:
+        """A command that holds the rates at zero and the thrust at ``thrust_n``, resting on the newest pose."""
+        drive = Drive(thrust_n, (0.0, 0.0, 0.0))
+        self._send(time_s + self._vehicle.command_delay_s, drive)
+        self._last = None
+        return self._command(drive, OFF if thrust_n > 0.0 else ())
+
+    def tick(self, time_s: float) -> Tick:
+        """The command for a frame that leaves at ``time_s``. Needs a pose and a trajectory."""
+        pose, trajectory, descent = self._pose, self._trajectory, self._descent
+        assert pose is not None and trajectory is not None, "tick() needs a pose and a trajectory"
+        acting = time_s + self._vehicle.command_delay_s
+        estimate = self._estimator.predict(acting)
+        flight_time = acting - self._start
+        reference = trajectory.at(flight_time)
+        if descent is not None:
+            reference = Reference(estimate.motion.position, self._sink)
+        elif self.suspicious:  # no error is believed: what is left is the trim of before
+            motion = estimate.motion
+            reference = Reference(motion.position, motion.velocity, yaw_rad=reference.yaw_rad)
+        interval = 0.0 if self._last is None else time_s - self._last
+        self._last = time_s
+        decision = (descent or self._controller).decide(estimate, reference, interval)
+        self._send(acting, decision.drive)
+        if self._driver is not None:
+            self._estimator.follow(self._driver.b_hat)
+        wind = self._mean_wind(estimate.disturbance, interval)
+        parts = self._bring_down(estimate, decision.drive, pose.time_s + self._coast - time_s, wind)
+        seen = self._watch.look(time_s, estimate.motion, decision)
+        command = self._command(decision.drive, parts)
+        return Tick(time_s, flight_time, pose, estimate, reference, decision, command, seen)
+
+    @property
+    def late_s(self) -> float:
+        """By how much the poses turned out to be older than they say, by what the commands did [s]."""
+        return self._late_s
+
+    def surrender(self, time_s: float, hold_s: float) -> Command:
+        """The last command, where the poses are not believed any more: down on the model, from what it was before.
+
+        It leaves at ``time_s`` and holds for ``hold_s`` [s], so that it reaches the link's next frame; the rest is its
+        bring-down.
+        """
+        pose, vehicle = self._pose, self._vehicle
+        assert pose is not None, "only what has flown by poses ceases to"
+        acting = time_s + vehicle.command_delay_s
+        before = self._before()
+        motion = self._reckoned(before, acting)
+        mass = vehicle.mass_kg / before.effectiveness
+        first, *rest = model_descent(
+            motion, vehicle, mass_kg=mass, gravity=self._gravity, disturbance=before.disturbance,
+            height_m=self._floor - motion.position[2],
+        )  # fmt: skip
+        return Command(first.thrust_n, first.rates_rad_s, pose.id, pose.time_s, time_s + hold_s, tuple(rest))
+
+    def _trust_from_here(self, disturbance: Vec3) -> None:
+        """It begins to fly: the monitor begins, and the estimate is believed as it is now."""
+        motion = self._estimator.motion
+        assert motion is not None, "nothing flies without a pose"
+        self._obedience.restart()
+        self._trusted.clear()
+        self._trusted.append(Trusted(self._newest_s, motion, disturbance, self._estimator.effectiveness))
+
+    def _obeys(self, pose: Pose, before: Motion) -> None:
+        """Hold one more pose against the commands; learn nothing while it is suspect."""
+        estimator, given = self._estimator, self._estimator.given
+        motion = estimator.motion
+        if given is None or motion is None:
+            return
+        high = self._floor - pose.position_ned[2] > NEAR_FLOOR_M
+        self._climbed = self._climbed or high
+        node = self._obedience.pose(
+            pose, before, given, pose.time_s - self._newest_s, estimator.noise_m, counts=high or not self._climbed
+        )
+        if not node:
+            return
+        if self._obedience.evidence.attitude >= SUSPECTS and self._late_s == 0.0:
+            self._late_s = self._obedience.lateness_s()
+        wind = self._wind or (0.0, 0.0, 0.0)
+        gust = math.dist(estimator.disturbance, wind)
+        if not self._obedience.stands(pose.time_s) or (gust <= GUST_M_S2 and not estimator.holds):
+            self._pushed_since_s = None
+        elif self._pushed_since_s is None:
+            self._pushed_since_s = pose.time_s
+        if self.evidence.suspicious and self._lifted:
+            if not estimator.holds:
+                trusted = self._before()
+                estimator.hold(trusted.disturbance, trusted.effectiveness)
+        else:
+            estimator.resume()
+            self._trusted.append(Trusted(pose.time_s, motion, wind, estimator.effectiveness))
+            while self._trusted[0].time_s < pose.time_s - REMEMBER_S:
+                self._trusted.popleft()
+
+    def _before(self) -> Trusted:
+        """The newest estimate of well before suspicion began, or the first."""
+        until = self._obedience.calm_s - TRUST_S
+        newest = next((one for one in reversed(self._trusted) if one.time_s <= until), self._trusted[0])
+        found = self.evidence
+        if found.still < max(found):
+            return newest
+        older = next((one for one in reversed(self._trusted) if one.time_s <= until - LEARNT_S), newest)
+        return newest._replace(disturbance=older.disturbance, effectiveness=older.effectiveness)
+
+    def _reckoned(self, before: Trusted, until_s: float) -> Motion:
+        """Where the commands sent have taken the vehicle since ``before``, by ``until_s`` [s]."""
+        motion, now, mass = before.motion, before.time_s, self._vehicle.mass_kg / before.effectiveness
+        drives = list(self._drives)
+        for i, (begins, drive) in enumerate(drives):
+            ends = min(drives[i + 1][0] if i + 1 < len(drives) else until_s, until_s)
+            if ends > max(begins, now):
+                motion = self._rolled(motion, drive, ends - now, mass, before.disturbance)
+            now = max(now, ends)
+        return motion
+
+    def _rolled(self, motion: Motion, drive: Drive, duration_s: float, mass_kg: float, disturbance: Vec3) -> Motion:
+        """``motion`` after ``duration_s`` [s] of one ``drive``, in steps that the model can take."""
+        vehicle = self._vehicle
+        steps = int(duration_s / HOLD_STEP_S) + 1
+        for _ in range(steps):
+            motion = rolled(
+                FLOATS,
+                motion,
+                drive,
+                duration_s / steps,
+                mass=mass_kg,
+                gravity=self._gravity,
+                disturbance=disturbance,
+                thrust_lag=vehicle.thrust_lag_s,
+                rate_lag=vehicle.rate_lag_s,
+            )
+        return motion
+
+    def _send(self, acting_s: float, drive: Drive) -> None:
+        """A command acts from ``acting_s`` on [s]."""
+        self._estimator.sent(acting_s, drive)
+        drives = self._drives
+        drives.append((acting_s, drive))
+        while drives[0][0] < acting_s - REMEMBER_S:
+            drives.popleft()
+
+    @property
+    def _newest_s(self) -> float:
+        return -math.inf if self._pose is None else self._pose.time_s
+
+    def _command(self, drive: Drive, parts: tuple[Segment, ...]) -> Command:
+        pose = self._pose
+        assert pose is not None, "a command needs a pose"
+        return Command(drive.thrust, drive.rates, pose.id, pose.time_s, pose.time_s + self._coast, parts)
+
+    def _mean_wind(self, now: Vec3, interval_s: float) -> Vec3:
+        """The disturbance [m/s², NED] without its gusts."""
+        mean = self._wind
+        if mean is not None:
+            k = interval_s / (interval_s + WIND_MEMORY_S)
+            (a, b, c), (x, y, z) = mean, now
+            now = (a + k * (x - a), b + k * (y - b), c + k * (z - c))
+        self._wind = now
+        return now
+
+    def _bring_down(self, now: Estimate, drive: Drive, held_s: float, disturbance: Vec3) -> tuple[Segment, ...]:
+        """What follows ``drive`` after the state ``now``, where it is held for ``held_s`` [s] and no other comes."""
+        if held_s <= 0.0:
+            return ()
+        vehicle, motion = self._vehicle, now.motion
+        mass = vehicle.mass_kg / now.effectiveness
+        motion = self._rolled(motion, drive, held_s, mass, disturbance)
+        return bring_down(
+            motion,
+            vehicle,
+            mass_kg=mass,
+            gravity=self._gravity,
+            disturbance=disturbance,
+            height_m=self._floor - motion.position[2],
+        )

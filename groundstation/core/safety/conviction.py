@@ -1,0 +1,82 @@
+"""From evidence against the poses to what is done: suspicion, and conviction. Sans-IO.
+
+*Suspicion*: nothing is learnt from the poses, the last trim is held, and the operator is told. *Conviction*: the poses
+are not believed again in this flight; it ends with a descent on the model, from what was believed before. Where the
+attitude obeys and only the position stands, or where something moves the vehicle, it may be a tether, a net or a hand:
+the flight ends in the same way, and nobody is convicted.
+"""
+
+from typing import NamedTuple
+
+from groundstation.core.safety.obedience import STILL_SUSPECTS, Contradiction
+
+HELD_S = 1.0
+"""How long the suspicion that the position stands may last, before it ends the flight [s]."""
+WITNESS = 0.5
+"""Share of the evidence that convicts where the autopilot's own attitude disagrees with the poses, too [-]."""
+
+
+class Charge(NamedTuple):
+    """Why a flight ends because of its poses."""
+
+    reason: str
+    convicted: bool
+    """False where the vehicle itself may be held."""
+
+
+class Conviction:
+    """One flight's. Times are on the event loop's clock [s]."""
+
+    def __init__(self) -> None:
+        """Nothing speaks against the poses."""
+        self.says = ""
+        """The newest line for the operator; empty where there is no news."""
+        self._suspected = False
+        self._still_since_s: float | None = None
+
+    def look(self, evidence: Contradiction, now_s: float, *, led: bool = False, doubted: bool = False) -> Charge | None:
+        """What follows from ``evidence``.
+
+        ``led`` where something else than commands moves it; ``doubted`` where the autopilot's own attitude disagrees
+        with the poses.
+        """
+        self.says = ""
+        suspect = evidence.suspicious
+        if suspect != self._suspected:
+            self._suspected = suspect
+            share = 100.0 * max(evidence)
+            self.says = (
+                f"suspicion: {_accusation(evidence)} ({share:.0f} % of what convicts); nothing is learnt from them"
+                if suspect
+                else "the suspicion has gone: the poses show what the commands do"
+            )
+        least = WITNESS if doubted else 1.0
+        if max(evidence.attitude, evidence.axes, evidence.heading) >= least:
+            if led and not doubted:
+                return Charge(f"suspicion: {LED}: down on the model", convicted=False)
+            also = ", and the autopilot's own attitude says so, too" if doubted else ""
+            return Charge(f"convicted: {_accusation(evidence)}{also}: down on the model", convicted=True)
+        if evidence.still < STILL_SUSPECTS:
+            self._still_since_s = None
+        elif self._still_since_s is None:
+            self._still_since_s = now_s
+        elif evidence.still >= 1.0 or now_s - self._still_since_s >= HELD_S - 1e-9:
+            return Charge(f"suspicion: {_accusation(evidence)}: down on the model", convicted=False)
+        return None
+
+
+LED = "something else than the commands moves it (a hand, or it is another body)"
+
+
+def _accusation(evidence: Contradiction) -> str:
+    largest = max(evidence)
+    if evidence.attitude == largest:
+        return (
+            "the poses do not turn as the commands turn the vehicle (another body, a picture that stands, "
+            "or axes that are set up wrongly: see groundstation carry)"
+        )
+    if evidence.heading == largest:
+        return "the poses turn about the vertical, and no command asks for that"
+    if evidence.axes == largest:
+        return "the poses move as a mirrored or turned image of the vehicle (check pose.axes with groundstation carry)"
+    return "the position stands while the vehicle is pushed (something holds it, or the position is not its own)"

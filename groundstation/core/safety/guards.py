@@ -1,0 +1,251 @@
+"""What ends a flight early: limits that are looked at with every command. Sans-IO.
+
+escalation.py has what follows beyond them.
+"""
+
+import math
+from collections.abc import Callable
+from typing import Annotated, Protocol
+
+import msgspec
+
+from groundstation.core.geometry.so3 import angle_deg, third_column
+from groundstation.core.messages.control import Estimate
+from groundstation.core.mission.mission import State
+from groundstation.core.safety.escalation import Finding, Since, Step
+from groundstation.core.safety.fence import Fence
+from groundstation.core.safety.heave import Heave
+from groundstation.core.safety.separation import Separation
+from groundstation.core.safety.surroundings import Surroundings
+from groundstation.core.safety.sway import Sway
+from groundstation.core.trajectory.port import Reference
+from groundstation.core.vehicle.vehicle import Vehicle
+from links.core.port import Command, LinkStatus
+
+Seconds = Annotated[float, msgspec.Meta(ge=0.0, le=10.0)]
+Share = Annotated[float, msgspec.Meta(gt=0.0, le=1.0)]
+
+
+class GuardsConfig(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
+    """Limits in flight. Config section ``[guards]``; docs/explanation/guards.md has what follows beyond each."""
+
+    level_s: Annotated[float, msgspec.Meta(ge=0.0, le=0.75)] = 0.25
+    """How long it descends on the model after ``flight.coast_s`` without a pose; then the link brings it down [s]."""
+    divergence_m: Annotated[float, msgspec.Meta(gt=0.0, le=10.0)] = 0.10
+    """Poses that stay farther than this from what the model expects: the estimate has diverged [m]."""
+    divergence_s: Seconds = 0.15
+    """For how long [s]."""
+    tilt_deg: Annotated[float, msgspec.Meta(gt=0.0, le=90.0)] = 50.0
+    """Farthest that it may lean [deg]."""
+    tilt_s: Seconds = 0.1
+    """For how long it may lean farther [s]."""
+    tilt_error_deg: Annotated[float, msgspec.Meta(gt=0.0, le=90.0)] = 30.0
+    """Farthest from the direction that the reference and the estimated wind ask for [deg]."""
+    tilt_error_s: Seconds = 0.3
+    """For how long it may be farther from it [s]."""
+    sway_deg: Annotated[float, msgspec.Meta(gt=0.0, le=90.0)] = 15.0
+    """The same of one that swings, as poses that are older than they say or many lost frames make it [deg]."""
+    sway_s: Share = 0.3
+    """For how long of about the last second it may be farther [s]."""
+    heave: Share = 0.2
+    """Share of its mean by which the thrust of a landing may swing, down and up: the same faults near the floor [-]."""
+    heave_s: Share = 0.05
+    """For how long of about the last second it may be farther down, and farther up [s]."""
+    error_m: Annotated[float, msgspec.Meta(gt=0.0, le=100.0)] = 0.5
+    """Farthest from the reference [m]."""
+    error_s: Seconds = 0.3
+    """For how long it may be farther from it [s]."""
+    thrust_limit_s: Seconds = 1.0
+    """How long the thrust may be at its upper limit [s]."""
+    rate_limit_s: Seconds = 1.0
+    """How long a body rate may be at its limit without a break, or as large a share of about the last 2 s [s]."""
+    battery_share: Annotated[float, msgspec.Meta(ge=0.0, le=1.0)] = 0.2
+    """Charge below which it lands, where the vehicle tells [-]."""
+    battery_v: Annotated[float, msgspec.Meta(gt=0.0, le=1000.0)] | None = None
+    """Voltage below which it lands, where the vehicle tells [V]."""
+    effectiveness: Share = 0.7
+    """λ̂, thrust over told thrust, below which it lands [-]: all that is known of a battery without telemetry."""
+    rtt_s: Annotated[float, msgspec.Meta(gt=0.0, le=5.0)] = 0.2
+    """Longest round trip to the vehicle and back, where the link knows it [s]."""
+    overruns: Annotated[int, msgspec.Meta(ge=1, le=1000)] = 5
+    """So many frames that were late by more than one and a half periods, within the last 100, land it."""
+    lasting_s: Seconds = 2.0
+    """What lasts so long after its answer is answered by the next step [s]."""
+
+
+class Tick(Protocol):
+    """What the guards look at of one command; see :class:`groundstation.core.pilot.Tick`."""
+
+    @property
+    def time_s(self) -> float:
+        """When it was computed."""
+        ...
+
+    @property
+    def estimate(self) -> Estimate:
+        """What it rests on."""
+        ...
+
+    @property
+    def reference(self) -> Reference:
+        """Where the vehicle should be."""
+        ...
+
+    @property
+    def command(self) -> Command:
+        """What leaves."""
+        ...
+
+
+HEAVE_M, HEAVE_OFF_M = (0.05, 0.5), 0.3
+"""Swings count between these heights: above, what the landing began with dies away; below, the floor pushes too [m].
+So far from the reference it is on its way back, and thrust does what it must [m]."""
+RATE_FADES_S = 2.0
+"""Time that a rate was at its limit is forgotten so fast [s]: a limit cycle has breaks."""
+FRAMES = 100
+"""Over so many frames are late ones counted."""
+
+
+class Guards:
+    """One flight's limits. Times are on the event loop's clock [s]."""
+
+    def __init__(
+        self,
+        config: GuardsConfig,
+        fence: Fence | None,
+        vehicle: Vehicle,
+        period_s: Callable[[], float],
+        separation: Separation | None = None,
+        floor_z_m: float = 0.0,
+        gravity: float = 9.81,
+    ) -> None:
+        """``period_s`` tells the link's time between two commands [s]; ``separation`` is from other vehicles.
+
+        It is asked with each command: a bridge's is known only once it is connected.
+        ``floor_z_m`` is where its pose is when it stands on the floor [m, NED], ``gravity`` the controller's [m/s²].
+        """
+        self._config = config
+        self._around = Surroundings(fence, separation)
+        self._thrust_max = vehicle.thrust_max_n
+        self._rates = tuple(math.radians(limit) for limit in vehicle.rate_limits_deg_s)
+        self._period_s = period_s
+        self._gravity = gravity
+        self._since = Since()
+        self._late: list[int] = []
+        self._frames = 0
+        self._left_s: float | None = None
+        self._sway, self._heave, self._floor = Sway(), Heave(), floor_z_m
+        self._fast = Sway(RATE_FADES_S)
+
+    def see(self, tick: Tick, state: State, diverged_m: float) -> Finding | None:
+        """The gravest of what one command shows; ``diverged_m`` is how far the newest pose was from the model's."""
+        around, motion = self._around, tick.estimate.motion
+        found = [
+            self._divergence(tick, diverged_m),
+            self._tilt(tick),
+            around.outside(motion),
+            around.near(motion, tick.time_s),
+            around.unseen(tick.time_s),
+            self._overrun(tick.time_s),
+        ]
+        if state is not State.DESCENT:  # it has no reference, and its thrust and rates are what they are
+            found += [
+                self._tilt_error(tick), self._error(tick), self._thrust(tick), self._rate(tick), self._weak(tick),
+                self._heaves(tick, state),
+            ]  # fmt: skip
+        return max((one for one in found if one is not None), key=lambda one: one.step, default=None)
+
+    def link(self, status: LinkStatus, now_s: float) -> Finding | None:
+        """What the link tells."""
+        c = self._config
+        if self._since.lasts("rtt", status.rtt_s is not None and status.rtt_s > c.rtt_s, now_s, 1.0):
+            return _lands(f"round trip of {1e3 * (status.rtt_s or 0.0):.0f} ms, limit {1e3 * c.rtt_s:.0f} ms")
+        share, volts = status.battery_share, status.battery_v
+        if self._since.lasts("charge", share is not None and share < c.battery_share, now_s, 1.0):
+            return _lands(f"battery at {100.0 * (share or 0.0):.0f} %, limit {100.0 * c.battery_share:.0f} %")
+        low = c.battery_v is not None and volts is not None and volts < c.battery_v
+        if self._since.lasts("volts", low, now_s, 1.0):
+            return _lands(f"battery at {volts:.2f} V, limit {c.battery_v:.2f} V")
+        return None
+
+    def _divergence(self, tick: Tick, diverged_m: float) -> Finding | None:
+        c = self._config
+        if self._since.lasts("divergence", not diverged_m <= c.divergence_m, tick.time_s, c.divergence_s):
+            return Finding(Step.DESCEND, f"the estimate has diverged: poses are {diverged_m:.2f} m from it", blind=True)
+        return None
+
+    def _tilt(self, tick: Tick) -> Finding | None:
+        c = self._config
+        tilt = angle_deg(third_column(tick.estimate.motion.attitude)[2])
+        if self._since.lasts("tilt", not tilt <= c.tilt_deg, tick.time_s, c.tilt_s):
+            return Finding(Step.DESCEND, f"it leans by {tilt:.0f}°, limit {c.tilt_deg:g}°")
+        return None
+
+    def _overrun(self, now_s: float) -> Finding | None:
+        left, self._left_s = self._left_s, now_s
+        self._frames += 1
+        if left is not None and now_s - left > 2.5 * self._period_s():
+            self._late.append(self._frames)
+        while self._late and self._late[0] <= self._frames - FRAMES:
+            self._late.pop(0)
+        if len(self._late) < self._config.overruns:
+            return None
+        return Finding(Step.LAND, f"{len(self._late)} of the last {FRAMES} frames were late: this computer is too slow")
+
+    def _tilt_error(self, tick: Tick) -> Finding | None:
+        c = self._config
+        a, d = tick.reference.acceleration_ned, tick.estimate.disturbance
+        x, y, z = d[0] - a[0], d[1] - a[1], self._gravity + d[2] - a[2]
+        u, v, w = third_column(tick.estimate.motion.attitude)
+        cosine = (x * u + y * v + z * w) / max(math.sqrt(x * x + y * y + z * z), 1e-6)
+        error = angle_deg(cosine)
+        if self._sway.see(tick.time_s, not error <= c.sway_deg) > c.sway_s:
+            return Finding(Step.DESCEND, f"it swings, {c.sway_deg:g}° and more away from where it should lean")
+        if self._since.lasts("tilt error", not error <= c.tilt_error_deg, tick.time_s, c.tilt_error_s):
+            return Finding(Step.LAND, f"it leans {error:.0f}° away from where it should, limit {c.tilt_error_deg:g}°")
+        return None
+
+    def _heaves(self, tick: Tick, state: State) -> Finding | None:
+        """Whether a landing's thrust swings: near the floor a swing ends in a fall before it shows in how it leans."""
+        c = self._config
+        place = tick.estimate.motion.position
+        low = HEAVE_M[0] < self._floor - place[2] < HEAVE_M[1]
+        there = math.dist(place, tick.reference.position_ned) < HEAVE_OFF_M
+        share = c.heave if state is State.LANDING and low and there else math.inf
+        if self._heave.see(tick.time_s, tick.command.thrust_n, share) > c.heave_s:
+            return Finding(Step.DESCEND, f"its thrust swings by {100.0 * c.heave:.0f} % and more, down and up")
+        return None
+
+    def _error(self, tick: Tick) -> Finding | None:
+        c = self._config
+        error = math.dist(tick.estimate.motion.position, tick.reference.position_ned)
+        if self._since.lasts("error", not error <= c.error_m, tick.time_s, c.error_s):
+            return Finding(Step.LAND, f"{error:.2f} m from where it should be, limit {c.error_m:g} m")
+        return None
+
+    def _thrust(self, tick: Tick) -> Finding | None:
+        c = self._config
+        at_limit = tick.command.thrust_n >= 0.999 * self._thrust_max
+        if self._since.lasts("thrust", at_limit, tick.time_s, c.thrust_limit_s):
+            return Finding(Step.LAND, f"thrust at its limit for {c.thrust_limit_s:g} s")
+        return None
+
+    def _rate(self, tick: Tick) -> Finding | None:
+        c = self._config
+        rates = tick.command.rates_rad_s
+        at_limit = any(abs(rate) >= 0.999 * limit for rate, limit in zip(rates, self._rates, strict=True))
+        most_s = -RATE_FADES_S * math.expm1(-c.rate_limit_s / RATE_FADES_S)  # what is left of one without a break
+        if self._fast.see(tick.time_s, at_limit) >= most_s - 1e-9 and at_limit:
+            return Finding(Step.LAND, f"a body rate at its limit for {c.rate_limit_s:g} s, or again and again")
+        return None
+
+    def _weak(self, tick: Tick) -> Finding | None:
+        c, found = self._config, tick.estimate.effectiveness
+        if self._since.lasts("weak", not found >= c.effectiveness, tick.time_s, 1.0):
+            return _lands(f"thrust is {100.0 * found:.0f} % of what is told, limit {100.0 * c.effectiveness:.0f} %")
+        return None
+
+
+def _lands(reason: str) -> Finding:
+    """It lands, and nothing worse follows: no landing ends this."""
+    return Finding(Step.LAND, reason, most=Step.LAND)

@@ -1,0 +1,176 @@
+"""Gains that are changed in flight: within bounds, slowly, and back by themselves where the flight gets worse. Sans-IO.
+
+A change moves linearly over two seconds. What follows is held against the ten seconds before it: where the mean square
+of the error, or the mean of V, has risen too far, the gain goes back. That is known as soon as the sum is larger than
+it may be at the end, so a bad change does not get its full time. Where the flight goes on to something else before it
+is over, be it that a guard lands it, the gain goes back, too.
+"""
+
+import math
+from collections import deque
+from typing import NamedTuple
+
+import msgspec
+
+from groundstation.core.control.gains import Gains
+from groundstation.core.messages.control import Estimate
+from groundstation.core.messages.requests import Reply
+from groundstation.core.trajectory.port import Reference
+
+RAMP_S = 2.0
+"""A gain takes so long to get to its new value [s]."""
+BACK_S = 0.5
+"""... and so long to go back by itself [s]."""
+JUDGED_S = 10.0
+"""So long before is held against so long after [s]."""
+STALL_S = 0.5
+"""Commands that are farther apart are no flight that could be judged [s]."""
+RMS_FACTOR = 1.5
+"""More than this times the RMS error of before: it goes back."""
+V_FACTOR = 4.0
+"""More than this times the mean V of before: it goes back."""
+STEP_FACTOR = 2.0
+"""The farthest that one change may go, up or down, as a factor."""
+LIVE = ("k2", "k3", "kb", "k_yaw", "kappa", "k_omega")
+"""What may be changed. The shapes of σ, ρ and Ω may not: with them V is another function."""
+PREFIX = "controller."
+
+
+class Step(NamedTuple):
+    """A gain has moved."""
+
+    name: str
+    value: float
+
+
+class _Move(NamedTuple):
+    name: str
+    old: float
+    new: float
+    start_s: float
+    over_s: float
+
+    def at(self, time_s: float) -> float:
+        share = min(1.0, max(0.0, (time_s - self.start_s) / self.over_s))
+        return self.new if share == 1.0 else self.old + share * (self.new - self.old)
+
+
+class _Trial(NamedTuple):
+    """What a change must not exceed."""
+
+    move: _Move
+    squares: float
+    """∫ e² dt [m²s] at most."""
+    v: float
+    """∫ V dt [m²/s] at most."""
+
+
+class LiveGains:
+    """The gains of one flight. Times are on the event loop's clock [s]."""
+
+    def __init__(self, gains: object) -> None:
+        """Take the controller's configuration; only our own law has gains that may be changed."""
+        self.gains = gains if isinstance(gains, Gains) else None
+        """As they are now."""
+        self._past: deque[tuple[float, float, float]] = deque()
+        self._move: _Move | None = None
+        self._trial: _Trial | None = None
+        self._squares = self._v = 0.0
+        self._last_s = -math.inf
+
+    @property
+    def now(self) -> dict[str, float]:
+        """Those that may be changed, by their keys in the configuration, as they are now."""
+        return {} if self.gains is None else {PREFIX + name: float(getattr(self.gains, name)) for name in LIVE}
+
+    def set(self, key: str, value: float, now_s: float) -> Reply:
+        """Begin to move the gain ``key`` (``controller.k2``) to ``value``, or say why not."""
+        gains, name = self.gains, key.removeprefix(PREFIX)
+        if gains is None:
+            return Reply(False, "only the adaptive controller has gains that can be changed in flight")
+        if not key.startswith(PREFIX) or name not in LIVE:
+            live = ", ".join(PREFIX + one for one in LIVE)
+            return Reply(False, f"{key} can't be changed in flight: expected one of {live}")
+        now = getattr(gains, name)
+        try:
+            msgspec.convert({**msgspec.structs.asdict(gains), name: value}, type(gains))
+        except msgspec.ValidationError as error:
+            return Reply(False, f"{key}: {error}")
+        if not math.isfinite(value) or not now / STEP_FACTOR - 1e-12 <= value <= now * STEP_FACTOR + 1e-12:
+            return Reply(False, f"{key} is {now:g}: one change goes to {now / STEP_FACTOR:g} at least and "
+                         f"{now * STEP_FACTOR:g} at most, got {value:g}")  # fmt: skip
+        trial = self._trial
+        if trial is not None and (name, value) == (trial.move.name, trial.move.old):
+            self._turn_back(trial, now_s)
+            return Reply(True, f"{key} goes back to {value:g}")
+        if trial is not None or self._move is not None:
+            return Reply(False, f"{key}: the last change is still being judged; only that one can be taken back now")
+        if not self._past or now_s - self._past[0][0] < JUDGED_S - STALL_S or now_s - self._past[-1][0] > STALL_S:
+            return Reply(
+                False, f"{key}: a change is held against the {JUDGED_S:g} s before it: hold or track for so long"
+            )
+        squares, v = self._means()
+        span = RAMP_S + JUDGED_S
+        self._move = _Move(name, now, value, now_s, RAMP_S)
+        self._trial = _Trial(self._move, RMS_FACTOR**2 * squares * span, V_FACTOR * v * span)
+        self._squares = self._v = 0.0
+        return Reply(True, f"{key} goes from {now:g} to {value:g} within {RAMP_S:g} s")
+
+    def flown(
+        self, time_s: float, estimate: Estimate, reference: Reference, v: float, *, counts: bool
+    ) -> tuple[Step | None, str]:
+        """One command has left: what to set now, and what to tell; ``counts`` where its error tells of the gains."""
+        if self.gains is None:
+            return None, ""
+        squared = math.dist(estimate.motion.position, reference.position_ned) ** 2
+        dt, self._last_s = min(time_s - self._last_s, STALL_S), time_s
+        past = self._past
+        if counts:
+            past.append((time_s, squared, v))
+            while past[0][0] < time_s - JUDGED_S:
+                past.popleft()
+        else:
+            past.clear()
+        text = self._judged(time_s, squared, v, dt, counts=counts) if self._trial is not None else ""
+        return self._stepped(time_s), text
+
+    def _judged(self, time_s: float, squared: float, v: float, dt: float, *, counts: bool) -> str:
+        trial = self._trial
+        assert trial is not None, "the caller has looked"
+        key = PREFIX + trial.move.name
+        if not counts:
+            self._turn_back(trial, time_s)
+            return f"{key} goes back to {trial.move.old:g}: the flight goes on to something else, and it is not proven"
+        self._squares += squared * dt
+        self._v += v * dt
+        worse = "the RMS error" if not self._squares <= trial.squares else "" if self._v <= trial.v else "V"
+        if worse:
+            self._turn_back(trial, time_s)
+            factor = RMS_FACTOR if worse != "V" else V_FACTOR
+            return (
+                f"warning: {key} goes back to {trial.move.old:g}: {worse} has risen by more than a factor of {factor:g}"
+            )
+        if time_s - trial.move.start_s >= RAMP_S + JUDGED_S:
+            self._trial = None
+            return f"{key} stays at {trial.move.new:g}: the flight is as good as before"
+        return ""
+
+    def _turn_back(self, trial: _Trial, now_s: float) -> None:
+        now = getattr(self.gains, trial.move.name)
+        self._trial = None
+        self._move = _Move(trial.move.name, now, trial.move.old, now_s, BACK_S)
+
+    def _stepped(self, time_s: float) -> Step | None:
+        move, gains = self._move, self.gains
+        if move is None or gains is None:
+            return None
+        value = move.at(time_s)
+        if value == move.new:
+            self._move = None
+        self.gains = msgspec.structs.replace(gains, **{move.name: value})
+        return Step(move.name, value)
+
+    def _means(self) -> tuple[float, float]:
+        """Mean e² [m²] and mean V [m²/s²] of the past."""
+        count = len(self._past)
+        return sum(one[1] for one in self._past) / count, sum(one[2] for one in self._past) / count

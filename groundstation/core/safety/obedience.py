@@ -1,0 +1,434 @@
+"""Obedience monitor: do the poses show what the commands must have done? Sans-IO.
+
+A tracker can lie in ways that no single pose betrays: a picture that stands, another body's name, axes that are
+mirrored, poses that are older than they say. What it cannot do is to answer our commands. So what the commands must
+have made of the vehicle, c, is held against what the poses show, y, over nodes a tenth of a second apart:
+
+- **Attitude.** c is the integral of the modelled body rates, y the turn from node to node, roll and pitch. Wind turns
+  a vehicle hardly at all, so this is the sharp witness: even in a calm hold the law answers the noise of the poses.
+- **Position.** c is the second integral of the modelled thrust along the attitude as seen, y the position; both go
+  through one fading-memory filter of second order (Morrison 1969), which takes out constant acceleration. What is left
+  is what moved within some tenths of a second. Wind moves the picture first and the law follows: then y is a part
+  of c, or has its own way. A mirrored or turned picture answers with the command's own image, exactly.
+
+The evidence is a log likelihood ratio between "it obeys" (y = c and noise) and its rival, summed with fading memory and
+never below zero (Page's CUSUM, Biometrika 41, 1954):
+
+- attitude: the rivals are a picture that does not answer, y = noise, and one whose axes are a quarter turn off; half
+  an answer counts for neither. A rate lag or a gain that is told wrong by half leaves y on the side of c.
+- heading: the turn about the vertical that no command asks for, averaged; a trim of some degrees a second is none.
+- axes: the rival is the best of the seven other maps of the two horizontal axes onto themselves (mirrored, swapped,
+  turned by quarter turns), and for the vertical one its mirror image; it must also beat a picture that stands.
+- stillness: |y| is a twentieth of |c|, where wind that the law cancels, one delay late, leaves three tenths; or the
+  position was stopped dead. This alone is a suspicion: a tether that holds the vehicle looks the same.
+
+The scale of the noise is measured by what the best rival leaves, and a node that none explains counts little: a hand,
+a push or a reset speaks for neither. docs/explanation/guards.md has the curve of detection time against false alarms.
+"""
+
+import math
+from collections import deque
+from typing import NamedTuple
+
+from groundstation.core.geometry.ops import Quat, Vec3
+from groundstation.core.messages.pose import Pose
+from groundstation.core.vehicle.model import Driven, Motion
+
+NODE_S = 0.1
+"""Time between two nodes [s]."""
+GAP_S = 0.2
+"""Poses further apart than this begin anew [s]: between them the model has gone astray."""
+HOLE_S = 0.07
+"""After a time so long without a pose [s] positions are not looked at for some nodes."""
+FADE_S = 4.0
+"""Evidence fades with this time constant [s]."""
+LEARN_S = 4.0
+"""So does what is known of the noise [s]."""
+CALM = 2.0
+"""Noise is learnt while the evidence is below this."""
+FIRST, CAP, CAP_IMAGE = 5.0, 8.0, 6.5
+"""Most that one node may say: the first and any other of the attitude, and of an image. No single outlier convicts."""
+CONVICTS, IMAGE_CONVICTS, EARLY_CONVICTS, EARLY = 14.0, 9.0, 7.0, 30
+"""Evidence that convicts: e^14, a million to one, for each of the windows looked at; of an image, which must explain
+better than both a vehicle that obeys and a picture that stands, e^9, and e^7 in so many windows after lift-off: axes
+that are set up wrongly are so from the first."""
+SUSPECTS, STILL_SUSPECTS, IMAGE_SUSPECTS = 0.5, 0.6, 0.7
+"""Share of it that is a suspicion; of a position that stands, or moves as an image."""
+STILL_CAP = 2.0
+"""Most that one node may say for a position that stands: a ramp of wind that the law follows lasts some nodes, too."""
+STOPPED = 0.7
+"""What a position that has just left its way counts as, until it moves again [-]."""
+SLIP = 0.15
+"""Share of the change of a command from node to node that may come a node earlier or later [-]."""
+UNEXPLAINED, IMAGE = 8.0, 2.0
+"""A node that neither rival explains counts by so much less than its square [-]; an image must explain well."""
+ANSWER = 0.8
+"""An answer of half this share of the command speaks for neither [-]: attitude."""
+TURN_NOISE_RAD, TURN_FLOOR_RAD = 0.004, 0.0025
+"""Noise of a turn between two nodes, to begin with and at least [rad]."""
+TRIM_RAD, GAIN = 0.01, 0.5
+"""What a trim turns it between two nodes [rad], and how far its answer may be from the command [-], 1σ."""
+WIND_M, WIND_RISES, WIND_FALLS = 0.02, 0.2, 0.03
+"""What wind leaves in the position's filter at least, 1σ [m]; how fast more and less of it are learnt from a node."""
+STILL, LIVELY = 0.05, 0.3
+"""Shares of the command that a picture that stands, and one that wind moves, show at most and at least [-]."""
+MOVES, ANSWERS = 16.0, 0.5
+"""A position that leaves its way by so much more than its noise, squared, moves [-]; with so much of the command, it
+answers."""
+SWEPT_M, SWEPT_S = 0.01, 1.0
+"""A position that leaves its way by so much [m] is moved, and what commands do against that for so long [s] is no push
+against a position that stands."""
+SHOCK_M, SHOCK_S = 0.045, 0.35
+"""A position that leaves its way by so much [m], 9 m/s², was struck, or is not the vehicle's: nothing is done in haste
+for so long [s]."""
+ARREST_M, ARREST_S, STANDS_M = 0.018, 0.4, 0.01
+"""A position that leaves its way by so much more than commands make it [m], 4 m/s², and then for so long [s] stays
+within so much [m] has been stopped dead: no wind does that."""
+FILTER_NOISE = 2.0
+"""The filter's innovation has so much of a pose's own noise [-]."""
+THETA = 0.6
+"""Memory of the filter: what it knows fades by this factor from node to node [-]."""
+ALPHA, BETA, GAMMA = 1.0 - THETA**3, 1.5 * (1.0 - THETA**2) * (1.0 - THETA), (1.0 - THETA) ** 3
+EXPANDS = 8
+"""For so many nodes after the first the filter's memory expands."""
+SETTLES = 4
+"""So many nodes the filter takes to know velocity and acceleration."""
+HEADING_S, HEADING_RAD_S = 0.7, 0.25
+"""Time constant of a turn about the vertical that no command asks for [s], and what convicts [rad/s]: 14°/s."""
+LED_S = 1.0
+"""So long after it was moved by something else than commands it may still be in somebody's hand [s]."""
+OPPOSED = 3
+"""So many images, the first, oppose the command on an axis or two [-]."""
+EXACT_M, SMALLEST_M = 0.005, 0.015
+"""So well does an image agree that is one [m], and smaller ones are not told from noise [m]."""
+LATE_EXPLAINS = 0.35
+"""A lateness explains the turns where it leaves less than this share of their power [-]."""
+LAGS_S = 1.2
+"""Turns of so long are kept to look for a lateness in them [s]."""
+
+
+class Filter:
+    """Fading-memory filter of second order for one axis: position, velocity, acceleration.
+
+    It begins with the gains of the expanding memory (a parabola through all so far), until those are the smaller ones.
+    """
+
+    __slots__ = ("_a", "_n", "_v", "_x")
+
+    def __init__(self, x: float) -> None:
+        """Nothing is known yet but a first ``x`` [m]."""
+        self._x, self._v, self._a, self._n = x, 0.0, 0.0, 0
+
+    def innovation(self, x: float, h: float) -> float:
+        """How far ``x`` is from where it was heading ``h`` [s] ago [m]; the state moves on."""
+        alpha, beta, gamma = ALPHA, BETA, GAMMA
+        if self._n < EXPANDS:
+            self._n += 1
+            alpha, beta, gamma = _expanding(self._n)
+        ahead, speed = self._x + h * (self._v + 0.5 * h * self._a), self._v + h * self._a
+        i = x - ahead
+        self._x, self._v, self._a = ahead + alpha * i, speed + beta * i / h, self._a + gamma * i / (h * h)
+        return i
+
+
+def _expanding(n: int) -> tuple[float, float, float]:
+    """Gains for the ``n``-th point after the first, of the least-squares parabola, but at least the fading ones."""
+    if n == 1:
+        return 1.0, 1.0, 0.0
+    d = (n + 1.0) * (n + 2.0) * (n + 3.0)
+    alpha, beta, gamma = 3.0 * (3.0 * n * n + 3.0 * n + 2.0) / d, 18.0 * (2.0 * n + 1.0) / d, 60.0 / d
+    return max(alpha, ALPHA), max(beta, BETA), max(gamma, GAMMA)
+
+
+class Contradiction(NamedTuple):
+    """What speaks against the poses, as shares of what convicts."""
+
+    attitude: float
+    """They do not turn as the commands turn the vehicle."""
+    axes: float
+    """They move as a mirrored or turned image of it."""
+    heading: float
+    """They turn about the vertical, and no command asks for that."""
+    still: float
+    """They stand where the vehicle is pushed: never more than a suspicion."""
+
+    @property
+    def suspicious(self) -> bool:
+        """Whether nothing should be learnt from the poses."""
+        turns = max(self.attitude, self.heading) >= SUSPECTS
+        return turns or self.axes >= IMAGE_SUSPECTS or self.still >= STILL_SUSPECTS
+
+
+class Obedience:
+    """One flight's. Fed with each pose and what the commands did since the last one."""
+
+    def __init__(self, mass_kg: float, gravity: float) -> None:
+        """Take the vehicle's mass as told [kg] and g [m/s²]."""
+        self._mass, self._gravity = mass_kg, gravity
+        self._pushed: Vec3 = (0.0, 0.0, 0.0)
+        self._speed: Vec3 = (0.0, 0.0, 0.0)
+        self._turn_variance = [TURN_NOISE_RAD**2] * 2
+        self._bias, self._bias_variance = [0.0, 0.0], [TRIM_RAD**2] * 2
+        self._wind = [WIND_M**2] * 2
+        self.windows = 0
+        """Nodes looked at."""
+        self.largest = 0.0
+        """Largest share of what convicts that was ever reached, by any statistic [-]."""
+        self.calm_s = -math.inf
+        """When nothing was suspicious last: poses of before are to be trusted [s]."""
+        self.answered = 0.0
+        """What speaks for a vehicle whose attitude answers, since it began or poses were missing for long."""
+        self.led_s = -math.inf
+        """When it was last seen to move, after it had left its way by no command [s]."""
+        self._turns: deque[tuple[float, float, float, float, float]] = deque()
+        self.restart()
+
+    def restart(self) -> None:
+        """It has just left the floor, or was let go in the air: what was seen before counts no more."""
+        self._attitude, self._maps, self._still, self._heading = 0.0, [0.0] * 8, 0.0, 0.0
+        self._quarters = [0.0, 0.0]
+        self._last: Quat | None = None
+        self._arrest: Pose | None = None
+        self._stopped_s = 0.0
+        self._flown = 0
+        self._strays = False
+        self._place: Vec3 = (0.0, 0.0, 0.0)
+        self._before = [0.0, 0.0]
+        self._moved_s = self._swept_s = self._shock_s = self._shocks_s = self._newest_s = -math.inf
+        self._nodes = 0
+        self._turns.clear()
+
+    def stands(self, now_s: float) -> bool:
+        """Whether the position has not moved by itself or answered a command of late."""
+        still = now_s - self._moved_s > 1.5 * NODE_S and now_s - self._swept_s > SWEPT_S
+        return still and self._nodes > SETTLES
+
+    def led(self, now_s: float) -> bool:
+        """Whether something else than the commands moves it, as a hand does, at ``now_s`` [s]."""
+        return now_s - self.led_s < LED_S
+
+    @property
+    def evidence(self) -> Contradiction:
+        """As it stands."""
+        still = self._still / CONVICTS
+        if self._newest_s - self._shock_s < SHOCK_S:
+            still = max(still, STOPPED)
+        if self._stopped_s > NODE_S:
+            still = max(still, STOPPED if self._stopped_s < ARREST_S else 1.0)
+        heading = abs(self._heading) / HEADING_RAD_S
+        attitude = max(self._attitude, *self._quarters) / CONVICTS
+        images = EARLY_CONVICTS if self._flown < EARLY else IMAGE_CONVICTS
+        return Contradiction(attitude, max(self._maps) / images, heading, still)
+
+    def pose(self, pose: Pose, before: Motion, given: Driven, dt: float, noise_m: float, *, counts: bool) -> bool:
+        """Take one pose; whether it was a node, with new evidence.
+
+        Args:
+            pose: the newest.
+            before: the motion at the pose before.
+            given: what the commands have made of that since.
+            dt: time since then [s].
+            noise_m: position noise of the poses as measured, 1σ per axis [m].
+            counts: False near the floor, which holds the vehicle, too.
+        """
+        last, self._last = self._last, pose.attitude
+        if last is None or dt > GAP_S or not counts or pose.reset_count != self._resets:
+            self._begin(pose)
+            return False
+        x, y, z = _turn(last, pose.attitude)
+        self._seen_x += x
+        self._seen_y += y
+        self._strayed += z
+        x, y, z = _turn(before.attitude, given.attitude)
+        self._told_x += x
+        self._told_y += y
+        self._strayed -= z
+        half = 0.5 * dt
+        m, (ix, iy, iz), (sx, sy, sz), g = -1.0 / self._mass, given.impulse, given.reach, self._gravity
+        (px, py, pz), (vx, vy, vz) = self._pushed, self._speed
+        self._pushed = (px + dt * vx + m * sx, py + dt * vy + m * sy, pz + dt * (vz + half * g) + m * sz)
+        self._speed = (vx + m * ix, vy + m * iy, vz + m * iz + g * dt)
+        if dt > HOLE_S:
+            self._nodes = min(self._nodes, SETTLES - 3)  # poses were missing: the filter must find its way again
+        h = pose.time_s - self._node_s
+        if h < NODE_S - 1e-6:
+            return False
+        self._node(pose, h, noise_m)
+        return True
+
+    def lateness_s(self) -> float:
+        """By how much later than they say the poses follow the commands [s]; 0 where no lateness explains them.
+
+        The newest turns are held against those that the commands must have made up to half a second earlier.
+        """
+        turns = list(self._turns)
+        if len(turns) < 8:
+            return 0.0
+        h = (turns[-1][0] - turns[0][0]) / (len(turns) - 1)
+        newest = turns[len(turns) // 2 :]
+        first = len(turns) - len(newest)
+        power = sum(one[1] ** 2 + one[2] ** 2 for one in newest)
+        left: list[float] = []
+        for back in range(min(first, int(0.5 / h)) + 1):
+            told = turns[first - back : len(turns) - back]
+            left.append(
+                sum((s[1] - t[3]) ** 2 + (s[2] - t[4]) ** 2 for s, t in zip(newest, told, strict=True))
+                / max(power, 1e-9)
+            )
+        best = min(range(len(left)), key=left.__getitem__)
+        return best * h if left[best] < LATE_EXPLAINS and left[best] < 0.5 * left[0] else 0.0
+
+    def _begin(self, pose: Pose) -> None:
+        self.answered = 0.0
+        self._resets, self._node_s = pose.reset_count, pose.time_s
+        self._seen_x = self._seen_y = self._told_x = self._told_y = self._strayed = 0.0
+        self._pushed = self._speed = (0.0, 0.0, 0.0)
+        self._seen = [Filter(x) for x in pose.position_ned]
+        self._told = [Filter(0.0) for _ in range(3)]
+        self._nodes = 0
+
+    def _node(self, pose: Pose, h: float, noise_m: float) -> None:
+        self._node_s = self._newest_s = pose.time_s
+        self.windows += 1
+        self._flown += 1
+        self._nodes += 1
+        fade, learn = 1.0 - h / FADE_S, h / LEARN_S
+        turn = self._seen_x, self._seen_y, self._told_x, self._told_y
+        self._heading += min(h / HEADING_S, 1.0) * (self._strayed / h - self._heading)
+        self._seen_x = self._seen_y = self._told_x = self._told_y = self._strayed = 0.0
+        self._turns.append((pose.time_s, *turn))
+        while self._turns[0][0] < pose.time_s - LAGS_S:
+            self._turns.popleft()
+        says = self._turned(turn[0], turn[2], 0, learn) + self._turned(turn[1], turn[3], 1, learn)
+        most = CAP if self._attitude > CALM else FIRST
+        self._attitude = max(0.0, self._attitude * fade + max(-CAP, min(says, most)))
+        self._quarter(*turn, fade)
+        self.answered = max(0.0, self.answered - max(says, -CAP))
+        # What the filter does not know grows with the square of the time.
+        k = min(1.0, NODE_S * NODE_S / (h * h))
+        y = [k * f.innovation(x, h) for f, x in zip(self._seen, pose.position_ned, strict=True)]
+        c = [k * f.innovation(x, h) for f, x in zip(self._told, self._pushed, strict=True)]
+        if self._nodes > SETTLES:
+            self._across(y[0], y[1], c[0], c[1], fade)
+            self._down(y[2], c[2], fade)
+            self._stands(pose, y, c, fade, FILTER_NOISE * noise_m)
+        attitude, axes, heading, still = self.evidence
+        self.largest = max(self.largest, attitude, axes, heading, still)
+        if max(attitude, axes, still) < CALM / CONVICTS and heading < SUSPECTS:
+            self.calm_s = pose.time_s
+
+    def _stands(self, pose: Pose, y: list[float], c: list[float], fade: float, noise_m: float) -> None:
+        """What one node says of a position that stands; ``noise_m`` is the filter's own [m]."""
+        own, says, strays = noise_m * noise_m, 0.0, False
+        leaves = math.hypot(*y) - math.hypot(*c)
+        far = math.dist(self._place, pose.position_ned) > SWEPT_M
+        if far:  # what goes somewhere does not stand, however steadily it goes
+            self._moved_s = pose.time_s
+            says = -CAP
+        if far and self._strays:  # it left its way, and moves on: no picture does that
+            self.led_s = pose.time_s
+        self._place = pose.position_ned
+        for seen, told in zip(y, c, strict=True):
+            square = seen * seen
+            if square > max(MOVES * own, (ANSWERS * told) ** 2):
+                self._moved_s = pose.time_s
+            a, b = own + (STILL * told) ** 2, own + (LIVELY * told) ** 2
+            if square > max(MOVES * own, b):
+                says -= CAP  # whatever moves it, it is no picture
+            elif not far:
+                says += 0.5 * math.log(b / a) - 0.5 * square * (1.0 / a - 1.0 / b)
+        if math.hypot(*y) > SWEPT_M:
+            self._swept_s = pose.time_s
+            strays = math.dist(y, c) > SWEPT_M
+            if leaves > SHOCK_M:
+                if pose.time_s - self._shocks_s > SWEPT_S:  # what goes on pushing is no shock
+                    self._shock_s = pose.time_s
+                self._shocks_s = pose.time_s
+        self._still = max(0.0, self._still * fade + max(-CAP, min(says, STILL_CAP)))
+        self._strays = strays and far
+        arrest = self._arrest
+        if arrest is not None:
+            moved = math.dist(arrest.position_ned, pose.position_ned)
+            self._stopped_s = pose.time_s - arrest.time_s
+            if moved > STANDS_M + 2.0 * noise_m or self._stopped_s > 2.0 * ARREST_S:
+                self._arrest, self._stopped_s, self.led_s = None, 0.0, pose.time_s
+        if leaves > ARREST_M + 2.0 * (math.sqrt(max(self._wind)) - WIND_M):
+            # It leaves its way, and not by our doing: a gust, a hand, or the end of what was true.
+            self._arrest = pose
+
+    def _quarter(self, x: float, y: float, cx: float, cy: float, fade: float) -> None:
+        """What one node says of an object whose axes are a quarter turn off: roll is seen as pitch."""
+        x, y = x - self._bias[0], y - self._bias[1]
+        obeys, seen = (x - cx) ** 2 + (y - cy) ** 2, x * x + y * y
+        for i, sign in enumerate((1.0, -1.0)):
+            off = (x - sign * cy) ** 2 + (y + sign * cx) ** 2
+            says = (min(obeys, seen) - off) / (2.0 * max(*self._turn_variance, off / UNEXPLAINED))
+            self._quarters[i] = max(0.0, self._quarters[i] * fade + max(-CAP, min(says, FIRST)))
+
+    def _turned(self, y: float, told: float, axis: int, learn: float) -> float:
+        """What one node says of roll or pitch; a constant offset of the rates is the vehicle's trim."""
+        c = told + self._bias[axis]
+        r = y - c
+        # A rate lag that is told a little wrong shifts what a changing command does by a part of a node.
+        slip = SLIP * (c - self._before[axis])
+        self._before[axis] = c
+        variance = self._turn_variance[axis]
+        best = min(r * r, y * y)
+        self._turn_variance[axis] = max(variance + learn * (min(best, 9.0 * variance) - variance), TURN_FLOOR_RAD**2)
+        if self._attitude < CALM:
+            # A command of which we don't know how much arrives says little of what turns it beside.
+            trim = self._bias_variance[axis]
+            noise = variance + (GAIN * told) ** 2
+            gain, most = max(learn, trim / (trim + noise)), 3.0 * math.sqrt(trim + variance)
+            self._bias_variance[axis] = (1.0 - gain) * trim
+            self._bias[axis] += gain * max(-most, min(most, r))
+        return ANSWER * c * (ANSWER * c - 2.0 * y) / (2.0 * max(variance, best / UNEXPLAINED, slip * slip))
+
+    def _across(self, x: float, y: float, cx: float, cy: float, fade: float) -> None:
+        """What one node says of the two horizontal axes."""
+        xx, yy, xy, yx = x * cx, y * cy, x * cy, y * cx
+        told, seen = cx * cx + cy * cy, x * x + y * y
+        wind, both = self._wind[0], seen + told
+        rest = min(both - 2.0 * (xx + yy), seen)
+        best = rest
+        for i, image in enumerate((-xx - yy, yy - xx, xx - yy, xy + yx, -xy - yx, yx - xy, xy - yx)):
+            off = both - 2.0 * image
+            self._maps[i] = _summed(self._maps[i], fade, rest - off, max(wind, off / IMAGE), off, i < OPPOSED)
+            best = min(best, off)
+        self._wind[0] = _learnt(wind, 0.5 * best)
+
+    def _down(self, z: float, c: float, fade: float) -> None:
+        """What one node says of the vertical axis."""
+        off, wind = (z + c) ** 2, self._wind[1]
+        rest = min((z - c) ** 2, z * z)
+        self._maps[7] = _summed(self._maps[7], fade, rest - off, max(wind, off / IMAGE), off, True)
+        self._wind[1] = _learnt(wind, min(rest, off))
+
+
+def _learnt(wind: float, best: float) -> float:
+    """The variance that wind leaves [m²], after a node that the best rival explains but for ``best`` [m²]."""
+    share = WIND_RISES if best > wind else WIND_FALLS
+    return max(wind + share * (min(best, 9.0 * wind) - wind), WIND_M * WIND_M)
+
+
+def _turn(a: Quat, b: Quat) -> Vec3:
+    """The small turn from ``a`` to ``b`` in the body's axes [rad]."""
+    w, x, y, z = a
+    p, q, r, s = b
+    k = 2.0 if w * p + x * q + y * r + z * s > 0.0 else -2.0
+    return (
+        k * (w * q - x * p - y * s + z * r),
+        k * (w * r + x * s - y * p - z * q),
+        k * (w * s - x * r + y * q - z * p),
+    )
+
+
+def _summed(evidence: float, fade: float, gain: float, variance: float, off: float, opposed: bool) -> float:
+    """The evidence after a node in which a rival explains all but ``off`` [m²], and ``gain`` [m²] more than the others.
+
+    What is ``opposed`` to a command, and answers it exactly, is no wind: the wind comes first, and commands oppose it.
+    """
+    says = gain / (2.0 * variance)
+    if opposed and gain > SMALLEST_M * SMALLEST_M:
+        says = max(says, math.log((gain + off + EXACT_M * EXACT_M) / (off + EXACT_M * EXACT_M)))
+    return max(0.0, evidence * fade + max(-CAP_IMAGE, min(says, CAP_IMAGE)))

@@ -1,0 +1,293 @@
+"""From the floor into the air: thrust rises for a moment, and stays on only where the poses answer to it. Sans-IO.
+
+No law flies on the floor, where position does not answer to thrust and adaptation would learn the floor's push as
+wind. Whether the poses are this vehicle's, and whether its mass is right, is not known before it moves: so thrust is
+raised quickly and not far, and what is not seen to move gets no time to gather energy. liftoff.py has what is believed
+of the poses meanwhile.
+"""
+
+import math
+from collections import deque
+from typing import Annotated, Protocol
+
+import msgspec
+
+from groundstation.core.geometry.ops import Vec3
+from groundstation.core.geometry.so3 import angle_deg, third_column
+from groundstation.core.messages.pose import Pose
+from groundstation.core.safety.fence import Fence
+from groundstation.core.safety.liftoff import LiftOff, Wander
+from groundstation.core.vehicle.vehicle import Vehicle
+
+SURE_SHARE = 0.6
+"""Share of the weight that thrust reaches within ``spool_s``, and that lifts nothing [-]."""
+NEAR_SHARE = 0.9
+"""From this share of the weight on it may lift [-]: from here time is counted."""
+NEAR_S = 0.1
+"""How long thrust rises from the first share to the second [s]."""
+RISE_S, SHORTEST_S = 0.15, 0.05
+"""How long the rotors take from there to the limit [s]: what is told is earlier by their lag, but no faster than the
+second."""
+WATCHED_S = 0.3
+"""So long after the second share something must have moved [s]."""
+TOLD_SHARE, MEASURED_SHARE = 1.3, 1.1
+"""Largest thrust, as a share of the weight as told, and of the thrust that was measured to hover [-]."""
+LEAST_SHARE = 0.75
+"""Where it moves and the rotors still give more than wanted, no less than this share of that is told [-]."""
+REST_POSES = 50
+"""Where it stands is the mean of so many poses."""
+WANDER_S, WANDERS = 0.5, 12
+"""How far the place of a vehicle that stands wanders is measured over such spans [s], and over so many of them."""
+TIPPED_DEG = 6.0
+"""On the floor it leans no farther from how it stood [deg]."""
+SLIPPED_M = 0.05
+"""And is not farther aside from where it stood [m], beside what its place wanders, ..."""
+STEP_M = 0.03
+"""Nor, from one pose to the next, farther than this beside noise and what such a wind makes of it [m]: another body
+is nowhere nearer than a vehicle's size."""
+WIND_M_S2, LIGHT_S = 5.0, 0.2
+"""... and what such a wind makes of it as thrust takes its weight from the floor [m/s²]: from so long before the first
+share on [s]."""
+
+
+class TakeoffConfig(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
+    """How the vehicle leaves the floor. Config section ``[takeoff]``."""
+
+    height_m: Annotated[float, msgspec.Meta(ge=0.2, le=20.0)] = 1.0
+    """Height above the floor at which it holds before and after the trajectory [m]."""
+    spool_s: Annotated[float, msgspec.Meta(ge=0.2, le=10.0)] = 1.0
+    """Time in which the rotors are brought up to 60 % of the weight [s]."""
+    thrust_limit: Annotated[float, msgspec.Meta(ge=1.0, le=2.0)] | None = None
+    """Largest thrust before it has left the floor, as a share of its weight [-]. Without it: 1.3, or 1.1 of
+    vehicle.hover_n where that was measured; a larger one lets a vehicle that is not seen jump higher."""
+    climb_m_s: Annotated[float, msgspec.Meta(gt=0.0, le=5.0)] = 0.5
+    """Fastest speed of the climb [m/s]."""
+    hold_s: Annotated[float, msgspec.Meta(ge=1.0, le=600.0)] = 3.0
+    """How long it holds, measuring its hover thrust, before it goes on to the trajectory [s]."""
+    transit_m_s: Annotated[float, msgspec.Meta(gt=0.0, le=20.0)] = 0.5
+    """Fastest speed of the ways onto the trajectory and back [m/s]; where it begins faster, it is met at its own."""
+    transit_m_s2: Annotated[float, msgspec.Meta(gt=0.0, le=20.0)] = 1.0
+    """Largest acceleration of these ways, of the climb and of stopping [m/s²]."""
+
+
+class Told(Protocol):
+    """What the limit of the thrust rests on; see :class:`groundstation.settings.settings.Config`."""
+
+    @property
+    def takeoff(self) -> TakeoffConfig:
+        """How it takes off."""
+        ...
+
+    @property
+    def vehicle(self) -> Vehicle:
+        """The vehicle as told."""
+        ...
+
+    @property
+    def weight_n(self) -> float:
+        """Its weight as told [N]."""
+        ...
+
+
+def usual_limit_n(told: Told) -> float:
+    """The largest thrust [N] before the floor is left, where ``takeoff.thrust_limit`` does not say more."""
+    vehicle = told.vehicle
+    most = TOLD_SHARE * told.weight_n if vehicle.hover_n is None else MEASURED_SHARE * vehicle.hover_n
+    return min(most, vehicle.thrust_max_n)
+
+
+def limit_n(told: Told) -> float:
+    """The largest thrust [N] before the floor is left."""
+    share = told.takeoff.thrust_limit
+    return usual_limit_n(told) if share is None else min(share * told.weight_n, told.vehicle.thrust_max_n)
+
+
+class Spool:
+    """Thrust on the floor as a function of time. Times are on the event loop's clock [s]."""
+
+    def __init__(
+        self, weight_n: float, most_n: float, spool_s: float, idle_n: float, start_s: float, lag_s: float
+    ) -> None:
+        """Begin at ``start_s`` [s] with ``idle_n`` [N]; thrust is never told to be above ``most_n`` [N].
+
+        ``lag_s`` is how far thrust lags behind what is told [s].
+        """
+        self.most_n = most_n
+        self._rise = max(RISE_S - lag_s, SHORTEST_S)
+        self._idle = min(idle_n, most_n)
+        self._sure = min(max(SURE_SHARE * weight_n, idle_n), most_n)
+        self._near = min(max(NEAR_SHARE * weight_n, self._sure), most_n)
+        self._start = start_s
+        self.sure_s = start_s + spool_s
+        """Until then thrust lifts nothing."""
+        self.near_s = self.sure_s + NEAR_S
+        """From then on it may."""
+
+    def thrust_n(self, time_s: float) -> float:
+        """Thrust to command at ``time_s`` [N]."""
+        if time_s < self.sure_s:
+            x = max(time_s - self._start, 0.0) / (self.sure_s - self._start)
+            return self._idle + (self._sure - self._idle) * x * x * (3.0 - 2.0 * x)
+        if time_s < self.near_s:
+            return self._sure + (self._near - self._sure) * (time_s - self.sure_s) / NEAR_S
+        return min(self._near + (self.most_n - self._near) * (time_s - self.near_s) / self._rise, self.most_n)
+
+
+class Standing:
+    """Poses of a vehicle that stands, and how far they wander."""
+
+    def __init__(self) -> None:
+        """Nothing seen."""
+        self.poses: deque[Pose] = deque(maxlen=REST_POSES)
+        """The newest of them."""
+        self._spans: deque[Pose] = deque(maxlen=WANDERS + 1)
+
+    def stands(self, pose: Pose) -> None:
+        """Take a pose of a vehicle whose motors don't lift."""
+        if self.poses and self.poses[-1].reset_count != pose.reset_count:
+            self.poses.clear()  # the source has moved its origin
+            self._spans.clear()
+        self.poses.append(pose)
+        if not self._spans or pose.time_s - self._spans[-1].time_s >= WANDER_S:
+            self._spans.append(pose)
+
+    @property
+    def place_ned(self) -> Vec3:
+        """Where it stands [m]. Needs a pose."""
+        n = len(self.poses)
+        north, east, down = (sum(pose.position_ned[axis] for pose in self.poses) / n for axis in range(3))
+        return north, east, down
+
+    @property
+    def wander(self) -> Wander:
+        """How what is measured of it wanders."""
+        spans = list(self._spans)
+        if len(spans) < 2:
+            return Wander(0.0, 0.0, 0.0)
+        elapsed, pairs = spans[-1].time_s - spans[0].time_s, list(zip(spans, spans[1:], strict=False))
+        north, east, down = (
+            sum((b.position_ned[axis] - a.position_ned[axis]) ** 2 for a, b in pairs) / elapsed for axis in range(3)
+        )
+        climbs = [b.velocity_ned[2] - a.velocity_ned[2] for a, b in pairs if a.velocity_ned and b.velocity_ned]
+        return Wander(max(north, east), down, sum(climb * climb for climb in climbs) / elapsed)
+
+    def leaps(self, before: Pose, pose: Pose, light_s: float, noise_m: float) -> str:
+        """What the step from one pose to the next shows that no vehicle on its floor does; empty for nothing.
+
+        ``light_s`` is as below, ``noise_m`` the white noise of its poses [m].
+        """
+        elapsed = pose.time_s - before.time_s
+        if pose.reset_count != before.reset_count or elapsed <= 0.0:
+            return ""  # not comparable
+        step = math.dist(pose.position_ned[:2], before.position_ned[:2])
+        wanders = 4.0 * math.sqrt(2.0 * noise_m * noise_m + self.wander.aside_m2_s * elapsed)
+        if step <= STEP_M + wanders + WIND_M_S2 * light_s * elapsed:
+            return ""
+        return f"it is seen {step:.2f} m aside from one pose to the next"
+
+    def disturbed(self, pose: Pose, place_ned: Vec3, light_s: float) -> str:
+        """What ``pose`` shows that no vehicle on its floor does; it stood at ``place_ned`` [m]. Empty for nothing.
+
+        ``light_s`` is for how long thrust has taken so much of its weight that wind may move it [s].
+        """
+        stood = self.poses[-1]
+        if pose.reset_count != stood.reset_count:
+            return ""  # not comparable
+        (x, y, z), (u, v, w) = third_column(stood.attitude), third_column(pose.attitude)
+        tilt = angle_deg(x * u + y * v + z * w)
+        if not tilt <= TIPPED_DEG:
+            return f"it tips: {tilt:.0f}° from how it stood, limit {TIPPED_DEG:g}°"
+        aside = math.dist(pose.position_ned[:2], place_ned[:2])
+        limit = SLIPPED_M + 4.0 * math.sqrt(self.wander.aside_m2_s) + 0.5 * WIND_M_S2 * light_s * light_s
+        if not aside <= limit:
+            return f"it moves sideways on the floor: {aside:.2f} m, limit {limit:.2f} m"
+        return ""
+
+
+class SpoolUp:
+    """One vehicle's spool-up, from arming until it flies or its motors go off again."""
+
+    def __init__(
+        self, standing: Standing, spool: Spool, vehicle: Vehicle, weight_n: float, gravity: float, noise_m: float
+    ) -> None:
+        """Begin with a vehicle that stands; ``noise_m`` is the white noise of its poses [m]."""
+        self._standing = standing
+        self._spool = spool
+        self._vehicle = vehicle
+        self._weight = weight_n
+        self._gravity = gravity
+        self._noise = noise_m
+        self.place_ned = standing.place_ned
+        """Where it stood [m]."""
+        self._newest = standing.poses[-1]
+        self._leaps = ""
+        self._lift: LiftOff | None = None
+        self._moved_s: float | None = None
+        self._told: list[tuple[float, float]] = []
+        """What was told before any pose could show that it lifts: from when on [s], thrust [N]."""
+
+    @property
+    def flies(self) -> LiftOff | None:
+        """What is known of its climb, once it has left the floor."""
+        return self._lift if self._lift is not None and self._lift.flies else None
+
+    def pose(self, pose: Pose) -> None:
+        """Take one more pose."""
+        light_s = self._light_s(pose.time_s)
+        self._leaps = self._leaps or self._standing.leaps(self._newest, pose, light_s, self._noise)
+        self._newest = pose
+        if self._lift is not None:
+            self._lift.pose(pose)
+        elif pose.time_s < self._spool.sure_s:
+            self._standing.stands(pose)
+        else:
+            standing, vehicle = self._standing, self._vehicle
+            down, wander, stood = standing.place_ned[2], standing.wander, standing.poses[-1]
+            lag = vehicle.thrust_lag_s
+            self._lift = LiftOff(stood, down, self._weight, lag, self._gravity, wander, self._noise)
+            for acting_s, thrust_n in self._told:
+                self._lift.sent(acting_s, thrust_n)
+            self._lift.pose(pose)
+
+    def _light_s(self, now_s: float) -> float:
+        """For how long thrust has taken so much of the weight that wind may move the vehicle [s]."""
+        return max(now_s - self._spool.sure_s + LIGHT_S, 0.0)
+
+    def thrust_n(self, now_s: float) -> float:
+        """Thrust to command now [N]."""
+        lift, spool = self._lift, self._spool
+        thrust = spool.thrust_n(now_s)
+        if lift is not None and lift.moves:
+            self._moved_s = now_s if self._moved_s is None else self._moved_s
+            wanted = lift.climbing_share * self._weight
+            thrust = min(max(2.0 * wanted - lift.thrust_n, LEAST_SHARE * wanted), spool.most_n)
+        acting_s = now_s + self._vehicle.command_delay_s
+        if lift is None:
+            self._told.append((acting_s, thrust))
+        else:
+            lift.sent(acting_s, thrust)
+        return thrust
+
+    def fault(self, now_s: float, pose: Pose, coast_s: float, fence: Fence | None) -> str:
+        """Why the motors must go off, by the newest pose; empty where they need not."""
+        spool, lift = self._spool, self._lift
+        if now_s - pose.time_s > coast_s:
+            return f"no pose for {1e3 * (now_s - pose.time_s):.0f} ms while the motors spool up"
+        if fence is not None and fence.room_m(pose.position_ned) < 0.0:
+            return f"{-fence.room_m(pose.position_ned):.2f} m outside the fence while the motors spool up"
+        why = self._leaps or self._standing.disturbed(pose, self.place_ned, self._light_s(now_s))
+        if why:
+            return f"{why}: look at what holds or pushes it, and at its poses"
+        if lift is not None and lift.jumps:
+            return "its height jumps as no thrust makes it: look at its poses, and at what lifts it"
+        moves = lift is not None and lift.moves
+        if not moves and now_s >= spool.near_s + WATCHED_S:
+            return (
+                "no lift-off: is this the right body, is the mass right? Thrust went to "
+                f"{spool.most_n:.3g} N, {100.0 * spool.most_n / self._weight:.0f} % of the told weight, and the poses "
+                "did not move: check the object's name, vehicle.mass_kg, battery and propellers, and that nothing "
+                "holds the vehicle; one that needs more thrust needs a larger takeoff.thrust_limit"
+            )
+        if lift is not None and self._moved_s is not None and now_s - self._moved_s > lift.patience_s:
+            return "no lift-off: it began to move and did not leave the floor: check that nothing holds the vehicle"
+        return ""

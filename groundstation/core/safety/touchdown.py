@@ -1,0 +1,98 @@
+"""Hovering and touching down, by thrust and vertical speed, as autopilots tell them, and by standing poses. Sans-IO."""
+
+import math
+from collections import deque
+from typing import Annotated
+
+import msgspec
+
+from groundstation.core.messages.pose import Pose
+
+LOW_SHARE = 0.75
+"""On the floor thrust falls below this share of the hover thrust, as the reference goes on down [-]."""
+STILL_M_S = 0.12
+"""Slower than this the vehicle does not sink any more [m/s]."""
+LASTING_S = 0.2
+"""How long both must be so near the floor [s], ..."""
+SURE_S = 1.0
+"""... and elsewhere, where the floor may be a table, or the vehicle in somebody's hand [s]."""
+BEHIND_M = 0.3
+"""Near the floor it also stands where it does not follow and is so far above its reference [m]: not every controller
+lets thrust fall that low."""
+NEAR_M = 0.3
+"""Near the floor is below this height [m]."""
+REST_M, RESTS_M = 0.15, 0.015
+"""Lower than the first above the floor, heights that differ by less than the second are of one that stands [m], ..."""
+REST_S, REST_WAY_M = 0.4, 0.1
+"""... once they do for so long [s], and it was told to sink so far meanwhile [m]. That counts whatever the estimate
+says: where few poses come, the model has it fall on through the floor, and then thrown up by what holds it."""
+
+
+class LandingConfig(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
+    """How the vehicle comes down. Config section ``[landing]``."""
+
+    approach_m: Annotated[float, msgspec.Meta(ge=0.05, le=2.0)] = 0.25
+    """From this height above the floor on it sinks at ``touchdown_m_s`` [m]."""
+    touchdown_m_s: Annotated[float, msgspec.Meta(ge=0.05, le=0.5)] = 0.25
+    """Speed of the last part, until it touches down [m/s]."""
+
+
+class Hover:
+    """The thrust that hovers, as commanded: a mean over a hold."""
+
+    def __init__(self) -> None:
+        """Nothing measured."""
+        self._sum = 0.0
+        self._count = 0
+
+    def see(self, thrust_n: float) -> None:
+        """Take one command of a hold [N]."""
+        self._sum += thrust_n
+        self._count += 1
+
+    @property
+    def thrust_n(self) -> float | None:
+        """Mean commanded thrust [N]; None before the first command."""
+        return self._sum / self._count if self._count else None
+
+
+class Touchdown:
+    """Whether the vehicle has come to stand while it is told to sink."""
+
+    def __init__(self, hover_n: float) -> None:
+        """Take the thrust that hovers [N]."""
+        self._low_n = LOW_SHARE * hover_n
+        self._since_s: float | None = None
+        self._stand: deque[tuple[float, float]] = deque()
+        """The newest poses whose heights agree: of when [s], and how high [m]."""
+
+    def stands(self, pose: Pose, height_m: float, sinks_m_s: float) -> bool:
+        """Whether the poses by themselves say that it stands on the floor; ``pose`` is the newest one.
+
+        ``height_m`` is its height above the floor, ``sinks_m_s`` how fast the vehicle is told to sink.
+        """
+        stand = self._stand
+        if height_m > REST_M or not sinks_m_s > 0.0:
+            stand.clear()
+            return False
+        if not stand or pose.time_s > stand[-1][0]:
+            while stand and any(abs(height_m - height) > RESTS_M for _, height in stand):
+                stand.popleft()
+            stand.append((pose.time_s, height_m))
+        return stand[-1][0] - stand[0][0] >= max(REST_S, REST_WAY_M / sinks_m_s)
+
+    def felt(self, time_s: float, thrust_n: float, sinking_m_s: float, height_m: float, behind_m: float) -> bool:
+        """Whether it stands, by one more command of a descent.
+
+        ``sinking_m_s`` and ``height_m`` are the vehicle's speed and height above the floor, ``behind_m`` is how far it
+        is above its reference: inf where it has none but to sink, and then standing must last longer to be believed.
+        """
+        near = height_m < NEAR_M
+        refuses = thrust_n < self._low_n or (near and behind_m > BEHIND_M)
+        if not refuses or abs(sinking_m_s) > STILL_M_S:
+            self._since_s = None
+            return False
+        if self._since_s is None:
+            self._since_s = time_s
+        sure = near and (thrust_n < self._low_n or behind_m < math.inf)
+        return time_s - self._since_s >= (LASTING_S if sure else SURE_S)

@@ -1,0 +1,1 @@
+"""Trajectories with exact derivatives, and what they ask of a vehicle."""

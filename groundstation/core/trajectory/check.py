@@ -1,0 +1,130 @@
+"""What a trajectory asks of a vehicle in still air, held against what the vehicle and its operator allow. Pure."""
+
+import math
+
+import msgspec
+
+from groundstation.core.geometry.ops import Vec3
+from groundstation.core.trajectory.demands import Demand, Motion, demands
+from groundstation.core.trajectory.port import Trajectory
+from groundstation.core.vehicle.limits import LimitsConfig
+from groundstation.core.vehicle.vehicle import Vehicle
+
+STEP_S = 0.01
+"""The trajectory is looked at so often [s] between two joints, ..."""
+FEWEST, MOST = 8, 1000
+"""... but within these numbers: its formulas are smooth, and the shortest may be the hardest to fly."""
+
+
+class Report(msgspec.Struct, frozen=True, kw_only=True):
+    """A trajectory looked at from its start to its end, or for one turn."""
+
+    duration_s: float | None
+    """None where it never ends."""
+    span_s: float
+    """How much of it was looked at [s]."""
+    length_m: float
+    """Way flown in that time [m]."""
+    start_speed_m_s: float
+    lowest_ned: Vec3
+    highest_ned: Vec3
+    """Corners of the box that it stays in [m, NED]; smooth ways swing wide of their points."""
+    demands: tuple[Demand, ...]
+    share: float | None
+    """Share of its own speed at which it keeps the limits [-], the floor aside; None where slower is no help."""
+
+    @property
+    def ok(self) -> bool:
+        """Whether it keeps all limits."""
+        return all(demand.ok for demand in self.demands)
+
+
+def check(
+    trajectory: Trajectory, vehicle: Vehicle, limits: LimitsConfig, *, gravity: float, floor_z_m: float
+) -> Report:
+    """Look at all of ``trajectory``; the floor is at ``floor_z_m`` [m, NED], ``gravity`` in [m/s²]."""
+    import numpy as np
+
+    joints = trajectory.joints_s
+    span = joints[-1]
+    looks = [
+        np.linspace(start, end, min(max(math.ceil((end - start) / STEP_S), FEWEST), MOST), endpoint=False)
+        for start, end in zip(joints, joints[1:], strict=False)
+    ]
+    times = np.concatenate([*looks, [span]])
+    seen = [trajectory.at(t) for t in times.tolist()]
+    motion = Motion(
+        times,
+        np.array([r.velocity_ned for r in seen]),
+        np.array([r.acceleration_ned for r in seen]),
+        np.array([r.jerk_ned for r in seen]),
+        np.array([r.yaw_rad for r in seen]),
+        np.array([r.yaw_rate_rad_s for r in seen]),
+    )
+    places = np.array([r.position_ned for r in seen])
+    height = floor_z_m - places[:, 2]
+    lowest = int(height.argmin())
+    above = Demand(
+        name="height above the floor",
+        unit="m",
+        value=float(height[lowest]),
+        time_s=float(times[lowest]),
+        limit=0.0,
+        least=True,
+        key="flight.floor_z_m",
+        ok=bool(height[lowest] >= 0.0),
+    )
+    return Report(
+        duration_s=trajectory.duration_s,
+        span_s=span,
+        length_m=float(np.trapezoid(np.linalg.norm(motion.velocity, axis=1), times)),
+        start_speed_m_s=math.hypot(*seen[0].velocity_ned),
+        lowest_ned=tuple(places.min(axis=0).tolist()),
+        highest_ned=tuple(places.max(axis=0).tolist()),
+        demands=(above, *demands(motion, vehicle, limits, gravity)),
+        share=_share(motion, vehicle, limits, gravity),
+    )
+
+
+def refusal(report: Report, speed_m_s: float | None = None) -> str | None:
+    """Why the trajectory must not fly, and what to do; None if it may.
+
+    ``speed_m_s`` is its speed, where one key of the configuration sets it.
+    """
+    worst = next((demand for demand in report.demands if not demand.ok), None)
+    if worst is None or worst.limit is None:
+        return None
+    if worst.key == "flight.floor_z_m":
+        return (
+            f"at {worst.time_s:.2f} s it is {-worst.value:.2f} m below the floor ({worst.key}): "
+            "in NED z counts down, so 1 m up is -1"
+        )
+    needed, limit = f"{worst.value:.3g}", f"{worst.limit:.3g}"
+    if needed == limit:
+        needed, limit = f"{worst.value:.6g}", f"{worst.limit:.6g}"
+    bound = "at least" if worst.least else "limit"
+    says = f"at {worst.time_s:.2f} s it needs {needed} {worst.unit} of {worst.name}, {bound} {limit} {worst.unit}"
+    if report.share is None:
+        return f"{says} ({worst.key}): flying it slower does not help"
+    percent = math.floor(100.0 * report.share)
+    slower = f"{percent} % of its speed"
+    if speed_m_s is not None:
+        slower = f"{math.floor(1000.0 * report.share * speed_m_s) / 1000.0:g} m/s (trajectory.speed_m_s)"
+    return f"{says} ({worst.key}): slow it down to about {slower}"
+
+
+def _share(motion: Motion, vehicle: Vehicle, limits: LimitsConfig, gravity: float) -> float | None:
+    """The largest share of its speed at which it keeps the limits, height aside."""
+
+    def kept(share: float) -> bool:
+        return all(demand.ok for demand in demands(motion.slowed(share), vehicle, limits, gravity))
+
+    if kept(1.0):
+        return 1.0
+    low, high = 1e-3, 1.0
+    if not kept(low):
+        return None
+    for _ in range(12):
+        middle = 0.5 * (low + high)
+        low, high = (middle, high) if kept(middle) else (low, middle)
+    return low

@@ -1,0 +1,52 @@
+"""What circles and figures of eight have in common: how often they are flown, how they begin and end, their plane."""
+
+import math
+from typing import Annotated
+
+import msgspec
+
+from groundstation.core.geometry.ops import Vec3
+from groundstation.core.trajectory.fields import Degrees, Ramp
+from groundstation.core.trajectory.paced import Paced
+from groundstation.core.trajectory.port import Turning
+from groundstation.core.trajectory.tilted import Tilted
+
+
+class Laps(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
+    """Keys of every closed curve. Without them it is level, at full speed from the start, and never ends."""
+
+    laps: Annotated[int, msgspec.Meta(ge=1, le=100_000)] | None = None
+    """Whole turns to fly, then it rests where it began; needs ``ramp_s``. Without it, it never ends."""
+    ramp_s: Ramp = 0.0
+    """From rest to full speed in this time, and back to rest at the end [s]; 0: at full speed at once."""
+    tilt_deg: Annotated[float, msgspec.Meta(ge=-90.0, le=90.0)] = 0.0
+    """Turns the figure out of the level plane, about its middle [deg]; 90 is upright."""
+    uphill_deg: Degrees = 0.0
+    """Bearing of the side that ``tilt_deg`` raises [deg], from north towards east."""
+
+    def __post_init__(self) -> None:
+        """Check what the types cannot.
+
+        Raises:
+            ValueError: it would have to stop at once, or the ramps are longer than all laps.
+        """
+        if self.laps is not None and self.ramp_s == 0.0:
+            raise ValueError("laps: needs ramp_s above 0, or it would have to stop within no time at the end")
+        if self.laps is not None and self.ramp_s > self.laps * self.lap_s:
+            raise ValueError(
+                f"ramp_s: expected at most {self.laps * self.lap_s:.3g} s, the time of all laps, got {self.ramp_s:g}"
+            )
+
+    @property
+    def lap_s(self) -> float:
+        """Time of one turn at full speed [s]."""
+        raise NotImplementedError
+
+    def flown(self, curve: Turning, middle_ned: Vec3) -> Turning:
+        """The level ``curve``, as these keys have it; its plane is turned about ``middle_ned`` [m]."""
+        if self.ramp_s > 0.0:
+            length_s = None if self.laps is None else self.laps * curve.period_s
+            curve = Paced(curve, self.ramp_s, length_s, curve.period_s)
+        if self.tilt_deg != 0.0:
+            curve = Tilted(curve, middle_ned, math.radians(self.tilt_deg), math.radians(self.uphill_deg))
+        return curve

@@ -1,0 +1,65 @@
+"""What every trajectory delivers: the reference at any instant, with exact derivatives."""
+
+from collections.abc import Sequence
+from typing import Protocol
+
+import msgspec
+
+from groundstation.core.geometry.ops import Vec3
+
+ZERO: Vec3 = (0.0, 0.0, 0.0)
+
+
+class Reference(msgspec.Struct, frozen=True, gc=False):
+    """Where the vehicle should be at one instant. World NED; derivatives are exact, never differences."""
+
+    position_ned: Vec3
+    """[m]"""
+    velocity_ned: Vec3 = ZERO
+    """[m/s]"""
+    acceleration_ned: Vec3 = ZERO
+    """[m/s²]"""
+    jerk_ned: Vec3 = ZERO
+    """[m/s³]"""
+    yaw_rad: float = 0.0
+    """Heading [rad], about down from north."""
+    yaw_rate_rad_s: float = 0.0
+    """[rad/s]"""
+
+
+class Trajectory(Protocol):
+    """A reference as a function of time."""
+
+    @property
+    def duration_s(self) -> float | None:
+        """Time after which the reference rests at its last point [s]; None where it never ends."""
+        ...
+
+    @property
+    def joints_s(self) -> Sequence[float]:
+        """Times at which one formula takes over from another [s], rising, from 0 to its end or to one whole turn.
+
+        Everything that it ever does it has done by the last of them.
+        """
+        ...
+
+    def at(self, time_s: float) -> Reference:
+        """The reference ``time_s`` after the start of the trajectory [s].
+
+        Every finite time has one. Before the start (``time_s`` < 0) a curve without end goes on backwards, and a
+        way between two points rests at its first.
+        """
+        ...
+
+    def position_at(self, time_s: float) -> Vec3:
+        """``at(time_s).position_ned`` [m], world NED, to rounding; cheaper where only the position is wanted."""
+        ...
+
+
+class Turning(Trajectory, Protocol):
+    """A trajectory that goes round and round."""
+
+    @property
+    def period_s(self) -> float:
+        """Time of one turn at full speed [s]."""
+        ...

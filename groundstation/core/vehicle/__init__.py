@@ -1,0 +1,1 @@
+"""The vehicle as the controller is told it is: its figures, limits, model and actuators."""

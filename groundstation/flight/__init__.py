@@ -1,0 +1,1 @@
+"""One flight: pre-arm checks, mission, command loop, shutdown, statistics."""

@@ -1,0 +1,324 @@
+"""What is looked at before the motors start: each check OFF, PASS, WARN or FAIL, with a sentence. Sans-IO."""
+
+import math
+
+from groundstation.core.control.certificate import acceleration_sup, thrust_bound
+from groundstation.core.control.gains import Law
+from groundstation.core.geometry.ops import Vec3
+from groundstation.core.geometry.so3 import angle_deg, third_column
+from groundstation.core.messages.bodies import Others
+from groundstation.core.messages.pose import Pose
+from groundstation.core.messages.verdict import Check, Verdict
+from groundstation.core.safety.fence import Fence
+from groundstation.core.safety.guards import GuardsConfig
+from groundstation.core.safety.separation import Separation
+from groundstation.core.safety.takeoff import Standing, limit_n, usual_limit_n
+from groundstation.core.safety.witness import ASKEW_DEG, Agreement
+from groundstation.core.trajectory.port import Reference, Trajectory
+from groundstation.flight.course import Course
+from groundstation.flight.preflight import is_simulated, look, real, refused
+from groundstation.flight.proof import Proof, lacks
+from groundstation.pose.sources.mavlink import MavlinkPoseConfig
+from groundstation.settings.settings import Config, FlightConfig
+from links.core.port import LinkStatus
+from links.mavlink.link import MavlinkLinkConfig
+from links.rf.codecs.codec import RfLinkConfig
+
+LOOK_S = 1.2
+"""Poses are looked at for so long before the first checks [s]."""
+STEP_S = 0.05
+"""How densely the ways are held against the fence [s]."""
+FEW_HZ, WARN_RATE = 20.0, 0.8
+"""Fewer poses a second fail; a smaller share of what the source should send is a warning."""
+OLD_SHARE, WARN_AGE_S = 0.5, 0.08
+"""A pose older than this share of ``flight.coast_s`` fails; older than this is a warning [s]."""
+NOISE_M, WARN_NOISE_M = 0.02, 0.005
+"""Noise of the poses, 1σ per axis [m]."""
+MOVED_M, WANDERED_M = 0.03, 0.5
+"""How far the poses of a vehicle that stands may lie apart [m]; the second where the source knows velocities (GPS)."""
+TILT_DEG, WARN_TILT_DEG = 15.0, 6.0
+FLOOR_M, FLOOR_WANDERS_M = 0.1, 1.0
+"""How far ``flight.floor_z_m`` may be from where the vehicle stands [m]; the second as above."""
+WARN_RTT = 0.5
+"""A longer round trip than this share of its limit is a warning."""
+
+
+def judged(name: str, value: float, warn: float, fail: float, says: str) -> Check:
+    """The larger ``value`` the worse; anything that is not below ``fail``, NaN too, fails."""
+    verdict = Verdict.PASS if value <= warn else Verdict.WARN if value <= fail else Verdict.FAIL
+    return Check(name, verdict, says)
+
+
+class Checks:
+    """The checks of one configuration. Times are on the event loop's clock [s]."""
+
+    def __init__(self, config: Config, others: Others | None = None, proof: Proof | None = None) -> None:
+        """What needs no vehicle is looked at here, once: it takes some tenths of a second.
+
+        ``others`` are vehicles to keep away from; ``proof`` is the test with the propellers off that is on file.
+        """
+        self._config = config
+        self._proof, self._real = proof, real(config) is not None
+        self._separation = None if others is None else Separation(config.separation, others)
+        self._fence = None if config.fence is None else Fence(config.fence, config.flight.floor_z_m)
+        self._trajectory = config.trajectory.build()
+        self._still = [self._flyable(), self._certificate(), self._take_off(), *self._simulated()]
+
+    def __call__(
+        self, standing: Standing, noise_m: float, link: LinkStatus, now_s: float, witness: Agreement | None = None
+    ) -> list[Check]:
+        """All checks, as the vehicle stands now; ``noise_m`` is the measured noise of its poses [m].
+
+        ``witness`` is what comes of holding the poses against the autopilot's own attitude; None where it tells none.
+        """
+        poses = list(standing.poses)
+        if len(poses) < 2:
+            return [Check("poses", Verdict.FAIL, "no poses: check the source"), self._arm(link), *self._still]
+        place = standing.place_ned
+        return [
+            self._rate(poses),
+            self._age(poses[-1], now_s),
+            self._deadline(),
+            self._props_off(link),
+            judged("pose noise", noise_m, WARN_NOISE_M, NOISE_M, f"noise of {1e3 * noise_m:.2f} mm on each axis"),
+            self._rest(poses),
+            self._tilt(poses[-1]),
+            self._witness(witness),
+            self._floor(poses[-1], place),
+            self._inside(place),
+            self._apart(place, now_s),
+            self._battery(link),
+            self._round_trip(link),
+            self._arm(link),
+            self._frames(link),
+            self._failsafe(),
+            *self._still,
+            self._ways(place),
+        ]
+
+    def _rate(self, poses: list[Pose]) -> Check:
+        rate = (len(poses) - 1) / max(poses[-1].arrival_s - poses[0].arrival_s, 1e-6)
+        wanted = getattr(self._config.pose, "rate_hz", None)
+        told = "" if wanted is None else f", pose.rate_hz says {wanted:g}"
+        says = f"{rate:.0f} poses a second{told}"
+        if rate < FEW_HZ:
+            return Check("pose rate", Verdict.FAIL, f"{says}: at least {FEW_HZ:g} are needed")
+        few = wanted is not None and rate < WARN_RATE * wanted
+        return Check("pose rate", Verdict.WARN if few else Verdict.PASS, says)
+
+    def _age(self, pose: Pose, now_s: float) -> Check:
+        age, fail = now_s - pose.time_s, OLD_SHARE * self._config.flight.coast_s
+        return judged("pose age", age, min(WARN_AGE_S, fail), fail, f"the newest pose is {1e3 * age:.0f} ms old")
+
+    def _props_off(self, link: LinkStatus) -> Check:
+        """Whether somebody has seen the motors of this vehicle stop, as it is now."""
+        if not self._real:
+            return Check("props-off test", Verdict.OFF, "only a real vehicle needs one")
+        why = lacks(self._proof, self._config, link.firmware)
+        if why or self._proof is None:
+            return Check("props-off test", Verdict.WARN, why)
+        return Check("props-off test", Verdict.PASS, f"passed on {self._proof.date}")
+
+    def _deadline(self) -> Check:
+        """How old the pose may be that a command rests on; the configuration may say more than the defaults."""
+        coast_s, level_s = self._config.flight.coast_s, self._config.guards.level_s
+        usual_s = FlightConfig().coast_s + GuardsConfig().level_s
+        says = (
+            f"commands rest on a pose for {1e3 * coast_s:.0f} ms (flight.coast_s), in a descent for "
+            f"{1e3 * level_s:.0f} ms more (guards.level_s); then the bring-down"
+        )
+        if coast_s + level_s <= usual_s + 1e-9:
+            return Check("deadline", Verdict.PASS, says)
+        says += f". Together they are {1e3 * usual_s:.0f} ms unless told otherwise"
+        return Check("deadline", Verdict.WARN, says)
+
+    def _rest(self, poses: list[Pose]) -> Check:
+        far = max(math.dist(poses[0].position_ned, pose.position_ned) for pose in poses)
+        limit = MOVED_M if poses[0].velocity_ned is None else WANDERED_M
+        says = f"poses lie within {100.0 * far:.1f} cm" + ("" if far <= limit else ": the vehicle must stand still")
+        return judged("at rest", far, limit, limit, says)
+
+    def _tilt(self, pose: Pose) -> Check:
+        tilt = angle_deg(third_column(pose.attitude)[2])
+        more = "" if tilt <= WARN_TILT_DEG else ": level the floor, or correct the object's axes in the capture system"
+        return judged("tilt", tilt, WARN_TILT_DEG, TILT_DEG, f"it stands tilted by {tilt:.1f}°{more}")
+
+    def _witness(self, told: Agreement | None) -> Check:
+        """Whether the autopilot lies and turns as the tracker sees it."""
+        name, config = "second witness", self._config
+        if isinstance(config.pose, MavlinkPoseConfig):
+            return Check(name, Verdict.OFF, "there is none: the poses are the autopilot's own")
+        if not isinstance(config.link, MavlinkLinkConfig):
+            return Check(name, Verdict.OFF, "there is none: a radio does not tell how the vehicle lies")
+        if told is None:
+            says = "the autopilot does not send its attitude, so nothing holds against poses that lie"
+            return Check(name, Verdict.WARN, says)
+        cure = "is it the right body? `groundstation carry` finds the axes of its object"
+        if told.unlike:
+            says = f"moved by hand, {' and '.join(told.unlike)} went another way in the poses than in the autopilot"
+            return Check(name, Verdict.FAIL, f"{says}: {cure}")
+        says = f"tilt by the poses and by the autopilot is {told.askew_deg:.1f}° apart"
+        if told.askew_deg > ASKEW_DEG:
+            return Check(name, Verdict.FAIL, f"{says}: {cure}, level the autopilot's accelerometers")
+        if told.doubts_s is not None:
+            return Check(name, Verdict.WARN, "poses move otherwise than the autopilot feels: does somebody carry it?")
+        alike = f"; {', '.join(told.alike)} went the same way as it was moved" if told.alike else ""
+        return Check(name, Verdict.PASS, f"{says}{alike}")
+
+    def _floor(self, pose: Pose, place: Vec3) -> Check:
+        if self._config.flight.start == "air":
+            return Check("floor", Verdict.OFF, "a simulated vehicle is held in the air (flight.start)")
+        off = abs(place[2] - self._config.flight.floor_z_m)
+        limit = FLOOR_M if pose.velocity_ned is None else FLOOR_WANDERS_M
+        says = f"it stands at {place[2]:+.2f} m (down), flight.floor_z_m says {self._config.flight.floor_z_m:+.2f} m"
+        more = "" if off <= limit else ": a wrong one makes a wrong bring-down; correct it"
+        return judged("floor", off, limit, limit, says + more)
+
+    def _inside(self, place: Vec3) -> Check:
+        if self._fence is None:
+            return Check("fence", Verdict.OFF, "there is none")
+        room = self._fence.room_m(place)
+        if room <= 0.0:
+            return Check("fence", Verdict.FAIL, f"it stands {-room:.2f} m outside the fence")
+        return Check("fence", Verdict.PASS, f"it stands {room:.2f} m inside the fence")
+
+    def _apart(self, place: Vec3, now_s: float) -> Check:
+        """Whether every other vehicle is seen, and far enough away."""
+        separation = self._separation
+        if separation is None:
+            return Check("other vehicles", Verdict.OFF, "separation.others names none")
+        config, unknown = separation.config, separation.unknown(now_s)
+        near = separation.nearest(place, (0.0, 0.0, 0.0), now_s)
+        if near is not None and not near.distance_m >= config.distance_m:
+            says = f"it stands {near.distance_m:.2f} m from {near.name}, limit {config.distance_m:g} m"
+            return Check("other vehicles", Verdict.FAIL, f"{says}: move one of them")
+        if unknown:
+            says = f"the cameras do not see {', '.join(unknown)}: uncover them, or take them out of separation.others"
+            return Check("other vehicles", Verdict.WARN if config.unknown == "warn" else Verdict.FAIL, says)
+        assert near is not None, "all are seen"
+        return Check("other vehicles", Verdict.PASS, f"{near.name} is nearest, {near.distance_m:.2f} m away")
+
+    def _ways(self, place: Vec3) -> Check:
+        """The climb, the way onto the trajectory, all of it, and the way back, each with its braking distance."""
+        if self._fence is None:
+            return Check("ways in the fence", Verdict.OFF, "there is no fence")
+        config = self._config
+        above = (place[0], place[1], config.flight.floor_z_m - config.takeoff.height_m)
+        course = Course(config)
+        ways: list[tuple[str, Trajectory, float]] = [
+            (f"way {number} onto the trajectory", way, way.duration_s)
+            for number, way in enumerate(course.entry(Reference(above)), 1)
+        ]
+        ways.append(("trajectory", self._trajectory, self._trajectory.joints_s[-1]))
+        least, where = self._fence.room_m(above), "hold after take-off"
+        for name, way, lasts_s in ways:
+            for i in range(int(lasts_s / STEP_S) + 2):
+                at = way.at(min(i * STEP_S, lasts_s))
+                room = self._fence.braking_room_m(at.position_ned, at.velocity_ned)
+                if room < least:
+                    least, where = room, f"{name}, {min(i * STEP_S, lasts_s):.1f} s after its start"
+        if least <= 0.0:
+            return Check("ways in the fence", Verdict.FAIL, f"the {where}, could not be braked within the fence")
+        return Check("ways in the fence", Verdict.PASS, f"{least:.2f} m are left after braking from the {where}")
+
+    def _battery(self, link: LinkStatus) -> Check:
+        volts, share, c = link.battery_v, link.battery_share, self._config.guards
+        if share is None and (volts is None or c.battery_v is None):
+            why = "the vehicle does not tell" if volts is None else f"{volts:.2f} V; set guards.battery_v to judge it"
+            return Check("battery", Verdict.OFF, why)
+        told = [f"{volts:.2f} V"] if volts is not None else []
+        told += [f"{100.0 * share:.0f} %"] if share is not None else []
+        low = (share is not None and share < c.battery_share) or (
+            volts is not None and c.battery_v is not None and volts < c.battery_v
+        )
+        soon = share is not None and share < c.battery_share + 0.2
+        verdict = Verdict.FAIL if low else Verdict.WARN if soon else Verdict.PASS
+        return Check("battery", verdict, f"it is at {', '.join(told)}" + (": charge it" if low else ""))
+
+    def _round_trip(self, link: LinkStatus) -> Check:
+        if link.rtt_s is None:
+            return Check("round trip", Verdict.OFF, "the link does not know")
+        limit = self._config.guards.rtt_s
+        says = f"{1e3 * link.rtt_s:.0f} ms to the vehicle and back, limit {1e3 * limit:.0f} ms"
+        return judged("round trip", link.rtt_s, WARN_RTT * limit, limit, says)
+
+    def _arm(self, link: LinkStatus) -> Check:
+        if link.state == "armed":
+            return Check("ready to arm", Verdict.FAIL, "its motors are on already: somebody else has armed it")
+        if link.state != "connected":
+            return Check("ready to arm", Verdict.FAIL, f"the link is {link.state}: {link.text}".rstrip(": "))
+        said = f"; it said last: “{link.text}”" if link.text else ""
+        if link.unfit:
+            return Check("ready to arm", Verdict.FAIL, link.unfit)
+        if link.ready is False:  # a warning: they may ask for what only its present mode needs, and arming tells
+            says = "its own pre-arm checks do not pass, so it may refuse to arm: QGroundControl lists what they lack"
+            return Check("ready to arm", Verdict.WARN, says + said)
+        return Check("ready to arm", Verdict.PASS, f"connected, and disarmed{said}")
+
+    def _frames(self, link: LinkStatus) -> Check:
+        if isinstance(self._config.link, MavlinkLinkConfig):
+            return Check("frames", Verdict.OFF, "commands leave as this program sends them")
+        if link.warning:
+            return Check("frames", Verdict.WARN, link.warning)
+        return Check("frames", Verdict.PASS, "the pacer and its stand-by have what they need")
+
+    def _failsafe(self) -> Check:
+        """What nobody can see from here: whether the other end stops by itself when we fall silent."""
+        if isinstance(self._config.link, MavlinkLinkConfig):
+            return Check("failsafe", Verdict.OFF, "the autopilot's own: `groundstation doctor CONFIG` looks at it")
+        says = (
+            "the receiver's failsafe must stop the motors, as nothing here can if the module loses its plug or its "
+            "computer; it does not tell, and is sold to hold the last frame: once, with the propellers off, "
+            "`groundstation fly CONFIG`, then pull the module's plug; the motors must stop"
+        )
+        return Check("failsafe", Verdict.WARN, says)
+
+    def _take_off(self) -> Check:
+        """How far thrust goes on the floor, where nobody knows yet whether the poses are this vehicle's."""
+        config, weight = self._config, self._config.weight_n
+        most, usual = (limit(config) for limit in (limit_n, usual_limit_n))
+        says = f"thrust goes to {most:.3g} N before lift-off, {100.0 * most / weight:.0f} % of the weight"
+        if most <= usual:
+            return Check("take-off thrust", Verdict.PASS, says)
+        more = (
+            f"{says}, by takeoff.thrust_limit: with wrong poses or a wrong mass it jumps higher than by {usual:.3g} N"
+        )
+        return Check("take-off thrust", Verdict.WARN, more)
+
+    def _simulated(self) -> list[Check]:
+        """A word that takes guards away must not stay in a configuration unseen."""
+        link = self._config.link
+        if not (isinstance(link, RfLinkConfig) and link.simulated):
+            return []
+        believed = "no fence and no speed limit are asked for" if is_simulated(link) else "not believed of this port"
+        says = f"link.simulated = true: {believed}. Behind {link.port} no module may be; else take it out"
+        return [Check("simulated", Verdict.WARN, says)]
+
+    def _certificate(self) -> Check:
+        law = self._config.controller
+        if not isinstance(law, Law):
+            return Check("thrust bound", Verdict.OFF, "this controller comes without a Lyapunov function")
+        accelerations = [self._trajectory.at(0.02 * i).acceleration_ned for i in range(3000)]
+        bound = thrust_bound(law, acceleration_sup=acceleration_sup(accelerations), v_start=0.0).bound
+        where = f"{bound:+.2f} m/s² from rest on the reference"
+        if bound > 0.0:
+            return Check("thrust bound", Verdict.PASS, f"the theory keeps thrust over mass above {where}")
+        says = f"{where}: the theory alone does not promise positive thrust; vehicle.thrust_min_n clamps it"
+        return Check("thrust bound", Verdict.WARN, says)
+
+    def _flyable(self) -> Check:
+        report = look(self._config)
+        why = refused(self._config, report)
+        if why is not None:
+            return Check("trajectory", Verdict.FAIL, why)
+        return Check("trajectory", Verdict.PASS, "within the limits of vehicle and configuration")
+
+
+def failed(checks: list[Check]) -> str:
+    """What fails, as one sentence; empty where nothing does."""
+    return "; ".join(f"{check.name}: {check.says}" for check in checks if check.verdict is Verdict.FAIL)
+
+
+def text(checks: list[Check]) -> str:
+    """``checks`` for people."""
+    return "\n".join(f"{check.verdict:5}{check.name:20}{check.says}" for check in checks)

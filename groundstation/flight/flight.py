@@ -1,0 +1,324 @@
+"""One flight: what may be asked of it, how it lives, and what is told of it."""
+
+import asyncio
+from collections.abc import Awaitable, Callable
+
+import msgspec
+
+from groundstation.core.messages.bodies import Others
+from groundstation.core.messages.pose import Pose, PoseEvent, PoseSource
+from groundstation.core.messages.requests import Ask, Reply, Request
+from groundstation.core.messages.snapshot import Snapshot
+from groundstation.core.messages.verdict import Check
+from groundstation.core.mission.mission import EVENT_OF, FINAL, ON_GROUND, Event, State
+from groundstation.core.pilot import Pilot, Tick
+from groundstation.core.safety.live_gains import LiveGains
+from groundstation.core.safety.obedience import Contradiction, Obedience
+from groundstation.core.safety.witness import Witness
+from groundstation.flight.company import Company
+from groundstation.flight.departure import Departure
+from groundstation.flight.ending import Ending
+from groundstation.flight.hold_to_run.watch import HoldWatch
+from groundstation.flight.progress import Progress
+from groundstation.flight.scoreboard import Scoreboard
+from groundstation.flight.sender import Ended, Sender
+from groundstation.pose.sources.mavlink import MavlinkPoseConfig
+from groundstation.runtime.clock import to_the_end
+from groundstation.runtime.quiet import Quiet
+from groundstation.settings.settings import Config
+from links.core.port import Attitude, CommandLink, LinkError, TellsMode
+
+HELD_IN = frozenset({State.ARMING, State.TAKEOFF, State.HOLD, State.TRACKING, State.RETURNING})
+"""Where the operator's hold is let go in these states, it lands; in those that come down already it changes nothing."""
+
+
+class Outcome(msgspec.Struct, frozen=True):
+    """How a flight ended."""
+
+    state: State
+    reason: str
+    fault: str = ""
+    """What made it come down early, where nobody had asked for it; empty where it went as it was meant to."""
+
+
+class Flight:
+    """One vehicle, one flight. ``run`` it once; ``ask`` may be called at any time."""
+
+    def __init__(
+        self,
+        config: Config,
+        link: CommandLink,
+        source: PoseSource,
+        *,
+        confirm: Callable[[], Awaitable[bool]],
+        on_tick: Callable[[Tick], None] | None = None,
+        on_event: Callable[[str], None] | None = None,
+        on_state: Callable[[State, str], None] | None = None,
+        pilot: Pilot | None = None,
+        others: Others | None = None,
+        quiet: Quiet | None = None,
+        company: Company | None = None,
+        hold: HoldWatch | None = None,
+    ) -> None:
+        """Take the parts; ``confirm`` asks the operator before the vehicle is armed.
+
+        ``on_tick`` sees every command of the controller that leaves; ``on_event`` every line meant for the operator;
+        ``on_state`` every state that begins, and why. Without a ``pilot`` it makes its own.
+        ``others`` are vehicles to keep away from, as ``source`` sees them. ``quiet`` hears of each command that left.
+        ``company`` checks what is beside it before it is armed; ``hold`` watches what the operator must hold.
+        """
+        self._config = config
+        self._link = link
+        self._source = source
+        self._on_tick = on_tick
+        self._on_event = on_event
+        self._on_state = on_state
+        flight = config.flight
+        self._pilot = pilot or Pilot(config.vehicle, config.controller, flight.coast_s, flight.floor_z_m)
+        self._suspicious = False
+        self.witness = Witness()
+        """What the vehicle's own attitude says of the poses."""
+        self._progress = Progress(
+            config,
+            self._pilot,
+            lambda: link.period_s,
+            self._say,
+            self._entered,
+            others,
+            doubts=self._doubts,
+            on_conviction=self.distrust,
+        )
+        self._sender = Sender(link, self._pilot, self._progress, flight.idle_thrust * config.weight_n, self._flown)
+        self._scoreboard = Scoreboard(config, link)
+        self._live = LiveGains(config.controller)
+        self._quiet = quiet or Quiet()
+        if not isinstance(config.pose, MavlinkPoseConfig):  # one that is only heard twice is no second witness
+            link.watch_attitude(self._attitude)
+        self._departure = Departure(
+            config,
+            link,
+            source,
+            self._pilot,
+            self._progress,
+            self.witness,
+            confirm=confirm,
+            others=others,
+            say=self._say,
+            company=company,
+        )
+        self._hold = hold
+        self._ending = Ending(link, source, self._say, forwards=config.forwards is not None)
+        self._crew: asyncio.Task[None] | None = None
+        self._dismissed = False
+
+    # ---- what may be asked of it
+
+    @property
+    def state(self) -> State:
+        """Where the flight stands."""
+        return self._progress.state
+
+    @property
+    def reason(self) -> str:
+        """Why it stands there."""
+        return self._progress.reason
+
+    @property
+    def newest_tick_s(self) -> float | None:
+        """When the newest command of the controller left, on the event loop's clock [s]; None before the first."""
+        return None if self._progress.tick is None else self._progress.tick.time_s
+
+    @property
+    def monitor(self) -> Obedience:
+        """What holds the poses against the commands."""
+        return self._pilot.monitor
+
+    @property
+    def evidence(self) -> Contradiction:
+        """What speaks against the poses at present, as shares of what convicts."""
+        return self._pilot.evidence
+
+    @property
+    def started_s(self) -> float | None:
+        """When the trajectory starts, on the event loop's clock [s]; None before that is known."""
+        return self._progress.started_s
+
+    def ask(self, request: Request) -> Reply:
+        """Do what ``request`` says, or tell the operator that it is not possible now."""
+        event, why = EVENT_OF[request.ask], request.why
+        now = asyncio.get_running_loop().time()
+        if not self._progress.allows(event):
+            says = f"{request.ask} is not possible while {self.state}"
+            self._say(says + (f" ({why})" if why else ""))
+            return Reply(False, says)
+        match request.ask:
+            case Ask.ARM if self._hold is not None and self._hold.hold.obstacle:
+                return Reply(False, f"{self._hold.hold.obstacle}: {self._hold.hold.advice}")
+            case Ask.ARM:
+                self._departure.arm()
+                return Reply(True, "arming")
+            case Ask.KILL:
+                if self._ending.closed and not self._ending.killed:
+                    return Reply(False, f"{self.state}: the flight is over, and nothing leaves any more")
+                if not self._ending.killed:
+                    self._ending.kill()
+                    self._progress.go(event, f"motors off: {why}", now)
+            case _ if self._ending.feeds:
+                # It is in somebody else's hands, who may rest on our poses: a first Ctrl-C does not end them.
+                if request.ask is Ask.LAND:
+                    return Reply(False, "poses go on to the autopilot until its motors stop, or until asked to descend")
+                self._ending.starve()
+            case _:
+                self._progress.go(event, f"ended before take-off: {why}" if self.state in ON_GROUND else why, now)
+        return Reply(True, f"{self.state}: {self._progress.reason}")
+
+    def set_gain(self, key: str, value: float) -> Reply:
+        """Begin to move a gain (see live_gains.py), or say why not."""
+        reply = self._live.set(key, value, asyncio.get_running_loop().time())
+        self._say(reply.says)
+        return reply
+
+    def note(self, text: str) -> None:
+        """Tell the operator, screens and records of something that happened beside the flight."""
+        self._say(text)
+
+    def land(self, reason: str) -> None:
+        """Ask to land here; before take-off, to end the flight."""
+        self.ask(Request(Ask.LAND, reason))
+
+    def stop(self, reason: str) -> None:
+        """Ask to end the flight now, wherever it is: commands stop, and the link plays its bring-down."""
+        self.ask(Request(Ask.ABORT, reason))
+
+    def kill(self, reason: str) -> None:
+        """Ask to stop the motors now, also in the air."""
+        self.ask(Request(Ask.KILL, reason))
+
+    def snapshot(self) -> Snapshot:
+        """The flight as it is now."""
+        return self._scoreboard.snapshot(
+            state=self.state,
+            reason=self._progress.reason,
+            started_s=self.started_s,
+            pose=self._pilot.newest_pose,
+            source=self._source.status,
+            link=self._link.status,
+            certificate=self._pilot.certificate,
+            checks=self._departure.checks,
+            gains=self._live.now,
+        )
+
+    # ---- its life
+
+    def pose_event(self, event: PoseEvent) -> None:
+        """Hear what happens to the poses; that commands must not rest on one for long is seen to elsewhere."""
+        self._say(event.text)
+
+    def distrust(self) -> None:
+        """The poses have been found to be wrong: for the rest of this flight, nobody else rests on them either."""
+        self._ending.distrust()
+
+    def _attitude(self, told: Attitude) -> None:
+        self.witness.attitude(told)
+        self._progress.heard_s = asyncio.get_running_loop().time()
+
+    def _doubts(self, now_s: float) -> bool | None:
+        """Whether the autopilot's own attitude disagrees with the poses; None where it tells none."""
+        agreement = self.witness.verdict(now_s)
+        return None if agreement is None else agreement.doubts_s is not None
+
+    async def run(self) -> Outcome:
+        """Fly. However this ends, the link first does what it owes the vehicle: bring it down, or stop its motors.
+
+        Then the link and the source are closed, and nothing leaves any more; cancelling does not shorten that.
+        """
+        loop, progress = asyncio.get_running_loop(), self._progress
+        watching = self._watch()
+        self._crew = asyncio.ensure_future(self._fly())
+        if self._dismissed:
+            self._crew.cancel()
+        try:
+            await self._crew
+        except (Ended, LinkError) as error:
+            progress.go(Event.ABORT, str(error), loop.time())
+        except BaseException as error:
+            progress.go(Event.ABORT, f"stopped by {type(error).__name__}: {error}", loop.time())
+            if not (self._dismissed and isinstance(error, asyncio.CancelledError)):
+                raise
+        finally:
+            await to_the_end(self._ending.close())
+            watching.cancel()
+        return Outcome(self.state, progress.reason, progress.fault)
+
+    async def _fly(self) -> None:
+        await self._departure.depart(self._pose)
+        self._progress.go(Event.ARM, "asking the autopilot to obey and to arm", asyncio.get_running_loop().time())
+        await self._sender.fly(Event.ARMED if self._config.flight.start == "floor" else Event.AIRBORNE)
+
+    async def check(self) -> list[Check]:
+        """Connect, look at everything as before a flight, and disconnect; instead of :meth:`run`."""
+        watching = self._watch()
+        try:
+            return await self._departure.check(self._pose)
+        finally:
+            await to_the_end(self._ending.close())
+            watching.cancel()
+
+    def _watch(self) -> "asyncio.Future[None]":
+        """Watch what the operator must hold, from now on."""
+        if self._hold is None:
+            return asyncio.get_running_loop().create_future()
+        return asyncio.ensure_future(self._hold.run(self._looked))
+
+    # ---- what comes in, and what is told
+
+    def _looked(self) -> None:
+        """How the operator's hold stands is known anew: let go or lost, it lands."""
+        assert self._hold is not None, "somebody has looked"
+        why = self._hold.hold.obstacle
+        if why and self.state in HELD_IN:
+            if self._hold.hold.lost:
+                self._progress.fault = self._progress.fault or why
+            self.ask(Request(Ask.LAND, why))
+
+    def _pose(self, pose: Pose) -> None:
+        if self._sender.pose(pose):
+            self.witness.pose(pose)
+            self._scoreboard.pose(pose)
+            self._departure.pose()
+
+    def _entered(self, state: State, reason: str) -> None:
+        if state in FINAL and state is not State.LANDED:  # no more commands from here: what follows is the link's
+            self._dismissed = True
+            if self._crew is not None:
+                self._crew.cancel()
+        if self._on_state is not None:
+            self._on_state(state, reason)
+
+    def _flown(self, tick: Tick) -> None:
+        self._scoreboard.tick(tick, counts=self.state is State.TRACKING and tick.flight_time_s >= 0.0)
+        if tick.seen.warning:
+            self._say(f"warning: {tick.seen.warning}")
+        suspicious, self._suspicious = self._suspicious, self._pilot.suspicious
+        if self._suspicious and not suspicious and isinstance(self._link, TellsMode):
+            self._link.ask_mode()  # who has taken it over flies otherwise, too
+        step, told = self._live.flown(
+            tick.time_s,
+            tick.estimate,
+            tick.reference,
+            tick.decision.diagnostics.v_known,
+            counts=self.state in (State.HOLD, State.TRACKING),
+        )
+        if step is not None:
+            self._pilot.gain(*step)
+        if told:
+            self._say(told)
+        if self._on_tick is not None:
+            self._on_tick(tick)
+        self._quiet.begin()
+
+    def _say(self, text: str) -> None:
+        line = f"{asyncio.get_running_loop().time():.3f} {text}"
+        self._scoreboard.event(line)
+        if self._on_event is not None:
+            self._on_event(line)

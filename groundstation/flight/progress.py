@@ -1,0 +1,325 @@
+"""Moves the mission on: what is flown as a state begins, and what ends it. Sans-IO: the caller owns time and wires."""
+
+import math
+from collections.abc import Callable
+
+from groundstation.core.messages.bodies import Others
+from groundstation.core.messages.pose import Pose
+from groundstation.core.mission.mission import FINAL, IN_AIR, TABLE, Event, Mission, State
+from groundstation.core.pilot import Pilot, Tick
+from groundstation.core.safety.conviction import WITNESS, Charge, Conviction
+from groundstation.core.safety.escalation import Escalation, Finding, Since, Step
+from groundstation.core.safety.fence import Fence
+from groundstation.core.safety.guards import Guards
+from groundstation.core.safety.separation import Separation
+from groundstation.core.safety.takeoff import Spool, SpoolUp, Standing, limit_n
+from groundstation.core.trajectory.port import Reference
+from groundstation.flight.course import Course, Leg
+from groundstation.flight.pacing import LAST_CHANCE_S
+from groundstation.settings.settings import Config
+from links.core.port import Command, LinkStatus
+
+
+class Progress:
+    """One flight's mission, with the pilot that flies it. Times are on the event loop's clock [s]."""
+
+    def __init__(
+        self,
+        config: Config,
+        pilot: Pilot,
+        period_s: Callable[[], float],
+        say: Callable[[str], None],
+        on_state: Callable[[State, str], None],
+        others: Others | None = None,
+        *,
+        doubts: Callable[[float], bool | None] = lambda now_s: None,
+        on_conviction: Callable[[], None] = lambda: None,
+    ) -> None:
+        """``say`` takes lines for the operator, ``on_state`` every state that begins, and why.
+
+        ``period_s`` tells the link's time between two commands [s]; ``others`` are vehicles to keep away from.
+        ``doubts`` tells whether the autopilot's own attitude disagrees with the poses at an instant [s], None where it
+        does not tell;
+        ``on_conviction`` hears that the poses are not believed any more, before the last command leaves.
+        """
+        self._config = config
+        self._pilot = pilot
+        self._period_s = period_s
+        self._doubts = doubts
+        self._on_conviction = on_conviction
+        self._conviction = Conviction()
+        self._charge: Charge | None = None
+        self.heard_s = -math.inf
+        """When the vehicle was last heard to tell how it turns [s]; never, where it does not."""
+        self._since = Since()
+        self._blind_since_s: float | None = None
+        """When poses went missing for so long that the descent began [s]; None where they have proven themselves."""
+        self._say = say
+        self._on_state = on_state
+        self._mission = Mission()
+        self._course = Course(config)
+        self._standing = Standing()
+        self._spooling: SpoolUp | None = None
+        guards = config.guards
+        self._fence = fence = None if config.fence is None else Fence(config.fence, config.flight.floor_z_m)
+        self._guards: Guards | None = None
+        if config.flight.start == "floor":  # what is held in the air has an error to begin with, and nobody beneath it
+            separation = None if others is None else Separation(config.separation, others)
+            floor_z_m = config.flight.floor_z_m
+            self._guards = Guards(
+                guards, fence, config.vehicle, period_s, separation, floor_z_m, config.controller.gravity
+            )
+        self._warned = ""
+        self._escalation = Escalation(guards.lasting_s)
+        self.tick: Tick | None = None
+        """The newest command of the controller that left."""
+        self.fault = ""
+        """What made the flight come down early, where nobody had asked for it."""
+        self.started_s: float | None = None
+        """When the trajectory starts [s]; None before that is known."""
+
+    @property
+    def state(self) -> State:
+        """Where the flight stands."""
+        return self._mission.state
+
+    @property
+    def reason(self) -> str:
+        """Why it stands there."""
+        return self._mission.reason
+
+    @property
+    def standing(self) -> Standing:
+        """The poses before take-off."""
+        return self._standing
+
+    @property
+    def low(self) -> bool:
+        """Whether it was so near the floor when the last command left that an autopilot may have felt it."""
+        floor = self._config.flight.floor_z_m
+        return self.tick is not None and floor - self.tick.estimate.motion.position[2] < DISARMED_HEIGHT_M
+
+    def allows(self, event: Event) -> bool:
+        """Whether ``event`` is possible now."""
+        return self._mission.allows(event)
+
+    def go(self, event: Event, reason: str, now_s: float, *, fault: bool = False, blind: bool = False) -> None:
+        """Move by ``event``, and begin what is to be flown then; ``fault`` where it is not how it was meant to go.
+
+        ``blind`` where a descent must not believe the estimate of the speed.
+
+        Raises:
+            IllegalMove: it is not possible now.
+        """
+        if fault:
+            self.fault = self.fault or reason
+        before = self.state
+        state = self._mission.on(event, reason)
+        if state is before:
+            return
+        self._say(f"{state}: {reason}")
+        self._on_state(state, reason)
+        if state in FINAL or state not in IN_AIR:
+            return
+        if self._spooling is not None and self._spooling.flies is None:  # still on the floor: there is nothing to fly
+            self.go(Event.TOUCHDOWN, "still on the floor", now_s)
+        elif state is State.DESCENT:
+            rest = 0.0 if self._guards is None else self._config.guards.level_s
+            self._pilot.descend(self._config.flight.descent_m_s, blind=blind, rest_s=rest)
+        elif event is Event.TRACK:
+            self._escalation.eased()
+            self._follow(self._course.leg(event, state, *self._motion(now_s)))
+        elif event is Event.ARMED:
+            self._spool_up(now_s)
+        elif event is Event.AIRBORNE:
+            self._follow(self._course.at_once(now_s))
+        else:
+            self._follow(self._course.leg(event, state, *self._motion(now_s)))
+
+    def command(self, now_s: float) -> tuple[Command, Tick | None]:
+        """The command of this frame, and the tick behind it; on the floor there is none."""
+        spooling, pose = self._spooling, self._pilot.newest_pose
+        if spooling is not None and spooling.flies is not None:
+            self._say("off the floor: climbing")
+            self._follow(self._course.leg(Event.ARMED, State.TAKEOFF, *self._motion(now_s)))
+            spooling = None
+        if spooling is None:
+            if self._accused(now_s):
+                self._on_conviction()
+                return self._pilot.surrender(now_s, LAST_PERIODS * self._period_s()), None
+            self._ensure_pose(now_s)
+            tick = self._pilot.tick(now_s)
+            return tick.command, tick
+        assert pose is not None, "it stood, by its poses"
+        coast_s = self._config.flight.coast_s - LAST_CHANCE_S - 1e-3
+        why = spooling.fault(now_s, pose, coast_s, self._fence)
+        if why:
+            self.go(Event.LAND, why, now_s, fault=True)
+            return self._pilot.idle(now_s, 0.0), None
+        return self._pilot.idle(now_s, spooling.thrust_n(now_s)), None
+
+    def left(self, now_s: float) -> None:
+        """A command has left; where it was the last that poses have led to, commands end with it."""
+        if self._charge is not None:
+            self.go(Event.ABORT, self._charge.reason, now_s, fault=True)
+
+    def _accused(self, now_s: float) -> bool:
+        """Whether the poses are not believed any more."""
+        if self._guards is None:
+            return False
+        self._charge = self._too_old(now_s) or self._late() or self._parole(now_s)
+        if self._charge is not None:
+            return True
+        if SILENT_S < now_s - self.heard_s < LOST_S:
+            self._pilot.monitor.restart()  # the link stalls: who does not hear the commands can't obey them
+        evidence = self._pilot.evidence
+        doubts = self._doubts(now_s) if max(evidence) >= WITNESS else None
+        led = self._pilot.monitor.led(now_s)
+        charge = self._conviction.look(evidence, now_s, led=led, doubted=doubts is True)
+        # Where its own attitude agrees, a pilot may have taken over: it is asked for its mode, and that takes a moment.
+        patient = charge is not None and doubts is False and evidence.attitude == max(evidence)
+        lasts = self._since.lasts("taken", patient, now_s, HEARTBEAT_S)
+        self._charge = charge if not patient or lasts else None
+        if self._conviction.says:
+            self._say(self._conviction.says)
+        return self._charge is not None
+
+    def _late(self) -> Charge | None:
+        """Poses that follow the commands later than their stamps say: their age is what the response says."""
+        late_s = self._pilot.late_s
+        if late_s == 0.0:
+            return None
+        why = f"convicted: the poses are {1e3 * late_s:.0f} ms older than they say, by what the commands did"
+        return Charge(f"{why}: down on the model", convicted=True)
+
+    def _parole(self, now_s: float) -> Charge | None:
+        """Poses that come back after so long that the descent has begun: are they this vehicle's, and new?"""
+        pose, answered = self._pilot.newest_pose, self._pilot.monitor.answered
+        if self._blind_since_s is None or pose is None or pose.time_s <= self._blind_since_s:
+            return None
+        if answered > ANSWERED:
+            self._blind_since_s = None
+            self._pilot.descend(self._config.flight.descent_m_s, blind=False)
+            return None
+        if not self._since.lasts("parole", True, now_s, PAROLE_S):
+            return None
+        return Charge("the poses that came back do not show what the commands do: down on the model", convicted=False)
+
+    def _too_old(self, now_s: float) -> Charge | None:
+        """Poses so old that no loop is stable by them, though no command has passed its deadline."""
+        pose, limit = self._pilot.newest_pose, OLD_SHARE * self._config.flight.coast_s
+        assert pose is not None, "what flies has poses"
+        age = pose.arrival_s - pose.time_s
+        if not self._since.lasts("old", age > limit, now_s, OLD_S):
+            return None
+        return Charge(
+            f"the poses are {1e3 * age:.0f} ms old as they come, limit {1e3 * limit:.0f} ms "
+            f"({OLD_SHARE:g} of flight.coast_s): down on the model",
+            convicted=False,
+        )
+
+    def flown(self, tick: Tick) -> None:
+        """One command of the controller has left: is the state over?"""
+        self.tick = tick
+        guards = self._guards
+        if guards is not None:
+            finding = guards.see(tick, self.state, self._pilot.diverged_m)
+            if finding is None or finding.step is Step.WARN:
+                self._warn("" if finding is None else f"warning: {finding.reason}")
+            else:
+                self._answer(finding, tick.time_s)
+        move = self._course.over(self.state, tick)
+        if move is not None:
+            self.go(move.event, move.reason, tick.time_s, fault=move.fault)
+
+    def link(self, status: LinkStatus, now_s: float) -> None:
+        """The link has told of itself."""
+        if status.taken and self.allows(Event.TAKEN_OVER):
+            why = f"the autopilot is in {status.taken}, and not by us: nothing leaves from here any more"
+            self.go(Event.TAKEN_OVER, why, now_s, fault=True)
+        elif self._guards is not None and self.state in IN_AIR:
+            self._answer(self._guards.link(status, now_s), now_s)
+
+    def _ensure_pose(self, now_s: float) -> None:
+        """Where no frame is left before the newest pose may not be rested on any longer, come down on the model."""
+        pose, coast = self._pilot.newest_pose, self._config.flight.coast_s
+        guarded = self._guards is not None and self._config.guards.level_s > 0.0
+        if guarded and pose is not None and now_s - pose.time_s > coast - LAST_CHANCE_S - 1e-3:
+            why = f"no pose for {(now_s - pose.time_s) * 1e3:.0f} ms"
+            if self.state is not State.DESCENT:
+                self._blind_since_s = pose.time_s
+                self._since.lasts("parole", False, now_s, 0.0)
+            self._answer(Finding(Step.DESCEND, why, blind=True), now_s)
+
+    def _warn(self, says: str) -> None:
+        """Say it once, for as long as it lasts."""
+        if says and says != self._warned:
+            self._say(says)
+        self._warned = says
+
+    def _answer(self, finding: Finding | None, now_s: float) -> None:
+        """Do what a guard asks for, or the next possible step after it."""
+        answer = None if finding is None else self._escalation.answer(finding, now_s)
+        if answer is None:
+            return
+        for step, event in ((Step.HOLD, Event.HOLD), (Step.LAND, Event.LAND), (Step.DESCEND, Event.DESCEND)):
+            if step >= answer.step and self.allows(event):
+                if TABLE[self.state, event] is not self.state:
+                    self.go(event, answer.reason, now_s, fault=True, blind=answer.blind)
+                elif step is answer.step:
+                    self._say(f"warning: {answer.reason}")
+                return
+
+    def pose(self, pose: Pose) -> None:
+        """One pose has come."""
+        if self._spooling is not None:
+            self._spooling.pose(pose)
+        elif self.tick is None:
+            self._standing.stands(pose)
+
+    def _spool_up(self, now_s: float) -> None:
+        """The motors turn: thrust rises from now on until the floor is left."""
+        config, vehicle = self._config, self._config.vehicle
+        weight, takeoff = config.weight_n, config.takeoff
+        most, idle = limit_n(config), config.flight.idle_thrust * weight
+        spool = Spool(weight, most, takeoff.spool_s, idle, now_s, vehicle.thrust_lag_s)
+        gravity, noise_m = config.controller.gravity, self._pilot.noise_m
+        self._spooling = spooling = SpoolUp(self._standing, spool, vehicle, weight, gravity, noise_m)
+        self._course.stood(spooling.place_ned)
+
+    def _motion(self, now_s: float) -> tuple[Reference, float]:
+        """The motion that the next leg begins with, and the instant [s] that it is for."""
+        spooling, self._spooling = self._spooling, None
+        climb = None if spooling is None else spooling.flies
+        if climb is not None:  # it has just left the floor
+            motion = self._pilot.lift(now_s, climb.hover_share, climb.climb_m_s)
+            return motion, now_s + self._config.vehicle.command_delay_s
+        assert self.tick is not None, "it flies"
+        reference, here = self.tick.reference, self.tick.estimate.motion
+        if self.state is State.LANDING and math.dist(reference.position_ned, here.position) > ASTRAY_M:
+            reference = Reference(here.position, here.velocity, yaw_rad=reference.yaw_rad)
+        return reference, self.tick.estimate.time_s
+
+    def _follow(self, leg: Leg) -> None:
+        self._pilot.follow(leg.trajectory, leg.start_s)
+        if self.state is State.TRACKING:
+            self.started_s = leg.start_s
+
+
+ASTRAY_M = 0.3
+"""A landing begins where the vehicle is, where that is farther from the reference [m]: what holds it below would let it
+shoot up to where it should have been."""
+ANSWERED, PAROLE_S = 3.0, 0.8
+"""Poses that came back after the descent had begun are believed as to speed once so much speaks for them (see
+control/obedience.py), and not at all where that takes longer than so long [s]."""
+HEARTBEAT_S = 0.4
+"""By then an autopilot, which is asked as suspicion begins, has told of a mode that somebody else has chosen [s]."""
+SILENT_S, LOST_S = 0.15, 3.0
+"""A vehicle that tells how it turns, and has been silent for so long [s], may not hear us either; for longer than the
+second, it only tells no more."""
+OLD_SHARE, OLD_S = 0.6, 0.3
+"""Poses older than this share of ``flight.coast_s`` for so long [s] are too old to fly by."""
+LAST_PERIODS = 2.5
+"""The last command holds for so many periods: it must reach the next frame of a pacer, which its own leads."""
+DISARMED_HEIGHT_M = 0.2
+"""An autopilot that disarms below this height while we come down has felt the floor [m]."""

@@ -1,0 +1,1 @@
+"""How people and programs reach a flight: command line, sockets, MQTT, service, dashboard."""

@@ -1,0 +1,1 @@
+"""The local interface: one JSON object a line on a UNIX socket."""

@@ -1,0 +1,200 @@
+"""What a ground station and its local clients say to each other: one JSON object a line, UTF-8. Sans-IO.
+
+To a client, told apart by their one key::
+
+    {"hello": {"version": 1, "vehicle": "mqx", "pid": 7, "groundstation": "0.1.0", "config": "TOML in force"}}
+    {"control": {"holder": "tui 1234", "yours": false}}      first, and whenever it changes; holder null: nobody
+    {"snapshot": {...}}                                      a :class:`~groundstation.core.messages.snapshot.Snapshot`
+    {"answer": {"id": 7, "done": true, "says": "landing: told by tui 1234"}}
+    {"refused": "..."}                                       a line that was no order: it has done nothing
+
+From a client, an :class:`Order`; its ids grow, so that a line that is played again does nothing::
+
+    {"id": 7, "ask": "land", "why": "too windy"}             land, descend, abort, kill: anyone attached
+    {"id": 8, "control": "take", "name": "tui"}              or "give"
+    {"id": 9, "ask": "hold"}                                 arm, hold, track, return: needs control
+    {"id": 10, "ask": "arm", "vehicle": "mqx", "until_s": 8123.4}    names the vehicle, as --arm does; late, it is none
+    {"id": 11, "set": {"controller.k1": 3.2}}                needs control
+
+A number that is not finite is ``null``. Keys may be added to what a client hears: it ignores those it does not know.
+What a client says has no others.
+"""
+
+import math
+import types
+import typing
+from typing import Annotated, Any, Literal, TypeAlias
+
+import msgspec
+
+from groundstation.core.messages.requests import Ask
+from groundstation.core.messages.snapshot import Snapshot
+
+VERSION = 1
+"""Of this protocol."""
+ORDER_MAX_BYTES = 65536
+"""No order is longer."""
+LINE_MAX_BYTES = 1 << 20
+"""Nothing that a client hears is longer."""
+
+
+class Order(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True, forbid_unknown_fields=True):
+    """What a client wants: exactly one of ``ask``, ``control`` and ``set``."""
+
+    id: Annotated[int, msgspec.Meta(ge=0, le=1 << 53)]
+    """Greater than that of any order before it on this connection."""
+    ask: Ask | None = None
+    control: Literal["take", "give"] | None = None
+    gains: Annotated[dict[str, float], msgspec.Meta(min_length=1, max_length=8)] | None = msgspec.field(
+        name="set", default=None
+    )
+    """Dotted keys of the configuration, and the values that they shall have."""
+    why: Annotated[str, msgspec.Meta(max_length=200)] = ""
+    """Why, in words."""
+    vehicle: Annotated[str, msgspec.Meta(max_length=64)] = ""
+    """Which vehicle shall be armed."""
+    name: Annotated[str, msgspec.Meta(max_length=32)] = ""
+    """What the client calls itself; remembered from then on."""
+    until_s: float | None = None
+    """When it is too late for what starts or steers, on this machine's monotonic clock [s]; what brings the vehicle
+    down is done at any time."""
+
+    def __post_init__(self) -> None:
+        """Check what the fields alone can't.
+
+        Raises:
+            ValueError: none or several of the three.
+        """
+        if sum(one is not None for one in (self.ask, self.control, self.gains)) != 1:
+            raise ValueError("an order has exactly one of ask, control and set")
+
+
+class Hello(msgspec.Struct, frozen=True):
+    """Who serves here."""
+
+    version: int
+    vehicle: str
+    pid: int
+    groundstation: str
+    """The program's version."""
+    config: str
+    """The configuration in force, as TOML."""
+
+
+class Control(msgspec.Struct, frozen=True):
+    """Who holds control."""
+
+    holder: str | None
+    yours: bool
+
+
+class Answer(msgspec.Struct, frozen=True):
+    """What became of an order."""
+
+    id: int
+    done: bool
+    says: str
+
+
+class Refused(msgspec.Struct, frozen=True):
+    """Why a line was no order."""
+
+    text: str
+
+
+Message: TypeAlias = Hello | Control | Snapshot | Answer | Refused
+
+_KEYS: dict[type, str] = {Hello: "hello", Control: "control", Snapshot: "snapshot", Answer: "answer"}
+_TYPES: dict[str, Any] = {key: kind for kind, key in _KEYS.items()}
+SNAPSHOT_PREFIX = b'{"snapshot":'
+"""A client that wants only the newest knows one by this, without decoding it."""
+
+
+class Lines:
+    """Cuts what arrives into lines; one that is longer than ``most`` bytes comes out as None, once."""
+
+    def __init__(self, most: int) -> None:
+        """Begin with nothing."""
+        self._most = most
+        self._rest = b""
+        self._skipping = False
+
+    def feed(self, data: bytes) -> list[bytes | None]:
+        """The lines that are complete with ``data``."""
+        found: list[bytes | None] = []
+        *lines, rest = (self._rest + data).split(b"\n")
+        for line in lines:
+            if self._skipping:
+                self._skipping = False
+            else:
+                found.append(line if len(line) <= self._most else None)
+        if len(rest) > self._most:
+            if not self._skipping:
+                found.append(None)
+            self._skipping, rest = True, b""
+        self._rest = b"" if self._skipping else rest
+        return found
+
+
+def encode(message: Message) -> bytes:
+    """``message`` as a line."""
+    if isinstance(message, Refused):
+        return msgspec.json.encode({"refused": message.text}) + b"\n"
+    return msgspec.json.encode({_KEYS[type(message)]: message}) + b"\n"
+
+
+def encode_order(order: Order) -> bytes:
+    """``order`` as a line."""
+    return msgspec.json.encode(order) + b"\n"
+
+
+def decode_order(line: bytes) -> Order | str:
+    """The order in ``line``, or why it is none."""
+    try:
+        return msgspec.json.decode(line, type=Order)
+    except (msgspec.DecodeError, RecursionError, UnicodeDecodeError) as error:
+        return f"not an order: {error}"
+
+
+def decode(line: bytes) -> Message | None:
+    """The message in ``line``; None where it is of a kind that this version does not know.
+
+    Raises:
+        ValueError: it is no message.
+    """
+    try:
+        data = msgspec.json.decode(line)
+        if not isinstance(data, dict) or len(data) != 1:
+            raise ValueError("expected an object with one key")
+        [(key, body)] = data.items()
+        if key == "refused":
+            return Refused(str(body))
+        if key == "snapshot":
+            return _snapshot(body)
+        kind = _TYPES.get(key)
+        return None if kind is None else typing.cast("Message", msgspec.convert(body, kind))
+    except (msgspec.MsgspecError, RecursionError, UnicodeDecodeError) as error:
+        raise ValueError(str(error)) from error
+
+
+def _snapshot(body: Any) -> Snapshot:
+    try:
+        return msgspec.convert(body, Snapshot)
+    except msgspec.ValidationError:
+        return msgspec.convert(_with_nan(body, Snapshot), Snapshot)
+
+
+def _with_nan(body: Any, kind: Any) -> Any:
+    """JSON has no NaN: a null where a number must stand was one that is not finite."""
+    options = typing.get_args(kind) if isinstance(kind, types.UnionType) else (kind,)
+    if body is None:
+        return None if types.NoneType in options else math.nan
+    [kind] = [option for option in options if option is not types.NoneType]
+    if isinstance(body, list):
+        parts = typing.get_args(kind)
+        each = parts if Ellipsis not in parts else parts[:1] * len(body)
+        return [_with_nan(item, part) for item, part in zip(body, each, strict=True)]
+    if isinstance(body, dict) and isinstance(kind, type) and issubclass(kind, msgspec.Struct):
+        fields = {field.encode_name: field.type for field in msgspec.structs.fields(kind)}
+        return {key: _with_nan(value, fields[key]) if key in fields else value for key, value in body.items()}
+    return body

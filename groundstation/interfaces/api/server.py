@@ -1,0 +1,249 @@
+"""Serves a flight to the local clients of a UNIX socket. None of them can hold it up: see docs/reference/api.md."""
+
+import asyncio
+import struct
+from collections import Counter
+from collections.abc import Callable
+from typing import cast
+
+from groundstation.core.messages.snapshot import Snapshot
+from groundstation.interfaces.api.desk import Core, Desk, Party
+from groundstation.interfaces.api.messages import (
+    ORDER_MAX_BYTES,
+    VERSION,
+    Hello,
+    Lines,
+    Message,
+    Order,
+    Refused,
+    decode_order,
+    encode,
+)
+from groundstation.runtime.broadcast import Latest
+from groundstation.runtime.place import ApiError, StatusConfig, claim, socket_path
+from groundstation.runtime.quiet import Quiet
+
+CLIENTS_MAX = 16
+"""More clients than this are turned away."""
+BACKLOG_MAX_BYTES = 65536
+"""A client that leaves more than this unread, beyond what the kernel holds for it, is dropped."""
+ORDERS_HZ = 20.0
+"""So many lines a second are read of a client; more wait in its own socket [1/s]."""
+ORDERS_BURST = 20
+"""So many at once."""
+BAD_MAX = 10
+"""A client that has sent so many lines that were no order is dropped; one with a line without an end, at once."""
+SOL_SOCKET, SO_PEERCRED = 1, 17
+"""Numbers of Linux: who is at the other end (unix(7))."""
+
+
+class Server:
+    """Serves the newest snapshot and takes orders; encodes only while somebody is attached."""
+
+    def __init__(
+        self,
+        config: StatusConfig,
+        vehicle: str,
+        latest: Latest[Snapshot],
+        core: Core,
+        *,
+        quiet: Quiet | None = None,
+        pid: int = 0,
+        version: str = "",
+        config_text: str = "",
+        log: Callable[[str], None] = lambda _: None,
+    ) -> None:
+        """Serve what ``latest`` holds for the vehicle of that name, and have ``core`` do what is ordered.
+
+        Snapshots leave when it is ``quiet``.
+        ``pid``, ``version`` and ``config_text`` are told to clients; ``log`` takes a line about each that misbehaves.
+        """
+        self.path = socket_path(config, vehicle)
+        self.desk = Desk(vehicle, core)
+        self.refused: Counter[str] = Counter()
+        """Lines that were no order, by reason."""
+        self._period_s = 1.0 / config.rate_hz
+        self._latest = latest
+        self._quiet = quiet or Quiet()
+        self._hello = encode(Hello(VERSION, vehicle, pid, version, config_text))
+        self._log = log
+        self._clients: dict[_Client, int] = {}  # to the number of the snapshot that it got last
+        self._attached = asyncio.Event()
+        self.serving = asyncio.Event()
+        """Set once clients can attach."""
+        self._line = (0, b"")
+
+    async def serve(self) -> None:
+        """Serve until cancelled; attached clients then get the last snapshot, and the socket goes away.
+
+        Raises:
+            ApiError: another ground station serves there, or the path can't be used.
+        """
+        await claim(self.path)
+        try:
+            server = await asyncio.get_running_loop().create_unix_server(
+                self.client, str(self.path), start_serving=False, backlog=CLIENTS_MAX
+            )
+        except (OSError, ValueError) as error:
+            raise ApiError(f"status socket {self.path}: {error}") from error
+        try:
+            self.path.chmod(0o600)  # nobody can connect before it: not listening yet
+            await server.start_serving()
+            self.serving.set()
+            await self.publish()
+        finally:
+            self.path.unlink(missing_ok=True)
+            server.close()
+            self.close()
+
+    def client(self) -> asyncio.Protocol:
+        """Whoever speaks with one more client, on any stream."""
+        return _Client(self)
+
+    async def publish(self) -> None:
+        """Send snapshots until cancelled."""
+        while True:
+            await self._attached.wait()
+            await self._quiet.moment()
+            self._publish()
+            await asyncio.sleep(self._period_s)
+
+    def close(self) -> None:
+        """Send the last snapshot, and the end."""
+        self._publish()
+        for client in list(self._clients):
+            client.transport.close()
+
+    def attach(self, client: "_Client") -> bool:
+        """Take a new client, unless there are too many."""
+        if len(self._clients) >= CLIENTS_MAX:
+            return False
+        self._clients[client] = 0
+        self._attached.set()
+        client.write(self._hello)
+        client.write(encode(self.desk.control(client.party)))
+        return True
+
+    def detach(self, client: "_Client") -> None:
+        """Forget a client that went away; control goes with it."""
+        if self._clients.pop(client, None) is not None and self.desk.leave(client.party):
+            self._tell_control()
+        if not self._clients:
+            self._attached.clear()
+
+    def order(self, line: bytes | None, client: "_Client") -> None:
+        """Do what a line of ``client`` says (None: it was too long); whatever is no order does nothing."""
+        if line is None:
+            return self._refuse(client, "oversized", f"a line is longer than {ORDER_MAX_BYTES} bytes")
+        order = decode_order(line)
+        if not isinstance(order, Order):
+            return self._refuse(client, "malformed", order)
+        if client.party.replays(order):
+            return self._refuse(client, "replayed", f"id {order.id} is not greater than those before it")
+        before = self.desk.control(client.party)
+        client.write(encode(self.desk.take(order, client.party, asyncio.get_running_loop().time())))
+        if self.desk.control(client.party) != before:
+            self._tell_control()
+        return None
+
+    def _refuse(self, client: "_Client", reason: str, text: str) -> None:
+        self.refused[reason] += 1
+        client.bad[reason] += 1
+        if client.bad[reason] == 1:
+            self._log(f"warning: {client.party.label} has sent what is no order ({text}): nothing was done")
+        client.write(encode(Refused(text)))
+        if reason == "oversized" or client.bad.total() >= BAD_MAX:
+            client.transport.close()
+
+    def _tell_control(self) -> None:
+        for client in list(self._clients):
+            client.write(encode(self.desk.control(client.party)))
+
+    def _publish(self) -> None:
+        """Send the newest snapshot to every client that has not got it."""
+        if not self._clients or self._latest.newest is None:
+            return
+        number, snapshot = self._latest.newest
+        if number != self._line[0]:
+            self._line = (number, encode(cast("Message", snapshot)))
+        for client, last in list(self._clients.items()):
+            if last != number:
+                self._clients[client] = number
+                client.write(self._line[1])
+
+
+class _Client(asyncio.Protocol):
+    """One attached client. It is never waited for: one that does not read is dropped."""
+
+    transport: asyncio.Transport
+
+    def __init__(self, server: Server) -> None:
+        self.party = Party(None)
+        self.bad: Counter[str] = Counter()
+        self._server = server
+        self._lines = Lines(ORDER_MAX_BYTES)
+        self._waiting: list[bytes | None] = []
+        self._allowance = float(ORDERS_BURST)
+        self._counted_s = 0.0
+        self._later: asyncio.TimerHandle | None = None
+
+    def connection_made(self, transport: asyncio.BaseTransport) -> None:
+        self.transport = cast("asyncio.Transport", transport)
+        self.party = Party(_pid(transport))
+        self._counted_s = asyncio.get_running_loop().time()
+        if not self._server.attach(self):
+            self.transport.abort()
+
+    def data_received(self, data: bytes) -> None:
+        self._waiting += self._lines.feed(data)
+        self._read()
+
+    def _read(self) -> None:
+        """Take as many lines as it may send by now; until the others are taken, it fills its own socket."""
+        loop = asyncio.get_running_loop()
+        now = loop.time()
+        self._allowance = min(ORDERS_BURST, self._allowance + ORDERS_HZ * (now - self._counted_s))
+        self._counted_s = now
+        while self._waiting and self._allowance >= 1.0 and not self.transport.is_closing():
+            self._allowance -= 1.0
+            self._server.order(self._waiting.pop(0), self)
+        if self.transport.is_closing():
+            self._waiting.clear()
+        elif self._waiting and self._later is None:
+            self.transport.pause_reading()
+            self._later = loop.call_later(1.0 / ORDERS_HZ, self._resume)
+
+    def _resume(self) -> None:
+        self._later = None
+        self._read()
+        if not self._waiting and not self.transport.is_closing():
+            self.transport.resume_reading()
+
+    def write(self, line: bytes) -> None:
+        """Send ``line``, unless it left too much unread."""
+        if self.transport.is_closing():
+            return
+        if self.transport.get_write_buffer_size() > BACKLOG_MAX_BYTES:
+            self.transport.abort()
+            return
+        self.transport.write(line)
+
+    def eof_received(self) -> None:
+        """It has gone: what it may still read is not worth keeping its control for."""
+
+    def connection_lost(self, exc: Exception | None) -> None:
+        del exc
+        if self._later is not None:
+            self._later.cancel()
+        self._server.detach(self)
+
+
+def _pid(transport: asyncio.BaseTransport) -> int | None:
+    """The process at the other end, as the system has it; None where that is no UNIX socket."""
+    socket = transport.get_extra_info("socket")
+    if socket is None:
+        return None
+    try:
+        return int(struct.unpack("3i", socket.getsockopt(SOL_SOCKET, SO_PEERCRED, 12))[0])
+    except OSError:
+        return None

@@ -1,0 +1,56 @@
+"""The commands that tell, before a flight, whether it may be: by its configuration, and by the vehicle as it stands."""
+
+import argparse
+import asyncio
+import json
+
+import msgspec
+
+from groundstation.config.load import ConfigError, load
+from groundstation.flight import checks, preflight
+from groundstation.settings.settings import Config
+
+EXIT_DONE, EXIT_ABORTED = 0, 1
+
+
+def trajectory_command(args: argparse.Namespace) -> int:
+    """Say what the trajectory asks of the vehicle, and whether it may fly."""
+    config = load(args.config, Config, args.overrides)
+    report = preflight.look(config)
+    if args.json:
+        facts = {
+            "kind": config.trajectory.__struct_config__.tag,
+            "vehicle": config.vehicle.name,
+            "pass": report.ok,
+            "refusal": preflight.refused(config, report),
+            **msgspec.to_builtins(report),
+        }
+        print(json.dumps(facts))
+    else:
+        print(preflight.text(config, report))
+    return EXIT_DONE if report.ok else EXIT_ABORTED
+
+
+def check_command(args: argparse.Namespace) -> int:
+    """Connect, run the pre-flight checks, and disconnect; or show the pose source live. Nothing is armed."""
+    config = load(args.config, Config, args.overrides)
+    if args.watch:
+        from groundstation.lab.pose_monitor.command import watch
+
+        return watch(config, seconds=args.seconds, as_json=args.json)
+    if args.seconds is not None:
+        raise ConfigError("--seconds", "is for --watch; without it the checks end by themselves")
+    from groundstation.app import make_flight
+    from groundstation.runtime.register import running
+
+    preflight.flyable(config)
+
+    async def never() -> bool:
+        return False
+
+    found = asyncio.run(make_flight(config, confirm=never, running=running).check())
+    bad = checks.failed(found)
+    verdict = "NOT ready to fly: see FAIL above" if bad else "ready to fly"
+    facts = json.dumps({"pass": not bad, "checks": msgspec.to_builtins(found)})
+    print(facts if args.json else f"{checks.text(found)}\n{verdict}")
+    return EXIT_ABORTED if bad else EXIT_DONE

@@ -1,0 +1,1 @@
+"""Telemetry to an MQTT broker, and sealed requests from it."""

@@ -1,0 +1,173 @@
+"""A broker that can be connected to: its address, the password and certificates read from their files."""
+
+import asyncio
+import logging
+import os
+import re
+import stat
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import msgspec
+
+from groundstation.config.load import ConfigError, from_dict
+from groundstation.settings.mqtt import MqttConfig
+from links.core.printable import printable
+
+if TYPE_CHECKING:
+    import ssl
+
+    import aiomqtt
+
+KEEPALIVE_S = 5
+"""The broker declares us lost after one and a half times this [s]."""
+TIMEOUT_S = 3.0
+"""How long the broker may take to answer, or to take what we send [s]."""
+HEARD_MAX_BYTES = 4096
+"""The broker keeps a longer packet from a station: nothing that it asks for is as long."""
+SEND_BUFFER_BYTES = 16384
+"""What may wait in the system for a broker that reads slowly: some snapshots, not some minutes of them."""
+SOL_SOCKET, SO_SNDBUF, IPPROTO_TCP, TCP_NODELAY = 1, 7, 6, 1
+"""Numbers of Linux."""
+
+log = logging.getLogger("groundstation.mqtt")
+_PAHO = logging.getLogger("groundstation.mqtt.paho")
+_PAHO.setLevel(logging.ERROR)  # what it warns of, a full queue, is counted by us
+
+
+class Broker(msgspec.Struct, frozen=True):
+    """All that a connection needs."""
+
+    config: MqttConfig
+    password: str | None
+    context: "ssl.SSLContext | None"
+    """None: not encrypted."""
+
+    def __str__(self) -> str:
+        """As the operator knows it."""
+        return f"{self.config.host}:{self.config.tcp_port}"
+
+    def client(self, *, heard_max_bytes: int | None = None, **more: Any) -> "aiomqtt.Client":
+        """A client that is not connected yet. Nothing is kept for it at the broker while it is away.
+
+        Entering it raises MqttError, or ValueError for what can be no host name. ``more`` goes to aiomqtt.
+        """
+        import aiomqtt
+        from paho.mqtt.packettypes import PacketTypes
+        from paho.mqtt.properties import Properties
+
+        properties = Properties(PacketTypes.CONNECT)  # type: ignore[no-untyped-call]  # paho's
+        if heard_max_bytes is not None:
+            properties.MaximumPacketSize = heard_max_bytes
+        return aiomqtt.Client(
+            self.config.host,
+            self.config.tcp_port,
+            username=self.config.username or None,
+            password=self.password,
+            tls_context=self.context,
+            protocol=aiomqtt.ProtocolVersion.V5,
+            keepalive=KEEPALIVE_S,
+            timeout=TIMEOUT_S,
+            properties=properties,
+            logger=_PAHO,
+            socket_options=[(SOL_SOCKET, SO_SNDBUF, SEND_BUFFER_BYTES), (IPPROTO_TCP, TCP_NODELAY, 1)],
+            **more,
+        )
+
+
+def opened(config: MqttConfig, section: str = "mqtt.", *, warn: bool = True) -> Broker:
+    """The broker of ``config``, its files read; ``section`` begins the keys in errors.
+
+    It can ``warn`` of what is not encrypted or not checked.
+
+    Raises:
+        ConfigError: a file can't be read or used, or others may read it.
+    """
+    password = _password(Path(config.password_file), f"{section}password_file") if config.password_file else None
+    if warn and not config.tls.enabled and config.insecure:
+        log.warning("NOT ENCRYPTED: everybody on the way to the broker %s may read what is sent", config.host)
+    if warn and not config.tls.verify:
+        log.warning("NOT VERIFIED: mqtt.tls.verify = false, so anybody may pose as the broker %s", config.host)
+    return Broker(config, password, _context(config, section) if config.tls.enabled else None)
+
+
+def heed_cancellation() -> None:
+    """To be called after whatever aiomqtt waits for with a time limit.
+
+    It does so by ``asyncio.wait_for``, which before Python 3.12 forgets a cancellation that comes as the wait ends: the
+    task would go on, and whoever has cancelled it would wait for ever.
+    """
+    task = asyncio.current_task()
+    if task is not None and task.cancelling():
+        raise asyncio.CancelledError
+
+
+def in_words(error: Exception) -> str:
+    """What has gone wrong with a broker, without the numbers of the libraries below."""
+    return re.sub(r"^\[[^\]]*\] *| *\(_ssl\.c:\d+\)", "", printable(str(error))) or "the connection was lost"
+
+
+def from_url(url: str, *, ca: Path | None = None, user: str = "", password_file: Path | None = None) -> Broker:
+    """The broker at ``mqtts://[USER@]HOST[:PORT][/PREFIX]``, or ``mqtt://`` on this machine.
+
+    Raises:
+        ConfigError: it is no such address, or a file can't be used.
+    """
+    from urllib.parse import urlsplit
+
+    try:
+        parts = urlsplit(url)
+        port = parts.port
+    except ValueError as error:
+        raise ConfigError(url, str(error)) from None
+    tls = parts.scheme == "mqtts"
+    if parts.scheme not in ("mqtt", "mqtts") or not parts.hostname or parts.query or parts.fragment or parts.password:
+        raise ConfigError(url, "expected mqtts://[USER@]HOST[:PORT][/PREFIX], or mqtt:// on this machine")
+    data: dict[str, Any] = {
+        "enabled": True,
+        "host": parts.hostname,
+        "tls": {"enabled": tls, "ca_file": str(ca or "")},
+        "username": user or parts.username or "",
+        "password_file": str(password_file or ""),
+    }
+    data |= {} if port is None else {"port": port}
+    data |= {"prefix": prefix} if (prefix := parts.path.strip("/")) else {}
+    return opened(from_dict(data, MqttConfig, source=url), "")
+
+
+def _password(path: Path, key: str) -> str:
+    try:
+        with path.open(encoding="utf-8") as file:
+            info = os.fstat(file.fileno())
+            password = file.readline().rstrip("\r\n")
+    except (OSError, UnicodeDecodeError) as error:
+        raise ConfigError(key, f"cannot read {path}: {getattr(error, 'strerror', None) or error}") from None
+    _for_us_alone(info, path, key)
+    return password
+
+
+def _for_us_alone(info: os.stat_result, path: Path, key: str) -> None:
+    if info.st_uid not in (os.getuid(), 0) or stat.S_IMODE(info.st_mode) & 0o077:
+        raise ConfigError(
+            key, f"{path} has mode {stat.S_IMODE(info.st_mode):04o}, so others may read it: change it, then chmod 600"
+        )
+
+
+def _context(config: MqttConfig, section: str) -> "ssl.SSLContext":
+    import ssl
+
+    tls = config.tls
+    try:
+        context = ssl.create_default_context(cafile=tls.ca_file or None)
+    except (OSError, ssl.SSLError) as error:
+        raise ConfigError(f"{section}tls.ca_file", f"cannot use {tls.ca_file}: {error.strerror or error}") from None
+    if not tls.verify:
+        context.check_hostname, context.verify_mode = False, ssl.CERT_NONE
+    if tls.cert_file:
+        try:
+            _for_us_alone(Path(tls.key_file).stat(), Path(tls.key_file), f"{section}tls.key_file")
+            context.load_cert_chain(tls.cert_file, tls.key_file)
+        except OSError as error:  # ssl.SSLError is one
+            files = f"{tls.cert_file} with {tls.key_file}"
+            raise ConfigError(f"{section}tls.cert_file", f"cannot use {files}: {error.strerror or error}") from None
+    return context

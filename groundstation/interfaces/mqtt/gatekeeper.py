@@ -1,0 +1,186 @@
+"""Which requests from afar are let through: sealed, new, in time, allowed, and not too many. Sans-IO."""
+
+from collections import Counter
+from collections.abc import Callable, Mapping
+from typing import NamedTuple
+
+import msgspec
+
+from groundstation.core.messages.requests import Ask, Reply, Request
+from groundstation.interfaces.mqtt.messages import RequestMessage
+from groundstation.interfaces.mqtt.request_codec import Place, decode_request, is_sealed, sealed_answer
+from links.core.printable import printable
+
+LIFE_MAX_MS = 10_000
+"""No request is good for longer: what is held back on its way is not obeyed later [ms]."""
+CLIENT_HZ, CLIENT_BURST = 2.0, 10.0
+"""So many requests of one client are obeyed [1/s], and at once."""
+ANY_HZ, ANY_BURST = 50.0, 100.0
+"""More messages than this, whoever sends them, and nobody listens for a while [1/s], and at once."""
+TELL_S = 60.0
+"""A reason for which requests are dropped is told once in this time [s]."""
+SESSIONS_KEPT = 64
+"""So many sessions of one station count; more begin only where a client's clock is wrong again and again."""
+
+
+class ClientKey(msgspec.Struct, frozen=True):
+    """One client: what it may ask, and the key that it proves itself with."""
+
+    key: bytes
+    may: frozenset[Ask]
+
+
+class Dropped(NamedTuple):
+    """Why a message is no request to be obeyed."""
+
+    reason: str
+    text: str
+
+
+class Bucket:
+    """Allows a burst, and a rate ever after."""
+
+    def __init__(self, rate_hz: float, burst: float) -> None:
+        """Begin full."""
+        self._rate_hz = rate_hz
+        self._burst = self._left = burst
+        self._at_s: float | None = None
+
+    def take(self, now_s: float) -> bool:
+        """Whether one more is allowed at ``now_s``."""
+        elapsed_s = 0.0 if self._at_s is None else max(0.0, now_s - self._at_s)
+        self._left = min(self._burst, self._left + self._rate_hz * elapsed_s)
+        self._at_s = now_s
+        if self._left < 1.0:
+            return False
+        self._left -= 1.0
+        return True
+
+
+class Gatekeeper:
+    """Takes what comes on the request topic of one vehicle."""
+
+    def __init__(
+        self,
+        place: Place,
+        clients: Mapping[str, ClientKey],
+        do: Callable[[Request], Reply],
+        new_session: Callable[[], str],
+        tell: Callable[[str], None],
+    ) -> None:
+        """``do`` what is let through; ``tell`` a line about what is not, seldom.
+
+        ``new_session`` gives 32 random hex digits, other ones each time.
+        """
+        self.counts: Counter[str] = Counter()
+        """``done``, ``not_possible``, and the reasons for which requests were dropped."""
+        self._new_session = new_session
+        self._place = place
+        self._clients = clients
+        self._do = do
+        self._tell = tell
+        self._told_s: dict[str, float] = {}
+        self._sessions: dict[str, dict[str, int]] = {}
+        """Each session that counts, oldest first: who may name it, and the newest number of that client in it."""
+        self._each = {name: Bucket(CLIENT_HZ, CLIENT_BURST) for name in clients}
+        self._any = Bucket(ANY_HZ, ANY_BURST)
+        self._begin()
+
+    @property
+    def session(self) -> str:
+        """What new requests shall name."""
+        return next(reversed(self._sessions))
+
+    def _begin(self) -> None:
+        """Begin a session, which every client may name."""
+        self._sessions[self._new_session()] = dict.fromkeys(self._clients, -1)
+        if len(self._sessions) > SESSIONS_KEPT:
+            del self._sessions[next(iter(self._sessions))]
+
+    def is_flooded(self, now_s: float) -> bool:
+        """Count one more message, whatever it is; True where they are so many that it is better not to listen."""
+        if self._any.take(now_s):
+            return False
+        self._drop(Dropped("flooded", "too many messages, of whomever: not listening for a while"), now_s)
+        return True
+
+    def take(self, data: bytes, *, retained: bool, now_s: float, wall_ms: int) -> bytes | None:
+        """Do what a message asks for, and return its answer; None where it is dropped, counted by reason.
+
+        A kill is answered even then, so that whoever has asked for it knows that the motors still run: but for what
+        was not sealed by a client, what came before and was answered then, and one too many of who may not kill.
+
+        Args:
+            data: What was published.
+            retained: Whether the broker had kept it.
+            now_s: The event loop's clock [s].
+            wall_ms: The wall clock [ms since 1970].
+        """
+        found = self._opened(data, retained)
+        if isinstance(found, Dropped):
+            self._drop(found, now_s)
+            return None
+        client = self._clients[found.client]
+        late = self._late(found, now_s, wall_ms)
+        if late is not None:
+            self._drop(late, now_s)
+            if Ask(found.ask) is not Ask.KILL or late.reason in ("replayed", "too_many"):
+                return None
+            return self._answer(client, found, Reply(False, f"NOT KILLED, {late.reason}: {late.text}"))
+        if Ask(found.ask) not in client.may:
+            self._drop(Dropped("not_allowed", f"of {found.client!r}, to {found.ask}"), now_s)
+            return self._answer(client, found, Reply(False, f"{found.client} may not ask for {found.ask}"))
+        told = printable(found.why).strip()
+        why = f"{told} ({found.client} by MQTT)" if told else f"told by {found.client} by MQTT"
+        reply = self._do(Request(Ask(found.ask), why))
+        self.counts["done" if reply.done else "not_possible"] += 1
+        return self._answer(client, found, reply)
+
+    def _opened(self, data: bytes, retained: bool) -> "RequestMessage | Dropped":
+        """The request in ``data``, where a client has sealed it."""
+        if retained:
+            return Dropped("retained", "kept by the broker")
+        request = decode_request(data)
+        if isinstance(request, str):
+            return Dropped(request, f"{len(data)} bytes")
+        client = self._clients.get(request.client)
+        if client is None or not is_sealed(request, client.key, self._place):
+            return Dropped("unauthenticated", f"it says that it is {request.client!r}")
+        return request
+
+    def _late(self, request: RequestMessage, now_s: float, wall_ms: int) -> "Dropped | None":
+        """Why a sealed request is not obeyed: it is of another session, old, or one too many; None where it is."""
+        client = request.client
+        whose = f"of {client!r}, to {request.ask}"
+        newest = self._sessions.get(request.session, {}).get(client)
+        if newest is None:
+            return Dropped("other_session", f"{whose}: sealed for another session than {self.session}")
+        if request.id <= newest:
+            return Dropped("replayed", f"{whose}: id {request.id} is not greater than those before it")
+        self._sessions[request.session][client] = request.id
+        # The rate comes first: nobody makes sessions faster. But a kill of whoever may waits for no turn.
+        turn = self._each[client].take(now_s)
+        if not turn and not (Ask(request.ask) is Ask.KILL and Ask.KILL in self._clients[client].may):
+            return Dropped("too_many", whose)
+        left_ms = request.expires_ms - wall_ms
+        if left_ms > LIFE_MAX_MS:
+            # Kept by somebody, it would come into force one day: so nothing that this client has sealed so far shall.
+            # What others have sealed is in time, and counts.
+            if turn:
+                for numbers in self._sessions.values():
+                    numbers.pop(client, None)
+                self._begin()
+            return Dropped("expires_too_late", f"{whose}: good for {left_ms} ms, by our clock")
+        if left_ms <= 0:
+            return Dropped("expired", f"{whose}: {-left_ms} ms ago, by our clock")
+        return None
+
+    def _answer(self, client: ClientKey, request: RequestMessage, reply: Reply) -> bytes:
+        return sealed_answer(client.key, self._place, request, reply.done, reply.says)
+
+    def _drop(self, what: "Dropped", now_s: float) -> None:
+        reason = what.reason
+        self.counts[reason] += 1
+        if now_s - self._told_s.get(reason, -TELL_S) >= TELL_S:
+            self._told_s[reason] = now_s
+            self._tell(f"request by MQTT dropped, {reason} ({self.counts[reason]} so far): {what.text}")

@@ -1,0 +1,1 @@
+"""Flights without a terminal: the daemon, its signals, logs and health."""

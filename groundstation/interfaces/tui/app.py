@@ -1,0 +1,251 @@
+"""The dashboard: a process of its own that shows what a feed brings, and passes on what the operator orders."""
+
+import asyncio
+from collections.abc import Callable, Iterable, Sequence
+from contextlib import suppress
+from typing import Any, ClassVar
+
+from textual.app import App, SystemCommand
+from textual.binding import Binding, BindingType
+from textual.css.query import NoMatches
+from textual.screen import Screen
+
+from groundstation.core.messages.requests import Ask
+from groundstation.core.mission.mission import FINAL, ON_GROUND
+from groundstation.interfaces.tui.feeds.playback import Playback
+from groundstation.interfaces.tui.ordering import Ordering
+from groundstation.interfaces.tui.pages.control_page import ControlPage
+from groundstation.interfaces.tui.pages.fly_page import FlyPage
+from groundstation.interfaces.tui.pages.links_page import LinksPage
+from groundstation.interfaces.tui.pages.page import PAGES, Frame, Page
+from groundstation.interfaces.tui.pages.text_pages import ConfigPage, LogPage
+from groundstation.interfaces.tui.parts.bars import TALL, Knobs
+from groundstation.interfaces.tui.parts.dialogs import Choice, Dialog, Help
+from groundstation.interfaces.tui.parts.feed import Feed
+from groundstation.interfaces.tui.parts.headline import SILENCE_S
+from groundstation.interfaces.tui.parts.orders import BY_ASK, ORDERS
+from groundstation.interfaces.tui.parts.picture import Picture
+from groundstation.interfaces.tui.parts.themes import THEMES
+from groundstation.interfaces.tui.parts.words import flight_time
+
+FRAME_S = 0.2
+"""Time between two drawings [s]."""
+PAGE_TYPES: tuple[type[Page], ...] = (FlyPage, ControlPage, LinksPage, ConfigPage, LogPage)
+NO_SCREEN = frozenset(state.value for state in (*ON_GROUND, *FINAL))
+"""In these states a flight needs nobody to look at it."""
+
+
+class Dashboard(App[None]):
+    """Pages by the keys 1 to 5; what brings the vehicle down works on all of them and in every dialog."""
+
+    DEFAULT_MODE = "fly"
+    ENABLE_COMMAND_PALETTE = True
+    COMMAND_PALETTE_BINDING = "ctrl+p"
+    CSS = "ToastRack { margin-bottom: 6; }"  # what brings the vehicle down stays in sight, and can be clicked on
+    BINDINGS: ClassVar[list[BindingType]] = [
+        *(Binding(str(number), f"page('{name.lower()}')", name) for number, name in enumerate(PAGES, 1)),
+        *(Binding(o.key, f"order('{o.ask}')", o.label.lower(), priority=o.always) for o in ORDERS if o.key),
+        Binding("ctrl+a", "land_all", "land all flights", priority=True),
+        Binding("c", "control", "take or give control"),
+        Binding("question_mark", "keys", "all keys"),
+        Binding("q", "quit", "leave"),
+        Binding("space", "play('pause')", "pause"),
+        Binding("left", "play('back')", "5 s back"),
+        Binding("right", "play('on')", "5 s on"),
+        Binding("home", "play('start')", "to the start"),
+        Binding("minus", "play('slower')", "slower"),
+        Binding("plus,equals_sign", "play('faster')", "faster"),
+    ]
+
+    def __init__(
+        self, feed: Feed, *, read_only: bool = False, take_control: bool = False, which: str | None = None
+    ) -> None:
+        """Show ``feed``.
+
+        Args:
+            feed: What to show, and whom to ask.
+            read_only: Nothing can be ordered at all.
+            take_control: Take control as soon as somebody is there; after that only when told to.
+            which: The options that name this flight to other commands, for who leaves while it flies; without it, its
+                vehicle's name.
+        """
+        super().__init__()
+        self.title = "groundstation"
+        self.HORIZONTAL_BREAKPOINTS = [(0, "-narrow"), (120, "-wide")]
+        self.VERTICAL_BREAKPOINTS = [(0, "short"), (TALL, "tall")]
+        self._feed = feed
+        self._orders = feed.live and not read_only
+        self._read_only = read_only
+        self._take_control = take_control and self._orders
+        self._which = which
+        self.picture: Picture
+        self._ordering: Ordering
+        for theme in THEMES:
+            self.register_theme(theme)
+        self.theme = THEMES[0].name
+        for page in PAGE_TYPES:
+            self.add_mode(page.NAME.lower(), self._make(page))
+
+    def _make(self, page: type[Page]) -> Callable[[], Screen[Any]]:
+        more = [("?", "keys", "app.keys")]
+        if self._plays:
+            more += [("␣", "pause", "app.play('pause')"), ("←→", "wind", "app.play('on')")]
+        else:
+            more += [("^P", "more", "app.command_palette")]
+            more += [("c", "control", "app.control")] if self._orders else []
+        return lambda: page(orders=self._orders, more=(*more, ("q", "quit", "app.quit")))
+
+    @property
+    def _plays(self) -> bool:
+        return isinstance(self._feed, Playback)
+
+    # ---- what comes in
+
+    def on_mount(self) -> None:
+        """Begin to listen."""
+        self.picture = Picture(asyncio.get_running_loop().time())
+        self._ordering = Ordering(self, self._feed, self.picture, self.draw, read_only=self._read_only)
+        self.run_worker(self._listen())
+
+    def on_ready(self) -> None:
+        """Begin to draw: only now are all parts of the screen there."""
+        self.set_interval(FRAME_S, self.draw)
+
+    async def _listen(self) -> None:
+        loop = asyncio.get_running_loop()
+        async for news in self._feed.news():
+            first = self.picture.hello is None
+            self.picture.take(news, loop.time())
+            if first and self.picture.hello is not None and self._take_control:
+                self._take_control = False
+                await self._ordering.take()
+
+    def draw(self) -> None:
+        """Draw what is new on the page, and on the dialog above it."""
+        now, picture = asyncio.get_running_loop().time(), self.picture
+        if not self._feed.live:
+            picture.arrived_s = now
+        newest = picture.newest
+        frame = Frame(
+            picture,
+            now,
+            stale=now - picture.arrived_s > SILENCE_S,
+            again=self._ordering.waits(now),
+            whose="" if newest is None else f"{newest.vehicle}  {flight_time(newest.flight_time_s)}",
+            holder=self._beside(),
+        )
+        for screen in self.screen_stack:
+            if isinstance(screen, Page):
+                with suppress(NoMatches):  # one that is coming or going has not all its parts
+                    screen.show(frame)
+            elif isinstance(screen, Dialog):
+                for knobs in screen.query(Knobs):
+                    knobs.show(None if newest is None else newest.state, frame.again)
+
+    def _beside(self) -> str:
+        """What the banner says last: where a recording is, or who holds control."""
+        if isinstance(self._feed, Playback):
+            return self._feed.where()
+        if self._read_only:
+            return "read only: nothing can be ordered here"
+        holder = self.picture.holder
+        if holder.yours:
+            return "you hold control"
+        return f"{holder.name} holds control" if holder.name else "control is free: c takes it"
+
+    # ---- what goes out
+
+    def check_action(self, action: str, parameters: tuple[object, ...]) -> bool | None:
+        """No orders to a recording; a screen that may only look says so; nothing to play in a flight."""
+        del parameters
+        if action in ("order", "control", "land_all"):
+            return self._orders or self._read_only
+        return self._plays if action == "play" else True
+
+    def action_order(self, ask: str) -> None:
+        """Do what a key, a button or the palette says."""
+        self._ordering.order(BY_ASK[Ask(ask)])
+
+    def action_land_all(self) -> None:
+        """Land this vehicle, and every other one that this user flies from this machine."""
+        self._ordering.land_all()
+
+    def action_control(self) -> None:
+        """Take control, or give it back."""
+        self._ordering.control()
+
+    def on_control_page_chosen(self, event: ControlPage.Chosen) -> None:
+        """A gain shall be changed."""
+        self.run_worker(self._ordering.edit(event.gain))
+
+    # ---- the screen itself
+
+    def action_page(self, name: str) -> None:
+        """Go to another page."""
+        self.switch_mode(name)
+        self.call_after_refresh(self.draw)
+
+    def action_play(self, what: str) -> None:
+        """Steer a recording."""
+        if isinstance(self._feed, Playback):
+            self._feed.steer(what)
+            self.call_after_refresh(self.draw)
+
+    def action_keys(self) -> None:
+        """Show all keys."""
+        self.push_screen(Help(list(self._keys()), orders=self._orders))
+
+    def _keys(self) -> Iterable[tuple[str, str]]:
+        if self._orders:
+            yield from ((order.shown, f"{order.label}: {order.says}") for order in ORDERS if order.key)
+            yield "^A", "LAND ALL: every flight of yours on this machine, as groundstation stop-all does"
+            yield "c", "take control, or give it back"
+            yield "Enter", "on the page Control: change a gain"
+        if self._plays:
+            yield from (("space", "pause"), ("← →", "5 s back, 5 s on"), ("Home", "to the start"))
+            yield "- +", "slower, faster: 0.25 to 16 times"
+        yield "1 to 5", f"pages: {', '.join(PAGES)}"
+        yield from (("p", "on the page Fly: plots from above, or in time"), ("/", "on Config and Log: search"))
+        yield from (("^P", "all commands, and the colours"), ("q", "leave; what flies goes on flying"))
+
+    def get_system_commands(self, screen: Screen[Any]) -> Iterable[SystemCommand]:
+        """The palette."""
+        del screen
+        if self._orders:
+            for order in ORDERS:
+                yield SystemCommand(order.label, order.says, self._call(self.action_order, order.ask))
+            yield SystemCommand("LAND ALL", "every flight of yours on this machine", self.action_land_all)
+            yield SystemCommand("Control", "take control, or give it back", self.action_control)
+        for name in PAGES:
+            yield SystemCommand(f"Page {name}", "show this page", self._call(self.action_page, name.lower()))
+        for theme in THEMES:
+            yield SystemCommand(f"Colours {theme.name}", "can be told apart by all eyes", self._colours(theme.name))
+        yield SystemCommand("Keys", "show all keys", self.action_keys)
+        yield SystemCommand("Quit", "leave; what flies goes on flying", self.action_quit)
+
+    def _call(self, what: Callable[[str], None], word: str) -> Callable[[], None]:
+        return lambda: what(word)
+
+    def _colours(self, name: str) -> Callable[[], None]:
+        def choose() -> None:
+            self.theme = name
+
+        return choose
+
+    async def action_quit(self) -> None:
+        """Leave; what flies goes on, and the operator is told so."""
+        newest = self.picture.newest
+        if newest is None or not self._feed.live or newest.state in NO_SCREEN:
+            self.exit()
+        elif not isinstance(self.screen, Dialog):
+            self.run_worker(self._leave(newest.vehicle, newest.state))
+
+    async def _leave(self, vehicle: str, state: str) -> None:
+        says = f"{vehicle} is {state}. Without this screen the flight goes on; nobody is asked to land."
+        options: Sequence[tuple[str, str]] = [("stay", "Stay"), ("leave", "Leave; the flight goes on")]
+        if await self.push_screen_wait(Choice("Leave?", says, options, orders=self._orders)) == "leave":
+            which = self._which or f"--vehicle {vehicle}"
+            self.exit(
+                message=f"The flight of {vehicle} goes on ({state}).\n"
+                f"  see it again  groundstation tui {which}\n  land          groundstation request land {which}"
+            )

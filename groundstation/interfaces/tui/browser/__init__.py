@@ -1,0 +1,1 @@
+"""The dashboard as a page for the browsers of this machine."""

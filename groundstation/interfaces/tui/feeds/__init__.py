@@ -1,0 +1,1 @@
+"""Where a dashboard's pictures come from: a running flight or a recording."""

@@ -1,0 +1,217 @@
+"""A recording as the snapshots that a dashboard would have seen, ten a second."""
+
+import math
+from collections import deque
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any, TypeVar
+
+import msgspec
+
+from groundstation.config.files import toml
+from groundstation.core.geometry.ops import Quat, Vec3
+from groundstation.core.messages.pose import PoseStatus
+from groundstation.core.messages.snapshot import Certificate, Diagnostics, Snapshot
+from groundstation.core.mission.mission import State
+from groundstation.core.safety.live_gains import LIVE, PREFIX
+from groundstation.interfaces.tui.parts.feed import Hello
+from groundstation.recording.reader import Entry, Recording
+from groundstation.recording.records import GAIN
+from links.core.lateness import Lateness
+from links.core.port import LinkStatus
+
+STEP_S = 0.1
+"""Time between two snapshots [s]."""
+_TICK = ("/command", "/reference", "/estimate", "/errors", "/adaptation", "/lyapunov", "/timing")
+_TOPICS = (*_TICK, "/measured", "/mission", "/switch", "/request", "/lost", "/link", "/source")
+_LINK = LinkStatus(state="closed", sent=0, expired=0, received=0, dropped={}, text="")
+
+
+T = TypeVar("T", LinkStatus, PoseStatus)
+
+
+class _Error(msgspec.Struct):
+    error_m: float | None
+
+
+class _Late(msgspec.Struct):
+    lateness_s: float | None = None
+
+
+class Tape:
+    """One recording, read once. What is not recorded is missing: V is without b̃, pre-flight checks are events."""
+
+    def __init__(self, path: Path) -> None:
+        """Look at the beginning.
+
+        Raises:
+            NoRecording, OSError: see :class:`groundstation.recording.reader.Recording`.
+        """
+        self._recording = Recording(path)
+        about = self._recording.about
+        self.hello = Hello(about.get("vehicle", "?"), f"recording {path.name}", about.get("config", ""))
+        try:
+            config = toml(self.hello.config)
+        except ValueError:
+            config = {}
+        vehicle = config.get("vehicle", {})
+        self._thrust_max_n = float(vehicle.get("thrust_max_n", math.nan))
+        limits = vehicle.get("rate_limits_deg_s", ())
+        self._limits = _triple([math.radians(one) for one in limits]) if len(limits) == 3 else None
+        self._state = self._reason = ""
+        self._events: deque[str] = deque(maxlen=20)
+        self._parts: dict[str, bytes] = {}
+        self._arrivals: deque[float] = deque(maxlen=1000)
+        self._squares, self._count = 0.0, 0
+        self._lateness = Lateness()
+        controller = config.get("controller", {})
+        named = {name: controller.get(name) for name in LIVE}
+        self._gains = {PREFIX + name: float(value) for name, value in named.items() if value is not None}
+
+    def snapshots(self) -> Iterator[Snapshot]:
+        """From its beginning to its end, or to its damage."""
+        shift: float | None = None
+        due = now = -math.inf
+        for entry in self._recording.entries(_TOPICS):
+            if shift is None:
+                told = entry.value()
+                shift = float(told.get("time_s", told.get("arrival_s", 0.0))) - 1e-9 * entry.stamp_ns
+            now = 1e-9 * entry.stamp_ns + shift
+            if now >= due:
+                if due > -math.inf:
+                    yield self._snapshot(now)
+                due = now + STEP_S
+            self._take(entry, now)
+        if due > -math.inf:
+            yield self._snapshot(now)
+
+    def _take(self, entry: Entry, now: float) -> None:
+        self._parts[entry.topic] = entry.data
+        match entry.topic:
+            case "/measured":
+                self._arrivals.append(now)
+            case "/timing":
+                late = msgspec.json.decode(entry.data, type=_Late).lateness_s
+                if late is not None:
+                    self._lateness.add(late)
+            case "/errors" if self._state == State.TRACKING:
+                error = msgspec.json.decode(entry.data, type=_Error).error_m
+                if error is not None and _number(self._part("/command"), "flight_time_s") >= 0.0:
+                    self._squares += error**2
+                    self._count += 1
+            case "/mission":
+                told = entry.value()
+                if told["state"] != self._state:
+                    self._state, self._reason = told["state"], told["text"]
+                self._events.append(f"{now:.3f} {told['state']}: {told['text']}")
+            case "/switch":
+                told = entry.value()
+                if told["what"].startswith(GAIN):
+                    self._gains[PREFIX + told["what"].removeprefix(GAIN)] = told["values"][0]
+            case "/request":
+                told = entry.value()
+                self._events.append(f"{now:.3f} asked to {told['what']}: {told['reason']}")
+            case "/lost":
+                self._events.append(f"{now:.3f} {entry.value()['count']} records are missing here")
+
+    def _part(self, topic: str) -> dict[str, Any]:
+        data = self._parts.get(topic)
+        found: dict[str, Any] = {} if data is None else msgspec.json.decode(data)
+        return found
+
+    def _snapshot(self, now: float) -> Snapshot:
+        command, reference, estimate, errors, adaptation, lyapunov, _ = (self._part(topic) for topic in _TICK)
+        measured = self._part("/measured")
+        here = estimate or measured
+        source = _status(self._part("/source"), PoseStatus(accepted=0, dropped={}))
+        attitude = here.get("attitude", {})
+        w, x, y, z = (_number(attitude, key, default) for key, default in zip("wxyz", (1.0, 0, 0, 0), strict=True))
+        quaternion: Quat = (w, x, y, z)
+        while self._arrivals and self._arrivals[0] < now - 1.0:
+            self._arrivals.popleft()
+        return Snapshot(
+            vehicle=self.hello.vehicle,
+            state=self._state,
+            reason=self._reason,
+            time_s=now,
+            flight_time_s=_number(command, "flight_time_s", 0.0),
+            pose_id=int(measured.get("id", -1)),
+            pose_age_s=now - _number(measured, "time_s", now),
+            pose_rate_hz=float(len(self._arrivals)),
+            poses_dropped=source.dropped,
+            position_ned=_vector(here, "position_ned"),
+            velocity_ned=_vector(estimate, "velocity_ned"),
+            attitude=quaternion,
+            reference_ned=_vector(reference or here, "position_ned"),
+            error_m=_number(errors, "error_m", 0.0),
+            rms_m=math.sqrt(self._squares / self._count) if self._count else 0.0,
+            thrust_n=_number(command, "thrust_n", 0.0),
+            thrust_max_n=self._thrust_max_n,
+            rates_rad_s=_vector(command, "rates_rad_s"),
+            saturated=bool(command.get("saturated")),
+            diagnostics=_diagnostics(errors, adaptation, lyapunov) if errors else None,
+            link=_status(self._part("/link"), _LINK),
+            events=tuple(self._events),
+            rate_limits_rad_s=self._limits,
+            thrust_effectiveness=_number(adaptation, "effectiveness", 1.0),
+            certificate=_certificate(lyapunov) if lyapunov else None,
+            pose_latency_s=source.latency_s,
+            pose_latency_max_s=source.latency_max_s,
+            pose_gaps=source.gaps,
+            pose_clock_steps=source.clock_steps + source.clock_restarts,
+            late_us=self._lateness.percentiles_us() if self._lateness.count else None,
+            gains=dict(self._gains),
+            late_octaves=tuple(self._lateness.octaves) if self._lateness.count else (),
+        )
+
+
+def _diagnostics(errors: dict[str, Any], adaptation: dict[str, Any], lyapunov: dict[str, Any]) -> Diagnostics:
+    return Diagnostics(
+        z1=_vector(errors, "z1_m"),
+        z2=_vector(errors, "z2_m_s"),
+        z3=_vector(errors, "z3_m_s2"),
+        u_star=_vector(errors, "u_star_m_s2"),
+        b_hat=_vector(adaptation, "b_hat_m_s2"),
+        b_hat_dot=_vector(adaptation, "b_hat_dot_m_s3"),
+        disturbance=_vector(adaptation, "d_hat_m_s2"),
+        v_terms=_triple([_number(lyapunov, key) for key in ("v_sigma", "v_omega", "v_z3")]),
+        w_terms=_triple([_number(lyapunov, key) for key in ("w_sigma", "w_rho", "w_z3")]),
+        v_known=_number(lyapunov, "v_known"),
+        w=_number(lyapunov, "w"),
+        certificate=str(lyapunov.get("certificate", "none")),
+    )
+
+
+def _certificate(lyapunov: dict[str, Any]) -> Certificate:
+    return Certificate(
+        state=str(lyapunov["state"]),
+        bound=str(lyapunov["certificate"]),
+        v=_number(lyapunov, "v_known"),
+        excess=_number(lyapunov, "excess"),
+        violated_fraction=math.nan,
+        suspended_fraction=math.nan,
+        b_hat_fraction=None,
+    )
+
+
+def _status(part: dict[str, Any], otherwise: T) -> T:
+    try:
+        return msgspec.convert(part["status"], type(otherwise))
+    except (KeyError, msgspec.ValidationError):
+        return otherwise
+
+
+def _number(part: dict[str, Any], key: str, otherwise: float = math.nan) -> float:
+    """JSON knows no NaN: null is one."""
+    value = part.get(key, otherwise)
+    return math.nan if value is None else float(value)
+
+
+def _vector(part: dict[str, Any], key: str) -> Vec3:
+    value = part.get(key)
+    return (0.0, 0.0, 0.0) if value is None else _triple([_number(value, axis) for axis in "xyz"])
+
+
+def _triple(values: list[float]) -> Vec3:
+    a, b, c = values
+    return a, b, c

@@ -1,0 +1,1 @@
+"""Axis calibration: a tracker's axes and latency from a vehicle carried by hand."""

@@ -1,0 +1,1 @@
+"""An autopilot's parameters: looked at, advised on, and set one by one."""

@@ -1,0 +1,1 @@
+"""Several vehicles: their cores together, and the relay of poses between them."""

@@ -1,0 +1,1 @@
+"""Pose monitor: any pose source live, without flying."""

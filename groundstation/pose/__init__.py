@@ -1,0 +1,1 @@
+"""Pose sources: intake, clocks, the outlier gate, and forwarding to the autopilot."""

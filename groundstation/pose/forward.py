@@ -1,0 +1,120 @@
+"""Poses that have passed the gate, to the autopilot's own estimator: so it can fly its own modes when ours hands back.
+
+Only as poses come: when they stop, so does this, and the autopilot's estimator knows by itself what to do.
+"""
+
+import asyncio
+import math
+from collections import deque
+from collections.abc import Callable
+
+from groundstation.core.geometry.ops import Vec3
+from groundstation.core.geometry.so3 import to_body
+from groundstation.core.messages.pose import Pose, PoseSource, PoseStatus
+from links.mavlink.config import ForwardConfig
+from links.mavlink.link import MavlinkLink
+from links.mavlink.odometry_codec import Odometry, odometry
+
+BASE_S = 0.04
+"""Velocity is measured over at least this time [s]."""
+GAP_S = 0.2
+"""Poses further apart than this say nothing of the velocity between them [s]."""
+EARLY = 0.1
+"""A pose that comes this share of the period early is not too early: jitter must not halve the rate."""
+
+
+class Forward:
+    """Which poses are told, and how. Sans-IO."""
+
+    def __init__(self, config: ForwardConfig) -> None:
+        """Nothing told yet."""
+        self._config = config
+        self._period_s = 1.0 / config.rate_hz
+        self._due_s = -math.inf
+        self._recent: deque[Pose] = deque()
+        self._resets = 0
+
+    def take(self, pose: Pose, now_s: float) -> Odometry | None:
+        """What to tell of ``pose`` at ``now_s`` [s, event loop's clock]; None where it is not due, or too old."""
+        recent, config = self._recent, self._config
+        if recent and pose.reset_count != recent[-1].reset_count:
+            self._resets += 1
+            recent.clear()
+        if recent and not 0.0 < pose.time_s - recent[-1].time_s < GAP_S:
+            recent.clear()
+        recent.append(pose)
+        while len(recent) > 2 and recent[1].time_s <= pose.time_s - BASE_S:
+            recent.popleft()
+        if now_s - pose.time_s > config.oldest_s or pose.time_s < self._due_s - EARLY * self._period_s:
+            return None
+        measured = pose.velocity_ned
+        velocity, base_s = (measured, BASE_S) if measured is not None else self._difference()
+        if velocity is None:
+            return None
+        late = pose.time_s - self._due_s > self._period_s
+        self._due_s = (pose.time_s if late else self._due_s) + self._period_s
+        return Odometry(
+            time_s=pose.time_s,
+            position=pose.position_ned,
+            attitude=pose.attitude,
+            velocity=to_body(pose.attitude, velocity),
+            measured_velocity=measured is not None,
+            resets=self._resets,
+            noise_m=config.noise_m,
+            noise_rad=math.radians(config.noise_deg),
+            noise_m_s=math.sqrt(2.0) * config.noise_m / base_s,
+        )
+
+    def _difference(self) -> tuple[Vec3 | None, float]:
+        a, b = self._recent[0], self._recent[-1]
+        base_s = b.time_s - a.time_s
+        if base_s < 0.5 * BASE_S:
+            return None, BASE_S
+        x, y, z = ((q - p) / base_s for p, q in zip(a.position_ned, b.position_ned, strict=True))
+        return (x, y, z), base_s
+
+
+class Forwarding:
+    """Implements :class:`groundstation.core.messages.pose.PoseSource`: a source whose poses the autopilot gets too."""
+
+    def __init__(self, source: PoseSource, link: MavlinkLink, config: ForwardConfig) -> None:
+        """``source`` is behind the gate; the frames leave on the connection of ``link``."""
+        self._source = source
+        self._connection = link.connection
+        self._forward = Forward(config)
+        self._distrusted = False
+
+    @property
+    def status(self) -> PoseStatus:
+        """The source's."""
+        return self._source.status
+
+    async def start(self, deliver: Callable[[Pose], None]) -> None:
+        """Start the source; the autopilot gets each pose after ``deliver``, and after the command that it leads to.
+
+        Raises:
+            SourceError: the source can't be started.
+        """
+        loop = asyncio.get_running_loop()
+
+        def both(pose: Pose) -> None:
+            deliver(pose)
+            loop.call_soon(self._tell, pose)
+
+        await self._source.start(both)
+
+    def distrust(self) -> None:
+        """From now on no pose leaves, nor the one that is under way."""
+        self._distrusted = True
+
+    async def close(self) -> None:
+        """Close the source."""
+        await self._source.close()
+
+    def _tell(self, pose: Pose) -> None:
+        if self._distrusted:
+            return
+        connection = self._connection
+        told = self._forward.take(pose, asyncio.get_running_loop().time())
+        if told is not None and connection.kind is not None and connection.state in ("connected", "armed"):
+            connection.leave(odometry(connection.codec, connection.kind, told))

@@ -1,0 +1,216 @@
+"""What lies between a source and the flight: poses that can't be true do not pass. Sans-IO.
+
+A decoder sees one datagram at a time; here each pose is held against those before it. What does not fit is counted by
+reason, and told once for each outbreak; the flight goes on with its model for as long as commands may rest on one pose
+(flight.coast_s), and what ``lost`` tells is what safety rules act on.
+After a pose that did not fit the next ones must fit better, for as long as none does.
+There are two ways to a new place. Either the source says that it has moved its origin (``reset``): believed at once,
+as the vehicle did not move. Or the poses that do not fit agree among themselves for ``settle_s`` (``moved``), which is
+longer than any command may rest on one pose: so no flight survives it, and on the ground it heals by itself.
+"""
+
+import math
+from collections import Counter
+from typing import Annotated, Literal
+
+import msgspec
+
+from groundstation.core.geometry import so3
+from groundstation.core.geometry.ops import Quat
+from groundstation.core.messages.pose import Pose, PoseEvent
+
+Positive = Annotated[float, msgspec.Meta(gt=0.0)]
+
+BASE_S = 0.05
+"""Speed is measured over at least this time [s]: from pose to pose it would be mostly noise and jitter."""
+TURN_DEG = 15.0
+"""Noise and jitter may turn a pose by this much [deg], beside what ``rate_deg_s`` allows."""
+DOUBT = 0.25
+"""Share of what a pose may be off by that is left after one that jumped, until one fits: of a crowd of wild poses the
+odd one comes near enough by chance, and would throw the estimate."""
+UNIT_TOLERANCE = 1e-6
+"""An attitude whose squared length is no further from 1 stays as it is: 32-bit floats leave it so."""
+UNANNOUNCED = 1 << 32
+"""Added to ``reset_count`` with each place that was not announced: no source counts that far."""
+
+
+class GateConfig(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
+    """What a pose may look like beside those before it; far beyond what the vehicle does, well below mix-ups."""
+
+    jump_m: Positive = 0.15
+    """How far a pose may be from where the ones before were heading [m], beside what ``acceleration_m_s2`` allows."""
+    acceleration_m_s2: Positive = 30.0
+    """Largest acceleration that is believed [m/s²]."""
+    speed_m_s: Positive = 20.0
+    """Fastest speed that is believed [m/s]."""
+    rate_deg_s: Positive = 1000.0
+    """Fastest turn that is believed [deg/s]."""
+    tilt_deg: Annotated[float, msgspec.Meta(gt=0.0, le=180.0)] = 120.0
+    """Largest angle between the vehicle's vertical and the world's [deg]; 180 allows all."""
+    frozen_s: Positive = 0.1
+    """A pose that has been the same to the last bit for this long is no longer measured [s]."""
+    drop_frozen: bool = True
+    """Whether that counts; off for simulations without noise, and for trackers that round to the millimetre."""
+    settle_s: Annotated[float, msgspec.Meta(ge=1.0, le=60.0)] = 1.5
+    """A place that does not fit is believed after the poses have agreed on it for this long [s]."""
+
+
+class Gate:
+    """The poses of one source, in the order of their arrival."""
+
+    def __init__(self, config: GateConfig) -> None:
+        """Nothing seen yet."""
+        self.dropped: Counter[str] = Counter()
+        """By reason: not_finite, not_unit, out_of_order, tilted, frozen, too_fast, jump, spin."""
+        self._config = config
+        self._cos_tilt = math.cos(math.radians(config.tilt_deg))
+        self._track: Track | None = None
+        self._other: Track | None = None
+        self._unannounced = 0
+        self._raw: Pose | None = None
+        self._since_s = 0.0
+
+    @property
+    def newest(self) -> Pose | None:
+        """The newest pose that has passed."""
+        return None if self._track is None else self._track.last
+
+    def take(self, pose: Pose) -> tuple[Pose | None, PoseEvent | None]:
+        """``pose``, perhaps straightened, or None where it is dropped and counted; and what is to be told of it."""
+        straight = self._sound(pose)
+        if straight is None:
+            return None, None
+        track, other = self._track, self._other
+        if track is None:
+            self._track = Track(straight, self._config)
+            return self._passed(straight), None
+        if straight.reset_count != track.last.reset_count:
+            return self._elsewhere(straight, "reset", "the source has moved its origin")
+        why = track.refuses(straight, DOUBT if other is not None and other.why == "jump" else 1.0)
+        if why == "out_of_order":
+            return self._drop(why), None
+        # The longer the last pose is ago, the more would fit it: so the nearer of two tracks has the pose.
+        if other is not None and not other.refuses(straight) and (why or other.off(straight) < track.off(straight)):
+            other.add(straight)
+            if straight.time_s - other.first_s >= self._config.settle_s:
+                self._unannounced += 1
+                return self._elsewhere(straight, "moved", f"for {self._config.settle_s:g} s all have agreed on it")
+            return self._drop(why or other.why), None
+        if why:
+            self._other = Track(straight, self._config, why)
+            return self._drop(why), None
+        self._other = None
+        track.add(straight)
+        return self._passed(straight), None
+
+    def _sound(self, pose: Pose) -> Pose | None:
+        """``pose`` with a unit quaternion that continues the last one; None where it makes no sense by itself."""
+        w, x, y, z = pose.attitude
+        if not math.isfinite(sum(pose.position_ned) + w + x + y + z + pose.time_s):
+            return self._drop("not_finite")
+        square = w * w + x * x + y * y + z * z
+        if not 0.8 < square < 1.2:
+            return self._drop("not_unit")
+        if self._is_frozen(pose):
+            return self._drop("frozen")
+        if 1.0 - 2.0 * (x * x + y * y) / square < self._cos_tilt:
+            return self._drop("tilted")
+        velocity = pose.velocity_ned
+        if velocity is not None and not math.hypot(*velocity) <= self._config.speed_m_s:
+            return self._drop("too_fast")
+        if abs(square - 1.0) > UNIT_TOLERANCE:
+            w, x, y, z = so3.normalized((w, x, y, z))
+        last = self._track.last.attitude if self._track is not None else (w, x, y, z)
+        if w * last[0] + x * last[1] + y * last[2] + z * last[3] < 0.0:
+            w, x, y, z = -w, -x, -y, -z
+        attitude: Quat = (w, x, y, z)
+        return pose if attitude == pose.attitude else msgspec.structs.replace(pose, attitude=attitude)
+
+    def _is_frozen(self, pose: Pose) -> bool:
+        raw, self._raw = self._raw, pose
+        if raw is None or (raw.position_ned, raw.attitude) != (pose.position_ned, pose.attitude):
+            self._since_s = pose.time_s
+            return False
+        return self._config.drop_frozen and pose.time_s - self._since_s >= self._config.frozen_s
+
+    def _drop(self, why: str) -> Pose | None:
+        self.dropped[why] += 1
+        return None
+
+    def _passed(self, pose: Pose) -> Pose:
+        if not self._unannounced:
+            return pose
+        return msgspec.structs.replace(pose, reset_count=pose.reset_count + self._unannounced * UNANNOUNCED)
+
+    def _elsewhere(self, pose: Pose, kind: Literal["reset", "moved"], why: str) -> tuple[Pose, PoseEvent]:
+        assert self._track is not None, "a first pose is nowhere else"
+        last = self._track.last
+        turn, far = turned_deg(last.attitude, pose.attitude), math.dist(last.position_ned, pose.position_ned)
+        self._track, self._other = Track(pose, self._config), None
+        return self._passed(pose), PoseEvent(kind, "", f"poses are {far:.2f} m and {turn:.0f}° from before: {why}")
+
+
+class Track:
+    """Poses that fit each other."""
+
+    def __init__(self, pose: Pose, config: GateConfig, why: str = "") -> None:
+        """Begin with one, which was dropped for ``why``."""
+        self.first_s = pose.time_s
+        """When it began [s]."""
+        self.last = pose
+        """The newest."""
+        self.why = why
+        self._config = config
+        self._anchor = self._next_anchor = pose
+
+    def add(self, pose: Pose) -> None:
+        """One more, which fits."""
+        self.last = pose
+        if pose.time_s - self._next_anchor.time_s >= BASE_S:
+            self._anchor, self._next_anchor = self._next_anchor, pose
+
+    def refuses(self, pose: Pose, share: float = 1.0) -> str:
+        """Why ``pose`` can't be of the same vehicle, by a ``share`` of the usual limit; empty where it can."""
+        config, elapsed = self._config, pose.time_s - self.last.time_s
+        if elapsed <= 0.0:
+            return "out_of_order"
+        # With no speed known yet any may be meant; after that it has had ``elapsed`` and half the base to change.
+        base = self._base_s
+        allowed = 0.5 * config.acceleration_m_s2 * elapsed * (elapsed + base) if base else config.speed_m_s * elapsed
+        if self._away_m(pose) > share * (config.jump_m + allowed):
+            return "jump"
+        far = math.dist(pose.position_ned, self._anchor.position_ned)
+        if far > config.jump_m + config.speed_m_s * (pose.time_s - self._anchor.time_s):
+            return "too_fast"
+        # A floor levels what comes down leaning in less time than passes between two poses.
+        levels = max(_lean_deg(self.last.attitude) - _lean_deg(pose.attitude), 0.0)
+        turn = turned_deg(self.last.attitude, pose.attitude) - levels
+        return "spin" if turn > TURN_DEG + config.rate_deg_s * elapsed else ""
+
+    def off(self, pose: Pose) -> float:
+        """How badly ``pose`` fits, to compare tracks by."""
+        turn = turned_deg(self.last.attitude, pose.attitude)
+        return self._away_m(pose) / self._config.jump_m + turn / TURN_DEG
+
+    @property
+    def _base_s(self) -> float:
+        """Time over which the speed is known [s]; 0 where it is not yet."""
+        base = self.last.time_s - self._anchor.time_s
+        return base if base >= 0.5 * BASE_S else 0.0
+
+    def _away_m(self, pose: Pose) -> float:
+        """How far ``pose`` is from where this track was heading [m]."""
+        base, last = self._base_s, self.last
+        ahead = (pose.time_s - last.time_s) / base if base else 0.0
+        heading = (q + ahead * (q - p) for p, q in zip(self._anchor.position_ned, last.position_ned, strict=True))
+        return math.dist(pose.position_ned, tuple(heading))
+
+
+def _lean_deg(attitude: Quat) -> float:
+    """The angle between the body's vertical and the world's [deg], 0..180."""
+    return so3.angle_deg(so3.third_column(attitude)[2])
+
+
+def turned_deg(a: Quat, b: Quat) -> float:
+    """The angle from attitude ``a`` to ``b`` [deg], 0..180."""
+    return math.degrees(2.0 * math.acos(min(1.0, abs(sum(p * q for p, q in zip(a, b, strict=True))))))

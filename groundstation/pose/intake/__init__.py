@@ -1,0 +1,1 @@
+"""What every pose source shares: checks, clocks, datagrams, playback."""

@@ -1,0 +1,64 @@
+"""A source that listens for datagrams; what they say is its reader's business."""
+
+import asyncio
+from collections.abc import Callable
+
+from groundstation.core.messages.pose import Pose, PoseStatus, SourceError
+from groundstation.pose.intake.intake import Reader
+from links.io.address import parse_address
+
+
+class DatagramSource(asyncio.DatagramProtocol):
+    """Implements :class:`groundstation.core.messages.pose.PoseSource` on one UDP socket."""
+
+    def __init__(self, what: str, listen: str, reader: Reader) -> None:
+        """``what`` comes to ``listen`` (host:port) names the poses for the operator; nothing is opened yet."""
+        self._what = what
+        self._listen = listen
+        self._reader: Reader = reader
+        self._loop: asyncio.AbstractEventLoop | None = None
+        self._transport: asyncio.DatagramTransport | None = None
+        self._deliver: Callable[[Pose], None] | None = None
+
+    @property
+    def status(self) -> PoseStatus:
+        """Counters as they are now."""
+        return self._reader.status
+
+    async def start(self, deliver: Callable[[Pose], None]) -> None:
+        """Begin to listen; ``deliver`` is called on the event loop for each pose.
+
+        Raises:
+            SourceError: the address cannot be listened on; the message says which and why.
+        """
+        self._deliver = deliver
+        self._loop = asyncio.get_running_loop()
+        try:
+            self._transport, _ = await self._loop.create_datagram_endpoint(
+                lambda: self, local_addr=parse_address(self._listen)
+            )
+        except OSError as error:
+            raise cannot_listen(self._what, self._listen, error) from error
+
+    async def close(self) -> None:
+        """Stop listening; no pose is delivered afterwards."""
+        self._deliver = None
+        if self._transport is not None:
+            self._transport.close()
+            self._transport = None
+
+    def datagram_received(self, data: bytes, addr: object) -> None:
+        """Take one datagram (called by the event loop)."""
+        if self._loop is None:
+            return
+        for pose in self._reader.read(data, self._loop.time()) if self._deliver is not None else ():
+            if self._deliver is not None:  # whoever takes a pose may close us
+                self._deliver(pose)
+
+
+def cannot_listen(what: str, address: str, error: OSError) -> SourceError:
+    """``error`` in words for the operator: what was to come where, and what to do."""
+    return SourceError(
+        f"cannot listen for {what} on {address} ({error.strerror or error}); "
+        "stop the program that holds this port, or give an address of this machine",
+    )

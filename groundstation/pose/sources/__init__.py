@@ -1,0 +1,1 @@
+"""Pose sources by vendor: one or two files each."""

@@ -1,0 +1,147 @@
+"""Poses as JSON, for home-made trackers: one datagram, one object or an array of objects. Sans-IO.
+
+    {"name": "quad", "t": 12.345, "frame": 617, "position": [1.0, 0.5, 1.2],
+     "quaternion": {"w": 1.0, "x": 0.0, "y": 0.0, "z": 0.0}, "valid": true}
+
+``name``, ``position`` [m] and ``quaternion`` (body to world; also [w, x, y, z]) must be there. ``t`` is the sender's
+clock as the picture was taken [s, from any zero], ``frame`` a running number; the first pose taken decides by which of
+them all the others are judged, ``t`` before ``frame``. ``valid`` false says that the body is not seen.
+The whole of it: docs/how-to/json-tracker.md.
+"""
+
+import math
+from collections.abc import Iterable, Sequence
+from typing import Annotated, Any, Literal
+
+import msgspec
+
+from groundstation.core.geometry.ops import Quat, Vec3
+from groundstation.core.messages.pose import Pose, PoseStatus
+from groundstation.pose.intake.intake import Intake
+
+MAX_DATAGRAM = 4096
+"""Longest datagram that is read [bytes]."""
+MAX_BODIES = 32
+"""Most bodies in one datagram."""
+MAX_NAME = 64
+"""Longest name [characters]."""
+ROUNDING = 0.01
+"""How far from 1 the length of a quaternion may be: whoever prints numbers rounds them."""
+
+_Name = Annotated[str, msgspec.Meta(min_length=1, max_length=MAX_NAME)]
+
+
+class NamedQuaternion(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """A quaternion whose parts can't be confused."""
+
+    w: float
+    x: float
+    y: float
+    z: float
+
+
+class JsonPose(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True, omit_defaults=True):
+    """One body at one instant, as on the wire."""
+
+    name: _Name
+    """Which body."""
+    position: tuple[float, float, float]
+    """[m]"""
+    quaternion: tuple[float, float, float, float] | NamedQuaternion
+    """w, x, y, z or by name; body to world."""
+    t: float | None = None
+    """The sender's clock [s]."""
+    frame: Annotated[int, msgspec.Meta(ge=0, lt=2**53)] | None = None
+    """Running number."""
+    valid: bool = True
+    """False where the body is not seen: position and quaternion then mean nothing."""
+
+
+_DECODER = msgspec.json.Decoder(JsonPose | Annotated[list[Any], msgspec.Meta(max_length=MAX_BODIES)])
+_ENCODER = msgspec.json.Encoder()
+
+
+def encode(poses: Iterable[JsonPose]) -> bytes:
+    """The datagram of one instant, for simulators and tests: an object where there is one body, else an array."""
+    bodies = list(poses)
+    return _ENCODER.encode(bodies[0] if len(bodies) == 1 else bodies)
+
+
+def decode(datagram: bytes) -> list[JsonPose] | str:
+    """The bodies in a datagram, or why there are none: oversized, not_json, wrong_schema."""
+    if len(datagram) > MAX_DATAGRAM:
+        return "oversized"
+    try:
+        found = _DECODER.decode(datagram)
+        return [found] if isinstance(found, JsonPose) else msgspec.convert(found, list[JsonPose])
+    except msgspec.ValidationError:
+        return "wrong_schema"
+    except (msgspec.DecodeError, UnicodeDecodeError, RecursionError):
+        return "not_json"
+
+
+class JsonReader:
+    """Poses of one body: implements :class:`groundstation.pose.intake.intake.Reader`."""
+
+    def __init__(self, name: str, intake: Intake, frames: Intake) -> None:
+        """Look for the body ``name``; ``intake`` takes stamps in seconds, ``frames`` frame numbers."""
+        self._name = name
+        self._intakes: dict[Stamp, Intake] = {"t": intake, "frame": frames, "arrival": intake}
+        self._kind: Stamp | None = None
+        frames.dropped = intake.dropped  # one account for both
+
+    @property
+    def status(self) -> PoseStatus:
+        """Counters as they are now."""
+        return self._intakes[self._kind or "t"].status
+
+    def read(self, datagram: bytes, arrival_s: float) -> Sequence[Pose]:
+        """The pose of our body, or nothing."""
+        drop = self._intakes["t"].drop
+        bodies = decode(datagram)
+        if isinstance(bodies, str):
+            drop(bodies)
+            return ()
+        for each in self._intakes.values():
+            each.heard(arrival_s)
+        intake = self._intakes["t"]
+        if intake.others is not None:
+            for other in bodies:
+                if other.valid and other.name in intake.others:
+                    intake.other(other.name, arrival_s, other.position)
+        body = next((body for body in bodies if body.name == self._name), None)
+        if body is None:
+            drop("no_such_body")
+        elif not body.valid:
+            drop("not_tracked")
+        elif (attitude := _unit(body.quaternion)) is None:
+            drop("not_unit")
+        elif pose := self._pose(body, attitude, arrival_s):
+            return (pose,)
+        return ()
+
+    def _pose(self, body: JsonPose, attitude: Quat, arrival_s: float) -> Pose | None:
+        kind = self._kind or ("t" if body.t is not None else "frame" if body.frame is not None else "arrival")
+        stamp = {"t": body.t, "frame": body.frame, "arrival": arrival_s}[kind]
+        if stamp is None:
+            return self._intakes["t"].drop("no_stamp")
+        pose = self._intakes[kind].pose(stamp, arrival_s, body.position, attitude)
+        if pose is not None:
+            self._kind = kind
+        return pose
+
+
+Stamp = Literal["t", "frame", "arrival"]
+
+
+def _unit(given: tuple[float, float, float, float] | NamedQuaternion) -> Quat | None:
+    w, x, y, z = (given.w, given.x, given.y, given.z) if isinstance(given, NamedQuaternion) else given
+    length = math.hypot(w, x, y, z)
+    if not abs(length - 1.0) <= ROUNDING:
+        return None
+    return (w / length, x / length, y / length, z / length)
+
+
+def json_pose(name: str, position: Vec3, quaternion: Quat, **more: Any) -> JsonPose:
+    """A pose with its quaternion's parts named."""
+    return JsonPose(name=name, position=position, quaternion=NamedQuaternion(*quaternion), **more)

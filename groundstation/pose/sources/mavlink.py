@@ -1,0 +1,82 @@
+"""Poses from the autopilot's own estimate, over the connection of the MAVLink link."""
+
+from collections.abc import Callable, Mapping
+from typing import Annotated
+
+import msgspec
+
+from groundstation.core.messages.pose import Pose, PoseStatus
+from groundstation.pose.sources.mavlink_codec import Decoder, decoder_for
+from links.mavlink.codec import Message
+from links.mavlink.link import MavlinkLink
+from links.mavlink.timesync import Trip
+
+
+class MavlinkPoseConfig(
+    msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True, tag_field="kind", tag="mavlink"
+):
+    """The autopilot's estimate: ODOMETRY from PX4, LOCAL_POSITION_NED and ATTITUDE_QUATERNION from ArduPilot."""
+
+    latency_s: Annotated[float, msgspec.Meta(ge=0.0, le=1.0)] = 0.01
+    """Time from the instant that the autopilot stamps to the earliest arrival here [s]."""
+    rate_hz: Annotated[float, msgspec.Meta(gt=0.0, le=1000.0)] = 100.0
+    """Poses per second to ask for [1/s]. PX4's estimator gives up to 124, ArduPilot's up to 250."""
+
+    @property
+    def real(self) -> None:
+        """None: they come by the link, which answers for itself."""
+        return None
+
+
+class MavlinkPoseSource:
+    """Implements :class:`groundstation.core.messages.pose.PoseSource` on the connection of a link."""
+
+    def __init__(self, config: MavlinkPoseConfig, link: MavlinkLink) -> None:
+        """Nothing is asked for yet."""
+        self._config = config
+        self._connection = link.connection
+        self._decoder: Decoder | None = None
+        self._deliver: Callable[[Pose], None] | None = None
+        self._unsubscribe: Callable[[], None] | None = None
+        self._trip: Trip | None = None
+
+    @property
+    def status(self) -> PoseStatus:
+        """Counters as they are now."""
+        if self._decoder is None:
+            return PoseStatus(accepted=0, dropped={})
+        return self._decoder.status
+
+    async def start(self, deliver: Callable[[Pose], None]) -> None:
+        """Read along from now on, and have the link ask for the messages as it connects.
+
+        Raises:
+            LinkMisuse: the link is connected already.
+        """
+        self._connection.request(self._choose)
+        self._deliver = deliver
+        self._unsubscribe = self._connection.subscribe(self._take)
+
+    async def close(self) -> None:
+        """Stop reading; no pose is delivered afterwards."""
+        self._deliver = None
+        if self._unsubscribe is not None:
+            self._unsubscribe()
+            self._unsubscribe = None
+
+    def _choose(self, autopilot: int) -> Mapping[str, float]:
+        """Which messages to ask of ``autopilot``, and their rates [Hz]."""
+        decoder = decoder_for(autopilot, self._config.latency_s)
+        if type(self._decoder) is not type(decoder):  # connecting again goes on counting
+            self._decoder = decoder
+        return dict.fromkeys(decoder.messages, self._config.rate_hz)
+
+    def _take(self, message: Message, arrival_s: float) -> None:
+        if self._decoder is not None and self._deliver is not None:
+            trip = self._connection.newest_trip
+            if trip is not None and trip is not self._trip:
+                self._trip = trip
+                self._decoder.exchanged(trip.offset_s + 0.5 * trip.rtt_s)
+            pose = self._decoder.decode(message, arrival_s)
+            if pose is not None:
+                self._deliver(pose)

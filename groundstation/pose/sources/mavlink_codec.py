@@ -1,0 +1,143 @@
+"""Poses out of an autopilot's MAVLink messages, in its own numbers: nothing is smoothed. Sans-IO.
+
+PX4 sends ODOMETRY. ArduPilot has none: there each LOCAL_POSITION_NED is joined with the newest ATTITUDE_QUATERNION,
+which is turned on by its own body rates where its stamp (time_boot_ms) is not the same. On ArduCopter 4.8 at 100 Hz
+the stamps are always the same, and the pose is exact.
+Source: message definitions of pymavlink 2.4.50; frames and stamps as sent by PX4 1.16-alpha and ArduCopter 4.8-dev.
+"""
+
+import math
+from collections import Counter
+from typing import Protocol
+
+from groundstation.core.geometry import so3
+from groundstation.core.geometry.ops import Quat, Vec3
+from groundstation.core.messages.pose import Pose, PoseStatus
+from groundstation.pose.intake.intake import Intake
+from links.mavlink.codec import ARDUPILOT, Message
+
+LOCAL_NED, BODY_NED, BODY_FRD, LOCAL_FRD = 1, 8, 12, 20
+"""MAV_FRAME. LOCAL_FRD is NED but for its heading, which the vehicle chose as it started: it is our north."""
+OLDEST_ATTITUDE_S = 0.05
+"""An attitude further from its position than this is not turned on [s]."""
+
+
+class Decoder(Protocol):
+    """Makes poses of messages."""
+
+    messages: tuple[str, ...]
+    """Names of the messages that it needs."""
+
+    @property
+    def accepted(self) -> int:
+        """Poses made."""
+        ...
+
+    @property
+    def dropped(self) -> Counter[str]:
+        """Messages dropped, by reason: wrong_frame, no_attitude, and those of the intake."""
+        ...
+
+    @property
+    def status(self) -> PoseStatus:
+        """Counters as they are now."""
+        ...
+
+    def decode(self, message: Message, arrival_s: float) -> Pose | None:
+        """The pose that ``message``, which arrived at ``arrival_s`` [s, our clock], completes; or None."""
+        ...
+
+    def exchanged(self, ahead_s: float) -> None:
+        """The autopilot's clock is at most ``ahead_s`` ahead of ours, as an exchange of clocks has just shown [s]."""
+        ...
+
+
+class _Decoder:
+    """What decoders share: the intake and its counters."""
+
+    def __init__(self, latency_s: float, *, recorded: bool = False) -> None:
+        """``latency_s`` is the time from the instant of a pose to its earliest arrival here [s].
+
+        ``recorded``: nobody exchanges clocks, and a simulated autopilot may have run at another pace than real time.
+        So the rate of its stamps is measured, as that of numbered frames is.
+        """
+        self._intake = Intake(latency_s, frame_s=1.0 if recorded else None)
+
+    @property
+    def accepted(self) -> int:
+        """Poses made."""
+        return self._intake.accepted
+
+    @property
+    def dropped(self) -> Counter[str]:
+        """Messages dropped, by reason."""
+        return self._intake.dropped
+
+    @property
+    def status(self) -> PoseStatus:
+        """Counters as they are now."""
+        return self._intake.status
+
+    def exchanged(self, ahead_s: float) -> None:
+        """A simulated autopilot on a busy machine falls behind for good: its poses are not late for that."""
+        self._intake.clock.exchanged(ahead_s)
+
+
+class OdometryDecoder(_Decoder):
+    """Poses of ODOMETRY."""
+
+    messages: tuple[str, ...] = ("ODOMETRY",)
+
+    def decode(self, message: Message, arrival_s: float) -> Pose | None:
+        """The pose in ``message``, or None."""
+        if message.get_type() != "ODOMETRY":
+            return None
+        if message.frame_id not in (LOCAL_NED, LOCAL_FRD):
+            return self._intake.drop("wrong_frame")
+        w, x, y, z = message.q
+        velocity: Vec3 = (message.vx, message.vy, message.vz)
+        match message.child_frame_id:
+            case c if c in (BODY_FRD, BODY_NED):
+                velocity = so3.to_world((w, x, y, z), velocity)
+            case c if c != message.frame_id:
+                return self._intake.drop("wrong_frame")
+        position = (message.x, message.y, message.z)
+        return self._intake.pose(
+            message.time_usec * 1e-6, arrival_s, position, (w, x, y, z), velocity, resets=message.reset_counter
+        )
+
+
+class LocalPositionDecoder(_Decoder):
+    """Poses of LOCAL_POSITION_NED, each with the newest ATTITUDE_QUATERNION."""
+
+    messages: tuple[str, ...] = ("LOCAL_POSITION_NED", "ATTITUDE_QUATERNION")
+
+    def __init__(self, latency_s: float, *, recorded: bool = False) -> None:
+        """See the base."""
+        super().__init__(latency_s, recorded=recorded)
+        self._attitude: Message | None = None
+
+    def decode(self, message: Message, arrival_s: float) -> Pose | None:
+        """The pose that ``message`` completes: one for each LOCAL_POSITION_NED with an attitude near it."""
+        name = message.get_type()
+        if name == "ATTITUDE_QUATERNION":
+            self._attitude = message
+        if name != "LOCAL_POSITION_NED":
+            return None
+        turned = self._attitude
+        apart_s = (message.time_boot_ms - turned.time_boot_ms) * 1e-3 if turned is not None else math.inf
+        if turned is None or abs(apart_s) > OLDEST_ATTITUDE_S:
+            return self._intake.drop("no_attitude")
+        attitude: Quat = (turned.q1, turned.q2, turned.q3, turned.q4)
+        rates = (turned.rollspeed, turned.pitchspeed, turned.yawspeed)
+        if apart_s and math.isfinite(sum(rates) + sum(attitude)) and any(attitude):
+            attitude = so3.turned(attitude, (apart_s * rates[0], apart_s * rates[1], apart_s * rates[2]))
+        position = (message.x, message.y, message.z)
+        velocity = (message.vx, message.vy, message.vz)
+        return self._intake.pose(message.time_boot_ms * 1e-3, arrival_s, position, attitude, velocity)
+
+
+def decoder_for(autopilot: int, latency_s: float, *, recorded: bool = False) -> Decoder:
+    """The decoder that fits what an autopilot (HEARTBEAT.autopilot) sends; for the rest, see the decoders."""
+    kind = LocalPositionDecoder if autopilot == ARDUPILOT else OdometryDecoder
+    return kind(latency_s, recorded=recorded)

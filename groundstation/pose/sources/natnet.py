@@ -1,0 +1,173 @@
+"""Poses from OptiTrack: asks Motive's NatNet server for its stream and listens (natnet_codec.py has the bytes)."""
+
+import asyncio
+import ipaddress
+from collections.abc import Callable
+from typing import Annotated, Any
+
+import msgspec
+
+from groundstation.core.geometry.frames import Alignment, Body, World, frames_of
+from groundstation.core.messages.bodies import Others
+from groundstation.core.messages.pose import Pose, PoseStatus
+from groundstation.pose.intake.datagram import cannot_listen
+from groundstation.pose.intake.intake import Intake
+from groundstation.pose.intake.multicast import join
+from groundstation.pose.sources.natnet_reader import NatNetReader
+from links.io.address import beyond, is_loopback, parse_address
+
+BEAT_S = 0.5
+"""How often the server is told that we are there [s]."""
+
+
+class NatNetConfig(
+    msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True, tag_field="kind", tag="natnet"
+):
+    """OptiTrack's NatNet 3.0 to 4.x, straight from Motive; its exposure stamps tell how old each pose is."""
+
+    name: Annotated[str, msgspec.Meta(min_length=1, max_length=256)] = "quad"
+    """Name of the vehicle's rigid body in Motive."""
+    id: int | None = None
+    """Its streaming id; without it the server is asked for the name."""
+    server: str = "127.0.0.1:1510"
+    """Command address of the machine that runs Motive, IPv4:port."""
+    interface: str = "127.0.0.1"
+    """This machine's own IPv4 address in that network."""
+    multicast: bool = False
+    """How Motive is set to transmit; without multicast it sends to us alone."""
+    group: str = "239.255.42.99"
+    """Multicast group, where ``multicast`` is set."""
+    data_port: Annotated[int, msgspec.Meta(ge=1, le=65535)] = 1511
+    """UDP port of the multicast stream."""
+    world: World = "nue"
+    """Axes of the lab frame: ``nue`` for Motive's up axis Y, ``nwu`` for its up axis Z."""
+    body: Body = "fur"
+    """Axes of the rigid body, made with its nose along x: ``fur`` where up is Y, ``flu`` where up is Z."""
+    alignment: Alignment = Alignment()
+    """How these axes lie against ours, beyond their names."""
+    network_s: Annotated[float, msgspec.Meta(ge=0.0, le=1.0)] = 0.0003
+    """Shortest time of a frame on its way here [s]; Motive itself tells how old it was as it left."""
+
+    def __post_init__(self) -> None:
+        """Check what the types cannot.
+
+        Raises:
+            ValueError: ``server``, ``interface`` or ``group`` is not an IPv4 address of the kind needed.
+        """
+        host, _ = parse_address(self.server)
+        for key, text in (("server", host), ("interface", self.interface), ("group", self.group)):
+            try:
+                address = ipaddress.IPv4Address(text)
+            except ValueError:
+                raise ValueError(f"{key}: expected a numeric IPv4 address, got {text!r}") from None
+            if address.is_multicast != (key == "group"):
+                wanted = "a multicast address, such as 239.255.42.99" if key == "group" else "no multicast address"
+                raise ValueError(f"{key}: expected {wanted}, got {text!r}")
+
+    @property
+    def real(self) -> str | None:
+        """The key by which real poses may come, and its value; None where all stays on this machine."""
+        here = None if is_loopback(self.interface) else f"interface = {self.interface}"
+        return beyond("server", self.server) or here
+
+    def build(self, others: Others | None = None) -> "NatNetSource":
+        """The source of this config; ``others`` are further bodies to look for."""
+        return NatNetSource(self, others)
+
+
+class _Ear(asyncio.DatagramProtocol):
+    """Hands on what one of the two sockets hears."""
+
+    def __init__(self, hear: Callable[[bytes, Any], None]) -> None:
+        self._hear = hear
+
+    def datagram_received(self, data: bytes, addr: Any) -> None:
+        self._hear(data, addr)
+
+
+class NatNetSource:
+    """Implements :class:`groundstation.core.messages.pose.PoseSource`: a socket for commands and one for multicast.
+
+    A unicast server streams to the socket that its client's commands come from.
+    """
+
+    def __init__(self, config: NatNetConfig, others: Others | None = None) -> None:
+        """Nothing is opened yet."""
+        self._config = config
+        self._server = parse_address(config.server)
+        intake = Intake(config.network_s, frames_of(config), others=others)
+        self._reader = NatNetReader(config.name, intake, body_id=config.id, keep_alive=not config.multicast)
+        self._loop: asyncio.AbstractEventLoop | None = None
+        self._command: asyncio.DatagramTransport | None = None
+        self._data: asyncio.DatagramTransport | None = None
+        self._next_beat: asyncio.TimerHandle | None = None
+        self._deliver: Callable[[Pose], None] | None = None
+
+    @property
+    def status(self) -> PoseStatus:
+        """Counters as they are now."""
+        return self._reader.status
+
+    @property
+    def other_objects(self) -> tuple[str, ...]:
+        """Names of the bodies that the server has: tells a misspelt name from a silent stream."""
+        return self._reader.names
+
+    async def start(self, deliver: Callable[[Pose], None]) -> None:
+        """Begin to listen and to ask; ``deliver`` is called on the event loop for each pose.
+
+        Raises:
+            SourceError: the addresses cannot be listened on; the message says which and why.
+        """
+        self._loop = loop = asyncio.get_running_loop()
+        self._deliver = deliver
+        config = self._config
+        local = (config.interface, 0)
+        try:
+            self._command, _ = await loop.create_datagram_endpoint(lambda: _Ear(self._hear), local_addr=local)
+            if config.multicast:
+                # A group comes to whoever is bound to its address; others on this machine may listen as well.
+                local = (config.group, config.data_port)
+                self._data, _ = await loop.create_datagram_endpoint(
+                    lambda: _Ear(self._hear), local_addr=local, reuse_port=True
+                )
+                join(self._data, config.group, config.interface)
+        except OSError as error:
+            await self.close()
+            raise cannot_listen("NatNet poses", f"{local[0]}:{local[1]}", error) from error
+        self._beat()
+
+    async def close(self) -> None:
+        """Stop listening; no pose is delivered afterwards."""
+        self._deliver = None
+        if self._next_beat is not None:
+            self._next_beat.cancel()
+        for transport in (self._command, self._data):
+            if transport is not None:
+                transport.close()
+        self._next_beat = self._command = self._data = None
+
+    def _beat(self) -> None:
+        if self._command is None or self._loop is None:
+            return
+        self._say()
+        self._next_beat = self._loop.call_later(BEAT_S, self._beat)
+
+    def _say(self) -> None:
+        if self._command is not None:
+            for message in self._reader.due():
+                self._command.sendto(message, self._server)
+
+    def _hear(self, data: bytes, addr: Any) -> None:
+        if self._deliver is None or self._loop is None:
+            return
+        if addr[0] != self._server[0]:
+            self._reader.other_address()
+            return
+        server = self._reader.server
+        poses = self._reader.read(data, self._loop.time())
+        if self._reader.server is not server:  # it has just answered: go on with the next question
+            self._say()
+        for pose in poses:
+            if self._deliver is not None:
+                self._deliver(pose)

@@ -1,0 +1,201 @@
+"""NatNet 3.0 to 4.x, as OptiTrack's Motive streams rigid bodies: messages both ways. Sans-IO; little-endian, packed.
+
+    u16 message id, u16 bytes of payload, payload
+
+    SERVERINFO     char[256] name | u8[4] its version | u8[4] NatNet version | u64 clock frequency | u16 data port |
+                   u8 multicast | u8[4] group
+    MODELDEF       natnet_models_codec.py
+    FRAMEOFDATA    u32 frame, then sections, each u32 n, [4.1: u32 bytes], n elements: marker sets, unlabelled markers,
+                   rigid bodies, skeletons, [4.1: assets], labelled markers, force plates, devices; then the suffix:
+                   u32 timecode, u32 sub-frame | f64 time | u64 mid-exposure, data received, transmit (ticks) |
+                   [4.1: u32 s, u32 fraction] | u16 flags (bit 1: the list of models changed)
+    rigid body     i32 id | f32[3] position [m] | f32[4] quaternion x, y, z, w | f32 error | u16 flags (bit 0: tracked)
+
+The ticks of mid-exposure and transmission tell how old a pose was as it left: only the network's time is not known.
+Source: public readers (libmotioncapture a91e8360, natnet 0.3.0, new-natnet-client 5.0.1), read for the layout only.
+That 4.1 writes the bytes of each section is known; readers walk the elements and do not need them.
+"""
+
+import struct
+from collections.abc import Iterable
+from typing import TypeAlias
+
+import msgspec
+
+from groundstation.core.geometry.ops import Quat, Vec3
+from groundstation.pose.sources.natnet_payload import U32, Payload, Unreadable, text_of
+
+CONNECT, SERVERINFO, REQUEST_MODELDEF, MODELDEF, FRAMEOFDATA, KEEPALIVE = 0, 1, 4, 5, 7, 10
+"""Message ids."""
+MAX_DATAGRAM = 65507
+"""No UDP datagram is longer [bytes]."""
+TRACKED, MODELS_CHANGED = 1, 2
+"""Bits of a rigid body's flags and of the suffix's."""
+
+Version: TypeAlias = tuple[int, int]
+OLDEST: Version = (3, 0)
+"""Before it, there are no ticks of the exposure."""
+SIZED: Version = (4, 1)
+"""From here on sections tell their bytes."""
+
+_HEADER = struct.Struct("<HH")
+_SERVER = struct.Struct("<256s4s4sQHB4s")
+_BODY = struct.Struct("<i3f4ffH")
+_SUFFIX = struct.Struct("<IIdQQQ")
+_PRECISION = struct.Struct("<II")
+_FLAGS = struct.Struct("<H")
+_POINT_BYTES = 12
+_LABELLED_BYTES = 26
+_ASSET_MARKER_BYTES = 26
+
+
+class ServerInfo(msgspec.Struct, frozen=True):
+    """Who streams, and how."""
+
+    name: str
+    version: Version
+    """NatNet's, major and minor."""
+    ticks_per_s: int
+    """Frequency of the clock that stamps frames [Hz]."""
+    data_port: int = 1511
+    multicast: bool = True
+    group: str = "239.255.42.99"
+    """Multicast group of the frames."""
+
+
+class RigidBody(msgspec.Struct, frozen=True, gc=False):
+    """One body of one frame, as on the wire."""
+
+    id: int
+    position: Vec3
+    """[m]"""
+    quaternion_xyzw: Quat
+    """Body to world; note the order."""
+    error_m: float = 0.0
+    """Mean distance of the markers from the model [m]."""
+    tracked: bool = True
+
+
+class Frame(msgspec.Struct, frozen=True):
+    """One FRAMEOFDATA, without the markers."""
+
+    number: int
+    bodies: tuple[RigidBody, ...]
+    exposure_ticks: int
+    """Middle of the cameras' exposure, on the server's clock; 0 where it does not know."""
+    transmit_ticks: int
+    """When the frame left, on the same clock."""
+    models_changed: bool = False
+
+
+def message(number: int, payload: bytes = b"") -> bytes:
+    """One message."""
+    return _HEADER.pack(number, len(payload)) + payload
+
+
+def split(datagram: bytes) -> tuple[int, bytes]:
+    """Id and payload of the message in a datagram.
+
+    Raises:
+        Unreadable: oversized, truncated.
+    """
+    if len(datagram) > MAX_DATAGRAM:
+        raise Unreadable("oversized")
+    if len(datagram) < _HEADER.size:
+        raise Unreadable("truncated")
+    number, size = _HEADER.unpack_from(datagram)
+    if len(datagram) < _HEADER.size + size:
+        raise Unreadable("truncated")
+    return number, datagram[_HEADER.size : _HEADER.size + size]
+
+
+def decode_server_info(payload: bytes) -> ServerInfo:
+    """The payload of SERVERINFO.
+
+    Raises:
+        Unreadable: truncated; wrong_version (older than 3.0); absurd (a clock that does not tick).
+    """
+    if len(payload) < _SERVER.size:
+        raise Unreadable("truncated")
+    name, _, version, ticks, port, multicast, group = _SERVER.unpack_from(payload)
+    if (version[0], version[1]) < OLDEST:
+        raise Unreadable("wrong_version")
+    if ticks == 0:
+        raise Unreadable("absurd")
+    return ServerInfo(text_of(name), (version[0], version[1]), ticks, port, bool(multicast), ".".join(map(str, group)))
+
+
+def encode_server_info(info: ServerInfo) -> bytes:
+    """The message, for simulators and tests."""
+    version = bytes([*info.version, 0, 0])
+    group = bytes(map(int, info.group.split(".")))
+    return message(
+        SERVERINFO,
+        _SERVER.pack(info.name.encode(), version, version, info.ticks_per_s, info.data_port, info.multicast, group),
+    )
+
+
+def decode_frame(payload: bytes, version: Version) -> Frame:
+    """The payload of FRAMEOFDATA.
+
+    Raises:
+        Unreadable: truncated.
+    """
+    walk = Payload(payload)
+    sized = version >= SIZED
+    number = walk.count()
+    for _ in range(walk.section(sized)):  # marker sets
+        walk.text()
+        walk.skip(walk.count() * _POINT_BYTES)
+    walk.skip(walk.section(sized) * _POINT_BYTES)  # unlabelled markers
+    bodies = tuple(_body(walk) for _ in range(walk.section(sized)))
+    for _ in range(walk.section(sized)):  # skeletons
+        walk.skip(4)
+        walk.skip(walk.count() * _BODY.size)
+    for _ in range(walk.section(sized) if sized else 0):  # assets
+        walk.skip(4)
+        walk.skip(walk.count() * _BODY.size)
+        walk.skip(walk.count() * _ASSET_MARKER_BYTES)
+    walk.skip(walk.section(sized) * _LABELLED_BYTES)
+    for _ in (0, 1):  # force plates, devices
+        for _ in range(walk.section(sized)):
+            walk.skip(4)
+            for _ in range(walk.count()):
+                walk.skip(walk.count() * 4)
+    _, _, _, exposure, _, transmit = walk.take(_SUFFIX)
+    if sized:
+        walk.take(_PRECISION)
+    (flags,) = walk.take(_FLAGS)
+    return Frame(number, bodies, exposure, transmit, bool(flags & MODELS_CHANGED))
+
+
+def _body(walk: Payload) -> RigidBody:
+    number, x, y, z, qx, qy, qz, qw, error, flags = walk.take(_BODY)
+    return RigidBody(number, (x, y, z), (qx, qy, qz, qw), error, bool(flags & TRACKED))
+
+
+def encode_frame(frame: Frame, version: Version, *, ticks_per_s: int = 10_000_000) -> bytes:
+    """The message FRAMEOFDATA with rigid bodies only, for simulators and tests."""
+    sized = version >= SIZED
+
+    def section(elements: Iterable[bytes]) -> bytes:
+        parts = list(elements)
+        data = b"".join(parts)
+        return U32.pack(len(parts)) + (U32.pack(len(data)) if sized else b"") + data
+
+    bodies = (
+        _BODY.pack(b.id, *b.position, *b.quaternion_xyzw, b.error_m, TRACKED if b.tracked else 0) for b in frame.bodies
+    )
+    ticks = frame.exposure_ticks
+    payload = [
+        U32.pack(frame.number),
+        section(()),
+        section(()),
+        section(bodies),
+        *[section(())] * (5 if sized else 4),
+        _SUFFIX.pack(0, 0, ticks / ticks_per_s, ticks, frame.transmit_ticks, frame.transmit_ticks),
+        _PRECISION.pack(ticks // ticks_per_s, 0) if sized else b"",
+        _FLAGS.pack(MODELS_CHANGED if frame.models_changed else 0),
+        U32.pack(0),  # end of data
+    ]
+    return message(FRAMEOFDATA, b"".join(payload))

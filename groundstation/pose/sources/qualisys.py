@@ -1,0 +1,170 @@
+"""Poses from Qualisys Track Manager, through Qualisys' own package qtm-rt (qualisys_codec.py has the bytes)."""
+
+import asyncio
+import contextlib
+from collections.abc import Callable
+from typing import TYPE_CHECKING, Annotated
+
+import msgspec
+
+from groundstation.core.geometry.frames import Alignment, Body, World, frames_of
+from groundstation.core.messages.bodies import Others
+from groundstation.core.messages.pose import Pose, PoseStatus, SourceError
+from groundstation.pose.intake.intake import Intake
+from groundstation.pose.sources.qualisys_codec import QualisysReader, body_names
+from links.core.printable import printable
+from links.io.address import beyond, parse_address
+
+if TYPE_CHECKING:
+    from groundstation.pose.sources.qualisys_connection import Connection
+
+ANSWER_S = 5.0
+"""How long QTM may take to answer [s]."""
+BEAT_S = 0.1
+"""A frame with more or fewer bodies than QTM has named makes us ask anew within this time [s]."""
+LOOK_BEATS = 10
+"""After so many beats QTM is asked in any case: one body may have taken the place of another."""
+AGAIN_S = 1.0
+"""How long to wait before a lost connection is opened anew [s]."""
+
+
+class QualisysConfig(
+    msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True, tag_field="kind", tag="qualisys"
+):
+    """Qualisys Track Manager over TCP; needs ``pip install 'groundstation[qualisys]'``."""
+
+    name: Annotated[str, msgspec.Meta(min_length=1, max_length=256)] = "quad"
+    """Name of the vehicle's 6DOF body in QTM."""
+    server: str = "127.0.0.1:22223"
+    """QTM's little-endian RT port, host:port."""
+    world: World = "nwu"
+    """Axes of the lab frame; ``nwu`` is the usual z-up frame, its x axis taken as north."""
+    body: Body = "flu"
+    """Axes of the body: ``flu`` is x forward, y left, z up."""
+    alignment: Alignment = Alignment()
+    """How these axes lie against ours, beyond their names."""
+    latency_s: Annotated[float, msgspec.Meta(ge=0.0, le=1.0)] = 0.015
+    """Shortest time from the instant that QTM stamps to the arrival here [s]."""
+
+    def __post_init__(self) -> None:
+        """Check what the types cannot.
+
+        Raises:
+            ValueError: ``server`` is no address.
+        """
+        parse_address(self.server)
+
+    @property
+    def real(self) -> str | None:
+        """The key by which real poses may come, and its value; None where all stays on this machine."""
+        return beyond("server", self.server)
+
+    def build(self, others: Others | None = None) -> "QualisysSource":
+        """The source of this config; ``others`` are further bodies to look for."""
+        return QualisysSource(self, others)
+
+
+class QualisysSource:
+    """Implements :class:`groundstation.core.messages.pose.PoseSource`; a connection that breaks is opened anew."""
+
+    def __init__(self, config: QualisysConfig, others: Others | None = None) -> None:
+        """Nothing is opened yet."""
+        self._config = config
+        intake = Intake(config.latency_s, frames_of(config), others=others)
+        self._reader = QualisysReader(config.name, intake)
+        self._deliver: Callable[[Pose], None] | None = None
+        self._task: asyncio.Task[None] | None = None
+
+    @property
+    def status(self) -> PoseStatus:
+        """Counters as they are now; connection_lost and broken_stream beside the reader's reasons."""
+        return self._reader.status
+
+    @property
+    def other_objects(self) -> tuple[str, ...]:
+        """Names of the bodies that QTM streams: tells a misspelt name from a silent stream."""
+        return self._reader.names
+
+    async def start(self, deliver: Callable[[Pose], None]) -> None:
+        """Connect and ask for the stream; ``deliver`` is called on the event loop for each pose.
+
+        Raises:
+            SourceError: QTM can't be reached or refuses, or qtm-rt is not installed; the message says what to look at.
+        """
+        self._deliver = deliver
+        try:
+            connection = await self._open()
+        except ModuleNotFoundError:
+            raise SourceError(
+                "poses from Qualisys need qtm-rt, which is not installed: pip install 'groundstation[qualisys]'"
+            ) from None
+        self._task = asyncio.create_task(self._stay(connection))
+
+    async def close(self) -> None:
+        """Disconnect; no pose is delivered afterwards."""
+        self._deliver = None
+        task, self._task = self._task, None
+        if task is not None:
+            task.cancel()
+            with contextlib.suppress(asyncio.CancelledError):
+                await task
+
+    async def _stay(self, connection: "Connection") -> None:
+        """Keep a connection until cancelled."""
+        while True:
+            try:
+                beat = 0
+                while not await _happens(connection.lost, BEAT_S):
+                    beat += 1
+                    if self._reader.other_bodies or beat % LOOK_BEATS == 0:
+                        await self._learn_names(connection)
+                self._reader.drop("connection_lost")
+            finally:
+                connection.close()
+            connection = await self._open_again()
+
+    async def _learn_names(self, connection: "Connection") -> None:
+        """Ask which bodies there are; an answer that is none leaves things as they were."""
+        with contextlib.suppress(OSError, ValueError):
+            self._reader.names = body_names(await connection.parameters())
+
+    async def _open_again(self) -> "Connection":
+        while True:
+            await asyncio.sleep(AGAIN_S)
+            with contextlib.suppress(OSError):
+                return await self._open()
+
+    async def _open(self) -> "Connection":
+        from groundstation.pose.sources.qualisys_connection import connect
+
+        host, port = parse_address(self._config.server)
+        loop = asyncio.get_running_loop()
+
+        def take(content: bytes) -> None:
+            if self._deliver is not None:
+                for pose in self._reader.read(content, loop.time()):
+                    if self._deliver is not None:
+                        self._deliver(pose)
+
+        connection = await connect(host, port, ANSWER_S, self._reader.drop)
+        try:
+            self._reader.names = body_names(await connection.parameters())
+            await connection.stream(take)
+        except ValueError as error:
+            connection.close()
+            raise SourceError(
+                f"QTM at {self._config.server} does not tell its bodies: {printable(str(error))}"
+            ) from None
+        except BaseException:
+            connection.close()
+            raise
+        return connection
+
+
+async def _happens(event: asyncio.Event, within_s: float) -> bool:
+    """Whether ``event`` is set within a time [s]."""
+    try:
+        await asyncio.wait_for(event.wait(), within_s)
+    except TimeoutError:
+        return False
+    return True

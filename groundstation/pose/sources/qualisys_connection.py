@@ -1,0 +1,138 @@
+"""One connection to QTM by qtm-rt, with a guard before it. Imports qtm-rt: to be imported only where it is used.
+
+qtm-rt trusts its server: a packet size of 0 keeps it busy for ever, a large one fills the memory, an unknown type
+raises inside the event loop. So packets are cut and checked before qtm-rt sees them.
+"""
+
+import asyncio
+import struct
+from collections.abc import Callable
+from typing import Any
+
+from qtm_rt import QRTConnection
+from qtm_rt.protocol import QRTCommandException, QTMProtocol
+
+from groundstation.core.messages.pose import SourceError
+from groundstation.pose.sources.qualisys_codec import Framer
+from links.core.printable import printable
+
+PROTOCOL_VERSION = "1.25"
+KNOCK_S = 0.2
+"""How long to wait before a refused connection is tried again [s]."""
+
+
+class Connection(asyncio.Protocol):
+    """One TCP connection: packets that are whole and sane go to qtm-rt."""
+
+    def __init__(self, timeout_s: float, drop: Callable[[str], None]) -> None:
+        """Every answer may take ``timeout_s`` [s]; ``drop`` counts what could not be used."""
+        self.lost = asyncio.Event()
+        """Set once there is nothing more to come."""
+        self._qtm = QTMProtocol(loop=asyncio.get_running_loop())
+        self._requests = QRTConnection(self._qtm, timeout=timeout_s)
+        self._timeout = timeout_s
+        self._drop = drop
+        self._framer = Framer()
+        self._transport: asyncio.BaseTransport | None = None
+
+    def connection_made(self, transport: asyncio.BaseTransport) -> None:
+        """Called by the event loop."""
+        self._transport = transport
+        self._qtm.connection_made(transport)
+
+    def data_received(self, data: bytes) -> None:
+        """Take the next bytes (called by the event loop)."""
+        for packet in self._framer.feed(data):
+            try:
+                self._qtm.data_received(packet)
+            except (struct.error, ValueError, TypeError):
+                self._end("malformed")  # which qtm-rt keeps, and would stumble over again
+                return
+        if self._framer.broken:
+            self._end("broken_stream")
+
+    def _end(self, reason: str) -> None:
+        if not self.lost.is_set():
+            self._drop(reason)
+            self.close()
+
+    def connection_lost(self, exc: Exception | None) -> None:
+        """Called by the event loop."""
+        self._qtm.connection_lost(exc)
+        self.lost.set()
+
+    def close(self) -> None:
+        """Disconnect."""
+        if self._transport is not None:
+            self._transport.close()
+        self.lost.set()
+
+    async def parameters(self) -> bytes:
+        """The 6D parameters, as XML.
+
+        Raises:
+            SourceError: no answer, or a refusal.
+        """
+        return bytes(await self._asked(self._requests.get_parameters(["6d"]), "tell its 6DOF bodies"))
+
+    async def stream(self, take: Callable[[bytes], None]) -> None:
+        """Have every frame's bodies streamed to ``take``.
+
+        Raises:
+            SourceError: no frame came, or a refusal.
+        """
+        request = self._requests.stream_frames(
+            frames="allframes", components=["6d"], on_packet=lambda packet: take(packet.data)
+        )
+        await self._asked(request, "stream; is a measurement or a preview running?")
+
+    async def agree(self) -> None:
+        """Settle on the protocol's version.
+
+        Raises:
+            SourceError: no answer, or a refusal.
+        """
+        version = asyncio.wait_for(self._qtm.set_version(PROTOCOL_VERSION), self._timeout)
+        await self._asked(version, f"speak version {PROTOCOL_VERSION} of its protocol")
+
+    async def _asked(self, request: Any, what: str) -> Any:
+        try:
+            return await request
+        except TimeoutError:
+            raise SourceError(f"QTM did not {what}") from None
+        except QRTCommandException as error:
+            raise SourceError(f"QTM refused to {what}: {printable(str(error))}") from None
+
+
+async def _reached(
+    loop: asyncio.AbstractEventLoop, factory: Callable[[], Connection], host: str, port: int
+) -> tuple[asyncio.Transport, Connection]:
+    """Knock until somebody opens: QTM takes a while to start."""
+    while True:
+        try:
+            return await loop.create_connection(factory, host, port)
+        except ConnectionRefusedError:
+            await asyncio.sleep(KNOCK_S)
+
+
+async def connect(host: str, port: int, timeout_s: float, drop: Callable[[str], None]) -> Connection:
+    """A connection to the QTM at ``host``:``port``, which has agreed on the protocol; ``drop``: see the class.
+
+    Raises:
+        SourceError: it can't be reached, or does not speak as QTM does.
+    """
+    loop = asyncio.get_running_loop()
+    try:
+        async with asyncio.timeout(timeout_s):
+            _, connection = await _reached(loop, lambda: Connection(timeout_s, drop), host, port)
+    except OSError as error:
+        raise SourceError(
+            f"cannot reach QTM at {host}:{port} ({error.strerror or str(error) or 'no answer'}); check that it runs, "
+            "the address, and that its RT output is on (little-endian port, mostly 22223)",
+        ) from error
+    try:
+        await connection.agree()
+    except BaseException:
+        connection.close()
+        raise
+    return connection

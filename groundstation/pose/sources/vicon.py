@@ -1,0 +1,68 @@
+"""Poses from a Vicon system: listens for the UDP Object Stream (vicon_codec.py has the bytes)."""
+
+from typing import Annotated
+
+import msgspec
+
+from groundstation.core.geometry.frames import Alignment, Body, World, frames_of
+from groundstation.core.messages.bodies import Others
+from groundstation.pose.intake.datagram import DatagramSource
+from groundstation.pose.intake.intake import Intake
+from groundstation.pose.sources.vicon_codec import name_bytes
+from groundstation.pose.sources.vicon_reader import ViconReader
+from links.io.address import beyond, parse_address
+
+
+class ViconConfig(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True, tag_field="kind", tag="vicon"):
+    """Vicon Tracker's UDP Object Stream, which carries no time stamps and no validity flags."""
+
+    object: str = "quad"
+    """Name of the vehicle's object in Tracker."""
+    listen: str = "127.0.0.1:51001"
+    """Address that Tracker sends to, host:port of this machine."""
+    world: World = "nwu"
+    """Axes of the lab frame; ``nwu`` is the usual z-up frame, its x axis taken as north."""
+    body: Body = "flu"
+    """Axes of the object: ``flu`` is x forward, y left, z up."""
+    alignment: Alignment = Alignment()
+    """How these axes lie against ours, beyond their names."""
+    latency_s: Annotated[float, msgspec.Meta(ge=0.0, le=1.0)] = 0.02
+    """Shortest time from the cameras' exposure to the arrival here [s]; the datagram does not tell. What arrives later
+    than the frame numbers promise counts as that much older."""
+    rate_hz: Annotated[float, msgspec.Meta(gt=0.0, le=1000.0)] = 50.0
+    """Frames per second that the cameras take [1/s]; where it is wrong, the true rate is found within three seconds."""
+    drop_frozen: bool = True
+    """Drop a pose that equals the one before to the last bit: nothing was measured, as when the object is hidden.
+    Only a simulation without noise turns this off."""
+
+    def __post_init__(self) -> None:
+        """Check what the types cannot.
+
+        Raises:
+            ValueError: ``listen`` is no address, or ``object`` no name that fits the stream.
+        """
+        parse_address(self.listen)
+        name_bytes(self.object)
+
+    @property
+    def real(self) -> str | None:
+        """The key by which real poses may come, and its value; None where all stays on this machine."""
+        return beyond("listen", self.listen)
+
+    def build(self, others: Others | None = None) -> "ViconSource":
+        """The source of this config; ``others`` are further bodies to look for."""
+        return ViconSource(self, others)
+
+
+class ViconSource(DatagramSource):
+    """Delivers the poses of one object, each frame once and never one older than the last (see the port)."""
+
+    def __init__(self, config: ViconConfig, others: Others | None = None) -> None:
+        intake = Intake(config.latency_s, frames_of(config), frame_s=1.0 / config.rate_hz, others=others)
+        self._vicon = ViconReader(config.object, intake, drop_frozen=config.drop_frozen)
+        super().__init__("Vicon poses", config.listen, self._vicon)
+
+    @property
+    def other_objects(self) -> tuple[str, ...]:
+        """Names in the last datagram that lacked our object: tells a misspelt name from a silent stream."""
+        return self._vicon.names

@@ -1,0 +1,201 @@
+"""The Vicon UDP Object Stream: one datagram for each frame of the cameras. Sans-IO; little-endian, packed.
+
+    offset 0  u32      frame number
+    offset 4  u8       number of items
+    then 75 bytes for each item:
+          +0  u8       item id, 0 = object
+          +1  u16      size of what follows, 72
+          +3  char[24] name, padded with NUL
+         +27  f64[3]   translation x, y, z [mm]
+         +51  f64[3]   rotation x, y, z [rad]
+    then padding up to the size set in Tracker: 256, 512 or 1024 bytes
+
+The rotation is Euler XYZ, intrinsic: R = Rx(rx) Ry(ry) Rz(rz), object to lab. The datagram holds no time stamp, no
+validity flag and no checksum.
+Source: public readers of the stream that Vicon Tracker 3 sends to UDP port 51001; Vicon's own page was not at hand.
+"""
+
+import math
+import struct
+from collections import Counter
+from collections.abc import Iterable
+from typing import Literal, TypeAlias
+
+import msgspec
+
+from groundstation.core.geometry.ops import Quat, Vec3
+
+DATAGRAM_SIZES = (256, 512, 1024)
+"""Sizes that Tracker offers [bytes]; room for 3, 6 and 13 objects."""
+NAME_BYTES = 24
+"""Longest name of an object, in UTF-8."""
+MAX_TRANSLATION_MM = 1e6
+"""No capture volume is larger than this; further away is absurd."""
+MAX_ROTATION_RAD = 7.0
+"""A whole turn and some; more is absurd."""
+
+_HEADER = struct.Struct("<IB")
+_ITEM = struct.Struct("<BH24s6d")
+_ITEM_DATA_BYTES = _ITEM.size - 3
+
+Unreadable: TypeAlias = Literal["truncated", "oversized", "wrong_item"]
+"""Why a datagram is no frame of this stream."""
+
+
+class ViconObject(msgspec.Struct, frozen=True, gc=False):
+    """One object of a frame, as on the wire."""
+
+    name: str
+    """Its name in Tracker."""
+    translation_mm: Vec3
+    """Position in the lab frame [mm]."""
+    rotation_rad: Vec3
+    """Euler angles XYZ, intrinsic, object to lab [rad]."""
+
+
+class ViconFrame(msgspec.Struct, frozen=True):
+    """One datagram."""
+
+    frame_number: int
+    """Counts the frames of the cameras, modulo 2³²."""
+    objects: tuple[ViconObject, ...]
+    """In the order of the datagram."""
+
+
+class ViconPose(msgspec.Struct, frozen=True, gc=False):
+    """The pose of the one object that a decoder looks for, still in the lab's frame."""
+
+    frame_number: int
+    """Counts the frames of the cameras, modulo 2³²."""
+    position_m: Vec3
+    """Position in the lab frame [m]."""
+    attitude: Quat
+    """Unit quaternion w, x, y, z, object to lab."""
+
+
+def encode(frame_number: int, objects: Iterable[ViconObject], datagram_size: int = 256) -> bytes:
+    """The datagram of a frame, for simulators and tests.
+
+    Raises:
+        ValueError: the objects do not fit, a name is longer than 24 bytes, or no such datagram size exists.
+    """
+    items = [_ITEM.pack(0, _ITEM_DATA_BYTES, name_bytes(o.name), *o.translation_mm, *o.rotation_rad) for o in objects]
+    if datagram_size not in DATAGRAM_SIZES:
+        raise ValueError(f"Vicon datagram size: expected one of {list(DATAGRAM_SIZES)}, got {datagram_size}")
+    datagram = _HEADER.pack(frame_number & 0xFFFFFFFF, len(items)) + b"".join(items)
+    if len(datagram) > datagram_size:
+        raise ValueError(f"{len(items)} Vicon objects do not fit into {datagram_size} bytes")
+    return datagram.ljust(datagram_size, b"\0")
+
+
+def decode(datagram: bytes) -> ViconFrame | Unreadable:
+    """The frame in a datagram, or why there is none. The numbers come as they are, even nan."""
+    size = len(datagram)
+    if size > DATAGRAM_SIZES[-1]:
+        return "oversized"
+    if size < _HEADER.size:
+        return "truncated"
+    frame_number, count = _HEADER.unpack_from(datagram)
+    if size < _HEADER.size + count * _ITEM.size:
+        return "truncated"
+    objects = []
+    for offset in range(_HEADER.size, _HEADER.size + count * _ITEM.size, _ITEM.size):
+        item_id, data_bytes, name, x, y, z, rx, ry, rz = _ITEM.unpack_from(datagram, offset)
+        if item_id != 0 or data_bytes != _ITEM_DATA_BYTES:
+            return "wrong_item"
+        text = name.partition(b"\0")[0].decode("utf-8", "replace")
+        objects.append(ViconObject(text, (x, y, z), (rx, ry, rz)))
+    return ViconFrame(frame_number, tuple(objects))
+
+
+class ViconDecoder:
+    """Reads the pose of one object out of each datagram; what it cannot use it counts and drops."""
+
+    def __init__(self, name: str) -> None:
+        """Look for the object of this name.
+
+        Raises:
+            ValueError: no object can have that name.
+        """
+        name_bytes(name)
+        self._name = name
+        self.dropped: Counter[str] = Counter()
+        """Datagrams dropped, by reason: truncated, oversized, wrong_item, no_such_object, not_finite, absurd."""
+        self.names: tuple[str, ...] = ()
+        """The objects of the last datagram that lacked ours, for the operator."""
+
+    def decode(self, datagram: bytes) -> ViconPose | None:
+        """The pose in a datagram, or None where it was dropped. Never raises."""
+        frame = decode(datagram)
+        if isinstance(frame, str):
+            self.dropped[frame] += 1
+            return None
+        return self.pose(frame)
+
+    def pose(self, frame: ViconFrame) -> ViconPose | None:
+        """The pose in a frame, or None where it was dropped."""
+        for item in frame.objects:
+            if item.name == self._name:
+                break
+        else:
+            self.names = tuple(item.name for item in frame.objects)
+            self.dropped["no_such_object"] += 1
+            return None
+        x, y, z = item.translation_mm
+        rx, ry, rz = item.rotation_rad
+        far, turn = MAX_TRANSLATION_MM, MAX_ROTATION_RAD
+        # Each comparison is also false for nan.
+        if not (
+            -far <= x <= far
+            and -far <= y <= far
+            and -far <= z <= far
+            and -turn <= rx <= turn
+            and -turn <= ry <= turn
+            and -turn <= rz <= turn
+        ):
+            finite = all(map(math.isfinite, (x, y, z, rx, ry, rz)))
+            self.dropped["absurd" if finite else "not_finite"] += 1
+            return None
+        return ViconPose(
+            frame.frame_number, (x / 1000.0, y / 1000.0, z / 1000.0), quaternion_from_euler_xyz((rx, ry, rz))
+        )
+
+
+def name_bytes(name: str) -> bytes:
+    """The name of an object as on the wire, not yet padded.
+
+    Raises:
+        ValueError: it is empty, longer than 24 bytes, or holds a NUL.
+    """
+    encoded = name.encode()
+    if not 0 < len(encoded) <= NAME_BYTES or b"\0" in encoded:
+        raise ValueError(f"Vicon object name: expected 1 to {NAME_BYTES} bytes of UTF-8 without NUL, got {name!r}")
+    return encoded
+
+
+def quaternion_from_euler_xyz(angles: Vec3) -> Quat:
+    """The quaternion of R = Rx(rx) Ry(ry) Rz(rz), angles in rad."""
+    rx, ry, rz = angles
+    cx, sx = math.cos(0.5 * rx), math.sin(0.5 * rx)
+    cy, sy = math.cos(0.5 * ry), math.sin(0.5 * ry)
+    cz, sz = math.cos(0.5 * rz), math.sin(0.5 * rz)
+    cc, ss, cs, sc = cx * cy, sx * sy, cx * sy, sx * cy
+    return (cc * cz - ss * sz, sc * cz + cs * sz, cs * cz - sc * sz, cc * sz + ss * cz)
+
+
+def euler_xyz_from_quaternion(attitude: Quat) -> Vec3:
+    """The angles [rad] of R = Rx(rx) Ry(ry) Rz(rz): |ry| <= 90°, the others in [-180°, 180°].
+
+    From the sum and the difference of rx and rz, which stay exact where ry nears 90° and only one of them is defined:
+    with C, S = cos, sin of ry/2:  w + y = (C + S) cos((rx + rz)/2)    x + z = (C + S) sin((rx + rz)/2)
+                                   w - y = (C - S) cos((rx - rz)/2)    x - z = (C - S) sin((rx - rz)/2)
+    """
+    w, x, y, z = attitude
+    half_sum = math.atan2(x + z, w + y)
+    half_difference = math.atan2(x - z, w - y)
+    plus, minus = math.hypot(w + y, x + z), math.hypot(w - y, x - z)
+    return (
+        math.remainder(half_sum + half_difference, math.tau),
+        2.0 * math.atan2(plus - minus, plus + minus),
+        math.remainder(half_sum - half_difference, math.tau),
+    )
