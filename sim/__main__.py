@@ -4,8 +4,8 @@ import argparse
 import sys
 from pathlib import Path
 
-from sim.arguments import count, hours, names, percent, seconds, whole
-from sim.bench import WHAT as BENCHES
+from sim.cli.arguments import count, hours, names, percent, seconds, whole
+from sim.cli.proving import MEASUREMENTS as BENCHES
 
 _CONTROLLERS = "adaptive (default), uncompensated, geometric, pid, indi, or your own: package.module:factory"
 _LINKS = ["mavlink", "dsm", "crsf", "rf_bridge"]
@@ -215,7 +215,7 @@ def main() -> int:
     """Entry point; the exit code is 0 for done, 1 for a flight that failed, 2 for bad usage or config."""
     from groundstation.runtime.entry import run
 
-    return run(parser, "sim.commands")
+    return run(parser, "sim.cli.commands")
 
 
 if __name__ == "__main__":

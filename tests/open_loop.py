@@ -15,7 +15,7 @@ from contextvars import Context
 from heapq import heappush
 from typing import Any
 
-from sim.virtual_time import SimulationStuck, VirtualTimeLoop, _Idle
+from sim.time.virtual_time import SimulationStuck, VirtualTimeLoop, _Idle
 
 OUTSIDE_S = 20.0
 """How long a loop on which nothing is scheduled waits for something from outside, in real time [s]."""

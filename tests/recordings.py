@@ -8,10 +8,10 @@ from functools import cache
 from pathlib import Path
 
 from groundstation.recording.records import Record
-from sim.fly import Result, fly
-from sim.prepare import prepare
-from sim.run_folder import RECORDING, RunFolder
-from sim.scenarios import SCENARIOS
+from sim.cli.run_folder import RECORDING, RunFolder
+from sim.runs.fly import Result, fly
+from sim.world.prepare import prepare
+from sim.world.scenarios import SCENARIOS
 
 
 def _remove(folder: Path, owner: int) -> None:

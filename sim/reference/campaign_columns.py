@@ -1,8 +1,8 @@
 """Every column of a campaign's table: what the flight met, how it went, and what its certificate says."""
 
-from sim.campaign_folder import COLUMNS, Row
 from sim.reference.remarks import remarks
-from sim.world import World
+from sim.studies.campaign.folder import COLUMNS, Row
+from sim.world.world import World
 
 HEAD = """# Columns of a campaign
 

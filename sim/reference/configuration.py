@@ -10,7 +10,7 @@ from groundstation.config.words import bare, expected
 from groundstation.settings.settings import Config
 from links.bridge.server import BridgeConfig
 from sim.reference.remarks import remarks, summary
-from sim.world import World
+from sim.world.world import World
 
 HEAD = """# Configuration keys
 

@@ -20,10 +20,10 @@ from groundstation.core.trajectory.port import Reference
 from groundstation.core.vehicle.model import Drive, Motion
 from groundstation.core.vehicle.vehicle import Vehicle
 from groundstation.settings.settings import Config
-from sim.fly import Result, fly
-from sim.prepare import prepare
-from sim.scenarios import SCENARIOS
-from sim.world import World
+from sim.runs.fly import Result, fly
+from sim.world.prepare import prepare
+from sim.world.scenarios import SCENARIOS
+from sim.world.world import World
 
 PAGE = Path(__file__).parents[2] / "docs/how-to/own-controller.md"
 EXAMPLE = "leaning:make"

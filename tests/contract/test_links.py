@@ -19,12 +19,12 @@ from links.make import LINKS, make_link
 from links.mavlink.link import MavlinkLinkConfig
 from links.rf.codecs.channel_map import Switch
 from links.rf.codecs.kinds import RF_CODECS
-from sim.autopilot import Px4Autopilot
-from sim.autopilot_peer import AutopilotPeer
-from sim.inline_pacer import WirePort, opened_on
-from sim.pty_wire import PtyWire
-from sim.rf_receiver import RfPeer, RfReceiver
-from sim.virtual_time import VirtualTimeLoop
+from sim.autopilots.peer import AutopilotPeer
+from sim.autopilots.px4 import Px4Autopilot
+from sim.radio.inline_pacer import WirePort, opened_on
+from sim.radio.pty_wire import PtyWire
+from sim.radio.rf_receiver import RfPeer, RfReceiver
+from sim.time.virtual_time import VirtualTimeLoop
 from tests.airframe_double import Brick
 from tests.loops import BOTH_LOOPS, free_address, in_virtual_time
 

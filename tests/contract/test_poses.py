@@ -31,12 +31,12 @@ from groundstation.pose.sources.vision import VisionConfig
 from groundstation.runtime.clock import sleep_until
 from links.io.address import parse_address
 from links.mavlink.link import MavlinkLink, MavlinkLinkConfig
-from sim.airframe import Truth
-from sim.autopilot import Px4Autopilot
-from sim.autopilot_peer import AutopilotPeer
-from sim.natnet_server import NatNetServer
-from sim.trackers import Seen, Tracker, make_tracker
-from sim.virtual_time import VirtualTimeLoop
+from sim.autopilots.peer import AutopilotPeer
+from sim.autopilots.px4 import Px4Autopilot
+from sim.time.virtual_time import VirtualTimeLoop
+from sim.trackers.natnet_server import NatNetServer
+from sim.trackers.trackers import Seen, Tracker, make_tracker
+from sim.world.airframe import Truth
 from tests.airframe_double import Brick
 from tests.loops import BOTH_LOOPS, free_address, in_virtual_time
 

@@ -22,10 +22,10 @@ from groundstation.flight.flight import Flight
 from groundstation.interfaces.api.server import Server
 from groundstation.interfaces.tui.parts.letters import big
 from groundstation.runtime.place import StatusConfig
-from sim.mission import Script, fly_mission, from_floor
-from sim.prepare import prepare
-from sim.scenarios import SCENARIOS
-from sim.stage import Stage
+from sim.runs.mission import Script, fly_mission, from_floor
+from sim.runs.stage import Stage
+from sim.world.prepare import prepare
+from sim.world.scenarios import SCENARIOS
 from tests.e2e.test_mqtt import SNAPSHOT, STATE, Broker, Listener, broker, config_for
 from tests.e2e.test_tui import Terminal, terminal
 from tests.e2e.test_tui_flight import processes
@@ -63,7 +63,7 @@ def left(script: Script | None) -> list[Frame]:
         return made
 
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("sim.mission.VirtualTimeLoop", loop)
+        patch.setattr("sim.runs.mission.VirtualTimeLoop", loop)
         flown = fly_mission(WORLD, CONFIG, seed=4, script=script)
     assert flown.landed, flown.why
     return sent

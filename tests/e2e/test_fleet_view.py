@@ -10,8 +10,8 @@ from textual.widgets import DataTable, Static
 from groundstation.interfaces.mqtt.broker import Broker, from_url
 from groundstation.interfaces.mqtt.fleet import Fleet
 from groundstation.interfaces.tui.fleet import FleetScreen
-from sim.bench_mqtt import run
 from tests.e2e.lab_broker import LabBroker, lab
+from tests.proving.bench.mqtt import run
 from tests.sample_flight import sample
 
 __all__ = ["lab"]

@@ -21,7 +21,7 @@ from links.rf.codecs.dsm_codec import DsmLinkConfig
 from links.rf.link import SerialRfLink
 from links.rf.paced_link import PacedLink
 from links.rf.pacer_process import PacerProcess
-from sim.pty_wire import PtyWire
+from sim.radio.pty_wire import PtyWire
 from tests.e2e.stamped_reader import StampedReader
 from tests.e2e.stations import free_udp_port
 

@@ -16,10 +16,10 @@ from links.rf.codecs.channel_map import Channels
 from links.rf.codecs.codec import Heard, Service
 from links.rf.codecs.crsf_codec import CrsfLinkConfig
 from links.rf.codecs.dsm_codec import DsmLinkConfig
-from sim.prepare import prepare
-from sim.pty_wire import PtyWire
-from sim.scenarios import SCENARIOS
-from sim.stage import Stage
+from sim.radio.pty_wire import PtyWire
+from sim.runs.stage import Stage
+from sim.world.prepare import prepare
+from sim.world.scenarios import SCENARIOS
 from tests.e2e.stations import QUICK_LANDING, free_udp_port
 
 EXAMPLE = Path(__file__).parents[2] / "examples" / "rf_dsm.toml"

@@ -22,7 +22,7 @@ from links.rf.codecs.crsf_codec import CrsfLinkConfig
 from links.rf.codecs.dsm_codec import DsmLinkConfig
 from links.rf.link import SerialRfLink
 from links.rf.pacer import AFTERLIFE_S
-from sim.pty_wire import PtyWire
+from sim.radio.pty_wire import PtyWire
 from tests.e2e.stamped_reader import StampedReader
 
 COAST_S, DOWN_S = 0.25, 0.3

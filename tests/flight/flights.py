@@ -5,12 +5,12 @@ from statistics import median
 from typing import Any
 
 from groundstation.config.load import ConfigError
-from sim.campaign import Campaign, run
-from sim.campaign_local import Local
-from sim.campaign_report import report
-from sim.fly import Result, fly
-from sim.prepare import prepare
-from sim.scenarios import SCENARIOS
+from sim.runs.fly import Result, fly
+from sim.studies.campaign.campaign import Campaign, run
+from sim.studies.campaign.local import Local
+from sim.studies.campaign.report import report
+from sim.world.prepare import prepare
+from sim.world.scenarios import SCENARIOS
 
 __all__ = ["ConfigError", "campaign_of", "flown", "median_of", "middle"]
 

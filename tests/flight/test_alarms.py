@@ -5,9 +5,9 @@ import sys
 
 import pytest
 
-from sim import alarms_command
 from sim.__main__ import main
-from sim.alarms import KINDS, SHARES, Alarms, Watched, detections, watch_all
+from tests.proving.alarms import command as alarms_command
+from tests.proving.alarms.alarms import KINDS, SHARES, Alarms, Watched, detections, watch_all
 
 NEAR = 0.7
 """No statistic of a true flight comes nearer to what ends it, in the few flights that every run flies [-]."""

@@ -1,6 +1,6 @@
 """Minutes of flight leave nothing behind; `make soak` flies the hour."""
 
-from sim.bench_allocation import grown
+from tests.proving.bench.allocation import grown
 
 
 def test_five_minutes_of_flight_allocate_nothing_that_stays() -> None:

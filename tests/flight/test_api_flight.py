@@ -12,11 +12,11 @@ from groundstation.flight.flight import Flight
 from groundstation.interfaces.api.server import CLIENTS_MAX, Server
 from groundstation.runtime.broadcast import Latest
 from groundstation.runtime.place import StatusConfig
-from sim.mission import fly_mission, from_floor
-from sim.prepare import prepare
-from sim.scenarios import SCENARIOS
-from sim.stage import Stage
-from sim.virtual_time import VirtualTimeLoop
+from sim.runs.mission import fly_mission, from_floor
+from sim.runs.stage import Stage
+from sim.time.virtual_time import VirtualTimeLoop
+from sim.world.prepare import prepare
+from sim.world.scenarios import SCENARIOS
 from tests.flight.test_missions import SHORT
 
 API_PORT = 40000

@@ -10,11 +10,11 @@ from groundstation.core.messages.verdict import Check, Verdict
 from groundstation.core.mission.mission import State
 from groundstation.flight.flight import Outcome
 from groundstation.runtime.clock import sleep_until
-from sim.autopilots import AUTOPILOTS
-from sim.fly import fly
-from sim.prepare import prepare
-from sim.scenarios import SCENARIOS
-from sim.stage import Stage
+from sim.autopilots.kinds import AUTOPILOTS
+from sim.runs.fly import fly
+from sim.runs.stage import Stage
+from sim.world.prepare import prepare
+from sim.world.scenarios import SCENARIOS
 from tests.loops import in_virtual_time
 
 AUTOPILOT = pytest.mark.parametrize("autopilot", AUTOPILOTS)

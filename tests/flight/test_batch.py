@@ -7,13 +7,13 @@ import numpy as np
 import pytest
 
 from groundstation.core.geometry.ops import Vec3
-from sim.batch import fly_batch
-from sim.campaign_draws import DRAWS, drawn
-from sim.fly import fly
-from sim.prepare import prepare
-from sim.scenarios import SCENARIOS
-from sim.stages import Compiled, Numpy
-from sim.wind import Wind
+from sim.batch.batch import fly_batch
+from sim.batch.stages import Compiled, Numpy
+from sim.runs.fly import fly
+from sim.studies.campaign.draws import DRAWS, drawn
+from sim.world.prepare import prepare
+from sim.world.scenarios import SCENARIOS
+from sim.world.wind import Wind
 from tests.flight.flights import flown
 
 SEEDS = 4

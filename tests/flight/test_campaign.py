@@ -13,17 +13,17 @@ from hypothesis import strategies as st
 from groundstation.config.load import ConfigError
 from groundstation.core.pilot import Tick
 from sim.__main__ import main
-from sim.campaign import Campaign, run
-from sim.campaign_draws import DRAWS, USUAL, drawn, fields, overrides
-from sim.campaign_folder import Folder, Row
-from sim.campaign_local import Local
-from sim.campaign_plot import plot
-from sim.campaign_report import command, report, text
-from sim.campaign_verify import verify
-from sim.fly import fly
-from sim.prepare import prepare
-from sim.referee import STEADY_S
-from sim.scenarios import SCENARIOS
+from sim.runs.fly import fly
+from sim.runs.referee import STEADY_S
+from sim.studies.campaign.campaign import Campaign, run
+from sim.studies.campaign.draws import DRAWS, USUAL, drawn, fields, overrides
+from sim.studies.campaign.folder import Folder, Row
+from sim.studies.campaign.local import Local
+from sim.studies.campaign.plot import plot
+from sim.studies.campaign.report import command, report, text
+from sim.studies.campaign.verify import verify
+from sim.world.prepare import prepare
+from sim.world.scenarios import SCENARIOS
 from tests.flight.flights import campaign_of
 
 DURATION_S = 16.0

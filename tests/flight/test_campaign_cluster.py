@@ -13,21 +13,21 @@ from pathlib import Path
 import pytest
 
 from groundstation.config.load import ConfigError
-from sim import campaign_cluster
 from sim.__main__ import main
-from sim.campaign import Campaign, run
-from sim.campaign_cluster import Cluster
-from sim.campaign_folder import Row
-from sim.campaign_local import Local
-from sim.prepare import prepare
-from sim.scenarios import SCENARIOS
+from sim.studies.campaign import cluster as campaign_cluster
+from sim.studies.campaign.campaign import Campaign, run
+from sim.studies.campaign.cluster import Cluster
+from sim.studies.campaign.folder import Row
+from sim.studies.campaign.local import Local
+from sim.world.prepare import prepare
+from sim.world.scenarios import SCENARIOS
 
 pytestmark = pytest.mark.real_time
 
 SEEDS = range(3)
 OTHER_PROGRAM = """
-import sim.campaign_folder
-sim.campaign_folder.program_sha256 = lambda: "0" * 64
+import sim.studies.campaign.folder
+sim.studies.campaign.folder.program_sha256 = lambda: "0" * 64
 """
 
 

@@ -21,11 +21,11 @@ from groundstation.runtime.exits import INTERRUPTED
 from groundstation.settings.settings import Config
 from links.io.address import parse_address
 from links.mavlink.codec import MavlinkCodec
-from sim.airframe import Truth
-from sim.autopilot_peer import AutopilotPeer
-from sim.autopilots import AUTOPILOTS
-from sim.trackers import Seen, make_tracker
-from sim.virtual_time import VirtualTimeLoop
+from sim.autopilots.kinds import AUTOPILOTS
+from sim.autopilots.peer import AutopilotPeer
+from sim.time.virtual_time import VirtualTimeLoop
+from sim.trackers.trackers import Seen, make_tracker
+from sim.world.airframe import Truth
 from tests.airframe_double import Brick
 from tests.carried import hand
 from tests.loops import in_virtual_time

@@ -10,12 +10,12 @@ from typing import Any
 import pytest
 
 from groundstation.config.load import ConfigError
-from sim import commands
-from sim.compare import CONTROLLERS, GUST, WITHOUT_ADAPTATION, Case, Flown, cases, flown, rows
-from sim.compare_plot import plot
-from sim.compare_table import markdown_table, text_table, write_between_markers
-from sim.prepare import prepare
-from sim.scenarios import SCENARIOS
+from sim.cli import commands
+from sim.studies.compare.compare import CONTROLLERS, GUST, WITHOUT_ADAPTATION, Case, Flown, cases, flown, rows
+from sim.studies.compare.plot import plot
+from sim.studies.compare.table import markdown_table, text_table, write_between_markers
+from sim.world.prepare import prepare
+from sim.world.scenarios import SCENARIOS
 from tests.flight.flights import flown as one_flight
 
 SCENARIO = "storm"

@@ -17,11 +17,11 @@ from groundstation.flight.pacing import Pacing
 from groundstation.runtime.clock import sleep_until
 from links.core.port import Command
 from links.io.suspend import Sleep
-from sim.cut import CAUSES, cut
-from sim.prepare import prepare
-from sim.scenarios import SCENARIOS
-from sim.stage import Stage
-from sim.virtual_time import VirtualTimeLoop
+from sim.runs.stage import Stage
+from sim.studies.bring_down import CAUSES, cut
+from sim.time.virtual_time import VirtualTimeLoop
+from sim.world.prepare import prepare
+from sim.world.scenarios import SCENARIOS
 
 SET_POINT = b"\x52\x00\x00"
 CONFIRMED_S = 1.0

@@ -13,11 +13,11 @@ from groundstation.core.mission.mission import State
 from groundstation.flight.flight import Flight, Outcome
 from groundstation.runtime.clock import sleep_until
 from groundstation.settings.settings import Config
-from sim.prepare import prepare
-from sim.scenarios import SCENARIOS
-from sim.stage import Stage
-from sim.virtual_time import VirtualTimeLoop
-from sim.world import World
+from sim.runs.stage import Stage
+from sim.time.virtual_time import VirtualTimeLoop
+from sim.world.prepare import prepare
+from sim.world.scenarios import SCENARIOS
+from sim.world.world import World
 from tests.flight.flights import flown
 
 Script = Callable[[Flight, Stage], Coroutine[Any, Any, None]]

@@ -10,18 +10,18 @@ from groundstation.recording.records import Idled
 from links.core.port import Command, Segment
 from links.mavlink.codec import MavlinkCodec
 from sim.__main__ import main
-from sim.deck import pictures
-from sim.deck.cell import fly_cell
-from sim.deck.deal import cells, quick
-from sim.deck.faults import FAULTS
-from sim.deck.moments import MOMENTS
-from sim.deck.table import page, text
-from sim.deck.thrust import Thrust
-from sim.deck.together import fly_together
-from sim.deck.verdict import TOUCHDOWN_M_S
-from sim.deck.wire import Wire
-from sim.prepare import prepare
-from sim.scenarios import SCENARIOS
+from sim.world.prepare import prepare
+from sim.world.scenarios import SCENARIOS
+from tests.proving.faults import pictures
+from tests.proving.faults.cell import fly_cell
+from tests.proving.faults.deal import cells, quick
+from tests.proving.faults.faults import FAULTS
+from tests.proving.faults.judge.thrust import Thrust
+from tests.proving.faults.judge.verdict import TOUCHDOWN_M_S
+from tests.proving.faults.judge.wire import Wire
+from tests.proving.faults.moments import MOMENTS
+from tests.proving.faults.table import page, text
+from tests.proving.faults.together import fly_together
 
 STATION, VEHICLE = ("127.0.0.1", 14540), ("127.0.0.1", 49152)
 FAR = ("trajectory.centre_ned=[0,0,0]",)

@@ -15,15 +15,15 @@ from groundstation.flight.flight import Flight
 from groundstation.lab.fleet.plan import Fleet, Member
 from groundstation.settings.settings import Config
 from sim.__main__ import parser
-from sim.commands import mission as mission_command
-from sim.fleet_mission import Change, FleetMission, FleetScript, fly_fleet
-from sim.fleet_stage import FleetStage
-from sim.fleet_truth import Flown
-from sim.mission import from_floor
-from sim.prepare import prepare
-from sim.scenarios import SCENARIOS
-from sim.virtual_time import VirtualTimeLoop
-from sim.world import World
+from sim.cli.commands import mission as mission_command
+from sim.runs.fleet_mission import Change, FleetMission, FleetScript, fly_fleet
+from sim.runs.fleet_stage import FleetStage
+from sim.runs.fleet_truth import Flown
+from sim.runs.mission import from_floor
+from sim.time.virtual_time import VirtualTimeLoop
+from sim.world.prepare import prepare
+from sim.world.scenarios import SCENARIOS
+from sim.world.world import World
 
 SHORT = ("takeoff.height_m=0.8", "takeoff.hold_s=1.0", "takeoff.climb_m_s=1.0")
 HOLD = (*SHORT, "trajectory.kind=hold", "trajectory.position_ned=[0.8, -0.8, 0.2]")

@@ -24,12 +24,12 @@ from links.mavlink.codec import ARDUPILOT, PX4, MavlinkCodec
 from links.mavlink.config import ForwardConfig
 from links.mavlink.link import MavlinkLink, MavlinkLinkConfig
 from links.mavlink.odometry_codec import Odometry, odometry
-from sim.autopilot import LAND, Px4Autopilot
-from sim.autopilot_external import ExternalPoses, Fused
-from sim.mission import fly_mission, from_floor
-from sim.prepare import prepare
-from sim.scenarios import SCENARIOS
-from sim.stage import Stage
+from sim.autopilots.external import ExternalPoses, Fused
+from sim.autopilots.px4 import LAND, Px4Autopilot
+from sim.runs.mission import fly_mission, from_floor
+from sim.runs.stage import Stage
+from sim.world.prepare import prepare
+from sim.world.scenarios import SCENARIOS
 from tests.loops import in_virtual_time
 
 ON = "link.forward.enabled=true"

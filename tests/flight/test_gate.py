@@ -6,9 +6,9 @@ import pytest
 
 from groundstation.core.messages.pose import Pose
 from groundstation.pose.gate import Gate
-from sim.fly import Result, fly
-from sim.prepare import prepare
-from sim.scenarios import SCENARIOS
+from sim.runs.fly import Result, fly
+from sim.world.prepare import prepare
+from sim.world.scenarios import SCENARIOS
 
 
 @cache

@@ -9,12 +9,12 @@ import pytest
 from groundstation.core.geometry import so3
 from groundstation.core.mission.mission import State
 from groundstation.flight.flight import Flight
-from sim.airframe import Truth
-from sim.autopilot import POSCTL, Px4Autopilot
-from sim.mission import Mission, Script, fly_mission, from_floor
-from sim.prepare import prepare
-from sim.scenarios import SCENARIOS
-from sim.stage import Stage
+from sim.autopilots.px4 import POSCTL, Px4Autopilot
+from sim.runs.mission import Mission, Script, fly_mission, from_floor
+from sim.runs.stage import Stage
+from sim.world.airframe import Truth
+from sim.world.prepare import prepare
+from sim.world.scenarios import SCENARIOS
 from tests.flight.test_missions import SHORT
 
 Wrong = Callable[[Truth], Truth]

@@ -13,12 +13,12 @@ from groundstation.core.mission.mission import State
 from groundstation.flight.flight import Flight
 from groundstation.flight.hold_to_run.hold import DEBOUNCE_S, InputLost
 from groundstation.flight.hold_to_run.watch import LOOK_S, HoldWatch
-from sim.autopilot_base import SimulatedAutopilot
-from sim.mission import Mission, from_floor
-from sim.mission import fly_mission as fly
-from sim.prepare import prepare
-from sim.scenarios import SCENARIOS
-from sim.stage import Stage
+from sim.autopilots.base import SimulatedAutopilot
+from sim.runs.mission import Mission, from_floor
+from sim.runs.mission import fly_mission as fly
+from sim.runs.stage import Stage
+from sim.world.prepare import prepare
+from sim.world.scenarios import SCENARIOS
 from tests.hold_double import Hand
 
 SOON_S = DEBOUNCE_S + 2 * LOOK_S

@@ -7,11 +7,11 @@ import pytest
 
 from groundstation.core.mission.mission import FINAL, State
 from groundstation.flight.flight import Flight
-from sim.mission import Mission, fly_mission, from_floor
-from sim.prepare import prepare
-from sim.scenarios import SCENARIOS
-from sim.stage import Stage
-from sim.trackers import Seen, Tracker
+from sim.runs.mission import Mission, fly_mission, from_floor
+from sim.runs.stage import Stage
+from sim.trackers.trackers import Seen, Tracker
+from sim.world.prepare import prepare
+from sim.world.scenarios import SCENARIOS
 
 STRIKE_AFTER_S = 1.0
 LASTS_S = 10.0
@@ -19,7 +19,7 @@ SOURCES = ["vicon", "natnet", "qualisys", "json"]
 
 
 class Queue:
-    """Implements :class:`sim.trackers.Tracker`: from ``late_s`` > 0 on each frame waits for so long."""
+    """Implements :class:`sim.trackers.trackers.Tracker`: from ``late_s`` > 0 on each frame waits for so long."""
 
     def __init__(self, tracker: Tracker) -> None:
         self._tracker = tracker

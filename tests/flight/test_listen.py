@@ -19,10 +19,10 @@ from groundstation.pose.intake.pace import Speed
 from groundstation.pose.sources.csv import CsvConfig
 from groundstation.settings.settings import Config
 from links.mavlink.codec import MavlinkCodec
-from sim.prepare import prepare
-from sim.scenarios import SCENARIOS
-from sim.stage import Stage
-from sim.virtual_time import VirtualTimeLoop
+from sim.runs.stage import Stage
+from sim.time.virtual_time import VirtualTimeLoop
+from sim.world.prepare import prepare
+from sim.world.scenarios import SCENARIOS
 from tests.loops import in_virtual_time
 
 SOURCES = ["vicon", "natnet", "qualisys", "odometry", "vision", "json"]

@@ -7,11 +7,11 @@ from groundstation.analysis.replay.command import replayed
 from groundstation.core.mission.mission import State
 from groundstation.flight.flight import Flight
 from groundstation.recording.reader import Recording
-from sim.mission import Mission, fly_mission, from_floor
-from sim.prepare import prepare
-from sim.run_folder import RECORDING, RunFolder
-from sim.scenarios import SCENARIOS
-from sim.stage import Stage
+from sim.cli.run_folder import RECORDING, RunFolder
+from sim.runs.mission import Mission, fly_mission, from_floor
+from sim.runs.stage import Stage
+from sim.world.prepare import prepare
+from sim.world.scenarios import SCENARIOS
 from tests.flight.test_missions import SHORT
 
 

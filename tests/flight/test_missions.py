@@ -10,11 +10,11 @@ from groundstation.analysis.replay.command import replayed
 from groundstation.core.messages.requests import Ask, Request
 from groundstation.core.mission.mission import IN_AIR, State
 from groundstation.flight.flight import Flight
-from sim.mission import Mission, Script, fly_mission, from_floor
-from sim.prepare import prepare
-from sim.run_folder import RECORDING, RunFolder
-from sim.scenarios import SCENARIOS
-from sim.stage import Stage
+from sim.cli.run_folder import RECORDING, RunFolder
+from sim.runs.mission import Mission, Script, fly_mission, from_floor
+from sim.runs.stage import Stage
+from sim.world.prepare import prepare
+from sim.world.scenarios import SCENARIOS
 
 WAY = ["connecting", "ready", "arming", "takeoff", "hold", "tracking", "returning", "landing", "disarming", "landed"]
 SHORT = ("takeoff.height_m=0.5", "takeoff.hold_s=1.0", "trajectory.altitude_m=-0.5", "takeoff.climb_m_s=1.0")

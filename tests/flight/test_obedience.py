@@ -13,14 +13,14 @@ from groundstation.analysis.replay.command import replayed
 from groundstation.core.mission.mission import FINAL
 from groundstation.recording.records import Idled, Record, Sent, Switched, Ticked, Told
 from links.mavlink.codec import DO_SET_MODE, MavlinkCodec
-from sim.deck.cell import FIGURE_S, NEAR, fly_here
-from sim.deck.faults import FAULTS
-from sim.deck.verdict import CONVICTED, FASTEST_M_S, SIDEWAYS_M, Row
-from sim.mission import from_floor
-from sim.prepare import prepare
-from sim.run_folder import RECORDING, RunFolder
-from sim.scenarios import SCENARIOS
-from sim.virtual_time import VirtualTimeLoop
+from sim.cli.run_folder import RECORDING, RunFolder
+from sim.runs.mission import from_floor
+from sim.time.virtual_time import VirtualTimeLoop
+from sim.world.prepare import prepare
+from sim.world.scenarios import SCENARIOS
+from tests.proving.faults.cell import FIGURE_S, NEAR, fly_here
+from tests.proving.faults.faults import FAULTS
+from tests.proving.faults.judge.verdict import CONVICTED, FASTEST_M_S, SIDEWAYS_M, Row
 
 EXCITED_MS, CALM_MS = 400.0, 1100.0
 """So soon a picture that stands still is found out: where a course excites the vehicle, and in a calm hold."""

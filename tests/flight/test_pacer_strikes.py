@@ -6,8 +6,8 @@ import pytest
 
 from groundstation.core.mission.mission import State
 from groundstation.flight.flight import Flight
-from sim.mission import Mission
-from sim.stage import Stage
+from sim.runs.mission import Mission
+from sim.runs.stage import Stage
 from tests.flight.test_missions import SHORT, mission
 
 

@@ -13,12 +13,12 @@ from groundstation.lab.props_off.hand import News, disarm, hold, idle_n
 from groundstation.lab.props_off.steps import Guide, NotProven, Trouble
 from groundstation.settings.settings import Config
 from links.mavlink.codec import MavlinkCodec
-from sim.autopilots import AUTOPILOTS
-from sim.mission import from_floor
-from sim.prepare import prepare
-from sim.scenarios import SCENARIOS
-from sim.stage import Stage
-from sim.virtual_time import VirtualTimeLoop
+from sim.autopilots.kinds import AUTOPILOTS
+from sim.runs.mission import from_floor
+from sim.runs.stage import Stage
+from sim.time.virtual_time import VirtualTimeLoop
+from sim.world.prepare import prepare
+from sim.world.scenarios import SCENARIOS
 from tests.loops import in_virtual_time
 
 Script = Callable[["Bench"], Awaitable[None]]

@@ -31,10 +31,10 @@ from groundstation.recording.records import Posed, Received, Record, Sent, Ticke
 from groundstation.recording.schema import schema
 from groundstation.runtime.flights import RecordingConfig, made_folder
 from groundstation.settings.settings import Config
-from sim.fly import fly
-from sim.prepare import prepare
-from sim.run_folder import RECORDING, RunFolder
-from sim.scenarios import SCENARIOS
+from sim.cli.run_folder import RECORDING, RunFolder
+from sim.runs.fly import fly
+from sim.world.prepare import prepare
+from sim.world.scenarios import SCENARIOS
 from tests.flight.flights import flown
 from tests.recordings import recorded
 

@@ -17,11 +17,11 @@ from groundstation.analysis.report.flown import read
 from groundstation.analysis.report.numbers import numbers
 from groundstation.config.load import ConfigError
 from groundstation.recording.reader import quick_headline
-from sim.mission import fly_mission, from_floor
-from sim.prepare import prepare
-from sim.referee import SETTLED_M as REFEREE_SETTLED_M
-from sim.run_folder import RECORDING, RunFolder
-from sim.scenarios import SCENARIOS
+from sim.cli.run_folder import RECORDING, RunFolder
+from sim.runs.mission import fly_mission, from_floor
+from sim.runs.referee import SETTLED_M as REFEREE_SETTLED_M
+from sim.world.prepare import prepare
+from sim.world.scenarios import SCENARIOS
 from tests.recordings import recorded
 
 LINKS = {"src", "href", "srcset", "action", "data", "poster"}

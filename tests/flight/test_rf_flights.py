@@ -9,10 +9,10 @@ from groundstation.analysis.report.figures_flight import lateness
 from groundstation.analysis.report.flown import read
 from groundstation.analysis.report.numbers import numbers
 from groundstation.config.load import ConfigError
-from sim.fly import fly
-from sim.prepare import prepare
-from sim.run_folder import RECORDING, RunFolder
-from sim.scenarios import SCENARIOS
+from sim.cli.run_folder import RECORDING, RunFolder
+from sim.runs.fly import fly
+from sim.world.prepare import prepare
+from sim.world.scenarios import SCENARIOS
 
 
 @pytest.mark.parametrize(

@@ -4,9 +4,9 @@ import math
 
 import pytest
 
-from sim.fly import fly
-from sim.prepare import prepare
-from sim.scenarios import SCENARIOS
+from sim.runs.fly import fly
+from sim.world.prepare import prepare
+from sim.world.scenarios import SCENARIOS
 from tests.flight.flights import flown
 
 CAMERAS = ["natnet", "qualisys", "vision", "json"]

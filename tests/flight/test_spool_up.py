@@ -14,11 +14,11 @@ from groundstation.core.geometry.ops import Vec3
 from groundstation.core.mission.mission import State
 from groundstation.core.pilot import Tick
 from groundstation.flight.flight import Flight
-from sim.mission import Mission, Script, fly_mission, from_floor
-from sim.prepare import prepare
-from sim.scenarios import SCENARIOS
-from sim.stage import Stage
-from sim.trackers import Seen, Tracker
+from sim.runs.mission import Mission, Script, fly_mission, from_floor
+from sim.runs.stage import Stage
+from sim.trackers.trackers import Seen, Tracker
+from sim.world.prepare import prepare
+from sim.world.scenarios import SCENARIOS
 
 LIMITS_M, LIMITS_M_S = 0.8, 3.0
 

@@ -3,9 +3,9 @@
 import pytest
 
 from groundstation.core.pilot import Tick
-from sim.fly import fly
-from sim.prepare import prepare
-from sim.scenarios import SCENARIOS
+from sim.runs.fly import fly
+from sim.world.prepare import prepare
+from sim.world.scenarios import SCENARIOS
 
 
 @pytest.fixture(scope="module", params=["off", "provable"])

@@ -9,12 +9,12 @@ import pytest
 from groundstation.config.load import load
 from groundstation.settings.settings import Config
 from sim.__main__ import main
-from sim.fly import fly
-from sim.margins import DELAY, GAIN_DOWN, failure, report
-from sim.prepare import prepare
-from sim.scenarios import SCENARIOS
-from sim.tune_flights import Flyers, Outcome, Sortie, flown, sorties
-from sim.tune_stage import staged
+from sim.runs.fly import fly
+from sim.studies.tune.flights import Flyers, Outcome, Sortie, flown, sorties
+from sim.studies.tune.margins import DELAY, GAIN_DOWN, failure, report
+from sim.studies.tune.stage import staged
+from sim.world.prepare import prepare
+from sim.world.scenarios import SCENARIOS
 
 DURATION_S = 18.0
 BAD = """
@@ -76,7 +76,7 @@ def test_a_short_search_betters_bad_gains_and_writes_a_configuration_that_flies(
         f"tune --config {bad} --scenarios paper --seeds 1 --duration 17 --trials 5 --verify 1 --workers 1 "
         f"--out {good} --json --keys k2,k3,sigma_slope --delay-margin 0"
     )
-    monkeypatch.setattr("sim.tune_evidence.FLOORED", (GAIN_DOWN,))
+    monkeypatch.setattr("sim.studies.tune.evidence.FLOORED", (GAIN_DOWN,))
     assert call(words, monkeypatch) == 0
     facts = json.loads(capsys.readouterr().out)
     before, after = facts["evidence"]["before"], facts["evidence"]["after"]

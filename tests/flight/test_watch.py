@@ -7,9 +7,9 @@ from groundstation.core.control.gains import Gains
 from groundstation.core.control.power import LIMITS, POSES, VERTICAL, terms
 from groundstation.core.messages.snapshot import Diagnostics
 from groundstation.core.pilot import Tick
-from sim.fly import fly
-from sim.prepare import prepare
-from sim.scenarios import SCENARIOS
+from sim.runs.fly import fly
+from sim.world.prepare import prepare
+from sim.world.scenarios import SCENARIOS
 from tests.flight.flights import flown
 
 GAINS = Gains()

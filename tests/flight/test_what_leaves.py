@@ -14,11 +14,11 @@ from groundstation.flight.pacing import LAST_CHANCE_S
 from groundstation.settings.settings import FlightConfig
 from links.core.deadman import BRING_DOWN_LIMIT_S
 from links.rf.pacer import AFTERLIFE_S
-from sim.mission import from_floor
-from sim.prepare import prepare
-from sim.scenarios import SCENARIOS
-from sim.stage import Stage
-from sim.virtual_time import VirtualTimeLoop
+from sim.runs.mission import from_floor
+from sim.runs.stage import Stage
+from sim.time.virtual_time import VirtualTimeLoop
+from sim.world.prepare import prepare
+from sim.world.scenarios import SCENARIOS
 from tests.loops import in_virtual_time
 
 SAFETY = Path(__file__).parents[2] / "docs" / "explanation" / "safety.md"

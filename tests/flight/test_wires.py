@@ -22,9 +22,9 @@ from groundstation.recording.log import FlightLog
 from groundstation.recording.recorded import about
 from links.io.address import parse_address
 from links.mavlink.codec import frame_end
-from sim.prepare import prepare
-from sim.scenarios import SCENARIOS
-from sim.stage import Stage
+from sim.runs.stage import Stage
+from sim.world.prepare import prepare
+from sim.world.scenarios import SCENARIOS
 from tests.loops import free_address, in_real_time
 
 pytestmark = pytest.mark.real_time

@@ -13,11 +13,11 @@ from groundstation.core.geometry import so3
 from groundstation.core.geometry.ops import Quat
 from groundstation.core.mission.mission import IN_AIR, State
 from groundstation.flight.flight import Flight
-from sim.mission import Mission, fly_mission, from_floor
-from sim.prepare import prepare
-from sim.scenarios import SCENARIOS
-from sim.stage import Stage
-from sim.trackers import Seen, Tracker
+from sim.runs.mission import Mission, fly_mission, from_floor
+from sim.runs.stage import Stage
+from sim.trackers.trackers import Seen, Tracker
+from sim.world.prepare import prepare
+from sim.world.scenarios import SCENARIOS
 
 LOOK_S = 0.01
 SEEN_LEAN_DEG = 3.0
@@ -28,7 +28,7 @@ Lie = Callable[[Quat], Quat]
 
 
 class Liar:
-    """Implements :class:`sim.trackers.Tracker` around another one; what it says of attitudes may be made up."""
+    """Implements :class:`sim.trackers.trackers.Tracker` around another one; its attitudes may be made up."""
 
     def __init__(self, tracker: Tracker) -> None:
         self.lie: Lie | None = None
@@ -184,7 +184,7 @@ def test_a_body_that_lies_otherwise_than_the_vehicle_stands_is_refused_before_ar
 
 
 def test_an_autopilot_that_keeps_its_attitude_to_itself_is_warned_of_and_flown_all_the_same() -> None:
-    from sim.autopilot import Px4Autopilot
+    from sim.autopilots.px4 import Px4Autopilot
 
     silent: Any = {name: rate for name, rate in Px4Autopilot.rates_hz.items() if name != "ATTITUDE_QUATERNION"}
     with pytest.MonkeyPatch.context() as patch:

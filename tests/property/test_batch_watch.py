@@ -16,7 +16,7 @@ from groundstation.core.messages.snapshot import Diagnostics
 from groundstation.core.pilot import NOISE_POSES
 from groundstation.core.vehicle.model import Drive, Motion
 from groundstation.core.vehicle.vehicle import Vehicle
-from sim.batch_watch import BatchWatch
+from sim.batch.watch import BatchWatch
 
 ZERO: Vec3 = (0.0, 0.0, 0.0)
 HOVER = Motion(ZERO, ZERO, (1.0, 0.0, 0.0, 0.0), 0.785, ZERO)

@@ -9,9 +9,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from groundstation.core.geometry.ops import Ops
-from sim.kernel import INLINE, OUTSIDE
-from sim.stages import Compiled, Numpy, Stages
-from sim.trace import Program, symbols
+from sim.batch.kernel import INLINE, OUTSIDE
+from sim.batch.stages import Compiled, Numpy, Stages
+from sim.batch.trace import Program, symbols
 
 Apply = Callable[[Ops, Any, Any], Any]
 APPLY: dict[str, Apply] = {

@@ -23,9 +23,9 @@ from groundstation.core.geometry import so3
 from groundstation.core.geometry.ops import FLOATS, Vec3
 from groundstation.core.pilot import Tick
 from groundstation.core.trajectory.lemniscate import LemniscateConfig
-from sim.fly import fly
-from sim.prepare import prepare
-from sim.scenarios import SCENARIOS
+from sim.runs.fly import fly
+from sim.world.prepare import prepare
+from sim.world.scenarios import SCENARIOS
 
 Array: TypeAlias = npt.NDArray[np.float64]
 Reference: TypeAlias = Callable[[float], tuple[Vec3, Vec3]]

@@ -9,8 +9,8 @@ from hypothesis import strategies as st
 from groundstation.pose.sources.mavlink_codec import LocalPositionDecoder, OdometryDecoder
 from links.mavlink.codec import MavlinkCodec
 from links.mavlink.words import Words
-from sim.autopilot_base import SimulatedAutopilot
-from sim.autopilots import AUTOPILOTS
+from sim.autopilots.base import SimulatedAutopilot
+from sim.autopilots.kinds import AUTOPILOTS
 from tests.airframe_double import Brick
 from tests.mavlink_table import FRAMES
 

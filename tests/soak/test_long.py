@@ -6,18 +6,18 @@ import tracemalloc
 import pytest
 
 from links.mavlink.codec import MavlinkCodec
-from sim.bench import Options, measured
-from sim.bench_allocation import grown
-from sim.fleet_real import fly_fleet_real
-from sim.fuzz import fuzz
-from sim.fuzz_links import LINKS
-from sim.fuzz_subjects import SOURCES
-from sim.mission import from_floor
-from sim.prepare import prepare
-from sim.scenarios import SCENARIOS
-from sim.soak import GROWTH, soak
+from sim.runs.fleet_real import fly_fleet_real
+from sim.runs.mission import from_floor
+from sim.world.prepare import prepare
+from sim.world.scenarios import SCENARIOS
 from tests.flight.flights import campaign_of, flown
 from tests.mavlink_table import FRAMES
+from tests.proving.bench.allocation import grown
+from tests.proving.bench.bench import Options, measured
+from tests.proving.fuzz.fuzz import fuzz
+from tests.proving.fuzz.links import LINKS
+from tests.proving.fuzz.subjects import SOURCES
+from tests.proving.soak import GROWTH, soak
 
 pytestmark = pytest.mark.soak
 DATAGRAMS = 1_000_000

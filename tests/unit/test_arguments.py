@@ -9,8 +9,8 @@ from groundstation.__main__ import parser as flying_parser
 from groundstation.config.load import ConfigError, load
 from groundstation.interfaces.cli import commands as flying
 from links.bridge.server import BridgeConfig
-from sim import commands as simulating
 from sim.__main__ import parser as simulating_parser
+from sim.cli import commands as simulating
 
 BRIDGE = """
 listen = "127.0.0.1:14600"

@@ -6,21 +6,19 @@ import pytest
 
 from groundstation.core.geometry.ops import FLOATS, arrays
 from groundstation.core.pilot import Pilot
-from sim import (
-    bench,
-    bench_allocation,
-    bench_batch,
-    bench_decode,
-    bench_flight,
-    bench_latency,
-    bench_recording,
-    bench_screen,
-    bench_tick,
-)
 from sim.__main__ import main
-from sim.bench_peers import Bench
-from sim.bench_timing import in_turns, percentile
-from sim.pose_bytes import FLIGHTS
+from sim.time.turns import in_turns, percentile
+from tests.proving.bench import allocation as bench_allocation
+from tests.proving.bench import batch as bench_batch
+from tests.proving.bench import bench
+from tests.proving.bench import decode as bench_decode
+from tests.proving.bench import flight as bench_flight
+from tests.proving.bench import latency as bench_latency
+from tests.proving.bench import recording as bench_recording
+from tests.proving.bench import screen as bench_screen
+from tests.proving.bench import tick as bench_tick
+from tests.proving.bench.peers import Bench
+from tests.proving.fuzz.pose_bytes import FLIGHTS
 
 
 @pytest.mark.real_time

@@ -22,9 +22,9 @@ from links.rf.codecs.channel_map import ChannelMap, Switch
 from links.rf.codecs.codec import Service
 from links.rf.codecs.dsm_codec import DsmLinkConfig
 from links.rf.pacer_messages import Arm, Give, Report
-from sim.inline_pacer import WirePort, opened_on
-from sim.rf_receiver import RfPeer, RfReceiver
-from sim.virtual_time import VirtualTimeLoop
+from sim.radio.inline_pacer import WirePort, opened_on
+from sim.radio.rf_receiver import RfPeer, RfReceiver
+from sim.time.virtual_time import VirtualTimeLoop
 from tests.airframe_double import Brick
 from tests.loops import in_virtual_time
 

@@ -9,10 +9,10 @@ from pathlib import Path
 import pytest
 
 from groundstation.config.load import ConfigError
-from sim import compiler
-from sim.compiler import built
-from sim.kernels import chosen
-from sim.stages import Compiled, Numpy
+from sim.batch import compiler
+from sim.batch.compiler import built
+from sim.batch.kernels import chosen
+from sim.batch.stages import Compiled, Numpy
 
 TEXT = "double half(double x) { return 0.5 * x; }\n"
 

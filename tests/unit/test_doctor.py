@@ -28,10 +28,10 @@ from groundstation.lab.doctor.command import EXIT_FINDINGS, EXIT_HEALTHY, EXIT_N
 from groundstation.lab.doctor.text import report
 from groundstation.settings.settings import Config
 from links.mavlink.procedures.parameters import REAL32, Parameter
-from sim.autopilot_base import SimulatedAutopilot
-from sim.autopilot_parameters import ARDUPILOT_PARAMETERS, PX4_PARAMETERS
-from sim.autopilot_peer import AutopilotPeer
-from sim.autopilots import AUTOPILOTS
+from sim.autopilots.base import SimulatedAutopilot
+from sim.autopilots.kinds import AUTOPILOTS
+from sim.autopilots.parameters import ARDUPILOT_PARAMETERS, PX4_PARAMETERS
+from sim.autopilots.peer import AutopilotPeer
 from tests.airframe_double import Brick
 from tests.loops import in_virtual_time
 

@@ -17,10 +17,10 @@ from groundstation.core.messages.pose import Pose
 from groundstation.core.vehicle.actuators import approach, lead
 from groundstation.core.vehicle.model import Drive, Motion, rolled
 from groundstation.core.vehicle.vehicle import Vehicle
-from sim.draws import rows, stream
-from sim.quadrotor import Quadrotor
-from sim.wind import Wind
-from sim.world import World
+from sim.world.draws import rows, stream
+from sim.world.quadrotor import Quadrotor
+from sim.world.wind import Wind
+from sim.world.world import World
 
 VEHICLE = Vehicle()
 CALM = World(wind_mean=(0.0, 0.0, 0.0), floor_z_m=1e6)

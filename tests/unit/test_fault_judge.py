@@ -6,20 +6,20 @@ import pytest
 
 from groundstation.core.geometry import so3
 from groundstation.core.geometry.ops import Vec3
-from sim.deck.deal import cells
-from sim.deck.exemptions import REASONS, Exemption
-from sim.deck.fault import Fault, Poses
-from sim.deck.faults import FAULTS, FROM_START, OBEYING
-from sim.deck.moments import MOMENTS
-from sim.deck.table import page
-from sim.deck.thrust import Thrust
-from sim.deck.truth import Truth
-from sim.deck.verdict import LIMITS, Answer, Row, judged
-from sim.plant import Body
-from sim.prepare import prepare
-from sim.quadrotor import Quadrotor
-from sim.scenarios import SCENARIOS
-from sim.wind import Wind
+from sim.world.plant import Body
+from sim.world.prepare import prepare
+from sim.world.quadrotor import Quadrotor
+from sim.world.scenarios import SCENARIOS
+from sim.world.wind import Wind
+from tests.proving.faults.deal import cells
+from tests.proving.faults.exemptions import REASONS, Exemption
+from tests.proving.faults.fault import Fault, Poses
+from tests.proving.faults.faults import FAULTS, FROM_START, OBEYING
+from tests.proving.faults.judge.thrust import Thrust
+from tests.proving.faults.judge.truth import Truth
+from tests.proving.faults.judge.verdict import LIMITS, Answer, Row, judged
+from tests.proving.faults.moments import MOMENTS
+from tests.proving.faults.table import page
 
 FALSE = Fault("made up", poses=Poses.FALSE)
 TRUE = Fault("made up")

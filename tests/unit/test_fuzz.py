@@ -9,10 +9,10 @@ import pytest
 
 import links.make
 from sim.__main__ import main
-from sim.fuzz import fuzz
-from sim.fuzz_links import LINKS
-from sim.fuzz_subjects import SOURCES, PoseSubject
-from sim.pose_bytes import FLIGHTS
+from tests.proving.fuzz.fuzz import fuzz
+from tests.proving.fuzz.links import LINKS
+from tests.proving.fuzz.pose_bytes import FLIGHTS
+from tests.proving.fuzz.subjects import SOURCES, PoseSubject
 
 ALL = SOURCES | LINKS
 

@@ -4,9 +4,9 @@ import math
 
 from groundstation.core.geometry import so3
 from groundstation.core.geometry.ops import Quat, Vec3
-from sim.airframe import Truth
-from sim.draws import rows, stream
-from sim.horizon import LOOP_S, WANDER_RAD, Horizon
+from sim.world.airframe import Truth
+from sim.world.draws import rows, stream
+from sim.world.horizon import LOOP_S, WANDER_RAD, Horizon
 
 GRAVITY = 9.81
 ZERO: Vec3 = (0.0, 0.0, 0.0)

@@ -16,10 +16,10 @@ from links.mavlink.attitude import ATTITUDE_HZ, attitude_of
 from links.mavlink.codec import PX4, Message
 from links.mavlink.link import MavlinkLink, MavlinkLinkConfig
 from links.mavlink.timesync import Trip
-from sim.autopilot import Px4Autopilot
-from sim.autopilot_ardupilot import ArduPilotAutopilot
-from sim.autopilot_base import SimulatedAutopilot
-from sim.autopilot_peer import AutopilotPeer
+from sim.autopilots.ardupilot import ArduPilotAutopilot
+from sim.autopilots.base import SimulatedAutopilot
+from sim.autopilots.peer import AutopilotPeer
+from sim.autopilots.px4 import Px4Autopilot
 from tests.airframe_double import Brick
 from tests.loops import in_virtual_time
 from tests.unit.test_mavlink_link import HERE, Endpoint, accept

@@ -1,4 +1,4 @@
-"""sim/autopilot.py behaves towards a ground station as PX4 does."""
+"""sim/autopilots/px4.py behaves towards a ground station as PX4 does."""
 
 from typing import Any
 
@@ -6,7 +6,7 @@ import pytest
 
 from groundstation.core.geometry import so3
 from links.mavlink.codec import ARM_DISARM, DO_SET_MODE, FORCE, SET_MESSAGE_INTERVAL, MavlinkCodec
-from sim.autopilot import LAND, OFFBOARD, Px4Autopilot
+from sim.autopilots.px4 import LAND, OFFBOARD, Px4Autopilot
 from tests.airframe_double import Brick
 
 PERIOD_S = 0.02

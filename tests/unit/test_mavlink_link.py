@@ -12,9 +12,9 @@ from groundstation.pose.sources.mavlink import MavlinkPoseConfig, MavlinkPoseSou
 from links.core.port import Command, LinkError, LinkLost, LinkMisuse, LinkRejected
 from links.mavlink.codec import ARDUPILOT, ARM_DISARM, DO_SET_MODE, PX4, SET_MESSAGE_INTERVAL, MavlinkCodec
 from links.mavlink.link import MavlinkLink, MavlinkLinkConfig
-from sim.autopilot import Px4Autopilot
-from sim.autopilot_peer import AutopilotPeer
-from sim.virtual_time import VirtualTimeLoop
+from sim.autopilots.peer import AutopilotPeer
+from sim.autopilots.px4 import Px4Autopilot
+from sim.time.virtual_time import VirtualTimeLoop
 from tests.airframe_double import Brick
 from tests.loops import in_virtual_time
 

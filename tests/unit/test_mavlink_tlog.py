@@ -12,7 +12,7 @@ from groundstation.pose.sources.mavlink_codec import LocalPositionDecoder, Odome
 from groundstation.pose.sources.tlog import TlogConfig, TlogSource, pose_decoder
 from groundstation.pose.sources.tlog_codec import TlogReader
 from links.mavlink.codec import MavlinkCodec
-from sim.virtual_time import VirtualTimeLoop
+from sim.time.virtual_time import VirtualTimeLoop
 from tests.mavlink_table import FRAMES, golden
 
 START_US = 1_790_000_000_000_000

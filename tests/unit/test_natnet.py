@@ -11,8 +11,8 @@ from groundstation.core.messages.pose import Pose
 from groundstation.pose.sources import natnet_codec
 from groundstation.pose.sources.natnet import NatNetConfig
 from links.io.address import parse_address
-from sim.natnet_server import NatNetServer
-from sim.trackers import Seen
+from sim.trackers.natnet_server import NatNetServer
+from sim.trackers.trackers import Seen
 from tests.loops import free_address, in_real_time, in_virtual_time
 
 

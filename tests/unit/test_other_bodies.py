@@ -15,9 +15,9 @@ from groundstation.core.messages.pose import Pose
 from groundstation.pose.kinds import make_source
 from groundstation.settings.settings import Config
 from links.make import make_link
-from sim.pose_bytes import FLIGHTS, natnet_handshake
-from sim.trackers import Seen, make_tracker
+from sim.trackers.trackers import Seen, make_tracker
 from tests.loops import in_virtual_time
+from tests.proving.fuzz.pose_bytes import FLIGHTS, natnet_handshake
 
 KINDS: list[dict[str, Any]] = [
     {

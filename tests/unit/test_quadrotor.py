@@ -8,10 +8,10 @@ import pytest
 
 from groundstation.core.geometry import so3
 from groundstation.core.geometry.ops import Vec3
-from sim.draws import rows, stream
-from sim.quadrotor import Quadrotor
-from sim.wind import CORRELATION_S, GRID_S, Wind, begun, felt, stirred
-from sim.world import World
+from sim.world.draws import rows, stream
+from sim.world.quadrotor import Quadrotor
+from sim.world.wind import CORRELATION_S, GRID_S, Wind, begun, felt, stirred
+from sim.world.world import World
 
 CALM = World(wind_mean=(0.0, 0.0, 0.0), floor_z_m=1e6)
 

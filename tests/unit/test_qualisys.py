@@ -11,8 +11,8 @@ from groundstation.core.messages.pose import Pose
 from groundstation.pose.sources import qualisys_codec as qtm
 from groundstation.pose.sources.qualisys import QualisysConfig, QualisysSource
 from links.io.address import parse_address
-from sim.qtm_server import QtmServer
-from sim.trackers import Seen
+from sim.trackers.qtm_server import QtmServer
+from sim.trackers.trackers import Seen
 from tests.loops import BOTH_LOOPS, free_address, in_virtual_time
 
 

@@ -4,7 +4,7 @@ import asyncio
 from collections.abc import Coroutine
 
 from groundstation.runtime.quiet import WITHIN_S, Quiet
-from sim.virtual_time import VirtualTimeLoop
+from sim.time.virtual_time import VirtualTimeLoop
 
 
 def in_virtual_time(scene: Coroutine[None, None, None]) -> None:

@@ -16,10 +16,10 @@ from groundstation.pose.intake.pace import Speed
 from groundstation.pose.sources.csv import CsvConfig
 from groundstation.pose.sources.csv_codec import Row, encode, rows
 from groundstation.pose.sources.tlog import TlogConfig
-from sim.fly import fly
-from sim.prepare import prepare
-from sim.run_folder import RunFolder
-from sim.scenarios import SCENARIOS
+from sim.cli.run_folder import RunFolder
+from sim.runs.fly import fly
+from sim.world.prepare import prepare
+from sim.world.scenarios import SCENARIOS
 from tests.loops import in_virtual_time
 
 number = st.floats(allow_nan=False, allow_infinity=False, width=64)

@@ -7,7 +7,7 @@ from groundstation.recording.records import Opened, Received, Record, Sent
 from groundstation.recording.tlog import TlogCutter
 from groundstation.recording.wires import Wires
 from links.io.address import parse_address
-from sim.virtual_time import VirtualTimeLoop
+from sim.time.virtual_time import VirtualTimeLoop
 from tests.loops import free_address
 from tests.mavlink_table import FRAMES
 

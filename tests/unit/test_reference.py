@@ -9,9 +9,9 @@ from groundstation.config.files import presets
 from groundstation.core.vehicle.vehicle import Vehicle
 from groundstation.interfaces.mqtt.schemas import schemas
 from groundstation.settings.settings import Config
-from sim.campaign_folder import COLUMNS
-from sim.reference import PAGES, SCHEMAS, page, reference_command
+from sim.reference.pages import PAGES, SCHEMAS, page, reference_command
 from sim.reference.remarks import remarks
+from sim.studies.campaign.folder import COLUMNS
 
 FOLDER = Path(__file__).parents[2] / "docs" / "reference"
 

@@ -14,8 +14,8 @@ from links.rf.codecs.codec import Service
 from links.rf.codecs.crsf_codec import CrsfLinkConfig
 from links.rf.codecs.dsm_codec import DsmLinkConfig
 from links.rf.link import SerialRfLink
-from sim.inline_pacer import WirePort, opened_on
-from sim.rf_receiver import FAILSAFE_S, RfPeer, RfReceiver
+from sim.radio.inline_pacer import WirePort, opened_on
+from sim.radio.rf_receiver import FAILSAFE_S, RfPeer, RfReceiver
 from tests.airframe_double import Brick
 from tests.loops import in_virtual_time
 

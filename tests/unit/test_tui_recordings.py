@@ -14,7 +14,7 @@ from groundstation.interfaces.tui.feeds.tape import STEP_S, Tape
 from groundstation.interfaces.tui.parts.feed import Hello, Jump, News
 from groundstation.interfaces.tui.parts.picture import Picture
 from groundstation.recording.reader import NoRecording
-from sim.virtual_time import VirtualTimeLoop
+from sim.time.virtual_time import VirtualTimeLoop
 from tests.recordings import recorded
 from tests.sample_flight import sample
 

@@ -10,7 +10,7 @@ import pytest
 from groundstation.pose.kinds import PoseConfig
 from groundstation.runtime.clock import sleep_until
 from links.io.address import parse_address
-from sim.virtual_time import FREE_PORTS, SimulationStuck, VirtualTimeLoop
+from sim.time.virtual_time import FREE_PORTS, SimulationStuck, VirtualTimeLoop
 
 
 def run(work: Any) -> Any:

@@ -1,0 +1,154 @@
+"""A simulated autopilot that behaves towards a ground station as ArduCopter 4.8-dev was seen to do. Sans-IO.
+
+- GUIDED (4) or GUIDED_NOGPS (20) follow SET_ATTITUDE_TARGET; other modes ignore it. No stream is needed to arm.
+- GUIDED needs a position: with EK3_SRC1_POSXY 0 (none) it is refused, in the words of the firmware's sources.
+- Thrust means thrust only where GUID_OPTIONS has bit 3 set; else it is a climb rate, 0.5 being none.
+- ATC_ANGLE_BOOST raises the thrust of a leaning vehicle by 1 / cos(lean).
+- A set-point without thrust, or with some but not all rates, is no set-point: it hovers where it is.
+- Set-points that stop: the last one is held for GUID_TIMEOUT, then it levels out and keeps its height; the mode
+  stays and HEARTBEAT tells nothing. The next set-point is followed again.
+- Once it has flown, it refuses to disarm in GUIDED also on the ground; mode LAND comes down and disarms by itself.
+- It has no ODOMETRY; nothing comes more often than 250 Hz, and it says so.
+"""
+
+import math
+from collections.abc import Callable, Mapping
+from typing import ClassVar
+
+from groundstation.core.geometry import so3
+from links.mavlink.codec import ARDUPILOT
+from sim.autopilots.base import SimulatedAutopilot
+from sim.autopilots.dialect import ACCEPTED, CRITICAL, DENIED, FAILED, INFO, WARNING, SetPoint, rates_or_zero
+from sim.autopilots.parameters import ARDUPILOT_PARAMETERS
+from sim.autopilots.pilot import Climb, Descend, HoldAttitude
+from sim.world.airframe import Airframe
+
+STABILIZE, GUIDED, LAND, GUIDED_NOGPS = 0, 4, 9, 20
+"""Copter's mode numbers."""
+FOLLOWING = (GUIDED, GUIDED_NOGPS)
+THRUST_AS_THRUST = 8
+"""Bit of GUID_OPTIONS."""
+CLIMB_M_S = 2.5
+"""Climb rate at full thrust where thrust is no thrust [m/s] (WPNAV_SPEED_UP)."""
+SHORTEST_US = 4000.0
+"""Shortest interval of a message [µs]."""
+
+
+class ArduPilotAutopilot(SimulatedAutopilot):
+    """ArduCopter in STABILIZE; ``hover`` is its MOT_THST_HOVER."""
+
+    kind: ClassVar[int] = ARDUPILOT
+    table: ClassVar[Mapping[str, tuple[float, int]]] = ARDUPILOT_PARAMETERS
+    hover_parameter: ClassVar[str] = "MOT_THST_HOVER"
+    land_mode: ClassVar[tuple[int, int]] = (LAND, 0)
+    rates_hz: ClassVar[Mapping[str, float]] = {
+        "HEARTBEAT": 1.0,
+        "EKF_STATUS_REPORT": 0.0,
+        "SYS_STATUS": 2.0,
+        "ATTITUDE_QUATERNION": 0.0,
+        "LOCAL_POSITION_NED": 4.0,
+        "TIMESYNC": 0.1,
+    }
+
+    def __init__(
+        self,
+        airframe: Airframe,
+        *,
+        lose: Callable[[], bool] = lambda: False,
+        hover: float = 0.5,
+        system_id: int = 1,
+        parameters: Mapping[str, float] | None = None,
+        own_estimate: bool = False,
+    ) -> None:
+        """See the base."""
+        super().__init__(
+            airframe, lose=lose, hover=hover, system_id=system_id, parameters=parameters, own_estimate=own_estimate
+        )
+        self.mode = STABILIZE
+        self._setpoint_s = math.inf
+        self._levelling = False
+        self._has_flown = False
+
+    @property
+    def custom_mode(self) -> int:
+        """The mode's number."""
+        return self.mode
+
+    @property
+    def _disarms_by_landing(self) -> bool:
+        return self.mode == LAND
+
+    # ---- set-points
+
+    def _obey(self, set_point: SetPoint, now_s: float) -> list[bytes]:
+        if not self.armed or self.mode not in FOLLOWING:
+            return []
+        self._setpoint_s = now_s
+        self._levelling = False
+        masked = [rate is None for rate in set_point.rates]
+        attitude = set_point.attitude
+        if attitude is not None and not any(attitude):
+            attitude = None
+        if set_point.thrust is None or (any(masked) and not all(masked)) or (all(masked) and attitude is None):
+            self._setpoint_s = math.inf  # no set-point that could stop
+            self._fly_by(Climb(self._hover, 0.0, None, now_s), now_s)
+        elif int(self.parameters["GUID_OPTIONS"]) & THRUST_AS_THRUST:
+            thrust = self._boosted(min(max(set_point.thrust, 0.0), 1.0), now_s)
+            self._fly_by(HoldAttitude(attitude, thrust) if attitude is not None else None, now_s)
+            if self._pilot is None:
+                self._airframe.act(now_s, thrust, rates_or_zero(set_point))
+        else:
+            climb_m_s = 2.0 * CLIMB_M_S * (min(max(set_point.thrust, 0.0), 1.0) - 0.5)
+            self._fly_by(Climb(self._hover, climb_m_s, rates_or_zero(set_point), now_s), now_s)
+        self._airframe.release(now_s)
+        self._has_flown = self._has_flown or not self._airframe.truth(now_s).on_ground
+        return []
+
+    def _boosted(self, thrust: float, now_s: float) -> float:
+        if not self.parameters["ATC_ANGLE_BOOST"]:
+            return thrust
+        upright = so3.third_column(self._airframe.truth(now_s).attitude)[2]
+        return min(thrust / max(upright, 0.1), 1.0)
+
+    @property
+    def _silence_due_s(self) -> float:
+        if not self.armed or self.mode not in FOLLOWING or self._levelling:
+            return math.inf
+        return self._setpoint_s + self.parameters["GUID_TIMEOUT"]
+
+    def _fall_silent(self, now_s: float) -> list[bytes]:
+        self._levelling = True
+        self._fly_by(Climb(self._hover, 0.0, None, now_s), now_s)
+        return []
+
+    # ---- commands
+
+    def _set_mode(self, mode: tuple[int, int], now_s: float) -> tuple[int, list[bytes]]:
+        if mode[0] not in (STABILIZE, LAND, *FOLLOWING):
+            return FAILED, self._say(CRITICAL, "Mode change failed: no such mode")
+        if mode[0] == GUIDED and not self.parameters["EK3_SRC1_POSXY"]:
+            return FAILED, self._say(WARNING, "Mode change to GUIDED failed: requires position")
+        self.mode = mode[0]
+        self._setpoint_s = math.inf
+        self._levelling = False
+        if self.armed and self.mode == LAND:
+            self._fly_by(Descend(self._hover, now_s, brakes=self._knows), now_s)
+        return ACCEPTED, []
+
+    def _refuses_to_arm(self, now_s: float) -> tuple[int, str]:
+        if self.mode == LAND:
+            return FAILED, "Arm: Land mode not armable"
+        if self.mode == STABILIZE:
+            return FAILED, "Arm: RC not found"
+        self._has_flown = False
+        return ACCEPTED, ""
+
+    def _refuses_to_disarm(self, now_s: float) -> tuple[int, str]:
+        return (FAILED if self._has_flown else ACCEPTED), ""
+
+    def _set_interval(self, number: int, interval_us: float, now_s: float) -> tuple[int, list[bytes]]:
+        said: list[bytes] = []
+        if 0.0 < interval_us < SHORTEST_US:
+            said = self._say(INFO, f"SET_MESSAGE_INTERVAL: {1e6 / interval_us:.0f} Hz is too fast, 250 Hz it is")
+            interval_us = SHORTEST_US
+        return ACCEPTED if self._streams.set(number, interval_us, now_s) else DENIED, said

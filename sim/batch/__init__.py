@@ -1,0 +1,1 @@
+"""Many flights at once: the same law, estimator and plant on arrays of vehicles."""

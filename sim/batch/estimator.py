@@ -1,0 +1,205 @@
+"""The estimator of N vehicles: :class:`groundstation.core.estimation.estimator.ModelEstimator` on arrays.
+
+The same pure functions on arrays of shape (N,), or on those vehicles whose pose has just arrived. Only what differs
+between one vehicle and many is written here: who has a pose, and which command acts when.
+"""
+
+import math
+from typing import Any, NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+
+from groundstation.core.control.gains import Gains
+from groundstation.core.estimation import effectiveness
+from groundstation.core.estimation.effectiveness import Effectiveness, told
+from groundstation.core.estimation.estimator import NOISE_FLOOR_M2, NOISE_MEMORY, STEP_LIMIT
+from groundstation.core.estimation.observer import (
+    Covariance,
+    Densities,
+    begun,
+    corrected,
+    corrected_attitude,
+    corrected_twice,
+    fourth_difference,
+    innovation,
+    later,
+    seen,
+)
+from groundstation.core.geometry.ops import Ops, Real, Vec3
+from groundstation.core.messages.control import Estimate
+from groundstation.core.vehicle.model import ZERO, Drive, Driven, Motion, carried, driven
+from groundstation.core.vehicle.vehicle import Vehicle
+from sim.batch.columns import pick, put, zeros
+from sim.batch.stages import Stages
+
+KEPT_FRAMES = 64
+"""Commands remembered: longer than any outage that a flight survives."""
+Index = npt.NDArray[np.intp]
+
+
+class Filtered(NamedTuple):
+    """Known at the newest pose; see :class:`groundstation.core.estimation.estimator.ModelEstimator`. Elementwise."""
+
+    stamp: Real
+    motion: Motion
+    disturbance: Vec3
+    rate: Vec3
+    covariance: Covariance
+    effectiveness: Effectiveness
+    noise: Real
+    times: tuple[Real, ...]
+    """Time stamps of the newest five poses [s]."""
+    places: tuple[Vec3, ...]
+    """And their positions [m, NED]."""
+    driven: Driven
+    """What commands make of the newest pose's state, as far as was asked last."""
+
+
+class BatchEstimator:
+    """State at each vehicle's newest pose; commands act from frames at multiples of ``period_s`` on."""
+
+    def __init__(
+        self, vehicle: Vehicle, gains: Gains, start: Any, idle_thrust_n: float, period_s: float, stages: Stages
+    ) -> None:
+        """``start`` is the (3, N) position [m, NED] at which the vehicles are held, with ``idle_thrust_n`` [N]."""
+        n = start.shape[1]
+        zero: Any = np.zeros(n)
+        self._vehicle = vehicle
+        self._gains = gains
+        self._period = period_s
+        self._densities = Densities(0.0, gains.acceleration_noise**2, gains.wind_noise**2, gains.wind_rate_noise**2)
+        self._separates = gains.effectiveness_deviation > 0.0
+        upright = (zero + 1.0, *zeros(n, 3))
+        state: Any = Filtered(
+            zero - np.inf,
+            Motion(tuple(start.copy()), zeros(n, 3), upright, zero + idle_thrust_n, zeros(n, 3)),
+            *(zeros(n, 3), zeros(n, 3)),
+            Covariance(*zeros(n, 10)),
+            Effectiveness(*zeros(n, 2), *(zeros(n, 3) for _ in range(4))),
+            zero + gains.pose_noise_m**2,
+            tuple(zero - np.inf for _ in range(5)),
+            tuple(zeros(n, 3) for _ in range(5)),
+            Driven(zeros(n, 4), zero, zeros(n, 3), zeros(n, 3), zeros(n, 3)),
+        )
+        self._state = state
+        self.release()
+        self._drives = np.zeros((KEPT_FRAMES, 4, n))
+        self._drives[:, 0] = idle_thrust_n
+        self._newest = 0
+        self._begin = stages(_rolling, (state.motion, state.driven))
+        self._roll = stages(self._rolled, state.driven)
+        self._correct = stages(self._corrected, state)
+        self._ahead = stages(self._predicted, state)
+
+    @property
+    def stamp_s(self) -> Any:
+        """Time stamp of each vehicle's newest pose [s]."""
+        return self._state.stamp
+
+    @property
+    def noise_m2(self) -> Any:
+        """Variance of the position noise of each vehicle's poses as measured, per axis [m²]."""
+        return self._state.noise
+
+    def release(self) -> None:
+        """As :meth:`ModelEstimator.release`."""
+        state = self._state
+        put(state.covariance, slice(None), begun(state.noise))
+        put(state.effectiveness, slice(None), told(self._gains.effectiveness_deviation))
+        put((state.disturbance, state.rate), slice(None), (ZERO, ZERO))
+
+    def sent(self, frame: int, drive: Drive) -> None:
+        """The command of ``frame`` acts from frame · period on."""
+        self._newest = frame
+        self._drives[frame % KEPT_FRAMES] = (drive.thrust, *drive.rates)
+
+    def pose(self, who: Index, stamp: Any, position: Any, attitude: Any) -> None:
+        """One pose for each of the vehicles ``who``."""
+        first = ~np.isfinite(self._state.stamp[who])
+        if first.any():
+            new = who[first]
+            self._state.stamp[new] = stamp[first]
+            put(self._state.motion.attitude, new, pick(attitude, first))
+            who, stamp, position, attitude = who[~first], stamp[~first], pick(position, ~first), pick(attitude, ~first)
+        if who.size:
+            with np.errstate(invalid="ignore"):  # -inf - -inf before the fifth pose
+                self._drive(stamp, who)
+                self._correct((stamp, position, attitude), who)
+
+    def _corrected(self, ops: Ops, old: Filtered, given: Any) -> Any:
+        """One pose, whose stamp [s], position [m, NED] and attitude are given; commands have been rolled until then."""
+        stamp, position, attitude = given
+        noise, times, places = self._measured(ops, old, stamp, position)
+        dt = stamp - old.stamp
+        model = self._at(old, dt)
+        expected = later(old.covariance, dt, self._densities)
+        gain, covariance = seen(expected, noise)
+        step = innovation(position, model.position)
+        rate = old.rate
+        now = corrected(old.disturbance, dt, rate)
+        e = old.effectiveness
+        if self._separates:
+            e = effectiveness.later(e, dt, old.driven, self._vehicle.mass_kg, self._gains.effectiveness_walk)
+            e, moved = effectiveness.seen(ops, e, step, gain, expected.pp + noise)
+            place = corrected_twice(model.position, gain.p, step, moved, e.p)
+            speed = corrected_twice(model.velocity, gain.v, step, moved, e.v)
+            now = corrected_twice(now, gain.d, step, moved, e.d)
+            rate = corrected_twice(rate, gain.c, step, moved, e.c)
+        else:
+            place, speed = corrected(model.position, gain.p, step), corrected(model.velocity, gain.v, step)
+            now, rate = corrected(now, gain.d, step), corrected(rate, gain.c, step)
+        turned = corrected_attitude(ops, model.attitude, attitude, self._gains.attitude_gain)
+        motion = Motion(place, speed, turned, model.thrust, model.rates)
+        return Filtered(stamp, motion, now, rate, covariance, e, noise, times, places, old.driven), ()
+
+    def predict(self, time_s: float) -> Estimate:
+        """Every vehicle at ``time_s``."""
+        self._drive(np.full(self._state.stamp.size, time_s))
+        return Estimate(time_s, *self._ahead((time_s,)))
+
+    def _predicted(self, _: Ops, old: Filtered, given: Any) -> Any:
+        (time_s,) = given
+        h = time_s - old.stamp
+        return old, (self._at(old, h), corrected(old.disturbance, h, old.rate), ZERO, old.effectiveness.value)
+
+    def _drive(self, end: Any, who: Index | None = None) -> None:
+        """Let the commands sent act on ``who``, or on all, from their newest poses to ``end`` [s]."""
+        period = self._period
+        self._begin((), who)
+        who = np.arange(end.size) if who is None else who
+        time = self._state.stamp[who]
+        while (going := time < end - 1e-9).any():
+            part, now, last = who[going], time[going], end[going]
+            frame = np.minimum(np.floor((now + 1e-9) / period).astype(int), self._newest)
+            until = np.minimum(last, now + STEP_LIMIT)
+            until = np.where(frame < self._newest, np.minimum(until, (frame + 1) * period), until)
+            thrust, *rates = self._drives[frame % KEPT_FRAMES, :, part].T
+            self._roll((thrust, tuple(rates), np.maximum(until - now, 1e-12)), part)
+            time[going] = until
+
+    def _rolled(self, ops: Ops, old: Driven, given: Any) -> Any:
+        thrust, rates, h = given
+        return driven(ops, old, Drive(thrust, rates), h, self._vehicle.thrust_lag_s, self._vehicle.rate_lag_s), ()
+
+    def _at(self, old: Filtered, h: Any) -> Any:
+        """The motion ``h`` [s] after the newest pose; commands have been rolled until then."""
+        north, east, down = old.disturbance
+        mass: Any = self._vehicle.mass_kg / old.effectiveness.value
+        return carried(old.motion, old.driven, h, mass, (north, east, down + self._gains.gravity), old.rate)
+
+    def _measured(self, ops: Ops, old: Filtered, stamp: Any, position: Any) -> Any:
+        """As :meth:`ModelEstimator._measure_noise`."""
+        times, places = (*old.times[1:], stamp), (*old.places[1:], position)
+        step: Real = times[1] - times[0]
+        # Before the fifth pose the first of the times is -inf, and the comparison false.
+        even = abs((times[4] - times[0]) - 4.0 * step) <= 0.1 * step
+        noise = old.noise
+        measured = noise + (fourth_difference(*places) - noise) / NOISE_MEMORY
+        return ops.where(even, ops.clamp(measured, NOISE_FLOOR_M2, math.inf), noise), times, places
+
+
+def _rolling(_: Ops, old: tuple[Motion, Driven], __: Any) -> Any:
+    """Begin to roll commands at the newest pose."""
+    motion = old[0]
+    return (motion, Driven(motion.attitude, motion.thrust, motion.rates, ZERO, ZERO)), ()

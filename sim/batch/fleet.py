@@ -1,0 +1,191 @@
+"""The truth about N vehicles: plants, wind and cameras. What :mod:`sim.runs.stage` is to one."""
+
+from collections.abc import Iterator, Sequence
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from groundstation.core.geometry.ops import Ops
+from groundstation.core.vehicle.model import Drive
+from sim.batch.cameras import Cameras
+from sim.batch.columns import pick, put, zeros
+from sim.batch.stages import Stages
+from sim.runs.referee import CRASH_M
+from sim.world.draws import stream
+from sim.world.plant import Body, Physics, moved
+from sim.world.wind import Eddies, begun, cell, felt, stirred
+from sim.world.world import World
+
+Array = npt.NDArray[np.float64]
+BODY = 14
+"""Numbers that make a Body."""
+BLOCK = 512
+"""Grid steps of turbulence drawn at a time."""
+
+
+class Fleet:
+    """The truth about N vehicles, one frame of commands at a time.
+
+    ``track`` has shape (steps + 1, 14, N): the vehicles at the start of each plant step of the frame, and at its end.
+    ``felt`` has shape (steps + 1, 3, N): the disturbance b [m/s², NED] at the start of the frame, and in each step.
+    """
+
+    def __init__(
+        self,
+        worlds: Sequence[World],
+        seeds: Sequence[int],
+        *,
+        duration_s: float,
+        release_s: float,
+        steps: int,
+        told_latency_s: float,
+        stages: Stages,
+    ) -> None:
+        """``release_s`` [s] is when the flights begin, counted from the start of the cameras."""
+        first = worlds[0]
+        self.count = n = len(worlds)
+
+        def column(name: str) -> Any:
+            return np.array([getattr(w, name) for w in worlds], np.float64)
+
+        self._physics: Any = Physics(
+            column("mass_kg"),
+            column("thrust_lag_s"),
+            column("rate_lag_s"),
+            column("drag_per_s"),
+            column("rate_leak"),
+            first.gravity,
+        )
+        self._thrust_max, self._thrust_curve = column("thrust_max_n"), column("thrust_curve")
+        self._gain, self._sag = column("thrust_gain"), column("thrust_sag")
+        self._limits = np.radians(np.array([w.rate_limits_deg_s for w in worlds])).T
+        self._floor = column("floor_z_m")
+        self.start = np.array([w.start_ned for w in worlds]).T
+        self._steps, self._step_s = steps, first.frame_period_s / steps
+        self.track = np.zeros((steps + 1, BODY, n))
+        self.track[-1, :3] = self.start
+        self.track[-1, 6] = 1.0
+        self.track[-1, 10] = column("start_thrust") * self._physics.mass_kg * first.gravity
+        self.felt = np.zeros((steps + 1, 3, n))
+        self._thrust_command: Any = np.zeros(n)
+        self._rate_command: Any = zeros(n, 3)
+        self._gust_hz, self._wind_step_s = column("wind_gust_hz"), column("wind_step_time_s")
+        self._mean, self._gust, self._wind_step = (
+            np.array([getattr(w, key) for w in worlds], np.float64).T.copy()
+            for key in ("wind_mean", "wind_gust", "wind_step")
+        )
+        self._turbulence = column("wind_turbulence")
+        self._normals = [stream(seed, "turbulence") for seed in seeds]
+        self._stirs = bool(self._turbulence.any())
+        self._grid, self._block = 0, self._drawn() if self._stirs else np.zeros((1, 3, n))
+        zero: Any = np.zeros(n)
+        eddies = Eddies(zeros(n, 3), zero, zero.copy())
+        put(eddies, slice(None), begun(tuple(self._block[0])))
+        told = self._thrust_command, self._rate_command, self._physics
+        self._frame = stages(self._flown, (tuple(map(_body, self.track)), tuple(map(tuple, self.felt[1:])), *told))
+        self._part = stages(_seen, told)
+        winds = (tuple(self._mean), tuple(self._gust), tuple(self._wind_step), self._wind_step_s, self._gust_hz)
+        self._blow = stages(_blown, (*winds, self._turbulence, eddies, tuple(map(tuple, self.felt))))
+        self._cameras = Cameras(worlds, seeds, duration_s, release_s, told_latency_s)
+        self.arrived = self._cameras.arrived
+        losses = [stream(seed, "frame loss").random(int(duration_s / first.frame_period_s) + 8) for seed in seeds]
+        self._frame_lost = column("frame_loss") > np.array(losses).T
+
+    def hold(self, time_s: float) -> None:
+        """A frame before the release: nothing moves, but the cameras run."""
+        body = _body(self.track[-1])
+        self._cameras.expose(np.array([time_s + self._steps * self._step_s]), lambda _, who, __: pick(body, who))
+
+    def command(self, frame: int, time_s: float, drive: Drive, told_full_n: float, told_curve: float) -> None:
+        """Frame number ``frame`` leaves at ``time_s`` after the release; some vehicles never hear it.
+
+        The full signal is told to give ``told_full_n`` [N], on the curve ``told_curve`` (links/core/thrust_curve.py).
+        """
+        told, straight = np.clip(np.asarray(drive.thrust) / told_full_n, 1e-30, 1.0), 1.0 - told_curve
+        signal = 2.0 * told / (straight + np.sqrt(straight * straight + 4.0 * told_curve * told))
+        # On the wire both are single-precision numbers.
+        signal = signal.astype(np.float32).astype(np.float64)
+        share = self._thrust_curve * signal * signal + (1.0 - self._thrust_curve) * signal
+        rates = [np.asarray(rate).astype(np.float32).astype(np.float64) for rate in drive.rates]
+        gain = self._gain * (1.0 - self._sag * min(1.0, time_s / 60.0))
+        # The first frame is what releases the vehicle; losses count from the second.
+        lost = self._frame_lost[frame - 1] & (frame > 0)
+        self._thrust_command[...] = np.where(lost, self._thrust_command, gain * share * self._thrust_max)
+        for now, new, limit in zip(self._rate_command, rates, self._limits, strict=True):
+            now[...] = np.where(lost, now, np.clip(new, -limit, limit))
+
+    def fly(self, time_s: float) -> None:
+        """All steps of the frame that begins at ``time_s`` after the release, and the pictures taken meanwhile."""
+        h, track = self._step_s, self.track
+        track[0] = track[-1]
+        starts: Array = time_s + np.arange(self._steps, dtype=np.float64) * h
+        self._blow(tuple((time, tuple(self._new_normals(time))) for time in (time_s, *(starts + 0.5 * h).tolist())))
+        self._frame(())
+
+        def seen(step: Any, who: Any, taken: Any) -> Any:
+            before = _body(track[step, :, who].T)
+            return self._part(
+                (before, tuple(self.felt[step + 1, :, who].T), np.maximum(taken - starts[step], 1e-12)), who
+            )
+
+        self._cameras.expose(starts + h, seen)
+
+    def _flown(self, ops: Ops, state: Any, _: Any) -> Any:
+        bodies, felt, thrust, rates, physics = state
+        after = [bodies[0]]
+        for wind in felt:
+            after.append(moved(ops, after[-1], thrust, rates, wind, self._step_s, physics))
+        return (tuple(after), *state[1:]), ()
+
+    def _new_normals(self, time_s: float) -> Iterator[Any]:
+        """What stirs the turbulence until ``time_s`` after the release; questions go forward in time."""
+        while self._stirs and self._grid < cell(time_s):
+            self._grid += 1
+            if self._grid % BLOCK == 0:
+                self._block = self._drawn()
+            yield tuple(self._block[self._grid % BLOCK])
+
+    def _drawn(self) -> Array:
+        return np.stack([g.standard_normal((BLOCK, 3)) for g in self._normals], axis=2)
+
+    def crashed(self, steps: int) -> Any:
+        """Who has hit the floor or left every room within so many ``steps`` of this frame.
+
+        They are put back to their start, out of the way.
+        """
+        x, y, z = np.moveaxis(self.track[1 : steps + 1, :3], 1, 0)
+        x0, y0, z0 = self.start
+        far = (x - x0) ** 2 + (y - y0) ** 2 + (z - z0) ** 2 > CRASH_M**2
+        down = ((z >= self._floor - 1e-9) | far | ~np.isfinite(x + y + z)).any(axis=0)
+        if down.any():
+            end = self.track[-1]
+            end[:, down] = 0.0
+            end[:3, down] = self.start[:, down]
+            end[6, down] = 1.0
+        return down
+
+
+def _seen(ops: Ops, state: Any, given: Any) -> Any:
+    before, wind, h = given
+    thrust, rates, physics = state
+    return state, moved(ops, before, thrust, rates, wind, h, physics)
+
+
+def _blown(ops: Ops, state: Any, given: Any) -> Any:
+    *winds, eddies, _ = state
+    mean, gust, step, step_s, gust_hz, turbulence = winds
+    now = []
+    for time_s, stirs in given:
+        for normals in stirs:
+            eddies = stirred(eddies, normals)
+        sine = ops.sin(2.0 * np.pi * gust_hz * time_s)
+        steady = (m + g * sine + s * (time_s >= step_s) for m, g, s in zip(mean, gust, step, strict=True))
+        now.append(tuple(a + b for a, b in zip(steady, felt(eddies, turbulence), strict=True)))
+    return (*winds, eddies, tuple(now)), ()
+
+
+def _body(numbers: Any) -> Any:
+    """The Body of 14 rows, without a copy."""
+    px, py, pz, vx, vy, vz, w, x, y, z, thrust, p, q, r = numbers
+    return Body((px, py, pz), (vx, vy, vz), (w, x, y, z), thrust, (p, q, r))

@@ -1,0 +1,192 @@
+"""A straight-line program as C: one loop over the vehicles in place of one pass an operation.
+
++ - * / and roots are rounded the same everywhere, so C gives numpy's bits. Other functions stay numpy's own: the loop
+ends where one is needed, and the next one goes on from there.
+"""
+
+import ctypes
+import operator
+from collections.abc import Callable, Sequence
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from groundstation.core.geometry.ops import arrays
+from sim.batch.compiler import built
+from sim.batch.trace import Operand, Program, Symbol
+
+INLINE = {
+    "constant": "{}",
+    "add": "{} + {}",
+    "sub": "{} - {}",
+    "mul": "{} * {}",
+    "truediv": "{} / {}",
+    "neg": "-{}",
+    "abs": "__builtin_fabs({})",
+    "sqrt": "__builtin_sqrt({})",
+    "where": "{} != 0.0 ? {} : {}",
+    "clamp": "clamped({}, {}, {})",
+    "lt": "{} < {}",
+    "le": "{} <= {}",
+    "gt": "{} > {}",
+    "ge": "{} >= {}",
+    "eq": "{} == {}",
+    "ne": "{} != {}",
+    "and": "({} != 0.0) & ({} != 0.0)",
+    "or": "({} != 0.0) | ({} != 0.0)",
+    "invert": "{} == 0.0",
+}
+"""Operations as C. What is true or false is 1.0 or 0.0 there."""
+TRUTHS = ("lt", "le", "gt", "ge", "eq", "ne", "and", "or", "invert")
+Array = npt.NDArray[np.float64]
+Index = npt.NDArray[np.intp]
+_OPS = arrays()
+_ARGUMENTS = (ctypes.c_ssize_t, *(ctypes.c_void_p,) * 4)
+OUTSIDE: dict[str, Callable[..., Any]] = {
+    "pow": operator.pow,
+    **{name: getattr(_OPS, name) for name in _OPS.__slots__ if name not in INLINE},
+}
+"""Operations that numpy does."""
+STATE, SCALAR, GIVEN = INPUTS = ("state", "scalar", "given")
+"""Lines that are inputs; their operand is the input's number among those of its kind."""
+HEAD = """\
+#if __FLT_EVAL_METHOD__ == 2 || __FLT_EVAL_METHOD__ < 0
+#error "this machine rounds otherwise than numpy"
+#endif
+typedef __INTPTR_TYPE__ whole;
+static inline double clamped(double x, double low, double high) {
+    x = (x < low) | (low != low) ? low : x; /* what is not a number spreads, as in numpy */
+    return (x > high) | (high != high) ? high : x;
+}
+"""
+_LOOP = """
+void level{level}(whole n, const whole *who, double *const *state, const double *scalar, double *block) {{
+{pointers}
+#pragma GCC ivdep
+    for (whole i = 0; i < n; i++) {{
+        const whole j = {number};
+{body}
+    }}
+}}
+"""
+
+
+class Kernel:
+    """A program compiled. What is given and found, and what waits between two loops, are rows of one block."""
+
+    def __init__(self, program: Program, state: dict[int, int], found: Sequence[int], *, everyone: bool) -> None:
+        """Compile what puts lines into the ``state``, by its number, and the lines ``found``.
+
+        ``everyone`` tells that the loops are over all vehicles, and not over some of them by number.
+
+        Raises:
+            OSError: it can't be compiled or loaded, and why.
+        """
+        self._program = program
+        self.rows = {i: self._number(i) for i in range(len(program.lines)) if self._name(i) == GIVEN}
+        """Line to row of the block."""
+        self._level: dict[int, int] = {}
+        ends = [*state.values(), *found]
+        self._needed = program.needed(ends)
+        for line in self._needed:
+            self._place(line)
+        last = max((self._level[i] for i in ends), default=0)
+        for line in ends:
+            if line in found or self._level[line] < last:
+                self._keep(line)
+        loops = [self._loop(level, state if level == last else {}, everyone=everyone) for level in range(last + 1)]
+        library = built(HEAD + "".join(loops))
+        self._steps = [(self._calls(level), getattr(library, f"level{level}")) for level in range(last + 1)]
+        for _, loop in self._steps:
+            loop.argtypes, loop.restype = _ARGUMENTS, None
+
+    def __call__(self, who: Index | None, state: Any, scalars: Any, given: Sequence[Array], count: int) -> Array:
+        """The block, of shape (rows, count), for the vehicles ``who``; ``state`` and ``scalars`` are C arrays."""
+        block = np.empty((len(self.rows), count))
+        if given:
+            np.concatenate(given, out=block[: len(given)].reshape(-1))
+        numbers, address = None if who is None else who.ctypes.data, block.ctypes.data
+        for calls, loop in self._steps:
+            for function, row, sources in calls:
+                block[row] = function(*(block[x] if isinstance(x, int) else x for x in sources))
+            loop(count, numbers, state, scalars, address)
+        return block
+
+    def _name(self, line: int) -> str:
+        return self._program.lines[line][0]
+
+    def _keep(self, line: int) -> None:
+        """Give ``line`` a row."""
+        self.rows.setdefault(line, len(self.rows))
+
+    def _place(self, line: int) -> None:
+        """Find the loop that ``line`` belongs to: the one after the last function of numpy's that it rests on."""
+        outside, below = self._name(line) in OUTSIDE, self._program.operands(line)
+        self._level[line] = level = max((self._level[x] for x in below), default=0) + outside
+        for x in below:
+            if outside or (self._level[x] < level and self._name(x) not in INPUTS):
+                self._keep(x)
+        if outside:
+            self._keep(line)
+
+    def _calls(self, level: int) -> list[tuple[Callable[..., Any], int, list[int | float]]]:
+        """What numpy does before the loop ``level``: function, row of the result, rows or constants it takes."""
+        return [
+            (OUTSIDE[name], self.rows[i], [self.rows[x.line] if isinstance(x, Symbol) else float(x) for x in operands])
+            for i in self._needed
+            for name, operands in [self._program.lines[i]]
+            if self._level[i] == level and name in OUTSIDE
+        ]
+
+    def _loop(self, level: int, state: dict[int, int], *, everyone: bool) -> str:
+        """The C of one loop, which ends with putting lines into the ``state``."""
+        inside = {i: None for i in self._needed if self._level[i] == level and self._name(i) in INLINE}
+        kept = [i for i in self.rows if i in inside or (level == 0 and self._name(i) in (STATE, SCALAR))]
+        used = {*kept, *state.values(), *(x for i in inside for x in self._program.operands(i))}
+        body = [f"x{i} = {self._source(i)}" for i in sorted(used - inside.keys())]
+        for i in inside:
+            name, operands = self._program.lines[i]
+            body.append(f"x{i} = " + INLINE[name].format(*map(_said, operands)))
+        lines = [f"        const double {line};" for line in body]
+        lines += [f"        block[{self.rows[i]} * n + i] = x{i};" for i in kept]
+        lines += [f"        s{number}[j] = x{i};" for number, i in state.items()]
+        numbers = {*state, *(self._number(i) for i in used if self._name(i) == STATE)}
+        return _LOOP.format(
+            level=level,
+            pointers="\n".join(f"    double *s{number} = state[{number}];" for number in sorted(numbers)),
+            number="i" if everyone else "who[i]",
+            body="\n".join(lines),
+        )
+
+    def _number(self, line: int) -> int:
+        """Of an input, among those of its kind."""
+        (number,) = self._program.lines[line][1]
+        assert not isinstance(number, Symbol)
+        return int(number)
+
+    def _source(self, line: int) -> str:
+        """Where a loop finds a number that it does not compute."""
+        name = self._name(line)
+        if name == STATE:
+            return f"s{self._number(line)}[j]"
+        return f"scalar[{self._number(line)}]" if name == SCALAR else f"block[{self.rows[line]} * n + i]"
+
+
+def _said(x: Operand) -> str:
+    """An operand in C."""
+    if isinstance(x, Symbol):
+        return f"x{x.line}"
+    return f"({float(x)!r})".replace("inf", "__builtin_inf()").replace("nan", '__builtin_nan("")')
+
+
+def check() -> None:
+    """Compile every operation once.
+
+    Raises:
+        OSError: this machine can't; why.
+    """
+    program = Program()
+    x = program.line(GIVEN, 0.0)
+    lines = [program.line(name, *(x,) * text.count("{}")).line for name, text in INLINE.items()]
+    Kernel(program, {}, lines, everyone=True)

@@ -1,0 +1,151 @@
+"""What each ``groundstation-sim`` command does: where that is written, or here where it is little."""
+
+import argparse
+import json
+from typing import Any
+
+import msgspec
+
+from groundstation.config.load import ConfigError
+from sim.cli.proving import MEASUREMENTS, proving
+from sim.world.prepare import prepare, scenario_of
+from sim.world.scenarios import SCENARIOS
+
+
+def fly(args: argparse.Namespace) -> int:
+    """Fly one scenario in virtual time."""
+    from sim.cli.fly import fly as command
+
+    return command(args)
+
+
+def mission(args: argparse.Namespace) -> int:
+    """Fly one scenario from the floor to its figure and back, in virtual time."""
+    from sim.cli.mission import mission as command
+
+    return command(args)
+
+
+def faults(args: argparse.Namespace) -> int:
+    """Break one thing in every state of a mission."""
+    return int(proving("faults", "commands").faults(args))
+
+
+def alarms(args: argparse.Namespace) -> int:
+    """Fly true flights, and see how near the monitor of the poses came to accusing them."""
+    return int(proving("alarms", "alarms.command").alarms(args))
+
+
+def soak(args: argparse.Namespace) -> int:
+    """Fly for hours, and see whether anything grows."""
+    return int(proving("soak", "commands").soak(args))
+
+
+def fuzz(args: argparse.Namespace) -> int:
+    """Feed decoders random and damaged bytes."""
+    return int(proving("fuzz", "commands").fuzz(args))
+
+
+def compare(args: argparse.Namespace) -> int:
+    """Fly controllers side by side."""
+    from sim.cli.compare import compare as command
+
+    return command(args)
+
+
+def campaign(args: argparse.Namespace) -> int:
+    """Fly one scenario many times, in drawn worlds."""
+    from sim.cli.campaign import campaign as fly_campaign
+
+    scenario = scenario_of(args.scenario)
+    world, config = prepare(scenario, args.overrides)
+    return fly_campaign(args, scenario.name, world, config)
+
+
+def tune(args: argparse.Namespace) -> int:
+    """Search for better gains, or say how wrong the world may be with those there are."""
+    from sim.cli.tune import report, search
+
+    return report(args) if args.report else search(args)
+
+
+def serve(args: argparse.Namespace) -> int:
+    """Run the simulated side in real time."""
+    from sim.cli.serve import serve as command
+
+    return command(args)
+
+
+def bench(args: argparse.Namespace) -> int:
+    """Measure this machine."""
+    for name in args.what:
+        if name not in MEASUREMENTS:
+            raise ConfigError("bench", f"expected some of {list(MEASUREMENTS)}, got {name!r}")
+    bench_ = proving("bench", "bench.bench")
+    options = bench_.Options(peers=args.peers, hours=args.hours, seconds=args.seconds)
+    facts = bench_.measured(args.what or list(MEASUREMENTS), options)
+    if args.json and args.what == ["links"]:
+        facts |= facts.pop("links")
+    print(json.dumps(facts) if args.json else bench_.text(facts))
+    return 0
+
+
+def bring_down(args: argparse.Namespace) -> int:
+    """Cut flights short, and tell how the bring-down ends."""
+    from sim.studies.bring_down import cut_all, markdown
+    from sim.studies.compare.table import check_markers, put_between_markers
+
+    for name in args.scenarios:
+        scenario_of(name)
+    if args.write is not None:
+        check_markers(args.write)
+    table = markdown(cut_all(args.scenarios, args.flights))
+    print(table)
+    if args.write is not None:
+        command = f"groundstation-sim bring-down --flights {args.flights} --write {args.write.name}"
+        made = f"{args.flights} flights each: medians, the worst in brackets. Made by `{command}`."
+        put_between_markers(args.write, f"{table}\n\n{made}")
+    return 0
+
+
+def scenarios(args: argparse.Namespace) -> int:
+    """List the scenarios."""
+    rows: dict[str, dict[str, Any]] = {
+        name: {
+            "summary": s.summary,
+            "sim": msgspec.to_builtins(s.world),
+            "told": {"vehicle": msgspec.to_builtins(s.told), "pose_latency_s": s.told_latency_s},
+        }
+        for name, s in SCENARIOS.items()
+    }
+    if args.json:
+        print(json.dumps(rows))
+        return 0
+    for name, row in rows.items():
+        print(f"{name}: {row['summary']}")
+        for section in ("sim", "told"):
+            for key, value in row[section].items():
+                print(f"    {section}.{key} = {value}")
+    return 0
+
+
+def check_vectors(args: argparse.Namespace) -> int:
+    """Evaluate the law on test vectors."""
+    from sim.studies.vectors import LIMIT, worst_disagreement
+
+    try:
+        worst, count = worst_disagreement(args.file)
+    except OSError as error:
+        raise ConfigError("", f"cannot read {args.file}: {error.strerror}") from None
+    except ValueError as error:
+        raise ConfigError("", str(error)) from None
+    print(f"{count} vectors, largest |a - e| / max(1, |e|) = {worst:.3g} (limit {LIMIT:g})")
+    return 0 if worst <= LIMIT else 1
+
+
+def reference(args: argparse.Namespace) -> int:
+    """Print or write the pages of docs/reference that are made from the code."""
+    from sim.reference.pages import reference_command
+
+    print(reference_command(args.write))
+    return 0

@@ -1,0 +1,143 @@
+"""What ``groundstation-sim fly`` shows a person: a progress bar, and a summary beside the paper's figures."""
+
+import sys
+from pathlib import Path
+from types import TracebackType
+from typing import Any
+
+from groundstation.runtime.entry import bare
+from sim.runs.referee import STEADY_S
+
+PAPER = {"rms_cm": 4.61, "max_cm": 7.6, "settle_s": 5.0}
+"""Cabecinhas, Cunha, Silvestre, ACC 2013, section VI."""
+
+
+class Progress:
+    """A bar on stderr while a flight, or a campaign of many, is flown."""
+
+    def __init__(self, duration_s: float, *, quiet: bool, unit: str = "s", digits: int = 1) -> None:
+        """``quiet`` shows nothing (and imports nothing); ``duration_s`` counts in ``unit``."""
+        self._format = f"{{task.completed:5.{digits}f}} of {{task.total:.0f}} {unit}"
+        self._quiet = quiet
+        self._duration = duration_s
+
+    def __enter__(self) -> "Progress":
+        """Show the bar."""
+        if not self._quiet:
+            from rich.console import Console
+            from rich.progress import BarColumn, TextColumn, TimeElapsedColumn
+            from rich.progress import Progress as Bar
+
+            self._bar = Bar(
+                TextColumn("flying"),
+                BarColumn(),
+                TextColumn(self._format),
+                TimeElapsedColumn(),
+                console=Console(file=bare(sys.stderr)),
+            )
+            self._bar.start()
+            self._task = self._bar.add_task("fly", total=self._duration)
+        return self
+
+    def at(self, flight_time_s: float) -> None:
+        """The flight has come to ``flight_time_s`` [s]."""
+        if not self._quiet:
+            self._bar.update(self._task, completed=min(flight_time_s, self._duration))
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        """Leave the bar as it stands."""
+        if not self._quiet:
+            self._bar.stop()
+
+
+class Counter:
+    """A bar on stderr while many things are done."""
+
+    def __init__(self, what: str, total: int, *, quiet: bool) -> None:
+        """``quiet`` shows nothing (and imports nothing)."""
+        self._what = what
+        self._total = total
+        self._quiet = quiet
+
+    def __enter__(self) -> "Counter":
+        """Show the bar."""
+        if not self._quiet:
+            from rich.console import Console
+            from rich.progress import BarColumn, MofNCompleteColumn, TextColumn, TimeRemainingColumn
+            from rich.progress import Progress as Bar
+
+            self._bar = Bar(
+                TextColumn(self._what),
+                BarColumn(),
+                MofNCompleteColumn(),
+                TimeRemainingColumn(),
+                console=Console(file=bare(sys.stderr)),
+            )
+            self._bar.start()
+            self._task = self._bar.add_task(self._what, total=self._total)
+        return self
+
+    def at(self, count: int) -> None:
+        """``count`` are done."""
+        if not self._quiet:
+            self._bar.update(self._task, completed=count)
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        """Leave the bar as it stands."""
+        if not self._quiet:
+            self._bar.stop()
+
+
+def summary(facts: dict[str, Any], folder: Path | None) -> str:
+    """The flight's figures as a few lines of text."""
+    title = f"{facts['scenario']}, controller {facts['controller']}, seed {facts['seed']}"
+    if not facts["completed"]:
+        title += f"\nNOT COMPLETED after {facts['duration_s']:.1f} s: {facts['why']}"
+    paper = facts["scenario"] == "paper"
+    lines = [title, ""]
+    if paper:
+        lines.append(f"{'':24}{'this flight':>14}{'the paper':>14}")
+    for key, label, unit in (
+        ("rms_cm", "RMS error", "cm"),
+        ("max_cm", "largest error", "cm"),
+        ("settle_s", "settled (< 10 cm) after", "s"),
+    ):
+        none = "never" if key == "settle_s" else "-"
+        value = none if facts[key] is None else f"{facts[key]:.2f} {unit}"
+        lines.append(f"{label:24}{value:>14}" + (f"{PAPER[key]:>11.2f} {unit}" if paper else ""))
+    if facts["completed"] and facts["rms_cm"] is None:
+        lines.append(f"errors count from {STEADY_S:.0f} s on: this flight was shorter")
+    if facts["gust_peak_cm"] is not None:
+        back = "never" if facts["gust_back_s"] is None else f"{facts['gust_back_s']:.2f} s"
+        lines.append(f"{'gust: largest error':24}{facts['gust_peak_cm']:>11.2f} cm")
+        lines.append(f"{'gust: under 5 cm after':24}{back:>14}")
+    lines += [
+        "",
+        f"{'wind, true':24}{_vector(facts['wind_true'])} m/s² (north, east, down; mean of the last second)",
+        f"{'wind, estimated':24}{_vector(facts['wind_estimate'])} m/s²",
+        f"{'thrust, estimated':24}{100.0 * facts['thrust_effectiveness']:.1f} % of what was told",
+    ]
+    if facts["thrust_min_n"] is not None:
+        lines.append(f"{'thrust commanded':24}{facts['thrust_min_n']:.3f} … {facts['thrust_max_n']:.3f} N")
+    if facts["thrust_bound_m_s2"] is not None:
+        bound = facts["thrust_bound_m_s2"]
+        promise = "the theory promises positive thrust" if bound > 0.0 else "so the theory alone promises nothing"
+        lines.append(f"{'thrust bound a priori':24}{bound:+.2f} m/s², {promise}")
+    violated, suspended = 100.0 * facts["certificate_violated"], 100.0 * facts["certificate_suspended"]
+    lines.append(f"{'V above its bound':24}{violated:.2f} % of the time, suspended {suspended:.2f} %")
+    lines += [f"{'':24}{warning}" for warning in facts["certificate_warnings"]]
+    lines += [
+        f"{'commands at a limit':24}{100.0 * facts['saturated_fraction']:.2f} % (after the first 5 s)",
+        f"{'wall time':24}{facts['wall_s']:.2f} s for {facts['duration_s']:.0f} s, {facts['datagrams']} datagrams",
+    ]
+    if folder is not None:
+        lines.append(f"{'written to':24}{folder}")
+    return "\n".join(lines)
+
+
+def _vector(v: tuple[float, float, float]) -> str:
+    return f"({v[0]:+.3f}, {v[1]:+.3f}, {v[2]:+.3f})"

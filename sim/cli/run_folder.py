@@ -1,0 +1,96 @@
+"""A run's folder: the configuration, the recording (flight.mcap, flight.tlog), the poses as CSV, and the result.
+
+A radio's frames, which leave by no network, are kept as lines of hex.
+"""
+
+import json
+import sys
+from pathlib import Path
+from typing import Any, TextIO
+
+import msgspec
+
+from groundstation.config.load import ConfigError, dump
+from groundstation.core.messages.pose import Pose
+from groundstation.pose.sources import csv_codec
+from groundstation.pose.sources.csv import IN_RUN_FOLDER
+from groundstation.recording.log import FlightLog
+from groundstation.recording.recorded import about
+from groundstation.recording.records import Ended, Record, Ticked, Told
+from groundstation.settings.settings import Config
+from links.mavlink.link import MavlinkLinkConfig
+from sim.radio.inline_pacer import MODULE
+from sim.world.world import World
+
+RECORDING, FRAMES = "flight.mcap", "frames.txt"
+
+
+class RunFolder:
+    """Writes one run."""
+
+    def __init__(self, path: Path, config: Config, world: World, *, scenario: str, seed: int) -> None:
+        """Make the folder and begin the recording; one that is there already is replaced.
+
+        Raises:
+            ConfigError: the folder can't be written.
+        """
+        self.path = path
+        told = about(config, clock="virtual", scenario=scenario, seed=seed, sim=dump(world))
+        try:
+            path.mkdir(parents=True, exist_ok=True)
+            (path / "config.toml").write_text(dump(config))
+            for name in (RECORDING, "flight.tlog", FRAMES):
+                (path / name).unlink(missing_ok=True)
+            # Virtual time begins at 0, whenever that is: the same flight gives the same bytes.
+            self._log = FlightLog(path / RECORDING, told, epoch_ns=0, tell=_warn)
+            self._poses = _opened(path / IN_RUN_FOLDER)
+            self._frames = None if isinstance(config.link, MavlinkLinkConfig) else _opened(path / FRAMES)
+        except OSError as error:
+            raise ConfigError("--out", f"cannot write {path}: {error.strerror}") from None
+        self._poses.write(csv_codec.COLUMNS + "\n")
+        self._world = world
+        self._last_s = 0.0
+        self._state = "idle"
+        self._ended = False
+
+    def give(self, record: Record) -> None:
+        """Take one record of the flight."""
+        self._log.write(record)
+        match record:
+            case Ticked(tick):
+                self._last_s = tick.time_s
+            case Told(_, state):
+                self._state = state
+            case Ended():
+                self._ended = True
+
+    def datagram(self, time_s: float, source: tuple[str, int], target: tuple[str, int], data: bytes) -> None:
+        """One datagram of the simulated network: a radio's frame is a line of hex."""
+        del source
+        if target == MODULE and self._frames is not None:
+            self._frames.write(f"{time_s:.6f} {data.hex(' ')}\n")
+
+    def pose(self, pose: Pose) -> None:
+        """One pose as it came; `pose.kind = "csv"` plays the folder's again."""
+        self._poses.write(
+            csv_codec.encode(csv_codec.Row(pose.time_s, pose.arrival_s, pose.position_ned, pose.attitude))
+        )
+
+    def close(self, facts: dict[str, Any]) -> None:
+        """Write the result and close everything."""
+        if not self._ended:  # the simulation has, in the air: that is no end of a mission
+            self._log.write(Ended(self._last_s, self._state, facts["why"]))
+        self._log.close()
+        for file in (self._poses, self._frames):
+            if file is not None:
+                file.close()
+        result = {**facts, "sim": msgspec.to_builtins(self._world)}
+        (self.path / "summary.json").write_text(json.dumps(result, indent=2) + "\n")
+
+
+def _warn(line: str) -> None:
+    print(line, file=sys.stderr)
+
+
+def _opened(path: Path) -> TextIO:
+    return path.open("w", encoding="utf-8")

@@ -1,0 +1,1 @@
+"""The simulated radio: pacer, receiver and bridge at exact instants."""

@@ -1,0 +1,1 @@
+"""Simulated flights, one or several, in virtual time or real time, and their judge."""

@@ -1,0 +1,199 @@
+"""Judges a simulated flight by the truth, which the controller never sees."""
+
+import math
+from array import array
+from typing import Any
+
+import msgspec
+
+from groundstation.core.control.watch import SUSPENDED, VIOLATED
+from groundstation.core.geometry.ops import Vec3
+from groundstation.core.geometry.so3 import third_column
+from groundstation.core.messages.control import Estimate
+from groundstation.core.pilot import Tick
+from groundstation.core.trajectory.port import Trajectory
+from sim.world.world import World
+
+STEADY_S = 15.0
+"""The steady part of a flight starts here [s after release]."""
+ROUNDING_S = 1e-9
+"""So much earlier still counts: a sample at that very instant must not depend on how its time was summed up [s]."""
+SETTLED_M = 0.10
+"""A flight has settled once its error stays below this [m]."""
+BACK_M = 0.05
+"""After a step of the wind: back once the error stays below this [m]."""
+SATURATION_FROM_S = 5.0
+"""Saturated commands count from here [s]: the approach may use all there is."""
+CRASH_M = 20.0
+"""Farther than this from the start, no room holds the vehicle [m]."""
+
+
+class Verdict(msgspec.Struct, frozen=True, kw_only=True):
+    """The figures of one flight. Lengths of the errors are true position against reference, at plant steps."""
+
+    rms_cm: float | None
+    """Over the steady part; None where the flight ended before it."""
+    max_cm: float | None
+    settle_s: float | None
+    """First time after which the error stays below 10 cm; None if there is none."""
+    wind_true: Vec3
+    """Mean true disturbance over the last second [m/s², NED], without the effect of wrong thrust or mass."""
+    wind_estimate: Vec3
+    """Mean b̂ over the last second [m/s², NED]."""
+    thrust_effectiveness: float
+    """Mean λ̂ over the last second [-]."""
+    thrust_min_n: float | None
+    thrust_max_n: float | None
+    """Commanded thrust over the whole flight [N]."""
+    saturated_fraction: float
+    """Share of the commands after 5 s in which any of the four was clamped."""
+    lyapunov_increase_max: float | None
+    """Largest increase of V from one command to the next over the steady part."""
+    lyapunov_floor: float | None
+    """Median of V over the steady part: its sampling and noise floor."""
+    lyapunov_start: float | None
+    """V at the first command."""
+    certificate_violated: float
+    """Share of the commands at which V's bound was violated for longer than a moment; see control/watch.py."""
+    certificate_suspended: float
+    """Share of the commands at which it was suspended, as the one before was clamped."""
+    certificate_warnings: tuple[str, ...]
+    """What the operator was told of it, with the time on the trajectory."""
+    gust_peak_cm: float | None = None
+    """After a step of the wind: largest error [cm]."""
+    gust_back_s: float | None = None
+    """After a step of the wind: time until the error stays below 5 cm [s]."""
+
+
+class Referee:
+    """Sees every plant step and every command of one flight."""
+
+    def __init__(self, world: World, told_kg: float, kb: float | None) -> None:
+        """Take the truth, and the mass that the controller was told [kg].
+
+        ``kb`` weighs b̃ in V (0: V without that term; None: the controller has no V at all).
+        """
+        self._world = world
+        self._told_kg = told_kg
+        self._kb = kb
+        self._time = array("d")
+        self._x, self._y, self._z = array("d"), array("d"), array("d")
+        self._ticks: list[tuple[float, float, bool, float, Vec3]] = []
+        self._winds: list[Vec3] = []
+        self._wanted: list[Vec3] = []
+        self._effectiveness = array("d")
+        self._states: list[str] = []
+        self._warnings: list[str] = []
+        self.crash: str | None = None
+
+    def step(self, time_s: float, position: Vec3) -> None:
+        """One plant step after release; times on the event loop's clock."""
+        self._time.append(time_s)
+        x, y, z = position
+        self._x.append(x)
+        self._y.append(y)
+        self._z.append(z)
+
+    def tick(self, tick: Tick, wind: Vec3) -> None:
+        """One command, and the true disturbance at that instant."""
+        d, estimate = tick.decision, tick.estimate
+        self._ticks.append(
+            (tick.flight_time_s, d.drive.thrust, d.saturated, d.diagnostics.v_known, d.diagnostics.b_hat)
+        )
+        self._effectiveness.append(estimate.effectiveness)
+        self._winds.append(wind)
+        self._wanted.append(sought(wind, estimate, self._told_kg))
+        self._states.append(tick.seen.state)
+        if tick.seen.warning:
+            self._warnings.append(f"{tick.flight_time_s:.2f} {tick.seen.warning}")
+
+    def crashed(self, position: Vec3, *, lands: bool = False) -> bool:
+        """Whether the vehicle hit the floor, unless it ``lands``, or left every room; says why in ``crash``."""
+        sx, sy, sz = self._world.start_ned
+        if not lands and position[2] >= self._world.floor_z_m - 1e-9:
+            self.crash = "hit the floor"
+        elif math.dist(position, (sx, sy, sz)) > CRASH_M:
+            self.crash = f"flew {CRASH_M:g} m away from its start"
+        return self.crash is not None
+
+    def verdict(self, trajectory: Trajectory, start_s: float) -> Verdict:
+        """Judge the flight; the reference started at ``start_s`` on the event loop's clock."""
+        at = trajectory.position_at
+        steady_s = STEADY_S - ROUNDING_S
+        times = [t - start_s for t in self._time]
+        errors = [math.dist((x, y, z), at(t)) for t, x, y, z in zip(times, self._x, self._y, self._z, strict=True)]
+        steady = [e for t, e in zip(times, errors, strict=True) if t >= steady_s]
+        late = [i for i, tick in enumerate(self._ticks) if tick[0] >= SATURATION_FROM_S]
+        everything = self._lyapunov()
+        values = [v for v, tick in zip(everything, self._ticks, strict=False) if tick[0] >= steady_s]
+        end = self._ticks[-1][0] if self._ticks else 0.0
+        last = [i for i, tick in enumerate(self._ticks) if tick[0] > end - 1.0]
+        thrusts = [tick[1] for tick in self._ticks]
+        return Verdict(
+            rms_cm=100.0 * math.sqrt(sum(e * e for e in steady) / len(steady)) if steady else None,
+            max_cm=100.0 * max(steady) if steady else None,
+            settle_s=stays_below(times, errors, SETTLED_M) if self.crash is None else None,
+            wind_true=_mean([self._winds[i] for i in last]),
+            wind_estimate=_mean([self._ticks[i][4] for i in last]),
+            thrust_effectiveness=sum(self._effectiveness[i] for i in last) / len(last) if last else 1.0,
+            thrust_min_n=min(thrusts, default=None),
+            thrust_max_n=max(thrusts, default=None),
+            saturated_fraction=sum(self._ticks[i][2] for i in late) / len(late) if late else 0.0,
+            lyapunov_increase_max=max((b - a for a, b in zip(values, values[1:], strict=False)), default=None),
+            lyapunov_start=everything[0] if everything else None,
+            certificate_violated=self._states.count(VIOLATED) / max(len(self._states), 1),
+            certificate_suspended=self._states.count(SUSPENDED) / max(len(self._states), 1),
+            certificate_warnings=tuple(self._warnings),
+            lyapunov_floor=sorted(values)[len(values) // 2] if values else None,
+            **self._gust(times, errors),
+        )
+
+    def _lyapunov(self) -> list[float]:
+        """V at each command, b̃ from the truth."""
+        if self._kb is None:
+            return []
+        weight = 0.5 / self._kb if self._kb > 0.0 else 0.0
+        return [
+            v + weight * math.dist(b_hat, wind) ** 2
+            for (_, _, _, v, b_hat), wind in zip(self._ticks, self._wanted, strict=True)
+        ]
+
+    def _gust(self, times: list[float], errors: list[float]) -> dict[str, Any]:
+        """Peak and recovery after the wind's step, where there is one."""
+        step = self._world.wind_step_time_s
+        after = [(t - step, e) for t, e in zip(times, errors, strict=True) if t >= step]
+        if self._world.wind_step == (0.0, 0.0, 0.0) or not after:
+            return {}
+        return {
+            "gust_peak_cm": 100.0 * max(e for _, e in after),
+            "gust_back_s": stays_below([t for t, _ in after], [e for _, e in after], BACK_M),
+        }
+
+
+def sought(wind: Any, estimate: Estimate, told_kg: float) -> Any:
+    """What b̂ should be [m/s², NED]: the wind, and the thrust that the law counts beyond what was told.
+
+    Components are numbers or arrays of shape (N,), and so are those of ``estimate``.
+    """
+    more = (estimate.effectiveness - 1.0) * estimate.motion.thrust / told_kg
+    x, y, z = third_column(estimate.motion.attitude)
+    return wind[0] + more * x, wind[1] + more * y, wind[2] + more * z
+
+
+def stays_below(times: list[float], errors: list[float], limit: float) -> float | None:
+    """The first time from which on every error is below ``limit``; None if the last one is not."""
+    first: float | None = None
+    for t, e in zip(reversed(times), reversed(errors), strict=True):
+        if e >= limit:
+            break
+        first = t
+    return first
+
+
+def _mean(vectors: list[Vec3]) -> Vec3:
+    n = len(vectors) or 1
+    return (
+        sum(v[0] for v in vectors) / n,
+        sum(v[1] for v in vectors) / n,
+        sum(v[2] for v in vectors) / n,
+    )

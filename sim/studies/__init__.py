@@ -1,0 +1,1 @@
+"""Questions put to many flights: campaigns, comparisons, tuning, margins."""

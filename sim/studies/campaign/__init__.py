@@ -1,0 +1,1 @@
+"""A scenario flown a thousand times in drawn worlds."""

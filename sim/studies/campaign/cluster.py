@@ -1,0 +1,123 @@
+"""A campaign's crew on other machines: the workers of a Dask cluster.
+
+Every worker must run this very program: it is asked before the first flight, and once more by every batch, as
+workers come and go. What a lost worker was flying, Dask gives to another one.
+"""
+
+import logging
+from collections.abc import Iterator, Sequence
+from types import TracebackType
+from typing import Any
+
+from groundstation.config.load import ConfigError
+from sim.studies.campaign.campaign import Campaign, fly_chunk
+from sim.studies.campaign.folder import Row, program_sha256
+
+CONNECT_S = 10.0
+"""How long to wait for the scheduler [s]."""
+
+
+class Cluster:
+    """The workers of the Dask scheduler at ``address``, as host:port or tcp://host:port."""
+
+    def __init__(self, address: str) -> None:
+        """Connect.
+
+        Raises:
+            ConfigError: dask.distributed is missing, nobody answers, no worker is there, or one runs another program.
+        """
+        try:
+            from distributed import Client
+        except ImportError:
+            raise ConfigError(
+                "--cluster", "needs dask.distributed, which is not installed: pip install 'groundstation[cluster]'"
+            ) from None
+        self._address = address
+        for name in ("client", "core", "utils"):
+            # What they tell in tracebacks is said here in a sentence.
+            logging.getLogger(f"distributed.{name}").setLevel(logging.CRITICAL)
+        try:
+            self._client = Client(address, timeout=CONNECT_S, set_as_default=False)
+        except (OSError, ValueError) as error:
+            reason = str(error) or type(error).__name__
+            raise ConfigError("--cluster", f"no Dask scheduler answers at {address!r}: {reason}") from None
+        try:
+            self.workers = self._checked()
+        except BaseException:
+            self._client.close()
+            raise
+
+    def _checked(self) -> int:
+        """How many workers there are, all of them running this program."""
+        found: dict[str, Any] = self._client.run(program_sha256, on_error="return")
+        if not found:
+            raise ConfigError(
+                "--cluster",
+                f"the scheduler at {self._address} has no workers; start some: "
+                f"dask worker {self._address} --nthreads 1",
+            )
+        mine = program_sha256()
+        for worker, theirs in found.items():
+            if theirs != mine:
+                raise _foreign(worker, mine, theirs)
+        return len(found)
+
+    def __enter__(self) -> "Cluster":
+        """Connected already."""
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        """Disconnect; what is still being flown is called off."""
+        self._client.close()
+
+    def fly(self, campaign: Campaign, chunks: Sequence[list[int]]) -> Iterator[list[Row]]:
+        """See :class:`sim.studies.campaign.campaign.Crew`."""
+        from distributed import CancelledError, KilledWorker, as_completed
+
+        mine = program_sha256()
+        futures = [self._client.submit(_fly_there, mine, campaign, chunk, pure=False) for chunk in chunks]
+        try:
+            for done in as_completed(futures, loop=self._client.loop):
+                flown = done.result()
+                if isinstance(flown, tuple):
+                    worker, theirs = flown
+                    raise _foreign(worker, mine, theirs)
+                done.release()
+                yield flown
+        except (ImportError, AttributeError) as error:
+            raise ConfigError(
+                "--cluster", f"a worker lacks this program ({error}): install the same version of groundstation there"
+            ) from None
+        except KilledWorker as error:
+            raise ConfigError(
+                "--batch", f"worker after worker was lost over one batch, perhaps for want of memory: {error}"
+            ) from None
+        except CancelledError:
+            raise ConfigError(
+                "--cluster",
+                f"the scheduler at {self._address} is gone; start it and its workers again, then this command: "
+                "with --out it goes on where it was",
+            ) from None
+        finally:
+            self._client.cancel(futures)
+
+
+def _fly_there(program: str, campaign: Campaign, seeds: list[int]) -> list[Row] | tuple[str, str]:
+    """On a worker: the flights of ``seeds``; or, where this is not ``program``, the worker's address and program."""
+    mine = program_sha256()
+    if mine != program:
+        from distributed import get_worker
+
+        return get_worker().address, mine
+    return fly_chunk(campaign, seeds)
+
+
+def _foreign(worker: str, mine: str, theirs: Any) -> ConfigError:
+    what = f"sha256 {theirs[:12]}…" if isinstance(theirs, str) else f"it answers {theirs!r}"
+    return ConfigError(
+        "--cluster",
+        f"the worker {worker} runs another program than this one ({what}, here {mine[:12]}…): figures of both must not "
+        "be mixed; install the same version of groundstation there",
+    )

@@ -1,0 +1,222 @@
+"""An asyncio event loop in virtual time, with datagram endpoints and stream connections in memory.
+
+Application code runs on it unchanged: nothing ever waits, time jumps to the next scheduled callback, and
+``create_datagram_endpoint`` and ``create_connection`` connect endpoints by address inside the process. A run is
+bit-identical to the next one, and 60 s of flight take a fraction of a second. No threads and no real sockets in this
+mode.
+"""
+
+import asyncio
+import selectors
+from collections.abc import Callable, Mapping
+from typing import Any, TypeAlias
+
+from sim.time.virtual_streams import Address, Listener, connected
+
+FREE_PORTS = range(61000, 65536)
+"""Whoever asks for any port gets one of these: above those of Linux, as above every port that listens by default."""
+
+Tap: TypeAlias = Callable[[float, Address, Address, bytes], None]
+
+
+class SimulationStuck(RuntimeError):
+    """Every task waits and nothing is scheduled: a deadlock, found for free."""
+
+
+class _Idle(selectors.BaseSelector):
+    """A selector that watches nothing and, instead of waiting, lets virtual time pass."""
+
+    def __init__(self) -> None:
+        self.now = 0.0
+        self._map: dict[int, selectors.SelectorKey] = {}
+
+    def register(self, fileobj: Any, events: int, data: Any = None) -> selectors.SelectorKey:
+        key = selectors.SelectorKey(fileobj, fileobj if isinstance(fileobj, int) else fileobj.fileno(), events, data)
+        self._map[key.fd] = key
+        return key
+
+    def unregister(self, fileobj: Any) -> selectors.SelectorKey:
+        return self._map.pop(fileobj if isinstance(fileobj, int) else fileobj.fileno())
+
+    def select(self, timeout: float | None = None) -> list[tuple[selectors.SelectorKey, int]]:
+        if timeout is None:
+            raise SimulationStuck("the simulation is stuck: every task waits and nothing is scheduled")
+        if timeout > 0.0:
+            self.now += timeout
+        return []
+
+    def get_map(self) -> Mapping[Any, selectors.SelectorKey]:
+        return self._map
+
+
+class _Endpoint(asyncio.DatagramTransport):
+    """One in-memory datagram socket."""
+
+    def __init__(self, loop: "VirtualTimeLoop", local: Address, remote: Address | None) -> None:
+        super().__init__({"sockname": local, "peername": remote, "socket": _Socket(self)})
+        self._loop = loop
+        self.local = local
+        self.remote = remote
+        self.protocol: asyncio.DatagramProtocol | None = None
+        self._closing = False
+
+    def sendto(self, data: Any, addr: Any = None) -> None:
+        target = addr or self.remote
+        if target is None:
+            raise ValueError("sendto needs an address: this endpoint is not connected")
+        if not self._closing:
+            self._loop.carry(self.local, (target[0], target[1]), bytes(data))
+
+    def join(self, group: str) -> None:
+        self._loop.groups.setdefault((group, self.local[1]), []).append(self)
+
+    def close(self) -> None:
+        if not self._closing:
+            self._closing = True
+            if self._loop.endpoints.get(self.local) is self:
+                del self._loop.endpoints[self.local]
+            for members in self._loop.groups.values():
+                members[:] = [member for member in members if member is not self]
+            if self.protocol is not None:
+                self._loop.call_soon(self.protocol.connection_lost, None)
+
+    def abort(self) -> None:
+        self.close()
+
+    def get_write_buffer_size(self) -> int:
+        return 0
+
+    def is_closing(self) -> bool:
+        return self._closing
+
+    def receive(self, data: bytes, source: Address) -> None:
+        if not self._closing and self.protocol is not None and (self.remote is None or self.remote == source):
+            self.protocol.datagram_received(data, source)
+
+
+class _Socket:
+    """What application code may do with the socket of an endpoint: send, which always has room, and join a group."""
+
+    def __init__(self, endpoint: _Endpoint) -> None:
+        self._endpoint = endpoint
+
+    def dup(self) -> "_Socket":
+        return self
+
+    def send(self, data: bytes) -> None:
+        self._endpoint.sendto(data)
+
+    def sendto(self, data: bytes, target: Address) -> None:
+        self._endpoint.sendto(data, target)
+
+    def setsockopt(self, level: int, option: int, value: bytes) -> None:
+        """Join a group: its address, then that of an interface. An interface alone is where to send: all are one."""
+        if len(value) == 8:
+            self._endpoint.join(".".join(map(str, value[:4])))
+
+    def close(self) -> None:
+        """The endpoint stays: this was but a handle on it."""
+
+
+class VirtualTimeLoop(asyncio.SelectorEventLoop):
+    """``asyncio.Runner(loop_factory=VirtualTimeLoop)`` runs a simulation as fast as the processor allows."""
+
+    def __init__(self) -> None:
+        """Start at time 0 with an empty network."""
+        self._idle = _Idle()
+        super().__init__(self._idle)
+        self.endpoints: dict[Address, _Endpoint] = {}
+        self.groups: dict[Address, list[_Endpoint]] = {}
+        self.listeners: dict[Address, Listener] = {}
+        self.tap: Tap | None = None
+        self._next_port = FREE_PORTS.start
+
+    def time(self) -> float:
+        """Virtual time [s]."""
+        return self._idle.now
+
+    async def create_datagram_endpoint(  # type: ignore[override]  # the in-memory network needs only these
+        self,
+        protocol_factory: Callable[[], asyncio.DatagramProtocol],
+        local_addr: Address | None = None,
+        remote_addr: Address | None = None,
+        reuse_port: bool | None = None,
+        **_: Any,
+    ) -> tuple[asyncio.DatagramTransport, asyncio.DatagramProtocol]:
+        """An endpoint of the in-memory network; port 0 picks a free one.
+
+        Raises:
+            OSError: the address is in use.
+        """
+        local = host, port = self._bound(local_addr)
+        if local in self.endpoints and not reuse_port:
+            raise OSError(98, f"address {host}:{port} is already in use")
+        endpoint = _Endpoint(self, local, remote_addr)
+        protocol = protocol_factory()
+        endpoint.protocol = protocol
+        self.endpoints[local] = endpoint
+        protocol.connection_made(endpoint)
+        return endpoint, protocol
+
+    async def create_connection(  # type: ignore[override]  # the in-memory network needs only these
+        self, protocol_factory: Callable[[], asyncio.BaseProtocol], host: str, port: int, **_: Any
+    ) -> tuple[asyncio.Transport, asyncio.BaseProtocol]:
+        """A stream to whoever listens at ``host``:``port``.
+
+        Raises:
+            ConnectionRefusedError: nobody does.
+        """
+        listener = self.listeners.get((host, port))
+        if listener is None:
+            raise ConnectionRefusedError(111, f"nobody listens at {host}:{port}")
+        local = self._bound(None)
+
+        def hear(source: Address, target: Address, data: bytes) -> None:
+            if self.tap is not None:
+                self.tap(self._idle.now, source, target, data)
+
+        return connected(self, hear, protocol_factory(), local, listener.protocol_factory(), (host, port))
+
+    async def create_server(  # type: ignore[override]  # the in-memory network needs only these
+        self, protocol_factory: Callable[[], asyncio.BaseProtocol], host: str, port: int, **_: Any
+    ) -> Listener:
+        """Take the streams that are opened to ``host``:``port``.
+
+        Raises:
+            OSError: the address is in use.
+        """
+        if (host, port) in self.listeners:
+            raise OSError(98, f"address {host}:{port} is already in use")
+        listener = Listener(protocol_factory, lambda: self.listeners.pop((host, port), None))
+        self.listeners[host, port] = listener
+        return listener
+
+    def _bound(self, address: Address | None) -> Address:
+        host, port = address or ("127.0.0.1", 0)
+        return host, port or self._free_port(host)
+
+    def _free_port(self, host: str) -> int:
+        """The next one in turn, so that what is on its way to a port that was closed meets nobody new there.
+
+        Raises:
+            OSError: all are in use.
+        """
+        for _ in FREE_PORTS:
+            port = self._next_port
+            self._next_port = port + 1 if port + 1 in FREE_PORTS else FREE_PORTS.start
+            if (host, port) not in self.endpoints:
+                return port
+        raise OSError(98, f"every port of {host} is in use")
+
+    def carry(self, source: Address, target: Address, data: bytes) -> None:
+        """Bring one datagram to ``target`` in the next turn of the loop; lost where nobody listens, as in UDP."""
+        if self.tap is not None:
+            self.tap(self._idle.now, source, target, data)
+        members = self.groups.get(target)
+        if members is not None:
+            for member in members:
+                self.call_soon(member.receive, data, source)
+            return
+        endpoint = self.endpoints.get(target)
+        if endpoint is not None:
+            self.call_soon(endpoint.receive, data, source)

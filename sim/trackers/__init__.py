@@ -1,0 +1,1 @@
+"""Simulated tracking systems: what their cameras see, as the bytes that they send."""

@@ -1,0 +1,107 @@
+"""A simulated Qualisys Track Manager: its real-time protocol over TCP, as far as qtm-rt needs it for 6D bodies."""
+
+import asyncio
+from collections.abc import Sequence
+
+from groundstation.core.geometry.frames import frames_of
+from groundstation.pose.sources import qualisys_codec as qtm
+from groundstation.pose.sources.qualisys import QualisysConfig
+from links.io.address import parse_address
+from sim.trackers.trackers import CLOCK_AHEAD_S, Seen
+
+MOST_UNREAD = 1 << 18
+"""A client that leaves more than this unread gets no frames until it has caught up [bytes]."""
+
+
+class QtmServer:
+    """Implements :class:`sim.trackers.trackers.Tracker` at the address where ``config`` expects QTM."""
+
+    def __init__(self, config: QualisysConfig) -> None:
+        """Nothing is opened yet."""
+        self._frames = frames_of(config)
+        self.names: tuple[str, ...] = (config.name,)
+        self._address = parse_address(config.server)
+        self._server: asyncio.AbstractServer | None = None
+        self.clients: set[Client] = set()
+
+    async def open(self) -> None:
+        """Listen for clients."""
+        self._server = await asyncio.get_running_loop().create_server(lambda: Client(self), *self._address)
+
+    def close(self) -> None:
+        """Leave the network."""
+        for client in tuple(self.clients):
+            client.close()
+        if self._server is not None:
+            self._server.close()
+            self._server = None
+
+    def send(self, frame: int, exposure_s: float, bodies: Sequence[Seen]) -> None:
+        """Stream one frame."""
+        self.names = tuple(seen.name for seen in bodies)
+        data = self.encode(frame, exposure_s, bodies)
+        for client in self.clients:
+            client.stream(data)
+
+    def encode(self, frame: int, exposure_s: float, bodies: Sequence[Seen]) -> bytes:
+        """The data packet of one frame; a hidden body is full of NaN."""
+        poses = [seen.pose(self._frames) if seen.tracked else None for seen in bodies]
+        return qtm.encode_data(round((exposure_s + CLOCK_AHEAD_S) * 1e6), frame, poses)
+
+
+class Client(asyncio.Protocol):
+    """One connection."""
+
+    def __init__(self, server: QtmServer) -> None:
+        """Not yet asked for anything."""
+        self._server = server
+        self._framer = qtm.Framer()
+        self._streaming = False
+        self._transport: asyncio.Transport | None = None
+
+    def connection_made(self, transport: asyncio.BaseTransport) -> None:
+        """Greet (called by the event loop)."""
+        assert isinstance(transport, asyncio.Transport)
+        self._transport = transport
+        self._server.clients.add(self)
+        self._say(qtm.COMMAND, "QTM RT Interface connected")
+
+    def connection_lost(self, exc: Exception | None) -> None:
+        """Forget (called by the event loop)."""
+        self._transport = None
+        self._server.clients.discard(self)
+
+    def data_received(self, data: bytes) -> None:
+        """Answer commands (called by the event loop)."""
+        for packet in self._framer.feed(data):
+            self._answer(packet[8:].rstrip(b"\0").decode("ascii", "replace").lower())
+        if self._framer.broken:
+            self.close()
+
+    def _answer(self, command: str) -> None:
+        match command.split():
+            case ["version", version]:
+                self._say(qtm.COMMAND, f"Version set to {version}")
+            case ["getparameters", *_]:
+                self._say(qtm.XML, qtm.parameters_xml(self._server.names))
+            case ["streamframes", "stop"]:
+                self._streaming = False
+            case ["streamframes", *_]:
+                self._streaming = True
+            case _:
+                self._say(qtm.ERROR, "Parse error")
+
+    def _say(self, kind: int, text: str) -> None:
+        if self._transport is not None:
+            self._transport.write(qtm.text_packet(kind, text))
+
+    def stream(self, data: bytes) -> None:
+        """Send one frame to whoever asked for frames."""
+        transport = self._transport
+        if self._streaming and transport is not None and transport.get_write_buffer_size() < MOST_UNREAD:
+            transport.write(data)
+
+    def close(self) -> None:
+        """Hang up."""
+        if self._transport is not None:
+            self._transport.close()

@@ -1,0 +1,1 @@
+"""The truth of a simulated flight: plant, wind, vehicle, and the scenarios."""

@@ -1,0 +1,236 @@
+"""One simulated vehicle in time: held, released, flying, on the floor. Its physics are in plant.py.
+
+It advances when it is asked for a later instant, in steps of ``world.step_s`` that begin anew with every command.
+"""
+
+import math
+from collections.abc import Callable
+
+from groundstation.core.geometry import so3
+from groundstation.core.geometry.ops import FLOATS, Quat, Vec3
+from sim.world.airframe import Truth
+from sim.world.plant import Body, Physics, moved
+from sim.world.wind import Wind
+from sim.world.world import World
+
+HOP_M = 0.005
+"""Whoever was not higher than this above the floor has not left it [m]."""
+STANDS_RADII = 0.85
+"""How high above the floor the rotors of a vehicle are that stands on it, in their radii."""
+LEVELS_S = 0.02
+"""Time constant with which the floor levels what comes down tilted [s]."""
+NOTICES_S, FORGETS_S = 0.15, 2.0
+"""Time constants with which an autopilot's own estimate finds out that the floor holds it, and did [s]: of speed, and
+of height. By a take-off of ArduCopter's SITL, whose estimate stayed at 0.4 m/s for 0.4 s and then rose to 1.7."""
+_INSTANT_S = 1e-9
+"""Shorter spans are rounding [s]."""
+
+
+class Quadrotor:
+    """One simulated vehicle. It is held at ``world.start_ned`` until released. Implements Airframe's physics."""
+
+    def __init__(self, world: World, wind: Wind, on_step: Callable[[float, Vec3], None] | None = None) -> None:
+        """Hold the vehicle at its start; ``on_step(time_s, position_ned)`` sees every step after release."""
+        self._world = world
+        self._wind = wind
+        self._on_step = on_step
+        self._time = 0.0
+        self._cut = 0.0
+        """When the whole steps began to be counted [s], and how many there were since."""
+        self._steps = 0
+        self.released_s: float | None = None
+        self._physics = Physics(
+            world.mass_kg,
+            # One object where both lags are the same, so that plant.py need not compare what may be arrays.
+            world.rate_lag_s if world.thrust_lag_s == world.rate_lag_s else world.thrust_lag_s,
+            world.rate_lag_s,
+            world.drag_per_s,
+            world.rate_leak,
+            world.gravity,
+        )
+        thrust = world.start_thrust * world.mass_kg * world.gravity
+        self._body = Body(world.start_ned, (0.0, 0.0, 0.0), so3.IDENTITY, thrust, (0.0, 0.0, 0.0))
+        self._thrust_command = 0.0
+        self._rate_command: Vec3 = (0.0, 0.0, 0.0)
+        self._told: tuple[float, Vec3] = (0.0, (0.0, 0.0, 0.0))
+        self._strength = 1.0
+        self._on_ground = False
+        self.pull: Callable[[Body], Vec3] | None = None
+        """What else accelerates it, by where it is [m/s², NED]; may be changed in flight."""
+        self.lead: Callable[[float, float], Body] | None = None
+        """A hand that holds it: time [s] and thrust [N] → where it is, whatever its motors do."""
+        self.partner: Quadrotor | None = None
+        """Another one that is told the same."""
+        self._held_s: float | None = None
+        """Since when the floor has held a vehicle that gathers speed upwards [s of flight]."""
+        self.felt = (0.0, 0.0)
+        """What the autopilot's own estimate has of a vehicle that the floor holds: how much higher it seems [m], and
+        its speed upwards [m/s]. Only with a late floor."""
+        x, y, z = world.rate_limits_deg_s
+        self._limits: Vec3 = (math.radians(x), math.radians(y), math.radians(z))
+        self._highest_m = 0.0
+        self.touchdown_m_s: float | None = None
+        """How fast it met the floor when it first came down to it [m/s]."""
+        self.hardest_m_s: float | None = None
+        """The same for the hardest time of all: it may hop [m/s]."""
+
+    def command(self, time_s: float, thrust_n: float, rates: Vec3) -> None:
+        """From ``time_s`` on: thrust [N] as commanded (gain and limits apply here) and rates [rad/s, FRD]."""
+        self._settle(time_s)
+        self._told = thrust_n, rates
+        if self.partner is not None:
+            self.partner.command(time_s, thrust_n, rates)
+        a, b, c = self._limits
+        self._thrust_command = self._gain(time_s) * min(max(thrust_n, 0.0), self._world.thrust_max_n)
+        self._rate_command = (
+            min(max(rates[0], -a), a),
+            min(max(rates[1], -b), b),
+            min(max(rates[2], -c), c),
+        )
+
+    def _gain(self, time_s: float) -> float:
+        """Thrust that comes of what is told, as a share."""
+        gain, sag = self._strength * self._world.thrust_gain, self._world.thrust_sag
+        if sag and self.released_s is not None:
+            gain *= 1.0 - sag * min(1.0, (time_s - self.released_s) / 60.0)
+        return gain
+
+    def most_n(self, time_s: float) -> float:
+        """The thrust that its rotors give at their fullest, as they are at ``time_s`` [N]."""
+        return self._gain(time_s) * self._world.thrust_max_n
+
+    def weaken(self, time_s: float, share: float) -> None:
+        """From ``time_s`` on the rotors give only ``share`` of the thrust that they would."""
+        self._strength = share
+        self.command(time_s, *self._told)
+
+    def release(self, time_s: float) -> None:
+        """Let go of the vehicle; does nothing the second time."""
+        if self.released_s is None:
+            self.advance(time_s)
+            self.released_s = time_s
+        if self.partner is not None:
+            self.partner.release(time_s)
+
+    def twin(self, time_s: float, world: World, wind: Wind) -> "Quadrotor":
+        """Another one that is in the same state at ``time_s`` [s], in a ``world`` and ``wind`` of its own."""
+        self._settle(time_s)
+        other = Quadrotor(world, wind)
+        other._time = other._cut = self._time
+        other.released_s, other._body, other._on_ground = self.released_s, self._body, self._on_ground
+        other._told, other._strength = self._told, self._strength
+        other._thrust_command, other._rate_command = self._thrust_command, self._rate_command
+        other._highest_m = self._highest_m
+        return other
+
+    def truth(self, time_s: float) -> Truth:
+        """The exact state at ``time_s`` [s], which must not lie before an earlier question."""
+        self.advance(time_s)
+        body, down, rest = self._body, self._on_ground, time_s - self._time
+        if self.released_s is not None and rest > _INSTANT_S:
+            # Only a look into the step under way: the questions asked must not change the flight.
+            body, down = self._after(self._time - self.released_s, rest)
+            body = self._on_floor(body, rest) if down else body
+        p, v, q, thrust, rates = body
+        return Truth(time_s, p, v, q, rates, thrust, down)
+
+    @property
+    def attitude(self) -> Quat:
+        """Where it has been advanced to: body FRD to world NED."""
+        return self._body.attitude
+
+    @property
+    def velocity(self) -> Vec3:
+        """Where it has been advanced to [m/s, NED]."""
+        return self._body.velocity
+
+    def advance(self, time_s: float) -> None:
+        """Let the physics run until ``time_s`` [s], in whole steps."""
+        if self.released_s is None:
+            self._time = self._cut = max(self._time, time_s)
+            return
+        cut, h = self._cut, self._world.step_s
+        for k in range(self._steps, int((time_s - cut) / h + 1e-9)):
+            self._step(cut + k * h - self.released_s, h)
+            self._steps = k + 1
+            self._arrive(cut + (k + 1) * h)
+
+    def _settle(self, time_s: float) -> None:
+        """Cut the step under way at ``time_s`` [s], where something changes."""
+        self.advance(time_s)
+        rest = time_s - self._time
+        if self.released_s is not None and rest > _INSTANT_S:
+            self._step(self._time - self.released_s, rest)
+            self._arrive(time_s)
+        self._cut, self._steps = self._time, 0
+
+    def _arrive(self, time_s: float) -> None:
+        self._time = time_s
+        if self._on_step is not None:
+            self._on_step(time_s, self._body.position)
+
+    def _after(self, flight_time: float, h: float) -> tuple[Body, bool]:
+        """The body ``h`` [s] after ``flight_time`` [s], and whether it is on the floor then."""
+        world, body = self._world, self._body
+        wind = self._wind.at(flight_time + 0.5 * h)
+        if self.pull is not None:
+            x, y, z = self.pull(body)
+            wind = wind[0] + x, wind[1] + y, wind[2] + z
+        if world.ground_effect:
+            push = (_ground_effect(world, body.position[2]) - 1.0) * body.thrust / world.mass_kg
+            (x, y, z), (u, v, w) = so3.third_column(body.attitude), wind
+            wind = u - push * x, v - push * y, w - push * z
+        body = moved(FLOATS, body, self._thrust_command, self._rate_command, wind, h, self._physics)
+        if self.lead is not None and self.released_s is not None:
+            body = self.lead(self.released_s + flight_time + h, body.thrust)
+        held = world.floor_hold_s > 0.0 and self._on_ground
+        held = held and (self._held_s is None or flight_time - self._held_s < world.floor_hold_s)
+        return body, held or body.position[2] >= world.floor_z_m
+
+    def _step(self, flight_time: float, h: float) -> None:
+        body, self._on_ground = self._after(flight_time, h)
+        if not self._on_ground:
+            self._highest_m = max(self._highest_m, self._world.floor_z_m - body.position[2])
+        elif self._highest_m > HOP_M:
+            self.touchdown_m_s = body.velocity[2] if self.touchdown_m_s is None else self.touchdown_m_s
+            self.hardest_m_s = max(self.hardest_m_s or 0.0, body.velocity[2])
+            self._highest_m = 0.0
+        before, self._body = self._body, self._on_floor(body, h) if self._on_ground else body
+        rises = self._on_ground and self._body.velocity[2] < 0.0
+        self._held_s = (flight_time if self._held_s is None else self._held_s) if rises else None
+        if self._world.floor_hold_s > 0.0:
+            self._feel(before.velocity[2] - self._body.velocity[2], h)
+
+    def _feel(self, gained_m_s: float, h: float) -> None:
+        """Let the autopilot's own estimate go on by ``h`` [s], in which it was accelerated upwards by so much [m/s]."""
+        higher, up = self.felt
+        moves = 0.0 if self._on_ground else -self._body.velocity[2]
+        up += gained_m_s + (moves - up) * h / NOTICES_S
+        self.felt = higher * math.exp(-h / FORGETS_S) + (up - moves) * h, up
+
+    def _on_floor(self, body: Body, h: float) -> Body:
+        """On the floor after ``h`` [s]: it does not sink, slides against friction, levels out, and does not turn."""
+        (x, y, _), (u, v, w) = body.position, body.velocity
+        speed, stops = math.hypot(u, v), self._world.floor_friction * max(w, 0.0)  # w is what the floor takes of it
+        slides = 1.0 - stops / speed if stops < speed else 0.0
+        if not slides:
+            x, y, _ = self._body.position
+        roll, pitch, yaw = so3.euler_zyx(body.attitude)
+        keep = math.exp(-h / LEVELS_S)
+        return Body(
+            (x, y, self._world.floor_z_m),
+            (slides * u, slides * v, min(w, 0.0)),
+            so3.from_euler_zyx(keep * roll, keep * pitch, yaw),
+            body.thrust,
+            (0.0, 0.0, 0.0),
+        )
+
+
+def _ground_effect(world: World, down_m: float) -> float:
+    """Thrust near the floor over thrust far from it: 1 / (1 - (R / 4 z)²), z the height of the rotors.
+
+    Source: Cheeseman and Bennett, The effect of the ground on a helicopter rotor in forward flight, ARC R&M 3021, 1955.
+    """
+    radius = world.rotor_radius_m
+    share = radius / (4.0 * (max(world.floor_z_m - down_m, 0.0) + STANDS_RADII * radius))
+    return 1.0 / (1.0 - share * share)

@@ -1,0 +1,137 @@
+"""The simulated vehicle as its autopilot sees it: the plant behind motors that may be off, and its own estimate."""
+
+import math
+from collections.abc import Iterator
+
+import msgspec
+
+from groundstation.core.geometry import so3
+from groundstation.core.geometry.ops import Quat, Vec3
+from links.core.thrust_curve import thrust
+from sim.world.airframe import Truth
+from sim.world.horizon import Horizon
+from sim.world.quadrotor import Quadrotor
+from sim.world.world import World
+
+
+class SimulatedVehicle:
+    """Implements :class:`sim.world.airframe.Airframe` on a :class:`Quadrotor`."""
+
+    def __init__(
+        self,
+        plant: Quadrotor,
+        world: World,
+        noise: Iterator[list[float]],
+        wander: Iterator[list[float]],
+        horizon: Horizon | None = None,
+    ) -> None:
+        """Motors off; ``noise`` gives rows of six, ``wander`` of three standard normal numbers for :meth:`measured`.
+
+        Without a ``horizon`` its attitude is that of :meth:`measured`, as where its own estimate serves as the poses.
+        """
+        self.plant = plant
+        self._world = world
+        self._noise = noise
+        self._turn, self._resets = so3.IDENTITY, 0
+        self._wander = Wander(world, wander)
+        self._horizon = horizon
+        self._on = False
+
+    def act(self, time_s: float, thrust_fraction: float, rates_rad_s: Vec3) -> None:
+        """From ``time_s`` on, follow a thrust signal (0..1) and body rates [rad/s, FRD]."""
+        if self._on:
+            share = thrust(thrust_fraction, self._world.thrust_curve)
+            self.plant.command(time_s, share * self._world.thrust_max_n, rates_rad_s)
+
+    def power(self, time_s: float, on: bool) -> None:
+        """Motors on or off."""
+        self._on = on
+        if not on:
+            self.plant.command(time_s, 0.0, (0.0, 0.0, 0.0))
+
+    def release(self, time_s: float) -> None:
+        """Let go of the vehicle that is held in the air."""
+        self.plant.release(time_s)
+
+    def truth(self, time_s: float) -> Truth:
+        """The exact state."""
+        return self.plant.truth(time_s)
+
+    def measured(self, time_s: float) -> Truth:
+        """The state with the noise that the scenario gives to poses, as its own estimator has it."""
+        truth = with_noise(self.plant.truth(time_s), self._world, next(self._noise))
+        if self._world.floor_hold_s > 0.0:
+            (north, east, down), (u, v, _), (higher, up) = truth.position_ned, truth.velocity_ned, self.plant.felt
+            truth = msgspec.structs.replace(truth, position_ned=(north, east, down - higher), velocity_ned=(u, v, -up))
+        truth = self._wander.seen(truth, self.plant.released_s)
+        if not self._resets:
+            return truth
+        attitude = so3.multiply(self._turn, truth.attitude)
+        return msgspec.structs.replace(truth, attitude=attitude, resets=truth.resets + self._resets)
+
+    def reset(self, turn_deg: float) -> None:
+        """Have its estimator turn its heading by so much [deg], and say so."""
+        self._turn = so3.multiply(so3.from_euler_zyx(0.0, 0.0, math.radians(turn_deg)), self._turn)
+        self._resets += 1
+
+    def felt(self, time_s: float) -> tuple[Quat, Vec3]:
+        """Attitude and body rates as its own estimator has them."""
+        if self._horizon is not None:
+            return self._horizon.feel(self.plant.truth(time_s))
+        seen = self.measured(time_s)
+        return seen.attitude, seen.rates_rad_s
+
+
+def with_noise(truth: Truth, world: World, normals: list[float]) -> Truth:
+    """``truth`` with the scenario's noise on position and attitude, from six standard normal numbers."""
+    n, a = world.pose_noise_m, world.attitude_noise_rad
+    if n == 0.0 and a == 0.0:
+        return truth
+    (x, y, z), (i, j, k, roll, pitch, yaw) = truth.position_ned, normals
+    return msgspec.structs.replace(
+        truth,
+        position_ned=(x + n * i, y + n * j, z + n * k),
+        attitude=so3.turned(truth.attitude, (a * roll, a * pitch, a * yaw)),
+    )
+
+
+WANDER_S, FORGETS_S = 2.0, 40.0
+"""Over which a wander is told [s], and the time constant with which it comes back [s]."""
+SPEED_PER_M, SPEED_FORGETS_S = 1.5, 5.0
+"""What is measured of its speed wanders so much more [1/s], and comes back so fast [s]: PX4's by 5 cm/s in 0.5 s."""
+
+
+class Wander:
+    """What a measured place and yaw do that the vehicle does not."""
+
+    def __init__(self, world: World, normals: Iterator[list[float]]) -> None:
+        """Nothing yet; ``normals`` gives rows of three standard normal numbers."""
+        self._world = world
+        self._normals = normals
+        self._at_s: float | None = None
+        self._off: Vec3 = (0.0, 0.0, 0.0)
+        self._fast: Vec3 = (0.0, 0.0, 0.0)
+
+    def seen(self, truth: Truth, released_s: float | None) -> Truth:
+        """``truth`` as it is measured; times do not go backwards."""
+        world = self._world
+        if world.estimate_wander_m:
+            elapsed = truth.time_s - (truth.time_s if self._at_s is None else self._at_s)
+            self._at_s = truth.time_s
+            keep = math.exp(-elapsed / FORGETS_S)
+            step = world.estimate_wander_m * math.sqrt(elapsed / WANDER_S)
+            (a, b, c), (i, j, k) = self._off, next(self._normals)
+            self._off = a, b, c = (keep * a + step * i, keep * b + step * j, keep * c + step * k)
+            fade = math.exp(-elapsed / SPEED_FORGETS_S)
+            (d, e, f), step = self._fast, SPEED_PER_M * step
+            self._fast = d, e, f = (fade * d + step * i, fade * e + step * j, fade * f + step * k)
+            (x, y, z), (u, v, w) = truth.position_ned, truth.velocity_ned
+            truth = msgspec.structs.replace(
+                truth, position_ned=(x + a, y + b, z + c), velocity_ned=(u + d, v + e, w + f)
+            )
+        released = released_s is not None and truth.time_s - released_s >= world.estimate_yaw_step_s
+        if world.estimate_yaw_step_deg and released:
+            half = math.radians(0.5 * world.estimate_yaw_step_deg)
+            turned = so3.multiply((math.cos(half), 0.0, 0.0, math.sin(half)), truth.attitude)
+            truth = msgspec.structs.replace(truth, attitude=turned, resets=1)
+        return truth

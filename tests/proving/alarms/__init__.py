@@ -1,0 +1,1 @@
+"""False alarms: true flights with the monitor of the poses armed."""

@@ -1,0 +1,150 @@
+"""Nanoseconds per vehicle and step: law and plant on arrays of vehicles, beside other simulators in the same run."""
+
+from collections.abc import Callable
+from time import perf_counter
+from typing import TYPE_CHECKING, Any
+
+import msgspec
+import numpy as np
+
+from groundstation.core.control.adaptive import Adaptive
+from groundstation.core.control.gains import Gains
+from groundstation.core.geometry.ops import FLOATS, Ops, arrays
+from groundstation.core.geometry.so3 import IDENTITY
+from groundstation.core.messages.control import Estimate
+from groundstation.core.trajectory.lemniscate import LemniscateConfig
+from groundstation.core.trajectory.port import Reference
+from groundstation.core.vehicle.model import ZERO, Motion
+from groundstation.core.vehicle.vehicle import Vehicle
+from sim.batch.batch import fly_batch
+from sim.batch.columns import columns, zeros
+from sim.batch.stages import Compiled, Numpy, Stages
+from sim.time.turns import in_turns
+from sim.world.plant import Body, Physics, moved
+from sim.world.prepare import prepare
+from sim.world.scenarios import SCENARIOS
+from tests.proving.bench.peers import PEERS, Bench
+
+if TYPE_CHECKING:
+    from tests.proving.bench.bench import Options
+
+VEHICLES = 1000
+STEPS = 50
+"""Steps of one turn."""
+STEP_S = 0.0025
+FLIGHT_S = 1.0
+"""Length of the whole flights of one turn [s]."""
+ROUNDS = 5
+
+
+def law_and_plant(count: int, ops: Ops, steps: int) -> Bench:
+    """One law and one step of the plant for each of ``count`` vehicles (plain floats for one), in double precision."""
+    vehicle = Vehicle()
+    pilot = Adaptive(vehicle, Gains(), ops)
+    world = SCENARIOS["paper"].world
+    physics = Physics(world.mass_kg, world.thrust_lag_s, world.rate_lag_s, 0.0, 0.0, world.gravity)
+    trajectory = LemniscateConfig().build()
+    one: Any = 1.0 if count == 1 else np.ones(count)
+    nought: Any = (0.0, 0.0, 0.0) if count == 1 else zeros(count, 3)
+    body = Body(nought, nought, (one, *nought), 0.785 * one, nought)
+    time = 0.0
+
+    def run() -> None:
+        nonlocal body, time
+        for _ in range(steps):
+            estimate = Estimate(time, Motion(*body), nought, nought)
+            drive = pilot.decide(estimate, trajectory.at(time), STEP_S).drive
+            body = moved(ops, body, drive.thrust, drive.rates, nought, STEP_S, physics)
+            time += STEP_S
+
+    return Bench(run, count * steps, "")
+
+
+def compiled_law_and_plant(count: int, steps: int) -> Bench:
+    """The same as one compiled stage."""
+    vehicle, trajectory = Vehicle(), LemniscateConfig().build()
+    world = SCENARIOS["paper"].world
+    physics = Physics(world.mass_kg, world.thrust_lag_s, world.rate_lag_s, 0.0, 0.0, world.gravity)
+    body = Body(*columns((ZERO, ZERO, IDENTITY, 0.785, ZERO), count))
+
+    def step(ops: Ops, state: Any, reference: Any) -> Any:
+        body, memory = state
+        pilot = Adaptive(vehicle, Gains(), ops)
+        pilot.memory = memory
+        drive = pilot.decide(Estimate(0.0, Motion(*body), ZERO, ZERO), Reference(*reference), STEP_S).drive
+        return (moved(ops, body, drive.thrust, drive.rates, ZERO, STEP_S, physics), pilot.memory), ()
+
+    pilot = Adaptive(vehicle, Gains(), arrays())
+    pilot.decide(Estimate(0.0, Motion(*body), ZERO, ZERO), trajectory.at(0.0), 0.0)
+    stage, time = Compiled(step, (body, columns(pilot.memory, count))), 0.0
+
+    def run() -> None:
+        nonlocal time
+        for _ in range(steps):
+            stage(msgspec.structs.astuple(trajectory.at(time)))
+            time += STEP_S
+
+    return Bench(run, count * steps, "")
+
+
+def whole_flights(stages: Stages) -> Bench:
+    """Flights of a campaign: observer, predictor, law at 44 Hz, plant at 400 Hz, cameras, wind, wire rounding."""
+    world, config = prepare(SCENARIOS["adverse"], [])
+    worlds, seeds = [world] * VEHICLES, list(range(VEHICLES))
+    steps = round(FLIGHT_S / world.frame_period_s) * round(world.frame_period_s / world.step_s)
+    return Bench(
+        lambda: _discard(fly_batch(worlds, config, seeds, duration_s=FLIGHT_S, stages=stages)), VEHICLES * steps, ""
+    )
+
+
+def _discard(_: object) -> None:
+    """A run answers nothing."""
+
+
+OURS: dict[str, Callable[[], Bench]] = {
+    "ours, 1,000 vehicles: law and plant at every step": lambda: law_and_plant(VEHICLES, arrays(), STEPS),
+    "ours, 1,000 vehicles: the same, compiled": lambda: compiled_law_and_plant(VEHICLES, STEPS),
+    "ours, 1,000 vehicles: whole flights of a campaign": lambda: whole_flights(Numpy),
+    "ours, 1,000 vehicles: whole flights, compiled": lambda: whole_flights(Compiled),
+    "ours, one vehicle: law and plant at every step": lambda: law_and_plant(1, FLOATS, 1000),
+}
+
+
+def measure(options: "Options") -> dict[str, Any]:
+    """Every row in turns; a peer that can't run says why in its note."""
+    rows: dict[str, dict[str, Any]] = {}
+    benches: dict[str, Bench] = {}
+    for name, make in {**OURS, **(PEERS if options.peers else {})}.items():
+        start = perf_counter()
+        rows[name] = {"name": name, "ns_per_vehicle_step": None, "ratio": None, "start_up_s": None, "note": ""}
+        try:
+            bench = make()
+            bench.run()
+        except ImportError as error:
+            rows[name]["note"] = f"not measured: {error}; install it with `uv sync --group peers`"
+            continue
+        except Exception as error:  # noqa: BLE001  # whatever a peer does, the others are measured
+            rows[name]["note"] = f"not measured: {type(error).__name__}: {error}".strip()
+            continue
+        rows[name] |= {"start_up_s": perf_counter() - start, "note": bench.note}
+        benches[name] = bench
+    found = in_turns({name: bench.run for name, bench in benches.items()}, ROUNDS)
+    ours = found[next(iter(OURS))] / benches[next(iter(OURS))].vehicle_steps
+    for name, spent in found.items():
+        each = spent / benches[name].vehicle_steps
+        rows[name] |= {"ns_per_vehicle_step": 1e9 * each, "ratio": each / ours}
+    return {"rounds": ROUNDS, "rows": list(rows.values())}
+
+
+def text(facts: dict[str, Any]) -> list[str]:
+    """A table."""
+    lines = [f"{'ns per vehicle and step':58}{'ns':>10}{'ratio':>9}{'start-up':>11}"]
+    for row in facts["rows"]:
+        if row["ns_per_vehicle_step"] is None:
+            lines.append(f"{row['name']:58}{'-':>10}  {row['note']}")
+            continue
+        lines.append(
+            f"{row['name']:58}{row['ns_per_vehicle_step']:>10.0f}{row['ratio']:>9.2f}{row['start_up_s']:>9.1f} s"
+            + (f"  {row['note']}" if row["note"] else "")
+        )
+    return lines

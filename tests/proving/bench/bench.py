@@ -1,0 +1,54 @@
+"""``groundstation-sim bench``: what there is to measure. One file for each.
+
+A measurement is a module with ``measure(options) -> facts`` (JSON, see docs/reference/bench.md) and
+``text(facts) -> lines`` for people. They are edge files: they read the machine's clock.
+"""
+
+import importlib
+import os
+import sys
+from typing import Any, NamedTuple
+
+from sim.cli.proving import MEASUREMENTS
+
+WHAT = {name: f"tests.proving.bench.{name}" for name in MEASUREMENTS}
+"""Name -> module, in the order in which they run."""
+
+
+class Options(NamedTuple):
+    """What the command line says."""
+
+    peers: bool = False
+    """Measure crazyflow and rotorpy beside ours, where they are installed."""
+    hours: float = 1.0
+    """How long the flight of ``allocation`` lasts, in virtual time."""
+    seconds: float = 60.0
+    """How long ``mqtt``, ``screen`` and each part of ``links`` last [s]."""
+
+
+def measured(names: list[str], options: Options) -> dict[str, Any]:
+    """The facts of each measurement, and of the machine."""
+    import platform
+
+    facts: dict[str, Any] = {
+        "machine": {
+            "python": platform.python_version(),
+            "system": f"{platform.system()} {platform.machine()}",
+            "cpus": os.cpu_count(),
+            "load": os.getloadavg()[0],
+        }
+    }
+    for name in names:
+        print(f"bench {name} …", file=sys.stderr, flush=True)
+        facts[name] = importlib.import_module(WHAT[name]).measure(options)
+    return facts
+
+
+def text(facts: dict[str, Any]) -> str:
+    """The facts as lines for people."""
+    machine = facts["machine"]
+    lines = [f"Python {machine['python']}, {machine['system']}, {machine['cpus']} CPUs, load {machine['load']:.1f}"]
+    for name, module in WHAT.items():
+        if name in facts:
+            lines += ["", f"{name}:", *(f"  {line}" for line in importlib.import_module(module).text(facts[name]))]
+    return "\n".join(lines)

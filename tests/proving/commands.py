@@ -1,0 +1,79 @@
+"""What ``groundstation-sim faults``, ``soak`` and ``fuzz`` do: break things, go on for long, feed garbage."""
+
+import argparse
+import json
+import os
+import shlex
+import sys
+from collections.abc import Callable
+
+import msgspec
+
+from groundstation.config.load import ConfigError
+from sim.world.prepare import scenario_of
+
+
+def faults(args: argparse.Namespace) -> int:
+    """Break one thing in every state of a mission."""
+    from sim.cli.console import Counter
+    from tests.proving.faults.deal import cells, fly_all, quick
+    from tests.proving.faults.faults import FAULTS
+    from tests.proving.faults.moments import MOMENTS
+    from tests.proving.faults.table import text, write
+
+    scenario_of(args.scenario)
+    for option, value, known in (("--fault", args.fault, FAULTS), ("--state", args.state, MOMENTS)):
+        if value is not None and value not in known:
+            raise ConfigError(option, f"expected one of {list(known)}, got {value!r}")
+    work = cells(args.fault, args.state)
+    if args.quick:
+        work = [cell for cell in quick() if cell in work]
+    if not work:
+        raise ConfigError("--state", f"{args.fault} is not flown there" + (" with --quick" if args.quick else ""))
+    with Counter("cells", len(work), quiet=args.json or not sys.stderr.isatty()) as counter:
+        rows = fly_all(
+            work,
+            seed=args.seed,
+            scenario=args.scenario,
+            overrides=args.overrides,
+            workers=args.workers or os.cpu_count() or 1,
+            on_done=counter.at,
+        )
+    if args.write is not None:
+        words = [word for word in sys.argv[1:] if word != "--json"]
+        write(args.write, rows, shlex.join(["groundstation-sim", *words]))
+    print(json.dumps({"rows": msgspec.to_builtins(rows)}) if args.json else text(rows))
+    return 0 if all(row.safe for row in rows) else 1
+
+
+def soak(args: argparse.Namespace) -> int:
+    """Fly for hours, and see whether anything grows."""
+    from sim.cli.console import Progress
+    from tests.proving.soak import soak as fly_on
+    from tests.proving.soak import text
+
+    scenario_of(args.scenario)
+    with Progress(args.hours, quiet=args.json or not sys.stderr.isatty(), unit="h") as progress:
+        facts = fly_on(args.hours, scenario=args.scenario, seed=args.seed, on_progress=progress.at)
+    print(json.dumps(msgspec.to_builtins(facts)) if args.json else text(facts))
+    return 0 if facts.passed else 1
+
+
+def fuzz(args: argparse.Namespace) -> int:
+    """Feed decoders random and damaged bytes."""
+    from tests.proving.fuzz.fuzz import fuzz_all, text
+    from tests.proving.fuzz.links import LINKS
+    from tests.proving.fuzz.subjects import SOURCES, Subject
+
+    chosen: dict[str, Callable[[], Subject]] = {}
+    for option, table in (("source", SOURCES), ("link", LINKS)):
+        name = getattr(args, option)
+        if name is not None and not any(key.split()[0] == name for key in table):
+            raise ConfigError(
+                f"--{option}", f"expected one of {sorted({key.split()[0] for key in table})}, got {name!r}"
+            )
+        if name is not None or (args.source is None and args.link is None):
+            chosen |= {key: make for key, make in table.items() if name in (None, key.split()[0])}
+    total = fuzz_all(chosen, args.count, args.seed)
+    print(json.dumps(msgspec.to_builtins(total)) if args.json else text(total))
+    return 0 if total.exceptions == 0 and total.mismatches == 0 else 1

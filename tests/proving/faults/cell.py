@@ -1,0 +1,329 @@
+"""One fault in one state of one mission, in virtual time: the whole application against the simulated side."""
+
+import asyncio
+import math
+from collections.abc import Callable
+from typing import Any
+
+from groundstation.app import make_flight
+from groundstation.core.geometry.ops import Vec3
+from groundstation.core.messages.requests import Ask, Request
+from groundstation.core.mission.mission import State
+from groundstation.core.pilot import Tick
+from groundstation.flight.flight import Flight
+from groundstation.recording.recorded import Give
+from groundstation.recording.records import Record
+from groundstation.runtime.clock import sleep_until
+from groundstation.settings.settings import Config
+from links.core.thrust_curve import thrust as thrust_of
+from sim.autopilots.px4 import Px4Autopilot
+from sim.radio.rf_receiver import FAILSAFE_S
+from sim.runs.mission import from_floor
+from sim.runs.stage import Stage
+from sim.time.virtual_time import VirtualTimeLoop
+from sim.trackers.trackers import Tracker
+from sim.world.prepare import prepare
+from sim.world.scenarios import SCENARIOS
+from sim.world.world import World
+from tests.proving.faults.exemptions import Exemption
+from tests.proving.faults.fault import Fault, Poses, Scene
+from tests.proving.faults.faults import FAULTS
+from tests.proving.faults.judge.thrust import Thrust
+from tests.proving.faults.judge.truth import Truth
+from tests.proving.faults.judge.verdict import JUDGED_S, Row, broken, exempted, judged
+from tests.proving.faults.judge.wire import Wire
+from tests.proving.faults.meddler import Meddler
+from tests.proving.faults.moments import DESCENT_AFTER_S, MOMENTS, Moment, Moves
+
+LANDS = ("sim.own_estimate=true",)
+"""The autopilot of the deck knows where it is, so it is asked to land where we can't see it."""
+AUTOPILOT = {"COM_OF_LOSS_T": 0.3}
+"""How long it holds the last set-point when they stop [s]; its default is 1 s, docs/how-to/px4.md asks for 0.2 to 1."""
+CONFIRM_S = 3.0
+"""When arming is confirmed, in virtual time [s]."""
+FIGURE_S = 5.0
+"""How long the figure is flown where nothing ends it early [s]."""
+NEAR = ("trajectory.centre_ned=[0.093,-1.507,0]",)
+"""The figure begins 1 m above the place at which the scenario's vehicle holds after its take-off: a short way."""
+LOOK_S = 0.005
+"""How often it is looked whether the moment has come [s]."""
+LIMIT_S = 60.0
+"""A flight that goes on for longer after a fault than this does not end [s]."""
+REST_LIMIT_S = 12.0
+"""How long after a flight's end the vehicle may take to come to rest [s]."""
+STILL_SHARE = 0.05
+"""Motors that give less than this share of the weight are off [-]."""
+BLIND_S = 0.2
+"""Beside the limits that are told: age of the last true pose, and rounding [s]."""
+HEARTBEAT_S = 1.1
+"""An autopilot tells of its mode once a second."""
+
+
+class NotReached(Exception):
+    """The flight ended before the state in which it was to be struck; the text says why."""
+
+
+def fly_cell(
+    fault: str,
+    state: str,
+    *,
+    seed: int = 0,
+    scenario: str = "paper",
+    overrides: tuple[str, ...] = (),
+    split: Callable[[], str] | None = None,
+) -> Row:
+    """Fly one cell in virtual time; ``split`` tells at the strike which fault it is, where that is not ``fault``."""
+    if not any(override.startswith("trajectory.") for override in overrides):
+        overrides = (*NEAR, *overrides)
+    with asyncio.Runner(loop_factory=VirtualTimeLoop) as runner:
+        flight = fly_here(fault, FAULTS[fault], state, seed=seed, scenario=scenario, overrides=overrides, split=split)
+        try:
+            return runner.run(flight)
+        except NotReached as error:
+            return not_struck(fault, state, str(error), scenario)
+
+
+def not_struck(fault: str, state: str, why: str, scenario: str = "paper") -> Row:
+    """The row of a flight that never came to its strike."""
+    return judged(
+        fault, FAULTS[fault], state, Truth(0.0), [],
+        wrong=why, exemption=Exemption.NONE, begun_s=0.0, drift_m=0.0, touchdown_m_s=None, scenario=scenario,
+    )  # fmt: skip
+
+
+class _Broken(Exception):
+    """What the controller dies of."""
+
+
+async def fly_here(
+    name: str,
+    fault: Fault,
+    state: str,
+    *,
+    seed: int,
+    scenario: str,
+    overrides: tuple[str, ...] = (),
+    figure_s: float = FIGURE_S,
+    keep: Give | None = None,
+    split: Callable[[], str] | None = None,
+) -> Row:
+    """Fly one cell on the running loop of virtual time, whatever its time is; ``keep`` takes what is recorded.
+
+    ``split`` tells at the strike which fault it is, one that is set up as ``fault`` is.
+
+    Raises:
+        NotReached: the flight ended before the state in which it was to be struck.
+    """
+    loop = asyncio.get_running_loop()
+    assert isinstance(loop, VirtualTimeLoop), "in virtual time only"
+    begun_s = loop.time()
+    asked = [*(LANDS if fault.link == "mavlink" else ()), *fault.overrides, *overrides]
+    world, config = prepare(SCENARIOS[scenario], asked, source=fault.source, link=fault.link)
+    world, config = from_floor(world, config, figure_s)
+    over: asyncio.Future[None] = loop.create_future()
+
+    def decide() -> None:
+        if not over.done():
+            over.set_result(None)
+
+    def look(seen: Truth) -> None:
+        if broken(fault, state, seen, exempted(fault, state)):
+            decide()
+
+    def newtons(time_s: float, signal: float) -> float:
+        return thrust_of(signal, world.thrust_curve) * stage.plant.most_n(time_s)
+
+    pushing = Thrust(hover_n(world), newtons, AUTOPILOT["COM_OF_LOSS_T"] if fault.link == "mavlink" else FAILSAFE_S)
+    wire = Wire(config, pushing)
+    loop.tap = wire.tap
+    truth, moves, meddlers = Truth(world.floor_z_m, look), Moves(loop.time), list[Meddler]()
+
+    def meddle(tracker: Tracker) -> Tracker:
+        meddlers.append(Meddler(tracker))
+        return meddlers[0]
+
+    def step(time_s: float, position: Vec3) -> None:
+        truth.step(time_s, position)
+
+    def watch(tick: Tick) -> None:
+        # What false poses led to is no course any more: it may run away with them.
+        misled = fault.poses is not Poses.TRUE and bool(moves.answers)
+        truth.tick(tick, follows=not misled and moves.state not in (State.DESCENT, State.ABORTED, State.DISARMING))
+        if scene.controller_raises:
+            raise _Broken("the controller broke")
+
+    def give(record: Record) -> None:
+        wire.record(record)
+        if keep is not None:
+            keep(record)
+        if scene.recorder_raises:
+            raise OSError("the recorder is gone")
+
+    def answered(time_s: float) -> None:
+        pushing.answered_s = min(pushing.answered_s, time_s + world.frame_period_s)
+
+    def entered(state: State, reason: str) -> None:
+        moves.entered(state, reason)
+        if moves.answers:
+            answered(moves.answers[0][0])
+
+    async def confirm() -> bool:
+        await sleep_until(begun_s + CONFIRM_S)
+        return True
+
+    stage = Stage(world, config, seed, step, parameters=AUTOPILOT)
+    truth.plant = stage.plant
+    stage.plant.advance(begun_s)
+    if stage.mocap is not None:
+        stage.mocap.through(meddle)
+    flight = make_flight(config, confirm=confirm, on_tick=watch, on_state=entered, wires=stage.wires, give=give)
+    scene = Scene(flight, stage, meddlers[0] if meddlers else None, seed)
+    turning, flying = asyncio.ensure_future(stage.run()), asyncio.ensure_future(flight.run())
+    striking = asyncio.ensure_future(_strike(scene, state, moves, truth))
+    await asyncio.wait({turning, flying, striking}, return_when=asyncio.FIRST_COMPLETED)
+    if not striking.done():
+        turning.cancel(), flying.cancel(), striking.cancel()
+        await asyncio.gather(turning, flying, striking, return_exceptions=True)
+        raise NotReached(f"the flight ended before {state}: {moves.state}: {moves.reason}")
+    struck_s, where = striking.result()
+    if split is not None:
+        name = split()
+        fault = FAULTS[name]
+    exemption = exempted(fault, state)
+    autopilot = _Autopilot(answered)
+    going_on = asyncio.ensure_future(_break(scene, fault))
+    watching = asyncio.ensure_future(autopilot.watch(stage))
+    timing: asyncio.Future[None] = over
+    if exemption is Exemption.NOT_OBSERVABLE:
+        timing = asyncio.ensure_future(_flown(stage, JUDGED_S))
+        timing.add_done_callback(lambda _: decide())
+    ends: set[asyncio.Future[Any]] = {turning, flying, over}
+    await asyncio.wait(ends, timeout=LIMIT_S + figure_s, return_when=asyncio.FIRST_COMPLETED)
+    rests = flying.done() and await _rests(stage, world, over)
+    ended, rests = flying.done() or over.done(), rests or over.done()
+    # How a flight is ended that is cut short is no part of it.
+    truth.end()
+    pushing.end(loop.time())
+    answers = [(time_s, str(after), reason) for time_s, after, reason in moves.answers]
+    end = stage.plant.truth(loop.time()).position_ned
+    wrong = _left_wrongly(fault, state, config, wire, pushing, struck_s)
+    tasks = (turning, flying, going_on, watching, timing)
+    for task in tasks:
+        task.cancel()
+    for result in await asyncio.gather(*tasks, return_exceptions=True):
+        if isinstance(result, Exception) and not isinstance(result, _Broken):
+            raise result
+    loop.tap = None
+    if autopilot.acts_s is not None:
+        answers.append((autopilot.acts_s, "autopilot lands", "set-points stopped: the autopilot's own failsafe"))
+    answers.sort()
+    restless = "" if rests else "it does not come to rest" if ended else "it does not end"
+    weak = Exemption.WEAK if _too_weak(stage, world) else Exemption.NONE
+    return judged(
+        name, fault, state, truth, answers,
+        wrong=restless or wrong,
+        exemption=exemption or weak,
+        begun_s=begun_s,
+        drift_m=math.dist(where[:2], end[:2]),
+        touchdown_m_s=stage.plant.hardest_m_s,
+        thrust=pushing,
+        land_s=autopilot.land_s,
+        scenario=scenario,
+    )  # fmt: skip
+
+
+async def _strike(scene: Scene, name: str, moves: Moves, truth: Truth) -> tuple[float, Vec3]:
+    """Wait for the moment; when and where it is."""
+    await reached(MOMENTS[name], scene.flight, scene.stage, moves)
+    now = scene.now_s
+    moves.struck = True
+    return now, truth.strike(now)
+
+
+async def reached(moment: Moment, flight: Flight, stage: Stage, moves: Moves) -> None:
+    """Return at ``moment``; a failsafe descent is asked for, as no flight comes to it by itself."""
+    loop = asyncio.get_running_loop()
+    while True:
+        if moves.state is State.TRACKING and flight.started_s is not None:
+            moves.since_s = flight.started_s  # the figure, not the way onto it
+        if moment.state is State.DESCENT and moves.lasted(State.TRACKING, DESCENT_AFTER_S):
+            flight.ask(Request(Ask.DESCEND, "the deck"))
+        height_m = stage.world.floor_z_m - stage.plant.truth(loop.time()).position_ned[2]
+        if moment.is_now(moves, height_m):
+            return
+        await asyncio.sleep(LOOK_S)
+
+
+async def _break(scene: Scene, fault: Fault) -> None:
+    assert fault.strike is not None, "this one needs processes of its own"
+    await fault.strike(scene)
+
+
+async def _flown(stage: Stage, for_s: float) -> None:
+    """Return ``for_s`` [s] from now, or from when it leaves the floor."""
+    loop, flown_s = asyncio.get_running_loop(), 0.0
+    while flown_s < for_s:
+        await asyncio.sleep(LOOK_S)
+        flies = stage.plant.released_s is not None and not stage.plant.truth(loop.time()).on_ground
+        flown_s += LOOK_S if flies or flown_s else 0.0
+
+
+class _Autopilot:
+    """What the autopilot does beside obeying."""
+
+    def __init__(self, on_act: Callable[[float], None]) -> None:
+        """Nothing yet; ``on_act(time_s)`` hears once when it acts by itself."""
+        self.acts_s: float | None = None
+        """When it began to act by itself [s]."""
+        self.land_s: float | None = None
+        """When it took over landing, as it was asked to [s]."""
+        self._on_act = on_act
+
+    async def watch(self, stage: Stage) -> None:
+        """Look until cancelled."""
+        loop = asyncio.get_running_loop()
+        while stage.radio is None:
+            told = stage.autopilot
+            assert isinstance(told, Px4Autopilot), "the deck flies with a PX4"
+            if self.acts_s is None and told.failsafe:
+                self.acts_s = loop.time()
+                self._on_act(self.acts_s)
+            if self.land_s is None and not told.failsafe and told.armed and told.mode == told.land_mode:
+                self.land_s = loop.time()
+            await asyncio.sleep(2.0 * LOOK_S)
+
+
+async def _rests(stage: Stage, world: World, over: "asyncio.Future[None]") -> bool:
+    """Whether it comes to stand with its motors off, before all is ``over``."""
+    loop = asyncio.get_running_loop()
+    begun = loop.time()
+    while loop.time() < begun + REST_LIMIT_S and not over.done():
+        now = stage.plant.truth(loop.time())
+        stands = now.on_ground or stage.plant.released_s is None
+        if stands and now.thrust_n < STILL_SHARE * world.mass_kg * world.gravity:
+            return True
+        await asyncio.sleep(0.05)
+    return False
+
+
+def hover_n(world: World) -> float:
+    """The thrust that holds it against weight and wind [N]."""
+    north, east, down = world.wind_mean
+    return world.mass_kg * math.hypot(north, east, world.gravity + down)
+
+
+def _too_weak(stage: Stage, world: World) -> bool:
+    """Whether its rotors at their fullest can't hold it."""
+    return stage.plant.most_n(asyncio.get_running_loop().time()) <= hover_n(world)
+
+
+def _left_wrongly(fault: Fault, state: str, config: Config, wire: Wire, pushing: Thrust, struck_s: float) -> str:
+    """What must not have left; empty where there is nothing."""
+    if wire.wrong:
+        return wire.wrong
+    most = config.flight.coast_s + config.guards.level_s + 2.0 + BLIND_S
+    if fault.poses is Poses.GONE and pushing.last_lift_s > struck_s + most:
+        return f"a command that lifts left {pushing.last_lift_s - struck_s:.2f} s after the last true pose"
+    if fault.silences and wire.last_s > struck_s + HEARTBEAT_S and MOMENTS[state].flying:
+        return f"something left {wire.last_s - struck_s:.2f} s after a pilot had taken over"
+    return ""

@@ -1,0 +1,1 @@
+"""Faults that need processes of their own, in real time."""

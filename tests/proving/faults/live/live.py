@@ -1,0 +1,256 @@
+"""Cells that need processes of their own: the daemon flies in real time, and it or what hangs on it is killed.
+
+The simulated vehicle is in this process, on the machine's own network, or at the end of a pseudo-terminal.
+"""
+
+import asyncio
+import contextlib
+import math
+import signal
+import sys
+import tempfile
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import Any
+
+import msgspec
+
+from groundstation.config.load import dump
+from groundstation.core.mission.mission import FINAL, State
+from groundstation.interfaces.api.client import snapshots
+from groundstation.runtime.place import ApiError
+from links.bridge.server import BridgeConfig
+from links.io.key_file import make_key
+from sim.radio.pty_wire import PtyWire
+from sim.radio.radio import module
+from sim.radio.rf_receiver import FAILSAFE_S
+from sim.runs.mission import from_floor
+from sim.runs.stage import Stage
+from sim.world.prepare import prepare
+from sim.world.scenarios import SCENARIOS
+from sim.world.world import World
+from tests.proving.faults.cell import AUTOPILOT, LANDS, LOOK_S, STILL_SHARE, hover_n, not_struck
+from tests.proving.faults.fault import Fault
+from tests.proving.faults.faults import FAULTS
+from tests.proving.faults.judge.thrust import Thrust
+from tests.proving.faults.judge.truth import Truth
+from tests.proving.faults.judge.verdict import Row, exempted, judged
+from tests.proving.faults.live.broker import Broker
+from tests.proving.faults.live.evidence import evidence
+from tests.proving.faults.live.scene import STRIKES, LiveScene
+from tests.proving.faults.moments import MOMENTS, Moves
+
+AT_ONCE = 3
+"""So many are flown side by side: each is mostly waiting."""
+SHORT = (
+    "takeoff.height_m=0.6", "takeoff.hold_s=1.5", "takeoff.climb_m_s=1.0", "trajectory.altitude_m=-0.4",
+    "guards.overruns=30",
+)  # fmt: skip
+"""Low and quick; a machine that does other things meanwhile may be late."""
+FIGURE_S = 4.0
+TRIES = 3
+"""How often a cell is flown at most, where this machine disturbs it."""
+STILL_S = 0.1
+"""A simulated vehicle that was not looked after for so long is no judge [s]."""
+LIMIT_S = 90.0
+"""A cell that takes longer has failed [s]."""
+REST_LIMIT_S = 12.0
+TWICE_S = 1.15
+"""Between two signals that are to count as two [s]."""
+
+
+class _Disturbed(Exception):
+    """This machine stood still, which ends any flight, and keeps the simulated autopilot from acting."""
+
+
+async def fly_live_cells(work: Sequence[tuple[str, str]], done: Callable[[str, str, Row], None]) -> None:
+    """Fly ``work``, (fault, state), some at once; ``done`` gets each row."""
+    room, whole = asyncio.Semaphore(AT_ONCE), asyncio.current_task()
+    assert whole is not None, "somebody runs this"
+    # Whoever ends this process ends the stations with it: they have sessions of their own.
+    asyncio.get_running_loop().add_signal_handler(signal.SIGTERM, whole.cancel)
+
+    async def one(fault: str, state: str) -> None:
+        async with room:
+            done(fault, state, await fly_live(fault, state))
+
+    async with asyncio.TaskGroup() as group:
+        for fault, state in work:
+            group.create_task(one(fault, state))
+
+
+async def fly_live(name: str, state: str) -> Row:
+    """Fly one cell in real time; again where this machine disturbed it."""
+    why = ""
+    for _ in range(TRIES):
+        with tempfile.TemporaryDirectory(prefix="gs-") as folder:
+            try:
+                async with asyncio.timeout(LIMIT_S):
+                    return await _fly(Path(folder), name, FAULTS[name], state)
+            except TimeoutError:
+                why = f"it does not end within {LIMIT_S:g} s"
+            except _Disturbed as disturbed:
+                why = str(disturbed)
+    return not_struck(name, state, why)
+
+
+async def _free_port() -> int:
+    transport, _ = await asyncio.get_running_loop().create_datagram_endpoint(
+        asyncio.DatagramProtocol, local_addr=("127.0.0.1", 0)
+    )
+    port = transport.get_extra_info("sockname")[1]
+    transport.close()
+    return int(port)
+
+
+async def _fly(folder: Path, name: str, fault: Fault, state: str) -> Row:
+    loop = asyncio.get_running_loop()
+    begun_s = loop.time()
+    radio = fault.link != "mavlink"
+    pty = PtyWire() if radio else None
+    broker = Broker()
+    await broker.open()
+    told = [
+        *SHORT, f"pose.listen=127.0.0.1:{await _free_port()}", f"status.path={folder}/status.sock",
+        f"recording.folder={folder}/flights", "status.rate_hz=20",
+        *(["mqtt.enabled=true", f"mqtt.port={broker.port}"] if name.startswith("MQTT") else []),
+    ]  # fmt: skip
+    bridge = f"127.0.0.1:{await _free_port()}"
+    told += {
+        "mavlink": [f"link.listen=127.0.0.1:{await _free_port()}", *LANDS],
+        "dsm": [f"link.port={pty.path}", "link.simulated=true"] if pty is not None else [],
+        "rf_bridge": [f"link.remote={bridge}", f"link.key_file={folder}/bridge.key", "link.connect_timeout_s=15"],
+    }[fault.link]
+    world, config = prepare(SCENARIOS["paper"], told, link=fault.link)
+    world, config = from_floor(world, config, FIGURE_S)
+    (folder / "config.toml").write_text(dump(config))
+    truth, moves = Truth(world.floor_z_m), Moves(loop.time)
+    stage = Stage(world, config, 0, truth.step, pty=pty, parameters=AUTOPILOT)
+    truth.plant = stage.plant
+    stage.plant.advance(loop.time())
+    rf = module(config, world) if radio else None
+    scene = LiveScene(folder, config, stage, broker, moves, rf)
+    if stage.radio is not None:
+        stage.radio.overhear = scene.heard_radio
+    else:
+        stage.peer.overhear = scene.heard
+    if pty is not None and rf is not None and fault.link == "rf_bridge":
+        link = msgspec.structs.replace(rf, port=pty.path, simulated=True)
+        scene.bridge = await _bridge(folder, BridgeConfig(listen=bridge, key_file=f"{folder}/bridge.key", link=link))
+    arguments = ("-m", "groundstation", "daemon", str(folder / "config.toml"), "--arm", config.vehicle.name)
+    scene.station = await asyncio.create_subprocess_exec(
+        sys.executable, *arguments, stdin=asyncio.subprocess.DEVNULL, stderr=asyncio.subprocess.PIPE,
+        start_new_session=True,
+    )  # fmt: skip
+    tasks = [asyncio.ensure_future(work) for work in (stage.run(), scene.read(), _watch(scene, truth))]
+    try:
+        if name.startswith("TUI"):
+            await scene.show()
+        await _reached(scene, world, state)
+        struck_s = loop.time()
+        moves.struck = True
+        where = truth.strike(struck_s)
+        await STRIKES[name](scene)
+        acts_s, rests = await _ended(scene, world)
+    finally:
+        await scene.end()
+        for task in tasks:
+            task.cancel()
+        results: list[Any] = await asyncio.gather(*tasks, return_exceptions=True)
+        broker.kill()
+        if pty is not None:
+            pty.close()
+    for result in results:
+        if isinstance(result, Exception):
+            raise result
+    end = stage.plant.truth(loop.time()).position_ned
+    pushing = Thrust(
+        hover_n(world),
+        lambda time_s, share: share * world.thrust_max_n,
+        FAILSAFE_S if radio else AUTOPILOT["COM_OF_LOSS_T"],
+    )
+    answers, wrong = evidence(scene, name, state, struck_s=struck_s, acts_s=acts_s, rests=rests)
+    if answers:
+        pushing.answered_s = answers[0][0] + world.frame_period_s
+    for time_s, share in scene.frames:
+        pushing.told(time_s, share)
+    pushing.end(loop.time())
+    return judged(
+        name, fault, state, truth, answers,
+        wrong=wrong,
+        exemption=exempted(fault, state),
+        begun_s=begun_s,
+        drift_m=math.dist(where[:2], end[:2]),
+        touchdown_m_s=stage.plant.hardest_m_s,
+        thrust=pushing,
+        how="in real time",
+    )  # fmt: skip
+
+
+async def _bridge(folder: Path, config: BridgeConfig) -> asyncio.subprocess.Process:
+    """A bridge in a process of its own."""
+    make_key(Path(config.key_file))
+    (folder / "bridge.toml").write_text(dump(config))
+    return await asyncio.create_subprocess_exec(
+        sys.executable, "-m", "groundstation", "rf-bridge", str(folder / "bridge.toml"),
+        stdin=asyncio.subprocess.DEVNULL, stdout=asyncio.subprocess.DEVNULL, stderr=asyncio.subprocess.DEVNULL,
+        start_new_session=True,
+    )  # fmt: skip
+
+
+async def _watch(scene: LiveScene, truth: Truth) -> None:
+    """Hold the vehicle against the reference that the station shows; silent where it shows nothing."""
+    loop = asyncio.get_running_loop()
+    while True:
+        with contextlib.suppress(OSError, ApiError):
+            async for seen in snapshots(scene.folder / "status.sock"):
+                # A snapshot is some tenths of a second old: where it was told to be then is not far from that.
+                if seen.state in ("takeoff", "hold", "tracking", "returning", "landing") and seen.thrust_n > 0.0:
+                    truth.refer(loop.time(), seen.reference_ned, (0.0, 0.0, 0.0), loop.time())
+        await asyncio.sleep(0.1)
+
+
+async def _reached(scene: LiveScene, world: World, name: str) -> None:
+    """Return at the moment called ``name``; a failsafe descent comes by two signals."""
+    loop, moves, moment = asyncio.get_running_loop(), scene.moves, MOMENTS[name]
+    pressed = 0
+    while True:
+        if moment.state is State.DESCENT and pressed < 2:
+            begun = State.TRACKING if pressed == 0 else State.LANDING
+            if moves.lasted(begun, TWICE_S):
+                scene.station.send_signal(signal.SIGTERM)
+                pressed += 1
+        height_m = world.floor_z_m - scene.stage.plant.truth(loop.time()).position_ned[2]
+        if moment.is_now(moves, height_m):
+            return
+        if scene.station.returncode is not None:
+            raise _Disturbed(f"the flight ended before {name}: {scene.log[-5:]}")
+        await asyncio.sleep(LOOK_S)
+
+
+async def _ended(scene: LiveScene, world: World) -> tuple[float | None, bool]:
+    """Wait until the flight is over, or its station dead, and the vehicle rests.
+
+    Returns when the autopilot acted by itself, where it did, and whether the vehicle came to rest.
+
+    Raises:
+        _Disturbed: this process could not look after the vehicle meanwhile.
+    """
+    loop, acts_s, over_s = asyncio.get_running_loop(), None, math.inf
+    weight, before = world.mass_kg * world.gravity, loop.time()
+    while True:
+        now = loop.time()
+        if now - before > STILL_S:
+            raise _Disturbed(f"this machine stood still for {now - before:.2f} s")
+        before = now
+        if acts_s is None and scene.stage.radio is None and scene.stage.autopilot.failsafe:
+            acts_s = now
+        if scene.station.returncode is not None or scene.moves.state in FINAL:
+            over_s = min(over_s, now)
+            truth = scene.stage.plant.truth(now)
+            stands = truth.on_ground or scene.stage.plant.released_s is None
+            if now > over_s + 1.5 and stands and truth.thrust_n < STILL_SHARE * weight:
+                return acts_s, True
+            if now > over_s + REST_LIMIT_S:
+                return acts_s, False
+        await asyncio.sleep(LOOK_S)

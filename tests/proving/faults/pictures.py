@@ -1,0 +1,212 @@
+"""What cameras show that is not so: wrong pictures of our body, each from the instant on at which it sets in."""
+
+import math
+from collections.abc import Callable, Iterator, Sequence
+from typing import NamedTuple
+
+from groundstation.core.geometry import so3
+from groundstation.core.geometry.ops import Quat, Vec3
+from sim.trackers.trackers import Seen
+
+NOISE_M, NOISE_RAD = 0.0003, 0.002
+"""Of what is not measured any more but looks as if [m, rad], 1 sigma an axis: as much as the cameras' own."""
+FLICKER_M = 1e-9
+"""By so much a picture flickers that stands still [m]."""
+TELEPORT_M = 1.0
+"""How far away a vehicle is seen that teleports [m]."""
+NEAR_M = 0.08
+"""How far from ours another body is that is taken for it in flight [m]: too near for a jump to be seen."""
+CARRY_M_S, CARRY_TILT_DEG, CARRY_RAMP_S = 0.5, 10.0, 0.5
+"""How a hand moves a body: its speed [m/s], how far that leans [deg], and how long it takes to get going [s]."""
+TURNING_DEG_S = 20.0
+"""How fast axes turn that are lost slowly [deg/s]."""
+
+
+class Struck(NamedTuple):
+    """When and where a picture begins to be wrong."""
+
+    time_s: float
+    """[s]"""
+    position_ned: Vec3
+    """What was shown last, or where it stood before anything was shown [m]."""
+    attitude: Quat
+    normals: Iterator[list[float]]
+    """Rows of six standard normal numbers."""
+
+
+Picture = Callable[[float, Sequence[Seen]], Sequence[Seen]]
+"""Instant of the exposure [s] and the bodies, ours first → the bodies that are shown."""
+Change = Callable[[float, Vec3, Quat], tuple[Vec3, Quat]]
+"""Instant [s] and pose of our body → the pose that is shown of it."""
+
+
+def _ours(change: Change) -> Picture:
+    def picture(time_s: float, bodies: Sequence[Seen]) -> Sequence[Seen]:
+        ours = bodies[0]
+        position, attitude = change(time_s, ours.position_ned, ours.attitude)
+        return [ours._replace(position_ned=position, attitude=attitude), *bodies[1:]]
+
+    return picture
+
+
+def _noisy(struck: Struck, position: Vec3, attitude: Quat) -> tuple[Vec3, Quat]:
+    i, j, k, *turn = next(struck.normals)
+    x, y, z = position
+    p, q, r = (NOISE_RAD * n for n in turn)
+    return (x + NOISE_M * i, y + NOISE_M * j, z + NOISE_M * k), so3.turned(attitude, (p, q, r))
+
+
+# ---- pictures that stand still
+
+
+def freeze(struck: Struck) -> Picture:
+    """Frames go on, and show to the last bit what they showed last."""
+    return _ours(lambda time_s, position, attitude: (struck.position_ned, struck.attitude))
+
+
+def flicker(struck: Struck) -> Picture:
+    """The same, but for a nanometre."""
+
+    def change(time_s: float, position: Vec3, attitude: Quat) -> tuple[Vec3, Quat]:
+        x, y, z = struck.position_ned
+        i, j, k, *_ = next(struck.normals)
+        return (x + FLICKER_M * i, y + FLICKER_M * j, z + FLICKER_M * k), struck.attitude
+
+    return _ours(change)
+
+
+def still(struck: Struck) -> Picture:
+    """The same, with noise."""
+    return _ours(lambda time_s, position, attitude: _noisy(struck, struck.position_ned, struck.attitude))
+
+
+def still_position(struck: Struck) -> Picture:
+    """The position alone stands still, with noise."""
+    return _ours(lambda time_s, position, attitude: (_noisy(struck, struck.position_ned, struck.attitude)[0], attitude))
+
+
+def still_attitude(struck: Struck) -> Picture:
+    """The attitude alone stands still, with noise."""
+    return _ours(lambda time_s, position, attitude: (position, _noisy(struck, struck.position_ned, struck.attitude)[1]))
+
+
+# ---- other bodies
+
+
+def swap(struck: Struck) -> Picture:
+    """Our body and the next one change names."""
+
+    def picture(time_s: float, bodies: Sequence[Seen]) -> Sequence[Seen]:
+        ours, other, *rest = bodies
+        return [other._replace(name=ours.name, tracked=True), ours._replace(name=other.name), *rest]
+
+    return picture
+
+
+def resting(struck: Struck) -> Picture:
+    """A body beside ours that rests: on the floor, or at its height on a stand."""
+    x, y, z = struck.position_ned
+    yaw = so3.euler_zyx(struck.attitude)[2]
+    place, level = (x + NEAR_M, y, z), so3.from_euler_zyx(0.0, 0.0, yaw)
+    return _ours(lambda time_s, position, attitude: _noisy(struck, place, level))
+
+
+def carried(struck: Struck) -> Picture:
+    """A body that a hand takes from beside ours, and carries around: up by 0.3 m, and to and fro at 0.5 m/s."""
+    yaw = so3.euler_zyx(struck.attitude)[2]
+
+    def change(time_s: float, position: Vec3, attitude: Quat) -> tuple[Vec3, Quat]:
+        t = time_s - struck.time_s
+        begun = 1.0 - math.exp(-t / CARRY_RAMP_S)
+        each = begun * CARRY_M_S * math.sqrt(0.5)
+        x, y, z = struck.position_ned
+        a, b, c = 2.0 * math.pi * 0.25, 2.0 * math.pi * 0.19, 2.0 * math.pi * 0.12  # no two alike [rad/s]
+        place = (
+            x + NEAR_M + each / a * math.sin(a * t),
+            y + each / b * math.sin(b * t),
+            z - 0.15 * (1.0 - math.cos(c * t)),
+        )
+        lean = begun * math.radians(CARRY_TILT_DEG)
+        tilted = so3.from_euler_zyx(lean * math.sin(2.1 * t), lean * math.sin(1.7 * t + 1.0), yaw + lean * math.sin(t))
+        return _noisy(struck, place, tilted)
+
+    return _ours(change)
+
+
+# ---- places that are not so
+
+
+def teleport(struck: Struck) -> Picture:
+    """The vehicle is seen 1 m away from where it is."""
+    return _ours(lambda time_s, position, attitude: ((position[0] + TELEPORT_M, *position[1:]), attitude))
+
+
+def drift(speed_m_s: float) -> Callable[[Struck], Picture]:
+    """The place drifts away at a steady speed [m/s], north-east."""
+    each = speed_m_s * math.sqrt(0.5)
+
+    def make(struck: Struck) -> Picture:
+        def change(time_s: float, position: Vec3, attitude: Quat) -> tuple[Vec3, Quat]:
+            far, (x, y, z) = each * (time_s - struck.time_s), position
+            return (x + far, y + far, z), attitude
+
+        return _ours(change)
+
+    return make
+
+
+def mapped(rows: tuple[Vec3, Vec3, Vec3]) -> Callable[[Struck], Picture]:
+    """The world's axes are mixed up by a matrix, about the place where ours is; its attitude stays true."""
+
+    def make(struck: Struck) -> Picture:
+        at = struck.position_ned
+
+        def change(time_s: float, position: Vec3, attitude: Quat) -> tuple[Vec3, Quat]:
+            gap = [p - q for p, q in zip(position, at, strict=True)]
+            x, y, z = (q + sum(m * g for m, g in zip(row, gap, strict=True)) for q, row in zip(at, rows, strict=True))
+            return (x, y, z), attitude
+
+        return _ours(change)
+
+    return make
+
+
+def scaled(share: float) -> Callable[[Struck], Picture]:
+    """Lengths are told in another unit, about the place where ours is."""
+    return mapped(((share, 0.0, 0.0), (0.0, share, 0.0), (0.0, 0.0, share)))
+
+
+# ---- attitudes that are not so
+
+
+def turned(roll_deg: float, pitch_deg: float, yaw_deg: float) -> Callable[[Struck], Picture]:
+    """The body's axes are found turned by these angles [deg]."""
+    turn = so3.from_euler_zyx(math.radians(roll_deg), math.radians(pitch_deg), math.radians(yaw_deg))
+
+    def make(struck: Struck) -> Picture:
+        return _ours(lambda time_s, position, attitude: (position, so3.multiply(attitude, turn)))
+
+    return make
+
+
+def turning(struck: Struck) -> Picture:
+    """The body's axes turn about its vertical, slowly and for ever."""
+
+    def change(time_s: float, position: Vec3, attitude: Quat) -> tuple[Vec3, Quat]:
+        angle = math.radians(TURNING_DEG_S) * (time_s - struck.time_s)
+        return position, so3.multiply(attitude, so3.from_euler_zyx(0.0, 0.0, math.remainder(angle, math.tau)))
+
+    return _ours(change)
+
+
+def signed(roll: float, pitch: float) -> Callable[[Struck], Picture]:
+    """Roll or pitch has the wrong sign: each is multiplied by what is told."""
+
+    def make(struck: Struck) -> Picture:
+        def change(time_s: float, position: Vec3, attitude: Quat) -> tuple[Vec3, Quat]:
+            phi, theta, psi = so3.euler_zyx(attitude)
+            return position, so3.from_euler_zyx(roll * phi, pitch * theta, psi)
+
+        return _ours(change)
+
+    return make
