@@ -10,8 +10,8 @@ from pathlib import Path
 from groundstation.recording.records import Record
 from sim.cli.run_folder import RECORDING, RunFolder
 from sim.runs.fly import Result, fly
-from sim.world.prepare import prepare
-from sim.world.scenarios import SCENARIOS
+from sim.scenarios.prepare import prepare
+from sim.scenarios.scenarios import SCENARIOS
 
 
 def _remove(folder: Path, owner: int) -> None:

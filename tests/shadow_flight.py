@@ -8,7 +8,7 @@ import msgspec
 
 from groundstation.core.geometry import so3
 from groundstation.core.geometry.ops import Quat, Vec3
-from links.mavlink.codec import ARM_DISARM, MavlinkCodec
+from links.mavlink.protocol.codec import ARM_DISARM, MavlinkCodec
 
 GRAVITY = 9.81
 START_US = 1_790_000_000_000_000

@@ -11,7 +11,7 @@ from groundstation.runtime.place import socket_path
 from groundstation.runtime.register import Running
 from groundstation.settings.settings import Config, LinkConfig
 from links.bridge.link import BridgeLinkConfig
-from links.mavlink.config import MavlinkLinkConfig
+from links.mavlink.protocol.config import MavlinkLinkConfig
 
 SEEN_S = 0.5
 """A body that was not seen for so long may be anywhere [s]."""

@@ -5,14 +5,11 @@ from pathlib import Path
 from groundstation.config.load import ConfigError
 from groundstation.core.trajectory.check import Report, check, refusal
 from groundstation.core.trajectory.demands import Demand
-from groundstation.flight.hold_to_run.kinds import ensure_held
-from groundstation.interfaces.mqtt.requests import ensure_mqtt
-from groundstation.pose.kinds import Recorded
 from groundstation.settings.settings import Config
 from links.bridge.link import BridgeLinkConfig
 from links.io.key_file import read_key
 from links.io.serial_port import is_pseudo_terminal
-from links.mavlink.config import MavlinkLinkConfig
+from links.mavlink.protocol.config import MavlinkLinkConfig
 from links.rf.codecs.codec import RfLinkConfig
 
 
@@ -78,23 +75,6 @@ def ensure_guarded(config: Config) -> None:
         raise ConfigError("limits.max_speed_m_s", f"missing, and {because}: the fastest that it may be told to go")
     if config.flight.start != "floor":
         raise ConfigError("flight.start", f"expected floor, as {because}")
-
-
-def flyable(config: Config) -> Config:
-    """``config``, which must have all that a flight needs.
-
-    Raises:
-        ConfigError: the vehicle can't fly this, the poses are recorded, a real vehicle has no fence or no speed limit,
-            or a key can't be used.
-    """
-    if isinstance(config.pose, Recorded):
-        raise ConfigError("pose.kind", "a recording must not fly a vehicle; look at it with `groundstation replay`")
-    ensure_guarded(config)
-    ensure_link(config)
-    ensure_mqtt(config.mqtt)
-    ensure_held(config.operator)
-    ensure_flyable(config)
-    return config
 
 
 def ensure_link(config: Config) -> None:

@@ -12,7 +12,6 @@ from typing import IO, Any, cast
 import msgspec
 from mcap.writer import CompressionType, Writer
 
-import groundstation
 from groundstation.recording.channels import CHANNELS
 from groundstation.recording.headline import Count
 from groundstation.recording.messages import Messages, address
@@ -146,7 +145,7 @@ def facts(about: About) -> dict[str, str]:
 
 def git_commit() -> str:
     """The commit of the program's own folder, ``-dirty`` where it was changed since; empty outside a clone."""
-    folder = Path(groundstation.__file__).parents[1]
+    folder = Path(__file__).parents[2]
     if not (folder / ".git").exists():
         return ""
     command = ["git", "-C", str(folder), "describe", "--always", "--dirty", "--abbrev=40", "--match="]

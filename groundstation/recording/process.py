@@ -11,7 +11,6 @@ from pathlib import Path
 
 import msgspec
 
-import groundstation
 from groundstation.recording.records import About, Lost, Record
 from groundstation.runtime.flights import RecordingConfig
 from groundstation.runtime.quiet import Quiet
@@ -56,7 +55,7 @@ class RecorderProcess:
         self._gone = self._loop.create_future()
         self._words = b""
         # -P: a folder `groundstation` where the operator happens to stand is not ours. Ours is named instead.
-        environment = os.environ | {"PYTHONPATH": str(Path(groundstation.__file__).parents[1])}
+        environment = os.environ | {"PYTHONPATH": str(Path(__file__).parents[2])}
         self._process = subprocess.Popen(  # our own program; a millisecond, on the ground
             [sys.executable, "-P", "-m", "groundstation.recording"],
             stdin=subprocess.PIPE,

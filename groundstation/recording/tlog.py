@@ -3,7 +3,7 @@
 The form is in groundstation/pose/sources/tlog_codec.py: each frame behind the microseconds since 1970, big-endian.
 """
 
-from links.mavlink.codec import frame_end
+from links.mavlink.protocol.codec import frame_end
 
 _LONGEST_FRAME = 293
 """A frame of MAVLink 2 with its signature; what waits longer for its end is none."""

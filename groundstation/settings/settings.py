@@ -26,7 +26,7 @@ from groundstation.settings.hold_to_run import OperatorConfig
 from groundstation.settings.mqtt import MqttConfig
 from links.bridge.link import BridgeLinkConfig
 from links.core.thrust_curve import full_thrust_n
-from links.mavlink.config import ForwardConfig, MavlinkLinkConfig
+from links.mavlink.protocol.config import ForwardConfig, MavlinkLinkConfig
 from links.rf.codecs.kinds import RfConfig
 
 HOVER_TOLERANCE = 0.02

@@ -11,12 +11,12 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from links.core.port import LinkError, LinkLost, LinkMisuse
-from links.mavlink.config import MavlinkLinkConfig
 from links.mavlink.contact import Contact, Subscriber
 from links.mavlink.procedures.steps import Autopilot, Handshake
 from links.mavlink.procedures.streams import choose_streams
+from links.mavlink.protocol.config import MavlinkLinkConfig
+from links.mavlink.protocol.timesync import Trip
 from links.mavlink.requests import POLL_S, Requests
-from links.mavlink.timesync import Trip
 
 if TYPE_CHECKING:
     from links.mavlink.signing_key import Signing

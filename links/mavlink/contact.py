@@ -6,12 +6,12 @@ from collections.abc import Callable
 from typing import Any, Protocol
 
 from links.core.port import LinkLost
-from links.mavlink.codec import GROUND_STATION, MavlinkCodec, Message
-from links.mavlink.config import MavlinkLinkConfig
-from links.mavlink.heartbeat import Heard
-from links.mavlink.timesync import Timesync
+from links.mavlink.protocol.codec import GROUND_STATION, MavlinkCodec, Message
+from links.mavlink.protocol.config import MavlinkLinkConfig
+from links.mavlink.protocol.heartbeat import Heard
+from links.mavlink.protocol.timesync import Timesync
+from links.mavlink.protocol.words import Words
 from links.mavlink.transport.reconnecting import LastingWire
-from links.mavlink.words import Words
 
 VISION = (
     "VISION_POSITION_ESTIMATE", "GLOBAL_VISION_POSITION_ESTIMATE", "VICON_POSITION_ESTIMATE", "ATT_POS_MOCAP",

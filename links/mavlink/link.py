@@ -7,18 +7,18 @@ from links.core.deadman import Deadman
 from links.core.port import Attitude, Command, LinkError, LinkLost, LinkMisuse, LinkRejected, LinkStatus, Segment
 from links.core.thrust_curve import signal
 from links.io.suspend import Sleep
-from links.mavlink.attitude import ATTITUDE_HZ, ATTITUDES, SLOW_BAUD, SLOW_HZ, attitude_of
 from links.mavlink.beside import beside
-from links.mavlink.codec import ARDUPILOT, ARM_DISARM, Message
-from links.mavlink.config import MavlinkLinkConfig
 from links.mavlink.connection import MavlinkConnection
-from links.mavlink.heartbeat import STALE_NEWS_S
-from links.mavlink.mode import AskMode, question
 from links.mavlink.procedures.handshake import arming, disarming, fitness, landing, landing_disarmed
+from links.mavlink.procedures.mode import AskMode, question
 from links.mavlink.procedures.steps import Autopilot, Handshake
 from links.mavlink.procedures.stop import Kill
 from links.mavlink.procedures.version import ReadVersion
-from links.mavlink.status import Vitals
+from links.mavlink.protocol.attitude import ATTITUDE_HZ, ATTITUDES, SLOW_BAUD, SLOW_HZ, attitude_of
+from links.mavlink.protocol.codec import ARDUPILOT, ARM_DISARM, Message
+from links.mavlink.protocol.config import MavlinkLinkConfig
+from links.mavlink.protocol.heartbeat import STALE_NEWS_S
+from links.mavlink.protocol.status import Vitals
 from links.mavlink.transmit import Transmitter
 
 __all__ = ["MavlinkLink", "MavlinkLinkConfig"]

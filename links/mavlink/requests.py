@@ -4,8 +4,8 @@ import asyncio
 from collections.abc import Callable
 
 from links.core.port import LinkError
-from links.mavlink.codec import Message
 from links.mavlink.procedures.steps import Handshake
+from links.mavlink.protocol.codec import Message
 
 POLL_S = 0.05
 """How often a request without a stream of set-points looks at the time [s]."""

@@ -11,7 +11,6 @@ from pathlib import Path
 
 import msgspec
 
-import links
 from links.core.port import LinkError, LinkLost
 from links.io.mailbox import CAPACITY_BYTES, Mailbox
 from links.rf.codecs.codec import Manner, RfLinkConfig
@@ -129,7 +128,7 @@ async def open_process(
 
     with theirs:
         # -P: a folder `links` where the operator happens to stand is not ours. Ours is named instead.
-        environment = os.environ | {"PYTHONPATH": str(Path(links.__file__).parents[1])}
+        environment = os.environ | {"PYTHONPATH": str(Path(__file__).parents[2])}
         shared = (theirs.fileno(), mailbox.fd)
         command = [sys.executable, "-P", "-m", "links.rf.pacer_standby", *map(str, shared)]
         started = loop.time()

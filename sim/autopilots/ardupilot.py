@@ -16,7 +16,7 @@ from collections.abc import Callable, Mapping
 from typing import ClassVar
 
 from groundstation.core.geometry import so3
-from links.mavlink.codec import ARDUPILOT
+from links.mavlink.protocol.codec import ARDUPILOT
 from sim.autopilots.base import SimulatedAutopilot
 from sim.autopilots.dialect import ACCEPTED, CRITICAL, DENIED, FAILED, INFO, WARNING, SetPoint, rates_or_zero
 from sim.autopilots.parameters import ARDUPILOT_PARAMETERS

@@ -8,7 +8,7 @@ set-point, and what it does when they stop.
 import math
 from collections.abc import Callable, Mapping, Sequence
 
-from links.mavlink.codec import (
+from links.mavlink.protocol.codec import (
     ARM_DISARM,
     ARMED,
     DO_SET_MODE,

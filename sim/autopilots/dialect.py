@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from typing import ClassVar
 
 from groundstation.core.geometry.ops import Quat, Vec3
-from links.mavlink.codec import Message
+from links.mavlink.protocol.codec import Message
 
 ACCEPTED, TEMPORARILY_REJECTED, DENIED, UNSUPPORTED, FAILED = range(5)
 """MAV_RESULT."""

@@ -9,7 +9,7 @@ from collections import Counter
 import msgspec
 
 from groundstation.core.geometry.ops import Quat, Vec3
-from links.mavlink.codec import ARDUPILOT, Message
+from links.mavlink.protocol.codec import ARDUPILOT, Message
 
 NED, BODY_FRD, LOCAL_FRD = 1, 12, 20
 UNKNOWN, VISION, VIO = 0, 2, 3

@@ -13,7 +13,7 @@ import math
 from collections.abc import Callable, Mapping
 from typing import ClassVar
 
-from links.mavlink.codec import PX4
+from links.mavlink.protocol.codec import PX4
 from sim.autopilots.base import SimulatedAutopilot
 from sim.autopilots.dialect import (
     ACCEPTED,

@@ -3,7 +3,7 @@
 import math
 from collections.abc import Callable, Mapping
 
-from links.mavlink.codec import MavlinkCodec, Message
+from links.mavlink.protocol.codec import MavlinkCodec, Message
 from sim.world.airframe import Airframe
 
 LOCAL_NED = 1

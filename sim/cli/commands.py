@@ -8,8 +8,8 @@ import msgspec
 
 from groundstation.config.load import ConfigError
 from sim.cli.proving import MEASUREMENTS, proving
-from sim.world.prepare import prepare, scenario_of
-from sim.world.scenarios import SCENARIOS
+from sim.scenarios.prepare import prepare, scenario_of
+from sim.scenarios.scenarios import SCENARIOS
 
 
 def fly(args: argparse.Namespace) -> int:
@@ -145,7 +145,5 @@ def check_vectors(args: argparse.Namespace) -> int:
 
 def reference(args: argparse.Namespace) -> int:
     """Print or write the pages of docs/reference that are made from the code."""
-    from sim.reference.pages import reference_command
-
-    print(reference_command(args.write))
+    print(proving("reference", "reference.pages").reference_command(args.write))
     return 0

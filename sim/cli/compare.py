@@ -10,8 +10,8 @@ from pathlib import Path
 import msgspec
 
 from groundstation.config.load import ConfigError
-from sim.world.prepare import prepare
-from sim.world.scenarios import SCENARIOS
+from sim.scenarios.prepare import prepare
+from sim.scenarios.scenarios import SCENARIOS
 
 
 def compare(args: argparse.Namespace) -> int:

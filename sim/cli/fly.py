@@ -11,7 +11,7 @@ import msgspec
 from groundstation.config.load import ConfigError
 from groundstation.flight.preflight import ensure_flyable
 from groundstation.settings.settings import Config
-from sim.world.prepare import prepare, prepare_own, scenario_of
+from sim.scenarios.prepare import prepare, prepare_own, scenario_of
 from sim.world.world import World
 
 if TYPE_CHECKING:

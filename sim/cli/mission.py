@@ -7,7 +7,7 @@ import msgspec
 
 from groundstation.flight.preflight import ensure_flyable
 from groundstation.settings.settings import Config
-from sim.world.prepare import prepare, scenario_of
+from sim.scenarios.prepare import prepare, scenario_of
 from sim.world.world import World
 
 FIGURE_S = 60.0

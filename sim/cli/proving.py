@@ -4,8 +4,6 @@ import importlib
 from pathlib import Path
 from typing import Any
 
-from groundstation.config.load import ConfigError
-
 MEASUREMENTS = ("tick", "flight", "decode", "batch", "recording", "allocation", "links", "screen", "mqtt")
 """What ``groundstation-sim bench`` can measure, in the order in which it does: each a module of tests/proving/bench."""
 
@@ -16,6 +14,8 @@ def proving(command: str, module: str) -> Any:
     Raises:
         ConfigError: only the wheel is installed, which does not have it.
     """
+    from groundstation.config.load import ConfigError
+
     if not (Path(__file__).parents[2] / "tests" / "proving").is_dir():
         raise ConfigError(
             command, "needs a checkout of the repository: it is not in the wheel (clone it, then `make setup`)"

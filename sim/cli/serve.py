@@ -4,7 +4,7 @@ import argparse
 import asyncio
 
 from groundstation.config.load import ConfigError
-from sim.world.prepare import by_side, overridden, prepare, scenario_of
+from sim.scenarios.prepare import by_side, overridden, prepare, scenario_of
 
 
 def serve(args: argparse.Namespace) -> int:

@@ -9,11 +9,11 @@ from typing import Any, TypeAlias
 
 import msgspec
 
-from groundstation.app import make_flight
 from groundstation.core.mission.mission import State
 from groundstation.flight.flight import Flight, Outcome
 from groundstation.lab.fleet.plan import Fleet, read_fleet
 from groundstation.lab.fleet.relay import Relay
+from groundstation.recording.assembly import make_flight
 from groundstation.runtime.clock import sleep_until
 from groundstation.settings.settings import Config
 from sim.runs.fleet_lab import lay_out

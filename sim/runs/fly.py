@@ -9,13 +9,13 @@ from typing import Any
 
 import msgspec
 
-from groundstation.app import make_flight
 from groundstation.core.control.gains import Law
 from groundstation.core.geometry.ops import Vec3
 from groundstation.core.messages.pose import Pose
 from groundstation.core.mission.mission import State
 from groundstation.core.pilot import Tick
 from groundstation.flight.flight import Outcome
+from groundstation.recording.assembly import make_flight
 from groundstation.recording.recorded import Give
 from groundstation.recording.records import Record
 from groundstation.runtime.clock import sleep_until

@@ -9,10 +9,10 @@ from typing import Any, TypeAlias
 
 import msgspec
 
-from groundstation.app import make_flight
 from groundstation.core.geometry.ops import Vec3
 from groundstation.core.mission.mission import State
 from groundstation.flight.flight import Flight, Outcome
+from groundstation.recording.assembly import make_flight
 from groundstation.recording.recorded import Give
 from groundstation.runtime.clock import sleep_until
 from groundstation.settings.settings import Config

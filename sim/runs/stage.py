@@ -16,7 +16,7 @@ from links.core.thrust_curve import signal
 from links.io.address import parse_address
 from links.io.key_file import read_key
 from links.mavlink.link import MavlinkLinkConfig
-from links.mavlink.signing import TICKS_PER_S, Signer
+from links.mavlink.protocol.signing import TICKS_PER_S, Signer
 from links.mavlink.signing_key import StampFile
 from sim.autopilots.base import SimulatedAutopilot
 from sim.autopilots.kinds import AUTOPILOTS
@@ -77,7 +77,7 @@ class Stage:
             return plant.released_s is not None and next(luck)[0] < self.frame_loss
 
         self.wires: dict[str, Any] = {}
-        """What the link gets in the place of hardware; see :func:`groundstation.app.make_flight`."""
+        """What the link gets in the place of hardware; see :func:`groundstation.recording.assembly.make_flight`."""
         self._pty = pty
         self._mavlink: tuple[SimulatedAutopilot, AutopilotPeer] | None = None
         self._bridge: Bridge | None = None

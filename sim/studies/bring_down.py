@@ -6,15 +6,15 @@ from statistics import median
 
 import msgspec
 
-from groundstation.app import make_flight
 from groundstation.core.geometry import so3
 from groundstation.core.geometry.ops import Vec3
 from groundstation.core.pilot import Tick
+from groundstation.recording.assembly import make_flight
 from groundstation.runtime.clock import sleep_until
 from sim.runs.stage import Stage
+from sim.scenarios.prepare import prepare
+from sim.scenarios.scenarios import SCENARIOS
 from sim.time.virtual_time import VirtualTimeLoop
-from sim.world.prepare import prepare
-from sim.world.scenarios import SCENARIOS
 
 CAUSES = ("poses", "controller")
 """What is cut: the poses (the controller goes on to the coast limit), or the controller (its last command is held)."""

@@ -14,7 +14,7 @@ from groundstation.pose.sources.qualisys import QualisysConfig
 from groundstation.pose.sources.vicon import ViconConfig
 from groundstation.pose.sources.vision import VisionConfig
 from links.io.address import parse_address
-from links.mavlink.codec import MavlinkCodec
+from links.mavlink.protocol.codec import MavlinkCodec
 
 CLOCK_AHEAD_S = 1000.0
 """How far the tracking computer's clock is ahead of ours: nobody told them to agree [s]."""

@@ -21,8 +21,8 @@ from groundstation.core.vehicle.model import Drive, Motion
 from groundstation.core.vehicle.vehicle import Vehicle
 from groundstation.settings.settings import Config
 from sim.runs.fly import Result, fly
-from sim.world.prepare import prepare
-from sim.world.scenarios import SCENARIOS
+from sim.scenarios.prepare import prepare
+from sim.scenarios.scenarios import SCENARIOS
 from sim.world.world import World
 
 PAGE = Path(__file__).parents[2] / "docs/how-to/own-controller.md"

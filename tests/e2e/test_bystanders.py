@@ -16,16 +16,16 @@ from pathlib import Path
 import msgspec
 import pytest
 
-from groundstation.app import crew
 from groundstation.core.mission.mission import FINAL, State
 from groundstation.flight.flight import Flight
 from groundstation.interfaces.api.server import Server
+from groundstation.interfaces.service.crew import crew
 from groundstation.interfaces.tui.parts.letters import big
 from groundstation.runtime.place import StatusConfig
 from sim.runs.mission import Script, fly_mission, from_floor
 from sim.runs.stage import Stage
-from sim.world.prepare import prepare
-from sim.world.scenarios import SCENARIOS
+from sim.scenarios.prepare import prepare
+from sim.scenarios.scenarios import SCENARIOS
 from tests.e2e.test_mqtt import SNAPSHOT, STATE, Broker, Listener, broker, config_for
 from tests.e2e.test_tui import Terminal, terminal
 from tests.e2e.test_tui_flight import processes

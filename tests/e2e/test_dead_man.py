@@ -10,8 +10,8 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 from sim.runs.stage import Stage
-from sim.world.prepare import prepare
-from sim.world.scenarios import SCENARIOS
+from sim.scenarios.prepare import prepare
+from sim.scenarios.scenarios import SCENARIOS
 from tests.e2e.stations import EXAMPLE, Room
 
 ROOT = Path(__file__).parents[2]

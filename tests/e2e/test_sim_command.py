@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 
 from groundstation.pose.sources.tlog_codec import TlogReader
-from sim.world.scenarios import SCENARIOS
+from sim.scenarios.scenarios import SCENARIOS
 from tests.e2e.stations import free_udp_port, served
 
 GOLDEN = Path(__file__).parents[1] / "golden"

@@ -6,11 +6,11 @@ from typing import Any
 
 from groundstation.config.load import ConfigError
 from sim.runs.fly import Result, fly
+from sim.scenarios.prepare import prepare
+from sim.scenarios.scenarios import SCENARIOS
 from sim.studies.campaign.campaign import Campaign, run
 from sim.studies.campaign.local import Local
 from sim.studies.campaign.report import report
-from sim.world.prepare import prepare
-from sim.world.scenarios import SCENARIOS
 
 __all__ = ["ConfigError", "campaign_of", "flown", "median_of", "middle"]
 

@@ -14,9 +14,9 @@ from groundstation.runtime.broadcast import Latest
 from groundstation.runtime.place import StatusConfig
 from sim.runs.mission import fly_mission, from_floor
 from sim.runs.stage import Stage
+from sim.scenarios.prepare import prepare
+from sim.scenarios.scenarios import SCENARIOS
 from sim.time.virtual_time import VirtualTimeLoop
-from sim.world.prepare import prepare
-from sim.world.scenarios import SCENARIOS
 from tests.flight.test_missions import SHORT
 
 API_PORT = 40000

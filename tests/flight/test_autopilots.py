@@ -5,16 +5,16 @@ from pathlib import Path
 
 import pytest
 
-from groundstation.app import make_flight
 from groundstation.core.messages.verdict import Check, Verdict
 from groundstation.core.mission.mission import State
 from groundstation.flight.flight import Outcome
+from groundstation.recording.assembly import make_flight
 from groundstation.runtime.clock import sleep_until
 from sim.autopilots.kinds import AUTOPILOTS
 from sim.runs.fly import fly
 from sim.runs.stage import Stage
-from sim.world.prepare import prepare
-from sim.world.scenarios import SCENARIOS
+from sim.scenarios.prepare import prepare
+from sim.scenarios.scenarios import SCENARIOS
 from tests.loops import in_virtual_time
 
 AUTOPILOT = pytest.mark.parametrize("autopilot", AUTOPILOTS)

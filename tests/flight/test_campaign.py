@@ -15,6 +15,8 @@ from groundstation.core.pilot import Tick
 from sim.__main__ import main
 from sim.runs.fly import fly
 from sim.runs.referee import STEADY_S
+from sim.scenarios.prepare import prepare
+from sim.scenarios.scenarios import SCENARIOS
 from sim.studies.campaign.campaign import Campaign, run
 from sim.studies.campaign.draws import DRAWS, USUAL, drawn, fields, overrides
 from sim.studies.campaign.folder import Folder, Row
@@ -22,8 +24,6 @@ from sim.studies.campaign.local import Local
 from sim.studies.campaign.plot import plot
 from sim.studies.campaign.report import command, report, text
 from sim.studies.campaign.verify import verify
-from sim.world.prepare import prepare
-from sim.world.scenarios import SCENARIOS
 from tests.flight.flights import campaign_of
 
 DURATION_S = 16.0

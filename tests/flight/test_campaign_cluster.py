@@ -14,13 +14,13 @@ import pytest
 
 from groundstation.config.load import ConfigError
 from sim.__main__ import main
+from sim.scenarios.prepare import prepare
+from sim.scenarios.scenarios import SCENARIOS
 from sim.studies.campaign import cluster as campaign_cluster
 from sim.studies.campaign.campaign import Campaign, run
 from sim.studies.campaign.cluster import Cluster
 from sim.studies.campaign.folder import Row
 from sim.studies.campaign.local import Local
-from sim.world.prepare import prepare
-from sim.world.scenarios import SCENARIOS
 
 pytestmark = pytest.mark.real_time
 

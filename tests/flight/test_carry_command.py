@@ -20,7 +20,7 @@ from groundstation.runtime.clock import sleep_until
 from groundstation.runtime.exits import INTERRUPTED
 from groundstation.settings.settings import Config
 from links.io.address import parse_address
-from links.mavlink.codec import MavlinkCodec
+from links.mavlink.protocol.codec import MavlinkCodec
 from sim.autopilots.kinds import AUTOPILOTS
 from sim.autopilots.peer import AutopilotPeer
 from sim.time.virtual_time import VirtualTimeLoop

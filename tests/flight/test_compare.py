@@ -11,11 +11,11 @@ import pytest
 
 from groundstation.config.load import ConfigError
 from sim.cli import commands
+from sim.scenarios.prepare import prepare
+from sim.scenarios.scenarios import SCENARIOS
 from sim.studies.compare.compare import CONTROLLERS, GUST, WITHOUT_ADAPTATION, Case, Flown, cases, flown, rows
 from sim.studies.compare.plot import plot
 from sim.studies.compare.table import markdown_table, text_table, write_between_markers
-from sim.world.prepare import prepare
-from sim.world.scenarios import SCENARIOS
 from tests.flight.flights import flown as one_flight
 
 SCENARIO = "storm"

@@ -8,20 +8,20 @@ from typing import Any
 
 import pytest
 
-from groundstation.app import make_flight
 from groundstation.core.mission.mission import State
 from groundstation.core.pilot import Tick
 from groundstation.core.safety.standstill import Standstill
 from groundstation.flight.flight import Flight
 from groundstation.flight.pacing import Pacing
+from groundstation.recording.assembly import make_flight
 from groundstation.runtime.clock import sleep_until
 from links.core.port import Command
 from links.io.suspend import Sleep
 from sim.runs.stage import Stage
+from sim.scenarios.prepare import prepare
+from sim.scenarios.scenarios import SCENARIOS
 from sim.studies.bring_down import CAUSES, cut
 from sim.time.virtual_time import VirtualTimeLoop
-from sim.world.prepare import prepare
-from sim.world.scenarios import SCENARIOS
 
 SET_POINT = b"\x52\x00\x00"
 CONFIRMED_S = 1.0

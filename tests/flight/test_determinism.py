@@ -6,8 +6,8 @@ import sys
 import pytest
 
 from sim.runs.fly import fly
-from sim.world.prepare import prepare
-from sim.world.scenarios import SCENARIOS
+from sim.scenarios.prepare import prepare
+from sim.scenarios.scenarios import SCENARIOS
 from tests.flight.flights import flown
 
 
@@ -24,8 +24,8 @@ def test_two_runs_give_the_same_bytes(scenario: str) -> None:
 @pytest.mark.parametrize("link", ["mavlink", "rf_bridge"])
 def test_another_process_with_another_hash_seed_gives_the_same_bytes(link: str) -> None:
     code = (
-        "from sim.world.prepare import prepare; from sim.runs.fly import fly;"
-        "from sim.world.scenarios import SCENARIOS;"
+        "from sim.scenarios.prepare import prepare; from sim.runs.fly import fly;"
+        "from sim.scenarios.scenarios import SCENARIOS;"
         f"w, c = prepare(SCENARIOS['adverse'], [], link='{link}'); print(fly(w, c, seed=3, duration_s=4.0).log_sha256)"
     )
     digests = [

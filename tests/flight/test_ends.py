@@ -8,15 +8,15 @@ from typing import Any
 import msgspec
 import pytest
 
-from groundstation.app import make_flight
 from groundstation.core.mission.mission import State
 from groundstation.flight.flight import Flight, Outcome
+from groundstation.recording.assembly import make_flight
 from groundstation.runtime.clock import sleep_until
 from groundstation.settings.settings import Config
 from sim.runs.stage import Stage
+from sim.scenarios.prepare import prepare
+from sim.scenarios.scenarios import SCENARIOS
 from sim.time.virtual_time import VirtualTimeLoop
-from sim.world.prepare import prepare
-from sim.world.scenarios import SCENARIOS
 from sim.world.world import World
 from tests.flight.flights import flown
 

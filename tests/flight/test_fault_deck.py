@@ -8,20 +8,20 @@ import pytest
 
 from groundstation.recording.records import Idled
 from links.core.port import Command, Segment
-from links.mavlink.codec import MavlinkCodec
+from links.mavlink.protocol.codec import MavlinkCodec
 from sim.__main__ import main
-from sim.world.prepare import prepare
-from sim.world.scenarios import SCENARIOS
-from tests.proving.faults import pictures
-from tests.proving.faults.cell import fly_cell
+from sim.scenarios.prepare import prepare
+from sim.scenarios.scenarios import SCENARIOS
+from tests.proving.faults.cells.cell import fly_cell
+from tests.proving.faults.cells.together import fly_together
 from tests.proving.faults.deal import cells, quick
-from tests.proving.faults.faults import FAULTS
+from tests.proving.faults.deck import pictures
+from tests.proving.faults.deck.faults import FAULTS
+from tests.proving.faults.deck.moments import MOMENTS
 from tests.proving.faults.judge.thrust import Thrust
 from tests.proving.faults.judge.verdict import TOUCHDOWN_M_S
 from tests.proving.faults.judge.wire import Wire
-from tests.proving.faults.moments import MOMENTS
 from tests.proving.faults.table import page, text
-from tests.proving.faults.together import fly_together
 
 STATION, VEHICLE = ("127.0.0.1", 14540), ("127.0.0.1", 49152)
 FAR = ("trajectory.centre_ned=[0,0,0]",)

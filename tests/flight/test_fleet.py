@@ -20,9 +20,9 @@ from sim.runs.fleet_mission import Change, FleetMission, FleetScript, fly_fleet
 from sim.runs.fleet_stage import FleetStage
 from sim.runs.fleet_truth import Flown
 from sim.runs.mission import from_floor
+from sim.scenarios.prepare import prepare
+from sim.scenarios.scenarios import SCENARIOS
 from sim.time.virtual_time import VirtualTimeLoop
-from sim.world.prepare import prepare
-from sim.world.scenarios import SCENARIOS
 from sim.world.world import World
 
 SHORT = ("takeoff.height_m=0.8", "takeoff.hold_s=1.0", "takeoff.climb_m_s=1.0")

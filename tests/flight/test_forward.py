@@ -10,7 +10,6 @@ from typing import Any
 import msgspec
 import pytest
 
-from groundstation.app import make_flight
 from groundstation.config.load import ConfigError, from_dict
 from groundstation.core.geometry import so3
 from groundstation.core.geometry.ops import Vec3
@@ -19,17 +18,18 @@ from groundstation.core.messages.requests import Ask, Reply, Request
 from groundstation.core.mission.mission import State
 from groundstation.flight.flight import Flight
 from groundstation.pose.forward import Forward, Forwarding
+from groundstation.recording.assembly import make_flight
 from groundstation.settings.settings import Config
-from links.mavlink.codec import ARDUPILOT, PX4, MavlinkCodec
-from links.mavlink.config import ForwardConfig
 from links.mavlink.link import MavlinkLink, MavlinkLinkConfig
-from links.mavlink.odometry_codec import Odometry, odometry
+from links.mavlink.protocol.codec import ARDUPILOT, PX4, MavlinkCodec
+from links.mavlink.protocol.config import ForwardConfig
+from links.mavlink.protocol.odometry_codec import Odometry, odometry
 from sim.autopilots.external import ExternalPoses, Fused
 from sim.autopilots.px4 import LAND, Px4Autopilot
 from sim.runs.mission import fly_mission, from_floor
 from sim.runs.stage import Stage
-from sim.world.prepare import prepare
-from sim.world.scenarios import SCENARIOS
+from sim.scenarios.prepare import prepare
+from sim.scenarios.scenarios import SCENARIOS
 from tests.loops import in_virtual_time
 
 ON = "link.forward.enabled=true"

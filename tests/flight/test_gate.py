@@ -7,8 +7,8 @@ import pytest
 from groundstation.core.messages.pose import Pose
 from groundstation.pose.gate import Gate
 from sim.runs.fly import Result, fly
-from sim.world.prepare import prepare
-from sim.world.scenarios import SCENARIOS
+from sim.scenarios.prepare import prepare
+from sim.scenarios.scenarios import SCENARIOS
 
 
 @cache

@@ -6,19 +6,19 @@ from typing import Any
 
 import pytest
 
-from groundstation import app
 from groundstation.core.messages.requests import Ask, Request
 from groundstation.core.messages.verdict import Verdict
 from groundstation.core.mission.mission import State
 from groundstation.flight.flight import Flight
 from groundstation.flight.hold_to_run.hold import DEBOUNCE_S, InputLost
 from groundstation.flight.hold_to_run.watch import LOOK_S, HoldWatch
+from groundstation.recording import assembly
 from sim.autopilots.base import SimulatedAutopilot
 from sim.runs.mission import Mission, from_floor
 from sim.runs.mission import fly_mission as fly
 from sim.runs.stage import Stage
-from sim.world.prepare import prepare
-from sim.world.scenarios import SCENARIOS
+from sim.scenarios.prepare import prepare
+from sim.scenarios.scenarios import SCENARIOS
 from tests.hold_double import Hand
 
 SOON_S = DEBOUNCE_S + 2 * LOOK_S
@@ -29,7 +29,7 @@ SHORT = ("takeoff.height_m=0.5", "takeoff.hold_s=1.0", "trajectory.altitude_m=-0
 def hand(monkeypatch: pytest.MonkeyPatch) -> Hand:
     """What the operator of every flight of this test holds."""
     hand = Hand()
-    monkeypatch.setattr(app, "make_hold", lambda config, link: HoldWatch("the pedal", 0.75, lambda: hand))
+    monkeypatch.setattr(assembly, "make_hold", lambda config, link: HoldWatch("the pedal", 0.75, lambda: hand))
     return hand
 
 

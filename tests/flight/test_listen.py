@@ -18,11 +18,11 @@ from groundstation.lab.pose_monitor.table import rows, table
 from groundstation.pose.intake.pace import Speed
 from groundstation.pose.sources.csv import CsvConfig
 from groundstation.settings.settings import Config
-from links.mavlink.codec import MavlinkCodec
+from links.mavlink.protocol.codec import MavlinkCodec
 from sim.runs.stage import Stage
+from sim.scenarios.prepare import prepare
+from sim.scenarios.scenarios import SCENARIOS
 from sim.time.virtual_time import VirtualTimeLoop
-from sim.world.prepare import prepare
-from sim.world.scenarios import SCENARIOS
 from tests.loops import in_virtual_time
 
 SOURCES = ["vicon", "natnet", "qualisys", "odometry", "vision", "json"]

@@ -13,8 +13,8 @@ from groundstation.flight.flight import Flight
 from sim.cli.run_folder import RECORDING, RunFolder
 from sim.runs.mission import Mission, Script, fly_mission, from_floor
 from sim.runs.stage import Stage
-from sim.world.prepare import prepare
-from sim.world.scenarios import SCENARIOS
+from sim.scenarios.prepare import prepare
+from sim.scenarios.scenarios import SCENARIOS
 
 WAY = ["connecting", "ready", "arming", "takeoff", "hold", "tracking", "returning", "landing", "disarming", "landed"]
 SHORT = ("takeoff.height_m=0.5", "takeoff.hold_s=1.0", "trajectory.altitude_m=-0.5", "takeoff.climb_m_s=1.0")

@@ -12,14 +12,14 @@ import pytest
 from groundstation.analysis.replay.command import replayed
 from groundstation.core.mission.mission import FINAL
 from groundstation.recording.records import Idled, Record, Sent, Switched, Ticked, Told
-from links.mavlink.codec import DO_SET_MODE, MavlinkCodec
+from links.mavlink.protocol.codec import DO_SET_MODE, MavlinkCodec
 from sim.cli.run_folder import RECORDING, RunFolder
 from sim.runs.mission import from_floor
+from sim.scenarios.prepare import prepare
+from sim.scenarios.scenarios import SCENARIOS
 from sim.time.virtual_time import VirtualTimeLoop
-from sim.world.prepare import prepare
-from sim.world.scenarios import SCENARIOS
-from tests.proving.faults.cell import FIGURE_S, NEAR, fly_here
-from tests.proving.faults.faults import FAULTS
+from tests.proving.faults.cells.cell import FIGURE_S, NEAR, fly_here
+from tests.proving.faults.deck.faults import FAULTS
 from tests.proving.faults.judge.verdict import CONVICTED, FASTEST_M_S, SIDEWAYS_M, Row
 
 EXCITED_MS, CALM_MS = 400.0, 1100.0

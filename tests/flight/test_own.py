@@ -10,8 +10,8 @@ from groundstation.config.load import ConfigError
 from groundstation.core.geometry.ops import Vec3
 from groundstation.core.vehicle.vehicle import Vehicle
 from sim.runs.fly import fly
-from sim.world.prepare import prepare_own
-from sim.world.scenarios import SCENARIOS
+from sim.scenarios.prepare import prepare_own
+from sim.scenarios.scenarios import SCENARIOS
 
 COURSE = "t_s,north_m,east_m,up_m,yaw_deg\n0,0,0,1,0\n2,1,0,1.2,45\n4,1,1,1,90\n6.5,0,0,1.5,0\n"
 SQUARE = 'kind = "waypoints"\npoints_ned = [[0, 0, -1], [1, 0, -1], [1, 1, -1.5], [0, 0, -1]]\nmax_speed_m_s = 1.0'

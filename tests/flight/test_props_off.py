@@ -8,17 +8,17 @@ from typing import Any
 import msgspec
 import pytest
 
-from groundstation.app import make_ends
+from groundstation.flight.ends import make_ends
 from groundstation.lab.props_off.hand import News, disarm, hold, idle_n
 from groundstation.lab.props_off.steps import Guide, NotProven, Trouble
 from groundstation.settings.settings import Config
-from links.mavlink.codec import MavlinkCodec
+from links.mavlink.protocol.codec import MavlinkCodec
 from sim.autopilots.kinds import AUTOPILOTS
 from sim.runs.mission import from_floor
 from sim.runs.stage import Stage
+from sim.scenarios.prepare import prepare
+from sim.scenarios.scenarios import SCENARIOS
 from sim.time.virtual_time import VirtualTimeLoop
-from sim.world.prepare import prepare
-from sim.world.scenarios import SCENARIOS
 from tests.loops import in_virtual_time
 
 Script = Callable[["Bench"], Awaitable[None]]

@@ -33,8 +33,8 @@ from groundstation.runtime.flights import RecordingConfig, made_folder
 from groundstation.settings.settings import Config
 from sim.cli.run_folder import RECORDING, RunFolder
 from sim.runs.fly import fly
-from sim.world.prepare import prepare
-from sim.world.scenarios import SCENARIOS
+from sim.scenarios.prepare import prepare
+from sim.scenarios.scenarios import SCENARIOS
 from tests.flight.flights import flown
 from tests.recordings import recorded
 

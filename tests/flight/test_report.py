@@ -20,8 +20,8 @@ from groundstation.recording.reader import quick_headline
 from sim.cli.run_folder import RECORDING, RunFolder
 from sim.runs.mission import fly_mission, from_floor
 from sim.runs.referee import SETTLED_M as REFEREE_SETTLED_M
-from sim.world.prepare import prepare
-from sim.world.scenarios import SCENARIOS
+from sim.scenarios.prepare import prepare
+from sim.scenarios.scenarios import SCENARIOS
 from tests.recordings import recorded
 
 LINKS = {"src", "href", "srcset", "action", "data", "poster"}

@@ -11,8 +11,8 @@ from groundstation.analysis.report.numbers import numbers
 from groundstation.config.load import ConfigError
 from sim.cli.run_folder import RECORDING, RunFolder
 from sim.runs.fly import fly
-from sim.world.prepare import prepare
-from sim.world.scenarios import SCENARIOS
+from sim.scenarios.prepare import prepare
+from sim.scenarios.scenarios import SCENARIOS
 
 
 @pytest.mark.parametrize(

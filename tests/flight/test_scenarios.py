@@ -2,7 +2,7 @@
 
 import pytest
 
-from sim.world.scenarios import SCENARIOS
+from sim.scenarios.scenarios import SCENARIOS
 from tests.flight.flights import flown, middle
 
 

@@ -5,8 +5,8 @@ import math
 import pytest
 
 from sim.runs.fly import fly
-from sim.world.prepare import prepare
-from sim.world.scenarios import SCENARIOS
+from sim.scenarios.prepare import prepare
+from sim.scenarios.scenarios import SCENARIOS
 from tests.flight.flights import flown
 
 CAMERAS = ["natnet", "qualisys", "vision", "json"]

@@ -16,9 +16,9 @@ from groundstation.core.pilot import Tick
 from groundstation.flight.flight import Flight
 from sim.runs.mission import Mission, Script, fly_mission, from_floor
 from sim.runs.stage import Stage
+from sim.scenarios.prepare import prepare
+from sim.scenarios.scenarios import SCENARIOS
 from sim.trackers.trackers import Seen, Tracker
-from sim.world.prepare import prepare
-from sim.world.scenarios import SCENARIOS
 
 LIMITS_M, LIMITS_M_S = 0.8, 3.0
 

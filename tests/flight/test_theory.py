@@ -4,8 +4,8 @@ import pytest
 
 from groundstation.core.pilot import Tick
 from sim.runs.fly import fly
-from sim.world.prepare import prepare
-from sim.world.scenarios import SCENARIOS
+from sim.scenarios.prepare import prepare
+from sim.scenarios.scenarios import SCENARIOS
 
 
 @pytest.fixture(scope="module", params=["off", "provable"])

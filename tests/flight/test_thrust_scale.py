@@ -9,8 +9,8 @@ from groundstation.config.load import ConfigError, from_dict, load
 from groundstation.settings.settings import Config
 from links.core.thrust_curve import signal
 from sim.runs.fly import fly
-from sim.world.prepare import prepare
-from sim.world.scenarios import SCENARIOS
+from sim.scenarios.prepare import prepare
+from sim.scenarios.scenarios import SCENARIOS
 
 CURVED = 0.65
 WEIGHT_SHARE = 0.08 * 9.81 / 1.37

@@ -10,11 +10,11 @@ from groundstation.config.load import load
 from groundstation.settings.settings import Config
 from sim.__main__ import main
 from sim.runs.fly import fly
+from sim.scenarios.prepare import prepare
+from sim.scenarios.scenarios import SCENARIOS
 from sim.studies.tune.flights import Flyers, Outcome, Sortie, flown, sorties
 from sim.studies.tune.margins import DELAY, GAIN_DOWN, failure, report
 from sim.studies.tune.stage import staged
-from sim.world.prepare import prepare
-from sim.world.scenarios import SCENARIOS
 
 DURATION_S = 18.0
 BAD = """

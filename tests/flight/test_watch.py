@@ -8,8 +8,8 @@ from groundstation.core.control.power import LIMITS, POSES, VERTICAL, terms
 from groundstation.core.messages.snapshot import Diagnostics
 from groundstation.core.pilot import Tick
 from sim.runs.fly import fly
-from sim.world.prepare import prepare
-from sim.world.scenarios import SCENARIOS
+from sim.scenarios.prepare import prepare
+from sim.scenarios.scenarios import SCENARIOS
 from tests.flight.flights import flown
 
 GAINS = Gains()

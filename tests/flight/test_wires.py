@@ -14,17 +14,17 @@ import msgspec
 import pytest
 
 from groundstation.analysis.replay.command import replayed
-from groundstation.app import make_flight
 from groundstation.core.pilot import Tick
 from groundstation.flight.flight import Flight
 from groundstation.pose.sources.tlog_codec import TlogReader
+from groundstation.recording.assembly import make_flight
 from groundstation.recording.log import FlightLog
 from groundstation.recording.recorded import about
 from links.io.address import parse_address
-from links.mavlink.codec import frame_end
+from links.mavlink.protocol.codec import frame_end
 from sim.runs.stage import Stage
-from sim.world.prepare import prepare
-from sim.world.scenarios import SCENARIOS
+from sim.scenarios.prepare import prepare
+from sim.scenarios.scenarios import SCENARIOS
 from tests.loops import free_address, in_real_time
 
 pytestmark = pytest.mark.real_time

@@ -15,9 +15,9 @@ from groundstation.core.mission.mission import IN_AIR, State
 from groundstation.flight.flight import Flight
 from sim.runs.mission import Mission, fly_mission, from_floor
 from sim.runs.stage import Stage
+from sim.scenarios.prepare import prepare
+from sim.scenarios.scenarios import SCENARIOS
 from sim.trackers.trackers import Seen, Tracker
-from sim.world.prepare import prepare
-from sim.world.scenarios import SCENARIOS
 
 LOOK_S = 0.01
 SEEN_LEAN_DEG = 3.0

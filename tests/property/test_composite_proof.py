@@ -24,8 +24,8 @@ from groundstation.core.geometry.ops import FLOATS, Vec3
 from groundstation.core.pilot import Tick
 from groundstation.core.trajectory.lemniscate import LemniscateConfig
 from sim.runs.fly import fly
-from sim.world.prepare import prepare
-from sim.world.scenarios import SCENARIOS
+from sim.scenarios.prepare import prepare
+from sim.scenarios.scenarios import SCENARIOS
 
 Array: TypeAlias = npt.NDArray[np.float64]
 Reference: TypeAlias = Callable[[float], tuple[Vec3, Vec3]]

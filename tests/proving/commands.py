@@ -10,15 +10,15 @@ from collections.abc import Callable
 import msgspec
 
 from groundstation.config.load import ConfigError
-from sim.world.prepare import scenario_of
+from sim.scenarios.prepare import scenario_of
 
 
 def faults(args: argparse.Namespace) -> int:
     """Break one thing in every state of a mission."""
     from sim.cli.console import Counter
     from tests.proving.faults.deal import cells, fly_all, quick
-    from tests.proving.faults.faults import FAULTS
-    from tests.proving.faults.moments import MOMENTS
+    from tests.proving.faults.deck.faults import FAULTS
+    from tests.proving.faults.deck.moments import MOMENTS
     from tests.proving.faults.table import text, write
 
     scenario_of(args.scenario)

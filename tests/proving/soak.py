@@ -17,13 +17,13 @@ from groundstation.config.load import dump
 from groundstation.recording.log import FlightLog
 from groundstation.recording.recorded import about
 from groundstation.runtime.flights import RecordingConfig, free_name, recordings, tidy
+from sim.scenarios.prepare import prepare
+from sim.scenarios.scenarios import SCENARIOS
 from sim.time.virtual_time import VirtualTimeLoop
-from sim.world.prepare import prepare
-from sim.world.scenarios import SCENARIOS
 from tests.proving.bench.allocation import look
-from tests.proving.faults.cell import NotReached, fly_here
-from tests.proving.faults.fault import Fault, Scene
-from tests.proving.faults.faults import BROKEN, STATES
+from tests.proving.faults.cells.cell import NotReached, fly_here
+from tests.proving.faults.deck.fault import Fault, Scene
+from tests.proving.faults.deck.faults import BROKEN, STATES
 from tests.proving.faults.judge.verdict import Row
 
 FAULTY_SHARE = 0.4

@@ -5,11 +5,11 @@ import tracemalloc
 
 import pytest
 
-from links.mavlink.codec import MavlinkCodec
+from links.mavlink.protocol.codec import MavlinkCodec
 from sim.runs.fleet_real import fly_fleet_real
 from sim.runs.mission import from_floor
-from sim.world.prepare import prepare
-from sim.world.scenarios import SCENARIOS
+from sim.scenarios.prepare import prepare
+from sim.scenarios.scenarios import SCENARIOS
 from tests.flight.flights import campaign_of, flown
 from tests.mavlink_table import FRAMES
 from tests.proving.bench.allocation import grown

@@ -6,19 +6,19 @@ import pytest
 
 from groundstation.core.geometry import so3
 from groundstation.core.geometry.ops import Vec3
+from sim.scenarios.prepare import prepare
+from sim.scenarios.scenarios import SCENARIOS
 from sim.world.plant import Body
-from sim.world.prepare import prepare
 from sim.world.quadrotor import Quadrotor
-from sim.world.scenarios import SCENARIOS
 from sim.world.wind import Wind
 from tests.proving.faults.deal import cells
-from tests.proving.faults.exemptions import REASONS, Exemption
-from tests.proving.faults.fault import Fault, Poses
-from tests.proving.faults.faults import FAULTS, FROM_START, OBEYING
+from tests.proving.faults.deck.exemptions import REASONS, Exemption
+from tests.proving.faults.deck.fault import Fault, Poses
+from tests.proving.faults.deck.faults import FAULTS, FROM_START, OBEYING
+from tests.proving.faults.deck.moments import MOMENTS
 from tests.proving.faults.judge.thrust import Thrust
 from tests.proving.faults.judge.truth import Truth
 from tests.proving.faults.judge.verdict import LIMITS, Answer, Row, judged
-from tests.proving.faults.moments import MOMENTS
 from tests.proving.faults.table import page
 
 FALSE = Fault("made up", poses=Poses.FALSE)

@@ -9,8 +9,8 @@ import pytest
 import tomli_w
 
 from groundstation.config.load import ConfigError, from_dict
+from groundstation.interfaces.service.fleet_supervisor import by_hand
 from groundstation.lab.fleet.plan import Fleet, read_fleet
-from groundstation.lab.fleet.supervisor import by_hand
 from groundstation.settings.settings import Config
 
 LAB: dict[str, Any] = {

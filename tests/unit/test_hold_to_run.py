@@ -16,7 +16,7 @@ from groundstation.flight.hold_to_run.channel import OLD_S, RATE_HZ, ChannelInpu
 from groundstation.flight.hold_to_run.device import open_device
 from groundstation.flight.hold_to_run.hold import DEBOUNCE_S, Hold, InputLost
 from groundstation.flight.hold_to_run.watch import LOOK_S, HoldWatch
-from groundstation.flight.preflight import flyable
+from groundstation.interfaces.service.flyable import flyable
 from groundstation.settings.hold_to_run import OperatorConfig
 from groundstation.settings.settings import Config
 from tests.hold_double import DeviceDouble, Hand, pad

@@ -15,8 +15,8 @@ from groundstation.core.control.gains import Gains
 from groundstation.core.estimation import settings as estimation
 from sim.__main__ import parser
 from sim.runs.fly import fly
-from sim.world.prepare import prepare
-from sim.world.scenarios import SCENARIOS
+from sim.scenarios.prepare import prepare
+from sim.scenarios.scenarios import SCENARIOS
 
 TEXT = (Path(__file__).parents[2] / "docs" / "explanation" / "law.md").read_text("utf-8")
 COMMANDS = [line for line in TEXT.splitlines() if line.startswith("groundstation-sim fly ")]

@@ -12,10 +12,10 @@ from pymavlink.dialects.v20 import ardupilotmega as d
 from groundstation.core.geometry import so3
 from groundstation.pose.sources.tlog_codec import TlogReader
 from links.core.port import Attitude, LinkMisuse
-from links.mavlink.attitude import ATTITUDE_HZ, attitude_of
-from links.mavlink.codec import PX4, Message
 from links.mavlink.link import MavlinkLink, MavlinkLinkConfig
-from links.mavlink.timesync import Trip
+from links.mavlink.protocol.attitude import ATTITUDE_HZ, attitude_of
+from links.mavlink.protocol.codec import PX4, Message
+from links.mavlink.protocol.timesync import Trip
 from sim.autopilots.ardupilot import ArduPilotAutopilot
 from sim.autopilots.base import SimulatedAutopilot
 from sim.autopilots.peer import AutopilotPeer

@@ -5,7 +5,7 @@ from typing import Any
 import pytest
 
 from groundstation.core.geometry import so3
-from links.mavlink.codec import ARM_DISARM, DO_SET_MODE, FORCE, SET_MESSAGE_INTERVAL, MavlinkCodec
+from links.mavlink.protocol.codec import ARM_DISARM, DO_SET_MODE, FORCE, SET_MESSAGE_INTERVAL, MavlinkCodec
 from sim.autopilots.px4 import LAND, OFFBOARD, Px4Autopilot
 from tests.airframe_double import Brick
 

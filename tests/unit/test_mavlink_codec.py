@@ -1,11 +1,11 @@
-"""links/mavlink/codec.py: bytes to messages, commands to frames."""
+"""links/mavlink/protocol/codec.py: bytes to messages, commands to frames."""
 
 import math
 
 import pytest
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
-from links.mavlink.codec import ARM_DISARM, DO_SET_MODE, MavlinkCodec
+from links.mavlink.protocol.codec import ARM_DISARM, DO_SET_MODE, MavlinkCodec
 from tests.mavlink_table import FRAMES, Golden, golden, same
 
 

@@ -10,8 +10,8 @@ import pytest
 from groundstation.core.messages.pose import Pose
 from groundstation.pose.sources.mavlink import MavlinkPoseConfig, MavlinkPoseSource
 from links.core.port import Command, LinkError, LinkLost, LinkMisuse, LinkRejected
-from links.mavlink.codec import ARDUPILOT, ARM_DISARM, DO_SET_MODE, PX4, SET_MESSAGE_INTERVAL, MavlinkCodec
 from links.mavlink.link import MavlinkLink, MavlinkLinkConfig
+from links.mavlink.protocol.codec import ARDUPILOT, ARM_DISARM, DO_SET_MODE, PX4, SET_MESSAGE_INTERVAL, MavlinkCodec
 from sim.autopilots.peer import AutopilotPeer
 from sim.autopilots.px4 import Px4Autopilot
 from sim.time.virtual_time import VirtualTimeLoop

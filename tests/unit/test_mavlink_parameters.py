@@ -9,7 +9,6 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from links.core.port import LinkLost, LinkRejected
-from links.mavlink.codec import ARDUPILOT, PX4, MavlinkCodec
 from links.mavlink.procedures.parameters import (
     ASKED,
     AT_ONCE,
@@ -22,7 +21,8 @@ from links.mavlink.procedures.parameters import (
     encode,
 )
 from links.mavlink.procedures.steps import TRIES, Autopilot
-from links.mavlink.words import Words
+from links.mavlink.protocol.codec import ARDUPILOT, PX4, MavlinkCodec
+from links.mavlink.protocol.words import Words
 
 INT8, INT32 = 2, 6
 

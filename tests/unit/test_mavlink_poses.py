@@ -9,7 +9,7 @@ from groundstation.core.geometry import so3
 from groundstation.core.messages.pose import Pose
 from groundstation.pose.intake.source_clock import SourceClock
 from groundstation.pose.sources.mavlink_codec import Decoder, LocalPositionDecoder, OdometryDecoder, decoder_for
-from links.mavlink.codec import ARDUPILOT, PX4, MavlinkCodec
+from links.mavlink.protocol.codec import ARDUPILOT, PX4, MavlinkCodec
 from tests.mavlink_table import golden
 
 CODEC = MavlinkCodec(1, 1)

@@ -1,4 +1,4 @@
-"""links/mavlink/signing.py and signing_key.py: what is signed, what is believed, and where the key lies."""
+"""links/mavlink/protocol/signing.py and signing_key.py: what is signed, what is believed, and where the key lies."""
 
 import base64
 import os
@@ -11,8 +11,8 @@ from hypothesis import strategies as st
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from links.io.key_file import read_key
-from links.mavlink.codec import ARM_DISARM, MavlinkCodec
-from links.mavlink.signing import MINUTE, TICKS_PER_S, Signer
+from links.mavlink.protocol.codec import ARM_DISARM, MavlinkCodec
+from links.mavlink.protocol.signing import MINUTE, TICKS_PER_S, Signer
 from links.mavlink.signing_key import StampFile
 from tests.mavlink_table import golden
 

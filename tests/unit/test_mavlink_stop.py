@@ -8,9 +8,9 @@ import pytest
 
 from links.core.port import Command, LinkError, LinkLost, LinkMisuse, LinkRejected, Segment
 from links.io.datagrams import Datagrams
-from links.mavlink.codec import ARDUPILOT, ARM_DISARM, DO_SET_MODE, FORCE, PX4, REQUEST_MESSAGE, MavlinkCodec
-from links.mavlink.config import ForwardConfig
 from links.mavlink.link import MavlinkLink, MavlinkLinkConfig
+from links.mavlink.protocol.codec import ARDUPILOT, ARM_DISARM, DO_SET_MODE, FORCE, PX4, REQUEST_MESSAGE, MavlinkCodec
+from links.mavlink.protocol.config import ForwardConfig
 from tests.loops import in_virtual_time
 from tests.unit.test_mavlink_link import D, Endpoint, accept, command, scene
 

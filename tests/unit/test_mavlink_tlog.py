@@ -11,7 +11,7 @@ from groundstation.core.messages.pose import Pose, SourceError
 from groundstation.pose.sources.mavlink_codec import LocalPositionDecoder, OdometryDecoder
 from groundstation.pose.sources.tlog import TlogConfig, TlogSource, pose_decoder
 from groundstation.pose.sources.tlog_codec import TlogReader
-from links.mavlink.codec import MavlinkCodec
+from links.mavlink.protocol.codec import MavlinkCodec
 from sim.time.virtual_time import VirtualTimeLoop
 from tests.mavlink_table import FRAMES, golden
 

@@ -13,8 +13,8 @@ import pytest
 import links.mavlink.transport.reconnecting
 from links.core.port import Command
 from links.io.address import parse_address
-from links.mavlink.codec import MavlinkCodec
 from links.mavlink.link import MavlinkLink, MavlinkLinkConfig
+from links.mavlink.protocol.codec import MavlinkCodec
 from tests.loops import free_address, in_real_time
 from tests.unit.test_mavlink_wires import Answering, SerialEnd, TcpEnd, until
 

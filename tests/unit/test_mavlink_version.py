@@ -1,9 +1,9 @@
 """links/mavlink/procedures/version.py: the firmware's version, told, refused, or kept to itself."""
 
-from links.mavlink.codec import PX4, REQUEST_MESSAGE, MavlinkCodec
 from links.mavlink.procedures.steps import Autopilot
 from links.mavlink.procedures.version import ASKED, ReadVersion
-from links.mavlink.words import Words
+from links.mavlink.protocol.codec import PX4, REQUEST_MESSAGE, MavlinkCodec
+from links.mavlink.protocol.words import Words
 
 CODEC = MavlinkCodec(245, 190)
 D = CODEC.dialect

@@ -12,7 +12,7 @@ from groundstation.pose.intake.intake import Intake
 from groundstation.pose.sources import json_codec, natnet_codec, natnet_models_codec, qualisys_codec, vision_codec
 from groundstation.pose.sources.natnet_reader import SILENT_BEATS, NatNetReader
 from groundstation.pose.sources.vision_codec import VisionReader
-from links.mavlink.codec import MavlinkCodec
+from links.mavlink.protocol.codec import MavlinkCodec
 from tests.pose_tables import TABLES, Row, fresh_reader
 
 ROWS = [pytest.param(name, row, id=f"{name}: {row.about}") for name, table in TABLES.items() for row in table.rows]

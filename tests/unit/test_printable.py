@@ -17,8 +17,8 @@ from groundstation.interfaces.tui.parts.words import row as shown
 from groundstation.runtime import entry
 from groundstation.runtime.outlet import Outlet
 from links.core.printable import printable
-from links.mavlink.codec import MavlinkCodec
-from links.mavlink.words import Words
+from links.mavlink.protocol.codec import MavlinkCodec
+from links.mavlink.protocol.words import Words
 
 HOSTILE = {
     "window title": "\x1b]0;owned\x07",

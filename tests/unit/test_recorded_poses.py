@@ -18,8 +18,8 @@ from groundstation.pose.sources.csv_codec import Row, encode, rows
 from groundstation.pose.sources.tlog import TlogConfig
 from sim.cli.run_folder import RunFolder
 from sim.runs.fly import fly
-from sim.world.prepare import prepare
-from sim.world.scenarios import SCENARIOS
+from sim.scenarios.prepare import prepare
+from sim.scenarios.scenarios import SCENARIOS
 from tests.loops import in_virtual_time
 
 number = st.floats(allow_nan=False, allow_infinity=False, width=64)

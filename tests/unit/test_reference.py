@@ -9,9 +9,9 @@ from groundstation.config.files import presets
 from groundstation.core.vehicle.vehicle import Vehicle
 from groundstation.interfaces.mqtt.schemas import schemas
 from groundstation.settings.settings import Config
-from sim.reference.pages import PAGES, SCHEMAS, page, reference_command
-from sim.reference.remarks import remarks
 from sim.studies.campaign.folder import COLUMNS
+from tests.proving.reference.pages import PAGES, SCHEMAS, page, reference_command
+from tests.proving.reference.remarks import remarks
 
 FOLDER = Path(__file__).parents[2] / "docs" / "reference"
 

@@ -1,10 +1,10 @@
-"""links/mavlink/timesync.py: the autopilot's clock against ours."""
+"""links/mavlink/protocol/timesync.py: the autopilot's clock against ours."""
 
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from links.mavlink.timesync import NEWEST, Timesync
+from links.mavlink.protocol.timesync import NEWEST, Timesync
 
 OFFSET_S = -1234.5
 

@@ -27,8 +27,8 @@ from groundstation.core.vehicle.limits import LimitsConfig
 from groundstation.core.vehicle.vehicle import Vehicle
 from groundstation.flight.preflight import ensure_flyable, look
 from groundstation.settings.settings import Config
-from sim.world.prepare import prepare
-from sim.world.scenarios import SCENARIOS
+from sim.scenarios.prepare import prepare
+from sim.scenarios.scenarios import SCENARIOS
 
 G = 9.81
 

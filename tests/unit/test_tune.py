@@ -20,6 +20,7 @@ from groundstation.core.controllers.pid import Pid
 from groundstation.pose.sources.vicon import ViconConfig
 from groundstation.settings.settings import Config
 from links.mavlink.link import MavlinkLinkConfig
+from sim.scenarios.scenarios import SCENARIOS
 from sim.studies.tune.evidence import short_of
 from sim.studies.tune.flights import Flyers, Outcome, Sortie
 from sim.studies.tune.margins import AXES, DELAY, GAIN_DOWN, GAIN_UP, Margin, Report, boundary, failure, limit_cm
@@ -27,7 +28,6 @@ from sim.studies.tune.margins_text import markdown_table, shown, text
 from sim.studies.tune.space import KEYS, Key, loses_proof, space, with_gains
 from sim.studies.tune.stage import fitted, own, staged, station_of
 from sim.studies.tune.tune import BROKEN, SEARCH_SEED, Floors, Search, Trial, run, tried
-from sim.world.scenarios import SCENARIOS
 
 KINDS: dict[str, ControllerConfig] = {
     "adaptive": Gains(),

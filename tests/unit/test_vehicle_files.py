@@ -12,7 +12,7 @@ from groundstation.config.files import presets
 from groundstation.config.load import ConfigError, dump, from_dict, load
 from groundstation.core.vehicle.vehicle import Vehicle
 from groundstation.settings.settings import Config
-from sim.world.scenarios import SCENARIOS
+from sim.scenarios.scenarios import SCENARIOS
 
 PRESETS = presets(Vehicle)
 FULL = """name = "mine"

@@ -17,7 +17,7 @@ from groundstation.core.messages.pose import Pose
 from groundstation.core.safety.witness import Witness
 from groundstation.pose.sources.tlog_codec import TlogReader
 from links.core.port import Attitude
-from links.mavlink.attitude import attitude_of
+from links.mavlink.protocol.attitude import attitude_of
 
 GOLDEN = Path(__file__).parents[1] / "golden"
 BOTH = pytest.mark.parametrize("name", ["px4_takeoff", "ardupilot_landing"])

@@ -12,12 +12,12 @@ import msgspec
 from groundstation.analysis.replay import read_back
 from groundstation.analysis.replay.comparison import Comparison, Difference
 from groundstation.analysis.replay.tape import TapeLoop, tape_loop
-from groundstation.app import make_ends
 from groundstation.core.geometry.ops import Vec3
 from groundstation.core.messages.pose import Pose
 from groundstation.core.pilot import Pilot
 from groundstation.core.trajectory.port import Reference
 from groundstation.core.vehicle.model import Drive
+from groundstation.flight.ends import make_ends
 from groundstation.pose.gate import Gate
 from groundstation.pose.sources.mavlink import MavlinkPoseConfig
 from groundstation.recording import channels as ch

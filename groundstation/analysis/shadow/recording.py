@@ -11,7 +11,7 @@ from groundstation.core.messages.pose import Pose
 from groundstation.pose.sources.mavlink_codec import Decoder
 from groundstation.pose.sources.tlog import pose_decoder
 from groundstation.pose.sources.tlog_codec import Record, TlogReader
-from links.mavlink.codec import ARDUPILOT, ARM_DISARM, ARMED, GROUND_STATION, PX4, Message
+from links.mavlink.protocol.codec import ARDUPILOT, ARM_DISARM, ARMED, GROUND_STATION, PX4, Message
 
 AUTOPILOTS = {PX4: "PX4", ARDUPILOT: "ArduPilot"}
 """What to call them, by HEARTBEAT.autopilot."""

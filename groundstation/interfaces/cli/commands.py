@@ -9,8 +9,8 @@ from collections.abc import Callable
 
 from groundstation.config.load import ConfigError, dump, load
 from groundstation.core.messages.requests import Ask
-from groundstation.flight.preflight import flyable
-from groundstation.interfaces.cli.confirm import confirmation, ensure_named, line_from_terminal
+from groundstation.flight.confirm import confirmation, ensure_named, line_from_terminal
+from groundstation.interfaces.service.flyable import flyable
 from groundstation.settings.settings import Config
 
 EXIT_DONE, EXIT_ABORTED = 0, 1
@@ -59,14 +59,14 @@ def service(args: argparse.Namespace) -> int:
 
 def fleet(args: argparse.Namespace) -> int:
     """Fly several vehicles, a core process each; signals reach every one."""
-    from groundstation.lab.fleet.command import fleet_command
+    from groundstation.interfaces.service.fleet_command import fleet_command
 
     return fleet_command(args, _unwaited())
 
 
 def relay(args: argparse.Namespace) -> int:
     """Hand datagrams on until told to end."""
-    from groundstation.lab.fleet.command import relay_command
+    from groundstation.interfaces.service.fleet_command import relay_command
 
     return relay_command(args, _unwaited())
 

@@ -8,6 +8,7 @@ import msgspec
 
 from groundstation.config.load import ConfigError, load
 from groundstation.flight import checks, preflight
+from groundstation.interfaces.service.flyable import flyable
 from groundstation.settings.settings import Config
 
 EXIT_DONE, EXIT_ABORTED = 0, 1
@@ -40,10 +41,10 @@ def check_command(args: argparse.Namespace) -> int:
         return watch(config, seconds=args.seconds, as_json=args.json)
     if args.seconds is not None:
         raise ConfigError("--seconds", "is for --watch; without it the checks end by themselves")
-    from groundstation.app import make_flight
+    from groundstation.recording.assembly import make_flight
     from groundstation.runtime.register import running
 
-    preflight.flyable(config)
+    flyable(config)
 
     async def never() -> bool:
         return False

@@ -7,15 +7,17 @@ import os
 import sys
 from collections.abc import Awaitable, Callable, Coroutine
 
-from groundstation.app import make_ends, make_flight, recorder, watched
 from groundstation.config.load import ConfigError
 from groundstation.core.messages.pose import SourceError
 from groundstation.core.mission.mission import State
 from groundstation.flight.company import entry_of
+from groundstation.flight.ends import make_ends
+from groundstation.interfaces.service.crew import watched
 from groundstation.interfaces.service.daemon import Daemon
 from groundstation.interfaces.service.logs import Format, Lines, is_journal, level_of
 from groundstation.interfaces.service.notify import Notify
 from groundstation.interfaces.service.signals import obey
+from groundstation.recording.assembly import make_flight, recorder
 from groundstation.runtime.exits import Exit
 from groundstation.runtime.lock import Taken, lock_path, only_one
 from groundstation.runtime.place import ApiError, socket_path

@@ -5,15 +5,16 @@ import os
 from collections.abc import Callable
 from contextlib import suppress
 
-from groundstation.app import crew, make_flight, recorder
 from groundstation.core.messages.pose import SourceError
 from groundstation.core.messages.requests import Ask, Reply, Request
 from groundstation.core.messages.snapshot import Snapshot
 from groundstation.core.mission.mission import FINAL, ON_GROUND, State
 from groundstation.flight.flight import Flight, Outcome
 from groundstation.interfaces.api.server import Server
+from groundstation.interfaces.service.crew import crew
 from groundstation.interfaces.service.health import WRITE_S, Health, HealthFile, health_path
 from groundstation.interfaces.service.notify import Notify
+from groundstation.recording.assembly import make_flight, recorder
 from groundstation.runtime.exits import Exit
 from groundstation.runtime.quiet import Quiet
 from groundstation.runtime.register import running

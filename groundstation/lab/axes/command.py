@@ -21,9 +21,9 @@ from groundstation.pose.sources.mavlink import MavlinkPoseConfig
 from groundstation.runtime.exits import INTERRUPTED
 from groundstation.settings.settings import Config
 from links.core.port import LinkError
-from links.mavlink.codec import Message
 from links.mavlink.connection import MavlinkConnection
 from links.mavlink.link import MavlinkLinkConfig
+from links.mavlink.protocol.codec import Message
 
 EXIT_FOUND, EXIT_CONTRADICTION, EXIT_NO_SOURCE = 0, 1, 3
 ATTITUDE_HZ = 100.0

@@ -12,11 +12,11 @@ from groundstation.lab.doctor.advice import Advice, Facts, Finding, judged
 from groundstation.settings.settings import Config
 from links.core.port import LinkLost, LinkRejected
 from links.core.thrust_curve import signal
-from links.mavlink.codec import ARDUPILOT, ARMED, PX4
 from links.mavlink.connection import MavlinkConnection
 from links.mavlink.link import MavlinkLinkConfig
 from links.mavlink.procedures.parameters import Parameter, ReadAll, Write, is_same
 from links.mavlink.procedures.steps import Handshake
+from links.mavlink.protocol.codec import ARDUPILOT, ARMED, PX4
 
 BEAT_S = 3.0
 """How long the heartbeat that tells whether it is armed may take [s]."""

@@ -7,8 +7,8 @@ import sys
 from datetime import UTC, datetime
 
 from groundstation.config.load import ConfigError
+from groundstation.flight.confirm import line_from_terminal
 from groundstation.flight.proof import Proof, digest, place, save
-from groundstation.interfaces.cli.confirm import line_from_terminal
 from groundstation.lab.props_off.process import open_hand
 from groundstation.lab.props_off.steps import Guide, NotProven, Trouble
 from groundstation.runtime.exits import Exit

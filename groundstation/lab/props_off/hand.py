@@ -17,7 +17,7 @@ from groundstation.pose.gated import Gated
 from groundstation.runtime.clock import to_the_end
 from groundstation.settings.settings import Config
 from links.core.port import CommandLink, LinkError
-from links.mavlink.config import MavlinkLinkConfig
+from links.mavlink.protocol.config import MavlinkLinkConfig
 
 Event = Literal["arming", "armed", "silent", "lost", "disarmed", "failed", "off"]
 

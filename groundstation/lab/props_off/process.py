@@ -9,7 +9,6 @@ from pathlib import Path
 
 import msgspec
 
-import groundstation
 from groundstation.config.load import dump
 from groundstation.lab.props_off.hand import News
 from groundstation.lab.props_off.steps import Trouble
@@ -78,7 +77,7 @@ class HandProcess:
 async def open_hand(config: Config, *words: str) -> HandProcess:
     """Start a hand; with the word ``disarm`` one that disarms only."""
     # -P: a folder `groundstation` where the operator happens to stand is not ours. Ours is named instead.
-    environment = os.environ | {"PYTHONPATH": str(Path(groundstation.__file__).parents[1])}
+    environment = os.environ | {"PYTHONPATH": str(Path(__file__).parents[3])}
     process = await asyncio.create_subprocess_exec(
         *(sys.executable, "-P", "-m", "groundstation.lab.props_off", *words),
         stdin=asyncio.subprocess.PIPE,

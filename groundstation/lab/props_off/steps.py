@@ -9,7 +9,7 @@ from groundstation.lab.props_off.hand import News
 from groundstation.pose.sources.mavlink import MavlinkPoseConfig
 from groundstation.runtime.clock import to_the_end
 from groundstation.settings.settings import Config
-from links.mavlink.config import MavlinkLinkConfig
+from links.mavlink.protocol.config import MavlinkLinkConfig
 
 ARM_S = 90.0
 """How long a hand may take to connect and to arm [s]."""

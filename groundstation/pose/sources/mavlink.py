@@ -7,9 +7,9 @@ import msgspec
 
 from groundstation.core.messages.pose import Pose, PoseStatus
 from groundstation.pose.sources.mavlink_codec import Decoder, decoder_for
-from links.mavlink.codec import Message
 from links.mavlink.link import MavlinkLink
-from links.mavlink.timesync import Trip
+from links.mavlink.protocol.codec import Message
+from links.mavlink.protocol.timesync import Trip
 
 
 class MavlinkPoseConfig(

@@ -14,7 +14,7 @@ from groundstation.core.geometry import so3
 from groundstation.core.geometry.ops import Quat, Vec3
 from groundstation.core.messages.pose import Pose, PoseStatus
 from groundstation.pose.intake.intake import Intake
-from links.mavlink.codec import ARDUPILOT, Message
+from links.mavlink.protocol.codec import ARDUPILOT, Message
 
 LOCAL_NED, BODY_NED, BODY_FRD, LOCAL_FRD = 1, 8, 12, 20
 """MAV_FRAME. LOCAL_FRD is NED but for its heading, which the vehicle chose as it started: it is our north."""

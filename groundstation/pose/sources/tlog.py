@@ -13,7 +13,7 @@ from groundstation.pose.intake.pace import Speed, play
 from groundstation.pose.intake.played_file import contents, no_poses
 from groundstation.pose.sources.mavlink_codec import Decoder, decoder_for
 from groundstation.pose.sources.tlog_codec import Record, TlogReader
-from links.mavlink.codec import ARDUPILOT, PX4, Message
+from links.mavlink.protocol.codec import ARDUPILOT, PX4, Message
 
 
 class TlogConfig(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True, tag_field="kind", tag="tlog"):

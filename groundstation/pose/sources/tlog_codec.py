@@ -1,7 +1,7 @@
 """The .tlog file: every MAVLink frame of a flight, both ways, each behind the time that it was logged. Sans-IO.
 
     8 bytes   microseconds since 1970, big-endian
-    n bytes   the frame (links/mavlink/codec.py)
+    n bytes   the frame (links/mavlink/protocol/codec.py)
 
 Who sent a frame tells its direction: the vehicle's system, or a ground station's.
 Source: MAVProxy, Mission Planner and QGroundControl all write this form.
@@ -11,7 +11,7 @@ from collections import Counter
 from collections.abc import Iterator
 from typing import NamedTuple
 
-from links.mavlink.codec import MavlinkCodec, Message, frame_end
+from links.mavlink.protocol.codec import MavlinkCodec, Message, frame_end
 
 _STAMP_BYTES = 8
 

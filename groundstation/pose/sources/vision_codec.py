@@ -12,7 +12,7 @@ from groundstation.core.geometry import so3
 from groundstation.core.geometry.ops import Quat, Vec3
 from groundstation.core.messages.pose import Pose, PoseStatus
 from groundstation.pose.intake.intake import Intake
-from links.mavlink.codec import MavlinkCodec
+from links.mavlink.protocol.codec import MavlinkCodec
 
 NAME = "VISION_POSITION_ESTIMATE"
 

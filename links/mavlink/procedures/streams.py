@@ -6,7 +6,7 @@ from contextlib import suppress
 from links.core.port import LinkError, LinkLost
 from links.mavlink.procedures.handshake import silence, stream
 from links.mavlink.procedures.steps import Autopilot, Handshake
-from links.mavlink.status import ESTIMATE, ESTIMATE_HZ
+from links.mavlink.protocol.status import ESTIMATE, ESTIMATE_HZ
 
 QUIETENED = (
     "ATTITUDE", "ATTITUDE_QUATERNION", "LOCAL_POSITION_NED", "GLOBAL_POSITION_INT", "ODOMETRY",

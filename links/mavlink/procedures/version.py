@@ -5,9 +5,9 @@ flight_sw_version are major, minor, patch and FIRMWARE_VERSION_TYPE, as PX4 and 
 """
 
 from links.core.port import LinkError
-from links.mavlink.codec import REQUEST_MESSAGE, Message
 from links.mavlink.procedures.command import ACCEPTED
 from links.mavlink.procedures.steps import ANSWER_S, Autopilot
+from links.mavlink.protocol.codec import REQUEST_MESSAGE, Message
 
 ASKED = 3
 """An autopilot that does not tell after so many questions keeps it to itself."""

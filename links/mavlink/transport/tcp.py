@@ -16,7 +16,7 @@ from collections import deque
 from typing import Any
 
 from links.io.address import parse_address
-from links.mavlink.config import MavlinkLinkConfig
+from links.mavlink.protocol.config import MavlinkLinkConfig
 from links.mavlink.transport.wire import Ear
 
 QUEUE_S = 0.1

@@ -5,7 +5,7 @@ from typing import Any
 
 from links.io.address import parse_address
 from links.io.datagrams import Datagrams
-from links.mavlink.config import MavlinkLinkConfig
+from links.mavlink.protocol.config import MavlinkLinkConfig
 from links.mavlink.transport.wire import Ear
 
 

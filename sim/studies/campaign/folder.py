@@ -13,9 +13,6 @@ from typing import Any
 
 import msgspec
 
-import groundstation
-import links
-import sim
 from groundstation.config.load import ConfigError
 
 
@@ -126,8 +123,8 @@ class Folder:
 def program_sha256() -> str:
     """Digest of the program's own source: rows of two programs must not be mixed."""
     digest = hashlib.sha256()
-    for package in (groundstation, links, sim):
-        root = Path(package.__path__[0])
+    for package in ("groundstation", "links", "sim"):
+        root = Path(__file__).parents[3] / package
         for source in sorted(root.rglob("*.py")):
             digest.update(f"{root.name}/{source.relative_to(root).as_posix()}\n".encode())
             digest.update(source.read_bytes())

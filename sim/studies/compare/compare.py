@@ -13,8 +13,8 @@ from groundstation.core.geometry.ops import Vec3
 from groundstation.core.pilot import Tick
 from sim.runs.fly import fly
 from sim.runs.referee import STEADY_S
-from sim.world.prepare import prepare
-from sim.world.scenarios import SCENARIOS
+from sim.scenarios.prepare import prepare
+from sim.scenarios.scenarios import SCENARIOS
 
 CONTROLLERS = ("adaptive", "uncompensated", "geometric", "pid", "indi")
 WITHOUT_ADAPTATION = "adaptive, kb=0"

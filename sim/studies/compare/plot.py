@@ -7,8 +7,8 @@ from typing import Any
 from groundstation.config.load import ConfigError
 from groundstation.runtime.pictures import need_matplotlib
 from sim.runs.referee import STEADY_S
+from sim.scenarios.scenarios import SCENARIOS
 from sim.studies.compare.compare import GUST, TRACE_S, WITHOUT_ADAPTATION, Flown, Row
-from sim.world.scenarios import SCENARIOS
 
 # M. Okabe, K. Ito: a palette that the colour-blind can tell apart; markers and dashes differ too.
 STYLES: dict[str, dict[str, Any]] = {

@@ -12,10 +12,10 @@ from groundstation.pose.sources.vicon import ViconConfig
 from groundstation.settings.settings import Config, LinkConfig
 from links.bridge.link import BridgeLinkConfig
 from links.mavlink.link import MavlinkLinkConfig
+from sim.scenarios.own import timing
+from sim.scenarios.prepare import prepare
+from sim.scenarios.scenarios import SCENARIOS, Scenario
 from sim.studies.tune.space import Point, with_gains
-from sim.world.own import timing
-from sim.world.prepare import prepare
-from sim.world.scenarios import SCENARIOS, Scenario
 from sim.world.world import World
 
 _STATION = ("vehicle", "controller", "pose", "link", "status", "mqtt")

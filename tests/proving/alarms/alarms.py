@@ -16,12 +16,12 @@ from groundstation.flight.flight import Flight
 from groundstation.runtime.clock import sleep_until
 from sim.runs.mission import CONFIRM_S, fly_mission, from_floor
 from sim.runs.stage import Stage
+from sim.scenarios.prepare import prepare
+from sim.scenarios.scenarios import SCENARIOS
 from sim.trackers.trackers import Tracker
 from sim.world.draws import rows, stream
-from sim.world.prepare import prepare
-from sim.world.scenarios import SCENARIOS
-from tests.proving.faults.meddler import Meddler
-from tests.proving.faults.pictures import Struck, still
+from tests.proving.faults.deck.meddler import Meddler
+from tests.proving.faults.deck.pictures import Struck, still
 
 KINDS = Contradiction._fields
 """What may speak against the poses."""

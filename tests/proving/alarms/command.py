@@ -13,8 +13,8 @@ from groundstation.config.load import ConfigError
 from groundstation.flight.preflight import ensure_flyable
 from sim.cli.console import Counter
 from sim.runs.mission import from_floor
+from sim.scenarios.prepare import prepare, scenario_of
 from sim.studies.compare.table import check_markers, put_between_markers
-from sim.world.prepare import prepare, scenario_of
 from tests.proving.alarms.alarms import KINDS, REMARKABLE, SHARES, Alarms, Detection, detections, watch_all
 
 CURVE = ("paper", "adverse", "storm")

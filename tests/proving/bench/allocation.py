@@ -9,12 +9,12 @@ import sys
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from groundstation.app import make_flight
+from groundstation.recording.assembly import make_flight
 from groundstation.runtime.clock import sleep_until
 from sim.runs.stage import Stage
+from sim.scenarios.prepare import prepare
+from sim.scenarios.scenarios import SCENARIOS
 from sim.time.virtual_time import VirtualTimeLoop
-from sim.world.prepare import prepare
-from sim.world.scenarios import SCENARIOS
 
 if TYPE_CHECKING:
     from tests.proving.bench.bench import Options

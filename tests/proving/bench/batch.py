@@ -19,10 +19,10 @@ from groundstation.core.vehicle.vehicle import Vehicle
 from sim.batch.batch import fly_batch
 from sim.batch.columns import columns, zeros
 from sim.batch.stages import Compiled, Numpy, Stages
+from sim.scenarios.prepare import prepare
+from sim.scenarios.scenarios import SCENARIOS
 from sim.time.turns import in_turns
 from sim.world.plant import Body, Physics, moved
-from sim.world.prepare import prepare
-from sim.world.scenarios import SCENARIOS
 from tests.proving.bench.peers import PEERS, Bench
 
 if TYPE_CHECKING:

@@ -5,9 +5,9 @@ from typing import TYPE_CHECKING, Any
 
 from groundstation.settings.settings import Config
 from sim.runs.fly import fly
+from sim.scenarios.prepare import prepare
+from sim.scenarios.scenarios import SCENARIOS
 from sim.time.turns import in_turns
-from sim.world.prepare import prepare
-from sim.world.scenarios import SCENARIOS
 from sim.world.world import World
 
 if TYPE_CHECKING:

@@ -23,11 +23,11 @@ from links.io.address import parse_address
 from links.mavlink.link import MavlinkLinkConfig
 from sim.autopilots.peer import AutopilotPeer
 from sim.autopilots.px4 import Px4Autopilot
+from sim.scenarios.prepare import prepare
+from sim.scenarios.scenarios import SCENARIOS
 from sim.trackers.trackers import Seen, vicon_encoder
 from sim.world.draws import rows, stream
-from sim.world.prepare import prepare
 from sim.world.quadrotor import Quadrotor
-from sim.world.scenarios import SCENARIOS
 from sim.world.vehicle import SimulatedVehicle
 from sim.world.wind import Wind
 from tests.proving.bench.answers import Answers, LatencyFailed, Waiting, figures_of

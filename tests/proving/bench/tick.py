@@ -12,9 +12,9 @@ from groundstation.core.pilot import Pilot
 from groundstation.core.safety.obedience import Obedience
 from groundstation.core.safety.witness import Witness
 from sim.runs.fly import fly
+from sim.scenarios.prepare import prepare
+from sim.scenarios.scenarios import SCENARIOS
 from sim.time.turns import percentile
-from sim.world.prepare import prepare
-from sim.world.scenarios import SCENARIOS
 
 if TYPE_CHECKING:
     from tests.proving.bench.bench import Options

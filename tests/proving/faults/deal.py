@@ -7,9 +7,9 @@ from collections.abc import Callable, Sequence
 
 import msgspec
 
-from tests.proving.faults.faults import FAULTS, STATES
+from tests.proving.faults.cells.together import fly_together
+from tests.proving.faults.deck.faults import FAULTS, STATES
 from tests.proving.faults.judge.verdict import Row
-from tests.proving.faults.together import fly_together
 
 SPREAD = ("tracking", "hold", "take-off", "landing", "returning", "descent")
 """The states that a quick deck goes around in."""

@@ -4,9 +4,9 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from groundstation.config.load import ConfigError
-from tests.proving.faults.cell import AUTOPILOT
-from tests.proving.faults.exemptions import REASONS
-from tests.proving.faults.faults import FAULTS
+from tests.proving.faults.cells.cell import AUTOPILOT
+from tests.proving.faults.deck.exemptions import REASONS
+from tests.proving.faults.deck.faults import FAULTS
 from tests.proving.faults.judge.verdict import LIMITS, Row
 
 HEAD = """# What a fault leads to

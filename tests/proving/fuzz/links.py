@@ -17,7 +17,7 @@ class MavlinkLink:
 
     def __init__(self) -> None:
         """As seen from a ground station."""
-        from links.mavlink.codec import MavlinkCodec
+        from links.mavlink.protocol.codec import MavlinkCodec
 
         self._codec = MavlinkCodec(245, 190)
         self._seeds = [
@@ -48,7 +48,7 @@ class MavlinkLink:
 
 
 def _mavlink_said(pieces: Sequence[bytes]) -> tuple[list[bytes], Counter[str]]:
-    from links.mavlink.codec import MavlinkCodec
+    from links.mavlink.protocol.codec import MavlinkCodec
 
     codec = MavlinkCodec(245, 190)
     return [bytes(m.get_msgbuf()) for piece in pieces for m in codec.feed(piece)], codec.dropped

@@ -22,7 +22,7 @@ from groundstation.pose.sources.vicon import ViconConfig
 from groundstation.pose.sources.vicon_reader import ViconReader
 from groundstation.pose.sources.vision import VisionConfig
 from groundstation.pose.sources.vision_codec import VisionReader
-from links.mavlink.codec import MavlinkCodec, Message
+from links.mavlink.protocol.codec import MavlinkCodec, Message
 from sim.trackers.natnet_server import NatNetServer
 from sim.trackers.qtm_server import QtmServer
 from sim.trackers.trackers import Seen, json_encoder, vicon_encoder, vision_encoder

@@ -5,11 +5,11 @@ from collections.abc import Sequence
 
 import msgspec
 
-from tests.proving.faults.exemptions import FALLS, TUMBLES, Exemption
-from tests.proving.faults.fault import Fault, Poses
+from tests.proving.faults.deck.exemptions import FALLS, TUMBLES, Exemption
+from tests.proving.faults.deck.fault import Fault, Poses
+from tests.proving.faults.deck.moments import MOMENTS
 from tests.proving.faults.judge.thrust import Thrust
 from tests.proving.faults.judge.truth import Truth
-from tests.proving.faults.moments import MOMENTS
 
 HIGHEST_M, SIDEWAYS_M, FASTEST_M_S = 1.0, 3.0, 3.0
 """How far a vehicle may go after a fault: above where it was struck or its course, sideways from there; how fast."""
@@ -80,7 +80,7 @@ class Row(msgspec.Struct, frozen=True, kw_only=True):
     over_hover_s: float
     """For how long commands pushed more than what hovers after the answer."""
     exemption: str
-    """What was not asked of it, a word of :class:`tests.proving.faults.exemptions.Exemption`; mostly empty."""
+    """What was not asked of it, a word of :class:`tests.proving.faults.deck.exemptions.Exemption`; mostly empty."""
     safe: bool
     why: str
     """Why it is not; else what the flight said of it."""

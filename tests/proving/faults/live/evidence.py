@@ -3,10 +3,10 @@
 import math
 
 from groundstation.core.mission.mission import State
+from tests.proving.faults.deck.moments import MOMENTS
 from tests.proving.faults.judge.thrust import LIFTS
 from tests.proving.faults.judge.verdict import Answer
 from tests.proving.faults.live.scene import LiveScene
-from tests.proving.faults.moments import MOMENTS
 
 UNDER_WAY_S = 0.06
 """What a killed process has sent may be under way for so long on a busy machine [s]."""

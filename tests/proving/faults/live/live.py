@@ -26,19 +26,19 @@ from sim.radio.radio import module
 from sim.radio.rf_receiver import FAILSAFE_S
 from sim.runs.mission import from_floor
 from sim.runs.stage import Stage
-from sim.world.prepare import prepare
-from sim.world.scenarios import SCENARIOS
+from sim.scenarios.prepare import prepare
+from sim.scenarios.scenarios import SCENARIOS
 from sim.world.world import World
-from tests.proving.faults.cell import AUTOPILOT, LANDS, LOOK_S, STILL_SHARE, hover_n, not_struck
-from tests.proving.faults.fault import Fault
-from tests.proving.faults.faults import FAULTS
+from tests.proving.faults.cells.cell import AUTOPILOT, LANDS, LOOK_S, STILL_SHARE, hover_n, not_struck
+from tests.proving.faults.deck.fault import Fault
+from tests.proving.faults.deck.faults import FAULTS
+from tests.proving.faults.deck.moments import MOMENTS, Moves
 from tests.proving.faults.judge.thrust import Thrust
 from tests.proving.faults.judge.truth import Truth
 from tests.proving.faults.judge.verdict import Row, exempted, judged
 from tests.proving.faults.live.broker import Broker
 from tests.proving.faults.live.evidence import evidence
 from tests.proving.faults.live.scene import STRIKES, LiveScene
-from tests.proving.faults.moments import MOMENTS, Moves
 
 AT_ONCE = 3
 """So many are flown side by side: each is mostly waiting."""

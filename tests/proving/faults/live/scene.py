@@ -14,9 +14,9 @@ from groundstation.settings.settings import Config
 from links.rf.codecs.channel_map import Channels
 from links.rf.codecs.codec import RfLinkConfig
 from sim.runs.stage import Stage
+from tests.proving.faults.deck.moments import Moves
 from tests.proving.faults.judge.wire import set_point
 from tests.proving.faults.live.broker import Broker
-from tests.proving.faults.moments import Moves
 
 PACER = "links.rf.pacer_child"
 """What paces the frames of a radio, in a process of its own."""
@@ -172,4 +172,4 @@ STRIKES: dict[str, Callable[[LiveScene], Awaitable[None]]] = {
     "MQTT broker gone": _kill_broker,
     "TUI crash": _kill_screen,
 }
-"""What strikes each fault; its name as in :data:`tests.proving.faults.faults.FAULTS`."""
+"""What strikes each fault; its name as in :data:`tests.proving.faults.deck.faults.FAULTS`."""

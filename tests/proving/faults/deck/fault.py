@@ -8,9 +8,9 @@ from typing import Any, NamedTuple
 from groundstation.flight.flight import Flight
 from sim.runs.stage import Stage
 from sim.world.draws import rows, stream
-from tests.proving.faults.exemptions import Exemption
-from tests.proving.faults.meddler import Meddler
-from tests.proving.faults.pictures import Struck
+from tests.proving.faults.deck.exemptions import Exemption
+from tests.proving.faults.deck.meddler import Meddler
+from tests.proving.faults.deck.pictures import Struck
 
 
 class Poses(StrEnum):

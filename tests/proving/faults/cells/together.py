@@ -11,7 +11,7 @@ from collections.abc import Sequence
 
 import msgspec
 
-from tests.proving.faults.cell import fly_cell
+from tests.proving.faults.cells.cell import fly_cell
 from tests.proving.faults.judge.verdict import Row
 
 

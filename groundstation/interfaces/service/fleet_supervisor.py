@@ -15,9 +15,8 @@ from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
-import groundstation
 from groundstation.config.load import dump
-from groundstation.lab.fleet.arming import armed, until_ready
+from groundstation.interfaces.service.fleet_arming import armed, until_ready
 from groundstation.lab.fleet.plan import Fleet, Member
 from groundstation.runtime.place import socket_path
 
@@ -108,7 +107,7 @@ class Supervisor:
         file = folder / f"{member.name}.toml"
         file.write_text(dump(member.core), "utf-8")  # what was checked is what flies
         once = ["--once"] if member.name in self._arm else []
-        words = ["-m", "groundstation.lab.fleet.core", str(os.getpid()), "daemon", str(file), *once]
+        words = ["-m", "groundstation.interfaces.service.fleet_core", str(os.getpid()), "daemon", str(file), *once]
         return await _python(words, keeps=(held,))
 
     async def _arm_all(self, watching: Mapping[str, "asyncio.Future[int]"]) -> None:
@@ -182,7 +181,7 @@ async def _python(
 ) -> asyncio.subprocess.Process:
     """One of our own programs in a session of its own, which keeps the open files ``keeps``."""
     # -P: a folder `groundstation` where the operator happens to stand is not ours. Ours is named instead.
-    environment = os.environ | {"PYTHONPATH": str(Path(groundstation.__file__).parents[1])}
+    environment = os.environ | {"PYTHONPATH": str(Path(__file__).parents[3])}
     environment.pop("NOTIFY_SOCKET", None)  # a service manager is told by us, not by each core
     return await asyncio.create_subprocess_exec(
         *(sys.executable, "-P", *words),

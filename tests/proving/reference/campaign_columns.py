@@ -1,8 +1,8 @@
 """Every column of a campaign's table: what the flight met, how it went, and what its certificate says."""
 
-from sim.reference.remarks import remarks
 from sim.studies.campaign.folder import COLUMNS, Row
 from sim.world.world import World
+from tests.proving.reference.remarks import remarks
 
 HEAD = """# Columns of a campaign
 

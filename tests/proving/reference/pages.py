@@ -5,7 +5,7 @@ from pathlib import Path
 
 from groundstation.config.load import ConfigError
 from groundstation.interfaces.mqtt.schemas import write_schemas
-from sim.reference import campaign_columns, channels, configuration, programs
+from tests.proving.reference import campaign_columns, channels, configuration, programs
 
 PAGES: dict[str, Callable[[], str]] = {
     "configuration.md": configuration.page,

@@ -3,7 +3,7 @@
 from msgspec import inspect as mi
 
 from groundstation.recording.channels import CHANNELS
-from sim.reference.remarks import one_line, summary
+from tests.proving.reference.remarks import one_line, summary
 
 HEAD = """# Channels of a recording
 

@@ -9,8 +9,8 @@ from msgspec import inspect as mi
 from groundstation.config.words import bare, expected
 from groundstation.settings.settings import Config
 from links.bridge.server import BridgeConfig
-from sim.reference.remarks import remarks, summary
 from sim.world.world import World
+from tests.proving.reference.remarks import remarks, summary
 
 HEAD = """# Configuration keys
 

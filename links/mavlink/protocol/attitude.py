@@ -8,8 +8,8 @@ ArduCopter 4.8-dev.
 import math
 
 from links.core.port import Attitude
-from links.mavlink.codec import Message
-from links.mavlink.timesync import Trip
+from links.mavlink.protocol.codec import Message
+from links.mavlink.protocol.timesync import Trip
 
 ATTITUDES = ("ATTITUDE_QUATERNION", "ATTITUDE")
 """The messages that tell it; the first is tried first."""

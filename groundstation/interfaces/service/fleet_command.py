@@ -8,10 +8,10 @@ from collections.abc import Callable
 
 from groundstation.config.load import ConfigError
 from groundstation.core.messages.pose import SourceError
-from groundstation.flight.preflight import flyable
+from groundstation.interfaces.service.fleet_supervisor import Supervisor, by_hand
+from groundstation.interfaces.service.flyable import flyable
 from groundstation.lab.fleet.plan import read_fleet
 from groundstation.lab.fleet.relay import Relay, run_relay
-from groundstation.lab.fleet.supervisor import Supervisor, by_hand
 
 EXIT_DONE, EXIT_ABORTED = 0, 1
 

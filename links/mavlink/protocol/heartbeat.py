@@ -3,7 +3,7 @@
 import math
 from typing import Any
 
-from links.mavlink.codec import ARMED, Message
+from links.mavlink.protocol.codec import ARMED, Message
 
 STALE_NEWS_S = 0.5
 """A HEARTBEAT may have left before the arming that it denies: it is not believed for this long after it [s]."""

@@ -3,8 +3,8 @@
 from collections.abc import Sequence
 
 from sim.trackers.trackers import Seen, Tracker
-from tests.proving.faults.pictures import Picture
-from tests.proving.faults.ways import Way
+from tests.proving.faults.deck.pictures import Picture
+from tests.proving.faults.deck.ways import Way
 
 
 class Meddler:

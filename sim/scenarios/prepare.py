@@ -8,7 +8,7 @@ import msgspec
 
 from groundstation.config.load import ConfigError, from_dict
 from groundstation.settings.settings import Config
-from sim.world.scenarios import SCENARIOS, Scenario
+from sim.scenarios.scenarios import SCENARIOS, Scenario
 from sim.world.world import World
 
 
@@ -56,7 +56,7 @@ def prepare_own(
     Raises:
         ConfigError: as :func:`prepare`.
     """
-    from sim.world.own import own
+    from sim.scenarios.own import own
 
     truth, told = by_side(overrides, controller)
     with _option(controller):

@@ -16,10 +16,10 @@ Every one is flown in every state, but for these:
 with, and with another body's name.
 """
 
-from tests.proving.faults import pictures, strikes, ways
-from tests.proving.faults.exemptions import Exemption
-from tests.proving.faults.fault import Fault, Poses
-from tests.proving.faults.moments import MOMENTS
+from tests.proving.faults.deck import pictures, strikes, ways
+from tests.proving.faults.deck.exemptions import Exemption
+from tests.proving.faults.deck.fault import Fault, Poses
+from tests.proving.faults.deck.moments import MOMENTS
 
 STATES = tuple(name for name in MOMENTS if name != "start")
 FROM_START = ("start", *STATES)

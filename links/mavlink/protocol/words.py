@@ -3,7 +3,7 @@
 from collections import deque
 
 from links.core.printable import printable
-from links.mavlink.codec import Message
+from links.mavlink.protocol.codec import Message
 
 _WARNING = 4
 """MAV_SEVERITY_WARNING; lower is graver."""

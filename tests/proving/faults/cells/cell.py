@@ -5,12 +5,12 @@ import math
 from collections.abc import Callable
 from typing import Any
 
-from groundstation.app import make_flight
 from groundstation.core.geometry.ops import Vec3
 from groundstation.core.messages.requests import Ask, Request
 from groundstation.core.mission.mission import State
 from groundstation.core.pilot import Tick
 from groundstation.flight.flight import Flight
+from groundstation.recording.assembly import make_flight
 from groundstation.recording.recorded import Give
 from groundstation.recording.records import Record
 from groundstation.runtime.clock import sleep_until
@@ -20,20 +20,20 @@ from sim.autopilots.px4 import Px4Autopilot
 from sim.radio.rf_receiver import FAILSAFE_S
 from sim.runs.mission import from_floor
 from sim.runs.stage import Stage
+from sim.scenarios.prepare import prepare
+from sim.scenarios.scenarios import SCENARIOS
 from sim.time.virtual_time import VirtualTimeLoop
 from sim.trackers.trackers import Tracker
-from sim.world.prepare import prepare
-from sim.world.scenarios import SCENARIOS
 from sim.world.world import World
-from tests.proving.faults.exemptions import Exemption
-from tests.proving.faults.fault import Fault, Poses, Scene
-from tests.proving.faults.faults import FAULTS
+from tests.proving.faults.deck.exemptions import Exemption
+from tests.proving.faults.deck.fault import Fault, Poses, Scene
+from tests.proving.faults.deck.faults import FAULTS
+from tests.proving.faults.deck.meddler import Meddler
+from tests.proving.faults.deck.moments import DESCENT_AFTER_S, MOMENTS, Moment, Moves
 from tests.proving.faults.judge.thrust import Thrust
 from tests.proving.faults.judge.truth import Truth
 from tests.proving.faults.judge.verdict import JUDGED_S, Row, broken, exempted, judged
 from tests.proving.faults.judge.wire import Wire
-from tests.proving.faults.meddler import Meddler
-from tests.proving.faults.moments import DESCENT_AFTER_S, MOMENTS, Moment, Moves
 
 LANDS = ("sim.own_estimate=true",)
 """The autopilot of the deck knows where it is, so it is asked to land where we can't see it."""

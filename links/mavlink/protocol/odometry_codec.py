@@ -13,7 +13,7 @@ mavlink common.xml (pymavlink 2.4.50).
 import math
 from typing import NamedTuple
 
-from links.mavlink.codec import ARDUPILOT, MavlinkCodec
+from links.mavlink.protocol.codec import ARDUPILOT, MavlinkCodec
 
 LOCAL_FRD, BODY_FRD = 20, 12
 """MAV_FRAME."""

@@ -2,7 +2,7 @@
 
 import math
 
-from links.mavlink.codec import ARDUPILOT, PX4, Message
+from links.mavlink.protocol.codec import ARDUPILOT, PX4, Message
 
 PX4_MODES = {
     1: "MANUAL",

@@ -19,7 +19,7 @@ from typing import Any, TypeAlias
 
 from fastcrc.crc16 import mcrf4xx
 
-from links.mavlink.signing import SIGNATURE_BYTES, SIGNED, Signer
+from links.mavlink.protocol.signing import SIGNATURE_BYTES, SIGNED, Signer
 
 Message: TypeAlias = Any
 """A decoded message: an instance of one of pymavlink's message classes, which ship no types."""

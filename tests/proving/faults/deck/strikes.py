@@ -13,9 +13,9 @@ from sim.autopilots.px4 import Px4Autopilot
 from sim.world.draws import rows, stream
 from sim.world.plant import Body
 from sim.world.wind import Wind
-from tests.proving.faults.fault import Scene, Strike
-from tests.proving.faults.pictures import Picture, Struck
-from tests.proving.faults.ways import WIFI_S, Way, jitter, late
+from tests.proving.faults.deck.fault import Scene, Strike
+from tests.proving.faults.deck.pictures import Picture, Struck
+from tests.proving.faults.deck.ways import WIFI_S, Way, jitter, late
 
 GUST_M_S2, GUST_S = (3.0, 2.0, 1.0), 1.5
 """A gust, as the acceleration that it gives, and how long it lasts."""

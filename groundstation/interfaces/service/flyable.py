@@ -1,0 +1,25 @@
+"""Whether a configuration has all that a flight needs, looked at before anything is opened."""
+
+from groundstation.config.load import ConfigError
+from groundstation.flight.hold_to_run.kinds import ensure_held
+from groundstation.flight.preflight import ensure_flyable, ensure_guarded, ensure_link
+from groundstation.interfaces.mqtt.requests import ensure_mqtt
+from groundstation.pose.kinds import Recorded
+from groundstation.settings.settings import Config
+
+
+def flyable(config: Config) -> Config:
+    """``config``, which must have all that a flight needs.
+
+    Raises:
+        ConfigError: the vehicle can't fly this, the poses are recorded, a real vehicle has no fence or no speed limit,
+            or a key can't be used.
+    """
+    if isinstance(config.pose, Recorded):
+        raise ConfigError("pose.kind", "a recording must not fly a vehicle; look at it with `groundstation replay`")
+    ensure_guarded(config)
+    ensure_link(config)
+    ensure_mqtt(config.mqtt)
+    ensure_held(config.operator)
+    ensure_flyable(config)
+    return config

@@ -1,0 +1,1 @@
+"""One fault in one state of one mission, in virtual time."""

@@ -1,0 +1,1 @@
+"""The faults by name: how each strikes, when, and what can't be asked after it."""
