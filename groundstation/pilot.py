@@ -37,6 +37,8 @@ REMEMBER_S = 5.0
 """How far back estimates and commands are kept for that [s]."""
 GUST_M_S2 = 2.0
 """A disturbance that is found to change by so much against its mean [m/s²] moves a vehicle, or is none."""
+UPSET_M_S2 = 4.0
+"""A change by so much is no gust of any wind to fly in [m/s²]: a storm's reach 2."""
 PUSHED_S = 0.2
 """A position that stands against that for so long [s] is not the vehicle's, or the vehicle is held."""
 NEAR_FLOOR_M = 0.12
@@ -282,15 +284,16 @@ class Pilot:
             return
         high = self._floor - pose.position_ned[2] > NEAR_FLOOR_M
         self._climbed = self._climbed or high
+        wind = self._wind or (0.0, 0.0, 0.0)
+        gust = math.dist(estimator.disturbance, wind)
         node = self._obedience.pose(
-            pose, before, given, pose.time_s - self._newest_s, estimator.noise_m, counts=high or not self._climbed
-        )
+            pose, before, given, pose.time_s - self._newest_s, estimator.noise_m,
+            counts=high or not self._climbed, upset=gust > UPSET_M_S2,
+        )  # fmt: skip
         if not node:
             return
         if self._obedience.evidence.attitude >= SUSPECTS and self._late_s == 0.0:
             self._late_s = self._obedience.lateness_s()
-        wind = self._wind or (0.0, 0.0, 0.0)
-        gust = math.dist(estimator.disturbance, wind)
         if not self._obedience.stands(pose.time_s) or (gust <= GUST_M_S2 and not estimator.holds):
             self._pushed_since_s = None
         elif self._pushed_since_s is None:

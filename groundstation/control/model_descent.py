@@ -76,9 +76,10 @@ def model_descent(
         ask = BIAS * min(motion.thrust + thrust_lead * (ask - motion.thrust) / STEP_S, MOST * hover)
         # It may only brake what it sank itself.
         may_brake = sinking > TOUCHDOWN_M_S and braked < BRAKE_S - 1e-9
+        least = LEAST * hover if upright > 0.3 else 0.0
         if upright < LEANS and lean_x * north + lean_y * east < 0.0:
-            ask = 0.0  # it leans into where it goes: thrust would only make it faster
-        thrust = max(min(ask, MOST * hover if may_brake else hover), LEAST * hover if upright > 0.3 else 0.0)
+            ask, least = 0.0, 0.5 * least  # it leans into where it goes: thrust would only make it faster
+        thrust = max(min(ask, MOST * hover if may_brake else hover), least)
         braked += STEP_S if thrust > hover else 0.0
         k = ATTITUDE_GAIN
         rates = [
