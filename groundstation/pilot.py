@@ -13,7 +13,7 @@ from groundstation.control.descent import Descent
 from groundstation.control.estimator import ModelEstimator
 from groundstation.control.model import Drive, Motion, rolled
 from groundstation.control.model_descent import model_descent
-from groundstation.control.obedience import STILL_SUSPECTS, SUSPECTS, Contradiction, Obedience
+from groundstation.control.obedience import STILL_SUSPECTS, Contradiction, Obedience
 from groundstation.control.port import Decision, Estimate
 from groundstation.control.watch import Seen, Watch
 from groundstation.ops import FLOATS, Vec3
@@ -99,7 +99,6 @@ class Pilot:
         self._watch = Watch(vehicle, config)
         self._obedience = Obedience(vehicle.mass_kg, config.gravity)
         self._lifted = self._climbed = False
-        self._late_s = 0.0
         self._pushed_since_s: float | None = None
         self._trusted: deque[Trusted] = deque()
         self._drives: deque[tuple[float, Drive]] = deque()
@@ -245,11 +244,6 @@ class Pilot:
         command = self._command(decision.drive, parts)
         return Tick(time_s, flight_time, pose, estimate, reference, decision, command, seen)
 
-    @property
-    def late_s(self) -> float:
-        """By how much the poses turned out to be older than they say, by what the commands did [s]."""
-        return self._late_s
-
     def surrender(self, time_s: float, hold_s: float) -> Command:
         """The last command, where the poses are not believed any more: down on the model, from what it was before.
 
@@ -292,8 +286,6 @@ class Pilot:
         )  # fmt: skip
         if not node:
             return
-        if self._obedience.evidence.attitude >= SUSPECTS and self._late_s == 0.0:
-            self._late_s = self._obedience.lateness_s()
         if not self._obedience.stands(pose.time_s) or (gust <= GUST_M_S2 and not estimator.holds):
             self._pushed_since_s = None
         elif self._pushed_since_s is None:
@@ -313,7 +305,7 @@ class Pilot:
         until = self._obedience.calm_s - TRUST_S
         newest = next((one for one in reversed(self._trusted) if one.time_s <= until), self._trusted[0])
         found = self.evidence
-        if found.still < max(found):
+        if found.still < max(found) and self._obedience.late_s == 0.0:
             return newest
         older = next((one for one in reversed(self._trusted) if one.time_s <= until - LEARNT_S), newest)
         return newest._replace(disturbance=older.disturbance, effectiveness=older.effectiveness)

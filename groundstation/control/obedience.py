@@ -90,6 +90,8 @@ HEADING_S, HEADING_RAD_S = 0.7, 0.25
 """Time constant of a turn about the vertical that no command asks for [s], and what convicts [rad/s]: 14°/s."""
 LED_S = 1.0
 """So long after it was moved by something else than commands it may still be in somebody's hand [s]."""
+LATE_LOOKS, LATE_NODES = 0.3, 3
+"""From this share of what convicts by attitude on a lateness is looked for [-]; it is one in so many nodes on end."""
 LATE_EXPLAINS = 0.35
 """A lateness explains the turns where it leaves less than this share of their power [-]."""
 LAGS_S = 1.2
@@ -137,6 +139,8 @@ class Obedience:
         """What speaks for a vehicle whose attitude answers, since it began or poses were missing for long."""
         self.led_s = -math.inf
         """When it was last seen to move, after it had left its way by no command [s]."""
+        self.late_s = 0.0
+        """By how much the poses turned out to be older than they say, by what the commands did [s]."""
         self._turns: deque[tuple[float, float, float, float, float]] = deque()
         self.restart()
 
@@ -147,7 +151,7 @@ class Obedience:
         self._last: Quat | None = None
         self._arrest: Pose | None = None
         self._stopped_s = 0.0
-        self._flown = 0
+        self._flown = self._lates = 0
         self._strays = False
         self._place: Vec3 = (0.0, 0.0, 0.0)
         self._before = [0.0, 0.0]
@@ -209,7 +213,7 @@ class Obedience:
         self._node(pose, h, noise_m)
         return True
 
-    def lateness_s(self) -> float:
+    def _lateness_s(self) -> float:
         """By how much later than they say the poses follow the commands [s]; 0 where no lateness explains them.
 
         The newest turns are held against those that the commands must have made up to half a second earlier.
@@ -286,6 +290,11 @@ class Obedience:
             self._stands(pose, seen, told, fade, FILTER_NOISE * noise_m)
         self._judge()
         attitude, axes, heading, still = self.evidence
+        if (attitude >= LATE_LOOKS or self._lates) and self.late_s == 0.0:
+            late_s = self._lateness_s()
+            self._lates = self._lates + 1 if late_s > 0.0 else 0
+            if self._lates >= LATE_NODES:
+                self.late_s = late_s
         if max(attitude, axes, still) < CALM / CONVICTS and heading < SUSPECTS:
             self.calm_s = pose.time_s
 
