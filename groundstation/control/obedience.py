@@ -39,8 +39,9 @@ NODE_S, HALF_NODE_S = 0.1, 0.05 - 1e-6
 """Time between two nodes, and from one to the next between them [s]."""
 GAP_S = 0.2
 """Poses further apart than this begin anew [s]: between them the model has gone astray."""
-HOLE_S = 0.07
-"""After a time so long without a pose [s] positions are not looked at for some nodes."""
+HOLE_S, UNHEARD_S, UNHEARD = 0.07, 0.3, 0.5
+"""After a time so long without a pose [s] positions are not looked at for some nodes. The vehicle may have missed
+commands then, too: for so long [s] what speaks against it by its attitude counts by so much [-]."""
 FADE_S = 4.0
 """Evidence fades with this time constant [s]."""
 LEARN_S = 4.0
@@ -155,7 +156,7 @@ class Obedience:
         self._strays = False
         self._place: Vec3 = (0.0, 0.0, 0.0)
         self._before = [0.0, 0.0]
-        self._moved_s = self._swept_s = self._shock_s = self._shocks_s = self._newest_s = -math.inf
+        self._moved_s = self._swept_s = self._shock_s = self._shocks_s = self._newest_s = self._hole_s = -math.inf
         for images in self._images:
             images.restart()
         self._turns.clear()
@@ -186,6 +187,8 @@ class Obedience:
             upset: whether the disturbance that is found has changed as no gust changes it.
         """
         last, self._last = self._last, pose.attitude
+        if dt > HOLE_S:
+            self._hole_s = pose.time_s
         if last is None or dt > GAP_S or not counts or pose.reset_count != self._resets:
             self._begin(pose)
             return False
@@ -213,7 +216,7 @@ class Obedience:
         self._node(pose, h, noise_m)
         return True
 
-    def _lateness_s(self) -> float:
+    def lateness_s(self) -> float:
         """By how much later than they say the poses follow the commands [s]; 0 where no lateness explains them.
 
         The newest turns are held against those that the commands must have made up to half a second earlier.
@@ -280,6 +283,8 @@ class Obedience:
         while self._turns[0][0] < pose.time_s - LAGS_S:
             self._turns.popleft()
         says = self._turned(turn[0], turn[2], 0, learn) + self._turned(turn[1], turn[3], 1, learn)
+        if says > 0.0 and pose.time_s - self._hole_s < UNHEARD_S:
+            says *= UNHEARD
         most = CAP if self._attitude > CALM else FIRST
         self._attitude = max(0.0, self._attitude * fade + max(-CAP, min(says, most)))
         self._quarter(*turn, fade)
@@ -291,7 +296,7 @@ class Obedience:
         self._judge()
         attitude, axes, heading, still = self.evidence
         if (attitude >= LATE_LOOKS or self._lates) and self.late_s == 0.0:
-            late_s = self._lateness_s()
+            late_s = self.lateness_s()
             self._lates = self._lates + 1 if late_s > 0.0 else 0
             if self._lates >= LATE_NODES:
                 self.late_s = late_s
