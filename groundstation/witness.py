@@ -202,12 +202,8 @@ class Witness:
 
     def _judge(self, number: int, steps: int) -> None:
         """Hold both against each other at one instant, so many steps after the last. Written out: it runs in flight."""
-        samples, at, felt, then = (
-            self._seen.samples,
-            number - self._seen.end,
-            self._felt.samples,
-            number - self._felt.end,
-        )
+        samples, felt = self._seen.samples, self._felt.samples
+        at, then = number - self._seen.end, number - self._felt.end
         a, b, c, _ = felt[then]
         x, y, z, _ = samples[at]
         askew_x, askew_y = x - a, y - b
@@ -284,6 +280,7 @@ class _Track:
     def __init__(self) -> None:
         """Nothing taken."""
         self._last: Quat | None = None
+        self._turned = 0.0
         self.end = 0
         """The number of the next instant."""
         self.due_s = math.inf
@@ -309,16 +306,18 @@ class _Track:
         p, q, r, s = attitude
         if a * p + b * q + c * r + d * s < 0.0:
             p, q, r, s = -p, -q, -r, -s
-        while self.due_s <= time_s:
-            share = (self.due_s - last_s) / (time_s - last_s)
-            w, x, y, z = a + share * (p - a), b + share * (q - b), c + share * (r - c), d + share * (s - d)
-            n = w * w + x * x + y * y + z * z
-            turned = 0.0 if self._last is None else self.samples[-1][3] + _turn(self._last, (w, x, y, z)) / n
-            k = 2.0 / n
+        due_s, before, turned = self.due_s, self._last, self._turned
+        while due_s <= time_s:
+            share = (due_s - last_s) / (time_s - last_s)
+            w, x, y, z = at = (a + share * (p - a), b + share * (q - b), c + share * (r - c), d + share * (s - d))
+            k = 2.0 / (w * w + x * x + y * y + z * z)  # between two attitudes it is a little shorter
+            if before is not None:
+                turned += 0.5 * k * _turn(before, at)
             self.samples.append((k * (x * z - w * y), k * (y * z + w * x), 1.0 - k * (x * x + y * y), turned))
-            self._last = w, x, y, z
+            before = at
             self.end += 1
-            self.due_s = self.end * STEP_S
+            due_s = self.end * STEP_S
+        self.due_s, self._last, self._turned = due_s, before, turned
 
 
 class _Turns:
@@ -390,7 +389,8 @@ def _turn(last: Quat, attitude: Quat) -> float:
     """The small turn about the vertical from one attitude to the next [rad]."""
     a, b, c, d = last
     w, x, y, z = attitude
-    return math.copysign(2.0, a * w + b * x + c * y + d * z) * (a * z - d * w + c * x - b * y)
+    half = a * z - d * w + c * x - b * y
+    return 2.0 * half if a * w + b * x + c * y + d * z > 0.0 else -2.0 * half
 
 
 def _leaps(last: Attitude, told: Attitude, since: float) -> bool:
@@ -399,9 +399,9 @@ def _leaps(last: Attitude, told: Attitude, since: float) -> bool:
     w, x, y, z = told.attitude
     if -LEAST < a * z - d * w + c * x - b * y < LEAST:  # nobody turns just against a leap
         return False
-    (p, q, r), (k, l, m) = told.rates_rad_s, last.rates_rad_s
+    (p, q, r), (e, f, g) = told.rates_rad_s, last.rates_rad_s
     gx, gy, gz = 2.0 * (x * z - w * y), 2.0 * (y * z + w * x), 1.0 - 2.0 * (x * x + y * y)
-    by_gyros = 0.5 * since * ((p + k) * gx + (q + l) * gy + (r + m) * gz)
+    by_gyros = 0.5 * since * ((p + e) * gx + (q + f) * gy + (r + g) * gz)
     return abs(_turn(last.attitude, told.attitude) - by_gyros) > LEAP_RAD
 
 
