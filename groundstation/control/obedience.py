@@ -17,6 +17,7 @@ never below zero (Page's CUSUM, Biometrika 41, 1954):
 - attitude: the rivals are a picture that does not answer, y = noise, and one whose axes are a quarter turn off; half
   an answer counts for neither. A rate lag or a gain that is told wrong by half leaves y on the side of c.
 - heading: the turn about the vertical that no command asks for, averaged; a trim of some degrees a second is none.
+  Rotors turn a vehicle about the vertical slowly, by their drag alone: an answer may be late by some tenths of a second.
 - axes: the rival is the best of the seven other maps of the two horizontal axes onto themselves (mirrored, swapped,
   turned by quarter turns), and for the vertical one its mirror image; it must also beat a picture that stands.
 - stillness: |y| is a twentieth of |c|, where wind that the law cancels, one delay late, leaves three tenths; or the
@@ -95,6 +96,8 @@ SETTLES = 4
 """So many nodes the filter takes to know velocity and acceleration."""
 HEADING_S, HEADING_RAD_S = 0.7, 0.25
 """Time constant of a turn about the vertical that no command asks for [s], and what convicts [rad/s]: 14°/s."""
+YAW_LATE_S = 0.55
+"""So late may a turn about the vertical follow its command [s]: PX4 and ArduPilot were seen to take 0.35."""
 LED_S = 1.0
 """So long after it was moved by something else than commands it may still be in somebody's hand [s]."""
 OPPOSED = 3
@@ -181,6 +184,7 @@ class Obedience:
         self.led_s = -math.inf
         """When it was last seen to move, after it had left its way by no command [s]."""
         self._turns: deque[tuple[float, float, float, float, float]] = deque()
+        self._asked: deque[tuple[float, float]] = deque()
         self.restart()
 
     def restart(self) -> None:
@@ -197,6 +201,7 @@ class Obedience:
         self._moved_s = self._swept_s = self._shock_s = self._shocks_s = self._newest_s = -math.inf
         self._nodes = 0
         self._turns.clear()
+        self._asked.clear()
 
     def stands(self, now_s: float) -> bool:
         """Whether the position has not moved by itself or answered a command of late."""
@@ -238,11 +243,11 @@ class Obedience:
         x, y, z = _turn(last, pose.attitude)
         self._seen_x += x
         self._seen_y += y
-        self._strayed += z
+        self._seen_z += z
         x, y, z = _turn(before.attitude, given.attitude)
         self._told_x += x
         self._told_y += y
-        self._strayed -= z
+        self._told_z += z
         half = 0.5 * dt
         m, (ix, iy, iz), (sx, sy, sz), g = -1.0 / self._mass, given.impulse, given.reach, self._gravity
         (px, py, pz), (vx, vy, vz) = self._pushed, self._speed
@@ -281,7 +286,7 @@ class Obedience:
     def _begin(self, pose: Pose) -> None:
         self.answered = 0.0
         self._resets, self._node_s = pose.reset_count, pose.time_s
-        self._seen_x = self._seen_y = self._told_x = self._told_y = self._strayed = 0.0
+        self._seen_x = self._seen_y = self._seen_z = self._told_x = self._told_y = self._told_z = 0.0
         self._pushed = self._speed = (0.0, 0.0, 0.0)
         self._seen = [Filter(x) for x in pose.position_ned]
         self._told = [Filter(0.0) for _ in range(3)]
@@ -294,8 +299,8 @@ class Obedience:
         self._nodes += 1
         fade, learn = 1.0 - h / FADE_S, h / LEARN_S
         turn = self._seen_x, self._seen_y, self._told_x, self._told_y
-        self._heading += min(h / HEADING_S, 1.0) * (self._strayed / h - self._heading)
-        self._seen_x = self._seen_y = self._told_x = self._told_y = self._strayed = 0.0
+        self._heading += min(h / HEADING_S, 1.0) * (self._strays_by(pose.time_s, h) - self._heading)
+        self._seen_x = self._seen_y = self._seen_z = self._told_x = self._told_y = self._told_z = 0.0
         self._turns.append((pose.time_s, *turn))
         while self._turns[0][0] < pose.time_s - LAGS_S:
             self._turns.popleft()
@@ -316,6 +321,15 @@ class Obedience:
         self.largest = max(self.largest, attitude, axes, heading, still)
         if max(attitude, axes, still) < CALM / CONVICTS and heading < SUSPECTS:
             self.calm_s = pose.time_s
+
+    def _strays_by(self, now_s: float, h: float) -> float:
+        """How fast it has turned about the vertical, beyond all that was asked for of late [rad/s]."""
+        asked, seen = self._asked, self._seen_z / h
+        asked.append((now_s, self._told_z / h))
+        while asked[0][0] < now_s - YAW_LATE_S:
+            asked.popleft()
+        rates = [rate for _, rate in asked]
+        return seen - min(max(seen, min(rates)), max(rates))
 
     def _stands(self, pose: Pose, y: list[float], c: list[float], fade: float, noise_m: float) -> None:
         """What one node says of a position that stands; ``noise_m`` is the filter's own [m]."""
