@@ -17,11 +17,14 @@ never below zero (Page's CUSUM, Biometrika 41, 1954):
 - attitude: the rivals are a picture that does not answer, y = noise, and one whose axes are a quarter turn off; half
   an answer counts for neither. A rate lag or a gain that is told wrong by half leaves y on the side of c.
 - heading: the turn about the vertical that no command asks for, averaged; a trim of some degrees a second is none.
-  Rotors turn a vehicle about the vertical slowly, by their drag alone: an answer may be late by some tenths of a second.
+  Rotors turn a vehicle about the vertical slowly, by their drag alone: an answer may be late by some tenths of a
+  second.
 - axes: the rival is the best of the seven other maps of the two horizontal axes onto themselves (mirrored, swapped,
   turned by quarter turns), and for the vertical one its mirror image; it must also beat a picture that stands.
 - stillness: |y| is a twentieth of |c|, where wind that the law cancels, one delay late, leaves three tenths; or the
   position was stopped dead. This alone is a suspicion: a tether that holds the vehicle looks the same.
+
+How an autopilot's own estimate wanders is measured while the vehicle stands, and added to the noise of positions.
 
 The scale of the noise is measured by what the best rival leaves, and a node that none explains counts little: a hand,
 a push or a reset speaks for neither. docs/explanation/guards.md has the curve of detection time against false alarms.
@@ -87,6 +90,10 @@ ARREST_M, ARREST_S, STANDS_M = 0.018, 0.4, 0.01
 within so much [m] has been stopped dead: no wind does that."""
 FILTER_NOISE = 2.0
 """The filter's innovation has so much of a pose's own noise [-]."""
+RESTS_M, RESTS_S = 0.03, 5.0
+"""A position that stands wanders by so much from node to node at most [m]; the mean of so long counts [s]."""
+ASTRAY_M = 0.5
+"""However long it wanders, it does not go farther [m]: something holds it, as GPS or a barometer."""
 THETA = 0.6
 """Memory of the filter: what it knows fades by this factor from node to node [-]."""
 ALPHA, BETA, GAMMA = 1.0 - THETA**3, 1.5 * (1.0 - THETA**2) * (1.0 - THETA), (1.0 - THETA) ** 3
@@ -173,6 +180,8 @@ class Obedience:
         self._turn_variance = [TURN_NOISE_RAD**2] * 2
         self._bias, self._bias_variance = [0.0, 0.0], [TRIM_RAD**2] * 2
         self._wind = [WIND_M**2] * 2
+        self._rested: Pose | None = None
+        self._rests, self._wander = 0.0, 0.0
         self.windows = 0
         """Nodes looked at."""
         self.largest = 0.0
@@ -202,6 +211,20 @@ class Obedience:
         self._nodes = 0
         self._turns.clear()
         self._asked.clear()
+
+    def rest(self, pose: Pose) -> None:
+        """Take one pose of a vehicle that stands on the floor: it moves only by how its position is measured."""
+        last = self._rested
+        if last is None or pose.reset_count != last.reset_count or pose.time_s - last.time_s > GAP_S:
+            self._rested = pose
+        elif pose.time_s - last.time_s >= NODE_S - 1e-6:
+            moved = min(math.dist(pose.position_ned, last.position_ned), RESTS_M)
+            self._rests += (moved * moved / 3.0 - self._rests) * (NODE_S / RESTS_S)
+            self._rested = pose
+
+    def astray_m(self, since_s: float) -> float:
+        """How far an estimate that wanders may have gone in so long [s]: two sigma [m]."""
+        return min(2.0 * math.sqrt(0.5 * self._wander * max(since_s, 0.0) / NODE_S), ASTRAY_M)
 
     def stands(self, now_s: float) -> bool:
         """Whether the position has not moved by itself or answered a command of late."""
@@ -309,6 +332,8 @@ class Obedience:
         self._attitude = max(0.0, self._attitude * fade + max(-CAP, min(says, most)))
         self._quarter(*turn, fade)
         self.answered = max(0.0, self.answered - max(says, -CAP))
+        # White noise moves it by √2 of itself from node to node; much more than that is an estimate that wanders.
+        self._wander = max(2.0 * (self._rests - 3.0 * noise_m * noise_m), 0.0)
         # What the filter does not know grows with the square of the time.
         k = min(1.0, NODE_S * NODE_S / (h * h))
         y = [k * f.innovation(x, h) for f, x in zip(self._seen, pose.position_ned, strict=True)]
@@ -316,7 +341,7 @@ class Obedience:
         if self._nodes > SETTLES:
             self._across(y[0], y[1], c[0], c[1], fade)
             self._down(y[2], c[2], fade)
-            self._stands(pose, y, c, fade, FILTER_NOISE * noise_m)
+            self._stands(pose, y, c, fade, math.sqrt((FILTER_NOISE * noise_m) ** 2 + self._wander))
         attitude, axes, heading, still = self.evidence
         self.largest = max(self.largest, attitude, axes, heading, still)
         if max(attitude, axes, still) < CALM / CONVICTS and heading < SUSPECTS:
@@ -333,7 +358,7 @@ class Obedience:
 
     def _stands(self, pose: Pose, y: list[float], c: list[float], fade: float, noise_m: float) -> None:
         """What one node says of a position that stands; ``noise_m`` is the filter's own [m]."""
-        own, says, strays = noise_m * noise_m, 0.0, False
+        own, says, strays, wander = noise_m * noise_m, 0.0, False, 3.0 * math.sqrt(self._wander)
         leaves = math.hypot(*y) - math.hypot(*c)
         far = math.dist(self._place, pose.position_ned) > SWEPT_M
         if far:  # what goes somewhere does not stand, however steadily it goes
@@ -354,7 +379,7 @@ class Obedience:
         if math.hypot(*y) > SWEPT_M:
             self._swept_s = pose.time_s
             strays = math.dist(y, c) > SWEPT_M
-            if leaves > SHOCK_M:
+            if leaves > SHOCK_M + wander:
                 if pose.time_s - self._shocks_s > SWEPT_S:  # what goes on pushing is no shock
                     self._shock_s = pose.time_s
                 self._shocks_s = pose.time_s
@@ -366,7 +391,7 @@ class Obedience:
             self._stopped_s = pose.time_s - arrest.time_s
             if moved > STANDS_M + 2.0 * noise_m or self._stopped_s > 2.0 * ARREST_S:
                 self._arrest, self._stopped_s, self.led_s = None, 0.0, pose.time_s
-        if leaves > ARREST_M + 2.0 * (math.sqrt(max(self._wind)) - WIND_M):
+        if leaves > ARREST_M + wander + 2.0 * (math.sqrt(max(self._wind)) - WIND_M):
             # It leaves its way, and not by our doing: a gust, a hand, or the end of what was true.
             self._arrest = pose
 
@@ -402,21 +427,21 @@ class Obedience:
         """What one node says of the two horizontal axes."""
         xx, yy, xy, yx = x * cx, y * cy, x * cy, y * cx
         told, seen = cx * cx + cy * cy, x * x + y * y
-        wind, both = self._wind[0], seen + told
+        wind, both = self._wind[0] + self._wander, seen + told
         rest = min(both - 2.0 * (xx + yy), seen)
         best = rest
         for i, image in enumerate((-xx - yy, yy - xx, xx - yy, xy + yx, -xy - yx, yx - xy, xy - yx)):
             off = both - 2.0 * image
             self._maps[i] = _summed(self._maps[i], fade, rest - off, max(wind, off / IMAGE), off, i < OPPOSED)
             best = min(best, off)
-        self._wind[0] = _learnt(wind, 0.5 * best)
+        self._wind[0] = _learnt(self._wind[0], 0.5 * best)
 
     def _down(self, z: float, c: float, fade: float) -> None:
         """What one node says of the vertical axis."""
-        off, wind = (z + c) ** 2, self._wind[1]
+        off, wind = (z + c) ** 2, self._wind[1] + self._wander
         rest = min((z - c) ** 2, z * z)
         self._maps[7] = _summed(self._maps[7], fade, rest - off, max(wind, off / IMAGE), off, True)
-        self._wind[1] = _learnt(wind, min(rest, off))
+        self._wind[1] = _learnt(self._wind[1], min(rest, off))
 
 
 def _learnt(wind: float, best: float) -> float:
