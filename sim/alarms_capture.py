@@ -23,8 +23,9 @@ from groundstation.shadow.recording import Recording, read_recording
 from groundstation.shadow.vehicle import completed, described, latency_s, mavlink
 from sim.alarms import KINDS, SHARES, Alarms, Watched
 
-BEFORE_S = 1.0
-"""From so long before a flight on the estimator hears its poses and set-points [s]."""
+BEFORE_S, STOOD_S = 10.0, 1.0
+"""From so long before a flight on its poses and set-points are heard, and in the last of that it stood where its floor
+is [s]."""
 
 
 class _Obeying(Pilot):
@@ -66,7 +67,7 @@ def _flown(number: int, recording: Recording, shares: list[float], config: Confi
     poses = [seen.pose for seen in recording.poses]
     lifts_s, ends_s = poses[begin].arrival_s, poses[end - 1].arrival_s
     from_s, full_n = lifts_s - BEFORE_S, config.full_thrust_n
-    stood = [pose.position_ned[2] for pose in poses[:begin] if pose.arrival_s >= from_s]
+    stood = [pose.position_ned[2] for pose in poses[:begin] if pose.arrival_s >= lifts_s - STOOD_S]
     floor_z_m = mean(stood) if stood else math.inf  # a recording may begin in the air
     pilot = _Obeying(config.vehicle, config.controller, config.flight.coast_s, floor_z_m)
     conviction, said, evidence = Conviction(), list[str](), list[Contradiction]()
@@ -91,7 +92,11 @@ def _flown(number: int, recording: Recording, shares: list[float], config: Confi
         charge = conviction.look(pilot.evidence, time_s, led=pilot.monitor.led(time_s))
         if conviction.says.startswith("suspicion"):
             said.append(f"{time_s:.1f} s: {conviction.says}")
-        late = f"convicted: the poses are {1e3 * pilot.late_s:.0f} ms older than they say" if pilot.late_s else ""
+        late = (
+            f"convicted: the poses are {1e3 * pilot.monitor.late_s:.0f} ms older than they say"
+            if pilot.monitor.late_s
+            else ""
+        )
         ended = late or ("" if charge is None else charge.reason)
         if ended:
             said.append(f"{time_s:.1f} s: {ended}")
