@@ -99,6 +99,7 @@ class Pilot:
         self._watch = Watch(vehicle, config)
         self._obedience = Obedience(vehicle.mass_kg, config.gravity)
         self._lifted = self._climbed = False
+        self._lifted_s = -math.inf
         self._pushed_since_s: float | None = None
         self._trusted: deque[Trusted] = deque()
         self._drives: deque[tuple[float, Drive]] = deque()
@@ -126,7 +127,9 @@ class Pilot:
         if self._pose is None or pose.time_s > self._pose.time_s:
             before = self._estimator.motion
             self._estimator.pose(pose)
-            if before is not None and self._released:
+            if not self._released:
+                self._obedience.rest(pose)
+            elif before is not None:
                 self._obeys(pose, before)
             self._pose = pose
             self._poses += 1
@@ -267,6 +270,7 @@ class Pilot:
         motion = self._estimator.motion
         assert motion is not None, "nothing flies without a pose"
         self._obedience.restart()
+        self._lifted_s = self._newest_s
         self._trusted.clear()
         self._trusted.append(Trusted(self._newest_s, motion, disturbance, self._estimator.effectiveness))
 
@@ -276,7 +280,8 @@ class Pilot:
         motion = estimator.motion
         if given is None or motion is None:
             return
-        high = self._floor - pose.position_ned[2] > NEAR_FLOOR_M
+        astray_m = self._obedience.astray_m(pose.time_s - self._lifted_s)
+        high = self._floor - pose.position_ned[2] > NEAR_FLOOR_M + astray_m
         self._climbed = self._climbed or high
         wind = self._wind or (0.0, 0.0, 0.0)
         gust = math.dist(estimator.disturbance, wind)

@@ -68,6 +68,8 @@ class Images:
         """Nothing seen."""
         self.wind = [WIND_M**2] * 2
         """Variance of what wind leaves in the filter, across and down [m²]."""
+        self.wander = 0.0
+        """Variance of what an estimate that wanders adds to that, on each axis [m²]."""
         self.restart()
 
     def restart(self) -> None:
@@ -119,22 +121,24 @@ class Images:
         """What one node says of the two horizontal axes."""
         xx, yy, xy, yx = x * cx, y * cy, x * cy, y * cx
         told, seen = cx * cx + cy * cy, x * x + y * y
-        wind, both = self.wind[0], seen + told
+        wind, both = self.wind[0] + self.wander, seen + told
         rest = min(both - 2.0 * (xx + yy), seen)
         images = (-xx - yy, yy - xx, xx - yy, xy + yx, -xy - yx, yx - xy, xy - yx)
         best = min(rest, both - 2.0 * max(images))
         if best < rest or self.evidence > 0.0:  # else it says nothing, as nearly always
+            exact = EXACT_M * EXACT_M + self.wander
             for i, image in enumerate(images):
-                off = both - 2.0 * image
-                self._maps[i] = _summed(self._maps[i], fade, rest - off, max(wind, off / EXPLAINS), off, i < OPPOSED)
-        self.wind[0] = _learnt(wind, 0.5 * best)
+                off, opposed = both - 2.0 * image, exact if i < OPPOSED else None
+                self._maps[i] = _summed(self._maps[i], fade, rest - off, max(wind, off / EXPLAINS), off, opposed)
+        self.wind[0] = _learnt(self.wind[0], 0.5 * best)
 
     def _down(self, z: float, c: float, fade: float) -> None:
         """What one node says of the vertical axis."""
-        off, wind = (z + c) ** 2, self.wind[1]
+        off, wind = (z + c) ** 2, self.wind[1] + self.wander
         rest = min((z - c) ** 2, z * z)
-        self._maps[7] = _summed(self._maps[7], fade, rest - off, max(wind, off / EXPLAINS), off, True)
-        self.wind[1] = _learnt(wind, min(rest, off))
+        exact = EXACT_M * EXACT_M + self.wander
+        self._maps[7] = _summed(self._maps[7], fade, rest - off, max(wind, off / EXPLAINS), off, exact)
+        self.wind[1] = _learnt(self.wind[1], min(rest, off))
 
 
 def _learnt(wind: float, best: float) -> float:
@@ -143,12 +147,13 @@ def _learnt(wind: float, best: float) -> float:
     return max(wind + share * (min(best, 9.0 * wind) - wind), WIND_M * WIND_M)
 
 
-def _summed(evidence: float, fade: float, gain: float, variance: float, off: float, opposed: bool) -> float:
+def _summed(evidence: float, fade: float, gain: float, variance: float, off: float, exact: float | None) -> float:
     """The evidence after a node in which a rival explains all but ``off`` [m²], and ``gain`` [m²] more than the others.
 
-    What is ``opposed`` to a command, and answers it exactly, is no wind: the wind comes first, and commands oppose it.
+    What is opposed to a command, and answers it as exactly as ``exact`` [m²], is no wind: the wind comes first, and
+    commands oppose it. None for what is not opposed.
     """
     says = gain / (2.0 * variance)
-    if opposed and gain > SMALLEST_M * SMALLEST_M:
-        says = max(says, math.log((gain + off + EXACT_M * EXACT_M) / (off + EXACT_M * EXACT_M)))
+    if exact is not None and gain > SMALLEST_M * SMALLEST_M:
+        says = max(says, math.log((gain + off + exact) / (off + exact)))
     return max(0.0, evidence * fade + max(-CAP, min(says, CAP)))

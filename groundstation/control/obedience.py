@@ -17,10 +17,14 @@ never below zero (Page's CUSUM, Biometrika 41, 1954):
 - attitude: the rivals are a picture that does not answer, y = noise, and one whose axes are a quarter turn off; half
   an answer counts for neither. A rate lag or a gain that is told wrong by half leaves y on the side of c.
 - heading: the turn about the vertical that no command asks for, averaged; a trim of some degrees a second is none.
+  Rotors turn a vehicle about the vertical slowly, by their drag alone: an answer may be late by some tenths of a
+  second.
 - axes: the rival is the best of the seven other maps of the two horizontal axes onto themselves (mirrored, swapped,
   turned by quarter turns), and for the vertical one its mirror image; it must also beat a picture that stands.
 - stillness: |y| is a twentieth of |c|, where wind that the law cancels, one delay late, leaves three tenths; or the
   position was stopped dead. This alone is a suspicion: a tether that holds the vehicle looks the same.
+
+How an autopilot's own estimate wanders is measured while the vehicle stands, and added to the noise of positions.
 
 The scale of the noise is measured by what the best rival leaves, and a node that none explains counts little: a hand,
 a push or a reset speaks for neither. docs/explanation/guards.md has the curve of detection time against false alarms.
@@ -87,8 +91,14 @@ ARREST_M, ARREST_S, STANDS_M = 0.018, 0.4, 0.01
 within so much [m] has been stopped dead: no wind does that."""
 FILTER_NOISE = 2.0
 """The filter's innovation has so much of a pose's own noise [-]."""
+RESTS_M, RESTS_S = 0.03, 5.0
+"""A position that stands wanders by so much from node to node at most [m]; the mean of so long counts [s]."""
+ASTRAY_M = 0.5
+"""However long it wanders, it does not go farther [m]: something holds it, as GPS or a barometer."""
 HEADING_S, HEADING_RAD_S = 0.7, 0.25
 """Time constant of a turn about the vertical that no command asks for [s], and what convicts [rad/s]: 14°/s."""
+YAW_LATE_S = 0.55
+"""So late may a turn about the vertical follow its command [s]: PX4 and ArduPilot were seen to take 0.35."""
 LED_S = 1.0
 """So long after it was moved by something else than commands it may still be in somebody's hand [s]."""
 LATE_LOOKS, LATE_NODES = 0.3, 3
@@ -130,6 +140,8 @@ class Obedience:
         self._bias, self._bias_variance = [0.0, 0.0], [TRIM_RAD**2] * 2
         self._images = (Images(), Images())
         """The second's nodes lie between the first's: what spreads doubles in a node."""
+        self._rested: Pose | None = None
+        self._rests, self._wander = 0.0, 0.0
         self.windows = 0
         """Nodes looked at."""
         self.largest = 0.0
@@ -143,6 +155,7 @@ class Obedience:
         self.late_s = 0.0
         """By how much the poses turned out to be older than they say, by what the commands did [s]."""
         self._turns: deque[tuple[float, float, float, float, float]] = deque()
+        self._asked: deque[tuple[float, float]] = deque()
         self.restart()
 
     def restart(self) -> None:
@@ -160,8 +173,23 @@ class Obedience:
         for images in self._images:
             images.restart()
         self._turns.clear()
+        self._asked.clear()
         self.evidence = Contradiction(0.0, 0.0, 0.0, 0.0)
         """As it stands."""
+
+    def rest(self, pose: Pose) -> None:
+        """Take one pose of a vehicle that stands on the floor: it moves only by how its position is measured."""
+        last = self._rested
+        if last is None or pose.reset_count != last.reset_count or pose.time_s - last.time_s > GAP_S:
+            self._rested = pose
+        elif pose.time_s - last.time_s >= NODE_S - 1e-6:
+            moved = min(math.dist(pose.position_ned, last.position_ned), RESTS_M)
+            self._rests += (moved * moved / 3.0 - self._rests) * (NODE_S / RESTS_S)
+            self._rested = pose
+
+    def astray_m(self, since_s: float) -> float:
+        """How far an estimate that wanders may have gone in so long [s]: two sigma [m]."""
+        return min(2.0 * math.sqrt(0.5 * self._wander * max(since_s, 0.0) / NODE_S), ASTRAY_M)
 
     def stands(self, now_s: float) -> bool:
         """Whether the position has not moved by itself or answered a command of late."""
@@ -195,11 +223,11 @@ class Obedience:
         x, y, z = _turn(last, pose.attitude)
         self._seen_x += x
         self._seen_y += y
-        self._strayed += z
+        self._seen_z += z
         x, y, z = _turn(before.attitude, given.attitude)
         self._told_x += x
         self._told_y += y
-        self._strayed -= z
+        self._told_z += z
         half = 0.5 * dt
         m, (ix, iy, iz), (sx, sy, sz), g = -1.0 / self._mass, given.impulse, given.reach, self._gravity
         (px, py, pz), (vx, vy, vz) = self._pushed, self._speed
@@ -241,7 +269,7 @@ class Obedience:
     def _begin(self, pose: Pose) -> None:
         self.answered = 0.0
         self._resets, self._node_s = pose.reset_count, pose.time_s
-        self._seen_x = self._seen_y = self._told_x = self._told_y = self._strayed = 0.0
+        self._seen_x = self._seen_y = self._seen_z = self._told_x = self._told_y = self._told_z = 0.0
         self._pushed = self._speed = (0.0, 0.0, 0.0)
         for images in self._images:
             images.begin(pose.time_s, pose.position_ned, self._pushed)
@@ -277,8 +305,8 @@ class Obedience:
         self._flown += 1
         fade, learn = 1.0 - h / FADE_S, h / LEARN_S
         turn = self._seen_x, self._seen_y, self._told_x, self._told_y
-        self._heading += min(h / HEADING_S, 1.0) * (self._strayed / h - self._heading)
-        self._seen_x = self._seen_y = self._told_x = self._told_y = self._strayed = 0.0
+        self._heading += min(h / HEADING_S, 1.0) * (self._strays_by(pose.time_s, h) - self._heading)
+        self._seen_x = self._seen_y = self._seen_z = self._told_x = self._told_y = self._told_z = 0.0
         self._turns.append((pose.time_s, *turn))
         while self._turns[0][0] < pose.time_s - LAGS_S:
             self._turns.popleft()
@@ -289,10 +317,14 @@ class Obedience:
         self._attitude = max(0.0, self._attitude * fade + max(-CAP, min(says, most)))
         self._quarter(*turn, fade)
         self.answered = max(0.0, self.answered - max(says, -CAP))
+        # White noise moves it by √2 of itself from node to node; much more than that is an estimate that wanders.
+        self._wander = max(2.0 * (self._rests - 3.0 * noise_m * noise_m), 0.0)
+        for images in self._images:
+            images.wander = self._wander
         images = self._images[0]
         seen, told = images.node(pose.time_s, pose.position_ned, self._pushed, fade, NODE_S)
         if images.nodes > SETTLES:
-            self._stands(pose, seen, told, fade, FILTER_NOISE * noise_m)
+            self._stands(pose, seen, told, fade, math.sqrt((FILTER_NOISE * noise_m) ** 2 + self._wander))
         self._judge()
         attitude, axes, heading, still = self.evidence
         if (attitude >= LATE_LOOKS or self._lates) and self.late_s == 0.0:
@@ -303,9 +335,18 @@ class Obedience:
         if max(attitude, axes, still) < CALM / CONVICTS and heading < SUSPECTS:
             self.calm_s = pose.time_s
 
+    def _strays_by(self, now_s: float, h: float) -> float:
+        """How fast it has turned about the vertical, beyond all that was asked for of late [rad/s]."""
+        asked, seen = self._asked, self._seen_z / h
+        asked.append((now_s, self._told_z / h))
+        while asked[0][0] < now_s - YAW_LATE_S:
+            asked.popleft()
+        rates = [rate for _, rate in asked]
+        return seen - min(max(seen, min(rates)), max(rates))
+
     def _stands(self, pose: Pose, y: Vec3, c: Vec3, fade: float, noise_m: float) -> None:
         """What one node says of a position that stands; ``noise_m`` is the filter's own [m]."""
-        own, says, strays = noise_m * noise_m, 0.0, False
+        own, says, strays, wander = noise_m * noise_m, 0.0, False, 3.0 * math.sqrt(self._wander)
         leaves = math.hypot(*y) - math.hypot(*c)
         far = math.dist(self._place, pose.position_ned) > SWEPT_M
         if far:  # what goes somewhere does not stand, however steadily it goes
@@ -326,7 +367,7 @@ class Obedience:
         if math.hypot(*y) > SWEPT_M:
             self._swept_s = pose.time_s
             strays = math.dist(y, c) > SWEPT_M
-            if leaves > SHOCK_M:
+            if leaves > SHOCK_M + wander:
                 if pose.time_s - self._shocks_s > SWEPT_S:  # what goes on pushing is no shock
                     self._shock_s = pose.time_s
                 self._shocks_s = pose.time_s
@@ -338,7 +379,7 @@ class Obedience:
             self._stopped_s = pose.time_s - arrest.time_s
             if moved > STANDS_M + 2.0 * noise_m or self._stopped_s > 2.0 * ARREST_S:
                 self._arrest, self._stopped_s, self.led_s = None, 0.0, pose.time_s
-        if leaves > ARREST_M + 2.0 * (math.sqrt(max(self._images[0].wind)) - WIND_M):
+        if leaves > ARREST_M + wander + 2.0 * (math.sqrt(max(self._images[0].wind)) - WIND_M):
             # It leaves its way, and not by our doing: a gust, a hand, or the end of what was true.
             self._arrest = pose
 
