@@ -6,6 +6,7 @@ import pytest
 
 from groundstation.core.geometry.ops import FLOATS, arrays
 from groundstation.core.pilot import Pilot
+from sim import bench_monitor
 from sim.__main__ import main
 from sim.time.turns import in_turns, percentile
 from tests.proving.bench import allocation as bench_allocation
@@ -24,6 +25,8 @@ from tests.proving.fuzz.pose_bytes import FLIGHTS
 @pytest.mark.real_time
 def test_every_measurement_gives_json_and_words(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(bench_tick, "TICKS", 100)
+    monkeypatch.setattr(bench_monitor, "TICKS", 100)
+    monkeypatch.setattr(bench_monitor, "ROUNDS", 1)
     monkeypatch.setattr(bench_flight, "DURATION_S", 0.5)
     monkeypatch.setattr(bench_flight, "ROUNDS", 1)
     monkeypatch.setattr(bench_latency, "RATES_HZ", (100,))

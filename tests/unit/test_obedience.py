@@ -12,7 +12,8 @@ from hypothesis import strategies as st
 from groundstation.core.geometry.ops import Quat, Vec3
 from groundstation.core.geometry.so3 import multiply, third_column, turned
 from groundstation.core.messages.pose import Pose
-from groundstation.core.safety.obedience import EXPANDS, GAP_S, NODE_S, SUSPECTS, Filter, Obedience
+from groundstation.core.safety.images import EXPANDS, Filter
+from groundstation.core.safety.obedience import GAP_S, NODE_S, SUSPECTS, Obedience
 from groundstation.core.vehicle.model import Driven, Motion
 
 G, MASS_KG, PERIOD_S = 9.81, 0.5, 0.01
