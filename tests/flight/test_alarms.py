@@ -12,10 +12,10 @@ import pytest
 from groundstation.core.geometry import so3
 from groundstation.core.geometry.ops import Quat, Vec3
 from sim.__main__ import main
-from sim.alarms_capture import captured as recorded_flights
 from tests import shadow_flight
 from tests.proving.alarms import command as alarms_command
 from tests.proving.alarms.alarms import KINDS, SHARES, Alarms, Watched, detections, watch_all
+from tests.proving.alarms.capture import captured as recorded_flights
 from tests.shadow_flight import GRAVITY, NOTHING, VEHICLE, D
 
 GOLDEN = Path(__file__).parents[1] / "golden"

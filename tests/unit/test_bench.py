@@ -6,7 +6,6 @@ import pytest
 
 from groundstation.core.geometry.ops import FLOATS, arrays
 from groundstation.core.pilot import Pilot
-from sim import bench_monitor
 from sim.__main__ import main
 from sim.time.turns import in_turns, percentile
 from tests.proving.bench import allocation as bench_allocation
@@ -15,6 +14,7 @@ from tests.proving.bench import bench
 from tests.proving.bench import decode as bench_decode
 from tests.proving.bench import flight as bench_flight
 from tests.proving.bench import latency as bench_latency
+from tests.proving.bench import monitor as bench_monitor
 from tests.proving.bench import recording as bench_recording
 from tests.proving.bench import screen as bench_screen
 from tests.proving.bench import tick as bench_tick

@@ -59,7 +59,7 @@ def alarms(args: argparse.Namespace) -> int:
 
 
 def _captured(args: argparse.Namespace) -> int:
-    from sim.alarms_capture import captured
+    from tests.proving.alarms.capture import captured
 
     for option, given in (("--scenario", args.scenario), ("--curve", args.curve or None), ("--write", args.write)):
         if given is not None:

@@ -9,11 +9,11 @@ from typing import TYPE_CHECKING, Any
 from groundstation.core.control.adaptive import Adaptive
 from groundstation.core.estimation.estimator import ModelEstimator
 from groundstation.core.pilot import Pilot
-from sim.bench_monitor import GOAL_SHARE, monitor
 from sim.runs.fly import fly
 from sim.scenarios.prepare import prepare
 from sim.scenarios.scenarios import SCENARIOS
 from sim.time.turns import percentile
+from tests.proving.bench.monitor import GOAL_SHARE, monitor
 
 if TYPE_CHECKING:
     from tests.proving.bench.bench import Options
