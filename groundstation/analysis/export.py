@@ -10,10 +10,9 @@ from typing import Any, TextIO
 import msgspec
 
 from groundstation.config.load import ConfigError
-from groundstation.pose.sources.csv_codec import COLUMNS, Row, encode
-from groundstation.recording.channels import CHANNELS, Measured
+from groundstation.pose.recorded.csv_codec import COLUMNS, Row, encode
+from groundstation.recording.channels import CHANNELS, Measured, schema
 from groundstation.recording.reader import NoRecording, Recording
-from groundstation.recording.schema import schema
 from groundstation.runtime.flights import for_us_alone
 
 

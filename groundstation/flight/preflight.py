@@ -3,8 +3,7 @@
 from pathlib import Path
 
 from groundstation.config.load import ConfigError
-from groundstation.core.trajectory.check import Report, check, refusal
-from groundstation.core.trajectory.demands import Demand
+from groundstation.core.trajectory.check import Demand, Report, check, refusal
 from groundstation.settings.settings import Config
 from links.bridge.link import BridgeLinkConfig
 from links.io.key_file import read_key

@@ -3,12 +3,12 @@
 from groundstation.config.load import ConfigError
 from groundstation.core.messages.bodies import Others
 from groundstation.core.messages.pose import PoseSource
-from groundstation.pose.sources.csv import CsvConfig
+from groundstation.pose.recorded.csv import CsvConfig
+from groundstation.pose.recorded.tlog import TlogConfig
 from groundstation.pose.sources.json import JsonConfig
 from groundstation.pose.sources.mavlink import MavlinkPoseConfig, MavlinkPoseSource
 from groundstation.pose.sources.natnet import NatNetConfig
 from groundstation.pose.sources.qualisys import QualisysConfig
-from groundstation.pose.sources.tlog import TlogConfig
 from groundstation.pose.sources.vicon import ViconConfig
 from groundstation.pose.sources.vision import VisionConfig
 from links.core.port import CommandLink

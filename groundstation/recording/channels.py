@@ -1,14 +1,96 @@
-"""The channels of a recording: topic → type of its messages, in JSON, each with its JSON schema (schema.py).
+"""The channels of a recording: topic → type of its messages, in JSON, each with its JSON schema.
 
-``/pose``, ``/tf`` and ``/log`` are Foxglove's own (foxglove.py); the others are typed here. Names end in units; world
+``/pose``, ``/tf`` and ``/log`` are Foxglove's own; the others are typed here. Names end in units; world
 NED, body FRD; ``time_s`` is the event loop's clock [s], the log time its wall time.
+
+The JSON schema of a channel's messages, as Foxglove reads it.
+
+Messages with Foxglove's own schemas, which its panels know how to draw (foxglove-sdk, schemas/jsonschema).
 """
+
+import json
+from typing import Any
 
 import msgspec
 
+from groundstation.core.geometry.ops import Quat, Vec3
 from groundstation.core.messages.pose import PoseStatus
-from groundstation.recording.foxglove import FrameTransform, Log, PoseInFrame, Quaternion, Vector3
 from links.core.port import LinkStatus
+
+WORLD, VEHICLE = "world_ned", "vehicle"
+"""Frames of /tf and /pose."""
+DISPLAY = "world"
+"""The same world with z up, for screens: its x is north, its y is west."""
+
+
+class Vector3(msgspec.Struct, frozen=True, gc=False):
+    """Three components."""
+
+    x: float
+    y: float
+    z: float
+
+
+class Quaternion(msgspec.Struct, frozen=True, gc=False):
+    """Body to world, unit."""
+
+    x: float
+    y: float
+    z: float
+    w: float
+
+
+def vector(v: Vec3) -> Vector3:
+    """The same, with names."""
+    return Vector3(v[0], v[1], v[2])
+
+
+def quaternion(q: Quat) -> Quaternion:
+    """The same, with names."""
+    return Quaternion(q[1], q[2], q[3], q[0])
+
+
+class Time(msgspec.Struct, frozen=True, gc=False):
+    """Since 1970, or since the beginning of virtual time."""
+
+    sec: int
+    nsec: int
+
+
+class FoxglovePose(msgspec.Struct, frozen=True, gc=False):
+    """foxglove.Pose."""
+
+    position: Vector3
+    orientation: Quaternion
+
+
+class PoseInFrame(msgspec.Struct, frozen=True, gc=False):
+    """foxglove.PoseInFrame."""
+
+    timestamp: Time
+    frame_id: str
+    pose: FoxglovePose
+
+
+class FrameTransform(msgspec.Struct, frozen=True, gc=False):
+    """foxglove.FrameTransform."""
+
+    timestamp: Time
+    parent_frame_id: str
+    child_frame_id: str
+    translation: Vector3
+    rotation: Quaternion
+
+
+class Log(msgspec.Struct, frozen=True, gc=False):
+    """foxglove.Log; level 2 is info, 3 a warning."""
+
+    timestamp: Time
+    level: int
+    message: str
+    name: str
+    file: str
+    line: int
 
 
 class Measured(msgspec.Struct, frozen=True, gc=False):
@@ -233,3 +315,29 @@ CHANNELS: dict[str, tuple[str, type[msgspec.Struct]]] = {
     "/raw/sent": ("groundstation.RawSent", RawSent),
 }
 """Topic → name of its schema, and type of its messages."""
+
+
+def schema(name: str, message: type[msgspec.Struct]) -> bytes:
+    """The JSON schema of ``message``, titled ``name``, without references and unions: Foxglove follows none.
+
+    What may be null is not required, and has the type that it has otherwise.
+    """
+    (top,), parts = msgspec.json.schema_components([message], ref_template="{name}")
+    whole = _inlined(parts[top["$ref"]], parts)
+    return json.dumps({**whole, "title": name}).encode()
+
+
+def _inlined(part: Any, parts: dict[str, Any]) -> Any:
+    if isinstance(part, list):
+        return [_inlined(item, parts) for item in part]
+    if not isinstance(part, dict):
+        return part
+    if "$ref" in part:
+        return _inlined(parts[part["$ref"]], parts)
+    if "anyOf" in part:
+        return _inlined(next(kind for kind in part["anyOf"] if kind != {"type": "null"}), parts)
+    whole = {key: _inlined(value, parts) for key, value in part.items() if key not in ("title", "default")}
+    if "properties" in part:
+        always = [key for key in part.get("required", ()) if "anyOf" not in part["properties"][key]]
+        whole["required"] = always
+    return {"title": "time", **whole} if part.get("title") == "Time" else whole  # by this Foxglove knows a time

@@ -8,7 +8,7 @@ import msgspec
 from groundstation.core.geometry.ops import Quat, Vec3
 from groundstation.core.pilot import Tick
 from groundstation.recording import channels as ch
-from groundstation.recording.foxglove import (
+from groundstation.recording.channels import (
     DISPLAY,
     VEHICLE,
     WORLD,

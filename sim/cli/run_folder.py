@@ -12,8 +12,8 @@ import msgspec
 
 from groundstation.config.load import ConfigError, dump
 from groundstation.core.messages.pose import Pose
-from groundstation.pose.sources import csv_codec
-from groundstation.pose.sources.csv import IN_RUN_FOLDER
+from groundstation.pose.recorded import csv_codec
+from groundstation.pose.recorded.csv import IN_RUN_FOLDER
 from groundstation.recording.log import FlightLog
 from groundstation.recording.recorded import about
 from groundstation.recording.records import Ended, Record, Ticked, Told

@@ -9,7 +9,7 @@ from groundstation.pose.intake.multicast import send_by
 from groundstation.pose.sources import natnet_codec as natnet
 from groundstation.pose.sources import natnet_models_codec
 from groundstation.pose.sources.natnet import NatNetConfig
-from groundstation.pose.sources.natnet_payload import Unreadable
+from groundstation.pose.sources.natnet_codec import Unreadable
 from links.io.address import parse_address
 from sim.trackers.trackers import CLOCK_AHEAD_S, Seen
 

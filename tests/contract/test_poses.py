@@ -18,14 +18,14 @@ from groundstation.core.geometry import so3
 from groundstation.core.geometry.frames import Alignment
 from groundstation.core.messages.pose import Pose, PoseSource
 from groundstation.pose.kinds import PoseConfig, make_source
-from groundstation.pose.sources.csv import CsvConfig
-from groundstation.pose.sources.csv_codec import Row, encode
+from groundstation.pose.recorded.csv import CsvConfig
+from groundstation.pose.recorded.csv_codec import Row, encode
+from groundstation.pose.recorded.tlog import TlogConfig
 from groundstation.pose.sources.json import JsonConfig
 from groundstation.pose.sources.mavlink import MavlinkPoseConfig
 from groundstation.pose.sources.natnet import NatNetConfig
 from groundstation.pose.sources.natnet_codec import Version
 from groundstation.pose.sources.qualisys import QualisysConfig
-from groundstation.pose.sources.tlog import TlogConfig
 from groundstation.pose.sources.vicon import ViconConfig
 from groundstation.pose.sources.vision import VisionConfig
 from groundstation.runtime.clock import sleep_until

@@ -13,7 +13,7 @@ from contextlib import suppress
 from pathlib import Path
 from statistics import median
 
-from groundstation.pose.sources.tlog_codec import TlogReader
+from groundstation.pose.recorded.tlog_codec import TlogReader
 from groundstation.recording.process import BACKLOG_BYTES, RecorderProcess
 from groundstation.recording.reader import Recording
 from groundstation.recording.recorded import about

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from groundstation.pose.sources.tlog_codec import TlogReader
+from groundstation.pose.recorded.tlog_codec import TlogReader
 from sim.scenarios.scenarios import SCENARIOS
 from tests.e2e.stations import free_udp_port, served
 

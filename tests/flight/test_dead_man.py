@@ -10,9 +10,9 @@ import pytest
 
 from groundstation.core.mission.mission import State
 from groundstation.core.pilot import Tick
-from groundstation.core.safety.standstill import Standstill
 from groundstation.flight.flight import Flight
 from groundstation.flight.pacing import Pacing
+from groundstation.flight.sender import Standstill
 from groundstation.recording.assembly import make_flight
 from groundstation.runtime.clock import sleep_until
 from links.core.port import Command

@@ -15,8 +15,8 @@ from groundstation.core.messages.pose import Pose, PoseEvent, PoseStatus
 from groundstation.lab.pose_monitor.command import listened
 from groundstation.lab.pose_monitor.seen import WINDOW_S, Seen, Watcher
 from groundstation.lab.pose_monitor.table import rows, table
-from groundstation.pose.intake.pace import Speed
-from groundstation.pose.sources.csv import CsvConfig
+from groundstation.pose.recorded.csv import CsvConfig
+from groundstation.pose.recorded.playback import Speed
 from groundstation.settings.settings import Config
 from links.mavlink.protocol.codec import MavlinkCodec
 from sim.runs.stage import Stage

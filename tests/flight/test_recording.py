@@ -20,15 +20,13 @@ from mcap.reader import make_reader
 from groundstation.analysis.export import export_command
 from groundstation.analysis.listing import logs_command
 from groundstation.config.load import from_dict
-from groundstation.pose.sources.csv_codec import rows
-from groundstation.pose.sources.tlog_codec import TlogReader
-from groundstation.recording.channels import CHANNELS
+from groundstation.pose.recorded.csv_codec import rows
+from groundstation.pose.recorded.tlog_codec import TlogReader
+from groundstation.recording.channels import CHANNELS, schema
 from groundstation.recording.headline import STEADY_S
-from groundstation.recording.log import FLUSH_S
-from groundstation.recording.patient_file import PatientFile
+from groundstation.recording.log import FLUSH_S, PatientFile
 from groundstation.recording.reader import NoRecording, Recording, quick_headline
 from groundstation.recording.records import Posed, Received, Record, Sent, Ticked, Told
-from groundstation.recording.schema import schema
 from groundstation.runtime.flights import RecordingConfig, made_folder
 from groundstation.settings.settings import Config
 from sim.cli.run_folder import RECORDING, RunFolder

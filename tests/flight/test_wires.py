@@ -16,7 +16,7 @@ import pytest
 from groundstation.analysis.replay.command import replayed
 from groundstation.core.pilot import Tick
 from groundstation.flight.flight import Flight
-from groundstation.pose.sources.tlog_codec import TlogReader
+from groundstation.pose.recorded.tlog_codec import TlogReader
 from groundstation.recording.assembly import make_flight
 from groundstation.recording.log import FlightLog
 from groundstation.recording.recorded import about

@@ -7,8 +7,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from groundstation.config.load import ConfigError, dump, load
-from groundstation.core.trajectory.course_csv import parsed
 from groundstation.core.trajectory.kinds import SamplesConfig, WaypointsConfig
+from groundstation.core.trajectory.waypoints import parsed
 from groundstation.settings.settings import Config
 
 GOOD = """# a comment

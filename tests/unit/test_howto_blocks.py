@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from groundstation.config.load import load
-from groundstation.core.trajectory.course_csv import parsed
+from groundstation.core.trajectory.waypoints import parsed
 from groundstation.flight.preflight import look
 from groundstation.lab.fleet.plan import read_fleet
 from groundstation.settings.settings import Config

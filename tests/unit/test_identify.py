@@ -8,12 +8,12 @@ from typing import Any
 import numpy as np
 import pytest
 
-from groundstation.analysis.identify.curve import full_n, hover_signal, most_n
 from groundstation.analysis.identify.fit import Bounds, solved
 from groundstation.analysis.identify.found import Found, identified
 from groundstation.analysis.identify.lagged import lagged
 from groundstation.analysis.identify.noise import level
 from groundstation.analysis.identify.parameter import FLY
+from groundstation.analysis.identify.scene import full_n, hover_signal, most_n
 from groundstation.analysis.identify.seen import Column, Seen
 from groundstation.analysis.identify.text import table
 from groundstation.analysis.identify.turning import turns

@@ -10,7 +10,7 @@ import pytest
 from pymavlink.dialects.v20 import ardupilotmega as d
 
 from groundstation.core.geometry import so3
-from groundstation.pose.sources.tlog_codec import TlogReader
+from groundstation.pose.recorded.tlog_codec import TlogReader
 from links.core.port import Attitude, LinkMisuse
 from links.mavlink.link import MavlinkLink, MavlinkLinkConfig
 from links.mavlink.protocol.attitude import ATTITUDE_HZ, attitude_of

@@ -1,4 +1,4 @@
-"""groundstation/pose/sources/tlog_codec.py and tlog.py: recorded flights."""
+"""groundstation/pose/recorded/tlog_codec.py and tlog.py: recorded flights."""
 
 import asyncio
 import pathlib
@@ -8,9 +8,9 @@ from typing import Any
 import pytest
 
 from groundstation.core.messages.pose import Pose, SourceError
+from groundstation.pose.recorded.tlog import TlogConfig, TlogSource, pose_decoder
+from groundstation.pose.recorded.tlog_codec import TlogReader
 from groundstation.pose.sources.mavlink_codec import LocalPositionDecoder, OdometryDecoder
-from groundstation.pose.sources.tlog import TlogConfig, TlogSource, pose_decoder
-from groundstation.pose.sources.tlog_codec import TlogReader
 from links.mavlink.protocol.codec import MavlinkCodec
 from sim.time.virtual_time import VirtualTimeLoop
 from tests.mavlink_table import FRAMES, golden

@@ -12,10 +12,10 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from groundstation.core.messages.pose import Pose, SourceError
-from groundstation.pose.intake.pace import Speed
-from groundstation.pose.sources.csv import CsvConfig
-from groundstation.pose.sources.csv_codec import Row, encode, rows
-from groundstation.pose.sources.tlog import TlogConfig
+from groundstation.pose.recorded.csv import CsvConfig
+from groundstation.pose.recorded.csv_codec import Row, encode, rows
+from groundstation.pose.recorded.playback import Speed
+from groundstation.pose.recorded.tlog import TlogConfig
 from sim.cli.run_folder import RunFolder
 from sim.runs.fly import fly
 from sim.scenarios.prepare import prepare

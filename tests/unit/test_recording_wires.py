@@ -3,8 +3,8 @@
 import asyncio
 from typing import Any
 
+from groundstation.recording.log import TlogCutter
 from groundstation.recording.records import Opened, Received, Record, Sent
-from groundstation.recording.tlog import TlogCutter
 from groundstation.recording.wires import Wires
 from links.io.address import parse_address
 from sim.time.virtual_time import VirtualTimeLoop

@@ -13,7 +13,7 @@ from groundstation.analysis.shadow.recording import in_order
 from groundstation.analysis.shadow.report import Report, report
 from groundstation.config.load import ConfigError
 from groundstation.core.geometry.ops import Vec3
-from groundstation.pose.sources.tlog_codec import Record
+from groundstation.pose.recorded.tlog_codec import Record
 from tests.shadow_flight import Flight
 
 UNKNOWN: Vec3 = (math.nan, math.nan, math.nan)

@@ -1,6 +1,6 @@
 """Noticing that the program stood still, so that what waited meanwhile is not taken for fresh."""
 
-from groundstation.core.safety.standstill import DRAIN_S, LOOK_S, STALL_S, Standstill
+from groundstation.flight.sender import DRAIN_S, LOOK_S, STALL_S, Standstill
 
 
 def looked(*times_s: float) -> Standstill:

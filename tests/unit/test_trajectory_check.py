@@ -13,8 +13,7 @@ from groundstation.__main__ import main
 from groundstation.config.load import ConfigError, from_dict
 from groundstation.core.control.attitude import turning
 from groundstation.core.geometry.so3 import from_euler_zyx
-from groundstation.core.trajectory.check import Report, check, refusal
-from groundstation.core.trajectory.demands import Demand
+from groundstation.core.trajectory.check import Demand, Report, check, refusal
 from groundstation.core.trajectory.kinds import (
     CircleConfig,
     HoldConfig,

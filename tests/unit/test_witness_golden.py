@@ -15,7 +15,7 @@ from groundstation.core.geometry import so3
 from groundstation.core.geometry.ops import Quat
 from groundstation.core.messages.pose import Pose
 from groundstation.core.safety.witness import Witness
-from groundstation.pose.sources.tlog_codec import TlogReader
+from groundstation.pose.recorded.tlog_codec import TlogReader
 from links.core.port import Attitude
 from links.mavlink.protocol.attitude import attitude_of
 

@@ -6,10 +6,9 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from groundstation.analysis.identify.curve import full_n, thrust_n
 from groundstation.analysis.identify.found import Found, accelerations
 from groundstation.analysis.identify.parameter import WIDE
-from groundstation.analysis.identify.scene import NAMES
+from groundstation.analysis.identify.scene import NAMES, full_n, thrust_n
 from groundstation.analysis.identify.seen import Column
 from groundstation.analysis.report.figures import DPI, STYLE
 from groundstation.analysis.report.figures_control import BLUE, GREEN, GREY, ORANGE

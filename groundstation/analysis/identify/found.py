@@ -9,10 +9,9 @@ import msgspec
 import numpy as np
 
 from groundstation.analysis.identify import noise
-from groundstation.analysis.identify.curve import hover_signal
 from groundstation.analysis.identify.parameter import AGAIN, WIDE, Parameter, judged
 from groundstation.analysis.identify.pushing import Pushing, pushing
-from groundstation.analysis.identify.scene import NAMES
+from groundstation.analysis.identify.scene import NAMES, hover_signal
 from groundstation.analysis.identify.seen import Column, Seen
 from groundstation.analysis.identify.turning import Turning, turning
 from groundstation.core.geometry import so3

@@ -6,10 +6,9 @@ from typing import Any
 
 import msgspec
 
-from groundstation.analysis.identify.curve import hover_signal, most_n
 from groundstation.analysis.identify.found import Found
 from groundstation.analysis.identify.parameter import Parameter
-from groundstation.analysis.identify.scene import NAMES
+from groundstation.analysis.identify.scene import NAMES, hover_signal, most_n
 from groundstation.config.load import ConfigError, from_dict
 from groundstation.settings.settings import Config
 

@@ -6,7 +6,7 @@ from groundstation.core.geometry.ops import Quat, Vec3
 from groundstation.core.messages.pose import Pose
 from groundstation.core.trajectory.port import Reference
 from groundstation.recording import channels as ch
-from groundstation.recording.foxglove import Quaternion, Vector3
+from groundstation.recording.channels import Quaternion, Vector3
 from links.core.port import Command, Segment
 
 

@@ -8,9 +8,9 @@ from typing import NamedTuple
 from groundstation.config.load import ConfigError
 from groundstation.core.geometry.ops import Vec3
 from groundstation.core.messages.pose import Pose
+from groundstation.pose.recorded.tlog import pose_decoder
+from groundstation.pose.recorded.tlog_codec import Record, TlogReader
 from groundstation.pose.sources.mavlink_codec import Decoder
-from groundstation.pose.sources.tlog import pose_decoder
-from groundstation.pose.sources.tlog_codec import Record, TlogReader
 from links.mavlink.protocol.codec import ARDUPILOT, ARM_DISARM, ARMED, GROUND_STATION, PX4, Message
 
 AUTOPILOTS = {PX4: "PX4", ARDUPILOT: "ArduPilot"}

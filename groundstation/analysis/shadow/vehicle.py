@@ -8,8 +8,8 @@ import numpy as np
 
 from groundstation.analysis.shadow.recording import Recording
 from groundstation.config.load import ConfigError, from_dict, load
+from groundstation.pose.recorded.tlog import TlogConfig
 from groundstation.pose.sources.mavlink import MavlinkPoseConfig
-from groundstation.pose.sources.tlog import TlogConfig
 from groundstation.settings.settings import Config
 from links.mavlink.link import MavlinkLinkConfig
 

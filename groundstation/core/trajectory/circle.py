@@ -3,9 +3,8 @@
 import math
 
 from groundstation.core.geometry.ops import Vec3
-from groundstation.core.trajectory.fields import Coordinate, Degrees, Length, Point, Speed
 from groundstation.core.trajectory.laps import Laps
-from groundstation.core.trajectory.port import Reference, Turning
+from groundstation.core.trajectory.port import Coordinate, Degrees, Length, Point, Reference, Speed, Turning
 
 
 class CircleConfig(Laps, frozen=True, kw_only=True, forbid_unknown_fields=True, tag_field="kind", tag="circle"):

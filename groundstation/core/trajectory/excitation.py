@@ -13,9 +13,8 @@ from typing import Annotated, NamedTuple
 import msgspec
 
 from groundstation.core.geometry.ops import Vec3
-from groundstation.core.trajectory.fields import Acceleration, Degrees, Point
 from groundstation.core.trajectory.paced import Paced
-from groundstation.core.trajectory.port import Reference
+from groundstation.core.trajectory.port import Acceleration, Degrees, Point, Reference
 
 LINES = 10
 """Sines an axis; fewer where there are not so many multiples."""

@@ -5,8 +5,7 @@ import math
 import msgspec
 
 from groundstation.core.geometry.ops import Vec3
-from groundstation.core.trajectory.fields import Degrees, Point
-from groundstation.core.trajectory.port import Reference
+from groundstation.core.trajectory.port import Degrees, Point, Reference
 
 
 class HoldConfig(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True, tag_field="kind", tag="hold"):

@@ -15,9 +15,8 @@ With s = sinφ, c = cosφ, d = √(1 + s²):  ds/du = c d,  dc/du = -s d,  dd/du
 import math
 
 from groundstation.core.geometry.ops import Vec3
-from groundstation.core.trajectory.fields import Coordinate, Degrees, Length, Point, Speed
 from groundstation.core.trajectory.laps import Laps
-from groundstation.core.trajectory.port import Reference, Turning
+from groundstation.core.trajectory.port import Coordinate, Degrees, Length, Point, Reference, Speed, Turning
 
 
 def _landen() -> tuple[float, tuple[float, ...]]:

@@ -11,12 +11,10 @@ from typing import Annotated, Any
 import msgspec
 
 from groundstation.config.schema import FromFile
-from groundstation.core.trajectory.course_csv import with_course
-from groundstation.core.trajectory.fields import Degrees, Moment, Point, Ramp
 from groundstation.core.trajectory.paced import Paced
-from groundstation.core.trajectory.port import Trajectory
+from groundstation.core.trajectory.port import Degrees, Moment, Point, Ramp, Trajectory
 from groundstation.core.trajectory.spline import Spline, smoothest
-from groundstation.core.trajectory.waypoints import check_lists, headings
+from groundstation.core.trajectory.waypoints import check_lists, headings, with_course
 
 MAX_SAMPLES = 50_000
 

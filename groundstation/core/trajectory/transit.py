@@ -12,8 +12,7 @@ import math
 import msgspec
 
 from groundstation.core.geometry.ops import Vec3
-from groundstation.core.trajectory.fields import Acceleration, Degrees, Point, Speed
-from groundstation.core.trajectory.port import Reference
+from groundstation.core.trajectory.port import Acceleration, Degrees, Point, Reference, Speed
 
 _PEAK_1 = 35.0 / 16.0
 """Largest f', at x = 1/2."""

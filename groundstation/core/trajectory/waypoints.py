@@ -1,21 +1,226 @@
 """Waypoints: from rest at the first, through all of them, to rest at the last, as smoothly as can be.
 
 Between them fly polynomials of degree 7 with the least snap (C⁶ at every waypoint), or of degree 5 with the least jerk
-(C⁴; jerk steps at both ends). Times are given, or found from limits of speed and acceleration (timing.py).
+(C⁴; jerk steps at both ends). Times are given, or found from limits of speed and acceleration.
+
+When to be where: times for waypoints that come without, within limits of speed and acceleration.
+
+First the times of least ∫|p^(r)|² for a given duration, found leg by leg by the sign of the gradient (Rprop, in the
+logarithm of each leg's time). That is no search among polynomials: with the derivatives at the knots in d, a leg of h
+seconds costs E = dᵀ S H S d h^(1-2r), S = diag(h^k), and those are the best ones already, so dE/dh with d held is all
+of the gradient. Then each leg is moved towards what its own speed and acceleration ask for. A course flown k
+times slower has a k-th of the speed and a k²-th of the acceleration everywhere, so every round can be brought within
+both limits exactly; the shortest is kept.
+
+A course as CSV: one point a line, the first line names the columns.
+
+    t_s, north_m, east_m, up_m [, yaw_deg] [, v_north_m_s, v_east_m_s, v_up_m_s]
+
+Columns may stand in any order. ``down_m`` may stand for ``up_m``, as may the short names ``t``, ``x``, ``y``, ``z`` and
+``vx``, ``vy``, ``vz`` for world NED: z counts down. Empty lines and lines that begin with # are left out.
 """
 
+import csv
 import math
 from functools import lru_cache
-from typing import Annotated, Any, Literal
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import msgspec
 
 from groundstation.config.schema import FromFile
 from groundstation.core.geometry.ops import Vec3
-from groundstation.core.trajectory.course_csv import with_course
-from groundstation.core.trajectory.fields import Acceleration, Degrees, Moment, Point, Speed
-from groundstation.core.trajectory.spline import Spline, smoothest
-from groundstation.core.trajectory.timing import allocated
+from groundstation.core.trajectory.port import Acceleration, Degrees, Moment, Point, Speed
+from groundstation.core.trajectory.spline import Spline, ends, roughness, smoothest
+
+if TYPE_CHECKING:
+    from groundstation.core.trajectory.spline import Array
+
+
+_SHORT = {
+    "t": "t_s",
+    "x": "north_m",
+    "y": "east_m",
+    "z": "down_m",
+    "vx": "v_north_m_s",
+    "vy": "v_east_m_s",
+    "vz": "v_down_m_s",
+}
+_BOUNDS = {"t_s": 1e9, "yaw_deg": 36000.0}
+"""Largest magnitude of a column; every other one keeps to 1000 (m, or m/s)."""
+_PLACE = (("north_m",), ("east_m",), ("down_m", "up_m"))
+_SPEED = (("v_north_m_s",), ("v_east_m_s",), ("v_down_m_s", "v_up_m_s"))
+_KNOWN = ("t_s", *(name for axis in _PLACE for name in axis), "yaw_deg", *(name for axis in _SPEED for name in axis))
+EXAMPLE = "t_s,north_m,east_m,up_m,yaw_deg"
+
+
+def parsed(text: str) -> dict[str, Any]:
+    """The course in ``text`` as keys of a section; world NED.
+
+    Always ``points_ned`` [m]; where their columns are there, ``times_s`` [s], ``yaws_deg`` [deg] and
+    ``velocities_ned`` [m/s].
+
+    Raises:
+        ValueError: with the line and the column, what is wrong there.
+    """
+    names: list[str] = []
+    rows: list[dict[str, float]] = []
+    reader = csv.reader(text.splitlines(), skipinitialspace=True)
+    try:
+        for cells in reader:
+            line = reader.line_num
+            if not "".join(cells).strip() or cells[0].lstrip().startswith("#"):
+                continue
+            if not names:
+                names = _header(cells, line)
+                continue
+            rows.append(_row(cells, names, line))
+            if "t_s" in names and len(rows) > 1 and rows[-1]["t_s"] <= rows[-2]["t_s"]:
+                before, here = rows[-2]["t_s"], rows[-1]["t_s"]
+                raise ValueError(f"line {line}, column t_s: expected more than {before:g}, as before it, got {here:g}")
+    except csv.Error as error:
+        raise ValueError(f"line {reader.line_num}: {error}") from None
+    if len(rows) < 2:
+        raise ValueError(f"expected a line of names, such as {EXAMPLE}, and at least two lines of numbers")
+    course: dict[str, Any] = {"points_ned": [_vector(row, _PLACE) for row in rows]}
+    if "t_s" in names:
+        course["times_s"] = [row["t_s"] for row in rows]
+    if "yaw_deg" in names:
+        course["yaws_deg"] = [row["yaw_deg"] for row in rows]
+    if "v_north_m_s" in names:
+        course["velocities_ned"] = [_vector(row, _SPEED) for row in rows]
+    return course
+
+
+def with_course(table: dict[str, Any], text: str, *columns: str) -> dict[str, Any]:
+    """The section ``table`` with the course in ``text``, of which it takes the keys ``columns``.
+
+    Raises:
+        ValueError: as :func:`parsed`; or the course has what the section can't use, or has itself.
+    """
+    course = parsed(text)
+    for key in course:
+        if key not in columns:
+            raise ValueError(f"has {key}, which trajectory.kind = {table.get('kind')!r} can't use")
+        if table.get(key) is not None:
+            raise ValueError(f"has {key} too: leave out trajectory.{key}, or the file")
+    return {**table, **course}
+
+
+def _header(cells: list[str], line: int) -> list[str]:
+    names = [_SHORT.get(cell.strip(), cell.strip()) for cell in cells]
+    for cell, name in zip(cells, names, strict=True):
+        if name not in _KNOWN:
+            raise ValueError(f"line {line}: expected names of columns, such as {EXAMPLE}, got {cell.strip()[:40]!r}")
+        if names.count(name) > 1:
+            raise ValueError(f"line {line}: the column {name} stands there twice")
+    moving = any(name.startswith("v_") for name in names)
+    for axis in (*_PLACE, *(_SPEED if moving else ())):
+        there = [name for name in axis if name in names]
+        if len(there) != 1:
+            problem = "only one of them" if there else "none of them is there"
+            raise ValueError(f"line {line}: expected a column {' or '.join(axis)}: {problem}")
+    return names
+
+
+def _row(cells: list[str], names: list[str], line: int) -> dict[str, float]:
+    if len(cells) != len(names):
+        raise ValueError(f"line {line}: expected {len(names)} values, got {len(cells)}")
+    row: dict[str, float] = {}
+    for cell, name in zip(cells, names, strict=True):
+        bound = _BOUNDS.get(name, 1000.0)
+        try:
+            value = float(cell)
+        except ValueError:
+            value = math.nan
+        if not abs(value) <= bound:
+            got = cell.strip()[:40]
+            raise ValueError(f"line {line}, column {name}: expected a number from -{bound:g} to {bound:g}, got {got!r}")
+        row[name] = value
+    return row
+
+
+def _vector(row: dict[str, float], axes: tuple[tuple[str, ...], ...]) -> list[float]:
+    """The vector in NED, whichever way the column counts."""
+    north, east = row[axes[0][0]], row[axes[1][0]]
+    down, up = axes[2]
+    return [north, east, row[down] if down in row else 0.0 - row[up]]
+
+
+SMOOTH_ROUNDS, LIMIT_ROUNDS = 30, 12
+LOOKS = 48
+"""Speed and acceleration are looked at so often within a leg."""
+MARGIN = 1.001
+"""Peaks lie between the looks, less than a thousandth higher."""
+
+
+def allocated(known: "Array", order: int, max_speed: float, max_acceleration: float) -> "Array":
+    """Times (N,) [s] of a short and smooth course that keeps both limits.
+
+    Args:
+        known: as :func:`groundstation.core.trajectory.spline.smoothest` takes it; the first three axes are a place [m],
+            no two in a row the same.
+        order: r, 3 or 4.
+        max_speed: largest speed [m/s].
+        max_acceleration: largest acceleration [m/s²].
+    """
+    import numpy as np
+
+    lengths = np.linalg.norm(np.diff(known[:, 0, :3], axis=0), axis=1)
+    legs = lengths / max_speed + np.sqrt(lengths / max_acceleration)
+    best = np.full(len(legs), np.inf)
+    step, last = np.full(len(legs), 0.2), np.zeros(len(legs))
+    for number in range(SMOOTH_ROUNDS + LIMIT_ROUNDS):
+        coefficients = smoothest(_times(legs), known, order)[:, :, :3]
+        asked = _asked(coefficients, legs, max_speed, max_acceleration)
+        slower = legs * (MARGIN * asked.max())
+        if slower.sum() < best.sum():
+            best = slower
+        if number < SMOOTH_ROUNDS:
+            slope = _slope(coefficients, legs, order)
+            again = slope * last
+            step = np.clip(step * np.select([again > 0.0, again < 0.0], [1.2, 0.5], 1.0), 1e-4, 0.7)
+            last = np.where(again < 0.0, 0.0, slope)
+            legs = legs * np.exp(-np.sign(last) * step)
+        else:
+            legs = slower * (asked / asked.max()).clip(0.2) ** 0.5
+    return _times(best)
+
+
+def _times(legs: "Array") -> "Array":
+    import numpy as np
+
+    return np.concatenate([[0.0], np.cumsum(legs)])
+
+
+def _slope(coefficients: "Array", legs: "Array", order: int) -> "Array":
+    """The gradient of log(∫|p^(r)|² · duration^(2r-1)), which no pace changes, by the logarithm of each leg's time."""
+    import numpy as np
+
+    matrix = ends(order)
+    inverse = np.linalg.inv(matrix)
+    cost = inverse.T @ roughness(order) @ inverse
+    derivatives = matrix @ coefficients[:, : 2 * order]  # S d
+    powers = np.tile(np.arange(order), 2)[:, None]
+    scale = legs ** (1 - 2 * order)
+    energy = np.einsum("mia,ij,mja->m", derivatives, cost, derivatives) * scale
+    moved = 2.0 * np.einsum("mia,ij,mja->m", powers * derivatives, cost, derivatives) * scale
+    slope: Array = (moved + (1 - 2 * order) * energy) / energy.sum() + (2 * order - 1) * legs / legs.sum()
+    return slope
+
+
+def _asked(coefficients: "Array", legs: "Array", max_speed: float, max_acceleration: float) -> "Array":
+    """How many times slower each leg must be flown to keep both limits, (M,)."""
+    import numpy as np
+
+    x = np.linspace(0.0, 1.0, LOOKS + 1)[:, None]
+    powers = np.arange(coefficients.shape[1])
+    first = powers * x ** np.maximum(powers - 1, 0)
+    second = powers * (powers - 1) * x ** np.maximum(powers - 2, 0)
+    speed = np.linalg.norm(first @ coefficients, axis=2).max(axis=1) / legs
+    acceleration = np.linalg.norm(second @ coefficients, axis=2).max(axis=1) / (legs * legs)
+    asked: Array = np.maximum(speed / max_speed, np.sqrt(acceleration / max_acceleration))
+    return asked
+
 
 MAX_POINTS = 2000
 """Waypoints of all laps together."""

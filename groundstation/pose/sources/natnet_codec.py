@@ -14,16 +14,73 @@
 The ticks of mid-exposure and transmission tell how old a pose was as it left: only the network's time is not known.
 Source: public readers (libmotioncapture a91e8360, natnet 0.3.0, new-natnet-client 5.0.1), read for the layout only.
 That 4.1 writes the bytes of each section is known; readers walk the elements and do not need them.
+
+The payload of a NatNet message (natnet_codec.py), read from front to back. Sans-IO.
 """
 
 import struct
 from collections.abc import Iterable
-from typing import TypeAlias
+from typing import Any, TypeAlias
 
 import msgspec
 
 from groundstation.core.geometry.ops import Quat, Vec3
-from groundstation.pose.sources.natnet_payload import U32, Payload, Unreadable, text_of
+
+U32 = struct.Struct("<I")
+
+
+class Unreadable(Exception):
+    """Why a message can't be read, as one word; never leaves the callers of these codecs."""
+
+
+class Payload:
+    """Reads a payload from front to back; whatever leads beyond its end is ``truncated``."""
+
+    def __init__(self, data: bytes) -> None:
+        """Begin at the front."""
+        self._data = data
+        self._at = 0
+
+    def take(self, layout: struct.Struct) -> tuple[Any, ...]:
+        """The next values, of this layout."""
+        try:
+            values = layout.unpack_from(self._data, self._at)
+        except struct.error:
+            raise Unreadable("truncated") from None
+        self._at += layout.size
+        return values
+
+    def count(self) -> int:
+        """The next u32: a number of elements, or of bytes."""
+        return int(self.take(U32)[0])
+
+    def section(self, sized: bool) -> int:
+        """The number of elements of the next section, which is ``sized`` where it tells its bytes, too."""
+        count = self.count()
+        if sized:
+            self.skip(4)
+        return count
+
+    def skip(self, size: int) -> None:
+        """Pass over so many bytes."""
+        self._at += size
+        if self._at > len(self._data):
+            raise Unreadable("truncated")
+
+    def text(self) -> str:
+        """The next text, up to its NUL."""
+        end = self._data.find(b"\0", self._at)
+        if end < 0:
+            raise Unreadable("truncated")
+        text = text_of(self._data[self._at : end])
+        self._at = end + 1
+        return text
+
+
+def text_of(data: bytes) -> str:
+    """The text in a field, up to its first NUL."""
+    return data.partition(b"\0")[0].decode("utf-8", "replace")
+
 
 CONNECT, SERVERINFO, REQUEST_MODELDEF, MODELDEF, FRAMEOFDATA, KEEPALIVE = 0, 1, 4, 5, 7, 10
 """Message ids."""

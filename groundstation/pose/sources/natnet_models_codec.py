@@ -13,8 +13,7 @@ Source: see natnet_codec.py.
 import struct
 from collections.abc import Mapping
 
-from groundstation.pose.sources.natnet_codec import MODELDEF, SIZED, Version, message
-from groundstation.pose.sources.natnet_payload import U32, Payload
+from groundstation.pose.sources.natnet_codec import MODELDEF, SIZED, U32, Payload, Version, message
 
 TURNED: Version = (4, 2)
 """From here on the description of a body holds a quaternion."""

@@ -7,8 +7,7 @@ from groundstation.core.messages.pose import Pose, PoseStatus
 from groundstation.pose.intake.intake import Intake
 from groundstation.pose.sources import natnet_codec as codec
 from groundstation.pose.sources import natnet_models_codec
-from groundstation.pose.sources.natnet_codec import Frame, RigidBody, ServerInfo
-from groundstation.pose.sources.natnet_payload import Unreadable
+from groundstation.pose.sources.natnet_codec import Frame, RigidBody, ServerInfo, Unreadable
 
 SILENT_BEATS = 4
 """A server that says nothing for so many beats is asked anew: it may have been started again."""

@@ -8,8 +8,7 @@ from groundstation.core.geometry.frames import Alignment, Body, World, frames_of
 from groundstation.core.messages.bodies import Others
 from groundstation.pose.intake.datagram import DatagramSource
 from groundstation.pose.intake.intake import Intake
-from groundstation.pose.sources.vicon_codec import name_bytes
-from groundstation.pose.sources.vicon_reader import ViconReader
+from groundstation.pose.sources.vicon_codec import ViconReader, name_bytes
 from links.io.address import beyond, parse_address
 
 

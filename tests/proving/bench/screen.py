@@ -13,8 +13,7 @@ from contextlib import asynccontextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from tests.proving.bench.answers import Answers, figures_of, together
-from tests.proving.bench.latency import fly
+from tests.proving.bench.latency import Answers, figures_of, fly, together
 from tests.proving.bench.links import lost_words
 
 if TYPE_CHECKING:

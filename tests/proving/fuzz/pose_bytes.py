@@ -19,7 +19,7 @@ from groundstation.pose.sources.natnet_reader import NatNetReader
 from groundstation.pose.sources.qualisys import QualisysConfig
 from groundstation.pose.sources.qualisys_codec import QualisysReader
 from groundstation.pose.sources.vicon import ViconConfig
-from groundstation.pose.sources.vicon_reader import ViconReader
+from groundstation.pose.sources.vicon_codec import ViconReader
 from groundstation.pose.sources.vision import VisionConfig
 from groundstation.pose.sources.vision_codec import VisionReader
 from links.mavlink.protocol.codec import MavlinkCodec, Message

@@ -103,7 +103,7 @@ class CsvSubject:
 
     def __init__(self) -> None:
         """Rows as a run's folder has them."""
-        from groundstation.pose.sources.csv_codec import Row, encode
+        from groundstation.pose.recorded.csv_codec import Row, encode
 
         self._seeds = [
             encode(Row(0.01 * n, 0.01 * n + 0.02, (0.1 * n, 1.0, -1.0), (1.0, 0.0, 0.0, 0.0))).encode()
@@ -118,7 +118,7 @@ class CsvSubject:
 
     def feed(self, datagram: bytes, now_s: float) -> int:
         """See :class:`Subject`."""
-        from groundstation.pose.sources.csv_codec import rows
+        from groundstation.pose.recorded.csv_codec import rows
 
         return sum(1 for _ in rows(datagram.decode("utf-8", "replace").splitlines(), self._drops))
 
@@ -145,7 +145,7 @@ class TlogSubject(CsvSubject):
 
     def feed(self, datagram: bytes, now_s: float) -> int:
         """See :class:`Subject`."""
-        from groundstation.pose.sources.tlog_codec import TlogReader
+        from groundstation.pose.recorded.tlog_codec import TlogReader
 
         reader = TlogReader(datagram)
         count = sum(1 for _ in reader)

@@ -11,9 +11,8 @@ import msgspec
 from groundstation.core.geometry.frames import Alignment, Body, World, frames_of
 from groundstation.core.messages.pose import Pose, PoseStatus
 from groundstation.pose.intake.intake import Intake
-from groundstation.pose.intake.pace import Speed, play
-from groundstation.pose.intake.played_file import contents, no_poses
-from groundstation.pose.sources.csv_codec import COLUMNS, Row, rows
+from groundstation.pose.recorded.csv_codec import COLUMNS, Row, rows
+from groundstation.pose.recorded.playback import Speed, contents, no_poses, play
 
 IN_RUN_FOLDER = "poses.csv"
 """What a run's folder calls its poses."""

@@ -9,10 +9,9 @@ from typing import Annotated
 import msgspec
 
 from groundstation.core.messages.pose import Pose, PoseStatus
-from groundstation.pose.intake.pace import Speed, play
-from groundstation.pose.intake.played_file import contents, no_poses
+from groundstation.pose.recorded.playback import Speed, contents, no_poses, play
+from groundstation.pose.recorded.tlog_codec import Record, TlogReader
 from groundstation.pose.sources.mavlink_codec import Decoder, decoder_for
-from groundstation.pose.sources.tlog_codec import Record, TlogReader
 from links.mavlink.protocol.codec import ARDUPILOT, PX4, Message
 
 

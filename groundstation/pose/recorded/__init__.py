@@ -1,0 +1,1 @@
+"""Recorded pose sources: CSV and .tlog, played back."""
