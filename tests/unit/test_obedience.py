@@ -168,18 +168,18 @@ class Watched:
 )
 def test_a_parabola_leaves_no_innovation_in_a_filter_that_has_settled(path: Vec3, step_s: float) -> None:
     x, v, a = path
-    follows = Filter(x)
+    follows = Filter((x, v, 0.0))
     for k in range(1, 60):
         t = k * step_s
-        off = follows.innovation(x + v * t + 0.5 * a * t * t, step_s)
-        assert k <= EXPANDS or abs(off) < 1e-9
+        off = follows.innovation((x + v * t + 0.5 * a * t * t, v + a * t, 0.0), step_s)
+        assert k <= EXPANDS or max(map(abs, off)) < 1e-9
 
 
 def test_what_leaves_its_parabola_leaves_an_innovation() -> None:
-    follows = Filter(0.0)
+    follows = Filter((0.0, 1.0, 2.0))
     for k in range(1, 30):
-        follows.innovation(0.5 * k, NODE_S)
-    assert follows.innovation(15.0 + 0.1, NODE_S) == pytest.approx(0.1)
+        follows.innovation((0.5 * k, 1.0, 2.0 - 0.1 * k), NODE_S)
+    assert follows.innovation((15.0 + 0.1, 1.0, -1.0 - 0.2), NODE_S) == pytest.approx((0.1, 0.0, -0.2))
 
 
 def vigorous(time_s: float) -> Demand:
