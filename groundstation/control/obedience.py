@@ -345,8 +345,9 @@ class Obedience:
         self._attitude = max(0.0, self._attitude * fade + max(-CAP, min(says, most)))
         self._quarter(*turn, fade)
         self.answered = max(0.0, self.answered - max(says, -CAP))
-        # White noise moves it by √2 of itself from node to node; much more than that is an estimate that wanders.
-        self._wander = max(2.0 * (self._rests - 3.0 * noise_m * noise_m), 0.0)
+        if self._flown == 1:
+            # White noise moves it by √2 of itself from node to node; much more than that is an estimate that wanders.
+            self._wander = max(2.0 * (self._rests - 5.0 * noise_m * noise_m), 0.0)
         images = self._images
         images.wander = self._wander
         seen, told = images.node(pose.time_s, pose.position_ned, self._pushed, fade, NODE_S)
