@@ -222,9 +222,12 @@ def _vehicles(parser: argparse.ArgumentParser) -> None:
 
 
 def _config(parser: argparse.ArgumentParser) -> None:
-    verbs = parser.add_subparsers(dest="verb", required=True, metavar="show")
+    verbs = parser.add_subparsers(dest="verb", required=True, metavar="{show,new}")
     show = verbs.add_parser("show", help="print what is in force, defaults and overrides included")
     _config_arguments(show, optional=True)
+    new = verbs.add_parser("new", help="print a configuration to start your own from, with notes; list them")
+    new.add_argument("name", nargs="?", metavar="NAME", help="which; without it they are listed")
+    new.add_argument("--all", type=path, metavar="DIR", help="write all, and what they name, into a new folder")
 
 
 COMMANDS = {
