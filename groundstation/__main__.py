@@ -4,7 +4,7 @@ import argparse
 import sys
 import time
 
-from groundstation.program import build_parser, path
+from groundstation.program import add_completion, build_parser, path
 
 
 def _fly(parser: argparse.ArgumentParser) -> None:
@@ -256,6 +256,7 @@ COMMANDS = {
     "states": ("the states of a flight, and what leads from one to another", _states),
     "vehicles": ("list the vehicles that come along, for vehicle.preset", _vehicles),
     "config": ("about configurations", _config),
+    "completion": ("print the script by which a shell completes this program's command lines", add_completion),
 }
 
 

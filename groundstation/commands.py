@@ -201,6 +201,14 @@ def config(args: argparse.Namespace) -> int:
     return EXIT_DONE
 
 
+def completion(args: argparse.Namespace) -> int:
+    """Print the script by which a shell completes our command lines."""
+    from groundstation.completion import completion_script, words_of_flying
+
+    print(completion_script(args.program, args.shell, words_of_flying))
+    return EXIT_DONE
+
+
 def carry(args: argparse.Namespace) -> int:
     """Have the vehicle carried along shown moves, and find its tracker's axes."""
     from groundstation.carry.command import carry

@@ -22,20 +22,26 @@ Commands = Mapping[str, tuple[str, AddArguments]]
 
 
 def build_parser(prog: str, description: str, commands: Commands) -> argparse.ArgumentParser:
-    """The parser of the program ``prog``."""
+    """The parser of the program ``prog``; what it makes of a command line has it as ``program``."""
     formatter = partial(argparse.HelpFormatter, width=_width())
     program = argparse.ArgumentParser(prog, description=description, formatter_class=formatter)
+    program.set_defaults(program=program)
     program.add_argument("--version", action="version", version=f"%(prog)s {__version__}", help="print it, and end")
     parsers = program.add_subparsers(
         dest="command", required=True, metavar="COMMAND",
-        parser_class=_LazyParser,  # type: ignore[type-var]  # as good as one
+        parser_class=LazyParser,  # type: ignore[type-var]  # as good as one
     )  # fmt: skip
     for name, (does, add_arguments) in commands.items():
         parsers.add_parser(name, help=does, formatter_class=formatter, add_arguments=add_arguments)
     return program
 
 
-class _LazyParser:
+def add_completion(parser: argparse.ArgumentParser) -> None:
+    """The arguments of the command ``completion``, which both programs have."""
+    parser.add_argument("shell", choices=["bash", "zsh"])
+
+
+class LazyParser:
     """The parser of one command, made when something is asked of it: help of the program asks nothing of any."""
 
     def __init__(self, add_arguments: AddArguments, **words: "Any") -> None:
@@ -43,13 +49,14 @@ class _LazyParser:
         self._words = words
 
     @cached_property
-    def _parser(self) -> argparse.ArgumentParser:
+    def parser(self) -> argparse.ArgumentParser:
+        """The parser itself."""
         parser = argparse.ArgumentParser(**self._words)
         self._add_arguments(parser)
         return parser
 
     def __getattr__(self, name: str) -> "Any":
-        return getattr(self._parser, name)
+        return getattr(self.parser, name)
 
     def _check_help(self, action: argparse.Action) -> None:
         """Python 3.14 looks here whether the help of each command may be formatted: it would make them all."""

@@ -3,7 +3,7 @@
 import argparse
 import sys
 
-from groundstation.program import build_parser, path
+from groundstation.program import add_completion, build_parser, path
 from sim.arguments import count, hours, names, percent, seconds, whole
 
 _CONTROLLERS = "adaptive (default), uncompensated, geometric, pid, indi, or your own: package.module:factory"
@@ -232,6 +232,7 @@ COMMANDS = {
     "check-vectors": ("evaluate the control law on a file of test vectors", _check_vectors),
     "fuzz": ("feed every decoder random and damaged bytes", _fuzz),
     "serve": ("a simulated vehicle and cameras in real time, on loopback UDP", _serve),
+    "completion": ("print the script by which a shell completes this program's command lines", add_completion),
     "reference": ("the reference pages of the documents, made from the code", _reference),
 }
 
