@@ -82,6 +82,7 @@ def _alarms(parser: argparse.ArgumentParser) -> None:
         "--curve", action="store_true", help="by threshold: how soon a picture that stands is seen, and false alarms"
     )
     parser.add_argument("--write", type=path, metavar="FILE.md", help="put that table between the file's markers")
+    parser.add_argument("--capture", type=path, metavar="FILE.tlog", help="of a recorded flight on rates and thrust")
     parser.add_argument("--json", action="store_true", help="print one JSON object instead of text")
 
 

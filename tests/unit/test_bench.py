@@ -13,6 +13,7 @@ from sim import (
     bench_decode,
     bench_flight,
     bench_latency,
+    bench_monitor,
     bench_recording,
     bench_screen,
     bench_tick,
@@ -26,6 +27,8 @@ from sim.pose_bytes import FLIGHTS
 @pytest.mark.real_time
 def test_every_measurement_gives_json_and_words(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(bench_tick, "TICKS", 100)
+    monkeypatch.setattr(bench_monitor, "TICKS", 100)
+    monkeypatch.setattr(bench_monitor, "ROUNDS", 1)
     monkeypatch.setattr(bench_flight, "DURATION_S", 0.5)
     monkeypatch.setattr(bench_flight, "ROUNDS", 1)
     monkeypatch.setattr(bench_latency, "RATES_HZ", (100,))

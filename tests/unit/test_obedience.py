@@ -9,8 +9,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from groundstation.control.images import EXPANDS, Filter
 from groundstation.control.model import Driven, Motion
-from groundstation.control.obedience import EXPANDS, GAP_S, NODE_S, SUSPECTS, Filter, Obedience
+from groundstation.control.obedience import GAP_S, NODE_S, SUSPECTS, Obedience
 from groundstation.ops import Quat, Vec3
 from groundstation.poses.port import Pose
 from groundstation.so3 import multiply, third_column, turned
