@@ -65,10 +65,15 @@ class LazyParser:
 def _width() -> int:
     """The columns that help may take, as argparse reckons them."""
     try:
-        columns = int(os.environ.get("COLUMNS", "0")) or os.get_terminal_size().columns
-    except (ValueError, OSError):
-        columns = 80
-    return columns - 2
+        columns = int(os.environ.get("COLUMNS", "0"))
+    except ValueError:
+        columns = 0
+    if columns <= 0:
+        try:
+            columns = os.get_terminal_size().columns  # of standard output; 0 where it does not know
+        except OSError:
+            columns = 0
+    return (columns or 80) - 2
 
 
 def path(text: str) -> "Path":
