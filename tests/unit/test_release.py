@@ -2,7 +2,6 @@
 
 import shutil
 import subprocess
-import sys
 from pathlib import Path
 
 import pytest
@@ -14,7 +13,7 @@ ROOT = Path(__file__).parents[2]
 def project(tmp_path: Path) -> Path:
     """A repository with what the release script looks at first, ready to be released as 0.1.0."""
     shutil.copytree(ROOT / ".ci", tmp_path / ".ci")
-    (tmp_path / ".venv").symlink_to(Path(sys.prefix))
+    (tmp_path / ".venv").symlink_to(ROOT / ".venv")
     (tmp_path / ".gitignore").write_text(".venv\n", "utf-8")
     (tmp_path / "pyproject.toml").write_text(
         '[project]\nname = "quadrotor-groundstation"\nversion = "0.1.0"\n', "utf-8"
