@@ -31,7 +31,7 @@ STEP_S = 0.05
 LAG = 2
 """The witnesses' clocks may be so many steps apart, either way."""
 LAGS = tuple(lag for lag in range(-LAG, LAG + 1) if lag)
-CALM, STRIDE = 0.3, 2
+CALM, STRIDE = 0.3, 3
 """While both statistics are below this share of their limits, only every so many instants are compared."""
 GAP_S = 0.13
 """Between two attitudes further apart nothing is known [s]."""

@@ -62,10 +62,19 @@ def spent_s(subject: type, calls: list[Call]) -> float:
     (_, arguments, options), *rest = calls
     made = subject(*arguments, **options)
     methods = {name: getattr(made, name) for name in SUBJECTS[subject]}
+    return _made_s(rest, methods) - _made_s(rest, dict.fromkeys(methods, _nothing))
+
+
+def _made_s(calls: list[Call], methods: dict[str, Any]) -> float:
+    """The processor's time that ``calls`` take by ``methods`` [s]."""
     start = thread_time()
-    for name, arguments, options in rest:
+    for name, arguments, options in calls:
         methods[name](*arguments, **options)
     return thread_time() - start
+
+
+def _nothing(*_: Any, **__: Any) -> None:
+    """Do nothing: what it takes to make a call again is no part of the call."""
 
 
 def monitor(scenario: str) -> dict[str, float]:

@@ -6,6 +6,7 @@ that obeys and a picture that stands, summed with fading memory and never below 
 """
 
 import math
+from collections.abc import Sequence
 
 from groundstation.ops import Vec3
 
@@ -29,27 +30,32 @@ EXACT_M, SMALLEST_M = 0.005, 0.015
 
 
 class Filter:
-    """Fading-memory filter of second order for one axis: position, velocity, acceleration.
+    """Fading-memory filter of second order: position, velocity and acceleration on three axes.
 
     It begins with the gains of the expanding memory (a parabola through all so far), until those are the smaller ones.
     """
 
     __slots__ = ("_a", "_n", "_v", "_x")
 
-    def __init__(self, x: float) -> None:
-        """Nothing is known yet but a first ``x`` [m]."""
-        self._x, self._v, self._a, self._n = x, 0.0, 0.0, 0
+    def __init__(self, position: Vec3) -> None:
+        """Nothing is known yet but a first ``position`` [m]."""
+        self._x, self._n = position, 0
+        self._v = self._a = (0.0, 0.0, 0.0)
 
-    def innovation(self, x: float, h: float) -> float:
-        """How far ``x`` is from where it was heading ``h`` [s] ago [m]; the state moves on."""
+    def innovation(self, position: Vec3, h: float) -> Vec3:
+        """How far ``position`` is from where it was heading ``h`` [s] ago [m]; the state moves on."""
         alpha, beta, gamma = ALPHA, BETA, GAMMA
         if self._n < EXPANDS:
             self._n += 1
             alpha, beta, gamma = _expanding(self._n)
-        ahead, speed = self._x + h * (self._v + 0.5 * h * self._a), self._v + h * self._a
-        i = x - ahead
-        self._x, self._v, self._a = ahead + alpha * i, speed + beta * i / h, self._a + gamma * i / (h * h)
-        return i
+        (x, y, z), (u, v, w), (a, b, c), half = self._x, self._v, self._a, 0.5 * h
+        x, y, z = x + h * (u + half * a), y + h * (v + half * b), z + h * (w + half * c)  # where it was heading
+        i, j, k = position[0] - x, position[1] - y, position[2] - z
+        self._x = (x + alpha * i, y + alpha * j, z + alpha * k)
+        beta, gamma = beta / h, gamma / (h * h)
+        self._v = (u + h * a + beta * i, v + h * b + beta * j, w + h * c + beta * k)
+        self._a = (a + gamma * i, b + gamma * j, c + gamma * k)
+        return i, j, k
 
 
 def _expanding(n: int) -> tuple[float, float, float]:
@@ -62,11 +68,11 @@ def _expanding(n: int) -> tuple[float, float, float]:
 
 
 class Images:
-    """Two filters and what they say, for nodes as far apart as these are."""
+    """The filters, and what they say of each image."""
 
-    def __init__(self) -> None:
-        """Nothing seen."""
-        self.wind = [WIND_M**2] * 2
+    def __init__(self, wind: Sequence[float] = (WIND_M**2, WIND_M**2)) -> None:
+        """Nothing seen; ``wind`` is what is known of it [m²]."""
+        self.wind = list(wind)
         """Variance of what wind leaves in the filter, across and down [m²]."""
         self.wander = 0.0
         """Variance of what an estimate that wanders adds to that, on each axis [m²]."""
@@ -89,8 +95,7 @@ class Images:
             pushed: where the commands would have taken it, from any point that it was at with any velocity [m, NED].
         """
         self.time_s = time_s
-        self._seen = [Filter(x) for x in position]
-        self._told = [Filter(x) for x in pushed]
+        self._seen, self._told = Filter(position), Filter(pushed)
         self.nodes = 0
 
     def node(self, time_s: float, position: Vec3, pushed: Vec3, fade: float, longest_s: float) -> tuple[Vec3, Vec3]:
@@ -106,11 +111,10 @@ class Images:
         h = time_s - self.time_s
         self.time_s = time_s
         self.nodes += 1
-        k = min(1.0, longest_s * longest_s / (h * h))
-        (a, b, c), (d, e, f) = self._seen, self._told
-        (x, y, z), (u, v, w) = position, pushed
-        seen = (k * a.innovation(x, h), k * b.innovation(y, h), k * c.innovation(z, h))
-        told = (k * d.innovation(u, h), k * e.innovation(v, h), k * f.innovation(w, h))
+        seen, told = self._seen.innovation(position, h), self._told.innovation(pushed, h)
+        if h > longest_s:
+            k = (longest_s / h) ** 2
+            seen, told = (k * seen[0], k * seen[1], k * seen[2]), (k * told[0], k * told[1], k * told[2])
         if self.nodes > SETTLES:
             self._across(seen[0], seen[1], told[0], told[1], fade)
             self._down(seen[2], told[2], fade)
@@ -123,10 +127,10 @@ class Images:
         told, seen = cx * cx + cy * cy, x * x + y * y
         wind, both = self.wind[0] + self.wander, seen + told
         rest = min(both - 2.0 * (xx + yy), seen)
-        images = (-xx - yy, yy - xx, xx - yy, xy + yx, -xy - yx, yx - xy, xy - yx)
-        best = min(rest, both - 2.0 * max(images))
+        best = min(rest, both - 2.0 * max(-xx - yy, abs(xx - yy), abs(xy + yx), abs(xy - yx)))
         if best < rest or self.evidence > 0.0:  # else it says nothing, as nearly always
             exact = EXACT_M * EXACT_M + self.wander
+            images = (-xx - yy, yy - xx, xx - yy, xy + yx, -xy - yx, yx - xy, xy - yx)
             for i, image in enumerate(images):
                 off, opposed = both - 2.0 * image, exact if i < OPPOSED else None
                 self._maps[i] = _summed(self._maps[i], fade, rest - off, max(wind, off / EXPLAINS), off, opposed)
@@ -136,8 +140,9 @@ class Images:
         """What one node says of the vertical axis."""
         off, wind = (z + c) ** 2, self.wind[1] + self.wander
         rest = min((z - c) ** 2, z * z)
-        exact = EXACT_M * EXACT_M + self.wander
-        self._maps[7] = _summed(self._maps[7], fade, rest - off, max(wind, off / EXPLAINS), off, exact)
+        if off < rest or self._maps[7] > 0.0:
+            exact = EXACT_M * EXACT_M + self.wander
+            self._maps[7] = _summed(self._maps[7], fade, rest - off, max(wind, off / EXPLAINS), off, exact)
         self.wind[1] = _learnt(self.wind[1], min(rest, off))
 
 

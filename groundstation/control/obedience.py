@@ -32,6 +32,7 @@ a push or a reset speaks for neither. docs/explanation/guards.md has the curve o
 
 import math
 from collections import deque
+from itertools import islice
 from typing import NamedTuple
 
 from groundstation.control.images import SETTLES, WIND_M, Images
@@ -65,6 +66,9 @@ STILL_CAP = 2.0
 """Most that one node may say for a position that stands: a ramp of wind that the law follows lasts some nodes, too."""
 STOPPED = 0.7
 """What a position that has just left its way counts as, until it moves again [-]."""
+LOOKS, HALVES = 1.0, 12
+"""From this evidence for an image on [-] it is looked for half-way between the nodes, too; the filter's memory is done
+after so many."""
 SLIP = 0.15
 """Share of the change of a command from node to node that may come a node earlier or later [-]."""
 UNEXPLAINED = 8.0
@@ -97,6 +101,8 @@ ASTRAY_M = 0.5
 """However long it wanders, it does not go farther [m]: something holds it, as GPS or a barometer."""
 HEADING_S, HEADING_RAD_S = 0.7, 0.25
 """Time constant of a turn about the vertical that no command asks for [s], and what convicts [rad/s]: 14°/s."""
+STRAYS_RAD_S = 0.05
+"""Slower is no turn that nobody asked for [rad/s]."""
 YAW_LATE_S = 0.55
 """So late may a turn about the vertical follow its command [s]: PX4 and ArduPilot were seen to take 0.35."""
 LED_S = 1.0
@@ -138,8 +144,11 @@ class Obedience:
         self._speed: Vec3 = (0.0, 0.0, 0.0)
         self._turn_variance = [TURN_NOISE_RAD**2] * 2
         self._bias, self._bias_variance = [0.0, 0.0], [TRIM_RAD**2] * 2
-        self._images = (Images(), Images())
-        """The second's nodes lie between the first's: what spreads doubles in a node."""
+        self._images = Images()
+        self._halves: deque[tuple[float, Vec3, Vec3]] = deque(maxlen=HALVES)
+        """Half-way between the nodes, each instant [s] with what was seen and what was commanded [m, NED]."""
+        self._between: Images | None = None
+        """Those of the half-way instants, while an image is suspected: what it drives away is soon twice as fast."""
         self._rested: Pose | None = None
         self._rests, self._wander = 0.0, 0.0
         self.windows = 0
@@ -170,8 +179,9 @@ class Obedience:
         self._place: Vec3 = (0.0, 0.0, 0.0)
         self._before = [0.0, 0.0]
         self._moved_s = self._swept_s = self._shock_s = self._shocks_s = self._newest_s = self._hole_s = -math.inf
-        for images in self._images:
-            images.restart()
+        self._images.restart()
+        self._halves.clear()
+        self._between = None
         self._turns.clear()
         self._asked.clear()
         self.evidence = Contradiction(0.0, 0.0, 0.0, 0.0)
@@ -194,7 +204,7 @@ class Obedience:
     def stands(self, now_s: float) -> bool:
         """Whether the position has not moved by itself or answered a command of late."""
         still = now_s - self._moved_s > 1.5 * NODE_S and now_s - self._swept_s > SWEPT_S
-        return still and self._images[0].nodes > SETTLES
+        return still and self._images.nodes > SETTLES
 
     def led(self, now_s: float) -> bool:
         """Whether something else than the commands moves it, as a hand does, at ``now_s`` [s]."""
@@ -220,26 +230,34 @@ class Obedience:
         if last is None or dt > GAP_S or not counts or pose.reset_count != self._resets:
             self._begin(pose)
             return False
-        x, y, z = _turn(last, pose.attitude)
-        self._seen_x += x
-        self._seen_y += y
-        self._seen_z += z
-        x, y, z = _turn(before.attitude, given.attitude)
-        self._told_x += x
-        self._told_y += y
-        self._told_z += z
+        # Written out, as this is done with every pose: both turns in the body's axes, twice a quaternion's vector.
+        w, x, y, z = last
+        p, q, r, s = pose.attitude
+        k = 2.0 if w * p + x * q + y * r + z * s > 0.0 else -2.0
+        self._seen_x += k * (w * q - x * p - y * s + z * r)
+        self._seen_y += k * (w * r + x * s - y * p - z * q)
+        self._seen_z += k * (w * s - x * r + y * q - z * p)
+        w, x, y, z = before.attitude
+        p, q, r, s = given.attitude
+        k = 2.0 if w * p + x * q + y * r + z * s > 0.0 else -2.0
+        self._told_x += k * (w * q - x * p - y * s + z * r)
+        self._told_y += k * (w * r + x * s - y * p - z * q)
+        self._told_z += k * (w * s - x * r + y * q - z * p)
         half = 0.5 * dt
         m, (ix, iy, iz), (sx, sy, sz), g = -1.0 / self._mass, given.impulse, given.reach, self._gravity
         (px, py, pz), (vx, vy, vz) = self._pushed, self._speed
         self._pushed = (px + dt * vx + m * sx, py + dt * vy + m * sy, pz + dt * (vz + half * g) + m * sz)
         self._speed = (vx + m * ix, vy + m * iy, vz + m * iz + g * dt)
         if dt > HOLE_S:
-            for images in self._images:  # poses were missing: the filters must find their way again
-                images.nodes = min(images.nodes, SETTLES - 3)
+            # Poses were missing: the filters must find their way again.
+            self._images.nodes = min(self._images.nodes, SETTLES - 3)
+            self._halves.clear()
+            self._between = None
         self._upset = upset
         h = pose.time_s - self._node_s
         if h < NODE_S - 1e-6:
-            self._between(pose)
+            if h >= HALF_NODE_S:
+                self._look_between(pose)
             return False
         self._node(pose, h, noise_m)
         return True
@@ -271,17 +289,27 @@ class Obedience:
         self._resets, self._node_s = pose.reset_count, pose.time_s
         self._seen_x = self._seen_y = self._seen_z = self._told_x = self._told_y = self._told_z = 0.0
         self._pushed = self._speed = (0.0, 0.0, 0.0)
-        for images in self._images:
-            images.begin(pose.time_s, pose.position_ned, self._pushed)
+        self._images.begin(pose.time_s, pose.position_ned, self._pushed)
+        self._halves.clear()
+        self._between = None
 
-    def _between(self, pose: Pose) -> None:
-        """Between two nodes the second images have one of theirs."""
-        images = self._images[1]
-        if pose.time_s - self._node_s < HALF_NODE_S or images.time_s > self._node_s:
+    def _look_between(self, pose: Pose) -> None:
+        """Half-way between two nodes: where an image is suspected, it is looked for here, too."""
+        halves, images, fade = self._halves, self._between, 1.0 - NODE_S / FADE_S
+        if halves and halves[-1][0] > self._node_s:
             return
-        before = images.evidence
-        images.node(pose.time_s, pose.position_ned, self._pushed, 1.0 - NODE_S / FADE_S, NODE_S)
-        if images.evidence > before:
+        halves.append((pose.time_s, pose.position_ned, self._pushed))
+        if self._images.evidence < LOOKS and (images is None or images.evidence < LOOKS):
+            self._between = None
+            return
+        if images is None:
+            self._between = images = Images(self._images.wind)
+            images.begin(*halves[0])
+            for half in islice(halves, 1, len(halves) - 1):
+                images.node(*half, fade, NODE_S)
+        if len(halves) > 1:
+            images.wander = self._wander
+            images.node(*halves[-1], fade, NODE_S)
             self._judge()
 
     def _judge(self) -> None:
@@ -293,9 +321,9 @@ class Obedience:
             still = max(still, STOPPED if self._stopped_s < ARREST_S else 1.0)
         heading = abs(self._heading) / HEADING_RAD_S
         attitude = max(self._attitude, *self._quarters) / CONVICTS
-        first, second = self._images
+        images = max(self._images.evidence, 0.0 if self._between is None else self._between.evidence)
         convicts = EARLY_CONVICTS if self._flown < EARLY else IMAGE_CONVICTS
-        axes = max(first.evidence, second.evidence) / (UPSET_CONVICTS if self._upset else convicts)
+        axes = images / (UPSET_CONVICTS if self._upset else convicts)
         self.evidence = Contradiction(attitude, axes, heading, still)
         self.largest = max(self.largest, attitude, axes, heading, still)
 
@@ -319,9 +347,8 @@ class Obedience:
         self.answered = max(0.0, self.answered - max(says, -CAP))
         # White noise moves it by √2 of itself from node to node; much more than that is an estimate that wanders.
         self._wander = max(2.0 * (self._rests - 3.0 * noise_m * noise_m), 0.0)
-        for images in self._images:
-            images.wander = self._wander
-        images = self._images[0]
+        images = self._images
+        images.wander = self._wander
         seen, told = images.node(pose.time_s, pose.position_ned, self._pushed, fade, NODE_S)
         if images.nodes > SETTLES:
             self._stands(pose, seen, told, fade, math.sqrt((FILTER_NOISE * noise_m) ** 2 + self._wander))
@@ -341,13 +368,16 @@ class Obedience:
         asked.append((now_s, self._told_z / h))
         while asked[0][0] < now_s - YAW_LATE_S:
             asked.popleft()
+        if abs(seen - asked[-1][1]) < STRAYS_RAD_S:
+            return 0.0
         rates = [rate for _, rate in asked]
         return seen - min(max(seen, min(rates)), max(rates))
 
     def _stands(self, pose: Pose, y: Vec3, c: Vec3, fade: float, noise_m: float) -> None:
         """What one node says of a position that stands; ``noise_m`` is the filter's own [m]."""
         own, says, strays, wander = noise_m * noise_m, 0.0, False, 3.0 * math.sqrt(self._wander)
-        leaves = math.hypot(*y) - math.hypot(*c)
+        left = math.hypot(*y)
+        leaves = left - math.hypot(*c)
         far = math.dist(self._place, pose.position_ned) > SWEPT_M
         if far:  # what goes somewhere does not stand, however steadily it goes
             self._moved_s = pose.time_s
@@ -356,15 +386,18 @@ class Obedience:
             self.led_s = pose.time_s
         self._place = pose.position_ned
         for seen, told in zip(y, c, strict=True):
-            square = seen * seen
-            if square > max(MOVES * own, (ANSWERS * told) ** 2):
-                self._moved_s = pose.time_s
-            a, b = own + (STILL * told) ** 2, own + (LIVELY * told) ** 2
-            if square > max(MOVES * own, b):
-                says -= CAP  # whatever moves it, it is no picture
-            elif not far:
+            square, asked = seen * seen, told * told
+            b = own + LIVELY * LIVELY * asked
+            if square > MOVES * own:
+                if square > ANSWERS * ANSWERS * asked:
+                    self._moved_s = pose.time_s
+                if square > b:
+                    says -= CAP  # whatever moves it, it is no picture
+                    continue
+            if not far:
+                a = own + STILL * STILL * asked
                 says += 0.5 * math.log(b / a) - 0.5 * square * (1.0 / a - 1.0 / b)
-        if math.hypot(*y) > SWEPT_M:
+        if left > SWEPT_M:
             self._swept_s = pose.time_s
             strays = math.dist(y, c) > SWEPT_M
             if leaves > SHOCK_M + wander:
@@ -379,7 +412,7 @@ class Obedience:
             self._stopped_s = pose.time_s - arrest.time_s
             if moved > STANDS_M + 2.0 * noise_m or self._stopped_s > 2.0 * ARREST_S:
                 self._arrest, self._stopped_s, self.led_s = None, 0.0, pose.time_s
-        if leaves > ARREST_M + wander + 2.0 * (math.sqrt(max(self._images[0].wind)) - WIND_M):
+        if leaves > ARREST_M and leaves > ARREST_M + wander + 2.0 * (math.sqrt(max(self._images.wind)) - WIND_M):
             # It leaves its way, and not by our doing: a gust, a hand, or the end of what was true.
             self._arrest = pose
 
@@ -387,6 +420,9 @@ class Obedience:
         """What one node says of an object whose axes are a quarter turn off: roll is seen as pitch."""
         x, y = x - self._bias[0], y - self._bias[1]
         obeys, seen = (x - cx) ** 2 + (y - cy) ** 2, x * x + y * y
+        best = seen + cx * cx + cy * cy - 2.0 * abs(x * cy - y * cx)
+        if not any(self._quarters) and best >= min(obeys, seen):
+            return  # it says nothing, as nearly always
         for i, sign in enumerate((1.0, -1.0)):
             off = (x - sign * cy) ** 2 + (y + sign * cx) ** 2
             says = (min(obeys, seen) - off) / (2.0 * max(*self._turn_variance, off / UNEXPLAINED))
@@ -399,9 +435,10 @@ class Obedience:
         # A rate lag that is told a little wrong shifts what a changing command does by a part of a node.
         slip = SLIP * (c - self._before[axis])
         self._before[axis] = c
-        variance = self._turn_variance[axis]
+        variance, least = self._turn_variance[axis], TURN_FLOOR_RAD * TURN_FLOOR_RAD
         best = min(r * r, y * y)
-        self._turn_variance[axis] = max(variance + learn * (min(best, 9.0 * variance) - variance), TURN_FLOOR_RAD**2)
+        if best > variance or variance > least:
+            self._turn_variance[axis] = max(variance + learn * (min(best, 9.0 * variance) - variance), least)
         if self._attitude < CALM:
             # A command of which we don't know how much arrives says little of what turns it beside.
             trim = self._bias_variance[axis]
@@ -410,15 +447,3 @@ class Obedience:
             self._bias_variance[axis] = (1.0 - gain) * trim
             self._bias[axis] += gain * max(-most, min(most, r))
         return ANSWER * c * (ANSWER * c - 2.0 * y) / (2.0 * max(variance, best / UNEXPLAINED, slip * slip))
-
-
-def _turn(a: Quat, b: Quat) -> Vec3:
-    """The small turn from ``a`` to ``b`` in the body's axes [rad]."""
-    w, x, y, z = a
-    p, q, r, s = b
-    k = 2.0 if w * p + x * q + y * r + z * s > 0.0 else -2.0
-    return (
-        k * (w * q - x * p - y * s + z * r),
-        k * (w * r + x * s - y * p - z * q),
-        k * (w * s - x * r + y * q - z * p),
-    )

@@ -67,6 +67,13 @@ def test_every_measurement_gives_json_and_words(monkeypatch: pytest.MonkeyPatch)
     assert all(f"\n{name}:" in words for name in bench.WHAT)
 
 
+def test_the_second_witness_takes_little_of_a_command(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(bench_monitor, "TICKS", 400)
+    found = bench_monitor.monitor("paper")
+    assert found["witness_share"] < 0.06
+    assert found["witness_share"] < found["monitor_share"] < 1.8 * bench_monitor.GOAL_SHARE
+
+
 def test_a_peer_that_cannot_run_says_why_and_the_others_are_measured(monkeypatch: pytest.MonkeyPatch) -> None:
     def absent() -> Bench:
         raise ModuleNotFoundError("No module named 'jax'")
