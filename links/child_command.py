@@ -9,4 +9,4 @@ def make_child_command(module: str, *words: str) -> list[str]:
     A file or a folder `links`, `groundstation` or `sim` where the operator happens to stand is not ours, nor is one on
     PYTHONPATH.
     """
-    return [sys.executable, "-P", "-m", "quadrotor_groundstation", module, *words]
+    return [sys.executable, "-P", "-m", "groundstation.launch", module, *words]

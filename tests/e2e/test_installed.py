@@ -33,7 +33,7 @@ def programs(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 def test_it_is_the_wheel_that_runs(programs: Path) -> None:
-    code = "import quadrotor_groundstation, sim, sys; sys.exit(not sim.__file__.startswith(sys.prefix))"
+    code = "import groundstation.launch, sim, sys; sys.exit(not sim.__file__.startswith(sys.prefix))"
     run(programs / "python", "-P", "-c", code)
 
 

@@ -1,11 +1,13 @@
-"""Starts this installation's programs, whatever else bears the names of their packages.
+"""Launcher: starts this installation's programs, whatever else is called ``sim`` or ``links``.
 
-``sim``, ``links`` and ``groundstation`` are words that a file or a folder of the operator's may bear too, and
-PYTHONPATH may put it first; nothing else bears the name of this package. Whoever imports it finds those three beside it
-from then on, so only programs do, and the processes that they start (links/child_command.py).
+These are words that a file or a folder of the operator's may bear too, and PYTHONPATH may put it first. Whoever imports
+this module finds those packages beside it from then on, so only programs do, and the processes that they start:
+``python -P -m groundstation.launch MODULE …`` (links/child_command.py).
 """
 
+import runpy
 import sys
+from importlib import import_module
 from importlib.machinery import PathFinder
 from os.path import dirname  # pathlib would be a tenth of the time that --help takes
 
@@ -28,13 +30,19 @@ sys.meta_path.insert(0, OwnPackages)  # type: ignore[arg-type]  # a class that f
 
 def run_groundstation() -> int:
     """The program ``groundstation``."""
-    from groundstation.__main__ import main
-
-    return main()
+    return _run("groundstation")
 
 
 def run_groundstation_sim() -> int:
     """The program ``groundstation-sim``."""
-    from sim.__main__ import main
+    return _run("sim")
 
-    return main()
+
+def _run(package: str) -> int:
+    code: int = import_module(f"{package}.__main__").main()
+    return code
+
+
+if __name__ == "__main__":
+    del sys.argv[0]
+    runpy.run_module(sys.argv[0], run_name="__main__", alter_sys=True)
