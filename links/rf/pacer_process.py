@@ -5,12 +5,11 @@ import os
 import signal
 import socket
 import subprocess
-import sys
 from collections.abc import Callable
-from pathlib import Path
 
 import msgspec
 
+from links.core.child_command import make_child_command
 from links.core.port import LinkError, LinkLost
 from links.io.mailbox import CAPACITY_BYTES, Mailbox
 from links.rf.codecs.codec import Manner, RfLinkConfig
@@ -127,10 +126,8 @@ async def open_process(
         on_report(news)
 
     with theirs:
-        # -P: a folder `links` where the operator happens to stand is not ours. Ours is named instead.
-        environment = os.environ | {"PYTHONPATH": str(Path(__file__).parents[2])}
         shared = (theirs.fileno(), mailbox.fd)
-        command = [sys.executable, "-P", "-m", "links.rf.pacer_standby", *map(str, shared)]
+        command = make_child_command("links.rf.pacer_standby", *map(str, shared))
         started = loop.time()
         process = subprocess.Popen(  # noqa: ASYNC220, S603  # a millisecond, on the ground; our own program
             command,
@@ -138,7 +135,6 @@ async def open_process(
             stdout=subprocess.DEVNULL,
             pass_fds=shared,
             start_new_session=True,
-            env=environment,
         )
     ours.setblocking(False)
     pacer = PacerProcess(config.manner, process, ours, mailbox, report)

@@ -4,9 +4,9 @@ import asyncio
 import os
 from collections.abc import AsyncIterator, Awaitable, Callable
 from contextlib import asynccontextmanager
-from importlib.metadata import version
 from typing import Any, Protocol
 
+from groundstation import __version__
 from groundstation.config.load import dump
 from groundstation.core.messages.snapshot import Snapshot
 from groundstation.flight.flight import Flight, Outcome
@@ -45,7 +45,7 @@ async def crew(
         core,
         quiet=quiet,
         pid=os.getpid(),
-        version=version("groundstation"),
+        version=__version__,
         config_text=dump(config),
         log=say,
     )

@@ -8,6 +8,7 @@ from statistics import median
 
 import msgspec
 
+from groundstation import __version__
 from groundstation.config.load import dump
 from groundstation.settings.settings import Config
 from sim.studies.tune.flights import Flyers, sorties
@@ -166,10 +167,8 @@ def margins_table(evidence: Evidence) -> list[str]:
 
 def versions() -> str:
     """What made it."""
-    names = ("groundstation", "optuna", "numpy")
-    return ", ".join(
-        [*(f"{name} {importlib.metadata.version(name)}" for name in names), f"Python {platform.python_version()}"]
-    )
+    others = (f"{name} {importlib.metadata.version(name)}" for name in ("optuna", "numpy"))
+    return ", ".join([f"groundstation {__version__}", *others, f"Python {platform.python_version()}"])
 
 
 def _errors(figure: Figure) -> str:

@@ -10,7 +10,6 @@ How long what was sent had to wait for its answer.
 
 import asyncio
 import gc
-import sys
 import tempfile
 from collections import deque
 from collections.abc import Callable, Sequence
@@ -22,6 +21,7 @@ from groundstation.config.load import dump
 from groundstation.pose.sources.vicon import ViconConfig
 from groundstation.runtime.clock import sleep_until
 from groundstation.settings.settings import Config
+from links.core.child_command import make_child_command
 from links.io.address import parse_address
 from links.mavlink.link import MavlinkLinkConfig
 from sim.autopilots.peer import AutopilotPeer
@@ -164,11 +164,11 @@ async def fly(
     """
     with tempfile.TemporaryDirectory(prefix="latency-") as name:
         folder = Path(name)
-        echo = await _process("-m", "tests.proving.bench.echo", stdout=asyncio.subprocess.PIPE)
+        echo = await _process("tests.proving.bench.echo", stdout=asyncio.subprocess.PIPE)
         config = await _config(rate_hz, folder)
         path = folder / "flight.toml"
         path.write_text(dump(config))
-        daemon = await _process("-m", "groundstation", "daemon", str(path), "--arm", config.vehicle.name)
+        daemon = await _process("groundstation", "daemon", str(path), "--arm", config.vehicle.name)
         try:
             assert echo.stdout is not None
             port = int(await echo.stdout.readline())
@@ -180,9 +180,12 @@ async def fly(
                 await process.wait()
 
 
-async def _process(*arguments: str, stdout: int = asyncio.subprocess.DEVNULL) -> asyncio.subprocess.Process:
+async def _process(module: str, *words: str, stdout: int = asyncio.subprocess.DEVNULL) -> asyncio.subprocess.Process:
     return await asyncio.create_subprocess_exec(
-        sys.executable, *arguments, stdin=asyncio.subprocess.DEVNULL, stdout=stdout, stderr=asyncio.subprocess.DEVNULL
+        *make_child_command(module, *words),
+        stdin=asyncio.subprocess.DEVNULL,
+        stdout=stdout,
+        stderr=asyncio.subprocess.DEVNULL,
     )
 
 

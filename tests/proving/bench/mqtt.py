@@ -18,6 +18,7 @@ from groundstation.interfaces.mqtt.broker import from_url
 from groundstation.interfaces.mqtt.publisher import publish_forever
 from groundstation.runtime.broadcast import Latest
 from groundstation.settings.mqtt import MqttConfig
+from links.core.child_command import make_child_command
 from links.core.port import LinkStatus
 from tests.proving.bench.bench import Options
 
@@ -77,7 +78,7 @@ async def _play(port: int, stations: int, seconds: float, settle_s: float) -> di
     loop = asyncio.get_running_loop()
     begin_s = loop.time() + settle_s
     listener = await asyncio.create_subprocess_exec(
-        *(sys.executable, "-m", "tests.proving.bench.mqtt", url, str(begin_s), str(begin_s + seconds)),
+        *make_child_command("tests.proving.bench.mqtt", url, str(begin_s), str(begin_s + seconds)),
         stdout=subprocess.PIPE,
     )
     config = MqttConfig(enabled=True, port=port, rate_hz=RATE_HZ * 2)  # each put is published: the source sets the pace
