@@ -21,6 +21,7 @@ from typing import IO, Any, cast
 import msgspec
 from mcap.writer import CompressionType, Writer
 
+from groundstation import __version__
 from groundstation.recording.channels import CHANNELS, schema
 from groundstation.recording.headline import Count
 from groundstation.recording.messages import Messages, address
@@ -175,7 +176,7 @@ class FlightLog:
         self._flushed_s = 0.0
         # Any: some of its methods have no types
         self._writer: Any = Writer(cast(IO[bytes], self._file), compression=CompressionType.ZSTD, enable_data_crcs=True)
-        self._writer.start(library=f"groundstation {groundstation.__version__}")
+        self._writer.start(library=f"groundstation {__version__}")
         self._writer.add_metadata("about", facts(about))
         self._channels = {
             topic: self._writer.register_channel(
@@ -256,13 +257,11 @@ class FlightLog:
 
 def facts(about: About) -> dict[str, str]:
     """The first record of a recording: everything known before the flight, and what flies it."""
-    packages = ", ".join(
-        [f"groundstation {groundstation.__version__}", *(f"{name} {_version(name)}" for name in PACKAGES)]
-    )
+    packages = ", ".join([f"groundstation {__version__}", *(f"{name} {_version(name)}" for name in PACKAGES)])
     return _texts(
         {
             **msgspec.to_builtins(about),
-            "version": groundstation.__version__,
+            "version": __version__,
             "git": git_commit(),
             "python": platform.python_version(),
             "system": platform.platform(),
