@@ -21,11 +21,11 @@ from typing import IO, Any, cast
 import msgspec
 from mcap.writer import CompressionType, Writer
 
-from groundstation import __version__
 from groundstation.recording.channels import CHANNELS, schema
 from groundstation.recording.headline import Count
 from groundstation.recording.messages import Messages, address
 from groundstation.recording.records import About, Ended, Lost, Opened, Posed, Received, Record, Sent, Ticked, Told
+from groundstation.runtime.version import __version__
 from links.mavlink.protocol.codec import frame_end
 
 PATIENCE_BYTES = 16 << 20

@@ -14,7 +14,6 @@ from typing import TYPE_CHECKING, Any
 
 import msgspec
 
-from groundstation import __version__
 from groundstation.core.messages.requests import Reply, Request
 from groundstation.core.messages.snapshot import Snapshot
 from groundstation.interfaces.mqtt.broker import HEARD_MAX_BYTES, TIMEOUT_S, heed_cancellation, in_words, opened
@@ -34,6 +33,7 @@ from groundstation.interfaces.mqtt.messages import (
 )
 from groundstation.interfaces.mqtt.requests import Requests, requests_of
 from groundstation.runtime.broadcast import Latest
+from groundstation.runtime.version import __version__
 from groundstation.settings.mqtt import MqttConfig
 
 if TYPE_CHECKING:

@@ -6,7 +6,6 @@ from collections.abc import AsyncIterator, Awaitable, Callable
 from contextlib import asynccontextmanager
 from typing import Any, Protocol
 
-from groundstation import __version__
 from groundstation.config.load import dump
 from groundstation.core.messages.snapshot import Snapshot
 from groundstation.flight.flight import Flight, Outcome
@@ -14,6 +13,7 @@ from groundstation.interfaces.api.desk import Core
 from groundstation.interfaces.api.server import Server
 from groundstation.runtime.broadcast import Latest
 from groundstation.runtime.quiet import Quiet
+from groundstation.runtime.version import __version__
 from groundstation.settings.settings import Config
 
 

@@ -8,8 +8,8 @@ from statistics import median
 
 import msgspec
 
-from groundstation import __version__
 from groundstation.config.load import dump
+from groundstation.runtime.version import __version__
 from groundstation.settings.settings import Config
 from sim.studies.tune.flights import Flyers, sorties
 from sim.studies.tune.margins import DELAY, GAIN_DOWN, GAIN_UP, Report, report
