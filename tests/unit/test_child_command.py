@@ -42,9 +42,7 @@ def test_a_module_of_the_users_with_another_name_is_found_on_its_path(tmp_path: 
 def test_whoever_only_imports_our_packages_finds_his_own(tmp_path: Path) -> None:
     (tmp_path / "sim.py").write_text("mine = True", "utf-8")
     script = tmp_path / "script.py"
-    script.write_text(
-        "import groundstation.interfaces.service.crew, links.rf.pacer_process, sim\nassert sim.mine\n", "utf-8"
-    )
+    script.write_text("import groundstation.flight.flight, links.rf.pacer_process, sim\nassert sim.mine\n", "utf-8")
     done = run([sys.executable, str(script)], tmp_path, "")
     assert done.returncode == 0, done.stderr
 
