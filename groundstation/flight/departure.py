@@ -9,8 +9,7 @@ from groundstation.core.messages.verdict import Check, Verdict
 from groundstation.core.mission.mission import Event
 from groundstation.core.pilot import Pilot
 from groundstation.core.safety.witness import Witness
-from groundstation.flight.checks import LOOK_S, Checks, failed
-from groundstation.flight.company import Company
+from groundstation.flight.checks import LOOK_S, Checks, Company, failed
 from groundstation.flight.progress import Progress
 from groundstation.flight.proof import on_file, place
 from groundstation.flight.sender import Ended

@@ -15,7 +15,7 @@ from groundstation.core.pilot import Pilot, Tick
 from groundstation.core.safety.live_gains import LiveGains
 from groundstation.core.safety.obedience import Contradiction, Obedience
 from groundstation.core.safety.witness import Witness
-from groundstation.flight.company import Company
+from groundstation.flight.checks import Company
 from groundstation.flight.departure import Departure
 from groundstation.flight.ending import Ending
 from groundstation.flight.hold_to_run.watch import HoldWatch

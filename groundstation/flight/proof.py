@@ -7,7 +7,7 @@ from pathlib import Path
 import msgspec
 
 from groundstation.runtime.flights import RecordingConfig, folder_of
-from groundstation.runtime.ownership import FILE, ours
+from groundstation.runtime.place import FILE, ours
 from groundstation.settings.settings import Config
 
 SECTIONS = ("vehicle", "pose", "gate", "link", "flight", "guards")

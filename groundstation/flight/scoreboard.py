@@ -10,7 +10,7 @@ from groundstation.core.messages.snapshot import Certificate, Snapshot
 from groundstation.core.messages.verdict import Check
 from groundstation.core.mission.mission import State
 from groundstation.core.pilot import Tick
-from groundstation.flight.due import Due
+from groundstation.flight.pacing import Due
 from groundstation.settings.settings import Config
 from links.core.lateness import Lateness
 from links.core.port import CommandLink, LinkStatus

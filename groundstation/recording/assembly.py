@@ -8,7 +8,7 @@ from groundstation.core.messages.bodies import Others
 from groundstation.core.messages.pose import Overheard, Pose, PoseEvent
 from groundstation.core.mission.mission import State
 from groundstation.core.pilot import Tick
-from groundstation.flight.company import Company, body_of
+from groundstation.flight.checks import Company, body_of
 from groundstation.flight.ends import make_ends
 from groundstation.flight.flight import Flight
 from groundstation.flight.hold_to_run.kinds import make_hold

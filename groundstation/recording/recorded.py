@@ -11,10 +11,10 @@ from groundstation.core.messages.requests import Reply, Request
 from groundstation.core.mission.mission import State
 from groundstation.core.pilot import Pilot, Tick
 from groundstation.core.trajectory.port import Reference, Trajectory
-from groundstation.flight.company import Company
-from groundstation.flight.due import Due
+from groundstation.flight.checks import Company
 from groundstation.flight.flight import Flight, Outcome
 from groundstation.flight.hold_to_run.watch import HoldWatch
+from groundstation.flight.pacing import Due
 from groundstation.recording.records import (
     GAIN,
     About,

@@ -1,15 +1,25 @@
-"""Where the sockets of running ground stations are, and that nobody else can take their place."""
+"""Where the sockets of running ground stations are, and that nobody else can take their place.
+
+Whether what lies in a folder is this user's alone: others could put a file or a socket of theirs in its place.
+"""
 
 import asyncio
 import os
 import stat
+from collections.abc import Callable
 from glob import escape
 from pathlib import Path
 from typing import Annotated
 
 import msgspec
 
-from groundstation.runtime.ownership import FOLDER, ours
+FOLDER, FILE = stat.S_ISDIR, stat.S_ISREG
+
+
+def ours(found: os.stat_result, kind: Callable[[int], bool]) -> bool:
+    """Whether it is of that kind, this user's, and nobody else may write it; ``found`` is of lstat(2): no link is."""
+    return kind(found.st_mode) and found.st_uid == os.geteuid() and not found.st_mode & 0o022
+
 
 SERVICES = Path("/run/groundstation")
 """Here every service of the machine has a folder of its own: ``groundstation service`` makes it so."""

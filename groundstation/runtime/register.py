@@ -13,8 +13,7 @@ from pathlib import Path
 
 import msgspec
 
-from groundstation.runtime.ownership import FILE, FOLDER, ours
-from groundstation.runtime.place import SERVICES, directory, own_directory
+from groundstation.runtime.place import FILE, FOLDER, SERVICES, directory, ours, own_directory
 
 SUFFIX = ".running"
 BRIDGE = "rf-bridge"

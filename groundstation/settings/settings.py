@@ -13,8 +13,7 @@ from groundstation.core.safety.takeoff import TakeoffConfig
 from groundstation.core.safety.touchdown import LandingConfig
 from groundstation.core.trajectory.kinds import TrajectoryConfig
 from groundstation.core.trajectory.lemniscate import LemniscateConfig
-from groundstation.core.vehicle.limits import LimitsConfig
-from groundstation.core.vehicle.vehicle import Vehicle
+from groundstation.core.vehicle.vehicle import LimitsConfig, Vehicle
 from groundstation.pose.gate import GateConfig
 from groundstation.pose.kinds import PoseConfig, ShowsOthers
 from groundstation.pose.sources.mavlink import MavlinkPoseConfig

@@ -1,20 +1,259 @@
 """The link to an RF bridge: the pacer and the module are on another computer, as in the paper's set-up.
 
-To the link it is a pacer like any other (links/rf/paced_link.py, links/bridge/remote_pacer.py).
+To the link it is a pacer like any other (links/rf/paced_link.py, links/bridge/link.py).
+
+A pacer on another computer, behind an RF bridge, as a station sees it.
+
+What the link wants goes out as a whole in every datagram: the newest command as soon as it comes, and the rest again
+and again until the bridge has heard it. The bridge has the dead man's switch; nothing here can make an old command
+count.
 """
 
+import asyncio
+import math
 import os
+from collections import Counter
+from collections.abc import Callable
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import msgspec
 
-from links.bridge.remote_pacer import UNTIL_TOLD, Nonce, RemotePacer
-from links.core.port import LinkLost
+from links.bridge.codec import HELLO, NONCE_BYTES, WELCOME, WELCOMES, Down, Hello, Up, Welcome, first_seal, kind_of
+from links.bridge.session import StationEnd
+from links.core.port import Command, LinkLost, LinkRejected
+from links.core.thrust_curve import signal
 from links.io.address import beyond, parse_address
+from links.io.datagrams import Datagrams
 from links.io.key_file import read_key
+from links.rf.codecs.codec import Manner, Service
 from links.rf.paced_link import PacedLink
-from links.rf.pacer_messages import Hear
+from links.rf.pacer_messages import Arm, End, Give, Hear, Order, Report, Serve, Stop
+
+BEAT_S = 0.1
+"""Longest time between two datagrams [s]."""
+AGAIN_S = 0.02
+"""What the bridge has not heard is said again after this time [s]."""
+MUTE_S = 0.8
+"""A bridge that says nothing for so long is asked for a new session: it may have been started anew [s]."""
+
+UNTIL_TOLD = Manner(
+    period_s=0.0225, lead_s=0.005, arm_low_s=0.5, arm_high_s=1.0, disarm_s=0.5, services=frozenset[Service]()
+)
+"""How it paces, until the bridge tells."""
+
+Nonce = Callable[[int], bytes]
+
+
+class RemotePacer(asyncio.DatagramProtocol):
+    """Implements :class:`links.rf.pacer_messages.Pacer`."""
+
+    def __init__(
+        self,
+        remote: str,
+        thrust_max_n: float,
+        thrust_curve: float,
+        key: bytes,
+        nonce: Nonce,
+        hear: Hear,
+    ) -> None:
+        """Nothing is opened yet; ``remote`` is the bridge's address, and ``key`` is shared with it.
+
+        ``thrust_max_n`` is the thrust at full throttle [N], ``thrust_curve`` the vehicle's; ``nonce`` stands for
+        chance, and ``hear`` takes the reports.
+        """
+        self.manner = UNTIL_TOLD
+        self.dropped: Counter[str] = Counter()
+        self._remote = remote
+        self._thrust_max, self._curve = thrust_max_n, thrust_curve
+        self._key = key
+        self._random = nonce
+        self._on_report = hear
+        self._loop = asyncio.get_running_loop()
+        self._wire: Datagrams | None = None
+        self._beat: asyncio.TimerHandle | None = None
+        self._ended: asyncio.Future[None] = self._loop.create_future()
+        self._opened: asyncio.Future[None] = self._loop.create_future()
+        self._refused = ""
+        self._wants = Up(0.0, 0.0, 0.0)
+        self._linger_s: float | None = None
+        self._urgent = 0
+        """Counter of the first datagram with the newest wish; 0 while none was sent with it."""
+        self._session: StationEnd | None = None
+        self._ask()
+
+    @property
+    def why_mute(self) -> str:
+        """What it means that no report comes."""
+        if self._refused:
+            return f"the bridge at {self._remote} refuses: {self._refused}"
+        return f"the bridge at {self._remote} is not heard: it brings down and disarms by itself"
+
+    def _ask(self) -> None:
+        """A new hello; a session that there was goes on until it is answered."""
+        self._nonce = self._random(NONCE_BYTES)
+        self._hello = first_seal(self._key, HELLO, self._nonce)
+        self._welcome = first_seal(self._key, WELCOME, self._nonce)
+
+    async def open(self, within_s: float) -> None:
+        """Find the bridge, and hear from it that this station may command, ``within_s`` [s].
+
+        Raises:
+            LinkLost: it does not answer.
+            LinkRejected: it obeys another station.
+        """
+        host, port = parse_address(self._remote)
+        try:
+            await self._loop.create_datagram_endpoint(lambda: self, remote_addr=(host, port))
+        except OSError as error:
+            raise LinkLost(f"cannot reach {self._remote}: {error.strerror or error}") from None
+        try:
+            self._turn()
+            async with asyncio.timeout(within_s):
+                await asyncio.shield(self._opened)
+        except BaseException as error:
+            self.forget()
+            if isinstance(error, TimeoutError):
+                raise self._nobody(within_s) from None
+            raise
+
+    def _nobody(self, within_s: float) -> LinkLost | LinkRejected:
+        if self._refused:
+            return LinkRejected(self.why_mute)
+        odd = {why: count for why, count in self.dropped.items() if why != "undeliverable"}
+        hint = f"what came was dropped: {odd}" if odd else "is it running there, and with the same key?"
+        return LinkLost(f"no answer from a bridge at {self._remote} within {within_s:g} s: {hint}")
+
+    # ---- what the link wants
+
+    def give(self, order: Order) -> bool:
+        """Hand over ``order`` without waiting; False where the wire is closed."""
+        if self._wire is None:
+            return False
+        match order:
+            case Give(arming, command):
+                if arming == self._wants.arming and not self._wants.stopped:
+                    self._say(self._shares(command))
+                return True
+            case Arm(number, at_s):
+                self._want(arming=number, arm_at_s=at_s, stopped=False)
+            case Stop():
+                self._want(stopped=True)
+            case Serve(service, duration_s):
+                number = self._wants.serve[0] + 1 if self._wants.serve is not None else 1
+                self._want(serve=(number, service, duration_s))
+            case End(linger_s):
+                self._linger_s = linger_s
+                self._want(end=True)
+        return True
+
+    def _want(self, **changes: Any) -> None:
+        self._wants = msgspec.structs.replace(self._wants, **changes)
+        self._urgent = 0
+        self._turn()
+
+    def _shares(self, command: Command) -> Command:
+        replace, most, curve = msgspec.structs.replace, self._thrust_max, self._curve
+        down = tuple(replace(part, thrust_n=signal(part.thrust_n / most, curve)) for part in command.bring_down)
+        return replace(command, thrust_n=signal(command.thrust_n / most, curve), bring_down=down)
+
+    async def ended(self) -> None:
+        """Wait until the bridge has brought the vehicle down and disarm frames have left."""
+        await asyncio.shield(self._ended)
+
+    def forget(self) -> None:
+        """Close the wire; the bridge's dead man's switch does the rest."""
+        if self._beat is not None:
+            self._beat.cancel()
+        if self._wire is not None:
+            self._wire.abort()
+            self._wire = None
+        self._end()
+
+    # ---- the wire
+
+    def connection_made(self, transport: Any) -> None:
+        """Take the wire (called by the event loop)."""
+        self._wire = Datagrams(transport)
+
+    def _turn(self) -> None:
+        """Say something now, and again after a while."""
+        self._say(None)
+        if self._is_mute() and self._wire is not None:
+            self._wire.send(self._hello.close(Hello(self._nonce)), None)
+        if self._beat is not None:
+            self._beat.cancel()
+        self._beat = self._loop.call_later(AGAIN_S if self._is_pressing() else BEAT_S, self._turn)
+
+    def _is_mute(self) -> bool:
+        return self._session is None or self._session.heard_s < self._loop.time() - MUTE_S
+
+    def _is_pressing(self) -> bool:
+        return self._session is None or self._urgent > self._session.heard
+
+    def _say(self, command: Command | None) -> None:
+        if self._wire is None or self._session is None:
+            return
+        why = self._wire.send(self._session.close(self._wants, command, self._loop.time()), None)
+        if why:
+            self.dropped[why] += 1
+        self._urgent = self._urgent or self._session.sent
+
+    def error_received(self, exc: Exception) -> None:
+        """Nobody listens there, says the network (called by the event loop)."""
+        self.dropped["undeliverable"] += 1
+
+    def datagram_received(self, data: bytes, addr: Any) -> None:
+        """Take one datagram (called by the event loop)."""
+        now = self._loop.time()
+        if kind_of(data) == WELCOME:
+            welcome = self._welcome.open(data, WELCOMES, self.dropped)
+            if welcome is not None and welcome.station_nonce == self._nonce and self._is_mute():
+                self._begin(welcome, now)
+        elif self._session is None:
+            self.dropped["other_session"] += 1
+        else:
+            down = self._session.open(data, self.dropped, now)
+            if down is not None:
+                self._take(down, self._session)
+
+    def _begin(self, welcome: Welcome, now_s: float) -> None:
+        self._session = StationEnd(self._key, welcome, now_s)
+        self.manner = welcome.manner
+        self._urgent = 0
+        self._ask()  # should this session ever be lost
+        self._turn()
+
+    def _take(self, down: Down, session: StationEnd) -> None:
+        self._refused = down.refused
+        if down.refused or not math.isfinite(session.round_trip_s):
+            return
+        self._on_report(self._told(session.ours(down.report), session))
+        if not self._opened.done():
+            self._opened.set_result(None)
+        heard_all = 0 < self._urgent <= session.heard
+        if self._linger_s is not None and heard_all and down.report.over:
+            self._loop.call_later(self._linger_s, self._end)
+            self._linger_s = None
+
+    def _end(self) -> None:
+        if not self._ended.done():
+            self._ended.set_result(None)
+
+    def _told(self, report: Report, session: StationEnd) -> Report:
+        """``report`` in words that tell of the bridge."""
+        return msgspec.structs.replace(
+            report,
+            port=_there(report.port),
+            heir=_there(report.heir),
+            warning=_there(report.warning),
+            dropped={**report.dropped, **self.dropped},
+            note=f"{report.note}; bridge answers in {1e3 * session.round_trip_s:.1f} ms",
+        )
+
+
+def _there(says: str) -> str:
+    return f"on the bridge: {says}" if says else ""
 
 
 class BridgeLinkConfig(

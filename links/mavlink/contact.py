@@ -9,8 +9,8 @@ from links.core.port import LinkLost
 from links.mavlink.protocol.codec import GROUND_STATION, MavlinkCodec, Message
 from links.mavlink.protocol.config import MavlinkLinkConfig
 from links.mavlink.protocol.heartbeat import Heard
+from links.mavlink.protocol.status import Words
 from links.mavlink.protocol.timesync import Timesync
-from links.mavlink.protocol.words import Words
 from links.mavlink.transport.reconnecting import LastingWire
 
 VISION = (

@@ -1,12 +1,19 @@
-"""What ``groundstation-sim mission`` does: from the floor to the figure and back, with one vehicle or several."""
+"""What ``groundstation-sim mission`` does: from the floor to the figure and back, with one vehicle or several.
+
+A mission in words, and as JSON: the states of a whole flight, and how well and how softly it went.
+"""
 
 import argparse
 import json
+from typing import Any
 
 import msgspec
 
 from groundstation.flight.preflight import ensure_flyable
 from groundstation.settings.settings import Config
+from sim.runs.fleet_mission import FleetMission
+from sim.runs.mission import Mission
+from sim.runs.referee import STEADY_S
 from sim.scenarios.prepare import prepare, scenario_of
 from sim.world.world import World
 
@@ -16,7 +23,6 @@ FIGURE_S = 60.0
 
 def mission(args: argparse.Namespace) -> int:
     """Fly one scenario from the floor to its figure and back, in virtual time."""
-    from sim.cli.mission_text import facts, summary
     from sim.runs.mission import fly_mission, from_floor
 
     scenario = scenario_of(args.scenario)
@@ -41,8 +47,6 @@ def mission(args: argparse.Namespace) -> int:
 
 def _missions(args: argparse.Namespace, name: str, world: World, config: Config) -> int:
     """Several missions side by side."""
-    from sim.cli.mission_text import fleet_facts, fleet_summary
-
     if args.real_time:
         from sim.runs.fleet_real import fly_fleet_real
 
@@ -66,3 +70,65 @@ def _paced_by_poses(config: Config) -> Config:
     if not isinstance(config.link, MavlinkLinkConfig):
         return config
     return msgspec.structs.replace(config, link=msgspec.structs.replace(config.link, pace="poses"))
+
+
+def summary(title: str, mission: Mission) -> str:
+    """The mission as text."""
+    lines = [title if mission.landed else f"{title}\nNOT AS PLANNED: {mission.fault or mission.why}", ""]
+    lines += [f"{one.time_s:9.2f} s  {one.state:12} {one.reason}" for one in mission.states]
+    lines.append("")
+    figure = f" over {mission.figure_s:.0f} s of the figure"
+    if mission.rms_cm is None:
+        figure = f" (counts from {STEADY_S:.0f} s on the figure: fly a longer one)"
+    for label, value, unit, places, more in (
+        ("RMS error", mission.rms_cm, "cm", 2, figure),
+        ("largest error", mission.max_cm, "cm", 2, ""),
+        ("touchdown", mission.touchdown_m_s, "m/s", 2, ""),
+        ("from where it took off", 100.0 * mission.home_m, "cm", 1, ""),
+        ("largest tilt", mission.tilt_max_deg, "deg", 1, ""),
+        ("wall time", mission.wall_s, "s", 2, f" for {mission.duration_s:.0f} s"),
+    ):
+        shown = "-" if value is None else f"{value:.{places}f} {unit}"
+        lines.append(f"{label:24}{shown:>14}{more}")
+    return "\n".join(lines)
+
+
+def facts(asked: dict[str, Any], mission: Mission) -> dict[str, Any]:
+    """The mission as one JSON object: what was asked, what came of it; ``states`` in their order."""
+    return {**asked, **msgspec.to_builtins(mission)}
+
+
+def fleet_summary(title: str, flown: FleetMission) -> str:
+    """Several missions as text."""
+    columns = f"{'':12}{'RMS':>9}{'touchdown':>12}{'tick p50':>11}{'p99':>10}{'compute p99':>13}{'round p99':>12}"
+    lines = [title if flown.landed else f"{title}\nNOT AS PLANNED", "", columns]
+    for one in flown.vehicles:
+        lines.append(
+            f"{one.name:12}{_shown(one.rms_cm, 'cm'):>9}{_shown(one.touchdown_m_s, 'm/s'):>12}"
+            f"{_shown(one.tick_p50_ms, 'ms'):>11}{_shown(one.tick_p99_ms, 'ms'):>10}"
+            f"{_shown(one.compute_p99_ms, 'ms'):>13}{_shown(one.round_p99_ms, 'ms'):>12}"
+            + ("" if one.landed else f"  {one.why}")
+        )
+    lines.append("")
+    if flown.nearest is not None:
+        a, b = flown.nearest.between
+        lines.append(f"nearest     {flown.nearest.distance_m:.2f} m, {a} and {b}, at {flown.nearest.time_s:.1f} s")
+    load = "" if flown.load is None else f", load average {flown.load[0]:.1f}"
+    lines.append(f"wall time   {flown.wall_s:.1f} s for {flown.duration_s:.0f} s{load}")
+    return "\n".join(lines)
+
+
+def _shown(value: float | None, unit: str) -> str:
+    return "–" if value is None else f"{value:.2f} {unit}"
+
+
+def fleet_facts(asked: dict[str, Any], flown: FleetMission) -> dict[str, Any]:
+    """The missions as one JSON object: what was asked, what came of it."""
+    ticks = [one.tick_p99_ms for one in flown.vehicles if one.tick_p99_ms is not None]
+    return {
+        **asked,
+        "landed": flown.landed,
+        "tick_p99_ms": max(ticks, default=None),
+        "min_separation_m": None if flown.nearest is None else flown.nearest.distance_m,
+        **msgspec.to_builtins(flown),
+    }

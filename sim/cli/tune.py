@@ -20,9 +20,8 @@ from sim.runs.referee import STEADY_S
 from sim.studies.compare.table import check_markers, put_between_markers
 from sim.studies.tune.evidence import Evidence, margins_table, table, toml, unverified_toml, verified
 from sim.studies.tune.flights import Flyers
-from sim.studies.tune.margins import AXES
+from sim.studies.tune.margins import AXES, criterion, markdown_table, text
 from sim.studies.tune.margins import report as measured
-from sim.studies.tune.margins_text import criterion, markdown_table, text
 from sim.studies.tune.space import space
 from sim.studies.tune.stage import Staged, own, staged, station_of
 from sim.studies.tune.tune import SEARCH_SEED, Floors, Search, Trial, run

@@ -7,7 +7,7 @@ from typing import Any
 from groundstation.core.geometry.frames import frames_of
 from groundstation.pose.intake.multicast import send_by
 from groundstation.pose.sources import natnet_codec as natnet
-from groundstation.pose.sources import natnet_models_codec
+from groundstation.pose.sources import natnet_codec as natnet_models_codec
 from groundstation.pose.sources.natnet import NatNetConfig
 from groundstation.pose.sources.natnet_codec import Unreadable
 from links.io.address import parse_address

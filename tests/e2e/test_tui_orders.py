@@ -11,7 +11,7 @@ from textual.widgets import Input
 
 from groundstation.core.messages.requests import Ask
 from groundstation.interfaces.api.stop_all import Told
-from groundstation.interfaces.tui import ordering
+from groundstation.interfaces.tui import app as ordering
 from groundstation.interfaces.tui.app import Dashboard
 from groundstation.interfaces.tui.feeds.attached import Attached
 from groundstation.interfaces.tui.parts import orders

@@ -12,9 +12,8 @@ from rich.console import Console
 
 from groundstation.core.geometry import so3
 from groundstation.core.messages.pose import Pose, PoseEvent, PoseStatus
-from groundstation.lab.pose_monitor.command import listened
+from groundstation.lab.pose_monitor.command import listened, rows, table
 from groundstation.lab.pose_monitor.seen import WINDOW_S, Seen, Watcher
-from groundstation.lab.pose_monitor.table import rows, table
 from groundstation.pose.recorded.csv import CsvConfig
 from groundstation.pose.recorded.playback import Speed
 from groundstation.settings.settings import Config

@@ -4,7 +4,7 @@ import pytest
 
 from groundstation.core.control.certificate import noise_power
 from groundstation.core.control.gains import Gains
-from groundstation.core.control.power import LIMITS, POSES, VERTICAL, terms
+from groundstation.core.control.watch import LIMITS, POSES, VERTICAL, terms
 from groundstation.core.messages.snapshot import Diagnostics
 from groundstation.core.pilot import Tick
 from sim.runs.fly import fly

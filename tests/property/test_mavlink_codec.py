@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 
 from groundstation.pose.sources.mavlink_codec import LocalPositionDecoder, OdometryDecoder
 from links.mavlink.protocol.codec import MavlinkCodec
-from links.mavlink.protocol.words import Words
+from links.mavlink.protocol.status import Words
 from sim.autopilots.base import SimulatedAutopilot
 from sim.autopilots.kinds import AUTOPILOTS
 from tests.airframe_double import Brick

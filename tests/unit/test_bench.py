@@ -14,9 +14,9 @@ from tests.proving.bench import bench
 from tests.proving.bench import decode as bench_decode
 from tests.proving.bench import flight as bench_flight
 from tests.proving.bench import latency as bench_latency
-from tests.proving.bench import monitor as bench_monitor
 from tests.proving.bench import recording as bench_recording
 from tests.proving.bench import screen as bench_screen
+from tests.proving.bench import tick as bench_monitor
 from tests.proving.bench import tick as bench_tick
 from tests.proving.bench.peers import Bench
 from tests.proving.fuzz.pose_bytes import FLIGHTS

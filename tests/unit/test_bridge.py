@@ -13,8 +13,7 @@ from hypothesis import strategies as st
 
 from links.bridge.clock_bounds import ClockBounds
 from links.bridge.codec import HELLO, UP, UPS, Hello, Seal, Up, first_seal, kind_of
-from links.bridge.link import BridgeLink, BridgeLinkConfig
-from links.bridge.remote_pacer import RemotePacer
+from links.bridge.link import BridgeLink, BridgeLinkConfig, RemotePacer
 from links.bridge.server import SILENT_S, Bridge, BridgeConfig
 from links.core.port import Command, LinkError, LinkLost, LinkRejected, Segment
 from links.io.address import parse_address

@@ -7,7 +7,7 @@ import pytest
 from groundstation.config.load import from_dict
 from groundstation.core.messages.bodies import BODIES_MAX, Others
 from groundstation.core.messages.verdict import Check, Verdict
-from groundstation.flight.company import Company, entry_of
+from groundstation.flight.checks import Company, entry_of
 from groundstation.runtime.register import Running
 from groundstation.settings.settings import Config
 from tests.unit.test_checks import standing

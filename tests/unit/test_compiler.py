@@ -9,8 +9,8 @@ from pathlib import Path
 import pytest
 
 from groundstation.config.load import ConfigError
-from sim.batch import compiler
-from sim.batch.compiler import built
+from sim.batch import kernel as compiler
+from sim.batch.kernel import built
 from sim.batch.kernels import chosen
 from sim.batch.stages import Compiled, Numpy
 

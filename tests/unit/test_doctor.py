@@ -24,8 +24,7 @@ from groundstation.lab.doctor.advice import (
     with_bit,
     without_bit,
 )
-from groundstation.lab.doctor.command import EXIT_FINDINGS, EXIT_HEALTHY, EXIT_NO_ANSWER, Orders, doctor
-from groundstation.lab.doctor.text import report
+from groundstation.lab.doctor.command import EXIT_FINDINGS, EXIT_HEALTHY, EXIT_NO_ANSWER, Orders, doctor, report
 from groundstation.settings.settings import Config
 from links.mavlink.procedures.parameters import REAL32, Parameter
 from sim.autopilots.base import SimulatedAutopilot

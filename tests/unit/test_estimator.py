@@ -14,8 +14,7 @@ from groundstation.core.estimation.estimator import ModelEstimator
 from groundstation.core.geometry import so3
 from groundstation.core.geometry.ops import FLOATS, Vec3
 from groundstation.core.messages.pose import Pose
-from groundstation.core.vehicle.actuators import approach, lead
-from groundstation.core.vehicle.model import Drive, Motion, rolled
+from groundstation.core.vehicle.model import Drive, Motion, approach, lead, rolled
 from groundstation.core.vehicle.vehicle import Vehicle
 from sim.world.draws import rows, stream
 from sim.world.quadrotor import Quadrotor

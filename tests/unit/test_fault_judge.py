@@ -12,8 +12,7 @@ from sim.world.plant import Body
 from sim.world.quadrotor import Quadrotor
 from sim.world.wind import Wind
 from tests.proving.faults.deal import cells
-from tests.proving.faults.deck.exemptions import REASONS, Exemption
-from tests.proving.faults.deck.fault import Fault, Poses
+from tests.proving.faults.deck.fault import REASONS, Exemption, Fault, Poses
 from tests.proving.faults.deck.faults import FAULTS, FROM_START, OBEYING
 from tests.proving.faults.deck.moments import MOMENTS
 from tests.proving.faults.judge.thrust import Thrust

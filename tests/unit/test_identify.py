@@ -9,15 +9,13 @@ import numpy as np
 import pytest
 
 from groundstation.analysis.identify.fit import Bounds, solved
-from groundstation.analysis.identify.found import Found, identified
+from groundstation.analysis.identify.found import Found, identified, level
 from groundstation.analysis.identify.lagged import lagged
-from groundstation.analysis.identify.noise import level
 from groundstation.analysis.identify.parameter import FLY
 from groundstation.analysis.identify.scene import full_n, hover_signal, most_n
 from groundstation.analysis.identify.seen import Column, Seen
-from groundstation.analysis.identify.text import table
+from groundstation.analysis.identify.text import file_text, table
 from groundstation.analysis.identify.turning import turns
-from groundstation.analysis.identify.vehicle_file import file_text
 from groundstation.analysis.identify.whitening import designed, fitted
 from groundstation.core.geometry.ops import FLOATS
 from groundstation.core.geometry.so3 import IDENTITY

@@ -10,7 +10,7 @@ from links.mavlink.procedures.command import PATIENCE_S
 from links.mavlink.procedures.handshake import STREAM_S, arming, disarming, landing_disarmed, silence, stream
 from links.mavlink.procedures.steps import ANSWER_S, TRIES, Autopilot, Handshake
 from links.mavlink.protocol.codec import ARDUPILOT, ARM_DISARM, DO_SET_MODE, PX4, MavlinkCodec
-from links.mavlink.protocol.words import Words
+from links.mavlink.protocol.status import Words
 
 Answer = Callable[[Any], list[Any]]
 

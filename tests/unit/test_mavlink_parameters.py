@@ -22,7 +22,7 @@ from links.mavlink.procedures.parameters import (
 )
 from links.mavlink.procedures.steps import TRIES, Autopilot
 from links.mavlink.protocol.codec import ARDUPILOT, PX4, MavlinkCodec
-from links.mavlink.protocol.words import Words
+from links.mavlink.protocol.status import Words
 
 INT8, INT32 = 2, 6
 

@@ -3,7 +3,7 @@
 from links.mavlink.procedures.steps import Autopilot
 from links.mavlink.procedures.version import ASKED, ReadVersion
 from links.mavlink.protocol.codec import PX4, REQUEST_MESSAGE, MavlinkCodec
-from links.mavlink.protocol.words import Words
+from links.mavlink.protocol.status import Words
 
 CODEC = MavlinkCodec(245, 190)
 D = CODEC.dialect

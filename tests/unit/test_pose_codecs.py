@@ -9,7 +9,8 @@ from groundstation.core.geometry import so3
 from groundstation.core.geometry.frames import Frames
 from groundstation.core.geometry.ops import Quat
 from groundstation.pose.intake.intake import Intake
-from groundstation.pose.sources import json_codec, natnet_codec, natnet_models_codec, qualisys_codec, vision_codec
+from groundstation.pose.sources import json_codec, natnet_codec, qualisys_codec, vision_codec
+from groundstation.pose.sources import natnet_codec as natnet_models_codec
 from groundstation.pose.sources.natnet_reader import SILENT_BEATS, NatNetReader
 from groundstation.pose.sources.vision_codec import VisionReader
 from links.mavlink.protocol.codec import MavlinkCodec

@@ -18,7 +18,7 @@ from groundstation.runtime import entry
 from groundstation.runtime.outlet import Outlet
 from links.core.printable import printable
 from links.mavlink.protocol.codec import MavlinkCodec
-from links.mavlink.protocol.words import Words
+from links.mavlink.protocol.status import Words
 
 HOSTILE = {
     "window title": "\x1b]0;owned\x07",

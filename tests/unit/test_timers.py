@@ -3,7 +3,7 @@
 import asyncio
 import os
 
-from groundstation.runtime.timers import PreciseSelector, precise_loop
+from groundstation.runtime.clock import PreciseSelector, precise_loop
 
 
 def test_timers_are_less_late_than_the_millisecond_that_epoll_counts_in() -> None:

@@ -22,8 +22,7 @@ from groundstation.core.trajectory.kinds import (
     TrajectoryConfig,
     WaypointsConfig,
 )
-from groundstation.core.vehicle.limits import LimitsConfig
-from groundstation.core.vehicle.vehicle import Vehicle
+from groundstation.core.vehicle.vehicle import LimitsConfig, Vehicle
 from groundstation.flight.preflight import ensure_flyable, look
 from groundstation.settings.settings import Config
 from sim.scenarios.prepare import prepare

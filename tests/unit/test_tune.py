@@ -23,8 +23,20 @@ from links.mavlink.link import MavlinkLinkConfig
 from sim.scenarios.scenarios import SCENARIOS
 from sim.studies.tune.evidence import short_of
 from sim.studies.tune.flights import Flyers, Outcome, Sortie
-from sim.studies.tune.margins import AXES, DELAY, GAIN_DOWN, GAIN_UP, Margin, Report, boundary, failure, limit_cm
-from sim.studies.tune.margins_text import markdown_table, shown, text
+from sim.studies.tune.margins import (
+    AXES,
+    DELAY,
+    GAIN_DOWN,
+    GAIN_UP,
+    Margin,
+    Report,
+    boundary,
+    failure,
+    limit_cm,
+    markdown_table,
+    shown,
+    text,
+)
 from sim.studies.tune.space import KEYS, Key, loses_proof, space, with_gains
 from sim.studies.tune.stage import fitted, own, staged, station_of
 from sim.studies.tune.tune import BROKEN, SEARCH_SEED, Floors, Search, Trial, run, tried

@@ -6,8 +6,19 @@ import pytest
 
 from groundstation.core.control.certificate import COVERED_RATE_M_S3, decrease, noise_power
 from groundstation.core.control.gains import Gains
-from groundstation.core.control.power import LIMITS, POSES, RATES, SIDEWAYS, THRUST, VERTICAL, WITNESSES, terms
-from groundstation.core.control.watch import LASTING_S, REST_S, Watch
+from groundstation.core.control.watch import (
+    LASTING_S,
+    LIMITS,
+    POSES,
+    RATES,
+    REST_S,
+    SIDEWAYS,
+    THRUST,
+    VERTICAL,
+    WITNESSES,
+    Watch,
+    terms,
+)
 from groundstation.core.controllers.pid import Pid
 from groundstation.core.geometry.ops import Vec3
 from groundstation.core.messages.control import Decision

@@ -40,7 +40,7 @@ def identify_command(path: Path, out: Path | None, page: Path | None, *, as_json
     if out is not None:
         if not knows:
             raise ConfigError("--out", f"nothing to write: thrust, lags and delay are {FLY}")
-        from groundstation.analysis.identify.vehicle_file import file_text
+        from groundstation.analysis.identify.text import file_text
 
         text = file_text(found)
         try:
@@ -50,7 +50,7 @@ def identify_command(path: Path, out: Path | None, page: Path | None, *, as_json
     shown = None
     if page is not None:
         from groundstation.analysis.identify.figures import drawn
-        from groundstation.analysis.identify.page import write
+        from groundstation.analysis.identify.text import write
 
         try:
             page.mkdir(parents=True, exist_ok=True)

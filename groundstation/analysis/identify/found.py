@@ -1,4 +1,7 @@
-"""What a recording tells of its vehicle: each parameter with its interval, or why it tells nothing."""
+"""What a recording tells of its vehicle: each parameter with its interval, or why it tells nothing.
+
+How noisy poses are, by fourth differences of what the model leaves of them: all that is smooth cancels.
+"""
 
 import math
 from collections.abc import Callable
@@ -8,7 +11,6 @@ from typing import Any, NamedTuple
 import msgspec
 import numpy as np
 
-from groundstation.analysis.identify import noise
 from groundstation.analysis.identify.parameter import AGAIN, WIDE, Parameter, judged
 from groundstation.analysis.identify.pushing import Pushing, pushing
 from groundstation.analysis.identify.scene import NAMES, hover_signal
@@ -17,6 +19,36 @@ from groundstation.analysis.identify.turning import Turning, turning
 from groundstation.core.geometry import so3
 from groundstation.core.trajectory.excitation import ExcitationConfig
 from links.core.thrust_curve import signal
+
+BLOCK = 50
+"""Variances of so many samples in a row count as one: neighbours hang together."""
+UNEVEN = 0.1
+"""Poses whose intervals differ by more than this share are left out."""
+
+
+class Level(NamedTuple):
+    """Standard deviation per axis, and one deviation of that figure."""
+
+    value: float
+    deviation: float
+
+
+def level(at_s: Column, left: Column) -> Level:
+    """Of the noise in ``left`` (N, k), sampled at ``at_s`` (N,) [s]; infinite deviation where there is too little."""
+    spans = np.diff(at_s)
+    usual = float(np.median(spans))
+    even = np.abs(spans - usual) < UNEVEN * usual
+    runs = even[:-3] & even[1:-2] & even[2:-1] & even[3:]
+    # Independent noise has 1 + 16 + 36 + 16 + 1 times its variance in these; see control/observer.py.
+    squares = (np.diff(left, 4, axis=0)[runs] ** 2).mean(axis=1) / 70.0
+    blocks = len(squares) // BLOCK
+    if blocks < 3:
+        return Level(0.0, np.inf)
+    means = squares[: blocks * BLOCK].reshape(blocks, BLOCK).mean(axis=1)
+    value = float(np.sqrt(means.mean()))
+    deviation = float(means.std(ddof=1) / np.sqrt(blocks)) / max(2.0 * value, 1e-12)
+    return Level(value, deviation)
+
 
 UNSEEN_FRAMES = 0.02
 """The recording does not know which frames were lost: so many would make every command this share of a period late."""
@@ -216,9 +248,9 @@ def _lags(seen: Seen, turned: Turning, pushed: Pushing, moved: Excited) -> list[
 
 def _rest(seen: Seen, turned: Turning, pushed: Pushing, moved: Excited) -> list[Parameter]:
     drag = NAMES.index("drag")
-    place, turn = noise.level(seen.at_s, pushed.left), noise.level(seen.at_s, turned.left)
+    place, turn = level(seen.at_s, pushed.left), level(seen.at_s, turned.left)
 
-    def noise_of(name: str, title: str, unit: str, level: noise.Level) -> Parameter:
+    def noise_of(name: str, title: str, unit: str, level: Level) -> Parameter:
         spread = math.hypot(level.deviation, WHITE * level.value)
         return judged(name, title, unit, level.value, spread, 0.5 * level.value, least=0.0)
 

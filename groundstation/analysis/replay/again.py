@@ -2,17 +2,20 @@
 
 What went in is taken from the recording: every byte with its arrival, the instant of every command, the reference. What
 came out, every pose and every command, is made anew and held against what was recorded, to the last bit.
+
+Recorded and replayed side by side, to the last bit.
+
+From messages of the channels back to what they were made of (recording/messages.py).
 """
 
+import math
 from collections import deque
 from typing import Any, NamedTuple
 
 import msgspec
 
-from groundstation.analysis.replay import read_back
-from groundstation.analysis.replay.comparison import Comparison, Difference
 from groundstation.analysis.replay.tape import TapeLoop, tape_loop
-from groundstation.core.geometry.ops import Vec3
+from groundstation.core.geometry.ops import Quat, Vec3
 from groundstation.core.messages.pose import Pose
 from groundstation.core.pilot import Pilot
 from groundstation.core.trajectory.port import Reference
@@ -21,11 +24,103 @@ from groundstation.flight.ends import make_ends
 from groundstation.pose.gate import Gate
 from groundstation.pose.sources.mavlink import MavlinkPoseConfig
 from groundstation.recording import channels as ch
+from groundstation.recording.channels import Quaternion, Vector3
 from groundstation.recording.reader import Entry, Recording
 from groundstation.recording.records import GAIN
 from groundstation.settings.settings import Config
-from links.core.port import Command
+from links.core.port import Command, Segment
 from links.mavlink.link import MavlinkLinkConfig
+
+
+def read_pose(seen: ch.Measured) -> Pose:
+    """The read_pose as the pilot got it."""
+    velocity = None if seen.velocity_ned is msgspec.UNSET else _tuple(seen.velocity_ned)
+    at, attitude = _tuple(seen.position_ned), _quat(seen.attitude)
+    return Pose(seen.id, seen.time_s, seen.arrival_s, at, attitude, velocity, seen.reset_count)
+
+
+def read_reference(r: ch.Refer) -> Reference:
+    """Where the vehicle should have been."""
+    return Reference(
+        _tuple(r.position_ned),
+        _tuple(r.velocity_ned),
+        _tuple(r.acceleration_ned),
+        _tuple(r.jerk_ned),
+        r.yaw_rad,
+        r.yaw_rate_rad_s,
+    )
+
+
+def read_command(c: ch.Commanded | ch.Idle) -> Command:
+    """The read_command as it was handed to the link."""
+    parts = tuple(Segment(part.duration_s, part.thrust_n, _tuple(part.rates_rad_s)) for part in c.bring_down)
+    return Command(c.thrust_n, _tuple(c.rates_rad_s), c.pose_id, c.pose_time_s, c.deadline_s, parts)
+
+
+def _tuple(v: Vector3) -> Vec3:
+    return (v.x, v.y, v.z)
+
+
+def _quat(q: Quaternion) -> Quat:
+    return (q.w, q.x, q.y, q.z)
+
+
+class Difference(msgspec.Struct, frozen=True):
+    """Where recording and replay first part."""
+
+    what: str
+    """``pose``, ``idle`` or ``command``."""
+    number: int
+    """Which of them, from 0."""
+    time_s: float
+    """On the flight's clock [s]."""
+    field: str
+    recorded: Any
+    replayed: Any
+
+
+class Comparison:
+    """Counts what is the same and what is not."""
+
+    def __init__(self) -> None:
+        """Nothing compared."""
+        self.count = {"pose": 0, "idle": 0, "command": 0}
+        """How many of each were recorded."""
+        self.differing = {"pose": 0, "idle": 0, "command": 0}
+        """How many of them are not the same."""
+        self.first: Difference | None = None
+
+    def compare(self, what: str, time_s: float, was: msgspec.Struct, now: msgspec.Struct) -> None:
+        """The next ``what`` as recorded, and as made anew."""
+        number = self._next(what)
+        for field in was.__struct_fields__:
+            a, b = getattr(was, field), getattr(now, field)
+            if a != b or _signs(a) != _signs(b):
+                self._differ(Difference(what, number, time_s, field, a, b))
+                return
+
+    def missing(self, what: str, time_s: float, was: Any) -> None:
+        """The next ``what``, as recorded, was not made anew."""
+        self._differ(Difference(what, self._next(what), time_s, "all of it", was, None))
+
+    def _next(self, what: str) -> int:
+        number = self.count[what]
+        self.count[what] = number + 1
+        return number
+
+    def _differ(self, difference: Difference) -> None:
+        self.differing[difference.what] += 1
+        self.first = self.first or difference
+
+
+def _signs(value: Any) -> Any:
+    """The sign of a zero counts too."""
+    if isinstance(value, tuple):
+        return tuple(map(_signs, value))
+    if isinstance(value, msgspec.Struct):
+        return tuple(map(_signs, msgspec.structs.astuple(value)))
+    return math.copysign(1.0, value) if isinstance(value, float) else None
+
 
 TOPICS = ("/raw/opened", "/raw/received", "/measured", "/follow", "/switch", "/idle", "/command", "/reference", "/lost")
 
@@ -183,7 +278,7 @@ class _Again:
             self._delivered.popleft()  # the flight did not take it either
         if not (self._delivered and self._delivered[0].id == seen.id):
             self._loop.settle()
-        recorded = read_back.pose(seen)
+        recorded = read_pose(seen)
         pose = self._delivered.popleft() if self._delivered and self._delivered[0].id == seen.id else None
         if pose is None:
             self._comparison.missing("pose", seen.arrival_s, seen.id)
@@ -196,7 +291,7 @@ class _Again:
         pilot, hold_s = self._pilot, self._surrender_s
         command = pilot.idle(idle.time_s, idle.thrust_n) if hold_s is None else pilot.surrender(idle.time_s, hold_s)
         self._surrender_s = None
-        self._comparison.compare("idle", idle.time_s, read_back.command(idle), command)
+        self._comparison.compare("idle", idle.time_s, read_command(idle), command)
 
     def _switch(self, switch: ch.Switch) -> None:
         pilot, values = self._pilot, switch.values
@@ -217,9 +312,9 @@ class _Again:
         if recorded is None:
             return
         self._command = None
-        self._told.reference = read_back.reference(reference)
+        self._told.reference = read_reference(reference)
         tick = self._pilot.tick(recorded.time_s)
-        was, command = read_back.command(recorded), tick.command
+        was, command = read_command(recorded), tick.command
         if was != command:
             self._pilot.obeyed(recorded.time_s, was)
         self._comparison.compare("command", recorded.time_s, was, command)

@@ -13,8 +13,7 @@ def replay_command(file: Path, config: Path | None, overrides: list[str], *, as_
     """
     import msgspec
 
-    from groundstation.analysis.shadow.report import report
-    from groundstation.analysis.shadow.text import text_of
+    from groundstation.analysis.shadow.report import report, text_of
 
     result = report(file, config, overrides)
     print(msgspec.json.encode(result).decode() if as_json else text_of(result))

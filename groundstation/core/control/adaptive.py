@@ -10,8 +10,7 @@ from groundstation.core.geometry.ops import FLOATS, Ops, Real, Vec3
 from groundstation.core.messages.control import Decision, Estimate
 from groundstation.core.messages.snapshot import Diagnostics
 from groundstation.core.trajectory.port import Reference
-from groundstation.core.vehicle.actuators import lead
-from groundstation.core.vehicle.model import Drive, new
+from groundstation.core.vehicle.model import Drive, lead, new
 from groundstation.core.vehicle.vehicle import Vehicle
 
 

@@ -12,8 +12,7 @@ from groundstation.core.control.attitude import length, push, sine_error
 from groundstation.core.control.decision import limited
 from groundstation.core.geometry.ops import FLOATS, Vec3
 from groundstation.core.geometry.so3 import third_column
-from groundstation.core.vehicle.actuators import lead
-from groundstation.core.vehicle.model import Motion, rolled
+from groundstation.core.vehicle.model import Motion, lead, rolled
 from groundstation.core.vehicle.vehicle import Vehicle
 from links.core.port import Segment
 

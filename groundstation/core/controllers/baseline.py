@@ -16,7 +16,7 @@ from groundstation.core.estimation.settings import Estimation, NonNegative, Posi
 from groundstation.core.geometry.ops import FLOATS, Vec3
 from groundstation.core.messages.control import Decision, Estimate
 from groundstation.core.trajectory.port import Reference
-from groundstation.core.vehicle.actuators import lead
+from groundstation.core.vehicle.model import lead
 from groundstation.core.vehicle.vehicle import Vehicle
 
 

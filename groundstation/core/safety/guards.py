@@ -8,6 +8,8 @@ Poses that come late and commands that get lost make the height swing as well as
 it in time; near the floor the next trough of the thrust is a fall.
 
 The guards of what is around a vehicle: the fence, and other vehicles that the cameras see, or should. Sans-IO.
+
+A vehicle that swings, as told by how long it has lately leant far from where it should. Sans-IO.
 """
 
 import math
@@ -22,11 +24,37 @@ from groundstation.core.mission.mission import State
 from groundstation.core.safety.escalation import Finding, Since, Step
 from groundstation.core.safety.fence import Fence
 from groundstation.core.safety.separation import Separation
-from groundstation.core.safety.sway import Sway
 from groundstation.core.trajectory.port import Reference
 from groundstation.core.vehicle.model import Motion
 from groundstation.core.vehicle.vehicle import Vehicle
 from links.core.port import Command, LinkStatus
+
+SWAY_FADES_S = 1.0
+"""Time that it leant far off is forgotten so fast [s]."""
+SWAY_LONGEST_S = 0.1
+"""No two commands count as farther apart [s]."""
+
+
+class Sway:
+    """One flight's lean. Times are on the event loop's clock [s]."""
+
+    def __init__(self, fades_s: float = SWAY_FADES_S) -> None:
+        """Nothing seen; it is forgotten within ``fades_s`` [s]."""
+        self._fades_s = fades_s
+        self._at_s = -math.inf
+        self._far_s = 0.0
+
+    def see(self, now_s: float, far: bool) -> float:
+        """Take one more command; ``far`` where it leans far off, on whichever side.
+
+        Returns for how long of about the last second it did [s].
+        """
+        elapsed, self._at_s = now_s - self._at_s, now_s
+        self._far_s *= math.exp(-elapsed / self._fades_s)
+        if far:
+            self._far_s += min(elapsed, SWAY_LONGEST_S)
+        return self._far_s
+
 
 SURE_S = 0.06
 """What the cameras tell of others must last so long [s]: one pose alone may be another body's."""

@@ -15,8 +15,7 @@ import msgspec
 
 from groundstation.core.geometry.ops import Vec3
 from groundstation.core.trajectory.port import Trajectory
-from groundstation.core.vehicle.limits import LimitsConfig
-from groundstation.core.vehicle.vehicle import Vehicle
+from groundstation.core.vehicle.vehicle import LimitsConfig, Vehicle
 
 if TYPE_CHECKING:
     import numpy as np

@@ -7,7 +7,7 @@ import signal
 from collections.abc import Callable
 
 from groundstation.config.load import ConfigError, load
-from groundstation.flight.company import link_of
+from groundstation.flight.checks import link_of
 from groundstation.flight.preflight import is_simulated, key
 from groundstation.runtime.place import ApiError
 from groundstation.runtime.register import BRIDGE, Running, registered

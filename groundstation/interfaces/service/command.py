@@ -1,31 +1,67 @@
-"""How flights run in real time: alone in a terminal, or as a daemon."""
+"""How flights run in real time: alone in a terminal, or as a daemon.
+
+Signals as requests: the first Ctrl-C or SIGTERM lands, more of them do more, SIGQUIT kills.
+"""
 
 import asyncio
 import gc
 import logging
 import os
+import signal
 import sys
 from collections.abc import Awaitable, Callable, Coroutine
 
 from groundstation.config.load import ConfigError
 from groundstation.core.messages.pose import SourceError
+from groundstation.core.messages.requests import Ask, Reply, Request
+from groundstation.core.mission.interrupts import Interrupts
 from groundstation.core.mission.mission import State
-from groundstation.flight.company import entry_of
+from groundstation.flight.checks import entry_of
 from groundstation.flight.ends import make_ends
 from groundstation.interfaces.service.crew import watched
 from groundstation.interfaces.service.daemon import Daemon
 from groundstation.interfaces.service.logs import Format, Lines, is_journal, level_of
 from groundstation.interfaces.service.notify import Notify
-from groundstation.interfaces.service.signals import obey
 from groundstation.recording.assembly import make_flight, recorder
+from groundstation.runtime.clock import precise_loop
 from groundstation.runtime.exits import Exit
 from groundstation.runtime.lock import Taken, lock_path, only_one
 from groundstation.runtime.place import ApiError, socket_path
 from groundstation.runtime.quiet import Quiet
 from groundstation.runtime.register import registered, running
-from groundstation.runtime.timers import precise_loop
 from groundstation.settings.settings import Config
 from links.core.port import LinkError
+
+
+def obey(
+    ask: Callable[[Request], Reply], say: Callable[[str], None], on_stop: Callable[[], None] = lambda: None
+) -> None:
+    """Have ``ask`` do what signals mean from now on; ``on_stop`` hears of each."""
+    loop = asyncio.get_running_loop()
+    interrupts = Interrupts()
+
+    def interrupted(name: str) -> None:
+        on_stop()
+        request, words = interrupts.press(name, loop.time())
+        if request is not None:
+            ask(request)
+        say(words)
+
+    def kill() -> None:
+        on_stop()
+        ask(Request(Ask.KILL, "told by SIGQUIT"))
+        say("SIGQUIT: motors off, now")
+
+    def hung_up() -> None:
+        # A terminal that closes is no second opinion: it lands, and never more than that.
+        on_stop()
+        ask(Request(Ask.LAND, "the terminal closed"))
+
+    loop.add_signal_handler(signal.SIGINT, interrupted, "SIGINT")
+    loop.add_signal_handler(signal.SIGTERM, interrupted, "SIGTERM")
+    loop.add_signal_handler(signal.SIGQUIT, kill)
+    loop.add_signal_handler(signal.SIGHUP, hung_up)
+
 
 Say = Callable[[str], None]
 

@@ -2,6 +2,8 @@
 
 Nothing is shared: a core that crashes or stands still takes no other with it. None is ever started again: who knows
 where its vehicle is. Cores have sessions of their own: a terminal's Ctrl-C reaches each of them once, from here.
+
+Arms the vehicles of a fleet once every core stands ready: a program that still starts would disturb who flies.
 """
 
 import asyncio
@@ -15,10 +17,36 @@ from pathlib import Path
 from typing import Any
 
 from groundstation.config.load import dump
-from groundstation.interfaces.service.fleet_arming import armed, until_ready
+from groundstation.core.messages.requests import Ask
+from groundstation.core.mission.mission import State
+from groundstation.interfaces.api.client import snapshots
+from groundstation.interfaces.api.command import asked
 from groundstation.lab.fleet.plan import Fleet, Member
-from groundstation.runtime.place import socket_path
+from groundstation.runtime.place import ApiError, socket_path
 from links.core.child_command import make_child_command
+
+AGAIN_S = 0.2
+"""How often a core that does not serve its socket yet is asked again [s]."""
+
+
+async def until_ready(socket: Path) -> None:
+    """Wait until the core that serves ``socket`` has passed its checks and waits to be armed."""
+    while True:
+        with suppress(OSError, ApiError):
+            async for snapshot in snapshots(socket):
+                if snapshot.state == State.READY:
+                    return
+        await asyncio.sleep(AGAIN_S)
+
+
+async def armed(name: str, socket: Path) -> str:
+    """Ask for the motors of ``name``; returns why that was refused, or nothing."""
+    try:
+        answer = await asked(Ask.ARM, name, socket, "groundstation fleet --arm")
+    except (ApiError, OSError) as error:
+        return str(error)
+    return "" if answer.done else answer.says
+
 
 SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGQUIT, signal.SIGHUP)
 """Passed on to every core, each of which knows what it means: land, failsafe descent, motors off."""

@@ -87,7 +87,7 @@ def _in_browser(args: argparse.Namespace) -> int:
     if args.screenshot is not None or not 1 <= args.browser <= 65535:
         raise ConfigError("--browser", f"expected a port from 1 to 65535, and no --screenshot, got {args.browser}")
     try:
-        from groundstation.interfaces.tui.browser.server import serve
+        from groundstation.interfaces.tui.browser import serve
     except ImportError:
         raise ConfigError("--browser", "needs textual-serve: pip install 'quadrotor-groundstation[browser]'") from None
     if args.log is not None:

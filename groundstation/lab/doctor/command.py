@@ -1,9 +1,13 @@
-"""What ``groundstation doctor`` does: examine, and on request set parameters one by one or put an old one back."""
+"""What ``groundstation doctor`` does: examine, and on request set parameters one by one or put an old one back.
+
+The findings as a person reads them.
+"""
 
 import json
 import shlex
 import sys
-from collections.abc import Awaitable, Callable
+import textwrap
+from collections.abc import Awaitable, Callable, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -11,12 +15,45 @@ import msgspec
 
 from groundstation.config.load import ConfigError
 from groundstation.lab.doctor import restore
-from groundstation.lab.doctor.advice import Finding, is_wrong
-from groundstation.lab.doctor.text import report
+from groundstation.lab.doctor.advice import Finding, Weight, is_wrong
 from groundstation.lab.doctor.visit import Visit
 from groundstation.settings.settings import Config
 from links.core.port import LinkError
 from links.mavlink.procedures.parameters import Parameter
+
+_MARKS = {"ok": "ok", "must": "MUST", "should": "SHOULD", "note": "note", "absent": "-"}
+_ORDER = list(_MARKS)
+WIDTH = 100
+
+
+def report(title: str, findings: Sequence[Finding], command: str) -> str:
+    """The table, the worst first, each that is not right with its reason and the ``command`` that mends it."""
+    worst_first = ("must", "should", "ok", "note", "absent")
+    lines = [title, "", f"{'':8}{'parameter':17}{'value':>9}  accepted"]
+    for finding in sorted(findings, key=lambda f: worst_first.index(f.verdict)):
+        value = "-" if finding.value is None else f"{finding.value:g}"
+        lines += _wrapped(f"{_MARKS[finding.verdict]:8}{finding.name:17}{value:>9}  ", finding.accepted)
+        if finding.verdict in (Weight.MUST, Weight.SHOULD, Weight.NOTE):
+            lines += _wrapped(" " * 12, finding.why)
+        if finding.recommended is not None:
+            lines.append(f"{'':12}set it to {finding.recommended:g}: {command} --fix {finding.name}")
+            if finding.reboot:
+                lines.append(f"{'':12}(counts after the autopilot was restarted)")
+    lines += ["", _summary(findings)]
+    return "\n".join(lines)
+
+
+def _wrapped(begin: str, text: str) -> list[str]:
+    return textwrap.wrap(text, WIDTH, initial_indent=begin, subsequent_indent=" " * max(len(begin), 12))
+
+
+def _summary(findings: Sequence[Finding]) -> str:
+    counts = {verdict: sum(f.verdict == verdict for f in findings) for verdict in _ORDER}
+    absent = f", {counts['absent']} not in this firmware" if counts["absent"] else ""
+    if not is_wrong(findings):
+        return f"Nothing to change: {counts['ok']} ok, {counts['note']} to be read{absent}."
+    return f"{counts['must']} must and {counts['should']} should be changed; {counts['ok']} ok{absent}."
+
 
 EXIT_HEALTHY, EXIT_FINDINGS, EXIT_NO_ANSWER = 0, 1, 3
 

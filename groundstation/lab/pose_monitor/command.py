@@ -1,4 +1,7 @@
-"""``groundstation check --watch``: any pose source live, without flying."""
+"""``groundstation check --watch``: any pose source live, without flying.
+
+What ``groundstation check --watch`` shows people.
+"""
 
 import asyncio
 import contextlib
@@ -7,16 +10,24 @@ import math
 import signal
 import sys
 from collections.abc import Callable, Iterator
+from typing import TYPE_CHECKING
 
 import msgspec
 
+from groundstation.core.geometry.ops import Vec3
 from groundstation.core.messages.pose import PoseEvent, SourceError
 from groundstation.lab.pose_monitor.ears import Ears, ears
 from groundstation.lab.pose_monitor.seen import Seen, Watcher
 from groundstation.pose.kinds import Recorded
+from groundstation.pose.outbreaks import HINTS
 from groundstation.runtime.entry import bare
 from groundstation.settings.settings import Config
 from links.core.port import LinkError
+from links.core.printable import printable
+
+if TYPE_CHECKING:
+    from rich.table import Table
+
 
 EXIT_POSES, EXIT_NO_POSES, EXIT_NO_SOURCE = 0, 1, 3
 JSON_S = 5.0
@@ -78,8 +89,6 @@ async def _shown(config: Config, seconds: float | None, title: str) -> Seen:
     from rich.console import Console
     from rich.live import Live
 
-    from groundstation.lab.pose_monitor.table import table
-
     console = Console(file=bare(sys.stdout))
     if not console.is_terminal:  # a pipe gets the end of it only
         seen = await listened(config, seconds)
@@ -100,3 +109,69 @@ def _interrupt(loop: asyncio.AbstractEventLoop) -> Iterator[asyncio.Event]:
     finally:
         with contextlib.suppress(NotImplementedError, ValueError):
             loop.remove_signal_handler(signal.SIGINT)
+
+
+NOTHING = "nothing has come: check the address in [pose], that the tracker streams to this machine, and the firewall"
+NOT_RESTING = "moves: let it stand to measure"
+SHOWN_EVENTS = 5
+
+
+def rows(seen: Seen) -> list[tuple[str, str]]:
+    """What is known, in words."""
+    lines = [
+        ("poses", f"{seen.poses}, {seen.rate_hz:.1f} per second arrive, {seen.source_rate_hz:.1f} by their stamps"),
+        ("age", _age(seen)),
+        ("latency", f"{1e3 * seen.latency_s:.1f} ms, longest {1e3 * seen.latency_max_s:.1f} ms"),
+        ("jitter", f"{1e3 * seen.jitter_s:.1f} ms, longest wait {1e3 * seen.longest_s:.0f} ms"),
+        ("gaps", f"{seen.gaps}; its clock stepped {seen.clock_steps} times{_drift(seen.drift)}"),
+    ]
+    if seen.position_ned is not None and seen.roll_pitch_yaw_deg is not None:
+        north, east, down = seen.position_ned
+        lines.append(("place", f"north {north:+.3f}  east {east:+.3f}  up {-down:+.3f} m"))
+        roll, pitch, yaw = seen.roll_pitch_yaw_deg
+        lines.append(("attitude", f"roll {roll:+.1f}  pitch {pitch:+.1f}  yaw {yaw:+.1f}°"))
+        lines.append(("noise at rest", _noise(seen.noise_m, seen.noise_deg)))
+    lines += [("dropped", f"{count} {_named(reason)}") for reason, count in seen.dropped.items()]
+    if not seen.poses and not seen.dropped:
+        lines.append(("", NOTHING))
+    if seen.bodies:
+        lines.append(("bodies there", ", ".join(map(printable, seen.bodies))))
+    lines += [("", printable(event)) for event in seen.events[-SHOWN_EVENTS:]]
+    return lines
+
+
+def table(title: str, seen: Seen) -> "Table":
+    """The same as rich draws it."""
+    from rich.table import Table
+    from rich.text import Text
+
+    drawn = Table(title=title, show_header=False, title_justify="left", min_width=72)
+    drawn.add_column(style="dim", no_wrap=True)
+    drawn.add_column()
+    for name, text in rows(seen):
+        bad = name == "dropped" or (name == "age" and not seen.ok)
+        drawn.add_row(name, Text(text, style="bold yellow" if bad else ""))
+    return drawn
+
+
+def _age(seen: Seen) -> str:
+    if seen.recorded and seen.poses:
+        return "they are recorded"
+    return "no pose yet" if seen.age_s is None else f"{1e3 * seen.age_s:.0f} ms"
+
+
+def _drift(drift: float | None) -> str:
+    return "" if drift is None else f", drift {1e6 * drift:+.0f} ppm"
+
+
+def _noise(place_m: Vec3 | None, turn_deg: Vec3 | None) -> str:
+    if place_m is None or turn_deg is None:
+        return NOT_RESTING
+    north, east, down = (1e3 * value for value in place_m)
+    roll, pitch, yaw = turn_deg
+    return f"{north:.2f} {east:.2f} {down:.2f} mm  {roll:.2f} {pitch:.2f} {yaw:.2f}°"
+
+
+def _named(reason: str) -> str:
+    hint = HINTS.get(reason)
+    return reason if hint is None else f"{reason}: {hint}"

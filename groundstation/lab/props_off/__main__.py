@@ -15,7 +15,7 @@ import msgspec
 from groundstation.config.load import from_dict
 from groundstation.flight.ends import make_ends
 from groundstation.lab.props_off.hand import News, disarm, hold
-from groundstation.runtime.timers import precise_loop
+from groundstation.runtime.clock import precise_loop
 from groundstation.settings.settings import Config
 
 

@@ -11,10 +11,10 @@ from groundstation.flight.confirm import line_from_terminal
 from groundstation.flight.proof import Proof, digest, place, save
 from groundstation.lab.props_off.process import open_hand
 from groundstation.lab.props_off.steps import Guide, NotProven, Trouble
+from groundstation.runtime.clock import precise_loop
 from groundstation.runtime.exits import Exit
 from groundstation.runtime.lock import Taken, lock_path, only_one
 from groundstation.runtime.place import ApiError, socket_path
-from groundstation.runtime.timers import precise_loop
 from groundstation.settings.settings import Config
 
 SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP, signal.SIGQUIT)

@@ -6,7 +6,7 @@ from groundstation.core.geometry.ops import Quat
 from groundstation.core.messages.pose import Pose, PoseStatus
 from groundstation.pose.intake.intake import Intake
 from groundstation.pose.sources import natnet_codec as codec
-from groundstation.pose.sources import natnet_models_codec
+from groundstation.pose.sources import natnet_codec as natnet_models_codec
 from groundstation.pose.sources.natnet_codec import Frame, RigidBody, ServerInfo, Unreadable
 
 SILENT_BEATS = 4

@@ -11,7 +11,7 @@ from typing import NamedTuple, Protocol
 
 from links.core.port import LinkError, LinkLost, LinkRejected
 from links.mavlink.protocol.codec import ARDUPILOT, ARMED, PX4, MavlinkCodec, Message
-from links.mavlink.protocol.words import Words
+from links.mavlink.protocol.status import Words
 
 ANSWER_S = 0.5
 """Without an answer for this long a request is repeated [s]."""

@@ -12,8 +12,7 @@ from groundstation.config.load import dump
 from groundstation.runtime.version import __version__
 from groundstation.settings.settings import Config
 from sim.studies.tune.flights import Flyers, sorties
-from sim.studies.tune.margins import DELAY, GAIN_DOWN, GAIN_UP, Report, report
-from sim.studies.tune.margins_text import criterion, shown
+from sim.studies.tune.margins import DELAY, GAIN_DOWN, GAIN_UP, Report, criterion, report, shown
 from sim.studies.tune.tune import PROBE_SEEDS, Floors, Search, Trial, geometric_mean
 
 VERIFY_S = 60.0

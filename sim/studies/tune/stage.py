@@ -12,8 +12,7 @@ from groundstation.pose.sources.vicon import ViconConfig
 from groundstation.settings.settings import Config, LinkConfig
 from links.bridge.link import BridgeLinkConfig
 from links.mavlink.link import MavlinkLinkConfig
-from sim.scenarios.own import timing
-from sim.scenarios.prepare import prepare
+from sim.scenarios.prepare import prepare, timing
 from sim.scenarios.scenarios import SCENARIOS, Scenario
 from sim.studies.tune.space import Point, with_gains
 from sim.world.world import World

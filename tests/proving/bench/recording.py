@@ -10,8 +10,8 @@ from typing import TYPE_CHECKING, Any
 
 from groundstation.core.messages.pose import Pose
 from groundstation.core.pilot import Pilot
-from groundstation.flight.due import Due
 from groundstation.flight.ends import make_ends
+from groundstation.flight.pacing import Due
 from groundstation.recording.process import RecorderProcess
 from groundstation.recording.recorded import RecordedPilot, about
 from groundstation.recording.records import Received, Record, Sent

@@ -5,7 +5,7 @@ from pathlib import Path
 
 from groundstation.config.load import ConfigError
 from tests.proving.faults.cells.cell import AUTOPILOT
-from tests.proving.faults.deck.exemptions import REASONS
+from tests.proving.faults.deck.fault import REASONS
 from tests.proving.faults.deck.faults import FAULTS
 from tests.proving.faults.judge.verdict import LIMITS, Row
 

@@ -25,8 +25,7 @@ from sim.scenarios.scenarios import SCENARIOS
 from sim.time.virtual_time import VirtualTimeLoop
 from sim.trackers.trackers import Tracker
 from sim.world.world import World
-from tests.proving.faults.deck.exemptions import Exemption
-from tests.proving.faults.deck.fault import Fault, Poses, Scene
+from tests.proving.faults.deck.fault import Exemption, Fault, Poses, Scene
 from tests.proving.faults.deck.faults import FAULTS
 from tests.proving.faults.deck.meddler import Meddler
 from tests.proving.faults.deck.moments import DESCENT_AFTER_S, MOMENTS, Moment, Moves

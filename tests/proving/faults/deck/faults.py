@@ -17,8 +17,7 @@ with, and with another body's name.
 """
 
 from tests.proving.faults.deck import pictures, strikes, ways
-from tests.proving.faults.deck.exemptions import Exemption
-from tests.proving.faults.deck.fault import Fault, Poses
+from tests.proving.faults.deck.fault import Exemption, Fault, Poses
 from tests.proving.faults.deck.moments import MOMENTS
 
 STATES = tuple(name for name in MOMENTS if name != "start")

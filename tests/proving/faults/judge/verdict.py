@@ -5,8 +5,7 @@ from collections.abc import Sequence
 
 import msgspec
 
-from tests.proving.faults.deck.exemptions import FALLS, TUMBLES, Exemption
-from tests.proving.faults.deck.fault import Fault, Poses
+from tests.proving.faults.deck.fault import FALLS, TUMBLES, Exemption, Fault, Poses
 from tests.proving.faults.deck.moments import MOMENTS
 from tests.proving.faults.judge.thrust import Thrust
 from tests.proving.faults.judge.truth import Truth
@@ -80,7 +79,7 @@ class Row(msgspec.Struct, frozen=True, kw_only=True):
     over_hover_s: float
     """For how long commands pushed more than what hovers after the answer."""
     exemption: str
-    """What was not asked of it, a word of :class:`tests.proving.faults.deck.exemptions.Exemption`; mostly empty."""
+    """What was not asked of it, a word of :class:`tests.proving.faults.deck.fault.Exemption`; mostly empty."""
     safe: bool
     why: str
     """Why it is not; else what the flight said of it."""

@@ -1,1 +1,0 @@
-"""The dashboard as a page for the browsers of this machine."""
