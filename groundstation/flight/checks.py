@@ -1,6 +1,6 @@
-"""What is looked at before the motors start: each check OFF, PASS, WARN or FAIL, with a sentence. Sans-IO.
+"""Pre-arm checks: what is looked at before the motors start, each OFF, PASS, WARN or FAIL with a sentence. Sans-IO.
 
-What is beside a vehicle before it is armed, as checks: other flights here, other bodies, and its operator's hand.
+Of the vehicle itself, and of what is beside it: other flights here, other bodies, and its operator's hand.
 """
 
 import math

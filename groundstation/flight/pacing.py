@@ -1,6 +1,7 @@
-"""When the next command leaves: at the link's frames, or as poses come, and always before a deadline passes.
+"""Pacing: when the next command leaves, and how late it is. Sans-IO.
 
-How late a command is: for its link's frame, or where commands follow the poses, after its pose. Sans-IO.
+It leaves at the link's frames, or as poses come, and always before a deadline passes. So it is late for its link's
+frame, or, where commands follow the poses, after its pose.
 """
 
 import asyncio

@@ -1,8 +1,7 @@
-"""The frames that leave in one flight: idle, spool-up and flight, then zero thrust until the motors are off.
+"""Command loop: the frames that leave in one flight. Idle, spool-up and flight, then zero thrust until motors are off.
 
-Notices that this program stood still: whatever it reads next may have waited as long. Sans-IO.
-
-A pose without a time stamp of its own would otherwise pass for fresh: it lay in its socket meanwhile.
+It notices, too, that this program stood still: whatever it reads next may have waited as long, and a pose without a
+time stamp of its own would otherwise pass for fresh.
 """
 
 import asyncio

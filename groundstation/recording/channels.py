@@ -1,11 +1,8 @@
-"""The channels of a recording: topic → type of its messages, in JSON, each with its JSON schema.
+"""Channels of a recording: topic → type of its messages, in JSON, each with its JSON schema as Foxglove reads it.
 
-``/pose``, ``/tf`` and ``/log`` are Foxglove's own; the others are typed here. Names end in units; world
-NED, body FRD; ``time_s`` is the event loop's clock [s], the log time its wall time.
-
-The JSON schema of a channel's messages, as Foxglove reads it.
-
-Messages with Foxglove's own schemas, which its panels know how to draw (foxglove-sdk, schemas/jsonschema).
+``/pose``, ``/tf`` and ``/log`` are Foxglove's own, which its panels know how to draw (foxglove-sdk,
+schemas/jsonschema); the others are typed here. Names end in units; world NED, body FRD; ``time_s`` is the event loop's
+clock [s], the log time its wall time.
 """
 
 import json

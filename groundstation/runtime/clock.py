@@ -1,6 +1,6 @@
-"""Waiting on the event loop: until an instant of its clock, exactly and without drift; and to an end, come what may.
+"""Event loop's clock: waiting until an instant of it, exactly and without drift, and to an end, come what may.
 
-An event loop whose timers come on time: asyncio's own, on epoll(7), are up to a millisecond late.
+asyncio's own timers, on epoll(7), are up to a millisecond late; those of the loop that is made here come on time.
 """
 
 import asyncio

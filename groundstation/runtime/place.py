@@ -1,6 +1,6 @@
-"""Where the sockets of running ground stations are, and that nobody else can take their place.
+"""Places of the sockets of running ground stations, which nobody else can take.
 
-Whether what lies in a folder is this user's alone: others could put a file or a socket of theirs in its place.
+What lies in a folder must be this user's alone: others could put a file or a socket of theirs in its place.
 """
 
 import asyncio

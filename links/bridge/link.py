@@ -1,12 +1,8 @@
-"""The link to an RF bridge: the pacer and the module are on another computer, as in the paper's set-up.
+"""Link to an RF bridge: the pacer and the module are on another computer, as in the paper's set-up.
 
-To the link it is a pacer like any other (links/rf/paced_link.py, links/bridge/link.py).
-
-A pacer on another computer, behind an RF bridge, as a station sees it.
-
-What the link wants goes out as a whole in every datagram: the newest command as soon as it comes, and the rest again
-and again until the bridge has heard it. The bridge has the dead man's switch; nothing here can make an old command
-count.
+To the link it is a pacer like any other (links/rf/paced_link.py). What the link wants goes out as a whole in every
+datagram: the newest command as soon as it comes, and the rest again and again until the bridge has heard it. The bridge
+has the dead man's switch; nothing here can make an old command count.
 """
 
 import asyncio

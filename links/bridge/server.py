@@ -1,11 +1,9 @@
-"""The RF bridge: paces the commands of a station on another computer, as the paper did. `groundstation rf-bridge`.
+"""RF bridge: paces the commands of a station on another computer, as the paper did. `groundstation rf-bridge`.
 
 Whoever holds the key may command, one station at a time. Its times are brought to this machine's clock so that no
 deadline can come out later than it was meant: by the earliest instant that the messages so far allow. The pacer with
-its dead man's switch is the one that a link on this machine has (links/rf/pacer.py); disarm frames leave whether there
-is a station or not.
-
-A pacer that is started again whenever it ends, and what the operator of its machine is told of it.
+its dead man's switch is the one that a link on this machine has (links/rf/pacer.py), started again whenever it ends;
+disarm frames leave whether there is a station or not.
 """
 
 import asyncio

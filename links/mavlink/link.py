@@ -1,11 +1,9 @@
-"""The MAVLink link: thrust and body rates to PX4 or ArduPilot over UDP, TCP or a serial port.
+"""MAVLink link: thrust and body rates to PX4 or ArduPilot over UDP, TCP or a serial port.
 
-Requests to an autopilot that wait for no other: the landing of a vehicle that nobody steers, and motors off.
-
-Sends what the dead man's switch lets leave, whatever becomes of whoever commands.
-
-It lives on timers of the event loop, not in a task: a controller that raised, waits for ever, was cancelled or no
-longer ticks does not touch it. A process that stands still is told by the clock: what is due then is asked anew.
+What the dead man's switch lets leave is sent on timers of the event loop, not in a task: a controller that raised,
+waits for ever, was cancelled or no longer ticks does not touch it. A process that stands still is told by the clock:
+what is due then is asked anew. Two requests wait for no other: the landing of a vehicle that nobody steers, and motors
+off.
 """
 
 import asyncio

@@ -1,10 +1,9 @@
-"""A link whose frames a pacer lets go, in another process or on another machine.
+"""Paced link: its frames are let go by a pacer, in another process or on another machine.
 
 Frames leave all the time, whatever this process does: disarm frames until the operator arms, then the newest command.
 Nothing comes back from the vehicle. So "armed" means that the arm channel was held up for a stated time with the
-throttle down, and "disarmed" that disarm frames left for one.
-
-A pacer as its link hears it: its newest report, and what it means that none comes.
+throttle down, and "disarmed" that disarm frames left for one. Of the pacer itself the link hears reports; that none
+comes means something, too.
 """
 
 import asyncio

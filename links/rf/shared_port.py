@@ -1,11 +1,10 @@
-"""A serial port that a pacer and its stand-by have in common: one opens it, both hold it, and one writes.
+"""Serial port that a pacer and its stand-by have in common: one opens it, both hold it, and one writes.
 
 The stand-by gets each descriptor as soon as the port is open, over a socket pair. It never opens the port to take
 over: opening one again would touch its modem lines, and take time.
 
-A serial port of Linux at any speed, in plain termios2: 125000 and 400000 baud have no name that ``termios`` knows.
-
-No modem line is touched: pseudo-terminals have none, and some modules reset on them. Nothing here waits.
+The port is Linux' own, at any speed, in plain termios2: 125000 and 400000 baud have no name that ``termios`` knows. No
+modem line is touched: pseudo-terminals have none, and some modules reset on them. Nothing here waits.
 Source: ioctl_tty(2), asm-generic/termbits.h; the numbers hold on x86, ARM and RISC-V.
 """
 

@@ -1,12 +1,9 @@
-"""Many flights at once: N vehicles as arrays of shape (N,), from the same law, observer, predictor and plant.
+"""Batch: many flights at once, N vehicles as arrays of shape (N,), from the same law, observer, predictor and plant.
 
 What :func:`sim.runs.fly.fly` does with one vehicle through wire bytes, this does with N: the same random numbers,
 the same cameras, frames, losses and outages, the same single-precision set-points. Only the orchestration is written
-again (a test holds both against each other). All vehicles are told the same and share the periods of frames and poses.
-
-The controller of N vehicles: :class:`groundstation.core.control.adaptive.Adaptive` on arrays, memory and all.
-
-What the referee writes down about N flights: errors by the truth, and what the certificate rests on.
+again (a test holds both against each other): the controller on arrays, memory and all, and what the referee writes
+down. All vehicles are told the same and share the periods of frames and poses.
 """
 
 import math

@@ -1,11 +1,8 @@
-"""A straight-line program as C: one loop over the vehicles in place of one pass an operation.
+"""Kernel: a straight-line program as C, one loop over the vehicles in place of one pass an operation.
 
 + - * / and roots are rounded the same everywhere, so C gives numpy's bits. Other functions stay numpy's own: the loop
-ends where one is needed, and the next one goes on from there.
-
-C text made machine code by this machine's compiler, and kept in the user's cache.
-
-What is loaded runs as the user, so it is kept where nobody else can write, or not at all.
+ends where one is needed, and the next one goes on from there. This machine's compiler makes machine code of it, which
+runs as the user, so it is kept in the user's cache where nobody else can write, or not at all.
 """
 
 import ctypes

@@ -1,6 +1,6 @@
 """What ``groundstation-sim mission`` does: from the floor to the figure and back, with one vehicle or several.
 
-A mission in words, and as JSON: the states of a whole flight, and how well and how softly it went.
+In words or as JSON: the states of a whole flight, and how well and how softly it went.
 """
 
 import argparse

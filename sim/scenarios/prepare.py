@@ -1,9 +1,8 @@
-"""A scenario and what ``--set`` says into the truth, and what the controller is told.
+"""Preparation of a flight: a scenario and what ``--set`` says into the truth, and what the controller is told.
 
-A user's own configuration at the desk: a scenario's air and sensors around the vehicle that the configuration tells.
-
-The simulated vehicle is exactly what the controller is told, so what is seen is the trajectory, the gains and the air;
-``sim.…`` overrides make the truth differ. Poses and commands take the simulator's own way, whatever the lab uses.
+A user's own configuration flies at the desk in a scenario's air and before its sensors. The simulated vehicle is then
+exactly what the controller is told, so what is seen is the trajectory, the gains and the air; ``sim.…`` overrides make
+the truth differ. Poses and commands take the simulator's own way, whatever the lab uses.
 """
 
 from collections.abc import Callable, Iterator

@@ -7,7 +7,6 @@ from typing import Any
 from groundstation.core.geometry.frames import frames_of
 from groundstation.pose.intake.multicast import send_by
 from groundstation.pose.sources import natnet_codec as natnet
-from groundstation.pose.sources import natnet_codec as natnet_models_codec
 from groundstation.pose.sources.natnet import NatNetConfig
 from groundstation.pose.sources.natnet_codec import Unreadable
 from links.io.address import parse_address
@@ -78,7 +77,7 @@ class NatNetServer(asyncio.DatagramProtocol):
 
     def models(self) -> bytes:
         """The bodies that were streamed so far."""
-        return natnet_models_codec.encode_models(self._ids, self.info.version)
+        return natnet.encode_models(self._ids, self.info.version)
 
     def encode(self, frame: int, exposure_s: float, transmit_s: float, bodies: Sequence[Seen]) -> bytes:
         """One frame; a hidden body's last pose is marked as not tracked."""

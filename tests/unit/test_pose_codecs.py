@@ -10,7 +10,6 @@ from groundstation.core.geometry.frames import Frames
 from groundstation.core.geometry.ops import Quat
 from groundstation.pose.intake.intake import Intake
 from groundstation.pose.sources import json_codec, natnet_codec, qualisys_codec, vision_codec
-from groundstation.pose.sources import natnet_codec as natnet_models_codec
 from groundstation.pose.sources.natnet_reader import SILENT_BEATS, NatNetReader
 from groundstation.pose.sources.vision_codec import VisionReader
 from links.mavlink.protocol.codec import MavlinkCodec
@@ -68,7 +67,7 @@ def test_natnets_writer_is_read_back(name: str) -> None:
 def test_natnets_writer_gives_the_golden_handshake_byte_for_byte(name: str) -> None:
     version = (3, 0) if name.endswith("3.0") else (4, 1)
     info = natnet_codec.ServerInfo("Motive", version, 10_000_000, 1511, False)
-    models = natnet_models_codec.encode_models({"wand": 7, "quad": 2}, version)
+    models = natnet_codec.encode_models({"wand": 7, "quad": 2}, version)
     assert (natnet_codec.encode_server_info(info).hex(), models.hex()) == TABLES[name].prelude
 
 
@@ -89,7 +88,7 @@ def test_descriptions_of_bodies_are_found_among_marker_sets_and_skeletons_with_m
     ]
     sized = [k.to_bytes(4, "little") + len(d).to_bytes(4, "little") + d for k, d in kinds]
     payload = len(kinds).to_bytes(4, "little") + b"".join(sized)
-    assert natnet_models_codec.decode_models(payload, (4, 2)) == {"quad": 3, "wand": 4}
+    assert natnet_codec.decode_models(payload, (4, 2)) == {"quad": 3, "wand": 4}
 
 
 def heard(reader: NatNetReader, name: str, *rows: int) -> None:
@@ -129,7 +128,7 @@ def test_names_are_asked_for_again_where_the_models_change_and_poses_go_on() -> 
     assert len(reader.read(frame, 0.01)) == 1
     assert ids(reader.due()) == [natnet_codec.REQUEST_MODELDEF]
     assert ids(reader.due()) == [natnet_codec.REQUEST_MODELDEF]
-    reader.read(natnet_models_codec.encode_models({"quad": 3}, (4, 1)), 0.02)
+    reader.read(natnet_codec.encode_models({"quad": 3}, (4, 1)), 0.02)
     assert reader.due() == []
     assert reader.read(frame, 0.03) == ()
     assert reader.status.dropped == {"no_such_body": 1}

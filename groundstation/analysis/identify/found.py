@@ -1,6 +1,6 @@
-"""What a recording tells of its vehicle: each parameter with its interval, or why it tells nothing.
+"""Identified vehicle: what a recording tells of it, each parameter with its interval, or why it tells nothing.
 
-How noisy poses are, by fourth differences of what the model leaves of them: all that is smooth cancels.
+The noise of poses is found by fourth differences of what the model leaves of them: all that is smooth cancels.
 """
 
 import math

@@ -1,6 +1,6 @@
-"""The vehicle's translation under the commands that left, as identification models it: see pushing.py.
+"""Translation model of identification: how the vehicle moves under the commands that left; pushing.py fits it.
 
-Thrust by its signal, where curve and scale are not as told. The curve is links/core/thrust_curve.py's.
+Thrust goes by its signal, where curve and scale are not as told. The curve is links/core/thrust_curve.py's.
 """
 
 from typing import Any

@@ -1,8 +1,7 @@
-"""What was found, for people and for programs.
+"""Answers of an identification: as text, as JSON, as an HTML page, and as a vehicle file.
 
-The page of an identification: one HTML file that holds its pictures and needs nothing else, as a report's does.
-
-A vehicle file of what was found: every key of ``[vehicle]``, each with its interval, or why it stays as told.
+The page holds its pictures and needs nothing else, as a report's does. The vehicle file has every key of ``[vehicle]``,
+each with its interval, or why it stays as told.
 """
 
 import json

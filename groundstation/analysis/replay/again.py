@@ -1,11 +1,7 @@
-"""A recorded flight flown again: its bytes through source and estimator, its instants through the controller.
+"""Replay: a recorded flight flown again, its bytes through source and estimator, its instants through the controller.
 
 What went in is taken from the recording: every byte with its arrival, the instant of every command, the reference. What
 came out, every pose and every command, is made anew and held against what was recorded, to the last bit.
-
-Recorded and replayed side by side, to the last bit.
-
-From messages of the channels back to what they were made of (recording/messages.py).
 """
 
 import math

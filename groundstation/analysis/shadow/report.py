@@ -1,7 +1,4 @@
-"""From a .tlog to its report: the steps in order.
-
-The report of a replay as text for people.
-"""
+"""Offline comparison: from a .tlog to its report, the steps in order, and the report as text for people."""
 
 from collections.abc import Iterator, Sequence
 from pathlib import Path

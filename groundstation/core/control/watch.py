@@ -1,18 +1,14 @@
-"""The certificate in flight: V from measured quantities against the bound that the theory gives it. Sans-IO.
+"""Certificate monitor: V from measured quantities, in flight, against the bound of the theory. Sans-IO, floats only.
 
 The wind is unknown, so b̃ is too; what the observer knows of it takes its place: w = d̂ - b̂. With
-V_m = V_known + |w|²/(2 kb), docs/explanation/law.md (section 5.9) has, for the noise and the gusts that it covers,
+V_m = V_known + |w|²/(2 kb), docs/explanation/law.md (section 5.9) has V_m˙ = -(W + κ|w|²) + terms, each a gradient at
+mid-frame times what moved within the frame; and, for the noise and the gusts that it covers,
 
     V_m˙ <= -s (W + κ|w|²) + D
 
-on average. So from any instant on, V_m stays below its value there plus the integral of the right side. The watch
+on average. So from any instant on, V_m stays below its value there plus the integral of the right side. The monitor
 keeps the excess of V_m over the lowest of these bounds: zero where the theory holds; it grows where V rises, and also
 where V only swings, though it must fall. Lasting excess is a warning that names the largest term of V_m˙.
-
-What feeds V_m from one command to the next: its terms, from measured quantities. Sans-IO.
-
-V_m = V_known + |w|²/(2 kb), w = d̂ - b̂, obeys V_m˙ = -(W + κ|w|²) + the terms below (docs/explanation/law.md, section
-5.9). Each is a gradient at mid-frame times what moved within the frame. Floats only.
 """
 
 import math

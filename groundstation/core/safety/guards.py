@@ -1,15 +1,9 @@
-"""What ends a flight early: limits that are looked at with every command. Sans-IO.
+"""Guards: limits that are looked at with every command, and end a flight early. Sans-IO.
 
-escalation.py has what follows beyond them.
-
-A thrust that swings about its mean, as told by how long it was far below it and far above. Sans-IO.
-
-Poses that come late and commands that get lost make the height swing as well as the lean. Up in the air the lean shows
-it in time; near the floor the next trough of the thrust is a fall.
-
-The guards of what is around a vehicle: the fence, and other vehicles that the cameras see, or should. Sans-IO.
-
-A vehicle that swings, as told by how long it has lately leant far from where it should. Sans-IO.
+Of the flight itself: its error, its speed, its lean, the poses and the link that it needs. Of what is around it: the
+geofence, and other vehicles that the cameras see, or should. Of its own swinging: poses that come late and commands
+that get lost make the height swing as well as the lean. Up in the air the lean shows it in time; near the floor the
+next trough of the thrust is a fall. escalation.py has what follows beyond a limit.
 """
 
 import math

@@ -1,6 +1,6 @@
-"""What circles and figures of eight have in common: how often they are flown, how they begin and end, their plane.
+"""Laps: how often a circle or a figure of eight is flown, how it begins and ends, and its plane.
 
-A level curve turned about a level line through its middle: any plane.
+Any plane: the level curve is turned about a level line through its middle.
 """
 
 import math

@@ -1,6 +1,7 @@
-"""What every trajectory delivers: the reference at any instant, with exact derivatives.
+"""Trajectory port: what every trajectory delivers, the reference at any instant with exact derivatives.
 
-Kinds of number that the configs of several trajectories share. The bounds also keep out inf and nan.
+Here, too, are the kinds of number that the configs of several trajectories share. Their bounds also keep out inf and
+nan.
 """
 
 from collections.abc import Sequence

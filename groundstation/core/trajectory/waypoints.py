@@ -3,16 +3,14 @@
 Between them fly polynomials of degree 7 with the least snap (C⁶ at every waypoint), or of degree 5 with the least jerk
 (C⁴; jerk steps at both ends). Times are given, or found from limits of speed and acceleration.
 
-When to be where: times for waypoints that come without, within limits of speed and acceleration.
+How they are found: first the times of least ∫|p^(r)|² for a given duration, leg by leg by the sign of the gradient
+(Rprop, in the logarithm of each leg's time). That is no search among polynomials: with the derivatives at the knots in
+d, a leg of h seconds costs E = dᵀ S H S d h^(1-2r), S = diag(h^k), and those are the best ones already, so dE/dh with
+d held is all of the gradient. Then each leg is moved towards what its own speed and acceleration ask for. A course
+flown k times slower has a k-th of the speed and a k²-th of the acceleration everywhere, so every round can be brought
+within both limits exactly; the shortest is kept.
 
-First the times of least ∫|p^(r)|² for a given duration, found leg by leg by the sign of the gradient (Rprop, in the
-logarithm of each leg's time). That is no search among polynomials: with the derivatives at the knots in d, a leg of h
-seconds costs E = dᵀ S H S d h^(1-2r), S = diag(h^k), and those are the best ones already, so dE/dh with d held is all
-of the gradient. Then each leg is moved towards what its own speed and acceleration ask for. A course flown k
-times slower has a k-th of the speed and a k²-th of the acceleration everywhere, so every round can be brought within
-both limits exactly; the shortest is kept.
-
-A course as CSV: one point a line, the first line names the columns.
+Waypoints may stand in a CSV file: one a line, the first line names the columns.
 
     t_s, north_m, east_m, up_m [, yaw_deg] [, v_north_m_s, v_east_m_s, v_up_m_s]
 

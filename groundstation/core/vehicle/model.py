@@ -1,13 +1,10 @@
-"""The vehicle as the controller believes it: rolled forward in time under held commands.
+"""Model of the vehicle as the controller believes it: integrated forward in time under held commands.
 
-(1), (2) of the paper with first-order lags on thrust and body rates. A roll has two parts. Commands alone decide
-actuators and attitude, and so what thrust gives (:func:`driven`, one call for each command that acts). All else is
-added once, at the end (:func:`carried`): position and velocity are linear in thrust over mass, gravity and wind.
-Elementwise: floats, or arrays (N,).
-
-The actuators as the controller believes them: first-order lags on thrust and body rates, and their inverse.
-
-Both are exact for a command that is held. Elementwise: floats, or arrays of shape (N,).
+(1), (2) of the paper with first-order lags on thrust and body rates, which are the actuators; lags and their inverse
+are exact for a command that is held. A step has two parts. Commands alone decide actuators and attitude, and so what
+thrust gives (:func:`driven`, one call for each command that acts). All else is added once, at the end
+(:func:`carried`): position and velocity are linear in thrust over mass, gravity and wind. Elementwise: floats, or
+arrays of shape (N,).
 """
 
 from typing import NamedTuple
@@ -62,7 +59,7 @@ def driven(ops: Ops, before: Driven, drive: Drive, duration: Real, thrust_lag: f
     half = 0.5 * h
     (w, x, y, z), thrust, (wx, wy, wz), (ix, iy, iz), (sx, sy, sz) = before
     wanted, (cx, cy, cz) = drive
-    # approach() of actuators.py, written out like to_world() below: this runs three times a command.
+    # approach(), written out like to_world() below: this runs three times a command.
     exp = ops.exp
     rate_rise = 1.0 - exp(-h / rate_lag) if rate_lag > 0.0 else 1.0
     half_rise = 1.0 - exp(-half / rate_lag) if rate_lag > 0.0 else 1.0

@@ -1,6 +1,6 @@
-"""The vehicle as the controller is told it is. Config section ``[vehicle]``, or a file of its own.
+"""Vehicle: what the controller is told of it (config section ``[vehicle]``, or a file of its own), and its limits.
 
-What a flight may ask of its vehicle, beside what the vehicle can do. Config section ``[limits]``.
+The limits (config section ``[limits]``) are what a flight may ask of it, beside what it can do.
 """
 
 import math

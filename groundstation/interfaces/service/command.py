@@ -1,6 +1,6 @@
-"""How flights run in real time: alone in a terminal, or as a daemon.
+"""Flights in real time: alone in a terminal, or as a daemon.
 
-Signals as requests: the first Ctrl-C or SIGTERM lands, more of them do more, SIGQUIT kills.
+Signals are requests: the first Ctrl-C or SIGTERM lands, more of them do more, SIGQUIT kills.
 """
 
 import asyncio

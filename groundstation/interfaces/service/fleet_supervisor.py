@@ -1,9 +1,9 @@
-"""Runs the cores of a fleet, one process each, and watches over them: prints what they say, and passes signals on.
+"""Fleet supervisor: runs the cores of a fleet, one process each, and watches over them.
 
-Nothing is shared: a core that crashes or stands still takes no other with it. None is ever started again: who knows
-where its vehicle is. Cores have sessions of their own: a terminal's Ctrl-C reaches each of them once, from here.
-
-Arms the vehicles of a fleet once every core stands ready: a program that still starts would disturb who flies.
+It prints what they say, and passes signals on. Nothing is shared: a core that crashes or stands still takes no other
+with it. None is ever started again: who knows where its vehicle is. Cores have sessions of their own: a terminal's
+Ctrl-C reaches each of them once, from here. Vehicles are armed once every core stands ready: a program that still
+starts would disturb who flies.
 """
 
 import asyncio

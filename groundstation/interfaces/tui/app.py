@@ -1,6 +1,6 @@
-"""The dashboard: a process of its own that shows what a feed brings, and passes on what the operator orders.
+"""Dashboard: a process of its own that shows what a feed brings, and passes on what the operator orders.
 
-From what the operator presses to what is asked of the feed: confirmed where it must be, and answered in words.
+What is pressed is confirmed where it must be, asked of the feed, and answered in words.
 """
 
 import asyncio

@@ -1,7 +1,4 @@
-"""What ``groundstation doctor`` does: examine, and on request set parameters one by one or put an old one back.
-
-The findings as a person reads them.
-"""
+"""What ``groundstation doctor`` does: examine, and on request set parameters one by one or put an old one back."""
 
 import json
 import shlex

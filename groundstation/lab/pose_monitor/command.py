@@ -1,7 +1,4 @@
-"""``groundstation check --watch``: any pose source live, without flying.
-
-What ``groundstation check --watch`` shows people.
-"""
+"""Pose monitor: any pose source live, without flying, as ``groundstation check --watch`` shows it."""
 
 import asyncio
 import contextlib

@@ -4,29 +4,21 @@
 
     SERVERINFO     char[256] name | u8[4] its version | u8[4] NatNet version | u64 clock frequency | u16 data port |
                    u8 multicast | u8[4] group
-    MODELDEF       natnet_models_codec.py
     FRAMEOFDATA    u32 frame, then sections, each u32 n, [4.1: u32 bytes], n elements: marker sets, unlabelled markers,
                    rigid bodies, skeletons, [4.1: assets], labelled markers, force plates, devices; then the suffix:
                    u32 timecode, u32 sub-frame | f64 time | u64 mid-exposure, data received, transmit (ticks) |
                    [4.1: u32 s, u32 fraction] | u16 flags (bit 1: the list of models changed)
     rigid body     i32 id | f32[3] position [m] | f32[4] quaternion x, y, z, w | f32 error | u16 flags (bit 0: tracked)
+    MODELDEF       the names and streaming ids of rigid bodies, which are nowhere else:
+                   u32 n, then n × (u32 type, [4.1: u32 bytes], description)
+      0: marker set  text name | u32 n, n × text
+      1: rigid body  text name | i32 id | i32 parent | f32[3] offset | [4.2: f32[4] quaternion] | u32 n, n × f32[3],
+                     n × u32, [4.0: n × text]
+      2: skeleton    text name | i32 id | u32 n, n × rigid body
 
 The ticks of mid-exposure and transmission tell how old a pose was as it left: only the network's time is not known.
 Source: public readers (libmotioncapture a91e8360, natnet 0.3.0, new-natnet-client 5.0.1), read for the layout only.
 That 4.1 writes the bytes of each section is known; readers walk the elements and do not need them.
-
-The payload of a NatNet message (natnet_codec.py), read from front to back. Sans-IO.
-
-NatNet's MODELDEF: the names and streaming ids of rigid bodies, which are nowhere else. Sans-IO.
-
-    u32 n, then n × (u32 type, [4.1: u32 bytes], description)
-
-    0: marker set  text name | u32 n, n × text
-    1: rigid body  text name | i32 id | i32 parent | f32[3] offset | [4.2: f32[4] quaternion] | u32 n, n × f32[3],
-                   n × u32, [4.0: n × text]
-    2: skeleton    text name | i32 id | u32 n, n × rigid body
-
-Source: see natnet_codec.py.
 """
 
 import struct

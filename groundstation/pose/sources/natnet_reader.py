@@ -6,7 +6,6 @@ from groundstation.core.geometry.ops import Quat
 from groundstation.core.messages.pose import Pose, PoseStatus
 from groundstation.pose.intake.intake import Intake
 from groundstation.pose.sources import natnet_codec as codec
-from groundstation.pose.sources import natnet_codec as natnet_models_codec
 from groundstation.pose.sources.natnet_codec import Frame, RigidBody, ServerInfo, Unreadable
 
 SILENT_BEATS = 4
@@ -81,7 +80,7 @@ class NatNetReader:
         elif self.server is None:
             return self._intake.drop("no_server_info")
         elif number == codec.MODELDEF:
-            models = natnet_models_codec.decode_models(payload, self.server.version)
+            models = codec.decode_models(payload, self.server.version)
             self.names = tuple(models)[:MAX_NAMES]
             self._id = models.get(self._name) if self._fixed_id is None else self._fixed_id
             others = self._intake.others

@@ -1,4 +1,6 @@
-"""The Vicon UDP Object Stream: one datagram for each frame of the cameras. Sans-IO; little-endian, packed.
+"""Vicon UDP Object Stream: one datagram for each frame of the cameras, and the poses of one object in it, on our clock.
+
+Sans-IO; little-endian, packed.
 
     offset 0  u32      frame number
     offset 4  u8       number of items
@@ -13,8 +15,6 @@
 The rotation is Euler XYZ, intrinsic: R = Rx(rx) Ry(ry) Rz(rz), object to lab. The datagram holds no time stamp, no
 validity flag and no checksum.
 Source: public readers of the stream that Vicon Tracker 3 sends to UDP port 51001; Vicon's own page was not at hand.
-
-The poses of one object in Vicon's stream (vicon_codec.py), on our clock. Sans-IO.
 """
 
 import math

@@ -1,6 +1,6 @@
-"""What an autopilot tells of itself: its mode, its battery, what it knows of itself, its pre-arm checks. Sans-IO.
+"""Status of an autopilot, as it tells it: mode, battery, pre-arm checks, and words, so that refusals can be quoted.
 
-What an autopilot says in words, so that its refusals can be quoted. Sans-IO.
+Sans-IO.
 """
 
 import math

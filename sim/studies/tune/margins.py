@@ -1,9 +1,7 @@
-"""How wrong the world may be before a configuration stops flying: one thing at a time, by bisection.
+"""Margins: how wrong the world may be before a configuration stops flying, one thing at a time, by bisection.
 
 A flight fails when it crashes, or when its RMS error from 15 s on exceeds five times what it is with nothing wrong,
 and 10 cm: below that a room still has its floor and its walls, and a few times a tenth of a millimetre is no failure.
-
-Margins in words: lines for a terminal, and a table for documents.
 """
 
 import math

@@ -2,10 +2,9 @@
 
 ``groundstation daemon`` flies a simulated vehicle that lives here; poses leave from here at 50, 100 and 250 Hz, and
 between any two of them a datagram of the same size goes to a bare asyncio echo in a process of its own. Both times
-are taken here, by one clock, so both hold the same wake-up of this process. Poses are a thousandth slower than they
-say: they slide along what the autopilot tells of itself, as cameras of their own clock do, and so does the echo.
-
-How long what was sent had to wait for its answer.
+are taken here, by one clock, so both hold the same wake-up of this process; each is how long what was sent had to wait
+for its answer. Poses are a thousandth slower than they say: they slide along what the autopilot tells of itself, as
+cameras of their own clock do, and so does the echo.
 """
 
 import asyncio

@@ -1,7 +1,4 @@
-"""How commands keep time: the pacer's frames beside a bare sleep loop, and pose to command beside a bare echo.
-
-How late the pacer's frames leave, beside a bare sleep loop in the same run.
-"""
+"""How commands keep time: the pacer's frames beside a bare sleep loop, and pose to command beside a bare echo."""
 
 import asyncio
 import os

@@ -1,9 +1,8 @@
 """The flying path: law, observer and predictor for one command, and all that it needs, in whole virtual flights.
 
-What the monitor of the poses and the second witness take of a command, in one run.
-
-A clock that is read around every call would cost as much as what it measures. So one flight's calls are recorded, and
-then made again: those of the whole pilot, of the monitor alone, and of the witness alone, in turns.
+And what the monitor of the poses and the second witness take of a command. A clock that is read around every call would
+cost as much as what it measures. So one flight's calls are recorded, and then made again: those of the whole pilot, of
+the monitor alone, and of the witness alone, in turns.
 """
 
 from collections.abc import Callable, Iterator, Sequence

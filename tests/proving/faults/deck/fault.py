@@ -1,6 +1,6 @@
-"""What a fault is: how it strikes, in which states, and what its judge must know of it.
+"""Fault: how it strikes, in which states, and what its judge must know of it.
 
-What can't be asked of a vehicle after a fault, in a closed list of words; everything else is asked of all.
+What can't be asked of a vehicle after a fault is a closed list of words; everything else is asked of all.
 """
 
 import asyncio

@@ -1,8 +1,7 @@
-"""Cells that need processes of their own: the daemon flies in real time, and it or what hangs on it is killed.
+"""Live cells, which need processes of their own: the daemon flies in real time, and it or what hangs on it is killed.
 
-The simulated vehicle is in this process, on the machine's own network, or at the end of a pseudo-terminal.
-
-What a flight in real time tells of itself: what it answered to the fault, and what went wrong.
+The simulated vehicle is in this process, on the machine's own network, or at the end of a pseudo-terminal. The judge
+reads what the flight tells of itself: what it answered to the fault, and what went wrong.
 """
 
 import asyncio
