@@ -7,13 +7,13 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from pymavlink.dialects.v20 import ardupilotmega as d
 
 from groundstation import so3
 from groundstation.poses.tlog_codec import TlogReader
 from links.mavlink import MavlinkLink, MavlinkLinkConfig
 from links.mavlink_attitude import ATTITUDE_HZ, attitude_of
 from links.mavlink_codec import PX4, Message
+from links.mavlink_dialect import DIALECT as d
 from links.port import Attitude, LinkMisuse
 from links.timesync import Trip
 from sim.autopilot import Px4Autopilot

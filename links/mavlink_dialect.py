@@ -1,0 +1,230 @@
+"""MAVLink's messages as classes, and their payloads. Sans-IO.
+
+pymavlink has the same, but makes every class of the dialect as it is imported, which takes longer than a whole flight
+of seconds in simulation; here a class is made when its message is first met. The names are pymavlink's.
+
+On the wire the fields stand by the size of their types, largest first, the later ones (extensions) behind them in
+their own order; zeros at the end are left out. What the definition says goes into the frame's checksum as one more
+byte, made by the same CRC-16/MCRF4XX.
+Source: mavlink.io/en/guide/serialization.html; the same bytes as pymavlink 2.4.50.
+"""
+
+import struct
+from collections.abc import Callable
+from operator import itemgetter
+from typing import Any, ClassVar, NamedTuple
+
+import msgspec
+from fastcrc.crc16 import mcrf4xx
+
+from links.mavlink_definitions import MESSAGES
+
+_NAMES = {
+    "d": "double", "f": "float", "Q": "uint64_t", "q": "int64_t", "I": "uint32_t", "i": "int32_t", "H": "uint16_t",
+    "h": "int16_t", "B": "uint8_t", "b": "int8_t", "s": "char",
+}  # fmt: skip
+
+
+class _Field(NamedTuple):
+    name: str
+    code: str
+    """Of :mod:`struct`."""
+    length: int
+    """Of an array or a text; 0 for a single number."""
+    later: bool
+
+
+class MavlinkMessage(msgspec.Struct, eq=False, gc=False):
+    """A message; its fields are in the definition's order. Text is given as bytes, and told as ``str``."""
+
+    msg_number: ClassVar[int]
+    msg_name: ClassVar[str]
+    crc_extra: ClassVar[int]
+    """What the definition adds to the checksum; as a byte, ``crc_byte``."""
+    crc_byte: ClassVar[bytes]
+    wire: ClassVar[struct.Struct]
+    """The payload, nothing left out."""
+    to_wire: ClassVar[Callable[[Any], tuple[Any, ...]]]
+    """All values of a message → what ``wire`` packs."""
+    from_wire: ClassVar[Callable[[Any], tuple[Any, ...]]]
+    """What ``wire`` unpacked → the fields."""
+
+    def get_type(self) -> str:
+        """Its name, such as HEARTBEAT."""
+        return self.msg_name
+
+    def get_srcSystem(self) -> int:  # noqa: N802  # pymavlink's names
+        """The system that sent it; 0 where it was made here."""
+        frame: bytes = self._frame  # type: ignore[attr-defined]
+        return (frame[5] if frame[0] == 0xFD else frame[3]) if frame else 0
+
+    def get_srcComponent(self) -> int:  # noqa: N802
+        """The component that sent it; 0 where it was made here."""
+        frame: bytes = self._frame  # type: ignore[attr-defined]
+        return (frame[6] if frame[0] == 0xFD else frame[4]) if frame else 0
+
+    def get_seq(self) -> int:
+        """The sender's sequence number; 0 where it was made here."""
+        frame: bytes = self._frame  # type: ignore[attr-defined]
+        return (frame[4] if frame[0] == 0xFD else frame[2]) if frame else 0
+
+    def get_msgbuf(self) -> bytes:
+        """The frame that it came in; empty where it was made here."""
+        frame: bytes = self._frame  # type: ignore[attr-defined]
+        return frame
+
+    def pack_payload(self) -> bytes:
+        """Its fields on the wire, zeros at the end left out, but for the first byte.
+
+        Raises:
+            struct.error: a whole number does not fit its field, or an array is too short.
+            OverflowError: a number is larger than a 32-bit float can hold.
+        """
+        whole = self.wire.pack(*self.to_wire(msgspec.structs.astuple(self)))
+        return whole.rstrip(b"\0") or whole[:1]
+
+
+def _made(number: int, name: str, words: list[str]) -> type[MavlinkMessage]:
+    """The class of one line of the definitions."""
+    fields: list[_Field] = []
+    later = False
+    for word in words:
+        if word == "|":
+            later = True
+            continue
+        key, _, code = word.partition(":")
+        fields.append(_Field(key, code[-1], int(code[:-1] or 0), later))
+    order = sorted(range(len(fields)), key=lambda n: (fields[n].later, _rank(fields[n])))
+    said = bytearray(f"{name} ".encode())
+    for n in order:
+        field = fields[n]
+        if not field.later:
+            said += f"{_NAMES[field.code]} {field.name} ".encode()
+            if field.length:
+                said.append(field.length)
+    checksum = mcrf4xx(bytes(said))
+    extra = (checksum & 0xFF) ^ (checksum >> 8)
+    wire = struct.Struct("<" + "".join(f"{fields[n].length or ''}{fields[n].code}" for n in order))
+    texts = {f.name for f in fields if f.code == "s"}
+    made = msgspec.defstruct(
+        name,
+        [_declared(field) for field in fields] + [("_frame", bytes, b"")],
+        bases=(MavlinkMessage,),
+        namespace={
+            "__doc__": f"MAVLink's {name}.",
+            "msg_number": number,
+            "msg_name": name,
+            "crc_extra": extra,
+            "crc_byte": bytes([extra]),
+            "wire": wire,
+            "to_wire": staticmethod(_flattener(fields, order)),
+            "from_wire": staticmethod(_gatherer(fields, order)),
+            **{key: property(_text_of(key)) for key in texts},
+        },
+        eq=False,
+        gc=False,
+    )
+    assert issubclass(made, MavlinkMessage)
+    return made
+
+
+def _rank(field: _Field) -> int:
+    """Where a field stands on the wire, by its size; later ones stand as they were added."""
+    return 0 if field.later else -struct.calcsize("<" + field.code)
+
+
+def _declared(field: _Field) -> tuple[str, type, Any] | tuple[str, type]:
+    name = f"_{field.name}" if field.code == "s" else field.name
+    if not field.later:
+        return name, object
+    return name, object, b"" if field.code == "s" else (0,) * field.length if field.length else 0
+
+
+def _text_of(name: str) -> Callable[[Any], str]:
+    raw = f"_{name}"
+
+    def text(message: Any) -> str:
+        data: bytes = getattr(message, raw)
+        return data.split(b"\0", 1)[0].decode("ascii", errors="replace")
+
+    return text
+
+
+def _flattener(fields: list[_Field], order: list[int]) -> Callable[[Any], tuple[Any, ...]]:
+    """What brings a message's values into the order of the wire, arrays laid out."""
+    layout = [(n, 0 if fields[n].code == "s" else fields[n].length) for n in order]
+    if len(layout) > 1 and not any(length for _, length in layout):
+        return itemgetter(*order)
+
+    def flat(values: Any) -> tuple[Any, ...]:
+        wire: list[Any] = []
+        for n, length in layout:
+            if length:
+                wire += values[n][:length]
+            else:
+                wire.append(values[n])
+        return tuple(wire)
+
+    return flat
+
+
+def _gatherer(fields: list[_Field], order: list[int]) -> Callable[[Any], tuple[Any, ...]]:
+    """What brings numbers from the wire into the definition's order, those of an array in a list."""
+    start, places = 0, {}
+    for n in order:
+        length = 0 if fields[n].code == "s" else fields[n].length
+        places[n] = slice(start, start + length) if length else start
+        start += length or 1
+    layout = [(places[n], fields[n].code == "s") for n in range(len(fields))]
+    if len(layout) > 1 and not any(is_text or isinstance(place, slice) for place, is_text in layout):
+        return itemgetter(*(place for place, _ in layout))
+
+    def gathered(numbers: Any) -> tuple[Any, ...]:
+        return tuple(
+            numbers[place].rstrip(b"\0") if is_text else list(numbers[place]) if isinstance(place, slice)
+            else numbers[place] for place, is_text in layout
+        )  # fmt: skip
+
+    return gathered
+
+
+class MavlinkDialect:
+    """All messages: ``MAVLink_heartbeat_message`` is a class, ``MAVLINK_MSG_ID_HEARTBEAT`` its number."""
+
+    def __init__(self) -> None:
+        """No class is made yet."""
+        self._lines = {line.split(" ", 2)[1]: line for line in MESSAGES.splitlines()}
+        self._names = {int(line.split(" ", 1)[0]): name for name, line in self._lines.items()}
+        self._kinds: dict[int, type[MavlinkMessage] | None] = {}
+
+    def kind(self, number: int) -> type[MavlinkMessage] | None:
+        """The class of message ``number``; None where the dialect has none."""
+        try:
+            return self._kinds[number]
+        except KeyError:
+            name = self._names.get(number)
+            if name is None:
+                return None  # not kept: anybody may send any number
+            made = self._kinds[number] = _made(number, name, self._lines[name].split()[2:])
+            return made
+
+    def number(self, name: str) -> int:
+        """The number of the message called ``name``, such as ODOMETRY.
+
+        Raises:
+            KeyError: the dialect has none.
+        """
+        return int(self._lines[name].split(" ", 1)[0])
+
+    def __getattr__(self, name: str) -> Any:
+        try:
+            if name.startswith("MAVLINK_MSG_ID_"):
+                return self.number(name.removeprefix("MAVLINK_MSG_ID_"))
+            if name.startswith("MAVLink_"):
+                return self.kind(self.number(name.removeprefix("MAVLink_").removesuffix("_message").upper()))
+        except KeyError:
+            pass
+        raise AttributeError(name)
+
+
+DIALECT = MavlinkDialect()
