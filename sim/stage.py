@@ -21,7 +21,7 @@ from links.thrust_curve import signal
 from sim.autopilot_base import SimulatedAutopilot
 from sim.autopilot_peer import AutopilotPeer
 from sim.autopilots import AUTOPILOTS
-from sim.draws import rows, stream
+from sim.draws import generator, rows, stream
 from sim.horizon import Horizon
 from sim.inline_pacer import WirePort
 from sim.mocap import Mocap
@@ -104,7 +104,7 @@ class Stage:
             radio = module(config, world)
             self.radio = RfPeer(RfReceiver(vehicle, radio, lose=lose), radio, world.command_delay_s)
             if pty is None:
-                self.wires, self._bridge = wires(config, radio, stream(seed, "nonces").bytes, self.port)
+                self.wires, self._bridge = wires(config, radio, generator(seed, "nonces").bytes, self.port)
         self.mocap = Mocap(world, self.plant, seed, *tracked) if tracked is not None and alone else None
 
     @property
