@@ -7,14 +7,13 @@ from collections.abc import Callable
 from contextlib import suppress
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
-from typing import IO, Any, cast
 
 import msgspec
-from mcap.writer import CompressionType, Writer
 
 import groundstation
 from groundstation.recording.channels import CHANNELS
 from groundstation.recording.headline import Count
+from groundstation.recording.mcap_writer import McapWriter
 from groundstation.recording.messages import Messages, address
 from groundstation.recording.patient_file import PatientFile
 from groundstation.recording.records import About, Ended, Lost, Opened, Posed, Received, Record, Sent, Ticked, Told
@@ -48,14 +47,10 @@ class FlightLog:
         self._count = Count()
         self._encode = msgspec.json.Encoder().encode
         self._flushed_s = 0.0
-        # Any: some of its methods have no types
-        self._writer: Any = Writer(cast(IO[bytes], self._file), compression=CompressionType.ZSTD, enable_data_crcs=True)
-        self._writer.start(library=f"groundstation {_version('groundstation')}")
+        self._writer = McapWriter(self._file, f"groundstation {_version('groundstation')}")
         self._writer.add_metadata("about", facts(about))
         self._channels = {
-            topic: self._writer.register_channel(
-                topic, "json", self._writer.register_schema(name, "jsonschema", schema(name, message))
-            )
+            topic: self._writer.add_channel(topic, name, schema(name, message))
             for topic, (name, message) in CHANNELS.items()
         }
         self.flush()
@@ -64,8 +59,7 @@ class FlightLog:
         """Take one record; it reaches the disk within ``FLUSH_S`` of flight, or with :meth:`flush`."""
         time_s = 0.0
         for topic, time_s, message in self._messages.of(record):
-            stamp = self._messages.stamp(time_s)
-            self._writer.add_message(self._channels[topic], stamp, self._encode(message), stamp)
+            self._writer.add_message(self._channels[topic], self._messages.stamp(time_s), self._encode(message))
         self._note(record)
         if time_s - self._flushed_s >= FLUSH_S:
             self._flushed_s = time_s
