@@ -38,7 +38,7 @@ class RunFolder:
         told = about(config, clock="virtual", scenario=scenario, seed=seed, sim=dump(world))
         try:
             path.mkdir(parents=True, exist_ok=True)
-            (path / "config.toml").write_text(dump(config))
+            (path / "config.toml").write_text(told.config)
             for name in (RECORDING, "flight.tlog", FRAMES):
                 (path / name).unlink(missing_ok=True)
             # Virtual time begins at 0, whenever that is: the same flight gives the same bytes.
