@@ -22,6 +22,8 @@ from links.mavlink import MavlinkLinkConfig
 from sim.inline_pacer import MODULE
 from sim.world import World
 
+FLUSH_S = 5.0
+"""So much of a flight is written at once [s]: in virtual time that is a small part of a second."""
 RECORDING, FRAMES = "flight.mcap", "frames.txt"
 
 
@@ -42,7 +44,7 @@ class RunFolder:
             for name in (RECORDING, "flight.tlog", FRAMES):
                 (path / name).unlink(missing_ok=True)
             # Virtual time begins at 0, whenever that is: the same flight gives the same bytes.
-            self._log = FlightLog(path / RECORDING, told, epoch_ns=0, tell=_warn)
+            self._log = FlightLog(path / RECORDING, told, epoch_ns=0, tell=_warn, flush_s=FLUSH_S)
             self._poses = _opened(path / IN_RUN_FOLDER)
             self._frames = None if isinstance(config.link, MavlinkLinkConfig) else _opened(path / FRAMES)
         except OSError as error:
@@ -56,13 +58,12 @@ class RunFolder:
     def give(self, record: Record) -> None:
         """Take one record of the flight."""
         self._log.write(record)
-        match record:
-            case Ticked(tick):
-                self._last_s = tick.time_s
-            case Told(_, state):
-                self._state = state
-            case Ended():
-                self._ended = True
+        if isinstance(record, Ticked):
+            self._last_s = record.tick.time_s
+        elif isinstance(record, Told):
+            self._state = record.state
+        elif isinstance(record, Ended):
+            self._ended = True
 
     def datagram(self, time_s: float, source: tuple[str, int], target: tuple[str, int], data: bytes) -> None:
         """One datagram of the simulated network: a radio's frame is a line of hex."""
@@ -72,9 +73,8 @@ class RunFolder:
 
     def pose(self, pose: Pose) -> None:
         """One pose as it came; `pose.kind = "csv"` plays the folder's again."""
-        self._poses.write(
-            csv_codec.encode(csv_codec.Row(pose.time_s, pose.arrival_s, pose.position_ned, pose.attitude))
-        )
+        row = csv_codec.Row(pose.time_s, pose.arrival_s, pose.position_ned, pose.attitude)
+        self._poses.write(csv_codec.encode(row))
 
     def close(self, facts: dict[str, Any]) -> None:
         """Write the result and close everything."""

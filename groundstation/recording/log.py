@@ -29,10 +29,12 @@ PACKAGES = ("groundstation", "mcap", "msgspec", "numpy", "pymavlink")
 class FlightLog:
     """Writes NAME.mcap and, once MAVLink passes, NAME.tlog. Never raises once it is open."""
 
-    def __init__(self, path: Path, about: About, *, epoch_ns: int, tell: Callable[[str], None]) -> None:
+    def __init__(
+        self, path: Path, about: About, *, epoch_ns: int, tell: Callable[[str], None], flush_s: float = FLUSH_S
+    ) -> None:
         """Make the file at ``path`` (NAME.mcap); ``epoch_ns`` is the wall time of the event loop's zero [ns].
 
-        ``tell`` takes warnings for the operator.
+        ``tell`` takes warnings for the operator; ``flush_s`` [s] of flight are written at once.
 
         Raises:
             OSError: it can't be made, or is there already.
@@ -46,6 +48,7 @@ class FlightLog:
         self._messages = Messages(epoch_ns)
         self._count = Count()
         self._encode = msgspec.json.Encoder().encode
+        self._flush_s = flush_s
         self._flushed_s = 0.0
         self._writer = McapWriter(self._file, f"groundstation {_version('groundstation')}")
         self._writer.add_metadata("about", facts(about))
@@ -56,12 +59,13 @@ class FlightLog:
         self.flush()
 
     def write(self, record: Record) -> None:
-        """Take one record; it reaches the disk within ``FLUSH_S`` of flight, or with :meth:`flush`."""
+        """Take one record; it reaches the disk within ``flush_s`` of flight, or with :meth:`flush`."""
         time_s = 0.0
+        add, channels, encode, stamp = self._writer.add_message, self._channels, self._encode, self._messages.stamp
         for topic, time_s, message in self._messages.of(record):
-            self._writer.add_message(self._channels[topic], self._messages.stamp(time_s), self._encode(message))
+            add(channels[topic], stamp(time_s), encode(message))
         self._note(record)
-        if time_s - self._flushed_s >= FLUSH_S:
+        if time_s - self._flushed_s >= self._flush_s:
             self._flushed_s = time_s
             self.flush()
 
@@ -89,13 +93,13 @@ class FlightLog:
     def _note(self, record: Record) -> None:
         """What the headline and the .tlog want of a record."""
         match record:
-            case Ticked(tick):
-                error = math.dist(tick.estimate.motion.position, tick.reference.position_ned)
-                self._count.ticked(tick.flight_time_s, error)
             case Received(time_s, wire, _, _, data):
                 self._frames(wire, 0, time_s, data)
             case Sent(time_s, wire, _, data):
                 self._frames(wire, 1, time_s, data)
+            case Ticked(tick):
+                error = math.dist(tick.estimate.motion.position, tick.reference.position_ned)
+                self._count.ticked(tick.flight_time_s, error)
             case Posed():
                 self._count.posed()
             case Opened(_, wire, kind, local, remote):
