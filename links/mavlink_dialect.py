@@ -35,7 +35,7 @@ class _Field(NamedTuple):
 
 
 class MavlinkMessage(msgspec.Struct, eq=False, gc=False):
-    """A message; its fields are in the definition's order. Text is given as bytes, and told as ``str``."""
+    """A message, its fields in the definition's order; an array is a tuple. Text is given as bytes, told as ``str``."""
 
     msg_number: ClassVar[int]
     msg_name: ClassVar[str]
@@ -169,23 +169,15 @@ def _flattener(fields: list[_Field], order: list[int]) -> Callable[[Any], tuple[
 
 
 def _gatherer(fields: list[_Field], order: list[int]) -> Callable[[Any], tuple[Any, ...]]:
-    """What brings numbers from the wire into the definition's order, those of an array in a list."""
+    """What brings numbers from the wire into the definition's order, those of an array in a tuple."""
     start, places = 0, {}
     for n in order:
         length = 0 if fields[n].code == "s" else fields[n].length
         places[n] = slice(start, start + length) if length else start
         start += length or 1
-    layout = [(places[n], fields[n].code == "s") for n in range(len(fields))]
-    if len(layout) > 1 and not any(is_text or isinstance(place, slice) for place, is_text in layout):
-        return itemgetter(*(place for place, _ in layout))
-
-    def gathered(numbers: Any) -> tuple[Any, ...]:
-        return tuple(
-            numbers[place].rstrip(b"\0") if is_text else list(numbers[place]) if isinstance(place, slice)
-            else numbers[place] for place, is_text in layout
-        )  # fmt: skip
-
-    return gathered
+    if len(fields) == 1:
+        return lambda numbers: (numbers[places[0]],)
+    return itemgetter(*(places[n] for n in range(len(fields))))
 
 
 class MavlinkDialect:
