@@ -1,4 +1,4 @@
-"""Other simulators for ``bench batch --peers``: the dependency group ``peers``, imported only when measured."""
+"""Other simulators for ``bench --peers``: the dependency group ``peers``, imported only when measured."""
 
 import warnings
 from collections.abc import Callable
@@ -60,6 +60,18 @@ def rotorpy() -> Bench:
             state = vehicle.step(state, law.update(0.0, state, wanted), 0.002)
 
     return Bench(run, STEPS, "one vehicle at a time: its batch needs torch, which is not in the group")
+
+
+def fly_circle(duration_s: float) -> None:
+    """A whole flight of rotorpy's, at its defaults: its SE(3) controller on a circle at 100 Hz."""
+    from rotorpy.controllers.quadrotor_control import SE3Control
+    from rotorpy.environments import Environment
+    from rotorpy.trajectories.circular_traj import ThreeDCircularTraj
+    from rotorpy.vehicles.crazyflie_params import quad_params
+    from rotorpy.vehicles.multirotor import Multirotor
+
+    room = Environment(Multirotor(quad_params), SE3Control(quad_params), ThreeDCircularTraj())
+    room.run(t_final=duration_s, plot=False)
 
 
 PEERS: dict[str, Callable[[], Bench]] = {

@@ -23,8 +23,6 @@ from links.mavlink import MavlinkLinkConfig
 from sim.inline_pacer import MODULE
 from sim.world import World
 
-FLUSH_S = 5.0
-"""So much of a flight is written at once [s]: in virtual time that is a small part of a second."""
 AT_ONCE = 500
 """So many records are written one after the other, which takes a sixth less than to write each as it comes."""
 RECORDING, FRAMES = "flight.mcap", "frames.txt"
@@ -47,7 +45,7 @@ class RunFolder:
             for name in (RECORDING, "flight.tlog", FRAMES):
                 (path / name).unlink(missing_ok=True)
             # Virtual time begins at 0, whenever that is: the same flight gives the same bytes.
-            self._log = FlightLog(path / RECORDING, told, epoch_ns=0, tell=_warn, flush_s=FLUSH_S)
+            self._log = FlightLog(path / RECORDING, told, epoch_ns=0, tell=_warn)
             self._poses = _opened(path / IN_RUN_FOLDER)
             self._frames = None if isinstance(config.link, MavlinkLinkConfig) else _opened(path / FRAMES)
         except OSError as error:

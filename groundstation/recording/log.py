@@ -29,12 +29,10 @@ PACKAGES = ("groundstation", "mcap", "msgspec", "numpy", "pymavlink")
 class FlightLog:
     """Writes NAME.mcap and, once MAVLink passes, NAME.tlog. Never raises once it is open."""
 
-    def __init__(
-        self, path: Path, about: About, *, epoch_ns: int, tell: Callable[[str], None], flush_s: float = FLUSH_S
-    ) -> None:
+    def __init__(self, path: Path, about: About, *, epoch_ns: int, tell: Callable[[str], None]) -> None:
         """Make the file at ``path`` (NAME.mcap); ``epoch_ns`` is the wall time of the event loop's zero [ns].
 
-        ``tell`` takes warnings for the operator; ``flush_s`` [s] of flight are written at once.
+        ``tell`` takes warnings for the operator.
 
         Raises:
             OSError: it can't be made, or is there already.
@@ -48,7 +46,6 @@ class FlightLog:
         self._messages = Messages(epoch_ns)
         self._count = Count()
         self._encode = msgspec.json.Encoder().encode
-        self._flush_s = flush_s
         self._flushed_s = 0.0
         self._writer = McapWriter(self._file, f"groundstation {_version('groundstation')}")
         self._writer.add_metadata("about", facts(about))
@@ -59,13 +56,13 @@ class FlightLog:
         self.flush()
 
     def write(self, record: Record) -> None:
-        """Take one record; it reaches the disk within ``flush_s`` of flight, or with :meth:`flush`."""
+        """Take one record; it reaches the disk within ``FLUSH_S`` of flight, or with :meth:`flush`."""
         time_s = 0.0
         add, channels, encode, stamp = self._writer.add_message, self._channels, self._encode, self._messages.stamp
         for topic, time_s, message in self._messages.of(record):
             add(channels[topic], stamp(time_s), encode(message))
         self._note(record)
-        if time_s - self._flushed_s >= self._flush_s:
+        if time_s - self._flushed_s >= FLUSH_S:
             self._flushed_s = time_s
             self.flush()
 
