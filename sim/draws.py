@@ -1,6 +1,6 @@
 """Random numbers: every draw comes from the seed, one stream a purpose, so that one figure never shifts another's.
 
-They are those of ``numpy.random.default_rng``, to the last bit. A single vehicle draws them one by one, in plain Python:
+They are those of ``numpy.random.default_rng``, to the last bit. One vehicle draws them one by one, in plain Python:
 to import numpy takes longer than that in a flight of minutes. Many vehicles draw arrays, from numpy.
 """
 

@@ -22,7 +22,7 @@ from groundstation.recording.tlog import TlogCutter
 
 FLUSH_S = 0.25
 """A chunk is closed and written after so long [s]: no more than that is lost to whatever happens."""
-PACKAGES = ("groundstation", "mcap", "msgspec", "numpy", "pymavlink")
+PACKAGES = ("groundstation", "mcap", "msgspec", "numpy", "zstandard")
 """Whose versions are noted."""
 
 

@@ -225,7 +225,7 @@ def test_a_damaged_recording_is_listed_as_damaged_and_not_by_its_end(
     (tmp_path / "20270101-120000-whole.mcap").write_bytes(data)
     for name, at in (("early", 40_000), ("late", _index_at(data) - 60_000)):
         bad = bytearray(data)
-        bad[at : at + 4] = b"\0\0\0\0"
+        bad[at : at + 4] = bytes(byte ^ 0xFF for byte in bad[at : at + 4])
         (tmp_path / f"20270101-120000-{name}.mcap").write_bytes(bad)
     logs_command(RecordingConfig(folder=str(tmp_path)), argparse.Namespace(folder=None, tidy=False, json=False))
     lines = capsys.readouterr().out.splitlines()
