@@ -2,6 +2,7 @@
 
 import random
 import string
+import struct
 from typing import Any
 
 import pytest
@@ -90,7 +91,7 @@ def test_a_payload_longer_than_the_definition_is_read_as_pymavlink_reads_it() ->
 
 def test_a_number_that_does_not_fit_its_field_is_an_error_and_no_frame() -> None:
     codec = MavlinkCodec(3, 4)
-    with pytest.raises(Exception, match="argument out of range|0 <= number <= 255|ubyte format"):
+    with pytest.raises(struct.error):
         codec.pack(DIALECT.MAVLink_heartbeat_message(256, 0, 0, 0, 0, 3))
 
 
