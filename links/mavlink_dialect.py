@@ -44,9 +44,9 @@ class MavlinkMessage(msgspec.Struct, eq=False, gc=False):
     crc_byte: ClassVar[bytes]
     wire: ClassVar[struct.Struct]
     """The payload, nothing left out."""
-    to_wire: ClassVar[Callable[[Any], tuple[Any, ...]]]
+    to_wire: ClassVar[Any]
     """All values of a message → what ``wire`` packs."""
-    from_wire: ClassVar[Callable[[Any], tuple[Any, ...]]]
+    from_wire: ClassVar[Any]
     """What ``wire`` unpacked → the fields."""
 
     def get_type(self) -> str:
@@ -80,7 +80,7 @@ class MavlinkMessage(msgspec.Struct, eq=False, gc=False):
             struct.error: a whole number does not fit its field, or an array is too short.
             OverflowError: a number is larger than a 32-bit float can hold.
         """
-        whole = self.wire.pack(*self.to_wire(msgspec.structs.astuple(self)))
+        whole: bytes = self.wire.pack(*self.to_wire(msgspec.structs.astuple(self)))
         return whole.rstrip(b"\0") or whole[:1]
 
 

@@ -1,11 +1,11 @@
 """What whole commands take, from their start to their end: `fly`, recording included, beside RotorPy's own flight."""
 
-import importlib.util
 import os
 import subprocess
 import sys
 import tempfile
 from functools import partial
+from importlib.util import find_spec
 from statistics import median
 from typing import TYPE_CHECKING, Any
 
@@ -28,7 +28,7 @@ def measure(options: "Options") -> dict[str, Any]:
         fly = [sys.executable, "-m", "sim", "fly", "--out", folder, "--duration"]
         commands = {f"fly --duration {seconds:g}": (seconds, [*fly, str(seconds)]) for seconds in DURATIONS_S}
         note = ""
-        if options.peers and importlib.util.find_spec("rotorpy") is None:
+        if options.peers and find_spec("rotorpy") is None:
             note = "rotorpy is not installed: `make bench` installs it, or `uv sync --group peers`"
         elif options.peers:
             run = f"from sim.bench_peers import fly_circle; fly_circle({PEER_S})"
@@ -37,7 +37,7 @@ def measure(options: "Options") -> dict[str, Any]:
         walls = in_turns(
             {name: partial(_note, command, spent[name]) for name, (_, command) in commands.items()}, ROUNDS
         )
-    rows = [
+    rows: list[dict[str, Any]] = [
         {"name": name, "flown_s": commands[name][0], "cpu_s": median(found[1:] or found), "wall_s": walls[name]}
         for name, found in spent.items()
     ]

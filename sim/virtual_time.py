@@ -56,6 +56,7 @@ class _Handle(asyncio.TimerHandle):
     """A callback that is due; made with fewer steps than asyncio's own, as a flight makes a thousand a second."""
 
     __slots__ = ()
+    _scheduled: bool  # whether it waits for its time
 
     def __init__(
         self, when: float, callback: Callable[..., object], args: tuple[Any, ...], loop: Any, context: Context | None
@@ -143,13 +144,16 @@ class _Socket:
 class VirtualTimeLoop(asyncio.SelectorEventLoop):
     """``asyncio.Runner(loop_factory=VirtualTimeLoop)`` runs a simulation as fast as the processor allows."""
 
+    _ready: deque[asyncio.Handle]  # asyncio's own, of which typeshed does not tell
+    _closed: bool
+    _stopping: bool
+
     def __init__(self) -> None:
         """Start at time 0 with an empty network."""
         super().__init__(_Idle())
         self._now = 0.0
-        self._due: deque[asyncio.Handle] = self._ready
-        self._timers: list[tuple[float, _Handle]] = []
-        self._timers_cancelled = 0
+        self._later: list[tuple[float, _Handle]] = []
+        self._later_cancelled = 0
         self.endpoints: dict[Address, _Endpoint] = {}
         self.groups: dict[Address, list[_Endpoint]] = {}
         self.listeners: dict[Address, Listener] = {}
@@ -169,7 +173,7 @@ class VirtualTimeLoop(asyncio.SelectorEventLoop):
         if self._closed:
             raise RuntimeError("Event loop is closed")
         handle = _Handle(0.0, callback, args, self, context)
-        self._due.append(handle)
+        self._ready.append(handle)
         return handle
 
     def call_at(  # type: ignore[override]
@@ -180,7 +184,7 @@ class VirtualTimeLoop(asyncio.SelectorEventLoop):
             raise RuntimeError("Event loop is closed")
         handle = _Handle(when, callback, args, self, context)
         handle._scheduled = True
-        heappush(self._timers, (when, handle))
+        heappush(self._later, (when, handle))
         return handle
 
     def call_later(  # type: ignore[override]
@@ -189,23 +193,23 @@ class VirtualTimeLoop(asyncio.SelectorEventLoop):
         """Call ``callback`` after ``delay`` [s]."""
         return self.call_at(self._now + delay, callback, *args, context=context)
 
-    def _timer_handle_cancelled(self, handle: asyncio.TimerHandle) -> None:
+    def _timer_handle_cancelled(self, handle: _Handle) -> None:
         if handle._scheduled:
-            self._timers_cancelled += 1
+            self._later_cancelled += 1
 
     def _run_once(self) -> None:
         """One turn: let time pass to the next callback, where none is due; then call those that are.
 
         What is due at the same instant comes in the order that asyncio's own heap gives it.
         """
-        due, timers = self._due, self._timers
-        if len(timers) > MANY_CANCELLED and self._timers_cancelled > 0.5 * len(timers):
+        due, timers = self._ready, self._later
+        if len(timers) > MANY_CANCELLED and self._later_cancelled > 0.5 * len(timers):
             timers[:] = [timer for timer in timers if not timer[1]._cancelled]
             heapify(timers)
-            self._timers_cancelled = 0
+            self._later_cancelled = 0
         while timers and timers[0][1]._cancelled:
             heappop(timers)
-            self._timers_cancelled -= 1
+            self._later_cancelled -= 1
         if not due and not self._stopping:
             if not timers:
                 raise SimulationStuck("the simulation is stuck: every task waits and nothing is scheduled")
@@ -262,7 +266,7 @@ class VirtualTimeLoop(asyncio.SelectorEventLoop):
 
         def hear(source: Address, target: Address, data: bytes) -> None:
             if self.tap is not None:
-                self.tap(self._now, source, target, data)
+                self.tap(self.time(), source, target, data)
 
         return connected(self, hear, protocol_factory(), local, listener.protocol_factory(), (host, port))
 
@@ -300,7 +304,7 @@ class VirtualTimeLoop(asyncio.SelectorEventLoop):
     def carry(self, source: Address, target: Address, data: bytes) -> None:
         """Bring one datagram to ``target`` in the next turn of the loop; lost where nobody listens, as in UDP."""
         if self.tap is not None:
-            self.tap(self._now, source, target, data)
+            self.tap(self.time(), source, target, data)
         members = self.groups.get(target)
         if members is not None:
             for member in members:

@@ -58,7 +58,8 @@ class _Closed(NamedTuple):
     last_ns: int
     offset: int
     length: int
-    index: dict[int, int]
+    places: dict[int, int]
+    """Channel → where its part of the index is."""
     index_length: int
     compressed: int
     size: int
@@ -211,7 +212,7 @@ def _texts(texts: Mapping[str, str]) -> bytes:
 
 
 def _chunk_index(chunk: _Closed) -> bytes:
-    places = b"".join(struct.pack("<HQ", channel, at) for channel, at in chunk.index.items())
+    places = b"".join(struct.pack("<HQ", channel, at) for channel, at in chunk.places.items())
     return _record(
         _CHUNK_INDEX,
         struct.pack("<QQQQI", chunk.first_ns, chunk.last_ns, chunk.offset, chunk.length, len(places))

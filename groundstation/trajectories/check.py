@@ -122,7 +122,7 @@ def _share(
     ]
 
     def kept(share: float) -> bool:
-        at_once = asked(Motion(*whole).slowed(share), gravity, ops)
+        at_once: Any = asked(Motion(*whole).slowed(share), gravity, ops)
         looks = zip(
             *(column.tolist() for column in at_once[:4]),
             zip(*(rate.tolist() for rate in at_once.rates), strict=True),

@@ -90,7 +90,7 @@ def test_a_peer_that_cannot_run_says_why_and_the_others_are_measured(monkeypatch
 def test_a_whole_command_is_held_against_the_peers(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(bench_command, "DURATIONS_S", (bench_command.PEER_S,))
     monkeypatch.setattr(bench_command, "ROUNDS", 1)
-    monkeypatch.setattr(bench_command.importlib.util, "find_spec", lambda _: object())
+    monkeypatch.setattr(bench_command, "find_spec", lambda _: object())
     taken = iter([9.0, 9.0, 1.0, 4.0])  # the first round does not count
     monkeypatch.setattr(bench_command, "_note", lambda command, spent: spent.append(next(taken)))
     facts = bench_command.measure(bench.Options(peers=True))
@@ -100,7 +100,7 @@ def test_a_whole_command_is_held_against_the_peers(monkeypatch: pytest.MonkeyPat
 
 def test_a_whole_command_without_its_peer_says_how_to_get_it(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(bench_command, "DURATIONS_S", ())
-    monkeypatch.setattr(bench_command.importlib.util, "find_spec", lambda _: None)
+    monkeypatch.setattr(bench_command, "find_spec", lambda _: None)
     assert "make bench" in bench_command.text(bench_command.measure(bench.Options(peers=True)))[-1]
 
 
