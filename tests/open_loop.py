@@ -74,8 +74,8 @@ class OpenLoop(VirtualTimeLoop):
     _scheduled: list[_Timer]
     _selector: selectors.BaseSelector
     # Time passes by the selector, as in asyncio's own loop.
-    call_soon = SelectorEventLoop.call_soon  # type: ignore[assignment]  # asyncio's own, from here on
-    call_later = SelectorEventLoop.call_later  # type: ignore[assignment]
+    call_soon = SelectorEventLoop.call_soon
+    call_later = SelectorEventLoop.call_later
     _run_once = SelectorEventLoop._run_once  # type: ignore[attr-defined]
     _timer_handle_cancelled = SelectorEventLoop._timer_handle_cancelled  # type: ignore[attr-defined]
 
