@@ -70,7 +70,10 @@ class Stream:
     def standard_normal(self) -> float:
         """A number of mean 0 and variance 1, by the ziggurat method."""
         while True:
-            bits = self._next()
+            # _next(), written out: most of what a simulated flight draws is drawn here.
+            self._state = state = self._state * _MULTIPLIER + self._increment & _128
+            folded, turn = (state >> 64 ^ state) & _64, state >> 122
+            bits = (folded >> turn | folded << 64 - turn) & _64
             layer, share = bits & 0xFF, bits >> 9 & 0xFFFFFFFFFFFFF
             x = -share * WIDTHS[layer] if bits & 0x100 else share * WIDTHS[layer]
             if share < INSIDE[layer]:

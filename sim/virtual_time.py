@@ -71,6 +71,14 @@ class _Handle(asyncio.TimerHandle):
         self._when = when
         self._scheduled = False
 
+    def cancel(self) -> None:
+        """Do not call it."""
+        if not self._cancelled:
+            self._cancelled = True
+            if self._scheduled:
+                self._loop.forget()
+            self._callback = self._args = None
+
 
 class _Endpoint(asyncio.DatagramTransport):
     """One in-memory datagram socket."""
@@ -193,9 +201,9 @@ class VirtualTimeLoop(asyncio.SelectorEventLoop):
         """Call ``callback`` after ``delay`` [s]."""
         return self.call_at(self._now + delay, callback, *args, context=context)
 
-    def _timer_handle_cancelled(self, handle: _Handle) -> None:
-        if handle._scheduled:
-            self._later_cancelled += 1
+    def forget(self) -> None:
+        """A callback that waits for its time was cancelled."""
+        self._later_cancelled += 1
 
     def _run_once(self) -> None:
         """One turn: let time pass to the next callback, where none is due; then call those that are.
