@@ -77,7 +77,7 @@ class _Handle(asyncio.TimerHandle):
             self._cancelled = True
             if self._scheduled:
                 self._loop.forget()
-            self._callback = self._args = None
+            self._callback = self._args = None  # type: ignore[assignment]  # as asyncio's own does
 
 
 class _Endpoint(asyncio.DatagramTransport):
