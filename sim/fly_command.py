@@ -48,7 +48,7 @@ def fly(args: argparse.Namespace) -> int:
     name = scenario.name if args.config is None else f"{args.config.stem} in the air of {scenario.name}"
     folder = _run_folder(args.out, config, world, scenario=name, seed=args.seed) if args.out is not None else None
     progress = Progress(duration_s, quiet=args.json or not sys.stderr.isatty())
-    with progress, rare_collections():
+    with progress, rare_collections(), _kept(folder):
         result = fly_scenario(
             world,
             config,
@@ -80,6 +80,17 @@ def fly(args: argparse.Namespace) -> int:
         folder.close(facts)
     print(json.dumps(facts) if args.json else summary(facts, folder.path if folder is not None else None))
     return 0 if result.completed else 1
+
+
+@contextmanager
+def _kept(folder: "RunFolder | None") -> Iterator[None]:
+    """Have what was recorded kept, where the flight ends in an error."""
+    try:
+        yield
+    except BaseException:
+        if folder is not None:
+            folder.flush()
+        raise
 
 
 @contextmanager
