@@ -89,7 +89,7 @@ def _kept(folder: "RunFolder | None") -> Iterator[None]:
         yield
     except BaseException:
         if folder is not None:
-            folder.flush()
+            folder.abandon()
         raise
 
 

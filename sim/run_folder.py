@@ -75,10 +75,16 @@ class RunFolder:
         while self._waiting:
             self._log.write(self._waiting.popleft())
 
-    def flush(self) -> None:
-        """Have all that was given in the file: of a flight that ends in an error the last is what one looks for."""
+    def abandon(self) -> None:
+        """The simulation ends in an error: keep all that was given, of which the last is what one looks for."""
         self._write()
         self._log.flush()
+        self._close_texts()
+
+    def _close_texts(self) -> None:
+        for file in (self._poses, self._frames):
+            if file is not None:
+                file.close()
 
     def datagram(self, time_s: float, source: tuple[str, int], target: tuple[str, int], data: bytes) -> None:
         """One datagram of the simulated network: a radio's frame is a line of hex."""
@@ -101,9 +107,7 @@ class RunFolder:
             except Exception as error:  # noqa: BLE001  # a controller of the user's own may put anything into a tick
                 _warn(f"WARNING: a part of this flight can't be recorded: {error}")
         self._log.close()
-        for file in (self._poses, self._frames):
-            if file is not None:
-                file.close()
+        self._close_texts()
         result = {**facts, "sim": msgspec.to_builtins(self._world)}
         (self.path / "summary.json").write_text(json.dumps(result, indent=2) + "\n")
 
