@@ -12,7 +12,7 @@ WHAT ?=
 YIELD := nice -n 19
 
 .PHONY: fly screenshot broker test lint types contracts tests tests-real-time tests-computed test-all-pythons soak bench docs \
-    setup lock clean
+    release setup lock clean
 
 fly: setup ## fly one simulated flight, on real wire bytes, and sum it up
 	@$(BIN)/groundstation-sim fly --scenario $(SCENARIO) --out runs/$(SCENARIO)-$$(date +%Y%m%d-%H%M%S)
@@ -60,6 +60,9 @@ bench: setup ## measure this machine beside other simulators, which are half a g
 docs: setup ## the documents as a site, in build/site
 	$(BIN)/groundstation-sim reference --write docs/reference
 	$(BIN)/mkdocs build --quiet --strict --config-file .mkdocs.yml
+
+release: test ## build this version, check it in a clean environment, date the changelog, tag; publishes nothing
+	@PYTHON=$(PYTHON) bash .ci/release
 
 broker: ## run an MQTT broker with TLS and passwords; made in runs/broker, for BROKER_HOST, the first time
 	@test -d runs/broker || { mkdir -p runs && sh examples/broker/set-up.sh runs/broker $(BROKER_HOST); }

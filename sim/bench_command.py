@@ -2,13 +2,13 @@
 
 import os
 import subprocess
-import sys
 import tempfile
 from functools import partial
 from importlib.util import find_spec
 from statistics import median
 from typing import TYPE_CHECKING, Any
 
+from links.child_command import make_child_command
 from sim.bench_timing import in_turns
 
 if TYPE_CHECKING:
@@ -25,14 +25,13 @@ GOAL_SHARE = 0.08
 def measure(options: "Options") -> dict[str, Any]:
     """Processor time of each command, user's and system's, measured in turns."""
     with tempfile.TemporaryDirectory() as folder:
-        fly = [sys.executable, "-m", "sim", "fly", "--out", folder, "--duration"]
+        fly = make_child_command("sim", "fly", "--out", folder, "--duration")
         commands = {f"fly --duration {seconds:g}": (seconds, [*fly, str(seconds)]) for seconds in DURATIONS_S}
         note = ""
         if options.peers and find_spec("rotorpy") is None:
             note = "rotorpy is not installed: `make bench` installs it, or `uv sync --group peers`"
         elif options.peers:
-            run = f"from sim.bench_peers import fly_circle; fly_circle({PEER_S})"
-            commands[PEER] = PEER_S, [sys.executable, "-c", run]
+            commands[PEER] = PEER_S, make_child_command("sim.bench_peers", str(PEER_S))
         spent: dict[str, list[float]] = {name: [] for name in commands}
         walls = in_turns(
             {name: partial(_note, command, spent[name]) for name, (_, command) in commands.items()}, ROUNDS

@@ -1,5 +1,6 @@
 """Other simulators for ``bench --peers``: the dependency group ``peers``, imported only when measured."""
 
+import sys
 import warnings
 from collections.abc import Callable
 from typing import Any, NamedTuple
@@ -79,3 +80,7 @@ PEERS: dict[str, Callable[[], Bench]] = {
     "crazyflow, 1,000 vehicles: RK4, every loop at every step": lambda: crazyflow(integrator="rk4", state_freq=500),
     "rotorpy, one vehicle: law and plant at every step": rotorpy,
 }
+
+
+if __name__ == "__main__":
+    fly_circle(float(sys.argv[1]))

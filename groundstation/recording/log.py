@@ -22,8 +22,8 @@ from groundstation.recording.tlog import TlogCutter
 
 FLUSH_S = 0.25
 """A chunk is closed and written after so long [s]: no more than that is lost to whatever happens."""
-PACKAGES = ("groundstation", "mcap", "msgspec", "numpy", "zstandard")
-"""Whose versions are noted."""
+PACKAGES = ("mcap", "msgspec", "numpy", "zstandard")
+"""Whose versions are noted beside ours."""
 
 
 class FlightLog:
@@ -47,7 +47,7 @@ class FlightLog:
         self._count = Count()
         self._encode = msgspec.json.Encoder().encode
         self._flushed_s = 0.0
-        self._writer = McapWriter(self._file, f"groundstation {_version('groundstation')}")
+        self._writer = McapWriter(self._file, f"groundstation {groundstation.__version__}")
         self._writer.add_metadata("about", facts(about))
         self._channels = {
             topic: self._writer.add_channel(topic, name, schema(name, message))
@@ -126,11 +126,13 @@ class FlightLog:
 
 def facts(about: About) -> dict[str, str]:
     """The first record of a recording: everything known before the flight, and what flies it."""
-    packages = ", ".join(f"{name} {_version(name)}" for name in PACKAGES)
+    packages = ", ".join(
+        [f"groundstation {groundstation.__version__}", *(f"{name} {_version(name)}" for name in PACKAGES)]
+    )
     return _texts(
         {
             **msgspec.to_builtins(about),
-            "version": _version("groundstation"),
+            "version": groundstation.__version__,
             "git": git_commit(),
             "python": platform.python_version(),
             "system": platform.platform(),
