@@ -2,7 +2,7 @@
 
 That package makes an object of every message and writes each of its fields by a call. Here a message is packed at once
 into the chunk that it becomes part of; all else of the format is small and rare.
-Source: mcap.dev/spec; what is written is what ``mcap`` 1.4 writes with compression zstd and checksums of all data.
+Source: mcap.dev/spec; what is written is what ``mcap`` 1.6 writes with compression zstd and checksums of all data.
 """
 
 import struct
