@@ -1,7 +1,8 @@
 """MAVLink's messages as classes, and their payloads. Sans-IO.
 
-pymavlink has the same, but makes every class of the dialect as it is imported, which takes longer than a whole flight
-of seconds in simulation; here a class is made when its message is first met. The names are pymavlink's.
+What a message holds is read from pymavlink's dialect ardupilotmega, which has all of ``common``, when the message is
+first met: importing the dialect makes 301 classes at once, which takes longer than a whole flight of seconds in
+simulation. The names are pymavlink's, too.
 
 On the wire the fields stand by the size of their types, largest first, the later ones (extensions) behind them in
 their own order; zeros at the end are left out. What the definition says goes into the frame's checksum as one more
@@ -9,19 +10,19 @@ byte, made by the same CRC-16/MCRF4XX.
 Source: mavlink.io/en/guide/serialization.html; the same bytes as pymavlink 2.4.50.
 """
 
+import re
 import struct
 from collections.abc import Callable
+from functools import cached_property
 from operator import itemgetter
+from pkgutil import get_data
 from typing import Any, ClassVar, NamedTuple
 
 import msgspec
-from fastcrc.crc16 import mcrf4xx
 
-from links.mavlink_definitions import MESSAGES
-
-_NAMES = {
-    "d": "double", "f": "float", "Q": "uint64_t", "q": "int64_t", "I": "uint32_t", "i": "int32_t", "H": "uint16_t",
-    "h": "int16_t", "B": "uint8_t", "b": "int8_t", "s": "char",
+_CODES = {
+    "double": "d", "float": "f", "uint64_t": "Q", "int64_t": "q", "uint32_t": "I", "int32_t": "i", "uint16_t": "H",
+    "int16_t": "h", "uint8_t": "B", "int8_t": "b", "char": "s",
 }  # fmt: skip
 
 
@@ -84,26 +85,30 @@ class MavlinkMessage(msgspec.Struct, eq=False, gc=False):
         return whole.rstrip(b"\0") or whole[:1]
 
 
-def _made(number: int, name: str, words: list[str]) -> type[MavlinkMessage]:
-    """The class of one line of the definitions."""
-    fields: list[_Field] = []
-    later = False
-    for word in words:
-        if word == "|":
-            later = True
-            continue
-        key, _, code = word.partition(":")
-        fields.append(_Field(key, code[-1], int(code[:-1] or 0), later))
-    order = sorted(range(len(fields)), key=lambda n: (fields[n].later, _rank(fields[n])))
-    said = bytearray(f"{name} ".encode())
-    for n in order:
-        field = fields[n]
-        if not field.later:
-            said += f"{_NAMES[field.code]} {field.name} ".encode()
-            if field.length:
-                said.append(field.length)
-    checksum = mcrf4xx(bytes(said))
-    extra = (checksum & 0xFF) ^ (checksum >> 8)
+def _read(source: str, name: str) -> tuple[list[_Field], list[int], int]:
+    """What pymavlink's class of a message says: its fields, their order on the wire, and its byte of the checksum."""
+    start = source.index(f"class MAVLink_{name.lower()}_message(MAVLink_message):")
+    text = source[start : source.index("def pack(", start)]
+
+    def words(key: str) -> list[str]:
+        """One of its lists, as it is written."""
+        found = re.search(rf"^    {key} = \[(.*)\]$", text, re.MULTILINE)
+        assert found is not None, f"pymavlink's {name} has no {key}"
+        return [word.strip().strip('"') for word in found[1].split(",")]
+
+    names, kinds, ordered = words("fieldnames"), words("fieldtypes"), words("ordered_fieldnames")
+    lengths = dict(zip(ordered, map(int, words("array_lengths")), strict=True))
+    # What was added to a message later may be left out: only such a parameter has a default.
+    later = set(re.findall(r"(\w+): [^=,]*(?:\[[^\]]*\])? = ", text[text.index("def __init__(") :].split("):", 1)[0]))
+    fields = [_Field(key, _CODES[kind], lengths[key], key in later) for key, kind in zip(names, kinds, strict=True)]
+    extra = re.search(r"^    crc_extra = (\d+)$", text, re.MULTILINE)
+    assert extra is not None, f"pymavlink's {name} has no crc_extra"
+    return fields, [names.index(key) for key in ordered], int(extra[1])
+
+
+def _made(number: int, name: str, source: str) -> type[MavlinkMessage]:
+    """The class of one message of pymavlink's ``source``."""
+    fields, order, extra = _read(source, name)
     wire = struct.Struct("<" + "".join(f"{fields[n].length or ''}{fields[n].code}" for n in order))
     texts = {f.name for f in fields if f.code == "s"}
     made = msgspec.defstruct(
@@ -126,11 +131,6 @@ def _made(number: int, name: str, words: list[str]) -> type[MavlinkMessage]:
     )
     assert issubclass(made, MavlinkMessage)
     return made
-
-
-def _rank(field: _Field) -> int:
-    """Where a field stands on the wire, by its size; later ones stand as they were added."""
-    return 0 if field.later else -struct.calcsize("<" + field.code)
 
 
 def _declared(field: _Field) -> tuple[str, type, Any] | tuple[str, type]:
@@ -185,9 +185,26 @@ class MavlinkDialect:
 
     def __init__(self) -> None:
         """No class is made yet."""
-        self._lines = {line.split(" ", 2)[1]: line for line in MESSAGES.splitlines()}
-        self._names = {int(line.split(" ", 1)[0]): name for name, line in self._lines.items()}
         self._kinds: dict[int, type[MavlinkMessage] | None] = {}
+
+    @cached_property
+    def _source(self) -> str:
+        source = get_data("pymavlink.dialects.v20", "ardupilotmega.py")
+        assert source is not None, "pymavlink is installed as files"
+        return source.decode()
+
+    @cached_property
+    def _numbers(self) -> dict[str, int]:
+        source = self._source
+        begin = source.index("\nMAVLINK_MSG_ID_")
+        found = re.findall(
+            r"^MAVLINK_MSG_ID_(\w+) = (\d+)$", source[begin : source.index("\nclass ", begin)], re.MULTILINE
+        )
+        return {name: int(number) for name, number in found}
+
+    @cached_property
+    def _names(self) -> dict[int, str]:
+        return {number: name for name, number in self._numbers.items()}
 
     def kind(self, number: int) -> type[MavlinkMessage] | None:
         """The class of message ``number``; None where the dialect has none."""
@@ -197,7 +214,7 @@ class MavlinkDialect:
             name = self._names.get(number)
             if name is None:
                 return None  # not kept: anybody may send any number
-            made = self._kinds[number] = _made(number, name, self._lines[name].split()[2:])
+            made = self._kinds[number] = _made(number, name, self._source)
             return made
 
     def number(self, name: str) -> int:
@@ -206,7 +223,7 @@ class MavlinkDialect:
         Raises:
             KeyError: the dialect has none.
         """
-        return int(self._lines[name].split(" ", 1)[0])
+        return self._numbers[name]
 
     def __getattr__(self, name: str) -> Any:
         try:

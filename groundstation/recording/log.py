@@ -22,7 +22,7 @@ from groundstation.recording.tlog import TlogCutter
 
 FLUSH_S = 0.25
 """A chunk is closed and written after so long [s]: no more than that is lost to whatever happens."""
-PACKAGES = ("mcap", "msgspec", "numpy", "zstandard")
+PACKAGES = ("mcap", "msgspec", "numpy", "pymavlink", "zstandard")
 """Whose versions are noted beside ours."""
 
 
