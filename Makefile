@@ -6,10 +6,12 @@ BROKER_HOST ?= localhost
 
 BIN := .venv/bin
 PYTEST := $(BIN)/python -m pytest -n $(WORKERS) --dist worksteal
+# What `make bench` measures: all, or some of the names in docs/reference/bench.md.
+WHAT ?=
 # What only computes yields to what may not be kept waiting.
 YIELD := nice -n 19
 
-.PHONY: fly screenshot broker test lint types contracts tests tests-real-time tests-computed test-all-pythons soak docs \
+.PHONY: fly screenshot broker test lint types contracts tests tests-real-time tests-computed test-all-pythons soak bench docs \
     release setup lock clean
 
 fly: setup ## fly one simulated flight, on real wire bytes, and sum it up
@@ -50,6 +52,10 @@ test-all-pythons: setup ## the quick tests once more on the newer Pythons of thi
 soak: setup ## long runs: minutes to hours
 	$(BIN)/python -m pytest -m soak --timeout 0 || test $$? = 5  # 5: nothing is marked soak
 	$(BIN)/python -m pytest -n $(WORKERS) --timeout 0 --hypothesis-profile big tests/property
+
+bench: setup ## measure this machine beside other simulators, which are half a gigabyte to install; WHAT=command: only that
+	@$(BIN)/uv sync --quiet --frozen --python $(BIN)/python --group peers
+	@$(BIN)/groundstation-sim bench $(WHAT) --peers
 
 docs: setup ## the documents as a site, in build/site
 	$(BIN)/groundstation-sim reference --write docs/reference

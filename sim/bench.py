@@ -12,6 +12,7 @@ from typing import Any, NamedTuple
 WHAT = {
     "tick": "sim.bench_tick",
     "flight": "sim.bench_flight",
+    "command": "sim.bench_command",
     "decode": "sim.bench_decode",
     "batch": "sim.bench_batch",
     "recording": "sim.bench_recording",

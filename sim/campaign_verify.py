@@ -9,7 +9,7 @@ from typing import Any
 from sim.campaign import Campaign
 from sim.campaign_draws import drawn
 from sim.campaign_folder import Row
-from sim.draws import stream
+from sim.draws import generator
 from sim.fly import fly
 
 LIMIT_CM = 0.01
@@ -22,7 +22,7 @@ def verify(campaign: Campaign, rows: Sequence[Row], count: int, *, workers: int)
     Returns how many, the largest distance of two RMS errors [cm] (None where none can be told), and the seeds of
     those that lie too far apart or ended otherwise.
     """
-    chosen = stream(rows[0].seed, "verify").choice(len(rows), min(count, len(rows)), replace=False)
+    chosen = generator(rows[0].seed, "verify").choice(len(rows), min(count, len(rows)), replace=False)
     sample = [rows[i] for i in sorted(chosen.tolist())]
     again = partial(_refly, campaign)
     if workers == 1:

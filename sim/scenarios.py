@@ -9,7 +9,6 @@ from groundstation.settings import Config, FlightConfig
 from groundstation.trajectories.lemniscate import LemniscateConfig
 from groundstation.vehicle import Vehicle
 from links.mavlink import MavlinkLinkConfig
-from sim.radio import module, section
 from sim.world import World
 
 NO_LIMIT = (1e5, 1e5, 1e5)
@@ -95,6 +94,8 @@ class Scenario(msgspec.Struct, frozen=True, kw_only=True):
                 data.pop(key.partition(".")[0], None)  # another vehicle, another trajectory: nothing of this one
         overrides = [*self.told_more, *overrides]
         if link != "mavlink":
+            from sim.radio import module, section  # a radio's modules are imported only where there is one
+
             data["link"] = section(link, world, self.told)
             # Only the codec that results knows how long a frame is on its way.
             radio = module(from_dict(data, Config, overrides), world)

@@ -6,13 +6,12 @@ Used in virtual time by ``groundstation-sim fly`` and in real time by ``groundst
 import asyncio
 from collections.abc import Callable, Mapping
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from groundstation.config import ConfigError
 from groundstation.ops import Vec3
 from groundstation.settings import Config
 from links.address import parse_address
-from links.bridge import Bridge
 from links.key_file import read_key
 from links.mavlink import MavlinkLinkConfig
 from links.mavlink_key import StampFile
@@ -21,18 +20,20 @@ from links.thrust_curve import signal
 from sim.autopilot_base import SimulatedAutopilot
 from sim.autopilot_peer import AutopilotPeer
 from sim.autopilots import AUTOPILOTS
-from sim.draws import rows, stream
+from sim.draws import generator, rows, stream
 from sim.horizon import Horizon
 from sim.inline_pacer import WirePort
 from sim.mocap import Mocap
 from sim.pty_wire import PtyWire
 from sim.quadrotor import Quadrotor
-from sim.radio import module, wires
-from sim.rf_receiver import RfPeer, RfReceiver
 from sim.trackers import make_tracker
 from sim.vehicle import SimulatedVehicle
 from sim.wind import Wind
 from sim.world import World
+
+if TYPE_CHECKING:
+    from links.bridge import Bridge
+    from sim.rf_receiver import RfPeer
 
 
 class Stage:
@@ -101,10 +102,16 @@ class Stage:
             peer = AutopilotPeer(made, address, delay_s=delay, hearing_s=world.command_delay_s)
             self._mavlink = made, peer
         else:
+            # What only a radio needs is imported only where there is one.
+            from sim import rf_receiver
+            from sim.radio import module, wires
+
             radio = module(config, world)
-            self.radio = RfPeer(RfReceiver(vehicle, radio, lose=lose), radio, world.command_delay_s)
+            self.radio = rf_receiver.RfPeer(
+                rf_receiver.RfReceiver(vehicle, radio, lose=lose), radio, world.command_delay_s
+            )
             if pty is None:
-                self.wires, self._bridge = wires(config, radio, stream(seed, "nonces").bytes, self.port)
+                self.wires, self._bridge = wires(config, radio, generator(seed, "nonces").bytes, self.port)
         self.mocap = Mocap(world, self.plant, seed, *tracked) if tracked is not None and alone else None
 
     @property

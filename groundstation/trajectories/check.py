@@ -1,12 +1,13 @@
 """What a trajectory asks of a vehicle in still air, held against what the vehicle and its operator allow. Pure."""
 
 import math
+from typing import Any
 
 import msgspec
 
 from groundstation.limits import LimitsConfig
-from groundstation.ops import Vec3
-from groundstation.trajectories.demands import Demand, Motion, demands
+from groundstation.ops import Vec3, arrays
+from groundstation.trajectories.demands import Asked, Demand, Motion, asked, demands, largest
 from groundstation.trajectories.port import Trajectory
 from groundstation.vehicle import Vehicle
 
@@ -43,46 +44,40 @@ def check(
     trajectory: Trajectory, vehicle: Vehicle, limits: LimitsConfig, *, gravity: float, floor_z_m: float
 ) -> Report:
     """Look at all of ``trajectory``; the floor is at ``floor_z_m`` [m, NED], ``gravity`` in [m/s²]."""
-    import numpy as np
-
     joints = trajectory.joints_s
     span = joints[-1]
-    looks = [
-        np.linspace(start, end, min(max(math.ceil((end - start) / STEP_S), FEWEST), MOST), endpoint=False)
-        for start, end in zip(joints, joints[1:], strict=False)
-    ]
-    times = np.concatenate([*looks, [span]])
-    seen = [trajectory.at(t) for t in times.tolist()]
-    motion = Motion(
-        times,
-        np.array([r.velocity_ned for r in seen]),
-        np.array([r.acceleration_ned for r in seen]),
-        np.array([r.jerk_ned for r in seen]),
-        np.array([r.yaw_rad for r in seen]),
-        np.array([r.yaw_rate_rad_s for r in seen]),
-    )
-    places = np.array([r.position_ned for r in seen])
-    height = floor_z_m - places[:, 2]
-    lowest = int(height.argmin())
+    times: list[float] = []
+    for start, end in zip(joints, joints[1:], strict=False):
+        count = min(max(math.ceil((end - start) / STEP_S), FEWEST), MOST)
+        times += [start + n * ((end - start) / count) for n in range(count)]
+    times.append(span)
+    seen = [trajectory.at(t) for t in times]
+    motions = [Motion(r.velocity_ned, r.acceleration_ned, r.jerk_ned, r.yaw_rad, r.yaw_rate_rad_s) for r in seen]
+    looks = [asked(motion, gravity) for motion in motions]
+    places = list(zip(*(r.position_ned for r in seen), strict=True))
+    lowest = largest(places[2])
     above = Demand(
         name="height above the floor",
         unit="m",
-        value=float(height[lowest]),
-        time_s=float(times[lowest]),
+        value=floor_z_m - lowest,
+        time_s=times[places[2].index(lowest)],
         limit=0.0,
         least=True,
         key="flight.floor_z_m",
-        ok=bool(height[lowest] >= 0.0),
+        ok=floor_z_m - lowest >= 0.0,
     )
+    wanted = demands(times, looks, vehicle, limits)
     return Report(
         duration_s=trajectory.duration_s,
         span_s=span,
-        length_m=float(np.trapezoid(np.linalg.norm(motion.velocity, axis=1), times)),
+        length_m=sum(
+            0.5 * (a.speed + b.speed) * (t - s) for a, b, s, t in zip(looks, looks[1:], times, times[1:], strict=False)
+        ),
         start_speed_m_s=math.hypot(*seen[0].velocity_ned),
-        lowest_ned=tuple(places.min(axis=0).tolist()),
-        highest_ned=tuple(places.max(axis=0).tolist()),
-        demands=(above, *demands(motion, vehicle, limits, gravity)),
-        share=_share(motion, vehicle, limits, gravity),
+        lowest_ned=(min(places[0]), min(places[1]), min(places[2])),
+        highest_ned=(max(places[0]), max(places[1]), lowest),
+        demands=(above, *wanted),
+        share=1.0 if all(demand.ok for demand in wanted) else _share(times, motions, vehicle, limits, gravity),
     )
 
 
@@ -113,14 +108,28 @@ def refusal(report: Report, speed_m_s: float | None = None) -> str | None:
     return f"{says} ({worst.key}): slow it down to about {slower}"
 
 
-def _share(motion: Motion, vehicle: Vehicle, limits: LimitsConfig, gravity: float) -> float | None:
-    """The largest share of its speed at which it keeps the limits, height aside."""
+def _share(
+    times: list[float], motions: list[Motion], vehicle: Vehicle, limits: LimitsConfig, gravity: float
+) -> float | None:
+    """The largest share of its speed, below all of it, at which it keeps the limits, height aside."""
+    import numpy as np
+
+    # All instants at once: they are looked at a dozen times.
+    ops = arrays()
+    whole: Any = [
+        np.moveaxis(np.array(column), -1, 0) if isinstance(column[0], tuple) else np.array(column)
+        for column in zip(*motions, strict=True)
+    ]
 
     def kept(share: float) -> bool:
-        return all(demand.ok for demand in demands(motion.slowed(share), vehicle, limits, gravity))
+        at_once: Any = asked(Motion(*whole).slowed(share), gravity, ops)
+        looks = zip(
+            *(column.tolist() for column in at_once[:4]),
+            zip(*(rate.tolist() for rate in at_once.rates), strict=True),
+            strict=True,
+        )
+        return all(demand.ok for demand in demands(times, map(Asked._make, looks), vehicle, limits))
 
-    if kept(1.0):
-        return 1.0
     low, high = 1e-3, 1.0
     if not kept(low):
         return None
