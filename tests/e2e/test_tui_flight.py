@@ -45,7 +45,6 @@ def flown_in_a_room() -> Iterator[Room]:
                     os.kill(pid, signal.SIGKILL)
 
 
-@pytest.mark.timeout(120)
 def test_a_flight_outlives_its_dashboard_and_lands_from_another_one(terminals: list[Terminal]) -> None:
     first, second = terminals
     with flown_in_a_room() as room:
@@ -75,7 +74,6 @@ def test_a_flight_outlives_its_dashboard_and_lands_from_another_one(terminals: l
         assert core not in processes(str(room.status_socket))
 
 
-@pytest.mark.timeout(60)
 def test_a_core_that_ends_by_itself_is_told_on_the_screen_and_after_it(terminals: list[Terminal]) -> None:
     with flown_in_a_room() as room:
         nobody = ("--set", "pose.object=nobody", "--set", "flight.pose_wait_s=1")
