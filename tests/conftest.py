@@ -31,8 +31,9 @@ LEFT_OUT = "left out: "
 
 E2E = Path(__file__).parent / "e2e"
 
-# Debian puts brokers where a user's PATH does not look.
-SEARCH_PATH = os.pathsep.join([os.environ.get("PATH", os.defpath), "/usr/local/sbin", "/usr/sbin", "/sbin"])
+# Debian puts brokers where a user's PATH does not look; $SBIN hides them, for a machine that is to look bare.
+SBIN = os.environ.get("SBIN", "/usr/local/sbin:/usr/sbin:/sbin")
+SEARCH_PATH = os.pathsep.join(filter(None, [os.environ.get("PATH", os.defpath), SBIN]))
 
 
 # Whatever a shell starts in the background ignores Ctrl-C, and so would every program that a test starts.

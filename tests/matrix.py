@@ -26,7 +26,7 @@ ROWS = (
     Row("flight/test_alarms.py::test_no_flight_in_bad_air_ends_by_its_poses", 1, "seeds 6 to 23 of the same air"),
     Row("flight/test_batch.py::test_compiled_flights_are_those_of_numpy_to_the_bit", 1, "the other lasts 4 s, not 60"),
     Row("flight/test_batch.py::test_the_certificate_of_a_batch_is_the_one_watched_in_flight", 2, "draws of the same"),
-    Row("flight/test_batch.py::test_vehicles_of_a_batch_do_not_touch_each_other", 0, "each agrees with a flight of its own"),
+    Row("flight/test_batch.py::test_vehicles_of_a_batch_do_not_touch_each_other", 0, "each agrees with its own flight"),
     Row("flight/test_blocks.py::test_switching_one_block_off_alone_costs_accuracy", 1, "the ladder switches each on"),
     Row("flight/test_campaign.py::test_a_campaign_is_drawn", 0, "a picture of what others check"),
     Row("flight/test_compare.py::test_each_controller_has_a_row_with_every_figure", 0,

@@ -2,10 +2,9 @@
 
 import os
 import signal
-import subprocess
 import sys
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 
 import pytest
@@ -28,9 +27,13 @@ def terminals(needs_program: Callable[..., str], tmp_path: Path) -> Iterator[lis
 
 def processes(words: str) -> dict[int, str]:
     """The processes whose command line holds ``words``, by their ids."""
-    listed = subprocess.run(["ps", "-ww", "-eo", "pid=,args="], check=True, capture_output=True, text=True).stdout
-    found = (line.strip().partition(" ") for line in listed.splitlines() if words in line)
-    return {int(pid): args for pid, _, args in found}
+    found = {}
+    for folder in Path("/proc").glob("[0-9]*"):
+        with suppress(OSError):  # it ended meanwhile
+            args = (folder / "cmdline").read_bytes().replace(b"\0", b" ").decode("utf-8", "replace")
+            if words in args:
+                found[int(folder.name)] = args
+    return found
 
 
 @contextmanager
