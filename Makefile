@@ -76,7 +76,7 @@ setup: .venv/.synced ## prepare .venv from the lock
 	@echo "setting up .venv: the first time takes as long as the downloads"
 	@test -x $(BIN)/pip || $(PYTHON) -m venv --clear .venv || { rm -rf .venv; exit 1; }
 	@$(BIN)/pip install --quiet --disable-pip-version-check --require-hashes -r .ci/uv.txt
-	@$(BIN)/uv sync --quiet --frozen --python $(BIN)/python
+	@test -w "$${HOME:-/}" || export UV_NO_CACHE=1; $(BIN)/uv sync --quiet --frozen --python $(BIN)/python
 	@touch $@
 
 lock: setup ## choose the newest versions that pyproject.toml allows

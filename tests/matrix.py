@@ -1,6 +1,6 @@
 """What `make test` leaves to `make test-all`: of long rows of cases it tries some, and which say why that will do.
 
-The cases that are left out bear the marker ``matrix``. Nothing is left out that is the only one of its kind.
+The cases that are left out bear the marker ``matrix``.
 """
 
 from collections import defaultdict
@@ -51,6 +51,13 @@ ROWS = (
     Row("flight/test_rf_flights.py::test_the_vehicles_thrust_curve_is_straightened_on_the_way", 1, "links"),
     Row("contract/test_controllers.py::test_a_controller_reaches_and_follows_its_reference_within_the_limits", 6,
         "each controller once"),
+    Row("flight/test_theory.py::test_v_falls_from_its_start_to_a_floor_a_million_times_lower", 1, "as we fly it"),
+    Row("flight/test_theory.py::test_v_never_rises_by_more_than_sampling_allows_on_its_way_down", 1, "as we fly it"),
+    Row("flight/test_theory.py::test_the_error_is_below_a_millimetre_after_10_s", 1, "as we fly it"),
+    Row("flight/test_tune.py::test_a_short_search_betters_bad_gains_and_writes_a_configuration_that_flies", 0,
+        "unit/test_tune.py searches by a formula, and the next test by one trial"),
+    Row("flight/test_tune.py::test_margins_agree_with_flights_on_either_side", 0, "unit/test_tune.py finds margins"),
+    Row("flight/test_watch.py::test_flights_that_go_well_are_never_warned_of", 3, "scenarios"),
     # Whole programs whose parts are tried in virtual time, or in one process.
     Row("e2e/test_identify_command.py::test_the_commands_of_the_how_to_lead_from_a_flight_to_a_vehicle_file", 0,
         "flight/test_identify.py finds the same figures; this is the page's order of commands"),
