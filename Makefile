@@ -5,6 +5,8 @@ WORKERS ?= 2
 BROKER_HOST ?= localhost
 
 BIN := .venv/bin
+# Without its kept bytecode every program that a test starts would compile all of its modules.
+unexport PYTHONDONTWRITEBYTECODE
 PYTEST := $(BIN)/python -m pytest -q -n $(WORKERS) --dist worksteal
 QUICK := --hypothesis-profile quick
 # What only computes yields to what may not be kept waiting.
