@@ -25,7 +25,7 @@ screenshot: setup ## fly, and draw the dashboard of it into docs/dashboard.svg
 
 # In two rows at once: the tests in real time wait for most of their time, and leave the processors to the others.
 test: setup ## everything that must hold before a commit, in minutes
-	@$(MAKE) --no-print-directory --jobs=2 tests-real-time lint types contracts tests-computed
+	@$(MAKE) --no-print-directory --jobs=2 tests-real-time tests-computed lint types contracts
 
 test-all: test ## the long matrices, more examples of each property, and the quick tests on the newer Pythons
 	@$(MAKE) --no-print-directory --jobs=2 long-real-time long-computed test-newer-pythons
