@@ -7,10 +7,12 @@ with others was set up. Where they tell of it, a test that failed waits a while 
 fails again and the machine is as busy, it is left out, loudly.
 """
 
+import gc
 import os
 import subprocess
 import sys
 import time
+import warnings
 from collections import deque
 from collections.abc import Callable
 from contextlib import suppress
@@ -130,7 +132,6 @@ def pytest_sessionfinish() -> None:
     MACHINE.end()
 
 
-@pytest.hookimpl(trylast=True)
 def pytest_runtest_protocol(item: pytest.Item, nextitem: pytest.Item | None) -> bool | None:
     """Run one test in real time; of two attempts, the second is reported."""
     if item.get_closest_marker("real_time") is None:
@@ -142,8 +143,14 @@ def pytest_runtest_protocol(item: pytest.Item, nextitem: pytest.Item | None) -> 
 
     def attempt() -> bool:
         if reports:
-            # What the first attempt shares with others was as late as itself.
+            # What the first attempt shares with others was as late as itself; and what it left open is no failure of
+            # the second.
             item.session._setupstate.teardown_exact(None)
+            reports.clear()
+            sys.last_type = sys.last_value = sys.last_traceback = None
+            with warnings.catch_warnings():
+                warnings.simplefilter("ignore")
+                gc.collect()
         reports[:] = runtestprotocol(item, log=False, nextitem=nextitem)
         return not any(report.failed for report in reports)
 

@@ -29,8 +29,6 @@ ROWS = (
     Row("flight/test_batch.py::test_vehicles_of_a_batch_do_not_touch_each_other", 0, "each agrees with its own flight"),
     Row("flight/test_blocks.py::test_switching_one_block_off_alone_costs_accuracy", 1, "the ladder switches each on"),
     Row("flight/test_campaign.py::test_a_campaign_is_drawn", 0, "a picture of what others check"),
-    Row("flight/test_compare.py::test_each_controller_has_a_row_with_every_figure", 0,
-        "every other test of it reads the same"),
     Row("flight/test_dead_man.py::test_a_controller_that_stands_still_at_any_instant_for_any_time", 6,
         "random instants"),
     Row("flight/test_fault_deck.py::test_a_fault_ends_safely", 7, "every other of the deck's cells"),

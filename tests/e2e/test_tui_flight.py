@@ -30,7 +30,7 @@ def processes(words: str) -> dict[int, str]:
     found = {}
     for folder in Path("/proc").glob("[0-9]*"):
         with suppress(OSError):  # it ended meanwhile
-            args = (folder / "cmdline").read_bytes().replace(b"\0", b" ").decode("utf-8", "replace")
+            args = (folder / "cmdline").read_bytes().rstrip(b"\0").replace(b"\0", b" ").decode("utf-8", "replace")
             if words in args:
                 found[int(folder.name)] = args
     return found

@@ -2,8 +2,11 @@
 
 import os
 import signal
+import subprocess
+import sys
 import time
 from collections.abc import Callable, Iterator
+from pathlib import Path
 
 import pytest
 
@@ -60,3 +63,51 @@ def test_who_sleeps_tells_how_late_it_was_woken(sleeper: Sleeper) -> None:
 
 def test_the_share_of_a_processor_is_a_share() -> None:
     assert 0.0 < share() < 1.1
+
+
+TESTS = """
+import pytest
+from tests import busy
+
+pytestmark = pytest.mark.real_time
+busy.PATIENCE_S = 0.0
+runs = []
+
+def got(share):
+    busy.share, busy.LATE_S = lambda: share, 1e9
+    runs.append(share)
+
+def test_late_once():
+    got(0.1)
+    assert len(runs) == 2
+
+def test_late_again():
+    got(0.1)
+    assert False
+
+def test_wrong():
+    got(1.0)
+    assert False
+"""
+
+
+def test_a_run_of_tests_passes_leaves_out_or_fails_what_was_late(tmp_path: Path) -> None:
+    (tmp_path / "pytest.ini").write_text("[pytest]\nmarkers = real_time")
+    (tmp_path / "test_it.py").write_text(TESTS)
+    command = [
+        sys.executable,
+        "-m",
+        "pytest",
+        "-q",
+        "-rsf",
+        "-p",
+        "no:cacheprovider",
+        "-p",
+        "no:xdist",
+        "-p",
+        "tests.busy",
+    ]
+    done = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, check=False)
+    assert "1 failed, 1 passed, 1 skipped" in done.stdout
+    assert "FAILED test_it.py::test_wrong" in done.stdout
+    assert "left out: machine too busy" in done.stdout
