@@ -13,7 +13,7 @@ from groundstation.control.descent import Descent
 from groundstation.control.estimator import ModelEstimator
 from groundstation.control.model import Drive, Motion, rolled
 from groundstation.control.model_descent import model_descent
-from groundstation.control.obedience import STILL_SUSPECTS, SUSPECTS, Contradiction, Obedience
+from groundstation.control.obedience import STILL_SUSPECTS, Contradiction, Obedience
 from groundstation.control.port import Decision, Estimate
 from groundstation.control.watch import Seen, Watch
 from groundstation.ops import FLOATS, Vec3
@@ -37,6 +37,8 @@ REMEMBER_S = 5.0
 """How far back estimates and commands are kept for that [s]."""
 GUST_M_S2 = 2.0
 """A disturbance that is found to change by so much against its mean [m/s²] moves a vehicle, or is none."""
+UPSET_M_S2 = 4.0
+"""A change by so much is no gust of any wind to fly in [m/s²]: a storm's reach 2."""
 PUSHED_S = 0.2
 """A position that stands against that for so long [s] is not the vehicle's, or the vehicle is held."""
 NEAR_FLOOR_M = 0.12
@@ -97,7 +99,7 @@ class Pilot:
         self._watch = Watch(vehicle, config)
         self._obedience = Obedience(vehicle.mass_kg, config.gravity)
         self._lifted = self._climbed = False
-        self._late_s = 0.0
+        self._lifted_s = -math.inf
         self._pushed_since_s: float | None = None
         self._trusted: deque[Trusted] = deque()
         self._drives: deque[tuple[float, Drive]] = deque()
@@ -125,7 +127,9 @@ class Pilot:
         if self._pose is None or pose.time_s > self._pose.time_s:
             before = self._estimator.motion
             self._estimator.pose(pose)
-            if before is not None and self._released:
+            if not self._released:
+                self._obedience.rest(pose)
+            elif before is not None:
                 self._obeys(pose, before)
             self._pose = pose
             self._poses += 1
@@ -243,11 +247,6 @@ class Pilot:
         command = self._command(decision.drive, parts)
         return Tick(time_s, flight_time, pose, estimate, reference, decision, command, seen)
 
-    @property
-    def late_s(self) -> float:
-        """By how much the poses turned out to be older than they say, by what the commands did [s]."""
-        return self._late_s
-
     def surrender(self, time_s: float, hold_s: float) -> Command:
         """The last command, where the poses are not believed any more: down on the model, from what it was before.
 
@@ -271,6 +270,7 @@ class Pilot:
         motion = self._estimator.motion
         assert motion is not None, "nothing flies without a pose"
         self._obedience.restart()
+        self._lifted_s = self._newest_s
         self._trusted.clear()
         self._trusted.append(Trusted(self._newest_s, motion, disturbance, self._estimator.effectiveness))
 
@@ -280,17 +280,17 @@ class Pilot:
         motion = estimator.motion
         if given is None or motion is None:
             return
-        high = self._floor - pose.position_ned[2] > NEAR_FLOOR_M
+        astray_m = self._obedience.astray_m(pose.time_s - self._lifted_s)
+        high = self._floor - pose.position_ned[2] > NEAR_FLOOR_M + astray_m
         self._climbed = self._climbed or high
-        node = self._obedience.pose(
-            pose, before, given, pose.time_s - self._newest_s, estimator.noise_m, counts=high or not self._climbed
-        )
-        if not node:
-            return
-        if self._obedience.evidence.attitude >= SUSPECTS and self._late_s == 0.0:
-            self._late_s = self._obedience.lateness_s()
         wind = self._wind or (0.0, 0.0, 0.0)
         gust = math.dist(estimator.disturbance, wind)
+        node = self._obedience.pose(
+            pose, before, given, pose.time_s - self._newest_s, estimator.noise_m,
+            counts=high or not self._climbed, upset=gust > UPSET_M_S2,
+        )  # fmt: skip
+        if not node:
+            return
         if not self._obedience.stands(pose.time_s) or (gust <= GUST_M_S2 and not estimator.holds):
             self._pushed_since_s = None
         elif self._pushed_since_s is None:
@@ -310,7 +310,7 @@ class Pilot:
         until = self._obedience.calm_s - TRUST_S
         newest = next((one for one in reversed(self._trusted) if one.time_s <= until), self._trusted[0])
         found = self.evidence
-        if found.still < max(found):
+        if found.still < max(found) and self._obedience.late_s == 0.0:
             return newest
         older = next((one for one in reversed(self._trusted) if one.time_s <= until - LEARNT_S), newest)
         return newest._replace(disturbance=older.disturbance, effectiveness=older.effectiveness)

@@ -186,7 +186,7 @@ class Progress:
 
     def _late(self) -> Charge | None:
         """Poses that follow the commands later than their stamps say: their age is what the response says."""
-        late_s = self._pilot.late_s
+        late_s = self._pilot.monitor.late_s
         if late_s == 0.0:
             return None
         why = f"convicted: the poses are {1e3 * late_s:.0f} ms older than they say, by what the commands did"

@@ -1,8 +1,8 @@
 """A second witness: the vehicle's own tilt and turning, held against what the poses show. Sans-IO.
 
 A tracker and an autopilot that look at one body see the same tilt and the same turning, whatever north each of them
-has. Both are brought onto one grid of instants, ``STEP_S`` apart, as the direction of gravity in the body's axes and
-the angle turned about it. Two things are compared there:
+has. Both are brought onto one grid of instants, as the direction of gravity in the body's axes and the angle turned
+about it. Two things are compared there, every 0.05 s, or every 0.1 s while all is well:
 
 - *tilt*: the angle between both gravities, less what it was while the vehicle stood before arming (a body that is
   mounted askew), averaged over 0.1 s. The limit is 3°, more where they scattered by more than 1.5° before arming; and
@@ -13,8 +13,9 @@ the angle turned about it. Two things are compared there:
   where one turns the other way. It counts where it stands out of the noise of the poses.
 
 Clocks may be apart and messages late: what the autopilot says of one instant is held against what the poses show up to
-0.1 s before and after it, and the best of these counts. A heading that leaps, as an autopilot's estimator resets it,
-tells nothing: where it goes farther than the gyros turned, turning is compared anew from there.
+0.1 s before and after it, and the best of these counts; it is looked for only where they disagree by more than their
+noise as they come. A heading that leaps, as an autopilot's estimator resets it, tells nothing: where it goes farther
+than the gyros turned, turning is compared anew from there.
 """
 
 import math
@@ -23,20 +24,23 @@ from typing import NamedTuple
 
 from groundstation.ops import Quat
 from groundstation.poses.port import Pose
-from groundstation.so3 import conjugate, multiply
 from links.port import Attitude
 
 STEP_S = 0.05
-"""From one instant that is compared to the next [s]."""
+"""From one instant that may be compared to the next [s]."""
 LAG = 2
 """The witnesses' clocks may be so many steps apart, either way."""
-LAGS = tuple(range(-LAG, LAG + 1))
+LAGS = tuple(lag for lag in range(-LAG, LAG + 1) if lag)
+CALM, STRIDE = 0.3, 3
+"""While both statistics are below this share of their limits, only every so many instants are compared."""
 GAP_S = 0.13
 """Between two attitudes further apart nothing is known [s]."""
 CLOSEST_S = 0.004
 """Poses that follow the last one faster tell nothing more [s]."""
 LEAP_RAD = math.radians(1.5)
 """An autopilot's heading that goes so much farther than its gyros, from one message to the next, was reset."""
+LEAST = 0.25 * LEAP_RAD
+"""Sine of half an angle that is no leap."""
 SILENT_S = 0.6
 """Nothing compared for so long: there is no second witness [s]."""
 
@@ -48,6 +52,8 @@ TILT_UNITS = 2.0
 """The limit of the tilt, as a multiple of the scatter."""
 TILT_TAU_S = 0.1
 """Over which the disagreement of the tilts is averaged [s]."""
+NEAR_RAD = math.radians(0.75)
+"""Tilts that are not farther apart agree as they come."""
 LEAN_SHARE, LEAN_TAU_S = 0.3, 3.0
 """The share of the lean, that of now or its average over so long [s], by which an autopilot may be wrong."""
 ASKEW_DEG = 8.0
@@ -110,7 +116,8 @@ class Witness:
         self._pose: Pose | None = None
         self._told: Attitude | None = None
         self._next = 0
-        self._judged_s = -math.inf
+        self._judged = -round(1e9)
+        """The number of the instant that was compared last."""
         self._armed = False
         self._learnt = 0
         self._askew = self._offset = (0.0, 0.0)
@@ -132,44 +139,32 @@ class Witness:
 
     def pose(self, pose: Pose) -> None:
         """Take one pose; one that is not newer than the last is ignored."""
-        last, seen = self._pose, self._seen
-        if last is None or pose.reset_count != last.reset_count:
-            seen.forget()
-            turned = 0.0
-        elif pose.time_s - last.time_s < CLOSEST_S:
+        last, seen, time_s = self._pose, self._seen, pose.time_s
+        if last is None or pose.reset_count != last.reset_count or time_s - last.time_s > GAP_S:
+            seen.begin_at(time_s)
+        elif time_s - last.time_s < CLOSEST_S:
             return
-        else:
-            turned = seen.turned
-        gravity = _gravity(pose.attitude)
-        if last is not None:
-            turned += _turn(last.attitude, pose.attitude, gravity)
-        self._pose = pose
-        if seen.take(pose.time_s, (*gravity, turned)):
+        elif time_s >= seen.due_s:
+            seen.take(last.time_s, last.attitude, time_s, pose.attitude)
             self._compare()
+        self._pose = pose
 
     def attitude(self, told: Attitude) -> None:
         """Take what the vehicle tells; what is not newer than the last is ignored."""
-        last, felt = self._told, self._felt
-        since = math.inf if last is None else told.time_s - last.time_s
+        last, felt, time_s = self._told, self._felt, told.time_s
+        since = math.inf if last is None else time_s - last.time_s
         if -SILENT_S < since <= 0.0:
             return
-        if since <= 0.0:  # its clock is another one
-            felt.forget()
-        gravity, turned = _gravity(told.attitude), felt.turned
-        if last is not None and 0.0 < since <= GAP_S:
-            (gx, gy, gz), (p, q, r), (a, b, c) = gravity, told.rates_rad_s, last.rates_rad_s
-            by_gyros = 0.5 * since * ((p + a) * gx + (q + b) * gy + (r + c) * gz)
-            by_angle = _turn(last.attitude, told.attitude, gravity)
-            turned += by_angle
-            if abs(by_angle - by_gyros) > LEAP_RAD:
-                felt.forget()
-        self._told = told
-        if felt.take(told.time_s, (*gravity, turned)):
+        if last is None or not 0.0 < since <= GAP_S or _leaps(last, told, since):  # or its clock is another one
+            felt.begin_at(time_s)
+        elif time_s >= felt.due_s:
+            felt.take(last.time_s, last.attitude, time_s, told.attitude)
             self._compare()
+        self._told = told
 
     def verdict(self, now_s: float) -> Agreement | None:
         """What comes of it at ``now_s``; None where one of the two is silent."""
-        if self._apart is None or now_s - self._judged_s > SILENT_S:
+        if self._apart is None or now_s - self._judged * STEP_S > SILENT_S:
             return None
         alike, unlike = list[str](), list[str]()
         for (name, _), (different, seen, felt) in zip(AXES, self._moved, strict=True):
@@ -190,77 +185,86 @@ class Witness:
         )
 
     def _compare(self) -> None:
-        """Judge every instant that both have come to, and the poses ``LAG`` steps beyond."""
+        """Judge the instants that both have come to, and the poses ``LAG`` steps beyond."""
         seen, felt = self._seen, self._felt
         end = min(seen.end - LAG, felt.end)
+        if end <= self._next:
+            return
         number = max(self._next, seen.begin + LAG + SPAN, felt.begin + SPAN)
         while number < end:
-            if number * STEP_S - self._judged_s > SILENT_S:
+            steps = number - self._judged
+            if steps * STEP_S > SILENT_S:
                 self._begin()
-            self._judge(number)
-            number += 1
+            self._judge(number, min(steps, STRIDE))
+            self._judged = number
+            number += STRIDE if max(self._tilting, self._turning) < CALM else 1
         self._next = number
 
-    def _judge(self, number: int) -> None:
-        seen, felt = self._seen, self._felt
-        at, samples = number - seen.end, seen.samples
-        a, b, c, _ = felt.samples[number - felt.end]
-        x, y, _, _ = samples[at]
-        askew = (x - a, y - b)
+    def _judge(self, number: int, steps: int) -> None:
+        """Hold both against each other at one instant, so many steps after the last. Written out: it runs in flight."""
+        samples, felt = self._seen.samples, self._felt.samples
+        at, then = number - self._seen.end, number - self._felt.end
+        a, b, c, _ = felt[then]
+        x, y, z, _ = samples[at]
+        askew_x, askew_y = x - a, y - b
         if not self._armed:
-            self._learn_askew(askew)
+            self._learn_askew((askew_x, askew_y), steps)
         ox, oy = self._offset
-        least, apart = math.inf, (0.0, 0.0, 0.0)
-        for lag in LAGS:
-            x, y, z, _ = samples[at + lag]
-            ex, ey, ez = x - a - ox, y - b - oy, z - c
-            squared = ex * ex + ey * ey + ez * ez
-            if squared < least:
-                least, apart = squared, (ex, ey, ez)
-        gain = STEP_S / TILT_TAU_S
-        (x, y, z), (ex, ey, ez) = self._apart or apart, apart
-        self._apart = x, y, z = x + gain * (ex - x), y + gain * (ey - y), z + gain * (ez - z)
-        squared = x * x + y * y + z * z
-        lean = math.sqrt(a * a + b * b)
-        self._lean += (lean - self._lean) * (STEP_S / LEAN_TAU_S)
+        a, b = a + ox, b + oy
+        ex, ey, ez = x - a, y - b, z - c
+        least = ex * ex + ey * ey + ez * ez
+        if least > NEAR_RAD * NEAR_RAD:
+            for lag in LAGS:
+                x, y, z, _ = samples[at + lag]
+                x, y, z = x - a, y - b, z - c
+                squared = x * x + y * y + z * z
+                if squared < least:
+                    least, ex, ey, ez = squared, x, y, z
+        if self._apart is not None:
+            x, y, z = self._apart
+            gain = _over(steps, STEP_S / TILT_TAU_S)
+            ex, ey, ez = x + gain * (ex - x), y + gain * (ey - y), z + gain * (ez - z)
+        self._apart = ex, ey, ez
+        squared = ex * ex + ey * ey + ez * ez
+        lean = math.hypot(a - ox, b - oy)
+        self._lean += (lean - self._lean) * (steps * STEP_S / LEAN_TAU_S)
         unit = min(max(math.sqrt(self._scatter), TILT_UNIT_RAD), TILT_UNIT_MOST_RAD)
         self._tilting = math.sqrt(squared) / (TILT_UNITS * unit + LEAN_SHARE * max(lean, self._lean))
         noise = min(max(self._noise, TURN_NOISE_RAD**2), TURN_NOISE_MOST_RAD**2)
-        for turns in self._turns:
-            turns.add(number, seen, felt)
-        self._turning = max([turns.statistic(noise) for turns in self._turns])
-        self._judged_s = number * STEP_S
+        fast, slow = self._turns
+        fast.add(samples, at, felt, then, noise, steps)
+        slow.add(samples, at, felt, then, noise, steps)
+        self._turning = max(fast.statistic(noise), slow.statistic(noise))
         agrees = self._tilting < 1.0 and self._turning < 1.0
-        self._doubts_s = None if agrees else self._judged_s if self._doubts_s is None else self._doubts_s
+        self._doubts_s = None if agrees else number * STEP_S if self._doubts_s is None else self._doubts_s
         if self._armed and agrees:
-            self._offset = _within(_towards(self._offset, askew, STEP_S / LEARN_S), self._askew, FOLLOW_RAD)
+            self._offset = _within(
+                _towards(self._offset, (askew_x, askew_y), steps * STEP_S / LEARN_S), self._askew, FOLLOW_RAD
+            )
         elif not self._armed:
-            self._note_moves(number)
+            self._note_moves(at, then, steps)
             if agrees:
-                self._learn_scatter(squared)
+                self._learn_scatter(squared, steps)
 
-    def _learn_askew(self, askew: tuple[float, float]) -> None:
+    def _learn_askew(self, askew: tuple[float, float], steps: int) -> None:
         """Take one instant into the mean of the last ``LEARN_S``, or of as long as there was."""
-        self._learnt = min(self._learnt + 1, round(LEARN_S / STEP_S))
-        self._askew = _towards(self._askew, askew, 1.0 / self._learnt)
+        self._learnt = min(self._learnt + steps, round(LEARN_S / STEP_S))
+        self._askew = _towards(self._askew, askew, min(steps / self._learnt, 1.0))
         self._offset = _within(self._askew, (0.0, 0.0), math.radians(ASKEW_DEG))
 
-    def _learn_scatter(self, squared: float) -> None:
+    def _learn_scatter(self, squared: float, steps: int) -> None:
         """The same of the square of what tilts are apart beyond that [rad²], and of turns while it stands."""
-        gain, fast = 1.0 / self._learnt, self._turns[0]
+        gain, fast = steps / self._learnt, self._turns[0]
         self._scatter += gain * (squared - self._scatter)
         if fast.felt < STANDS_RAD**2:
             self._noise += gain * (fast.newest - self._noise)
 
-    def _note_moves(self, number: int) -> None:
+    def _note_moves(self, at: int, then: int, steps: int) -> None:
         """Which way both turned where the vehicle was moved."""
-        seen, felt, (_, span, _) = self._seen, self._felt, TURN_WINDOWS[0]
-        lag = self._turns[-1].lag
-        at = number - seen.end + lag
-        p, p0 = seen.samples[at], seen.samples[at - span]
-        at = number - felt.end
-        q, q0 = felt.samples[at], felt.samples[at - span]
-        keep = 1.0 - STEP_S / MOVED_TAU_S
+        span = TURN_WINDOWS[0][1]
+        p, p0 = (self._seen.samples[at + self._turns[-1].lag - back] for back in (0, span))
+        q, q0 = (self._felt.samples[then - back] for back in (0, span))
+        keep = 1.0 - steps * STEP_S / MOVED_TAU_S
         for axis, (_, n) in enumerate(AXES):
             by_seen, by_felt = p[n] - p0[n], q[n] - q0[n]
             if abs(by_felt) > STANDS_RAD:
@@ -275,45 +279,45 @@ class _Track:
 
     def __init__(self) -> None:
         """Nothing taken."""
+        self._last: Quat | None = None
+        self._turned = 0.0
         self.end = 0
         """The number of the next instant."""
+        self.due_s = math.inf
+        """When that is [s]."""
         self.samples: deque[_Vector] = deque(maxlen=round(2.0 / STEP_S))
         """Those since the last gap; the instant ``number`` is at ``number - end``."""
-        self._time_s = -math.inf
-        self._value: _Vector = (0.0, 0.0, 1.0, 0.0)
 
     @property
     def begin(self) -> int:
         """The number of the first instant that is known since the last gap."""
         return self.end - len(self.samples)
 
-    @property
-    def turned(self) -> float:
-        """The newest angle about gravity [rad]."""
-        return self._value[3]
+    def begin_at(self, time_s: float) -> None:
+        """What comes from ``time_s`` on does not go on from before [s]."""
+        self.samples.clear()
+        self._last = None
+        self.end = math.floor(time_s / STEP_S) + 1
+        self.due_s = self.end * STEP_S
 
-    def take(self, time_s: float, value: _Vector) -> bool:
-        """Take ``value`` at ``time_s`` [s], later than the last; returns whether an instant was passed."""
-        last_s, last = self._time_s, self._value
-        self._time_s, self._value = time_s, value
-        since = time_s - last_s
-        if since > GAP_S:
-            self.samples.clear()
-            self.end = math.floor(time_s / STEP_S) + 1
-            return False
-        if time_s < self.end * STEP_S:
-            return False
+    def take(self, last_s: float, last: Quat, time_s: float, attitude: Quat) -> None:
+        """Go on to ``attitude`` at ``time_s`` [s] from the ``last``: not before the instant that is due."""
         a, b, c, d = last
-        x, y, z, w = value
-        while self.end * STEP_S <= time_s:
-            r = (self.end * STEP_S - last_s) / since
-            self.samples.append((a + r * (x - a), b + r * (y - b), c + r * (z - c), d + r * (w - d)))
+        p, q, r, s = attitude
+        if a * p + b * q + c * r + d * s < 0.0:
+            p, q, r, s = -p, -q, -r, -s
+        due_s, before, turned = self.due_s, self._last, self._turned
+        while due_s <= time_s:
+            share = (due_s - last_s) / (time_s - last_s)
+            w, x, y, z = at = (a + share * (p - a), b + share * (q - b), c + share * (r - c), d + share * (s - d))
+            k = 2.0 / (w * w + x * x + y * y + z * z)  # between two attitudes it is a little shorter
+            if before is not None:
+                turned += 0.5 * k * _turn(before, at)
+            self.samples.append((k * (x * z - w * y), k * (y * z + w * x), 1.0 - k * (x * x + y * y), turned))
+            before = at
             self.end += 1
-        return True
-
-    def forget(self) -> None:
-        """What comes next does not go on from here."""
-        self._time_s = -math.inf
+            due_s = self.end * STEP_S
+        self.due_s, self._last, self._turned = due_s, before, turned
 
 
 class _Turns:
@@ -325,8 +329,9 @@ class _Turns:
         self._span = span
         self._noises = noises
         self._counts = (TURN_COUNTS_RAD_S * span * STEP_S) ** 2
-        self._different = [0.0] * len(LAGS)
-        self._all = 0.0
+        self._different = self._all = 0.0
+        self._beyond: list[float] | None = None
+        """How much more is different at each of :data:`LAGS`; None where it is not worth looking."""
         self.newest = 0.0
         """The square of the newest difference, at no lag [rad²]."""
         self.felt = 0.0
@@ -335,46 +340,69 @@ class _Turns:
     @property
     def lag(self) -> int:
         """By how many steps the poses are late."""
-        return self._different.index(min(self._different)) - LAG
+        beyond = self._beyond
+        return 0 if beyond is None or min(beyond) >= 0.0 else LAGS[beyond.index(min(beyond))]
 
-    def add(self, number: int, seen: "_Track", felt: "_Track") -> None:
-        """Take the turns that end at the instant ``number``, where they began after the last gap."""
+    def add(self, seen: deque[_Vector], at: int, felt: deque[_Vector], then: int, noise: float, steps: int) -> None:
+        """Take the turns that end at ``at`` and ``then``, where they began after the last gap."""
         span = self._span
-        if number - span < max(felt.begin, seen.begin + LAG):
+        if then - span < -len(felt) or at - span - LAG < -len(seen):
             return
-        at, samples = number - felt.end, felt.samples
-        (a, b, c, d), (x, y, z, w) = samples[at], samples[at - span]
+        a, b, c, d = felt[then]
+        x, y, z, w = felt[then - span]
         a, b, c, d = a - x, b - y, c - z, d - w
+        p, q, r, s = seen[at]
+        x, y, z, w = seen[at - span]
+        p, q, r, s = p - x, q - y, r - z, s - w
         self.felt = turned = a * a + b * b + c * c + d * d
-        at, samples, squares = number - seen.end, seen.samples, []
-        for n in LAGS:
-            (p, q, r, s), (x, y, z, w) = samples[at + n], samples[at + n - span]
-            p, q, r, s = p - x, q - y, r - z, s - w
-            if n == 0:
-                turned += p * p + q * q + r * r + s * s
-            p, q, r, s = p - a, q - b, r - c, s - d
-            squares.append(p * p + q * q + r * r + s * s)
-        self.newest = squares[LAG]
-        keep = 1.0 - self._gain
-        counts = self._gain / (1.0 + turned / self._counts)
+        turned += p * p + q * q + r * r + s * s
+        p, q, r, s = p - a, q - b, r - c, s - d
+        self.newest = newest = p * p + q * q + r * r + s * s
+        gain, beyond = _over(steps, self._gain), self._beyond
+        keep, counts = 1.0 - gain, gain / (1.0 + turned / self._counts)
         self._all = keep * self._all + counts * turned
-        self._different = [keep * old + counts * new for old, new in zip(self._different, squares, strict=True)]
+        self._different = keep * self._different + counts * newest
+        if newest > noise:
+            found = []
+            for i, lag in enumerate(LAGS):
+                p, q, r, s = seen[at + lag]
+                x, y, z, w = seen[at + lag - span]
+                p, q, r, s = p - x - a, q - y - b, r - z - c, s - w - d
+                more = counts * (p * p + q * q + r * r + s * s - newest)
+                found.append(more if beyond is None else keep * beyond[i] + more)
+            self._beyond = found
+        elif beyond is not None:
+            self._beyond = [keep * more for more in beyond] if self._different > 0.1 * noise else None
 
     def statistic(self, noise: float) -> float:
         """As a share of its limit, where one that stands turns by ``noise``, squared [rad²]."""
-        return min(self._different) / (TURN_SHARE * self._all + self._noises * noise)
+        least = self._different if self._beyond is None else self._different + min(0.0, *self._beyond)
+        return least / (TURN_SHARE * self._all + self._noises * noise)
 
 
-def _gravity(attitude: Quat) -> tuple[float, float, float]:
-    """The direction of gravity in the body's axes: the third row of R."""
+def _over(steps: int, gain: float) -> float:
+    """The gain of an average that moves on by so many steps at once."""
+    return gain if steps == 1 else gain * (2.0 - gain)
+
+
+def _turn(last: Quat, attitude: Quat) -> float:
+    """The small turn about the vertical from one attitude to the next [rad]."""
+    a, b, c, d = last
     w, x, y, z = attitude
-    return 2.0 * (x * z - w * y), 2.0 * (y * z + w * x), 1.0 - 2.0 * (x * x + y * y)
+    half = a * z - d * w + c * x - b * y
+    return 2.0 * half if a * w + b * x + c * y + d * z > 0.0 else -2.0 * half
 
 
-def _turn(last: Quat, attitude: Quat, gravity: tuple[float, float, float]) -> float:
-    """The small turn about ``gravity``, in the body's axes, from one attitude to the next [rad]."""
-    w, x, y, z = multiply(conjugate(last), attitude)
-    return math.copysign(2.0, w) * (x * gravity[0] + y * gravity[1] + z * gravity[2])
+def _leaps(last: Attitude, told: Attitude, since: float) -> bool:
+    """Whether the heading went farther than the gyros turned, ``since`` [s] before."""
+    a, b, c, d = last.attitude
+    w, x, y, z = told.attitude
+    if -LEAST < a * z - d * w + c * x - b * y < LEAST:  # nobody turns just against a leap
+        return False
+    (p, q, r), (e, f, g) = told.rates_rad_s, last.rates_rad_s
+    gx, gy, gz = 2.0 * (x * z - w * y), 2.0 * (y * z + w * x), 1.0 - 2.0 * (x * x + y * y)
+    by_gyros = 0.5 * since * ((p + e) * gx + (q + f) * gy + (r + g) * gz)
+    return abs(_turn(last.attitude, told.attitude) - by_gyros) > LEAP_RAD
 
 
 def _towards(what: tuple[float, float], there: tuple[float, float], share: float) -> tuple[float, float]:

@@ -89,6 +89,7 @@ def parser() -> argparse.ArgumentParser:
         "--curve", action="store_true", help="by threshold: how soon a picture that stands is seen, and false alarms"
     )
     alarms.add_argument("--write", type=Path, metavar="FILE.md", help="put that table between the file's markers")
+    alarms.add_argument("--capture", type=Path, metavar="FILE.tlog", help="of a recorded flight on rates and thrust")
     alarms.add_argument("--json", action="store_true", help="print one JSON object instead of text")
 
     soak = commands.add_parser(

@@ -22,7 +22,9 @@ CURVE = ("paper", "adverse", "storm")
 
 
 def alarms(args: argparse.Namespace) -> int:
-    """Fly true flights from the floor, and see how near they came to an accusation."""
+    """Fly true flights from the floor, or take recorded ones, and see how near they came to an accusation."""
+    if args.capture is not None:
+        return _captured(args)
     if args.curve and args.scenario is not None:
         raise ConfigError("--scenario", f"--curve flies {', '.join(CURVE)}")
     if args.write is not None:
@@ -56,6 +58,18 @@ def alarms(args: argparse.Namespace) -> int:
     return 1 if any(one.accused for one in found.values()) else 0
 
 
+def _captured(args: argparse.Namespace) -> int:
+    from sim.alarms_capture import captured
+
+    for option, given in (("--scenario", args.scenario), ("--curve", args.curve or None), ("--write", args.write)):
+        if given is not None:
+            raise ConfigError(option, "--capture looks at one recording, and flies nothing")
+    found = captured(args.capture, args.overrides)
+    name = str(args.capture)
+    print(json.dumps(facts(name, found)) if args.json else text(name, found, "recorded flights"))
+    return 1 if found.accused else 0
+
+
 def facts(scenario: str, found: Alarms) -> dict[str, object]:
     """Figures of ``found``; ``flights`` has every one of them."""
     return {
@@ -68,11 +82,11 @@ def facts(scenario: str, found: Alarms) -> dict[str, object]:
     }
 
 
-def text(scenario: str, found: Alarms) -> str:
+def text(scenario: str, found: Alarms, flights: str = "flights from the floor") -> str:
     """The same as lines of text."""
     largest = ", ".join(f"{kind} {found.largest[kind]:.2f}" for kind in KINDS)
     lines = [
-        f"{scenario}: {len(found.flights)} flights from the floor, {found.windows} windows looked at",
+        f"{scenario}: {len(found.flights)} {flights}, {found.windows} windows looked at",
         f"largest statistic, as a share of what convicts: {largest}",
         *(f"above {share:g}: {found.above(share)} flights" for share in REMARKABLE),
         f"poses accused: {len(found.accused)} flights",

@@ -129,9 +129,10 @@ class Wander:
             truth = msgspec.structs.replace(
                 truth, position_ned=(x + a, y + b, z + c), velocity_ned=(u + d, v + e, w + f)
             )
-        released = released_s is not None and truth.time_s - released_s >= world.estimate_yaw_step_s
-        if world.estimate_yaw_step_deg and released:
-            half = math.radians(0.5 * world.estimate_yaw_step_deg)
+        if world.estimate_yaw_step_deg:
+            if released_s is not None and truth.time_s - released_s >= world.estimate_yaw_step_s:
+                return msgspec.structs.replace(truth, resets=1)
+            half = math.radians(-0.5 * world.estimate_yaw_step_deg)
             turned = so3.multiply((math.cos(half), 0.0, 0.0, math.sin(half)), truth.attitude)
-            truth = msgspec.structs.replace(truth, attitude=turned, resets=1)
+            truth = msgspec.structs.replace(truth, attitude=turned)
         return truth

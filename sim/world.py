@@ -88,7 +88,8 @@ class World(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=Tru
     """How far the place that is measured wanders in 2 s, a random walk, 1σ per axis [m], and speed with it; the
     autopilot's own estimate and the cameras' alike. PX4's own, with a simulated GPS: 0.05."""
     estimate_yaw_step_deg: float = 0.0
-    """A step of the measured yaw, which the autopilot's ODOMETRY announces [deg]; PX4 was seen to make 19."""
+    """A step of the measured yaw, which the autopilot's ODOMETRY announces [deg]; PX4 was seen to make 19. Until then
+    its heading is off by so much the other way: an estimator turns it once it sees that it does not fit its speed."""
     estimate_yaw_step_s: NonNegative = 2.0
     """When it comes [s after release]."""
     floor_z_m: float = 1.0

@@ -35,8 +35,9 @@ BRAKES_M_S2 = 1.3
 """How hard it counts on braking [m/s²]."""
 TOUCHDOWN_M_S, FASTEST_M_S = 0.6, 1.6
 """Sinking speed at the floor, and largest [m/s]."""
-FLOOR_M = 0.05
-"""From this height on the motors only stop [m]."""
+FLOOR_M, LEAST_M = 0.05, 0.2
+"""From this height on the motors only stop; a vehicle that seems lower than the second at the beginning is taken to be
+there [m]: what was reckoned is not known better, and motors that stop too high let it fall."""
 SINK_GAIN, SPEED_GAIN, ATTITUDE_GAIN = 4.0, 2.0, 6.0
 """Acceleration per error of the vertical and the horizontal speed [1/s]; body rate per sine of the tilt's [1/s]."""
 LEAN = math.radians(20.0)
@@ -60,7 +61,7 @@ def model_descent(
     hover = mass_kg * min(max(gravity + disturbance[2], 0.7 * gravity), 1.3 * gravity)
     thrust_lead = lead(FLOATS, STEP_S, vehicle.thrust_lag_s)
     rate_lead = min(lead(FLOATS, STEP_S, vehicle.rate_lag_s) / STEP_S, 2.0)
-    floor, braked = motion.position[2] + height_m, 0.0
+    floor, braked = motion.position[2] + max(height_m, LEAST_M), 0.0
     parts: list[Segment] = []
     for _ in range(round(LASTS_S / STEP_S)):
         height, (north, east, sinking) = floor - motion.position[2], motion.velocity
@@ -76,9 +77,10 @@ def model_descent(
         ask = BIAS * min(motion.thrust + thrust_lead * (ask - motion.thrust) / STEP_S, MOST * hover)
         # It may only brake what it sank itself.
         may_brake = sinking > TOUCHDOWN_M_S and braked < BRAKE_S - 1e-9
+        least = LEAST * hover if upright > 0.3 else 0.0
         if upright < LEANS and lean_x * north + lean_y * east < 0.0:
-            ask = 0.0  # it leans into where it goes: thrust would only make it faster
-        thrust = max(min(ask, MOST * hover if may_brake else hover), LEAST * hover if upright > 0.3 else 0.0)
+            ask, least = 0.0, 0.5 * least  # it leans into where it goes: thrust would only make it faster
+        thrust = max(min(ask, MOST * hover if may_brake else hover), least)
         braked += STEP_S if thrust > hover else 0.0
         k = ATTITUDE_GAIN
         rates = [

@@ -17,10 +17,14 @@ never below zero (Page's CUSUM, Biometrika 41, 1954):
 - attitude: the rivals are a picture that does not answer, y = noise, and one whose axes are a quarter turn off; half
   an answer counts for neither. A rate lag or a gain that is told wrong by half leaves y on the side of c.
 - heading: the turn about the vertical that no command asks for, averaged; a trim of some degrees a second is none.
+  Rotors turn a vehicle about the vertical slowly, by their drag alone: an answer may be late by some tenths of a
+  second.
 - axes: the rival is the best of the seven other maps of the two horizontal axes onto themselves (mirrored, swapped,
   turned by quarter turns), and for the vertical one its mirror image; it must also beat a picture that stands.
 - stillness: |y| is a twentieth of |c|, where wind that the law cancels, one delay late, leaves three tenths; or the
   position was stopped dead. This alone is a suspicion: a tether that holds the vehicle looks the same.
+
+How an autopilot's own estimate wanders is measured while the vehicle stands, and added to the noise of positions.
 
 The scale of the noise is measured by what the best rival leaves, and a node that none explains counts little: a hand,
 a push or a reset speaks for neither. docs/explanation/guards.md has the curve of detection time against false alarms.
@@ -28,48 +32,53 @@ a push or a reset speaks for neither. docs/explanation/guards.md has the curve o
 
 import math
 from collections import deque
+from itertools import islice
 from typing import NamedTuple
 
+from groundstation.control.images import SETTLES, WIND_M, Images
 from groundstation.control.model import Driven, Motion
 from groundstation.ops import Quat, Vec3
 from groundstation.poses.port import Pose
 
-NODE_S = 0.1
-"""Time between two nodes [s]."""
+NODE_S, HALF_NODE_S = 0.1, 0.05 - 1e-6
+"""Time between two nodes, and from one to the next between them [s]."""
 GAP_S = 0.2
 """Poses further apart than this begin anew [s]: between them the model has gone astray."""
-HOLE_S = 0.07
-"""After a time so long without a pose [s] positions are not looked at for some nodes."""
+HOLE_S, UNHEARD_S, UNHEARD = 0.07, 0.3, 0.5
+"""After a time so long without a pose [s] positions are not looked at for some nodes. The vehicle may have missed
+commands then, too: for so long [s] what speaks against it by its attitude counts by so much [-]."""
 FADE_S = 4.0
 """Evidence fades with this time constant [s]."""
 LEARN_S = 4.0
 """So does what is known of the noise [s]."""
 CALM = 2.0
 """Noise is learnt while the evidence is below this."""
-FIRST, CAP, CAP_IMAGE = 5.0, 8.0, 6.5
-"""Most that one node may say: the first and any other of the attitude, and of an image. No single outlier convicts."""
-CONVICTS, IMAGE_CONVICTS, EARLY_CONVICTS, EARLY = 14.0, 9.0, 7.0, 30
+FIRST, CAP = 5.0, 8.0
+"""Most that one node may say of the attitude, the first and any other: no single outlier convicts."""
+CONVICTS, IMAGE_CONVICTS, EARLY_CONVICTS, UPSET_CONVICTS, EARLY = 14.0, 9.0, 7.0, 4.0, 30
 """Evidence that convicts: e^14, a million to one, for each of the windows looked at; of an image, which must explain
 better than both a vehicle that obeys and a picture that stands, e^9, and e^7 in so many windows after lift-off: axes
-that are set up wrongly are so from the first."""
+that are set up wrongly are so from the first. Where the vehicle is upset as no gust does it, e^4: an image drives it
+away ever faster, and little time is left."""
 SUSPECTS, STILL_SUSPECTS, IMAGE_SUSPECTS = 0.5, 0.6, 0.7
 """Share of it that is a suspicion; of a position that stands, or moves as an image."""
 STILL_CAP = 2.0
 """Most that one node may say for a position that stands: a ramp of wind that the law follows lasts some nodes, too."""
 STOPPED = 0.7
 """What a position that has just left its way counts as, until it moves again [-]."""
+LOOKS, HALVES = 1.0, 12
+"""From this evidence for an image on [-] it is looked for half-way between the nodes, too; the filter's memory is done
+after so many."""
 SLIP = 0.15
 """Share of the change of a command from node to node that may come a node earlier or later [-]."""
-UNEXPLAINED, IMAGE = 8.0, 2.0
-"""A node that neither rival explains counts by so much less than its square [-]; an image must explain well."""
+UNEXPLAINED = 8.0
+"""A node that neither rival explains counts by so much less than its square [-]."""
 ANSWER = 0.8
 """An answer of half this share of the command speaks for neither [-]: attitude."""
 TURN_NOISE_RAD, TURN_FLOOR_RAD = 0.004, 0.0025
 """Noise of a turn between two nodes, to begin with and at least [rad]."""
 TRIM_RAD, GAIN = 0.01, 0.5
 """What a trim turns it between two nodes [rad], and how far its answer may be from the command [-], 1σ."""
-WIND_M, WIND_RISES, WIND_FALLS = 0.02, 0.2, 0.03
-"""What wind leaves in the position's filter at least, 1σ [m]; how fast more and less of it are learnt from a node."""
 STILL, LIVELY = 0.05, 0.3
 """Shares of the command that a picture that stands, and one that wind moves, show at most and at least [-]."""
 MOVES, ANSWERS = 16.0, 0.5
@@ -86,58 +95,24 @@ ARREST_M, ARREST_S, STANDS_M = 0.018, 0.4, 0.01
 within so much [m] has been stopped dead: no wind does that."""
 FILTER_NOISE = 2.0
 """The filter's innovation has so much of a pose's own noise [-]."""
-THETA = 0.6
-"""Memory of the filter: what it knows fades by this factor from node to node [-]."""
-ALPHA, BETA, GAMMA = 1.0 - THETA**3, 1.5 * (1.0 - THETA**2) * (1.0 - THETA), (1.0 - THETA) ** 3
-EXPANDS = 8
-"""For so many nodes after the first the filter's memory expands."""
-SETTLES = 4
-"""So many nodes the filter takes to know velocity and acceleration."""
+RESTS_M, RESTS_S = 0.03, 5.0
+"""A position that stands wanders by so much from node to node at most [m]; the mean of so long counts [s]."""
+ASTRAY_M = 0.5
+"""However long it wanders, it does not go farther [m]: something holds it, as GPS or a barometer."""
 HEADING_S, HEADING_RAD_S = 0.7, 0.25
 """Time constant of a turn about the vertical that no command asks for [s], and what convicts [rad/s]: 14°/s."""
+STRAYS_RAD_S = 0.05
+"""Slower is no turn that nobody asked for [rad/s]."""
+YAW_LATE_S = 0.55
+"""So late may a turn about the vertical follow its command [s]: PX4 and ArduPilot were seen to take 0.35."""
 LED_S = 1.0
 """So long after it was moved by something else than commands it may still be in somebody's hand [s]."""
-OPPOSED = 3
-"""So many images, the first, oppose the command on an axis or two [-]."""
-EXACT_M, SMALLEST_M = 0.005, 0.015
-"""So well does an image agree that is one [m], and smaller ones are not told from noise [m]."""
+LATE_LOOKS, LATE_NODES = 0.3, 3
+"""From this share of what convicts by attitude on a lateness is looked for [-]; it is one in so many nodes on end."""
 LATE_EXPLAINS = 0.35
 """A lateness explains the turns where it leaves less than this share of their power [-]."""
 LAGS_S = 1.2
 """Turns of so long are kept to look for a lateness in them [s]."""
-
-
-class Filter:
-    """Fading-memory filter of second order for one axis: position, velocity, acceleration.
-
-    It begins with the gains of the expanding memory (a parabola through all so far), until those are the smaller ones.
-    """
-
-    __slots__ = ("_a", "_n", "_v", "_x")
-
-    def __init__(self, x: float) -> None:
-        """Nothing is known yet but a first ``x`` [m]."""
-        self._x, self._v, self._a, self._n = x, 0.0, 0.0, 0
-
-    def innovation(self, x: float, h: float) -> float:
-        """How far ``x`` is from where it was heading ``h`` [s] ago [m]; the state moves on."""
-        alpha, beta, gamma = ALPHA, BETA, GAMMA
-        if self._n < EXPANDS:
-            self._n += 1
-            alpha, beta, gamma = _expanding(self._n)
-        ahead, speed = self._x + h * (self._v + 0.5 * h * self._a), self._v + h * self._a
-        i = x - ahead
-        self._x, self._v, self._a = ahead + alpha * i, speed + beta * i / h, self._a + gamma * i / (h * h)
-        return i
-
-
-def _expanding(n: int) -> tuple[float, float, float]:
-    """Gains for the ``n``-th point after the first, of the least-squares parabola, but at least the fading ones."""
-    if n == 1:
-        return 1.0, 1.0, 0.0
-    d = (n + 1.0) * (n + 2.0) * (n + 3.0)
-    alpha, beta, gamma = 3.0 * (3.0 * n * n + 3.0 * n + 2.0) / d, 18.0 * (2.0 * n + 1.0) / d, 60.0 / d
-    return max(alpha, ALPHA), max(beta, BETA), max(gamma, GAMMA)
 
 
 class Contradiction(NamedTuple):
@@ -169,7 +144,13 @@ class Obedience:
         self._speed: Vec3 = (0.0, 0.0, 0.0)
         self._turn_variance = [TURN_NOISE_RAD**2] * 2
         self._bias, self._bias_variance = [0.0, 0.0], [TRIM_RAD**2] * 2
-        self._wind = [WIND_M**2] * 2
+        self._images = Images()
+        self._halves: deque[tuple[float, Vec3, Vec3]] = deque(maxlen=HALVES)
+        """Half-way between the nodes, each instant [s] with what was seen and what was commanded [m, NED]."""
+        self._between: Images | None = None
+        """Those of the half-way instants, while an image is suspected: what it drives away is soon twice as fast."""
+        self._rested: Pose | None = None
+        self._rests, self._wander = 0.0, 0.0
         self.windows = 0
         """Nodes looked at."""
         self.largest = 0.0
@@ -180,47 +161,58 @@ class Obedience:
         """What speaks for a vehicle whose attitude answers, since it began or poses were missing for long."""
         self.led_s = -math.inf
         """When it was last seen to move, after it had left its way by no command [s]."""
+        self.late_s = 0.0
+        """By how much the poses turned out to be older than they say, by what the commands did [s]."""
         self._turns: deque[tuple[float, float, float, float, float]] = deque()
+        self._asked: deque[tuple[float, float]] = deque()
         self.restart()
 
     def restart(self) -> None:
         """It has just left the floor, or was let go in the air: what was seen before counts no more."""
-        self._attitude, self._maps, self._still, self._heading = 0.0, [0.0] * 8, 0.0, 0.0
+        self._attitude = self._still = self._heading = 0.0
         self._quarters = [0.0, 0.0]
         self._last: Quat | None = None
         self._arrest: Pose | None = None
         self._stopped_s = 0.0
-        self._flown = 0
+        self._flown = self._lates = 0
         self._strays = False
         self._place: Vec3 = (0.0, 0.0, 0.0)
         self._before = [0.0, 0.0]
-        self._moved_s = self._swept_s = self._shock_s = self._shocks_s = self._newest_s = -math.inf
-        self._nodes = 0
+        self._moved_s = self._swept_s = self._shock_s = self._shocks_s = self._newest_s = self._hole_s = -math.inf
+        self._images.restart()
+        self._halves.clear()
+        self._between = None
         self._turns.clear()
+        self._asked.clear()
+        self.evidence = Contradiction(0.0, 0.0, 0.0, 0.0)
+        """As it stands."""
+
+    def rest(self, pose: Pose) -> None:
+        """Take one pose of a vehicle that stands on the floor: it moves only by how its position is measured."""
+        last = self._rested
+        if last is None or pose.reset_count != last.reset_count or pose.time_s - last.time_s > GAP_S:
+            self._rested = pose
+        elif pose.time_s - last.time_s >= NODE_S - 1e-6:
+            moved = min(math.dist(pose.position_ned, last.position_ned), RESTS_M)
+            self._rests += (moved * moved / 3.0 - self._rests) * (NODE_S / RESTS_S)
+            self._rested = pose
+
+    def astray_m(self, since_s: float) -> float:
+        """How far an estimate that wanders may have gone in so long [s]: two sigma [m]."""
+        return min(2.0 * math.sqrt(0.5 * self._wander * max(since_s, 0.0) / NODE_S), ASTRAY_M)
 
     def stands(self, now_s: float) -> bool:
         """Whether the position has not moved by itself or answered a command of late."""
         still = now_s - self._moved_s > 1.5 * NODE_S and now_s - self._swept_s > SWEPT_S
-        return still and self._nodes > SETTLES
+        return still and self._images.nodes > SETTLES
 
     def led(self, now_s: float) -> bool:
         """Whether something else than the commands moves it, as a hand does, at ``now_s`` [s]."""
         return now_s - self.led_s < LED_S
 
-    @property
-    def evidence(self) -> Contradiction:
-        """As it stands."""
-        still = self._still / CONVICTS
-        if self._newest_s - self._shock_s < SHOCK_S:
-            still = max(still, STOPPED)
-        if self._stopped_s > NODE_S:
-            still = max(still, STOPPED if self._stopped_s < ARREST_S else 1.0)
-        heading = abs(self._heading) / HEADING_RAD_S
-        attitude = max(self._attitude, *self._quarters) / CONVICTS
-        images = EARLY_CONVICTS if self._flown < EARLY else IMAGE_CONVICTS
-        return Contradiction(attitude, max(self._maps) / images, heading, still)
-
-    def pose(self, pose: Pose, before: Motion, given: Driven, dt: float, noise_m: float, *, counts: bool) -> bool:
+    def pose(
+        self, pose: Pose, before: Motion, given: Driven, dt: float, noise_m: float, *, counts: bool, upset: bool = False
+    ) -> bool:
         """Take one pose; whether it was a node, with new evidence.
 
         Args:
@@ -230,28 +222,42 @@ class Obedience:
             dt: time since then [s].
             noise_m: position noise of the poses as measured, 1σ per axis [m].
             counts: False near the floor, which holds the vehicle, too.
+            upset: whether the disturbance that is found has changed as no gust changes it.
         """
         last, self._last = self._last, pose.attitude
+        if dt > HOLE_S:
+            self._hole_s = pose.time_s
         if last is None or dt > GAP_S or not counts or pose.reset_count != self._resets:
             self._begin(pose)
             return False
-        x, y, z = _turn(last, pose.attitude)
-        self._seen_x += x
-        self._seen_y += y
-        self._strayed += z
-        x, y, z = _turn(before.attitude, given.attitude)
-        self._told_x += x
-        self._told_y += y
-        self._strayed -= z
+        # Written out, as this is done with every pose: both turns in the body's axes, twice a quaternion's vector.
+        w, x, y, z = last
+        p, q, r, s = pose.attitude
+        k = 2.0 if w * p + x * q + y * r + z * s > 0.0 else -2.0
+        self._seen_x += k * (w * q - x * p - y * s + z * r)
+        self._seen_y += k * (w * r + x * s - y * p - z * q)
+        self._seen_z += k * (w * s - x * r + y * q - z * p)
+        w, x, y, z = before.attitude
+        p, q, r, s = given.attitude
+        k = 2.0 if w * p + x * q + y * r + z * s > 0.0 else -2.0
+        self._told_x += k * (w * q - x * p - y * s + z * r)
+        self._told_y += k * (w * r + x * s - y * p - z * q)
+        self._told_z += k * (w * s - x * r + y * q - z * p)
         half = 0.5 * dt
         m, (ix, iy, iz), (sx, sy, sz), g = -1.0 / self._mass, given.impulse, given.reach, self._gravity
         (px, py, pz), (vx, vy, vz) = self._pushed, self._speed
         self._pushed = (px + dt * vx + m * sx, py + dt * vy + m * sy, pz + dt * (vz + half * g) + m * sz)
         self._speed = (vx + m * ix, vy + m * iy, vz + m * iz + g * dt)
         if dt > HOLE_S:
-            self._nodes = min(self._nodes, SETTLES - 3)  # poses were missing: the filter must find its way again
+            # Poses were missing: the filters must find their way again.
+            self._images.nodes = min(self._images.nodes, SETTLES - 3)
+            self._halves.clear()
+            self._between = None
+        self._upset = upset
         h = pose.time_s - self._node_s
         if h < NODE_S - 1e-6:
+            if h >= HALF_NODE_S:
+                self._look_between(pose)
             return False
         self._node(pose, h, noise_m)
         return True
@@ -281,46 +287,98 @@ class Obedience:
     def _begin(self, pose: Pose) -> None:
         self.answered = 0.0
         self._resets, self._node_s = pose.reset_count, pose.time_s
-        self._seen_x = self._seen_y = self._told_x = self._told_y = self._strayed = 0.0
+        self._seen_x = self._seen_y = self._seen_z = self._told_x = self._told_y = self._told_z = 0.0
         self._pushed = self._speed = (0.0, 0.0, 0.0)
-        self._seen = [Filter(x) for x in pose.position_ned]
-        self._told = [Filter(0.0) for _ in range(3)]
-        self._nodes = 0
+        self._images.begin(pose.time_s, pose.position_ned, self._pushed)
+        self._halves.clear()
+        self._between = None
+
+    def _look_between(self, pose: Pose) -> None:
+        """Half-way between two nodes: where an image is suspected, it is looked for here, too."""
+        halves, images, fade = self._halves, self._between, 1.0 - NODE_S / FADE_S
+        if halves and halves[-1][0] > self._node_s:
+            return
+        halves.append((pose.time_s, pose.position_ned, self._pushed))
+        if self._images.evidence < LOOKS and (images is None or images.evidence < LOOKS):
+            self._between = None
+            return
+        if images is None:
+            self._between = images = Images(self._images.wind)
+            images.begin(*halves[0])
+            for half in islice(halves, 1, len(halves) - 1):
+                images.node(*half, fade, NODE_S)
+        if len(halves) > 1:
+            images.wander = self._wander
+            images.node(*halves[-1], fade, NODE_S)
+            self._judge()
+
+    def _judge(self) -> None:
+        """Weigh what speaks against the poses."""
+        still = self._still / CONVICTS
+        if self._newest_s - self._shock_s < SHOCK_S:
+            still = max(still, STOPPED)
+        if self._stopped_s > NODE_S:
+            still = max(still, STOPPED if self._stopped_s < ARREST_S else 1.0)
+        heading = abs(self._heading) / HEADING_RAD_S
+        attitude = max(self._attitude, *self._quarters) / CONVICTS
+        images = max(self._images.evidence, 0.0 if self._between is None else self._between.evidence)
+        convicts = EARLY_CONVICTS if self._flown < EARLY else IMAGE_CONVICTS
+        axes = images / (UPSET_CONVICTS if self._upset else convicts)
+        self.evidence = Contradiction(attitude, axes, heading, still)
+        self.largest = max(self.largest, attitude, axes, heading, still)
 
     def _node(self, pose: Pose, h: float, noise_m: float) -> None:
         self._node_s = self._newest_s = pose.time_s
         self.windows += 1
         self._flown += 1
-        self._nodes += 1
         fade, learn = 1.0 - h / FADE_S, h / LEARN_S
         turn = self._seen_x, self._seen_y, self._told_x, self._told_y
-        self._heading += min(h / HEADING_S, 1.0) * (self._strayed / h - self._heading)
-        self._seen_x = self._seen_y = self._told_x = self._told_y = self._strayed = 0.0
+        self._heading += min(h / HEADING_S, 1.0) * (self._strays_by(pose.time_s, h) - self._heading)
+        self._seen_x = self._seen_y = self._seen_z = self._told_x = self._told_y = self._told_z = 0.0
         self._turns.append((pose.time_s, *turn))
         while self._turns[0][0] < pose.time_s - LAGS_S:
             self._turns.popleft()
         says = self._turned(turn[0], turn[2], 0, learn) + self._turned(turn[1], turn[3], 1, learn)
+        if says > 0.0 and pose.time_s - self._hole_s < UNHEARD_S:
+            says *= UNHEARD
         most = CAP if self._attitude > CALM else FIRST
         self._attitude = max(0.0, self._attitude * fade + max(-CAP, min(says, most)))
         self._quarter(*turn, fade)
         self.answered = max(0.0, self.answered - max(says, -CAP))
-        # What the filter does not know grows with the square of the time.
-        k = min(1.0, NODE_S * NODE_S / (h * h))
-        y = [k * f.innovation(x, h) for f, x in zip(self._seen, pose.position_ned, strict=True)]
-        c = [k * f.innovation(x, h) for f, x in zip(self._told, self._pushed, strict=True)]
-        if self._nodes > SETTLES:
-            self._across(y[0], y[1], c[0], c[1], fade)
-            self._down(y[2], c[2], fade)
-            self._stands(pose, y, c, fade, FILTER_NOISE * noise_m)
+        if self._flown == 1:
+            # White noise moves it by √2 of itself from node to node; much more than that is an estimate that wanders.
+            self._wander = max(2.0 * (self._rests - 5.0 * noise_m * noise_m), 0.0)
+        images = self._images
+        images.wander = self._wander
+        seen, told = images.node(pose.time_s, pose.position_ned, self._pushed, fade, NODE_S)
+        if images.nodes > SETTLES:
+            self._stands(pose, seen, told, fade, math.sqrt((FILTER_NOISE * noise_m) ** 2 + self._wander))
+        self._judge()
         attitude, axes, heading, still = self.evidence
-        self.largest = max(self.largest, attitude, axes, heading, still)
+        if (attitude >= LATE_LOOKS or self._lates) and self.late_s == 0.0:
+            late_s = self.lateness_s()
+            self._lates = self._lates + 1 if late_s > 0.0 else 0
+            if self._lates >= LATE_NODES:
+                self.late_s = late_s
         if max(attitude, axes, still) < CALM / CONVICTS and heading < SUSPECTS:
             self.calm_s = pose.time_s
 
-    def _stands(self, pose: Pose, y: list[float], c: list[float], fade: float, noise_m: float) -> None:
+    def _strays_by(self, now_s: float, h: float) -> float:
+        """How fast it has turned about the vertical, beyond all that was asked for of late [rad/s]."""
+        asked, seen = self._asked, self._seen_z / h
+        asked.append((now_s, self._told_z / h))
+        while asked[0][0] < now_s - YAW_LATE_S:
+            asked.popleft()
+        if abs(seen - asked[-1][1]) < STRAYS_RAD_S:
+            return 0.0
+        rates = [rate for _, rate in asked]
+        return seen - min(max(seen, min(rates)), max(rates))
+
+    def _stands(self, pose: Pose, y: Vec3, c: Vec3, fade: float, noise_m: float) -> None:
         """What one node says of a position that stands; ``noise_m`` is the filter's own [m]."""
-        own, says, strays = noise_m * noise_m, 0.0, False
-        leaves = math.hypot(*y) - math.hypot(*c)
+        own, says, strays, wander = noise_m * noise_m, 0.0, False, 3.0 * math.sqrt(self._wander)
+        left = math.hypot(*y)
+        leaves = left - math.hypot(*c)
         far = math.dist(self._place, pose.position_ned) > SWEPT_M
         if far:  # what goes somewhere does not stand, however steadily it goes
             self._moved_s = pose.time_s
@@ -329,18 +387,21 @@ class Obedience:
             self.led_s = pose.time_s
         self._place = pose.position_ned
         for seen, told in zip(y, c, strict=True):
-            square = seen * seen
-            if square > max(MOVES * own, (ANSWERS * told) ** 2):
-                self._moved_s = pose.time_s
-            a, b = own + (STILL * told) ** 2, own + (LIVELY * told) ** 2
-            if square > max(MOVES * own, b):
-                says -= CAP  # whatever moves it, it is no picture
-            elif not far:
+            square, asked = seen * seen, told * told
+            b = own + LIVELY * LIVELY * asked
+            if square > MOVES * own:
+                if square > ANSWERS * ANSWERS * asked:
+                    self._moved_s = pose.time_s
+                if square > b:
+                    says -= CAP  # whatever moves it, it is no picture
+                    continue
+            if not far:
+                a = own + STILL * STILL * asked
                 says += 0.5 * math.log(b / a) - 0.5 * square * (1.0 / a - 1.0 / b)
-        if math.hypot(*y) > SWEPT_M:
+        if left > SWEPT_M:
             self._swept_s = pose.time_s
             strays = math.dist(y, c) > SWEPT_M
-            if leaves > SHOCK_M:
+            if leaves > SHOCK_M + wander:
                 if pose.time_s - self._shocks_s > SWEPT_S:  # what goes on pushing is no shock
                     self._shock_s = pose.time_s
                 self._shocks_s = pose.time_s
@@ -352,7 +413,7 @@ class Obedience:
             self._stopped_s = pose.time_s - arrest.time_s
             if moved > STANDS_M + 2.0 * noise_m or self._stopped_s > 2.0 * ARREST_S:
                 self._arrest, self._stopped_s, self.led_s = None, 0.0, pose.time_s
-        if leaves > ARREST_M + 2.0 * (math.sqrt(max(self._wind)) - WIND_M):
+        if leaves > ARREST_M and leaves > ARREST_M + wander + 2.0 * (math.sqrt(max(self._images.wind)) - WIND_M):
             # It leaves its way, and not by our doing: a gust, a hand, or the end of what was true.
             self._arrest = pose
 
@@ -360,6 +421,9 @@ class Obedience:
         """What one node says of an object whose axes are a quarter turn off: roll is seen as pitch."""
         x, y = x - self._bias[0], y - self._bias[1]
         obeys, seen = (x - cx) ** 2 + (y - cy) ** 2, x * x + y * y
+        best = seen + cx * cx + cy * cy - 2.0 * abs(x * cy - y * cx)
+        if not any(self._quarters) and best >= min(obeys, seen):
+            return  # it says nothing, as nearly always
         for i, sign in enumerate((1.0, -1.0)):
             off = (x - sign * cy) ** 2 + (y + sign * cx) ** 2
             says = (min(obeys, seen) - off) / (2.0 * max(*self._turn_variance, off / UNEXPLAINED))
@@ -372,9 +436,10 @@ class Obedience:
         # A rate lag that is told a little wrong shifts what a changing command does by a part of a node.
         slip = SLIP * (c - self._before[axis])
         self._before[axis] = c
-        variance = self._turn_variance[axis]
+        variance, least = self._turn_variance[axis], TURN_FLOOR_RAD * TURN_FLOOR_RAD
         best = min(r * r, y * y)
-        self._turn_variance[axis] = max(variance + learn * (min(best, 9.0 * variance) - variance), TURN_FLOOR_RAD**2)
+        if best > variance or variance > least:
+            self._turn_variance[axis] = max(variance + learn * (min(best, 9.0 * variance) - variance), least)
         if self._attitude < CALM:
             # A command of which we don't know how much arrives says little of what turns it beside.
             trim = self._bias_variance[axis]
@@ -383,52 +448,3 @@ class Obedience:
             self._bias_variance[axis] = (1.0 - gain) * trim
             self._bias[axis] += gain * max(-most, min(most, r))
         return ANSWER * c * (ANSWER * c - 2.0 * y) / (2.0 * max(variance, best / UNEXPLAINED, slip * slip))
-
-    def _across(self, x: float, y: float, cx: float, cy: float, fade: float) -> None:
-        """What one node says of the two horizontal axes."""
-        xx, yy, xy, yx = x * cx, y * cy, x * cy, y * cx
-        told, seen = cx * cx + cy * cy, x * x + y * y
-        wind, both = self._wind[0], seen + told
-        rest = min(both - 2.0 * (xx + yy), seen)
-        best = rest
-        for i, image in enumerate((-xx - yy, yy - xx, xx - yy, xy + yx, -xy - yx, yx - xy, xy - yx)):
-            off = both - 2.0 * image
-            self._maps[i] = _summed(self._maps[i], fade, rest - off, max(wind, off / IMAGE), off, i < OPPOSED)
-            best = min(best, off)
-        self._wind[0] = _learnt(wind, 0.5 * best)
-
-    def _down(self, z: float, c: float, fade: float) -> None:
-        """What one node says of the vertical axis."""
-        off, wind = (z + c) ** 2, self._wind[1]
-        rest = min((z - c) ** 2, z * z)
-        self._maps[7] = _summed(self._maps[7], fade, rest - off, max(wind, off / IMAGE), off, True)
-        self._wind[1] = _learnt(wind, min(rest, off))
-
-
-def _learnt(wind: float, best: float) -> float:
-    """The variance that wind leaves [m²], after a node that the best rival explains but for ``best`` [m²]."""
-    share = WIND_RISES if best > wind else WIND_FALLS
-    return max(wind + share * (min(best, 9.0 * wind) - wind), WIND_M * WIND_M)
-
-
-def _turn(a: Quat, b: Quat) -> Vec3:
-    """The small turn from ``a`` to ``b`` in the body's axes [rad]."""
-    w, x, y, z = a
-    p, q, r, s = b
-    k = 2.0 if w * p + x * q + y * r + z * s > 0.0 else -2.0
-    return (
-        k * (w * q - x * p - y * s + z * r),
-        k * (w * r + x * s - y * p - z * q),
-        k * (w * s - x * r + y * q - z * p),
-    )
-
-
-def _summed(evidence: float, fade: float, gain: float, variance: float, off: float, opposed: bool) -> float:
-    """The evidence after a node in which a rival explains all but ``off`` [m²], and ``gain`` [m²] more than the others.
-
-    What is ``opposed`` to a command, and answers it exactly, is no wind: the wind comes first, and commands oppose it.
-    """
-    says = gain / (2.0 * variance)
-    if opposed and gain > SMALLEST_M * SMALLEST_M:
-        says = max(says, math.log((gain + off + EXACT_M * EXACT_M) / (off + EXACT_M * EXACT_M)))
-    return max(0.0, evidence * fade + max(-CAP_IMAGE, min(says, CAP_IMAGE)))

@@ -13,6 +13,7 @@ from sim import (
     bench_decode,
     bench_flight,
     bench_latency,
+    bench_monitor,
     bench_recording,
     bench_screen,
     bench_tick,
@@ -26,6 +27,8 @@ from sim.pose_bytes import FLIGHTS
 @pytest.mark.real_time
 def test_every_measurement_gives_json_and_words(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(bench_tick, "TICKS", 100)
+    monkeypatch.setattr(bench_monitor, "TICKS", 100)
+    monkeypatch.setattr(bench_monitor, "ROUNDS", 1)
     monkeypatch.setattr(bench_flight, "DURATION_S", 0.5)
     monkeypatch.setattr(bench_flight, "ROUNDS", 1)
     monkeypatch.setattr(bench_latency, "RATES_HZ", (100,))
@@ -62,6 +65,13 @@ def test_every_measurement_gives_json_and_words(monkeypatch: pytest.MonkeyPatch)
     assert 0.0 < screen["dashboard_share"] < 2.0
     words = bench.text(facts)
     assert all(f"\n{name}:" in words for name in bench.WHAT)
+
+
+def test_the_second_witness_takes_little_of_a_command(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(bench_monitor, "TICKS", 400)
+    found = bench_monitor.monitor("paper")
+    assert found["witness_share"] < 0.06
+    assert found["witness_share"] < found["monitor_share"] < 1.3 * bench_monitor.GOAL_SHARE
 
 
 def test_a_peer_that_cannot_run_says_why_and_the_others_are_measured(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -9,8 +9,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from groundstation.control.images import EXPANDS, Filter
 from groundstation.control.model import Driven, Motion
-from groundstation.control.obedience import EXPANDS, GAP_S, NODE_S, SUSPECTS, Filter, Obedience
+from groundstation.control.obedience import GAP_S, NODE_S, SUSPECTS, Obedience
 from groundstation.ops import Quat, Vec3
 from groundstation.poses.port import Pose
 from groundstation.so3 import multiply, third_column, turned
@@ -167,18 +168,18 @@ class Watched:
 )
 def test_a_parabola_leaves_no_innovation_in_a_filter_that_has_settled(path: Vec3, step_s: float) -> None:
     x, v, a = path
-    follows = Filter(x)
+    follows = Filter((x, v, 0.0))
     for k in range(1, 60):
         t = k * step_s
-        off = follows.innovation(x + v * t + 0.5 * a * t * t, step_s)
-        assert k <= EXPANDS or abs(off) < 1e-9
+        off = follows.innovation((x + v * t + 0.5 * a * t * t, v + a * t, 0.0), step_s)
+        assert k <= EXPANDS or max(map(abs, off)) < 1e-9
 
 
 def test_what_leaves_its_parabola_leaves_an_innovation() -> None:
-    follows = Filter(0.0)
+    follows = Filter((0.0, 1.0, 2.0))
     for k in range(1, 30):
-        follows.innovation(0.5 * k, NODE_S)
-    assert follows.innovation(15.0 + 0.1, NODE_S) == pytest.approx(0.1)
+        follows.innovation((0.5 * k, 1.0, 2.0 - 0.1 * k), NODE_S)
+    assert follows.innovation((15.0 + 0.1, 1.0, -1.0 - 0.2), NODE_S) == pytest.approx((0.1, 0.0, -0.2))
 
 
 def vigorous(time_s: float) -> Demand:
@@ -333,3 +334,60 @@ def test_near_the_floor_and_after_a_fresh_start_nothing_counts() -> None:
     vehicle.counts, vehicle.highest = False, 0.0
     vehicle.fly(3.0, picture=attitude_mirrored_in_roll)
     assert vehicle.highest == 0.0
+
+
+def headings(asked: Callable[[float], float], answer_s: float, stray_rad_s: float) -> float:
+    """Largest statistic of the heading in 10 s, where yaw follows what is ``asked`` [rad/s] with a lag and strays."""
+    monitor, level, heading = Obedience(MASS_KG, G), Motion(ORIGIN, ORIGIN, LEVEL, 0.0, ORIGIN), 0.0
+    rate, attitude, largest = 0.0, LEVEL, 0.0
+    for k in range(1000):
+        time_s = PERIOD_S * k
+        told = turned(LEVEL, (0.0, 0.0, asked(time_s) * PERIOD_S))
+        given = Driven(told, MASS_KG * G, ORIGIN, (0.0, 0.0, MASS_KG * G * PERIOD_S), ORIGIN)
+        pose = Pose(k, time_s, time_s, ORIGIN, attitude)
+        monitor.pose(pose, level, given, PERIOD_S, NOISE_M, counts=True)
+        largest = max(largest, monitor.evidence.heading)
+        rate += (asked(time_s) - rate) * PERIOD_S / answer_s
+        heading += (rate + stray_rad_s) * PERIOD_S
+        attitude = (math.cos(0.5 * heading), 0.0, 0.0, math.sin(0.5 * heading))
+    return largest
+
+
+def test_a_slow_answer_about_the_vertical_is_no_stray() -> None:
+    def asked(time_s: float) -> float:
+        return 1.4 if 3.0 < time_s < 4.5 else 0.0
+
+    assert headings(asked, 0.35, 0.0) < SUSPECTS
+
+
+@pytest.mark.parametrize("held", [0.0, 1.0])
+def test_a_heading_that_turns_by_itself_convicts_even_where_the_law_holds_it(held: float) -> None:
+    stray = math.radians(20.0)
+    assert headings(lambda time_s: -held * stray, 0.05, stray) > 1.0
+
+
+def rested(place: Callable[[random.Random, float], float]) -> Obedience:
+    """A monitor that has seen a vehicle stand for 20 s, and then fly for one."""
+    rng, monitor, x = random.Random(3), Obedience(MASS_KG, G), 0.0
+    level, given = (
+        Motion(ORIGIN, ORIGIN, LEVEL, 0.0, ORIGIN),
+        Driven(LEVEL, MASS_KG * G, ORIGIN, (0.0, 0.0, MASS_KG * G * PERIOD_S), ORIGIN),
+    )
+    for k in range(2100):
+        x = place(rng, x)
+        pose = Pose(k, PERIOD_S * k, PERIOD_S * k, (x, x, x), LEVEL)
+        if k < 2000:
+            monitor.rest(pose)
+        else:
+            monitor.pose(pose, level, given, PERIOD_S, NOISE_M, counts=True)
+    return monitor
+
+
+def test_an_estimate_that_wanders_on_the_floor_may_have_gone_far_by_the_landing() -> None:
+    wanders = rested(lambda rng, x: x + rng.gauss(0.0, 0.0035))
+    assert wanders.astray_m(30.0) == pytest.approx(2.0 * 0.0035 * math.sqrt(3000.0), rel=0.3)
+    assert wanders.astray_m(1e4) == 0.5
+
+
+def test_a_camera_does_not_wander() -> None:
+    assert rested(lambda rng, _: rng.gauss(0.0, NOISE_M)).astray_m(30.0) == 0.0
