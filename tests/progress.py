@@ -1,6 +1,7 @@
 """``--progress NAME``: a line every second or two that says how far the tests are and what runs; each failure at once.
 
-In a terminal the line is written over; several runs of tests may share one.
+For tests that workers run (``-n``): where the same process runs and tells, what it tells would be captured. In a
+terminal the line is written over; several runs of tests may share one.
 """
 
 import shutil
@@ -18,25 +19,26 @@ def pytest_addoption(parser: pytest.Parser) -> None:
     parser.addoption("--progress", metavar="NAME", help="say how far the tests are, under this name")
 
 
+@pytest.hookimpl(trylast=True)  # once there is a terminal to write to
 def pytest_configure(config: pytest.Config) -> None:
     """Whoever starts workers tells for all of them."""
     name = config.getoption("progress")
     if name and not hasattr(config, "workerinput"):
-        config.pluginmanager.register(Progress(name))
+        config.pluginmanager.register(Progress(name, config))
 
 
 class Progress:
     """Tells of tests under way."""
 
-    def __init__(self, name: str) -> None:
+    def __init__(self, name: str, config: pytest.Config) -> None:
         self._name = name
         self._total = self._done = self._failed = 0
         self._since: dict[str, float] = {}
         """What runs → since when."""
         self._over = threading.Event()
         self._telling = threading.Lock()
+        self._writer = config.get_terminal_writer()
         self._overwrites = sys.__stdout__ is not None and sys.__stdout__.isatty()
-        self._out = open(sys.stdout.fileno(), "w", encoding="utf-8", errors="replace", closefd=False)  # noqa: SIM115
         self._thread = threading.Thread(target=self._tell_on, daemon=True)
 
     def line(self, now_s: float) -> str:
@@ -59,21 +61,16 @@ class Progress:
 
     def _tell(self, text: str) -> None:
         with self._telling:
-            self._out.write(text)
-            self._out.flush()
+            self._writer.write(text, flush=True)
 
     def say(self, text: str) -> None:
         """Say something that stays."""
         self._tell(("\r\033[K" if self._overwrites else "") + text + "\n")
 
-    @pytest.hookimpl(optionalhook=True)
+    @pytest.hookimpl(optionalhook=True)  # where there is no xdist
     def pytest_xdist_node_collection_finished(self, ids: list[str]) -> None:
         """Every worker finds the same tests."""
         self._total = len(ids)
-
-    def pytest_collection_finish(self, session: pytest.Session) -> None:
-        """Without workers."""
-        self._total = self._total or len(session.items)
 
     def pytest_sessionstart(self) -> None:
         """Begin to tell."""
