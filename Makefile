@@ -2,6 +2,8 @@
 PYTHON ?= python3
 SCENARIO ?= paper
 WORKERS ?= 2
+# Tests in real time wait for most of their time.
+WAITERS ?= 3
 BROKER_HOST ?= localhost
 
 BIN := .venv/bin
@@ -43,13 +45,13 @@ contracts: setup
 tests: tests-real-time tests-computed
 
 tests-real-time: setup
-	@$(PYTEST) $(QUICK) --progress "in real time" -m "real_time and not (matrix or soak)"
+	@$(PYTEST) -n $(WAITERS) $(QUICK) --progress "in real time" -m "real_time and not (matrix or soak)"
 
 tests-computed: setup
 	@$(YIELD) $(PYTEST) $(QUICK) --progress computed -m "not (real_time or matrix or soak)"
 
 long-real-time: setup
-	@$(PYTEST) --progress "long, in real time" -m "real_time and matrix"
+	@$(PYTEST) -n $(WAITERS) --progress "long, in real time" -m "real_time and matrix"
 
 long-computed: setup
 	@$(YIELD) $(PYTEST) --progress "long, computed" -m "(matrix or hypothesis) and not (real_time or soak)"

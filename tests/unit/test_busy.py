@@ -45,7 +45,7 @@ def test_only_a_failure_on_a_busy_machine_is_tried_again_and_only_on_a_busy_one_
 
 @pytest.fixture
 def sleeper() -> Iterator[Sleeper]:
-    made = Sleeper()
+    made = Sleeper(min(os.sched_getaffinity(0)))
     yield made
     made.end()
 
