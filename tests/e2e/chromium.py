@@ -55,7 +55,7 @@ class Tab:
         self.do("Input.dispatchKeyEvent", type="keyUp", **about)
 
     def until(self, true: Callable[[], Any]) -> None:
-        limit = time.monotonic() + 120.0
+        limit = time.monotonic() + 60.0
         while not true():
             assert time.monotonic() < limit, self.events[-5:]
             time.sleep(0.05)

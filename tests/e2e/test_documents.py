@@ -52,7 +52,7 @@ def test_a_link_that_leads_nowhere_is_found(tmp_path: Path) -> None:
 def test_every_page_is_in_the_site_and_it_is_built_without_a_warning(tmp_path: Path) -> None:
     words = ("-m", "mkdocs", "build", "--strict", "--config-file", str(ROOT / ".mkdocs.yml"), "--site-dir")
     done = subprocess.run(
-        [sys.executable, *words, str(tmp_path / "site")], capture_output=True, text=True, timeout=120, check=False
+        [sys.executable, *words, str(tmp_path / "site")], capture_output=True, text=True, timeout=60, check=False
     )
     assert done.returncode == 0, done.stderr
     assert (tmp_path / "site" / "tutorial" / "first-flight.html").exists()

@@ -32,7 +32,7 @@ duration_s = 0.5
 def groundstation(*words: str) -> subprocess.CompletedProcess[str]:
     return subprocess.run(
         [sys.executable, "-m", "groundstation", *words],
-        capture_output=True, text=True, timeout=120, check=False, stdin=subprocess.DEVNULL,
+        capture_output=True, text=True, timeout=60, check=False, stdin=subprocess.DEVNULL,
     )  # fmt: skip
 
 
@@ -63,6 +63,6 @@ def test_check_says_what_is_found_and_fly_takes_off_from_the_floor_and_lands_the
             assert word in flown.stdout
     finally:
         server.terminate()
-        server.wait(120)
+        server.wait(60)
         assert server.stdout is not None
         server.stdout.close()

@@ -19,7 +19,7 @@ def test_an_autopilot_that_refuses_in_escape_sequences_steers_no_terminal_and_fo
             capture_output=True,
             check=False,
             text=True,
-            timeout=120,
+            timeout=60,
             stdin=subprocess.DEVNULL,
         )
         assert run.returncode == 1, run.stdout + run.stderr

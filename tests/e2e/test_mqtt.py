@@ -159,7 +159,7 @@ SESSION = "lab/mqx/request/session"
 
 def play(scene: Awaitable[None]) -> None:
     async def timed() -> None:
-        async with asyncio.timeout(120.0):
+        async with asyncio.timeout(60.0):
             await scene
 
     asyncio.run(timed())

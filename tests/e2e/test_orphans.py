@@ -23,13 +23,13 @@ asyncio.run(main())
 
 def of_session(session: str) -> list[int]:
     """The pacer and the stand-by that a process of ``session`` leaves behind when it is killed."""
-    done = subprocess.run([sys.executable, "-c", KILLED], env=os.environ | {MARK: session}, timeout=120, check=False)
+    done = subprocess.run([sys.executable, "-c", KILLED], env=os.environ | {MARK: session}, timeout=60, check=False)
     assert done.returncode == -9
     return [process for process, its in pacers().items() if its == session]
 
 
 def are_gone(*processes: int) -> None:
-    limit = time.monotonic() + 120.0
+    limit = time.monotonic() + 60.0
     while any(process in pacers() for process in processes):
         assert time.monotonic() < limit, "one outlives its session"
         time.sleep(0.02)

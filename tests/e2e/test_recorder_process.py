@@ -37,7 +37,7 @@ def times(path: Path, topic: str = "/command") -> list[float]:
 
 def await_unlocked(path: Path) -> None:
     """Until the recorder has closed the file."""
-    deadline = time.monotonic() + 120.0
+    deadline = time.monotonic() + 60.0
     while being_written(path) and time.monotonic() < deadline:
         time.sleep(0.02)
     assert not being_written(path)
@@ -92,7 +92,7 @@ def test_a_flight_that_is_killed_leaves_a_whole_recording(tmp_path: Path) -> Non
     said = tmp_path / "said.txt"
     with said.open("wb") as out:
         process = subprocess.Popen([sys.executable, "-m", "tests.e2e.endless_recording", str(tmp_path)], stdout=out)
-    deadline = time.monotonic() + 120.0
+    deadline = time.monotonic() + 60.0
     while not any(path.stat().st_size for path in tmp_path.glob("*.mcap")) and time.monotonic() < deadline:
         time.sleep(0.02)
     time.sleep(1.5)
@@ -228,7 +228,7 @@ def test_a_real_flight_is_recorded_whole_listed_and_flown_again_to_the_last_bit(
             text=True,
             stdin=subprocess.DEVNULL,
         )
-        out, _ = run.communicate(timeout=120)
+        out, _ = run.communicate(timeout=60)
         assert run.returncode == 0, out
         path = the_recording(room.recordings)
         assert f"recording to {path}" in out
@@ -279,7 +279,7 @@ def test_a_flight_lands_although_its_recorder_was_killed() -> None:
                 parent = int((process / "stat").read_text().rpartition(")")[2].split()[1])
                 if parent == run.pid and b"groundstation.recording" in words:
                     os.kill(int(process.name), signal.SIGKILL)
-        out, _ = run.communicate(timeout=120)
+        out, _ = run.communicate(timeout=60)
         assert run.returncode == 0, out
         assert "WARNING: the recorder has died (-9); the flight goes on" in out
         assert "landed and disarmed" in out

@@ -29,7 +29,7 @@ def opened(browser: str, page: Path, folder: Path) -> Seen:
     command = [browser, "--headless", "--no-sandbox", "--disable-gpu", "--disable-background-networking"]
     command += ["--no-first-run", "--host-resolver-rules=MAP * ~NOTFOUND", f"--user-data-dir={folder / 'profile'}"]
     command += ["--enable-logging=stderr", f"--log-net-log={log}", "--virtual-time-budget=5000", "--dump-dom"]
-    done = subprocess.run([*command, page.as_uri()], capture_output=True, text=True, timeout=120.0, check=True)
+    done = subprocess.run([*command, page.as_uri()], capture_output=True, text=True, timeout=60.0, check=True)
     (title,) = re.findall(r"<title>(.*?)</title>", done.stdout)
     asked = [event.get("params", {}) for event in json.loads(log.read_text("utf-8"))["events"]]
     fetched = {one["url"] for one in asked if "url" in one and one.get("initiator", "not an origin") != "not an origin"}

@@ -22,12 +22,12 @@ def test_a_reader_that_has_gone_ends_a_command_without_a_traceback(words: tuple[
     )
     assert process.stdout is not None
     process.stdout.close()
-    _, said = process.communicate(timeout=120)
+    _, said = process.communicate(timeout=60)
     assert (process.returncode, said) == (1, "")
 
 
 def test_a_full_disk_is_told_of_in_one_line() -> None:
     with open("/dev/full", "w") as full:  # noqa: PTH123  # a device
         words = [sys.executable, "-m", "groundstation", "config", "show"]
-        done = subprocess.run(words, stdout=full, stderr=subprocess.PIPE, text=True, timeout=120, check=False)
+        done = subprocess.run(words, stdout=full, stderr=subprocess.PIPE, text=True, timeout=60, check=False)
     assert (done.returncode, done.stderr) == (1, "the output cannot be written: No space left on device\n")

@@ -27,7 +27,7 @@ async def on_broker(server: Broker, true: Callable[[Snapshot], bool]) -> Snapsho
         found[:] = [s for text in texts if true(s := msgspec.json.decode(text, type=Snapshot))]
         return bool(found)
 
-    async with asyncio.timeout(120.0), Listener(server.port) as listener:
+    async with asyncio.timeout(60.0), Listener(server.port) as listener:
         await listener.until(enough)
     return found[0]
 
@@ -55,7 +55,7 @@ def test_dashboard_and_broker_show_a_flight_and_their_deaths_do_not_touch_it(
             asyncio.run(asyncio.sleep(1.0))
             assert daemon.poll() is None
             daemon.send_signal(signal.SIGTERM)
-            _, log = daemon.communicate(timeout=120)
+            _, log = daemon.communicate(timeout=60)
         finally:
             daemon.kill()
             daemon.wait()
