@@ -15,7 +15,7 @@ QUICK := --hypothesis-profile quick
 YIELD := nice -n 19
 
 .PHONY: fly screenshot broker test test-all lint types contracts tests tests-real-time tests-computed long-real-time \
-    long-computed test-newer-pythons soak docs setup lock clean
+    long-computed test-newer-pythons soak docs release setup lock clean
 
 fly: setup ## fly one simulated flight, on real wire bytes, and sum it up
 	@$(BIN)/groundstation-sim fly --scenario $(SCENARIO) --out runs/$(SCENARIO)-$$(date +%Y%m%d-%H%M%S)
@@ -66,6 +66,9 @@ soak: setup ## long runs: minutes to hours
 docs: setup ## the documents as a site, in build/site
 	$(BIN)/groundstation-sim reference --write docs/reference
 	$(BIN)/mkdocs build --quiet --strict --config-file .mkdocs.yml
+
+release: test ## build this version, check it in a clean environment, date the changelog, tag; publishes nothing
+	@PYTHON=$(PYTHON) bash .ci/release
 
 broker: ## run an MQTT broker with TLS and passwords; made in runs/broker, for BROKER_HOST, the first time
 	@test -d runs/broker || { mkdir -p runs && sh examples/broker/set-up.sh runs/broker $(BROKER_HOST); }

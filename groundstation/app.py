@@ -4,9 +4,9 @@ import asyncio
 import os
 from collections.abc import AsyncIterator, Awaitable, Callable, Mapping, Sequence
 from contextlib import asynccontextmanager
-from importlib.metadata import version
 from typing import Any, Protocol
 
+from groundstation import __version__
 from groundstation.api.desk import Core
 from groundstation.api.register import Running
 from groundstation.api.server import Server
@@ -144,7 +144,7 @@ async def crew(
         core,
         quiet=quiet,
         pid=os.getpid(),
-        version=version("groundstation"),
+        version=__version__,
         config_text=dump(config),
         log=say,
     )

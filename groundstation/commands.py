@@ -185,9 +185,28 @@ def identify(args: argparse.Namespace) -> int:
 
 
 def config(args: argparse.Namespace) -> int:
-    """Print the configuration in force."""
-    print(dump(load(args.config, Config, args.overrides)), end="")
-    return 0
+    """Print the configuration in force, or one to start from."""
+    if args.verb == "show":
+        print(dump(load(args.config, Config, args.overrides)), end="")
+        return EXIT_DONE
+    from groundstation.config_examples import copy_examples, example_text, list_examples
+
+    if args.all is not None:
+        if args.name is not None:
+            raise ConfigError("--all", f"writes all of them, and {args.name!r} with them: leave one out")
+        copy_examples(args.all)
+        print(f"{args.all} written")
+    else:
+        print(list_examples() if args.name is None else example_text(args.name).rstrip())
+    return EXIT_DONE
+
+
+def completion(args: argparse.Namespace) -> int:
+    """Print the script by which a shell completes our command lines."""
+    from groundstation.completion import completion_script, words_of_flying
+
+    print(completion_script(args.program, args.shell, words_of_flying))
+    return EXIT_DONE
 
 
 def carry(args: argparse.Namespace) -> int:

@@ -5,7 +5,7 @@ The types are the schema (``msgspec.inspect``). msgspec checks them too, but its
 
 import math
 import re
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from typing import Any, ClassVar, NoReturn
 
 import msgspec
@@ -81,6 +81,32 @@ def kinds(root: type[msgspec.Struct], section: str) -> tuple[str, dict[Any, set[
             keys = {kind.tag: {each.encode_name for each in kind.fields} for kind in tagged}
             return (tagged[0].tag_field or "", keys) if tagged else ("", {})
     return "", {}
+
+
+def structs(info: mi.Type) -> list[mi.StructType]:
+    """The structs that a value of this type may be."""
+    info = bare(info)
+    if isinstance(info, mi.StructType):
+        return [info]
+    if isinstance(info, mi.UnionType):
+        return [struct for kind in info.types for struct in structs(kind)]
+    return []
+
+
+def keys_of(root: type[msgspec.Struct]) -> list[str]:
+    """Every key that a ``root`` may have, of every kind of its sections, as an operator writes it; in their order."""
+    return sorted(set(_keys(mi.type_info(root), ())))
+
+
+def _keys(info: mi.Type, path: KeyPath) -> Iterator[str]:
+    inner = structs(info)
+    if not inner:
+        yield dotted(path)
+    for struct in inner:
+        if struct.tag_field is not None:
+            yield dotted((*path, struct.tag_field))
+        for field in struct.fields:
+            yield from _keys(field.type, (*path, field.encode_name))
 
 
 def dotted(path: KeyPath) -> str:

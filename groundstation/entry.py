@@ -7,9 +7,12 @@ import importlib
 import os
 import sys
 from collections.abc import Callable, Iterator
-from typing import Any, TextIO
 
 from links.printable import printable
+
+TYPE_CHECKING = False  # typing's own would have to be imported, also for --help
+if TYPE_CHECKING:
+    from typing import Any, TextIO
 
 UNREAD = 1
 """Exit code of a program whose output nobody takes."""
@@ -27,22 +30,22 @@ def run(parser: Callable[[], argparse.ArgumentParser], commands: str) -> int:
 class _Unsteered:
     """A stream on which nothing steers a terminal, whatever is quoted there: only lines and tabs pass of controls."""
 
-    def __init__(self, stream: TextIO) -> None:
+    def __init__(self, stream: "TextIO") -> None:
         self.bare = stream
 
-    def __getattr__(self, name: str) -> Any:
+    def __getattr__(self, name: str) -> "Any":
         return getattr(self.bare, name)
 
     def write(self, text: str) -> int:
         self.bare.write(printable(text, keep="\n\t"))
         return len(text)
 
-    def writelines(self, lines: Any) -> None:
+    def writelines(self, lines: "Any") -> None:
         for line in lines:
             self.write(line)
 
 
-def bare(stream: TextIO) -> TextIO:
+def bare(stream: "TextIO") -> "TextIO":
     """``stream`` as it was, for what draws with escape sequences of its own and quotes nobody unwashed."""
     return stream.bare if isinstance(stream, _Unsteered) else stream
 

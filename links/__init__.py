@@ -1,9 +1,11 @@
 """How commands leave: every kind of link, by the name that a configuration gives it (``kind = "mavlink"``)."""
 
 from collections.abc import Callable
-from typing import TYPE_CHECKING, Any
 
+TYPE_CHECKING = False  # typing's own would have to be imported, also for --help
 if TYPE_CHECKING:
+    from typing import Any
+
     from links.port import CommandLink
 
 
@@ -42,7 +44,7 @@ LINKS: "dict[str, Callable[[], tuple[type, Callable[..., CommandLink]]]]" = {
 """Kind → a function that imports it and returns its configuration and its class."""
 
 
-def make_link(config: Any, *, thrust_max_n: float, thrust_curve: float = 0.0, **wires: Any) -> "CommandLink":
+def make_link(config: "Any", *, thrust_max_n: float, thrust_curve: float = 0.0, **wires: "Any") -> "CommandLink":
     """The link that ``config``, the configuration of one kind, describes.
 
     ``thrust_max_n`` is the thrust of the full signal [N], ``thrust_curve`` the vehicle's (see thrust_curve.py).

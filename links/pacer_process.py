@@ -5,13 +5,11 @@ import os
 import signal
 import socket
 import subprocess
-import sys
 from collections.abc import Callable
-from pathlib import Path
 
 import msgspec
 
-import links
+from links.child_command import make_child_command
 from links.mailbox import CAPACITY_BYTES, Mailbox
 from links.pacer_child import MESSAGE_BYTES, Setup
 from links.pacer_messages import Arm, End, Give, Order, Report, Stop
@@ -128,10 +126,8 @@ async def open_process(
         on_report(news)
 
     with theirs:
-        # -P: a folder `links` where the operator happens to stand is not ours. Ours is named instead.
-        environment = os.environ | {"PYTHONPATH": str(Path(links.__file__).parents[1])}
         shared = (theirs.fileno(), mailbox.fd)
-        command = [sys.executable, "-P", "-m", "links.pacer_standby", *map(str, shared)]
+        command = make_child_command("links.pacer_standby", *map(str, shared))
         started = loop.time()
         process = subprocess.Popen(  # noqa: ASYNC220, S603  # a millisecond, on the ground; our own program
             command,
@@ -139,7 +135,6 @@ async def open_process(
             stdout=subprocess.DEVNULL,
             pass_fds=shared,
             start_new_session=True,
-            env=environment,
         )
     ours.setblocking(False)
     pacer = PacerProcess(config.manner, process, ours, mailbox, report)

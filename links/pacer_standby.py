@@ -15,6 +15,7 @@ import sys
 
 import msgspec
 
+from links.child_command import make_child_command
 from links.lease import PACER, STANDBY, Lease
 from links.mailbox import Mailbox
 from links.pacer import FramePacer
@@ -35,7 +36,7 @@ def main() -> None:
     beside, theirs = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
     with theirs:
         shared = (wire.fileno(), mailbox, lease.fd, held.fd, theirs.fileno())
-        command = [sys.executable, "-P", "-m", "links.pacer_child", *map(str, shared)]
+        command = make_child_command("links.pacer_child", *map(str, shared))
         pacer = subprocess.Popen(command, pass_fds=shared)  # noqa: S603  # our own program
     message = wire.recv(MESSAGE_BYTES)
     setup = msgspec.msgpack.decode(message, type=Setup)

@@ -8,7 +8,6 @@ say: they slide along what the autopilot tells of itself, as cameras of their ow
 
 import asyncio
 import gc
-import sys
 import tempfile
 from collections.abc import Callable
 from contextlib import AbstractAsyncContextManager, nullcontext
@@ -20,6 +19,7 @@ from groundstation.config import dump
 from groundstation.poses.vicon import ViconConfig
 from groundstation.settings import Config
 from links.address import parse_address
+from links.child_command import make_child_command
 from links.mavlink import MavlinkLinkConfig
 from sim.autopilot import Px4Autopilot
 from sim.autopilot_peer import AutopilotPeer
@@ -95,11 +95,11 @@ async def fly(
     """
     with tempfile.TemporaryDirectory(prefix="latency-") as name:
         folder = Path(name)
-        echo = await _process("-m", "sim.bench_echo", stdout=asyncio.subprocess.PIPE)
+        echo = await _process("sim.bench_echo", stdout=asyncio.subprocess.PIPE)
         config = await _config(rate_hz, folder)
         path = folder / "flight.toml"
         path.write_text(dump(config))
-        daemon = await _process("-m", "groundstation", "daemon", str(path), "--arm", config.vehicle.name)
+        daemon = await _process("groundstation", "daemon", str(path), "--arm", config.vehicle.name)
         try:
             assert echo.stdout is not None
             port = int(await echo.stdout.readline())
@@ -111,9 +111,12 @@ async def fly(
                 await process.wait()
 
 
-async def _process(*arguments: str, stdout: int = asyncio.subprocess.DEVNULL) -> asyncio.subprocess.Process:
+async def _process(module: str, *words: str, stdout: int = asyncio.subprocess.DEVNULL) -> asyncio.subprocess.Process:
     return await asyncio.create_subprocess_exec(
-        sys.executable, *arguments, stdin=asyncio.subprocess.DEVNULL, stdout=stdout, stderr=asyncio.subprocess.DEVNULL
+        *make_child_command(module, *words),
+        stdin=asyncio.subprocess.DEVNULL,
+        stdout=stdout,
+        stderr=asyncio.subprocess.DEVNULL,
     )
 
 

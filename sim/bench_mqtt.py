@@ -18,6 +18,7 @@ from groundstation.snapshot import Snapshot
 from groundstation.telemetry.mqtt import publish_forever
 from groundstation.telemetry.mqtt_broker import from_url
 from groundstation.telemetry.mqtt_config import MqttConfig
+from links.child_command import make_child_command
 from links.port import LinkStatus
 from sim.bench import Options
 
@@ -77,7 +78,7 @@ async def _play(port: int, stations: int, seconds: float, settle_s: float) -> di
     loop = asyncio.get_running_loop()
     begin_s = loop.time() + settle_s
     listener = await asyncio.create_subprocess_exec(
-        *(sys.executable, "-m", "sim.bench_mqtt", url, str(begin_s), str(begin_s + seconds)), stdout=subprocess.PIPE
+        *make_child_command("sim.bench_mqtt", url, str(begin_s), str(begin_s + seconds)), stdout=subprocess.PIPE
     )
     config = MqttConfig(enabled=True, port=port, rate_hz=RATE_HZ * 2)  # each put is published: the source sets the pace
     sources = [Latest[Snapshot]() for _ in range(stations)]

@@ -6,13 +6,13 @@ import gc
 import os
 import pty
 import struct
-import sys
 import termios
 from collections.abc import AsyncIterator
 from contextlib import asynccontextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from links.child_command import make_child_command
 from sim.bench_answers import Answers, figures_of, together
 from sim.bench_latency import fly
 from sim.bench_links import lost_words
@@ -64,7 +64,7 @@ async def _dashboard(path: Path, shares: list[float]) -> AsyncIterator[None]:
     fcntl.ioctl(theirs, termios.TIOCSWINSZ, struct.pack("4H", *SIZE, 0, 0))
     os.set_blocking(ours, False)
     loop.add_reader(ours, os.read, ours, 1 << 20)
-    words = (sys.executable, "-m", "groundstation", "tui", "--socket", str(path))
+    words = make_child_command("groundstation", "tui", "--socket", str(path))
     environment = os.environ | {"TERM": "xterm-256color", "COLORTERM": "truecolor"}
     screen = await asyncio.create_subprocess_exec(*words, stdin=theirs, stdout=theirs, stderr=theirs, env=environment)
     begun_s, before_s = loop.time(), _processor_s(screen.pid)

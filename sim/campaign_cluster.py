@@ -30,7 +30,8 @@ class Cluster:
             from distributed import Client
         except ImportError:
             raise ConfigError(
-                "--cluster", "needs dask.distributed, which is not installed: pip install 'groundstation[cluster]'"
+                "--cluster",
+                "needs dask.distributed, which is not installed: pip install 'quadrotor-groundstation[cluster]'",
             ) from None
         self._address = address
         for name in ("client", "core", "utils"):

@@ -150,6 +150,22 @@ def check_vectors(args: argparse.Namespace) -> int:
     return 0 if worst <= LIMIT else 1
 
 
+def completion(args: argparse.Namespace) -> int:
+    """Print the script by which a shell completes our command lines."""
+    from groundstation.completion import completion_script, words_of_flying
+    from groundstation.config_schema import keys_of
+    from sim.world import World
+
+    def words(command: str, argument: str) -> list[str]:
+        if argument in ("scenario", "scenarios"):
+            return list(SCENARIOS)
+        truth = [f"sim.{key}=" for key in keys_of(World)] if argument == "overrides" else []
+        return [*truth, *words_of_flying(command, argument)]
+
+    print(completion_script(args.program, args.shell, words))
+    return 0
+
+
 def reference(args: argparse.Namespace) -> int:
     """Print or write the pages of docs/reference that are made from the code."""
     from sim.reference import reference_command

@@ -6,7 +6,6 @@ the recordings, which see every byte as it comes and leaves.
 
 import asyncio
 import os
-import sys
 import tempfile
 import time
 from collections.abc import Callable
@@ -19,6 +18,7 @@ from groundstation.fleet.plan import Fleet, read_fleet
 from groundstation.mission import State
 from groundstation.recording.reader import NoRecording, Recording
 from groundstation.settings import Config
+from links.child_command import make_child_command
 from sim.bench_timing import percentile
 from sim.fleet_lab import lay_out
 from sim.fleet_mission import FleetMission
@@ -97,7 +97,7 @@ async def _stations(file: Path, fleet: Fleet, folder: Path) -> asyncio.subproces
     """``groundstation fleet``, every vehicle armed without asking, its sockets in ``folder``."""
     arm = [word for member in fleet.members for word in ("--arm", member.name)]
     return await asyncio.create_subprocess_exec(
-        *(sys.executable, "-m", "groundstation", "fleet", str(file), *arm),
+        *make_child_command("groundstation", "fleet", str(file), *arm),
         stdin=asyncio.subprocess.DEVNULL,
         stdout=asyncio.subprocess.PIPE,
         stderr=asyncio.subprocess.STDOUT,

@@ -123,7 +123,9 @@ def need_optuna() -> None:
     try:
         import optuna as _  # noqa: F401
     except ImportError:
-        raise ConfigError("tune", "needs optuna, which is not installed: pip install 'groundstation[tune]'") from None
+        raise ConfigError(
+            "tune", "needs optuna, which is not installed: pip install 'quadrotor-groundstation[tune]'"
+        ) from None
 
 
 def journal_of(out: Path | None) -> Path | None:

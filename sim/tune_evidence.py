@@ -8,6 +8,7 @@ from statistics import median
 
 import msgspec
 
+from groundstation import __version__
 from groundstation.config import dump
 from groundstation.settings import Config
 from sim.margins import DELAY, GAIN_DOWN, GAIN_UP, Report, report
@@ -166,10 +167,8 @@ def margins_table(evidence: Evidence) -> list[str]:
 
 def versions() -> str:
     """What made it."""
-    names = ("groundstation", "optuna", "numpy")
-    return ", ".join(
-        [*(f"{name} {importlib.metadata.version(name)}" for name in names), f"Python {platform.python_version()}"]
-    )
+    others = (f"{name} {importlib.metadata.version(name)}" for name in ("optuna", "numpy"))
+    return ", ".join([f"groundstation {__version__}", *others, f"Python {platform.python_version()}"])
 
 
 def _errors(figure: Figure) -> str:

@@ -8,18 +8,17 @@ import asyncio
 import os
 import shlex
 import signal
-import sys
 import tempfile
 from collections.abc import Callable, Collection, Mapping
 from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
-import groundstation
 from groundstation.api.place import socket_path
 from groundstation.config import dump
 from groundstation.fleet.arming import armed, until_ready
 from groundstation.fleet.plan import Fleet, Member
+from links.child_command import make_child_command
 
 SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGQUIT, signal.SIGHUP)
 """Passed on to every core, each of which knows what it means: land, failsafe descent, motors off."""
@@ -82,7 +81,7 @@ class Supervisor:
             done.set_result(None)
             return done
         targets = [word for target in fleet.relay_targets for word in ("--to", target)]
-        words = ["-m", "groundstation", "relay", fleet.relay_listen, *targets, "--until-eof"]
+        words = ["groundstation", "relay", fleet.relay_listen, *targets, "--until-eof"]
         self.relay = relay = await _python(words, stdin=lives)
         assert relay.stdout is not None, "it is a pipe"
         with suppress(TimeoutError):
@@ -108,7 +107,7 @@ class Supervisor:
         file = folder / f"{member.name}.toml"
         file.write_text(dump(member.core), "utf-8")  # what was checked is what flies
         once = ["--once"] if member.name in self._arm else []
-        words = ["-m", "groundstation.fleet.core", str(os.getpid()), "daemon", str(file), *once]
+        words = ["groundstation.fleet.core", str(os.getpid()), "daemon", str(file), *once]
         return await _python(words, keeps=(held,))
 
     async def _arm_all(self, watching: Mapping[str, "asyncio.Future[int]"]) -> None:
@@ -181,11 +180,10 @@ async def _python(
     words: list[str], *, stdin: int | None = None, keeps: Collection[int] = ()
 ) -> asyncio.subprocess.Process:
     """One of our own programs in a session of its own, which keeps the open files ``keeps``."""
-    # -P: a folder `groundstation` where the operator happens to stand is not ours. Ours is named instead.
-    environment = os.environ | {"PYTHONPATH": str(Path(groundstation.__file__).parents[1])}
+    environment = dict(os.environ)
     environment.pop("NOTIFY_SOCKET", None)  # a service manager is told by us, not by each core
     return await asyncio.create_subprocess_exec(
-        *(sys.executable, "-P", *words),
+        *make_child_command(*words),
         stdin=asyncio.subprocess.DEVNULL if stdin is None else stdin,
         stdout=asyncio.subprocess.PIPE,
         stderr=asyncio.subprocess.STDOUT,

@@ -65,7 +65,7 @@ def open_device(config: OperatorConfig) -> DeviceInput:
     try:
         from evdev import ecodes
     except ImportError:
-        raise ConfigError("operator.hold", "needs evdev: pip install 'groundstation[operator]'") from None
+        raise ConfigError("operator.hold", "needs evdev: pip install 'quadrotor-groundstation[operator]'") from None
     code = ecodes.ecodes.get(config.hold)
     if code is None:
         raise ConfigError("operator.hold", f"no key, button or axis has this name (see evtest), got {config.hold!r}")

@@ -22,7 +22,7 @@ def identify_command(path: Path, out: Path | None, page: Path | None, *, as_json
             missing, or a file can't be written or is there already.
     """
     if page is not None:
-        need_matplotlib("--page", "its figures need matplotlib: pip install 'groundstation[plot]'")
+        need_matplotlib("--page", "its figures need matplotlib: pip install 'quadrotor-groundstation[plot]'")
     if out is not None and out.exists():
         raise ConfigError("--out", f"{out} is there already")
     from groundstation.identify.found import identified

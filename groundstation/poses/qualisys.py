@@ -31,7 +31,7 @@ AGAIN_S = 1.0
 class QualisysConfig(
     msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True, tag_field="kind", tag="qualisys"
 ):
-    """Qualisys Track Manager over TCP; needs ``pip install 'groundstation[qualisys]'``."""
+    """Qualisys Track Manager over TCP; needs ``pip install 'quadrotor-groundstation[qualisys]'``."""
 
     name: Annotated[str, msgspec.Meta(min_length=1, max_length=256)] = "quad"
     """Name of the vehicle's 6DOF body in QTM."""
@@ -96,7 +96,8 @@ class QualisysSource:
             connection = await self._open()
         except ModuleNotFoundError:
             raise SourceError(
-                "poses from Qualisys need qtm-rt, which is not installed: pip install 'groundstation[qualisys]'"
+                "poses from Qualisys need qtm-rt, which is not installed: "
+                "pip install 'quadrotor-groundstation[qualisys]'"
             ) from None
         self._task = asyncio.create_task(self._stay(connection))
 

@@ -3,17 +3,15 @@
 import asyncio
 import os
 import signal
-import sys
 from contextlib import suppress
-from pathlib import Path
 
 import msgspec
 
-import groundstation
 from groundstation.config import dump
 from groundstation.props_off.hand import News
 from groundstation.props_off.steps import Trouble
 from groundstation.settings import Config
+from links.child_command import make_child_command
 
 OFF_S = 12.0
 """Longest wait for a hand to let go [s]: an order that nobody acknowledges is repeated for 5 s."""
@@ -77,14 +75,11 @@ class HandProcess:
 
 async def open_hand(config: Config, *words: str) -> HandProcess:
     """Start a hand; with the word ``disarm`` one that disarms only."""
-    # -P: a folder `groundstation` where the operator happens to stand is not ours. Ours is named instead.
-    environment = os.environ | {"PYTHONPATH": str(Path(groundstation.__file__).parents[1])}
     process = await asyncio.create_subprocess_exec(
-        *(sys.executable, "-P", "-m", "groundstation.props_off", *words),
+        *make_child_command("groundstation.props_off", *words),
         stdin=asyncio.subprocess.PIPE,
         stdout=asyncio.subprocess.PIPE,
         start_new_session=True,  # what the terminal sends reaches the guide alone
-        env=environment,
     )
     hand = HandProcess(process)
     assert process.stdin is not None, "it is a pipe"

@@ -23,8 +23,8 @@ from groundstation.recording.tlog import TlogCutter
 
 FLUSH_S = 0.25
 """A chunk is closed and written after so long [s]: no more than that is lost to whatever happens."""
-PACKAGES = ("groundstation", "mcap", "msgspec", "numpy", "pymavlink")
-"""Whose versions are noted."""
+PACKAGES = ("mcap", "msgspec", "numpy", "pymavlink")
+"""Whose versions are noted beside ours."""
 
 
 class FlightLog:
@@ -50,7 +50,7 @@ class FlightLog:
         self._flushed_s = 0.0
         # Any: some of its methods have no types
         self._writer: Any = Writer(cast(IO[bytes], self._file), compression=CompressionType.ZSTD, enable_data_crcs=True)
-        self._writer.start(library=f"groundstation {_version('groundstation')}")
+        self._writer.start(library=f"groundstation {groundstation.__version__}")
         self._writer.add_metadata("about", facts(about))
         self._channels = {
             topic: self._writer.register_channel(
@@ -131,11 +131,13 @@ class FlightLog:
 
 def facts(about: About) -> dict[str, str]:
     """The first record of a recording: everything known before the flight, and what flies it."""
-    packages = ", ".join(f"{name} {_version(name)}" for name in PACKAGES)
+    packages = ", ".join(
+        [f"groundstation {groundstation.__version__}", *(f"{name} {_version(name)}" for name in PACKAGES)]
+    )
     return _texts(
         {
             **msgspec.to_builtins(about),
-            "version": _version("groundstation"),
+            "version": groundstation.__version__,
             "git": git_commit(),
             "python": platform.python_version(),
             "system": platform.platform(),

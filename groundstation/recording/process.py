@@ -4,17 +4,15 @@ import asyncio
 import fcntl
 import os
 import subprocess
-import sys
 from collections.abc import Callable
 from contextlib import suppress
-from pathlib import Path
 
 import msgspec
 
-import groundstation
 from groundstation.quiet import Quiet
 from groundstation.recording.records import About, Lost, Record
 from groundstation.telemetry.flights import RecordingConfig
+from links.child_command import make_child_command
 
 PIPE_BYTES = 1 << 20
 """What the pipe holds, where the system allows it: several seconds of flight."""
@@ -55,14 +53,11 @@ class RecorderProcess:
         self._told = False
         self._gone = self._loop.create_future()
         self._words = b""
-        # -P: a folder `groundstation` where the operator happens to stand is not ours. Ours is named instead.
-        environment = os.environ | {"PYTHONPATH": str(Path(groundstation.__file__).parents[1])}
-        self._process = subprocess.Popen(  # our own program; a millisecond, on the ground
-            [sys.executable, "-P", "-m", "groundstation.recording"],
+        self._process = subprocess.Popen(  # noqa: S603  # our own program; a millisecond, on the ground
+            make_child_command("groundstation.recording"),
             stdin=subprocess.PIPE,
             stdout=subprocess.PIPE,
             start_new_session=True,  # what the terminal sends reaches the flight alone
-            env=environment,
         )
         assert self._process.stdin is not None and self._process.stdout is not None, "both are pipes"
         self._in, self._out = self._process.stdin.fileno(), self._process.stdout.fileno()

@@ -19,7 +19,9 @@ def report_command(paths: Sequence[Path], out: Path | None, *, as_json: bool) ->
     """
     draw = out is not None or not as_json
     if draw:
-        need_matplotlib("report", "its figures need matplotlib: pip install 'groundstation[plot]'; --json does without")
+        need_matplotlib(
+            "report", "its figures need matplotlib: pip install 'quadrotor-groundstation[plot]'; --json does without"
+        )
     if len(paths) > 2:
         raise ConfigError("LOG", f"expected one recording, or two to compare, got {len(paths)}")
     from groundstation.report.flown import NoCommand, read

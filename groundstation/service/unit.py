@@ -10,6 +10,7 @@ from groundstation.recording.process import END_S
 from groundstation.sender import DISARM_WAIT_S
 from groundstation.settings import Config
 from groundstation.touchdown import SURE_S
+from links.child_command import make_child_command
 
 STOPPING_S = 5.0
 """To come to rest, from the fastest that a flight goes [s]."""
@@ -49,4 +50,4 @@ def unit(config: Config, path: Path, overrides: list[str], *, user: str) -> str:
 def _program() -> list[str]:
     """This very installation, not whatever a path leads to."""
     script = Path(sys.executable).with_name("groundstation")
-    return [str(script)] if script.exists() else [sys.executable, "-m", "groundstation"]
+    return [str(script)] if script.exists() else make_child_command("groundstation")

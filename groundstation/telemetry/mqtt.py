@@ -10,11 +10,11 @@ import logging
 import os
 from collections import Counter, deque
 from collections.abc import Callable, Coroutine
-from importlib.metadata import version
 from typing import TYPE_CHECKING, Any
 
 import msgspec
 
+from groundstation import __version__
 from groundstation.broadcast import Latest
 from groundstation.requests import Reply, Request
 from groundstation.snapshot import Snapshot
@@ -108,7 +108,7 @@ class _Publisher:
         self._events: deque[Event] = deque()
         self._more = asyncio.Event()
         self._counts: Counter[str] = Counter()
-        self._version = version("groundstation")
+        self._version = __version__
         self.requests: Requests | None = None
 
     def topic(self, topic: Topic) -> str:

@@ -19,6 +19,7 @@ from groundstation.tui.attached import Attached
 from groundstation.tui.playback import Playback
 from groundstation.tui.screenshot import shoot
 from groundstation.tui.tape import Tape
+from links.child_command import make_child_command
 
 _ENDED = frozenset(state.value for state in FINAL)
 NICE = 5
@@ -53,7 +54,7 @@ def fly_with_screen(args: argparse.Namespace, config: Config) -> int:
     log = made_folder(config.recording) / f"{vehicle}.log"
     overrides = [word for override in args.overrides for word in ("--set", override)]
     arm = [] if args.arm is None else ["--arm", args.arm]
-    command = [sys.executable, "-m", "groundstation", "daemon", str(args.config), "--once", *overrides, *arm]
+    command = make_child_command("groundstation", "daemon", str(args.config), "--once", *overrides, *arm)
     with open(log, "wb", opener=for_us_alone) as output:  # Path.open has no opener
         core = subprocess.Popen(  # noqa: S603  # ourselves
             command, stdin=subprocess.DEVNULL, stdout=output, stderr=output, start_new_session=True
@@ -88,13 +89,13 @@ def _in_browser(args: argparse.Namespace) -> int:
     try:
         from groundstation.tui.browser import serve
     except ImportError:
-        raise ConfigError("--browser", "needs textual-serve: pip install 'groundstation[browser]'") from None
+        raise ConfigError("--browser", "needs textual-serve: pip install 'quadrotor-groundstation[browser]'") from None
     if args.log is not None:
         title, what = args.log.name, [str(args.log), *([] if args.at is None else ["--at", str(args.at)])]
     else:
         path = args.socket or served_socket(args.vehicle)
         title, what = path.stem, ["--read-only", "--socket", str(path)]
-    serve([sys.executable, "-m", "groundstation", "tui", *what, "--theme", args.theme], args.browser, title)
+    serve(make_child_command("groundstation", "tui", *what, "--theme", args.theme), args.browser, title)
     return 0
 
 

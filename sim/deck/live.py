@@ -7,7 +7,6 @@ import asyncio
 import contextlib
 import math
 import signal
-import sys
 import tempfile
 from collections.abc import Callable, Sequence
 from pathlib import Path
@@ -20,6 +19,7 @@ from groundstation.api.place import ApiError
 from groundstation.config import dump
 from groundstation.mission import FINAL, State
 from links.bridge import BridgeConfig
+from links.child_command import make_child_command
 from links.key_file import make_key
 from sim.deck.broker import Broker
 from sim.deck.cell import AUTOPILOT, LANDS, LOOK_S, STILL_SHARE, hover_n, not_struck
@@ -137,9 +137,9 @@ async def _fly(folder: Path, name: str, fault: Fault, state: str) -> Row:
     if pty is not None and rf is not None and fault.link == "rf_bridge":
         link = msgspec.structs.replace(rf, port=pty.path, simulated=True)
         scene.bridge = await _bridge(folder, BridgeConfig(listen=bridge, key_file=f"{folder}/bridge.key", link=link))
-    arguments = ("-m", "groundstation", "daemon", str(folder / "config.toml"), "--arm", config.vehicle.name)
+    daemon = make_child_command("groundstation", "daemon", str(folder / "config.toml"), "--arm", config.vehicle.name)
     scene.station = await asyncio.create_subprocess_exec(
-        sys.executable, *arguments, stdin=asyncio.subprocess.DEVNULL, stderr=asyncio.subprocess.PIPE,
+        *daemon, stdin=asyncio.subprocess.DEVNULL, stderr=asyncio.subprocess.PIPE,
         start_new_session=True,
     )  # fmt: skip
     tasks = [asyncio.ensure_future(work) for work in (stage.run(), scene.read(), _watch(scene, truth))]
@@ -192,7 +192,7 @@ async def _bridge(folder: Path, config: BridgeConfig) -> asyncio.subprocess.Proc
     make_key(Path(config.key_file))
     (folder / "bridge.toml").write_text(dump(config))
     return await asyncio.create_subprocess_exec(
-        sys.executable, "-m", "groundstation", "rf-bridge", str(folder / "bridge.toml"),
+        *make_child_command("groundstation", "rf-bridge", str(folder / "bridge.toml")),
         stdin=asyncio.subprocess.DEVNULL, stdout=asyncio.subprocess.DEVNULL, stderr=asyncio.subprocess.DEVNULL,
         start_new_session=True,
     )  # fmt: skip

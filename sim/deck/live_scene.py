@@ -5,13 +5,13 @@ import contextlib
 import math
 import os
 import signal
-import sys
 from collections.abc import Awaitable, Callable
 from pathlib import Path
 
 from groundstation.mission import FINAL, State
 from groundstation.settings import Config
 from links.channel_map import Channels
+from links.child_command import make_child_command
 from links.rf_codec import RfLinkConfig
 from sim.deck.broker import Broker
 from sim.deck.moments import Moves
@@ -121,7 +121,7 @@ class LiveScene:
 
         loop.add_reader(far, drain)
         self.screen = await asyncio.create_subprocess_exec(
-            sys.executable, "-m", "groundstation", "tui", "--socket", str(self.folder / "status.sock"),
+            *make_child_command("groundstation", "tui", "--socket", str(self.folder / "status.sock")),
             stdin=near, stdout=near, stderr=near, env=os.environ | {"TERM": "xterm-256color"},
         )  # fmt: skip
         os.close(near)

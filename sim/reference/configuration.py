@@ -6,7 +6,8 @@ from typing import Any
 import msgspec
 from msgspec import inspect as mi
 
-from groundstation.config_words import bare, expected
+from groundstation.config_schema import structs
+from groundstation.config_words import expected
 from groundstation.settings import Config
 from links.bridge import BridgeConfig
 from sim.reference.remarks import remarks, summary
@@ -46,12 +47,12 @@ def page() -> str:
 def _tables(info: Any, path: str, default: Any, told: Told, without: tuple[str, ...] = ()) -> Iterator[str]:
     """The plain keys of the struct ``info`` as one table, then each of its sections."""
     fields = [field for field in info.fields if field.encode_name not in without]
-    rows = [_row(path, field, _default(field, default), info.cls) for field in fields if not _structs(field.type)]
+    rows = [_row(path, field, _default(field, default), info.cls) for field in fields if not structs(field.type)]
     if rows:
         yield "\n".join([TABLE, *rows])
     for field in fields:
         base, remark = _default(field, default), remarks(info.cls).get(field.name, "")
-        for struct in _structs(field.type):
+        for struct in structs(field.type):
             yield from _section(f"{path}{field.encode_name}", struct, base, remark, told)
 
 
@@ -64,16 +65,6 @@ def _section(key: str, struct: mi.StructType, base: Any, remark: str, told: Told
     words = " ".join(text for text in (summary(struct.cls), remark) if text)
     yield f"{'#' * (2 + key.count('.'))} `[{key}]`{kind}{chosen}\n\n{words}"
     yield from _tables(struct, f"{key}.", base if isinstance(base, struct.cls) else None, told)
-
-
-def _structs(info: mi.Type) -> list[mi.StructType]:
-    """The structs that a value of this type may be."""
-    info = bare(info)
-    if isinstance(info, mi.StructType):
-        return [info]
-    if isinstance(info, mi.UnionType):
-        return [struct for kind in info.types for struct in _structs(kind)]
-    return []
 
 
 def _default(field: mi.Field, of: Any) -> Any:

@@ -22,7 +22,7 @@ from sim.scenarios import SCENARIOS
 from sim.stage import Stage
 from tests.e2e.stations import QUICK_LANDING, free_udp_port
 
-EXAMPLE = Path(__file__).parents[2] / "examples" / "rf_dsm.toml"
+EXAMPLE = Path(__file__).parents[2] / "examples" / "rf-dsm.toml"
 
 
 async def flown(duration_s: float) -> list[tuple[float, float]]:
