@@ -2,15 +2,22 @@
 PYTHON ?= python3
 SCENARIO ?= paper
 WORKERS ?= 2
+# Tests in real time wait for most of their time.
+WAITERS ?= 3
 BROKER_HOST ?= localhost
 
 BIN := .venv/bin
-PYTEST := $(BIN)/python -m pytest -n $(WORKERS) --dist worksteal
+# Without its kept bytecode every program that a test starts would compile all of its modules.
+unexport PYTHONDONTWRITEBYTECODE
+PYTEST := $(BIN)/python -m pytest -q -n $(WORKERS) --dist worksteal
+QUICK := --hypothesis-profile quick
+# What `make bench` measures: all, or some of the names in docs/reference/bench.md.
+WHAT ?=
 # What only computes yields to what may not be kept waiting.
 YIELD := nice -n 19
 
-.PHONY: fly screenshot broker test lint types contracts tests tests-real-time tests-computed test-all-pythons soak docs \
-    release setup lock clean
+.PHONY: fly screenshot broker test test-all lint types contracts tests tests-real-time tests-computed long-real-time \
+    long-computed test-newer-pythons soak bench docs release setup lock clean
 
 fly: setup ## fly one simulated flight, on real wire bytes, and sum it up
 	@$(BIN)/groundstation-sim fly --scenario $(SCENARIO) --out runs/$(SCENARIO)-$$(date +%Y%m%d-%H%M%S)
@@ -21,10 +28,11 @@ screenshot: setup ## fly, and draw the dashboard of it into docs/dashboard.svg
 	@$(BIN)/groundstation tui --screenshot docs/dashboard.svg --at 36 runs/screenshot/flight.mcap
 
 # In two rows at once: the tests in real time wait for most of their time, and leave the processors to the others.
-# What each says comes in one piece, when it ends.
-test: setup ## everything that must hold before a commit
-	@$(MAKE) --no-print-directory --jobs=2 --output-sync=target \
-	    tests-real-time lint types contracts tests-computed test-all-pythons
+test: setup ## everything that must hold before a commit, in minutes
+	@$(MAKE) --no-print-directory --jobs=2 tests-real-time tests-computed lint types contracts
+
+test-all: test ## the long matrices, more examples of each property, and the quick tests on the newer Pythons
+	@$(MAKE) --no-print-directory --jobs=2 long-real-time long-computed test-newer-pythons
 
 lint: setup
 	$(BIN)/ruff check
@@ -39,17 +47,27 @@ contracts: setup
 tests: tests-real-time tests-computed
 
 tests-real-time: setup
-	$(PYTEST) -m "real_time and not soak"
+	@$(PYTEST) -n $(WAITERS) $(QUICK) --progress "in real time" -m "real_time and not (matrix or soak)"
 
 tests-computed: setup
-	$(YIELD) $(PYTEST) -m "not real_time and not soak"
+	@$(YIELD) $(PYTEST) $(QUICK) --progress computed -m "not (real_time or matrix or soak)"
 
-test-all-pythons: setup ## the quick tests once more on the newer Pythons of this machine
+long-real-time: setup
+	@$(PYTEST) -n $(WAITERS) --progress "long, in real time" -m "real_time and matrix"
+
+long-computed: setup
+	@$(YIELD) $(PYTEST) --progress "long, computed" -m "(matrix or hypothesis) and not (real_time or soak)"
+
+test-newer-pythons: setup ## the quick tests once more on the newer Pythons of this machine
 	@WORKERS=$(WORKERS) YIELD="$(YIELD)" sh .ci/test-newer-pythons
 
 soak: setup ## long runs: minutes to hours
 	$(BIN)/python -m pytest -m soak --timeout 0 || test $$? = 5  # 5: nothing is marked soak
 	$(BIN)/python -m pytest -n $(WORKERS) --timeout 0 --hypothesis-profile big tests/property
+
+bench: setup ## measure this machine beside other simulators, which are half a gigabyte to install; WHAT=command: only that
+	@$(BIN)/uv sync --quiet --frozen --python $(BIN)/python --group peers
+	@$(BIN)/groundstation-sim bench $(WHAT) --peers
 
 docs: setup ## the documents as a site, in build/site
 	$(BIN)/groundstation-sim reference --write docs/reference
@@ -68,9 +86,10 @@ setup: .venv/.synced ## prepare .venv from the lock
 	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11))' 2>/dev/null || { \
 	    echo "This project needs Python 3.11 or newer, but '$(PYTHON)' is $$($(PYTHON) --version 2>&1 || true)." >&2; \
 	    echo "Install one, or name one that is installed: make setup PYTHON=python3.12" >&2; exit 1; }
+	@echo "setting up .venv: the first time takes as long as the downloads"
 	@test -x $(BIN)/pip || $(PYTHON) -m venv --clear .venv || { rm -rf .venv; exit 1; }
 	@$(BIN)/pip install --quiet --disable-pip-version-check --require-hashes -r .ci/uv.txt
-	@$(BIN)/uv sync --quiet --frozen --python $(BIN)/python
+	@test -w "$${HOME:-/}" || export UV_NO_CACHE=1; $(BIN)/uv sync --quiet --frozen --python $(BIN)/python
 	@touch $@
 
 lock: setup ## choose the newest versions that pyproject.toml allows

@@ -128,15 +128,13 @@ def _bench(parser: argparse.ArgumentParser) -> None:
     from sim.cli.proving import MEASUREMENTS
 
     parser.description = (
-        "tick: law, observer and predictor a command. flight: how fast `fly` is. decode: a datagram of "
-        "each pose source. batch: time per vehicle and step. recording: what it costs a flight. allocation: what grows "
-        "in hours of flight. links: how commands keep time. mqtt: 100 stations at one "
+        "tick: law, observer and predictor a command. flight: how fast `fly` is. command: what it takes as "
+        "a whole. decode: a datagram of each pose source. batch: time per vehicle and step. recording: what it costs a "
+        "flight. allocation: what grows in hours of flight. links: how commands keep time. mqtt: 100 stations at one "
         "broker. The JSON is described in docs/reference/bench.md."
     )
     parser.add_argument("what", nargs="*", metavar="WHAT", help=f"some of {', '.join(MEASUREMENTS)} (default: all)")
-    parser.add_argument(
-        "--peers", action="store_true", help="batch: crazyflow and rotorpy too (dependency group peers)"
-    )
+    parser.add_argument("--peers", action="store_true", help="batch, command: crazyflow, rotorpy too (group peers)")
     parser.add_argument("--hours", type=hours, default=1.0, metavar="H", help="allocation: length (default 1)")
     parser.add_argument("--seconds", type=seconds, default=60.0, metavar="S", help="links, mqtt: length (default 60)")
     parser.add_argument("--json", action="store_true", help="print one JSON object instead of the table")

@@ -11,17 +11,18 @@ from pathlib import Path
 import pytest
 from hypothesis import HealthCheck, settings
 
+from tests.flown_once import FOLDER
 from tests.orphans import MARK, end_orphans, mark_session
+
+pytest_plugins = ["tests.busy", "tests.matrix", "tests.progress"]
 
 # The same examples in every run: `make test` passes or fails by the code alone. `make soak` looks further.
 settings.register_profile(
-    "quick", derandomize=True, database=None, deadline=None, suppress_health_check=[HealthCheck.too_slow]
+    "full", derandomize=True, database=None, deadline=None, suppress_health_check=[HealthCheck.too_slow]
 )
+settings.register_profile("quick", settings.get_profile("full"), max_examples=20)
 settings.register_profile("big", max_examples=5000, deadline=None, print_blob=True)
-settings.load_profile("quick")
-
-# Where a Python differs from another, it does so in more than one example.
-settings.register_profile("few", settings.get_profile("quick"), max_examples=20)
+settings.load_profile("full")
 
 NOT_RUN = "not run: install "
 """Begins the reason for which a test is left out that a program would bring; CI takes it for a failure."""
@@ -30,8 +31,9 @@ LEFT_OUT = "left out: "
 
 E2E = Path(__file__).parent / "e2e"
 
-# Debian puts brokers where a user's PATH does not look.
-SEARCH_PATH = os.pathsep.join([os.environ.get("PATH", os.defpath), "/usr/local/sbin", "/usr/sbin", "/sbin"])
+# Debian puts brokers where a user's PATH does not look; $SBIN hides them, for a machine that is to look bare.
+SBIN = os.environ.get("SBIN", "/usr/local/sbin:/usr/sbin:/sbin")
+SEARCH_PATH = os.pathsep.join(filter(None, [os.environ.get("PATH", os.defpath), SBIN]))
 
 
 # Whatever a shell starts in the background ignores Ctrl-C, and so would every program that a test starts.
@@ -62,6 +64,8 @@ def _not_at_home(tmp_path_factory: pytest.TempPathFactory) -> None:
     """Flights of tests are recorded and registered too, but never among the user's own, nor those of other tests."""
     os.environ["XDG_STATE_HOME"] = str(tmp_path_factory.mktemp("state"))
     os.environ["XDG_RUNTIME_DIR"] = str(tmp_path_factory.mktemp("run"))
+    base = tmp_path_factory.getbasetemp()
+    os.environ[FOLDER] = str((base.parent if "PYTEST_XDIST_WORKER" in os.environ else base) / "flights")
 
 
 @pytest.fixture(scope="session")

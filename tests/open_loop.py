@@ -9,7 +9,7 @@ time goes exactly to each of them, and two that are a nanosecond apart are two.
 import math
 import selectors
 import time
-from asyncio import TimerHandle
+from asyncio import SelectorEventLoop, TimerHandle
 from collections.abc import Callable
 from contextvars import Context
 from heapq import heappush
@@ -34,6 +34,7 @@ class _Open(_Idle):
 
     def __init__(self, next_s: Callable[[], float]) -> None:
         super().__init__()
+        self.now = 0.0
         self.pace = math.inf
         self._next_s = next_s
         self._real = selectors.DefaultSelector()
@@ -71,15 +72,25 @@ class OpenLoop(VirtualTimeLoop):
     """Serves what is outside, too; see above."""
 
     _scheduled: list[_Timer]
+    _selector: selectors.BaseSelector
+    # Time passes by the selector, as in asyncio's own loop.
+    call_soon = SelectorEventLoop.call_soon
+    call_later = SelectorEventLoop.call_later
+    _run_once = SelectorEventLoop._run_once  # type: ignore[attr-defined]
+    _timer_handle_cancelled = SelectorEventLoop._timer_handle_cancelled  # type: ignore[attr-defined]
 
     def __init__(self) -> None:
         super().__init__()
         self._open = _Open(self._next_s)
-        for key in list(self._idle.get_map().values()):  # what asyncio wakes itself by
+        for key in list(self._selector.get_map().values()):  # what asyncio wakes itself by
             self._open.register(key.fileobj, key.events, key.data)
-        self._idle = self._selector = self._open
+        self._selector = self._open
         self._timers = 0
         self._clock_resolution = math.ulp(0.0)
+
+    def time(self) -> float:
+        """Virtual time [s]."""
+        return self._open.now
 
     @property
     def pace(self) -> float:

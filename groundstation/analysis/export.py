@@ -115,25 +115,22 @@ def _flat(value: Any, name: str) -> Iterator[tuple[str, Any]]:
 
 def rewritten(recording: Recording, target: Path, topics: list[str]) -> int:
     """Write what can be read of ``recording`` to ``target``, whole and with an index; the number of messages."""
-    from mcap.writer import CompressionType, Writer
+    from groundstation.recording.mcap_writer import McapWriter
 
     if target.exists():
         raise ConfigError("--out", f"{target} is there already")
     count = 0
     with open(target, "wb", opener=for_us_alone) as file:  # Path.open has no opener
-        writer: Any = Writer(file, compression=CompressionType.ZSTD)  # some of its methods have no types
-        writer.start(library="groundstation export")
+        writer = McapWriter(file, "groundstation export")
         writer.add_metadata("about", recording.about)
         ids = {
-            topic: writer.register_channel(
-                topic, "json", writer.register_schema(name, "jsonschema", schema(name, message))
-            )
+            topic: writer.add_channel(topic, name, schema(name, message))
             for topic, (name, message) in CHANNELS.items()
             if not topics or topic in topics
         }
         for entry in recording.entries(topics):
             if entry.topic in ids:
-                writer.add_message(ids[entry.topic], entry.stamp_ns, entry.data, entry.stamp_ns)
+                writer.add_message(ids[entry.topic], entry.stamp_ns, entry.data)
                 count += 1
         if recording.result:
             writer.add_metadata("result", recording.result)

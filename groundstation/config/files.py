@@ -12,7 +12,7 @@ from typing import Any
 import msgspec
 from msgspec import inspect as mi
 
-from groundstation.config.schema import FromFile, KeyPath, Problem
+from groundstation.config.schema import FromFile, KeyPath, Problem, described
 from groundstation.config.words import bare
 
 PACKAGE = "groundstation"
@@ -54,7 +54,7 @@ def with_files(root: type[msgspec.Struct], data: dict[str, Any], folder: Path) -
     Raises:
         Problem: a file can't be read, or its text is wrong; the path is that of the key that names it.
     """
-    info = mi.type_info(root)
+    info = described(root)
     assert isinstance(info, mi.StructType)
     changed = dict(data)
     for field in info.fields:

@@ -6,6 +6,7 @@ The types are the schema (``msgspec.inspect``). msgspec checks them too, but its
 import math
 import re
 from collections.abc import Callable, Iterator
+from functools import cache
 from typing import Any, ClassVar, NoReturn
 
 import msgspec
@@ -59,19 +60,25 @@ class FromFile:
         raise NotImplementedError
 
 
+@cache
+def described(root: type[msgspec.Struct]) -> mi.Type:
+    """What msgspec tells of ``root`` and all that it holds."""
+    return mi.type_info(root)
+
+
 def completed(root: type[msgspec.Struct], data: dict[str, Any]) -> dict[str, Any]:
     """``data`` checked as a ``root`` and completed with the defaults of the tables that it mentions.
 
     Raises:
         Problem: the first thing that is wrong, in the order of ``data``; a missing key comes after its neighbours.
     """
-    result: dict[str, Any] = _complete(mi.type_info(root), data, None, ())
+    result: dict[str, Any] = _complete(described(root), data, None, ())
     return result
 
 
 def kinds(root: type[msgspec.Struct], section: str) -> tuple[str, dict[Any, set[str]]]:
     """The key that tells a ``section`` of ``root`` its kind, and the keys of each kind; none where it has no kinds."""
-    info = mi.type_info(root)
+    info = described(root)
     assert isinstance(info, mi.StructType)
     for field in info.fields:
         if field.encode_name == section:

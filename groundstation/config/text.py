@@ -1,8 +1,9 @@
 """A configuration as annotated TOML: every key in force, beside the first sentence of its docstring."""
 
 import ast
-import inspect
-import textwrap
+import linecache
+import re
+import sys
 from collections.abc import Iterator
 from functools import cache
 from typing import Any
@@ -67,17 +68,30 @@ def docs(struct: type[msgspec.Struct]) -> dict[str, str]:
     """The first sentence of the docstring of each field, by key; empty where the source can't be read."""
     found: dict[str, str] = {}
     for cls in reversed(struct.__mro__):
-        try:
-            (body,) = ast.parse(textwrap.dedent(inspect.getsource(cls))).body
-        except (OSError, TypeError, SyntaxError):
-            continue
-        if not isinstance(body, ast.ClassDef):
+        body = _definition(cls)
+        if body is None:
             continue
         for field, note in zip(body.body, body.body[1:], strict=False):
             match field, note:
                 case ast.AnnAssign(target=ast.Name(id=name)), ast.Expr(value=ast.Constant(value=str(text))):
                     found[name] = _sentence(text)
     return {field.encode_name: found[field.name] for field in msgspec.structs.fields(struct) if field.name in found}
+
+
+def _definition(cls: type) -> ast.ClassDef | None:
+    """The source of a class of a module, parsed alone: :mod:`inspect` parses all of its module to find it."""
+    file = getattr(sys.modules.get(cls.__module__), "__file__", None)
+    lines = linecache.getlines(file) if file is not None else []
+    head = re.compile(rf"class {re.escape(cls.__qualname__)}\b")
+    first = next((n for n, line in enumerate(lines) if head.match(line)), None)
+    if first is None:
+        return None
+    ends = (n for n in range(first + 1, len(lines)) if lines[n][0] not in " )\n#")
+    try:
+        (body,) = ast.parse("".join(lines[first : next(ends, len(lines))])).body
+    except SyntaxError:
+        return None
+    return body if isinstance(body, ast.ClassDef) else None
 
 
 def _sentence(text: str) -> str:

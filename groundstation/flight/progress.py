@@ -189,7 +189,10 @@ class Progress:
         late_s = self._pilot.monitor.late_s
         if late_s == 0.0:
             return None
-        why = f"convicted: the poses are {1e3 * late_s:.0f} ms older than they say, by what the commands did"
+        why = (
+            f"convicted: what the poses show follows the commands {1e3 * late_s:.0f} ms later than told "
+            "(poses older than they say, or commands that get lost)"
+        )
         return Charge(f"{why}: down on the model", convicted=True)
 
     def _parole(self, now_s: float) -> Charge | None:

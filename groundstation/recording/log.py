@@ -16,13 +16,12 @@ from collections.abc import Callable
 from contextlib import suppress
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
-from typing import IO, Any, cast
 
 import msgspec
-from mcap.writer import CompressionType, Writer
 
 from groundstation.recording.channels import CHANNELS, schema
 from groundstation.recording.headline import Count
+from groundstation.recording.mcap_writer import McapWriter
 from groundstation.recording.messages import Messages, address
 from groundstation.recording.records import About, Ended, Lost, Opened, Posed, Received, Record, Sent, Ticked, Told
 from groundstation.runtime.version import __version__
@@ -149,7 +148,7 @@ class TlogCutter:
 
 FLUSH_S = 0.25
 """A chunk is closed and written after so long [s]: no more than that is lost to whatever happens."""
-PACKAGES = ("mcap", "msgspec", "numpy", "pymavlink")
+PACKAGES = ("mcap", "msgspec", "numpy", "pymavlink", "zstandard")
 """Whose versions are noted beside ours."""
 
 
@@ -174,14 +173,10 @@ class FlightLog:
         self._count = Count()
         self._encode = msgspec.json.Encoder().encode
         self._flushed_s = 0.0
-        # Any: some of its methods have no types
-        self._writer: Any = Writer(cast(IO[bytes], self._file), compression=CompressionType.ZSTD, enable_data_crcs=True)
-        self._writer.start(library=f"groundstation {__version__}")
+        self._writer = McapWriter(self._file, f"groundstation {__version__}")
         self._writer.add_metadata("about", facts(about))
         self._channels = {
-            topic: self._writer.register_channel(
-                topic, "json", self._writer.register_schema(name, "jsonschema", schema(name, message))
-            )
+            topic: self._writer.add_channel(topic, name, schema(name, message))
             for topic, (name, message) in CHANNELS.items()
         }
         self.flush()
@@ -189,9 +184,9 @@ class FlightLog:
     def write(self, record: Record) -> None:
         """Take one record; it reaches the disk within ``FLUSH_S`` of flight, or with :meth:`flush`."""
         time_s = 0.0
+        add, channels, encode, stamp = self._writer.add_message, self._channels, self._encode, self._messages.stamp
         for topic, time_s, message in self._messages.of(record):
-            stamp = self._messages.stamp(time_s)
-            self._writer.add_message(self._channels[topic], stamp, self._encode(message), stamp)
+            add(channels[topic], stamp(time_s), encode(message))
         self._note(record)
         if time_s - self._flushed_s >= FLUSH_S:
             self._flushed_s = time_s
@@ -221,13 +216,13 @@ class FlightLog:
     def _note(self, record: Record) -> None:
         """What the headline and the .tlog want of a record."""
         match record:
-            case Ticked(tick):
-                error = math.dist(tick.estimate.motion.position, tick.reference.position_ned)
-                self._count.ticked(tick.flight_time_s, error)
             case Received(time_s, wire, _, _, data):
                 self._frames(wire, 0, time_s, data)
             case Sent(time_s, wire, _, data):
                 self._frames(wire, 1, time_s, data)
+            case Ticked(tick):
+                error = math.dist(tick.estimate.motion.position, tick.reference.position_ned)
+                self._count.ticked(tick.flight_time_s, error)
             case Posed():
                 self._count.posed()
             case Opened(_, wire, kind, local, remote):

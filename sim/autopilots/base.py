@@ -35,6 +35,7 @@ FIRMWARE, COMMIT = 0x01_10_00_FF, b"simulate"
 """The version that it says it runs, 1.16.0, and the first bytes of its commit."""
 
 _CUSTOM_MODE_ENABLED = 1
+_PREARM_CHECK = 0x10000000  # MAV_SYS_STATUS_PREARM_CHECK
 _QUADROTOR = 2
 _STANDBY, _ACTIVE, _CRITICAL = 3, 4, 5
 
@@ -257,8 +258,8 @@ class SimulatedAutopilot(Dialect):
 
     def _sys_status(self, now_s: float) -> Message:
         d, battery = self.codec.dialect, self.battery
-        told = d.MAV_SYS_STATUS_PREARM_CHECK if self.tells_prearm_enabled else 0
-        health = d.MAV_SYS_STATUS_PREARM_CHECK if self.armed or self._passes_checks(now_s) else 0
+        told = _PREARM_CHECK if self.tells_prearm_enabled else 0
+        health = _PREARM_CHECK if self.armed or self._passes_checks(now_s) else 0
         millivolts, percent = (0xFFFF, -1) if battery is None else (round(1e3 * battery[0]), round(100.0 * battery[1]))
         return d.MAVLink_sys_status_message(told, told, health, 0, millivolts, -1, percent, 0, 0, 0, 0, 0, 0)
 

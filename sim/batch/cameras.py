@@ -7,7 +7,7 @@ import numpy as np
 import numpy.typing as npt
 
 from groundstation.core.geometry.so3 import turned
-from sim.world.draws import stream
+from sim.world.draws import generator
 from sim.world.world import World
 
 Array = npt.NDArray[np.float64]
@@ -33,12 +33,12 @@ class Cameras:
         """
         n = len(worlds)
         self._period = 1.0 / worlds[0].pose_rate_hz
-        phase = np.array([stream(seed, "phase").random() for seed in seeds]) * self._period
+        phase = np.array([generator(seed, "phase").random() for seed in seeds]) * self._period
         self._next_s = phase - release_s
         self._number = np.zeros(n, int)
         poses = int((duration_s + release_s) / self._period) + 4
-        self._noise = np.stack([stream(seed, "noise").standard_normal((poses, 6)) for seed in seeds], axis=2)
-        luck = np.stack([stream(seed, "pose loss").random(poses) for seed in seeds], axis=1)
+        self._noise = np.stack([generator(seed, "noise").standard_normal((poses, 6)) for seed in seeds], axis=2)
+        luck = np.stack([generator(seed, "pose loss").random(poses) for seed in seeds], axis=1)
         self._lost = luck < np.array([w.pose_loss for w in worlds])
         self._sigma = np.array([w.pose_noise_m for w in worlds])
         self._sigma_attitude = np.array([w.attitude_noise_rad for w in worlds])

@@ -12,7 +12,7 @@ from sim.batch.cameras import Cameras
 from sim.batch.columns import pick, put, zeros
 from sim.batch.stages import Stages
 from sim.runs.referee import CRASH_M
-from sim.world.draws import stream
+from sim.world.draws import generator
 from sim.world.plant import Body, Physics, moved
 from sim.world.wind import Eddies, begun, cell, felt, stirred
 from sim.world.world import World
@@ -76,7 +76,7 @@ class Fleet:
             for key in ("wind_mean", "wind_gust", "wind_step")
         )
         self._turbulence = column("wind_turbulence")
-        self._normals = [stream(seed, "turbulence") for seed in seeds]
+        self._normals = [generator(seed, "turbulence") for seed in seeds]
         self._stirs = bool(self._turbulence.any())
         self._grid, self._block = 0, self._drawn() if self._stirs else np.zeros((1, 3, n))
         zero: Any = np.zeros(n)
@@ -89,7 +89,7 @@ class Fleet:
         self._blow = stages(_blown, (*winds, self._turbulence, eddies, tuple(map(tuple, self.felt))))
         self._cameras = Cameras(worlds, seeds, duration_s, release_s, told_latency_s)
         self.arrived = self._cameras.arrived
-        losses = [stream(seed, "frame loss").random(int(duration_s / first.frame_period_s) + 8) for seed in seeds]
+        losses = [generator(seed, "frame loss").random(int(duration_s / first.frame_period_s) + 8) for seed in seeds]
         self._frame_lost = column("frame_loss") > np.array(losses).T
 
     def hold(self, time_s: float) -> None:

@@ -1,8 +1,11 @@
 """What ``groundstation-sim fly`` does: one flight in virtual time, its folder, its figures."""
 
 import argparse
+import gc
 import json
 import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -19,6 +22,8 @@ if TYPE_CHECKING:
 
 DURATION_S = 60.0
 """How long a flight lasts if nobody says."""
+FEW_COLLECTIONS = 50_000
+"""Garbage is collected when so many more objects were made than dropped."""
 
 
 def fly(args: argparse.Namespace) -> int:
@@ -43,7 +48,7 @@ def fly(args: argparse.Namespace) -> int:
     name = scenario.name if args.config is None else f"{args.config.stem} in the air of {scenario.name}"
     folder = _run_folder(args.out, config, world, scenario=name, seed=args.seed) if args.out is not None else None
     progress = Progress(duration_s, quiet=args.json or not sys.stderr.isatty())
-    with progress:
+    with progress, rare_collections(), _kept(folder):
         result = fly_scenario(
             world,
             config,
@@ -75,6 +80,30 @@ def fly(args: argparse.Namespace) -> int:
         folder.close(facts)
     print(json.dumps(facts) if args.json else summary(facts, folder.path if folder is not None else None))
     return 0 if result.completed else 1
+
+
+@contextmanager
+def _kept(folder: "RunFolder | None") -> Iterator[None]:
+    """Have what was recorded kept, where the flight ends in an error."""
+    try:
+        yield
+    except BaseException:
+        if folder is not None:
+            folder.abandon()
+        raise
+
+
+@contextmanager
+def rare_collections() -> Iterator[None]:
+    """Have cyclic garbage, of which a flight makes little, collected rarely, and nothing from before looked at."""
+    before = gc.get_threshold()
+    gc.freeze()
+    gc.set_threshold(FEW_COLLECTIONS, *before[1:])
+    try:
+        yield
+    finally:
+        gc.set_threshold(*before)
+        gc.unfreeze()
 
 
 def _run_folder(path: Path, config: Config, world: World, *, scenario: str, seed: int) -> "RunFolder":

@@ -4,7 +4,9 @@ import importlib
 from pathlib import Path
 from typing import Any
 
-MEASUREMENTS = ("tick", "flight", "decode", "batch", "recording", "allocation", "links", "screen", "mqtt")
+MEASUREMENTS = (
+    "tick", "flight", "command", "decode", "batch", "recording", "allocation", "links", "screen", "mqtt",
+)  # fmt: skip
 """What ``groundstation-sim bench`` can measure, in the order in which it does: each a module of tests/proving/bench."""
 
 

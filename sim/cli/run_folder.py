@@ -5,6 +5,7 @@ A radio's frames, which leave by no network, are kept as lines of hex.
 
 import json
 import sys
+from collections import deque
 from pathlib import Path
 from typing import Any, TextIO
 
@@ -22,6 +23,9 @@ from links.mavlink.link import MavlinkLinkConfig
 from sim.radio.inline_pacer import MODULE
 from sim.world.world import World
 
+AT_ONCE = 500
+"""So many records are written one after the other, which takes less time than to write each as it comes. A simulation
+that is killed loses them: some 2 s of flight, which took it some 50 ms."""
 RECORDING, FRAMES = "flight.mcap", "frames.txt"
 
 
@@ -38,7 +42,7 @@ class RunFolder:
         told = about(config, clock="virtual", scenario=scenario, seed=seed, sim=dump(world))
         try:
             path.mkdir(parents=True, exist_ok=True)
-            (path / "config.toml").write_text(dump(config))
+            (path / "config.toml").write_text(told.config)
             for name in (RECORDING, "flight.tlog", FRAMES):
                 (path / name).unlink(missing_ok=True)
             # Virtual time begins at 0, whenever that is: the same flight gives the same bytes.
@@ -49,20 +53,38 @@ class RunFolder:
             raise ConfigError("--out", f"cannot write {path}: {error.strerror}") from None
         self._poses.write(csv_codec.COLUMNS + "\n")
         self._world = world
+        self._waiting: deque[Record] = deque()
         self._last_s = 0.0
         self._state = "idle"
         self._ended = False
 
     def give(self, record: Record) -> None:
         """Take one record of the flight."""
-        self._log.write(record)
-        match record:
-            case Ticked(tick):
-                self._last_s = tick.time_s
-            case Told(_, state):
-                self._state = state
-            case Ended():
-                self._ended = True
+        self._waiting.append(record)
+        if len(self._waiting) >= AT_ONCE:
+            self._write()
+        if isinstance(record, Ticked):
+            self._last_s = record.tick.time_s
+        elif isinstance(record, Told):
+            self._state = record.state
+        elif isinstance(record, Ended):
+            self._ended = True
+
+    def _write(self) -> None:
+        """Write what waits. What raises is left out, and the rest is written the next time."""
+        while self._waiting:
+            self._log.write(self._waiting.popleft())
+
+    def abandon(self) -> None:
+        """The simulation ends in an error: keep all that was given, of which the last is what one looks for."""
+        self._write()
+        self._log.flush()
+        self._close_texts()
+
+    def _close_texts(self) -> None:
+        for file in (self._poses, self._frames):
+            if file is not None:
+                file.close()
 
     def datagram(self, time_s: float, source: tuple[str, int], target: tuple[str, int], data: bytes) -> None:
         """One datagram of the simulated network: a radio's frame is a line of hex."""
@@ -72,18 +94,20 @@ class RunFolder:
 
     def pose(self, pose: Pose) -> None:
         """One pose as it came; `pose.kind = "csv"` plays the folder's again."""
-        self._poses.write(
-            csv_codec.encode(csv_codec.Row(pose.time_s, pose.arrival_s, pose.position_ned, pose.attitude))
-        )
+        row = csv_codec.Row(pose.time_s, pose.arrival_s, pose.position_ned, pose.attitude)
+        self._poses.write(csv_codec.encode(row))
 
     def close(self, facts: dict[str, Any]) -> None:
         """Write the result and close everything."""
         if not self._ended:  # the simulation has, in the air: that is no end of a mission
-            self._log.write(Ended(self._last_s, self._state, facts["why"]))
+            self._waiting.append(Ended(self._last_s, self._state, facts["why"]))
+        while self._waiting:
+            try:
+                self._write()
+            except Exception as error:  # noqa: BLE001  # a controller of the user's own may put anything into a tick
+                _warn(f"WARNING: a part of this flight can't be recorded: {error}")
         self._log.close()
-        for file in (self._poses, self._frames):
-            if file is not None:
-                file.close()
+        self._close_texts()
         result = {**facts, "sim": msgspec.to_builtins(self._world)}
         (self.path / "summary.json").write_text(json.dumps(result, indent=2) + "\n")
 

@@ -6,12 +6,11 @@ Used in virtual time by ``groundstation-sim fly`` and in real time by ``groundst
 import asyncio
 from collections.abc import Callable, Mapping
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from groundstation.config.load import ConfigError
 from groundstation.core.geometry.ops import Vec3
 from groundstation.settings.settings import Config
-from links.bridge.server import Bridge
 from links.core.thrust_curve import signal
 from links.io.address import parse_address
 from links.io.key_file import read_key
@@ -23,16 +22,18 @@ from sim.autopilots.kinds import AUTOPILOTS
 from sim.autopilots.peer import AutopilotPeer
 from sim.radio.inline_pacer import WirePort
 from sim.radio.pty_wire import PtyWire
-from sim.radio.radio import module, wires
-from sim.radio.rf_receiver import RfPeer, RfReceiver
 from sim.trackers.mocap import Mocap
 from sim.trackers.trackers import make_tracker
-from sim.world.draws import rows, stream
+from sim.world.draws import generator, rows, stream
 from sim.world.horizon import Horizon
 from sim.world.quadrotor import Quadrotor
 from sim.world.vehicle import SimulatedVehicle
 from sim.world.wind import Wind
 from sim.world.world import World
+
+if TYPE_CHECKING:
+    from links.bridge.server import Bridge
+    from sim.radio.rf_receiver import RfPeer
 
 
 class Stage:
@@ -101,10 +102,16 @@ class Stage:
             peer = AutopilotPeer(made, address, delay_s=delay, hearing_s=world.command_delay_s)
             self._mavlink = made, peer
         else:
+            # What only a radio needs is imported only where there is one.
+            from sim.radio import rf_receiver
+            from sim.radio.radio import module, wires
+
             radio = module(config, world)
-            self.radio = RfPeer(RfReceiver(vehicle, radio, lose=lose), radio, world.command_delay_s)
+            self.radio = rf_receiver.RfPeer(
+                rf_receiver.RfReceiver(vehicle, radio, lose=lose), radio, world.command_delay_s
+            )
             if pty is None:
-                self.wires, self._bridge = wires(config, radio, stream(seed, "nonces").bytes, self.port)
+                self.wires, self._bridge = wires(config, radio, generator(seed, "nonces").bytes, self.port)
         self.mocap = Mocap(world, self.plant, seed, *tracked) if tracked is not None and alone else None
 
     @property

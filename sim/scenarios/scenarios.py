@@ -9,7 +9,6 @@ from groundstation.core.trajectory.lemniscate import LemniscateConfig
 from groundstation.core.vehicle.vehicle import Vehicle
 from groundstation.settings.settings import Config, FlightConfig
 from links.mavlink.link import MavlinkLinkConfig
-from sim.radio.radio import module, section
 from sim.world.world import World
 
 NO_LIMIT = (1e5, 1e5, 1e5)
@@ -95,6 +94,8 @@ class Scenario(msgspec.Struct, frozen=True, kw_only=True):
                 data.pop(key.partition(".")[0], None)  # another vehicle, another trajectory: nothing of this one
         overrides = [*self.told_more, *overrides]
         if link != "mavlink":
+            from sim.radio.radio import module, section  # a radio's modules are imported only where there is one
+
             data["link"] = section(link, world, self.told)
             # Only the codec that results knows how long a frame is on its way.
             radio = module(from_dict(data, Config, overrides), world)

@@ -8,13 +8,21 @@ mode.
 
 import asyncio
 import selectors
+from collections import deque
 from collections.abc import Callable, Mapping
+from contextvars import Context, copy_context
+from heapq import heapify, heappop, heappush
 from typing import Any, TypeAlias
 
 from sim.time.virtual_streams import Address, Listener, connected
 
 FREE_PORTS = range(61000, 65536)
 """Whoever asks for any port gets one of these: above those of Linux, as above every port that listens by default."""
+
+RESOLUTION_S = 1e-9
+"""Timers that are less apart are due in the same turn [s]."""
+MANY_CANCELLED = 100
+"""Timers that were cancelled are forgotten when there are more, and half of all."""
 
 Tap: TypeAlias = Callable[[float, Address, Address, bytes], None]
 
@@ -24,10 +32,9 @@ class SimulationStuck(RuntimeError):
 
 
 class _Idle(selectors.BaseSelector):
-    """A selector that watches nothing and, instead of waiting, lets virtual time pass."""
+    """A selector that watches nothing: in virtual time nobody waits."""
 
     def __init__(self) -> None:
-        self.now = 0.0
         self._map: dict[int, selectors.SelectorKey] = {}
 
     def register(self, fileobj: Any, events: int, data: Any = None) -> selectors.SelectorKey:
@@ -39,14 +46,38 @@ class _Idle(selectors.BaseSelector):
         return self._map.pop(fileobj if isinstance(fileobj, int) else fileobj.fileno())
 
     def select(self, timeout: float | None = None) -> list[tuple[selectors.SelectorKey, int]]:
-        if timeout is None:
-            raise SimulationStuck("the simulation is stuck: every task waits and nothing is scheduled")
-        if timeout > 0.0:
-            self.now += timeout
         return []
 
     def get_map(self) -> Mapping[Any, selectors.SelectorKey]:
         return self._map
+
+
+class _Handle(asyncio.TimerHandle):
+    """A callback that is due; made with fewer steps than asyncio's own, as a flight makes a thousand a second."""
+
+    __slots__ = ()
+    _scheduled: bool  # whether it waits for its time
+
+    def __init__(
+        self, when: float, callback: Callable[..., object], args: tuple[Any, ...], loop: Any, context: Context | None
+    ) -> None:
+        self._context = copy_context() if context is None else context
+        self._loop = loop
+        self._callback = callback
+        self._args = args
+        self._cancelled = False
+        self._repr = None
+        self._source_traceback = None
+        self._when = when
+        self._scheduled = False
+
+    def cancel(self) -> None:
+        """Do not call it."""
+        if not self._cancelled:
+            self._cancelled = True
+            if self._scheduled:
+                self._loop.forget()
+            self._callback = self._args = None  # type: ignore[assignment]  # as asyncio's own does
 
 
 class _Endpoint(asyncio.DatagramTransport):
@@ -121,10 +152,16 @@ class _Socket:
 class VirtualTimeLoop(asyncio.SelectorEventLoop):
     """``asyncio.Runner(loop_factory=VirtualTimeLoop)`` runs a simulation as fast as the processor allows."""
 
+    _ready: deque[asyncio.Handle]  # asyncio's own, of which typeshed does not tell
+    _closed: bool
+    _stopping: bool
+
     def __init__(self) -> None:
         """Start at time 0 with an empty network."""
-        self._idle = _Idle()
-        super().__init__(self._idle)
+        super().__init__(_Idle())
+        self._now = 0.0
+        self._later: list[tuple[float, _Handle]] = []
+        self._later_cancelled = 0
         self.endpoints: dict[Address, _Endpoint] = {}
         self.groups: dict[Address, list[_Endpoint]] = {}
         self.listeners: dict[Address, Listener] = {}
@@ -133,7 +170,71 @@ class VirtualTimeLoop(asyncio.SelectorEventLoop):
 
     def time(self) -> float:
         """Virtual time [s]."""
-        return self._idle.now
+        return self._now
+
+    # ---- what asyncio's own does in more steps: no threads, no sockets, no debugging of slow callbacks here
+
+    def call_soon(  # type: ignore[override]  # typeshed's has a type for each number of arguments
+        self, callback: Callable[..., object], *args: Any, context: Context | None = None
+    ) -> asyncio.Handle:
+        """Call ``callback`` in the next turn of the loop."""
+        if self._closed:
+            raise RuntimeError("Event loop is closed")
+        handle = _Handle(0.0, callback, args, self, context)
+        self._ready.append(handle)
+        return handle
+
+    def call_at(  # type: ignore[override]
+        self, when: float, callback: Callable[..., object], *args: Any, context: Context | None = None
+    ) -> asyncio.TimerHandle:
+        """Call ``callback`` at ``when`` [s]."""
+        if self._closed:
+            raise RuntimeError("Event loop is closed")
+        handle = _Handle(when, callback, args, self, context)
+        handle._scheduled = True
+        heappush(self._later, (when, handle))
+        return handle
+
+    def call_later(  # type: ignore[override]
+        self, delay: float, callback: Callable[..., object], *args: Any, context: Context | None = None
+    ) -> asyncio.TimerHandle:
+        """Call ``callback`` after ``delay`` [s]."""
+        return self.call_at(self._now + delay, callback, *args, context=context)
+
+    def forget(self) -> None:
+        """A callback that waits for its time was cancelled."""
+        self._later_cancelled += 1
+
+    def _run_once(self) -> None:
+        """One turn: let time pass to the next callback, where none is due; then call those that are.
+
+        What is due at the same instant comes in the order that asyncio's own heap gives it.
+        """
+        due, timers = self._ready, self._later
+        if len(timers) > MANY_CANCELLED and self._later_cancelled > 0.5 * len(timers):
+            timers[:] = [timer for timer in timers if not timer[1]._cancelled]
+            heapify(timers)
+            self._later_cancelled = 0
+        while timers and timers[0][1]._cancelled:
+            heappop(timers)
+            self._later_cancelled -= 1
+        if not due and not self._stopping:
+            if not timers:
+                raise SimulationStuck("the simulation is stuck: every task waits and nothing is scheduled")
+            wait = timers[0][0] - self._now
+            if wait > 0.0:
+                self._now += wait
+        by = self._now + RESOLUTION_S
+        while timers and timers[0][0] < by:
+            timer = heappop(timers)[1]
+            timer._scheduled = False
+            due.append(timer)
+        for _ in range(len(due)):
+            handle = due.popleft()
+            if not handle._cancelled:
+                handle._run()
+
+    # ---- the network
 
     async def create_datagram_endpoint(  # type: ignore[override]  # the in-memory network needs only these
         self,
@@ -173,7 +274,7 @@ class VirtualTimeLoop(asyncio.SelectorEventLoop):
 
         def hear(source: Address, target: Address, data: bytes) -> None:
             if self.tap is not None:
-                self.tap(self._idle.now, source, target, data)
+                self.tap(self.time(), source, target, data)
 
         return connected(self, hear, protocol_factory(), local, listener.protocol_factory(), (host, port))
 
@@ -211,7 +312,7 @@ class VirtualTimeLoop(asyncio.SelectorEventLoop):
     def carry(self, source: Address, target: Address, data: bytes) -> None:
         """Bring one datagram to ``target`` in the next turn of the loop; lost where nobody listens, as in UDP."""
         if self.tap is not None:
-            self.tap(self._idle.now, source, target, data)
+            self.tap(self.time(), source, target, data)
         members = self.groups.get(target)
         if members is not None:
             for member in members:

@@ -4,8 +4,6 @@ import asyncio
 import math
 from collections.abc import Callable
 
-import msgspec
-
 from groundstation.core.geometry import so3
 from groundstation.core.geometry.ops import Quat, Vec3
 from groundstation.runtime.clock import sleep_until
@@ -35,7 +33,7 @@ class Mocap:
         self._tracker = tracker
         self._covered = False
         self._begun_s = 0.0
-        self._last: Truth | None = None
+        self._last: tuple[Vec3, Quat] | None = None
 
     def cover(self, covered: bool) -> None:
         """Cover the cameras: no pose leaves until they are uncovered."""
@@ -81,11 +79,11 @@ class Mocap:
         others = [_circling(n, when) for n in range(world.other_bodies)]
         hidden = self._mishap(when, world.occlusion_s, 0.5)
         if hidden and self._last is not None:
-            position, attitude = self._last.position_ned, self._last.attitude
+            position, attitude = self._last
         elif self._mishap(when, world.swap_s, 0.75):
             others[:1] = [(position, attitude)] if others else []
             position, attitude = _circling(0, when)
-        self._last = msgspec.structs.replace(truth, position_ned=position, attitude=attitude)
+        self._last = position, attitude
         bodies = [Seen(self._name, position, attitude, not hidden)]
         return bodies + [Seen(f"other{n}", *pose, True) for n, pose in enumerate(others)]
 
@@ -95,6 +93,8 @@ class Mocap:
         The periods begin with the first frame, and anew as the vehicle is released: so a flight's do not depend on how
         long it was made ready.
         """
+        if length_s <= 0.0:
+            return False
         released, period = self._plant.released_s, self._world.mishap_period_s
         since = self._begun_s if released is None or when < released else released
         return 0.0 <= (when - since) % period - share * period < length_s

@@ -149,9 +149,9 @@ class Quadrotor:
         if self.released_s is None:
             self._time = self._cut = max(self._time, time_s)
             return
-        cut, h = self._cut, self._world.step_s
+        cut, h, released = self._cut, self._world.step_s, self.released_s
         for k in range(self._steps, int((time_s - cut) / h + 1e-9)):
-            self._step(cut + k * h - self.released_s, h)
+            self._step(cut + k * h - released, h)
             self._steps = k + 1
             self._arrive(cut + (k + 1) * h)
 
@@ -183,23 +183,33 @@ class Quadrotor:
         body = moved(FLOATS, body, self._thrust_command, self._rate_command, wind, h, self._physics)
         if self.lead is not None and self.released_s is not None:
             body = self.lead(self.released_s + flight_time + h, body.thrust)
-        held = world.floor_hold_s > 0.0 and self._on_ground
+        held = self._on_ground and world.floor_hold_s > 0.0
         held = held and (self._held_s is None or flight_time - self._held_s < world.floor_hold_s)
         return body, held or body.position[2] >= world.floor_z_m
 
     def _step(self, flight_time: float, h: float) -> None:
+        world, before = self._world, self._body
         body, self._on_ground = self._after(flight_time, h)
-        if not self._on_ground:
-            self._highest_m = max(self._highest_m, self._world.floor_z_m - body.position[2])
-        elif self._highest_m > HOP_M:
+        if self._on_ground:
+            self._body = self._stand(body, flight_time, h)
+        else:
+            height = world.floor_z_m - body.position[2]
+            if height > self._highest_m:  # noqa: PLR1730  # at every step of the plant
+                self._highest_m = height
+            self._body, self._held_s = body, None
+        if world.floor_hold_s > 0.0:
+            self._feel(before.velocity[2] - self._body.velocity[2], h)
+
+    def _stand(self, body: Body, flight_time: float, h: float) -> Body:
+        """What the floor makes of ``body``, which has come down on it, or stands there."""
+        if self._highest_m > HOP_M:
             self.touchdown_m_s = body.velocity[2] if self.touchdown_m_s is None else self.touchdown_m_s
             self.hardest_m_s = max(self.hardest_m_s or 0.0, body.velocity[2])
             self._highest_m = 0.0
-        before, self._body = self._body, self._on_floor(body, h) if self._on_ground else body
-        rises = self._on_ground and self._body.velocity[2] < 0.0
+        body = self._on_floor(body, h)
+        rises = body.velocity[2] < 0.0
         self._held_s = (flight_time if self._held_s is None else self._held_s) if rises else None
-        if self._world.floor_hold_s > 0.0:
-            self._feel(before.velocity[2] - self._body.velocity[2], h)
+        return body
 
     def _feel(self, gained_m_s: float, h: float) -> None:
         """Let the autopilot's own estimate go on by ``h`` [s], in which it was accelerated upwards by so much [m/s]."""

@@ -88,10 +88,15 @@ def with_noise(truth: Truth, world: World, normals: list[float]) -> Truth:
     if n == 0.0 and a == 0.0:
         return truth
     (x, y, z), (i, j, k, roll, pitch, yaw) = truth.position_ned, normals
-    return msgspec.structs.replace(
-        truth,
-        position_ned=(x + n * i, y + n * j, z + n * k),
-        attitude=so3.turned(truth.attitude, (a * roll, a * pitch, a * yaw)),
+    return Truth(
+        truth.time_s,
+        (x + n * i, y + n * j, z + n * k),
+        truth.velocity_ned,
+        so3.turned(truth.attitude, (a * roll, a * pitch, a * yaw)),
+        truth.rates_rad_s,
+        truth.thrust_n,
+        truth.on_ground,
+        truth.resets,
     )
 
 

@@ -31,7 +31,7 @@ class LabBroker:
     async def begin(self) -> None:
         """Start it, and return once it listens."""
         self._launch()
-        async with asyncio.timeout(10.0):
+        async with asyncio.timeout(60.0):
             while True:
                 with contextlib.suppress(OSError):
                     _, writer = await asyncio.open_connection("127.0.0.1", self.port)

@@ -85,6 +85,6 @@ def served(scenario: str = "paper", *, says: str = "") -> Iterator[Room]:
             yield room
         finally:
             server.terminate()
-            server.wait(10)
+            server.wait(60)
             assert server.stdout is not None
             server.stdout.close()

@@ -59,7 +59,7 @@ async def served(
 
 def play(scene: Scene, tmp_path: Path) -> None:
     async def timed() -> None:
-        async with asyncio.timeout(20.0):
+        async with asyncio.timeout(60.0):
             await scene(tmp_path / "mqx.sock", Latest())
 
     asyncio.run(timed())

@@ -72,6 +72,6 @@ def test_a_page_of_somebody_elses_cannot_look(page: str) -> None:
 def test_a_port_that_is_taken_is_said_so(page: str) -> None:
     port = page.rstrip("/").rpartition(":")[2]
     words = [sys.executable, "-m", "groundstation", "tui", "--socket", "nobody.sock", "--browser", port]
-    done = subprocess.run(words, capture_output=True, check=False, text=True, timeout=20)
+    done = subprocess.run(words, capture_output=True, check=False, text=True, timeout=60)
     assert done.returncode == 2
     assert f"--browser: cannot listen at 127.0.0.1:{port}" in done.stderr

@@ -140,7 +140,6 @@ class Outside:
         self.done.append("client")
 
 
-@pytest.mark.timeout(120)
 def test_a_broker_a_dashboard_and_a_client_that_die_or_freeze_change_no_byte_that_leaves(
     broker: Callable[[], Broker], terminal: Terminal, tmp_path: Path
 ) -> None:

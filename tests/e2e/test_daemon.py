@@ -13,8 +13,6 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
-import pytest
-
 from tests.e2e.stations import Room, served
 from tests.e2e.test_real_time import seen
 
@@ -58,7 +56,7 @@ class Running:
     def log(self) -> str:
         return self._log.read_text("utf-8")
 
-    def until(self, true: Callable[[], bool], within_s: float = 25.0) -> None:
+    def until(self, true: Callable[[], bool], within_s: float = 60.0) -> None:
         limit = time.monotonic() + within_s
         while not true():
             assert self.process.poll() is None, self.log
@@ -74,7 +72,7 @@ class Running:
             capture_output=True,
             check=False,
             text=True,
-            timeout=20,
+            timeout=60,
         )
 
 
@@ -88,7 +86,6 @@ def running(room: Room, log: Path, *arguments: str, **environment: str) -> Itera
         daemon.process.wait()
 
 
-@pytest.mark.timeout(120)
 def test_a_service_comes_up_idle_flies_on_request_gets_ready_again_and_ends_on_sigterm(tmp_path: Path) -> None:
     name = f"\0groundstation-test-{os.getpid()}"
     manager = Manager(name)
@@ -101,7 +98,7 @@ def test_a_service_comes_up_idle_flies_on_request_gets_ready_again_and_ends_on_s
             assert " arming: " not in daemon.log
 
             second = subprocess.run(
-                room.station("daemon", "--once"), capture_output=True, check=False, text=True, timeout=20
+                room.station("daemon", "--once"), capture_output=True, check=False, text=True, timeout=60
             )
             assert second.returncode == 3
             assert f"flown by another ground station already (process {daemon.process.pid}" in second.stderr
@@ -124,7 +121,7 @@ def test_a_service_comes_up_idle_flies_on_request_gets_ready_again_and_ends_on_s
             assert daemon.log.count(" arming: ") == 1
 
             daemon.process.terminate()
-            assert daemon.process.wait(20) == 0, daemon.log
+            assert daemon.process.wait(60) == 0, daemon.log
             assert daemon.command("health").returncode == 2
             assert daemon.command("request", "land").returncode == 2
             told = manager.told
@@ -137,7 +134,6 @@ def test_a_service_comes_up_idle_flies_on_request_gets_ready_again_and_ends_on_s
         manager.close()
 
 
-@pytest.mark.timeout(120)
 def test_a_daemon_that_is_started_again_after_its_death_in_flight_stays_on_the_ground(tmp_path: Path) -> None:
     with served() as room:
         with running(room, tmp_path / "first", "--arm", "mqx") as first:
@@ -152,12 +148,12 @@ def test_a_daemon_that_is_started_again_after_its_death_in_flight_stays_on_the_g
             assert " arming: " not in second.log
             assert second.process.poll() is None
             second.process.terminate()
-            assert second.process.wait(20) == 0
+            assert second.process.wait(60) == 0
 
 
 def test_a_service_is_never_armed_from_its_command_line(tmp_path: Path) -> None:
     with running(Room(tmp_path), tmp_path / "log", "--arm", "mqx", NOTIFY_SOCKET="/nowhere") as daemon:
-        assert daemon.process.wait(20) == 2
+        assert daemon.process.wait(60) == 2
     assert "a service never arms by itself" in daemon.log
 
 
@@ -166,5 +162,5 @@ def test_a_daemon_without_poses_goes_on_trying_and_ends_on_sigterm(tmp_path: Pat
     with running(Room(tmp_path), tmp_path / "log", *sets) as daemon:
         daemon.says("aborted: ", times=2)
         daemon.process.terminate()
-        assert daemon.process.wait(10) == 0
+        assert daemon.process.wait(60) == 0
     assert not list((tmp_path / "flights").glob("*.mcap"))

@@ -46,12 +46,12 @@ class Lab:
         return any(data[7:10] == ORDER and data[10:18] == ARM for data in self.since(since_s))
 
     async def says(self, word: str) -> None:
-        async with asyncio.timeout(25.0):
+        async with asyncio.timeout(60.0):
             while not any(word in line for line in self.log):
                 await asyncio.sleep(0.01)
 
     async def exit_code(self) -> int:
-        async with asyncio.timeout(20.0):
+        async with asyncio.timeout(60.0):
             return await self.station.wait()
 
 

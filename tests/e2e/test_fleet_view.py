@@ -62,7 +62,7 @@ def test_keys_sort_and_choose_and_the_worst_is_seen_first(size: tuple[int, int])
 
 def test_a_broker_is_found_lost_and_found_again(lab: LabBroker) -> None:
     async def until(screen: FleetScreen, true: Callable[[], bool]) -> None:
-        async with asyncio.timeout(15.0):
+        async with asyncio.timeout(60.0):
             while not true():
                 await asyncio.sleep(0.05)
                 screen.draw()

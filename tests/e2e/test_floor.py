@@ -63,6 +63,6 @@ def test_check_says_what_is_found_and_fly_takes_off_from_the_floor_and_lands_the
             assert word in flown.stdout
     finally:
         server.terminate()
-        server.wait(10)
+        server.wait(60)
         assert server.stdout is not None
         server.stdout.close()

@@ -15,7 +15,7 @@ from tests.conftest import LEFT_OUT
 
 def opened() -> DeviceInput:
     """The device, once udev has made its file."""
-    end = time.monotonic() + 5.0
+    end = time.monotonic() + 60.0
     while True:
         try:
             return open_device(OperatorConfig(hold="BTN_TR", device="groundstation test pedal", grab=True))

@@ -67,7 +67,7 @@ def served(autopilot: str, port: int) -> Iterator["subprocess.Popen[str]"]:
         yield server
     finally:
         server.terminate()
-        server.wait(10)
+        server.wait(60)
         assert server.stdout is not None
         server.stdout.close()
 
@@ -80,7 +80,7 @@ def test_an_independent_client_flies_the_simulated_autopilots() -> None:
             stack.enter_context(served(autopilot, port))
             command = [sys.executable, "-c", FLIGHT, str(port)]
             flights[autopilot] = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True)
-        told = {autopilot: flight.communicate(timeout=30)[0] for autopilot, flight in flights.items()}
+        told = {autopilot: flight.communicate(timeout=60)[0] for autopilot, flight in flights.items()}
     for autopilot, text in told.items():
         said = [" ".join(line.split()[:2]) for line in text.splitlines() if line.startswith(("did ", "refused "))]
         assert said == [

@@ -41,7 +41,7 @@ MAY = '["hold", "return", "track", "land", "abort", "kill"]'
 
 def play(scene: Awaitable[None]) -> None:
     async def timed() -> None:
-        async with asyncio.timeout(30.0):
+        async with asyncio.timeout(60.0):
             await scene
 
     asyncio.run(timed())
@@ -259,7 +259,6 @@ def test_a_station_can_speak_for_no_other_vehicle_and_nobody_without_a_password(
     play(scene())
 
 
-@pytest.mark.timeout(120)
 def test_a_flight_is_held_and_landed_by_mqtt_and_the_death_of_the_broker_delays_no_command(
     lab: LabBroker, key: Path
 ) -> None:
@@ -282,7 +281,7 @@ def test_a_flight_is_held_and_landed_by_mqtt_and_the_death_of_the_broker_delays_
         )
 
     async def until(state: State) -> None:
-        async with asyncio.timeout(30.0), lab.address("viewer").client() as client:
+        async with asyncio.timeout(60.0), lab.address("viewer").client() as client:
             await client.subscribe("groundstation/mqx/state")
             async for message in client.messages:
                 if message.payload == state.value.encode():
@@ -312,7 +311,7 @@ def test_a_flight_is_held_and_landed_by_mqtt_and_the_death_of_the_broker_delays_
             assert landed.returncode == 0, landed.stderr
             asyncio.run(until(State.READY))  # a daemon goes on to wait for the next flight
             daemon.terminate()
-            _, log = daemon.communicate(timeout=40)
+            _, log = daemon.communicate(timeout=60)
         finally:
             daemon.kill()
             daemon.wait()

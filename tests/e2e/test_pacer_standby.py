@@ -85,7 +85,7 @@ class Flight:
             await asyncio.sleep(PERIOD_S)
 
     async def lost(self) -> None:
-        async with asyncio.timeout(5.0):
+        async with asyncio.timeout(60.0):
             while self.link.status.state != "lost":
                 await asyncio.sleep(0.002)
 
@@ -240,7 +240,7 @@ def test_a_stand_by_that_dies_or_stands_still_is_told_and_the_pacer_goes_on(numb
             assert "stand-by" not in it.link.status.warning
             struck = time.monotonic()
             os.kill(it.standby, number)
-            async with asyncio.timeout(5.0):
+            async with asyncio.timeout(60.0):
                 while "stand-by is gone or stands still" not in it.link.status.warning:
                     await asyncio.sleep(0.01)
             assert it.link.status.state == "armed"
@@ -278,7 +278,7 @@ def test_a_station_that_dies_after_its_pacer_is_still_outlived() -> None:
             it.is_one_writers()
             last = it.seen[-1][0]
             assert time.monotonic() - last < GAP_S, "disarm frames go on for a while"
-            async with asyncio.timeout(10.0):
+            async with asyncio.timeout(60.0):
                 while pacer._process.poll() is None:
                     await asyncio.sleep(0.05)
 
@@ -293,7 +293,7 @@ def test_at_a_bridge_too_the_last_frame_is_never_a_flying_one(number: signal.Sig
             os.kill(it.pacer, number)
             await it.lost()
             assert "on the bridge: the pacer" in it.link.status.text
-            async with asyncio.timeout(5.0):
+            async with asyncio.timeout(60.0):
                 while it.link.status.state != "connected":  # another pacer is there
                     await asyncio.sleep(0.01)
             assert not it.link.send(command(1.0))

@@ -10,6 +10,7 @@ import sys
 import pytest
 
 from groundstation.recording.manners import NICE, SLICE_NS
+from tests.conftest import LEFT_OUT
 
 CHILD = """
 import sys
@@ -35,7 +36,7 @@ def test_the_recorder_stands_behind_the_flight_by_every_means_of_the_system() ->
         assert os.getpriority(os.PRIO_PROCESS, child.pid) == min(os.getpriority(os.PRIO_PROCESS, 0) + NICE, 19)
         if not knows_slices():
             child.kill()
-            pytest.skip("this system has no slices that could be asked for")
+            pytest.skip(LEFT_OUT + "this kernel has no slices that could be asked for")
         found = ctypes.create_string_buffer(48)
         assert ctypes.CDLL(None).syscall(SCHED_GETATTR[platform.machine()], child.pid, found, 48, 0) == 0
         assert struct.unpack("=IIQiIQQQ", found.raw)[5] == SLICE_NS

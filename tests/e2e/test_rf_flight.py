@@ -112,7 +112,7 @@ def test_serve_and_fly_meet_on_a_pseudo_terminal() -> None:
             )
         finally:
             server.terminate()
-            server.wait(10)
+            server.wait(60)
             assert server.stdout is not None
             server.stdout.close()
     assert run.returncode == 0, run.stdout + run.stderr
@@ -125,7 +125,7 @@ def test_fly_refuses_a_port_that_may_be_a_real_module(tmp_path: Path) -> None:
         capture_output=True,
         check=False,
         text=True,
-        timeout=20,
+        timeout=60,
         stdin=subprocess.DEVNULL,
     )
     assert run.returncode == 2

@@ -107,7 +107,7 @@ async def strike(stage: str, number: signal.Signals) -> Case:
     reader, end = asyncio.create_task(read(stamped, near, case)), asyncio.create_task(ended(station, case))
     try:
         assert station.stdout is not None
-        async with asyncio.timeout(20.0):
+        async with asyncio.timeout(60.0):
             while (line := await station.stdout.readline()).decode().strip() != stage:
                 assert line, f"the station ended before it was {stage}"
         await asyncio.sleep(0.2)
@@ -226,7 +226,7 @@ def command(thrust_n: float = 1.0) -> Command:
 
 
 async def until(what: str, link: SerialRfLink, state: str) -> None:
-    async with asyncio.timeout(10.0):
+    async with asyncio.timeout(60.0):
         while link.status.state != state:
             link.send(command())
             await asyncio.sleep(0.01)
@@ -331,7 +331,7 @@ def test_a_pacer_without_real_time_priority_is_a_warning_before_take_off() -> No
         wire.listen(lambda data: None)
         link = SerialRfLink(DsmLinkConfig(port=wire.path, fifo_priority=0), thrust_max_n=2.0)
         await link.connect()
-        async with asyncio.timeout(5.0):  # its stand-by may not have looked yet
+        async with asyncio.timeout(60.0):  # its stand-by may not have looked yet
             while link.status.warning != "frames may leave late, by ordinary priority, as configured":
                 await asyncio.sleep(0.01)
         await link.close()
@@ -369,7 +369,7 @@ def test_pacer_and_stand_by_are_deaf_to_signals_and_their_death_is_told() -> Non
         assert len(came) > before + 10
         assert link.status.state == "connected"
         os.killpg(group, signal.SIGKILL)
-        async with asyncio.timeout(5.0):
+        async with asyncio.timeout(60.0):
             while link.status.state != "lost":
                 await asyncio.sleep(0.01)
         assert "and with them every frame" in link.status.text

@@ -54,7 +54,7 @@ def served(source: str, *more: str) -> Iterator[PoseConfig]:
         yield from_dict({}, _Told, told).pose
     finally:
         process.terminate()
-        process.wait(10)
+        process.wait(60)
         assert process.stdout is not None
         process.stdout.close()
 
@@ -67,7 +67,7 @@ def heard(config: Any, seconds: float) -> tuple[list[Pose], PoseStatus]:
         source = config.build()
         await source.start(poses.append)
         try:
-            async with asyncio.timeout(15.0):
+            async with asyncio.timeout(60.0):
                 while not poses:
                     await asyncio.sleep(0.01)
             await asyncio.sleep(seconds)

@@ -23,6 +23,7 @@ from groundstation.interfaces.service.unit import longest_landing_s, unit
 from groundstation.runtime.exits import CODES, markdown
 from groundstation.runtime.lock import Taken, only_one
 from groundstation.settings.settings import Config
+from tests.conftest import LEFT_OUT
 
 ROOT = Path(__file__).parents[2]
 EXAMPLE = ROOT / "examples" / "loopback.toml"
@@ -231,7 +232,7 @@ def test_the_unit_file_pleases_systemd(tmp_path: Path) -> None:
     assert "$" not in "\n".join(line for line in text.splitlines() if not line.startswith("#"))
     program = shutil.which("systemd-analyze")
     if program is None:
-        pytest.skip("systemd-analyze is not installed: the unit file is not looked at")
+        pytest.skip(LEFT_OUT + "the unit file was not looked at, for want of systemd-analyze")
     file = tmp_path / "groundstation-mqx.service"
     file.write_text(text)
     done = subprocess.run([program, "verify", str(file)], capture_output=True, check=False, text=True)

@@ -22,7 +22,7 @@ def stop_all(*words: str) -> "subprocess.CompletedProcess[str]":
         capture_output=True,
         check=False,
         text=True,
-        timeout=20,
+        timeout=60,
         stdin=subprocess.DEVNULL,
     )
 
@@ -33,7 +33,6 @@ def _alone(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("XDG_RUNTIME_DIR", str(tmp_path))
 
 
-@pytest.mark.timeout(90)
 def test_every_flight_lands_and_one_that_stands_still_is_told_in_time_and_lands_as_it_wakes(tmp_path: Path) -> None:
     # Their sockets are not where sockets are looked for.
     with (
@@ -54,19 +53,18 @@ def test_every_flight_lands_and_one_that_stands_still_is_told_in_time_and_lands_
         assert f"{second}: NOT ANSWERED: no answer within 1 s; SIGTERM sent" in stopped.stderr
         ant.says("landing: stop-all")
         ant.says("landed: ")
-        assert ant.process.wait(20) == 0
+        assert ant.process.wait(60) == 0
         bee.says("SIGTERM: landing; once more: failsafe descent")
-        bee.process.wait(20)
+        bee.process.wait(60)
 
     nobody = stop_all()
     assert (nobody.returncode, nobody.stdout) == (0, "nothing flies here\n")
 
 
-@pytest.mark.timeout(60)
 def test_a_flight_with_the_same_body_is_told_and_kill_asks_before_and_reaches_what_stands_ready(tmp_path: Path) -> None:
     with served() as north, served() as south, running(north, tmp_path / "log", "--once") as daemon:
         daemon.says("ready: link and poses are there")
-        looked = subprocess.run(south.station("check"), capture_output=True, check=False, text=True, timeout=20)
+        looked = subprocess.run(south.station("check"), capture_output=True, check=False, text=True, timeout=60)
         assert f"WARN other flights       daemon mqx (process {daemon.process.pid}) follows the body" in looked.stdout
 
         unasked = stop_all("--kill")
@@ -74,13 +72,12 @@ def test_a_flight_with_the_same_body_is_told_and_kill_asks_before_and_reaches_wh
         assert daemon.process.poll() is None
         killed = stop_all("--kill", "--yes")
         assert (killed.returncode, "killed: motors off: stop-all" in killed.stdout) == (0, True), killed.stderr
-        daemon.process.wait(20)
+        daemon.process.wait(60)
 
 
-@pytest.mark.timeout(60)
 def test_a_bridge_goes_on_and_is_told_with_how_to_end_it(tmp_path: Path) -> None:
     key, config = tmp_path / "key", tmp_path / "bridge.toml"
-    subprocess.run([*GROUNDSTATION, "rf-bridge", "--make-key", str(key)], check=True, capture_output=True, timeout=20)
+    subprocess.run([*GROUNDSTATION, "rf-bridge", "--make-key", str(key)], check=True, capture_output=True, timeout=60)
     master, slave = os.openpty()
     try:
         link = f'[link]\nkind = "crsf"\nport = "{os.ttyname(slave)}"\nsimulated = true\n'
@@ -96,7 +93,7 @@ def test_a_bridge_goes_on_and_is_told_with_how_to_end_it(tmp_path: Path) -> None
             assert bridge.poll() is None
         finally:
             bridge.terminate()
-            bridge.communicate(timeout=20)
+            bridge.communicate(timeout=60)
     finally:
         os.close(master)
         os.close(slave)

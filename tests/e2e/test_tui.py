@@ -215,7 +215,7 @@ class Terminal:
         self._tmux = [tmux, "-S", str(folder / "tmux")]
 
     def _do(self, *command: str) -> str:
-        return subprocess.run([*self._tmux, *command], check=True, capture_output=True, text=True, timeout=20).stdout
+        return subprocess.run([*self._tmux, *command], check=True, capture_output=True, text=True, timeout=60).stdout
 
     def start(self, command: str) -> None:
         self._do(

@@ -74,7 +74,7 @@ def test_a_station_flies_the_vehicle_by_the_module_of_a_bridge(tmp_path: Path) -
             assert flown.returncode == 0, flown.stdout + flown.stderr
             assert "landed and disarmed" in flown.stdout
             bridge.send_signal(signal.SIGINT)
-            out, _ = bridge.communicate(timeout=10)
+            out, _ = bridge.communicate(timeout=60)
             assert bridge.returncode == 0
     for words_ in ("commands", "the vehicle is armed", "the vehicle is disarmed", "leaves", "ending"):
         assert words_ in out

@@ -54,7 +54,7 @@ def core_of(supervisor: int, name: str) -> int:
     raise AssertionError(f"{name} has no core")
 
 
-def until(log: Path, pattern: str, within_s: float = 40.0) -> None:
+def until(log: Path, pattern: str, within_s: float = 60.0) -> None:
     limit = time.monotonic() + within_s
     while not re.search(pattern, log.read_text("utf-8")):
         assert time.monotonic() < limit, log.read_text("utf-8")
@@ -76,7 +76,7 @@ def test_a_core_that_is_killed_takes_nothing_with_it_and_a_signal_lands_the_othe
             station.send_signal(signal.SIGTERM)
             until(log, "SIGTERM: passed on to bee\n")
             until(log, r"bee +\| .* landed: landed and disarmed")
-            assert station.wait(20) == 1  # one of them has died
+            assert station.wait(60) == 1  # one of them has died
             text = log.read_text("utf-8")
             assert "bee: its core has ended (0)" in text
             assert re.search(r"relay \| relay: \d+ datagrams handed on to 2 cores", text)
@@ -85,7 +85,7 @@ def test_a_core_that_is_killed_takes_nothing_with_it_and_a_signal_lands_the_othe
         finally:
             for process in (station, server):
                 process.terminate()
-                process.wait(20)
+                process.wait(60)
 
 
 def test_cores_and_relay_end_with_a_supervisor_that_is_killed(tmp_path: Path) -> None:
@@ -100,15 +100,15 @@ def test_cores_and_relay_end_with_a_supervisor_that_is_killed(tmp_path: Path) ->
             children = children_of(station.pid)
             assert len(children) == 3
             station.kill()
-            station.wait(5)
-            limit = time.monotonic() + 15.0
+            station.wait(60)
+            limit = time.monotonic() + 60.0
             while left := [child for child in children if Path(f"/proc/{child}").exists()]:
                 assert time.monotonic() < limit, f"{left} outlive their supervisor"
                 time.sleep(0.1)
         finally:
             for process in (station, server):
                 process.terminate()
-                process.wait(20)
+                process.wait(60)
     assert not list(tmp_path.glob("*.sock"))
 
 
@@ -121,7 +121,7 @@ def test_a_bad_fleet_file_stops_before_anything_is_started(tmp_path: Path) -> No
     ):
         found = subprocess.run(
             [sys.executable, "-m", "groundstation", "fleet", *words],
-            capture_output=True, text=True, check=False, timeout=30,
+            capture_output=True, text=True, check=False, timeout=60,
         )  # fmt: skip
         assert found.returncode == 2
         assert says in found.stderr
@@ -140,13 +140,13 @@ def test_a_second_fleet_for_the_same_ground_stations_is_refused(tmp_path: Path) 
             for again, sent in ((file, r"MAVLink to"), (elsewhere, r"poses of ant to")):
                 found = subprocess.run(
                     [sys.executable, "-m", "sim", "serve", "--fleet", str(again), "--duration", "1"],
-                    capture_output=True, text=True, check=False, timeout=30,
+                    capture_output=True, text=True, check=False, timeout=60,
                 )  # fmt: skip
                 assert found.returncode == 2, found.stdout
                 assert re.search(rf"another `groundstation-sim serve` sends {sent} 127.0.0.1:\d+ already", found.stderr)
         finally:
             server.terminate()
-            server.wait(20)
+            server.wait(60)
 
 
 def started(program: str, *words: str, into: IO[str]) -> "subprocess.Popen[str]":

@@ -1,4 +1,4 @@
-"""Whole flights in virtual time, flown once each however many tests look at them."""
+"""Whole flights in virtual time, flown once in a run of tests however many of them look at it."""
 
 from functools import cache
 from statistics import median
@@ -11,6 +11,7 @@ from sim.scenarios.scenarios import SCENARIOS
 from sim.studies.campaign.campaign import Campaign, run
 from sim.studies.campaign.local import Local
 from sim.studies.campaign.report import report
+from tests.flown_once import once
 
 __all__ = ["ConfigError", "campaign_of", "flown", "median_of", "middle"]
 
@@ -19,7 +20,8 @@ __all__ = ["ConfigError", "campaign_of", "flown", "median_of", "middle"]
 def flown(scenario: str, *overrides: str, seed: int = 0, duration_s: float = 60.0, source: str = "vicon") -> Result:
     """One flight of ``scenario`` with ``--set`` overrides."""
     world, config = prepare(SCENARIOS[scenario], list(overrides), source=source)
-    return fly(world, config, seed=seed, duration_s=duration_s)
+    key = ("flown", world, config, seed, duration_s)
+    return once(key, lambda _: fly(world, config, seed=seed, duration_s=duration_s))
 
 
 def campaign_of(flights: int, *, duration_s: float, workers: int) -> dict[str, Any]:

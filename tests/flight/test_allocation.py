@@ -1,9 +1,9 @@
-"""Minutes of flight leave nothing behind; `make soak` flies the hour."""
+"""A minute of flight leaves nothing behind; `make soak` flies the hour."""
 
 from tests.proving.bench.allocation import grown
 
 
-def test_five_minutes_of_flight_allocate_nothing_that_stays() -> None:
-    facts = grown(5.0 / 60.0)
+def test_a_minute_of_flight_allocate_nothing_that_stays() -> None:
+    facts = grown(1.0 / 60.0)
     assert abs(facts["objects_grown"]) < 50
     assert abs(facts["blocks_grown"]) < 1000

@@ -59,7 +59,7 @@ def _process(*words: str, ready: str) -> Iterator[tuple[re.Match[str], "subproce
         pytest.fail("".join(lines))
     finally:
         process.send_signal(signal.SIGTERM)
-        process.communicate(timeout=30)
+        process.communicate(timeout=120)
 
 
 @contextmanager

@@ -2,13 +2,16 @@
 
 import subprocess
 import sys
+import time
 
 import pytest
 
 from sim.runs.fly import fly
 from sim.scenarios.prepare import prepare
 from sim.scenarios.scenarios import SCENARIOS
-from tests.flight.flights import flown
+
+LONGEST = 60.0
+"""A minute of flight, in times that two million additions take: measured 24 to 33 [-]."""
 
 
 def digest(scenario: str, seed: int = 0, *overrides: str) -> str:
@@ -46,7 +49,15 @@ def test_the_digest_sees_commands_and_poses() -> None:
     assert digest("paper", 0) != digest("paper", 0, "sim.pose_noise_m=0.00031")
 
 
-@pytest.mark.real_time
-def test_a_minute_of_flight_takes_less_than_3_s() -> None:
-    """The promise is 3 s of wall time; measured 0.6 to 0.9 s, so a loaded machine does not fail this."""
-    assert min(flown("paper", seed=seed).wall_s for seed in range(3)) < 3.0
+def test_a_minute_of_flight_takes_no_longer_than_some_millions_of_additions() -> None:
+    """What a minute is promised to take, of whatever processor there is: both are measured by turns."""
+    world, config = prepare(SCENARIOS["paper"], [])
+    flights, floors = [], []
+    for seed in range(3):
+        begun = time.process_time()
+        fly(world, config, seed=seed, duration_s=10.0)
+        flown = time.process_time()
+        sum(number & 3 for number in range(2_000_000))
+        flights.append(flown - begun)
+        floors.append(time.process_time() - flown)
+    assert 6.0 * min(flights) < LONGEST * min(floors)

@@ -31,7 +31,7 @@ CELLS = [
     ("dropout", "tracking", "descent → aborted"),
     ("marker swap", "take-off", "descent → aborted"),
     ("latency step", "hold", "flies on"),
-    ("frame loss", "hold", "autopilot lands"),
+    ("frame loss", "hold", "aborted"),
     ("clock step", "hold", "flies on"),
     ("link stall", "landing", "autopilot lands"),
     ("mode stolen", "take-off", "handed_over"),

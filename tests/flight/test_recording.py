@@ -8,6 +8,7 @@ import os
 import stat
 import tomllib
 from collections import Counter
+from collections.abc import Callable
 from io import BytesIO
 from pathlib import Path
 from typing import Any
@@ -29,7 +30,8 @@ from groundstation.recording.reader import NoRecording, Recording, quick_headlin
 from groundstation.recording.records import Posed, Received, Record, Sent, Ticked, Told
 from groundstation.runtime.flights import RecordingConfig, made_folder
 from groundstation.settings.settings import Config
-from sim.cli.run_folder import RECORDING, RunFolder
+from sim.__main__ import main
+from sim.cli.run_folder import AT_ONCE, RECORDING, RunFolder
 from sim.runs.fly import fly
 from sim.scenarios.prepare import prepare
 from sim.scenarios.scenarios import SCENARIOS
@@ -223,7 +225,7 @@ def test_a_damaged_recording_is_listed_as_damaged_and_not_by_its_end(
     (tmp_path / "20270101-120000-whole.mcap").write_bytes(data)
     for name, at in (("early", 40_000), ("late", _index_at(data) - 60_000)):
         bad = bytearray(data)
-        bad[at : at + 4] = b"\0\0\0\0"
+        bad[at : at + 4] = bytes(byte ^ 0xFF for byte in bad[at : at + 4])
         (tmp_path / f"20270101-120000-{name}.mcap").write_bytes(bad)
     logs_command(RecordingConfig(folder=str(tmp_path)), argparse.Namespace(folder=None, tidy=False, json=False))
     lines = capsys.readouterr().out.splitlines()
@@ -356,3 +358,19 @@ def test_where_commands_follow_poses_the_recording_knows_how_long_after_their_po
     assert sum(one is not None for one in late) == len({tick.pose.id for tick in ticks}) > 50
     for one, tick in zip(late, ticks, strict=True):
         assert one in (None, tick.time_s - tick.pose.arrival_s)
+
+
+def test_of_a_simulated_flight_that_ends_in_an_error_everything_up_to_it_is_recorded(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def broken(*_: Any, give: Callable[[Record], None], **__: Any) -> None:
+        for n in range(AT_ONCE + 7):
+            give(Told(0.001 * n, "tracking", f"line {n}"))
+        raise ZeroDivisionError
+
+    monkeypatch.setattr("sim.runs.fly.fly", broken)
+    monkeypatch.setattr("sys.argv", ["groundstation-sim", "fly", "--out", str(tmp_path)])
+    with pytest.raises(ZeroDivisionError):
+        main()
+    told = list(Recording(tmp_path / "flight.mcap").entries(["/mission"]))
+    assert len(told) == AT_ONCE + 7

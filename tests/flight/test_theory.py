@@ -8,7 +8,7 @@ from sim.scenarios.prepare import prepare
 from sim.scenarios.scenarios import SCENARIOS
 
 
-@pytest.fixture(scope="module", params=["off", "provable"])
+@pytest.fixture(scope="module", params=["provable", "off"])
 def ideal(request: pytest.FixtureRequest) -> list[tuple[float, float, float]]:
     """(time, V, error in metres) at each command of 20 s of ``ideal``; b̃ from the truth."""
     world, config = prepare(SCENARIOS["ideal"], [f"controller.composite={request.param}"])

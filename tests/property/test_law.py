@@ -216,6 +216,28 @@ def test_outputs_are_finite_for_any_finite_input(
     assert all(math.isfinite(x) for x in numbers(step))
 
 
+def test_what_is_suspended_learns_nothing() -> None:
+    def learns(suspended: bool) -> Vec3:
+        step = backstep(
+            FLOATS,
+            LAW,
+            mass=0.08,
+            z1=(0.1, -0.2, 0.1),
+            z1_dot=(0.0, 0.1, 0.0),
+            attitude=quaternion((0.1, 0.0, 0.0)),
+            thrust=0.8,
+            b_hat=(0.1, 0.2, 0.3),
+            acceleration=(0.0, 0.0, 0.0),
+            jerk=(0.0, 0.0, 0.0),
+            witness=(0.3, 0.3, 0.3),
+            suspended=suspended,
+        )
+        return step.b_hat_dot
+
+    assert learns(True) == (0.0, 0.0, 0.0)
+    assert all(rate != 0.0 for rate in learns(False))
+
+
 @given(angle, small, small, small, st.floats(0.0, 5.0))
 def test_the_yaw_rate_is_limited_and_turns_the_short_way(
     angles: Vec3, yaw: float, yaw_dot: float, rate_y: float, gain: float

@@ -92,7 +92,9 @@ def test_from_a_room_s_height_it_meets_the_floor_slowly_and_without_going_far(
     assert math.hypot(end.position[0], end.position[1]) < 1.5
 
 
-def test_on_the_floor_the_motors_only_stop() -> None:
+def test_what_seems_to_lie_on_the_floor_may_hang_above_it_and_sinks_before_its_motors_stop() -> None:
     motion = Motion((0.0, 0.0, 0.0), (0.0, 0.0, 0.0), (1.0, 0.0, 0.0, 0.0), 0.0, (0.0, 0.0, 0.0))
-    (off,) = planned(motion, 0.0)
+    *parts, off = planned(motion, 0.0)
     assert off.thrust_n == 0.0
+    assert all(part.thrust_n <= HOVER for part in parts)
+    assert sum(part.duration_s for part in parts) < 0.8

@@ -11,6 +11,7 @@ from sim.time.turns import in_turns, percentile
 from tests.proving.bench import allocation as bench_allocation
 from tests.proving.bench import batch as bench_batch
 from tests.proving.bench import bench
+from tests.proving.bench import command as bench_command
 from tests.proving.bench import decode as bench_decode
 from tests.proving.bench import flight as bench_flight
 from tests.proving.bench import latency as bench_latency
@@ -29,6 +30,8 @@ def test_every_measurement_gives_json_and_words(monkeypatch: pytest.MonkeyPatch)
     monkeypatch.setattr(bench_monitor, "ROUNDS", 1)
     monkeypatch.setattr(bench_flight, "DURATION_S", 0.5)
     monkeypatch.setattr(bench_flight, "ROUNDS", 1)
+    monkeypatch.setattr(bench_command, "DURATIONS_S", (0.5,))
+    monkeypatch.setattr(bench_command, "ROUNDS", 1)
     monkeypatch.setattr(bench_latency, "RATES_HZ", (100,))
     monkeypatch.setattr(bench_latency, "SETTLE_S", 0.1)
     monkeypatch.setattr(bench_decode, "DATAGRAMS", 100)
@@ -42,6 +45,9 @@ def test_every_measurement_gives_json_and_words(monkeypatch: pytest.MonkeyPatch)
     assert list(facts) == ["machine", *bench.WHAT]
     assert all(row["ticks"] == 101 and row["median_us"] > 5.0 for row in facts["tick"]["rows"])
     assert all(row["times_real_time"] > 1.0 for row in facts["flight"]["rows"])
+    (command,) = facts["command"]["rows"]
+    assert command["flown_s"] == 0.5
+    assert command["cpu_s"] > 0.05
     assert [row["name"] for row in facts["decode"]["rows"]] == [*FLIGHTS, bench_decode.PARSE]
     assert all(row["bytes"] > 20 and 0.0 < row["median_us"] <= row["p99_us"] for row in facts["decode"]["rows"])
     batch = facts["batch"]["rows"]
@@ -89,12 +95,29 @@ def test_a_peer_that_cannot_run_says_why_and_the_others_are_measured(monkeypatch
     assert "no such GPU" in "\n".join(bench_batch.text(facts))
 
 
+def test_a_whole_command_is_held_against_the_peers(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(bench_command, "DURATIONS_S", (bench_command.PEER_S,))
+    monkeypatch.setattr(bench_command, "ROUNDS", 1)
+    monkeypatch.setattr(bench_command, "find_spec", lambda _: object())
+    taken = iter([9.0, 9.0, 1.0, 4.0])  # the first round does not count
+    monkeypatch.setattr(bench_command, "_note", lambda command, spent: spent.append(next(taken)))
+    facts = bench_command.measure(bench.Options(peers=True))
+    assert [row["share"] for row in facts["rows"]] == [0.25, 1.0]
+    assert "0.250 of rotorpy's" in bench_command.text(facts)[0]
+
+
+def test_a_whole_command_without_its_peer_says_how_to_get_it(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(bench_command, "DURATIONS_S", ())
+    monkeypatch.setattr(bench_command, "find_spec", lambda _: None)
+    assert "make bench" in bench_command.text(bench_command.measure(bench.Options(peers=True)))[-1]
+
+
 def test_an_unknown_measurement_is_refused_with_the_ones_there_are(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     monkeypatch.setattr("sys.argv", ["groundstation-sim", "bench", "pigeons"])
     assert main() == 2
-    names = ["tick", "flight", "decode", "batch", "recording", "allocation", "links", "screen", "mqtt"]
+    names = ["tick", "flight", "command", "decode", "batch", "recording", "allocation", "links", "screen", "mqtt"]
     words = f"expected some of {names}, got 'pigeons'"
     assert words in capsys.readouterr().err
 

@@ -97,7 +97,7 @@ def test_what_someone_else_could_have_written_is_never_loaded(kept: Path, tmp_pa
     assert _half(8.0) == 4.0
 
 
-@pytest.mark.skipif(os.geteuid() != 0, reason="only root can give a folder away")
+@pytest.mark.skipif(os.geteuid() != 0, reason="left out: only root can give a folder away")
 @pytest.mark.parametrize("what", ["root", "folder", "file"])
 def test_what_is_someone_elses_is_never_loaded(kept: Path, what: str) -> None:
     made = _planted(kept)

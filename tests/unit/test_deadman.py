@@ -47,6 +47,14 @@ def test_a_command_is_repeated_until_its_deadline_and_then_brought_down_once() -
     assert deadman.phase(2.0) is Phase.OVER, "it does not come back, even on a clock that steps back"
 
 
+def test_an_arming_forgets_the_command_before() -> None:
+    deadman = armed()
+    assert deadman.take(command(1.0), 1.01)
+    deadman.arm()
+    assert deadman.phase(1.02) is Phase.WAITING
+    assert deadman.at(1.02) is None
+
+
 def test_one_that_is_held_plays_what_it_has_and_takes_nothing_newer_until_armed_anew() -> None:
     deadman = armed()
     newest = command(1.0)

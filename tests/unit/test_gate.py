@@ -78,6 +78,8 @@ def test_a_flight_passes_untouched() -> None:
         (pose(20, (0.4, math.nan, -1.0)), "not_finite"),
         (pose(20, attitude=(math.inf, 0.0, 0.0, 0.0)), "not_finite"),
         (pose(20, attitude=(0.0, 0.0, 0.0, 0.0)), "not_unit"),
+        (pose(20, attitude=(0.89, 0.0, 0.0, 0.0)), "not_unit"),
+        (pose(20, attitude=(1.1, 0.0, 0.0, 0.0)), "not_unit"),
         (pose(20, (0.4, 0.5, -1.0)), "jump"),
         (pose(20, attitude=yawed(90.0)), "spin"),
         (pose(20, attitude=so3.from_euler_zyx(math.pi, 0.0, 0.0)), "tilted"),

@@ -115,6 +115,13 @@ def test_within_its_limit_a_guard_is_quiet(limit: dict[str, Any], diverged_m: fl
     assert first(limit, diverged_m=diverged_m) is None
 
 
+def test_of_several_the_gravest_is_told() -> None:
+    guards = Guards(CONFIG, FENCE, VEHICLE, lambda: PERIOD_S)
+    outside = {"position": (2.1, 0.0, -1.0)}
+    told = [guards.see(shown(PERIOD_S * i, **outside), State.TRACKING, 0.11) for i in range(50)]
+    assert [one.step for one in told if one is not None] == [Step.LAND] * 8 + [Step.DESCEND] * 42
+
+
 def test_a_descent_has_no_reference_to_be_far_from() -> None:
     assert first({"position": (0.9, 0.0, -1.0)}, State.DESCENT) is None
     assert first({"attitude": leaning(51.0)}, State.DESCENT) is not None

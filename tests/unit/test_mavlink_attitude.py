@@ -7,7 +7,6 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from pymavlink.dialects.v20 import ardupilotmega as d
 
 from groundstation.core.geometry import so3
 from groundstation.pose.recorded.tlog_codec import TlogReader
@@ -15,6 +14,7 @@ from links.core.port import Attitude, LinkMisuse
 from links.mavlink.link import MavlinkLink, MavlinkLinkConfig
 from links.mavlink.protocol.attitude import ATTITUDE_HZ, attitude_of
 from links.mavlink.protocol.codec import PX4, Message
+from links.mavlink.protocol.dialect import DIALECT
 from links.mavlink.protocol.timesync import Trip
 from sim.autopilots.ardupilot import ArduPilotAutopilot
 from sim.autopilots.base import SimulatedAutopilot
@@ -32,14 +32,14 @@ RATES = (0.1, -0.2, 0.3)
 def quaternion(
     boot_ms: int = 105_000, q: tuple[float, ...] = (1.0, 0.0, 0.0, 0.0), rates: tuple[float, ...] = RATES
 ) -> Message:
-    return d.MAVLink_attitude_quaternion_message(boot_ms, *q, *rates)
+    return DIALECT.MAVLink_attitude_quaternion_message(boot_ms, *q, *rates)
 
 
 def test_both_messages_tell_the_same() -> None:
     angles = (0.3, -0.2, 2.5)
     q = so3.from_euler_zyx(*angles)
     one = attitude_of(quaternion(q=q), 5.01, CLOCK)
-    other = attitude_of(d.MAVLink_attitude_message(105_000, *angles, *RATES), 5.01, CLOCK)
+    other = attitude_of(DIALECT.MAVLink_attitude_message(105_000, *angles, *RATES), 5.01, CLOCK)
     assert one is not None and other is not None
     assert one.attitude == pytest.approx(q)
     assert other.attitude == pytest.approx(q)
@@ -69,15 +69,15 @@ def test_its_time_is_its_stamp_where_the_clock_is_known_and_else_its_arrival(
 @pytest.mark.parametrize(
     "message",
     [
-        d.MAVLink_heartbeat_message(2, PX4, 0, 0, 3, 3),
+        DIALECT.MAVLink_heartbeat_message(2, PX4, 0, 0, 3, 3),
         quaternion(q=(0.0, 0.0, 0.0, 0.0)),
         quaternion(q=(math.nan, 0.0, 0.0, 1.0)),
         quaternion(q=(math.inf, 0.0, 0.0, 1.0)),
         quaternion(q=(1.1, 0.0, 0.0, 0.0)),
         quaternion(rates=(0.0, math.nan, 0.0)),
         quaternion(rates=(0.0, math.inf, 0.0)),
-        d.MAVLink_attitude_message(0, math.inf, 0.0, 0.0, 0.0, 0.0, 0.0),
-        d.MAVLink_attitude_message(0, 0.0, math.nan, 0.0, 0.0, 0.0, 0.0),
+        DIALECT.MAVLink_attitude_message(0, math.inf, 0.0, 0.0, 0.0, 0.0, 0.0),
+        DIALECT.MAVLink_attitude_message(0, 0.0, math.nan, 0.0, 0.0, 0.0, 0.0),
     ],
     ids=str,
 )
@@ -149,7 +149,7 @@ def test_the_quaternion_is_asked_for_and_the_angles_are_stopped() -> None:
 def test_an_autopilot_that_has_no_quaternion_is_asked_for_the_angles() -> None:
     def answer(message: Message) -> list[Message]:
         if message.get_type() == "COMMAND_LONG" and message.param1 == 31.0:
-            return [d.MAVLink_command_ack_message(message.command, 2, 0, 0, 245, 190)]
+            return [DIALECT.MAVLink_command_ack_message(message.command, 2, 0, 0, 245, 190)]
         return accept(message)
 
     assert asked(answer)[-1] == (30.0, 20_000.0)

@@ -170,7 +170,7 @@ def test_a_key_that_is_not_there_or_no_file_is_refused(tmp_path: Path) -> None:
         read_key(tmp_path)
 
 
-@pytest.mark.skipif(os.getuid() != 0, reason="only root can give a file away")
+@pytest.mark.skipif(os.getuid() != 0, reason="left out: only root can give a file away")
 def test_a_key_of_another_user_is_refused(tmp_path: Path) -> None:
     path = key_file(tmp_path, KEY)
     os.chown(path, 1234, 1234)

@@ -5,7 +5,7 @@ import re
 import subprocess
 import sys
 import tomllib
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
@@ -94,10 +94,11 @@ def test_every_codec_is_under_the_purity_contract() -> None:
     assert {codec for codec in codecs if not any(f"{codec}.".startswith(f"{name}.") for name in pure)} == set()
 
 
-def files_of_the_project() -> list[Path]:
+@pytest.fixture
+def files_of_the_project(needs_program: Callable[..., str]) -> list[Path]:
     """What git tracks, or would: everything that is not ignored."""
     listing = subprocess.run(
-        ["git", "ls-files", "--cached", "--others", "--exclude-standard", "-z"],
+        [needs_program("git"), "ls-files", "--cached", "--others", "--exclude-standard", "-z"],
         cwd=ROOT,
         capture_output=True,
         check=False,
@@ -107,10 +108,10 @@ def files_of_the_project() -> list[Path]:
     return [file for name in listing.stdout.decode().split("\0") if name and (file := ROOT / name).is_file()]
 
 
-def test_no_file_names_a_folder_of_one_machine() -> None:
+def test_no_file_names_a_folder_of_one_machine(files_of_the_project: list[Path]) -> None:
     found = {
         str(file.relative_to(ROOT)): [match.group().decode() for match in MACHINE_PATH.finditer(file.read_bytes())]
-        for file in files_of_the_project()
+        for file in files_of_the_project
     }
     assert {name: paths for name, paths in found.items() if paths} == {}
 

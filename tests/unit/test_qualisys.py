@@ -36,7 +36,7 @@ class Room:
 
     async def more(self, count: int = 3) -> Pose:
         count += len(self.poses)
-        async with asyncio.timeout(8.0):
+        async with asyncio.timeout(60.0):
             while len(self.poses) < count:
                 await asyncio.sleep(0.01)
         return self.poses[-1]

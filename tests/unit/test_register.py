@@ -80,7 +80,7 @@ def test_a_signal_reaches_only_who_is_registered(tmp_path: Path) -> None:
         stranger = Running(pid=bee.pid, command="daemon", vehicle="not bee")
         assert not send(stranger, signal.SIGTERM)
         assert send(one, signal.SIGTERM)
-        assert bee.wait(10) == -signal.SIGTERM
+        assert bee.wait(60) == -signal.SIGTERM
         assert not send(one, signal.SIGTERM)
     finally:
         end(bee)

@@ -2,6 +2,7 @@
 
 import shutil
 import subprocess
+from collections.abc import Callable
 from pathlib import Path
 
 import pytest
@@ -10,8 +11,10 @@ ROOT = Path(__file__).parents[2]
 
 
 @pytest.fixture
-def project(tmp_path: Path) -> Path:
+def project(needs_program: Callable[..., str], tmp_path: Path) -> Path:
     """A repository with what the release script looks at first, ready to be released as 0.1.0."""
+    needs_program("git")
+    needs_program("bash")
     shutil.copytree(ROOT / ".ci", tmp_path / ".ci")
     (tmp_path / ".venv").symlink_to(ROOT / ".venv")
     (tmp_path / ".gitignore").write_text(".venv\n", "utf-8")

@@ -33,7 +33,7 @@ def test_a_flight_whose_socket_is_not_served_gets_the_signal_that_means_the_same
         assert not told.answered
         assert told.says.startswith(f"bee (process {bee.pid}): NOT ANSWERED: ")
         assert f"{number.name} sent ({means} as soon as it runs)" in told.says
-        assert bee.wait(10) == -number
+        assert bee.wait(60) == -number
     finally:
         end(bee)
 
@@ -47,7 +47,7 @@ def test_a_bridge_is_left_to_its_station_and_stopped_by_kill() -> None:
         assert bridge.poll() is None
         [told] = asyncio.run(stop_all(Ask.KILL))
         assert told.answered
-        assert bridge.wait(10) == -signal.SIGQUIT
+        assert bridge.wait(60) == -signal.SIGQUIT
     finally:
         end(bridge)
 

@@ -37,15 +37,16 @@ class ThrustBound(NamedTuple):
 def virtual_control_sup(law: Law) -> float:
     """The largest |u*| on one axis [m/s²], over all position and speed errors (u* is odd: z1_dot > 0 is enough).
 
-    A coarse grid far beyond where Ω' has made u* fall again, then three finer ones around its best point.
+    A coarse grid far beyond where Ω' has made u* fall again (one half of it, as u* is odd), then three finer ones
+    around its best point.
     """
     m = law.sigma_bound
     z1, z1_span = 0.0, 10.0 * m / law.sigma_slope
     x2 = x2_span = 5.0 * (m + law.velocity_scale)
     top, points = 0.0, 30
-    for _ in range(4):
+    for last in (0, 12, 12, 12):
         best = (z1, x2)
-        for i in range(-points, points + 1):
+        for i in range(-points, last + 1):
             for j in range(-points, points + 1):
                 first, second = z1 + z1_span * i / points, x2 + x2_span * j / points
                 value = abs(axis(FLOATS, law, first, second).u_star)

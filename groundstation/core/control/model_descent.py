@@ -28,6 +28,8 @@ LEAST = 0.4
 """Smallest thrust before the floor, as a share of what hovers: with less, rates are hard to hold [-]."""
 LEANS = math.cos(math.radians(12.0))
 """Cosine of a lean from which on thrust is held back where it makes the vehicle faster [-]."""
+HIGH_M = 1.0
+"""From this height on half of the smallest thrust is enough for that [m]: it sinks meanwhile."""
 BIAS = 0.97
 """Of the hover thrust: to meet the floor early is better than to stop above it."""
 BRAKES_M_S2 = 1.3
@@ -74,11 +76,12 @@ def model_descent(
         # Far over, thrust lifts nothing that helps.
         ask = mass_kg * length(along) / max(upright, 0.7) if upright > 0.3 else 0.0
         ask = BIAS * min(motion.thrust + thrust_lead * (ask - motion.thrust) / STEP_S, MOST * hover)
-        # It may only brake what it sank itself.
-        may_brake = sinking > TOUCHDOWN_M_S and braked < BRAKE_S - 1e-9
+        # It may only brake what it sank itself, and nothing where it may lie on the floor.
+        may_brake = height_m >= LEAST_M and sinking > TOUCHDOWN_M_S and braked < BRAKE_S - 1e-9
         least = LEAST * hover if upright > 0.3 else 0.0
         if upright < LEANS and lean_x * north + lean_y * east < 0.0:
-            ask, least = 0.0, 0.5 * least  # it leans into where it goes: thrust would only make it faster
+            # It leans into where it goes: thrust would only make it faster.
+            ask, least = 0.0, least if height < HIGH_M else 0.5 * least
         thrust = max(min(ask, MOST * hover if may_brake else hover), least)
         braked += STEP_S if thrust > hover else 0.0
         k = ATTITUDE_GAIN

@@ -80,9 +80,9 @@ class Images:
 
     def restart(self) -> None:
         """What was seen before counts no more."""
-        self.evidence = 0.0
-        """For the likeliest image."""
-        self._maps = [0.0] * 8
+        self.across = self.down = 0.0
+        """Evidence for the likeliest image of the two horizontal axes, and for the vertical one mirrored."""
+        self._maps = [0.0] * 7
         self.nodes = 0
         """So many the filter knows."""
 
@@ -118,7 +118,6 @@ class Images:
         if self.nodes > SETTLES:
             self._across(seen[0], seen[1], told[0], told[1], fade)
             self._down(seen[2], told[2], fade)
-            self.evidence = max(self._maps)
         return seen, told
 
     def _across(self, x: float, y: float, cx: float, cy: float, fade: float) -> None:
@@ -128,21 +127,22 @@ class Images:
         wind, both = self.wind[0] + self.wander, seen + told
         rest = min(both - 2.0 * (xx + yy), seen)
         best = min(rest, both - 2.0 * max(-xx - yy, abs(xx - yy), abs(xy + yx), abs(xy - yx)))
-        if best < rest or self.evidence > 0.0:  # else it says nothing, as nearly always
+        if best < rest or self.across > 0.0:  # else it says nothing, as nearly always
             exact = EXACT_M * EXACT_M + self.wander
             images = (-xx - yy, yy - xx, xx - yy, xy + yx, -xy - yx, yx - xy, xy - yx)
             for i, image in enumerate(images):
                 off, opposed = both - 2.0 * image, exact if i < OPPOSED else None
                 self._maps[i] = _summed(self._maps[i], fade, rest - off, max(wind, off / EXPLAINS), off, opposed)
+            self.across = max(self._maps)
         self.wind[0] = _learnt(self.wind[0], 0.5 * best)
 
     def _down(self, z: float, c: float, fade: float) -> None:
         """What one node says of the vertical axis."""
         off, wind = (z + c) ** 2, self.wind[1] + self.wander
         rest = min((z - c) ** 2, z * z)
-        if off < rest or self._maps[7] > 0.0:
+        if off < rest or self.down > 0.0:
             exact = EXACT_M * EXACT_M + self.wander
-            self._maps[7] = _summed(self._maps[7], fade, rest - off, max(wind, off / EXPLAINS), off, exact)
+            self.down = _summed(self.down, fade, rest - off, max(wind, off / EXPLAINS), off, exact)
         self.wind[1] = _learnt(self.wind[1], min(rest, off))
 
 

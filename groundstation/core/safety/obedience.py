@@ -58,8 +58,8 @@ FIRST, CAP = 5.0, 8.0
 CONVICTS, IMAGE_CONVICTS, EARLY_CONVICTS, UPSET_CONVICTS, EARLY = 14.0, 9.0, 7.0, 4.0, 30
 """Evidence that convicts: e^14, a million to one, for each of the windows looked at; of an image, which must explain
 better than both a vehicle that obeys and a picture that stands, e^9, and e^7 in so many windows after lift-off: axes
-that are set up wrongly are so from the first. Where the vehicle is upset as no gust does it, e^4: an image drives it
-away ever faster, and little time is left."""
+that are set up wrongly are so from the first. Across, and where the vehicle is upset as no gust does it, e^4: an image
+drives it away ever faster, and little time is left."""
 SUSPECTS, STILL_SUSPECTS, IMAGE_SUSPECTS = 0.5, 0.6, 0.7
 """Share of it that is a suspicion; of a position that stands, or moves as an image."""
 STILL_CAP = 2.0
@@ -299,7 +299,7 @@ class Obedience:
         if halves and halves[-1][0] > self._node_s:
             return
         halves.append((pose.time_s, pose.position_ned, self._pushed))
-        if self._images.evidence < LOOKS and (images is None or images.evidence < LOOKS):
+        if self._images.across < LOOKS and (images is None or images.across < LOOKS):
             self._between = None
             return
         if images is None:
@@ -321,9 +321,11 @@ class Obedience:
             still = max(still, STOPPED if self._stopped_s < ARREST_S else 1.0)
         heading = abs(self._heading) / HEADING_RAD_S
         attitude = max(self._attitude, *self._quarters) / CONVICTS
-        images = max(self._images.evidence, 0.0 if self._between is None else self._between.evidence)
+        across, down = self._images.across, self._images.down  # a tether pulls down as a mirrored axis: no haste there
+        if self._between is not None:
+            across = max(across, self._between.across)
         convicts = EARLY_CONVICTS if self._flown < EARLY else IMAGE_CONVICTS
-        axes = images / (UPSET_CONVICTS if self._upset else convicts)
+        axes = max(across / (UPSET_CONVICTS if self._upset else convicts), down / convicts)
         self.evidence = Contradiction(attitude, axes, heading, still)
         self.largest = max(self.largest, attitude, axes, heading, still)
 

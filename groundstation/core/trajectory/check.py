@@ -9,19 +9,14 @@ about the body axes x, y, z of that direction and heading.
 """
 
 import math
-from typing import TYPE_CHECKING, NamedTuple
+from collections.abc import Iterable, Sequence
+from typing import Any, NamedTuple
 
 import msgspec
 
-from groundstation.core.geometry.ops import Vec3
+from groundstation.core.geometry.ops import FLOATS, Ops, Real, Vec3, arrays
 from groundstation.core.trajectory.port import Trajectory
 from groundstation.core.vehicle.vehicle import LimitsConfig, Vehicle
-
-if TYPE_CHECKING:
-    import numpy as np
-    import numpy.typing as npt
-
-    Array = npt.NDArray[np.float64]
 
 
 class Demand(msgspec.Struct, frozen=True, kw_only=True):
@@ -41,77 +36,95 @@ class Demand(msgspec.Struct, frozen=True, kw_only=True):
     ok: bool = True
 
 
-class Motion(NamedTuple):
-    """What was seen at each of N times: vectors (N, 3), NED."""
+class Asked(NamedTuple):
+    """What is asked at one instant. Elementwise."""
 
-    times: "Array"
-    velocity: "Array"
-    acceleration: "Array"
-    jerk: "Array"
-    yaw: "Array"
-    yaw_rate: "Array"
+    speed: Real
+    """[m/s]."""
+    acceleration: Real
+    """[m/s²]."""
+    tilt: Real
+    """[deg]."""
+    push: Real
+    """Thrust per mass [m/s²]."""
+    rates: Vec3
+    """Body rates [deg/s]."""
+
+
+class Motion(NamedTuple):
+    """What a way is like at one instant, world NED. Elementwise."""
+
+    velocity: Vec3
+    acceleration: Vec3
+    jerk: Vec3
+    yaw: Real
+    yaw_rate: Real
 
     def slowed(self, share: float) -> "Motion":
         """The same way at ``share`` of the speed."""
         return Motion(
-            self.times / share,
-            self.velocity * share,
-            self.acceleration * share**2,
-            self.jerk * share**3,
+            _scaled(share, self.velocity),
+            _scaled(share**2, self.acceleration),
+            _scaled(share**3, self.jerk),
             self.yaw,
             self.yaw_rate * share,
         )
 
 
-def demands(motion: Motion, vehicle: Vehicle, limits: LimitsConfig, gravity: float) -> list[Demand]:
-    """Speed, acceleration, tilt, thrust and body rates where each is at its extreme; ``gravity`` in [m/s²]."""
-    import numpy as np
+def asked(motion: Motion, gravity: float, ops: Ops = FLOATS) -> Asked:
+    """What ``motion`` asks, with ``gravity`` in [m/s²]."""
+    sqrt, where = ops.sqrt, ops.where
+    x, y, z = motion.acceleration
+    push = (-x, -y, gravity - z)
+    strength = sqrt(_dot(push, push))
+    least = where(strength > 1e-6, strength, 1e-6)
+    axis = _scaled(1.0 / least, push)
+    level = sqrt(axis[0] * axis[0] + axis[1] * axis[1])
+    rates = _rates(motion, axis, least, ops)
+    return Asked(
+        sqrt(_dot(motion.velocity, motion.velocity)),
+        sqrt(_dot(motion.acceleration, motion.acceleration)),
+        _DEGREES * ops.atan2(level, axis[2]),
+        strength,
+        _scaled(_DEGREES, rates),
+    )
 
-    push = -motion.acceleration
-    push[:, 2] += gravity
-    strength = np.linalg.norm(push, axis=1)
-    z = push / np.maximum(strength, 1e-6)[:, None]
-    rates = np.degrees(_rates(motion, z, strength))
-    tilt = np.degrees(np.arccos(np.clip(z[:, 2], -1.0, 1.0)))
-    thrust = vehicle.mass_kg * strength
+
+def demands(times: Sequence[float], looks: Iterable[Asked], vehicle: Vehicle, limits: LimitsConfig) -> list[Demand]:
+    """Speed, acceleration, tilt, thrust and body rates where each is at its extreme; ``looks`` are at ``times`` [s]."""
+    speed, acceleration, tilt, push, rates = zip(*looks, strict=True)
+    thrust = [vehicle.mass_kg * value for value in push]
     kept = limits.reserve * (vehicle.thrust_max_n - vehicle.thrust_min_n)
     reserved = " and limits.reserve"
 
-    def most(name: str, unit: str, values: "Array", limit: float | None, key: str) -> Demand:
-        i = int(values.argmax())
-        value = float(values[i])
+    def most(name: str, unit: str, values: Sequence[float], limit: float | None, key: str) -> Demand:
+        value = largest(values)
+        time_s = times[values.index(value)]
         ok = limit is None or value <= limit
-        time_s = float(motion.times[i])
         return Demand(name=name, unit=unit, value=value, time_s=time_s, limit=limit, key=key, ok=ok)
 
-    least = int(thrust.argmin())
+    least = min(thrust, key=lambda value: (not math.isnan(value), value))
     lower = vehicle.thrust_min_n + kept
     return [
-        most("speed", "m/s", np.linalg.norm(motion.velocity, axis=1), limits.max_speed_m_s, "limits.max_speed_m_s"),
-        most(
-            "acceleration",
-            "m/s²",
-            np.linalg.norm(motion.acceleration, axis=1),
-            limits.max_acceleration_m_s2,
-            "limits.max_acceleration_m_s2",
-        ),
+        most("speed", "m/s", speed, limits.max_speed_m_s, "limits.max_speed_m_s"),
+        most("acceleration", "m/s²", acceleration, limits.max_acceleration_m_s2, "limits.max_acceleration_m_s2"),
         most("tilt", "deg", tilt, limits.max_tilt_deg, "limits.max_tilt_deg"),
         most("thrust", "N", thrust, vehicle.thrust_max_n - kept, f"vehicle.thrust_max_n{reserved}"),
         Demand(
             name="thrust",
             unit="N",
-            value=float(thrust[least]),
-            time_s=float(motion.times[least]),
+            value=least,
+            time_s=times[thrust.index(least)],
             limit=lower,
             least=True,
             key=f"vehicle.thrust_min_n{reserved}",
-            ok=bool(thrust[least] >= lower),
+            ok=least >= lower,
         ),
         *(
             most(
                 f"{axis} rate",
                 "deg/s",
-                np.abs(rates[:, i]),
+                [abs(rate[i]) for rate in rates],
                 (1.0 - limits.reserve) * vehicle.rate_limits_deg_s[i],
                 f"vehicle.rate_limits_deg_s{reserved}",
             )
@@ -120,21 +133,42 @@ def demands(motion: Motion, vehicle: Vehicle, limits: LimitsConfig, gravity: flo
     ]
 
 
-def _rates(motion: Motion, z: "Array", strength: "Array") -> "Array":
-    """Body rates (N, 3) [rad/s]."""
-    import numpy as np
+def largest(values: Sequence[float]) -> float:
+    """The largest of ``values``; one that is not a number is larger than all, as it keeps no limit."""
+    return max(values, key=lambda value: (math.isnan(value), value))
 
-    turning = -(motion.jerk - (z * motion.jerk).sum(axis=1)[:, None] * z) / np.maximum(strength, 1e-6)[:, None]
-    side = np.stack([-np.sin(motion.yaw), np.cos(motion.yaw), np.zeros_like(motion.yaw)], axis=1)
-    x = np.cross(side, z)
-    x /= np.maximum(np.linalg.norm(x, axis=1), 1e-6)[:, None]
-    y = np.cross(z, x)
-    roll, pitch = -(y * turning).sum(axis=1), (x * turning).sum(axis=1)
-    cos_pitch = np.maximum(np.hypot(y[:, 2], z[:, 2]), 1e-6)
-    sin_roll, cos_roll = y[:, 2] / cos_pitch, z[:, 2] / cos_pitch
-    cos_roll = np.where(np.abs(cos_roll) < 1e-6, 1e-6, cos_roll)
-    yaw = (cos_pitch * motion.yaw_rate - sin_roll * pitch) / cos_roll
-    return np.stack([roll, pitch, yaw], axis=1)
+
+def _rates(motion: Motion, z: Vec3, strength: Real, ops: Ops) -> Vec3:
+    """Body rates [rad/s] where the thrust's axis is ``z``."""
+    sqrt, where = ops.sqrt, ops.where
+    jerk = motion.jerk
+    along = _dot(z, jerk)
+    turning = tuple(-(j - along * c) / strength for j, c in zip(jerk, z, strict=True))
+    x = _cross((-ops.sin(motion.yaw), ops.cos(motion.yaw), 0.0 * motion.yaw), z)
+    length = sqrt(_dot(x, x))
+    x = _scaled(1.0 / where(length > 1e-6, length, 1e-6), x)
+    y = _cross(z, x)
+    roll, pitch = -_dot(y, turning), _dot(x, turning)
+    cos_pitch = sqrt(y[2] * y[2] + z[2] * z[2])
+    cos_pitch = where(cos_pitch > 1e-6, cos_pitch, 1e-6)
+    sin_roll, cos_roll = y[2] / cos_pitch, z[2] / cos_pitch
+    cos_roll = where(abs(cos_roll) < 1e-6, 1e-6, cos_roll)
+    return roll, pitch, (cos_pitch * motion.yaw_rate - sin_roll * pitch) / cos_roll
+
+
+_DEGREES = 180.0 / math.pi
+
+
+def _dot(a: Sequence[Real], b: Sequence[Real]) -> Real:
+    return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
+
+
+def _cross(a: Vec3, b: Vec3) -> Vec3:
+    return a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]
+
+
+def _scaled(by: Real, v: Vec3) -> Vec3:
+    return by * v[0], by * v[1], by * v[2]
 
 
 STEP_S = 0.01
@@ -170,46 +204,40 @@ def check(
     trajectory: Trajectory, vehicle: Vehicle, limits: LimitsConfig, *, gravity: float, floor_z_m: float
 ) -> Report:
     """Look at all of ``trajectory``; the floor is at ``floor_z_m`` [m, NED], ``gravity`` in [m/s²]."""
-    import numpy as np
-
     joints = trajectory.joints_s
     span = joints[-1]
-    looks = [
-        np.linspace(start, end, min(max(math.ceil((end - start) / STEP_S), FEWEST), MOST), endpoint=False)
-        for start, end in zip(joints, joints[1:], strict=False)
-    ]
-    times = np.concatenate([*looks, [span]])
-    seen = [trajectory.at(t) for t in times.tolist()]
-    motion = Motion(
-        times,
-        np.array([r.velocity_ned for r in seen]),
-        np.array([r.acceleration_ned for r in seen]),
-        np.array([r.jerk_ned for r in seen]),
-        np.array([r.yaw_rad for r in seen]),
-        np.array([r.yaw_rate_rad_s for r in seen]),
-    )
-    places = np.array([r.position_ned for r in seen])
-    height = floor_z_m - places[:, 2]
-    lowest = int(height.argmin())
+    times: list[float] = []
+    for start, end in zip(joints, joints[1:], strict=False):
+        count = min(max(math.ceil((end - start) / STEP_S), FEWEST), MOST)
+        times += [start + n * ((end - start) / count) for n in range(count)]
+    times.append(span)
+    seen = [trajectory.at(t) for t in times]
+    motions = [Motion(r.velocity_ned, r.acceleration_ned, r.jerk_ned, r.yaw_rad, r.yaw_rate_rad_s) for r in seen]
+    looks = [asked(motion, gravity) for motion in motions]
+    places = list(zip(*(r.position_ned for r in seen), strict=True))
+    lowest = largest(places[2])
     above = Demand(
         name="height above the floor",
         unit="m",
-        value=float(height[lowest]),
-        time_s=float(times[lowest]),
+        value=floor_z_m - lowest,
+        time_s=times[places[2].index(lowest)],
         limit=0.0,
         least=True,
         key="flight.floor_z_m",
-        ok=bool(height[lowest] >= 0.0),
+        ok=floor_z_m - lowest >= 0.0,
     )
+    wanted = demands(times, looks, vehicle, limits)
     return Report(
         duration_s=trajectory.duration_s,
         span_s=span,
-        length_m=float(np.trapezoid(np.linalg.norm(motion.velocity, axis=1), times)),
+        length_m=sum(
+            0.5 * (a.speed + b.speed) * (t - s) for a, b, s, t in zip(looks, looks[1:], times, times[1:], strict=False)
+        ),
         start_speed_m_s=math.hypot(*seen[0].velocity_ned),
-        lowest_ned=tuple(places.min(axis=0).tolist()),
-        highest_ned=tuple(places.max(axis=0).tolist()),
-        demands=(above, *demands(motion, vehicle, limits, gravity)),
-        share=_share(motion, vehicle, limits, gravity),
+        lowest_ned=(min(places[0]), min(places[1]), min(places[2])),
+        highest_ned=(max(places[0]), max(places[1]), lowest),
+        demands=(above, *wanted),
+        share=1.0 if all(demand.ok for demand in wanted) else _share(times, motions, vehicle, limits, gravity),
     )
 
 
@@ -240,14 +268,28 @@ def refusal(report: Report, speed_m_s: float | None = None) -> str | None:
     return f"{says} ({worst.key}): slow it down to about {slower}"
 
 
-def _share(motion: Motion, vehicle: Vehicle, limits: LimitsConfig, gravity: float) -> float | None:
-    """The largest share of its speed at which it keeps the limits, height aside."""
+def _share(
+    times: list[float], motions: list[Motion], vehicle: Vehicle, limits: LimitsConfig, gravity: float
+) -> float | None:
+    """The largest share of its speed, below all of it, at which it keeps the limits, height aside."""
+    import numpy as np
+
+    # All instants at once: they are looked at a dozen times.
+    ops = arrays()
+    whole: Any = [
+        np.moveaxis(np.array(column), -1, 0) if isinstance(column[0], tuple) else np.array(column)
+        for column in zip(*motions, strict=True)
+    ]
 
     def kept(share: float) -> bool:
-        return all(demand.ok for demand in demands(motion.slowed(share), vehicle, limits, gravity))
+        at_once: Any = asked(Motion(*whole).slowed(share), gravity, ops)
+        looks = zip(
+            *(column.tolist() for column in at_once[:4]),
+            zip(*(rate.tolist() for rate in at_once.rates), strict=True),
+            strict=True,
+        )
+        return all(demand.ok for demand in demands(times, map(Asked._make, looks), vehicle, limits))
 
-    if kept(1.0):
-        return 1.0
     low, high = 1e-3, 1.0
     if not kept(low):
         return None

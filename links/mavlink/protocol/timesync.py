@@ -30,6 +30,8 @@ class Timesync:
         """Nothing known."""
         self._trips: deque[Trip] = deque(maxlen=NEWEST)
         self._asked_ns = 0
+        self.best: Trip | None = None
+        """The shortest of the newest trips; None before the first answer."""
 
     def ask(self, now_s: float) -> int:
         """The time to send in a question (TIMESYNC.ts1) that leaves at ``now_s`` [ns]."""
@@ -44,14 +46,10 @@ class Timesync:
         self._asked_ns += 1  # answered once
         rtt_s = max(rtt_s, 0.0)
         self._trips.append(Trip(rtt_s, theirs_ns * 1e-9 - (now_s - 0.5 * rtt_s)))
+        self.best = min(self._trips)
         return True
 
     @property
     def newest(self) -> Trip | None:
         """The newest trip; None before the first answer."""
         return self._trips[-1] if self._trips else None
-
-    @property
-    def best(self) -> Trip | None:
-        """The shortest of the newest trips; None before the first answer."""
-        return min(self._trips, default=None)

@@ -8,7 +8,7 @@ import msgspec
 import numpy as np
 
 from groundstation.core.geometry.ops import Vec3
-from sim.world.draws import stream
+from sim.world.draws import generator
 from sim.world.world import World
 
 
@@ -61,7 +61,7 @@ def drawn(world: World, seed: int, names: Collection[str] = USUAL) -> World:
     Always the same numbers are drawn in the same order, so that neither a figure of ``world`` nor the choice of
     ``names`` shifts another draw.
     """
-    random = stream(seed, "campaign")
+    random = generator(seed, "campaign")
     values: dict[str, float | Vec3] = {}
     for name, draws in DRAWS.items():
         found: dict[str, float | Vec3] = {}

@@ -10,7 +10,7 @@ from sim.runs.fly import fly
 from sim.studies.campaign.campaign import Campaign
 from sim.studies.campaign.draws import drawn
 from sim.studies.campaign.folder import Row
-from sim.world.draws import stream
+from sim.world.draws import generator
 
 LIMIT_CM = 0.01
 """How far two RMS errors of one flight may lie apart [cm]."""
@@ -22,7 +22,7 @@ def verify(campaign: Campaign, rows: Sequence[Row], count: int, *, workers: int)
     Returns how many, the largest distance of two RMS errors [cm] (None where none can be told), and the seeds of
     those that lie too far apart or ended otherwise.
     """
-    chosen = stream(rows[0].seed, "verify").choice(len(rows), min(count, len(rows)), replace=False)
+    chosen = generator(rows[0].seed, "verify").choice(len(rows), min(count, len(rows)), replace=False)
     sample = [rows[i] for i in sorted(chosen.tolist())]
     again = partial(_refly, campaign)
     if workers == 1:

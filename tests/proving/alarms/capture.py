@@ -93,7 +93,7 @@ def _flown(number: int, recording: Recording, shares: list[float], config: Confi
         if conviction.says.startswith("suspicion"):
             said.append(f"{time_s:.1f} s: {conviction.says}")
         late = (
-            f"convicted: the poses are {1e3 * pilot.monitor.late_s:.0f} ms older than they say"
+            f"convicted: what the poses show follows the commands {1e3 * pilot.monitor.late_s:.0f} ms later than told"
             if pilot.monitor.late_s
             else ""
         )

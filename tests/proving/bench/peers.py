@@ -1,5 +1,6 @@
-"""Other simulators for ``bench batch --peers``: the dependency group ``peers``, imported only when measured."""
+"""Other simulators for ``bench --peers``: the dependency group ``peers``, imported only when measured."""
 
+import sys
 import warnings
 from collections.abc import Callable
 from typing import Any, NamedTuple
@@ -62,8 +63,24 @@ def rotorpy() -> Bench:
     return Bench(run, STEPS, "one vehicle at a time: its batch needs torch, which is not in the group")
 
 
+def fly_circle(duration_s: float) -> None:
+    """A whole flight of rotorpy's, at its defaults: its SE(3) controller on a circle at 100 Hz."""
+    from rotorpy.controllers.quadrotor_control import SE3Control
+    from rotorpy.environments import Environment
+    from rotorpy.trajectories.circular_traj import ThreeDCircularTraj
+    from rotorpy.vehicles.crazyflie_params import quad_params
+    from rotorpy.vehicles.multirotor import Multirotor
+
+    room = Environment(Multirotor(quad_params), SE3Control(quad_params), ThreeDCircularTraj())
+    room.run(t_final=duration_s, plot=False)
+
+
 PEERS: dict[str, Callable[[], Bench]] = {
     "crazyflow, 1,000 vehicles: its defaults (Euler)": crazyflow,
     "crazyflow, 1,000 vehicles: RK4, every loop at every step": lambda: crazyflow(integrator="rk4", state_freq=500),
     "rotorpy, one vehicle: law and plant at every step": rotorpy,
 }
+
+
+if __name__ == "__main__":
+    fly_circle(float(sys.argv[1]))

@@ -166,16 +166,17 @@ def pieces_of(stream: bytes, cuts: Sequence[int]) -> list[bytes]:
 def repaired_mavlink(frame: bytes) -> bytes:
     """A damaged MAVLink 2 frame with the length and the checksum of what it holds."""
     from fastcrc.crc16 import mcrf4xx
-    from pymavlink.dialects.v20 import ardupilotmega
+
+    from links.mavlink.protocol.dialect import DIALECT
 
     if len(frame) < 12:
         return frame
     number = int.from_bytes(frame[7:10], "little")
-    message = ardupilotmega.mavlink_map.get(number)
+    message = DIALECT.kind(number)
     if message is None:
         return frame
     body = bytes([min(len(frame) - 12, 255)]) + b"\0" + frame[3:-2][:263]
-    return b"\xfd" + body + mcrf4xx(body + bytes([message.crc_extra])).to_bytes(2, "little")
+    return b"\xfd" + body + mcrf4xx(body + message.crc_byte).to_bytes(2, "little")
 
 
 SOURCES: dict[str, Callable[[], Subject]] = {

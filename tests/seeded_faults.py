@@ -1,0 +1,160 @@
+"""Forty faults of one line each, and whether the tests catch them: ``python -m tests.seeded_faults [NUMBER ...]``.
+
+Each is put into a copy of the checkout. First run the tests that concern the file; where they let it pass, with
+``--all`` everything that computes. What ``make test`` leaves to ``make test-all`` is left out here, too, unless
+``--long`` is given. Not part of any `make` target: it takes minutes.
+"""
+
+import argparse
+import os
+import shutil
+import subprocess
+import sys
+import tempfile
+from pathlib import Path
+from typing import NamedTuple
+
+ROOT = Path(__file__).parents[1]
+PACKAGES = ("groundstation", "links", "sim")
+
+
+class Fault(NamedTuple):
+    """One line, and what a slip would make of it."""
+
+    file: str
+    """Name of the file, wherever it is; the one that holds the line."""
+    right: str
+    wrong: str
+
+
+CONCERNED = {
+    "deadman.py": "unit/test_deadman.py unit/test_pacer.py unit/test_mavlink_link.py",
+    "guards.py": "unit/test_guards.py flight/test_guards.py",
+    "pacer.py": "unit/test_pacer.py unit/test_sleep.py unit/test_rf_link.py flight/test_pacer_strikes.py",
+    "gate.py": "unit/test_gate.py flight/test_gate.py",
+    "mission.py": "unit/test_mission.py flight/test_missions.py flight/test_ends.py",
+    "backstepping.py": "unit/test_law_vectors.py property/test_law.py",
+    "adaptive.py": "property/test_composite_proof.py contract/test_controllers.py",
+    "protocol/codec.py": "unit/test_mavlink_codec.py property/test_mavlink_codec.py",
+    "crsf_codec.py": "unit/test_rf_codecs.py property/test_rf_codecs.py",
+    "vicon_codec.py": "unit/test_vicon_codec.py property/test_vicon_codec.py",
+    "bridge/codec.py": "unit/test_bridge.py",
+    "natnet_codec.py": "unit/test_natnet.py unit/test_pose_codecs.py",
+}
+"""The tests that are about a file."""
+
+FAULTS = (
+    Fault("deadman.py", "if self.held or opens not in", "if opens not in"),
+    Fault("deadman.py", " or now_s > command.deadline_s:", ":"),
+    Fault("deadman.py", "command.pose_time_s < newest.pose_time_s", "command.pose_time_s > newest.pose_time_s"),
+    Fault("deadman.py", "if now_s <= self._command.deadline_s:", "if now_s <= self._command.deadline_s + 0.1:"),
+    Fault("deadman.py", "DEADLINE_LIMIT_S = 1.1", "DEADLINE_LIMIT_S = 11.0"),
+    Fault("deadman.py", "            if now_s <= end:\n", "            if now_s <= end + 0.2:\n"),
+    Fault("deadman.py", "self.held = False\n        self._command = None\n", "self.held = False\n"),
+    Fault("guards.py", "not diverged_m <= c.divergence_m", "diverged_m > 2.0 * c.divergence_m"),
+    Fault("guards.py", "c.tilt_deg, tick.time_s, c.tilt_s", "c.tilt_deg, tick.time_s, 10.0 * c.tilt_s"),
+    Fault("guards.py", "status.rtt_s > c.rtt_s", "status.rtt_s > 5.0 * c.rtt_s"),
+    Fault("guards.py", "share < c.battery_share", "share > c.battery_share"),
+    Fault("guards.py", "return max((one for one in found", "return min((one for one in found"),
+    Fault("guards.py", "now_s - left > 2.5 *", "now_s - left > 25.0 *"),
+    Fault("guards.py", "any(abs(rate) >= 0.999 * limit", "all(abs(rate) >= 0.999 * limit"),
+    Fault("pacer.py", "if arming == self._arming:", "if arming <= self._arming:"),
+    Fault("pacer.py", "self._deadman.stop()  # no command has come", "pass  # no command has come"),
+    Fault("pacer.py", "case Arm(number, at_s) if self._deadman.phase(now_s) is Phase.OVER:", "case Arm(number, at_s):"),
+    Fault("pacer.py", "self._high_s + self._config.arm_high_s", "self._high_s"),
+    Fault("pacer.py", '_deadman.stop()\n        self._port.close()\n        self._errors["',
+          '_port.close()\n        self._errors["'),
+    Fault("pacer.py", "self._deadman.hold()\n        self._quiet_since_s", "self._quiet_since_s"),
+    Fault("pacer.py", "self._deadman.stop()\n        self.prepare(now_s)", "self.prepare(now_s)"),
+    Fault("gate.py", "if not 0.8 < square < 1.2:", "if not 0.0 < square < 10.0:"),
+    Fault("gate.py", "if elapsed <= 0.0:", "if elapsed < -1.0:"),
+    Fault("gate.py", "TURN_DEG + config.rate_deg_s * elapsed", "TURN_DEG + 10.0 * config.rate_deg_s * elapsed"),
+    Fault("gate.py", ">= self._config.settle_s:", ">= 0.1 * self._config.settle_s:"),
+    Fault("gate.py", "/ square < self._cos_tilt:", "/ square < self._cos_tilt - 1.0:"),
+    Fault("mission.py", "table[state, Event.KILL] = State.KILLED",
+          "table[state, Event.KILL] = state if over else State.KILLED"),
+    Fault("mission.py", "(State.TAKEOFF, Event.CLIMBED): State.HOLD,",
+          "(State.TAKEOFF, Event.CLIMBED): State.TRACKING,"),
+    Fault("mission.py", "table[State.DESCENT, Event.LAND] = State.DESCENT",
+          "table[State.DESCENT, Event.LAND] = State.LANDING"),
+    Fault("mission.py", "(State.RETURNING, Event.HOME): State.LANDING,", "(State.RETURNING, Event.HOME): State.HOLD,"),
+    Fault("backstepping.py", "-(a + s1 * x2), du_dz1", "-(a - s1 * x2), du_dz1"),
+    Fault("backstepping.py", "        -(mass / thrust) * turn[1],", "        (mass / thrust) * turn[1],"),
+    Fault("backstepping.py", "ops.where(suspended, 0.0, law.kb)", "ops.where(suspended, law.kb, law.kb)"),
+    Fault("adaptive.py", "(b_hat[0] + dt * dot[0],", "(b_hat[0] - dt * dot[0],"),
+    Fault("adaptive.py", "p, q, r = clamp(x, -a, a),", "p, q, r = x,"),
+    Fault("protocol/codec.py", "_IGNORE_ATTITUDE = 128", "_IGNORE_ATTITUDE = 0"),
+    Fault("crsf_codec.py", "packed |= counts(at, _LOW, _HIGH, _LARGEST) << (11 * i)",
+          "packed |= counts(at, _LOW, _HIGH, _LARGEST) << (10 * i)"),
+    Fault("vicon_codec.py", "(x / 1000.0, y / 1000.0, z / 1000.0)", "(x / 1000.0, y / 1000.0, z / 100.0)"),
+    Fault("bridge/codec.py", "if counter <= self.counter:", "if counter < self.counter:"),
+    Fault("natnet_codec.py", "error, bool(flags & TRACKED))", "error, True)"),
+)  # fmt: skip
+
+
+def seed(folder: Path, fault: Fault) -> Path:
+    """Put ``fault`` into the checkout in ``folder``; the file.
+
+    Raises:
+        ValueError: not exactly one file of that name has the line, or not exactly once.
+    """
+    named = [file for package in PACKAGES for file in (folder / package).rglob(fault.file)]
+    found = [file for file in named if fault.right in file.read_text("utf-8")]
+    if len(found) != 1 or found[0].read_text("utf-8").count(fault.right) != 1:
+        raise ValueError(f"{fault.file}: {fault.right!r} is to be changed in one place, and stands in {found}")
+    [file] = found
+    file.write_text(file.read_text("utf-8").replace(fault.right, fault.wrong), "utf-8")
+    return file
+
+
+def catches(folder: Path, tests: list[str], chosen: str) -> str:
+    """The first test that fails in ``folder``; empty where all pass.
+
+    Raises:
+        RuntimeError: the tests did not run.
+    """
+    done = subprocess.run(
+        [
+            *(sys.executable, "-m", "pytest", "-q", "-x", "--tb=no", "-p", "no:cacheprovider", "-p", "no:xdist"),
+            *("--hypothesis-profile", "quick", "-m", chosen, *tests),
+        ],
+        cwd=folder,
+        env=os.environ | {"PYTHONPATH": str(folder), "PYTHONDONTWRITEBYTECODE": "1"},
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    if done.returncode == 0:
+        return ""
+    failed = [line for line in done.stdout.splitlines() if line.startswith(("FAILED", "ERROR"))]
+    if not failed:
+        raise RuntimeError(done.stdout + done.stderr)
+    return failed[0].partition(" - ")[0]
+
+
+def main() -> int:
+    """Seed each fault and tell what caught it."""
+    words = argparse.ArgumentParser(description=__doc__)
+    words.add_argument("numbers", nargs="*", type=int, metavar="NUMBER", help=f"0 to {len(FAULTS) - 1}; none means all")
+    words.add_argument("--all", action="store_true", help="what the concerned tests let pass goes through all")
+    words.add_argument("--long", action="store_true", help="with what `make test-all` adds")
+    args = words.parse_args()
+    chosen = "not (real_time or soak)" if args.long else "not (real_time or matrix or soak)"
+    escaped = []
+    for number in args.numbers or range(len(FAULTS)):
+        fault = FAULTS[number]
+        with tempfile.TemporaryDirectory(prefix="seeded-") as name:
+            folder = Path(name) / "checkout"
+            shutil.copytree(ROOT, folder, ignore=shutil.ignore_patterns(".*", "__pycache__", "runs", "build"))
+            seed(folder, fault)
+            tests = [f"tests/{test}" for test in CONCERNED[fault.file].split()]
+            by = catches(folder, tests, chosen) or (args.all and catches(folder, ["tests"], chosen)) or ""
+        print(f"{number:2} {fault.file:18} {fault.wrong.strip()[:50]!r:54} {by or 'ESCAPED'}", flush=True)
+        if not by:
+            escaped.append(number)
+    print(f"{len(args.numbers or FAULTS) - len(escaped)} of {len(args.numbers or FAULTS)} caught; escaped: {escaped}")
+    return len(escaped) > 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())
