@@ -1,4 +1,4 @@
-"""One wire to one autopilot: opening and closing it, its messages to whoever reads them, and requests.
+"""Connection: one wire to one autopilot, its messages to whoever reads them, and requests, one hand-shake at a time.
 
 When the autopilot is heard again after a silence, or after its wire was lost, it is asked for its messages again, as
 it may have restarted. Set-points do not leave until the vehicle is armed anew: nobody knows what it did meanwhile.
@@ -14,12 +14,82 @@ from links.core.port import LinkError, LinkLost, LinkMisuse
 from links.mavlink.contact import Contact, Subscriber
 from links.mavlink.procedures.steps import Autopilot, Handshake
 from links.mavlink.procedures.streams import choose_streams
+from links.mavlink.protocol.codec import Message
 from links.mavlink.protocol.config import MavlinkLinkConfig
 from links.mavlink.protocol.timesync import Trip
-from links.mavlink.requests import POLL_S, Requests
 
 if TYPE_CHECKING:
     from links.mavlink.signing_key import Signing
+
+
+POLL_S = 0.05
+"""How often a request without a stream of set-points looks at the time [s]."""
+
+
+class Requests:
+    """Goes through hand-shakes; whoever owns it passes on every message and calls ``wake`` when the wire changes."""
+
+    def __init__(self, leave: Callable[[bytes], object], obstacle: Callable[[], LinkError | None]) -> None:
+        """``leave`` sends a frame; ``obstacle()`` is why nothing can be asked now."""
+        self._leave = leave
+        self._obstacle = obstacle
+        self._one_at_a_time = asyncio.Lock()
+        self._news = asyncio.Event()
+        self._handshake: Handshake | None = None
+
+    def wake(self) -> None:
+        """Look again."""
+        self._news.set()
+
+    def hear(self, message: Message, now_s: float) -> None:
+        """Take a message from the autopilot."""
+        if self._handshake is not None:
+            self._handshake.hear(message, now_s)
+            self._news.set()
+
+    async def see_through(
+        self, handshake: Handshake, meanwhile: Callable[[float], None] | None = None, period_s: float = POLL_S
+    ) -> None:
+        """Go through ``handshake``, calling ``meanwhile(now_s)`` every ``period_s`` [s].
+
+        Raises:
+            LinkError: the hand-shake's failure, or the obstacle that came up.
+        """
+        async with self._one_at_a_time:
+            self._handshake = handshake
+            try:
+                await self._go_through(handshake, meanwhile, period_s)
+            finally:
+                self._handshake = None
+
+    async def _go_through(
+        self, handshake: Handshake, meanwhile: Callable[[float], None] | None, period_s: float
+    ) -> None:
+        loop = asyncio.get_running_loop()
+        due_s = loop.time()
+        while True:
+            if (obstacle := self._obstacle()) is not None:
+                raise obstacle
+            now = loop.time()
+            if now >= due_s:
+                if meanwhile is not None:
+                    meanwhile(now)
+                due_s += period_s
+                if due_s <= now:
+                    due_s = now + period_s  # a late frame is left out, never made up for
+            for frame in handshake.poll(now):
+                self._leave(frame)
+            if handshake.failure is not None:
+                raise handshake.failure
+            if handshake.done:
+                return
+            self._news.clear()
+            try:
+                async with asyncio.timeout_at(due_s):
+                    await self._news.wait()
+            except TimeoutError:
+                pass
+
 
 KEEP_STAMP_BEATS = 10
 """How often the newest time stamp of signing is written down, in heartbeats; never while armed."""

@@ -11,9 +11,8 @@ from groundstation.settings.settings import Config
 from sim.batch.kernels import chosen
 from sim.cli.console import Progress
 from sim.studies.campaign.campaign import Campaign, Crew, run
-from sim.studies.campaign.cluster import Cluster
+from sim.studies.campaign.crew import Cluster, Local
 from sim.studies.campaign.draws import USUAL
-from sim.studies.campaign.local import Local
 from sim.studies.campaign.plot import plot
 from sim.studies.campaign.report import report, text
 from sim.studies.campaign.verify import verify

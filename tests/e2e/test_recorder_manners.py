@@ -9,12 +9,12 @@ import sys
 
 import pytest
 
-from groundstation.recording.manners import NICE, SLICE_NS
+from groundstation.recording.__main__ import NICE, SLICE_NS
 from tests.conftest import LEFT_OUT
 
 CHILD = """
 import sys
-from groundstation.recording.manners import stand_back
+from groundstation.recording.__main__ import stand_back
 stand_back()
 print(flush=True)
 sys.stdin.read()

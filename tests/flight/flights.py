@@ -9,7 +9,7 @@ from sim.runs.fly import Result, fly
 from sim.scenarios.prepare import prepare
 from sim.scenarios.scenarios import SCENARIOS
 from sim.studies.campaign.campaign import Campaign, run
-from sim.studies.campaign.local import Local
+from sim.studies.campaign.crew import Local
 from sim.studies.campaign.report import report
 from tests.flown_once import once
 

@@ -15,7 +15,7 @@ from sim.__main__ import main
 from tests import shadow_flight
 from tests.proving.alarms import command as alarms_command
 from tests.proving.alarms.alarms import KINDS, SHARES, Alarms, Watched, detections, watch_all
-from tests.proving.alarms.capture import captured as recorded_flights
+from tests.proving.alarms.command import captured as recorded_flights
 from tests.shadow_flight import GRAVITY, NOTHING, VEHICLE, D
 
 GOLDEN = Path(__file__).parents[1] / "golden"

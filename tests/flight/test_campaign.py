@@ -18,9 +18,9 @@ from sim.runs.referee import STEADY_S
 from sim.scenarios.prepare import prepare
 from sim.scenarios.scenarios import SCENARIOS
 from sim.studies.campaign.campaign import Campaign, run
+from sim.studies.campaign.crew import Local
 from sim.studies.campaign.draws import DRAWS, USUAL, drawn, fields, overrides
 from sim.studies.campaign.folder import Folder, Row
-from sim.studies.campaign.local import Local
 from sim.studies.campaign.plot import plot
 from sim.studies.campaign.report import command, report, text
 from sim.studies.campaign.verify import verify

@@ -16,11 +16,10 @@ from groundstation.config.load import ConfigError
 from sim.__main__ import main
 from sim.scenarios.prepare import prepare
 from sim.scenarios.scenarios import SCENARIOS
-from sim.studies.campaign import cluster as campaign_cluster
+from sim.studies.campaign import crew as campaign_cluster
 from sim.studies.campaign.campaign import Campaign, run
-from sim.studies.campaign.cluster import Cluster
+from sim.studies.campaign.crew import Cluster, Local
 from sim.studies.campaign.folder import Row
-from sim.studies.campaign.local import Local
 
 pytestmark = pytest.mark.real_time
 

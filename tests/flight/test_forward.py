@@ -24,7 +24,7 @@ from links.mavlink.link import MavlinkLink, MavlinkLinkConfig
 from links.mavlink.protocol.codec import ARDUPILOT, PX4, MavlinkCodec
 from links.mavlink.protocol.config import ForwardConfig
 from links.mavlink.protocol.odometry_codec import Odometry, odometry
-from sim.autopilots.external import ExternalPoses, Fused
+from sim.autopilots.base import ExternalPoses, Fused
 from sim.autopilots.px4 import LAND, Px4Autopilot
 from sim.runs.mission import fly_mission, from_floor
 from sim.runs.stage import Stage

@@ -5,7 +5,7 @@ from pathlib import Path
 import pytest
 from matplotlib.figure import Figure
 
-from groundstation.analysis.report.figures_flight import lateness
+from groundstation.analysis.report.figures import lateness
 from groundstation.analysis.report.flown import read
 from groundstation.analysis.report.numbers import numbers
 from groundstation.config.load import ConfigError

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from groundstation.analysis.identify.fit import Bounds, solved
+from groundstation.analysis.identify.fit import Bounds, designed, fitted, solved
 from groundstation.analysis.identify.found import Found, identified, level
 from groundstation.analysis.identify.lagged import lagged
 from groundstation.analysis.identify.parameter import FLY
@@ -16,7 +16,6 @@ from groundstation.analysis.identify.scene import full_n, hover_signal, most_n
 from groundstation.analysis.identify.seen import Column, Seen
 from groundstation.analysis.identify.text import file_text, table
 from groundstation.analysis.identify.turning import turns
-from groundstation.analysis.identify.whitening import designed, fitted
 from groundstation.core.geometry.ops import FLOATS
 from groundstation.core.geometry.so3 import IDENTITY
 from groundstation.core.geometry.so3 import turned as turned_by

@@ -1,11 +1,18 @@
-"""Least squares on innovations: Gauss and Newton, and how far the result may be off."""
+"""Least squares on innovations: Gauss and Newton, and how far the result may be off.
+
+Innovations are what a model left unexplained, made white by the Kalman filter of core/estimation/observer.py. What is
+measured is x0 + noise, where x0 is the integral of x1, and x1 that of x2; white noise drives each. An error that comes
+in at a derivative (wind on an acceleration, a lost frame on a body rate) then counts as what it is, and a fit weighs
+every frequency as it should: prediction errors (L. Ljung, System Identification, 2nd ed., chapter 7).
+"""
 
 from collections.abc import Callable, Sequence
-from typing import NamedTuple
+from typing import Any, NamedTuple, TypeAlias
 
 import numpy as np
 
 from groundstation.analysis.identify.seen import Column
+from groundstation.core.estimation.observer import Covariance, Densities, later, seen
 
 ROUNDS = 15
 CLOSE = 0.01
@@ -110,3 +117,126 @@ def _down(whitened: Whitened, values: Column, step: Column, news: Column, bounds
         if cost(tried, left) <= before:
             return tried, left
     return values, news
+
+
+Ratios: TypeAlias = tuple[float, float, float]
+"""Spectral densities of the noise that drives x0, x1, x2, over the variance of a measurement."""
+DIFFUSE = 1e8
+"""Variance of what is unknown at first, in units of the noise's."""
+UNSURE = 3
+"""So many innovations are left out while the filter knows nothing."""
+LOOKS = 800
+"""So many samples, in the middle of the flight, are enough to find how strong the noises are."""
+COARSE = np.arange(-4.0, 4.1, 1.0)
+"""Powers of ten that are tried first, about where the search begins; the next ones fill in between."""
+FINE = np.arange(-0.75, 0.76, 0.25)
+
+
+class Noise(NamedTuple):
+    """How strong the noises are."""
+
+    variance: float
+    """Of each measurement."""
+    ratios: Ratios
+
+
+class Filter(NamedTuple):
+    """Gains over N samples: they do not depend on the data."""
+
+    spans_s: Column
+    """Time since the sample before, (N,); 0 at the first."""
+    gains: Column
+    """(N, 3)"""
+    variances: Column
+    """Of the innovations, in units of the measurement's, (N,); infinite while the filter knows nothing."""
+
+    def innovations(self, measured: Column, pushes: Column | None = None) -> tuple[Column, Column]:
+        """What is new in each sample of ``measured`` (N, k), over its deviation, and x1 halfway to the next (N, k).
+
+        Both rest on the samples up to then only. ``pushes`` (N, 2, k) are known inputs: what is added to x0 and x1 over
+        the span before each sample.
+        """
+        news, halfway = np.empty_like(measured), np.empty_like(measured)
+        x0, x1, x2 = (np.zeros(measured.shape[1]) for _ in range(3))
+        for k, (h, (g0, g1, g2)) in enumerate(zip(self.spans_s.tolist(), self.gains.tolist(), strict=True)):
+            x0 = x0 + h * (x1 + (0.5 * h) * x2)
+            before, x1 = x1, x1 + h * x2
+            if pushes is not None:
+                x0, x1 = x0 + pushes[k, 0], x1 + pushes[k, 1]
+            halfway[k - 1] = 0.5 * (before + x1)
+            new = measured[k] - x0
+            x0, x1, x2 = x0 + g0 * new, x1 + g1 * new, x2 + g2 * new
+            news[k] = new
+        return news / np.sqrt(self.variances)[:, None], halfway
+
+
+def designed(at_s: Column, ratios: Ratios, gap_s: float) -> Filter:
+    """The filter for samples at ``at_s`` (N,) [s]; after a span longer than ``gap_s`` it begins anew."""
+    spans = np.diff(at_s, prepend=at_s[0])
+    gains, variances = np.zeros((len(at_s), 3)), np.full(len(at_s), np.inf)
+    densities, cover, known = Densities(*ratios, 0.0), _unknown(ratios), -UNSURE
+    for k, span in enumerate(spans.tolist()):
+        if span > gap_s:
+            cover, known = _unknown(ratios), -UNSURE
+        cover = later(cover, span, densities)
+        total = cover.pp + 1.0
+        gain, cover = seen(cover, 1.0)
+        gains[k] = gain[:3]
+        known += 1
+        if known > 0:
+            variances[k] = total
+    return Filter(spans, gains, variances)
+
+
+def _unknown(ratios: tuple[Any, Any, Any]) -> Covariance:
+    """x0 and x1 are; x2 is only where something drives it."""
+    return Covariance(DIFFUSE, 0.0, 0.0, 0.0, DIFFUSE, 0.0, 0.0, DIFFUSE * (ratios[2] > 0.0), 0.0, 0.0)
+
+
+def fitted(
+    at_s: Column, left: Column, about: Ratios, gap_s: float, powers: Sequence[Column] = (COARSE, FINE)
+) -> tuple[Noise, Filter]:
+    """The likeliest noise of what a model has ``left`` unexplained (N, k), and its filter for all samples.
+
+    The search goes from the ratios ``about`` by these ``powers`` of ten, in turn; a ratio of 0 stays so. The variance
+    has a closed form.
+    """
+    first = max(0, (len(at_s) - LOOKS) // 2)
+    few = slice(first, first + LOOKS)
+    best, variance = about, 1.0
+    for some in powers:
+        factors = [10.0**some if ratio > 0.0 else np.zeros(1) for ratio in best]
+        grid = np.meshgrid(*factors, indexing="ij")
+        tried = [ratio * part.ravel() for ratio, part in zip(best, grid, strict=True)]
+        unlikely, variances = _unlikely(at_s[few], left[few], (tried[0], tried[1], tried[2]), gap_s)
+        i = int(unlikely.argmin())
+        best, variance = (float(tried[0][i]), float(tried[1][i]), float(tried[2][i])), float(variances[i])
+    return Noise(variance, best), designed(at_s, best, gap_s)
+
+
+def _unlikely(at_s: Column, left: Column, ratios: tuple[Column, Column, Column], gap_s: float) -> tuple[Column, Column]:
+    """Minus the mean log likelihood of ``left`` for each of G sets of ratios, and the measurement's variance, (G,)."""
+    # Elementwise: what flies one vehicle in floats takes G of them in arrays.
+    elements: tuple[Any, Any, Any] = ratios
+    rates = Densities(*elements, 0.0)
+    sets = len(ratios[0])
+    x0, x1, x2 = (np.zeros((sets, left.shape[1])) for _ in range(3))
+    squares, logs, count = np.zeros(sets), np.zeros(sets), 0
+    cover, known = _unknown(ratios), -UNSURE
+    for k, h in enumerate(np.diff(at_s, prepend=at_s[0]).tolist()):
+        if h > gap_s:
+            cover, known = _unknown(ratios), -UNSURE
+        cover = later(cover, h, rates)
+        total = cover.pp + 1.0
+        gain, cover = seen(cover, 1.0)
+        x0 = x0 + h * (x1 + (0.5 * h) * x2)
+        x1 = x1 + h * x2
+        new = left[k] - x0
+        x0, x1, x2 = (x + np.asarray(g)[..., None] * new for x, g in zip((x0, x1, x2), gain, strict=False))
+        known += 1
+        if known > 0:
+            squares = squares + (new * new).sum(axis=1) / total
+            logs = logs + np.log(total)
+            count += 1
+    variances = squares / max(count * left.shape[1], 1)
+    return np.log(variances) + logs / max(count, 1), variances

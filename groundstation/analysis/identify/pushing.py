@@ -13,11 +13,21 @@ from typing import NamedTuple, TypeAlias
 
 import numpy as np
 
-from groundstation.analysis.identify.fit import Bounds, Fit, Whitened, solved
+from groundstation.analysis.identify.fit import (
+    COARSE,
+    FINE,
+    Bounds,
+    Filter,
+    Fit,
+    Noise,
+    Ratios,
+    Whitened,
+    fitted,
+    solved,
+)
 from groundstation.analysis.identify.scene import NAMES, Scene
 from groundstation.analysis.identify.seen import Column, Seen
 from groundstation.analysis.identify.turning import Turning
-from groundstation.analysis.identify.whitening import COARSE, FINE, Filter, Noise, Ratios, fitted
 
 GAP_S = 0.3
 """After a longer gap between poses the positions begin anew [s]."""

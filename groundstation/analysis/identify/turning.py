@@ -10,10 +10,9 @@ from typing import NamedTuple
 
 import numpy as np
 
-from groundstation.analysis.identify.fit import Bounds, Fit, Whitened, solved
+from groundstation.analysis.identify.fit import COARSE, FINE, Bounds, Filter, Fit, Whitened, fitted, solved
 from groundstation.analysis.identify.lagged import lagged
 from groundstation.analysis.identify.seen import Column, Seen
-from groundstation.analysis.identify.whitening import COARSE, FINE, Filter, fitted
 from groundstation.core.geometry import so3
 from groundstation.core.geometry.ops import Quat, arrays
 

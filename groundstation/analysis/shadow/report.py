@@ -1,15 +1,149 @@
-"""Offline comparison: from a .tlog to its report, the steps in order, and the report as text for people."""
+"""Offline comparison: from a .tlog to its report, the steps in order, and the report as text for people.
+
+It says whether the stream of poses is fit to fly on: one check an aspect, each a sentence with its number.
+"""
 
 from collections.abc import Iterator, Sequence
 from pathlib import Path
+from typing import Literal
+
+import msgspec
 
 from groundstation.analysis.shadow.facts import Commands, Facts, measured
 from groundstation.analysis.shadow.flight import hover_share, thrust_shares
-from groundstation.analysis.shadow.judge import Check, checks, verdict
 from groundstation.analysis.shadow.path import FlownPath
 from groundstation.analysis.shadow.recording import read_recording
 from groundstation.analysis.shadow.replay import replay
 from groundstation.analysis.shadow.vehicle import completed, described, latency_s, mavlink
+
+RATE_HZ = 30.0
+"""Fewer poses a second than this are not enough for the observer and its prediction."""
+VELOCITY_M_S = (0.1, 0.3)
+"""Velocity error up to which all is fine, and up to which care does. A standing error e moves the vehicle by e / 3
+(the law's slope r is 3 1/s): 3 cm and 10 cm."""
+WANDER_M_S = (0.1, 0.3)
+"""The same for how far positions and velocity of the source disagree. No filter can tell which of the two is wrong.
+If it is the positions, the vehicle follows them: at 0.3 m/s a metre in 3 s, while the screen shows it in place."""
+INNOVATION_M = (0.01, 0.05)
+"""The same for the innovation: one pose may move the vehicle's reference by this much."""
+RESET_M, RESET_RAD = 0.1, 0.1
+"""A reset in flight that moves or turns the vehicle further than this makes it jump."""
+BAD_STAMPS = 0.01
+"""More than this share of poses with a stamp that is not newer is a fault of the source, not an accident."""
+SATURATED = (0.01, 0.1)
+"""Share of commands at a limit: a take-off may touch it. A flown path hardly needs it, so more is the fault of the
+configuration or of the estimate, and beyond its limits the law proves nothing."""
+HOVER = 0.1
+"""The configuration's hover thrust may differ from the flown one by this share."""
+
+Level = Literal["fine", "care", "bad"]
+VERDICTS: dict[Level, str] = {"fine": "fit", "care": "fit with care", "bad": "not fit"}
+
+
+class Check(msgspec.Struct, frozen=True):
+    """One thing that was looked at."""
+
+    about: str
+    """What: rate, gaps, stamps, resets, velocity, wander, innovation, commands, hover or flight."""
+    level: Level
+    text: str
+    """What was found, with numbers, and what it means."""
+
+
+def checks(facts: Facts) -> list[Check]:
+    """Everything that can be said about a replay."""
+    return [*_stream(facts), *_flight(facts)]
+
+
+def verdict(checks_: list[Check]) -> str:
+    """``fit``, ``fit with care`` or ``not fit``: as the worst of the checks."""
+    levels = {check.level for check in checks_}
+    worst: Level = "bad" if "bad" in levels else "care" if "care" in levels else "fine"
+    return VERDICTS[worst]
+
+
+def _stream(facts: Facts) -> Iterator[Check]:
+    rate, gaps = facts.rate_hz or 0.0, facts.gaps
+    yield Check(
+        "rate",
+        "fine" if rate >= RATE_HZ else "bad",
+        f"{rate:.1f} poses a second; at least {RATE_HZ:.0f} are needed",
+    )
+    yield Check(
+        "gaps",
+        "bad" if gaps.longest_s >= gaps.limit_s else "care" if gaps.longest_s >= 0.5 * gaps.limit_s else "fine",
+        f"the longest time without a pose is {gaps.longest_s:.3f} s; "
+        f"after {gaps.limit_s:.2f} s commands stop (flight.coast_s)",
+    )
+    old = sum(facts.dropped.get(reason, 0) for reason in ("duplicate", "out_of_order", "not_newer"))
+    yield Check(
+        "stamps",
+        "bad" if old > BAD_STAMPS * facts.poses else "care" if old else "fine",
+        f"{old} of {facts.poses + old} poses carry a stamp that is not newer than the one before",
+    )
+    for reset in facts.resets_in_flight:
+        yield Check(
+            "resets",
+            "bad" if reset.moved_m > RESET_M or reset.turned_rad > RESET_RAD else "care",
+            f"at {reset.time_s:.1f} s, in flight, the source reset its estimate, "
+            f"by {1e3 * reset.moved_m:.0f} mm and {57.3 * reset.turned_rad:.1f} deg",
+        )
+
+
+def _flight(facts: Facts) -> Iterator[Check]:
+    if not facts.flights:
+        yield Check("flight", "care", "the recording holds no flight on set-points: only the stream could be judged")
+        return
+    if facts.hover_thrust is None:
+        yield Check(
+            "hover",
+            "care",
+            "no steady flight on SET_ATTITUDE_TARGET (thrust and rates): the estimator could not know the thrust",
+        )
+    else:
+        off = abs(facts.hover_configured / facts.hover_thrust - 1.0)
+        yield Check(
+            "hover",
+            "fine" if off <= HOVER else "care",
+            f"{facts.hover_thrust:.3f} of full thrust carries the vehicle"
+            + (f"; its configuration says {facts.hover_configured:.3f}" if off > 1e-3 else ""),
+        )
+    yield from _velocity(facts)
+    innovation = facts.innovation_rms_m or 0.0
+    yield Check(
+        "innovation",
+        _level(innovation, INNOVATION_M),
+        f"poses are {1e3 * innovation:.1f} mm RMS from where the model expects them",
+    )
+    if facts.commands is not None:
+        share = facts.commands.saturated_fraction
+        yield Check(
+            "commands",
+            _level(share, SATURATED),
+            f"{100.0 * share:.1f} % of the commands along the flown path would be at a limit",
+        )
+
+
+def _velocity(facts: Facts) -> Iterator[Check]:
+    own, path, source = facts.velocity_rms_m_s, facts.velocity_path_rms_m_s, facts.own_velocity_path_rms_m_s
+    if own is not None:
+        text = f"the estimated velocity is {own:.3f} m/s RMS from the autopilot's own"
+        yield Check("velocity", _level(own, VELOCITY_M_S), text)
+    elif path is not None:
+        text = (
+            f"the estimated velocity is {path:.3f} m/s RMS from that of the recorded positions; the source sends none"
+        )
+        yield Check("velocity", _level(path, VELOCITY_M_S), text)
+    if source is not None:
+        level = _level(source, WANDER_M_S)
+        text = f"positions and velocity of the autopilot disagree by {source:.3f} m/s RMS between themselves"
+        if level != "fine":
+            text += ": the vehicle may wander in the room that fast, although it looks good on screen; keep clear of it"
+        yield Check("wander", level, text)
+
+
+def _level(value: float, limits: tuple[float, float]) -> Level:
+    return "fine" if value <= limits[0] else "care" if value <= limits[1] else "bad"
 
 
 class Report(Facts, frozen=True, kw_only=True):

@@ -1,4 +1,4 @@
-"""Attaches to a running ground station: the newest snapshot, who holds control, and orders with their answers.
+"""Client of a running ground station: the newest snapshot, who holds control, and orders with their answers.
 
 ::
 
@@ -13,10 +13,210 @@ import asyncio
 from collections.abc import AsyncIterator
 from contextlib import asynccontextmanager
 from pathlib import Path
+from typing import Literal, cast
 
+from groundstation.core.messages.requests import Ask, Request
 from groundstation.core.messages.snapshot import Snapshot
-from groundstation.interfaces.api.connection import ANSWER_S, Client
+from groundstation.interfaces.api.messages import (
+    LINE_MAX_BYTES,
+    SNAPSHOT_PREFIX,
+    VERSION,
+    Answer,
+    Control,
+    Hello,
+    Lines,
+    Order,
+    Refused,
+    decode,
+    encode_order,
+)
 from groundstation.runtime.place import ApiError, owner
+
+ANSWER_S = 3.0
+"""How long a ground station may take to say hello, or to answer [s]."""
+
+
+class Client(asyncio.Protocol):
+    """One connection; iterate over it for the newest snapshot and every change of control. Made by client.py."""
+
+    hello: Hello
+    """Who serves here."""
+    control: Control
+    """Who holds control."""
+
+    def __init__(self, path: Path, name: str) -> None:
+        """``path`` is named in errors; ``name`` is what the other clients read of this one."""
+        self._path = path
+        self._name = name
+        self._lines = Lines(LINE_MAX_BYTES)
+        self._transport: asyncio.Transport | None = None
+        self._next_id = 1
+        self._answers: dict[int, asyncio.Future[Answer]] = {}
+        self._controls: list[Control] = []
+        self._newest: bytes | None = None
+        self._news = asyncio.Event()
+        self._over = False
+        self._trouble = ""
+        self.ready: asyncio.Future[None] = asyncio.get_running_loop().create_future()
+        """Done once it has been greeted, with an ApiError where it has not."""
+
+    # ---- orders
+
+    async def ask(self, request: Request, vehicle: str = "") -> Answer:
+        """Have ``request`` done; ``vehicle`` names the one to arm.
+
+        Raises:
+            ApiError: the connection is lost, or there was no answer.
+        """
+        return await self._order(ask=request.ask, why=request.why, vehicle=vehicle)
+
+    async def take_control(self) -> Answer:
+        """Take control; refused where somebody else holds it.
+
+        Raises:
+            ApiError: see :meth:`ask`.
+        """
+        return await self._order(control="take")
+
+    async def give_control(self) -> Answer:
+        """Give it away again; the end of the connection does, too.
+
+        Raises:
+            ApiError: see :meth:`ask`.
+        """
+        return await self._order(control="give")
+
+    async def set_gains(self, gains: dict[str, float]) -> Answer:
+        """Have gains moved in flight, by their dotted keys in the configuration.
+
+        Raises:
+            ApiError: see :meth:`ask`.
+        """
+        return await self._order(gains=gains)
+
+    async def _order(
+        self,
+        *,
+        ask: Ask | None = None,
+        control: Literal["take", "give"] | None = None,
+        gains: dict[str, float] | None = None,
+        why: str = "",
+        vehicle: str = "",
+    ) -> Answer:
+        if self._transport is None or self._over:
+            raise ApiError(f"{self._path}: {self._trouble or 'the connection is lost'}")
+        number, self._next_id = self._next_id, self._next_id + 1
+        loop = asyncio.get_running_loop()
+        order = Order(
+            id=number,
+            ask=ask,
+            control=control,
+            gains=gains,
+            why=why[:200],
+            vehicle=vehicle,
+            name=self._name,
+            until_s=loop.time() + ANSWER_S,  # nobody waits for its answer any more
+        )
+        future: asyncio.Future[Answer] = loop.create_future()
+        self._answers[number] = future
+        self._transport.write(encode_order(order))
+        try:
+            return await asyncio.wait_for(future, ANSWER_S)
+        except TimeoutError:
+            raise ApiError(f"{self._path}: no answer within {ANSWER_S:g} s") from None
+        finally:
+            self._answers.pop(number, None)
+
+    # ---- what it hears
+
+    def __aiter__(self) -> "Client":
+        return self
+
+    async def __anext__(self) -> Snapshot | Control:
+        """The next change of control, or the newest snapshot that was not taken yet.
+
+        Raises:
+            ApiError: what is served there is not this protocol.
+        """
+        while True:
+            if self._controls:
+                return self._controls.pop(0)
+            if self._newest is not None:
+                line, self._newest = self._newest, None
+                try:
+                    return cast("Snapshot", decode(line))
+                except ValueError as error:
+                    raise ApiError(f"no snapshot of this version at {self._path}: {error}") from error
+            if self._trouble:
+                raise ApiError(f"{self._trouble} ({self._path})")
+            if self._over:
+                raise StopAsyncIteration
+            self._news.clear()
+            await self._news.wait()
+
+    def close(self) -> None:
+        """Leave; control, where it was held, goes with it."""
+        if self._transport is not None:
+            self._transport.close()
+
+    def connection_made(self, transport: asyncio.BaseTransport) -> None:
+        """The socket is open."""
+        self._transport = cast("asyncio.Transport", transport)
+
+    def data_received(self, data: bytes) -> None:
+        """Sort what has come; only the newest snapshot is kept."""
+        for line in self._lines.feed(data):
+            if line is None:
+                self._fail(f"not a ground station: a line is longer than {LINE_MAX_BYTES} bytes")
+            elif line.startswith(SNAPSHOT_PREFIX) and self.ready.done():
+                self._newest = line
+            else:
+                self._hear(line)
+        self._news.set()
+
+    def connection_lost(self, exc: Exception | None) -> None:
+        """Whoever waits hears of it."""
+        del exc
+        self._over = True
+        lost = ApiError(f"{self._trouble or 'the ground station has closed the connection'} ({self._path})")
+        if not self.ready.done():
+            self.ready.set_exception(lost)
+        for future in self._answers.values():
+            if not future.done():
+                future.set_exception(lost)
+        self._news.set()
+
+    def _hear(self, line: bytes) -> None:
+        try:
+            message = decode(line)
+        except ValueError as error:
+            self._fail(f"not a ground station of this version: {error}")
+            return
+        match message:
+            case Hello():
+                if message.version != VERSION:
+                    self._fail(f"speaks version {message.version} of the protocol, this program {VERSION}")
+                self.hello = message
+            case Control():
+                self.control = message
+                if not self.ready.done():
+                    self.ready.set_result(None)
+                self._controls.append(message)
+            case Answer():
+                future = self._answers.get(message.id)
+                if future is not None and not future.done():
+                    future.set_result(message)
+            case Refused():
+                for future in self._answers.values():
+                    if not future.done():
+                        future.set_exception(ApiError(f"{self._path}: {message.text}"))
+            case _:
+                pass
+
+    def _fail(self, trouble: str) -> None:
+        self._trouble = self._trouble or trouble
+        if self._transport is not None:
+            self._transport.abort()
 
 
 async def attach(path: Path, name: str = "client") -> Client:

@@ -1,21 +1,39 @@
-"""What ``groundstation-sim alarms`` does: true flights with the monitor armed, or its curve of detection time."""
+"""What ``groundstation-sim alarms`` does: true flights with the monitor armed, or its curve of detection time.
+
+Or the monitor over a recorded flight: its poses and the set-points that were sent, as a flight would. The shadow of
+``groundstation replay`` reads the recording, finds where it flew on set-points of rates and thrust, and what carried
+it. The poses are the autopilot's own there, so that there is no second witness: in flight it is not asked then either.
+"""
 
 import argparse
 import json
+import math
 import os
 import shlex
 import sys
-from statistics import median
+from collections.abc import Sequence
+from pathlib import Path
+from statistics import mean, median
 
 import msgspec
 
+from groundstation.analysis.shadow.flight import flying, hover_share, thrust_shares
+from groundstation.analysis.shadow.path import FlownPath
+from groundstation.analysis.shadow.recording import Recording, read_recording
+from groundstation.analysis.shadow.vehicle import completed, described, latency_s, mavlink
 from groundstation.config.load import ConfigError
+from groundstation.core.pilot import Pilot
+from groundstation.core.safety.conviction import Conviction
+from groundstation.core.safety.liftoff import WANDERING_M
+from groundstation.core.safety.obedience import Contradiction
+from groundstation.core.vehicle.model import Drive
 from groundstation.flight.preflight import ensure_flyable
+from groundstation.settings.settings import Config
 from sim.cli.console import Counter
 from sim.runs.mission import from_floor
 from sim.scenarios.prepare import prepare, scenario_of
 from sim.studies.compare.table import check_markers, put_between_markers
-from tests.proving.alarms.alarms import KINDS, REMARKABLE, SHARES, Alarms, Detection, detections, watch_all
+from tests.proving.alarms.alarms import KINDS, REMARKABLE, SHARES, Alarms, Detection, Watched, detections, watch_all
 
 CURVE = ("paper", "adverse", "storm")
 """True flights that the curve counts false alarms in."""
@@ -59,7 +77,6 @@ def alarms(args: argparse.Namespace) -> int:
 
 
 def _captured(args: argparse.Namespace) -> int:
-    from tests.proving.alarms.capture import captured
 
     for option, given in (("--scenario", args.scenario), ("--curve", args.curve or None), ("--write", args.write)):
         if given is not None:
@@ -133,3 +150,93 @@ def _curve_facts(curve: tuple[Detection, ...], found: dict[str, Alarms]) -> dict
         "detections": msgspec.to_builtins(curve),
         "flown": [facts(name, one) for name, one in found.items()],
     }
+
+
+BEFORE_S, STOOD_S = 10.0, 1.0
+"""From so long before a flight on its poses and set-points are heard, and in the last of that it stood where its floor
+is [s]."""
+
+
+class _Obeying(Pilot):
+    """A pilot whose commands somebody else has chosen."""
+
+    def sent(self, time_s: float, drive: Drive, interval_s: float) -> None:
+        """``drive`` left at ``time_s`` [s], so long after the one before."""
+        acting = time_s + self._vehicle.command_delay_s
+        self._send(acting, drive)
+        self._mean_wind(self._estimator.disturbance, interval_s)
+
+
+def captured(file: Path, overrides: Sequence[str]) -> Alarms:
+    """Each flight in ``file`` (a .tlog), by its number.
+
+    Raises:
+        ConfigError: the file can't be read, or holds no poses, or no flight on set-points of rates and thrust.
+    """
+    config = described(None, overrides)
+    recording = read_recording(file, latency_s(config), mavlink(config).target_system)
+    path = FlownPath([seen.pose for seen in recording.poses], config.flight.coast_s)
+    shares = thrust_shares(recording.sent, config.thrust_curve)
+    hover = hover_share(recording, shares, path, config.controller.gravity)
+    if hover is None:
+        missing = "nothing in it flies on SET_ATTITUDE_TARGET with rates and thrust (type_mask 128)"
+        raise ConfigError("", f"{missing}: the monitor has no commands to hold its poses against", str(file))
+    config = completed(config, None, overrides, recording, hover)
+    flags = [bool(flag) for flag in flying(recording, shares, hover)]
+    bounds = [i for i in range(len(flags)) if flags[i] != (i > 0 and flags[i - 1])] + [len(flags)]
+    flights = [
+        _flown(number, recording, shares, config, begin, end)
+        for number, (begin, end) in enumerate(zip(bounds[::2], bounds[1::2], strict=False))
+    ]
+    return Alarms(flights=tuple(flights))
+
+
+def _flown(number: int, recording: Recording, shares: list[float], config: Config, begin: int, end: int) -> Watched:
+    """The flight of the poses from ``begin`` to before ``end``."""
+    poses = [seen.pose for seen in recording.poses]
+    lifts_s, ends_s = poses[begin].arrival_s, poses[end - 1].arrival_s
+    from_s, full_n = lifts_s - BEFORE_S, config.full_thrust_n
+    stood = [pose.position_ned[2] for pose in poses[:begin] if pose.arrival_s >= lifts_s - STOOD_S]
+    floor_z_m = mean(stood) if stood else math.inf  # a recording may begin in the air
+    pilot = _Obeying(config.vehicle, config.controller, config.flight.coast_s, floor_z_m)
+    conviction, said, evidence = Conviction(), list[str](), list[Contradiction]()
+    windows, ended, lifted, last_s = 0, "", False, from_s
+    pilot.stand()
+    events = [(pose.arrival_s, 0, i) for i, pose in enumerate(poses)]
+    events += [(sent.time_s, 1, i) for i, sent in enumerate(recording.sent)]
+    for time_s, is_sent, index in sorted(event for event in events if from_s <= event[0] <= ends_s):
+        if not is_sent:
+            pilot.pose(poses[index])
+            if not lifted and index >= begin and floor_z_m - poses[index].position_ned[2] > WANDERING_M:
+                lifted = True
+                pilot.lift(time_s, 1.0, -(poses[index].velocity_ned or (0.0, 0.0, 0.0))[2])
+            if pilot.monitor.windows != windows:
+                windows = pilot.monitor.windows
+                evidence.append(pilot.evidence)
+            continue
+        if pilot.newest_pose is None:
+            continue
+        pilot.sent(time_s, Drive(full_n * shares[index], recording.sent[index].rates), time_s - last_s)
+        last_s = time_s
+        charge = conviction.look(pilot.evidence, time_s, led=pilot.monitor.led(time_s))
+        if conviction.says.startswith("suspicion"):
+            said.append(f"{time_s:.1f} s: {conviction.says}")
+        late = (
+            f"convicted: what the poses show follows the commands {1e3 * pilot.monitor.late_s:.0f} ms later than told"
+            if pilot.monitor.late_s
+            else ""
+        )
+        ended = late or ("" if charge is None else charge.reason)
+        if ended:
+            said.append(f"{time_s:.1f} s: {ended}")
+            break
+    evidence = evidence or [Contradiction(0.0, 0.0, 0.0, 0.0)]
+    return Watched(
+        seed=number,
+        windows=windows,
+        largest={kind: max(getattr(each, kind) for each in evidence) for kind in KINDS},
+        passed=tuple(sum(max(each) >= share for each in evidence) for share in SHARES),
+        accused=tuple(said),
+        landed=not ended,
+        why=ended or f"recorded from {lifts_s:.1f} to {ends_s:.1f} s",
+    )

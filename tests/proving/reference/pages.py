@@ -1,17 +1,183 @@
-"""Pages of docs/reference that are made from the code: ``groundstation-sim reference --write docs/reference``."""
+"""Pages of docs/reference that are made from the code: ``groundstation-sim reference --write docs/reference``.
 
-from collections.abc import Callable
+Every key of a configuration, every command of both programs with its arguments, every channel of a recording with its
+fields, and every column of a campaign's table.
+"""
+
+import argparse
+from collections.abc import Callable, Iterator
 from pathlib import Path
+from typing import Any
 
+import msgspec
+from msgspec import inspect as mi
+
+from groundstation.__main__ import parser as flying
 from groundstation.config.load import ConfigError
+from groundstation.config.schema import structs
+from groundstation.config.words import expected
 from groundstation.interfaces.mqtt.schemas import write_schemas
-from tests.proving.reference import campaign_columns, channels, configuration, programs
+from groundstation.recording.channels import CHANNELS
+from groundstation.settings.settings import Config
+from links.bridge.server import BridgeConfig
+from sim.__main__ import parser as simulating
+from sim.studies.campaign.folder import COLUMNS, Row
+from sim.world.world import World
+from tests.proving.reference.remarks import one_line, remarks, summary
+
+PROGRAMS_HEAD = """# Commands
+
+`groundstation` is the real thing; `groundstation-sim` simulates everything. Both explain themselves with `--help`. A
+wrong argument or configuration ends them with code 2 and a line that says what is expected."""
+
+
+def programs_page() -> str:
+    """The programs_page."""
+    return "\n\n".join([PROGRAMS_HEAD, *_commands(flying()), *_commands(simulating())])
+
+
+def _commands(parser: argparse.ArgumentParser, help_: str = "", level: int = 2) -> Iterator[str]:
+    # argparse has no public way to ask what it knows.
+    inner = [action for action in parser._actions if isinstance(action, argparse._SubParsersAction)]
+    yield f"{'#' * level} `{parser.prog}`\n\n{_sentence(parser.description or help_)}".rstrip()
+    rows = [_argument_row(action) for action in parser._actions if action not in inner and action.dest != "help"]
+    if rows:
+        yield "\n".join(["| argument | |", "|---|---|", *rows])
+    for action in inner:
+        helps = {choice.dest: choice.help or "" for choice in action._choices_actions}
+        for name, command in action.choices.items():
+            yield from _commands(command, helps.get(name, ""), level + 1)
+
+
+def _argument_row(action: argparse.Action) -> str:
+    value: Any = action.metavar or (f"{{{','.join(map(str, action.choices))}}}" if action.choices else "")
+    if not value and action.nargs != 0:
+        value = action.dest.upper()
+    names = ", ".join(f"{name} {value}".strip() for name in action.option_strings) or str(value)
+    return f"| `{names}` | {_sentence(action.help or '')} |".replace("{", "(").replace("}", ")")
+
+
+def _sentence(text: str) -> str:
+    return f"{text[0].upper()}{text[1:].removesuffix('.')}.".replace("|", "\\|").replace("%%", "%") if text else ""
+
+
+CONFIGURATION_HEAD = """# Configuration keys
+
+One TOML file, a section a table; `--set KEY=VALUE` on any command overrides a key. What is in force:
+`groundstation config show FILE`. A key that is wrong stops the program at start, with its dotted name and what it
+accepts. Units are in square brackets."""
+BRIDGE = """## The bridge's own file
+
+For `groundstation rf-bridge`, beside a `[link]` as above: [two computers](../how-to/two-computers.md)."""
+TRUTH = """## What is simulated
+
+`--set sim.KEY=VALUE` of `groundstation-sim` changes the truth, not what the controller is told."""
+TABLE = "| key | accepts | default | |\n|---|---|---|---|"
+
+Told = set[tuple[str, type[Any]]]
+"""Tables that are on the configuration_page already: key and struct."""
+
+
+def configuration_page() -> str:
+    """The configuration_page."""
+    return "\n\n".join(
+        [
+            CONFIGURATION_HEAD,
+            *_tables(mi.type_info(Config), "", None, set()),
+            BRIDGE,
+            *_tables(mi.type_info(BridgeConfig), "", None, set(), without=("link",)),
+            TRUTH,
+            *_tables(mi.type_info(World), "sim.", None, set()),
+        ]
+    )
+
+
+def _tables(info: Any, path: str, default: Any, told: Told, without: tuple[str, ...] = ()) -> Iterator[str]:
+    """The plain keys of the struct ``info`` as one table, then each of its sections."""
+    fields = [field for field in info.fields if field.encode_name not in without]
+    rows = [_row(path, field, _default(field, default), info.cls) for field in fields if not structs(field.type)]
+    if rows:
+        yield "\n".join([TABLE, *rows])
+    for field in fields:
+        base, remark = _default(field, default), remarks(info.cls).get(field.name, "")
+        for struct in structs(field.type):
+            yield from _section(f"{path}{field.encode_name}", struct, base, remark, told)
+
+
+def _section(key: str, struct: mi.StructType, base: Any, remark: str, told: Told) -> Iterator[str]:
+    if (key, struct.cls) in told:
+        return
+    told.add((key, struct.cls))
+    kind = "" if struct.tag_field is None else f' with {struct.tag_field} = "{struct.tag}"'
+    chosen = " (the default)" if kind and isinstance(base, struct.cls) else ""
+    words = " ".join(text for text in (summary(struct.cls), remark) if text)
+    yield f"{'#' * (2 + key.count('.'))} `[{key}]`{kind}{chosen}\n\n{words}"
+    yield from _tables(struct, f"{key}.", base if isinstance(base, struct.cls) else None, told)
+
+
+def _default(field: mi.Field, of: Any) -> Any:
+    if of is not None:
+        return getattr(of, field.name)
+    if field.default_factory is not msgspec.NODEFAULT:
+        return field.default_factory()
+    return field.default
+
+
+def _row(path: str, field: mi.Field, default: Any, cls: type[Any]) -> str:
+    accepts = expected(field.type).replace("|", "\\|")
+    return f"| `{path}{field.encode_name}` | {accepts} | {_shown(default)} | {remarks(cls).get(field.name, '')} |"
+
+
+def _shown(default: Any) -> str:
+    if default is msgspec.NODEFAULT:
+        return "required"
+    return "none" if default is None else f"`{msgspec.json.encode(msgspec.to_builtins(default)).decode()}`"
+
+
+CHANNELS_HEAD = """# Channels of a recording
+
+A recording is an MCAP file; each message is JSON, its schema in the file. Names end in units; world NED, body FRD;
+`time_s` is the event loop's clock. `groundstation export LOG --channel TOPIC` writes one as CSV.
+"""
+
+
+def channels_page() -> str:
+    """The channels_page."""
+    return "\n\n".join(
+        [CHANNELS_HEAD, *(_channel(topic, name, message) for topic, (name, message) in CHANNELS.items())]
+    )
+
+
+def _channel(topic: str, name: str, message: type) -> str:
+    info = mi.type_info(message)
+    assert isinstance(info, mi.StructType), "every message is a struct"
+    fields = ", ".join(f"`{field.encode_name}`" for field in info.fields)
+    return f"## `{topic}`\n\n`{name}`: {one_line(summary(message))}\n\nFields: {fields}."
+
+
+COLUMNS_HEAD = """# Columns of a campaign
+
+`groundstation-sim campaign --out FOLDER` writes `FOLDER/flights.csv`, a row a flight; what all flights share is in
+`FOLDER/settings.json`. Where a flight crashed, or poses stayed away for too long, the figures that would mislead are
+empty. `certificate_violated` and `certificate_suspended` are what `groundstation-sim fly` tells of the same flight, and
+`groundstation fly` of a real one: V from measured quantities against its bound
+([the law](../explanation/law.md), section 5.9). b̃ from the truth: only a simulation has it.
+
+| column | |
+|---|---|"""
+
+
+def columns_page() -> str:
+    """The columns_page."""
+    said = remarks(World) | remarks(Row)
+    return "\n".join([COLUMNS_HEAD, *(f"| `{name}` | {said.get(name, '')} |" for name in COLUMNS)])
+
 
 PAGES: dict[str, Callable[[], str]] = {
-    "configuration.md": configuration.page,
-    "commands.md": programs.page,
-    "recording-channels.md": channels.page,
-    "campaign-columns.md": campaign_columns.page,
+    "md": configuration_page,
+    "commands.md": programs_page,
+    "recording-md": channels_page,
+    "campaign-columns.md": columns_page,
 }
 """File → what is in it."""
 

@@ -6,8 +6,7 @@ from pathlib import Path
 
 from groundstation.core.messages.requests import Ask, Request
 from groundstation.interfaces.api import messages
-from groundstation.interfaces.api.client import attach
-from groundstation.interfaces.api.connection import Client
+from groundstation.interfaces.api.client import Client, attach
 from groundstation.interfaces.api.messages import Control
 from groundstation.interfaces.tui.parts.feed import Answer, Hello, Holder, News, Trouble
 from groundstation.runtime.place import ApiError
