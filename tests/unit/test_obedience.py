@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 
 from groundstation.control.images import EXPANDS, Filter
 from groundstation.control.model import Driven, Motion
-from groundstation.control.obedience import GAP_S, NODE_S, SUSPECTS, Obedience
+from groundstation.control.obedience import GAP_S, HEADING_SUSPECTS, NODE_S, SUSPECTS, Obedience
 from groundstation.ops import Quat, Vec3
 from groundstation.poses.port import Pose
 from groundstation.so3 import multiply, third_column, turned
@@ -357,7 +357,7 @@ def test_a_slow_answer_about_the_vertical_is_no_stray() -> None:
     def asked(time_s: float) -> float:
         return 1.4 if 3.0 < time_s < 4.5 else 0.0
 
-    assert headings(asked, 0.35, 0.0) < SUSPECTS
+    assert headings(asked, 0.35, 0.0) < HEADING_SUSPECTS
 
 
 @pytest.mark.parametrize("held", [0.0, 1.0])
