@@ -61,8 +61,8 @@ better than both a vehicle that obeys and a picture that stands, e^9, and e^7 in
 that are set up wrongly are so from the first. Across, and where the vehicle is upset as no gust does it, e^4: an image
 drives it away ever faster, and little time is left."""
 SUSPECTS, HEADING_SUSPECTS, STILL_SUSPECTS, IMAGE_SUSPECTS = 0.85, 0.5, 0.6, 0.7
-"""Share of it that is a suspicion: by the attitude, as two nodes whose commands got lost on their way come to 80 %; by the
-heading; by a position that stands, or moves as an image."""
+"""Share of it that is a suspicion: by the attitude, as two nodes whose commands got lost on their way come to 80 %; by
+the heading; by a position that stands, or moves as an image."""
 STILL_CAP = 2.0
 """Most that one node may say for a position that stands: a ramp of wind that the law follows lasts some nodes, too."""
 STOPPED = 0.7
