@@ -13,7 +13,7 @@ from groundstation.core.geometry.ops import Quat, Vec3
 from groundstation.core.geometry.so3 import multiply, third_column, turned
 from groundstation.core.messages.pose import Pose
 from groundstation.core.safety.images import EXPANDS, Filter
-from groundstation.core.safety.obedience import GAP_S, NODE_S, SUSPECTS, Obedience
+from groundstation.core.safety.obedience import GAP_S, HEADING_SUSPECTS, NODE_S, SUSPECTS, Obedience
 from groundstation.core.vehicle.model import Driven, Motion
 
 G, MASS_KG, PERIOD_S = 9.81, 0.5, 0.01
@@ -357,7 +357,7 @@ def test_a_slow_answer_about_the_vertical_is_no_stray() -> None:
     def asked(time_s: float) -> float:
         return 1.4 if 3.0 < time_s < 4.5 else 0.0
 
-    assert headings(asked, 0.35, 0.0) < SUSPECTS
+    assert headings(asked, 0.35, 0.0) < HEADING_SUSPECTS
 
 
 @pytest.mark.parametrize("held", [0.0, 1.0])

@@ -60,8 +60,9 @@ CONVICTS, IMAGE_CONVICTS, EARLY_CONVICTS, UPSET_CONVICTS, EARLY = 14.0, 9.0, 7.0
 better than both a vehicle that obeys and a picture that stands, e^9, and e^7 in so many windows after lift-off: axes
 that are set up wrongly are so from the first. Across, and where the vehicle is upset as no gust does it, e^4: an image
 drives it away ever faster, and little time is left."""
-SUSPECTS, STILL_SUSPECTS, IMAGE_SUSPECTS = 0.5, 0.6, 0.7
-"""Share of it that is a suspicion; of a position that stands, or moves as an image."""
+SUSPECTS, HEADING_SUSPECTS, STILL_SUSPECTS, IMAGE_SUSPECTS = 0.85, 0.5, 0.6, 0.7
+"""Share of it that is a suspicion: by the attitude, as two nodes whose commands got lost on their way come to 80 %; by
+the heading; by a position that stands, or moves as an image."""
 STILL_CAP = 2.0
 """Most that one node may say for a position that stands: a ramp of wind that the law follows lasts some nodes, too."""
 STOPPED = 0.7
@@ -95,8 +96,9 @@ ARREST_M, ARREST_S, STANDS_M = 0.018, 0.4, 0.01
 within so much [m] has been stopped dead: no wind does that."""
 FILTER_NOISE = 2.0
 """The filter's innovation has so much of a pose's own noise [-]."""
-RESTS_M, RESTS_S = 0.03, 5.0
-"""A position that stands wanders by so much from node to node at most [m]; the mean of so long counts [s]."""
+RESTS_M, RESTS_MORE, RESTS_S = 0.001, 9.0, 5.0
+"""A position that stands moves by so much from node to node [m], and more counts up to so much of the mean square so
+far [-], as a single leap is no wander; the mean of so long counts [s]."""
 ASTRAY_M = 0.5
 """However long it wanders, it does not go farther [m]: something holds it, as GPS or a barometer."""
 HEADING_S, HEADING_RAD_S = 0.7, 0.25
@@ -130,7 +132,7 @@ class Contradiction(NamedTuple):
     @property
     def suspicious(self) -> bool:
         """Whether nothing should be learnt from the poses."""
-        turns = max(self.attitude, self.heading) >= SUSPECTS
+        turns = self.attitude >= SUSPECTS or self.heading >= HEADING_SUSPECTS
         return turns or self.axes >= IMAGE_SUSPECTS or self.still >= STILL_SUSPECTS
 
 
@@ -193,8 +195,9 @@ class Obedience:
         if last is None or pose.reset_count != last.reset_count or pose.time_s - last.time_s > GAP_S:
             self._rested = pose
         elif pose.time_s - last.time_s >= NODE_S - 1e-6:
-            moved = min(math.dist(pose.position_ned, last.position_ned), RESTS_M)
-            self._rests += (moved * moved / 3.0 - self._rests) * (NODE_S / RESTS_S)
+            moved = math.dist(pose.position_ned, last.position_ned)
+            most = RESTS_MORE * max(self._rests, RESTS_M * RESTS_M)
+            self._rests += (min(moved * moved / 3.0, most) - self._rests) * (NODE_S / RESTS_S)
             self._rested = pose
 
     def astray_m(self, since_s: float) -> float:
@@ -362,7 +365,7 @@ class Obedience:
             self._lates = self._lates + 1 if late_s > 0.0 else 0
             if self._lates >= LATE_NODES:
                 self.late_s = late_s
-        if max(attitude, axes, still) < CALM / CONVICTS and heading < SUSPECTS:
+        if max(attitude, axes, still) < CALM / CONVICTS and heading < HEADING_SUSPECTS:
             self.calm_s = pose.time_s
 
     def _strays_by(self, now_s: float, h: float) -> float:
