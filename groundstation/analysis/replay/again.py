@@ -29,7 +29,7 @@ from links.mavlink.link import MavlinkLinkConfig
 
 
 def read_pose(seen: ch.Measured) -> Pose:
-    """The read_pose as the pilot got it."""
+    """The pose as the pilot got it."""
     velocity = None if seen.velocity_ned is msgspec.UNSET else _tuple(seen.velocity_ned)
     at, attitude = _tuple(seen.position_ned), _quat(seen.attitude)
     return Pose(seen.id, seen.time_s, seen.arrival_s, at, attitude, velocity, seen.reset_count)
@@ -48,7 +48,7 @@ def read_reference(r: ch.Refer) -> Reference:
 
 
 def read_command(c: ch.Commanded | ch.Idle) -> Command:
-    """The read_command as it was handed to the link."""
+    """The command as it was handed to the link."""
     parts = tuple(Segment(part.duration_s, part.thrust_n, _tuple(part.rates_rad_s)) for part in c.bring_down)
     return Command(c.thrust_n, _tuple(c.rates_rad_s), c.pose_id, c.pose_time_s, c.deadline_s, parts)
 

@@ -32,7 +32,7 @@ wrong argument or configuration ends them with code 2 and a line that says what 
 
 
 def programs_page() -> str:
-    """The programs_page."""
+    """The page of commands."""
     return "\n\n".join([PROGRAMS_HEAD, *_commands(flying()), *_commands(simulating())])
 
 
@@ -75,11 +75,11 @@ TRUTH = """## What is simulated
 TABLE = "| key | accepts | default | |\n|---|---|---|---|"
 
 Told = set[tuple[str, type[Any]]]
-"""Tables that are on the configuration_page already: key and struct."""
+"""Tables that are on the page already: key and struct."""
 
 
 def configuration_page() -> str:
-    """The configuration_page."""
+    """The page of configuration keys."""
     return "\n\n".join(
         [
             CONFIGURATION_HEAD,
@@ -142,7 +142,7 @@ A recording is an MCAP file; each message is JSON, its schema in the file. Names
 
 
 def channels_page() -> str:
-    """The channels_page."""
+    """The page of channels."""
     return "\n\n".join(
         [CHANNELS_HEAD, *(_channel(topic, name, message) for topic, (name, message) in CHANNELS.items())]
     )
@@ -168,15 +168,15 @@ empty. `certificate_violated` and `certificate_suspended` are what `groundstatio
 
 
 def columns_page() -> str:
-    """The columns_page."""
+    """The page of a campaign's columns."""
     said = remarks(World) | remarks(Row)
     return "\n".join([COLUMNS_HEAD, *(f"| `{name}` | {said.get(name, '')} |" for name in COLUMNS)])
 
 
 PAGES: dict[str, Callable[[], str]] = {
-    "md": configuration_page,
+    "configuration.md": configuration_page,
     "commands.md": programs_page,
-    "recording-md": channels_page,
+    "recording-channels.md": channels_page,
     "campaign-columns.md": columns_page,
 }
 """File → what is in it."""
