@@ -111,7 +111,9 @@ COORDINATE_M, COORDINATE_NOISES, COORDINATE_S = 0.0005, 3.0, 2.0
 """A coordinate stands that stays within so much [m] and so many times its noise [-] for so long [s]."""
 LEANS_M_S2, LEANS_S, LEANS_SLOWLY_S = 0.7, 0.25, 6.0
 """Meanwhile the push along it, averaged over the first time [s], leaves its average over the second [s] by so much
-[m/s²]: no wind rises so fast and leaves no trace, and no battery sags so fast."""
+[m/s²]: no wind rises so fast and leaves no trace."""
+LEANS_SHARES = (1.0, 1.0, 0.4)
+"""What counts of it on each axis [-]: a battery that sags raises the thrust, and leaves no trace either."""
 LED_S = 1.0
 """So long after it was moved by something else than commands it may still be in somebody's hand [s]."""
 LATE_LOOKS, LATE_NODES = 0.3, 3
@@ -392,8 +394,10 @@ class Obedience:
     def _lean(self, pose: Pose, h: float, within_m: float) -> None:
         """What one node says of each coordinate that stands within so much [m], while the push along it changes."""
         most, swift = 0.0, self._speed
-        for coordinate, x, now, before in zip(self._stood, pose.position_ned, swift, self._swift, strict=True):
-            most = max(most, coordinate.leans(x, (now - before) / h, pose.time_s, h, within_m))
+        for coordinate, x, now, before, share in zip(
+            self._stood, pose.position_ned, swift, self._swift, LEANS_SHARES, strict=True
+        ):
+            most = max(most, share * coordinate.leans(x, (now - before) / h, pose.time_s, h, within_m))
         self._swift = swift
         self._leant = min(most / LEANS_M_S2, 1.0) if most > 0.5 * LEANS_M_S2 else 0.0
 
