@@ -107,6 +107,13 @@ STRAYS_RAD_S = 0.05
 """Slower is no turn that nobody asked for [rad/s]."""
 YAW_LATE_S = 0.55
 """So late may a turn about the vertical follow its command [s]: PX4 and ArduPilot were seen to take 0.35."""
+COORDINATE_M, COORDINATE_NOISES, COORDINATE_S = 0.0005, 3.0, 2.0
+"""A coordinate stands that stays within so much [m] and so many times its noise [-] for so long [s]."""
+LEANS_M_S2, LEANS_S, LEANS_SLOWLY_S = 0.7, 0.25, 6.0
+"""Meanwhile the push along it, averaged over the first time [s], leaves its average over the second [s] by so much
+[m/s²]: no wind rises so fast and leaves no trace."""
+LEANS_SHARES = (1.0, 1.0, 0.4)
+"""What counts of it on each axis [-]: a battery that sags raises the thrust, and leaves no trace either."""
 LED_S = 1.0
 """So long after it was moved by something else than commands it may still be in somebody's hand [s]."""
 LATE_LOOKS, LATE_NODES = 0.3, 3
@@ -186,6 +193,7 @@ class Obedience:
         self._between = None
         self._turns.clear()
         self._asked.clear()
+        self._leant = 0.0
         self.evidence = Contradiction(0.0, 0.0, 0.0, 0.0)
         """As it stands."""
 
@@ -293,6 +301,8 @@ class Obedience:
         self._seen_x = self._seen_y = self._seen_z = self._told_x = self._told_y = self._told_z = 0.0
         self._pushed = self._speed = (0.0, 0.0, 0.0)
         self._images.begin(pose.time_s, pose.position_ned, self._pushed)
+        self._stood = [_Coordinate(x, pose.time_s) for x in pose.position_ned]
+        self._swift = self._speed
         self._halves.clear()
         self._between = None
 
@@ -320,6 +330,7 @@ class Obedience:
         still = self._still / CONVICTS
         if self._newest_s - self._shock_s < SHOCK_S:
             still = max(still, STOPPED)
+        still = max(still, self._leant)
         if self._stopped_s > NODE_S:
             still = max(still, STOPPED if self._stopped_s < ARREST_S else 1.0)
         heading = abs(self._heading) / HEADING_RAD_S
@@ -358,6 +369,7 @@ class Obedience:
         seen, told = images.node(pose.time_s, pose.position_ned, self._pushed, fade, NODE_S)
         if images.nodes > SETTLES:
             self._stands(pose, seen, told, fade, math.sqrt((FILTER_NOISE * noise_m) ** 2 + self._wander))
+        self._lean(pose, h, COORDINATE_M + COORDINATE_NOISES * noise_m)
         self._judge()
         attitude, axes, heading, still = self.evidence
         if (attitude >= LATE_LOOKS or self._lates) and self.late_s == 0.0:
@@ -378,6 +390,16 @@ class Obedience:
             return 0.0
         rates = [rate for _, rate in asked]
         return seen - min(max(seen, min(rates)), max(rates))
+
+    def _lean(self, pose: Pose, h: float, within_m: float) -> None:
+        """What one node says of each coordinate that stands within so much [m], while the push along it changes."""
+        most, swift = 0.0, self._speed
+        for coordinate, x, now, before, share in zip(
+            self._stood, pose.position_ned, swift, self._swift, LEANS_SHARES, strict=True
+        ):
+            most = max(most, share * coordinate.leans(x, (now - before) / h, pose.time_s, h, within_m))
+        self._swift = swift
+        self._leant = min(most / LEANS_M_S2, 1.0) if most > 0.5 * LEANS_M_S2 else 0.0
 
     def _stands(self, pose: Pose, y: Vec3, c: Vec3, fade: float, noise_m: float) -> None:
         """What one node says of a position that stands; ``noise_m`` is the filter's own [m]."""
@@ -453,3 +475,31 @@ class Obedience:
             self._bias_variance[axis] = (1.0 - gain) * trim
             self._bias[axis] += gain * max(-most, min(most, r))
         return ANSWER * c * (ANSWER * c - 2.0 * y) / (2.0 * max(variance, best / UNEXPLAINED, slip * slip))
+
+
+class _Coordinate:
+    """One coordinate of the position that stands, and the push along it."""
+
+    __slots__ = ("_fast", "_place", "_since_s", "_slow")
+
+    def __init__(self, place: float, time_s: float) -> None:
+        """It is at ``place`` [m] at an instant [s]."""
+        self._place, self._since_s = place, time_s
+        self._fast = self._slow = 0.0
+
+    def leans(self, place: float, push: float, time_s: float, h: float, within_m: float) -> float:
+        """How far the push along it has left its average [m/s²] while it stood; 0 where it moved.
+
+        Args:
+            place: where it is [m].
+            push: what the commands push along it, since ``h`` ago [m/s²].
+            time_s: now [s].
+            h: time since the last call [s].
+            within_m: it stands within so much [m].
+        """
+        self._fast += min(h / LEANS_S, 1.0) * (push - self._fast)
+        if abs(place - self._place) > within_m:
+            self._place, self._since_s, self._slow = place, time_s, self._fast
+            return 0.0
+        self._slow += h / LEANS_SLOWLY_S * (self._fast - self._slow)
+        return abs(self._fast - self._slow) if time_s - self._since_s > COORDINATE_S else 0.0
