@@ -3,7 +3,7 @@ PYTHON ?= python3
 SCENARIO ?= paper
 WORKERS ?= 2
 # Tests in real time wait for most of their time.
-WAITERS ?= 3
+WAITERS ?= 2
 BROKER_HOST ?= localhost
 
 BIN := .venv/bin

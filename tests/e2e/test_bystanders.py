@@ -117,11 +117,11 @@ class Outside:
         self.done.append("broker")
 
     async def _dashboard_dies(self, server: Server) -> None:
-        screen = f"{sys.executable} -m groundstation tui --socket {self._socket}"
-        self._terminal.start(screen)
+        screen = [sys.executable, "-m", "groundstation", "tui", "--socket", str(self._socket)]
+        self._terminal.start(*screen)
         await until(lambda: all(row in self._terminal.screen() for row in (*big("tracking"), "Armed by")))
         self._terminal.type("?")
-        [pid] = [pid for pid, args in processes(str(self._socket)).items() if args == screen]
+        [pid] = [pid for pid, args in processes(str(self._socket)).items() if args == " ".join(screen)]
         clients = len(server._clients)
         os.kill(pid, signal.SIGKILL)
         await until(lambda: len(server._clients) < clients)

@@ -3,6 +3,7 @@
 import asyncio
 import contextlib
 import io
+import shlex
 import socket
 import subprocess
 import sys
@@ -217,7 +218,8 @@ class Terminal:
     def _do(self, *command: str) -> str:
         return subprocess.run([*self._tmux, *command], check=True, capture_output=True, text=True, timeout=60).stdout
 
-    def start(self, command: str) -> None:
+    def start(self, *words: str | Path) -> None:
+        command = shlex.join(map(str, words))
         self._do(
             "-f", "/dev/null", "new-session", "-d", "-x", "80", "-y", "24", f"{command}; echo left with $?; sleep 60"
         )
@@ -256,7 +258,7 @@ def test_the_screen_in_a_terminal_follows_a_core_that_dies_and_comes_back(termin
         first = subprocess.Popen(core)
         stack.callback(first.wait)
         stack.callback(first.kill)
-        terminal.start(f"{sys.executable} -m groundstation tui --socket {path}")
+        terminal.start(sys.executable, "-m", "groundstation", "tui", "--socket", path)
         screen = terminal.wait_for(*flying, "Armed by us", "following the trajectory", "age 12 ms")
         assert all(len(line.replace("\u0302", "")) <= 80 for line in screen.splitlines())
         first.kill()

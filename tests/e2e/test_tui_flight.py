@@ -51,7 +51,7 @@ def flown_in_a_room() -> Iterator[Room]:
 def test_a_flight_outlives_its_dashboard_and_lands_from_another_one(terminals: list[Terminal]) -> None:
     first, second = terminals
     with flown_in_a_room() as room:
-        first.start(" ".join(room.station("fly", "--tui")))
+        first.start(*room.station("fly", "--tui"))
         first.wait_for(*big("ready"), "you hold control")
         first.type("a")
         first.wait_for("Type its name")
@@ -62,7 +62,7 @@ def test_a_flight_outlives_its_dashboard_and_lands_from_another_one(terminals: l
         core = next(pid for pid, args in ours.items() if " daemon " in args)
         screen = next(pid for pid, args in ours.items() if " --tui" in args and args.startswith(sys.executable))
         os.kill(screen, signal.SIGKILL)
-        second.start(f"{sys.executable} -m groundstation tui --socket {room.status_socket}")
+        second.start(sys.executable, "-m", "groundstation", "tui", "--socket", room.status_socket)
         second.wait_for(*big("tracking"), "control is free", "held control")
         second.type("?")
         second.wait_for("twice within 1 s")
@@ -80,7 +80,7 @@ def test_a_flight_outlives_its_dashboard_and_lands_from_another_one(terminals: l
 def test_a_core_that_ends_by_itself_is_told_on_the_screen_and_after_it(terminals: list[Terminal]) -> None:
     with flown_in_a_room() as room:
         nobody = ("--set", "pose.object=nobody", "--set", "flight.pose_wait_s=1")
-        terminals[0].start(" ".join(room.station("fly", "--tui", *nobody)))
+        terminals[0].start(*room.station("fly", "--tui", *nobody))
         terminals[0].wait_for(*big("aborted"), "no pose within 1 s")
         terminals[0].type("q")
         terminals[0].wait_for("has ended", "mqx aborted: no pose within 1 s", "mqx.log", "left with 1")

@@ -46,7 +46,7 @@ def test_dashboard_and_broker_show_a_flight_and_their_deaths_do_not_touch_it(
             stdin=subprocess.DEVNULL,
         )
         try:
-            terminal.start(f"{sys.executable} -m groundstation tui --socket {room.status_socket}")
+            terminal.start(sys.executable, "-m", "groundstation", "tui", "--socket", room.status_socket)
             terminal.wait_for(*big("tracking"), "following the trajectory")
             shown = asyncio.run(on_broker(server, lambda s: s.state == "tracking" and s.error_m < 0.1))
             assert shown.vehicle == "mqx"

@@ -97,7 +97,7 @@ def test_two_that_are_told_to_be_at_the_same_place_stop_before_they_meet() -> No
     for one, other in ((first, "quad2"), (second, "quad1")):
         assert f"from {other} and nearing: braking" in reasons(one, State.HOLD)
         assert reasons(one, State.DESCENT) == ""
-        assert one.states[-1].state == State.LANDED
+        assert one.states[-1].state == State.LANDED, one.states[-1]
         assert one.touchdown_m_s is not None
         assert one.touchdown_m_s <= 0.5
 
@@ -137,7 +137,7 @@ def test_one_that_the_cameras_lose_descends_and_the_others_hold() -> None:
     assert "no pose for" in reasons(hidden, State.DESCENT)
     for one in others:
         assert "the cameras have not seen quad3" in reasons(one, State.HOLD)
-        assert one.states[-1].state == State.LANDED
+        assert one.states[-1].state == State.LANDED, one.states[-1]
         warnings = [line for line in said if line.startswith(one.name) and "warning: the cameras" in line]
         assert len(warnings) == 1
 

@@ -15,7 +15,7 @@ def test_poses_that_show_what_the_commands_do_are_charged_with_nothing() -> None
 def test_a_suspicion_is_told_once_and_so_is_its_end() -> None:
     conviction = Conviction()
     said = []
-    for now, share in enumerate((0.2, 0.6, 0.7, 0.6, 0.1, 0.0)):
+    for now, share in enumerate((0.2, 0.9, 0.95, 0.9, 0.1, 0.0)):
         assert conviction.look(NOTHING._replace(attitude=share), float(now)) is None
         said.append(conviction.says)
     assert [bool(line) for line in said] == [False, True, False, False, True, False]

@@ -107,8 +107,9 @@ STRAYS_RAD_S = 0.05
 """Slower is no turn that nobody asked for [rad/s]."""
 YAW_LATE_S = 0.55
 """So late may a turn about the vertical follow its command [s]: PX4 and ArduPilot were seen to take 0.35."""
-COORDINATE_M, COORDINATE_NOISES, COORDINATE_S = 0.0005, 3.0, 2.0
-"""A coordinate stands that stays within so much [m] and so many times its noise [-] for so long [s]."""
+COORDINATE_M, COORDINATE_NOISES, BRAKED_S, COORDINATE_S = 0.0005, 3.0, 0.8, 2.0
+"""A coordinate stands that stays within so much [m] and so many times its noise [-] for the last time [s]; in the first
+[s] it may still be braked."""
 LEANS_M_S2, LEANS_S, LEANS_SLOWLY_S = 0.7, 0.25, 6.0
 """Meanwhile the push along it, averaged over the first time [s], leaves its average over the second [s] by so much
 [m/s²]: no wind rises so fast and leaves no trace."""
@@ -499,7 +500,9 @@ class _Coordinate:
         """
         self._fast += min(h / LEANS_S, 1.0) * (push - self._fast)
         if abs(place - self._place) > within_m:
-            self._place, self._since_s, self._slow = place, time_s, self._fast
+            self._place, self._since_s = place, time_s
+        if time_s - self._since_s < BRAKED_S:
+            self._slow = self._fast
             return 0.0
         self._slow += h / LEANS_SLOWLY_S * (self._fast - self._slow)
         return abs(self._fast - self._slow) if time_s - self._since_s > COORDINATE_S else 0.0
