@@ -29,6 +29,8 @@ PERIOD_S = 0.02
 COAST_S, DOWN_S = 0.25, 0.3
 MAP = ChannelMap(arm=Switch(channel=5))
 CHANNELS = Channels(MAP, count=6, thrust_max_n=2.0)
+AT_ONCE_S = 0.002
+"""No two frames of one writer, and no three of two, are so near [s]."""
 GAP_S = 0.2
 """Longest time without a frame [s]: 60 ms, two looks, and what a busy machine adds."""
 
@@ -117,8 +119,11 @@ class Flight:
         assert not self._decoder.dropped
         # Six frames of one writer take five periods, less what the first of them was late by; of two, two and a half.
         times = [time_s for time_s, _ in self.seen]
-        for first, sixth in zip(times, times[5:], strict=False):
-            assert sixth - first > 2.75 * PERIOD_S, "six frames as quick as those of two writers"
+        for k in range(len(times) - 5):
+            six = times[k : k + 6]
+            # Three that are read at once were held up by the kernel on their way, and tell nothing of when they left.
+            if all(sum(abs(one - other) < AT_ONCE_S for other in six) < 3 for one in six):
+                assert six[-1] - six[0] > 2.75 * PERIOD_S, "six frames as quick as those of two writers"
         thrusts = [sticks.thrust_n for _, sticks in self.seen]
         flown = thrusts[next(k for k, thrust in enumerate(thrusts) if thrust > 0.9) :]
         ranks = [2 if thrust > 0.9 else 1 if thrust > 0.1 else 0 for thrust in flown]
