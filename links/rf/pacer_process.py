@@ -16,7 +16,7 @@ from links.rf.codecs.codec import Manner, RfLinkConfig
 from links.rf.pacer_child import MESSAGE_BYTES, Setup
 from links.rf.pacer_messages import Arm, End, Give, Order, Report, Stop
 
-START_LIMIT_S = 10.0
+START_LIMIT_S = 30.0
 """Longest wait for the first report [s]."""
 GIVE_BYTES = CAPACITY_BYTES - 256
 """Longest command in its message: the stand-by's mailbox must hold it with all else that the pacer holds."""
