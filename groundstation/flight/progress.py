@@ -7,7 +7,7 @@ from groundstation.core.messages.bodies import Others
 from groundstation.core.messages.pose import Pose
 from groundstation.core.mission.mission import FINAL, IN_AIR, TABLE, Event, Mission, State
 from groundstation.core.pilot import Pilot, Tick
-from groundstation.core.safety.conviction import WITNESS, Charge, Conviction
+from groundstation.core.safety.conviction import WITNESS, Charge, Conviction, charge_lateness
 from groundstation.core.safety.escalation import Escalation, Finding, Since, Step
 from groundstation.core.safety.fence import Fence
 from groundstation.core.safety.guards import Guards
@@ -167,7 +167,7 @@ class Progress:
         """Whether the poses are not believed any more."""
         if self._guards is None:
             return False
-        self._charge = self._too_old(now_s) or self._late() or self._parole(now_s)
+        self._charge = self._too_old(now_s) or charge_lateness(self._pilot.monitor.late_s) or self._parole(now_s)
         if self._charge is not None:
             return True
         if SILENT_S < now_s - self.heard_s < LOST_S:
@@ -183,17 +183,6 @@ class Progress:
         if self._conviction.says:
             self._say(self._conviction.says)
         return self._charge is not None
-
-    def _late(self) -> Charge | None:
-        """Poses that follow the commands later than their stamps say: their age is what the response says."""
-        late_s = self._pilot.monitor.late_s
-        if late_s == 0.0:
-            return None
-        why = (
-            f"convicted: what the poses show follows the commands {1e3 * late_s:.0f} ms later than told "
-            "(poses older than they say, or commands that get lost)"
-        )
-        return Charge(f"{why}: down on the model", convicted=True)
 
     def _parole(self, now_s: float) -> Charge | None:
         """Poses that come back after so long that the descent has begun: are they this vehicle's, and new?"""

@@ -68,6 +68,17 @@ class Conviction:
 LED = "something else than the commands moves it (a hand, or it is another body)"
 
 
+def charge_lateness(late_s: float) -> Charge | None:
+    """What follows from poses that follow the commands so much later than they say [s]; None where they do not."""
+    if late_s == 0.0:
+        return None
+    why = (
+        f"convicted: what the poses show follows the commands {1e3 * late_s:.0f} ms later than told "
+        "(poses older than they say, or commands that get lost)"
+    )
+    return Charge(f"{why}: down on the model", convicted=True)
+
+
 def _accusation(evidence: Contradiction) -> str:
     largest = max(evidence)
     if evidence.attitude == largest:

@@ -190,13 +190,17 @@ class Obedience:
         self._before = [0.0, 0.0]
         self._moved_s = self._swept_s = self._shock_s = self._shocks_s = self._newest_s = self._hole_s = -math.inf
         self._images.restart()
-        self._halves.clear()
-        self._between = None
+        self._forget_between()
         self._turns.clear()
         self._asked.clear()
         self._leant = 0.0
         self.evidence = Contradiction(0.0, 0.0, 0.0, 0.0)
         """As it stands."""
+
+    def _forget_between(self) -> None:
+        """What was seen half-way between the nodes counts no more."""
+        self._halves.clear()
+        self._between = None
 
     def rest(self, pose: Pose) -> None:
         """Take one pose of a vehicle that stands on the floor: it moves only by how its position is measured."""
@@ -263,8 +267,7 @@ class Obedience:
         if dt > HOLE_S:
             # Poses were missing: the filters must find their way again.
             self._images.nodes = min(self._images.nodes, SETTLES - 3)
-            self._halves.clear()
-            self._between = None
+            self._forget_between()
         self._upset = upset
         h = pose.time_s - self._node_s
         if h < NODE_S - 1e-6:
@@ -304,8 +307,7 @@ class Obedience:
         self._images.begin(pose.time_s, pose.position_ned, self._pushed)
         self._stood = [_Coordinate(x, pose.time_s) for x in pose.position_ned]
         self._swift = self._speed
-        self._halves.clear()
-        self._between = None
+        self._forget_between()
 
     def _look_between(self, pose: Pose) -> None:
         """Half-way between two nodes: where an image is suspected, it is looked for here, too."""

@@ -29,7 +29,7 @@ SHARES = (0.25, 0.375, 0.5, 0.75, 1.0, 1.25, 1.5)
 """Thresholds whose alarms are counted, as shares of what ends a flight."""
 REMARKABLE = (0.2, 0.5)
 """A flight whose largest statistic exceeds these is counted."""
-ACCUSES = ("suspicion: ", "convicted: ", "later than told")
+ACCUSES = ("suspicion: ", "convicted: ")
 """A line or a reason that says so accuses the poses."""
 LOOK_S = 0.5 * NODE_S
 """How often it is looked whether there is a new window [s]."""

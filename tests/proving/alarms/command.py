@@ -23,7 +23,7 @@ from groundstation.analysis.shadow.recording import Recording, read_recording
 from groundstation.analysis.shadow.vehicle import completed, described, latency_s, mavlink
 from groundstation.config.load import ConfigError
 from groundstation.core.pilot import Pilot
-from groundstation.core.safety.conviction import Conviction
+from groundstation.core.safety.conviction import Conviction, charge_lateness
 from groundstation.core.safety.liftoff import WANDERING_M
 from groundstation.core.safety.obedience import Contradiction
 from groundstation.core.vehicle.model import Drive
@@ -218,16 +218,12 @@ def _flown(number: int, recording: Recording, shares: list[float], config: Confi
             continue
         pilot.sent(time_s, Drive(full_n * shares[index], recording.sent[index].rates), time_s - last_s)
         last_s = time_s
-        charge = conviction.look(pilot.evidence, time_s, led=pilot.monitor.led(time_s))
+        looked = conviction.look(pilot.evidence, time_s, led=pilot.monitor.led(time_s))
         if conviction.says.startswith("suspicion"):
             said.append(f"{time_s:.1f} s: {conviction.says}")
-        late = (
-            f"convicted: what the poses show follows the commands {1e3 * pilot.monitor.late_s:.0f} ms later than told"
-            if pilot.monitor.late_s
-            else ""
-        )
-        ended = late or ("" if charge is None else charge.reason)
-        if ended:
+        charge = charge_lateness(pilot.monitor.late_s) or looked
+        if charge is not None:
+            ended = charge.reason
             said.append(f"{time_s:.1f} s: {ended}")
             break
     evidence = evidence or [Contradiction(0.0, 0.0, 0.0, 0.0)]
