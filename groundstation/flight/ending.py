@@ -59,10 +59,12 @@ class Ending:
         if self._kill is None and link.status.phase in ("fresh", "bring_down"):
             self._say("bringing down: the link levels, sinks and stops by itself")
             await link.silent()
-            if self._kill is None:
+            if not self.killed and not link.status.unmet:
                 taken = link.status.taken
                 whose = f"the autopilot is in {taken}, and not by us" if taken else "the bring-down is over"
                 self._say(f"{whose}: nothing leaves any more")
+        if not self.killed and link.status.unmet:
+            self._say(f"NOT brought down from here: {link.status.unmet}")
         await self._feed()
         if self._kill is not None:
             try:

@@ -88,7 +88,9 @@ class Flight:
             doubts=self._doubts,
             on_conviction=self.distrust,
         )
-        self._sender = Sender(link, self._pilot, self._progress, flight.idle_thrust * config.weight_n, self._flown)
+        self._sender = Sender(
+            link, self._pilot, self._progress, flight.idle_thrust * config.weight_n, self._flown, self._say
+        )
         self._scoreboard = Scoreboard(config, link)
         self._live = LiveGains(config.controller)
         self._quiet = quiet or Quiet()

@@ -60,14 +60,26 @@ class Sender:
     """Sends what :class:`groundstation.flight.progress.Progress` has for each frame of a link."""
 
     def __init__(
-        self, link: CommandLink, pilot: Pilot, progress: Progress, idle_n: float, on_tick: Callable[[Tick], None]
+        self,
+        link: CommandLink,
+        pilot: Pilot,
+        progress: Progress,
+        idle_n: float,
+        on_tick: Callable[[Tick], None],
+        say: Callable[[str], None],
     ) -> None:
-        """``idle_n`` is the thrust [N] until the vehicle is armed; ``on_tick`` sees each command as it has left."""
+        """``idle_n`` is the thrust [N] until the vehicle is armed; ``on_tick`` sees each command as it has left.
+
+        ``say`` takes lines for the operator.
+        """
         self._link = link
         self._pilot = pilot
         self._progress = progress
         self._idle_n = idle_n
         self._on_tick = on_tick
+        self._say = say
+        self._warned = {""}
+        """What the link warns of that the operator knows."""
         self._pacing = Pacing(link)
         self._standstill = Standstill()
 
@@ -89,6 +101,7 @@ class Sender:
         """
         loop, progress = asyncio.get_running_loop(), self._progress
         looking = asyncio.ensure_future(self._look())
+        self._warned.add(self._link.status.warning)  # pre-flight has told of it
         try:
             await self._link.arm(lambda: self._pilot.idle(loop.time(), self._idle_n))
             why = "spooling up, until the floor is left" if armed is Event.ARMED else "following the trajectory"
@@ -133,6 +146,7 @@ class Sender:
                 look += LINK_LOOK_S
                 self._ensure_armed(now)
                 progress.link(self._link.status, now)
+                self._warn()
             if progress.state not in IN_AIR:
                 return
             if not self._link.send(command):
@@ -148,6 +162,13 @@ class Sender:
             if progress.state not in IN_AIR:
                 return
             await self._pacing.next(now, command.deadline_s)
+
+    def _warn(self) -> None:
+        """Tell what the link warns of in flight, each thing once."""
+        warning = self._link.status.warning
+        if warning not in self._warned:
+            self._warned.add(warning)
+            self._say(f"warning: {warning}")
 
     def _why_refused(self, now: float, command: Command, last: tuple[float, Command] | None) -> str:
         """Why the link did not take ``command``; ``last`` is when the one before left, and it."""

@@ -83,7 +83,7 @@ class RemotePacer(asyncio.DatagramProtocol):
         """What it means that no report comes."""
         if self._refused:
             return f"the bridge at {self._remote} refuses: {self._refused}"
-        return f"the bridge at {self._remote} is not heard: it brings down and disarms by itself"
+        return f"the bridge at {self._remote} is not heard: where it still runs, it brings down and disarms by itself"
 
     def _ask(self) -> None:
         """A new hello; a session that there was goes on until it is answered."""

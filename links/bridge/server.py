@@ -50,6 +50,8 @@ class KeptPacer:
         self._say, self._heard = say, heard
         self._pacer: Pacer | None = None
         self._ends = False
+        self._relieved = False
+        """Whether a pacer that no stand-by follows has been told to end."""
         self._disarmed = True
         """Whether that is what the operator was told last."""
         self._quiet: Report | None = None
@@ -70,7 +72,7 @@ class KeptPacer:
             self._pacer.give(order)
 
     async def _paced(self) -> None:
-        self._quiet = None
+        self._quiet, self._relieved = None, False
         try:
             pacer = self._pacer = await self._open_pacer(self._config, 1.0, self._hear)
         except LinkError as error:
@@ -95,7 +97,9 @@ class KeptPacer:
             return
         if report is not None:
             self._tell(report, before)
-            if report.heir and self._pacer is not None and not (before is not None and before.heir):
+            lone = report.heir or (report.alone and report.over)
+            if lone and self._pacer is not None and not self._relieved:
+                self._relieved = True
                 self._pacer.give(End(self._config.disarm_s))  # once all is down, a pacer with a stand-by follows
         elif before is not None:  # what flew then may still do so: nobody sends it anything until there is another
             report = msgspec.structs.replace(before, port="the pacer ended; it is being started again")
@@ -109,6 +113,8 @@ class KeptPacer:
             self._say("the port is back, disarmed")
         if report.heir and not (before is not None and before.heir):
             self._say(report.heir)
+        if report.alone and not (before is not None and before.alone):
+            self._say(f"warning: {report.warning}")
         if not report.over:
             if self._disarmed:
                 self._say("the vehicle is armed")

@@ -111,7 +111,10 @@ class LinkStatus(msgspec.Struct, frozen=True):
     """Whether ``connected`` and ``armed`` are the vehicle's own words; False where nothing comes back from it, and they
     only say what was sent."""
     warning: str = ""
-    """What an operator should know of how frames leave, before arming; empty where nothing is wrong."""
+    """What an operator should know of how frames leave, before arming and in flight; empty where nothing is wrong."""
+    unmet: str = ""
+    """Why what was owed to the vehicle since its arming, the newest command or its bring-down, does not leave from
+    here, and who has to act; empty where it leaves or has left."""
 
 
 @runtime_checkable

@@ -82,6 +82,12 @@ class HeardPacer:
         """Why nothing leaves but a bring-down and disarm frames, or nothing at all; empty where commands may."""
         return self.why_silent() or (self.report.heir if self.report is not None else "")
 
+    def why_helpless(self) -> str:
+        """The same as :meth:`why_silent`, and who has to act then."""
+        nobody = self._dead or not self._mute
+        why = self.why_silent()
+        return f"the receiver's failsafe has to act: {why}" if why and nobody else why
+
     def why_silent(self) -> str:
         """Why nothing leaves at all; empty where it does."""
         if self._dead:
@@ -153,7 +159,7 @@ class PacedLink:
 
     def __init__(self, manner: Manner, open_pacer: Callable[[Hear], Awaitable[Pacer]]) -> None:
         """Nothing is opened yet; ``open_pacer`` gets at the pacer, whose ``manner`` counts from then on."""
-        self._heard = HeardPacer(manner, open_pacer, news=self._hear, missed=self._stop)
+        self._heard = HeardPacer(manner, open_pacer, news=self._hear, missed=self._miss)
         self._deadman = Deadman()
         """A likeness of the pacer's own, so that send() knows at once what will not leave."""
         self._arming = 0
@@ -163,6 +169,8 @@ class PacedLink:
         self._expired = 0
         self._why_over = ""
         """Why the newest arming is over, or soon will be, though nobody here has ended it."""
+        self._unmet = ""
+        """See :class:`links.core.port.LinkStatus`."""
         self._busy = _CLOSED
         """Why send() is out of place now; empty where it is not."""
 
@@ -191,13 +199,14 @@ class PacedLink:
             expired=self._expired,
             received=report.received if report is not None else 0,
             dropped=dict(report.dropped) if report is not None else {},
-            text="" if self._state() == "closed" else self._why_over or self._heard.words(),
+            text="" if self._state() == "closed" else self._heard.why_lost() or self._why_over or self._heard.words(),
             phase="over" if self._heard.pacer is None else self._deadman.phase(_now()),
             slept_s=report.slept_s if report is not None else 0.0,
             late_octaves=report.late_octaves if report is not None else (),
             period_s=self.period_s if report is not None else 0.0,
             hears_vehicle=False,
             warning=report.warning if report is not None else "",
+            unmet=self._unmet,
         )
 
     def _state(self) -> str:
@@ -265,7 +274,7 @@ class PacedLink:
             await _sleep_until(due)
             self._arming += 1
             self._deadman.arm()
-            self._stopped, self._why_over = False, ""
+            self._stopped, self._why_over, self._unmet = False, "", ""
             if not heard.give(Arm(self._arming, due)):
                 raise LinkLost(heard.why_lost() or "the pacer takes no orders: close the link, and connect it again")
             obeys_s = due + manner.arm_low_s + manner.arm_high_s
@@ -406,7 +415,18 @@ class PacedLink:
         if self._state() == "lost":
             raise LinkLost(self._heard.why_lost())
 
+    def _miss(self) -> None:
+        self._note_unmet()
+        self._stop()
+
+    def _note_unmet(self) -> None:
+        """What is owed does not leave where nothing does; that the port comes back, or a pacer, changes nothing."""
+        owed = self._busy != _ARMING and self._deadman.phase(_now()) in (Phase.FRESH, Phase.BRING_DOWN)
+        if owed and not self._unmet:
+            self._unmet = self._heard.why_helpless()
+
     def _hear(self, report: Report | None) -> None:
+        self._note_unmet()
         # A report from before the newest arming says nothing about it.
         if report is None or (report.arming == self._arming and report.over):
             ends = self._deadman.stop

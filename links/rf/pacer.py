@@ -209,7 +209,9 @@ class FramePacer:
         """Whether a command that is fresh could still count, by what was last seen to leave."""
         return not self._deadman.held and self._deadman.phase(seen_s) in (Phase.WAITING, Phase.FRESH)
 
-    def report(self, now_s: float, *, note: str = "", fifo: bool = False, warning: str = "") -> Report:
+    def report(
+        self, now_s: float, *, note: str = "", fifo: bool = False, alone: bool = False, warning: str = ""
+    ) -> Report:
         """The pacer as it is now."""
         self._tell_s, self._told = now_s + REPORT_S, self._stands(now_s)
         arming, over, deaf = self._told
@@ -232,6 +234,7 @@ class FramePacer:
             fifo=fifo,
             deaf=deaf,
             heir=self._heir,
+            alone=alone,
             warning=warning,
         )
 

@@ -31,6 +31,11 @@ SPIN_S = 0.00012
 """The last part of the wait is spent awake [s]: about what the kernel takes to wake a process up."""
 MESSAGE_BYTES = 65536
 """Longest message on the socket pair."""
+ALONE = (
+    "should the pacer end too, nothing but the receiver's failsafe brings the vehicle down; land, and connect the link "
+    "again"
+)
+"""What it means that there is no stand-by, and what to do."""
 _MOST_ORDERS = 256
 """Most orders taken between two frames, so that nobody who floods us delays a frame."""
 
@@ -107,6 +112,7 @@ class Estate:
         """Both are shared with the stand-by."""
         self.lease = lease
         self._held = held
+        self._standby = os.getppid()
         self._encoder = msgspec.msgpack.Encoder()
 
     def keep(self, pacer: FramePacer, now_s: float) -> None:
@@ -114,10 +120,15 @@ class Estate:
         self._held.put(self._encoder.encode(pacer.held()))
         self.lease.vouch(PACER, now_s)
 
+    @property
+    def deserted(self) -> bool:
+        """Whether the stand-by has ended: whoever started this process is its parent no longer."""
+        return os.getppid() != self._standby
+
     def warning(self, now_s: float) -> str:
         """What is wrong with the stand-by; empty where nothing is."""
-        lives = now_s < self.lease.vouched_s(STANDBY)
-        return "" if lives else "the pacer's stand-by is gone or stands still: close the link, and connect it again"
+        wrong = "is gone" if self.deserted else "" if now_s < self.lease.vouched_s(STANDBY) else "stands still"
+        return f"the pacer's stand-by {wrong}: {ALONE}" if wrong else ""
 
 
 class Commander:
@@ -173,9 +184,11 @@ class Commander:
     def tell(self, pacer: FramePacer, now_s: float) -> None:
         """Report; one that does not fit is left out."""
         if self._alive:
-            missing = self._estate.warning(now_s) if self._estate is not None else ""
+            estate = self._estate
+            missing = estate.warning(now_s) if estate is not None else ""
             warning = missing or ("" if self._fifo else f"frames may leave late, by {self._note}")
-            report: Report = pacer.report(now_s, note=self._note, fifo=self._fifo, warning=warning)
+            alone = estate is not None and estate.deserted
+            report: Report = pacer.report(now_s, note=self._note, fifo=self._fifo, alone=alone, warning=warning)
             with contextlib.suppress(OSError):  # nobody reads for now, or for ever: the next look tells
                 self._wire.send(self._encoder.encode(report))
 

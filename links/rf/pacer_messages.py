@@ -102,6 +102,8 @@ class Report(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True):
     all."""
     heir: str = ""
     """What became of the pacer, where its stand-by lets the frames go; empty where it does so itself."""
+    alone: bool = False
+    """Whether the pacer's stand-by has ended before it: nobody would let frames go in its place."""
     warning: str = ""
     """What is not as it should be with how it paces; empty where nothing is."""
 

@@ -27,8 +27,6 @@ CLOCK_TOLERANCE_S = 0.05
 class PacerProcess:
     """Implements :class:`links.rf.pacer_messages.Pacer`."""
 
-    why_mute = "the pacer and its stand-by stand still: nothing leaves until they go on, and then disarm frames"
-
     def __init__(
         self,
         manner: Manner,
@@ -71,6 +69,15 @@ class PacerProcess:
         except OSError:  # it is gone or takes nothing
             return False
         return True
+
+    @property
+    def why_mute(self) -> str:
+        """What it means that no report comes: a stand-by that runs would have taken the place of a dead pacer."""
+        if self._process.poll() is not None:
+            who = "the pacer stands still, and its stand-by is dead"
+        else:
+            who = "the pacer's stand-by stands still, and the pacer too, unless it is dead"
+        return f"{who}: the receiver's failsafe has to act; nothing leaves before one goes on, and then disarm frames"
 
     async def ended(self) -> None:
         """Wait until it has ended."""

@@ -238,20 +238,81 @@ def test_a_pacer_that_dies_or_stands_still_in_flight_is_replaced_by_what_it_held
     asyncio.run(main())
 
 
-@pytest.mark.parametrize("number", [signal.SIGKILL, signal.SIGSTOP])
-def test_a_stand_by_that_dies_or_stands_still_is_told_and_the_pacer_goes_on(number: signal.Signals) -> None:
+@pytest.mark.parametrize(("number", "says"), [(signal.SIGKILL, "is gone"), (signal.SIGSTOP, "stands still")])
+def test_a_stand_by_that_dies_or_stands_still_is_told_and_the_pacer_goes_on(number: signal.Signals, says: str) -> None:
     async def main() -> None:
         async with flight() as it:
             assert "stand-by" not in it.link.status.warning
             struck = time.monotonic()
             os.kill(it.standby, number)
             async with asyncio.timeout(60.0):
-                while "stand-by is gone or stands still" not in it.link.status.warning:
+                while f"the pacer's stand-by {says}: should the pacer end too" not in it.link.status.warning:
                     await asyncio.sleep(0.01)
             assert it.link.status.state == "armed"
             assert gap_s(it, struck) < GAP_S
             assert all(sticks.thrust_n > 0.9 for sticks in it.sent(struck))
             os.kill(it.standby, signal.SIGCONT)
+
+    asyncio.run(main())
+
+
+@pytest.mark.parametrize("first", ["pacer", "standby"])
+def test_nothing_is_said_to_bring_down_where_the_pacer_and_its_stand_by_are_dead(first: str) -> None:
+    async def main() -> None:
+        async with flight() as it:
+            assert not it.link.status.unmet
+            for process in (it.pacer, it.standby) if first == "pacer" else (it.standby, it.pacer):
+                assert "and with them every frame" not in it.link.status.text
+                os.kill(process, signal.SIGKILL)
+                await asyncio.sleep(0.05)  # long enough for the stand-by to take over, and to say so
+            async with asyncio.timeout(60.0):
+                while not it.link.status.unmet:
+                    await asyncio.sleep(0.002)
+            assert it.link.status.unmet.startswith(
+                "the receiver's failsafe has to act: the pacer and its stand-by ended"
+            )
+            assert "and with them every frame" in it.link.status.text, "not what was true before"
+            assert it.link.status.phase == "over"
+
+    asyncio.run(main())
+
+
+def test_what_was_brought_down_is_not_said_to_be_owed_when_the_stand_by_dies_after_it() -> None:
+    async def main() -> None:
+        async with flight() as it:
+            os.kill(it.pacer, signal.SIGKILL)
+            await it.lost()
+            await asyncio.sleep(COAST_S + DOWN_S + 0.3)
+            os.kill(it.standby, signal.SIGKILL)
+            async with asyncio.timeout(60.0):
+                while "and with them every frame" not in it.link.status.text:
+                    await asyncio.sleep(0.002)
+            assert not it.link.status.unmet
+
+    asyncio.run(main())
+
+
+def test_a_bridge_whose_pacer_lost_its_stand_by_says_so_and_starts_both_anew_before_the_next_arming(
+    tmp_path: Path,
+) -> None:
+    async def main() -> None:
+        async with begun(Bridged(tmp_path)) as it:
+            struck = time.monotonic()
+            os.kill(it.standby, signal.SIGKILL)
+            async with asyncio.timeout(60.0):
+                while "on the bridge: the pacer's stand-by is gone" not in it.link.status.warning:
+                    await asyncio.sleep(0.01)
+            assert it.link.status.state == "armed"
+            assert all(sticks.thrust_n > 0.9 for sticks in it.sent(struck)), "the flight goes on"
+            it.fall_silent()
+            await it.link.disarm()
+            async with asyncio.timeout(60.0):
+                while it.link.status.state != "connected" or it.link.status.warning:
+                    await asyncio.sleep(0.01)
+            (standby,) = children(it.bridge.pid)
+            assert standby != it.standby
+            await it.link.arm(command)
+        assert "warning: the pacer's stand-by is gone" in it.said
 
     asyncio.run(main())
 
