@@ -11,7 +11,7 @@ import msgspec
 from textual.pilot import Pilot
 from textual.widget import Widget
 
-from groundstation.config.load import dump
+from groundstation.config.loader import dump
 from groundstation.core.messages.requests import Ask
 from groundstation.core.messages.snapshot import Snapshot
 from groundstation.core.messages.verdict import Check, Verdict

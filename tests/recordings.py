@@ -5,8 +5,8 @@ from pathlib import Path
 
 from groundstation.recording.records import Record
 from sim.cli.run_folder import RECORDING, RunFolder
-from sim.runs.fly import Result, fly
-from sim.scenarios.prepare import prepare
+from sim.runs.flight import Result, fly
+from sim.scenarios.preparation import prepare
 from sim.scenarios.scenarios import SCENARIOS
 from tests.flown_once import folder_of, once
 

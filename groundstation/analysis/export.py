@@ -9,7 +9,7 @@ from typing import Any, TextIO
 
 import msgspec
 
-from groundstation.config.load import ConfigError
+from groundstation.config.loader import ConfigError
 from groundstation.pose.recorded.csv_codec import COLUMNS, Row, encode
 from groundstation.recording.channels import CHANNELS, Measured, schema
 from groundstation.recording.reader import NoRecording, Recording

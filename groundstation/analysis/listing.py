@@ -7,7 +7,7 @@ from typing import Any
 
 import msgspec
 
-from groundstation.config.load import ConfigError
+from groundstation.config.loader import ConfigError
 from groundstation.recording.reader import NoRecording, quick_headline
 from groundstation.runtime.flights import RecordingConfig, being_written, folder_of, tidy
 

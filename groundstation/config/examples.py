@@ -4,7 +4,7 @@ from importlib import resources
 from importlib.resources.abc import Traversable
 from pathlib import Path
 
-from groundstation.config.load import ConfigError
+from groundstation.config.loader import ConfigError
 
 _FOLDER = resources.files("groundstation") / "examples"
 

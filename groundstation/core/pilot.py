@@ -7,9 +7,9 @@ from typing import NamedTuple
 import msgspec
 
 from groundstation.core.control.adaptive import Adaptive
-from groundstation.core.control.bring_down import OFF, bring_down
 from groundstation.core.control.descent import Descent
-from groundstation.core.control.model_descent import model_descent
+from groundstation.core.control.model_descent import plan_model_descent
+from groundstation.core.control.bring_down import OFF, plan_bring_down
 from groundstation.core.control.watch import Seen, Watch
 from groundstation.core.controllers.kinds import ControllerConfig, make_controller
 from groundstation.core.estimation.estimator import ModelEstimator
@@ -259,7 +259,7 @@ class Pilot:
         before = self._before()
         motion = self._reckoned(before, acting)
         mass = vehicle.mass_kg / before.effectiveness
-        first, *rest = model_descent(
+        first, *rest = plan_model_descent(
             motion, vehicle, mass_kg=mass, gravity=self._gravity, disturbance=before.disturbance,
             height_m=self._floor - motion.position[2],
         )  # fmt: skip
@@ -378,7 +378,7 @@ class Pilot:
         vehicle, motion = self._vehicle, now.motion
         mass = vehicle.mass_kg / now.effectiveness
         motion = self._rolled(motion, drive, held_s, mass, disturbance)
-        return bring_down(
+        return plan_bring_down(
             motion,
             vehicle,
             mass_kg=mass,

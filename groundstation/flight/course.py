@@ -7,9 +7,9 @@ from groundstation.core.geometry.ops import Vec3
 from groundstation.core.mission.mission import Event, State
 from groundstation.core.pilot import Tick
 from groundstation.core.safety.touchdown import Hover, Touchdown
-from groundstation.core.trajectory.blend import Blend, Chain, Limits, blend, run_in, stopped
 from groundstation.core.trajectory.hold import Hold
 from groundstation.core.trajectory.port import Reference, Trajectory
+from groundstation.core.trajectory.transition import Blend, Chain, Limits, blend, run_in, stopped
 from groundstation.settings.settings import Config
 
 AT_REST_M_S = 0.02

@@ -2,8 +2,8 @@
 
 from pathlib import Path
 
-from groundstation.config.load import ConfigError
-from groundstation.core.trajectory.check import Demand, Report, check, refusal
+from groundstation.config.loader import ConfigError
+from groundstation.core.trajectory.feasibility import Demand, Report, check, refusal
 from groundstation.settings.settings import Config
 from links.bridge.link import BridgeLinkConfig
 from links.io.key_file import read_key

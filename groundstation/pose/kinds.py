@@ -1,6 +1,6 @@
 """Where poses come from: every kind of source, by the name that a configuration gives it (``kind = "vicon"``)."""
 
-from groundstation.config.load import ConfigError
+from groundstation.config.loader import ConfigError
 from groundstation.core.messages.bodies import Others
 from groundstation.core.messages.pose import PoseSource
 from groundstation.pose.recorded.csv import CsvConfig

@@ -4,7 +4,7 @@ import asyncio
 from collections.abc import Awaitable, Callable
 from typing import Any
 
-from groundstation.config.load import dump
+from groundstation.config.loader import dump
 from groundstation.core.messages.bodies import Others
 from groundstation.core.messages.pose import Pose, PoseSource
 from groundstation.core.messages.requests import Reply, Request

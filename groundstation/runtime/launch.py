@@ -12,7 +12,7 @@ from importlib.machinery import PathFinder
 from os.path import dirname  # pathlib would be a tenth of the time that --help takes
 
 PACKAGES = ("groundstation", "links", "sim")
-FOLDER = dirname(dirname(dirname(__file__)))  # noqa: PTH120  # as above
+ROOT_FOLDER = dirname(dirname(dirname(__file__)))  # noqa: PTH120  # as above
 
 
 class OwnPackages:
@@ -21,7 +21,7 @@ class OwnPackages:
     @staticmethod
     def find_spec(name: str, path: object = None, target: object = None) -> object:
         """The spec of one of our packages; None for any other module."""
-        return PathFinder.find_spec(name, [FOLDER]) if name in PACKAGES else None
+        return PathFinder.find_spec(name, [ROOT_FOLDER]) if name in PACKAGES else None
 
 
 # Here and not in a function: a process that multiprocessing spawns imports what its parent's script does, and no more.

@@ -1,6 +1,6 @@
 """Batch: many flights at once, N vehicles as arrays of shape (N,), from the same law, observer, predictor and plant.
 
-What :func:`sim.runs.fly.fly` does with one vehicle through wire bytes, this does with N: the same random numbers,
+What :func:`sim.runs.flight.fly` does with one vehicle through wire bytes, this does with N: the same random numbers,
 the same cameras, frames, losses and outages, the same single-precision set-points. Only the orchestration is written
 again (a test holds both against each other): the controller on arrays, memory and all, and what the referee writes
 down. All vehicles are told the same and share the periods of frames and poses.
@@ -14,7 +14,7 @@ import msgspec
 import numpy as np
 import numpy.typing as npt
 
-from groundstation.config.load import ConfigError
+from groundstation.config.loader import ConfigError
 from groundstation.core.control.adaptive import Adaptive
 from groundstation.core.control.gains import Gains, Law
 from groundstation.core.geometry.ops import Ops, arrays
@@ -24,12 +24,12 @@ from groundstation.core.trajectory.port import Reference
 from groundstation.core.vehicle.vehicle import Vehicle
 from groundstation.pose.sources.vicon import ViconConfig
 from groundstation.settings.settings import Config
-from sim.batch.columns import columns
+from sim.batch.entries import columns
 from sim.batch.estimator import BatchEstimator
 from sim.batch.fleet import Fleet
 from sim.batch.stages import Numpy, Stage, Stages
 from sim.batch.watch import BatchWatch
-from sim.runs.fly import CONFIRM_S
+from sim.runs.flight import CONFIRM_S
 from sim.runs.referee import ROUNDING_S, SATURATION_FROM_S, SETTLED_M, STEADY_S, sought
 from sim.world.world import World
 
@@ -165,7 +165,7 @@ HANDSHAKE_S = 1.2
 """How long PX4 wants set-points before it is armed: the hand-shake of a whole flight lasts so many whole frames [s]."""
 
 
-def check(world: World, config: Config) -> None:
+def require_batchable(world: World, config: Config) -> None:
     """Refuse what no batch can fly as whole flights do, in ``world``.
 
     Raises:
@@ -198,7 +198,7 @@ def fly_batch(
 
     Raises:
         ValueError: the worlds differ in a period or in the reference.
-        ConfigError: see :func:`check`.
+        ConfigError: see :func:`require_batchable`.
     """
     gains, vehicle, pose = config.controller, config.vehicle, config.pose
     first = worlds[0]
@@ -206,7 +206,7 @@ def fly_batch(
         if any(getattr(w, name) != getattr(first, name) for w in worlds):
             raise ValueError(f"all flights of a batch need the same sim.{name}")
     for world in worlds:
-        check(world, config)
+        require_batchable(world, config)
     assert isinstance(gains, Gains) and isinstance(pose, ViconConfig)
     period = first.frame_period_s
     steps = math.ceil(period / first.step_s - 1e-9)

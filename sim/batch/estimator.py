@@ -12,25 +12,25 @@ import numpy.typing as npt
 
 from groundstation.core.control.gains import Gains
 from groundstation.core.estimation import effectiveness
-from groundstation.core.estimation.effectiveness import Effectiveness, told
+from groundstation.core.estimation.effectiveness import Effectiveness, initial_effectiveness
 from groundstation.core.estimation.estimator import NOISE_FLOOR_M2, NOISE_MEMORY, STEP_LIMIT
 from groundstation.core.estimation.observer import (
     Covariance,
     Densities,
-    begun,
+    initial_covariance,
     corrected,
     corrected_attitude,
     corrected_twice,
     fourth_difference,
     innovation,
-    later,
-    seen,
+    predict_covariance,
+    update_covariance,
 )
 from groundstation.core.geometry.ops import Ops, Real, Vec3
 from groundstation.core.messages.control import Estimate
 from groundstation.core.vehicle.model import ZERO, Drive, Driven, Motion, carried, driven
 from groundstation.core.vehicle.vehicle import Vehicle
-from sim.batch.columns import pick, put, zeros
+from sim.batch.entries import pick, put, zeros
 from sim.batch.stages import Stages
 
 KEPT_FRAMES = 64
@@ -105,8 +105,8 @@ class BatchEstimator:
     def release(self) -> None:
         """As :meth:`ModelEstimator.release`."""
         state = self._state
-        put(state.covariance, slice(None), begun(state.noise))
-        put(state.effectiveness, slice(None), told(self._gains.effectiveness_deviation))
+        put(state.covariance, slice(None), initial_covariance(state.noise))
+        put(state.effectiveness, slice(None), initial_effectiveness(self._gains.effectiveness_deviation))
         put((state.disturbance, state.rate), slice(None), (ZERO, ZERO))
 
     def sent(self, frame: int, drive: Drive) -> None:
@@ -133,15 +133,15 @@ class BatchEstimator:
         noise, times, places = self._measured(ops, old, stamp, position)
         dt = stamp - old.stamp
         model = self._at(old, dt)
-        expected = later(old.covariance, dt, self._densities)
-        gain, covariance = seen(expected, noise)
+        expected = predict_covariance(old.covariance, dt, self._densities)
+        gain, covariance = update_covariance(expected, noise)
         step = innovation(position, model.position)
         rate = old.rate
         now = corrected(old.disturbance, dt, rate)
         e = old.effectiveness
         if self._separates:
-            e = effectiveness.later(e, dt, old.driven, self._vehicle.mass_kg, self._gains.effectiveness_walk)
-            e, moved = effectiveness.seen(ops, e, step, gain, expected.pp + noise)
+            e = effectiveness.predict_effectiveness(e, dt, old.driven, self._vehicle.mass_kg, self._gains.effectiveness_walk)
+            e, moved = effectiveness.update_effectiveness(ops, e, step, gain, expected.pp + noise)
             place = corrected_twice(model.position, gain.p, step, moved, e.p)
             speed = corrected_twice(model.velocity, gain.v, step, moved, e.v)
             now = corrected_twice(now, gain.d, step, moved, e.d)

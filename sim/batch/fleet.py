@@ -9,7 +9,7 @@ import numpy.typing as npt
 from groundstation.core.geometry.ops import Ops
 from groundstation.core.vehicle.model import Drive
 from sim.batch.cameras import Cameras
-from sim.batch.columns import pick, put, zeros
+from sim.batch.entries import pick, put, zeros
 from sim.batch.stages import Stages
 from sim.runs.referee import CRASH_M
 from sim.world.draws import generator

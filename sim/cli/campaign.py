@@ -13,10 +13,10 @@ from sim.cli.console import Progress
 from sim.studies.campaign.campaign import Campaign, Crew, run
 from sim.studies.campaign.crew import Cluster, Local
 from sim.studies.campaign.draws import USUAL
-from sim.studies.campaign.plot import plot
-from sim.studies.campaign.report import report, text
-from sim.studies.campaign.verify import verify
-from sim.studies.compare.plot import check_plot
+from sim.studies.campaign.picture import plot
+from sim.studies.campaign.summary import report, text
+from sim.studies.campaign.verification import verify
+from sim.studies.compare.picture import check_plot
 from sim.world.world import World
 
 

@@ -6,9 +6,9 @@ from typing import Any
 
 import msgspec
 
-from groundstation.config.load import ConfigError
+from groundstation.config.loader import ConfigError
 from sim.cli.proving import MEASUREMENTS, proving
-from sim.scenarios.prepare import prepare, scenario_of
+from sim.scenarios.preparation import prepare, scenario_of
 from sim.scenarios.scenarios import SCENARIOS
 
 

@@ -9,8 +9,8 @@ from pathlib import Path
 
 import msgspec
 
-from groundstation.config.load import ConfigError
-from sim.scenarios.prepare import prepare
+from groundstation.config.loader import ConfigError
+from sim.scenarios.preparation import prepare
 from sim.scenarios.scenarios import SCENARIOS
 
 
@@ -20,7 +20,7 @@ def compare(args: argparse.Namespace) -> int:
     from sim.cli.console import Counter
     from sim.runs.referee import STEADY_S
     from sim.studies.compare.compare import CONTROLLERS, cases, fly_all, rows
-    from sim.studies.compare.plot import check_plot, plot
+    from sim.studies.compare.picture import check_plot, plot
     from sim.studies.compare.table import check_markers, text_table, write_between_markers
 
     if args.duration <= STEADY_S + 1.0:

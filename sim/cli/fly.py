@@ -11,10 +11,10 @@ from typing import TYPE_CHECKING, Any
 
 import msgspec
 
-from groundstation.config.load import ConfigError
+from groundstation.config.loader import ConfigError
 from groundstation.flight.preflight import ensure_flyable
 from groundstation.settings.settings import Config
-from sim.scenarios.prepare import prepare, prepare_own, scenario_of
+from sim.scenarios.preparation import prepare, prepare_own, scenario_of
 from sim.world.world import World
 
 if TYPE_CHECKING:
@@ -29,7 +29,7 @@ FEW_COLLECTIONS = 50_000
 def fly(args: argparse.Namespace) -> int:
     """Fly one scenario in virtual time."""
     from sim.cli.console import Progress, summary
-    from sim.runs.fly import fly as fly_scenario
+    from sim.runs.flight import fly as fly_scenario
 
     scenario = scenario_of(args.scenario)
     wanted_s: float | None = None

@@ -14,7 +14,7 @@ from groundstation.settings.settings import Config
 from sim.runs.fleet_mission import FleetMission
 from sim.runs.mission import Mission
 from sim.runs.referee import STEADY_S
-from sim.scenarios.prepare import prepare, scenario_of
+from sim.scenarios.preparation import prepare, scenario_of
 from sim.world.world import World
 
 FIGURE_S = 60.0

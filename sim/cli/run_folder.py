@@ -11,7 +11,7 @@ from typing import Any, TextIO
 
 import msgspec
 
-from groundstation.config.load import ConfigError, dump
+from groundstation.config.loader import ConfigError, dump
 from groundstation.core.messages.pose import Pose
 from groundstation.pose.recorded import csv_codec
 from groundstation.pose.recorded.csv import IN_RUN_FOLDER

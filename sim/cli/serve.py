@@ -3,14 +3,14 @@
 import argparse
 import asyncio
 
-from groundstation.config.load import ConfigError
-from sim.scenarios.prepare import by_side, overridden, prepare, scenario_of
+from groundstation.config.loader import ConfigError
+from sim.scenarios.preparation import by_side, overridden, prepare, scenario_of
 
 
 def serve(args: argparse.Namespace) -> int:
     """Run the simulated side in real time."""
-    from sim.runs.serve import serve as serve_stage
-    from sim.runs.serve import serve_fleet
+    from sim.runs.server import serve as serve_stage
+    from sim.runs.server import serve_fleet
 
     scenario = scenario_of(args.scenario)
     if args.fleet is not None:

@@ -12,7 +12,7 @@ from typing import Any
 
 import msgspec
 
-from groundstation.config.load import ConfigError
+from groundstation.config.loader import ConfigError
 from groundstation.core.controllers.kinds import make_controller
 from groundstation.settings.settings import Config
 from sim.cli.console import Counter
@@ -22,7 +22,7 @@ from sim.studies.tune.evidence import Evidence, margins_table, table, toml, unve
 from sim.studies.tune.flights import Flyers
 from sim.studies.tune.margins import AXES, criterion, markdown_table, text
 from sim.studies.tune.margins import report as measured
-from sim.studies.tune.space import space
+from sim.studies.tune.search_space import space
 from sim.studies.tune.stage import Staged, own, staged, station_of
 from sim.studies.tune.tune import SEARCH_SEED, Floors, Search, Trial, run
 
@@ -151,7 +151,7 @@ class _Keeper:
 
     def config(self, best: Trial) -> Config:
         """The configuration with the gains of ``best``."""
-        from sim.studies.tune.space import with_gains
+        from sim.studies.tune.search_space import with_gains
 
         return msgspec.structs.replace(self._base, controller=with_gains(self._base.controller, best.gains))
 

@@ -5,7 +5,7 @@ from typing import Any
 
 import msgspec
 
-from groundstation.config.load import from_dict
+from groundstation.config.loader import from_dict
 from groundstation.core.vehicle.vehicle import Vehicle
 from groundstation.settings.settings import Config
 from links.bridge.link import BridgeLinkConfig

@@ -8,7 +8,7 @@ from typing import Any
 import msgspec
 import tomli_w
 
-from groundstation.config.load import ConfigError, dump
+from groundstation.config.loader import ConfigError, dump
 from groundstation.pose.sources.natnet import NatNetConfig
 from groundstation.settings.settings import Config
 from links.mavlink.link import MavlinkLinkConfig

@@ -19,7 +19,7 @@ from groundstation.settings.settings import Config
 from sim.runs.fleet_lab import lay_out
 from sim.runs.fleet_stage import FleetStage
 from sim.runs.fleet_truth import Flown, Nearest, Told, Tracks, judged
-from sim.runs.mission import CONFIRM_S, LIMIT_S, REST_S, Entered
+from sim.runs.mission import MISSION_CONFIRM_S, LIMIT_S, REST_S, Entered
 from sim.time.virtual_time import VirtualTimeLoop
 from sim.world.world import World
 
@@ -94,7 +94,7 @@ async def _fly(
     flights = {
         member.name: make_flight(
             member.core,
-            confirm=_confirming(CONFIRM_S + APART_S * number),
+            confirm=_confirming(MISSION_CONFIRM_S + APART_S * number),
             on_event=None if on_event is None else _named(on_event, member.name),
             on_state=_entering(states[member.name]),
         )

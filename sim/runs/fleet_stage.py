@@ -3,7 +3,7 @@
 import asyncio
 from collections.abc import Callable, Sequence
 
-from groundstation.config.load import ConfigError
+from groundstation.config.loader import ConfigError
 from groundstation.core.geometry.ops import Vec3
 from groundstation.runtime.clock import sleep_until
 from groundstation.settings.settings import Config

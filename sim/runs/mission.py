@@ -22,7 +22,7 @@ from sim.time.virtual_time import VirtualTimeLoop
 from sim.world.world import World
 
 Script: TypeAlias = Callable[[Flight, Stage], Coroutine[Any, Any, None]]
-CONFIRM_S = 3.0
+MISSION_CONFIRM_S = 3.0
 """When arming is confirmed, in virtual time [s]."""
 LIMIT_S = 120.0
 """A mission that takes so much longer than its figure has failed [s, virtual]."""
@@ -125,7 +125,7 @@ async def _fly(
         truth.upright = min(truth.upright, 1.0 - 2.0 * (x * x + y * y))
 
     async def confirm() -> bool:
-        await sleep_until(CONFIRM_S)
+        await sleep_until(MISSION_CONFIRM_S)
         return True
 
     def entered(state: State, reason: str) -> None:

@@ -4,7 +4,7 @@ from typing import Any
 
 import msgspec
 
-from groundstation.config.load import from_dict
+from groundstation.config.loader import from_dict
 from groundstation.core.trajectory.lemniscate import LemniscateConfig
 from groundstation.core.vehicle.vehicle import Vehicle
 from groundstation.settings.settings import Config, FlightConfig

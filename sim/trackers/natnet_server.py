@@ -8,7 +8,7 @@ from groundstation.core.geometry.frames import frames_of
 from groundstation.pose.intake.multicast import send_by
 from groundstation.pose.sources import natnet_codec as natnet
 from groundstation.pose.sources.natnet import NatNetConfig
-from groundstation.pose.sources.natnet_codec import Unreadable
+from groundstation.pose.sources.natnet_codec import UnreadableNatNet
 from links.io.address import parse_address
 from sim.trackers.trackers import CLOCK_AHEAD_S, Seen
 
@@ -50,7 +50,7 @@ class NatNetServer(asyncio.DatagramProtocol):
         """Answer a client (called by the event loop)."""
         try:
             number, _ = natnet.split(data)
-        except Unreadable:
+        except UnreadableNatNet:
             return
         if addr in self._clients or len(self._clients) < MOST_CLIENTS:
             self._clients[addr] = asyncio.get_running_loop().time()

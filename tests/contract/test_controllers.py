@@ -9,7 +9,7 @@ from typing import Any, NamedTuple
 import msgspec
 import pytest
 
-from groundstation.config.load import ConfigError
+from groundstation.config.loader import ConfigError
 from groundstation.core.controllers.custom import ControllerFault, Custom, Guarded
 from groundstation.core.controllers.kinds import make_controller
 from groundstation.core.geometry.ops import Vec3
@@ -20,8 +20,8 @@ from groundstation.core.trajectory.port import Reference
 from groundstation.core.vehicle.model import Drive, Motion
 from groundstation.core.vehicle.vehicle import Vehicle
 from groundstation.settings.settings import Config
-from sim.runs.fly import Result, fly
-from sim.scenarios.prepare import prepare
+from sim.runs.flight import Result, fly
+from sim.scenarios.preparation import prepare
 from sim.scenarios.scenarios import SCENARIOS
 from sim.world.world import World
 

@@ -24,7 +24,7 @@ from groundstation.interfaces.tui.parts.letters import big
 from groundstation.runtime.place import StatusConfig
 from sim.runs.mission import Script, fly_mission, from_floor
 from sim.runs.stage import Stage
-from sim.scenarios.prepare import prepare
+from sim.scenarios.preparation import prepare
 from sim.scenarios.scenarios import SCENARIOS
 from tests.e2e.test_mqtt import SNAPSHOT, STATE, Broker, Listener, broker, config_for
 from tests.e2e.test_tui import Terminal, terminal

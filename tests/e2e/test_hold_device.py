@@ -6,7 +6,7 @@ import evdev
 import pytest
 from evdev import ecodes
 
-from groundstation.config.load import ConfigError
+from groundstation.config.loader import ConfigError
 from groundstation.flight.hold_to_run.device import DeviceInput, open_device
 from groundstation.flight.hold_to_run.hold import InputLost
 from groundstation.settings.hold_to_run import OperatorConfig

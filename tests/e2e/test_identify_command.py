@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 
 from groundstation.analysis.identify.figures import FIGURES
-from groundstation.config.load import from_dict
+from groundstation.config.loader import from_dict
 from groundstation.settings.settings import Config
 from tests.e2e.test_readme import BLOCK, ROOT
 

@@ -14,7 +14,7 @@ import aiomqtt
 import msgspec
 import pytest
 
-from groundstation.config.load import ConfigError
+from groundstation.config.loader import ConfigError
 from groundstation.core.messages.snapshot import Snapshot
 from groundstation.interfaces.mqtt.broker import heed_cancellation
 from groundstation.interfaces.mqtt.messages import Event, unseen

@@ -14,7 +14,7 @@ import aiomqtt
 import msgspec
 import pytest
 
-from groundstation.config.load import from_dict
+from groundstation.config.loader import from_dict
 from groundstation.core.messages.requests import Ask
 from groundstation.core.messages.snapshot import Snapshot
 from groundstation.core.mission.mission import State

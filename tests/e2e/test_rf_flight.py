@@ -20,7 +20,7 @@ from links.rf.codecs.crsf_codec import CrsfLinkConfig
 from links.rf.codecs.dsm_codec import DsmLinkConfig
 from sim.radio.pty_wire import PtyWire
 from sim.runs.stage import Stage
-from sim.scenarios.prepare import prepare
+from sim.scenarios.preparation import prepare
 from sim.scenarios.scenarios import SCENARIOS
 from tests.e2e.stations import QUICK_LANDING, free_udp_port
 

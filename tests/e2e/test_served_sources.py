@@ -15,7 +15,7 @@ from typing import Any
 import msgspec
 import pytest
 
-from groundstation.config.load import from_dict
+from groundstation.config.loader import from_dict
 from groundstation.core.messages.pose import Pose, PoseStatus
 from groundstation.pose.kinds import PoseConfig
 from sim.world.world import World

@@ -9,8 +9,8 @@ from pathlib import Path
 import pytest
 
 from groundstation.pose.recorded.tlog_codec import TlogReader
-from sim.runs.fly import fly
-from sim.scenarios.prepare import prepare
+from sim.runs.flight import fly
+from sim.scenarios.preparation import prepare
 from sim.scenarios.scenarios import SCENARIOS
 from tests.e2e.stations import free_udp_port, served
 

@@ -15,7 +15,7 @@ import msgspec
 import pytest
 from textual.pilot import Pilot
 
-from groundstation.config.load import ConfigError
+from groundstation.config.loader import ConfigError
 from groundstation.interfaces.tui.command import served_socket
 from groundstation.interfaces.tui.parts.bars import Banner
 from groundstation.interfaces.tui.parts.letters import big

@@ -10,7 +10,7 @@ from textual.screen import ModalScreen
 from textual.widgets import Input
 
 from groundstation.core.messages.requests import Ask
-from groundstation.interfaces.api.stop_all import Told
+from groundstation.interfaces.api.stop import Told
 from groundstation.interfaces.tui import app as ordering
 from groundstation.interfaces.tui.app import Dashboard
 from groundstation.interfaces.tui.feeds.attached import Attached

@@ -4,13 +4,13 @@ from functools import cache
 from statistics import median
 from typing import Any
 
-from groundstation.config.load import ConfigError
-from sim.runs.fly import Result, fly
-from sim.scenarios.prepare import prepare
+from groundstation.config.loader import ConfigError
+from sim.runs.flight import Result, fly
+from sim.scenarios.preparation import prepare
 from sim.scenarios.scenarios import SCENARIOS
 from sim.studies.campaign.campaign import Campaign, run
 from sim.studies.campaign.crew import Local
-from sim.studies.campaign.report import report
+from sim.studies.campaign.summary import report
 from tests.flown_once import once
 
 __all__ = ["ConfigError", "campaign_of", "flown", "median_of", "middle"]

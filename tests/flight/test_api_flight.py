@@ -14,7 +14,7 @@ from groundstation.runtime.broadcast import Latest
 from groundstation.runtime.place import StatusConfig
 from sim.runs.mission import fly_mission, from_floor
 from sim.runs.stage import Stage
-from sim.scenarios.prepare import prepare
+from sim.scenarios.preparation import prepare
 from sim.scenarios.scenarios import SCENARIOS
 from sim.time.virtual_time import VirtualTimeLoop
 from tests.flight.test_missions import SHORT

@@ -11,9 +11,9 @@ from groundstation.flight.flight import Outcome
 from groundstation.recording.assembly import make_flight
 from groundstation.runtime.clock import sleep_until
 from sim.autopilots.kinds import AUTOPILOTS
-from sim.runs.fly import fly
+from sim.runs.flight import fly
 from sim.runs.stage import Stage
-from sim.scenarios.prepare import prepare
+from sim.scenarios.preparation import prepare
 from sim.scenarios.scenarios import SCENARIOS
 from tests.loops import in_virtual_time
 

@@ -9,8 +9,8 @@ import pytest
 from groundstation.core.geometry.ops import Vec3
 from sim.batch.batch import fly_batch
 from sim.batch.stages import Compiled, Numpy
-from sim.runs.fly import fly
-from sim.scenarios.prepare import prepare
+from sim.runs.flight import fly
+from sim.scenarios.preparation import prepare
 from sim.scenarios.scenarios import SCENARIOS
 from sim.studies.campaign.draws import DRAWS, drawn
 from sim.world.wind import Wind

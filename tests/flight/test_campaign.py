@@ -10,20 +10,20 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from groundstation.config.load import ConfigError
+from groundstation.config.loader import ConfigError
 from groundstation.core.pilot import Tick
 from sim.__main__ import main
-from sim.runs.fly import fly
+from sim.runs.flight import fly
 from sim.runs.referee import STEADY_S
-from sim.scenarios.prepare import prepare
+from sim.scenarios.preparation import prepare
 from sim.scenarios.scenarios import SCENARIOS
 from sim.studies.campaign.campaign import Campaign, run
 from sim.studies.campaign.crew import Local
 from sim.studies.campaign.draws import DRAWS, USUAL, drawn, fields, overrides
 from sim.studies.campaign.folder import Folder, Row
-from sim.studies.campaign.plot import plot
-from sim.studies.campaign.report import command, report, text
-from sim.studies.campaign.verify import verify
+from sim.studies.campaign.picture import plot
+from sim.studies.campaign.summary import command, report, text
+from sim.studies.campaign.verification import verify
 from tests.flight.flights import campaign_of
 
 DURATION_S = 16.0

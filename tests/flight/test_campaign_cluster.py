@@ -12,9 +12,9 @@ from pathlib import Path
 
 import pytest
 
-from groundstation.config.load import ConfigError
+from groundstation.config.loader import ConfigError
 from sim.__main__ import main
-from sim.scenarios.prepare import prepare
+from sim.scenarios.preparation import prepare
 from sim.scenarios.scenarios import SCENARIOS
 from sim.studies.campaign import crew as campaign_cluster
 from sim.studies.campaign.campaign import Campaign, run

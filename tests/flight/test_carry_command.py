@@ -11,7 +11,7 @@ from typing import Any
 import msgspec
 import pytest
 
-from groundstation.config.load import ConfigError, load
+from groundstation.config.loader import ConfigError, load
 from groundstation.core.geometry import so3
 from groundstation.core.geometry.frames import Alignment, Frames
 from groundstation.lab.axes import command

@@ -9,12 +9,12 @@ from typing import Any
 
 import pytest
 
-from groundstation.config.load import ConfigError
+from groundstation.config.loader import ConfigError
 from sim.cli import commands
-from sim.scenarios.prepare import prepare
+from sim.scenarios.preparation import prepare
 from sim.scenarios.scenarios import SCENARIOS
 from sim.studies.compare.compare import CONTROLLERS, GUST, WITHOUT_ADAPTATION, Case, Flown, cases, flown, rows
-from sim.studies.compare.plot import plot
+from sim.studies.compare.picture import plot
 from sim.studies.compare.table import markdown_table, text_table, write_between_markers
 from tests.flight.flights import flown as one_flight
 

@@ -18,7 +18,7 @@ from groundstation.runtime.clock import sleep_until
 from links.core.port import Command
 from links.io.suspend import Sleep
 from sim.runs.stage import Stage
-from sim.scenarios.prepare import prepare
+from sim.scenarios.preparation import prepare
 from sim.scenarios.scenarios import SCENARIOS
 from sim.studies.bring_down import CAUSES, cut
 from sim.time.virtual_time import VirtualTimeLoop

@@ -6,8 +6,8 @@ import time
 
 import pytest
 
-from sim.runs.fly import fly
-from sim.scenarios.prepare import prepare
+from sim.runs.flight import fly
+from sim.scenarios.preparation import prepare
 from sim.scenarios.scenarios import SCENARIOS
 
 LONGEST = 60.0
@@ -27,7 +27,7 @@ def test_two_runs_give_the_same_bytes(scenario: str) -> None:
 @pytest.mark.parametrize("link", ["mavlink", "rf_bridge"])
 def test_another_process_with_another_hash_seed_gives_the_same_bytes(link: str) -> None:
     code = (
-        "from sim.scenarios.prepare import prepare; from sim.runs.fly import fly;"
+        "from sim.scenarios.preparation import prepare; from sim.runs.flight import fly;"
         "from sim.scenarios.scenarios import SCENARIOS;"
         f"w, c = prepare(SCENARIOS['adverse'], [], link='{link}'); print(fly(w, c, seed=3, duration_s=4.0).log_sha256)"
     )

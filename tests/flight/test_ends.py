@@ -14,7 +14,7 @@ from groundstation.recording.assembly import make_flight
 from groundstation.runtime.clock import sleep_until
 from groundstation.settings.settings import Config
 from sim.runs.stage import Stage
-from sim.scenarios.prepare import prepare
+from sim.scenarios.preparation import prepare
 from sim.scenarios.scenarios import SCENARIOS
 from sim.time.virtual_time import VirtualTimeLoop
 from sim.world.world import World

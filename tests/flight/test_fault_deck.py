@@ -10,11 +10,11 @@ from groundstation.recording.records import Idled
 from links.core.port import Command, Segment
 from links.mavlink.protocol.codec import MavlinkCodec
 from sim.__main__ import main
-from sim.scenarios.prepare import prepare
+from sim.scenarios.preparation import prepare
 from sim.scenarios.scenarios import SCENARIOS
 from tests.proving.faults.cells.cell import fly_cell
 from tests.proving.faults.cells.together import fly_together
-from tests.proving.faults.deal import cells, quick
+from tests.proving.faults.deal import deal_cells, quick
 from tests.proving.faults.deck import pictures
 from tests.proving.faults.deck.faults import FAULTS
 from tests.proving.faults.deck.moments import MOMENTS
@@ -133,7 +133,7 @@ def test_the_quick_deck_has_every_fault_of_virtual_time_and_every_state() -> Non
     assert {cell.fault for cell in work} == {name for name, fault in FAULTS.items() if fault.strike is not None}
     assert {cell.state for cell in work} == set(MOMENTS)
     assert not any(cell.live for cell in work)
-    assert set(work) < set(cells())
+    assert set(work) < set(deal_cells())
 
 
 def judged(time_s: float, thrust: float, rates: tuple[float, float, float] = (0.0, 0.0, 0.0)) -> str:

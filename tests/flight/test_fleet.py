@@ -7,7 +7,7 @@ from collections.abc import Callable
 import msgspec
 import pytest
 
-from groundstation.config.load import ConfigError
+from groundstation.config.loader import ConfigError
 from groundstation.core.messages.requests import Ask, Request
 from groundstation.core.mission.mission import State
 from groundstation.core.trajectory.hold import HoldConfig
@@ -20,7 +20,7 @@ from sim.runs.fleet_mission import Change, FleetMission, FleetScript, fly_fleet
 from sim.runs.fleet_stage import FleetStage
 from sim.runs.fleet_truth import Flown
 from sim.runs.mission import from_floor
-from sim.scenarios.prepare import prepare
+from sim.scenarios.preparation import prepare
 from sim.scenarios.scenarios import SCENARIOS
 from sim.time.virtual_time import VirtualTimeLoop
 from sim.world.world import World

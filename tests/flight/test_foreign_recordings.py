@@ -11,7 +11,7 @@ from mcap.writer import Writer
 
 from groundstation import __main__ as program
 from groundstation.analysis.replay.command import replay_command, replayed
-from groundstation.config.load import ConfigError
+from groundstation.config.loader import ConfigError
 from groundstation.interfaces.tui.feeds.tape import Tape
 from groundstation.recording.channels import CHANNELS
 from groundstation.recording.reader import Recording

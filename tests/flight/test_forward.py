@@ -10,7 +10,7 @@ from typing import Any
 import msgspec
 import pytest
 
-from groundstation.config.load import ConfigError, from_dict
+from groundstation.config.loader import ConfigError, from_dict
 from groundstation.core.geometry import so3
 from groundstation.core.geometry.ops import Vec3
 from groundstation.core.messages.pose import Pose, PoseStatus
@@ -28,7 +28,7 @@ from sim.autopilots.base import ExternalPoses, Fused
 from sim.autopilots.px4 import LAND, Px4Autopilot
 from sim.runs.mission import fly_mission, from_floor
 from sim.runs.stage import Stage
-from sim.scenarios.prepare import prepare
+from sim.scenarios.preparation import prepare
 from sim.scenarios.scenarios import SCENARIOS
 from tests.loops import in_virtual_time
 

@@ -6,8 +6,8 @@ import pytest
 
 from groundstation.core.messages.pose import Pose
 from groundstation.pose.gate import Gate
-from sim.runs.fly import Result, fly
-from sim.scenarios.prepare import prepare
+from sim.runs.flight import Result, fly
+from sim.scenarios.preparation import prepare
 from sim.scenarios.scenarios import SCENARIOS
 
 

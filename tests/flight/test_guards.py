@@ -12,7 +12,7 @@ from groundstation.flight.flight import Flight
 from sim.autopilots.px4 import POSCTL, Px4Autopilot
 from sim.runs.mission import Mission, Script, fly_mission, from_floor
 from sim.runs.stage import Stage
-from sim.scenarios.prepare import prepare
+from sim.scenarios.preparation import prepare
 from sim.scenarios.scenarios import SCENARIOS
 from sim.world.airframe import Truth
 from tests.flight.test_missions import SHORT

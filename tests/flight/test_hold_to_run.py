@@ -17,7 +17,7 @@ from sim.autopilots.base import SimulatedAutopilot
 from sim.runs.mission import Mission, from_floor
 from sim.runs.mission import fly_mission as fly
 from sim.runs.stage import Stage
-from sim.scenarios.prepare import prepare
+from sim.scenarios.preparation import prepare
 from sim.scenarios.scenarios import SCENARIOS
 from tests.hold_double import Hand
 

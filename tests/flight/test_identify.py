@@ -9,7 +9,7 @@ from typing import Any
 import pytest
 
 from groundstation.analysis.identify.command import identify_command
-from groundstation.config.load import ConfigError, from_dict
+from groundstation.config.loader import ConfigError, from_dict
 from groundstation.settings.settings import Config
 from tests.recordings import recorded
 

@@ -19,7 +19,7 @@ from groundstation.pose.recorded.playback import Speed
 from groundstation.settings.settings import Config
 from links.mavlink.protocol.codec import MavlinkCodec
 from sim.runs.stage import Stage
-from sim.scenarios.prepare import prepare
+from sim.scenarios.preparation import prepare
 from sim.scenarios.scenarios import SCENARIOS
 from sim.time.virtual_time import VirtualTimeLoop
 from tests.loops import in_virtual_time

@@ -10,7 +10,7 @@ from groundstation.recording.reader import Recording
 from sim.cli.run_folder import RECORDING, RunFolder
 from sim.runs.mission import Mission, fly_mission, from_floor
 from sim.runs.stage import Stage
-from sim.scenarios.prepare import prepare
+from sim.scenarios.preparation import prepare
 from sim.scenarios.scenarios import SCENARIOS
 from tests.flight.test_missions import SHORT
 

@@ -13,7 +13,7 @@ from groundstation.flight.flight import Flight
 from sim.cli.run_folder import RECORDING, RunFolder
 from sim.runs.mission import Mission, Script, fly_mission, from_floor
 from sim.runs.stage import Stage
-from sim.scenarios.prepare import prepare
+from sim.scenarios.preparation import prepare
 from sim.scenarios.scenarios import SCENARIOS
 
 WAY = ["connecting", "ready", "arming", "takeoff", "hold", "tracking", "returning", "landing", "disarming", "landed"]

@@ -15,7 +15,7 @@ from groundstation.recording.records import Idled, Record, Sent, Switched, Ticke
 from links.mavlink.protocol.codec import DO_SET_MODE, MavlinkCodec
 from sim.cli.run_folder import RECORDING, RunFolder
 from sim.runs.mission import from_floor
-from sim.scenarios.prepare import prepare
+from sim.scenarios.preparation import prepare
 from sim.scenarios.scenarios import SCENARIOS
 from sim.time.virtual_time import VirtualTimeLoop
 from tests.proving.faults.cells.cell import FIGURE_S, NEAR, fly_here

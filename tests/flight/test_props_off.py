@@ -16,7 +16,7 @@ from links.mavlink.protocol.codec import MavlinkCodec
 from sim.autopilots.kinds import AUTOPILOTS
 from sim.runs.mission import from_floor
 from sim.runs.stage import Stage
-from sim.scenarios.prepare import prepare
+from sim.scenarios.preparation import prepare
 from sim.scenarios.scenarios import SCENARIOS
 from sim.time.virtual_time import VirtualTimeLoop
 from tests.loops import in_virtual_time

@@ -20,7 +20,7 @@ from mcap.reader import make_reader
 
 from groundstation.analysis.export import export_command
 from groundstation.analysis.listing import logs_command
-from groundstation.config.load import from_dict
+from groundstation.config.loader import from_dict
 from groundstation.pose.recorded.csv_codec import rows
 from groundstation.pose.recorded.tlog_codec import TlogReader
 from groundstation.recording.channels import CHANNELS, schema
@@ -32,8 +32,8 @@ from groundstation.runtime.flights import RecordingConfig, made_folder
 from groundstation.settings.settings import Config
 from sim.__main__ import main
 from sim.cli.run_folder import AT_ONCE, RECORDING, RunFolder
-from sim.runs.fly import fly
-from sim.scenarios.prepare import prepare
+from sim.runs.flight import fly
+from sim.scenarios.preparation import prepare
 from sim.scenarios.scenarios import SCENARIOS
 from tests.flight.flights import flown
 from tests.recordings import recorded
@@ -368,7 +368,7 @@ def test_of_a_simulated_flight_that_ends_in_an_error_everything_up_to_it_is_reco
             give(Told(0.001 * n, "tracking", f"line {n}"))
         raise ZeroDivisionError
 
-    monkeypatch.setattr("sim.runs.fly.fly", broken)
+    monkeypatch.setattr("sim.runs.flight.fly", broken)
     monkeypatch.setattr("sys.argv", ["groundstation-sim", "fly", "--out", str(tmp_path)])
     with pytest.raises(ZeroDivisionError):
         main()

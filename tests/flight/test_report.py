@@ -15,12 +15,12 @@ from groundstation.analysis.report.command import report_command
 from groundstation.analysis.report.figures import FIGURES
 from groundstation.analysis.report.flown import read
 from groundstation.analysis.report.numbers import numbers
-from groundstation.config.load import ConfigError
+from groundstation.config.loader import ConfigError
 from groundstation.recording.reader import quick_headline
 from sim.cli.run_folder import RECORDING, RunFolder
 from sim.runs.mission import fly_mission, from_floor
 from sim.runs.referee import SETTLED_M as REFEREE_SETTLED_M
-from sim.scenarios.prepare import prepare
+from sim.scenarios.preparation import prepare
 from sim.scenarios.scenarios import SCENARIOS
 from tests.recordings import recorded
 

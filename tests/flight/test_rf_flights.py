@@ -8,10 +8,10 @@ from matplotlib.figure import Figure
 from groundstation.analysis.report.figures import lateness
 from groundstation.analysis.report.flown import read
 from groundstation.analysis.report.numbers import numbers
-from groundstation.config.load import ConfigError
+from groundstation.config.loader import ConfigError
 from sim.cli.run_folder import RECORDING, RunFolder
-from sim.runs.fly import fly
-from sim.scenarios.prepare import prepare
+from sim.runs.flight import fly
+from sim.scenarios.preparation import prepare
 from sim.scenarios.scenarios import SCENARIOS
 
 

@@ -4,8 +4,8 @@ import math
 
 import pytest
 
-from sim.runs.fly import fly
-from sim.scenarios.prepare import prepare
+from sim.runs.flight import fly
+from sim.scenarios.preparation import prepare
 from sim.scenarios.scenarios import SCENARIOS
 from tests.flight.flights import flown
 

@@ -16,7 +16,7 @@ from groundstation.core.pilot import Tick
 from groundstation.flight.flight import Flight
 from sim.runs.mission import Mission, Script, fly_mission, from_floor
 from sim.runs.stage import Stage
-from sim.scenarios.prepare import prepare
+from sim.scenarios.preparation import prepare
 from sim.scenarios.scenarios import SCENARIOS
 from sim.trackers.trackers import Seen, Tracker
 

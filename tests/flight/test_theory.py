@@ -3,8 +3,8 @@
 import pytest
 
 from groundstation.core.pilot import Tick
-from sim.runs.fly import fly
-from sim.scenarios.prepare import prepare
+from sim.runs.flight import fly
+from sim.scenarios.preparation import prepare
 from sim.scenarios.scenarios import SCENARIOS
 
 

@@ -5,11 +5,11 @@ from pathlib import Path
 
 import pytest
 
-from groundstation.config.load import ConfigError, from_dict, load
+from groundstation.config.loader import ConfigError, from_dict, load
 from groundstation.settings.settings import Config
 from links.core.thrust_curve import signal
-from sim.runs.fly import fly
-from sim.scenarios.prepare import prepare
+from sim.runs.flight import fly
+from sim.scenarios.preparation import prepare
 from sim.scenarios.scenarios import SCENARIOS
 
 CURVED = 0.65

@@ -6,11 +6,11 @@ from pathlib import Path
 
 import pytest
 
-from groundstation.config.load import load
+from groundstation.config.loader import load
 from groundstation.settings.settings import Config
 from sim.__main__ import main
-from sim.runs.fly import fly
-from sim.scenarios.prepare import prepare
+from sim.runs.flight import fly
+from sim.scenarios.preparation import prepare
 from sim.scenarios.scenarios import SCENARIOS
 from sim.studies.tune.flights import Flyers, Outcome, Sortie, flown, sorties
 from sim.studies.tune.margins import DELAY, GAIN_DOWN, failure, report

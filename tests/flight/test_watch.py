@@ -7,8 +7,8 @@ from groundstation.core.control.gains import Gains
 from groundstation.core.control.watch import LIMITS, POSES, VERTICAL, terms
 from groundstation.core.messages.snapshot import Diagnostics
 from groundstation.core.pilot import Tick
-from sim.runs.fly import fly
-from sim.scenarios.prepare import prepare
+from sim.runs.flight import fly
+from sim.scenarios.preparation import prepare
 from sim.scenarios.scenarios import SCENARIOS
 from tests.flight.flights import flown
 

@@ -16,7 +16,7 @@ from links.core.deadman import BRING_DOWN_LIMIT_S
 from links.rf.pacer import AFTERLIFE_S
 from sim.runs.mission import from_floor
 from sim.runs.stage import Stage
-from sim.scenarios.prepare import prepare
+from sim.scenarios.preparation import prepare
 from sim.scenarios.scenarios import SCENARIOS
 from sim.time.virtual_time import VirtualTimeLoop
 from tests.loops import in_virtual_time

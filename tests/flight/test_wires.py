@@ -23,7 +23,7 @@ from groundstation.recording.recorded import about
 from links.io.address import parse_address
 from links.mavlink.protocol.codec import frame_end
 from sim.runs.stage import Stage
-from sim.scenarios.prepare import prepare
+from sim.scenarios.preparation import prepare
 from sim.scenarios.scenarios import SCENARIOS
 from tests.loops import free_address, in_real_time
 

@@ -15,7 +15,7 @@ from groundstation.core.mission.mission import IN_AIR, State
 from groundstation.flight.flight import Flight
 from sim.runs.mission import Mission, fly_mission, from_floor
 from sim.runs.stage import Stage
-from sim.scenarios.prepare import prepare
+from sim.scenarios.preparation import prepare
 from sim.scenarios.scenarios import SCENARIOS
 from sim.trackers.trackers import Seen, Tracker
 

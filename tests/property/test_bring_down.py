@@ -6,7 +6,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from groundstation.core.control.bring_down import OFF, SINK_S, bring_down
+from groundstation.core.control.bring_down import OFF, SINK_S, plan_bring_down
 from groundstation.core.geometry import so3
 from groundstation.core.geometry.ops import FLOATS, Vec3
 from groundstation.core.vehicle.model import Drive, Motion, rolled
@@ -22,7 +22,7 @@ CALM: Vec3 = (0.0, 0.0, 0.0)
 
 
 def parts(motion: Motion, vehicle: Vehicle, height_m: float, disturbance: Vec3 = CALM) -> tuple[Segment, ...]:
-    return bring_down(
+    return plan_bring_down(
         motion, vehicle, mass_kg=vehicle.mass_kg, gravity=9.81, disturbance=disturbance, height_m=height_m
     )
 

@@ -18,13 +18,13 @@ from groundstation.core.control.backstepping import Axis, Step, axis, backstep
 from groundstation.core.control.gains import Gains
 from groundstation.core.control.projection import project, within
 from groundstation.core.control.shaping import growth
-from groundstation.core.estimation.observer import Covariance, Densities, Gain, begun, later, seen, seen_moving
+from groundstation.core.estimation.observer import Covariance, Densities, Gain, initial_covariance, predict_covariance, update_covariance, update_moving_covariance
 from groundstation.core.geometry import so3
 from groundstation.core.geometry.ops import FLOATS, Vec3
 from groundstation.core.pilot import Tick
 from groundstation.core.trajectory.lemniscate import LemniscateConfig
-from sim.runs.fly import fly
-from sim.scenarios.prepare import prepare
+from sim.runs.flight import fly
+from sim.scenarios.preparation import prepare
 from sim.scenarios.scenarios import SCENARIOS
 
 Array: TypeAlias = npt.NDArray[np.float64]
@@ -89,10 +89,10 @@ class Observer(NamedTuple):
 
 def steady(h: float, noise: float, densities: Densities) -> tuple[Gain, Covariance]:
     """The gain and the covariance of the code's filter after many poses at equal intervals."""
-    covariance = begun(noise * noise)
+    covariance = initial_covariance(noise * noise)
     gain = Gain(0.0, 0.0, 0.0, 0.0)
     for _ in range(5000):
-        gain, covariance = seen(later(covariance, h, densities), noise * noise)
+        gain, covariance = update_covariance(predict_covariance(covariance, h, densities), noise * noise)
     return gain, covariance
 
 
@@ -382,15 +382,15 @@ def test_the_inverse_covariance_is_a_lyapunov_function_for_any_intervals_and_any
 ) -> None:
     """So neither gaps nor a gain that follows the measured noise, nor a source with velocity, break the argument."""
     e = np.array(error) * np.array([0.01, 0.3, 1.0, 0.1])
-    covariance = begun(0.0003**2)
+    covariance = initial_covariance(0.0003**2)
     for h, noise, moving in poses:
         before = size_in(covariance, e)
-        covariance = later(covariance, h, DEFAULT._replace(position=0.04 if moving else 0.0))
+        covariance = predict_covariance(covariance, h, DEFAULT._replace(position=0.04 if moving else 0.0))
         e = np.array([[1, h, h * h / 2, h**3 / 6], [0, 1, h, h * h / 2], [0, 0, 1, h], [0, 0, 0, 1]]) @ e
-        gain, covariance = seen(covariance, noise * noise)
+        gain, covariance = update_covariance(covariance, noise * noise)
         e = e - np.array(gain) * e[0]
         if moving:
-            gain, covariance = seen_moving(covariance, 0.01)
+            gain, covariance = update_moving_covariance(covariance, 0.01)
             e = e - np.array(gain) * e[1]
         assert size_in(covariance, e) <= before * (1.0 + 1e-6) + 1e-12
 

@@ -10,7 +10,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from groundstation.core.estimation import effectiveness, observer
-from groundstation.core.estimation.effectiveness import LIMITS, Effectiveness, told
+from groundstation.core.estimation.effectiveness import LIMITS, Effectiveness, initial_effectiveness
 from groundstation.core.estimation.observer import Covariance, Densities
 from groundstation.core.geometry.ops import FLOATS, Vec3
 from groundstation.core.vehicle.model import Drive, Driven, Motion, carried, driven
@@ -55,12 +55,12 @@ def test_both_stages_together_are_the_kalman_filter_with_thirteen_states(
     """Without a walk of λ: three chains and λ in one covariance give the same estimates, to rounding."""
     noise, draw = 1e-6, random.Random(seed)
     x, big = np.zeros(13), np.zeros((13, 13))
-    small = observer.begun(noise)
+    small = observer.initial_covariance(noise)
     for i in range(3):
         big[4 * i : 4 * i + 4, 4 * i : 4 * i + 4] = dense(small)
     big[12, 12] = 0.15**2
     # What the chains believe; λ's estimate is x[12] = e.value - 1. Thrust accelerates by a per unit of λ.
-    e, state, clipped = told(0.15), np.zeros((3, 4)), False
+    e, state, clipped = initial_effectiveness(0.15), np.zeros((3, 4)), False
     for h, a, with_velocity in poses:
         f = transition(h)
         push = ([0.5 * h * h * k for k in a], [h * k for k in a])
@@ -68,8 +68,8 @@ def test_both_stages_together_are_the_kalman_filter_with_thirteen_states(
             f[4 * i, 12], f[4 * i + 1, 12] = push[0][i], push[1][i]
         q = np.diag([*([DENSITIES.position, *DENSITIES[1:]] * 3), 0.0]) * h
         x, big = f @ x, f @ big @ f.T + q
-        small = observer.later(small, h, DENSITIES)
-        e = effectiveness.later(e, h, thrust_gives(push[1], push[0]), 1.0, 0.0)
+        small = observer.predict_covariance(small, h, DENSITIES)
+        e = effectiveness.predict_effectiveness(e, h, thrust_gives(push[1], push[0]), 1.0, 0.0)
         state = state @ transition(h)[:4, :4].T
         state[:, 0] += (e.value - 1.0) * np.array(push[0])
         state[:, 1] += (e.value - 1.0) * np.array(push[1])
@@ -82,8 +82,8 @@ def test_both_stages_together_are_the_kalman_filter_with_thirteen_states(
                 big = big - np.outer(k, row)
             step = tuple(measured[i] - state[i, of] for i in range(3))
             variance = (small.vv if of else small.pp) + r
-            gain, small = (observer.seen_moving if of else observer.seen)(small, r)
-            e, moved = effectiveness.seen(FLOATS, e, (step[0], step[1], step[2]), gain, variance, of)
+            gain, small = (observer.update_moving_covariance if of else observer.update_covariance)(small, r)
+            e, moved = effectiveness.update_effectiveness(FLOATS, e, (step[0], step[1], step[2]), gain, variance, of)
             for i, chain in enumerate(zip(e.p, e.v, e.d, e.c, strict=True)):
                 state[i] += np.array(gain) * step[i] + moved * np.array(chain)
             clipped |= not LIMITS[0] < e.value < LIMITS[1]
@@ -99,7 +99,7 @@ def flown(true: float, wind: Vec3, seconds: float, *, shaken: bool) -> tuple[Eff
     h, mass, lag = 0.02, 1.0, 0.05
     still = Motion(ZERO, ZERO, (1.0, 0.0, 0.0, 0.0), 9.81, ZERO)
     truth, believed = still, still
-    e, covariance, d, c = told(0.15), observer.begun(1e-8), ZERO, ZERO
+    e, covariance, d, c = initial_effectiveness(0.15), observer.initial_covariance(1e-8), ZERO, ZERO
     for n in range(round(seconds / h)):
         swing = math.sin(2.0 * math.pi * n * h) if shaken else 0.0
         drive = Drive(9.81 * (1.0 + 0.3 * swing), (0.8 * swing, 0.0, 0.0))
@@ -111,11 +111,11 @@ def flown(true: float, wind: Vec3, seconds: float, *, shaken: bool) -> tuple[Eff
 
         truth, _ = roll(truth, true, wind, ZERO)
         model, push = roll(believed, e.value, d, c)
-        expected = observer.later(covariance, h, DENSITIES)
-        gain, covariance = observer.seen(expected, 1e-8)
-        e = effectiveness.later(e, h, push, mass, 0.0)
+        expected = observer.predict_covariance(covariance, h, DENSITIES)
+        gain, covariance = observer.update_covariance(expected, 1e-8)
+        e = effectiveness.predict_effectiveness(e, h, push, mass, 0.0)
         step = observer.innovation(truth.position, model.position)
-        e, moved = effectiveness.seen(FLOATS, e, step, gain, expected.pp + 1e-8)
+        e, moved = effectiveness.update_effectiveness(FLOATS, e, step, gain, expected.pp + 1e-8)
         d = observer.corrected_twice(observer.corrected(d, h, c), gain.d, step, moved, e.d)
         c = observer.corrected_twice(c, gain.c, step, moved, e.c)
         position = observer.corrected_twice(model.position, gain.p, step, moved, e.p)
@@ -145,8 +145,8 @@ def test_what_is_broken_is_not_taken_for_worn() -> None:
 
 
 def test_told_exactly_it_never_moves() -> None:
-    e = told(0.0)
-    e = effectiveness.later(e, 0.02, thrust_gives((0.0, 0.0, -0.2), (0.0, 0.0, -2e-3)), 1.0, 0.0)
-    gain, _ = observer.seen(observer.begun(1e-6), 1e-6)
-    after, moved = effectiveness.seen(FLOATS, e, (0.1, 0.1, 0.1), gain, 1e-6)
+    e = initial_effectiveness(0.0)
+    e = effectiveness.predict_effectiveness(e, 0.02, thrust_gives((0.0, 0.0, -0.2), (0.0, 0.0, -2e-3)), 1.0, 0.0)
+    gain, _ = observer.update_covariance(observer.initial_covariance(1e-6), 1e-6)
+    after, moved = effectiveness.update_effectiveness(FLOATS, e, (0.1, 0.1, 0.1), gain, 1e-6)
     assert (after.value, moved) == (1.0, 0.0)

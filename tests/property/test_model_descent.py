@@ -5,7 +5,7 @@ import math
 from hypothesis import given
 from hypothesis import strategies as st
 
-from groundstation.core.control.model_descent import BRAKE_S, MOST, model_descent
+from groundstation.core.control.model_descent import BRAKE_S, MOST, plan_model_descent
 from groundstation.core.geometry.ops import FLOATS, Vec3
 from groundstation.core.geometry.so3 import from_euler_zyx
 from groundstation.core.vehicle.model import Drive, Motion, rolled
@@ -32,7 +32,7 @@ motions = st.builds(
 
 
 def planned(motion: Motion, height_m: float, disturbance: Vec3 = (0.0, 0.0, 0.0)) -> tuple[Segment, ...]:
-    return model_descent(
+    return plan_model_descent(
         motion, VEHICLE, mass_kg=VEHICLE.mass_kg, gravity=GRAVITY, disturbance=disturbance, height_m=height_m
     )
 

@@ -9,14 +9,14 @@ from collections.abc import Callable
 
 import msgspec
 
-from groundstation.config.load import ConfigError
-from sim.scenarios.prepare import scenario_of
+from groundstation.config.loader import ConfigError
+from sim.scenarios.preparation import scenario_of
 
 
 def faults(args: argparse.Namespace) -> int:
     """Break one thing in every state of a mission."""
     from sim.cli.console import Counter
-    from tests.proving.faults.deal import cells, fly_all, quick
+    from tests.proving.faults.deal import deal_cells, fly_all, quick
     from tests.proving.faults.deck.faults import FAULTS
     from tests.proving.faults.deck.moments import MOMENTS
     from tests.proving.faults.table import text, write
@@ -25,7 +25,7 @@ def faults(args: argparse.Namespace) -> int:
     for option, value, known in (("--fault", args.fault, FAULTS), ("--state", args.state, MOMENTS)):
         if value is not None and value not in known:
             raise ConfigError(option, f"expected one of {list(known)}, got {value!r}")
-    work = cells(args.fault, args.state)
+    work = deal_cells(args.fault, args.state)
     if args.quick:
         work = [cell for cell in quick() if cell in work]
     if not work:

@@ -13,11 +13,11 @@ from pathlib import Path
 
 import msgspec
 
-from groundstation.config.load import dump
+from groundstation.config.loader import dump
 from groundstation.recording.log import FlightLog
 from groundstation.recording.recorded import about
 from groundstation.runtime.flights import RecordingConfig, free_name, recordings, tidy
-from sim.scenarios.prepare import prepare
+from sim.scenarios.preparation import prepare
 from sim.scenarios.scenarios import SCENARIOS
 from sim.time.virtual_time import VirtualTimeLoop
 from tests.proving.bench.allocation import look

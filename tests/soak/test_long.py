@@ -8,7 +8,7 @@ import pytest
 from links.mavlink.protocol.codec import MavlinkCodec
 from sim.runs.fleet_real import fly_fleet_real
 from sim.runs.mission import from_floor
-from sim.scenarios.prepare import prepare
+from sim.scenarios.preparation import prepare
 from sim.scenarios.scenarios import SCENARIOS
 from tests.flight.flights import campaign_of, flown
 from tests.mavlink_table import FRAMES

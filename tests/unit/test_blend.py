@@ -7,9 +7,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from groundstation.core.geometry.ops import Vec3
-from groundstation.core.trajectory.blend import LONGER, Blend, Chain, Limits, blend, run_in, stopped
 from groundstation.core.trajectory.lemniscate import LemniscateConfig
 from groundstation.core.trajectory.port import Reference
+from groundstation.core.trajectory.transition import LONGER, Blend, Chain, Limits, blend, run_in, stopped
 
 LIMITS = Limits(0.5, 1.0)
 EIGHT = LemniscateConfig(speed_m_s=0.5).build()

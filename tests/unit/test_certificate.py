@@ -6,7 +6,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from groundstation.core.control.adaptive import certificate
+from groundstation.core.control.adaptive import bound_decrease
 from groundstation.core.control.backstepping import axis
 from groundstation.core.control.certificate import acceleration_sup, thrust_bound, virtual_control_sup
 from groundstation.core.control.gains import Gains, Law
@@ -58,4 +58,4 @@ def test_the_references_largest_acceleration_is_found() -> None:
     ],
 )
 def test_the_certificate_names_the_bound_that_holds_for_the_gains_that_fly(gains: Gains, expected: str) -> None:
-    assert certificate(gains).startswith(expected)
+    assert bound_decrease(gains).startswith(expected)

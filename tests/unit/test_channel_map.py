@@ -6,7 +6,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from groundstation.config.load import ConfigError, from_dict
+from groundstation.config.loader import ConfigError, from_dict
 from groundstation.settings.settings import Config
 from links.rf.codecs.channel_map import ChannelMap, Channels, Copy, Fixed, Stick, Switch, Throttle
 from links.rf.codecs.dsm_codec import DsmLinkConfig

@@ -7,7 +7,7 @@ from typing import Any, get_args
 import msgspec
 import pytest
 
-from groundstation.config.load import ConfigError, from_dict
+from groundstation.config.loader import ConfigError, from_dict
 from groundstation.core.messages.pose import Pose
 from groundstation.core.messages.verdict import Check, Verdict
 from groundstation.core.safety.takeoff import Standing

@@ -4,7 +4,7 @@ from typing import Any
 
 import pytest
 
-from groundstation.config.load import from_dict
+from groundstation.config.loader import from_dict
 from groundstation.core.messages.bodies import BODIES_MAX, Others
 from groundstation.core.messages.verdict import Check, Verdict
 from groundstation.flight.checks import Company, entry_of

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from groundstation.config.load import ConfigError
+from groundstation.config.loader import ConfigError
 from sim.batch import kernel as compiler
 from sim.batch.kernel import built
 from sim.batch.kernels import chosen

@@ -10,7 +10,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from groundstation.config.load import ConfigError, dump, from_dict, load
+from groundstation.config.loader import ConfigError, dump, from_dict, load
 from groundstation.core.trajectory.circle import CircleConfig
 from groundstation.core.trajectory.hold import HoldConfig
 from groundstation.lab.fleet.plan import read_fleet

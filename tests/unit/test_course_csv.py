@@ -6,7 +6,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from groundstation.config.load import ConfigError, dump, load
+from groundstation.config.loader import ConfigError, dump, load
 from groundstation.core.trajectory.kinds import SamplesConfig, WaypointsConfig
 from groundstation.core.trajectory.waypoints import parsed
 from groundstation.settings.settings import Config

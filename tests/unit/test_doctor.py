@@ -8,7 +8,7 @@ from typing import Any
 
 import pytest
 
-from groundstation.config.load import ConfigError, from_dict
+from groundstation.config.loader import ConfigError, from_dict
 from groundstation.lab.doctor import ardupilot, px4, restore
 from groundstation.lab.doctor.advice import (
     Advice,

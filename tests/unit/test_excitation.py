@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from groundstation.config.files import presets
-from groundstation.config.load import ConfigError, from_dict, load
+from groundstation.config.loader import ConfigError, from_dict, load
 from groundstation.core.trajectory.excitation import Excitation, ExcitationConfig
 from groundstation.core.vehicle.vehicle import Vehicle
 from groundstation.flight.preflight import look

@@ -6,12 +6,12 @@ import pytest
 
 from groundstation.core.geometry import so3
 from groundstation.core.geometry.ops import Vec3
-from sim.scenarios.prepare import prepare
+from sim.scenarios.preparation import prepare
 from sim.scenarios.scenarios import SCENARIOS
 from sim.world.plant import Body
 from sim.world.quadrotor import Quadrotor
 from sim.world.wind import Wind
-from tests.proving.faults.deal import cells
+from tests.proving.faults.deal import deal_cells
 from tests.proving.faults.deck.fault import REASONS, Exemption, Fault, Poses
 from tests.proving.faults.deck.faults import FAULTS, FROM_START, OBEYING
 from tests.proving.faults.deck.moments import MOMENTS
@@ -208,8 +208,8 @@ def test_exemptions_are_a_closed_table_and_each_is_used_and_explained() -> None:
 
 def test_the_table_has_at_least_45_faults_and_350_cells_on_both_links() -> None:
     assert len(FAULTS) >= 45
-    assert len(cells()) >= 350
-    assert len(set(cells())) == len(cells())
+    assert len(deal_cells()) >= 350
+    assert len(set(deal_cells())) == len(deal_cells())
     assert {fault.link for fault in FAULTS.values()} == {"mavlink", "dsm", "rf_bridge"}
     assert set(OBEYING) <= {name for name, fault in FAULTS.items() if fault.obeys and fault.poses is Poses.TRUE}
     for name, fault in FAULTS.items():

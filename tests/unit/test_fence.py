@@ -7,7 +7,7 @@ import pytest
 from hypothesis import assume, given
 from hypothesis import strategies as st
 
-from groundstation.config.load import ConfigError, from_dict
+from groundstation.config.loader import ConfigError, from_dict
 from groundstation.core.safety.fence import BoxFence, ConvexFence, Fence
 from groundstation.settings.settings import Config
 

@@ -8,7 +8,7 @@ import msgspec
 import pytest
 import tomli_w
 
-from groundstation.config.load import ConfigError, from_dict
+from groundstation.config.loader import ConfigError, from_dict
 from groundstation.interfaces.service.fleet_supervisor import by_hand
 from groundstation.lab.fleet.plan import Fleet, read_fleet
 from groundstation.settings.settings import Config

@@ -6,7 +6,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from groundstation.config.load import from_dict
+from groundstation.config.loader import from_dict
 from groundstation.core.messages.pose import Pose
 from groundstation.core.messages.requests import Ask
 from groundstation.core.mission.interrupts import Interrupts

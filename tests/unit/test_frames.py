@@ -6,7 +6,7 @@ from typing import get_args
 
 import pytest
 
-from groundstation.config.load import ConfigError, from_dict
+from groundstation.config.loader import ConfigError, from_dict
 from groundstation.core.geometry import so3
 from groundstation.core.geometry.frames import Alignment, Body, Frames, World
 from groundstation.core.geometry.ops import Quat, Vec3

@@ -11,12 +11,12 @@ from hypothesis import given
 from hypothesis import strategies as st
 from pymavlink.dialects.v20 import common
 
-from groundstation.config.load import ConfigError, from_dict
+from groundstation.config.loader import ConfigError, from_dict
 from groundstation.flight.hold_to_run.channel import OLD_S, RATE_HZ, ChannelInput
 from groundstation.flight.hold_to_run.device import open_device
 from groundstation.flight.hold_to_run.hold import DEBOUNCE_S, Hold, InputLost
 from groundstation.flight.hold_to_run.watch import LOOK_S, HoldWatch
-from groundstation.interfaces.service.flyable import flyable
+from groundstation.interfaces.service.readiness import flyable
 from groundstation.settings.hold_to_run import OperatorConfig
 from groundstation.settings.settings import Config
 from tests.hold_double import DeviceDouble, Hand, pad

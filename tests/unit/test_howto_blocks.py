@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from groundstation.config.load import load
+from groundstation.config.loader import load
 from groundstation.core.trajectory.waypoints import parsed
 from groundstation.flight.preflight import look
 from groundstation.lab.fleet.plan import read_fleet

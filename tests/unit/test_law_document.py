@@ -14,8 +14,8 @@ from groundstation.core.control import gains
 from groundstation.core.control.gains import Gains
 from groundstation.core.estimation import settings as estimation
 from sim.__main__ import parser
-from sim.runs.fly import fly
-from sim.scenarios.prepare import prepare
+from sim.runs.flight import fly
+from sim.scenarios.preparation import prepare
 from sim.scenarios.scenarios import SCENARIOS
 
 TEXT = (Path(__file__).parents[2] / "docs" / "explanation" / "law.md").read_text("utf-8")

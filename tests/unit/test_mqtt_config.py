@@ -6,7 +6,7 @@ from typing import Any
 
 import pytest
 
-from groundstation.config.load import ConfigError, dump, from_dict
+from groundstation.config.loader import ConfigError, dump, from_dict
 from groundstation.interfaces.mqtt.broker import from_url, in_words, opened
 from groundstation.interfaces.mqtt.requests import ensure_mqtt
 from groundstation.settings.mqtt import MqttConfig

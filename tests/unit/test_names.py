@@ -5,7 +5,7 @@ from typing import Any
 import msgspec
 import pytest
 
-from groundstation.config.load import ConfigError, from_dict
+from groundstation.config.loader import ConfigError, from_dict
 from groundstation.config.names import is_name
 from groundstation.interfaces.mqtt.fleet import Fleet
 from groundstation.interfaces.mqtt.messages import RequestMessage

@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from groundstation.config.load import from_dict
+from groundstation.config.loader import from_dict
 from groundstation.core.geometry import so3
 from groundstation.core.messages.bodies import Others
 from groundstation.core.messages.pose import Pose

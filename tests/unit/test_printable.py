@@ -9,14 +9,14 @@ from typing import Any
 
 import pytest
 
-from groundstation.config.load import ConfigError
+from groundstation.config.loader import ConfigError
 from groundstation.interfaces.mqtt.fleet import Fleet
 from groundstation.interfaces.tui.fleet_rows import details, row
 from groundstation.interfaces.tui.parts.bars import content
 from groundstation.interfaces.tui.parts.words import row as shown
 from groundstation.runtime import entry
 from groundstation.runtime.outlet import Outlet
-from links.core.printable import printable
+from links.core.terminal_text import printable
 from links.mavlink.protocol.codec import MavlinkCodec
 from links.mavlink.protocol.status import Words
 

@@ -5,7 +5,7 @@ from typing import Any
 
 import pytest
 
-from groundstation.config.load import from_dict
+from groundstation.config.loader import from_dict
 from groundstation.core.messages.verdict import Check, Verdict
 from groundstation.flight.checks import Checks
 from groundstation.flight.proof import Proof, digest, lacks, on_file, place, save

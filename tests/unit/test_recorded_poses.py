@@ -17,8 +17,8 @@ from groundstation.pose.recorded.csv_codec import Row, encode, rows
 from groundstation.pose.recorded.playback import Speed
 from groundstation.pose.recorded.tlog import TlogConfig
 from sim.cli.run_folder import RunFolder
-from sim.runs.fly import fly
-from sim.scenarios.prepare import prepare
+from sim.runs.flight import fly
+from sim.scenarios.preparation import prepare
 from sim.scenarios.scenarios import SCENARIOS
 from tests.loops import in_virtual_time
 

@@ -8,7 +8,7 @@ import pytest
 from hypothesis import assume, given
 from hypothesis import strategies as st
 
-from groundstation.config.load import ConfigError, from_dict
+from groundstation.config.loader import ConfigError, from_dict
 from groundstation.core.geometry.ops import Vec3
 from groundstation.core.messages.bodies import BASE_S, GAP_S, Others, Sight
 from groundstation.core.messages.verdict import Check, Verdict

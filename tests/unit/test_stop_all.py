@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from groundstation.core.messages.requests import Ask
-from groundstation.interfaces.api.stop_all import stop_all
+from groundstation.interfaces.api.stop import stop_all
 from tests.unit.test_register import another, end
 
 

@@ -10,10 +10,10 @@ import msgspec
 import pytest
 
 from groundstation.__main__ import main
-from groundstation.config.load import ConfigError, from_dict
+from groundstation.config.loader import ConfigError, from_dict
 from groundstation.core.control.attitude import turning
 from groundstation.core.geometry.so3 import from_euler_zyx
-from groundstation.core.trajectory.check import Demand, Report, check, refusal
+from groundstation.core.trajectory.feasibility import Demand, Report, check, refusal
 from groundstation.core.trajectory.kinds import (
     CircleConfig,
     HoldConfig,
@@ -25,7 +25,7 @@ from groundstation.core.trajectory.kinds import (
 from groundstation.core.vehicle.vehicle import LimitsConfig, Vehicle
 from groundstation.flight.preflight import ensure_flyable, look
 from groundstation.settings.settings import Config
-from sim.scenarios.prepare import prepare
+from sim.scenarios.preparation import prepare
 from sim.scenarios.scenarios import SCENARIOS
 
 G = 9.81

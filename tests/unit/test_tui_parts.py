@@ -15,7 +15,7 @@ from groundstation.core.mission.mission import State
 from groundstation.interfaces.tui.pages.links_page import histogram, late
 from groundstation.interfaces.tui.pages.text_pages import flat
 from groundstation.interfaces.tui.parts.feed import Hello, Holder, Trouble
-from groundstation.interfaces.tui.parts.gains import gains
+from groundstation.interfaces.tui.parts.gain_table import gains
 from groundstation.interfaces.tui.parts.headline import ALARM, FLYING, headline
 from groundstation.interfaces.tui.parts.letters import big, huge
 from groundstation.interfaces.tui.parts.orders import BY_ASK, ORDERS, Twice, possible
@@ -34,7 +34,7 @@ from groundstation.interfaces.tui.parts.plot import (
 )
 from groundstation.interfaces.tui.parts.themes import THEMES
 from groundstation.interfaces.tui.parts.words import arrow, flight_time, numbers
-from links.core.printable import printable
+from links.core.terminal_text import printable
 from tests.sample_flight import sample
 
 TONES = ("alarm", "busy", "calm", "flying")

@@ -9,8 +9,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from groundstation.config.load import ConfigError, from_dict
-from groundstation.core.control.adaptive import certificate
+from groundstation.config.loader import ConfigError, from_dict
+from groundstation.core.control.adaptive import bound_decrease
 from groundstation.core.control.gains import Gains, Uncompensated
 from groundstation.core.controllers.custom import Custom
 from groundstation.core.controllers.geometric import Geometric
@@ -37,7 +37,7 @@ from sim.studies.tune.margins import (
     shown,
     text,
 )
-from sim.studies.tune.space import KEYS, Key, loses_proof, space, with_gains
+from sim.studies.tune.search_space import KEYS, Key, loses_proof, space, with_gains
 from sim.studies.tune.stage import fitted, own, staged, station_of
 from sim.studies.tune.tune import BROKEN, SEARCH_SEED, Floors, Search, Trial, run, tried
 
@@ -363,7 +363,7 @@ def test_gains_without_the_proof_are_never_flown() -> None:
     trials = run(_search(keys=["k2", "k3", "kb=0.2:8", "kappa=1:40"]), judges, trials=25)
     for sortie in judges.flights:
         assert isinstance(sortie.stage.config.controller, Gains)
-        assert certificate(sortie.stage.config.controller).startswith("composite")
+        assert bound_decrease(sortie.stage.config.controller).startswith("composite")
     assert max(trial.gains["kb"] for trial in trials) > 1.0  # so the bounds do not keep it by themselves
 
 

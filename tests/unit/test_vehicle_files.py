@@ -9,7 +9,7 @@ import pytest
 
 from groundstation.__main__ import main
 from groundstation.config.files import presets
-from groundstation.config.load import ConfigError, dump, from_dict, load
+from groundstation.config.loader import ConfigError, dump, from_dict, load
 from groundstation.core.vehicle.vehicle import Vehicle
 from groundstation.settings.settings import Config
 from sim.scenarios.scenarios import SCENARIOS

@@ -3,7 +3,7 @@
 import json
 from pathlib import Path
 
-from groundstation.config.load import ConfigError
+from groundstation.config.loader import ConfigError
 from groundstation.recording.reader import NoRecording
 from groundstation.runtime.pictures import need_matplotlib
 

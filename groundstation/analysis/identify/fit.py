@@ -12,7 +12,7 @@ from typing import Any, NamedTuple, TypeAlias
 import numpy as np
 
 from groundstation.analysis.identify.seen import Column
-from groundstation.core.estimation.observer import Covariance, Densities, later, seen
+from groundstation.core.estimation.observer import Covariance, Densities, predict_covariance, update_covariance
 
 ROUNDS = 15
 CLOSE = 0.01
@@ -178,9 +178,9 @@ def designed(at_s: Column, ratios: Ratios, gap_s: float) -> Filter:
     for k, span in enumerate(spans.tolist()):
         if span > gap_s:
             cover, known = _unknown(ratios), -UNSURE
-        cover = later(cover, span, densities)
+        cover = predict_covariance(cover, span, densities)
         total = cover.pp + 1.0
-        gain, cover = seen(cover, 1.0)
+        gain, cover = update_covariance(cover, 1.0)
         gains[k] = gain[:3]
         known += 1
         if known > 0:
@@ -226,9 +226,9 @@ def _unlikely(at_s: Column, left: Column, ratios: tuple[Column, Column, Column],
     for k, h in enumerate(np.diff(at_s, prepend=at_s[0]).tolist()):
         if h > gap_s:
             cover, known = _unknown(ratios), -UNSURE
-        cover = later(cover, h, rates)
+        cover = predict_covariance(cover, h, rates)
         total = cover.pp + 1.0
-        gain, cover = seen(cover, 1.0)
+        gain, cover = update_covariance(cover, 1.0)
         x0 = x0 + h * (x1 + (0.5 * h) * x2)
         x1 = x1 + h * x2
         new = left[k] - x0

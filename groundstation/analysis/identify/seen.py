@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from groundstation.config.files import toml
-from groundstation.config.load import ConfigError, from_dict
+from groundstation.config.loader import ConfigError, from_dict
 from groundstation.core.mission.mission import State
 from groundstation.recording.reader import Recording
 from groundstation.settings.settings import Config

@@ -18,7 +18,7 @@ from groundstation.analysis.identify.found import Found
 from groundstation.analysis.identify.parameter import Parameter
 from groundstation.analysis.identify.scene import NAMES, hover_signal, most_n
 from groundstation.analysis.report.page import document, framed
-from groundstation.config.load import ConfigError, from_dict
+from groundstation.config.loader import ConfigError, from_dict
 from groundstation.settings.settings import Config
 
 

@@ -8,7 +8,7 @@ from typing import Any
 import msgspec
 
 from groundstation.config.files import toml
-from groundstation.config.load import ConfigError, from_dict
+from groundstation.config.loader import ConfigError, from_dict
 from groundstation.core.controllers.custom import Custom
 from groundstation.recording.reader import NoRecording, Recording
 from groundstation.settings.settings import Config

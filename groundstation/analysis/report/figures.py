@@ -223,7 +223,7 @@ DPI = 140
 LONG_S = 120.0
 """From this length on curves hide each other [s]."""
 CLOSE_S = 20.0
-STYLE: Any = {
+PLOT_STYLE: Any = {
     "font.size": 9.0,
     "axes.grid": True,
     "axes.axisbelow": True,
@@ -368,7 +368,7 @@ def drawn(folder: Path, flights: Sequence[Flown]) -> list[tuple[Figure, Path]]:
     from matplotlib.figure import Figure as Canvas
 
     made = []
-    with rc_context(STYLE):
+    with rc_context(PLOT_STYLE):
         for one in FIGURES:
             close_up = one.in_time and len(flights) == 1 and flights[0].t[-1] > LONG_S
             columns = [flights[0]] * 2 if close_up else flights

@@ -5,7 +5,7 @@ from collections.abc import Iterable, Iterator
 from pathlib import Path
 from typing import NamedTuple
 
-from groundstation.config.load import ConfigError
+from groundstation.config.loader import ConfigError
 from groundstation.core.geometry.ops import Vec3
 from groundstation.core.messages.pose import Pose
 from groundstation.pose.recorded.tlog import pose_decoder

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from groundstation.analysis.shadow.recording import Recording
-from groundstation.config.load import ConfigError, from_dict, load
+from groundstation.config.loader import ConfigError, from_dict, load
 from groundstation.pose.recorded.tlog import TlogConfig
 from groundstation.pose.sources.mavlink import MavlinkPoseConfig
 from groundstation.settings.settings import Config
@@ -29,7 +29,7 @@ def described(path: Path | None, overrides: Sequence[str]) -> Config:
     """The configuration as the operator gave it, before the recording is read.
 
     Raises:
-        ConfigError: see :func:`groundstation.config.load.load`.
+        ConfigError: see :func:`groundstation.config.loader.load`.
     """
     if path is not None:
         return load(path, Config, overrides)

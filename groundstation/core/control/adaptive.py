@@ -23,7 +23,7 @@ class Adaptive:
     def __init__(self, vehicle: Vehicle, gains: Gains, ops: Ops = FLOATS) -> None:
         """Start with b̂ = 0, as the paper does."""
         self._ops = ops
-        self._certificate = certificate(gains)
+        self._certificate = bound_decrease(gains)
         self._vehicle = vehicle
         self._gains = gains
         self._hold = vehicle.frame_period_s
@@ -46,7 +46,7 @@ class Adaptive:
     def regain(self, gains: Gains) -> None:
         """Fly with other gains from now on; b̂ and all that it remembers stay."""
         self._gains = gains
-        self._certificate = certificate(gains)
+        self._certificate = bound_decrease(gains)
 
     def begin(self, disturbance: Vec3) -> None:
         """Let b̂ begin at ``disturbance`` [m/s², NED]: what was found out before the first command."""
@@ -186,7 +186,7 @@ class Adaptive:
 _SUSPENDED = "none: adaptation is suspended while a command is at its limit"
 
 
-def certificate(gains: Gains) -> str:
+def bound_decrease(gains: Gains) -> str:
     """Which bound on V holds for these gains, for a constant wind and no lag (docs/explanation/law.md, section 5)."""
     if gains.kb == 0.0:
         return "none: adaptation is off (controller.kb = 0)"

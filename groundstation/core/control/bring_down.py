@@ -51,7 +51,7 @@ OFF = (Segment(OFF_S, 0.0, ZERO),)
 """All that is left to do on the floor."""
 
 
-def bring_down(
+def plan_bring_down(
     motion: Motion, vehicle: Vehicle, *, mass_kg: float, gravity: float, disturbance: Vec3, height_m: float
 ) -> tuple[Segment, ...]:
     """The parts that begin at the state ``motion``, ``height_m`` above the floor; on the floor only ``OFF``.

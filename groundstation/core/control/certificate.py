@@ -8,7 +8,7 @@ in flight the commanded thrust is clamped above ``vehicle.thrust_min_n``.
 import math
 from typing import NamedTuple
 
-from groundstation.core.control.adaptive import certificate
+from groundstation.core.control.adaptive import bound_decrease
 from groundstation.core.control.backstepping import axis
 from groundstation.core.control.gains import Gains, Law
 from groundstation.core.estimation.settings import Estimation
@@ -91,7 +91,7 @@ class Decrease(NamedTuple):
 
 def decrease(law: Law) -> Decrease:
     """The bound that these gains have in flight."""
-    name = certificate(law) if isinstance(law, Gains) else "none: the gains of the law alone"
+    name = bound_decrease(law) if isinstance(law, Gains) else "none: the gains of the law alone"
     left = 1.0
     if name.startswith("composite") and isinstance(law, Gains):
         beyond = max(1.0, ((law.b_bound + law.epsilon) / law.b_bound) ** 2 - 1.0)

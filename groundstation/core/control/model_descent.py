@@ -46,7 +46,7 @@ LEAN = math.radians(20.0)
 ZERO: Vec3 = (0.0, 0.0, 0.0)
 
 
-def model_descent(
+def plan_model_descent(
     motion: Motion, vehicle: Vehicle, *, mass_kg: float, gravity: float, disturbance: Vec3, height_m: float
 ) -> tuple[Segment, ...]:
     """The parts that begin at the state ``motion``, ``height_m`` above the floor; some 0.5 ms of work.

@@ -7,7 +7,7 @@ from typing import Annotated, Any, ClassVar
 
 import msgspec
 
-from groundstation.config.load import ConfigError
+from groundstation.config.loader import ConfigError
 from groundstation.config.schema import Open
 from groundstation.core.control.decision import limited
 from groundstation.core.estimation.settings import Estimation

@@ -37,12 +37,12 @@ class Effectiveness(NamedTuple):
     """V's rate of disturbance [m/s³]."""
 
 
-def told(deviation: float) -> Effectiveness:
+def initial_effectiveness(deviation: float) -> Effectiveness:
     """Before the flight: λ̂ = 1, known to ``deviation`` (1σ)."""
     return Effectiveness(1.0, deviation * deviation, ZERO, ZERO, ZERO, ZERO)
 
 
-def later(e: Effectiveness, h: Real, given: Driven, mass: float, walk: float) -> Effectiveness:
+def predict_effectiveness(e: Effectiveness, h: Real, given: Driven, mass: float, walk: float) -> Effectiveness:
     """``e`` after ``h`` [s] in which commands did what ``given`` says.
 
     The chain's exact transition, and what a unit of λ gives to a vehicle told to have ``mass`` [kg]; meanwhile λ
@@ -72,7 +72,7 @@ def later(e: Effectiveness, h: Real, given: Driven, mass: float, walk: float) ->
     return new(Effectiveness, after)
 
 
-def seen(ops: Ops, e: Effectiveness, step: Vec3, gain: Gain, variance: Real, of: int = 0) -> tuple[Effectiveness, Real]:
+def update_effectiveness(ops: Ops, e: Effectiveness, step: Vec3, gain: Gain, variance: Real, of: int = 0) -> tuple[Effectiveness, Real]:
     """``e`` after an innovation, and by how much λ̂ moved: the observer moves along by that times V.
 
     Args:

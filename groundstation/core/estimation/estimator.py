@@ -8,19 +8,19 @@ import math
 from collections import deque
 
 from groundstation.core.estimation import effectiveness
-from groundstation.core.estimation.effectiveness import told
+from groundstation.core.estimation.effectiveness import initial_effectiveness
 from groundstation.core.estimation.observer import (
     Densities,
     Gain,
-    begun,
+    initial_covariance,
     corrected,
     corrected_attitude,
     corrected_twice,
     fourth_difference,
     innovation,
-    later,
-    seen,
-    seen_moving,
+    predict_covariance,
+    update_covariance,
+    update_moving_covariance,
 )
 from groundstation.core.estimation.settings import Estimation
 from groundstation.core.geometry.ops import FLOATS, Vec3
@@ -65,8 +65,8 @@ class ModelEstimator:
         white = (gains.acceleration_noise**2, gains.wind_noise**2, gains.wind_rate_noise**2)
         self._still, self._moving = Densities(0.0, *white), Densities(gains.position_wander**2, *white)
         self._noise = gains.pose_noise_m**2
-        self._covariance = begun(self._noise)
-        self._effectiveness = told(gains.effectiveness_deviation)
+        self._covariance = initial_covariance(self._noise)
+        self._effectiveness = initial_effectiveness(gains.effectiveness_deviation)
         self._recent: deque[tuple[float, Vec3]] = deque(maxlen=5)
         self._reset_count = 0
         self._stamp = 0.0
@@ -113,8 +113,8 @@ class ModelEstimator:
 
     def release(self) -> None:
         """The vehicle begins to fly: forget the disturbance that its stand, or a hand, seemed to be."""
-        self._covariance = begun(self._noise)
-        self._effectiveness = told(self._gains.effectiveness_deviation)
+        self._covariance = initial_covariance(self._noise)
+        self._effectiveness = initial_effectiveness(self._gains.effectiveness_deviation)
         self._disturbance = self._disturbance_rate = self._disturbance_step = ZERO
 
     def lifted(self, climb_m_s: float, hover_share: float) -> Vec3:
@@ -187,19 +187,19 @@ class ModelEstimator:
         given = self.given = self._driven(pose.time_s)
         model = self._at(previous, given, dt)
         if self._separates and not self.frozen and self._held is None:
-            self._effectiveness = effectiveness.later(
+            self._effectiveness = effectiveness.predict_effectiveness(
                 self._effectiveness, dt, given, self._mass, gains.effectiveness_walk
             )
         densities = self._still if pose.velocity_ned is None else self._moving
-        expected, noise = later(self._covariance, dt, densities), self._noise
-        gain, self._covariance = seen(expected, noise)
+        expected, noise = predict_covariance(self._covariance, dt, densities), self._noise
+        gain, self._covariance = update_covariance(expected, noise)
         step = innovation(pose.position_ned, model.position)
         self.diverged_m = math.sqrt(step[0] * step[0] + step[1] * step[1] + step[2] * step[2])
         disturbance = corrected(self._disturbance, dt, self._disturbance_rate)
         chain = self._correct(model.position, model.velocity, disturbance, gain, step, expected.pp + noise)
         if pose.velocity_ned is not None:
             expected, noise = self._covariance, gains.velocity_noise_m_s**2
-            gain, self._covariance = seen_moving(expected, noise)
+            gain, self._covariance = update_moving_covariance(expected, noise)
             chain = self._correct(*chain, gain, innovation(pose.velocity_ned, chain[1]), expected.vv + noise, 1)
         position, velocity, self._disturbance = chain
         if self._held is not None:
@@ -225,7 +225,7 @@ class ModelEstimator:
         p, v, d, c = gain
         if self._separates and not self.frozen and self._held is None:
             # What the innovation says of the thrust moves the chain, too.
-            e, moved = effectiveness.seen(FLOATS, self._effectiveness, step, gain, variance, of)
+            e, moved = effectiveness.update_effectiveness(FLOATS, self._effectiveness, step, gain, variance, of)
             self._effectiveness = e
             self._disturbance_rate = corrected_twice(self._disturbance_rate, c, step, moved, e.c)
             return (

@@ -50,12 +50,12 @@ class Gain(NamedTuple):
     c: Real
 
 
-def begun(noise: Real) -> Covariance:
+def initial_covariance(noise: Real) -> Covariance:
     """The covariance at the first pose: it is at rest to 1 m/s, the disturbance is known to 1 m/s² and constant."""
     return Covariance(noise, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 1.0, 0.0, 0.01)
 
 
-def later(s: Covariance, h: Real, q: Densities) -> Covariance:
+def predict_covariance(s: Covariance, h: Real, q: Densities) -> Covariance:
     """``s`` after ``h`` [s] without a pose: F S Fᵀ + Q, F the chain's exact transition.
 
     Q is diagonal, q h: what it leaves out is of second order in h and grows back through F at the next step.
@@ -83,7 +83,7 @@ def later(s: Covariance, h: Real, q: Densities) -> Covariance:
     return new(Covariance, after)
 
 
-def seen(s: Covariance, r: Real) -> tuple[Gain, Covariance]:
+def update_covariance(s: Covariance, r: Real) -> tuple[Gain, Covariance]:
     """The gain for a pose of position noise ``r`` [m²], and the covariance after it."""
     pp, pv, pd, pc, vv, vd, vc, dd, dc, cc = s
     w = 1.0 / (pp + r)
@@ -103,8 +103,8 @@ def seen(s: Covariance, r: Real) -> tuple[Gain, Covariance]:
     return new(Gain, (kp, kv, kd, kc)), new(Covariance, after)
 
 
-def seen_moving(s: Covariance, r: Real) -> tuple[Gain, Covariance]:
-    """As :func:`seen`, for a velocity of noise ``r`` [m²/s²]: what one m/s of innovation changes."""
+def update_moving_covariance(s: Covariance, r: Real) -> tuple[Gain, Covariance]:
+    """As :func:`update_covariance`, for a velocity of noise ``r`` [m²/s²]: what one m/s of innovation changes."""
     pp, pv, pd, pc, vv, vd, vc, dd, dc, cc = s
     w = 1.0 / (vv + r)
     kp, kv, kd, kc = pv * w, vv * w, vd * w, vc * w

@@ -36,7 +36,7 @@ LIVE = ("k2", "k3", "kb", "k_yaw", "kappa", "k_omega")
 PREFIX = "controller."
 
 
-class Step(NamedTuple):
+class GainStep(NamedTuple):
     """A gain has moved."""
 
     name: str
@@ -118,7 +118,7 @@ class LiveGains:
 
     def flown(
         self, time_s: float, estimate: Estimate, reference: Reference, v: float, *, counts: bool
-    ) -> tuple[Step | None, str]:
+    ) -> tuple[GainStep | None, str]:
         """One command has left: what to set now, and what to tell; ``counts`` where its error tells of the gains."""
         if self.gains is None:
             return None, ""
@@ -160,7 +160,7 @@ class LiveGains:
         self._trial = None
         self._move = _Move(trial.move.name, now, trial.move.old, now_s, BACK_S)
 
-    def _stepped(self, time_s: float) -> Step | None:
+    def _stepped(self, time_s: float) -> GainStep | None:
         move, gains = self._move, self.gains
         if move is None or gains is None:
             return None
@@ -168,7 +168,7 @@ class LiveGains:
         if value == move.new:
             self._move = None
         self.gains = msgspec.structs.replace(gains, **{move.name: value})
-        return Step(move.name, value)
+        return GainStep(move.name, value)
 
     def _means(self) -> tuple[float, float]:
         """Mean e² [m²] and mean V [m²/s²] of the past."""

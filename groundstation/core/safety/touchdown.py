@@ -14,7 +14,7 @@ STILL_M_S = 0.12
 """Slower than this the vehicle does not sink any more [m/s]."""
 LASTING_S = 0.2
 """How long both must be so near the floor [s], ..."""
-SURE_S = 1.0
+CERTAIN_S = 1.0
 """... and elsewhere, where the floor may be a table, or the vehicle in somebody's hand [s]."""
 BEHIND_M = 0.3
 """Near the floor it also stands where it does not follow and is so far above its reference [m]: not every controller
@@ -95,4 +95,4 @@ class Touchdown:
         if self._since_s is None:
             self._since_s = time_s
         sure = near and (thrust_n < self._low_n or behind_m < math.inf)
-        return time_s - self._since_s >= (LASTING_S if sure else SURE_S)
+        return time_s - self._since_s >= (LASTING_S if sure else CERTAIN_S)

@@ -47,7 +47,7 @@ class SamplesConfig(
         """
         if self.file is not None:
             raise ValueError(
-                "file: only a configuration can name one: read it with groundstation.config.load.from_dict"
+                "file: only a configuration can name one: read it with groundstation.config.loader.from_dict"
             )
         check_lists(self.points_ned, self.times_s, velocities_ned=self.velocities_ned, yaws_deg=self.yaws_deg)
         length = self.times_s[-1] - self.times_s[0]

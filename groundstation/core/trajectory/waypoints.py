@@ -256,7 +256,7 @@ class WaypointsConfig(
         """
         if self.file is not None:
             raise ValueError(
-                "file: only a configuration can name one: read it with groundstation.config.load.from_dict"
+                "file: only a configuration can name one: read it with groundstation.config.loader.from_dict"
             )
         check_lists(self.points_ned, self.times_s, yaws_deg=self.yaws_deg)
         if self.times_s is None:

@@ -67,7 +67,7 @@ class Vehicle(FromFile, msgspec.Struct, frozen=True, kw_only=True, forbid_unknow
         """
         if self.preset is not None or self.file is not None:
             raise ValueError(
-                "preset and file are for configurations: read one with groundstation.config.load.from_dict"
+                "preset and file are for configurations: read one with groundstation.config.loader.from_dict"
             )
 
     @classmethod

@@ -12,7 +12,7 @@ from contextlib import suppress
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from groundstation.config.load import ConfigError
+from groundstation.config.loader import ConfigError
 from groundstation.flight.hold_to_run.hold import InputLost
 from groundstation.settings.hold_to_run import OperatorConfig
 

@@ -7,10 +7,10 @@ import shlex
 import sys
 from collections.abc import Callable
 
-from groundstation.config.load import ConfigError, dump, load
+from groundstation.config.loader import ConfigError, dump, load
 from groundstation.core.messages.requests import Ask
 from groundstation.flight.confirm import confirmation, ensure_named, line_from_terminal
-from groundstation.interfaces.service.flyable import flyable
+from groundstation.interfaces.service.readiness import flyable
 from groundstation.settings.settings import Config
 
 EXIT_DONE, EXIT_ABORTED = 0, 1
@@ -50,7 +50,7 @@ def health(args: argparse.Namespace) -> int:
 
 def service(args: argparse.Namespace) -> int:
     """Print a systemd unit for a configuration."""
-    from groundstation.interfaces.service.unit import unit
+    from groundstation.interfaces.service.systemd import unit
 
     config = flyable(load(args.config, Config, args.overrides))
     print(unit(config, args.config, args.overrides, user=args.user), end="")
@@ -59,14 +59,14 @@ def service(args: argparse.Namespace) -> int:
 
 def fleet(args: argparse.Namespace) -> int:
     """Fly several vehicles, a core process each; signals reach every one."""
-    from groundstation.interfaces.service.fleet_command import fleet_command
+    from groundstation.interfaces.service.fleet import fleet_command
 
     return fleet_command(args, _unwaited())
 
 
 def relay(args: argparse.Namespace) -> int:
     """Hand datagrams on until told to end."""
-    from groundstation.interfaces.service.fleet_command import relay_command
+    from groundstation.interfaces.service.fleet import relay_command
 
     return relay_command(args, _unwaited())
 
@@ -110,7 +110,7 @@ def request(args: argparse.Namespace) -> int:
 
 def stop_all(args: argparse.Namespace) -> int:
     """Have every flight of this user on this machine come down."""
-    from groundstation.interfaces.api.stop_all import stop_all_command
+    from groundstation.interfaces.api.stop import stop_all_command
 
     return stop_all_command(args, input if sys.stdin.isatty() else None)
 
@@ -244,7 +244,7 @@ def states(args: argparse.Namespace) -> int:
 def vehicles(args: argparse.Namespace) -> int:
     """List the vehicles that come along, or print the file of one."""
     from groundstation.config.files import presets
-    from groundstation.config.load import from_dict
+    from groundstation.config.loader import from_dict
     from groundstation.core.vehicle.vehicle import Vehicle
 
     known = presets(Vehicle)

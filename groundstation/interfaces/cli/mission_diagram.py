@@ -2,7 +2,7 @@
 
 from pathlib import Path
 
-from groundstation.config.load import ConfigError
+from groundstation.config.loader import ConfigError
 from groundstation.core.mission.mission import FINAL, TABLE, Event, State
 
 BEGIN, END = "<!-- states:begin -->", "<!-- states:end -->"

@@ -6,9 +6,9 @@ import json
 
 import msgspec
 
-from groundstation.config.load import ConfigError, load
+from groundstation.config.loader import ConfigError, load
 from groundstation.flight import checks, preflight
-from groundstation.interfaces.service.flyable import flyable
+from groundstation.interfaces.service.readiness import flyable
 from groundstation.settings.settings import Config
 
 EXIT_DONE, EXIT_ABORTED = 0, 1

@@ -6,7 +6,7 @@ import os
 import signal
 from collections.abc import Callable
 
-from groundstation.config.load import ConfigError, load
+from groundstation.config.loader import ConfigError, load
 from groundstation.flight.checks import link_of
 from groundstation.flight.preflight import is_simulated, key
 from groundstation.runtime.place import ApiError

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 import msgspec
 
-from groundstation.config.load import ConfigError
+from groundstation.config.loader import ConfigError
 from groundstation.config.names import CLIENT_LETTERS, VEHICLE_LETTERS, a_name, is_name
 from groundstation.interfaces.mqtt.broker import Broker, from_url, heed_cancellation, in_words
 from groundstation.interfaces.mqtt.messages import (

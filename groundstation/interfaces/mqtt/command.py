@@ -3,7 +3,7 @@
 import argparse
 import sys
 
-from groundstation.config.load import ConfigError
+from groundstation.config.loader import ConfigError
 
 EXIT_DONE = 0
 

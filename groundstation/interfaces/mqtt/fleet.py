@@ -10,7 +10,7 @@ from groundstation.core.messages.snapshot import Snapshot
 from groundstation.core.mission.mission import FINAL
 from groundstation.interfaces.api.messages import decode
 from groundstation.interfaces.mqtt.messages import EVENT, OFFLINE, SNAPSHOT, STATE, Event
-from links.core.printable import printable
+from links.core.terminal_text import printable
 
 SILENCE_S = 3.0
 """Without a snapshot for this long, what was true is no longer known [s]."""

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 
 import msgspec
 
-from groundstation.config.load import ConfigError
+from groundstation.config.loader import ConfigError
 from groundstation.core.messages.requests import Reply, Request
 from groundstation.interfaces.mqtt.broker import heed_cancellation, opened
 from groundstation.interfaces.mqtt.gatekeeper import ClientKey, Gatekeeper

@@ -11,7 +11,7 @@ import signal
 import sys
 from collections.abc import Awaitable, Callable, Coroutine
 
-from groundstation.config.load import ConfigError
+from groundstation.config.loader import ConfigError
 from groundstation.core.messages.pose import SourceError
 from groundstation.core.messages.requests import Ask, Reply, Request
 from groundstation.core.mission.interrupts import Interrupts

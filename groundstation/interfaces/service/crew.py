@@ -6,7 +6,7 @@ from collections.abc import AsyncIterator, Awaitable, Callable
 from contextlib import asynccontextmanager
 from typing import Any, Protocol
 
-from groundstation.config.load import dump
+from groundstation.config.loader import dump
 from groundstation.core.messages.snapshot import Snapshot
 from groundstation.flight.flight import Flight, Outcome
 from groundstation.interfaces.api.desk import Core

@@ -16,7 +16,7 @@ from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
-from groundstation.config.load import dump
+from groundstation.config.loader import dump
 from groundstation.core.messages.requests import Ask
 from groundstation.core.mission.mission import State
 from groundstation.interfaces.api.client import snapshots

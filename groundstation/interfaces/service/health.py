@@ -10,7 +10,7 @@ from pathlib import Path
 
 import msgspec
 
-from groundstation.config.load import ConfigError
+from groundstation.config.loader import ConfigError
 from groundstation.core.mission.mission import IN_AIR
 from groundstation.runtime.place import SERVICES, directory
 

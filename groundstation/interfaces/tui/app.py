@@ -16,7 +16,7 @@ from textual.screen import Screen
 
 from groundstation.core.messages.requests import Ask
 from groundstation.core.mission.mission import FINAL, ON_GROUND
-from groundstation.interfaces.api.stop_all import stop_all
+from groundstation.interfaces.api.stop import stop_all
 from groundstation.interfaces.tui.feeds.playback import Playback
 from groundstation.interfaces.tui.pages.control_page import ControlPage
 from groundstation.interfaces.tui.pages.fly_page import FlyPage
@@ -26,13 +26,13 @@ from groundstation.interfaces.tui.pages.text_pages import ConfigPage, LogPage
 from groundstation.interfaces.tui.parts.bars import TALL, Knobs
 from groundstation.interfaces.tui.parts.dialogs import Choice, Dialog, Help, Typed
 from groundstation.interfaces.tui.parts.feed import Answer, Feed
-from groundstation.interfaces.tui.parts.gains import Gain
+from groundstation.interfaces.tui.parts.gain_table import Gain
 from groundstation.interfaces.tui.parts.headline import SILENCE_S
 from groundstation.interfaces.tui.parts.orders import BY_ASK, ORDERS, Order, Twice, possible
 from groundstation.interfaces.tui.parts.picture import Picture
 from groundstation.interfaces.tui.parts.themes import THEMES
 from groundstation.interfaces.tui.parts.words import flight_time
-from links.core.printable import printable
+from links.core.terminal_text import printable
 
 
 class Ordering:

@@ -8,7 +8,7 @@ import subprocess
 import sys
 from pathlib import Path
 
-from groundstation.config.load import ConfigError
+from groundstation.config.loader import ConfigError
 from groundstation.core.mission.mission import FINAL
 from groundstation.interfaces.tui.app import NO_SCREEN, Dashboard
 from groundstation.interfaces.tui.feeds.attached import Attached

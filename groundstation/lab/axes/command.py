@@ -9,13 +9,13 @@ from typing import Any, NamedTuple
 
 import msgspec
 
-from groundstation.config.load import ConfigError
+from groundstation.config.loader import ConfigError
 from groundstation.core.geometry.frames import Alignment
 from groundstation.core.messages.pose import Pose, PoseEvent, SourceError
 from groundstation.lab.axes.moves import MOVES, Carry, Sample
 from groundstation.lab.axes.solve import Contradiction, Found, solve
 from groundstation.lab.axes.write import Value, write
-from groundstation.lab.pose_monitor.ears import ears
+from groundstation.lab.pose_monitor.listener import ears
 from groundstation.pose.kinds import Recorded
 from groundstation.pose.sources.mavlink import MavlinkPoseConfig
 from groundstation.runtime.exits import INTERRUPTED

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import tomli_w
 
-from groundstation.config.load import ConfigError, load
+from groundstation.config.loader import ConfigError, load
 from groundstation.settings.settings import Config
 
 _HEADER = re.compile(r"\s*\[\s*([^\[\]]+?)\s*\]\s*(#.*)?$")

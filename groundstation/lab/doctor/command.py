@@ -10,7 +10,7 @@ from typing import Any, NamedTuple
 
 import msgspec
 
-from groundstation.config.load import ConfigError
+from groundstation.config.loader import ConfigError
 from groundstation.lab.doctor import restore
 from groundstation.lab.doctor.advice import Finding, Weight, is_wrong
 from groundstation.lab.doctor.visit import Visit

@@ -6,7 +6,7 @@ from typing import Any
 
 import msgspec
 
-from groundstation.config.load import ConfigError
+from groundstation.config.loader import ConfigError
 from groundstation.lab.doctor import ardupilot, px4
 from groundstation.lab.doctor.advice import Advice, Facts, Finding, judged
 from groundstation.settings.settings import Config

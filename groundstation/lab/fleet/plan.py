@@ -7,7 +7,7 @@ from typing import Annotated, Any, NamedTuple
 import msgspec
 
 from groundstation.config.files import beside, toml
-from groundstation.config.load import ConfigError, from_dict
+from groundstation.config.loader import ConfigError, from_dict
 from groundstation.config.names import VEHICLE_LETTERS, name_of
 from groundstation.pose.kinds import ShowsOthers
 from groundstation.pose.sources.json import JsonConfig

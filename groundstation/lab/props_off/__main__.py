@@ -12,7 +12,7 @@ import tomllib
 
 import msgspec
 
-from groundstation.config.load import from_dict
+from groundstation.config.loader import from_dict
 from groundstation.flight.ends import make_ends
 from groundstation.lab.props_off.hand import News, disarm, hold
 from groundstation.runtime.clock import precise_loop

@@ -6,7 +6,7 @@ import signal
 import sys
 from datetime import UTC, datetime
 
-from groundstation.config.load import ConfigError
+from groundstation.config.loader import ConfigError
 from groundstation.flight.confirm import line_from_terminal
 from groundstation.flight.proof import Proof, digest, place, save
 from groundstation.lab.props_off.process import open_hand

@@ -7,7 +7,7 @@ from contextlib import suppress
 
 import msgspec
 
-from groundstation.config.load import dump
+from groundstation.config.loader import dump
 from groundstation.lab.props_off.hand import News
 from groundstation.lab.props_off.steps import Trouble
 from groundstation.settings.settings import Config

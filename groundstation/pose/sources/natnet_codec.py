@@ -32,7 +32,7 @@ from groundstation.core.geometry.ops import Quat, Vec3
 U32 = struct.Struct("<I")
 
 
-class Unreadable(Exception):
+class UnreadableNatNet(Exception):
     """Why a message can't be read, as one word; never leaves the callers of these codecs."""
 
 
@@ -49,7 +49,7 @@ class Payload:
         try:
             values = layout.unpack_from(self._data, self._at)
         except struct.error:
-            raise Unreadable("truncated") from None
+            raise UnreadableNatNet("truncated") from None
         self._at += layout.size
         return values
 
@@ -68,13 +68,13 @@ class Payload:
         """Pass over so many bytes."""
         self._at += size
         if self._at > len(self._data):
-            raise Unreadable("truncated")
+            raise UnreadableNatNet("truncated")
 
     def text(self) -> str:
         """The next text, up to its NUL."""
         end = self._data.find(b"\0", self._at)
         if end < 0:
-            raise Unreadable("truncated")
+            raise UnreadableNatNet("truncated")
         text = text_of(self._data[self._at : end])
         self._at = end + 1
         return text
@@ -160,12 +160,12 @@ def split(datagram: bytes) -> tuple[int, bytes]:
         Unreadable: oversized, truncated.
     """
     if len(datagram) > MAX_DATAGRAM:
-        raise Unreadable("oversized")
+        raise UnreadableNatNet("oversized")
     if len(datagram) < _HEADER.size:
-        raise Unreadable("truncated")
+        raise UnreadableNatNet("truncated")
     number, size = _HEADER.unpack_from(datagram)
     if len(datagram) < _HEADER.size + size:
-        raise Unreadable("truncated")
+        raise UnreadableNatNet("truncated")
     return number, datagram[_HEADER.size : _HEADER.size + size]
 
 
@@ -176,12 +176,12 @@ def decode_server_info(payload: bytes) -> ServerInfo:
         Unreadable: truncated; wrong_version (older than 3.0); absurd (a clock that does not tick).
     """
     if len(payload) < _SERVER.size:
-        raise Unreadable("truncated")
+        raise UnreadableNatNet("truncated")
     name, _, version, ticks, port, multicast, group = _SERVER.unpack_from(payload)
     if (version[0], version[1]) < OLDEST:
-        raise Unreadable("wrong_version")
+        raise UnreadableNatNet("wrong_version")
     if ticks == 0:
-        raise Unreadable("absurd")
+        raise UnreadableNatNet("absurd")
     return ServerInfo(text_of(name), (version[0], version[1]), ticks, port, bool(multicast), ".".join(map(str, group)))
 
 

@@ -6,7 +6,7 @@ from groundstation.core.geometry.ops import Quat
 from groundstation.core.messages.pose import Pose, PoseStatus
 from groundstation.pose.intake.intake import Intake
 from groundstation.pose.sources import natnet_codec as codec
-from groundstation.pose.sources.natnet_codec import Frame, RigidBody, ServerInfo, Unreadable
+from groundstation.pose.sources.natnet_codec import Frame, RigidBody, ServerInfo, UnreadableNatNet
 
 SILENT_BEATS = 4
 """A server that says nothing for so many beats is asked anew: it may have been started again."""
@@ -67,7 +67,7 @@ class NatNetReader:
         """The pose of our body, or nothing."""
         try:
             pose = self._take(*codec.split(datagram), arrival_s)
-        except Unreadable as fault:
+        except UnreadableNatNet as fault:
             pose = self._intake.drop(str(fault))
         return () if pose is None else (pose,)
 

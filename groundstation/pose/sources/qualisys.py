@@ -12,7 +12,7 @@ from groundstation.core.messages.bodies import Others
 from groundstation.core.messages.pose import Pose, PoseStatus, SourceError
 from groundstation.pose.intake.intake import Intake
 from groundstation.pose.sources.qualisys_codec import QualisysReader, body_names
-from links.core.printable import printable
+from links.core.terminal_text import printable
 from links.io.address import beyond, parse_address
 
 if TYPE_CHECKING:

@@ -14,7 +14,7 @@ from qtm_rt.protocol import QRTCommandException, QTMProtocol
 
 from groundstation.core.messages.pose import SourceError
 from groundstation.pose.sources.qualisys_codec import Framer
-from links.core.printable import printable
+from links.core.terminal_text import printable
 
 PROTOCOL_VERSION = "1.25"
 KNOCK_S = 0.2

@@ -42,7 +42,7 @@ _HEADER = struct.Struct("<IB")
 _ITEM = struct.Struct("<BH24s6d")
 _ITEM_DATA_BYTES = _ITEM.size - 3
 
-Unreadable: TypeAlias = Literal["truncated", "oversized", "wrong_item"]
+UnreadableVicon: TypeAlias = Literal["truncated", "oversized", "wrong_item"]
 """Why a datagram is no frame of this stream."""
 
 
@@ -92,7 +92,7 @@ def encode(frame_number: int, objects: Iterable[ViconObject], datagram_size: int
     return datagram.ljust(datagram_size, b"\0")
 
 
-def decode(datagram: bytes) -> ViconFrame | Unreadable:
+def decode(datagram: bytes) -> ViconFrame | UnreadableVicon:
     """The frame in a datagram, or why there is none. The numbers come as they are, even nan."""
     size = len(datagram)
     if size > DATAGRAM_SIZES[-1]:

@@ -11,9 +11,9 @@ from typing import Any, Protocol
 
 import msgspec
 
-from groundstation.config.load import ConfigError
+from groundstation.config.loader import ConfigError
 from groundstation.settings.settings import Config
-from sim.batch.batch import check, fly_batch
+from sim.batch.batch import require_batchable, fly_batch
 from sim.batch.kernels import chosen
 from sim.runs.referee import STEADY_S
 from sim.studies.campaign.draws import DRAWS, USUAL, absolute, drawn
@@ -47,7 +47,7 @@ class Campaign(msgspec.Struct, frozen=True, kw_only=True):
             ConfigError: a controller that no batch flies, an unknown draw, a value that is drawn whatever is set,
                 or too short flights.
         """
-        check(self.world, self.config)
+        require_batchable(self.world, self.config)
         if self.duration_s <= STEADY_S:
             raise ConfigError("--duration", f"flights are judged from {STEADY_S:g} s on, expected more than that")
         for name in self.draws:
@@ -101,7 +101,7 @@ def run(
     Returns all rows in the order of the seeds, and how many of them were flown now.
 
     Raises:
-        ConfigError: see :meth:`Campaign.check`, :class:`Folder` and :meth:`Crew.fly`.
+        ConfigError: see :meth:`Campaign.require_batchable`, :class:`Folder` and :meth:`Crew.fly`.
     """
     campaign.check()
     folder = Folder(out, campaign.settings()) if out is not None else None

@@ -11,9 +11,9 @@ import msgspec
 
 from groundstation.core.geometry.ops import Vec3
 from groundstation.core.pilot import Tick
-from sim.runs.fly import fly
+from sim.runs.flight import fly
 from sim.runs.referee import STEADY_S
-from sim.scenarios.prepare import prepare
+from sim.scenarios.preparation import prepare
 from sim.scenarios.scenarios import SCENARIOS
 
 CONTROLLERS = ("adaptive", "uncompensated", "geometric", "pid", "indi")

@@ -8,7 +8,7 @@ from statistics import median
 
 import msgspec
 
-from groundstation.config.load import dump
+from groundstation.config.loader import dump
 from groundstation.runtime.version import __version__
 from groundstation.settings.settings import Config
 from sim.studies.tune.flights import Flyers, sorties

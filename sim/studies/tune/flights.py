@@ -13,8 +13,8 @@ from typing import NamedTuple
 
 import msgspec
 
-from groundstation.config.load import ConfigError
-from sim.runs.fly import fly
+from groundstation.config.loader import ConfigError
+from sim.runs.flight import fly
 from sim.studies.tune.stage import Staged
 
 CRASH_CM = 200.0

@@ -5,16 +5,16 @@ from pathlib import Path
 
 import msgspec
 
-from groundstation.config.load import ConfigError, load
+from groundstation.config.loader import ConfigError, load
 from groundstation.pose.kinds import Recorded
 from groundstation.pose.sources.mavlink import MavlinkPoseConfig
 from groundstation.pose.sources.vicon import ViconConfig
 from groundstation.settings.settings import Config, LinkConfig
 from links.bridge.link import BridgeLinkConfig
 from links.mavlink.link import MavlinkLinkConfig
-from sim.scenarios.prepare import prepare, timing
+from sim.scenarios.preparation import prepare, timing
 from sim.scenarios.scenarios import SCENARIOS, Scenario
-from sim.studies.tune.space import Point, with_gains
+from sim.studies.tune.search_space import Point, with_gains
 from sim.world.world import World
 
 _STATION = ("vehicle", "controller", "pose", "link", "status", "mqtt")
@@ -42,7 +42,7 @@ def own(path: Path | None, overrides: Sequence[str]) -> Config | None:
     None where neither tells a vehicle, so that the scenarios do. Overrides of the truth (``sim.…``) are left out.
 
     Raises:
-        ConfigError: see :func:`groundstation.config.load.load`; or the link's frames are not as told.
+        ConfigError: see :func:`groundstation.config.loader.load`; or the link's frames are not as told.
     """
     told = [text for text in overrides if not text.startswith("sim.")]
     if path is None and not any(_key(text) in _VEHICLES for text in told):

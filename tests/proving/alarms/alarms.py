@@ -14,9 +14,9 @@ import msgspec
 from groundstation.core.safety.obedience import NODE_S, Contradiction
 from groundstation.flight.flight import Flight
 from groundstation.runtime.clock import sleep_until
-from sim.runs.mission import CONFIRM_S, fly_mission, from_floor
+from sim.runs.mission import MISSION_CONFIRM_S, fly_mission, from_floor
 from sim.runs.stage import Stage
-from sim.scenarios.prepare import prepare
+from sim.scenarios.preparation import prepare
 from sim.scenarios.scenarios import SCENARIOS
 from sim.trackers.trackers import Tracker
 from sim.world.draws import rows, stream
@@ -206,7 +206,7 @@ def _struck(seed: int, *overrides: str) -> list[tuple[float, Contradiction]]:
         assert stage.mocap is not None, "cameras look on"
         stage.mocap.through(meddle)
         watching = asyncio.ensure_future(trace.watch(flight))
-        await sleep_until(CONFIRM_S + STRUCK_S + 0.37 * seed)
+        await sleep_until(MISSION_CONFIRM_S + STRUCK_S + 0.37 * seed)
         shown, now_s = meddlers[0].shown, asyncio.get_running_loop().time()
         assert shown is not None, "it has been seen"
         normals = rows(stream(seed, "fault").standard_normal, 6)

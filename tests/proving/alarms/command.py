@@ -21,7 +21,7 @@ from groundstation.analysis.shadow.flight import flying, hover_share, thrust_sha
 from groundstation.analysis.shadow.path import FlownPath
 from groundstation.analysis.shadow.recording import Recording, read_recording
 from groundstation.analysis.shadow.vehicle import completed, described, latency_s, mavlink
-from groundstation.config.load import ConfigError
+from groundstation.config.loader import ConfigError
 from groundstation.core.pilot import Pilot
 from groundstation.core.safety.conviction import Conviction, charge_lateness
 from groundstation.core.safety.liftoff import WANDERING_M
@@ -31,7 +31,7 @@ from groundstation.flight.preflight import ensure_flyable
 from groundstation.settings.settings import Config
 from sim.cli.console import Counter
 from sim.runs.mission import from_floor
-from sim.scenarios.prepare import prepare, scenario_of
+from sim.scenarios.preparation import prepare, scenario_of
 from sim.studies.compare.table import check_markers, put_between_markers
 from tests.proving.alarms.alarms import KINDS, REMARKABLE, SHARES, Alarms, Detection, Watched, detections, watch_all
 

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 from groundstation.recording.assembly import make_flight
 from groundstation.runtime.clock import sleep_until
 from sim.runs.stage import Stage
-from sim.scenarios.prepare import prepare
+from sim.scenarios.preparation import prepare
 from sim.scenarios.scenarios import SCENARIOS
 from sim.time.virtual_time import VirtualTimeLoop
 

@@ -17,9 +17,9 @@ from groundstation.core.trajectory.port import Reference
 from groundstation.core.vehicle.model import ZERO, Motion
 from groundstation.core.vehicle.vehicle import Vehicle
 from sim.batch.batch import fly_batch
-from sim.batch.columns import columns, zeros
+from sim.batch.entries import columns, zeros
 from sim.batch.stages import Compiled, Numpy, Stages
-from sim.scenarios.prepare import prepare
+from sim.scenarios.preparation import prepare
 from sim.scenarios.scenarios import SCENARIOS
 from sim.time.turns import in_turns
 from sim.world.plant import Body, Physics, moved

@@ -16,7 +16,7 @@ from contextlib import AbstractAsyncContextManager, nullcontext
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from groundstation.config.load import dump
+from groundstation.config.loader import dump
 from groundstation.pose.sources.vicon import ViconConfig
 from groundstation.runtime.clock import sleep_until
 from groundstation.settings.settings import Config
@@ -25,7 +25,7 @@ from links.io.address import parse_address
 from links.mavlink.link import MavlinkLinkConfig
 from sim.autopilots.peer import AutopilotPeer
 from sim.autopilots.px4 import Px4Autopilot
-from sim.scenarios.prepare import prepare
+from sim.scenarios.preparation import prepare
 from sim.scenarios.scenarios import SCENARIOS
 from sim.trackers.trackers import Seen, vicon_encoder
 from sim.world.draws import rows, stream

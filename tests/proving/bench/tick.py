@@ -16,8 +16,8 @@ from groundstation.core.estimation.estimator import ModelEstimator
 from groundstation.core.pilot import Pilot
 from groundstation.core.safety.obedience import Obedience
 from groundstation.core.safety.witness import Witness
-from sim.runs.fly import fly
-from sim.scenarios.prepare import prepare
+from sim.runs.flight import fly
+from sim.scenarios.preparation import prepare
 from sim.scenarios.scenarios import SCENARIOS
 from sim.time.turns import percentile
 

@@ -31,7 +31,7 @@ class Cell(msgspec.Struct, frozen=True):
         return self.state in FAULTS[self.fault].live
 
 
-def cells(fault: str | None = None, state: str | None = None) -> list[Cell]:
+def deal_cells(fault: str | None = None, state: str | None = None) -> list[Cell]:
     """Every cell; or those of one fault, or of one state."""
     return [
         Cell(name, place)

@@ -3,7 +3,7 @@
 from collections.abc import Sequence
 from pathlib import Path
 
-from groundstation.config.load import ConfigError
+from groundstation.config.loader import ConfigError
 from tests.proving.faults.cells.cell import AUTOPILOT
 from tests.proving.faults.deck.fault import REASONS
 from tests.proving.faults.deck.faults import FAULTS

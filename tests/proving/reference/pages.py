@@ -13,7 +13,7 @@ import msgspec
 from msgspec import inspect as mi
 
 from groundstation.__main__ import parser as flying
-from groundstation.config.load import ConfigError
+from groundstation.config.loader import ConfigError
 from groundstation.config.schema import structs
 from groundstation.config.words import expected
 from groundstation.interfaces.mqtt.schemas import write_schemas

@@ -12,12 +12,12 @@ from textual.widgets import DataTable, Static
 from groundstation.core.messages.snapshot import Snapshot
 from groundstation.interfaces.tui.pages.page import Frame, Page
 from groundstation.interfaces.tui.parts.bars import content
-from groundstation.interfaces.tui.parts.gains import Gain, gains
+from groundstation.interfaces.tui.parts.gain_table import Gain, gains
 from groundstation.interfaces.tui.parts.panels import Curves
 from groundstation.interfaces.tui.parts.plot import Spans
 from groundstation.interfaces.tui.parts.themes import AXES, ERROR, LABEL, WARNING
 from groundstation.interfaces.tui.parts.words import row, three
-from links.core.printable import printable
+from links.core.terminal_text import printable
 
 
 class ControlPage(Page):

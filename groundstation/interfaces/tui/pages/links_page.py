@@ -15,7 +15,7 @@ from groundstation.interfaces.tui.parts.panels import Curves
 from groundstation.interfaces.tui.parts.plot import Spans, bar
 from groundstation.interfaces.tui.parts.themes import ERROR, FLOWN, LABEL
 from groundstation.interfaces.tui.parts.words import battery, row
-from links.core.printable import printable
+from links.core.terminal_text import printable
 
 BINS = 8
 

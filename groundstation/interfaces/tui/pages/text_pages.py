@@ -13,7 +13,7 @@ from groundstation.interfaces.tui.pages.page import Frame, Page
 from groundstation.interfaces.tui.parts.panels import event
 from groundstation.interfaces.tui.parts.plot import Spans
 from groundstation.interfaces.tui.parts.themes import LABEL
-from links.core.printable import printable
+from links.core.terminal_text import printable
 
 
 class TextPage(Page):

@@ -15,7 +15,7 @@ from groundstation.interfaces.tui.parts.picture import Flown
 from groundstation.interfaces.tui.parts.plot import Line, Spans, Track, history, horizon, in_time, nice_top, top_view
 from groundstation.interfaces.tui.parts.themes import ERROR, FLOWN, LABEL, WANTED, WARNING, WIND
 from groundstation.interfaces.tui.parts.words import arrow, checks, numbers
-from links.core.printable import printable
+from links.core.terminal_text import printable
 
 WIND_S2 = 0.5
 """The arrow of b̂ is so long in the view from above [m per m/s²]."""

@@ -11,7 +11,7 @@ from groundstation.interfaces.tui.parts.headline import OLD_POSE_S
 from groundstation.interfaces.tui.parts.plot import Spans, bar, two_sided_bar
 from groundstation.interfaces.tui.parts.themes import FLOWN, LABEL, NORMAL, WARNING, WIND
 from links.core.port import LinkStatus
-from links.core.printable import printable
+from links.core.terminal_text import printable
 
 RATE_SCALE_DEG_S = 360.0
 """Full scale of the rate bars where no limit is known [deg/s]."""

@@ -20,7 +20,7 @@ from sim.autopilots.px4 import Px4Autopilot
 from sim.radio.rf_receiver import FAILSAFE_S
 from sim.runs.mission import from_floor
 from sim.runs.stage import Stage
-from sim.scenarios.prepare import prepare
+from sim.scenarios.preparation import prepare
 from sim.scenarios.scenarios import SCENARIOS
 from sim.time.virtual_time import VirtualTimeLoop
 from sim.trackers.trackers import Tracker

@@ -15,7 +15,7 @@ from typing import Any
 
 import msgspec
 
-from groundstation.config.load import dump
+from groundstation.config.loader import dump
 from groundstation.core.mission.mission import FINAL, State
 from groundstation.interfaces.api.client import snapshots
 from groundstation.runtime.place import ApiError
@@ -27,7 +27,7 @@ from sim.radio.radio import module
 from sim.radio.rf_receiver import FAILSAFE_S
 from sim.runs.mission import from_floor
 from sim.runs.stage import Stage
-from sim.scenarios.prepare import prepare
+from sim.scenarios.preparation import prepare
 from sim.scenarios.scenarios import SCENARIOS
 from sim.world.world import World
 from tests.proving.faults.cells.cell import AUTOPILOT, LANDS, LOOK_S, STILL_SHARE, hover_n, not_struck

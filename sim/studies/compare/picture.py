@@ -4,7 +4,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-from groundstation.config.load import ConfigError
+from groundstation.config.loader import ConfigError
 from groundstation.runtime.pictures import need_matplotlib
 from sim.runs.referee import STEADY_S
 from sim.scenarios.scenarios import SCENARIOS

@@ -5,7 +5,7 @@ import sys
 from pathlib import Path
 from string import Template
 
-from groundstation.core.safety.touchdown import SURE_S
+from groundstation.core.safety.touchdown import CERTAIN_S
 from groundstation.flight.preflight import look
 from groundstation.flight.sender import DISARM_WAIT_S
 from groundstation.recording.process import END_S
@@ -32,7 +32,7 @@ def longest_landing_s(config: Config) -> float:
     landing = config.landing
     slow = min(landing.touchdown_m_s, config.flight.descent_m_s)
     sinking_s = top / config.flight.descent_m_s + landing.approach_m / slow
-    return RESERVE * (STOPPING_S + sinking_s + SURE_S) + DISARM_WAIT_S + BRING_DOWN_S + END_S
+    return RESERVE * (STOPPING_S + sinking_s + CERTAIN_S) + DISARM_WAIT_S + BRING_DOWN_S + END_S
 
 
 def unit(config: Config, path: Path, overrides: list[str], *, user: str) -> str:

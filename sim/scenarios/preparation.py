@@ -11,7 +11,7 @@ from pathlib import Path
 
 import msgspec
 
-from groundstation.config.load import ConfigError, from_dict, load
+from groundstation.config.loader import ConfigError, from_dict, load
 from groundstation.pose.gate import GateConfig
 from groundstation.pose.kinds import PoseConfig
 from groundstation.pose.sources.vicon import ViconConfig
@@ -140,7 +140,7 @@ def own(
     judged is how well the trajectory is followed. ``overrides`` are of what is told; ``overridden`` changes the truth.
 
     Raises:
-        ConfigError: see :func:`groundstation.config.load.load`.
+        ConfigError: see :func:`groundstation.config.loader.load`.
     """
     told = load(path, Config, overrides)
     rate_hz, latency_s = timing(told.pose, air.pose_rate_hz, air.pose_latency_s)

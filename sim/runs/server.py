@@ -6,7 +6,7 @@ from collections.abc import AsyncIterator, Mapping
 
 import msgspec
 
-from groundstation.config.load import ConfigError
+from groundstation.config.loader import ConfigError
 from groundstation.lab.fleet.plan import Fleet
 from groundstation.pose.kinds import PoseConfig
 from groundstation.pose.sources.json import JsonConfig

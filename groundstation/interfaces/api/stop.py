@@ -9,12 +9,12 @@ from pathlib import Path
 
 import msgspec
 
-from groundstation.config.load import ConfigError
+from groundstation.config.loader import ConfigError
 from groundstation.core.messages.requests import Ask, Request
 from groundstation.interfaces.api.client import attached
 from groundstation.runtime.place import ApiError, owner
 from groundstation.runtime.register import BRIDGE, Running, running, send, strangers
-from links.core.printable import printable
+from links.core.terminal_text import printable
 
 ANSWER_S = 1.0
 """Who has not answered by then gets a signal [s]."""

@@ -7,8 +7,8 @@ from typing import Any
 import msgspec
 from msgspec import inspect as mi
 
-from groundstation.config.load import ConfigError
-from groundstation.core.control.adaptive import certificate
+from groundstation.config.loader import ConfigError
+from groundstation.core.control.adaptive import bound_decrease
 from groundstation.core.control.gains import Gains
 from groundstation.core.controllers.custom import Custom
 from groundstation.core.controllers.kinds import ControllerConfig
@@ -84,7 +84,7 @@ def loses_proof(controller: ControllerConfig) -> bool:
     """True where this form of adaptation has a proof, and these gains do not satisfy it (kb² κ < 4 k3)."""
     if not isinstance(controller, Gains) or controller.composite == "raw" or controller.kb == 0.0:
         return False
-    return certificate(controller).startswith("none")
+    return bound_decrease(controller).startswith("none")
 
 
 def _numbers(controller: ControllerConfig) -> dict[str, tuple[mi.FloatType, float | None]]:

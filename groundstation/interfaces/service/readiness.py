@@ -1,6 +1,6 @@
 """Whether a configuration has all that a flight needs, looked at before anything is opened."""
 
-from groundstation.config.load import ConfigError
+from groundstation.config.loader import ConfigError
 from groundstation.flight.hold_to_run.kinds import ensure_held
 from groundstation.flight.preflight import ensure_flyable, ensure_guarded, ensure_link
 from groundstation.interfaces.mqtt.requests import ensure_mqtt

@@ -6,7 +6,7 @@ from concurrent.futures import ProcessPoolExecutor  # noqa: TID251  # processes,
 from functools import partial
 from typing import Any
 
-from sim.runs.fly import fly
+from sim.runs.flight import fly
 from sim.studies.campaign.campaign import Campaign
 from sim.studies.campaign.draws import drawn
 from sim.studies.campaign.folder import Row

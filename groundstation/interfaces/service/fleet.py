@@ -6,10 +6,10 @@ import os
 import sys
 from collections.abc import Callable
 
-from groundstation.config.load import ConfigError
+from groundstation.config.loader import ConfigError
 from groundstation.core.messages.pose import SourceError
 from groundstation.interfaces.service.fleet_supervisor import Supervisor, by_hand
-from groundstation.interfaces.service.flyable import flyable
+from groundstation.interfaces.service.readiness import flyable
 from groundstation.lab.fleet.plan import read_fleet
 from groundstation.lab.fleet.relay import Relay, run_relay
 

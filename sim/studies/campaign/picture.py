@@ -4,10 +4,10 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from groundstation.config.load import ConfigError
+from groundstation.config.loader import ConfigError
 from sim.studies.campaign.campaign import Campaign
 from sim.studies.campaign.folder import Row
-from sim.studies.campaign.report import LIMITS_CM
+from sim.studies.campaign.summary import LIMITS_CM
 
 # M. Okabe, K. Ito: a palette that the colour-blind can tell apart; markers and dashes differ too.
 BLUE, RED, ORANGE = "#0072B2", "#D55E00", "#E69F00"
