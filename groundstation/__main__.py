@@ -4,7 +4,7 @@ import argparse
 import sys
 import time
 
-from groundstation.interfaces.cli.program import add_completion, build_parser, path
+from groundstation.interfaces.cli import add_completion, build_parser, path
 
 
 def _fly(parser: argparse.ArgumentParser) -> None:
@@ -291,7 +291,7 @@ def parser() -> argparse.ArgumentParser:
 
 def main() -> int:
     """Entry point; for the exit codes see exits.py and docs/reference/exit-codes.md."""
-    from groundstation.runtime.entry import run
+    from groundstation.runtime import run
 
     return run(parser, "groundstation.interfaces.cli.commands")
 

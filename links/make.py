@@ -6,31 +6,31 @@ TYPE_CHECKING = False  # typing's own would have to be imported, also for --help
 if TYPE_CHECKING:
     from typing import Any
 
-    from links.core.port import CommandLink
+    from links.core import CommandLink
 
 
 def _mavlink() -> "tuple[type, Callable[..., CommandLink]]":
-    from links.mavlink.link import MavlinkLink, MavlinkLinkConfig
+    from links.mavlink import MavlinkLink, MavlinkLinkConfig
 
     return MavlinkLinkConfig, MavlinkLink
 
 
 def _dsm() -> "tuple[type, Callable[..., CommandLink]]":
-    from links.rf.codecs.dsm_codec import DsmLinkConfig
-    from links.rf.link import SerialRfLink
+    from links.rf import SerialRfLink
+    from links.rf.codecs import DsmLinkConfig
 
     return DsmLinkConfig, SerialRfLink
 
 
 def _crsf() -> "tuple[type, Callable[..., CommandLink]]":
-    from links.rf.codecs.crsf_codec import CrsfLinkConfig
-    from links.rf.link import SerialRfLink
+    from links.rf import SerialRfLink
+    from links.rf.codecs import CrsfLinkConfig
 
     return CrsfLinkConfig, SerialRfLink
 
 
 def _rf_bridge() -> "tuple[type, Callable[..., CommandLink]]":
-    from links.bridge.link import BridgeLink, BridgeLinkConfig
+    from links.bridge import BridgeLink, BridgeLinkConfig
 
     return BridgeLinkConfig, BridgeLink
 

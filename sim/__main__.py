@@ -3,8 +3,8 @@
 import argparse
 import sys
 
-from groundstation.interfaces.cli.program import add_completion, build_parser, path
-from sim.cli.arguments import count, hours, names, percent, seconds, whole
+from groundstation.interfaces.cli import add_completion, build_parser, path
+from sim.cli import count, hours, names, percent, seconds, whole
 
 _CONTROLLERS = "adaptive (default), uncompensated, geometric, pid, indi, or your own: package.module:factory"
 _LINKS = ["mavlink", "dsm", "crsf", "rf_bridge"]
@@ -125,7 +125,7 @@ def _campaign(parser: argparse.ArgumentParser) -> None:
 
 
 def _bench(parser: argparse.ArgumentParser) -> None:
-    from sim.cli.proving import MEASUREMENTS
+    from sim.cli import MEASUREMENTS
 
     parser.description = (
         "tick: law, observer and predictor a command. flight: how fast `fly` is. command: what it takes as "
@@ -244,7 +244,7 @@ def parser() -> argparse.ArgumentParser:
 
 def main() -> int:
     """Entry point; the exit code is 0 for done, 1 for a flight that failed, 2 for bad usage or config."""
-    from groundstation.runtime.entry import run
+    from groundstation.runtime import run
 
     return run(parser, "sim.cli.commands")
 

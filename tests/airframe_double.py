@@ -1,8 +1,7 @@
 """A vehicle for tests: a point of mass 1 that turns at once as it is told, and writes down what is done to it."""
 
-from groundstation.core.geometry import so3
-from groundstation.core.geometry.ops import Quat, Vec3
-from sim.world.airframe import Truth
+from groundstation.core.geometry import Quat, Vec3, so3
+from sim.world import Truth
 
 GRAVITY = 9.81
 

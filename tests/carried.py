@@ -4,8 +4,7 @@ import math
 import random
 from collections.abc import Callable, Sequence
 
-from groundstation.core.geometry import so3
-from groundstation.core.geometry.ops import Quat, Vec3
+from groundstation.core.geometry import Quat, Vec3, so3
 from groundstation.lab.axes.moves import MOVES, Carry, Move, Sample
 
 START: tuple[Vec3, Quat] = ((0.7, -0.4, -0.1), so3.IDENTITY)

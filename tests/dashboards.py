@@ -11,19 +11,15 @@ import msgspec
 from textual.pilot import Pilot
 from textual.widget import Widget
 
-from groundstation.config.loader import dump
-from groundstation.core.messages.requests import Ask
-from groundstation.core.messages.snapshot import Snapshot
-from groundstation.core.messages.verdict import Check, Verdict
-from groundstation.interfaces.api.server import Server
+from groundstation.config import dump
+from groundstation.core.messages import Ask, Check, Snapshot, Verdict
+from groundstation.interfaces.api import Server
 from groundstation.interfaces.tui.app import Dashboard
-from groundstation.interfaces.tui.feeds.attached import Attached
-from groundstation.interfaces.tui.parts.bars import Banner
-from groundstation.interfaces.tui.parts.feed import Answer, Feed, Hello, News
-from groundstation.interfaces.tui.parts.letters import big, huge
-from groundstation.runtime.broadcast import Latest
-from groundstation.runtime.place import StatusConfig
-from groundstation.settings.settings import Config
+from groundstation.interfaces.tui.feeds import Attached
+from groundstation.interfaces.tui.parts import Answer, Banner, Feed, Hello, News, big
+from groundstation.interfaces.tui.parts.letters import huge
+from groundstation.runtime import Latest, StatusConfig
+from groundstation.settings import Config
 from tests.sample_flight import Sampled, sample
 
 Scene = Callable[[Pilot[None]], Coroutine[Any, Any, None]]

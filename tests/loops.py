@@ -7,7 +7,7 @@ from typing import Any, TypeVar
 
 import pytest
 
-from sim.time.virtual_time import VirtualTimeLoop
+from sim.time import VirtualTimeLoop
 
 T = TypeVar("T")
 Run = Callable[[Coroutine[Any, Any, T]], T]

@@ -15,7 +15,8 @@ from contextvars import Context
 from heapq import heappush
 from typing import Any
 
-from sim.time.virtual_time import SimulationStuck, VirtualTimeLoop, _Idle
+from sim.time import VirtualTimeLoop
+from sim.time.virtual_time import SimulationStuck, _Idle
 
 OUTSIDE_S = 20.0
 """How long a loop on which nothing is scheduled waits for something from outside, in real time [s]."""

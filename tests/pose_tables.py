@@ -4,13 +4,9 @@ import pathlib
 
 import msgspec
 
-from groundstation.core.geometry.frames import Frames
-from groundstation.core.geometry.ops import Quat, Vec3
-from groundstation.pose.intake.intake import Intake, Reader
-from groundstation.pose.sources.json_codec import JsonReader
-from groundstation.pose.sources.natnet_reader import NatNetReader
-from groundstation.pose.sources.qualisys_codec import QualisysReader
-from groundstation.pose.sources.vision_codec import VisionReader
+from groundstation.core.geometry import Frames, Quat, Vec3
+from groundstation.pose.intake import Intake, Reader
+from groundstation.pose.sources import JsonReader, NatNetReader, QualisysReader, VisionReader
 
 
 class GoldenPose(msgspec.Struct, frozen=True):

@@ -3,11 +3,11 @@
 from functools import cache
 from pathlib import Path
 
-from groundstation.recording.records import Record
+from groundstation.recording import Record
 from sim.cli.run_folder import RECORDING, RunFolder
-from sim.runs.flight import Result, fly
-from sim.scenarios.preparation import prepare
-from sim.scenarios.scenarios import SCENARIOS
+from sim.runs import fly
+from sim.runs.flight import Result
+from sim.scenarios import SCENARIOS, prepare
 from tests.flown_once import folder_of, once
 
 

@@ -4,9 +4,8 @@ import json
 import pathlib
 from typing import NamedTuple
 
-from links.rf.codecs.codec import RfCodec, Service, position
-from links.rf.codecs.crsf_codec import CrsfLinkConfig
-from links.rf.codecs.dsm_codec import DsmLinkConfig
+from links.rf.codecs import CrsfLinkConfig, DsmLinkConfig, Service
+from links.rf.codecs.codec import RfCodec, position
 
 
 class Row(NamedTuple):

@@ -5,14 +5,12 @@ import contextlib
 import math
 import sys
 
-from groundstation.core.geometry.ops import Vec3
+from groundstation.core.geometry import Vec3
 from groundstation.core.geometry.so3 import from_euler_zyx
-from groundstation.core.messages.requests import Ask, Reply, Request
-from groundstation.core.messages.snapshot import Certificate, Diagnostics, Snapshot
-from groundstation.interfaces.api.server import Server
-from groundstation.runtime.broadcast import Latest
-from groundstation.runtime.place import StatusConfig
-from links.core.port import LinkStatus
+from groundstation.core.messages import Ask, Certificate, Diagnostics, Reply, Request, Snapshot
+from groundstation.interfaces.api import Server
+from groundstation.runtime import Latest, StatusConfig
+from links.core import LinkStatus
 
 
 class Sampled:

@@ -6,9 +6,8 @@ from collections.abc import Callable
 
 import msgspec
 
-from groundstation.core.geometry import so3
-from groundstation.core.geometry.ops import Quat, Vec3
-from links.mavlink.protocol.codec import ARM_DISARM, MavlinkCodec
+from groundstation.core.geometry import Quat, Vec3, so3
+from links.mavlink.protocol import ARM_DISARM, MavlinkCodec
 
 GRAVITY = 9.81
 START_US = 1_790_000_000_000_000

@@ -10,8 +10,7 @@ import msgspec
 from textual.widgets import Input
 
 from groundstation.interfaces.tui.app import Dashboard
-from groundstation.interfaces.tui.parts.bars import Banner
-from groundstation.interfaces.tui.parts.feed import Holder, News
+from groundstation.interfaces.tui.parts import Banner, Holder, News
 from groundstation.interfaces.tui.screenshot import normal
 from tests.dashboards import Fixed, flown, on_ground, until
 from tests.sample_flight import sample

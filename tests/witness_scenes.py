@@ -5,11 +5,10 @@ import random
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
 
-from groundstation.core.geometry import so3
-from groundstation.core.geometry.ops import Quat, Vec3
-from groundstation.core.messages.pose import Pose
-from groundstation.core.safety.witness import Agreement, Witness
-from links.core.port import Attitude
+from groundstation.core.geometry import Quat, Vec3, so3
+from groundstation.core.messages import Pose
+from groundstation.core.safety import Agreement, Witness
+from links.core import Attitude
 
 ARMED_S = 10.0
 """It stands until then."""

@@ -9,11 +9,10 @@ from typing import Any, TextIO
 
 import msgspec
 
-from groundstation.config.loader import ConfigError
-from groundstation.pose.recorded.csv_codec import COLUMNS, Row, encode
-from groundstation.recording.channels import CHANNELS, Measured, schema
-from groundstation.recording.reader import NoRecording, Recording
-from groundstation.runtime.flights import for_us_alone
+from groundstation.config import ConfigError
+from groundstation.pose.recorded import COLUMNS, Row, encode
+from groundstation.recording import CHANNELS, Measured, NoRecording, Recording, schema
+from groundstation.runtime import for_us_alone
 
 
 def export_command(path: Path, form: str, channels: list[str], out: Path | None) -> int:
@@ -115,7 +114,7 @@ def _flat(value: Any, name: str) -> Iterator[tuple[str, Any]]:
 
 def rewritten(recording: Recording, target: Path, topics: list[str]) -> int:
     """Write what can be read of ``recording`` to ``target``, whole and with an index; the number of messages."""
-    from groundstation.recording.mcap_writer import McapWriter
+    from groundstation.recording import McapWriter
 
     if target.exists():
         raise ConfigError("--out", f"{target} is there already")

@@ -7,9 +7,9 @@ from typing import Any
 
 import msgspec
 
-from groundstation.config.loader import ConfigError
-from groundstation.recording.reader import NoRecording, quick_headline
-from groundstation.runtime.flights import RecordingConfig, being_written, folder_of, tidy
+from groundstation.config import ConfigError
+from groundstation.recording import NoRecording, quick_headline
+from groundstation.runtime import RecordingConfig, being_written, folder_of, tidy
 
 
 def logs_command(config: RecordingConfig, args: argparse.Namespace) -> int:

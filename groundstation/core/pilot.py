@@ -6,23 +6,15 @@ from typing import NamedTuple
 
 import msgspec
 
-from groundstation.core.control.adaptive import Adaptive
-from groundstation.core.control.descent import Descent
-from groundstation.core.control.model_descent import plan_model_descent
-from groundstation.core.control.bring_down import OFF, plan_bring_down
-from groundstation.core.control.watch import Seen, Watch
-from groundstation.core.controllers.kinds import ControllerConfig, make_controller
-from groundstation.core.estimation.estimator import ModelEstimator
-from groundstation.core.geometry.ops import FLOATS, Vec3
-from groundstation.core.geometry.so3 import euler_zyx
-from groundstation.core.messages.control import Decision, Estimate
-from groundstation.core.messages.pose import Pose
-from groundstation.core.messages.snapshot import Certificate
-from groundstation.core.safety.obedience import STILL_SUSPECTS, Contradiction, Obedience
-from groundstation.core.trajectory.port import Reference, Trajectory
-from groundstation.core.vehicle.model import Drive, Motion, rolled
-from groundstation.core.vehicle.vehicle import Vehicle
-from links.core.port import Command, Segment
+from groundstation.core.control import OFF, Adaptive, Descent, Seen, Watch, plan_bring_down, plan_model_descent
+from groundstation.core.controllers import ControllerConfig, make_controller
+from groundstation.core.estimation import ModelEstimator
+from groundstation.core.geometry import FLOATS, Vec3, euler_zyx
+from groundstation.core.messages import Certificate, Decision, Estimate, Pose
+from groundstation.core.safety import STILL_SUSPECTS, Contradiction, Obedience
+from groundstation.core.trajectory import Reference, Trajectory
+from groundstation.core.vehicle import Drive, Motion, Vehicle, rolled
+from links.core import Command, Segment
 
 WIND_MEMORY_S = 1.0
 """Over which the disturbance is averaged for the bring-down [s]: the gust of this moment will be over by then."""

@@ -6,31 +6,31 @@ Of the vehicle itself, and of what is beside it: other flights here, other bodie
 import math
 from collections.abc import Callable, Sequence
 
-from groundstation.core.control.certificate import acceleration_sup, thrust_bound
-from groundstation.core.control.gains import Law
-from groundstation.core.geometry.ops import Vec3
-from groundstation.core.geometry.so3 import angle_deg, third_column
-from groundstation.core.messages.bodies import Others
-from groundstation.core.messages.pose import Pose
-from groundstation.core.messages.verdict import Check, Verdict
-from groundstation.core.safety.fence import Fence
-from groundstation.core.safety.guards import GuardsConfig
-from groundstation.core.safety.separation import Separation
-from groundstation.core.safety.takeoff import Standing, limit_n, usual_limit_n
-from groundstation.core.safety.witness import ASKEW_DEG, Agreement
-from groundstation.core.trajectory.port import Reference, Trajectory
+from groundstation.core.control import Law, acceleration_sup, thrust_bound
+from groundstation.core.geometry import Vec3, angle_deg, third_column
+from groundstation.core.messages import Check, Others, Pose, Verdict
+from groundstation.core.safety import (
+    ASKEW_DEG,
+    Agreement,
+    Fence,
+    GuardsConfig,
+    Separation,
+    Standing,
+    limit_n,
+    usual_limit_n,
+)
+from groundstation.core.trajectory import Reference, Trajectory
 from groundstation.flight.course import Course
-from groundstation.flight.hold_to_run.hold import Hold
+from groundstation.flight.hold_to_run import Hold
 from groundstation.flight.preflight import is_simulated, look, real, refused
 from groundstation.flight.proof import Proof, lacks
-from groundstation.pose.sources.mavlink import MavlinkPoseConfig
-from groundstation.runtime.place import socket_path
-from groundstation.runtime.register import Running
-from groundstation.settings.settings import Config, FlightConfig, LinkConfig
-from links.bridge.link import BridgeLinkConfig
-from links.core.port import LinkStatus
-from links.mavlink.link import MavlinkLinkConfig
-from links.rf.codecs.codec import RfLinkConfig
+from groundstation.pose.sources import MavlinkPoseConfig
+from groundstation.runtime import Running, socket_path
+from groundstation.settings import Config, FlightConfig, LinkConfig
+from links.bridge import BridgeLinkConfig
+from links.core import LinkStatus
+from links.mavlink import MavlinkLinkConfig
+from links.rf.codecs import RfLinkConfig
 
 LOOK_S = 1.2
 """Poses are looked at for so long before the first checks [s]."""

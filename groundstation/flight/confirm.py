@@ -4,8 +4,8 @@ import asyncio
 import sys
 from collections.abc import Awaitable, Callable
 
-from groundstation.config.loader import ConfigError
-from groundstation.settings.settings import Config
+from groundstation.config import ConfigError
+from groundstation.settings import Config
 
 
 def ensure_named(arm: str | None, config: Config) -> None:

@@ -3,14 +3,12 @@
 import math
 from typing import NamedTuple
 
-from groundstation.core.geometry.ops import Vec3
-from groundstation.core.mission.mission import Event, State
-from groundstation.core.pilot import Tick
-from groundstation.core.safety.touchdown import Hover, Touchdown
-from groundstation.core.trajectory.hold import Hold
-from groundstation.core.trajectory.port import Reference, Trajectory
-from groundstation.core.trajectory.transition import Blend, Chain, Limits, blend, run_in, stopped
-from groundstation.settings.settings import Config
+from groundstation.core import Tick
+from groundstation.core.geometry import Vec3
+from groundstation.core.mission import Event, State
+from groundstation.core.safety import Hover, Touchdown
+from groundstation.core.trajectory import Blend, Chain, Hold, Limits, Reference, Trajectory, blend, run_in, stopped
+from groundstation.settings import Config
 
 AT_REST_M_S = 0.02
 """Slower than this a reference need not be stopped first [m/s]."""

@@ -3,19 +3,17 @@
 import asyncio
 from collections.abc import Awaitable, Callable
 
-from groundstation.core.messages.bodies import Others
-from groundstation.core.messages.pose import Pose, PoseSource
-from groundstation.core.messages.verdict import Check, Verdict
-from groundstation.core.mission.mission import Event
-from groundstation.core.pilot import Pilot
-from groundstation.core.safety.witness import Witness
+from groundstation.core import Pilot
+from groundstation.core.messages import Check, Others, Pose, PoseSource, Verdict
+from groundstation.core.mission import Event
+from groundstation.core.safety import Witness
 from groundstation.flight.checks import LOOK_S, Checks, Company, failed
 from groundstation.flight.progress import Progress
 from groundstation.flight.proof import on_file, place
 from groundstation.flight.sender import Ended
-from groundstation.pose.sources.mavlink import MavlinkPoseConfig
-from groundstation.settings.settings import Config
-from links.core.port import CommandLink, LinkError
+from groundstation.pose.sources import MavlinkPoseConfig
+from groundstation.settings import Config
+from links.core import CommandLink, LinkError
 
 LOOK_AGAIN_S = 1.0
 """How often the checks are made anew while the operator has not armed yet [s]."""

@@ -4,8 +4,8 @@ import asyncio
 from collections.abc import Callable
 from contextlib import suppress
 
-from groundstation.core.messages.pose import Distrusts, PoseSource
-from links.core.port import CommandLink, LinkError
+from groundstation.core.messages import Distrusts, PoseSource
+from links.core import CommandLink, LinkError
 
 FEED_LOOK_S = 0.1
 """How often it is looked whether poses still serve the autopilot after the flight [s]."""

@@ -3,13 +3,12 @@
 from collections.abc import Mapping
 from typing import Any
 
-from groundstation.core.messages.bodies import Others
-from groundstation.core.messages.pose import PoseSource
-from groundstation.pose.kinds import make_source
-from groundstation.settings.settings import Config
-from links.core.port import CommandLink
-from links.make import make_link
-from links.mavlink.link import MavlinkLink
+from groundstation.core.messages import Others, PoseSource
+from groundstation.pose import make_source
+from groundstation.settings import Config
+from links import make_link
+from links.core import CommandLink
+from links.mavlink import MavlinkLink
 
 
 def make_ends(

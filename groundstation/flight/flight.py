@@ -5,28 +5,21 @@ from collections.abc import Awaitable, Callable
 
 import msgspec
 
-from groundstation.core.messages.bodies import Others
-from groundstation.core.messages.pose import Pose, PoseEvent, PoseSource
-from groundstation.core.messages.requests import Ask, Reply, Request
-from groundstation.core.messages.snapshot import Snapshot
-from groundstation.core.messages.verdict import Check
-from groundstation.core.mission.mission import EVENT_OF, FINAL, ON_GROUND, Event, State
-from groundstation.core.pilot import Pilot, Tick
-from groundstation.core.safety.live_gains import LiveGains
-from groundstation.core.safety.obedience import Contradiction, Obedience
-from groundstation.core.safety.witness import Witness
+from groundstation.core import Pilot, Tick
+from groundstation.core.messages import Ask, Check, Others, Pose, PoseEvent, PoseSource, Reply, Request, Snapshot
+from groundstation.core.mission import EVENT_OF, FINAL, ON_GROUND, Event, State
+from groundstation.core.safety import Contradiction, LiveGains, Obedience, Witness
 from groundstation.flight.checks import Company
 from groundstation.flight.departure import Departure
 from groundstation.flight.ending import Ending
-from groundstation.flight.hold_to_run.watch import HoldWatch
+from groundstation.flight.hold_to_run import HoldWatch
 from groundstation.flight.progress import Progress
 from groundstation.flight.scoreboard import Scoreboard
 from groundstation.flight.sender import Ended, Sender
-from groundstation.pose.sources.mavlink import MavlinkPoseConfig
-from groundstation.runtime.clock import to_the_end
-from groundstation.runtime.quiet import Quiet
-from groundstation.settings.settings import Config
-from links.core.port import Attitude, CommandLink, LinkError, TellsMode
+from groundstation.pose.sources import MavlinkPoseConfig
+from groundstation.runtime import Quiet, to_the_end
+from groundstation.settings import Config
+from links.core import Attitude, CommandLink, LinkError, TellsMode
 
 HELD_IN = frozenset({State.ARMING, State.TAKEOFF, State.HOLD, State.TRACKING, State.RETURNING})
 """Where the operator's hold is let go in these states, it lands; in those that come down already it changes nothing."""

@@ -7,7 +7,7 @@ frame, or, where commands follow the poses, after its pose.
 import asyncio
 import math
 
-from links.core.port import CommandLink
+from links.core import CommandLink
 
 LAST_CHANCE_S = 0.004
 """So long before a command's deadline does the next one leave [s]."""

@@ -2,14 +2,13 @@
 
 from pathlib import Path
 
-from groundstation.config.loader import ConfigError
-from groundstation.core.trajectory.feasibility import Demand, Report, check, refusal
-from groundstation.settings.settings import Config
-from links.bridge.link import BridgeLinkConfig
-from links.io.key_file import read_key
-from links.io.serial_port import is_pseudo_terminal
-from links.mavlink.protocol.config import MavlinkLinkConfig
-from links.rf.codecs.codec import RfLinkConfig
+from groundstation.config import ConfigError
+from groundstation.core.trajectory import Demand, Report, check, refusal
+from groundstation.settings import Config
+from links.bridge import BridgeLinkConfig
+from links.io import is_pseudo_terminal, read_key
+from links.mavlink.protocol import MavlinkLinkConfig
+from links.rf.codecs import RfLinkConfig
 
 
 def look(config: Config) -> Report:

@@ -3,21 +3,31 @@
 import math
 from collections.abc import Callable
 
-from groundstation.core.messages.bodies import Others
-from groundstation.core.messages.pose import Pose
-from groundstation.core.mission.mission import FINAL, IN_AIR, TABLE, Event, Mission, State
-from groundstation.core.pilot import Pilot, Tick
-from groundstation.core.safety.conviction import WITNESS, Charge, Conviction, charge_lateness
-from groundstation.core.safety.escalation import Escalation, Finding, Since, Step
-from groundstation.core.safety.fence import Fence
-from groundstation.core.safety.guards import Guards
-from groundstation.core.safety.separation import Separation
-from groundstation.core.safety.takeoff import Spool, SpoolUp, Standing, limit_n
-from groundstation.core.trajectory.port import Reference
+from groundstation.core import Pilot, Tick
+from groundstation.core.messages import Others, Pose
+from groundstation.core.mission import FINAL, IN_AIR, TABLE, Event, Mission, State
+from groundstation.core.safety import (
+    WITNESS,
+    Charge,
+    Conviction,
+    Escalation,
+    Fence,
+    Finding,
+    Guards,
+    Separation,
+    Since,
+    Spool,
+    SpoolUp,
+    Standing,
+    Step,
+    charge_lateness,
+    limit_n,
+)
+from groundstation.core.trajectory import Reference
 from groundstation.flight.course import Course, Leg
 from groundstation.flight.pacing import LAST_CHANCE_S
-from groundstation.settings.settings import Config
-from links.core.port import Command, LinkStatus
+from groundstation.settings import Config
+from links.core import Command, LinkStatus
 
 
 class Progress:

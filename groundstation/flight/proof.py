@@ -6,9 +6,8 @@ from pathlib import Path
 
 import msgspec
 
-from groundstation.runtime.flights import RecordingConfig, folder_of
-from groundstation.runtime.place import FILE, ours
-from groundstation.settings.settings import Config
+from groundstation.runtime import FILE, RecordingConfig, folder_of, ours
+from groundstation.settings import Config
 
 SECTIONS = ("vehicle", "pose", "gate", "link", "flight", "guards")
 """What decides how motors start and stop: a test is of no worth once one of these has changed."""

@@ -4,16 +4,13 @@ import asyncio
 import math
 from collections import deque
 
-from groundstation.core.geometry.ops import Quat, Vec3
-from groundstation.core.messages.pose import Pose, PoseStatus
-from groundstation.core.messages.snapshot import Certificate, Snapshot
-from groundstation.core.messages.verdict import Check
-from groundstation.core.mission.mission import State
-from groundstation.core.pilot import Tick
+from groundstation.core import Tick
+from groundstation.core.geometry import Quat, Vec3
+from groundstation.core.messages import Certificate, Check, Pose, PoseStatus, Snapshot
+from groundstation.core.mission import State
 from groundstation.flight.pacing import Due
-from groundstation.settings.settings import Config
-from links.core.lateness import Lateness
-from links.core.port import CommandLink, LinkStatus
+from groundstation.settings import Config
+from links.core import CommandLink, Lateness, LinkStatus
 
 ZERO: Vec3 = (0.0, 0.0, 0.0)
 LEVEL: Quat = (1.0, 0.0, 0.0, 0.0)

@@ -7,12 +7,12 @@ time stamp of its own would otherwise pass for fresh.
 import asyncio
 from collections.abc import Awaitable, Callable
 
-from groundstation.core.messages.pose import Pose
-from groundstation.core.mission.mission import IN_AIR, Event, State
-from groundstation.core.pilot import Pilot, Tick
+from groundstation.core import Pilot, Tick
+from groundstation.core.messages import Pose
+from groundstation.core.mission import IN_AIR, Event, State
 from groundstation.flight.pacing import Pacing
 from groundstation.flight.progress import Progress
-from links.core.port import Command, CommandLink, LinkError
+from links.core import Command, CommandLink, LinkError
 
 LOOK_S = 0.02
 """How often :meth:`Standstill.look` is to be called, at least [s]."""

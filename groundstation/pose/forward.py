@@ -8,12 +8,10 @@ import math
 from collections import deque
 from collections.abc import Callable
 
-from groundstation.core.geometry.ops import Vec3
-from groundstation.core.geometry.so3 import to_body
-from groundstation.core.messages.pose import Pose, PoseSource, PoseStatus
-from links.mavlink.link import MavlinkLink
-from links.mavlink.protocol.config import ForwardConfig
-from links.mavlink.protocol.odometry_codec import Odometry, odometry
+from groundstation.core.geometry import Vec3, to_body
+from groundstation.core.messages import Pose, PoseSource, PoseStatus
+from links.mavlink import MavlinkLink
+from links.mavlink.protocol import ForwardConfig, Odometry, odometry
 
 BASE_S = 0.04
 """Velocity is measured over at least this time [s]."""

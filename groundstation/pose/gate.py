@@ -15,9 +15,8 @@ from typing import Annotated, Literal
 
 import msgspec
 
-from groundstation.core.geometry import so3
-from groundstation.core.geometry.ops import Quat
-from groundstation.core.messages.pose import Pose, PoseEvent
+from groundstation.core.geometry import Quat, so3
+from groundstation.core.messages import Pose, PoseEvent
 
 Positive = Annotated[float, msgspec.Meta(gt=0.0)]
 

@@ -6,7 +6,7 @@ from collections.abc import Callable
 
 import msgspec
 
-from groundstation.core.messages.pose import Pose, PoseEvent, PoseSource, PoseStatus
+from groundstation.core.messages import Pose, PoseEvent, PoseSource, PoseStatus
 from groundstation.pose.gate import Gate, GateConfig
 from groundstation.pose.outbreaks import Outbreaks
 

@@ -1,18 +1,19 @@
 """Where poses come from: every kind of source, by the name that a configuration gives it (``kind = "vicon"``)."""
 
-from groundstation.config.loader import ConfigError
-from groundstation.core.messages.bodies import Others
-from groundstation.core.messages.pose import PoseSource
-from groundstation.pose.recorded.csv import CsvConfig
-from groundstation.pose.recorded.tlog import TlogConfig
-from groundstation.pose.sources.json import JsonConfig
-from groundstation.pose.sources.mavlink import MavlinkPoseConfig, MavlinkPoseSource
-from groundstation.pose.sources.natnet import NatNetConfig
-from groundstation.pose.sources.qualisys import QualisysConfig
-from groundstation.pose.sources.vicon import ViconConfig
-from groundstation.pose.sources.vision import VisionConfig
-from links.core.port import CommandLink
-from links.mavlink.link import MavlinkLink
+from groundstation.config import ConfigError
+from groundstation.core.messages import Others, PoseSource
+from groundstation.pose.recorded import CsvConfig, TlogConfig
+from groundstation.pose.sources import (
+    JsonConfig,
+    MavlinkPoseConfig,
+    MavlinkPoseSource,
+    NatNetConfig,
+    QualisysConfig,
+    ViconConfig,
+    VisionConfig,
+)
+from links.core import CommandLink
+from links.mavlink import MavlinkLink
 
 PoseConfig = (
     ViconConfig | NatNetConfig | QualisysConfig | MavlinkPoseConfig | VisionConfig | JsonConfig | TlogConfig | CsvConfig

@@ -2,7 +2,7 @@
 
 from collections.abc import Mapping
 
-from groundstation.core.messages.pose import Pose, PoseEvent
+from groundstation.core.messages import Pose, PoseEvent
 
 MORE = 2.0
 """Poses that are late are told of again when they are so many times as late."""

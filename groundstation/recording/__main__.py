@@ -22,7 +22,7 @@ import msgspec
 from groundstation.recording.log import FLUSH_S, FlightLog
 from groundstation.recording.process import FORGET, Setup
 from groundstation.recording.records import Record
-from groundstation.runtime.flights import free_name, made_folder, tidy
+from groundstation.runtime import free_name, made_folder, tidy
 
 NICE = 5
 """By so much the recorder stands behind what flies (nice(2))."""

@@ -4,22 +4,16 @@ from collections.abc import AsyncIterator, Awaitable, Callable, Mapping, Sequenc
 from contextlib import asynccontextmanager
 from typing import Any
 
-from groundstation.core.messages.bodies import Others
-from groundstation.core.messages.pose import Overheard, Pose, PoseEvent
-from groundstation.core.mission.mission import State
-from groundstation.core.pilot import Tick
-from groundstation.flight.checks import Company, body_of
-from groundstation.flight.ends import make_ends
-from groundstation.flight.flight import Flight
-from groundstation.flight.hold_to_run.kinds import make_hold
-from groundstation.pose.forward import Forwarding
-from groundstation.pose.gated import Gated
-from groundstation.pose.kinds import ShowsOthers
+from groundstation.core import Tick
+from groundstation.core.messages import Others, Overheard, Pose, PoseEvent
+from groundstation.core.mission import State
+from groundstation.flight import Company, Flight, body_of, make_ends
+from groundstation.flight.hold_to_run import make_hold
+from groundstation.pose import Forwarding, Gated, ShowsOthers
 from groundstation.recording.recorded import Give, RecordedFlight, about
-from groundstation.runtime.quiet import Quiet
-from groundstation.runtime.register import Running
-from groundstation.settings.settings import Config
-from links.mavlink.link import MavlinkLink
+from groundstation.runtime import Quiet, Running
+from groundstation.settings import Config
+from links.mavlink import MavlinkLink
 
 
 def make_flight(

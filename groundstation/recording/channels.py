@@ -10,9 +10,9 @@ from typing import Any
 
 import msgspec
 
-from groundstation.core.geometry.ops import Quat, Vec3
-from groundstation.core.messages.pose import PoseStatus
-from links.core.port import LinkStatus
+from groundstation.core.geometry import Quat, Vec3
+from groundstation.core.messages import PoseStatus
+from links.core import LinkStatus
 
 WORLD, VEHICLE = "world_ned", "vehicle"
 """Frames of /tf and /pose."""

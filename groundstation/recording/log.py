@@ -24,8 +24,8 @@ from groundstation.recording.headline import Count
 from groundstation.recording.mcap_writer import McapWriter
 from groundstation.recording.messages import Messages, address
 from groundstation.recording.records import About, Ended, Lost, Opened, Posed, Received, Record, Sent, Ticked, Told
-from groundstation.runtime.version import __version__
-from links.mavlink.protocol.codec import frame_end
+from groundstation.runtime import __version__
+from links.mavlink.protocol import frame_end
 
 PATIENCE_BYTES = 16 << 20
 """So much may wait for room; at more, writing ends for good. About a minute and a half of flight."""

@@ -7,8 +7,8 @@ from typing import Any
 
 import msgspec
 
-from groundstation.core.geometry.ops import Quat, Vec3
-from groundstation.core.pilot import Tick
+from groundstation.core import Tick
+from groundstation.core.geometry import Quat, Vec3
 from groundstation.recording import channels as ch
 from groundstation.recording.channels import (
     DISPLAY,
@@ -41,7 +41,7 @@ from groundstation.recording.records import (
     Ticked,
     Told,
 )
-from links.core.port import Command
+from links.core import Command
 
 Message = tuple[str, float, msgspec.Struct]
 """Topic, time on the event loop's clock [s], and what it says."""

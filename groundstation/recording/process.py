@@ -10,9 +10,8 @@ from contextlib import suppress
 import msgspec
 
 from groundstation.recording.records import About, Lost, Record
-from groundstation.runtime.flights import RecordingConfig
-from groundstation.runtime.quiet import Quiet
-from links.core.child_command import make_child_command
+from groundstation.runtime import Quiet, RecordingConfig
+from links.core import make_child_command
 
 PIPE_BYTES = 1 << 20
 """What the pipe holds, where the system allows it: several seconds of flight."""

@@ -4,17 +4,13 @@ import asyncio
 from collections.abc import Awaitable, Callable
 from typing import Any
 
-from groundstation.config.loader import dump
-from groundstation.core.messages.bodies import Others
-from groundstation.core.messages.pose import Pose, PoseSource
-from groundstation.core.messages.requests import Reply, Request
-from groundstation.core.mission.mission import State
-from groundstation.core.pilot import Pilot, Tick
-from groundstation.core.trajectory.port import Reference, Trajectory
-from groundstation.flight.checks import Company
-from groundstation.flight.flight import Flight, Outcome
-from groundstation.flight.hold_to_run.watch import HoldWatch
-from groundstation.flight.pacing import Due
+from groundstation.config import dump
+from groundstation.core import Pilot, Tick
+from groundstation.core.messages import Others, Pose, PoseSource, Reply, Request
+from groundstation.core.mission import State
+from groundstation.core.trajectory import Reference, Trajectory
+from groundstation.flight import Company, Due, Flight, Outcome
+from groundstation.flight.hold_to_run import HoldWatch
 from groundstation.recording.records import (
     GAIN,
     About,
@@ -30,10 +26,10 @@ from groundstation.recording.records import (
     Told,
 )
 from groundstation.recording.wires import Wires
-from groundstation.runtime.quiet import Quiet
-from groundstation.settings.settings import Config
-from links.core.port import Command, CommandLink
-from links.mavlink.link import MavlinkLinkConfig
+from groundstation.runtime import Quiet
+from groundstation.settings import Config
+from links.core import Command, CommandLink
+from links.mavlink import MavlinkLinkConfig
 
 LOOK_S = 0.2
 """How often the state of link and source is noted [s]."""

@@ -2,9 +2,9 @@
 
 import msgspec
 
-from groundstation.core.messages.pose import Pose, PoseStatus
-from groundstation.core.pilot import Tick
-from links.core.port import Command, LinkStatus
+from groundstation.core import Tick
+from groundstation.core.messages import Pose, PoseStatus
+from links.core import Command, LinkStatus
 
 Peer = tuple[str, int] | None
 """Address of the other end; None on a wire that has only one."""

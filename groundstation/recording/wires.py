@@ -10,7 +10,7 @@ from contextvars import ContextVar
 from typing import Any
 
 from groundstation.recording.records import NO_PORT, Opened, Peer, Received, Record, Sent
-from links.io.serial_port import open_serial_connection
+from links.io import open_serial_connection
 
 _TAPPED: "ContextVar[Wires | None]" = ContextVar("tapped", default=None)
 

@@ -8,7 +8,7 @@ import os
 import sys
 from collections.abc import Callable, Iterator
 
-from links.core.terminal_text import printable
+from links.core import printable
 
 TYPE_CHECKING = False  # typing's own would have to be imported, also for --help
 if TYPE_CHECKING:
@@ -83,7 +83,7 @@ def _done(parser: argparse.ArgumentParser, commands: str) -> int:
         return 2
     args = parser.parse_args()
     # Only now: --help must not wait for what a command needs.
-    from groundstation.config.loader import ConfigError
+    from groundstation.config import ConfigError
 
     does = getattr(importlib.import_module(commands), args.command.replace("-", "_"))
     try:

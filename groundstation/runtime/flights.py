@@ -8,7 +8,7 @@ from typing import Annotated
 
 import msgspec
 
-from groundstation.config.names import NAME
+from groundstation.config import NAME
 
 RECORDING = re.compile(rf"[0-9]{{8}}-[0-9]{{6}}-{NAME}\.mcap")
 """YYYYMMDD-HHMMSS-VEHICLE.mcap, in local time; nothing else is ever tidied away."""

@@ -9,7 +9,7 @@ import os
 import select
 import stat
 
-from links.core.terminal_text import printable
+from links.core import printable
 
 LINE_MAX_BYTES = 4000
 """Longer lines are cut: so much goes into a pipe that has room at all (pipe(7), PIPE_BUF)."""

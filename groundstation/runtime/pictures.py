@@ -1,6 +1,6 @@
 """Whether pictures can be drawn at all: matplotlib is an extra."""
 
-from groundstation.config.loader import ConfigError
+from groundstation.config import ConfigError
 
 
 def need_matplotlib(key: str, says: str) -> None:

@@ -4,9 +4,9 @@ from typing import Annotated, Literal
 
 import msgspec
 
-from groundstation.config.names import CLIENT_LETTERS, NAME, a_name, is_name
-from groundstation.core.messages.requests import Ask
-from links.io.address import is_loopback
+from groundstation.config import CLIENT_LETTERS, NAME, a_name, is_name
+from groundstation.core.messages import Ask
+from links.io import is_loopback
 
 PORT, PORT_TLS = 1883, 8883
 """What IANA has registered, without and with TLS."""

@@ -4,29 +4,20 @@ from typing import Annotated, Literal, TypeAlias
 
 import msgspec
 
-from groundstation.core.control.gains import Gains
-from groundstation.core.controllers.kinds import ControllerConfig
-from groundstation.core.safety.fence import FenceConfig
-from groundstation.core.safety.guards import GuardsConfig
-from groundstation.core.safety.separation import SeparationConfig
-from groundstation.core.safety.takeoff import TakeoffConfig
-from groundstation.core.safety.touchdown import LandingConfig
-from groundstation.core.trajectory.kinds import TrajectoryConfig
-from groundstation.core.trajectory.lemniscate import LemniscateConfig
-from groundstation.core.vehicle.vehicle import LimitsConfig, Vehicle
-from groundstation.pose.gate import GateConfig
-from groundstation.pose.kinds import PoseConfig, ShowsOthers
-from groundstation.pose.sources.mavlink import MavlinkPoseConfig
-from groundstation.pose.sources.vicon import ViconConfig
-from groundstation.pose.sources.vision import VisionConfig
-from groundstation.runtime.flights import RecordingConfig
-from groundstation.runtime.place import StatusConfig
+from groundstation.core.control import Gains
+from groundstation.core.controllers import ControllerConfig
+from groundstation.core.safety import FenceConfig, GuardsConfig, LandingConfig, SeparationConfig, TakeoffConfig
+from groundstation.core.trajectory import LemniscateConfig, TrajectoryConfig
+from groundstation.core.vehicle import LimitsConfig, Vehicle
+from groundstation.pose import GateConfig, PoseConfig, ShowsOthers
+from groundstation.pose.sources import MavlinkPoseConfig, ViconConfig, VisionConfig
+from groundstation.runtime import RecordingConfig, StatusConfig
 from groundstation.settings.hold_to_run import OperatorConfig
 from groundstation.settings.mqtt import MqttConfig
-from links.bridge.link import BridgeLinkConfig
-from links.core.thrust_curve import full_thrust_n
-from links.mavlink.protocol.config import ForwardConfig, MavlinkLinkConfig
-from links.rf.codecs.kinds import RfConfig
+from links.bridge import BridgeLinkConfig
+from links.core import full_thrust_n
+from links.mavlink.protocol import ForwardConfig, MavlinkLinkConfig
+from links.rf.codecs import RfConfig
 
 HOVER_TOLERANCE = 0.02
 """Hover thrust is rounded where autopilots show it: so much may the full thrust by it fall short, as a share."""

@@ -21,9 +21,9 @@ from typing import TypeVar
 
 import msgspec
 
-from links.core.port import Command
-from links.rf.codecs.codec import Manner, Service
-from links.rf.pacer_messages import Report
+from links.core import Command
+from links.rf import Report
+from links.rf.codecs import Manner, Service
 
 HELLO, WELCOME, UP, DOWN = 1, 2, 3, 4
 NONCE_BYTES = 16

@@ -17,14 +17,10 @@ import msgspec
 
 from links.bridge.codec import HELLO, NONCE_BYTES, WELCOME, WELCOMES, Down, Hello, Up, Welcome, first_seal, kind_of
 from links.bridge.session import StationEnd
-from links.core.port import Command, LinkLost, LinkRejected
-from links.core.thrust_curve import signal
-from links.io.address import beyond, parse_address
-from links.io.datagrams import Datagrams
-from links.io.key_file import read_key
-from links.rf.codecs.codec import Manner, Service
-from links.rf.paced_link import PacedLink
-from links.rf.pacer_messages import Arm, End, Give, Hear, Order, Report, Serve, Stop
+from links.core import Command, LinkLost, LinkRejected, signal
+from links.io import Datagrams, beyond, parse_address, read_key
+from links.rf import Arm, End, Give, Hear, Order, PacedLink, Report, Serve, Stop
+from links.rf.codecs import Manner, Service
 
 BEAT_S = 0.1
 """Longest time between two datagrams [s]."""

@@ -16,14 +16,10 @@ import msgspec
 
 from links.bridge.codec import HELLO, HELLOS, NONCE_BYTES, UP, UPS, Down, Up, Welcome, first_seal, kind_of, name_of
 from links.bridge.session import BridgeEnd
-from links.core.port import Command, LinkError
-from links.io.address import is_loopback, parse_address
-from links.io.datagrams import Datagrams
-from links.rf.codecs.codec import RfLinkConfig
-from links.rf.codecs.dsm_codec import DsmLinkConfig
-from links.rf.codecs.kinds import RfConfig
-from links.rf.pacer_messages import Arm, End, Give, OpenPacer, Order, Pacer, Report, Serve, Stop
-from links.rf.pacer_process import open_process
+from links.core import Command, LinkError
+from links.io import Datagrams, is_loopback, parse_address
+from links.rf import Arm, End, Give, OpenPacer, Order, Pacer, Report, Serve, Stop, open_process
+from links.rf.codecs import DsmLinkConfig, RfConfig, RfLinkConfig
 
 AGAIN_S = 1.0
 """Wait before a pacer that ended within this time, or could not be started, is started again [s]."""

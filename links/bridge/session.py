@@ -7,8 +7,8 @@ import msgspec
 
 from links.bridge.clock_bounds import ClockBounds
 from links.bridge.codec import DOWNS, WELCOME, Down, Up, Welcome, first_seal, session_seals
-from links.core.port import Command
-from links.rf.pacer_messages import Report
+from links.core import Command
+from links.rf import Report
 
 REMEMBERED = 256
 """So many datagrams ago may lie the one that an answer is to."""

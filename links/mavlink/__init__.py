@@ -1,1 +1,19 @@
 """The MAVLink link to PX4 and ArduPilot: codec, connection, status, and the link itself."""
+
+from links.core.lazy import load_name
+
+TYPE_CHECKING = False
+if TYPE_CHECKING:
+    from links.mavlink.connection import MavlinkConnection
+    from links.mavlink.link import MavlinkLink, MavlinkLinkConfig
+    from links.mavlink.signing_key import StampFile
+
+_MODULES = {
+    "connection": ("MavlinkConnection",),
+    "link": ("MavlinkLink", "MavlinkLinkConfig"),
+    "signing_key": ("StampFile",),
+}
+
+
+def __getattr__(name: str) -> object:
+    return load_name(__name__, _MODULES, name)

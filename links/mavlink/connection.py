@@ -10,13 +10,10 @@ from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from links.core.port import LinkError, LinkLost, LinkMisuse
+from links.core import LinkError, LinkLost, LinkMisuse
 from links.mavlink.contact import Contact, Subscriber
-from links.mavlink.procedures.steps import Autopilot, Handshake
-from links.mavlink.procedures.streams import choose_streams
-from links.mavlink.protocol.codec import Message
-from links.mavlink.protocol.config import MavlinkLinkConfig
-from links.mavlink.protocol.timesync import Trip
+from links.mavlink.procedures import Autopilot, Handshake, choose_streams
+from links.mavlink.protocol import MavlinkLinkConfig, Message, Trip
 
 if TYPE_CHECKING:
     from links.mavlink.signing_key import Signing

@@ -5,13 +5,9 @@ from collections import Counter
 from collections.abc import Callable
 from typing import Any, Protocol
 
-from links.core.port import LinkLost
-from links.mavlink.protocol.codec import GROUND_STATION, MavlinkCodec, Message
-from links.mavlink.protocol.config import MavlinkLinkConfig
-from links.mavlink.protocol.heartbeat import Heard
-from links.mavlink.protocol.status import Words
-from links.mavlink.protocol.timesync import Timesync
-from links.mavlink.transport.reconnecting import LastingWire
+from links.core import LinkLost
+from links.mavlink.protocol import GROUND_STATION, Heard, MavlinkCodec, MavlinkLinkConfig, Message, Timesync, Words
+from links.mavlink.transport import LastingWire
 
 VISION = (
     "VISION_POSITION_ESTIMATE", "GLOBAL_VISION_POSITION_ESTIMATE", "VICON_POSITION_ESTIMATE", "ATT_POS_MOCAP",

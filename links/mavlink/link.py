@@ -9,21 +9,48 @@ off.
 import asyncio
 from collections.abc import Callable
 
-from links.core.deadman import Deadman, Phase
-from links.core.port import Attitude, Command, LinkError, LinkLost, LinkMisuse, LinkRejected, LinkStatus, Segment
-from links.core.thrust_curve import signal
-from links.io.suspend import Sleep
+from links.core import (
+    Attitude,
+    Command,
+    Deadman,
+    LinkError,
+    LinkLost,
+    LinkMisuse,
+    LinkRejected,
+    LinkStatus,
+    Phase,
+    Segment,
+    signal,
+)
+from links.io import Sleep
 from links.mavlink.connection import MavlinkConnection
-from links.mavlink.procedures.handshake import arming, disarming, fitness, landing, landing_disarmed
-from links.mavlink.procedures.mode import AskMode, question
-from links.mavlink.procedures.steps import Autopilot, Handshake, Step
-from links.mavlink.procedures.stop import Kill
-from links.mavlink.procedures.version import ReadVersion
-from links.mavlink.protocol.attitude import ATTITUDE_HZ, ATTITUDES, SLOW_BAUD, SLOW_HZ, attitude_of
-from links.mavlink.protocol.codec import ARDUPILOT, ARM_DISARM, Message
-from links.mavlink.protocol.config import MavlinkLinkConfig
-from links.mavlink.protocol.heartbeat import STALE_NEWS_S
-from links.mavlink.protocol.status import Vitals
+from links.mavlink.procedures import (
+    AskMode,
+    Autopilot,
+    Handshake,
+    Kill,
+    ReadVersion,
+    Step,
+    arming,
+    disarming,
+    fitness,
+    landing,
+    landing_disarmed,
+    question,
+)
+from links.mavlink.protocol import (
+    ARDUPILOT,
+    ARM_DISARM,
+    ATTITUDE_HZ,
+    ATTITUDES,
+    SLOW_BAUD,
+    SLOW_HZ,
+    STALE_NEWS_S,
+    MavlinkLinkConfig,
+    Message,
+    Vitals,
+    attitude_of,
+)
 
 REPEAT_AFTER = 2.0
 """A command is first repeated after this many periods; before, the next one may just be late."""

@@ -8,8 +8,8 @@ from collections.abc import Callable
 from datetime import UTC, datetime
 from pathlib import Path
 
-from links.io.key_file import read_key
-from links.mavlink.protocol.signing import TICKS_PER_S, Signer
+from links.io import read_key
+from links.mavlink.protocol import TICKS_PER_S, Signer
 
 _EPOCH = datetime(2015, 1, 1, tzinfo=UTC)
 

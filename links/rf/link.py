@@ -1,6 +1,6 @@
 """The serial RF link: thrust and body rates as a transmitter's channels, paced by a process of this machine."""
 
-from links.rf.codecs.codec import RfLinkConfig
+from links.rf.codecs import RfLinkConfig
 from links.rf.paced_link import PacedLink
 from links.rf.pacer_messages import OpenPacer
 from links.rf.pacer_process import open_process

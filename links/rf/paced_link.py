@@ -10,9 +10,8 @@ import asyncio
 import math
 from collections.abc import Awaitable, Callable
 
-from links.core.deadman import Deadman, Phase
-from links.core.port import Attitude, Command, LinkError, LinkLost, LinkMisuse, LinkRejected, LinkStatus
-from links.rf.codecs.codec import Manner, Service
+from links.core import Attitude, Command, Deadman, LinkError, LinkLost, LinkMisuse, LinkRejected, LinkStatus, Phase
+from links.rf.codecs import Manner, Service
 from links.rf.pacer_messages import Arm, End, Give, Hear, Order, Pacer, Report, Serve, Stop
 
 END_LIMIT_S = 4.0

@@ -9,11 +9,8 @@ import math
 from collections import Counter
 from typing import Protocol
 
-from links.core.deadman import Deadman, Phase
-from links.core.lateness import Lateness
-from links.core.port import Command, LinkMisuse, Segment
-from links.rf.codecs.channel_map import Channels
-from links.rf.codecs.codec import RfLinkConfig, Service
+from links.core import Command, Deadman, Lateness, LinkMisuse, Phase, Segment
+from links.rf.codecs import Channels, RfLinkConfig, Service
 from links.rf.pacer_messages import Arm, End, Give, Held, Order, Report, Serve, Stop
 
 AFTERLIFE_S = 3.0

@@ -17,9 +17,8 @@ import time
 
 import msgspec
 
-from links.io.mailbox import Mailbox
-from links.io.suspend import Sleep
-from links.rf.codecs.kinds import RfConfig
+from links.io import Mailbox, Sleep
+from links.rf.codecs import RfConfig
 from links.rf.lease import FIRST, PACER, STANDBY, Lease
 from links.rf.pacer import FramePacer
 from links.rf.pacer_messages import Give, Order, Report

@@ -5,8 +5,8 @@ from typing import Protocol, TypeAlias
 
 import msgspec
 
-from links.core.port import Command
-from links.rf.codecs.codec import Manner, RfLinkConfig, Service
+from links.core import Command
+from links.rf.codecs import Manner, RfLinkConfig, Service
 
 
 class Arm(msgspec.Struct, frozen=True, tag="arm"):

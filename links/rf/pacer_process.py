@@ -9,10 +9,9 @@ from collections.abc import Callable
 
 import msgspec
 
-from links.core.child_command import make_child_command
-from links.core.port import LinkError, LinkLost
-from links.io.mailbox import CAPACITY_BYTES, Mailbox
-from links.rf.codecs.codec import Manner, RfLinkConfig
+from links.core import LinkError, LinkLost, make_child_command
+from links.io import CAPACITY_BYTES, Mailbox
+from links.rf.codecs import Manner, RfLinkConfig
 from links.rf.pacer_child import MESSAGE_BYTES, Setup
 from links.rf.pacer_messages import Arm, End, Give, Order, Report, Stop
 

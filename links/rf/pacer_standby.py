@@ -15,8 +15,8 @@ import sys
 
 import msgspec
 
-from links.core.child_command import make_child_command
-from links.io.mailbox import Mailbox
+from links.core import make_child_command
+from links.io import Mailbox
 from links.rf.lease import PACER, STANDBY, Lease
 from links.rf.pacer import FramePacer
 from links.rf.pacer_child import MESSAGE_BYTES, PREPARE_S, Clock, Commander, Setup, deafen, hush, pace, prioritise

@@ -1,1 +1,23 @@
 """Simulated autopilots: PX4 and ArduPilot, as they were seen to behave towards a ground station."""
+
+from links.core.lazy import load_name
+
+TYPE_CHECKING = False
+if TYPE_CHECKING:
+    from sim.autopilots.base import SimulatedAutopilot
+    from sim.autopilots.kinds import AUTOPILOTS
+    from sim.autopilots.parameters import Parameters
+    from sim.autopilots.peer import AutopilotPeer
+    from sim.autopilots.px4 import Px4Autopilot
+
+_MODULES = {
+    "base": ("SimulatedAutopilot",),
+    "kinds": ("AUTOPILOTS",),
+    "parameters": ("Parameters",),
+    "peer": ("AutopilotPeer",),
+    "px4": ("Px4Autopilot",),
+}
+
+
+def __getattr__(name: str) -> object:
+    return load_name(__name__, _MODULES, name)

@@ -16,12 +16,12 @@ from collections.abc import Callable, Mapping
 from typing import ClassVar
 
 from groundstation.core.geometry import so3
-from links.mavlink.protocol.codec import ARDUPILOT
+from links.mavlink.protocol import ARDUPILOT
 from sim.autopilots.base import SimulatedAutopilot
 from sim.autopilots.dialect import ACCEPTED, CRITICAL, DENIED, FAILED, INFO, WARNING, SetPoint, rates_or_zero
 from sim.autopilots.parameters import ARDUPILOT_PARAMETERS
 from sim.autopilots.pilot import Climb, Descend, HoldAttitude
-from sim.world.airframe import Airframe
+from sim.world import Airframe
 
 STABILIZE, GUIDED, LAND, GUIDED_NOGPS = 0, 4, 9, 20
 """Copter's mode numbers."""

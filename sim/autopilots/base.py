@@ -12,8 +12,8 @@ from collections.abc import Callable, Mapping, Sequence
 
 import msgspec
 
-from groundstation.core.geometry.ops import Quat, Vec3
-from links.mavlink.protocol.codec import (
+from groundstation.core.geometry import Quat, Vec3
+from links.mavlink.protocol import (
     ARDUPILOT,
     ARM_DISARM,
     ARMED,
@@ -29,7 +29,7 @@ from sim.autopilots.dialect import ACCEPTED, CRITICAL, INFO, TEMPORARILY_REJECTE
 from sim.autopilots.parameters import Parameters
 from sim.autopilots.pilot import Pilot
 from sim.autopilots.streams import SAME_INSTANT_S, Streams, builders, statustext
-from sim.world.airframe import Airframe
+from sim.world import Airframe
 
 NED, BODY_FRD, LOCAL_FRD = 1, 12, 20
 UNKNOWN, VISION, VIO = 0, 2, 3

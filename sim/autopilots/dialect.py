@@ -5,8 +5,8 @@ from abc import ABC, abstractmethod
 from collections.abc import Mapping
 from typing import ClassVar
 
-from groundstation.core.geometry.ops import Quat, Vec3
-from links.mavlink.protocol.codec import Message
+from groundstation.core.geometry import Quat, Vec3
+from links.mavlink.protocol import Message
 
 ACCEPTED, TEMPORARILY_REJECTED, DENIED, UNSUPPORTED, FAILED = range(5)
 """MAV_RESULT."""

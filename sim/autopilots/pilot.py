@@ -3,9 +3,8 @@
 import math
 from typing import Protocol
 
-from groundstation.core.geometry import so3
-from groundstation.core.geometry.ops import Quat, Vec3
-from sim.world.airframe import Truth
+from groundstation.core.geometry import Quat, Vec3, so3
+from sim.world import Truth
 
 ATTITUDE_GAIN = 5.0
 """Body rate per attitude error [1/s]."""

@@ -13,7 +13,7 @@ import math
 from collections.abc import Callable, Mapping
 from typing import ClassVar
 
-from links.mavlink.protocol.codec import PX4
+from links.mavlink.protocol import PX4
 from sim.autopilots.base import SimulatedAutopilot
 from sim.autopilots.dialect import (
     ACCEPTED,
@@ -27,7 +27,7 @@ from sim.autopilots.dialect import (
 )
 from sim.autopilots.parameters import PX4_PARAMETERS
 from sim.autopilots.pilot import Descend, HoldAttitude
-from sim.world.airframe import Airframe
+from sim.world import Airframe
 
 OFFBOARD, LOITER, LAND, POSCTL = (6, 0), (4, 3), (4, 6), (3, 0)
 """PX4's main and sub mode."""

@@ -3,8 +3,8 @@
 import math
 from collections.abc import Callable, Mapping
 
-from links.mavlink.protocol.codec import MavlinkCodec, Message
-from sim.world.airframe import Airframe
+from links.mavlink.protocol import MavlinkCodec, Message
+from sim.world import Airframe
 
 LOCAL_NED = 1
 """MAV_FRAME_LOCAL_NED: PX4 sends position and, unlike most, also velocity in it."""

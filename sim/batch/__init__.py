@@ -1,1 +1,21 @@
 """Many flights at once: the same law, estimator and plant on arrays of vehicles."""
+
+from links.core.lazy import load_name
+
+TYPE_CHECKING = False
+if TYPE_CHECKING:
+    from sim.batch.batch import fly_batch, require_batchable
+    from sim.batch.entries import columns, zeros
+    from sim.batch.kernels import chosen
+    from sim.batch.stages import Compiled, Numpy, Stages
+
+_MODULES = {
+    "batch": ("fly_batch", "require_batchable"),
+    "entries": ("columns", "zeros"),
+    "kernels": ("chosen",),
+    "stages": ("Compiled", "Numpy", "Stages"),
+}
+
+
+def __getattr__(name: str) -> object:
+    return load_name(__name__, _MODULES, name)

@@ -14,24 +14,21 @@ import msgspec
 import numpy as np
 import numpy.typing as npt
 
-from groundstation.config.loader import ConfigError
-from groundstation.core.control.adaptive import Adaptive
-from groundstation.core.control.gains import Gains, Law
-from groundstation.core.geometry.ops import Ops, arrays
-from groundstation.core.messages.control import Decision, Estimate
-from groundstation.core.messages.snapshot import Diagnostics
-from groundstation.core.trajectory.port import Reference
-from groundstation.core.vehicle.vehicle import Vehicle
-from groundstation.pose.sources.vicon import ViconConfig
-from groundstation.settings.settings import Config
+from groundstation.config import ConfigError
+from groundstation.core.control import Adaptive, Gains, Law
+from groundstation.core.geometry import Ops, arrays
+from groundstation.core.messages import Decision, Diagnostics, Estimate
+from groundstation.core.trajectory import Reference
+from groundstation.core.vehicle import Vehicle
+from groundstation.pose.sources import ViconConfig
+from groundstation.settings import Config
 from sim.batch.entries import columns
 from sim.batch.estimator import BatchEstimator
 from sim.batch.fleet import Fleet
 from sim.batch.stages import Numpy, Stage, Stages
 from sim.batch.watch import BatchWatch
-from sim.runs.flight import CONFIRM_S
-from sim.runs.referee import ROUNDING_S, SATURATION_FROM_S, SETTLED_M, STEADY_S, sought
-from sim.world.world import World
+from sim.runs import CONFIRM_S, ROUNDING_S, SATURATION_FROM_S, SETTLED_M, STEADY_S, sought
+from sim.world import World
 
 STEADY_FROM_S = STEADY_S - ROUNDING_S
 Array = npt.NDArray[np.float64]

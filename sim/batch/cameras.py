@@ -6,9 +6,8 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from groundstation.core.geometry.so3 import turned
-from sim.world.draws import generator
-from sim.world.world import World
+from groundstation.core.geometry import turned
+from sim.world import World, generator
 
 Array = npt.NDArray[np.float64]
 Index = npt.NDArray[np.intp]

@@ -10,26 +10,28 @@ from typing import Any, NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from groundstation.core.control.gains import Gains
-from groundstation.core.estimation import effectiveness
-from groundstation.core.estimation.effectiveness import Effectiveness, initial_effectiveness
-from groundstation.core.estimation.estimator import NOISE_FLOOR_M2, NOISE_MEMORY, STEP_LIMIT
-from groundstation.core.estimation.observer import (
+from groundstation.core.control import Gains
+from groundstation.core.estimation import (
+    NOISE_FLOOR_M2,
+    NOISE_MEMORY,
+    STEP_LIMIT,
     Covariance,
     Densities,
-    initial_covariance,
+    Effectiveness,
     corrected,
     corrected_attitude,
     corrected_twice,
+    effectiveness,
     fourth_difference,
+    initial_covariance,
+    initial_effectiveness,
     innovation,
     predict_covariance,
     update_covariance,
 )
-from groundstation.core.geometry.ops import Ops, Real, Vec3
-from groundstation.core.messages.control import Estimate
-from groundstation.core.vehicle.model import ZERO, Drive, Driven, Motion, carried, driven
-from groundstation.core.vehicle.vehicle import Vehicle
+from groundstation.core.geometry import Ops, Real, Vec3
+from groundstation.core.messages import Estimate
+from groundstation.core.vehicle import ZERO, Drive, Driven, Motion, Vehicle, carried, driven
 from sim.batch.entries import pick, put, zeros
 from sim.batch.stages import Stages
 
@@ -140,7 +142,9 @@ class BatchEstimator:
         now = corrected(old.disturbance, dt, rate)
         e = old.effectiveness
         if self._separates:
-            e = effectiveness.predict_effectiveness(e, dt, old.driven, self._vehicle.mass_kg, self._gains.effectiveness_walk)
+            e = effectiveness.predict_effectiveness(
+                e, dt, old.driven, self._vehicle.mass_kg, self._gains.effectiveness_walk
+            )
             e, moved = effectiveness.update_effectiveness(ops, e, step, gain, expected.pp + noise)
             place = corrected_twice(model.position, gain.p, step, moved, e.p)
             speed = corrected_twice(model.velocity, gain.v, step, moved, e.v)

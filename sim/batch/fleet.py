@@ -6,16 +6,13 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from groundstation.core.geometry.ops import Ops
-from groundstation.core.vehicle.model import Drive
+from groundstation.core.geometry import Ops
+from groundstation.core.vehicle import Drive
 from sim.batch.cameras import Cameras
 from sim.batch.entries import pick, put, zeros
 from sim.batch.stages import Stages
-from sim.runs.referee import CRASH_M
-from sim.world.draws import generator
-from sim.world.plant import Body, Physics, moved
-from sim.world.wind import Eddies, begun, cell, felt, stirred
-from sim.world.world import World
+from sim.runs import CRASH_M
+from sim.world import Body, Eddies, Physics, World, begun, cell, felt, generator, moved, stirred
 
 Array = npt.NDArray[np.float64]
 BODY = 14

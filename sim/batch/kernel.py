@@ -23,8 +23,8 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from groundstation.core.geometry.ops import arrays
-from groundstation.runtime.place import FILE, FOLDER, ours
+from groundstation.core.geometry import arrays
+from groundstation.runtime import FILE, FOLDER, ours
 from sim.batch.trace import Operand, Program, Symbol
 
 FLAGS = ("-std=gnu99", "-O1", "-ftree-vectorize", "-shared", "-fPIC", "-nostdlib")

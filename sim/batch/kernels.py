@@ -1,6 +1,6 @@
 """Which stages compute the flights of a batch: numpy's, or compiled ones. Their figures are the same to the bit."""
 
-from groundstation.config.loader import ConfigError
+from groundstation.config import ConfigError
 from sim.batch.kernel import check
 from sim.batch.stages import Compiled, Numpy, Stages
 

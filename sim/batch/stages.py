@@ -10,7 +10,7 @@ from typing import Any, Protocol, TypeAlias
 
 import numpy as np
 
-from groundstation.core.geometry.ops import arrays
+from groundstation.core.geometry import arrays
 from sim.batch.entries import pick
 from sim.batch.kernel import GIVEN, SCALAR, STATE, TRUTHS, Index, Kernel
 from sim.batch.trace import Program, Symbol, symbols

@@ -7,7 +7,7 @@ operations, in its order, each once: whoever computes them exactly as told gets 
 from collections.abc import Callable, Iterable
 from typing import Any, TypeAlias
 
-from groundstation.core.geometry.ops import FLOATS, Ops
+from groundstation.core.geometry import FLOATS, Ops
 
 Operand: TypeAlias = "Symbol | float"
 

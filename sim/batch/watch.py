@@ -9,11 +9,9 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from groundstation.core.control.certificate import measure, noise_power
-from groundstation.core.control.gains import Law
-from groundstation.core.control.watch import LASTING_S
-from groundstation.core.messages.control import Decision
-from groundstation.core.pilot import NOISE_POSES
+from groundstation.core import NOISE_POSES
+from groundstation.core.control import LASTING_S, Law, measure, noise_power
+from groundstation.core.messages import Decision
 
 Array = npt.NDArray[np.float64]
 Index = npt.NDArray[np.intp]

@@ -1,1 +1,19 @@
 """The commands of `groundstation-sim`."""
+
+from links.core.lazy import load_name
+
+TYPE_CHECKING = False
+if TYPE_CHECKING:
+    from sim.cli.arguments import count, hours, names, percent, seconds, whole
+    from sim.cli.console import Counter, Progress
+    from sim.cli.proving import MEASUREMENTS
+
+_MODULES = {
+    "arguments": ("count", "hours", "names", "percent", "seconds", "whole"),
+    "console": ("Counter", "Progress"),
+    "proving": ("MEASUREMENTS",),
+}
+
+
+def __getattr__(name: str) -> object:
+    return load_name(__name__, _MODULES, name)

@@ -7,17 +7,12 @@ import sys
 from contextlib import AbstractContextManager, nullcontext
 from time import perf_counter  # noqa: TID251  # how long it took is for people; no flight sees it
 
-from groundstation.settings.settings import Config
-from sim.batch.kernels import chosen
+from groundstation.settings import Config
+from sim.batch import chosen
 from sim.cli.console import Progress
-from sim.studies.campaign.campaign import Campaign, Crew, run
-from sim.studies.campaign.crew import Cluster, Local
-from sim.studies.campaign.draws import USUAL
-from sim.studies.campaign.picture import plot
-from sim.studies.campaign.summary import report, text
-from sim.studies.campaign.verification import verify
-from sim.studies.compare.picture import check_plot
-from sim.world.world import World
+from sim.studies.campaign import USUAL, Campaign, Cluster, Crew, Local, plot, report, run, text, verify
+from sim.studies.compare import check_plot
+from sim.world import World
 
 
 def campaign(args: argparse.Namespace, scenario: str, world: World, config: Config) -> int:

@@ -6,10 +6,9 @@ from typing import Any
 
 import msgspec
 
-from groundstation.config.loader import ConfigError
+from groundstation.config import ConfigError
 from sim.cli.proving import MEASUREMENTS, proving
-from sim.scenarios.preparation import prepare, scenario_of
-from sim.scenarios.scenarios import SCENARIOS
+from sim.scenarios import SCENARIOS, prepare, scenario_of
 
 
 def fly(args: argparse.Namespace) -> int:
@@ -92,8 +91,8 @@ def bench(args: argparse.Namespace) -> int:
 
 def bring_down(args: argparse.Namespace) -> int:
     """Cut flights short, and tell how the bring-down ends."""
-    from sim.studies.bring_down import cut_all, markdown
-    from sim.studies.compare.table import check_markers, put_between_markers
+    from sim.studies import cut_all, markdown
+    from sim.studies.compare import check_markers, put_between_markers
 
     for name in args.scenarios:
         scenario_of(name)
@@ -131,7 +130,7 @@ def scenarios(args: argparse.Namespace) -> int:
 
 def check_vectors(args: argparse.Namespace) -> int:
     """Evaluate the law on test vectors."""
-    from sim.studies.vectors import LIMIT, worst_disagreement
+    from sim.studies import LIMIT, worst_disagreement
 
     try:
         worst, count = worst_disagreement(args.file)
@@ -145,9 +144,9 @@ def check_vectors(args: argparse.Namespace) -> int:
 
 def completion(args: argparse.Namespace) -> int:
     """Print the script by which a shell completes our command lines."""
-    from groundstation.config.schema import keys_of
-    from groundstation.interfaces.cli.completion import completion_script, words_of_flying
-    from sim.world.world import World
+    from groundstation.config import keys_of
+    from groundstation.interfaces.cli import completion_script, words_of_flying
+    from sim.world import World
 
     def words(command: str, argument: str) -> list[str]:
         if argument in ("scenario", "scenarios"):

@@ -9,19 +9,26 @@ from pathlib import Path
 
 import msgspec
 
-from groundstation.config.loader import ConfigError
-from sim.scenarios.preparation import prepare
-from sim.scenarios.scenarios import SCENARIOS
+from groundstation.config import ConfigError
+from sim.scenarios import SCENARIOS, prepare
 
 
 def compare(args: argparse.Namespace) -> int:
     """Fly controllers side by side."""
-    from groundstation.core.controllers.kinds import make_controller
+    from groundstation.core.controllers import make_controller
     from sim.cli.console import Counter
-    from sim.runs.referee import STEADY_S
-    from sim.studies.compare.compare import CONTROLLERS, cases, fly_all, rows
-    from sim.studies.compare.picture import check_plot, plot
-    from sim.studies.compare.table import check_markers, text_table, write_between_markers
+    from sim.runs import STEADY_S
+    from sim.studies.compare import (
+        CONTROLLERS,
+        cases,
+        check_markers,
+        check_plot,
+        fly_all,
+        plot,
+        rows,
+        text_table,
+        write_between_markers,
+    )
 
     if args.duration <= STEADY_S + 1.0:
         raise ConfigError(

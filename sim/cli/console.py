@@ -5,8 +5,8 @@ from pathlib import Path
 from types import TracebackType
 from typing import Any
 
-from groundstation.runtime.entry import bare
-from sim.runs.referee import STEADY_S
+from groundstation.runtime import bare
+from sim.runs import STEADY_S
 
 PAPER = {"rms_cm": 4.61, "max_cm": 7.6, "settle_s": 5.0}
 """Cabecinhas, Cunha, Silvestre, ACC 2013, section VI."""

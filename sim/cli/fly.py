@@ -11,11 +11,11 @@ from typing import TYPE_CHECKING, Any
 
 import msgspec
 
-from groundstation.config.loader import ConfigError
-from groundstation.flight.preflight import ensure_flyable
-from groundstation.settings.settings import Config
-from sim.scenarios.preparation import prepare, prepare_own, scenario_of
-from sim.world.world import World
+from groundstation.config import ConfigError
+from groundstation.flight import ensure_flyable
+from groundstation.settings import Config
+from sim.scenarios import prepare, prepare_own, scenario_of
+from sim.world import World
 
 if TYPE_CHECKING:
     from sim.cli.run_folder import RunFolder
@@ -29,7 +29,7 @@ FEW_COLLECTIONS = 50_000
 def fly(args: argparse.Namespace) -> int:
     """Fly one scenario in virtual time."""
     from sim.cli.console import Progress, summary
-    from sim.runs.flight import fly as fly_scenario
+    from sim.runs import fly as fly_scenario
 
     scenario = scenario_of(args.scenario)
     wanted_s: float | None = None
@@ -114,8 +114,7 @@ def _run_folder(path: Path, config: Config, world: World, *, scenario: str, seed
 
 def _thrust_bound(config: Config, v_start: float | None) -> float | None:
     """The paper's a-priori bound on T/m [m/s²] for this flight; None for a controller without such a theory."""
-    from groundstation.core.control.certificate import acceleration_sup, thrust_bound
-    from groundstation.core.control.gains import Law
+    from groundstation.core.control import Law, acceleration_sup, thrust_bound
 
     if v_start is None or not isinstance(config.controller, Law):
         return None

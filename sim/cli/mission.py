@@ -9,13 +9,11 @@ from typing import Any
 
 import msgspec
 
-from groundstation.flight.preflight import ensure_flyable
-from groundstation.settings.settings import Config
-from sim.runs.fleet_mission import FleetMission
-from sim.runs.mission import Mission
-from sim.runs.referee import STEADY_S
-from sim.scenarios.preparation import prepare, scenario_of
-from sim.world.world import World
+from groundstation.flight import ensure_flyable
+from groundstation.settings import Config
+from sim.runs import STEADY_S, FleetMission, Mission
+from sim.scenarios import prepare, scenario_of
+from sim.world import World
 
 FIGURE_S = 60.0
 """Time on the figure if nobody says."""
@@ -23,7 +21,7 @@ FIGURE_S = 60.0
 
 def mission(args: argparse.Namespace) -> int:
     """Fly one scenario from the floor to its figure and back, in virtual time."""
-    from sim.runs.mission import fly_mission, from_floor
+    from sim.runs import fly_mission, from_floor
 
     scenario = scenario_of(args.scenario)
     world, config = prepare(scenario, args.overrides, controller=args.controller, source=args.source, link=args.link)
@@ -48,13 +46,13 @@ def mission(args: argparse.Namespace) -> int:
 def _missions(args: argparse.Namespace, name: str, world: World, config: Config) -> int:
     """Several missions side by side."""
     if args.real_time:
-        from sim.runs.fleet_real import fly_fleet_real
+        from sim.runs import fly_fleet_real
 
         config = _paced_by_poses(config)
         say = None if args.json else print
         flown = fly_fleet_real(world, config, args.vehicles, seed=args.seed, autopilot=args.autopilot, say=say)
     else:
-        from sim.runs.fleet_mission import fly_fleet
+        from sim.runs import fly_fleet
 
         flown = fly_fleet(world, config, args.vehicles, seed=args.seed, autopilot=args.autopilot)
     asked = {"scenario": name, "seed": args.seed, "source": args.source, "real_time": args.real_time}
@@ -65,7 +63,7 @@ def _missions(args: argparse.Namespace, name: str, world: World, config: Config)
 
 def _paced_by_poses(config: Config) -> Config:
     """``config`` with a link that sends as poses come, as a MAVLink link does where nobody says otherwise."""
-    from links.mavlink.link import MavlinkLinkConfig
+    from links.mavlink import MavlinkLinkConfig
 
     if not isinstance(config.link, MavlinkLinkConfig):
         return config

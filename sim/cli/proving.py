@@ -16,7 +16,7 @@ def proving(command: str, module: str) -> Any:
     Raises:
         ConfigError: only the wheel is installed, which does not have it.
     """
-    from groundstation.config.loader import ConfigError
+    from groundstation.config import ConfigError
 
     if not (Path(__file__).parents[2] / "tests" / "proving").is_dir():
         raise ConfigError(

@@ -11,17 +11,14 @@ from typing import Any, TextIO
 
 import msgspec
 
-from groundstation.config.loader import ConfigError, dump
-from groundstation.core.messages.pose import Pose
-from groundstation.pose.recorded import csv_codec
-from groundstation.pose.recorded.csv import IN_RUN_FOLDER
-from groundstation.recording.log import FlightLog
-from groundstation.recording.recorded import about
-from groundstation.recording.records import Ended, Record, Ticked, Told
-from groundstation.settings.settings import Config
-from links.mavlink.link import MavlinkLinkConfig
-from sim.radio.inline_pacer import MODULE
-from sim.world.world import World
+from groundstation.config import ConfigError, dump
+from groundstation.core.messages import Pose
+from groundstation.pose.recorded import IN_RUN_FOLDER, csv_codec
+from groundstation.recording import Ended, FlightLog, Record, Ticked, Told, about
+from groundstation.settings import Config
+from links.mavlink import MavlinkLinkConfig
+from sim.radio import MODULE
+from sim.world import World
 
 AT_ONCE = 500
 """So many records are written one after the other, which takes less time than to write each as it comes. A simulation

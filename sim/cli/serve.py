@@ -3,18 +3,18 @@
 import argparse
 import asyncio
 
-from groundstation.config.loader import ConfigError
-from sim.scenarios.preparation import by_side, overridden, prepare, scenario_of
+from groundstation.config import ConfigError
+from sim.scenarios import by_side, overridden, prepare, scenario_of
 
 
 def serve(args: argparse.Namespace) -> int:
     """Run the simulated side in real time."""
-    from sim.runs.server import serve as serve_stage
-    from sim.runs.server import serve_fleet
+    from sim.runs import serve as serve_stage
+    from sim.runs import serve_fleet
 
     scenario = scenario_of(args.scenario)
     if args.fleet is not None:
-        from groundstation.lab.fleet.plan import read_fleet
+        from groundstation.lab.fleet import read_fleet
 
         truth, told = by_side(args.overrides, None)
         world, fleet = overridden(scenario.world, truth), read_fleet(args.fleet, told)
@@ -22,7 +22,7 @@ def serve(args: argparse.Namespace) -> int:
         return asyncio.run(served)
     world, config = prepare(scenario, args.overrides, source=args.source, link=args.link)
     if args.floor:
-        from sim.runs.mission import from_floor
+        from sim.runs import from_floor
 
         world, config = from_floor(world, config, None)
     return asyncio.run(
@@ -44,8 +44,7 @@ def _parameters(autopilot: str, texts: list[str]) -> dict[str, float]:
     Raises:
         ConfigError: it has no such parameter, or the value is none.
     """
-    from sim.autopilots.kinds import AUTOPILOTS
-    from sim.autopilots.parameters import Parameters
+    from sim.autopilots import AUTOPILOTS, Parameters
 
     made = AUTOPILOTS[autopilot]
     parameters: dict[str, float] = {}

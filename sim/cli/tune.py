@@ -12,19 +12,36 @@ from typing import Any
 
 import msgspec
 
-from groundstation.config.loader import ConfigError
-from groundstation.core.controllers.kinds import make_controller
-from groundstation.settings.settings import Config
+from groundstation.config import ConfigError
+from groundstation.core.controllers import make_controller
+from groundstation.settings import Config
 from sim.cli.console import Counter
-from sim.runs.referee import STEADY_S
-from sim.studies.compare.table import check_markers, put_between_markers
-from sim.studies.tune.evidence import Evidence, margins_table, table, toml, unverified_toml, verified
-from sim.studies.tune.flights import Flyers
-from sim.studies.tune.margins import AXES, criterion, markdown_table, text
-from sim.studies.tune.margins import report as measured
-from sim.studies.tune.search_space import space
-from sim.studies.tune.stage import Staged, own, staged, station_of
-from sim.studies.tune.tune import SEARCH_SEED, Floors, Search, Trial, run
+from sim.runs import STEADY_S
+from sim.studies.compare import check_markers, put_between_markers
+from sim.studies.tune import (
+    AXES,
+    SEARCH_SEED,
+    Evidence,
+    Floors,
+    Flyers,
+    Search,
+    Staged,
+    Trial,
+    criterion,
+    margins_table,
+    markdown_table,
+    own,
+    run,
+    space,
+    staged,
+    station_of,
+    table,
+    text,
+    toml,
+    unverified_toml,
+    verified,
+)
+from sim.studies.tune import report as measured
 
 SCENARIOS = ["paper", "adverse"]
 """What a search flies through unless told otherwise: one to be exact in, one to be robust in."""
@@ -151,7 +168,7 @@ class _Keeper:
 
     def config(self, best: Trial) -> Config:
         """The configuration with the gains of ``best``."""
-        from sim.studies.tune.search_space import with_gains
+        from sim.studies.tune import with_gains
 
         return msgspec.structs.replace(self._base, controller=with_gains(self._base.controller, best.gains))
 

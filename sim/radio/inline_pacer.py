@@ -4,11 +4,9 @@ import asyncio
 import errno
 from collections.abc import Callable
 
-from groundstation.runtime.clock import sleep_until
-from links.rf.codecs.codec import RfLinkConfig
-from links.rf.pacer import FramePacer
-from links.rf.pacer_messages import Give, OpenPacer, Order, Report
-from links.rf.standby_watch import LOOK_S, Watch
+from groundstation.runtime import sleep_until
+from links.rf import LOOK_S, FramePacer, Give, OpenPacer, Order, Report, Watch
+from links.rf.codecs import RfLinkConfig
 
 MODULE = ("module", 1)
 """Where the simulated module listens, on the loop's network in memory."""

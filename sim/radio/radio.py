@@ -5,14 +5,13 @@ from typing import Any
 
 import msgspec
 
-from groundstation.config.loader import from_dict
-from groundstation.core.vehicle.vehicle import Vehicle
-from groundstation.settings.settings import Config
-from links.bridge.link import BridgeLinkConfig
-from links.bridge.server import Bridge, BridgeConfig
-from links.rf.codecs.kinds import RF_CODECS, RfConfig
+from groundstation.config import from_dict
+from groundstation.core.vehicle import Vehicle
+from groundstation.settings import Config
+from links.bridge import Bridge, BridgeConfig, BridgeLinkConfig
+from links.rf.codecs import RF_CODECS, RfConfig
 from sim.radio.inline_pacer import WirePort, opened_on
-from sim.world.world import World
+from sim.world import World
 
 KINDS = (*RF_CODECS, "rf_bridge")
 """Every link that ends at a radio's receiver."""

@@ -11,10 +11,9 @@ import asyncio
 from collections.abc import Callable
 from typing import Any
 
-from links.rf.codecs.channel_map import Channels
-from links.rf.codecs.codec import Heard, RfLinkConfig, Service
+from links.rf.codecs import Channels, Heard, RfLinkConfig, Service
 from sim.radio.inline_pacer import MODULE
-from sim.world.airframe import Airframe
+from sim.world import Airframe
 
 FAILSAFE_S = 1.0
 """How long the last frame is held [s]."""

@@ -8,11 +8,11 @@ from typing import Any
 import msgspec
 import tomli_w
 
-from groundstation.config.loader import ConfigError, dump
-from groundstation.pose.sources.natnet import NatNetConfig
-from groundstation.settings.settings import Config
-from links.mavlink.link import MavlinkLinkConfig
-from sim.world.world import World
+from groundstation.config import ConfigError, dump
+from groundstation.pose.sources import NatNetConfig
+from groundstation.settings import Config
+from links.mavlink import MavlinkLinkConfig
+from sim.world import World
 
 APART_M = 3.0
 """From one vehicle's figure to the next one's, in a square grid [m]."""

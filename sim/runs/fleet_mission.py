@@ -9,19 +9,18 @@ from typing import Any, TypeAlias
 
 import msgspec
 
-from groundstation.core.mission.mission import State
-from groundstation.flight.flight import Flight, Outcome
-from groundstation.lab.fleet.plan import Fleet, read_fleet
-from groundstation.lab.fleet.relay import Relay
-from groundstation.recording.assembly import make_flight
-from groundstation.runtime.clock import sleep_until
-from groundstation.settings.settings import Config
+from groundstation.core.mission import State
+from groundstation.flight import Flight, Outcome
+from groundstation.lab.fleet import Fleet, Relay, read_fleet
+from groundstation.recording import make_flight
+from groundstation.runtime import sleep_until
+from groundstation.settings import Config
 from sim.runs.fleet_lab import lay_out
 from sim.runs.fleet_stage import FleetStage
 from sim.runs.fleet_truth import Flown, Nearest, Told, Tracks, judged
-from sim.runs.mission import MISSION_CONFIRM_S, LIMIT_S, REST_S, Entered
-from sim.time.virtual_time import VirtualTimeLoop
-from sim.world.world import World
+from sim.runs.mission import LIMIT_S, MISSION_CONFIRM_S, REST_S, Entered
+from sim.time import VirtualTimeLoop
+from sim.world import World
 
 PORTS = (51001, 51101, *range(14541, 14641))
 """In virtual time no port is ever taken."""

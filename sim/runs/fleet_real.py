@@ -14,18 +14,18 @@ from typing import Any
 
 import msgspec
 
-from groundstation.core.mission.mission import State
-from groundstation.lab.fleet.plan import Fleet, read_fleet
-from groundstation.recording.reader import NoRecording, Recording
-from groundstation.settings.settings import Config
-from links.core.child_command import make_child_command
+from groundstation.core.mission import State
+from groundstation.lab.fleet import Fleet, read_fleet
+from groundstation.recording import NoRecording, Recording
+from groundstation.settings import Config
+from links.core import make_child_command
 from sim.runs.fleet_lab import lay_out
 from sim.runs.fleet_mission import FleetMission
 from sim.runs.fleet_stage import FleetStage
 from sim.runs.fleet_truth import Told, Tracks, judged
 from sim.runs.mission import LIMIT_S, REST_S, Entered
-from sim.time.turns import percentile
-from sim.world.world import World
+from sim.time import percentile
+from sim.world import World
 
 COMMAND = b"\x52\x00\x00"
 """SET_ATTITUDE_TARGET, 82, where a MAVLink 2 frame has its number."""

@@ -3,15 +3,13 @@
 import asyncio
 from collections.abc import Callable, Sequence
 
-from groundstation.config.loader import ConfigError
-from groundstation.core.geometry.ops import Vec3
-from groundstation.runtime.clock import sleep_until
-from groundstation.settings.settings import Config
+from groundstation.config import ConfigError
+from groundstation.core.geometry import Vec3
+from groundstation.runtime import sleep_until
+from groundstation.settings import Config
 from sim.runs.stage import Stage
-from sim.trackers.trackers import Seen, Tracker, make_tracker
-from sim.world.draws import rows, stream
-from sim.world.vehicle import with_noise
-from sim.world.world import World
+from sim.trackers import Seen, Tracker, make_tracker
+from sim.world import World, rows, stream, with_noise
 
 SEEDS_APART = 1000
 """Between the seeds of two vehicles of one fleet."""

@@ -7,9 +7,9 @@ from itertools import combinations, pairwise
 
 import msgspec
 
-from groundstation.core.geometry.ops import Vec3
-from groundstation.core.mission.mission import State
-from groundstation.settings.settings import Config
+from groundstation.core.geometry import Vec3
+from groundstation.core.mission import State
+from groundstation.settings import Config
 from sim.runs.fleet_stage import FleetStage
 from sim.runs.mission import Entered
 from sim.runs.referee import STEADY_S

@@ -9,22 +9,19 @@ from typing import Any
 
 import msgspec
 
-from groundstation.core.control.gains import Law
-from groundstation.core.geometry.ops import Vec3
-from groundstation.core.messages.pose import Pose
-from groundstation.core.mission.mission import State
-from groundstation.core.pilot import Tick
-from groundstation.flight.flight import Outcome
-from groundstation.recording.assembly import make_flight
-from groundstation.recording.recorded import Give
-from groundstation.recording.records import Record
-from groundstation.runtime.clock import sleep_until
-from groundstation.settings.settings import Config
+from groundstation.core import Tick
+from groundstation.core.control import Law
+from groundstation.core.geometry import Vec3
+from groundstation.core.messages import Pose
+from groundstation.core.mission import State
+from groundstation.flight import Outcome
+from groundstation.recording import Give, Record, make_flight
+from groundstation.runtime import sleep_until
+from groundstation.settings import Config
 from sim.runs.referee import Referee, Verdict
 from sim.runs.stage import Stage
-from sim.time.virtual_streams import Address
-from sim.time.virtual_time import VirtualTimeLoop
-from sim.world.world import World
+from sim.time import Address, VirtualTimeLoop
+from sim.world import World
 
 CONFIRM_S = 1.0
 """When arming is confirmed, in virtual time [s]."""

@@ -9,17 +9,16 @@ from typing import Any, TypeAlias
 
 import msgspec
 
-from groundstation.core.geometry.ops import Vec3
-from groundstation.core.mission.mission import State
-from groundstation.flight.flight import Flight, Outcome
-from groundstation.recording.assembly import make_flight
-from groundstation.recording.recorded import Give
-from groundstation.runtime.clock import sleep_until
-from groundstation.settings.settings import Config
+from groundstation.core.geometry import Vec3
+from groundstation.core.mission import State
+from groundstation.flight import Flight, Outcome
+from groundstation.recording import Give, make_flight
+from groundstation.runtime import sleep_until
+from groundstation.settings import Config
 from sim.runs.referee import STEADY_S
 from sim.runs.stage import Stage
-from sim.time.virtual_time import VirtualTimeLoop
-from sim.world.world import World
+from sim.time import VirtualTimeLoop
+from sim.world import World
 
 Script: TypeAlias = Callable[[Flight, Stage], Coroutine[Any, Any, None]]
 MISSION_CONFIRM_S = 3.0

@@ -6,13 +6,12 @@ from typing import Any
 
 import msgspec
 
-from groundstation.core.control.watch import SUSPENDED, VIOLATED
-from groundstation.core.geometry.ops import Vec3
-from groundstation.core.geometry.so3 import third_column
-from groundstation.core.messages.control import Estimate
-from groundstation.core.pilot import Tick
-from groundstation.core.trajectory.port import Trajectory
-from sim.world.world import World
+from groundstation.core import Tick
+from groundstation.core.control import SUSPENDED, VIOLATED
+from groundstation.core.geometry import Vec3, third_column
+from groundstation.core.messages import Estimate
+from groundstation.core.trajectory import Trajectory
+from sim.world import World
 
 STEADY_S = 15.0
 """The steady part of a flight starts here [s after release]."""

@@ -6,20 +6,16 @@ from collections.abc import AsyncIterator, Mapping
 
 import msgspec
 
-from groundstation.config.loader import ConfigError
-from groundstation.lab.fleet.plan import Fleet
-from groundstation.pose.kinds import PoseConfig
-from groundstation.pose.sources.json import JsonConfig
-from groundstation.pose.sources.natnet import NatNetConfig
-from groundstation.pose.sources.qualisys import QualisysConfig
-from groundstation.pose.sources.vicon import ViconConfig
-from groundstation.pose.sources.vision import VisionConfig
-from groundstation.settings.settings import Config
-from links.mavlink.link import MavlinkLinkConfig
-from sim.radio.pty_wire import PtyWire
+from groundstation.config import ConfigError
+from groundstation.lab.fleet import Fleet
+from groundstation.pose import PoseConfig
+from groundstation.pose.sources import JsonConfig, NatNetConfig, QualisysConfig, ViconConfig, VisionConfig
+from groundstation.settings import Config
+from links.mavlink import MavlinkLinkConfig
+from sim.radio import PtyWire
 from sim.runs.fleet_stage import FleetStage
 from sim.runs.stage import Stage
-from sim.world.world import World
+from sim.world import World
 
 AF_UNIX = 1
 """A number of Linux."""

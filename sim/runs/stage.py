@@ -8,32 +8,21 @@ from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from groundstation.config.loader import ConfigError
-from groundstation.core.geometry.ops import Vec3
-from groundstation.settings.settings import Config
-from links.core.thrust_curve import signal
-from links.io.address import parse_address
-from links.io.key_file import read_key
-from links.mavlink.link import MavlinkLinkConfig
-from links.mavlink.protocol.signing import TICKS_PER_S, Signer
-from links.mavlink.signing_key import StampFile
-from sim.autopilots.base import SimulatedAutopilot
-from sim.autopilots.kinds import AUTOPILOTS
-from sim.autopilots.peer import AutopilotPeer
-from sim.radio.inline_pacer import WirePort
-from sim.radio.pty_wire import PtyWire
-from sim.trackers.mocap import Mocap
-from sim.trackers.trackers import make_tracker
-from sim.world.draws import generator, rows, stream
-from sim.world.horizon import Horizon
-from sim.world.quadrotor import Quadrotor
-from sim.world.vehicle import SimulatedVehicle
-from sim.world.wind import Wind
-from sim.world.world import World
+from groundstation.config import ConfigError
+from groundstation.core.geometry import Vec3
+from groundstation.settings import Config
+from links.core import signal
+from links.io import parse_address, read_key
+from links.mavlink import MavlinkLinkConfig, StampFile
+from links.mavlink.protocol import TICKS_PER_S, Signer
+from sim.autopilots import AUTOPILOTS, AutopilotPeer, SimulatedAutopilot
+from sim.radio import PtyWire, WirePort
+from sim.trackers import Mocap, make_tracker
+from sim.world import Horizon, Quadrotor, SimulatedVehicle, Wind, World, generator, rows, stream
 
 if TYPE_CHECKING:
-    from links.bridge.server import Bridge
-    from sim.radio.rf_receiver import RfPeer
+    from links.bridge import Bridge
+    from sim.radio import RfPeer
 
 
 class Stage:
@@ -103,8 +92,7 @@ class Stage:
             self._mavlink = made, peer
         else:
             # What only a radio needs is imported only where there is one.
-            from sim.radio import rf_receiver
-            from sim.radio.radio import module, wires
+            from sim.radio import module, rf_receiver, wires
 
             radio = module(config, world)
             self.radio = rf_receiver.RfPeer(

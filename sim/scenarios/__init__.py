@@ -1,1 +1,17 @@
 """The scenarios by name, and how one becomes the truth and what the controller is told."""
+
+from links.core.lazy import load_name
+
+TYPE_CHECKING = False
+if TYPE_CHECKING:
+    from sim.scenarios.preparation import by_side, overridden, prepare, prepare_own, scenario_of, timing
+    from sim.scenarios.scenarios import SCENARIOS, Scenario
+
+_MODULES = {
+    "preparation": ("by_side", "overridden", "prepare", "prepare_own", "scenario_of", "timing"),
+    "scenarios": ("SCENARIOS", "Scenario"),
+}
+
+
+def __getattr__(name: str) -> object:
+    return load_name(__name__, _MODULES, name)

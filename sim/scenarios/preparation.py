@@ -11,14 +11,13 @@ from pathlib import Path
 
 import msgspec
 
-from groundstation.config.loader import ConfigError, from_dict, load
-from groundstation.pose.gate import GateConfig
-from groundstation.pose.kinds import PoseConfig
-from groundstation.pose.sources.vicon import ViconConfig
-from groundstation.settings.settings import Config
-from links.mavlink.link import MavlinkLinkConfig
+from groundstation.config import ConfigError, from_dict, load
+from groundstation.pose import GateConfig, PoseConfig
+from groundstation.pose.sources import ViconConfig
+from groundstation.settings import Config
+from links.mavlink import MavlinkLinkConfig
 from sim.scenarios.scenarios import SCENARIOS, Scenario
-from sim.world.world import World
+from sim.world import World
 
 
 class _Overridden(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):

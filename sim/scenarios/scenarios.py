@@ -4,12 +4,12 @@ from typing import Any
 
 import msgspec
 
-from groundstation.config.loader import from_dict
-from groundstation.core.trajectory.lemniscate import LemniscateConfig
-from groundstation.core.vehicle.vehicle import Vehicle
-from groundstation.settings.settings import Config, FlightConfig
-from links.mavlink.link import MavlinkLinkConfig
-from sim.world.world import World
+from groundstation.config import from_dict
+from groundstation.core.trajectory import LemniscateConfig
+from groundstation.core.vehicle import Vehicle
+from groundstation.settings import Config, FlightConfig
+from links.mavlink import MavlinkLinkConfig
+from sim.world import World
 
 NO_LIMIT = (1e5, 1e5, 1e5)
 MQX = World()
@@ -94,7 +94,7 @@ class Scenario(msgspec.Struct, frozen=True, kw_only=True):
                 data.pop(key.partition(".")[0], None)  # another vehicle, another trajectory: nothing of this one
         overrides = [*self.told_more, *overrides]
         if link != "mavlink":
-            from sim.radio.radio import module, section  # a radio's modules are imported only where there is one
+            from sim.radio import module, section  # a radio's modules are imported only where there is one
 
             data["link"] = section(link, world, self.told)
             # Only the codec that results knows how long a frame is on its way.

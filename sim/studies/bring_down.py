@@ -6,15 +6,13 @@ from statistics import median
 
 import msgspec
 
-from groundstation.core.geometry import so3
-from groundstation.core.geometry.ops import Vec3
-from groundstation.core.pilot import Tick
-from groundstation.recording.assembly import make_flight
-from groundstation.runtime.clock import sleep_until
-from sim.runs.stage import Stage
-from sim.scenarios.preparation import prepare
-from sim.scenarios.scenarios import SCENARIOS
-from sim.time.virtual_time import VirtualTimeLoop
+from groundstation.core import Tick
+from groundstation.core.geometry import Vec3, so3
+from groundstation.recording import make_flight
+from groundstation.runtime import sleep_until
+from sim.runs import Stage
+from sim.scenarios import SCENARIOS, prepare
+from sim.time import VirtualTimeLoop
 
 CAUSES = ("poses", "controller")
 """What is cut: the poses (the controller goes on to the coast limit), or the controller (its last command is held)."""

@@ -5,9 +5,8 @@ import math
 from pathlib import Path
 from typing import Any
 
-from groundstation.core.control.backstepping import backstep
-from groundstation.core.control.gains import Law
-from groundstation.core.geometry.ops import FLOATS, Vec3
+from groundstation.core.control import Law, backstep
+from groundstation.core.geometry import FLOATS, Vec3
 
 LIMIT = 1e-9
 """Largest allowed |a - e| / max(1, |e|)."""

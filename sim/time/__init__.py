@@ -1,1 +1,15 @@
 """Virtual time: an event loop whose clock jumps, with datagrams and streams in memory."""
+
+from links.core.lazy import load_name
+
+TYPE_CHECKING = False
+if TYPE_CHECKING:
+    from sim.time.turns import in_turns, percentile
+    from sim.time.virtual_streams import Address
+    from sim.time.virtual_time import VirtualTimeLoop
+
+_MODULES = {"turns": ("in_turns", "percentile"), "virtual_streams": ("Address",), "virtual_time": ("VirtualTimeLoop",)}
+
+
+def __getattr__(name: str) -> object:
+    return load_name(__name__, _MODULES, name)

@@ -1,1 +1,21 @@
 """Simulated tracking systems: what their cameras see, as the bytes that they send."""
+
+from links.core.lazy import load_name
+
+TYPE_CHECKING = False
+if TYPE_CHECKING:
+    from sim.trackers.mocap import Mocap
+    from sim.trackers.natnet_server import NatNetServer
+    from sim.trackers.qtm_server import QtmServer
+    from sim.trackers.trackers import Seen, Tracker, json_encoder, make_tracker, vicon_encoder, vision_encoder
+
+_MODULES = {
+    "mocap": ("Mocap",),
+    "natnet_server": ("NatNetServer",),
+    "qtm_server": ("QtmServer",),
+    "trackers": ("Seen", "Tracker", "json_encoder", "make_tracker", "vicon_encoder", "vision_encoder"),
+}
+
+
+def __getattr__(name: str) -> object:
+    return load_name(__name__, _MODULES, name)

@@ -4,15 +4,10 @@ import asyncio
 import math
 from collections.abc import Callable
 
-from groundstation.core.geometry import so3
-from groundstation.core.geometry.ops import Quat, Vec3
-from groundstation.runtime.clock import sleep_until
+from groundstation.core.geometry import Quat, Vec3, so3
+from groundstation.runtime import sleep_until
 from sim.trackers.trackers import Seen, Tracker
-from sim.world.airframe import Truth
-from sim.world.draws import rows, stream
-from sim.world.quadrotor import Quadrotor
-from sim.world.vehicle import Wander, with_noise
-from sim.world.world import World
+from sim.world import Quadrotor, Truth, Wander, World, rows, stream, with_noise
 
 CIRCLE_M, APART_M, CIRCLE_RAD_S = 2.5, 0.5, 0.4
 """Where the other bodies are: radius of the first one's circle, and by how much each next one is larger; speed."""

@@ -4,12 +4,11 @@ import asyncio
 from collections.abc import Sequence
 from typing import Any
 
-from groundstation.core.geometry.frames import frames_of
-from groundstation.pose.intake.multicast import send_by
+from groundstation.core.geometry import frames_of
+from groundstation.pose.intake import send_by
+from groundstation.pose.sources import NatNetConfig, UnreadableNatNet
 from groundstation.pose.sources import natnet_codec as natnet
-from groundstation.pose.sources.natnet import NatNetConfig
-from groundstation.pose.sources.natnet_codec import UnreadableNatNet
-from links.io.address import parse_address
+from links.io import parse_address
 from sim.trackers.trackers import CLOCK_AHEAD_S, Seen
 
 TICKS_PER_S = 10_000_000

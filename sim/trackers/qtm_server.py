@@ -3,10 +3,10 @@
 import asyncio
 from collections.abc import Sequence
 
-from groundstation.core.geometry.frames import frames_of
+from groundstation.core.geometry import frames_of
+from groundstation.pose.sources import QualisysConfig
 from groundstation.pose.sources import qualisys_codec as qtm
-from groundstation.pose.sources.qualisys import QualisysConfig
-from links.io.address import parse_address
+from links.io import parse_address
 from sim.trackers.trackers import CLOCK_AHEAD_S, Seen
 
 MOST_UNREAD = 1 << 18

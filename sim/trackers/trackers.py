@@ -4,17 +4,20 @@ import asyncio
 from collections.abc import Callable, Sequence
 from typing import NamedTuple, Protocol
 
-from groundstation.core.geometry.frames import Frames, frames_of
-from groundstation.core.geometry.ops import Quat, Vec3
-from groundstation.pose.kinds import PoseConfig
-from groundstation.pose.sources import json_codec, vicon_codec, vision_codec
-from groundstation.pose.sources.json import JsonConfig
-from groundstation.pose.sources.natnet import NatNetConfig
-from groundstation.pose.sources.qualisys import QualisysConfig
-from groundstation.pose.sources.vicon import ViconConfig
-from groundstation.pose.sources.vision import VisionConfig
-from links.io.address import parse_address
-from links.mavlink.protocol.codec import MavlinkCodec
+from groundstation.core.geometry import Frames, Quat, Vec3, frames_of
+from groundstation.pose import PoseConfig
+from groundstation.pose.sources import (
+    JsonConfig,
+    NatNetConfig,
+    QualisysConfig,
+    ViconConfig,
+    VisionConfig,
+    json_codec,
+    vicon_codec,
+    vision_codec,
+)
+from links.io import parse_address
+from links.mavlink.protocol import MavlinkCodec
 
 CLOCK_AHEAD_S = 1000.0
 """How far the tracking computer's clock is ahead of ours: nobody told them to agree [s]."""

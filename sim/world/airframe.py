@@ -4,7 +4,7 @@ from typing import Protocol
 
 import msgspec
 
-from groundstation.core.geometry.ops import Quat, Vec3
+from groundstation.core.geometry import Quat, Vec3
 
 
 class Truth(msgspec.Struct, frozen=True, gc=False):

@@ -8,8 +8,7 @@ of a lean that lasts for level, as a leaning multirotor's accelerometers show no
 import math
 from collections.abc import Iterator
 
-from groundstation.core.geometry import so3
-from groundstation.core.geometry.ops import Quat, Vec3
+from groundstation.core.geometry import Quat, Vec3, so3
 from sim.world.airframe import Truth
 
 LOOP_S = 0.004

@@ -8,8 +8,7 @@ in the step). The controller's own model (groundstation/core/vehicle/model.py) s
 
 from typing import NamedTuple
 
-from groundstation.core.geometry.ops import FLOATS, Ops, Quat, Real, Vec3
-from groundstation.core.geometry.so3 import to_world, turned
+from groundstation.core.geometry import FLOATS, Ops, Quat, Real, Vec3, to_world, turned
 
 
 class Body(NamedTuple):

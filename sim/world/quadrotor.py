@@ -6,8 +6,7 @@ It advances when it is asked for a later instant, in steps of ``world.step_s`` t
 import math
 from collections.abc import Callable
 
-from groundstation.core.geometry import so3
-from groundstation.core.geometry.ops import FLOATS, Quat, Vec3
+from groundstation.core.geometry import FLOATS, Quat, Vec3, so3
 from sim.world.airframe import Truth
 from sim.world.plant import Body, Physics, moved
 from sim.world.wind import Wind

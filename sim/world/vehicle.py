@@ -5,9 +5,8 @@ from collections.abc import Iterator
 
 import msgspec
 
-from groundstation.core.geometry import so3
-from groundstation.core.geometry.ops import Quat, Vec3
-from links.core.thrust_curve import thrust
+from groundstation.core.geometry import Quat, Vec3, so3
+from links.core import thrust
 from sim.world.airframe import Truth
 from sim.world.horizon import Horizon
 from sim.world.quadrotor import Quadrotor

@@ -4,7 +4,7 @@ import math
 from collections.abc import Iterator
 from typing import NamedTuple
 
-from groundstation.core.geometry.ops import Real, Vec3
+from groundstation.core.geometry import Real, Vec3
 from sim.world.world import World
 
 # MIL-F-8785C, low altitude: at 1 m height the scale lengths are 7.9 m along and across the wind and 1 m

@@ -5,7 +5,7 @@ from typing import Annotated
 
 import msgspec
 
-from groundstation.core.geometry.ops import Vec3
+from groundstation.core.geometry import Vec3
 
 Positive = Annotated[float, msgspec.Meta(gt=0.0)]
 NonNegative = Annotated[float, msgspec.Meta(ge=0.0)]

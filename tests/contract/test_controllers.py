@@ -9,21 +9,20 @@ from typing import Any, NamedTuple
 import msgspec
 import pytest
 
-from groundstation.config.loader import ConfigError
-from groundstation.core.controllers.custom import ControllerFault, Custom, Guarded
-from groundstation.core.controllers.kinds import make_controller
-from groundstation.core.geometry.ops import Vec3
-from groundstation.core.messages.control import Controller, Decision, Estimate
-from groundstation.core.pilot import Tick
-from groundstation.core.trajectory.kinds import HoldConfig, TrajectoryConfig
-from groundstation.core.trajectory.port import Reference
-from groundstation.core.vehicle.model import Drive, Motion
-from groundstation.core.vehicle.vehicle import Vehicle
-from groundstation.settings.settings import Config
-from sim.runs.flight import Result, fly
-from sim.scenarios.preparation import prepare
-from sim.scenarios.scenarios import SCENARIOS
-from sim.world.world import World
+from groundstation.config import ConfigError
+from groundstation.core import Tick
+from groundstation.core.controllers import Custom, make_controller
+from groundstation.core.controllers.custom import ControllerFault, Guarded
+from groundstation.core.geometry import Vec3
+from groundstation.core.messages import Controller, Decision, Estimate
+from groundstation.core.trajectory import Reference, TrajectoryConfig
+from groundstation.core.trajectory.kinds import HoldConfig
+from groundstation.core.vehicle import Drive, Motion, Vehicle
+from groundstation.settings import Config
+from sim.runs import fly
+from sim.runs.flight import Result
+from sim.scenarios import SCENARIOS, prepare
+from sim.world import World
 
 PAGE = Path(__file__).parents[2] / "docs/how-to/own-controller.md"
 EXAMPLE = "leaning:make"

@@ -11,20 +11,19 @@ from typing import Any, Protocol
 import msgspec
 import pytest
 
-from links.bridge.link import BridgeLinkConfig
-from links.bridge.server import Bridge, BridgeConfig
-from links.core.port import Command, CommandLink, LinkLost, LinkMisuse, Segment
-from links.io.address import parse_address
-from links.make import LINKS, make_link
-from links.mavlink.link import MavlinkLinkConfig
+from links import make_link
+from links.bridge import Bridge, BridgeConfig, BridgeLinkConfig
+from links.core import Command, CommandLink, LinkLost, LinkMisuse, Segment
+from links.io import parse_address
+from links.make import LINKS
+from links.mavlink import MavlinkLinkConfig
+from links.rf.codecs import RF_CODECS
 from links.rf.codecs.channel_map import Switch
-from links.rf.codecs.kinds import RF_CODECS
-from sim.autopilots.peer import AutopilotPeer
-from sim.autopilots.px4 import Px4Autopilot
-from sim.radio.inline_pacer import WirePort, opened_on
-from sim.radio.pty_wire import PtyWire
-from sim.radio.rf_receiver import RfPeer, RfReceiver
-from sim.time.virtual_time import VirtualTimeLoop
+from sim.autopilots import AutopilotPeer, Px4Autopilot
+from sim.radio import PtyWire, RfPeer, WirePort
+from sim.radio.inline_pacer import opened_on
+from sim.radio.rf_receiver import RfReceiver
+from sim.time import VirtualTimeLoop
 from tests.airframe_double import Brick
 from tests.loops import BOTH_LOOPS, free_address, in_virtual_time
 

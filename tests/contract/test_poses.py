@@ -14,29 +14,26 @@ from typing import Any, get_args
 import msgspec
 import pytest
 
-from groundstation.core.geometry import so3
-from groundstation.core.geometry.frames import Alignment
-from groundstation.core.messages.pose import Pose, PoseSource
-from groundstation.pose.kinds import PoseConfig, make_source
-from groundstation.pose.recorded.csv import CsvConfig
-from groundstation.pose.recorded.csv_codec import Row, encode
-from groundstation.pose.recorded.tlog import TlogConfig
-from groundstation.pose.sources.json import JsonConfig
-from groundstation.pose.sources.mavlink import MavlinkPoseConfig
-from groundstation.pose.sources.natnet import NatNetConfig
+from groundstation.core.geometry import Alignment, so3
+from groundstation.core.messages import Pose, PoseSource
+from groundstation.pose import PoseConfig, make_source
+from groundstation.pose.recorded import CsvConfig, Row, TlogConfig, encode
+from groundstation.pose.sources import (
+    JsonConfig,
+    MavlinkPoseConfig,
+    NatNetConfig,
+    QualisysConfig,
+    ViconConfig,
+    VisionConfig,
+)
 from groundstation.pose.sources.natnet_codec import Version
-from groundstation.pose.sources.qualisys import QualisysConfig
-from groundstation.pose.sources.vicon import ViconConfig
-from groundstation.pose.sources.vision import VisionConfig
-from groundstation.runtime.clock import sleep_until
-from links.io.address import parse_address
-from links.mavlink.link import MavlinkLink, MavlinkLinkConfig
-from sim.autopilots.peer import AutopilotPeer
-from sim.autopilots.px4 import Px4Autopilot
-from sim.time.virtual_time import VirtualTimeLoop
-from sim.trackers.natnet_server import NatNetServer
-from sim.trackers.trackers import Seen, Tracker, make_tracker
-from sim.world.airframe import Truth
+from groundstation.runtime import sleep_until
+from links.io import parse_address
+from links.mavlink import MavlinkLink, MavlinkLinkConfig
+from sim.autopilots import AutopilotPeer, Px4Autopilot
+from sim.time import VirtualTimeLoop
+from sim.trackers import NatNetServer, Seen, Tracker, make_tracker
+from sim.world import Truth
 from tests.airframe_double import Brick
 from tests.loops import BOTH_LOOPS, free_address, in_virtual_time
 

@@ -8,19 +8,18 @@ import pytest
 from hypothesis import assume, example, given
 from hypothesis import strategies as st
 
-from groundstation.core.geometry.ops import Vec3
+from groundstation.core.geometry import Vec3
+from groundstation.core.trajectory import Reference, Trajectory, TrajectoryConfig
 from groundstation.core.trajectory.kinds import (
     CircleConfig,
     ExcitationConfig,
     HoldConfig,
     LemniscateConfig,
     SamplesConfig,
-    TrajectoryConfig,
     TransitConfig,
     WaypointsConfig,
 )
 from groundstation.core.trajectory.laps import Laps
-from groundstation.core.trajectory.port import Reference, Trajectory
 
 POINTS = ((0.0, 0.0, -1.0), (2.0, 0.5, -1.0), (2.0, 3.0, -2.0), (-1.0, 2.0, -1.5), (0.0, 0.0, -1.0))
 SAMPLED_S = tuple(0.4 * i for i in range(16))

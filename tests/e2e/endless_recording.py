@@ -6,13 +6,11 @@ Prints the time of every command once it was handed over.
 import asyncio
 import sys
 
-from groundstation.core.messages.pose import Pose
-from groundstation.core.pilot import Pilot, Tick
-from groundstation.recording.process import RecorderProcess
-from groundstation.recording.recorded import about
-from groundstation.recording.records import Received, Sent, Ticked
-from groundstation.runtime.flights import RecordingConfig
-from groundstation.settings.settings import Config
+from groundstation.core import Pilot, Tick
+from groundstation.core.messages import Pose
+from groundstation.recording import Received, RecorderProcess, Sent, Ticked, about
+from groundstation.runtime import RecordingConfig
+from groundstation.settings import Config
 
 
 def a_tick() -> Tick:

@@ -9,8 +9,8 @@ from pathlib import Path
 
 import pytest
 
-from groundstation.interfaces.mqtt.broker import Broker as Address
-from groundstation.interfaces.mqtt.broker import from_url
+from groundstation.interfaces.mqtt import Broker as Address
+from groundstation.interfaces.mqtt import from_url
 from tests.e2e.test_mqtt import free_tcp_port
 
 SET_UP = Path(__file__).parents[2] / "examples" / "broker" / "set-up.sh"

@@ -2,11 +2,10 @@
 
 import time
 
-from groundstation.core.control.adaptive import Adaptive
-from groundstation.core.control.gains import Gains
-from groundstation.core.messages.control import Controller, Decision, Estimate
-from groundstation.core.trajectory.port import Reference
-from groundstation.core.vehicle.vehicle import Vehicle
+from groundstation.core.control import Adaptive, Gains
+from groundstation.core.messages import Controller, Decision, Estimate
+from groundstation.core.trajectory import Reference
+from groundstation.core.vehicle import Vehicle
 
 
 class Misbehaving:

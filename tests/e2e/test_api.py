@@ -15,15 +15,12 @@ from typing import Any
 import msgspec
 import pytest
 
-from groundstation.core.messages.requests import Ask, Request
-from groundstation.core.messages.snapshot import Snapshot
+from groundstation.core.messages import Ask, Request, Snapshot
+from groundstation.interfaces.api import Control, Server, asked, snapshots
 from groundstation.interfaces.api import server as api_server
-from groundstation.interfaces.api.client import attached, snapshots
-from groundstation.interfaces.api.command import asked
-from groundstation.interfaces.api.messages import Control, Hello
-from groundstation.interfaces.api.server import Server
-from groundstation.runtime.broadcast import Latest
-from groundstation.runtime.place import ApiError, StatusConfig, find, socket_path
+from groundstation.interfaces.api.client import attached
+from groundstation.interfaces.api.messages import Hello
+from groundstation.runtime import ApiError, Latest, StatusConfig, find, socket_path
 from tests.sample_flight import Sampled, sample
 
 Scene = Callable[[Path, Latest[Snapshot]], Coroutine[Any, Any, None]]

@@ -16,16 +16,15 @@ from pathlib import Path
 import msgspec
 import pytest
 
-from groundstation.core.mission.mission import FINAL, State
-from groundstation.flight.flight import Flight
-from groundstation.interfaces.api.server import Server
+from groundstation.core.mission import FINAL, State
+from groundstation.flight import Flight
+from groundstation.interfaces.api import Server
 from groundstation.interfaces.service.crew import crew
-from groundstation.interfaces.tui.parts.letters import big
-from groundstation.runtime.place import StatusConfig
-from sim.runs.mission import Script, fly_mission, from_floor
-from sim.runs.stage import Stage
-from sim.scenarios.preparation import prepare
-from sim.scenarios.scenarios import SCENARIOS
+from groundstation.interfaces.tui.parts import big
+from groundstation.runtime import StatusConfig
+from sim.runs import Stage, fly_mission, from_floor
+from sim.runs.mission import Script
+from sim.scenarios import SCENARIOS, prepare
 from tests.e2e.test_mqtt import SNAPSHOT, STATE, Broker, Listener, broker, config_for
 from tests.e2e.test_tui import Terminal, terminal
 from tests.e2e.test_tui_flight import processes

@@ -9,9 +9,8 @@ from collections.abc import AsyncIterator, Awaitable, Callable
 from dataclasses import dataclass, field
 from pathlib import Path
 
-from sim.runs.stage import Stage
-from sim.scenarios.preparation import prepare
-from sim.scenarios.scenarios import SCENARIOS
+from sim.runs import Stage
+from sim.scenarios import SCENARIOS, prepare
 from tests.e2e.stations import EXAMPLE, Room
 
 ROOT = Path(__file__).parents[2]

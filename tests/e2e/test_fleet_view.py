@@ -7,8 +7,7 @@ import msgspec
 import pytest
 from textual.widgets import DataTable, Static
 
-from groundstation.interfaces.mqtt.broker import Broker, from_url
-from groundstation.interfaces.mqtt.fleet import Fleet
+from groundstation.interfaces.mqtt import Broker, Fleet, from_url
 from groundstation.interfaces.tui.fleet import FleetScreen
 from tests.e2e.lab_broker import LabBroker, lab
 from tests.proving.bench.mqtt import run

@@ -10,7 +10,7 @@ from pathlib import Path
 
 import pytest
 
-from groundstation.recording.reader import NoRecording, Recording
+from groundstation.recording import NoRecording, Recording
 from tests.e2e.stations import Room, served
 
 

@@ -6,10 +6,10 @@ import evdev
 import pytest
 from evdev import ecodes
 
-from groundstation.config.loader import ConfigError
+from groundstation.config import ConfigError
 from groundstation.flight.hold_to_run.device import DeviceInput, open_device
 from groundstation.flight.hold_to_run.hold import InputLost
-from groundstation.settings.hold_to_run import OperatorConfig
+from groundstation.settings import OperatorConfig
 from tests.conftest import LEFT_OUT
 
 

@@ -10,8 +10,8 @@ from pathlib import Path
 import pytest
 
 from groundstation.analysis.identify.figures import FIGURES
-from groundstation.config.loader import from_dict
-from groundstation.settings.settings import Config
+from groundstation.config import from_dict
+from groundstation.settings import Config
 from tests.e2e.test_readme import BLOCK, ROOT
 
 PAGE = ROOT / "docs/how-to/identify-a-vehicle.md"

@@ -8,9 +8,9 @@ from pathlib import Path
 
 import pytest
 
-from groundstation.core.messages.pose import Pose
-from groundstation.pose.sources.json import JsonConfig
-from links.io.address import parse_address
+from groundstation.core.messages import Pose
+from groundstation.pose.sources import JsonConfig
+from links.io import parse_address
 from tests.loops import free_address
 
 PAGE = Path(__file__).parents[2] / "docs" / "how-to" / "json-tracker.md"

@@ -14,13 +14,12 @@ import aiomqtt
 import msgspec
 import pytest
 
-from groundstation.config.loader import ConfigError
-from groundstation.core.messages.snapshot import Snapshot
-from groundstation.interfaces.mqtt.broker import heed_cancellation
+from groundstation.config import ConfigError
+from groundstation.core.messages import Snapshot
+from groundstation.interfaces.mqtt import heed_cancellation, publish_forever
 from groundstation.interfaces.mqtt.messages import Event, unseen
-from groundstation.interfaces.mqtt.publisher import publish_forever
-from groundstation.runtime.broadcast import Latest
-from groundstation.settings.mqtt import MqttConfig
+from groundstation.runtime import Latest
+from groundstation.settings import MqttConfig
 from tests.sample_flight import sample
 
 

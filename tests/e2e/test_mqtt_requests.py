@@ -14,22 +14,19 @@ import aiomqtt
 import msgspec
 import pytest
 
-from groundstation.config.loader import from_dict
-from groundstation.core.messages.requests import Ask
-from groundstation.core.messages.snapshot import Snapshot
-from groundstation.core.mission.mission import State
+from groundstation.config import from_dict
+from groundstation.core.messages import Ask, Snapshot
+from groundstation.core.mission import State
 from groundstation.interfaces.api.desk import Desk, Party
 from groundstation.interfaces.api.messages import Order
+from groundstation.interfaces.mqtt import publish_forever
 from groundstation.interfaces.mqtt.ask import Unanswered, asked
 from groundstation.interfaces.mqtt.messages import Health, SessionMessage
-from groundstation.interfaces.mqtt.publisher import publish_forever
 from groundstation.interfaces.mqtt.request_codec import Place, sealed_request
-from groundstation.recording.reader import Recording
-from groundstation.runtime.broadcast import Latest
-from groundstation.runtime.wall_clock import wall_ms
-from groundstation.settings.mqtt import MqttConfig
-from groundstation.settings.settings import Config
-from links.io.key_file import make_key, read_key
+from groundstation.recording import Recording
+from groundstation.runtime import Latest, wall_ms
+from groundstation.settings import Config, MqttConfig
+from links.io import make_key, read_key
 from tests.e2e.lab_broker import LabBroker, lab
 from tests.e2e.stations import served
 from tests.sample_flight import Sampled, sample

@@ -5,7 +5,8 @@ import pty
 import time
 from pathlib import Path
 
-from groundstation.runtime.outlet import LINE_MAX_BYTES, Outlet
+from groundstation.runtime import Outlet
+from groundstation.runtime.outlet import LINE_MAX_BYTES
 
 
 def test_lines_come_out_as_they_were_said() -> None:

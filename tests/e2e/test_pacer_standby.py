@@ -13,15 +13,14 @@ from typing import TypeVar
 
 import pytest
 
-from links.bridge.link import BridgeLink, BridgeLinkConfig
-from links.core.port import Command, LinkLost, LinkMisuse, Segment
-from links.io.key_file import make_key
-from links.rf.codecs.channel_map import ChannelMap, Channels, Sticks, Switch
-from links.rf.codecs.dsm_codec import DsmLinkConfig
-from links.rf.link import SerialRfLink
-from links.rf.paced_link import PacedLink
+from links.bridge import BridgeLink, BridgeLinkConfig
+from links.core import Command, LinkLost, LinkMisuse, Segment
+from links.io import make_key
+from links.rf import PacedLink, SerialRfLink
+from links.rf.codecs import Channels, DsmLinkConfig
+from links.rf.codecs.channel_map import ChannelMap, Sticks, Switch
 from links.rf.pacer_process import PacerProcess
-from sim.radio.pty_wire import PtyWire
+from sim.radio import PtyWire
 from tests.e2e.stamped_reader import StampedReader
 from tests.e2e.stations import free_udp_port
 

@@ -15,7 +15,7 @@ from pathlib import Path
 import pytest
 
 from groundstation.flight.proof import on_file
-from links.mavlink.protocol.codec import ARMED, MavlinkCodec
+from links.mavlink.protocol import ARMED, MavlinkCodec
 from tests.e2e.stations import Room, served
 
 

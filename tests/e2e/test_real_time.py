@@ -13,8 +13,8 @@ from pathlib import Path
 
 import pytest
 
-from groundstation.core.messages.snapshot import Snapshot
-from groundstation.interfaces.api.client import snapshots
+from groundstation.core.messages import Snapshot
+from groundstation.interfaces.api import snapshots
 from tests.e2e.stations import EXAMPLE, served
 
 

@@ -15,13 +15,11 @@ from statistics import median
 
 import pytest
 
-from groundstation.pose.recorded.tlog_codec import TlogReader
-from groundstation.recording.process import BACKLOG_BYTES, RecorderProcess
-from groundstation.recording.reader import Recording
-from groundstation.recording.recorded import about
-from groundstation.recording.records import Received, Sent, Ticked, Told
-from groundstation.runtime.flights import RecordingConfig, being_written
-from groundstation.settings.settings import Config
+from groundstation.pose.recorded import TlogReader
+from groundstation.recording import Received, RecorderProcess, Recording, Sent, Ticked, Told, about
+from groundstation.recording.process import BACKLOG_BYTES
+from groundstation.runtime import RecordingConfig, being_written
+from groundstation.settings import Config
 from tests.e2e.endless_recording import a_tick
 from tests.e2e.stations import served
 

@@ -7,7 +7,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import NamedTuple
 
-from groundstation.analysis.report.command import report_command
+from groundstation.analysis.report import report_command
 from groundstation.analysis.report.figures import FIGURES
 from tests.e2e.chromium import BROWSERS
 from tests.recordings import recorded

@@ -11,17 +11,13 @@ from pathlib import Path
 
 import pytest
 
-from groundstation.core.geometry.ops import Vec3
-from groundstation.core.mission.mission import State
-from groundstation.recording.assembly import make_flight
-from links.rf.codecs.channel_map import Channels
-from links.rf.codecs.codec import Heard, Service
-from links.rf.codecs.crsf_codec import CrsfLinkConfig
-from links.rf.codecs.dsm_codec import DsmLinkConfig
-from sim.radio.pty_wire import PtyWire
-from sim.runs.stage import Stage
-from sim.scenarios.preparation import prepare
-from sim.scenarios.scenarios import SCENARIOS
+from groundstation.core.geometry import Vec3
+from groundstation.core.mission import State
+from groundstation.recording import make_flight
+from links.rf.codecs import Channels, CrsfLinkConfig, DsmLinkConfig, Heard, Service
+from sim.radio import PtyWire
+from sim.runs import Stage
+from sim.scenarios import SCENARIOS, prepare
 from tests.e2e.stations import QUICK_LANDING, free_udp_port
 
 EXAMPLE = Path(__file__).parents[2] / "examples" / "rf-dsm.toml"

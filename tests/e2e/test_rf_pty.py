@@ -16,13 +16,12 @@ from typing import NamedTuple
 
 import pytest
 
-from links.core.port import Command, LinkLost
-from links.rf.codecs.channel_map import ChannelMap, Channels, Sticks, Switch
-from links.rf.codecs.crsf_codec import CrsfLinkConfig
-from links.rf.codecs.dsm_codec import DsmLinkConfig
-from links.rf.link import SerialRfLink
+from links.core import Command, LinkLost
+from links.rf import SerialRfLink
+from links.rf.codecs import Channels, CrsfLinkConfig, DsmLinkConfig
+from links.rf.codecs.channel_map import ChannelMap, Sticks, Switch
 from links.rf.pacer import AFTERLIFE_S
-from sim.radio.pty_wire import PtyWire
+from sim.radio import PtyWire
 from tests.e2e.stamped_reader import StampedReader
 
 COAST_S, DOWN_S = 0.25, 0.3

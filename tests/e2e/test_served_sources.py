@@ -15,10 +15,10 @@ from typing import Any
 import msgspec
 import pytest
 
-from groundstation.config.loader import from_dict
-from groundstation.core.messages.pose import Pose, PoseStatus
-from groundstation.pose.kinds import PoseConfig
-from sim.world.world import World
+from groundstation.config import from_dict
+from groundstation.core.messages import Pose, PoseStatus
+from groundstation.pose import PoseConfig
+from sim.world import World
 from tests.e2e.stations import free_udp_port
 
 MISHAPS = ["sim.other_bodies=3", "sim.occlusion_s=0.2", "sim.swap_s=0.1", "sim.mishap_period_s=1"]

@@ -14,15 +14,16 @@ import msgspec
 import pytest
 
 from groundstation.__main__ import parser
-from groundstation.config.loader import load
+from groundstation.config import load
 from groundstation.core.safety.fence import BoxFence
+from groundstation.interfaces.service import Format, unit
 from groundstation.interfaces.service.health import STALE_S, Health, HealthFile, health_path, ill
-from groundstation.interfaces.service.logs import Format, Lines, is_journal, level_of, line_of
+from groundstation.interfaces.service.logs import Lines, is_journal, level_of, line_of
 from groundstation.interfaces.service.notify import Notify
-from groundstation.interfaces.service.systemd import longest_landing_s, unit
+from groundstation.interfaces.service.systemd import longest_landing_s
+from groundstation.runtime import Taken, only_one
 from groundstation.runtime.exits import CODES, markdown
-from groundstation.runtime.lock import Taken, only_one
-from groundstation.settings.settings import Config
+from groundstation.settings import Config
 from tests.conftest import LEFT_OUT
 
 ROOT = Path(__file__).parents[2]

@@ -8,10 +8,9 @@ from pathlib import Path
 
 import pytest
 
-from groundstation.pose.recorded.tlog_codec import TlogReader
-from sim.runs.flight import fly
-from sim.scenarios.preparation import prepare
-from sim.scenarios.scenarios import SCENARIOS
+from groundstation.pose.recorded import TlogReader
+from sim.runs import fly
+from sim.scenarios import SCENARIOS, prepare
 from tests.e2e.stations import free_udp_port, served
 
 GOLDEN = Path(__file__).parents[1] / "golden"

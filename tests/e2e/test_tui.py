@@ -15,11 +15,9 @@ import msgspec
 import pytest
 from textual.pilot import Pilot
 
-from groundstation.config.loader import ConfigError
+from groundstation.config import ConfigError
 from groundstation.interfaces.tui.command import served_socket
-from groundstation.interfaces.tui.parts.bars import Banner
-from groundstation.interfaces.tui.parts.letters import big
-from groundstation.interfaces.tui.parts.panels import ErrorHistory, Events, InTime, Numbers, Preflight, TopView
+from groundstation.interfaces.tui.parts import Banner, ErrorHistory, Events, InTime, Numbers, Preflight, TopView, big
 from tests.dashboards import Fixed, Stage, flown, on_ground, play, says, standing, text, until
 from tests.sample_flight import sample
 

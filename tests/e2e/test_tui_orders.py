@@ -9,15 +9,13 @@ from textual.pilot import Pilot
 from textual.screen import ModalScreen
 from textual.widgets import Input
 
-from groundstation.core.messages.requests import Ask
+from groundstation.core.messages import Ask
 from groundstation.interfaces.api.stop import Told
 from groundstation.interfaces.tui import app as ordering
 from groundstation.interfaces.tui.app import Dashboard
-from groundstation.interfaces.tui.feeds.attached import Attached
-from groundstation.interfaces.tui.parts import orders
+from groundstation.interfaces.tui.feeds import Attached
+from groundstation.interfaces.tui.parts import Answer, Help, Typed, orders
 from groundstation.interfaces.tui.parts.bars import Knob
-from groundstation.interfaces.tui.parts.dialogs import Help, Typed
-from groundstation.interfaces.tui.parts.feed import Answer
 from tests.dashboards import Fixed, Stage, flown, play, says, standing, told, until
 from tests.sample_flight import sample
 

@@ -4,13 +4,11 @@ from functools import cache
 from statistics import median
 from typing import Any
 
-from groundstation.config.loader import ConfigError
-from sim.runs.flight import Result, fly
-from sim.scenarios.preparation import prepare
-from sim.scenarios.scenarios import SCENARIOS
-from sim.studies.campaign.campaign import Campaign, run
-from sim.studies.campaign.crew import Local
-from sim.studies.campaign.summary import report
+from groundstation.config import ConfigError
+from sim.runs import fly
+from sim.runs.flight import Result
+from sim.scenarios import SCENARIOS, prepare
+from sim.studies.campaign import Campaign, Local, report, run
 from tests.flown_once import once
 
 __all__ = ["ConfigError", "campaign_of", "flown", "median_of", "middle"]

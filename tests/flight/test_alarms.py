@@ -9,8 +9,7 @@ from typing import Any
 
 import pytest
 
-from groundstation.core.geometry import so3
-from groundstation.core.geometry.ops import Quat, Vec3
+from groundstation.core.geometry import Quat, Vec3, so3
 from sim.__main__ import main
 from tests import shadow_flight
 from tests.proving.alarms import command as alarms_command

@@ -6,17 +6,15 @@ from typing import Any
 
 import pytest
 
-from groundstation.core.messages.snapshot import Snapshot
-from groundstation.core.mission.mission import State
-from groundstation.flight.flight import Flight
-from groundstation.interfaces.api.server import CLIENTS_MAX, Server
-from groundstation.runtime.broadcast import Latest
-from groundstation.runtime.place import StatusConfig
-from sim.runs.mission import fly_mission, from_floor
-from sim.runs.stage import Stage
-from sim.scenarios.preparation import prepare
-from sim.scenarios.scenarios import SCENARIOS
-from sim.time.virtual_time import VirtualTimeLoop
+from groundstation.core.messages import Snapshot
+from groundstation.core.mission import State
+from groundstation.flight import Flight
+from groundstation.interfaces.api import Server
+from groundstation.interfaces.api.server import CLIENTS_MAX
+from groundstation.runtime import Latest, StatusConfig
+from sim.runs import Stage, fly_mission, from_floor
+from sim.scenarios import SCENARIOS, prepare
+from sim.time import VirtualTimeLoop
 from tests.flight.test_missions import SHORT
 
 API_PORT = 40000

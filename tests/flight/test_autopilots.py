@@ -5,16 +5,14 @@ from pathlib import Path
 
 import pytest
 
-from groundstation.core.messages.verdict import Check, Verdict
-from groundstation.core.mission.mission import State
-from groundstation.flight.flight import Outcome
-from groundstation.recording.assembly import make_flight
-from groundstation.runtime.clock import sleep_until
-from sim.autopilots.kinds import AUTOPILOTS
-from sim.runs.flight import fly
-from sim.runs.stage import Stage
-from sim.scenarios.preparation import prepare
-from sim.scenarios.scenarios import SCENARIOS
+from groundstation.core.messages import Check, Verdict
+from groundstation.core.mission import State
+from groundstation.flight import Outcome
+from groundstation.recording import make_flight
+from groundstation.runtime import sleep_until
+from sim.autopilots import AUTOPILOTS
+from sim.runs import Stage, fly
+from sim.scenarios import SCENARIOS, prepare
 from tests.loops import in_virtual_time
 
 AUTOPILOT = pytest.mark.parametrize("autopilot", AUTOPILOTS)

@@ -6,14 +6,12 @@ import msgspec
 import numpy as np
 import pytest
 
-from groundstation.core.geometry.ops import Vec3
-from sim.batch.batch import fly_batch
-from sim.batch.stages import Compiled, Numpy
-from sim.runs.flight import fly
-from sim.scenarios.preparation import prepare
-from sim.scenarios.scenarios import SCENARIOS
+from groundstation.core.geometry import Vec3
+from sim.batch import Compiled, Numpy, fly_batch
+from sim.runs import fly
+from sim.scenarios import SCENARIOS, prepare
 from sim.studies.campaign.draws import DRAWS, drawn
-from sim.world.wind import Wind
+from sim.world import Wind
 from tests.flight.flights import flown
 
 SEEDS = 2

@@ -10,20 +10,15 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from groundstation.config.loader import ConfigError
-from groundstation.core.pilot import Tick
+from groundstation.config import ConfigError
+from groundstation.core import Tick
 from sim.__main__ import main
-from sim.runs.flight import fly
-from sim.runs.referee import STEADY_S
-from sim.scenarios.preparation import prepare
-from sim.scenarios.scenarios import SCENARIOS
-from sim.studies.campaign.campaign import Campaign, run
-from sim.studies.campaign.crew import Local
-from sim.studies.campaign.draws import DRAWS, USUAL, drawn, fields, overrides
-from sim.studies.campaign.folder import Folder, Row
-from sim.studies.campaign.picture import plot
-from sim.studies.campaign.summary import command, report, text
-from sim.studies.campaign.verification import verify
+from sim.runs import STEADY_S, fly
+from sim.scenarios import SCENARIOS, prepare
+from sim.studies.campaign import USUAL, Campaign, Local, Row, plot, report, run, text, verify
+from sim.studies.campaign.draws import DRAWS, drawn, fields, overrides
+from sim.studies.campaign.folder import Folder
+from sim.studies.campaign.summary import command
 from tests.flight.flights import campaign_of
 
 DURATION_S = 16.0

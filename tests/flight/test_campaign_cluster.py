@@ -12,14 +12,11 @@ from pathlib import Path
 
 import pytest
 
-from groundstation.config.loader import ConfigError
+from groundstation.config import ConfigError
 from sim.__main__ import main
-from sim.scenarios.preparation import prepare
-from sim.scenarios.scenarios import SCENARIOS
+from sim.scenarios import SCENARIOS, prepare
+from sim.studies.campaign import Campaign, Cluster, Local, Row, run
 from sim.studies.campaign import crew as campaign_cluster
-from sim.studies.campaign.campaign import Campaign, run
-from sim.studies.campaign.crew import Cluster, Local
-from sim.studies.campaign.folder import Row
 
 pytestmark = pytest.mark.real_time
 

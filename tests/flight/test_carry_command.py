@@ -11,21 +11,18 @@ from typing import Any
 import msgspec
 import pytest
 
-from groundstation.config.loader import ConfigError, load
-from groundstation.core.geometry import so3
-from groundstation.core.geometry.frames import Alignment, Frames
+from groundstation.config import ConfigError, load
+from groundstation.core.geometry import Alignment, Frames, so3
 from groundstation.lab.axes import command
 from groundstation.lab.axes.write import written
-from groundstation.runtime.clock import sleep_until
-from groundstation.runtime.exits import INTERRUPTED
-from groundstation.settings.settings import Config
-from links.io.address import parse_address
-from links.mavlink.protocol.codec import MavlinkCodec
-from sim.autopilots.kinds import AUTOPILOTS
-from sim.autopilots.peer import AutopilotPeer
-from sim.time.virtual_time import VirtualTimeLoop
-from sim.trackers.trackers import Seen, make_tracker
-from sim.world.airframe import Truth
+from groundstation.runtime import INTERRUPTED, sleep_until
+from groundstation.settings import Config
+from links.io import parse_address
+from links.mavlink.protocol import MavlinkCodec
+from sim.autopilots import AUTOPILOTS, AutopilotPeer
+from sim.time import VirtualTimeLoop
+from sim.trackers import Seen, make_tracker
+from sim.world import Truth
 from tests.airframe_double import Brick
 from tests.carried import hand
 from tests.loops import in_virtual_time

@@ -9,13 +9,12 @@ from typing import Any
 
 import pytest
 
-from groundstation.config.loader import ConfigError
+from groundstation.config import ConfigError
 from sim.cli import commands
-from sim.scenarios.preparation import prepare
-from sim.scenarios.scenarios import SCENARIOS
-from sim.studies.compare.compare import CONTROLLERS, GUST, WITHOUT_ADAPTATION, Case, Flown, cases, flown, rows
-from sim.studies.compare.picture import plot
-from sim.studies.compare.table import markdown_table, text_table, write_between_markers
+from sim.scenarios import SCENARIOS, prepare
+from sim.studies.compare import CONTROLLERS, cases, plot, rows, text_table, write_between_markers
+from sim.studies.compare.compare import GUST, WITHOUT_ADAPTATION, Case, Flown, flown
+from sim.studies.compare.table import markdown_table
 from tests.flight.flights import flown as one_flight
 
 SCENARIO = "storm"

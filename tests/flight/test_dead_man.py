@@ -8,20 +8,19 @@ from typing import Any
 
 import pytest
 
-from groundstation.core.mission.mission import State
-from groundstation.core.pilot import Tick
-from groundstation.flight.flight import Flight
+from groundstation.core import Tick
+from groundstation.core.mission import State
+from groundstation.flight import Flight
 from groundstation.flight.pacing import Pacing
 from groundstation.flight.sender import Standstill
-from groundstation.recording.assembly import make_flight
-from groundstation.runtime.clock import sleep_until
-from links.core.port import Command
-from links.io.suspend import Sleep
-from sim.runs.stage import Stage
-from sim.scenarios.preparation import prepare
-from sim.scenarios.scenarios import SCENARIOS
+from groundstation.recording import make_flight
+from groundstation.runtime import sleep_until
+from links.core import Command
+from links.io import Sleep
+from sim.runs import Stage
+from sim.scenarios import SCENARIOS, prepare
 from sim.studies.bring_down import CAUSES, cut
-from sim.time.virtual_time import VirtualTimeLoop
+from sim.time import VirtualTimeLoop
 
 SET_POINT = b"\x52\x00\x00"
 CONFIRMED_S = 1.0

@@ -6,9 +6,8 @@ import time
 
 import pytest
 
-from sim.runs.flight import fly
-from sim.scenarios.preparation import prepare
-from sim.scenarios.scenarios import SCENARIOS
+from sim.runs import fly
+from sim.scenarios import SCENARIOS, prepare
 
 LONGEST = 60.0
 """A minute of flight, in times that two million additions take: measured 24 to 33 [-]."""

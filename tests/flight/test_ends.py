@@ -8,16 +8,15 @@ from typing import Any
 import msgspec
 import pytest
 
-from groundstation.core.mission.mission import State
-from groundstation.flight.flight import Flight, Outcome
-from groundstation.recording.assembly import make_flight
-from groundstation.runtime.clock import sleep_until
-from groundstation.settings.settings import Config
-from sim.runs.stage import Stage
-from sim.scenarios.preparation import prepare
-from sim.scenarios.scenarios import SCENARIOS
-from sim.time.virtual_time import VirtualTimeLoop
-from sim.world.world import World
+from groundstation.core.mission import State
+from groundstation.flight import Flight, Outcome
+from groundstation.recording import make_flight
+from groundstation.runtime import sleep_until
+from groundstation.settings import Config
+from sim.runs import Stage
+from sim.scenarios import SCENARIOS, prepare
+from sim.time import VirtualTimeLoop
+from sim.world import World
 from tests.flight.flights import flown
 
 Script = Callable[[Flight, Stage], Coroutine[Any, Any, None]]

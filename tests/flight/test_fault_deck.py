@@ -6,22 +6,18 @@ import struct
 
 import pytest
 
-from groundstation.recording.records import Idled
-from links.core.port import Command, Segment
-from links.mavlink.protocol.codec import MavlinkCodec
+from groundstation.recording import Idled
+from links.core import Command, Segment
+from links.mavlink.protocol import MavlinkCodec
 from sim.__main__ import main
-from sim.scenarios.preparation import prepare
-from sim.scenarios.scenarios import SCENARIOS
+from sim.scenarios import SCENARIOS, prepare
+from tests.proving.faults import deal_cells, quick, text
+from tests.proving.faults.cells import fly_together
 from tests.proving.faults.cells.cell import fly_cell
-from tests.proving.faults.cells.together import fly_together
-from tests.proving.faults.deal import deal_cells, quick
-from tests.proving.faults.deck import pictures
-from tests.proving.faults.deck.faults import FAULTS
-from tests.proving.faults.deck.moments import MOMENTS
-from tests.proving.faults.judge.thrust import Thrust
+from tests.proving.faults.deck import FAULTS, MOMENTS, pictures
+from tests.proving.faults.judge import Thrust, Wire
 from tests.proving.faults.judge.verdict import TOUCHDOWN_M_S
-from tests.proving.faults.judge.wire import Wire
-from tests.proving.faults.table import page, text
+from tests.proving.faults.table import page
 
 STATION, VEHICLE = ("127.0.0.1", 14540), ("127.0.0.1", 49152)
 FAR = ("trajectory.centre_ned=[0,0,0]",)

@@ -7,23 +7,22 @@ from collections.abc import Callable
 import msgspec
 import pytest
 
-from groundstation.config.loader import ConfigError
-from groundstation.core.messages.requests import Ask, Request
-from groundstation.core.mission.mission import State
+from groundstation.config import ConfigError
+from groundstation.core.messages import Ask, Request
+from groundstation.core.mission import State
 from groundstation.core.trajectory.hold import HoldConfig
-from groundstation.flight.flight import Flight
-from groundstation.lab.fleet.plan import Fleet, Member
-from groundstation.settings.settings import Config
+from groundstation.flight import Flight
+from groundstation.lab.fleet import Fleet, Member
+from groundstation.settings import Config
 from sim.__main__ import parser
 from sim.cli.commands import mission as mission_command
-from sim.runs.fleet_mission import Change, FleetMission, FleetScript, fly_fleet
+from sim.runs import FleetMission, fly_fleet, from_floor
+from sim.runs.fleet_mission import Change, FleetScript
 from sim.runs.fleet_stage import FleetStage
 from sim.runs.fleet_truth import Flown
-from sim.runs.mission import from_floor
-from sim.scenarios.preparation import prepare
-from sim.scenarios.scenarios import SCENARIOS
-from sim.time.virtual_time import VirtualTimeLoop
-from sim.world.world import World
+from sim.scenarios import SCENARIOS, prepare
+from sim.time import VirtualTimeLoop
+from sim.world import World
 
 SHORT = ("takeoff.height_m=0.8", "takeoff.hold_s=1.0", "takeoff.climb_m_s=1.0")
 HOLD = (*SHORT, "trajectory.kind=hold", "trajectory.position_ned=[0.8, -0.8, 0.2]")

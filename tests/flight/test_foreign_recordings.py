@@ -11,10 +11,9 @@ from mcap.writer import Writer
 
 from groundstation import __main__ as program
 from groundstation.analysis.replay.command import replay_command, replayed
-from groundstation.config.loader import ConfigError
-from groundstation.interfaces.tui.feeds.tape import Tape
-from groundstation.recording.channels import CHANNELS
-from groundstation.recording.reader import Recording
+from groundstation.config import ConfigError
+from groundstation.interfaces.tui.feeds import Tape
+from groundstation.recording import CHANNELS, Recording
 from tests.recordings import recorded
 
 MODULE = """import pathlib

@@ -10,26 +10,22 @@ from typing import Any
 import msgspec
 import pytest
 
-from groundstation.config.loader import ConfigError, from_dict
-from groundstation.core.geometry import so3
-from groundstation.core.geometry.ops import Vec3
-from groundstation.core.messages.pose import Pose, PoseStatus
-from groundstation.core.messages.requests import Ask, Reply, Request
-from groundstation.core.mission.mission import State
-from groundstation.flight.flight import Flight
-from groundstation.pose.forward import Forward, Forwarding
-from groundstation.recording.assembly import make_flight
-from groundstation.settings.settings import Config
-from links.mavlink.link import MavlinkLink, MavlinkLinkConfig
-from links.mavlink.protocol.codec import ARDUPILOT, PX4, MavlinkCodec
-from links.mavlink.protocol.config import ForwardConfig
-from links.mavlink.protocol.odometry_codec import Odometry, odometry
+from groundstation.config import ConfigError, from_dict
+from groundstation.core.geometry import Vec3, so3
+from groundstation.core.messages import Ask, Pose, PoseStatus, Reply, Request
+from groundstation.core.mission import State
+from groundstation.flight import Flight
+from groundstation.pose import Forwarding
+from groundstation.pose.forward import Forward
+from groundstation.recording import make_flight
+from groundstation.settings import Config
+from links.mavlink import MavlinkLink, MavlinkLinkConfig
+from links.mavlink.protocol import ARDUPILOT, PX4, ForwardConfig, MavlinkCodec, Odometry, odometry
+from sim.autopilots import Px4Autopilot
 from sim.autopilots.base import ExternalPoses, Fused
-from sim.autopilots.px4 import LAND, Px4Autopilot
-from sim.runs.mission import fly_mission, from_floor
-from sim.runs.stage import Stage
-from sim.scenarios.preparation import prepare
-from sim.scenarios.scenarios import SCENARIOS
+from sim.autopilots.px4 import LAND
+from sim.runs import Stage, fly_mission, from_floor
+from sim.scenarios import SCENARIOS, prepare
 from tests.loops import in_virtual_time
 
 ON = "link.forward.enabled=true"

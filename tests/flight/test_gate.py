@@ -4,11 +4,11 @@ from functools import cache
 
 import pytest
 
-from groundstation.core.messages.pose import Pose
-from groundstation.pose.gate import Gate
-from sim.runs.flight import Result, fly
-from sim.scenarios.preparation import prepare
-from sim.scenarios.scenarios import SCENARIOS
+from groundstation.core.messages import Pose
+from groundstation.pose import Gate
+from sim.runs import fly
+from sim.runs.flight import Result
+from sim.scenarios import SCENARIOS, prepare
 
 
 @cache

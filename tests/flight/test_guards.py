@@ -7,14 +7,14 @@ import msgspec
 import pytest
 
 from groundstation.core.geometry import so3
-from groundstation.core.mission.mission import State
-from groundstation.flight.flight import Flight
-from sim.autopilots.px4 import POSCTL, Px4Autopilot
-from sim.runs.mission import Mission, Script, fly_mission, from_floor
-from sim.runs.stage import Stage
-from sim.scenarios.preparation import prepare
-from sim.scenarios.scenarios import SCENARIOS
-from sim.world.airframe import Truth
+from groundstation.core.mission import State
+from groundstation.flight import Flight
+from sim.autopilots import Px4Autopilot
+from sim.autopilots.px4 import POSCTL
+from sim.runs import Mission, Stage, fly_mission, from_floor
+from sim.runs.mission import Script
+from sim.scenarios import SCENARIOS, prepare
+from sim.world import Truth
 from tests.flight.test_missions import SHORT
 
 Wrong = Callable[[Truth], Truth]
@@ -187,7 +187,8 @@ def test_the_fence_holds_before_it_and_a_hold_waits_for_the_operator() -> None:
     """The fence is laid once it flies: before, the pre-flight checks refuse such a trajectory."""
 
     async def script(flight: Flight, stage: Stage) -> None:
-        from groundstation.core.safety.fence import BoxFence, Fence
+        from groundstation.core.safety import Fence
+        from groundstation.core.safety.fence import BoxFence
 
         await tracking(flight, 6.0)
         guards = flight._progress._guards

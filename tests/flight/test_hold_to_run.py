@@ -6,19 +6,17 @@ from typing import Any
 
 import pytest
 
-from groundstation.core.messages.requests import Ask, Request
-from groundstation.core.messages.verdict import Verdict
-from groundstation.core.mission.mission import State
-from groundstation.flight.flight import Flight
+from groundstation.core.messages import Ask, Request, Verdict
+from groundstation.core.mission import State
+from groundstation.flight import Flight
+from groundstation.flight.hold_to_run import HoldWatch
 from groundstation.flight.hold_to_run.hold import DEBOUNCE_S, InputLost
-from groundstation.flight.hold_to_run.watch import LOOK_S, HoldWatch
+from groundstation.flight.hold_to_run.watch import LOOK_S
 from groundstation.recording import assembly
-from sim.autopilots.base import SimulatedAutopilot
-from sim.runs.mission import Mission, from_floor
-from sim.runs.mission import fly_mission as fly
-from sim.runs.stage import Stage
-from sim.scenarios.preparation import prepare
-from sim.scenarios.scenarios import SCENARIOS
+from sim.autopilots import SimulatedAutopilot
+from sim.runs import Mission, Stage, from_floor
+from sim.runs import fly_mission as fly
+from sim.scenarios import SCENARIOS, prepare
 from tests.hold_double import Hand
 
 SOON_S = DEBOUNCE_S + 2 * LOOK_S

@@ -8,9 +8,9 @@ from typing import Any
 
 import pytest
 
-from groundstation.analysis.identify.command import identify_command
-from groundstation.config.loader import ConfigError, from_dict
-from groundstation.settings.settings import Config
+from groundstation.analysis.identify import identify_command
+from groundstation.config import ConfigError, from_dict
+from groundstation.settings import Config
 from tests.recordings import recorded
 
 GAIN, THRUST_LAG_S, RATE_LAG_S, DELAY_S, SECONDS = 0.9, 0.118, 0.093, 0.025, 42.0

@@ -5,13 +5,11 @@ from collections.abc import Sequence
 
 import pytest
 
-from groundstation.core.mission.mission import FINAL, State
-from groundstation.flight.flight import Flight
-from sim.runs.mission import Mission, fly_mission, from_floor
-from sim.runs.stage import Stage
-from sim.scenarios.preparation import prepare
-from sim.scenarios.scenarios import SCENARIOS
-from sim.trackers.trackers import Seen, Tracker
+from groundstation.core.mission import FINAL, State
+from groundstation.flight import Flight
+from sim.runs import Mission, Stage, fly_mission, from_floor
+from sim.scenarios import SCENARIOS, prepare
+from sim.trackers import Seen, Tracker
 
 STRIKE_AFTER_S = 1.0
 LASTS_S = 10.0

@@ -11,17 +11,16 @@ import pytest
 from rich.console import Console
 
 from groundstation.core.geometry import so3
-from groundstation.core.messages.pose import Pose, PoseEvent, PoseStatus
+from groundstation.core.messages import Pose, PoseEvent, PoseStatus
 from groundstation.lab.pose_monitor.command import listened, rows, table
 from groundstation.lab.pose_monitor.seen import WINDOW_S, Seen, Watcher
-from groundstation.pose.recorded.csv import CsvConfig
+from groundstation.pose.recorded import CsvConfig
 from groundstation.pose.recorded.playback import Speed
-from groundstation.settings.settings import Config
-from links.mavlink.protocol.codec import MavlinkCodec
-from sim.runs.stage import Stage
-from sim.scenarios.preparation import prepare
-from sim.scenarios.scenarios import SCENARIOS
-from sim.time.virtual_time import VirtualTimeLoop
+from groundstation.settings import Config
+from links.mavlink.protocol import MavlinkCodec
+from sim.runs import Stage
+from sim.scenarios import SCENARIOS, prepare
+from sim.time import VirtualTimeLoop
 from tests.loops import in_virtual_time
 
 SOURCES = ["vicon", "natnet", "qualisys", "odometry", "vision", "json"]

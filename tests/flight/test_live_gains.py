@@ -4,14 +4,12 @@ import asyncio
 from pathlib import Path
 
 from groundstation.analysis.replay.command import replayed
-from groundstation.core.mission.mission import State
-from groundstation.flight.flight import Flight
-from groundstation.recording.reader import Recording
+from groundstation.core.mission import State
+from groundstation.flight import Flight
+from groundstation.recording import Recording
 from sim.cli.run_folder import RECORDING, RunFolder
-from sim.runs.mission import Mission, fly_mission, from_floor
-from sim.runs.stage import Stage
-from sim.scenarios.preparation import prepare
-from sim.scenarios.scenarios import SCENARIOS
+from sim.runs import Mission, Stage, fly_mission, from_floor
+from sim.scenarios import SCENARIOS, prepare
 from tests.flight.test_missions import SHORT
 
 

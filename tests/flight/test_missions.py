@@ -7,14 +7,13 @@ from pathlib import Path
 import pytest
 
 from groundstation.analysis.replay.command import replayed
-from groundstation.core.messages.requests import Ask, Request
-from groundstation.core.mission.mission import IN_AIR, State
-from groundstation.flight.flight import Flight
+from groundstation.core.messages import Ask, Request
+from groundstation.core.mission import IN_AIR, State
+from groundstation.flight import Flight
 from sim.cli.run_folder import RECORDING, RunFolder
-from sim.runs.mission import Mission, Script, fly_mission, from_floor
-from sim.runs.stage import Stage
-from sim.scenarios.preparation import prepare
-from sim.scenarios.scenarios import SCENARIOS
+from sim.runs import Mission, Stage, fly_mission, from_floor
+from sim.runs.mission import Script
+from sim.scenarios import SCENARIOS, prepare
 
 WAY = ["connecting", "ready", "arming", "takeoff", "hold", "tracking", "returning", "landing", "disarming", "landed"]
 SHORT = ("takeoff.height_m=0.5", "takeoff.hold_s=1.0", "trajectory.altitude_m=-0.5", "takeoff.climb_m_s=1.0")

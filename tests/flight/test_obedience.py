@@ -10,17 +10,19 @@ from typing import NamedTuple
 import pytest
 
 from groundstation.analysis.replay.command import replayed
-from groundstation.core.mission.mission import FINAL
-from groundstation.recording.records import Idled, Record, Sent, Switched, Ticked, Told
-from links.mavlink.protocol.codec import DO_SET_MODE, MavlinkCodec
+from groundstation.core.mission import FINAL
+from groundstation.recording import Idled, Record, Sent, Ticked, Told
+from groundstation.recording.records import Switched
+from links.mavlink.protocol import DO_SET_MODE, MavlinkCodec
 from sim.cli.run_folder import RECORDING, RunFolder
-from sim.runs.mission import from_floor
-from sim.scenarios.preparation import prepare
-from sim.scenarios.scenarios import SCENARIOS
-from sim.time.virtual_time import VirtualTimeLoop
-from tests.proving.faults.cells.cell import FIGURE_S, NEAR, fly_here
-from tests.proving.faults.deck.faults import FAULTS
-from tests.proving.faults.judge.verdict import CONVICTED, FASTEST_M_S, SIDEWAYS_M, Row
+from sim.runs import from_floor
+from sim.scenarios import SCENARIOS, prepare
+from sim.time import VirtualTimeLoop
+from tests.proving.faults.cells import fly_here
+from tests.proving.faults.cells.cell import FIGURE_S, NEAR
+from tests.proving.faults.deck import FAULTS
+from tests.proving.faults.judge import Row
+from tests.proving.faults.judge.verdict import CONVICTED, FASTEST_M_S, SIDEWAYS_M
 
 EXCITED_MS, CALM_MS = 400.0, 1100.0
 """So soon a picture that stands still is found out: where a course excites the vehicle, and in a calm hold."""

@@ -5,13 +5,11 @@ from pathlib import Path
 
 import pytest
 
-from groundstation.config.files import presets
-from groundstation.config.loader import ConfigError
-from groundstation.core.geometry.ops import Vec3
-from groundstation.core.vehicle.vehicle import Vehicle
-from sim.runs.flight import fly
-from sim.scenarios.preparation import prepare_own
-from sim.scenarios.scenarios import SCENARIOS
+from groundstation.config import ConfigError, presets
+from groundstation.core.geometry import Vec3
+from groundstation.core.vehicle import Vehicle
+from sim.runs import fly
+from sim.scenarios import SCENARIOS, prepare_own
 
 COURSE = "t_s,north_m,east_m,up_m,yaw_deg\n0,0,0,1,0\n2,1,0,1.2,45\n4,1,1,1,90\n6.5,0,0,1.5,0\n"
 SQUARE = 'kind = "waypoints"\npoints_ned = [[0, 0, -1], [1, 0, -1], [1, 1, -1.5], [0, 0, -1]]\nmax_speed_m_s = 1.0'

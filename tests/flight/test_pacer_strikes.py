@@ -4,10 +4,9 @@ import asyncio
 
 import pytest
 
-from groundstation.core.mission.mission import State
-from groundstation.flight.flight import Flight
-from sim.runs.mission import Mission
-from sim.runs.stage import Stage
+from groundstation.core.mission import State
+from groundstation.flight import Flight
+from sim.runs import Mission, Stage
 from tests.flight.test_missions import SHORT, mission
 
 

@@ -8,17 +8,15 @@ from typing import Any
 import msgspec
 import pytest
 
-from groundstation.flight.ends import make_ends
+from groundstation.flight import make_ends
 from groundstation.lab.props_off.hand import News, disarm, hold, idle_n
 from groundstation.lab.props_off.steps import Guide, NotProven, Trouble
-from groundstation.settings.settings import Config
-from links.mavlink.protocol.codec import MavlinkCodec
-from sim.autopilots.kinds import AUTOPILOTS
-from sim.runs.mission import from_floor
-from sim.runs.stage import Stage
-from sim.scenarios.preparation import prepare
-from sim.scenarios.scenarios import SCENARIOS
-from sim.time.virtual_time import VirtualTimeLoop
+from groundstation.settings import Config
+from links.mavlink.protocol import MavlinkCodec
+from sim.autopilots import AUTOPILOTS
+from sim.runs import Stage, from_floor
+from sim.scenarios import SCENARIOS, prepare
+from sim.time import VirtualTimeLoop
 from tests.loops import in_virtual_time
 
 Script = Callable[["Bench"], Awaitable[None]]

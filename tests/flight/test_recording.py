@@ -18,23 +18,30 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from mcap.reader import make_reader
 
-from groundstation.analysis.export import export_command
-from groundstation.analysis.listing import logs_command
-from groundstation.config.loader import from_dict
-from groundstation.pose.recorded.csv_codec import rows
-from groundstation.pose.recorded.tlog_codec import TlogReader
-from groundstation.recording.channels import CHANNELS, schema
-from groundstation.recording.headline import STEADY_S
+from groundstation.analysis import export_command, logs_command
+from groundstation.config import from_dict
+from groundstation.pose.recorded import TlogReader, rows
+from groundstation.recording import (
+    CHANNELS,
+    STEADY_S,
+    NoRecording,
+    Received,
+    Record,
+    Recording,
+    Sent,
+    Ticked,
+    Told,
+    quick_headline,
+    schema,
+)
 from groundstation.recording.log import FLUSH_S, PatientFile
-from groundstation.recording.reader import NoRecording, Recording, quick_headline
-from groundstation.recording.records import Posed, Received, Record, Sent, Ticked, Told
-from groundstation.runtime.flights import RecordingConfig, made_folder
-from groundstation.settings.settings import Config
+from groundstation.recording.records import Posed
+from groundstation.runtime import RecordingConfig, made_folder
+from groundstation.settings import Config
 from sim.__main__ import main
 from sim.cli.run_folder import AT_ONCE, RECORDING, RunFolder
-from sim.runs.flight import fly
-from sim.scenarios.preparation import prepare
-from sim.scenarios.scenarios import SCENARIOS
+from sim.runs import fly
+from sim.scenarios import SCENARIOS, prepare
 from tests.flight.flights import flown
 from tests.recordings import recorded
 

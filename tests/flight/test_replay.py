@@ -11,8 +11,8 @@ from mcap.opcode import Opcode
 from mcap.writer import Writer
 
 from groundstation.analysis.replay.command import replay_command, replayed
-from groundstation.recording.channels import CHANNELS
-from groundstation.recording.reader import MAGIC, Entry, Recording
+from groundstation.recording import CHANNELS, Entry, Recording
+from groundstation.recording.reader import MAGIC
 from tests.recordings import recorded
 
 

@@ -11,17 +11,16 @@ from typing import Any
 
 import pytest
 
-from groundstation.analysis.report.command import report_command
+from groundstation.analysis.report import report_command
 from groundstation.analysis.report.figures import FIGURES
 from groundstation.analysis.report.flown import read
 from groundstation.analysis.report.numbers import numbers
-from groundstation.config.loader import ConfigError
-from groundstation.recording.reader import quick_headline
+from groundstation.config import ConfigError
+from groundstation.recording import quick_headline
 from sim.cli.run_folder import RECORDING, RunFolder
-from sim.runs.mission import fly_mission, from_floor
-from sim.runs.referee import SETTLED_M as REFEREE_SETTLED_M
-from sim.scenarios.preparation import prepare
-from sim.scenarios.scenarios import SCENARIOS
+from sim.runs import SETTLED_M as REFEREE_SETTLED_M
+from sim.runs import fly_mission, from_floor
+from sim.scenarios import SCENARIOS, prepare
 from tests.recordings import recorded
 
 LINKS = {"src", "href", "srcset", "action", "data", "poster"}

@@ -8,11 +8,10 @@ from matplotlib.figure import Figure
 from groundstation.analysis.report.figures import lateness
 from groundstation.analysis.report.flown import read
 from groundstation.analysis.report.numbers import numbers
-from groundstation.config.loader import ConfigError
+from groundstation.config import ConfigError
 from sim.cli.run_folder import RECORDING, RunFolder
-from sim.runs.flight import fly
-from sim.scenarios.preparation import prepare
-from sim.scenarios.scenarios import SCENARIOS
+from sim.runs import fly
+from sim.scenarios import SCENARIOS, prepare
 
 
 @pytest.mark.parametrize(

@@ -7,7 +7,7 @@ from typing import NamedTuple
 
 import pytest
 
-from sim.scenarios.scenarios import SCENARIOS
+from sim.scenarios import SCENARIOS
 from tests.flight.flights import flown, middle
 
 

@@ -4,9 +4,8 @@ import asyncio
 
 import pytest
 
-from sim.autopilots.peer import AutopilotPeer
-from sim.autopilots.px4 import Px4Autopilot
-from sim.time.virtual_time import VirtualTimeLoop
+from sim.autopilots import AutopilotPeer, Px4Autopilot
+from sim.time import VirtualTimeLoop
 from tests.airframe_double import Brick
 from tests.flight.flights import flown
 

@@ -4,9 +4,8 @@ import math
 
 import pytest
 
-from sim.runs.flight import fly
-from sim.scenarios.preparation import prepare
-from sim.scenarios.scenarios import SCENARIOS
+from sim.runs import fly
+from sim.scenarios import SCENARIOS, prepare
 from tests.flight.flights import flown
 
 CAMERAS = ["natnet", "qualisys", "vision", "json"]

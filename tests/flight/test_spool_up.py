@@ -8,17 +8,15 @@ import pytest
 from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
-from groundstation.core.control.adaptive import Adaptive
-from groundstation.core.geometry import so3
-from groundstation.core.geometry.ops import Vec3
-from groundstation.core.mission.mission import State
-from groundstation.core.pilot import Tick
-from groundstation.flight.flight import Flight
-from sim.runs.mission import Mission, Script, fly_mission, from_floor
-from sim.runs.stage import Stage
-from sim.scenarios.preparation import prepare
-from sim.scenarios.scenarios import SCENARIOS
-from sim.trackers.trackers import Seen, Tracker
+from groundstation.core import Tick
+from groundstation.core.control import Adaptive
+from groundstation.core.geometry import Vec3, so3
+from groundstation.core.mission import State
+from groundstation.flight import Flight
+from sim.runs import Mission, Stage, fly_mission, from_floor
+from sim.runs.mission import Script
+from sim.scenarios import SCENARIOS, prepare
+from sim.trackers import Seen, Tracker
 
 LIMITS_M, LIMITS_M_S = 0.8, 3.0
 

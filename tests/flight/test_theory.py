@@ -2,10 +2,9 @@
 
 import pytest
 
-from groundstation.core.pilot import Tick
-from sim.runs.flight import fly
-from sim.scenarios.preparation import prepare
-from sim.scenarios.scenarios import SCENARIOS
+from groundstation.core import Tick
+from sim.runs import fly
+from sim.scenarios import SCENARIOS, prepare
 
 
 @pytest.fixture(scope="module", params=["provable", "off"])

@@ -5,12 +5,11 @@ from pathlib import Path
 
 import pytest
 
-from groundstation.config.loader import ConfigError, from_dict, load
-from groundstation.settings.settings import Config
-from links.core.thrust_curve import signal
-from sim.runs.flight import fly
-from sim.scenarios.preparation import prepare
-from sim.scenarios.scenarios import SCENARIOS
+from groundstation.config import ConfigError, from_dict, load
+from groundstation.settings import Config
+from links.core import signal
+from sim.runs import fly
+from sim.scenarios import SCENARIOS, prepare
 
 CURVED = 0.65
 WEIGHT_SHARE = 0.08 * 9.81 / 1.37

@@ -6,15 +6,14 @@ from pathlib import Path
 
 import pytest
 
-from groundstation.config.loader import load
-from groundstation.settings.settings import Config
+from groundstation.config import load
+from groundstation.settings import Config
 from sim.__main__ import main
-from sim.runs.flight import fly
-from sim.scenarios.preparation import prepare
-from sim.scenarios.scenarios import SCENARIOS
-from sim.studies.tune.flights import Flyers, Outcome, Sortie, flown, sorties
-from sim.studies.tune.margins import DELAY, GAIN_DOWN, failure, report
-from sim.studies.tune.stage import staged
+from sim.runs import fly
+from sim.scenarios import SCENARIOS, prepare
+from sim.studies.tune import Flyers, report, staged
+from sim.studies.tune.flights import Outcome, Sortie, flown, sorties
+from sim.studies.tune.margins import DELAY, GAIN_DOWN, failure
 
 DURATION_S = 18.0
 BAD = """

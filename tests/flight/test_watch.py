@@ -2,14 +2,12 @@
 
 import pytest
 
-from groundstation.core.control.certificate import noise_power
-from groundstation.core.control.gains import Gains
+from groundstation.core import Tick
+from groundstation.core.control import Gains, noise_power
 from groundstation.core.control.watch import LIMITS, POSES, VERTICAL, terms
-from groundstation.core.messages.snapshot import Diagnostics
-from groundstation.core.pilot import Tick
-from sim.runs.flight import fly
-from sim.scenarios.preparation import prepare
-from sim.scenarios.scenarios import SCENARIOS
+from groundstation.core.messages import Diagnostics
+from sim.runs import fly
+from sim.scenarios import SCENARIOS, prepare
 from tests.flight.flights import flown
 
 GAINS = Gains()

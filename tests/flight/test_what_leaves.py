@@ -6,19 +6,17 @@ from pathlib import Path
 
 import pytest
 
-from groundstation.core.mission.mission import State
-from groundstation.core.safety.guards import GuardsConfig
-from groundstation.flight.flight import Flight
+from groundstation.core.mission import State
+from groundstation.core.safety import GuardsConfig
+from groundstation.flight import Flight
 from groundstation.flight.pacing import LAST_CHANCE_S
-from groundstation.recording.assembly import make_flight
-from groundstation.settings.settings import FlightConfig
+from groundstation.recording import make_flight
+from groundstation.settings import FlightConfig
 from links.core.deadman import BRING_DOWN_LIMIT_S
 from links.rf.pacer import AFTERLIFE_S
-from sim.runs.mission import from_floor
-from sim.runs.stage import Stage
-from sim.scenarios.preparation import prepare
-from sim.scenarios.scenarios import SCENARIOS
-from sim.time.virtual_time import VirtualTimeLoop
+from sim.runs import Stage, from_floor
+from sim.scenarios import SCENARIOS, prepare
+from sim.time import VirtualTimeLoop
 from tests.loops import in_virtual_time
 
 SAFETY = Path(__file__).parents[2] / "docs" / "explanation" / "safety.md"

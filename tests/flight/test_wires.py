@@ -14,17 +14,14 @@ import msgspec
 import pytest
 
 from groundstation.analysis.replay.command import replayed
-from groundstation.core.pilot import Tick
-from groundstation.flight.flight import Flight
-from groundstation.pose.recorded.tlog_codec import TlogReader
-from groundstation.recording.assembly import make_flight
-from groundstation.recording.log import FlightLog
-from groundstation.recording.recorded import about
-from links.io.address import parse_address
-from links.mavlink.protocol.codec import frame_end
-from sim.runs.stage import Stage
-from sim.scenarios.preparation import prepare
-from sim.scenarios.scenarios import SCENARIOS
+from groundstation.core import Tick
+from groundstation.flight import Flight
+from groundstation.pose.recorded import TlogReader
+from groundstation.recording import FlightLog, about, make_flight
+from links.io import parse_address
+from links.mavlink.protocol import frame_end
+from sim.runs import Stage
+from sim.scenarios import SCENARIOS, prepare
 from tests.loops import free_address, in_real_time
 
 pytestmark = pytest.mark.real_time

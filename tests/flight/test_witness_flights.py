@@ -9,15 +9,12 @@ from typing import Any
 
 import pytest
 
-from groundstation.core.geometry import so3
-from groundstation.core.geometry.ops import Quat
-from groundstation.core.mission.mission import IN_AIR, State
-from groundstation.flight.flight import Flight
-from sim.runs.mission import Mission, fly_mission, from_floor
-from sim.runs.stage import Stage
-from sim.scenarios.preparation import prepare
-from sim.scenarios.scenarios import SCENARIOS
-from sim.trackers.trackers import Seen, Tracker
+from groundstation.core.geometry import Quat, so3
+from groundstation.core.mission import IN_AIR, State
+from groundstation.flight import Flight
+from sim.runs import Mission, Stage, fly_mission, from_floor
+from sim.scenarios import SCENARIOS, prepare
+from sim.trackers import Seen, Tracker
 
 LOOK_S = 0.01
 SEEN_LEAN_DEG = 3.0
@@ -184,7 +181,7 @@ def test_a_body_that_lies_otherwise_than_the_vehicle_stands_is_refused_before_ar
 
 
 def test_an_autopilot_that_keeps_its_attitude_to_itself_is_warned_of_and_flown_all_the_same() -> None:
-    from sim.autopilots.px4 import Px4Autopilot
+    from sim.autopilots import Px4Autopilot
 
     silent: Any = {name: rate for name, rate in Px4Autopilot.rates_hz.items() if name != "ATTITUDE_QUATERNION"}
     with pytest.MonkeyPatch.context() as patch:

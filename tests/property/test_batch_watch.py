@@ -8,14 +8,11 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from groundstation.core.control.gains import Gains
-from groundstation.core.control.watch import SUSPENDED, VIOLATED, Watch
-from groundstation.core.geometry.ops import Vec3
-from groundstation.core.messages.control import Decision
-from groundstation.core.messages.snapshot import Diagnostics
-from groundstation.core.pilot import NOISE_POSES
-from groundstation.core.vehicle.model import Drive, Motion
-from groundstation.core.vehicle.vehicle import Vehicle
+from groundstation.core import NOISE_POSES
+from groundstation.core.control import SUSPENDED, VIOLATED, Gains, Watch
+from groundstation.core.geometry import Vec3
+from groundstation.core.messages import Decision, Diagnostics
+from groundstation.core.vehicle import Drive, Motion, Vehicle
 from sim.batch.watch import BatchWatch
 
 ZERO: Vec3 = (0.0, 0.0, 0.0)

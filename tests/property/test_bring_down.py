@@ -6,13 +6,12 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from groundstation.core.control.bring_down import OFF, SINK_S, plan_bring_down
-from groundstation.core.geometry import so3
-from groundstation.core.geometry.ops import FLOATS, Vec3
-from groundstation.core.vehicle.model import Drive, Motion, rolled
-from groundstation.core.vehicle.vehicle import Vehicle
+from groundstation.core.control import OFF, plan_bring_down
+from groundstation.core.control.bring_down import SINK_S
+from groundstation.core.geometry import FLOATS, Vec3, so3
+from groundstation.core.vehicle import Drive, Motion, Vehicle, rolled
+from links.core import Segment
 from links.core.deadman import BRING_DOWN_LIMIT_S
-from links.core.port import Segment
 
 MQX = Vehicle()
 BIG = Vehicle(mass_kg=1.0, thrust_max_n=20.0, thrust_min_n=0.5, thrust_lag_s=0.03, rate_lag_s=0.02)

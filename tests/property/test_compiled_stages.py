@@ -8,9 +8,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from groundstation.core.geometry.ops import Ops
+from groundstation.core.geometry import Ops
+from sim.batch import Compiled, Numpy, Stages
 from sim.batch.kernel import INLINE, OUTSIDE
-from sim.batch.stages import Compiled, Numpy, Stages
 from sim.batch.trace import Program, symbols
 
 Apply = Callable[[Ops, Any, Any], Any]

@@ -14,18 +14,23 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from groundstation.core.control.backstepping import Axis, Step, axis, backstep
-from groundstation.core.control.gains import Gains
+from groundstation.core import Tick
+from groundstation.core.control import Gains, backstep
+from groundstation.core.control.backstepping import Axis, Step, axis
 from groundstation.core.control.projection import project, within
 from groundstation.core.control.shaping import growth
-from groundstation.core.estimation.observer import Covariance, Densities, Gain, initial_covariance, predict_covariance, update_covariance, update_moving_covariance
-from groundstation.core.geometry import so3
-from groundstation.core.geometry.ops import FLOATS, Vec3
-from groundstation.core.pilot import Tick
-from groundstation.core.trajectory.lemniscate import LemniscateConfig
-from sim.runs.flight import fly
-from sim.scenarios.preparation import prepare
-from sim.scenarios.scenarios import SCENARIOS
+from groundstation.core.estimation import (
+    Covariance,
+    Densities,
+    initial_covariance,
+    predict_covariance,
+    update_covariance,
+)
+from groundstation.core.estimation.observer import Gain, update_moving_covariance
+from groundstation.core.geometry import FLOATS, Vec3, so3
+from groundstation.core.trajectory import LemniscateConfig
+from sim.runs import fly
+from sim.scenarios import SCENARIOS, prepare
 
 Array: TypeAlias = npt.NDArray[np.float64]
 Reference: TypeAlias = Callable[[float], tuple[Vec3, Vec3]]

@@ -9,11 +9,17 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from groundstation.core.estimation import effectiveness, observer
-from groundstation.core.estimation.effectiveness import LIMITS, Effectiveness, initial_effectiveness
-from groundstation.core.estimation.observer import Covariance, Densities
-from groundstation.core.geometry.ops import FLOATS, Vec3
-from groundstation.core.vehicle.model import Drive, Driven, Motion, carried, driven
+from groundstation.core.estimation import (
+    Covariance,
+    Densities,
+    Effectiveness,
+    effectiveness,
+    initial_effectiveness,
+    observer,
+)
+from groundstation.core.estimation.effectiveness import LIMITS
+from groundstation.core.geometry import FLOATS, Vec3
+from groundstation.core.vehicle import Drive, Driven, Motion, carried, driven
 
 DENSITIES = Densities(0.0, 1e-4, 1e-2, 2.9)
 ZERO: Vec3 = (0.0, 0.0, 0.0)

@@ -9,12 +9,11 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from groundstation.core.control.backstepping import Step, axis, backstep, yaw_rate
-from groundstation.core.control.gains import Law
+from groundstation.core.control import Law, backstep, yaw_rate
+from groundstation.core.control.backstepping import Step, axis
 from groundstation.core.control.projection import project, within
 from groundstation.core.control.shaping import growth, saturation
-from groundstation.core.geometry import so3
-from groundstation.core.geometry.ops import FLOATS, Quat, Vec3, arrays
+from groundstation.core.geometry import FLOATS, Quat, Vec3, arrays, so3
 
 LAW = Law()
 small = st.floats(-3.0, 3.0)

@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from links.io.mailbox import CAPACITY_BYTES, Mailbox
+from links.io import CAPACITY_BYTES, Mailbox
 
 WRITER = """
 import sys, time

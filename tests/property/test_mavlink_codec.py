@@ -6,11 +6,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from groundstation.pose.sources.mavlink_codec import LocalPositionDecoder, OdometryDecoder
-from links.mavlink.protocol.codec import MavlinkCodec
-from links.mavlink.protocol.status import Words
-from sim.autopilots.base import SimulatedAutopilot
-from sim.autopilots.kinds import AUTOPILOTS
+from groundstation.pose.sources import LocalPositionDecoder, OdometryDecoder
+from links.mavlink.protocol import MavlinkCodec, Words
+from sim.autopilots import AUTOPILOTS, SimulatedAutopilot
 from tests.airframe_double import Brick
 from tests.mavlink_table import FRAMES
 

@@ -5,13 +5,13 @@ import math
 from hypothesis import given
 from hypothesis import strategies as st
 
-from groundstation.core.control.model_descent import BRAKE_S, MOST, plan_model_descent
-from groundstation.core.geometry.ops import FLOATS, Vec3
+from groundstation.core.control import plan_model_descent
+from groundstation.core.control.model_descent import BRAKE_S, MOST
+from groundstation.core.geometry import FLOATS, Vec3
 from groundstation.core.geometry.so3 import from_euler_zyx
-from groundstation.core.vehicle.model import Drive, Motion, rolled
-from groundstation.core.vehicle.vehicle import Vehicle
+from groundstation.core.vehicle import Drive, Motion, Vehicle, rolled
+from links.core import Segment
 from links.core.deadman import BRING_DOWN_LIMIT_S
-from links.core.port import Segment
 
 VEHICLE = Vehicle()
 GRAVITY = 9.81

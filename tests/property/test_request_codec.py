@@ -3,7 +3,7 @@
 from hypothesis import given
 from hypothesis import strategies as st
 
-from groundstation.core.messages.requests import Ask, Reply, Request
+from groundstation.core.messages import Ask, Reply, Request
 from groundstation.interfaces.mqtt.gatekeeper import ClientKey, Gatekeeper
 from groundstation.interfaces.mqtt.messages import RequestMessage
 from groundstation.interfaces.mqtt.request_codec import Place, decode_request, is_sealed, sealed_request

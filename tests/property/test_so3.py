@@ -7,8 +7,7 @@ import numpy.typing as npt
 from hypothesis import given
 from hypothesis import strategies as st
 
-from groundstation.core.geometry import so3
-from groundstation.core.geometry.ops import Quat, Vec3, arrays
+from groundstation.core.geometry import Quat, Vec3, arrays, so3
 
 Matrix = npt.NDArray[np.float64]
 

@@ -9,17 +9,15 @@ from collections.abc import Callable
 
 import msgspec
 
-from groundstation.config.loader import ConfigError
-from sim.scenarios.preparation import scenario_of
+from groundstation.config import ConfigError
+from sim.scenarios import scenario_of
 
 
 def faults(args: argparse.Namespace) -> int:
     """Break one thing in every state of a mission."""
-    from sim.cli.console import Counter
-    from tests.proving.faults.deal import deal_cells, fly_all, quick
-    from tests.proving.faults.deck.faults import FAULTS
-    from tests.proving.faults.deck.moments import MOMENTS
-    from tests.proving.faults.table import text, write
+    from sim.cli import Counter
+    from tests.proving.faults import deal_cells, fly_all, quick, text, write
+    from tests.proving.faults.deck import FAULTS, MOMENTS
 
     scenario_of(args.scenario)
     for option, value, known in (("--fault", args.fault, FAULTS), ("--state", args.state, MOMENTS)):
@@ -48,7 +46,7 @@ def faults(args: argparse.Namespace) -> int:
 
 def soak(args: argparse.Namespace) -> int:
     """Fly for hours, and see whether anything grows."""
-    from sim.cli.console import Progress
+    from sim.cli import Progress
     from tests.proving.soak import soak as fly_on
     from tests.proving.soak import text
 
@@ -61,9 +59,7 @@ def soak(args: argparse.Namespace) -> int:
 
 def fuzz(args: argparse.Namespace) -> int:
     """Feed decoders random and damaged bytes."""
-    from tests.proving.fuzz.fuzz import fuzz_all, text
-    from tests.proving.fuzz.links import LINKS
-    from tests.proving.fuzz.subjects import SOURCES, Subject
+    from tests.proving.fuzz import LINKS, SOURCES, Subject, fuzz_all, text
 
     chosen: dict[str, Callable[[], Subject]] = {}
     for option, table in (("source", SOURCES), ("link", LINKS)):

@@ -13,18 +13,15 @@ from pathlib import Path
 
 import msgspec
 
-from groundstation.config.loader import dump
-from groundstation.recording.log import FlightLog
-from groundstation.recording.recorded import about
-from groundstation.runtime.flights import RecordingConfig, free_name, recordings, tidy
-from sim.scenarios.preparation import prepare
-from sim.scenarios.scenarios import SCENARIOS
-from sim.time.virtual_time import VirtualTimeLoop
-from tests.proving.bench.allocation import look
-from tests.proving.faults.cells.cell import NotReached, fly_here
-from tests.proving.faults.deck.fault import Fault, Scene
-from tests.proving.faults.deck.faults import BROKEN, STATES
-from tests.proving.faults.judge.verdict import Row
+from groundstation.config import dump
+from groundstation.recording import FlightLog, about
+from groundstation.runtime import RecordingConfig, free_name, recordings, tidy
+from sim.scenarios import SCENARIOS, prepare
+from sim.time import VirtualTimeLoop
+from tests.proving.bench import look
+from tests.proving.faults.cells import NotReached, fly_here
+from tests.proving.faults.deck import BROKEN, STATES, Fault, Scene
+from tests.proving.faults.judge import Row
 
 FAULTY_SHARE = 0.4
 """So many of the flights are struck by a fault, which is drawn, as is the state that it strikes in."""

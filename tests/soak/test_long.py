@@ -5,18 +5,15 @@ import tracemalloc
 
 import pytest
 
-from links.mavlink.protocol.codec import MavlinkCodec
-from sim.runs.fleet_real import fly_fleet_real
-from sim.runs.mission import from_floor
-from sim.scenarios.preparation import prepare
-from sim.scenarios.scenarios import SCENARIOS
+from links.mavlink.protocol import MavlinkCodec
+from sim.runs import fly_fleet_real, from_floor
+from sim.scenarios import SCENARIOS, prepare
 from tests.flight.flights import campaign_of, flown
 from tests.mavlink_table import FRAMES
 from tests.proving.bench.allocation import grown
 from tests.proving.bench.bench import Options, measured
+from tests.proving.fuzz import LINKS, SOURCES
 from tests.proving.fuzz.fuzz import fuzz
-from tests.proving.fuzz.links import LINKS
-from tests.proving.fuzz.subjects import SOURCES
 from tests.proving.soak import GROWTH, soak
 
 pytestmark = pytest.mark.soak

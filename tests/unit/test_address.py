@@ -1,6 +1,6 @@
 import pytest
 
-from links.io.address import is_loopback, parse_address
+from links.io import is_loopback, parse_address
 
 
 @pytest.mark.parametrize(

@@ -5,20 +5,11 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from groundstation.core.messages.requests import Ask
+from groundstation.core.messages import Ask
+from groundstation.interfaces.api import Control, decode
 from groundstation.interfaces.api.desk import Desk, Party
-from groundstation.interfaces.api.messages import (
-    Answer,
-    Control,
-    Hello,
-    Lines,
-    Order,
-    Refused,
-    decode,
-    decode_order,
-    encode,
-)
-from links.core.terminal_text import printable
+from groundstation.interfaces.api.messages import Answer, Hello, Lines, Order, Refused, decode_order, encode
+from links.core import printable
 from tests.sample_flight import Sampled, sample
 
 LINES = [b'{"id": 1, "ask": "land"}', b"", b"x" * 40, b"{}", b"y" * 41]

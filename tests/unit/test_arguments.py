@@ -6,9 +6,9 @@ from pathlib import Path
 import pytest
 
 from groundstation.__main__ import parser as flying_parser
-from groundstation.config.loader import ConfigError, load
+from groundstation.config import ConfigError, load
 from groundstation.interfaces.cli import commands as flying
-from links.bridge.server import BridgeConfig
+from links.bridge import BridgeConfig
 from sim.__main__ import parser as simulating_parser
 from sim.cli import commands as simulating
 

@@ -6,7 +6,7 @@ from typing import Any
 import pytest
 
 from groundstation.core.geometry import so3
-from links.mavlink.protocol.codec import ARM_DISARM, DO_SET_MODE, FORCE, NAV_LAND, SET_MESSAGE_INTERVAL, MavlinkCodec
+from links.mavlink.protocol import ARM_DISARM, DO_SET_MODE, FORCE, NAV_LAND, SET_MESSAGE_INTERVAL, MavlinkCodec
 from sim.autopilots.ardupilot import GUIDED, GUIDED_NOGPS, LAND, ArduPilotAutopilot
 from tests.airframe_double import Brick
 

@@ -8,18 +8,17 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from groundstation.core.control.attitude import acceleration, half_angle_error, length, push, sine_error, turning
+from groundstation.core.control import acceleration, half_angle_error, length, push, sine_error, turning
+from groundstation.core.controllers import ControllerConfig, make_controller
 from groundstation.core.controllers.baseline import Baseline, Outlet
 from groundstation.core.controllers.geometric import Geometric
 from groundstation.core.controllers.indi import Indi
-from groundstation.core.controllers.kinds import ControllerConfig, make_controller
 from groundstation.core.controllers.pid import Pid
-from groundstation.core.geometry.ops import Quat, Vec3
-from groundstation.core.geometry.so3 import from_euler_zyx, third_column, turned
-from groundstation.core.messages.control import Estimate
-from groundstation.core.trajectory.port import Reference
-from groundstation.core.vehicle.model import Motion
-from groundstation.core.vehicle.vehicle import Vehicle
+from groundstation.core.geometry import Quat, Vec3, third_column, turned
+from groundstation.core.geometry.so3 import from_euler_zyx
+from groundstation.core.messages import Estimate
+from groundstation.core.trajectory import Reference
+from groundstation.core.vehicle import Motion, Vehicle
 
 G = 9.81
 VEHICLE = Vehicle()

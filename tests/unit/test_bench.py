@@ -4,10 +4,10 @@ import json
 
 import pytest
 
-from groundstation.core.geometry.ops import FLOATS, arrays
-from groundstation.core.pilot import Pilot
+from groundstation.core import Pilot
+from groundstation.core.geometry import FLOATS, arrays
 from sim.__main__ import main
-from sim.time.turns import in_turns, percentile
+from sim.time import in_turns, percentile
 from tests.proving.bench import allocation as bench_allocation
 from tests.proving.bench import batch as bench_batch
 from tests.proving.bench import bench
@@ -20,7 +20,7 @@ from tests.proving.bench import screen as bench_screen
 from tests.proving.bench import tick as bench_monitor
 from tests.proving.bench import tick as bench_tick
 from tests.proving.bench.peers import Bench
-from tests.proving.fuzz.pose_bytes import FLIGHTS
+from tests.proving.fuzz import FLIGHTS
 
 
 @pytest.mark.real_time

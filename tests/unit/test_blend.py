@@ -6,10 +6,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from groundstation.core.geometry.ops import Vec3
-from groundstation.core.trajectory.lemniscate import LemniscateConfig
-from groundstation.core.trajectory.port import Reference
-from groundstation.core.trajectory.transition import LONGER, Blend, Chain, Limits, blend, run_in, stopped
+from groundstation.core.geometry import Vec3
+from groundstation.core.trajectory import Blend, Chain, LemniscateConfig, Limits, Reference, blend, run_in, stopped
+from groundstation.core.trajectory.transition import LONGER
 
 LIMITS = Limits(0.5, 1.0)
 EIGHT = LemniscateConfig(speed_m_s=0.5).build()

@@ -11,19 +11,20 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from links.bridge import Bridge, BridgeConfig, BridgeLink, BridgeLinkConfig
 from links.bridge.clock_bounds import ClockBounds
 from links.bridge.codec import HELLO, UP, UPS, Hello, Seal, Up, first_seal, kind_of
-from links.bridge.link import BridgeLink, BridgeLinkConfig, RemotePacer
-from links.bridge.server import SILENT_S, Bridge, BridgeConfig
-from links.core.port import Command, LinkError, LinkLost, LinkRejected, Segment
-from links.io.address import parse_address
+from links.bridge.link import RemotePacer
+from links.bridge.server import SILENT_S
+from links.core import Command, LinkError, LinkLost, LinkRejected, Segment
+from links.io import parse_address
+from links.rf import Arm, Give, Report
+from links.rf.codecs import DsmLinkConfig, Service
 from links.rf.codecs.channel_map import ChannelMap, Switch
-from links.rf.codecs.codec import Service
-from links.rf.codecs.dsm_codec import DsmLinkConfig
-from links.rf.pacer_messages import Arm, Give, Report
-from sim.radio.inline_pacer import WirePort, opened_on
-from sim.radio.rf_receiver import RfPeer, RfReceiver
-from sim.time.virtual_time import VirtualTimeLoop
+from sim.radio import RfPeer, WirePort
+from sim.radio.inline_pacer import opened_on
+from sim.radio.rf_receiver import RfReceiver
+from sim.time import VirtualTimeLoop
 from tests.airframe_double import Brick
 from tests.loops import in_virtual_time
 

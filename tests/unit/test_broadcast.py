@@ -2,7 +2,7 @@
 
 import asyncio
 
-from groundstation.runtime.broadcast import Latest
+from groundstation.runtime import Latest
 
 
 def test_every_waiting_reader_gets_the_new_value() -> None:

@@ -8,9 +8,7 @@ import msgspec
 import numpy as np
 import pytest
 
-from groundstation.core.geometry import so3
-from groundstation.core.geometry.frames import Alignment, Body, Frames, World
-from groundstation.core.geometry.ops import Quat, Vec3
+from groundstation.core.geometry import Alignment, Body, Frames, Quat, Vec3, World, so3
 from groundstation.lab.axes.moves import MOVES
 from groundstation.lab.axes.solve import Contradiction, Found, solve
 from tests.carried import Measure, carried

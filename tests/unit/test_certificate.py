@@ -6,11 +6,10 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from groundstation.core.control.adaptive import bound_decrease
+from groundstation.core.control import Gains, Law, acceleration_sup, bound_decrease, thrust_bound
 from groundstation.core.control.backstepping import axis
-from groundstation.core.control.certificate import acceleration_sup, thrust_bound, virtual_control_sup
-from groundstation.core.control.gains import Gains, Law
-from groundstation.core.geometry.ops import FLOATS
+from groundstation.core.control.certificate import virtual_control_sup
+from groundstation.core.geometry import FLOATS
 
 LAW = Law()
 SUP = virtual_control_sup(LAW)

@@ -6,10 +6,10 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from groundstation.config.loader import ConfigError, from_dict
-from groundstation.settings.settings import Config
-from links.rf.codecs.channel_map import ChannelMap, Channels, Copy, Fixed, Stick, Switch, Throttle
-from links.rf.codecs.dsm_codec import DsmLinkConfig
+from groundstation.config import ConfigError, from_dict
+from groundstation.settings import Config
+from links.rf.codecs import Channels, DsmLinkConfig
+from links.rf.codecs.channel_map import ChannelMap, Copy, Fixed, Stick, Switch, Throttle
 
 PLAIN = Channels(ChannelMap(), count=6, thrust_max_n=2.0)
 RATE = math.radians(100.0)

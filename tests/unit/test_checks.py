@@ -7,16 +7,15 @@ from typing import Any, get_args
 import msgspec
 import pytest
 
-from groundstation.config.loader import ConfigError, from_dict
-from groundstation.core.messages.pose import Pose
-from groundstation.core.messages.verdict import Check, Verdict
-from groundstation.core.safety.takeoff import Standing
-from groundstation.core.safety.witness import Agreement
+from groundstation.config import ConfigError, from_dict
+from groundstation.core.messages import Check, Pose, Verdict
+from groundstation.core.safety import Agreement, Standing
+from groundstation.flight import ensure_guarded
 from groundstation.flight.checks import Checks, failed, text
-from groundstation.flight.preflight import ensure_guarded, real
-from groundstation.pose.kinds import PoseConfig
-from groundstation.settings.settings import Config, LinkConfig
-from links.core.port import LinkStatus
+from groundstation.flight.preflight import real
+from groundstation.pose import PoseConfig
+from groundstation.settings import Config, LinkConfig
+from links.core import LinkStatus
 
 BASE: dict[str, Any] = {
     "pose": {"kind": "vicon", "rate_hz": 50.0},

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from links.core.child_command import make_child_command
+from links.core import make_child_command
 
 ROOT = Path(__file__).parents[2]
 SOURCES = [file for package in ("groundstation", "links", "sim") for file in (ROOT / package).rglob("*.py")]

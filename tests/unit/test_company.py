@@ -4,12 +4,12 @@ from typing import Any
 
 import pytest
 
-from groundstation.config.loader import from_dict
-from groundstation.core.messages.bodies import BODIES_MAX, Others
-from groundstation.core.messages.verdict import Check, Verdict
-from groundstation.flight.checks import Company, entry_of
-from groundstation.runtime.register import Running
-from groundstation.settings.settings import Config
+from groundstation.config import from_dict
+from groundstation.core.messages import Check, Others, Verdict
+from groundstation.core.messages.bodies import BODIES_MAX
+from groundstation.flight import Company, entry_of
+from groundstation.runtime import Running
+from groundstation.settings import Config
 from tests.unit.test_checks import standing
 
 BASE: dict[str, Any] = {

@@ -6,7 +6,7 @@ import msgspec
 import pytest
 
 from groundstation.analysis.replay.again import Comparison, Difference
-from links.core.port import Command, Segment
+from links.core import Command, Segment
 
 WAS = Command(1.0, (0.0, 0.5, 0.0), 3, 0.0, 1.0, (Segment(1.0, 2.0, (0.0, 0.0, 0.0)),))
 

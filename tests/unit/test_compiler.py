@@ -8,11 +8,10 @@ from pathlib import Path
 
 import pytest
 
-from groundstation.config.loader import ConfigError
+from groundstation.config import ConfigError
+from sim.batch import Compiled, Numpy, chosen
 from sim.batch import kernel as compiler
 from sim.batch.kernel import built
-from sim.batch.kernels import chosen
-from sim.batch.stages import Compiled, Numpy
 
 TEXT = "double half(double x) { return 0.5 * x; }\n"
 

@@ -10,11 +10,11 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from groundstation.config.loader import ConfigError, dump, from_dict, load
+from groundstation.config import ConfigError, dump, from_dict, load
 from groundstation.core.trajectory.circle import CircleConfig
 from groundstation.core.trajectory.hold import HoldConfig
-from groundstation.lab.fleet.plan import read_fleet
-from groundstation.settings.settings import Config
+from groundstation.lab.fleet import read_fleet
+from groundstation.settings import Config
 
 Positive = Annotated[float, msgspec.Meta(gt=0)]
 

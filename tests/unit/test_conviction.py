@@ -1,7 +1,7 @@
 """From what speaks against the poses to what is done."""
 
-from groundstation.core.safety.conviction import HELD_S, Conviction
-from groundstation.core.safety.obedience import Contradiction
+from groundstation.core.safety import Contradiction, Conviction
+from groundstation.core.safety.conviction import HELD_S
 
 NOTHING = Contradiction(0.0, 0.0, 0.0, 0.0)
 

@@ -6,10 +6,10 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from groundstation.config.loader import ConfigError, dump, load
+from groundstation.config import ConfigError, dump, load
 from groundstation.core.trajectory.kinds import SamplesConfig, WaypointsConfig
 from groundstation.core.trajectory.waypoints import parsed
-from groundstation.settings.settings import Config
+from groundstation.settings import Config
 
 GOOD = """# a comment
 t_s, north_m, east_m, up_m, yaw_deg

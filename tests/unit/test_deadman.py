@@ -7,8 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from links.core.deadman import Deadman, Phase
-from links.core.port import Command, LinkMisuse, Segment
+from links.core import Command, Deadman, LinkMisuse, Phase, Segment
 
 LEVEL = Segment(0.5, 0.7, (0.1, 0.0, 0.0))
 SINK = Segment(1.0, 0.6, (0.0, 0.0, 0.0))

@@ -8,8 +8,8 @@ from typing import Any
 
 import pytest
 
-from groundstation.config.loader import ConfigError, from_dict
-from groundstation.lab.doctor import ardupilot, px4, restore
+from groundstation.config import ConfigError, from_dict
+from groundstation.lab.doctor import Orders, ardupilot, doctor, px4, restore
 from groundstation.lab.doctor.advice import (
     Advice,
     Facts,
@@ -24,13 +24,11 @@ from groundstation.lab.doctor.advice import (
     with_bit,
     without_bit,
 )
-from groundstation.lab.doctor.command import EXIT_FINDINGS, EXIT_HEALTHY, EXIT_NO_ANSWER, Orders, doctor, report
-from groundstation.settings.settings import Config
-from links.mavlink.procedures.parameters import REAL32, Parameter
-from sim.autopilots.base import SimulatedAutopilot
-from sim.autopilots.kinds import AUTOPILOTS
+from groundstation.lab.doctor.command import EXIT_FINDINGS, EXIT_HEALTHY, EXIT_NO_ANSWER, report
+from groundstation.settings import Config
+from links.mavlink.procedures import REAL32, Parameter
+from sim.autopilots import AUTOPILOTS, AutopilotPeer, SimulatedAutopilot
 from sim.autopilots.parameters import ARDUPILOT_PARAMETERS, PX4_PARAMETERS
-from sim.autopilots.peer import AutopilotPeer
 from tests.airframe_double import Brick
 from tests.loops import in_virtual_time
 

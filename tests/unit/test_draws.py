@@ -2,7 +2,7 @@
 
 import pytest
 
-from sim.world.draws import generator, rows, stream
+from sim.world import generator, rows, stream
 
 SEEDS = (0, 1, 2**31, 2**32, 2**70 + 1, 2**130 + 3)
 

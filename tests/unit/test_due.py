@@ -5,7 +5,7 @@ from typing import Any
 
 import pytest
 
-from groundstation.flight.pacing import Due
+from groundstation.flight import Due
 
 
 def link(period_s: float, *, follows_poses: bool = False) -> Any:

@@ -9,17 +9,13 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from groundstation.core.control.gains import Gains
-from groundstation.core.estimation.estimator import ModelEstimator
-from groundstation.core.geometry import so3
-from groundstation.core.geometry.ops import FLOATS, Vec3
-from groundstation.core.messages.pose import Pose
-from groundstation.core.vehicle.model import Drive, Motion, approach, lead, rolled
-from groundstation.core.vehicle.vehicle import Vehicle
-from sim.world.draws import rows, stream
-from sim.world.quadrotor import Quadrotor
-from sim.world.wind import Wind
-from sim.world.world import World
+from groundstation.core.control import Gains
+from groundstation.core.estimation import ModelEstimator
+from groundstation.core.geometry import FLOATS, Vec3, so3
+from groundstation.core.messages import Pose
+from groundstation.core.vehicle import Drive, Motion, Vehicle, lead, rolled
+from groundstation.core.vehicle.model import approach
+from sim.world import Quadrotor, Wind, World, rows, stream
 
 VEHICLE = Vehicle()
 CALM = World(wind_mean=(0.0, 0.0, 0.0), floor_z_m=1e6)

@@ -3,12 +3,12 @@
 import numpy as np
 import pytest
 
-from groundstation.config.files import presets
-from groundstation.config.loader import ConfigError, from_dict, load
-from groundstation.core.trajectory.excitation import Excitation, ExcitationConfig
-from groundstation.core.vehicle.vehicle import Vehicle
-from groundstation.flight.preflight import look
-from groundstation.settings.settings import Config
+from groundstation.config import ConfigError, from_dict, load, presets
+from groundstation.core.trajectory import ExcitationConfig
+from groundstation.core.trajectory.excitation import Excitation
+from groundstation.core.vehicle import Vehicle
+from groundstation.flight import look
+from groundstation.settings import Config
 
 CONFIG = ExcitationConfig()
 

@@ -4,20 +4,13 @@ from collections.abc import Callable
 
 import pytest
 
-from groundstation.core.geometry import so3
-from groundstation.core.geometry.ops import Vec3
-from sim.scenarios.preparation import prepare
-from sim.scenarios.scenarios import SCENARIOS
-from sim.world.plant import Body
-from sim.world.quadrotor import Quadrotor
-from sim.world.wind import Wind
-from tests.proving.faults.deal import deal_cells
-from tests.proving.faults.deck.fault import REASONS, Exemption, Fault, Poses
-from tests.proving.faults.deck.faults import FAULTS, FROM_START, OBEYING
-from tests.proving.faults.deck.moments import MOMENTS
-from tests.proving.faults.judge.thrust import Thrust
-from tests.proving.faults.judge.truth import Truth
-from tests.proving.faults.judge.verdict import LIMITS, Answer, Row, judged
+from groundstation.core.geometry import Vec3, so3
+from sim.scenarios import SCENARIOS, prepare
+from sim.world import Body, Quadrotor, Wind
+from tests.proving.faults import deal_cells
+from tests.proving.faults.deck import FAULTS, MOMENTS, REASONS, Exemption, Fault, Poses
+from tests.proving.faults.deck.faults import FROM_START, OBEYING
+from tests.proving.faults.judge import LIMITS, Answer, Row, Thrust, Truth, judged
 from tests.proving.faults.table import page
 
 FALSE = Fault("made up", poses=Poses.FALSE)

@@ -5,7 +5,8 @@ import math
 import msgspec
 import pytest
 
-from groundstation.interfaces.mqtt.fleet import SILENCE_S, VEHICLES_MAX, Fleet, Seen
+from groundstation.interfaces.mqtt import Fleet, Seen
+from groundstation.interfaces.mqtt.fleet import SILENCE_S, VEHICLES_MAX
 from groundstation.interfaces.mqtt.messages import event_of
 from groundstation.interfaces.tui.fleet_rows import COLUMNS, ORDERS, details, headline, row, rows
 from tests.sample_flight import sample

@@ -8,10 +8,10 @@ import msgspec
 import pytest
 import tomli_w
 
-from groundstation.config.loader import ConfigError, from_dict
+from groundstation.config import ConfigError, from_dict
 from groundstation.interfaces.service.fleet_supervisor import by_hand
-from groundstation.lab.fleet.plan import Fleet, read_fleet
-from groundstation.settings.settings import Config
+from groundstation.lab.fleet import Fleet, read_fleet
+from groundstation.settings import Config
 
 LAB: dict[str, Any] = {
     "vehicle": {"mass_kg": 0.1},

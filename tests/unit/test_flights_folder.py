@@ -9,9 +9,9 @@ from typing import Any
 
 import pytest
 
-from groundstation.analysis.listing import logs_command
+from groundstation.analysis import logs_command
 from groundstation.recording.headline import Count
-from groundstation.runtime.flights import RecordingConfig, being_written, folder_of, free_name, recordings, tidy
+from groundstation.runtime import RecordingConfig, being_written, folder_of, free_name, recordings, tidy
 
 NOW = 1_800_000_000.0
 DAY = 86400.0

@@ -6,13 +6,11 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from groundstation.config.loader import from_dict
-from groundstation.core.messages.pose import Pose
-from groundstation.core.messages.requests import Ask
-from groundstation.core.mission.interrupts import Interrupts
-from groundstation.core.safety.takeoff import Spool, Standing, limit_n
-from groundstation.core.safety.touchdown import Touchdown
-from groundstation.settings.settings import Config
+from groundstation.config import from_dict
+from groundstation.core.messages import Ask, Pose
+from groundstation.core.mission import Interrupts
+from groundstation.core.safety import Spool, Standing, Touchdown, limit_n
+from groundstation.settings import Config
 
 LEVEL = (1.0, 0.0, 0.0, 0.0)
 

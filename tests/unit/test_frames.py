@@ -6,11 +6,9 @@ from typing import get_args
 
 import pytest
 
-from groundstation.config.loader import ConfigError, from_dict
-from groundstation.core.geometry import so3
-from groundstation.core.geometry.frames import Alignment, Body, Frames, World
-from groundstation.core.geometry.ops import Quat, Vec3
-from groundstation.settings.settings import Config
+from groundstation.config import ConfigError, from_dict
+from groundstation.core.geometry import Alignment, Body, Frames, Quat, Vec3, World, so3
+from groundstation.settings import Config
 
 WORLDS: tuple[World, ...] = get_args(World)
 BODIES: tuple[Body, ...] = get_args(Body)

@@ -9,10 +9,9 @@ import pytest
 
 import links.make
 from sim.__main__ import main
+from tests.proving.fuzz import FLIGHTS, LINKS, SOURCES
 from tests.proving.fuzz.fuzz import fuzz
-from tests.proving.fuzz.links import LINKS
-from tests.proving.fuzz.pose_bytes import FLIGHTS
-from tests.proving.fuzz.subjects import SOURCES, PoseSubject
+from tests.proving.fuzz.subjects import PoseSubject
 
 ALL = SOURCES | LINKS
 

@@ -9,10 +9,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from groundstation.core.geometry import so3
-from groundstation.core.geometry.ops import Quat, Vec3
-from groundstation.core.messages.pose import Pose, PoseEvent
-from groundstation.pose.gate import Gate, GateConfig
+from groundstation.core.geometry import Quat, Vec3, so3
+from groundstation.core.messages import Pose, PoseEvent
+from groundstation.pose import Gate, GateConfig
 from groundstation.pose.outbreaks import QUIET_S, Outbreaks
 
 DT = 0.02

@@ -7,7 +7,7 @@ from typing import Any
 import msgspec
 import pytest
 
-from groundstation.core.messages.requests import Ask, Reply, Request
+from groundstation.core.messages import Ask, Reply, Request
 from groundstation.interfaces.api.desk import ANYONE, Party
 from groundstation.interfaces.api.desk import Desk as ControlDesk
 from groundstation.interfaces.api.messages import Order

@@ -6,15 +6,13 @@ from typing import Any, NamedTuple
 import msgspec
 import pytest
 
-from groundstation.core.messages.control import Estimate
-from groundstation.core.mission.mission import State
-from groundstation.core.safety.escalation import Escalation, Finding, Step
-from groundstation.core.safety.fence import BoxFence, Fence
-from groundstation.core.safety.guards import Guards, GuardsConfig
-from groundstation.core.trajectory.port import Reference
-from groundstation.core.vehicle.model import Motion
-from groundstation.core.vehicle.vehicle import Vehicle
-from links.core.port import Command, LinkStatus
+from groundstation.core.messages import Estimate
+from groundstation.core.mission import State
+from groundstation.core.safety import Escalation, Fence, Finding, Guards, GuardsConfig, Step
+from groundstation.core.safety.fence import BoxFence
+from groundstation.core.trajectory import Reference
+from groundstation.core.vehicle import Motion, Vehicle
+from links.core import Command, LinkStatus
 
 VEHICLE = Vehicle()
 CONFIG = GuardsConfig()

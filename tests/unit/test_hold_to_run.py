@@ -11,14 +11,14 @@ from hypothesis import given
 from hypothesis import strategies as st
 from pymavlink.dialects.v20 import common
 
-from groundstation.config.loader import ConfigError, from_dict
+from groundstation.config import ConfigError, from_dict
+from groundstation.flight.hold_to_run import Hold, HoldWatch
 from groundstation.flight.hold_to_run.channel import OLD_S, RATE_HZ, ChannelInput
 from groundstation.flight.hold_to_run.device import open_device
-from groundstation.flight.hold_to_run.hold import DEBOUNCE_S, Hold, InputLost
-from groundstation.flight.hold_to_run.watch import LOOK_S, HoldWatch
-from groundstation.interfaces.service.readiness import flyable
-from groundstation.settings.hold_to_run import OperatorConfig
-from groundstation.settings.settings import Config
+from groundstation.flight.hold_to_run.hold import DEBOUNCE_S, InputLost
+from groundstation.flight.hold_to_run.watch import LOOK_S
+from groundstation.interfaces.service import flyable
+from groundstation.settings import Config, OperatorConfig
 from tests.hold_double import DeviceDouble, Hand, pad
 from tests.loops import in_virtual_time
 

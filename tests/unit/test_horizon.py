@@ -2,11 +2,9 @@
 
 import math
 
-from groundstation.core.geometry import so3
-from groundstation.core.geometry.ops import Quat, Vec3
-from sim.world.airframe import Truth
-from sim.world.draws import rows, stream
-from sim.world.horizon import LOOP_S, WANDER_RAD, Horizon
+from groundstation.core.geometry import Quat, Vec3, so3
+from sim.world import Horizon, Truth, rows, stream
+from sim.world.horizon import LOOP_S, WANDER_RAD
 
 GRAVITY = 9.81
 ZERO: Vec3 = (0.0, 0.0, 0.0)

@@ -6,11 +6,11 @@ from pathlib import Path
 
 import pytest
 
-from groundstation.config.loader import load
+from groundstation.config import load
 from groundstation.core.trajectory.waypoints import parsed
-from groundstation.flight.preflight import look
-from groundstation.lab.fleet.plan import read_fleet
-from groundstation.settings.settings import Config
+from groundstation.flight import look
+from groundstation.lab.fleet import read_fleet
+from groundstation.settings import Config
 
 ROOT = Path(__file__).parents[2]
 NAMES = ("trajectories.md", "vehicles.md", "identify-a-vehicle.md", "mqtt.md")

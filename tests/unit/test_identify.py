@@ -16,14 +16,12 @@ from groundstation.analysis.identify.scene import full_n, hover_signal, most_n
 from groundstation.analysis.identify.seen import Column, Seen
 from groundstation.analysis.identify.text import file_text, table
 from groundstation.analysis.identify.turning import turns
-from groundstation.core.geometry.ops import FLOATS
-from groundstation.core.geometry.so3 import IDENTITY
-from groundstation.core.geometry.so3 import turned as turned_by
-from groundstation.core.vehicle.model import Drive, Motion, rolled
-from groundstation.core.vehicle.vehicle import Vehicle
-from groundstation.settings.settings import Config
-from links.core.thrust_curve import full_thrust_n, signal, thrust
-from links.mavlink.link import MavlinkLinkConfig
+from groundstation.core.geometry import FLOATS, IDENTITY
+from groundstation.core.geometry import turned as turned_by
+from groundstation.core.vehicle import Drive, Motion, Vehicle, rolled
+from groundstation.settings import Config
+from links.core import full_thrust_n, signal, thrust
+from links.mavlink import MavlinkLinkConfig
 
 G, STEP_S = 9.81, 0.0025
 POSE_STEPS, FRAME_STEPS = 8, 9

@@ -4,7 +4,8 @@ from pathlib import Path
 
 import pytest
 
-from links.io.key_file import KEY_BYTES, make_key, read_key
+from links.io import make_key, read_key
+from links.io.key_file import KEY_BYTES
 
 
 def test_a_new_key_is_for_its_owner_alone_and_different_each_time(tmp_path: Path) -> None:

@@ -10,13 +10,11 @@ from pathlib import Path
 import msgspec
 import pytest
 
-from groundstation.core.control import gains
-from groundstation.core.control.gains import Gains
+from groundstation.core.control import Gains, gains
 from groundstation.core.estimation import settings as estimation
 from sim.__main__ import parser
-from sim.runs.flight import fly
-from sim.scenarios.preparation import prepare
-from sim.scenarios.scenarios import SCENARIOS
+from sim.runs import fly
+from sim.scenarios import SCENARIOS, prepare
 
 TEXT = (Path(__file__).parents[2] / "docs" / "explanation" / "law.md").read_text("utf-8")
 COMMANDS = [line for line in TEXT.splitlines() if line.startswith("groundstation-sim fly ")]

@@ -5,7 +5,7 @@ from pathlib import Path
 
 import pytest
 
-from sim.studies.vectors import LIMIT, worst_disagreement
+from sim.studies import LIMIT, worst_disagreement
 
 VECTORS = Path(__file__).parents[1] / "golden" / "control_law_vectors.json"
 

@@ -6,9 +6,9 @@ from typing import NamedTuple
 
 import pytest
 
-from groundstation.core.messages.pose import Pose
-from groundstation.core.safety.takeoff import Spool, SpoolUp, Standing
-from groundstation.core.vehicle.vehicle import Vehicle
+from groundstation.core.messages import Pose
+from groundstation.core.safety import Spool, SpoolUp, Standing
+from groundstation.core.vehicle import Vehicle
 
 LEVEL = (1.0, 0.0, 0.0, 0.0)
 G, PERIOD_S, STEP_S, LATENCY_S = 9.81, 0.01, 0.002, 0.02

@@ -6,12 +6,13 @@ from itertools import pairwise
 import msgspec
 import pytest
 
-from groundstation.core.control.gains import Gains
+from groundstation.core.control import Gains
 from groundstation.core.controllers.pid import Pid
-from groundstation.core.messages.control import Estimate
-from groundstation.core.safety.live_gains import BACK_S, JUDGED_S, LIVE, RAMP_S, LiveGains
-from groundstation.core.trajectory.port import Reference
-from groundstation.core.vehicle.model import Motion
+from groundstation.core.messages import Estimate
+from groundstation.core.safety import LIVE, RAMP_S, LiveGains
+from groundstation.core.safety.live_gains import BACK_S, JUDGED_S
+from groundstation.core.trajectory import Reference
+from groundstation.core.vehicle import Motion
 
 PERIOD_S = 0.02
 HERE = Reference((0.0, 0.0, -1.0))

@@ -9,17 +9,12 @@ from typing import Any
 import pytest
 
 from groundstation.core.geometry import so3
-from groundstation.pose.recorded.tlog_codec import TlogReader
-from links.core.port import Attitude, LinkMisuse
-from links.mavlink.link import MavlinkLink, MavlinkLinkConfig
-from links.mavlink.protocol.attitude import ATTITUDE_HZ, attitude_of
-from links.mavlink.protocol.codec import PX4, Message
-from links.mavlink.protocol.dialect import DIALECT
-from links.mavlink.protocol.timesync import Trip
+from groundstation.pose.recorded import TlogReader
+from links.core import Attitude, LinkMisuse
+from links.mavlink import MavlinkLink, MavlinkLinkConfig
+from links.mavlink.protocol import ATTITUDE_HZ, DIALECT, PX4, Message, Trip, attitude_of
+from sim.autopilots import AutopilotPeer, Px4Autopilot, SimulatedAutopilot
 from sim.autopilots.ardupilot import ArduPilotAutopilot
-from sim.autopilots.base import SimulatedAutopilot
-from sim.autopilots.peer import AutopilotPeer
-from sim.autopilots.px4 import Px4Autopilot
 from tests.airframe_double import Brick
 from tests.loops import in_virtual_time
 from tests.unit.test_mavlink_link import HERE, Endpoint, accept

@@ -5,8 +5,9 @@ from typing import Any
 import pytest
 
 from groundstation.core.geometry import so3
-from links.mavlink.protocol.codec import ARM_DISARM, DO_SET_MODE, FORCE, SET_MESSAGE_INTERVAL, MavlinkCodec
-from sim.autopilots.px4 import LAND, OFFBOARD, Px4Autopilot
+from links.mavlink.protocol import ARM_DISARM, DO_SET_MODE, FORCE, SET_MESSAGE_INTERVAL, MavlinkCodec
+from sim.autopilots import Px4Autopilot
+from sim.autopilots.px4 import LAND, OFFBOARD
 from tests.airframe_double import Brick
 
 PERIOD_S = 0.02

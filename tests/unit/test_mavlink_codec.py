@@ -5,7 +5,7 @@ import math
 import pytest
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
-from links.mavlink.protocol.codec import ARM_DISARM, DO_SET_MODE, MavlinkCodec
+from links.mavlink.protocol import ARM_DISARM, DO_SET_MODE, MavlinkCodec
 from tests.mavlink_table import FRAMES, Golden, golden, same
 
 

@@ -9,8 +9,7 @@ from typing import Any
 import pytest
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
-from links.mavlink.protocol.codec import MavlinkCodec
-from links.mavlink.protocol.dialect import DIALECT
+from links.mavlink.protocol import DIALECT, MavlinkCodec
 from tests.mavlink_table import same
 
 WHOLE = {"B": (0, 8), "b": (1, 8), "H": (0, 16), "h": (1, 16), "I": (0, 32), "i": (1, 32), "Q": (0, 64), "q": (1, 64)}

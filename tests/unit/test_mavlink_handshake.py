@@ -5,12 +5,12 @@ from typing import Any
 
 import pytest
 
-from links.core.port import LinkLost, LinkRejected
+from links.core import LinkLost, LinkRejected
+from links.mavlink.procedures import Autopilot, Handshake, arming, disarming, landing_disarmed
 from links.mavlink.procedures.command import PATIENCE_S
-from links.mavlink.procedures.handshake import STREAM_S, arming, disarming, landing_disarmed, silence, stream
-from links.mavlink.procedures.steps import ANSWER_S, TRIES, Autopilot, Handshake
-from links.mavlink.protocol.codec import ARDUPILOT, ARM_DISARM, DO_SET_MODE, PX4, MavlinkCodec
-from links.mavlink.protocol.status import Words
+from links.mavlink.procedures.handshake import STREAM_S, silence, stream
+from links.mavlink.procedures.steps import ANSWER_S, TRIES
+from links.mavlink.protocol import ARDUPILOT, ARM_DISARM, DO_SET_MODE, PX4, MavlinkCodec, Words
 
 Answer = Callable[[Any], list[Any]]
 

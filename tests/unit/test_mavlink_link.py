@@ -7,14 +7,13 @@ from typing import Any
 import msgspec
 import pytest
 
-from groundstation.core.messages.pose import Pose
-from groundstation.pose.sources.mavlink import MavlinkPoseConfig, MavlinkPoseSource
-from links.core.port import Command, LinkError, LinkLost, LinkMisuse, LinkRejected
-from links.mavlink.link import MavlinkLink, MavlinkLinkConfig
-from links.mavlink.protocol.codec import ARDUPILOT, ARM_DISARM, DO_SET_MODE, PX4, SET_MESSAGE_INTERVAL, MavlinkCodec
-from sim.autopilots.peer import AutopilotPeer
-from sim.autopilots.px4 import Px4Autopilot
-from sim.time.virtual_time import VirtualTimeLoop
+from groundstation.core.messages import Pose
+from groundstation.pose.sources import MavlinkPoseConfig, MavlinkPoseSource
+from links.core import Command, LinkError, LinkLost, LinkMisuse, LinkRejected
+from links.mavlink import MavlinkLink, MavlinkLinkConfig
+from links.mavlink.protocol import ARDUPILOT, ARM_DISARM, DO_SET_MODE, PX4, SET_MESSAGE_INTERVAL, MavlinkCodec
+from sim.autopilots import AutopilotPeer, Px4Autopilot
+from sim.time import VirtualTimeLoop
 from tests.airframe_double import Brick
 from tests.loops import in_virtual_time
 

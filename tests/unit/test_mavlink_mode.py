@@ -2,10 +2,9 @@
 
 import math
 
-from links.mavlink.procedures.mode import AGAIN_S, PATIENCE_S, AskMode
-from links.mavlink.procedures.steps import Autopilot
-from links.mavlink.protocol.codec import PX4, REQUEST_MESSAGE, MavlinkCodec
-from links.mavlink.protocol.status import Words
+from links.mavlink.procedures import AskMode, Autopilot
+from links.mavlink.procedures.mode import AGAIN_S, PATIENCE_S
+from links.mavlink.protocol import PX4, REQUEST_MESSAGE, MavlinkCodec, Words
 from tests.unit.test_mavlink_link import D
 
 HEARTBEAT = D.MAVLink_heartbeat_message(2, PX4, 128, 6 << 16, 3, 3)

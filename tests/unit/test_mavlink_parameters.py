@@ -8,21 +8,11 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from links.core.port import LinkLost, LinkRejected
-from links.mavlink.procedures.parameters import (
-    ASKED,
-    AT_ONCE,
-    REAL32,
-    WHOLE_BITS,
-    Parameter,
-    ReadAll,
-    Write,
-    decode,
-    encode,
-)
-from links.mavlink.procedures.steps import TRIES, Autopilot
-from links.mavlink.protocol.codec import ARDUPILOT, PX4, MavlinkCodec
-from links.mavlink.protocol.status import Words
+from links.core import LinkLost, LinkRejected
+from links.mavlink.procedures import REAL32, WHOLE_BITS, Autopilot, Parameter, ReadAll, Write, decode, encode
+from links.mavlink.procedures.parameters import ASKED, AT_ONCE
+from links.mavlink.procedures.steps import TRIES
+from links.mavlink.protocol import ARDUPILOT, PX4, MavlinkCodec, Words
 
 INT8, INT32 = 2, 6
 

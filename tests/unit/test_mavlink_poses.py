@@ -6,10 +6,10 @@ from typing import Any
 import pytest
 
 from groundstation.core.geometry import so3
-from groundstation.core.messages.pose import Pose
+from groundstation.core.messages import Pose
 from groundstation.pose.intake.source_clock import SourceClock
-from groundstation.pose.sources.mavlink_codec import Decoder, LocalPositionDecoder, OdometryDecoder, decoder_for
-from links.mavlink.protocol.codec import ARDUPILOT, PX4, MavlinkCodec
+from groundstation.pose.sources import Decoder, LocalPositionDecoder, OdometryDecoder, decoder_for
+from links.mavlink.protocol import ARDUPILOT, PX4, MavlinkCodec
 from tests.mavlink_table import golden
 
 CODEC = MavlinkCodec(1, 1)

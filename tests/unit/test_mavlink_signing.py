@@ -10,10 +10,10 @@ from hypothesis import given
 from hypothesis import strategies as st
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
-from links.io.key_file import read_key
-from links.mavlink.protocol.codec import ARM_DISARM, MavlinkCodec
-from links.mavlink.protocol.signing import MINUTE, TICKS_PER_S, Signer
-from links.mavlink.signing_key import StampFile
+from links.io import read_key
+from links.mavlink import StampFile
+from links.mavlink.protocol import ARM_DISARM, TICKS_PER_S, MavlinkCodec, Signer
+from links.mavlink.protocol.signing import MINUTE
 from tests.mavlink_table import golden
 
 KEY = bytes(range(32))

@@ -5,8 +5,8 @@ from typing import Any
 
 import pytest
 
-from groundstation.core.messages.pose import Pose
-from groundstation.pose.sources.mavlink import MavlinkPoseConfig, MavlinkPoseSource
+from groundstation.core.messages import Pose
+from groundstation.pose.sources import MavlinkPoseConfig, MavlinkPoseSource
 from tests.unit.test_mavlink_link import D, Endpoint, accept, scene
 
 SLOW = 0.008

@@ -6,11 +6,19 @@ from typing import Any
 
 import pytest
 
-from links.core.port import Command, LinkError, LinkLost, LinkMisuse, LinkRejected, Segment
-from links.io.datagrams import Datagrams
-from links.mavlink.link import MavlinkLink, MavlinkLinkConfig
-from links.mavlink.protocol.codec import ARDUPILOT, ARM_DISARM, DO_SET_MODE, FORCE, PX4, REQUEST_MESSAGE, MavlinkCodec
-from links.mavlink.protocol.config import ForwardConfig
+from links.core import Command, LinkError, LinkLost, LinkMisuse, LinkRejected, Segment
+from links.io import Datagrams
+from links.mavlink import MavlinkLink, MavlinkLinkConfig
+from links.mavlink.protocol import (
+    ARDUPILOT,
+    ARM_DISARM,
+    DO_SET_MODE,
+    FORCE,
+    PX4,
+    REQUEST_MESSAGE,
+    ForwardConfig,
+    MavlinkCodec,
+)
 from tests.loops import in_virtual_time
 from tests.unit.test_mavlink_link import D, Endpoint, accept, command, scene
 

@@ -7,12 +7,12 @@ from typing import Any
 
 import pytest
 
-from groundstation.core.messages.pose import Pose, SourceError
-from groundstation.pose.recorded.tlog import TlogConfig, TlogSource, pose_decoder
-from groundstation.pose.recorded.tlog_codec import TlogReader
-from groundstation.pose.sources.mavlink_codec import LocalPositionDecoder, OdometryDecoder
-from links.mavlink.protocol.codec import MavlinkCodec
-from sim.time.virtual_time import VirtualTimeLoop
+from groundstation.core.messages import Pose, SourceError
+from groundstation.pose.recorded import TlogConfig, TlogReader, pose_decoder
+from groundstation.pose.recorded.tlog import TlogSource
+from groundstation.pose.sources import LocalPositionDecoder, OdometryDecoder
+from links.mavlink.protocol import MavlinkCodec
+from sim.time import VirtualTimeLoop
 from tests.mavlink_table import FRAMES, golden
 
 START_US = 1_790_000_000_000_000

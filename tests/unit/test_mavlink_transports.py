@@ -11,10 +11,10 @@ from typing import Any, Protocol
 import pytest
 
 import links.mavlink.transport.reconnecting
-from links.core.port import Command
-from links.io.address import parse_address
-from links.mavlink.link import MavlinkLink, MavlinkLinkConfig
-from links.mavlink.protocol.codec import MavlinkCodec
+from links.core import Command
+from links.io import parse_address
+from links.mavlink import MavlinkLink, MavlinkLinkConfig
+from links.mavlink.protocol import MavlinkCodec
 from tests.loops import free_address, in_real_time
 from tests.unit.test_mavlink_wires import Answering, SerialEnd, TcpEnd, until
 

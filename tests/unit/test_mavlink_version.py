@@ -1,9 +1,8 @@
 """links/mavlink/procedures/version.py: the firmware's version, told, refused, or kept to itself."""
 
-from links.mavlink.procedures.steps import Autopilot
-from links.mavlink.procedures.version import ASKED, ReadVersion
-from links.mavlink.protocol.codec import PX4, REQUEST_MESSAGE, MavlinkCodec
-from links.mavlink.protocol.status import Words
+from links.mavlink.procedures import Autopilot, ReadVersion
+from links.mavlink.procedures.version import ASKED
+from links.mavlink.protocol import PX4, REQUEST_MESSAGE, MavlinkCodec, Words
 
 CODEC = MavlinkCodec(245, 190)
 D = CODEC.dialect

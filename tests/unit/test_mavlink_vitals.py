@@ -2,8 +2,8 @@
 
 import pytest
 
-from links.mavlink.protocol.codec import ARDUPILOT, PX4, MavlinkCodec
-from links.mavlink.protocol.status import Vitals, mode_name
+from links.mavlink.protocol import ARDUPILOT, PX4, MavlinkCodec, Vitals
+from links.mavlink.protocol.status import mode_name
 
 
 @pytest.mark.parametrize(

@@ -13,11 +13,10 @@ import msgspec
 import pytest
 
 import links.mavlink.transport.reconnecting
-from links.core.port import Command, LinkLost
+from links.core import Command, LinkLost
 from links.io.serial_port import open_port
-from links.mavlink.connection import MavlinkConnection
-from links.mavlink.link import MavlinkLink, MavlinkLinkConfig
-from links.mavlink.protocol.codec import PX4, MavlinkCodec
+from links.mavlink import MavlinkConnection, MavlinkLink, MavlinkLinkConfig
+from links.mavlink.protocol import PX4, MavlinkCodec
 from links.mavlink.transport.wire import Ear
 from tests.loops import free_address, in_real_time, in_virtual_time
 

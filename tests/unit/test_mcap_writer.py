@@ -12,7 +12,8 @@ from mcap.records import Message
 from mcap.stream_reader import StreamReader
 from mcap.writer import CompressionType, Writer
 
-from groundstation.recording.mcap_writer import CHUNK_BYTES, McapWriter
+from groundstation.recording import McapWriter
+from groundstation.recording.mcap_writer import CHUNK_BYTES
 
 TOPICS = {"/a": b"{}", "/b": b'{"type": "object"}', "/ü": b"{}"}
 

@@ -4,18 +4,10 @@ from pathlib import Path
 
 import pytest
 
-from groundstation.core.messages.requests import Ask, Request, decode
-from groundstation.core.mission.mission import (
-    EVENT_OF,
-    FINAL,
-    IN_AIR,
-    ON_GROUND,
-    TABLE,
-    Event,
-    IllegalMove,
-    Mission,
-    State,
-)
+from groundstation.core.messages import Ask, Request
+from groundstation.core.messages.requests import decode
+from groundstation.core.mission import EVENT_OF, FINAL, IN_AIR, ON_GROUND, TABLE, Event, Mission, State
+from groundstation.core.mission.mission import IllegalMove
 from groundstation.interfaces.cli.mission_diagram import BEGIN, END, markdown, mermaid, write
 
 PAGE = Path(__file__).parents[2] / "docs" / "explanation" / "mission.md"

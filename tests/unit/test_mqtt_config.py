@@ -6,12 +6,11 @@ from typing import Any
 
 import pytest
 
-from groundstation.config.loader import ConfigError, dump, from_dict
-from groundstation.interfaces.mqtt.broker import from_url, in_words, opened
-from groundstation.interfaces.mqtt.requests import ensure_mqtt
-from groundstation.settings.mqtt import MqttConfig
-from groundstation.settings.settings import Config
-from links.io.key_file import make_key
+from groundstation.config import ConfigError, dump, from_dict
+from groundstation.interfaces.mqtt import ensure_mqtt, from_url, in_words
+from groundstation.interfaces.mqtt.broker import opened
+from groundstation.settings import Config, MqttConfig
+from links.io import make_key
 
 
 @pytest.mark.parametrize(

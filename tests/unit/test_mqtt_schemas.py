@@ -9,7 +9,7 @@ import msgspec
 import pytest
 from jsonschema import Draft202012Validator
 
-from groundstation.core.messages.snapshot import Snapshot
+from groundstation.core.messages import Snapshot
 from groundstation.interfaces.mqtt import gatekeeper, request_codec
 from groundstation.interfaces.mqtt.messages import (
     TOPICS,

@@ -5,13 +5,12 @@ from typing import Any
 import msgspec
 import pytest
 
-from groundstation.config.loader import ConfigError, from_dict
-from groundstation.config.names import is_name
-from groundstation.interfaces.mqtt.fleet import Fleet
+from groundstation.config import ConfigError, from_dict, is_name
+from groundstation.interfaces.mqtt import Fleet
 from groundstation.interfaces.mqtt.messages import RequestMessage
 from groundstation.lab.fleet.plan import Name
 from groundstation.runtime.flights import RECORDING
-from groundstation.settings.settings import Config
+from groundstation.settings import Config
 
 NO_NAMES = ["", "mqx\n", "..", ".", "-rf", "_x", "a/b", "a b", "ä", "x\x00", "\nmqx", "mqx\r", "+", "#"]
 

@@ -7,12 +7,10 @@ import msgspec
 import pytest
 
 from groundstation.core.geometry import so3
-from groundstation.core.messages.pose import Pose
-from groundstation.pose.sources import natnet_codec
-from groundstation.pose.sources.natnet import NatNetConfig
-from links.io.address import parse_address
-from sim.trackers.natnet_server import NatNetServer
-from sim.trackers.trackers import Seen
+from groundstation.core.messages import Pose
+from groundstation.pose.sources import NatNetConfig, natnet_codec
+from links.io import parse_address
+from sim.trackers import NatNetServer, Seen
 from tests.loops import free_address, in_real_time, in_virtual_time
 
 

@@ -9,12 +9,12 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from groundstation.core.geometry.ops import Quat, Vec3
-from groundstation.core.geometry.so3 import multiply, third_column, turned
-from groundstation.core.messages.pose import Pose
+from groundstation.core.geometry import Quat, Vec3, multiply, third_column, turned
+from groundstation.core.messages import Pose
+from groundstation.core.safety import NODE_S, Obedience
 from groundstation.core.safety.images import EXPANDS, Filter
-from groundstation.core.safety.obedience import GAP_S, HEADING_SUSPECTS, NODE_S, SUSPECTS, Obedience
-from groundstation.core.vehicle.model import Driven, Motion
+from groundstation.core.safety.obedience import GAP_S, HEADING_SUSPECTS, SUSPECTS
+from groundstation.core.vehicle import Driven, Motion
 
 G, MASS_KG, PERIOD_S = 9.81, 0.5, 0.01
 NOISE_M, NOISE_RAD = 0.0005, 0.002

@@ -8,16 +8,16 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from groundstation.config.loader import from_dict
+from groundstation.config import from_dict
 from groundstation.core.geometry import so3
-from groundstation.core.messages.bodies import Others
-from groundstation.core.messages.pose import Pose
-from groundstation.pose.kinds import make_source
-from groundstation.settings.settings import Config
-from links.make import make_link
-from sim.trackers.trackers import Seen, make_tracker
+from groundstation.core.messages import Others, Pose
+from groundstation.pose import make_source
+from groundstation.settings import Config
+from links import make_link
+from sim.trackers import Seen, make_tracker
 from tests.loops import in_virtual_time
-from tests.proving.fuzz.pose_bytes import FLIGHTS, natnet_handshake
+from tests.proving.fuzz import FLIGHTS
+from tests.proving.fuzz.pose_bytes import natnet_handshake
 
 KINDS: list[dict[str, Any]] = [
     {

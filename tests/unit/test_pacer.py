@@ -7,14 +7,11 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from links.core.lateness import Lateness
-from links.core.port import Command, Segment
-from links.rf.codecs.channel_map import ChannelMap, Channels, Sticks, Switch
-from links.rf.codecs.codec import Service
-from links.rf.codecs.crsf_codec import CrsfLinkConfig
-from links.rf.codecs.dsm_codec import DsmLinkConfig
-from links.rf.pacer import AFTERLIFE_S, FramePacer
-from links.rf.pacer_messages import Arm, End, Give, Serve, Stop
+from links.core import Command, Lateness, Segment
+from links.rf import Arm, End, FramePacer, Give, Serve, Stop
+from links.rf.codecs import Channels, CrsfLinkConfig, DsmLinkConfig, Service
+from links.rf.codecs.channel_map import ChannelMap, Sticks, Switch
+from links.rf.pacer import AFTERLIFE_S
 
 CONFIG = DsmLinkConfig(map=ChannelMap(arm=Switch(channel=5)), arm_low_s=0.2, arm_high_s=0.3)
 THRUST_MAX_N = 2.0

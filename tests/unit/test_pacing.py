@@ -7,7 +7,7 @@ from typing import Any, cast
 import pytest
 
 from groundstation.flight.pacing import LAST_CHANCE_S, Pacing
-from links.core.port import CommandLink
+from links.core import CommandLink
 from tests.loops import in_virtual_time
 
 PERIOD_S = 0.0225

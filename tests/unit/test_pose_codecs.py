@@ -5,14 +5,18 @@ from collections.abc import Sequence
 
 import pytest
 
-from groundstation.core.geometry import so3
-from groundstation.core.geometry.frames import Frames
-from groundstation.core.geometry.ops import Quat
-from groundstation.pose.intake.intake import Intake
-from groundstation.pose.sources import json_codec, natnet_codec, qualisys_codec, vision_codec
-from groundstation.pose.sources.natnet_reader import SILENT_BEATS, NatNetReader
-from groundstation.pose.sources.vision_codec import VisionReader
-from links.mavlink.protocol.codec import MavlinkCodec
+from groundstation.core.geometry import Frames, Quat, so3
+from groundstation.pose.intake import Intake
+from groundstation.pose.sources import (
+    NatNetReader,
+    VisionReader,
+    json_codec,
+    natnet_codec,
+    qualisys_codec,
+    vision_codec,
+)
+from groundstation.pose.sources.natnet_reader import SILENT_BEATS
+from links.mavlink.protocol import MavlinkCodec
 from tests.pose_tables import TABLES, Row, fresh_reader
 
 ROWS = [pytest.param(name, row, id=f"{name}: {row.about}") for name, table in TABLES.items() for row in table.rows]

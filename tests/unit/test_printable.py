@@ -9,16 +9,14 @@ from typing import Any
 
 import pytest
 
-from groundstation.config.loader import ConfigError
-from groundstation.interfaces.mqtt.fleet import Fleet
+from groundstation.config import ConfigError
+from groundstation.interfaces.mqtt import Fleet
 from groundstation.interfaces.tui.fleet_rows import details, row
-from groundstation.interfaces.tui.parts.bars import content
-from groundstation.interfaces.tui.parts.words import row as shown
-from groundstation.runtime import entry
-from groundstation.runtime.outlet import Outlet
-from links.core.terminal_text import printable
-from links.mavlink.protocol.codec import MavlinkCodec
-from links.mavlink.protocol.status import Words
+from groundstation.interfaces.tui.parts import content
+from groundstation.interfaces.tui.parts import row as shown
+from groundstation.runtime import Outlet, entry
+from links.core import printable
+from links.mavlink.protocol import MavlinkCodec, Words
 
 HOSTILE = {
     "window title": "\x1b]0;owned\x07",

@@ -5,11 +5,12 @@ from typing import Any
 
 import pytest
 
-from groundstation.config.loader import from_dict
-from groundstation.core.messages.verdict import Check, Verdict
+from groundstation.config import from_dict
+from groundstation.core.messages import Check, Verdict
+from groundstation.flight import Proof, digest, place, save
 from groundstation.flight.checks import Checks
-from groundstation.flight.proof import Proof, digest, lacks, on_file, place, save
-from groundstation.settings.settings import Config
+from groundstation.flight.proof import lacks, on_file
+from groundstation.settings import Config
 from tests.unit.test_checks import BASE, LINK, standing
 
 REAL: dict[str, Any] = {**BASE, "link": {"kind": "mavlink", "remote": "192.168.1.20:14540"}}

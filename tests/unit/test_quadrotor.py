@@ -6,12 +6,9 @@ import msgspec
 import numpy as np
 import pytest
 
-from groundstation.core.geometry import so3
-from groundstation.core.geometry.ops import Vec3
-from sim.world.draws import rows, stream
-from sim.world.quadrotor import Quadrotor
-from sim.world.wind import CORRELATION_S, GRID_S, Wind, begun, felt, stirred
-from sim.world.world import World
+from groundstation.core.geometry import Vec3, so3
+from sim.world import Quadrotor, Wind, World, begun, felt, rows, stirred, stream
+from sim.world.wind import CORRELATION_S, GRID_S
 
 CALM = World(wind_mean=(0.0, 0.0, 0.0), floor_z_m=1e6)
 

@@ -7,12 +7,12 @@ from typing import Any
 import pytest
 
 from groundstation.core.geometry import so3
-from groundstation.core.messages.pose import Pose
+from groundstation.core.messages import Pose
+from groundstation.pose.sources import QualisysConfig
 from groundstation.pose.sources import qualisys_codec as qtm
-from groundstation.pose.sources.qualisys import QualisysConfig, QualisysSource
-from links.io.address import parse_address
-from sim.trackers.qtm_server import QtmServer
-from sim.trackers.trackers import Seen
+from groundstation.pose.sources.qualisys import QualisysSource
+from links.io import parse_address
+from sim.trackers import QtmServer, Seen
 from tests.loops import BOTH_LOOPS, free_address, in_virtual_time
 
 

@@ -3,8 +3,9 @@
 import asyncio
 from collections.abc import Coroutine
 
-from groundstation.runtime.quiet import WITHIN_S, Quiet
-from sim.time.virtual_time import VirtualTimeLoop
+from groundstation.runtime import Quiet
+from groundstation.runtime.quiet import WITHIN_S
+from sim.time import VirtualTimeLoop
 
 
 def in_virtual_time(scene: Coroutine[None, None, None]) -> None:

@@ -11,15 +11,12 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from groundstation.core.messages.pose import Pose, SourceError
-from groundstation.pose.recorded.csv import CsvConfig
-from groundstation.pose.recorded.csv_codec import Row, encode, rows
+from groundstation.core.messages import Pose, SourceError
+from groundstation.pose.recorded import CsvConfig, Row, TlogConfig, encode, rows
 from groundstation.pose.recorded.playback import Speed
-from groundstation.pose.recorded.tlog import TlogConfig
 from sim.cli.run_folder import RunFolder
-from sim.runs.flight import fly
-from sim.scenarios.preparation import prepare
-from sim.scenarios.scenarios import SCENARIOS
+from sim.runs import fly
+from sim.scenarios import SCENARIOS, prepare
 from tests.loops import in_virtual_time
 
 number = st.floats(allow_nan=False, allow_infinity=False, width=64)

@@ -3,11 +3,12 @@
 import asyncio
 from typing import Any
 
+from groundstation.recording import Received, Record, Sent
 from groundstation.recording.log import TlogCutter
-from groundstation.recording.records import Opened, Received, Record, Sent
+from groundstation.recording.records import Opened
 from groundstation.recording.wires import Wires
-from links.io.address import parse_address
-from sim.time.virtual_time import VirtualTimeLoop
+from links.io import parse_address
+from sim.time import VirtualTimeLoop
 from tests.loops import free_address
 from tests.mavlink_table import FRAMES
 

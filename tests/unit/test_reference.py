@@ -5,11 +5,11 @@ from pathlib import Path
 import msgspec
 import pytest
 
-from groundstation.config.files import presets
-from groundstation.core.vehicle.vehicle import Vehicle
+from groundstation.config import presets
+from groundstation.core.vehicle import Vehicle
 from groundstation.interfaces.mqtt.schemas import schemas
-from groundstation.settings.settings import Config
-from sim.studies.campaign.folder import COLUMNS
+from groundstation.settings import Config
+from sim.studies.campaign import COLUMNS
 from tests.proving.reference.pages import PAGES, SCHEMAS, page, reference_command
 from tests.proving.reference.remarks import remarks
 

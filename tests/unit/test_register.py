@@ -8,9 +8,8 @@ from pathlib import Path
 
 import pytest
 
-from groundstation.runtime import register
-from groundstation.runtime.place import ApiError
-from groundstation.runtime.register import SUFFIX, Running, registered, running, send
+from groundstation.runtime import ApiError, Running, register, registered, running, send
+from groundstation.runtime.register import SUFFIX
 
 ONE = Running(pid=os.getpid(), command="fly", vehicle="mqx", socket="/x/mqx.sock")
 PROGRAM = """

@@ -2,10 +2,7 @@
 
 import pytest
 
-from links.rf.codecs.codec import Heard, Service
-from links.rf.codecs.crsf_codec import CrsfLinkConfig
-from links.rf.codecs.dsm_codec import DsmLinkConfig
-from links.rf.codecs.kinds import RF_CODECS
+from links.rf.codecs import RF_CODECS, CrsfLinkConfig, DsmLinkConfig, Heard, Service
 from tests.rf_table import CODECS, ROWS, Row, of_kind
 
 row = pytest.mark.parametrize("row", ROWS, ids=lambda row: row.about)

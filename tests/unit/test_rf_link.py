@@ -8,14 +8,13 @@ from typing import Any
 import msgspec
 import pytest
 
-from links.core.port import Command, LinkError, LinkLost, LinkMisuse, LinkRejected, Segment
+from links.core import Command, LinkError, LinkLost, LinkMisuse, LinkRejected, Segment
+from links.rf import SerialRfLink
+from links.rf.codecs import CrsfLinkConfig, DsmLinkConfig, Service
 from links.rf.codecs.channel_map import ChannelMap, Switch
-from links.rf.codecs.codec import Service
-from links.rf.codecs.crsf_codec import CrsfLinkConfig
-from links.rf.codecs.dsm_codec import DsmLinkConfig
-from links.rf.link import SerialRfLink
-from sim.radio.inline_pacer import WirePort, opened_on
-from sim.radio.rf_receiver import FAILSAFE_S, RfPeer, RfReceiver
+from sim.radio import FAILSAFE_S, RfPeer, WirePort
+from sim.radio.inline_pacer import opened_on
+from sim.radio.rf_receiver import RfReceiver
 from tests.airframe_double import Brick
 from tests.loops import in_virtual_time
 

@@ -8,16 +8,15 @@ import pytest
 from hypothesis import assume, given
 from hypothesis import strategies as st
 
-from groundstation.config.loader import ConfigError, from_dict
-from groundstation.core.geometry.ops import Vec3
-from groundstation.core.messages.bodies import BASE_S, GAP_S, Others, Sight
-from groundstation.core.messages.verdict import Check, Verdict
-from groundstation.core.mission.mission import State
-from groundstation.core.safety.escalation import Escalation, Finding, Step
-from groundstation.core.safety.guards import Guards
-from groundstation.core.safety.separation import Near, Separation, SeparationConfig
+from groundstation.config import ConfigError, from_dict
+from groundstation.core.geometry import Vec3
+from groundstation.core.messages import Check, Others, Verdict
+from groundstation.core.messages.bodies import BASE_S, GAP_S, Sight
+from groundstation.core.mission import State
+from groundstation.core.safety import Escalation, Finding, Guards, Separation, SeparationConfig, Step
+from groundstation.core.safety.separation import Near
 from groundstation.flight.checks import Checks
-from groundstation.settings.settings import Config
+from groundstation.settings import Config
 from tests.unit.test_checks import BASE, LINK, standing
 from tests.unit.test_guards import CONFIG, PERIOD_S, VEHICLE, shown
 

@@ -7,9 +7,9 @@ from pathlib import Path
 
 import pytest
 
-from groundstation.analysis.shadow.recording import Recording, read_recording
+from groundstation.analysis.shadow import Recording, read_recording
 from groundstation.analysis.shadow.report import Report, report
-from groundstation.core.messages.pose import Pose
+from groundstation.core.messages import Pose
 
 GOLDEN = Path(__file__).parents[1] / "golden"
 PX4, ARDUPILOT = GOLDEN / "px4_takeoff.tlog", GOLDEN / "ardupilot_landing.tlog"

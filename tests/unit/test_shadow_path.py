@@ -5,10 +5,10 @@ import math
 import numpy as np
 import pytest
 
-from groundstation.analysis.shadow.path import HALF_WIDTH_S, FlownPath
-from groundstation.core.geometry import so3
-from groundstation.core.geometry.ops import Vec3
-from groundstation.core.messages.pose import Pose
+from groundstation.analysis.shadow import FlownPath
+from groundstation.analysis.shadow.path import HALF_WIDTH_S
+from groundstation.core.geometry import Vec3, so3
+from groundstation.core.messages import Pose
 
 COEFFICIENTS = np.array([[0.3, -1.0, 2.0], [0.5, 0.2, -0.1], [-0.4, 0.3, 0.2], [0.2, -0.1, 0.3], [0.05, 0.1, -0.2]])
 

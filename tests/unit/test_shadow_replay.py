@@ -11,9 +11,9 @@ from hypothesis import strategies as st
 
 from groundstation.analysis.shadow.recording import in_order
 from groundstation.analysis.shadow.report import Report, report
-from groundstation.config.loader import ConfigError
-from groundstation.core.geometry.ops import Vec3
-from groundstation.pose.recorded.tlog_codec import Record
+from groundstation.config import ConfigError
+from groundstation.core.geometry import Vec3
+from groundstation.pose.recorded import Record
 from tests.shadow_flight import Flight
 
 UNKNOWN: Vec3 = (math.nan, math.nan, math.nan)

@@ -8,13 +8,12 @@ from collections.abc import Iterator
 import pytest
 
 import links.io.suspend
-from links.core.port import LinkError
-from links.io.suspend import OURS_S, SHORTEST_S, Sleep
-from links.mavlink.link import MavlinkLink
-from links.rf import pacer_child
-from links.rf.pacer import FramePacer
+from links.core import LinkError
+from links.io import Sleep
+from links.io.suspend import OURS_S, SHORTEST_S
+from links.mavlink import MavlinkLink
+from links.rf import Arm, FramePacer, pacer_child
 from links.rf.pacer_child import Clock, Commander
-from links.rf.pacer_messages import Arm
 from tests.unit.test_mavlink_link import Endpoint, command, orders, scene
 from tests.unit.test_pacer import CONFIG, PERIOD_S, Bench, is_disarm, lifting
 

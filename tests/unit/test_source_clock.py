@@ -4,9 +4,9 @@ from collections.abc import Iterable
 
 import pytest
 
-from groundstation.core.geometry.ops import Quat, Vec3
-from groundstation.core.messages.bodies import Others
-from groundstation.pose.intake.intake import FrameCount, Intake
+from groundstation.core.geometry import Quat, Vec3
+from groundstation.core.messages import Others
+from groundstation.pose.intake import FrameCount, Intake
 from groundstation.pose.intake.source_clock import SourceClock
 
 HERE: Vec3 = (1.0, 2.0, 3.0)

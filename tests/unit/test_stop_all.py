@@ -6,8 +6,8 @@ from pathlib import Path
 
 import pytest
 
-from groundstation.core.messages.requests import Ask
-from groundstation.interfaces.api.stop import stop_all
+from groundstation.core.messages import Ask
+from groundstation.interfaces.api import stop_all
 from tests.unit.test_register import another, end
 
 

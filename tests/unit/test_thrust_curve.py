@@ -4,7 +4,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from links.core.thrust_curve import full_thrust_n, signal, thrust
+from links.core import full_thrust_n, signal, thrust
 
 share = st.floats(0.0, 1.0)
 

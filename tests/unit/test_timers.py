@@ -3,7 +3,8 @@
 import asyncio
 import os
 
-from groundstation.runtime.clock import PreciseSelector, precise_loop
+from groundstation.runtime import precise_loop
+from groundstation.runtime.clock import PreciseSelector
 
 
 def test_timers_are_less_late_than_the_millisecond_that_epoll_counts_in() -> None:

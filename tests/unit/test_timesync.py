@@ -4,7 +4,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from links.mavlink.protocol.timesync import NEWEST, Timesync
+from links.mavlink.protocol import Timesync
+from links.mavlink.protocol.timesync import NEWEST
 
 OFFSET_S = -1234.5
 

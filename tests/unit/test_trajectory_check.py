@@ -10,23 +10,21 @@ import msgspec
 import pytest
 
 from groundstation.__main__ import main
-from groundstation.config.loader import ConfigError, from_dict
-from groundstation.core.control.attitude import turning
+from groundstation.config import ConfigError, from_dict
+from groundstation.core.control import turning
 from groundstation.core.geometry.so3 import from_euler_zyx
-from groundstation.core.trajectory.feasibility import Demand, Report, check, refusal
+from groundstation.core.trajectory import Demand, Report, TrajectoryConfig, check, refusal
 from groundstation.core.trajectory.kinds import (
     CircleConfig,
     HoldConfig,
     LemniscateConfig,
     SamplesConfig,
-    TrajectoryConfig,
     WaypointsConfig,
 )
-from groundstation.core.vehicle.vehicle import LimitsConfig, Vehicle
-from groundstation.flight.preflight import ensure_flyable, look
-from groundstation.settings.settings import Config
-from sim.scenarios.preparation import prepare
-from sim.scenarios.scenarios import SCENARIOS
+from groundstation.core.vehicle import LimitsConfig, Vehicle
+from groundstation.flight import ensure_flyable, look
+from groundstation.settings import Config
+from sim.scenarios import SCENARIOS, prepare
 
 G = 9.81
 

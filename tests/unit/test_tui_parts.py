@@ -9,22 +9,34 @@ from hypothesis import given
 from hypothesis import strategies as st
 from textual.theme import Theme
 
-from groundstation.core.messages.requests import Ask
-from groundstation.core.messages.snapshot import Certificate, Snapshot
-from groundstation.core.mission.mission import State
+from groundstation.core.messages import Ask, Certificate, Snapshot
+from groundstation.core.mission import State
 from groundstation.interfaces.tui.pages.links_page import histogram, late
 from groundstation.interfaces.tui.pages.text_pages import flat
-from groundstation.interfaces.tui.parts.feed import Hello, Holder, Trouble
-from groundstation.interfaces.tui.parts.gain_table import gains
-from groundstation.interfaces.tui.parts.headline import ALARM, FLYING, headline
-from groundstation.interfaces.tui.parts.letters import big, huge
-from groundstation.interfaces.tui.parts.orders import BY_ASK, ORDERS, Twice, possible
-from groundstation.interfaces.tui.parts.picture import Picture, fresh
+from groundstation.interfaces.tui.parts import (
+    ALARM,
+    BY_ASK,
+    FLYING,
+    ORDERS,
+    THEMES,
+    Hello,
+    Holder,
+    Picture,
+    Spans,
+    Trouble,
+    Twice,
+    bar,
+    big,
+    flight_time,
+    gains,
+    possible,
+)
+from groundstation.interfaces.tui.parts.headline import headline
+from groundstation.interfaces.tui.parts.letters import huge
+from groundstation.interfaces.tui.parts.picture import fresh
 from groundstation.interfaces.tui.parts.plot import (
     Line,
-    Spans,
     Track,
-    bar,
     history,
     horizon,
     in_time,
@@ -32,9 +44,8 @@ from groundstation.interfaces.tui.parts.plot import (
     top_view,
     two_sided_bar,
 )
-from groundstation.interfaces.tui.parts.themes import THEMES
-from groundstation.interfaces.tui.parts.words import arrow, flight_time, numbers
-from links.core.terminal_text import printable
+from groundstation.interfaces.tui.parts.words import arrow, numbers
+from links.core import printable
 from tests.sample_flight import sample
 
 TONES = ("alarm", "busy", "calm", "flying")

@@ -7,14 +7,12 @@ from pathlib import Path
 
 import pytest
 
-from groundstation.core.messages.requests import Ask
-from groundstation.core.messages.snapshot import Snapshot
-from groundstation.interfaces.tui.feeds.playback import Playback
-from groundstation.interfaces.tui.feeds.tape import STEP_S, Tape
-from groundstation.interfaces.tui.parts.feed import Hello, Jump, News
-from groundstation.interfaces.tui.parts.picture import Picture
-from groundstation.recording.reader import NoRecording
-from sim.time.virtual_time import VirtualTimeLoop
+from groundstation.core.messages import Ask, Snapshot
+from groundstation.interfaces.tui.feeds import Playback, Tape
+from groundstation.interfaces.tui.feeds.tape import STEP_S
+from groundstation.interfaces.tui.parts import Hello, Jump, News, Picture
+from groundstation.recording import NoRecording
+from sim.time import VirtualTimeLoop
 from tests.recordings import recorded
 from tests.sample_flight import sample
 

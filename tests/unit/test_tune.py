@@ -9,37 +9,38 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from groundstation.config.loader import ConfigError, from_dict
-from groundstation.core.control.adaptive import bound_decrease
-from groundstation.core.control.gains import Gains, Uncompensated
-from groundstation.core.controllers.custom import Custom
+from groundstation.config import ConfigError, from_dict
+from groundstation.core.control import Gains, Uncompensated, bound_decrease
+from groundstation.core.controllers import ControllerConfig, Custom
 from groundstation.core.controllers.geometric import Geometric
 from groundstation.core.controllers.indi import Indi
-from groundstation.core.controllers.kinds import ControllerConfig
 from groundstation.core.controllers.pid import Pid
-from groundstation.pose.sources.vicon import ViconConfig
-from groundstation.settings.settings import Config
-from links.mavlink.link import MavlinkLinkConfig
-from sim.scenarios.scenarios import SCENARIOS
-from sim.studies.tune.evidence import short_of
-from sim.studies.tune.flights import Flyers, Outcome, Sortie
-from sim.studies.tune.margins import (
+from groundstation.pose.sources import ViconConfig
+from groundstation.settings import Config
+from links.mavlink import MavlinkLinkConfig
+from sim.scenarios import SCENARIOS
+from sim.studies.tune import (
     AXES,
-    DELAY,
-    GAIN_DOWN,
-    GAIN_UP,
-    Margin,
-    Report,
-    boundary,
-    failure,
-    limit_cm,
+    SEARCH_SEED,
+    Floors,
+    Flyers,
+    Search,
+    Trial,
     markdown_table,
-    shown,
+    own,
+    run,
+    space,
+    staged,
+    station_of,
     text,
+    with_gains,
 )
-from sim.studies.tune.search_space import KEYS, Key, loses_proof, space, with_gains
-from sim.studies.tune.stage import fitted, own, staged, station_of
-from sim.studies.tune.tune import BROKEN, SEARCH_SEED, Floors, Search, Trial, run, tried
+from sim.studies.tune.evidence import short_of
+from sim.studies.tune.flights import Outcome, Sortie
+from sim.studies.tune.margins import DELAY, GAIN_DOWN, GAIN_UP, Margin, Report, boundary, failure, limit_cm, shown
+from sim.studies.tune.search_space import KEYS, Key, loses_proof
+from sim.studies.tune.stage import fitted
+from sim.studies.tune.tune import BROKEN, tried
 
 KINDS: dict[str, ControllerConfig] = {
     "adaptive": Gains(),

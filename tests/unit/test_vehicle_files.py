@@ -8,11 +8,10 @@ from pathlib import Path
 import pytest
 
 from groundstation.__main__ import main
-from groundstation.config.files import presets
-from groundstation.config.loader import ConfigError, dump, from_dict, load
-from groundstation.core.vehicle.vehicle import Vehicle
-from groundstation.settings.settings import Config
-from sim.scenarios.scenarios import SCENARIOS
+from groundstation.config import ConfigError, dump, from_dict, load, presets
+from groundstation.core.vehicle import Vehicle
+from groundstation.settings import Config
+from sim.scenarios import SCENARIOS
 
 PRESETS = presets(Vehicle)
 FULL = """name = "mine"

@@ -10,8 +10,8 @@ from typing import Any
 import msgspec
 import pytest
 
-from groundstation.core.messages.pose import Pose, PoseSource
-from groundstation.pose.sources.vicon import ViconConfig
+from groundstation.core.messages import Pose, PoseSource
+from groundstation.pose.sources import ViconConfig
 from groundstation.pose.sources.vicon_codec import ViconObject, encode
 from tests.vicon_table import OURS, TABLE
 

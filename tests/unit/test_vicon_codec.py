@@ -3,8 +3,7 @@ import struct
 
 import pytest
 
-from groundstation.core.geometry import so3
-from groundstation.core.geometry.ops import Vec3
+from groundstation.core.geometry import Vec3, so3
 from groundstation.pose.sources.vicon_codec import (
     ViconDecoder,
     ViconFrame,

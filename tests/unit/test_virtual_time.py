@@ -7,10 +7,11 @@ from typing import Any, get_args
 import msgspec
 import pytest
 
-from groundstation.pose.kinds import PoseConfig
-from groundstation.runtime.clock import sleep_until
-from links.io.address import parse_address
-from sim.time.virtual_time import FREE_PORTS, SimulationStuck, VirtualTimeLoop
+from groundstation.pose import PoseConfig
+from groundstation.runtime import sleep_until
+from links.io import parse_address
+from sim.time import VirtualTimeLoop
+from sim.time.virtual_time import FREE_PORTS, SimulationStuck
 
 
 def run(work: Any) -> Any:
@@ -194,7 +195,7 @@ def test_a_stream_carries_bytes_both_ways_until_one_end_hangs_up() -> None:
 
 
 def test_a_group_brings_a_datagram_to_each_of_its_members() -> None:
-    from groundstation.pose.intake.multicast import join, send_by
+    from groundstation.pose.intake import join, send_by
 
     async def work() -> list[list[bytes]]:
         loop = asyncio.get_running_loop()

@@ -4,27 +4,13 @@ import math
 
 import pytest
 
-from groundstation.core.control.certificate import COVERED_RATE_M_S3, decrease, noise_power
-from groundstation.core.control.gains import Gains
-from groundstation.core.control.watch import (
-    LASTING_S,
-    LIMITS,
-    POSES,
-    RATES,
-    REST_S,
-    SIDEWAYS,
-    THRUST,
-    VERTICAL,
-    WITNESSES,
-    Watch,
-    terms,
-)
+from groundstation.core.control import LASTING_S, Gains, Watch, noise_power
+from groundstation.core.control.certificate import COVERED_RATE_M_S3, decrease
+from groundstation.core.control.watch import LIMITS, POSES, RATES, REST_S, SIDEWAYS, THRUST, VERTICAL, WITNESSES, terms
 from groundstation.core.controllers.pid import Pid
-from groundstation.core.geometry.ops import Vec3
-from groundstation.core.messages.control import Decision
-from groundstation.core.messages.snapshot import Diagnostics
-from groundstation.core.vehicle.model import Drive, Motion
-from groundstation.core.vehicle.vehicle import Vehicle
+from groundstation.core.geometry import Vec3
+from groundstation.core.messages import Decision, Diagnostics
+from groundstation.core.vehicle import Drive, Motion, Vehicle
 
 ZERO: Vec3 = (0.0, 0.0, 0.0)
 VEHICLE = Vehicle()

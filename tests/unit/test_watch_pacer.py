@@ -7,9 +7,10 @@ from pathlib import Path
 
 import pytest
 
+from links.rf import LOOK_S, Watch
 from links.rf.lease import FIRST, PACER, Lease, Superseded
 from links.rf.shared_port import HeldPort, SharedPort
-from links.rf.standby_watch import LATE_S, LOOK_S, OLD_S, Watch
+from links.rf.standby_watch import LATE_S, OLD_S
 
 
 def looks(watch: Watch, begin_s: float, *, late_s: float = 0.0, vouched_s: float | None = None) -> float | None:

@@ -7,10 +7,10 @@ from itertools import pairwise
 
 import pytest
 
-from groundstation.core.geometry import so3
-from groundstation.core.geometry.ops import Quat, Vec3
-from groundstation.core.messages.pose import Pose
-from groundstation.core.safety.witness import SILENT_S, Agreement, Witness
+from groundstation.core.geometry import Quat, Vec3, so3
+from groundstation.core.messages import Pose
+from groundstation.core.safety import Agreement, Witness
+from groundstation.core.safety.witness import SILENT_S
 from tests.witness_scenes import ARMED_S, ZERO, Lie, Motion, Scene, doubted_s, heard, largest
 
 STRUCK_S = 14.0

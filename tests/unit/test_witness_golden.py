@@ -11,13 +11,12 @@ from pathlib import Path
 
 import pytest
 
-from groundstation.core.geometry import so3
-from groundstation.core.geometry.ops import Quat
-from groundstation.core.messages.pose import Pose
-from groundstation.core.safety.witness import Witness
-from groundstation.pose.recorded.tlog_codec import TlogReader
-from links.core.port import Attitude
-from links.mavlink.protocol.attitude import attitude_of
+from groundstation.core.geometry import Quat, so3
+from groundstation.core.messages import Pose
+from groundstation.core.safety import Witness
+from groundstation.pose.recorded import TlogReader
+from links.core import Attitude
+from links.mavlink.protocol import attitude_of
 
 GOLDEN = Path(__file__).parents[1] / "golden"
 BOTH = pytest.mark.parametrize("name", ["px4_takeoff", "ardupilot_landing"])

@@ -3,9 +3,9 @@
 import json
 from pathlib import Path
 
-from groundstation.config.loader import ConfigError
-from groundstation.recording.reader import NoRecording
-from groundstation.runtime.pictures import need_matplotlib
+from groundstation.config import ConfigError
+from groundstation.recording import NoRecording
+from groundstation.runtime import need_matplotlib
 
 EXIT_FOUND, EXIT_NOTHING = 0, 1
 NEEDED = ("thrust_scale", "thrust_lag", "rate_lag", "command_delay")

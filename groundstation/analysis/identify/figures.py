@@ -10,9 +10,8 @@ from groundstation.analysis.identify.found import Found, accelerations
 from groundstation.analysis.identify.parameter import WIDE
 from groundstation.analysis.identify.scene import NAMES, full_n, thrust_n
 from groundstation.analysis.identify.seen import Column
-from groundstation.analysis.report.figures import DPI, STYLE
-from groundstation.analysis.report.figures_control import BLUE, GREEN, GREY, ORANGE
-from links.core.thrust_curve import signal
+from groundstation.analysis.report import BLUE, DPI, GREEN, GREY, ORANGE, PLOT_STYLE
+from links.core import signal
 
 CLOSE_S = 5.0
 """Motions are shown over this time, where they are strongest [s]."""
@@ -221,7 +220,7 @@ def drawn(folder: Path, found: Found) -> list[tuple[Figure, Path]]:
     from matplotlib.figure import Figure as Canvas
 
     made = []
-    with rc_context(STYLE):
+    with rc_context(PLOT_STYLE):
         for one in FIGURES:
             canvas = Canvas(figsize=(7.4, one.height_in), layout="constrained")
             panels: Any = canvas.subplots(one.rows, 1, squeeze=False, sharex=True)

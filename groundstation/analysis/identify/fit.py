@@ -12,7 +12,7 @@ from typing import Any, NamedTuple, TypeAlias
 import numpy as np
 
 from groundstation.analysis.identify.seen import Column
-from groundstation.core.estimation.observer import Covariance, Densities, predict_covariance, update_covariance
+from groundstation.core.estimation import Covariance, Densities, predict_covariance, update_covariance
 
 ROUNDS = 15
 CLOSE = 0.01

@@ -17,8 +17,8 @@ from groundstation.analysis.identify.scene import NAMES, hover_signal
 from groundstation.analysis.identify.seen import Column, Seen
 from groundstation.analysis.identify.turning import Turning, turning
 from groundstation.core.geometry import so3
-from groundstation.core.trajectory.excitation import ExcitationConfig
-from links.core.thrust_curve import signal
+from groundstation.core.trajectory import ExcitationConfig
+from links.core import signal
 
 BLOCK = 50
 """Variances of so many samples in a row count as one: neighbours hang together."""

@@ -11,8 +11,8 @@ from groundstation.analysis.identify.lagged import lagged
 from groundstation.analysis.identify.seen import Column, Seen
 from groundstation.analysis.identify.turning import Turning, angles
 from groundstation.core.geometry import so3
-from groundstation.settings.settings import Config
-from links.core.thrust_curve import signal, thrust
+from groundstation.settings import Config
+from links.core import signal, thrust
 
 
 def thrust_n(config: Config, about: float, curve: float, signals: Column) -> Column:

@@ -6,11 +6,10 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from groundstation.config.files import toml
-from groundstation.config.loader import ConfigError, from_dict
-from groundstation.core.mission.mission import State
-from groundstation.recording.reader import Recording
-from groundstation.settings.settings import Config
+from groundstation.config import ConfigError, from_dict, toml
+from groundstation.core.mission import State
+from groundstation.recording import Recording
+from groundstation.settings import Config
 
 Column = NDArray[np.float64]
 

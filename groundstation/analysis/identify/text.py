@@ -17,9 +17,9 @@ from groundstation.analysis.identify.figures import Figure
 from groundstation.analysis.identify.found import Found
 from groundstation.analysis.identify.parameter import Parameter
 from groundstation.analysis.identify.scene import NAMES, hover_signal, most_n
-from groundstation.analysis.report.page import document, framed
-from groundstation.config.loader import ConfigError, from_dict
-from groundstation.settings.settings import Config
+from groundstation.analysis.report import document, framed
+from groundstation.config import ConfigError, from_dict
+from groundstation.settings import Config
 
 
 def number(value: float | None) -> str:

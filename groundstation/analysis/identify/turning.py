@@ -13,8 +13,7 @@ import numpy as np
 from groundstation.analysis.identify.fit import COARSE, FINE, Bounds, Filter, Fit, Whitened, fitted, solved
 from groundstation.analysis.identify.lagged import lagged
 from groundstation.analysis.identify.seen import Column, Seen
-from groundstation.core.geometry import so3
-from groundstation.core.geometry.ops import Quat, arrays
+from groundstation.core.geometry import Quat, arrays, so3
 
 GAP_POSES = 3.5
 """After so many missing poses the turns begin anew: a long turn is no sum of its parts."""

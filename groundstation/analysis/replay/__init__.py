@@ -1,1 +1,3 @@
 """A recorded flight flown again, compared to the last bit."""
+
+from groundstation.analysis.replay import command as command

@@ -11,21 +11,19 @@ from typing import Any, NamedTuple
 import msgspec
 
 from groundstation.analysis.replay.tape import TapeLoop, tape_loop
-from groundstation.core.geometry.ops import Quat, Vec3
-from groundstation.core.messages.pose import Pose
-from groundstation.core.pilot import Pilot
-from groundstation.core.trajectory.port import Reference
-from groundstation.core.vehicle.model import Drive
-from groundstation.flight.ends import make_ends
-from groundstation.pose.gate import Gate
-from groundstation.pose.sources.mavlink import MavlinkPoseConfig
+from groundstation.core import Pilot
+from groundstation.core.geometry import Quat, Vec3
+from groundstation.core.messages import Pose
+from groundstation.core.trajectory import Reference
+from groundstation.core.vehicle import Drive
+from groundstation.flight import make_ends
+from groundstation.pose import Gate
+from groundstation.pose.sources import MavlinkPoseConfig
+from groundstation.recording import GAIN, Entry, Quaternion, Recording, Vector3
 from groundstation.recording import channels as ch
-from groundstation.recording.channels import Quaternion, Vector3
-from groundstation.recording.reader import Entry, Recording
-from groundstation.recording.records import GAIN
-from groundstation.settings.settings import Config
-from links.core.port import Command, Segment
-from links.mavlink.link import MavlinkLinkConfig
+from groundstation.settings import Config
+from links.core import Command, Segment
+from links.mavlink import MavlinkLinkConfig
 
 
 def read_pose(seen: ch.Measured) -> Pose:

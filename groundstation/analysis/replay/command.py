@@ -7,11 +7,10 @@ from typing import Any
 
 import msgspec
 
-from groundstation.config.files import toml
-from groundstation.config.loader import ConfigError, from_dict
-from groundstation.core.controllers.custom import Custom
-from groundstation.recording.reader import NoRecording, Recording
-from groundstation.settings.settings import Config
+from groundstation.config import ConfigError, from_dict, toml
+from groundstation.core.controllers import Custom
+from groundstation.recording import NoRecording, Recording
+from groundstation.settings import Config
 
 NAMES = ("thrust_n", "roll_rate_rad_s", "pitch_rate_rad_s", "yaw_rate_rad_s")
 
@@ -43,8 +42,8 @@ def replayed(path: Path, overrides: Sequence[str] = (), *, trust_modules: bool =
         ConfigError: see :func:`replay_command`.
     """
     from groundstation.analysis.replay.again import fly_again
-    from groundstation.recording.log import facts as program
-    from groundstation.recording.records import About
+    from groundstation.recording import About
+    from groundstation.recording import facts as program
 
     try:
         recording = Recording(path)

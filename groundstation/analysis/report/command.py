@@ -4,9 +4,9 @@ import json
 from collections.abc import Sequence
 from pathlib import Path
 
-from groundstation.config.loader import ConfigError
-from groundstation.recording.reader import NoRecording
-from groundstation.runtime.pictures import need_matplotlib
+from groundstation.config import ConfigError
+from groundstation.recording import NoRecording
+from groundstation.runtime import need_matplotlib
 
 
 def report_command(paths: Sequence[Path], out: Path | None, *, as_json: bool) -> int:

@@ -13,7 +13,7 @@ from groundstation.analysis.report import figures_control as control
 from groundstation.analysis.report.figures_control import BLUE, GREEN, GREY, ORANGE, PURPLE, RED, TIME
 from groundstation.analysis.report.flown import Column, Flown
 from groundstation.analysis.report.numbers import PAPER, known, latency, limits
-from groundstation.recording.headline import STEADY_S
+from groundstation.recording import STEADY_S
 
 STATES = (
     ("connecting", "0.80"),

@@ -8,8 +8,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from groundstation.core.mission.mission import State
-from groundstation.recording.reader import Recording
+from groundstation.core.mission import State
+from groundstation.recording import Recording
 
 Column = NDArray[np.float64]
 

@@ -5,8 +5,8 @@ from typing import Any
 import numpy as np
 
 from groundstation.analysis.report.flown import Column, Flown
-from groundstation.config.files import toml
-from groundstation.recording.headline import STEADY_S
+from groundstation.config import toml
+from groundstation.recording import STEADY_S
 
 PAPER = {"rms_cm": 4.61, "max_cm": 7.6, "settle_s": 5.0}
 """What the paper reports of its own flight."""

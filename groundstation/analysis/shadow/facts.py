@@ -11,9 +11,9 @@ import numpy.typing as npt
 from groundstation.analysis.shadow.path import UNKNOWN, FlownPath
 from groundstation.analysis.shadow.recording import Recording
 from groundstation.analysis.shadow.replay import Compared, Replayed
-from groundstation.core.geometry.so3 import conjugate, multiply, rotation_vector
-from groundstation.core.messages.pose import Pose
-from groundstation.settings.settings import Config
+from groundstation.core.geometry import conjugate, multiply, rotation_vector
+from groundstation.core.messages import Pose
+from groundstation.settings import Config
 
 GAP = 3.0
 """An interval this many times the usual one is a gap."""

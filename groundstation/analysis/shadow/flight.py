@@ -5,8 +5,8 @@ import numpy.typing as npt
 
 from groundstation.analysis.shadow.path import FlownPath
 from groundstation.analysis.shadow.recording import Recording, Sent
-from groundstation.core.geometry.so3 import third_column
-from links.core.thrust_curve import thrust
+from groundstation.core.geometry import third_column
+from links.core import thrust
 
 CARRIES = 0.85
 """A vehicle in the air carries its weight: over one second the mean thrust is at least this share of hover.

@@ -15,10 +15,9 @@ import math
 import numpy as np
 import numpy.typing as npt
 
-from groundstation.core.geometry import so3
-from groundstation.core.geometry.ops import Vec3
-from groundstation.core.messages.pose import Pose
-from groundstation.core.trajectory.port import Reference
+from groundstation.core.geometry import Vec3, so3
+from groundstation.core.messages import Pose
+from groundstation.core.trajectory import Reference
 
 HALF_WIDTH_S = 0.4
 """Poses this near take part in the fit [s]; weights fall to zero there, so that nothing jumps."""

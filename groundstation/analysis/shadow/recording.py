@@ -5,13 +5,12 @@ from collections.abc import Iterable, Iterator
 from pathlib import Path
 from typing import NamedTuple
 
-from groundstation.config.loader import ConfigError
-from groundstation.core.geometry.ops import Vec3
-from groundstation.core.messages.pose import Pose
-from groundstation.pose.recorded.tlog import pose_decoder
-from groundstation.pose.recorded.tlog_codec import Record, TlogReader
-from groundstation.pose.sources.mavlink_codec import Decoder
-from links.mavlink.protocol.codec import ARDUPILOT, ARM_DISARM, ARMED, GROUND_STATION, PX4, Message
+from groundstation.config import ConfigError
+from groundstation.core.geometry import Vec3
+from groundstation.core.messages import Pose
+from groundstation.pose.recorded import Record, TlogReader, pose_decoder
+from groundstation.pose.sources import Decoder
+from links.mavlink.protocol import ARDUPILOT, ARM_DISARM, ARMED, GROUND_STATION, PX4, Message
 
 AUTOPILOTS = {PX4: "PX4", ARDUPILOT: "ArduPilot"}
 """What to call them, by HEARTBEAT.autopilot."""

@@ -13,14 +13,13 @@ from typing import NamedTuple
 from groundstation.analysis.shadow.flight import flying, thrust_shares
 from groundstation.analysis.shadow.path import FlownPath
 from groundstation.analysis.shadow.recording import Recording
-from groundstation.core.control.adaptive import Adaptive
-from groundstation.core.controllers.kinds import make_controller
-from groundstation.core.estimation.estimator import ModelEstimator
-from groundstation.core.geometry.ops import Vec3
-from groundstation.core.messages.control import Controller, Estimate
-from groundstation.core.messages.pose import Pose
-from groundstation.core.vehicle.model import Drive
-from groundstation.settings.settings import Config
+from groundstation.core.control import Adaptive
+from groundstation.core.controllers import make_controller
+from groundstation.core.estimation import ModelEstimator
+from groundstation.core.geometry import Vec3
+from groundstation.core.messages import Controller, Estimate, Pose
+from groundstation.core.vehicle import Drive
+from groundstation.settings import Config
 
 
 class Known(NamedTuple):

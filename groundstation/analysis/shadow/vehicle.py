@@ -7,11 +7,11 @@ from typing import Any
 import numpy as np
 
 from groundstation.analysis.shadow.recording import Recording
-from groundstation.config.loader import ConfigError, from_dict, load
-from groundstation.pose.recorded.tlog import TlogConfig
-from groundstation.pose.sources.mavlink import MavlinkPoseConfig
-from groundstation.settings.settings import Config
-from links.mavlink.link import MavlinkLinkConfig
+from groundstation.config import ConfigError, from_dict, load
+from groundstation.pose.recorded import TlogConfig
+from groundstation.pose.sources import MavlinkPoseConfig
+from groundstation.settings import Config
+from links.mavlink import MavlinkLinkConfig
 
 NOMINAL_KG = 1.0
 """Mass of a vehicle that nobody described [kg]. Motion only shows thrust over mass, so any will do."""

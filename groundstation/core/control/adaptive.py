@@ -6,12 +6,10 @@ from typing import Any
 from groundstation.core.control.backstepping import backstep, yaw_rate
 from groundstation.core.control.gains import Gains
 from groundstation.core.control.projection import within
-from groundstation.core.geometry.ops import FLOATS, Ops, Real, Vec3
-from groundstation.core.messages.control import Decision, Estimate
-from groundstation.core.messages.snapshot import Diagnostics
-from groundstation.core.trajectory.port import Reference
-from groundstation.core.vehicle.model import Drive, lead, new
-from groundstation.core.vehicle.vehicle import Vehicle
+from groundstation.core.geometry import FLOATS, Ops, Real, Vec3
+from groundstation.core.messages import Decision, Diagnostics, Estimate
+from groundstation.core.trajectory import Reference
+from groundstation.core.vehicle import Drive, Vehicle, lead, new
 
 
 class Adaptive:

@@ -7,9 +7,8 @@ Floats only.
 
 import math
 
-from groundstation.core.geometry.ops import Quat, Vec3
-from groundstation.core.geometry.so3 import third_column, to_body
-from groundstation.core.vehicle.model import Motion
+from groundstation.core.geometry import Quat, Vec3, third_column, to_body
+from groundstation.core.vehicle import Motion
 
 LEAST_PUSH = 1.0
 """F is kept at least so far downwards [m/s²]: no controller here asks the vehicle to fly on its back."""

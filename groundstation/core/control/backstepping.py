@@ -23,8 +23,7 @@ import msgspec
 from groundstation.core.control.gains import Law
 from groundstation.core.control.projection import Brink, brink, held_back
 from groundstation.core.control.shaping import growth, saturation
-from groundstation.core.geometry.ops import FLOATS, Ops, Quat, Real, Vec3
-from groundstation.core.geometry.so3 import third_column, to_body
+from groundstation.core.geometry import FLOATS, Ops, Quat, Real, Vec3, third_column, to_body
 
 POSITION_LIMIT = 1e6
 """Errors are clamped here [m, m/s², m/s³], far beyond any room, so that no finite input overflows."""

@@ -14,11 +14,9 @@ longer; the link plays it open loop, so it must do without poses. Four ideas:
 
 import math
 
-from groundstation.core.geometry.ops import Vec3
-from groundstation.core.geometry.so3 import third_column, to_body, turned
-from groundstation.core.vehicle.model import Motion
-from groundstation.core.vehicle.vehicle import Vehicle
-from links.core.port import Segment
+from groundstation.core.geometry import Vec3, third_column, to_body, turned
+from groundstation.core.vehicle import Motion, Vehicle
+from links.core import Segment
 
 ON_FLOOR_M = 0.03
 """Below this height above the floor the motors only stop [m]."""

@@ -11,9 +11,9 @@ from typing import NamedTuple
 from groundstation.core.control.adaptive import bound_decrease
 from groundstation.core.control.backstepping import axis
 from groundstation.core.control.gains import Gains, Law
-from groundstation.core.estimation.settings import Estimation
-from groundstation.core.geometry.ops import FLOATS, Real, Vec3
-from groundstation.core.messages.snapshot import Diagnostics
+from groundstation.core.estimation import Estimation
+from groundstation.core.geometry import FLOATS, Real, Vec3
+from groundstation.core.messages import Diagnostics
 
 NO_FUNCTION = "none: this controller comes without a Lyapunov function"
 

@@ -2,12 +2,10 @@
 
 import math
 
-from groundstation.core.geometry.ops import FLOATS, Vec3
-from groundstation.core.messages.control import Decision, Estimate
-from groundstation.core.messages.snapshot import Diagnostics
-from groundstation.core.trajectory.port import Reference
-from groundstation.core.vehicle.model import Drive
-from groundstation.core.vehicle.vehicle import Vehicle
+from groundstation.core.geometry import FLOATS, Vec3
+from groundstation.core.messages import Decision, Diagnostics, Estimate
+from groundstation.core.trajectory import Reference
+from groundstation.core.vehicle import Drive, Vehicle
 
 ZERO: Vec3 = (0.0, 0.0, 0.0)
 

@@ -10,11 +10,10 @@ import math
 
 from groundstation.core.control.attitude import length, push, sine_error
 from groundstation.core.control.decision import decided
-from groundstation.core.geometry.ops import Vec3
-from groundstation.core.geometry.so3 import third_column
-from groundstation.core.messages.control import Decision, Estimate
-from groundstation.core.trajectory.port import Reference
-from groundstation.core.vehicle.vehicle import Vehicle
+from groundstation.core.geometry import Vec3, third_column
+from groundstation.core.messages import Decision, Estimate
+from groundstation.core.trajectory import Reference
+from groundstation.core.vehicle import Vehicle
 
 SPEED_GAIN = 1.5
 """Acceleration per error of the speed [1/s]."""

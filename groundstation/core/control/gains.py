@@ -4,7 +4,7 @@ from typing import Annotated, Literal
 
 import msgspec
 
-from groundstation.core.estimation.settings import Composite, Estimation, NonNegative, Positive
+from groundstation.core.estimation import Composite, Estimation, NonNegative, Positive
 
 
 class Law(Estimation, frozen=True, kw_only=True, forbid_unknown_fields=True):

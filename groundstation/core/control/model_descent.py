@@ -10,11 +10,9 @@ import math
 
 from groundstation.core.control.attitude import length, push, sine_error
 from groundstation.core.control.decision import limited
-from groundstation.core.geometry.ops import FLOATS, Vec3
-from groundstation.core.geometry.so3 import third_column
-from groundstation.core.vehicle.model import Motion, lead, rolled
-from groundstation.core.vehicle.vehicle import Vehicle
-from links.core.port import Segment
+from groundstation.core.geometry import FLOATS, Vec3, third_column
+from groundstation.core.vehicle import Motion, Vehicle, lead, rolled
+from links.core import Segment
 
 STEP_S = 0.05
 """Length of one part [s]."""

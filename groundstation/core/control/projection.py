@@ -4,7 +4,7 @@ import math
 
 import msgspec
 
-from groundstation.core.geometry.ops import FLOATS, Ops, Real, Vec3
+from groundstation.core.geometry import FLOATS, Ops, Real, Vec3
 
 
 class Brink(msgspec.Struct, frozen=True, gc=False):

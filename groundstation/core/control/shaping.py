@@ -7,7 +7,7 @@ Elementwise: floats, or arrays of shape (N,).
 
 import math
 
-from groundstation.core.geometry.ops import FLOATS, Ops, Real
+from groundstation.core.geometry import FLOATS, Ops, Real
 
 
 def saturation(ops: Ops, s: Real, bound: Real, slope: Real) -> tuple[Real, Real, Real, Real]:

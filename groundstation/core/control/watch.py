@@ -16,13 +16,10 @@ from typing import NamedTuple
 
 from groundstation.core.control.certificate import measure, noise_power
 from groundstation.core.control.gains import Law
-from groundstation.core.estimation.settings import Estimation
-from groundstation.core.geometry.ops import Vec3
-from groundstation.core.geometry.so3 import to_body
-from groundstation.core.messages.control import Decision
-from groundstation.core.messages.snapshot import Certificate, Diagnostics
-from groundstation.core.vehicle.model import Motion
-from groundstation.core.vehicle.vehicle import Vehicle
+from groundstation.core.estimation import Estimation
+from groundstation.core.geometry import Vec3, to_body
+from groundstation.core.messages import Certificate, Decision, Diagnostics
+from groundstation.core.vehicle import Motion, Vehicle
 
 RATES = "rate error of the actuators"
 THRUST = "thrust error of the actuators"

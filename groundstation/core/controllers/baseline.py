@@ -9,15 +9,12 @@ from typing import Annotated
 
 import msgspec
 
-from groundstation.core.control.attitude import length
-from groundstation.core.control.backstepping import yaw_rate
-from groundstation.core.control.decision import decided
-from groundstation.core.estimation.settings import Estimation, NonNegative, Positive
-from groundstation.core.geometry.ops import FLOATS, Vec3
-from groundstation.core.messages.control import Decision, Estimate
-from groundstation.core.trajectory.port import Reference
-from groundstation.core.vehicle.model import lead
-from groundstation.core.vehicle.vehicle import Vehicle
+from groundstation.core.control import decided, length, yaw_rate
+from groundstation.core.estimation import Estimation, NonNegative, Positive
+from groundstation.core.geometry import FLOATS, Vec3
+from groundstation.core.messages import Decision, Estimate
+from groundstation.core.trajectory import Reference
+from groundstation.core.vehicle import Vehicle, lead
 
 
 class Baseline(Estimation, frozen=True, kw_only=True, forbid_unknown_fields=True):

@@ -7,13 +7,12 @@ from typing import Annotated, Any, ClassVar
 
 import msgspec
 
-from groundstation.config.loader import ConfigError
-from groundstation.config.schema import Open
-from groundstation.core.control.decision import limited
-from groundstation.core.estimation.settings import Estimation
-from groundstation.core.messages.control import Controller, Decision, Estimate
-from groundstation.core.trajectory.port import Reference
-from groundstation.core.vehicle.vehicle import Vehicle
+from groundstation.config import ConfigError, Open
+from groundstation.core.control import limited
+from groundstation.core.estimation import Estimation
+from groundstation.core.messages import Controller, Decision, Estimate
+from groundstation.core.trajectory import Reference
+from groundstation.core.vehicle import Vehicle
 
 FACTORY = r"\A[A-Za-z_]\w*(\.[A-Za-z_]\w*)*:[A-Za-z_]\w*\Z"
 """``package.module:factory``."""

@@ -8,14 +8,13 @@ reference's jerk asks for fed forward. There is no accelerometer here: the accel
 
 import math
 
-from groundstation.core.control.attitude import acceleration, half_angle_error, push, turning
+from groundstation.core.control import acceleration, half_angle_error, push, turning
 from groundstation.core.controllers.baseline import Baseline, Outlet
-from groundstation.core.estimation.settings import NonNegative, Positive
-from groundstation.core.geometry.ops import Vec3
-from groundstation.core.geometry.so3 import third_column
-from groundstation.core.messages.control import Decision, Estimate
-from groundstation.core.trajectory.port import Reference
-from groundstation.core.vehicle.vehicle import Vehicle
+from groundstation.core.estimation import NonNegative, Positive
+from groundstation.core.geometry import Vec3, third_column
+from groundstation.core.messages import Decision, Estimate
+from groundstation.core.trajectory import Reference
+from groundstation.core.vehicle import Vehicle
 
 
 class Indi(Baseline, frozen=True, kw_only=True, forbid_unknown_fields=True, tag_field="kind", tag="indi"):

@@ -2,14 +2,13 @@
 
 from typing import TypeAlias
 
-from groundstation.core.control.adaptive import Adaptive
-from groundstation.core.control.gains import Gains, Uncompensated
+from groundstation.core.control import Adaptive, Gains, Uncompensated
 from groundstation.core.controllers.custom import Custom
 from groundstation.core.controllers.geometric import Geometric
 from groundstation.core.controllers.indi import Indi
 from groundstation.core.controllers.pid import Pid
-from groundstation.core.messages.control import Controller
-from groundstation.core.vehicle.vehicle import Vehicle
+from groundstation.core.messages import Controller
+from groundstation.core.vehicle import Vehicle
 
 ControllerConfig: TypeAlias = Gains | Uncompensated | Geometric | Pid | Indi | Custom
 """Any controller as the config file tells it, picked by its ``kind``, with what its estimator is told."""

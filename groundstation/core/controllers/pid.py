@@ -6,13 +6,13 @@ rates. Velocity and acceleration of the reference are fed forward; PX4 feeds no 
 
 import math
 
-from groundstation.core.control.attitude import acceleration, half_angle_error, push
+from groundstation.core.control import acceleration, half_angle_error, push
 from groundstation.core.controllers.baseline import Baseline, Outlet
-from groundstation.core.estimation.settings import NonNegative, Positive
-from groundstation.core.geometry.ops import FLOATS, Vec3
-from groundstation.core.messages.control import Decision, Estimate
-from groundstation.core.trajectory.port import Reference
-from groundstation.core.vehicle.vehicle import Vehicle
+from groundstation.core.estimation import NonNegative, Positive
+from groundstation.core.geometry import FLOATS, Vec3
+from groundstation.core.messages import Decision, Estimate
+from groundstation.core.trajectory import Reference
+from groundstation.core.vehicle import Vehicle
 
 
 class Pid(Baseline, frozen=True, kw_only=True, forbid_unknown_fields=True, tag_field="kind", tag="pid"):

@@ -13,8 +13,8 @@ rests. Every change of thrust or tilt tells them apart. Elementwise: floats, or 
 from typing import NamedTuple
 
 from groundstation.core.estimation.observer import Gain
-from groundstation.core.geometry.ops import Ops, Real, Vec3
-from groundstation.core.vehicle.model import ZERO, Driven, new
+from groundstation.core.geometry import Ops, Real, Vec3
+from groundstation.core.vehicle import ZERO, Driven, new
 
 LIMITS = (0.6, 1.4)
 """λ̂ stays within these [-]: beyond them something is broken, not worn."""
@@ -72,7 +72,9 @@ def predict_effectiveness(e: Effectiveness, h: Real, given: Driven, mass: float,
     return new(Effectiveness, after)
 
 
-def update_effectiveness(ops: Ops, e: Effectiveness, step: Vec3, gain: Gain, variance: Real, of: int = 0) -> tuple[Effectiveness, Real]:
+def update_effectiveness(
+    ops: Ops, e: Effectiveness, step: Vec3, gain: Gain, variance: Real, of: int = 0
+) -> tuple[Effectiveness, Real]:
     """``e`` after an innovation, and by how much λ̂ moved: the observer moves along by that times V.
 
     Args:

@@ -12,22 +12,20 @@ from groundstation.core.estimation.effectiveness import initial_effectiveness
 from groundstation.core.estimation.observer import (
     Densities,
     Gain,
-    initial_covariance,
     corrected,
     corrected_attitude,
     corrected_twice,
     fourth_difference,
+    initial_covariance,
     innovation,
     predict_covariance,
     update_covariance,
     update_moving_covariance,
 )
 from groundstation.core.estimation.settings import Estimation
-from groundstation.core.geometry.ops import FLOATS, Vec3
-from groundstation.core.messages.control import Estimate
-from groundstation.core.messages.pose import Pose
-from groundstation.core.vehicle.model import ZERO, Drive, Driven, Motion, carried, driven, new
-from groundstation.core.vehicle.vehicle import Vehicle
+from groundstation.core.geometry import FLOATS, Vec3
+from groundstation.core.messages import Estimate, Pose
+from groundstation.core.vehicle import ZERO, Drive, Driven, Motion, Vehicle, carried, driven, new
 
 STEP_LIMIT = 0.025
 """Longest single step of the model [s]; longer spans are split."""

@@ -12,9 +12,8 @@ and it follows r, which is measured (see :func:`fourth_difference`). Elementwise
 
 from typing import NamedTuple
 
-from groundstation.core.geometry.ops import Ops, Quat, Real, Vec3
-from groundstation.core.geometry.so3 import conjugate, multiply, rotation_vector, turned
-from groundstation.core.vehicle.model import new
+from groundstation.core.geometry import Ops, Quat, Real, Vec3, conjugate, multiply, rotation_vector, turned
+from groundstation.core.vehicle import new
 
 
 class Covariance(NamedTuple):

@@ -1,1 +1,42 @@
 """Elementary functions, rotations and frames, for floats and arrays of vehicles."""
+
+from groundstation.core.geometry import so3 as so3
+from links.core.lazy import load_name
+
+TYPE_CHECKING = False
+if TYPE_CHECKING:
+    from groundstation.core.geometry.frames import Alignment, Body, Frames, World, axes, frames_of
+    from groundstation.core.geometry.ops import FLOATS, Ops, Quat, Real, Vec3, arrays
+    from groundstation.core.geometry.so3 import (
+        IDENTITY,
+        angle_deg,
+        conjugate,
+        euler_zyx,
+        multiply,
+        rotation_vector,
+        third_column,
+        to_body,
+        to_world,
+        turned,
+    )
+
+_MODULES = {
+    "frames": ("Alignment", "Body", "Frames", "World", "axes", "frames_of"),
+    "ops": ("FLOATS", "Ops", "Quat", "Real", "Vec3", "arrays"),
+    "so3": (
+        "IDENTITY",
+        "angle_deg",
+        "conjugate",
+        "euler_zyx",
+        "multiply",
+        "rotation_vector",
+        "third_column",
+        "to_body",
+        "to_world",
+        "turned",
+    ),
+}
+
+
+def __getattr__(name: str) -> object:
+    return load_name(__name__, _MODULES, name)

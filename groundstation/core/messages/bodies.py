@@ -5,7 +5,7 @@ from collections import Counter, deque
 from collections.abc import Iterable
 from typing import NamedTuple
 
-from groundstation.core.geometry.ops import Vec3
+from groundstation.core.geometry import Vec3
 
 BASE_S = 0.1
 """Speeds are measured over at least this time [s]."""

@@ -2,11 +2,11 @@
 
 from typing import NamedTuple, Protocol
 
-from groundstation.core.geometry.ops import Real, Vec3
+from groundstation.core.geometry import Real, Vec3
 from groundstation.core.messages.pose import Pose
 from groundstation.core.messages.snapshot import Diagnostics
-from groundstation.core.trajectory.port import Reference
-from groundstation.core.vehicle.model import Drive, Motion
+from groundstation.core.trajectory import Reference
+from groundstation.core.vehicle import Drive, Motion
 
 
 class Estimate(NamedTuple):

@@ -5,7 +5,7 @@ from typing import Literal, Protocol, runtime_checkable
 
 import msgspec
 
-from groundstation.core.geometry.ops import Quat, Vec3
+from groundstation.core.geometry import Quat, Vec3
 
 
 class Pose(msgspec.Struct, frozen=True, gc=False):

@@ -2,9 +2,9 @@
 
 import msgspec
 
-from groundstation.core.geometry.ops import Quat, Vec3
+from groundstation.core.geometry import Quat, Vec3
 from groundstation.core.messages.verdict import Check
-from links.core.port import LinkStatus
+from links.core import LinkStatus
 
 
 class Diagnostics(msgspec.Struct, frozen=True, gc=False):

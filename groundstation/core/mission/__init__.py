@@ -1,1 +1,17 @@
 """The mission as a table: state and event to state."""
+
+from links.core.lazy import load_name
+
+TYPE_CHECKING = False
+if TYPE_CHECKING:
+    from groundstation.core.mission.interrupts import Interrupts
+    from groundstation.core.mission.mission import EVENT_OF, FINAL, IN_AIR, ON_GROUND, TABLE, Event, Mission, State
+
+_MODULES = {
+    "interrupts": ("Interrupts",),
+    "mission": ("EVENT_OF", "Event", "FINAL", "IN_AIR", "Mission", "ON_GROUND", "State", "TABLE"),
+}
+
+
+def __getattr__(name: str) -> object:
+    return load_name(__name__, _MODULES, name)

@@ -1,6 +1,6 @@
 """What an impatient operator means: the first Ctrl-C lands, the second brings down, the third kills. Sans-IO."""
 
-from groundstation.core.messages.requests import Ask, Request
+from groundstation.core.messages import Ask, Request
 
 ONCE_S = 1.0
 """Presses within this time count once [s]: a key that bounces, or a signal sent to a whole group, is no second one."""

@@ -2,7 +2,7 @@
 
 from enum import StrEnum
 
-from groundstation.core.messages.requests import Ask
+from groundstation.core.messages import Ask
 
 
 class State(StrEnum):

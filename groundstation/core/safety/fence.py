@@ -5,7 +5,7 @@ from typing import Annotated, NamedTuple, TypeAlias
 
 import msgspec
 
-from groundstation.core.geometry.ops import Vec3
+from groundstation.core.geometry import Vec3
 
 Metres = Annotated[float, msgspec.Meta(ge=-1000.0, le=1000.0)]
 Corner = tuple[Metres, Metres]

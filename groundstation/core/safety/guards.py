@@ -12,16 +12,15 @@ from typing import Annotated, Protocol
 
 import msgspec
 
-from groundstation.core.geometry.so3 import angle_deg, third_column
-from groundstation.core.messages.control import Estimate
-from groundstation.core.mission.mission import State
+from groundstation.core.geometry import angle_deg, third_column
+from groundstation.core.messages import Estimate
+from groundstation.core.mission import State
 from groundstation.core.safety.escalation import Finding, Since, Step
 from groundstation.core.safety.fence import Fence
 from groundstation.core.safety.separation import Separation
-from groundstation.core.trajectory.port import Reference
-from groundstation.core.vehicle.model import Motion
-from groundstation.core.vehicle.vehicle import Vehicle
-from links.core.port import Command, LinkStatus
+from groundstation.core.trajectory import Reference
+from groundstation.core.vehicle import Motion, Vehicle
+from links.core import Command, LinkStatus
 
 SWAY_FADES_S = 1.0
 """Time that it leant far off is forgotten so fast [s]."""

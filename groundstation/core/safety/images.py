@@ -8,7 +8,7 @@ that obeys and a picture that stands, summed with fading memory and never below 
 import math
 from collections.abc import Sequence
 
-from groundstation.core.geometry.ops import Vec3
+from groundstation.core.geometry import Vec3
 
 CAP = 6.5
 """Most that one node may say for an image: no single outlier convicts."""

@@ -13,7 +13,7 @@ from collections import deque
 from collections.abc import Sequence
 from typing import NamedTuple
 
-from groundstation.core.messages.pose import Pose
+from groundstation.core.messages import Pose
 
 SHARES = tuple(0.5 + 0.05 * k for k in range(23))
 """Hover thrust of the hypotheses, as shares of the told weight [-]."""

@@ -12,10 +12,9 @@ from typing import NamedTuple
 
 import msgspec
 
-from groundstation.core.control.gains import Gains
-from groundstation.core.messages.control import Estimate
-from groundstation.core.messages.requests import Reply
-from groundstation.core.trajectory.port import Reference
+from groundstation.core.control import Gains
+from groundstation.core.messages import Estimate, Reply
+from groundstation.core.trajectory import Reference
 
 RAMP_S = 2.0
 """A gain takes so long to get to its new value [s]."""

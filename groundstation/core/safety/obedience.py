@@ -35,10 +35,10 @@ from collections import deque
 from itertools import islice
 from typing import NamedTuple
 
-from groundstation.core.geometry.ops import Quat, Vec3
-from groundstation.core.messages.pose import Pose
+from groundstation.core.geometry import Quat, Vec3
+from groundstation.core.messages import Pose
 from groundstation.core.safety.images import SETTLES, WIND_M, Images
-from groundstation.core.vehicle.model import Driven, Motion
+from groundstation.core.vehicle import Driven, Motion
 
 NODE_S, HALF_NODE_S = 0.1, 0.05 - 1e-6
 """Time between two nodes, and from one to the next between them [s]."""

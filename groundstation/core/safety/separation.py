@@ -5,8 +5,8 @@ from typing import Annotated, Literal, NamedTuple
 
 import msgspec
 
-from groundstation.core.geometry.ops import Vec3
-from groundstation.core.messages.bodies import Others
+from groundstation.core.geometry import Vec3
+from groundstation.core.messages import Others
 
 AHEAD_S = 0.5
 """Longest time that the speed of another is believed to last [s]."""

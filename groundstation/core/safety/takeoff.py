@@ -12,12 +12,11 @@ from typing import Annotated, Protocol
 
 import msgspec
 
-from groundstation.core.geometry.ops import Vec3
-from groundstation.core.geometry.so3 import angle_deg, third_column
-from groundstation.core.messages.pose import Pose
+from groundstation.core.geometry import Vec3, angle_deg, third_column
+from groundstation.core.messages import Pose
 from groundstation.core.safety.fence import Fence
 from groundstation.core.safety.liftoff import LiftOff, Wander
-from groundstation.core.vehicle.vehicle import Vehicle
+from groundstation.core.vehicle import Vehicle
 
 SURE_SHARE = 0.6
 """Share of the weight that thrust reaches within ``spool_s``, and that lifts nothing [-]."""

@@ -6,7 +6,7 @@ from typing import Annotated
 
 import msgspec
 
-from groundstation.core.messages.pose import Pose
+from groundstation.core.messages import Pose
 
 LOW_SHARE = 0.75
 """On the floor thrust falls below this share of the hover thrust, as the reference goes on down [-]."""

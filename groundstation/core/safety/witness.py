@@ -22,9 +22,9 @@ import math
 from collections import deque
 from typing import NamedTuple
 
-from groundstation.core.geometry.ops import Quat
-from groundstation.core.messages.pose import Pose
-from links.core.port import Attitude
+from groundstation.core.geometry import Quat
+from groundstation.core.messages import Pose
+from links.core import Attitude
 
 STEP_S = 0.05
 """From one instant that may be compared to the next [s]."""

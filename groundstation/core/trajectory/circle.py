@@ -2,7 +2,7 @@
 
 import math
 
-from groundstation.core.geometry.ops import Vec3
+from groundstation.core.geometry import Vec3
 from groundstation.core.trajectory.laps import Laps
 from groundstation.core.trajectory.port import Coordinate, Degrees, Length, Point, Reference, Speed, Turning
 

@@ -12,7 +12,7 @@ from typing import Annotated, NamedTuple
 
 import msgspec
 
-from groundstation.core.geometry.ops import Vec3
+from groundstation.core.geometry import Vec3
 from groundstation.core.trajectory.paced import Paced
 from groundstation.core.trajectory.port import Acceleration, Degrees, Point, Reference
 

@@ -14,9 +14,9 @@ from typing import Any, NamedTuple
 
 import msgspec
 
-from groundstation.core.geometry.ops import FLOATS, Ops, Real, Vec3, arrays
+from groundstation.core.geometry import FLOATS, Ops, Real, Vec3, arrays
 from groundstation.core.trajectory.port import Trajectory
-from groundstation.core.vehicle.vehicle import LimitsConfig, Vehicle
+from groundstation.core.vehicle import LimitsConfig, Vehicle
 
 
 class Demand(msgspec.Struct, frozen=True, kw_only=True):

@@ -4,7 +4,7 @@ import math
 
 import msgspec
 
-from groundstation.core.geometry.ops import Vec3
+from groundstation.core.geometry import Vec3
 from groundstation.core.trajectory.port import Degrees, Point, Reference
 
 

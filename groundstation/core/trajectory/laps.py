@@ -9,7 +9,7 @@ from typing import Annotated
 
 import msgspec
 
-from groundstation.core.geometry.ops import Vec3
+from groundstation.core.geometry import Vec3
 from groundstation.core.trajectory.paced import Paced
 from groundstation.core.trajectory.port import Degrees, Ramp, Reference, Turning
 

@@ -14,7 +14,7 @@ With s = sinφ, c = cosφ, d = √(1 + s²):  ds/du = c d,  dc/du = -s d,  dd/du
 
 import math
 
-from groundstation.core.geometry.ops import Vec3
+from groundstation.core.geometry import Vec3
 from groundstation.core.trajectory.laps import Laps
 from groundstation.core.trajectory.port import Coordinate, Degrees, Length, Point, Reference, Speed, Turning
 

@@ -7,7 +7,7 @@ half of its own time on the curve: s = ramp x⁴ (5/2 - 3x + x²). With the curv
     v = s˙ c'        a = s¨ c' + s˙² c''        j = s⃛ c' + 3 s˙ s¨ c'' + s˙³ c'''
 """
 
-from groundstation.core.geometry.ops import Vec3
+from groundstation.core.geometry import Vec3
 from groundstation.core.trajectory.port import Reference, Trajectory
 
 

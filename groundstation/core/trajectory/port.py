@@ -9,7 +9,7 @@ from typing import Annotated, Protocol, TypeAlias
 
 import msgspec
 
-from groundstation.core.geometry.ops import Vec3
+from groundstation.core.geometry import Vec3
 
 ZERO: Vec3 = (0.0, 0.0, 0.0)
 

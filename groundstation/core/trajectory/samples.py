@@ -10,7 +10,7 @@ from typing import Annotated, Any
 
 import msgspec
 
-from groundstation.config.schema import FromFile
+from groundstation.config import FromFile
 from groundstation.core.trajectory.paced import Paced
 from groundstation.core.trajectory.port import Degrees, Moment, Point, Ramp, Trajectory
 from groundstation.core.trajectory.spline import Spline, smoothest

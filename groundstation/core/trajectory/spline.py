@@ -14,7 +14,7 @@ import math
 from bisect import bisect_right
 from typing import TYPE_CHECKING, NamedTuple
 
-from groundstation.core.geometry.ops import Vec3
+from groundstation.core.geometry import Vec3
 from groundstation.core.trajectory.port import Reference
 
 if TYPE_CHECKING:

@@ -11,7 +11,7 @@ import math
 
 import msgspec
 
-from groundstation.core.geometry.ops import Vec3
+from groundstation.core.geometry import Vec3
 from groundstation.core.trajectory.port import Acceleration, Degrees, Point, Reference, Speed
 
 _PEAK_1 = 35.0 / 16.0

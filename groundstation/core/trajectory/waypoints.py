@@ -25,8 +25,8 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import msgspec
 
-from groundstation.config.schema import FromFile
-from groundstation.core.geometry.ops import Vec3
+from groundstation.config import FromFile
+from groundstation.core.geometry import Vec3
 from groundstation.core.trajectory.port import Acceleration, Degrees, Moment, Point, Speed
 from groundstation.core.trajectory.spline import Spline, ends, roughness, smoothest
 

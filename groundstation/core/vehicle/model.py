@@ -9,8 +9,7 @@ arrays of shape (N,).
 
 from typing import NamedTuple
 
-from groundstation.core.geometry.ops import Ops, Quat, Real, Vec3
-from groundstation.core.geometry.so3 import turned
+from groundstation.core.geometry import Ops, Quat, Real, Vec3, turned
 
 new = tuple.__new__
 """Makes a named tuple in a third to a half of the time that its own name takes; this runs some five times a command."""

@@ -8,9 +8,7 @@ from typing import Annotated, Any, ClassVar
 
 import msgspec
 
-from groundstation.config.files import presets, toml
-from groundstation.config.names import VEHICLE_LETTERS, name_of
-from groundstation.config.schema import FromFile, Problem, completed, dotted
+from groundstation.config import VEHICLE_LETTERS, FromFile, Problem, completed, dotted, name_of, presets, toml
 
 Positive = Annotated[float, msgspec.Meta(gt=0.0)]
 NonNegative = Annotated[float, msgspec.Meta(ge=0.0)]

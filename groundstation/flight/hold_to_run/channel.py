@@ -3,8 +3,8 @@
 import asyncio
 
 from groundstation.flight.hold_to_run.hold import InputLost
-from links.mavlink.connection import MavlinkConnection
-from links.mavlink.protocol.codec import Message
+from links.mavlink import MavlinkConnection
+from links.mavlink.protocol import Message
 
 RATE_HZ = 25.0
 """How often it is asked for [1/s]."""

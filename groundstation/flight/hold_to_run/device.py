@@ -12,9 +12,9 @@ from contextlib import suppress
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from groundstation.config.loader import ConfigError
+from groundstation.config import ConfigError
 from groundstation.flight.hold_to_run.hold import InputLost
-from groundstation.settings.hold_to_run import OperatorConfig
+from groundstation.settings import OperatorConfig
 
 if TYPE_CHECKING:
     from evdev import InputDevice

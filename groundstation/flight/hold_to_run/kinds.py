@@ -3,9 +3,9 @@
 from groundstation.flight.hold_to_run.channel import ChannelInput
 from groundstation.flight.hold_to_run.device import open_device
 from groundstation.flight.hold_to_run.watch import HoldWatch, Input
-from groundstation.settings.hold_to_run import OperatorConfig
-from links.core.port import CommandLink
-from links.mavlink.link import MavlinkLink
+from groundstation.settings import OperatorConfig
+from links.core import CommandLink
+from links.mavlink import MavlinkLink
 
 
 def make_hold(config: OperatorConfig, link: CommandLink) -> HoldWatch | None:

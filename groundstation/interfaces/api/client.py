@@ -15,8 +15,7 @@ from contextlib import asynccontextmanager
 from pathlib import Path
 from typing import Literal, cast
 
-from groundstation.core.messages.requests import Ask, Request
-from groundstation.core.messages.snapshot import Snapshot
+from groundstation.core.messages import Ask, Request, Snapshot
 from groundstation.interfaces.api.messages import (
     LINE_MAX_BYTES,
     SNAPSHOT_PREFIX,
@@ -30,7 +29,7 @@ from groundstation.interfaces.api.messages import (
     decode,
     encode_order,
 )
-from groundstation.runtime.place import ApiError, owner
+from groundstation.runtime import ApiError, owner
 
 ANSWER_S = 3.0
 """How long a ground station may take to say hello, or to answer [s]."""

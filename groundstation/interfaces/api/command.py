@@ -4,11 +4,11 @@ import asyncio
 import sys
 from pathlib import Path
 
-from groundstation.core.messages.requests import Ask, Request
+from groundstation.core.messages import Ask, Request
 from groundstation.interfaces.api.client import attached
 from groundstation.interfaces.api.desk import ANYONE
 from groundstation.interfaces.api.messages import Answer
-from groundstation.runtime.place import ApiError, find
+from groundstation.runtime import ApiError, find
 
 EXIT_DONE, EXIT_REFUSED, EXIT_NOBODY = 0, 1, 2
 

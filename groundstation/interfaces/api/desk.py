@@ -2,9 +2,9 @@
 
 from typing import Protocol
 
-from groundstation.core.messages.requests import Ask, Reply, Request
+from groundstation.core.messages import Ask, Reply, Request
 from groundstation.interfaces.api.messages import Answer, Control, Order
-from links.core.terminal_text import printable
+from links.core import printable
 
 ANYONE = frozenset({Ask.LAND, Ask.DESCEND, Ask.ABORT, Ask.KILL})
 """What needs no control: it only ever brings the vehicle down."""

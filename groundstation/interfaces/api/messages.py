@@ -27,8 +27,7 @@ from typing import Annotated, Any, Literal, TypeAlias
 
 import msgspec
 
-from groundstation.core.messages.requests import Ask
-from groundstation.core.messages.snapshot import Snapshot
+from groundstation.core.messages import Ask, Snapshot
 
 VERSION = 1
 """Of this protocol."""

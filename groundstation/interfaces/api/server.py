@@ -6,7 +6,7 @@ from collections import Counter
 from collections.abc import Callable
 from typing import cast
 
-from groundstation.core.messages.snapshot import Snapshot
+from groundstation.core.messages import Snapshot
 from groundstation.interfaces.api.desk import Core, Desk, Party
 from groundstation.interfaces.api.messages import (
     ORDER_MAX_BYTES,
@@ -19,9 +19,7 @@ from groundstation.interfaces.api.messages import (
     decode_order,
     encode,
 )
-from groundstation.runtime.broadcast import Latest
-from groundstation.runtime.place import ApiError, StatusConfig, claim, socket_path
-from groundstation.runtime.quiet import Quiet
+from groundstation.runtime import ApiError, Latest, Quiet, StatusConfig, claim, socket_path
 
 CLIENTS_MAX = 16
 """More clients than this are turned away."""

@@ -9,12 +9,11 @@ from pathlib import Path
 
 import msgspec
 
-from groundstation.config.loader import ConfigError
-from groundstation.core.messages.requests import Ask, Request
+from groundstation.config import ConfigError
+from groundstation.core.messages import Ask, Request
 from groundstation.interfaces.api.client import attached
-from groundstation.runtime.place import ApiError, owner
-from groundstation.runtime.register import BRIDGE, Running, running, send, strangers
-from links.core.terminal_text import printable
+from groundstation.runtime import BRIDGE, ApiError, Running, owner, running, send, strangers
+from links.core import printable
 
 ANSWER_S = 1.0
 """Who has not answered by then gets a signal [s]."""

@@ -7,11 +7,11 @@ import shlex
 import sys
 from collections.abc import Callable
 
-from groundstation.config.loader import ConfigError, dump, load
-from groundstation.core.messages.requests import Ask
-from groundstation.flight.confirm import confirmation, ensure_named, line_from_terminal
-from groundstation.interfaces.service.readiness import flyable
-from groundstation.settings.settings import Config
+from groundstation.config import ConfigError, dump, load
+from groundstation.core.messages import Ask
+from groundstation.flight import confirmation, ensure_named, line_from_terminal
+from groundstation.interfaces.service import flyable
+from groundstation.settings import Config
 
 EXIT_DONE, EXIT_ABORTED = 0, 1
 
@@ -21,12 +21,12 @@ def fly(args: argparse.Namespace) -> int:
     config = flyable(load(args.config, Config, args.overrides))
     ensure_named(args.arm, config)
     if args.tui:
-        from groundstation.interfaces.tui.command import fly_with_screen
+        from groundstation.interfaces.tui import fly_with_screen
 
         return fly_with_screen(args, config)
     if args.arm is None and not sys.stdin.isatty():
         raise ConfigError("--arm", f"without a terminal, arming needs --arm {config.vehicle.name}")
-    from groundstation.interfaces.service.command import fly_command
+    from groundstation.interfaces.service import fly_command
 
     return fly_command(config, confirmation(config, args.arm), _unwaited())
 
@@ -35,22 +35,21 @@ def daemon(args: argparse.Namespace) -> int:
     """Fly headless, whenever somebody arms: log lines to stderr, land and end on SIGTERM."""
     config = flyable(load(args.config, Config, args.overrides))
     ensure_named(args.arm, config)
-    from groundstation.interfaces.service.command import daemon_command
-    from groundstation.interfaces.service.logs import Format
+    from groundstation.interfaces.service import Format, daemon_command
 
     return daemon_command(config, arm=args.arm is not None, once=args.once, style=Format(args.log_format))
 
 
 def health(args: argparse.Namespace) -> int:
     """How a running daemon is."""
-    from groundstation.interfaces.service.health import health_command
+    from groundstation.interfaces.service import health_command
 
     return health_command(args.vehicle, args.socket, as_json=args.json)
 
 
 def service(args: argparse.Namespace) -> int:
     """Print a systemd unit for a configuration."""
-    from groundstation.interfaces.service.systemd import unit
+    from groundstation.interfaces.service import unit
 
     config = flyable(load(args.config, Config, args.overrides))
     print(unit(config, args.config, args.overrides, user=args.user), end="")
@@ -59,14 +58,14 @@ def service(args: argparse.Namespace) -> int:
 
 def fleet(args: argparse.Namespace) -> int:
     """Fly several vehicles, a core process each; signals reach every one."""
-    from groundstation.interfaces.service.fleet import fleet_command
+    from groundstation.interfaces.service import fleet_command
 
     return fleet_command(args, _unwaited())
 
 
 def relay(args: argparse.Namespace) -> int:
     """Hand datagrams on until told to end."""
-    from groundstation.interfaces.service.fleet import relay_command
+    from groundstation.interfaces.service import relay_command
 
     return relay_command(args, _unwaited())
 
@@ -88,11 +87,11 @@ def rf_bridge(args: argparse.Namespace) -> int:
 def tui(args: argparse.Namespace) -> int:
     """Watch and steer a running flight, watch a recorded one, or all vehicles at a broker."""
     if args.fleet is not None:
-        from groundstation.interfaces.mqtt.broker import from_url
-        from groundstation.interfaces.tui.fleet import run_fleet
+        from groundstation.interfaces.mqtt import from_url
+        from groundstation.interfaces.tui import run_fleet
 
         return run_fleet(from_url(args.fleet, ca=args.ca, user=args.user, password_file=args.password_file))
-    from groundstation.interfaces.tui.command import tui_command
+    from groundstation.interfaces.tui import tui_command
 
     return tui_command(args)
 
@@ -100,24 +99,24 @@ def tui(args: argparse.Namespace) -> int:
 def request(args: argparse.Namespace) -> int:
     """One request to a running ground station."""
     if args.mqtt is not None:
-        from groundstation.interfaces.mqtt.ask import ask_command
+        from groundstation.interfaces.mqtt import ask_command
 
         return ask_command(args)
-    from groundstation.interfaces.api.command import request_command
+    from groundstation.interfaces.api import request_command
 
     return request_command(Ask(args.ask), args.vehicle, args.socket, args.why)
 
 
 def stop_all(args: argparse.Namespace) -> int:
     """Have every flight of this user on this machine come down."""
-    from groundstation.interfaces.api.stop import stop_all_command
+    from groundstation.interfaces.api import stop_all_command
 
     return stop_all_command(args, input if sys.stdin.isatty() else None)
 
 
 def mqtt(args: argparse.Namespace) -> int:
     """Keys, topics and schemas of MQTT."""
-    from groundstation.interfaces.mqtt.command import mqtt_command
+    from groundstation.interfaces.mqtt import mqtt_command
 
     return mqtt_command(args)
 
@@ -130,15 +129,15 @@ def replay(args: argparse.Namespace) -> int:
         if args.config is not None:
             raise ConfigError("--config", "a recording has its own configuration: change it with --set")
         return replay.replay_command(args.file, args.overrides, as_json=args.json, trust_modules=args.trust_modules)
-    from groundstation.analysis.shadow.command import replay_command
+    from groundstation.analysis.shadow import replay_command
 
     return replay_command(args.file, args.config, args.overrides, as_json=args.json)
 
 
 def doctor(args: argparse.Namespace) -> int:
     """Look at the autopilot's parameters, and set some on request."""
-    from groundstation.lab.doctor.command import Orders, doctor
-    from groundstation.runtime.flights import folder_of
+    from groundstation.lab.doctor import Orders, doctor
+    from groundstation.runtime import folder_of
 
     config = load(args.config, Config, args.overrides)
     overrides = [word for override in args.overrides for word in ("--set", override)]
@@ -149,14 +148,14 @@ def doctor(args: argparse.Namespace) -> int:
 
 def props_off(args: argparse.Namespace) -> int:
     """The required test with the propellers off, step by step."""
-    from groundstation.lab.props_off.command import props_off_command
+    from groundstation.lab.props_off import props_off_command
 
     return props_off_command(flyable(load(args.config, Config, args.overrides)), args.now_s)
 
 
 def logs(args: argparse.Namespace) -> int:
     """List the recorded flights."""
-    from groundstation.analysis.listing import logs_command
+    from groundstation.analysis import logs_command
 
     if args.config is not None and args.config.is_dir():
         args.config, args.folder = None, args.folder or args.config
@@ -165,21 +164,21 @@ def logs(args: argparse.Namespace) -> int:
 
 def export(args: argparse.Namespace) -> int:
     """Channels of a recording as CSV, or a whole file from one that was cut off."""
-    from groundstation.analysis.export import export_command
+    from groundstation.analysis import export_command
 
     return export_command(args.file, args.format, args.channel, args.out)
 
 
 def report(args: argparse.Namespace) -> int:
     """A page with figures about one recorded flight, or two."""
-    from groundstation.analysis.report.command import report_command
+    from groundstation.analysis.report import report_command
 
     return report_command(args.files, args.out, as_json=args.json)
 
 
 def identify(args: argparse.Namespace) -> int:
     """What a recorded flight tells of its vehicle."""
-    from groundstation.analysis.identify.command import identify_command
+    from groundstation.analysis.identify import identify_command
 
     return identify_command(args.file, args.out, args.page, as_json=args.json)
 
@@ -189,7 +188,7 @@ def config(args: argparse.Namespace) -> int:
     if args.verb == "show":
         print(dump(load(args.config, Config, args.overrides)), end="")
         return EXIT_DONE
-    from groundstation.config.examples import copy_examples, example_text, list_examples
+    from groundstation.config import copy_examples, example_text, list_examples
 
     if args.all is not None:
         if args.name is not None:
@@ -211,7 +210,7 @@ def completion(args: argparse.Namespace) -> int:
 
 def carry(args: argparse.Namespace) -> int:
     """Have the vehicle carried along shown moves, and find its tracker's axes."""
-    from groundstation.lab.axes.command import carry
+    from groundstation.lab.axes import carry
 
     config = load(args.config, Config, args.overrides)
     return carry(config, args.config, args.overrides, as_json=args.json, keep=args.dry_run)
@@ -243,9 +242,8 @@ def states(args: argparse.Namespace) -> int:
 
 def vehicles(args: argparse.Namespace) -> int:
     """List the vehicles that come along, or print the file of one."""
-    from groundstation.config.files import presets
-    from groundstation.config.loader import from_dict
-    from groundstation.core.vehicle.vehicle import Vehicle
+    from groundstation.config import from_dict, presets
+    from groundstation.core.vehicle import Vehicle
 
     known = presets(Vehicle)
     if args.name is not None:
@@ -271,6 +269,6 @@ def _say(line: str) -> None:
 
 def _unwaited() -> Callable[[str], None]:
     """Tell the operator in flight: a terminal that stands still (Ctrl-S) or is gone must not hold up a command."""
-    from groundstation.runtime.outlet import Outlet
+    from groundstation.runtime import Outlet
 
     return Outlet(1).say

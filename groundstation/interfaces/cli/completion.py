@@ -6,10 +6,10 @@ from typing import Any
 
 import shtab
 
-from groundstation.config.schema import keys_of
+from groundstation.config import keys_of
 from groundstation.interfaces.cli.program import LazyParser, path
-from groundstation.settings.settings import Config
-from links.bridge.server import BridgeConfig
+from groundstation.settings import Config
+from links.bridge import BridgeConfig
 
 Words = Callable[[str, str], list[str]]
 """A command (``config new``) and the name of an argument of its → what that may be, as far as it can be listed."""
@@ -70,7 +70,7 @@ def words_of_flying(command: str, argument: str) -> list[str]:
     if argument == "overrides":
         return [f"{key}=" for key in keys_of(BridgeConfig if command == "rf-bridge" else Config)]
     if (command, argument) == ("config new", "name"):
-        from groundstation.config.examples import example_names
+        from groundstation.config import example_names
 
         return example_names()
     return []

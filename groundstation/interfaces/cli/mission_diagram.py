@@ -2,8 +2,8 @@
 
 from pathlib import Path
 
-from groundstation.config.loader import ConfigError
-from groundstation.core.mission.mission import FINAL, TABLE, Event, State
+from groundstation.config import ConfigError
+from groundstation.core.mission import FINAL, TABLE, Event, State
 
 BEGIN, END = "<!-- states:begin -->", "<!-- states:end -->"
 EVERYWHERE = (Event.LAND, Event.DESCEND, Event.ABORT, Event.KILL, Event.TAKEN_OVER)

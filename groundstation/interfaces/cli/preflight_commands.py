@@ -6,10 +6,10 @@ import json
 
 import msgspec
 
-from groundstation.config.loader import ConfigError, load
+from groundstation.config import ConfigError, load
 from groundstation.flight import checks, preflight
-from groundstation.interfaces.service.readiness import flyable
-from groundstation.settings.settings import Config
+from groundstation.interfaces.service import flyable
+from groundstation.settings import Config
 
 EXIT_DONE, EXIT_ABORTED = 0, 1
 
@@ -36,13 +36,13 @@ def check_command(args: argparse.Namespace) -> int:
     """Connect, run the pre-flight checks, and disconnect; or show the pose source live. Nothing is armed."""
     config = load(args.config, Config, args.overrides)
     if args.watch:
-        from groundstation.lab.pose_monitor.command import watch
+        from groundstation.lab.pose_monitor import watch
 
         return watch(config, seconds=args.seconds, as_json=args.json)
     if args.seconds is not None:
         raise ConfigError("--seconds", "is for --watch; without it the checks end by themselves")
-    from groundstation.recording.assembly import make_flight
-    from groundstation.runtime.register import running
+    from groundstation.recording import make_flight
+    from groundstation.runtime import running
 
     flyable(config)
 

@@ -6,17 +6,14 @@ import os
 import signal
 from collections.abc import Callable
 
-from groundstation.config.loader import ConfigError, load
-from groundstation.flight.checks import link_of
-from groundstation.flight.preflight import is_simulated, key
-from groundstation.runtime.place import ApiError
-from groundstation.runtime.register import BRIDGE, Running, registered
-from groundstation.settings.settings import Config
-from links.bridge.server import BridgeConfig
-from links.core.port import LinkError
-from links.io.key_file import make_key
-from links.rf.codecs.codec import RfLinkConfig, Service
-from links.rf.codecs.kinds import RF_CODECS
+from groundstation.config import ConfigError, load
+from groundstation.flight import is_simulated, key, link_of
+from groundstation.runtime import BRIDGE, ApiError, Running, registered
+from groundstation.settings import Config
+from links.bridge import BridgeConfig
+from links.core import LinkError
+from links.io import make_key
+from links.rf.codecs import RF_CODECS, RfLinkConfig, Service
 
 Say = Callable[[str], None]
 
@@ -32,7 +29,7 @@ def serve(args: argparse.Namespace, say: Say) -> bool:
 
 
 async def _serve(config: RfLinkConfig, thrust_max_n: float, what: str, seconds: float, say: Say) -> bool:
-    from links.rf.link import SerialRfLink
+    from links.rf import SerialRfLink
 
     link = SerialRfLink(config, thrust_max_n=thrust_max_n)
     try:
@@ -83,7 +80,7 @@ def bridge(args: argparse.Namespace, say: Say) -> bool:
 
 
 async def _bridge(config: BridgeConfig, shared: bytes, say: Say) -> bool:
-    from links.bridge.server import Bridge
+    from links.bridge import Bridge
 
     loop = asyncio.get_running_loop()
     link = config.link

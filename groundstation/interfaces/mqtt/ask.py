@@ -8,8 +8,7 @@ from typing import TYPE_CHECKING
 
 import msgspec
 
-from groundstation.config.loader import ConfigError
-from groundstation.config.names import CLIENT_LETTERS, VEHICLE_LETTERS, a_name, is_name
+from groundstation.config import CLIENT_LETTERS, VEHICLE_LETTERS, ConfigError, a_name, is_name
 from groundstation.interfaces.mqtt.broker import Broker, from_url, heed_cancellation, in_words
 from groundstation.interfaces.mqtt.messages import (
     ANSWER,
@@ -22,9 +21,9 @@ from groundstation.interfaces.mqtt.messages import (
     properties,
 )
 from groundstation.interfaces.mqtt.request_codec import Place, open_answer, sealed_request
-from groundstation.runtime.wall_clock import wall_ms
-from groundstation.settings.mqtt import RemoteAsk
-from links.io.key_file import read_key
+from groundstation.runtime import wall_ms
+from groundstation.settings import RemoteAsk
+from links.io import read_key
 
 if TYPE_CHECKING:
     import aiomqtt

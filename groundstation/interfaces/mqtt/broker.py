@@ -10,9 +10,9 @@ from typing import TYPE_CHECKING, Any
 
 import msgspec
 
-from groundstation.config.loader import ConfigError, from_dict
-from groundstation.settings.mqtt import MqttConfig
-from links.core.terminal_text import printable
+from groundstation.config import ConfigError, from_dict
+from groundstation.settings import MqttConfig
+from links.core import printable
 
 if TYPE_CHECKING:
     import ssl

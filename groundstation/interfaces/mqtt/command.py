@@ -3,7 +3,7 @@
 import argparse
 import sys
 
-from groundstation.config.loader import ConfigError
+from groundstation.config import ConfigError
 
 EXIT_DONE = 0
 
@@ -22,7 +22,7 @@ def mqtt_command(args: argparse.Namespace) -> int:
 
 
 def _make_key(args: argparse.Namespace) -> None:
-    from links.io.key_file import make_key
+    from links.io import make_key
 
     make_key(args.file)
     print(

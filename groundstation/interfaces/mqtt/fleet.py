@@ -5,12 +5,12 @@ from collections.abc import Iterator
 
 import msgspec
 
-from groundstation.config.names import VEHICLE_LETTERS, is_name
-from groundstation.core.messages.snapshot import Snapshot
-from groundstation.core.mission.mission import FINAL
-from groundstation.interfaces.api.messages import decode
+from groundstation.config import VEHICLE_LETTERS, is_name
+from groundstation.core.messages import Snapshot
+from groundstation.core.mission import FINAL
+from groundstation.interfaces.api import decode
 from groundstation.interfaces.mqtt.messages import EVENT, OFFLINE, SNAPSHOT, STATE, Event
-from links.core.terminal_text import printable
+from links.core import printable
 
 SILENCE_S = 3.0
 """Without a snapshot for this long, what was true is no longer known [s]."""

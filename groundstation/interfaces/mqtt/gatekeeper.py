@@ -6,10 +6,10 @@ from typing import NamedTuple
 
 import msgspec
 
-from groundstation.core.messages.requests import Ask, Reply, Request
+from groundstation.core.messages import Ask, Reply, Request
 from groundstation.interfaces.mqtt.messages import RequestMessage
 from groundstation.interfaces.mqtt.request_codec import Place, decode_request, is_sealed, sealed_answer
-from links.core.terminal_text import printable
+from links.core import printable
 
 LIFE_MAX_MS = 10_000
 """No request is good for longer: what is held back on its way is not obeyed later [ms]."""

@@ -4,9 +4,9 @@ from typing import Annotated, Any
 
 import msgspec
 
-from groundstation.config.names import CLIENT_LETTERS, name_of
-from groundstation.core.messages.snapshot import Snapshot
-from groundstation.settings.mqtt import RemoteAsk
+from groundstation.config import CLIENT_LETTERS, name_of
+from groundstation.core.messages import Snapshot
+from groundstation.settings import RemoteAsk
 
 OFFLINE = "offline"
 """The ``state`` of a vehicle that no station flies, also as last will."""

@@ -14,8 +14,7 @@ from typing import TYPE_CHECKING, Any
 
 import msgspec
 
-from groundstation.core.messages.requests import Reply, Request
-from groundstation.core.messages.snapshot import Snapshot
+from groundstation.core.messages import Reply, Request, Snapshot
 from groundstation.interfaces.mqtt.broker import HEARD_MAX_BYTES, TIMEOUT_S, heed_cancellation, in_words, opened
 from groundstation.interfaces.mqtt.messages import (
     EVENT,
@@ -32,9 +31,8 @@ from groundstation.interfaces.mqtt.messages import (
     unseen,
 )
 from groundstation.interfaces.mqtt.requests import Requests, requests_of
-from groundstation.runtime.broadcast import Latest
-from groundstation.runtime.version import __version__
-from groundstation.settings.mqtt import MqttConfig
+from groundstation.runtime import Latest, __version__
+from groundstation.settings import MqttConfig
 
 if TYPE_CHECKING:
     import aiomqtt

@@ -22,7 +22,7 @@ import hmac
 import msgspec
 
 from groundstation.interfaces.mqtt.messages import AnswerMessage, RequestMessage
-from groundstation.settings.mqtt import RemoteAsk
+from groundstation.settings import RemoteAsk
 
 REQUEST_MAX_BYTES = 1024
 """No request is longer."""

@@ -9,15 +9,15 @@ from typing import TYPE_CHECKING
 
 import msgspec
 
-from groundstation.config.loader import ConfigError
-from groundstation.core.messages.requests import Reply, Request
+from groundstation.config import ConfigError
+from groundstation.core.messages import Reply, Request
 from groundstation.interfaces.mqtt.broker import heed_cancellation, opened
 from groundstation.interfaces.mqtt.gatekeeper import ClientKey, Gatekeeper
 from groundstation.interfaces.mqtt.messages import ANSWER, REQUEST, SESSION, SessionMessage, Topic
 from groundstation.interfaces.mqtt.request_codec import Place
-from groundstation.runtime.wall_clock import wall_ms
-from groundstation.settings.mqtt import MqttConfig, asks
-from links.io.key_file import read_key
+from groundstation.runtime import wall_ms
+from groundstation.settings import MqttConfig, asks
+from links.io import read_key
 
 if TYPE_CHECKING:
     import aiomqtt

@@ -6,8 +6,7 @@ from typing import Any
 
 import msgspec
 
-from groundstation.config.names import in_words
-from groundstation.config.text import docs
+from groundstation.config import docs, in_words
 from groundstation.interfaces.mqtt.messages import TOPICS, Topic
 
 BEGIN, END = "<!-- mqtt topics -->", "<!-- end of mqtt topics -->"

@@ -11,26 +11,29 @@ import signal
 import sys
 from collections.abc import Awaitable, Callable, Coroutine
 
-from groundstation.config.loader import ConfigError
-from groundstation.core.messages.pose import SourceError
-from groundstation.core.messages.requests import Ask, Reply, Request
-from groundstation.core.mission.interrupts import Interrupts
-from groundstation.core.mission.mission import State
-from groundstation.flight.checks import entry_of
-from groundstation.flight.ends import make_ends
+from groundstation.config import ConfigError
+from groundstation.core.messages import Ask, Reply, Request, SourceError
+from groundstation.core.mission import Interrupts, State
+from groundstation.flight import entry_of, make_ends
 from groundstation.interfaces.service.crew import watched
 from groundstation.interfaces.service.daemon import Daemon
 from groundstation.interfaces.service.logs import Format, Lines, is_journal, level_of
 from groundstation.interfaces.service.notify import Notify
-from groundstation.recording.assembly import make_flight, recorder
-from groundstation.runtime.clock import precise_loop
-from groundstation.runtime.exits import Exit
-from groundstation.runtime.lock import Taken, lock_path, only_one
-from groundstation.runtime.place import ApiError, socket_path
-from groundstation.runtime.quiet import Quiet
-from groundstation.runtime.register import registered, running
-from groundstation.settings.settings import Config
-from links.core.port import LinkError
+from groundstation.recording import make_flight, recorder
+from groundstation.runtime import (
+    ApiError,
+    Exit,
+    Quiet,
+    Taken,
+    lock_path,
+    only_one,
+    precise_loop,
+    registered,
+    running,
+    socket_path,
+)
+from groundstation.settings import Config
+from links.core import LinkError
 
 
 def obey(

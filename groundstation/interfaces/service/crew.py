@@ -6,15 +6,12 @@ from collections.abc import AsyncIterator, Awaitable, Callable
 from contextlib import asynccontextmanager
 from typing import Any, Protocol
 
-from groundstation.config.loader import dump
-from groundstation.core.messages.snapshot import Snapshot
-from groundstation.flight.flight import Flight, Outcome
-from groundstation.interfaces.api.desk import Core
-from groundstation.interfaces.api.server import Server
-from groundstation.runtime.broadcast import Latest
-from groundstation.runtime.quiet import Quiet
-from groundstation.runtime.version import __version__
-from groundstation.settings.settings import Config
+from groundstation.config import dump
+from groundstation.core.messages import Snapshot
+from groundstation.flight import Flight, Outcome
+from groundstation.interfaces.api import Core, Server
+from groundstation.runtime import Latest, Quiet, __version__
+from groundstation.settings import Config
 
 
 class Watched(Core, Protocol):
@@ -62,7 +59,7 @@ async def crew(
             if serve.done():
                 serve.result()
         if config.mqtt.enabled:
-            from groundstation.interfaces.mqtt.publisher import publish_forever
+            from groundstation.interfaces.mqtt import publish_forever
 
             tasks.append(
                 asyncio.create_task(_guarded("MQTT", publish_forever(config.mqtt, latest, server.desk.from_afar), say))

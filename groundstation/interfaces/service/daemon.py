@@ -5,21 +5,17 @@ import os
 from collections.abc import Callable
 from contextlib import suppress
 
-from groundstation.core.messages.pose import SourceError
-from groundstation.core.messages.requests import Ask, Reply, Request
-from groundstation.core.messages.snapshot import Snapshot
-from groundstation.core.mission.mission import FINAL, ON_GROUND, State
-from groundstation.flight.flight import Flight, Outcome
-from groundstation.interfaces.api.server import Server
+from groundstation.core.messages import Ask, Reply, Request, Snapshot, SourceError
+from groundstation.core.mission import FINAL, ON_GROUND, State
+from groundstation.flight import Flight, Outcome
+from groundstation.interfaces.api import Server
 from groundstation.interfaces.service.crew import crew
 from groundstation.interfaces.service.health import WRITE_S, Health, HealthFile, health_path
 from groundstation.interfaces.service.notify import Notify
-from groundstation.recording.assembly import make_flight, recorder
-from groundstation.runtime.exits import Exit
-from groundstation.runtime.quiet import Quiet
-from groundstation.runtime.register import running
-from groundstation.settings.settings import Config
-from links.core.port import LinkError
+from groundstation.recording import make_flight, recorder
+from groundstation.runtime import Exit, Quiet, running
+from groundstation.settings import Config
+from links.core import LinkError
 
 PAUSE_S = 2.0
 """Between a flight's end and the next one's beginning [s]; it doubles while none gets as far as to be armed, ..."""

@@ -6,12 +6,11 @@ import os
 import sys
 from collections.abc import Callable
 
-from groundstation.config.loader import ConfigError
-from groundstation.core.messages.pose import SourceError
+from groundstation.config import ConfigError
+from groundstation.core.messages import SourceError
 from groundstation.interfaces.service.fleet_supervisor import Supervisor, by_hand
 from groundstation.interfaces.service.readiness import flyable
-from groundstation.lab.fleet.plan import read_fleet
-from groundstation.lab.fleet.relay import Relay, run_relay
+from groundstation.lab.fleet import Relay, read_fleet, run_relay
 
 EXIT_DONE, EXIT_ABORTED = 0, 1
 

@@ -16,14 +16,13 @@ from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
-from groundstation.config.loader import dump
-from groundstation.core.messages.requests import Ask
-from groundstation.core.mission.mission import State
-from groundstation.interfaces.api.client import snapshots
-from groundstation.interfaces.api.command import asked
-from groundstation.lab.fleet.plan import Fleet, Member
-from groundstation.runtime.place import ApiError, socket_path
-from links.core.child_command import make_child_command
+from groundstation.config import dump
+from groundstation.core.messages import Ask
+from groundstation.core.mission import State
+from groundstation.interfaces.api import asked, snapshots
+from groundstation.lab.fleet import Fleet, Member
+from groundstation.runtime import ApiError, socket_path
+from links.core import make_child_command
 
 AGAIN_S = 0.2
 """How often a core that does not serve its socket yet is asked again [s]."""

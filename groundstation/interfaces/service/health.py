@@ -10,9 +10,9 @@ from pathlib import Path
 
 import msgspec
 
-from groundstation.config.loader import ConfigError
-from groundstation.core.mission.mission import IN_AIR
-from groundstation.runtime.place import SERVICES, directory
+from groundstation.config import ConfigError
+from groundstation.core.mission import IN_AIR
+from groundstation.runtime import SERVICES, directory
 
 WRITE_S = 1.0
 """How often it is written [s]."""

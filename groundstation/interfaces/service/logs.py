@@ -6,7 +6,7 @@ import os
 from collections.abc import Mapping
 from enum import StrEnum
 
-from groundstation.runtime.outlet import Outlet
+from groundstation.runtime import Outlet
 
 
 class Format(StrEnum):

@@ -1,11 +1,11 @@
 """Whether a configuration has all that a flight needs, looked at before anything is opened."""
 
-from groundstation.config.loader import ConfigError
-from groundstation.flight.hold_to_run.kinds import ensure_held
-from groundstation.flight.preflight import ensure_flyable, ensure_guarded, ensure_link
-from groundstation.interfaces.mqtt.requests import ensure_mqtt
-from groundstation.pose.kinds import Recorded
-from groundstation.settings.settings import Config
+from groundstation.config import ConfigError
+from groundstation.flight import ensure_flyable, ensure_guarded, ensure_link
+from groundstation.flight.hold_to_run import ensure_held
+from groundstation.interfaces.mqtt import ensure_mqtt
+from groundstation.pose import Recorded
+from groundstation.settings import Config
 
 
 def flyable(config: Config) -> Config:

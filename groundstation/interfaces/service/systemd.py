@@ -5,12 +5,11 @@ import sys
 from pathlib import Path
 from string import Template
 
-from groundstation.core.safety.touchdown import CERTAIN_S
-from groundstation.flight.preflight import look
-from groundstation.flight.sender import DISARM_WAIT_S
-from groundstation.recording.process import END_S
-from groundstation.settings.settings import Config
-from links.core.child_command import make_child_command
+from groundstation.core.safety import CERTAIN_S
+from groundstation.flight import DISARM_WAIT_S, look
+from groundstation.recording import END_S
+from groundstation.settings import Config
+from links.core import make_child_command
 
 STOPPING_S = 5.0
 """To come to rest, from the fastest that a flight goes [s]."""

@@ -1,1 +1,14 @@
 """The dashboard: a process of its own."""
+
+from links.core.lazy import load_name
+
+TYPE_CHECKING = False
+if TYPE_CHECKING:
+    from groundstation.interfaces.tui.command import fly_with_screen, tui_command
+    from groundstation.interfaces.tui.fleet import run_fleet
+
+_MODULES = {"command": ("fly_with_screen", "tui_command"), "fleet": ("run_fleet",)}
+
+
+def __getattr__(name: str) -> object:
+    return load_name(__name__, _MODULES, name)

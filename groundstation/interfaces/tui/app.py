@@ -14,25 +14,32 @@ from textual.css.query import NoMatches
 from textual.notifications import SeverityLevel
 from textual.screen import Screen
 
-from groundstation.core.messages.requests import Ask
-from groundstation.core.mission.mission import FINAL, ON_GROUND
-from groundstation.interfaces.api.stop import stop_all
-from groundstation.interfaces.tui.feeds.playback import Playback
-from groundstation.interfaces.tui.pages.control_page import ControlPage
-from groundstation.interfaces.tui.pages.fly_page import FlyPage
-from groundstation.interfaces.tui.pages.links_page import LinksPage
-from groundstation.interfaces.tui.pages.page import PAGES, Frame, Page
-from groundstation.interfaces.tui.pages.text_pages import ConfigPage, LogPage
-from groundstation.interfaces.tui.parts.bars import TALL, Knobs
-from groundstation.interfaces.tui.parts.dialogs import Choice, Dialog, Help, Typed
-from groundstation.interfaces.tui.parts.feed import Answer, Feed
-from groundstation.interfaces.tui.parts.gain_table import Gain
-from groundstation.interfaces.tui.parts.headline import SILENCE_S
-from groundstation.interfaces.tui.parts.orders import BY_ASK, ORDERS, Order, Twice, possible
-from groundstation.interfaces.tui.parts.picture import Picture
-from groundstation.interfaces.tui.parts.themes import THEMES
-from groundstation.interfaces.tui.parts.words import flight_time
-from links.core.terminal_text import printable
+from groundstation.core.messages import Ask
+from groundstation.core.mission import FINAL, ON_GROUND
+from groundstation.interfaces.api import stop_all
+from groundstation.interfaces.tui.feeds import Playback
+from groundstation.interfaces.tui.pages import PAGES, ConfigPage, ControlPage, FlyPage, Frame, LinksPage, LogPage, Page
+from groundstation.interfaces.tui.parts import (
+    BY_ASK,
+    ORDERS,
+    SILENCE_S,
+    TALL,
+    THEMES,
+    Answer,
+    Choice,
+    Dialog,
+    Feed,
+    Gain,
+    Help,
+    Knobs,
+    Order,
+    Picture,
+    Twice,
+    Typed,
+    flight_time,
+    possible,
+)
+from links.core import printable
 
 
 class Ordering:

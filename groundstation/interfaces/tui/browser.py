@@ -13,7 +13,7 @@ from pathlib import Path
 from aiohttp import web
 from textual_serve.server import Server
 
-from groundstation.config.loader import ConfigError
+from groundstation.config import ConfigError
 
 HOST = "127.0.0.1"
 _NAMES = (HOST, "localhost")

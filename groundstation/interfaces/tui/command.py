@@ -8,18 +8,24 @@ import subprocess
 import sys
 from pathlib import Path
 
-from groundstation.config.loader import ConfigError
-from groundstation.core.mission.mission import FINAL
+from groundstation.config import ConfigError
+from groundstation.core.mission import FINAL
 from groundstation.interfaces.tui.app import NO_SCREEN, Dashboard
-from groundstation.interfaces.tui.feeds.attached import Attached
-from groundstation.interfaces.tui.feeds.playback import Playback
-from groundstation.interfaces.tui.feeds.tape import Tape
+from groundstation.interfaces.tui.feeds import Attached, Playback, Tape
 from groundstation.interfaces.tui.screenshot import shoot
-from groundstation.recording.reader import NoRecording
-from groundstation.runtime.flights import for_us_alone, made_folder
-from groundstation.runtime.place import ApiError, StatusConfig, find, is_served, serving, socket_path
-from groundstation.settings.settings import Config
-from links.core.child_command import make_child_command
+from groundstation.recording import NoRecording
+from groundstation.runtime import (
+    ApiError,
+    StatusConfig,
+    find,
+    for_us_alone,
+    is_served,
+    made_folder,
+    serving,
+    socket_path,
+)
+from groundstation.settings import Config
+from links.core import make_child_command
 
 _ENDED = frozenset(state.value for state in FINAL)
 NICE = 5

@@ -8,13 +8,10 @@ from textual.app import App, ComposeResult
 from textual.binding import BindingType
 from textual.widgets import DataTable, Footer, Static
 
-from groundstation.interfaces.mqtt.broker import Broker, heed_cancellation, in_words
-from groundstation.interfaces.mqtt.fleet import Fleet, Seen
-from groundstation.interfaces.mqtt.messages import EVENT as EVENT_TOPIC
-from groundstation.interfaces.mqtt.messages import SNAPSHOT, STATE
+from groundstation.interfaces.mqtt import EVENT as EVENT_TOPIC
+from groundstation.interfaces.mqtt import SNAPSHOT, STATE, Broker, Fleet, Seen, heed_cancellation, in_words
 from groundstation.interfaces.tui.fleet_rows import COLUMNS, EVENT, ORDERS, Row, details, headline, rows
-from groundstation.interfaces.tui.parts.headline import ALARM, BUSY, CALM, FLYING
-from groundstation.interfaces.tui.parts.letters import big
+from groundstation.interfaces.tui.parts import ALARM, BUSY, CALM, FLYING, big
 
 FRAME_S = 0.5
 """Time between two drawings [s]."""

@@ -5,9 +5,9 @@ from collections import Counter
 from collections.abc import Callable, Iterable
 from typing import NamedTuple
 
-from groundstation.interfaces.mqtt.fleet import Seen
-from groundstation.interfaces.tui.parts.headline import ALARM, BUSY, CALM, FLYING
-from links.core.terminal_text import printable
+from groundstation.interfaces.mqtt import Seen
+from groundstation.interfaces.tui.parts import ALARM, BUSY, CALM, FLYING
+from links.core import printable
 
 COLUMNS = (("vehicle", 10), ("state", 14), ("pose", 7), ("error", 7), ("RMS", 7), ("batt", 6), ("link", 8), ("data", 6))
 """Heading and width of all columns but the last, which is the newest event."""

@@ -9,21 +9,20 @@ from typing import Any, NamedTuple
 
 import msgspec
 
-from groundstation.config.loader import ConfigError
-from groundstation.core.geometry.frames import Alignment
-from groundstation.core.messages.pose import Pose, PoseEvent, SourceError
+from groundstation.config import ConfigError
+from groundstation.core.geometry import Alignment
+from groundstation.core.messages import Pose, PoseEvent, SourceError
 from groundstation.lab.axes.moves import MOVES, Carry, Sample
 from groundstation.lab.axes.solve import Contradiction, Found, solve
 from groundstation.lab.axes.write import Value, write
-from groundstation.lab.pose_monitor.listener import ears
-from groundstation.pose.kinds import Recorded
-from groundstation.pose.sources.mavlink import MavlinkPoseConfig
-from groundstation.runtime.exits import INTERRUPTED
-from groundstation.settings.settings import Config
-from links.core.port import LinkError
-from links.mavlink.connection import MavlinkConnection
-from links.mavlink.link import MavlinkLinkConfig
-from links.mavlink.protocol.codec import Message
+from groundstation.lab.pose_monitor import ears
+from groundstation.pose import Recorded
+from groundstation.pose.sources import MavlinkPoseConfig
+from groundstation.runtime import INTERRUPTED
+from groundstation.settings import Config
+from links.core import LinkError
+from links.mavlink import MavlinkConnection, MavlinkLinkConfig
+from links.mavlink.protocol import Message
 
 EXIT_FOUND, EXIT_CONTRADICTION, EXIT_NO_SOURCE = 0, 1, 3
 ATTITUDE_HZ = 100.0

@@ -10,8 +10,7 @@ from typing import Literal
 
 import msgspec
 
-from groundstation.core.geometry import so3
-from groundstation.core.geometry.ops import Quat, Vec3
+from groundstation.core.geometry import Quat, Vec3, so3
 
 SHIFT_M, TURN_DEG = 0.3, 25.0
 """A move has begun once the vehicle is this far, or this much turned, from where it was."""

@@ -12,9 +12,7 @@ from typing import TYPE_CHECKING, Any, get_args
 
 import msgspec
 
-from groundstation.core.geometry import so3
-from groundstation.core.geometry.frames import Body, World, axes
-from groundstation.core.geometry.ops import Quat, Vec3
+from groundstation.core.geometry import Body, Quat, Vec3, World, axes, so3
 from groundstation.lab.axes.moves import MOVES, Move, Rest, Sample, angle_deg, mean_attitude
 
 if TYPE_CHECKING:

@@ -6,8 +6,8 @@ from pathlib import Path
 
 import tomli_w
 
-from groundstation.config.loader import ConfigError, load
-from groundstation.settings.settings import Config
+from groundstation.config import ConfigError, load
+from groundstation.settings import Config
 
 _HEADER = re.compile(r"\s*\[\s*([^\[\]]+?)\s*\]\s*(#.*)?$")
 

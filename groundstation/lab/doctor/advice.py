@@ -9,7 +9,7 @@ from typing import NamedTuple
 
 import msgspec
 
-from links.mavlink.procedures.parameters import Parameter
+from links.mavlink.procedures import Parameter
 
 
 class Weight(StrEnum):

@@ -10,13 +10,13 @@ from typing import Any, NamedTuple
 
 import msgspec
 
-from groundstation.config.loader import ConfigError
+from groundstation.config import ConfigError
 from groundstation.lab.doctor import restore
 from groundstation.lab.doctor.advice import Finding, Weight, is_wrong
 from groundstation.lab.doctor.visit import Visit
-from groundstation.settings.settings import Config
-from links.core.port import LinkError
-from links.mavlink.procedures.parameters import Parameter
+from groundstation.settings import Config
+from links.core import LinkError
+from links.mavlink.procedures import Parameter
 
 _MARKS = {"ok": "ok", "must": "MUST", "should": "SHOULD", "note": "note", "absent": "-"}
 _ORDER = list(_MARKS)

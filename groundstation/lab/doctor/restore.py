@@ -5,7 +5,7 @@ from pathlib import Path
 
 import msgspec
 
-from links.mavlink.procedures.parameters import Parameter
+from links.mavlink.procedures import Parameter
 
 
 class Restore(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):

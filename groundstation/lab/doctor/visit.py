@@ -6,17 +6,14 @@ from typing import Any
 
 import msgspec
 
-from groundstation.config.loader import ConfigError
+from groundstation.config import ConfigError
 from groundstation.lab.doctor import ardupilot, px4
 from groundstation.lab.doctor.advice import Advice, Facts, Finding, judged
-from groundstation.settings.settings import Config
-from links.core.port import LinkLost, LinkRejected
-from links.core.thrust_curve import signal
-from links.mavlink.connection import MavlinkConnection
-from links.mavlink.link import MavlinkLinkConfig
-from links.mavlink.procedures.parameters import Parameter, ReadAll, Write, is_same
-from links.mavlink.procedures.steps import Handshake
-from links.mavlink.protocol.codec import ARDUPILOT, ARMED, PX4
+from groundstation.settings import Config
+from links.core import LinkLost, LinkRejected, signal
+from links.mavlink import MavlinkConnection, MavlinkLinkConfig
+from links.mavlink.procedures import Handshake, Parameter, ReadAll, Write, is_same
+from links.mavlink.protocol import ARDUPILOT, ARMED, PX4
 
 BEAT_S = 3.0
 """How long the heartbeat that tells whether it is armed may take [s]."""

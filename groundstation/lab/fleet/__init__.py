@@ -1,1 +1,14 @@
 """Several vehicles: their cores together, and the relay of poses between them."""
+
+from links.core.lazy import load_name
+
+TYPE_CHECKING = False
+if TYPE_CHECKING:
+    from groundstation.lab.fleet.plan import Fleet, Member, read_fleet
+    from groundstation.lab.fleet.relay import Relay, run_relay
+
+_MODULES = {"plan": ("Fleet", "Member", "read_fleet"), "relay": ("Relay", "run_relay")}
+
+
+def __getattr__(name: str) -> object:
+    return load_name(__name__, _MODULES, name)

@@ -6,14 +6,11 @@ from typing import Annotated, Any, NamedTuple
 
 import msgspec
 
-from groundstation.config.files import beside, toml
-from groundstation.config.loader import ConfigError, from_dict
-from groundstation.config.names import VEHICLE_LETTERS, name_of
-from groundstation.pose.kinds import ShowsOthers
-from groundstation.pose.sources.json import JsonConfig
-from groundstation.pose.sources.vicon import ViconConfig
-from groundstation.settings.settings import Config
-from links.io.address import parse_address
+from groundstation.config import VEHICLE_LETTERS, ConfigError, beside, from_dict, name_of, toml
+from groundstation.pose import ShowsOthers
+from groundstation.pose.sources import JsonConfig, ViconConfig
+from groundstation.settings import Config
+from links.io import parse_address
 
 Name = Annotated[str, msgspec.Meta(pattern=name_of(VEHICLE_LETTERS))]
 MOST = 64

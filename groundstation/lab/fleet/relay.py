@@ -6,10 +6,8 @@ import signal
 from collections import Counter
 from collections.abc import Callable, Sequence
 
-from groundstation.pose.intake.datagram import cannot_listen
-from groundstation.pose.intake.multicast import join
-from links.io.address import parse_address
-from links.io.datagrams import Datagrams
+from groundstation.pose.intake import cannot_listen, join
+from links.io import Datagrams, parse_address
 
 
 class Relay(asyncio.DatagramProtocol):

@@ -1,1 +1,14 @@
 """Pose monitor: any pose source live, without flying."""
+
+from links.core.lazy import load_name
+
+TYPE_CHECKING = False
+if TYPE_CHECKING:
+    from groundstation.lab.pose_monitor.command import watch
+    from groundstation.lab.pose_monitor.listener import ears
+
+_MODULES = {"command": ("watch",), "listener": ("ears",)}
+
+
+def __getattr__(name: str) -> object:
+    return load_name(__name__, _MODULES, name)

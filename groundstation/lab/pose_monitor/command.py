@@ -11,16 +11,14 @@ from typing import TYPE_CHECKING
 
 import msgspec
 
-from groundstation.core.geometry.ops import Vec3
-from groundstation.core.messages.pose import PoseEvent, SourceError
+from groundstation.core.geometry import Vec3
+from groundstation.core.messages import PoseEvent, SourceError
 from groundstation.lab.pose_monitor.listener import Ears, ears
 from groundstation.lab.pose_monitor.seen import Seen, Watcher
-from groundstation.pose.kinds import Recorded
-from groundstation.pose.outbreaks import HINTS
-from groundstation.runtime.entry import bare
-from groundstation.settings.settings import Config
-from links.core.port import LinkError
-from links.core.terminal_text import printable
+from groundstation.pose import HINTS, Recorded
+from groundstation.runtime import bare
+from groundstation.settings import Config
+from links.core import LinkError, printable
 
 if TYPE_CHECKING:
     from rich.table import Table

@@ -6,14 +6,12 @@ from contextlib import asynccontextmanager
 
 import msgspec
 
-from groundstation.core.messages.pose import Overheard, Pose, PoseEvent, PoseSource
-from groundstation.pose.gated import Gated
-from groundstation.pose.kinds import make_source
-from groundstation.pose.sources.mavlink import MavlinkPoseConfig
-from groundstation.settings.settings import Config
-from links.make import make_link
-from links.mavlink.connection import MavlinkConnection
-from links.mavlink.link import MavlinkLink, MavlinkLinkConfig
+from groundstation.core.messages import Overheard, Pose, PoseEvent, PoseSource
+from groundstation.pose import Gated, make_source
+from groundstation.pose.sources import MavlinkPoseConfig
+from groundstation.settings import Config
+from links import make_link
+from links.mavlink import MavlinkConnection, MavlinkLink, MavlinkLinkConfig
 
 
 class Ears(msgspec.Struct, frozen=True):

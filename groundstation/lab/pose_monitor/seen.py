@@ -7,10 +7,9 @@ from statistics import fmean, pstdev
 
 import msgspec
 
-from groundstation.core.estimation.observer import fourth_difference
-from groundstation.core.geometry.ops import Vec3
-from groundstation.core.geometry.so3 import conjugate, euler_zyx, multiply, rotation_vector
-from groundstation.core.messages.pose import Pose, PoseEvent, PoseStatus
+from groundstation.core.estimation import fourth_difference
+from groundstation.core.geometry import Vec3, conjugate, euler_zyx, multiply, rotation_vector
+from groundstation.core.messages import Pose, PoseEvent, PoseStatus
 
 WINDOW_S = 2.0
 """Jitter and noise are those of the last so many seconds [s]."""

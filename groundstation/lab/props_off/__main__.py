@@ -12,11 +12,11 @@ import tomllib
 
 import msgspec
 
-from groundstation.config.loader import from_dict
-from groundstation.flight.ends import make_ends
+from groundstation.config import from_dict
+from groundstation.flight import make_ends
 from groundstation.lab.props_off.hand import News, disarm, hold
-from groundstation.runtime.clock import precise_loop
-from groundstation.settings.settings import Config
+from groundstation.runtime import precise_loop
+from groundstation.settings import Config
 
 
 def main() -> int:

@@ -6,16 +6,12 @@ import signal
 import sys
 from datetime import UTC, datetime
 
-from groundstation.config.loader import ConfigError
-from groundstation.flight.confirm import line_from_terminal
-from groundstation.flight.proof import Proof, digest, place, save
+from groundstation.config import ConfigError
+from groundstation.flight import Proof, digest, line_from_terminal, place, save
 from groundstation.lab.props_off.process import open_hand
 from groundstation.lab.props_off.steps import Guide, NotProven, Trouble
-from groundstation.runtime.clock import precise_loop
-from groundstation.runtime.exits import Exit
-from groundstation.runtime.lock import Taken, lock_path, only_one
-from groundstation.runtime.place import ApiError, socket_path
-from groundstation.settings.settings import Config
+from groundstation.runtime import ApiError, Exit, Taken, lock_path, only_one, precise_loop, socket_path
+from groundstation.settings import Config
 
 SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP, signal.SIGQUIT)
 

@@ -11,13 +11,13 @@ from typing import Literal
 
 import msgspec
 
-from groundstation.core.messages.pose import Pose, PoseSource, SourceError
-from groundstation.core.pilot import Pilot
-from groundstation.pose.gated import Gated
-from groundstation.runtime.clock import to_the_end
-from groundstation.settings.settings import Config
-from links.core.port import CommandLink, LinkError
-from links.mavlink.protocol.config import MavlinkLinkConfig
+from groundstation.core import Pilot
+from groundstation.core.messages import Pose, PoseSource, SourceError
+from groundstation.pose import Gated
+from groundstation.runtime import to_the_end
+from groundstation.settings import Config
+from links.core import CommandLink, LinkError
+from links.mavlink.protocol import MavlinkLinkConfig
 
 Event = Literal["arming", "armed", "silent", "lost", "disarmed", "failed", "off"]
 

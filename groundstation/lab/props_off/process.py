@@ -7,11 +7,11 @@ from contextlib import suppress
 
 import msgspec
 
-from groundstation.config.loader import dump
+from groundstation.config import dump
 from groundstation.lab.props_off.hand import News
 from groundstation.lab.props_off.steps import Trouble
-from groundstation.settings.settings import Config
-from links.core.child_command import make_child_command
+from groundstation.settings import Config
+from links.core import make_child_command
 
 OFF_S = 12.0
 """Longest wait for a hand to let go [s]: an order that nobody acknowledges is repeated for 5 s."""

@@ -6,10 +6,10 @@ from contextlib import asynccontextmanager
 from typing import Protocol
 
 from groundstation.lab.props_off.hand import News
-from groundstation.pose.sources.mavlink import MavlinkPoseConfig
-from groundstation.runtime.clock import to_the_end
-from groundstation.settings.settings import Config
-from links.mavlink.protocol.config import MavlinkLinkConfig
+from groundstation.pose.sources import MavlinkPoseConfig
+from groundstation.runtime import to_the_end
+from groundstation.settings import Config
+from links.mavlink.protocol import MavlinkLinkConfig
 
 ARM_S = 90.0
 """How long a hand may take to connect and to arm [s]."""

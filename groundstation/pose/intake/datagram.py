@@ -3,9 +3,9 @@
 import asyncio
 from collections.abc import Callable
 
-from groundstation.core.messages.pose import Pose, PoseStatus, SourceError
+from groundstation.core.messages import Pose, PoseStatus, SourceError
 from groundstation.pose.intake.intake import Reader
-from links.io.address import parse_address
+from links.io import parse_address
 
 
 class DatagramSource(asyncio.DatagramProtocol):

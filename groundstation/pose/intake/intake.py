@@ -5,10 +5,8 @@ from collections import Counter
 from collections.abc import Sequence
 from typing import Protocol
 
-from groundstation.core.geometry.frames import Frames
-from groundstation.core.geometry.ops import Quat, Vec3
-from groundstation.core.messages.bodies import FAR_M, Others
-from groundstation.core.messages.pose import Pose, PoseStatus
+from groundstation.core.geometry import Frames, Quat, Vec3
+from groundstation.core.messages import FAR_M, Others, Pose, PoseStatus
 from groundstation.pose.intake.source_clock import SourceClock
 
 UNIT_TOLERANCE = 1e-3

@@ -8,9 +8,9 @@ from pathlib import Path
 
 import msgspec
 
-from groundstation.core.geometry.frames import Alignment, Body, World, frames_of
-from groundstation.core.messages.pose import Pose, PoseStatus
-from groundstation.pose.intake.intake import Intake
+from groundstation.core.geometry import Alignment, Body, World, frames_of
+from groundstation.core.messages import Pose, PoseStatus
+from groundstation.pose.intake import Intake
 from groundstation.pose.recorded.csv_codec import COLUMNS, Row, rows
 from groundstation.pose.recorded.playback import Speed, contents, no_poses, play
 

@@ -11,7 +11,7 @@ from collections import Counter
 from collections.abc import Iterable, Iterator
 from typing import NamedTuple
 
-from groundstation.core.geometry.ops import Quat, Vec3
+from groundstation.core.geometry import Quat, Vec3
 
 COLUMNS = "t,x,y,z,qw,qx,qy,qz,arrival"
 LONGEST_ROW = 1000

@@ -10,8 +10,8 @@ from typing import Annotated, Literal, TypeAlias, TypeVar
 
 import msgspec
 
-from groundstation.core.messages.pose import SourceError
-from groundstation.runtime.clock import sleep_until
+from groundstation.core.messages import SourceError
+from groundstation.runtime import sleep_until
 
 T = TypeVar("T")
 

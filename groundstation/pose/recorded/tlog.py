@@ -8,11 +8,11 @@ from typing import Annotated
 
 import msgspec
 
-from groundstation.core.messages.pose import Pose, PoseStatus
+from groundstation.core.messages import Pose, PoseStatus
 from groundstation.pose.recorded.playback import Speed, contents, no_poses, play
 from groundstation.pose.recorded.tlog_codec import Record, TlogReader
-from groundstation.pose.sources.mavlink_codec import Decoder, decoder_for
-from links.mavlink.protocol.codec import ARDUPILOT, PX4, Message
+from groundstation.pose.sources import Decoder, decoder_for
+from links.mavlink.protocol import ARDUPILOT, PX4, Message
 
 
 class TlogConfig(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True, tag_field="kind", tag="tlog"):

@@ -11,7 +11,7 @@ from collections import Counter
 from collections.abc import Iterator
 from typing import NamedTuple
 
-from links.mavlink.protocol.codec import MavlinkCodec, Message, frame_end
+from links.mavlink.protocol import MavlinkCodec, Message, frame_end
 
 _STAMP_BYTES = 8
 

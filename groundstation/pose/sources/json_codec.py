@@ -15,9 +15,9 @@ from typing import Annotated, Any, Literal
 
 import msgspec
 
-from groundstation.core.geometry.ops import Quat, Vec3
-from groundstation.core.messages.pose import Pose, PoseStatus
-from groundstation.pose.intake.intake import Intake
+from groundstation.core.geometry import Quat, Vec3
+from groundstation.core.messages import Pose, PoseStatus
+from groundstation.pose.intake import Intake
 
 MAX_DATAGRAM = 4096
 """Longest datagram that is read [bytes]."""

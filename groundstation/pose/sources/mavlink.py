@@ -5,11 +5,10 @@ from typing import Annotated
 
 import msgspec
 
-from groundstation.core.messages.pose import Pose, PoseStatus
+from groundstation.core.messages import Pose, PoseStatus
 from groundstation.pose.sources.mavlink_codec import Decoder, decoder_for
-from links.mavlink.link import MavlinkLink
-from links.mavlink.protocol.codec import Message
-from links.mavlink.protocol.timesync import Trip
+from links.mavlink import MavlinkLink
+from links.mavlink.protocol import Message, Trip
 
 
 class MavlinkPoseConfig(

@@ -10,11 +10,10 @@ import math
 from collections import Counter
 from typing import Protocol
 
-from groundstation.core.geometry import so3
-from groundstation.core.geometry.ops import Quat, Vec3
-from groundstation.core.messages.pose import Pose, PoseStatus
-from groundstation.pose.intake.intake import Intake
-from links.mavlink.protocol.codec import ARDUPILOT, Message
+from groundstation.core.geometry import Quat, Vec3, so3
+from groundstation.core.messages import Pose, PoseStatus
+from groundstation.pose.intake import Intake
+from links.mavlink.protocol import ARDUPILOT, Message
 
 LOCAL_NED, BODY_NED, BODY_FRD, LOCAL_FRD = 1, 8, 12, 20
 """MAV_FRAME. LOCAL_FRD is NED but for its heading, which the vehicle chose as it started: it is our north."""

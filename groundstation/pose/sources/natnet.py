@@ -7,14 +7,11 @@ from typing import Annotated, Any
 
 import msgspec
 
-from groundstation.core.geometry.frames import Alignment, Body, World, frames_of
-from groundstation.core.messages.bodies import Others
-from groundstation.core.messages.pose import Pose, PoseStatus
-from groundstation.pose.intake.datagram import cannot_listen
-from groundstation.pose.intake.intake import Intake
-from groundstation.pose.intake.multicast import join
+from groundstation.core.geometry import Alignment, Body, World, frames_of
+from groundstation.core.messages import Others, Pose, PoseStatus
+from groundstation.pose.intake import Intake, cannot_listen, join
 from groundstation.pose.sources.natnet_reader import NatNetReader
-from links.io.address import beyond, is_loopback, parse_address
+from links.io import beyond, is_loopback, parse_address
 
 BEAT_S = 0.5
 """How often the server is told that we are there [s]."""

@@ -27,7 +27,7 @@ from typing import Any, TypeAlias
 
 import msgspec
 
-from groundstation.core.geometry.ops import Quat, Vec3
+from groundstation.core.geometry import Quat, Vec3
 
 U32 = struct.Struct("<I")
 

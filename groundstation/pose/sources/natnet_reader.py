@@ -2,9 +2,9 @@
 
 from collections.abc import Sequence
 
-from groundstation.core.geometry.ops import Quat
-from groundstation.core.messages.pose import Pose, PoseStatus
-from groundstation.pose.intake.intake import Intake
+from groundstation.core.geometry import Quat
+from groundstation.core.messages import Pose, PoseStatus
+from groundstation.pose.intake import Intake
 from groundstation.pose.sources import natnet_codec as codec
 from groundstation.pose.sources.natnet_codec import Frame, RigidBody, ServerInfo, UnreadableNatNet
 

@@ -7,13 +7,12 @@ from typing import TYPE_CHECKING, Annotated
 
 import msgspec
 
-from groundstation.core.geometry.frames import Alignment, Body, World, frames_of
-from groundstation.core.messages.bodies import Others
-from groundstation.core.messages.pose import Pose, PoseStatus, SourceError
-from groundstation.pose.intake.intake import Intake
+from groundstation.core.geometry import Alignment, Body, World, frames_of
+from groundstation.core.messages import Others, Pose, PoseStatus, SourceError
+from groundstation.pose.intake import Intake
 from groundstation.pose.sources.qualisys_codec import QualisysReader, body_names
-from links.core.terminal_text import printable
-from links.io.address import beyond, parse_address
+from links.core import printable
+from links.io import beyond, parse_address
 
 if TYPE_CHECKING:
     from groundstation.pose.sources.qualisys_connection import Connection

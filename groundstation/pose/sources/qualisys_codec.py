@@ -14,10 +14,9 @@ import math
 import struct
 from collections.abc import Iterable, Sequence
 
-from groundstation.core.geometry import so3
-from groundstation.core.geometry.ops import Quat, Vec3
-from groundstation.core.messages.pose import Pose, PoseStatus
-from groundstation.pose.intake.intake import Intake
+from groundstation.core.geometry import Quat, Vec3, so3
+from groundstation.core.messages import Pose, PoseStatus
+from groundstation.pose.intake import Intake
 
 ERROR, COMMAND, XML, DATA, NO_DATA, EVENT = 0, 1, 2, 3, 4, 6
 """Types of packets that come where bodies are streamed."""

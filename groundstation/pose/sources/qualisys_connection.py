@@ -12,9 +12,9 @@ from typing import Any
 from qtm_rt import QRTConnection
 from qtm_rt.protocol import QRTCommandException, QTMProtocol
 
-from groundstation.core.messages.pose import SourceError
+from groundstation.core.messages import SourceError
 from groundstation.pose.sources.qualisys_codec import Framer
-from links.core.terminal_text import printable
+from links.core import printable
 
 PROTOCOL_VERSION = "1.25"
 KNOCK_S = 0.2

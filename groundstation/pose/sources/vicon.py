@@ -4,12 +4,11 @@ from typing import Annotated
 
 import msgspec
 
-from groundstation.core.geometry.frames import Alignment, Body, World, frames_of
-from groundstation.core.messages.bodies import Others
-from groundstation.pose.intake.datagram import DatagramSource
-from groundstation.pose.intake.intake import Intake
+from groundstation.core.geometry import Alignment, Body, World, frames_of
+from groundstation.core.messages import Others
+from groundstation.pose.intake import DatagramSource, Intake
 from groundstation.pose.sources.vicon_codec import ViconReader, name_bytes
-from links.io.address import beyond, parse_address
+from links.io import beyond, parse_address
 
 
 class ViconConfig(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True, tag_field="kind", tag="vicon"):

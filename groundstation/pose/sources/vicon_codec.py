@@ -25,9 +25,9 @@ from typing import Literal, TypeAlias
 
 import msgspec
 
-from groundstation.core.geometry.ops import Quat, Vec3
-from groundstation.core.messages.pose import Pose, PoseStatus
-from groundstation.pose.intake.intake import FrameCount, Intake
+from groundstation.core.geometry import Quat, Vec3
+from groundstation.core.messages import Pose, PoseStatus
+from groundstation.pose.intake import FrameCount, Intake
 
 DATAGRAM_SIZES = (256, 512, 1024)
 """Sizes that Tracker offers [bytes]; room for 3, 6 and 13 objects."""

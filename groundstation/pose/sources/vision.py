@@ -7,11 +7,10 @@ from typing import Annotated
 
 import msgspec
 
-from groundstation.core.geometry.frames import Alignment, Body, World, frames_of
-from groundstation.pose.intake.datagram import DatagramSource
-from groundstation.pose.intake.intake import Intake
+from groundstation.core.geometry import Alignment, Body, World, frames_of
+from groundstation.pose.intake import DatagramSource, Intake
 from groundstation.pose.sources.vision_codec import VisionReader
-from links.io.address import beyond, parse_address
+from links.io import beyond, parse_address
 
 
 class VisionConfig(

@@ -8,11 +8,10 @@ Source: message definitions of pymavlink 2.4.50.
 from collections.abc import Sequence
 from typing import NamedTuple
 
-from groundstation.core.geometry import so3
-from groundstation.core.geometry.ops import Quat, Vec3
-from groundstation.core.messages.pose import Pose, PoseStatus
-from groundstation.pose.intake.intake import Intake
-from links.mavlink.protocol.codec import MavlinkCodec
+from groundstation.core.geometry import Quat, Vec3, so3
+from groundstation.core.messages import Pose, PoseStatus
+from groundstation.pose.intake import Intake
+from links.mavlink.protocol import MavlinkCodec
 
 NAME = "VISION_POSITION_ESTIMATE"
 

@@ -5,9 +5,9 @@ Source: mavlink.io/en/services/command.html.
 
 from collections.abc import Sequence
 
-from links.core.port import LinkRejected
+from links.core import LinkRejected
 from links.mavlink.procedures.steps import ANSWER_S, TRIES, Autopilot, Repeated
-from links.mavlink.protocol.codec import Message
+from links.mavlink.protocol import Message
 
 PATIENCE_S = 4.0
 """For how long a refusal that may pass is answered by asking again [s]."""

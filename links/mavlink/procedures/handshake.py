@@ -11,11 +11,11 @@ The caller streams set-points while they last. What shapes them, measured on PX4
 - ArduCopter refuses to disarm in GUIDED after a touchdown at zero thrust; mode LAND disarms by itself.
 """
 
-from links.core.port import LinkRejected
+from links.core import LinkRejected
 from links.mavlink.procedures.command import PATIENCE_S, Exchange
 from links.mavlink.procedures.parameters import ParameterMust
 from links.mavlink.procedures.steps import Autopilot, Disarmed, Handshake, Step, Wait
-from links.mavlink.protocol.codec import ARDUPILOT, ARM_DISARM, DO_SET_MODE, PX4, SET_MESSAGE_INTERVAL
+from links.mavlink.protocol import ARDUPILOT, ARM_DISARM, DO_SET_MODE, PX4, SET_MESSAGE_INTERVAL
 
 STREAM_S = 1.2
 """Set-points stream for this long before anything is asked [s]; PX4 wants a second of them."""

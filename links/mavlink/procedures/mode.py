@@ -5,9 +5,9 @@ Source: mavlink.io/en/messages/common.html (0 HEARTBEAT, MAV_CMD_REQUEST_MESSAGE
 
 import math
 
-from links.core.port import LinkError, LinkLost
+from links.core import LinkError, LinkLost
 from links.mavlink.procedures.steps import Autopilot
-from links.mavlink.protocol.codec import REQUEST_MESSAGE, Message
+from links.mavlink.protocol import REQUEST_MESSAGE, Message
 
 AGAIN_S, PATIENCE_S = 0.1, 1.5
 """An autopilot that does not tell is asked again after so long, and not at all after the second [s]."""

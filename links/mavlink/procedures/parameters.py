@@ -10,9 +10,9 @@ import struct
 from collections.abc import Callable, Iterable
 from typing import NamedTuple
 
-from links.core.port import LinkError, LinkRejected
+from links.core import LinkError, LinkRejected
 from links.mavlink.procedures.steps import ANSWER_S, Autopilot, Repeated
-from links.mavlink.protocol.codec import PX4, Message
+from links.mavlink.protocol import PX4, Message
 
 REAL32 = 9
 """MAV_PARAM_TYPE_REAL32."""

@@ -9,9 +9,8 @@ from collections import deque
 from collections.abc import Callable, Iterable
 from typing import NamedTuple, Protocol
 
-from links.core.port import LinkError, LinkLost, LinkRejected
-from links.mavlink.protocol.codec import ARDUPILOT, ARMED, PX4, MavlinkCodec, Message
-from links.mavlink.protocol.status import Words
+from links.core import LinkError, LinkLost, LinkRejected
+from links.mavlink.protocol import ARDUPILOT, ARMED, PX4, MavlinkCodec, Message, Words
 
 ANSWER_S = 0.5
 """Without an answer for this long a request is repeated [s]."""

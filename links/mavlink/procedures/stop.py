@@ -1,9 +1,9 @@
 """Motors off at once, asked for until the autopilot has said yes. Sans-IO."""
 
-from links.core.port import LinkError, LinkLost, LinkRejected
+from links.core import LinkError, LinkLost, LinkRejected
 from links.mavlink.procedures.command import ACCEPTED
 from links.mavlink.procedures.steps import Autopilot
-from links.mavlink.protocol.codec import ARM_DISARM, FORCE, Message
+from links.mavlink.protocol import ARM_DISARM, FORCE, Message
 
 AGAIN_S = 0.05
 """Time between two requests [s]."""

@@ -3,10 +3,10 @@
 from collections.abc import Awaitable, Callable, Mapping
 from contextlib import suppress
 
-from links.core.port import LinkError, LinkLost
+from links.core import LinkError, LinkLost
 from links.mavlink.procedures.handshake import silence, stream
 from links.mavlink.procedures.steps import Autopilot, Handshake
-from links.mavlink.protocol.status import ESTIMATE, ESTIMATE_HZ
+from links.mavlink.protocol import ESTIMATE, ESTIMATE_HZ
 
 QUIETENED = (
     "ATTITUDE", "ATTITUDE_QUATERNION", "LOCAL_POSITION_NED", "GLOBAL_POSITION_INT", "ODOMETRY",

@@ -4,10 +4,10 @@ Source: mavlink.io/en/messages/common.html (148 AUTOPILOT_VERSION, MAV_CMD_REQUE
 flight_sw_version are major, minor, patch and FIRMWARE_VERSION_TYPE, as PX4 and ArduPilot fill it in.
 """
 
-from links.core.port import LinkError
+from links.core import LinkError
 from links.mavlink.procedures.command import ACCEPTED
 from links.mavlink.procedures.steps import ANSWER_S, Autopilot
-from links.mavlink.protocol.codec import REQUEST_MESSAGE, Message
+from links.mavlink.protocol import REQUEST_MESSAGE, Message
 
 ASKED = 3
 """An autopilot that does not tell after so many questions keeps it to itself."""

@@ -7,7 +7,7 @@ ArduCopter 4.8-dev.
 
 import math
 
-from links.core.port import Attitude
+from links.core import Attitude
 from links.mavlink.protocol.codec import Message
 from links.mavlink.protocol.timesync import Trip
 

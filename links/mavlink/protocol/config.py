@@ -4,7 +4,7 @@ from typing import Annotated, Literal
 
 import msgspec
 
-from links.io.address import beyond, parse_address
+from links.io import beyond, parse_address
 
 DEFAULT_LISTEN = "127.0.0.1:14540"
 """Where PX4 sends what it has for an offboard computer."""

@@ -6,7 +6,7 @@ Sans-IO.
 import math
 from collections import deque
 
-from links.core.terminal_text import printable
+from links.core import printable
 from links.mavlink.protocol.codec import ARDUPILOT, PX4, Message
 
 PX4_MODES = {

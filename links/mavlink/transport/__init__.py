@@ -1,1 +1,13 @@
 """What carries MAVLink: UDP, TCP or a serial port, opened again when it is lost."""
+
+from links.core.lazy import load_name
+
+TYPE_CHECKING = False
+if TYPE_CHECKING:
+    from links.mavlink.transport.reconnecting import LastingWire
+
+_MODULES = {"reconnecting": ("LastingWire",)}
+
+
+def __getattr__(name: str) -> object:
+    return load_name(__name__, _MODULES, name)

@@ -5,8 +5,8 @@ from collections import Counter
 from collections.abc import Callable
 from typing import Any
 
-from links.core.port import LinkError, LinkLost
-from links.mavlink.protocol.config import MavlinkLinkConfig
+from links.core import LinkError, LinkLost
+from links.mavlink.protocol import MavlinkLinkConfig
 from links.mavlink.transport.wire import Wire, opener
 
 FIRST_PAUSE_S, LONGEST_PAUSE_S = 0.5, 8.0

@@ -3,8 +3,8 @@
 import asyncio
 from typing import Any
 
-from links.io.serial_port import create_serial_connection
-from links.mavlink.protocol.config import MavlinkLinkConfig
+from links.io import create_serial_connection
+from links.mavlink.protocol import MavlinkLinkConfig
 from links.mavlink.transport.wire import Ear
 
 QUEUE_S = 0.02

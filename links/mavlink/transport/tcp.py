@@ -15,8 +15,8 @@ import termios
 from collections import deque
 from typing import Any
 
-from links.io.address import parse_address
-from links.mavlink.protocol.config import MavlinkLinkConfig
+from links.io import parse_address
+from links.mavlink.protocol import MavlinkLinkConfig
 from links.mavlink.transport.wire import Ear
 
 QUEUE_S = 0.1

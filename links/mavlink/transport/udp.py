@@ -3,9 +3,8 @@
 import asyncio
 from typing import Any
 
-from links.io.address import parse_address
-from links.io.datagrams import Datagrams
-from links.mavlink.protocol.config import MavlinkLinkConfig
+from links.io import Datagrams, parse_address
+from links.mavlink.protocol import MavlinkLinkConfig
 from links.mavlink.transport.wire import Ear
 
 

@@ -6,7 +6,7 @@ A frame leaves at once or never: one that would have to wait is dropped, as it w
 from collections.abc import Awaitable, Callable
 from typing import Any, Protocol
 
-from links.mavlink.protocol.config import MavlinkLinkConfig
+from links.mavlink.protocol import MavlinkLinkConfig
 
 
 class Wire(Protocol):

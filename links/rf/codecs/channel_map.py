@@ -9,7 +9,7 @@ from typing import Annotated, NamedTuple
 
 import msgspec
 
-from links.core.thrust_curve import signal, thrust
+from links.core import signal, thrust
 
 Channel = Annotated[int, msgspec.Meta(ge=1, le=16)]
 Position = Annotated[float, msgspec.Meta(ge=-1.0, le=1.0)]

@@ -11,14 +11,13 @@ from typing import Any, Protocol
 
 import msgspec
 
-from groundstation.config.loader import ConfigError
-from groundstation.settings.settings import Config
-from sim.batch.batch import require_batchable, fly_batch
-from sim.batch.kernels import chosen
-from sim.runs.referee import STEADY_S
+from groundstation.config import ConfigError
+from groundstation.settings import Config
+from sim.batch import chosen, fly_batch, require_batchable
+from sim.runs import STEADY_S
 from sim.studies.campaign.draws import DRAWS, USUAL, absolute, drawn
 from sim.studies.campaign.folder import Folder, Row, program_sha256
-from sim.world.world import World
+from sim.world import World
 
 BATCH = 500
 """Most flights to fly at once: more are hardly faster each, and what is interrupted is lost."""

@@ -16,7 +16,7 @@ from concurrent.futures.process import BrokenProcessPool  # noqa: TID251  # as a
 from types import TracebackType
 from typing import Any
 
-from groundstation.config.loader import ConfigError
+from groundstation.config import ConfigError
 from sim.studies.campaign.campaign import Campaign, fly_chunk
 from sim.studies.campaign.folder import Row, program_sha256
 

@@ -7,9 +7,8 @@ from typing import NamedTuple
 import msgspec
 import numpy as np
 
-from groundstation.core.geometry.ops import Vec3
-from sim.world.draws import generator
-from sim.world.world import World
+from groundstation.core.geometry import Vec3
+from sim.world import World, generator
 
 
 class Draw(NamedTuple):

@@ -13,7 +13,7 @@ from typing import Any
 
 import msgspec
 
-from groundstation.config.loader import ConfigError
+from groundstation.config import ConfigError
 
 
 class Row(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):

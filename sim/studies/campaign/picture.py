@@ -4,7 +4,7 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from groundstation.config.loader import ConfigError
+from groundstation.config import ConfigError
 from sim.studies.campaign.campaign import Campaign
 from sim.studies.campaign.folder import Row
 from sim.studies.campaign.summary import LIMITS_CM

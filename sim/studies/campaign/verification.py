@@ -6,11 +6,11 @@ from concurrent.futures import ProcessPoolExecutor  # noqa: TID251  # processes,
 from functools import partial
 from typing import Any
 
-from sim.runs.flight import fly
+from sim.runs import fly
 from sim.studies.campaign.campaign import Campaign
 from sim.studies.campaign.draws import drawn
 from sim.studies.campaign.folder import Row
-from sim.world.draws import generator
+from sim.world import generator
 
 LIMIT_CM = 0.01
 """How far two RMS errors of one flight may lie apart [cm]."""

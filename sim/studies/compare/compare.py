@@ -9,12 +9,10 @@ from statistics import median
 
 import msgspec
 
-from groundstation.core.geometry.ops import Vec3
-from groundstation.core.pilot import Tick
-from sim.runs.flight import fly
-from sim.runs.referee import STEADY_S
-from sim.scenarios.preparation import prepare
-from sim.scenarios.scenarios import SCENARIOS
+from groundstation.core import Tick
+from groundstation.core.geometry import Vec3
+from sim.runs import STEADY_S, fly
+from sim.scenarios import SCENARIOS, prepare
 
 CONTROLLERS = ("adaptive", "uncompensated", "geometric", "pid", "indi")
 WITHOUT_ADAPTATION = "adaptive, kb=0"

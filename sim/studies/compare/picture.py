@@ -4,10 +4,10 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-from groundstation.config.loader import ConfigError
-from groundstation.runtime.pictures import need_matplotlib
-from sim.runs.referee import STEADY_S
-from sim.scenarios.scenarios import SCENARIOS
+from groundstation.config import ConfigError
+from groundstation.runtime import need_matplotlib
+from sim.runs import STEADY_S
+from sim.scenarios import SCENARIOS
 from sim.studies.compare.compare import GUST, TRACE_S, WITHOUT_ADAPTATION, Flown, Row
 
 # M. Okabe, K. Ito: a palette that the colour-blind can tell apart; markers and dashes differ too.

@@ -3,7 +3,7 @@
 from collections.abc import Sequence
 from pathlib import Path
 
-from groundstation.config.loader import ConfigError
+from groundstation.config import ConfigError
 from sim.studies.compare.compare import Row
 
 BEGIN, END = "<!-- figures:begin -->", "<!-- figures:end -->"

@@ -1,1 +1,25 @@
 """The search for gains, and how wrong the world may be with them."""
+
+from links.core.lazy import load_name
+
+TYPE_CHECKING = False
+if TYPE_CHECKING:
+    from sim.studies.tune.evidence import Evidence, margins_table, table, toml, unverified_toml, verified
+    from sim.studies.tune.flights import Flyers
+    from sim.studies.tune.margins import AXES, criterion, markdown_table, report, text
+    from sim.studies.tune.search_space import space, with_gains
+    from sim.studies.tune.stage import Staged, own, staged, station_of
+    from sim.studies.tune.tune import SEARCH_SEED, Floors, Search, Trial, run
+
+_MODULES = {
+    "evidence": ("Evidence", "margins_table", "table", "toml", "unverified_toml", "verified"),
+    "flights": ("Flyers",),
+    "margins": ("AXES", "criterion", "markdown_table", "report", "text"),
+    "search_space": ("space", "with_gains"),
+    "stage": ("Staged", "own", "staged", "station_of"),
+    "tune": ("Floors", "SEARCH_SEED", "Search", "Trial", "run"),
+}
+
+
+def __getattr__(name: str) -> object:
+    return load_name(__name__, _MODULES, name)

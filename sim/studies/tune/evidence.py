@@ -8,9 +8,9 @@ from statistics import median
 
 import msgspec
 
-from groundstation.config.loader import dump
-from groundstation.runtime.version import __version__
-from groundstation.settings.settings import Config
+from groundstation.config import dump
+from groundstation.runtime import __version__
+from groundstation.settings import Config
 from sim.studies.tune.flights import Flyers, sorties
 from sim.studies.tune.margins import DELAY, GAIN_DOWN, GAIN_UP, Report, criterion, report, shown
 from sim.studies.tune.tune import PROBE_SEEDS, Floors, Search, Trial, geometric_mean

@@ -13,8 +13,8 @@ from typing import NamedTuple
 
 import msgspec
 
-from groundstation.config.loader import ConfigError
-from sim.runs.flight import fly
+from groundstation.config import ConfigError
+from sim.runs import fly
 from sim.studies.tune.stage import Staged
 
 CRASH_CM = 200.0

@@ -12,7 +12,7 @@ import msgspec
 
 from sim.studies.tune.flights import Flyers, Outcome, sorties
 from sim.studies.tune.stage import Staged
-from sim.world.world import World
+from sim.world import World
 
 TIMES_NOMINAL = 5.0
 FLOOR_CM = 10.0

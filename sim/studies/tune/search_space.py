@@ -7,11 +7,9 @@ from typing import Any
 import msgspec
 from msgspec import inspect as mi
 
-from groundstation.config.loader import ConfigError
-from groundstation.core.control.adaptive import bound_decrease
-from groundstation.core.control.gains import Gains
-from groundstation.core.controllers.custom import Custom
-from groundstation.core.controllers.kinds import ControllerConfig
+from groundstation.config import ConfigError
+from groundstation.core.control import Gains, bound_decrease
+from groundstation.core.controllers import ControllerConfig, Custom
 
 SECTION = "controller."
 KEYS: dict[str, tuple[str, ...]] = {

@@ -5,17 +5,15 @@ from pathlib import Path
 
 import msgspec
 
-from groundstation.config.loader import ConfigError, load
-from groundstation.pose.kinds import Recorded
-from groundstation.pose.sources.mavlink import MavlinkPoseConfig
-from groundstation.pose.sources.vicon import ViconConfig
-from groundstation.settings.settings import Config, LinkConfig
-from links.bridge.link import BridgeLinkConfig
-from links.mavlink.link import MavlinkLinkConfig
-from sim.scenarios.preparation import prepare, timing
-from sim.scenarios.scenarios import SCENARIOS, Scenario
+from groundstation.config import ConfigError, load
+from groundstation.pose import Recorded
+from groundstation.pose.sources import MavlinkPoseConfig, ViconConfig
+from groundstation.settings import Config, LinkConfig
+from links.bridge import BridgeLinkConfig
+from links.mavlink import MavlinkLinkConfig
+from sim.scenarios import SCENARIOS, Scenario, prepare, timing
 from sim.studies.tune.search_space import Point, with_gains
-from sim.world.world import World
+from sim.world import World
 
 _STATION = ("vehicle", "controller", "pose", "link", "status", "mqtt")
 """Sections that the configuration's file decides; the scenario decides the others."""

@@ -18,8 +18,8 @@ from typing import TYPE_CHECKING, Any
 
 import msgspec
 
-from groundstation.config.loader import ConfigError
-from sim.studies.campaign.folder import program_sha256
+from groundstation.config import ConfigError
+from sim.studies.campaign import program_sha256
 from sim.studies.tune.flights import CRASH_CM, Flyers, Outcome, sorties
 from sim.studies.tune.margins import DELAY, GAIN_DOWN, GAIN_UP, Axis, failure, limit_cm
 from sim.studies.tune.search_space import Key, loses_proof, with_gains

@@ -11,17 +11,14 @@ from functools import partial
 
 import msgspec
 
-from groundstation.core.safety.obedience import NODE_S, Contradiction
-from groundstation.flight.flight import Flight
-from groundstation.runtime.clock import sleep_until
-from sim.runs.mission import MISSION_CONFIRM_S, fly_mission, from_floor
-from sim.runs.stage import Stage
-from sim.scenarios.preparation import prepare
-from sim.scenarios.scenarios import SCENARIOS
-from sim.trackers.trackers import Tracker
-from sim.world.draws import rows, stream
-from tests.proving.faults.deck.meddler import Meddler
-from tests.proving.faults.deck.pictures import Struck, still
+from groundstation.core.safety import NODE_S, Contradiction
+from groundstation.flight import Flight
+from groundstation.runtime import sleep_until
+from sim.runs import MISSION_CONFIRM_S, Stage, fly_mission, from_floor
+from sim.scenarios import SCENARIOS, prepare
+from sim.trackers import Tracker
+from sim.world import rows, stream
+from tests.proving.faults.deck import Meddler, Struck, still
 
 KINDS = Contradiction._fields
 """What may speak against the poses."""

@@ -17,22 +17,28 @@ from statistics import mean, median
 
 import msgspec
 
-from groundstation.analysis.shadow.flight import flying, hover_share, thrust_shares
-from groundstation.analysis.shadow.path import FlownPath
-from groundstation.analysis.shadow.recording import Recording, read_recording
-from groundstation.analysis.shadow.vehicle import completed, described, latency_s, mavlink
-from groundstation.config.loader import ConfigError
-from groundstation.core.pilot import Pilot
-from groundstation.core.safety.conviction import Conviction, charge_lateness
-from groundstation.core.safety.liftoff import WANDERING_M
-from groundstation.core.safety.obedience import Contradiction
-from groundstation.core.vehicle.model import Drive
-from groundstation.flight.preflight import ensure_flyable
-from groundstation.settings.settings import Config
-from sim.cli.console import Counter
-from sim.runs.mission import from_floor
-from sim.scenarios.preparation import prepare, scenario_of
-from sim.studies.compare.table import check_markers, put_between_markers
+from groundstation.analysis.shadow import (
+    FlownPath,
+    Recording,
+    completed,
+    described,
+    flying,
+    hover_share,
+    latency_s,
+    mavlink,
+    read_recording,
+    thrust_shares,
+)
+from groundstation.config import ConfigError
+from groundstation.core import Pilot
+from groundstation.core.safety import WANDERING_M, Contradiction, Conviction, charge_lateness
+from groundstation.core.vehicle import Drive
+from groundstation.flight import ensure_flyable
+from groundstation.settings import Config
+from sim.cli import Counter
+from sim.runs import from_floor
+from sim.scenarios import prepare, scenario_of
+from sim.studies.compare import check_markers, put_between_markers
 from tests.proving.alarms.alarms import KINDS, REMARKABLE, SHARES, Alarms, Detection, Watched, detections, watch_all
 
 CURVE = ("paper", "adverse", "storm")

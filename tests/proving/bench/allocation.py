@@ -9,12 +9,11 @@ import sys
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from groundstation.recording.assembly import make_flight
-from groundstation.runtime.clock import sleep_until
-from sim.runs.stage import Stage
-from sim.scenarios.preparation import prepare
-from sim.scenarios.scenarios import SCENARIOS
-from sim.time.virtual_time import VirtualTimeLoop
+from groundstation.recording import make_flight
+from groundstation.runtime import sleep_until
+from sim.runs import Stage
+from sim.scenarios import SCENARIOS, prepare
+from sim.time import VirtualTimeLoop
 
 if TYPE_CHECKING:
     from tests.proving.bench.bench import Options

@@ -7,22 +7,15 @@ from typing import TYPE_CHECKING, Any
 import msgspec
 import numpy as np
 
-from groundstation.core.control.adaptive import Adaptive
-from groundstation.core.control.gains import Gains
-from groundstation.core.geometry.ops import FLOATS, Ops, arrays
-from groundstation.core.geometry.so3 import IDENTITY
-from groundstation.core.messages.control import Estimate
-from groundstation.core.trajectory.lemniscate import LemniscateConfig
-from groundstation.core.trajectory.port import Reference
-from groundstation.core.vehicle.model import ZERO, Motion
-from groundstation.core.vehicle.vehicle import Vehicle
-from sim.batch.batch import fly_batch
-from sim.batch.entries import columns, zeros
-from sim.batch.stages import Compiled, Numpy, Stages
-from sim.scenarios.preparation import prepare
-from sim.scenarios.scenarios import SCENARIOS
-from sim.time.turns import in_turns
-from sim.world.plant import Body, Physics, moved
+from groundstation.core.control import Adaptive, Gains
+from groundstation.core.geometry import FLOATS, IDENTITY, Ops, arrays
+from groundstation.core.messages import Estimate
+from groundstation.core.trajectory import LemniscateConfig, Reference
+from groundstation.core.vehicle import ZERO, Motion, Vehicle
+from sim.batch import Compiled, Numpy, Stages, columns, fly_batch, zeros
+from sim.scenarios import SCENARIOS, prepare
+from sim.time import in_turns
+from sim.world import Body, Physics, moved
 from tests.proving.bench.peers import PEERS, Bench
 
 if TYPE_CHECKING:

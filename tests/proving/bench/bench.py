@@ -9,7 +9,7 @@ import os
 import sys
 from typing import Any, NamedTuple
 
-from sim.cli.proving import MEASUREMENTS
+from sim.cli import MEASUREMENTS
 
 WHAT = {name: f"tests.proving.bench.{name}" for name in MEASUREMENTS}
 """Name -> module, in the order in which they run."""

@@ -8,8 +8,8 @@ from importlib.util import find_spec
 from statistics import median
 from typing import TYPE_CHECKING, Any
 
-from links.core.child_command import make_child_command
-from sim.time.turns import in_turns
+from links.core import make_child_command
+from sim.time import in_turns
 
 if TYPE_CHECKING:
     from tests.proving.bench.bench import Options

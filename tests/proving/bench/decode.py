@@ -7,8 +7,8 @@ from statistics import median
 from time import perf_counter_ns
 from typing import TYPE_CHECKING, Any
 
-from sim.time.turns import percentile
-from tests.proving.fuzz.pose_bytes import FLIGHTS, PERIOD_S
+from sim.time import percentile
+from tests.proving.fuzz import FLIGHTS, PERIOD_S
 
 if TYPE_CHECKING:
     from tests.proving.bench.bench import Options

@@ -3,12 +3,11 @@
 from functools import partial
 from typing import TYPE_CHECKING, Any
 
-from groundstation.settings.settings import Config
-from sim.runs.flight import fly
-from sim.scenarios.preparation import prepare
-from sim.scenarios.scenarios import SCENARIOS
-from sim.time.turns import in_turns
-from sim.world.world import World
+from groundstation.settings import Config
+from sim.runs import fly
+from sim.scenarios import SCENARIOS, prepare
+from sim.time import in_turns
+from sim.world import World
 
 if TYPE_CHECKING:
     from tests.proving.bench.bench import Options

@@ -16,22 +16,17 @@ from contextlib import AbstractAsyncContextManager, nullcontext
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from groundstation.config.loader import dump
-from groundstation.pose.sources.vicon import ViconConfig
-from groundstation.runtime.clock import sleep_until
-from groundstation.settings.settings import Config
-from links.core.child_command import make_child_command
-from links.io.address import parse_address
-from links.mavlink.link import MavlinkLinkConfig
-from sim.autopilots.peer import AutopilotPeer
-from sim.autopilots.px4 import Px4Autopilot
-from sim.scenarios.preparation import prepare
-from sim.scenarios.scenarios import SCENARIOS
-from sim.trackers.trackers import Seen, vicon_encoder
-from sim.world.draws import rows, stream
-from sim.world.quadrotor import Quadrotor
-from sim.world.vehicle import SimulatedVehicle
-from sim.world.wind import Wind
+from groundstation.config import dump
+from groundstation.pose.sources import ViconConfig
+from groundstation.runtime import sleep_until
+from groundstation.settings import Config
+from links.core import make_child_command
+from links.io import parse_address
+from links.mavlink import MavlinkLinkConfig
+from sim.autopilots import AutopilotPeer, Px4Autopilot
+from sim.scenarios import SCENARIOS, prepare
+from sim.trackers import Seen, vicon_encoder
+from sim.world import Quadrotor, SimulatedVehicle, Wind, rows, stream
 
 
 class LatencyFailed(Exception):

@@ -11,11 +11,10 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from links.core.port import Command, Segment
-from links.rf.codecs.dsm_codec import DsmLinkConfig
-from links.rf.pacer_messages import Arm, End, Give, Pacer, Report, Stop
-from links.rf.pacer_process import open_process
-from sim.radio.pty_wire import PtyWire
+from links.core import Command, Segment
+from links.rf import Arm, End, Give, Pacer, Report, Stop, open_process
+from links.rf.codecs import DsmLinkConfig
+from sim.radio import PtyWire
 from tests.proving.bench import latency as bench_latency
 
 if TYPE_CHECKING:

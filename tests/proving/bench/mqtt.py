@@ -13,13 +13,11 @@ from typing import Any
 
 import msgspec
 
-from groundstation.core.messages.snapshot import Snapshot
-from groundstation.interfaces.mqtt.broker import from_url
-from groundstation.interfaces.mqtt.publisher import publish_forever
-from groundstation.runtime.broadcast import Latest
-from groundstation.settings.mqtt import MqttConfig
-from links.core.child_command import make_child_command
-from links.core.port import LinkStatus
+from groundstation.core.messages import Snapshot
+from groundstation.interfaces.mqtt import from_url, publish_forever
+from groundstation.runtime import Latest
+from groundstation.settings import MqttConfig
+from links.core import LinkStatus, make_child_command
 from tests.proving.bench.bench import Options
 
 STATIONS = 100

@@ -8,16 +8,12 @@ from statistics import median
 from time import thread_time
 from typing import TYPE_CHECKING, Any
 
-from groundstation.core.messages.pose import Pose
-from groundstation.core.pilot import Pilot
-from groundstation.flight.ends import make_ends
-from groundstation.flight.pacing import Due
-from groundstation.recording.process import RecorderProcess
-from groundstation.recording.recorded import RecordedPilot, about
-from groundstation.recording.records import Received, Record, Sent
-from groundstation.runtime.clock import sleep_until
-from groundstation.runtime.flights import RecordingConfig
-from groundstation.settings.settings import Config
+from groundstation.core import Pilot
+from groundstation.core.messages import Pose
+from groundstation.flight import Due, make_ends
+from groundstation.recording import Received, Record, RecordedPilot, RecorderProcess, Sent, about
+from groundstation.runtime import RecordingConfig, sleep_until
+from groundstation.settings import Config
 
 if TYPE_CHECKING:
     from tests.proving.bench.bench import Options

@@ -12,7 +12,7 @@ from contextlib import asynccontextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from links.core.child_command import make_child_command
+from links.core import make_child_command
 from tests.proving.bench.latency import Answers, figures_of, fly, together
 from tests.proving.bench.links import lost_words
 

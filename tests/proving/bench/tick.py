@@ -11,15 +11,13 @@ from statistics import median
 from time import perf_counter_ns, thread_time, thread_time_ns
 from typing import TYPE_CHECKING, Any
 
-from groundstation.core.control.adaptive import Adaptive
-from groundstation.core.estimation.estimator import ModelEstimator
-from groundstation.core.pilot import Pilot
-from groundstation.core.safety.obedience import Obedience
-from groundstation.core.safety.witness import Witness
-from sim.runs.flight import fly
-from sim.scenarios.preparation import prepare
-from sim.scenarios.scenarios import SCENARIOS
-from sim.time.turns import percentile
+from groundstation.core import Pilot
+from groundstation.core.control import Adaptive
+from groundstation.core.estimation import ModelEstimator
+from groundstation.core.safety import Obedience, Witness
+from sim.runs import fly
+from sim.scenarios import SCENARIOS, prepare
+from sim.time import percentile
 
 if TYPE_CHECKING:
     from tests.proving.bench.bench import Options

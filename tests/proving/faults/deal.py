@@ -7,9 +7,9 @@ from collections.abc import Callable, Sequence
 
 import msgspec
 
-from tests.proving.faults.cells.together import fly_together
-from tests.proving.faults.deck.faults import FAULTS, STATES
-from tests.proving.faults.judge.verdict import Row
+from tests.proving.faults.cells import fly_together
+from tests.proving.faults.deck import FAULTS, STATES
+from tests.proving.faults.judge import Row
 
 SPREAD = ("tracking", "hold", "take-off", "landing", "returning", "descent")
 """The states that a quick deck goes around in."""
@@ -95,7 +95,7 @@ def fly_all(
             raise
     live = [cell for cell in work if cell.live]
     if live:
-        from tests.proving.faults.live.live import fly_live_cells
+        from tests.proving.faults.live import fly_live_cells
 
         try:
             asyncio.run(fly_live_cells([(c.fault, c.state) for c in live], lambda f, s, row: done(Cell(f, s), row)))

@@ -3,11 +3,10 @@
 from collections.abc import Sequence
 from pathlib import Path
 
-from groundstation.config.loader import ConfigError
-from tests.proving.faults.cells.cell import AUTOPILOT
-from tests.proving.faults.deck.fault import REASONS
-from tests.proving.faults.deck.faults import FAULTS
-from tests.proving.faults.judge.verdict import LIMITS, Row
+from groundstation.config import ConfigError
+from tests.proving.faults.cells import AUTOPILOT
+from tests.proving.faults.deck import FAULTS, REASONS
+from tests.proving.faults.judge import LIMITS, Row
 
 HEAD = """# What a fault leads to
 

@@ -6,8 +6,8 @@ from typing import Any
 
 import msgspec
 
-from links.core.port import Command
-from links.rf.codecs.kinds import RF_CODECS
+from links.core import Command
+from links.rf.codecs import RF_CODECS
 from tests.proving.fuzz.pose_bytes import FLIGHTS
 from tests.proving.fuzz.subjects import Subject, pieces_of, repaired_mavlink
 
@@ -17,7 +17,7 @@ class MavlinkLink:
 
     def __init__(self) -> None:
         """As seen from a ground station."""
-        from links.mavlink.protocol.codec import MavlinkCodec
+        from links.mavlink.protocol import MavlinkCodec
 
         self._codec = MavlinkCodec(245, 190)
         self._seeds = [
@@ -48,7 +48,7 @@ class MavlinkLink:
 
 
 def _mavlink_said(pieces: Sequence[bytes]) -> tuple[list[bytes], Counter[str]]:
-    from links.mavlink.protocol.codec import MavlinkCodec
+    from links.mavlink.protocol import MavlinkCodec
 
     codec = MavlinkCodec(245, 190)
     return [bytes(m.get_msgbuf()) for piece in pieces for m in codec.feed(piece)], codec.dropped
@@ -104,7 +104,7 @@ class BridgeSubject:
     def __init__(self) -> None:
         """Commands, arming, services and the end."""
         from links.bridge import codec as bridge_codec
-        from links.rf.codecs.codec import Service
+        from links.rf.codecs import Service
 
         self._codec = bridge_codec
         self._nonces = (bytes(range(bridge_codec.NONCE_BYTES)), bytes(bridge_codec.NONCE_BYTES))

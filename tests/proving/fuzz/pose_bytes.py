@@ -6,26 +6,27 @@ Shared by the fuzzer, which damages them, and by the benchmark, which times them
 from collections.abc import Callable, Sequence
 from typing import NamedTuple
 
-from groundstation.core.geometry import so3
-from groundstation.core.geometry.frames import frames_of
-from groundstation.core.messages.pose import Pose, PoseStatus
-from groundstation.pose.intake.intake import Intake, Reader
-from groundstation.pose.sources import natnet_codec
-from groundstation.pose.sources.json import JsonConfig
-from groundstation.pose.sources.json_codec import JsonReader
-from groundstation.pose.sources.mavlink_codec import Decoder, LocalPositionDecoder, OdometryDecoder
-from groundstation.pose.sources.natnet import NatNetConfig
-from groundstation.pose.sources.natnet_reader import NatNetReader
-from groundstation.pose.sources.qualisys import QualisysConfig
-from groundstation.pose.sources.qualisys_codec import QualisysReader
-from groundstation.pose.sources.vicon import ViconConfig
-from groundstation.pose.sources.vicon_codec import ViconReader
-from groundstation.pose.sources.vision import VisionConfig
-from groundstation.pose.sources.vision_codec import VisionReader
-from links.mavlink.protocol.codec import MavlinkCodec, Message
-from sim.trackers.natnet_server import NatNetServer
-from sim.trackers.qtm_server import QtmServer
-from sim.trackers.trackers import Seen, json_encoder, vicon_encoder, vision_encoder
+from groundstation.core.geometry import frames_of, so3
+from groundstation.core.messages import Pose, PoseStatus
+from groundstation.pose.intake import Intake, Reader
+from groundstation.pose.sources import (
+    Decoder,
+    JsonConfig,
+    JsonReader,
+    LocalPositionDecoder,
+    NatNetConfig,
+    NatNetReader,
+    OdometryDecoder,
+    QualisysConfig,
+    QualisysReader,
+    ViconConfig,
+    ViconReader,
+    VisionConfig,
+    VisionReader,
+    natnet_codec,
+)
+from links.mavlink.protocol import MavlinkCodec, Message
+from sim.trackers import NatNetServer, QtmServer, Seen, json_encoder, vicon_encoder, vision_encoder
 
 PERIOD_S = 0.01
 """Time from one datagram to the next [s]."""

@@ -84,7 +84,7 @@ class QualisysSubject(PoseSubject):
 
 
 def _framed(pieces: Sequence[bytes]) -> tuple[list[bytes], bool]:
-    from groundstation.pose.sources.qualisys_codec import Framer
+    from groundstation.pose.sources import Framer
 
     framer = Framer()
     return [packet for piece in pieces for packet in framer.feed(piece)], framer.broken
@@ -103,7 +103,7 @@ class CsvSubject:
 
     def __init__(self) -> None:
         """Rows as a run's folder has them."""
-        from groundstation.pose.recorded.csv_codec import Row, encode
+        from groundstation.pose.recorded import Row, encode
 
         self._seeds = [
             encode(Row(0.01 * n, 0.01 * n + 0.02, (0.1 * n, 1.0, -1.0), (1.0, 0.0, 0.0, 0.0))).encode()
@@ -118,7 +118,7 @@ class CsvSubject:
 
     def feed(self, datagram: bytes, now_s: float) -> int:
         """See :class:`Subject`."""
-        from groundstation.pose.recorded.csv_codec import rows
+        from groundstation.pose.recorded import rows
 
         return sum(1 for _ in rows(datagram.decode("utf-8", "replace").splitlines(), self._drops))
 
@@ -145,7 +145,7 @@ class TlogSubject(CsvSubject):
 
     def feed(self, datagram: bytes, now_s: float) -> int:
         """See :class:`Subject`."""
-        from groundstation.pose.recorded.tlog_codec import TlogReader
+        from groundstation.pose.recorded import TlogReader
 
         reader = TlogReader(datagram)
         count = sum(1 for _ in reader)
@@ -167,7 +167,7 @@ def repaired_mavlink(frame: bytes) -> bytes:
     """A damaged MAVLink 2 frame with the length and the checksum of what it holds."""
     from fastcrc.crc16 import mcrf4xx
 
-    from links.mavlink.protocol.dialect import DIALECT
+    from links.mavlink.protocol import DIALECT
 
     if len(frame) < 12:
         return frame

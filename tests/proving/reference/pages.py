@@ -13,16 +13,14 @@ import msgspec
 from msgspec import inspect as mi
 
 from groundstation.__main__ import parser as flying
-from groundstation.config.loader import ConfigError
-from groundstation.config.schema import structs
-from groundstation.config.words import expected
-from groundstation.interfaces.mqtt.schemas import write_schemas
-from groundstation.recording.channels import CHANNELS
-from groundstation.settings.settings import Config
-from links.bridge.server import BridgeConfig
+from groundstation.config import ConfigError, expected, structs
+from groundstation.interfaces.mqtt import write_schemas
+from groundstation.recording import CHANNELS
+from groundstation.settings import Config
+from links.bridge import BridgeConfig
 from sim.__main__ import parser as simulating
-from sim.studies.campaign.folder import COLUMNS, Row
-from sim.world.world import World
+from sim.studies.campaign import COLUMNS, Row
+from sim.world import World
 from tests.proving.reference.remarks import one_line, remarks, summary
 
 PROGRAMS_HEAD = """# Commands

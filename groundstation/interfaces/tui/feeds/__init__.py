@@ -1,1 +1,15 @@
 """Where a dashboard's pictures come from: a running flight or a recording."""
+
+from links.core.lazy import load_name
+
+TYPE_CHECKING = False
+if TYPE_CHECKING:
+    from groundstation.interfaces.tui.feeds.attached import Attached
+    from groundstation.interfaces.tui.feeds.playback import Playback
+    from groundstation.interfaces.tui.feeds.tape import Tape
+
+_MODULES = {"attached": ("Attached",), "playback": ("Playback",), "tape": ("Tape",)}
+
+
+def __getattr__(name: str) -> object:
+    return load_name(__name__, _MODULES, name)

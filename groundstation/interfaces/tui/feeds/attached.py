@@ -4,12 +4,10 @@ import asyncio
 from collections.abc import AsyncIterator, Awaitable, Callable
 from pathlib import Path
 
-from groundstation.core.messages.requests import Ask, Request
-from groundstation.interfaces.api import messages
-from groundstation.interfaces.api.client import Client, attach
-from groundstation.interfaces.api.messages import Control
-from groundstation.interfaces.tui.parts.feed import Answer, Hello, Holder, News, Trouble
-from groundstation.runtime.place import ApiError
+from groundstation.core.messages import Ask, Request
+from groundstation.interfaces.api import Client, Control, attach, messages
+from groundstation.interfaces.tui.parts import Answer, Hello, Holder, News, Trouble
+from groundstation.runtime import ApiError
 
 RETRY_S = 0.5
 """Time between two tries to attach [s]."""

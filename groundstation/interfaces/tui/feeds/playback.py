@@ -4,10 +4,8 @@ import asyncio
 from bisect import bisect_right
 from collections.abc import AsyncIterator, Sequence
 
-from groundstation.core.messages.requests import Ask
-from groundstation.core.messages.snapshot import Snapshot
-from groundstation.interfaces.tui.parts.feed import Answer, Hello, Jump, News
-from groundstation.interfaces.tui.parts.picture import KEPT
+from groundstation.core.messages import Ask, Snapshot
+from groundstation.interfaces.tui.parts import KEPT, Answer, Hello, Jump, News
 
 SPEEDS = (0.25, 0.5, 1.0, 2.0, 4.0, 8.0, 16.0)
 TURN_S = 0.1

@@ -8,17 +8,14 @@ from typing import Any, TypeVar
 
 import msgspec
 
-from groundstation.config.files import toml
-from groundstation.core.geometry.ops import Quat, Vec3
-from groundstation.core.messages.pose import PoseStatus
-from groundstation.core.messages.snapshot import Certificate, Diagnostics, Snapshot
-from groundstation.core.mission.mission import State
-from groundstation.core.safety.live_gains import LIVE, PREFIX
-from groundstation.interfaces.tui.parts.feed import Hello
-from groundstation.recording.reader import Entry, Recording
-from groundstation.recording.records import GAIN
-from links.core.lateness import Lateness
-from links.core.port import LinkStatus
+from groundstation.config import toml
+from groundstation.core.geometry import Quat, Vec3
+from groundstation.core.messages import Certificate, Diagnostics, PoseStatus, Snapshot
+from groundstation.core.mission import State
+from groundstation.core.safety import LIVE, PREFIX
+from groundstation.interfaces.tui.parts import Hello
+from groundstation.recording import GAIN, Entry, Recording
+from links.core import Lateness, LinkStatus
 
 STEP_S = 0.1
 """Time between two snapshots [s]."""

@@ -9,15 +9,22 @@ from textual.containers import Horizontal, Vertical
 from textual.message import Message
 from textual.widgets import DataTable, Static
 
-from groundstation.core.messages.snapshot import Snapshot
+from groundstation.core.messages import Snapshot
 from groundstation.interfaces.tui.pages.page import Frame, Page
-from groundstation.interfaces.tui.parts.bars import content
-from groundstation.interfaces.tui.parts.gain_table import Gain, gains
-from groundstation.interfaces.tui.parts.panels import Curves
-from groundstation.interfaces.tui.parts.plot import Spans
-from groundstation.interfaces.tui.parts.themes import AXES, ERROR, LABEL, WARNING
-from groundstation.interfaces.tui.parts.words import row, three
-from links.core.terminal_text import printable
+from groundstation.interfaces.tui.parts import (
+    AXES,
+    ERROR,
+    LABEL,
+    WARNING,
+    Curves,
+    Gain,
+    Spans,
+    content,
+    gains,
+    row,
+    three,
+)
+from links.core import printable
 
 
 class ControlPage(Page):

@@ -6,9 +6,9 @@ from textual.app import ComposeResult
 from textual.binding import Binding, BindingType
 from textual.containers import Horizontal, Vertical
 
-from groundstation.core.mission.mission import ON_GROUND
+from groundstation.core.mission import ON_GROUND
 from groundstation.interfaces.tui.pages.page import Frame, Page
-from groundstation.interfaces.tui.parts.panels import ErrorHistory, Events, Horizon, InTime, Numbers, Preflight, TopView
+from groundstation.interfaces.tui.parts import ErrorHistory, Events, Horizon, InTime, Numbers, Preflight, TopView
 
 _GROUND = frozenset(state.value for state in ON_GROUND)
 

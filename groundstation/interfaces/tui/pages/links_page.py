@@ -8,14 +8,10 @@ from textual.app import ComposeResult
 from textual.containers import Horizontal, Vertical
 from textual.widgets import Static
 
-from groundstation.core.messages.snapshot import Snapshot
+from groundstation.core.messages import Snapshot
 from groundstation.interfaces.tui.pages.page import Frame, Page
-from groundstation.interfaces.tui.parts.bars import content
-from groundstation.interfaces.tui.parts.panels import Curves
-from groundstation.interfaces.tui.parts.plot import Spans, bar
-from groundstation.interfaces.tui.parts.themes import ERROR, FLOWN, LABEL
-from groundstation.interfaces.tui.parts.words import battery, row
-from links.core.terminal_text import printable
+from groundstation.interfaces.tui.parts import ERROR, FLOWN, LABEL, Curves, Spans, bar, battery, content, row
+from links.core import printable
 
 BINS = 8
 

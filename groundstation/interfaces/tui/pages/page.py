@@ -6,9 +6,7 @@ import msgspec
 from textual.app import ComposeResult
 from textual.screen import Screen
 
-from groundstation.interfaces.tui.parts.bars import Banner, Knobs, Tabs
-from groundstation.interfaces.tui.parts.headline import ALARM
-from groundstation.interfaces.tui.parts.picture import Picture
+from groundstation.interfaces.tui.parts import ALARM, Banner, Knobs, Picture, Tabs
 
 PAGES = ("Fly", "Control", "Links", "Config", "Log")
 """The names of the pages; their keys are 1 to 5."""

@@ -10,10 +10,8 @@ from textual.content import Content
 from textual.widgets import Input, Static
 
 from groundstation.interfaces.tui.pages.page import Frame, Page
-from groundstation.interfaces.tui.parts.panels import event
-from groundstation.interfaces.tui.parts.plot import Spans
-from groundstation.interfaces.tui.parts.themes import LABEL
-from links.core.terminal_text import printable
+from groundstation.interfaces.tui.parts import LABEL, Spans, event
+from links.core import printable
 
 
 class TextPage(Page):

@@ -13,7 +13,7 @@ from groundstation.interfaces.tui.parts.letters import big, huge
 from groundstation.interfaces.tui.parts.orders import ORDERS, Order, possible
 from groundstation.interfaces.tui.parts.plot import Spans
 from groundstation.interfaces.tui.parts.themes import LABEL
-from links.core.terminal_text import printable
+from links.core import printable
 
 TALL, WORDS_WIDTH = 36, 30
 """From this height on letters may be large [rows]; they leave this room for the words beside them [columns]."""

@@ -12,7 +12,7 @@ from textual.widgets import Input, OptionList, Static
 from textual.widgets.option_list import Option
 
 from groundstation.interfaces.tui.parts.bars import Knobs
-from links.core.terminal_text import printable
+from links.core import printable
 
 T = TypeVar("T")
 CSS = """

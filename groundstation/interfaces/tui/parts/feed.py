@@ -5,8 +5,7 @@ from typing import Protocol
 
 import msgspec
 
-from groundstation.core.messages.requests import Ask
-from groundstation.core.messages.snapshot import Snapshot
+from groundstation.core.messages import Ask, Snapshot
 
 
 class Hello(msgspec.Struct, frozen=True):

@@ -6,7 +6,7 @@ from typing import Any
 
 import msgspec
 
-from groundstation.core.safety.live_gains import RAMP_S, STEP_FACTOR
+from groundstation.core.safety import RAMP_S, STEP_FACTOR
 
 
 class Gain(msgspec.Struct, frozen=True):

@@ -2,8 +2,8 @@
 
 import msgspec
 
-from groundstation.core.messages.snapshot import Snapshot
-from groundstation.core.mission.mission import FINAL, IN_AIR
+from groundstation.core.messages import Snapshot
+from groundstation.core.mission import FINAL, IN_AIR
 
 SILENCE_S = 1.5
 """Without a snapshot for this long, what is on the screen is no longer true [s]."""

@@ -4,8 +4,8 @@ import math
 
 import msgspec
 
-from groundstation.core.messages.requests import Ask
-from groundstation.core.mission.mission import EVENT_OF, FINAL, TABLE, State
+from groundstation.core.messages import Ask
+from groundstation.core.mission import EVENT_OF, FINAL, TABLE, State
 
 TWICE_S = 1.0
 """The second press that kills comes within this time of the first [s]."""

@@ -6,16 +6,14 @@ from collections.abc import Sequence
 from textual.content import Content
 from textual.widget import Widget
 
-from groundstation.core.geometry.ops import Vec3
-from groundstation.core.geometry.so3 import euler_zyx
-from groundstation.core.messages.snapshot import Snapshot
-from groundstation.core.messages.verdict import Check
+from groundstation.core.geometry import Vec3, euler_zyx
+from groundstation.core.messages import Check, Snapshot
 from groundstation.interfaces.tui.parts.bars import content
 from groundstation.interfaces.tui.parts.picture import Flown
 from groundstation.interfaces.tui.parts.plot import Line, Spans, Track, history, horizon, in_time, nice_top, top_view
 from groundstation.interfaces.tui.parts.themes import ERROR, FLOWN, LABEL, WANTED, WARNING, WIND
 from groundstation.interfaces.tui.parts.words import arrow, checks, numbers
-from links.core.terminal_text import printable
+from links.core import printable
 
 WIND_S2 = 0.5
 """The arrow of b̂ is so long in the view from above [m per m/s²]."""

@@ -6,10 +6,10 @@ from typing import Any
 
 import msgspec
 
-from groundstation.config.files import toml
-from groundstation.core.geometry.ops import Vec3
-from groundstation.core.messages.snapshot import Snapshot
-from groundstation.core.mission.mission import FINAL
+from groundstation.config import toml
+from groundstation.core.geometry import Vec3
+from groundstation.core.messages import Snapshot
+from groundstation.core.mission import FINAL
 from groundstation.interfaces.tui.parts.feed import Answer, Hello, Holder, Jump, News, Trouble
 from groundstation.interfaces.tui.parts.headline import Headline, headline
 

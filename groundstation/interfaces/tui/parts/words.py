@@ -3,15 +3,12 @@
 import math
 from collections.abc import Mapping, Sequence
 
-from groundstation.core.geometry.ops import Vec3
-from groundstation.core.geometry.so3 import euler_zyx
-from groundstation.core.messages.snapshot import Snapshot
-from groundstation.core.messages.verdict import Check, Verdict
+from groundstation.core.geometry import Vec3, euler_zyx
+from groundstation.core.messages import Check, Snapshot, Verdict
 from groundstation.interfaces.tui.parts.headline import OLD_POSE_S
 from groundstation.interfaces.tui.parts.plot import Spans, bar, two_sided_bar
 from groundstation.interfaces.tui.parts.themes import FLOWN, LABEL, NORMAL, WARNING, WIND
-from links.core.port import LinkStatus
-from links.core.terminal_text import printable
+from links.core import LinkStatus, printable
 
 RATE_SCALE_DEG_S = 360.0
 """Full scale of the rate bars where no limit is known [deg/s]."""

@@ -5,34 +5,35 @@ import math
 from collections.abc import Callable
 from typing import Any
 
-from groundstation.core.geometry.ops import Vec3
-from groundstation.core.messages.requests import Ask, Request
-from groundstation.core.mission.mission import State
-from groundstation.core.pilot import Tick
-from groundstation.flight.flight import Flight
-from groundstation.recording.assembly import make_flight
-from groundstation.recording.recorded import Give
-from groundstation.recording.records import Record
-from groundstation.runtime.clock import sleep_until
-from groundstation.settings.settings import Config
-from links.core.thrust_curve import thrust as thrust_of
-from sim.autopilots.px4 import Px4Autopilot
-from sim.radio.rf_receiver import FAILSAFE_S
-from sim.runs.mission import from_floor
-from sim.runs.stage import Stage
-from sim.scenarios.preparation import prepare
-from sim.scenarios.scenarios import SCENARIOS
-from sim.time.virtual_time import VirtualTimeLoop
-from sim.trackers.trackers import Tracker
-from sim.world.world import World
-from tests.proving.faults.deck.fault import Exemption, Fault, Poses, Scene
-from tests.proving.faults.deck.faults import FAULTS
-from tests.proving.faults.deck.meddler import Meddler
-from tests.proving.faults.deck.moments import DESCENT_AFTER_S, MOMENTS, Moment, Moves
-from tests.proving.faults.judge.thrust import Thrust
-from tests.proving.faults.judge.truth import Truth
-from tests.proving.faults.judge.verdict import JUDGED_S, Row, broken, exempted, judged
-from tests.proving.faults.judge.wire import Wire
+from groundstation.core import Tick
+from groundstation.core.geometry import Vec3
+from groundstation.core.messages import Ask, Request
+from groundstation.core.mission import State
+from groundstation.flight import Flight
+from groundstation.recording import Give, Record, make_flight
+from groundstation.runtime import sleep_until
+from groundstation.settings import Config
+from links.core import thrust as thrust_of
+from sim.autopilots import Px4Autopilot
+from sim.radio import FAILSAFE_S
+from sim.runs import Stage, from_floor
+from sim.scenarios import SCENARIOS, prepare
+from sim.time import VirtualTimeLoop
+from sim.trackers import Tracker
+from sim.world import World
+from tests.proving.faults.deck import (
+    DESCENT_AFTER_S,
+    FAULTS,
+    MOMENTS,
+    Exemption,
+    Fault,
+    Meddler,
+    Moment,
+    Moves,
+    Poses,
+    Scene,
+)
+from tests.proving.faults.judge import JUDGED_S, Row, Thrust, Truth, Wire, broken, exempted, judged
 
 LANDS = ("sim.own_estimate=true",)
 """The autopilot of the deck knows where it is, so it is asked to land where we can't see it."""

@@ -12,7 +12,7 @@ from collections.abc import Sequence
 import msgspec
 
 from tests.proving.faults.cells.cell import fly_cell
-from tests.proving.faults.judge.verdict import Row
+from tests.proving.faults.judge import Row
 
 
 class _Struck(Exception):

@@ -8,9 +8,9 @@ from collections.abc import Callable, Coroutine
 from enum import StrEnum
 from typing import Any, NamedTuple
 
-from groundstation.flight.flight import Flight
-from sim.runs.stage import Stage
-from sim.world.draws import rows, stream
+from groundstation.flight import Flight
+from sim.runs import Stage
+from sim.world import rows, stream
 from tests.proving.faults.deck.meddler import Meddler
 from tests.proving.faults.deck.pictures import Struck
 

@@ -2,7 +2,7 @@
 
 from collections.abc import Sequence
 
-from sim.trackers.trackers import Seen, Tracker
+from sim.trackers import Seen, Tracker
 from tests.proving.faults.deck.pictures import Picture
 from tests.proving.faults.deck.ways import Way
 

@@ -2,7 +2,7 @@
 
 from collections.abc import Callable
 
-from groundstation.core.mission.mission import State
+from groundstation.core.mission import State
 
 DESCENT_AFTER_S = 1.0
 """The failsafe descent is asked for after so long on the figure [s]."""

@@ -4,9 +4,8 @@ import math
 from collections.abc import Callable, Iterator, Sequence
 from typing import NamedTuple
 
-from groundstation.core.geometry import so3
-from groundstation.core.geometry.ops import Quat, Vec3
-from sim.trackers.trackers import Seen
+from groundstation.core.geometry import Quat, Vec3, so3
+from sim.trackers import Seen
 
 NOISE_M, NOISE_RAD = 0.0003, 0.002
 """Of what is not measured any more but looks as if [m, rad], 1 sigma an axis: as much as the cameras' own."""

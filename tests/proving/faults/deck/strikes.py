@@ -6,13 +6,10 @@ from collections.abc import Callable
 
 import msgspec
 
-from groundstation.core.geometry import so3
-from groundstation.core.geometry.ops import Quat, Vec3
-from groundstation.core.mission.interrupts import Interrupts
-from sim.autopilots.px4 import Px4Autopilot
-from sim.world.draws import rows, stream
-from sim.world.plant import Body
-from sim.world.wind import Wind
+from groundstation.core.geometry import Quat, Vec3, so3
+from groundstation.core.mission import Interrupts
+from sim.autopilots import Px4Autopilot
+from sim.world import Body, Wind, rows, stream
 from tests.proving.faults.deck.fault import Scene, Strike
 from tests.proving.faults.deck.pictures import Picture, Struck
 from tests.proving.faults.deck.ways import WIFI_S, Way, jitter, late

@@ -3,7 +3,7 @@
 import asyncio
 from collections.abc import Callable, Iterator, Sequence
 
-from sim.trackers.trackers import Seen
+from sim.trackers import Seen
 
 CLOCK_STEP_S = 5.0
 """How far ahead the tracking computer's clock leaps [s]."""

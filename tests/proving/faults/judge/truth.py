@@ -3,10 +3,9 @@
 import math
 from collections.abc import Callable
 
-from groundstation.core.geometry import so3
-from groundstation.core.geometry.ops import Vec3
-from groundstation.core.pilot import Tick
-from sim.world.quadrotor import Quadrotor
+from groundstation.core import Tick
+from groundstation.core.geometry import Vec3, so3
+from sim.world import Quadrotor
 
 OFF_FLOOR_M = 0.02
 """Higher than this above the floor it flies [m]."""

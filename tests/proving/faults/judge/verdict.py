@@ -5,8 +5,7 @@ from collections.abc import Sequence
 
 import msgspec
 
-from tests.proving.faults.deck.fault import FALLS, TUMBLES, Exemption, Fault, Poses
-from tests.proving.faults.deck.moments import MOMENTS
+from tests.proving.faults.deck import FALLS, MOMENTS, TUMBLES, Exemption, Fault, Poses
 from tests.proving.faults.judge.thrust import Thrust
 from tests.proving.faults.judge.truth import Truth
 

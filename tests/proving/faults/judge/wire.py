@@ -8,15 +8,13 @@ import math
 import struct
 from collections import deque
 
-from groundstation.recording.records import Idled, Record, Ticked
-from groundstation.settings.settings import Config
-from links.core.port import Command, Segment
-from links.core.thrust_curve import signal
-from links.mavlink.link import MavlinkLinkConfig
-from links.rf.codecs.channel_map import Channels
-from links.rf.codecs.codec import RfLinkConfig
-from sim.radio.inline_pacer import MODULE
-from sim.time.virtual_streams import Address
+from groundstation.recording import Idled, Record, Ticked
+from groundstation.settings import Config
+from links.core import Command, Segment, signal
+from links.mavlink import MavlinkLinkConfig
+from links.rf.codecs import Channels, RfLinkConfig
+from sim.radio import MODULE
+from sim.time import Address
 from tests.proving.faults.judge.thrust import LIFTS, Thrust
 
 SET_POINT = b"\x52\x00\x00"

@@ -15,28 +15,20 @@ from typing import Any
 
 import msgspec
 
-from groundstation.config.loader import dump
-from groundstation.core.mission.mission import FINAL, State
-from groundstation.interfaces.api.client import snapshots
-from groundstation.runtime.place import ApiError
-from links.bridge.server import BridgeConfig
-from links.core.child_command import make_child_command
-from links.io.key_file import make_key
-from sim.radio.pty_wire import PtyWire
-from sim.radio.radio import module
-from sim.radio.rf_receiver import FAILSAFE_S
-from sim.runs.mission import from_floor
-from sim.runs.stage import Stage
-from sim.scenarios.preparation import prepare
-from sim.scenarios.scenarios import SCENARIOS
-from sim.world.world import World
-from tests.proving.faults.cells.cell import AUTOPILOT, LANDS, LOOK_S, STILL_SHARE, hover_n, not_struck
-from tests.proving.faults.deck.fault import Fault
-from tests.proving.faults.deck.faults import FAULTS
-from tests.proving.faults.deck.moments import MOMENTS, Moves
-from tests.proving.faults.judge.thrust import LIFTS, Thrust
-from tests.proving.faults.judge.truth import Truth
-from tests.proving.faults.judge.verdict import Answer, Row, exempted, judged
+from groundstation.config import dump
+from groundstation.core.mission import FINAL, State
+from groundstation.interfaces.api import snapshots
+from groundstation.runtime import ApiError
+from links.bridge import BridgeConfig
+from links.core import make_child_command
+from links.io import make_key
+from sim.radio import FAILSAFE_S, PtyWire, module
+from sim.runs import Stage, from_floor
+from sim.scenarios import SCENARIOS, prepare
+from sim.world import World
+from tests.proving.faults.cells import AUTOPILOT, LANDS, LOOK_S, STILL_SHARE, hover_n, not_struck
+from tests.proving.faults.deck import FAULTS, MOMENTS, Fault, Moves
+from tests.proving.faults.judge import LIFTS, Answer, Row, Thrust, Truth, exempted, judged
 from tests.proving.faults.live.broker import Broker
 from tests.proving.faults.live.scene import STRIKES, LiveScene
 

@@ -8,14 +8,13 @@ import signal
 from collections.abc import Awaitable, Callable
 from pathlib import Path
 
-from groundstation.core.mission.mission import FINAL, State
-from groundstation.settings.settings import Config
-from links.core.child_command import make_child_command
-from links.rf.codecs.channel_map import Channels
-from links.rf.codecs.codec import RfLinkConfig
-from sim.runs.stage import Stage
-from tests.proving.faults.deck.moments import Moves
-from tests.proving.faults.judge.wire import set_point
+from groundstation.core.mission import FINAL, State
+from groundstation.settings import Config
+from links.core import make_child_command
+from links.rf.codecs import Channels, RfLinkConfig
+from sim.runs import Stage
+from tests.proving.faults.deck import Moves
+from tests.proving.faults.judge import set_point
 from tests.proving.faults.live.broker import Broker
 
 PACER = "links.rf.pacer_child"
