@@ -1,7 +1,5 @@
 """Configuration: TOML files and overrides into frozen structs, with errors that name the key."""
 
-from links.core.lazy import load_name
-
 TYPE_CHECKING = False
 if TYPE_CHECKING:
     from groundstation.config.examples import copy_examples, example_names, example_text, list_examples
@@ -24,4 +22,6 @@ _MODULES = {
 
 
 def __getattr__(name: str) -> object:
+    from links.core.lazy import load_name
+
     return load_name(__name__, _MODULES, name)

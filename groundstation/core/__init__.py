@@ -1,7 +1,5 @@
 """The heart of a flight, sans-IO: what is computed from poses to commands, and what is refused."""
 
-from links.core.lazy import load_name
-
 TYPE_CHECKING = False
 if TYPE_CHECKING:
     from groundstation.core.pilot import NOISE_POSES, Pilot, Tick
@@ -10,4 +8,6 @@ _MODULES = {"pilot": ("NOISE_POSES", "Pilot", "Tick")}
 
 
 def __getattr__(name: str) -> object:
+    from links.core.lazy import load_name
+
     return load_name(__name__, _MODULES, name)

@@ -2,7 +2,6 @@
 
 from groundstation.flight import checks as checks
 from groundstation.flight import preflight as preflight
-from links.core.lazy import load_name
 
 TYPE_CHECKING = False
 if TYPE_CHECKING:
@@ -28,4 +27,6 @@ _MODULES = {
 
 
 def __getattr__(name: str) -> object:
+    from links.core.lazy import load_name
+
     return load_name(__name__, _MODULES, name)

@@ -7,7 +7,6 @@ the file at once. Nothing here is imported before somebody records or reads.
 """
 
 from groundstation.recording import channels as channels
-from links.core.lazy import load_name
 
 TYPE_CHECKING = False
 if TYPE_CHECKING:
@@ -35,4 +34,6 @@ _MODULES = {
 
 
 def __getattr__(name: str) -> object:
+    from links.core.lazy import load_name
+
     return load_name(__name__, _MODULES, name)

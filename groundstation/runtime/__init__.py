@@ -1,7 +1,5 @@
 """What a process of ours needs of its machine: clocks, sockets' places, locks, exit codes."""
 
-from links.core.lazy import load_name
-
 TYPE_CHECKING = False
 if TYPE_CHECKING:
     from groundstation.runtime.broadcast import Latest
@@ -82,4 +80,6 @@ _MODULES = {
 
 
 def __getattr__(name: str) -> object:
+    from links.core.lazy import load_name
+
     return load_name(__name__, _MODULES, name)

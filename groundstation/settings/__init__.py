@@ -1,7 +1,5 @@
 """The whole configuration of a ground station: one section a struct."""
 
-from links.core.lazy import load_name
-
 TYPE_CHECKING = False
 if TYPE_CHECKING:
     from groundstation.settings.hold_to_run import OperatorConfig
@@ -16,4 +14,6 @@ _MODULES = {
 
 
 def __getattr__(name: str) -> object:
+    from links.core.lazy import load_name
+
     return load_name(__name__, _MODULES, name)

@@ -1,7 +1,6 @@
 """The RF bridge: the pacer and the module on another computer, and the link to it."""
 
 from links.bridge import codec as codec
-from links.core.lazy import load_name
 
 TYPE_CHECKING = False
 if TYPE_CHECKING:
@@ -12,4 +11,6 @@ _MODULES = {"link": ("BridgeLink", "BridgeLinkConfig"), "server": ("Bridge", "Br
 
 
 def __getattr__(name: str) -> object:
+    from links.core.lazy import load_name
+
     return load_name(__name__, _MODULES, name)

@@ -1,7 +1,5 @@
 """What every link shares, sans-IO: the port, the dead man's switch, the thrust curve."""
 
-from links.core.lazy import load_name
-
 TYPE_CHECKING = False
 if TYPE_CHECKING:
     from links.core.child_command import make_child_command
@@ -44,4 +42,6 @@ _MODULES = {
 
 
 def __getattr__(name: str) -> object:
+    from links.core.lazy import load_name
+
     return load_name(__name__, _MODULES, name)

@@ -1,7 +1,5 @@
 """What the links open: sockets' addresses, serial ports, key files, shared memory."""
 
-from links.core.lazy import load_name
-
 TYPE_CHECKING = False
 if TYPE_CHECKING:
     from links.io.address import beyond, is_loopback, parse_address
@@ -22,4 +20,6 @@ _MODULES = {
 
 
 def __getattr__(name: str) -> object:
+    from links.core.lazy import load_name
+
     return load_name(__name__, _MODULES, name)

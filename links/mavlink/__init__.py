@@ -1,7 +1,5 @@
 """The MAVLink link to PX4 and ArduPilot: codec, connection, status, and the link itself."""
 
-from links.core.lazy import load_name
-
 TYPE_CHECKING = False
 if TYPE_CHECKING:
     from links.mavlink.connection import MavlinkConnection
@@ -16,4 +14,6 @@ _MODULES = {
 
 
 def __getattr__(name: str) -> object:
+    from links.core.lazy import load_name
+
     return load_name(__name__, _MODULES, name)

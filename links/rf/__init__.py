@@ -1,7 +1,5 @@
 """The serial RF link: a transmitter module, whose frames a process of its own paces."""
 
-from links.core.lazy import load_name
-
 TYPE_CHECKING = False
 if TYPE_CHECKING:
     from links.rf.link import SerialRfLink
@@ -22,4 +20,6 @@ _MODULES = {
 
 
 def __getattr__(name: str) -> object:
+    from links.core.lazy import load_name
+
     return load_name(__name__, _MODULES, name)

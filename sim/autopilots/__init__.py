@@ -1,7 +1,5 @@
 """Simulated autopilots: PX4 and ArduPilot, as they were seen to behave towards a ground station."""
 
-from links.core.lazy import load_name
-
 TYPE_CHECKING = False
 if TYPE_CHECKING:
     from sim.autopilots.base import SimulatedAutopilot
@@ -20,4 +18,6 @@ _MODULES = {
 
 
 def __getattr__(name: str) -> object:
+    from links.core.lazy import load_name
+
     return load_name(__name__, _MODULES, name)

@@ -1,7 +1,5 @@
 """Many flights at once: the same law, estimator and plant on arrays of vehicles."""
 
-from links.core.lazy import load_name
-
 TYPE_CHECKING = False
 if TYPE_CHECKING:
     from sim.batch.batch import fly_batch, require_batchable
@@ -18,4 +16,6 @@ _MODULES = {
 
 
 def __getattr__(name: str) -> object:
+    from links.core.lazy import load_name
+
     return load_name(__name__, _MODULES, name)

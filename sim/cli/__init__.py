@@ -1,7 +1,5 @@
 """The commands of `groundstation-sim`."""
 
-from links.core.lazy import load_name
-
 TYPE_CHECKING = False
 if TYPE_CHECKING:
     from sim.cli.arguments import count, hours, names, percent, seconds, whole
@@ -16,4 +14,6 @@ _MODULES = {
 
 
 def __getattr__(name: str) -> object:
+    from links.core.lazy import load_name
+
     return load_name(__name__, _MODULES, name)

@@ -1,6 +1,5 @@
 """The simulated radio: pacer, receiver and bridge at exact instants."""
 
-from links.core.lazy import load_name
 from sim.radio import rf_receiver as rf_receiver
 
 TYPE_CHECKING = False
@@ -19,4 +18,6 @@ _MODULES = {
 
 
 def __getattr__(name: str) -> object:
+    from links.core.lazy import load_name
+
     return load_name(__name__, _MODULES, name)

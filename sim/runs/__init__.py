@@ -1,7 +1,5 @@
 """Simulated flights, one or several, in virtual time or real time, and their judge."""
 
-from links.core.lazy import load_name
-
 TYPE_CHECKING = False
 if TYPE_CHECKING:
     from sim.runs.fleet_mission import FleetMission, fly_fleet
@@ -24,4 +22,6 @@ _MODULES = {
 
 
 def __getattr__(name: str) -> object:
+    from links.core.lazy import load_name
+
     return load_name(__name__, _MODULES, name)

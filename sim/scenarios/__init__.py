@@ -1,7 +1,5 @@
 """The scenarios by name, and how one becomes the truth and what the controller is told."""
 
-from links.core.lazy import load_name
-
 TYPE_CHECKING = False
 if TYPE_CHECKING:
     from sim.scenarios.preparation import by_side, overridden, prepare, prepare_own, scenario_of, timing
@@ -14,4 +12,6 @@ _MODULES = {
 
 
 def __getattr__(name: str) -> object:
+    from links.core.lazy import load_name
+
     return load_name(__name__, _MODULES, name)

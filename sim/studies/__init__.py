@@ -1,7 +1,5 @@
 """Questions put to many flights: campaigns, comparisons, tuning, margins."""
 
-from links.core.lazy import load_name
-
 TYPE_CHECKING = False
 if TYPE_CHECKING:
     from sim.studies.bring_down import cut_all, markdown
@@ -11,4 +9,6 @@ _MODULES = {"bring_down": ("cut_all", "markdown"), "vectors": ("LIMIT", "worst_d
 
 
 def __getattr__(name: str) -> object:
+    from links.core.lazy import load_name
+
     return load_name(__name__, _MODULES, name)

@@ -1,7 +1,5 @@
 """Virtual time: an event loop whose clock jumps, with datagrams and streams in memory."""
 
-from links.core.lazy import load_name
-
 TYPE_CHECKING = False
 if TYPE_CHECKING:
     from sim.time.turns import in_turns, percentile
@@ -12,4 +10,6 @@ _MODULES = {"turns": ("in_turns", "percentile"), "virtual_streams": ("Address",)
 
 
 def __getattr__(name: str) -> object:
+    from links.core.lazy import load_name
+
     return load_name(__name__, _MODULES, name)

@@ -1,7 +1,5 @@
 """Simulated tracking systems: what their cameras see, as the bytes that they send."""
 
-from links.core.lazy import load_name
-
 TYPE_CHECKING = False
 if TYPE_CHECKING:
     from sim.trackers.mocap import Mocap
@@ -18,4 +16,6 @@ _MODULES = {
 
 
 def __getattr__(name: str) -> object:
+    from links.core.lazy import load_name
+
     return load_name(__name__, _MODULES, name)

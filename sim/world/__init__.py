@@ -1,7 +1,5 @@
 """The truth of a simulated flight: plant, wind, vehicle, and the scenarios."""
 
-from links.core.lazy import load_name
-
 TYPE_CHECKING = False
 if TYPE_CHECKING:
     from sim.world.airframe import Airframe, Truth
@@ -26,4 +24,6 @@ _MODULES = {
 
 
 def __getattr__(name: str) -> object:
+    from links.core.lazy import load_name
+
     return load_name(__name__, _MODULES, name)

@@ -375,7 +375,7 @@ def test_of_a_simulated_flight_that_ends_in_an_error_everything_up_to_it_is_reco
             give(Told(0.001 * n, "tracking", f"line {n}"))
         raise ZeroDivisionError
 
-    monkeypatch.setattr("sim.runs.flight.fly", broken)
+    monkeypatch.setattr("sim.runs.fly", broken)
     monkeypatch.setattr("sys.argv", ["groundstation-sim", "fly", "--out", str(tmp_path)])
     with pytest.raises(ZeroDivisionError):
         main()

@@ -1,7 +1,5 @@
 """One page about a recorded flight, with its figures."""
 
-from links.core.lazy import load_name
-
 TYPE_CHECKING = False
 if TYPE_CHECKING:
     from groundstation.analysis.report.command import report_command
@@ -18,4 +16,6 @@ _MODULES = {
 
 
 def __getattr__(name: str) -> object:
+    from links.core.lazy import load_name
+
     return load_name(__name__, _MODULES, name)

@@ -1,7 +1,5 @@
 """Offline comparison: our estimator and controller over a recorded .tlog."""
 
-from links.core.lazy import load_name
-
 TYPE_CHECKING = False
 if TYPE_CHECKING:
     from groundstation.analysis.shadow.command import replay_command
@@ -20,4 +18,6 @@ _MODULES = {
 
 
 def __getattr__(name: str) -> object:
+    from links.core.lazy import load_name
+
     return load_name(__name__, _MODULES, name)

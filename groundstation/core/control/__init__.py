@@ -1,7 +1,5 @@
 """Our controller: the backstepping law, its certificate, and how a vehicle is brought down."""
 
-from links.core.lazy import load_name
-
 TYPE_CHECKING = False
 if TYPE_CHECKING:
     from groundstation.core.control.adaptive import Adaptive, bound_decrease
@@ -30,4 +28,6 @@ _MODULES = {
 
 
 def __getattr__(name: str) -> object:
+    from links.core.lazy import load_name
+
     return load_name(__name__, _MODULES, name)

@@ -1,7 +1,5 @@
 """Controllers to fly with: ours, the baselines, and a user's own."""
 
-from links.core.lazy import load_name
-
 TYPE_CHECKING = False
 if TYPE_CHECKING:
     from groundstation.core.controllers.custom import Custom
@@ -11,4 +9,6 @@ _MODULES = {"custom": ("Custom",), "kinds": ("ControllerConfig", "make_controlle
 
 
 def __getattr__(name: str) -> object:
+    from links.core.lazy import load_name
+
     return load_name(__name__, _MODULES, name)

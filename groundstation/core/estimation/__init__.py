@@ -1,7 +1,6 @@
 """The estimator: a Kalman filter at the newest pose, rolled forward through the commands sent since."""
 
 from groundstation.core.estimation import effectiveness as effectiveness
-from links.core.lazy import load_name
 
 TYPE_CHECKING = False
 if TYPE_CHECKING:
@@ -41,4 +40,6 @@ _MODULES = {
 
 
 def __getattr__(name: str) -> object:
+    from links.core.lazy import load_name
+
     return load_name(__name__, _MODULES, name)

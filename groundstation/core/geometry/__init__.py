@@ -1,7 +1,6 @@
 """Elementary functions, rotations and frames, for floats and arrays of vehicles."""
 
 from groundstation.core.geometry import so3 as so3
-from links.core.lazy import load_name
 
 TYPE_CHECKING = False
 if TYPE_CHECKING:
@@ -39,4 +38,6 @@ _MODULES = {
 
 
 def __getattr__(name: str) -> object:
+    from links.core.lazy import load_name
+
     return load_name(__name__, _MODULES, name)

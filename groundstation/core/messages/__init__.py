@@ -1,7 +1,5 @@
 """What the parts of a flight hand to each other, and show to others: poses, estimates, decisions, requests."""
 
-from links.core.lazy import load_name
-
 TYPE_CHECKING = False
 if TYPE_CHECKING:
     from groundstation.core.messages.bodies import FAR_M, Others
@@ -30,4 +28,6 @@ _MODULES = {
 
 
 def __getattr__(name: str) -> object:
+    from links.core.lazy import load_name
+
     return load_name(__name__, _MODULES, name)

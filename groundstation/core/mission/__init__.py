@@ -1,7 +1,5 @@
 """The mission as a table: state and event to state."""
 
-from links.core.lazy import load_name
-
 TYPE_CHECKING = False
 if TYPE_CHECKING:
     from groundstation.core.mission.interrupts import Interrupts
@@ -14,4 +12,6 @@ _MODULES = {
 
 
 def __getattr__(name: str) -> object:
+    from links.core.lazy import load_name
+
     return load_name(__name__, _MODULES, name)

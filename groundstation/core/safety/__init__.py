@@ -1,7 +1,5 @@
 """What refuses or ends a flight: guards, geofence, separation, evidence against the poses, take-off and touchdown."""
 
-from links.core.lazy import load_name
-
 TYPE_CHECKING = False
 if TYPE_CHECKING:
     from groundstation.core.safety.conviction import WITNESS, Charge, Conviction, charge_lateness
@@ -32,4 +30,6 @@ _MODULES = {
 
 
 def __getattr__(name: str) -> object:
+    from links.core.lazy import load_name
+
     return load_name(__name__, _MODULES, name)

@@ -1,7 +1,5 @@
 """Trajectories with exact derivatives, and what they ask of a vehicle."""
 
-from links.core.lazy import load_name
-
 TYPE_CHECKING = False
 if TYPE_CHECKING:
     from groundstation.core.trajectory.excitation import ExcitationConfig
@@ -24,4 +22,6 @@ _MODULES = {
 
 
 def __getattr__(name: str) -> object:
+    from links.core.lazy import load_name
+
     return load_name(__name__, _MODULES, name)

@@ -1,7 +1,5 @@
 """The vehicle as the controller is told it is: its figures, limits, model and actuators."""
 
-from links.core.lazy import load_name
-
 TYPE_CHECKING = False
 if TYPE_CHECKING:
     from groundstation.core.vehicle.model import ZERO, Drive, Driven, Motion, carried, driven, lead, new, rolled
@@ -14,4 +12,6 @@ _MODULES = {
 
 
 def __getattr__(name: str) -> object:
+    from links.core.lazy import load_name
+
     return load_name(__name__, _MODULES, name)

@@ -1,7 +1,5 @@
 """The operator's own dead man: what must be held for a vehicle to fly."""
 
-from links.core.lazy import load_name
-
 TYPE_CHECKING = False
 if TYPE_CHECKING:
     from groundstation.flight.hold_to_run.hold import Hold
@@ -12,4 +10,6 @@ _MODULES = {"hold": ("Hold",), "kinds": ("ensure_held", "make_hold"), "watch": (
 
 
 def __getattr__(name: str) -> object:
+    from links.core.lazy import load_name
+
     return load_name(__name__, _MODULES, name)

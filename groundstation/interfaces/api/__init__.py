@@ -1,7 +1,6 @@
 """The local interface: one JSON object a line on a UNIX socket."""
 
 from groundstation.interfaces.api import messages as messages
-from links.core.lazy import load_name
 
 TYPE_CHECKING = False
 if TYPE_CHECKING:
@@ -23,4 +22,6 @@ _MODULES = {
 
 
 def __getattr__(name: str) -> object:
+    from links.core.lazy import load_name
+
     return load_name(__name__, _MODULES, name)

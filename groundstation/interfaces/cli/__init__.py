@@ -1,7 +1,5 @@
 """The commands of `groundstation`."""
 
-from links.core.lazy import load_name
-
 TYPE_CHECKING = False
 if TYPE_CHECKING:
     from groundstation.interfaces.cli.completion import completion_script, words_of_flying
@@ -14,4 +12,6 @@ _MODULES = {
 
 
 def __getattr__(name: str) -> object:
+    from links.core.lazy import load_name
+
     return load_name(__name__, _MODULES, name)

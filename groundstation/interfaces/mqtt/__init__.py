@@ -1,7 +1,5 @@
 """Telemetry to an MQTT broker, and sealed requests from it."""
 
-from links.core.lazy import load_name
-
 TYPE_CHECKING = False
 if TYPE_CHECKING:
     from groundstation.interfaces.mqtt.ask import ask_command
@@ -26,4 +24,6 @@ _MODULES = {
 
 
 def __getattr__(name: str) -> object:
+    from links.core.lazy import load_name
+
     return load_name(__name__, _MODULES, name)

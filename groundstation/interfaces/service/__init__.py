@@ -1,7 +1,5 @@
 """Flights without a terminal: the daemon, its signals, logs and health."""
 
-from links.core.lazy import load_name
-
 TYPE_CHECKING = False
 if TYPE_CHECKING:
     from groundstation.interfaces.service.command import daemon_command, fly_command
@@ -22,4 +20,6 @@ _MODULES = {
 
 
 def __getattr__(name: str) -> object:
+    from links.core.lazy import load_name
+
     return load_name(__name__, _MODULES, name)

@@ -1,7 +1,5 @@
 """The dashboard: a process of its own."""
 
-from links.core.lazy import load_name
-
 TYPE_CHECKING = False
 if TYPE_CHECKING:
     from groundstation.interfaces.tui.command import fly_with_screen, tui_command
@@ -11,4 +9,6 @@ _MODULES = {"command": ("fly_with_screen", "tui_command"), "fleet": ("run_fleet"
 
 
 def __getattr__(name: str) -> object:
+    from links.core.lazy import load_name
+
     return load_name(__name__, _MODULES, name)

@@ -1,7 +1,5 @@
 """Axis calibration: a tracker's axes and latency from a vehicle carried by hand."""
 
-from links.core.lazy import load_name
-
 TYPE_CHECKING = False
 if TYPE_CHECKING:
     from groundstation.lab.axes.command import carry
@@ -10,4 +8,6 @@ _MODULES = {"command": ("carry",)}
 
 
 def __getattr__(name: str) -> object:
+    from links.core.lazy import load_name
+
     return load_name(__name__, _MODULES, name)

@@ -1,7 +1,5 @@
 """Several vehicles: their cores together, and the relay of poses between them."""
 
-from links.core.lazy import load_name
-
 TYPE_CHECKING = False
 if TYPE_CHECKING:
     from groundstation.lab.fleet.plan import Fleet, Member, read_fleet
@@ -11,4 +9,6 @@ _MODULES = {"plan": ("Fleet", "Member", "read_fleet"), "relay": ("Relay", "run_r
 
 
 def __getattr__(name: str) -> object:
+    from links.core.lazy import load_name
+
     return load_name(__name__, _MODULES, name)

@@ -1,7 +1,5 @@
 """Pose monitor: any pose source live, without flying."""
 
-from links.core.lazy import load_name
-
 TYPE_CHECKING = False
 if TYPE_CHECKING:
     from groundstation.lab.pose_monitor.command import watch
@@ -11,4 +9,6 @@ _MODULES = {"command": ("watch",), "listener": ("ears",)}
 
 
 def __getattr__(name: str) -> object:
+    from links.core.lazy import load_name
+
     return load_name(__name__, _MODULES, name)

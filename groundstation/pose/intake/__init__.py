@@ -1,7 +1,5 @@
 """What every pose source shares: checks, clocks, datagrams, playback."""
 
-from links.core.lazy import load_name
-
 TYPE_CHECKING = False
 if TYPE_CHECKING:
     from groundstation.pose.intake.datagram import DatagramSource, cannot_listen
@@ -16,4 +14,6 @@ _MODULES = {
 
 
 def __getattr__(name: str) -> object:
+    from links.core.lazy import load_name
+
     return load_name(__name__, _MODULES, name)

@@ -1,7 +1,6 @@
 """Recorded pose sources: CSV and .tlog, played back."""
 
 from groundstation.pose.recorded import csv_codec as csv_codec
-from links.core.lazy import load_name
 
 TYPE_CHECKING = False
 if TYPE_CHECKING:
@@ -19,4 +18,6 @@ _MODULES = {
 
 
 def __getattr__(name: str) -> object:
+    from links.core.lazy import load_name
+
     return load_name(__name__, _MODULES, name)

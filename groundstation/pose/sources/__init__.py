@@ -5,7 +5,6 @@ from groundstation.pose.sources import natnet_codec as natnet_codec
 from groundstation.pose.sources import qualisys_codec as qualisys_codec
 from groundstation.pose.sources import vicon_codec as vicon_codec
 from groundstation.pose.sources import vision_codec as vision_codec
-from links.core.lazy import load_name
 
 TYPE_CHECKING = False
 if TYPE_CHECKING:
@@ -41,4 +40,6 @@ _MODULES = {
 
 
 def __getattr__(name: str) -> object:
+    from links.core.lazy import load_name
+
     return load_name(__name__, _MODULES, name)

@@ -1,7 +1,5 @@
 """Procedures that an autopilot goes through with us, sans-IO: arming, parameters, message rates."""
 
-from links.core.lazy import load_name
-
 TYPE_CHECKING = False
 if TYPE_CHECKING:
     from links.mavlink.procedures.handshake import MULTIROTORS, arming, disarming, fitness, landing, landing_disarmed
@@ -33,4 +31,6 @@ _MODULES = {
 
 
 def __getattr__(name: str) -> object:
+    from links.core.lazy import load_name
+
     return load_name(__name__, _MODULES, name)

@@ -1,7 +1,5 @@
 """What carries MAVLink: UDP, TCP or a serial port, opened again when it is lost."""
 
-from links.core.lazy import load_name
-
 TYPE_CHECKING = False
 if TYPE_CHECKING:
     from links.mavlink.transport.reconnecting import LastingWire
@@ -10,4 +8,6 @@ _MODULES = {"reconnecting": ("LastingWire",)}
 
 
 def __getattr__(name: str) -> object:
+    from links.core.lazy import load_name
+
     return load_name(__name__, _MODULES, name)

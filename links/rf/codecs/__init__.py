@@ -1,7 +1,5 @@
 """Frames of RF modules and the channels in them, sans-IO. A new module is a file and a line of kinds.py."""
 
-from links.core.lazy import load_name
-
 TYPE_CHECKING = False
 if TYPE_CHECKING:
     from links.rf.codecs.channel_map import Channels
@@ -20,4 +18,6 @@ _MODULES = {
 
 
 def __getattr__(name: str) -> object:
+    from links.core.lazy import load_name
+
     return load_name(__name__, _MODULES, name)

@@ -1,7 +1,5 @@
 """A scenario flown a thousand times in drawn worlds."""
 
-from links.core.lazy import load_name
-
 TYPE_CHECKING = False
 if TYPE_CHECKING:
     from sim.studies.campaign.campaign import Campaign, Crew, run
@@ -24,4 +22,6 @@ _MODULES = {
 
 
 def __getattr__(name: str) -> object:
+    from links.core.lazy import load_name
+
     return load_name(__name__, _MODULES, name)

@@ -1,7 +1,5 @@
 """Controllers side by side."""
 
-from links.core.lazy import load_name
-
 TYPE_CHECKING = False
 if TYPE_CHECKING:
     from sim.studies.compare.compare import CONTROLLERS, cases, fly_all, rows
@@ -16,4 +14,6 @@ _MODULES = {
 
 
 def __getattr__(name: str) -> object:
+    from links.core.lazy import load_name
+
     return load_name(__name__, _MODULES, name)

@@ -1,7 +1,5 @@
 """The search for gains, and how wrong the world may be with them."""
 
-from links.core.lazy import load_name
-
 TYPE_CHECKING = False
 if TYPE_CHECKING:
     from sim.studies.tune.evidence import Evidence, margins_table, table, toml, unverified_toml, verified
@@ -22,4 +20,6 @@ _MODULES = {
 
 
 def __getattr__(name: str) -> object:
+    from links.core.lazy import load_name
+
     return load_name(__name__, _MODULES, name)

@@ -1,7 +1,5 @@
 """Measurements of speed and memory."""
 
-from links.core.lazy import load_name
-
 TYPE_CHECKING = False
 if TYPE_CHECKING:
     from tests.proving.bench.allocation import look
@@ -10,4 +8,6 @@ _MODULES = {"allocation": ("look",)}
 
 
 def __getattr__(name: str) -> object:
+    from links.core.lazy import load_name
+
     return load_name(__name__, _MODULES, name)

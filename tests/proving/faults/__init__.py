@@ -1,7 +1,5 @@
 """The fault deck: one thing is broken in every state of a mission."""
 
-from links.core.lazy import load_name
-
 TYPE_CHECKING = False
 if TYPE_CHECKING:
     from tests.proving.faults.deal import deal_cells, fly_all, quick
@@ -11,4 +9,6 @@ _MODULES = {"deal": ("deal_cells", "fly_all", "quick"), "table": ("text", "write
 
 
 def __getattr__(name: str) -> object:
+    from links.core.lazy import load_name
+
     return load_name(__name__, _MODULES, name)

@@ -1,7 +1,5 @@
 """Random and damaged bytes for every decoder."""
 
-from links.core.lazy import load_name
-
 TYPE_CHECKING = False
 if TYPE_CHECKING:
     from tests.proving.fuzz.fuzz import fuzz_all, text
@@ -18,4 +16,6 @@ _MODULES = {
 
 
 def __getattr__(name: str) -> object:
+    from links.core.lazy import load_name
+
     return load_name(__name__, _MODULES, name)

@@ -1,7 +1,5 @@
 """Where a dashboard's pictures come from: a running flight or a recording."""
 
-from links.core.lazy import load_name
-
 TYPE_CHECKING = False
 if TYPE_CHECKING:
     from groundstation.interfaces.tui.feeds.attached import Attached
@@ -12,4 +10,6 @@ _MODULES = {"attached": ("Attached",), "playback": ("Playback",), "tape": ("Tape
 
 
 def __getattr__(name: str) -> object:
+    from links.core.lazy import load_name
+
     return load_name(__name__, _MODULES, name)

@@ -1,7 +1,5 @@
 """What the pages of the dashboard are made of."""
 
-from links.core.lazy import load_name
-
 TYPE_CHECKING = False
 if TYPE_CHECKING:
     from groundstation.interfaces.tui.parts.bars import TALL, Banner, Knobs, Tabs, content
@@ -44,4 +42,6 @@ _MODULES = {
 
 
 def __getattr__(name: str) -> object:
+    from links.core.lazy import load_name
+
     return load_name(__name__, _MODULES, name)

@@ -1,7 +1,5 @@
 """One fault in one state of one mission, in virtual time."""
 
-from links.core.lazy import load_name
-
 TYPE_CHECKING = False
 if TYPE_CHECKING:
     from tests.proving.faults.cells.cell import (
@@ -23,4 +21,6 @@ _MODULES = {
 
 
 def __getattr__(name: str) -> object:
+    from links.core.lazy import load_name
+
     return load_name(__name__, _MODULES, name)

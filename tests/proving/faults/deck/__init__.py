@@ -1,7 +1,5 @@
 """The faults by name: how each strikes, when, and what can't be asked after it."""
 
-from links.core.lazy import load_name
-
 TYPE_CHECKING = False
 if TYPE_CHECKING:
     from tests.proving.faults.deck.fault import FALLS, REASONS, TUMBLES, Exemption, Fault, Poses, Scene
@@ -20,4 +18,6 @@ _MODULES = {
 
 
 def __getattr__(name: str) -> object:
+    from links.core.lazy import load_name
+
     return load_name(__name__, _MODULES, name)

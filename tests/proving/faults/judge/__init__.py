@@ -1,7 +1,5 @@
 """The judges of a fault: by the truth, by thrust, by the bytes that left."""
 
-from links.core.lazy import load_name
-
 TYPE_CHECKING = False
 if TYPE_CHECKING:
     from tests.proving.faults.judge.thrust import LIFTS, Thrust
@@ -18,4 +16,6 @@ _MODULES = {
 
 
 def __getattr__(name: str) -> object:
+    from links.core.lazy import load_name
+
     return load_name(__name__, _MODULES, name)

@@ -1,7 +1,5 @@
 """Faults that need processes of their own, in real time."""
 
-from links.core.lazy import load_name
-
 TYPE_CHECKING = False
 if TYPE_CHECKING:
     from tests.proving.faults.live.live import fly_live_cells
@@ -10,4 +8,6 @@ _MODULES = {"live": ("fly_live_cells",)}
 
 
 def __getattr__(name: str) -> object:
+    from links.core.lazy import load_name
+
     return load_name(__name__, _MODULES, name)
