@@ -31,7 +31,7 @@ class SimulatedVehicle:
         self.plant = plant
         self._world = world
         self._noise = noise
-        self._turn, self._resets = so3.IDENTITY, 0
+        self._astray, self._resets = 0.0, 0
         self._wander = Wander(world, wander)
         self._horizon = horizon
         self._on = False
@@ -63,14 +63,18 @@ class SimulatedVehicle:
             (north, east, down), (u, v, _), (higher, up) = truth.position_ned, truth.velocity_ned, self.plant.felt
             truth = msgspec.structs.replace(truth, position_ned=(north, east, down - higher), velocity_ned=(u, v, -up))
         truth = self._wander.seen(truth, self.plant.released_s)
-        if not self._resets:
+        if not (self._astray or self._resets):
             return truth
-        attitude = so3.multiply(self._turn, truth.attitude)
+        attitude = so3.multiply(so3.from_euler_zyx(0.0, 0.0, math.radians(self._astray)), truth.attitude)
         return msgspec.structs.replace(truth, attitude=attitude, resets=truth.resets + self._resets)
 
-    def reset(self, turn_deg: float) -> None:
-        """Have its estimator turn its heading by so much [deg], and say so."""
-        self._turn = so3.multiply(so3.from_euler_zyx(0.0, 0.0, math.radians(turn_deg)), self._turn)
+    def lead_heading_astray(self, off_deg: float) -> None:
+        """From now on its estimator has its heading so far off [deg], as near a magnet, and does not know."""
+        self._astray = off_deg
+
+    def reset_heading(self) -> None:
+        """Have its estimator find its true heading, and say that it has turned it."""
+        self._astray = 0.0
         self._resets += 1
 
     def felt(self, time_s: float) -> tuple[Quat, Vec3]:

@@ -3,14 +3,17 @@
 import json
 import math
 import struct
+from itertools import repeat
 
 import pytest
 
+from groundstation.core.geometry import euler_zyx
 from groundstation.recording import Idled
 from links.core import Command, Segment
 from links.mavlink.protocol import MavlinkCodec
 from sim.__main__ import main
 from sim.scenarios import SCENARIOS, prepare
+from sim.world import Quadrotor, SimulatedVehicle, Wind, World
 from tests.proving.faults import deal_cells, quick, text
 from tests.proving.faults.cells import fly_together
 from tests.proving.faults.cells.cell import fly_cell
@@ -38,6 +41,9 @@ CELLS = [
     ("teleport", "ready", "aborted"),
     ("dropout", "arming", "aborted"),
     ("dropout", "spool-up", "landing"),
+    ("estimator reset", "ready", "flies on"),
+    ("estimator reset", "hold", "flies on"),
+    ("estimator reset", "tracking", "flies on"),
 ]
 
 
@@ -49,6 +55,21 @@ def test_a_fault_ends_safely(fault: str, state: str, reaction: str) -> None:
     assert row.tilt_deg < 60.0
     assert (row.touchdown_m_s or 0.0) < TOUCHDOWN_M_S
     assert (row.answer_ms is None) == (reaction == "flies on")
+
+
+def test_an_estimator_that_resets_its_heading_has_the_true_one_again_and_says_so() -> None:
+    world = World(attitude_noise_rad=0.0)
+    vehicle = SimulatedVehicle(Quadrotor(world, Wind(world, iter(()))), world, repeat([0.0] * 6), iter(()))
+
+    def seen() -> tuple[int, int]:
+        truth = vehicle.measured(0.0)
+        return round(math.degrees(euler_zyx(truth.attitude)[2])), truth.resets
+
+    assert seen() == (0, 0)
+    vehicle.lead_heading_astray(19.0)
+    assert seen() == (19, 0)
+    vehicle.reset_heading()
+    assert seen() == (0, 1)
 
 
 def test_what_a_radio_vehicle_can_not_be_asked_for_is_said() -> None:

@@ -323,7 +323,8 @@ OBEYING: dict[str, Fault] = {
         states=FLYING,
     ),
     "estimator reset": Fault(
-        "poses are the autopilot's own; its estimator turns its heading by 19°, and says so",
+        "poses are the autopilot's own, whose heading goes astray by 19° within 3 s; its estimator then finds the true "
+        "one, and says so",
         strikes.reset,
         source="odometry",
         obeys=True,

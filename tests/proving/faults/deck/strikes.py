@@ -38,8 +38,8 @@ LED_M_S, LED_TILT_DEG, GRIP_S = 0.5, 20.0, 0.3
 """An operator takes the vehicle out of the air: how fast a hand leads it down, how far it leans, and how long it takes
 to close."""
 
-RESET_DEG = 19.0
-"""A heading that an estimator corrects [deg]: PX4 was seen to do so."""
+RESET_DEG, ASTRAY_S, ASTRAY_STEP_S = 19.0, 3.0, 0.01
+"""A heading that an estimator corrects [deg]: PX4 was seen to do so. How long it goes astray [s], in what steps."""
 ELSEWHERE_M_S2 = (0.05, -0.03, 0.02)
 """How much another wind a partner feels that flies beside ours."""
 
@@ -104,8 +104,12 @@ async def partner(scene: Scene) -> None:
 
 
 async def reset(scene: Scene) -> None:
-    """The autopilot's estimator turns its heading, and says so."""
-    scene.stage.vehicle.reset(RESET_DEG)
+    """The heading of the autopilot's estimator goes astray; it finds that, turns it to what is true, and says so."""
+    vehicle, steps = scene.stage.vehicle, round(ASTRAY_S / ASTRAY_STEP_S)
+    for step in range(1, steps + 1):
+        vehicle.lead_heading_astray(RESET_DEG * step / steps)
+        await asyncio.sleep(ASTRAY_STEP_S)
+    vehicle.reset_heading()
 
 
 async def nothing(scene: Scene) -> None:
