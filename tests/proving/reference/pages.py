@@ -22,6 +22,7 @@ from sim.__main__ import parser as simulating
 from sim.studies.campaign import COLUMNS, Row
 from sim.world import World
 from tests.proving.reference.remarks import one_line, remarks, summary
+from tests.proving.reference.rooms import rooms_page, rooms_picture
 
 PROGRAMS_HEAD = """# Commands
 
@@ -176,6 +177,8 @@ PAGES: dict[str, Callable[[], str]] = {
     "commands.md": programs_page,
     "recording-channels.md": channels_page,
     "campaign-columns.md": columns_page,
+    "rooms.md": rooms_page,
+    "rooms.svg": rooms_picture,
 }
 """File → what is in it."""
 
