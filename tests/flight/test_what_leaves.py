@@ -2,18 +2,35 @@
 
 import asyncio
 import struct
+from collections.abc import Callable
 from pathlib import Path
 
 import pytest
 
-from groundstation.core.mission import State
+from groundstation.config import ConfigError
+from groundstation.core.control import bring_down, model_descent
+from groundstation.core.mission import State, interrupts
 from groundstation.core.safety import GuardsConfig
 from groundstation.flight import Flight
+from groundstation.flight.hold_to_run import channel, hold, watch
 from groundstation.flight.pacing import LAST_CHANCE_S
+from groundstation.flight.sender import DRAIN_S, LINK_LOOK_S, STALL_S
+from groundstation.interfaces.api.stop import ANSWER_S
+from groundstation.lab.props_off.steps import STOP_S
 from groundstation.recording import make_flight
 from groundstation.settings import FlightConfig
-from links.core.deadman import BRING_DOWN_LIMIT_S
+from links.core import Command
+from links.core.deadman import BRING_DOWN_LIMIT_S, DEADLINE_LIMIT_S
+from links.mavlink import MavlinkLinkConfig
+from links.mavlink.contact import HEARTBEAT_S
+from links.mavlink.procedures import mode, steps, stop
+from links.mavlink.protocol.status import ESTIMATE_OLD_S
+from links.rf import standby_watch
+from links.rf.codecs import Channels
+from links.rf.codecs.dsm_codec import DsmLinkConfig
 from links.rf.pacer import AFTERLIFE_S
+from links.rf.pacer_standby import PREPARE_S
+from sim.radio.inline_pacer import MODULE
 from sim.runs import Stage, from_floor
 from sim.scenarios import SCENARIOS, prepare
 from sim.time import VirtualTimeLoop
@@ -21,6 +38,60 @@ from tests.loops import in_virtual_time
 
 SAFETY = Path(__file__).parents[2] / "docs" / "explanation" / "safety.md"
 SET_POINT = b"\x52\x00\x00"
+LOOKS_S = hold.DEBOUNCE_S + 2.0 * watch.LOOK_S
+PROMISES = [
+    ("Its deadline is T + `flight.coast_s` ({:.0f} ms unless told otherwise)", 1e3 * FlightConfig().coast_s),
+    ("goes over to *descent* {:.0f} ms before that deadline", 1e3 * LAST_CHANCE_S),
+    ("are passed over for {:.0f} ms", 1e3 * DRAIN_S),
+    ("Standing still for less than {:.0f} ms is not noticed", 1e3 * STALL_S),
+    ("a deadline more than {:.1f} s away: the link refuses", DEADLINE_LIMIT_S),
+    ("is played, once, at most {:.0f} s;", BRING_DOWN_LIMIT_S),
+    ("a bring-down of {:.0f} at most", 1e3 * BRING_DOWN_LIMIT_S),
+    ("the last {:.0f} of them with the thrust at zero", 1e3 * bring_down.OFF_S),
+    ("**settle**: {:.1f} s at slightly less", bring_down.SETTLE_S),
+    ("missing for `link.heartbeat_timeout_s` ({:.0f})", 1e3 * MavlinkLinkConfig().heartbeat_timeout_s),
+    ("and up to {:.0f} more, then the bring-down", 1e3 * LINK_LOOK_S),
+    ("It holds for two and a half periods", 2.5),
+    ("at most {:.0f} ms and then", 1e3 * model_descent.LASTS_S),
+    ("and then {:.0f} ms of zero thrust", 1e3 * model_descent.OFF_S),
+    ("with at most {:.2f} of the thrust that hovers", model_descent.MOST),
+    ("more than what hovers for at most {:.0f} ms in all", 1e3 * model_descent.BRAKE_S),
+    ("moment, at most {:.1f} s old", ESTIMATE_OLD_S),
+    ("for mode LAND as well, up to six times", steps.TRIES),
+    ("(HEARTBEAT, every {:.1f} s", mode.AGAIN_S),
+    ("for up to {:.1f} s): one that somebody", mode.PATIENCE_S),
+    ("Presses within {:.0f} s count once", interrupts.ONCE_S),
+    ("is repeated every {:.0f} ms until it is acknowledged", 1e3 * stop.AGAIN_S),
+    ("until it is acknowledged, {:.0f} s at most", stop.PATIENCE_S),
+    ("sent once a second", HEARTBEAT_S),
+    ("the motors stop by themselves, within {:.0f} s", STOP_S),
+    ("let go, it lands within {:.0f} ms", 1e3 * LOOKS_S),
+    ("and lost, within {:.0f} ms", 1e3 * watch.LOOK_S),
+    ("a channel that the autopilot tells is known {:.0f} ms later", 1e3 / channel.RATE_HZ),
+    ("once it has not told it for {:.0f} ms", 1e3 * channel.OLD_S),
+    ("says which has not answered within {:.0f} s", ANSWER_S),
+]
+"""Sentences of that page, and what the code has for the number in each."""
+WORDS = {"two and a half": 2.5, "six": 6, "once a second": 1.0}
+"""Numbers that the page has in words."""
+
+
+@pytest.mark.parametrize(("sentence", "number"), PROMISES)
+def test_every_time_that_the_page_promises_is_the_code_s(sentence: str, number: float) -> None:
+    text = " ".join(SAFETY.read_text("utf-8").split())
+    assert sentence.format(number) in text
+    assert "{" in sentence or number == next(value for words, value in WORDS.items() if words in sentence)
+
+
+def test_commands_may_rest_on_a_pose_for_a_second_at_most_however_they_are_told() -> None:
+    with pytest.raises(ConfigError, match="at most 1 s"):
+        prepare(SCENARIOS["paper"], ["flight.coast_s=0.8", "guards.level_s=0.3"])
+
+
+def test_a_stand_by_takes_over_from_a_pacer_that_stands_still_within_a_tenth_of_a_second() -> None:
+    for period_s in (DsmLinkConfig().period_s, 0.004):
+        silent_s = standby_watch.Watch(period_s).wait_s + standby_watch.LOOK_S + PREPARE_S + period_s
+        assert silent_s < 0.105
 
 
 def test_the_table_of_what_leaves_has_the_numbers_of_the_code() -> None:
@@ -80,3 +151,98 @@ def test_nothing_lifts_later_than_the_table_says(overrides: list[str], fresh_ms:
     assert lifting <= stamp_s + 1e-3 * fresh_ms + BRING_DOWN_LIMIT_S - 0.15
     assert latest <= stamp_s + 1e-3 * fresh_ms + BRING_DOWN_LIMIT_S
     assert latest > stamp_s - rest_s - period_s + 1e-3 * fresh_ms + BRING_DOWN_LIMIT_S - 0.15, "it is played to its end"
+
+
+def _poses_stop(flight: Flight, stage: Stage) -> None:
+    assert stage.mocap is not None
+    stage.mocap.cover(True)
+
+
+def _controller_raises(flight: Flight, stage: Stage) -> None:
+    def raises(*_: object) -> None:
+        raise RuntimeError("a bug")
+
+    flight._pilot.tick = raises  # type: ignore[method-assign, assignment]  # as a controller of one's own may
+
+
+def _pacer_dies(flight: Flight, stage: Stage) -> None:
+    assert stage.port.pacer is not None
+    stage.port.pacer.strike()
+
+
+def _pacer_stops(flight: Flight, stage: Stage) -> None:
+    assert stage.port.pacer is not None
+    stage.port.pacer.strike(stopped=True)
+
+
+@pytest.mark.parametrize(
+    ("event", "link", "fresh_ms"),
+    [
+        (_poses_stop, "dsm", 500.0),
+        (_poses_stop, "rf_bridge", 500.0),
+        (_controller_raises, "mavlink", 250.0),
+        (_controller_raises, "dsm", 250.0),
+        (_controller_raises, "rf_bridge", 250.0),
+        (_pacer_dies, "dsm", 250.0),
+        (_pacer_stops, "dsm", 250.0),
+        (_pacer_dies, "rf_bridge", 250.0),
+    ],
+)
+def test_what_is_owed_leaves_until_the_instant_that_the_table_has(
+    event: Callable[[Flight, Stage], None], link: str, fresh_ms: float
+) -> None:
+    world, config = from_floor(*prepare(SCENARIOS["paper"], ["takeoff.height_m=2"], link=link), None)
+    left: list[tuple[float, float]] = []
+    module = config.link if isinstance(config.link, DsmLinkConfig) else DsmLinkConfig()
+    codec = module.codec()
+    decoder, channels = codec.decoder(), Channels(module.map, count=codec.channels, thrust_max_n=1.0)
+
+    def tap(time_s: float, source: tuple[str, int], target: tuple[str, int], data: bytes) -> None:
+        if link == "mavlink" and source[1] == 14540 and data[7:10] == SET_POINT:
+            left.append((time_s, struct.unpack_from("<4f", data.ljust(60, b"\0"), 30)[3]))
+        elif target == MODULE:
+            for heard in decoder.feed(data):
+                assert heard.positions is not None
+                left.append((time_s, channels.read(heard.positions).thrust_n))
+
+    async def main() -> tuple[Command, float]:
+        loop = asyncio.get_running_loop()
+        assert isinstance(loop, VirtualTimeLoop)
+
+        async def confirm() -> bool:
+            await asyncio.sleep(1.0)
+            return True
+
+        stage = Stage(world, config, 0)
+        flight = make_flight(config, confirm=confirm, wires=stage.wires)
+        running = [asyncio.create_task(stage.run()), asyncio.create_task(flight.run())]
+        while flight.state is not State.HOLD:
+            await asyncio.sleep(0.01)
+        await asyncio.sleep(1.003)
+        loop.tap = tap
+        event(flight, stage)
+        await asyncio.sleep(4.0)
+        tick = flight._progress.tick
+        assert tick is not None
+        period_s = flight._link.period_s
+        for task in running:
+            task.cancel()
+        await asyncio.gather(*running, return_exceptions=True)
+        return tick.command, period_s
+
+    last, period_s = in_virtual_time(main())
+    assert last.deadline_s - last.pose_time_s == pytest.approx(1e-3 * fresh_ms)
+    owed_s = last.deadline_s + sum(part.duration_s for part in last.bring_down if part.thrust_n > 0.0)
+    lifting = max(time_s for time_s, thrust in left if thrust > 0.0)
+    assert lifting <= owed_s + 1e-6
+    # A pacer holds what came before it died, while commands go on until that is known; and a bridge's clock may be late
+    # by what the network takes, never early.
+    earlier_s = 0.15 if event is _pacer_stops else 0.05 if event is _pacer_dies or link == "rf_bridge" else 1e-6
+    assert lifting > owed_s - period_s - earlier_s
+    after = [thrust for time_s, thrust in left if time_s > owed_s + 1e-6]
+    assert all(thrust == 0.0 for thrust in after)
+    latest = max(time_s for time_s, _ in left)
+    if link == "mavlink":
+        assert latest <= last.deadline_s + BRING_DOWN_LIMIT_S, "then it is silent"
+    elif event is _poses_stop:
+        assert after, "disarm frames"

@@ -57,7 +57,9 @@ def test_a_source_that_moves_its_origin_on_the_floor_has_not_lifted_the_vehicle(
         (0.9, 0.4, 0.01, math.inf, None),
         (0.9, 0.0, 0.8, 0.4, None),  # held up by a gust
         (0.9, 0.0, 0.01, 0.1, None),  # hovering low
-        (0.6, 0.3, 0.1, 0.0, None),  # sinking fast
+        (0.6, 0.3, 0.8, 0.0, 1.0),  # on the floor, by an estimate whose height and speed wander
+        (0.6, 0.5, 0.1, 0.0, None),  # sinking fast
+        (0.8, 0.3, 0.8, 0.0, None),  # sinking slowly
     ],
 )
 def test_touching_down_is_not_sinking_though_nothing_holds_it_up(
@@ -68,6 +70,16 @@ def test_touching_down_is_not_sinking_though_nothing_holds_it_up(
         (0.01 * i for i in range(300) if touchdown.felt(0.01 * i, thrust_n, sinking_m_s, height_m, behind_m)), None
     )
     assert felt == (None if after_s is None else pytest.approx(after_s, abs=0.011))
+
+
+@given(st.floats(0.0, 0.75, exclude_max=True), st.floats(-3.0, 0.0), st.floats(0.0, 1.0), st.floats(0.0, 1.0))
+def test_what_falls_has_not_touched_down(share: float, speed_m_s: float, gust_m_s2: float, drag_per_s: float) -> None:
+    touchdown = Touchdown(1.0)
+    for i in range(300):
+        assert not touchdown.felt(0.01 * i, share, speed_m_s, 0.8, 0.0)
+        if speed_m_s > 0.5:
+            break
+        speed_m_s += 0.01 * (9.81 * (1.0 - share) - gust_m_s2 - drag_per_s * speed_m_s)
 
 
 @pytest.mark.parametrize(

@@ -16,6 +16,10 @@ LASTING_S = 0.2
 """How long both must be so near the floor [s], ..."""
 CERTAIN_S = 1.0
 """... and elsewhere, where the floor may be a table, or the vehicle in somebody's hand [s]."""
+HELD_M_S = 0.4
+"""As certain is one that is slower than this for as long though its thrust is so low [m/s]: in the air it would pass
+from this speed up to this speed down within half a second. An autopilot's own speed wanders by more than what is still.
+"""
 BEHIND_M = 0.3
 """Near the floor it also stands where it does not follow and is so far above its reference [m]: not every controller
 lets thrust fall that low."""
@@ -63,6 +67,7 @@ class Touchdown:
         """Take the thrust that hovers [N]."""
         self._low_n = LOW_SHARE * hover_n
         self._since_s: float | None = None
+        self._held_since_s: float | None = None
         self._stand: deque[tuple[float, float]] = deque()
         """The newest poses whose heights agree: of when [s], and how high [m]."""
 
@@ -87,6 +92,12 @@ class Touchdown:
         ``sinking_m_s`` and ``height_m`` are the vehicle's speed and height above the floor, ``behind_m`` is how far it
         is above its reference: inf where it has none but to sink, and then standing must last longer to be believed.
         """
+        if thrust_n < self._low_n and abs(sinking_m_s) <= HELD_M_S:
+            self._held_since_s = time_s if self._held_since_s is None else self._held_since_s
+            if time_s - self._held_since_s >= CERTAIN_S:
+                return True
+        else:
+            self._held_since_s = None
         near = height_m < NEAR_M
         refuses = thrust_n < self._low_n or (near and behind_m > BEHIND_M)
         if not refuses or abs(sinking_m_s) > STILL_M_S:
