@@ -26,11 +26,10 @@ from links.mavlink.contact import HEARTBEAT_S
 from links.mavlink.procedures import mode, steps, stop
 from links.mavlink.protocol.status import ESTIMATE_OLD_S
 from links.rf import standby_watch
-from links.rf.codecs import Channels
-from links.rf.codecs.dsm_codec import DsmLinkConfig
+from links.rf.codecs import Channels, DsmLinkConfig
 from links.rf.pacer import AFTERLIFE_S
 from links.rf.pacer_standby import PREPARE_S
-from sim.radio.inline_pacer import MODULE
+from sim.radio import MODULE
 from sim.runs import Stage, from_floor
 from sim.scenarios import SCENARIOS, prepare
 from sim.time import VirtualTimeLoop
