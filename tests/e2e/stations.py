@@ -58,10 +58,10 @@ class Room:
 
 REFUSING = """
 import sys
-from sim import autopilot_base
+from sim.autopilots import SimulatedAutopilot
 from sim.__main__ import main
 
-autopilot_base.SimulatedAutopilot.lacks = property(lambda _: {says!r}, lambda *_: None)
+SimulatedAutopilot.lacks = property(lambda _: {says!r}, lambda *_: None)
 sys.exit(main())
 """
 """A program that serves an autopilot which refuses to arm, in these words."""
