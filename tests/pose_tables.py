@@ -5,8 +5,7 @@ import pathlib
 import msgspec
 
 from groundstation.core.geometry import Frames, Quat, Vec3
-from groundstation.pose.intake import Intake, Reader
-from groundstation.pose.sources import JsonReader, NatNetReader, QualisysReader, VisionReader
+from groundstation.pose.sources import Intake, JsonReader, NatNetReader, QualisysReader, Reader, VisionReader
 
 
 class GoldenPose(msgspec.Struct, frozen=True):

@@ -10,7 +10,7 @@ from typing import Any, TextIO
 import msgspec
 
 from groundstation.config import ConfigError
-from groundstation.pose.recorded import COLUMNS, Row, encode
+from groundstation.pose import CSV_COLUMNS, CsvRow, encode_csv
 from groundstation.recording import CHANNELS, Measured, NoRecording, Recording, schema
 from groundstation.runtime import for_us_alone
 
@@ -91,12 +91,12 @@ def write_poses(recording: Recording, target: Path) -> int:
     """Write the poses as they came, in the columns that `pose.kind = "csv"` plays; the number of poses."""
     count = 0
     with target.open("w", encoding="utf-8") as file:
-        file.write(COLUMNS + "\n")
+        file.write(CSV_COLUMNS + "\n")
         for entry in recording.entries(("/measured",)):
             count += 1
             seen = msgspec.json.decode(entry.data, type=Measured)
             p, q = seen.position_ned, seen.attitude
-            file.write(encode(Row(seen.time_s, seen.arrival_s, (p.x, p.y, p.z), (q.w, q.x, q.y, q.z))))
+            file.write(encode_csv(CsvRow(seen.time_s, seen.arrival_s, (p.x, p.y, p.z), (q.w, q.x, q.y, q.z))))
     return count
 
 

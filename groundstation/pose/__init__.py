@@ -1,19 +1,21 @@
-"""Pose sources: intake, clocks, the outlier gate, and forwarding to the autopilot."""
+"""Poses: sources by kind, recorded poses, the outlier gate, and forwarding to the autopilot."""
 
 TYPE_CHECKING = False
 if TYPE_CHECKING:
-    from groundstation.pose.forward import Forwarding
-    from groundstation.pose.gate import Gate, GateConfig
-    from groundstation.pose.gated import Gated
-    from groundstation.pose.kinds import PoseConfig, Recorded, ShowsOthers, make_source
-    from groundstation.pose.outbreaks import HINTS
+    from groundstation.pose.forward import ForwardingSource
+    from groundstation.pose.gate import HINTS, Gate, GateConfig
+    from groundstation.pose.gated_source import GatedSource
+    from groundstation.pose.recorded import IN_RUN_FOLDER, TlogConfig, pose_decoder
+    from groundstation.pose.recorded_codec import CSV_COLUMNS, CsvRow, TlogReader, TlogRecord, encode_csv, read_csv
+    from groundstation.pose.registry import PoseConfig, Recorded, ShowsOthers, make_source
 
 _MODULES = {
-    "forward": ("Forwarding",),
-    "gate": ("Gate", "GateConfig"),
-    "gated": ("Gated",),
-    "kinds": ("PoseConfig", "Recorded", "ShowsOthers", "make_source"),
-    "outbreaks": ("HINTS",),
+    "forward": ("ForwardingSource",),
+    "gate": ("Gate", "GateConfig", "HINTS"),
+    "gated_source": ("GatedSource",),
+    "recorded": ("IN_RUN_FOLDER", "TlogConfig", "pose_decoder"),
+    "recorded_codec": ("CSV_COLUMNS", "CsvRow", "TlogReader", "TlogRecord", "encode_csv", "read_csv"),
+    "registry": ("PoseConfig", "Recorded", "ShowsOthers", "make_source"),
 }
 
 

@@ -1,4 +1,4 @@
-"""Poses that have passed the gate, to the autopilot's own estimator: so it can fly its own modes when ours hands back.
+"""Forwarding: poses that have passed the gate, to the autopilot's own estimator, which flies when ours hands back.
 
 Only as poses come: when they stop, so does this, and the autopilot's estimator knows by itself what to do.
 """
@@ -72,7 +72,7 @@ class Forward:
         return (x, y, z), base_s
 
 
-class Forwarding:
+class ForwardingSource:
     """Implements :class:`groundstation.core.messages.pose.PoseSource`: a source whose poses the autopilot gets too."""
 
     def __init__(self, source: PoseSource, link: MavlinkLink, config: ForwardConfig) -> None:

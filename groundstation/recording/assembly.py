@@ -9,7 +9,7 @@ from groundstation.core.messages import Others, Overheard, Pose, PoseEvent
 from groundstation.core.mission import State
 from groundstation.flight import Company, Flight, body_of, make_ends
 from groundstation.flight.hold_to_run import make_hold
-from groundstation.pose import Forwarding, Gated, ShowsOthers
+from groundstation.pose import ForwardingSource, GatedSource, ShowsOthers
 from groundstation.recording.recorded import Give, RecordedFlight, about
 from groundstation.runtime import Quiet, Running
 from groundstation.settings import Config
@@ -49,10 +49,10 @@ def make_flight(
     def tell(event: PoseEvent) -> None:
         flight.pose_event(event)
 
-    source = Gated(source, config.gate, lost_s=config.flight.coast_s, tell=tell)
+    source = GatedSource(source, config.gate, lost_s=config.flight.coast_s, tell=tell)
     if config.forwards is not None:
         assert isinstance(link, MavlinkLink), "only a MAVLink section says so"
-        source = Forwarding(source, link, config.forwards)
+        source = ForwardingSource(source, link, config.forwards)
     told: dict[str, Any] = {"confirm": confirm, "on_tick": on_tick, "on_event": on_event, "on_state": on_state}
     told |= {"others": bodies if config.separation.others else None, "quiet": quiet, "hold": hold}
     told |= {"company": Company(config, bodies, running, None if hold is None else hold.hold)}

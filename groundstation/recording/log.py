@@ -2,7 +2,7 @@
 
 The MAVLink traffic of a flight as .tlog, for Mission Planner, MAVProxy and QGroundControl.
 
-The form is in groundstation/pose/recorded/tlog_codec.py: each frame behind the microseconds since 1970, big-endian.
+The form is in groundstation/pose/recorded_codec.py: each frame behind the microseconds since 1970, big-endian.
 
 A file that survives a full disk: what can't be written yet waits in memory, up to a limit.
 """

@@ -13,7 +13,7 @@ import msgspec
 
 from groundstation.config import ConfigError, dump
 from groundstation.core.messages import Pose
-from groundstation.pose.recorded import IN_RUN_FOLDER, csv_codec
+from groundstation.pose import CSV_COLUMNS, IN_RUN_FOLDER, CsvRow, encode_csv
 from groundstation.recording import Ended, FlightLog, Record, Ticked, Told, about
 from groundstation.settings import Config
 from links.mavlink import MavlinkLinkConfig
@@ -48,7 +48,7 @@ class RunFolder:
             self._frames = None if isinstance(config.link, MavlinkLinkConfig) else _opened(path / FRAMES)
         except OSError as error:
             raise ConfigError("--out", f"cannot write {path}: {error.strerror}") from None
-        self._poses.write(csv_codec.COLUMNS + "\n")
+        self._poses.write(CSV_COLUMNS + "\n")
         self._world = world
         self._waiting: deque[Record] = deque()
         self._last_s = 0.0
@@ -91,8 +91,8 @@ class RunFolder:
 
     def pose(self, pose: Pose) -> None:
         """One pose as it came; `pose.kind = "csv"` plays the folder's again."""
-        row = csv_codec.Row(pose.time_s, pose.arrival_s, pose.position_ned, pose.attitude)
-        self._poses.write(csv_codec.encode(row))
+        row = CsvRow(pose.time_s, pose.arrival_s, pose.position_ned, pose.attitude)
+        self._poses.write(encode_csv(row))
 
     def close(self, facts: dict[str, Any]) -> None:
         """Write the result and close everything."""

@@ -5,8 +5,7 @@ from collections.abc import Sequence
 from typing import Any
 
 from groundstation.core.geometry import frames_of
-from groundstation.pose.intake import send_by
-from groundstation.pose.sources import NatNetConfig, UnreadableNatNet
+from groundstation.pose.sources import NatNetConfig, UnreadableNatNet, send_by
 from groundstation.pose.sources import natnet_codec as natnet
 from links.io import parse_address
 from sim.trackers.trackers import CLOCK_AHEAD_S, Seen
@@ -87,5 +86,5 @@ class NatNetServer(asyncio.DatagramProtocol):
             rigid.append(natnet.RigidBody(number, position, (x, y, z, w), 0.0002, seen.tracked))
         exposure, transmit = (round((s + CLOCK_AHEAD_S) * TICKS_PER_S) for s in (exposure_s, transmit_s))
         return natnet.encode_frame(
-            natnet.Frame(frame, tuple(rigid), exposure, transmit), self.info.version, ticks_per_s=TICKS_PER_S
+            natnet.NatNetFrame(frame, tuple(rigid), exposure, transmit), self.info.version, ticks_per_s=TICKS_PER_S
         )

@@ -13,8 +13,8 @@ from groundstation.pose.sources import (
     ViconConfig,
     VisionConfig,
     json_codec,
+    mavlink_codec,
     vicon_codec,
-    vision_codec,
 )
 from links.io import parse_address
 from links.mavlink.protocol import MavlinkCodec
@@ -143,6 +143,6 @@ def vision_encoder(config: VisionConfig) -> Encoder:
         ours = bodies[0]
         if not ours.tracked:
             return b""
-        return vision_codec.encode(codec, vision_codec.Vision(stamp_s, *ours.pose(frames)))
+        return mavlink_codec.encode_vision(codec, mavlink_codec.VisionEstimate(stamp_s, *ours.pose(frames)))
 
     return encode

@@ -16,8 +16,8 @@ import pytest
 
 from groundstation.core.geometry import Alignment, so3
 from groundstation.core.messages import Pose, PoseSource
-from groundstation.pose import PoseConfig, make_source
-from groundstation.pose.recorded import CsvConfig, Row, TlogConfig, encode
+from groundstation.pose import CsvRow, PoseConfig, TlogConfig, encode_csv, make_source
+from groundstation.pose.recorded import CsvConfig
 from groundstation.pose.sources import (
     JsonConfig,
     MavlinkPoseConfig,
@@ -184,8 +184,8 @@ class CsvBench(Bench):
 
     async def prepare(self) -> None:
         path = self.folder / "poses.csv"
-        rows = [Row(n / RATE_HZ, n / RATE_HZ + LATENCY_S, (n / RATE_HZ, 2.0, -1.0), EAST) for n in range(500)]
-        path.write_text("".join(map(encode, rows)))
+        rows = [CsvRow(n / RATE_HZ, n / RATE_HZ + LATENCY_S, (n / RATE_HZ, 2.0, -1.0), EAST) for n in range(500)]
+        path.write_text("".join(map(encode_csv, rows)))
         self.config = CsvConfig(path=str(self.folder))
 
 

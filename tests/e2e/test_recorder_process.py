@@ -15,7 +15,7 @@ from statistics import median
 
 import pytest
 
-from groundstation.pose.recorded import TlogReader
+from groundstation.pose import TlogReader
 from groundstation.recording import Received, RecorderProcess, Recording, Sent, Ticked, Told, about
 from groundstation.recording.process import BACKLOG_BYTES
 from groundstation.runtime import RecordingConfig, being_written

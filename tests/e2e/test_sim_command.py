@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from groundstation.pose.recorded import TlogReader
+from groundstation.pose import TlogReader
 from sim.runs import fly
 from sim.scenarios import SCENARIOS, prepare
 from tests.e2e.stations import free_udp_port, served

@@ -15,7 +15,7 @@ from groundstation.core.geometry import Vec3, so3
 from groundstation.core.messages import Ask, Pose, PoseStatus, Reply, Request
 from groundstation.core.mission import State
 from groundstation.flight import Flight
-from groundstation.pose import Forwarding
+from groundstation.pose import ForwardingSource
 from groundstation.pose.forward import Forward
 from groundstation.recording import make_flight
 from groundstation.settings import Config
@@ -162,7 +162,7 @@ def test_a_pose_that_is_under_way_to_the_autopilot_does_not_leave_either() -> No
 
     async def main() -> None:
         source = Source()
-        forwarding = Forwarding(
+        forwarding = ForwardingSource(
             source, MavlinkLink(MavlinkLinkConfig(), thrust_max_n=2.0), ForwardConfig(rate_hz=200.0)
         )
         forwarding._connection = SimpleNamespace(  # type: ignore[assignment]  # what it needs of one

@@ -14,8 +14,7 @@ from groundstation.core.geometry import so3
 from groundstation.core.messages import Pose, PoseEvent, PoseStatus
 from groundstation.lab.pose_monitor.command import listened, rows, table
 from groundstation.lab.pose_monitor.seen import WINDOW_S, Seen, Watcher
-from groundstation.pose.recorded import CsvConfig
-from groundstation.pose.recorded.playback import Speed
+from groundstation.pose.recorded import CsvConfig, Speed
 from groundstation.settings import Config
 from links.mavlink.protocol import MavlinkCodec
 from sim.runs import Stage

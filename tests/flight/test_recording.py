@@ -20,7 +20,7 @@ from mcap.reader import make_reader
 
 from groundstation.analysis import export_command, logs_command
 from groundstation.config import from_dict
-from groundstation.pose.recorded import TlogReader, rows
+from groundstation.pose import TlogReader, read_csv
 from groundstation.recording import (
     CHANNELS,
     STEADY_S,
@@ -317,7 +317,7 @@ def test_the_poses_of_a_recording_can_be_played_again(tmp_path: Path, capsys: py
     assert export_command(path, "poses", [], tmp_path / "poses.csv") == 0
     dropped: Counter[str] = Counter()
     with (tmp_path / "poses.csv").open() as lines:
-        played = list(rows(lines, dropped))
+        played = list(read_csv(lines, dropped))
     came = [record.pose for record in records if isinstance(record, Posed)]
     assert [(r.t_s, r.arrival_s, r.position, r.attitude) for r in played] == [
         (pose.time_s, pose.arrival_s, pose.position_ned, pose.attitude) for pose in came

@@ -16,7 +16,7 @@ import pytest
 from groundstation.analysis.replay.command import replayed
 from groundstation.core import Tick
 from groundstation.flight import Flight
-from groundstation.pose.recorded import TlogReader
+from groundstation.pose import TlogReader
 from groundstation.recording import FlightLog, about, make_flight
 from links.io import parse_address
 from links.mavlink.protocol import frame_end

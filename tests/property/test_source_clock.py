@@ -10,7 +10,7 @@ from typing import NamedTuple
 from hypothesis import Phase, given, settings
 from hypothesis import strategies as st
 
-from groundstation.pose.intake.source_clock import MAX_DRIFT, SourceClock
+from groundstation.pose.sources.intake import MAX_DRIFT, SourceClock
 
 Delay = Callable[[float], float]
 """What a message that leaves at a time [s] waits on its way [s], beside jitter."""

@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from groundstation.core.geometry import Quat, Vec3, so3
 from groundstation.core.messages import Pose, PoseEvent
 from groundstation.pose import Gate, GateConfig
-from groundstation.pose.outbreaks import QUIET_S, Outbreaks
+from groundstation.pose.gate import QUIET_S, Outbreaks
 
 DT = 0.02
 COAST_S = 0.25

@@ -9,7 +9,7 @@ from typing import Any
 import pytest
 
 from groundstation.core.geometry import so3
-from groundstation.pose.recorded import TlogReader
+from groundstation.pose import TlogReader
 from links.core import Attitude, LinkMisuse
 from links.mavlink import MavlinkLink, MavlinkLinkConfig
 from links.mavlink.protocol import ATTITUDE_HZ, DIALECT, PX4, Message, Trip, attitude_of

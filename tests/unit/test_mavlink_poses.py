@@ -7,8 +7,8 @@ import pytest
 
 from groundstation.core.geometry import so3
 from groundstation.core.messages import Pose
-from groundstation.pose.intake.source_clock import SourceClock
-from groundstation.pose.sources import Decoder, LocalPositionDecoder, OdometryDecoder, decoder_for
+from groundstation.pose.sources import LocalPositionDecoder, OdometryDecoder, PoseDecoder, decoder_for
+from groundstation.pose.sources.intake import SourceClock
 from links.mavlink.protocol import ARDUPILOT, PX4, MavlinkCodec
 from tests.mavlink_table import golden
 
@@ -41,7 +41,7 @@ def attitude(time_ms: int, q: Any = (1.0, 0.0, 0.0, 0.0), rates: Any = (0.0, 0.0
     return sent(D.MAVLink_attitude_quaternion_message(time_ms, *q, *rates))
 
 
-def decode(decoder: Decoder, message: Any, arrival_s: float) -> Pose:
+def decode(decoder: PoseDecoder, message: Any, arrival_s: float) -> Pose:
     pose = decoder.decode(message, arrival_s)
     assert pose is not None, decoder.dropped
     return pose

@@ -1,4 +1,4 @@
-"""groundstation/pose/recorded/tlog_codec.py and tlog.py: recorded flights."""
+"""groundstation/pose/recorded_codec.py and recorded.py: recorded flights."""
 
 import asyncio
 import pathlib
@@ -8,8 +8,8 @@ from typing import Any
 import pytest
 
 from groundstation.core.messages import Pose, SourceError
-from groundstation.pose.recorded import TlogConfig, TlogReader, pose_decoder
-from groundstation.pose.recorded.tlog import TlogSource
+from groundstation.pose import TlogConfig, TlogReader, pose_decoder
+from groundstation.pose.recorded import TlogSource
 from groundstation.pose.sources import LocalPositionDecoder, OdometryDecoder
 from links.mavlink.protocol import MavlinkCodec
 from sim.time import VirtualTimeLoop

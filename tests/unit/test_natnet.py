@@ -35,7 +35,7 @@ def test_only_the_server_is_heard() -> None:
         stranger, _ = await loop.create_datagram_endpoint(asyncio.DatagramProtocol, local_addr=("127.0.0.9", 1510))
         (ours,) = server._clients
         body = natnet_codec.RigidBody(1, (9.0, 9.0, 9.0), (0.0, 0.0, 0.0, 1.0))
-        forged = natnet_codec.Frame(10**6, (body,), 10**12, 10**12)
+        forged = natnet_codec.NatNetFrame(10**6, (body,), 10**12, 10**12)
         stranger.sendto(natnet_codec.encode_frame(forged, (4, 1)), ours)
         await asyncio.sleep(0.1)
         assert len(poses) == count

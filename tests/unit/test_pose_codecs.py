@@ -6,16 +6,16 @@ from collections.abc import Sequence
 import pytest
 
 from groundstation.core.geometry import Frames, Quat, so3
-from groundstation.pose.intake import Intake
 from groundstation.pose.sources import (
+    Intake,
     NatNetReader,
     VisionReader,
     json_codec,
+    mavlink_codec,
     natnet_codec,
     qualisys_codec,
-    vision_codec,
 )
-from groundstation.pose.sources.natnet_reader import SILENT_BEATS
+from groundstation.pose.sources.natnet_codec import SILENT_BEATS
 from links.mavlink.protocol import MavlinkCodec
 from tests.pose_tables import TABLES, Row, fresh_reader
 
@@ -59,7 +59,7 @@ def test_every_cut_of_a_good_datagram_is_dropped(name: str) -> None:
 @pytest.mark.parametrize("name", NATNET)
 def test_natnets_writer_is_read_back(name: str) -> None:
     version = (3, 0) if name.endswith("3.0") else (4, 1)
-    frame = natnet_codec.Frame(
+    frame = natnet_codec.NatNetFrame(
         7, (natnet_codec.RigidBody(2, (0.5, 1.0, 2.0), (0.0, 0.0, 0.0, 1.0), 0.25, False),), 10, 20, True
     )
     number, payload = natnet_codec.split(natnet_codec.encode_frame(frame, version))
@@ -128,7 +128,9 @@ def test_names_are_asked_for_again_where_the_models_change_and_poses_go_on() -> 
     reader = NatNetReader("quad", Intake(0.0), keep_alive=False)
     heard(reader, "natnet 4.1", 0)
     body = natnet_codec.RigidBody(2, (0.0, 0.0, 0.0), (0.0, 0.0, 0.0, 1.0))
-    frame = natnet_codec.encode_frame(natnet_codec.Frame(78, (body,), 10_000_100_000, 10_000_150_000, True), (4, 1))
+    frame = natnet_codec.encode_frame(
+        natnet_codec.NatNetFrame(78, (body,), 10_000_100_000, 10_000_150_000, True), (4, 1)
+    )
     assert len(reader.read(frame, 0.01)) == 1
     assert ids(reader.due()) == [natnet_codec.REQUEST_MODELDEF]
     assert ids(reader.due()) == [natnet_codec.REQUEST_MODELDEF]
@@ -230,15 +232,18 @@ def test_a_tracker_must_not_change_its_clock_while_it_runs() -> None:
 
 
 def test_visions_writer_gives_the_golden_frame_byte_for_byte() -> None:
-    vision = vision_codec.Vision(1000.5, (0.5, 2.0, -1.0), TURNED)
-    read = VisionReader(Intake(0.0)).read(vision_codec.encode(MavlinkCodec(1, 197), vision), 1.0)
+    vision = mavlink_codec.VisionEstimate(1000.5, (0.5, 2.0, -1.0), TURNED)
+    read = VisionReader(Intake(0.0)).read(mavlink_codec.encode_vision(MavlinkCodec(1, 197), vision), 1.0)
     assert read[0].position_ned == (0.5, 2.0, -1.0)
-    assert vision_codec.encode(MavlinkCodec(1, 197), vision) == TABLES["vision"].rows[0].datagram
+    assert mavlink_codec.encode_vision(MavlinkCodec(1, 197), vision) == TABLES["vision"].rows[0].datagram
 
 
 def test_several_messages_in_one_datagram_make_several_poses() -> None:
     codec = MavlinkCodec(1, 197)
-    frames = [vision_codec.encode(codec, vision_codec.Vision(t, (t, 0.0, 0.0), so3.IDENTITY)) for t in (1.0, 2.0)]
+    frames = [
+        mavlink_codec.encode_vision(codec, mavlink_codec.VisionEstimate(t, (t, 0.0, 0.0), so3.IDENTITY))
+        for t in (1.0, 2.0)
+    ]
     poses = VisionReader(Intake(0.0)).read(b"".join(frames), 5.0)
     assert [pose.position_ned[0] for pose in poses] == [1.0, 2.0]
 

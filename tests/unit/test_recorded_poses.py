@@ -12,8 +12,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from groundstation.core.messages import Pose, SourceError
-from groundstation.pose.recorded import CsvConfig, Row, TlogConfig, encode, rows
-from groundstation.pose.recorded.playback import Speed
+from groundstation.pose import CsvRow, TlogConfig, encode_csv, read_csv
+from groundstation.pose.recorded import CsvConfig, Speed
 from sim.cli.run_folder import RunFolder
 from sim.runs import fly
 from sim.scenarios import SCENARIOS, prepare
@@ -23,11 +23,11 @@ number = st.floats(allow_nan=False, allow_infinity=False, width=64)
 LEVEL = (1.0, 0.0, 0.0, 0.0)
 
 
-@given(st.builds(Row, number, number, st.tuples(*[number] * 3), st.tuples(*[number] * 4)))
-def test_every_number_survives_the_file_to_the_last_bit(row: Row) -> None:
+@given(st.builds(CsvRow, number, number, st.tuples(*[number] * 3), st.tuples(*[number] * 4)))
+def test_every_number_survives_the_file_to_the_last_bit(row: CsvRow) -> None:
     dropped: Counter[str] = Counter()
     finite = math.isfinite(sum((row.t_s, row.arrival_s, *row.position, *row.attitude)))
-    assert list(rows([encode(row)], dropped)) == ([row] if finite else [])
+    assert list(read_csv([encode_csv(row)], dropped)) == ([row] if finite else [])
 
 
 def test_headings_remarks_and_bad_rows_are_passed_over() -> None:
@@ -36,9 +36,9 @@ def test_headings_remarks_and_bad_rows_are_passed_over() -> None:
         "t,x,y,z,qw,qx,qy,qz", "2,1,2,nan,1,0,0,0", "3,1,2,3,1,0,0,0,3.5,9", "4,1,2,3,1,0,0,0,4.5", "5," * 1000,
     ]  # fmt: skip
     dropped: Counter[str] = Counter()
-    assert list(rows(lines, dropped)) == [
-        Row(0.0, 0.0, (1.0, 2.0, 3.0), LEVEL),
-        Row(4.0, 4.5, (1.0, 2.0, 3.0), LEVEL),
+    assert list(read_csv(lines, dropped)) == [
+        CsvRow(0.0, 0.0, (1.0, 2.0, 3.0), LEVEL),
+        CsvRow(4.0, 4.5, (1.0, 2.0, 3.0), LEVEL),
     ]
     assert dropped == {"malformed": 4, "not_finite": 1}
 
@@ -60,7 +60,7 @@ def played(path: Path, until_s: float, **options: Any) -> tuple[list[tuple[float
 @pytest.mark.parametrize(("speed", "step_s"), [(1.0, 0.02), (4.0, 0.005), (0.5, 0.04), ("max", 0.0)])
 def test_the_pace_moves_the_delivery_and_not_the_poses(tmp_path: Path, speed: Speed, step_s: float) -> None:
     path = tmp_path / "poses.csv"
-    path.write_text("".join(encode(Row(0.02 * n, 0.02 * n + 0.01, (0.0, 0.0, -1.0), LEVEL)) for n in range(50)))
+    path.write_text("".join(encode_csv(CsvRow(0.02 * n, 0.02 * n + 0.01, (0.0, 0.0, -1.0), LEVEL)) for n in range(50)))
     poses, latency_s = played(path, 3.0, speed=speed)
     assert len(poses) == 50
     assert [when for when, _ in poses] == pytest.approx([step_s * n for n in range(50)], abs=1e-6)

@@ -13,7 +13,7 @@ from groundstation.analysis.shadow.recording import in_order
 from groundstation.analysis.shadow.report import Report, report
 from groundstation.config import ConfigError
 from groundstation.core.geometry import Vec3
-from groundstation.pose.recorded import Record
+from groundstation.pose import TlogRecord
 from tests.shadow_flight import Flight
 
 UNKNOWN: Vec3 = (math.nan, math.nan, math.nan)
@@ -186,8 +186,8 @@ def test_every_number_goes_into_json_and_back(tmp_path: Path) -> None:
     assert msgspec.json.decode(msgspec.json.encode(found), type=Report) == found
 
 
-def logged_at(*times_s: float) -> list[Record]:
-    return [Record(time_s, None) for time_s in times_s]
+def logged_at(*times_s: float) -> list[TlogRecord]:
+    return [TlogRecord(time_s, None) for time_s in times_s]
 
 
 @pytest.mark.parametrize(

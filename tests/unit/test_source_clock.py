@@ -6,8 +6,8 @@ import pytest
 
 from groundstation.core.geometry import Quat, Vec3
 from groundstation.core.messages import Others
-from groundstation.pose.intake import FrameCount, Intake
-from groundstation.pose.intake.source_clock import SourceClock
+from groundstation.pose.sources import Intake
+from groundstation.pose.sources.intake import FrameCount, SourceClock
 
 HERE: Vec3 = (1.0, 2.0, 3.0)
 LEVEL: Quat = (1.0, 0.0, 0.0, 0.0)
@@ -74,7 +74,7 @@ def test_after_a_long_silence_it_begins_anew_and_after_a_hidden_body_it_does_not
         times(clock, ((0.01 * n, 0.01 * n) for n in range(1500)))
         if hears:
             for n in range(1500, 2500):
-                clock.heard(0.01 * n)
+                clock.mark_alive(0.01 * n)
         got = times(clock, [(0.01 * n, 0.01 * n + 0.3) for n in range(2500, 3000)])  # 10 s later
         assert got[-1] == pytest.approx(29.99 if hears else 30.29, abs=1e-6)
         assert clock.late_s == pytest.approx(0.3 if hears else 0.0, abs=1e-6)
@@ -107,7 +107,7 @@ def test_an_exchange_of_clocks_tells_a_slow_clock_from_late_messages() -> None:
         arrival_s = 0.01 * n * 1.1  # a simulated autopilot on a machine that is too slow for it
         ages.append(arrival_s - times(clock, [(0.01 * n, arrival_s)])[0])
         if n % 100 == 0:
-            clock.exchanged(0.01 * n - (arrival_s - 0.002))  # it showed 0.01 n no earlier than 2 ms ago
+            clock.apply_exchange(0.01 * n - (arrival_s - 0.002))  # it showed 0.01 n no earlier than 2 ms ago
     assert max(ages) < 0.12
 
 
@@ -115,7 +115,7 @@ def test_an_exchange_with_another_clock_than_the_one_that_stamps_changes_nothing
     clock = SourceClock()
     times(clock, ((0.01 * n, 0.01 * n + (0.1 if n >= 1000 else 0.0)) for n in range(2000)))
     for ahead_s in (1.7e9, -1.7e9):
-        clock.exchanged(ahead_s)
+        clock.apply_exchange(ahead_s)
     assert times(clock, [(20.0, 20.1)]) == pytest.approx([20.0], abs=1e-6)
 
 

@@ -195,7 +195,7 @@ def test_a_stream_carries_bytes_both_ways_until_one_end_hangs_up() -> None:
 
 
 def test_a_group_brings_a_datagram_to_each_of_its_members() -> None:
-    from groundstation.pose.intake import join, send_by
+    from groundstation.pose.sources import join, send_by
 
     async def work() -> list[list[bytes]]:
         loop = asyncio.get_running_loop()

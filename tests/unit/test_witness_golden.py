@@ -14,7 +14,7 @@ import pytest
 from groundstation.core.geometry import Quat, so3
 from groundstation.core.messages import Pose
 from groundstation.core.safety import Witness
-from groundstation.pose.recorded import TlogReader
+from groundstation.pose import TlogReader
 from links.core import Attitude
 from links.mavlink.protocol import attitude_of
 

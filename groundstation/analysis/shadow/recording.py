@@ -8,8 +8,8 @@ from typing import NamedTuple
 from groundstation.config import ConfigError
 from groundstation.core.geometry import Vec3
 from groundstation.core.messages import Pose
-from groundstation.pose.recorded import Record, TlogReader, pose_decoder
-from groundstation.pose.sources import Decoder
+from groundstation.pose import TlogReader, TlogRecord, pose_decoder
+from groundstation.pose.sources import PoseDecoder
 from links.mavlink.protocol import ARDUPILOT, ARM_DISARM, ARMED, GROUND_STATION, PX4, Message
 
 AUTOPILOTS = {PX4: "PX4", ARDUPILOT: "ArduPilot"}
@@ -91,7 +91,7 @@ def read_recording(path: Path, latency_s: float, system: int) -> Recording:
     raise ConfigError("", "no poses in it: record ODOMETRY, or LOCAL_POSITION_NED and ATTITUDE_QUATERNION", str(path))
 
 
-def in_order(records: Iterable[Record], dropped: Counter[str]) -> Iterator[Record]:
+def in_order(records: Iterable[TlogRecord], dropped: Counter[str]) -> Iterator[TlogRecord]:
     """``records`` with time counted from the first and never running back, those with a damaged time left out.
 
     A log time has no checksum. One far from its neighbours is dropped and counted as ``log_time``; where the
@@ -113,10 +113,10 @@ def in_order(records: Iterable[Record], dropped: Counter[str]) -> Iterator[Recor
             step_s = 0.0
         odd_s = None
         last_s += max(step_s, 0.0)
-        yield Record(last_s, record.message)
+        yield TlogRecord(last_s, record.message)
 
 
-def _of_vehicle(records: list[Record], system: int, decoder: Decoder) -> Recording:
+def _of_vehicle(records: list[TlogRecord], system: int, decoder: PoseDecoder) -> Recording:
     poses: list[Seen] = []
     sent: list[Sent] = []
     others: Counter[str] = Counter()

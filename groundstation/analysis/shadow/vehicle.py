@@ -8,7 +8,7 @@ import numpy as np
 
 from groundstation.analysis.shadow.recording import Recording
 from groundstation.config import ConfigError, from_dict, load
-from groundstation.pose.recorded import TlogConfig
+from groundstation.pose import TlogConfig
 from groundstation.pose.sources import MavlinkPoseConfig
 from groundstation.settings import Config
 from links.mavlink import MavlinkLinkConfig

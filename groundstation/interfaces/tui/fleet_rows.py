@@ -24,7 +24,7 @@ class Row(NamedTuple):
     name: str
     urgency: int
     cells: tuple[str, ...]
-    """As in :data:`COLUMNS`, and the newest event."""
+    """As in :data:`CSV_COLUMNS`, and the newest event."""
 
 
 def row(seen: Seen, now_s: float) -> Row:

@@ -6,7 +6,7 @@ import signal
 from collections import Counter
 from collections.abc import Callable, Sequence
 
-from groundstation.pose.intake import cannot_listen, join
+from groundstation.pose.sources import cannot_listen, join
 from links.io import Datagrams, parse_address
 
 

@@ -7,7 +7,7 @@ from contextlib import asynccontextmanager
 import msgspec
 
 from groundstation.core.messages import Overheard, Pose, PoseEvent, PoseSource
-from groundstation.pose import Gated, make_source
+from groundstation.pose import GatedSource, make_source
 from groundstation.pose.sources import MavlinkPoseConfig
 from groundstation.settings import Config
 from links import make_link
@@ -50,7 +50,7 @@ async def ears(
     link = make_link(settings, thrust_max_n=config.full_thrust_n, thrust_curve=config.thrust_curve)
     inner = make_source(config.pose, link)
     heard = inner if raw is None else Overheard(inner, raw)
-    source = Gated(heard, config.gate, lost_s=config.flight.coast_s, tell=tell)
+    source = GatedSource(heard, config.gate, lost_s=config.flight.coast_s, tell=tell)
     connection = None
     if isinstance(link, MavlinkLink) and (autopilot is not None or isinstance(config.pose, MavlinkPoseConfig)):
         connection = link.connection

@@ -13,7 +13,7 @@ import msgspec
 
 from groundstation.core import Pilot
 from groundstation.core.messages import Pose, PoseSource, SourceError
-from groundstation.pose import Gated
+from groundstation.pose import GatedSource
 from groundstation.runtime import to_the_end
 from groundstation.settings import Config
 from links.core import CommandLink, LinkError
@@ -58,7 +58,7 @@ async def hold(config: Config, link: CommandLink, source: PoseSource, ordered: A
         tell(news)
 
     pilot = Pilot(config.vehicle, config.controller, config.flight.coast_s, config.flight.floor_z_m)
-    source = Gated(source, config.gate, lost_s=config.flight.coast_s, tell=lambda event: None)
+    source = GatedSource(source, config.gate, lost_s=config.flight.coast_s, tell=lambda event: None)
     come = asyncio.Event()
 
     def take(pose: Pose) -> None:

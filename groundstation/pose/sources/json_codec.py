@@ -17,7 +17,7 @@ import msgspec
 
 from groundstation.core.geometry import Quat, Vec3
 from groundstation.core.messages import Pose, PoseStatus
-from groundstation.pose.intake import Intake
+from groundstation.pose.sources.intake import Intake
 
 MAX_DATAGRAM = 4096
 """Longest datagram that is read [bytes]."""
@@ -81,7 +81,7 @@ def decode(datagram: bytes) -> list[JsonPose] | str:
 
 
 class JsonReader:
-    """Poses of one body: implements :class:`groundstation.pose.intake.intake.Reader`."""
+    """Poses of one body: implements :class:`groundstation.pose.sources.intake.Reader`."""
 
     def __init__(self, name: str, intake: Intake, frames: Intake) -> None:
         """Look for the body ``name``; ``intake`` takes stamps in seconds, ``frames`` frame numbers."""
@@ -103,7 +103,7 @@ class JsonReader:
             drop(bodies)
             return ()
         for each in self._intakes.values():
-            each.heard(arrival_s)
+            each.mark_alive(arrival_s)
         intake = self._intakes["t"]
         if intake.others is not None:
             for other in bodies:

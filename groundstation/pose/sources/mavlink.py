@@ -1,12 +1,20 @@
-"""Poses from the autopilot's own estimate, over the connection of the MAVLink link."""
+"""MAVLink pose sources: the autopilot's own estimate, and what a motion-capture bridge sends to autopilots.
+
+The estimate comes over the connection of the MAVLink link. A bridge's VISION_POSITION_ESTIMATE comes to a socket of its
+own: the link's connection hears one autopilot only, and an autopilot does not send these on.
+"""
 
 from collections.abc import Callable, Mapping
 from typing import Annotated
 
 import msgspec
 
+from groundstation.core.geometry import Alignment, Body, World, frames_of
 from groundstation.core.messages import Pose, PoseStatus
-from groundstation.pose.sources.mavlink_codec import Decoder, decoder_for
+from groundstation.pose.sources.datagram import DatagramSource
+from groundstation.pose.sources.intake import Intake
+from groundstation.pose.sources.mavlink_codec import PoseDecoder, VisionReader, decoder_for
+from links.io import beyond, parse_address
 from links.mavlink import MavlinkLink
 from links.mavlink.protocol import Message, Trip
 
@@ -34,7 +42,7 @@ class MavlinkPoseSource:
         """Nothing is asked for yet."""
         self._config = config
         self._connection = link.connection
-        self._decoder: Decoder | None = None
+        self._decoder: PoseDecoder | None = None
         self._deliver: Callable[[Pose], None] | None = None
         self._unsubscribe: Callable[[], None] | None = None
         self._trip: Trip | None = None
@@ -75,7 +83,44 @@ class MavlinkPoseSource:
             trip = self._connection.newest_trip
             if trip is not None and trip is not self._trip:
                 self._trip = trip
-                self._decoder.exchanged(trip.offset_s + 0.5 * trip.rtt_s)
+                self._decoder.apply_exchange(trip.offset_s + 0.5 * trip.rtt_s)
             pose = self._decoder.decode(message, arrival_s)
             if pose is not None:
                 self._deliver(pose)
+
+
+class VisionConfig(
+    msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True, tag_field="kind", tag="vision"
+):
+    """MAVLink VISION_POSITION_ESTIMATE over UDP, as sent by bridges from motion capture to autopilots."""
+
+    listen: str = "127.0.0.1:14551"
+    """Address that the bridge sends to, host:port of this machine."""
+    system_id: Annotated[int, msgspec.Meta(ge=1, le=255)] | None = None
+    """MAVLink system of the bridge; without it, whoever sends such messages is believed."""
+    world: World = "ned"
+    """Axes of position and angles; by the message's definition ``ned``."""
+    body: Body = "frd"
+    """Axes of the body; by the message's definition ``frd``."""
+    alignment: Alignment = Alignment()
+    """How these axes lie against ours, beyond their names."""
+    latency_s: Annotated[float, msgspec.Meta(ge=0.0, le=1.0)] = 0.02
+    """Shortest time from the instant that the bridge stamps to the arrival here [s]."""
+
+    def __post_init__(self) -> None:
+        """Check what the types cannot.
+
+        Raises:
+            ValueError: ``listen`` is no address.
+        """
+        parse_address(self.listen)
+
+    @property
+    def real(self) -> str | None:
+        """The key by which real poses may come, and its value; None where all stays on this machine."""
+        return beyond("listen", self.listen)
+
+    def build(self) -> DatagramSource:
+        """The source of this config."""
+        intake = Intake(self.latency_s, frames_of(self))
+        return DatagramSource("MAVLink poses", self.listen, VisionReader(intake, self.system_id))

@@ -1,19 +1,25 @@
-"""Poses out of an autopilot's MAVLink messages, in its own numbers: nothing is smoothed. Sans-IO.
+"""MAVLink pose messages: an autopilot's estimate in its own numbers, and a motion-capture bridge's. Sans-IO.
 
 PX4 sends ODOMETRY. ArduPilot has none: there each LOCAL_POSITION_NED is joined with the newest ATTITUDE_QUATERNION,
 which is turned on by its own body rates where its stamp (time_boot_ms) is not the same. On ArduCopter 4.8 at 100 Hz
 the stamps are always the same, and the pose is exact.
+
+Bridges send VISION_POSITION_ESTIMATE (MAVLink 102), which has no frame field: by its definition x, y, z and roll,
+pitch, yaw are NED and FRD; bridges that send other axes exist, and the config then names them. One datagram may hold
+several frames, of several senders.
 Source: message definitions of pymavlink 2.4.50; frames and stamps as sent by PX4 1.16-alpha and ArduCopter 4.8-dev.
 """
 
 import math
+from abc import ABC, abstractmethod
 from collections import Counter
-from typing import Protocol
+from collections.abc import Sequence
+from typing import NamedTuple
 
 from groundstation.core.geometry import Quat, Vec3, so3
 from groundstation.core.messages import Pose, PoseStatus
-from groundstation.pose.intake import Intake
-from links.mavlink.protocol import ARDUPILOT, Message
+from groundstation.pose.sources.intake import Intake
+from links.mavlink.protocol import ARDUPILOT, MavlinkCodec, Message
 
 LOCAL_NED, BODY_NED, BODY_FRD, LOCAL_FRD = 1, 8, 12, 20
 """MAV_FRAME. LOCAL_FRD is NED but for its heading, which the vehicle chose as it started: it is our north."""
@@ -21,38 +27,11 @@ OLDEST_ATTITUDE_S = 0.05
 """An attitude further from its position than this is not turned on [s]."""
 
 
-class Decoder(Protocol):
-    """Makes poses of messages."""
+class PoseDecoder(ABC):
+    """Makes poses of the messages of one autopilot."""
 
     messages: tuple[str, ...]
     """Names of the messages that it needs."""
-
-    @property
-    def accepted(self) -> int:
-        """Poses made."""
-        ...
-
-    @property
-    def dropped(self) -> Counter[str]:
-        """Messages dropped, by reason: wrong_frame, no_attitude, and those of the intake."""
-        ...
-
-    @property
-    def status(self) -> PoseStatus:
-        """Counters as they are now."""
-        ...
-
-    def decode(self, message: Message, arrival_s: float) -> Pose | None:
-        """The pose that ``message``, which arrived at ``arrival_s`` [s, our clock], completes; or None."""
-        ...
-
-    def exchanged(self, ahead_s: float) -> None:
-        """The autopilot's clock is at most ``ahead_s`` ahead of ours, as an exchange of clocks has just shown [s]."""
-        ...
-
-
-class _Decoder:
-    """What decoders share: the intake and its counters."""
 
     def __init__(self, latency_s: float, *, recorded: bool = False) -> None:
         """``latency_s`` is the time from the instant of a pose to its earliest arrival here [s].
@@ -69,7 +48,7 @@ class _Decoder:
 
     @property
     def dropped(self) -> Counter[str]:
-        """Messages dropped, by reason."""
+        """Messages dropped, by reason: wrong_frame, no_attitude, and those of the intake."""
         return self._intake.dropped
 
     @property
@@ -77,12 +56,19 @@ class _Decoder:
         """Counters as they are now."""
         return self._intake.status
 
-    def exchanged(self, ahead_s: float) -> None:
-        """A simulated autopilot on a busy machine falls behind for good: its poses are not late for that."""
-        self._intake.clock.exchanged(ahead_s)
+    @abstractmethod
+    def decode(self, message: Message, arrival_s: float) -> Pose | None:
+        """The pose that ``message``, which arrived at ``arrival_s`` [s, our clock], completes; or None."""
+
+    def apply_exchange(self, ahead_s: float) -> None:
+        """The autopilot's clock is at most ``ahead_s`` ahead of ours, as an exchange of clocks has just shown [s].
+
+        A simulated autopilot on a busy machine falls behind for good: its poses are not late for that.
+        """
+        self._intake.clock.apply_exchange(ahead_s)
 
 
-class OdometryDecoder(_Decoder):
+class OdometryDecoder(PoseDecoder):
     """Poses of ODOMETRY."""
 
     messages: tuple[str, ...] = ("ODOMETRY",)
@@ -106,7 +92,7 @@ class OdometryDecoder(_Decoder):
         )
 
 
-class LocalPositionDecoder(_Decoder):
+class LocalPositionDecoder(PoseDecoder):
     """Poses of LOCAL_POSITION_NED, each with the newest ATTITUDE_QUATERNION."""
 
     messages: tuple[str, ...] = ("LOCAL_POSITION_NED", "ATTITUDE_QUATERNION")
@@ -136,7 +122,65 @@ class LocalPositionDecoder(_Decoder):
         return self._intake.pose(message.time_boot_ms * 1e-3, arrival_s, position, attitude, velocity)
 
 
-def decoder_for(autopilot: int, latency_s: float, *, recorded: bool = False) -> Decoder:
+def decoder_for(autopilot: int, latency_s: float, *, recorded: bool = False) -> PoseDecoder:
     """The decoder that fits what an autopilot (HEARTBEAT.autopilot) sends; for the rest, see the decoders."""
     kind = LocalPositionDecoder if autopilot == ARDUPILOT else OdometryDecoder
     return kind(latency_s, recorded=recorded)
+
+
+VISION = "VISION_POSITION_ESTIMATE"
+
+
+class VisionEstimate(NamedTuple):
+    """One message, by its own axes."""
+
+    time_s: float
+    """The sender's clock [s]."""
+    position: Vec3
+    """[m]"""
+    attitude: Quat
+
+
+def encode_vision(codec: MavlinkCodec, vision: VisionEstimate, resets: int = 0) -> bytes:
+    """The frame, for simulators and tests."""
+    d = codec.dialect
+    angles = so3.euler_zyx(vision.attitude)
+    return codec.pack(
+        d.MAVLink_vision_position_estimate_message(
+            round(vision.time_s * 1e6), *vision.position, *angles, [float("nan")] * 21, resets
+        )
+    )
+
+
+class VisionReader:
+    """Implements :class:`groundstation.pose.sources.intake.Reader`."""
+
+    def __init__(self, intake: Intake, system_id: int | None = None) -> None:
+        """Read the messages of MAVLink system ``system_id``; None: whoever sends any."""
+        self._codec = MavlinkCodec(255, 190)
+        self._codec.dropped = intake.dropped  # one account for both
+        self._intake = intake
+        self._system = system_id
+
+    @property
+    def status(self) -> PoseStatus:
+        """Counters as they are now; other_message and other_system beside the codec's and the intake's reasons."""
+        return self._intake.status
+
+    def read(self, datagram: bytes, arrival_s: float) -> Sequence[Pose]:
+        """The poses in ``datagram``."""
+        poses = []
+        for m in self._codec.feed_datagram(datagram):
+            if m.get_type() != VISION:
+                self._intake.drop("other_message")
+            elif self._system not in (None, m.get_srcSystem()):
+                self._intake.drop("other_system")
+            elif not -1e3 < m.roll + m.pitch + m.yaw < 1e3:  # nan too
+                self._intake.drop("not_finite")
+            else:
+                attitude = so3.from_euler_zyx(m.roll, m.pitch, m.yaw)
+                resets = getattr(m, "reset_counter", 0)
+                pose = self._intake.pose(m.usec * 1e-6, arrival_s, (m.x, m.y, m.z), attitude, resets=resets)
+                if pose is not None:
+                    poses.append(pose)
+        return poses

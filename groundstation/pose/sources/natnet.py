@@ -9,8 +9,9 @@ import msgspec
 
 from groundstation.core.geometry import Alignment, Body, World, frames_of
 from groundstation.core.messages import Others, Pose, PoseStatus
-from groundstation.pose.intake import Intake, cannot_listen, join
-from groundstation.pose.sources.natnet_reader import NatNetReader
+from groundstation.pose.sources.datagram import cannot_listen, join
+from groundstation.pose.sources.intake import Intake
+from groundstation.pose.sources.natnet_codec import NatNetReader
 from links.io import beyond, is_loopback, parse_address
 
 BEAT_S = 0.5
@@ -72,7 +73,7 @@ class NatNetConfig(
         return NatNetSource(self, others)
 
 
-class _Ear(asyncio.DatagramProtocol):
+class _NatNetSocket(asyncio.DatagramProtocol):
     """Hands on what one of the two sockets hears."""
 
     def __init__(self, hear: Callable[[bytes, Any], None]) -> None:
@@ -121,12 +122,12 @@ class NatNetSource:
         config = self._config
         local = (config.interface, 0)
         try:
-            self._command, _ = await loop.create_datagram_endpoint(lambda: _Ear(self._hear), local_addr=local)
+            self._command, _ = await loop.create_datagram_endpoint(lambda: _NatNetSocket(self._hear), local_addr=local)
             if config.multicast:
                 # A group comes to whoever is bound to its address; others on this machine may listen as well.
                 local = (config.group, config.data_port)
                 self._data, _ = await loop.create_datagram_endpoint(
-                    lambda: _Ear(self._hear), local_addr=local, reuse_port=True
+                    lambda: _NatNetSocket(self._hear), local_addr=local, reuse_port=True
                 )
                 join(self._data, config.group, config.interface)
         except OSError as error:

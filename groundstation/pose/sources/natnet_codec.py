@@ -22,12 +22,14 @@ That 4.1 writes the bytes of each section is known; readers walk the elements an
 """
 
 import struct
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from typing import Any, TypeAlias
 
 import msgspec
 
 from groundstation.core.geometry import Quat, Vec3
+from groundstation.core.messages import Pose, PoseStatus
+from groundstation.pose.sources.intake import Intake
 
 U32 = struct.Struct("<I")
 
@@ -136,7 +138,7 @@ class RigidBody(msgspec.Struct, frozen=True, gc=False):
     tracked: bool = True
 
 
-class Frame(msgspec.Struct, frozen=True):
+class NatNetFrame(msgspec.Struct, frozen=True):
     """One FRAMEOFDATA, without the markers."""
 
     number: int
@@ -195,7 +197,7 @@ def encode_server_info(info: ServerInfo) -> bytes:
     )
 
 
-def decode_frame(payload: bytes, version: Version) -> Frame:
+def decode_frame(payload: bytes, version: Version) -> NatNetFrame:
     """The payload of FRAMEOFDATA.
 
     Raises:
@@ -226,7 +228,7 @@ def decode_frame(payload: bytes, version: Version) -> Frame:
     if sized:
         walk.take(_PRECISION)
     (flags,) = walk.take(_FLAGS)
-    return Frame(number, bodies, exposure, transmit, bool(flags & MODELS_CHANGED))
+    return NatNetFrame(number, bodies, exposure, transmit, bool(flags & MODELS_CHANGED))
 
 
 def _body(walk: Payload) -> RigidBody:
@@ -234,7 +236,7 @@ def _body(walk: Payload) -> RigidBody:
     return RigidBody(number, (x, y, z), (qx, qy, qz, qw), error, bool(flags & TRACKED))
 
 
-def encode_frame(frame: Frame, version: Version, *, ticks_per_s: int = 10_000_000) -> bytes:
+def encode_frame(frame: NatNetFrame, version: Version, *, ticks_per_s: int = 10_000_000) -> bytes:
     """The message FRAMEOFDATA with rigid bodies only, for simulators and tests."""
     sized = version >= SIZED
 
@@ -321,3 +323,127 @@ def encode_models(bodies: Mapping[str, int], version: Version) -> bytes:
         body = name.encode() + b"\0" + _BODY_DESCRIPTION.pack(number, -1, 0.0, 0.0, 0.0) + turn + U32.pack(0)
         parts += [U32.pack(1), U32.pack(len(body)) if version >= SIZED else b"", body]
     return message(MODELDEF, b"".join(parts))
+
+
+SILENT_BEATS = 4
+"""A server that says nothing for so many beats is asked anew: it may have been started again."""
+OLDEST_S = 1.0
+"""A frame that was older than this as it left is absurd [s]."""
+MAX_NAMES = 256
+"""So many bodies' names are kept."""
+
+
+class NatNetReader:
+    """One client of a NatNet server: what it sends to be streamed to, and the poses of one body.
+
+    Implements :class:`groundstation.pose.sources.intake.Reader`; :meth:`due` gives what must be sent.
+    """
+
+    def __init__(self, name: str, intake: Intake, *, body_id: int | None = None, keep_alive: bool = True) -> None:
+        """Look for the rigid body ``name``, or for the one with streaming id ``body_id``.
+
+        ``keep_alive``: a unicast server streams to those only who say every second that they are there.
+        """
+        self.server: ServerInfo | None = None
+        """The server as it described itself last."""
+        self.names: tuple[str, ...] = ()
+        """The bodies it has, for the operator."""
+        self._name = name
+        self._intake = intake
+        self._fixed_id = body_id
+        self._id = body_id
+        self._wants_names = body_id is None or intake.others is not None
+        self._ask_names = self._wants_names
+        self._others: dict[int, str] = {}
+        self._keep_alive = keep_alive
+        self._silent_beats = 0
+
+    @property
+    def status(self) -> PoseStatus:
+        """Counters as they are now.
+
+        Reasons beside the intake's: truncated, oversized, wrong_version, unknown_message, no_server_info, no_such_body,
+        not_tracked, no_exposure_stamp, other_address.
+        """
+        return self._intake.status
+
+    def due(self) -> list[bytes]:
+        """What to send to the server now; to be asked for once a beat (about half a second)."""
+        self._silent_beats += 1
+        if self.server is None or self._silent_beats > SILENT_BEATS:
+            return [message(CONNECT, b"Ping\0")]
+        messages = []
+        if self._ask_names:
+            messages.append(message(REQUEST_MODELDEF))
+        if self._keep_alive:
+            messages.append(message(KEEPALIVE))
+        return messages
+
+    def other_address(self) -> None:
+        """Count a datagram that somebody else sent."""
+        self._intake.drop("other_address")
+
+    def read(self, datagram: bytes, arrival_s: float) -> Sequence[Pose]:
+        """The pose of our body, or nothing."""
+        try:
+            pose = self._take(*split(datagram), arrival_s)
+        except UnreadableNatNet as fault:
+            pose = self._intake.drop(str(fault))
+        return () if pose is None else (pose,)
+
+    def _take(self, number: int, payload: bytes, arrival_s: float) -> Pose | None:
+        if number == SERVERINFO:
+            self.server = decode_server_info(payload)
+            self._silent_beats = 0
+        elif number not in (MODELDEF, FRAMEOFDATA):
+            return self._intake.drop("unknown_message")
+        elif self.server is None:
+            return self._intake.drop("no_server_info")
+        elif number == MODELDEF:
+            models = decode_models(payload, self.server.version)
+            self.names = tuple(models)[:MAX_NAMES]
+            self._id = models.get(self._name) if self._fixed_id is None else self._fixed_id
+            others = self._intake.others
+            if others is not None:
+                self._others = {
+                    number: name for name, number in models.items() if name in others and number != self._id
+                }
+            self._ask_names = self._id is None or (others is not None and len(self._others) < len(others.names))
+        else:
+            frame = decode_frame(payload, self.server.version)
+            self._silent_beats = 0
+            self._intake.mark_alive(arrival_s)
+            return self._pose(frame, self.server.ticks_per_s, arrival_s)
+        return None
+
+    def _pose(self, frame: NatNetFrame, ticks_per_s: int, arrival_s: float) -> Pose | None:
+        if self._others:
+            self._look_around(frame, ticks_per_s, arrival_s)
+        body = next((body for body in frame.bodies if body.id == self._id), None)
+        if frame.models_changed:
+            self._ask_names = self._wants_names  # until the answer, the id that we know stands
+        if body is None:
+            return self._intake.drop("no_such_body")
+        if not body.tracked:
+            return self._intake.drop("not_tracked")
+        if frame.exposure_ticks == 0 or frame.transmit_ticks == 0:
+            return self._intake.drop("no_exposure_stamp")  # a recording that is played back
+        age_s = (frame.transmit_ticks - frame.exposure_ticks) / ticks_per_s
+        if not 0.0 <= age_s <= OLDEST_S:
+            return self._intake.drop("absurd")
+        stamp_s = frame.transmit_ticks / ticks_per_s
+        return self._intake.pose(stamp_s, arrival_s, body.position, _wxyz(body), age_s=age_s)
+
+    def _look_around(self, frame: NatNetFrame, ticks_per_s: int, arrival_s: float) -> None:
+        """Take the other bodies that are seen now."""
+        age_s = (frame.transmit_ticks - frame.exposure_ticks) / ticks_per_s
+        if not 0.0 <= age_s <= OLDEST_S:
+            return
+        for body in frame.bodies:
+            if body.tracked and body.id in self._others:
+                self._intake.other(self._others[body.id], arrival_s, body.position, age_s=age_s)
+
+
+def _wxyz(body: RigidBody) -> Quat:
+    x, y, z, w = body.quaternion_xyzw
+    return (w, x, y, z)

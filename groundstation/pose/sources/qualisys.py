@@ -9,13 +9,13 @@ import msgspec
 
 from groundstation.core.geometry import Alignment, Body, World, frames_of
 from groundstation.core.messages import Others, Pose, PoseStatus, SourceError
-from groundstation.pose.intake import Intake
+from groundstation.pose.sources.intake import Intake
 from groundstation.pose.sources.qualisys_codec import QualisysReader, body_names
 from links.core import printable
 from links.io import beyond, parse_address
 
 if TYPE_CHECKING:
-    from groundstation.pose.sources.qualisys_connection import Connection
+    from groundstation.pose.sources.qualisys_connection import QtmConnection
 
 ANSWER_S = 5.0
 """How long QTM may take to answer [s]."""
@@ -109,7 +109,7 @@ class QualisysSource:
             with contextlib.suppress(asyncio.CancelledError):
                 await task
 
-    async def _stay(self, connection: "Connection") -> None:
+    async def _stay(self, connection: "QtmConnection") -> None:
         """Keep a connection until cancelled."""
         while True:
             try:
@@ -123,18 +123,18 @@ class QualisysSource:
                 connection.close()
             connection = await self._open_again()
 
-    async def _learn_names(self, connection: "Connection") -> None:
+    async def _learn_names(self, connection: "QtmConnection") -> None:
         """Ask which bodies there are; an answer that is none leaves things as they were."""
         with contextlib.suppress(OSError, ValueError):
             self._reader.names = body_names(await connection.parameters())
 
-    async def _open_again(self) -> "Connection":
+    async def _open_again(self) -> "QtmConnection":
         while True:
             await asyncio.sleep(AGAIN_S)
             with contextlib.suppress(OSError):
                 return await self._open()
 
-    async def _open(self) -> "Connection":
+    async def _open(self) -> "QtmConnection":
         from groundstation.pose.sources.qualisys_connection import connect
 
         host, port = parse_address(self._config.server)

@@ -16,7 +16,7 @@ from collections.abc import Iterable, Sequence
 
 from groundstation.core.geometry import Quat, Vec3, so3
 from groundstation.core.messages import Pose, PoseStatus
-from groundstation.pose.intake import Intake
+from groundstation.pose.sources.intake import Intake
 
 ERROR, COMMAND, XML, DATA, NO_DATA, EVENT = 0, 1, 2, 3, 4, 6
 """Types of packets that come where bodies are streamed."""
@@ -138,7 +138,7 @@ def decode_bodies(content: bytes) -> tuple[float, list[tuple[float, ...]]] | str
 
 
 class QualisysReader:
-    """Poses of one body out of data packets' contents: implements :class:`groundstation.pose.intake.intake.Reader`."""
+    """Poses of one body out of data packets' contents: implements :class:`groundstation.pose.sources.intake.Reader`."""
 
     def __init__(self, name: str, intake: Intake) -> None:
         """Look for the body ``name``; :attr:`names` must be told."""
@@ -165,7 +165,7 @@ class QualisysReader:
         return () if pose is None else (pose,)
 
     def _pose(self, stamp_s: float, bodies: list[tuple[float, ...]], arrival_s: float) -> Pose | None:
-        self._intake.heard(arrival_s)
+        self._intake.mark_alive(arrival_s)
         self.other_bodies = len(bodies) != len(self.names)
         if self.other_bodies:
             return self._intake.drop("other_bodies")  # somebody changed them: whose pose is whose?

@@ -21,7 +21,7 @@ KNOCK_S = 0.2
 """How long to wait before a refused connection is tried again [s]."""
 
 
-class Connection(asyncio.Protocol):
+class QtmConnection(asyncio.Protocol):
     """One TCP connection: packets that are whole and sane go to qtm-rt."""
 
     def __init__(self, timeout_s: float, drop: Callable[[str], None]) -> None:
@@ -73,7 +73,7 @@ class Connection(asyncio.Protocol):
         Raises:
             SourceError: no answer, or a refusal.
         """
-        return bytes(await self._asked(self._requests.get_parameters(["6d"]), "tell its 6DOF bodies"))
+        return bytes(await self._request(self._requests.get_parameters(["6d"]), "tell its 6DOF bodies"))
 
     async def stream(self, take: Callable[[bytes], None]) -> None:
         """Have every frame's bodies streamed to ``take``.
@@ -84,7 +84,7 @@ class Connection(asyncio.Protocol):
         request = self._requests.stream_frames(
             frames="allframes", components=["6d"], on_packet=lambda packet: take(packet.data)
         )
-        await self._asked(request, "stream; is a measurement or a preview running?")
+        await self._request(request, "stream; is a measurement or a preview running?")
 
     async def agree(self) -> None:
         """Settle on the protocol's version.
@@ -93,9 +93,9 @@ class Connection(asyncio.Protocol):
             SourceError: no answer, or a refusal.
         """
         version = asyncio.wait_for(self._qtm.set_version(PROTOCOL_VERSION), self._timeout)
-        await self._asked(version, f"speak version {PROTOCOL_VERSION} of its protocol")
+        await self._request(version, f"speak version {PROTOCOL_VERSION} of its protocol")
 
-    async def _asked(self, request: Any, what: str) -> Any:
+    async def _request(self, request: Any, what: str) -> Any:
         try:
             return await request
         except TimeoutError:
@@ -104,9 +104,9 @@ class Connection(asyncio.Protocol):
             raise SourceError(f"QTM refused to {what}: {printable(str(error))}") from None
 
 
-async def _reached(
-    loop: asyncio.AbstractEventLoop, factory: Callable[[], Connection], host: str, port: int
-) -> tuple[asyncio.Transport, Connection]:
+async def _knock(
+    loop: asyncio.AbstractEventLoop, factory: Callable[[], QtmConnection], host: str, port: int
+) -> tuple[asyncio.Transport, QtmConnection]:
     """Knock until somebody opens: QTM takes a while to start."""
     while True:
         try:
@@ -115,7 +115,7 @@ async def _reached(
             await asyncio.sleep(KNOCK_S)
 
 
-async def connect(host: str, port: int, timeout_s: float, drop: Callable[[str], None]) -> Connection:
+async def connect(host: str, port: int, timeout_s: float, drop: Callable[[str], None]) -> QtmConnection:
     """A connection to the QTM at ``host``:``port``, which has agreed on the protocol; ``drop``: see the class.
 
     Raises:
@@ -124,7 +124,7 @@ async def connect(host: str, port: int, timeout_s: float, drop: Callable[[str], 
     loop = asyncio.get_running_loop()
     try:
         async with asyncio.timeout(timeout_s):
-            _, connection = await _reached(loop, lambda: Connection(timeout_s, drop), host, port)
+            _, connection = await _knock(loop, lambda: QtmConnection(timeout_s, drop), host, port)
     except OSError as error:
         raise SourceError(
             f"cannot reach QTM at {host}:{port} ({error.strerror or str(error) or 'no answer'}); check that it runs, "

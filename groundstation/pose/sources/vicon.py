@@ -6,7 +6,8 @@ import msgspec
 
 from groundstation.core.geometry import Alignment, Body, World, frames_of
 from groundstation.core.messages import Others
-from groundstation.pose.intake import DatagramSource, Intake
+from groundstation.pose.sources.datagram import DatagramSource
+from groundstation.pose.sources.intake import Intake
 from groundstation.pose.sources.vicon_codec import ViconReader, name_bytes
 from links.io import beyond, parse_address
 

@@ -27,7 +27,7 @@ import msgspec
 
 from groundstation.core.geometry import Quat, Vec3
 from groundstation.core.messages import Pose, PoseStatus
-from groundstation.pose.intake import FrameCount, Intake
+from groundstation.pose.sources.intake import FrameCount, Intake
 
 DATAGRAM_SIZES = (256, 512, 1024)
 """Sizes that Tracker offers [bytes]; room for 3, 6 and 13 objects."""
@@ -206,7 +206,7 @@ def euler_xyz_from_quaternion(attitude: Quat) -> Vec3:
 
 
 class ViconReader:
-    """Implements :class:`groundstation.pose.intake.intake.Reader`.
+    """Implements :class:`groundstation.pose.sources.intake.Reader`.
 
     The datagrams hold no time, but frames come at a steady rate: their numbers are the clock.
     """
@@ -243,7 +243,7 @@ class ViconReader:
         if isinstance(found, str):
             self._intake.drop(found)
             return ()
-        self._intake.heard(arrival_s)
+        self._intake.mark_alive(arrival_s)
         if self._intake.others is not None:
             self._look_around(found, arrival_s)
         seen = self._decoder.pose(found)

@@ -8,17 +8,18 @@ from typing import NamedTuple
 
 from groundstation.core.geometry import frames_of, so3
 from groundstation.core.messages import Pose, PoseStatus
-from groundstation.pose.intake import Intake, Reader
 from groundstation.pose.sources import (
-    Decoder,
+    Intake,
     JsonConfig,
     JsonReader,
     LocalPositionDecoder,
     NatNetConfig,
     NatNetReader,
     OdometryDecoder,
+    PoseDecoder,
     QualisysConfig,
     QualisysReader,
+    Reader,
     ViconConfig,
     ViconReader,
     VisionConfig,
@@ -100,7 +101,7 @@ def vision(frames: int) -> Flight:
 class MessageReader:
     """A decoder of MAVLink messages behind the link's codec, as a reader of datagrams."""
 
-    def __init__(self, decoder: Decoder) -> None:
+    def __init__(self, decoder: PoseDecoder) -> None:
         """Count frames that are none beside what ``decoder`` drops."""
         self._decoder = decoder
         self._codec = MavlinkCodec(255, 190)

@@ -103,10 +103,10 @@ class CsvSubject:
 
     def __init__(self) -> None:
         """Rows as a run's folder has them."""
-        from groundstation.pose.recorded import Row, encode
+        from groundstation.pose import CsvRow, encode_csv
 
         self._seeds = [
-            encode(Row(0.01 * n, 0.01 * n + 0.02, (0.1 * n, 1.0, -1.0), (1.0, 0.0, 0.0, 0.0))).encode()
+            encode_csv(CsvRow(0.01 * n, 0.01 * n + 0.02, (0.1 * n, 1.0, -1.0), (1.0, 0.0, 0.0, 0.0))).encode()
             for n in range(50)
         ]
         self._drops: Counter[str] = Counter()
@@ -118,9 +118,9 @@ class CsvSubject:
 
     def feed(self, datagram: bytes, now_s: float) -> int:
         """See :class:`Subject`."""
-        from groundstation.pose.recorded import rows
+        from groundstation.pose import read_csv
 
-        return sum(1 for _ in rows(datagram.decode("utf-8", "replace").splitlines(), self._drops))
+        return sum(1 for _ in read_csv(datagram.decode("utf-8", "replace").splitlines(), self._drops))
 
     def drops(self) -> Counter[str]:
         """See :class:`Subject`."""
@@ -145,7 +145,7 @@ class TlogSubject(CsvSubject):
 
     def feed(self, datagram: bytes, now_s: float) -> int:
         """See :class:`Subject`."""
-        from groundstation.pose.recorded import TlogReader
+        from groundstation.pose import TlogReader
 
         reader = TlogReader(datagram)
         count = sum(1 for _ in reader)

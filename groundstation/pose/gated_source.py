@@ -1,4 +1,4 @@
-"""A source behind the gate: what the flight gets for a source."""
+"""Gated source: a source behind the gate, as the flight gets it."""
 
 import asyncio
 from collections import Counter
@@ -7,8 +7,7 @@ from collections.abc import Callable
 import msgspec
 
 from groundstation.core.messages import Pose, PoseEvent, PoseSource, PoseStatus
-from groundstation.pose.gate import Gate, GateConfig
-from groundstation.pose.outbreaks import Outbreaks
+from groundstation.pose.gate import Gate, GateConfig, Outbreaks
 
 LOOK_S = 0.0493717
 """How often counters are looked at: drops are told of, and lost poses found, no later than that [s].
@@ -16,7 +15,7 @@ LOOK_S = 0.0493717
 No round number: on the very instants of cameras and frames a timer more would move a simulation in its last bits."""
 
 
-class Gated:
+class GatedSource:
     """Implements :class:`groundstation.core.messages.pose.PoseSource`: the poses of another one that can be true."""
 
     def __init__(

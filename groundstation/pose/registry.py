@@ -1,4 +1,4 @@
-"""Where poses come from: every kind of source, by the name that a configuration gives it (``kind = "vicon"``)."""
+"""Registry of pose sources: every kind, by the name that a configuration gives it (``kind = "vicon"``)."""
 
 from groundstation.config import ConfigError
 from groundstation.core.messages import Others, PoseSource

@@ -1,10 +1,11 @@
-"""A source's own time stamps on our clock, and how late its messages come. Sans-IO.
+"""Pose intake: checks, the source's clock, our frames, numbers and counters, shared by every decoder. Sans-IO.
 
-A message can only come late, never early: the smallest difference between arrival and stamp so far tells where the
-source's zero lies on our clock. What comes later than that is late, however long it goes on so: a queue that stays, and
-one that fills, can't be told from a clock that was set back or a frame counter that paused, and the older answer is
-the safe one. Three things move the zero later: a slope that the source's clock may well have (``MAX_DRIFT``), as long
-as nothing is late by more than ``SLACK_S``; an exchange of clocks, where there is one; and beginning anew.
+The source's clock puts its time stamps on our clock, and tells how late its messages come. A message can only come
+late, never early: the smallest difference between arrival and stamp so far tells where the source's zero lies on our
+clock. What comes later than that is late, however long it goes on so: a queue that stays, and one that fills, can't be
+told from a clock that was set back or a frame counter that paused, and the older answer is the safe one. Three things
+move the zero later: a slope that the source's clock may well have (``MAX_DRIFT``), as long as nothing is late by more
+than ``SLACK_S``; an exchange of clocks, where there is one; and beginning anew.
 Stamps are seconds, or numbers of frames. How much of our time passes from one to the next is measured from the least
 delayed message of each half second (Theil and Sen: the median of the slopes between any two of them, which bursts and
 stalls do not move). Of frames any rate is believed at first, as a told one is often wrong; from then on a
@@ -12,9 +13,14 @@ rate that is slower is lateness, too.
 """
 
 import math
-from collections import deque
+from collections import Counter, deque
+from collections.abc import Sequence
 from itertools import combinations
 from statistics import median
+from typing import Protocol
+
+from groundstation.core.geometry import Frames, Quat, Vec3
+from groundstation.core.messages import FAR_M, Others, Pose, PoseStatus
 
 MAX_DRIFT = 0.0015
 """So much slower than nominal may the source's clock run, as a share: what exceeds it is lateness that grows."""
@@ -90,7 +96,7 @@ class SourceClock:
         """How much later than at their best messages have come for the last two blocks [s]; 0 within the slack."""
         return min(self._late)
 
-    def heard(self, arrival_s: float) -> None:
+    def mark_alive(self, arrival_s: float) -> None:
         """The source has sent something, be it without a pose of ours, that came at ``arrival_s`` [s, our clock]."""
         if arrival_s - self._heard_s > ANEW_S:
             self._is_anew = True
@@ -101,7 +107,7 @@ class SourceClock:
 
         ``duplicate`` or ``out_of_order``; ``arrival_s`` is on our clock [s].
         """
-        self.heard(arrival_s)
+        self.mark_alive(arrival_s)
         if self._stamp is None or stamp > self._stamp:
             return ""
         if stamp == self._stamp:
@@ -146,7 +152,7 @@ class SourceClock:
             self._own_s = arrival_s
         return True
 
-    def exchanged(self, ahead_s: float) -> None:
+    def apply_exchange(self, ahead_s: float) -> None:
         """An exchange of clocks has shown that a source that stamps seconds is at most ``ahead_s`` ahead of us [s]."""
         if self._stamp is not None and not self._is_anew:
             own = self._stamp - ahead_s
@@ -209,3 +215,142 @@ class SourceClock:
             self._scale = slope
             if self._band > MAX_DRIFT and not self._late[1]:
                 self._nominal, self._band = slope, MAX_DRIFT
+
+
+UNIT_TOLERANCE = 1e-3
+"""How far from 1 the length of a unit quaternion may be; 32-bit floats leave it within 1e-6."""
+LATEST = 1e15
+"""No stamp is further from zero, be it in seconds or frames: floats would no longer tell two of them apart."""
+_AVERAGED = 50
+
+
+class Reader(Protocol):
+    """Makes poses of the datagrams of one source. No bytes make it raise."""
+
+    @property
+    def status(self) -> PoseStatus:
+        """Counters as they are now."""
+        ...
+
+    def read(self, datagram: bytes, arrival_s: float) -> Sequence[Pose]:
+        """The poses in ``datagram``, which arrived at ``arrival_s`` [s, our clock]: mostly one or none."""
+        ...
+
+
+class Intake:
+    """Turns what one source measured into numbered poses; what is no pose is counted by reason."""
+
+    def __init__(
+        self,
+        latency_s: float,
+        frames: Frames | None = None,
+        *,
+        frame_s: float | None = None,
+        others: Others | None = None,
+    ) -> None:
+        """``latency_s`` is the time from the instant of a pose to its earliest arrival here [s].
+
+        ``frames`` leads from the source's axes into ours; None: they are ours. ``frame_s``: what stamps that number
+        frames were told to be apart [s]; None for stamps in seconds. ``others`` are further bodies to look for.
+        """
+        self.accepted = 0
+        """Poses made."""
+        self.dropped: Counter[str] = Counter()
+        """By reason. Here: not_finite, not_unit, absurd, duplicate, out_of_order."""
+        self.clock = SourceClock(frame_s)
+        self.others = others
+        """Further bodies to look for; None: nobody asks for them."""
+        self._base_latency_s = latency_s
+        self._frames = frames
+        self._latency_s = 0.0
+        self._latency_max_s = 0.0
+
+    @property
+    def status(self) -> PoseStatus:
+        """Counters as they are now."""
+        clock = self.clock
+        return PoseStatus(
+            accepted=self.accepted,
+            dropped=dict(self.dropped),
+            rate_hz=1.0 / clock.interval_s if clock.interval_s > 0.0 else 0.0,
+            latency_s=self._latency_s,
+            latency_max_s=self._latency_max_s,
+            drift=clock.drift,
+            gaps=clock.gaps,
+            clock_steps=clock.steps,
+            clock_restarts=clock.restarts,
+            late_s=clock.late_s,
+        )
+
+    def mark_alive(self, arrival_s: float) -> None:
+        """The source has sent something at all, perhaps without our body, that came at ``arrival_s`` [s, our clock]."""
+        self.clock.mark_alive(arrival_s)
+
+    def drop(self, reason: str) -> Pose | None:
+        """Count one thing that made no pose; returns None, which stands for the pose."""
+        self.dropped[reason] += 1
+        return None
+
+    def pose(
+        self,
+        stamp: float,
+        arrival_s: float,
+        position: Vec3,
+        attitude: Quat,
+        velocity_ned: Vec3 | None = None,
+        *,
+        resets: int = 0,
+        age_s: float = 0.0,
+    ) -> Pose | None:
+        """The pose, or None where it is dropped and counted.
+
+        ``stamp`` is the source's, in seconds or frames; ``age_s`` how old the pose was at that instant [s], beside
+        the latency. ``position`` [m] and ``attitude`` are in the source's axes, ``velocity_ned`` is in ours.
+        """
+        x, y, z = position
+        if not math.isfinite(x + y + z + sum(attitude) + stamp + age_s):
+            return self.drop("not_finite")
+        if abs(math.hypot(*attitude) - 1.0) > UNIT_TOLERANCE:
+            return self.drop("not_unit")
+        if max(abs(x), abs(y), abs(z)) > FAR_M or abs(stamp) > LATEST:
+            return self.drop("absurd")
+        clock = self.clock
+        if reason := clock.stale(stamp, arrival_s):
+            return self.drop(reason)
+        time_s = clock.time_s(stamp, arrival_s) - self._base_latency_s - age_s
+        number = self.accepted
+        self.accepted = number + 1
+        latency = arrival_s - time_s
+        self._latency_s += (latency - self._latency_s) / min(number + 1, _AVERAGED)
+        self._latency_max_s = max(self._latency_max_s, latency)
+        if velocity_ned is not None and not math.isfinite(sum(velocity_ned)):
+            velocity_ned = None  # PX4's way to say that it has none
+        if self._frames is not None:
+            position, attitude = self._frames.ours(position, attitude)
+        return Pose(number, time_s, arrival_s, position, attitude, velocity_ned, resets + 256 * clock.restarts)
+
+    def other(self, name: str, arrival_s: float, position: Vec3, *, age_s: float = 0.0) -> None:
+        """One of :attr:`others` was at ``position`` [m, the source's axes], as its bytes came at ``arrival_s`` [s].
+
+        ``age_s``: see :meth:`pose`. The source's stamp is the business of our own body alone.
+        """
+        if self.others is not None:
+            place = position if self._frames is None else self._frames.place(position)
+            self.others.see(name, arrival_s - self.clock.late_s - self._base_latency_s - age_s, place)
+
+
+class FrameCount:
+    """A frame counter of fixed width as one that never runs over."""
+
+    def __init__(self, bits: int = 32) -> None:
+        """``bits`` is the counter's width on the wire."""
+        self._half = 1 << (bits - 1)
+        self._mask = (1 << bits) - 1
+        self._last: int | None = None
+
+    def whole(self, number: int) -> int:
+        """``number`` with the turns of the counter: half of its circle lies ahead of the last one, half behind."""
+        if self._last is not None:
+            number = self._last + ((number - self._last + self._half) & self._mask) - self._half
+        self._last = number
+        return number

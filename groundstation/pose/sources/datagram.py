@@ -1,10 +1,14 @@
-"""A source that listens for datagrams; what they say is its reader's business."""
+"""Datagram source: listens on one UDP socket; what the datagrams say is its reader's business.
+
+Multicast groups are joined here, too, by options of sockets that the event loop has opened.
+"""
 
 import asyncio
+import socket
 from collections.abc import Callable
 
 from groundstation.core.messages import Pose, PoseStatus, SourceError
-from groundstation.pose.intake.intake import Reader
+from groundstation.pose.sources.intake import Reader
 from links.io import parse_address
 
 
@@ -62,3 +66,23 @@ def cannot_listen(what: str, address: str, error: OSError) -> SourceError:
         f"cannot listen for {what} on {address} ({error.strerror or error}); "
         "stop the program that holds this port, or give an address of this machine",
     )
+
+
+def join(transport: asyncio.DatagramTransport, group: str, interface: str) -> None:
+    """Have the socket of ``transport`` receive what is sent to ``group``, by way of ``interface`` (IPv4 addresses).
+
+    Raises:
+        OSError: this machine has no such interface, or ``group`` is no multicast address.
+    """
+    membership = socket.inet_aton(group) + socket.inet_aton(interface)
+    transport.get_extra_info("socket").setsockopt(socket.IPPROTO_IP, socket.IP_ADD_MEMBERSHIP, membership)
+
+
+def send_by(transport: asyncio.DatagramTransport, interface: str) -> None:
+    """Have what is sent to groups from the socket of ``transport`` leave by way of ``interface`` (IPv4 address).
+
+    Raises:
+        OSError: this machine has no such interface.
+    """
+    options = transport.get_extra_info("socket")
+    options.setsockopt(socket.IPPROTO_IP, socket.IP_MULTICAST_IF, socket.inet_aton(interface))
