@@ -11,7 +11,7 @@ import msgspec
 
 from groundstation.config import ConfigError
 from groundstation.pose import CSV_COLUMNS, CsvRow, encode_csv
-from groundstation.recording import CHANNELS, Measured, NoRecording, Recording, schema
+from groundstation.recording import CHANNELS, MeasuredMessage, NoRecording, Recording, schema
 from groundstation.runtime import for_us_alone
 
 
@@ -94,7 +94,7 @@ def write_poses(recording: Recording, target: Path) -> int:
         file.write(CSV_COLUMNS + "\n")
         for entry in recording.entries(("/measured",)):
             count += 1
-            seen = msgspec.json.decode(entry.data, type=Measured)
+            seen = msgspec.json.decode(entry.data, type=MeasuredMessage)
             p, q = seen.position_ned, seen.attitude
             file.write(encode_csv(CsvRow(seen.time_s, seen.arrival_s, (p.x, p.y, p.z), (q.w, q.x, q.y, q.z))))
     return count

@@ -19,9 +19,9 @@ from pathlib import Path
 
 import msgspec
 
-from groundstation.recording.log import FLUSH_S, FlightLog
-from groundstation.recording.process import FORGET, Setup
+from groundstation.recording.process import FORGET, RecorderSetup
 from groundstation.recording.records import Record
+from groundstation.recording.writer import FLUSH_S, FlightLog
 from groundstation.runtime import free_name, made_folder, tidy
 
 NICE = 5
@@ -74,7 +74,7 @@ def main() -> int:
             elif message == FORGET:
                 forget = True
             elif log is None:
-                log = _opened(msgspec.msgpack.decode(message, type=Setup))
+                log = _open_log(msgspec.msgpack.decode(message, type=RecorderSetup))
             else:
                 log.write(decoder.decode(message))
             if log is not None and syncing.done() and time.monotonic() - synced_s > SYNC_S:
@@ -123,7 +123,7 @@ def _messages() -> Iterator[bytes]:
         del pending[:start]
 
 
-def _opened(setup: Setup) -> FlightLog:
+def _open_log(setup: RecorderSetup) -> FlightLog:
     """The log, in its folder, where what is no longer kept makes room first.
 
     Raises:

@@ -10,7 +10,7 @@ from groundstation.core.mission import State
 from groundstation.flight import Company, Flight, body_of, make_ends
 from groundstation.flight.hold_to_run import make_hold
 from groundstation.pose import ForwardingSource, GatedSource, ShowsOthers
-from groundstation.recording.recorded import Give, RecordedFlight, about
+from groundstation.recording.recorded_flight import Give, RecordedFlight, about
 from groundstation.runtime import Quiet, Running
 from groundstation.settings import Config
 from links.mavlink import MavlinkLink

@@ -3,16 +3,40 @@
 ``/pose``, ``/tf`` and ``/log`` are Foxglove's own, which its panels know how to draw (foxglove-sdk,
 schemas/jsonschema); the others are typed here. Names end in units; world NED, body FRD; ``time_s`` is the event loop's
 clock [s], the log time its wall time.
+
+:class:`MessageMaker` makes these messages of a flight's records. Sans-IO.
 """
 
 import json
+import math
+from collections.abc import Callable, Iterable, Iterator
+from functools import lru_cache
 from typing import Any
 
 import msgspec
 
+from groundstation.core import Tick
 from groundstation.core.geometry import Quat, Vec3
 from groundstation.core.messages import PoseStatus
-from links.core import LinkStatus
+from groundstation.recording.records import (
+    NO_PORT,
+    EndRecord,
+    IdleRecord,
+    LineRecord,
+    LossRecord,
+    Peer,
+    PoseRecord,
+    ReceivedRecord,
+    Record,
+    RequestRecord,
+    SentRecord,
+    StatusRecord,
+    SwitchRecord,
+    TickRecord,
+    TrajectoryRecord,
+    WireRecord,
+)
+from links.core import Command, LinkStatus
 
 WORLD, VEHICLE = "world_ned", "vehicle"
 """Frames of /tf and /pose."""
@@ -79,7 +103,7 @@ class FrameTransform(msgspec.Struct, frozen=True, gc=False):
     rotation: Quaternion
 
 
-class Log(msgspec.Struct, frozen=True, gc=False):
+class LogMessage(msgspec.Struct, frozen=True, gc=False):
     """foxglove.Log; level 2 is info, 3 a warning."""
 
     timestamp: Time
@@ -90,7 +114,7 @@ class Log(msgspec.Struct, frozen=True, gc=False):
     line: int
 
 
-class Measured(msgspec.Struct, frozen=True, gc=False):
+class MeasuredMessage(msgspec.Struct, frozen=True, gc=False):
     """A pose as the pilot got it."""
 
     time_s: float
@@ -110,7 +134,7 @@ class Part(msgspec.Struct, frozen=True, gc=False):
     rates_rad_s: Vector3
 
 
-class Commanded(msgspec.Struct, frozen=True, gc=False):
+class CommandMessage(msgspec.Struct, frozen=True, gc=False):
     """A command as it was handed to the link."""
 
     time_s: float
@@ -124,7 +148,7 @@ class Commanded(msgspec.Struct, frozen=True, gc=False):
     bring_down: tuple[Part, ...]
 
 
-class Idle(msgspec.Struct, frozen=True, gc=False):
+class IdleMessage(msgspec.Struct, frozen=True, gc=False):
     """An idle command."""
 
     time_s: float
@@ -136,7 +160,7 @@ class Idle(msgspec.Struct, frozen=True, gc=False):
     bring_down: tuple[Part, ...]
 
 
-class Refer(msgspec.Struct, frozen=True, gc=False):
+class ReferenceMessage(msgspec.Struct, frozen=True, gc=False):
     """The reference at the instant that the command acts."""
 
     time_s: float
@@ -148,7 +172,7 @@ class Refer(msgspec.Struct, frozen=True, gc=False):
     yaw_rate_rad_s: float
 
 
-class Estimated(msgspec.Struct, frozen=True, gc=False):
+class EstimateMessage(msgspec.Struct, frozen=True, gc=False):
     """The vehicle at the instant that the command acts, ``acting_s``."""
 
     time_s: float
@@ -160,7 +184,7 @@ class Estimated(msgspec.Struct, frozen=True, gc=False):
     rates_rad_s: Vector3
 
 
-class Errors(msgspec.Struct, frozen=True, gc=False):
+class ErrorsMessage(msgspec.Struct, frozen=True, gc=False):
     """The backstepping errors, and the distance from the reference."""
 
     time_s: float
@@ -171,7 +195,7 @@ class Errors(msgspec.Struct, frozen=True, gc=False):
     u_star_m_s2: Vector3
 
 
-class Adaptation(msgspec.Struct, frozen=True, gc=False):
+class AdaptationMessage(msgspec.Struct, frozen=True, gc=False):
     """b̂ and its rate, the observer's d̂, and the thrust's effectiveness λ̂."""
 
     time_s: float
@@ -181,7 +205,7 @@ class Adaptation(msgspec.Struct, frozen=True, gc=False):
     effectiveness: float
 
 
-class Lyapunov(msgspec.Struct, frozen=True, gc=False):
+class LyapunovMessage(msgspec.Struct, frozen=True, gc=False):
     """V without its b̃ term, W, the terms of both, and V against its bound in flight (control/watch.py)."""
 
     time_s: float
@@ -198,7 +222,7 @@ class Lyapunov(msgspec.Struct, frozen=True, gc=False):
     excess: float
 
 
-class Timing(msgspec.Struct, frozen=True, gc=False):
+class TimingMessage(msgspec.Struct, frozen=True, gc=False):
     """How late the command was for its frame (or after its pose came), how old its pose, how long after the last."""
 
     time_s: float
@@ -207,13 +231,13 @@ class Timing(msgspec.Struct, frozen=True, gc=False):
     lateness_s: float | msgspec.UnsetType = msgspec.UNSET
 
 
-class Follow(msgspec.Struct, frozen=True, gc=False):
+class FollowMessage(msgspec.Struct, frozen=True, gc=False):
     """A new trajectory begins."""
 
     time_s: float
 
 
-class Switch(msgspec.Struct, frozen=True, gc=False):
+class SwitchMessage(msgspec.Struct, frozen=True, gc=False):
     """The pilot flies otherwise from here on: on the floor, off it, descending."""
 
     time_s: float
@@ -221,7 +245,7 @@ class Switch(msgspec.Struct, frozen=True, gc=False):
     values: list[float]
 
 
-class Mission(msgspec.Struct, frozen=True, gc=False):
+class MissionMessage(msgspec.Struct, frozen=True, gc=False):
     """A line for the operator, and the mission's state."""
 
     time_s: float
@@ -229,7 +253,7 @@ class Mission(msgspec.Struct, frozen=True, gc=False):
     text: str
 
 
-class Request(msgspec.Struct, frozen=True, gc=False):
+class RequestMessage(msgspec.Struct, frozen=True, gc=False):
     """Somebody asked the flight for ``what``."""
 
     time_s: float
@@ -237,21 +261,21 @@ class Request(msgspec.Struct, frozen=True, gc=False):
     reason: str
 
 
-class Missing(msgspec.Struct, frozen=True, gc=False):
+class LostMessage(msgspec.Struct, frozen=True, gc=False):
     """So many records are missing here."""
 
     time_s: float
     count: int
 
 
-class Link(msgspec.Struct, frozen=True, gc=False):
+class LinkMessage(msgspec.Struct, frozen=True, gc=False):
     """How the command link is."""
 
     time_s: float
     status: LinkStatus
 
 
-class Source(msgspec.Struct, frozen=True, gc=False):
+class SourceMessage(msgspec.Struct, frozen=True, gc=False):
     """How the pose source is."""
 
     time_s: float
@@ -290,23 +314,23 @@ class RawSent(msgspec.Struct, frozen=True, gc=False):
 CHANNELS: dict[str, tuple[str, type[msgspec.Struct]]] = {
     "/pose": ("foxglove.PoseInFrame", PoseInFrame),
     "/tf": ("foxglove.FrameTransform", FrameTransform),
-    "/log": ("foxglove.Log", Log),
-    "/measured": ("groundstation.Measured", Measured),
-    "/command": ("groundstation.Command", Commanded),
-    "/idle": ("groundstation.Idle", Idle),
-    "/reference": ("groundstation.Reference", Refer),
-    "/estimate": ("groundstation.Estimate", Estimated),
-    "/errors": ("groundstation.Errors", Errors),
-    "/adaptation": ("groundstation.Adaptation", Adaptation),
-    "/lyapunov": ("groundstation.Lyapunov", Lyapunov),
-    "/timing": ("groundstation.Timing", Timing),
-    "/follow": ("groundstation.Follow", Follow),
-    "/switch": ("groundstation.Switch", Switch),
-    "/mission": ("groundstation.Mission", Mission),
-    "/request": ("groundstation.Request", Request),
-    "/lost": ("groundstation.Lost", Missing),
-    "/link": ("groundstation.Link", Link),
-    "/source": ("groundstation.Source", Source),
+    "/log": ("foxglove.Log", LogMessage),
+    "/measured": ("groundstation.Measured", MeasuredMessage),
+    "/command": ("groundstation.Command", CommandMessage),
+    "/idle": ("groundstation.Idle", IdleMessage),
+    "/reference": ("groundstation.Reference", ReferenceMessage),
+    "/estimate": ("groundstation.Estimate", EstimateMessage),
+    "/errors": ("groundstation.Errors", ErrorsMessage),
+    "/adaptation": ("groundstation.Adaptation", AdaptationMessage),
+    "/lyapunov": ("groundstation.Lyapunov", LyapunovMessage),
+    "/timing": ("groundstation.Timing", TimingMessage),
+    "/follow": ("groundstation.Follow", FollowMessage),
+    "/switch": ("groundstation.Switch", SwitchMessage),
+    "/mission": ("groundstation.Mission", MissionMessage),
+    "/request": ("groundstation.Request", RequestMessage),
+    "/lost": ("groundstation.Lost", LostMessage),
+    "/link": ("groundstation.Link", LinkMessage),
+    "/source": ("groundstation.Source", SourceMessage),
     "/raw/opened": ("groundstation.WireOpened", WireOpened),
     "/raw/received": ("groundstation.RawReceived", RawReceived),
     "/raw/sent": ("groundstation.RawSent", RawSent),
@@ -320,21 +344,158 @@ def schema(name: str, message: type[msgspec.Struct]) -> bytes:
     What may be null is not required, and has the type that it has otherwise.
     """
     (top,), parts = msgspec.json.schema_components([message], ref_template="{name}")
-    whole = _inlined(parts[top["$ref"]], parts)
+    whole = _inline_refs(parts[top["$ref"]], parts)
     return json.dumps({**whole, "title": name}).encode()
 
 
-def _inlined(part: Any, parts: dict[str, Any]) -> Any:
+def _inline_refs(part: Any, parts: dict[str, Any]) -> Any:
     if isinstance(part, list):
-        return [_inlined(item, parts) for item in part]
+        return [_inline_refs(item, parts) for item in part]
     if not isinstance(part, dict):
         return part
     if "$ref" in part:
-        return _inlined(parts[part["$ref"]], parts)
+        return _inline_refs(parts[part["$ref"]], parts)
     if "anyOf" in part:
-        return _inlined(next(kind for kind in part["anyOf"] if kind != {"type": "null"}), parts)
-    whole = {key: _inlined(value, parts) for key, value in part.items() if key not in ("title", "default")}
+        return _inline_refs(next(kind for kind in part["anyOf"] if kind != {"type": "null"}), parts)
+    whole = {key: _inline_refs(value, parts) for key, value in part.items() if key not in ("title", "default")}
     if "properties" in part:
         always = [key for key in part.get("required", ()) if "anyOf" not in part["properties"][key]]
         whole["required"] = always
     return {"title": "time", **whole} if part.get("title") == "Time" else whole  # by this Foxglove knows a time
+
+
+Message = tuple[str, float, msgspec.Struct]
+"""Topic, time on the event loop's clock [s], and what it says."""
+
+INFO, WARNING = 2, 3
+"""Levels of foxglove.Log."""
+NAME = "groundstation"
+
+
+class MessageMaker:
+    """Makes messages of the records of one flight, in their order."""
+
+    def __init__(self, epoch_ns: int) -> None:
+        """``epoch_ns``: see :meth:`stamp`."""
+        self._epoch_ns = epoch_ns
+        self._last: float | None = None
+        self._often: dict[type, Callable[[Any], Iterable[Message]]] = {
+            ReceivedRecord: self._make_received,
+            SentRecord: self._make_sent,
+            PoseRecord: self._pose,
+            TickRecord: self._tick,
+        }
+
+    def stamp(self, time_s: float) -> int:
+        """``time_s`` on the event loop's clock [s] as wall time [ns since 1970]."""
+        return self._epoch_ns + round(time_s * 1e9)
+
+    def of(self, record: Record) -> Iterable[Message]:
+        """The messages of one record."""
+        make = self._often.get(type(record))
+        return self._rare(record) if make is None else make(record)
+
+    def _make_received(self, r: ReceivedRecord) -> Iterable[Message]:
+        return (("/raw/received", r.time_s, RawReceived(r.time_s, r.wire, r.turn, address(r.peer), r.data)),)
+
+    def _make_sent(self, r: SentRecord) -> Iterable[Message]:
+        return (("/raw/sent", r.time_s, RawSent(r.time_s, r.wire, address(r.peer), r.data)),)
+
+    def _rare(self, record: Record) -> Iterator[Message]:
+        match record:
+            case IdleRecord(time_s, _, command):
+                self._last = None
+                yield "/idle", time_s, IdleMessage(time_s, *_command(command))
+            case StatusRecord(time_s, link, source):
+                yield "/link", time_s, LinkMessage(time_s, link)
+                yield "/source", time_s, SourceMessage(time_s, source)
+            case WireRecord(time_s, wire, kind, local, remote):
+                if wire == 0:  # screens with z up see the world as it stands
+                    yield self._transform(time_s, DISPLAY, WORLD, (0.0, 0.0, 0.0), (0.0, 1.0, 0.0, 0.0))
+                yield "/raw/opened", time_s, WireOpened(time_s, wire, kind, address(local), address(remote))
+            case TrajectoryRecord(time_s):
+                yield "/follow", time_s, FollowMessage(time_s)
+            case SwitchRecord(time_s, what, values):
+                yield "/switch", time_s, SwitchMessage(time_s, what, list(values))
+            case LineRecord(time_s, state, text):
+                yield "/mission", time_s, MissionMessage(time_s, state, text)
+                yield self._log(time_s, INFO, f"{state}: {text}")
+            case EndRecord(time_s, state, reason):
+                yield self._log(time_s, INFO, f"the flight is over, {state}: {reason}")
+            case RequestRecord(time_s, what, reason):
+                yield "/request", time_s, RequestMessage(time_s, what, reason)
+            case LossRecord(time_s, count):
+                yield "/lost", time_s, LostMessage(time_s, count)
+                yield self._log(time_s, WARNING, f"{count} records are missing here: the recorder could not keep up")
+
+    def _log(self, time_s: float, level: int, text: str) -> Message:
+        return "/log", time_s, LogMessage(self._time(time_s), level, text, NAME, "", 0)
+
+    def _pose(self, record: PoseRecord) -> Iterable[Message]:
+        p = record.pose
+        position, attitude = vector(p.position_ned), quaternion(p.attitude)
+        velocity = msgspec.UNSET if p.velocity_ned is None else vector(p.velocity_ned)
+        measured = MeasuredMessage(p.time_s, p.arrival_s, p.id, position, attitude, p.reset_count, velocity)
+        shown = PoseInFrame(self._time(p.time_s), WORLD, FoxglovePose(position, attitude))
+        return ("/measured", p.arrival_s, measured), ("/pose", p.arrival_s, shown)
+
+    def _tick(self, record: TickRecord) -> Iterable[Message]:
+        tick = record.tick
+        t, estimate, reference, d = tick.time_s, tick.estimate, tick.reference, tick.decision.diagnostics
+        motion = estimate.motion
+        thrust, rates, pose_id, pose_time, deadline, parts = _command(tick.command)
+        saturated = bool(tick.decision.saturated)
+        commanded = CommandMessage(t, tick.flight_time_s, thrust, rates, saturated, pose_id, pose_time, deadline, parts)
+        refer = ReferenceMessage(
+            t,
+            vector(reference.position_ned),
+            vector(reference.velocity_ned),
+            vector(reference.acceleration_ned),
+            vector(reference.jerk_ned),
+            reference.yaw_rad,
+            reference.yaw_rate_rad_s,
+        )
+        position, attitude = vector(motion.position), quaternion(motion.attitude)
+        estimated = EstimateMessage(
+            t, estimate.time_s, position, vector(motion.velocity), attitude, motion.thrust, vector(motion.rates)
+        )
+        error = math.dist(motion.position, reference.position_ned)
+        adaptation = AdaptationMessage(
+            t, vector(d.b_hat), vector(d.b_hat_dot), vector(d.disturbance), estimate.effectiveness
+        )
+        lyapunov = LyapunovMessage(t, d.v_known, *d.v_terms, d.w, *d.w_terms, d.certificate, *tick.seen[:2])
+        return (
+            ("/command", t, commanded),
+            ("/reference", t, refer),
+            ("/estimate", t, estimated),
+            ("/errors", t, ErrorsMessage(t, error, vector(d.z1), vector(d.z2), vector(d.z3), vector(d.u_star))),
+            ("/adaptation", t, adaptation),
+            ("/lyapunov", t, lyapunov),
+            ("/timing", t, self._timing(tick, record.late_s)),
+            ("/tf", t, FrameTransform(self._time(estimate.time_s), WORLD, VEHICLE, position, attitude)),
+        )
+
+    def _timing(self, tick: Tick, late_s: float | None) -> TimingMessage:
+        now, last = tick.time_s, self._last
+        self._last = now
+        interval = 0.0 if last is None else now - last
+        return TimingMessage(now, now - tick.pose.time_s, interval, msgspec.UNSET if late_s is None else late_s)
+
+    def _transform(self, time_s: float, parent: str, child: str, at: Vec3, turned: Quat) -> Message:
+        return "/tf", time_s, FrameTransform(self._time(time_s), parent, child, vector(at), quaternion(turned))
+
+    def _time(self, time_s: float) -> Time:
+        return Time(*divmod(self.stamp(time_s), 1_000_000_000))
+
+
+def _command(c: Command) -> tuple[float, Vector3, int, float, float, tuple[Part, ...]]:
+    parts = tuple(Part(p.duration_s, p.thrust_n, vector(p.rates_rad_s)) for p in c.bring_down)
+    return c.thrust_n, vector(c.rates_rad_s), c.pose_id, c.pose_time_s, c.deadline_s, parts
+
+
+@lru_cache(64)
+def address(peer: Peer) -> str:
+    """``host:port``, the name of a serial port, or an empty string."""
+    if peer is None:
+        return ""
+    return peer[0] if peer[1] == NO_PORT else f"{peer[0]}:{peer[1]}"

@@ -1,4 +1,4 @@
-"""What a list of flights says of each: how long, how well, how it ended."""
+"""Headline of a flight, as a list of flights shows it: how long, how well, how it ended."""
 
 import math
 from typing import Any
@@ -9,7 +9,7 @@ STEADY_S = 5.0
 """Errors count from this time on the trajectory on [s], as in the paper."""
 
 
-class Headline(msgspec.Struct, frozen=True, kw_only=True):
+class FlightHeadline(msgspec.Struct, frozen=True, kw_only=True):
     """The figures of one flight."""
 
     state: str
@@ -27,7 +27,7 @@ class Headline(msgspec.Struct, frozen=True, kw_only=True):
     """Records that are missing because the recorder could not keep up."""
 
 
-class Count:
+class HeadlineCounter:
     """Keeps the headline as messages pass by."""
 
     def __init__(self) -> None:
@@ -38,20 +38,20 @@ class Count:
         self._squares = self._max = 0.0
         self._flight_time = 0.0
 
-    def told(self, state: str, text: str) -> None:
+    def enter_state(self, state: str, text: str) -> None:
         """A line of the mission, in ``state``: the first of a state says why it was entered."""
         if state != self._state:
             self._state, self._reason = state, text
 
-    def ended(self, state: str, reason: str) -> None:
+    def end_flight(self, state: str, reason: str) -> None:
         """The flight is over."""
         self._state, self._reason = state, reason
 
-    def posed(self) -> None:
+    def count_pose(self) -> None:
         """A pose was taken."""
         self._poses += 1
 
-    def ticked(self, flight_time_s: float, error_m: float) -> None:
+    def count_command(self, flight_time_s: float, error_m: float) -> None:
         """A command was made."""
         self._commands += 1
         if self._state != "tracking" or flight_time_s < 0.0:
@@ -62,7 +62,7 @@ class Count:
             self._squares += error_m * error_m
             self._max = max(self._max, error_m)
 
-    def lost(self, count: int) -> None:
+    def count_missing(self, count: int) -> None:
         """Records went missing."""
         self._lost += count
 
@@ -71,17 +71,17 @@ class Count:
         if topic == "/command":
             self._flight_time = message["flight_time_s"]
         elif topic == "/errors":
-            self.ticked(self._flight_time, message["error_m"])
+            self.count_command(self._flight_time, message["error_m"])
         elif topic == "/measured":
-            self.posed()
+            self.count_pose()
         elif topic == "/mission":
-            self.told(message["state"], message["text"])
+            self.enter_state(message["state"], message["text"])
         elif topic == "/lost":
-            self.lost(message["count"])
+            self.count_missing(message["count"])
 
-    def headline(self) -> Headline:
+    def headline(self) -> FlightHeadline:
         """The figures so far."""
-        return Headline(
+        return FlightHeadline(
             state=self._state,
             reason=self._reason,
             flown_s=self._flown,

@@ -9,7 +9,7 @@ from contextlib import suppress
 
 import msgspec
 
-from groundstation.recording.records import About, Lost, Record
+from groundstation.recording.records import About, LossRecord, Record
 from groundstation.runtime import Quiet, RecordingConfig
 from links.core import make_child_command
 
@@ -26,7 +26,7 @@ END_S = 5.0
 """How long the recorder may take to write its end [s]."""
 
 
-class Setup(msgspec.Struct, frozen=True):
+class RecorderSetup(msgspec.Struct, frozen=True):
     """The first message."""
 
     recording: RecordingConfig
@@ -65,7 +65,7 @@ class RecorderProcess:
         with suppress(OSError):  # not allowed so much: the backlog has room
             fcntl.fcntl(self._in, fcntl.F_SETPIPE_SZ, PIPE_BYTES)
         self._loop.add_reader(self._out, self._listen)
-        self._add(Setup(config, about))
+        self._add(RecorderSetup(config, about))
         self._hand_over()
 
     @property
@@ -82,9 +82,9 @@ class RecorderProcess:
         """Take one record. Never waits, never raises; whatever it costs comes later."""
         self._given.append(record)
         if self._timer is None and self._moment is None:
-            self._timer = self._loop.call_later(GATHER_S, self._gathered)
+            self._timer = self._loop.call_later(GATHER_S, self._await_quiet)
 
-    def _gathered(self) -> None:
+    def _await_quiet(self) -> None:
         """Enough for once: hand it over as soon as that delays no command."""
         self._timer = None
         self._moment = self._quiet.moment()
@@ -121,7 +121,7 @@ class RecorderProcess:
     def _admit(self) -> None:
         """Say how many records are missing here."""
         if self._lost:
-            self._add(Lost(self._loop.time(), self._lost))
+            self._add(LossRecord(self._loop.time(), self._lost))
             self._lost = 0
 
     async def close(self, *, keep: bool = True) -> None:
@@ -144,7 +144,7 @@ class RecorderProcess:
             self._close_out()
             self._say("WARNING: the recorder is still writing; it ends by itself")
 
-    def _add(self, message: Setup | Record) -> None:
+    def _add(self, message: RecorderSetup | Record) -> None:
         data = self._encoder.encode(message)
         self._backlog += len(data).to_bytes(4, "little")
         self._backlog += data
@@ -160,7 +160,7 @@ class RecorderProcess:
             while self._backlog:
                 del self._backlog[: os.write(self._in, self._backlog)]
         except BlockingIOError:
-            self._timer = self._loop.call_later(GATHER_S, self._gathered)
+            self._timer = self._loop.call_later(GATHER_S, self._await_quiet)
         except OSError:  # what it said on its way out comes by the other pipe
             self._backlog.clear()
 

@@ -15,9 +15,9 @@ from mcap.opcode import Opcode
 from mcap.records import Channel, Chunk, DataEnd, McapRecord, Metadata
 from mcap.stream_reader import StreamReader, get_chunk_data_stream
 
-from groundstation.recording.headline import Count, Headline
+from groundstation.recording.headline import FlightHeadline, HeadlineCounter
+from groundstation.recording.records import MAGIC
 
-MAGIC = b"\x89MCAP0\r\n"
 _RECORD = struct.Struct("<BQ")
 """How each begins: its kind, and how many bytes follow."""
 _MESSAGE = struct.Struct("<HIQQ")
@@ -91,9 +91,9 @@ class Recording:
             return f"is damaged at byte {self.damaged_at}: the rest is not read"
         return "" if self.whole else "was cut off"
 
-    def headline(self) -> Headline:
+    def headline(self) -> FlightHeadline:
         """The figures of the flight: as written at its end, or else counted up to the damage."""
-        count = Count()
+        count = HeadlineCounter()
         for entry in self.entries(("/command", "/errors", "/measured", "/mission", "/lost")):
             count.read(entry.topic, entry.value())
         headline = from_texts(self.result) if self.result else count.headline()
@@ -178,7 +178,7 @@ def _messages(chunk: Chunk, topics: Collection[str], names: dict[int, str]) -> I
     yield from found
 
 
-def quick_headline(path: Path) -> tuple[dict[str, str], Headline, bool]:
+def quick_headline(path: Path) -> tuple[dict[str, str], FlightHeadline, bool]:
     """About, headline, and whether the recording is whole: from its index where there is one, and all bytes hold.
 
     The bytes are summed up, nothing is unpacked: 7 ms for the 8 MB of two minutes.
@@ -225,11 +225,11 @@ def _bytes_hold(path: Path) -> bool:
         return left == 0 and bool(crc == told)
 
 
-def from_texts(result: dict[str, str]) -> Headline:
+def from_texts(result: dict[str, str]) -> FlightHeadline:
     """The headline as the recording has it."""
     return msgspec.convert(
         {key: None if value == "" and key in ("rms_m", "max_m") else value for key, value in result.items()},
-        Headline,
+        FlightHeadline,
         strict=False,
     )
 

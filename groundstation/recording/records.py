@@ -8,6 +8,8 @@ from links.core import Command, LinkStatus
 
 Peer = tuple[str, int] | None
 """Address of the other end; None on a wire that has only one."""
+MAGIC = b"\x89MCAP0\r\n"
+"""How an MCAP file begins, and ends."""
 NO_PORT = -1
 """Stands behind the name of a serial port, which is no network address."""
 
@@ -23,7 +25,7 @@ class About(msgspec.Struct, frozen=True, kw_only=True):
     trajectory: str
     period_s: float
     """Time between two commands [s]; 0 where they follow the poses, or where the link tells only once connected: then
-    each :class:`Looked` has it."""
+    each :class:`StatusRecord` has it."""
     mavlink: str = ""
     """Address of the wire that carries MAVLink; empty where none does."""
     clock: str = "real"
@@ -37,7 +39,7 @@ class About(msgspec.Struct, frozen=True, kw_only=True):
     """The simulated truth, as TOML."""
 
 
-class Opened(msgspec.Struct, frozen=True, array_like=True, gc=False, tag=1):
+class WireRecord(msgspec.Struct, frozen=True, array_like=True, gc=False, tag=1):
     """A wire was opened; ``wire`` numbers it from 0."""
 
     time_s: float
@@ -49,7 +51,7 @@ class Opened(msgspec.Struct, frozen=True, array_like=True, gc=False, tag=1):
     remote: Peer
 
 
-class Received(msgspec.Struct, frozen=True, array_like=True, gc=False, tag=2):
+class ReceivedRecord(msgspec.Struct, frozen=True, array_like=True, gc=False, tag=2):
     """Bytes came in."""
 
     time_s: float
@@ -60,7 +62,7 @@ class Received(msgspec.Struct, frozen=True, array_like=True, gc=False, tag=2):
     data: bytes
 
 
-class Sent(msgspec.Struct, frozen=True, array_like=True, gc=False, tag=3):
+class SentRecord(msgspec.Struct, frozen=True, array_like=True, gc=False, tag=3):
     """Bytes left."""
 
     time_s: float
@@ -69,19 +71,19 @@ class Sent(msgspec.Struct, frozen=True, array_like=True, gc=False, tag=3):
     data: bytes
 
 
-class Posed(msgspec.Struct, frozen=True, array_like=True, gc=False, tag=4):
+class PoseRecord(msgspec.Struct, frozen=True, array_like=True, gc=False, tag=4):
     """The pilot was given a pose."""
 
     pose: Pose
 
 
-class Followed(msgspec.Struct, frozen=True, array_like=True, gc=False, tag=5):
+class TrajectoryRecord(msgspec.Struct, frozen=True, array_like=True, gc=False, tag=5):
     """The pilot was given a trajectory, begun at ``time_s``."""
 
     time_s: float
 
 
-class Idled(msgspec.Struct, frozen=True, array_like=True, gc=False, tag=6):
+class IdleRecord(msgspec.Struct, frozen=True, array_like=True, gc=False, tag=6):
     """The pilot made an idle command."""
 
     time_s: float
@@ -89,7 +91,7 @@ class Idled(msgspec.Struct, frozen=True, array_like=True, gc=False, tag=6):
     command: Command
 
 
-class Ticked(msgspec.Struct, frozen=True, array_like=True, gc=False, tag=7):
+class TickRecord(msgspec.Struct, frozen=True, array_like=True, gc=False, tag=7):
     """The pilot made a command."""
 
     tick: Tick
@@ -97,7 +99,7 @@ class Ticked(msgspec.Struct, frozen=True, array_like=True, gc=False, tag=7):
     """How late, for its frame or after its pose came [s]; None for one in between."""
 
 
-class Told(msgspec.Struct, frozen=True, array_like=True, gc=False, tag=8):
+class LineRecord(msgspec.Struct, frozen=True, array_like=True, gc=False, tag=8):
     """A line for the operator."""
 
     time_s: float
@@ -106,7 +108,7 @@ class Told(msgspec.Struct, frozen=True, array_like=True, gc=False, tag=8):
     text: str
 
 
-class Asked(msgspec.Struct, frozen=True, array_like=True, gc=False, tag=9):
+class RequestRecord(msgspec.Struct, frozen=True, array_like=True, gc=False, tag=9):
     """Somebody asked for something: the flight's method ``what``, and why."""
 
     time_s: float
@@ -114,7 +116,7 @@ class Asked(msgspec.Struct, frozen=True, array_like=True, gc=False, tag=9):
     reason: str
 
 
-class Looked(msgspec.Struct, frozen=True, array_like=True, gc=False, tag=10):
+class StatusRecord(msgspec.Struct, frozen=True, array_like=True, gc=False, tag=10):
     """How link and pose source are, now and then."""
 
     time_s: float
@@ -122,14 +124,14 @@ class Looked(msgspec.Struct, frozen=True, array_like=True, gc=False, tag=10):
     source: PoseStatus
 
 
-class Lost(msgspec.Struct, frozen=True, array_like=True, gc=False, tag=11):
+class LossRecord(msgspec.Struct, frozen=True, array_like=True, gc=False, tag=11):
     """So many records are missing here: whoever writes them could not keep up."""
 
     time_s: float
     count: int
 
 
-class Ended(msgspec.Struct, frozen=True, array_like=True, gc=False, tag=12):
+class EndRecord(msgspec.Struct, frozen=True, array_like=True, gc=False, tag=12):
     """The flight is over."""
 
     time_s: float
@@ -141,7 +143,7 @@ GAIN = "gain "
 """What was switched, where a gain was changed in flight: this and its name."""
 
 
-class Switched(msgspec.Struct, frozen=True, array_like=True, gc=False, tag=13):
+class SwitchRecord(msgspec.Struct, frozen=True, array_like=True, gc=False, tag=13):
     """The pilot was told to fly otherwise: its method ``what``, with these numbers."""
 
     time_s: float
@@ -149,4 +151,18 @@ class Switched(msgspec.Struct, frozen=True, array_like=True, gc=False, tag=13):
     values: tuple[float, ...]
 
 
-Record = Opened | Received | Sent | Posed | Followed | Idled | Ticked | Told | Asked | Looked | Lost | Ended | Switched
+Record = (
+    WireRecord
+    | ReceivedRecord
+    | SentRecord
+    | PoseRecord
+    | TrajectoryRecord
+    | IdleRecord
+    | TickRecord
+    | LineRecord
+    | RequestRecord
+    | StatusRecord
+    | LossRecord
+    | EndRecord
+    | SwitchRecord
+)

@@ -14,7 +14,7 @@ import msgspec
 from groundstation.config import ConfigError, dump
 from groundstation.core.messages import Pose
 from groundstation.pose import CSV_COLUMNS, IN_RUN_FOLDER, CsvRow, encode_csv
-from groundstation.recording import Ended, FlightLog, Record, Ticked, Told, about
+from groundstation.recording import EndRecord, FlightLog, LineRecord, Record, TickRecord, about
 from groundstation.settings import Config
 from links.mavlink import MavlinkLinkConfig
 from sim.radio import MODULE
@@ -60,11 +60,11 @@ class RunFolder:
         self._waiting.append(record)
         if len(self._waiting) >= AT_ONCE:
             self._write()
-        if isinstance(record, Ticked):
+        if isinstance(record, TickRecord):
             self._last_s = record.tick.time_s
-        elif isinstance(record, Told):
+        elif isinstance(record, LineRecord):
             self._state = record.state
-        elif isinstance(record, Ended):
+        elif isinstance(record, EndRecord):
             self._ended = True
 
     def _write(self) -> None:
@@ -97,7 +97,7 @@ class RunFolder:
     def close(self, facts: dict[str, Any]) -> None:
         """Write the result and close everything."""
         if not self._ended:  # the simulation has, in the air: that is no end of a mission
-            self._waiting.append(Ended(self._last_s, self._state, facts["why"]))
+            self._waiting.append(EndRecord(self._last_s, self._state, facts["why"]))
         while self._waiting:
             try:
                 self._write()

@@ -8,7 +8,7 @@ import sys
 
 from groundstation.core import Pilot, Tick
 from groundstation.core.messages import Pose
-from groundstation.recording import Received, RecorderProcess, Sent, Ticked, about
+from groundstation.recording import ReceivedRecord, RecorderProcess, SentRecord, TickRecord, about
 from groundstation.runtime import RecordingConfig
 from groundstation.settings import Config
 
@@ -29,9 +29,9 @@ async def record(folder: str) -> None:
     process = RecorderProcess(RecordingConfig(folder=folder), about(Config()), print)
     while True:
         now = loop.time()
-        process.give(Received(now, 0, 0, ("127.0.0.1", 1), b"x" * 90))
-        process.give(Ticked(tick._replace(time_s=now)))
-        process.give(Sent(now, 1, ("127.0.0.1", 2), b"y" * 53))
+        process.give(ReceivedRecord(now, 0, 0, ("127.0.0.1", 1), b"x" * 90))
+        process.give(TickRecord(tick._replace(time_s=now)))
+        process.give(SentRecord(now, 1, ("127.0.0.1", 2), b"y" * 53))
         print(repr(now), flush=True)
         await asyncio.sleep(0.01)
 

@@ -16,7 +16,15 @@ from statistics import median
 import pytest
 
 from groundstation.pose import TlogReader
-from groundstation.recording import Received, RecorderProcess, Recording, Sent, Ticked, Told, about
+from groundstation.recording import (
+    LineRecord,
+    ReceivedRecord,
+    RecorderProcess,
+    Recording,
+    SentRecord,
+    TickRecord,
+    about,
+)
 from groundstation.recording.process import BACKLOG_BYTES
 from groundstation.runtime import RecordingConfig, being_written
 from groundstation.settings import Config
@@ -56,8 +64,8 @@ async def killed_at(moments: list[float], folder: Path) -> list[tuple[float, lis
             if begun is None and any(path.stat().st_size for path in own.glob("*.mcap")):  # noqa: ASYNC240
                 begun = loop.time()
             handed.append(loop.time())
-            process.give(Received(handed[-1], 0, 0, ("127.0.0.1", 1), b"x" * 90))
-            process.give(Ticked(tick._replace(time_s=handed[-1])))
+            process.give(ReceivedRecord(handed[-1], 0, 0, ("127.0.0.1", 1), b"x" * 90))
+            process.give(TickRecord(tick._replace(time_s=handed[-1])))
             await asyncio.sleep(0.01)
         os.kill(process.pid, signal.SIGKILL)
         killed = loop.time()
@@ -130,13 +138,13 @@ def test_a_full_disk_is_told_of_and_what_waited_is_written_once_there_is_room(tm
 
     async def script(process: RecorderProcess, said: list[str]) -> None:
         for number in range(1500):
-            process.give(Ticked(tick._replace(time_s=0.01 * number)))
-            process.give(Sent(0.01 * number, 0, None, os.urandom(200)))
+            process.give(TickRecord(tick._replace(time_s=0.01 * number)))
+            process.give(SentRecord(0.01 * number, 0, None, os.urandom(200)))
             if number % 50 == 0:
                 await asyncio.sleep(0.02)
         while not any("recording waits" in line for line in said):
             await asyncio.sleep(0.01)
-            process.give(Told(20.0, "tracking", "is it told?"))
+            process.give(LineRecord(20.0, "tracking", "is it told?"))
         resource.prlimit(process.pid, resource.RLIMIT_FSIZE, (resource.RLIM_INFINITY, resource.RLIM_INFINITY))
 
     said = asyncio.run(talk(tmp_path, script, limit=100_000))
@@ -151,8 +159,8 @@ def test_a_disk_that_stays_full_leaves_a_recording_that_opens(tmp_path: Path) ->
 
     async def script(process: RecorderProcess, _: list[str]) -> None:
         for number in range(1500):
-            process.give(Ticked(tick._replace(time_s=0.01 * number)))
-            process.give(Sent(0.01 * number, 0, None, os.urandom(200)))
+            process.give(TickRecord(tick._replace(time_s=0.01 * number)))
+            process.give(SentRecord(0.01 * number, 0, None, os.urandom(200)))
         await asyncio.sleep(0.5)
 
     said = asyncio.run(talk(tmp_path, script, limit=100_000))
@@ -172,18 +180,18 @@ def test_a_recorder_that_hangs_never_holds_up_the_loop_and_what_is_left_out_is_c
         block = b"z" * 100_000
         for number in range(BACKLOG_BYTES // len(block) + 40):
             begun = time.perf_counter()
-            process.give(Sent(0.001 * number, 0, None, block))
+            process.give(SentRecord(0.001 * number, 0, None, block))
             slowest = max(slowest, time.perf_counter() - begun)
             if number % 20 == 0:
                 await asyncio.sleep(0.06)
         os.kill(process.pid, signal.SIGCONT)
         while not await _drained(process):
             pass
-        process.give(Told(1.0, "tracking", "again"))
+        process.give(LineRecord(1.0, "tracking", "again"))
 
     async def _drained(process: RecorderProcess) -> bool:
         await asyncio.sleep(0.06)
-        process.give(Told(0.9, "tracking", "is there room?"))
+        process.give(LineRecord(0.9, "tracking", "is there room?"))
         return process.waiting == 0
 
     asyncio.run(talk(tmp_path, script))
@@ -200,7 +208,7 @@ def test_the_recorder_is_deaf_to_what_a_terminal_sends(tmp_path: Path) -> None:
         for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP, signal.SIGQUIT):
             os.kill(process.pid, number)
         await asyncio.sleep(0.1)
-        process.give(Told(1.0, "tracking", "still here"))
+        process.give(LineRecord(1.0, "tracking", "still here"))
 
     asyncio.run(talk(tmp_path, script))
     assert times(the_recording(tmp_path), "/mission") == [1.0]
@@ -211,7 +219,7 @@ def test_a_folder_that_cannot_be_written_is_told_of_and_nothing_else_happens(tmp
 
     async def script(process: RecorderProcess, _: list[str]) -> None:
         for _again in range(100):
-            process.give(Told(1.0, "tracking", "x"))
+            process.give(LineRecord(1.0, "tracking", "x"))
             await asyncio.sleep(0.01)
 
     said = asyncio.run(talk(tmp_path / "file", script))

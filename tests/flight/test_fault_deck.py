@@ -8,7 +8,7 @@ from itertools import repeat
 import pytest
 
 from groundstation.core.geometry import euler_zyx
-from groundstation.recording import Idled
+from groundstation.recording import IdleRecord
 from links.core import Command, Segment
 from links.mavlink.protocol import MavlinkCodec
 from sim.__main__ import main
@@ -158,7 +158,7 @@ def judged(time_s: float, thrust: float, rates: tuple[float, float, float] = (0.
     _, config = prepare(SCENARIOS["paper"], [])
     wire = Wire(config, Thrust(0.8, lambda time_s, signal: signal, 0.3))
     parts = (Segment(0.5, 0.6, (0.1, 0.0, 0.0)), Segment(0.1, 0.0, (0.0, 0.0, 0.0)))
-    wire.record(Idled(0.75, 0.8, Command(0.8, (0.0, 0.0, 0.0), 0, 0.75, 1.0, parts)))
+    wire.record(IdleRecord(0.75, 0.8, Command(0.8, (0.0, 0.0, 0.0), 0, 0.75, 1.0, parts)))
     frame = MavlinkCodec(245, 190).attitude_target(time_s, 1, 1, 0.5, (0.0, 0.0, 0.0))
     frame = frame.ljust(60, b"\0")[:30] + struct.pack("<4f", *rates, thrust / config.full_thrust_n)
     wire.tap(time_s, STATION, VEHICLE, frame)

@@ -11,8 +11,8 @@ import pytest
 
 from groundstation.analysis.replay.command import replayed
 from groundstation.core.mission import FINAL
-from groundstation.recording import Idled, Record, Sent, Ticked, Told
-from groundstation.recording.records import Switched
+from groundstation.recording import IdleRecord, LineRecord, Record, SentRecord, TickRecord
+from groundstation.recording.records import SwitchRecord
 from links.mavlink.protocol import DO_SET_MODE, MavlinkCodec
 from sim.cli.run_folder import RECORDING, RunFolder
 from sim.runs import from_floor
@@ -38,12 +38,14 @@ class Cell(NamedTuple):
     @property
     def reasons(self) -> list[str]:
         """What the operator read."""
-        return [one.text for one in self.records if isinstance(one, Told)]
+        return [one.text for one in self.records if isinstance(one, LineRecord)]
 
     @property
     def convicted_s(self) -> float:
         """When the poses were convicted [s]."""
-        return next(one.time_s for one in self.records if isinstance(one, Told) and one.text.startswith(CONVICTED))
+        return next(
+            one.time_s for one in self.records if isinstance(one, LineRecord) and one.text.startswith(CONVICTED)
+        )
 
 
 @cache
@@ -97,12 +99,14 @@ def test_a_picture_that_stands_still_is_found_out_while_the_vehicle_is_near_and_
 @pytest.mark.parametrize("fault", ["frozen", "frozen, radio"])
 def test_no_command_follows_the_one_that_ends_a_convicted_flight(fault: str) -> None:
     cell = flown(fault, "tracking")
-    after = [one for one in cell.records if isinstance(one, Ticked | Idled | Switched)]
-    last = next(i for i, one in enumerate(after) if isinstance(one, Switched) and one.what == "surrender")
+    after = [one for one in cell.records if isinstance(one, TickRecord | IdleRecord | SwitchRecord)]
+    last = next(i for i, one in enumerate(after) if isinstance(one, SwitchRecord) and one.what == "surrender")
     (command,) = after[last + 1 :]
-    assert isinstance(command, Idled)
+    assert isinstance(command, IdleRecord)
     assert command.command.bring_down, "down on the model"
-    assert any(one.state in FINAL and one.text.startswith(CONVICTED) for one in cell.records if isinstance(one, Told))
+    assert any(
+        one.state in FINAL and one.text.startswith(CONVICTED) for one in cell.records if isinstance(one, LineRecord)
+    )
 
 
 @pytest.mark.parametrize("fault", ["frozen", "frozen, radio", "late by 200 ms, fresh"])
@@ -112,7 +116,7 @@ def test_a_flight_that_ends_by_what_the_commands_did_is_flown_again_to_the_last_
     assert facts["first_difference"] is None
     assert facts["identical"] is True
     assert facts["differing"] == {"pose": 0, "idle": 0, "command": 0}
-    assert facts["commands"] == sum(isinstance(one, Ticked) for one in cell.records) > 100
+    assert facts["commands"] == sum(isinstance(one, TickRecord) for one in cell.records) > 100
 
 
 @pytest.mark.parametrize(
@@ -146,7 +150,7 @@ def test_a_conviction_ends_what_the_autopilot_is_told_of_the_poses_and_no_land_r
     left = [
         (one.time_s, message)
         for one in cell.records
-        if isinstance(one, Sent)
+        if isinstance(one, SentRecord)
         for message in codec.feed_datagram(one.data)
     ]
     forwarded_s = [time_s for time_s, message in left if message.get_type() == "ODOMETRY"]

@@ -24,18 +24,18 @@ from groundstation.pose import TlogReader, read_csv
 from groundstation.recording import (
     CHANNELS,
     STEADY_S,
+    LineRecord,
     NoRecording,
-    Received,
+    ReceivedRecord,
     Record,
     Recording,
-    Sent,
-    Ticked,
-    Told,
+    SentRecord,
+    TickRecord,
     quick_headline,
     schema,
 )
-from groundstation.recording.log import FLUSH_S, PatientFile
-from groundstation.recording.records import Posed
+from groundstation.recording.records import PoseRecord
+from groundstation.recording.writer import FLUSH_S, PatientFile
 from groundstation.runtime import RecordingConfig, made_folder
 from groundstation.settings import Config
 from sim.__main__ import main
@@ -113,7 +113,7 @@ def test_the_first_record_says_what_flew_and_how_to_fly_it_again() -> None:
 def test_every_command_pose_and_byte_is_in_it_to_the_last_bit() -> None:
     path, _, records = recorded()
     entries = [(entry.topic, entry.value()) for entry in Recording(path).entries()]
-    ticks = [record.tick for record in records if isinstance(record, Ticked)]
+    ticks = [record.tick for record in records if isinstance(record, TickRecord)]
     commands = [value for topic, value in entries if topic == "/command"]
     assert len(ticks) == len(commands) > 300
     for tick, value in zip(ticks, commands, strict=True):
@@ -124,8 +124,8 @@ def test_every_command_pose_and_byte_is_in_it_to_the_last_bit() -> None:
         )
         assert (value["time_s"], value["deadline_s"]) == (tick.time_s, tick.command.deadline_s)
     stamps = [value["time_s"] for topic, value in entries if topic == "/measured"]
-    assert stamps == [record.pose.time_s for record in records if isinstance(record, Posed)]
-    for kind, channel in ((Received, "/raw/received"), (Sent, "/raw/sent")):
+    assert stamps == [record.pose.time_s for record in records if isinstance(record, PoseRecord)]
+    for kind, channel in ((ReceivedRecord, "/raw/received"), (SentRecord, "/raw/sent")):
         held = [value["data"] for topic, value in entries if topic == channel]
         assert len(held) == sum(isinstance(record, kind) for record in records) > 300
 
@@ -139,7 +139,7 @@ def test_the_tlog_holds_what_crossed_the_wire_both_ways() -> None:
     path, _, records = recorded()
     found = list(TlogReader(path.with_suffix(".tlog").read_bytes()))
     names = [record.message.get_type() for record in found]
-    ticks = sum(isinstance(record, Ticked) for record in records)
+    ticks = sum(isinstance(record, TickRecord) for record in records)
     assert names.count("SET_ATTITUDE_TARGET") >= ticks
     assert {"HEARTBEAT", "COMMAND_ACK"} <= set(names)
     assert [record.time_s for record in found] == sorted(record.time_s for record in found)
@@ -153,7 +153,7 @@ def test_the_headline_is_the_same_from_the_index_and_counted_from_the_messages()
     errors = [
         math.dist(r.tick.estimate.motion.position, r.tick.reference.position_ned)
         for r in records
-        if isinstance(r, Ticked) and r.tick.flight_time_s >= STEADY_S
+        if isinstance(r, TickRecord) and r.tick.flight_time_s >= STEADY_S
     ]
     assert headline.max_m == pytest.approx(max(errors))
     assert headline.rms_m == pytest.approx(math.sqrt(sum(e * e for e in errors) / len(errors)))
@@ -318,7 +318,7 @@ def test_the_poses_of_a_recording_can_be_played_again(tmp_path: Path, capsys: py
     dropped: Counter[str] = Counter()
     with (tmp_path / "poses.csv").open() as lines:
         played = list(read_csv(lines, dropped))
-    came = [record.pose for record in records if isinstance(record, Posed)]
+    came = [record.pose for record in records if isinstance(record, PoseRecord)]
     assert [(r.t_s, r.arrival_s, r.position, r.attitude) for r in played] == [
         (pose.time_s, pose.arrival_s, pose.position_ned, pose.attitude) for pose in came
     ]
@@ -337,7 +337,7 @@ def test_a_file_that_is_no_recording_is_told_of(tmp_path: Path) -> None:
 
 
 def test_a_recording_ends_as_its_flight_did(tmp_path: Path) -> None:
-    def ended(name: str, *overrides: str, duration_s: float) -> tuple[dict[str, str], list[Told]]:
+    def ended(name: str, *overrides: str, duration_s: float) -> tuple[dict[str, str], list[LineRecord]]:
         world, config = prepare(SCENARIOS["paper"], list(overrides))
         run, records = RunFolder(tmp_path / name, config, world, scenario="paper", seed=0), list[Record]()
 
@@ -349,7 +349,7 @@ def test_a_recording_ends_as_its_flight_did(tmp_path: Path) -> None:
         run.close({"completed": result.completed, "why": result.why})
         recording = Recording(tmp_path / name / RECORDING)
         list(recording.entries())
-        return recording.result, [record for record in records if isinstance(record, Told)]
+        return recording.result, [record for record in records if isinstance(record, LineRecord)]
 
     cut_off, told = ended("a", duration_s=1.0)
     assert (cut_off["state"], cut_off["reason"]) == ("tracking", "flown to the end")
@@ -360,7 +360,7 @@ def test_a_recording_ends_as_its_flight_did(tmp_path: Path) -> None:
 
 def test_where_commands_follow_poses_the_recording_knows_how_long_after_their_pose_they_left() -> None:
     path, _, records = recorded("paper", "link.pace=poses", duration_s=3.0)
-    ticks = [record.tick for record in records if isinstance(record, Ticked)]
+    ticks = [record.tick for record in records if isinstance(record, TickRecord)]
     late = [entry.value().get("lateness_s") for entry in Recording(path).entries(("/timing",))]
     assert sum(one is not None for one in late) == len({tick.pose.id for tick in ticks}) > 50
     for one, tick in zip(late, ticks, strict=True):
@@ -372,7 +372,7 @@ def test_of_a_simulated_flight_that_ends_in_an_error_everything_up_to_it_is_reco
 ) -> None:
     def broken(*_: Any, give: Callable[[Record], None], **__: Any) -> None:
         for n in range(AT_ONCE + 7):
-            give(Told(0.001 * n, "tracking", f"line {n}"))
+            give(LineRecord(0.001 * n, "tracking", f"line {n}"))
         raise ZeroDivisionError
 
     monkeypatch.setattr("sim.runs.fly", broken)

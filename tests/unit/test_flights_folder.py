@@ -10,7 +10,7 @@ from typing import Any
 import pytest
 
 from groundstation.analysis import logs_command
-from groundstation.recording.headline import Count
+from groundstation.recording.headline import HeadlineCounter
 from groundstation.runtime import RecordingConfig, being_written, folder_of, free_name, recordings, tidy
 
 NOW = 1_800_000_000.0
@@ -114,7 +114,7 @@ def test_the_list_tidies_when_told_to(tmp_path: Path, capsys: pytest.CaptureFixt
 
 
 def test_why_a_flight_ended_is_what_led_to_its_last_state_and_not_what_was_told_after() -> None:
-    count = Count()
+    count = HeadlineCounter()
     for state, text in (
         ("landing", "told by tui 7"),
         ("landed", "landed and disarmed"),
@@ -122,7 +122,7 @@ def test_why_a_flight_ended_is_what_led_to_its_last_state_and_not_what_was_told_
     ):
         count.read("/mission", {"state": state, "text": text})
     assert (count.headline().state, count.headline().reason) == ("landed", "landed and disarmed")
-    count.ended("landed", "flown to the end")
+    count.end_flight("landed", "flown to the end")
     assert count.headline().reason == "flown to the end"
 
 

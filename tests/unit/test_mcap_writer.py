@@ -1,4 +1,4 @@
-"""groundstation/recording/mcap_writer.py against the package that MCAP's own project publishes."""
+"""groundstation/recording/writer.py against the package that MCAP's own project publishes."""
 
 import io
 import random
@@ -13,7 +13,7 @@ from mcap.stream_reader import StreamReader
 from mcap.writer import CompressionType, Writer
 
 from groundstation.recording import McapWriter
-from groundstation.recording.mcap_writer import CHUNK_BYTES
+from groundstation.recording.writer import CHUNK_BYTES
 
 TOPICS = {"/a": b"{}", "/b": b'{"type": "object"}', "/ü": b"{}"}
 

@@ -1,12 +1,12 @@
-"""groundstation/recording/wires.py: what is seen of wires, and whose."""
+"""groundstation/recording/recorded_flight.py: what is seen of wires, and whose."""
 
 import asyncio
 from typing import Any
 
-from groundstation.recording import Received, Record, Sent
-from groundstation.recording.log import TlogCutter
-from groundstation.recording.records import Opened
-from groundstation.recording.wires import Wires
+from groundstation.recording import ReceivedRecord, Record, SentRecord
+from groundstation.recording.recorded_flight import WireTaps
+from groundstation.recording.records import WireRecord
+from groundstation.recording.writer import TlogCutter
 from links.io import parse_address
 from sim.time import VirtualTimeLoop
 from tests.loops import free_address
@@ -38,7 +38,7 @@ async def talk(records: list[Record]) -> tuple[Echo, tuple[str, int]]:
     address = parse_address(await free_address())
 
     async def ours() -> Echo:
-        Wires(records.append).tap()
+        WireTaps(records.append).tap()
         _, echo = await loop.create_datagram_endpoint(Echo, local_addr=address)
         assert isinstance(echo, Echo)
         return echo
@@ -57,13 +57,13 @@ async def talk(records: list[Record]) -> tuple[Echo, tuple[str, int]]:
 def check(records: list[Record], echo: Echo, address: tuple[str, int]) -> None:
     assert echo.heard[0] == b"hello"
     opened, received, sent = records[:3]
-    assert isinstance(opened, Opened)
+    assert isinstance(opened, WireRecord)
     assert (opened.wire, opened.kind, opened.local, opened.remote) == (0, "udp", address, None)
-    assert isinstance(received, Received)
-    assert isinstance(sent, Sent)
+    assert isinstance(received, ReceivedRecord)
+    assert isinstance(sent, SentRecord)
     assert (received.wire, received.data) == (0, b"hello")
     assert (sent.wire, sent.data, sent.peer) == (0, b"HELLO", received.peer)
-    assert sum(isinstance(record, Opened) for record in records) == 1, "nobody else's wire"
+    assert sum(isinstance(record, WireRecord) for record in records) == 1, "nobody else's wire"
 
 
 def test_a_real_datagram_is_seen_both_ways_and_only_ours() -> None:
@@ -89,7 +89,7 @@ def test_a_tcp_connection_is_seen_both_ways() -> None:
         port = server.sockets[0].getsockname()[1]
 
         async def ours() -> bytes:
-            Wires(records.append).tap()
+            WireTaps(records.append).tap()
             reader, writer = await asyncio.open_connection("127.0.0.1", port)
             writer.write(b"hello\n")
             answered = await reader.read()
@@ -102,9 +102,9 @@ def test_a_tcp_connection_is_seen_both_ways() -> None:
 
     assert asyncio.run(run()) == b"HELLO\n"
     assert [(type(record), getattr(record, "data", b"")) for record in records] == [
-        (Opened, b""),
-        (Sent, b"hello\n"),
-        (Received, b"HELLO\n"),
+        (WireRecord, b""),
+        (SentRecord, b"hello\n"),
+        (ReceivedRecord, b"HELLO\n"),
     ]
 
 
@@ -112,16 +112,16 @@ def test_turns_tell_arrivals_apart_between_which_a_task_may_have_run() -> None:
     records: list[Record] = []
 
     async def run() -> None:
-        wires = Wires(records.append)
+        wires = WireTaps(records.append)
         wires.tap()
-        wires.received(0, b"a", None)
-        wires.received(0, b"b", None)
+        wires.note_received(0, b"a", None)
+        wires.note_received(0, b"b", None)
         await asyncio.sleep(0)
         await asyncio.sleep(0)
-        wires.received(0, b"c", None)
+        wires.note_received(0, b"c", None)
 
     asyncio.run(run())
-    turns = [record.turn for record in records if isinstance(record, Received)]
+    turns = [record.turn for record in records if isinstance(record, ReceivedRecord)]
     assert turns[0] == turns[1] < turns[2]
 
 

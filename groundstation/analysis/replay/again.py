@@ -26,14 +26,14 @@ from links.core import Command, Segment
 from links.mavlink import MavlinkLinkConfig
 
 
-def read_pose(seen: ch.Measured) -> Pose:
+def read_pose(seen: ch.MeasuredMessage) -> Pose:
     """The pose as the pilot got it."""
     velocity = None if seen.velocity_ned is msgspec.UNSET else _tuple(seen.velocity_ned)
     at, attitude = _tuple(seen.position_ned), _quat(seen.attitude)
     return Pose(seen.id, seen.time_s, seen.arrival_s, at, attitude, velocity, seen.reset_count)
 
 
-def read_reference(r: ch.Refer) -> Reference:
+def read_reference(r: ch.ReferenceMessage) -> Reference:
     """Where the vehicle should have been."""
     return Reference(
         _tuple(r.position_ned),
@@ -45,7 +45,7 @@ def read_reference(r: ch.Refer) -> Reference:
     )
 
 
-def read_command(c: ch.Commanded | ch.Idle) -> Command:
+def read_command(c: ch.CommandMessage | ch.IdleMessage) -> Command:
     """The command as it was handed to the link."""
     parts = tuple(Segment(part.duration_s, part.thrust_n, _tuple(part.rates_rad_s)) for part in c.bring_down)
     return Command(c.thrust_n, _tuple(c.rates_rad_s), c.pose_id, c.pose_time_s, c.deadline_s, parts)
@@ -194,7 +194,7 @@ class _Again:
         self._deaf: list[str] = []
         self._begun = False
         self._turn = -1
-        self._command: ch.Commanded | None = None
+        self._command: ch.CommandMessage | None = None
         self._surrender_s: float | None = None
         self._pairs: list[Pair] = []
         self._comparison = Comparison()
@@ -206,21 +206,21 @@ class _Again:
             case "/raw/received":
                 self._received(msgspec.json.decode(entry.data, type=ch.RawReceived), entries, index)
             case "/reference":
-                self._tick(msgspec.json.decode(entry.data, type=ch.Refer))
+                self._tick(msgspec.json.decode(entry.data, type=ch.ReferenceMessage))
             case "/command":
-                self._command = msgspec.json.decode(entry.data, type=ch.Commanded)
+                self._command = msgspec.json.decode(entry.data, type=ch.CommandMessage)
             case "/measured":
-                self._measured(msgspec.json.decode(entry.data, type=ch.Measured))
+                self._measured(msgspec.json.decode(entry.data, type=ch.MeasuredMessage))
             case "/idle":
-                self._idle(msgspec.json.decode(entry.data, type=ch.Idle))
+                self._idle(msgspec.json.decode(entry.data, type=ch.IdleMessage))
             case "/follow":
-                self._pilot.follow(self._told, msgspec.json.decode(entry.data, type=ch.Follow).time_s)
+                self._pilot.follow(self._told, msgspec.json.decode(entry.data, type=ch.FollowMessage).time_s)
             case "/switch":
-                self._switch(msgspec.json.decode(entry.data, type=ch.Switch))
+                self._switch(msgspec.json.decode(entry.data, type=ch.SwitchMessage))
             case "/raw/opened":
                 self._opened(msgspec.json.decode(entry.data, type=ch.WireOpened))
             case "/lost":
-                self._lost += msgspec.json.decode(entry.data, type=ch.Missing).count
+                self._lost += msgspec.json.decode(entry.data, type=ch.LostMessage).count
 
     def result(self) -> Reflown:
         c = self._comparison
@@ -267,7 +267,7 @@ class _Again:
         else:
             protocol.data_received(received.data)
 
-    def _measured(self, seen: ch.Measured) -> None:
+    def _measured(self, seen: ch.MeasuredMessage) -> None:
         while self._delivered and self._delivered[0].id < seen.id:
             self._delivered.popleft()  # the flight did not take it either
         if not (self._delivered and self._delivered[0].id == seen.id):
@@ -281,13 +281,13 @@ class _Again:
             self._comparison.compare("pose", seen.arrival_s, recorded, pose)
         self._pilot.pose(pose)
 
-    def _idle(self, idle: ch.Idle) -> None:
+    def _idle(self, idle: ch.IdleMessage) -> None:
         pilot, hold_s = self._pilot, self._surrender_s
         command = pilot.idle(idle.time_s, idle.thrust_n) if hold_s is None else pilot.surrender(idle.time_s, hold_s)
         self._surrender_s = None
         self._comparison.compare("idle", idle.time_s, read_command(idle), command)
 
-    def _switch(self, switch: ch.Switch) -> None:
+    def _switch(self, switch: ch.SwitchMessage) -> None:
         pilot, values = self._pilot, switch.values
         match switch.what, len(values):
             case "stand", 0:
@@ -301,7 +301,7 @@ class _Again:
             case what, 1 if what.startswith(GAIN):
                 pilot.gain(what.removeprefix(GAIN), values[0])
 
-    def _tick(self, reference: ch.Refer) -> None:
+    def _tick(self, reference: ch.ReferenceMessage) -> None:
         recorded = self._command
         if recorded is None:
             return
@@ -326,7 +326,7 @@ def _arrival_s(entries: list[Entry], index: int) -> float | None:
     for following in range(index + 1, len(entries)):
         entry = entries[following]
         if entry.topic == "/measured":
-            return msgspec.json.decode(entry.data, type=ch.Measured).arrival_s
+            return msgspec.json.decode(entry.data, type=ch.MeasuredMessage).arrival_s
         if entry.topic == "/raw/received":
             break
     return None

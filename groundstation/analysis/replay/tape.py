@@ -12,7 +12,7 @@ from contextlib import contextmanager
 from typing import Any
 
 Wire = tuple[str, str, str]
-"""Kind, and both addresses as they were asked for (records.Opened)."""
+"""Kind, and both addresses as they were asked for (records.WireRecord)."""
 
 
 class _Stopper(selectors.DefaultSelector):

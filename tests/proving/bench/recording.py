@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 from groundstation.core import Pilot
 from groundstation.core.messages import Pose
 from groundstation.flight import Due, make_ends
-from groundstation.recording import Received, Record, RecordedPilot, RecorderProcess, Sent, about
+from groundstation.recording import ReceivedRecord, Record, RecordedPilot, RecorderProcess, SentRecord, about
 from groundstation.runtime import RecordingConfig, sleep_until
 from groundstation.settings import Config
 
@@ -42,7 +42,7 @@ async def flown(ticks: int, pilot: Pilot, config: Config, give: Callable[[Record
         now = loop.time()
         start = thread_time()
         if give is not None:
-            give(Received(now, 0, number, ("127.0.0.1", 51001), POSE_BYTES))
+            give(ReceivedRecord(now, 0, number, ("127.0.0.1", 51001), POSE_BYTES))
         at = trajectory.at(now - first).position_ned
         pilot.pose(Pose(number, now - 0.02, now, at, (1.0, 0.0, 0.0, 0.0)))
         if number == 0:
@@ -50,7 +50,7 @@ async def flown(ticks: int, pilot: Pilot, config: Config, give: Callable[[Record
         pilot.tick(now)
         path.append(thread_time() - start)
         if give is not None:
-            give(Sent(now, 1, ("127.0.0.1", 14540), COMMAND_BYTES))
+            give(SentRecord(now, 1, ("127.0.0.1", 14540), COMMAND_BYTES))
     await asyncio.sleep(0.1)
     return (thread_time() - begun) / ticks, median(path)
 

@@ -8,7 +8,7 @@ import math
 import struct
 from collections import deque
 
-from groundstation.recording import Idled, Record, Ticked
+from groundstation.recording import IdleRecord, Record, TickRecord
 from groundstation.settings import Config
 from links.core import Command, Segment, signal
 from links.mavlink import MavlinkLinkConfig
@@ -60,9 +60,9 @@ class Wire:
 
     def record(self, record: Record) -> None:
         """Take what the flight hands to its recorder."""
-        if isinstance(record, Ticked):
+        if isinstance(record, TickRecord):
             self._commands.append(record.tick.command)
-        elif isinstance(record, Idled):
+        elif isinstance(record, IdleRecord):
             self._commands.append(record.command)
 
     def tap(self, time_s: float, source: Address, target: Address, data: bytes) -> None:
