@@ -48,7 +48,7 @@ def pad(name: str = "Xbox pad", path: str = "/dev/input/event5") -> DeviceDouble
 
 
 class Hand:
-    """An input that a test holds. Implements :class:`groundstation.flight.hold_to_run.watch.Input`."""
+    """An input that a test holds. Implements :class:`groundstation.flight.hold_to_run.Input`."""
 
     what = "the pedal"
 

@@ -6,8 +6,17 @@ from typing import NamedTuple
 
 import msgspec
 
-from groundstation.core.control import OFF, Adaptive, Descent, Seen, Watch, plan_bring_down, plan_model_descent
-from groundstation.core.controllers import ControllerConfig, make_controller
+from groundstation.core.control import (
+    OFF,
+    Adaptive,
+    ControllerConfig,
+    Descent,
+    Seen,
+    Watch,
+    make_controller,
+    plan_bring_down,
+    plan_model_descent,
+)
 from groundstation.core.estimation import ModelEstimator
 from groundstation.core.geometry import FLOATS, Vec3, euler_zyx
 from groundstation.core.messages import Certificate, Decision, Estimate, Pose

@@ -1,28 +1,53 @@
 """One flight: pre-arm checks, mission, command loop, shutdown, statistics."""
 
-from groundstation.flight import checks as checks
-from groundstation.flight import preflight as preflight
-
 TYPE_CHECKING = False
 if TYPE_CHECKING:
-    from groundstation.flight.checks import Company, body_of, entry_of, link_of
-    from groundstation.flight.confirm import confirmation, ensure_named, line_from_terminal
-    from groundstation.flight.ends import make_ends
-    from groundstation.flight.flight import Flight, Outcome
-    from groundstation.flight.pacing import Due
-    from groundstation.flight.preflight import ensure_flyable, ensure_guarded, ensure_link, is_simulated, key, look
-    from groundstation.flight.proof import Proof, digest, place, save
+    from groundstation.flight.flight import Flight, Outcome, make_ends
+    from groundstation.flight.hold_to_run import HoldWatch, ensure_held, make_hold
+    from groundstation.flight.prearm import Company, body_of, describe_checks, describe_failures, entry_of, link_of
+    from groundstation.flight.preflight import (
+        Proof,
+        confirmation,
+        describe_trajectory,
+        digest,
+        ensure_flyable,
+        ensure_guarded,
+        ensure_link,
+        ensure_named,
+        examine_trajectory,
+        explain_refusal,
+        is_simulated,
+        key,
+        line_from_terminal,
+        place,
+        save,
+    )
     from groundstation.flight.sender import DISARM_WAIT_S
+    from groundstation.flight.statistics import Due
 
 _MODULES = {
-    "checks": ("Company", "body_of", "entry_of", "link_of"),
-    "confirm": ("confirmation", "ensure_named", "line_from_terminal"),
-    "ends": ("make_ends",),
-    "flight": ("Flight", "Outcome"),
-    "pacing": ("Due",),
-    "preflight": ("ensure_flyable", "ensure_guarded", "ensure_link", "is_simulated", "key", "look"),
-    "proof": ("Proof", "digest", "place", "save"),
+    "flight": ("Flight", "Outcome", "make_ends"),
+    "hold_to_run": ("HoldWatch", "ensure_held", "make_hold"),
+    "prearm": ("Company", "body_of", "describe_checks", "describe_failures", "entry_of", "link_of"),
+    "preflight": (
+        "Proof",
+        "confirmation",
+        "describe_trajectory",
+        "digest",
+        "ensure_flyable",
+        "ensure_guarded",
+        "ensure_link",
+        "ensure_named",
+        "examine_trajectory",
+        "explain_refusal",
+        "is_simulated",
+        "key",
+        "line_from_terminal",
+        "place",
+        "save",
+    ),
     "sender": ("DISARM_WAIT_S",),
+    "statistics": ("Due",),
 }
 
 

@@ -1,9 +1,21 @@
-"""What is looked at before take-off, and before anything is opened: whether this configuration may fly at all."""
+"""Preflight: whether a configuration may fly at all, before anything is opened.
 
+What it asks of the vehicle, what was proven of it with its propellers off (kept in a file of the operator's), and who
+says that its motors may start.
+"""
+
+import asyncio
+import hashlib
+import os
+import sys
+from collections.abc import Awaitable, Callable
 from pathlib import Path
+
+import msgspec
 
 from groundstation.config import ConfigError
 from groundstation.core.trajectory import Demand, Report, check, refusal
+from groundstation.runtime import FILE, RecordingConfig, folder_of, ours
 from groundstation.settings import Config
 from links.bridge import BridgeLinkConfig
 from links.io import is_pseudo_terminal, read_key
@@ -11,7 +23,7 @@ from links.mavlink.protocol import MavlinkLinkConfig
 from links.rf.codecs import RfLinkConfig
 
 
-def look(config: Config) -> Report:
+def examine_trajectory(config: Config) -> Report:
     """The trajectory of ``config``, held against its vehicle, its limits and its floor."""
     return check(
         config.trajectory.build(),
@@ -22,7 +34,7 @@ def look(config: Config) -> Report:
     )
 
 
-def refused(config: Config, report: Report) -> str | None:
+def explain_refusal(config: Config, report: Report) -> str | None:
     """Why the trajectory must not fly, with the time, the limit and what to do; None if it may."""
     return refusal(report, getattr(config.trajectory, "speed_m_s", None))
 
@@ -33,7 +45,7 @@ def ensure_flyable(config: Config) -> None:
     Raises:
         ConfigError: with the time and the limit.
     """
-    why = refused(config, look(config))
+    why = explain_refusal(config, examine_trajectory(config))
     if why is not None:
         raise ConfigError("trajectory", f"{why}. To see all of it: groundstation trajectory CONFIG")
 
@@ -99,7 +111,7 @@ def key(file: str, name: str) -> bytes:
         raise ConfigError(name, str(error)) from None
 
 
-def text(config: Config, report: Report) -> str:
+def describe_trajectory(config: Config, report: Report) -> str:
     """``report`` for people."""
     ends = "never ends" if report.duration_s is None else f"lasts {report.duration_s:.2f} s"
     looked = " of it" if report.duration_s is None else ""
@@ -110,7 +122,7 @@ def text(config: Config, report: Report) -> str:
         f"{'':24}{'needs':>16}{'at':>12}{'limit':>18}",
         *(_line(demand) for demand in report.demands),
     ]
-    why = refused(config, report)
+    why = explain_refusal(config, report)
     return "\n".join([*lines, "PASS" if why is None else f"FAIL: {why}"])
 
 
@@ -125,3 +137,129 @@ def _line(demand: Demand) -> str:
     verdict = "" if demand.limit is None else "  pass" if demand.ok else "  FAIL"
     name = f"least {demand.name}" if demand.least else demand.name
     return f"{name:24}{needs:>16}{demand.time_s:>10.2f} s{limit:>18}{verdict}"
+
+
+SECTIONS = ("vehicle", "pose", "gate", "link", "flight", "guards")
+"""What decides how motors start and stop: a test is of no worth once one of these has changed."""
+COMMAND = "groundstation props-off CONFIG"
+
+
+class Proof(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
+    """One test that was passed."""
+
+    vehicle: str
+    """The vehicle's name."""
+    digest: str
+    """Of the configuration, see :func:`digest`."""
+    firmware: str
+    """Of the autopilot, in its own words; empty where it does not tell."""
+    date: str
+    """When the test was over (ISO 8601, UTC)."""
+    steps: dict[str, str]
+    """Each step of the test, and what was seen and measured in it."""
+
+
+def digest(config: Config) -> str:
+    """Of the sections that decide how motors start and stop; names of files, and how long it flies, do not count."""
+    told = msgspec.to_builtins(config)
+    sections = {name: _without_files(told[name]) for name in SECTIONS}
+    del sections["flight"]["duration_s"]
+    return hashlib.sha256(msgspec.json.encode(sections, order="deterministic")).hexdigest()[:16]
+
+
+def place(config: Config) -> Path:
+    """Where its newest test is kept: ``$XDG_STATE_HOME/groundstation/props-off/VEHICLE.json``, or in ~/.local/state."""
+    return folder_of(RecordingConfig()).parent / "props-off" / f"{config.vehicle.name}.json"
+
+
+def save(proof: Proof, path: Path) -> None:
+    """Keep ``proof`` for its owner alone, in the place of an older one.
+
+    Raises:
+        OSError: it can't be written.
+    """
+    path.parent.mkdir(mode=0o700, parents=True, exist_ok=True)
+    new = path.with_name(f".{path.name}.{os.getpid()}")
+    with open(new, "wb", opener=lambda name, flags: os.open(name, flags | os.O_EXCL | os.O_NOFOLLOW, 0o600)) as file:
+        file.write(msgspec.json.format(msgspec.json.encode(proof)) + b"\n")
+        file.flush()
+        os.fsync(file.fileno())
+    new.replace(path)
+
+
+def on_file(path: Path) -> Proof | None:
+    """The test that is kept at ``path``; None where there is none, or none that this user wrote."""
+    try:
+        if not ours(path.lstat(), FILE):
+            return None
+        return msgspec.json.decode(path.read_bytes(), type=Proof)
+    except (OSError, msgspec.MsgspecError):
+        return None
+
+
+def lacks(proof: Proof | None, config: Config, firmware: str) -> str:
+    """Why ``proof`` does not hold for this vehicle as it is now; empty where it does."""
+    if proof is None or proof.vehicle != config.vehicle.name:
+        return f"no test with the propellers off is on file for {config.vehicle.name}: {COMMAND}"
+    if proof.digest != digest(config):
+        return (
+            f"since the test with the propellers off ({proof.date}) the configuration has changed in one of "
+            f"[{'], ['.join(SECTIONS)}]: do it again, {COMMAND}"
+        )
+    if proof.firmware != firmware:
+        return (
+            f"the test with the propellers off ({proof.date}) was of another firmware, {proof.firmware or 'unknown'}; "
+            f"this is {firmware or 'unknown'}: do it again, {COMMAND}"
+        )
+    return ""
+
+
+def _without_files(value: object) -> dict[str, object]:
+    assert isinstance(value, dict), "a section is a table"
+    return {
+        key: _without_files(item) if isinstance(item, dict) else item
+        for key, item in value.items()
+        if not key.endswith("file")
+    }
+
+
+def ensure_named(arm: str | None, config: Config) -> None:
+    """``--arm`` must name the vehicle of the config: the operator says which one will move.
+
+    Raises:
+        ConfigError: it names another.
+    """
+    if arm is not None and arm != config.vehicle.name:
+        raise ConfigError("--arm", f"expected {config.vehicle.name!r}, the vehicle in the config, got {arm!r}")
+
+
+def confirmation(config: Config, arm: str | None) -> Callable[[], Awaitable[bool]]:
+    """Who confirms arming: ``--arm``, or the operator at the terminal."""
+
+    async def told() -> bool:
+        return True
+
+    async def asked() -> bool:
+        name = config.vehicle.name
+        prompt = f"{name} is ready. Its motors will start. Type its name to arm, anything else to stop: "
+        answer = await line_from_terminal(prompt)
+        return answer.strip() == name
+
+    return told if arm is not None else asked
+
+
+async def line_from_terminal(prompt: str) -> str:
+    """One line from the terminal, without blocking the event loop; empty at its end."""
+    loop = asyncio.get_running_loop()
+    line: asyncio.Future[str] = loop.create_future()
+
+    def read() -> None:
+        if not line.done():
+            line.set_result(sys.stdin.readline())
+
+    print(prompt, end="", flush=True)
+    loop.add_reader(sys.stdin.fileno(), read)
+    try:
+        return await line
+    finally:
+        loop.remove_reader(sys.stdin.fileno())

@@ -4,8 +4,7 @@ from typing import Annotated, Literal, TypeAlias
 
 import msgspec
 
-from groundstation.core.control import Gains
-from groundstation.core.controllers import ControllerConfig
+from groundstation.core.control import ControllerConfig, Gains
 from groundstation.core.safety import FenceConfig, GuardsConfig, LandingConfig, SeparationConfig, TakeoffConfig
 from groundstation.core.trajectory import LemniscateConfig, TrajectoryConfig
 from groundstation.core.vehicle import LimitsConfig, Vehicle

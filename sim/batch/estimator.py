@@ -21,13 +21,14 @@ from groundstation.core.estimation import (
     corrected,
     corrected_attitude,
     corrected_twice,
-    effectiveness,
     fourth_difference,
     initial_covariance,
     initial_effectiveness,
     innovation,
     predict_covariance,
+    predict_effectiveness,
     update_covariance,
+    update_effectiveness,
 )
 from groundstation.core.geometry import Ops, Real, Vec3
 from groundstation.core.messages import Estimate
@@ -142,10 +143,8 @@ class BatchEstimator:
         now = corrected(old.disturbance, dt, rate)
         e = old.effectiveness
         if self._separates:
-            e = effectiveness.predict_effectiveness(
-                e, dt, old.driven, self._vehicle.mass_kg, self._gains.effectiveness_walk
-            )
-            e, moved = effectiveness.update_effectiveness(ops, e, step, gain, expected.pp + noise)
+            e = predict_effectiveness(e, dt, old.driven, self._vehicle.mass_kg, self._gains.effectiveness_walk)
+            e, moved = update_effectiveness(ops, e, step, gain, expected.pp + noise)
             place = corrected_twice(model.position, gain.p, step, moved, e.p)
             speed = corrected_twice(model.velocity, gain.v, step, moved, e.v)
             now = corrected_twice(now, gain.d, step, moved, e.d)

@@ -1,4 +1,4 @@
-"""The certificate in N flights: :class:`groundstation.core.control.watch.Watch` on arrays of shape (N,).
+"""The certificate in N flights: :class:`groundstation.core.control.certificate.Watch` on arrays of shape (N,).
 
 The same V_m against the same bound, and how long that lasts; nobody is told. Written again is only what the watch
 does step by step with numbers of one flight (a test holds both against each other).

@@ -15,7 +15,7 @@ from sim.scenarios import SCENARIOS, prepare
 
 def compare(args: argparse.Namespace) -> int:
     """Fly controllers side by side."""
-    from groundstation.core.controllers import make_controller
+    from groundstation.core.control import make_controller
     from sim.cli.console import Counter
     from sim.runs import STEADY_S
     from sim.studies.compare import (

@@ -13,7 +13,7 @@ from typing import Any
 import msgspec
 
 from groundstation.config import ConfigError
-from groundstation.core.controllers import make_controller
+from groundstation.core.control import make_controller
 from groundstation.settings import Config
 from sim.cli.console import Counter
 from sim.runs import STEADY_S

@@ -3,7 +3,7 @@
 p¨ = -(T/m) R e3 + g e3 + b - k v,   R˙ = R S(ω),   T and ω follow their commands through first-order lags.
 
 Lags are exact, attitude turns by the exact integral of the rates, translation is by Simpson's rule (fourth order
-in the step). The controller's own model (groundstation/core/vehicle/model.py) shares none of this.
+in the step). The controller's own model (groundstation/core/vehicle/vehicle.py) shares none of this.
 """
 
 from typing import NamedTuple

@@ -11,12 +11,12 @@ import pytest
 
 from groundstation.config import ConfigError
 from groundstation.core import Tick
-from groundstation.core.controllers import Custom, make_controller
-from groundstation.core.controllers.custom import ControllerFault, Guarded
+from groundstation.core.control import Custom, make_controller
+from groundstation.core.control.controllers import ControllerFault, Guarded
 from groundstation.core.geometry import Vec3
 from groundstation.core.messages import Controller, Decision, Estimate
 from groundstation.core.trajectory import Reference, TrajectoryConfig
-from groundstation.core.trajectory.kinds import HoldConfig
+from groundstation.core.trajectory.shapes import HoldConfig
 from groundstation.core.vehicle import Drive, Motion, Vehicle
 from groundstation.settings import Config
 from sim.runs import fly

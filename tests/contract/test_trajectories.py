@@ -9,17 +9,15 @@ from hypothesis import assume, example, given
 from hypothesis import strategies as st
 
 from groundstation.core.geometry import Vec3
-from groundstation.core.trajectory import Reference, Trajectory, TrajectoryConfig
-from groundstation.core.trajectory.kinds import (
+from groundstation.core.trajectory import ExcitationConfig, LemniscateConfig, Reference, Trajectory, TrajectoryConfig
+from groundstation.core.trajectory.shapes import (
     CircleConfig,
-    ExcitationConfig,
     HoldConfig,
-    LemniscateConfig,
+    Laps,
     SamplesConfig,
     TransitConfig,
     WaypointsConfig,
 )
-from groundstation.core.trajectory.laps import Laps
 
 POINTS = ((0.0, 0.0, -1.0), (2.0, 0.5, -1.0), (2.0, 3.0, -2.0), (-1.0, 2.0, -1.5), (0.0, 0.0, -1.0))
 SAMPLED_S = tuple(0.4 * i for i in range(16))

@@ -7,8 +7,8 @@ import pytest
 from evdev import ecodes
 
 from groundstation.config import ConfigError
-from groundstation.flight.hold_to_run.device import DeviceInput, open_device
-from groundstation.flight.hold_to_run.hold import InputLost
+from groundstation.core.mission import InputLost
+from groundstation.flight.hold_to_run import DeviceInput, open_device
 from groundstation.settings import OperatorConfig
 from tests.conftest import LEFT_OUT
 

@@ -15,7 +15,7 @@ import pytest
 
 from groundstation.__main__ import parser
 from groundstation.config import load
-from groundstation.core.safety.fence import BoxFence
+from groundstation.core.safety.geofence import BoxFence
 from groundstation.interfaces.service import Format, unit
 from groundstation.interfaces.service.health import STALE_S, Health, HealthFile, health_path, ill
 from groundstation.interfaces.service.logs import Lines, is_journal, level_of, line_of

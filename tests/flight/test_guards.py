@@ -188,7 +188,7 @@ def test_the_fence_holds_before_it_and_a_hold_waits_for_the_operator() -> None:
 
     async def script(flight: Flight, stage: Stage) -> None:
         from groundstation.core.safety import Fence
-        from groundstation.core.safety.fence import BoxFence
+        from groundstation.core.safety.geofence import BoxFence
 
         await tracking(flight, 6.0)
         guards = flight._progress._guards

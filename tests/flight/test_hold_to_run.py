@@ -7,11 +7,10 @@ from typing import Any
 import pytest
 
 from groundstation.core.messages import Ask, Request, Verdict
-from groundstation.core.mission import State
-from groundstation.flight import Flight
-from groundstation.flight.hold_to_run import HoldWatch
-from groundstation.flight.hold_to_run.hold import DEBOUNCE_S, InputLost
-from groundstation.flight.hold_to_run.watch import LOOK_S
+from groundstation.core.mission import InputLost, State
+from groundstation.core.mission.operator import DEBOUNCE_S
+from groundstation.flight import Flight, HoldWatch
+from groundstation.flight.hold_to_run import LOOK_S
 from groundstation.recording import assembly
 from sim.autopilots import SimulatedAutopilot
 from sim.runs import Mission, Stage, from_floor

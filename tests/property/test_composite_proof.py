@@ -16,9 +16,7 @@ from hypothesis import strategies as st
 
 from groundstation.core import Tick
 from groundstation.core.control import Gains, backstep
-from groundstation.core.control.backstepping import Axis, Step, axis
-from groundstation.core.control.projection import project, within
-from groundstation.core.control.shaping import growth
+from groundstation.core.control.backstepping import Axis, Step, axis, growth, project, within
 from groundstation.core.estimation import (
     Covariance,
     Densities,

@@ -13,11 +13,12 @@ from groundstation.core.estimation import (
     Covariance,
     Densities,
     Effectiveness,
-    effectiveness,
     initial_effectiveness,
     observer,
+    predict_effectiveness,
+    update_effectiveness,
 )
-from groundstation.core.estimation.effectiveness import LIMITS
+from groundstation.core.estimation.observer import LIMITS
 from groundstation.core.geometry import FLOATS, Vec3
 from groundstation.core.vehicle import Drive, Driven, Motion, carried, driven
 
@@ -75,7 +76,7 @@ def test_both_stages_together_are_the_kalman_filter_with_thirteen_states(
         q = np.diag([*([DENSITIES.position, *DENSITIES[1:]] * 3), 0.0]) * h
         x, big = f @ x, f @ big @ f.T + q
         small = observer.predict_covariance(small, h, DENSITIES)
-        e = effectiveness.predict_effectiveness(e, h, thrust_gives(push[1], push[0]), 1.0, 0.0)
+        e = predict_effectiveness(e, h, thrust_gives(push[1], push[0]), 1.0, 0.0)
         state = state @ transition(h)[:4, :4].T
         state[:, 0] += (e.value - 1.0) * np.array(push[0])
         state[:, 1] += (e.value - 1.0) * np.array(push[1])
@@ -89,7 +90,7 @@ def test_both_stages_together_are_the_kalman_filter_with_thirteen_states(
             step = tuple(measured[i] - state[i, of] for i in range(3))
             variance = (small.vv if of else small.pp) + r
             gain, small = (observer.update_moving_covariance if of else observer.update_covariance)(small, r)
-            e, moved = effectiveness.update_effectiveness(FLOATS, e, (step[0], step[1], step[2]), gain, variance, of)
+            e, moved = update_effectiveness(FLOATS, e, (step[0], step[1], step[2]), gain, variance, of)
             for i, chain in enumerate(zip(e.p, e.v, e.d, e.c, strict=True)):
                 state[i] += np.array(gain) * step[i] + moved * np.array(chain)
             clipped |= not LIMITS[0] < e.value < LIMITS[1]
@@ -119,9 +120,9 @@ def flown(true: float, wind: Vec3, seconds: float, *, shaken: bool) -> tuple[Eff
         model, push = roll(believed, e.value, d, c)
         expected = observer.predict_covariance(covariance, h, DENSITIES)
         gain, covariance = observer.update_covariance(expected, 1e-8)
-        e = effectiveness.predict_effectiveness(e, h, push, mass, 0.0)
+        e = predict_effectiveness(e, h, push, mass, 0.0)
         step = observer.innovation(truth.position, model.position)
-        e, moved = effectiveness.update_effectiveness(FLOATS, e, step, gain, expected.pp + 1e-8)
+        e, moved = update_effectiveness(FLOATS, e, step, gain, expected.pp + 1e-8)
         d = observer.corrected_twice(observer.corrected(d, h, c), gain.d, step, moved, e.d)
         c = observer.corrected_twice(c, gain.c, step, moved, e.c)
         position = observer.corrected_twice(model.position, gain.p, step, moved, e.p)
@@ -152,7 +153,7 @@ def test_what_is_broken_is_not_taken_for_worn() -> None:
 
 def test_told_exactly_it_never_moves() -> None:
     e = initial_effectiveness(0.0)
-    e = effectiveness.predict_effectiveness(e, 0.02, thrust_gives((0.0, 0.0, -0.2), (0.0, 0.0, -2e-3)), 1.0, 0.0)
+    e = predict_effectiveness(e, 0.02, thrust_gives((0.0, 0.0, -0.2), (0.0, 0.0, -2e-3)), 1.0, 0.0)
     gain, _ = observer.update_covariance(observer.initial_covariance(1e-6), 1e-6)
-    after, moved = effectiveness.update_effectiveness(FLOATS, e, (0.1, 0.1, 0.1), gain, 1e-6)
+    after, moved = update_effectiveness(FLOATS, e, (0.1, 0.1, 0.1), gain, 1e-6)
     assert (after.value, moved) == (1.0, 0.0)

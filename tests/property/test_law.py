@@ -10,9 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from groundstation.core.control import Law, backstep, yaw_rate
-from groundstation.core.control.backstepping import Step, axis
-from groundstation.core.control.projection import project, within
-from groundstation.core.control.shaping import growth, saturation
+from groundstation.core.control.backstepping import Step, axis, growth, project, saturation, within
 from groundstation.core.geometry import FLOATS, Quat, Vec3, arrays, so3
 
 LAW = Law()

@@ -8,12 +8,17 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from groundstation.core.control import acceleration, half_angle_error, length, push, sine_error, turning
-from groundstation.core.controllers import ControllerConfig, make_controller
-from groundstation.core.controllers.baseline import Baseline, Outlet
-from groundstation.core.controllers.geometric import Geometric
-from groundstation.core.controllers.indi import Indi
-from groundstation.core.controllers.pid import Pid
+from groundstation.core.control import (
+    ControllerConfig,
+    acceleration,
+    half_angle_error,
+    length,
+    make_controller,
+    push,
+    sine_error,
+    turning,
+)
+from groundstation.core.control.baselines import Baseline, Geometric, Indi, Outlet, Pid
 from groundstation.core.geometry import Quat, Vec3, third_column, turned
 from groundstation.core.geometry.so3 import from_euler_zyx
 from groundstation.core.messages import Estimate

@@ -10,8 +10,8 @@ import pytest
 from groundstation.config import ConfigError, from_dict
 from groundstation.core.messages import Check, Pose, Verdict
 from groundstation.core.safety import Agreement, Standing
-from groundstation.flight import ensure_guarded
-from groundstation.flight.checks import Checks, failed, text
+from groundstation.flight import describe_checks, describe_failures, ensure_guarded
+from groundstation.flight.prearm import Checks
 from groundstation.flight.preflight import real
 from groundstation.pose import PoseConfig
 from groundstation.settings import Config, LinkConfig
@@ -172,13 +172,13 @@ def test_a_longer_deadline_names_both_keys_and_what_is_usual() -> None:
 
 def test_without_poses_nothing_else_is_asked_of_them() -> None:
     checks = Checks(from_dict(BASE, Config))(Standing(), 0.0, LINK, 1.0)
-    assert "poses: no poses" in failed(checks)
+    assert "poses: no poses" in describe_failures(checks)
 
 
 def test_what_fails_is_one_sentence_and_all_of_it_a_list() -> None:
     checks = [Check("a", Verdict.PASS, "fine"), Check("b", Verdict.FAIL, "bad"), Check("c", Verdict.FAIL, "worse")]
-    assert failed(checks) == "b: bad; c: worse"
-    assert len(text(checks).splitlines()) == 3
+    assert describe_failures(checks) == "b: bad; c: worse"
+    assert len(describe_checks(checks).splitlines()) == 3
 
 
 REAL: list[dict[str, Any]] = [

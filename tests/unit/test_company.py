@@ -6,7 +6,7 @@ import pytest
 
 from groundstation.config import from_dict
 from groundstation.core.messages import Check, Others, Verdict
-from groundstation.core.messages.bodies import BODIES_MAX
+from groundstation.core.messages.pose import BODIES_MAX
 from groundstation.flight import Company, entry_of
 from groundstation.runtime import Running
 from groundstation.settings import Config

@@ -7,7 +7,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from groundstation.config import ConfigError, dump, load
-from groundstation.core.trajectory.kinds import SamplesConfig, WaypointsConfig
+from groundstation.core.trajectory.shapes import SamplesConfig, WaypointsConfig
 from groundstation.core.trajectory.waypoints import parsed
 from groundstation.settings import Config
 

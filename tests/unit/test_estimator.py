@@ -14,7 +14,7 @@ from groundstation.core.estimation import ModelEstimator
 from groundstation.core.geometry import FLOATS, Vec3, so3
 from groundstation.core.messages import Pose
 from groundstation.core.vehicle import Drive, Motion, Vehicle, lead, rolled
-from groundstation.core.vehicle.model import approach
+from groundstation.core.vehicle.vehicle import approach
 from sim.world import Quadrotor, Wind, World, rows, stream
 
 VEHICLE = Vehicle()

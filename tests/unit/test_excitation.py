@@ -1,13 +1,13 @@
-"""trajectories/excitation.py beyond what every trajectory must keep (tests/contract/test_trajectories.py)."""
+"""Excitation beyond what every trajectory must keep (tests/contract/test_trajectories.py)."""
 
 import numpy as np
 import pytest
 
 from groundstation.config import ConfigError, from_dict, load, presets
 from groundstation.core.trajectory import ExcitationConfig
-from groundstation.core.trajectory.excitation import Excitation
+from groundstation.core.trajectory.shapes import Excitation
 from groundstation.core.vehicle import Vehicle
-from groundstation.flight import look
+from groundstation.flight import examine_trajectory
 from groundstation.settings import Config
 
 CONFIG = ExcitationConfig()
@@ -44,7 +44,7 @@ def test_it_begins_and_ends_at_rest_and_stays_close() -> None:
     assert flown.duration_s == CONFIG.laps * CONFIG.period_s + CONFIG.ramp_s
     for time_s in (0.0, flown.duration_s):
         assert flown.at(time_s).velocity_ned == (0.0, 0.0, 0.0)
-    report = look(Config(trajectory=CONFIG))
+    report = examine_trajectory(Config(trajectory=CONFIG))
     assert all(abs(low + high - 2.0 * middle) < 0.4 and high - low < 0.4 for low, high, middle in zip(
         report.lowest_ned, report.highest_ned, CONFIG.position_ned, strict=True
     ))  # fmt: skip
@@ -52,11 +52,11 @@ def test_it_begins_and_ends_at_rest_and_stays_close() -> None:
 
 @pytest.mark.parametrize("preset", presets(Vehicle))
 def test_as_it_comes_every_vehicle_may_fly_it(preset: str) -> None:
-    assert look(load(None, Config, [f"vehicle.preset={preset}", "trajectory.kind=excitation"])).ok
+    assert examine_trajectory(load(None, Config, [f"vehicle.preset={preset}", "trajectory.kind=excitation"])).ok
 
 
 def test_one_that_asks_too_much_is_refused_like_any_other() -> None:
-    report = look(load(None, Config, ["trajectory.kind=excitation", "trajectory.acceleration_m_s2=9"]))
+    report = examine_trajectory(load(None, Config, ["trajectory.kind=excitation", "trajectory.acceleration_m_s2=9"]))
     assert not report.ok
 
 

@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 
 from groundstation.config import ConfigError, from_dict
 from groundstation.core.safety import Fence
-from groundstation.core.safety.fence import BoxFence, ConvexFence
+from groundstation.core.safety.geofence import BoxFence, ConvexFence
 from groundstation.settings import Config
 
 BOX = BoxFence(north_m=(-2.0, 3.0), east_m=(-1.0, 1.5), height_m=2.5, braking_m_s2=2.0, reaction_s=0.5)

@@ -9,7 +9,7 @@ import pytest
 from groundstation.core.messages import Estimate
 from groundstation.core.mission import State
 from groundstation.core.safety import Escalation, Fence, Finding, Guards, GuardsConfig, Step
-from groundstation.core.safety.fence import BoxFence
+from groundstation.core.safety.geofence import BoxFence
 from groundstation.core.trajectory import Reference
 from groundstation.core.vehicle import Motion, Vehicle
 from links.core import Command, LinkStatus

@@ -12,11 +12,10 @@ from hypothesis import strategies as st
 from pymavlink.dialects.v20 import common
 
 from groundstation.config import ConfigError, from_dict
-from groundstation.flight.hold_to_run import Hold, HoldWatch
-from groundstation.flight.hold_to_run.channel import OLD_S, RATE_HZ, ChannelInput
-from groundstation.flight.hold_to_run.device import open_device
-from groundstation.flight.hold_to_run.hold import DEBOUNCE_S, InputLost
-from groundstation.flight.hold_to_run.watch import LOOK_S
+from groundstation.core.mission import InputLost
+from groundstation.core.mission.operator import DEBOUNCE_S
+from groundstation.flight import HoldWatch
+from groundstation.flight.hold_to_run import LOOK_S, OLD_S, RATE_HZ, ChannelInput, Hold, open_device
 from groundstation.interfaces.service import flyable
 from groundstation.settings import Config, OperatorConfig
 from tests.hold_double import DeviceDouble, Hand, pad

@@ -8,7 +8,7 @@ import pytest
 
 from groundstation.config import load
 from groundstation.core.trajectory.waypoints import parsed
-from groundstation.flight import look
+from groundstation.flight import examine_trajectory
 from groundstation.lab.fleet import read_fleet
 from groundstation.settings import Config
 
@@ -25,7 +25,7 @@ def test_a_block_is_a_configuration_that_may_fly(block: int, tmp_path: Path) -> 
     lab = tmp_path / "lab"
     shutil.copytree(ROOT / "examples", lab)
     (lab / "shown.toml").write_text(BLOCKS[block], "utf-8")
-    assert look(load(lab / "shown.toml", Config)).ok
+    assert examine_trajectory(load(lab / "shown.toml", Config)).ok
 
 
 def test_the_course_that_is_shown_is_one() -> None:
@@ -36,6 +36,6 @@ def test_the_course_that_is_shown_is_one() -> None:
 @pytest.mark.parametrize("example", sorted((ROOT / "examples").glob("*.toml")), ids=lambda path: path.name)
 def test_an_example_is_a_configuration_that_may_fly(example: Path) -> None:
     if example.name == "fleet.toml":
-        assert all(look(member.lab).ok for member in read_fleet(example).members)
+        assert all(examine_trajectory(member.lab).ok for member in read_fleet(example).members)
     elif example.name != "vehicle.toml":  # that one is a part of another
-        assert look(load(example, Config)).ok
+        assert examine_trajectory(load(example, Config)).ok

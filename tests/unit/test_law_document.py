@@ -10,8 +10,8 @@ from pathlib import Path
 import msgspec
 import pytest
 
-from groundstation.core.control import Gains, gains
-from groundstation.core.estimation import settings as estimation
+from groundstation.core.control import Gains, Law
+from groundstation.core.estimation import Estimation
 from sim.__main__ import parser
 from sim.runs import fly
 from sim.scenarios import SCENARIOS, prepare
@@ -35,10 +35,10 @@ GAINS = {row[0].strip("`"): row for row in rows("gains")}
 def units() -> dict[str, str]:
     """The unit that each gain's docstring gives in brackets, where it gives one."""
     found: dict[str, str] = {}
-    for module in (estimation, gains):
-        for owner in ast.parse(inspect.getsource(module)).body:
-            body = owner.body if isinstance(owner, ast.ClassDef) and owner.name != "Uncompensated" else []
-            for field, text in zip(body, body[1:], strict=False):
+    for struct in (Estimation, Law, Gains):
+        for owner in ast.parse(inspect.getsource(struct)).body:
+            assert isinstance(owner, ast.ClassDef)
+            for field, text in zip(owner.body, owner.body[1:], strict=False):
                 if (
                     isinstance(field, ast.AnnAssign)
                     and isinstance(text, ast.Expr)

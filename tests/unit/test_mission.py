@@ -5,7 +5,7 @@ from pathlib import Path
 import pytest
 
 from groundstation.core.messages import Ask, Request
-from groundstation.core.messages.requests import decode
+from groundstation.core.messages.snapshot import decode
 from groundstation.core.mission import EVENT_OF, FINAL, IN_AIR, ON_GROUND, TABLE, Event, Mission, State
 from groundstation.core.mission.mission import IllegalMove
 from groundstation.interfaces.cli.mission_diagram import BEGIN, END, markdown, mermaid, write

@@ -11,11 +11,11 @@ from hypothesis import strategies as st
 from groundstation.config import ConfigError, from_dict
 from groundstation.core.geometry import Vec3
 from groundstation.core.messages import Check, Others, Verdict
-from groundstation.core.messages.bodies import BASE_S, GAP_S, Sight
+from groundstation.core.messages.pose import BASE_S, GAP_S, Sight
 from groundstation.core.mission import State
 from groundstation.core.safety import Escalation, Finding, Guards, Separation, SeparationConfig, Step
-from groundstation.core.safety.separation import Near
-from groundstation.flight.checks import Checks
+from groundstation.core.safety.geofence import Near
+from groundstation.flight.prearm import Checks
 from groundstation.settings import Config
 from tests.unit.test_checks import BASE, LINK, standing
 from tests.unit.test_guards import CONFIG, PERIOD_S, VEHICLE, shown

@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 
 from groundstation.core.geometry import Vec3
 from groundstation.core.trajectory import Trajectory
-from groundstation.core.trajectory.kinds import SamplesConfig, TransitConfig, WaypointsConfig
+from groundstation.core.trajectory.shapes import SamplesConfig, TransitConfig, WaypointsConfig
 from groundstation.core.trajectory.spline import smoothest
 
 POINTS = ((0.0, 0.0, -1.0), (2.0, 0.5, -1.0), (2.0, 3.0, -2.0), (-1.0, 2.0, -1.5))

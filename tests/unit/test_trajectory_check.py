@@ -13,16 +13,10 @@ from groundstation.__main__ import main
 from groundstation.config import ConfigError, from_dict
 from groundstation.core.control import turning
 from groundstation.core.geometry.so3 import from_euler_zyx
-from groundstation.core.trajectory import Demand, Report, TrajectoryConfig, check, refusal
-from groundstation.core.trajectory.kinds import (
-    CircleConfig,
-    HoldConfig,
-    LemniscateConfig,
-    SamplesConfig,
-    WaypointsConfig,
-)
+from groundstation.core.trajectory import Demand, LemniscateConfig, Report, TrajectoryConfig, check, refusal
+from groundstation.core.trajectory.shapes import CircleConfig, HoldConfig, SamplesConfig, WaypointsConfig
 from groundstation.core.vehicle import LimitsConfig, Vehicle
-from groundstation.flight import ensure_flyable, look
+from groundstation.flight import ensure_flyable, examine_trajectory
 from groundstation.settings import Config
 from sim.scenarios import SCENARIOS, prepare
 
@@ -92,7 +86,7 @@ def test_body_rates_agree_with_the_attitude_that_the_push_asks_for(yaw_deg: floa
 @pytest.mark.parametrize("name", SCENARIOS)
 def test_every_scenario_may_fly(name: str) -> None:
     _, config = prepare(SCENARIOS[name], [])
-    assert look(config).ok
+    assert examine_trajectory(config).ok
 
 
 def limited(**values: Any) -> LimitsConfig:

@@ -10,11 +10,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from groundstation.config import ConfigError, from_dict
-from groundstation.core.control import Gains, Uncompensated, bound_decrease
-from groundstation.core.controllers import ControllerConfig, Custom
-from groundstation.core.controllers.geometric import Geometric
-from groundstation.core.controllers.indi import Indi
-from groundstation.core.controllers.pid import Pid
+from groundstation.core.control import ControllerConfig, Custom, Gains, Uncompensated, bound_decrease
+from groundstation.core.control.baselines import Geometric, Indi, Pid
 from groundstation.pose.sources import ViconConfig
 from groundstation.settings import Config
 from links.mavlink import MavlinkLinkConfig

@@ -5,9 +5,20 @@ import math
 import pytest
 
 from groundstation.core.control import LASTING_S, Gains, Watch, noise_power
-from groundstation.core.control.certificate import COVERED_RATE_M_S3, decrease
-from groundstation.core.control.watch import LIMITS, POSES, RATES, REST_S, SIDEWAYS, THRUST, VERTICAL, WITNESSES, terms
-from groundstation.core.controllers.pid import Pid
+from groundstation.core.control.baselines import Pid
+from groundstation.core.control.certificate import (
+    COVERED_RATE_M_S3,
+    LIMITS,
+    POSES,
+    RATES,
+    REST_S,
+    SIDEWAYS,
+    THRUST,
+    VERTICAL,
+    WITNESSES,
+    decrease,
+    terms,
+)
 from groundstation.core.geometry import Vec3
 from groundstation.core.messages import Decision, Diagnostics
 from groundstation.core.vehicle import Drive, Motion, Vehicle

@@ -39,7 +39,7 @@ def level(at_s: Column, left: Column) -> Level:
     usual = float(np.median(spans))
     even = np.abs(spans - usual) < UNEVEN * usual
     runs = even[:-3] & even[1:-2] & even[2:-1] & even[3:]
-    # Independent noise has 1 + 16 + 36 + 16 + 1 times its variance in these; see control/observer.py.
+    # Independent noise has 1 + 16 + 36 + 16 + 1 times its variance in these; see estimation/observer.py.
     squares = (np.diff(left, 4, axis=0)[runs] ** 2).mean(axis=1) / 70.0
     blocks = len(squares) // BLOCK
     if blocks < 3:

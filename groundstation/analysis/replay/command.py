@@ -8,7 +8,7 @@ from typing import Any
 import msgspec
 
 from groundstation.config import ConfigError, from_dict, toml
-from groundstation.core.controllers import Custom
+from groundstation.core.control import Custom
 from groundstation.recording import NoRecording, Recording
 from groundstation.settings import Config
 

@@ -13,8 +13,7 @@ from typing import NamedTuple
 from groundstation.analysis.shadow.flight import flying, thrust_shares
 from groundstation.analysis.shadow.path import FlownPath
 from groundstation.analysis.shadow.recording import Recording
-from groundstation.core.control import Adaptive
-from groundstation.core.controllers import make_controller
+from groundstation.core.control import Adaptive, make_controller
 from groundstation.core.estimation import ModelEstimator
 from groundstation.core.geometry import Vec3
 from groundstation.core.messages import Controller, Estimate, Pose

@@ -1,15 +1,48 @@
-"""Our controller: the law, fed the modelled actuators, its output led through their lags and limits."""
+"""Adaptive controller: the law, fed the modelled actuators, its output led through their lags and limits.
+
+Its configuration is the section ``[controller]``: every gain and switch with unit, default and reason.
+"""
 
 import math
-from typing import Any
+from typing import Any, Literal
 
-from groundstation.core.control.backstepping import backstep, yaw_rate
-from groundstation.core.control.gains import Gains
-from groundstation.core.control.projection import within
+from groundstation.core.control.backstepping import Law, backstep, within, yaw_rate
+from groundstation.core.estimation import Composite, NonNegative, Positive
 from groundstation.core.geometry import FLOATS, Ops, Real, Vec3
 from groundstation.core.messages import Decision, Diagnostics, Estimate
 from groundstation.core.trajectory import Reference
 from groundstation.core.vehicle import Drive, Vehicle, lead, new
+
+
+class Gains(Law, frozen=True, kw_only=True, forbid_unknown_fields=True, tag_field="kind", tag="adaptive"):
+    """The law's gains, and those of the blocks around it that make it fly with lag and delay."""
+
+    actuator_compensation: bool = True
+    """Feed the law the thrust the rotors give now (modelled), and invert the lags of thrust and rates."""
+    composite: Composite = "provable"
+    """Second witness of the disturbance, beside the tracking error: the observer's own d̂, through the projection
+    (provable); the observer's innovations added to b̂, which then drives it (raw); or none, as the paper has it."""
+    kappa: NonNegative = 7.0
+    """κ: pull of b̂ towards d̂ [1/s per kb], provable form only. The proof needs kb² κ < 4 k3."""
+    k_omega: Positive = 14.0
+    """How fast a body-rate error shall decay [1/s]."""
+    rate_feedforward: NonNegative = 0.03
+    """Time constant of the filter on the derivative of the wanted rate ω˙_d [s]."""
+
+
+class Uncompensated(
+    Gains, frozen=True, kw_only=True, forbid_unknown_fields=True, tag_field="kind", tag="uncompensated"
+):
+    """The printed law: the same keys, but every block around it is off unless it is switched on."""
+
+    actuator_compensation: bool = False
+    """See :class:`Gains`."""
+    delay_prediction: bool = False
+    """See :class:`Gains`."""
+    observer: Literal["model", "backward_euler"] = "backward_euler"
+    """See :class:`Gains`."""
+    composite: Composite = "off"
+    """See :class:`Gains`."""
 
 
 class Adaptive:

@@ -1,14 +1,16 @@
-"""From a wanted push to body rates: for every controller that does not backstep through the attitude.
+"""Attitude control: from a wanted push to body rates, and to a decision within the vehicle's limits.
 
-The push F [m/s², NED] is what the rotors must take from the vehicle's acceleration: with the disturbance d, thrust T
-and attitude R, acceleration = g e3 + d - (T/m) R e3, so F = g e3 + d - a_wanted, T = m |F|, and R e3 along F.
-Floats only.
+For every controller that does not backstep through the attitude. The push F [m/s², NED] is what the rotors must take
+from the vehicle's acceleration: with the disturbance d, thrust T and attitude R, acceleration = g e3 + d - (T/m) R e3,
+so F = g e3 + d - a_wanted, T = m |F|, and R e3 along F. Floats only.
 """
 
 import math
 
-from groundstation.core.geometry import Quat, Vec3, third_column, to_body
-from groundstation.core.vehicle import Motion
+from groundstation.core.geometry import FLOATS, Quat, Vec3, third_column, to_body
+from groundstation.core.messages import Decision, Diagnostics, Estimate
+from groundstation.core.trajectory import Reference
+from groundstation.core.vehicle import Drive, Motion, Vehicle
 
 LEAST_PUSH = 1.0
 """F is kept at least so far downwards [m/s²]: no controller here asks the vehicle to fly on its back."""
@@ -67,3 +69,63 @@ def _direction_dot(along: Vec3, dot: Vec3) -> Vec3:
     a, b, c = along[0] * n, along[1] * n, along[2] * n
     inner = a * dot[0] + b * dot[1] + c * dot[2]
     return (n * (dot[0] - inner * a), n * (dot[1] - inner * b), n * (dot[2] - inner * c))
+
+
+ZERO: Vec3 = (0.0, 0.0, 0.0)
+
+
+def limited(vehicle: Vehicle, thrust_n: float, rates_rad_s: Vec3) -> tuple[Drive, bool]:
+    """The command within the vehicle's limits, and whether any of the four had to be clamped."""
+    clamp, (x, y, z) = FLOATS.clamp, rates_rad_s
+    a, b, c = (math.radians(limit) for limit in vehicle.rate_limits_deg_s)
+    thrust = clamp(thrust_n, vehicle.thrust_min_n, vehicle.thrust_max_n)
+    rates = (clamp(x, -a, a), clamp(y, -b, b), clamp(z, -c, c))
+    return Drive(thrust, rates), thrust != thrust_n or rates != rates_rad_s
+
+
+def decided(
+    vehicle: Vehicle,
+    estimate: Estimate,
+    reference: Reference,
+    thrust_n: float,
+    rates_rad_s: Vec3,
+    *,
+    wanted: Vec3 = ZERO,
+    disturbance: Vec3 | None = None,
+) -> Decision:
+    """A decision for this command, which is brought within the vehicle's limits.
+
+    Args:
+        vehicle: the vehicle as told; its limits apply.
+        estimate: what the controller went by.
+        reference: what it followed.
+        thrust_n: wanted thrust [N].
+        rates_rad_s: wanted body rates [rad/s, FRD].
+        wanted: the acceleration behind them [m/s², NED], for records.
+        disturbance: the disturbance the controller works with [m/s², NED]; without it, the observer's.
+    """
+    drive, saturated = limited(vehicle, thrust_n, rates_rad_s)
+    motion = estimate.motion
+    return Decision(
+        drive,
+        saturated,
+        Diagnostics(
+            z1=_difference(motion.position, reference.position_ned),
+            z2=_difference(motion.velocity, reference.velocity_ned),
+            z3=ZERO,
+            u_star=wanted,
+            b_hat=estimate.disturbance if disturbance is None else disturbance,
+            b_hat_dot=ZERO,
+            disturbance=estimate.disturbance,
+            v_terms=ZERO,
+            w_terms=ZERO,
+            v_known=0.0,
+            w=0.0,
+            certificate="none: this controller comes without a Lyapunov function",
+            rates_wanted=rates_rad_s,
+        ),
+    )
+
+
+def _difference(a: Vec3, b: Vec3) -> Vec3:
+    return (a[0] - b[0], a[1] - b[1], a[2] - b[2])

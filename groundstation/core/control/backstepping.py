@@ -16,14 +16,148 @@ places; docs/explanation/law.md lists them, and this file is the corrected form.
     Ṫ, ω1, ω2   N/s, rad/s      what the vehicle should do                    (10)
 
 On the plant of the paper, V˙ = -W + b̃ᵀ(ξ - Proj) <= -W.
+
+σ and ρ are of one family: odd, smooth, bound ``bound`` and slope ``slope`` at 0. The paper prints
+M r s/√(1+r²s²), whose slope is M·r; bound M and slope r need the form below.
+Elementwise: floats, or arrays of shape (N,).
 """
+
+import math
+from typing import Annotated
 
 import msgspec
 
-from groundstation.core.control.gains import Law
-from groundstation.core.control.projection import Brink, brink, held_back
-from groundstation.core.control.shaping import growth, saturation
+from groundstation.core.estimation import Estimation, NonNegative, Positive
 from groundstation.core.geometry import FLOATS, Ops, Quat, Real, Vec3, third_column, to_body
+
+
+class Law(Estimation, frozen=True, kw_only=True, forbid_unknown_fields=True):
+    """Gains of the pure law. Defaults: the paper's where it gives them (section VI), else docs/explanation/law.md.
+
+    It stands on :class:`Estimation` only because a struct has one base; the law reads ``gravity`` of it.
+    """
+
+    k2: Positive = 2.0
+    """Gain on ρ(z2) [m/s²]; paper: 2."""
+    k3: Positive = 4.0
+    """Gain on z3 [1/s]; paper: 4."""
+    kb: NonNegative = 1.0
+    """Adaptation gain [1/s² per m/s² of V's gradient]; paper: 1; 0 switches adaptation off."""
+    k_yaw: NonNegative = 1.0
+    """Heading gain [1/s]."""
+    sigma_bound: Positive = 1.5
+    """M: bound of σ [m/s]; paper: 1.5."""
+    sigma_slope: Positive = 3.0
+    """r: slope of σ at 0 [1/s]; paper: 3."""
+    rho_bound: Positive = 1.0
+    """Bound of ρ [-]."""
+    rho_slope: Positive = 1.0
+    """Slope of ρ at 0 [s/m]."""
+    velocity_scale: Positive = 1.0
+    """c: how fast Ω grows beyond M [m/s]."""
+    b_bound: Positive = 5.0
+    """B: largest disturbance to adapt to [m/s²]. It must cover thrust-scale errors (0.2 g = 2 m/s²) too."""
+    epsilon: Positive = 0.5
+    """ε: b̂ stays within B + ε [m/s²]."""
+    delta: Positive = 0.1
+    """δ: smooths the projection [m²/s⁴]."""
+    projection_order: Annotated[int, msgspec.Meta(ge=1, le=6)] = 1
+    """n: the projection is n times continuously differentiable."""
+
+
+def saturation(ops: Ops, s: Real, bound: Real, slope: Real) -> tuple[Real, Real, Real, Real]:
+    """σ(s) = M r s/√(M² + r² s²), its first and second derivative, and its integral φ(s) from 0.
+
+    φ(s) = (M/r)(√(M² + r² s²) - M), written without the cancellation near 0.
+    """
+    rs = slope * s
+    root = ops.sqrt(bound * bound + rs * rs)
+    w = 1.0 / root
+    first = slope * bound * bound * bound * w * w * w
+    return bound * rs * w, first, -3.0 * slope * rs * w * w * first, bound / slope * rs * rs / (root + bound)
+
+
+def growth(ops: Ops, s: Real, bound: Real, scale: Real) -> tuple[Real, Real, Real]:
+    """Ω(s) - s, Ω'(s), Ω''(s): Ω is the identity on [-M, M] and faster than linear outside.
+
+    The excess Ω(s) - s is returned, not Ω itself: it is exactly 0 inside, so that a quotient
+    z2/(Ω(x2) + Ω(σ)) = z2/(z2 + excess) needs no subtraction of nearly equal numbers.
+
+    Args:
+        ops: elementary functions.
+        s: the argument [m/s].
+        bound: M [m/s].
+        scale: c > 0 [m/s], how fast Ω' grows outside.
+    """
+    if ops is FLOATS and -bound <= s <= bound:
+        # One vehicle is here nearly always: the same to the bit, in a third of the time.
+        nought = -0.0 if s < 0.0 else 0.0
+        return nought, 1.0, nought
+    y = ops.clamp(abs(s) - bound, 0.0, math.inf)
+    t = y / scale
+    first = ops.sqrt(1.0 + t * t)
+    sign = ops.where(s < 0.0, -1.0, 1.0)
+    excess = sign * (0.5 * (y * first + scale * ops.asinh(t)) - y)
+    second = sign * t / (scale * first)
+    return excess, first, second
+
+
+class Brink(msgspec.Struct, frozen=True, gc=False):
+    """How far b̂ is beyond B: the part of (9) that does not depend on ξ."""
+
+    eta1: Real
+    scale: Real
+
+
+def brink(ops: Ops, b_hat: Vec3, *, bound: Real, epsilon: Real, order: int) -> Brink | None:
+    """η1, and 2 (ε² + 2εB)^(n+1) B²; None for one vehicle within B, as nearly always: nothing is held back then."""
+    bx, by, bz = b_hat
+    outside = ops.clamp(bx * bx + by * by + bz * bz - bound * bound, 0.0, math.inf)
+    if ops is FLOATS and outside == 0.0:
+        return None
+    scale = 2.0 * (epsilon * epsilon + 2.0 * epsilon * bound) ** (order + 1) * bound * bound
+    return Brink(outside ** (order + 1), scale)
+
+
+def held_back(ops: Ops, xi: Vec3, b_hat: Vec3, edge: Brink | None, delta: Real) -> Vec3:
+    """Proj(ξ, b̂) at that ``edge``."""
+    if edge is None:
+        return xi
+    (x, y, z), (bx, by, bz) = xi, b_hat
+    inner = bx * x + by * y + bz * z
+    k = edge.eta1 * (inner + ops.sqrt(inner * inner + delta * delta)) / edge.scale
+    return (x - k * bx, y - k * by, z - k * bz)
+
+
+def project(ops: Ops, xi: Vec3, b_hat: Vec3, *, bound: Real, epsilon: Real, delta: Real, order: int) -> Vec3:
+    """Proj(ξ, b̂) = ξ - η1 η2 / (2 (ε² + 2εB)^(n+1) B²) b̂, with the signs and squares that print lost.
+
+    Args:
+        ops: elementary functions.
+        xi: ξ, what would drive the estimate without projection.
+        b_hat: b̂ [m/s²], NED.
+        bound: B > 0 [m/s²].
+        epsilon: ε > 0 [m/s²].
+        delta: δ > 0, smooths η2 about zero.
+        order: n >= 1; Proj is n times continuously differentiable.
+
+    Returns:
+        Proj(ξ, b̂), which equals ξ wherever |b̂| <= B (P1-P4 of the paper, Theorem 3).
+    """
+    return held_back(ops, xi, b_hat, brink(ops, b_hat, bound=bound, epsilon=epsilon, order=order), delta)
+
+
+def within(ops: Ops, b_hat: Vec3, radius: Real) -> Vec3:
+    """b̂ scaled radially into the ball of ``radius``: after an Euler step this never increases |b - b̂|."""
+    bx, by, bz = b_hat
+    # The floor only avoids 0/0; inside the ball the factor is 1 whatever the length.
+    square = bx * bx + by * by + bz * bz
+    if ops is FLOATS and square < radius * radius:
+        return b_hat
+    length = ops.sqrt(square + 1e-300)
+    k = ops.clamp(radius / length, 0.0, 1.0)
+    return (bx * k, by * k, bz * k)
+
 
 POSITION_LIMIT = 1e6
 """Errors are clamped here [m, m/s², m/s³], far beyond any room, so that no finite input overflows."""

@@ -8,8 +8,7 @@ into the wind it knew and pushes a little less than what hovers, and with time e
 
 import math
 
-from groundstation.core.control.attitude import length, push, sine_error
-from groundstation.core.control.decision import decided
+from groundstation.core.control.attitude import decided, length, push, sine_error
 from groundstation.core.geometry import Vec3, third_column
 from groundstation.core.messages import Decision, Estimate
 from groundstation.core.trajectory import Reference

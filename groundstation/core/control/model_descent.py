@@ -8,8 +8,7 @@ what was believed wrongly so far may be wrong still. Above what hovers it only b
 
 import math
 
-from groundstation.core.control.attitude import length, push, sine_error
-from groundstation.core.control.decision import limited
+from groundstation.core.control.attitude import length, limited, push, sine_error
 from groundstation.core.geometry import FLOATS, Vec3, third_column
 from groundstation.core.vehicle import Motion, Vehicle, lead, rolled
 from links.core import Segment

@@ -1,41 +1,61 @@
 """The estimator: a Kalman filter at the newest pose, rolled forward through the commands sent since."""
 
-from groundstation.core.estimation import effectiveness as effectiveness
-
 TYPE_CHECKING = False
 if TYPE_CHECKING:
-    from groundstation.core.estimation.effectiveness import Effectiveness, initial_effectiveness
-    from groundstation.core.estimation.estimator import NOISE_FLOOR_M2, NOISE_MEMORY, STEP_LIMIT, ModelEstimator
+    from groundstation.core.estimation.estimator import (
+        NOISE_FLOOR_M2,
+        NOISE_MEMORY,
+        STEP_LIMIT,
+        Composite,
+        Estimation,
+        ModelEstimator,
+        NonNegative,
+        Positive,
+    )
     from groundstation.core.estimation.observer import (
         Covariance,
         Densities,
+        Effectiveness,
         corrected,
         corrected_attitude,
         corrected_twice,
         fourth_difference,
         initial_covariance,
+        initial_effectiveness,
         innovation,
         predict_covariance,
+        predict_effectiveness,
         update_covariance,
+        update_effectiveness,
     )
-    from groundstation.core.estimation.settings import Composite, Estimation, NonNegative, Positive
 
 _MODULES = {
-    "effectiveness": ("Effectiveness", "initial_effectiveness"),
-    "estimator": ("ModelEstimator", "NOISE_FLOOR_M2", "NOISE_MEMORY", "STEP_LIMIT"),
+    "estimator": (
+        "Composite",
+        "Estimation",
+        "ModelEstimator",
+        "NOISE_FLOOR_M2",
+        "NOISE_MEMORY",
+        "NonNegative",
+        "Positive",
+        "STEP_LIMIT",
+    ),
     "observer": (
         "Covariance",
         "Densities",
+        "Effectiveness",
         "corrected",
         "corrected_attitude",
         "corrected_twice",
         "fourth_difference",
         "initial_covariance",
+        "initial_effectiveness",
         "innovation",
         "predict_covariance",
+        "predict_effectiveness",
         "update_covariance",
+        "update_effectiveness",
     ),
-    "settings": ("Composite", "Estimation", "NonNegative", "Positive"),
 }
 
 

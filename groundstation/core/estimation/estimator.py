@@ -1,14 +1,16 @@
-"""The estimator: a model-based observer at the newest pose's instant, rolled forward through sent commands.
+"""Estimator: a model-based observer at the newest pose's instant, rolled forward through sent commands.
 
-With composite adaptation in its provable form the observer is autonomous: it is driven by its own d̂ and ĉ, never
-by b̂. Otherwise b̂ drives it (see :meth:`ModelEstimator.follow`).
+What it is told, under every controller the same, is part of the config section ``[controller]``. With composite
+adaptation in its provable form the observer is autonomous: it is driven by its own d̂ and ĉ, never by b̂. Otherwise b̂
+drives it (see :meth:`ModelEstimator.follow`).
 """
 
 import math
 from collections import deque
+from typing import Annotated, Literal, TypeAlias
 
-from groundstation.core.estimation import effectiveness
-from groundstation.core.estimation.effectiveness import initial_effectiveness
+import msgspec
+
 from groundstation.core.estimation.observer import (
     Densities,
     Gain,
@@ -17,15 +19,69 @@ from groundstation.core.estimation.observer import (
     corrected_twice,
     fourth_difference,
     initial_covariance,
+    initial_effectiveness,
     innovation,
     predict_covariance,
+    predict_effectiveness,
     update_covariance,
+    update_effectiveness,
     update_moving_covariance,
 )
-from groundstation.core.estimation.settings import Estimation
 from groundstation.core.geometry import FLOATS, Vec3
 from groundstation.core.messages import Estimate, Pose
 from groundstation.core.vehicle import ZERO, Drive, Driven, Motion, Vehicle, carried, driven, new
+
+Positive = Annotated[float, msgspec.Meta(gt=0.0)]
+NonNegative = Annotated[float, msgspec.Meta(ge=0.0)]
+
+Composite: TypeAlias = Literal["provable", "raw", "off"]
+"""What innovations correct beside the motion: the observer's own d̂, a controller's b̂, or nothing."""
+
+
+class Estimation(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
+    """Gains and switches of observer and predictor. Defaults: docs/explanation/law.md."""
+
+    gravity: Positive = 9.81
+    """g [m/s²]."""
+    delay_prediction: bool = True
+    """Roll the estimate forward from the pose's time stamp to the instant the command acts."""
+    observer: Literal["model", "backward_euler"] = "model"
+    """Velocity from a model-based observer, or from the paper's backward difference of positions."""
+    attitude_gain: Annotated[float, msgspec.Meta(gt=0.0, le=1.0)] = 1.0
+    """How much of a pose's attitude is believed against the model's [-]; 1 takes the measurement."""
+    pose_noise_m: Positive = 0.0003
+    """Position noise to begin with, 1σ per axis [m]; then measured in flight."""
+    velocity_noise_m_s: Positive = 0.1
+    """Velocity noise of a source that measures velocity, 1σ per axis [m/s]; PX4's own figure outdoors is 0.1."""
+    position_wander: NonNegative = 0.2
+    """How the position of such a source wanders against its velocity [m/√s]; PX4 on simulated GPS: 0.18."""
+    acceleration_noise: Positive = 0.01
+    """What the model's acceleration may do from one instant to the next [m/s² per √Hz]."""
+    wind_noise: Positive = 0.1
+    """How the disturbance may jump [m/s³ per √Hz]: turbulence of 0.2 m/s² RMS and 2.6 s has 0.18."""
+    wind_rate_noise: Positive = 1.7
+    """How its rate may jump [m/s⁴ per √Hz]: larger follows gusts faster and takes more noise for wind."""
+
+    effectiveness_deviation: NonNegative = 0.15
+    """How well thrust over mass is known before the flight, 1σ [-]; 0 leaves all to the disturbance."""
+    effectiveness_walk: NonNegative = 0.005
+    """How it may wander in flight [1/√s]."""
+
+    @property
+    def kind(self) -> str:
+        """The controller's name, as ``controller.kind`` has it."""
+        return str(self.__struct_config__.tag)
+
+    @property
+    def composite(self) -> Composite:
+        """The observer finds the disturbance by itself, unless the controller's config says otherwise."""
+        return "provable"
+
+    @property
+    def kb(self) -> float:
+        """Weight of adaptation in V [1/s² per m/s²]: none, unless the controller adapts."""
+        return 0.0
+
 
 STEP_LIMIT = 0.025
 """Longest single step of the model [s]; longer spans are split."""
@@ -185,7 +241,7 @@ class ModelEstimator:
         given = self.given = self._driven(pose.time_s)
         model = self._at(previous, given, dt)
         if self._separates and not self.frozen and self._held is None:
-            self._effectiveness = effectiveness.predict_effectiveness(
+            self._effectiveness = predict_effectiveness(
                 self._effectiveness, dt, given, self._mass, gains.effectiveness_walk
             )
         densities = self._still if pose.velocity_ned is None else self._moving
@@ -223,7 +279,7 @@ class ModelEstimator:
         p, v, d, c = gain
         if self._separates and not self.frozen and self._held is None:
             # What the innovation says of the thrust moves the chain, too.
-            e, moved = effectiveness.update_effectiveness(FLOATS, self._effectiveness, step, gain, variance, of)
+            e, moved = update_effectiveness(FLOATS, self._effectiveness, step, gain, variance, of)
             self._effectiveness = e
             self._disturbance_rate = corrected_twice(self._disturbance_rate, c, step, moved, e.c)
             return (

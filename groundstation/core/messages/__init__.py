@@ -2,10 +2,11 @@
 
 TYPE_CHECKING = False
 if TYPE_CHECKING:
-    from groundstation.core.messages.bodies import FAR_M, Others
     from groundstation.core.messages.control import Controller, Decision, Estimate
     from groundstation.core.messages.pose import (
+        FAR_M,
         Distrusts,
+        Others,
         Overheard,
         Pose,
         PoseEvent,
@@ -13,17 +14,31 @@ if TYPE_CHECKING:
         PoseStatus,
         SourceError,
     )
-    from groundstation.core.messages.requests import Ask, Reply, Request
-    from groundstation.core.messages.snapshot import Certificate, Diagnostics, Snapshot
-    from groundstation.core.messages.verdict import Check, Verdict
+    from groundstation.core.messages.snapshot import (
+        Ask,
+        Certificate,
+        Check,
+        Diagnostics,
+        Reply,
+        Request,
+        Snapshot,
+        Verdict,
+    )
 
 _MODULES = {
-    "bodies": ("FAR_M", "Others"),
     "control": ("Controller", "Decision", "Estimate"),
-    "pose": ("Distrusts", "Overheard", "Pose", "PoseEvent", "PoseSource", "PoseStatus", "SourceError"),
-    "requests": ("Ask", "Reply", "Request"),
-    "snapshot": ("Certificate", "Diagnostics", "Snapshot"),
-    "verdict": ("Check", "Verdict"),
+    "pose": (
+        "Distrusts",
+        "FAR_M",
+        "Others",
+        "Overheard",
+        "Pose",
+        "PoseEvent",
+        "PoseSource",
+        "PoseStatus",
+        "SourceError",
+    ),
+    "snapshot": ("Ask", "Certificate", "Check", "Diagnostics", "Reply", "Request", "Snapshot", "Verdict"),
 }
 
 

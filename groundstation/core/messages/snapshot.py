@@ -1,10 +1,31 @@
-"""One frozen picture of a flight per command, for screens, telemetry and logs. It flows one way: out."""
+"""Snapshot and request: one frozen picture of a flight per command, which flows out, and the one way in. Sans-IO."""
+
+from enum import StrEnum
 
 import msgspec
 
 from groundstation.core.geometry import Quat, Vec3
-from groundstation.core.messages.verdict import Check
 from links.core import LinkStatus
+
+
+class Verdict(StrEnum):
+    """What came of a check."""
+
+    OFF = "OFF"
+    PASS = "PASS"  # noqa: S105  # not a password
+    WARN = "WARN"
+    FAIL = "FAIL"
+
+
+class Check(msgspec.Struct, frozen=True):
+    """One check."""
+
+    name: str
+    """What was looked at."""
+    verdict: Verdict
+    """How it is."""
+    says: str
+    """A sentence: what was found, and what to do where it is not well."""
 
 
 class Diagnostics(msgspec.Struct, frozen=True, gc=False):
@@ -129,3 +150,48 @@ class Snapshot(msgspec.Struct, frozen=True):
     """Entry k: how many left later by less than 2**k µs, and not by less than 2**(k-1)."""
     gains: dict[str, float] = {}
     """The gains that may be changed in flight, by their keys in the configuration, as they are now."""
+
+
+class Ask(StrEnum):
+    """What is asked for. Whether it is possible now, the mission's table says."""
+
+    ARM = "arm"
+    """Start the motors and take off."""
+    TRACK = "track"
+    """Leave the hold for the trajectory."""
+    HOLD = "hold"
+    """Stop and stay there."""
+    RETURN = "return"
+    """Fly back over the place of take-off and land there."""
+    LAND = "land"
+    """Land here; before take-off, end the flight."""
+    DESCEND = "descend"
+    """Failsafe descent: level and down at once, by attitude and speed alone."""
+    ABORT = "abort"
+    """Commands stop; the link brings the vehicle down by itself."""
+    KILL = "kill"
+    """Motors off at once, also in the air."""
+
+
+class Request(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """One request, and why."""
+
+    ask: Ask
+    why: str = ""
+    """Who asks and why, as the operator shall read it."""
+
+
+class Reply(msgspec.Struct, frozen=True):
+    """What became of a request."""
+
+    done: bool
+    says: str
+    """What it does now, or why not, for the operator."""
+
+
+def decode(text: bytes) -> Request | None:
+    """The request in a JSON object such as ``{"ask": "land", "why": "MQTT"}``; None where it is none."""
+    try:
+        return msgspec.json.decode(text, type=Request)
+    except (msgspec.DecodeError, UnicodeDecodeError, RecursionError):
+        return None

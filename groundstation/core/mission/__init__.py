@@ -2,12 +2,12 @@
 
 TYPE_CHECKING = False
 if TYPE_CHECKING:
-    from groundstation.core.mission.interrupts import Interrupts
     from groundstation.core.mission.mission import EVENT_OF, FINAL, IN_AIR, ON_GROUND, TABLE, Event, Mission, State
+    from groundstation.core.mission.operator import Hold, InputLost, Interrupts
 
 _MODULES = {
-    "interrupts": ("Interrupts",),
     "mission": ("EVENT_OF", "Event", "FINAL", "IN_AIR", "Mission", "ON_GROUND", "State", "TABLE"),
+    "operator": ("Hold", "InputLost", "Interrupts"),
 }
 
 

@@ -1,4 +1,4 @@
-"""The mission as a table: state × event → state. A missing key is an illegal move. Sans-IO."""
+"""Mission: a table of state × event → state. A missing key is an illegal move. Sans-IO."""
 
 from enum import StrEnum
 
@@ -40,7 +40,7 @@ class State(StrEnum):
 
 
 class Event(StrEnum):
-    """What may happen to it. Requests are called as in :class:`groundstation.core.messages.requests.Ask`."""
+    """What may happen to it. Requests are called as in :class:`groundstation.core.messages.snapshot.Ask`."""
 
     START = "start"
     CONNECTED = "connected"

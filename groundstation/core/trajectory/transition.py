@@ -1,19 +1,13 @@
-"""Blend: from one state of motion to another without a step, and ways joined one after the other.
-
-Each coordinate is the polynomial of degree 7 that meets position, velocity, acceleration and jerk at both ends, so what
-is joined by it is C³: thrust and body rates, which follow acceleration and jerk, have no step. With x = t/T:
-
-    q(x) = c0 + c1 x + c2 x² + c3 x³ + c4 x⁴ + c5 x⁵ + c6 x⁶ + c7 x⁷
-
-c0 … c3 are the start's derivatives times Tᵏ/k!; c4 … c7 make up what is left to the end's.
-"""
+"""Transitions: to stay at a point, to go straight to another, and to blend one motion into the next without a step."""
 
 import math
 from collections.abc import Sequence
 from typing import NamedTuple
 
+import msgspec
+
 from groundstation.core.geometry import Vec3
-from groundstation.core.trajectory.port import Reference, Trajectory
+from groundstation.core.trajectory.port import Acceleration, Degrees, Point, Reference, Speed, Trajectory
 
 LOOKS = 24
 """Speed and acceleration are looked at so often along a blend: peaks between are a hundredth higher at most."""
@@ -102,7 +96,15 @@ def _dying(moving: Reference, limits: Limits, way: float) -> "Blend":
 
 
 class Blend:
-    """The way of this file's heading. See the port for its methods; it stays in its end's motion afterwards."""
+    """From one state of motion to another without a step. See the port; it stays in its end's motion afterwards.
+
+    Each coordinate is the polynomial of degree 7 that meets position, velocity, acceleration and jerk at both ends, so
+    what is joined by it is C³: thrust and body rates, which follow acceleration and jerk, have no step. With x = t/T:
+
+        q(x) = c0 + c1 x + c2 x² + c3 x³ + c4 x⁴ + c5 x⁵ + c6 x⁶ + c7 x⁷
+
+    c0 … c3 are the start's derivatives times Tᵏ/k!; c4 … c7 make up what is left to the end's.
+    """
 
     __slots__ = ("_end", "_parts", "_start", "_yaw", "duration_s")
 
@@ -225,3 +227,136 @@ def _at(part: Coefficients, x: float, h: float) -> tuple[float, float, float, fl
     second = 2 * c2 + x * (6 * c3 + x * (12 * c4 + x * (20 * c5 + x * (30 * c6 + x * 42 * c7))))
     third = 6 * c3 + x * (24 * c4 + x * (60 * c5 + x * (120 * c6 + x * 210 * c7)))
     return value, first / h, second / (h * h), third / (h * h * h)
+
+
+class HoldConfig(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True, tag_field="kind", tag="hold"):
+    """A point to stay at."""
+
+    position_ned: Point = (0.0, 0.0, -1.0)
+    """The point [m], world NED; 1 m up is -1 in the third place."""
+    yaw_deg: Degrees = 0.0
+    """Heading [deg], from north towards east."""
+
+    def build(self) -> "Hold":
+        """The trajectory of this config."""
+        return Hold(self.position_ned, math.radians(self.yaw_deg))
+
+
+class Hold:
+    """One reference for all time. See the port for ``at`` and ``position_at``."""
+
+    __slots__ = ("_reference",)
+
+    duration_s: float | None = None
+    """It never ends."""
+    joints_s = (0.0,)
+    """Nothing ever happens."""
+
+    def __init__(self, position_ned: Vec3, yaw_rad: float) -> None:
+        self._reference = Reference(position_ned, yaw_rad=yaw_rad)
+
+    def position_at(self, time_s: float) -> Vec3:
+        """The point [m], world NED."""
+        return self._reference.position_ned
+
+    def at(self, time_s: float) -> Reference:
+        """The reference at rest."""
+        return self._reference
+
+
+_PEAK_1 = 35.0 / 16.0
+"""Largest f', at x = 1/2."""
+_PEAK_2 = 84.0 / (5.0 * math.sqrt(5.0))
+"""Largest |f''|, where w = 1/5."""
+
+
+class TransitConfig(
+    msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True, tag_field="kind", tag="transit"
+):
+    """A straight way between two points, as fast as two limits allow, and a hold at its end."""
+
+    start_ned: Point
+    """Where it starts [m], world NED."""
+    end_ned: Point
+    """Where it ends and stays [m], world NED."""
+    max_speed_m_s: Speed = 0.5
+    """Never faster than this [m/s]."""
+    max_acceleration_m_s2: Acceleration = 1.0
+    """Never more acceleration than this [m/s²]."""
+    yaw_deg: Degrees = 0.0
+    """Heading [deg], from north towards east; it stays."""
+
+    def build(self) -> "Transit":
+        """The trajectory of this config."""
+        return Transit(
+            self.start_ned,
+            self.end_ned,
+            max_speed_m_s=self.max_speed_m_s,
+            max_acceleration_m_s2=self.max_acceleration_m_s2,
+            yaw_rad=math.radians(self.yaw_deg),
+        )
+
+
+class Transit:
+    """From rest straight to rest, in the shortest time that keeps both limits. See the port for its methods.
+
+        pd = start + (end - start) f(x),    x = t / duration,    f = x⁴ (35 - 84x + 70x² - 20x³)
+
+    f is the polynomial of degree 7 whose first three derivatives vanish at both ends: position is C³, so that thrust
+    and body rates, which follow acceleration and jerk, start and stop without a step. With w = x (1 - x):
+        f' = 140 w³        f'' = 420 w² (1 - 2x)        f''' = 840 w (1 - 5w)
+    """
+
+    __slots__ = ("_duration_s", "_end", "_start", "_way", "_yaw")
+
+    def __init__(
+        self, start_ned: Vec3, end_ned: Vec3, *, max_speed_m_s: float, max_acceleration_m_s2: float, yaw_rad: float
+    ) -> None:
+        """Plan the way from ``start_ned`` to ``end_ned`` [m]; both limits must be above 0."""
+        way = (end_ned[0] - start_ned[0], end_ned[1] - start_ned[1], end_ned[2] - start_ned[2])
+        length = math.hypot(*way)
+        self._way = way
+        self._yaw = yaw_rad
+        self._start = Reference(start_ned, yaw_rad=yaw_rad)
+        self._end = Reference(end_ned, yaw_rad=yaw_rad)
+        self._duration_s = max(
+            _PEAK_1 * length / max_speed_m_s,
+            math.sqrt(_PEAK_2 * length / max_acceleration_m_s2),
+        )
+
+    @property
+    def duration_s(self) -> float:
+        """Time from one point to the other [s]; 0 where they are the same."""
+        return self._duration_s
+
+    @property
+    def joints_s(self) -> tuple[float, float]:
+        """Start and end [s]."""
+        return (0.0, self._duration_s)
+
+    def position_at(self, time_s: float) -> Vec3:
+        """Position [m], world NED."""
+        return self.at(time_s).position_ned
+
+    def at(self, time_s: float) -> Reference:
+        """The reference ``time_s`` after the start [s]."""
+        duration = self._duration_s
+        if time_s >= duration:
+            return self._end
+        if time_s <= 0.0:
+            return self._start
+        x = time_s / duration
+        w = x * (1.0 - x)
+        f = x * x * x * x * (35.0 - x * (84.0 - x * (70.0 - x * 20.0)))
+        f1 = 140.0 * w * w * w / duration
+        f2 = 420.0 * w * w * (1.0 - 2.0 * x) / (duration * duration)
+        f3 = 840.0 * w * (1.0 - 5.0 * w) / (duration * duration * duration)
+        start = self._start.position_ned
+        a, b, c = self._way
+        return Reference(
+            (start[0] + f * a, start[1] + f * b, start[2] + f * c),
+            (f1 * a, f1 * b, f1 * c),
+            (f2 * a, f2 * b, f2 * c),
+            (f3 * a, f3 * b, f3 * c),
+            self._yaw,
+        )

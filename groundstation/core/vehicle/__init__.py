@@ -2,12 +2,34 @@
 
 TYPE_CHECKING = False
 if TYPE_CHECKING:
-    from groundstation.core.vehicle.model import ZERO, Drive, Driven, Motion, carried, driven, lead, new, rolled
-    from groundstation.core.vehicle.vehicle import LimitsConfig, Vehicle
+    from groundstation.core.vehicle.vehicle import (
+        ZERO,
+        Drive,
+        Driven,
+        LimitsConfig,
+        Motion,
+        Vehicle,
+        carried,
+        driven,
+        lead,
+        new,
+        rolled,
+    )
 
 _MODULES = {
-    "model": ("Drive", "Driven", "Motion", "ZERO", "carried", "driven", "lead", "new", "rolled"),
-    "vehicle": ("LimitsConfig", "Vehicle"),
+    "vehicle": (
+        "Drive",
+        "Driven",
+        "LimitsConfig",
+        "Motion",
+        "Vehicle",
+        "ZERO",
+        "carried",
+        "driven",
+        "lead",
+        "new",
+        "rolled",
+    )
 }
 
 

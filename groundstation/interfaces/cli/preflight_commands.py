@@ -7,7 +7,13 @@ import json
 import msgspec
 
 from groundstation.config import ConfigError, load
-from groundstation.flight import checks, preflight
+from groundstation.flight import (
+    describe_checks,
+    describe_failures,
+    describe_trajectory,
+    examine_trajectory,
+    explain_refusal,
+)
 from groundstation.interfaces.service import flyable
 from groundstation.settings import Config
 
@@ -17,18 +23,18 @@ EXIT_DONE, EXIT_ABORTED = 0, 1
 def trajectory_command(args: argparse.Namespace) -> int:
     """Say what the trajectory asks of the vehicle, and whether it may fly."""
     config = load(args.config, Config, args.overrides)
-    report = preflight.look(config)
+    report = examine_trajectory(config)
     if args.json:
         facts = {
             "kind": config.trajectory.__struct_config__.tag,
             "vehicle": config.vehicle.name,
             "pass": report.ok,
-            "refusal": preflight.refused(config, report),
+            "refusal": explain_refusal(config, report),
             **msgspec.to_builtins(report),
         }
         print(json.dumps(facts))
     else:
-        print(preflight.text(config, report))
+        print(describe_trajectory(config, report))
     return EXIT_DONE if report.ok else EXIT_ABORTED
 
 
@@ -50,8 +56,8 @@ def check_command(args: argparse.Namespace) -> int:
         return False
 
     found = asyncio.run(make_flight(config, confirm=never, running=running).check())
-    bad = checks.failed(found)
+    bad = describe_failures(found)
     verdict = "NOT ready to fly: see FAIL above" if bad else "ready to fly"
     facts = json.dumps({"pass": not bad, "checks": msgspec.to_builtins(found)})
-    print(facts if args.json else f"{checks.text(found)}\n{verdict}")
+    print(facts if args.json else f"{describe_checks(found)}\n{verdict}")
     return EXIT_ABORTED if bad else EXIT_DONE

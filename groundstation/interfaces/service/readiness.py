@@ -1,8 +1,7 @@
 """Whether a configuration has all that a flight needs, looked at before anything is opened."""
 
 from groundstation.config import ConfigError
-from groundstation.flight import ensure_flyable, ensure_guarded, ensure_link
-from groundstation.flight.hold_to_run import ensure_held
+from groundstation.flight import ensure_flyable, ensure_guarded, ensure_held, ensure_link
 from groundstation.interfaces.mqtt import ensure_mqtt
 from groundstation.pose import Recorded
 from groundstation.settings import Config

@@ -6,7 +6,7 @@ from pathlib import Path
 from string import Template
 
 from groundstation.core.safety import CERTAIN_S
-from groundstation.flight import DISARM_WAIT_S, look
+from groundstation.flight import DISARM_WAIT_S, examine_trajectory
 from groundstation.recording import END_S
 from groundstation.settings import Config
 from links.core import make_child_command
@@ -25,7 +25,7 @@ def longest_landing_s(config: Config) -> float:
     From the top of the fence, or else the highest point that it flies to, at the speeds of the landing.
     """
     floor = config.flight.floor_z_m
-    top = max(floor - look(config).lowest_ned[2], config.takeoff.height_m)
+    top = max(floor - examine_trajectory(config).lowest_ned[2], config.takeoff.height_m)
     if config.fence is not None:
         top = max(top, config.fence.height_m)
     landing = config.landing

@@ -8,8 +8,7 @@ import msgspec
 from msgspec import inspect as mi
 
 from groundstation.config import ConfigError
-from groundstation.core.control import Gains, bound_decrease
-from groundstation.core.controllers import ControllerConfig, Custom
+from groundstation.core.control import ControllerConfig, Custom, Gains, bound_decrease
 
 SECTION = "controller."
 KEYS: dict[str, tuple[str, ...]] = {

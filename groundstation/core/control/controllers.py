@@ -1,14 +1,19 @@
-"""A controller of the user's own, loaded by name: ``controller.kind = "package.module:factory"``."""
+"""Controllers to fly with: the table of their kinds, and a user's own, loaded by name.
+
+``ControllerConfig`` has one line for each kind; a user's own is ``controller.kind = "package.module:factory"``.
+"""
 
 import importlib
 import math
 import re
-from typing import Annotated, Any, ClassVar
+from typing import Annotated, Any, ClassVar, TypeAlias
 
 import msgspec
 
 from groundstation.config import ConfigError, Open
-from groundstation.core.control import limited
+from groundstation.core.control.adaptive import Adaptive, Gains, Uncompensated
+from groundstation.core.control.attitude import limited
+from groundstation.core.control.baselines import Geometric, Indi, Pid
 from groundstation.core.estimation import Estimation
 from groundstation.core.messages import Controller, Decision, Estimate
 from groundstation.core.trajectory import Reference
@@ -113,3 +118,16 @@ class Guarded:
 
 def _said(error: BaseException) -> str:
     return f"{type(error).__name__}: {error}"
+
+
+ControllerConfig: TypeAlias = Gains | Uncompensated | Geometric | Pid | Indi | Custom
+"""Any controller as the config file tells it, picked by its ``kind``, with what its estimator is told."""
+
+
+def make_controller(config: ControllerConfig, vehicle: Vehicle) -> Controller:
+    """The controller that ``config`` describes.
+
+    Raises:
+        ConfigError: a controller of the user's own can't be loaded.
+    """
+    return Adaptive(vehicle, config) if isinstance(config, Gains) else config.build(vehicle)

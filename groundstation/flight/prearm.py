@@ -1,14 +1,18 @@
-"""Pre-arm checks: what is looked at before the motors start, each OFF, PASS, WARN or FAIL with a sentence. Sans-IO.
+"""Pre-arm sequence: connect, check what must hold before the motors start, and wait for whoever sends the vehicle off.
 
-Of the vehicle itself, and of what is beside it: other flights here, other bodies, and its operator's hand.
+Each check is OFF, PASS, WARN or FAIL with a sentence: of the vehicle itself, and of what is beside it, other flights
+here, other bodies, and its operator's hand.
 """
 
+import asyncio
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Awaitable, Callable, Sequence
 
+from groundstation.core import Pilot
 from groundstation.core.control import Law, acceleration_sup, thrust_bound
 from groundstation.core.geometry import Vec3, angle_deg, third_column
-from groundstation.core.messages import Check, Others, Pose, Verdict
+from groundstation.core.messages import Check, Others, Pose, PoseSource, Verdict
+from groundstation.core.mission import Event
 from groundstation.core.safety import (
     ASKEW_DEG,
     Agreement,
@@ -16,19 +20,30 @@ from groundstation.core.safety import (
     GuardsConfig,
     Separation,
     Standing,
+    Witness,
     limit_n,
     usual_limit_n,
 )
 from groundstation.core.trajectory import Reference, Trajectory
 from groundstation.flight.course import Course
 from groundstation.flight.hold_to_run import Hold
-from groundstation.flight.preflight import is_simulated, look, real, refused
-from groundstation.flight.proof import Proof, lacks
+from groundstation.flight.preflight import (
+    Proof,
+    examine_trajectory,
+    explain_refusal,
+    is_simulated,
+    lacks,
+    on_file,
+    place,
+    real,
+)
+from groundstation.flight.progress import Progress
+from groundstation.flight.sender import Ended
 from groundstation.pose.sources import MavlinkPoseConfig
 from groundstation.runtime import Running, socket_path
 from groundstation.settings import Config, FlightConfig, LinkConfig
 from links.bridge import BridgeLinkConfig
-from links.core import LinkStatus
+from links.core import CommandLink, LinkError, LinkStatus
 from links.mavlink import MavlinkLinkConfig
 from links.rf.codecs import RfLinkConfig
 
@@ -51,7 +66,7 @@ WARN_RTT = 0.5
 """A longer round trip than this share of its limit is a warning."""
 
 
-def judged(name: str, value: float, warn: float, fail: float, says: str) -> Check:
+def grade(name: str, value: float, warn: float, fail: float, says: str) -> Check:
     """The larger ``value`` the worse; anything that is not below ``fail``, NaN too, fails."""
     verdict = Verdict.PASS if value <= warn else Verdict.WARN if value <= fail else Verdict.FAIL
     return Check(name, verdict, says)
@@ -88,7 +103,7 @@ class Checks:
             self._age(poses[-1], now_s),
             self._deadline(),
             self._props_off(link),
-            judged("pose noise", noise_m, WARN_NOISE_M, NOISE_M, f"noise of {1e3 * noise_m:.2f} mm on each axis"),
+            grade("pose noise", noise_m, WARN_NOISE_M, NOISE_M, f"noise of {1e3 * noise_m:.2f} mm on each axis"),
             self._rest(poses),
             self._tilt(poses[-1]),
             self._witness(witness),
@@ -116,7 +131,7 @@ class Checks:
 
     def _age(self, pose: Pose, now_s: float) -> Check:
         age, fail = now_s - pose.time_s, OLD_SHARE * self._config.flight.coast_s
-        return judged("pose age", age, min(WARN_AGE_S, fail), fail, f"the newest pose is {1e3 * age:.0f} ms old")
+        return grade("pose age", age, min(WARN_AGE_S, fail), fail, f"the newest pose is {1e3 * age:.0f} ms old")
 
     def _props_off(self, link: LinkStatus) -> Check:
         """Whether somebody has seen the motors of this vehicle stop, as it is now."""
@@ -144,12 +159,12 @@ class Checks:
         far = max(math.dist(poses[0].position_ned, pose.position_ned) for pose in poses)
         limit = MOVED_M if poses[0].velocity_ned is None else WANDERED_M
         says = f"poses lie within {100.0 * far:.1f} cm" + ("" if far <= limit else ": the vehicle must stand still")
-        return judged("at rest", far, limit, limit, says)
+        return grade("at rest", far, limit, limit, says)
 
     def _tilt(self, pose: Pose) -> Check:
         tilt = angle_deg(third_column(pose.attitude)[2])
         more = "" if tilt <= WARN_TILT_DEG else ": level the floor, or correct the object's axes in the capture system"
-        return judged("tilt", tilt, WARN_TILT_DEG, TILT_DEG, f"it stands tilted by {tilt:.1f}°{more}")
+        return grade("tilt", tilt, WARN_TILT_DEG, TILT_DEG, f"it stands tilted by {tilt:.1f}°{more}")
 
     def _witness(self, told: Agreement | None) -> Check:
         """Whether the autopilot lies and turns as the tracker sees it."""
@@ -180,7 +195,7 @@ class Checks:
         limit = FLOOR_M if pose.velocity_ned is None else FLOOR_WANDERS_M
         says = f"it stands at {place[2]:+.2f} m (down), flight.floor_z_m says {self._config.flight.floor_z_m:+.2f} m"
         more = "" if off <= limit else ": a wrong one makes a wrong bring-down; correct it"
-        return judged("floor", off, limit, limit, says + more)
+        return grade("floor", off, limit, limit, says + more)
 
     def _inside(self, place: Vec3) -> Check:
         if self._fence is None:
@@ -248,7 +263,7 @@ class Checks:
             return Check("round trip", Verdict.OFF, "the link does not know")
         limit = self._config.guards.rtt_s
         says = f"{1e3 * link.rtt_s:.0f} ms to the vehicle and back, limit {1e3 * limit:.0f} ms"
-        return judged("round trip", link.rtt_s, WARN_RTT * limit, limit, says)
+        return grade("round trip", link.rtt_s, WARN_RTT * limit, limit, says)
 
     def _arm(self, link: LinkStatus) -> Check:
         if link.state == "armed":
@@ -315,19 +330,19 @@ class Checks:
         return Check("thrust bound", Verdict.WARN, says)
 
     def _flyable(self) -> Check:
-        report = look(self._config)
-        why = refused(self._config, report)
+        report = examine_trajectory(self._config)
+        why = explain_refusal(self._config, report)
         if why is not None:
             return Check("trajectory", Verdict.FAIL, why)
         return Check("trajectory", Verdict.PASS, "within the limits of vehicle and configuration")
 
 
-def failed(checks: list[Check]) -> str:
+def describe_failures(checks: list[Check]) -> str:
     """What fails, as one sentence; empty where nothing does."""
     return "; ".join(f"{check.name}: {check.says}" for check in checks if check.verdict is Verdict.FAIL)
 
 
-def text(checks: list[Check]) -> str:
+def describe_checks(checks: list[Check]) -> str:
     """``checks`` for people."""
     return "\n".join(f"{check.verdict:5}{check.name:20}{check.says}" for check in checks)
 
@@ -431,3 +446,150 @@ def link_of(link: LinkConfig) -> str:
     else:
         where = link.remote if isinstance(link, BridgeLinkConfig) else link.port
     return f"{link.__struct_config__.tag} {where}"
+
+
+LOOK_AGAIN_S = 1.0
+"""How often the checks are made anew while the operator has not armed yet [s]."""
+
+
+class Departure:
+    """One flight's."""
+
+    checks: tuple[Check, ...] = ()
+    """The newest, until somebody has armed: for the screens."""
+
+    def __init__(
+        self,
+        config: Config,
+        link: CommandLink,
+        source: PoseSource,
+        pilot: Pilot,
+        progress: Progress,
+        witness: Witness,
+        *,
+        confirm: Callable[[], Awaitable[bool]],
+        others: Others | None,
+        say: Callable[[str], None],
+        company: Company | None = None,
+    ) -> None:
+        """``confirm`` asks the operator before the vehicle is armed; ``others`` are vehicles to keep away from.
+
+        ``company`` makes more checks, of what is beside the vehicle.
+        """
+        self._config = config
+        self._link = link
+        self._source = source
+        self._pilot = pilot
+        self._progress = progress
+        self._witness = witness
+        self._confirm = confirm
+        self._others = others
+        self._say = say
+        self._company = company
+        self._look: Checks | None = None
+        self._arm_asked = asyncio.Event()
+        self._first_pose = asyncio.Event()
+
+    def pose(self) -> None:
+        """A pose has come."""
+        self._first_pose.set()
+
+    def arm(self) -> None:
+        """Somebody asks to arm."""
+        self._arm_asked.set()
+
+    async def depart(self, deliver: Callable[[Pose], None]) -> None:
+        """All of it; where it returns, the vehicle may be armed. ``deliver`` gets the poses from now on.
+
+        Raises:
+            Ended: no pose comes, a check fails, or the operator does not confirm.
+            LinkError: the link can't be connected.
+        """
+        loop, progress = asyncio.get_running_loop(), self._progress
+        from_floor = self._config.flight.start == "floor"
+        if from_floor:
+            self._pilot.stand()
+        progress.go(Event.START, "waiting for the link and for poses", loop.time())
+        await self._connect(deliver)
+        if from_floor:
+            await self._stand()
+            bad, checks = self._checked()
+            for one in checks:
+                if one.verdict in (Verdict.WARN, Verdict.FAIL):
+                    self._say(f"pre-flight {one.verdict}: {one.name}: {one.says}")
+            if bad:
+                raise Ended(f"pre-flight checks failed: {bad}")
+        status = self._source.status
+        poses = f"poses at {status.rate_hz:.0f} Hz, {1e3 * status.latency_s:.0f} ms late"
+        progress.go(Event.CONNECTED, f"link and poses are there; {poses}", loop.time())
+        await self._operator()
+        if from_floor:
+            bad, _ = self._checked(arming=True)
+            if bad:
+                raise Ended(f"not armed: {bad}")
+        self.checks = ()
+        if self._company is not None:
+            self._company.leave()
+        self._witness.arm()
+
+    async def check(self, deliver: Callable[[Pose], None]) -> list[Check]:
+        """Connect and look, and no more; what can't be connected is a check that fails."""
+        try:
+            await self._connect(deliver)
+            await self._stand()
+            return self._checked()[1]
+        except (Ended, LinkError, OSError) as error:
+            return [Check("connection", Verdict.FAIL, str(error))]
+
+    async def _stand(self) -> None:
+        """Look at the vehicle as it stands for a moment."""
+        self._look = Checks(self._config, self._others, on_file(place(self._config)))
+        await asyncio.gather(asyncio.sleep(LOOK_S), self._link.examine())
+
+    def _checked(self, *, arming: bool = False) -> tuple[str, list[Check]]:
+        """What fails, and all checks; ``arming`` where the motors start next."""
+        assert self._look is not None, "nobody has looked yet"
+        now = asyncio.get_running_loop().time()
+        evidence = self._witness.verdict(now)
+        checks = self._look(self._progress.standing, self._pilot.noise_m, self._link.status, now, evidence)
+        if self._company is not None:
+            checks += self._company(self._progress.standing, now, arming=arming)
+        self.checks = tuple(checks)
+        return describe_failures(checks), checks
+
+    async def _connect(self, deliver: Callable[[Pose], None]) -> None:
+        await self._source.start(deliver)
+        await self._link.connect()
+        wait = self._config.flight.pose_wait_s
+        try:
+            await asyncio.wait_for(self._first_pose.wait(), wait)
+        except TimeoutError:
+            raise Ended(f"no pose within {wait:g} s: {self._why_no_pose()}") from None
+
+    def _why_no_pose(self) -> str:
+        pose, dropped = self._config.pose, self._source.status.dropped
+        if isinstance(pose, MavlinkPoseConfig):
+            said = f"; it said last: “{self._link.status.text}”" if self._link.status.text else ""
+            return (
+                "the autopilot is heard but has no estimate of its position yet (pose.kind = mavlink). After a start "
+                f"that takes it some 40 s, and it needs GPS or an external pose: wait for it, then try again{said}"
+            )
+        told = ("server", "listen", "object", "name")
+        keys = ", ".join(f"pose.{key} = {getattr(pose, key)}" for key in told if hasattr(pose, key))
+        hint = f"dropped so far: {dropped}" if dropped else "nothing arrived at all; check address and port"
+        return f"nothing of use from pose.kind = {pose.__struct_config__.tag} ({keys}); {hint}"
+
+    async def _operator(self) -> None:
+        """Wait until somebody asks to arm: at the terminal, or by a request."""
+        confirmed, asked = asyncio.ensure_future(self._confirm()), asyncio.ensure_future(self._arm_asked.wait())
+        try:
+            while not (confirmed.done() or asked.done()):
+                if self._look is not None:
+                    self._checked()  # for the screens: whoever arms sees the vehicle as it stands now
+                await asyncio.wait({confirmed, asked}, timeout=LOOK_AGAIN_S, return_when=asyncio.FIRST_COMPLETED)
+            if not asked.done() and not confirmed.result():
+                raise Ended("not armed: the operator did not confirm")
+        finally:
+            for task in (confirmed, asked):
+                task.cancel()
+            await asyncio.gather(confirmed, asked, return_exceptions=True)

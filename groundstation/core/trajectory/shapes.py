@@ -1,0 +1,471 @@
+"""Shapes: circle, figure of eight and excitation, how often they are flown, and the table of all kinds.
+
+A closed curve may lie in any plane: the level one is turned about a level line through its middle.
+"""
+
+import math
+from collections.abc import Sequence
+from itertools import cycle
+from typing import Annotated, NamedTuple, TypeAlias
+
+import msgspec
+
+from groundstation.core.geometry import Vec3
+from groundstation.core.trajectory.port import (
+    Acceleration,
+    Coordinate,
+    Degrees,
+    Length,
+    Paced,
+    Point,
+    Ramp,
+    Reference,
+    Speed,
+    Turning,
+)
+from groundstation.core.trajectory.transition import HoldConfig, TransitConfig
+from groundstation.core.trajectory.waypoints import SamplesConfig, WaypointsConfig
+
+
+class Tilted:
+    """``curve``, whose side towards one bearing is raised. See the port for ``at`` and ``position_at``."""
+
+    __slots__ = ("_curve", "_east", "_middle", "_north", "_rise", "_shrink")
+
+    def __init__(self, curve: Turning, middle_ned: Vec3, tilt_rad: float, uphill_rad: float) -> None:
+        """Raise the side at bearing ``uphill_rad`` by ``tilt_rad``; the curve is level at the height of its middle."""
+        self._curve = curve
+        self._middle = middle_ned
+        self._north, self._east = math.cos(uphill_rad), math.sin(uphill_rad)
+        self._shrink, self._rise = math.cos(tilt_rad) - 1.0, -math.sin(tilt_rad)
+
+    @property
+    def duration_s(self) -> float | None:
+        """As the curve's."""
+        return self._curve.duration_s
+
+    @property
+    def period_s(self) -> float:
+        """As the curve's."""
+        return self._curve.period_s
+
+    @property
+    def joints_s(self) -> Sequence[float]:
+        """As the curve's."""
+        return self._curve.joints_s
+
+    def position_at(self, time_s: float) -> Vec3:
+        """Position [m], world NED."""
+        return self._point(self._curve.position_at(time_s))
+
+    def at(self, time_s: float) -> Reference:
+        """The reference ``time_s`` after the start [s]."""
+        level = self._curve.at(time_s)
+        return Reference(
+            self._point(level.position_ned),
+            self._turned(level.velocity_ned),
+            self._turned(level.acceleration_ned),
+            self._turned(level.jerk_ned),
+            level.yaw_rad,
+            level.yaw_rate_rad_s,
+        )
+
+    def _point(self, point: Vec3) -> Vec3:
+        north, east, down = self._middle
+        x, y, z = self._turned((point[0] - north, point[1] - east, 0.0))
+        return (north + x, east + y, down + z)
+
+    def _turned(self, level: Vec3) -> Vec3:
+        uphill = level[0] * self._north + level[1] * self._east
+        more = self._shrink * uphill
+        return (level[0] + more * self._north, level[1] + more * self._east, self._rise * uphill)
+
+
+class Laps(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
+    """Keys of every closed curve. Without them it is level, at full speed from the start, and never ends."""
+
+    laps: Annotated[int, msgspec.Meta(ge=1, le=100_000)] | None = None
+    """Whole turns to fly, then it rests where it began; needs ``ramp_s``. Without it, it never ends."""
+    ramp_s: Ramp = 0.0
+    """From rest to full speed in this time, and back to rest at the end [s]; 0: at full speed at once."""
+    tilt_deg: Annotated[float, msgspec.Meta(ge=-90.0, le=90.0)] = 0.0
+    """Turns the figure out of the level plane, about its middle [deg]; 90 is upright."""
+    uphill_deg: Degrees = 0.0
+    """Bearing of the side that ``tilt_deg`` raises [deg], from north towards east."""
+
+    def __post_init__(self) -> None:
+        """Check what the types cannot.
+
+        Raises:
+            ValueError: it would have to stop at once, or the ramps are longer than all laps.
+        """
+        if self.laps is not None and self.ramp_s == 0.0:
+            raise ValueError("laps: needs ramp_s above 0, or it would have to stop within no time at the end")
+        if self.laps is not None and self.ramp_s > self.laps * self.lap_s:
+            raise ValueError(
+                f"ramp_s: expected at most {self.laps * self.lap_s:.3g} s, the time of all laps, got {self.ramp_s:g}"
+            )
+
+    @property
+    def lap_s(self) -> float:
+        """Time of one turn at full speed [s]."""
+        raise NotImplementedError
+
+    def flown(self, curve: Turning, middle_ned: Vec3) -> Turning:
+        """The level ``curve``, as these keys have it; its plane is turned about ``middle_ned`` [m]."""
+        if self.ramp_s > 0.0:
+            length_s = None if self.laps is None else self.laps * curve.period_s
+            curve = Paced(curve, self.ramp_s, length_s, curve.period_s)
+        if self.tilt_deg != 0.0:
+            curve = Tilted(curve, middle_ned, math.radians(self.tilt_deg), math.radians(self.uphill_deg))
+        return curve
+
+
+class CircleConfig(Laps, frozen=True, kw_only=True, forbid_unknown_fields=True, tag_field="kind", tag="circle"):
+    """A circle at constant speed, level unless it is tilted."""
+
+    radius_m: Length = 1.0
+    """Radius [m]."""
+    speed_m_s: Speed = 0.5
+    """Speed along the circle [m/s]."""
+    altitude_m: Coordinate = 1.0
+    """Height above ``centre_ned`` [m]."""
+    centre_ned: Point = (0.0, 0.0, 0.0)
+    """The point below the middle of the circle [m], world NED."""
+    start_deg: Degrees = 0.0
+    """Where on the circle it starts: bearing from the centre [deg], from north towards east."""
+    clockwise: bool = True
+    """Turn from north towards east (seen from above), or the other way."""
+    yaw_deg: Degrees = 0.0
+    """Heading [deg], from north towards east; it stays."""
+
+    @property
+    def lap_s(self) -> float:
+        """Time of one turn at full speed [s]."""
+        return 2.0 * math.pi * self.radius_m / self.speed_m_s
+
+    def build(self) -> Turning:
+        """The trajectory of this config."""
+        north, east, down = self.centre_ned
+        return self.flown(Circle(self), (north, east, down - self.altitude_m))
+
+
+class Circle:
+    """pd = centre + r (cos θ, sin θ), θ = θ0 ± (V/r) t. See the port for ``at`` and ``position_at``."""
+
+    __slots__ = ("_down", "_east", "_north", "_radius", "_rate", "_start", "_yaw", "period_s")
+
+    duration_s: float | None = None
+    """It never ends."""
+
+    def __init__(self, config: CircleConfig) -> None:
+        self._north, self._east, down = config.centre_ned
+        self._down = down - config.altitude_m
+        self._radius = config.radius_m
+        self._start = math.radians(config.start_deg)
+        self._yaw = math.radians(config.yaw_deg)
+        self.period_s = config.lap_s
+        self._rate = config.speed_m_s / config.radius_m * (1.0 if config.clockwise else -1.0)
+
+    @property
+    def joints_s(self) -> tuple[float, float]:
+        """One turn [s]."""
+        return (0.0, self.period_s)
+
+    def position_at(self, time_s: float) -> Vec3:
+        """Position [m], world NED."""
+        angle = self._start + self._rate * math.remainder(time_s, self.period_s)
+        radius = self._radius
+        return (self._north + radius * math.cos(angle), self._east + radius * math.sin(angle), self._down)
+
+    def at(self, time_s: float) -> Reference:
+        """The reference ``time_s`` after the start [s]."""
+        # Whole turns are taken off the time, exactly, so that hours of flight cost no digits.
+        rate = self._rate
+        angle = self._start + rate * math.remainder(time_s, self.period_s)
+        x, y = self._radius * math.cos(angle), self._radius * math.sin(angle)
+        rate2 = rate * rate
+        rate3 = rate2 * rate
+        return Reference(
+            (self._north + x, self._east + y, self._down),
+            (-rate * y, rate * x, 0.0),
+            (-rate2 * x, -rate2 * y, 0.0),
+            (rate3 * y, -rate3 * x, 0.0),
+            self._yaw,
+        )
+
+
+def _landen() -> tuple[float, tuple[float, ...]]:
+    """2^N a_N, and the ratios c_n/a_n for n = N..1, of the arithmetic-geometric mean for m = -1."""
+    a, b = 1.0, math.sqrt(2.0)
+    c = (a - b) / 2.0
+    factor = 1.0
+    ratios: list[float] = []
+    while abs(c) > 1e-17:
+        a, b = (a + b) / 2.0, math.sqrt(a * b)
+        factor *= 2.0
+        ratios.append(c / a)
+        # (a - b)/2 of the next step, without its cancellation.
+        c = c * c / (2.0 * (a + b))
+    return factor * a, tuple(reversed(ratios))
+
+
+_FACTOR, _RATIOS = _landen()
+_QUARTER: float = math.pi / 2.0 * 2 ** len(_RATIOS) / _FACTOR
+"""K(-1), a quarter of the period in u: am(K) = π/2."""
+
+
+class LemniscateConfig(Laps, frozen=True, kw_only=True, forbid_unknown_fields=True, tag_field="kind", tag="lemniscate"):
+    """A figure of eight at constant speed, level unless it is tilted."""
+
+    scale_m: Length = 1.0
+    """From the crossing to the far end of a lobe [m]."""
+    speed_m_s: Speed = 0.5
+    """Speed along the curve [m/s]."""
+    altitude_m: Coordinate = 1.0
+    """Height above ``centre_ned`` [m]."""
+    rotation_deg: Degrees = -45.0
+    """Turns the figure about down [deg], from north towards east; at 0 its lobes lie east and west."""
+    centre_ned: Point = (0.0, 0.0, 0.0)
+    """The point below the crossing [m], world NED."""
+    yaw_deg: Degrees = 0.0
+    """Heading [deg], from north towards east; it stays."""
+
+    @property
+    def lap_s(self) -> float:
+        """Time of one turn at full speed [s]."""
+        return 4.0 * _QUARTER * self.scale_m / self.speed_m_s
+
+    def build(self) -> Turning:
+        """The trajectory of this config."""
+        north, east, down = self.centre_ned
+        return self.flown(Lemniscate(self), (north, east, down - self.altitude_m))
+
+
+class Lemniscate:
+    """Figure of eight at constant speed, the trajectory of the paper's experiment. See the port for its methods.
+
+        pd = Rz(rotation) [ sinφ cosφ, cosφ ] / (1 + sin²φ) · scale,    φ˙ = (V/scale) √(1 + sin²φ),    φ(0) = 0
+
+    (the paper prints sin² t, whose speed is not constant). In u = V t / scale the solution is the Jacobi amplitude
+    φ = am(u | m = -1). It comes from the arithmetic-geometric mean and the descending Landen transformation
+    (Abramowitz & Stegun 16.4), exact to rounding, with nothing to integrate.
+
+    With s = sinφ, c = cosφ, d = √(1 + s²):  ds/du = c d,  dc/du = -s d,  dd/du = s c.  Hence, all per unit of scale:
+        unit tangent  T = (1 - 3s², -s (3 - s²)) / d³        (the speed is V)
+        curvature     κ = -3 c / d,   dκ/du = 6 s / d²
+        dT/du = κ N,  d²T/du² = κ' N - κ² T,                 N = T turned by +90° about down
+    """
+
+    __slots__ = ("_cos", "_down", "_east", "_north", "_rate", "_scale", "_sin", "_speed", "_yaw", "period_s")
+
+    duration_s: float | None = None
+    """It never ends."""
+
+    def __init__(self, config: LemniscateConfig) -> None:
+        self._north, self._east, down = config.centre_ned
+        self._down = down - config.altitude_m
+        self._scale = config.scale_m
+        self._speed = config.speed_m_s
+        self._cos = math.cos(math.radians(config.rotation_deg))
+        self._sin = math.sin(math.radians(config.rotation_deg))
+        self._yaw = math.radians(config.yaw_deg)
+        self._rate = _FACTOR * config.speed_m_s / config.scale_m
+        self.period_s = config.lap_s
+
+    def _amplitude(self, time_s: float) -> float:
+        """φ [rad], less whole turns."""
+        # Whole periods are taken off the time, exactly, so that hours of flight cost no digits.
+        phi = self._rate * math.remainder(time_s, self.period_s)
+        asin, sin = math.asin, math.sin
+        for ratio in _RATIOS:
+            phi = 0.5 * (phi + asin(ratio * sin(phi)))
+        return phi
+
+    @property
+    def joints_s(self) -> tuple[float, float]:
+        """One turn [s]."""
+        return (0.0, self.period_s)
+
+    def position_at(self, time_s: float) -> Vec3:
+        """Position [m], world NED."""
+        phi = self._amplitude(time_s)
+        s = math.sin(phi)
+        y = self._scale * math.cos(phi) / (1.0 + s * s)
+        x = s * y
+        return (
+            self._north + self._cos * x - self._sin * y,
+            self._east + self._sin * x + self._cos * y,
+            self._down,
+        )
+
+    def at(self, time_s: float) -> Reference:
+        """The reference ``time_s`` after the start [s]."""
+        phi = self._amplitude(time_s)
+        s, c = math.sin(phi), math.cos(phi)
+        cos, sin, scale, speed = self._cos, self._sin, self._scale, self._speed
+        s2 = s * s
+        d2 = 1.0 / (1.0 + s2)
+        d1 = math.sqrt(d2)
+        d3 = d1 * d2
+        y = scale * c * d2
+        x = s * y
+        tx, ty = (1.0 - 3.0 * s2) * d3, s * (s2 - 3.0) * d3
+        north, east = cos * tx - sin * ty, sin * tx + cos * ty
+        kappa = -3.0 * c * d1
+        centripetal = speed * speed / scale * kappa
+        along = -kappa * kappa
+        across = 6.0 * s * d2
+        jerk = speed * speed * speed / (scale * scale)
+        return Reference(
+            (self._north + cos * x - sin * y, self._east + sin * x + cos * y, self._down),
+            (speed * north, speed * east, 0.0),
+            (-centripetal * east, centripetal * north, 0.0),
+            (jerk * (along * north - across * east), jerk * (along * east + across * north), 0.0),
+            self._yaw,
+        )
+
+
+LINES = 10
+"""Sines an axis; fewer where there are not so many multiples."""
+LOOKS = 16
+"""The peak is looked for so often within the period of the fastest sine: it is met to 1 %."""
+
+Frequency = Annotated[float, msgspec.Meta(ge=0.05, le=10.0)]
+
+
+class ExcitationConfig(
+    msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True, tag_field="kind", tag="excitation"
+):
+    """Motions of many frequencies about a point, to identify the vehicle from their recording."""
+
+    position_ned: Point = (0.0, 0.0, -1.0)
+    """The point about which it moves [m], world NED; 1 m up is -1 in the third place."""
+    acceleration_m_s2: Acceleration = 3.0
+    """Largest acceleration [m/s²]; at the frequencies below it keeps within 0.2 m of the point on each axis."""
+    lowest_hz: Frequency = 0.4
+    """Slowest sine [Hz]; gusts are slower, and take more room."""
+    highest_hz: Frequency = 1.6
+    """Fastest sine [Hz]; lags are best seen at 1/(2 pi lag), where body rates allow it."""
+    yaw_swing_deg: Annotated[float, msgspec.Meta(ge=0.0, le=90.0)] = 10.0
+    """How far the heading swings to either side [deg]; 0 leaves the lag of the yaw rate unknown."""
+    yaw_deg: Degrees = 0.0
+    """Heading in the middle [deg], from north towards east."""
+    period_s: Annotated[float, msgspec.Meta(ge=5.0, le=100.0)] = 20.0
+    """After this time it begins anew [s]."""
+    laps: Annotated[int, msgspec.Meta(ge=1, le=20)] = 3
+    """How many periods are flown."""
+    ramp_s: Annotated[float, msgspec.Meta(ge=1.0, le=5.0)] = 2.0
+    """From rest to full speed in this time, and back to rest at the end [s]."""
+
+    def __post_init__(self) -> None:
+        """Check what the types cannot.
+
+        Raises:
+            ValueError: there is no room for a sine of each axis and of the heading.
+        """
+        if math.floor(self.highest_hz * self.period_s) - math.ceil(self.lowest_hz * self.period_s) < 7:
+            needed = self.lowest_hz + 8.0 / self.period_s
+            raise ValueError(f"highest_hz: expected at least {needed:.3g} Hz with this lowest_hz and period_s")
+
+    def build(self) -> Paced:
+        """The trajectory of this config."""
+        return Paced(Excitation(self), self.ramp_s, self.laps * self.period_s, self.period_s)
+
+
+class Sine(NamedTuple):
+    """amplitude · sin(rate · t + phase)."""
+
+    amplitude: float
+    rate: float
+    phase: float
+
+
+class Excitation:
+    """The sines at full speed, for ever. See the port for ``at`` and ``position_at``.
+
+    Each axis, and the heading, is a sum of sines at whole multiples of 1/period, no two of them at the same frequency,
+    so that what one axis does to another can be told apart. All sines of an axis have the same acceleration;
+    Schroeder's phases (IEEE Trans. Inf. Theory 16, 1970) keep their sum flat. The whole is scaled to the acceleration
+    that is asked for. It begins and ends at rest.
+    """
+
+    __slots__ = ("_axes", "_middle", "_yaw", "_yaw_sines", "period_s")
+
+    duration_s: float | None = None
+    """It never ends."""
+
+    def __init__(self, config: ExcitationConfig) -> None:
+        self.period_s = config.period_s
+        self._middle = config.position_ned
+        self._yaw = math.radians(config.yaw_deg)
+        first = math.ceil(config.lowest_hz * config.period_s)
+        last = math.floor(config.highest_hz * config.period_s)
+        lines: tuple[list[int], ...] = ([], [], [], [])
+        for line, axis in zip(range(first, last + 1), cycle(lines), strict=False):
+            axis.append(line)
+        north, east, down, heading = (_spread(axis) for axis in lines)
+        looks = [config.period_s * i / (LOOKS * last) for i in range(LOOKS * last)]
+        # The same acceleration, or yaw rate, at every frequency of an axis: it decides what actuators must do.
+        axes = [_sines(axis, config.period_s, 2) for axis in (north, east, down)]
+        peak = max(math.hypot(*(_sum(sines, t)[2] for sines in axes)) for t in looks)
+        self._axes = tuple(_scaled(sines, config.acceleration_m_s2 / peak) for sines in axes)
+        yaws = _sines(heading[: max(1, len(heading) // 2)], config.period_s, 1)
+        swing = max(abs(_sum(yaws, t)[0]) for t in looks)
+        self._yaw_sines = _scaled(yaws, math.radians(config.yaw_swing_deg) / swing)
+
+    @property
+    def joints_s(self) -> tuple[float, float]:
+        """One period [s]."""
+        return (0.0, self.period_s)
+
+    def position_at(self, time_s: float) -> Vec3:
+        """Position [m], world NED."""
+        return self.at(time_s).position_ned
+
+    def at(self, time_s: float) -> Reference:
+        """The reference ``time_s`` after the start [s]."""
+        # Whole periods are taken off the time, exactly, so that late times cost no digits.
+        t = math.remainder(time_s, self.period_s)
+        (north, east, down), (x, y, z) = self._middle, (_sum(sines, t) for sines in self._axes)
+        yaw = _sum(self._yaw_sines, t)
+        return Reference(
+            (north + x[0], east + y[0], down + z[0]),
+            (x[1], y[1], z[1]),
+            (x[2], y[2], z[2]),
+            (x[3], y[3], z[3]),
+            self._yaw + yaw[0],
+            yaw[1],
+        )
+
+
+def _spread(lines: list[int]) -> list[int]:
+    """At most :data:`LINES` of them, evenly."""
+    if len(lines) <= LINES:
+        return lines
+    return [lines[round(i * (len(lines) - 1) / (LINES - 1))] for i in range(LINES)]
+
+
+def _sines(lines: list[int], period_s: float, order: int) -> list[Sine]:
+    """Sines at these multiples of 1/period, whose derivatives of that ``order`` all have amplitude 1."""
+    rates = [2.0 * math.pi * line / period_s for line in lines]
+    return [Sine(rate**-order, rate, -math.pi * i * i / len(rates)) for i, rate in enumerate(rates)]
+
+
+def _scaled(sines: list[Sine], factor: float) -> tuple[Sine, ...]:
+    return tuple(Sine(factor * one.amplitude, one.rate, one.phase) for one in sines)
+
+
+def _sum(sines: tuple[Sine, ...] | list[Sine], t: float) -> tuple[float, float, float, float]:
+    """The sum and its first three derivatives at ``t`` [s]."""
+    a = b = c = d = 0.0
+    for amplitude, w, phase in sines:
+        s, k = amplitude * math.sin(w * t + phase), amplitude * math.cos(w * t + phase)
+        a, b, c, d = a + s, b + w * k, c - w * w * s, d - w * w * w * k
+    return a, b, c, d
+
+
+TrajectoryConfig: TypeAlias = (
+    CircleConfig | ExcitationConfig | HoldConfig | LemniscateConfig | SamplesConfig | TransitConfig | WaypointsConfig
+)
+"""Any trajectory as the config file tells it, picked by its ``kind``; ``.build()`` gives the trajectory."""

@@ -1,0 +1,252 @@
+"""Hold-to-run control: how a key, an axis or a channel stands, looked at for as long as a flight lasts."""
+
+import asyncio
+import os
+import sys
+from collections.abc import Callable, Iterator
+from contextlib import suppress
+from pathlib import Path
+from typing import TYPE_CHECKING, Protocol
+
+from groundstation.config import ConfigError
+from groundstation.core.mission import Hold, InputLost
+from groundstation.settings import OperatorConfig
+from links.core import CommandLink
+from links.mavlink import MavlinkConnection, MavlinkLink
+from links.mavlink.protocol import Message
+
+if TYPE_CHECKING:
+    from evdev import InputDevice
+
+
+NAMES_MAX = 24
+"""So many keys of a device are listed."""
+
+
+class DeviceInput:
+    """A key or an axis of one of this machine's input devices, by evdev. Linux only.
+
+    It is asked how it stands (EVIOCGKEY, EVIOCGABS: what the kernel itself holds), instead of adding up events: none
+    can be lost on the way, what was held before it was opened is known, a key that repeats is no news, and a device
+    that another program has grabbed, such as another flight of the same operator, can be asked as well.
+    """
+
+    def __init__(self, device: "InputDevice[str]", hold: str, code: int) -> None:
+        """``code`` is that of linux/input-event-codes.h, ``hold`` its name."""
+        self.what = f"{hold} of {_named(device)}"
+        self._device = device
+        self._code = code
+        self._is_axis = hold.startswith("ABS_")
+
+    def share(self) -> float:
+        """How far it is pressed: a key 0 or 1, an axis by its range.
+
+        Raises:
+            InputLost: the device was unplugged, or taken from us.
+        """
+        try:
+            if not self._is_axis:
+                return 1.0 if self._code in self._device.active_keys() else 0.0
+            axis = self._device.absinfo(self._code)
+        except OSError as error:
+            raise InputLost(error.strerror or str(error)) from None
+        if axis.max <= axis.min:
+            raise InputLost(f"an axis from {axis.min} to {axis.max} has no travel")
+        return float((axis.value - axis.min) / (axis.max - axis.min))
+
+    def close(self) -> None:
+        """Release the device, and what was grabbed of it."""
+        self._device.close()
+
+
+def open_device(config: OperatorConfig) -> DeviceInput:
+    """The key or axis that ``config`` names.
+
+    Raises:
+        ConfigError: there is none, or more than one; the message lists what is there.
+    """
+    if sys.platform != "linux":
+        raise ConfigError("operator.hold", "keys and axes are asked by evdev, which only Linux has; or hold = 'rc:N'")
+    try:
+        from evdev import ecodes
+    except ImportError:
+        raise ConfigError("operator.hold", "needs evdev: pip install 'quadrotor-groundstation[operator]'") from None
+    code = ecodes.ecodes.get(config.hold)
+    if code is None:
+        raise ConfigError("operator.hold", f"no key, button or axis has this name (see evtest), got {config.hold!r}")
+    kind = ecodes.EV_ABS if config.hold.startswith("ABS_") else ecodes.EV_KEY
+    there = list(_devices(config.device))
+    words = "" if config.device.startswith("/") else config.device.lower()
+    meant = [device for device in there if words in device.name.lower()]
+    fits = [device for device in meant if code in device.capabilities(absinfo=False).get(kind, [])]
+    for device in there:
+        if len(fits) != 1 or device is not fits[0]:
+            device.close()
+    if len(fits) == 1:
+        if config.grab:
+            with suppress(OSError):  # another flight has it already: what matters is that no terminal gets it
+                fits[0].grab()
+        return DeviceInput(fits[0], config.hold, code)
+    if len(fits) > 1:
+        several = ", ".join(map(_named, fits))
+        raise ConfigError("operator.device", f"more than one has {config.hold}, name one: {several}")
+    if len(meant) == 1:
+        names = [ecodes.bytype[kind].get(one, one) for one in meant[0].capabilities(absinfo=False).get(kind, [])]
+        shown = ", ".join(str(one if isinstance(one, str | int) else one[0]) for one in names[:NAMES_MAX])
+        says = f"“{meant[0].name}” has no {config.hold}; of that kind it has {shown or 'nothing'}"
+        raise ConfigError("operator.hold", says)
+    listed = ", ".join(map(_named, there))
+    nothing = "none may be read here: is it plugged in, and are you in the group input?"
+    raise ConfigError("operator.device", f"expected a device that has {config.hold}; there are: {listed or nothing}")
+
+
+def _named(device: "InputDevice[str]") -> str:
+    return f"“{device.name}” ({os.fsdecode(device.path)})"
+
+
+def _devices(path: str) -> "Iterator[InputDevice[str]]":
+    """The device at ``path``, or all that may be read.
+
+    Raises:
+        ConfigError: there is none at ``path``.
+    """
+    from evdev import InputDevice, list_devices
+
+    if path.startswith("/"):
+        try:
+            yield InputDevice(str(Path(path).resolve()), readonly=True)
+        except OSError as error:
+            hint = ": a joystick's /dev/input/js… is another interface, name its …-event-joystick"
+            says = f"{path}: {error.strerror or error}{hint if Path(path).resolve().name.startswith('js') else ''}"
+            raise ConfigError("operator.device", says) from None
+        return
+    for one in sorted(list_devices(writable=False)):
+        with suppress(OSError):
+            yield InputDevice(one, readonly=True)
+
+
+RATE_HZ = 25.0
+"""How often it is asked for [1/s]."""
+OLD_S = 0.5
+"""What was told so long ago is not known any more [s]."""
+_RECEIVER = 0x10000
+"""MAV_SYS_STATUS_SENSOR_RC_RECEIVER."""
+_UNUSED = (0, 0xFFFF)
+
+
+class ChannelInput:
+    """A channel of the operator's transmitter, as the autopilot tells it (RC_CHANNELS, MAVLink common message 65)."""
+
+    def __init__(self, connection: MavlinkConnection, number: int) -> None:
+        """``number`` is from 1 to 18; the messages are asked for as ``connection`` opens."""
+        self.what = f"channel {number} of the transmitter"
+        self._field = f"chan{number}_raw"
+        self._raw: int | None = None
+        self._told_s = 0.0
+        self._receives = True
+        connection.request(lambda _: {"RC_CHANNELS": RATE_HZ})
+        connection.subscribe(self._hear)
+
+    def share(self) -> float | None:
+        """Where it stands, 0 at 1000 µs and 1 at 2000 µs; None before the autopilot has told.
+
+        Raises:
+            InputLost: the autopilot tells it no more, or does not hear the transmitter.
+        """
+        if self._raw is None:
+            return None
+        old_s = asyncio.get_running_loop().time() - self._told_s
+        if not old_s <= OLD_S:
+            raise InputLost(f"the autopilot has not told it for {old_s:.1f} s")
+        if not self._receives:
+            raise InputLost("the autopilot's receiver does not hear the transmitter")
+        if self._raw in _UNUSED:
+            raise InputLost("the receiver has no such channel")
+        return (self._raw - 1000) / 1000
+
+    def close(self) -> None:
+        """Nothing to release: the connection is the link's."""
+
+    def _hear(self, message: Message, arrival_s: float) -> None:
+        match message.get_type():
+            case "RC_CHANNELS":
+                self._raw, self._told_s = getattr(message, self._field), arrival_s
+            case "SYS_STATUS":
+                enabled, healthy = message.onboard_control_sensors_enabled, message.onboard_control_sensors_health
+                self._receives = not enabled & _RECEIVER or bool(healthy & _RECEIVER)
+
+
+LOOK_S = 0.01
+"""How often it is asked how it stands [s]: letting go is known after this, and the time of a bounce, twice at most."""
+
+
+class Input(Protocol):
+    """A key, an axis, or a channel."""
+
+    what: str
+    """Its name, for the operator."""
+
+    def share(self) -> float | None:
+        """How far it is pressed, 0 to 1; None before anything was heard of it.
+
+        Raises:
+            InputLost: it can't be asked any more.
+        """
+        ...
+
+    def close(self) -> None:
+        """Release it."""
+        ...
+
+
+class HoldWatch:
+    """One flight's."""
+
+    def __init__(self, what: str, above: float, connect: Callable[[], Input]) -> None:
+        """``connect`` makes the input as the flight begins; ``what`` is its name until then."""
+        self.hold = Hold(what, above)
+        self._connect = connect
+
+    async def run(self, looked: Callable[[], None]) -> None:
+        """Look until cancelled, and call ``looked`` each time, also where it can't be asked any more."""
+        loop, held = asyncio.get_running_loop(), None
+        try:
+            held = self._connect()
+            self.hold.name(held.what)
+            while True:
+                try:
+                    self.hold.see(held.share(), loop.time())
+                except InputLost as lost:
+                    self.hold.lose(str(lost))
+                looked()
+                await asyncio.sleep(LOOK_S)
+        except Exception as error:  # noqa: BLE001  # whatever it is, nobody knows any more whether it is held
+            self.hold.lose(str(error) or type(error).__name__)
+        finally:
+            if held is not None:
+                held.close()
+        while True:
+            looked()
+            await asyncio.sleep(LOOK_S)
+
+
+def make_hold(config: OperatorConfig, link: CommandLink) -> HoldWatch | None:
+    """What watches over the hold of ``config``; None where nothing must be held. A device is opened by the flight."""
+    if not config.hold:
+        return None
+    number = config.channel
+    if number is None:
+        return HoldWatch(config.hold, config.above, lambda: open_device(config))
+    assert isinstance(link, MavlinkLink), "the configuration has seen to it"
+    channel: Input = ChannelInput(link.connection, number)
+    return HoldWatch(channel.what, config.above, lambda: channel)
+
+
+def ensure_held(config: OperatorConfig) -> None:
+    """Stop before anything moves if the input device is not there.
+
+    Raises:
+        ConfigError: by the dotted key, with the devices that there are.
+    """
+    if config.hold and config.channel is None:
+        open_device(config).close()
