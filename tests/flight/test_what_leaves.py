@@ -9,10 +9,9 @@ import pytest
 
 from groundstation.config import ConfigError
 from groundstation.core.control import bring_down, model_descent
-from groundstation.core.mission import State, interrupts
+from groundstation.core.mission import State, operator
 from groundstation.core.safety import GuardsConfig
-from groundstation.flight import Flight
-from groundstation.flight.hold_to_run import channel, hold, watch
+from groundstation.flight import Flight, hold_to_run
 from groundstation.flight.pacing import LAST_CHANCE_S
 from groundstation.flight.sender import DRAIN_S, LINK_LOOK_S, STALL_S
 from groundstation.interfaces.api.stop import ANSWER_S
@@ -37,7 +36,7 @@ from tests.loops import in_virtual_time
 
 SAFETY = Path(__file__).parents[2] / "docs" / "explanation" / "safety.md"
 SET_POINT = b"\x52\x00\x00"
-LOOKS_S = hold.DEBOUNCE_S + 2.0 * watch.LOOK_S
+LOOKS_S = operator.DEBOUNCE_S + 2.0 * hold_to_run.LOOK_S
 PROMISES = [
     ("Its deadline is T + `flight.coast_s` ({:.0f} ms unless told otherwise)", 1e3 * FlightConfig().coast_s),
     ("goes over to *descent* {:.0f} ms before that deadline", 1e3 * LAST_CHANCE_S),
@@ -59,15 +58,15 @@ PROMISES = [
     ("for mode LAND as well, up to six times", steps.TRIES),
     ("(HEARTBEAT, every {:.1f} s", mode.AGAIN_S),
     ("for up to {:.1f} s): one that somebody", mode.PATIENCE_S),
-    ("Presses within {:.0f} s count once", interrupts.ONCE_S),
+    ("Presses within {:.0f} s count once", operator.ONCE_S),
     ("is repeated every {:.0f} ms until it is acknowledged", 1e3 * stop.AGAIN_S),
     ("until it is acknowledged, {:.0f} s at most", stop.PATIENCE_S),
     ("sent once a second", HEARTBEAT_S),
     ("the motors stop by themselves, within {:.0f} s", STOP_S),
     ("let go, it lands within {:.0f} ms", 1e3 * LOOKS_S),
-    ("and lost, within {:.0f} ms", 1e3 * watch.LOOK_S),
-    ("a channel that the autopilot tells is known {:.0f} ms later", 1e3 / channel.RATE_HZ),
-    ("once it has not told it for {:.0f} ms", 1e3 * channel.OLD_S),
+    ("and lost, within {:.0f} ms", 1e3 * hold_to_run.LOOK_S),
+    ("a channel that the autopilot tells is known {:.0f} ms later", 1e3 / hold_to_run.RATE_HZ),
+    ("once it has not told it for {:.0f} ms", 1e3 * hold_to_run.OLD_S),
     ("says which has not answered within {:.0f} s", ANSWER_S),
 ]
 """Sentences of that page, and what the code has for the number in each."""
