@@ -7,8 +7,7 @@ from typing import Any
 from groundstation.core import Tick
 from groundstation.core.messages import Others, Overheard, Pose, PoseEvent
 from groundstation.core.mission import State
-from groundstation.flight import Company, Flight, body_of, make_ends
-from groundstation.flight.hold_to_run import make_hold
+from groundstation.flight import Company, Flight, body_of, make_ends, make_hold
 from groundstation.pose import ForwardingSource, GatedSource, ShowsOthers
 from groundstation.recording.recorded_flight import Give, RecordedFlight, about
 from groundstation.runtime import Quiet, Running

@@ -15,8 +15,7 @@ from groundstation.core import Pilot, Tick
 from groundstation.core.messages import Others, Pose, PoseSource, Reply, Request
 from groundstation.core.mission import State
 from groundstation.core.trajectory import Reference, Trajectory
-from groundstation.flight import Company, Due, Flight, Outcome
-from groundstation.flight.hold_to_run import HoldWatch
+from groundstation.flight import Company, Due, Flight, HoldWatch, Outcome
 from groundstation.recording.records import (
     GAIN,
     NO_PORT,
