@@ -2,6 +2,7 @@
 
 import asyncio
 import json
+import re
 from collections.abc import Awaitable, Callable
 from pathlib import Path
 from typing import Any
@@ -83,6 +84,27 @@ def visit(
 
 
 # ---- the tables
+
+
+SAFETY = Path(__file__).parents[2] / "docs" / "explanation" / "safety.md"
+WANTED = re.findall(
+    r"^\| (PX4|ArduPilot) `(\w+)` \| ([\d.]+).*? \| ([^|]+) \|", SAFETY.read_text("utf-8"), re.MULTILINE
+)
+
+
+@pytest.mark.parametrize(("autopilot", "name", "delivered", "wanted"), WANTED)
+def test_what_the_page_on_safety_wants_of_an_autopilot_is_what_the_doctor_sets(
+    autopilot: str, name: str, delivered: str, wanted: str
+) -> None:
+    rows = (px4 if autopilot == "PX4" else ardupilot).table(FACTS)
+    (rule,) = [advice.rule for advice in rows if name in advice.names]
+    assert not rule.accepts(float(delivered))
+    span = re.match(r"[\d.]+ to [\d.]+", wanted)
+    assert span is None or span[0] == rule.words
+    best = re.search(r"best ([\d.]+)", wanted) or re.match(r"([\d.]+)", wanted)
+    assert best is not None
+    assert float(best[1]) == rule.better(float(delivered))
+    assert len(WANTED) == 5
 
 
 @pytest.mark.parametrize("kind", TABLES)
