@@ -271,6 +271,14 @@ def test_an_estimate_that_wanders_and_steps_in_yaw_as_px4_s_does_is_no_lift_off(
     ensure_smooth(start)
 
 
+@pytest.mark.parametrize("seed", [5, 26])
+def test_motors_are_not_stopped_where_a_wandering_estimate_is_seen_to_climb(seed: int) -> None:
+    start, fault = start_of("quad1kg", *OWN, "sim.estimate_wander_m=0.05", seed=seed, source="odometry")
+    assert not fault
+    assert min(start.thrust) >= 0.75
+    assert max(start.climb) < 0.3
+
+
 @pytest.mark.parametrize("seed", range(3))
 def test_a_floor_that_lets_go_late_as_ardupilot_s_simulator_s_does_is_left_smoothly(seed: int) -> None:
     late = ("sim.floor_hold_s=0.6",)

@@ -106,7 +106,8 @@ class LiftOff:
         ``noise_m`` is the poses' white noise [m].
         """
         self._floor, self._weight, self._lag, self._gravity = down_m, weight_n, lag_s, gravity
-        felt = stands.velocity_ned is not None
+        self._felt = felt = stands.velocity_ned is not None
+        self._height_m = 0.0
         self._climb: float | None = None
         self._least_m = WANDERING_M if felt else HEIGHT_M
         self._resets = stands.reset_count
@@ -135,7 +136,7 @@ class LiftOff:
         if elapsed <= 0.0:
             return
         self._advance(pose.time_s)
-        height = self._floor - pose.position_ned[2]
+        height = self._height_m = self._floor - pose.position_ned[2]
         off = [height - path for path in (*self._paths, 0.0)]
         if pose.reset_count != self._resets:  # the source has moved its origin, not the vehicle
             self._resets = pose.reset_count
@@ -168,6 +169,14 @@ class LiftOff:
     def flies(self) -> bool:
         """Whether it has left the floor."""
         return self._odds > FLIES and self._fits and self._mean(self._paths) > self._least_m
+
+    @property
+    def climbs(self) -> bool:
+        """Whether it is seen in the air, all odds for it, though where thrust would have it is still too low for that.
+
+        Of poses that come with a velocity alone: what wanders there may have told the hover thrust a little wrong.
+        """
+        return self._felt and self._odds > FLIES and self._fits and self._height_m > self._least_m
 
     @property
     def patience_s(self) -> float:
@@ -431,13 +440,15 @@ class SpoolUp:
         self._leaps = ""
         self._lift: LiftOff | None = None
         self._moved_s: float | None = None
+        self._climbs = False
+        """Whether it was seen in the air as patience ended."""
         self._told: list[tuple[float, float]] = []
         """What was told before any pose could show that it lifts: from when on [s], thrust [N]."""
 
     @property
     def flies(self) -> LiftOff | None:
         """What is known of its climb, once it has left the floor."""
-        return self._lift if self._lift is not None and self._lift.flies else None
+        return self._lift if self._lift is not None and (self._lift.flies or self._climbs) else None
 
     def pose(self, pose: Pose) -> None:
         """Take one more pose."""
@@ -497,5 +508,8 @@ class SpoolUp:
                 "holds the vehicle; one that needs more thrust needs a larger takeoff.thrust_limit"
             )
         if lift is not None and self._moved_s is not None and now_s - self._moved_s > lift.patience_s:
+            self._climbs = lift.climbs
+            if self._climbs:
+                return ""  # to stop the motors now would be to let it fall
             return "no lift-off: it began to move and did not leave the floor: check that nothing holds the vehicle"
         return ""
