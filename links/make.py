@@ -16,15 +16,13 @@ def _mavlink() -> "tuple[type, Callable[..., CommandLink]]":
 
 
 def _dsm() -> "tuple[type, Callable[..., CommandLink]]":
-    from links.rf import SerialRfLink
-    from links.rf.codecs import DsmLinkConfig
+    from links.rf import DsmLinkConfig, SerialRfLink
 
     return DsmLinkConfig, SerialRfLink
 
 
 def _crsf() -> "tuple[type, Callable[..., CommandLink]]":
-    from links.rf import SerialRfLink
-    from links.rf.codecs import CrsfLinkConfig
+    from links.rf import CrsfLinkConfig, SerialRfLink
 
     return CrsfLinkConfig, SerialRfLink
 

@@ -4,8 +4,8 @@ import json
 import pathlib
 from typing import NamedTuple
 
-from links.rf.codecs import CrsfLinkConfig, DsmLinkConfig, Service
-from links.rf.codecs.codec import RfCodec, position
+from links.rf import CrsfLinkConfig, DsmLinkConfig, Service
+from links.rf.codec import RfCodec, position
 
 
 class Row(NamedTuple):

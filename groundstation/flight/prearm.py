@@ -45,7 +45,7 @@ from groundstation.settings import Config, FlightConfig, LinkConfig
 from links.bridge import BridgeLinkConfig
 from links.core import CommandLink, LinkError, LinkStatus
 from links.mavlink import MavlinkLinkConfig
-from links.rf.codecs import RfLinkConfig
+from links.rf import RfLinkConfig
 
 LOOK_S = 1.2
 """Poses are looked at for so long before the first checks [s]."""

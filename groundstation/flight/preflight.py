@@ -20,7 +20,7 @@ from groundstation.settings import Config
 from links.bridge import BridgeLinkConfig
 from links.io import is_pseudo_terminal, read_key
 from links.mavlink.protocol import MavlinkLinkConfig
-from links.rf.codecs import RfLinkConfig
+from links.rf import RfLinkConfig
 
 
 def examine_trajectory(config: Config) -> Report:

@@ -16,7 +16,7 @@ from groundstation.settings.mqtt import MqttConfig
 from links.bridge import BridgeLinkConfig
 from links.core import full_thrust_n
 from links.mavlink.protocol import ForwardConfig, MavlinkLinkConfig
-from links.rf.codecs import RfConfig
+from links.rf import RfConfig
 
 HOVER_TOLERANCE = 0.02
 """Hover thrust is rounded where autopilots show it: so much may the full thrust by it fall short, as a share."""

@@ -1,4 +1,4 @@
-"""What a station and an RF bridge say to each other in datagrams, and the seal on them. Sans-IO.
+"""Bridge codec: what a station and an RF bridge say to each other in datagrams, and the seal on them. Sans-IO.
 
     byte 0..3     "RFB1"
     byte 4        kind: 1 hello, 2 welcome, 3 up (station to bridge), 4 down (bridge to station)
@@ -12,18 +12,20 @@ of the shared key and both nonces, so that nothing from another session counts. 
 comes twice, or late, is dropped. Nothing is secret but the key.
 
 An ``Up`` holds all that the station wants, not changes of it: whichever gets lost, the next one makes up for it.
+
+Behind the messages come the clocks' bounds and a session as either end keeps it.
 """
 
 import hmac
+import math
 import struct
 from collections import Counter
-from typing import TypeVar
+from typing import Any, TypeVar
 
 import msgspec
 
 from links.core import Command
-from links.rf import Report
-from links.rf.codecs import Manner, Service
+from links.rf import Manner, PacerReport, Service
 
 HELLO, WELCOME, UP, DOWN = 1, 2, 3, 4
 NONCE_BYTES = 16
@@ -37,7 +39,7 @@ _NAME = slice(5, 13)
 T = TypeVar("T")
 
 
-class Hello(msgspec.Struct, frozen=True, array_like=True):
+class BridgeHello(msgspec.Struct, frozen=True, array_like=True):
     """A station asks for a session."""
 
     nonce: bytes
@@ -52,7 +54,7 @@ class Welcome(msgspec.Struct, frozen=True, array_like=True):
     """When it left, on the bridge's clock [s]."""
     manner: Manner
     """How the bridge paces."""
-    report: Report
+    report: PacerReport
 
 
 class Up(msgspec.Struct, frozen=True, array_like=True):
@@ -83,7 +85,7 @@ class Down(msgspec.Struct, frozen=True, array_like=True):
     """Counter of the newest ``Up``."""
     refused: str
     """Why this station commands nothing; empty where it does."""
-    report: Report
+    report: PacerReport
     """Of the pacer; its ``arming`` is the station's number, or 0."""
 
 
@@ -151,15 +153,134 @@ def first_seal(key: bytes, kind: int, station_nonce: bytes) -> Seal:
 def session_seals(key: bytes, station_nonce: bytes, bridge_nonce: bytes) -> tuple[Seal, Seal]:
     """The seals of a session, up and down."""
 
-    def derived(what: bytes) -> bytes:
+    def derive(what: bytes) -> bytes:
         return hmac.digest(key, what + station_nonce + bridge_nonce, "sha256")
 
-    name = derived(b"name")[:8]
-    return Seal(derived(b"up"), UP, name), Seal(derived(b"down"), DOWN, name)
+    name = derive(b"name")[:8]
+    return Seal(derive(b"up"), UP, name), Seal(derive(b"down"), DOWN, name)
 
 
 _ENCODER = msgspec.msgpack.Encoder(order="deterministic")  # a set has another order in every process
-HELLOS = msgspec.msgpack.Decoder(Hello)
+HELLOS = msgspec.msgpack.Decoder(BridgeHello)
 WELCOMES = msgspec.msgpack.Decoder(Welcome)
 UPS = msgspec.msgpack.Decoder(Up)
 DOWNS = msgspec.msgpack.Decoder(Down)
+
+
+DRIFT = 2e-4
+"""How fast two machines' clocks may run apart [-]: crystals stay within a tenth of that."""
+
+
+ROUNDING_S = 1e-6
+"""Bounds may cross by so little [s]."""
+
+
+class ClockBounds:
+    """Bounds on what must be added to the other's clock to get ours [s].
+
+    A message that left there at their t and came here at our T says: at most T - t. One that left here at our T and had
+    come there by their t says: at least T - t. The tightest of each kind is kept, and loosened by the drift as it ages.
+    """
+
+    def __init__(self) -> None:
+        self.least_s, self.most_s = -math.inf, math.inf
+        self._at_s = 0.0
+
+    def narrow(self, least_s: float, most_s: float, now_s: float) -> bool:
+        """Take two new bounds; False where they contradict the old ones: a clock has jumped. Then only they count."""
+        if not math.isfinite(least_s + most_s):
+            return False
+        # Each is true of an instant up to a round trip ago.
+        drifted = DRIFT * max(0.0, most_s - least_s)
+        least_s, most_s = least_s - drifted, most_s + drifted
+        slack = DRIFT * max(0.0, now_s - self._at_s)
+        least, most = max(self.least_s - slack, least_s), min(self.most_s + slack, most_s)
+        self._at_s = now_s
+        if least > most + ROUNDING_S:
+            self.least_s, self.most_s = least_s, most_s
+            return False
+        self.least_s, self.most_s = least, most
+        return True
+
+    @property
+    def middle_s(self) -> float:
+        """Half-way between the bounds."""
+        return 0.5 * (self.least_s + self.most_s)
+
+    @property
+    def width_s(self) -> float:
+        """How far apart they are: at best the round trip."""
+        return self.most_s - self.least_s
+
+
+REMEMBERED = 256
+"""So many datagrams ago may lie the one that an answer is to."""
+
+
+class BridgeEnd:
+    """One station's, as the bridge keeps it."""
+
+    def __init__(self, key: bytes, station_nonce: bytes, bridge_nonce: bytes) -> None:
+        """Nothing was heard yet."""
+        self.bridge_nonce = bridge_nonce
+        self.welcome = first_seal(key, WELCOME, station_nonce)
+        self.up, self.down = session_seals(key, station_nonce, bridge_nonce)
+        self.clock = ClockBounds()
+        self.peer: Any = None
+        self.heard_s = 0.0
+        self.wants: Up | None = None
+        """All but the command, as heard last."""
+        self.arming: int | None = None
+        """The pacer's number of its newest arming; None where it has not armed."""
+        self.ended = False
+
+
+class StationEnd:
+    """The bridge's, as the station keeps it. Times are on the event loop's clock [s]."""
+
+    def __init__(self, key: bytes, welcome: Welcome, now_s: float) -> None:
+        """It begins with ``welcome``, which has just come."""
+        self._up, self._down = session_seals(key, welcome.station_nonce, welcome.bridge_nonce)
+        self._clock = ClockBounds()
+        self._sent_s: dict[int, float] = {}
+        self._bridge_s = welcome.bridge_s
+        self.heard_s = now_s
+        """When the bridge was heard last."""
+        self.heard = 0
+        """Counter of the newest of our datagrams that it has heard."""
+
+    @property
+    def sent(self) -> int:
+        """Counter of our newest datagram."""
+        return self._up.counter
+
+    @property
+    def round_trip_s(self) -> float:
+        """Of the fastest answer [s]; infinite before the first, when the bridge's times mean nothing yet."""
+        return self._clock.width_s
+
+    def close(self, wants: Up, command: Command | None, now_s: float) -> bytes:
+        """The next datagram, with all that the station wants, that leaves at ``now_s``."""
+        data = self._up.close(
+            msgspec.structs.replace(wants, sent_s=now_s, heard_s=self.heard_s, bridge_s=self._bridge_s, command=command)
+        )
+        self._sent_s[self._up.counter] = now_s
+        self._sent_s.pop(self._up.counter - REMEMBERED, None)
+        return data
+
+    def open(self, data: bytes, dropped: "Counter[str]", now_s: float) -> Down | None:
+        """What the bridge says; None where a datagram is not of this session or not sound, counted by reason."""
+        down = self._down.open(data, DOWNS, dropped)
+        if down is None:
+            return None
+        self.heard_s, self._bridge_s = now_s, down.bridge_s
+        self.heard = max(self.heard, down.heard)
+        sent_s = self._sent_s.get(down.heard)
+        if sent_s is not None:
+            self._clock.narrow(sent_s - down.bridge_s, now_s - down.bridge_s, now_s)
+        return down
+
+    def ours(self, report: PacerReport) -> PacerReport:
+        """``report`` by this machine's clock."""
+        shift = self._clock.middle_s
+        return msgspec.structs.replace(report, now_s=report.now_s + shift, frame_s=report.frame_s + shift)

@@ -1,6 +1,6 @@
 """Link to an RF bridge: the pacer and the module are on another computer, as in the paper's set-up.
 
-To the link it is a pacer like any other (links/rf/paced_link.py). What the link wants goes out as a whole in every
+To the link it is a pacer like any other (links/rf/link.py). What the link wants goes out as a whole in every
 datagram: the newest command as soon as it comes, and the rest again and again until the bridge has heard it. The bridge
 has the dead man's switch; nothing here can make an old command count.
 """
@@ -15,12 +15,22 @@ from typing import Annotated, Any
 
 import msgspec
 
-from links.bridge.codec import HELLO, NONCE_BYTES, WELCOME, WELCOMES, Down, Hello, Up, Welcome, first_seal, kind_of
-from links.bridge.session import StationEnd
+from links.bridge.codec import (
+    HELLO,
+    NONCE_BYTES,
+    WELCOME,
+    WELCOMES,
+    BridgeHello,
+    Down,
+    StationEnd,
+    Up,
+    Welcome,
+    first_seal,
+    kind_of,
+)
 from links.core import Command, LinkLost, LinkRejected, signal
 from links.io import Datagrams, beyond, parse_address, read_key
-from links.rf import Arm, End, Give, Hear, Order, PacedLink, Report, Serve, Stop
-from links.rf.codecs import Manner, Service
+from links.rf import Arm, End, Give, Hear, Manner, Order, PacedLink, PacerReport, Serve, Service, Stop
 
 BEAT_S = 0.1
 """Longest time between two datagrams [s]."""
@@ -38,7 +48,7 @@ Nonce = Callable[[int], bytes]
 
 
 class RemotePacer(asyncio.DatagramProtocol):
-    """Implements :class:`links.rf.pacer_messages.Pacer`."""
+    """Implements :class:`links.rf.pacer.Pacer`."""
 
     def __init__(
         self,
@@ -149,7 +159,7 @@ class RemotePacer(asyncio.DatagramProtocol):
         down = tuple(replace(part, thrust_n=signal(part.thrust_n / most, curve)) for part in command.bring_down)
         return replace(command, thrust_n=signal(command.thrust_n / most, curve), bring_down=down)
 
-    async def ended(self) -> None:
+    async def wait_for_end(self) -> None:
         """Wait until the bridge has brought the vehicle down and disarm frames have left."""
         await asyncio.shield(self._ended)
 
@@ -172,7 +182,7 @@ class RemotePacer(asyncio.DatagramProtocol):
         """Say something now, and again after a while."""
         self._say(None)
         if self._is_mute() and self._wire is not None:
-            self._wire.send(self._hello.close(Hello(self._nonce)), None)
+            self._wire.send(self._hello.close(BridgeHello(self._nonce)), None)
         if self._beat is not None:
             self._beat.cancel()
         self._beat = self._loop.call_later(AGAIN_S if self._is_pressing() else BEAT_S, self._turn)
@@ -220,7 +230,7 @@ class RemotePacer(asyncio.DatagramProtocol):
         self._refused = down.refused
         if down.refused or not math.isfinite(session.round_trip_s):
             return
-        self._on_report(self._told(session.ours(down.report), session))
+        self._on_report(self._translate_report(session.ours(down.report), session))
         if not self._opened.done():
             self._opened.set_result(None)
         heard_all = 0 < self._urgent <= session.heard
@@ -232,7 +242,7 @@ class RemotePacer(asyncio.DatagramProtocol):
         if not self._ended.done():
             self._ended.set_result(None)
 
-    def _told(self, report: Report, session: StationEnd) -> Report:
+    def _translate_report(self, report: PacerReport, session: StationEnd) -> PacerReport:
         """``report`` in words that tell of the bridge."""
         return msgspec.structs.replace(
             report,

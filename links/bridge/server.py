@@ -14,12 +14,37 @@ from typing import Any
 
 import msgspec
 
-from links.bridge.codec import HELLO, HELLOS, NONCE_BYTES, UP, UPS, Down, Up, Welcome, first_seal, kind_of, name_of
-from links.bridge.session import BridgeEnd
+from links.bridge.codec import (
+    HELLO,
+    HELLOS,
+    NONCE_BYTES,
+    UP,
+    UPS,
+    BridgeEnd,
+    Down,
+    Up,
+    Welcome,
+    first_seal,
+    kind_of,
+    name_of,
+)
 from links.core import Command, LinkError
 from links.io import Datagrams, is_loopback, parse_address
-from links.rf import Arm, End, Give, OpenPacer, Order, Pacer, Report, Serve, Stop, open_process
-from links.rf.codecs import DsmLinkConfig, RfConfig, RfLinkConfig
+from links.rf import (
+    Arm,
+    DsmLinkConfig,
+    End,
+    Give,
+    OpenPacer,
+    Order,
+    Pacer,
+    PacerReport,
+    RfConfig,
+    RfLinkConfig,
+    Serve,
+    Stop,
+    open_process,
+)
 
 AGAIN_S = 1.0
 """Wait before a pacer that ended within this time, or could not be started, is started again [s]."""
@@ -39,7 +64,7 @@ class KeptPacer:
 
         ``heard`` is called with False after each report, and with True when the pacer has ended.
         """
-        self.report: Report | None = None
+        self.report: PacerReport | None = None
         """The newest, or what is true of a pacer that ended; None before the first."""
         self._config = config
         self._open_pacer = open_pacer
@@ -50,7 +75,7 @@ class KeptPacer:
         """Whether a pacer that no stand-by follows has been told to end."""
         self._disarmed = True
         """Whether that is what the operator was told last."""
-        self._quiet: Report | None = None
+        self._quiet: PacerReport | None = None
         """The first report after which nothing that lifts has left; None where something has."""
 
     async def run(self) -> None:
@@ -58,7 +83,7 @@ class KeptPacer:
         loop = asyncio.get_running_loop()
         while True:
             began = loop.time()
-            await self._paced()
+            await self._pace()
             if loop.time() < began + AGAIN_S:
                 await asyncio.sleep(AGAIN_S)
 
@@ -67,7 +92,7 @@ class KeptPacer:
         if self._pacer is not None:
             self._pacer.give(order)
 
-    async def _paced(self) -> None:
+    async def _pace(self) -> None:
         self._quiet, self._relieved = None, False
         try:
             pacer = self._pacer = await self._open_pacer(self._config, 1.0, self._hear)
@@ -75,18 +100,18 @@ class KeptPacer:
             self._say(str(error))
             return
         try:
-            await pacer.ended()
+            await pacer.wait_for_end()
             self._say("the pacer ended: starting it again, disarmed")
         except asyncio.CancelledError:
             self._ends = True
             pacer.give(End(self._config.disarm_s))
-            await pacer.ended()
+            await pacer.wait_for_end()
             raise
         finally:
             self._pacer = None
             pacer.forget()
 
-    def _hear(self, report: Report | None) -> None:
+    def _hear(self, report: PacerReport | None) -> None:
         """Take the pacer's report; None means that it ended."""
         before, ended = self.report, report is None
         if self._ends and ended:
@@ -102,7 +127,7 @@ class KeptPacer:
         self.report = report
         self._heard(ended)
 
-    def _tell(self, report: Report, before: Report | None) -> None:
+    def _tell(self, report: PacerReport, before: PacerReport | None) -> None:
         if report.port and (before is None or before.port != report.port):
             self._say(report.port)
         if before is not None and before.port and not report.port:
@@ -179,7 +204,7 @@ class Bridge(asyncio.DatagramProtocol):
         self._say = say
         self._random = nonce
         self._remote_only = remote_only
-        self._pacer = KeptPacer(config.link, open_pacer, say, self._heard)
+        self._pacer = KeptPacer(config.link, open_pacer, say, self._take_report)
         self._arming = 0
         self._sessions: dict[bytes, BridgeEnd] = {}
         """By the station's nonce, the oldest first."""
@@ -209,7 +234,7 @@ class Bridge(asyncio.DatagramProtocol):
         if self._live is not None:
             self._live.arming = None
 
-    def _heard(self, ended: bool) -> None:
+    def _take_report(self, ended: bool) -> None:
         """The pacer has reported, or ended."""
         if self._live is not None:
             if ended:
@@ -315,7 +340,7 @@ class Bridge(asyncio.DatagramProtocol):
             news = session.ended = True
             self._say(f"station {session.peer[0]}:{session.peer[1]} leaves")
         if up.command is not None and session.arming is not None and not up.end:
-            self._pacer.give(Give(session.arming, _moved(up.command, to_ours)))
+            self._pacer.give(Give(session.arming, _shift_deadline(up.command, to_ours)))
         return news
 
     def _answer(self, session: BridgeEnd) -> None:
@@ -333,6 +358,6 @@ class Bridge(asyncio.DatagramProtocol):
             self.dropped[why] += 1
 
 
-def _moved(command: Command, by_s: float) -> Command:
+def _shift_deadline(command: Command, by_s: float) -> Command:
     """``command`` with its deadline on this clock. Its pose's time stays the station's: only its order counts here."""
     return msgspec.structs.replace(command, deadline_s=command.deadline_s + by_s)

@@ -28,7 +28,7 @@ def read_key(path: Path) -> bytes:
     if stat.S_IMODE(owner.st_mode) != 0o600:
         mode = stat.S_IMODE(owner.st_mode)
         raise ValueError(f"{path} has mode {mode:04o}, so others may know the key: make a new one, chmod 600")
-    key = _decoded(data)
+    key = _decode(data)
     if key is None:
         raise ValueError(f"{path} is no key: expected {KEY_BYTES} bytes, raw or as hex or base64 text")
     if not any(key):
@@ -36,7 +36,7 @@ def read_key(path: Path) -> bytes:
     return key
 
 
-def _decoded(data: bytes) -> bytes | None:
+def _decode(data: bytes) -> bytes | None:
     if len(data) == KEY_BYTES:
         return data
     text = data.strip()

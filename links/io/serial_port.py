@@ -130,14 +130,14 @@ class PortTransport:
         except BlockingIOError:
             return
         except OSError as error:
-            self._lost(error)
+            self._end(error)
             return
         if data:
             self._protocol.data_received(data)
         else:
-            self._lost(None)
+            self._end(None)
 
-    def _lost(self, error: Exception | None) -> None:
+    def _end(self, error: Exception | None) -> None:
         self.abort()
         self._protocol.connection_lost(error)
 

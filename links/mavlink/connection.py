@@ -1,4 +1,4 @@
-"""Connection: one wire to one autopilot, its messages to whoever reads them, and requests, one hand-shake at a time.
+"""Connection: one wire to one autopilot, heartbeats both ways, its messages to whoever reads them, and hand-shakes.
 
 When the autopilot is heard again after a silence, or after its wire was lost, it is asked for its messages again, as
 it may have restarted. Set-points do not leave until the vehicle is armed anew: nobody knows what it did meanwhile.
@@ -6,24 +6,210 @@ it may have restarted. Set-points do not leave until the vehicle is armed anew: 
 
 import asyncio
 import math
+from collections import Counter
 from collections.abc import Callable, Mapping
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from links.core import LinkError, LinkLost, LinkMisuse
-from links.mavlink.contact import Contact, Subscriber
-from links.mavlink.procedures import Autopilot, Handshake, choose_streams
-from links.mavlink.protocol import MavlinkLinkConfig, Message, Trip
+from links.mavlink.protocol import (
+    GROUND_STATION,
+    AutopilotAddress,
+    Handshake,
+    HeartbeatMonitor,
+    MavlinkCodec,
+    MavlinkLinkConfig,
+    Message,
+    Timesync,
+    Trip,
+    Words,
+    choose_streams,
+)
+from links.mavlink.transport import ReconnectingTransport
 
 if TYPE_CHECKING:
     from links.mavlink.signing_key import Signing
+
+VISION = (
+    "VISION_POSITION_ESTIMATE", "GLOBAL_VISION_POSITION_ESTIMATE", "VICON_POSITION_ESTIMATE", "ATT_POS_MOCAP",
+    "ODOMETRY", "GPS_INPUT",
+)  # fmt: skip
+"""Messages by which somebody tells an autopilot where it is."""
+HEARTBEAT_S = 1.0
+"""Period of our own HEARTBEAT [s]."""
+
+Subscriber = Callable[[Message, float], None]
+
+
+class Contact:
+    """Heartbeats both ways, each other's time, and messages to whoever reads them: over one wire, for a connection."""
+
+    def __init__(self, config: MavlinkLinkConfig, keeper: "MavlinkConnection") -> None:
+        """Nothing is opened yet."""
+        self._config = config
+        self._target = (config.target_system, config.target_component)
+        self._keeper = keeper
+        self.codec = MavlinkCodec(config.system_id, config.component_id)
+        self.words = Words()
+        self.heard_vision = False
+        """Whether somebody else was heard who tells an autopilot its position."""
+        self._first_beat = asyncio.Event()
+        self._dropped: Counter[str] = Counter()
+        self._line = ReconnectingTransport(config, self._dropped, hear=self._hear, lose=self._lose, tell=keeper.tell)
+        self._subscribers: list[Subscriber] = []
+        self._reset()
+
+    def _reset(self) -> None:
+        self._loop: asyncio.AbstractEventLoop | None = None
+        self._next_beat: asyncio.TimerHandle | None = None
+        self.heard = HeartbeatMonitor(self._config.heartbeat_timeout_s)
+        """What its heartbeats say."""
+        self.timesync = Timesync()
+        """Its clock against ours."""
+
+    @property
+    def has_wire(self) -> bool:
+        """False on a wire that was lost, or is not open."""
+        return self._line.wire is not None
+
+    @property
+    def dropped(self) -> dict[str, int]:
+        """What was received and not used, by reason; and frames of ours that did not leave or came back.
+
+        Those are ``congested`` (the network had no room), ``full`` (they would have had to wait), ``undeliverable``
+        (given back), ``no_peer`` (none yet).
+        """
+        return dict(self.codec.dropped + self._dropped)
+
+    def subscribe(self, subscriber: Subscriber) -> Callable[[], None]:
+        """Call ``subscriber(message, arrival_s)`` for every message of the autopilot; returns what ends that."""
+        self._subscribers.append(subscriber)
+        return lambda: self._subscribers.remove(subscriber)
+
+    async def open(self) -> None:
+        """Open the wire, and send heartbeats from now on.
+
+        Raises:
+            LinkLost: the wire can't be opened.
+            LinkError: this was closed before it was open.
+        """
+        self._loop = asyncio.get_running_loop()
+        await self._line.open()
+        self._first_beat.clear()
+        self._beat()
+
+    async def wait_for_heartbeat(self) -> None:
+        """Wait for the autopilot's first heartbeat.
+
+        Raises:
+            LinkLost: none came within the configured time.
+        """
+        try:
+            async with asyncio.timeout(self._config.connect_timeout_s):
+                await self._first_beat.wait()
+        except TimeoutError:
+            raise LinkLost(self._silence()) from None
+
+    def _silence(self) -> str:
+        config = self._config
+        what = f"got only {self.dropped}" if self.dropped else "nothing came at all"
+        return (
+            f"no HEARTBEAT of MAVLink system {config.target_system}, component {config.target_component} on "
+            f"{config.address} within {config.connect_timeout_s:g} s ({what}): check that the autopilot runs, that "
+            "it sends to this address, and its system id (MAV_SYS_ID or SYSID_THISMAV)"
+        )
+
+    def close(self) -> None:
+        """Release the wire. Nothing leaves afterwards."""
+        beat = self._next_beat
+        self._reset()
+        if beat is not None:
+            beat.cancel()
+        self._line.cut()
+        self.codec.forget()
+
+    def _lose(self, why: str) -> None:
+        self.heard.lose()
+        self.codec.forget()
+        self._keeper.lose_wire(why)
+
+    # ---- what leaves
+
+    def leave(self, frame: bytes) -> bool:
+        """Send one frame, and tell whether it left; nothing leaves without a wire."""
+        return self._line.leave(frame, self.heard.address)
+
+    def _beat(self) -> None:
+        if self._loop is None:
+            return
+        wire = self._line.wire
+        if wire is not None and (wire.speaks_first or self.heard.address is not None):
+            self.leave(self.codec.heartbeat())
+            if self.heard.kind is not None:
+                self._ask_the_time(self._loop.time())
+        self._keeper.each_beat()
+        self._next_beat = self._loop.call_later(HEARTBEAT_S, self._beat)
+
+    def _ask_the_time(self, now_s: float) -> None:
+        self.leave(self.codec.timesync_question(self.timesync.ask(now_s)))
+
+    # ---- what arrives
+
+    def _hear(self, data: bytes, source: Any) -> None:
+        """Take what arrived from the address ``source``."""
+        wire, known = self._line.wire, self.heard.address
+        if self._loop is None or wire is None:
+            return
+        now = self._loop.time()
+        if known is not None and source != known and not self.heard.is_silent(now):
+            self._dropped["other_address"] += 1
+            return
+        read = self.codec.feed_datagram if wire.datagrams else self.codec.feed
+        for message in read(data):
+            if (message.get_srcSystem(), message.get_srcComponent()) != self._target:
+                self._dropped["other_system"] += 1
+                self.heard_vision = self.heard_vision or message.get_type() in VISION
+                continue
+            if message.get_type() == "HEARTBEAT":
+                self._heartbeat(message, source, now)
+            # others have sent no heartbeat yet
+            if self.heard.kind is not None and self.heard.address in (None, source):
+                self._publish(message, now)
+
+    def _publish(self, message: Message, now_s: float) -> None:
+        name = message.get_type()
+        if name == "STATUSTEXT":
+            self.words.hear(message)
+        elif name == "TIMESYNC" and message.tc1 == 0:  # a question, not an answer
+            self.leave(self.codec.timesync_reply(message, now_s))
+        elif name == "TIMESYNC":
+            self.timesync.take_answer(message.tc1, message.ts1, now_s)
+        for subscriber in self._subscribers:
+            subscriber(message, now_s)
+
+    def _heartbeat(self, message: Message, source: Any, now_s: float) -> None:
+        wire = self._line.wire
+        if message.type == GROUND_STATION or wire is None:
+            return
+        is_first = self.heard.kind is None
+        if self.heard.beat(message, now_s):
+            if not wire.speaks_first:
+                self.heard.address = source
+                self.leave(self.codec.heartbeat())
+            self._ask_the_time(now_s)
+            self._first_beat.set()
+            if not is_first and self._line.wire is not None:  # a port may end in the moment of an answer
+                self._keeper.resume()
+                self.heard.believe_armed(None)
+                self.timesync = Timesync()
+        self.heard.take_armed(message, now_s)
 
 
 POLL_S = 0.05
 """How often a request without a stream of set-points looks at the time [s]."""
 
 
-class Requests:
+class HandshakeRunner:
     """Goes through hand-shakes; whoever owns it passes on every message and calls ``wake`` when the wire changes."""
 
     def __init__(self, leave: Callable[[bytes], object], obstacle: Callable[[], LinkError | None]) -> None:
@@ -108,7 +294,7 @@ class MavlinkConnection:
         self.codec, self.words = self._contact.codec, self._contact.words
         self._streams: list[Streams] = []
         self._wishes: dict[tuple[str, ...], float] = {}
-        self._requests = Requests(self.leave, self._obstacle)
+        self._requests = HandshakeRunner(self.leave, self._obstacle)
         self._contact.subscribe(self._requests.hear)  # before anybody else
         self._signing: Signing | None = None
         self.when_lost: Callable[[], None] = _nothing
@@ -171,7 +357,7 @@ class MavlinkConnection:
         """What was received and not used, and frames of ours that did not leave or came back, by reason."""
         return self._contact.dropped
 
-    def autopilot(self) -> Autopilot:
+    def autopilot(self) -> AutopilotAddress:
         """The autopilot at the other end.
 
         Raises:
@@ -181,9 +367,9 @@ class MavlinkConnection:
         if self._loop is None or heard.kind is None:
             raise LinkMisuse("the link is not connected")
         target = (config.target_system, config.target_component)
-        return Autopilot(self.codec, self.words, *target, heard.kind, heard.vehicle)
+        return AutopilotAddress(self.codec, self.words, *target, heard.kind, heard.vehicle)
 
-    def armed(self, armed: bool) -> None:
+    def believe_armed(self, armed: bool) -> None:
         """Believe that the motors are on, or off, until a heartbeat tells."""
         self._contact.heard.believe_armed(asyncio.get_running_loop().time() if armed else None)
 
@@ -241,7 +427,7 @@ class MavlinkConnection:
             self._reset()
             raise
         try:
-            await self._contact.made()
+            await self._contact.wait_for_heartbeat()
         except LinkLost:
             self.close()
             raise
@@ -259,8 +445,6 @@ class MavlinkConnection:
 
     def _sign(self, loop: asyncio.AbstractEventLoop) -> None:
         if self._config.signing_key_file is not None and self._signing is None:
-            from links.mavlink.signing_key import Signing
-
             try:
                 self._signing = Signing(Path(self._config.signing_key_file), loop.time)
             except ValueError as error:
@@ -279,7 +463,7 @@ class MavlinkConnection:
         wanted = {name: rate for ask in self._streams for name, rate in ask(kind).items()}
         await choose_streams(self.autopilot(), wanted, self._wishes, self.see_through, quiet=self._config.quiet)
 
-    # ---- what the contact tells: see :class:`links.mavlink.contact.Keeper`
+    # ---- what the contact tells: see :class:`links.mavlink.connection.Keeper`
 
     def each_beat(self) -> None:
         """Write the newest time stamp down, now and then."""
@@ -287,7 +471,7 @@ class MavlinkConnection:
         if self._beats % KEEP_STAMP_BEATS == 0 and not self._contact.heard.armed:
             self._note_stamp()
 
-    def lost(self, why: str) -> None:
+    def lose_wire(self, why: str) -> None:
         """Nothing more is asked for."""
         self.tell(f"the link is lost: {why}")
         self._requests.wake()
@@ -295,7 +479,7 @@ class MavlinkConnection:
         if self._asking is not None:
             self._asking.cancel()
 
-    def back(self) -> None:
+    def resume(self) -> None:
         """Ask for the messages again."""
         self.when_back()
         if self._asking is not None:

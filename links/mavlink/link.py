@@ -24,20 +24,6 @@ from links.core import (
 )
 from links.io import Sleep
 from links.mavlink.connection import MavlinkConnection
-from links.mavlink.procedures import (
-    AskMode,
-    Autopilot,
-    Handshake,
-    Kill,
-    ReadVersion,
-    Step,
-    arming,
-    disarming,
-    fitness,
-    landing,
-    landing_disarmed,
-    question,
-)
 from links.mavlink.protocol import (
     ARDUPILOT,
     ARM_DISARM,
@@ -46,10 +32,22 @@ from links.mavlink.protocol import (
     SLOW_BAUD,
     SLOW_HZ,
     STALE_NEWS_S,
+    AskMode,
+    AutopilotAddress,
+    Handshake,
+    HandshakeStep,
+    Kill,
     MavlinkLinkConfig,
     Message,
+    ReadVersion,
     Vitals,
+    arming,
     attitude_of,
+    disarming,
+    fitness,
+    landing,
+    landing_disarmed,
+    make_mode_request,
 )
 
 REPEAT_AFTER = 2.0
@@ -142,7 +140,7 @@ LOOK_S = 0.01
 """How often such a request looks at the time [s]."""
 
 
-async def beside(connection: MavlinkConnection, step: Step) -> None:
+async def beside(connection: MavlinkConnection, step: HandshakeStep) -> None:
     """Go through ``step`` without waiting for hand-shakes that are under way.
 
     Raises:
@@ -320,7 +318,7 @@ class MavlinkLink:
             await self.connection.see_through(handshake, stream, self.period_s)
             if handshake.failure is not None:  # killed in the very moment of its end
                 raise handshake.failure
-            self.connection.armed(True)
+            self.connection.believe_armed(True)
             self._obeys, self._obeys_s = True, asyncio.get_running_loop().time()
         except BaseException:
             self._transmitter.stop()
@@ -417,7 +415,7 @@ class MavlinkLink:
     def ask_mode(self) -> None:
         """Have the autopilot tell its mode now, not only within a second."""
         if self._obeys:
-            self.connection.leave(question(self.connection.autopilot()))
+            self.connection.leave(make_mode_request(self.connection.autopilot()))
 
     async def silent(self) -> None:
         """Return once nothing that lifts may leave any more without a new arming."""
@@ -438,7 +436,7 @@ class MavlinkLink:
             if autopilot.kind != ARDUPILOT:
                 raise
             await self._ask(landing_disarmed(autopilot))
-        self.connection.armed(False)
+        self.connection.believe_armed(False)
         self._transmitter.stop()
 
     async def _ask(self, handshake: Handshake) -> None:
@@ -465,15 +463,15 @@ class MavlinkLink:
         if self._killing is None or _over(self._killing):
             connection = self.connection
             kind = connection.kind if connection.kind is not None else -1
-            step = Kill(Autopilot(connection.codec, connection.words, *self._target, kind))
-            self._killing = asyncio.ensure_future(self._killed(step))
+            step = Kill(AutopilotAddress(connection.codec, connection.words, *self._target, kind))
+            self._killing = asyncio.ensure_future(self._see_kill_through(step))
         await asyncio.shield(self._killing)
 
-    async def _killed(self, step: Kill) -> None:
+    async def _see_kill_through(self, step: Kill) -> None:
         if self.connection.state == "closed":
             raise LinkLost("the link is closed: nothing can be sent. Use the remote control's kill switch")
         await beside(self.connection, step)
-        self.connection.armed(False)
+        self.connection.believe_armed(False)
 
     async def close(self) -> None:
         """Release the socket. Nothing leaves afterwards.

@@ -2,20 +2,54 @@
 
 TYPE_CHECKING = False
 if TYPE_CHECKING:
-    from links.rf.link import SerialRfLink
-    from links.rf.paced_link import PacedLink
-    from links.rf.pacer import FramePacer
-    from links.rf.pacer_messages import Arm, End, Give, Hear, OpenPacer, Order, Pacer, Report, Serve, Stop
+    from links.rf.channel_map import Channels
+    from links.rf.codec import Manner, RfFrame, RfLinkConfig, Service
+    from links.rf.crsf_codec import CrsfLinkConfig
+    from links.rf.dsm_codec import DsmLinkConfig
+    from links.rf.kinds import RF_CODECS, RfConfig
+    from links.rf.link import PacedLink, SerialRfLink
+    from links.rf.pacer import (
+        LOOK_S,
+        Arm,
+        End,
+        FramePacer,
+        Give,
+        Hear,
+        OpenPacer,
+        Order,
+        Pacer,
+        PacerReport,
+        Serve,
+        StandbyWatch,
+        Stop,
+    )
     from links.rf.pacer_process import open_process
-    from links.rf.standby_watch import LOOK_S, Watch
+    from links.rf.shared_memory import CAPACITY_BYTES, Mailbox
 
 _MODULES = {
-    "link": ("SerialRfLink",),
-    "paced_link": ("PacedLink",),
-    "pacer": ("FramePacer",),
-    "pacer_messages": ("Arm", "End", "Give", "Hear", "OpenPacer", "Order", "Pacer", "Report", "Serve", "Stop"),
+    "channel_map": ("Channels",),
+    "codec": ("Manner", "RfFrame", "RfLinkConfig", "Service"),
+    "crsf_codec": ("CrsfLinkConfig",),
+    "dsm_codec": ("DsmLinkConfig",),
+    "kinds": ("RF_CODECS", "RfConfig"),
+    "link": ("PacedLink", "SerialRfLink"),
+    "pacer": (
+        "Arm",
+        "End",
+        "FramePacer",
+        "Give",
+        "Hear",
+        "LOOK_S",
+        "OpenPacer",
+        "Order",
+        "Pacer",
+        "PacerReport",
+        "Serve",
+        "StandbyWatch",
+        "Stop",
+    ),
     "pacer_process": ("open_process",),
-    "standby_watch": ("LOOK_S", "Watch"),
+    "shared_memory": ("CAPACITY_BYTES", "Mailbox"),
 }
 
 

@@ -1,17 +1,156 @@
-"""What leaves at each frame instant of a serial RF link: the dead man's switch, the map and the codec. Sans-IO.
+"""Frame pacer: what leaves at each frame instant of a serial RF link, by the dead man's switch, map and codec. Sans-IO.
 
 Whoever owns the clock calls, for each instant ``due_s``: ``prepare`` a little before, ``leave`` at it, ``tidy`` after.
 The port is handed in. It may vanish and come back; what was armed then stays disarmed until a new arming.
+
+First come the messages between a link and its pacer, last the watch by which a stand-by tells that its pacer stands
+still.
 """
 
 import contextlib
 import math
 from collections import Counter
-from typing import Protocol
+from collections.abc import Awaitable, Callable
+from typing import Protocol, TypeAlias
+
+import msgspec
 
 from links.core import Command, Deadman, Lateness, LinkMisuse, Phase, Segment
-from links.rf.codecs import Channels, RfLinkConfig, Service
-from links.rf.pacer_messages import Arm, End, Give, Held, Order, Report, Serve, Stop
+from links.rf.channel_map import Channels
+from links.rf.codec import Manner, RfLinkConfig, Service
+
+
+class Arm(msgspec.Struct, frozen=True, tag="arm"):
+    """A new arming by the operator."""
+
+    number: int
+    """Of this arming, 1 for the first."""
+    at_s: float
+    """When it began [s]."""
+
+
+class Give(msgspec.Struct, frozen=True, tag="give", gc=False):
+    """The newest command. It goes a way of its own and may overtake the other orders."""
+
+    arming: int
+    """Number of the arming that it belongs to; under any other it is nothing."""
+    command: Command
+
+
+class Stop(msgspec.Struct, frozen=True, tag="stop"):
+    """Disarm frames from the next frame on, until a new arming."""
+
+
+class Serve(msgspec.Struct, frozen=True, tag="serve"):
+    """Bind, or check the range, for a while; ignored unless disarmed."""
+
+    service: Service
+    duration_s: float
+    """[s]"""
+
+
+class End(msgspec.Struct, frozen=True, tag="end"):
+    """End, but not before the newest command and its bring-down are over and ``linger_s`` [s] of disarm frames left."""
+
+    linger_s: float
+
+
+Order: TypeAlias = Arm | Give | Stop | Serve | End
+
+
+class Held(msgspec.Struct, frozen=True, gc=False):
+    """What a pacer holds as a frame leaves, for whoever must take over. Times are on the commands' clock [s]."""
+
+    frame_s: float
+    """When that frame leaves."""
+    arming: int
+    """Number of the newest arming."""
+    obey_s: float
+    """When that arming is over, and commands leave; infinite before the first."""
+    command: Command | None
+    """The newest, while it or its bring-down may leave."""
+    linger_s: float | None
+    """Of the :class:`End` that it was told; None before."""
+
+
+class PacerReport(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True):
+    """The pacer as it is now; times are on CLOCK_MONOTONIC in real time [s]."""
+
+    now_s: float
+    """When this was written."""
+    frame_s: float
+    """When some frame left or will leave: the others are whole periods away."""
+    arming: int
+    """Number of the newest arming that it knows."""
+    over: bool
+    """Whether nothing that lifts leaves any more."""
+    frames: int
+    """Frames that left."""
+    lost: int
+    """Frames that did not leave at their instant or not at all, the port being there."""
+    repeated: int
+    """Frames that said the same command once more, as no newer one had come in time."""
+    refused: int
+    """Commands that came too late or out of order."""
+    port: str
+    """Why the port can't be used; empty where it can."""
+    received: int
+    """Frames that came back from the module."""
+    dropped: dict[str, int]
+    """What was dropped or failed, by reason."""
+    late_us: tuple[int, int, int]
+    """Lateness of the frames, 50, 99 and 99.9 % [µs]."""
+    late_octaves: tuple[int, ...]
+    """Frames by lateness: entry k counts those late by less than 2**k µs and not by less than 2**(k-1)."""
+    slept_s: float
+    """How long its computer has slept since the newest arming [s]: nothing that lifts leaves, see suspend.py."""
+    note: str
+    """How it is scheduled, in words."""
+    fifo: bool
+    """Whether it runs with real-time priority."""
+    deaf: bool = False
+    """Whether commands of this arming have come in vain, and will: what it holds is played to its end, bring-down and
+    all."""
+    heir: str = ""
+    """What became of the pacer, where its stand-by lets the frames go; empty where it does so itself."""
+    alone: bool = False
+    """Whether the pacer's stand-by has ended before it: nobody would let frames go in its place."""
+    warning: str = ""
+    """What is not as it should be with how it paces; empty where nothing is."""
+
+
+class Pacer(Protocol):
+    """The pacer as the link sees it: in another process, in the same loop, or behind a network."""
+
+    @property
+    def manner(self) -> Manner:
+        """How it paces."""
+        ...
+
+    @property
+    def why_mute(self) -> str:
+        """What it means, in the operator's words, that no report comes."""
+        ...
+
+    def give(self, order: Order) -> bool:
+        """Hand over ``order`` without waiting; False where nobody takes it."""
+        ...
+
+    async def wait_for_end(self) -> None:
+        """Wait until it has ended."""
+        ...
+
+    def forget(self) -> None:
+        """Let go of it; it ends by itself as after :class:`End`, should it still live."""
+        ...
+
+
+Hear: TypeAlias = Callable[[PacerReport | None], None]
+"""Takes each report, and None at the pacer's end."""
+
+OpenPacer: TypeAlias = Callable[[RfLinkConfig, float, Hear], Awaitable[Pacer]]
+"""Start a pacer for a configuration and a full thrust [N]; its reports go to the callable, and None at its end."""
+
 
 AFTERLIFE_S = 3.0
 """How long disarm frames still leave after whoever commands has died [s]: a module may repeat its last frame."""
@@ -105,11 +244,11 @@ class FramePacer:
             case End(linger_s):
                 self._end(linger_s, now_s)
 
-    def orphaned(self, now_s: float) -> None:
+    def outlive_commander(self, now_s: float) -> None:
         """Whoever commanded has died: what it left is played to its end, then disarm frames, then nothing."""
         self._end(max(AFTERLIFE_S, self._linger_s or 0.0), now_s)
 
-    def held(self) -> Held:
+    def make_estate(self) -> Held:
         """What whoever takes over must know."""
         return Held(self._due_s, self._arming, self._obey_s, self._deadman.command, self._linger_s)
 
@@ -128,7 +267,7 @@ class FramePacer:
         self._deadman.hold()
         self._quiet_since_s = now_s
 
-    def slept(self, slept_s: float, now_s: float) -> None:
+    def note_sleep(self, slept_s: float, now_s: float) -> None:
         """The computer has slept for ``slept_s`` [s]: what was to leave is older by that."""
         self._slept_s += slept_s
         self._deadman.stop()
@@ -145,12 +284,12 @@ class FramePacer:
     def prepare(self, due_s: float) -> None:
         """Make the frame that leaves at ``due_s``."""
         self._due_s = due_s
-        self._frame = self._made(due_s)
+        self._frame = self._make_frame(due_s)
 
     def leave(self, now_s: float) -> None:
         """Let the prepared frame go."""
         if now_s > self._due_s + STALE_S:
-            self._frame = self._made(now_s)
+            self._frame = self._make_frame(now_s)
         if self._why_closed:
             return
         try:
@@ -168,7 +307,7 @@ class FramePacer:
             self._lost += 1
             self._errors["port_stuck"] += 1
 
-    def measured(self, now_s: float, skipped: int) -> None:
+    def count_frame(self, now_s: float, skipped: int) -> None:
         """The prepared frame was gone at ``now_s``, and after it ``skipped`` instants had passed already."""
         self._lateness.add(now_s - self._due_s)
         self._lost += skipped if not self._why_closed else 0
@@ -208,11 +347,11 @@ class FramePacer:
 
     def report(
         self, now_s: float, *, note: str = "", fifo: bool = False, alone: bool = False, warning: str = ""
-    ) -> Report:
+    ) -> PacerReport:
         """The pacer as it is now."""
         self._tell_s, self._told = now_s + REPORT_S, self._stands(now_s)
         arming, over, deaf = self._told
-        return Report(
+        return PacerReport(
             now_s=now_s,
             frame_s=self._due_s,
             arming=arming,
@@ -235,7 +374,7 @@ class FramePacer:
             warning=warning,
         )
 
-    def _made(self, at_s: float) -> bytes:
+    def _make_frame(self, at_s: float) -> bytes:
         self._made_s = at_s
         if self._greet and (greeting := self._codec.greeting()):
             return greeting
@@ -287,3 +426,36 @@ class FramePacer:
         self._errors["port_lost"] += 1
         self._why_closed = error.strerror or str(error)
         self._reopen_s = now_s + self._wait_s
+
+
+LOOK_S = 0.01
+"""Time between a look that finds the sign of life too old and the next [s]."""
+LATE_S = 0.005
+"""A look that comes later than this after its instant says nothing: the watcher itself may have stood still [s]."""
+OLD_S = 0.06
+"""A sign of life older than this is too old [s]; where frames are far apart, than one and a half periods."""
+
+
+class StandbyWatch:
+    """Two looks in a row, both in time and :data:`LOOK_S` apart, must find the sign of life too old."""
+
+    def __init__(self, period_s: float) -> None:
+        """The sign comes every ``period_s`` [s]."""
+        self._old_s = max(OLD_S, 1.5 * period_s)
+        self.wait_s = self._old_s + 0.5 * period_s
+        """How long after a sign of life it is looked for the next [s]: half-way between two frames, which no look then
+        delays."""
+        self._suspects = False
+        self.next_s = 0.0
+        """When to look next."""
+
+    def look(self, now_s: float, vouched_s: float) -> bool:
+        """Look at ``now_s`` at a sign of life that was good at ``vouched_s``; whether the pacer stands still."""
+        late = now_s > self.next_s + LATE_S
+        old = vouched_s > 0.0 and now_s - vouched_s >= self._old_s
+        convicted = old and not late and self._suspects
+        self._suspects = old and not late
+        fresh = vouched_s > 0.0 and not old and not late
+        # A pacer may vouch in advance for what takes long, and then be done with it earlier.
+        self.next_s = min(vouched_s, now_s) + self.wait_s if fresh else now_s + LOOK_S
+        return convicted

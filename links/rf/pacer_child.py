@@ -17,11 +17,10 @@ import time
 
 import msgspec
 
-from links.io import Mailbox, Sleep
-from links.rf.codecs import RfConfig
-from links.rf.lease import FIRST, PACER, STANDBY, Lease
-from links.rf.pacer import FramePacer
-from links.rf.pacer_messages import Give, Order, Report
+from links.io import Sleep
+from links.rf.kinds import RfConfig
+from links.rf.pacer import FramePacer, Give, Order, PacerReport
+from links.rf.shared_memory import FIRST, PACER, STANDBY, Lease, Mailbox
 from links.rf.shared_port import SharedPort
 
 PREPARE_S = 0.0004
@@ -39,7 +38,7 @@ _MOST_ORDERS = 256
 """Most orders taken between two frames, so that nobody who floods us delays a frame."""
 
 
-class Setup(msgspec.Struct, frozen=True):
+class PacerSetup(msgspec.Struct, frozen=True):
     """The first message."""
 
     config: RfConfig
@@ -73,7 +72,9 @@ def main() -> None:
     deafen()
     wire, mailbox, lease, held, beside = map(int, sys.argv[1:])
     by_standby = socket.socket(fileno=beside)
-    setup = msgspec.msgpack.decode(by_standby.recv(MESSAGE_BYTES), type=Setup)  # it comes once the stand-by is ready
+    setup = msgspec.msgpack.decode(
+        by_standby.recv(MESSAGE_BYTES), type=PacerSetup
+    )  # it comes once the stand-by is ready
     by_standby.setblocking(False)
     config, clock = setup.config, Clock()
     fifo, note = prioritise(config.fifo_priority, clock)
@@ -116,7 +117,7 @@ class Estate:
 
     def keep(self, pacer: FramePacer, now_s: float) -> None:
         """Before each frame: nothing leaves that the stand-by could not bring down."""
-        self._held.put(self._encoder.encode(pacer.held()))
+        self._held.put(self._encoder.encode(pacer.make_estate()))
         self.lease.vouch(PACER, now_s)
 
     @property
@@ -167,7 +168,7 @@ class Commander:
                 data = b""
             if not data:
                 self._alive = False
-                pacer.orphaned(now_s)
+                pacer.outlive_commander(now_s)
                 return
             try:
                 order = self._orders.decode(data)
@@ -187,7 +188,7 @@ class Commander:
             missing = estate.warning(now_s) if estate is not None else ""
             warning = missing or ("" if self._fifo else f"frames may leave late, by {self._note}")
             alone = estate is not None and estate.deserted
-            report: Report = pacer.report(now_s, note=self._note, fifo=self._fifo, alone=alone, warning=warning)
+            report: PacerReport = pacer.report(now_s, note=self._note, fifo=self._fifo, alone=alone, warning=warning)
             with contextlib.suppress(OSError):  # nobody reads for now, or for ever: the next look tells
                 self._wire.send(self._encoder.encode(report))
 
@@ -210,12 +211,12 @@ def pace(
         while (woken := now()) < due:
             pass
         if slept := sleep.slept_s:
-            pacer.slept(slept, due)
+            pacer.note_sleep(slept, due)
             sleep = Sleep(now)
         pacer.leave(woken)
         left = now()
         skipped = max(0, int((left - due) / period_s))
-        pacer.measured(left, skipped)
+        pacer.count_frame(left, skipped)
         pacer.tidy(left)
         if pacer.has_news(left):
             commander.tell(pacer, left)

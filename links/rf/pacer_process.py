@@ -10,10 +10,10 @@ from collections.abc import Callable
 import msgspec
 
 from links.core import LinkError, LinkLost, make_child_command
-from links.io import CAPACITY_BYTES, Mailbox
-from links.rf.codecs import Manner, RfLinkConfig
-from links.rf.pacer_child import MESSAGE_BYTES, Setup
-from links.rf.pacer_messages import Arm, End, Give, Order, Report, Stop
+from links.rf.codec import Manner, RfLinkConfig
+from links.rf.pacer import Arm, End, Give, Order, PacerReport, Stop
+from links.rf.pacer_child import MESSAGE_BYTES, PacerSetup
+from links.rf.shared_memory import CAPACITY_BYTES, Mailbox
 
 START_LIMIT_S = 30.0
 """Longest wait for the first report [s]."""
@@ -24,7 +24,7 @@ CLOCK_TOLERANCE_S = 0.05
 
 
 class PacerProcess:
-    """Implements :class:`links.rf.pacer_messages.Pacer`."""
+    """Implements :class:`links.rf.pacer.Pacer`."""
 
     def __init__(
         self,
@@ -32,7 +32,7 @@ class PacerProcess:
         process: "subprocess.Popen[bytes]",
         wire: socket.socket,
         mailbox: Mailbox,
-        on_report: Callable[[Report | None], None],
+        on_report: Callable[[PacerReport | None], None],
     ) -> None:
         """See :func:`open_process`; ``process`` is the stand-by, whose child the pacer is."""
         self.manner = manner
@@ -41,7 +41,7 @@ class PacerProcess:
         self._mailbox = mailbox
         self._on_report = on_report
         self._encoder = msgspec.msgpack.Encoder()
-        self._decoder = msgspec.msgpack.Decoder(Report)
+        self._decoder = msgspec.msgpack.Decoder(PacerReport)
         self._lasting: dict[type, Stop | End] = {}
         """Orders that hold whoever lets the frames go: a pacer that died may have read one, and not done it."""
         self._taken_over = False
@@ -78,7 +78,7 @@ class PacerProcess:
             who = "the pacer's stand-by stands still, and the pacer too, unless it is dead"
         return f"{who}: the receiver's failsafe has to act; nothing leaves before one goes on, and then disarm frames"
 
-    async def ended(self) -> None:
+    async def wait_for_end(self) -> None:
         """Wait until it has ended."""
         await asyncio.shield(self._end)
 
@@ -113,7 +113,7 @@ class PacerProcess:
 
 
 async def open_process(
-    config: RfLinkConfig, thrust_max_n: float, on_report: Callable[[Report | None], None]
+    config: RfLinkConfig, thrust_max_n: float, on_report: Callable[[PacerReport | None], None]
 ) -> PacerProcess:
     """Start both processes, in a session of their own, and wait for the pacer's first report.
 
@@ -124,9 +124,9 @@ async def open_process(
     loop = asyncio.get_running_loop()
     ours, theirs = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
     mailbox = Mailbox()
-    first: asyncio.Future[Report | None] = loop.create_future()
+    first: asyncio.Future[PacerReport | None] = loop.create_future()
 
-    def report(news: Report | None) -> None:
+    def report(news: PacerReport | None) -> None:
         if not first.done():
             first.set_result(news)
         on_report(news)
@@ -144,7 +144,7 @@ async def open_process(
         )
     ours.setblocking(False)
     pacer = PacerProcess(config.manner, process, ours, mailbox, report)
-    pacer.give(Setup(config, thrust_max_n))  # type: ignore[arg-type]  # the one message that is no order
+    pacer.give(PacerSetup(config, thrust_max_n))  # type: ignore[arg-type]  # the one message that is no order
     try:
         hello = await asyncio.wait_for(asyncio.shield(first), START_LIMIT_S)
         if hello is None:

@@ -16,13 +16,10 @@ import sys
 import msgspec
 
 from links.core import make_child_command
-from links.io import Mailbox
-from links.rf.lease import PACER, STANDBY, Lease
-from links.rf.pacer import FramePacer
-from links.rf.pacer_child import MESSAGE_BYTES, PREPARE_S, Clock, Commander, Setup, deafen, hush, pace, prioritise
-from links.rf.pacer_messages import Held
+from links.rf.pacer import FramePacer, Held, StandbyWatch
+from links.rf.pacer_child import MESSAGE_BYTES, PREPARE_S, Clock, Commander, PacerSetup, deafen, hush, pace, prioritise
+from links.rf.shared_memory import PACER, STANDBY, Lease, Mailbox
 from links.rf.shared_port import HeldPort, SharedPort
-from links.rf.standby_watch import Watch
 
 VOUCH_S = 0.5
 """A stand-by that comes so late to its next look is none [s]."""
@@ -39,11 +36,11 @@ def main() -> None:
         command = make_child_command("links.rf.pacer_child", *map(str, shared))
         pacer = subprocess.Popen(command, pass_fds=shared)  # noqa: S603  # our own program
     message = wire.recv(MESSAGE_BYTES)
-    setup = msgspec.msgpack.decode(message, type=Setup)
+    setup = msgspec.msgpack.decode(message, type=PacerSetup)
     clock = Clock()
     fifo, note = prioritise(setup.config.fifo_priority, clock)
     port = HeldPort(beside)
-    watch = Watch(setup.config.period_s)
+    watch = StandbyWatch(setup.config.period_s)
     lease.vouch(STANDBY, clock.now() + VOUCH_S)
     beside.send(message)
     why = _stand_by(pacer, port, lease, watch, clock)
@@ -55,7 +52,7 @@ def main() -> None:
     _take_over(setup, port, lease, msgspec.msgpack.decode(last, type=Held), why, clock, commander)
 
 
-def _stand_by(pacer: "subprocess.Popen[bytes]", port: HeldPort, lease: Lease, watch: Watch, clock: Clock) -> str:
+def _stand_by(pacer: "subprocess.Popen[bytes]", port: HeldPort, lease: Lease, watch: StandbyWatch, clock: Clock) -> str:
     """Sleep until the pacer has ended; what became of it, or an empty string where it was done."""
     ended, heard = os.pidfd_open(pacer.pid), port.beside.fileno()
     waits = [ended, heard]
@@ -82,7 +79,7 @@ def _stand_by(pacer: "subprocess.Popen[bytes]", port: HeldPort, lease: Lease, wa
 
 
 def _take_over(
-    setup: Setup, port: HeldPort, lease: Lease, held: Held, why: str, clock: Clock, commander: Commander
+    setup: PacerSetup, port: HeldPort, lease: Lease, held: Held, why: str, clock: Clock, commander: Commander
 ) -> None:
     """Let frames go at the pacer's instants, by what it held, until told to end or until nobody commands any more."""
     config, now = setup.config, clock.now()

@@ -1,4 +1,4 @@
-"""Serial port that a pacer and its stand-by have in common: one opens it, both hold it, and one writes.
+"""Shared port: the serial port of a pacer and its stand-by. One opens it, both hold it, and one writes.
 
 The stand-by gets each descriptor as soon as the port is open, over a socket pair. It never opens the port to take
 over: opening one again would touch its modem lines, and take time.
@@ -17,7 +17,7 @@ import struct
 import termios
 import time
 
-from links.rf.lease import PACER, Lease
+from links.rf.shared_memory import PACER, Lease
 
 _TCGETS2, _TCSETS2 = 0x802C542A, 0x402C542B
 _TERMIOS2 = struct.Struct("=IIIIB19sII")

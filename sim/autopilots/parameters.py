@@ -3,8 +3,7 @@
 import math
 from collections.abc import Mapping
 
-from links.mavlink.procedures import REAL32, WHOLE_BITS, decode, encode
-from links.mavlink.protocol import PX4, Message
+from links.mavlink.protocol import PX4, REAL32, WHOLE_BITS, Message, decode, encode
 
 INT8, INT16, INT32 = 2, 4, 6
 """MAV_PARAM_TYPE."""

@@ -5,8 +5,7 @@ import errno
 from collections.abc import Callable
 
 from groundstation.runtime import sleep_until
-from links.rf import LOOK_S, FramePacer, Give, OpenPacer, Order, Report, Watch
-from links.rf.codecs import RfLinkConfig
+from links.rf import LOOK_S, FramePacer, Give, OpenPacer, Order, PacerReport, RfLinkConfig, StandbyWatch
 
 MODULE = ("module", 1)
 """Where the simulated module listens, on the loop's network in memory."""
@@ -66,12 +65,12 @@ class WirePort(asyncio.DatagramProtocol):
 
 
 class InlinePacer:
-    """Implements :class:`links.rf.pacer_messages.Pacer`."""
+    """Implements :class:`links.rf.pacer.Pacer`."""
 
     why_mute = "the simulated pacer has failed"
 
     def __init__(
-        self, config: RfLinkConfig, thrust_max_n: float, port: WirePort, on_report: Callable[[Report | None], None]
+        self, config: RfLinkConfig, thrust_max_n: float, port: WirePort, on_report: Callable[[PacerReport | None], None]
     ) -> None:
         """See :func:`opened_on`."""
         self.manner = config.manner
@@ -85,7 +84,7 @@ class InlinePacer:
         self._waiting: list[Order] = []
         self._task = asyncio.create_task(self._pace())
 
-    def report(self) -> Report:
+    def report(self) -> PacerReport:
         """As it is now."""
         return self._pacer.report(self._loop.time(), note="simulated")
 
@@ -101,10 +100,10 @@ class InlinePacer:
 
     def strike(self, *, stopped: bool = False) -> None:
         """The pacer dies, or only stands still: its stand-by lets frames go as soon as it would know of it."""
-        knows_s = self._loop.time() + (Watch(self._period).wait_s + LOOK_S if stopped else 0.0)
+        knows_s = self._loop.time() + (StandbyWatch(self._period).wait_s + LOOK_S if stopped else 0.0)
         self._struck = knows_s, "the pacer stood still and was ended" if stopped else "the pacer was killed"
 
-    async def ended(self) -> None:
+    async def wait_for_end(self) -> None:
         """Wait until it has ended."""
         await asyncio.wait([self._task])
 
@@ -117,7 +116,7 @@ class InlinePacer:
         pacer, loop = self._pacer, self._loop
         due = loop.time() + self._period
         pacer.prepare(due)
-        held = pacer.held()
+        held = pacer.make_estate()
         while not pacer.done(loop.time()):
             await sleep_until(due)
             if self._struck is not None:
@@ -130,9 +129,9 @@ class InlinePacer:
                 for order in self._waiting:
                     pacer.order(order, loop.time())
             pacer.prepare(due)
-            held = pacer.held()
+            held = pacer.make_estate()
             pacer.leave(loop.time())
-            pacer.measured(loop.time(), 0)
+            pacer.count_frame(loop.time(), 0)
             pacer.tidy(loop.time())
             due += self._period
             if pacer.has_news(loop.time()):
@@ -146,7 +145,7 @@ def opened_on(port: WirePort) -> OpenPacer:
     """What opens pacers on ``port``, the wire of a simulation."""
 
     async def open_pacer(
-        config: RfLinkConfig, thrust_max_n: float, on_report: Callable[[Report | None], None]
+        config: RfLinkConfig, thrust_max_n: float, on_report: Callable[[PacerReport | None], None]
     ) -> InlinePacer:
         await port.attach()
         pacer = port.pacer = InlinePacer(config, thrust_max_n, port, on_report)

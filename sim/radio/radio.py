@@ -9,7 +9,7 @@ from groundstation.config import from_dict
 from groundstation.core.vehicle import Vehicle
 from groundstation.settings import Config
 from links.bridge import Bridge, BridgeConfig, BridgeLinkConfig
-from links.rf.codecs import RF_CODECS, RfConfig
+from links.rf import RF_CODECS, RfConfig
 from sim.radio.inline_pacer import WirePort, opened_on
 from sim.world import World
 

@@ -11,7 +11,7 @@ import asyncio
 from collections.abc import Callable
 from typing import Any
 
-from links.rf.codecs import Channels, Heard, RfLinkConfig, Service
+from links.rf import Channels, RfFrame, RfLinkConfig, Service
 from sim.radio.inline_pacer import MODULE
 from sim.world import Airframe
 
@@ -57,7 +57,7 @@ class RfReceiver:
             self.failsafe = True
             self._power(False, now_s)
 
-    def _take(self, heard: Heard, now_s: float) -> None:
+    def _take(self, heard: RfFrame, now_s: float) -> None:
         if heard.service is not None:
             self.services.append(heard.service)
         if heard.positions is None or heard.service is Service.BIND:

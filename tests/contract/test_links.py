@@ -17,8 +17,8 @@ from links.core import Command, CommandLink, LinkLost, LinkMisuse, Segment
 from links.io import parse_address
 from links.make import LINKS
 from links.mavlink import MavlinkLinkConfig
-from links.rf.codecs import RF_CODECS
-from links.rf.codecs.channel_map import Switch
+from links.rf import RF_CODECS
+from links.rf.channel_map import ArmSwitch
 from sim.autopilots import AutopilotPeer, Px4Autopilot
 from sim.radio import PtyWire, RfPeer, WirePort
 from sim.radio.inline_pacer import opened_on
@@ -108,7 +108,7 @@ class RfBench:
             self.pty = PtyWire()
             changes |= {"port": self.pty.path, "arm_low_s": 0.1, "arm_high_s": 0.1}  # real time is dear
         order = RF_CODECS[self.kind]().map
-        self.config = RF_CODECS[self.kind](**changes, map=msgspec.structs.replace(order, arm=Switch(channel=5)))
+        self.config = RF_CODECS[self.kind](**changes, map=msgspec.structs.replace(order, arm=ArmSwitch(channel=5)))
         self.peer = RfPeer(RfReceiver(self.vehicle, self.config), self.config)
 
     async def prepare_nobody(self) -> str:

@@ -16,9 +16,8 @@ import pytest
 from links.bridge import BridgeLink, BridgeLinkConfig
 from links.core import Command, LinkLost, LinkMisuse, Segment
 from links.io import make_key
-from links.rf import PacedLink, SerialRfLink
-from links.rf.codecs import Channels, DsmLinkConfig
-from links.rf.codecs.channel_map import ChannelMap, Sticks, Switch
+from links.rf import Channels, DsmLinkConfig, PacedLink, SerialRfLink
+from links.rf.channel_map import ArmSwitch, ChannelMap, Sticks
 from links.rf.pacer_process import PacerProcess
 from sim.radio import PtyWire
 from tests.e2e.stamped_reader import StampedReader
@@ -26,7 +25,7 @@ from tests.e2e.stations import free_udp_port
 
 PERIOD_S = 0.02
 COAST_S, DOWN_S = 0.25, 0.3
-MAP = ChannelMap(arm=Switch(channel=5))
+MAP = ChannelMap(arm=ArmSwitch(channel=5))
 CHANNELS = Channels(MAP, count=6, thrust_max_n=2.0)
 AT_ONCE_S = 0.002
 """No two frames of one writer, and no three of two, are so near [s]."""

@@ -14,7 +14,7 @@ import pytest
 from groundstation.core.geometry import Vec3
 from groundstation.core.mission import State
 from groundstation.recording import make_flight
-from links.rf.codecs import Channels, CrsfLinkConfig, DsmLinkConfig, Heard, Service
+from links.rf import Channels, CrsfLinkConfig, DsmLinkConfig, RfFrame, Service
 from sim.radio import PtyWire
 from sim.runs import Stage
 from sim.scenarios import SCENARIOS, prepare
@@ -187,7 +187,7 @@ def test_fly_refuses_a_port_that_may_be_a_real_module(tmp_path: Path) -> None:
 def test_the_radio_command_serves_a_module_and_arms_nothing(what: str, kind: str, code: int, words: str) -> None:
     config = DsmLinkConfig() if kind == "dsm" else CrsfLinkConfig()
 
-    async def main() -> tuple[int, str, list[Heard]]:
+    async def main() -> tuple[int, str, list[RfFrame]]:
         wire = PtyWire()
         came: list[bytes] = []
         wire.listen(came.append)

@@ -17,9 +17,8 @@ from typing import NamedTuple
 import pytest
 
 from links.core import Command, LinkLost
-from links.rf import SerialRfLink
-from links.rf.codecs import Channels, CrsfLinkConfig, DsmLinkConfig
-from links.rf.codecs.channel_map import ChannelMap, Sticks, Switch
+from links.rf import Channels, CrsfLinkConfig, DsmLinkConfig, SerialRfLink
+from links.rf.channel_map import ArmSwitch, ChannelMap, Sticks
 from links.rf.pacer import AFTERLIFE_S
 from sim.radio import PtyWire
 from tests.e2e.stamped_reader import StampedReader
@@ -27,8 +26,8 @@ from tests.e2e.stamped_reader import StampedReader
 COAST_S, DOWN_S = 0.25, 0.3
 STATION = """
 import asyncio, sys
-from links.rf.codecs.channel_map import ChannelMap, Switch
-from links.rf.codecs.dsm_codec import DsmLinkConfig
+from links.rf.channel_map import ChannelMap, Switch
+from links.rf.dsm_codec import DsmLinkConfig
 from links.core.port import Command, Segment
 from links.rf.link import SerialRfLink
 
@@ -55,7 +54,7 @@ async def main():
 
 asyncio.run(main())
 """
-CONFIG = DsmLinkConfig(map=ChannelMap(arm=Switch(channel=5)))
+CONFIG = DsmLinkConfig(map=ChannelMap(arm=ArmSwitch(channel=5)))
 CHANNELS = Channels(CONFIG.map, count=6, thrust_max_n=2.0)
 
 
@@ -239,7 +238,7 @@ def test_a_port_that_goes_away_is_told_and_one_that_comes_back_is_taken_up_disar
         first.listen(lambda data: None)
         port.symlink_to(first.path)
         config = DsmLinkConfig(
-            port=str(port), period_s=0.01, arm_low_s=0.0, arm_high_s=0.2, map=ChannelMap(arm=Switch(channel=5))
+            port=str(port), period_s=0.01, arm_low_s=0.0, arm_high_s=0.2, map=ChannelMap(arm=ArmSwitch(channel=5))
         )
         link = SerialRfLink(config, thrust_max_n=2.0)
         await link.connect()

@@ -8,11 +8,11 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from links.io import CAPACITY_BYTES, Mailbox
+from links.rf import CAPACITY_BYTES, Mailbox
 
 WRITER = """
 import sys, time
-from links.io.mailbox import Mailbox
+from links.rf.shared_memory import Mailbox
 box = Mailbox(int(sys.argv[1]))
 end, number = time.monotonic() + float(sys.argv[2]), 0
 while time.monotonic() < end:

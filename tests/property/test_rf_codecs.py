@@ -2,8 +2,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from links.rf.codecs import CrsfLinkConfig, DsmLinkConfig
-from links.rf.codecs.codec import RfCodec
+from links.rf import CrsfLinkConfig, DsmLinkConfig
+from links.rf.codec import RfCodec
 from tests.rf_table import CODECS, ROWS, of_kind
 
 kind = pytest.mark.parametrize("kind", list(CODECS))

@@ -12,15 +12,13 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from links.bridge import Bridge, BridgeConfig, BridgeLink, BridgeLinkConfig
-from links.bridge.clock_bounds import ClockBounds
-from links.bridge.codec import HELLO, UP, UPS, Hello, Seal, Up, first_seal, kind_of
+from links.bridge.codec import HELLO, UP, UPS, BridgeHello, ClockBounds, Seal, Up, first_seal, kind_of
 from links.bridge.link import RemotePacer
 from links.bridge.server import SILENT_S
 from links.core import Command, LinkError, LinkLost, LinkRejected, Segment
 from links.io import parse_address
-from links.rf import Arm, Give, Report
-from links.rf.codecs import DsmLinkConfig, Service
-from links.rf.codecs.channel_map import ChannelMap, Switch
+from links.rf import Arm, DsmLinkConfig, Give, PacerReport, Service
+from links.rf.channel_map import ArmSwitch, ChannelMap
 from sim.radio import RfPeer, WirePort
 from sim.radio.inline_pacer import opened_on
 from sim.radio.rf_receiver import RfReceiver
@@ -29,7 +27,7 @@ from tests.airframe_double import Brick
 from tests.loops import in_virtual_time
 
 KEY = bytes(range(32))
-MODULE = DsmLinkConfig(map=ChannelMap(arm=Switch(channel=5)), disarm_s=0.1)
+MODULE = DsmLinkConfig(map=ChannelMap(arm=ArmSwitch(channel=5)), disarm_s=0.1)
 ADDRESS = "127.0.0.1:14600"
 DOWN = Segment(0.5, 0.8, (0.0, 0.0, 0.0))
 Datagram = tuple[tuple[str, int], tuple[str, int], bytes]
@@ -546,7 +544,7 @@ def test_deadlines_hold_whatever_the_other_machines_clock_shows(shift_s: float) 
         loop = asyncio.get_running_loop()
         it = Room()
         it.network.delay_s = lambda datagram: 0.04
-        reports: list[Report | None] = []
+        reports: list[PacerReport | None] = []
         station = RemotePacer(ADDRESS, 2.0, 0.0, KEY, nonce, reports.append)
         station._loop = AnotherClock(shift_s)  # type: ignore[assignment]  # a loop in all that is used
         await station.open(0.5)
@@ -629,7 +627,7 @@ def test_a_sealed_datagram_that_means_nothing_is_counted() -> None:
         async with room() as it:
             source, target, _ = it.network.ups()[-1]
             hello = first_seal(KEY, HELLO, bytes(16))
-            it.network.again((source, target, hello.close(Hello(b"short"))))
+            it.network.again((source, target, hello.close(BridgeHello(b"short"))))
             it.network.again((source, target, hello.close(Up(0.0, 0.0, 0.0))))
             await soon()
             assert it.bridge.dropped["malformed"] == 2

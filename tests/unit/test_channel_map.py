@@ -8,8 +8,8 @@ from hypothesis import strategies as st
 
 from groundstation.config import ConfigError, from_dict
 from groundstation.settings import Config
-from links.rf.codecs import Channels, DsmLinkConfig
-from links.rf.codecs.channel_map import ChannelMap, Copy, Fixed, Stick, Switch, Throttle
+from links.rf import Channels, DsmLinkConfig
+from links.rf.channel_map import ArmSwitch, ChannelMap, Copy, Fixed, Stick, Throttle
 
 PLAIN = Channels(ChannelMap(), count=6, thrust_max_n=2.0)
 RATE = math.radians(100.0)
@@ -30,7 +30,7 @@ def test_a_map_says_where_everything_goes() -> None:
             thrust=Throttle(channel=3, low=0.9, high=-0.9),
             roll=Stick(channel=1, reverse=True, trim=0.1),
             pitch=Stick(channel=2, failsafe=-0.5),
-            arm=Switch(channel=6, armed=-1.0, disarmed=0.0),
+            arm=ArmSwitch(channel=6, armed=-1.0, disarmed=0.0),
             throttle_copy=Copy(channel=7, low=-0.5, high=0.5),
             fixed=(Fixed(channel=5, position=0.25),),
         ),

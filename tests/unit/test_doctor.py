@@ -27,7 +27,7 @@ from groundstation.lab.doctor.advice import (
 )
 from groundstation.lab.doctor.command import EXIT_FINDINGS, EXIT_HEALTHY, EXIT_NO_ANSWER, report
 from groundstation.settings import Config
-from links.mavlink.procedures import REAL32, Parameter
+from links.mavlink.protocol import REAL32, AutopilotParameter
 from sim.autopilots import AUTOPILOTS, AutopilotPeer, SimulatedAutopilot
 from sim.autopilots.parameters import ARDUPILOT_PARAMETERS, PX4_PARAMETERS
 from tests.airframe_double import Brick
@@ -144,7 +144,7 @@ def test_a_rule_accepts_and_recommends(
 
 
 def finding(value: float | None, weight: Weight) -> Finding:
-    found = {} if value is None else {"NEW": Parameter("NEW", value, REAL32)}
+    found = {} if value is None else {"NEW": AutopilotParameter("NEW", value, REAL32)}
     return judged(Advice(("OLD", "NEW"), weight, exactly(1.0), "because"), found)
 
 

@@ -1,4 +1,4 @@
-"""links/mavlink/procedures/handshake.py and its steps: what is asked when, and what the operator is told."""
+"""links/mavlink/protocol/procedures.py and its steps: what is asked when, and what the operator is told."""
 
 from collections.abc import Callable
 from typing import Any
@@ -6,11 +6,21 @@ from typing import Any
 import pytest
 
 from links.core import LinkLost, LinkRejected
-from links.mavlink.procedures import Autopilot, Handshake, arming, disarming, landing_disarmed
-from links.mavlink.procedures.command import PATIENCE_S
-from links.mavlink.procedures.handshake import STREAM_S, silence, stream
-from links.mavlink.procedures.steps import ANSWER_S, TRIES
-from links.mavlink.protocol import ARDUPILOT, ARM_DISARM, DO_SET_MODE, PX4, MavlinkCodec, Words
+from links.mavlink.protocol import (
+    ARDUPILOT,
+    ARM_DISARM,
+    DO_SET_MODE,
+    PX4,
+    AutopilotAddress,
+    Handshake,
+    MavlinkCodec,
+    Words,
+    arming,
+    disarming,
+    landing_disarmed,
+)
+from links.mavlink.protocol.procedures import STREAM_S, silence, stream
+from links.mavlink.protocol.steps import ANSWER_S, PATIENCE_S, TRIES
 
 Answer = Callable[[Any], list[Any]]
 
@@ -18,10 +28,10 @@ Answer = Callable[[Any], list[Any]]
 class Scene:
     """A handshake, an autopilot played by a function, and a clock."""
 
-    def __init__(self, kind: int, make: Callable[[Autopilot], Handshake], answer: Answer) -> None:
+    def __init__(self, kind: int, make: Callable[[AutopilotAddress], Handshake], answer: Answer) -> None:
         self.ours, self.theirs = MavlinkCodec(245, 190), MavlinkCodec(1, 1)
         self.words = Words()
-        self.handshake = make(Autopilot(self.ours, self.words, 1, 1, kind))
+        self.handshake = make(AutopilotAddress(self.ours, self.words, 1, 1, kind))
         self.answer = answer
         self.asked: list[tuple[float, Any]] = []
         self.now = 100.0
@@ -117,7 +127,7 @@ def test_ardupilot_that_boosts_our_thrust_when_it_leans_is_not_armed() -> None:
 
 @pytest.mark.parametrize("vehicle", [0, 1, 4, 10])
 def test_a_vehicle_that_is_no_multirotor_is_not_armed(vehicle: int) -> None:
-    autopilot = Autopilot(MavlinkCodec(245, 190), Words(), 1, 1, PX4, vehicle)
+    autopilot = AutopilotAddress(MavlinkCodec(245, 190), Words(), 1, 1, PX4, vehicle)
     with pytest.raises(LinkRejected, match=f"no multirotor .MAV_TYPE {vehicle}"):
         arming(autopilot)
 

@@ -1,10 +1,10 @@
-"""links/mavlink/procedures/mode.py: an autopilot that is asked for its mode."""
+"""links/mavlink/protocol/steps.py: an autopilot that is asked for its mode."""
 
 import math
 
-from links.mavlink.procedures import AskMode, Autopilot
-from links.mavlink.procedures.mode import AGAIN_S, PATIENCE_S
-from links.mavlink.protocol import PX4, REQUEST_MESSAGE, MavlinkCodec, Words
+from links.mavlink.protocol import PX4, REQUEST_MESSAGE, AskMode, AutopilotAddress, MavlinkCodec, Words
+from links.mavlink.protocol.steps import MODE_AGAIN_S as AGAIN_S
+from links.mavlink.protocol.steps import MODE_PATIENCE_S as PATIENCE_S
 from tests.unit.test_mavlink_link import D
 
 HEARTBEAT = D.MAVLink_heartbeat_message(2, PX4, 128, 6 << 16, 3, 3)
@@ -12,7 +12,7 @@ ACK = D.MAVLink_command_ack_message(REQUEST_MESSAGE, 3, 0, 0, 245, 190)
 
 
 def ask() -> AskMode:
-    return AskMode(Autopilot(MavlinkCodec(245, 190), Words(), 1, 1, PX4))
+    return AskMode(AutopilotAddress(MavlinkCodec(245, 190), Words(), 1, 1, PX4))
 
 
 def test_it_is_asked_until_both_its_answer_and_its_heartbeat_have_come() -> None:

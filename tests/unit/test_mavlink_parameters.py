@@ -1,4 +1,4 @@
-"""links/mavlink/procedures/parameters.py: numbers in both encodings, reading many, setting one."""
+"""links/mavlink/protocol/parameters.py: numbers in both encodings, reading many, setting one."""
 
 import math
 import struct
@@ -9,10 +9,22 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from links.core import LinkLost, LinkRejected
-from links.mavlink.procedures import REAL32, WHOLE_BITS, Autopilot, Parameter, ReadAll, Write, decode, encode
-from links.mavlink.procedures.parameters import ASKED, AT_ONCE
-from links.mavlink.procedures.steps import TRIES
-from links.mavlink.protocol import ARDUPILOT, PX4, MavlinkCodec, Words
+from links.mavlink.protocol import (
+    ARDUPILOT,
+    PX4,
+    REAL32,
+    WHOLE_BITS,
+    AutopilotAddress,
+    AutopilotParameter,
+    MavlinkCodec,
+    ReadAll,
+    Words,
+    Write,
+    decode,
+    encode,
+)
+from links.mavlink.protocol.parameters import ASKED, AT_ONCE
+from links.mavlink.protocol.steps import TRIES
 
 INT8, INT32 = 2, 6
 
@@ -59,7 +71,7 @@ def test_what_a_whole_number_cannot_be_is_refused(value: float) -> None:
 class Scene:
     def __init__(self, kind: int = ARDUPILOT) -> None:
         self.ours, self.theirs = MavlinkCodec(245, 190), MavlinkCodec(1, 1)
-        self.autopilot = Autopilot(self.ours, Words(), 1, 1, kind)
+        self.autopilot = AutopilotAddress(self.ours, Words(), 1, 1, kind)
         self.now = 5.0
         self.asked: list[str] = []
 
@@ -103,7 +115,7 @@ def test_no_more_questions_wait_at_once_than_a_radio_can_take() -> None:
 
 def test_a_value_is_set_until_it_is_told_back() -> None:
     scene = Scene(PX4)
-    write = Write(scene.autopilot, Parameter("COM_OBL_RC_ACT", 4.0, INT32))
+    write = Write(scene.autopilot, AutopilotParameter("COM_OBL_RC_ACT", 4.0, INT32))
     (frame,) = write.poll(scene.now)
     (request,) = scene.theirs.feed_datagram(frame)
     assert (request.param_id, request.param_type) == ("COM_OBL_RC_ACT", INT32)
@@ -114,7 +126,7 @@ def test_a_value_is_set_until_it_is_told_back() -> None:
 
 def test_a_value_that_it_does_not_take_is_told_of() -> None:
     scene = Scene()
-    write = Write(scene.autopilot, Parameter("GUID_TIMEOUT", 0.5, REAL32))
+    write = Write(scene.autopilot, AutopilotParameter("GUID_TIMEOUT", 0.5, REAL32))
     write.poll(scene.now)
     scene.tell(write, "GUID_TIMEOUT", 3.0)
     assert isinstance(write.failure, LinkRejected)
@@ -123,7 +135,7 @@ def test_a_value_that_it_does_not_take_is_told_of() -> None:
 
 def test_silence_after_setting_is_given_up() -> None:
     scene = Scene()
-    write = Write(scene.autopilot, Parameter("GUID_TIMEOUT", 0.5, REAL32))
+    write = Write(scene.autopilot, AutopilotParameter("GUID_TIMEOUT", 0.5, REAL32))
     scene.run(write, {})
     assert isinstance(write.failure, LinkLost)
     assert len(scene.asked) == TRIES

@@ -1,15 +1,14 @@
-"""links/mavlink/procedures/version.py: the firmware's version, told, refused, or kept to itself."""
+"""links/mavlink/protocol/steps.py: the firmware's version, told, refused, or kept to itself."""
 
-from links.mavlink.procedures import Autopilot, ReadVersion
-from links.mavlink.procedures.version import ASKED
-from links.mavlink.protocol import PX4, REQUEST_MESSAGE, MavlinkCodec, Words
+from links.mavlink.protocol import PX4, REQUEST_MESSAGE, AutopilotAddress, MavlinkCodec, ReadVersion, Words
+from links.mavlink.protocol.steps import ASKED
 
 CODEC = MavlinkCodec(245, 190)
 D = CODEC.dialect
 
 
 def reading() -> ReadVersion:
-    return ReadVersion(Autopilot(CODEC, Words(), 1, 1, PX4))
+    return ReadVersion(AutopilotAddress(CODEC, Words(), 1, 1, PX4))
 
 
 def test_it_is_asked_for_and_told_in_numbers_and_the_first_bytes_of_the_commit() -> None:

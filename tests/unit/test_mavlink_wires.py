@@ -12,12 +12,12 @@ from typing import Any
 import msgspec
 import pytest
 
-import links.mavlink.transport.reconnecting
+import links.mavlink.transport
 from links.core import Command, LinkLost
 from links.io.serial_port import open_port
 from links.mavlink import MavlinkConnection, MavlinkLink, MavlinkLinkConfig
 from links.mavlink.protocol import PX4, MavlinkCodec
-from links.mavlink.transport.wire import Ear
+from links.mavlink.transport import TransportListener
 from tests.loops import free_address, in_real_time, in_virtual_time
 
 pytestmark = pytest.mark.real_time
@@ -121,8 +121,8 @@ class SerialEnd(Answering):
 
 @pytest.fixture(autouse=True)
 def hasty(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(links.mavlink.transport.reconnecting, "FIRST_PAUSE_S", 0.05)
-    monkeypatch.setattr("links.mavlink.procedures.handshake.STREAM_S", 0.1)
+    monkeypatch.setattr(links.mavlink.transport, "FIRST_PAUSE_S", 0.05)
+    monkeypatch.setattr("links.mavlink.protocol.procedures.STREAM_S", 0.1)
 
 
 def command() -> Command:
@@ -198,7 +198,7 @@ def test_a_serial_port_that_is_unplugged_is_opened_again_and_waits_for_a_new_arm
 def test_the_pauses_before_a_port_is_opened_again_grow_to_a_limit(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(links.mavlink.transport.reconnecting, "LONGEST_PAUSE_S", 0.2)
+    monkeypatch.setattr(links.mavlink.transport, "LONGEST_PAUSE_S", 0.2)
 
     async def main() -> None:
         end = SerialEnd(tmp_path / "ttyACM0").plug()
@@ -286,13 +286,13 @@ class BreakingWire:
 
     datagrams = speaks_first = True
 
-    def __init__(self, ear: Ear) -> None:
+    def __init__(self, ear: TransportListener) -> None:
         self.ear = ear
         self.breaks = False
 
     def leave(self, frame: bytes, to: Any) -> str:
         if self.breaks:
-            self.ear.gone("unplugged")
+            self.ear.lose_transport("unplugged")
         return "full" if self.breaks else ""
 
     def cut(self) -> None:
@@ -302,11 +302,11 @@ class BreakingWire:
 def test_a_port_that_ends_as_the_autopilot_is_heard_again_is_opened_again(monkeypatch: pytest.MonkeyPatch) -> None:
     wires: list[BreakingWire] = []
 
-    async def open_breaking(config: MavlinkLinkConfig, ear: Ear) -> BreakingWire:
+    async def open_breaking(config: MavlinkLinkConfig, ear: TransportListener) -> BreakingWire:
         wires.append(BreakingWire(ear))
         return wires[-1]
 
-    monkeypatch.setattr(links.mavlink.transport.reconnecting, "opener", lambda config: open_breaking)
+    monkeypatch.setattr(links.mavlink.transport, "opener", lambda config: open_breaking)
 
     async def main() -> None:
         config = MavlinkLinkConfig(serial="/dev/ttyACM0", quiet=False)

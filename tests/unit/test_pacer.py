@@ -8,12 +8,11 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from links.core import Command, Lateness, Segment
-from links.rf import Arm, End, FramePacer, Give, Serve, Stop
-from links.rf.codecs import Channels, CrsfLinkConfig, DsmLinkConfig, Service
-from links.rf.codecs.channel_map import ChannelMap, Sticks, Switch
+from links.rf import Arm, Channels, CrsfLinkConfig, DsmLinkConfig, End, FramePacer, Give, Serve, Service, Stop
+from links.rf.channel_map import ArmSwitch, ChannelMap, Sticks
 from links.rf.pacer import AFTERLIFE_S
 
-CONFIG = DsmLinkConfig(map=ChannelMap(arm=Switch(channel=5)), arm_low_s=0.2, arm_high_s=0.3)
+CONFIG = DsmLinkConfig(map=ChannelMap(arm=ArmSwitch(channel=5)), arm_low_s=0.2, arm_high_s=0.3)
 THRUST_MAX_N = 2.0
 PERIOD_S = CONFIG.period_s
 DOWN = Segment(0.5, 0.8, (0.0, 0.0, 0.0))
@@ -265,7 +264,7 @@ def test_in_flight_it_ends_only_after_the_bring_down_and_some_disarm_frames(orph
     bench.arm()
     bench.give(1.5)
     if orphaned:
-        bench.pacer.orphaned(bench.now)
+        bench.pacer.outlive_commander(bench.now)
     else:
         bench.pacer.order(End(1.0), bench.now)
     frames: list[Sticks | None] = []
@@ -279,7 +278,7 @@ def test_in_flight_it_ends_only_after_the_bring_down_and_some_disarm_frames(orph
 def test_on_the_ground_an_orphan_still_disarms_for_a_while() -> None:
     bench = Bench()
     bench.flown(20.0)
-    bench.pacer.orphaned(bench.now)
+    bench.pacer.outlive_commander(bench.now)
     count = 0
     while not bench.pacer.done(bench.now):
         assert is_disarm(bench.frame())
@@ -294,7 +293,7 @@ def test_an_orphan_never_finishes_an_arming(when_s: float) -> None:
     bench.give(1.0)
     bench.flown(when_s)
     bench.give(1.0)
-    bench.pacer.orphaned(bench.now)
+    bench.pacer.outlive_commander(bench.now)
     assert all(map(is_disarm, bench.flown(4.0)))
 
 
@@ -409,7 +408,7 @@ def test_end_means_end_whatever_is_commanded_after_it(orphaned: bool) -> None:
     bench.arm()
     bench.give(1.5)
     if orphaned:
-        bench.pacer.orphaned(bench.now)
+        bench.pacer.outlive_commander(bench.now)
     else:
         bench.pacer.order(End(0.1), bench.now)
     thrusts: list[float] = []
@@ -437,7 +436,7 @@ def heir_of(bench: Bench, after_s: float) -> Bench:
     """Whoever takes over ``after_s`` [s] after the newest frame."""
     heir = Bench()
     heir.now = bench.now + after_s
-    heir.pacer.inherit(bench.pacer.held(), "the pacer was killed", heir.now)
+    heir.pacer.inherit(bench.pacer.make_estate(), "the pacer was killed", heir.now)
     return heir
 
 
@@ -499,6 +498,6 @@ def test_a_module_is_not_greeted_by_whoever_takes_over() -> None:
     bench = Bench(CrsfLinkConfig(model_id=3))
     bench.flown(0.02)
     heir = Bench(CrsfLinkConfig(model_id=3))
-    heir.pacer.inherit(bench.pacer.held(), "the pacer was killed", bench.now)
+    heir.pacer.inherit(bench.pacer.make_estate(), "the pacer was killed", bench.now)
     heir.flown(0.02)
     assert 0x32 not in [frame[2] for frame in heir.port.frames]

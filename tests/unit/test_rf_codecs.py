@@ -2,7 +2,7 @@
 
 import pytest
 
-from links.rf.codecs import RF_CODECS, CrsfLinkConfig, DsmLinkConfig, Heard, Service
+from links.rf import RF_CODECS, CrsfLinkConfig, DsmLinkConfig, RfFrame, Service
 from tests.rf_table import CODECS, ROWS, Row, of_kind
 
 row = pytest.mark.parametrize("row", ROWS, ids=lambda row: row.about)
@@ -17,7 +17,7 @@ def test_every_codec_has_golden_frames() -> None:
 @row
 def test_the_reader_finds_what_the_golden_frame_says(row: Row) -> None:
     decoder = row.codec.decoder()
-    assert decoder.feed(row.frame) == [Heard(row.positions, row.service, row.model_id)]
+    assert decoder.feed(row.frame) == [RfFrame(row.positions, row.service, row.model_id)]
     assert not decoder.dropped
 
 
@@ -65,7 +65,7 @@ def test_a_crsf_frame_with_any_bit_turned_is_dropped() -> None:
 
 def test_telemetry_of_a_crsf_module_is_heard_as_something_without_channels() -> None:
     ping = bytes.fromhex("C8 04 28 EE EA 97")
-    assert CODECS["crsf"].decoder().feed(ping) == [Heard(None)]
+    assert CODECS["crsf"].decoder().feed(ping) == [RfFrame(None)]
 
 
 @kind

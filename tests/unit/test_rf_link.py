@@ -9,16 +9,15 @@ import msgspec
 import pytest
 
 from links.core import Command, LinkError, LinkLost, LinkMisuse, LinkRejected, Segment
-from links.rf import SerialRfLink
-from links.rf.codecs import CrsfLinkConfig, DsmLinkConfig, Service
-from links.rf.codecs.channel_map import ChannelMap, Switch
+from links.rf import CrsfLinkConfig, DsmLinkConfig, SerialRfLink, Service
+from links.rf.channel_map import ArmSwitch, ChannelMap
 from sim.radio import FAILSAFE_S, RfPeer, WirePort
 from sim.radio.inline_pacer import opened_on
 from sim.radio.rf_receiver import RfReceiver
 from tests.airframe_double import Brick
 from tests.loops import in_virtual_time
 
-CONFIG = DsmLinkConfig(map=ChannelMap(arm=Switch(channel=5)))
+CONFIG = DsmLinkConfig(map=ChannelMap(arm=ArmSwitch(channel=5)))
 DOWN = Segment(0.5, 0.8, (0.0, 0.0, 0.0))
 
 

@@ -155,7 +155,7 @@ def test_the_pacer_disarms_with_the_very_frame_that_was_made_before_the_sleep() 
     assert lifting(bench.flown(2 * PERIOD_S)[-1])
     bench.now += PERIOD_S
     bench.pacer.prepare(bench.now)
-    bench.pacer.slept(600.0, bench.now)
+    bench.pacer.note_sleep(600.0, bench.now)
     bench.pacer.leave(bench.now)
     (heard,) = bench._decoder.feed(bench.port.frames[-1])
     assert heard.positions is not None and is_disarm(bench._channels.read(heard.positions))
@@ -179,7 +179,7 @@ class Pilot(Commander):
             self._bench.give()
         elif self._until_s > 0.0:
             self._until_s = 0.0
-            pacer.orphaned(now_s)
+            pacer.outlive_commander(now_s)
 
     def keep(self, pacer: FramePacer, now_s: float) -> None:
         pass

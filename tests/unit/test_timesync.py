@@ -12,7 +12,7 @@ OFFSET_S = -1234.5
 
 def trip(sync: Timesync, now_s: float, there_s: float, back_s: float) -> bool:
     ours = sync.ask(now_s)
-    return sync.answered(int((now_s + there_s + OFFSET_S + 2000.0) * 1e9), ours, now_s + there_s + back_s)
+    return sync.take_answer(int((now_s + there_s + OFFSET_S + 2000.0) * 1e9), ours, now_s + there_s + back_s)
 
 
 def test_an_even_trip_tells_the_clock_exactly() -> None:
@@ -46,13 +46,13 @@ def test_old_trips_are_forgotten() -> None:
 def test_only_the_answer_to_the_newest_question_counts_and_only_once() -> None:
     sync = Timesync()
     first, second = sync.ask(1.0), sync.ask(2.0)
-    assert not sync.answered(5, first, 2.01)
-    assert not sync.answered(0, second, 2.01)
-    assert not sync.answered(5, second, 1.9)
-    assert not sync.answered(5, second, 9.0)
+    assert not sync.take_answer(5, first, 2.01)
+    assert not sync.take_answer(0, second, 2.01)
+    assert not sync.take_answer(5, second, 1.9)
+    assert not sync.take_answer(5, second, 9.0)
     assert sync.best is None
-    assert sync.answered(5, second, 2.01)
-    assert not sync.answered(5, second, 2.01)
+    assert sync.take_answer(5, second, 2.01)
+    assert not sync.take_answer(5, second, 2.01)
 
 
 def test_two_questions_at_the_same_instant_differ() -> None:

@@ -7,13 +7,13 @@ from pathlib import Path
 
 import pytest
 
-from links.rf import LOOK_S, Watch
-from links.rf.lease import FIRST, PACER, Lease, Superseded
+from links.rf import LOOK_S, StandbyWatch
+from links.rf.pacer import LATE_S, OLD_S
+from links.rf.shared_memory import FIRST, PACER, Lease, Superseded
 from links.rf.shared_port import HeldPort, SharedPort
-from links.rf.standby_watch import LATE_S, OLD_S
 
 
-def looks(watch: Watch, begin_s: float, *, late_s: float = 0.0, vouched_s: float | None = None) -> float | None:
+def looks(watch: StandbyWatch, begin_s: float, *, late_s: float = 0.0, vouched_s: float | None = None) -> float | None:
     """Look whenever it is time, by a pacer that vouched last at ``vouched_s``; when it is convicted."""
     now = begin_s
     for _ in range(100):
@@ -24,20 +24,20 @@ def looks(watch: Watch, begin_s: float, *, late_s: float = 0.0, vouched_s: float
 
 
 def test_a_sign_of_life_that_stays_out_convicts_at_the_second_look() -> None:
-    watch = Watch(0.0225)
+    watch = StandbyWatch(0.0225)
     watch.next_s = 10.0
     convicted = looks(watch, 10.0)
     assert convicted == pytest.approx(10.0 + OLD_S + 0.5 * 0.0225 + LOOK_S, abs=1e-4)
 
 
 def test_a_watcher_that_is_late_convicts_nobody() -> None:
-    watch = Watch(0.004)
+    watch = StandbyWatch(0.004)
     watch.next_s = 10.0
     assert looks(watch, 10.0, late_s=2.0 * LATE_S) is None
 
 
 def test_one_look_in_time_and_one_late_begin_anew() -> None:
-    watch = Watch(0.004)
+    watch = StandbyWatch(0.004)
     watch.next_s = 10.0
     assert not watch.look(10.0, 9.9)
     assert not watch.look(10.0 + LOOK_S + 2.0 * LATE_S, 9.9)
@@ -46,7 +46,7 @@ def test_one_look_in_time_and_one_late_begin_anew() -> None:
 
 
 def test_a_sign_in_between_acquits() -> None:
-    watch = Watch(0.004)
+    watch = StandbyWatch(0.004)
     watch.next_s = 10.0
     assert not watch.look(10.0, 9.9)
     assert not watch.look(watch.next_s, 10.005)
@@ -54,17 +54,17 @@ def test_a_sign_in_between_acquits() -> None:
 
 
 def test_frames_far_apart_are_waited_for() -> None:
-    watch = Watch(0.1)
+    watch = StandbyWatch(0.1)
     watch.next_s = 10.0
     convicted = looks(watch, 10.0)
     assert convicted is not None and convicted > 10.15
 
 
 def test_a_pacer_that_has_not_begun_or_vouches_ahead_is_waited_for_and_looked_at_all_the_same() -> None:
-    watch = Watch(0.0225)
+    watch = StandbyWatch(0.0225)
     watch.next_s = 10.0
     assert looks(watch, 10.0, vouched_s=0.0) is None
-    watch = Watch(0.0225)
+    watch = StandbyWatch(0.0225)
     watch.next_s = 10.0
     assert not watch.look(10.0, 12.0)
     assert watch.next_s < 10.1, "it may be done with what takes long, and die"

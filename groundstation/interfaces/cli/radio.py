@@ -13,7 +13,7 @@ from groundstation.settings import Config
 from links.bridge import BridgeConfig
 from links.core import LinkError
 from links.io import make_key
-from links.rf.codecs import RF_CODECS, RfLinkConfig, Service
+from links.rf import RF_CODECS, RfLinkConfig, Service
 
 Say = Callable[[str], None]
 
@@ -52,7 +52,7 @@ async def _serve(config: RfLinkConfig, thrust_max_n: float, what: str, seconds: 
 
 
 def _histogram(octaves: tuple[int, ...]) -> str:
-    """``<64 µs 12, <128 µs 3`` of counts by lateness; see :class:`links.rf.pacer_messages.Report`."""
+    """``<64 µs 12, <128 µs 3`` of counts by lateness; see :class:`links.rf.pacer.PacerReport`."""
     return ", ".join(f"<{2**k} µs {count}" for k, count in enumerate(octaves) if count)
 
 

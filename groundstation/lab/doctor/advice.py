@@ -9,7 +9,7 @@ from typing import NamedTuple
 
 import msgspec
 
-from links.mavlink.procedures import Parameter
+from links.mavlink.protocol import AutopilotParameter
 
 
 class Weight(StrEnum):
@@ -108,7 +108,7 @@ def without_bit(bit: int, meaning: str) -> Rule:
     return Rule(f"bit {bit} ({mask}) not set: {meaning}", lambda v: not int(v) & mask, lambda v: float(int(v) & ~mask))
 
 
-def judged(advice: Advice, found: Mapping[str, Parameter]) -> Finding:
+def judged(advice: Advice, found: Mapping[str, AutopilotParameter]) -> Finding:
     """What ``advice`` says of the parameters that were ``found``."""
     for name in advice.names:
         if name in found:

@@ -16,7 +16,7 @@ from groundstation.lab.doctor.advice import Finding, Weight, is_wrong
 from groundstation.lab.doctor.visit import Visit
 from groundstation.settings import Config
 from links.core import LinkError
-from links.mavlink.procedures import Parameter
+from links.mavlink.protocol import AutopilotParameter
 
 _MARKS = {"ok": "ok", "must": "MUST", "should": "SHOULD", "note": "note", "absent": "-"}
 _ORDER = list(_MARKS)
@@ -128,7 +128,7 @@ async def doctor(config: Config, orders: Orders, ask: Ask | None, say: Callable[
     return EXIT_FINDINGS if is_wrong(findings) or not confirmed else EXIT_HEALTHY
 
 
-def _ensure_each_once(wanted: list[Parameter]) -> None:
+def _ensure_each_once(wanted: list[AutopilotParameter]) -> None:
     """Refuse two values for one parameter: nobody could tell which one was meant.
 
     Raises:
@@ -147,7 +147,7 @@ def _kept(path: Path) -> restore.Restore:
         raise ConfigError("--restore", str(error)) from None
 
 
-def _wanted(fix: str, visit: Visit) -> Parameter:
+def _wanted(fix: str, visit: Visit) -> AutopilotParameter:
     """The parameter that ``--fix`` names with the value that it should have."""
     name, equals, text = fix.partition("=")
     rules = {known: advice.rule for advice in visit.advice for known in advice.names}
@@ -167,7 +167,7 @@ def _wanted(fix: str, visit: Visit) -> Parameter:
     return old._replace(value=value)
 
 
-async def _old(visit: Visit, kept: restore.Restore) -> Parameter:
+async def _old(visit: Visit, kept: restore.Restore) -> AutopilotParameter:
     """The parameter of an earlier fix, where it belongs to this vehicle."""
     if kept.autopilot != visit.autopilot or kept.system != visit.facts.target_system:
         raise ConfigError(
@@ -182,7 +182,9 @@ async def _old(visit: Visit, kept: restore.Restore) -> Parameter:
     return kept.parameter
 
 
-async def _set(visit: Visit, wanted: Parameter, config: Config, orders: Orders, ask: Ask | None) -> _Fix | None:
+async def _set(
+    visit: Visit, wanted: AutopilotParameter, config: Config, orders: Orders, ask: Ask | None
+) -> _Fix | None:
     """Set it once the operator has typed its name, its old value being kept; None where he has not."""
     old = visit.parameters[wanted.name]
     if not orders.yes:

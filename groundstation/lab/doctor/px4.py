@@ -1,7 +1,7 @@
 """What we look at on PX4. Names and meanings: PX4's parameter reference, v1.14 to main of 2026."""
 
 from groundstation.lab.doctor.advice import Advice, Facts, Weight, between, exactly, near, one_of
-from links.mavlink.procedures import MULTIROTORS
+from links.mavlink.protocol import MULTIROTORS
 
 HOVER_SHARE = 0.2
 """How far the hover thrust may be from ours, as a share of it."""

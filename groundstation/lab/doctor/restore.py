@@ -5,7 +5,7 @@ from pathlib import Path
 
 import msgspec
 
-from links.mavlink.procedures import Parameter
+from links.mavlink.protocol import AutopilotParameter
 
 
 class Restore(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
@@ -23,9 +23,9 @@ class Restore(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=T
     """MAV_PARAM_TYPE."""
 
     @property
-    def parameter(self) -> Parameter:
+    def parameter(self) -> AutopilotParameter:
         """What is to be set."""
-        return Parameter(self.name, self.value, self.kind)
+        return AutopilotParameter(self.name, self.value, self.kind)
 
 
 def save(restore: Restore, folder: Path) -> Path:

@@ -12,8 +12,7 @@ from groundstation.lab.doctor.advice import Advice, Facts, Finding, judged
 from groundstation.settings import Config
 from links.core import LinkLost, LinkRejected, signal
 from links.mavlink import MavlinkConnection, MavlinkLinkConfig
-from links.mavlink.procedures import Handshake, Parameter, ReadAll, Write, is_same
-from links.mavlink.protocol import ARDUPILOT, ARMED, PX4
+from links.mavlink.protocol import ARDUPILOT, ARMED, PX4, AutopilotParameter, Handshake, ReadAll, Write, is_same
 
 BEAT_S = 3.0
 """How long the heartbeat that tells whether it is armed may take [s]."""
@@ -40,7 +39,7 @@ class Visit:
             hover=signal(share, config.thrust_curve),
             own_curve=config.thrust_curve > 0.0,
         )
-        self.parameters: dict[str, Parameter] = {}
+        self.parameters: dict[str, AutopilotParameter] = {}
         """As they were read last."""
         self._connection = MavlinkConnection(msgspec.structs.replace(link, quiet=False))
 
@@ -81,13 +80,13 @@ class Visit:
             raise LinkLost("the autopilot is heard but tells none of its parameters: check that it hears us")
         return [judged(advice, self.parameters) for advice in table]
 
-    async def read(self, names: Iterable[str]) -> dict[str, Parameter]:
+    async def read(self, names: Iterable[str]) -> dict[str, AutopilotParameter]:
         """Those of the parameters ``names`` that it has; raises LinkError."""
         reads = ReadAll(self._connection.autopilot(), names)
         await self._connection.see_through(Handshake([reads]))
         return reads.found
 
-    async def set(self, parameter: Parameter) -> Parameter:
+    async def set(self, parameter: AutopilotParameter) -> AutopilotParameter:
         """Set one parameter, read it back, and return it.
 
         Raises:

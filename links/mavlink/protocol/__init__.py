@@ -2,7 +2,6 @@
 
 TYPE_CHECKING = False
 if TYPE_CHECKING:
-    from links.mavlink.protocol.attitude import ATTITUDE_HZ, ATTITUDES, SLOW_BAUD, SLOW_HZ, attitude_of
     from links.mavlink.protocol.codec import (
         ARDUPILOT,
         ARM_DISARM,
@@ -20,14 +19,40 @@ if TYPE_CHECKING:
     )
     from links.mavlink.protocol.config import ForwardConfig, MavlinkLinkConfig
     from links.mavlink.protocol.dialect import DIALECT
-    from links.mavlink.protocol.heartbeat import STALE_NEWS_S, Heard
     from links.mavlink.protocol.odometry_codec import Odometry, odometry
+    from links.mavlink.protocol.parameters import (
+        REAL32,
+        WHOLE_BITS,
+        AutopilotParameter,
+        ReadAll,
+        Write,
+        decode,
+        encode,
+        is_same,
+    )
+    from links.mavlink.protocol.procedures import (
+        MULTIROTORS,
+        arming,
+        choose_streams,
+        disarming,
+        fitness,
+        landing,
+        landing_disarmed,
+    )
     from links.mavlink.protocol.signing import TICKS_PER_S, Signer
-    from links.mavlink.protocol.status import ESTIMATE, ESTIMATE_HZ, Vitals, Words
-    from links.mavlink.protocol.timesync import Timesync, Trip
+    from links.mavlink.protocol.status import STALE_NEWS_S, HeartbeatMonitor, Vitals, Words
+    from links.mavlink.protocol.steps import (
+        AskMode,
+        AutopilotAddress,
+        Handshake,
+        HandshakeStep,
+        Kill,
+        ReadVersion,
+        make_mode_request,
+    )
+    from links.mavlink.protocol.timesync import ATTITUDE_HZ, ATTITUDES, SLOW_BAUD, SLOW_HZ, Timesync, Trip, attitude_of
 
 _MODULES = {
-    "attitude": ("ATTITUDES", "ATTITUDE_HZ", "SLOW_BAUD", "SLOW_HZ", "attitude_of"),
     "codec": (
         "ARDUPILOT",
         "ARMED",
@@ -45,11 +70,13 @@ _MODULES = {
     ),
     "config": ("ForwardConfig", "MavlinkLinkConfig"),
     "dialect": ("DIALECT",),
-    "heartbeat": ("Heard", "STALE_NEWS_S"),
     "odometry_codec": ("Odometry", "odometry"),
+    "parameters": ("AutopilotParameter", "REAL32", "ReadAll", "WHOLE_BITS", "Write", "decode", "encode", "is_same"),
+    "procedures": ("MULTIROTORS", "arming", "choose_streams", "disarming", "fitness", "landing", "landing_disarmed"),
     "signing": ("Signer", "TICKS_PER_S"),
-    "status": ("ESTIMATE", "ESTIMATE_HZ", "Vitals", "Words"),
-    "timesync": ("Timesync", "Trip"),
+    "status": ("HeartbeatMonitor", "STALE_NEWS_S", "Vitals", "Words"),
+    "steps": ("AskMode", "AutopilotAddress", "Handshake", "HandshakeStep", "Kill", "ReadVersion", "make_mode_request"),
+    "timesync": ("ATTITUDES", "ATTITUDE_HZ", "SLOW_BAUD", "SLOW_HZ", "Timesync", "Trip", "attitude_of"),
 }
 
 

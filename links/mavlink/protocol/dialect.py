@@ -106,14 +106,14 @@ def _read(source: str, name: str) -> tuple[list[_Field], list[int], int]:
     return fields, [names.index(key) for key in ordered], int(extra[1])
 
 
-def _made(number: int, name: str, source: str) -> type[MavlinkMessage]:
+def _make_class(number: int, name: str, source: str) -> type[MavlinkMessage]:
     """The class of one message of pymavlink's ``source``."""
     fields, order, extra = _read(source, name)
     wire = struct.Struct("<" + "".join(f"{fields[n].length or ''}{fields[n].code}" for n in order))
     texts = {f.name for f in fields if f.code == "s"}
     made = msgspec.defstruct(
         name,
-        [_declared(field) for field in fields] + [("_frame", bytes, b"")],
+        [_declare(field) for field in fields] + [("_frame", bytes, b"")],
         bases=(MavlinkMessage,),
         namespace={
             "__doc__": f"MAVLink's {name}.",
@@ -133,7 +133,7 @@ def _made(number: int, name: str, source: str) -> type[MavlinkMessage]:
     return made
 
 
-def _declared(field: _Field) -> tuple[str, type, Any] | tuple[str, type]:
+def _declare(field: _Field) -> tuple[str, type, Any] | tuple[str, type]:
     name = f"_{field.name}" if field.code == "s" else field.name
     if not field.later:
         return name, object
@@ -214,7 +214,7 @@ class MavlinkDialect:
             name = self._names.get(number)
             if name is None:
                 return None  # not kept: anybody may send any number
-            made = self._kinds[number] = _made(number, name, self._source)
+            made = self._kinds[number] = _make_class(number, name, self._source)
             return made
 
     def number(self, name: str) -> int:

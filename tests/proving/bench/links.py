@@ -12,8 +12,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from links.core import Command, Segment
-from links.rf import Arm, End, Give, Pacer, Report, Stop, open_process
-from links.rf.codecs import DsmLinkConfig
+from links.rf import Arm, DsmLinkConfig, End, Give, Pacer, PacerReport, Stop, open_process
 from sim.radio import PtyWire
 from tests.proving.bench import latency as bench_latency
 
@@ -53,7 +52,7 @@ def measure_pacer(seconds: float, *, busy: bool) -> dict[str, Any]:
 
 async def _measure(seconds: float, busy: bool) -> dict[str, Any]:
     count = max(10, round(seconds / PERIOD_S))
-    reports: list[Report] = []
+    reports: list[PacerReport] = []
     came: list[bytes] = []
     wire = PtyWire()
     wire.listen(came.append)
@@ -71,7 +70,7 @@ async def _measure(seconds: float, busy: bool) -> dict[str, Any]:
             flying.cancel()
             pacer.give(Stop())
             pacer.give(End(0.0))
-            await pacer.ended()
+            await pacer.wait_for_end()
             wire.close()
     last = reports[-1]
     p50, p99, p999 = last.late_us

@@ -7,7 +7,7 @@ from typing import Any
 import msgspec
 
 from links.core import Command
-from links.rf.codecs import RF_CODECS
+from links.rf import RF_CODECS
 from tests.proving.fuzz.pose_bytes import FLIGHTS
 from tests.proving.fuzz.subjects import Subject, pieces_of, repaired_mavlink
 
@@ -104,7 +104,7 @@ class BridgeSubject:
     def __init__(self) -> None:
         """Commands, arming, services and the end."""
         from links.bridge import codec as bridge_codec
-        from links.rf.codecs import Service
+        from links.rf import Service
 
         self._codec = bridge_codec
         self._nonces = (bytes(range(bridge_codec.NONCE_BYTES)), bytes(bridge_codec.NONCE_BYTES))

@@ -12,7 +12,7 @@ from groundstation.recording import IdleRecord, Record, TickRecord
 from groundstation.settings import Config
 from links.core import Command, Segment, signal
 from links.mavlink import MavlinkLinkConfig
-from links.rf.codecs import Channels, RfLinkConfig
+from links.rf import Channels, RfLinkConfig
 from sim.radio import MODULE
 from sim.time import Address
 from tests.proving.faults.judge.thrust import LIFTS, Thrust

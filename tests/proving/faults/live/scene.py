@@ -11,7 +11,7 @@ from pathlib import Path
 from groundstation.core.mission import FINAL, State
 from groundstation.settings import Config
 from links.core import make_child_command
-from links.rf.codecs import Channels, RfLinkConfig
+from links.rf import Channels, RfLinkConfig
 from sim.runs import Stage
 from tests.proving.faults.deck import Moves
 from tests.proving.faults.judge import set_point

@@ -1,4 +1,4 @@
-"""The procedures that an autopilot must go through with us: arming, disarming, choosing what it sends. Sans-IO.
+"""Procedures: what an autopilot must go through with us: arming, disarming, choosing what it sends. Sans-IO.
 
 The caller streams set-points while they last. What shapes them, measured on PX4 1.16-alpha and ArduCopter 4.8-dev:
 
@@ -11,11 +11,22 @@ The caller streams set-points while they last. What shapes them, measured on PX4
 - ArduCopter refuses to disarm in GUIDED after a touchdown at zero thrust; mode LAND disarms by itself.
 """
 
-from links.core import LinkRejected
-from links.mavlink.procedures.command import PATIENCE_S, Exchange
-from links.mavlink.procedures.parameters import ParameterMust
-from links.mavlink.procedures.steps import Autopilot, Disarmed, Handshake, Step, Wait
-from links.mavlink.protocol import ARDUPILOT, ARM_DISARM, DO_SET_MODE, PX4, SET_MESSAGE_INTERVAL
+from collections.abc import Awaitable, Callable, Mapping
+from contextlib import suppress
+
+from links.core import LinkError, LinkLost, LinkRejected
+from links.mavlink.protocol.codec import ARDUPILOT, ARM_DISARM, DO_SET_MODE, PX4, SET_MESSAGE_INTERVAL
+from links.mavlink.protocol.parameters import ParameterMust
+from links.mavlink.protocol.status import ESTIMATE, ESTIMATE_HZ
+from links.mavlink.protocol.steps import (
+    PATIENCE_S,
+    AutopilotAddress,
+    Disarmed,
+    Exchange,
+    Handshake,
+    HandshakeStep,
+    Wait,
+)
 
 STREAM_S = 1.2
 """Set-points stream for this long before anything is asked [s]; PX4 wants a second of them."""
@@ -32,7 +43,7 @@ _LAND_MODE = {PX4: (1.0, 4.0, 6.0), ARDUPILOT: (1.0, 9.0)}
 _THRUST_AS_THRUST = 8
 
 
-def fitness(autopilot: Autopilot) -> Handshake:
+def fitness(autopilot: AutopilotAddress) -> Handshake:
     """What it is asked before it is armed, and can be asked without arming.
 
     Raises:
@@ -41,7 +52,7 @@ def fitness(autopilot: Autopilot) -> Handshake:
     return Handshake(_musts(autopilot))
 
 
-def arming(autopilot: Autopilot, guided: str = "GUIDED") -> Handshake:
+def arming(autopilot: AutopilotAddress, guided: str = "GUIDED") -> Handshake:
     """Into the mode that follows our set-points, then motors on; the caller streams set-points throughout.
 
     ``guided`` is which of ``GUIDED_MODES`` that is on ArduPilot.
@@ -49,7 +60,7 @@ def arming(autopilot: Autopilot, guided: str = "GUIDED") -> Handshake:
     Raises:
         LinkRejected: the autopilot is neither PX4 nor ArduPilot, or the vehicle no multirotor.
     """
-    steps: list[Step] = [Wait(STREAM_S), *_musts(autopilot)]
+    steps: list[HandshakeStep] = [Wait(STREAM_S), *_musts(autopilot)]
     mode, params = ("OFFBOARD", _OFFBOARD) if autopilot.kind == PX4 else (guided, GUIDED_MODES[guided])
     hint = f"Switch to {mode} by hand to see what it lacks: it needs an attitude and our stream of set-points."
     steps.append(Exchange(autopilot, f"enter {mode}", DO_SET_MODE, params, hint))
@@ -58,7 +69,7 @@ def arming(autopilot: Autopilot, guided: str = "GUIDED") -> Handshake:
     return Handshake(steps)
 
 
-def _musts(autopilot: Autopilot) -> list[Step]:
+def _musts(autopilot: AutopilotAddress) -> list[HandshakeStep]:
     """What we insist on; raises LinkRejected, see :func:`arming`."""
     if autopilot.kind not in (PX4, ARDUPILOT):
         raise LinkRejected(
@@ -84,7 +95,7 @@ def _musts(autopilot: Autopilot) -> list[Step]:
     return [thrust, ParameterMust(autopilot, "ATC_ANGLE_BOOST", lambda v: v == 0, hint)]
 
 
-def disarming(autopilot: Autopilot) -> Handshake:
+def disarming(autopilot: AutopilotAddress) -> Handshake:
     """Motors off, with patience until the autopilot believes that it stands."""
     hint = "It must stand on the ground at zero thrust; the remote control's kill switch always works."
     # ArduPilot that refuses goes on refusing: mode LAND is its way (see landing_disarmed).
@@ -92,13 +103,13 @@ def disarming(autopilot: Autopilot) -> Handshake:
     return Handshake([Exchange(autopilot, "disarm", ARM_DISARM, (0.0, 0.0), hint, patience_s=patience_s)])
 
 
-def landing_disarmed(autopilot: Autopilot) -> Handshake:
+def landing_disarmed(autopilot: AutopilotAddress) -> Handshake:
     """ArduPilot's own way from standing on the ground to motors off: mode LAND."""
     hint = "Stop the motors with the remote control."
     return Handshake([Exchange(autopilot, "enter LAND", DO_SET_MODE, _LAND_MODE[ARDUPILOT], hint), Disarmed(LAND_S)])
 
 
-def landing(autopilot: Autopilot) -> Handshake:
+def landing(autopilot: AutopilotAddress) -> Handshake:
     """Into the mode that lands by the autopilot's own estimate, in the air; asked for while the bring-down is sent.
 
     Raises:
@@ -110,7 +121,7 @@ def landing(autopilot: Autopilot) -> Handshake:
     return Handshake([Exchange(autopilot, "enter LAND", DO_SET_MODE, _LAND_MODE[autopilot.kind], hint)])
 
 
-def stream(autopilot: Autopilot, name: str, rate_hz: float) -> Handshake:
+def stream(autopilot: AutopilotAddress, name: str, rate_hz: float) -> Handshake:
     """Have the message ``name`` sent ``rate_hz`` times a second."""
     params = (float(autopilot.codec.message_number(name)), 1e6 / rate_hz)
     hint = "This autopilot may not have the message; do without what it is for (pose.kind, operator.hold)."
@@ -118,9 +129,54 @@ def stream(autopilot: Autopilot, name: str, rate_hz: float) -> Handshake:
     return Handshake([Exchange(autopilot, what, SET_MESSAGE_INTERVAL, params, hint, patience_s=0.0)])
 
 
-def silence(autopilot: Autopilot, name: str) -> Handshake:
+def silence(autopilot: AutopilotAddress, name: str) -> Handshake:
     """Have the message ``name`` sent no more; one that the autopilot does not have is silent already."""
     params = (float(autopilot.codec.message_number(name)), -1.0)
     return Handshake(
         [Exchange(autopilot, f"stop sending {name}", SET_MESSAGE_INTERVAL, params, hint="", any_answer=True)]
     )
+
+
+QUIETENED = (
+    "ATTITUDE", "ATTITUDE_QUATERNION", "LOCAL_POSITION_NED", "GLOBAL_POSITION_INT", "ODOMETRY",
+    "ATTITUDE_TARGET", "HIGHRES_IMU", "RAW_IMU", "SERVO_OUTPUT_RAW", "RC_CHANNELS", "VFR_HUD", "ALTITUDE",
+    "POSITION_TARGET_LOCAL_NED", "POSITION_TARGET_GLOBAL_INT",
+)  # fmt: skip
+"""What autopilots send by default, ten times a second or more, and what nobody here reads unless asked for."""
+
+
+async def choose_streams(
+    autopilot: AutopilotAddress,
+    wanted: Mapping[str, float],
+    wishes: Mapping[tuple[str, ...], float],
+    see_through: Callable[[Handshake], Awaitable[None]],
+    *,
+    quiet: bool,
+) -> None:
+    """Have the messages in ``wanted`` sent (name → rate [Hz]), and with ``quiet`` no others that come often.
+
+    Asked for, too, but not needed: what its estimator knows of itself, and of each of ``wishes`` (names → rate [Hz])
+    the first message that it is willing to send, unless one of them is wanted anyhow.
+
+    Raises:
+        LinkRejected: the autopilot refuses to send one of them.
+        LinkLost: it does not answer.
+    """
+    wishes = {names: rate for names, rate in wishes.items() if not any(name in wanted for name in names)}
+    spoken = {*wanted, *(names[0] for names in wishes)}
+    spare = [[silence(autopilot, name)] for name in QUIETENED if quiet and name not in spoken]
+    if autopilot.kind in ESTIMATE and ESTIMATE[autopilot.kind] not in wanted:
+        spare.append([stream(autopilot, ESTIMATE[autopilot.kind], ESTIMATE_HZ)])
+    spare += [[stream(autopilot, name, rate) for name in names] for names, rate in wishes.items()]
+    with suppress(LinkLost):  # it takes no such commands; a link with idle talk on it works too
+        for steps in spare:
+            for step in steps:
+                try:
+                    await see_through(step)
+                    break
+                except LinkLost:
+                    raise
+                except LinkError:
+                    continue
+    for name, rate in wanted.items():
+        await see_through(stream(autopilot, name, rate))

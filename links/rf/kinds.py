@@ -1,8 +1,8 @@
 """Every codec of a serial RF module, by the name that a configuration gives it. A new one is a file and a line here."""
 
-from links.rf.codecs.codec import RfLinkConfig
-from links.rf.codecs.crsf_codec import CrsfLinkConfig
-from links.rf.codecs.dsm_codec import DsmLinkConfig
+from links.rf.codec import RfLinkConfig
+from links.rf.crsf_codec import CrsfLinkConfig
+from links.rf.dsm_codec import DsmLinkConfig
 
 RF_CODECS: dict[str, type[RfLinkConfig]] = {"dsm": DsmLinkConfig, "crsf": CrsfLinkConfig}
 

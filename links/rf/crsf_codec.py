@@ -19,8 +19,8 @@ from typing import Annotated, Literal
 
 import msgspec
 
-from links.rf.codecs.channel_map import ChannelMap, Stick, Switch, Throttle
-from links.rf.codecs.codec import Heard, RfLinkConfig, Service, counts, position
+from links.rf.channel_map import ArmSwitch, ChannelMap, Stick, Throttle
+from links.rf.codec import RfFrame, RfLinkConfig, Service, counts, position
 
 CHANNELS = 16
 RC_CHANNELS, COMMAND = 0x16, 0x32
@@ -38,7 +38,7 @@ ORDER = ChannelMap(
     pitch=Stick(channel=2),
     thrust=Throttle(channel=3),
     yaw=Stick(channel=4, full_rate_deg_s=300.0),
-    arm=Switch(channel=5),
+    arm=ArmSwitch(channel=5),
 )
 """Aileron, elevator, throttle, rudder, and arming on channel 5."""
 
@@ -64,7 +64,7 @@ class CrsfLinkConfig(RfLinkConfig, frozen=True, kw_only=True, forbid_unknown_fie
 
 
 class CrsfCodec:
-    """Implements :class:`links.rf.codecs.codec.RfCodec`."""
+    """Implements :class:`links.rf.codec.RfCodec`."""
 
     channels = CHANNELS
     services = frozenset((Service.BIND,))
@@ -100,10 +100,10 @@ class CrsfDecoder:
         self.dropped: dict[str, int] = Counter()
         self._rest = b""
 
-    def feed(self, data: bytes) -> list[Heard]:
+    def feed(self, data: bytes) -> list[RfFrame]:
         """Take the next bytes, however they were cut; returns the frames that they complete."""
         data = self._rest + data
-        heard: list[Heard] = []
+        heard: list[RfFrame] = []
         at, end = 0, len(data)
         while end - at >= 2:
             size = data[at + 1]
@@ -116,7 +116,7 @@ class CrsfDecoder:
                 self.dropped["bad_checksum"] += 1
                 at += 1
             else:
-                heard.append(_heard(data[at + 2], data[at + 3 : at + 1 + size]))
+                heard.append(_decode_frame(data[at + 2], data[at + 3 : at + 1 + size]))
                 at += 2 + size
         self._rest = data[at:]
         return heard
@@ -128,18 +128,18 @@ class CrsfDecoder:
             self._rest = b""
 
 
-def _heard(kind: int, payload: bytes) -> Heard:
+def _decode_frame(kind: int, payload: bytes) -> RfFrame:
     if kind == RC_CHANNELS and len(payload) >= _CHANNEL_BYTES:
         packed = int.from_bytes(payload[:_CHANNEL_BYTES], "little")
         found = (packed >> (11 * i) & 0x7FF for i in range(CHANNELS))
-        return Heard(tuple(position(count, _LOW, _HIGH) for count in found))
+        return RfFrame(tuple(position(count, _LOW, _HIGH) for count in found))
     is_order = kind == COMMAND and len(payload) >= 5 and payload[2] == _THIS_SYSTEM
     if is_order and _crc8((kind, *payload[:-1]), _BA) == payload[-1]:
         if payload[3] == _BIND:
-            return Heard(None, Service.BIND)
+            return RfFrame(None, Service.BIND)
         if payload[3] == _MODEL and len(payload) == 6:
-            return Heard(None, None, payload[4])
-    return Heard(None)
+            return RfFrame(None, None, payload[4])
+    return RfFrame(None)
 
 
 def _command(what: int, *data: int) -> bytes:

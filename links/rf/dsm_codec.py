@@ -15,7 +15,7 @@ from typing import Annotated, Literal
 
 import msgspec
 
-from links.rf.codecs.codec import Heard, RfLinkConfig, Service, counts, position
+from links.rf.codec import RfFrame, RfLinkConfig, Service, counts, position
 
 FRAME_BYTES = 14
 CHANNELS = 6
@@ -57,7 +57,7 @@ class DsmLinkConfig(RfLinkConfig, frozen=True, kw_only=True, forbid_unknown_fiel
 
 
 class DsmCodec:
-    """Implements :class:`links.rf.codecs.codec.RfCodec`."""
+    """Implements :class:`links.rf.codec.RfCodec`."""
 
     channels = CHANNELS
     services = frozenset((Service.BIND, Service.RANGE_CHECK))
@@ -97,14 +97,14 @@ class DsmDecoder:
         self._low, self._high = low, high
         self._rest = b""
 
-    def feed(self, data: bytes) -> list[Heard]:
+    def feed(self, data: bytes) -> list[RfFrame]:
         """Take the next bytes, however they were cut; returns the frames that they complete."""
         data = self._rest + data
-        heard: list[Heard] = []
+        heard: list[RfFrame] = []
         at = 0
         while len(data) - at >= FRAME_BYTES:
             if _is_frame(data, at):
-                heard.append(self._heard(data, at))
+                heard.append(self._decode_frame(data, at))
                 at += FRAME_BYTES
             else:
                 self.dropped["not_a_frame"] += 1
@@ -118,12 +118,12 @@ class DsmDecoder:
             self.dropped["cut_short"] += len(self._rest)
             self._rest = b""
 
-    def _heard(self, data: bytes, at: int) -> Heard:
+    def _decode_frame(self, data: bytes, at: int) -> RfFrame:
         low, high = self._low, self._high
         found = [(data[k] & 3) << 8 | data[k + 1] for k in range(at + 2, at + FRAME_BYTES, 2)]
         flags = data[at]
         service = Service.BIND if flags & _BIND else Service.RANGE_CHECK if flags & _RANGE_CHECK else None
-        return Heard(tuple(position(count, low, high) for count in found), service, data[at + 1])
+        return RfFrame(tuple(position(count, low, high) for count in found), service, data[at + 1])
 
 
 def _is_frame(data: bytes, at: int) -> bool:

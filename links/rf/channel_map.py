@@ -54,7 +54,7 @@ class Stick(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=Tru
     """Position while disarmed; without it: ``trim``."""
 
 
-class Switch(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
+class ArmSwitch(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
     """The channel that arms the flight controller."""
 
     channel: Channel
@@ -101,7 +101,7 @@ class ChannelMap(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_field
     roll: Stick = Stick(channel=2)
     pitch: Stick = Stick(channel=3)
     yaw: Stick = Stick(channel=4, full_rate_deg_s=300.0)
-    arm: Switch | None = None
+    arm: ArmSwitch | None = None
     """The channel that arms; without it, whatever the vehicle itself does."""
     throttle_copy: Copy | None = None
     """A channel that follows the throttle."""
@@ -151,7 +151,7 @@ class Channels:
         # Position = trim + gain * rate.
         self._gains = [(-1.0 if s.reverse else 1.0) / math.radians(s.full_rate_deg_s) for s in self._sticks]
         self._rest = rest
-        self._idle = {armed: self._idled(armed) for armed in (False, True)}
+        self._idle = {armed: self._make_idle(armed) for armed in (False, True)}
 
     def flying(self, thrust_n: float, rates_rad_s: Rates) -> list[float]:
         """Positions for a thrust [N] and body rates [rad/s, FRD], armed; clamped to what the channels can say."""
@@ -185,7 +185,7 @@ class Channels:
         thrust_n = self._thrust_max * thrust(min(max(share, 0.0), 1.0), throttle.curve or 0.0)
         return Sticks(thrust_n, (roll, pitch, yaw), armed)
 
-    def _idled(self, armed: bool) -> list[float]:
+    def _make_idle(self, armed: bool) -> list[float]:
         m, out = self._map, self._rest.copy()
         self._set_throttle(out, m.thrust.low)
         for stick in self._sticks:

@@ -11,8 +11,8 @@ from collections.abc import Callable, Iterable
 from typing import NamedTuple
 
 from links.core import LinkError, LinkRejected
-from links.mavlink.procedures.steps import ANSWER_S, Autopilot, Repeated
-from links.mavlink.protocol import PX4, Message
+from links.mavlink.protocol.codec import PX4, Message
+from links.mavlink.protocol.steps import ANSWER_S, AutopilotAddress, Repeated
 
 REAL32 = 9
 """MAV_PARAM_TYPE_REAL32."""
@@ -24,7 +24,7 @@ ASKED = 4
 """A parameter that is asked for this often in vain is none of the autopilot's."""
 
 
-class Parameter(NamedTuple):
+class AutopilotParameter(NamedTuple):
     """A parameter as the autopilot has it."""
 
     name: str
@@ -41,10 +41,10 @@ def decode(autopilot: int, number: float, kind: int) -> float:
     return float(int.from_bytes(struct.pack("<f", number)[: bits // 8], "little", signed=signed))
 
 
-def told(autopilot: int, message: Message) -> Parameter:
+def read_parameter(autopilot: int, message: Message) -> AutopilotParameter:
     """The parameter in a PARAM_VALUE of an ``autopilot`` (HEARTBEAT.autopilot); NaN where it is no number."""
     value = decode(autopilot, message.param_value, message.param_type)
-    return Parameter(message.param_id, value, message.param_type)
+    return AutopilotParameter(message.param_id, value, message.param_type)
 
 
 def encode(autopilot: int, value: float, kind: int) -> float:
@@ -73,9 +73,9 @@ class ReadAll:
 
     failure: LinkError | None = None
 
-    def __init__(self, autopilot: Autopilot, names: Iterable[str]) -> None:
+    def __init__(self, autopilot: AutopilotAddress, names: Iterable[str]) -> None:
         """What came is in ``found`` when done."""
-        self.found: dict[str, Parameter] = {}
+        self.found: dict[str, AutopilotParameter] = {}
         self._autopilot = autopilot
         self._left = dict.fromkeys(names, 0)
         self._asked_s: dict[str, float] = {}
@@ -104,7 +104,7 @@ class ReadAll:
         """Take a parameter's value."""
         if message.get_type() != "PARAM_VALUE" or message.param_id not in self._left:
             return
-        parameter = told(self._autopilot.kind, message)
+        parameter = read_parameter(self._autopilot.kind, message)
         if math.isfinite(parameter.value):
             self.found[parameter.name] = parameter
             del self._left[parameter.name]
@@ -114,7 +114,7 @@ class ReadAll:
 class Write(Repeated):
     """Set one parameter until the autopilot tells that it has the value."""
 
-    def __init__(self, autopilot: Autopilot, parameter: Parameter) -> None:
+    def __init__(self, autopilot: AutopilotAddress, parameter: AutopilotParameter) -> None:
         """Its kind must be what the autopilot told.
 
         Raises:
@@ -134,7 +134,7 @@ class Write(Repeated):
         wanted = self._parameter
         if message.get_type() != "PARAM_VALUE" or message.param_id != wanted.name or not self._sent:
             return
-        got = told(self._autopilot.kind, message).value
+        got = read_parameter(self._autopilot.kind, message).value
         if is_same(got, wanted.value):
             self.done = True
         else:
@@ -147,7 +147,7 @@ class Write(Repeated):
 class ParameterMust(Repeated):
     """Make sure that a parameter of ArduPilot has a value that we can fly with."""
 
-    def __init__(self, autopilot: Autopilot, name: str, accepts: Callable[[int], bool], hint: str) -> None:
+    def __init__(self, autopilot: AutopilotAddress, name: str, accepts: Callable[[int], bool], hint: str) -> None:
         """Ask ``autopilot`` for the whole number ``name``; where ``accepts`` says no, fail with ``hint``."""
         super().__init__(
             f"tell its parameter {name}",

@@ -1,7 +1,7 @@
 """What the codecs of serial RF modules have in common, and what every such link can be told. Sans-IO.
 
 A codec is one file: a configuration that is a :class:`RfLinkConfig`, and a class that is a :class:`RfCodec`. It gets
-one line in ``RF_CODECS`` (links/rf/codecs/kinds.py).
+one line in ``RF_CODECS`` (links/rf/kinds.py).
 """
 
 from collections.abc import Sequence
@@ -10,7 +10,7 @@ from typing import Annotated, NamedTuple, Protocol, Self
 
 import msgspec
 
-from links.rf.codecs.channel_map import ChannelMap
+from links.rf.channel_map import ChannelMap
 
 
 class Service(StrEnum):
@@ -20,7 +20,7 @@ class Service(StrEnum):
     RANGE_CHECK = "range_check"
 
 
-class Heard(NamedTuple):
+class RfFrame(NamedTuple):
     """One frame as a module understands it."""
 
     positions: tuple[float, ...] | None
@@ -31,13 +31,13 @@ class Heard(NamedTuple):
     """The model it names."""
 
 
-class Decoder(Protocol):
+class RfDecoder(Protocol):
     """Bytes to frames; garbage is skipped, one byte at a time, and counted."""
 
     dropped: dict[str, int]
     """Bytes that belong to no frame, by reason."""
 
-    def feed(self, data: bytes) -> list[Heard]:
+    def feed(self, data: bytes) -> list[RfFrame]:
         """Take the next bytes, however they were cut; returns the frames that they complete."""
         ...
 
@@ -64,7 +64,7 @@ class RfCodec(Protocol):
         """The frame for ``positions`` (-1..1); with ``service``, the ``nth`` frame since it was asked for."""
         ...
 
-    def decoder(self) -> Decoder:
+    def decoder(self) -> RfDecoder:
         """A new decoder of the same frames."""
         ...
 
@@ -133,7 +133,7 @@ class RfLinkConfig(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fie
 
     @property
     def thrust_curve(self) -> float | None:
-        """The throttle's curve (see :class:`links.rf.codecs.channel_map.Throttle`); None for the vehicle's."""
+        """The throttle's curve (see :class:`links.rf.channel_map.Throttle`); None for the vehicle's."""
         return self.map.thrust.curve
 
     def with_thrust_curve(self, curve: float) -> Self:
