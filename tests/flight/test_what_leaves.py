@@ -6,6 +6,9 @@ from collections.abc import Callable
 from pathlib import Path
 
 import pytest
+from links.mavlink.contact import HEARTBEAT_S
+from links.mavlink.procedures import mode, steps, stop
+from links.rf.codecs import Channels, DsmLinkConfig
 
 from groundstation.config import ConfigError
 from groundstation.core.control import bring_down, model_descent
@@ -21,11 +24,8 @@ from groundstation.settings import FlightConfig
 from links.core import Command
 from links.core.deadman import BRING_DOWN_LIMIT_S, DEADLINE_LIMIT_S
 from links.mavlink import MavlinkLinkConfig
-from links.mavlink.contact import HEARTBEAT_S
-from links.mavlink.procedures import mode, steps, stop
 from links.mavlink.protocol.status import ESTIMATE_OLD_S
 from links.rf import standby_watch
-from links.rf.codecs import Channels, DsmLinkConfig
 from links.rf.pacer import AFTERLIFE_S
 from links.rf.pacer_standby import PREPARE_S
 from sim.radio import MODULE
