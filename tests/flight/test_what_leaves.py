@@ -6,9 +6,6 @@ from collections.abc import Callable
 from pathlib import Path
 
 import pytest
-from links.mavlink.contact import HEARTBEAT_S
-from links.mavlink.procedures import mode, steps, stop
-from links.rf.codecs import Channels, DsmLinkConfig
 
 from groundstation.config import ConfigError
 from groundstation.core.control import bring_down, model_descent
@@ -24,8 +21,10 @@ from groundstation.settings import FlightConfig
 from links.core import Command
 from links.core.deadman import BRING_DOWN_LIMIT_S, DEADLINE_LIMIT_S
 from links.mavlink import MavlinkLinkConfig
+from links.mavlink.connection import HEARTBEAT_S
+from links.mavlink.protocol import steps
 from links.mavlink.protocol.status import ESTIMATE_OLD_S
-from links.rf import standby_watch
+from links.rf import LOOK_S, Channels, DsmLinkConfig, StandbyWatch
 from links.rf.pacer import AFTERLIFE_S
 from links.rf.pacer_standby import PREPARE_S
 from sim.radio import MODULE
@@ -56,11 +55,11 @@ PROMISES = [
     ("more than what hovers for at most {:.0f} ms in all", 1e3 * model_descent.BRAKE_S),
     ("moment, at most {:.1f} s old", ESTIMATE_OLD_S),
     ("for mode LAND as well, up to six times", steps.TRIES),
-    ("(HEARTBEAT, every {:.1f} s", mode.AGAIN_S),
-    ("for up to {:.1f} s): one that somebody", mode.PATIENCE_S),
+    ("(HEARTBEAT, every {:.1f} s", steps.MODE_AGAIN_S),
+    ("for up to {:.1f} s): one that somebody", steps.MODE_PATIENCE_S),
     ("Presses within {:.0f} s count once", operator.ONCE_S),
-    ("is repeated every {:.0f} ms until it is acknowledged", 1e3 * stop.AGAIN_S),
-    ("until it is acknowledged, {:.0f} s at most", stop.PATIENCE_S),
+    ("is repeated every {:.0f} ms until it is acknowledged", 1e3 * steps.KILL_AGAIN_S),
+    ("until it is acknowledged, {:.0f} s at most", steps.KILL_PATIENCE_S),
     ("sent once a second", HEARTBEAT_S),
     ("the motors stop by themselves, within {:.0f} s", STOP_S),
     ("let go, it lands within {:.0f} ms", 1e3 * LOOKS_S),
@@ -88,7 +87,7 @@ def test_commands_may_rest_on_a_pose_for_a_second_at_most_however_they_are_told(
 
 def test_a_stand_by_takes_over_from_a_pacer_that_stands_still_within_a_tenth_of_a_second() -> None:
     for period_s in (DsmLinkConfig().period_s, 0.004):
-        silent_s = standby_watch.Watch(period_s).wait_s + standby_watch.LOOK_S + PREPARE_S + period_s
+        silent_s = StandbyWatch(period_s).wait_s + LOOK_S + PREPARE_S + period_s
         assert silent_s < 0.105
 
 
