@@ -288,7 +288,7 @@ class Pilot:
         gust = math.dist(estimator.disturbance, wind)
         node = self._obedience.pose(
             pose, before, given, pose.time_s - self._newest_s, estimator.noise_m,
-            counts=high or not self._climbed, upset=gust > UPSET_M_S2,
+            counts=high or not self._climbed, upset=gust > UPSET_M_S2, off_m=estimator.diverged_m,
         )  # fmt: skip
         if not node:
             return
@@ -311,7 +311,7 @@ class Pilot:
         until = self._obedience.calm_s - TRUST_S
         newest = next((one for one in reversed(self._trusted) if one.time_s <= until), self._trusted[0])
         found = self.evidence
-        if found.still < max(found) and self._obedience.late_s == 0.0:
+        if max(found.still, found.push) < max(found) and self._obedience.late_s == 0.0:
             return newest
         older = next((one for one in reversed(self._trusted) if one.time_s <= until - LEARNT_S), newest)
         return newest._replace(disturbance=older.disturbance, effectiveness=older.effectiveness)

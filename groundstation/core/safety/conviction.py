@@ -56,6 +56,8 @@ class Conviction:
                 return Charge(f"suspicion: {LED}: down on the model", convicted=False)
             also = ", and the autopilot's own attitude says so, too" if doubted else ""
             return Charge(f"convicted: {_accusation(evidence)}{also}: down on the model", convicted=True)
+        if evidence.push >= 1.0:
+            return Charge(f"suspicion: {_accusation(evidence)}: down on the model", convicted=False)
         if evidence.still < STILL_SUSPECTS:
             self._still_since_s = None
         elif self._still_since_s is None:
@@ -90,4 +92,9 @@ def _accusation(evidence: Contradiction) -> str:
         return "the poses turn about the vertical, and no command asks for that"
     if evidence.axes == largest:
         return "the poses move as a mirrored or turned image of the vehicle (check pose.axes with groundstation carry)"
+    if evidence.push == largest:
+        return (
+            "the position does not show what pushes the vehicle (it lies along an axis, or comes late, "
+            "or something holds the vehicle)"
+        )
     return "the position stands while the vehicle is pushed (something holds it, or the position is not its own)"

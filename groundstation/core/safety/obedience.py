@@ -38,6 +38,7 @@ from typing import NamedTuple
 from groundstation.core.geometry import Quat, Vec3
 from groundstation.core.messages import Pose
 from groundstation.core.safety.images import SETTLES, WIND_M, Images
+from groundstation.core.safety.rivals import LEAPS_AS, NOISES, STAYS_S, Rivals
 from groundstation.core.vehicle import Driven, Motion
 
 NODE_S, HALF_NODE_S = 0.1, 0.05 - 1e-6
@@ -60,7 +61,7 @@ CONVICTS, IMAGE_CONVICTS, EARLY_CONVICTS, UPSET_CONVICTS, EARLY = 14.0, 9.0, 7.0
 better than both a vehicle that obeys and a picture that stands, e^9, and e^7 in so many windows after lift-off: axes
 that are set up wrongly are so from the first. Across, and where the vehicle is upset as no gust does it, e^4: an image
 drives it away ever faster, and little time is left."""
-SUSPECTS, HEADING_SUSPECTS, STILL_SUSPECTS, IMAGE_SUSPECTS = 0.85, 0.5, 0.6, 0.7
+SUSPECTS, HEADING_SUSPECTS, STILL_SUSPECTS, IMAGE_SUSPECTS, PUSH_SUSPECTS = 0.85, 0.5, 0.6, 0.7, 0.8
 """Share of it that is a suspicion: by the attitude, as two nodes whose commands got lost on their way come to 80 %; by
 the heading; by a position that stands, or moves as an image."""
 STILL_CAP = 2.0
@@ -91,6 +92,9 @@ against a position that stands."""
 SHOCK_M, SHOCK_S = 0.045, 0.35
 """A position that leaves its way by so much [m], 9 m/s², was struck, or is not the vehicle's: nothing is done in haste
 for so long [s]."""
+LEAP_M, LEAP_NOISES, LEAP_M_S2 = 0.002, 8.0, 0.4
+"""A pose leaps that is so much [m], so many times its noise [-], and by what is not known of the push [m/s²], farther
+off its way than the one before."""
 ARREST_M, ARREST_S, STANDS_M = 0.018, 0.4, 0.01
 """A position that leaves its way by so much more than commands make it [m], 4 m/s², and then for so long [s] stays
 within so much [m] has been stopped dead: no wind does that."""
@@ -110,10 +114,10 @@ YAW_LATE_S = 0.55
 COORDINATE_M, COORDINATE_NOISES, BRAKED_S, COORDINATE_S = 0.0005, 3.0, 0.8, 2.0
 """A coordinate stands that stays within so much [m] and so many times its noise [-] for the last time [s]; in the first
 [s] it may still be braked."""
-LEANS_M_S2, LEANS_S, LEANS_SLOWLY_S = 0.7, 0.25, 6.0
+LEANS_M_S2, LEANS_S, LEANS_SLOWLY_S = 0.5, 0.25, 6.0
 """Meanwhile the push along it, averaged over the first time [s], leaves its average over the second [s] by so much
 [m/s²]: no wind rises so fast and leaves no trace."""
-LEANS_SHARES = (1.0, 1.0, 0.4)
+LEANS_SHARES = (1.0, 1.0, 0.3)
 """What counts of it on each axis [-]: a battery that sags raises the thrust, and leaves no trace either."""
 LED_S = 1.0
 """So long after it was moved by something else than commands it may still be in somebody's hand [s]."""
@@ -136,12 +140,15 @@ class Contradiction(NamedTuple):
     """They turn about the vertical, and no command asks for that."""
     still: float
     """They stand where the vehicle is pushed: never more than a suspicion."""
+    push: float = 0.0
+    """They show a small part of what pushes the vehicle, or take a push that no wind gives: a suspicion, too."""
 
     @property
     def suspicious(self) -> bool:
         """Whether nothing should be learnt from the poses."""
         turns = self.attitude >= SUSPECTS or self.heading >= HEADING_SUSPECTS
-        return turns or self.axes >= IMAGE_SUSPECTS or self.still >= STILL_SUSPECTS
+        stands = self.still >= STILL_SUSPECTS or self.push >= PUSH_SUSPECTS
+        return turns or stands or self.axes >= IMAGE_SUSPECTS
 
 
 class Obedience:
@@ -189,7 +196,11 @@ class Obedience:
         self._place: Vec3 = (0.0, 0.0, 0.0)
         self._before = [0.0, 0.0]
         self._moved_s = self._swept_s = self._shock_s = self._shocks_s = self._newest_s = self._hole_s = -math.inf
+        self._leapt_s = self._leaps_s = -math.inf
+        self._off = 0.0
         self._images.restart()
+        self._rivals = Rivals()
+        self._push = 0.0
         self._forget_between()
         self._turns.clear()
         self._asked.clear()
@@ -227,8 +238,9 @@ class Obedience:
         return now_s - self.led_s < LED_S
 
     def pose(
-        self, pose: Pose, before: Motion, given: Driven, dt: float, noise_m: float, *, counts: bool, upset: bool = False
-    ) -> bool:
+        self, pose: Pose, before: Motion, given: Driven, dt: float, noise_m: float, *,
+        counts: bool, upset: bool = False, off_m: float = 0.0,
+    ) -> bool:  # fmt: skip
         """Take one pose; whether it was a node, with new evidence.
 
         Args:
@@ -239,6 +251,7 @@ class Obedience:
             noise_m: position noise of the poses as measured, 1σ per axis [m].
             counts: False near the floor, which holds the vehicle, too.
             upset: whether the disturbance that is found has changed as no gust changes it.
+            off_m: how far it is from where the estimate was going [m].
         """
         last, self._last = self._last, pose.attitude
         if dt > HOLE_S:
@@ -259,6 +272,11 @@ class Obedience:
         self._told_x += k * (w * q - x * p - y * s + z * r)
         self._told_y += k * (w * r + x * s - y * p - z * q)
         self._told_z += k * (w * s - x * r + y * q - z * p)
+        further, self._off = off_m - self._off, off_m
+        if further > LEAP_M:
+            further -= LEAP_NOISES * max(noise_m, math.sqrt(self._wander)) + LEAP_M_S2 * dt * dt
+        if further > LEAP_M:
+            self._leaps(pose.time_s)
         half = 0.5 * dt
         m, (ix, iy, iz), (sx, sy, sz), g = -1.0 / self._mass, given.impulse, given.reach, self._gravity
         (px, py, pz), (vx, vy, vz) = self._pushed, self._speed
@@ -276,6 +294,12 @@ class Obedience:
             return False
         self._node(pose, h, noise_m)
         return True
+
+    def _leaps(self, now_s: float) -> None:
+        """It is where nothing pushes a vehicle from one pose to the next."""
+        if now_s - self._leaps_s > SWEPT_S:  # what goes on leaping is no leap
+            self._leapt_s = now_s
+        self._leaps_s = now_s
 
     def lateness_s(self) -> float:
         """By how much later than they say the poses follow the commands [s]; 0 where no lateness explains them.
@@ -305,6 +329,7 @@ class Obedience:
         self._seen_x = self._seen_y = self._seen_z = self._told_x = self._told_y = self._told_z = 0.0
         self._pushed = self._speed = (0.0, 0.0, 0.0)
         self._images.begin(pose.time_s, pose.position_ned, self._pushed)
+        self._rivals.begin(pose.position_ned, self._pushed)
         self._stood = [_Coordinate(x, pose.time_s) for x in pose.position_ned]
         self._swift = self._speed
         self._forget_between()
@@ -343,8 +368,12 @@ class Obedience:
             across = max(across, self._between.across)
         convicts = EARLY_CONVICTS if self._flown < EARLY else IMAGE_CONVICTS
         axes = max(across / (UPSET_CONVICTS if self._upset else convicts), down / convicts)
-        self.evidence = Contradiction(attitude, axes, heading, still)
-        self.largest = max(self.largest, attitude, axes, heading, still)
+        push = self._push
+        # What has leapt is suspect until it is seen how it goes on, and longer where that is as a rival would.
+        if self._newest_s - self._leapt_s < (STAYS_S if push >= LEAPS_AS else 1.5 * NODE_S):
+            push = max(push, PUSH_SUSPECTS)
+        self.evidence = Contradiction(attitude, axes, heading, still, push)
+        self.largest = max(self.largest, *self.evidence)
 
     def _node(self, pose: Pose, h: float, noise_m: float) -> None:
         self._node_s = self._newest_s = pose.time_s
@@ -372,15 +401,21 @@ class Obedience:
         seen, told = images.node(pose.time_s, pose.position_ned, self._pushed, fade, NODE_S)
         if images.nodes > SETTLES:
             self._stands(pose, seen, told, fade, math.sqrt((FILTER_NOISE * noise_m) ** 2 + self._wander))
+        if pose.time_s - h < self._hole_s <= pose.time_s:
+            self._rivals.begin(pose.position_ned, self._pushed)
+        else:
+            shakes_m = math.sqrt((NOISES * noise_m) ** 2 + self._wander)
+            leapt = pose.time_s - self._leapt_s < h
+            self._push = self._rivals.node(pose.position_ned, self._pushed, h, shakes_m, leapt=leapt)
         self._lean(pose, h, COORDINATE_M + COORDINATE_NOISES * noise_m)
         self._judge()
-        attitude, axes, heading, still = self.evidence
+        attitude, axes, heading, still, push = self.evidence
         if (attitude >= LATE_LOOKS or self._lates) and self.late_s == 0.0:
             late_s = self.lateness_s()
             self._lates = self._lates + 1 if late_s > 0.0 else 0
             if self._lates >= LATE_NODES:
                 self.late_s = late_s
-        if max(attitude, axes, still) < CALM / CONVICTS and heading < HEADING_SUSPECTS:
+        if max(attitude, axes, still) < CALM / CONVICTS and max(heading, push) < HEADING_SUSPECTS:
             self.calm_s = pose.time_s
 
     def _strays_by(self, now_s: float, h: float) -> float:
@@ -443,7 +478,12 @@ class Obedience:
             self._stopped_s = pose.time_s - arrest.time_s
             if moved > STANDS_M + 2.0 * noise_m or self._stopped_s > 2.0 * ARREST_S:
                 self._arrest, self._stopped_s, self.led_s = None, 0.0, pose.time_s
-        if leaves > ARREST_M and leaves > ARREST_M + wander + 2.0 * (math.sqrt(max(self._images.wind)) - WIND_M):
+        leapt = pose.time_s - self._leaps_s < 2.0 * NODE_S
+        if (
+            leapt
+            and leaves > ARREST_M
+            and leaves > ARREST_M + wander + 2.0 * (math.sqrt(max(self._images.wind)) - WIND_M)
+        ):
             # It leaves its way, and not by our doing: a gust, a hand, or the end of what was true.
             self._arrest = pose
 

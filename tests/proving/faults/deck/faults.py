@@ -7,6 +7,8 @@ Every one is flown in every state, but for these:
 - A vehicle that stands can't be pushed, hang on a cable, or be taken out of the air: not in *ready* and *arming*.
 - The air under the rotors matters near the floor alone: its cushion is there from the start, or sets in while coming
   down.
+- A position that is scaled, smoothed or late from before lift-off is that of a heavier vehicle, or a weaker one, until it
+  leans: it strikes in the air (docs/explanation/guards.md says what bounds it).
 - Another body at rest matters with a wrong thrust or mass before lift-off alone: in the air both are known.
 - Over a radio what is false meets something else than over MAVLink in the air alone, where nobody could land the
   vehicle: not in *ready* and *arming*; and of what lies on the way down only the *descent*.
@@ -15,6 +17,8 @@ Every one is flown in every state, but for these:
 *start* is before the first pose: the flight begins with the fault. It is flown with what an instrument may be set up
 with, and with another body's name.
 """
+
+import math
 
 from tests.proving.faults.deck import pictures, strikes, ways
 from tests.proving.faults.deck.fault import Exemption, Fault, Poses
@@ -123,6 +127,15 @@ LYING: dict[str, Fault] = {
     "position frozen": Fault(
         "the position alone stands still, with noise", strikes.shows(pictures.still_position), poses=Poses.FALSE
     ),
+    **{
+        f"{name} frozen": Fault(
+            f"the position's {axis} alone stands still, with noise",
+            strikes.shows(pictures.still_coordinate(number)),
+            poses=Poses.FALSE,
+            states=FROM_START,
+        )
+        for number, (name, axis) in enumerate((("x", "north"), ("y", "east"), ("z", "height")))
+    },
     "attitude frozen": Fault(
         "the attitude alone stands still, with noise", strikes.shows(pictures.still_attitude), poses=Poses.FALSE
     ),
@@ -194,6 +207,12 @@ LYING: dict[str, Fault] = {
         poses=Poses.FALSE,
         states=FROM_START,
     ),
+    "roll and pitch swapped": Fault(
+        "roll is seen as pitch, and pitch as roll",
+        strikes.shows(pictures.swapped),
+        poses=Poses.FALSE,
+        states=FROM_START,
+    ),
     "roll mirrored": Fault(
         "roll has the wrong sign", strikes.shows(pictures.signed(-1.0, 1.0)), poses=Poses.FALSE, states=FROM_START
     ),
@@ -235,6 +254,15 @@ LYING: dict[str, Fault] = {
         poses=Poses.FALSE,
         states=FROM_START,
     ),
+    **{
+        f"position {share:g} of itself": Fault(
+            f"positions go only {share:g} of the way that the vehicle goes",
+            strikes.shows(pictures.scaled(share)),
+            poses=Poses.FALSE,
+            states=FLYING,
+        )
+        for share in (0.1, 0.3)
+    },
     "mm for m": Fault(
         "positions are a thousand times what they are",
         strikes.shows(pictures.scaled(1e3)),
@@ -261,6 +289,30 @@ LATE: dict[str, Fault] = {
         )
         for ms in (100, 200, 400)
     },
+    "position late by 300 ms": Fault(
+        "the position comes 300 ms later than the attitude, both with fresh stamps",
+        strikes.shows(pictures.late_position(0.3)),
+        poses=Poses.FALSE,
+        states=FLYING,
+    ),
+    "position smoothed": Fault(
+        "the position is smoothed with a time constant of 1 s, the attitude is not",
+        strikes.shows(pictures.smoothed_position(1.0)),
+        poses=Poses.FALSE,
+        states=FLYING,
+    ),
+    "stands now and again": Fault(
+        "for 0.25 s of each second the picture stands still but for noise",
+        strikes.shows(pictures.now_and_again(0.25, 1.0)),
+        poses=Poses.FALSE,
+        states=FLYING,
+    ),
+    "stands once": Fault(
+        "for 0.3 s the picture stands still but for noise, then it is true again",
+        strikes.shows(pictures.now_and_again(0.3, math.inf)),
+        poses=Poses.FALSE,
+        states=FLYING,
+    ),
     "later and later": Fault(
         "poses come later by 50 ms more each second, up to 400 ms; their numbers tell",
         strikes.comes_late(ways.growing, fresh=False),
@@ -357,12 +409,14 @@ OBEYING: dict[str, Fault] = {
 """Nothing is wrong with the poses, and whoever convicts them is wrong."""
 
 RADIO: dict[str, Fault] = {
-    f"{name}, radio": _radio(fault, tuple(s for s in (*("start",) * ("start" in fault.states), *RADIO_STATES)))
+    f"{name}, radio": _radio(fault, tuple(s for s in ("start", *RADIO_STATES) if s in (fault.states or STATES)))
     for name, fault in (LYING | LATE).items()
     if name
     in (
-        "flicker", "frozen", "position frozen", "attitude frozen", "body at rest", "body carried", "x mirrored",
-        "z mirrored", "yaw off by 90°", "m for mm", "later and later, fresh", "every 11th frame",
+        "flicker", "frozen", "position frozen", "x frozen", "z frozen", "attitude frozen", "body at rest",
+        "body carried", "x mirrored", "z mirrored", "roll and pitch swapped", "yaw off by 90°",
+        "position 0.1 of itself", "position 0.3 of itself", "m for mm", "position late by 300 ms", "stands now and again",
+        "later and later, fresh", "every 11th frame",
     )
 }  # fmt: skip
 """The same on a vehicle behind a radio."""

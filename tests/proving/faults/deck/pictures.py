@@ -1,6 +1,7 @@
 """What cameras show that is not so: wrong pictures of our body, each from the instant on at which it sets in."""
 
 import math
+from collections import deque
 from collections.abc import Callable, Iterator, Sequence
 from typing import NamedTuple
 
@@ -89,6 +90,40 @@ def still_attitude(struck: Struck) -> Picture:
     return _ours(lambda time_s, position, attitude: (position, _noisy(struck, struck.position_ned, struck.attitude)[1]))
 
 
+def still_coordinate(axis: int) -> Callable[[Struck], Picture]:
+    """One coordinate of the position stands still, with noise: 0 is north, 1 east, 2 down."""
+
+    def make(struck: Struck) -> Picture:
+        def change(time_s: float, position: Vec3, attitude: Quat) -> tuple[Vec3, Quat]:
+            place = list(position)
+            place[axis] = _noisy(struck, struck.position_ned, struck.attitude)[0][axis]
+            return (place[0], place[1], place[2]), attitude
+
+        return _ours(change)
+
+    return make
+
+
+def now_and_again(for_s: float, every_s: float) -> Callable[[Struck], Picture]:
+    """The picture stands for so long of each period [s], with noise; else it is true."""
+
+    def make(struck: Struck) -> Picture:
+        turn, held = -1, (struck.position_ned, struck.attitude)
+
+        def change(time_s: float, position: Vec3, attitude: Quat) -> tuple[Vec3, Quat]:
+            nonlocal turn, held
+            number, since_s = divmod(max(time_s - struck.time_s, 0.0), every_s)
+            if since_s >= for_s:
+                return position, attitude
+            if number != turn:
+                turn, held = int(number), (position, attitude)
+            return _noisy(struck, *held)
+
+        return _ours(change)
+
+    return make
+
+
 # ---- other bodies
 
 
@@ -175,6 +210,41 @@ def scaled(share: float) -> Callable[[Struck], Picture]:
     return mapped(((share, 0.0, 0.0), (0.0, share, 0.0), (0.0, 0.0, share)))
 
 
+def late_position(delay_s: float) -> Callable[[Struck], Picture]:
+    """The place is that of so long ago [s], the attitude is of now."""
+
+    def make(struck: Struck) -> Picture:
+        past: deque[tuple[float, Vec3]] = deque([(struck.time_s, struck.position_ned)])
+
+        def change(time_s: float, position: Vec3, attitude: Quat) -> tuple[Vec3, Quat]:
+            past.append((time_s, position))
+            while len(past) > 1 and past[1][0] <= time_s - delay_s:
+                past.popleft()
+            return past[0][1], attitude
+
+        return _ours(change)
+
+    return make
+
+
+def smoothed_position(tau_s: float) -> Callable[[Struck], Picture]:
+    """The place is smoothed with a time constant [s], the attitude is of now."""
+
+    def make(struck: Struck) -> Picture:
+        last_s, place = struck.time_s, struck.position_ned
+
+        def change(time_s: float, position: Vec3, attitude: Quat) -> tuple[Vec3, Quat]:
+            nonlocal last_s, place
+            keep = math.exp(-(time_s - last_s) / tau_s)
+            (a, b, c), (x, y, z) = place, position
+            last_s, place = time_s, (x + keep * (a - x), y + keep * (b - y), z + keep * (c - z))
+            return place, attitude
+
+        return _ours(change)
+
+    return make
+
+
 # ---- attitudes that are not so
 
 
@@ -194,6 +264,16 @@ def turning(struck: Struck) -> Picture:
     def change(time_s: float, position: Vec3, attitude: Quat) -> tuple[Vec3, Quat]:
         angle = math.radians(TURNING_DEG_S) * (time_s - struck.time_s)
         return position, so3.multiply(attitude, so3.from_euler_zyx(0.0, 0.0, math.remainder(angle, math.tau)))
+
+    return _ours(change)
+
+
+def swapped(struck: Struck) -> Picture:
+    """Roll is seen as pitch, and pitch as roll."""
+
+    def change(time_s: float, position: Vec3, attitude: Quat) -> tuple[Vec3, Quat]:
+        phi, theta, psi = so3.euler_zyx(attitude)
+        return position, so3.from_euler_zyx(theta, phi, psi)
 
     return _ours(change)
 

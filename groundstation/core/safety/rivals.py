@@ -1,0 +1,168 @@
+"""Rival test: along each axis, does the position answer the push, or show a part of what it must have done? Sans-IO.
+
+Second differences of the positions from node to node are accelerations, a, known to some 0.1 m/s²; those of where the
+commands alone would have taken the vehicle are u. What pushes it beside, d = a - u, is wind, or thrust told wrong.
+While the truth is seen, the wind moves the picture first, and the law follows: so a new d is believed at once where a
+has gone with it, and slowly where it has not.
+
+A coordinate that is not the vehicle's leaves d = -u, whatever the law makes of that. The rivals are pictures that show
+no acceleration, a tenth or three tenths of it, or all of it smoothed. Evidence is a log likelihood ratio between them
+and a vehicle that obeys in some wind, summed with fading memory and never below zero. And a picture that begins to lie
+shows from one pose to the next a rival's share of the speed, where nothing stops or brakes a vehicle like that.
+"""
+
+import math
+
+from groundstation.core.geometry import Vec3
+
+SHARES = (0.0, 0.1, 0.3)
+"""What rivals show of the acceleration [-]."""
+SMOOTHED_S = 1.0
+"""Time constant of the rival that smooths it [s]."""
+KINDS = len(SHARES) + 1
+ENDS = 5.0
+"""Evidence that ends a flight, of what must have a rival's shape within a fifth."""
+EXACT = 0.2
+"""A rival explains what is off by this share of what it leaves of a vehicle that obeys [-]."""
+CAP, FADE_S = 2.0, 2.0
+"""Most that one node may say, and how long evidence lasts [s]."""
+GALE_M_S2 = 3.5
+"""No wind to fly in pushes across by so much more than was known, for two nodes, and the picture does not go with it
+[m/s²]."""
+NOISE_M_S2, WIND_M_S2 = 0.06, 0.3
+"""Noise of an acceleration at least, and what wind leaves across that a law has just answered, 1σ [m/s²]."""
+NOISES = math.sqrt(6.0)
+"""A second difference has so many times the noise of one position [-]."""
+LEARNS_S, LEARNS_AT_ONCE, MOVES = 2.0, 0.6, 0.35
+"""A push is learnt with this time constant [s]; by the second share at once, where what is seen has gone with it by the
+third [-]."""
+STAYS_S = 0.6
+"""So long after a leap nothing is learnt, and speeds are held against those of before [s]."""
+STOPS_M_S, STOPS_AT, STOPS, GOES_ON, STOPS_NOISES = 0.12, 0.05, 4.0, 1.0, 18.0
+"""A coordinate that moved so fast [m/s], and from one pose to the next has the speed of a rival but for this share of
+that [-], says so much, and then so much with each node. Less than so many times its noise [-] is no speed."""
+LEAPS_AS = 0.9 * STOPS / ENDS
+"""So large a share has what has leapt, and goes on as a rival [-]."""
+BEGINS = 5
+"""So many nodes are averaged to begin with."""
+
+
+class Rivals:
+    """One flight's."""
+
+    def __init__(self) -> None:
+        """Nothing seen."""
+        self._axes: tuple[_Axis, ...] = ()
+        self._gale = 0.0
+
+    def begin(self, position: Vec3, pushed: Vec3) -> None:
+        """Look anew from one instant on; what is known of the push stays, and evidence.
+
+        Args:
+            position: as seen [m, NED].
+            pushed: where the commands would have taken it, from any point that it was at with any velocity [m, NED].
+        """
+        if not self._axes:
+            self._axes = _Axis(WIND_M_S2), _Axis(WIND_M_S2), _Axis(0.0)
+        for axis, x, told in zip(self._axes, position, pushed, strict=True):
+            axis.begin(x, told)
+
+    def node(self, position: Vec3, pushed: Vec3, h: float, noise_m: float, *, leapt: bool = False) -> float:
+        """What speaks for a rival along any axis, as a share of what ends a flight [-].
+
+        Args:
+            position: as seen [m, NED].
+            pushed: as for :meth:`begin` [m, NED].
+            h: time since the node before [s].
+            noise_m: of a second difference of the positions, 1σ [m].
+            leapt: whether a pose since then was where nothing pushes a vehicle.
+        """
+        x, y, z = self._axes
+        (a, b, c), (p, q, r) = position, pushed
+        speed_noise = noise_m / h
+        sigma = NOISE_M_S2 + speed_noise / h
+        x.node(a, p, h, sigma, speed_noise, leapt=leapt)
+        y.node(b, q, h, sigma, speed_noise, leapt=leapt)
+        z.node(c, r, h, sigma, speed_noise, leapt=leapt)
+        before, self._gale = self._gale, math.hypot(x.off, y.off) / (GALE_M_S2 + 3.0 * sigma)
+        # Who shows too small a part of one axis mostly does so of the other, too.
+        across = max(map(sum, zip(x.evidence, y.evidence, strict=True)))
+        gale = min(before, self._gale)
+        # Whoever holds a trim against a gale is blown away: it ends a flight, or is nothing.
+        return max(across / ENDS, max(z.evidence) / ENDS, gale if gale >= 1.0 else 0.5 * gale)
+
+
+class _Axis:
+    """One axis."""
+
+    __slots__ = (
+        "_before", "_h", "_known", "_leapt", "_moved", "_place", "_push", "_smooth", "_speed", "_told", "_wind",
+        "evidence", "off",
+    )  # fmt: skip
+
+    def __init__(self, wind_m_s2: float) -> None:
+        """``wind_m_s2`` is what wind leaves that was just answered [m/s²]."""
+        self._wind = wind_m_s2 * wind_m_s2
+        self._known, self._push, self._smooth = 0, 0.0, 0.0
+        self._before, self._leapt = 0.0, math.inf
+        self.evidence = [0.0] * KINDS
+        """For each rival."""
+        self.off = 0.0
+        """What pushes it beside the commands, less what is known of that [m/s²]."""
+
+    def begin(self, place: float, told: float) -> None:
+        """It is at ``place``, by the commands alone at ``told`` [m]."""
+        self._place, self._told, self._h, self.off = place, told, 0.0, 0.0
+
+    def node(self, place: float, told: float, h: float, sigma: float, speed_noise: float, *, leapt: bool) -> None:
+        """Take one node; ``sigma`` is the noise of an acceleration [m/s²], ``speed_noise`` that of a speed [m/s]."""
+        speed, moved, last = (place - self._place) / h, (told - self._told) / h, self._h
+        self._place, self._told, self._h = place, told, h
+        if last == 0.0:
+            self._speed, self._moved = speed, moved
+            return
+        before, then = self._speed, self._moved
+        self._speed, self._moved = speed, moved
+        a, u = 2.0 * (speed - before) / (h + last), 2.0 * (moved - then) / (h + last)
+        self.off = off = a - u - self._push
+        if self._known < BEGINS:
+            self._known += 1
+            self._push += off / self._known
+            self.off = 0.0
+        elif leapt and self._leapt > STAYS_S:
+            self._leapt, self._before, self.off = 0.0, before - then, 0.0
+        else:
+            if self._leapt <= STAYS_S:
+                self._leapt += h
+                self._compare(speed, self._before + moved + self._leapt * self._push, speed_noise)
+                if self._leapt < 1.5 * h:  # what leaps has no acceleration
+                    self.off = 0.0
+                    return
+            self._weigh(a, a - off, off, h, sigma * sigma + self._wind)
+            if self._leapt > STAYS_S:
+                at_once = a * off > MOVES * off * off
+                self._push += (LEARNS_AT_ONCE if at_once else min(h / LEARNS_S, 1.0)) * off
+
+    def _compare(self, speed: float, goes: float, sigma: float) -> None:
+        """What the speed after a leap says, where it ``goes`` so fast by what it was told since, ± ``sigma`` [m/s]."""
+        if abs(goes) < max(STOPS_M_S, STOPS_NOISES * sigma):
+            return
+        says = STOPS if self._leapt < 1.5 * self._h else GOES_ON
+        for i, share in enumerate(SHARES):
+            if abs(speed - share * goes) < STOPS_AT * abs(goes) + 3.0 * sigma:
+                self.evidence[i] += says
+            else:
+                self.evidence[i] = max(0.0, self.evidence[i] - CAP)
+
+    def _weigh(self, a: float, obeys: float, off: float, h: float, variance: float) -> None:
+        """What ``a`` says [m/s²], where one that ``obeys`` accelerates so much, and ``off`` is between the two."""
+        self._smooth += min(h / SMOOTHED_S, 1.0) * (obeys - self._smooth)
+        wrong = EXACT * EXACT * off * off + variance
+        fade, evidence = 1.0 - h / FADE_S, self.evidence
+        left = [a - share * obeys for share in SHARES]
+        left.append(a - self._smooth)
+        for i, one in enumerate(left):
+            square = one * one + variance
+            if square < wrong or evidence[i] > 0.0:
+                says = 0.5 * math.log(wrong / square)
+                evidence[i] = max(0.0, evidence[i] * fade + max(-CAP, min(says, CAP)))
