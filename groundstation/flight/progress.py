@@ -14,12 +14,14 @@ from groundstation.core.safety import (
     Fence,
     Finding,
     Guards,
+    Parole,
     Separation,
     Since,
     Spool,
     SpoolUp,
     Standing,
     Step,
+    charge_age,
     charge_lateness,
     limit_n,
 )
@@ -62,8 +64,7 @@ class Progress:
         self.heard_s = -math.inf
         """When the vehicle was last heard to tell how it turns [s]; never, where it does not."""
         self._since = Since()
-        self._blind_since_s: float | None = None
-        """When poses went missing for so long that the descent began [s]; None where they have proven themselves."""
+        self._parole = Parole()
         self._say = say
         self._on_state = on_state
         self._mission = Mission()
@@ -177,7 +178,10 @@ class Progress:
         """Whether the poses are not believed any more."""
         if self._guards is None:
             return False
-        self._charge = self._too_old(now_s) or charge_lateness(self._pilot.monitor.late_s) or self._parole(now_s)
+        pose = self._pilot.newest_pose
+        assert pose is not None, "what flies has poses"
+        old = charge_age(pose.arrival_s - pose.time_s, self._config.flight.coast_s, self._since, now_s)
+        self._charge = old or charge_lateness(self._pilot.monitor.late_s) or self._on_parole(pose, now_s)
         if self._charge is not None:
             return True
         if SILENT_S < now_s - self.heard_s < LOST_S:
@@ -194,31 +198,14 @@ class Progress:
             self._say(self._conviction.says)
         return self._charge is not None
 
-    def _parole(self, now_s: float) -> Charge | None:
-        """Poses that come back after so long that the descent has begun: are they this vehicle's, and new?"""
-        pose, answered = self._pilot.newest_pose, self._pilot.monitor.answered
-        if self._blind_since_s is None or pose is None or pose.time_s <= self._blind_since_s:
+    def _on_parole(self, pose: Pose, now_s: float) -> Charge | None:
+        """Poses that come back after so long that the descent has begun."""
+        if not self._parole.serves(pose.time_s):
             return None
-        if answered > ANSWERED:
-            self._blind_since_s = None
+        if self._parole.ends(self._pilot.monitor.answered):
             self._pilot.descend(self._config.flight.descent_m_s, blind=False)
             return None
-        if not self._since.lasts("parole", True, now_s, PAROLE_S):
-            return None
-        return Charge("the poses that came back do not show what the commands do: down on the model", convicted=False)
-
-    def _too_old(self, now_s: float) -> Charge | None:
-        """Poses so old that no loop is stable by them, though no command has passed its deadline."""
-        pose, limit = self._pilot.newest_pose, OLD_SHARE * self._config.flight.coast_s
-        assert pose is not None, "what flies has poses"
-        age = pose.arrival_s - pose.time_s
-        if not self._since.lasts("old", age > limit, now_s, OLD_S):
-            return None
-        return Charge(
-            f"the poses are {1e3 * age:.0f} ms old as they come, limit {1e3 * limit:.0f} ms "
-            f"({OLD_SHARE:g} of flight.coast_s): down on the model",
-            convicted=False,
-        )
+        return self._parole.charge(now_s)
 
     def flown(self, tick: Tick) -> None:
         """One command of the controller has left: is the state over?"""
@@ -249,8 +236,7 @@ class Progress:
         if guarded and pose is not None and now_s - pose.time_s > coast - LAST_CHANCE_S - 1e-3:
             why = f"no pose for {(now_s - pose.time_s) * 1e3:.0f} ms"
             if self.state is not State.DESCENT:
-                self._blind_since_s = pose.time_s
-                self._since.lasts("parole", False, now_s, 0.0)
+                self._parole.begin(pose.time_s)
             self._answer(Finding(Step.DESCEND, why, blind=True), now_s)
 
     def _warn(self, says: str) -> None:
@@ -311,16 +297,11 @@ class Progress:
 ASTRAY_M = 0.3
 """A landing begins where the vehicle is, where that is farther from the reference [m]: what holds it below would let it
 shoot up to where it should have been."""
-ANSWERED, PAROLE_S = 3.0, 0.8
-"""Poses that came back after the descent had begun are believed as to speed once so much speaks for them (see
-control/obedience.py), and not at all where that takes longer than so long [s]."""
 HEARTBEAT_S = 0.4
 """By then an autopilot, which is asked as suspicion begins, has told of a mode that somebody else has chosen [s]."""
 SILENT_S, LOST_S = 0.15, 3.0
 """A vehicle that tells how it turns, and has been silent for so long [s], may not hear us either; for longer than the
 second, it only tells no more."""
-OLD_SHARE, OLD_S = 0.6, 0.3
-"""Poses older than this share of ``flight.coast_s`` for so long [s] are too old to fly by."""
 LAST_PERIODS = 2.5
 """The last command holds for so many periods: it must reach the next frame of a pacer, which its own leads."""
 DISARMED_HEIGHT_M = 0.2

@@ -16,27 +16,39 @@ from sim.scenarios import scenario_of
 def faults(args: argparse.Namespace) -> int:
     """Break one thing in every state of a mission."""
     from sim.cli import Counter
-    from tests.proving.faults import deal_cells, fly_all, quick, text, write
+    from tests.proving.faults import deal_cells, fly_all, pick_worst, quick, text, write
     from tests.proving.faults.deck import FAULTS, MOMENTS
+    from tests.proving.faults.judge import Row
 
     scenario_of(args.scenario)
     for option, value, known in (("--fault", args.fault, FAULTS), ("--state", args.state, MOMENTS)):
         if value is not None and value not in known:
             raise ConfigError(option, f"expected one of {list(known)}, got {value!r}")
+    if args.seeds < 1:
+        raise ConfigError("--seeds", f"expected 1 or more, got {args.seeds}")
     work = deal_cells(args.fault, args.state)
     if args.quick:
         work = [cell for cell in quick() if cell in work]
     if not work:
         raise ConfigError("--state", f"{args.fault} is not flown there" + (" with --quick" if args.quick else ""))
-    with Counter("cells", len(work), quiet=args.json or not sys.stderr.isatty()) as counter:
-        rows = fly_all(
-            work,
-            seed=args.seed,
-            scenario=args.scenario,
-            overrides=args.overrides,
-            workers=args.workers or os.cpu_count() or 1,
-            on_done=counter.at,
-        )
+    flown: list[list[Row]] = []
+    with Counter("cells", args.seeds * len(work), quiet=args.json or not sys.stderr.isatty()) as counter:
+        for number in range(args.seeds):
+
+            def count(done: int, before: int = number * len(work)) -> None:  # that of this round
+                counter.at(before + done)
+
+            flown.append(
+                fly_all(
+                    work,
+                    seed=args.seed + number,
+                    scenario=args.scenario,
+                    overrides=args.overrides,
+                    workers=args.workers or os.cpu_count() or 1,
+                    on_done=count,
+                )
+            )
+    rows = pick_worst(flown)
     if args.write is not None:
         words = [word for word in sys.argv[1:] if word != "--json"]
         write(args.write, rows, shlex.join(["groundstation-sim", *words]))

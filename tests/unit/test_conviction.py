@@ -1,7 +1,7 @@
 """From what speaks against the poses to what is done."""
 
-from groundstation.core.safety import Contradiction, Conviction
-from groundstation.core.safety.conviction import HELD_S
+from groundstation.core.safety import Contradiction, Conviction, Parole, Since, charge_age
+from groundstation.core.safety.conviction import ANSWERED, HELD_S, OLD_S, PAROLE_S
 
 NOTHING = Contradiction(0.0, 0.0, 0.0, 0.0)
 
@@ -62,3 +62,34 @@ def test_a_position_that_moves_again_in_time_is_forgotten() -> None:
     assert conviction.look(NOTHING._replace(still=0.1), 0.5 * HELD_S) is None
     assert conviction.look(NOTHING._replace(still=0.8), 0.9 * HELD_S) is None
     assert conviction.look(NOTHING._replace(still=0.8), 1.2 * HELD_S) is None
+
+
+def test_a_position_that_does_not_show_what_pushes_the_vehicle_ends_the_flight_and_convicts_nobody() -> None:
+    conviction = Conviction()
+    assert conviction.look(NOTHING._replace(push=0.9), 0.0) is None
+    assert conviction.says.startswith("suspicion: ")
+    charge = conviction.look(NOTHING._replace(push=1.0), 0.1)
+    assert charge is not None and not charge.convicted
+
+
+def test_poses_that_are_too_old_for_a_while_end_the_flight() -> None:
+    since = Since()
+    assert charge_age(0.2, 0.25, since, 0.0) is None
+    assert charge_age(0.1, 0.25, since, 0.2) is None
+    assert charge_age(0.2, 0.25, since, 0.3) is None
+    charge = charge_age(0.2, 0.25, since, 0.3 + OLD_S)
+    assert charge is not None and "200 ms old" in charge.reason
+
+
+def test_poses_that_come_back_prove_themselves_or_end_the_flight() -> None:
+    parole = Parole()
+    assert not parole.serves(1.0)
+    parole.begin(1.0)
+    assert not parole.serves(1.0), "none has come back"
+    assert parole.serves(1.5)
+    assert not parole.ends(0.5 * ANSWERED)
+    assert parole.charge(1.5) is None
+    charge = parole.charge(1.5 + PAROLE_S)
+    assert charge is not None and not charge.convicted
+    assert parole.ends(1.1 * ANSWERED)
+    assert not parole.serves(3.0)

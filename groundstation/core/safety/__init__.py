@@ -2,7 +2,7 @@
 
 TYPE_CHECKING = False
 if TYPE_CHECKING:
-    from groundstation.core.safety.conviction import WITNESS, Charge, Conviction, charge_lateness
+    from groundstation.core.safety.conviction import WITNESS, Charge, Conviction, Parole, charge_age, charge_lateness
     from groundstation.core.safety.geofence import Fence, FenceConfig, Separation, SeparationConfig
     from groundstation.core.safety.guards import Escalation, Finding, Guards, GuardsConfig, Since, Step
     from groundstation.core.safety.live_gains import LIVE, PREFIX, RAMP_S, STEP_FACTOR, LiveGains
@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from groundstation.core.safety.witness import ASKEW_DEG, Agreement, Witness
 
 _MODULES = {
-    "conviction": ("Charge", "Conviction", "WITNESS", "charge_lateness"),
+    "conviction": ("Charge", "Conviction", "Parole", "WITNESS", "charge_age", "charge_lateness"),
     "geofence": ("Fence", "FenceConfig", "Separation", "SeparationConfig"),
     "guards": ("Escalation", "Finding", "Guards", "GuardsConfig", "Since", "Step"),
     "live_gains": ("LIVE", "LiveGains", "PREFIX", "RAMP_S", "STEP_FACTOR"),

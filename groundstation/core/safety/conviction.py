@@ -8,12 +8,19 @@ the flight ends in the same way, and nobody is convicted.
 
 from typing import NamedTuple
 
+from groundstation.core.safety.guards import Since
 from groundstation.core.safety.obedience import STILL_SUSPECTS, Contradiction
 
 HELD_S = 1.0
 """How long the suspicion that the position stands may last, before it ends the flight [s]."""
 WITNESS = 0.5
 """Share of the evidence that convicts where the autopilot's own attitude disagrees with the poses, too [-]."""
+
+ANSWERED, PAROLE_S = 3.0, 0.8
+"""Poses that came back after the descent had begun are believed as to speed once so much speaks for them (see
+obedience.py), and not at all where that takes longer than so long [s]."""
+OLD_SHARE, OLD_S = 0.6, 0.3
+"""Poses older than this share of ``flight.coast_s`` for so long [s] are too old to fly by."""
 
 
 class Charge(NamedTuple):
@@ -79,6 +86,51 @@ def charge_lateness(late_s: float) -> Charge | None:
         "(poses older than they say, or commands that get lost)"
     )
     return Charge(f"{why}: down on the model", convicted=True)
+
+
+def charge_age(age_s: float, coast_s: float, since: Since, now_s: float) -> Charge | None:
+    """What follows from poses so old that no loop is stable by them, though no command has passed its deadline.
+
+    They are ``age_s`` old as they come, and commands may rest on one for ``coast_s`` [s]; None where they are not.
+    """
+    limit_s = OLD_SHARE * coast_s
+    if not since.lasts("old", age_s > limit_s, now_s, OLD_S):
+        return None
+    return Charge(
+        f"the poses are {1e3 * age_s:.0f} ms old as they come, limit {1e3 * limit_s:.0f} ms "
+        f"({OLD_SHARE:g} of flight.coast_s): down on the model",
+        convicted=False,
+    )
+
+
+class Parole:
+    """Poses that come back after the descent has begun for want of them: are they this vehicle's, and new?"""
+
+    def __init__(self) -> None:
+        """None are missing."""
+        self._missing_s: float | None = None
+        self._begun_s: float | None = None
+
+    def begin(self, pose_s: float) -> None:
+        """The newest pose, of ``pose_s`` [s], is so old that the descent begins."""
+        self._missing_s, self._begun_s = pose_s, None
+
+    def serves(self, pose_s: float) -> bool:
+        """Whether poses have come back, the newest of ``pose_s`` [s], that have not proven themselves."""
+        return self._missing_s is not None and pose_s > self._missing_s
+
+    def ends(self, answered: float) -> bool:
+        """Whether so much speaks for them that they are believed from now on."""
+        if answered > ANSWERED:
+            self._missing_s = None
+        return self._missing_s is None
+
+    def charge(self, now_s: float) -> Charge | None:
+        """What follows where it lasts."""
+        self._begun_s = now_s if self._begun_s is None else self._begun_s
+        if now_s - self._begun_s < PAROLE_S - 1e-9:
+            return None
+        return Charge("the poses that came back do not show what the commands do: down on the model", convicted=False)
 
 
 def _accusation(evidence: Contradiction) -> str:

@@ -92,7 +92,7 @@ against a position that stands."""
 SHOCK_M, SHOCK_S = 0.045, 0.35
 """A position that leaves its way by so much [m], 9 m/s², was struck, or is not the vehicle's: nothing is done in haste
 for so long [s]."""
-LEAP_M, LEAP_NOISES, LEAP_M_S2 = 0.002, 8.0, 0.4
+LEAP_M, LEAP_NOISES, LEAP_M_S2 = 0.0015, 7.0, 0.4
 """A pose leaps that is so much [m], so many times its noise [-], and by what is not known of the push [m/s²], farther
 off its way than the one before."""
 ARREST_M, ARREST_S, STANDS_M = 0.018, 0.4, 0.01

@@ -41,6 +41,9 @@ STAYS_S = 0.6
 STOPS_M_S, STOPS_AT, STOPS, GOES_ON, STOPS_NOISES = 0.12, 0.05, 4.0, 1.0, 18.0
 """A coordinate that moved so fast [m/s], and from one pose to the next has the speed of a rival but for this share of
 that [-], says so much, and then so much with each node. Less than so many times its noise [-] is no speed."""
+ASTRAY_M_S, ASTRAY_NOISES, ASTRAY_M_S2 = 0.1, 3.0, 0.5
+"""A speed after a leap that is so much off [m/s], so many times its noise [-], and by what wind makes of it [m/s²], for
+two nodes, has changed from one pose to the next: something has hit the vehicle, or the picture is another's."""
 LEAPS_AS = 0.9 * STOPS / ENDS
 """So large a share has what has leapt, and goes on as a rival [-]."""
 BEGINS = 5
@@ -54,6 +57,7 @@ class Rivals:
         """Nothing seen."""
         self._axes: tuple[_Axis, ...] = ()
         self._gale = 0.0
+        self._astray = 0
 
     def begin(self, position: Vec3, pushed: Vec3) -> None:
         """Look anew from one instant on; what is known of the push stays, and evidence.
@@ -87,6 +91,13 @@ class Rivals:
         before, self._gale = self._gale, math.hypot(x.off, y.off) / (GALE_M_S2 + 3.0 * sigma)
         # Who shows too small a part of one axis mostly does so of the other, too.
         across = max(map(sum, zip(x.evidence, y.evidence, strict=True)))
+        if leapt:
+            self._astray = 0
+        elif x.since_s < STAYS_S:
+            far = math.sqrt(x.astray**2 + y.astray**2 + z.astray**2)
+            self._astray += far > ASTRAY_M_S + ASTRAY_NOISES * speed_noise + ASTRAY_M_S2 * x.since_s
+            if self._astray >= 2:
+                return 1.0
         gale = min(before, self._gale)
         # Whoever holds a trim against a gale is blown away: it ends a flight, or is nothing.
         return max(across / ENDS, max(z.evidence) / ENDS, gale if gale >= 1.0 else 0.5 * gale)
@@ -96,15 +107,19 @@ class _Axis:
     """One axis."""
 
     __slots__ = (
-        "_before", "_h", "_known", "_leapt", "_moved", "_place", "_push", "_smooth", "_speed", "_told", "_wind",
-        "evidence", "off",
+        "_before", "_h", "_known", "_moved", "_place", "_push", "_smooth", "_speed", "_told", "_wind",
+        "astray", "evidence", "off", "since_s",
     )  # fmt: skip
 
     def __init__(self, wind_m_s2: float) -> None:
         """``wind_m_s2`` is what wind leaves that was just answered [m/s²]."""
         self._wind = wind_m_s2 * wind_m_s2
         self._known, self._push, self._smooth = 0, 0.0, 0.0
-        self._before, self._leapt = 0.0, math.inf
+        self._before = 0.0
+        self.since_s = math.inf
+        """How long ago it leapt, to the node after [s]."""
+        self.astray = 0.0
+        """How much faster it is since than it was going [m/s]."""
         self.evidence = [0.0] * KINDS
         """For each rival."""
         self.off = 0.0
@@ -129,25 +144,26 @@ class _Axis:
             self._known += 1
             self._push += off / self._known
             self.off = 0.0
-        elif leapt and self._leapt > STAYS_S:
-            self._leapt, self._before, self.off = 0.0, before - then, 0.0
+        elif leapt and self.since_s > STAYS_S:
+            self.since_s, self._before, self.off = 0.0, before - then, 0.0
         else:
-            if self._leapt <= STAYS_S:
-                self._leapt += h
-                self._compare(speed, self._before + moved + self._leapt * self._push, speed_noise)
-                if self._leapt < 1.5 * h:  # what leaps has no acceleration
+            if self.since_s <= STAYS_S:
+                self.since_s += h
+                self._compare(speed, self._before + moved + self.since_s * self._push, speed_noise)
+                if self.since_s < 1.5 * h:  # what leaps has no acceleration
                     self.off = 0.0
                     return
             self._weigh(a, a - off, off, h, sigma * sigma + self._wind)
-            if self._leapt > STAYS_S:
+            if self.since_s > STAYS_S:
                 at_once = a * off > MOVES * off * off
                 self._push += (LEARNS_AT_ONCE if at_once else min(h / LEARNS_S, 1.0)) * off
 
     def _compare(self, speed: float, goes: float, sigma: float) -> None:
         """What the speed after a leap says, where it ``goes`` so fast by what it was told since, ± ``sigma`` [m/s]."""
+        self.astray = speed - goes
         if abs(goes) < max(STOPS_M_S, STOPS_NOISES * sigma):
             return
-        says = STOPS if self._leapt < 1.5 * self._h else GOES_ON
+        says = STOPS if self.since_s < 1.5 * self._h else GOES_ON
         for i, share in enumerate(SHARES):
             if abs(speed - share * goes) < STOPS_AT * abs(goes) + 3.0 * sigma:
                 self.evidence[i] += says

@@ -2,10 +2,10 @@
 
 TYPE_CHECKING = False
 if TYPE_CHECKING:
-    from tests.proving.faults.deal import deal_cells, fly_all, quick
+    from tests.proving.faults.deal import deal_cells, fly_all, pick_worst, quick
     from tests.proving.faults.table import text, write
 
-_MODULES = {"deal": ("deal_cells", "fly_all", "quick"), "table": ("text", "write")}
+_MODULES = {"deal": ("deal_cells", "fly_all", "pick_worst", "quick"), "table": ("text", "write")}
 
 
 def __getattr__(name: str) -> object:

@@ -53,6 +53,11 @@ def quick() -> list[Cell]:
     return [*dict.fromkeys(found), Cell("dropout", "ready"), Cell("SIGTERM", "arming"), Cell("freeze", "spool-up")]
 
 
+def pick_worst(flown: Sequence[Sequence[Row]]) -> list[Row]:
+    """Of rows of the same cells with several seeds the worst: one that is not safe, else the one farthest off."""
+    return [max(rows, key=lambda row: (not row.safe, row.peak_error_m)) for rows in zip(*flown, strict=True)]
+
+
 def fly_all(
     work: Sequence[Cell],
     *,
