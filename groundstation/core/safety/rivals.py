@@ -99,8 +99,9 @@ class Rivals:
             if self._astray >= 2:
                 return 1.0
         gale = min(before, self._gale)
-        # Whoever holds a trim against a gale is blown away: it ends a flight, or is nothing.
-        return max(across / ENDS, max(z.evidence) / ENDS, gale if gale >= 1.0 else 0.5 * gale)
+        # A trim is no help in a gale or on a tether: these end a flight, or are nothing.
+        held = max(gale, max(z.evidence) / ENDS)
+        return max(across / ENDS, held if held >= 1.0 else 0.5 * held)
 
 
 class _Axis:
