@@ -478,12 +478,10 @@ class Obedience:
             self._stopped_s = pose.time_s - arrest.time_s
             if moved > STANDS_M + 2.0 * noise_m or self._stopped_s > 2.0 * ARREST_S:
                 self._arrest, self._stopped_s, self.led_s = None, 0.0, pose.time_s
-        leapt = pose.time_s - self._leaps_s < 2.0 * NODE_S
-        if (
-            leapt
-            and leaves > ARREST_M
-            and leaves > ARREST_M + wander + 2.0 * (math.sqrt(max(self._images.wind)) - WIND_M)
-        ):
+        # Across a wind that turns brings it to a stand, too; a cable stops what climbs.
+        stops = pose.time_s - self._leaps_s < 2.0 * NODE_S or abs(y[2]) > 0.5 * left
+        gusts = 2.0 * (math.sqrt(max(self._images.wind)) - WIND_M)
+        if stops and leaves > ARREST_M and leaves > ARREST_M + wander + gusts:
             # It leaves its way, and not by our doing: a gust, a hand, or the end of what was true.
             self._arrest = pose
 
