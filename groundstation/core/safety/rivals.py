@@ -29,6 +29,9 @@ CAP, FADE_S = 2.0, 2.0
 GALE_M_S2 = 3.5
 """No wind to fly in pushes across by so much more than was known, for two nodes, and the picture does not go with it
 [m/s²]."""
+SAYS = 1.2
+"""Where a vehicle that obeys is off by so little more than the noise, squared, no rival is looked at [-]."""
+NOTHING = [0.0] * KINDS
 NOISE_M_S2, WIND_M_S2 = 0.06, 0.3
 """Noise of an acceleration at least, and what wind leaves across that a law has just answered, 1σ [m/s²]."""
 NOISES = math.sqrt(6.0)
@@ -174,8 +177,10 @@ class _Axis:
     def _weigh(self, a: float, obeys: float, off: float, h: float, variance: float) -> None:
         """What ``a`` says [m/s²], where one that ``obeys`` accelerates so much, and ``off`` is between the two."""
         self._smooth += min(h / SMOOTHED_S, 1.0) * (obeys - self._smooth)
-        wrong = EXACT * EXACT * off * off + variance
-        fade, evidence = 1.0 - h / FADE_S, self.evidence
+        wrong, evidence = EXACT * EXACT * off * off + variance, self.evidence
+        if wrong < SAYS * variance and evidence == NOTHING:
+            return  # it says nothing, as nearly always
+        fade = 1.0 - h / FADE_S
         left = [a - share * obeys for share in SHARES]
         left.append(a - self._smooth)
         for i, one in enumerate(left):
