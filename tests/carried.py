@@ -5,7 +5,7 @@ import random
 from collections.abc import Callable, Sequence
 
 from groundstation.core.geometry import Quat, Vec3, so3
-from groundstation.lab.axes.moves import MOVES, Carry, Move, Sample
+from groundstation.lab.axes import MOVES, Carry, CarryMove, Sample
 
 START: tuple[Vec3, Quat] = ((0.7, -0.4, -0.1), so3.IDENTITY)
 MOVE_S, HOLD_S = 1.6, 1.2
@@ -15,7 +15,9 @@ Measure = Callable[[Vec3, Quat], tuple[Vec3, Quat]]
 """What a tracker says of a true pose, NED and FRD."""
 
 
-def hand(seed: int, *, moves: Sequence[Move] = MOVES, nose_deg: float = 0.0) -> Callable[[float], tuple[Vec3, Quat]]:
+def hand(
+    seed: int, *, moves: Sequence[CarryMove] = MOVES, nose_deg: float = 0.0
+) -> Callable[[float], tuple[Vec3, Quat]]:
     """The true pose at a time [s]: the ``moves``, some 8 degrees and a tenth beside what is shown."""
     draw = random.Random(seed)
     place, attitude = START[0], so3.from_euler_zyx(0.0, 0.0, math.radians(nose_deg))
@@ -57,7 +59,7 @@ def turned(q: Quat, angle: Vec3) -> Quat:
     return so3.multiply(q, (math.cos(0.5 * size), k * angle[0], k * angle[1], k * angle[2]))
 
 
-def lasts_s(moves: Sequence[Move] = MOVES) -> float:
+def lasts_s(moves: Sequence[CarryMove] = MOVES) -> float:
     return len(moves) * (MOVE_S + HOLD_S) + HOLD_S
 
 
@@ -65,7 +67,7 @@ def carried(
     measure: Measure,
     *,
     seed: int = 0,
-    moves: Sequence[Move] = MOVES,
+    moves: Sequence[CarryMove] = MOVES,
     late_s: float = 0.0,
     autopilot_yaw_deg: float = 30.0,
     noise_m: float = 5e-4,

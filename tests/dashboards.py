@@ -15,9 +15,10 @@ from groundstation.config import dump
 from groundstation.core.messages import Ask, Check, Snapshot, Verdict
 from groundstation.interfaces.api import Server
 from groundstation.interfaces.tui.app import Dashboard
+from groundstation.interfaces.tui.drawing import big, huge
 from groundstation.interfaces.tui.feeds import Attached
-from groundstation.interfaces.tui.parts import Answer, Banner, Feed, Hello, News, big
-from groundstation.interfaces.tui.parts.letters import huge
+from groundstation.interfaces.tui.model import Feed, FeedAnswer, FlightIdentity, News
+from groundstation.interfaces.tui.widgets import Banner
 from groundstation.runtime import Latest, StatusConfig
 from groundstation.settings import Config
 from tests.sample_flight import Sampled, sample
@@ -37,17 +38,17 @@ class Fixed:
             yield one
         await asyncio.Event().wait()
 
-    async def ask(self, ask: Ask, why: str, vehicle: str = "") -> Answer:
+    async def ask(self, ask: Ask, why: str, vehicle: str = "") -> FeedAnswer:
         raise AssertionError(f"asked for {ask} {why} {vehicle}")
 
-    async def control(self, *, take: bool) -> Answer:
+    async def control(self, *, take: bool) -> FeedAnswer:
         raise AssertionError(f"asked for control: {take}")
 
-    async def set_gain(self, key: str, value: float) -> Answer:
+    async def set_gain(self, key: str, value: float) -> FeedAnswer:
         raise AssertionError(f"asked for {key} = {value}")
 
 
-HELLO = Hello("mqx", "process 7, groundstation 0.1.0", dump(Config()))
+HELLO = FlightIdentity("mqx", "process 7, groundstation 0.1.0", dump(Config()))
 CHECKS = (
     Check("pose rate", Verdict.PASS, "50 poses a second"),
     Check("battery", Verdict.WARN, "it is at 7.41 V, 35 %"),

@@ -9,9 +9,9 @@ from typing import NamedTuple
 import msgspec
 from textual.widgets import Input
 
-from groundstation.interfaces.tui.app import Dashboard
-from groundstation.interfaces.tui.parts import Banner, Holder, News
-from groundstation.interfaces.tui.screenshot import normal
+from groundstation.interfaces.tui.app import Dashboard, normal
+from groundstation.interfaces.tui.model import Holder, News
+from groundstation.interfaces.tui.widgets import Banner
 from tests.dashboards import Fixed, flown, on_ground, until
 from tests.sample_flight import sample
 

@@ -12,7 +12,7 @@ import msgspec
 from groundstation.config import ConfigError
 from groundstation.pose import CSV_COLUMNS, CsvRow, encode_csv
 from groundstation.recording import CHANNELS, MeasuredMessage, NoRecording, Recording, schema
-from groundstation.runtime import for_us_alone
+from groundstation.runtime import open_private
 
 
 def export_command(path: Path, form: str, channels: list[str], out: Path | None) -> int:
@@ -119,7 +119,7 @@ def rewritten(recording: Recording, target: Path, topics: list[str]) -> int:
     if target.exists():
         raise ConfigError("--out", f"{target} is there already")
     count = 0
-    with open(target, "wb", opener=for_us_alone) as file:  # Path.open has no opener
+    with open(target, "wb", opener=open_private) as file:  # Path.open has no opener
         writer = McapWriter(file, "groundstation export")
         writer.add_metadata("about", recording.about)
         ids = {

@@ -9,7 +9,7 @@ import msgspec
 
 from groundstation.config import ConfigError
 from groundstation.recording import NoRecording, quick_headline
-from groundstation.runtime import RecordingConfig, being_written, folder_of, tidy
+from groundstation.runtime import RecordingConfig, folder_of, is_being_written, tidy
 
 
 def logs_command(config: RecordingConfig, args: argparse.Namespace) -> int:
@@ -55,7 +55,7 @@ def described(path: Path, folder: Path) -> dict[str, Any]:
         **{key: about.get(key, "") for key in keys},
         **msgspec.to_builtins(headline),
         "whole": whole,
-        "being_written": not whole and being_written(path),
+        "being_written": not whole and is_being_written(path),
     }
 
 

@@ -2,22 +2,70 @@
 
 TYPE_CHECKING = False
 if TYPE_CHECKING:
-    from groundstation.config.examples import copy_examples, example_names, example_text, list_examples
-    from groundstation.config.files import beside, presets, toml
-    from groundstation.config.loader import ConfigError, dump, from_dict, load
-    from groundstation.config.names import CLIENT_LETTERS, NAME, VEHICLE_LETTERS, a_name, in_words, is_name, name_of
-    from groundstation.config.schema import FromFile, Open, Problem, completed, dotted, keys_of, structs
-    from groundstation.config.text import docs
-    from groundstation.config.words import expected
+    from groundstation.config.loader import (
+        ConfigError,
+        copy_examples,
+        dump,
+        example_names,
+        example_text,
+        from_dict,
+        list_examples,
+        load,
+        parse_toml,
+        presets,
+        resolve_files,
+    )
+    from groundstation.config.schema import (
+        CLIENT_LETTERS,
+        NAME,
+        VEHICLE_LETTERS,
+        FromFile,
+        Open,
+        Problem,
+        complete,
+        describe_name,
+        describe_pattern,
+        describe_type,
+        dotted_key,
+        is_name,
+        keys_of,
+        name_pattern,
+        structs,
+    )
+    from groundstation.config.text import field_notes
 
 _MODULES = {
-    "examples": ("copy_examples", "example_names", "example_text", "list_examples"),
-    "files": ("beside", "presets", "toml"),
-    "loader": ("ConfigError", "dump", "from_dict", "load"),
-    "names": ("CLIENT_LETTERS", "NAME", "VEHICLE_LETTERS", "a_name", "in_words", "is_name", "name_of"),
-    "schema": ("FromFile", "Open", "Problem", "completed", "dotted", "keys_of", "structs"),
-    "text": ("docs",),
-    "words": ("expected",),
+    "loader": (
+        "ConfigError",
+        "copy_examples",
+        "dump",
+        "example_names",
+        "example_text",
+        "from_dict",
+        "list_examples",
+        "load",
+        "parse_toml",
+        "presets",
+        "resolve_files",
+    ),
+    "schema": (
+        "CLIENT_LETTERS",
+        "FromFile",
+        "NAME",
+        "Open",
+        "Problem",
+        "VEHICLE_LETTERS",
+        "complete",
+        "describe_name",
+        "describe_pattern",
+        "describe_type",
+        "dotted_key",
+        "is_name",
+        "keys_of",
+        "name_pattern",
+        "structs",
+    ),
+    "text": ("field_notes",),
 }
 
 

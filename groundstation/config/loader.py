@@ -2,17 +2,152 @@
 
 Any ``msgspec.Struct`` may be the root; types, ``msgspec.Meta`` bounds, ``Literal`` and tagged unions are its schema.
 A table needs only the keys that it changes: the rest comes from the field's default, also inside nested tables.
-Some sections may name a file of their own (a vehicle, a CSV, a key): its path is relative to the configuration's.
+Some sections may stand in a file of their own (a vehicle, a preset that comes along, a CSV): its path is relative to
+the configuration's. It is read once, when the configuration is, so that what was checked is what flies; the
+configuration in force holds what was in it and needs it no more.
 """
 
+import tomllib
 from collections.abc import Iterable, Mapping, Sequence
+from importlib import resources
+from importlib.resources.abc import Traversable
 from pathlib import Path
 from typing import Any, TypeVar
 
 import msgspec
+from msgspec import inspect as mi
 
-from groundstation.config.files import beside, toml, with_files
-from groundstation.config.schema import KeyPath, Problem, completed, dotted, kinds
+from groundstation.config.schema import (
+    FromFile,
+    KeyPath,
+    Problem,
+    complete,
+    dotted_key,
+    inspect_struct,
+    kinds,
+    strip_metadata,
+)
+
+PACKAGE = "groundstation"
+"""Where the presets stand."""
+DEEPEST = 16
+"""Tables and arrays stand within each other no deeper than this; ours need 5."""
+TOO_DEEP = f"no configuration: its tables or arrays stand more than {DEEPEST} deep within each other"
+
+
+def parse_toml(text: str) -> dict[str, Any]:
+    """What the TOML ``text`` says.
+
+    Raises:
+        ValueError: it is no TOML, or nested deeper than any configuration is.
+    """
+    try:
+        data = tomllib.loads(text)
+    except tomllib.TOMLDecodeError as error:
+        raise ValueError(f"not valid TOML: {error}") from None
+    except RecursionError:
+        raise ValueError(TOO_DEEP) from None
+    inside: list[Any] = [data]
+    for _ in range(DEEPEST):
+        inside = [one for item in inside for one in (item.values() if isinstance(item, dict) else item)]
+        inside = [one for one in inside if isinstance(one, dict | list)]
+        if not inside:
+            return data
+    raise ValueError(TOO_DEEP)
+
+
+def with_files(root: type[msgspec.Struct], data: dict[str, Any], folder: Path) -> dict[str, Any]:
+    """``data`` with each section that names a ``preset`` or a ``file`` completed from it.
+
+    Args:
+        root: the configuration's type; its fields are the sections.
+        data: what was written.
+        folder: what the names of files are relative to.
+
+    Raises:
+        Problem: a file can't be read, or its text is wrong; the path is that of the key that names it.
+    """
+    info = inspect_struct(root)
+    assert isinstance(info, mi.StructType)
+    changed = dict(data)
+    for field in info.fields:
+        table = data.get(field.encode_name)
+        if isinstance(table, dict):
+            kind = _kind(field, table)
+            if kind is not None:
+                changed[field.encode_name] = _read_section(kind, table, folder, (field.encode_name,))
+    return changed
+
+
+def resolve_files(data: dict[str, Any], folder: Path) -> dict[str, Any]:
+    """``data`` with the name of each key, password or certificate (``…_file = "name"``) as it is seen from ``folder``.
+
+    The names become absolute, so that the configuration in force means the same wherever it is read again.
+    """
+    changed: dict[str, Any] = {}
+    for key, value in data.items():
+        if isinstance(value, dict):
+            changed[key] = resolve_files(value, folder)
+        elif key.endswith("_file") and isinstance(value, str) and value:
+            changed[key] = str(folder.absolute() / value)
+        else:
+            changed[key] = value
+    return changed
+
+
+def presets(kind: type[FromFile]) -> dict[str, str]:
+    """The text of each preset of ``kind``, by name, in the order of their names."""
+    if not kind.PRESETS:
+        return {}
+    files = sorted((resources.files(PACKAGE) / kind.PRESETS).iterdir(), key=lambda file: file.name)
+    return {file.name.removesuffix(".toml"): file.read_text("utf-8") for file in files if file.name.endswith(".toml")}
+
+
+def _kind(field: mi.Field, table: dict[str, Any]) -> type[FromFile] | None:
+    """The struct of the section ``table`` if it may stand in a file."""
+    info = strip_metadata(field.type)
+    kinds = [strip_metadata(one) for one in info.types] if isinstance(info, mi.UnionType) else [info]
+    for kind in kinds:
+        if isinstance(kind, mi.StructType) and issubclass(kind.cls, FromFile):
+            default = isinstance(field.default, kind.cls)
+            tag = kind.tag if kind.tag_field is None else table.get(kind.tag_field, kind.tag if default else None)
+            if tag == kind.tag:
+                return kind.cls
+    return None
+
+
+def _read_section(kind: type[FromFile], table: dict[str, Any], folder: Path, path: KeyPath) -> dict[str, Any]:
+    preset, file = table.get("preset"), table.get("file")
+    rest = {key: value for key, value in table.items() if key not in ("preset", "file")}
+    if kind.PRESETS and isinstance(preset, str):
+        if file is not None:
+            raise Problem((*path, "file"), "preset and file exclude each other; a file may name a preset itself")
+        known = presets(kind)
+        if preset not in known:
+            raise Problem((*path, "preset"), f"expected one of {list(known)}, got {preset!r}")
+        return _with_text(kind, rest, known[preset], preset, (*path, "preset"))
+    if isinstance(file, str):
+        return _with_text(kind, rest, _read_text(folder / file, (*path, "file")), file, (*path, "file"))
+    return table
+
+
+def _with_text(kind: type[FromFile], table: dict[str, Any], text: str, name: str, path: KeyPath) -> dict[str, Any]:
+    try:
+        return kind.with_text(table, text)
+    except ValueError as error:
+        raise Problem(path, f"{name}: {error}") from None
+
+
+def _read_text(file: Path, path: KeyPath) -> str:
+    try:
+        return file.read_bytes().decode("utf-8-sig")
+    except OSError as error:
+        raise Problem(path, f"cannot read {file}: {error.strerror}") from None
+    except UnicodeDecodeError as error:
+        raise Problem(path, f"{file} is not UTF-8 text (byte {error.start})") from None
+    except ValueError as error:  # a name that no file can have
+        raise Problem(path, f"cannot read {str(file)!r}: {error}") from None
+
 
 T = TypeVar("T", bound=msgspec.Struct)
 
@@ -37,14 +172,14 @@ def load(path: Path | None, root: type[T], overrides: Sequence[str] = ()) -> T:
     if path is None:
         return from_dict({}, root, overrides)
     try:
-        data = toml(path.read_bytes().decode())
+        data = parse_toml(path.read_bytes().decode())
     except OSError as error:
         raise ConfigError("", f"cannot read the configuration: {error.strerror}", str(path)) from None
     except UnicodeDecodeError as error:
         raise ConfigError("", f"not UTF-8 text (byte {error.start})", str(path)) from None
     except ValueError as error:
         raise ConfigError("", str(error), str(path)) from None
-    return from_dict(beside(data, path.parent), root, overrides, source=str(path), folder=path.parent)
+    return from_dict(resolve_files(data, path.parent), root, overrides, source=str(path), folder=path.parent)
 
 
 def from_dict(
@@ -63,14 +198,16 @@ def from_dict(
     set_paths = [_override(changed, text) for text in overrides]
     told = _switch(root, data, changed, set_paths)
     try:
-        complete = completed(root, with_files(root, changed, folder))
+        whole = complete(root, with_files(root, changed, folder))
     except Problem as problem:
         if problem.path[:1] in told and problem.text.startswith("missing"):
-            key = dotted(problem.path)
+            key = dotted_key(problem.path)
             raise ConfigError(key, f"{problem.text}; add --set {key}=VALUE", "--set") from None
-        raise ConfigError(dotted(problem.path), problem.text, _blame(problem.path, data, set_paths, source)) from None
+        raise ConfigError(
+            dotted_key(problem.path), problem.text, _blame(problem.path, data, set_paths, source)
+        ) from None
     try:
-        return msgspec.convert(complete, root)
+        return msgspec.convert(whole, root)
     except msgspec.ValidationError as error:  # what only a __post_init__ could see
         text, _, where = str(error).partition(" - at `$.")
         where = where.rstrip("`")
@@ -129,7 +266,7 @@ def _switch(
 
 def _toml_value(text: str) -> Any:
     try:
-        parsed = toml(f"value = {text}")
+        parsed = parse_toml(f"value = {text}")
     except ValueError:
         return text
     return parsed["value"] if len(parsed) == 1 else text
@@ -144,3 +281,50 @@ def _blame(path: KeyPath, data: Any, set_paths: Iterable[KeyPath], source: str) 
         if path[: len(override)] == override or (not isinstance(in_file, Mapping) and override[: len(path)] == path):
             return "--set"
     return source
+
+
+_FOLDER = resources.files("groundstation") / "examples"
+
+
+def example_names() -> list[str]:
+    """The names of the configurations, in their order."""
+    return sorted(file.name.removesuffix(".toml") for file in _FOLDER.iterdir() if file.name.endswith(".toml"))
+
+
+def list_examples() -> str:
+    """A line each: its name, and what it says first of itself."""
+    names = example_names()
+    width = max(map(len, names))
+    return "\n".join(f"{name:{width}}  {example_text(name).splitlines()[0].removeprefix('# ')}" for name in names)
+
+
+def example_text(name: str) -> str:
+    """The configuration of that name, with its notes.
+
+    Raises:
+        ConfigError: there is none.
+    """
+    if name not in example_names():
+        raise ConfigError("config new", f"expected one of {example_names()}, got {name!r}")
+    return (_FOLDER / f"{name}.toml").read_text("utf-8")
+
+
+def copy_examples(folder: Path) -> None:
+    """Write all of them, and the files beside them, into the new ``folder``.
+
+    Raises:
+        ConfigError: it exists, or can't be written.
+    """
+    try:
+        _copy(_FOLDER, folder)
+    except OSError as error:
+        raise ConfigError("--all", f"cannot write {error.filename}: {error.strerror}") from None
+
+
+def _copy(source: Traversable, target: Path) -> None:
+    if source.is_dir():
+        target.mkdir()
+        for each in source.iterdir():
+            _copy(each, target / each.name)
+    else:
+        target.write_bytes(source.read_bytes())

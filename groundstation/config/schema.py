@@ -1,6 +1,7 @@
-"""The schema of a configuration: check what was written key by key, and complete it from the defaults.
+"""Schema of a configuration: check what was written key by key, and complete it from the defaults.
 
-The types are the schema (``msgspec.inspect``). msgspec checks them too, but its errors don't speak to an operator.
+The types are the schema (``msgspec.inspect``). msgspec checks them too, but its errors don't speak to an operator: what
+a key accepts, and what was written instead, is said here in words.
 """
 
 import math
@@ -12,7 +13,114 @@ from typing import Any, ClassVar, NoReturn
 import msgspec
 from msgspec import inspect as mi
 
-from groundstation.config.words import bare, expected, shown, unknown
+_FIRST, _NEXT = "[A-Za-z0-9]", "[A-Za-z0-9_.-]"
+"""The first a letter or a digit: no option, no hidden file, no folder above."""
+NAME = f"{_FIRST}{_NEXT}*"
+"""A name within a longer pattern."""
+VEHICLE_LETTERS, CLIENT_LETTERS = 24, 32
+"""So long may the name of a vehicle be, and that of a client."""
+
+
+def name_pattern(most: int) -> str:
+    """The pattern of a whole name of at most ``most`` letters; ``$`` would let a line end pass."""
+    return rf"\A{_FIRST}{_NEXT}{{0,{most - 1}}}\Z"
+
+
+def describe_name(most: int) -> str:
+    """The same in words."""
+    return f"a name matching {describe_pattern(name_pattern(most))}"
+
+
+def describe_pattern(pattern: str) -> str:
+    """``pattern``, that of a whole text, as people write it."""
+    return pattern.removeprefix(r"\A").removesuffix(r"\Z")
+
+
+def is_name(text: str, most: int) -> bool:
+    """Whether ``text`` is one of at most ``most`` letters."""
+    return re.search(name_pattern(most), text) is not None
+
+
+def describe_type(info: mi.Type) -> str:
+    """What a key of this type accepts, in words: ``a number > 0``, ``one of ['vicon', 'natnet']``."""
+    match info:
+        case mi.Metadata():
+            return describe_type(info.type)
+        case mi.FloatType():
+            return "a number" + _bounds(info)
+        case mi.IntType():
+            return "a whole number" + _bounds(info)
+        case mi.BoolType():
+            return "true or false"
+        case mi.StrType():
+            return (
+                "a string"
+                + _lengths(info, "character")
+                + (f" matching {describe_pattern(info.pattern)}" if info.pattern else "")
+            )
+        case mi.LiteralType():
+            return f"one of {list(info.values)}"
+        case mi.EnumType():
+            return f"one of {[one.value for one in info.cls]}"
+        case mi.TupleType():
+            each = " or ".join(dict.fromkeys(map(describe_type, info.item_types)))
+            return f"an array of {len(info.item_types)} values, each {each}"
+        case mi.VarTupleType() | mi.ListType():
+            return f"an array{_lengths(info, 'value')}, each {describe_type(info.item_type)}"
+        case mi.UnionType():
+            kinds = [kind for kind in info.types if not isinstance(kind, mi.NoneType)]
+            tagged = [kind for kind in map(strip_metadata, kinds) if isinstance(kind, mi.StructType) and kind.tag_field]
+            if len(tagged) == len(kinds) > 1:
+                return f"a table with {tagged[0].tag_field}, one of {[kind.tag for kind in tagged]}"
+            return " or ".join(dict.fromkeys(map(describe_type, kinds)))
+        case mi.StructType():
+            needed = [field.encode_name for field in info.fields if field.required]
+            return f"a table with {', '.join(needed)}" if needed else "a table"
+        case mi.DictType():
+            return "a table"
+    return "a value"
+
+
+def _bounds(info: mi.FloatType | mi.IntType) -> str:
+    signs = ((">", info.gt), (">=", info.ge), ("<", info.lt), ("<=", info.le), ("a multiple of", info.multiple_of))
+    text = " and ".join(f"{sign} {bound:g}" for sign, bound in signs if bound is not None)
+    return f" {text}" if text else ""
+
+
+def _lengths(info: mi.StrType | mi.VarTupleType | mi.ListType, unit: str) -> str:
+    low, high = info.min_length, info.max_length
+    if low is None and high is None:
+        return ""
+    if high is None:
+        return f" of at least {low} {unit}{'' if low == 1 else 's'}"
+    return f" of {low or 0} to {high} {unit}s"
+
+
+def strip_metadata(info: mi.Type) -> mi.Type:
+    """The type without its remarks."""
+    return strip_metadata(info.type) if isinstance(info, mi.Metadata) else info
+
+
+def describe_unknown_key(key: str, value: Any, known: list[str]) -> str:
+    """What is wrong with a key that is none of ``known``, and which of them may have been meant."""
+    from difflib import get_close_matches
+
+    near = get_close_matches(key, known, n=1)
+    what = "unknown section" if isinstance(value, dict) else "unknown key"
+    return f"{what}{f'; did you mean {near[0]}?' if near else ''} (known: {', '.join(known) or 'none'})"
+
+
+def describe_value(value: Any) -> str:
+    """What was written instead, no longer than a line."""
+    if isinstance(value, dict):
+        return "a table"
+    if isinstance(value, bool):
+        return str(value).lower()
+    if isinstance(value, int) and abs(value) >= 10**40:
+        return "a number of more than 40 digits"
+    text = repr(value) if isinstance(value, str | int | float | list) else str(value)
+    return text if len(text) <= 80 else text[:77] + "..."
+
 
 KeyPath = tuple[str, ...]
 
@@ -35,7 +143,7 @@ class Open:
     """Such a tag, for error messages."""
 
     @classmethod
-    def expanded(cls, table: dict[str, Any]) -> dict[str, Any]:
+    def expand(cls, table: dict[str, Any]) -> dict[str, Any]:
         """``table`` with the struct's own tag where it has such a one, else ``table`` as it is."""
         raise NotImplementedError
 
@@ -61,29 +169,29 @@ class FromFile:
 
 
 @cache
-def described(root: type[msgspec.Struct]) -> mi.Type:
+def inspect_struct(root: type[msgspec.Struct]) -> mi.Type:
     """What msgspec tells of ``root`` and all that it holds."""
     return mi.type_info(root)
 
 
-def completed(root: type[msgspec.Struct], data: dict[str, Any]) -> dict[str, Any]:
+def complete(root: type[msgspec.Struct], data: dict[str, Any]) -> dict[str, Any]:
     """``data`` checked as a ``root`` and completed with the defaults of the tables that it mentions.
 
     Raises:
         Problem: the first thing that is wrong, in the order of ``data``; a missing key comes after its neighbours.
     """
-    result: dict[str, Any] = _complete(described(root), data, None, ())
+    result: dict[str, Any] = _complete(inspect_struct(root), data, None, ())
     return result
 
 
 def kinds(root: type[msgspec.Struct], section: str) -> tuple[str, dict[Any, set[str]]]:
     """The key that tells a ``section`` of ``root`` its kind, and the keys of each kind; none where it has no kinds."""
-    info = described(root)
+    info = inspect_struct(root)
     assert isinstance(info, mi.StructType)
     for field in info.fields:
         if field.encode_name == section:
-            union = bare(field.type)
-            found = [bare(kind) for kind in (union.types if isinstance(union, mi.UnionType) else (union,))]
+            union = strip_metadata(field.type)
+            found = [strip_metadata(kind) for kind in (union.types if isinstance(union, mi.UnionType) else (union,))]
             tagged = [kind for kind in found if isinstance(kind, mi.StructType) and kind.tag_field is not None]
             keys = {kind.tag: {each.encode_name for each in kind.fields} for kind in tagged}
             return (tagged[0].tag_field or "", keys) if tagged else ("", {})
@@ -92,7 +200,7 @@ def kinds(root: type[msgspec.Struct], section: str) -> tuple[str, dict[Any, set[
 
 def structs(info: mi.Type) -> list[mi.StructType]:
     """The structs that a value of this type may be."""
-    info = bare(info)
+    info = strip_metadata(info)
     if isinstance(info, mi.StructType):
         return [info]
     if isinstance(info, mi.UnionType):
@@ -108,15 +216,15 @@ def keys_of(root: type[msgspec.Struct]) -> list[str]:
 def _keys(info: mi.Type, path: KeyPath) -> Iterator[str]:
     inner = structs(info)
     if not inner:
-        yield dotted(path)
+        yield dotted_key(path)
     for struct in inner:
         if struct.tag_field is not None:
-            yield dotted((*path, struct.tag_field))
+            yield dotted_key((*path, struct.tag_field))
         for field in struct.fields:
             yield from _keys(field.type, (*path, field.encode_name))
 
 
-def dotted(path: KeyPath) -> str:
+def dotted_key(path: KeyPath) -> str:
     """The path as an operator writes it."""
     return ".".join(path)
 
@@ -142,13 +250,13 @@ def _complete(info: mi.Type, value: Any, default: Any, path: KeyPath) -> Any:
             if not isinstance(value, list | tuple) or len(value) != len(info.item_types):
                 _refuse(info, value, path)
             return [
-                _complete(kind, item, None, _indexed(path, i))
+                _complete(kind, item, None, _element_path(path, i))
                 for i, (kind, item) in enumerate(zip(info.item_types, value, strict=True))
             ]
         case mi.VarTupleType() | mi.ListType():
             if not isinstance(value, list | tuple) or not _within(len(value), info.min_length, info.max_length):
                 _refuse(info, value, path)
-            return [_complete(info.item_type, item, None, _indexed(path, i)) for i, item in enumerate(value)]
+            return [_complete(info.item_type, item, None, _element_path(path, i)) for i, item in enumerate(value)]
     if not _SCALARS.get(type(info), lambda _info, _value: True)(info, value):
         _refuse(info, value, path)
     return value
@@ -167,21 +275,21 @@ def _struct(info: mi.StructType, value: Any, default: Any, path: KeyPath) -> dic
             base = _default(field) if default is None else getattr(default, field.name)
             complete[key] = _complete(field.type, item, base, inner)
         elif key not in tag:
-            raise Problem(inner, unknown(key, item, [*tag, *fields]))
+            raise Problem(inner, describe_unknown_key(key, item, [*tag, *fields]))
         elif item != info.tag:
-            raise Problem(inner, f"expected one of {[info.tag]}, got {shown(item)}")
+            raise Problem(inner, f"expected one of {[info.tag]}, got {describe_value(item)}")
     for key, field in fields.items():
         if key in complete:
             continue
         if default is not None:
             complete[key] = msgspec.to_builtins(getattr(default, field.name))
         elif field.required:
-            raise Problem((*path, key), f"missing; expected {expected(field.type)}")
+            raise Problem((*path, key), f"missing; expected {describe_type(field.type)}")
     return complete
 
 
 def _union(info: mi.UnionType, value: Any, default: Any, path: KeyPath) -> Any:
-    structs = {kind.tag: kind for kind in map(bare, info.types) if isinstance(kind, mi.StructType)}
+    structs = {kind.tag: kind for kind in map(strip_metadata, info.types) if isinstance(kind, mi.StructType)}
     if isinstance(value, dict) and structs:
         fallback = next((tag for tag, kind in structs.items() if isinstance(default, kind.cls)), None)
         first = next(iter(structs.values()))
@@ -190,13 +298,13 @@ def _union(info: mi.UnionType, value: Any, default: Any, path: KeyPath) -> Any:
         accepted: list[Any] = list(structs)
         for struct in structs.values():
             if issubclass(struct.cls, Open):
-                value = struct.cls.expanded(value)
+                value = struct.cls.expand(value)
                 accepted.append(struct.cls.EXAMPLE)
         tag = value.get(first.tag_field, fallback)
         if tag is None:
             raise Problem((*path, first.tag_field), f"missing; expected one of {accepted}")
         if not isinstance(tag, str | int) or tag not in structs:
-            raise Problem((*path, first.tag_field), f"expected one of {accepted}, got {shown(tag)}")
+            raise Problem((*path, first.tag_field), f"expected one of {accepted}, got {describe_value(tag)}")
         return _complete(structs[tag], value, default if tag == fallback else None, path)
     problems = []
     for kind in info.types:
@@ -214,7 +322,7 @@ def _is_float(info: Any, value: Any) -> bool:
     if isinstance(value, bool) or not isinstance(value, int | float):
         return False
     try:
-        return math.isfinite(float(value)) and _bounded(info, value)
+        return math.isfinite(float(value)) and _is_within_bounds(info, value)
     except OverflowError:
         return False
 
@@ -229,7 +337,7 @@ def _is_str(info: Any, value: Any) -> bool:
 
 _SCALARS: dict[type, Callable[[Any, Any], bool]] = {
     mi.FloatType: _is_float,
-    mi.IntType: lambda info, value: type(value) is int and abs(value) < 2**63 and _bounded(info, value),
+    mi.IntType: lambda info, value: type(value) is int and abs(value) < 2**63 and _is_within_bounds(info, value),
     mi.BoolType: lambda _, value: isinstance(value, bool),
     mi.StrType: _is_str,
     mi.NoneType: lambda _, value: value is None,
@@ -238,7 +346,7 @@ _SCALARS: dict[type, Callable[[Any, Any], bool]] = {
 }
 
 
-def _bounded(info: mi.FloatType | mi.IntType, value: float) -> bool:
+def _is_within_bounds(info: mi.FloatType | mi.IntType, value: float) -> bool:
     return (
         (info.gt is None or value > info.gt)
         and (info.ge is None or value >= info.ge)
@@ -259,8 +367,8 @@ def _default(field: mi.Field) -> Any:
 
 
 def _refuse(info: mi.Type, value: Any, path: KeyPath) -> NoReturn:
-    raise Problem(path, f"expected {expected(info)}, got {shown(value)}")
+    raise Problem(path, f"expected {describe_type(info)}, got {describe_value(value)}")
 
 
-def _indexed(path: KeyPath, index: int) -> KeyPath:
+def _element_path(path: KeyPath, index: int) -> KeyPath:
     return (*path[:-1], f"{path[-1]}[{index}]")

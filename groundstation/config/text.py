@@ -19,7 +19,7 @@ def toml_text(config: msgspec.Struct) -> str:
 
 def _table(table: msgspec.Struct | dict[str, Any], path: tuple[str, ...]) -> Iterator[str]:
     """The lines of one table: its own keys first, then its sub-tables, as TOML's order demands."""
-    notes = docs(type(table)) if isinstance(table, msgspec.Struct) else {}
+    notes = field_notes(type(table)) if isinstance(table, msgspec.Struct) else {}
     entries = dict(_entries(table))
     if path:
         yield f"\n[{'.'.join(map(_key, path))}]"
@@ -64,7 +64,7 @@ def _key(key: str) -> str:
 
 
 @cache
-def docs(struct: type[msgspec.Struct]) -> dict[str, str]:
+def field_notes(struct: type[msgspec.Struct]) -> dict[str, str]:
     """The first sentence of the docstring of each field, by key; empty where the source can't be read."""
     found: dict[str, str] = {}
     for cls in reversed(struct.__mro__):

@@ -15,7 +15,7 @@ import msgspec
 
 from groundstation.config import ConfigError
 from groundstation.core.trajectory import Demand, Report, check, refusal
-from groundstation.runtime import FILE, RecordingConfig, folder_of, ours
+from groundstation.runtime import FILE, RecordingConfig, folder_of, is_ours
 from groundstation.settings import Config
 from links.bridge import BridgeLinkConfig
 from links.io import is_pseudo_terminal, read_key
@@ -190,7 +190,7 @@ def save(proof: Proof, path: Path) -> None:
 def on_file(path: Path) -> Proof | None:
     """The test that is kept at ``path``; None where there is none, or none that this user wrote."""
     try:
-        if not ours(path.lstat(), FILE):
+        if not is_ours(path.lstat(), FILE):
             return None
         return msgspec.json.decode(path.read_bytes(), type=Proof)
     except (OSError, msgspec.MsgspecError):

@@ -1,1 +1,25 @@
 """What prepares a laboratory and its vehicles: parameters, axes, propellers off, several vehicles."""
+
+TYPE_CHECKING = False
+if TYPE_CHECKING:
+    from groundstation.lab.carry import carry_command
+    from groundstation.lab.doctor import DoctorOrders, run_doctor
+    from groundstation.lab.fleet import FleetPlan, Member, read_fleet
+    from groundstation.lab.pose_monitor import watch_poses
+    from groundstation.lab.props_off import props_off_command
+    from groundstation.lab.relay import Relay, run_relay
+
+_MODULES = {
+    "carry": ("carry_command",),
+    "doctor": ("DoctorOrders", "run_doctor"),
+    "fleet": ("FleetPlan", "Member", "read_fleet"),
+    "pose_monitor": ("watch_poses",),
+    "props_off": ("props_off_command",),
+    "relay": ("Relay", "run_relay"),
+}
+
+
+def __getattr__(name: str) -> object:
+    from links.core.lazy import load_name
+
+    return load_name(__name__, _MODULES, name)

@@ -22,7 +22,7 @@ import msgspec
 from groundstation.recording.process import FORGET, RecorderSetup
 from groundstation.recording.records import Record
 from groundstation.recording.writer import FLUSH_S, FlightLog
-from groundstation.runtime import free_name, made_folder, tidy
+from groundstation.runtime import free_name, make_folder, tidy
 
 NICE = 5
 """By so much the recorder stands behind what flies (nice(2))."""
@@ -129,7 +129,7 @@ def _open_log(setup: RecorderSetup) -> FlightLog:
     Raises:
         OSError: the folder or the file can't be made.
     """
-    config, folder = setup.recording, made_folder(setup.recording)
+    config, folder = setup.recording, make_folder(setup.recording)
     now = time.time()
     for path in tidy(config, now):
         _tell(f"recordings: {path.name} was removed to keep within recording.keep_gb and keep_days")

@@ -3,79 +3,87 @@
 TYPE_CHECKING = False
 if TYPE_CHECKING:
     from groundstation.runtime.broadcast import Latest
-    from groundstation.runtime.clock import precise_loop, sleep_until, to_the_end
-    from groundstation.runtime.entry import bare, run
-    from groundstation.runtime.exits import INTERRUPTED, Exit
-    from groundstation.runtime.flights import (
+    from groundstation.runtime.clock import Quiet, precise_loop, sleep_until, to_the_end, wall_ms
+    from groundstation.runtime.document import replace_between_markers, split_at_markers
+    from groundstation.runtime.entry import INTERRUPTED, Exit, raw_stream, require_matplotlib, run
+    from groundstation.runtime.line_writer import LineWriter
+    from groundstation.runtime.recordings import (
         RecordingConfig,
-        being_written,
         folder_of,
-        for_us_alone,
         free_name,
-        made_folder,
-        recordings,
+        is_being_written,
+        list_recordings,
+        make_folder,
+        open_private,
         tidy,
     )
-    from groundstation.runtime.lock import Taken, lock_path, only_one
-    from groundstation.runtime.outlet import Outlet
-    from groundstation.runtime.pictures import need_matplotlib
-    from groundstation.runtime.place import (
+    from groundstation.runtime.register import (
+        BRIDGE,
         FILE,
         FOLDER,
         SERVICES,
         ApiError,
+        Running,
         StatusConfig,
-        claim,
-        directory,
-        find,
+        Taken,
+        claim_socket,
+        find_socket,
+        foreign_services,
+        hold_lock,
+        is_ours,
         is_served,
-        ours,
+        lock_path,
         owner,
-        serving,
+        registration,
+        running_processes,
+        send_signal,
+        served_sockets,
+        socket_folder,
         socket_path,
     )
-    from groundstation.runtime.quiet import Quiet
-    from groundstation.runtime.register import BRIDGE, Running, registered, running, send, strangers
     from groundstation.runtime.version import __version__
-    from groundstation.runtime.wall_clock import wall_ms
 
 _MODULES = {
     "broadcast": ("Latest",),
-    "clock": ("precise_loop", "sleep_until", "to_the_end"),
-    "entry": ("bare", "run"),
-    "exits": ("Exit", "INTERRUPTED"),
-    "flights": (
+    "clock": ("Quiet", "precise_loop", "sleep_until", "to_the_end", "wall_ms"),
+    "document": ("replace_between_markers", "split_at_markers"),
+    "entry": ("Exit", "INTERRUPTED", "raw_stream", "require_matplotlib", "run"),
+    "line_writer": ("LineWriter",),
+    "recordings": (
         "RecordingConfig",
-        "being_written",
         "folder_of",
-        "for_us_alone",
         "free_name",
-        "made_folder",
-        "recordings",
+        "is_being_written",
+        "list_recordings",
+        "make_folder",
+        "open_private",
         "tidy",
     ),
-    "lock": ("Taken", "lock_path", "only_one"),
-    "outlet": ("Outlet",),
-    "pictures": ("need_matplotlib",),
-    "place": (
+    "register": (
         "ApiError",
+        "BRIDGE",
         "FILE",
         "FOLDER",
+        "Running",
         "SERVICES",
         "StatusConfig",
-        "claim",
-        "directory",
-        "find",
+        "Taken",
+        "claim_socket",
+        "find_socket",
+        "foreign_services",
+        "hold_lock",
+        "is_ours",
         "is_served",
-        "ours",
+        "lock_path",
         "owner",
-        "serving",
+        "registration",
+        "running_processes",
+        "send_signal",
+        "served_sockets",
+        "socket_folder",
         "socket_path",
     ),
-    "quiet": ("Quiet",),
-    "register": ("BRIDGE", "Running", "registered", "running", "send", "strangers"),
     "version": ("__version__",),
-    "wall_clock": ("wall_ms",),
 }
 
 

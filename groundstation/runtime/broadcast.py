@@ -1,4 +1,4 @@
-"""The newest value to any number of readers, without a queue: a slow reader misses values, and delays nobody."""
+"""Broadcast: the newest value to any number of readers, without a queue: a slow one misses values and delays nobody."""
 
 import asyncio
 from collections.abc import AsyncIterator

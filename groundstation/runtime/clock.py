@@ -1,4 +1,4 @@
-"""Event loop's clock: waiting until an instant of it, exactly and without drift, and to an end, come what may.
+"""Clocks: waiting on the event loop's, exactly and without drift; its quiet moments; and the time of day.
 
 asyncio's own timers, on epoll(7), are up to a millisecond late; those of the loop that is made here come on time.
 """
@@ -6,6 +6,8 @@ asyncio's own timers, on epoll(7), are up to a millisecond late; those of the lo
 import asyncio
 import select
 import selectors
+import time
+from collections import deque
 from collections.abc import Awaitable
 from typing import TypeVar
 
@@ -63,3 +65,42 @@ class PreciseSelector(selectors.EpollSelector):
 def precise_loop() -> asyncio.AbstractEventLoop:
     """An event loop for :class:`asyncio.Runner`."""
     return asyncio.SelectorEventLoop(PreciseSelector())
+
+
+def wall_ms() -> int:
+    """Time of day, since 1970 [ms]: by it two machines agree whether a request has expired."""
+    return time.time_ns() // 1_000_000
+
+
+WITHIN_S = 0.05
+"""Where no command leaves, it is done after so long all the same [s]."""
+
+
+class Quiet:
+    """When work that can wait is done: just after a command has left, as the next pose is then farthest away.
+
+    For one flight, or one after the other. Belongs to one event loop.
+    """
+
+    def __init__(self) -> None:
+        """Nothing waits."""
+        self._waiting: deque[asyncio.Future[None]] = deque()
+
+    def begin(self) -> None:
+        """A command has just left: what has waited longest has its turn, and nothing else before the next command."""
+        while self._waiting:
+            moment = self._waiting.popleft()
+            if not moment.done():
+                moment.set_result(None)
+                return
+
+    def moment(self) -> asyncio.Future[None]:
+        """The next quiet moment that nobody has before, no later than ``WITHIN_S`` from now; await it, or cancel it."""
+        loop = asyncio.get_running_loop()
+        moment: asyncio.Future[None] = loop.create_future()
+        timer = loop.call_later(WITHIN_S, _wake, moment)
+        moment.add_done_callback(lambda _: timer.cancel())
+        while self._waiting and self._waiting[0].done():  # on the ground no command takes them out
+            self._waiting.popleft()
+        self._waiting.append(moment)
+        return moment

@@ -1,4 +1,4 @@
-"""How a program begins and ends: its commands, its exit codes, and output that nobody takes."""
+"""Entry point: how a program begins and ends: its commands, its exit codes, and output that nobody takes."""
 
 import argparse
 import contextlib
@@ -7,6 +7,7 @@ import importlib
 import os
 import sys
 from collections.abc import Callable, Iterator
+from enum import IntEnum
 
 from links.core import printable
 
@@ -14,8 +15,22 @@ TYPE_CHECKING = False  # typing's own would have to be imported, also for --help
 if TYPE_CHECKING:
     from typing import Any, TextIO
 
-UNREAD = 1
-"""Exit code of a program whose output nobody takes."""
+
+class Exit(IntEnum):
+    """Exit codes of flying, and of what is like it in all commands."""
+
+    DONE = 0
+    """Landed, or did what it was asked to."""
+    FAULT = 1
+    """Ended otherwise than asked: aborted, killed, or landed because of a fault."""
+    USAGE = 2
+    """A bad configuration or command line; nothing was opened."""
+    TAKEN = 3
+    """Another ground station flies this vehicle already."""
+
+
+INTERRUPTED = 130
+"""Ctrl-C outside a flight."""
 
 
 def run(parser: Callable[[], argparse.ArgumentParser], commands: str) -> int:
@@ -23,11 +38,11 @@ def run(parser: Callable[[], argparse.ArgumentParser], commands: str) -> int:
 
     Where whoever reads the output has gone (``| head``), or the disk is full, it ends without a trace.
     """
-    with _unsteered():
+    with _guard_output():
         return _run(parser, commands)
 
 
-class _Unsteered:
+class _GuardedStream:
     """A stream on which nothing steers a terminal, whatever is quoted there: only lines and tabs pass of controls."""
 
     def __init__(self, stream: "TextIO") -> None:
@@ -45,16 +60,16 @@ class _Unsteered:
             self.write(line)
 
 
-def bare(stream: "TextIO") -> "TextIO":
+def raw_stream(stream: "TextIO") -> "TextIO":
     """``stream`` as it was, for what draws with escape sequences of its own and quotes nobody unwashed."""
-    return stream.bare if isinstance(stream, _Unsteered) else stream
+    return stream.bare if isinstance(stream, _GuardedStream) else stream
 
 
 @contextlib.contextmanager
-def _unsteered() -> Iterator[None]:
+def _guard_output() -> Iterator[None]:
     """Guard standard output and standard error: what is printed may come from a vehicle, a broker, or a recording."""
     before = sys.stdout, sys.stderr
-    sys.stdout, sys.stderr = map(_Unsteered, before)  # all else is the stream's own
+    sys.stdout, sys.stderr = map(_GuardedStream, before)  # all else is the stream's own
     try:
         yield
     finally:
@@ -63,24 +78,24 @@ def _unsteered() -> Iterator[None]:
 
 def _run(parser: Callable[[], argparse.ArgumentParser], commands: str) -> int:
     try:
-        code = _done(parser(), commands)
+        code = _execute(parser(), commands)
         sys.stdout.flush()
     except BrokenPipeError:
         _hush()
-        return UNREAD
+        return Exit.FAULT
     except OSError as error:
         if error.errno != errno.ENOSPC:
             raise
         _hush()
         print(f"the output cannot be written: {error.strerror}", file=sys.stderr)
-        return UNREAD
+        return Exit.FAULT
     return code
 
 
-def _done(parser: argparse.ArgumentParser, commands: str) -> int:
+def _execute(parser: argparse.ArgumentParser, commands: str) -> int:
     if len(sys.argv) == 1:
         parser.print_help(sys.stderr)
-        return 2
+        return Exit.USAGE
     args = parser.parse_args()
     # Only now: --help must not wait for what a command needs.
     from groundstation.config import ConfigError
@@ -90,12 +105,92 @@ def _done(parser: argparse.ArgumentParser, commands: str) -> int:
         return int(does(args))
     except ConfigError as error:
         print(f"{parser.prog}: {error}", file=sys.stderr)
-        return 2
+        return Exit.USAGE
     except KeyboardInterrupt:
         print(f"{parser.prog}: interrupted", file=sys.stderr)
-        return 130
+        return INTERRUPTED
 
 
 def _hush() -> None:
     """What is still to be written goes nowhere: Python would complain of it at its end."""
     os.dup2(os.open(os.devnull, os.O_WRONLY), 1)
+
+
+CODES: dict[str, dict[int, str]] = {
+    "fly": {
+        0: "landed",
+        1: "aborted, killed, handed over, not confirmed, or landed because of a fault",
+        3: "another ground station flies this vehicle already",
+    },
+    "daemon": {
+        0: "SIGTERM or SIGINT ended it, with the vehicle landed or never armed; with `--once`: landed",
+        1: "the last flight was aborted, killed or handed over, or something failed at the start",
+        3: "another ground station flies this vehicle already, or its socket can't be served",
+    },
+    "fleet": {
+        0: "every vehicle landed, or was never armed",
+        1: "one of them was aborted, killed or handed over, landed because of a fault, or its core has died",
+    },
+    "service": {0: "the unit file is printed"},
+    "request": {
+        0: "done: the answer is printed",
+        1: "refused: the reason is printed",
+        2: "nobody there, or not clear who is meant",
+    },
+    "stop-all": {
+        0: "every flight has answered, or none is there",
+        1: "one did not answer, and got a signal; or `--kill` was not confirmed",
+    },
+    "health": {0: "alive and well", 1: "stale, or no command leaves in flight", 2: "no daemon runs"},
+    "check": {
+        0: "ready to fly",
+        1: "a check fails, or (`--watch`) no poses",
+        3: "(`--watch`) no such source",
+    },
+    "carry": {
+        0: "the axes are found",
+        1: "a move contradicts, or was not made",
+        3: "poses or autopilot can't be heard",
+    },
+    "doctor": {0: "nothing to change", 1: "something to change, or not confirmed", 3: "no answer, or a refusal"},
+    "props-off": {
+        0: "passed, and kept on file",
+        1: "not proven, interrupted, or it could not go on: the motors were ordered off",
+        3: "another ground station flies this vehicle",
+    },
+    "trajectory": {0: "PASS", 1: "FAIL"},
+    "identify": {0: "something was found", 1: "the flight tells nothing of thrust, lags and delay"},
+    "replay": {
+        0: "the same to the last bit (own recordings), or within its limits (.tlog)",
+        1: "it differs, or the recording is damaged",
+    },
+}
+"""What the codes of a command mean; those not named here have 0 for done and 1 for not done. 2 is usage in all."""
+
+
+def exit_code_table() -> str:
+    """The table of docs/reference/exit-codes.md."""
+    lines = ["| command | code | means |", "|---|---|---|"]
+    for command, codes in CODES.items():
+        lines += [f"| `{command}` | {code} | {means} |" for code, means in codes.items()]
+    lines += [
+        "| all others | 0 | done |",
+        "| all others | 1 | not done: the reason is printed |",
+        "| all | 2 | a bad command line or configuration; nothing was opened |",
+        f"| all | {INTERRUPTED} | Ctrl-C, outside a flight |",
+    ]
+    return "\n".join(lines)
+
+
+def require_matplotlib(key: str, says: str) -> None:
+    """Find out whether pictures can be drawn, before any work is done that ends in one: matplotlib is an extra.
+
+    Raises:
+        ConfigError: matplotlib is not installed; it is said by ``key`` and in the words ``says``.
+    """
+    from groundstation.config import ConfigError
+
+    try:
+        import matplotlib as _  # noqa: F401  # only whether it is there
+    except ImportError:
+        raise ConfigError(key, says) from None

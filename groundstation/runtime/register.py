@@ -1,19 +1,208 @@
-"""The register of what runs: one file a process, in this user's folder of sockets, locked for as long as it lives.
+"""Register of what runs: its sockets, the lock of each vehicle, and one file a process, locked for as long as it lives.
 
-So whoever wants all of them finds those too whose status socket is elsewhere, is not served, or does not answer.
+By the files, whoever wants all of them finds those too whose status socket is elsewhere, is not served, or does not
+answer. What lies in a folder must be this user's alone: others could put a file or a socket of theirs in its place.
 """
 
+import asyncio
 import fcntl
 import os
 import signal
+import stat
 import tempfile
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
+from glob import escape
 from pathlib import Path
+from typing import Annotated
 
 import msgspec
 
-from groundstation.runtime.place import FILE, FOLDER, SERVICES, directory, ours, own_directory
+FOLDER, FILE = stat.S_ISDIR, stat.S_ISREG
+
+
+def is_ours(found: os.stat_result, kind: Callable[[int], bool]) -> bool:
+    """Whether it is of that kind, this user's, and nobody else may write it; ``found`` is of lstat(2): no link is."""
+    return kind(found.st_mode) and found.st_uid == os.geteuid() and not found.st_mode & 0o022
+
+
+SERVICES = Path("/run/groundstation")
+"""Here every service of the machine has a folder of its own: ``groundstation service`` makes it so."""
+
+
+class StatusConfig(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
+    """The socket that screens and requests attach to."""
+
+    path: str = ""
+    """Path of the UNIX socket; empty means ``$XDG_RUNTIME_DIR/groundstation/VEHICLE.sock``, or else in /tmp."""
+    rate_hz: Annotated[float, msgspec.Meta(ge=1.0, le=50.0)] = 5.0
+    """Most snapshots a second to each client [1/s]; screens call it silence when none comes for 1.5 s."""
+
+
+class ApiError(Exception):
+    """The socket can't be opened or read; the text says why and what to do."""
+
+
+def socket_folder() -> Path:
+    """The folder of this user's sockets; a service has the one that its manager made for it."""
+    service = os.environ.get("RUNTIME_DIRECTORY", "").partition(":")[0]
+    if service.startswith("/"):
+        return Path(service)
+    runtime = os.environ.get("XDG_RUNTIME_DIR", "")
+    return Path(runtime) / "groundstation" if runtime.startswith("/") else Path(f"/tmp/groundstation-{os.getuid()}")  # noqa: S108  # checked before use, see own_directory
+
+
+def socket_path(config: StatusConfig, vehicle: str) -> Path:
+    """Where the socket of ``vehicle`` is, to serve at."""
+    return Path(config.path) if config.path else socket_folder() / f"{vehicle}.sock"
+
+
+async def find_socket(vehicle: str | None, services: Path = SERVICES) -> Path:
+    """The socket of ``vehicle``, to attach to: this user's, or else a service's; without a name, of the only one.
+
+    Raises:
+        ApiError: nobody serves it, or more than one could be meant.
+    """
+    served = await served_sockets(vehicle, services)
+    if not served:
+        whom = "a vehicle" if vehicle is None else repr(vehicle)
+        raise ApiError(
+            f"nobody flies {whom} here (looked in {socket_folder()} and {services}): name it by --vehicle, "
+            "or its socket by --socket"
+        )
+    if len(served) > 1:
+        several = ", ".join(str(path) for path in served)
+        raise ApiError(f"more than one could be meant: name one by --vehicle or --socket: {several}")
+    return served[0]
+
+
+async def served_sockets(vehicle: str | None, services: Path = SERVICES) -> list[Path]:
+    """The sockets of ``vehicle``, or without a name of all, that somebody serves: this user's first."""
+    found = _sockets("*" if vehicle is None else escape(vehicle), services)
+    return [path for path in found if await is_served(path)]
+
+
+def owner(path: Path) -> str:
+    """Who owns ``path``, or else what can be seen of it: the nearest folder above."""
+    for seen in (path, *path.parents):
+        try:
+            return seen.owner()
+        except KeyError:  # a number without a name
+            return f"#{seen.stat().st_uid}"
+        except OSError:
+            continue
+    return "root"
+
+
+def _sockets(name: str, services: Path) -> list[Path]:
+    found = (*sorted(socket_folder().glob(f"{name}.sock")), *sorted(services.glob(f"*/{name}.sock")))
+    return [path for path in found if path.is_socket()]
+
+
+async def is_served(path: Path) -> bool:
+    """Whether somebody listens; where we may not look, somebody may."""
+    try:
+        _, writer = await asyncio.open_unix_connection(path)
+    except PermissionError:
+        return True
+    except OSError:
+        return False
+    writer.close()
+    return True
+
+
+def own_directory(folder: Path) -> None:
+    """Make ``folder`` where it is missing, for us alone.
+
+    Raises:
+        ApiError: it belongs to somebody else, or others may write to it.
+    """
+    try:
+        folder.mkdir(mode=0o700, parents=True, exist_ok=True)
+        info = folder.lstat()
+    except OSError as error:
+        raise ApiError(f"folder {folder} of the status socket: {error.strerror}") from error
+    if not is_ours(info, FOLDER):
+        raise ApiError(
+            f"folder {folder} of the status socket must be a folder that belongs to you and that nobody else "
+            "may write to: another program could take the socket's place; set status.path"
+        )
+
+
+async def claim_socket(path: Path) -> None:
+    """Make ``path`` free for us: the folder is ours, and what a dead process left there is removed.
+
+    Raises:
+        ApiError: another ground station serves there, or the path can't be used.
+    """
+    own_directory(path.parent)
+    if not _is_socket(path):
+        return
+    try:
+        _, writer = await asyncio.open_unix_connection(path)
+    except ConnectionRefusedError:
+        os.unlink(path)  # noqa: PTH108  # a local file, on the ground
+    except OSError as error:
+        raise ApiError(f"status socket {path}: {error.strerror}") from error
+    else:
+        writer.close()
+        raise ApiError(
+            f"status socket {path}: another ground station is serving this vehicle; stop it, "
+            "or give this one another vehicle.name or status.path"
+        )
+
+
+def _is_socket(path: Path) -> bool:
+    """Whether a socket is there; False where nothing is.
+
+    Raises:
+        ApiError: something else is there.
+    """
+    try:
+        mode = path.lstat().st_mode
+    except FileNotFoundError:
+        return False
+    if not stat.S_ISSOCK(mode):
+        raise ApiError(f"status socket {path}: a file that is not a socket is there; move it away")
+    return True
+
+
+class Taken(Exception):
+    """Another ground station flies this vehicle."""
+
+
+@contextmanager
+def hold_lock(path: Path, vehicle: str) -> Iterator[None]:
+    """Hold the lock at ``path`` for as long as this lasts. It falls with the process, however that ends.
+
+    The file stays: to remove it would let a third take a lock of the same name beside the second's.
+
+    Raises:
+        Taken: another process holds it.
+        ApiError: its folder is not ours alone.
+    """
+    own_directory(path.parent)
+    number = os.open(path, os.O_RDWR | os.O_CREAT | os.O_CLOEXEC | os.O_NOFOLLOW, 0o600)
+    try:
+        try:
+            fcntl.flock(number, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except BlockingIOError:
+            pid = os.read(number, 20).decode(errors="replace").strip()
+            raise Taken(
+                f"{vehicle} is flown by another ground station already (process {pid}, lock {path}): stop that one, "
+                "or give this one another vehicle.name or status.path"
+            ) from None
+        os.ftruncate(number, 0)
+        os.pwrite(number, f"{os.getpid()}\n".encode(), 0)
+        yield
+    finally:
+        os.close(number)
+
+
+def lock_path(socket: Path) -> Path:
+    """The lock beside a socket."""
+    return socket.with_suffix(".lock")
+
 
 SUFFIX = ".running"
 BRIDGE = "rf-bridge"
@@ -39,13 +228,13 @@ class Running(msgspec.Struct, frozen=True, kw_only=True):
 
 
 @contextmanager
-def registered(one: Running) -> Iterator[None]:
+def registration(one: Running) -> Iterator[None]:
     """Keep ``one`` in the register for as long as this lasts; it goes with the process, however that ends.
 
     Raises:
         ApiError: the folder is not ours alone.
     """
-    folder = directory()
+    folder = socket_folder()
     own_directory(folder)
     number, draft = tempfile.mkstemp(dir=folder)  # 0600, and O_CLOEXEC
     path = Path(draft).with_suffix(SUFFIX)
@@ -60,17 +249,17 @@ def registered(one: Running) -> Iterator[None]:
         os.close(number)
 
 
-def running(services: Path = SERVICES) -> list[Running]:
+def running_processes(services: Path = SERVICES) -> list[Running]:
     """What runs for this user, but for this process; what dead ones have left is removed."""
     found = []
     for folder in sorted({*_folders(), *_services(services)}):
         with suppress(OSError):
-            if ours(folder.lstat(), FOLDER):
-                found += [one for path in sorted(folder.glob(f"*{SUFFIX}")) if (one := _read(path)) is not None]
+            if is_ours(folder.lstat(), FOLDER):
+                found += [one for path in sorted(folder.glob(f"*{SUFFIX}")) if (one := _read_entry(path)) is not None]
     return sorted((one for one in found if one.pid != os.getpid()), key=lambda one: (one.vehicle, one.pid))
 
 
-def strangers(services: Path = SERVICES) -> list[Path]:
+def foreign_services(services: Path = SERVICES) -> list[Path]:
     """Folders of services that run for another user."""
     return [folder for folder in _services(services) if folder.stat().st_uid != os.geteuid()]
 
@@ -79,8 +268,8 @@ def _folders() -> set[Path]:
     """Where processes of this user may have registered: not every shell of theirs has a runtime folder."""
     told, usual = os.environ.get("XDG_RUNTIME_DIR", ""), f"/run/user/{os.getuid()}"
     if told not in ("", usual):
-        return {directory()}
-    return {directory(), Path(usual) / "groundstation", Path(f"/tmp/groundstation-{os.getuid()}")}  # noqa: S108  # each is checked
+        return {socket_folder()}
+    return {socket_folder(), Path(usual) / "groundstation", Path(f"/tmp/groundstation-{os.getuid()}")}  # noqa: S108  # each is checked
 
 
 def _services(services: Path) -> list[Path]:
@@ -90,14 +279,14 @@ def _services(services: Path) -> list[Path]:
         return []
 
 
-def _read(path: Path) -> Running | None:
+def _read_entry(path: Path) -> Running | None:
     """What ``path`` tells; None where its process is dead, or it is none of ours."""
     try:
         number = os.open(path, os.O_RDONLY | os.O_CLOEXEC | os.O_NOFOLLOW | os.O_NONBLOCK)
     except OSError:
         return None
     try:
-        if not ours(os.fstat(number), FILE):
+        if not is_ours(os.fstat(number), FILE):
             return None
         if not _is_locked(number):
             path.unlink(missing_ok=True)
@@ -117,7 +306,7 @@ def _is_locked(number: int) -> bool:
     return False
 
 
-def send(one: Running, number: signal.Signals) -> bool:
+def send_signal(one: Running, number: signal.Signals) -> bool:
     """Send a signal to the process of ``one``; False where it has ended.
 
     Its number can't have become another's: it is held fast first, and then the register must still have it.
@@ -127,7 +316,7 @@ def send(one: Running, number: signal.Signals) -> bool:
     except OSError:
         return False
     try:
-        if one not in running():
+        if one not in running_processes():
             return False
         signal.pidfd_send_signal(held, number)
     except ProcessLookupError:

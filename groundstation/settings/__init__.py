@@ -2,15 +2,9 @@
 
 TYPE_CHECKING = False
 if TYPE_CHECKING:
-    from groundstation.settings.hold_to_run import OperatorConfig
-    from groundstation.settings.mqtt import MqttConfig, RemoteAsk, asks
-    from groundstation.settings.settings import Config, FlightConfig, LinkConfig
+    from groundstation.settings.settings import Config, FlightConfig, LinkConfig, MqttConfig, OperatorConfig
 
-_MODULES = {
-    "hold_to_run": ("OperatorConfig",),
-    "mqtt": ("MqttConfig", "RemoteAsk", "asks"),
-    "settings": ("Config", "FlightConfig", "LinkConfig"),
-}
+_MODULES = {"settings": ("Config", "FlightConfig", "LinkConfig", "MqttConfig", "OperatorConfig")}
 
 
 def __getattr__(name: str) -> object:

@@ -1,22 +1,167 @@
-"""The whole configuration of a ground station: one TOML file, one section a struct in that thing's own file."""
+"""Settings: the whole configuration of a ground station, one TOML file. Most sections stand with their thing."""
 
+import re
 from typing import Annotated, Literal, TypeAlias
 
 import msgspec
 
+from groundstation.config import CLIENT_LETTERS, NAME, describe_name, is_name
 from groundstation.core.control import ControllerConfig, Gains
+from groundstation.core.messages import RemoteAsk
 from groundstation.core.safety import FenceConfig, GuardsConfig, LandingConfig, SeparationConfig, TakeoffConfig
 from groundstation.core.trajectory import LemniscateConfig, TrajectoryConfig
 from groundstation.core.vehicle import LimitsConfig, Vehicle
 from groundstation.pose import GateConfig, PoseConfig, ShowsOthers
 from groundstation.pose.sources import MavlinkPoseConfig, ViconConfig, VisionConfig
 from groundstation.runtime import RecordingConfig, StatusConfig
-from groundstation.settings.hold_to_run import OperatorConfig
-from groundstation.settings.mqtt import MqttConfig
 from links.bridge import BridgeLinkConfig
 from links.core import full_thrust_n
+from links.io import is_loopback
 from links.mavlink.protocol import ForwardConfig, MavlinkLinkConfig
 from links.rf import RfConfig
+
+PORT, PORT_TLS = 1883, 8883
+"""What IANA has registered, without and with TLS."""
+
+
+class TlsConfig(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
+    """Encryption, and who the broker proves to be."""
+
+    enabled: bool = False
+    """Speak TLS."""
+    ca_file: str = ""
+    """PEM file of the authority that has signed the broker's certificate; empty for those that the system trusts."""
+    cert_file: str = ""
+    """PEM file of our own certificate, where the broker asks for one; empty for none."""
+    key_file: str = ""
+    """PEM file of its private key, mode 0600."""
+    verify: bool = True
+    """Check the broker's certificate and name. Without it anybody may pose as the broker: a warning at each start."""
+
+    def __post_init__(self) -> None:
+        """Check what the fields alone can't.
+
+        Raises:
+            ValueError: half of a certificate, or files that nobody reads.
+        """
+        if bool(self.cert_file) != bool(self.key_file):
+            raise ValueError("cert_file and key_file: expected both, or none")
+        if not self.enabled and (self.ca_file or self.cert_file or not self.verify):
+            raise ValueError("enabled: expected true where any other key of TLS is set, got false")
+
+
+class ClientConfig(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
+    """One client that may ask by MQTT."""
+
+    key_file: str
+    """File with the key that it shares with us, mode 0600; `groundstation mqtt make-key FILE` makes one."""
+    may: Annotated[tuple[RemoteAsk, ...], msgspec.Meta(min_length=1)]
+    """What it may ask."""
+
+
+class RequestsConfig(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
+    """Requests by MQTT."""
+
+    enabled: bool = False
+    """Take any at all."""
+    clients: dict[str, ClientConfig] = {}
+    """Who may ask, by name."""
+
+    def __post_init__(self) -> None:
+        """Check what the fields alone can't.
+
+        Raises:
+            ValueError: nobody may ask, or a name that is none.
+        """
+        if self.enabled and not self.clients:
+            raise ValueError("clients: expected at least one where enabled = true; or leave requests off")
+        for name in self.clients:
+            if not is_name(name, CLIENT_LETTERS):
+                raise ValueError(f"clients: expected {describe_name(CLIENT_LETTERS)}, got {name!r}")
+
+
+class MqttConfig(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
+    """The broker to publish to."""
+
+    enabled: bool = False
+    """Publish at all."""
+    host: Annotated[str, msgspec.Meta(min_length=1)] = "127.0.0.1"
+    """Name or address of the broker, as in its certificate."""
+    port: Annotated[int, msgspec.Meta(ge=1, le=65535)] | None = None
+    """TCP port of the broker; without it 8883 with TLS, 1883 without."""
+    tls: TlsConfig = TlsConfig()
+    insecure: bool = False
+    """Speak to another machine without TLS: whoever is on the network reads everything, passwords too."""
+    username: str = ""
+    """Name to log in with; empty for none."""
+    password_file: str = ""
+    """File whose first line is the password, mode 0600; empty for none."""
+    prefix: Annotated[str, msgspec.Meta(pattern=rf"\A{NAME}(/{NAME})*\Z", max_length=64)] = "groundstation"
+    """First part of every topic."""
+    rate_hz: Annotated[float, msgspec.Meta(gt=0.0, le=50.0)] = 5.0
+    """Most snapshots a second [1/s]."""
+    health_period_s: Annotated[float, msgspec.Meta(ge=0.1, le=3600.0)] = 5.0
+    """Time between two words about the connection itself [s]."""
+    requests: RequestsConfig = RequestsConfig()
+
+    def __post_init__(self) -> None:
+        """Check what the fields alone can't.
+
+        Raises:
+            ValueError: what is published would cross a network in clear, and nobody has said that it may.
+        """
+        if self.enabled and not self.tls.enabled and not self.insecure and not is_loopback(self.host):
+            raise ValueError(
+                f"host: {self.host!r} is another machine, and nothing would be encrypted: "
+                "set mqtt.tls.enabled = true, or mqtt.insecure = true if everybody on the network may read it"
+            )
+        if self.password_file and not self.username:
+            raise ValueError("username: expected a name beside password_file")
+
+    @property
+    def tcp_port(self) -> int:
+        """The port in force."""
+        return self.port or (PORT_TLS if self.tls.enabled else PORT)
+
+
+_INPUT = re.compile(r"(?:KEY|BTN|ABS)_[A-Z0-9_]+")
+_CHANNEL = re.compile(r"rc:([1-9]|1[0-8])")
+
+
+class OperatorConfig(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
+    """The operator's own dead man: let go, or lost, it lands. Config section ``[operator]``."""
+
+    hold: str = ""
+    """What is held to fly: a key, button or axis as evtest(1) names it (``BTN_TR``, ``KEY_B``, ``ABS_RZ``), or
+    ``rc:1`` to ``rc:18``, a channel of the transmitter as the autopilot hears it (link.kind mavlink). Empty: none."""
+    device: str = ""
+    """The input device that has it: its path (/dev/input/by-id/…-event-joystick), or a part of its name. Empty: the
+    only one that has it."""
+    above: Annotated[float, msgspec.Meta(ge=0.2, le=0.95)] = 0.75
+    """An axis or a channel is held from this share of its travel on [-], and let go 0.1 below it; a stick that rests in
+    the middle is at 0.5, and a channel goes from 1000 to 2000 µs."""
+    grab: bool = False
+    """Keep what the device sends from everybody else, as for a pedal that types letters. Never for the keyboard in
+    use: its Ctrl-C would reach nobody."""
+
+    def ensure_named(self) -> None:
+        """Check what the types cannot.
+
+        Raises:
+            ValueError: ``hold`` names nothing that can be held.
+        """
+        if self.hold and not _INPUT.fullmatch(self.hold) and not _CHANNEL.fullmatch(self.hold):
+            raise ValueError(
+                "operator.hold: expected a key, button or axis as evtest names it, such as BTN_TR, KEY_B or ABS_RZ, or "
+                f"rc:1 to rc:18, got {self.hold!r}"
+            )
+
+    @property
+    def channel(self) -> int | None:
+        """The transmitter's channel, from 1 on; None where it is none."""
+        found = _CHANNEL.fullmatch(self.hold)
+        return None if found is None else int(found[1])
+
 
 HOVER_TOLERANCE = 0.02
 """Hover thrust is rounded where autopilots show it: so much may the full thrust by it fall short, as a share."""

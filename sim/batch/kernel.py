@@ -24,7 +24,7 @@ import numpy as np
 import numpy.typing as npt
 
 from groundstation.core.geometry import arrays
-from groundstation.runtime import FILE, FOLDER, ours
+from groundstation.runtime import FILE, FOLDER, is_ours
 from sim.batch.trace import Operand, Program, Symbol
 
 FLAGS = ("-std=gnu99", "-O1", "-ftree-vectorize", "-shared", "-fPIC", "-nostdlib")
@@ -98,7 +98,7 @@ def _cache() -> Path | None:
 def _own(path: Path, kind: Callable[[int], bool]) -> bool:
     """Whether it is there, and this user's alone."""
     try:
-        return ours(path.lstat(), kind)
+        return is_ours(path.lstat(), kind)
     except OSError:
         return False
 

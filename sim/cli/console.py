@@ -5,7 +5,7 @@ from pathlib import Path
 from types import TracebackType
 from typing import Any
 
-from groundstation.runtime import bare
+from groundstation.runtime import raw_stream
 from sim.runs import STEADY_S
 
 PAPER = {"rms_cm": 4.61, "max_cm": 7.6, "settle_s": 5.0}
@@ -33,7 +33,7 @@ class Progress:
                 BarColumn(),
                 TextColumn(self._format),
                 TimeElapsedColumn(),
-                console=Console(file=bare(sys.stderr)),
+                console=Console(file=raw_stream(sys.stderr)),
             )
             self._bar.start()
             self._task = self._bar.add_task("fly", total=self._duration)
@@ -73,7 +73,7 @@ class Counter:
                 BarColumn(),
                 MofNCompleteColumn(),
                 TimeRemainingColumn(),
-                console=Console(file=bare(sys.stderr)),
+                console=Console(file=raw_stream(sys.stderr)),
             )
             self._bar.start()
             self._task = self._bar.add_task(self._what, total=self._total)

@@ -14,7 +14,7 @@ def serve(args: argparse.Namespace) -> int:
 
     scenario = scenario_of(args.scenario)
     if args.fleet is not None:
-        from groundstation.lab.fleet import read_fleet
+        from groundstation.lab import read_fleet
 
         truth, told = by_side(args.overrides, None)
         world, fleet = overridden(scenario.world, truth), read_fleet(args.fleet, told)

@@ -11,7 +11,7 @@ import msgspec
 
 from groundstation.core.mission import State
 from groundstation.flight import Flight, Outcome
-from groundstation.lab.fleet import Fleet, Relay, read_fleet
+from groundstation.lab import FleetPlan, Relay, read_fleet
 from groundstation.recording import make_flight
 from groundstation.runtime import sleep_until
 from groundstation.settings import Config
@@ -28,7 +28,7 @@ APART_S = 0.1
 """From one vehicle's arming to the next one's [s]."""
 
 FleetScript: TypeAlias = Callable[[dict[str, Flight], FleetStage], Coroutine[Any, Any, None]]
-Change: TypeAlias = Callable[[list[World], Fleet], tuple[list[World], Fleet]]
+Change: TypeAlias = Callable[[list[World], FleetPlan], tuple[list[World], FleetPlan]]
 
 
 class FleetMission(msgspec.Struct, frozen=True, kw_only=True):
@@ -80,7 +80,7 @@ def fly_fleet(
 
 async def _fly(
     worlds: Sequence[World],
-    fleet: Fleet,
+    fleet: FleetPlan,
     seed: int,
     autopilot: str,
     script: FleetScript | None,

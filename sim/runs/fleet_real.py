@@ -15,7 +15,7 @@ from typing import Any
 import msgspec
 
 from groundstation.core.mission import State
-from groundstation.lab.fleet import Fleet, read_fleet
+from groundstation.lab import FleetPlan, read_fleet
 from groundstation.recording import NoRecording, Recording
 from groundstation.settings import Config
 from links.core import make_child_command
@@ -93,7 +93,7 @@ async def _fly(
     return {"vehicles": tuple(vehicles), "nearest": tracks.nearest(names, starts), "duration_s": duration}
 
 
-async def _stations(file: Path, fleet: Fleet, folder: Path) -> asyncio.subprocess.Process:
+async def _stations(file: Path, fleet: FleetPlan, folder: Path) -> asyncio.subprocess.Process:
     """``groundstation fleet``, every vehicle armed without asking, its sockets in ``folder``."""
     arm = [word for member in fleet.members for word in ("--arm", member.name)]
     return await asyncio.create_subprocess_exec(

@@ -7,7 +7,7 @@ from collections.abc import AsyncIterator, Mapping
 import msgspec
 
 from groundstation.config import ConfigError
-from groundstation.lab.fleet import Fleet
+from groundstation.lab import FleetPlan
 from groundstation.pose import PoseConfig
 from groundstation.pose.sources import JsonConfig, NatNetConfig, QualisysConfig, ViconConfig, VisionConfig
 from groundstation.settings import Config
@@ -79,7 +79,7 @@ async def serve(
 
 
 async def serve_fleet(
-    world: World, fleet: Fleet, *, seed: int, duration_s: float | None, autopilot: str = "px4"
+    world: World, fleet: FleetPlan, *, seed: int, duration_s: float | None, autopilot: str = "px4"
 ) -> int:
     """Serve a vehicle like that of ``world`` for each of a fleet, below where its trajectory begins.
 

@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 
-from groundstation.interfaces.mqtt import Broker as Address
+from groundstation.interfaces.mqtt import MqttBroker as Address
 from groundstation.interfaces.mqtt import from_url
 from tests.e2e.test_mqtt import free_tcp_port
 

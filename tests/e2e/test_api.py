@@ -16,11 +16,11 @@ import msgspec
 import pytest
 
 from groundstation.core.messages import Ask, Request, Snapshot
-from groundstation.interfaces.api import Control, Server, asked, snapshots
+from groundstation.interfaces.api import Control, Server, ask_station, snapshots
 from groundstation.interfaces.api import server as api_server
-from groundstation.interfaces.api.client import attached
-from groundstation.interfaces.api.messages import Hello
-from groundstation.runtime import ApiError, Latest, StatusConfig, find, socket_path
+from groundstation.interfaces.api.client import open_client
+from groundstation.interfaces.api.messages import StationHello
+from groundstation.runtime import ApiError, Latest, StatusConfig, find_socket, socket_path
 from tests.sample_flight import Sampled, sample
 
 Scene = Callable[[Path, Latest[Snapshot]], Coroutine[Any, Any, None]]
@@ -115,7 +115,7 @@ def test_whoever_may_not_open_the_socket_is_told_whose_it_is(tmp_path: Path) -> 
             whose = path.owner()
             path.chmod(0)
             with as_nobody(), pytest.raises(ApiError, match=f"is for user {whose} alone: .* sudo -u {whose}"):
-                await asked(Ask.LAND, None, path, "")
+                await ask_station(Ask.LAND, None, path, "")
 
     asyncio.run(work())
 
@@ -214,7 +214,7 @@ def test_a_flood_of_orders_waits_in_its_own_socket_and_the_others_are_served(tmp
             await asyncio.sleep(0.3)
             assert not flood.done()
             assert 0 < len(core.asked) <= api_server.ORDERS_BURST + api_server.ORDERS_HZ * 0.4
-            async with attached(path) as client:
+            async with open_client(path) as client:
                 answer = await client.ask(Request(Ask.LAND, "too windy"))
                 assert answer.done
                 latest.put(sample(2.0))
@@ -301,9 +301,9 @@ def test_one_client_holds_control_until_it_goes_and_anyone_may_land(tmp_path: Pa
     async def scene(path: Path, latest: Latest[Snapshot]) -> None:
         core = Sampled()
         me = f"tui {os.getpid()}"
-        async with served(path, latest, core=core), attached(path, "other") as other:
+        async with served(path, latest, core=core), open_client(path, "other") as other:
             assert other.control == Control(None, False)
-            async with attached(path, "tui") as holder:
+            async with open_client(path, "tui") as holder:
                 assert (await holder.take_control()).done
                 assert (await anext(other)) == Control(None, False)
                 assert (await anext(other)) == Control(me, False)
@@ -328,7 +328,7 @@ def test_one_client_holds_control_until_it_goes_and_anyone_may_land(tmp_path: Pa
 def test_arming_names_the_vehicle(tmp_path: Path) -> None:
     async def scene(path: Path, latest: Latest[Snapshot]) -> None:
         core = Sampled()
-        async with served(path, latest, core=core), attached(path, "tui") as client:
+        async with served(path, latest, core=core), open_client(path, "tui") as client:
             assert (await client.take_control()).done
             for vehicle in ("", "mqy"):
                 answer = await client.ask(Request(Ask.ARM), vehicle=vehicle)
@@ -344,7 +344,7 @@ def test_a_request_to_arm_without_a_name_says_which_one_to_give(tmp_path: Path) 
         core = Sampled()
         async with served(path, latest, core=core):
             with pytest.raises(ApiError, match="must name it: --vehicle mqx"):
-                await asked(Ask.ARM, None, path, "")
+                await ask_station(Ask.ARM, None, path, "")
             assert core.asked == []
 
     play(scene, tmp_path)
@@ -358,8 +358,8 @@ def test_the_greeting_tells_whom_one_speaks_to(tmp_path: Path) -> None:
         )
         while not path.exists() or not await listening(path):
             await asyncio.sleep(0.01)
-        async with attached(path) as client:
-            assert client.hello == Hello(1, "mqx", 7, "0.1", "[vehicle]\n")
+        async with open_client(path) as client:
+            assert client.hello == StationHello(1, "mqx", 7, "0.1", "[vehicle]\n")
         task.cancel()
         await asyncio.gather(task, return_exceptions=True)
 
@@ -376,15 +376,15 @@ def test_a_request_finds_the_only_vehicle_and_wants_a_name_where_there_are_two(
     async def scene(_: Path, latest: Latest[Snapshot]) -> None:
         mine, service = tmp_path / "groundstation" / "mqx.sock", services / "lab" / "x500.sock"
         with pytest.raises(ApiError, match="nobody flies a vehicle here"):
-            await find(None, services)
+            await find_socket(None, services)
         async with served(mine, latest):
-            assert await find(None, services) == mine
+            assert await find_socket(None, services) == mine
             async with served(service, latest):
                 with pytest.raises(ApiError, match="more than one"):
-                    await find(None, services)
-                assert await find("x500", services) == service
+                    await find_socket(None, services)
+                assert await find_socket("x500", services) == service
                 with pytest.raises(ApiError, match=r"flies '\*'"):
-                    await find("*", services)
+                    await find_socket("*", services)
 
     play(scene, tmp_path)
 

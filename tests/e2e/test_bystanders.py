@@ -19,8 +19,8 @@ import pytest
 from groundstation.core.mission import FINAL, State
 from groundstation.flight import Flight
 from groundstation.interfaces.api import Server
-from groundstation.interfaces.service.crew import crew
-from groundstation.interfaces.tui.parts import big
+from groundstation.interfaces.service.flights import crew
+from groundstation.interfaces.tui.drawing import big
 from groundstation.runtime import StatusConfig
 from sim.runs import Stage, fly_mission, from_floor
 from sim.runs.mission import Script

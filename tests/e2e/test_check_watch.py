@@ -10,7 +10,7 @@ from pathlib import Path
 
 import pytest
 
-from groundstation.lab.pose_monitor.seen import Seen
+from groundstation.lab.pose_stream import PoseStreamSummary
 from tests.e2e.stations import free_udp_port, served
 
 
@@ -30,7 +30,7 @@ def test_a_served_vehicle_is_shown_as_one_object_and_as_a_table() -> None:
         facts = json.loads(done.stdout)
         assert facts["ok"] is True
         assert facts["source"] == "vicon"
-        assert set(Seen.__struct_fields__) < set(facts)
+        assert set(PoseStreamSummary.__struct_fields__) < set(facts)
         assert facts["rate_hz"] == pytest.approx(50.0, rel=0.2)
         assert facts["noise_m"][0] == pytest.approx(3e-4, rel=0.5)
         done = subprocess.run(command, capture_output=True, text=True, check=True, timeout=60)

@@ -7,7 +7,7 @@ import msgspec
 import pytest
 from textual.widgets import DataTable, Static
 
-from groundstation.interfaces.mqtt import Broker, Fleet, from_url
+from groundstation.interfaces.mqtt import FleetMonitor, MqttBroker, from_url
 from groundstation.interfaces.tui.fleet import FleetScreen
 from tests.e2e.lab_broker import LabBroker, lab
 from tests.proving.bench.mqtt import run
@@ -25,7 +25,7 @@ def told(screen: FleetScreen, name: str) -> str:
     return str(screen.query_one(name, Static).content)
 
 
-def hear(fleet: Fleet, name: str, state: str, now_s: float) -> None:
+def hear(fleet: FleetMonitor, name: str, state: str, now_s: float) -> None:
     snapshot = msgspec.structs.replace(sample(1.0, vehicle=name), state=state)
     fleet.hear(f"groundstation/{name}/state", state.encode(), now_s)
     fleet.hear(f"groundstation/{name}/snapshot", msgspec.json.encode(snapshot), now_s)
@@ -66,7 +66,7 @@ def test_a_broker_is_found_lost_and_found_again(lab: LabBroker) -> None:
                 await asyncio.sleep(0.05)
                 screen.draw()
 
-    async def say(broker: Broker, topic: str, payload: bytes) -> None:
+    async def say(broker: MqttBroker, topic: str, payload: bytes) -> None:
         async with broker.client() as station:
             await station.publish(topic, payload, qos=1, retain=True)
 

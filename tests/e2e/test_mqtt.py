@@ -17,7 +17,7 @@ import pytest
 from groundstation.config import ConfigError
 from groundstation.core.messages import Snapshot
 from groundstation.interfaces.mqtt import heed_cancellation, publish_forever
-from groundstation.interfaces.mqtt.messages import Event, unseen
+from groundstation.interfaces.mqtt.messages import EventMessage, new_events
 from groundstation.runtime import Latest
 from groundstation.settings import MqttConfig
 from tests.sample_flight import sample
@@ -193,7 +193,7 @@ def test_state_events_and_snapshots_arrive_and_the_state_ends_offline(broker: Ca
                 await listener.until(lambda to: len(to.got[SNAPSHOT]) == 2)
             await listener.until(lambda to: to.got[STATE][-1:] == ["offline"])
         assert listener.got[STATE] == ["ready", "tracking", "offline"]
-        events = [msgspec.json.decode(text, type=Event) for text in listener.got[EVENT]]
+        events = [msgspec.json.decode(text, type=EventMessage) for text in listener.got[EVENT]]
         assert [f"{one.time_s:.3f} {one.text}" for one in events] == [*sample(1.0).events, "102.000 wind"]
         assert [one.number for one in events] == [1, 2, 3]
         assert SESSION not in listener.got  # an empty one: whoever retained it has withdrawn it
@@ -215,7 +215,7 @@ def test_the_broker_declares_a_publisher_that_vanished_offline(broker: Callable[
         code = (
             "import asyncio\nfrom groundstation.runtime.broadcast import Latest\n"
             "from groundstation.interfaces.mqtt.publisher import publish_forever\n"
-            "from groundstation.settings.mqtt import MqttConfig\n"
+            "from groundstation.settings.settings import MqttConfig\n"
             "from tests.sample_flight import sample\n"
             f"latest = Latest(); latest.put(sample(1.0))\n"
             f"asyncio.run(publish_forever(MqttConfig(port={server.port}, prefix='lab'), latest))\n"
@@ -263,7 +263,7 @@ def test_a_broker_that_is_killed_and_comes_back_is_found_again_and_misses_no_eve
             async with there() as listener:
                 await listener.until(lambda to: bool(to.got[SNAPSHOT]))
                 await listener.until(lambda to: bool(to.got[EVENT]))
-                (event,) = [msgspec.json.decode(text, type=Event) for text in listener.got[EVENT]]
+                (event,) = [msgspec.json.decode(text, type=EventMessage) for text in listener.got[EVENT]]
                 assert event.text == "while the broker was away"
                 assert listener.got[STATE] == ["tracking"]
             assert not task.done()
@@ -404,8 +404,8 @@ def test_a_password_file_that_is_missing_is_told() -> None:
 
 
 def test_only_events_that_were_not_seen_are_published() -> None:
-    assert unseen((), ("a", "b")) == ("a", "b")
-    assert unseen(("a", "b"), ("a", "b")) == ()
-    assert unseen(("a", "b"), ("b", "c")) == ("c",)
-    assert unseen(("a", "a"), ("a", "a", "a")) == ("a",)
-    assert unseen(("a", "b"), ("x", "y")) == ("x", "y")
+    assert new_events((), ("a", "b")) == ("a", "b")
+    assert new_events(("a", "b"), ("a", "b")) == ()
+    assert new_events(("a", "b"), ("b", "c")) == ("c",)
+    assert new_events(("a", "a"), ("a", "a", "a")) == ("a",)
+    assert new_events(("a", "b"), ("x", "y")) == ("x", "y")

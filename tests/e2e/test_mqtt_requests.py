@@ -18,11 +18,11 @@ from groundstation.config import from_dict
 from groundstation.core.messages import Ask, Snapshot
 from groundstation.core.mission import State
 from groundstation.interfaces.api.desk import Desk, Party
-from groundstation.interfaces.api.messages import Order
+from groundstation.interfaces.api.messages import ClientOrder
 from groundstation.interfaces.mqtt import publish_forever
-from groundstation.interfaces.mqtt.ask import Unanswered, asked
-from groundstation.interfaces.mqtt.messages import Health, SessionMessage
-from groundstation.interfaces.mqtt.request_codec import Place, sealed_request
+from groundstation.interfaces.mqtt.command import Unanswered, request_by_mqtt
+from groundstation.interfaces.mqtt.messages import HealthMessage, SessionMessage
+from groundstation.interfaces.mqtt.requests import Place, seal_request
 from groundstation.recording import Recording
 from groundstation.runtime import Latest, wall_ms
 from groundstation.settings import Config, MqttConfig
@@ -96,7 +96,7 @@ async def counted(client: aiomqtt.Client, least: int) -> dict[str, int]:
     await client.subscribe("groundstation/mqx/health")
     async for message in client.messages:
         if str(message.topic).endswith("health"):
-            counts = msgspec.json.decode(message.payload, type=Health).requests
+            counts = msgspec.json.decode(message.payload, type=HealthMessage).requests
             if sum(counts.values()) >= least:
                 return counts
     raise AssertionError("unreachable")
@@ -109,7 +109,7 @@ def test_a_request_is_done_and_answered_and_a_dropped_one_counted_where_all_can_
         secret = read_key(key)
         operator = lab.address("operator")
         async with station.serving(config_of(lab, key)), operator.client() as client:
-            answer = await asked(operator, "mqx", "tablet", secret, "land", "too windy")
+            answer = await request_by_mqtt(operator, "mqx", "tablet", secret, "land", "too windy")
             assert (answer.done, answer.says) == (True, "land: too windy (tablet by MQTT)")
             assert [request.ask for request in station.core.asked] == [Ask.LAND]
 
@@ -118,10 +118,10 @@ def test_a_request_is_done_and_answered_and_a_dropped_one_counted_where_all_can_
             )
             topic, place = "groundstation/mqx/request", Place("groundstation", "mqx")
             now = wall_ms()
-            good = sealed_request(secret, place, session.session, "tablet", now, "kill", now + 3000)
+            good = seal_request(secret, place, session.session, "tablet", now, "kill", now + 3000)
             for data in (b"{}", good[:-5], good.replace(b'"kill"', b'"hold"'), b" " * 2000, b" " * 60000):
                 await client.publish(topic, data, qos=1)
-            await client.publish(topic, sealed_request(secret, place, session.session, "tablet", 7, "kill", now), qos=1)
+            await client.publish(topic, seal_request(secret, place, session.session, "tablet", 7, "kill", now), qos=1)
             await client.publish(topic, good, qos=1, retain=True)  # a station that comes later must not hear it
             await client.publish(topic, good, qos=1)
             await client.publish(topic, good, qos=1)
@@ -149,14 +149,14 @@ def test_who_holds_control_at_the_station_is_not_overruled_but_for_bringing_down
     async def scene() -> None:
         secret, operator = read_key(key), lab.address("operator")
         async with station.serving(config_of(lab, key)):
-            station.desk.take(Order(id=1, control="take", name="tui"), party, 0.0)
-            answers = [await asked(operator, "mqx", "tablet", secret, ask) for ask in ("track", "return")]
+            station.desk.take(ClientOrder(id=1, control="take", name="tui"), party, 0.0)
+            answers = [await request_by_mqtt(operator, "mqx", "tablet", secret, ask) for ask in ("track", "return")]
             assert [answer.done for answer in answers] == [False, False]
             assert "tui 4321 holds control" in answers[0].says
             assert station.core.asked == []
-            assert (await asked(operator, "mqx", "tablet", secret, "abort")).done
+            assert (await request_by_mqtt(operator, "mqx", "tablet", secret, "abort")).done
             station.desk.leave(party)
-            assert (await asked(operator, "mqx", "tablet", secret, "track")).done
+            assert (await request_by_mqtt(operator, "mqx", "tablet", secret, "track")).done
         assert [request.ask for request in station.core.asked] == [Ask.ABORT, Ask.TRACK]
 
     play(scene())
@@ -169,21 +169,21 @@ def test_who_asks_reads_why_nothing_came_of_it(lab: LabBroker, key: Path, tmp_pa
         operator, secret = lab.address("operator"), read_key(key)
         station = Station()
         with pytest.raises(Unanswered, match="'mqx' is not known to this broker"):
-            await asked(operator, "mqx", "tablet", secret, "land")
+            await request_by_mqtt(operator, "mqx", "tablet", secret, "land")
         async with station.serving(config_of(lab, None)):
             with pytest.raises(Unanswered, match="takes no requests by MQTT"):
-                await asked(operator, "mqx", "tablet", secret, "land")
+                await request_by_mqtt(operator, "mqx", "tablet", secret, "land")
         with pytest.raises(Unanswered, match="no station flies 'mqx' now"):
-            await asked(operator, "mqx", "tablet", secret, "land")
+            await request_by_mqtt(operator, "mqx", "tablet", secret, "land")
         async with station.serving(config_of(lab, key)):
             with pytest.raises(Unanswered, match="it may not know 'tablet' by this key"):
-                await asked(operator, "mqx", "tablet", read_key(tmp_path / "other.key"), "land")
+                await request_by_mqtt(operator, "mqx", "tablet", read_key(tmp_path / "other.key"), "land")
             with pytest.raises(Unanswered, match="has not answered"):  # the access rules do not let a viewer publish
-                await asked(lab.address("viewer"), "mqx", "tablet", secret, "land")
+                await request_by_mqtt(lab.address("viewer"), "mqx", "tablet", secret, "land")
         assert station.core.asked == []
 
     # Four of them wait for as long as an operator would.
-    import groundstation.interfaces.mqtt.ask as module
+    import groundstation.interfaces.mqtt.command as module
 
     patience, module.PATIENCE_S = module.PATIENCE_S, 0.5
     try:
@@ -195,7 +195,7 @@ def test_who_asks_reads_why_nothing_came_of_it(lab: LabBroker, key: Path, tmp_pa
 def test_a_flood_of_requests_is_not_listened_to_for_a_while(
     lab: LabBroker, key: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("groundstation.interfaces.mqtt.requests.PAUSE_S", 0.5)
+    monkeypatch.setattr("groundstation.interfaces.mqtt.publisher.PAUSE_S", 0.5)
     station = Station()
 
     async def scene() -> None:
@@ -205,7 +205,7 @@ def test_a_flood_of_requests_is_not_listened_to_for_a_while(
             for _ in range(3000):
                 await client.publish("groundstation/mqx/request", b"x" * 900)
             await asyncio.sleep(1.2)
-            assert (await asked(operator, "mqx", "tablet", secret, "land")).done
+            assert (await request_by_mqtt(operator, "mqx", "tablet", secret, "land")).done
             counts = await counted(client, 1)
             assert counts["flooded"] >= 1
             assert counts["malformed"] < 1000

@@ -26,7 +26,7 @@ from groundstation.recording import (
     about,
 )
 from groundstation.recording.process import BACKLOG_BYTES
-from groundstation.runtime import RecordingConfig, being_written
+from groundstation.runtime import RecordingConfig, is_being_written
 from groundstation.settings import Config
 from tests.e2e.endless_recording import a_tick
 from tests.e2e.stations import served
@@ -44,9 +44,9 @@ def times(path: Path, topic: str = "/command") -> list[float]:
 def await_unlocked(path: Path) -> None:
     """Until the recorder has closed the file."""
     deadline = time.monotonic() + 60.0
-    while being_written(path) and time.monotonic() < deadline:
+    while is_being_written(path) and time.monotonic() < deadline:
         time.sleep(0.02)
-    assert not being_written(path)
+    assert not is_being_written(path)
 
 
 async def killed_at(moments: list[float], folder: Path) -> list[tuple[float, list[float]]]:

@@ -16,13 +16,21 @@ import pytest
 from groundstation.__main__ import parser
 from groundstation.config import load
 from groundstation.core.safety.geofence import BoxFence
-from groundstation.interfaces.service import Format, unit
-from groundstation.interfaces.service.health import STALE_S, Health, HealthFile, health_path, ill
-from groundstation.interfaces.service.logs import Lines, is_journal, level_of, line_of
-from groundstation.interfaces.service.notify import Notify
-from groundstation.interfaces.service.systemd import longest_landing_s
-from groundstation.runtime import Taken, only_one
-from groundstation.runtime.exits import CODES, markdown
+from groundstation.interfaces.service import Format, unit_file
+from groundstation.interfaces.service.monitoring import (
+    STALE_S,
+    DaemonHealth,
+    HealthFile,
+    LogHandler,
+    find_fault,
+    health_path,
+    is_journal,
+    level_of,
+    line_of,
+)
+from groundstation.interfaces.service.systemd import Notify, longest_landing_s
+from groundstation.runtime import Taken, hold_lock
+from groundstation.runtime.entry import CODES, exit_code_table
 from groundstation.settings import Config
 from tests.conftest import LEFT_OUT
 
@@ -35,8 +43,8 @@ def test_the_second_of_two_is_refused_in_words_and_the_lock_falls_with_its_holde
     code = f"""
 import sys, time
 from pathlib import Path
-from groundstation.runtime.lock import only_one
-with only_one(Path({str(path)!r}), "mqx"):
+from groundstation.runtime.register import hold_lock
+with hold_lock(Path({str(path)!r}), "mqx"):
     print("held", flush=True)
     time.sleep(60)
 """
@@ -44,13 +52,13 @@ with only_one(Path({str(path)!r}), "mqx"):
     assert holder.stdout is not None
     try:
         assert holder.stdout.readline() == "held\n"
-        with pytest.raises(Taken, match=f"process {holder.pid}, lock"), only_one(path, "mqx"):
+        with pytest.raises(Taken, match=f"process {holder.pid}, lock"), hold_lock(path, "mqx"):
             pass
     finally:
         holder.kill()
         holder.wait()
         holder.stdout.close()
-    with only_one(path, "mqx"):
+    with hold_lock(path, "mqx"):
         assert path.read_text() == f"{os.getpid()}\n"
 
 
@@ -132,7 +140,7 @@ def test_a_log_line_is_one_line(style: Format, journal: bool, expected: str) -> 
 
 def test_a_reader_that_is_stuck_loses_log_lines_and_is_told_how_many(tmp_path: Path) -> None:
     reading, writing = os.pipe()
-    handler = Lines(writing, Format.TEXT, journal=False)
+    handler = LogHandler(writing, Format.TEXT, journal=False)
 
     def log(text: str) -> None:
         handler.emit(logging.LogRecord("groundstation", logging.INFO, "", 0, text, None, None))
@@ -176,7 +184,7 @@ def test_what_needs_a_look_is_logged_as_a_warning(line: str, level: int) -> None
     assert level_of(line) == level
 
 
-WELL = Health("mqx", "tracking", "following", 7, 100.0, 0.02, 1, {})
+WELL = DaemonHealth("mqx", "tracking", "following", 7, 100.0, 0.02, 1, {})
 
 
 @pytest.mark.parametrize(
@@ -190,9 +198,9 @@ WELL = Health("mqx", "tracking", "following", 7, 100.0, 0.02, 1, {})
         (msgspec.structs.replace(WELL, state="ready", tick_age_s=None), 100.5, ""),
     ],
 )
-def test_health_is_judged_by_its_age_and_by_the_newest_command(health: Health, now_s: float, words: str) -> None:
-    assert (words in ill(health, now_s)) == bool(ill(health, now_s)) == bool(words) or (
-        not words and not ill(health, now_s)
+def test_health_is_judged_by_its_age_and_by_the_newest_command(health: DaemonHealth, now_s: float, words: str) -> None:
+    assert (words in find_fault(health, now_s)) == bool(find_fault(health, now_s)) == bool(words) or (
+        not words and not find_fault(health, now_s)
     )
 
 
@@ -202,13 +210,13 @@ def test_the_health_file_is_replaced_as_a_whole_and_a_folder_that_is_gone_is_no_
     file.draft(WELL)
     assert not path.exists()
     file.publish()
-    assert msgspec.json.decode(path.read_bytes(), type=Health) == WELL
+    assert msgspec.json.decode(path.read_bytes(), type=DaemonHealth) == WELL
     assert [file.name for file in tmp_path.iterdir()] == ["mqx.health.json"]
     later = msgspec.structs.replace(WELL, reason="later")
     file.draft(later)
-    assert msgspec.json.decode(path.read_bytes(), type=Health) == WELL
+    assert msgspec.json.decode(path.read_bytes(), type=DaemonHealth) == WELL
     file.publish()
-    assert msgspec.json.decode(path.read_bytes(), type=Health) == later
+    assert msgspec.json.decode(path.read_bytes(), type=DaemonHealth) == later
     file.draft(WELL)
     file.remove()
     assert list(tmp_path.iterdir()) == []
@@ -226,7 +234,7 @@ def test_the_unit_waits_longer_than_the_longest_landing() -> None:
 
 
 def test_the_unit_file_pleases_systemd(tmp_path: Path) -> None:
-    text = unit(load(EXAMPLE, Config), EXAMPLE, ["flight.duration_s=5"], user="root")
+    text = unit_file(load(EXAMPLE, Config), EXAMPLE, ["flight.duration_s=5"], user="root")
     assert "--arm" not in [word for line in text.splitlines() if line.startswith("ExecStart") for word in line.split()]
     for line in ("Type=notify", "KillMode=mixed", "Restart=on-failure", "RestartPreventExitStatus=2 3"):
         assert line in text.splitlines()
@@ -243,7 +251,7 @@ def test_the_unit_file_pleases_systemd(tmp_path: Path) -> None:
 
 def test_the_table_of_exit_codes_is_that_of_the_code_and_names_commands_that_there_are() -> None:
     document = (ROOT / "docs/reference/exit-codes.md").read_text("utf-8")
-    assert markdown() in document
+    assert exit_code_table() in document
     [commands] = [a.choices for a in parser()._actions if a.dest == "command" and a.choices is not None]
     assert set(CODES) <= set(commands)
 

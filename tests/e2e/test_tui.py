@@ -17,7 +17,8 @@ from textual.pilot import Pilot
 
 from groundstation.config import ConfigError
 from groundstation.interfaces.tui.command import served_socket
-from groundstation.interfaces.tui.parts import Banner, ErrorHistory, Events, InTime, Numbers, Preflight, TopView, big
+from groundstation.interfaces.tui.drawing import big
+from groundstation.interfaces.tui.widgets import Banner, ErrorHistory, Events, InTime, Numbers, Preflight, TopView
 from tests.dashboards import Fixed, Stage, flown, on_ground, play, says, standing, text, until
 from tests.sample_flight import sample
 

@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 
-from groundstation.interfaces.tui.parts import big
+from groundstation.interfaces.tui.drawing import big
 from tests.e2e.stations import Room, served
 from tests.e2e.test_tui import Terminal
 

@@ -10,12 +10,13 @@ from textual.screen import ModalScreen
 from textual.widgets import Input
 
 from groundstation.core.messages import Ask
-from groundstation.interfaces.api.stop import Told
+from groundstation.interfaces.api.command import StopReport
 from groundstation.interfaces.tui import app as ordering
+from groundstation.interfaces.tui import model as feed
 from groundstation.interfaces.tui.app import Dashboard
 from groundstation.interfaces.tui.feeds import Attached
-from groundstation.interfaces.tui.parts import Answer, Help, Typed, orders
-from groundstation.interfaces.tui.parts.bars import Knob
+from groundstation.interfaces.tui.model import FeedAnswer
+from groundstation.interfaces.tui.widgets import Help, Knob, Typed
 from tests.dashboards import Fixed, Stage, flown, play, says, standing, told, until
 from tests.sample_flight import sample
 
@@ -26,7 +27,7 @@ STOP_KEYS = ["ctrl+l", "ctrl+x", "ctrl+k", "ctrl+k"]
 @pytest.fixture
 def patient(monkeypatch: pytest.MonkeyPatch) -> None:
     """A machine that is busy may take long from one key to the next."""
-    monkeypatch.setattr(orders, "TWICE_S", 20.0)
+    monkeypatch.setattr(feed, "TWICE_S", 20.0)
 
 
 def knows(pilot: Pilot[None]) -> bool:
@@ -88,9 +89,9 @@ def test_one_key_lands_this_vehicle_and_every_other_one_also_while_a_name_is_typ
 ) -> None:
     asked = list[Ask]()
 
-    async def stop_all(ask: Ask, why: str) -> list[Told]:
+    async def stop_all(ask: Ask, why: str) -> list[StopReport]:
         asked.append(ask)
-        return [Told(True, "ant: landing"), Told(False, f"bee: NOT ANSWERED ({why})")]
+        return [StopReport(True, "ant: landing"), StopReport(False, f"bee: NOT ANSWERED ({why})")]
 
     monkeypatch.setattr(ordering, "stop_all", stop_all)
     stage.latest.put(standing())
@@ -309,7 +310,7 @@ def test_what_starts_or_steers_is_not_ordered_by_what_is_old(stage: Stage) -> No
 
 
 def test_a_ground_station_that_is_not_there_is_told(tmp_path: Path) -> None:
-    async def deaf() -> Answer:
+    async def deaf() -> FeedAnswer:
         feed = Attached(tmp_path / "nobody.sock")
         return await feed.ask(Ask.LAND, "")
 

@@ -10,7 +10,7 @@ from pathlib import Path
 import msgspec
 
 from groundstation.core.messages import Snapshot
-from groundstation.interfaces.tui.parts import big
+from groundstation.interfaces.tui.drawing import big
 from tests.e2e.stations import served
 from tests.e2e.test_mqtt import Broker, Listener, broker
 from tests.e2e.test_tui import Terminal, terminal

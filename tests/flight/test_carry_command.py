@@ -13,8 +13,8 @@ import pytest
 
 from groundstation.config import ConfigError, load
 from groundstation.core.geometry import Alignment, Frames, so3
-from groundstation.lab.axes import command
-from groundstation.lab.axes.write import written
+from groundstation.lab import carry as command
+from groundstation.lab.carry import set_keys
 from groundstation.runtime import INTERRUPTED, sleep_until
 from groundstation.settings import Config
 from links.io import parse_address
@@ -128,7 +128,7 @@ def test_the_axes_and_the_latency_are_found_and_written(
     lab = tmp_path / "lab.toml"
     lab.write_text(LAB.replace("KIND", kind))
     with room(lab, monkeypatch, autopilot) as there:
-        assert command.carry(load(lab, Config), lab, [], as_json=True, keep=False) == 0
+        assert command.carry_command(load(lab, Config), lab, [], as_json=True, keep=False) == 0
     out, errors = capsys.readouterr()
     facts = json.loads(out)
     assert facts["ok"] is True
@@ -154,7 +154,7 @@ def test_a_dry_run_writes_nothing(
     lab = tmp_path / "lab.toml"
     lab.write_text(LAB.replace("KIND", "vicon"))
     with room(lab, monkeypatch):
-        assert command.carry(load(lab, Config), lab, ["vehicle.name=x"], as_json=False, keep=True) == 0
+        assert command.carry_command(load(lab, Config), lab, ["vehicle.name=x"], as_json=False, keep=True) == 0
     assert lab.read_text() == LAB.replace("KIND", "vicon")
     assert [*tmp_path.iterdir()] == [lab]
     out = capsys.readouterr().out
@@ -169,7 +169,7 @@ def test_an_armed_vehicle_is_refused_at_once_and_on_the_way(
     lab = tmp_path / "lab.toml"
     lab.write_text(LAB.replace("KIND", "vicon"))
     with room(lab, monkeypatch, armed_at_s=armed_at_s) as there:
-        assert command.carry(load(lab, Config), lab, [], as_json=True, keep=False) == 1
+        assert command.carry_command(load(lab, Config), lab, [], as_json=True, keep=False) == 1
     out, errors = capsys.readouterr()
     assert "ARMED" in json.loads(out)["why"]
     assert "9 of 9" not in errors
@@ -183,7 +183,7 @@ def test_without_an_autopilot_json_is_one_object_with_the_reason(
     lab = tmp_path / "lab.toml"
     lab.write_text(LAB.replace("KIND", "vicon").replace("14540", "14541"))
     with room(lab, monkeypatch):
-        assert command.carry(load(lab, Config), lab, [], as_json=True, keep=False) == 3
+        assert command.carry_command(load(lab, Config), lab, [], as_json=True, keep=False) == 3
     out, errors = capsys.readouterr()
     facts = json.loads(out)
     assert (facts["ok"], facts["found"], facts["written"]) == (False, None, None)
@@ -201,7 +201,7 @@ def test_ctrl_c_leaves_one_object_and_writes_nothing(
         raise KeyboardInterrupt
 
     monkeypatch.setattr(asyncio, "run", pressed)
-    assert command.carry(load(lab, Config), lab, [], as_json=True, keep=False) == INTERRUPTED
+    assert command.carry_command(load(lab, Config), lab, [], as_json=True, keep=False) == INTERRUPTED
     facts = json.loads(capsys.readouterr().out)
     assert (facts["ok"], facts["why"]) == (False, "interrupted")
     assert lab.read_text() == LAB.replace("KIND", "vicon")
@@ -211,12 +211,12 @@ def test_poses_of_the_autopilot_itself_and_recordings_have_no_axes_to_find(tmp_p
     for pose in ({"kind": "mavlink"}, {"kind": "csv", "path": "x"}):
         config = msgspec.convert({"pose": pose}, Config)
         with pytest.raises(ConfigError, match=r"pose\.kind"):
-            command.carry(config, tmp_path / "lab.toml", [], as_json=True, keep=True)
+            command.carry_command(config, tmp_path / "lab.toml", [], as_json=True, keep=True)
 
 
 def test_overrides_can_not_be_written(tmp_path: Path) -> None:
     with pytest.raises(ConfigError, match="dry-run"):
-        command.carry(Config(), tmp_path / "lab.toml", ["vehicle.name=x"], as_json=True, keep=False)
+        command.carry_command(Config(), tmp_path / "lab.toml", ["vehicle.name=x"], as_json=True, keep=False)
 
 
 @pytest.mark.parametrize(
@@ -234,12 +234,12 @@ def test_overrides_can_not_be_written(tmp_path: Path) -> None:
     ],
 )
 def test_a_key_is_set_and_the_rest_stays(before: str, after: str) -> None:
-    assert written(before, "pose", {"world": "nwu"}) == after
+    assert set_keys(before, "pose", {"world": "nwu"}) == after
     assert tomllib.loads(after)["pose"]["world"] == "nwu"
 
 
 def test_numbers_and_lists_are_written_on_one_line() -> None:
-    text = written("", "a", {"x": 0.035, "y": (0.0, -1.5, 20.0)})
+    text = set_keys("", "a", {"x": 0.035, "y": (0.0, -1.5, 20.0)})
     assert tomllib.loads(text) == {"a": {"x": 0.035, "y": [0.0, -1.5, 20.0]}}
     assert len(text.splitlines()) == 3
 
@@ -251,7 +251,7 @@ def test_a_file_that_can_not_be_changed_safely_is_left_and_the_lines_are_shown(
     text = 'pose = { kind = "vicon", latency_s = 0.02 }\n'
     lab.write_text(text)
     with room(lab, monkeypatch), pytest.raises(ConfigError, match=r'put this into it: .*world = "eus"'):
-        command.carry(load(lab, Config), lab, [], as_json=False, keep=False)
+        command.carry_command(load(lab, Config), lab, [], as_json=False, keep=False)
     assert lab.read_text() == text
     assert [*tmp_path.iterdir()] == [lab]
 

@@ -12,7 +12,7 @@ from groundstation.core.messages import Ask, Request
 from groundstation.core.mission import State
 from groundstation.core.trajectory.transition import HoldConfig
 from groundstation.flight import Flight
-from groundstation.lab.fleet import Fleet, Member
+from groundstation.lab import FleetPlan, Member
 from groundstation.settings import Config
 from sim.__main__ import parser
 from sim.cli.commands import mission as mission_command
@@ -46,7 +46,7 @@ def flown(
 def cores(change: Callable[[str, Config], Config]) -> Change:
     """Alter what each core is told, by its vehicle's name."""
 
-    def changed(worlds: list[World], fleet: Fleet) -> tuple[list[World], Fleet]:
+    def changed(worlds: list[World], fleet: FleetPlan) -> tuple[list[World], FleetPlan]:
         members = tuple(Member(one.name, one.lab, change(one.name, one.core)) for one in fleet.members)
         return worlds, fleet._replace(members=members)
 
@@ -158,7 +158,7 @@ def test_without_the_relay_every_core_brings_its_own_vehicle_down() -> None:
 
 
 def test_who_stands_too_near_to_another_does_not_take_off() -> None:
-    def change(worlds: list[World], fleet: Fleet) -> tuple[list[World], Fleet]:
+    def change(worlds: list[World], fleet: FleetPlan) -> tuple[list[World], FleetPlan]:
         north, east, down = worlds[0].start_ned
         return [worlds[0], msgspec.structs.replace(worlds[1], start_ned=(north + 0.5, east, down))], fleet
 

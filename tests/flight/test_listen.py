@@ -12,8 +12,8 @@ from rich.console import Console
 
 from groundstation.core.geometry import so3
 from groundstation.core.messages import Pose, PoseEvent, PoseStatus
-from groundstation.lab.pose_monitor.command import listened, rows, table
-from groundstation.lab.pose_monitor.seen import WINDOW_S, Seen, Watcher
+from groundstation.lab.pose_monitor import listen, summary_rows, summary_table
+from groundstation.lab.pose_stream import WINDOW_S, PoseStreamMonitor, PoseStreamSummary
 from groundstation.pose.recorded import CsvConfig, Speed
 from groundstation.settings import Config
 from links.mavlink.protocol import MavlinkCodec
@@ -29,7 +29,7 @@ AUTOPILOT_ADDRESS = 14540
 @cache
 def watched(
     source: str, *overrides: str, seconds: float = 6.0, told: tuple[str, ...] = ()
-) -> tuple[Seen, Counter[str]]:
+) -> tuple[PoseStreamSummary, Counter[str]]:
     """What is seen of the held vehicle of ``paper``, and the names of the MAVLink messages that we sent."""
     world, config = prepare(SCENARIOS["paper"], list(overrides), source=source)
     _, config_told = prepare(SCENARIOS["paper"], [*overrides, *told], source=source)
@@ -39,13 +39,13 @@ def watched(
         if a[1] == AUTOPILOT_ADDRESS:
             sent.update(message.get_type() for message in reader.feed_datagram(data))
 
-    async def main() -> Seen:
+    async def main() -> PoseStreamSummary:
         loop = asyncio.get_running_loop()
         assert isinstance(loop, VirtualTimeLoop)
         stage = asyncio.create_task(Stage(world, config, seed=2).run())
         loop.tap = tap
         try:
-            return await listened(config_told, seconds)
+            return await listen(config_told, seconds)
         finally:
             stage.cancel()
             await asyncio.gather(stage, return_exceptions=True)
@@ -81,7 +81,7 @@ def test_a_wrong_name_shows_the_names_that_are_there() -> None:
         assert not seen.ok
         assert {"quad", "other0", "other1"} <= set(seen.bodies)
         assert any(reason.startswith("no_such") for reason in seen.dropped)
-        text = " ".join(" ".join(row) for row in rows(seen))
+        text = " ".join(" ".join(row) for row in summary_rows(seen))
         assert "is its name right" in text
         assert "other1" in text
 
@@ -99,19 +99,19 @@ def test_what_goes_wrong_with_poses_is_shown() -> None:
 def test_silence_is_told_with_what_to_look_at() -> None:
     seen, _ = watched("vicon", "pose.listen=127.0.0.1:51001", told=("pose.listen=127.0.0.1:51077",))
     assert not seen.ok
-    assert "firewall" in rows(seen)[-1][1]
+    assert "firewall" in summary_rows(seen)[-1][1]
 
 
 @pytest.mark.parametrize("speed", [1.0, 50.0, "max"])
 def test_a_recording_has_no_age_and_no_drift_and_is_fine_at_its_end(speed: Speed, tmp_path: Path) -> None:
     path = tmp_path / "poses.csv"
     path.write_text("".join(f"{0.02 * n},1,2,-1,1,0,0,{1e-4 * (n % 7)},{0.02 * n + 0.01}\n" for n in range(200)))
-    seen = in_virtual_time(listened(Config(pose=CsvConfig(path=str(path), speed=speed)), 7.0))
+    seen = in_virtual_time(listen(Config(pose=CsvConfig(path=str(path), speed=speed)), 7.0))
     assert (seen.ok, seen.recorded, seen.poses) == (True, True, 200)
     assert (seen.age_s, seen.drift) == (None, None)
     assert seen.rate_hz == pytest.approx(50.0)
     assert seen.latency_s == pytest.approx(0.01)
-    words = " ".join(" ".join(row) for row in rows(seen))
+    words = " ".join(" ".join(row) for row in summary_rows(seen))
     assert "they are recorded" in words
     assert "ppm" not in words
 
@@ -119,31 +119,31 @@ def test_a_recording_has_no_age_and_no_drift_and_is_fine_at_its_end(speed: Speed
 def test_a_recording_whose_poses_are_all_dropped_is_not_fine(tmp_path: Path) -> None:
     path = tmp_path / "poses.csv"
     path.write_text("0,1,2,-1,3,0,0,0\n")
-    seen = in_virtual_time(listened(Config(pose=CsvConfig(path=str(path))), 1.0))
+    seen = in_virtual_time(listen(Config(pose=CsvConfig(path=str(path))), 1.0))
     assert (seen.ok, seen.dropped) == (False, {"not_unit": 1})
-    assert ("age", "no pose yet") in rows(seen)
+    assert ("age", "no pose yet") in summary_rows(seen)
 
 
 def test_noise_is_of_the_poses_also_where_they_drift_and_unknown_while_they_move() -> None:
-    def seen(speed: float, sigma: float) -> Seen:
-        watcher = Watcher(0.0)
+    def seen(speed: float, sigma: float) -> PoseStreamSummary:
+        watcher = PoseStreamMonitor(0.0)
         for n in range(300):
             jerk = sigma * math.sqrt(2.0) * math.sin(2.4 * n)
             place = (speed * 0.01 * n + jerk, jerk, 0.0)
             watcher.pose(Pose(n, 0.01 * n - 0.02, 0.01 * n, place, so3.IDENTITY))
-        return watcher.seen(3.0, PoseStatus(accepted=300, dropped={}))
+        return watcher.summarize(3.0, PoseStatus(accepted=300, dropped={}))
 
     still = seen(0.0, 1e-3)
     assert still.noise_m == pytest.approx((1e-3, 1e-3, 0.0), rel=0.05)
     assert seen(0.2, 1e-3).noise_m is None
     assert seen(0.2, 1e-3).at_rest is False
-    assert Watcher(0.0).seen(WINDOW_S, PoseStatus(accepted=0, dropped={})).age_s is None
+    assert PoseStreamMonitor(0.0).summarize(WINDOW_S, PoseStatus(accepted=0, dropped={})).age_s is None
 
 
 def test_names_from_the_network_do_not_steer_the_terminal() -> None:
-    watcher = Watcher(0.0)
+    watcher = PoseStreamMonitor(0.0)
     watcher.event(PoseEvent("moved", "", "poses \x1b[2J"), 1.0)
-    seen = watcher.seen(2.0, PoseStatus(accepted=0, dropped={"jump": 2}), ("\x1b[31mred",))
+    seen = watcher.summarize(2.0, PoseStatus(accepted=0, dropped={"jump": 2}), ("\x1b[31mred",))
     console = Console(width=100, record=True, file=io.StringIO())
-    console.print(table("poses", seen))
+    console.print(summary_table("poses", seen))
     assert "\x1b" not in console.export_text()

@@ -36,7 +36,7 @@ from groundstation.recording import (
 )
 from groundstation.recording.records import PoseRecord
 from groundstation.recording.writer import FLUSH_S, PatientFile
-from groundstation.runtime import RecordingConfig, made_folder
+from groundstation.runtime import RecordingConfig, make_folder
 from groundstation.settings import Config
 from sim.__main__ import main
 from sim.cli.run_folder import AT_ONCE, RECORDING, RunFolder
@@ -264,13 +264,13 @@ def test_a_recording_is_for_its_owner_alone(tmp_path: Path, monkeypatch: pytest.
     monkeypatch.setenv("XDG_STATE_HOME", str(tmp_path / "state"))
     before = os.umask(0)
     try:
-        usual = made_folder(RecordingConfig())
-        chosen = made_folder(RecordingConfig(folder=str(tmp_path / "chosen")))
+        usual = make_folder(RecordingConfig())
+        chosen = make_folder(RecordingConfig(folder=str(tmp_path / "chosen")))
         usual.chmod(0o755)  # as older versions made it
-        made_folder(RecordingConfig())
+        make_folder(RecordingConfig())
         shared = tmp_path / "shared"
         shared.mkdir(0o750)
-        made_folder(RecordingConfig(folder=str(shared)))
+        make_folder(RecordingConfig(folder=str(shared)))
     finally:
         os.umask(before)
     assert [stat.S_IMODE(folder.stat().st_mode) for folder in (usual, chosen, shared)] == [0o700, 0o700, 0o750]

@@ -14,8 +14,8 @@ from groundstation.core.safety import GuardsConfig
 from groundstation.flight import Flight, hold_to_run
 from groundstation.flight.pacing import LAST_CHANCE_S
 from groundstation.flight.sender import DRAIN_S, LINK_LOOK_S, STALL_S
-from groundstation.interfaces.api.stop import ANSWER_S
-from groundstation.lab.props_off.steps import STOP_S
+from groundstation.interfaces.api.command import STOP_ANSWER_S
+from groundstation.lab.props_off import STOP_S
 from groundstation.recording import make_flight
 from groundstation.settings import FlightConfig
 from links.core import Command
@@ -66,7 +66,7 @@ PROMISES = [
     ("and lost, within {:.0f} ms", 1e3 * hold_to_run.LOOK_S),
     ("a channel that the autopilot tells is known {:.0f} ms later", 1e3 / hold_to_run.RATE_HZ),
     ("once it has not told it for {:.0f} ms", 1e3 * hold_to_run.OLD_S),
-    ("says which has not answered within {:.0f} s", ANSWER_S),
+    ("says which has not answered within {:.0f} s", STOP_ANSWER_S),
 ]
 """Sentences of that page, and what the code has for the number in each."""
 WORDS = {"two and a half": 2.5, "six": 6, "once a second": 1.0}

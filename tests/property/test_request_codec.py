@@ -4,12 +4,18 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from groundstation.core.messages import Ask, Reply, Request
-from groundstation.interfaces.mqtt.gatekeeper import ClientKey, Gatekeeper
 from groundstation.interfaces.mqtt.messages import RequestMessage
-from groundstation.interfaces.mqtt.request_codec import Place, decode_request, is_sealed, sealed_request
+from groundstation.interfaces.mqtt.requests import (
+    ClientKey,
+    Gatekeeper,
+    Place,
+    decode_request,
+    is_sealed,
+    seal_request,
+)
 
 PLACE, KEY, NOW_MS = Place("lab", "mqx"), bytes(range(32)), 1_700_000_000_000
-GOOD = sealed_request(KEY, PLACE, "0" * 32, "tablet", 1, "land", NOW_MS + 3000, "too windy")
+GOOD = seal_request(KEY, PLACE, "0" * 32, "tablet", 1, "land", NOW_MS + 3000, "too windy")
 
 
 def done_with(data: bytes) -> list[Request]:
@@ -55,7 +61,7 @@ def test_a_cut_request_does_nothing(length: int) -> None:
     st.sampled_from(["hold", "return", "track", "land", "descend", "abort", "kill"]),
 )
 def test_what_is_sealed_opens_and_only_for_its_vehicle(why: str, number: int, expires_ms: int, ask: str) -> None:
-    data = sealed_request(KEY, PLACE, "0" * 32, "tablet", number, ask, expires_ms, why)  # type: ignore[arg-type]  # one of them
+    data = seal_request(KEY, PLACE, "0" * 32, "tablet", number, ask, expires_ms, why)  # type: ignore[arg-type]  # one of them
     request = decode_request(data)
     if len(data) > 1024:
         assert request == "oversized"

@@ -15,7 +15,7 @@ import msgspec
 
 from groundstation.config import dump
 from groundstation.recording import FlightLog, about
-from groundstation.runtime import RecordingConfig, free_name, recordings, tidy
+from groundstation.runtime import RecordingConfig, free_name, list_recordings, tidy
 from sim.scenarios import SCENARIOS, prepare
 from sim.time import VirtualTimeLoop
 from tests.proving.bench import look
@@ -183,7 +183,7 @@ async def _recorded(
     finally:
         log.close()
     ledger.largest_mb = max(ledger.largest_mb, _size_mb(path))
-    ledger.most_mb = max(ledger.most_mb, sum(_size_mb(one) for one in recordings(folder)))
+    ledger.most_mb = max(ledger.most_mb, sum(_size_mb(one) for one in list_recordings(folder)))
     return row
 
 

@@ -6,9 +6,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from groundstation.core.messages import Ask
-from groundstation.interfaces.api import Control, decode
+from groundstation.interfaces.api import Control, OrderAnswer, decode
 from groundstation.interfaces.api.desk import Desk, Party
-from groundstation.interfaces.api.messages import Answer, Hello, Lines, Order, Refused, decode_order, encode
+from groundstation.interfaces.api.messages import ClientOrder, LineSplitter, Refusal, StationHello, decode_order, encode
 from links.core import printable
 from tests.sample_flight import Sampled, sample
 
@@ -16,7 +16,7 @@ LINES = [b'{"id": 1, "ask": "land"}', b"", b"x" * 40, b"{}", b"y" * 41]
 
 
 def fed(pieces: list[bytes]) -> list[bytes | None]:
-    lines = Lines(40)
+    lines = LineSplitter(40)
     return [line for piece in pieces for line in lines.feed(piece)]
 
 
@@ -31,7 +31,7 @@ def test_lines_come_out_the_same_however_they_are_cut(cuts: list[int]) -> None:
 
 
 def test_a_line_without_an_end_keeps_no_memory_and_is_told_once() -> None:
-    lines = Lines(100)
+    lines = LineSplitter(100)
     told = [line for _ in range(1000) for line in lines.feed(b"x" * 1000)]
     assert told == [None]
     assert lines.feed(b'\n{"id"') == []
@@ -53,18 +53,18 @@ def test_no_bytes_raise_or_are_taken_for_an_order(data: bytes) -> None:
 )
 def test_an_order_asks_for_exactly_one_thing(keys: dict[str, object]) -> None:
     order = decode_order(msgspec.json.encode(keys))
-    if isinstance(order, Order):
+    if isinstance(order, ClientOrder):
         assert sum(one is not None for one in (order.ask, order.control, order.gains)) == 1
         assert "x" not in keys
 
 
 @pytest.mark.parametrize(
     "message",
-    [Hello(1, "mqx", 7, "0.1", "[vehicle]"), Control("tui 7", True), Answer(7, True, "landing"),
-     Refused("no"), sample(3.0)],
+    [StationHello(1, "mqx", 7, "0.1", "[vehicle]"), Control("tui 7", True), OrderAnswer(7, True, "landing"),
+     Refusal("no"), sample(3.0)],
     ids=lambda message: type(message).__name__,
 )  # fmt: skip
-def test_a_message_comes_out_as_it_went_in(message: Hello) -> None:
+def test_a_message_comes_out_as_it_went_in(message: StationHello) -> None:
     line = encode(message)
     assert line.endswith(b"\n") and line.count(b"\n") == 1
     assert decode(line) == message
@@ -84,12 +84,12 @@ def test_what_lifts_or_moves_the_vehicle_is_asked_by_the_one_holder_alone(moves:
             desk.leave(party)
             holder = None if holder is party else holder
         elif what in ("take", "give"):
-            done = desk.take(Order(id=number, control="take" if what == "take" else "give"), party, 0.0).done
+            done = desk.take(ClientOrder(id=number, control="take" if what == "take" else "give"), party, 0.0).done
             assert done == (holder in (None, party) if what == "take" else holder is party)
             if done:
                 holder = party if what == "take" else None
         else:
-            desk.take(Order(id=number, ask=Ask(what), vehicle="mqx"), party, 0.0)
+            desk.take(ClientOrder(id=number, ask=Ask(what), vehicle="mqx"), party, 0.0)
             free = what in ("land", "descend", "abort", "kill")
             assert (len(core.asked) == asked + 1) == (free or holder is party)
         assert [desk.control(one).yours for one in parties] == [one is holder for one in parties]
@@ -98,7 +98,7 @@ def test_what_lifts_or_moves_the_vehicle_is_asked_by_the_one_holder_alone(moves:
 def test_words_of_a_client_stay_on_one_line_and_move_no_cursor() -> None:
     core = Sampled()
     party = Party(7)
-    order = Order(id=1, ask=Ask.LAND, why="fire\n12.3 landed\x1b[2J", name="t\x1bui\n")
+    order = ClientOrder(id=1, ask=Ask.LAND, why="fire\n12.3 landed\x1b[2J", name="t\x1bui\n")
     Desk("mqx", core).take(order, party, 0.0)
     assert core.asked[0].why == "fire·12.3 landed·[2J (t·ui· 7)"
     assert printable("ü🚁 z1") == "ü🚁 z1"
@@ -108,10 +108,10 @@ def test_words_of_a_client_stay_on_one_line_and_move_no_cursor() -> None:
 def test_what_starts_or_steers_is_refused_late_and_what_brings_down_never(ask: Ask) -> None:
     core, party = Sampled(), Party(7)
     desk = Desk("mqx", core)
-    desk.take(Order(id=1, control="take"), party, 0.0)
-    late = desk.take(Order(id=2, ask=ask, vehicle="mqx", until_s=10.0), party, 12.5)
+    desk.take(ClientOrder(id=1, control="take"), party, 0.0)
+    late = desk.take(ClientOrder(id=2, ask=ask, vehicle="mqx", until_s=10.0), party, 12.5)
     down = ask in (Ask.LAND, Ask.DESCEND, Ask.ABORT, Ask.KILL)
     assert (late.done, len(core.asked)) == (down, int(down))
     assert down or "2.5 s too late" in late.says
-    desk.take(Order(id=3, ask=ask, vehicle="mqx", until_s=10.0), party, 9.9)
+    desk.take(ClientOrder(id=3, ask=ask, vehicle="mqx", until_s=10.0), party, 9.9)
     assert len(core.asked) == 1 + int(down)

@@ -9,17 +9,16 @@ import numpy as np
 import pytest
 
 from groundstation.core.geometry import Alignment, Body, Frames, Quat, Vec3, World, so3
-from groundstation.lab.axes.moves import MOVES
-from groundstation.lab.axes.solve import Contradiction, Found, solve
+from groundstation.lab.axes import MOVES, AxisCalibration, CarryContradiction, solve_axes
 from tests.carried import Measure, carried
 
 WORLDS, BODIES = get_args(World), get_args(Body)
 
 
-def found(measure: Measure, **more: float) -> Found:
+def found(measure: Measure, **more: float) -> AxisCalibration:
     carry, attitudes = carried(measure, **more)  # type: ignore[arg-type]  # numbers all of them
     assert carry.move is None, f"'{carry.move}' was not recognised"
-    return solve(carry.rests, carry.samples, attitudes)
+    return solve_axes(carry.rests, carry.samples, attitudes)
 
 
 @pytest.mark.parametrize("number", range(24))
@@ -34,7 +33,7 @@ def test_each_of_the_24_mappings_of_the_world_and_of_the_body_is_found(number: i
 def test_without_an_autopilot_the_shown_moves_are_enough_for_the_names(number: int) -> None:
     world, body = WORLDS[number], BODIES[(11 * number + 3) % 24]
     carry, _ = carried(Frames(world, body).theirs, seed=number)
-    result = solve(carry.rests, carry.samples, [])
+    result = solve_axes(carry.rests, carry.samples, [])
     assert (result.world, result.body) == (world, body)
     assert result.late_s is None
     assert result.autopilot_north_deg is None
@@ -62,8 +61,8 @@ def test_each_of_the_24_mirrored_mappings_is_refused(number: int) -> None:
 
     for attitudes_too in (True, False):
         carry, attitudes = carried(mirrored, seed=number)
-        with pytest.raises(Contradiction, match="left-handed") as caught:
-            solve(carry.rests, carry.samples, attitudes if attitudes_too else [])
+        with pytest.raises(CarryContradiction, match="left-handed") as caught:
+            solve_axes(carry.rests, carry.samples, attitudes if attitudes_too else [])
         assert caught.value.move == ""
 
 
@@ -119,8 +118,8 @@ def test_how_late_poses_are_is_measured_within_some_milliseconds(late_s: float) 
 def test_a_move_that_was_not_made_as_shown_is_named(name: str, instead: Vec3, words: str) -> None:
     moves = [msgspec.structs.replace(move, axis=instead) if move.name == name else move for move in MOVES]
     carry, attitudes = carried(Frames("nwu", "flu").theirs, moves=moves)
-    with pytest.raises(Contradiction, match=words) as caught:
-        solve(carry.rests, carry.samples, attitudes)
+    with pytest.raises(CarryContradiction, match=words) as caught:
+        solve_axes(carry.rests, carry.samples, attitudes)
     assert caught.value.move == name
 
 
@@ -130,18 +129,18 @@ def test_a_tracker_that_follows_something_else_is_found_out() -> None:
         return place, so3.from_euler_zyx(0.6 * roll, 0.6 * pitch, yaw)
 
     carry, attitudes = carried(other)
-    with pytest.raises(Contradiction, match="follow this vehicle"):
-        solve(carry.rests, carry.samples, attitudes)
+    with pytest.raises(CarryContradiction, match="follow this vehicle"):
+        solve_axes(carry.rests, carry.samples, attitudes)
 
 
 def test_a_vehicle_that_does_not_stand_level_at_first_is_told() -> None:
     slope = Frames("ned", "frd", Alignment(lab_rotation_deg=(0.0, 20.0, 0.0)))
     carry, attitudes = carried(slope.theirs)
-    with pytest.raises(Contradiction, match="askew"):
-        solve(carry.rests, carry.samples, attitudes)
+    with pytest.raises(CarryContradiction, match="askew"):
+        solve_axes(carry.rests, carry.samples, attitudes)
 
 
 def test_an_autopilot_that_falls_silent_is_told() -> None:
     carry, attitudes = carried(Frames("nwu", "flu").theirs)
-    with pytest.raises(Contradiction, match="has stopped"):
-        solve(carry.rests, carry.samples, attitudes[:800])
+    with pytest.raises(CarryContradiction, match="has stopped"):
+        solve_axes(carry.rests, carry.samples, attitudes[:800])

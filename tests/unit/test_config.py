@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 from groundstation.config import ConfigError, dump, from_dict, load
 from groundstation.core.trajectory.shapes import CircleConfig
 from groundstation.core.trajectory.transition import HoldConfig
-from groundstation.lab.fleet import read_fleet
+from groundstation.lab import read_fleet
 from groundstation.settings import Config
 
 Positive = Annotated[float, msgspec.Meta(gt=0)]

@@ -10,22 +10,32 @@ from typing import Any
 import pytest
 
 from groundstation.config import ConfigError, from_dict
-from groundstation.lab.doctor import Orders, ardupilot, doctor, px4, restore
-from groundstation.lab.doctor.advice import (
+from groundstation.lab import DoctorOrders, run_doctor
+from groundstation.lab.doctor import (
+    EXIT_FINDINGS,
+    EXIT_HEALTHY,
+    EXIT_NO_ANSWER,
+    Restore,
+    doctor_report,
+    load_restore,
+    save_restore,
+)
+from groundstation.lab.doctor_advice import (
     Advice,
-    Facts,
-    Finding,
+    ParameterFinding,
     Rule,
+    VehicleFacts,
     Weight,
+    ardupilot_advice,
     between,
     exactly,
     is_wrong,
-    judged,
+    judge,
     near,
+    px4_advice,
     with_bit,
     without_bit,
 )
-from groundstation.lab.doctor.command import EXIT_FINDINGS, EXIT_HEALTHY, EXIT_NO_ANSWER, report
 from groundstation.settings import Config
 from links.mavlink.protocol import REAL32, AutopilotParameter
 from sim.autopilots import AUTOPILOTS, AutopilotPeer, SimulatedAutopilot
@@ -35,8 +45,8 @@ from tests.loops import in_virtual_time
 
 HERE = ("127.0.0.1", 14540)
 HOVER = 0.080 * 9.81 / 1.37
-FACTS = Facts(own_system=245, target_system=1, hover=HOVER, own_curve=False)
-TABLES = {"px4": px4.table, "ardupilot": ardupilot.table}
+FACTS = VehicleFacts(own_system=245, target_system=1, hover=HOVER, own_curve=False)
+TABLES = {"px4": px4_advice, "ardupilot": ardupilot_advice}
 
 
 class Visit:
@@ -73,7 +83,7 @@ def visit(
         config = from_dict({}, Config, set_)
         who: Callable[[str], Awaitable[str]] | None = ask if answer is not None else None
         try:
-            return await doctor(config, Orders("doctor", folder=folder, **(orders or {})), who, lines.append)
+            return await run_doctor(config, DoctorOrders("doctor", folder=folder, **(orders or {})), who, lines.append)
         finally:
             peer.cancel()
             await asyncio.gather(peer, return_exceptions=True)
@@ -96,7 +106,7 @@ WANTED = re.findall(
 def test_what_the_page_on_safety_wants_of_an_autopilot_is_what_the_doctor_sets(
     autopilot: str, name: str, delivered: str, wanted: str
 ) -> None:
-    rows = (px4 if autopilot == "PX4" else ardupilot).table(FACTS)
+    rows = (px4_advice if autopilot == "PX4" else ardupilot_advice)(FACTS)
     (rule,) = [advice.rule for advice in rows if name in advice.names]
     assert not rule.accepts(float(delivered))
     span = re.match(r"[\d.]+ to [\d.]+", wanted)
@@ -143,9 +153,9 @@ def test_a_rule_accepts_and_recommends(
     assert rule.better(7.0) == better
 
 
-def finding(value: float | None, weight: Weight) -> Finding:
+def finding(value: float | None, weight: Weight) -> ParameterFinding:
     found = {} if value is None else {"NEW": AutopilotParameter("NEW", value, REAL32)}
-    return judged(Advice(("OLD", "NEW"), weight, exactly(1.0), "because"), found)
+    return judge(Advice(("OLD", "NEW"), weight, exactly(1.0), "because"), found)
 
 
 def test_a_parameter_is_judged_by_any_of_its_names() -> None:
@@ -161,7 +171,9 @@ def test_what_is_only_to_be_read_is_never_wrong() -> None:
 
 
 def test_the_report_names_the_command_that_mends_what_is_wrong() -> None:
-    text = report("title", [finding(1.0, Weight.MUST), finding(2.0, Weight.SHOULD)], "groundstation doctor x.toml")
+    text = doctor_report(
+        "title", [finding(1.0, Weight.MUST), finding(2.0, Weight.SHOULD)], "groundstation doctor x.toml"
+    )
     assert "set it to 1: groundstation doctor x.toml --fix NEW" in text
     assert text.index("SHOULD") < text.index("ok ")
     assert text.endswith("0 must and 1 should be changed; 1 ok.")
@@ -233,7 +245,7 @@ def test_looking_changes_nothing(tmp_path: Path) -> None:
 def test_nobody_there_is_told_of(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     async def main() -> int:
         config = from_dict({}, Config, ["link.connect_timeout_s=1"])
-        return await doctor(config, Orders("doctor", folder=tmp_path), None)
+        return await run_doctor(config, DoctorOrders("doctor", folder=tmp_path), None)
 
     assert in_virtual_time(main()) == EXIT_NO_ANSWER
     assert "no HEARTBEAT" in capsys.readouterr().err
@@ -258,7 +270,7 @@ def test_a_parameter_whose_name_the_operator_types_is_set_and_can_be_put_back(
     assert seen.autopilot.parameters[name] == pytest.approx(new, rel=1e-6)  # float32 on the wire
     assert f"{name}: {old:g} became {new:g}, read back" in seen.said
     (file,) = tmp_path.iterdir()
-    kept = restore.load(file)
+    kept = load_restore(file)
     assert (kept.name, kept.value) == (name, old)
     back = visit(tmp_path, kind, orders={"restore": file, "yes": True}, parameters={name: new})
     assert back.autopilot.parameters[name] == old
@@ -272,7 +284,7 @@ def test_several_parameters_are_set_one_after_the_other(tmp_path: Path) -> None:
     assert seen.code == EXIT_HEALTHY
     assert seen.autopilot.parameters["COM_OF_LOSS_T"] == pytest.approx(0.4)
     assert seen.autopilot.parameters["COM_OBL_RC_ACT"] == 4.0
-    assert sorted(restore.load(file).name for file in tmp_path.iterdir()) == ["COM_OBL_RC_ACT", "COM_OF_LOSS_T"]
+    assert sorted(load_restore(file).name for file in tmp_path.iterdir()) == ["COM_OBL_RC_ACT", "COM_OF_LOSS_T"]
     assert all(f"--restore {file}" in seen.said for file in tmp_path.iterdir())
 
 
@@ -343,15 +355,15 @@ def test_orders_that_make_no_sense_are_refused(tmp_path: Path, orders: dict[str,
 
 
 def test_a_file_of_another_vehicle_is_not_put_back(tmp_path: Path) -> None:
-    other = restore.Restore(vehicle="x", autopilot="ArduPilot", system=1, name="GUID_TIMEOUT", value=1.0, kind=REAL32)
-    path = restore.save(other, tmp_path)
+    other = Restore(vehicle="x", autopilot="ArduPilot", system=1, name="GUID_TIMEOUT", value=1.0, kind=REAL32)
+    path = save_restore(other, tmp_path)
     with pytest.raises(ConfigError, match="the file is of ArduPilot, system 1; this is PX4"):
         visit(tmp_path, orders={"restore": path, "yes": True})
 
 
 def test_no_file_of_an_old_value_is_ever_overwritten(tmp_path: Path) -> None:
-    kept = restore.Restore(vehicle="x", autopilot="PX4", system=1, name="A", value=1.0, kind=REAL32)
-    assert [restore.save(kept, tmp_path).name for _ in range(3)] == [
+    kept = Restore(vehicle="x", autopilot="PX4", system=1, name="A", value=1.0, kind=REAL32)
+    assert [save_restore(kept, tmp_path).name for _ in range(3)] == [
         "restore-x-A.json", "restore-x-A-2.json", "restore-x-A-3.json"
     ]  # fmt: skip
 
@@ -360,4 +372,4 @@ def test_a_file_that_is_none_is_told_of(tmp_path: Path) -> None:
     path = tmp_path / "x.json"
     path.write_text('{"name": "A"}')
     with pytest.raises(ValueError, match="no file that --fix has written"):
-        restore.load(path)
+        load_restore(path)

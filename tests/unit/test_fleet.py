@@ -5,14 +5,23 @@ import math
 import msgspec
 import pytest
 
-from groundstation.interfaces.mqtt import Fleet, Seen
+from groundstation.interfaces.mqtt import FleetMonitor, VehicleView
 from groundstation.interfaces.mqtt.fleet import SILENCE_S, VEHICLES_MAX
-from groundstation.interfaces.mqtt.messages import event_of
-from groundstation.interfaces.tui.fleet_rows import COLUMNS, ORDERS, details, headline, row, rows
+from groundstation.interfaces.mqtt.messages import parse_event
+from groundstation.interfaces.tui.fleet import (
+    COLUMNS,
+    SORT_KEYS,
+    fleet_headline,
+    fleet_row,
+    fleet_rows,
+    vehicle_details,
+)
 from tests.sample_flight import sample
 
 
-def heard(fleet: Fleet, name: str, *, state: str = "tracking", now_s: float = 0.0, station_s: float = 0.0) -> Seen:
+def heard(
+    fleet: FleetMonitor, name: str, *, state: str = "tracking", now_s: float = 0.0, station_s: float = 0.0
+) -> VehicleView:
     snapshot = msgspec.structs.replace(sample(station_s, vehicle=name), state=state)
     fleet.hear(f"lab/{name}/state", state.encode(), now_s)
     fleet.hear(f"lab/{name}/snapshot", msgspec.json.encode(snapshot), now_s)
@@ -20,27 +29,27 @@ def heard(fleet: Fleet, name: str, *, state: str = "tracking", now_s: float = 0.
 
 
 def test_a_vehicle_appears_with_its_first_word_and_its_snapshot_follows() -> None:
-    fleet = Fleet("lab")
+    fleet = FleetMonitor("lab")
     fleet.hear("lab/mqx/state", b"ready", 0.0)
     (seen,) = fleet
-    assert row(seen, 0.0).cells[:3] == ("mqx", "!!NO DATA", "-")
+    assert fleet_row(seen, 0.0).cells[:3] == ("mqx", "!!NO DATA", "-")
     heard(fleet, "mqx")
-    assert row(seen, 0.5).cells == (
+    assert fleet_row(seen, 0.5).cells == (
         "mqx", "▲ TRACKING", "0.01s", f"{sample(0.0).error_m:.2f}m", "0.62m", "-", "armed", "0.50s",
         "tracking: following the trajectory",
     )  # fmt: skip
 
 
 def test_numbers_that_are_not_finite_are_dashes() -> None:
-    fleet = Fleet("lab")
+    fleet = FleetMonitor("lab")
     seen = heard(fleet, "mqx")
     lost = msgspec.structs.replace(sample(1.0), pose_age_s=math.inf, error_m=math.nan)
     fleet.hear("lab/mqx/snapshot", msgspec.json.encode(lost), 1.0)
-    assert row(seen, 1.0).cells[2:4] == ("-", "-")
+    assert fleet_row(seen, 1.0).cells[2:4] == ("-", "-")
 
 
 def test_silence_is_an_alarm_unless_the_flight_has_ended_or_its_station_has_said_goodbye() -> None:
-    fleet = Fleet("lab")
+    fleet = FleetMonitor("lab")
     silent, landed, away = (heard(fleet, name, state=state) for name, state in
                             (("a", "hold"), ("b", "landed"), ("c", "offline")))  # fmt: skip
     late_s = SILENCE_S + 0.1
@@ -50,7 +59,7 @@ def test_silence_is_an_alarm_unless_the_flight_has_ended_or_its_station_has_said
 
 
 def test_a_snapshot_that_was_held_up_on_its_way_is_as_old_as_it_is() -> None:
-    fleet = Fleet("lab")
+    fleet = FleetMonitor("lab")
     seen = heard(fleet, "mqx", now_s=50.0)
     for second in range(1, 5):
         heard(fleet, "mqx", now_s=50.0 + second, station_s=float(second))
@@ -60,7 +69,7 @@ def test_a_snapshot_that_was_held_up_on_its_way_is_as_old_as_it_is() -> None:
 
 
 def test_another_run_of_the_station_begins_with_another_clock() -> None:
-    fleet = Fleet("lab")
+    fleet = FleetMonitor("lab")
     seen = heard(fleet, "mqx", now_s=0.0, station_s=1000.0)
     heard(fleet, "mqx", now_s=1.0, station_s=3.0)
     assert seen.age_s(1.0) == 0.0
@@ -83,14 +92,14 @@ def test_another_run_of_the_station_begins_with_another_clock() -> None:
     ],
 )
 def test_what_is_not_understood_is_counted_and_dropped(topic: str, payload: bytes) -> None:
-    fleet = Fleet("lab")
+    fleet = FleetMonitor("lab")
     fleet.hear(topic, payload, 0.0)
     assert fleet.misunderstood == 1
     assert all(seen.snapshot is None and seen.events == [] and seen.state == "" for seen in fleet)
 
 
 def test_a_broker_full_of_vehicles_fills_no_memory() -> None:
-    fleet = Fleet("lab")
+    fleet = FleetMonitor("lab")
     for number in range(VEHICLES_MAX + 10):
         fleet.hear(f"lab/v{number}/state", b"ready", 0.0)
     assert len(list(fleet)) == VEHICLES_MAX
@@ -98,18 +107,18 @@ def test_a_broker_full_of_vehicles_fills_no_memory() -> None:
 
 
 def test_what_needs_somebody_comes_first() -> None:
-    fleet = Fleet("lab")
+    fleet = FleetMonitor("lab")
     for name, state in (("a", "offline"), ("b", "ready"), ("c", "tracking"), ("d", "aborted"), ("e", "hold")):
         heard(fleet, name, state=state)
-    orders = {order: [one.name for one in rows(fleet, order, 0.0)] for order in ORDERS}
+    orders = {order: [one.name for one in fleet_rows(fleet, order, 0.0)] for order in SORT_KEYS}
     assert orders["what needs somebody"] == ["d", "c", "e", "b", "a"]
     assert orders["name"] == ["a", "b", "c", "d", "e"]
     assert orders["error"] == ["a", "b", "c", "d", "e"]  # all the same: by name
-    shown = rows(fleet, "name", 0.0)
-    assert headline(shown, "").big == "1 ALARM"
-    assert headline(shown, "").detail == "1 alarm, 2 flying, 1 on ground, 1 offline"
-    assert headline(shown, "refused").big == "NO BROKER"
-    assert headline([], "").big == "NO VEHICLE"
+    shown = fleet_rows(fleet, "name", 0.0)
+    assert fleet_headline(shown, "").big == "1 ALARM"
+    assert fleet_headline(shown, "").detail == "1 alarm, 2 flying, 1 on ground, 1 offline"
+    assert fleet_headline(shown, "refused").big == "NO BROKER"
+    assert fleet_headline([], "").big == "NO VEHICLE"
 
 
 def test_the_columns_fit_a_narrow_screen() -> None:
@@ -117,9 +126,9 @@ def test_the_columns_fit_a_narrow_screen() -> None:
 
 
 def test_the_details_say_where_it_is_and_what_has_happened() -> None:
-    fleet = Fleet("lab")
+    fleet = FleetMonitor("lab")
     seen = heard(fleet, "mqx")
-    fleet.hear("lab/mqx/event", msgspec.json.encode(event_of(1, "101.5 wind")), 0.0)
-    told = details(seen, 0.0)
+    fleet.hear("lab/mqx/event", msgspec.json.encode(parse_event(1, "101.5 wind")), 0.0)
+    told = vehicle_details(seen, 0.0)
     assert told[0] == "mqx: TRACKING - following the trajectory"
     assert told[-1] == "    101.5 wind"

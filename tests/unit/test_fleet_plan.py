@@ -9,8 +9,8 @@ import pytest
 import tomli_w
 
 from groundstation.config import ConfigError, from_dict
-from groundstation.interfaces.service.fleet_supervisor import by_hand
-from groundstation.lab.fleet import Fleet, read_fleet
+from groundstation.interfaces.service.fleet import describe_core
+from groundstation.lab import FleetPlan, read_fleet
 from groundstation.settings import Config
 
 LAB: dict[str, Any] = {
@@ -30,7 +30,7 @@ def told(section: Any) -> dict[str, Any]:
 
 def fleet(
     folder: Path, *vehicles: dict[str, Any], lab: dict[str, Any] = LAB, sets: tuple[str, ...] = (), **more: Any
-) -> Fleet:
+) -> FleetPlan:
     (folder / "lab.toml").write_text(tomli_w.dumps(lab), "utf-8")
     file = folder / "fleet.toml"
     file.write_text(tomli_w.dumps({"config": "lab.toml", **more, "vehicles": list(vehicles)}), "utf-8")
@@ -81,7 +81,7 @@ def test_overrides_are_for_every_vehicle(tmp_path: Path) -> None:
 
 def test_the_configuration_that_is_shown_is_the_core_s(tmp_path: Path) -> None:
     found = fleet(tmp_path, ANT, BEE)
-    text = by_hand(found, found.members[1])
+    text = describe_core(found, found.members[1])
     assert "# Its poses come from: groundstation relay 0.0.0.0:51001 --to 127.0.0.1:51101 --to 127.0.0.1:51102" in text
     (tmp_path / "bee.toml").write_text(text, "utf-8")
     assert from_dict(tomllib.loads(text), Config) == found.members[1].core

@@ -1,4 +1,4 @@
-"""groundstation/runtime/flights.py: names, and what is tidied away; and the list of flights."""
+"""groundstation/runtime/recordings.py: names, and what is tidied away; and the list of flights."""
 
 import argparse
 import fcntl
@@ -11,7 +11,7 @@ import pytest
 
 from groundstation.analysis import logs_command
 from groundstation.recording.headline import HeadlineCounter
-from groundstation.runtime import RecordingConfig, being_written, folder_of, free_name, recordings, tidy
+from groundstation.runtime import RecordingConfig, folder_of, free_name, is_being_written, list_recordings, tidy
 
 NOW = 1_800_000_000.0
 DAY = 86400.0
@@ -50,7 +50,7 @@ def test_two_flights_in_one_second_get_two_names(tmp_path: Path) -> None:
     second = free_name(tmp_path, "20270101-120000", "mqx")
     assert (first.name, second.name) == ("20270101-120000-mqx.mcap", "20270101-120000-mqx-2.mcap")
     second.touch()
-    assert set(recordings(tmp_path)) == {first, second}
+    assert set(list_recordings(tmp_path)) == {first, second}
 
 
 def test_the_oldest_go_when_all_take_too_much_their_tlogs_with_them(tmp_path: Path) -> None:
@@ -73,7 +73,7 @@ def test_the_newest_a_running_one_and_files_of_others_always_stay(tmp_path: Path
         (tmp_path / name).write_bytes(b"z" * 5000)
     with running.open("ab") as file:
         fcntl.flock(file, fcntl.LOCK_EX)
-        assert being_written(running)
+        assert is_being_written(running)
         assert tidy(config(tmp_path, gb=1e-9, days=1e-6), NOW) == []
     assert tidy(config(tmp_path, gb=1e-9, days=1e-6), NOW) == [running]
     assert newest.exists()
@@ -88,7 +88,7 @@ def test_without_limits_nothing_goes(tmp_path: Path) -> None:
 
 def test_a_folder_that_is_not_there_holds_nothing(tmp_path: Path) -> None:
     assert tidy(config(tmp_path / "none", gb=1.0), NOW) == []
-    assert recordings(tmp_path / "none") == []
+    assert list_recordings(tmp_path / "none") == []
 
 
 def listed(folder: Path, capsys: pytest.CaptureFixture[str], **more: Any) -> dict[str, Any]:

@@ -10,18 +10,21 @@ import pytest
 from groundstation.core.messages import Ask, Reply, Request
 from groundstation.interfaces.api.desk import ANYONE, Party
 from groundstation.interfaces.api.desk import Desk as ControlDesk
-from groundstation.interfaces.api.messages import Order
-from groundstation.interfaces.mqtt.gatekeeper import (
+from groundstation.interfaces.api.messages import ClientOrder
+from groundstation.interfaces.mqtt.messages import RequestMessage
+from groundstation.interfaces.mqtt.requests import (
     ANY_BURST,
     CLIENT_BURST,
     LIFE_MAX_MS,
+    REQUEST_MAX_BYTES,
     SESSIONS_KEPT,
     TELL_S,
     ClientKey,
     Gatekeeper,
+    Place,
+    open_answer,
+    seal_request,
 )
-from groundstation.interfaces.mqtt.messages import RequestMessage
-from groundstation.interfaces.mqtt.request_codec import REQUEST_MAX_BYTES, Place, open_answer, sealed_request
 from tests.sample_flight import Sampled
 
 PLACE = Place("lab", "mqx")
@@ -62,7 +65,7 @@ def sealed(
     expires_ms: int = NOW_MS + 3000,
     why: str = "",
 ) -> bytes:
-    return sealed_request(key, place, session, client, number, ask, expires_ms, why)  # type: ignore[arg-type]  # also what is none
+    return seal_request(key, place, session, client, number, ask, expires_ms, why)  # type: ignore[arg-type]  # also what is none
 
 
 def changed(data: bytes, **fields: object) -> bytes:
@@ -333,7 +336,7 @@ def test_the_desk_takes_from_afar_all_but_to_arm_and_what_a_local_client_has_con
     station = ControlDesk("mqx", core)
     assert (station.from_afar(Request(ask, "by MQTT")).says.startswith("nobody arms")) == (ask is Ask.ARM)
     assert core.asked == ([] if ask is Ask.ARM else [Request(ask, "by MQTT")])
-    station.take(Order(id=1, control="take"), Party(7), 0.0)
+    station.take(ClientOrder(id=1, control="take"), Party(7), 0.0)
     core.asked.clear()
     station.from_afar(Request(ask, "by MQTT"))
     assert core.asked == ([Request(ask, "by MQTT")] if ask in ANYONE else [])

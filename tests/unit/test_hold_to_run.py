@@ -16,7 +16,7 @@ from groundstation.core.mission import InputLost
 from groundstation.core.mission.operator import DEBOUNCE_S
 from groundstation.flight import HoldWatch
 from groundstation.flight.hold_to_run import LOOK_S, OLD_S, RATE_HZ, ChannelInput, Hold, open_device
-from groundstation.interfaces.service import flyable
+from groundstation.interfaces.service import require_flyable
 from groundstation.settings import Config, OperatorConfig
 from tests.hold_double import DeviceDouble, Hand, pad
 from tests.loops import in_virtual_time
@@ -168,7 +168,7 @@ def test_a_device_that_is_not_there_stops_at_the_start_with_those_that_are(
     devices = pad(), pad("Other pad", "/dev/input/event6")
     plugged(monkeypatch, *devices)
     with pytest.raises(ConfigError, match=says):
-        flyable(from_dict({"operator": operator}, Config))
+        require_flyable(from_dict({"operator": operator}, Config))
     assert all(device.closed for device in devices) or "no key" in says or operator.get("device", "").startswith("/")
 
 

@@ -9,7 +9,7 @@ import pytest
 from groundstation.config import load
 from groundstation.core.trajectory.waypoints import parsed
 from groundstation.flight import examine_trajectory
-from groundstation.lab.fleet import read_fleet
+from groundstation.lab import read_fleet
 from groundstation.settings import Config
 
 ROOT = Path(__file__).parents[2]

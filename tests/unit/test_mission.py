@@ -8,7 +8,11 @@ from groundstation.core.messages import Ask, Request
 from groundstation.core.messages.snapshot import decode
 from groundstation.core.mission import EVENT_OF, FINAL, IN_AIR, ON_GROUND, TABLE, Event, Mission, State
 from groundstation.core.mission.mission import IllegalMove
-from groundstation.interfaces.cli.mission_diagram import BEGIN, END, markdown, mermaid, write
+from groundstation.interfaces.cli.commands import STATES_BEGIN as BEGIN
+from groundstation.interfaces.cli.commands import STATES_END as END
+from groundstation.interfaces.cli.commands import mermaid
+from groundstation.interfaces.cli.commands import states_page as markdown
+from groundstation.interfaces.cli.commands import write_states as write
 
 PAGE = Path(__file__).parents[2] / "docs" / "explanation" / "mission.md"
 

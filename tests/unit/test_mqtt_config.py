@@ -7,8 +7,8 @@ from typing import Any
 import pytest
 
 from groundstation.config import ConfigError, dump, from_dict
-from groundstation.interfaces.mqtt import ensure_mqtt, from_url, in_words
-from groundstation.interfaces.mqtt.broker import opened
+from groundstation.interfaces.mqtt import describe_error, ensure_mqtt, from_url
+from groundstation.interfaces.mqtt.broker import open_broker
 from groundstation.settings import Config, MqttConfig
 from links.io import make_key
 
@@ -24,7 +24,7 @@ from links.io import make_key
     ],
 )
 def test_the_operator_reads_no_numbers_of_libraries(error: str, says: str) -> None:
-    assert in_words(OSError(error)) == says
+    assert describe_error(OSError(error)) == says
 
 
 def of(**mqtt: Any) -> MqttConfig:
@@ -33,7 +33,7 @@ def of(**mqtt: Any) -> MqttConfig:
 
 @pytest.mark.parametrize("host", ["127.0.0.1", "localhost", "::1"])
 def test_on_this_machine_nothing_needs_encryption(host: str) -> None:
-    assert opened(of(host=host)).context is None
+    assert open_broker(of(host=host)).context is None
     assert of(host=host).tcp_port == 1883
 
 
@@ -55,14 +55,14 @@ def test_what_is_not_safe_is_told_at_each_start(
     mqtt: dict[str, Any], words: str, caplog: pytest.LogCaptureFixture
 ) -> None:
     for _ in range(2):
-        opened(of(**mqtt))
+        open_broker(of(**mqtt))
     assert [words in record.message for record in caplog.records] == [True, True]
     assert all(record.levelno == logging.WARNING for record in caplog.records)
 
 
 def test_the_certificate_and_the_name_of_the_broker_are_checked_unless_told_otherwise() -> None:
-    checked = opened(of(tls={"enabled": True})).context
-    unchecked = opened(of(tls={"enabled": True, "verify": False})).context
+    checked = open_broker(of(tls={"enabled": True})).context
+    unchecked = open_broker(of(tls={"enabled": True, "verify": False})).context
     assert checked is not None
     assert unchecked is not None
     assert (checked.check_hostname, checked.verify_mode.name) == (True, "CERT_REQUIRED")
@@ -122,12 +122,12 @@ def test_two_clients_never_share_a_key(tmp_path: Path) -> None:
 
 def test_a_missing_authority_or_certificate_is_named(tmp_path: Path) -> None:
     with pytest.raises(ConfigError, match=r"mqtt\.tls\.ca_file: cannot use /nowhere/ca.crt: No such file"):
-        opened(of(tls={"enabled": True, "ca_file": "/nowhere/ca.crt"}))
+        open_broker(of(tls={"enabled": True, "ca_file": "/nowhere/ca.crt"}))
     (tmp_path / "key").touch(0o600)
     (tmp_path / "cert").touch()
     files = {"cert_file": str(tmp_path / "cert"), "key_file": str(tmp_path / "key")}
     with pytest.raises(ConfigError, match=r"mqtt\.tls\.cert_file: cannot use"):
-        opened(of(tls={"enabled": True, **files}))
+        open_broker(of(tls={"enabled": True, **files}))
 
 
 def test_a_url_says_where_the_broker_is() -> None:

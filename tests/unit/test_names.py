@@ -6,10 +6,10 @@ import msgspec
 import pytest
 
 from groundstation.config import ConfigError, from_dict, is_name
-from groundstation.interfaces.mqtt import Fleet
+from groundstation.interfaces.mqtt import FleetMonitor
 from groundstation.interfaces.mqtt.messages import RequestMessage
-from groundstation.lab.fleet.plan import Name
-from groundstation.runtime.flights import RECORDING
+from groundstation.lab.fleet import Name
+from groundstation.runtime.recordings import RECORDING
 from groundstation.settings import Config
 
 NO_NAMES = ["", "mqx\n", "..", ".", "-rf", "_x", "a/b", "a b", "ä", "x\x00", "\nmqx", "mqx\r", "+", "#"]
@@ -51,7 +51,7 @@ def test_no_file_topic_or_message_takes_it_either(name: str) -> None:
     assert RECORDING.fullmatch(f"20260102-030405-{name}.mcap") is None
     with pytest.raises(msgspec.ValidationError):
         msgspec.convert(name, Name)
-    fleet = Fleet("lab")
+    fleet = FleetMonitor("lab")
     fleet.hear(f"lab/{name}/state", b"landed", 0.0)
     assert (list(fleet), fleet.misunderstood) == ([], 1)
     request = {"session": "0" * 32, "client": name, "id": 1, "ask": "land", "expires_ms": 1, "mac": "0" * 64}

@@ -10,11 +10,11 @@ from typing import Any
 import pytest
 
 from groundstation.config import ConfigError
-from groundstation.interfaces.mqtt import Fleet
-from groundstation.interfaces.tui.fleet_rows import details, row
-from groundstation.interfaces.tui.parts import content
-from groundstation.interfaces.tui.parts import row as shown
-from groundstation.runtime import Outlet, entry
+from groundstation.interfaces.mqtt import FleetMonitor
+from groundstation.interfaces.tui.drawing import row as shown
+from groundstation.interfaces.tui.fleet import fleet_row, vehicle_details
+from groundstation.interfaces.tui.widgets import content
+from groundstation.runtime import LineWriter, entry
 from links.core import printable
 from links.mavlink.protocol import MavlinkCodec, Words
 
@@ -63,7 +63,7 @@ def test_an_autopilots_words_are_letters_from_the_wire_on(text: str) -> None:
 def test_what_a_flight_says_is_one_line_of_letters(text: str) -> None:
     heard, said = os.pipe()
     try:
-        Outlet(said).say(f"3.2 arming refused: “{text}”")
+        LineWriter(said).say(f"3.2 arming refused: “{text}”")
         line = os.read(heard, 4096).decode()
     finally:
         os.close(heard)
@@ -108,22 +108,22 @@ def test_what_draws_with_escapes_of_its_own_still_can(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     def show(_: object) -> int:
-        entry.bare(sys.stdout).write("\x1b[1mbold\x1b[0m\n")
+        entry.raw_stream(sys.stdout).write("\x1b[1mbold\x1b[0m\n")
         print("a\tb", file=sys.stdout)
         return 0
 
     assert _program(monkeypatch, show) == 0
     assert capsys.readouterr().out == "\x1b[1mbold\x1b[0m\na\tb\n"
-    assert entry.bare(sys.stdout) is sys.stdout
+    assert entry.raw_stream(sys.stdout) is sys.stdout
 
 
 @pytest.mark.parametrize("text", [*HOSTILE.values(), "[red]armed[/]", "[link=file:///etc/passwd]click[/link]"])
 def test_a_fleets_screen_shows_words_of_a_broker_as_they_are(text: str) -> None:
-    fleet = Fleet("lab")
+    fleet = FleetMonitor("lab")
     fleet.hear("lab/mqx/state", text.encode(), 0.0)
     fleet.hear("lab/mqx/event", b'{"number": 1, "time_s": 1.0, "text": "%s"}' % _json(text), 0.0)
     (seen,) = fleet
-    cells = [*row(seen, 0.0).cells, *details(seen, 0.0)]
+    cells = [*fleet_row(seen, 0.0).cells, *vehicle_details(seen, 0.0)]
     assert all(map(is_safe, cells))
     if text.startswith("["):
         assert any(text in cell for cell in cells)

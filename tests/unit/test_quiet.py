@@ -4,7 +4,7 @@ import asyncio
 from collections.abc import Coroutine
 
 from groundstation.runtime import Quiet
-from groundstation.runtime.quiet import WITHIN_S
+from groundstation.runtime.clock import WITHIN_S
 from sim.time import VirtualTimeLoop
 
 

@@ -7,7 +7,7 @@ import pytest
 
 from groundstation.config import presets
 from groundstation.core.vehicle import Vehicle
-from groundstation.interfaces.mqtt.schemas import schemas
+from groundstation.interfaces.mqtt.command import schemas
 from groundstation.settings import Config
 from sim.studies.campaign import COLUMNS
 from tests.proving.reference.pages import PAGES, SCHEMAS, page, reference_command

@@ -8,15 +8,15 @@ from pathlib import Path
 
 import pytest
 
-from groundstation.runtime import ApiError, Running, register, registered, running, send
+from groundstation.runtime import ApiError, Running, register, registration, running_processes, send_signal
 from groundstation.runtime.register import SUFFIX
 
 ONE = Running(pid=os.getpid(), command="fly", vehicle="mqx", socket="/x/mqx.sock")
 PROGRAM = """
 import os, signal, sys, time
 signal.signal(signal.SIGQUIT, signal.SIG_DFL)  # a shell's background jobs ignore it
-from groundstation.runtime.register import Running, registered
-with registered(Running(pid=os.getpid(), command=sys.argv[2], vehicle=sys.argv[1])):
+from groundstation.runtime.register import Running, registration
+with registration(Running(pid=os.getpid(), command=sys.argv[2], vehicle=sys.argv[1])):
     print("registered", flush=True)
     time.sleep(60)
 """
@@ -53,34 +53,34 @@ def test_a_process_is_registered_while_it_lives_and_what_a_killed_one_left_is_re
 ) -> None:
     bee, ant = another("bee"), another("ant")
     try:
-        assert [(one.vehicle, one.pid) for one in running(tmp_path)] == [("ant", ant.pid), ("bee", bee.pid)]
+        assert [(one.vehicle, one.pid) for one in running_processes(tmp_path)] == [("ant", ant.pid), ("bee", bee.pid)]
         assert (folder.stat().st_mode & 0o777, entries(folder)[0].stat().st_mode & 0o777) == (0o700, 0o600)
         end(bee)
         assert len(entries(folder)) == 2
-        assert [one.vehicle for one in running(tmp_path)] == ["ant"]
+        assert [one.vehicle for one in running_processes(tmp_path)] == ["ant"]
         assert len(entries(folder)) == 1
     finally:
         end(bee)
         end(ant)
-    assert running(tmp_path) == []
+    assert running_processes(tmp_path) == []
 
 
 def test_ones_own_entry_is_not_told_and_goes_with_the_flight(folder: Path, tmp_path: Path) -> None:
-    with registered(ONE):
+    with registration(ONE):
         assert len(entries(folder)) == 1
-        assert running(tmp_path) == []
+        assert running_processes(tmp_path) == []
     assert list(folder.iterdir()) == []
 
 
 def test_a_signal_reaches_only_who_is_registered(tmp_path: Path) -> None:
     bee = another("bee")
     try:
-        [one] = running(tmp_path)
+        [one] = running_processes(tmp_path)
         stranger = Running(pid=bee.pid, command="daemon", vehicle="not bee")
-        assert not send(stranger, signal.SIGTERM)
-        assert send(one, signal.SIGTERM)
+        assert not send_signal(stranger, signal.SIGTERM)
+        assert send_signal(one, signal.SIGTERM)
         assert bee.wait(60) == -signal.SIGTERM
-        assert not send(one, signal.SIGTERM)
+        assert not send_signal(one, signal.SIGTERM)
     finally:
         end(bee)
 
@@ -92,7 +92,7 @@ def test_what_is_no_entry_is_passed_over(folder: Path, tmp_path: Path, text: byt
         (folder / f"broken{SUFFIX}").write_bytes(text)
         (folder / f"link{SUFFIX}").symlink_to(entries(folder)[0])
         os.mkfifo(folder / f"pipe{SUFFIX}", 0o600)
-        assert [one.vehicle for one in running(tmp_path)] == ["bee"]
+        assert [one.vehicle for one in running_processes(tmp_path)] == ["bee"]
     finally:
         end(bee)
 
@@ -101,8 +101,8 @@ def test_a_folder_that_others_may_write_is_neither_used_nor_believed(folder: Pat
     bee = another("bee")
     try:
         folder.chmod(0o777)
-        assert running(tmp_path) == []
-        with pytest.raises(ApiError, match="nobody else may write to"), registered(ONE):
+        assert running_processes(tmp_path) == []
+        with pytest.raises(ApiError, match="nobody else may write to"), registration(ONE):
             raise AssertionError("it must not fly")
     finally:
         end(bee)
@@ -116,8 +116,8 @@ def test_flights_of_a_service_of_this_user_are_found_in_its_folder(
     bee = another("bee")
     try:
         monkeypatch.delenv("RUNTIME_DIRECTORY")
-        assert running(tmp_path / "nowhere") == []
-        assert [one.vehicle for one in running(services)] == ["bee"]
+        assert running_processes(tmp_path / "nowhere") == []
+        assert [one.vehicle for one in running_processes(services)] == ["bee"]
     finally:
         end(bee)
 

@@ -8,7 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from groundstation.core.messages import SourceError
-from groundstation.lab.fleet import Relay
+from groundstation.lab import Relay
 from groundstation.pose.sources import send_by
 from tests.loops import BOTH_LOOPS, Run, free_address, in_real_time, in_virtual_time
 

@@ -11,40 +11,40 @@ from textual.theme import Theme
 
 from groundstation.core.messages import Ask, Certificate, Snapshot
 from groundstation.core.mission import State
-from groundstation.interfaces.tui.pages.links_page import histogram, late
-from groundstation.interfaces.tui.pages.text_pages import flat
-from groundstation.interfaces.tui.parts import (
+from groundstation.interfaces.tui.drawing import (
+    PlotLine,
+    PlotTrack,
+    Spans,
+    arrow,
+    bar,
+    big,
+    flight_time,
+    history,
+    horizon,
+    huge,
+    in_time,
+    nice_top,
+    number_rows,
+    top_view,
+    two_sided_bar,
+)
+from groundstation.interfaces.tui.model import (
     ALARM,
     BY_ASK,
     FLYING,
     ORDERS,
-    THEMES,
-    Hello,
+    FeedTrouble,
+    FlightIdentity,
     Holder,
     Picture,
-    Spans,
-    Trouble,
     Twice,
-    bar,
-    big,
-    flight_time,
     gains,
+    headline,
+    newer_events,
     possible,
 )
-from groundstation.interfaces.tui.parts.headline import headline
-from groundstation.interfaces.tui.parts.letters import huge
-from groundstation.interfaces.tui.parts.picture import fresh
-from groundstation.interfaces.tui.parts.plot import (
-    Line,
-    Track,
-    history,
-    horizon,
-    in_time,
-    nice_top,
-    top_view,
-    two_sided_bar,
-)
-from groundstation.interfaces.tui.parts.words import arrow, numbers
+from groundstation.interfaces.tui.pages import config_rows, histogram_rows, lateness_rows
+from groundstation.interfaces.tui.themes import THEMES
 from links.core import printable
 from tests.sample_flight import sample
 
@@ -76,13 +76,13 @@ def test_huge_letters_are_five_rows_of_full_blocks() -> None:
 
 @given(st.lists(ANY, max_size=80), st.integers(1, 40), st.integers(1, 9))
 def test_any_curve_fills_exactly_its_room(values: list[float], width: int, height: int) -> None:
-    rows, low, high = in_time([Line(values, "x"), Line(values[::-1], "y")], width, height, 0.1)
+    rows, low, high = in_time([PlotLine(values, "x"), PlotLine(values[::-1], "y")], width, height, 0.1)
     assert [len(row) for row in plain(rows)] == [width] * height
     assert low < high
 
 
 def test_a_curve_rises_to_the_right_and_its_newest_value_is_last() -> None:
-    rows, low, high = in_time([Line([0.0, 1.0, 2.0, 3.0], "x")], 2, 1, 0.1)
+    rows, low, high = in_time([PlotLine([0.0, 1.0, 2.0, 3.0], "x")], 2, 1, 0.1)
     assert (low, high, plain(rows)) == (0.0, 3.0, ["⡠⠊"])
 
 
@@ -120,14 +120,14 @@ def test_north_is_up_and_east_is_to_the_right() -> None:
         (0.0, 1.0): (1, 2),
         (0.0, -1.0): (1, 0),
     }.items():
-        rows, _ = top_view([Track(points=[(0.0, 0.0), point], style="x", head="o")], 30, 15)
+        rows, _ = top_view([PlotTrack(points=[(0.0, 0.0), point], style="x", head="o")], 30, 15)
         where = next((r, line.index("o")) for r, line in enumerate(plain(rows)) if "o" in line)
         assert (where[0] // 5, where[1] // 10) == (row, column), point
 
 
 def test_a_metre_is_as_long_across_as_it_is_up() -> None:
     square = [(0.0, 0.0), (0.0, 1.0), (1.0, 1.0), (1.0, 0.0), (0.0, 0.0)]
-    rows, cell_m = top_view([Track(points=square, style="x", head="o")], 40, 20)
+    rows, cell_m = top_view([PlotTrack(points=square, style="x", head="o")], 40, 20)
     drawn = [line for line in plain(rows) if set(line) - {"⠀"}]
     across = max(len(line.rstrip("⠀")) for line in drawn) - min(len(line) - len(line.lstrip("⠀")) for line in drawn)
     assert across == pytest.approx(1.0 / cell_m, abs=1.5)
@@ -136,14 +136,14 @@ def test_a_metre_is_as_long_across_as_it_is_up() -> None:
 
 @given(st.lists(st.tuples(ANY, ANY), max_size=30), st.integers(8, 90), st.integers(3, 40))
 def test_any_track_fills_exactly_its_room(points: list[tuple[float, float]], width: int, height: int) -> None:
-    rows, cell_m = top_view([Track(points=points, style="x", head="o")], width, height)
+    rows, cell_m = top_view([PlotTrack(points=points, style="x", head="o")], width, height)
     assert [len(line) for line in plain(rows)] == [width] * height
     assert cell_m > 0.0
 
 
 def test_a_large_screen_is_plotted_in_a_fraction_of_a_frame() -> None:
     points = [(math.sin(0.05 * i), 2.0 * math.cos(0.09 * i)) for i in range(600)]
-    tracks = [Track(points=points, style="x", head="o"), Track(points=points[::-1], style="y", head="+")]
+    tracks = [PlotTrack(points=points, style="x", head="o"), PlotTrack(points=points[::-1], style="y", head="+")]
     costs, floors = [], []
     for _ in range(5):
         before = time.process_time()
@@ -199,14 +199,14 @@ def test_a_lost_link_and_old_poses_are_alarms() -> None:
 
 
 def test_heights_are_up_and_errors_in_centimetres() -> None:
-    text = "\n".join(plain(numbers(changed(position_ned=(1.0, -2.0, -1.5), error_m=0.123))))
+    text = "\n".join(plain(number_rows(changed(position_ned=(1.0, -2.0, -1.5), error_m=0.123))))
     assert "position   +1.000   -2.000   +1.500 m" in text
     assert "error     12.3 cm" in text
 
 
 def test_a_command_at_its_limit_carries_a_mark() -> None:
     limits = (1.0, 1.0, 1.0)
-    rows = plain(numbers(changed(thrust_n=1.37, rates_rad_s=(1.0, -1.0, 0.5), rate_limits_rad_s=limits)))
+    rows = plain(number_rows(changed(thrust_n=1.37, rates_rad_s=(1.0, -1.0, 0.5), rate_limits_rad_s=limits)))
     marked = [row.rstrip().endswith("!") for row in rows if " N" in row or "°/s" in row]
     assert marked == [True, True, True, False]
 
@@ -221,17 +221,17 @@ def test_a_violated_bound_carries_a_mark_and_a_bound_that_holds_does_not() -> No
         suspended_fraction=0.0,
         b_hat_fraction=0.08,
     )
-    assert "V         0.0213  holds  b̂ 8 %" in plain(numbers(changed(certificate=held)))
+    assert "V         0.0213  holds  b̂ 8 %" in plain(number_rows(changed(certificate=held)))
     violated = msgspec.structs.replace(held, state="violated", excess=3.25, b_hat_fraction=None)
-    assert "V         0.0213  violated! by 3.2" in plain(numbers(changed(certificate=violated)))
-    assert "V         -" in plain(numbers(changed(certificate=None)))
+    assert "V         0.0213  violated! by 3.2" in plain(number_rows(changed(certificate=violated)))
+    assert "V         -" in plain(number_rows(changed(certificate=None)))
 
 
 def test_words_from_the_vehicle_cannot_steer_the_terminal() -> None:
     hostile = "\x1b[2J\x07[red]armed[/]\r\n"
     assert printable(hostile) == "·[2J·[red]armed[/]··"
     link = msgspec.structs.replace(sample(1.0).link, text=hostile, state=hostile, dropped={hostile: 3})
-    assert "\x1b" not in "".join(plain(numbers(changed(link=link))))
+    assert "\x1b" not in "".join(plain(number_rows(changed(link=link))))
 
 
 NUMBERS = st.tuples(ANY, ANY, ANY)
@@ -257,7 +257,7 @@ def test_any_numbers_can_be_shown(
         flight_time_s=other,
         rate_limits_rad_s=limits,
     )
-    assert len(numbers(snapshot)) == 16
+    assert len(number_rows(snapshot)) == 16
     assert headline(snapshot, 0.0, "").big
 
 
@@ -292,23 +292,23 @@ def test_events_are_kept_once_each_however_often_they_are_told() -> None:
 
 
 def test_events_that_were_missed_do_not_hide_those_that_come() -> None:
-    assert fresh(Picture(0.0).events, ("1.0 a",)) == ("1.0 a",)
+    assert newer_events(Picture(0.0).events, ("1.0 a",)) == ("1.0 a",)
     picture = Picture(0.0)
     picture.take(changed(events=("1.0 a",)), 0.0)
-    assert fresh(picture.events, ("7.0 b", "8.0 c")) == ("7.0 b", "8.0 c")
+    assert newer_events(picture.events, ("7.0 b", "8.0 c")) == ("7.0 b", "8.0 c")
 
 
 def test_who_holds_control_is_not_known_while_nobody_is_there() -> None:
     picture = Picture(0.0)
     picture.take(Holder("tui 7", yours=True), 0.0)
-    picture.take(Trouble("gone"), 0.0)
+    picture.take(FeedTrouble("gone"), 0.0)
     assert picture.holder == Holder("", yours=False)
 
 
 def test_another_ground_station_begins_with_empty_plots_and_the_next_flight_of_one_does_too() -> None:
     picture = Picture(0.0)
     for origin, kept in (("process 1", 1), ("process 1", 2), ("process 2", 1)):
-        picture.take(Hello("mqx", origin, ""), 0.0)
+        picture.take(FlightIdentity("mqx", origin, ""), 0.0)
         picture.take(sample(1.0), 0.0)
         assert len(picture.flown) == kept
     picture.take(sample(2.0, state="landed"), 0.0)
@@ -327,20 +327,20 @@ def test_gains_are_shown_as_they_are_and_as_they_were_configured() -> None:
 
 
 def test_the_lines_of_a_configuration_carry_their_section() -> None:
-    assert plain(list(flat("# a\n[flight]\ncoast_s = 0.25  # [s]\n"))) == ["flight.coast_s = 0.25  # [s]"]
+    assert plain(list(config_rows("# a\n[flight]\ncoast_s = 0.25  # [s]\n"))) == ["flight.coast_s = 0.25  # [s]"]
 
 
 @given(st.lists(ANY, max_size=40))
 def test_a_histogram_counts_every_finite_number_once(values: list[float]) -> None:
     finite = [value for value in values if abs(value) < 1e6]
-    rows = plain(histogram(finite))
+    rows = plain(histogram_rows(finite))
     assert len(rows) <= 10
     if finite:
         assert sum(int(row.split()[-1]) for row in rows) == len(finite)
 
 
 def test_lateness_is_shown_by_octaves() -> None:
-    rows = plain(late(changed(late_us=(10, 60, 200), late_octaves=(0, 0, 0, 9, 0, 0, 3))))
+    rows = plain(lateness_rows(changed(late_us=(10, 60, 200), late_octaves=(0, 0, 0, 9, 0, 0, 3))))
     assert rows == [
         "late      50 % 10 µs   99 % 60 µs   99.9 % 200 µs",
         "  <    8 µs ██████████ 9",

@@ -8,15 +8,14 @@ from pathlib import Path
 import pytest
 
 from groundstation.core.messages import Ask, Snapshot
-from groundstation.interfaces.tui.feeds import Playback, Tape
-from groundstation.interfaces.tui.feeds.tape import STEP_S
-from groundstation.interfaces.tui.parts import Hello, Jump, News, Picture
+from groundstation.interfaces.tui.feeds import STEP_S, Playback, Tape
+from groundstation.interfaces.tui.model import FlightIdentity, Jump, News, Picture
 from groundstation.recording import NoRecording
 from sim.time import VirtualTimeLoop
 from tests.recordings import recorded
 from tests.sample_flight import sample
 
-HELLO = Hello("mqx", "recording a.mcap", "")
+HELLO = FlightIdentity("mqx", "recording a.mcap", "")
 
 
 @pytest.fixture

@@ -5,7 +5,7 @@ from pathlib import Path
 
 from groundstation.config import ConfigError
 from groundstation.recording import NoRecording
-from groundstation.runtime import need_matplotlib
+from groundstation.runtime import require_matplotlib
 
 EXIT_FOUND, EXIT_NOTHING = 0, 1
 NEEDED = ("thrust_scale", "thrust_lag", "rate_lag", "command_delay")
@@ -22,7 +22,7 @@ def identify_command(path: Path, out: Path | None, page: Path | None, *, as_json
             missing, or a file can't be written or is there already.
     """
     if page is not None:
-        need_matplotlib("--page", "its figures need matplotlib: pip install 'quadrotor-groundstation[plot]'")
+        require_matplotlib("--page", "its figures need matplotlib: pip install 'quadrotor-groundstation[plot]'")
     if out is not None and out.exists():
         raise ConfigError("--out", f"{out} is there already")
     from groundstation.analysis.identify.found import identified

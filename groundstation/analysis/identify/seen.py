@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from groundstation.config import ConfigError, from_dict, toml
+from groundstation.config import ConfigError, from_dict, parse_toml
 from groundstation.core.mission import State
 from groundstation.recording import Recording
 from groundstation.settings import Config
@@ -119,6 +119,6 @@ def _stretch(sent_s: Column, poses: Column) -> slice:
 
 def _config(text: str, path: Path) -> Config:
     try:
-        return from_dict(toml(text), Config)
+        return from_dict(parse_toml(text), Config)
     except (ValueError, ConfigError) as error:
         raise NotEnough(f"{path} was flown with a configuration that this version cannot read: {error}") from None

@@ -7,7 +7,7 @@ from typing import Any
 
 import msgspec
 
-from groundstation.config import ConfigError, from_dict, toml
+from groundstation.config import ConfigError, from_dict, parse_toml
 from groundstation.core.control import Custom
 from groundstation.recording import NoRecording, Recording
 from groundstation.settings import Config
@@ -81,7 +81,7 @@ def replayed(path: Path, overrides: Sequence[str] = (), *, trust_modules: bool =
 
 def _config(recording: Recording, overrides: Sequence[str]) -> Config:
     try:
-        told = toml(recording.about.get("config", ""))
+        told = parse_toml(recording.about.get("config", ""))
     except ValueError as error:
         raise ConfigError("", f"the configuration in it is {error}", str(recording.path)) from None
     return from_dict(told, Config, overrides, source=str(recording.path))

@@ -6,7 +6,7 @@ from pathlib import Path
 
 from groundstation.config import ConfigError
 from groundstation.recording import NoRecording
-from groundstation.runtime import need_matplotlib
+from groundstation.runtime import require_matplotlib
 
 
 def report_command(paths: Sequence[Path], out: Path | None, *, as_json: bool) -> int:
@@ -19,7 +19,7 @@ def report_command(paths: Sequence[Path], out: Path | None, *, as_json: bool) ->
     """
     draw = out is not None or not as_json
     if draw:
-        need_matplotlib(
+        require_matplotlib(
             "report", "its figures need matplotlib: pip install 'quadrotor-groundstation[plot]'; --json does without"
         )
     if len(paths) > 2:

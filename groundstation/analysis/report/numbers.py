@@ -5,7 +5,7 @@ from typing import Any
 import numpy as np
 
 from groundstation.analysis.report.flown import Column, Flown
-from groundstation.config import toml
+from groundstation.config import parse_toml
 from groundstation.recording import STEADY_S
 
 PAPER = {"rms_cm": 4.61, "max_cm": 7.6, "settle_s": 5.0}
@@ -88,7 +88,7 @@ def latency(flown: Flown) -> dict[str, Column]:
 def limits(flown: Flown) -> dict[str, tuple[float, float]]:
     """Least and largest thrust [N] and body rates [rad/s] of the vehicle as told; empty where the config lacks them."""
     try:
-        vehicle = toml(flown.recording.about["config"])["vehicle"]
+        vehicle = parse_toml(flown.recording.about["config"])["vehicle"]
         rates = [float(np.radians(rate)) for rate in vehicle["rate_limits_deg_s"]]
         thrust = float(vehicle["thrust_min_n"]), float(vehicle["thrust_max_n"])
     except (KeyError, ValueError, TypeError):

@@ -42,7 +42,7 @@ class Custom(Estimation, Open, frozen=True, kw_only=True, forbid_unknown_fields=
         return self.factory
 
     @classmethod
-    def expanded(cls, table: dict[str, Any]) -> dict[str, Any]:
+    def expand(cls, table: dict[str, Any]) -> dict[str, Any]:
         """``table`` in this struct's own form where its ``kind`` names a factory, else as it is."""
         kind = table.get("kind")
         if not isinstance(kind, str) or not re.match(FACTORY, kind):

@@ -19,6 +19,7 @@ if TYPE_CHECKING:
         Certificate,
         Check,
         Diagnostics,
+        RemoteAsk,
         Reply,
         Request,
         Snapshot,
@@ -38,7 +39,7 @@ _MODULES = {
         "PoseStatus",
         "SourceError",
     ),
-    "snapshot": ("Ask", "Certificate", "Check", "Diagnostics", "Reply", "Request", "Snapshot", "Verdict"),
+    "snapshot": ("Ask", "Certificate", "Check", "Diagnostics", "RemoteAsk", "Reply", "Request", "Snapshot", "Verdict"),
 }
 
 

@@ -1,6 +1,7 @@
 """Snapshot and request: one frozen picture of a flight per command, which flows out, and the one way in. Sans-IO."""
 
 from enum import StrEnum
+from typing import Literal
 
 import msgspec
 
@@ -171,6 +172,10 @@ class Ask(StrEnum):
     """Commands stop; the link brings the vehicle down by itself."""
     KILL = "kill"
     """Motors off at once, also in the air."""
+
+
+RemoteAsk = Literal["hold", "return", "track", "land", "descend", "abort", "kill"]
+"""What may be asked from afar: everything but to arm."""
 
 
 class Request(msgspec.Struct, frozen=True, forbid_unknown_fields=True):

@@ -13,7 +13,16 @@ from typing import Annotated, Any, ClassVar, NamedTuple
 
 import msgspec
 
-from groundstation.config import VEHICLE_LETTERS, FromFile, Problem, completed, dotted, name_of, presets, toml
+from groundstation.config import (
+    VEHICLE_LETTERS,
+    FromFile,
+    Problem,
+    complete,
+    dotted_key,
+    name_pattern,
+    parse_toml,
+    presets,
+)
 from groundstation.core.geometry import Ops, Quat, Real, Vec3, turned
 
 Positive = Annotated[float, msgspec.Meta(gt=0.0)]
@@ -30,7 +39,7 @@ class Vehicle(FromFile, msgspec.Struct, frozen=True, kw_only=True, forbid_unknow
     """Vehicle that comes along to start from, see `groundstation vehicles`; its keys then stand here."""
     file: str | None = None
     """Vehicle file to start from, beside the configuration; its keys then stand here."""
-    name: Annotated[str, msgspec.Meta(pattern=name_of(VEHICLE_LETTERS))] = "mqx"
+    name: Annotated[str, msgspec.Meta(pattern=name_pattern(VEHICLE_LETTERS))] = "mqx"
     """What the operator calls it; asked for before arming."""
     mass_kg: Positive = 0.080
     """With battery and markers [kg]."""
@@ -84,7 +93,7 @@ class Vehicle(FromFile, msgspec.Struct, frozen=True, kw_only=True, forbid_unknow
             ValueError: not TOML, a key that is unknown or missing, or a value outside its bounds.
         """
         try:
-            told = toml(text)
+            told = parse_toml(text)
             base = told.pop("preset", None)
             if "file" in told:
                 raise ValueError("file: a vehicle file can't name another; it may name a preset")
@@ -92,10 +101,10 @@ class Vehicle(FromFile, msgspec.Struct, frozen=True, kw_only=True, forbid_unknow
                 known = presets(cls)
                 if not isinstance(base, str) or base not in known:
                     raise ValueError(f"preset: expected one of {list(known)}, got {base!r}")
-                told = {**toml(known[base]), **told}
-            told = completed(cls, told)
+                told = {**parse_toml(known[base]), **told}
+            told = complete(cls, told)
         except Problem as problem:
-            raise ValueError(f"{dotted(problem.path)}: {problem.text}") from None
+            raise ValueError(f"{dotted_key(problem.path)}: {problem.text}") from None
         missing = [key for key in cls.__struct_fields__ if key not in {*told, *_OPTIONAL}]
         if missing:
             raise ValueError(f"missing: {', '.join(missing)}; say all of it, or name a preset to start from")

@@ -2,7 +2,7 @@
 
 ::
 
-    async with attached(path) as client:
+    async with open_client(path) as client:
         print(client.hello.vehicle)
         answer = await client.ask(Request(Ask.LAND, "too windy"))
         async for message in client:  # Snapshot or Control; ends when the ground station does
@@ -20,12 +20,12 @@ from groundstation.interfaces.api.messages import (
     LINE_MAX_BYTES,
     SNAPSHOT_PREFIX,
     VERSION,
-    Answer,
+    ClientOrder,
     Control,
-    Hello,
-    Lines,
-    Order,
-    Refused,
+    LineSplitter,
+    OrderAnswer,
+    Refusal,
+    StationHello,
     decode,
     encode_order,
 )
@@ -35,10 +35,10 @@ ANSWER_S = 3.0
 """How long a ground station may take to say hello, or to answer [s]."""
 
 
-class Client(asyncio.Protocol):
+class StationClient(asyncio.Protocol):
     """One connection; iterate over it for the newest snapshot and every change of control. Made by client.py."""
 
-    hello: Hello
+    hello: StationHello
     """Who serves here."""
     control: Control
     """Who holds control."""
@@ -47,10 +47,10 @@ class Client(asyncio.Protocol):
         """``path`` is named in errors; ``name`` is what the other clients read of this one."""
         self._path = path
         self._name = name
-        self._lines = Lines(LINE_MAX_BYTES)
+        self._lines = LineSplitter(LINE_MAX_BYTES)
         self._transport: asyncio.Transport | None = None
         self._next_id = 1
-        self._answers: dict[int, asyncio.Future[Answer]] = {}
+        self._answers: dict[int, asyncio.Future[OrderAnswer]] = {}
         self._controls: list[Control] = []
         self._newest: bytes | None = None
         self._news = asyncio.Event()
@@ -61,7 +61,7 @@ class Client(asyncio.Protocol):
 
     # ---- orders
 
-    async def ask(self, request: Request, vehicle: str = "") -> Answer:
+    async def ask(self, request: Request, vehicle: str = "") -> OrderAnswer:
         """Have ``request`` done; ``vehicle`` names the one to arm.
 
         Raises:
@@ -69,7 +69,7 @@ class Client(asyncio.Protocol):
         """
         return await self._order(ask=request.ask, why=request.why, vehicle=vehicle)
 
-    async def take_control(self) -> Answer:
+    async def take_control(self) -> OrderAnswer:
         """Take control; refused where somebody else holds it.
 
         Raises:
@@ -77,7 +77,7 @@ class Client(asyncio.Protocol):
         """
         return await self._order(control="take")
 
-    async def give_control(self) -> Answer:
+    async def give_control(self) -> OrderAnswer:
         """Give it away again; the end of the connection does, too.
 
         Raises:
@@ -85,7 +85,7 @@ class Client(asyncio.Protocol):
         """
         return await self._order(control="give")
 
-    async def set_gains(self, gains: dict[str, float]) -> Answer:
+    async def set_gains(self, gains: dict[str, float]) -> OrderAnswer:
         """Have gains moved in flight, by their dotted keys in the configuration.
 
         Raises:
@@ -101,12 +101,12 @@ class Client(asyncio.Protocol):
         gains: dict[str, float] | None = None,
         why: str = "",
         vehicle: str = "",
-    ) -> Answer:
+    ) -> OrderAnswer:
         if self._transport is None or self._over:
             raise ApiError(f"{self._path}: {self._trouble or 'the connection is lost'}")
         number, self._next_id = self._next_id, self._next_id + 1
         loop = asyncio.get_running_loop()
-        order = Order(
+        order = ClientOrder(
             id=number,
             ask=ask,
             control=control,
@@ -116,7 +116,7 @@ class Client(asyncio.Protocol):
             name=self._name,
             until_s=loop.time() + ANSWER_S,  # nobody waits for its answer any more
         )
-        future: asyncio.Future[Answer] = loop.create_future()
+        future: asyncio.Future[OrderAnswer] = loop.create_future()
         self._answers[number] = future
         self._transport.write(encode_order(order))
         try:
@@ -128,7 +128,7 @@ class Client(asyncio.Protocol):
 
     # ---- what it hears
 
-    def __aiter__(self) -> "Client":
+    def __aiter__(self) -> "StationClient":
         return self
 
     async def __anext__(self) -> Snapshot | Control:
@@ -192,7 +192,7 @@ class Client(asyncio.Protocol):
             self._fail(f"not a ground station of this version: {error}")
             return
         match message:
-            case Hello():
+            case StationHello():
                 if message.version != VERSION:
                     self._fail(f"speaks version {message.version} of the protocol, this program {VERSION}")
                 self.hello = message
@@ -201,11 +201,11 @@ class Client(asyncio.Protocol):
                 if not self.ready.done():
                     self.ready.set_result(None)
                 self._controls.append(message)
-            case Answer():
+            case OrderAnswer():
                 future = self._answers.get(message.id)
                 if future is not None and not future.done():
                     future.set_result(message)
-            case Refused():
+            case Refusal():
                 for future in self._answers.values():
                     if not future.done():
                         future.set_exception(ApiError(f"{self._path}: {message.text}"))
@@ -218,8 +218,8 @@ class Client(asyncio.Protocol):
             self._transport.abort()
 
 
-async def attach(path: Path, name: str = "client") -> Client:
-    """A client of the ground station at ``path``, to be closed after use; see :func:`attached`.
+async def attach(path: Path, name: str = "client") -> StationClient:
+    """A client of the ground station at ``path``, to be closed after use; see :func:`open_client`.
 
     Raises:
         OSError: nobody serves there.
@@ -227,7 +227,7 @@ async def attach(path: Path, name: str = "client") -> Client:
     """
     loop = asyncio.get_running_loop()
     try:
-        _, client = await loop.create_unix_connection(lambda: Client(path, name), str(path))
+        _, client = await loop.create_unix_connection(lambda: StationClient(path, name), str(path))
     except PermissionError:
         whose = owner(path)
         raise ApiError(f"{path} is for user {whose} alone: do the same as that user, by sudo -u {whose}") from None
@@ -242,7 +242,7 @@ async def attach(path: Path, name: str = "client") -> Client:
 
 
 @asynccontextmanager
-async def attached(path: Path, name: str = "client") -> AsyncIterator[Client]:
+async def open_client(path: Path, name: str = "client") -> AsyncIterator[StationClient]:
     """A client of the ground station at ``path``; leaving gives up what control it has.
 
     Raises:

@@ -1,9 +1,9 @@
-"""Who may ask what: one client holds control; anyone attached may bring the vehicle down. Sans-IO."""
+"""Control desk: one client holds control; anyone attached may bring the vehicle down. Sans-IO."""
 
 from typing import Protocol
 
 from groundstation.core.messages import Ask, Reply, Request
-from groundstation.interfaces.api.messages import Answer, Control, Order
+from groundstation.interfaces.api.messages import ClientOrder, Control, OrderAnswer
 from links.core import printable
 
 ANYONE = frozenset({Ask.LAND, Ask.DESCEND, Ask.ABORT, Ask.KILL})
@@ -44,7 +44,7 @@ class Party:
         """It has told its name."""
         self._name = printable(name).strip() or self._name
 
-    def replays(self, order: Order) -> bool:
+    def replays(self, order: ClientOrder) -> bool:
         """Whether ``order`` is not newer than those before it."""
         old = order.id <= self._newest_id
         self._newest_id = max(self._newest_id, order.id)
@@ -69,7 +69,7 @@ class Desk:
         """Whether anybody holds control."""
         return self._holder is not None
 
-    def take(self, order: Order, party: Party, now_s: float) -> Answer:
+    def take(self, order: ClientOrder, party: Party, now_s: float) -> OrderAnswer:
         """Do what ``order`` says, or say why not; ``now_s`` is on this machine's monotonic clock [s]."""
         if order.name:
             party.introduce(order.name)
@@ -87,7 +87,7 @@ class Desk:
             reply = Reply(False, f"arm must name the vehicle: expected {self._vehicle!r}, got {order.vehicle!r}")
         else:
             reply = self._ask(order, party)
-        return Answer(order.id, reply.done, reply.says)
+        return OrderAnswer(order.id, reply.done, reply.says)
 
     def from_afar(self, request: Request) -> Reply:
         """Do what somebody asks who is not attached here.
@@ -127,12 +127,12 @@ class Desk:
         self._core.note(f"{party.label} has given control away")
         return Reply(True, "nobody holds control now")
 
-    def _ask(self, order: Order, party: Party) -> Reply:
+    def _ask(self, order: ClientOrder, party: Party) -> Reply:
         assert order.ask is not None, "the caller has looked"
         why = printable(order.why).strip()
         return self._core.ask(Request(order.ask, f"{why} ({party.label})" if why else f"told by {party.label}"))
 
-    def _set(self, order: Order) -> Reply:
+    def _set(self, order: ClientOrder) -> Reply:
         assert order.gains is not None, "an order has one of the three"
         replies = [self._core.set_gain(key, value) for key, value in order.gains.items()]
         return Reply(all(reply.done for reply in replies), "; ".join(reply.says for reply in replies))

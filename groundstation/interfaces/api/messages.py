@@ -8,7 +8,7 @@ To a client, told apart by their one key::
     {"answer": {"id": 7, "done": true, "says": "landing: told by tui 1234"}}
     {"refused": "..."}                                       a line that was no order: it has done nothing
 
-From a client, an :class:`Order`; its ids grow, so that a line that is played again does nothing::
+From a client, an :class:`ClientOrder`; its ids grow, so that a line that is played again does nothing::
 
     {"id": 7, "ask": "land", "why": "too windy"}             land, descend, abort, kill: anyone attached
     {"id": 8, "control": "take", "name": "tui"}              or "give"
@@ -37,7 +37,7 @@ LINE_MAX_BYTES = 1 << 20
 """Nothing that a client hears is longer."""
 
 
-class Order(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True, forbid_unknown_fields=True):
+class ClientOrder(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True, forbid_unknown_fields=True):
     """What a client wants: exactly one of ``ask``, ``control`` and ``set``."""
 
     id: Annotated[int, msgspec.Meta(ge=0, le=1 << 53)]
@@ -68,7 +68,7 @@ class Order(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True, forbi
             raise ValueError("an order has exactly one of ask, control and set")
 
 
-class Hello(msgspec.Struct, frozen=True):
+class StationHello(msgspec.Struct, frozen=True):
     """Who serves here."""
 
     version: int
@@ -87,7 +87,7 @@ class Control(msgspec.Struct, frozen=True):
     yours: bool
 
 
-class Answer(msgspec.Struct, frozen=True):
+class OrderAnswer(msgspec.Struct, frozen=True):
     """What became of an order."""
 
     id: int
@@ -95,21 +95,21 @@ class Answer(msgspec.Struct, frozen=True):
     says: str
 
 
-class Refused(msgspec.Struct, frozen=True):
+class Refusal(msgspec.Struct, frozen=True):
     """Why a line was no order."""
 
     text: str
 
 
-Message: TypeAlias = Hello | Control | Snapshot | Answer | Refused
+Message: TypeAlias = StationHello | Control | Snapshot | OrderAnswer | Refusal
 
-_KEYS: dict[type, str] = {Hello: "hello", Control: "control", Snapshot: "snapshot", Answer: "answer"}
+_KEYS: dict[type, str] = {StationHello: "hello", Control: "control", Snapshot: "snapshot", OrderAnswer: "answer"}
 _TYPES: dict[str, Any] = {key: kind for kind, key in _KEYS.items()}
 SNAPSHOT_PREFIX = b'{"snapshot":'
 """A client that wants only the newest knows one by this, without decoding it."""
 
 
-class Lines:
+class LineSplitter:
     """Cuts what arrives into lines; one that is longer than ``most`` bytes comes out as None, once."""
 
     def __init__(self, most: int) -> None:
@@ -137,20 +137,20 @@ class Lines:
 
 def encode(message: Message) -> bytes:
     """``message`` as a line."""
-    if isinstance(message, Refused):
+    if isinstance(message, Refusal):
         return msgspec.json.encode({"refused": message.text}) + b"\n"
     return msgspec.json.encode({_KEYS[type(message)]: message}) + b"\n"
 
 
-def encode_order(order: Order) -> bytes:
+def encode_order(order: ClientOrder) -> bytes:
     """``order`` as a line."""
     return msgspec.json.encode(order) + b"\n"
 
 
-def decode_order(line: bytes) -> Order | str:
+def decode_order(line: bytes) -> ClientOrder | str:
     """The order in ``line``, or why it is none."""
     try:
-        return msgspec.json.decode(line, type=Order)
+        return msgspec.json.decode(line, type=ClientOrder)
     except (msgspec.DecodeError, RecursionError, UnicodeDecodeError) as error:
         return f"not an order: {error}"
 
@@ -167,7 +167,7 @@ def decode(line: bytes) -> Message | None:
             raise ValueError("expected an object with one key")
         [(key, body)] = data.items()
         if key == "refused":
-            return Refused(str(body))
+            return Refusal(str(body))
         if key == "snapshot":
             return _snapshot(body)
         kind = _TYPES.get(key)

@@ -1,4 +1,4 @@
-"""Serves a flight to the local clients of a UNIX socket. None of them can hold it up: see docs/reference/api.md."""
+"""Local server: a flight to the clients of a UNIX socket. None of them can hold it up: see docs/reference/api.md."""
 
 import asyncio
 import struct
@@ -11,15 +11,15 @@ from groundstation.interfaces.api.desk import Core, Desk, Party
 from groundstation.interfaces.api.messages import (
     ORDER_MAX_BYTES,
     VERSION,
-    Hello,
-    Lines,
+    ClientOrder,
+    LineSplitter,
     Message,
-    Order,
-    Refused,
+    Refusal,
+    StationHello,
     decode_order,
     encode,
 )
-from groundstation.runtime import ApiError, Latest, Quiet, StatusConfig, claim, socket_path
+from groundstation.runtime import ApiError, Latest, Quiet, StatusConfig, claim_socket, socket_path
 
 CLIENTS_MAX = 16
 """More clients than this are turned away."""
@@ -63,9 +63,9 @@ class Server:
         self._period_s = 1.0 / config.rate_hz
         self._latest = latest
         self._quiet = quiet or Quiet()
-        self._hello = encode(Hello(VERSION, vehicle, pid, version, config_text))
+        self._hello = encode(StationHello(VERSION, vehicle, pid, version, config_text))
         self._log = log
-        self._clients: dict[_Client, int] = {}  # to the number of the snapshot that it got last
+        self._clients: dict[_AttachedClient, int] = {}  # to the number of the snapshot that it got last
         self._attached = asyncio.Event()
         self.serving = asyncio.Event()
         """Set once clients can attach."""
@@ -77,7 +77,7 @@ class Server:
         Raises:
             ApiError: another ground station serves there, or the path can't be used.
         """
-        await claim(self.path)
+        await claim_socket(self.path)
         try:
             server = await asyncio.get_running_loop().create_unix_server(
                 self.client, str(self.path), start_serving=False, backlog=CLIENTS_MAX
@@ -96,7 +96,7 @@ class Server:
 
     def client(self) -> asyncio.Protocol:
         """Whoever speaks with one more client, on any stream."""
-        return _Client(self)
+        return _AttachedClient(self)
 
     async def publish(self) -> None:
         """Send snapshots until cancelled."""
@@ -112,7 +112,7 @@ class Server:
         for client in list(self._clients):
             client.transport.close()
 
-    def attach(self, client: "_Client") -> bool:
+    def attach(self, client: "_AttachedClient") -> bool:
         """Take a new client, unless there are too many."""
         if len(self._clients) >= CLIENTS_MAX:
             return False
@@ -122,19 +122,19 @@ class Server:
         client.write(encode(self.desk.control(client.party)))
         return True
 
-    def detach(self, client: "_Client") -> None:
+    def detach(self, client: "_AttachedClient") -> None:
         """Forget a client that went away; control goes with it."""
         if self._clients.pop(client, None) is not None and self.desk.leave(client.party):
             self._tell_control()
         if not self._clients:
             self._attached.clear()
 
-    def order(self, line: bytes | None, client: "_Client") -> None:
+    def order(self, line: bytes | None, client: "_AttachedClient") -> None:
         """Do what a line of ``client`` says (None: it was too long); whatever is no order does nothing."""
         if line is None:
             return self._refuse(client, "oversized", f"a line is longer than {ORDER_MAX_BYTES} bytes")
         order = decode_order(line)
-        if not isinstance(order, Order):
+        if not isinstance(order, ClientOrder):
             return self._refuse(client, "malformed", order)
         if client.party.replays(order):
             return self._refuse(client, "replayed", f"id {order.id} is not greater than those before it")
@@ -144,12 +144,12 @@ class Server:
             self._tell_control()
         return None
 
-    def _refuse(self, client: "_Client", reason: str, text: str) -> None:
+    def _refuse(self, client: "_AttachedClient", reason: str, text: str) -> None:
         self.refused[reason] += 1
         client.bad[reason] += 1
         if client.bad[reason] == 1:
             self._log(f"warning: {client.party.label} has sent what is no order ({text}): nothing was done")
-        client.write(encode(Refused(text)))
+        client.write(encode(Refusal(text)))
         if reason == "oversized" or client.bad.total() >= BAD_MAX:
             client.transport.close()
 
@@ -170,7 +170,7 @@ class Server:
                 client.write(self._line[1])
 
 
-class _Client(asyncio.Protocol):
+class _AttachedClient(asyncio.Protocol):
     """One attached client. It is never waited for: one that does not read is dropped."""
 
     transport: asyncio.Transport
@@ -179,7 +179,7 @@ class _Client(asyncio.Protocol):
         self.party = Party(None)
         self.bad: Counter[str] = Counter()
         self._server = server
-        self._lines = Lines(ORDER_MAX_BYTES)
+        self._lines = LineSplitter(ORDER_MAX_BYTES)
         self._waiting: list[bytes | None] = []
         self._allowance = float(ORDERS_BURST)
         self._counted_s = 0.0

@@ -1,24 +1,35 @@
-"""What each ``groundstation`` command does."""
+"""Commands of ``groundstation``: what each does with its command line."""
 
 import argparse
 import asyncio
+import json
 import os
 import shlex
+import signal
 import sys
 from collections.abc import Callable
+from pathlib import Path
+
+import msgspec
 
 from groundstation.config import ConfigError, dump, load
 from groundstation.core.messages import Ask
-from groundstation.flight import confirmation, ensure_named, line_from_terminal
-from groundstation.interfaces.service import flyable
+from groundstation.core.mission import FINAL, TABLE, Event, State
 from groundstation.settings import Config
+from links.bridge import BridgeConfig
+from links.core import LinkError
+from links.rf import RF_CODECS, RfLinkConfig, Service
 
 EXIT_DONE, EXIT_ABORTED = 0, 1
+Say = Callable[[str], None]
 
 
 def fly(args: argparse.Namespace) -> int:
     """Fly in the foreground: ask before arming, say what happens, land on Ctrl-C."""
-    config = flyable(load(args.config, Config, args.overrides))
+    from groundstation.flight import confirmation, ensure_named
+    from groundstation.interfaces.service import fly_command, require_flyable
+
+    config = require_flyable(load(args.config, Config, args.overrides))
     ensure_named(args.arm, config)
     if args.tui:
         from groundstation.interfaces.tui import fly_with_screen
@@ -26,17 +37,16 @@ def fly(args: argparse.Namespace) -> int:
         return fly_with_screen(args, config)
     if args.arm is None and not sys.stdin.isatty():
         raise ConfigError("--arm", f"without a terminal, arming needs --arm {config.vehicle.name}")
-    from groundstation.interfaces.service import fly_command
-
     return fly_command(config, confirmation(config, args.arm), _unwaited())
 
 
 def daemon(args: argparse.Namespace) -> int:
     """Fly headless, whenever somebody arms: log lines to stderr, land and end on SIGTERM."""
-    config = flyable(load(args.config, Config, args.overrides))
-    ensure_named(args.arm, config)
-    from groundstation.interfaces.service import Format, daemon_command
+    from groundstation.flight import ensure_named
+    from groundstation.interfaces.service import Format, daemon_command, require_flyable
 
+    config = require_flyable(load(args.config, Config, args.overrides))
+    ensure_named(args.arm, config)
     return daemon_command(config, arm=args.arm is not None, once=args.once, style=Format(args.log_format))
 
 
@@ -49,10 +59,10 @@ def health(args: argparse.Namespace) -> int:
 
 def service(args: argparse.Namespace) -> int:
     """Print a systemd unit for a configuration."""
-    from groundstation.interfaces.service import unit
+    from groundstation.interfaces.service import require_flyable, unit_file
 
-    config = flyable(load(args.config, Config, args.overrides))
-    print(unit(config, args.config, args.overrides, user=args.user), end="")
+    config = require_flyable(load(args.config, Config, args.overrides))
+    print(unit_file(config, args.config, args.overrides, user=args.user), end="")
     return EXIT_DONE
 
 
@@ -71,17 +81,42 @@ def relay(args: argparse.Namespace) -> int:
 
 
 def radio(args: argparse.Namespace) -> int:
-    """Have an RF module bind or check its range, or show it disarmed frames."""
-    from groundstation.interfaces.cli.radio import serve
-
-    return EXIT_DONE if serve(args, _unwaited()) else EXIT_ABORTED
+    """Have the module of a radio link bind or check its range, or show it disarmed frames; nothing is ever armed."""
+    config = load(args.config, Config, args.overrides)
+    if not isinstance(config.link, RfLinkConfig):
+        raise ConfigError("link.kind", f"expected one of {sorted(RF_CODECS)}: no other link has a radio module here")
+    if not 0.0 < args.seconds <= 3600.0:
+        raise ConfigError("--seconds", f"expected more than 0 and at most 3600, got {args.seconds:g}")
+    done = asyncio.run(_serve(config.link, config.vehicle.thrust_max_n, args.what, args.seconds, _unwaited()))
+    return EXIT_DONE if done else EXIT_ABORTED
 
 
 def rf_bridge(args: argparse.Namespace) -> int:
     """Pace the commands of another computer out by an RF module; or make the key that both share."""
-    from groundstation.interfaces.cli.radio import bridge
+    from groundstation.flight import key, link_of
+    from groundstation.runtime import BRIDGE, ApiError, Running, registration
+    from links.io import make_key
 
-    return EXIT_DONE if bridge(args, _unwaited()) else EXIT_ABORTED
+    say = _unwaited()
+    if args.make_key is not None:
+        try:
+            make_key(args.make_key)
+        except ValueError as error:
+            raise ConfigError("--make-key", str(error)) from None
+        say(f"{args.make_key}: a new key, for your eyes only. Copy it to the other computer by a safe way, mode 0600")
+        return EXIT_DONE
+    if args.config is None:
+        raise ConfigError(
+            "CONFIG.toml", "expected a configuration, or --make-key FILE; see docs/how-to/two-computers.md"
+        )
+    config = load(args.config, BridgeConfig, args.overrides)
+    shared = key(config.key_file, "key_file")
+    one = Running(pid=os.getpid(), command=BRIDGE, vehicle=config.listen, link=link_of(config.link))
+    try:
+        with registration(one):
+            return EXIT_DONE if asyncio.run(_bridge(config, shared, say)) else EXIT_ABORTED
+    except ApiError as error:
+        raise ConfigError("XDG_RUNTIME_DIR", str(error)) from None
 
 
 def tui(args: argparse.Namespace) -> int:
@@ -136,21 +171,23 @@ def replay(args: argparse.Namespace) -> int:
 
 def doctor(args: argparse.Namespace) -> int:
     """Look at the autopilot's parameters, and set some on request."""
-    from groundstation.lab.doctor import Orders, doctor
+    from groundstation.flight import line_from_terminal
+    from groundstation.lab import DoctorOrders, run_doctor
     from groundstation.runtime import folder_of
 
     config = load(args.config, Config, args.overrides)
     overrides = [word for override in args.overrides for word in ("--set", override)]
     command = shlex.join(["groundstation", "doctor", str(args.config), *overrides])
-    orders = Orders(command, tuple(args.fix), args.restore, args.yes, args.json, folder_of(config.recording))
-    return asyncio.run(doctor(config, orders, line_from_terminal if sys.stdin.isatty() else None, _say))
+    orders = DoctorOrders(command, tuple(args.fix), args.restore, args.yes, args.json, folder_of(config.recording))
+    return asyncio.run(run_doctor(config, orders, line_from_terminal if sys.stdin.isatty() else None, _say))
 
 
 def props_off(args: argparse.Namespace) -> int:
     """The required test with the propellers off, step by step."""
-    from groundstation.lab.props_off import props_off_command
+    from groundstation.interfaces.service import require_flyable
+    from groundstation.lab import props_off_command
 
-    return props_off_command(flyable(load(args.config, Config, args.overrides)), args.now_s)
+    return props_off_command(require_flyable(load(args.config, Config, args.overrides)), args.now_s)
 
 
 def logs(args: argparse.Namespace) -> int:
@@ -210,33 +247,64 @@ def completion(args: argparse.Namespace) -> int:
 
 def carry(args: argparse.Namespace) -> int:
     """Have the vehicle carried along shown moves, and find its tracker's axes."""
-    from groundstation.lab.axes import carry
+    from groundstation.lab import carry_command
 
     config = load(args.config, Config, args.overrides)
-    return carry(config, args.config, args.overrides, as_json=args.json, keep=args.dry_run)
+    return carry_command(config, args.config, args.overrides, as_json=args.json, keep=args.dry_run)
 
 
 def trajectory(args: argparse.Namespace) -> int:
     """Say what the trajectory asks of the vehicle, and whether it may fly."""
-    from groundstation.interfaces.cli.preflight_commands import trajectory_command
+    from groundstation.flight import describe_trajectory, examine_trajectory, explain_refusal
 
-    return trajectory_command(args)
+    config = load(args.config, Config, args.overrides)
+    report = examine_trajectory(config)
+    if args.json:
+        facts = {
+            "kind": config.trajectory.__struct_config__.tag,
+            "vehicle": config.vehicle.name,
+            "pass": report.ok,
+            "refusal": explain_refusal(config, report),
+            **msgspec.to_builtins(report),
+        }
+        print(json.dumps(facts))
+    else:
+        print(describe_trajectory(config, report))
+    return EXIT_DONE if report.ok else EXIT_ABORTED
 
 
 def check(args: argparse.Namespace) -> int:
     """Connect, run the pre-flight checks, and disconnect; or show the pose source live. Nothing is armed."""
-    from groundstation.interfaces.cli.preflight_commands import check_command
+    config = load(args.config, Config, args.overrides)
+    if args.watch:
+        from groundstation.lab import watch_poses
 
-    return check_command(args)
+        return watch_poses(config, seconds=args.seconds, as_json=args.json)
+    if args.seconds is not None:
+        raise ConfigError("--seconds", "is for --watch; without it the checks end by themselves")
+    from groundstation.flight import describe_checks, describe_failures
+    from groundstation.interfaces.service import require_flyable
+    from groundstation.recording import make_flight
+    from groundstation.runtime import running_processes
+
+    require_flyable(config)
+
+    async def never() -> bool:
+        return False
+
+    found = asyncio.run(make_flight(config, confirm=never, running=running_processes).check())
+    bad = describe_failures(found)
+    verdict = "NOT ready to fly: see FAIL above" if bad else "ready to fly"
+    facts = json.dumps({"pass": not bad, "checks": msgspec.to_builtins(found)})
+    print(facts if args.json else f"{describe_checks(found)}\n{verdict}")
+    return EXIT_ABORTED if bad else EXIT_DONE
 
 
 def states(args: argparse.Namespace) -> int:
     """Draw the states of a flight."""
-    from groundstation.interfaces.cli.mission_diagram import markdown, write
-
     if args.write is not None:
-        write(args.write)
-    print(markdown())
+        write_states(args.write)
+    print(states_page())
     return EXIT_DONE
 
 
@@ -267,8 +335,123 @@ def _say(line: str) -> None:
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
 
 
-def _unwaited() -> Callable[[str], None]:
+def _unwaited() -> Say:
     """Tell the operator in flight: a terminal that stands still (Ctrl-S) or is gone must not hold up a command."""
-    from groundstation.runtime import Outlet
+    from groundstation.runtime import LineWriter
 
-    return Outlet(1).say
+    return LineWriter(1).say
+
+
+async def _serve(
+    config: RfLinkConfig, thrust_max_n: float, what: str, seconds: float, say: Callable[[str], None]
+) -> bool:
+    from links.rf import SerialRfLink
+
+    link = SerialRfLink(config, thrust_max_n=thrust_max_n)
+    try:
+        await link.connect()
+        say(f"{config.port}: {what} for {seconds:g} s, disarmed")
+        if what == "idle":
+            await asyncio.sleep(seconds)
+        else:
+            await link.serve(Service(what.replace("-", "_")), seconds)
+        status = link.status
+        say(f"{status.state}: {status.text}")
+        if link.report is not None:
+            say(f"late by: {_histogram(link.report.late_octaves)}")
+    except LinkError as error:
+        say(f"{what} failed: {error}")
+        return False
+    finally:
+        await link.close()
+    return status.state == "connected"
+
+
+def _histogram(octaves: tuple[int, ...]) -> str:
+    """``<64 µs 12, <128 µs 3`` of counts by lateness; see :class:`links.rf.pacer.PacerReport`."""
+    return ", ".join(f"<{2**k} µs {count}" for k, count in enumerate(octaves) if count)
+
+
+async def _bridge(config: BridgeConfig, shared: bytes, say: Say) -> bool:
+    from groundstation.flight import is_simulated
+    from links.bridge import Bridge
+
+    loop = asyncio.get_running_loop()
+    link = config.link
+    real = not is_simulated(link)
+    it = Bridge(config, shared, say=lambda line: say(f"{loop.time():.3f} {line}"), remote_only=real)
+    running = asyncio.ensure_future(it.run())
+
+    def end(name: str) -> None:
+        running.cancel()
+        say(f"{name}: ending; what flies is brought down first. Ctrl-\\ (SIGQUIT) stops its motors")
+
+    def kill() -> None:
+        it.kill()
+        say("SIGQUIT: motors off, now")
+
+    for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
+        loop.add_signal_handler(number, end, number.name)
+    loop.add_signal_handler(signal.SIGQUIT, kill)
+    if real:
+        say(f"{link.port} may be a real module: whoever has the key {config.key_file} can start its vehicle's motors")
+    say(
+        f"rf-bridge at udp {config.listen}: {link.__struct_config__.tag} module on {link.port}, a frame every "
+        f"{1e3 * link.period_s:g} ms. Ctrl-C ends"
+    )
+    try:
+        await running
+    except asyncio.CancelledError:
+        if it.dropped:
+            say(f"datagrams dropped: {dict(it.dropped)}")
+        return True
+    except LinkError as error:
+        say(str(error))
+    return False
+
+
+STATES_BEGIN, STATES_END = "<!-- states:begin -->", "<!-- states:end -->"
+EVERYWHERE = (Event.LAND, Event.DESCEND, Event.ABORT, Event.KILL, Event.TAKEN_OVER)
+"""Drawn once beside the diagram, as arrows from everywhere would hide all others."""
+
+
+def mermaid() -> str:
+    """The way of a flight as a Mermaid state diagram; what works everywhere is left to :func:`everywhere`."""
+    lines = ["stateDiagram-v2", f"    [*] --> {State.IDLE}"]
+    arrows: dict[tuple[State, State], list[str]] = {}
+    for (state, event), target in TABLE.items():
+        if event not in EVERYWHERE:
+            arrows.setdefault((state, target), []).append(event.value)
+    lines += [f"    {state} --> {target}: {', '.join(events)}" for (state, target), events in arrows.items()]
+    lines += [f"    {state} --> [*]" for state in State if state in FINAL]
+    return "\n".join(lines)
+
+
+def everywhere() -> str:
+    """One row a state: where the requests lead that work in every state, as a Markdown table."""
+    heads = " | ".join(f"`{event}`" for event in EVERYWHERE)
+    lines = [f"| in | {heads} |", "|---|" + "---|" * len(EVERYWHERE)]
+    for state in State:
+        targets = (TABLE.get((state, event)) for event in EVERYWHERE)
+        cells = " | ".join("" if target is None else "stays" if target is state else target for target in targets)
+        lines.append(f"| `{state}` | {cells} |")
+    return "\n".join(lines)
+
+
+def states_page() -> str:
+    """What stands between the markers of docs/explanation/mission.md."""
+    made = (
+        "Made from the table in `groundstation/core/mission/mission.py` by `groundstation states --write mission.md`."
+    )
+    return f"```mermaid\n{mermaid()}\n```\n\n{everywhere()}\n\n{made}"
+
+
+def write_states(path: Path) -> None:
+    """Replace what stands between the markers of ``path``.
+
+    Raises:
+        ConfigError: the file can't be read or written, or has not just one pair of markers.
+    """
+    from groundstation.runtime import replace_between_markers
+
+    replace_between_markers(path, STATES_BEGIN, STATES_END, states_page())

@@ -1,4 +1,4 @@
-"""Scripts by which a shell completes our command lines. They are static: no key press runs any program of ours."""
+"""Completion: scripts by which a shell completes our command lines. No key press runs any program of ours."""
 
 import argparse
 from collections.abc import Callable, Iterator

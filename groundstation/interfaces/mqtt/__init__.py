@@ -2,24 +2,18 @@
 
 TYPE_CHECKING = False
 if TYPE_CHECKING:
-    from groundstation.interfaces.mqtt.ask import ask_command
-    from groundstation.interfaces.mqtt.broker import Broker, from_url, heed_cancellation, in_words
-    from groundstation.interfaces.mqtt.command import mqtt_command
-    from groundstation.interfaces.mqtt.fleet import Fleet, Seen
+    from groundstation.interfaces.mqtt.broker import MqttBroker, describe_error, from_url, heed_cancellation
+    from groundstation.interfaces.mqtt.command import ask_command, mqtt_command, write_schemas
+    from groundstation.interfaces.mqtt.fleet import FleetMonitor, VehicleView
     from groundstation.interfaces.mqtt.messages import EVENT, SNAPSHOT, STATE
-    from groundstation.interfaces.mqtt.publisher import publish_forever
-    from groundstation.interfaces.mqtt.requests import ensure_mqtt
-    from groundstation.interfaces.mqtt.schemas import write_schemas
+    from groundstation.interfaces.mqtt.publisher import ensure_mqtt, publish_forever
 
 _MODULES = {
-    "ask": ("ask_command",),
-    "broker": ("Broker", "from_url", "heed_cancellation", "in_words"),
-    "command": ("mqtt_command",),
-    "fleet": ("Fleet", "Seen"),
+    "broker": ("MqttBroker", "describe_error", "from_url", "heed_cancellation"),
+    "command": ("ask_command", "mqtt_command", "write_schemas"),
+    "fleet": ("FleetMonitor", "VehicleView"),
     "messages": ("EVENT", "SNAPSHOT", "STATE"),
-    "publisher": ("publish_forever",),
-    "requests": ("ensure_mqtt",),
-    "schemas": ("write_schemas",),
+    "publisher": ("ensure_mqtt", "publish_forever"),
 }
 
 

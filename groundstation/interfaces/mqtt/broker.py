@@ -1,4 +1,4 @@
-"""A broker that can be connected to: its address, the password and certificates read from their files."""
+"""MQTT broker: its address, the password and certificates read from their files, and a client to connect with."""
 
 import asyncio
 import logging
@@ -35,7 +35,7 @@ _PAHO = logging.getLogger("groundstation.mqtt.paho")
 _PAHO.setLevel(logging.ERROR)  # what it warns of, a full queue, is counted by us
 
 
-class Broker(msgspec.Struct, frozen=True):
+class MqttBroker(msgspec.Struct, frozen=True):
     """All that a connection needs."""
 
     config: MqttConfig
@@ -75,7 +75,7 @@ class Broker(msgspec.Struct, frozen=True):
         )
 
 
-def opened(config: MqttConfig, section: str = "mqtt.", *, warn: bool = True) -> Broker:
+def open_broker(config: MqttConfig, section: str = "mqtt.", *, warn: bool = True) -> MqttBroker:
     """The broker of ``config``, its files read; ``section`` begins the keys in errors.
 
     It can ``warn`` of what is not encrypted or not checked.
@@ -88,7 +88,7 @@ def opened(config: MqttConfig, section: str = "mqtt.", *, warn: bool = True) -> 
         log.warning("NOT ENCRYPTED: everybody on the way to the broker %s may read what is sent", config.host)
     if warn and not config.tls.verify:
         log.warning("NOT VERIFIED: mqtt.tls.verify = false, so anybody may pose as the broker %s", config.host)
-    return Broker(config, password, _context(config, section) if config.tls.enabled else None)
+    return MqttBroker(config, password, _context(config, section) if config.tls.enabled else None)
 
 
 def heed_cancellation() -> None:
@@ -102,12 +102,12 @@ def heed_cancellation() -> None:
         raise asyncio.CancelledError
 
 
-def in_words(error: Exception) -> str:
+def describe_error(error: Exception) -> str:
     """What has gone wrong with a broker, without the numbers of the libraries below."""
     return re.sub(r"^\[[^\]]*\] *| *\(_ssl\.c:\d+\)", "", printable(str(error))) or "the connection was lost"
 
 
-def from_url(url: str, *, ca: Path | None = None, user: str = "", password_file: Path | None = None) -> Broker:
+def from_url(url: str, *, ca: Path | None = None, user: str = "", password_file: Path | None = None) -> MqttBroker:
     """The broker at ``mqtts://[USER@]HOST[:PORT][/PREFIX]``, or ``mqtt://`` on this machine.
 
     Raises:
@@ -132,7 +132,7 @@ def from_url(url: str, *, ca: Path | None = None, user: str = "", password_file:
     }
     data |= {} if port is None else {"port": port}
     data |= {"prefix": prefix} if (prefix := parts.path.strip("/")) else {}
-    return opened(from_dict(data, MqttConfig, source=url), "")
+    return open_broker(from_dict(data, MqttConfig, source=url), "")
 
 
 def _password(path: Path, key: str) -> str:

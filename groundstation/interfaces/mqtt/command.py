@@ -1,11 +1,46 @@
-"""``groundstation mqtt``: keys of clients, topics and schemas."""
+"""Commands about MQTT: ``groundstation request --mqtt``, and the clients' keys, topics and JSON Schemas."""
 
 import argparse
+import asyncio
+import json
 import sys
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
 
-from groundstation.config import ConfigError
+import msgspec
 
-EXIT_DONE = 0
+from groundstation.config import (
+    CLIENT_LETTERS,
+    VEHICLE_LETTERS,
+    ConfigError,
+    describe_name,
+    describe_pattern,
+    field_notes,
+    is_name,
+)
+from groundstation.core.messages import RemoteAsk
+from groundstation.interfaces.mqtt.broker import MqttBroker, describe_error, from_url, heed_cancellation
+from groundstation.interfaces.mqtt.messages import (
+    ANSWER,
+    OFFLINE,
+    REQUEST,
+    SESSION,
+    STATE,
+    TOPICS,
+    AnswerMessage,
+    SessionMessage,
+    Topic,
+    properties,
+)
+from groundstation.interfaces.mqtt.requests import Place, open_answer, seal_request
+from groundstation.runtime import replace_between_markers, wall_ms
+from links.io import read_key
+
+if TYPE_CHECKING:
+    import aiomqtt
+
+
+EXIT_DONE, EXIT_REFUSED, EXIT_NOBODY = 0, 1, 2
 
 
 def mqtt_command(args: argparse.Namespace) -> int:
@@ -33,20 +68,223 @@ def _make_key(args: argparse.Namespace) -> None:
 
 
 def _topics(args: argparse.Namespace) -> None:
-    from groundstation.interfaces.mqtt.schemas import topics_table, write_topics
-
     if args.write is not None:
         write_topics(args.write)
     print(topics_table())
 
 
 def _schemas(args: argparse.Namespace) -> None:
-    import json
-
-    from groundstation.interfaces.mqtt.schemas import schemas, write_schemas
-
     if args.write is None:
         print(json.dumps(schemas(), indent=2, ensure_ascii=False))
         return
     for path in write_schemas(args.write):
         print(path)
+
+
+LIFE_MS = 4000
+"""How long the request is good for [ms]."""
+PATIENCE_S = 5.0
+"""How long we wait, for everything [s]."""
+
+
+class Unanswered(Exception):
+    """Nothing came of it; the text says why."""
+
+
+def ask_command(args: argparse.Namespace) -> int:
+    """Ask, print the answer, and return 0 where it is done, 1 where it is refused, 2 where nobody answers.
+
+    Raises:
+        ConfigError: something on the command line is missing or can't be used.
+    """
+    for name, value in (("--vehicle", args.vehicle), ("--client", args.client), ("--key", args.key)):
+        if not value:
+            raise ConfigError(name, "missing; --mqtt needs --vehicle, --client and --key")
+    if args.ask == "arm":
+        raise ConfigError("arm", "nobody arms from afar: only who stands by the vehicle may")
+    for name, value, letters in (
+        ("--vehicle", args.vehicle, VEHICLE_LETTERS),
+        ("--client", args.client, CLIENT_LETTERS),
+    ):
+        if not is_name(value, letters):
+            raise ConfigError(name, f"expected {describe_name(letters)}, got {value!r}")
+    broker = from_url(args.mqtt, ca=args.ca, user=args.user, password_file=args.password_file)
+    key = _key(args.key)
+    try:
+        answer = asyncio.run(request_by_mqtt(broker, args.vehicle, args.client, key, args.ask, args.why[:200]))
+    except Unanswered as error:
+        print(f"groundstation: request: {error}", file=sys.stderr)
+        return EXIT_NOBODY
+    print(answer.says)
+    return EXIT_DONE if answer.done else EXIT_REFUSED
+
+
+async def request_by_mqtt(
+    broker: MqttBroker, vehicle: str, client: str, key: bytes, ask: RemoteAsk, why: str = ""
+) -> AnswerMessage:
+    """What the station of ``vehicle`` answers.
+
+    Raises:
+        Unanswered: no broker, no station, or no answer.
+    """
+    import aiomqtt
+
+    place = Place(broker.config.prefix, vehicle)
+    asking = _Asking(place, client, key, ask, why)
+    try:
+        async with asyncio.timeout(PATIENCE_S), broker.client() as connection:
+            return await asking.run(connection)
+    except (aiomqtt.MqttError, msgspec.MsgspecError, ValueError, RecursionError) as error:
+        raise Unanswered(f"the broker {broker}: {describe_error(error)}") from None
+    except TimeoutError:
+        raise Unanswered(asking.why_not()) from None
+
+
+class _Asking:
+    """One request: sent once the session is known, and again where that was the one of a station that has ended."""
+
+    def __init__(self, place: Place, client: str, key: bytes, ask: RemoteAsk, why: str) -> None:
+        self._place, self._client, self._key, self._ask, self._why = place, client, key, ask, why
+        self._ids: set[int] = set()
+        self._state = ""
+
+    async def run(self, connection: "aiomqtt.Client") -> AnswerMessage:
+        root = f"{self._place.prefix}/{self._place.vehicle}/"
+        await connection.subscribe([(root + topic.name, 1) for topic in (STATE, ANSWER, SESSION)])
+        heed_cancellation()
+        async for message in connection.messages:
+            match str(message.topic).removeprefix(root):
+                case STATE.name:
+                    self._state = message.payload.decode(errors="replace")
+                case SESSION.name if message.payload and len(self._ids) < 2:
+                    await self._send(connection, root + REQUEST.name, message.payload)
+                case ANSWER.name:
+                    answer = open_answer(message.payload, self._key, self._place)
+                    if answer is not None and answer.client == self._client and answer.id in self._ids:
+                        return answer
+        raise Unanswered("the broker has closed the connection")
+
+    async def _send(self, connection: "aiomqtt.Client", topic: str, payload: bytes) -> None:
+        session = msgspec.json.decode(payload, type=SessionMessage).session
+        now_ms = wall_ms()
+        self._ids.add(now_ms)
+        request = seal_request(
+            self._key, self._place, session, self._client, now_ms, self._ask, now_ms + LIFE_MS, self._why
+        )
+        await connection.publish(
+            topic, request, qos=REQUEST.quality, properties=properties(REQUEST, -(-LIFE_MS // 1000))
+        )
+        heed_cancellation()
+
+    def why_not(self) -> str:
+        vehicle = self._place.vehicle
+        if self._state == OFFLINE:
+            return f"no station flies {vehicle!r} now"
+        if not self._ids:
+            there = "takes no requests by MQTT" if self._state else "is not known to this broker, or hidden from us"
+            return f"{vehicle!r} {there}"
+        return (
+            f"{vehicle!r} has not answered: it may not know {self._client!r} by this key, the broker may not let us "
+            "publish, or the clocks of both computers differ; the station's log says which"
+        )
+
+
+def _key(file: Path) -> bytes:
+    try:
+        return read_key(file)
+    except ValueError as error:
+        raise ConfigError("--key", str(error)) from None
+
+
+TOPICS_BEGIN, TOPICS_END = "<!-- mqtt topics -->", "<!-- end of mqtt topics -->"
+
+
+def schemas() -> dict[str, dict[str, Any]]:
+    """File name -> JSON Schema (draft 2020-12), one for each topic with JSON."""
+    return {file_of(topic): _schema(topic) for topic in TOPICS if topic.message is not None}
+
+
+def file_of(topic: Topic) -> str:
+    """The name of a topic's schema."""
+    return topic.name.replace("/", "-") + ".json"
+
+
+def schema_text(schema: dict[str, Any]) -> str:
+    """``schema`` as it stands in a file."""
+    return json.dumps(schema, indent=2, ensure_ascii=False) + "\n"
+
+
+def write_schemas(folder: Path) -> list[Path]:
+    """Write all into ``folder``."""
+    folder.mkdir(parents=True, exist_ok=True)
+    paths = []
+    for name, schema in schemas().items():
+        (folder / name).write_text(schema_text(schema), "utf-8")
+        paths.append(folder / name)
+    return paths
+
+
+def topics_table() -> str:
+    """The topics as a table in Markdown."""
+    lines = ["| topic | holds | retained | QoS | expires |", "|---|---|---|---|---|"]
+    for topic in TOPICS:
+        schema = f" ([schema](mqtt-schemas/{file_of(topic)}))" if topic.message else ""
+        way = "**in**: " if topic.inward else ""
+        expires = "" if topic.expires_s is None else f"{topic.expires_s} s"
+        retained = "yes" if topic.retained else ""
+        lines.append(f"| `{topic.name}` | {way}{topic.says}{schema} | {retained} | {topic.quality} | {expires} |")
+    return "\n".join(lines)
+
+
+def write_topics(path: Path) -> None:
+    """Put the table between the markers of ``path``.
+
+    Raises:
+        ConfigError: it has none, or can't be written.
+    """
+    replace_between_markers(path, TOPICS_BEGIN, TOPICS_END, topics_table())
+
+
+def _schema(topic: Topic) -> dict[str, Any]:
+    assert topic.message is not None, "the caller has looked"
+    (_,), components = msgspec.json.schema_components([topic.message], ref_template="#/$defs/{name}")
+    structs = _structs(msgspec.inspect.type_info(topic.message))
+    for name, component in components.items():
+        notes = field_notes(structs[name]) if name in structs else {}  # an enum has none
+        for key, field in component.get("properties", {}).items():
+            if key in notes:
+                field["description"] = notes[key]
+            if "pattern" in field:  # JSON Schema writes regular expressions as ECMA-262, where ^ and $ mean the ends
+                field["pattern"] = f"^{describe_pattern(field['pattern'])}$"
+    made = _with_null(components)
+    root = made.pop(topic.message.__name__)
+    return {
+        "$schema": "https://json-schema.org/draft/2020-12/schema",
+        "$comment": f"PREFIX/VEHICLE/{topic.name}; made by: groundstation mqtt schemas --write DIR",
+        **root,
+        **({"$defs": made} if made else {}),
+    }
+
+
+def _structs(info: msgspec.inspect.Type) -> dict[str, type[msgspec.Struct]]:
+    """All structs in a type, by name."""
+    found: dict[str, type[msgspec.Struct]] = {}
+    if isinstance(info, msgspec.inspect.StructType):
+        found[info.cls.__name__] = info.cls
+    inner = [getattr(info, name) for name in ("type", "item_type", "value_type") if hasattr(info, name)]
+    inner += [one for name in ("types", "item_types") for one in getattr(info, name, ())]
+    for one in (*inner, *(field.type for field in getattr(info, "fields", ()))):
+        found |= _structs(one)
+    return found
+
+
+def _with_null(schema: Any) -> Any:
+    """JSON has no NaN and no infinity: wherever a number is, ``null`` may be."""
+    if isinstance(schema, list):
+        return [_with_null(item) for item in schema]
+    if not isinstance(schema, dict):
+        return schema
+    made = {key: _with_null(value) for key, value in schema.items()}
+    if made.get("type") == "number":
+        made["type"] = ["number", "null"]
+    return made

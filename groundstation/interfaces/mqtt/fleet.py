@@ -1,4 +1,4 @@
-"""What is known of each vehicle of a fleet, from what their stations publish. Sans-IO."""
+"""Fleet monitor: what is known of each vehicle from what their stations publish. Sans-IO."""
 
 import math
 from collections.abc import Iterator
@@ -9,7 +9,7 @@ from groundstation.config import VEHICLE_LETTERS, is_name
 from groundstation.core.messages import Snapshot
 from groundstation.core.mission import FINAL
 from groundstation.interfaces.api import decode
-from groundstation.interfaces.mqtt.messages import EVENT, OFFLINE, SNAPSHOT, STATE, Event
+from groundstation.interfaces.mqtt.messages import EVENT, OFFLINE, SNAPSHOT, STATE, EventMessage
 from links.core import printable
 
 SILENCE_S = 3.0
@@ -20,10 +20,9 @@ VEHICLES_MAX = 500
 """More are not taken in: a broker may carry anything."""
 EVENTS_KEPT = 20
 ALARM = frozenset({"descent", "aborted", "handed_over", "killed"})
-ENDED = frozenset(state.value for state in FINAL)
 
 
-class Seen:
+class VehicleView:
     """One vehicle."""
 
     def __init__(self, name: str) -> None:
@@ -32,7 +31,7 @@ class Seen:
         self.state = ""
         """As published; ``offline`` where no station flies it."""
         self.snapshot: Snapshot | None = None
-        self.events: list[Event] = []
+        self.events: list[EventMessage] = []
         """The newest, oldest first."""
         self._arrived_s = -math.inf
         self._offset_s = math.inf
@@ -45,7 +44,7 @@ class Seen:
                 if self.state == OFFLINE:
                     self._offset_s = math.inf  # the next station has another clock
             elif topic == EVENT.name:
-                event = msgspec.json.decode(payload, type=Event)
+                event = msgspec.json.decode(payload, type=EventMessage)
                 event = msgspec.structs.replace(event, text=printable(event.text))
                 self.events = [*self.events, event][-EVENTS_KEPT:]
             elif topic == SNAPSHOT.name:
@@ -76,9 +75,9 @@ class Seen:
         """The state, or what is worse than it."""
         if self.state == OFFLINE:
             return "OFFLINE"
-        if self.age_s(now_s) > SILENCE_S and self.state not in ENDED:
+        if self.age_s(now_s) > SILENCE_S and self.state not in FINAL:
             return "NO DATA"
-        if self.snapshot is not None and self.snapshot.link.state == "lost" and self.state not in ENDED:
+        if self.snapshot is not None and self.snapshot.link.state == "lost" and self.state not in FINAL:
             return "LINK LOST"
         return self.state.replace("_", " ").upper()
 
@@ -92,17 +91,17 @@ class Seen:
         return 2 if self.state in ("idle", "connecting", "ready", "landed") else 1
 
 
-class Fleet:
+class FleetMonitor:
     """All vehicles below one prefix."""
 
     def __init__(self, prefix: str) -> None:
         """Nobody is there yet."""
         self._prefix = prefix + "/"
-        self._seen: dict[str, Seen] = {}
+        self._seen: dict[str, VehicleView] = {}
         self.misunderstood = 0
         """Messages that were not what they should be, or of one vehicle too many, or of none by its name."""
 
-    def __iter__(self) -> Iterator[Seen]:
+    def __iter__(self) -> Iterator[VehicleView]:
         """The vehicles, as they appeared."""
         return iter(self._seen.values())
 
@@ -117,6 +116,6 @@ class Fleet:
             if len(self._seen) >= VEHICLES_MAX or not is_name(name, VEHICLE_LETTERS):
                 self.misunderstood += 1
                 return
-            seen = self._seen[name] = Seen(name)
+            seen = self._seen[name] = VehicleView(name)
         if not seen.hear(rest, payload, now_s):
             self.misunderstood += 1

@@ -1,12 +1,11 @@
-"""What is published, and where: the topics below ``PREFIX/VEHICLE/``. Sans-IO."""
+"""MQTT messages: what is published, and where below ``PREFIX/VEHICLE/``. Sans-IO."""
 
 from typing import Annotated, Any
 
 import msgspec
 
-from groundstation.config import CLIENT_LETTERS, name_of
-from groundstation.core.messages import Snapshot
-from groundstation.settings import RemoteAsk
+from groundstation.config import CLIENT_LETTERS, name_pattern
+from groundstation.core.messages import RemoteAsk, Snapshot
 
 OFFLINE = "offline"
 """The ``state`` of a vehicle that no station flies, also as last will."""
@@ -14,11 +13,11 @@ OFFLINE = "offline"
 Session = Annotated[str, msgspec.Meta(pattern=r"\A[0-9a-f]{32}\Z")]
 Seal = Annotated[str, msgspec.Meta(pattern=r"\A[0-9a-f]{64}\Z")]
 """HMAC-SHA256 in hex; see request_codec.py."""
-Client = Annotated[str, msgspec.Meta(pattern=name_of(CLIENT_LETTERS))]
+Client = Annotated[str, msgspec.Meta(pattern=name_pattern(CLIENT_LETTERS))]
 Number = Annotated[int, msgspec.Meta(ge=0, le=1 << 53)]
 
 
-class Event(msgspec.Struct, frozen=True):
+class EventMessage(msgspec.Struct, frozen=True):
     """One event of a flight."""
 
     number: int
@@ -29,7 +28,7 @@ class Event(msgspec.Struct, frozen=True):
     """What happened, for the operator."""
 
 
-class Health(msgspec.Struct, frozen=True):
+class HealthMessage(msgspec.Struct, frozen=True):
     """How the station's telemetry itself is doing."""
 
     groundstation: str
@@ -106,9 +105,11 @@ class Topic(msgspec.Struct, frozen=True):
 
 STATE = Topic("state", None, f"state of the mission; `{OFFLINE}` where nobody flies it, also as last will", True, 1)
 SNAPSHOT = Topic("snapshot", Snapshot, "all about the flight, the newest, `mqtt.rate_hz` times a second", expires_s=2)
-EVENT = Topic("event", Event, "every event once; after an outage, the newest 100 that were not delivered", quality=1)
+EVENT = Topic(
+    "event", EventMessage, "every event once; after an outage, the newest 100 that were not delivered", quality=1
+)
 HEALTH = Topic(
-    "health", Health, "about the connection itself and the requests, every `mqtt.health_period_s`", retained=True
+    "health", HealthMessage, "about the connection itself and the requests, every `mqtt.health_period_s`", retained=True
 )
 SESSION = Topic(
     "request/session", SessionMessage, "what requests must name; absent where none are taken", retained=True, quality=1
@@ -118,16 +119,16 @@ ANSWER = Topic("answer", AnswerMessage, "what became of it", quality=1, expires_
 TOPICS = (STATE, SNAPSHOT, EVENT, HEALTH, SESSION, REQUEST, ANSWER)
 
 
-def event_of(number: int, line: str) -> Event:
+def parse_event(number: int, line: str) -> EventMessage:
     """The event in a line of a snapshot, ``12.345 text``."""
     time, _, text = line.partition(" ")
     try:
-        return Event(number, float(time), text)
+        return EventMessage(number, float(time), text)
     except ValueError:
-        return Event(number, 0.0, line)
+        return EventMessage(number, 0.0, line)
 
 
-def unseen(before: tuple[str, ...], now: tuple[str, ...]) -> tuple[str, ...]:
+def new_events(before: tuple[str, ...], now: tuple[str, ...]) -> tuple[str, ...]:
     """The events of ``now`` that follow those of ``before``, both being windows of one growing list."""
     for start in range(len(before)):
         tail = before[start:]

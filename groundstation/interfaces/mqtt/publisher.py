@@ -1,7 +1,7 @@
-"""Telemetry to an MQTT v5 broker. The broker may be away or slow at any time: the flight never notices.
+"""MQTT publisher: telemetry to a v5 broker, and requests from it. A broker away or slow is never noticed by the flight.
 
-The topics are in mqtt_messages.py and docs/reference/mqtt.md. Nothing is queued but the newest 100 events: whoever
-reads late reads the newest.
+The topics are in messages.py and docs/reference/mqtt.md. Nothing is queued but the newest 100 events: whoever reads
+late reads the newest. What a request asks for is done where the gatekeeper (requests.py) lets it through.
 """
 
 import asyncio
@@ -9,33 +9,176 @@ import contextlib
 import logging
 import os
 from collections import Counter, deque
-from collections.abc import Callable, Coroutine
+from collections.abc import Awaitable, Callable, Coroutine
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import msgspec
 
-from groundstation.core.messages import Reply, Request, Snapshot
-from groundstation.interfaces.mqtt.broker import HEARD_MAX_BYTES, TIMEOUT_S, heed_cancellation, in_words, opened
+from groundstation.config import ConfigError
+from groundstation.core.messages import Ask, Reply, Request, Snapshot
+from groundstation.interfaces.mqtt.broker import (
+    HEARD_MAX_BYTES,
+    TIMEOUT_S,
+    describe_error,
+    heed_cancellation,
+    open_broker,
+)
 from groundstation.interfaces.mqtt.messages import (
+    ANSWER,
     EVENT,
     HEALTH,
     OFFLINE,
+    REQUEST,
     SESSION,
     SNAPSHOT,
     STATE,
-    Event,
-    Health,
+    EventMessage,
+    HealthMessage,
+    SessionMessage,
     Topic,
-    event_of,
+    new_events,
+    parse_event,
     properties,
-    unseen,
 )
-from groundstation.interfaces.mqtt.requests import Requests, requests_of
-from groundstation.runtime import Latest, __version__
+from groundstation.interfaces.mqtt.requests import ClientKey, Gatekeeper, Place
+from groundstation.runtime import Latest, __version__, wall_ms
 from groundstation.settings import MqttConfig
+from links.io import read_key
 
 if TYPE_CHECKING:
     import aiomqtt
+
+
+PAUSE_S = 5.0
+"""How long nobody listens after too many messages [s]."""
+ANSWERS_KEPT = 16
+"""So many answers wait for a slow broker; no request waits for them."""
+
+Put = Callable[["aiomqtt.Client", Topic, bytes], Awaitable[None]]
+"""Publishes to a topic."""
+
+
+class ClientKeys(msgspec.Struct, frozen=True):
+    """The clients of a configuration, their keys read."""
+
+    prefix: str
+    clients: dict[str, ClientKey]
+
+    def of(self, vehicle: str, ask: Callable[[Request], Reply], tell: Callable[[str], None]) -> "RequestListener":
+        """What takes the requests to ``vehicle``."""
+        return RequestListener(Place(self.prefix, vehicle), self.clients, ask, tell)
+
+
+def read_client_keys(config: MqttConfig) -> ClientKeys:
+    """Read the keys of all clients.
+
+    Raises:
+        ConfigError: by its dotted key, where one can't be read, others may read it, or two clients share it.
+    """
+    clients: dict[str, ClientKey] = {}
+    for name, client in config.requests.clients.items():
+        where = f"mqtt.requests.clients.{name}.key_file"
+        try:
+            key = read_key(Path(client.key_file))
+        except ValueError as error:
+            raise ConfigError(where, str(error)) from None
+        if any(key == other.key for other in clients.values()):
+            raise ConfigError(where, f"{client.key_file} holds another client's key: each needs its own")
+        clients[name] = ClientKey(key, frozenset(map(Ask, client.may)))
+    return ClientKeys(config.prefix, clients)
+
+
+def ensure_mqtt(config: MqttConfig) -> None:
+    """Stop before anything moves if a file of ``config`` can't be used.
+
+    Raises:
+        ConfigError: by its dotted key.
+    """
+    if not config.enabled:
+        return
+    open_broker(config, warn=False)
+    if config.requests.enabled:
+        read_client_keys(config)
+
+
+class RequestListener:
+    """The requests to one vehicle, from one connection to the next."""
+
+    def __init__(
+        self,
+        place: Place,
+        clients: dict[str, ClientKey],
+        ask: Callable[[Request], Reply],
+        tell: Callable[[str], None],
+    ) -> None:
+        """``ask`` does what is let through; ``tell`` a line about what is not, seldom."""
+        self._topic = f"{place.prefix}/{place.vehicle}/{REQUEST.name}"
+        self._tell = tell
+        self._gate = Gatekeeper(place, clients, ask, lambda: os.urandom(16).hex(), tell)
+        self._answers: deque[bytes] = deque(maxlen=ANSWERS_KEPT)
+        self._more = asyncio.Event()
+
+    @property
+    def counts(self) -> Counter[str]:
+        """What became of them."""
+        return self._gate.counts
+
+    async def listen(self, client: "aiomqtt.Client", put: Put) -> None:
+        """Take requests until the connection breaks; at once where the broker does not let us.
+
+        Raises:
+            MqttError: it does break.
+        """
+        loop = asyncio.get_running_loop()
+        self._answers.clear()
+        if not await self._subscribe(client):
+            self._tell(f"the broker does not let us read {self._topic}: no requests; look at its access rules")
+            return
+        said = ""
+        while True:
+            if self._gate.session != said:
+                said = self._gate.session
+                await put(client, SESSION, msgspec.json.encode(SessionMessage(said)))
+            message = await anext(client.messages)
+            now_s = loop.time()
+            if self._gate.is_flooded(now_s):
+                await self._pause(client)
+                continue
+            answer = self._gate.take(message.payload, retained=message.retain, now_s=now_s, wall_ms=wall_ms())
+            if answer is not None:
+                self._answers.append(answer)
+                self._more.set()
+
+    async def answer(self, client: "aiomqtt.Client", put: Put) -> None:
+        """Send the answers until the connection breaks.
+
+        Raises:
+            MqttError: it does.
+        """
+        while True:
+            while self._answers:
+                await put(client, ANSWER, self._answers.popleft())
+            self._more.clear()
+            await self._more.wait()
+
+    async def _subscribe(self, client: "aiomqtt.Client") -> bool:
+        """Subscribe, but not to what the broker has kept; False where it refuses."""
+        from paho.mqtt.subscribeoptions import SubscribeOptions
+
+        options = SubscribeOptions(qos=REQUEST.quality, retainHandling=SubscribeOptions.RETAIN_DO_NOT_SEND)
+        granted = await client.subscribe(self._topic, options=options)
+        heed_cancellation()
+        return not any(code.is_failure for code in granted if not isinstance(code, int))
+
+    async def _pause(self, client: "aiomqtt.Client") -> None:
+        await client.unsubscribe(self._topic)
+        heed_cancellation()
+        await asyncio.sleep(PAUSE_S)
+        while len(client.messages):
+            await anext(client.messages)
+        await self._subscribe(client)
+
 
 RETRY_FIRST_S = 0.5
 RETRY_MAX_S = 10.0
@@ -59,8 +202,8 @@ async def publish_forever(
     """
     import aiomqtt
 
-    broker = opened(config)
-    keys = requests_of(config) if config.requests.enabled else None
+    broker = open_broker(config)
+    keys = read_client_keys(config) if config.requests.enabled else None
     _, first = await latest.newer()
     publisher = _Publisher(config, first.vehicle, latest)
     if keys is not None and ask is not None:
@@ -86,7 +229,7 @@ async def publish_forever(
                     await publisher.run(client)
             except (aiomqtt.MqttError, ValueError) as error:  # ValueError: no possible host name
                 if reachable:
-                    log.warning("no broker at %s (%s); trying again", broker, in_words(error))
+                    log.warning("no broker at %s (%s); trying again", broker, describe_error(error))
                 reachable = False
             heed_cancellation()
             await asyncio.sleep(pause_s)
@@ -103,11 +246,11 @@ class _Publisher:
         self._period_s = 1.0 / config.rate_hz
         self._health_s = config.health_period_s
         self._latest = latest
-        self._events: deque[Event] = deque()
+        self._events: deque[EventMessage] = deque()
         self._more = asyncio.Event()
         self._counts: Counter[str] = Counter()
         self._version = __version__
-        self.requests: Requests | None = None
+        self.requests: RequestListener | None = None
 
     def topic(self, topic: Topic) -> str:
         return f"{self._root}/{topic.name}"
@@ -117,9 +260,9 @@ class _Publisher:
         seen: tuple[str, ...] = ()
         number = 0
         async for snapshot in self._latest.values():
-            for line in unseen(seen, snapshot.events):
+            for line in new_events(seen, snapshot.events):
                 number += 1
-                self._events.append(event_of(number, line))
+                self._events.append(parse_event(number, line))
                 self._more.set()
             seen = snapshot.events
             while len(self._events) > EVENTS_KEPT:
@@ -172,7 +315,9 @@ class _Publisher:
         while True:
             counts = self._counts
             requests = {} if self.requests is None else dict(sorted(self.requests.counts.items()))
-            health = Health(self._version, counts["connections"], counts["snapshots"], counts["events_lost"], requests)
+            health = HealthMessage(
+                self._version, counts["connections"], counts["snapshots"], counts["events_lost"], requests
+            )
             await self._put(client, HEALTH, msgspec.json.encode(health))
             await asyncio.sleep(self._health_s)
 

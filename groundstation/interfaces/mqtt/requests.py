@@ -1,152 +1,270 @@
-"""Requests that come by MQTT: listens, has the gatekeeper look at them, and sends the answers."""
+"""Remote requests: seals, and a gatekeeper that lets through what is sealed, new, in time and allowed. Sans-IO.
 
-import asyncio
-import os
-from collections import Counter, deque
-from collections.abc import Awaitable, Callable
-from pathlib import Path
-from typing import TYPE_CHECKING
+Whoever is on the network, or runs the broker, can publish: only the seal says who asks. It is the HMAC-SHA256, in hex,
+under the client's key, over these lines (UTF-8, joined by one line feed, none at the end)::
+
+    groundstation request 1             groundstation answer 1
+    PREFIX                              PREFIX
+    VEHICLE                             VEHICLE
+    SESSION                             SESSION
+    CLIENT                              CLIENT
+    ID                                  ID
+    ASK                                 true or false
+    EXPIRES_MS                          SAYS
+    WHY
+
+Only the last line is free text, so that no two messages have the same lines. What is meant for one vehicle says nothing
+to another, and what was said to one run of the station says nothing to the next.
+"""
+
+import hmac
+from collections import Counter
+from collections.abc import Callable, Mapping
+from typing import NamedTuple
 
 import msgspec
 
-from groundstation.config import ConfigError
-from groundstation.core.messages import Reply, Request
-from groundstation.interfaces.mqtt.broker import heed_cancellation, opened
-from groundstation.interfaces.mqtt.gatekeeper import ClientKey, Gatekeeper
-from groundstation.interfaces.mqtt.messages import ANSWER, REQUEST, SESSION, SessionMessage, Topic
-from groundstation.interfaces.mqtt.request_codec import Place
-from groundstation.runtime import wall_ms
-from groundstation.settings import MqttConfig, asks
-from links.io import read_key
+from groundstation.core.messages import Ask, RemoteAsk, Reply, Request
+from groundstation.interfaces.mqtt.messages import AnswerMessage, RequestMessage
+from links.core import printable
 
-if TYPE_CHECKING:
-    import aiomqtt
-
-PAUSE_S = 5.0
-"""How long nobody listens after too many messages [s]."""
-ANSWERS_KEPT = 16
-"""So many answers wait for a slow broker; no request waits for them."""
-
-Put = Callable[["aiomqtt.Client", Topic, bytes], Awaitable[None]]
-"""Publishes to a topic."""
+REQUEST_MAX_BYTES = 1024
+"""No request is longer."""
 
 
-class Keys(msgspec.Struct, frozen=True):
-    """The clients of a configuration, their keys read."""
+class Place(msgspec.Struct, frozen=True):
+    """Whose request topic it is."""
 
     prefix: str
-    clients: dict[str, ClientKey]
-
-    def of(self, vehicle: str, ask: Callable[[Request], Reply], tell: Callable[[str], None]) -> "Requests":
-        """What takes the requests to ``vehicle``."""
-        return Requests(Place(self.prefix, vehicle), self.clients, ask, tell)
+    vehicle: str
 
 
-def requests_of(config: MqttConfig) -> Keys:
-    """Read the keys of all clients.
-
-    Raises:
-        ConfigError: by its dotted key, where one can't be read, others may read it, or two clients share it.
-    """
-    clients: dict[str, ClientKey] = {}
-    for name, client in config.requests.clients.items():
-        where = f"mqtt.requests.clients.{name}.key_file"
-        try:
-            key = read_key(Path(client.key_file))
-        except ValueError as error:
-            raise ConfigError(where, str(error)) from None
-        if any(key == other.key for other in clients.values()):
-            raise ConfigError(where, f"{client.key_file} holds another client's key: each needs its own")
-        clients[name] = ClientKey(key, asks(client))
-    return Keys(config.prefix, clients)
+def seal_request(  # every field of it
+    key: bytes, place: Place, session: str, client: str, number: int, ask: RemoteAsk, expires_ms: int, why: str = ""
+) -> bytes:
+    """The JSON of a request."""
+    mac = _seal(key, "request", place, session, client, number, ask, expires_ms, why)
+    return msgspec.json.encode(
+        RequestMessage(
+            session=session, client=client, id=number, ask=ask, expires_ms=expires_ms, why=why, mac=mac.hex()
+        )
+    )
 
 
-def ensure_mqtt(config: MqttConfig) -> None:
-    """Stop before anything moves if a file of ``config`` can't be used.
-
-    Raises:
-        ConfigError: by its dotted key.
-    """
-    if not config.enabled:
-        return
-    opened(config, warn=False)
-    if config.requests.enabled:
-        requests_of(config)
+def decode_request(data: bytes) -> RequestMessage | str:
+    """The request in ``data``, its seal unchecked; or the reason why there is none: ``oversized``, ``malformed``."""
+    if len(data) > REQUEST_MAX_BYTES:
+        return "oversized"
+    try:
+        return msgspec.json.decode(data, type=RequestMessage)
+    except (msgspec.MsgspecError, UnicodeError, RecursionError):
+        return "malformed"
 
 
-class Requests:
-    """The requests to one vehicle, from one connection to the next."""
+def is_sealed(request: RequestMessage, key: bytes, place: Place) -> bool:
+    """Whether whoever has ``key`` has made ``request`` for that vehicle."""
+    r = request
+    made = _seal(key, "request", place, r.session, r.client, r.id, r.ask, r.expires_ms, r.why)
+    return hmac.compare_digest(made.hex(), r.mac)
+
+
+def seal_answer(key: bytes, place: Place, to: RequestMessage, done: bool, says: str) -> bytes:
+    """The JSON of the answer to a request."""
+    mac = _seal(key, "answer", place, to.session, to.client, to.id, _word(done), says)
+    return msgspec.json.encode(
+        AnswerMessage(session=to.session, client=to.client, id=to.id, done=done, says=says, mac=mac.hex())
+    )
+
+
+def open_answer(data: bytes, key: bytes, place: Place) -> AnswerMessage | None:
+    """The answer in ``data``; None where it is none, or not of whoever has ``key``."""
+    try:
+        a = msgspec.json.decode(data, type=AnswerMessage)
+        made = _seal(key, "answer", place, a.session, a.client, a.id, _word(a.done), a.says)
+    except (msgspec.MsgspecError, UnicodeError, RecursionError):
+        return None
+    return a if hmac.compare_digest(made.hex(), a.mac) else None
+
+
+def _seal(key: bytes, kind: str, place: Place, *lines: str | int) -> bytes:
+    text = "\n".join([f"groundstation {kind} 1", place.prefix, place.vehicle, *map(str, lines)])
+    return hmac.digest(key, text.encode("utf-8", "surrogatepass"), "sha256")
+
+
+def _word(done: bool) -> str:
+    return "true" if done else "false"
+
+
+LIFE_MAX_MS = 10_000
+"""No request is good for longer: what is held back on its way is not obeyed later [ms]."""
+CLIENT_HZ, CLIENT_BURST = 2.0, 10.0
+"""So many requests of one client are obeyed [1/s], and at once."""
+ANY_HZ, ANY_BURST = 50.0, 100.0
+"""More messages than this, whoever sends them, and nobody listens for a while [1/s], and at once."""
+TELL_S = 60.0
+"""A reason for which requests are dropped is told once in this time [s]."""
+SESSIONS_KEPT = 64
+"""So many sessions of one station count; more begin only where a client's clock is wrong again and again."""
+
+
+class ClientKey(msgspec.Struct, frozen=True):
+    """One client: what it may ask, and the key that it proves itself with."""
+
+    key: bytes
+    may: frozenset[Ask]
+
+
+class Dropped(NamedTuple):
+    """Why a message is no request to be obeyed."""
+
+    reason: str
+    text: str
+
+
+class Bucket:
+    """Allows a burst, and a rate ever after."""
+
+    def __init__(self, rate_hz: float, burst: float) -> None:
+        """Begin full."""
+        self._rate_hz = rate_hz
+        self._burst = self._left = burst
+        self._at_s: float | None = None
+
+    def take(self, now_s: float) -> bool:
+        """Whether one more is allowed at ``now_s``."""
+        elapsed_s = 0.0 if self._at_s is None else max(0.0, now_s - self._at_s)
+        self._left = min(self._burst, self._left + self._rate_hz * elapsed_s)
+        self._at_s = now_s
+        if self._left < 1.0:
+            return False
+        self._left -= 1.0
+        return True
+
+
+class Gatekeeper:
+    """Takes what comes on the request topic of one vehicle."""
 
     def __init__(
         self,
         place: Place,
-        clients: dict[str, ClientKey],
-        ask: Callable[[Request], Reply],
+        clients: Mapping[str, ClientKey],
+        do: Callable[[Request], Reply],
+        new_session: Callable[[], str],
         tell: Callable[[str], None],
     ) -> None:
-        """``ask`` does what is let through; ``tell`` a line about what is not, seldom."""
-        self._topic = f"{place.prefix}/{place.vehicle}/{REQUEST.name}"
+        """``do`` what is let through; ``tell`` a line about what is not, seldom.
+
+        ``new_session`` gives 32 random hex digits, other ones each time.
+        """
+        self.counts: Counter[str] = Counter()
+        """``done``, ``not_possible``, and the reasons for which requests were dropped."""
+        self._new_session = new_session
+        self._place = place
+        self._clients = clients
+        self._do = do
         self._tell = tell
-        self._gate = Gatekeeper(place, clients, ask, lambda: os.urandom(16).hex(), tell)
-        self._answers: deque[bytes] = deque(maxlen=ANSWERS_KEPT)
-        self._more = asyncio.Event()
+        self._told_s: dict[str, float] = {}
+        self._sessions: dict[str, dict[str, int]] = {}
+        """Each session that counts, oldest first: who may name it, and the newest number of that client in it."""
+        self._each = {name: Bucket(CLIENT_HZ, CLIENT_BURST) for name in clients}
+        self._any = Bucket(ANY_HZ, ANY_BURST)
+        self._begin()
 
     @property
-    def counts(self) -> Counter[str]:
-        """What became of them."""
-        return self._gate.counts
+    def session(self) -> str:
+        """What new requests shall name."""
+        return next(reversed(self._sessions))
 
-    async def listen(self, client: "aiomqtt.Client", put: Put) -> None:
-        """Take requests until the connection breaks; at once where the broker does not let us.
+    def _begin(self) -> None:
+        """Begin a session, which every client may name."""
+        self._sessions[self._new_session()] = dict.fromkeys(self._clients, -1)
+        if len(self._sessions) > SESSIONS_KEPT:
+            del self._sessions[next(iter(self._sessions))]
 
-        Raises:
-            MqttError: it does break.
+    def is_flooded(self, now_s: float) -> bool:
+        """Count one more message, whatever it is; True where they are so many that it is better not to listen."""
+        if self._any.take(now_s):
+            return False
+        self._drop(Dropped("flooded", "too many messages, of whomever: not listening for a while"), now_s)
+        return True
+
+    def take(self, data: bytes, *, retained: bool, now_s: float, wall_ms: int) -> bytes | None:
+        """Do what a message asks for, and return its answer; None where it is dropped, counted by reason.
+
+        A kill is answered even then, so that whoever has asked for it knows that the motors still run: but for what
+        was not sealed by a client, what came before and was answered then, and one too many of who may not kill.
+
+        Args:
+            data: What was published.
+            retained: Whether the broker had kept it.
+            now_s: The event loop's clock [s].
+            wall_ms: The wall clock [ms since 1970].
         """
-        loop = asyncio.get_running_loop()
-        self._answers.clear()
-        if not await self._subscribed(client):
-            self._tell(f"the broker does not let us read {self._topic}: no requests; look at its access rules")
-            return
-        said = ""
-        while True:
-            if self._gate.session != said:
-                said = self._gate.session
-                await put(client, SESSION, msgspec.json.encode(SessionMessage(said)))
-            message = await anext(client.messages)
-            now_s = loop.time()
-            if self._gate.is_flooded(now_s):
-                await self._pause(client)
-                continue
-            answer = self._gate.take(message.payload, retained=message.retain, now_s=now_s, wall_ms=wall_ms())
-            if answer is not None:
-                self._answers.append(answer)
-                self._more.set()
+        found = self._open_request(data, retained)
+        if isinstance(found, Dropped):
+            self._drop(found, now_s)
+            return None
+        client = self._clients[found.client]
+        late = self._find_refusal(found, now_s, wall_ms)
+        if late is not None:
+            self._drop(late, now_s)
+            if Ask(found.ask) is not Ask.KILL or late.reason in ("replayed", "too_many"):
+                return None
+            return self._answer(client, found, Reply(False, f"NOT KILLED, {late.reason}: {late.text}"))
+        if Ask(found.ask) not in client.may:
+            self._drop(Dropped("not_allowed", f"of {found.client!r}, to {found.ask}"), now_s)
+            return self._answer(client, found, Reply(False, f"{found.client} may not ask for {found.ask}"))
+        told = printable(found.why).strip()
+        why = f"{told} ({found.client} by MQTT)" if told else f"told by {found.client} by MQTT"
+        reply = self._do(Request(Ask(found.ask), why))
+        self.counts["done" if reply.done else "not_possible"] += 1
+        return self._answer(client, found, reply)
 
-    async def answer(self, client: "aiomqtt.Client", put: Put) -> None:
-        """Send the answers until the connection breaks.
+    def _open_request(self, data: bytes, retained: bool) -> "RequestMessage | Dropped":
+        """The request in ``data``, where a client has sealed it."""
+        if retained:
+            return Dropped("retained", "kept by the broker")
+        request = decode_request(data)
+        if isinstance(request, str):
+            return Dropped(request, f"{len(data)} bytes")
+        client = self._clients.get(request.client)
+        if client is None or not is_sealed(request, client.key, self._place):
+            return Dropped("unauthenticated", f"it says that it is {request.client!r}")
+        return request
 
-        Raises:
-            MqttError: it does.
-        """
-        while True:
-            while self._answers:
-                await put(client, ANSWER, self._answers.popleft())
-            self._more.clear()
-            await self._more.wait()
+    def _find_refusal(self, request: RequestMessage, now_s: float, wall_ms: int) -> "Dropped | None":
+        """Why a sealed request is not obeyed: it is of another session, old, or one too many; None where it is."""
+        client = request.client
+        whose = f"of {client!r}, to {request.ask}"
+        newest = self._sessions.get(request.session, {}).get(client)
+        if newest is None:
+            return Dropped("other_session", f"{whose}: sealed for another session than {self.session}")
+        if request.id <= newest:
+            return Dropped("replayed", f"{whose}: id {request.id} is not greater than those before it")
+        self._sessions[request.session][client] = request.id
+        # The rate comes first: nobody makes sessions faster. But a kill of whoever may waits for no turn.
+        turn = self._each[client].take(now_s)
+        if not turn and not (Ask(request.ask) is Ask.KILL and Ask.KILL in self._clients[client].may):
+            return Dropped("too_many", whose)
+        left_ms = request.expires_ms - wall_ms
+        if left_ms > LIFE_MAX_MS:
+            # Kept by somebody, it would come into force one day: so nothing that this client has sealed so far shall.
+            # What others have sealed is in time, and counts.
+            if turn:
+                for numbers in self._sessions.values():
+                    numbers.pop(client, None)
+                self._begin()
+            return Dropped("expires_too_late", f"{whose}: good for {left_ms} ms, by our clock")
+        if left_ms <= 0:
+            return Dropped("expired", f"{whose}: {-left_ms} ms ago, by our clock")
+        return None
 
-    async def _subscribed(self, client: "aiomqtt.Client") -> bool:
-        """Subscribe, but not to what the broker has kept; False where it refuses."""
-        from paho.mqtt.subscribeoptions import SubscribeOptions
+    def _answer(self, client: ClientKey, request: RequestMessage, reply: Reply) -> bytes:
+        return seal_answer(client.key, self._place, request, reply.done, reply.says)
 
-        options = SubscribeOptions(qos=REQUEST.quality, retainHandling=SubscribeOptions.RETAIN_DO_NOT_SEND)
-        granted = await client.subscribe(self._topic, options=options)
-        heed_cancellation()
-        return not any(code.is_failure for code in granted if not isinstance(code, int))
-
-    async def _pause(self, client: "aiomqtt.Client") -> None:
-        await client.unsubscribe(self._topic)
-        heed_cancellation()
-        await asyncio.sleep(PAUSE_S)
-        while len(client.messages):
-            await anext(client.messages)
-        await self._subscribed(client)
+    def _drop(self, what: "Dropped", now_s: float) -> None:
+        reason = what.reason
+        self.counts[reason] += 1
+        if now_s - self._told_s.get(reason, -TELL_S) >= TELL_S:
+            self._told_s[reason] = now_s
+            self._tell(f"request by MQTT dropped, {reason} ({self.counts[reason]} so far): {what.text}")

@@ -2,20 +2,16 @@
 
 TYPE_CHECKING = False
 if TYPE_CHECKING:
-    from groundstation.interfaces.service.command import daemon_command, fly_command
     from groundstation.interfaces.service.fleet import fleet_command, relay_command
-    from groundstation.interfaces.service.health import health_command
-    from groundstation.interfaces.service.logs import Format
-    from groundstation.interfaces.service.readiness import flyable
-    from groundstation.interfaces.service.systemd import unit
+    from groundstation.interfaces.service.flights import daemon_command, fly_command, require_flyable
+    from groundstation.interfaces.service.monitoring import Format, health_command
+    from groundstation.interfaces.service.systemd import unit_file
 
 _MODULES = {
-    "command": ("daemon_command", "fly_command"),
     "fleet": ("fleet_command", "relay_command"),
-    "health": ("health_command",),
-    "logs": ("Format",),
-    "readiness": ("flyable",),
-    "systemd": ("unit",),
+    "flights": ("daemon_command", "fly_command", "require_flyable"),
+    "monitoring": ("Format", "health_command"),
+    "systemd": ("unit_file",),
 }
 
 

@@ -1,18 +1,237 @@
-"""The commands for several vehicles: their cores together, and the relay of poses between them."""
+"""Fleet supervisor: runs the cores of a fleet, one process each, and the relay of poses between them.
+
+It prints what they say, and passes signals on. Nothing is shared: a core that crashes or stands still takes no other
+with it. None is ever started again: who knows where its vehicle is. Cores have sessions of their own: a terminal's
+Ctrl-C reaches each of them once, from here. Vehicles are armed once every core stands ready: a program that still
+starts would disturb who flies.
+"""
 
 import argparse
 import asyncio
 import os
+import shlex
+import signal
 import sys
-from collections.abc import Callable
+import tempfile
+from collections.abc import Callable, Collection, Mapping
+from contextlib import suppress
+from pathlib import Path
+from typing import Any
 
-from groundstation.config import ConfigError
-from groundstation.core.messages import SourceError
-from groundstation.interfaces.service.fleet_supervisor import Supervisor, by_hand
-from groundstation.interfaces.service.readiness import flyable
-from groundstation.lab.fleet import Relay, read_fleet, run_relay
+from groundstation.config import ConfigError, dump
+from groundstation.core.messages import Ask, SourceError
+from groundstation.core.mission import State
+from groundstation.interfaces.api import ask_station, snapshots
+from groundstation.interfaces.service.flights import require_flyable
+from groundstation.lab import FleetPlan, Member, Relay, read_fleet, run_relay
+from groundstation.runtime import ApiError, Exit, socket_path
+from links.core import make_child_command
 
-EXIT_DONE, EXIT_ABORTED = 0, 1
+AGAIN_S = 0.2
+"""How often a core that does not serve its socket yet is asked again [s]."""
+
+
+async def until_ready(socket: Path) -> None:
+    """Wait until the core that serves ``socket`` has passed its checks and waits to be armed."""
+    while True:
+        with suppress(OSError, ApiError):
+            async for snapshot in snapshots(socket):
+                if snapshot.state == State.READY:
+                    return
+        await asyncio.sleep(AGAIN_S)
+
+
+async def arm_vehicle(name: str, socket: Path) -> str:
+    """Ask for the motors of ``name``; returns why that was refused, or nothing."""
+    try:
+        answer = await ask_station(Ask.ARM, name, socket, "groundstation fleet --arm")
+    except (ApiError, OSError) as error:
+        return str(error)
+    return "" if answer.done else answer.says
+
+
+SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGQUIT, signal.SIGHUP)
+"""Passed on to every core, each of which knows what it means: land, failsafe descent, motors off."""
+READY_S = 120.0
+"""How long all cores together may take until they are ready to be armed [s]."""
+RELAY_WAIT_S = 20.0
+"""How long the relay may take to begin [s]."""
+LINE_BYTES = 1 << 20
+"""Longest line that is read of a core."""
+
+
+class Supervisor:
+    """One fleet in the air."""
+
+    def __init__(self, fleet: FleetPlan, arm: Collection[str], say: Callable[[str], None]) -> None:
+        """``say`` takes lines for the operator.
+
+        ``arm`` names the vehicles that are armed without asking, for one flight; the others are served until a signal
+        comes.
+        """
+        self._fleet = fleet
+        self._arm = arm
+        self._say = say
+        self._width = max(len(member.name) for member in fleet.members)
+        self.cores: dict[str, asyncio.subprocess.Process] = {}
+        """The processes, by the vehicle's name."""
+        self.relay: asyncio.subprocess.Process | None = None
+        """The process that hands poses on, where there is one."""
+
+    async def run(self) -> int:
+        """Run all until each has ended; 0 where every flight went as it was meant to, else 1."""
+        loop = asyncio.get_running_loop()
+        # The relay lives for as long as anybody holds the other end of this pipe: we, or a core that outlives us.
+        relay_lives, held = os.pipe()
+        with tempfile.TemporaryDirectory(prefix="groundstation-fleet-") as folder:
+            try:
+                relaying = await self._start_relay(relay_lives)
+                if relaying is None:
+                    return 1
+                for member in self._fleet.members:
+                    self.cores[member.name] = await self._start_core(member, Path(folder), held)
+                for number in SIGNALS:
+                    loop.add_signal_handler(number, self._pass_on, number)
+                watching = {name: asyncio.ensure_future(self._watch(name)) for name in self.cores}
+                arming = asyncio.ensure_future(self._arm_all(watching))
+                codes = await asyncio.gather(*watching.values())
+                arming.cancel()
+            finally:
+                os.close(held)
+                os.close(relay_lives)
+                for number in SIGNALS:
+                    loop.remove_signal_handler(number)
+            await relaying
+        return 0 if not any(codes) else 1
+
+    async def _start_relay(self, lives: int) -> "asyncio.Future[None] | None":
+        """Begin to hand poses on; returns its life, or None where it can't."""
+        fleet, done = self._fleet, asyncio.get_running_loop().create_future()
+        if fleet.relay_listen is None:
+            done.set_result(None)
+            return done
+        targets = [word for target in fleet.relay_targets for word in ("--to", target)]
+        words = ["groundstation", "relay", fleet.relay_listen, *targets, "--until-eof"]
+        self.relay = relay = await _python(words, stdin=lives)
+        assert relay.stdout is not None, "it is a pipe"
+        with suppress(TimeoutError):
+            async with asyncio.timeout(RELAY_WAIT_S):
+                line = await relay.stdout.readline()
+                self._tell("relay", line)
+                if line.startswith(b"relaying"):
+                    return asyncio.ensure_future(self._watch_relay(relay))
+        with suppress(ProcessLookupError):
+            relay.kill()
+        self._say("the relay did not begin: nothing was started")
+        return None
+
+    async def _watch_relay(self, relay: asyncio.subprocess.Process) -> None:
+        code = await self._listen("relay", relay)
+        if any(core.returncode is None for core in self.cores.values()):
+            self._say(
+                f"WARNING: the relay has ended ({code}): no vehicle gets poses any more, and their guards bring each "
+                "of them down"
+            )
+
+    async def _start_core(self, member: Member, folder: Path, held: int) -> asyncio.subprocess.Process:
+        file = folder / f"{member.name}.toml"
+        file.write_text(dump(member.core), "utf-8")  # what was checked is what flies
+        once = ["--once"] if member.name in self._arm else []
+        words = ["groundstation.interfaces.service.fleet_core", str(os.getpid()), "daemon", str(file), *once]
+        return await _python(words, keeps=(held,))
+
+    async def _arm_all(self, watching: Mapping[str, "asyncio.Future[int]"]) -> None:
+        """Once every core is ready, arm those that were named; where one does not get there, end the flights."""
+        sockets = {one.name: socket_path(one.core.status, one.name) for one in self._fleet.members}
+        ready = {name: asyncio.ensure_future(until_ready(socket)) for name, socket in sockets.items()}
+        ends: set[asyncio.Future[Any]] = {*watching.values()}
+        try:
+            async with asyncio.timeout(READY_S):
+                while not all(task.done() for task in ready.values()):
+                    waiting = {task for task in ready.values() if not task.done()}
+                    await asyncio.wait({*waiting, *ends}, return_when=asyncio.FIRST_COMPLETED)
+                    if any(end.done() for end in ends):
+                        break
+        except TimeoutError:
+            pass
+        finally:
+            for task in ready.values():
+                task.cancel()
+        late = [name for name, task in ready.items() if task.cancelled() or not task.done() or watching[name].done()]
+        if late:
+            if self._arm:
+                self._say(f"nobody is armed: {', '.join(late)} did not get ready")
+                self._pass_on(signal.SIGTERM)
+            return
+        for name in self._arm:
+            refused = await arm_vehicle(name, sockets[name])
+            if refused:
+                self._say(f"{name}: not armed: {refused}")
+
+    async def _watch(self, name: str) -> int:
+        code = await self._listen(name, self.cores[name])
+        if code < 0:
+            self._say(
+                f"{name}: WARNING: its core has died ({signal.Signals(-code).name}) and is not started again: the "
+                "vehicle does what it does when commands stop. The others fly on"
+            )
+        else:
+            self._say(f"{name}: its core has ended ({code})")
+        return code
+
+    async def _listen(self, name: str, process: asyncio.subprocess.Process) -> int:
+        """Print what ``process`` says until it has ended; returns its exit code."""
+        assert process.stdout is not None, "it is a pipe"
+        while True:
+            try:
+                line = await process.stdout.readline()
+            except ValueError:  # longer than any line of ours: the reader has thrown it away
+                continue
+            if not line:
+                return await process.wait()
+            self._tell(name, line)
+
+    def _tell(self, name: str, line: bytes) -> None:
+        text = line.decode(errors="replace").rstrip("\n")
+        if text:
+            self._say(f"{name:{self._width}} | {text}")
+
+    def _pass_on(self, number: signal.Signals) -> None:
+        told = []
+        for name, core in self.cores.items():
+            with suppress(ProcessLookupError):
+                if core.returncode is None:
+                    core.send_signal(number)
+                    told.append(name)
+        self._say(f"{number.name}: passed on to {', '.join(told) or 'nobody: all have ended'}")
+
+
+async def _python(
+    words: list[str], *, stdin: int | None = None, keeps: Collection[int] = ()
+) -> asyncio.subprocess.Process:
+    """One of our own programs in a session of its own, which keeps the open files ``keeps``."""
+    environment = dict(os.environ)
+    environment.pop("NOTIFY_SOCKET", None)  # a service manager is told by us, not by each core
+    return await asyncio.create_subprocess_exec(
+        *make_child_command(*words),
+        stdin=asyncio.subprocess.DEVNULL if stdin is None else stdin,
+        stdout=asyncio.subprocess.PIPE,
+        stderr=asyncio.subprocess.STDOUT,
+        start_new_session=True,
+        pass_fds=tuple(keeps),
+        limit=LINE_BYTES,
+        env=environment,
+    )
+
+
+def describe_core(fleet: FleetPlan, member: Member) -> str:
+    """The configuration of one core as TOML, with the relay's command line where it needs one."""
+    lines = [f"# {member.name} alone: groundstation fly THIS_FILE"]
+    if fleet.relay_listen is not None:
+        words = ["groundstation", "relay", fleet.relay_listen]
+        words += [word for target in fleet.relay_targets for word in ("--to", target)]
+        lines.append(f"# Its poses come from: {shlex.join(words)}")
+    return "\n".join([*lines, "", dump(member.core)])
 
 
 def fleet_command(args: argparse.Namespace, say: Callable[[str], None]) -> int:
@@ -30,11 +249,11 @@ def fleet_command(args: argparse.Namespace, say: Callable[[str], None]) -> int:
     if args.arm and "NOTIFY_SOCKET" in os.environ:
         raise ConfigError("--arm", "a service never arms by itself, as it may be started again at any time")
     if args.show:
-        print(by_hand(found, found.members[names.index(args.show)]))
-        return EXIT_DONE
+        print(describe_core(found, found.members[names.index(args.show)]))
+        return Exit.DONE
     for member in found.members:
         try:
-            flyable(member.lab)
+            require_flyable(member.lab)
         except ConfigError as error:
             raise ConfigError(error.key, error.problem, f"{args.fleet}: vehicle {member.name}") from None
     return asyncio.run(Supervisor(found, list(dict.fromkeys(args.arm)), say).run())
@@ -54,5 +273,5 @@ def relay_command(args: argparse.Namespace, say: Callable[[str], None]) -> int:
         asyncio.run(run_relay(made, say, until_eof=args.until_eof))
     except SourceError as error:
         print(f"groundstation: {error}", file=sys.stderr)
-        return EXIT_ABORTED
-    return EXIT_DONE
+        return Exit.FAULT
+    return Exit.DONE

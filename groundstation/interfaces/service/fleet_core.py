@@ -1,4 +1,4 @@
-"""Starts one core of a fleet. Where the supervisor dies it gets SIGHUP, as from a terminal that closes, and lands."""
+"""Fleet core: one vehicle's process. Where the supervisor dies it gets SIGHUP, as from a closed terminal, and lands."""
 
 import ctypes
 import os

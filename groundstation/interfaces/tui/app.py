@@ -4,41 +4,47 @@ What is pressed is confirmed where it must be, asked of the feed, and answered i
 """
 
 import asyncio
+import re
 from collections.abc import Awaitable, Callable, Iterable, Sequence
 from contextlib import suppress
 from typing import Any, ClassVar
 
-from textual.app import App, SystemCommand
+from textual.app import App, AutopilotCallbackType, SystemCommand
 from textual.binding import Binding, BindingType
 from textual.css.query import NoMatches
 from textual.notifications import SeverityLevel
+from textual.pilot import Pilot
 from textual.screen import Screen
 
 from groundstation.core.messages import Ask
 from groundstation.core.mission import FINAL, ON_GROUND
 from groundstation.interfaces.api import stop_all
+from groundstation.interfaces.tui.drawing import flight_time
 from groundstation.interfaces.tui.feeds import Playback
-from groundstation.interfaces.tui.pages import PAGES, ConfigPage, ControlPage, FlyPage, Frame, LinksPage, LogPage, Page
-from groundstation.interfaces.tui.parts import (
+from groundstation.interfaces.tui.model import (
     BY_ASK,
     ORDERS,
     SILENCE_S,
-    TALL,
-    THEMES,
-    Answer,
-    Choice,
-    Dialog,
     Feed,
-    Gain,
-    Help,
-    Knobs,
-    Order,
+    FeedAnswer,
+    GainRow,
+    OperatorOrder,
     Picture,
     Twice,
-    Typed,
-    flight_time,
     possible,
 )
+from groundstation.interfaces.tui.pages import (
+    PAGES,
+    ConfigPage,
+    ControlPage,
+    FlyPage,
+    LinksPage,
+    LogPage,
+    Page,
+    PageFrame,
+)
+from groundstation.interfaces.tui.themes import THEMES
+from groundstation.interfaces.tui.widgets import TALL, Choice, Dialog, Help, Knobs, Typed
 from links.core import printable
 
 
@@ -61,29 +67,29 @@ class Ordering:
         """Whether one more press now would kill."""
         return self._twice.waits(now_s)
 
-    def order(self, order: Order) -> None:
+    def order(self, order: OperatorOrder) -> None:
         """Order it. What brings the vehicle down does not ask back."""
         now = asyncio.get_running_loop().time()
         if not self._orders:
             self._only_looks()
         elif not order.always and now - self._picture.arrived_s > SILENCE_S:
-            self._say(Answer(done=False, says="what is shown is old: nothing is ordered by it"))
+            self._say(FeedAnswer(done=False, says="what is shown is old: nothing is ordered by it"))
         elif order.ask is Ask.KILL and not self._twice.press(now):
             self._draw()
         elif order.always or order.ask in (Ask.HOLD, Ask.RETURN):
             self._ask(order.ask)
         else:
-            self._app.run_worker(self._confirmed(order))
+            self._app.run_worker(self._confirm(order))
 
-    async def _confirmed(self, order: Order) -> None:
+    async def _confirm(self, order: OperatorOrder) -> None:
         """Arm and fly, once the operator has confirmed."""
         newest = self._picture.newest
         if newest is None:
-            self._say(Answer(done=False, says="there is no vehicle to see"))
+            self._say(FeedAnswer(done=False, says="there is no vehicle to see"))
         elif not self._picture.holder.yours:
-            self._say(Answer(done=False, says="take control first: key c"))
+            self._say(FeedAnswer(done=False, says="take control first: key c"))
         elif not possible(order, newest.state):
-            self._say(Answer(done=False, says=f"{order.ask} is not possible while {newest.state}"))
+            self._say(FeedAnswer(done=False, says=f"{order.ask} is not possible while {newest.state}"))
         elif order.ask is Ask.ARM:
             says = f"The motors of {newest.vehicle} will start. Type its name:"
             typed = await self._app.push_screen_wait(Typed(f"ARM {newest.vehicle}?", says, wanted=newest.vehicle))
@@ -106,10 +112,10 @@ class Ordering:
         self._ask(Ask.LAND)
         self._later(self._stop_all)
 
-    async def _stop_all(self) -> Answer:
+    async def _stop_all(self) -> FeedAnswer:
         told = await stop_all(Ask.LAND, "stop-all from a dashboard")
         silent = [one.says for one in told if not one.answered]
-        return Answer(done=not silent, says="; ".join(silent) or f"land all: {len(told)} have answered")
+        return FeedAnswer(done=not silent, says="; ".join(silent) or f"land all: {len(told)} have answered")
 
     def control(self) -> None:
         """Take control, or give it back."""
@@ -122,29 +128,29 @@ class Ordering:
         """Take control."""
         self._say(await self._feed.control(take=True))
 
-    async def edit(self, gain: Gain) -> None:
+    async def edit(self, gain: GainRow) -> None:
         """Ask for a new value of a gain, and pass it on."""
         if not self._orders:
             self._only_looks()
             return
         if not self._picture.holder.yours:
-            self._say(Answer(done=False, says="gains need control: key c"))
+            self._say(FeedAnswer(done=False, says="gains need control: key c"))
             return
         typed = await self._app.push_screen_wait(Typed(gain.key, gain.text(), value=f"{gain.value:g}"))
         if typed is None:
             return
         value = gain.read(typed)
         if isinstance(value, str):
-            self._say(Answer(done=False, says=value))
+            self._say(FeedAnswer(done=False, says=value))
             return
         self._say(await self._feed.set_gain(gain.key, value))
 
     def _only_looks(self) -> None:
         """Whoever tries to stop a vehicle from here must not wait for it."""
         if self._read_only:
-            self._say(Answer(done=False, says="NOTHING WAS ORDERED: this screen may only look; go to the station"))
+            self._say(FeedAnswer(done=False, says="NOTHING WAS ORDERED: this screen may only look; go to the station"))
 
-    def _later(self, work: Callable[[], Awaitable[Answer]]) -> None:
+    def _later(self, work: Callable[[], Awaitable[FeedAnswer]]) -> None:
         """Do it beside the screen, which goes on being drawn, and say what came of it."""
 
         async def do() -> None:
@@ -152,7 +158,7 @@ class Ordering:
 
         self._app.run_worker(do())
 
-    def _say(self, answer: Answer) -> None:
+    def _say(self, answer: FeedAnswer) -> None:
         severity: SeverityLevel = "information" if answer.done else "error"
         self._app.notify(printable(answer.says), severity=severity, timeout=6.0, markup=False)
 
@@ -160,7 +166,7 @@ class Ordering:
 FRAME_S = 0.2
 """Time between two drawings [s]."""
 PAGE_TYPES: tuple[type[Page], ...] = (FlyPage, ControlPage, LinksPage, ConfigPage, LogPage)
-NO_SCREEN = frozenset(state.value for state in (*ON_GROUND, *FINAL))
+NO_SCREEN = frozenset((*ON_GROUND, *FINAL))
 """In these states a flight needs nobody to look at it."""
 
 
@@ -255,7 +261,7 @@ class Dashboard(App[None]):
         if not self._feed.live:
             picture.arrived_s = now
         newest = picture.newest
-        frame = Frame(
+        frame = PageFrame(
             picture,
             now,
             stale=now - picture.arrived_s > SILENCE_S,
@@ -378,3 +384,32 @@ class Dashboard(App[None]):
                 message=f"The flight of {vehicle} goes on ({state}).\n"
                 f"  see it again  groundstation tui {which}\n  land          groundstation request land {which}"
             )
+
+
+SETTLE_S = 0.6
+"""Long enough for a few drawings [s]."""
+_ID = re.compile(r"terminal-\d+-")
+_FAR_FONT = re.compile(r',\s*url\("https?://[^"]*"\) format\("[^"]*"\)')
+
+
+def shoot(dashboard: Dashboard, size: tuple[int, int], keys: tuple[str, ...] = ()) -> str:
+    """``dashboard`` on a terminal of so many columns and rows, after ``keys`` were pressed, as the text of an SVG."""
+    shots: list[str] = []
+    dashboard.run(headless=True, size=size, auto_pilot=_photographer(keys, shots))
+    return shots[0]
+
+
+def _photographer(keys: tuple[str, ...], shots: list[str]) -> AutopilotCallbackType:
+    async def photograph(pilot: Pilot[object]) -> None:
+        await pilot.pause(SETTLE_S)
+        await pilot.press(*keys)
+        await pilot.pause(SETTLE_S)
+        shots.append(normal(pilot.app.export_screenshot()))
+        pilot.app.exit()
+
+    return photograph
+
+
+def normal(svg: str) -> str:
+    """``svg`` without the numbers that differ from run to run, and without fonts that would have to be fetched."""
+    return _FAR_FONT.sub("", _ID.sub("terminal-", svg))

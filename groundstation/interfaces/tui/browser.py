@@ -1,4 +1,4 @@
-"""``groundstation tui --browser``: the dashboard as a page for the browsers of this machine, which may only look.
+"""Browser view: ``groundstation tui --browser``, a page for the browsers of this machine, which may only look.
 
 Every page that is opened has a dashboard of its own, a process that ends with it. There are no passwords, so it listens
 on loopback alone, and answers only what asks for it by that name and from that page: a page of somebody else's, open in
@@ -26,7 +26,7 @@ def serve(words: list[str], port: int, title: str) -> None:
         ConfigError: the port can't be listened at.
     """
     logging.getLogger("aiohttp").setLevel(logging.WARNING)
-    page = _Page(shlex.join(words), HOST, port, title, templates_path=Path(__file__).parent)
+    page = _BrowserServer(shlex.join(words), HOST, port, title, templates_path=Path(__file__).parent)
 
     def listening(*_: object) -> None:
         print(f"{title}, to look at only: http://{HOST}:{port}  (Ctrl-C ends this)", flush=True)
@@ -39,7 +39,7 @@ def serve(words: list[str], port: int, title: str) -> None:
         ) from None
 
 
-class _Page(Server):
+class _BrowserServer(Server):
     async def app(self) -> web.Application:
         app = await self._make_app()
         app.middlewares.append(_only_ours)

@@ -10,24 +10,22 @@ from pathlib import Path
 
 from groundstation.config import ConfigError
 from groundstation.core.mission import FINAL
-from groundstation.interfaces.tui.app import NO_SCREEN, Dashboard
+from groundstation.interfaces.tui.app import NO_SCREEN, Dashboard, shoot
 from groundstation.interfaces.tui.feeds import Attached, Playback, Tape
-from groundstation.interfaces.tui.screenshot import shoot
 from groundstation.recording import NoRecording
 from groundstation.runtime import (
     ApiError,
     StatusConfig,
-    find,
-    for_us_alone,
+    find_socket,
     is_served,
-    made_folder,
-    serving,
+    make_folder,
+    open_private,
+    served_sockets,
     socket_path,
 )
 from groundstation.settings import Config
 from links.core import make_child_command
 
-_ENDED = frozenset(state.value for state in FINAL)
 NICE = 5
 """By so much the dashboard stands behind what flies (nice(2)): a key still gets through on a machine that is busy."""
 END_S = 20.0
@@ -39,7 +37,7 @@ def tui_command(args: argparse.Namespace) -> int:
     if args.browser is not None:
         return _in_browser(args)
     if args.log is not None:
-        return _recorded(args.log, args.theme, args.at, args.screenshot, args.size)
+        return _show_recording(args.log, args.theme, args.at, args.screenshot, args.size)
     if args.screenshot is not None or args.at is not None:
         raise ConfigError("--screenshot, --at", "need a recording, LOG.mcap")
     path = args.socket or served_socket(args.vehicle)
@@ -57,20 +55,20 @@ def fly_with_screen(args: argparse.Namespace, config: Config) -> int:
     if asyncio.run(is_served(path)):
         again = f"groundstation tui {_which(path)}"
         raise ConfigError("status.path", f"a ground station serves {path} already; to see it: {again}")
-    log = made_folder(config.recording) / f"{vehicle}.log"
+    log = make_folder(config.recording) / f"{vehicle}.log"
     overrides = [word for override in args.overrides for word in ("--set", override)]
     arm = [] if args.arm is None else ["--arm", args.arm]
     command = make_child_command("groundstation", "daemon", str(args.config), "--once", *overrides, *arm)
-    with open(log, "wb", opener=for_us_alone) as output:  # Path.open has no opener
+    with open(log, "wb", opener=open_private) as output:  # Path.open has no opener
         core = subprocess.Popen(  # noqa: S603  # ourselves
             command, stdin=subprocess.DEVNULL, stdout=output, stderr=output, start_new_session=True
         )
 
-    def gone() -> str:
+    def describe_end() -> str:
         return "" if core.poll() is None else f"It has ended, exit code {core.returncode}: {_last_line(log)}"
 
     which = _which(path if config.status.path else None)
-    dashboard = Dashboard(Attached(path, core.pid, gone), take_control=True, which=which)
+    dashboard = Dashboard(Attached(path, core.pid, describe_end), take_control=True, which=which)
     code = _run(dashboard, args.theme)
     newest = dashboard.picture.newest
     if core.poll() is None and newest is not None and newest.state in NO_SCREEN:
@@ -82,7 +80,7 @@ def fly_with_screen(args: argparse.Namespace, config: Config) -> int:
     if core.poll() is None:
         print(f"The ground station goes on as process {core.pid}; what it says is in {log}")
         return code
-    told = newest is not None and newest.state in _ENDED
+    told = newest is not None and newest.state in FINAL
     ended = f"{vehicle} {newest.state}: {newest.reason}" if told and newest is not None else _last_line(log)
     print(f"The ground station has ended. {ended}\nWhat it said is in {log}")
     return core.returncode
@@ -116,7 +114,7 @@ def _run(dashboard: Dashboard, theme: str) -> int:
     return dashboard.return_code or 0
 
 
-def _recorded(log: Path, theme: str, at: float | None, picture: Path | None, size: str) -> int:
+def _show_recording(log: Path, theme: str, at: float | None, picture: Path | None, size: str) -> int:
     try:
         tape = Tape(log)
     except NoRecording as error:
@@ -149,7 +147,7 @@ def _size(text: str) -> tuple[int, int]:
 
 def served_socket(vehicle: str | None) -> Path:
     """Where the ground station that is meant serves; the operator chooses among several."""
-    served = asyncio.run(serving(vehicle))
+    served = asyncio.run(served_sockets(vehicle))
     if len(served) == 1:
         return served[0]
     if not served and vehicle is not None:
@@ -161,7 +159,7 @@ def served_socket(vehicle: str | None) -> Path:
         )
     if not sys.stdin.isatty():
         try:
-            return asyncio.run(find(vehicle))
+            return asyncio.run(find_socket(vehicle))
         except ApiError as error:
             raise ConfigError("--vehicle", str(error)) from None
     for number, path in enumerate(served, 1):

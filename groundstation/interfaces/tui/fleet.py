@@ -1,7 +1,10 @@
-"""All vehicles at a broker on one screen, read-only: a process of its own, which no station knows of."""
+"""Fleet screen: all vehicles at a broker, read-only: a process of its own, which no station knows of."""
 
 import asyncio
-from typing import ClassVar
+import math
+from collections import Counter
+from collections.abc import Callable, Iterable
+from typing import ClassVar, NamedTuple
 
 from rich.text import Text
 from textual.app import App, ComposeResult
@@ -9,9 +12,128 @@ from textual.binding import BindingType
 from textual.widgets import DataTable, Footer, Static
 
 from groundstation.interfaces.mqtt import EVENT as EVENT_TOPIC
-from groundstation.interfaces.mqtt import SNAPSHOT, STATE, Broker, Fleet, Seen, heed_cancellation, in_words
-from groundstation.interfaces.tui.fleet_rows import COLUMNS, EVENT, ORDERS, Row, details, headline, rows
-from groundstation.interfaces.tui.parts import ALARM, BUSY, CALM, FLYING, big
+from groundstation.interfaces.mqtt import (
+    SNAPSHOT,
+    STATE,
+    FleetMonitor,
+    MqttBroker,
+    VehicleView,
+    describe_error,
+    heed_cancellation,
+)
+from groundstation.interfaces.tui.drawing import big
+from groundstation.interfaces.tui.model import ALARM, BUSY, CALM, FLYING
+from links.core import printable
+
+COLUMNS = (("vehicle", 10), ("state", 14), ("pose", 7), ("error", 7), ("RMS", 7), ("batt", 6), ("link", 8), ("data", 6))
+"""Heading and width of all columns but the last, which is the newest event."""
+EVENT_HEADING = "newest event"
+TONES = (ALARM, FLYING, CALM, CALM)
+"""By urgency."""
+MARKS = ("!!", "▲ ", "· ", "  ")
+"""The same for those who see no colours."""
+
+
+class FleetRow(NamedTuple):
+    """One vehicle."""
+
+    name: str
+    urgency: int
+    cells: tuple[str, ...]
+    """As in :data:`COLUMNS`, and the newest event."""
+
+
+def fleet_row(seen: VehicleView, now_s: float) -> FleetRow:
+    """What is known of it."""
+    urgency = seen.urgency(now_s)
+    state = MARKS[urgency] + seen.word(now_s)
+    event = seen.events[-1].text if seen.events else ""
+    shot = seen.snapshot
+    if shot is None:
+        return FleetRow(seen.name, urgency, (seen.name, state, "-", "-", "-", "-", "-", "never", event))
+    share, volts = shot.link.battery_share, shot.link.battery_v
+    battery = f"{100.0 * share:.0f} %" if share is not None else f"{volts:.1f}V" if volts is not None else "-"
+    if not event and shot.events:
+        event = shot.events[-1].partition(" ")[2]
+    metres = (_short(shot.error_m, "m"), _short(shot.rms_m, "m"))
+    cells = (
+        seen.name, state, _short(shot.pose_age_s, "s"), *metres, battery, shot.link.state[:7],
+        _short(seen.age_s(now_s), "s"), event,
+    )  # fmt: skip
+    return FleetRow(seen.name, urgency, tuple(map(printable, cells)))
+
+
+def _number(value: float) -> float:
+    """For sorting: what is not known comes last, and of the others the largest first."""
+    return -value if math.isfinite(value) else math.inf
+
+
+Key = Callable[[VehicleView, float], tuple[float, str]]
+SORT_KEYS: dict[str, Key] = {
+    "what needs somebody": lambda seen, now: (seen.urgency(now), seen.name),
+    "name": lambda seen, _: (0.0, seen.name),
+    "error": lambda seen, _: (math.inf if seen.snapshot is None else _number(seen.snapshot.error_m), seen.name),
+    "age of data": lambda seen, now: (_number(round(seen.age_s(now))), seen.name),
+}
+"""What the rows can be sorted by."""
+
+
+def fleet_rows(fleet: Iterable[VehicleView], order: str, now_s: float) -> list[FleetRow]:
+    """All vehicles in that order."""
+    key = SORT_KEYS[order]
+    return [fleet_row(seen, now_s) for seen in sorted(fleet, key=lambda seen: key(seen, now_s))]
+
+
+class FleetHeadline(NamedTuple):
+    """What is shown large."""
+
+    big: str
+    tone: str
+    detail: str
+
+
+def fleet_headline(shown: list[FleetRow], trouble: str) -> FleetHeadline:
+    """The worst, and how many of each; ``trouble`` is why the broker is not heard, empty where it is."""
+    if trouble:
+        return FleetHeadline("NO BROKER", ALARM, trouble)
+    if not shown:
+        return FleetHeadline("NO VEHICLE", BUSY, "none has published below this prefix yet")
+    count = Counter(one.urgency for one in shown)
+    words = ("ALARM", "FLYING", "ON GROUND", "OFFLINE")
+    worst = min(count)
+    detail = ", ".join(f"{count[i]} {words[i].lower()}" for i in sorted(count))
+    return FleetHeadline(f"{count[worst]} {words[worst]}", TONES[worst], detail)
+
+
+def vehicle_details(seen: VehicleView, now_s: float) -> list[str]:
+    """All about one vehicle, the most important first; its newest events last."""
+    shot = seen.snapshot
+    lines = [f"{seen.name}: {seen.word(now_s)}"]
+    if shot is not None:
+        lines[0] += f" - {shot.reason}" if shot.reason else ""
+        at, to, speed = shot.position_ned, shot.reference_ned, shot.velocity_ned
+        certificate = "none" if shot.certificate is None else shot.certificate.state
+        lines += [
+            f"at {_format_ned(at)}, to {_format_ned(to)} m NED, {math.hypot(*speed):.2f} m/s, "
+            f"{max(shot.flight_time_s, 0.0):.0f} s on trajectory",
+            f"thrust {shot.thrust_n:.2f} of {shot.thrust_max_n:.2f} N{', AT ITS LIMIT' if shot.saturated else ''}, "
+            f"certificate {certificate}",
+            f"poses {shot.pose_rate_hz:.0f} 1/s, {shot.pose_gaps} gaps; link sent {shot.link.sent}, "
+            f"late {shot.link.expired}, says {shot.link.text or 'nothing'}",
+        ]
+    texts = [f"{one.time_s:9.1f} {one.text}" for one in seen.events]
+    return [printable(line) for line in lines + (texts or list(shot.events if shot else ()))[::-1]]
+
+
+def _short(value: float, unit: str) -> str:
+    if not math.isfinite(value):
+        return "-"
+    return f"{value:.2f}{unit}" if value < 9.995 else f"{value:.0f}{unit}"
+
+
+def _format_ned(vector: tuple[float, float, float]) -> str:
+    return "({:.2f} {:.2f} {:.2f})".format(*vector)
+
 
 FRAME_S = 0.5
 """Time between two drawings [s]."""
@@ -21,7 +143,7 @@ HEARD_QUEUE = 5000
 STYLES = {ALARM: "bold white on dark_red", FLYING: "bold", BUSY: "bold", CALM: ""}
 
 
-def run_fleet(broker: Broker) -> int:
+def run_fleet(broker: MqttBroker) -> int:
     """Show all vehicles at ``broker`` until the operator quits; returns the exit code."""
     screen = FleetScreen(broker)
     screen.run()
@@ -42,15 +164,15 @@ class FleetScreen(App[None]):
     BINDINGS: ClassVar[list[BindingType]] = [("q", "quit", "quit"), ("s", "sort", "sort")]
     ENABLE_COMMAND_PALETTE = False
 
-    def __init__(self, broker: Broker) -> None:
+    def __init__(self, broker: MqttBroker) -> None:
         """Connect to ``broker`` as soon as the screen is up."""
         super().__init__()
         self._broker = broker
-        self.fleet = Fleet(broker.config.prefix)
+        self.fleet = FleetMonitor(broker.config.prefix)
         """What is known."""
-        self._order = next(iter(ORDERS))
+        self._order = next(iter(SORT_KEYS))
         self._trouble = f"connecting to {broker}"
-        self._drawn: list[Row] = []
+        self._drawn: list[FleetRow] = []
 
     def compose(self) -> ComposeResult:
         """Banner, table, details."""
@@ -64,14 +186,14 @@ class FleetScreen(App[None]):
         table = self._table
         for heading, width in COLUMNS:
             table.add_column(heading, width=width, key=heading)
-        table.add_column(EVENT, key=EVENT)
+        table.add_column(EVENT_HEADING, key=EVENT_HEADING)
         table.focus()
         self.run_worker(self._watch())
         self.set_interval(FRAME_S, self.draw)
 
     def action_sort(self) -> None:
         """Sort by the next order."""
-        names = list(ORDERS)
+        names = list(SORT_KEYS)
         self._order = names[(names.index(self._order) + 1) % len(names)]
         self.draw()
 
@@ -98,15 +220,15 @@ class FleetScreen(App[None]):
                     async for message in client.messages:
                         self.fleet.hear(str(message.topic), message.payload, loop.time())
             except (aiomqtt.MqttError, ValueError) as error:  # ValueError: no possible host name
-                self._trouble = f"{self._broker}: {in_words(error)}"
+                self._trouble = f"{self._broker}: {describe_error(error)}"
             heed_cancellation()
             await asyncio.sleep(RETRY_S)
 
     def draw(self) -> None:
         """Show what is known now."""
         now_s = asyncio.get_running_loop().time()
-        shown = rows(self.fleet, self._order, now_s)
-        top = headline(shown, self._trouble)
+        shown = fleet_rows(self.fleet, self._order, now_s)
+        top = fleet_headline(shown, self._trouble)
         banner = Text(no_wrap=True, overflow="crop")
         banner.append("\n".join(f" {line} " for line in big(top.big)), style=STYLES[top.tone])
         banner.append(f"\n{top.detail}; sorted by {self._order}")
@@ -114,7 +236,7 @@ class FleetScreen(App[None]):
         self._draw_table(shown)
         self._draw_details(now_s)
 
-    def _draw_table(self, shown: list[Row]) -> None:
+    def _draw_table(self, shown: list[FleetRow]) -> None:
         """Change the cells that have changed; begin anew where the rows are others."""
         table = self._table
         if [one.name for one in shown] != [one.name for one in self._drawn]:
@@ -126,7 +248,7 @@ class FleetScreen(App[None]):
             if at is not None and at.name in names:
                 table.move_cursor(row=names.index(at.name), animate=False)
         else:
-            headings = [*(heading for heading, _ in COLUMNS), EVENT]
+            headings = [*(heading for heading, _ in COLUMNS), EVENT_HEADING]
             for old, new in zip(self._drawn, shown, strict=True):
                 if old == new:
                     continue
@@ -135,16 +257,16 @@ class FleetScreen(App[None]):
                         table.update_cell(new.name, heading, cell)
         self._drawn = shown
 
-    def _cells(self, one: Row) -> list[Text]:
+    def _cells(self, one: FleetRow) -> list[Text]:
         style = STYLES[(ALARM, FLYING, CALM, CALM)[one.urgency]] or ("dim" if one.urgency == 3 else "")
         return [Text(cell, style=style if i < 2 or one.urgency == 3 else "") for i, cell in enumerate(one.cells)]
 
-    def _under_cursor(self) -> Seen | None:
+    def _under_cursor(self) -> VehicleView | None:
         at = self._table.cursor_row
         names = [one.name for one in self._drawn[at : at + 1]]
         return next((seen for seen in self.fleet if seen.name in names), None)
 
     def _draw_details(self, now_s: float) -> None:
         seen = self._under_cursor()
-        lines = ["no vehicle is chosen"] if seen is None else details(seen, now_s)
+        lines = ["no vehicle is chosen"] if seen is None else vehicle_details(seen, now_s)
         self.query_one("#details", Static).update(Text("\n".join(lines)))

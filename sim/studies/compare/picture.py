@@ -5,7 +5,7 @@ from pathlib import Path
 from typing import Any
 
 from groundstation.config import ConfigError
-from groundstation.runtime import need_matplotlib
+from groundstation.runtime import require_matplotlib
 from sim.runs import STEADY_S
 from sim.scenarios import SCENARIOS
 from sim.studies.compare.compare import GUST, TRACE_S, WITHOUT_ADAPTATION, Flown, Row
@@ -34,7 +34,9 @@ def check_plot(path: Path) -> None:
     Raises:
         ConfigError: matplotlib is not installed, the folder is not there, or it is no kind of picture.
     """
-    need_matplotlib("--plot", "needs matplotlib, which is not installed: pip install 'quadrotor-groundstation[plot]'")
+    require_matplotlib(
+        "--plot", "needs matplotlib, which is not installed: pip install 'quadrotor-groundstation[plot]'"
+    )
     from matplotlib.figure import Figure
 
     if not path.absolute().parent.is_dir():

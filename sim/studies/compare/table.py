@@ -3,7 +3,7 @@
 from collections.abc import Sequence
 from pathlib import Path
 
-from groundstation.config import ConfigError
+from groundstation.runtime import replace_between_markers, split_at_markers
 from sim.studies.compare.compare import Row
 
 BEGIN, END = "<!-- figures:begin -->", "<!-- figures:end -->"
@@ -46,19 +46,13 @@ def markdown_table(rows: Sequence[Row]) -> str:
     return "\n".join(lines)
 
 
-def check_markers(path: Path) -> str:
-    """The text of ``path``, which must have one pair of markers.
+def check_markers(path: Path) -> None:
+    """Look for the markers in ``path``, before any work is done.
 
     Raises:
-        ConfigError: it can't be read, or has no such pair.
+        ConfigError: it can't be read, or has not just one pair of them.
     """
-    try:
-        text = path.read_text("utf-8")
-    except (OSError, UnicodeDecodeError) as error:
-        raise ConfigError("--write", f"cannot read {path}: {getattr(error, 'strerror', None) or error}") from None
-    if text.count(BEGIN) != 1 or text.count(END) != 1 or text.index(BEGIN) > text.index(END):
-        raise ConfigError("--write", f"{path} needs a line {BEGIN} and below it a line {END}, once each")
-    return text
+    split_at_markers(path, BEGIN, END)
 
 
 def write_between_markers(path: Path, rows: Sequence[Row], command: str) -> None:
@@ -80,12 +74,7 @@ def put_between_markers(path: Path, shown: str) -> None:
     Raises:
         ConfigError: the file can't be read or written, or has not just one pair of markers.
     """
-    text = check_markers(path)
-    before, after = text[: text.index(BEGIN) + len(BEGIN)], text[text.index(END) :]
-    try:
-        path.write_text(f"{before}\n{shown}\n{after}", "utf-8")
-    except OSError as error:
-        raise ConfigError("--write", f"cannot write {path}: {error.strerror}") from None
+    replace_between_markers(path, BEGIN, END, shown)
 
 
 def _cells(row: Row) -> tuple[str, ...]:

@@ -13,7 +13,7 @@ import msgspec
 from msgspec import inspect as mi
 
 from groundstation.__main__ import parser as flying
-from groundstation.config import ConfigError, expected, structs
+from groundstation.config import ConfigError, describe_type, structs
 from groundstation.interfaces.mqtt import write_schemas
 from groundstation.recording import CHANNELS
 from groundstation.settings import Config
@@ -123,7 +123,7 @@ def _default(field: mi.Field, of: Any) -> Any:
 
 
 def _row(path: str, field: mi.Field, default: Any, cls: type[Any]) -> str:
-    accepts = expected(field.type).replace("|", "\\|")
+    accepts = describe_type(field.type).replace("|", "\\|")
     return f"| `{path}{field.encode_name}` | {accepts} | {_shown(default)} | {remarks(cls).get(field.name, '')} |"
 
 

@@ -1,0 +1,450 @@
+"""Flights in real time: one in a terminal, or as a daemon one after the other, each armed anew by name.
+
+Signals are requests: the first Ctrl-C or SIGTERM lands, more of them do more, SIGQUIT kills. A flight has a crew, who
+watch it and ask of it: clients of the socket, and MQTT. It ends with none of them.
+"""
+
+import asyncio
+import gc
+import logging
+import os
+import signal
+import sys
+from collections.abc import AsyncIterator, Awaitable, Callable, Coroutine
+from contextlib import asynccontextmanager, suppress
+from typing import Any, Protocol
+
+from groundstation.config import ConfigError, dump
+from groundstation.core.messages import Ask, Reply, Request, Snapshot, SourceError
+from groundstation.core.mission import FINAL, ON_GROUND, Interrupts, State
+from groundstation.flight import (
+    Flight,
+    Outcome,
+    ensure_flyable,
+    ensure_guarded,
+    ensure_held,
+    ensure_link,
+    entry_of,
+    make_ends,
+)
+from groundstation.interfaces.api import Core, Server
+from groundstation.interfaces.mqtt import ensure_mqtt
+from groundstation.interfaces.service.monitoring import (
+    WRITE_S,
+    DaemonHealth,
+    Format,
+    HealthFile,
+    LogHandler,
+    health_path,
+    is_journal,
+    level_of,
+)
+from groundstation.interfaces.service.systemd import Notify
+from groundstation.pose import Recorded
+from groundstation.recording import make_flight, recorder
+from groundstation.runtime import (
+    ApiError,
+    Exit,
+    Latest,
+    Quiet,
+    Taken,
+    __version__,
+    hold_lock,
+    lock_path,
+    precise_loop,
+    registration,
+    running_processes,
+    socket_path,
+)
+from groundstation.settings import Config
+from links.core import LinkError
+
+
+class WatchedCore(Core, Protocol):
+    """What clients watch and ask: a flight, or a daemon with one flight after the other."""
+
+    def snapshot(self) -> Snapshot:
+        """As it is now."""
+        ...
+
+
+@asynccontextmanager
+async def crew(
+    config: Config, core: WatchedCore, say: Callable[[str], None], quiet: Quiet | None = None, *, needed: bool = False
+) -> AsyncIterator[Server]:
+    """Who watches ``core`` and asks of it: clients of the socket, and MQTT. What fails is told of and left behind.
+
+    Snapshots are made, and sent to clients, when it is ``quiet``.
+
+    Raises:
+        ApiError: the socket can't be served, where it is ``needed``.
+    """
+    latest: Latest[Snapshot] = Latest()
+    quiet = quiet or Quiet()
+    server = Server(
+        config.status,
+        config.vehicle.name,
+        latest,
+        core,
+        quiet=quiet,
+        pid=os.getpid(),
+        version=__version__,
+        config_text=dump(config),
+        log=say,
+    )
+    serve = asyncio.create_task(server.serve() if needed else _isolate("status socket", server.serve(), say))
+    tasks: list[asyncio.Task[Any]] = [
+        serve,
+        asyncio.create_task(_isolate("snapshots", _publish(core, latest, quiet), say)),
+    ]
+    try:
+        if needed:
+            serving = asyncio.create_task(server.serving.wait())
+            tasks.append(serving)
+            await asyncio.wait({serve, serving}, return_when=asyncio.FIRST_COMPLETED)
+            if serve.done():
+                serve.result()
+        if config.mqtt.enabled:
+            from groundstation.interfaces.mqtt import publish_forever
+
+            tasks.append(
+                asyncio.create_task(_isolate("MQTT", publish_forever(config.mqtt, latest, server.desk.from_afar), say))
+            )
+        try:
+            yield server
+        finally:
+            latest.put(core.snapshot())
+            await asyncio.sleep(0.1)  # the last word reaches whoever watches
+    finally:
+        for task in tasks:
+            task.cancel()
+        await asyncio.gather(*tasks, return_exceptions=True)
+
+
+async def fly_with_crew(flight: Flight, config: Config, say: Callable[[str], None], quiet: Quiet) -> Outcome:
+    """Run ``flight`` with its crew."""
+    async with crew(config, flight, say, quiet):
+        return await flight.run()
+
+
+async def _publish(core: WatchedCore, latest: Latest[Snapshot], quiet: Quiet) -> None:
+    while True:
+        latest.put(core.snapshot())
+        await asyncio.sleep(0.1)
+        await quiet.moment()
+
+
+async def _isolate(what: str, work: Awaitable[None], say: Callable[[str], None]) -> None:
+    """A screen or a broker must not end a flight: say what failed and go on without it."""
+    try:
+        await work
+    except Exception as error:  # noqa: BLE001  # whatever it is, the flight goes on
+        say(f"{what} stopped: {error}")
+
+
+PAUSE_S = 2.0
+"""Between a flight's end and the next one's beginning [s]; it doubles while none gets as far as to be armed, ..."""
+PAUSE_MAX_S = 30.0
+"""... up to this [s]."""
+RENEW_S = 3600.0
+"""What has waited so long to be armed begins anew, and its recording with it [s]: poses at rest would fill the disk."""
+
+
+class Daemon:
+    """Flies when it is told to, until it is stopped."""
+
+    def __init__(
+        self, config: Config, say: Callable[[str], None], notify: Notify, *, arm: bool = False, once: bool = False
+    ) -> None:
+        """``arm``: the first flight arms without being asked. ``once``: end with the first flight."""
+        self._config = config
+        self._say = say
+        self._notify = notify
+        self._arm = arm
+        self._once = once
+        self._quiet = Quiet()
+        self._armed = 0
+        self._stop = asyncio.Event()
+        self._server: Server | None = None
+        self._flight = self._make_flight(None)
+
+    # ---- what may be asked of it, as of a flight
+
+    def ask(self, request: Request) -> Reply:
+        """Ask the flight that is, or was last."""
+        return self._flight.ask(request)
+
+    def set_gain(self, key: str, value: float) -> Reply:
+        """Ask the flight."""
+        return self._flight.set_gain(key, value)
+
+    def note(self, text: str) -> None:
+        """Tell the flight's events."""
+        self._flight.note(text)
+
+    def snapshot(self) -> Snapshot:
+        """The flight as it is now, or as it ended."""
+        return self._flight.snapshot()
+
+    def stop(self) -> None:
+        """No flight after this one. Whoever asks the flight to land does that beside it."""
+        self._stop.set()
+        self._notify.stopping()
+
+    # ---- its life
+
+    async def run(self) -> Exit:
+        """Serve clients, and fly, until :meth:`stop`, or with ``once`` until the first flight is over.
+
+        Raises:
+            ApiError: the socket can't be served.
+            SourceError, LinkError, OSError: the first flight can't begin.
+        """
+        await self._notify.open()
+        try:
+            async with crew(self._config, self, self._say, self._quiet, needed=True) as server:
+                self._server = server
+                health = HealthFile(health_path(server.path))
+                pulse = asyncio.ensure_future(self._pulse(server, health))
+                try:
+                    return await self._flights()
+                finally:
+                    pulse.cancel()
+                    await asyncio.gather(pulse, return_exceptions=True)
+                    health.remove()
+        finally:
+            self._notify.close()
+
+    async def _flights(self) -> Exit:
+        pause_s, first = PAUSE_S, True
+        self._notify.ready()
+        while not self._stop.is_set():
+            before = self._armed
+            try:
+                outcome = await self._fly()
+            except (SourceError, LinkError, OSError) as error:
+                if self._once or first:
+                    raise
+                outcome = Outcome(State.ABORTED, str(error), str(error))
+                self._say(f"warning: this flight could not begin: {error}")
+            first = False
+            flew = self._armed > before
+            if self._once or (flew and self._stop.is_set()):
+                return Exit.DONE if outcome.state is State.LANDED and not outcome.fault else Exit.FAULT
+            pause_s = PAUSE_S if flew else min(2.0 * pause_s, PAUSE_MAX_S)
+            self._notify.status(f"{self._flight.state}; the next flight gets ready in {pause_s:g} s")
+            with suppress(TimeoutError):
+                await asyncio.wait_for(self._stop.wait(), pause_s)
+        return Exit.DONE
+
+    async def _fly(self) -> Outcome:
+        """One flight from connecting to its end, recorded; of one that was never armed no recording is kept."""
+        before = self._armed
+
+        def keep() -> bool:
+            return self._armed > before or self._once
+
+        async with recorder(self._config, self._say, self._quiet, keep) as give:
+            self._flight = self._make_flight(give)
+            renewing = asyncio.ensure_future(self._renew(self._flight))
+            try:
+                return await self._flight.run()
+            finally:
+                renewing.cancel()
+
+    def _make_flight(self, give: Callable[..., None] | None) -> Flight:
+        return make_flight(
+            self._config,
+            confirm=self._confirm,
+            on_event=self._say,
+            on_state=self._on_state,
+            give=give,
+            quiet=self._quiet,
+            running=running_processes,
+        )
+
+    async def _confirm(self) -> bool:
+        """Arm by itself only where the operator has said so on the command line, and only once."""
+        if not self._arm:
+            name = self._config.vehicle.name
+            self._say(f"ready, and staying on the ground: `groundstation request arm --vehicle {name}` makes it fly")
+            await asyncio.Event().wait()
+        return True
+
+    def _on_state(self, state: State, reason: str) -> None:
+        if state is State.ARMING:
+            self._armed += 1
+            self._arm = False
+        if state in FINAL:
+            self._arm = False
+        self._notify.status(f"{state}: {reason}")
+
+    async def _renew(self, flight: Flight) -> None:
+        """End a flight that nobody has armed for long, unless somebody is about to."""
+        if not self._config.recording.enabled or self._arm:
+            return
+        while True:
+            await asyncio.sleep(RENEW_S)
+            held = self._server is not None and self._server.desk.is_held
+            if flight.state in ON_GROUND and flight.state is not State.ARMING and not held:
+                flight.ask(Request(Ask.LAND, "nothing has flown for an hour: a new recording begins"))
+
+    async def _pulse(self, server: Server, health: HealthFile) -> None:
+        """Feed the watchdog and write the health file, from the loop that flies: a loop that hangs does neither."""
+        loop = asyncio.get_running_loop()
+        period_s = min(WRITE_S, self._notify.feed_s or WRITE_S)
+        written_s = -WRITE_S
+        while True:
+            if self._notify.feed_s is not None:
+                self._notify.feed()
+            now = loop.time()
+            if now - written_s >= WRITE_S - 0.01:
+                written_s = now
+                await self._quiet.moment()
+                health.draft(self._health(server, loop.time()))
+                await self._quiet.moment()
+                health.publish()
+            await asyncio.sleep(period_s)
+
+    def _health(self, server: Server, now_s: float) -> DaemonHealth:
+        flight = self._flight
+        tick_s = flight.newest_tick_s
+        return DaemonHealth(
+            vehicle=self._config.vehicle.name,
+            state=flight.state,
+            reason=flight.reason,
+            pid=os.getpid(),
+            written_s=now_s,
+            tick_age_s=None if tick_s is None else now_s - tick_s,
+            flights=self._armed,
+            refused=dict(server.refused),
+        )
+
+
+def require_flyable(config: Config) -> Config:
+    """``config``, which must have all that a flight needs.
+
+    Raises:
+        ConfigError: the vehicle can't fly this, the poses are recorded, a real vehicle has no fence or no speed limit,
+            or a key can't be used.
+    """
+    if isinstance(config.pose, Recorded):
+        raise ConfigError("pose.kind", "a recording must not fly a vehicle; look at it with `groundstation replay`")
+    ensure_guarded(config)
+    ensure_link(config)
+    ensure_mqtt(config.mqtt)
+    ensure_held(config.operator)
+    ensure_flyable(config)
+    return config
+
+
+def obey(
+    ask: Callable[[Request], Reply], say: Callable[[str], None], on_stop: Callable[[], None] = lambda: None
+) -> None:
+    """Have ``ask`` do what signals mean from now on; ``on_stop`` hears of each."""
+    loop = asyncio.get_running_loop()
+    interrupts = Interrupts()
+
+    def press(name: str) -> None:
+        on_stop()
+        request, words = interrupts.press(name, loop.time())
+        if request is not None:
+            ask(request)
+        say(words)
+
+    def kill() -> None:
+        on_stop()
+        ask(Request(Ask.KILL, "told by SIGQUIT"))
+        say("SIGQUIT: motors off, now")
+
+    def hang_up() -> None:
+        # A terminal that closes is no second opinion: it lands, and never more than that.
+        on_stop()
+        ask(Request(Ask.LAND, "the terminal closed"))
+
+    loop.add_signal_handler(signal.SIGINT, press, "SIGINT")
+    loop.add_signal_handler(signal.SIGTERM, press, "SIGTERM")
+    loop.add_signal_handler(signal.SIGQUIT, kill)
+    loop.add_signal_handler(signal.SIGHUP, hang_up)
+
+
+Say = Callable[[str], None]
+
+
+def fly_command(config: Config, confirm: Callable[[], Awaitable[bool]], say: Say) -> Exit:
+    """One flight, with the lock of its vehicle held."""
+    try:
+        with hold_lock(lock_path(socket_path(config.status, config.vehicle.name)), config.vehicle.name):
+            logging.getLogger().addHandler(LogHandler(2, Format.TEXT, journal=False))
+            with registration(entry_of(config, "fly", os.getpid())):
+                return _run_precisely(_fly(config, confirm, say))
+    except Taken as error:
+        print(f"groundstation: {error}", file=sys.stderr)
+        return Exit.TAKEN
+    except ApiError as error:
+        raise ConfigError("status.path", str(error)) from None
+
+
+async def _fly(config: Config, confirm: Callable[[], Awaitable[bool]], say: Say) -> Exit:
+    """Fly until landed or aborted, and land on the first signal."""
+    quiet = Quiet()
+    async with recorder(config, say, quiet) as give:
+        flight = make_flight(config, confirm=confirm, on_event=say, give=give, quiet=quiet, running=running_processes)
+        obey(flight.ask, say)
+        calm_memory()
+        try:
+            outcome = await fly_with_crew(flight, config, say, quiet)
+        except SourceError:  # ``say`` has told
+            return Exit.FAULT
+        return Exit.DONE if outcome.state is State.LANDED and not outcome.fault else Exit.FAULT
+
+
+def daemon_command(config: Config, *, arm: bool, once: bool, style: Format) -> Exit:
+    """Flights until a signal comes, with the lock of the vehicle held; log lines to stderr.
+
+    Raises:
+        ConfigError: ``arm`` under a service manager, which might start it again and again.
+    """
+    if arm and "NOTIFY_SOCKET" in os.environ:
+        raise ConfigError(
+            "--arm",
+            "a service never arms by itself, as it may be started again at any time: start it without, then "
+            f"`groundstation request arm --vehicle {config.vehicle.name}`",
+        )
+    make_ends(config)  # what it names must go together, before anything is opened
+    log = logging.getLogger("groundstation")
+    log.setLevel(logging.INFO)
+    number = sys.stderr.fileno()
+    logging.getLogger().addHandler(LogHandler(number, style, journal=is_journal(number)))
+    try:
+        with (
+            hold_lock(lock_path(socket_path(config.status, config.vehicle.name)), config.vehicle.name),
+            registration(entry_of(config, "daemon", os.getpid())),
+        ):
+            return _run_precisely(_serve(config, lambda line: log.log(level_of(line), "%s", line), arm=arm, once=once))
+    except (Taken, ApiError) as error:
+        log.error("%s", error)
+        return Exit.TAKEN
+    except (SourceError, LinkError, OSError) as error:
+        log.error("%s", error)
+        return Exit.FAULT
+
+
+async def _serve(config: Config, say: Say, *, arm: bool, once: bool) -> Exit:
+    daemon = Daemon(config, say, Notify(), arm=arm, once=once)
+    obey(daemon.ask, say, daemon.stop)
+    calm_memory()
+    return await daemon.run()
+
+
+def _run_precisely(work: Coroutine[None, None, Exit]) -> Exit:
+    with asyncio.Runner(loop_factory=precise_loop) as runner:
+        return runner.run(work)
+
+
+def calm_memory() -> None:
+    """No long garbage collection in flight: what start-up made is never looked at again, whole sweeps are rare."""
+    gc.collect()
+    gc.freeze()
+    young, middle, _ = gc.get_threshold()
+    gc.set_threshold(young, middle, 1000)

@@ -1,0 +1,346 @@
+"""Dashboard model: the port of its feeds, what it knows, what its banner says, and what may be ordered. Sans-IO."""
+
+import math
+from collections import deque
+from collections.abc import AsyncIterator, Mapping
+from typing import Any, Protocol
+
+import msgspec
+
+from groundstation.config import parse_toml
+from groundstation.core.geometry import Vec3
+from groundstation.core.messages import Ask, Snapshot
+from groundstation.core.mission import EVENT_OF, FINAL, IN_AIR, TABLE, State
+from groundstation.core.safety import RAMP_S, STEP_FACTOR
+
+
+class FlightIdentity(msgspec.Struct, frozen=True):
+    """Whom the dashboard looks at."""
+
+    vehicle: str
+    origin: str
+    """Where the data come from, for the operator: ``process 1234, groundstation 0.1`` or the name of a recording."""
+    config: str
+    """The configuration in force, as TOML; empty where it is not known."""
+
+
+class Holder(msgspec.Struct, frozen=True):
+    """Who holds control."""
+
+    name: str
+    """Empty: nobody."""
+    yours: bool
+
+
+class FeedTrouble(msgspec.Struct, frozen=True):
+    """Why nothing comes just now."""
+
+    text: str
+
+
+class Jump(msgspec.Struct, frozen=True):
+    """What follows does not follow on what came before: a recording was wound on or back."""
+
+
+News = FlightIdentity | Snapshot | Holder | FeedTrouble | Jump
+
+
+class FeedAnswer(msgspec.Struct, frozen=True):
+    """What came of something that was asked for."""
+
+    done: bool
+    says: str
+    """For the operator."""
+
+
+class Feed(Protocol):
+    """A running ground station, or a recording of one."""
+
+    @property
+    def live(self) -> bool:
+        """True where something flies that can be asked for something."""
+        ...
+
+    def news(self) -> AsyncIterator[News]:
+        """Everything that is to be shown, as it comes; it may end, but never raises. Iterated once."""
+        ...
+
+    async def ask(self, ask: Ask, why: str, vehicle: str = "") -> FeedAnswer:
+        """Ask for ``ask`` now or never: what can't be said at once is not said later. Arming names the ``vehicle``."""
+        ...
+
+    async def control(self, *, take: bool) -> FeedAnswer:
+        """Take control, or give it back."""
+        ...
+
+    async def set_gain(self, key: str, value: float) -> FeedAnswer:
+        """Change a gain in flight."""
+        ...
+
+
+SILENCE_S = 1.5
+"""Without a snapshot for this long, what is on the screen is no longer true [s]."""
+OLD_POSE_S = 0.2
+"""A pose older than this, in the air, is worth an alarm [s]."""
+
+ALARM, BUSY, CALM, FLYING = "alarm", "busy", "calm", "flying"
+_TONES = {
+    **dict.fromkeys(("hold", "tracking", "returning"), FLYING),
+    **dict.fromkeys(("arming", "takeoff", "landing", "disarming"), BUSY),
+    **dict.fromkeys(("descent", "aborted", "handed_over", "killed"), ALARM),
+}
+
+
+class BannerText(msgspec.Struct, frozen=True):
+    """The banner's words."""
+
+    big: str
+    """One or two words, shown large."""
+    tone: str
+    """``alarm``, ``busy``, ``calm`` or ``flying``."""
+    detail: str
+    """A sentence for the operator."""
+
+
+def headline(snapshot: Snapshot | None, silence_s: float, trouble: str) -> BannerText:
+    """What matters most now.
+
+    Args:
+        snapshot: The newest; None before the first.
+        silence_s: Time since it came, or since the screen was opened [s].
+        trouble: Why the status socket can't be read; empty while it can.
+    """
+    silent = silence_s > SILENCE_S
+    if snapshot is None:
+        return BannerText("NO DATA", ALARM, f"since {silence_s:.0f} s: {trouble or 'attached, nothing came yet'}")
+    if silent and snapshot.state in FINAL:
+        reason = f"{snapshot.reason}; ended {silence_s:.0f} s ago"
+        return BannerText(_big(snapshot), _TONES.get(snapshot.state, CALM), reason)
+    if silent:
+        return BannerText("NO DATA", ALARM, f"since {silence_s:.0f} s, it was {snapshot.state}. {trouble}".rstrip())
+    if snapshot.link.phase == "bring_down":
+        return BannerText("COMING DOWN", ALARM, snapshot.reason)
+    if snapshot.state == "aborted":
+        return BannerText("ABORTED", ALARM, snapshot.reason)
+    if snapshot.link.state == "lost":
+        return BannerText("LINK LOST", ALARM, f"while {snapshot.state}: {snapshot.reason}")
+    if snapshot.state in IN_AIR and not snapshot.pose_age_s < OLD_POSE_S:
+        return BannerText(
+            "NO POSE", ALARM, f"for {snapshot.pose_age_s:.1f} s while {snapshot.state}: {snapshot.reason}"
+        )
+    return BannerText(_big(snapshot), _TONES.get(snapshot.state, CALM), snapshot.reason)
+
+
+def _big(snapshot: Snapshot) -> str:
+    return snapshot.state.replace("_", " ")
+
+
+TWICE_S = 1.0
+"""The second press that kills comes within this time of the first [s]."""
+
+
+class OperatorOrder(msgspec.Struct, frozen=True):
+    """One order."""
+
+    ask: Ask
+    key: str
+    """As Textual calls it; empty: only by the palette."""
+    shown: str
+    """The key on the screen."""
+    label: str
+    says: str
+    always: bool = False
+    """True where anyone attached may order it, and at once: from every screen, dialog and field of text."""
+    tone: str = "go"
+    """Its colours: ``go``, ``calm``, ``land``, ``abort`` or ``kill``."""
+
+
+ORDERS = (
+    OperatorOrder(Ask.ARM, "a", "a", "ARM", "start the motors and take off; asks for the vehicle's name"),
+    OperatorOrder(Ask.TRACK, "t", "t", "FLY", "leave the hold for the trajectory; asks once more"),
+    OperatorOrder(Ask.HOLD, "h", "h", "HOLD", "stop and stay there", tone="calm"),
+    OperatorOrder(Ask.RETURN, "r", "r", "RETURN", "fly back over the place of take-off and land there", tone="calm"),
+    OperatorOrder(
+        Ask.LAND, "ctrl+l", "^L", "LAND", "land here; before take-off, end the flight", always=True, tone="land"
+    ),
+    OperatorOrder(
+        Ask.ABORT, "ctrl+x", "^X", "ABORT", "commands stop; the link brings it down", always=True, tone="abort"
+    ),
+    OperatorOrder(
+        Ask.KILL, "ctrl+k", "^K^K", "KILL", "motors off, also in the air: twice within 1 s", always=True, tone="kill"
+    ),
+    OperatorOrder(
+        Ask.DESCEND, "", "", "DESCEND", "level and down by attitude and speed alone", always=True, tone="abort"
+    ),
+)
+BY_ASK = {order.ask: order for order in ORDERS}
+
+
+def possible(order: OperatorOrder, state: str | None) -> bool:
+    """Whether the mission's table has a move by it; from a state that is not known, everything may be tried."""
+    try:
+        known = State(state or "")
+    except ValueError:
+        return True
+    return (known, EVENT_OF[order.ask]) in TABLE and (known not in FINAL or order.ask is Ask.KILL)
+
+
+class Twice:
+    """What needs its key twice."""
+
+    def __init__(self) -> None:
+        """Not pressed yet."""
+        self._first_s = -math.inf
+
+    def press(self, now_s: float) -> bool:
+        """One press; True where it is the second in time."""
+        second = self.waits(now_s)
+        self._first_s = -math.inf if second else now_s
+        return second
+
+    def waits(self, now_s: float) -> bool:
+        """Whether one more press now would do it."""
+        return now_s - self._first_s <= TWICE_S
+
+
+class GainRow(msgspec.Struct, frozen=True):
+    """One gain."""
+
+    key: str
+    """Dotted, as in the configuration."""
+    value: float
+    """As it is now."""
+    begun: float
+    """As it is configured; NaN where that is not known."""
+
+    def text(self) -> str:
+        """For who is to change it."""
+        return (
+            f"now {self.value:g}; one change goes from {self.value / STEP_FACTOR:g} to {self.value * STEP_FACTOR:g}. "
+            f"It gets there within {RAMP_S:g} s, and goes back by itself where the error or V rises."
+        )
+
+    def read(self, typed: str) -> float | str:
+        """The value that was typed, or why it can't be taken; bounds are the ground station's to judge."""
+        try:
+            value = float(typed)
+        except ValueError:
+            return f"{typed!r} is no number: nothing was changed"
+        return value if math.isfinite(value) else f"{typed} is no gain: nothing was changed"
+
+
+def gains(config: Mapping[str, Any], now: Mapping[str, float]) -> list[GainRow]:
+    """Those of a snapshot, with what they are configured to be."""
+    section = config.get("controller", {})
+    found = []
+    for key, value in now.items():
+        begun = section.get(key.rpartition(".")[2], math.nan)
+        found.append(GainRow(key, value, float(begun) if isinstance(begun, float | int) else math.nan))
+    return found
+
+
+KEPT = 600
+"""Snapshots kept for the plots: two minutes at 5 Hz."""
+EVENTS_KEPT = 2000
+
+
+class PlotSample(msgspec.Struct, frozen=True):
+    """What the plots remember of a snapshot."""
+
+    time_s: float
+    position_ned: Vec3
+    reference_ned: Vec3
+    error_m: float
+    errors: tuple[float, float, float]
+    """|z1| [m], |z2| [m/s], |z3| [m/s²]; NaN where no law ran."""
+    v: float
+    """V; NaN where it is not known."""
+    pose_age_s: float
+    latency_s: float
+
+
+class Picture:
+    """Takes the news; screens read it."""
+
+    def __init__(self, now_s: float) -> None:
+        """Nothing is known; ``now_s``: the event loop's clock [s]."""
+        self.newest: Snapshot | None = None
+        self.arrived_s = now_s
+        self.trouble = ""
+        self.hello: FlightIdentity | None = None
+        self.holder = Holder("", yours=False)
+        self.flown: deque[PlotSample] = deque(maxlen=KEPT)
+        self.events: deque[str] = deque(maxlen=EVENTS_KEPT)
+        self.answer = FeedAnswer(done=True, says="")
+        self.count = 0
+        """How many news there were: a screen that has drawn this number needs no new drawing."""
+
+    def take(self, news: News, now_s: float) -> None:
+        """One more piece of news."""
+        self.count += 1
+        match news:
+            case Snapshot():
+                self._snapshot(news, now_s)
+            case FlightIdentity():
+                if self.hello is not None and news.origin != self.hello.origin:
+                    self._begin_anew()
+                self.hello = news
+            case Holder():
+                self.holder = news
+            case FeedTrouble(text):
+                self.trouble, self.holder = text, Holder("", yours=False)
+            case Jump():
+                self._begin_anew()
+
+    def headline(self, now_s: float) -> BannerText:
+        """What matters most now."""
+        return headline(self.newest, now_s - self.arrived_s, self.trouble)
+
+    def config(self) -> dict[str, Any]:
+        """The configuration in force; empty where it is not known."""
+        try:
+            return parse_toml(self.hello.config) if self.hello is not None else {}
+        except ValueError:
+            return {}
+
+    def _begin_anew(self) -> None:
+        """Another flight, or another time of it."""
+        self.flown.clear()
+        self.events.clear()
+
+    def _snapshot(self, new: Snapshot, now_s: float) -> None:
+        last = self.newest
+        if last is not None and (new.vehicle != last.vehicle or new.time_s < last.time_s - 1.0):
+            self._begin_anew()
+        elif last is not None and last.state in FINAL and new.state not in FINAL:
+            self.flown.clear()  # the next flight of a daemon
+        self.newest, self.arrived_s, self.trouble = new, now_s, ""
+        self.events.extend(newer_events(self.events, new.events))
+        law, seen = new.diagnostics, new.certificate
+        self.flown.append(
+            PlotSample(
+                new.time_s,
+                new.position_ned,
+                new.reference_ned,
+                new.error_m,
+                (math.nan,) * 3 if law is None else (_norm(law.z1), _norm(law.z2), _norm(law.z3)),
+                math.nan if seen is None else seen.v,
+                new.pose_age_s if new.pose_id >= 0 else math.nan,
+                new.pose_latency_s if new.pose_id >= 0 else math.nan,
+            )
+        )
+
+
+def newer_events(known: deque[str], told: tuple[str, ...]) -> tuple[str, ...]:
+    """Those of ``told`` (the newest events, oldest first) that come after the last of ``known``."""
+    if not known:
+        return told
+    last = known[-1]
+    for i in reversed(range(len(told))):
+        if told[i] == last:
+            return told[i + 1 :]
+    return told
+
+
+def _norm(v: Vec3) -> float:
+    return math.hypot(*v)

@@ -1,0 +1,505 @@
+"""Widgets of the pages and dialogs: each keeps what it shows and draws itself; none knows where data come from."""
+
+import math
+from collections.abc import Sequence
+from textwrap import wrap
+from typing import ClassVar, TypeVar
+
+from textual.app import ComposeResult
+from textual.binding import Binding, BindingType
+from textual.containers import Horizontal, Vertical, VerticalScroll
+from textual.content import Content
+from textual.screen import ModalScreen
+from textual.widget import Widget
+from textual.widgets import Input, OptionList, Static
+from textual.widgets.option_list import Option
+
+from groundstation.core.geometry import Vec3, euler_zyx
+from groundstation.core.messages import Check, Snapshot
+from groundstation.interfaces.tui.drawing import (
+    ERROR,
+    FLOWN,
+    LABEL,
+    WANTED,
+    WARNING,
+    WIND,
+    PlotLine,
+    PlotTrack,
+    Spans,
+    arrow,
+    big,
+    check_rows,
+    history,
+    horizon,
+    huge,
+    in_time,
+    nice_top,
+    number_rows,
+    top_view,
+)
+from groundstation.interfaces.tui.model import ALARM, CALM, ORDERS, BannerText, OperatorOrder, PlotSample, possible
+from links.core import printable
+
+TALL, WORDS_WIDTH = 36, 30
+"""From this height on letters may be large [rows]; they leave this room for the words beside them [columns]."""
+
+
+def content(rows: Sequence[Spans], width: int) -> Content:
+    """Rows of styled pieces as what a widget draws, cut off at ``width``."""
+    return Content("\n").join([Content.assemble(*row).truncate(width) for row in rows])
+
+
+class Banner(Widget):
+    """The state in large letters, and beside it whose it is and why. On a large screen, and for alarms, larger."""
+
+    DEFAULT_CSS = "Banner { height: 3; }"
+
+    def __init__(self) -> None:
+        """Nothing to say yet."""
+        super().__init__()
+        self._shown = BannerText("", CALM, "")
+        self._beside: tuple[str, str] = ("", "")
+
+    def show(self, shown: BannerText, whose: str, holder: str) -> None:
+        """Take what to say: the headline, the vehicle and its time, and who holds control."""
+        if (shown, (whose, holder)) != (self._shown, self._beside):
+            self._shown, self._beside = shown, (printable(whose), printable(holder))
+            self.styles.height = len(self._letters())
+            self.refresh()
+
+    def _letters(self) -> tuple[str, ...]:
+        large = huge(self._shown.big)
+        tall = self.screen.size.height >= TALL
+        if (tall or self._shown.tone == ALARM) and len(large[0]) + WORDS_WIDTH <= self.screen.size.width:
+            blank = " " * len(large[0])
+            return (blank, *large, blank) if tall else large
+        return big(self._shown.big)
+
+    def on_resize(self) -> None:
+        """Other letters may fit now."""
+        self.styles.height = len(self._letters())
+
+    def render(self) -> Content:
+        """All in the colours of the tone."""
+        tone = self._shown.tone
+        style = f"bold ${tone}-text on ${tone}-back"
+        letters = self._letters()
+        room = max(0, self.size.width - len(letters[0]) - 3)
+        whose, holder = self._beside
+        words = [whose, *wrap(printable(self._shown.detail), max(room, 1))]
+        if holder and len(letters) > len(words):
+            words += [""] * (len(letters) - len(words) - 1) + [holder]
+        words = (words + [""] * len(letters))[: len(letters)]
+        return content(
+            [[(f" {row}  {text}".ljust(self.size.width), style)] for row, text in zip(letters, words, strict=True)],
+            self.size.width,
+        )
+
+
+class Knob(Widget):
+    """One order, to be clicked on; its key says how to do it without a mouse."""
+
+    DEFAULT_CSS = """
+    Knob { width: 1fr; height: 1; content-align: center middle; text-style: bold; background: $raised; }
+    Knob.go { background: $flying-back; color: $flying-text; }
+    Knob.calm { background: $calm-back; color: $calm-text; }
+    Knob.land, Knob.abort { background: $busy-back; color: $busy-text; }
+    Knob.kill { background: $alarm-back; color: $alarm-text; }
+    Knob.off { background: $raised; color: $label; text-style: none; }
+    Knob.again { text-style: bold reverse blink; }
+    Knob:hover { text-style: bold reverse; }
+    """
+
+    def __init__(self, order: OperatorOrder) -> None:
+        """For ``order``."""
+        super().__init__(classes=order.tone)
+        self.order = order
+        self._again = False
+
+    def show(self, state: str | None, again: bool) -> None:
+        """Take the mission's state, and whether this has been pressed once and waits for the second press."""
+        self.set_class(not possible(self.order, state), "off")
+        self.set_class(again, "again")
+        if again != self._again:
+            self._again = again
+            self.refresh()
+
+    def render(self) -> Content:
+        """Key and name."""
+        return Content("AGAIN!" if self._again else f"{self.order.shown} {self.order.label}")
+
+    async def on_click(self) -> None:
+        """As if its key had been pressed."""
+        await self.run_action(f"app.order('{self.order.ask}')")
+
+
+class Knobs(Horizontal):
+    """The orders in a row. In a dialog only those that act at once."""
+
+    DEFAULT_CSS = """
+    Knobs { height: 1; }
+    Knobs Knob { margin: 0 0 0 1; }
+    """
+
+    def __init__(self, *, always_only: bool = False) -> None:
+        """``always_only``: none that asks back."""
+        super().__init__()
+        self._orders = [order for order in ORDERS if order.key and (order.always or not always_only)]
+
+    def compose(self) -> ComposeResult:
+        """One after the other."""
+        for order in self._orders:
+            yield Knob(order)
+
+    def show(self, state: str | None, again: bool) -> None:
+        """Take the mission's state, and whether a kill waits for its second press."""
+        for knob in self.query(Knob):
+            knob.show(state, again and knob.order.tone == "kill")
+
+
+class Tabs(Widget):
+    """The keys that lead to the other pages, and out; each can be clicked on."""
+
+    DEFAULT_CSS = "Tabs { height: 1; link-style: none; }"
+
+    def __init__(self, names: Sequence[str], here: str, more: Sequence[tuple[str, str, str]]) -> None:
+        """``names`` of the pages, the one that this is on, and more: key, word, action."""
+        super().__init__()
+        self._names, self._here, self._more = names, here, more
+
+    def render(self) -> Content:
+        """All in one row."""
+        row: Spans = []
+        for number, name in enumerate(self._names, 1):
+            action = f"@click=app.page('{name.lower()}')"
+            row.append((f" {number} {name} ", f"bold reverse {action}" if name == self._here else f"{action}"))
+        row.append((" ", ""))
+        for key, word, action in self._more:
+            row += [(f" {key}", f"bold @click={action}"), (f" {word}", f"{LABEL} @click={action}")]
+        return content([row], self.size.width)
+
+
+WIND_S2 = 0.5
+"""The arrow of b̂ is so long in the view from above [m per m/s²]."""
+
+
+class TopView(Widget):
+    """The path seen from above, beside its reference."""
+
+    DEFAULT_CSS = "TopView { height: 1fr; }"
+
+    def __init__(self) -> None:
+        """Nothing flown yet."""
+        super().__init__()
+        self._flown: Sequence[PlotSample] = ()
+        self._wind: Vec3 | None = None
+
+    def show(self, snapshot: Snapshot, flown: Sequence[PlotSample]) -> None:
+        """Take b̂, which has an arrow, and what was flown, which is drawn as it is then."""
+        self._flown = flown
+        self._wind = None if snapshot.diagnostics is None else snapshot.diagnostics.b_hat
+        self.refresh()
+
+    def render(self) -> Content:
+        """The plot, its scale in the last row."""
+        width, height = self.size.width, self.size.height - 1
+        if width < 8 or height < 3:
+            return Content("")
+        tracks = [
+            PlotTrack(points=[one.reference_ned[:2] for one in self._flown], style=WANTED, head="+"),
+            PlotTrack(points=[one.position_ned[:2] for one in self._flown], style=FLOWN, head="●"),
+        ]
+        legend: Spans = [("● flown", FLOWN), (" + ref", WANTED)]
+        if self._wind is not None and self._flown:
+            north, east, _ = self._flown[-1].position_ned
+            tip = (north + WIND_S2 * self._wind[0], east + WIND_S2 * self._wind[1])
+            tracks.insert(1, PlotTrack(points=[(north, east), tip], style=WIND, head=arrow((*self._wind[:2], 0.0))))
+            legend.append((" → b̂", WIND))
+        rows, cell_m = top_view(tracks, width, height)
+        cells = max(1, min(width - 30, 10))
+        scale = f"├{'─' * (cells - 2)}┤ {cells * cell_m:.2g} m  N↑  " if cells > 2 else f"{cell_m:.2g} m a column "
+        return content([*rows, [(scale, LABEL), *legend]], width)
+
+
+class InTime(Widget):
+    """North, east and height with their references, one below the other."""
+
+    DEFAULT_CSS = "InTime { height: 1fr; }"
+
+    def __init__(self) -> None:
+        """Nothing flown yet."""
+        super().__init__()
+        self._flown: Sequence[PlotSample] = ()
+
+    def show(self, _: Snapshot, flown: Sequence[PlotSample]) -> None:
+        """Take what was flown, which is drawn as it is then."""
+        self._flown = flown
+        self.refresh()
+
+    def render(self) -> Content:
+        """Three plots."""
+        width, height = self.size.width, self.size.height // 3 - 1
+        if width < 8 or height < 1:
+            return Content("")
+        rows: list[Spans] = []
+        for axis, (name, sign) in enumerate((("north", 1.0), ("east", 1.0), ("height", -1.0))):
+            lines = [
+                PlotLine([sign * one.reference_ned[axis] for one in self._flown], WANTED),
+                PlotLine([sign * one.position_ned[axis] for one in self._flown], FLOWN),
+            ]
+            drawn, low, high = in_time(lines, width, height, 0.1)
+            now = f"{lines[1].values[-1]:+.2f} m" if self._flown else "-"
+            rows += [[(f"{name} ", LABEL), (now, FLOWN), (f"   {low:+.3g} to {high:+.3g} m", LABEL)], *drawn]
+        return content(rows, width)
+
+
+class Curves(Widget):
+    """Some numbers in time, each by its own name, on one pair of axes."""
+
+    DEFAULT_CSS = "Curves { height: 1fr; min-height: 3; }"
+
+    def __init__(self, title: str, names: Sequence[tuple[str, str]], least: float) -> None:
+        """``names`` with their styles; at least ``least`` lies between bottom and top."""
+        super().__init__()
+        self._title, self._names, self._least = title, names, least
+        self._values: Sequence[Sequence[float]] = ()
+
+    def show(self, values: Sequence[Sequence[float]]) -> None:
+        """For each name its values, oldest first."""
+        self._values = values
+        self.refresh()
+
+    def render(self) -> Content:
+        """A row of words above the plot."""
+        width, height = self.size.width, max(1, self.size.height - 1)
+        if width < 8:
+            return Content("")
+        lines = [PlotLine(values, style) for values, (_, style) in zip(self._values, self._names, strict=False)]
+        drawn, low, high = in_time(lines, width, height, self._least)
+        head: Spans = [(f"{self._title} {low:.3g} to {high:.3g}  ", LABEL)]
+        return content([[*head, *((f"{name} ", f"bold {style}") for name, style in self._names)], *drawn], width)
+
+
+class ErrorHistory(Widget):
+    """The distance from the reference over the last snapshots."""
+
+    DEFAULT_CSS = "ErrorHistory { height: 3; }"
+
+    def __init__(self) -> None:
+        """Nothing flown yet."""
+        super().__init__()
+        self._flown: Sequence[PlotSample] = ()
+
+    def show(self, _: Snapshot, flown: Sequence[PlotSample]) -> None:
+        """Take what was flown, which is drawn as it is then."""
+        self._flown = flown
+        self.refresh()
+
+    def render(self) -> Content:
+        """One row of words above blocks."""
+        errors = [one.error_m for one in self._flown][-max(1, self.size.width) :]
+        top = nice_top(errors, 0.01)
+        newest = f"{100.0 * errors[-1]:.1f} cm" if errors else "-"
+        head = [("error ", LABEL), (newest, ""), (f"   full height {100.0 * top:g} cm", LABEL)]
+        rows = history(errors, top, self.size.width, max(1, self.size.height - 1))
+        return content([head, *([(row, ERROR)] for row in rows)], self.size.width)
+
+
+class HorizonView(Widget):
+    """The horizon as it is seen from the vehicle, and where its nose points."""
+
+    DEFAULT_CSS = "HorizonView { height: 8; }"
+
+    def __init__(self) -> None:
+        """Level."""
+        super().__init__()
+        self._attitude = (0.0, 0.0, 0.0)
+
+    def show(self, snapshot: Snapshot) -> None:
+        """Take the attitude."""
+        self._attitude = euler_zyx(snapshot.attitude)
+        self.refresh()
+
+    def render(self) -> Content:
+        """A row of words above the drawing."""
+        roll, pitch, yaw = self._attitude
+        width, height = self.size.width, max(1, self.size.height - 1)
+        compass = "?" if not math.isfinite(yaw) else arrow((math.cos(yaw), math.sin(yaw), 0.0))
+        head: Spans = [("horizon, ±30° from top to bottom   nose ", LABEL), (compass, FLOWN)]
+        return content([head, *horizon(roll, pitch, width, height, FLOWN, "bold $mark")], width)
+
+
+class Preflight(Widget):
+    """The pre-flight list."""
+
+    DEFAULT_CSS = "Preflight { height: 1fr; }"
+
+    def __init__(self) -> None:
+        """None made yet."""
+        super().__init__()
+        self._checks: tuple[Check, ...] | None = None
+
+    def show(self, snapshot: Snapshot) -> None:
+        """Take the checks."""
+        if snapshot.checks != self._checks:
+            self._checks = snapshot.checks
+            self.refresh()
+
+    def render(self) -> Content:
+        """One below the other, wrapped where there is room for all."""
+        rows = [Content.assemble(*row) for row in check_rows(self._checks or ())]
+        width, room = max(1, self.size.width), self.size.height
+        wrapped = [line for row in rows for line in row.wrap(width)]
+        return Content("\n").join(
+            wrapped if len(wrapped) <= room else [row.truncate(width, ellipsis=True) for row in rows]
+        )
+
+
+class Numbers(Widget):
+    """All numbers of the newest snapshot."""
+
+    def __init__(self) -> None:
+        """Nothing seen yet."""
+        super().__init__()
+        self._rows: list[Spans] = []
+
+    def show(self, snapshot: Snapshot, stale: bool) -> None:
+        """Take the snapshot; a stale one is shown faint, because it is no longer true."""
+        rows = number_rows(snapshot)
+        self._rows = [[(text, f"dim {LABEL}") for text, _ in row] for row in rows] if stale else rows
+        self.refresh()
+
+    def render(self) -> Content:
+        """Its rows."""
+        return content(self._rows, self.content_size.width)
+
+
+class Events(Widget):
+    """The newest events, the newest last."""
+
+    DEFAULT_CSS = "Events { height: 3; }"
+
+    def __init__(self) -> None:
+        """Nothing heard yet."""
+        super().__init__()
+        self._events: tuple[str, ...] = ()
+
+    def show(self, events: Sequence[str]) -> None:
+        """Take the newest events, oldest first."""
+        newest = tuple(events)
+        if newest != self._events:
+            self._events = newest
+            self.refresh()
+
+    def render(self) -> Content:
+        """As many as there is room for."""
+        room = max(1, self.size.height - 1)
+        rows: list[Spans] = [[("─ events ".ljust(self.size.width, "─"), LABEL)]]
+        return content([*rows, *map(event_row, self._events[-room:])], self.size.width)
+
+
+def event_row(line: str) -> Spans:
+    """One event, with a mark where it is a warning."""
+    time, _, text = printable(line).partition(" ")
+    warns = text.lower().startswith(("aborted", "warning", "killed", "not ", "pre-flight fail"))
+    return [(f"{time:>9} ", LABEL), (text, WARNING if warns else "")]
+
+
+T = TypeVar("T")
+CSS = """
+Dialog { align: center middle; background: $background 60%; }
+Dialog #box { width: 70; max-width: 96%; height: auto; max-height: 90%; padding: 1 2; background: $raised;
+    border: heavy $flown; }
+Dialog #title { text-style: bold; margin: 0 0 1 0; }
+Dialog #says { color: $label; margin: 1 0 0 0; }
+Dialog Input { margin: 1 0 0 0; }
+Dialog OptionList { height: auto; max-height: 12; margin: 1 0 0 0; }
+Dialog Knobs { dock: bottom; }
+Dialog VerticalScroll { height: auto; max-height: 100%; }
+"""
+
+
+class Dialog(ModalScreen[T]):
+    """A box above the page; escape leaves it, and nothing was done."""
+
+    DEFAULT_CSS = CSS
+    BINDINGS: ClassVar[list[BindingType]] = [Binding("escape", "leave", "back")]
+
+    def __init__(self, title: str, text: str, *, orders: bool = True) -> None:
+        """Its words; ``orders``: whether anything can be ordered here."""
+        super().__init__()
+        self._title, self._text, self._orders = printable(title), printable(text, keep="\n"), orders
+
+    def compose(self) -> ComposeResult:
+        """Title, text, and what is to be answered."""
+        with Vertical(id="box"):
+            yield Static(Content(self._title), id="title")
+            yield Static(Content(self._text))
+            yield from self.answers()
+        if self._orders:
+            yield Knobs(always_only=True)
+
+    def answers(self) -> ComposeResult:
+        """What is to be answered."""
+        yield from ()
+
+    def action_leave(self) -> None:
+        """Leave without an answer."""
+        self.dismiss(None)
+
+
+class Typed(Dialog[str]):
+    """Asks for a line, which ``wanted`` must equal where it is given."""
+
+    def __init__(self, title: str, text: str, *, wanted: str | None = None, value: str = "") -> None:
+        """``value`` stands there at first."""
+        super().__init__(title, text)
+        self._wanted, self._value = wanted, value
+
+    def answers(self) -> ComposeResult:
+        """One line."""
+        yield Input(self._value)
+        yield Static(Content("Enter: do it   Escape: leave"), id="says")
+
+    def on_input_submitted(self, event: Input.Submitted) -> None:
+        """Take what was typed, where it is right."""
+        typed = event.value.strip()
+        if self._wanted is not None and typed != self._wanted:
+            self.query_one("#says", Static).update(Content(f"{typed!r} is not {self._wanted!r}: nothing was done"))
+            event.input.clear()  # what is typed next is a name of its own
+            return
+        self.dismiss(typed)
+
+
+class Choice(Dialog[str]):
+    """Asks for one of several answers; the first is the one that does least."""
+
+    def __init__(self, title: str, text: str, options: Sequence[tuple[str, str]], *, orders: bool = True) -> None:
+        """``options``: what each answers, and its words."""
+        super().__init__(title, text, orders=orders)
+        self._options = options
+
+    def answers(self) -> ComposeResult:
+        """One below the other."""
+        yield OptionList(*(Option(Content(words), id=name) for name, words in self._options))
+
+    def on_option_list_option_selected(self, event: OptionList.OptionSelected) -> None:
+        """Take it."""
+        self.dismiss(event.option_id)
+
+
+class Help(Dialog[None]):
+    """All keys."""
+
+    BINDINGS: ClassVar[list[BindingType]] = [Binding("question_mark,q", "leave", "back")]
+
+    def __init__(self, keys: Sequence[tuple[str, str]], *, orders: bool) -> None:
+        """``keys`` and what they do."""
+        super().__init__("Keys", "", orders=orders)
+        self._keys = keys
+
+    def answers(self) -> ComposeResult:
+        """One below the other."""
+        with VerticalScroll():
+            rows = [Content.assemble((f"{key:>9}  ", "bold"), says) for key, says in self._keys]
+            yield Static(Content("\n").join(rows))

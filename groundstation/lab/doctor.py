@@ -1,0 +1,425 @@
+"""Doctor: an autopilot's parameters looked at, and on request set one by one, or an old one put back.
+
+The old value is on disk before a new one is set: so every change can be taken back.
+"""
+
+import asyncio
+import json
+import os
+import shlex
+import sys
+import textwrap
+from collections.abc import Awaitable, Callable, Iterable, Sequence
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import msgspec
+
+from groundstation.config import ConfigError
+from groundstation.lab.doctor_advice import (
+    Advice,
+    ParameterFinding,
+    VehicleFacts,
+    Weight,
+    ardupilot_advice,
+    is_wrong,
+    judge,
+    px4_advice,
+)
+from groundstation.settings import Config
+from links.core import LinkError, LinkLost, LinkRejected, signal
+from links.mavlink import MavlinkConnection, MavlinkLinkConfig
+from links.mavlink.protocol import ARDUPILOT, ARMED, PX4, AutopilotParameter, Handshake, ReadAll, Write, is_same
+
+
+class Restore(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
+    """One parameter as it was."""
+
+    vehicle: str
+    """The vehicle's name in its configuration."""
+    autopilot: str
+    """PX4 or ArduPilot."""
+    system: int
+    """Its MAVLink system."""
+    name: str
+    value: float
+    kind: int
+    """MAV_PARAM_TYPE."""
+
+    @property
+    def parameter(self) -> AutopilotParameter:
+        """What is to be set."""
+        return AutopilotParameter(self.name, self.value, self.kind)
+
+
+def save_restore(restore: Restore, folder: Path) -> Path:
+    """Write ``restore`` into a new file in ``folder``, for its owner alone, and return its path.
+
+    No file is ever overwritten.
+
+    Raises:
+        OSError: it can't be written.
+    """
+    number = 1
+    while True:
+        suffix = "" if number == 1 else f"-{number}"
+        path = folder / f"restore-{restore.vehicle}-{restore.name}{suffix}.json"
+        try:
+            with open(path, "xb", opener=lambda name, flags: os.open(name, flags, 0o600)) as file:
+                file.write(msgspec.json.encode(restore) + b"\n")
+                file.flush()
+                os.fsync(file.fileno())
+        except FileExistsError:
+            number += 1
+        else:
+            return path
+
+
+def load_restore(path: Path) -> Restore:
+    """The parameter in the file at ``path``.
+
+    Raises:
+        ValueError: it can't be read or holds something else; the message says what.
+    """
+    try:
+        return msgspec.json.decode(path.read_bytes(), type=Restore)
+    except OSError as error:
+        raise ValueError(f"cannot read {path}: {error.strerror}") from None
+    except (msgspec.DecodeError, msgspec.ValidationError) as error:
+        raise ValueError(f"{path} is no file that --fix has written: {error}") from None
+
+
+BEAT_S = 3.0
+"""How long the heartbeat that tells whether it is armed may take [s]."""
+TABLES: dict[int, Callable[[VehicleFacts], list[Advice]]] = {PX4: px4_advice, ARDUPILOT: ardupilot_advice}
+"""HEARTBEAT.autopilot → its advice."""
+
+
+class Visit:
+    """``open`` it, ``examine``, perhaps ``set``, and ``close`` it. Changes nothing by itself."""
+
+    def __init__(self, config: Config) -> None:
+        """Nothing is opened yet.
+
+        Raises:
+            ConfigError: the link does not lead to an autopilot.
+        """
+        link = config.link
+        if not isinstance(link, MavlinkLinkConfig):
+            raise ConfigError("link.kind", "expected mavlink: only an autopilot has parameters to look at")
+        share = config.vehicle.mass_kg * config.controller.gravity / config.full_thrust_n
+        self.facts = VehicleFacts(
+            own_system=link.system_id,
+            target_system=link.target_system,
+            hover=signal(share, config.thrust_curve),
+            own_curve=config.thrust_curve > 0.0,
+        )
+        self.parameters: dict[str, AutopilotParameter] = {}
+        """As they were read last."""
+        self._connection = MavlinkConnection(msgspec.structs.replace(link, quiet=False))
+
+    async def open(self) -> None:
+        """Connect.
+
+        Raises:
+            LinkError: nobody is there, or it is neither PX4 nor ArduPilot.
+        """
+        await self._connection.open()
+        kind = self._connection.autopilot().kind
+        if kind not in TABLES:
+            raise LinkRejected(f"this is no PX4 and no ArduPilot (MAV_AUTOPILOT {kind}): nothing is known about it")
+
+    def close(self) -> None:
+        """Disconnect."""
+        self._connection.close()
+
+    @property
+    def autopilot(self) -> str:
+        """PX4 or ArduPilot."""
+        return self._connection.autopilot().name
+
+    @property
+    def advice(self) -> list[Advice]:
+        """What is known about this kind of autopilot."""
+        return TABLES[self._connection.autopilot().kind](self.facts)
+
+    async def examine(self) -> list[ParameterFinding]:
+        """Read everything that the table asks about, and judge it.
+
+        Raises:
+            LinkError: the autopilot went away.
+        """
+        table = self.advice
+        self.parameters |= await self.read(name for advice in table for name in advice.names)
+        if not self.parameters:
+            raise LinkLost("the autopilot is heard but tells none of its parameters: check that it hears us")
+        return [judge(advice, self.parameters) for advice in table]
+
+    async def read(self, names: Iterable[str]) -> dict[str, AutopilotParameter]:
+        """Those of the parameters ``names`` that it has; raises LinkError."""
+        reads = ReadAll(self._connection.autopilot(), names)
+        await self._connection.see_through(Handshake([reads]))
+        return reads.found
+
+    async def set(self, parameter: AutopilotParameter) -> AutopilotParameter:
+        """Set one parameter, read it back, and return it.
+
+        Raises:
+            LinkRejected: the vehicle is armed, or the autopilot keeps another value.
+            LinkLost: it does not answer.
+            ValueError: such a parameter can't have this value.
+        """
+        autopilot = self._connection.autopilot()
+        write = Write(autopilot, parameter)
+        if await self._is_armed():
+            raise LinkRejected("the vehicle is armed: parameters are changed only while its motors are off")
+        await self._connection.see_through(Handshake([write]))
+        found = await self.read([parameter.name])
+        if parameter.name not in found:
+            raise LinkLost(f"{parameter.name} was set but can't be read back: read it again before you fly")
+        now = found[parameter.name]
+        if not is_same(now.value, parameter.value):
+            raise LinkRejected(f"{parameter.name} was set to {parameter.value:g} but reads back as {now.value:g}")
+        self.parameters[now.name] = now
+        return now
+
+    async def _is_armed(self) -> bool:
+        """What the next heartbeat says; the one before may be old."""
+        beat: asyncio.Future[bool] = asyncio.get_running_loop().create_future()
+
+        def hear(message: Any, _: float) -> None:
+            if message.get_type() == "HEARTBEAT" and not beat.done():
+                beat.set_result(bool(message.base_mode & ARMED))
+
+        leave = self._connection.subscribe(hear)
+        try:
+            async with asyncio.timeout(BEAT_S):
+                return await beat
+        except TimeoutError:
+            raise LinkLost(f"no HEARTBEAT within {BEAT_S:g} s, so nobody knows whether it is armed") from None
+        finally:
+            leave()
+
+
+_MARKS = {"ok": "ok", "must": "MUST", "should": "SHOULD", "note": "note", "absent": "-"}
+_ORDER = list(_MARKS)
+WIDTH = 100
+
+
+def doctor_report(title: str, findings: Sequence[ParameterFinding], command: str) -> str:
+    """The table, the worst first, each that is not right with its reason and the ``command`` that mends it."""
+    worst_first = ("must", "should", "ok", "note", "absent")
+    lines = [title, "", f"{'':8}{'parameter':17}{'value':>9}  accepted"]
+    for finding in sorted(findings, key=lambda f: worst_first.index(f.verdict)):
+        value = "-" if finding.value is None else f"{finding.value:g}"
+        lines += _wrap(f"{_MARKS[finding.verdict]:8}{finding.name:17}{value:>9}  ", finding.accepted)
+        if finding.verdict in (Weight.MUST, Weight.SHOULD, Weight.NOTE):
+            lines += _wrap(" " * 12, finding.why)
+        if finding.recommended is not None:
+            lines.append(f"{'':12}set it to {finding.recommended:g}: {command} --fix {finding.name}")
+            if finding.reboot:
+                lines.append(f"{'':12}(counts after the autopilot was restarted)")
+    lines += ["", _summary(findings)]
+    return "\n".join(lines)
+
+
+def _wrap(begin: str, text: str) -> list[str]:
+    return textwrap.wrap(text, WIDTH, initial_indent=begin, subsequent_indent=" " * max(len(begin), 12))
+
+
+def _summary(findings: Sequence[ParameterFinding]) -> str:
+    counts = {verdict: sum(f.verdict == verdict for f in findings) for verdict in _ORDER}
+    absent = f", {counts['absent']} not in this firmware" if counts["absent"] else ""
+    if not is_wrong(findings):
+        return f"Nothing to change: {counts['ok']} ok, {counts['note']} to be read{absent}."
+    return f"{counts['must']} must and {counts['should']} should be changed; {counts['ok']} ok{absent}."
+
+
+EXIT_HEALTHY, EXIT_FINDINGS, EXIT_NO_ANSWER = 0, 1, 3
+
+Ask = Callable[[str], Awaitable[str]]
+
+
+class DoctorOrders(NamedTuple):
+    """What the operator wants."""
+
+    command: str
+    """How this command was called, to be shown with ``--fix``."""
+    fix: tuple[str, ...] = ()
+    """Each ``NAME`` or ``NAME=VALUE``."""
+    restore: Path | None = None
+    """File of an earlier fix."""
+    yes: bool = False
+    """Do not ask."""
+    as_json: bool = False
+    folder: Path = Path()
+    """Where old values are kept."""
+
+
+class _Fix(NamedTuple):
+    """One change, and where the old value is kept."""
+
+    name: str
+    old: float
+    new: float
+    saved: str
+
+
+async def run_doctor(config: Config, orders: DoctorOrders, ask: Ask | None, say: Callable[[str], None] = print) -> int:
+    """Visit the autopilot of ``config``; ``ask`` puts a question to the operator, None where nobody is there.
+
+    ``say`` tells what was found.
+
+    Returns 0 where all is as it should be, 1 where something is not or was not confirmed, 3 where the autopilot does
+    not answer or refuses.
+
+    Raises:
+        ConfigError: the orders make no sense.
+    """
+    if orders.yes and not orders.fix and orders.restore is None:
+        raise ConfigError("--yes", "it needs the one parameter that it confirms: --fix NAME")
+    if orders.fix and orders.restore is not None:
+        raise ConfigError("--restore", "it puts one parameter back: leave out --fix")
+    if (orders.fix or orders.restore) and ask is None and not orders.yes:
+        raise ConfigError("--fix", "without a terminal, confirm with --yes")
+    kept = _load_restore(orders.restore) if orders.restore is not None else None
+    visit = Visit(config)
+    try:
+        await visit.open()
+        findings = await visit.examine()
+        all_wanted = [_parse_fix(fix, visit) for fix in orders.fix] if kept is None else [await _find_old(visit, kept)]
+        _ensure_each_once(all_wanted)
+        fixed: list[_Fix] = []
+        for wanted in all_wanted:
+            one = await _set(visit, wanted, config, orders, ask)
+            if one is None:
+                break
+            fixed.append(one)
+            if not orders.as_json:
+                say(_describe_undo(one, orders))
+        confirmed = len(fixed) == len(all_wanted)
+        if all_wanted and not fixed:
+            return EXIT_FINDINGS
+        if fixed:
+            findings = await visit.examine()
+        say(_format_result(visit, findings, fixed, config, orders))
+    except LinkError as error:
+        print(f"groundstation: doctor: {error}", file=sys.stderr)
+        return EXIT_NO_ANSWER
+    finally:
+        visit.close()
+    return EXIT_FINDINGS if is_wrong(findings) or not confirmed else EXIT_HEALTHY
+
+
+def _ensure_each_once(wanted: list[AutopilotParameter]) -> None:
+    """Refuse two values for one parameter: nobody could tell which one was meant.
+
+    Raises:
+        ConfigError: a parameter is named twice.
+    """
+    names = [parameter.name for parameter in wanted]
+    for name in names:
+        if names.count(name) > 1:
+            raise ConfigError("--fix", f"{name} is named twice: say once what it should be")
+
+
+def _load_restore(path: Path) -> Restore:
+    try:
+        return load_restore(path)
+    except ValueError as error:
+        raise ConfigError("--restore", str(error)) from None
+
+
+def _parse_fix(fix: str, visit: Visit) -> AutopilotParameter:
+    """The parameter that ``--fix`` names with the value that it should have."""
+    name, equals, text = fix.partition("=")
+    rules = {known: advice.rule for advice in visit.advice for known in advice.names}
+    if name not in rules:
+        raise ConfigError("--fix", f"expected one of {sorted(rules)}, got {name!r}")
+    if name not in visit.parameters:
+        raise ConfigError("--fix", f"this {visit.autopilot} has no parameter {name}")
+    old, rule = visit.parameters[name], rules[name]
+    try:
+        value = float(text) if equals else rule.better(old.value)
+    except ValueError:
+        raise ConfigError("--fix", f"{name}: expected a number, got {text!r}") from None
+    if not rule.accepts(value):
+        raise ConfigError("--fix", f"{name}: expected {rule.words}, got {value:g}")
+    if not equals and rule.accepts(old.value):
+        raise ConfigError("--fix", f"{name} is {old.value:g}, which is fine; to change it anyway say {name}=VALUE")
+    return old._replace(value=value)
+
+
+async def _find_old(visit: Visit, kept: Restore) -> AutopilotParameter:
+    """The parameter of an earlier fix, where it belongs to this vehicle."""
+    if kept.autopilot != visit.autopilot or kept.system != visit.facts.target_system:
+        raise ConfigError(
+            "--restore",
+            f"the file is of {kept.autopilot}, system {kept.system}; this is {visit.autopilot}, "
+            f"system {visit.facts.target_system}",
+        )
+    found = await visit.read([kept.name])
+    if kept.name not in found or found[kept.name].kind != kept.kind:
+        raise ConfigError("--restore", f"this {visit.autopilot} has no parameter {kept.name} of that kind")
+    visit.parameters[kept.name] = found[kept.name]
+    return kept.parameter
+
+
+async def _set(
+    visit: Visit, wanted: AutopilotParameter, config: Config, orders: DoctorOrders, ask: Ask | None
+) -> _Fix | None:
+    """Set it once the operator has typed its name, its old value being kept; None where he has not."""
+    old = visit.parameters[wanted.name]
+    if not orders.yes:
+        assert ask is not None, "checked before"
+        what = (
+            f"{visit.autopilot} of {config.vehicle.name}: {wanted.name} is {old.value:g} and becomes {wanted.value:g}"
+        )
+        if (await ask(f"{what}.\nType {wanted.name} to set it, anything else to stop: ")).strip() != wanted.name:
+            print(f"groundstation: doctor: {wanted.name} was not changed", file=sys.stderr)
+            return None
+    kept = Restore(
+        vehicle=config.vehicle.name,
+        autopilot=visit.autopilot,
+        system=visit.facts.target_system,
+        name=old.name,
+        value=old.value,
+        kind=old.kind,
+    )
+    try:
+        orders.folder.mkdir(mode=0o700, parents=True, exist_ok=True)
+        path = save_restore(kept, orders.folder)
+    except OSError as error:
+        raise ConfigError(
+            "--fix", f"cannot keep the old value in {orders.folder.resolve()}: {error.strerror}"
+        ) from None
+    try:
+        now = await visit.set(wanted)
+    except ValueError as error:
+        raise ConfigError("--fix", f"{wanted.name}: {error}") from None
+    return _Fix(old.name, old.value, now.value, str(path.absolute()))
+
+
+def _format_result(
+    visit: Visit, findings: list[ParameterFinding], fixed: list[_Fix], config: Config, orders: DoctorOrders
+) -> str:
+    if orders.as_json:
+        facts: dict[str, Any] = {
+            "vehicle": config.vehicle.name,
+            "autopilot": visit.autopilot,
+            "system": visit.facts.target_system,
+            "healthy": not is_wrong(findings),
+            "fixed": [fix._asdict() for fix in fixed],
+            "findings": msgspec.to_builtins(findings),
+        }
+        return json.dumps(facts)
+    return doctor_report(
+        f"{config.vehicle.name}: {visit.autopilot}, system {visit.facts.target_system}", findings, orders.command
+    )
+
+
+def _describe_undo(fix: _Fix, orders: DoctorOrders) -> str:
+    return (
+        f"{fix.name}: {fix.old:g} became {fix.new:g}, read back from the autopilot.\n"
+        f"To take it back: {orders.command} --restore {shlex.quote(fix.saved)}\n"
+    )

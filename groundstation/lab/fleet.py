@@ -1,0 +1,217 @@
+"""Fleet plan: a file names the configuration that all vehicles share, and for each what differs from it."""
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Annotated, Any, NamedTuple
+
+import msgspec
+
+from groundstation.config import VEHICLE_LETTERS, ConfigError, from_dict, name_pattern, parse_toml, resolve_files
+from groundstation.pose import ShowsOthers
+from groundstation.pose.sources import JsonConfig, ViconConfig
+from groundstation.settings import Config
+from links.io import parse_address
+
+Name = Annotated[str, msgspec.Meta(pattern=name_pattern(VEHICLE_LETTERS))]
+MOST = 64
+"""Most vehicles of one fleet."""
+RELAYED = (ViconConfig, JsonConfig)
+"""Sources that send each datagram to one address only: it is received once and handed on to every core."""
+
+
+class FleetFile(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
+    """What a fleet file says, but for the sections of each vehicle."""
+
+    config: str
+    """The configuration that all vehicles share; relative to the fleet file."""
+    relay_port: Annotated[int, msgspec.Meta(ge=1024, le=65000)] = 51101
+    """Loopback UDP port to which the first vehicle's copy of the poses goes; the others' follow it."""
+    vehicles: Annotated[tuple[dict[str, Any], ...], msgspec.Meta(min_length=1, max_length=MOST)]
+    """For each its ``name``, its ``object`` in the capture system where that is another, and what else differs."""
+
+
+class _Who(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
+    name: Name
+    object: str | None = None
+
+
+class Member(NamedTuple):
+    """One vehicle of a fleet."""
+
+    name: str
+    lab: Config
+    """As the files say it: its poses come from the lab's network."""
+    core: Config
+    """As its core runs it: its poses may come from the relay."""
+
+
+class FleetPlan(NamedTuple):
+    """All of it."""
+
+    members: tuple[Member, ...]
+    relay_listen: str | None
+    """Where poses come in to be handed on, host:port; None where each core hears the source by itself."""
+
+    @property
+    def relay_targets(self) -> tuple[str, ...]:
+        """Where they are handed on to, host:port, one for each vehicle."""
+        return tuple(getattr(member.core.pose, "listen", "") for member in self.members)
+
+
+def read_fleet(path: Path, overrides: Sequence[str] = ()) -> FleetPlan:
+    """The fleet in the TOML file ``path``; ``overrides`` (``a.b=value``) are for every vehicle.
+
+    Raises:
+        ConfigError: by file, vehicle and key; also where two vehicles would use the same name, object or port.
+    """
+    file = from_dict(_table(path), FleetFile, source=str(path))
+    shared = path.parent / file.config
+    common = _table(shared)
+    whos = [_who(entry, number, path) for number, entry in enumerate(file.vehicles)]
+    _ensure_unlike("name", [(who.name, who.name) for who in whos], path)
+    _ensure_unlike("object", [(who.name, who.object or who.name) for who in whos], path)
+    labs = []
+    for who, entry in zip(whos, file.vehicles, strict=True):
+        rest = {key: value for key, value in entry.items() if key not in ("name", "object")}
+        others = [one.object or one.name for one in whos if one is not who]
+        labs.append(_member(who, rest, others, common, overrides, path, shared))
+    _ensure_apart(whos, labs, file.relay_port, path)
+    relayed = isinstance(labs[0].pose, RELAYED)
+    members = [
+        Member(who.name, lab, _behind_relay(lab, file.relay_port + number) if relayed else lab)
+        for number, (who, lab) in enumerate(zip(whos, labs, strict=True))
+    ]
+    return FleetPlan(tuple(members), getattr(labs[0].pose, "listen", None) if relayed else None)
+
+
+def _table(path: Path) -> dict[str, Any]:
+    try:
+        return parse_toml(path.read_bytes().decode())
+    except OSError as error:
+        raise ConfigError("", f"cannot read the configuration: {error.strerror}", str(path)) from None
+    except UnicodeDecodeError as error:
+        raise ConfigError("", f"not UTF-8 text (byte {error.start})", str(path)) from None
+    except ValueError as error:
+        raise ConfigError("", str(error), str(path)) from None
+
+
+def _who(entry: dict[str, Any], number: int, path: Path) -> _Who:
+    known: dict[str, Any] = {key: entry[key] for key in ("name", "object") if key in entry}
+    try:
+        return from_dict(known, _Who, source=str(path))
+    except ConfigError as error:
+        raise ConfigError(f"vehicles[{number}].{error.key}", error.problem, str(path)) from None
+
+
+def _member(
+    who: _Who,
+    entry: dict[str, Any],
+    others: list[str],
+    common: dict[str, Any],
+    overrides: Sequence[str],
+    path: Path,
+    shared: Path,
+) -> Config:
+    data = _merge(common, entry)
+    pose = data.get("pose", {})
+    kind = pose.get("kind", "vicon") if isinstance(pose, dict) else "vicon"
+    if kind not in (kinds := [one.__struct_config__.tag for one in ShowsOthers.__args__]):
+        says = f"expected one of {kinds}, got {kind!r}: a vehicle of a fleet must see the others"
+        raise ConfigError("pose.kind", says, str(shared))
+    for section, told in (
+        ("vehicle", {"name": who.name}),
+        ("pose", {"object" if kind == "vicon" else "name": who.object or who.name}),
+        ("separation", {"others": others}),
+    ):
+        if isinstance(table := data.get(section, {}), dict):  # anything else is refused below
+            data[section] = table | told
+    try:
+        placed = resolve_files(data, shared.parent)
+        return from_dict(placed, Config, overrides, source=str(shared), folder=shared.parent)
+    except ConfigError as error:
+        source = f"{path}: vehicle {who.name}" if _has(entry, error.key) else f"{error.source} (for {who.name})"
+        raise ConfigError(error.key, error.problem, source) from None
+
+
+def _merge(common: Mapping[str, Any], own: Mapping[str, Any]) -> dict[str, Any]:
+    """``common`` with what ``own`` changes, table by table; one of another ``kind`` takes the place of the whole."""
+    merged = dict(common)
+    for key, value in own.items():
+        old = common.get(key)
+        same = (
+            isinstance(old, dict) and isinstance(value, dict) and value.get("kind", old.get("kind")) == old.get("kind")
+        )
+        merged[key] = _merge(old, value) if same and isinstance(old, dict) else value
+    return merged
+
+
+def _has(entry: Any, key: str) -> bool:
+    for part in key.split("."):
+        if not isinstance(entry, dict):
+            return True
+        if part not in entry:
+            return False
+        entry = entry[part]
+    return bool(key)
+
+
+def _behind_relay(config: Config, port: int) -> Config:
+    assert isinstance(config.pose, ViconConfig | JsonConfig), "only these are relayed"
+    return msgspec.structs.replace(config, pose=msgspec.structs.replace(config.pose, listen=f"127.0.0.1:{port}"))
+
+
+def _ensure_unlike(key: str, named: Sequence[tuple[str, str | None]], path: Path) -> None:
+    """No two vehicles have the same value of ``key``.
+
+    Raises:
+        ConfigError: two have.
+    """
+    first: dict[str, str] = {}
+    for name, value in named:
+        if value is not None and (other := first.setdefault(value, name)) is not name:
+            raise ConfigError(key, f"{value!r} is {other}'s already", f"{path}: vehicle {name}")
+
+
+def _ensure_apart(whos: list[_Who], labs: list[Config], relay_port: int, path: Path) -> None:
+    """No two vehicles share a link or a socket, and all hear the same source.
+
+    Raises:
+        ConfigError: two share one, or they do not.
+    """
+    names = [who.name for who in whos]
+    for key in ("listen", "serial", "port"):
+        _ensure_unlike(f"link.{key}", [(n, _end(lab, key)) for n, lab in zip(names, labs, strict=True)], path)
+    for key in ("remote", "tcp"):  # several may be behind one address: they have their own system ids
+        ends = [(n, _end(lab, key), getattr(lab.link, "target_system", 0)) for n, lab in zip(names, labs, strict=True)]
+        _ensure_unlike(f"link.{key}", [(n, None if end is None else f"{end} ({i})") for n, end, i in ends], path)
+    _ensure_unlike("status.path", [(n, lab.status.path or None) for n, lab in zip(names, labs, strict=True)], path)
+    for name, lab in zip(names, labs, strict=True):
+        if type(lab.pose) is not type(labs[0].pose) or _source(lab) != _source(labs[0]):
+            raise ConfigError("pose", f"must be the same source as {names[0]}'s", f"{path}: vehicle {name}")
+        port = _end(lab, "listen")
+        if isinstance(lab.pose, RELAYED):
+            taken = range(relay_port, relay_port + len(labs))
+            if parse_address(lab.pose.listen)[1] in taken:
+                raise ConfigError(
+                    "relay_port", f"{taken[0]} to {taken[-1]} take pose.listen, {lab.pose.listen}", str(path)
+                )
+            if port is not None and int(port) in (*taken, parse_address(lab.pose.listen)[1]):
+                raise ConfigError("link.listen", f"port {port} is taken by the poses", f"{path}: vehicle {name}")
+
+
+def _end(config: Config, key: str) -> str | None:
+    """Where the link of ``config`` ends; of an address of this machine only the port counts."""
+    value = getattr(config.link, key, None)
+    if value is None:
+        address = getattr(config.link, "address", None)  # without any address, a link has a default
+        ways = [getattr(config.link, way, None) for way in ("remote", "tcp", "serial")]
+        value = address if key == "listen" and isinstance(address, str) and not any(ways) else None
+    if value is None:
+        return None
+    return str(parse_address(value)[1]) if key == "listen" else str(value)
+
+
+def _source(config: Config) -> tuple[Any, ...]:
+    """Where the poses of ``config`` come from."""
+    keys = ("listen", "server", "multicast", "group", "data_port")
+    return tuple(getattr(config.pose, key, None) for key in keys)

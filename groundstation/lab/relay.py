@@ -1,0 +1,108 @@
+"""Pose relay: one stream of datagrams in, a copy for each core out by loopback, bytes unchanged, drops counted."""
+
+import asyncio
+import os
+import signal
+from collections import Counter
+from collections.abc import Callable, Sequence
+
+from groundstation.pose.sources import cannot_listen, join
+from links.io import Datagrams, parse_address
+
+
+class Relay(asyncio.DatagramProtocol):
+    """Runs on the real and on the virtual loop alike.
+
+    A copy that can't leave at once is dropped: the next pose is worth more than an old one. Where this dies, no pose
+    comes any more, and every core's guards do what they do without poses.
+    """
+
+    def __init__(self, listen: str, targets: Sequence[str], *, group: str = "", interface: str = "") -> None:
+        """Hand what comes to ``listen`` (host:port) on to each of ``targets``; nothing is opened yet.
+
+        ``group`` is a multicast address to join, by way of the ``interface`` with this address of ours.
+
+        Raises:
+            ValueError: an address is none.
+        """
+        self._listen = listen
+        self._group, self._interface = group, interface
+        self._local = parse_address(listen)
+        self._targets = [parse_address(target) for target in targets]
+        self._in: asyncio.DatagramTransport | None = None
+        self._out: Datagrams | None = None
+        self.received = 0
+        """Datagrams that came in."""
+        self.dropped: Counter[str] = Counter()
+        """Copies that did not leave, by reason: congested, undeliverable."""
+
+    async def open(self) -> None:
+        """Begin.
+
+        Raises:
+            SourceError: the address can't be listened on; the message says which and why.
+        """
+        loop = asyncio.get_running_loop()
+        host, port = self._local
+        local = (self._group, port) if self._group else (host, port)
+        try:
+            out, _ = await loop.create_datagram_endpoint(asyncio.DatagramProtocol, local_addr=("127.0.0.1", 0))
+            self._out = Datagrams(out)
+            self._in, _ = await loop.create_datagram_endpoint(
+                lambda: self, local_addr=local, reuse_port=True if self._group else None
+            )
+            if self._group:
+                join(self._in, self._group, self._interface or host)
+        except OSError as error:
+            self.close()
+            raise cannot_listen("poses to hand on", f"{local[0]}:{local[1]}", error) from error
+
+    def close(self) -> None:
+        """End."""
+        if self._in is not None:
+            self._in.close()
+        if self._out is not None:
+            self._out.abort()
+        self._in = self._out = None
+
+    def datagram_received(self, data: bytes, addr: object) -> None:
+        """Hand one datagram on (called by the event loop)."""
+        del addr
+        if self._out is None:
+            return
+        self.received += 1
+        for target in self._targets:
+            if reason := self._out.send(data, target):
+                self.dropped[reason] += 1
+
+    def title(self) -> str:
+        """What is done, for the operator."""
+        where = f"{self._group}, port {self._local[1]}" if self._group else self._listen
+        return f"relaying {where} to {', '.join(f'{host}:{port}' for host, port in self._targets)}"
+
+    def summary(self) -> str:
+        """What was done, for the operator."""
+        drops = ", ".join(f"{count} {reason}" for reason, count in sorted(self.dropped.items()))
+        return f"relay: {self.received} datagrams handed on to {len(self._targets)} cores; dropped: {drops or 'none'}"
+
+
+async def run_relay(relay: Relay, say: Callable[[str], None], *, until_eof: bool) -> None:
+    """Hand on until SIGINT or SIGTERM, or where ``until_eof`` until standard input ends; then say what was done.
+
+    Raises:
+        SourceError: see :meth:`Relay.open`.
+    """
+    loop, told = asyncio.get_running_loop(), asyncio.Event()
+    await relay.open()
+    for number in (signal.SIGINT, signal.SIGTERM):
+        loop.add_signal_handler(number, told.set)
+    if until_eof:
+        loop.add_reader(0, lambda: None if os.read(0, 4096) else told.set())
+    say(relay.title())
+    try:
+        await told.wait()
+    finally:
+        if until_eof:
+            loop.remove_reader(0)
+        relay.close()
+        say(relay.summary())

@@ -1,0 +1,33 @@
+"""Marked document: what stands between two markers of a page is made from the code, and replaced; the rest stays."""
+
+from pathlib import Path
+
+from groundstation.config import ConfigError
+
+
+def split_at_markers(path: Path, begin: str, end: str) -> tuple[str, str]:
+    """The text of ``path`` up to and with the marker ``begin``, and from the marker ``end`` on.
+
+    Raises:
+        ConfigError: the file can't be read, or has not just one pair of markers.
+    """
+    try:
+        text = path.read_text("utf-8")
+    except (OSError, UnicodeDecodeError) as error:
+        raise ConfigError("--write", f"cannot read {path}: {getattr(error, 'strerror', None) or error}") from None
+    if text.count(begin) != 1 or text.count(end) != 1 or text.index(begin) > text.index(end):
+        raise ConfigError("--write", f"{path} needs a line {begin} and below it a line {end}, once each")
+    return text[: text.index(begin) + len(begin)], text[text.index(end) :]
+
+
+def replace_between_markers(path: Path, begin: str, end: str, text: str) -> None:
+    """Replace what stands between the markers of ``path`` by ``text``.
+
+    Raises:
+        ConfigError: the file can't be read or written, or has not just one pair of markers.
+    """
+    before, after = split_at_markers(path, begin, end)
+    try:
+        path.write_text(f"{before}\n{text}\n{after}", "utf-8")
+    except OSError as error:
+        raise ConfigError("--write", f"cannot write {path}: {error.strerror}") from None

@@ -1,0 +1,67 @@
+"""Line writer: lines to whoever reads them, if anybody does. What is not taken at once is lost, and counted.
+
+Whatever a line quotes of others, it stays one line and steers no terminal. A terminal that stands still (Ctrl-S), a
+full pipe, or one that is gone, holds up nobody: least of all a command.
+"""
+
+import os
+import select
+import stat
+
+from links.core import printable
+
+LINE_MAX_BYTES = 4000
+"""Longer lines are cut: so much goes into a pipe that has room at all (pipe(7), PIPE_BUF)."""
+
+
+class LineWriter:
+    """A file descriptor, written to without waiting."""
+
+    def __init__(self, number: int) -> None:
+        """Write to ``number``, which stays as it is for whoever shares it."""
+        self._number = _own(number)
+        self._rest = b""
+        self.lost = 0
+        """Lines lost since the last one that was taken."""
+
+    def say(self, text: str) -> None:
+        """Write ``text`` as one line, after telling how many were lost before it."""
+        if self.lost and self.write(f"{self.lost} lines were lost: nobody read them"):
+            self.lost = 0
+        if not self.write(text):
+            self.lost += 1
+
+    def write(self, text: str) -> bool:
+        """Write ``text`` as one line; False where it is not taken at once."""
+        line = printable(text.rstrip("\n")).encode(errors="replace")[: LINE_MAX_BYTES - 1] + b"\n"
+        try:
+            if self._rest:
+                self._rest = self._rest[self._write_now(self._rest) :]
+            if self._rest:
+                return False
+            taken = self._write_now(line)
+        except OSError:
+            return False
+        self._rest = line[taken:] if taken else b""  # a line that has begun is ended before the next
+        return taken > 0
+
+    def _write_now(self, data: bytes) -> int:
+        poll = select.poll()
+        poll.register(self._number, select.POLLOUT)
+        events = poll.poll(0)
+        if not events or not events[0][1] & select.POLLOUT:
+            return 0
+        try:
+            return os.write(self._number, data)
+        except BlockingIOError:
+            return 0
+
+
+def _own(number: int) -> int:
+    """A descriptor of our own that does not wait: to make the shared one so would break the shell that has it too."""
+    try:
+        if stat.S_ISREG(os.fstat(number).st_mode):
+            return number  # a file takes everything, and has one end that is shared
+        return os.open(f"/proc/self/fd/{number}", os.O_WRONLY | os.O_NONBLOCK | os.O_NOCTTY | os.O_CLOEXEC)
+    except OSError:
+        return number  # a socket, or no descriptor at all: then it is asked before each line
