@@ -6,8 +6,10 @@ if TYPE_CHECKING:
     from groundstation.flight.hold_to_run import HoldWatch, ensure_held, make_hold
     from groundstation.flight.prearm import Company, body_of, describe_checks, describe_failures, entry_of, link_of
     from groundstation.flight.preflight import (
+        Proof,
         confirmation,
         describe_trajectory,
+        digest,
         ensure_flyable,
         ensure_guarded,
         ensure_link,
@@ -17,6 +19,8 @@ if TYPE_CHECKING:
         is_simulated,
         key,
         line_from_terminal,
+        place,
+        save,
     )
     from groundstation.flight.sender import DISARM_WAIT_S
     from groundstation.flight.statistics import Due
@@ -26,8 +30,10 @@ _MODULES = {
     "hold_to_run": ("HoldWatch", "ensure_held", "make_hold"),
     "prearm": ("Company", "body_of", "describe_checks", "describe_failures", "entry_of", "link_of"),
     "preflight": (
+        "Proof",
         "confirmation",
         "describe_trajectory",
+        "digest",
         "ensure_flyable",
         "ensure_guarded",
         "ensure_link",
@@ -37,6 +43,8 @@ _MODULES = {
         "is_simulated",
         "key",
         "line_from_terminal",
+        "place",
+        "save",
     ),
     "sender": ("DISARM_WAIT_S",),
     "statistics": ("Due",),
