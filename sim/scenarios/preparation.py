@@ -139,7 +139,7 @@ def own(
     judged is how well the trajectory is followed. ``overrides`` are of what is told; ``overridden`` changes the truth.
 
     Raises:
-        ConfigError: see :func:`groundstation.config.loader.load_restore`.
+        ConfigError: see :func:`groundstation.config.loader.load`.
     """
     told = load(path, Config, overrides)
     rate_hz, latency_s = timing(told.pose, air.pose_rate_hz, air.pose_latency_s)

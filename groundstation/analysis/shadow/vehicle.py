@@ -29,7 +29,7 @@ def described(path: Path | None, overrides: Sequence[str]) -> Config:
     """The configuration as the operator gave it, before the recording is read.
 
     Raises:
-        ConfigError: see :func:`groundstation.config.loader.load_restore`.
+        ConfigError: see :func:`groundstation.config.loader.load`.
     """
     if path is not None:
         return load(path, Config, overrides)

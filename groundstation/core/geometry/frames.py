@@ -120,7 +120,7 @@ class Frames:
         return a * x + d * y + g * z + north, b * x + e * y + h * z + east, c * x + f * y + i * z + down
 
     def theirs(self, position_ned: Vec3, attitude: Quat) -> tuple[Vec3, Quat]:
-        """The inverse of :meth:`is_ours`, sign included: what a source says, for simulators."""
+        """The inverse of :meth:`ours`, sign included: what a source says, for simulators."""
         x, y, z = (p - o for p, o in zip(position_ned, self._origin, strict=True))
         if self._centre is not None:
             dx, dy, dz = so3.to_world(attitude, self._centre)

@@ -40,7 +40,7 @@ def own(path: Path | None, overrides: Sequence[str]) -> Config | None:
     None where neither tells a vehicle, so that the scenarios do. Overrides of the truth (``sim.…``) are left out.
 
     Raises:
-        ConfigError: see :func:`groundstation.config.loader.load_restore`; or the link's frames are not as told.
+        ConfigError: see :func:`groundstation.config.loader.load`; or the link's frames are not as told.
     """
     told = [text for text in overrides if not text.startswith("sim.")]
     if path is None and not any(_key(text) in _VEHICLES for text in told):
