@@ -2,10 +2,10 @@
 
 TYPE_CHECKING = False
 if TYPE_CHECKING:
-    from groundstation.analysis.export import export_command
-    from groundstation.analysis.listing import logs_command
+    from groundstation.analysis.recordings import export_command, logs_command
+    from groundstation.analysis.replay import replay_command
 
-_MODULES = {"export": ("export_command",), "listing": ("logs_command",)}
+_MODULES = {"recordings": ("export_command", "logs_command"), "replay": ("replay_command",)}
 
 
 def __getattr__(name: str) -> object:

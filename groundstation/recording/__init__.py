@@ -11,7 +11,14 @@ from groundstation.recording import channels as channels
 TYPE_CHECKING = False
 if TYPE_CHECKING:
     from groundstation.recording.assembly import make_flight, recorder
-    from groundstation.recording.channels import CHANNELS, MeasuredMessage, Quaternion, Vector3, schema
+    from groundstation.recording.channels import (
+        CHANNELS,
+        MeasuredMessage,
+        read_command,
+        read_pose,
+        read_reference,
+        schema,
+    )
     from groundstation.recording.headline import STEADY_S
     from groundstation.recording.process import END_S, RecorderProcess
     from groundstation.recording.reader import Entry, NoRecording, Recording, quick_headline
@@ -27,11 +34,11 @@ if TYPE_CHECKING:
         SentRecord,
         TickRecord,
     )
-    from groundstation.recording.writer import FlightLog, McapWriter, facts
+    from groundstation.recording.writer import FlightLog, McapWriter, about_texts
 
 _MODULES = {
     "assembly": ("make_flight", "recorder"),
-    "channels": ("CHANNELS", "MeasuredMessage", "Quaternion", "Vector3", "schema"),
+    "channels": ("CHANNELS", "MeasuredMessage", "read_command", "read_pose", "read_reference", "schema"),
     "headline": ("STEADY_S",),
     "process": ("END_S", "RecorderProcess"),
     "reader": ("Entry", "NoRecording", "Recording", "quick_headline"),
@@ -47,7 +54,7 @@ _MODULES = {
         "SentRecord",
         "TickRecord",
     ),
-    "writer": ("FlightLog", "McapWriter", "facts"),
+    "writer": ("FlightLog", "McapWriter", "about_texts"),
 }
 
 

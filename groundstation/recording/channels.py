@@ -4,7 +4,7 @@
 schemas/jsonschema); the others are typed here. Names end in units; world NED, body FRD; ``time_s`` is the event loop's
 clock [s], the log time its wall time.
 
-:class:`MessageMaker` makes these messages of a flight's records. Sans-IO.
+:class:`MessageMaker` makes these messages of a flight's records; ``read_…`` makes of them what was recorded. Sans-IO.
 """
 
 import json
@@ -17,7 +17,8 @@ import msgspec
 
 from groundstation.core import Tick
 from groundstation.core.geometry import Quat, Vec3
-from groundstation.core.messages import PoseStatus
+from groundstation.core.messages import Pose, PoseStatus
+from groundstation.core.trajectory import Reference
 from groundstation.recording.records import (
     NO_PORT,
     EndRecord,
@@ -36,7 +37,7 @@ from groundstation.recording.records import (
     TrajectoryRecord,
     WireRecord,
 )
-from links.core import Command, LinkStatus
+from links.core import Command, LinkStatus, Segment
 
 WORLD, VEHICLE = "world_ned", "vehicle"
 """Frames of /tf and /pose."""
@@ -499,3 +500,36 @@ def address(peer: Peer) -> str:
     if peer is None:
         return ""
     return peer[0] if peer[1] == NO_PORT else f"{peer[0]}:{peer[1]}"
+
+
+def read_pose(seen: MeasuredMessage) -> Pose:
+    """The pose as the pilot got it."""
+    velocity = None if seen.velocity_ned is msgspec.UNSET else _components(seen.velocity_ned)
+    at, attitude = _components(seen.position_ned), _quat(seen.attitude)
+    return Pose(seen.id, seen.time_s, seen.arrival_s, at, attitude, velocity, seen.reset_count)
+
+
+def read_reference(r: ReferenceMessage) -> Reference:
+    """Where the vehicle should have been."""
+    return Reference(
+        _components(r.position_ned),
+        _components(r.velocity_ned),
+        _components(r.acceleration_ned),
+        _components(r.jerk_ned),
+        r.yaw_rad,
+        r.yaw_rate_rad_s,
+    )
+
+
+def read_command(c: CommandMessage | IdleMessage) -> Command:
+    """The command as it was handed to the link."""
+    parts = tuple(Segment(part.duration_s, part.thrust_n, _components(part.rates_rad_s)) for part in c.bring_down)
+    return Command(c.thrust_n, _components(c.rates_rad_s), c.pose_id, c.pose_time_s, c.deadline_s, parts)
+
+
+def _components(v: Vector3) -> Vec3:
+    return (v.x, v.y, v.z)
+
+
+def _quat(q: Quaternion) -> Quat:
+    return (q.w, q.x, q.y, q.z)

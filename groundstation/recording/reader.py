@@ -184,7 +184,7 @@ def quick_headline(path: Path) -> tuple[dict[str, str], FlightHeadline, bool]:
     The bytes are summed up, nothing is unpacked: 7 ms for the 8 MB of two minutes.
 
     Raises:
-        NoRecording, OSError: see :class:`Recording`.
+        NoRecording, OSError: see :class:`RecordedVehicle`.
     """
     from mcap.reader import make_reader
 

@@ -401,7 +401,7 @@ class FlightLog:
         self._encode = msgspec.json.Encoder().encode
         self._flushed_s = 0.0
         self._writer = McapWriter(self._file, f"groundstation {__version__}")
-        self._writer.add_metadata("about", facts(about))
+        self._writer.add_metadata("about", about_texts(about))
         self._channels = {
             topic: self._writer.add_channel(topic, name, schema(name, message))
             for topic, (name, message) in CHANNELS.items()
@@ -477,7 +477,7 @@ class FlightLog:
         self._tlog.write(cutters[direction].records(data, self._messages.stamp(time_s)))
 
 
-def facts(about: About) -> dict[str, str]:
+def about_texts(about: About) -> dict[str, str]:
     """The first record of a recording: everything known before the flight, and what flies it."""
     packages = ", ".join([f"groundstation {__version__}", *(f"{name} {_version(name)}" for name in PACKAGES)])
     return _texts(

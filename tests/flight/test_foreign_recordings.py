@@ -10,7 +10,8 @@ import pytest
 from mcap.writer import Writer
 
 from groundstation import __main__ as program
-from groundstation.analysis.replay.command import replay_command, replayed
+from groundstation.analysis import replay_command
+from groundstation.analysis.replay import replay_facts
 from groundstation.config import ConfigError
 from groundstation.interfaces.tui.feeds import Tape
 from groundstation.recording import CHANNELS, Recording
@@ -68,7 +69,7 @@ def test_no_module_that_a_recording_names_is_imported_unasked(foreign: tuple[Pat
     path, mark = foreign
     for overrides in ((), ("vehicle.mass_kg=0.1",)):
         with pytest.raises(ConfigError) as error:
-            replayed(path, overrides)
+            replay_facts(path, overrides)
         assert error.value.key == "controller.kind"
         assert "--trust-modules" in str(error.value)
         assert str(path) in str(error.value)
@@ -81,9 +82,9 @@ def test_it_is_where_the_operator_says_so(foreign: tuple[Path, Path], tmp_path: 
     (tmp_path / "of_my_own.py").write_text(
         "from groundstation.core.control.baselines import Pid\nmake = lambda v, _: Pid().build(v)\n"
     )
-    assert replayed(path, ["controller.factory=of_my_own:make"])["commands"] > 300
+    assert replay_facts(path, ["controller.factory=of_my_own:make"])["commands"] > 300
     assert not mark.exists()
-    assert replayed(path, trust_modules=True)["commands"] > 300
+    assert replay_facts(path, trust_modules=True)["commands"] > 300
     assert mark.exists()
 
 

@@ -3,7 +3,7 @@
 import asyncio
 from pathlib import Path
 
-from groundstation.analysis.replay.command import replayed
+from groundstation.analysis.replay import replay_facts
 from groundstation.core.mission import State
 from groundstation.flight import Flight
 from groundstation.recording import Recording
@@ -37,7 +37,7 @@ def test_a_gain_changed_in_flight_is_recorded_and_flown_again_to_the_last_bit(tm
     assert mission.landed, mission.why
     assert "controller.k2 goes from 2 to 3 within 2 s" in told
     assert "controller.k2 stays at 3: the flight is as good as before" in told
-    facts = replayed(path)
+    facts = replay_facts(path)
     assert facts["first_difference"] is None
     assert facts["identical"] is True
     switched = [entry.value()["what"] for entry in Recording(path).entries(("/switch",))]

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from groundstation.analysis.replay.command import replayed
+from groundstation.analysis.replay import replay_facts
 from groundstation.core.messages import Ask, Request
 from groundstation.core.mission import IN_AIR, State
 from groundstation.flight import Flight
@@ -255,7 +255,7 @@ def test_a_mission_from_the_floor_is_flown_again_from_its_recording_to_the_last_
     run = RunFolder(tmp_path, config, world, scenario="adverse", seed=0)
     flown = fly_mission(world, config, seed=0, script=in_state(State.TRACKING, ask, 1.0), give=run.give)
     run.close({"completed": flown.landed, "why": flown.why})
-    facts = replayed(tmp_path / RECORDING)
+    facts = replay_facts(tmp_path / RECORDING)
     assert facts["first_difference"] is None
     assert facts["commands"] > 250
     assert facts["idle_commands"] > 100

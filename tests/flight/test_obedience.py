@@ -9,7 +9,7 @@ from typing import NamedTuple
 
 import pytest
 
-from groundstation.analysis.replay.command import replayed
+from groundstation.analysis.replay import replay_facts
 from groundstation.core.mission import FINAL
 from groundstation.recording import IdleRecord, LineRecord, Record, SentRecord, TickRecord
 from groundstation.recording.records import SwitchRecord
@@ -112,7 +112,7 @@ def test_no_command_follows_the_one_that_ends_a_convicted_flight(fault: str) -> 
 @pytest.mark.parametrize("fault", ["frozen", "frozen, radio", "late by 200 ms, fresh"])
 def test_a_flight_that_ends_by_what_the_commands_did_is_flown_again_to_the_last_bit(fault: str, tmp_path: Path) -> None:
     cell = flown(fault, "hold")
-    facts = replayed(written(cell, tmp_path))
+    facts = replay_facts(written(cell, tmp_path))
     assert facts["first_difference"] is None
     assert facts["identical"] is True
     assert facts["differing"] == {"pose": 0, "idle": 0, "command": 0}

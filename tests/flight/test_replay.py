@@ -10,7 +10,8 @@ import pytest
 from mcap.opcode import Opcode
 from mcap.writer import Writer
 
-from groundstation.analysis.replay.command import replay_command, replayed
+from groundstation.analysis import replay_command
+from groundstation.analysis.replay import replay_facts
 from groundstation.recording import CHANNELS, Entry, Recording
 from groundstation.recording.reader import MAGIC
 from tests.recordings import recorded
@@ -50,7 +51,7 @@ def test_a_simulated_flight_is_flown_again_to_the_last_bit(
     scenario: str, overrides: tuple[str, ...], source: str
 ) -> None:
     path, _, _ = recorded(scenario, *overrides, source=source)
-    facts = replayed(path)
+    facts = replay_facts(path)
     assert facts["first_difference"] is None
     assert facts["identical"] is True
     assert facts["commands"] > 300
@@ -88,7 +89,7 @@ def test_one_last_bit_of_one_command_is_found(tmp_path: Path, capsys: pytest.Cap
         return value
 
     bad = edited(path, tmp_path / "bad.mcap", edit)
-    facts = replayed(bad)
+    facts = replay_facts(bad)
     assert facts["identical"] is False
     first = facts["first_difference"]
     assert (first["what"], first["number"], first["field"]) == ("command", 123, "rates_rad_s")
@@ -109,7 +110,7 @@ def test_a_datagram_that_is_missing_is_missed(tmp_path: Path) -> None:
                 return None
         return value
 
-    facts = replayed(edited(path, tmp_path / "gap.mcap", edit))
+    facts = replay_facts(edited(path, tmp_path / "gap.mcap", edit))
     assert facts["identical"] is False
     assert facts["first_difference"]["what"] == "pose"
 
@@ -121,9 +122,9 @@ def test_records_that_the_recorder_left_out_are_never_called_identical(tmp_path:
         return value
 
     same = edited(path, tmp_path / "same.mcap", edit)
-    assert replayed(same)["identical"] is True
+    assert replay_facts(same)["identical"] is True
     lacking = _with_loss(same, tmp_path / "lacking.mcap")
-    facts = replayed(lacking)
+    facts = replay_facts(lacking)
     assert (facts["identical"], facts["lost"]) == (False, 7)
 
 
@@ -148,9 +149,9 @@ def test_a_recording_that_was_cut_off_is_flown_again_up_to_there(tmp_path: Path)
     path, _, _ = recorded()
     cut = tmp_path / "cut.mcap"
     cut.write_bytes(path.read_bytes()[:-200_000])
-    facts = replayed(cut)
+    facts = replay_facts(cut)
     assert (facts["identical"], facts["whole"]) == (True, False)
-    assert 0 < facts["commands"] < replayed(path)["commands"]
+    assert 0 < facts["commands"] < replay_facts(path)["commands"]
 
 
 @pytest.mark.parametrize("share", [0.4, 0.7])
@@ -167,14 +168,14 @@ def test_a_recording_damaged_in_its_middle_is_not_called_cut_off(
     facts = json.loads(capsys.readouterr().out)
     assert (facts["whole"], facts["identical"]) == (False, True)
     assert where - 100_000 < facts["damaged_at"] <= where
-    assert 0 < facts["commands"] < replayed(path)["commands"]
+    assert 0 < facts["commands"] < replay_facts(path)["commands"]
     assert replay_command(bad, [], as_json=False) == 1
     text = capsys.readouterr().out
     assert f"DAMAGED at byte {facts['damaged_at']}: the rest is not read" in text
     assert "cut off" not in text
     assert replay_command(bad, ["controller.k2=3"], as_json=True) == 1
     bad.write_bytes(data[: len(data) - 1000])  # cut off behind the damage
-    assert replayed(bad)["damaged_at"] == facts["damaged_at"]
+    assert replay_facts(bad)["damaged_at"] == facts["damaged_at"]
 
 
 @pytest.mark.parametrize("kind", [0x05, 0x46, 0x0A])
@@ -208,7 +209,7 @@ def test_a_replay_opens_no_port_of_a_real_vehicle(monkeypatch: pytest.MonkeyPatc
     path, _, _ = recorded(source="odometry")
     opened: list[str] = []
     monkeypatch.setattr("links.io.serial_port.open_port", lambda port, _: opened.append(port))
-    facts = replayed(path, ["link.serial=/dev/ttyACM0"])
+    facts = replay_facts(path, ["link.serial=/dev/ttyACM0"])
     assert opened == []
     assert facts["identical"] is False
     assert facts["first_difference"]["what"] == "pose"

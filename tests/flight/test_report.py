@@ -13,8 +13,7 @@ import pytest
 
 from groundstation.analysis.report import report_command
 from groundstation.analysis.report.figures import FIGURES
-from groundstation.analysis.report.flown import read
-from groundstation.analysis.report.numbers import numbers
+from groundstation.analysis.report.flight import numbers, read_columns
 from groundstation.config import ConfigError
 from groundstation.recording import quick_headline
 from sim.cli.run_folder import RECORDING, RunFolder
@@ -47,7 +46,7 @@ class Page(HTMLParser):
 
 @cache
 def facts() -> dict[str, Any]:
-    return numbers(read(recorded()[0]))
+    return numbers(read_columns(recorded()[0]))
 
 
 def reported(paths: list[Path], capsys: pytest.CaptureFixture[str]) -> dict[str, Any]:
@@ -80,7 +79,7 @@ def test_the_way_to_the_trajectory_and_the_landing_do_not_count(tmp_path: Path) 
     run = RunFolder(tmp_path, config, world, scenario="paper", seed=0)
     flown = fly_mission(world, config, seed=0, give=run.give)
     run.close({"completed": flown.landed, "why": flown.why})
-    mission = numbers(read(tmp_path / RECORDING))
+    mission = numbers(read_columns(tmp_path / RECORDING))
     begun = next(event["time_s"] for event in mission["events"] if event["kind"] == "tracking")
     assert begun < -1.0  # the way there
     assert 2.0 < mission["flown_s"] < 4.0

@@ -6,8 +6,7 @@ import pytest
 from matplotlib.figure import Figure
 
 from groundstation.analysis.report.figures import lateness
-from groundstation.analysis.report.flown import read
-from groundstation.analysis.report.numbers import numbers
+from groundstation.analysis.report.flight import numbers, read_columns
 from groundstation.config import ConfigError
 from sim.cli.run_folder import RECORDING, RunFolder
 from sim.runs import fly
@@ -85,7 +84,7 @@ def test_a_recording_tells_how_late_commands_and_the_pacers_frames_were(link: st
     folder = RunFolder(tmp_path, config, world, scenario="paper", seed=0)
     fly(world, config, seed=0, duration_s=3.0, give=folder.give)
     folder.close({"completed": True, "why": ""})
-    flight = read(tmp_path / RECORDING)
+    flight = read_columns(tmp_path / RECORDING)
     facts = numbers(flight)
     assert facts["lateness_ms"]["samples"] > 0.9 * facts["commands"] > 100
     assert sum(facts["link"]["late_octaves"]) > facts["commands"]

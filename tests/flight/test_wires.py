@@ -13,7 +13,7 @@ from typing import Any
 import msgspec
 import pytest
 
-from groundstation.analysis.replay.command import replayed
+from groundstation.analysis.replay import replay_facts
 from groundstation.core import Tick
 from groundstation.flight import Flight
 from groundstation.pose import TlogReader
@@ -143,7 +143,7 @@ def test_the_vehicle_is_flown_over_a_stream(autopilot: str, over: Any, tmp_path:
 
 def test_a_flight_on_poses_by_a_serial_port_is_flown_again_to_the_last_bit(tmp_path: Path) -> None:
     ticks = flown("px4", over_serial, tmp_path, source="odometry")
-    facts = replayed(tmp_path / "flight.mcap")
+    facts = replay_facts(tmp_path / "flight.mcap")
     assert facts["first_difference"] is None
     assert facts["identical"] is True
     assert facts["commands"] >= len(ticks)

@@ -5,7 +5,7 @@ from typing import Any
 import msgspec
 import pytest
 
-from groundstation.analysis.replay.again import Comparison, Difference
+from groundstation.analysis.replay import Comparison, Difference
 from links.core import Command, Segment
 
 WAS = Command(1.0, (0.0, 0.5, 0.0), 3, 0.0, 1.0, (Segment(1.0, 2.0, (0.0, 0.0, 0.0)),))

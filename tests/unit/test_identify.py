@@ -8,14 +8,12 @@ from typing import Any
 import numpy as np
 import pytest
 
-from groundstation.analysis.identify.fit import Bounds, designed, fitted, solved
-from groundstation.analysis.identify.found import Found, identified, level
-from groundstation.analysis.identify.lagged import lagged
-from groundstation.analysis.identify.parameter import FLY
-from groundstation.analysis.identify.scene import full_n, hover_signal, most_n
-from groundstation.analysis.identify.seen import Column, Seen
-from groundstation.analysis.identify.text import file_text, table
-from groundstation.analysis.identify.turning import turns
+from groundstation.analysis.identify.command import file_text, table
+from groundstation.analysis.identify.fit import Bounds, design_filter, fit_noise, minimize
+from groundstation.analysis.identify.stretch import Column, FlightStretch
+from groundstation.analysis.identify.thrust_fit import full_n, hover_signal, most_n
+from groundstation.analysis.identify.turn_fit import respond_with_lag, turns
+from groundstation.analysis.identify.vehicle import FLY, IdentifiedVehicle, identify, measure_noise
 from groundstation.core.geometry import FLOATS, IDENTITY
 from groundstation.core.geometry import turned as turned_by
 from groundstation.core.vehicle import Drive, Motion, Vehicle, rolled
@@ -40,7 +38,7 @@ def flown(
     wind: float = 0.1,
     lever_m: float = 0.0,
     link_curve: float | None = None,
-) -> Seen:
+) -> FlightStretch:
     """Open loop, by the controller's own model: lags of 60 and 40 ms, a delay of 15 ms, poses at 50 Hz."""
     rng = np.random.default_rng(3)
     vehicle = Vehicle(name="made-up", mass_kg=0.5, thrust_max_n=9.0, thrust_curve=told_curve)
@@ -86,7 +84,7 @@ def flown(
     recording: Any = type("Whole", (), {"whole": True, "about": {}})()
     use = slice(50, None)
     parts = (np.array(sent_s), np.array(newtons), np.array(rates), np.array(at)[use], np.array(places)[use])
-    return Seen(Path("made-up.mcap"), recording, config, *parts, np.array(attitudes)[use])
+    return FlightStretch(Path("made-up.mcap"), recording, config, *parts, np.array(attitudes)[use])
 
 
 def _down(q: tuple[float, float, float, float]) -> tuple[float, float, float]:
@@ -94,7 +92,7 @@ def _down(q: tuple[float, float, float, float]) -> tuple[float, float, float]:
     return (2.0 * (x * z + w * y), 2.0 * (y * z - w * x), 1.0 - 2.0 * (x * x + y * y))
 
 
-def holds(found: Found, **truth: float) -> None:
+def holds(found: IdentifiedVehicle, **truth: float) -> None:
     """Every truth lies within its interval, widened by half: this is one draw of twenty that may miss."""
     for name, true in truth.items():
         one = found.parameters[name]
@@ -106,7 +104,7 @@ def holds(found: Found, **truth: float) -> None:
 
 def test_a_lag_is_followed_and_summed_up_exactly() -> None:
     sent, held = np.array([0.0, 0.1, 0.25]), np.array([1.0, 3.0, -1.0])
-    response = lagged(sent, held, 0.02, 0.05)
+    response = respond_with_lag(sent, held, 0.02, 0.05)
     t = np.linspace(0.02, 0.6, 5801)
     values = response.value(t)
     assert values[0] == 1.0
@@ -119,7 +117,7 @@ def test_a_lag_is_followed_and_summed_up_exactly() -> None:
 
 
 def test_without_a_lag_commands_are_obeyed_at_once() -> None:
-    response = lagged(np.array([0.0, 0.1]), np.array([1.0, 3.0]), 0.0, 0.0)
+    response = respond_with_lag(np.array([0.0, 0.1]), np.array([1.0, 3.0]), 0.0, 0.0)
     assert response.value(np.array([0.05, 0.1, 0.2])).tolist() == [1.0, 3.0, 3.0]
     assert response.integral(np.array([0.05, 0.2])).tolist() == pytest.approx([0.05, 0.4])
 
@@ -131,7 +129,7 @@ def test_the_noise_of_a_drifting_place_is_found_and_its_innovations_are_white() 
     drift = np.cumsum(rng.normal(0.0, math.sqrt(2.0 * h), (count, 2)), axis=0)
     speed = np.cumsum(h * drift, axis=0)
     place = np.cumsum(h * speed, axis=0) + rng.normal(0.0, 1e-3, (count, 2))
-    noise, filter_ = fitted(at, place, (0.0, 1.0, 1e4), 0.1)
+    noise, filter_ = fit_noise(at, place, (0.0, 1.0, 1e4), 0.1)
     assert math.sqrt(noise.variance) == pytest.approx(1e-3, rel=0.1)
     assert noise.ratios[2] * noise.variance == pytest.approx(2.0, rel=0.7)
     news, _ = filter_.innovations(place)
@@ -143,7 +141,7 @@ def test_the_noise_of_a_drifting_place_is_found_and_its_innovations_are_white() 
 
 def test_after_a_gap_the_filter_knows_nothing() -> None:
     at = np.array([0.0, 0.02, 0.04, 0.06, 0.08, 1.0, 1.02, 1.04, 1.06, 1.08])
-    unsure = np.isinf(designed(at, (0.0, 1.0, 1.0), 0.1).variances)
+    unsure = np.isinf(design_filter(at, (0.0, 1.0, 1.0), 0.1).variances)
     assert unsure.tolist() == [True] * 3 + [False] * 2 + [True] * 3 + [False] * 2
 
 
@@ -156,7 +154,7 @@ def test_a_fit_finds_what_is_seen_and_says_of_the_rest_that_it_is_not() -> None:
         return np.stack([(measured - one[0] * t)[:, None] for one in sets], axis=-1)
 
     wide = np.full(2, np.inf)
-    fit = solved(whitened, np.zeros(2), Bounds(-10.0 + np.zeros(2), 10.0 + np.zeros(2), *_free(wide)), 0.02)
+    fit = minimize(whitened, np.zeros(2), Bounds(-10.0 + np.zeros(2), 10.0 + np.zeros(2), *_free(wide)), 0.02)
     assert abs(fit.values[0] - 2.0) < 3.0 * fit.deviations[0]
     assert fit.deviations[0] == pytest.approx(1.0 / math.sqrt(float((t**2).sum())), rel=0.4)
     assert fit.deviations[1] > 10.0
@@ -175,7 +173,7 @@ def test_a_fit_counts_in_that_innovations_hang_together() -> None:
         return np.stack([(slow - one[0] * t)[:, None] for one in sets], axis=-1)
 
     bounds = Bounds(np.array([-9.0]), np.array([9.0]), np.array([1e-3]), np.zeros(1), np.array([np.inf]))
-    fit = solved(whitened, np.zeros(1), bounds, 0.02)
+    fit = minimize(whitened, np.zeros(1), bounds, 0.02)
     assert fit.deviations[0] > 3.0 / math.sqrt(1000.0)
 
 
@@ -183,10 +181,10 @@ def test_noise_is_told_from_motion() -> None:
     rng = np.random.default_rng(5)
     at = np.linspace(0.0, 39.98, 2000)
     motion = np.sin(6.0 * at)[:, None] + rng.normal(0.0, 3e-4, (2000, 3))
-    found = level(at, motion)
+    found = measure_noise(at, motion)
     assert abs(found.value - 3e-4) < 3.0 * found.deviation
     assert found.deviation < 1e-5
-    assert math.isinf(level(at[:40], motion[:40]).deviation)
+    assert math.isinf(measure_noise(at[:40], motion[:40]).deviation)
 
 
 def test_turns_are_those_between_the_attitudes() -> None:
@@ -196,7 +194,7 @@ def test_turns_are_those_between_the_attitudes() -> None:
 
 
 def test_a_made_up_vehicle_is_found_again() -> None:
-    found = identified(flown())
+    found = identify(flown())
     holds(
         found,
         thrust_scale=0.9,
@@ -215,7 +213,7 @@ def test_a_made_up_vehicle_is_found_again() -> None:
 
 def test_a_curve_that_nobody_told_is_found() -> None:
     seen = flown(curve=0.6, scale=0.95)
-    found = identified(seen)
+    found = identify(seen)
     holds(found, thrust_curve=0.6, hover_thrust=signal(0.5 * G / (0.95 * 9.0), 0.6))
     text = file_text(found)
     written = Vehicle.with_text({}, text)
@@ -225,7 +223,7 @@ def test_a_curve_that_nobody_told_is_found() -> None:
 
 
 def test_where_the_link_has_the_curve_the_vehicle_keeps_its_own() -> None:
-    found = identified(flown(curve=0.5, told_curve=0.2, link_curve=0.5, seconds=16.0))
+    found = identify(flown(curve=0.5, told_curve=0.2, link_curve=0.5, seconds=16.0))
     written = Vehicle.with_text({}, file_text(found))
     assert written["thrust_curve"] == 0.2
     assert full_thrust_n(0.5 * G, written["hover_thrust"], 0.5) == pytest.approx(0.9 * 9.0, rel=0.03)
@@ -233,7 +231,7 @@ def test_where_the_link_has_the_curve_the_vehicle_keeps_its_own() -> None:
 
 def test_a_tracked_point_above_the_centre_of_mass_does_not_pass_for_thrust_and_a_wrong_latency_is_seen() -> None:
     seen = flown(lever_m=0.03, seconds=16.0)
-    found = identified(replace(seen, at_s=seen.at_s - 0.025))
+    found = identify(replace(seen, at_s=seen.at_s - 0.025))
     holds(found, thrust_scale=0.9, rate_lag=0.04, command_delay=-0.010)
     assert (
         "poses are stamped 10 ms early or more, so pose.latency_s is too large"
@@ -242,7 +240,7 @@ def test_a_tracked_point_above_the_centre_of_mass_does_not_pass_for_thrust_and_a
 
 
 def test_of_a_flight_that_moves_nothing_it_says_so() -> None:
-    found = identified(flown(strength=0.0, scale=1.0, noise_m=1e-4, noise_rad=1e-4, wind=0.0, seconds=10.0))
+    found = identify(flown(strength=0.0, scale=1.0, noise_m=1e-4, noise_rad=1e-4, wind=0.0, seconds=10.0))
     for name in ("thrust_scale", "thrust_curve", "thrust_lag", "rate_lag", "yaw_rate_lag", "command_delay", "drag"):
         one = found.parameters[name]
         assert (one.value, one.interval, one.note) == (None, None, FLY)

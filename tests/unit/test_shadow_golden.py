@@ -7,8 +7,8 @@ from pathlib import Path
 
 import pytest
 
-from groundstation.analysis.shadow import Recording, read_recording
-from groundstation.analysis.shadow.report import Report, report
+from groundstation.analysis.shadow import RecordedVehicle, read_recording
+from groundstation.analysis.shadow.report import ShadowReport, report
 from groundstation.core.messages import Pose
 
 GOLDEN = Path(__file__).parents[1] / "golden"
@@ -18,12 +18,12 @@ ODOMETRY, LOCAL_POSITION_NED, ATTITUDE_QUATERNION, SET_ATTITUDE_TARGET = 331, 32
 
 
 @cache
-def replayed(path: Path) -> Report:
+def replayed(path: Path) -> ShadowReport:
     return report(path)
 
 
 @cache
-def recording(path: Path) -> Recording:
+def recording(path: Path) -> RecordedVehicle:
     return read_recording(path, LATENCY_S, 1)
 
 

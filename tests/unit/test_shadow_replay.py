@@ -10,7 +10,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from groundstation.analysis.shadow.recording import in_order
-from groundstation.analysis.shadow.report import Report, report
+from groundstation.analysis.shadow.report import ShadowReport, report
 from groundstation.config import ConfigError
 from groundstation.core.geometry import Vec3
 from groundstation.pose import TlogRecord
@@ -20,13 +20,13 @@ UNKNOWN: Vec3 = (math.nan, math.nan, math.nan)
 NO_LAG = ("vehicle.thrust_lag_s=0.0", "vehicle.rate_lag_s=0.0")
 
 
-def replayed(flight: Flight, folder: Path, *overrides: str) -> Report:
+def replayed(flight: Flight, folder: Path, *overrides: str) -> ShadowReport:
     file = folder / "flight.tlog"
     file.write_bytes(flight.tlog())
     return report(file, None, [*NO_LAG, *overrides])
 
 
-def levels(found: Report) -> dict[str, str]:
+def levels(found: ShadowReport) -> dict[str, str]:
     """The worst level of each thing looked at."""
     order = ["fine", "care", "bad"]
     worst: dict[str, str] = {}
@@ -183,7 +183,7 @@ def test_the_configuration_file_is_taken_as_it_is(tmp_path: Path) -> None:
 
 def test_every_number_goes_into_json_and_back(tmp_path: Path) -> None:
     found = replayed(Flight(), tmp_path)
-    assert msgspec.json.decode(msgspec.json.encode(found), type=Report) == found
+    assert msgspec.json.decode(msgspec.json.encode(found), type=ShadowReport) == found
 
 
 def logged_at(*times_s: float) -> list[TlogRecord]:

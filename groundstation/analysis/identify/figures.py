@@ -6,11 +6,10 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from groundstation.analysis.identify.found import Found, accelerations
-from groundstation.analysis.identify.parameter import WIDE
-from groundstation.analysis.identify.scene import NAMES, full_n, thrust_n
-from groundstation.analysis.identify.seen import Column
-from groundstation.analysis.report import BLUE, DPI, GREEN, GREY, ORANGE, PLOT_STYLE
+from groundstation.analysis.identify.stretch import Column
+from groundstation.analysis.identify.thrust_fit import NAMES, full_n, thrust_n
+from groundstation.analysis.identify.vehicle import WIDE, IdentifiedVehicle, accelerations
+from groundstation.analysis.report import BLUE, DPI, GREEN, GREY, ORANGE, PLOT_STYLE, finish_panels
 from links.core import signal
 
 CLOSE_S = 5.0
@@ -20,7 +19,7 @@ LAGS = 60
 TIME = "time since the first pose used [s]"
 
 
-class Figure(NamedTuple):
+class FitFigure(NamedTuple):
     """One figure of the page."""
 
     name: str
@@ -29,7 +28,7 @@ class Figure(NamedTuple):
     caption: str
     rows: int
     height_in: float
-    draw: Callable[[Sequence[Any], Found], None]
+    draw: Callable[[Sequence[Any], IdentifiedVehicle], None]
 
 
 def _busiest(at_s: Column, values: Column) -> tuple[float, float]:
@@ -42,7 +41,7 @@ def _busiest(at_s: Column, values: Column) -> tuple[float, float]:
     return start, start + CLOSE_S
 
 
-def turns(panels: Sequence[Any], found: Found) -> None:
+def turns(panels: Sequence[Any], found: IdentifiedVehicle) -> None:
     """Body rates between poses: commanded, measured, modelled."""
     seen, turned = found.seen, found.turned
     spans = np.diff(seen.at_s)[:, None]
@@ -65,10 +64,10 @@ def turns(panels: Sequence[Any], found: Found) -> None:
         panel.plot(t, measured, ".", color=ORANGE, markersize=3.5, label="measured")
         panel.plot(t, model, color=BLUE, linewidth=1.4, label="model")
         panel.set_ylabel(f"{name} rate\n[rad/s]")
-    _finished(panels, TIME)
+    finish_panels(panels, below=TIME)
 
 
-def pushes(panels: Sequence[Any], found: Found) -> None:
+def pushes(panels: Sequence[Any], found: IdentifiedVehicle) -> None:
     """Accelerations: measured and modelled, each less its mean."""
     at, measured, model = accelerations(found)
     start, end = _busiest(at, model)
@@ -82,10 +81,10 @@ def pushes(panels: Sequence[Any], found: Found) -> None:
             one = values[near, axis]
             panel.plot(t, one - np.nanmean(one), style, color=colour, linewidth=width, markersize=3.5, label=label)
         panel.set_ylabel(f"{name}\n[m/s²]")
-    _finished(panels, TIME)
+    finish_panels(panels, below=TIME)
 
 
-def curve(panels: Sequence[Any], found: Found) -> None:
+def curve(panels: Sequence[Any], found: IdentifiedVehicle) -> None:
     """Thrust by its signal, as told and as found, and how often which signal flew."""
     over, often = panels
     config, pushed = found.seen.config, found.pushed
@@ -112,10 +111,10 @@ def curve(panels: Sequence[Any], found: Found) -> None:
     sent = [signal(newtons / config.full_thrust_n, config.thrust_curve) for newtons in seen.thrust_n[flown].tolist()]
     often.hist(sent, bins=60, range=(0.0, 1.0), weights=np.full(len(sent), 100.0 / len(sent)), color=BLUE, alpha=0.75)
     often.set_ylabel("share of\ncommands [%]")
-    _finished(panels, "signal as sent, 0 to 1")
+    finish_panels(panels, below="signal as sent, 0 to 1")
 
 
-def whiteness(panels: Sequence[Any], found: Found) -> None:
+def whiteness(panels: Sequence[Any], found: IdentifiedVehicle) -> None:
     """How what the models leave hangs together in time."""
     span = float(np.median(np.diff(found.seen.at_s)))
     groups = (
@@ -136,7 +135,7 @@ def whiteness(panels: Sequence[Any], found: Found) -> None:
     panels[-1].set_xlabel("apart by [s]")
 
 
-def shares(panels: Sequence[Any], found: Found) -> None:
+def shares(panels: Sequence[Any], found: IdentifiedVehicle) -> None:
     """Each parameter against what was told."""
     (panel,) = panels
     known = [one for one in found.parameters.values() if one.interval and one.value is not None and one.told]
@@ -153,16 +152,8 @@ def shares(panels: Sequence[Any], found: Found) -> None:
     panel.set_xlabel("share of what was told [%]; bars: 95 %")
 
 
-def _finished(panels: Sequence[Any], below: str) -> None:
-    handles, labels = panels[0].get_legend_handles_labels()
-    panels[0].legend(handles, labels, ncols=3, loc="lower right", bbox_to_anchor=(1.0, 0.98))
-    panels[-1].set_xlabel(below)
-    for panel in panels:
-        panel.margins(x=0.01)
-
-
 FIGURES = (
-    Figure(
+    FitFigure(
         "told",
         "Found against told",
         "Each parameter that the controller is told, and its 95 % interval, as a share of what it was told in this "
@@ -171,7 +162,7 @@ FIGURES = (
         3.4,
         shares,
     ),
-    Figure(
+    FitFigure(
         "turns",
         "Body rates",
         "Commanded, measured (from one pose to the next) and modelled, over the 5 s in which they move most. Dots that "
@@ -180,7 +171,7 @@ FIGURES = (
         5.2,
         turns,
     ),
-    Figure(
+    FitFigure(
         "pushes",
         "Accelerations",
         "Second differences over 0.2 s of the measured positions and of the model's, each less its mean. What differs "
@@ -189,7 +180,7 @@ FIGURES = (
         5.2,
         pushes,
     ),
-    Figure(
+    FitFigure(
         "curve",
         "Thrust curve",
         "Thrust by the signal that is sent, as told and as found; below, which signals this flight used. Beyond these "
@@ -198,7 +189,7 @@ FIGURES = (
         5.0,
         curve,
     ),
-    Figure(
+    FitFigure(
         "whiteness",
         "What is left",
         "Innovations of turns and positions against themselves, later. Far outside the band, the model lacks "
@@ -210,7 +201,7 @@ FIGURES = (
 )
 
 
-def drawn(folder: Path, found: Found) -> list[tuple[Figure, Path]]:
+def draw_figures(folder: Path, found: IdentifiedVehicle) -> list[tuple[FitFigure, Path]]:
     """Draw every figure into ``folder``; returns each with its file.
 
     Raises:

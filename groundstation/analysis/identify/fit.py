@@ -11,7 +11,7 @@ from typing import Any, NamedTuple, TypeAlias
 
 import numpy as np
 
-from groundstation.analysis.identify.seen import Column
+from groundstation.analysis.identify.stretch import Column
 from groundstation.core.estimation import Covariance, Densities, predict_covariance, update_covariance
 
 ROUNDS = 15
@@ -23,7 +23,7 @@ FALLS = 8
 """A step that makes it worse is halved so often."""
 NOTHING = 1e-9
 """Information of what is not seen, per step squared."""
-Whitened = Callable[[Sequence[Column]], Column]
+Whiten = Callable[[Sequence[Column]], Column]
 """Sets of P parameters, S of them → innovations of unit variance, (N, k, S)."""
 
 
@@ -55,14 +55,14 @@ class Fit(NamedTuple):
         spread: Column = np.sqrt(np.diag(self.covariance))
         return spread
 
-    def given(self, index: int, value: float) -> Column:
+    def condition_on(self, index: int, value: float) -> Column:
         """The likeliest parameters where the one at ``index`` is known to be ``value``."""
         share = self.covariance[:, index] / self.covariance[index, index]
         likeliest: Column = self.values + share * (value - self.values[index])
         return likeliest
 
 
-def solved(whitened: Whitened, start: Column, bounds: Bounds, interval_s: float) -> Fit:
+def minimize(whitened: Whiten, start: Column, bounds: Bounds, interval_s: float) -> Fit:
     """The parameters of least innovations, from ``start``; samples are ``interval_s`` [s] apart.
 
     Intervals that rest on white innovations alone are too short where these hang together. So both are computed: the
@@ -71,14 +71,14 @@ def solved(whitened: Whitened, start: Column, bounds: Bounds, interval_s: float)
     """
     values = np.clip(start, bounds.least, bounds.most)
     sure = 1.0 / bounds.spread**2
-    information, slopes, news = _looked(whitened, values, bounds)
+    information, slopes, news = _linearize(whitened, values, bounds)
     for _ in range(ROUNDS):
         pull = np.einsum("nap,na->p", slopes, news) + sure * (values - bounds.expected)
         step = -np.linalg.solve(information, pull)
         deviations = np.sqrt(np.diag(np.linalg.inv(information)))
         before = values
         values, news = _down(whitened, values, step, news, bounds)
-        information, slopes, news = _looked(whitened, values, bounds)
+        information, slopes, news = _linearize(whitened, values, bounds)
         if np.all(np.abs(values - before) < CLOSE * deviations):
             break
     inverse = np.linalg.inv(information)
@@ -93,7 +93,7 @@ def solved(whitened: Whitened, start: Column, bounds: Bounds, interval_s: float)
     return Fit(values, inverse * np.outer(wider, wider), news)
 
 
-def _looked(whitened: Whitened, values: Column, bounds: Bounds) -> tuple[Column, Column, Column]:
+def _linearize(whitened: Whiten, values: Column, bounds: Bounds) -> tuple[Column, Column, Column]:
     """Information (P, P), how innovations move with each parameter (N, k, P), and the innovations (N, k)."""
     moved = [values + step for step in np.diag(bounds.steps)]
     news = whitened([values, *moved])
@@ -104,7 +104,7 @@ def _looked(whitened: Whitened, values: Column, bounds: Bounds) -> tuple[Column,
     return information, slopes, news[:, :, 0]
 
 
-def _down(whitened: Whitened, values: Column, step: Column, news: Column, bounds: Bounds) -> tuple[Column, Column]:
+def _down(whitened: Whiten, values: Column, step: Column, news: Column, bounds: Bounds) -> tuple[Column, Column]:
     """The values after the longest of the steps ``step``/2ⁿ that leaves less than ``news``."""
 
     def cost(values: Column, news: Column) -> float:
@@ -140,7 +140,7 @@ class Noise(NamedTuple):
     ratios: Ratios
 
 
-class Filter(NamedTuple):
+class InnovationFilter(NamedTuple):
     """Gains over N samples: they do not depend on the data."""
 
     spans_s: Column
@@ -170,7 +170,7 @@ class Filter(NamedTuple):
         return news / np.sqrt(self.variances)[:, None], halfway
 
 
-def designed(at_s: Column, ratios: Ratios, gap_s: float) -> Filter:
+def design_filter(at_s: Column, ratios: Ratios, gap_s: float) -> InnovationFilter:
     """The filter for samples at ``at_s`` (N,) [s]; after a span longer than ``gap_s`` it begins anew."""
     spans = np.diff(at_s, prepend=at_s[0])
     gains, variances = np.zeros((len(at_s), 3)), np.full(len(at_s), np.inf)
@@ -185,7 +185,7 @@ def designed(at_s: Column, ratios: Ratios, gap_s: float) -> Filter:
         known += 1
         if known > 0:
             variances[k] = total
-    return Filter(spans, gains, variances)
+    return InnovationFilter(spans, gains, variances)
 
 
 def _unknown(ratios: tuple[Any, Any, Any]) -> Covariance:
@@ -193,9 +193,9 @@ def _unknown(ratios: tuple[Any, Any, Any]) -> Covariance:
     return Covariance(DIFFUSE, 0.0, 0.0, 0.0, DIFFUSE, 0.0, 0.0, DIFFUSE * (ratios[2] > 0.0), 0.0, 0.0)
 
 
-def fitted(
+def fit_noise(
     at_s: Column, left: Column, about: Ratios, gap_s: float, powers: Sequence[Column] = (COARSE, FINE)
-) -> tuple[Noise, Filter]:
+) -> tuple[Noise, InnovationFilter]:
     """The likeliest noise of what a model has ``left`` unexplained (N, k), and its filter for all samples.
 
     The search goes from the ratios ``about`` by these ``powers`` of ten, in turn; a ratio of 0 stays so. The variance
@@ -211,7 +211,7 @@ def fitted(
         unlikely, variances = _unlikely(at_s[few], left[few], (tried[0], tried[1], tried[2]), gap_s)
         i = int(unlikely.argmin())
         best, variance = (float(tried[0][i]), float(tried[1][i]), float(tried[2][i])), float(variances[i])
-    return Noise(variance, best), designed(at_s, best, gap_s)
+    return Noise(variance, best), design_filter(at_s, best, gap_s)
 
 
 def _unlikely(at_s: Column, left: Column, ratios: tuple[Column, Column, Column], gap_s: float) -> tuple[Column, Column]:

@@ -2,16 +2,12 @@
 
 TYPE_CHECKING = False
 if TYPE_CHECKING:
-    from groundstation.analysis.report.command import report_command
-    from groundstation.analysis.report.figures import DPI, PLOT_STYLE
-    from groundstation.analysis.report.figures_control import BLUE, GREEN, GREY, ORANGE
-    from groundstation.analysis.report.page import document, framed
+    from groundstation.analysis.report.figures import BLUE, DPI, GREEN, GREY, ORANGE, PLOT_STYLE, finish_panels
+    from groundstation.analysis.report.page import document, frame_picture, report_command
 
 _MODULES = {
-    "command": ("report_command",),
-    "figures": ("DPI", "PLOT_STYLE"),
-    "figures_control": ("BLUE", "GREEN", "GREY", "ORANGE"),
-    "page": ("document", "framed"),
+    "figures": ("BLUE", "DPI", "GREEN", "GREY", "ORANGE", "PLOT_STYLE", "finish_panels"),
+    "page": ("document", "frame_picture", "report_command"),
 }
 
 

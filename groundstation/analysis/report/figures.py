@@ -1,6 +1,7 @@
 """Figures of a report: one PNG each; two flights stand side by side, on the same scales.
 
-Here are those of the flight as a whole: path, error, latency, lateness, events, saturation.
+First those of control, the paper's 3 to 6 and the Lyapunov function with its certificate; then those of the flight as a
+whole: path, error, latency, lateness, events, saturation.
 """
 
 from collections.abc import Callable, Sequence
@@ -9,11 +10,127 @@ from typing import Any, Literal, NamedTuple
 
 import numpy as np
 
-from groundstation.analysis.report import figures_control as control
-from groundstation.analysis.report.figures_control import BLUE, GREEN, GREY, ORANGE, PURPLE, RED, TIME
-from groundstation.analysis.report.flown import Column, Flown
-from groundstation.analysis.report.numbers import PAPER, known, latency, limits
+from groundstation.analysis.report.flight import PAPER, Column, FlightColumns, drop_unknown, latency, limits
 from groundstation.recording import STEADY_S
+
+# M. Okabe, K. Ito: a palette that the colour-blind can tell apart; dashes differ too, for print without colour.
+BLUE, ORANGE, GREEN, RED, GREY, PURPLE = "#0072B2", "#E69F00", "#009E73", "#D55E00", "#555555", "#CC79A7"
+AXES = (("north", BLUE, "-"), ("east", ORANGE, "--"), ("down", GREEN, "-."))
+TIME = "time [s]"
+V_FLOOR = 1e-8
+"""V below this is drawn as this [m²/s²]."""
+
+
+def position(panels: Sequence[Any], flown: FlightColumns) -> None:
+    """Estimate and reference, an axis a panel."""
+    for i, (panel, (name, colour, _)) in enumerate(zip(panels, AXES, strict=True)):
+        panel.plot(flown.t, flown.vectors["position_ned"][:, i], color=colour, linewidth=1.6, label="estimate")
+        panel.plot(flown.t, flown.vectors["reference_ned"][:, i], "--", color="black", linewidth=0.9, label="reference")
+        panel.set_ylabel(f"{name} [m]")
+        _at_least(panel, 0.1)
+    finish_panels(panels)
+
+
+def disturbance(panels: Sequence[Any], flown: FlightColumns) -> None:
+    """b̂ and d̂, an axis a panel."""
+    for i, (panel, (name, colour, _)) in enumerate(zip(panels, AXES, strict=True)):
+        panel.plot(flown.t, flown.vectors["b_hat_m_s2"][:, i], color=colour, label="b̂ (adaptation)")
+        panel.plot(flown.t, flown.vectors["d_hat_m_s2"][:, i], color="black", linewidth=0.7, label="d̂ (observer)")
+        panel.set_ylabel(f"{name} [m/s²]")
+    finish_panels(panels)
+
+
+def actuation(panels: Sequence[Any], flown: FlightColumns) -> None:
+    """Thrust and three body rates, with the commands that met a limit."""
+    bounds = limits(flown)
+    columns: tuple[tuple[str, str, str, Column], ...] = (
+        ("thrust", "N", "black", flown.scalars["thrust_n"]),
+        ("roll", "rad/s", BLUE, flown.vectors["rates_rad_s"][:, 0]),
+        ("pitch", "rad/s", ORANGE, flown.vectors["rates_rad_s"][:, 1]),
+        ("yaw", "rad/s", GREEN, flown.vectors["rates_rad_s"][:, 2]),
+    )
+    clamped = flown.scalars["saturated"] > 0.0
+    for panel, (name, unit, colour, values) in zip(panels, columns, strict=True):
+        panel.plot(flown.t, values, color=colour, linewidth=0.9)
+        for k, bound in enumerate(bounds.get(name, ())):
+            panel.axhline(bound, color=RED, linestyle=(0, (4, 3)), linewidth=0.9, label=None if k else "limit")
+        if clamped.any():
+            label = "a limit was met (any of the four)"
+            panel.plot(flown.t[clamped], values[clamped], "x", color=RED, markersize=4, label=label)
+        panel.set_ylabel(f"{name}{'' if name == 'thrust' else ' rate'} [{unit}]")
+    finish_panels(panels)
+
+
+def backstepping(panels: Sequence[Any], flown: FlightColumns) -> None:
+    """z1, z2 and z3, three axes a panel. The scale is that of the flight, not that of its first instants."""
+    for panel, (key, name) in zip(
+        panels, (("z1_m", "z1 [m]"), ("z2_m_s", "z2 [m/s]"), ("z3_m_s2", "z3 [m/s²]")), strict=True
+    ):
+        values = flown.vectors[key]
+        for i, (axis, colour, dash) in enumerate(AXES):
+            panel.plot(flown.t, values[:, i], dash, color=colour, linewidth=1.0, label=axis)
+        panel.set_ylabel(name)
+        _linear_near_zero(panel, values)
+    finish_panels(panels, columns=3)
+
+
+def lyapunov(panels: Sequence[Any], flown: FlightColumns) -> None:
+    """V with its terms, its excess, and the watch's word as a band."""
+    over, excess, word = panels
+    for key, label, colour, dash in (
+        ("v_sigma", "position term", BLUE, "--"),
+        ("v_omega", "speed term", ORANGE, "-."),
+        ("v_z3", "acceleration term", GREEN, ":"),
+        ("v", "V", "black", "-"),
+    ):
+        over.plot(flown.t, np.maximum(flown.scalars[key], V_FLOOR), dash, color=colour, linewidth=1.0, label=label)
+    if not np.nanmax(flown.scalars["v"], initial=0.0) > 0.0:
+        over.annotate("this controller has no Lyapunov function", (0.5, 0.5), xycoords="axes fraction", ha="center")
+    over.set_yscale("log")
+    over.set_ylabel("V and its terms\n[m²/s²]")
+    excess.plot(flown.t, flown.scalars["excess"], color=RED)
+    excess.set_ylabel("V above its\nbound [m²/s²]")
+    names = ("holds", "suspended", "violated", "none")
+    for row, (name, colour) in enumerate(zip(names, (GREEN, ORANGE, RED, GREY), strict=True)):
+        at = np.array([state == name for state in flown.certificates])
+        share = 100.0 * float(at.mean())
+        word.plot(flown.t[at], np.full(int(at.sum()), row), "|", color=colour, markersize=11)
+        word.annotate(f"{share:.2f} %", (1.01, row), xycoords=("axes fraction", "data"), va="center", fontsize=8)
+    word.set_yticks(range(4), names)
+    word.set_ylim(3.6, -0.6)
+    word.set_ylabel("certificate")
+    finish_panels(panels, columns=4)
+
+
+def finish_panels(panels: Sequence[Any], columns: int = 3, below: str = TIME) -> None:
+    """The legend above the first panel, where no curve is; what the horizontal axis is ``below`` the last."""
+    handles, labels = panels[0].get_legend_handles_labels()
+    if handles:
+        panels[0].legend(handles, labels, ncols=columns, loc="lower right", bbox_to_anchor=(1.0, 0.98))
+    panels[-1].set_xlabel(below)
+    for panel in panels:
+        panel.margins(x=0.01)
+
+
+def _at_least(panel: Any, span: float) -> None:
+    """A millimetre must not fill the panel: show ``span`` at least, in the unit of the axis."""
+    low, high = panel.get_ylim()
+    if high - low < span:
+        middle = 0.5 * (low + high)
+        panel.set_ylim(middle - 0.5 * span, middle + 0.5 * span)
+
+
+def _linear_near_zero(panel: Any, values: Column) -> None:
+    """Linear up to what 99 % of the flight keeps to, logarithmic above, where the start would dwarf the rest."""
+    from matplotlib.ticker import SymmetricalLogLocator
+
+    usual = float(np.percentile(np.abs(values[np.isfinite(values)]), 95)) if np.isfinite(values).any() else 0.0
+    if usual > 0.0 and np.nanmax(np.abs(values)) > 10.0 * usual:
+        threshold = 10.0 ** np.ceil(np.log10(usual))
+        panel.set_yscale("symlog", linthresh=threshold, linscale=2.0)
+        panel.yaxis.set_major_locator(SymmetricalLogLocator(base=10.0, linthresh=threshold))
+        panel.yaxis.set_major_formatter(lambda value, _: f"{value:g}")
+
 
 STATES = (
     ("connecting", "0.80"),
@@ -37,7 +154,7 @@ LABELS = 14
 """So many lines of text find room beside the events; the table below has them all."""
 
 
-def path(panels: Sequence[Any], flown: Flown) -> None:
+def path(panels: Sequence[Any], flown: FlightColumns) -> None:
     """Path and reference in space, on the same scale along each axis."""
     (panel,) = panels
     for key, colour, dash, name in (
@@ -60,7 +177,7 @@ def path(panels: Sequence[Any], flown: Flown) -> None:
     panel.legend(loc="upper left")
 
 
-def error(panels: Sequence[Any], flown: Flown) -> None:
+def error(panels: Sequence[Any], flown: FlightColumns) -> None:
     """The error in time, and its histogram."""
     over, shares = panels
     cm = 100.0 * flown.scalars["error_m"]
@@ -90,7 +207,7 @@ def error(panels: Sequence[Any], flown: Flown) -> None:
     shares.legend()
 
 
-def latency_budget(panels: Sequence[Any], flown: Flown) -> None:
+def latency_budget(panels: Sequence[Any], flown: FlightColumns) -> None:
     """Percentiles of each part, and the pose's age in time."""
     bars, over = panels
     parts = latency(flown)
@@ -117,10 +234,10 @@ def latency_budget(panels: Sequence[Any], flown: Flown) -> None:
     over.margins(x=0.01)
 
 
-def lateness(panels: Sequence[Any], flown: Flown) -> None:
+def lateness(panels: Sequence[Any], flown: FlightColumns) -> None:
     """Histograms over decades: the tail is what counts."""
     (panel,) = panels
-    late = 1e3 * known(flown.scalars["lateness_s"])
+    late = 1e3 * drop_unknown(flown.scalars["lateness_s"])
     octaves = flown.looks[-1].get("late_octaves", ()) if flown.looks else ()
     panel.set_xlabel("lateness [ms]")
     panel.set_ylabel("commands, frames")
@@ -160,7 +277,7 @@ def _spread(panel: Any, late: Column) -> None:
     panel.plot([], [], " ", label=f"largest {max(0.0, float(late.max())):.3f} ms")
 
 
-def events(panels: Sequence[Any], flown: Flown) -> None:
+def events(panels: Sequence[Any], flown: FlightColumns) -> None:
     """A band of mission states, and a numbered mark for each event; words where there is room."""
     (panel,) = panels
     colours = dict(STATES)
@@ -193,7 +310,7 @@ def events(panels: Sequence[Any], flown: Flown) -> None:
         panel.set_title(f"{left} more events stand in the table below", loc="right", fontsize=8)
 
 
-def saturation(panels: Sequence[Any], flown: Flown) -> None:
+def saturation(panels: Sequence[Any], flown: FlightColumns) -> None:
     """Commands at a limit by second, and the distribution of the thrust between its limits."""
     over, use = panels
     t, clamped = flown.t, flown.scalars["saturated"]
@@ -239,7 +356,7 @@ PLOT_STYLE: Any = {
 }
 
 
-class Figure(NamedTuple):
+class ReportFigure(NamedTuple):
     """One figure of the page."""
 
     name: str
@@ -249,7 +366,7 @@ class Figure(NamedTuple):
     rows: int
     """Panels above each other."""
     height_in: float
-    draw: Callable[[Sequence[Any], Flown], None]
+    draw: Callable[[Sequence[Any], FlightColumns], None]
     """Draws one flight into its panels."""
     is_3d: bool = False
     in_time: bool = True
@@ -257,40 +374,40 @@ class Figure(NamedTuple):
 
 
 FIGURES = (
-    Figure(
+    ReportFigure(
         "position",
         "Position and reference",
         "Estimated position and reference in time, world NED; the paper's figure 3.",
         3,
         5.2,
-        control.position,
+        position,
     ),
-    Figure(
+    ReportFigure(
         "disturbance",
         "Disturbance estimate",
         "Adaptive estimate b̂ and the observer's d̂ in time; the paper's figure 4.",
         3,
         5.2,
-        control.disturbance,
+        disturbance,
     ),
-    Figure(
+    ReportFigure(
         "actuation",
         "Actuation",
         "Commanded thrust and body rates, with the vehicle's limits; the paper's figure 5.",
         4,
         6.2,
-        control.actuation,
+        actuation,
     ),
-    Figure(
+    ReportFigure(
         "backstepping",
         "Backstepping errors",
         "z1 (position), z2 (speed) and z3 (acceleration) in time; the paper's figure 6. Scales are linear "
         "near zero, and logarithmic beyond where the start would dwarf the rest.",
         3,
         5.2,
-        control.backstepping,
+        backstepping,
     ),
-    Figure(
+    ReportFigure(
         "path",
         "Path",
         "Estimated path and reference in space. Up is drawn up: the vertical axis is −down.",
@@ -300,7 +417,7 @@ FIGURES = (
         is_3d=True,
         in_time=False,
     ),
-    Figure(
+    ReportFigure(
         "error",
         "Position error",
         "Distance from the reference in time, and how often it was how large from the fifth second on the trajectory.",
@@ -309,15 +426,15 @@ FIGURES = (
         error,
         in_time=False,
     ),
-    Figure(
+    ReportFigure(
         "lyapunov",
         "Lyapunov function and certificate",
         "V without its unknown b̃ term, its excess above the bound that the theory gives it, and what the watch said.",
         3,
         5.6,
-        control.lyapunov,
+        lyapunov,
     ),
-    Figure(
+    ReportFigure(
         "latency",
         "Latency budget",
         "From a pose to the vehicle. Transport: from a pose's instant to its arrival. Pose age: from that to the "
@@ -327,7 +444,7 @@ FIGURES = (
         latency_budget,
         in_time=False,
     ),
-    Figure(
+    ReportFigure(
         "lateness",
         "Lateness",
         "How late commands were computed: for their frame, or where they follow the poses, after their pose came. With "
@@ -337,7 +454,7 @@ FIGURES = (
         lateness,
         in_time=False,
     ),
-    Figure(
+    ReportFigure(
         "events",
         "Events",
         "Mission states, requests, gaps of the recording and the link's word, in time.",
@@ -346,7 +463,7 @@ FIGURES = (
         events,
         in_time=False,
     ),
-    Figure(
+    ReportFigure(
         "saturation",
         "Saturation",
         "Share of the commands of each second that met a limit, and how much of the thrust's range was used.",
@@ -358,7 +475,7 @@ FIGURES = (
 )
 
 
-def drawn(folder: Path, flights: Sequence[Flown]) -> list[tuple[Figure, Path]]:
+def draw_figures(folder: Path, flights: Sequence[FlightColumns]) -> list[tuple[ReportFigure, Path]]:
     """Draw every figure of ``flights`` into ``folder``; returns each with its file.
 
     Raises:
@@ -377,16 +494,16 @@ def drawn(folder: Path, flights: Sequence[Flown]) -> list[tuple[Figure, Path]]:
                 one.rows,
                 len(columns),
                 squeeze=False,
-                sharex=False if one.is_3d else _shared(one, close_up=close_up),
+                sharex=False if one.is_3d else _share_axis(one, close_up=close_up),
                 sharey=False if one.is_3d else "row",
                 subplot_kw={"projection": "3d"} if one.is_3d else {},
             )
             for i, flown in enumerate(columns):
                 one.draw(panels[:, i], flown)
                 if close_up:
-                    _titled(panels[0, i], ("the whole flight", f"its last {CLOSE_S:g} s")[i])
+                    _set_title(panels[0, i], ("the whole flight", f"its last {CLOSE_S:g} s")[i])
                 elif len(flights) > 1:
-                    _titled(panels[0, i], f"{'AB'[i]}: {flown.path.parent.name}/{flown.path.name}")
+                    _set_title(panels[0, i], f"{'AB'[i]}: {flown.path.parent.name}/{flown.path.name}")
             for panel in panels[:, 1:].flat:
                 panel.set_ylabel("" if not one.is_3d else panel.get_ylabel())
             if close_up:
@@ -399,13 +516,13 @@ def drawn(folder: Path, flights: Sequence[Flown]) -> list[tuple[Figure, Path]]:
     return made
 
 
-def _shared(one: Figure, *, close_up: bool) -> Literal["all", "col", "row"]:
+def _share_axis(one: ReportFigure, *, close_up: bool) -> Literal["all", "col", "row"]:
     """Which panels have the same horizontal axis."""
     if one.in_time:
         return "col" if close_up else "all"
     return "row"
 
 
-def _titled(panel: Any, text: str) -> None:
+def _set_title(panel: Any, text: str) -> None:
     """On the left, above where a legend may be on the right."""
     panel.set_title(text, loc="left", pad=20.0, fontweight="bold")

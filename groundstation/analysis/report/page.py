@@ -1,13 +1,20 @@
-"""The page of a report: one HTML file that holds its pictures and needs nothing else, no network and no script."""
+"""Report page, ``groundstation report LOG [LOG2]``: what a recorded flight was like, with its figures.
+
+One HTML file that holds its pictures and needs nothing else, no network and no script; or the numbers alone.
+"""
 
 import base64
+import json
 from collections.abc import Sequence
 from html import escape
 from pathlib import Path
 from typing import Any
 
-from groundstation.analysis.report.figures import Figure
-from groundstation.analysis.report.numbers import PAPER
+from groundstation.analysis.report.figures import ReportFigure
+from groundstation.analysis.report.flight import PAPER
+from groundstation.config import ConfigError
+from groundstation.recording import NoRecording
+from groundstation.runtime import require_matplotlib
 
 PAGE = "report.html"
 PAGE_STYLE = """
@@ -34,7 +41,7 @@ AGAINST = (
 )
 
 
-def write(folder: Path, figures: Sequence[tuple[Figure, Path]], facts: Sequence[dict[str, Any]]) -> Path:
+def write_page(folder: Path, figures: Sequence[tuple[ReportFigure, Path]], facts: Sequence[dict[str, Any]]) -> Path:
     """Write the page of one or two flights into ``folder``; returns its path.
 
     Raises:
@@ -44,7 +51,7 @@ def write(folder: Path, figures: Sequence[tuple[Figure, Path]], facts: Sequence[
     title = " against ".join(_name(one) for one in facts)
     parts = [f"<h1>{escape(title)}</h1>", *(_warnings(one) for one in facts)]
     parts += ["<h2>Result</h2>", _results(names, facts), f'<p class="note">{AGAINST}</p>']
-    parts += [framed(one.name, one.title, one.caption, path) for one, path in figures]
+    parts += [frame_picture(one.name, one.title, one.caption, path) for one, path in figures]
     parts += ["<h2>Events</h2>", *(_events(name, one) for name, one in zip(names, facts, strict=True))]
     parts += ["<h2>What flew</h2>", _table(["", *names], _program(facts))]
     parts += [_config(name, one) for name, one in zip(names, facts, strict=True)]
@@ -53,7 +60,7 @@ def write(folder: Path, figures: Sequence[tuple[Figure, Path]], facts: Sequence[
     return page
 
 
-def framed(name: str, title: str, caption: str, path: Path) -> str:
+def frame_picture(name: str, title: str, caption: str, path: Path) -> str:
     """A figure with its words, and the picture at ``path`` inside it.
 
     Raises:
@@ -173,3 +180,41 @@ def _spread(spread: dict[str, float | None]) -> str:
     return " / ".join(
         _n(None if value is None else max(value, 0.0)) for value in map(spread.get, ("p50", "p99", "max"))
     )
+
+
+def report_command(paths: Sequence[Path], out: Path | None, *, as_json: bool) -> int:
+    """Write the page of one or two recordings into the folder ``out`` (default: beside the first); returns 0.
+
+    With ``as_json`` the numbers are printed, and drawn only where ``out`` is given.
+
+    Raises:
+        ConfigError: a file is no recording of commands, matplotlib is missing, or the page can't be written.
+    """
+    draw = out is not None or not as_json
+    if draw:
+        require_matplotlib(
+            "report", "its figures need matplotlib: pip install 'quadrotor-groundstation[plot]'; --json does without"
+        )
+    if len(paths) > 2:
+        raise ConfigError("LOG", f"expected one recording, or two to compare, got {len(paths)}")
+    from groundstation.analysis.report.flight import NoCommand, numbers, read_columns
+
+    try:
+        flights = [read_columns(path) for path in paths]
+    except (NoRecording, NoCommand) as error:
+        raise ConfigError("LOG", str(error)) from None
+    except OSError as error:
+        raise ConfigError("LOG", f"cannot read {error.filename}: {error.strerror}") from None
+    facts = [numbers(flight) for flight in flights]
+    page = None
+    if draw:
+        from groundstation.analysis.report.figures import draw_figures
+
+        folder = out or paths[0].with_name(f"{paths[0].stem}-report")
+        try:
+            folder.mkdir(parents=True, exist_ok=True)
+            page = write_page(folder, draw_figures(folder, flights), facts)
+        except OSError as error:
+            raise ConfigError("--out", f"cannot write {error.filename or folder}: {error.strerror}") from None
+    print(json.dumps({"flights": facts, "page": str(page) if page else None}) if as_json else page)
+    return 0

@@ -2,18 +2,21 @@
 
 TYPE_CHECKING = False
 if TYPE_CHECKING:
-    from groundstation.analysis.shadow.command import replay_command
-    from groundstation.analysis.shadow.flight import flying, hover_share, thrust_shares
-    from groundstation.analysis.shadow.path import FlownPath
-    from groundstation.analysis.shadow.recording import Recording, read_recording
-    from groundstation.analysis.shadow.vehicle import completed, described, latency_s, mavlink
+    from groundstation.analysis.shadow.path import FlownPath, flying, hover_share, thrust_shares
+    from groundstation.analysis.shadow.recording import (
+        RecordedVehicle,
+        complete_config,
+        latency_s,
+        load_described,
+        mavlink,
+        read_recording,
+    )
+    from groundstation.analysis.shadow.report import replay_command
 
 _MODULES = {
-    "command": ("replay_command",),
-    "flight": ("flying", "hover_share", "thrust_shares"),
-    "path": ("FlownPath",),
-    "recording": ("Recording", "read_recording"),
-    "vehicle": ("completed", "described", "latency_s", "mavlink"),
+    "path": ("FlownPath", "flying", "hover_share", "thrust_shares"),
+    "recording": ("RecordedVehicle", "complete_config", "latency_s", "load_described", "mavlink", "read_recording"),
+    "report": ("replay_command",),
 }
 
 

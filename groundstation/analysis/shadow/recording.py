@@ -1,15 +1,22 @@
-"""What a .tlog says about one vehicle: its poses, the set-points it was sent, and when it may have been flying."""
+"""Recorded vehicle: what a .tlog says of its poses, its set-points and when it may have been flying.
+
+And the configuration with which that is replayed.
+"""
 
 from collections import Counter
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Sequence
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
-from groundstation.config import ConfigError
+import numpy as np
+
+from groundstation.config import ConfigError, from_dict, load
 from groundstation.core.geometry import Vec3
 from groundstation.core.messages import Pose
-from groundstation.pose import TlogReader, TlogRecord, pose_decoder
-from groundstation.pose.sources import PoseDecoder
+from groundstation.pose import TlogConfig, TlogReader, TlogRecord, pose_decoder
+from groundstation.pose.sources import MavlinkPoseConfig, PoseDecoder
+from groundstation.settings import Config
+from links.mavlink import MavlinkLinkConfig
 from links.mavlink.protocol import ARDUPILOT, ARM_DISARM, ARMED, GROUND_STATION, PX4, Message
 
 AUTOPILOTS = {PX4: "PX4", ARDUPILOT: "ArduPilot"}
@@ -28,7 +35,7 @@ LEAP_S = 60.0
 """A log time further than this from the one before is believed only if the next one agrees [s]."""
 
 
-class Sent(NamedTuple):
+class SentSetPoint(NamedTuple):
     """One set-point of a ground station: SET_ATTITUDE_TARGET with thrust and body rates alone."""
 
     time_s: float
@@ -39,7 +46,7 @@ class Sent(NamedTuple):
     """Body rates [rad/s, FRD]."""
 
 
-class Seen(NamedTuple):
+class RecordedPose(NamedTuple):
     """One pose, and whether the autopilot then said that it may be flying: armed, and not on the ground."""
 
     pose: Pose
@@ -47,22 +54,22 @@ class Seen(NamedTuple):
     may_fly: bool
 
 
-class Recording(NamedTuple):
+class RecordedVehicle(NamedTuple):
     """One vehicle's part of a .tlog."""
 
     autopilot: str
     """PX4, ArduPilot, or what else its HEARTBEAT says."""
     pose_source: str
     """Names of the messages that the poses come from."""
-    poses: list[Seen]
+    poses: list[RecordedPose]
     """In order of arrival."""
-    sent: list[Sent]
+    sent: list[SentSetPoint]
     """In order of time."""
     dropped: dict[str, int]
     """Bytes, frames, log times, poses and set-points that were not used, by reason."""
 
 
-def read_recording(path: Path, latency_s: float, system: int) -> Recording:
+def read_recording(path: Path, latency_s: float, system: int) -> RecordedVehicle:
     """The part of the vehicle ``system``, or of the first one that sends poses where that one sends none.
 
     ``latency_s`` is the time from the instant of a pose to its earliest arrival in the log [s].
@@ -116,9 +123,9 @@ def in_order(records: Iterable[TlogRecord], dropped: Counter[str]) -> Iterator[T
         yield TlogRecord(last_s, record.message)
 
 
-def _of_vehicle(records: list[TlogRecord], system: int, decoder: PoseDecoder) -> Recording:
-    poses: list[Seen] = []
-    sent: list[Sent] = []
+def _of_vehicle(records: list[TlogRecord], system: int, decoder: PoseDecoder) -> RecordedVehicle:
+    poses: list[RecordedPose] = []
+    sent: list[SentSetPoint] = []
     others: Counter[str] = Counter()
     autopilot = "unknown autopilot"
     asked = armed = told = on_ground = False
@@ -132,7 +139,7 @@ def _of_vehicle(records: list[TlogRecord], system: int, decoder: PoseDecoder) ->
             elif name == "SET_ATTITUDE_TARGET":
                 if _is_rates_and_thrust(message):
                     rates = (message.body_roll_rate, message.body_pitch_rate, message.body_yaw_rate)
-                    sent.append(Sent(time_s, message.thrust, rates))
+                    sent.append(SentSetPoint(time_s, message.thrust, rates))
                 else:
                     others["other_set_point"] += 1
         elif name == "HEARTBEAT" and message.type != GROUND_STATION:
@@ -143,11 +150,74 @@ def _of_vehicle(records: list[TlogRecord], system: int, decoder: PoseDecoder) ->
         elif name == "EXTENDED_SYS_STATE":
             on_ground = message.landed_state == ON_GROUND
         elif name in decoder.messages and (pose := decoder.decode(message, time_s)) is not None:
-            poses.append(Seen(pose, (armed or not told) and not on_ground))
-    return Recording(autopilot, " and ".join(decoder.messages), poses, sent, dict(others + decoder.dropped))
+            poses.append(RecordedPose(pose, (armed or not told) and not on_ground))
+    return RecordedVehicle(autopilot, " and ".join(decoder.messages), poses, sent, dict(others + decoder.dropped))
 
 
 def _is_rates_and_thrust(message: Message) -> bool:
     numbers = (message.thrust, message.body_roll_rate, message.body_pitch_rate, message.body_yaw_rate)
     parts = message.type_mask & (IGNORED_PARTS | IGNORED_ATTITUDE)
     return parts == IGNORED_ATTITUDE and all(abs(number) <= FASTEST_RAD_S for number in numbers)  # no NaN either
+
+
+NOMINAL_KG = 1.0
+"""Mass of a vehicle that nobody described [kg]. Motion only shows thrust over mass, so any will do."""
+NOMINAL_LAG_S = 0.05
+"""Its lags of thrust and of rates [s]: with these PX4's and ArduPilot's simulated vehicles were flown well."""
+NOMINAL_HOVER = 0.5
+"""Its hover thrust, where the recording does not show it either."""
+NOMINAL_PERIOD_S = 0.01
+"""Time between its set-points, where there are none [s]."""
+NOMINAL_LATENCY_S = 0.01
+"""From the instant of a pose to its earliest arrival in the log [s], where the configuration is of another source."""
+
+
+def load_described(path: Path | None, overrides: Sequence[str]) -> Config:
+    """The configuration as the operator gave it, before the recording is read.
+
+    Raises:
+        ConfigError: see :func:`groundstation.config.loader.load`.
+    """
+    if path is not None:
+        return load(path, Config, overrides)
+    return from_dict({"vehicle": {"mass_kg": NOMINAL_KG}}, Config, overrides)
+
+
+def latency_s(config: Config) -> float:
+    """Time from the instant of a pose to its earliest arrival [s]."""
+    pose = config.pose
+    return pose.latency_s if isinstance(pose, MavlinkPoseConfig | TlogConfig) else NOMINAL_LATENCY_S
+
+
+def mavlink(config: Config) -> MavlinkLinkConfig:
+    """The link of the recording.
+
+    Raises:
+        ConfigError: the configuration has another one.
+    """
+    if not isinstance(config.link, MavlinkLinkConfig):
+        raise ConfigError("link.kind", "a recording holds MAVLink: expected 'mavlink'")
+    return config.link
+
+
+def complete_config(
+    config: Config, path: Path | None, overrides: Sequence[str], recording: RecordedVehicle, hover: float | None
+) -> Config:
+    """``config`` with what the recording shows of its vehicle; a configuration file is taken as it is.
+
+    ``hover`` is the share of full thrust that carries the vehicle: full thrust is then m g / hover. What
+    ``overrides`` say comes last, as always.
+    """
+    if path is not None:
+        return config
+    times_s = np.array([sent.time_s for sent in recording.sent])
+    period_s = float(np.median(np.diff(times_s))) if len(times_s) > 1 else 0.0
+    vehicle: dict[str, Any] = {
+        "name": "recorded",
+        "mass_kg": config.vehicle.mass_kg,
+        "thrust_max_n": config.vehicle.mass_kg * config.controller.gravity / (hover or NOMINAL_HOVER),
+        "thrust_lag_s": NOMINAL_LAG_S,
+        "rate_lag_s": NOMINAL_LAG_S,
+        "frame_period_s": period_s or NOMINAL_PERIOD_S,
+    }
+    return from_dict({"vehicle": vehicle}, Config, overrides)

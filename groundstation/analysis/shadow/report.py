@@ -1,6 +1,6 @@
-"""Offline comparison: from a .tlog to its report, the steps in order, and the report as text for people.
+"""Offline comparison, ``groundstation replay LOG.tlog``: what our estimator and controller make of a recorded flight.
 
-It says whether the stream of poses is fit to fly on: one check an aspect, each a sentence with its number.
+Its report says whether the stream of poses is fit to fly on: one check an aspect, each a sentence with its number.
 """
 
 from collections.abc import Iterator, Sequence
@@ -9,12 +9,9 @@ from typing import Literal
 
 import msgspec
 
-from groundstation.analysis.shadow.facts import Commands, Facts, measured
-from groundstation.analysis.shadow.flight import hover_share, thrust_shares
-from groundstation.analysis.shadow.path import FlownPath
-from groundstation.analysis.shadow.recording import read_recording
-from groundstation.analysis.shadow.replay import replay
-from groundstation.analysis.shadow.vehicle import completed, described, latency_s, mavlink
+from groundstation.analysis.shadow.path import FlownPath, hover_share, thrust_shares
+from groundstation.analysis.shadow.recording import complete_config, latency_s, load_described, mavlink, read_recording
+from groundstation.analysis.shadow.replay import ComparedCommands, ShadowFacts, measure_facts, replay
 
 RATE_HZ = 30.0
 """Fewer poses a second than this are not enough for the observer and its prediction."""
@@ -40,7 +37,7 @@ Level = Literal["fine", "care", "bad"]
 VERDICTS: dict[Level, str] = {"fine": "fit", "care": "fit with care", "bad": "not fit"}
 
 
-class Check(msgspec.Struct, frozen=True):
+class ShadowCheck(msgspec.Struct, frozen=True):
     """One thing that was looked at."""
 
     about: str
@@ -50,39 +47,39 @@ class Check(msgspec.Struct, frozen=True):
     """What was found, with numbers, and what it means."""
 
 
-def checks(facts: Facts) -> list[Check]:
+def checks(facts: ShadowFacts) -> list[ShadowCheck]:
     """Everything that can be said about a replay."""
     return [*_stream(facts), *_flight(facts)]
 
 
-def verdict(checks_: list[Check]) -> str:
+def verdict(checks_: list[ShadowCheck]) -> str:
     """``fit``, ``fit with care`` or ``not fit``: as the worst of the checks."""
     levels = {check.level for check in checks_}
     worst: Level = "bad" if "bad" in levels else "care" if "care" in levels else "fine"
     return VERDICTS[worst]
 
 
-def _stream(facts: Facts) -> Iterator[Check]:
+def _stream(facts: ShadowFacts) -> Iterator[ShadowCheck]:
     rate, gaps = facts.rate_hz or 0.0, facts.gaps
-    yield Check(
+    yield ShadowCheck(
         "rate",
         "fine" if rate >= RATE_HZ else "bad",
         f"{rate:.1f} poses a second; at least {RATE_HZ:.0f} are needed",
     )
-    yield Check(
+    yield ShadowCheck(
         "gaps",
         "bad" if gaps.longest_s >= gaps.limit_s else "care" if gaps.longest_s >= 0.5 * gaps.limit_s else "fine",
         f"the longest time without a pose is {gaps.longest_s:.3f} s; "
         f"after {gaps.limit_s:.2f} s commands stop (flight.coast_s)",
     )
     old = sum(facts.dropped.get(reason, 0) for reason in ("duplicate", "out_of_order", "not_newer"))
-    yield Check(
+    yield ShadowCheck(
         "stamps",
         "bad" if old > BAD_STAMPS * facts.poses else "care" if old else "fine",
         f"{old} of {facts.poses + old} poses carry a stamp that is not newer than the one before",
     )
     for reset in facts.resets_in_flight:
-        yield Check(
+        yield ShadowCheck(
             "resets",
             "bad" if reset.moved_m > RESET_M or reset.turned_rad > RESET_RAD else "care",
             f"at {reset.time_s:.1f} s, in flight, the source reset its estimate, "
@@ -90,19 +87,21 @@ def _stream(facts: Facts) -> Iterator[Check]:
         )
 
 
-def _flight(facts: Facts) -> Iterator[Check]:
+def _flight(facts: ShadowFacts) -> Iterator[ShadowCheck]:
     if not facts.flights:
-        yield Check("flight", "care", "the recording holds no flight on set-points: only the stream could be judged")
+        yield ShadowCheck(
+            "flight", "care", "the recording holds no flight on set-points: only the stream could be judged"
+        )
         return
     if facts.hover_thrust is None:
-        yield Check(
+        yield ShadowCheck(
             "hover",
             "care",
             "no steady flight on SET_ATTITUDE_TARGET (thrust and rates): the estimator could not know the thrust",
         )
     else:
         off = abs(facts.hover_configured / facts.hover_thrust - 1.0)
-        yield Check(
+        yield ShadowCheck(
             "hover",
             "fine" if off <= HOVER else "care",
             f"{facts.hover_thrust:.3f} of full thrust carries the vehicle"
@@ -110,82 +109,82 @@ def _flight(facts: Facts) -> Iterator[Check]:
         )
     yield from _velocity(facts)
     innovation = facts.innovation_rms_m or 0.0
-    yield Check(
+    yield ShadowCheck(
         "innovation",
         _level(innovation, INNOVATION_M),
         f"poses are {1e3 * innovation:.1f} mm RMS from where the model expects them",
     )
     if facts.commands is not None:
         share = facts.commands.saturated_fraction
-        yield Check(
+        yield ShadowCheck(
             "commands",
             _level(share, SATURATED),
             f"{100.0 * share:.1f} % of the commands along the flown path would be at a limit",
         )
 
 
-def _velocity(facts: Facts) -> Iterator[Check]:
+def _velocity(facts: ShadowFacts) -> Iterator[ShadowCheck]:
     own, path, source = facts.velocity_rms_m_s, facts.velocity_path_rms_m_s, facts.own_velocity_path_rms_m_s
     if own is not None:
         text = f"the estimated velocity is {own:.3f} m/s RMS from the autopilot's own"
-        yield Check("velocity", _level(own, VELOCITY_M_S), text)
+        yield ShadowCheck("velocity", _level(own, VELOCITY_M_S), text)
     elif path is not None:
         text = (
             f"the estimated velocity is {path:.3f} m/s RMS from that of the recorded positions; the source sends none"
         )
-        yield Check("velocity", _level(path, VELOCITY_M_S), text)
+        yield ShadowCheck("velocity", _level(path, VELOCITY_M_S), text)
     if source is not None:
         level = _level(source, WANDER_M_S)
         text = f"positions and velocity of the autopilot disagree by {source:.3f} m/s RMS between themselves"
         if level != "fine":
             text += ": the vehicle may wander in the room that fast, although it looks good on screen; keep clear of it"
-        yield Check("wander", level, text)
+        yield ShadowCheck("wander", level, text)
 
 
 def _level(value: float, limits: tuple[float, float]) -> Level:
     return "fine" if value <= limits[0] else "care" if value <= limits[1] else "bad"
 
 
-class Report(Facts, frozen=True, kw_only=True):
+class ShadowReport(ShadowFacts, frozen=True, kw_only=True):
     """A replay in numbers, and what to make of them: the object that ``--json`` prints."""
 
     verdict: str
     """``fit``, ``fit with care`` or ``not fit`` to fly on."""
     reasons: list[str]
     """The sentences that the verdict rests on: every one that is not fine, or all where all are."""
-    checks: list[Check]
+    checks: list[ShadowCheck]
     """Everything that was looked at."""
 
 
-def report(file: Path, config_path: Path | None = None, overrides: Sequence[str] = ()) -> Report:
+def report(file: Path, config_path: Path | None = None, overrides: Sequence[str] = ()) -> ShadowReport:
     """Replay ``file``. The same file and configuration give the same report, to the last bit.
 
     Raises:
         ConfigError: the configuration is bad, or the file can't be read or holds no poses.
     """
-    config = described(config_path, overrides)
+    config = load_described(config_path, overrides)
     recording = read_recording(file, latency_s(config), mavlink(config).target_system)
     path = FlownPath([seen.pose for seen in recording.poses], config.flight.coast_s)
     shares = thrust_shares(recording.sent, config.thrust_curve)
     hover = hover_share(recording, shares, path, config.controller.gravity)
-    config = completed(config, config_path, overrides, recording, hover)
-    facts = measured(str(file), recording, replay(recording, config, path, hover), path, config, hover)
+    config = complete_config(config, config_path, overrides, recording, hover)
+    facts = measure_facts(str(file), recording, replay(recording, config, path, hover), path, config, hover)
     looked_at = checks(facts)
     result = verdict(looked_at)
-    return Report(
-        **{name: getattr(facts, name) for name in Facts.__struct_fields__},
+    return ShadowReport(
+        **{name: getattr(facts, name) for name in ShadowFacts.__struct_fields__},
         verdict=result,
         reasons=[check.text for check in looked_at if result == "fit" or check.level != "fine"],
         checks=looked_at,
     )
 
 
-def text_of(result: Report) -> str:
+def text_of(result: ShadowReport) -> str:
     """The report as lines of at most 120 characters, but for long sentences."""
     return "\n".join(_lines(result))
 
 
-def _lines(result: Report) -> Iterator[str]:
+def _lines(result: ShadowReport) -> Iterator[str]:
     gaps = result.gaps
     dropped = ", ".join(f"{count} {reason}" for reason, count in sorted(result.dropped.items()))
     yield f"{result.file}: {result.autopilot}, poses from {result.pose_source}"
@@ -216,7 +215,7 @@ def _lines(result: Report) -> Iterator[str]:
         yield f"  {check.level:5} {check.text}"
 
 
-def _commands(commands: Commands) -> Iterator[str]:
+def _commands(commands: ComparedCommands) -> Iterator[str]:
     yield f"commands along the flown path, {commands.compared} compared"
     yield f"{'':14}{'mean':>18}{'deviation':>20}{'difference':>14}{'correlation':>13}"
     yield f"{'':14}{'sent':>9}{'shadow':>9}{'sent':>11}{'shadow':>9}{'RMS':>14}"
@@ -238,3 +237,16 @@ def _row(label: str, text: str) -> str:
 
 def _number(value: float | None, digits: int) -> str:
     return "-" if value is None else f"{value:.{digits}f}"
+
+
+def replay_command(file: Path, config: Path | None, overrides: list[str], *, as_json: bool) -> int:
+    """Replay ``file`` (a .tlog), print a report (or one JSON object), and return 0 whatever the verdict.
+
+    Without ``config`` the vehicle is as the recording shows it.
+
+    Raises:
+        ConfigError: the configuration is bad, or the file can't be read or holds no poses.
+    """
+    result = report(file, config, overrides)
+    print(msgspec.json.encode(result).decode() if as_json else text_of(result))
+    return 0

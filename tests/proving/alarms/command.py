@@ -19,12 +19,12 @@ import msgspec
 
 from groundstation.analysis.shadow import (
     FlownPath,
-    Recording,
-    completed,
-    described,
+    RecordedVehicle,
+    complete_config,
     flying,
     hover_share,
     latency_s,
+    load_described,
     mavlink,
     read_recording,
     thrust_shares,
@@ -179,7 +179,7 @@ def captured(file: Path, overrides: Sequence[str]) -> Alarms:
     Raises:
         ConfigError: the file can't be read, or holds no poses, or no flight on set-points of rates and thrust.
     """
-    config = described(None, overrides)
+    config = load_described(None, overrides)
     recording = read_recording(file, latency_s(config), mavlink(config).target_system)
     path = FlownPath([seen.pose for seen in recording.poses], config.flight.coast_s)
     shares = thrust_shares(recording.sent, config.thrust_curve)
@@ -187,7 +187,7 @@ def captured(file: Path, overrides: Sequence[str]) -> Alarms:
     if hover is None:
         missing = "nothing in it flies on SET_ATTITUDE_TARGET with rates and thrust (type_mask 128)"
         raise ConfigError("", f"{missing}: the monitor has no commands to hold its poses against", str(file))
-    config = completed(config, None, overrides, recording, hover)
+    config = complete_config(config, None, overrides, recording, hover)
     flags = [bool(flag) for flag in flying(recording, shares, hover)]
     bounds = [i for i in range(len(flags)) if flags[i] != (i > 0 and flags[i - 1])] + [len(flags)]
     flights = [
@@ -197,7 +197,9 @@ def captured(file: Path, overrides: Sequence[str]) -> Alarms:
     return Alarms(flights=tuple(flights))
 
 
-def _flown(number: int, recording: Recording, shares: list[float], config: Config, begin: int, end: int) -> Watched:
+def _flown(
+    number: int, recording: RecordedVehicle, shares: list[float], config: Config, begin: int, end: int
+) -> Watched:
     """The flight of the poses from ``begin`` to before ``end``."""
     poses = [seen.pose for seen in recording.poses]
     lifts_s, ends_s = poses[begin].arrival_s, poses[end - 1].arrival_s

@@ -1,7 +1,8 @@
-"""What identification needs of a recording: the commands that left, and the poses of one stretch of steady flight."""
+"""Flight stretch: what identification needs of a recording, the commands that left and the poses of steady flight."""
 
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,12 +24,17 @@ POSE_GAP_S = 0.5
 """The same for poses [s]."""
 
 
-class NotEnough(Exception):
+def components(rows: Column) -> Any:
+    """The columns of ``rows`` (N, k), as functions that run on floats and on arrays take them."""
+    return tuple(rows.T)
+
+
+class StretchTooShort(Exception):
     """The recording is too short, or holds no flight; the text says so."""
 
 
 @dataclass(frozen=True)
-class Seen:
+class FlightStretch:
     """One stretch of flight on the trajectory."""
 
     path: Path
@@ -54,7 +60,7 @@ class Seen:
         return float(self.at_s[-1] - self.at_s[0])
 
 
-def read(path: Path) -> Seen:
+def read_stretch(path: Path) -> FlightStretch:
     """The longest stretch on the trajectory in the recording at ``path``, up to its damage where it is cut off.
 
     Raises:
@@ -79,18 +85,18 @@ def read(path: Path) -> Seen:
                 w = value["rates_rad_s"]
                 commands.append((value["time_s"], value["thrust_n"], w["x"], w["y"], w["z"]))
     if not commands or not poses:
-        raise NotEnough(f"{path} holds no flight: there are no {'poses' if commands else 'commands'} in it")
+        raise StretchTooShort(f"{path} holds no flight: there are no {'poses' if commands else 'commands'} in it")
     sent, seen = np.array(commands), np.array(poses)
     chosen = seen[_stretch(sent[:, 0], seen)]
     length_s = float(chosen[-1, 0] - chosen[0, 0]) if len(chosen) else 0.0
     if length_s < LEAST_S:
-        raise NotEnough(
+        raise StretchTooShort(
             f"{path} holds {length_s:.1f} s of unbroken flight on its trajectory, and {LEAST_S:g} s are the least: "
             "fly trajectory.kind = 'excitation'"
         )
     config = _config(recording.about.get("config", ""), path)
     parts = (sent[:, 0], sent[:, 1], sent[:, 2:5], chosen[:, 0], chosen[:, 3:6], chosen[:, 6:10])
-    return Seen(path, recording, config, *parts)
+    return FlightStretch(path, recording, config, *parts)
 
 
 def _stretch(sent_s: Column, poses: Column) -> slice:
@@ -121,4 +127,4 @@ def _config(text: str, path: Path) -> Config:
     try:
         return from_dict(parse_toml(text), Config)
     except (ValueError, ConfigError) as error:
-        raise NotEnough(f"{path} was flown with a configuration that this version cannot read: {error}") from None
+        raise StretchTooShort(f"{path} was flown with a configuration that this version cannot read: {error}") from None

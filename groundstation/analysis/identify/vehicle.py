@@ -6,19 +6,70 @@ The noise of poses is found by fourth differences of what the model leaves of th
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import msgspec
 import numpy as np
 
-from groundstation.analysis.identify.parameter import AGAIN, WIDE, Parameter, judged
-from groundstation.analysis.identify.pushing import Pushing, pushing
-from groundstation.analysis.identify.scene import NAMES, hover_signal
-from groundstation.analysis.identify.seen import Column, Seen
-from groundstation.analysis.identify.turning import Turning, turning
+from groundstation.analysis.identify.stretch import Column, FlightStretch, components
+from groundstation.analysis.identify.thrust_fit import NAMES, ThrustFit, fit_thrust, hover_signal
+from groundstation.analysis.identify.turn_fit import TurnFit, fit_turns
 from groundstation.core.geometry import so3
 from groundstation.core.trajectory import ExcitationConfig
 from links.core import signal
+
+WIDE = 1.96
+"""Deviations to either side of a 95 % interval."""
+FLY = "not identifiable from this flight: fly trajectory.kind = 'excitation'"
+AGAIN = (
+    "not identifiable from this flight: fly it for longer (trajectory.laps), or harder (trajectory.acceleration_m_s2)"
+)
+
+
+class IdentifiedParameter(msgspec.Struct, frozen=True, kw_only=True):
+    """One figure of a vehicle: its value and interval, or why the flight does not tell."""
+
+    name: str
+    title: str
+    unit: str
+    value: float | None
+    """None where the flight does not tell."""
+    interval: tuple[float, float] | None
+    """95 %."""
+    told: float | None
+    """What the controller was told; None where it is told nothing of this."""
+    note: str = ""
+
+    @property
+    def identified(self) -> bool:
+        """Whether the flight tells."""
+        return self.value is not None
+
+
+def judge_parameter(
+    name: str,
+    title: str,
+    unit: str,
+    value: float,
+    deviation: float,
+    enough: float,
+    *,
+    moved: bool = True,
+    told: float | None = None,
+    least: float = -math.inf,
+    most: float = math.inf,
+    note: str = "",
+) -> IdentifiedParameter:
+    """The parameter; without a value where half its interval is more than ``enough``, or where nothing ``moved``."""
+    half = WIDE * deviation
+    if not (moved and half <= enough):
+        return IdentifiedParameter(name=name, title=title, unit=unit, value=None, interval=None, told=told, note=FLY)
+    low, high = (float(min(max(edge, least), most)) for edge in (value - half, value + half))
+    value, told = float(min(max(value, least), most)), None if told is None else float(told)
+    return IdentifiedParameter(
+        name=name, title=title, unit=unit, value=value, interval=(low, high), told=told, note=note
+    )
+
 
 BLOCK = 50
 """Variances of so many samples in a row count as one: neighbours hang together."""
@@ -26,14 +77,14 @@ UNEVEN = 0.1
 """Poses whose intervals differ by more than this share are left out."""
 
 
-class Level(NamedTuple):
+class NoiseLevel(NamedTuple):
     """Standard deviation per axis, and one deviation of that figure."""
 
     value: float
     deviation: float
 
 
-def level(at_s: Column, left: Column) -> Level:
+def measure_noise(at_s: Column, left: Column) -> NoiseLevel:
     """Of the noise in ``left`` (N, k), sampled at ``at_s`` (N,) [s]; infinite deviation where there is too little."""
     spans = np.diff(at_s)
     usual = float(np.median(spans))
@@ -43,11 +94,11 @@ def level(at_s: Column, left: Column) -> Level:
     squares = (np.diff(left, 4, axis=0)[runs] ** 2).mean(axis=1) / 70.0
     blocks = len(squares) // BLOCK
     if blocks < 3:
-        return Level(0.0, np.inf)
+        return NoiseLevel(0.0, np.inf)
     means = squares[: blocks * BLOCK].reshape(blocks, BLOCK).mean(axis=1)
     value = float(np.sqrt(means.mean()))
     deviation = float(means.std(ddof=1) / np.sqrt(blocks)) / max(2.0 * value, 1e-12)
-    return Level(value, deviation)
+    return NoiseLevel(value, deviation)
 
 
 UNSEEN_FRAMES = 0.02
@@ -62,7 +113,7 @@ PUSHED_M_S2 = 0.2
 """The same of acceleration by thrust, and by tilt."""
 
 
-class Excited(NamedTuple):
+class Excitation(NamedTuple):
     """What the flight moved enough to tell of it."""
 
     turned: tuple[bool, bool, bool]
@@ -73,17 +124,17 @@ class Excited(NamedTuple):
 
 
 @dataclass(frozen=True)
-class Found:
+class IdentifiedVehicle:
     """All of it, and what it rests on."""
 
-    seen: Seen
-    turned: Turning
-    pushed: Pushing
-    parameters: dict[str, Parameter]
+    seen: FlightStretch
+    turned: TurnFit
+    pushed: ThrustFit
+    parameters: dict[str, IdentifiedParameter]
     """By name."""
 
 
-def accelerations(found: Found) -> tuple[Column, Column, Column]:
+def accelerations(found: IdentifiedVehicle) -> tuple[Column, Column, Column]:
     """Times [s], and second differences over 0.2 s of the measured positions and of the model's path, (n, 3) [m/s²].
 
     Both are NaN where two poses in a row are missing within that time.
@@ -105,11 +156,11 @@ def accelerations(found: Found) -> tuple[Column, Column, Column]:
     return at, second(place), second(path)
 
 
-def identified(seen: Seen) -> Found:
+def identify(seen: FlightStretch) -> IdentifiedVehicle:
     """Find everything that ``seen`` tells."""
-    turned = turning(seen)
-    pushed = pushing(seen, turned)
-    moved = excited(seen, turned)
+    turned = fit_turns(seen)
+    pushed = fit_thrust(seen, turned)
+    moved = judge_excitation(seen, turned)
     parameters = [
         *_thrust(seen, pushed, moved),
         *_lags(seen, turned, pushed, moved),
@@ -117,25 +168,21 @@ def identified(seen: Seen) -> Found:
     ]
     if isinstance(seen.config.trajectory, ExcitationConfig):
         parameters = [one if one.identified else msgspec.structs.replace(one, note=AGAIN) for one in parameters]
-    return Found(seen, turned, pushed, {one.name: one for one in parameters})
+    return IdentifiedVehicle(seen, turned, pushed, {one.name: one for one in parameters})
 
 
-def excited(seen: Seen, turned: Turning) -> Excited:
+def judge_excitation(seen: FlightStretch, turned: TurnFit) -> Excitation:
     """Judge the stretch that was ``seen`` by how it moved."""
     rates = turned.modelled / np.diff(seen.at_s)[:, None]
     roll, pitch, yaw = (bool(rms > TURNED_RAD_S) for rms in np.sqrt((rates**2).mean(axis=0)).tolist())
     flown = (seen.sent_s >= seen.at_s[0]) & (seen.sent_s <= seen.at_s[-1])
     thrust = float(seen.thrust_n[flown].std()) / seen.config.vehicle.mass_kg
-    down = np.stack(so3.third_column(_columns(seen.attitude)), axis=1)
+    down = np.stack(so3.third_column(components(seen.attitude)), axis=1)
     tilt = seen.config.controller.gravity * float(np.sqrt(down[:, :2].var(axis=0).max()))
-    return Excited((roll, pitch, yaw), thrust > PUSHED_M_S2, max(thrust, tilt) > PUSHED_M_S2)
+    return Excitation((roll, pitch, yaw), thrust > PUSHED_M_S2, max(thrust, tilt) > PUSHED_M_S2)
 
 
-def _columns(rows: Column) -> Any:
-    return tuple(rows.T)
-
-
-def _thrust(seen: Seen, pushed: Pushing, moved: Excited) -> list[Parameter]:
+def _thrust(seen: FlightStretch, pushed: ThrustFit, moved: Excitation) -> list[IdentifiedParameter]:
     config, vehicle = seen.config, seen.config.vehicle
     values, deviations = pushed.fit.values, pushed.fit.deviations
     scale, sag, curve = (NAMES.index(name) for name in ("scale", "sag", "curve"))
@@ -149,7 +196,7 @@ def _thrust(seen: Seen, pushed: Pushing, moved: Excited) -> list[Parameter]:
     spread = math.hypot(deviations[scale], MODEL * values[scale])
     hover_spread = math.hypot(_spread(hover, pushed), MODEL * told_hover)
     return [
-        judged(
+        judge_parameter(
             "thrust_scale",
             "thrust over what was told",
             "",
@@ -160,7 +207,7 @@ def _thrust(seen: Seen, pushed: Pushing, moved: Excited) -> list[Parameter]:
             told=1.0,
             note=of,
         ),
-        judged(
+        judge_parameter(
             "hover_thrust",
             "signal that carries it",
             "",
@@ -171,7 +218,7 @@ def _thrust(seen: Seen, pushed: Pushing, moved: Excited) -> list[Parameter]:
             told=told_hover,
             note="in the middle of the flight, in still air",
         ),
-        judged(
+        judge_parameter(
             "thrust_curve",
             "thrust curve f",
             "",
@@ -184,30 +231,30 @@ def _thrust(seen: Seen, pushed: Pushing, moved: Excited) -> list[Parameter]:
             most=1.0,
             note="" if config.link.thrust_curve is None else "link.thrust_curve stands in its place",
         ),
-        judged(
+        judge_parameter(
             "thrust_sag", "thrust lost to the battery", "1/min", values[sag], deviations[sag], 0.08, moved=moved.pushed
         ),
     ]
 
 
-def _spread(figure: Callable[[Column], float], pushed: Pushing) -> float:
+def _spread(figure: Callable[[Column], float], pushed: ThrustFit) -> float:
     """One deviation of a ``figure`` that follows from the parameters."""
     values, steps = pushed.fit.values, 1e-4
     slope = np.array([(figure(values + move) - figure(values)) / steps for move in steps * np.eye(len(values))])
     return math.sqrt(max(float(slope @ pushed.fit.covariance @ slope), 0.0))
 
 
-def _lags(seen: Seen, turned: Turning, pushed: Pushing, moved: Excited) -> list[Parameter]:
+def _lags(seen: FlightStretch, turned: TurnFit, pushed: ThrustFit, moved: Excitation) -> list[IdentifiedParameter]:
     vehicle = seen.config.vehicle
     delay, roll, pitch, yaw = turned.fit.values.tolist()
     lag = float(pushed.fit.values[1])
 
     def lag_of(
         name: str, title: str, value: float, deviation: float, told: float, seen: bool, note: str = ""
-    ) -> Parameter:
+    ) -> IdentifiedParameter:
         enough = max(0.005, 0.25 * value)
         spread = math.hypot(deviation, MODEL * value)
-        return judged(name, title, "s", value, spread, enough, moved=seen, told=told, least=0.0, note=note)
+        return judge_parameter(name, title, "s", value, spread, enough, moved=seen, told=told, least=0.0, note=note)
 
     # Both together, each by its information: the correlation through the delay counts.
     cover = turned.fit.covariance[1:3, 1:3]
@@ -232,7 +279,7 @@ def _lags(seen: Seen, turned: Turning, pushed: Pushing, moved: Excited) -> list[
         lag_of("roll_rate_lag", "roll rate lag", roll, deviations[1], told, rolled),
         lag_of("pitch_rate_lag", "pitch rate lag", pitch, deviations[2], told, pitched),
         lag_of("yaw_rate_lag", "yaw rate lag", yaw, deviations[3], told, yawed, one),
-        judged(
+        judge_parameter(
             "command_delay",
             "transport delay",
             "s",
@@ -246,16 +293,16 @@ def _lags(seen: Seen, turned: Turning, pushed: Pushing, moved: Excited) -> list[
     ]
 
 
-def _rest(seen: Seen, turned: Turning, pushed: Pushing, moved: Excited) -> list[Parameter]:
+def _rest(seen: FlightStretch, turned: TurnFit, pushed: ThrustFit, moved: Excitation) -> list[IdentifiedParameter]:
     drag = NAMES.index("drag")
-    place, turn = level(seen.at_s, pushed.left), level(seen.at_s, turned.left)
+    place, turn = measure_noise(seen.at_s, pushed.left), measure_noise(seen.at_s, turned.left)
 
-    def noise_of(name: str, title: str, unit: str, level: Level) -> Parameter:
+    def noise_of(name: str, title: str, unit: str, level: NoiseLevel) -> IdentifiedParameter:
         spread = math.hypot(level.deviation, WHITE * level.value)
-        return judged(name, title, unit, level.value, spread, 0.5 * level.value, least=0.0)
+        return judge_parameter(name, title, unit, level.value, spread, 0.5 * level.value, least=0.0)
 
     return [
-        judged(
+        judge_parameter(
             "drag",
             "drag, deceleration per speed",
             "1/s",

@@ -1,15 +1,34 @@
-"""Translation model of identification: how the vehicle moves under the commands that left; pushing.py fits it.
+"""Thrust fit: scale, curve and lag of thrust, and drag, from how position follows thrust along the measured attitude.
+
+    p¨ = -(1 - s t) λ T/m · R e3 - k v + R (l ω2, -l ω1, 0) + g e3 + wind        measured: p + R c + noise
+
+T is the told thrust through curve, delay and lag; λ its scale at mid-flight, s how it sags in time. The wind is white
+noise's integral (fit.py), so that only what is faster than it tells of thrust. Two things are found only so that
+they pass for nothing else: c, how far the tracked point is from the centre of mass (2 cm pass for 8 % of thrust at
+1 Hz), and l, which takes up rotors that are not centred and attitudes that are not of the positions' instant.
 
 Thrust goes by its signal, where curve and scale are not as told. The curve is links/core/thrust_curve.py's.
 """
 
-from typing import Any
+from collections.abc import Sequence
+from typing import Any, NamedTuple, TypeAlias
 
 import numpy as np
 
-from groundstation.analysis.identify.lagged import lagged
-from groundstation.analysis.identify.seen import Column, Seen
-from groundstation.analysis.identify.turning import Turning, angles
+from groundstation.analysis.identify.fit import (
+    COARSE,
+    FINE,
+    Bounds,
+    Fit,
+    InnovationFilter,
+    Noise,
+    Ratios,
+    Whiten,
+    fit_noise,
+    minimize,
+)
+from groundstation.analysis.identify.stretch import Column, FlightStretch, components
+from groundstation.analysis.identify.turn_fit import TurnFit, angles, respond_with_lag
 from groundstation.core.geometry import so3
 from groundstation.settings import Config
 from links.core import signal, thrust
@@ -53,10 +72,10 @@ thrust."""
 UNITS = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
 
 
-class Scene:
-    """What does not change while thrust is fitted."""
+class ThrustModel:
+    """How the vehicle moves under the commands that left; holds what does not change while thrust is fitted."""
 
-    def __init__(self, seen: Seen, turned: Turning) -> None:
+    def __init__(self, seen: FlightStretch, turned: TurnFit) -> None:
         """Attitudes between the poses, from the fitted turns pinned to the measured ones at both ends."""
         self.seen = seen
         self.mass = seen.config.vehicle.mass_kg
@@ -71,10 +90,10 @@ class Scene:
         self.middle_s = 0.5 * (seen.at_s[0] + seen.at_s[-1])
         delay, *lags = turned.fit.values.tolist()
         reach = max(1, round(SMOOTH_S / float(np.median(self.spans))))
-        off = smoothed(turned.left, reach) - turned.left
+        off = smooth(turned.left, reach) - turned.left
         since = angles(seen, delay, lags, self.times) - angles(seen, delay, lags, seen.at_s[:-1])[:, None]
         since = since + np.diff(turned.left + off, axis=0)[:, None] * share[:, None]
-        attitude: Any = so3.turned(_columns(seen.attitude), _columns(off))
+        attitude: Any = so3.turned(components(seen.attitude), components(off))
         self.axes = np.stack([np.stack(so3.to_world(attitude, unit), axis=-1) for unit in UNITS], axis=-1)
         started: Any = tuple(part[:-1, None] for part in attitude)
         turn: Any = tuple(np.moveaxis(since, -1, 0))
@@ -90,7 +109,7 @@ class Scene:
         fading = 1.0 - sag * (self.seen.sent_s - self.middle_s) / 60.0
         held = scale / self.mass * fading * thrust_n(self.seen.config, self.mean, curve, self.signals)
         # The mean over each step, exact however thrust jumps within it.
-        areas = np.diff(lagged(self.seen.sent_s, held, delay, lag).integral(self.edges), axis=1)
+        areas = np.diff(respond_with_lag(self.seen.sent_s, held, delay, lag).integral(self.edges), axis=1)
         pushed = areas * STEPS / self.spans[:, None]
         rest = leak * self.sideways - drag * self.velocity
         acceleration: Column = rest[:, None] - pushed[..., None] * self.down
@@ -111,7 +130,7 @@ class Scene:
         position: Column = self.seen.position_ned - self.axes @ values[LEVER:]
         return position
 
-    def placed(self, values: Column) -> Column:
+    def remove_motion(self, values: Column) -> Column:
         """Positions less what the model has moved the vehicle since the first pose, (N, 3) [m]."""
         far, fast = np.moveaxis(self.pushes(values), 1, 0)
         speed = np.cumsum(fast, axis=0)
@@ -121,7 +140,7 @@ class Scene:
         return placed
 
 
-def smoothed(values: Column, reach: int) -> Column:
+def smooth(values: Column, reach: int) -> Column:
     """Means of ``values`` (N, k) over ``reach`` samples to either side, over fewer towards the ends."""
     at = np.arange(len(values))
     near = np.minimum(np.minimum(at, at[::-1]), reach)
@@ -130,5 +149,83 @@ def smoothed(values: Column, reach: int) -> Column:
     return means
 
 
-def _columns(rows: Column) -> Any:
-    return tuple(rows.T)
+GAP_S = 0.3
+"""After a longer gap between poses the positions begin anew [s]."""
+ABOUT = (0.0, 1e2, 1e5)
+"""Where the search for the noises begins: white noise on acceleration [1/s³], and on the wind's change [1/s⁵], over the
+positions' variance."""
+LAGS_S = (0.01, 0.03, 0.06, 0.1, 0.16)
+"""Where the fit may begin."""
+LEAST = np.array([-0.05, 0.0, 0.2, -0.5, -0.5, -2.0, -1.0, *[-0.5] * 3])
+MOST = np.array([0.5, 1.0, 4.0, 0.5, 1.5, 5.0, 1.0, *[0.5] * 3])
+MOVED = np.array([2e-4, 2e-4, 1e-3, 1e-3, 1e-2, 1e-3, 1e-3, *[1e-3] * 3])
+ROUNDS = 6
+"""Model and noise are fitted in turn, so often at most: the better the model, the weaker the noise that is left."""
+SAG_PER_MIN = 0.1
+"""A battery's thrust falls by about so much in a minute, one deviation [-]."""
+
+
+Strength: TypeAlias = tuple[Noise, InnovationFilter]
+"""Of noise and wind, and the filter for them."""
+
+
+class ThrustFit(NamedTuple):
+    """How the vehicle is pushed."""
+
+    fit: Fit
+    """Of :data:`groundstation.analysis.identify.thrust_fit.NAMES`."""
+    about: float
+    """The signal about which the scale holds, 0 to 1: the mean of the flight."""
+    left: Column
+    """Positions less what the model has moved the vehicle since the first pose, (N, 3) [m]."""
+
+
+def fit_thrust(seen: FlightStretch, turned: TurnFit) -> ThrustFit:
+    """Fit thrust and drag to the positions that were ``seen``; delay begins with that of the turns."""
+    scene = ThrustModel(seen, turned)
+    vehicle = seen.config.vehicle
+    delay = float(turned.fit.values[0])
+    spread = np.full(len(NAMES), np.inf)
+    spread[0], spread[3] = turned.fit.deviations[0], SAG_PER_MIN
+    values = np.array([delay, vehicle.thrust_lag_s, 1.0, 0.0, seen.config.thrust_curve, *[0.0] * 5])
+    bounds = Bounds(LEAST, MOST, MOVED, np.array([delay, *[0.0] * 9]), spread)
+    interval = float(np.median(scene.spans))
+
+    def noises(values: Column, level: Ratios, upright: Ratios, *powers: Column) -> tuple[Strength, Strength]:
+        left = scene.remove_motion(values)
+        return (
+            fit_noise(seen.at_s, left[:, :2], level, GAP_S, powers),
+            fit_noise(seen.at_s, left[:, 2:], upright, GAP_S, powers),
+        )
+
+    def whiten_by(level: Strength, upright: Strength) -> Whiten:
+        def whiten(sets: Sequence[Column]) -> Column:
+            pushes = np.stack([scene.pushes(one) for one in sets], axis=-1)
+            place = np.stack([scene.position(one) for one in sets], axis=-1)
+            news = []
+            for axes, (noise, filter_) in ((slice(0, 2), level), (slice(2, 3), upright)):
+                part = place[:, axes].reshape(len(place), -1)
+                new, _ = filter_.innovations(part, pushes[:, :, axes].reshape(len(place), 2, -1))
+                news.append(new.reshape(len(place), -1, len(sets)) / np.sqrt(noise.variance))
+            return np.concatenate(news, axis=1)
+
+        return whiten
+
+    level, upright = noises(values, ABOUT, ABOUT, COARSE, FINE)
+    starts = [np.array([delay, lag, scale, *values[3:]]) for lag in LAGS_S for scale in (0.8, 0.9, 1.0, 1.1)]
+    news = whiten_by(level, upright)(starts)
+    values = starts[int((news**2).sum(axis=(0, 1)).argmin())]
+    fit, about = None, (ABOUT, ABOUT)
+    powers: tuple[Column, ...] = (COARSE, FINE)
+    for _ in range(ROUNDS):
+        level, upright = noises(values, *about, *powers)
+        # By what was seen before: a velocity that knows the gust to come would take it for drag.
+        _, halfway = level[1].innovations(scene.position(values), scene.pushes(values))
+        scene.velocity = halfway[:-1]
+        fit = minimize(whiten_by(level, upright), values, bounds, interval)
+        values = fit.values
+        if (level[0].ratios, upright[0].ratios) == about:
+            break
+        about, powers = (level[0].ratios, upright[0].ratios), (FINE,)
+    assert fit is not None, "fitted at least once"
+    return ThrustFit(fit, scene.mean, scene.remove_motion(values))

@@ -1,0 +1,608 @@
+"""Replay, ``groundstation replay LOG.mcap``: a recorded flight flown again, from the wire up.
+
+Its bytes go through source and estimator, its instants through the controller. What went in is taken from the
+recording: every byte with its arrival, the instant of every command, the reference. What came out, every pose and every
+command, is made anew and held against what was recorded, to the last bit.
+
+Sources and links run unchanged on a tape loop: they open their wires, and hear what they heard in flight, at the same
+instants and in the same turns of the loop. What they send goes nowhere.
+"""
+
+import asyncio
+import json
+import math
+import selectors
+from collections import defaultdict, deque
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import msgspec
+
+from groundstation.config import ConfigError, from_dict, parse_toml
+from groundstation.core import Pilot
+from groundstation.core.control import Custom
+from groundstation.core.geometry import Vec3
+from groundstation.core.messages import Pose
+from groundstation.core.trajectory import Reference
+from groundstation.core.vehicle import Drive
+from groundstation.flight import make_ends
+from groundstation.pose import Gate
+from groundstation.pose.sources import MavlinkPoseConfig
+from groundstation.recording import (
+    GAIN,
+    About,
+    Entry,
+    NoRecording,
+    Recording,
+    about_texts,
+    read_command,
+    read_pose,
+    read_reference,
+)
+from groundstation.recording import channels as ch
+from groundstation.settings import Config
+from links.core import Command
+from links.mavlink import MavlinkLinkConfig
+
+NAMES = ("thrust_n", "roll_rate_rad_s", "pitch_rate_rad_s", "yaw_rate_rad_s")
+FLOWN_AGAIN = ("vehicle", "controller", "pose", "gate", "link", "flight")
+"""Tables of the configuration that a replay asks; the reference, and what the mission did, are as recorded."""
+END = "this is all that is in it"
+
+
+def replay_command(path: Path, overrides: Sequence[str], *, as_json: bool, trust_modules: bool = False) -> int:
+    """Fly ``path`` again, with ``overrides`` where given; print what came of it.
+
+    Returns 0, or 1 where the recording is damaged, or nothing was changed and the commands are not the same to the last
+    bit.
+
+    Raises:
+        ConfigError: the file is no recording, an override is bad, or it was flown by a controller of somebody's own,
+            whose module nobody has said to be trusted.
+    """
+    facts = replay_facts(path, overrides, trust_modules=trust_modules)
+    print(json.dumps(facts) if as_json else text_of(facts))
+    return 0 if facts["damaged_at"] is None and (overrides or facts["identical"]) else 1
+
+
+def replay_facts(path: Path, overrides: Sequence[str] = (), *, trust_modules: bool = False) -> dict[str, Any]:
+    """The object that ``--json`` prints.
+
+    Raises:
+        ConfigError: see :func:`replay_command`.
+    """
+    try:
+        recording = Recording(path)
+        config = _config(recording, overrides)
+        if not trust_modules and not any(map(_names_controller, overrides)):
+            _ensure_own(config, path)
+        result = fly_again(recording, config)
+    except NoRecording as error:
+        raise ConfigError("LOG", str(error)) from None
+    except OSError as error:
+        raise ConfigError("LOG", f"cannot read {path}: {error.strerror}") from None
+    own = about_texts(About(config="", vehicle="", controller="", trajectory="", period_s=0.0))
+    nothing_differs = not any(result.differing.values())
+    count = len(result.commands)
+    return {
+        "file": str(path),
+        "identical": nothing_differs and not result.lost and count + result.idle > 0,
+        "first_difference": None if result.first is None else msgspec.to_builtins(result.first),
+        "commands": count,
+        "idle_commands": result.idle,
+        "poses": result.poses,
+        "differing": result.differing,
+        "lost": result.lost,
+        "unheard_wires": result.deaf,
+        "whole": recording.whole,
+        "damaged_at": recording.damaged_at,
+        "overrides": list(overrides),
+        "without_effect": [override for override in overrides if _table(override) not in FLOWN_AGAIN],
+        "changes": {
+            name: _change([(p.recorded[i], p.replayed[i]) for p in result.commands]) for i, name in enumerate(NAMES)
+        },
+        "saturated_fraction": sum(pair.saturated for pair in result.commands) / count if count else None,
+        "recorded_by": {key: recording.about.get(key, "") for key in ("version", "git", "python")},
+        "replayed_by": {key: own[key] for key in ("version", "git", "python")},
+    }
+
+
+def _config(recording: Recording, overrides: Sequence[str]) -> Config:
+    try:
+        told = parse_toml(recording.about.get("config", ""))
+    except ValueError as error:
+        raise ConfigError("", f"the configuration in it is {error}", str(recording.path)) from None
+    return from_dict(told, Config, overrides, source=str(recording.path))
+
+
+def _names_controller(override: str) -> bool:
+    return override.partition("=")[0].strip() in ("controller.kind", "controller.factory")
+
+
+def _ensure_own(config: Config, path: Path) -> None:
+    """Let no recording choose what code runs here: whoever has made it may have meant any.
+
+    Raises:
+        ConfigError: it names a module.
+    """
+    if isinstance(config.controller, Custom):
+        raise ConfigError(
+            "controller.kind",
+            f"flown by {config.controller.factory}: to replay it, that module is imported here, and its code runs. "
+            "Where you trust it, say --trust-modules; or fly your own: --set controller.factory=package.module:factory",
+            str(path),
+        )
+
+
+def _table(override: str) -> str:
+    return override.partition("=")[0].strip().partition(".")[0]
+
+
+def _change(pairs: list[tuple[float, float]]) -> dict[str, float] | None:
+    """How far the numbers made anew are from the recorded ones; None without any."""
+    if not pairs:
+        return None
+    steps = [abs(b - a) for a, b in pairs]
+    return {
+        "rms": (sum(step * step for step in steps) / len(steps)) ** 0.5,
+        "max": max(steps),
+        "recorded_mean": sum(a for a, _ in pairs) / len(pairs),
+        "replayed_mean": sum(b for _, b in pairs) / len(pairs),
+    }
+
+
+def text_of(facts: dict[str, Any]) -> str:
+    """The same for people."""
+    lines = [
+        f"{facts['file']}: {facts['commands']} commands, {facts['idle_commands']} idle ones, {facts['poses']} poses"
+        + ("" if facts["whole"] else f"; the recording was cut off, {END}" if facts["damaged_at"] is None else "")
+    ]
+    if facts["damaged_at"] is not None:
+        lines.append(f"DAMAGED at byte {facts['damaged_at']}: the rest is not read, {END}")
+    if facts["lost"]:
+        lines.append(f"{facts['lost']} records are missing: the recorder could not keep up")
+    if facts["differing"]["pose"]:
+        lines += [
+            f"nobody listens on {wire} this time: what was heard there is left out" for wire in facts["unheard_wires"]
+        ]
+    first = facts["first_difference"]
+    if facts["identical"]:
+        there = "" if facts["damaged_at"] is None else " before the damage"
+        lines.append(f"identical: every pose and every command{there} is the same to the last bit")
+    elif first is not None:
+        lines.append(
+            f"not identical: {facts['differing']['command']} commands differ, first {first['what']} "
+            f"{first['number']} at {first['time_s']:.6f} s, {first['field']}: "
+            f"{first['recorded']} recorded, {first['replayed']} now"
+        )
+    if facts["without_effect"]:
+        lines.append(
+            f"{', '.join(facts['without_effect'])}: changes nothing here. The reference is the recorded one, and only "
+            "pose source, gate, estimator and controller run again; to fly it otherwise, use the simulator"
+        )
+    if facts["overrides"]:
+        lines += ["", f"with {', '.join(facts['overrides'])}, on the poses that were seen (nothing flies differently):"]
+    if not facts["identical"] and facts["commands"]:
+        lines.append(f"{'':20}{'mean recorded':>15}{'mean now':>12}{'change RMS':>12}{'largest':>12}")
+        for name in NAMES:
+            c = facts["changes"][name]
+            lines.append(
+                f"{name:20}{c['recorded_mean']:>15.4f}{c['replayed_mean']:>12.4f}{c['rms']:>12.4f}{c['max']:>12.4f}"
+            )
+        lines.append(f"{'at a limit':20}{'':>15}{100.0 * facts['saturated_fraction']:>10.1f} %")
+    if not facts["identical"] and not facts["overrides"] and facts["recorded_by"] != facts["replayed_by"]:
+        lines.append(
+            f"recorded by {_name_program(facts['recorded_by'])}, replayed by {_name_program(facts['replayed_by'])}"
+        )
+    return "\n".join(lines)
+
+
+def _name_program(program: dict[str, str]) -> str:
+    return f"version {program['version']} ({program['git'][:12] or 'no commit'}) on Python {program['python']}"
+
+
+Wire = tuple[str, str, str]
+"""Kind, and both addresses as they were asked for (records.WireRecord)."""
+
+
+class _Stopper(selectors.DefaultSelector):
+    """Instead of waiting for anything, stops the loop."""
+
+    loop: "TapeLoop"
+
+    def select(self, timeout: float | None = None) -> Any:
+        if timeout is None or timeout > 0.0:
+            self.loop.stop()
+        return super().select(0)
+
+
+class TapeLoop(asyncio.SelectorEventLoop):
+    """Runs only while :meth:`settle` does."""
+
+    def __init__(self) -> None:
+        """Begin at time 0, without wires."""
+        self.now = 0.0
+        """What the running code is told the time is [s]."""
+        selector = _Stopper()
+        selector.loop = self
+        super().__init__(selector)
+        self._protocols: dict[Wire, list[Any]] = defaultdict(list)
+
+    def time(self) -> float:
+        """The recording's time [s]."""
+        return self.now
+
+    def settle(self) -> None:
+        """Run until every task waits for something that is not on the tape yet, or for a later time."""
+        self.run_forever()
+
+    def protocol(self, wire: Wire) -> Any:
+        """The code at our end of a wire that the recording says was opened now; None where nobody opened it."""
+        opened = self._protocols[wire]
+        return opened.pop(0) if opened else None
+
+    async def create_datagram_endpoint(
+        self, protocol_factory: Callable[[], Any], local_addr: Any = None, remote_addr: Any = None, **_: Any
+    ) -> tuple[Any, Any]:
+        """A datagram endpoint that only hears."""
+        return self._open(("udp", _address(local_addr), _address(remote_addr)), protocol_factory, local_addr)
+
+    async def create_connection(
+        self, protocol_factory: Callable[[], Any], host: Any = None, port: Any = None, **_: Any
+    ) -> tuple[Any, Any]:
+        """A connection that only hears."""
+        return self._open(("tcp", "", _address((host, port))), protocol_factory, None)
+
+    async def create_serial_connection(self, factory: Callable[[], Any], path: str, _baud: int) -> tuple[Any, Any]:
+        """A serial port that only hears, and is none."""
+        return self._open(("serial", "", path), factory, None)
+
+    def _open(self, wire: Wire, factory: Callable[[], Any], local: Any) -> tuple[Any, Any]:
+        protocol = factory()
+        self._protocols[wire].append(protocol)
+        peer = tuple(wire[2].rsplit(":", 1)) if wire[2] and wire[0] != "serial" else None
+        transport = _Mute({"sockname": local or ("127.0.0.1", 0), "peername": peer, "socket": _NoSocket()})
+        protocol.connection_made(transport)
+        return transport, protocol
+
+
+@contextmanager
+def tape_loop() -> Iterator[TapeLoop]:
+    """A loop, and the end of all that still runs on it."""
+    loop = TapeLoop()
+    try:
+        yield loop
+    finally:
+        for task in asyncio.all_tasks(loop):
+            task.cancel()
+        loop.settle()
+        loop.close()
+
+
+def _address(address: Any) -> str:
+    return "" if address is None else f"{address[0]}:{address[1]}"
+
+
+class _Mute(asyncio.DatagramTransport, asyncio.Transport):
+    """A transport into nowhere."""
+
+    def sendto(self, data: Any, addr: Any = None) -> None:
+        pass
+
+    def write(self, data: Any) -> None:
+        pass
+
+    def send(self, data: bytes) -> int:
+        return len(data)
+
+    def waiting(self) -> int:
+        return 0
+
+    def get_write_buffer_size(self) -> int:
+        return 0
+
+    def is_closing(self) -> bool:
+        return False
+
+    def close(self) -> None:
+        pass
+
+    def abort(self) -> None:
+        pass
+
+
+class _NoSocket:
+    """What code finds behind a wire."""
+
+    def setsockopt(self, *_: Any) -> None:
+        pass
+
+    def send(self, *_: Any) -> None:
+        pass
+
+    def sendto(self, *_: Any) -> None:
+        pass
+
+    def close(self) -> None:
+        pass
+
+    def dup(self) -> "_NoSocket":
+        return self
+
+    def fileno(self) -> int:
+        return 1 << 24
+
+
+class Difference(msgspec.Struct, frozen=True):
+    """Where recording and replay first part."""
+
+    what: str
+    """``pose``, ``idle`` or ``command``."""
+    number: int
+    """Which of them, from 0."""
+    time_s: float
+    """On the flight's clock [s]."""
+    field: str
+    recorded: Any
+    replayed: Any
+
+
+class Comparison:
+    """Counts what is the same and what is not."""
+
+    def __init__(self) -> None:
+        """Nothing compared."""
+        self.count = {"pose": 0, "idle": 0, "command": 0}
+        """How many of each were recorded."""
+        self.differing = {"pose": 0, "idle": 0, "command": 0}
+        """How many of them are not the same."""
+        self.first: Difference | None = None
+
+    def compare(self, what: str, time_s: float, was: msgspec.Struct, now: msgspec.Struct) -> None:
+        """The next ``what`` as recorded, and as made anew."""
+        number = self._next(what)
+        for field in was.__struct_fields__:
+            a, b = getattr(was, field), getattr(now, field)
+            if a != b or _signs(a) != _signs(b):
+                self._differ(Difference(what, number, time_s, field, a, b))
+                return
+
+    def missing(self, what: str, time_s: float, was: Any) -> None:
+        """The next ``what``, as recorded, was not made anew."""
+        self._differ(Difference(what, self._next(what), time_s, "all of it", was, None))
+
+    def _next(self, what: str) -> int:
+        number = self.count[what]
+        self.count[what] = number + 1
+        return number
+
+    def _differ(self, difference: Difference) -> None:
+        self.differing[difference.what] += 1
+        self.first = self.first or difference
+
+
+def _signs(value: Any) -> Any:
+    """The sign of a zero counts too."""
+    if isinstance(value, tuple):
+        return tuple(map(_signs, value))
+    if isinstance(value, msgspec.Struct):
+        return tuple(map(_signs, msgspec.structs.astuple(value)))
+    return math.copysign(1.0, value) if isinstance(value, float) else None
+
+
+TOPICS = ("/raw/opened", "/raw/received", "/measured", "/follow", "/switch", "/idle", "/command", "/reference", "/lost")
+
+
+class CommandPair(NamedTuple):
+    """One command as recorded and as made anew: thrust [N] and body rates [rad/s]."""
+
+    recorded: tuple[float, float, float, float]
+    replayed: tuple[float, float, float, float]
+    saturated: bool
+
+
+class ReplayResult(msgspec.Struct, frozen=True):
+    """What came of it."""
+
+    commands: list[CommandPair]
+    poses: int
+    idle: int
+    differing: dict[str, int]
+    """How many poses, idle commands and commands are not the same to the last bit."""
+    first: Difference | None
+    lost: int
+    """Records that the recorder had to leave out: then nothing can be the same."""
+    deaf: list[str]
+    """Wires whose bytes nobody took."""
+
+
+class ObedientPilot(Pilot):
+    """A pilot whose vehicle may have been told something else."""
+
+    def note_obeyed(self, time_s: float, command: Command) -> None:
+        """What left at ``time_s`` [s] was ``command``, whatever was made anew: the vehicle moved by that one."""
+        drive = Drive(command.thrust_n, command.rates_rad_s)
+        self._estimator.sent(time_s + self._vehicle.command_delay_s, drive)
+
+
+class _RecordedReference:
+    """The recorded reference, whatever time is asked for."""
+
+    duration_s = None
+    joints_s = ()
+
+    def __init__(self) -> None:
+        self.reference = Reference((0.0, 0.0, 0.0))
+
+    def at(self, _time_s: float) -> Reference:
+        return self.reference
+
+    def position_at(self, _time_s: float) -> Vec3:
+        return self.reference.position_ned
+
+
+def fly_again(recording: Recording, config: Config) -> ReplayResult:
+    """Fly ``recording`` again with ``config``, its own or a changed one.
+
+    Raises:
+        ConfigError: a controller of the user's own can't be loaded.
+    """
+    entries = list(recording.entries(TOPICS))
+    with tape_loop() as loop:
+        flight = _Replay(config, loop)
+        for index, entry in enumerate(entries):
+            flight.take(entry, entries, index)
+    return flight.result()
+
+
+class _Replay:
+    def __init__(self, config: Config, loop: TapeLoop) -> None:
+        self._loop = loop
+        self._link, self._source = make_ends(config)
+        self._hears_link = isinstance(config.pose, MavlinkPoseConfig) and isinstance(config.link, MavlinkLinkConfig)
+        self._pilot = ObedientPilot(config.vehicle, config.controller, config.flight.coast_s, config.flight.floor_z_m)
+        self._told = _RecordedReference()
+        self._gate = Gate(config.gate)
+        self._delivered: deque[Pose] = deque()
+        self._wires: dict[int, Any] = {}
+        self._deaf: list[str] = []
+        self._begun = False
+        self._turn = -1
+        self._command: ch.CommandMessage | None = None
+        self._surrender_s: float | None = None
+        self._pairs: list[CommandPair] = []
+        self._comparison = Comparison()
+        self._lost = 0
+
+    def take(self, entry: Entry, entries: list[Entry], index: int) -> None:
+        """What happened next; ``entries`` and ``index`` for a look at what it led to."""
+        match entry.topic:
+            case "/raw/received":
+                self._receive(msgspec.json.decode(entry.data, type=ch.RawReceived), entries, index)
+            case "/reference":
+                self._tick(msgspec.json.decode(entry.data, type=ch.ReferenceMessage))
+            case "/command":
+                self._command = msgspec.json.decode(entry.data, type=ch.CommandMessage)
+            case "/measured":
+                self._measure_pose(msgspec.json.decode(entry.data, type=ch.MeasuredMessage))
+            case "/idle":
+                self._idle(msgspec.json.decode(entry.data, type=ch.IdleMessage))
+            case "/follow":
+                self._pilot.follow(self._told, msgspec.json.decode(entry.data, type=ch.FollowMessage).time_s)
+            case "/switch":
+                self._switch(msgspec.json.decode(entry.data, type=ch.SwitchMessage))
+            case "/raw/opened":
+                self._open_wire(msgspec.json.decode(entry.data, type=ch.WireOpened))
+            case "/lost":
+                self._lost += msgspec.json.decode(entry.data, type=ch.LostMessage).count
+
+    def result(self) -> ReplayResult:
+        c = self._comparison
+        return ReplayResult(self._pairs, c.count["pose"], c.count["idle"], c.differing, c.first, self._lost, self._deaf)
+
+    async def _connect(self) -> None:
+        """As a flight does; but the link only where poses come by it, and never one with a pacer.
+
+        What is opened past the event loop would be a real wire, with a real vehicle at its other end.
+        """
+        await self._source.start(self._deliver)
+        if self._hears_link:
+            await self._link.connect()
+
+    def _deliver(self, pose: Pose) -> None:
+        passed, _ = self._gate.take(pose)
+        if passed is not None:
+            self._delivered.append(passed)
+
+    def _open_wire(self, opened: ch.WireOpened) -> None:
+        self._loop.now = opened.time_s
+        if not self._begun:
+            self._begun = True
+            self._connecting = self._loop.create_task(self._connect())
+            self._connecting.add_done_callback(lambda task: task.cancelled() or task.exception())
+        self._loop.settle()
+        protocol = self._loop.protocol((opened.kind, opened.local, opened.remote))
+        self._wires[opened.wire] = protocol
+        if protocol is None:
+            self._deaf.append(f"{opened.kind} {opened.local or opened.remote}")
+
+    def _receive(self, received: ch.RawReceived, entries: list[Entry], index: int) -> None:
+        if received.turn != self._turn:  # in the same turn no task has run
+            self._turn = received.turn
+            self._loop.settle()
+        protocol = self._wires.get(received.wire)
+        if protocol is None:
+            return
+        # The source looks at the clock a moment after the tap did. What it saw stands in the pose that it made.
+        self._loop.now = _arrival_s(entries, index) or received.time_s
+        if received.peer:
+            host, _, port = received.peer.rpartition(":")
+            protocol.datagram_received(received.data, (host, int(port)))
+        else:
+            protocol.data_received(received.data)
+
+    def _measure_pose(self, seen: ch.MeasuredMessage) -> None:
+        while self._delivered and self._delivered[0].id < seen.id:
+            self._delivered.popleft()  # the flight did not take it either
+        if not (self._delivered and self._delivered[0].id == seen.id):
+            self._loop.settle()
+        recorded = read_pose(seen)
+        pose = self._delivered.popleft() if self._delivered and self._delivered[0].id == seen.id else None
+        if pose is None:
+            self._comparison.missing("pose", seen.arrival_s, seen.id)
+            pose = recorded
+        else:
+            self._comparison.compare("pose", seen.arrival_s, recorded, pose)
+        self._pilot.pose(pose)
+
+    def _idle(self, idle: ch.IdleMessage) -> None:
+        pilot, hold_s = self._pilot, self._surrender_s
+        command = pilot.idle(idle.time_s, idle.thrust_n) if hold_s is None else pilot.surrender(idle.time_s, hold_s)
+        self._surrender_s = None
+        self._comparison.compare("idle", idle.time_s, read_command(idle), command)
+
+    def _switch(self, switch: ch.SwitchMessage) -> None:
+        pilot, values = self._pilot, switch.values
+        match switch.what, len(values):
+            case "stand", 0:
+                pilot.stand()
+            case "lift", 3:
+                pilot.lift(*values)
+            case "descend", 3:
+                pilot.descend(values[0], blind=bool(values[1]), rest_s=values[2])
+            case "surrender", 1:
+                self._surrender_s = values[0]
+            case what, 1 if what.startswith(GAIN):
+                pilot.gain(what.removeprefix(GAIN), values[0])
+
+    def _tick(self, reference: ch.ReferenceMessage) -> None:
+        recorded = self._command
+        if recorded is None:
+            return
+        self._command = None
+        self._told.reference = read_reference(reference)
+        tick = self._pilot.tick(recorded.time_s)
+        was, command = read_command(recorded), tick.command
+        if was != command:
+            self._pilot.note_obeyed(recorded.time_s, was)
+        self._comparison.compare("command", recorded.time_s, was, command)
+        self._pairs.append(
+            CommandPair(
+                (was.thrust_n, *was.rates_rad_s),
+                (command.thrust_n, *command.rates_rad_s),
+                bool(tick.decision.saturated),
+            )
+        )
+
+
+def _arrival_s(entries: list[Entry], index: int) -> float | None:
+    """When the pose arrived that the bytes at ``index`` brought [s]; None where they brought none."""
+    for following in range(index + 1, len(entries)):
+        entry = entries[following]
+        if entry.topic == "/measured":
+            return msgspec.json.decode(entry.data, type=ch.MeasuredMessage).arrival_s
+        if entry.topic == "/raw/received":
+            break
+    return None
