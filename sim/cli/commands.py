@@ -32,7 +32,7 @@ def faults(args: argparse.Namespace) -> int:
 
 def alarms(args: argparse.Namespace) -> int:
     """Fly true flights, and see how near the monitor of the poses came to accusing them."""
-    return int(proving("alarms", "alarms.command").alarms(args))
+    return int(proving("alarms", "alarms").alarms(args))
 
 
 def soak(args: argparse.Namespace) -> int:
@@ -82,7 +82,7 @@ def bench(args: argparse.Namespace) -> int:
             raise ConfigError("bench", f"expected some of {list(MEASUREMENTS)}, got {name!r}")
     bench_ = proving("bench", "bench.bench")
     options = bench_.Options(peers=args.peers, hours=args.hours, seconds=args.seconds)
-    facts = bench_.measured(args.what or list(MEASUREMENTS), options)
+    facts = bench_.measure_all(args.what or list(MEASUREMENTS), options)
     if args.json and args.what == ["links"]:
         facts |= facts.pop("links")
     print(json.dumps(facts) if args.json else bench_.text(facts))

@@ -12,9 +12,9 @@ import pytest
 from groundstation.core.geometry import Quat, Vec3, so3
 from sim.__main__ import main
 from tests import shadow_flight
-from tests.proving.alarms import command as alarms_command
-from tests.proving.alarms.alarms import KINDS, SHARES, Alarms, Watched, detections, watch_all
-from tests.proving.alarms.command import captured as recorded_flights
+from tests.proving import alarms as alarms_command
+from tests.proving.alarms import KINDS, SHARES, Alarms, WatchedFlight, detections, watch_all
+from tests.proving.alarms import watch_capture as recorded_flights
 from tests.shadow_flight import GRAVITY, NOTHING, VEHICLE, D
 
 GOLDEN = Path(__file__).parents[1] / "golden"
@@ -92,7 +92,7 @@ def test_the_command_tells_windows_and_the_largest_statistics(
 def test_an_accusation_is_told_with_its_flight_and_ends_the_command_with_1(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    one = Watched(
+    one = WatchedFlight(
         seed=7, windows=10, largest=dict.fromkeys(KINDS, 0.6), passed=(3, 2, 1, 0, 0, 0, 0),
         accused=("suspicion: they stand",), landed=False, why="a fence",
     )  # fmt: skip

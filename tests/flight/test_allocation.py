@@ -1,9 +1,9 @@
 """A minute of flight leaves nothing behind; `make soak` flies the hour."""
 
-from tests.proving.bench.allocation import grown
+from tests.proving.bench.allocation import measure_growth
 
 
 def test_a_minute_of_flight_allocate_nothing_that_stays() -> None:
-    facts = grown(1.0 / 60.0)
+    facts = measure_growth(1.0 / 60.0)
     assert abs(facts["objects_grown"]) < 50
     assert abs(facts["blocks_grown"]) < 1000

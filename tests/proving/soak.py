@@ -126,7 +126,7 @@ class _Ledger:
         self.most_mb = self.largest_mb = 0.0
 
 
-async def _nothing(_: Scene) -> None:
+async def _do_nothing(_: Scene) -> None:
     return
 
 
@@ -139,13 +139,13 @@ async def _soak(
     faults = {name: fault for name, fault in BROKEN.items() if fault.strike is not None}
     number = 0
     while loop.time() < until_s:
-        name, state, fault = NOTHING, "tracking", Fault("nothing happens", _nothing)
+        name, state, fault = NOTHING, "tracking", Fault("nothing happens", _do_nothing)
         if draw.random() < FAULTY_SHARE:
             name, state = draw.choice(list(faults)), draw.choice(list(STATES))
             fault = faults[name]
             ledger.struck += 1
         try:
-            row = await _recorded(folder, scenario, name, fault, state, draw.uniform(*FIGURE_S), seed + number, ledger)
+            row = await _record(folder, scenario, name, fault, state, draw.uniform(*FIGURE_S), seed + number, ledger)
         except NotReached as error:
             ledger.early.append(f"seed {seed + number}: {error}")
         else:
@@ -165,7 +165,7 @@ async def _soak(
     return ledger
 
 
-async def _recorded(
+async def _record(
     folder: Path, scenario: str, name: str, fault: Fault, state: str, figure_s: float, seed: int, ledger: _Ledger
 ) -> Row:
     """One flight, and its recording where it is its turn."""

@@ -10,8 +10,8 @@ from sim.runs import fly_fleet_real, from_floor
 from sim.scenarios import SCENARIOS, prepare
 from tests.flight.flights import campaign_of, flown
 from tests.mavlink_table import FRAMES
-from tests.proving.bench.allocation import grown
-from tests.proving.bench.bench import Options, measured
+from tests.proving.bench.allocation import measure_growth
+from tests.proving.bench.bench import Options, measure_all
 from tests.proving.fuzz import LINKS, SOURCES
 from tests.proving.fuzz.fuzz import fuzz
 from tests.proving.soak import GROWTH, soak
@@ -63,7 +63,7 @@ def test_an_hour_of_flight_ends_as_well_as_a_minute() -> None:
 
 
 def test_an_hour_of_flight_allocates_nothing_that_stays() -> None:
-    facts = grown(1.0)
+    facts = measure_growth(1.0)
     assert abs(facts["objects_grown"]) < 50
     assert abs(facts["blocks_grown"]) < 1000
     assert facts["resident_bytes_grown"] < 1 << 20
@@ -94,7 +94,7 @@ def test_a_hundred_seeds_of_every_scenario_complete(scenario: str) -> None:
 
 
 def test_frames_and_commands_keep_time_beside_the_least_that_this_machine_allows() -> None:
-    facts = measured(["links"], Options(seconds=60.0))["links"]
+    facts = measure_all(["links"], Options(seconds=60.0))["links"]
     assert list(facts["pose_to_command"]) == list(facts["echo"]) == ["50", "100", "250"]
     if facts["fifo"]:
         assert facts["ratios"]["p99"] < 2.0

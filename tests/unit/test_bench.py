@@ -14,7 +14,7 @@ from tests.proving.bench import bench
 from tests.proving.bench import command as bench_command
 from tests.proving.bench import decode as bench_decode
 from tests.proving.bench import flight as bench_flight
-from tests.proving.bench import latency as bench_latency
+from tests.proving.bench import links as bench_links
 from tests.proving.bench import recording as bench_recording
 from tests.proving.bench import screen as bench_screen
 from tests.proving.bench import tick as bench_monitor
@@ -32,8 +32,8 @@ def test_every_measurement_gives_json_and_words(monkeypatch: pytest.MonkeyPatch)
     monkeypatch.setattr(bench_flight, "ROUNDS", 1)
     monkeypatch.setattr(bench_command, "DURATIONS_S", (0.5,))
     monkeypatch.setattr(bench_command, "ROUNDS", 1)
-    monkeypatch.setattr(bench_latency, "RATES_HZ", (100,))
-    monkeypatch.setattr(bench_latency, "SETTLE_S", 0.1)
+    monkeypatch.setattr(bench_links, "RATES_HZ", (100,))
+    monkeypatch.setattr(bench_links, "SETTLE_S", 0.1)
     monkeypatch.setattr(bench_decode, "DATAGRAMS", 100)
     monkeypatch.setattr(bench_batch, "VEHICLES", 3)
     monkeypatch.setattr(bench_batch, "FLIGHT_S", 0.1)
@@ -41,7 +41,7 @@ def test_every_measurement_gives_json_and_words(monkeypatch: pytest.MonkeyPatch)
     monkeypatch.setattr(bench_recording, "TICKS", 30)
     monkeypatch.setattr(bench_recording, "TURNS", 1)
     monkeypatch.setattr(bench_screen, "TURNS", 1)
-    facts = json.loads(json.dumps(bench.measured(list(bench.WHAT), bench.Options(hours=0.002, seconds=0.5))))
+    facts = json.loads(json.dumps(bench.measure_all(list(bench.WHAT), bench.Options(hours=0.002, seconds=0.5))))
     assert list(facts) == ["machine", *bench.WHAT]
     assert all(row["ticks"] == 101 and row["median_us"] > 5.0 for row in facts["tick"]["rows"])
     assert all(row["times_real_time"] > 1.0 for row in facts["flight"]["rows"])
@@ -124,7 +124,7 @@ def test_an_unknown_measurement_is_refused_with_the_ones_there_are(
 
 def test_a_pilot_is_itself_again_after_it_was_timed() -> None:
     before = (Pilot.pose, Pilot.tick)
-    with pytest.raises(ZeroDivisionError), bench_tick.timed(bench_tick.WHOLE, lambda: 1 // 0) as found:
+    with pytest.raises(ZeroDivisionError), bench_tick.time_calls(bench_tick.WHOLE, lambda: 1 // 0) as found:
         assert Pilot.tick is not before[1]
         Pilot.tick(None, 0.0)  # type: ignore[arg-type]  # the clock fails before the pilot is looked at
     assert (Pilot.pose, Pilot.tick) == before
@@ -174,4 +174,4 @@ def test_growth_is_seen(monkeypatch: pytest.MonkeyPatch) -> None:
         return look()
 
     monkeypatch.setattr(bench_allocation, "look", hoarding)
-    assert bench_allocation.grown(0.001)["objects_grown"] >= 15_000
+    assert bench_allocation.measure_growth(0.001)["objects_grown"] >= 15_000

@@ -2,7 +2,7 @@
 
 import pytest
 
-from tests.proving.bench.latency import Answers, Waiting, figures_of, together
+from tests.proving.bench.links import Answers, Waiting, figures_of, together
 
 
 def test_a_command_answers_the_pose_that_had_left_when_it_was_computed() -> None:

@@ -10,8 +10,7 @@ import pytest
 import links.make
 from sim.__main__ import main
 from tests.proving.fuzz import FLIGHTS, LINKS, SOURCES
-from tests.proving.fuzz.fuzz import fuzz
-from tests.proving.fuzz.subjects import PoseSubject
+from tests.proving.fuzz.fuzz import PoseSubject, fuzz
 
 ALL = SOURCES | LINKS
 

@@ -20,8 +20,7 @@ import numpy.typing as npt
 
 from groundstation.analysis.shadow.path import UNKNOWN, FlownPath, flying, thrust_shares
 from groundstation.analysis.shadow.recording import RecordedVehicle
-from groundstation.core.control import Adaptive
-from groundstation.core.control import make_controller
+from groundstation.core.control import Adaptive, make_controller
 from groundstation.core.estimation import ModelEstimator
 from groundstation.core.geometry import Vec3, conjugate, multiply, rotation_vector
 from groundstation.core.messages import Controller, Estimate, Pose

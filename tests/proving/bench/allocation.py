@@ -56,7 +56,7 @@ async def _fly(duration_s: float) -> list[dict[str, int]]:
     return looks
 
 
-def grown(hours: float) -> dict[str, Any]:
+def measure_growth(hours: float) -> dict[str, Any]:
     """Fly for ``hours``; growth is from the end of the first quarter to the end of the flight."""
     with asyncio.Runner(loop_factory=VirtualTimeLoop) as runner:
         looks = runner.run(_fly(3600.0 * hours))
@@ -71,7 +71,7 @@ def grown(hours: float) -> dict[str, Any]:
 
 def measure(options: "Options") -> dict[str, Any]:
     """The figures of one flight."""
-    return grown(options.hours)
+    return measure_growth(options.hours)
 
 
 def text(facts: dict[str, Any]) -> list[str]:

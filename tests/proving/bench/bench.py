@@ -26,7 +26,7 @@ class Options(NamedTuple):
     """How long ``mqtt``, ``screen`` and each part of ``links`` last [s]."""
 
 
-def measured(names: list[str], options: Options) -> dict[str, Any]:
+def measure_all(names: list[str], options: Options) -> dict[str, Any]:
     """The facts of each measurement, and of the machine."""
     import platform
 

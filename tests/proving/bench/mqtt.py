@@ -124,7 +124,7 @@ def _snapshot(name: str, time_s: float) -> Snapshot:
     )  # fmt: skip
 
 
-class _Heard(msgspec.Struct):
+class ListenedMessages(msgspec.Struct):
     """What the listener reads of a snapshot."""
 
     vehicle: str
@@ -142,7 +142,7 @@ async def _listen(url: str, begin_s: float, end_s: float) -> dict[str, Any]:
         async with asyncio.timeout_at(end_s + 0.5), broker.client() as client:
             await client.subscribe("groundstation/+/snapshot")
             async for message in client.messages:
-                snapshot = msgspec.json.decode(message.payload, type=_Heard)
+                snapshot = msgspec.json.decode(message.payload, type=ListenedMessages)
                 if begin_s <= snapshot.time_s < end_s:
                     latencies.append(loop.time() - snapshot.time_s)
                     vehicles.add(snapshot.vehicle)

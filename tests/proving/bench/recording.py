@@ -28,7 +28,9 @@ POSE_BYTES, COMMAND_BYTES = b"p" * 90, b"c" * 53
 """About what a pose takes on the wire, and a command does."""
 
 
-async def flown(ticks: int, pilot: Pilot, config: Config, give: Callable[[Record], None] | None) -> tuple[float, float]:
+async def fly_ticks(
+    ticks: int, pilot: Pilot, config: Config, give: Callable[[Record], None] | None
+) -> tuple[float, float]:
     """Processor time of this thread for a tick [s]: all of it, and from the pose's arrival to the command's leaving."""
     loop = asyncio.get_running_loop()
     if isinstance(pilot, RecordedPilot) and give is not None:
@@ -56,19 +58,19 @@ async def flown(ticks: int, pilot: Pilot, config: Config, give: Callable[[Record
 
 
 async def turn(ticks: int, folder: str, *, recording: bool) -> tuple[float, float]:
-    """One turn; see :func:`flown`."""
+    """One turn; see :func:`fly_ticks`."""
     config = Config()
     parts = config.vehicle, config.controller, config.flight.coast_s, config.flight.floor_z_m
     if not recording:
-        return await flown(ticks, Pilot(*parts), config, None)
+        return await fly_ticks(ticks, Pilot(*parts), config, None)
     recorder = RecorderProcess(RecordingConfig(folder=folder), about(config), lambda _: None)
     await asyncio.sleep(1.0)  # its start is not what is measured
-    figures = await flown(ticks, RecordedPilot(*parts), config, recorder.give)
+    figures = await fly_ticks(ticks, RecordedPilot(*parts), config, recorder.give)
     await recorder.close()
     return figures
 
 
-def compared(ticks: int, turns: int) -> dict[str, Any]:
+def compare(ticks: int, turns: int) -> dict[str, Any]:
     """The medians of so many turns of so many ticks, with and without."""
     found: dict[bool, list[tuple[float, float]]] = {False: [], True: []}
     before = resource.getrusage(resource.RUSAGE_CHILDREN)
@@ -96,7 +98,7 @@ def compared(ticks: int, turns: int) -> dict[str, Any]:
 def measure(options: "Options") -> dict[str, Any]:
     """The figures."""
     del options
-    return compared(TICKS, TURNS)
+    return compare(TICKS, TURNS)
 
 
 def text(facts: dict[str, Any]) -> list[str]:

@@ -13,8 +13,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from links.core import make_child_command
-from tests.proving.bench.latency import Answers, figures_of, fly, together
-from tests.proving.bench.links import lost_words
+from tests.proving.bench.links import Answers, figures_of, lost_words, together
+from tests.proving.bench.links import fly_latency as fly
 
 if TYPE_CHECKING:
     from tests.proving.bench.bench import Options

@@ -41,7 +41,7 @@ Call = tuple[str, tuple[Any, ...], dict[str, Any]]
 
 
 @contextmanager
-def recorded(subject: type, names: tuple[str, ...]) -> Iterator[list[Call]]:
+def record_calls(subject: type, names: tuple[str, ...]) -> Iterator[list[Call]]:
     """Within it the calls of ``names`` are noted, from the making of a ``subject`` on."""
     calls: list[Call] = []
     inner = {name: getattr(subject, name) for name in ("__init__", *names)}
@@ -49,11 +49,11 @@ def recorded(subject: type, names: tuple[str, ...]) -> Iterator[list[Call]]:
     def noting(name: str) -> Any:
         method = inner[name]
 
-        def noted(*arguments: Any, **options: Any) -> Any:
+        def note(*arguments: Any, **options: Any) -> Any:
             calls.append((name, arguments[1:], options))
             return method(*arguments, **options)
 
-        return noted
+        return note
 
     for name in inner:
         setattr(subject, name, noting(name))
@@ -89,7 +89,7 @@ def monitor(scenario: str) -> dict[str, float]:
     world, config = prepare(SCENARIOS[scenario], [])
     calls: dict[type, list[Call]] = {}
     for subject, names in SUBJECTS.items():
-        with recorded(subject, names) as calls[subject]:
+        with record_calls(subject, names) as calls[subject]:
             fly(world, config, seed=0, duration_s=MONITOR_TICKS * world.frame_period_s)
     least = dict.fromkeys(SUBJECTS, float("inf"))
     for _ in range(ROUNDS):
@@ -118,14 +118,14 @@ WHOLE = ((Pilot, "pose"), (Pilot, "tick"))
 
 
 @contextmanager
-def timed(parts: Sequence[tuple[type, str]], clock: Callable[[], int]) -> Iterator[list[float]]:
+def time_calls(parts: Sequence[tuple[type, str]], clock: Callable[[], int]) -> Iterator[list[float]]:
     """Within it the time spent in ``parts`` is measured from outside [µs]; the last of them ends an entry."""
     found: list[float] = []
     spent = 0
     inner = [(owner, name, getattr(owner, name)) for owner, name in parts]
 
-    def wrapped(method: Callable[..., Any], *, last: bool) -> Callable[..., Any]:
-        def measured(*arguments: Any, **options: Any) -> Any:
+    def wrap(method: Callable[..., Any], *, last: bool) -> Callable[..., Any]:
+        def measure_call(*arguments: Any, **options: Any) -> Any:
             nonlocal spent
             start = clock()
             result = method(*arguments, **options)
@@ -135,10 +135,10 @@ def timed(parts: Sequence[tuple[type, str]], clock: Callable[[], int]) -> Iterat
                 spent = 0
             return result
 
-        return measured
+        return measure_call
 
     for number, (owner, name, method) in enumerate(inner, 1):
-        setattr(owner, name, wrapped(method, last=number == len(inner)))
+        setattr(owner, name, wrap(method, last=number == len(inner)))
     try:
         yield found
     finally:
@@ -150,12 +150,16 @@ def one(scenario: str, ticks: int) -> dict[str, Any]:
     """The figures of one flight of ``ticks`` commands, flown three times, and what :func:`monitor` finds."""
     world, config = prepare(SCENARIOS[scenario], [])
 
-    def flown(parts: Sequence[tuple[type, str]], clock: Callable[[], int]) -> list[float]:
-        with timed(parts, clock) as found:
+    def fly_once(parts: Sequence[tuple[type, str]], clock: Callable[[], int]) -> list[float]:
+        with time_calls(parts, clock) as found:
             fly(world, config, seed=0, duration_s=ticks * world.frame_period_s)
         return found
 
-    core, busy, whole = flown(CORE, perf_counter_ns), flown(CORE, thread_time_ns), flown(WHOLE, perf_counter_ns)
+    core, busy, whole = (
+        fly_once(CORE, perf_counter_ns),
+        fly_once(CORE, thread_time_ns),
+        fly_once(WHOLE, perf_counter_ns),
+    )
     return {
         "scenario": scenario,
         "ticks": len(core),

@@ -2,17 +2,10 @@
 
 TYPE_CHECKING = False
 if TYPE_CHECKING:
-    from tests.proving.fuzz.fuzz import fuzz_all, text
-    from tests.proving.fuzz.links import LINKS
+    from tests.proving.fuzz.fuzz import LINKS, SOURCES, Subject, fuzz_all, text
     from tests.proving.fuzz.pose_bytes import FLIGHTS, PERIOD_S
-    from tests.proving.fuzz.subjects import SOURCES, Subject
 
-_MODULES = {
-    "fuzz": ("fuzz_all", "text"),
-    "links": ("LINKS",),
-    "pose_bytes": ("FLIGHTS", "PERIOD_S"),
-    "subjects": ("SOURCES", "Subject"),
-}
+_MODULES = {"fuzz": ("LINKS", "SOURCES", "Subject", "fuzz_all", "text"), "pose_bytes": ("FLIGHTS", "PERIOD_S")}
 
 
 def __getattr__(name: str) -> object:

@@ -1,18 +1,181 @@
-"""Feeds every decoder random and damaged bytes.
+"""Fuzzer: feeds every decoder of poses and links random and damaged bytes.
 
-Nothing may raise, memory may not grow, and a stream that comes in pieces must say the same as one that comes whole.
+Nothing may raise, memory may not grow, and a stream that comes in pieces must say the same as one that comes whole. Of
+each decoder there is a subject, with good datagrams to damage.
 """
 
 import random
 import struct
 import sys
+from abc import ABC, abstractmethod
 from collections import Counter
 from collections.abc import Callable, Iterator, Mapping, Sequence
+from typing import Any
 
 import msgspec
 
-from tests.proving.fuzz.pose_bytes import PERIOD_S
-from tests.proving.fuzz.subjects import Subject
+from links.core import Command
+from links.rf import RF_CODECS
+from tests.proving.fuzz.pose_bytes import FLIGHTS, PERIOD_S, natnet_handshake
+
+
+class Subject(ABC):
+    """One decoder, with good datagrams to damage."""
+
+    seeds: Sequence[bytes]
+    """Good datagrams, to be damaged."""
+
+    @abstractmethod
+    def feed(self, datagram: bytes, now_s: float) -> int:
+        """Decode one datagram; returns how many events came of it."""
+
+    @abstractmethod
+    def drops(self) -> Counter[str]:
+        """What was dropped so far."""
+
+    def repair(self, datagram: bytes) -> bytes:
+        """A damaged datagram with lengths and checksums that fit, so that damage gets past them."""
+        return datagram
+
+    def in_pieces(self, stream: bytes, cuts: Sequence[int]) -> bool | None:
+        """Whether a stream says the same when cut at ``cuts``; None for a decoder of datagrams."""
+        return None
+
+
+class PoseSubject(Subject):
+    """A reader of poses."""
+
+    def __init__(self, name: str) -> None:
+        """The reader and the datagrams of the source ``name``."""
+        self.reader, self.seeds = FLIGHTS[name](50)
+
+    def feed(self, datagram: bytes, now_s: float) -> int:
+        """See :class:`Subject`."""
+        return len(self.reader.read(datagram, now_s))
+
+    def drops(self) -> Counter[str]:
+        """See :class:`Subject`."""
+        return Counter(self.reader.status.dropped)
+
+
+class NatNetSubject(PoseSubject):
+    """NatNet, whose messages tell their length."""
+
+    def __init__(self, name: str) -> None:
+        """Messages of the handshake among the frames: damaged ones are believed, and good ones must come again."""
+        super().__init__(name)
+        self.seeds = [*natnet_handshake((3, 0) if name.endswith("3.0") else (4, 1)) * 5, *self.seeds]
+
+    def repair(self, datagram: bytes) -> bytes:
+        """See :class:`Subject`."""
+        return datagram[:2] + struct.pack("<H", min(max(len(datagram) - 4, 0), 0xFFFF)) + datagram[4:]
+
+
+class QualisysSubject(PoseSubject):
+    """Contents of data packets; as a stream, the packets themselves."""
+
+    def in_pieces(self, stream: bytes, cuts: Sequence[int]) -> bool | None:
+        """See :class:`Subject`."""
+        return _frame([stream]) == _frame(pieces_of(stream, cuts))
+
+
+def _frame(pieces: Sequence[bytes]) -> tuple[list[bytes], bool]:
+    from groundstation.pose.sources import Framer
+
+    framer = Framer()
+    return [packet for piece in pieces for packet in framer.feed(piece)], framer.broken
+
+
+class MavlinkSubject(PoseSubject):
+    """Poses that come in MAVLink frames."""
+
+    def repair(self, datagram: bytes) -> bytes:
+        """See :class:`Subject`."""
+        return repair_mavlink(datagram)
+
+
+class CsvSubject(Subject):
+    """Rows of recorded poses."""
+
+    def __init__(self) -> None:
+        """Rows as a run's folder has them."""
+        from groundstation.pose import CsvRow, encode_csv
+
+        self.seeds = [
+            encode_csv(CsvRow(0.01 * n, 0.01 * n + 0.02, (0.1 * n, 1.0, -1.0), (1.0, 0.0, 0.0, 0.0))).encode()
+            for n in range(50)
+        ]
+        self._drops: Counter[str] = Counter()
+
+    def feed(self, datagram: bytes, now_s: float) -> int:
+        """See :class:`Subject`."""
+        from groundstation.pose import read_csv
+
+        return sum(1 for _ in read_csv(datagram.decode("utf-8", "replace").splitlines(), self._drops))
+
+    def drops(self) -> Counter[str]:
+        """See :class:`Subject`."""
+        return self._drops
+
+
+class TlogSubject(CsvSubject):
+    """Records of a .tlog."""
+
+    def __init__(self) -> None:
+        """ODOMETRY behind its time."""
+        super().__init__()
+        self.seeds = [(n * 10_000).to_bytes(8, "big") + data for n, data in enumerate(FLIGHTS["odometry"](50)[1])]
+
+    def feed(self, datagram: bytes, now_s: float) -> int:
+        """See :class:`Subject`."""
+        from groundstation.pose import TlogReader
+
+        reader = TlogReader(datagram)
+        count = sum(1 for _ in reader)
+        self._drops += reader.dropped
+        return count
+
+    def repair(self, datagram: bytes) -> bytes:
+        """See :class:`Subject`."""
+        return datagram[:8] + repair_mavlink(datagram[8:])
+
+
+def pieces_of(stream: bytes, cuts: Sequence[int]) -> list[bytes]:
+    """``stream``, cut at ``cuts`` (in order)."""
+    ends = [0, *cuts, len(stream)]
+    return [stream[a:b] for a, b in zip(ends, ends[1:], strict=False)]
+
+
+def repair_mavlink(frame: bytes) -> bytes:
+    """A damaged MAVLink 2 frame with the length and the checksum of what it holds."""
+    from fastcrc.crc16 import mcrf4xx
+
+    from links.mavlink.protocol import DIALECT
+
+    if len(frame) < 12:
+        return frame
+    number = int.from_bytes(frame[7:10], "little")
+    message = DIALECT.kind(number)
+    if message is None:
+        return frame
+    body = bytes([min(len(frame) - 12, 255)]) + b"\0" + frame[3:-2][:263]
+    return b"\xfd" + body + mcrf4xx(body + message.crc_byte).to_bytes(2, "little")
+
+
+SOURCES: dict[str, Callable[[], Subject]] = {
+    "vicon": lambda: PoseSubject("vicon"),
+    "natnet": lambda: NatNetSubject("natnet"),
+    "natnet 3.0": lambda: NatNetSubject("natnet 3.0"),
+    "qualisys": lambda: QualisysSubject("qualisys"),
+    "odometry": lambda: MavlinkSubject("odometry"),
+    "local_position": lambda: MavlinkSubject("local_position"),
+    "vision": lambda: MavlinkSubject("vision"),
+    "json": lambda: PoseSubject("json"),
+    "csv": CsvSubject,
+    "tlog": TlogSubject,
+}
+"""Decoders of pose sources; a new source adds its own here."""
+
 
 SHOWN = 1000
 """Of a datagram that made a decoder raise [hex digits]."""
@@ -27,7 +190,7 @@ _AWKWARD = (
 )  # fmt: skip
 
 
-class Report(msgspec.Struct, frozen=True):
+class FuzzReport(msgspec.Struct, frozen=True):
     """What came of one decoder."""
 
     name: str
@@ -53,7 +216,7 @@ class Total(msgspec.Struct, frozen=True):
     exceptions: int
     mismatches: int
     memory_growth_mb: float
-    decoders: list[Report]
+    decoders: list[FuzzReport]
 
 
 def fuzz_all(subjects: Mapping[str, Callable[[], Subject]], count: int, seed: int = 0) -> Total:
@@ -84,7 +247,7 @@ def text(total: Total) -> str:
     return "\n".join(lines)
 
 
-def fuzz(name: str, make: Callable[[], Subject], count: int, seed: int = 0) -> Report:
+def fuzz(name: str, make: Callable[[], Subject], count: int, seed: int = 0) -> FuzzReport:
     """Try ``count`` datagrams on one decoder; what raises is told on stderr, the first three of a kind."""
     subject = make()
     chance = random.Random(f"{seed} {name}")
@@ -92,7 +255,7 @@ def fuzz(name: str, make: Callable[[], Subject], count: int, seed: int = 0) -> R
     tried = events = mismatches = 0
     memory = peak_mb()
     batch: list[bytes] = []
-    for n, datagram in enumerate(_damaged(subject, chance, count)):
+    for n, datagram in enumerate(_damage_some(subject, chance, count)):
         if n == count // 10:
             memory = peak_mb()
         tried += 1
@@ -109,10 +272,12 @@ def fuzz(name: str, make: Callable[[], Subject], count: int, seed: int = 0) -> R
             if exceptions[type(error).__name__] <= 3:
                 print(f"fuzz {name}: {kind} on {datagram.hex()[:SHOWN]}", file=sys.stderr)
     growth = max(0.0, peak_mb() - memory)
-    return Report(name, tried, events, dict(subject.drops()), sum(exceptions.values()), mismatches, round(growth, 2))
+    return FuzzReport(
+        name, tried, events, dict(subject.drops()), sum(exceptions.values()), mismatches, round(growth, 2)
+    )
 
 
-def _damaged(subject: Subject, chance: random.Random, count: int) -> Iterator[bytes]:
+def _damage_some(subject: Subject, chance: random.Random, count: int) -> Iterator[bytes]:
     """Random bytes, good datagrams, and good ones with damage of every kind; some with their checksums put right."""
     seeds = subject.seeds
     for _ in range(count):
@@ -155,3 +320,125 @@ def peak_mb() -> float:
 
     peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
     return peak / 1024.0 if sys.platform != "darwin" else peak / 1024.0**2
+
+
+class MavlinkLinkSubject(Subject):
+    """The link's own codec, on every message that the simulated autopilot sends."""
+
+    def __init__(self) -> None:
+        """As seen from a ground station."""
+        from links.mavlink.protocol import MavlinkCodec
+
+        self._codec = MavlinkCodec(245, 190)
+        self.seeds = [
+            datagram for name in ("odometry", "local_position", "vision") for datagram in FLIGHTS[name](15)[1]
+        ]
+        self.seeds += [MavlinkCodec(1, 1).heartbeat(), MavlinkCodec(1, 1).command(1, 1, 400, 1.0)]
+
+    def feed(self, datagram: bytes, now_s: float) -> int:
+        """See :class:`Subject`."""
+        return len(self._codec.feed_datagram(datagram))
+
+    def drops(self) -> Counter[str]:
+        """See :class:`Subject`."""
+        return Counter(self._codec.dropped)
+
+    def repair(self, datagram: bytes) -> bytes:
+        """See :class:`Subject`."""
+        return repair_mavlink(datagram)
+
+    def in_pieces(self, stream: bytes, cuts: Sequence[int]) -> bool | None:
+        """See :class:`Subject`."""
+        return _decode_mavlink([stream]) == _decode_mavlink(pieces_of(stream, cuts))
+
+
+def _decode_mavlink(pieces: Sequence[bytes]) -> tuple[list[bytes], Counter[str]]:
+    from links.mavlink.protocol import MavlinkCodec
+
+    codec = MavlinkCodec(245, 190)
+    return [bytes(m.get_msgbuf()) for piece in pieces for m in codec.feed(piece)], codec.dropped
+
+
+class RfSubject(Subject):
+    """Frames of a serial RF module, as a simulated module takes them."""
+
+    def __init__(self, kind: str) -> None:
+        """Frames with every channel, from end to end, and each service."""
+        self._codec = RF_CODECS[kind]().codec()
+        self._decoder = self._codec.decoder()
+        channels = self._codec.channels
+        self.seeds = [self._codec.encode([0.1 * n - 1.0] * channels) for n in range(21)]
+        self.seeds += [self._codec.encode([0.0] * channels, service) for service in self._codec.services]
+
+    def feed(self, datagram: bytes, now_s: float) -> int:
+        """Let it stand alone on the wire."""
+        heard = self._decoder.feed(datagram)
+        self._decoder.pause()
+        return len(heard)
+
+    def drops(self) -> Counter[str]:
+        """See :class:`Subject`."""
+        return Counter(self._decoder.dropped)
+
+    def repair(self, datagram: bytes) -> bytes:
+        """See :class:`Subject`: CRSF's length and checksum; other frames have neither."""
+        from fastcrc.crc8 import dvb_s2
+
+        if datagram[:1] not in (b"\xee", b"\xc8") or not 4 <= len(datagram) <= 64:
+            return datagram
+        body = datagram[2:-1]
+        return datagram[:1] + bytes([len(body) + 1]) + body + bytes([dvb_s2(body)])
+
+    def in_pieces(self, stream: bytes, cuts: Sequence[int]) -> bool | None:
+        """See :class:`Subject`."""
+        return self._decode_pieces([stream]) == self._decode_pieces(pieces_of(stream, cuts))
+
+    def _decode_pieces(self, pieces: Sequence[bytes]) -> tuple[list[str], dict[str, int]]:
+        decoder = self._codec.decoder()
+        return [repr(heard) for piece in pieces for heard in decoder.feed(piece)], decoder.dropped
+
+
+class BridgeSubject(Subject):
+    """What a bridge hears from its station; damaged datagrams are sealed anew, or else none would be looked into."""
+
+    def __init__(self) -> None:
+        """Commands, arming, services and the end."""
+        from links.bridge import codec as bridge_codec
+        from links.rf import Service
+
+        self._codec = bridge_codec
+        self._nonces = (bytes(range(bridge_codec.NONCE_BYTES)), bytes(bridge_codec.NONCE_BYTES))
+        self._seal = self._up()
+        self._theirs = self._up()
+        self._drops: Counter[str] = Counter()
+        command = Command(0.8, (0.1, -0.2, 0.3), 7, 1.0, 1.1)
+        ups = [bridge_codec.Up(0.1 * n, 0.1 * n, 5.0, n, 0.2, False, command) for n in range(5)]
+        ups += [bridge_codec.Up(1.0, 1.0, 5.0, stopped=True), bridge_codec.Up(1.0, 1.0, 5.0, end=True)]
+        ups += [bridge_codec.Up(1.0, 1.0, 5.0, serve=(1, service, 2.0)) for service in Service]
+        self.seeds = [self._seal.close(up) for up in ups]
+
+    def _up(self) -> Any:
+        return self._codec.session_seals(b"k" * 32, *self._nonces)[0]
+
+    def feed(self, datagram: bytes, now_s: float) -> int:
+        """See :class:`Subject`."""
+        return self._theirs.open(datagram, self._codec.UPS, self._drops) is not None
+
+    def drops(self) -> Counter[str]:
+        """See :class:`Subject`."""
+        return self._drops
+
+    def repair(self, datagram: bytes) -> bytes:
+        """See :class:`Subject`: the next datagram of the session, with what is damaged for its payload."""
+        payload: Any = msgspec.Raw(datagram[21 : -self._codec.TAG_BYTES])
+        sealed: bytes = self._seal.close(payload)
+        return sealed
+
+
+LINKS: dict[str, Callable[[], Subject]] = {
+    "mavlink": MavlinkLinkSubject,
+    "dsm": lambda: RfSubject("dsm"),
+    "crsf": lambda: RfSubject("crsf"),
+    "rf_bridge": BridgeSubject,
+}
+"""Decoders of links; a new link adds its own here."""

@@ -33,7 +33,7 @@ PERIOD_S = 0.01
 """Time from one datagram to the next [s]."""
 
 
-class Flight(NamedTuple):
+class PoseFlight(NamedTuple):
     """One source's reader and what it is to read."""
 
     reader: Reader
@@ -48,15 +48,15 @@ def _bodies(frame: int) -> list[Seen]:
     return [ours, *(Seen(f"other{n}", (2.0, float(n), -1.0), so3.IDENTITY, True) for n in range(2))]
 
 
-def vicon(frames: int) -> Flight:
+def vicon(frames: int) -> PoseFlight:
     """Vicon's UDP Object Stream."""
     config = ViconConfig()
     encode = vicon_encoder(config)
     reader = ViconReader(config.object, Intake(0.0, frames_of(config), frame_s=PERIOD_S))
-    return Flight(reader, [encode(n, 0.0, _bodies(n)) for n in range(frames)])
+    return PoseFlight(reader, [encode(n, 0.0, _bodies(n)) for n in range(frames)])
 
 
-def natnet(frames: int, version: natnet_codec.Version = (4, 1)) -> Flight:
+def natnet(frames: int, version: natnet_codec.Version = (4, 1)) -> PoseFlight:
     """OptiTrack's NatNet, from the server's description on."""
     config = NatNetConfig()
     server = NatNetServer(config, version)
@@ -64,7 +64,7 @@ def natnet(frames: int, version: natnet_codec.Version = (4, 1)) -> Flight:
     reader = NatNetReader(config.name, Intake(0.0, frames_of(config)))
     for message in natnet_handshake(version):
         reader.read(message, 0.0)
-    return Flight(reader, data)
+    return PoseFlight(reader, data)
 
 
 def natnet_handshake(version: natnet_codec.Version) -> list[bytes]:
@@ -74,28 +74,28 @@ def natnet_handshake(version: natnet_codec.Version) -> list[bytes]:
     return [natnet_codec.encode_server_info(server.info), server.models()]
 
 
-def qualisys(frames: int) -> Flight:
+def qualisys(frames: int) -> PoseFlight:
     """The contents of QTM's data packets, as qtm-rt hands them over."""
     config = QualisysConfig()
     server = QtmServer(config)
     reader = QualisysReader(config.name, Intake(0.0, frames_of(config)))
     reader.names = tuple(seen.name for seen in _bodies(0))
-    return Flight(reader, [server.encode(n, n * PERIOD_S, _bodies(n))[8:] for n in range(frames)])
+    return PoseFlight(reader, [server.encode(n, n * PERIOD_S, _bodies(n))[8:] for n in range(frames)])
 
 
-def json(frames: int) -> Flight:
+def json(frames: int) -> PoseFlight:
     """JSON poses."""
     config = JsonConfig()
     encode = json_encoder(config)
     intakes = [Intake(0.0, frames_of(config), frame_s=s) for s in (None, PERIOD_S)]
     reader = JsonReader(config.name, *intakes)
-    return Flight(reader, [encode(n, n * PERIOD_S, _bodies(n)) for n in range(frames)])
+    return PoseFlight(reader, [encode(n, n * PERIOD_S, _bodies(n)) for n in range(frames)])
 
 
-def vision(frames: int) -> Flight:
+def vision(frames: int) -> PoseFlight:
     """VISION_POSITION_ESTIMATE."""
     encode = vision_encoder(VisionConfig())
-    return Flight(VisionReader(Intake(0.0)), [encode(n, n * PERIOD_S, _bodies(n)) for n in range(frames)])
+    return PoseFlight(VisionReader(Intake(0.0)), [encode(n, n * PERIOD_S, _bodies(n)) for n in range(frames)])
 
 
 class MessageReader:
@@ -118,7 +118,7 @@ class MessageReader:
         return [pose for pose in made if pose is not None]
 
 
-def odometry(frames: int) -> Flight:
+def odometry(frames: int) -> PoseFlight:
     """ODOMETRY, as PX4 sends it."""
     codec = MavlinkCodec(1, 1)
 
@@ -144,10 +144,10 @@ def odometry(frames: int) -> Flight:
             0,
         )
 
-    return Flight(MessageReader(OdometryDecoder(0.0)), [codec.pack(message(n)) for n in range(frames)])
+    return PoseFlight(MessageReader(OdometryDecoder(0.0)), [codec.pack(message(n)) for n in range(frames)])
 
 
-def local_position(frames: int) -> Flight:
+def local_position(frames: int) -> PoseFlight:
     """ATTITUDE_QUATERNION and LOCAL_POSITION_NED in one datagram, as ArduPilot may send them."""
     codec = MavlinkCodec(1, 1)
     d = codec.dialect
@@ -158,10 +158,10 @@ def local_position(frames: int) -> Flight:
         turned = d.MAVLink_attitude_quaternion_message(stamp_ms, *attitude, 0.0, 0.0, 0.0)
         placed = d.MAVLink_local_position_ned_message(stamp_ms, *position, 0.5, 0.0, 0.0)
         datagrams.append(codec.pack(turned) + codec.pack(placed))
-    return Flight(MessageReader(LocalPositionDecoder(0.0)), datagrams)
+    return PoseFlight(MessageReader(LocalPositionDecoder(0.0)), datagrams)
 
 
-FLIGHTS: dict[str, Callable[[int], Flight]] = {
+FLIGHTS: dict[str, Callable[[int], PoseFlight]] = {
     "vicon": vicon,
     "natnet": natnet,
     "natnet 3.0": lambda frames: natnet(frames, (3, 0)),

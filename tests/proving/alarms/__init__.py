@@ -1,1 +1,0 @@
-"""False alarms: true flights with the monitor of the poses armed."""
