@@ -7,7 +7,7 @@ GRAVITY = 9.81
 
 
 class Brick:
-    """Implements :class:`sim.world.airframe.Airframe`; thrust 0..1 is 0..2 times its weight. The floor is at z = 0."""
+    """Implements :class:`sim.world.quadrotor.Airframe`; thrust 0..1 is 0..2 times its weight. The floor is at z = 0."""
 
     def __init__(self, height_m: float = 0.0, *, held: bool = False) -> None:
         self.acts: list[tuple[float, float, Vec3]] = []

@@ -4,7 +4,7 @@ from functools import cache
 from pathlib import Path
 
 from groundstation.recording import Record
-from sim.cli.run_folder import RECORDING, RunFolder
+from sim.cli.fly import RECORDING, RunFolder
 from sim.runs import fly
 from sim.runs.flight import Result
 from sim.scenarios import SCENARIOS, prepare

@@ -1,4 +1,4 @@
-"""The MAVLink link to PX4 and ArduPilot: codec, connection, status, and the link itself."""
+"""The MAVLink link to PX4 and ArduPilot: transport, connection, and the link itself."""
 
 TYPE_CHECKING = False
 if TYPE_CHECKING:

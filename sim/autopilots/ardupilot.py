@@ -17,10 +17,18 @@ from typing import ClassVar
 
 from groundstation.core.geometry import so3
 from links.mavlink.protocol import ARDUPILOT
-from sim.autopilots.base import SimulatedAutopilot
-from sim.autopilots.dialect import ACCEPTED, CRITICAL, DENIED, FAILED, INFO, WARNING, SetPoint, rates_or_zero
-from sim.autopilots.parameters import ARDUPILOT_PARAMETERS
-from sim.autopilots.pilot import Climb, Descend, HoldAttitude
+from sim.autopilots.base import Climb, Descend, HoldAttitude, SimulatedAutopilot
+from sim.autopilots.dialect import (
+    ACCEPTED,
+    ARDUPILOT_PARAMETERS,
+    CRITICAL,
+    DENIED,
+    FAILED,
+    INFO,
+    WARNING,
+    SetPoint,
+    rates_or_zero,
+)
 from sim.world import Airframe
 
 STABILIZE, GUIDED, LAND, GUIDED_NOGPS = 0, 4, 9, 20

@@ -1,18 +1,20 @@
-"""Base of the simulated autopilots: what every one does towards a ground station; the dialects say the rest. Sans-IO.
+"""Simulated autopilot: what every one does towards a ground station; the dialects say the rest. Sans-IO.
 
 Here: telemetry, COMMAND_LONG and its answers, parameters, TIMESYNC, arming and disarming as such, and its own
 control loop; and what its estimator would fuse of ODOMETRY that it is sent, as in PX4 v1.15 (mavlink_receiver.cpp) and
-ArduPilot 4.6-dev (GCS_Common.cpp). In a dialect (dialect.py; px4.py, ardupilot.py): modes, what it refuses, what it
-makes of a set-point, and what it does when they stop.
+ArduPilot 4.6-dev (GCS_Common.cpp). By itself it flies an attitude, a climb and a level descent, by plain P and PI
+loops. In a dialect (dialect.py; px4.py, ardupilot.py): modes, what it refuses, what it makes of a set-point,
+and what it does when they stop.
 """
 
 import math
 from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
+from typing import Protocol
 
 import msgspec
 
-from groundstation.core.geometry import Quat, Vec3
+from groundstation.core.geometry import Quat, Vec3, so3
 from links.mavlink.protocol import (
     ARDUPILOT,
     ARM_DISARM,
@@ -25,11 +27,219 @@ from links.mavlink.protocol import (
     MavlinkCodec,
     Message,
 )
-from sim.autopilots.dialect import ACCEPTED, CRITICAL, INFO, TEMPORARILY_REJECTED, UNSUPPORTED, Dialect, SetPoint
-from sim.autopilots.parameters import Parameters
-from sim.autopilots.pilot import Pilot
-from sim.autopilots.streams import SAME_INSTANT_S, Streams, builders, statustext
-from sim.world import Airframe
+from sim.autopilots.dialect import (
+    ACCEPTED,
+    CRITICAL,
+    INFO,
+    TEMPORARILY_REJECTED,
+    UNSUPPORTED,
+    Dialect,
+    Parameters,
+    SetPoint,
+)
+from sim.world import Airframe, Truth
+
+ATTITUDE_GAIN = 5.0
+"""Body rate per attitude error [1/s]."""
+DESCENT_M_S = 0.5
+"""Speed of the descent [m/s]."""
+SPEED_GAIN, SPEED_INTEGRAL_GAIN = 4.0, 2.0
+"""Acceleration per error of that speed [1/s], and per its integral [1/s²]: PX4's MPC_Z_VEL_P_ACC and _I_ACC."""
+INTEGRAL_LIMIT = 5.0
+"""Largest acceleration by the integral [m/s²]."""
+BRAKING_GAIN, BRAKING_LEAN = 1.8, math.radians(15.0)
+"""Acceleration per horizontal speed [1/s], PX4's MPC_XY_VEL_P_ACC, and how far it leans for that at most [rad]."""
+GRAVITY = 9.81
+"""[m/s²]"""
+
+
+class Pilot(Protocol):
+    """A control loop on board."""
+
+    def fly(self, truth: Truth) -> tuple[float, Vec3]:
+        """Thrust 0..1 and body rates [rad/s] for the state ``truth``."""
+        ...
+
+
+class HoldAttitude:
+    """Turn to an attitude and stay there, at a given thrust."""
+
+    def __init__(self, attitude: Quat, thrust: float) -> None:
+        """``attitude`` is body FRD to world NED; ``thrust`` 0..1."""
+        self._attitude = so3.normalized(attitude)
+        self._thrust = thrust
+
+    def fly(self, truth: Truth) -> tuple[float, Vec3]:
+        """Rates along the shortest turn."""
+        x, y, z = so3.rotation_vector(so3.multiply(so3.conjugate(truth.attitude), self._attitude))
+        return self._thrust, (ATTITUDE_GAIN * x, ATTITUDE_GAIN * y, ATTITUDE_GAIN * z)
+
+
+class Climb:
+    """Keep a vertical speed; turn as told, or level out."""
+
+    def __init__(self, hover: float, climb_m_s: float, rates_rad_s: Vec3 | None, begin_s: float) -> None:
+        """``hover`` is the thrust 0..1 that about holds the vehicle (PX4: MPC_THR_HOVER); no rates: level out."""
+        self._hover = hover
+        self._climb = climb_m_s
+        self._rates = rates_rad_s
+        self._time_s = begin_s
+        self._integral = 0.0
+
+    def fly(self, truth: Truth) -> tuple[float, Vec3]:
+        """Thrust towards the vertical speed, and the rates."""
+        elapsed, self._time_s = truth.time_s - self._time_s, truth.time_s
+        if truth.on_ground and self._climb <= 0.0:
+            return 0.0, (0.0, 0.0, 0.0)
+        too_fast = truth.velocity_ned[2] + self._climb
+        integral = self._integral + SPEED_INTEGRAL_GAIN * too_fast * elapsed
+        self._integral = min(max(integral, -INTEGRAL_LIMIT), INTEGRAL_LIMIT)
+        upward = SPEED_GAIN * too_fast + self._integral
+        down = so3.to_body(truth.attitude, (0.0, 0.0, 1.0))
+        thrust = self._hover * (1.0 + upward / GRAVITY) / max(down[2], 0.5)
+        level = (-ATTITUDE_GAIN * down[1], ATTITUDE_GAIN * down[0], 0.0)
+        return min(max(thrust, 0.0), 1.0), level if self._rates is None else self._rates
+
+
+class Descend(Climb):
+    """Level out, come down slowly, stop the rotors on the ground."""
+
+    def __init__(self, hover: float, begin_s: float, *, brakes: bool = False) -> None:
+        """``hover``: see the base; one that ``brakes`` knows its speed, and leans against it."""
+        super().__init__(hover, -DESCENT_M_S, None, begin_s)
+        self._brakes = brakes
+
+    def fly(self, truth: Truth) -> tuple[float, Vec3]:
+        """Thrust towards the vertical speed, and the rates."""
+        thrust, rates = super().fly(truth)
+        if not self._brakes or truth.on_ground:
+            return thrust, rates
+        north, east, _ = truth.velocity_ned
+        most = math.tan(BRAKING_LEAN)
+        push = math.hypot(north, east) * BRAKING_GAIN / GRAVITY
+        share = BRAKING_GAIN / GRAVITY * (1.0 if push <= most else most / push)
+        # Where the body's z axis shall point: its thrust, along -z, against the speed.
+        x, y, z = so3.to_body(truth.attitude, (share * north, share * east, 1.0))
+        # Position controllers ask for the thrust that the wanted attitude needs, not for more while it leans farther.
+        thrust *= max(so3.third_column(truth.attitude)[2], 0.5)
+        n = 1.0 / math.sqrt(x * x + y * y + z * z)
+        return thrust, (-ATTITUDE_GAIN * y * n, ATTITUDE_GAIN * x * n, 0.0)
+
+
+LOCAL_NED = 1
+"""MAV_FRAME_LOCAL_NED: PX4 sends position and, unlike most, also velocity in it."""
+ESTIMATOR_AUTOPILOT = 8
+"""MAV_ESTIMATOR_TYPE_AUTOPILOT."""
+
+KNOWN, STILL = 831, 167
+"""Flags of ESTIMATOR_STATUS and EKF_STATUS_REPORT of a real autopilot with GPS, and of one that has none: it takes its
+position as constant."""
+SAME_INSTANT_S = 1e-9
+"""A timer may fire this much early [s]."""
+SHORTEST_S = 0.001
+"""Nothing is sent more often [s]."""
+
+_TEXT_BYTES = 50
+_UNKNOWN = (math.nan,) * 21
+
+
+class Streams:
+    """When each message is due; intervals change by SET_MESSAGE_INTERVAL."""
+
+    def __init__(self, rates_hz: Mapping[int, float], start_s: float) -> None:
+        """Messages by number with their default rates [Hz] (0: off), the first of each at ``start_s`` [s]."""
+        self._defaults = {number: 1.0 / rate if rate else math.inf for number, rate in rates_hz.items()}
+        self._intervals = dict(self._defaults)
+        self._due = {number: start_s for number, interval in self._intervals.items() if interval < math.inf}
+        self.next_due_s = start_s if self._due else math.inf
+        """When the next message is due [s]."""
+
+    def set(self, number: int, interval_us: float, now_s: float) -> bool:
+        """Send message ``number`` every ``interval_us`` from ``now_s`` on; -1 stops it, 0 is its default.
+
+        Returns False where there is no such message.
+        """
+        if number not in self._defaults or not math.isfinite(interval_us):
+            return False
+        if interval_us == 0.0:
+            interval = self._defaults[number]
+        else:
+            interval = max(interval_us * 1e-6, SHORTEST_S) if interval_us > 0.0 else math.inf
+        self._intervals[number] = interval
+        self._due.pop(number, None)
+        if interval < math.inf:
+            self._due[number] = now_s
+        self.next_due_s = min(self._due.values(), default=math.inf)
+        return True
+
+    def take(self, now_s: float) -> list[int]:
+        """The messages that are due at ``now_s``; each is then due again one interval later."""
+        limit = now_s + SAME_INSTANT_S
+        if self.next_due_s > limit:
+            return []
+        numbers = [number for number, due in self._due.items() if due <= limit]
+        for number in numbers:
+            due = self._due[number] + self._intervals[number]
+            self._due[number] = due if due > limit else now_s + self._intervals[number]
+        self.next_due_s = min(self._due.values())
+        return numbers
+
+
+def builders(
+    codec: MavlinkCodec, airframe: Airframe, own_estimate: bool
+) -> dict[int, Callable[[float, float], Message]]:
+    """For each message number that tells of the vehicle's motion: (now, time since boot) [s] → message."""
+    d = codec.dialect
+    flags = KNOWN if own_estimate else STILL
+    odometry_message, timesync_message = d.MAVLink_odometry_message, d.MAVLink_timesync_message
+    local_position_ned_message = d.MAVLink_local_position_ned_message
+    attitude_quaternion_message = d.MAVLink_attitude_quaternion_message
+    estimator_status_message, ekf_status_report_message = (
+        d.MAVLink_estimator_status_message,
+        d.MAVLink_ekf_status_report_message,
+    )
+
+    def odometry(now_s: float, boot_s: float) -> Message:
+        seen = airframe.measured(now_s)
+        return odometry_message(
+            int(boot_s * 1e6), LOCAL_NED, LOCAL_NED, *seen.position_ned, seen.attitude, *seen.velocity_ned,
+            *seen.rates_rad_s, _UNKNOWN, _UNKNOWN, seen.resets, ESTIMATOR_AUTOPILOT, 0,
+        )  # fmt: skip
+
+    def local_position(now_s: float, boot_s: float) -> Message:
+        seen = airframe.measured(now_s)
+        return local_position_ned_message(int(boot_s * 1e3), *seen.position_ned, *seen.velocity_ned)
+
+    def attitude(now_s: float, boot_s: float) -> Message:
+        turned, rates = airframe.felt(now_s)
+        return attitude_quaternion_message(int(boot_s * 1e3), *turned, *rates)
+
+    def timesync(now_s: float, boot_s: float) -> Message:
+        return timesync_message(0, int(boot_s * 1e9))
+
+    def px4_estimator(now_s: float, boot_s: float) -> Message:
+        ratios = (0.1, 0.1, 0.1, 0.1, 0.0, 0.0)
+        return estimator_status_message(int(boot_s * 1e6), flags, *ratios, 0.1, 0.1)
+
+    def ardupilot_estimator(now_s: float, boot_s: float) -> Message:
+        return ekf_status_report_message(flags, 0.1, 0.1, 0.1, 0.1, 0.0)
+
+    return {
+        d.MAVLINK_MSG_ID_ESTIMATOR_STATUS: px4_estimator,
+        d.MAVLINK_MSG_ID_EKF_STATUS_REPORT: ardupilot_estimator,
+        d.MAVLINK_MSG_ID_ODOMETRY: odometry,
+        d.MAVLINK_MSG_ID_LOCAL_POSITION_NED: local_position,
+        d.MAVLINK_MSG_ID_ATTITUDE_QUATERNION: attitude,
+        d.MAVLINK_MSG_ID_TIMESYNC: timesync,
+    }
+
+
+def statustext(codec: MavlinkCodec, number: int, severity: int, text: str) -> list[Message]:
+    """The ``number``-th STATUSTEXT; a ``text`` that does not fit comes in numbered pieces."""
+    pieces = [text[i : i + _TEXT_BYTES] for i in range(0, len(text), _TEXT_BYTES)]
+    message = codec.dialect.MAVLink_statustext_message
+    return [message(severity, piece.encode("ascii"), number & 0xFFFF, n) for n, piece in enumerate(pieces)]
+
 
 NED, BODY_FRD, LOCAL_FRD = 1, 12, 20
 UNKNOWN, VISION, VIO = 0, 2, 3

@@ -1,4 +1,4 @@
-"""What the dialect of a simulated autopilot has to say, beside what all of them do. Sans-IO."""
+"""Dialect of a simulated autopilot: what it says beside what all of them do, and its parameters. Sans-IO."""
 
 import math
 from abc import ABC, abstractmethod
@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from typing import ClassVar
 
 from groundstation.core.geometry import Quat, Vec3
-from links.mavlink.protocol import Message
+from links.mavlink.protocol import PX4, REAL32, WHOLE_BITS, Message, decode, encode
 
 ACCEPTED, TEMPORARILY_REJECTED, DENIED, UNSUPPORTED, FAILED = range(5)
 """MAV_RESULT."""
@@ -100,3 +100,109 @@ class Dialect(ABC):
     @abstractmethod
     def _disarms_by_landing(self) -> bool:
         """Whether it is in a mode that ends with the motors off on the ground."""
+
+
+INT8, INT16, INT32 = 2, 4, 6
+"""MAV_PARAM_TYPE."""
+
+PX4_PARAMETERS: Mapping[str, tuple[float, int]] = {
+    "COM_OF_LOSS_T": (0.4, REAL32),
+    "COM_OBL_RC_ACT": (4.0, INT32),
+    "COM_RCL_EXCEPT": (4.0, INT32),
+    "COM_RC_IN_MODE": (4.0, INT32),
+    "COM_RC_OVERRIDE": (1.0, INT32),
+    "COM_DISARM_PRFLT": (10.0, REAL32),
+    "EKF2_EV_CTRL": (15.0, INT32),
+    "EKF2_EV_DELAY": (0.0, REAL32),
+    "EKF2_HGT_REF": (1.0, INT32),
+    "MAV_FWDEXTSP": (1.0, INT32),
+    "MAV_SYS_ID": (1.0, INT32),
+    "MAV_TYPE": (2.0, INT32),
+    "MPC_THR_HOVER": (0.5, REAL32),
+    "THR_MDL_FAC": (0.0, REAL32),
+}
+"""Name → value, MAV_PARAM_TYPE. A vehicle that is set up to be flown from outside, without a remote control."""
+
+ARDUPILOT_PARAMETERS: Mapping[str, tuple[float, int]] = {
+    "ATC_ANGLE_BOOST": (0.0, INT8),
+    "DISARM_DELAY": (10.0, INT8),
+    "EK3_SRC1_POSXY": (3.0, INT8),
+    "EK3_SRC1_POSZ": (1.0, INT8),
+    "EK3_SRC1_VELXY": (3.0, INT8),
+    "EK3_SRC1_VELZ": (3.0, INT8),
+    "EK3_SRC1_YAW": (1.0, INT8),
+    "FRAME_CLASS": (1.0, INT8),
+    "FS_GCS_ENABLE": (5.0, INT8),
+    "FS_GCS_TIMEOUT": (2.0, REAL32),
+    "FS_THR_ENABLE": (0.0, INT8),
+    "GUID_OPTIONS": (8.0, INT32),
+    "GUID_TIMEOUT": (3.0, REAL32),
+    "MOT_SPIN_ARM": (0.1, REAL32),
+    "MOT_SPIN_MIN": (0.15, REAL32),
+    "MOT_THST_EXPO": (0.65, REAL32),
+    "MOT_THST_HOVER": (0.5, REAL32),
+    "RC_OPTIONS": (32.0, INT32),
+    "SYSID_MYGCS": (245.0, INT16),
+    "SYSID_THISMAV": (1.0, INT16),
+    "VISO_TYPE": (0.0, INT8),
+}
+"""The same for ArduPilot Copter; MOT_THST_EXPO straightens what the motors do, so thrust is what we ask for."""
+
+
+class Parameters:
+    """What it has, and who may change it."""
+
+    def __init__(self, autopilot: int, table: Mapping[str, tuple[float, int]], changes: Mapping[str, float]) -> None:
+        """``table`` with ``changes``, for an ``autopilot`` (HEARTBEAT.autopilot).
+
+        Raises:
+            KeyError: a change is to a parameter that it does not have.
+            ValueError: a change is to a value that the parameter can't have.
+        """
+        self._autopilot = autopilot
+        self._table = dict(table)
+        for name, value in changes.items():
+            kind = self._table[name][1]
+            encode(autopilot, value, kind)
+            self._table[name] = (value, kind)
+
+    def __getitem__(self, name: str) -> float:
+        """The value of the parameter ``name``."""
+        return self._table[name][0]
+
+    def read(self, request: Message, dialect: Message) -> list[Message]:
+        """The answers to a PARAM_REQUEST_READ: silence where it does not have the parameter."""
+        names = list(self._table)
+        if request.param_index >= 0:
+            return [self._told(name, dialect) for name in names[request.param_index : request.param_index + 1]]
+        return [self._told(request.param_id, dialect)] if request.param_id in self._table else []
+
+    def all(self, dialect: Message) -> list[Message]:
+        """The answers to a PARAM_REQUEST_LIST."""
+        return [self._told(name, dialect) for name in self._table]
+
+    def set(self, request: Message, dialect: Message) -> list[Message]:
+        """Take a PARAM_SET; the answer tells what the parameter is now, changed or not."""
+        name = request.param_id
+        if name not in self._table:
+            return []
+        kind = self._table[name][1]
+        value = decode(self._autopilot, request.param_value, kind)
+        if math.isfinite(value) and (self._autopilot != PX4 or request.param_type == kind):
+            self._table[name] = (_fitting(value, kind), kind)
+        return [self._told(name, dialect)]
+
+    def _told(self, name: str, dialect: Message) -> Message:
+        value, kind = self._table[name]
+        number = encode(self._autopilot, value, kind)
+        index = list(self._table).index(name)
+        return dialect.MAVLink_param_value_message(name.encode("ascii"), number, kind, len(self._table), index)
+
+
+def _fitting(value: float, kind: int) -> float:
+    """``value`` as a parameter of ``kind`` can hold it: whole, and in its range."""
+    if kind not in WHOLE_BITS:
+        return value
+    bits, signed = WHOLE_BITS[kind]
+    low = -(1 << bits - 1) if signed else 0
+    return float(min(max(int(value), low), low + (1 << bits) - 1))

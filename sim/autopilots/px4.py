@@ -14,19 +14,18 @@ from collections.abc import Callable, Mapping
 from typing import ClassVar
 
 from links.mavlink.protocol import PX4
-from sim.autopilots.base import SimulatedAutopilot
+from sim.autopilots.base import Descend, HoldAttitude, SimulatedAutopilot
 from sim.autopilots.dialect import (
     ACCEPTED,
     CRITICAL,
     DENIED,
     FAILED,
     INFO,
+    PX4_PARAMETERS,
     TEMPORARILY_REJECTED,
     SetPoint,
     rates_or_zero,
 )
-from sim.autopilots.parameters import PX4_PARAMETERS
-from sim.autopilots.pilot import Descend, HoldAttitude
 from sim.world import Airframe
 
 OFFBOARD, LOITER, LAND, POSCTL = (6, 0), (4, 3), (4, 6), (3, 0)

@@ -3,15 +3,11 @@
 TYPE_CHECKING = False
 if TYPE_CHECKING:
     from sim.batch.batch import fly_batch, require_batchable
-    from sim.batch.entries import columns, zeros
-    from sim.batch.kernels import chosen
-    from sim.batch.stages import Compiled, Numpy, Stages
+    from sim.batch.stages import Compiled, Numpy, Stages, chosen, columns, zeros
 
 _MODULES = {
     "batch": ("fly_batch", "require_batchable"),
-    "entries": ("columns", "zeros"),
-    "kernels": ("chosen",),
-    "stages": ("Compiled", "Numpy", "Stages"),
+    "stages": ("Compiled", "Numpy", "Stages", "chosen", "columns", "zeros"),
 }
 
 

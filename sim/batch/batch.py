@@ -22,16 +22,14 @@ from groundstation.core.trajectory import Reference
 from groundstation.core.vehicle import Vehicle
 from groundstation.pose.sources import ViconConfig
 from groundstation.settings import Config
-from sim.batch.entries import columns
-from sim.batch.estimator import BatchEstimator
+from sim.batch.estimator import BatchEstimator, BatchWatch
 from sim.batch.fleet import Fleet
-from sim.batch.stages import Numpy, Stage, Stages
-from sim.batch.watch import BatchWatch
+from sim.batch.kernel import Array
+from sim.batch.stages import Numpy, Stage, Stages, columns
 from sim.runs import CONFIRM_S, ROUNDING_S, SATURATION_FROM_S, SETTLED_M, STEADY_S, sought
 from sim.world import World
 
 STEADY_FROM_S = STEADY_S - ROUNDING_S
-Array = npt.NDArray[np.float64]
 
 
 class Flights(NamedTuple):

@@ -1,7 +1,8 @@
-"""A stage of N flights: what an elementwise function makes of the state of all the vehicles, or of some.
+"""Stages of N flights: what an elementwise function makes of the state of all the vehicles, or of some.
 
 The function takes (ops, state, given) and returns (state, result). All are nested tuples: the state of arrays, which
-never move, what is given of arrays and numbers. Plain numbers in the state are constants.
+never move, what is given of arrays and numbers. Plain numbers in the state are constants. Stages are numpy's, or
+compiled; their figures are the same to the bit.
 """
 
 import ctypes
@@ -10,10 +11,41 @@ from typing import Any, Protocol, TypeAlias
 
 import numpy as np
 
+from groundstation.config import ConfigError
 from groundstation.core.geometry import arrays
-from sim.batch.entries import pick
-from sim.batch.kernel import GIVEN, SCALAR, STATE, TRUTHS, Index, Kernel
-from sim.batch.trace import Program, Symbol, symbols
+from sim.batch.kernel import GIVEN, SCALAR, STATE, TRUTHS, Index, Kernel, Program, Symbol, check, symbols
+
+
+def zeros(count: int, width: int) -> Any:
+    """``width`` arrays of ``count`` zeros, each its own: ``put`` writes into one without touching the others."""
+    return tuple(np.zeros(count) for _ in range(width))
+
+
+def columns(values: Any, count: int) -> Any:
+    """``values`` in nested tuples as arrays of ``count`` numbers, each its own; None stays."""
+    if isinstance(values, tuple):
+        return tuple([columns(value, count) for value in values])
+    return None if values is None else np.array(np.broadcast_to(values, count), np.float64)
+
+
+def pick(values: Any, who: Any) -> Any:
+    """The entries ``who`` of every array in a nested, perhaps named, tuple; plain numbers stay."""
+    if isinstance(values, np.ndarray):
+        return values[who]
+    if isinstance(values, tuple):
+        parts = [pick(value, who) for value in values]
+        return type(values)(*parts) if hasattr(values, "_fields") else tuple(parts)
+    return values
+
+
+def put(values: Any, who: Any, parts: Any) -> None:
+    """Write ``parts`` into the entries ``who`` of every array of ``values``, of the same shape."""
+    if isinstance(values, np.ndarray):
+        values[who] = parts
+        return
+    for value, part in zip(values, parts, strict=True):
+        put(value, who, part)
+
 
 Function: TypeAlias = Callable[..., tuple[Any, Any]]
 
@@ -141,3 +173,20 @@ def _replaced(values: Any, new: Callable[[Any], Any], number: Callable[[Any], An
     if values is None or isinstance(values, str):
         return values
     return number(values) if isinstance(values, float | int) else new(values)
+
+
+def chosen(kernel: str) -> tuple[Stages, str]:
+    """The stages for ``kernel``: "numpy", "c", or "auto", which is "c" where that works; and what a user should know.
+
+    Raises:
+        ConfigError: "c" does not work here; why.
+    """
+    if kernel == "numpy":
+        return Numpy, ""
+    try:
+        check()
+    except OSError as error:
+        if kernel == "c":
+            raise ConfigError("--kernel", f"{error}; auto and numpy fly without") from None
+        return Numpy, f"numpy flies, at half the speed of compiled code: {error}"
+    return Compiled, ""

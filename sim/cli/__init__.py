@@ -2,14 +2,12 @@
 
 TYPE_CHECKING = False
 if TYPE_CHECKING:
-    from sim.cli.arguments import count, hours, names, percent, seconds, whole
+    from sim.cli.arguments import MEASUREMENTS, count, hours, names, percent, seconds, whole
     from sim.cli.console import Counter, Progress
-    from sim.cli.proving import MEASUREMENTS
 
 _MODULES = {
-    "arguments": ("count", "hours", "names", "percent", "seconds", "whole"),
+    "arguments": ("MEASUREMENTS", "count", "hours", "names", "percent", "seconds", "whole"),
     "console": ("Counter", "Progress"),
-    "proving": ("MEASUREMENTS",),
 }
 
 

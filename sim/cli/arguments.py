@@ -1,7 +1,13 @@
-"""What the values of ``groundstation-sim``'s arguments may be; each raises ArgumentTypeError where one is not."""
+"""Arguments of ``groundstation-sim``: what their values may be; each raises ArgumentTypeError where one is not.
+
+What only proves (tests/proving/) is found here too: it is not in the wheel.
+"""
 
 import argparse
+import importlib
 import math
+from pathlib import Path
+from typing import Any
 
 
 def seconds(text: str) -> float:
@@ -58,3 +64,24 @@ def percent(text: str) -> float:
 def names(text: str) -> list[str]:
     """Names between commas, each once."""
     return list(dict.fromkeys(name.strip() for name in text.split(",") if name.strip()))
+
+
+MEASUREMENTS = (
+    "tick", "flight", "command", "decode", "batch", "recording", "allocation", "links", "screen", "mqtt",
+)  # fmt: skip
+"""What ``groundstation-sim bench`` can measure, in the order in which it does: each a module of tests/proving/bench."""
+
+
+def proving(command: str, module: str) -> Any:
+    """The module ``module`` of tests/proving, for ``command``.
+
+    Raises:
+        ConfigError: only the wheel is installed, which does not have it.
+    """
+    from groundstation.config import ConfigError
+
+    if not (Path(__file__).parents[2] / "tests" / "proving").is_dir():
+        raise ConfigError(
+            command, "needs a checkout of the repository: it is not in the wheel (clone it, then `make setup`)"
+        )
+    return importlib.import_module(f"tests.proving.{module}")

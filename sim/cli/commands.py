@@ -7,7 +7,7 @@ from typing import Any
 import msgspec
 
 from groundstation.config import ConfigError
-from sim.cli.proving import MEASUREMENTS, proving
+from sim.cli.arguments import MEASUREMENTS, proving
 from sim.scenarios import SCENARIOS, prepare, scenario_of
 
 
@@ -47,7 +47,7 @@ def fuzz(args: argparse.Namespace) -> int:
 
 def compare(args: argparse.Namespace) -> int:
     """Fly controllers side by side."""
-    from sim.cli.compare import compare as command
+    from sim.cli.campaign import compare as command
 
     return command(args)
 
@@ -70,7 +70,7 @@ def tune(args: argparse.Namespace) -> int:
 
 def serve(args: argparse.Namespace) -> int:
     """Run the simulated side in real time."""
-    from sim.cli.serve import serve as command
+    from sim.cli.mission import serve as command
 
     return command(args)
 
@@ -91,8 +91,7 @@ def bench(args: argparse.Namespace) -> int:
 
 def bring_down(args: argparse.Namespace) -> int:
     """Cut flights short, and tell how the bring-down ends."""
-    from sim.studies import cut_all, markdown
-    from sim.studies.compare import check_markers, put_between_markers
+    from sim.studies import check_markers, cut_all, markdown, put_between_markers
 
     for name in args.scenarios:
         scenario_of(name)

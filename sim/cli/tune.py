@@ -17,7 +17,7 @@ from groundstation.core.control import make_controller
 from groundstation.settings import Config
 from sim.cli.console import Counter
 from sim.runs import STEADY_S
-from sim.studies.compare import check_markers, put_between_markers
+from sim.studies import check_markers, put_between_markers
 from sim.studies.tune import (
     AXES,
     SEARCH_SEED,

@@ -19,10 +19,8 @@ from groundstation.lab import FleetPlan, read_fleet
 from groundstation.recording import NoRecording, Recording
 from groundstation.settings import Config
 from links.core import make_child_command
-from sim.runs.fleet_lab import lay_out
-from sim.runs.fleet_mission import FleetMission
-from sim.runs.fleet_stage import FleetStage
-from sim.runs.fleet_truth import Told, Tracks, judged
+from sim.runs.fleet_mission import FleetMission, Told, Tracks, judged
+from sim.runs.fleet_stage import FleetStage, lay_out
 from sim.runs.mission import LIMIT_S, REST_S, Entered
 from sim.time import percentile
 from sim.world import World
@@ -43,7 +41,7 @@ def fly_fleet_real(
     """Fly ``count`` vehicles like ``config`` in ``world`` in real time; ``say`` takes what their cores say.
 
     Raises:
-        ConfigError: see :func:`sim.runs.fleet_lab.lay_out`.
+        ConfigError: see :func:`sim.runs.fleet_stage.lay_out`.
     """
     start = time.perf_counter()
     with tempfile.TemporaryDirectory(prefix="groundstation-sim-") as folder:

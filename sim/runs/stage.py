@@ -92,12 +92,11 @@ class Stage:
             self._mavlink = made, peer
         else:
             # What only a radio needs is imported only where there is one.
-            from sim.radio import module, rf_receiver, wires
+            from sim.radio import RfPeer as Peer
+            from sim.radio import RfReceiver, module, wires
 
             radio = module(config, world)
-            self.radio = rf_receiver.RfPeer(
-                rf_receiver.RfReceiver(vehicle, radio, lose=lose), radio, world.command_delay_s
-            )
+            self.radio = Peer(RfReceiver(vehicle, radio, lose=lose), radio, world.command_delay_s)
             if pty is None:
                 self.wires, self._bridge = wires(config, radio, generator(seed, "nonces").bytes, self.port)
         self.mocap = Mocap(world, self.plant, seed, *tracked) if tracked is not None and alone else None

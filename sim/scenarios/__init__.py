@@ -2,12 +2,19 @@
 
 TYPE_CHECKING = False
 if TYPE_CHECKING:
-    from sim.scenarios.preparation import by_side, overridden, prepare, prepare_own, scenario_of, timing
-    from sim.scenarios.scenarios import SCENARIOS, Scenario
+    from sim.scenarios.scenarios import (
+        SCENARIOS,
+        Scenario,
+        by_side,
+        overridden,
+        prepare,
+        prepare_own,
+        scenario_of,
+        timing,
+    )
 
 _MODULES = {
-    "preparation": ("by_side", "overridden", "prepare", "prepare_own", "scenario_of", "timing"),
-    "scenarios": ("SCENARIOS", "Scenario"),
+    "scenarios": ("SCENARIOS", "Scenario", "by_side", "overridden", "prepare", "prepare_own", "scenario_of", "timing")
 }
 
 

@@ -3,10 +3,9 @@
 TYPE_CHECKING = False
 if TYPE_CHECKING:
     from sim.time.turns import in_turns, percentile
-    from sim.time.virtual_streams import Address
-    from sim.time.virtual_time import VirtualTimeLoop
+    from sim.time.virtual_time import Address, VirtualTimeLoop
 
-_MODULES = {"turns": ("in_turns", "percentile"), "virtual_streams": ("Address",), "virtual_time": ("VirtualTimeLoop",)}
+_MODULES = {"turns": ("in_turns", "percentile"), "virtual_time": ("Address", "VirtualTimeLoop")}
 
 
 def __getattr__(name: str) -> object:

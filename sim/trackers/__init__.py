@@ -2,16 +2,12 @@
 
 TYPE_CHECKING = False
 if TYPE_CHECKING:
-    from sim.trackers.mocap import Mocap
-    from sim.trackers.natnet_server import NatNetServer
-    from sim.trackers.qtm_server import QtmServer
-    from sim.trackers.trackers import Seen, Tracker, json_encoder, make_tracker, vicon_encoder, vision_encoder
+    from sim.trackers.qtm_server import NatNetServer, QtmServer
+    from sim.trackers.trackers import Mocap, Seen, Tracker, json_encoder, make_tracker, vicon_encoder, vision_encoder
 
 _MODULES = {
-    "mocap": ("Mocap",),
-    "natnet_server": ("NatNetServer",),
-    "qtm_server": ("QtmServer",),
-    "trackers": ("Seen", "Tracker", "json_encoder", "make_tracker", "vicon_encoder", "vision_encoder"),
+    "qtm_server": ("NatNetServer", "QtmServer"),
+    "trackers": ("Mocap", "Seen", "Tracker", "json_encoder", "make_tracker", "vicon_encoder", "vision_encoder"),
 }
 
 

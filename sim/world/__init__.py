@@ -2,24 +2,20 @@
 
 TYPE_CHECKING = False
 if TYPE_CHECKING:
-    from sim.world.airframe import Airframe, Truth
     from sim.world.draws import generator, rows, stream
     from sim.world.horizon import Horizon
     from sim.world.plant import Body, Physics, moved
-    from sim.world.quadrotor import Quadrotor
+    from sim.world.quadrotor import Airframe, Quadrotor, Truth
     from sim.world.vehicle import SimulatedVehicle, Wander, with_noise
-    from sim.world.wind import Eddies, Wind, begun, cell, felt, stirred
-    from sim.world.world import World
+    from sim.world.world import Eddies, Wind, World, begun, cell, felt, stirred
 
 _MODULES = {
-    "airframe": ("Airframe", "Truth"),
     "draws": ("generator", "rows", "stream"),
     "horizon": ("Horizon",),
     "plant": ("Body", "Physics", "moved"),
-    "quadrotor": ("Quadrotor",),
+    "quadrotor": ("Airframe", "Quadrotor", "Truth"),
     "vehicle": ("SimulatedVehicle", "Wander", "with_noise"),
-    "wind": ("Eddies", "Wind", "begun", "cell", "felt", "stirred"),
-    "world": ("World",),
+    "world": ("Eddies", "Wind", "World", "begun", "cell", "felt", "stirred"),
 }
 
 

@@ -9,7 +9,7 @@ import math
 from collections.abc import Iterator
 
 from groundstation.core.geometry import Quat, Vec3, so3
-from sim.world.airframe import Truth
+from sim.world.quadrotor import Truth
 
 LOOP_S = 0.004
 """What is told is that of the newest turn of its loop [s]."""

@@ -1,4 +1,4 @@
-"""The simulated vehicle as its autopilot sees it: the plant behind motors that may be off, and its own estimate."""
+"""Simulated vehicle as its autopilot sees it: a plant behind motors that may be off, and its own estimate."""
 
 import math
 from collections.abc import Iterator
@@ -7,14 +7,13 @@ import msgspec
 
 from groundstation.core.geometry import Quat, Vec3, so3
 from links.core import thrust
-from sim.world.airframe import Truth
 from sim.world.horizon import Horizon
-from sim.world.quadrotor import Quadrotor
+from sim.world.quadrotor import Quadrotor, Truth
 from sim.world.world import World
 
 
 class SimulatedVehicle:
-    """Implements :class:`sim.world.airframe.Airframe` on a :class:`Quadrotor`."""
+    """Implements :class:`sim.world.quadrotor.Airframe` on a :class:`Quadrotor`."""
 
     def __init__(
         self,

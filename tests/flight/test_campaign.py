@@ -18,7 +18,7 @@ from sim.scenarios import SCENARIOS, prepare
 from sim.studies.campaign import USUAL, Campaign, Local, Row, plot, report, run, text, verify
 from sim.studies.campaign.draws import DRAWS, drawn, fields, overrides
 from sim.studies.campaign.folder import Folder
-from sim.studies.campaign.summary import command
+from sim.studies.campaign.picture import command
 from tests.flight.flights import campaign_of
 
 DURATION_S = 16.0

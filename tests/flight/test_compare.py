@@ -12,9 +12,20 @@ import pytest
 from groundstation.config import ConfigError
 from sim.cli import commands
 from sim.scenarios import SCENARIOS, prepare
-from sim.studies.compare import CONTROLLERS, cases, plot, rows, text_table, write_between_markers
-from sim.studies.compare.compare import GUST, WITHOUT_ADAPTATION, Case, Flown, flown
-from sim.studies.compare.table import markdown_table
+from sim.studies import (
+    CONTROLLERS,
+    GUST,
+    WITHOUT_ADAPTATION,
+    Case,
+    Flown,
+    cases,
+    flown,
+    markdown_table,
+    plot,
+    rows,
+    text_table,
+    write_between_markers,
+)
 from tests.flight.flights import flown as one_flight
 
 SCENARIO = "storm"

@@ -26,7 +26,7 @@ def test_two_runs_give_the_same_bytes(scenario: str) -> None:
 @pytest.mark.parametrize("link", ["mavlink", "rf_bridge"])
 def test_another_process_with_another_hash_seed_gives_the_same_bytes(link: str) -> None:
     code = (
-        "from sim.scenarios.preparation import prepare; from sim.runs.flight import fly;"
+        "from sim.scenarios.scenarios import prepare; from sim.runs.flight import fly;"
         "from sim.scenarios.scenarios import SCENARIOS;"
         f"w, c = prepare(SCENARIOS['adverse'], [], link='{link}'); print(fly(w, c, seed=3, duration_s=4.0).log_sha256)"
     )

@@ -17,9 +17,8 @@ from groundstation.settings import Config
 from sim.__main__ import parser
 from sim.cli.commands import mission as mission_command
 from sim.runs import FleetMission, fly_fleet, from_floor
-from sim.runs.fleet_mission import Change, FleetScript
+from sim.runs.fleet_mission import Change, FleetScript, Flown
 from sim.runs.fleet_stage import FleetStage
-from sim.runs.fleet_truth import Flown
 from sim.scenarios import SCENARIOS, prepare
 from sim.time import VirtualTimeLoop
 from sim.world import World

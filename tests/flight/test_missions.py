@@ -10,7 +10,7 @@ from groundstation.analysis.replay import replay_facts
 from groundstation.core.messages import Ask, Request
 from groundstation.core.mission import IN_AIR, State
 from groundstation.flight import Flight
-from sim.cli.run_folder import RECORDING, RunFolder
+from sim.cli.fly import RECORDING, RunFolder
 from sim.runs import Mission, Stage, fly_mission, from_floor
 from sim.runs.mission import Script
 from sim.scenarios import SCENARIOS, prepare

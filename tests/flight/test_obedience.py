@@ -14,7 +14,7 @@ from groundstation.core.mission import FINAL
 from groundstation.recording import IdleRecord, LineRecord, Record, SentRecord, TickRecord
 from groundstation.recording.records import SwitchRecord
 from links.mavlink.protocol import DO_SET_MODE, MavlinkCodec
-from sim.cli.run_folder import RECORDING, RunFolder
+from sim.cli.fly import RECORDING, RunFolder
 from sim.runs import from_floor
 from sim.scenarios import SCENARIOS, prepare
 from sim.time import VirtualTimeLoop

@@ -39,7 +39,7 @@ from groundstation.recording.writer import FLUSH_S, PatientFile
 from groundstation.runtime import RecordingConfig, make_folder
 from groundstation.settings import Config
 from sim.__main__ import main
-from sim.cli.run_folder import AT_ONCE, RECORDING, RunFolder
+from sim.cli.fly import AT_ONCE, RECORDING, RunFolder
 from sim.runs import fly
 from sim.scenarios import SCENARIOS, prepare
 from tests.flight.flights import flown

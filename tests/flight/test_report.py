@@ -16,7 +16,7 @@ from groundstation.analysis.report.figures import FIGURES
 from groundstation.analysis.report.flight import numbers, read_columns
 from groundstation.config import ConfigError
 from groundstation.recording import quick_headline
-from sim.cli.run_folder import RECORDING, RunFolder
+from sim.cli.fly import RECORDING, RunFolder
 from sim.runs import SETTLED_M as REFEREE_SETTLED_M
 from sim.runs import fly_mission, from_floor
 from sim.scenarios import SCENARIOS, prepare

@@ -8,7 +8,7 @@ from matplotlib.figure import Figure
 from groundstation.analysis.report.figures import lateness
 from groundstation.analysis.report.flight import numbers, read_columns
 from groundstation.config import ConfigError
-from sim.cli.run_folder import RECORDING, RunFolder
+from sim.cli.fly import RECORDING, RunFolder
 from sim.runs import fly
 from sim.scenarios import SCENARIOS, prepare
 

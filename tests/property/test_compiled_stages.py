@@ -10,8 +10,7 @@ from hypothesis import strategies as st
 
 from groundstation.core.geometry import Ops
 from sim.batch import Compiled, Numpy, Stages
-from sim.batch.kernel import INLINE, OUTSIDE
-from sim.batch.trace import Program, symbols
+from sim.batch.kernel import INLINE, OUTSIDE, Program, symbols
 
 Apply = Callable[[Ops, Any, Any], Any]
 APPLY: dict[str, Apply] = {

@@ -19,9 +19,8 @@ from links.core import Command, LinkError, LinkLost, LinkRejected, Segment
 from links.io import parse_address
 from links.rf import Arm, DsmLinkConfig, Give, PacerReport, Service
 from links.rf.channel_map import ArmSwitch, ChannelMap
-from sim.radio import RfPeer, WirePort
+from sim.radio import RfPeer, RfReceiver, WirePort
 from sim.radio.inline_pacer import opened_on
-from sim.radio.rf_receiver import RfReceiver
 from sim.time import VirtualTimeLoop
 from tests.airframe_double import Brick
 from tests.loops import in_virtual_time

@@ -8,7 +8,7 @@ import pytest
 
 from groundstation.core.geometry import Vec3, so3
 from sim.world import Quadrotor, Wind, World, begun, felt, rows, stirred, stream
-from sim.world.wind import CORRELATION_S, GRID_S
+from sim.world.world import CORRELATION_S, GRID_S
 
 CALM = World(wind_mean=(0.0, 0.0, 0.0), floor_z_m=1e6)
 

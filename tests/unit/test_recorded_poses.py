@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 from groundstation.core.messages import Pose, SourceError
 from groundstation.pose import CsvRow, TlogConfig, encode_csv, read_csv
 from groundstation.pose.recorded import CsvConfig, Speed
-from sim.cli.run_folder import RunFolder
+from sim.cli.fly import RunFolder
 from sim.runs import fly
 from sim.scenarios import SCENARIOS, prepare
 from tests.loops import in_virtual_time

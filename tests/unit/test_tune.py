@@ -33,10 +33,9 @@ from sim.studies.tune import (
     with_gains,
 )
 from sim.studies.tune.evidence import short_of
-from sim.studies.tune.flights import Outcome, Sortie
+from sim.studies.tune.flights import Outcome, Sortie, fitted
 from sim.studies.tune.margins import DELAY, GAIN_DOWN, GAIN_UP, Margin, Report, boundary, failure, limit_cm, shown
 from sim.studies.tune.search_space import KEYS, Key, loses_proof
-from sim.studies.tune.stage import fitted
 from sim.studies.tune.tune import BROKEN, tried
 
 KINDS: dict[str, ControllerConfig] = {

@@ -1,4 +1,4 @@
-"""What is said in MAVLink, sans-IO: codec, signing, time, heartbeat and status of an autopilot."""
+"""What is said in MAVLink, sans-IO: codec, signing, clocks, status, parameters, and the procedures of an autopilot."""
 
 TYPE_CHECKING = False
 if TYPE_CHECKING:

@@ -3,21 +3,17 @@
 TYPE_CHECKING = False
 if TYPE_CHECKING:
     from sim.studies.campaign.campaign import Campaign, Crew, run
-    from sim.studies.campaign.crew import Cluster, Local
+    from sim.studies.campaign.crew import Cluster, Local, verify
     from sim.studies.campaign.draws import USUAL
     from sim.studies.campaign.folder import COLUMNS, Row, program_sha256
-    from sim.studies.campaign.picture import plot
-    from sim.studies.campaign.summary import report, text
-    from sim.studies.campaign.verification import verify
+    from sim.studies.campaign.picture import plot, report, text
 
 _MODULES = {
     "campaign": ("Campaign", "Crew", "run"),
-    "crew": ("Cluster", "Local"),
+    "crew": ("Cluster", "Local", "verify"),
     "draws": ("USUAL",),
     "folder": ("COLUMNS", "Row", "program_sha256"),
-    "picture": ("plot",),
-    "summary": ("report", "text"),
-    "verification": ("verify",),
+    "picture": ("plot", "report", "text"),
 }
 
 

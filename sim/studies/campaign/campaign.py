@@ -37,7 +37,7 @@ class Campaign(msgspec.Struct, frozen=True, kw_only=True):
     draws: tuple[str, ...] = USUAL
     """Names of what differs from flight to flight, keys of ``DRAWS``."""
     kernel: str = "auto"
-    """How the flights are computed, see :func:`sim.batch.kernels.chosen`; whichever it is, the rows are the same."""
+    """How the flights are computed, see :func:`sim.batch.stages.chosen`; whichever it is, the rows are the same."""
 
     def check(self) -> None:
         """Refuse what cannot be flown or would not be true.

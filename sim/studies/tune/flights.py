@@ -1,7 +1,8 @@
 """Flights that tuning judges: whole ones, through wire bytes, whatever the controller; several processes fly them.
 
 Not the arrays of :mod:`sim.batch.batch`: those fly one kind of controller only, and pay from some 25 equal flights on,
-while a set of gains is tried on about ten.
+while a set of gains is tried on about ten. The world is a scenario's as it stands, or made to fit the configuration's
+own vehicle.
 """
 
 import multiprocessing
@@ -9,13 +10,154 @@ import signal
 from collections.abc import Sequence
 from concurrent.futures import ProcessPoolExecutor  # noqa: TID251  # processes, no threads; no flight sees them
 from concurrent.futures.process import BrokenProcessPool  # noqa: TID251  # as above
+from pathlib import Path
 from typing import NamedTuple
 
 import msgspec
 
-from groundstation.config import ConfigError
+from groundstation.config import ConfigError, load
+from groundstation.pose import Recorded
+from groundstation.pose.sources import MavlinkPoseConfig, ViconConfig
+from groundstation.settings import Config, LinkConfig
+from links.bridge import BridgeLinkConfig
+from links.mavlink import MavlinkLinkConfig
 from sim.runs import fly
-from sim.studies.tune.stage import Staged
+from sim.scenarios import SCENARIOS, Scenario, prepare, timing
+from sim.studies.tune.search_space import Point, with_gains
+from sim.world import World
+
+_STATION = ("vehicle", "controller", "pose", "link", "status", "mqtt")
+"""Sections that the configuration's file decides; the scenario decides the others."""
+_VEHICLES = ("vehicle.preset", "vehicle.file")
+"""Overrides that tell a whole vehicle: they need no configuration's file around them."""
+
+
+class Staged(msgspec.Struct, frozen=True, kw_only=True):
+    """One scenario, ready to be flown with any gains."""
+
+    scenario: str
+    world: World
+    config: Config
+
+    def with_gains(self, gains: Point) -> "Staged":
+        """The same, flown with other gains."""
+        controller = with_gains(self.config.controller, gains)
+        return msgspec.structs.replace(self, config=msgspec.structs.replace(self.config, controller=controller))
+
+
+def own(path: Path | None, overrides: Sequence[str]) -> Config | None:
+    """The configuration of the user's own vehicle: in ``path``, or around the vehicle that an override names.
+
+    None where neither tells a vehicle, so that the scenarios do. Overrides of the truth (``sim.…``) are left out.
+
+    Raises:
+        ConfigError: see :func:`groundstation.config.loader.load`; or the link's frames are not as told.
+    """
+    told = [text for text in overrides if not text.startswith("sim.")]
+    if path is None and not any(_key(text) in _VEHICLES for text in told):
+        return None
+    config = load(path, Config, told)
+    period_s = config.vehicle.frame_period_s
+    link = config.link
+    if path is None and isinstance(link, MavlinkLinkConfig) and not any(_key(t) == "link.period_s" for t in told):
+        config = msgspec.structs.replace(config, link=msgspec.structs.replace(link, period_s=period_s))
+    if _period_s(config) != period_s:
+        raise ConfigError(
+            "link.period_s",
+            f"commands leave every {_period_s(config):g} s, but vehicle.frame_period_s = {period_s:g}: "
+            "gains are tuned for one of them, so make both the same",
+        )
+    return config
+
+
+def _period_s(config: Config) -> float:
+    """Time between two commands [s]. An RF bridge tells it when it is there, and then it is the vehicle's."""
+    return config.vehicle.frame_period_s if isinstance(config.link, BridgeLinkConfig) else config.link.period_s
+
+
+def _paced(link: LinkConfig, period_s: float) -> MavlinkLinkConfig:
+    """The link that the simulation has in the place of ``link``; a radio's frames follow no poses."""
+    pace = link.pace if isinstance(link, MavlinkLinkConfig) else "period"
+    return MavlinkLinkConfig(period_s=period_s, pace=pace, thrust_curve=link.thrust_curve)
+
+
+def _key(override: str) -> str:
+    return override.partition("=")[0].strip()
+
+
+def staged(names: Sequence[str], path: Path | None, overrides: Sequence[str]) -> list[Staged]:
+    """The scenarios ``names`` for the user's :func:`own` vehicle, or without one each with what it tells itself.
+
+    Raises:
+        ConfigError: an unknown scenario, a bad configuration or override, or the two do not fit together.
+    """
+    for name in names:
+        if name not in SCENARIOS:
+            raise ConfigError("--scenarios", f"expected some of {sorted(SCENARIOS)}, got {name!r}")
+    station = own(path, [text for text in overrides if _key(text).partition(".")[0] in _STATION])
+    if station is None:
+        return [_stage(SCENARIOS[name], list(overrides)) for name in names]
+    rest = [text for text in overrides if _key(text).partition(".")[0] not in _STATION]
+    return [_stage(fitted(SCENARIOS[name], station), rest, station) for name in names]
+
+
+def _stage(scenario: Scenario, overrides: list[str], station: Config | None = None) -> Staged:
+    source = "odometry" if station is not None and isinstance(station.pose, MavlinkPoseConfig) else "vicon"
+    world, config = prepare(scenario, overrides, source=source)
+    if station is not None:
+        link = _paced(station.link, _period_s(config))
+        config = msgspec.structs.replace(config, controller=station.controller, link=link)
+    return Staged(scenario=scenario.name, world=world, config=config)
+
+
+def fitted(scenario: Scenario, station: Config) -> Scenario:
+    """``scenario`` with the vehicle, the rates and the latency of ``station``.
+
+    What is true keeps its ratio to what is told: a lag that is 13 % longer than told stays so. Wind, drag, noise,
+    losses and the reference stay the scenario's.
+
+    Raises:
+        ConfigError: the poses are a recording, or the vehicle has lags where the scenario has none.
+    """
+    truth, told, vehicle, pose = scenario.world, scenario.told, station.vehicle, station.pose
+    if isinstance(pose, Recorded):
+        raise ConfigError("pose.kind", "a recording cannot be flown; expected a source that sees the vehicle")
+    rate_hz, latency_s = timing(pose, truth.pose_rate_hz, scenario.told_latency_s)
+
+    def lag(key: str) -> float:
+        theirs, ours = getattr(told, key), getattr(vehicle, key)
+        if theirs == 0.0 and ours > 0.0:
+            raise ConfigError("--scenarios", f"{scenario.name} has no lags, but vehicle.{key} = {ours:g}")
+        return float(getattr(truth, key) * (ours / theirs if theirs else 1.0))
+
+    world = msgspec.structs.replace(
+        truth,
+        mass_kg=truth.mass_kg * (vehicle.mass_kg / told.mass_kg),
+        thrust_max_n=truth.thrust_max_n * (station.full_thrust_n / told.thrust_max_n),
+        thrust_curve=station.thrust_curve,
+        rate_limits_deg_s=vehicle.rate_limits_deg_s,
+        thrust_lag_s=lag("thrust_lag_s"),
+        rate_lag_s=lag("rate_lag_s"),
+        command_delay_s=vehicle.command_delay_s,
+        pose_latency_s=max(0.0, truth.pose_latency_s - scenario.told_latency_s + latency_s),
+        pose_rate_hz=rate_hz,
+        frame_period_s=_period_s(station),
+    )
+    return msgspec.structs.replace(scenario, world=world, told=vehicle, told_latency_s=latency_s)
+
+
+def station_of(stage: Staged) -> Config:
+    """A configuration for a real room with what ``stage`` is told: for where no file was given."""
+    scenario, world, ours = stage.config, stage.world, Config()
+    rate_hz, latency_s = timing(scenario.pose, world.pose_rate_hz, world.pose_latency_s)
+    return msgspec.structs.replace(
+        ours,
+        vehicle=scenario.vehicle,
+        controller=scenario.controller,
+        pose=ViconConfig(latency_s=latency_s, rate_hz=rate_hz),
+        link=msgspec.structs.replace(_paced(scenario.link, _period_s(scenario)), thrust_curve=None),
+    )
+
 
 CRASH_CM = 200.0
 """A flight that ends early counts so much, and none counts more [cm]."""

@@ -10,8 +10,7 @@ from statistics import median
 
 import msgspec
 
-from sim.studies.tune.flights import Flyers, Outcome, sorties
-from sim.studies.tune.stage import Staged
+from sim.studies.tune.flights import Flyers, Outcome, Staged, sorties
 from sim.world import World
 
 TIMES_NOMINAL = 5.0

@@ -20,10 +20,9 @@ import msgspec
 
 from groundstation.config import ConfigError
 from sim.studies.campaign import program_sha256
-from sim.studies.tune.flights import CRASH_CM, Flyers, Outcome, sorties
+from sim.studies.tune.flights import CRASH_CM, Flyers, Outcome, Staged, sorties
 from sim.studies.tune.margins import DELAY, GAIN_DOWN, GAIN_UP, Axis, failure, limit_cm
 from sim.studies.tune.search_space import Key, loses_proof, with_gains
-from sim.studies.tune.stage import Staged
 
 if TYPE_CHECKING:
     import optuna
