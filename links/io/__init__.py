@@ -1,4 +1,4 @@
-"""What the links open: sockets' addresses, serial ports, key files, shared memory."""
+"""What the links open: network addresses and datagrams, serial ports, key files; and whether the computer slept."""
 
 TYPE_CHECKING = False
 if TYPE_CHECKING:
