@@ -327,7 +327,9 @@ def check_plot(path: Path) -> None:
     Raises:
         ConfigError: matplotlib is not installed, the folder is not there, or it is no kind of picture.
     """
-    require_matplotlib("--plot", "needs matplotlib, which is not installed: pip install 'quadrotor-groundstation[plot]'")
+    require_matplotlib(
+        "--plot", "needs matplotlib, which is not installed: pip install 'quadrotor-groundstation[plot]'"
+    )
     from matplotlib.figure import Figure
 
     if not path.absolute().parent.is_dir():

@@ -45,7 +45,7 @@ from groundstation.settings import Config
 from sim.cli import Counter
 from sim.runs import MISSION_CONFIRM_S, Stage, fly_mission, from_floor
 from sim.scenarios import SCENARIOS, prepare, scenario_of
-from sim.studies.compare import check_markers, put_between_markers
+from sim.studies import check_markers, put_between_markers
 from sim.trackers import Tracker
 from sim.world import rows, stream
 from tests.proving.faults.deck import Meddler, Struck, still
