@@ -10,7 +10,7 @@ from groundstation.recording import channels as channels
 
 TYPE_CHECKING = False
 if TYPE_CHECKING:
-    from groundstation.recording.assembly import make_flight, recorder
+    from groundstation.recording.assembly import Give, RecordedPilot, about, make_flight, recorder
     from groundstation.recording.channels import (
         CHANNELS,
         MeasuredMessage,
@@ -22,7 +22,6 @@ if TYPE_CHECKING:
     from groundstation.recording.headline import STEADY_S
     from groundstation.recording.process import END_S, RecorderProcess
     from groundstation.recording.reader import Entry, NoRecording, Recording, quick_headline
-    from groundstation.recording.recorded_flight import Give, RecordedPilot, about
     from groundstation.recording.records import (
         GAIN,
         About,
@@ -37,12 +36,11 @@ if TYPE_CHECKING:
     from groundstation.recording.writer import FlightLog, McapWriter, about_texts
 
 _MODULES = {
-    "assembly": ("make_flight", "recorder"),
+    "assembly": ("Give", "RecordedPilot", "about", "make_flight", "recorder"),
     "channels": ("CHANNELS", "MeasuredMessage", "read_command", "read_pose", "read_reference", "schema"),
     "headline": ("STEADY_S",),
     "process": ("END_S", "RecorderProcess"),
     "reader": ("Entry", "NoRecording", "Recording", "quick_headline"),
-    "recorded_flight": ("Give", "RecordedPilot", "about"),
     "records": (
         "About",
         "EndRecord",

@@ -254,7 +254,7 @@ class MissionMessage(msgspec.Struct, frozen=True, gc=False):
     text: str
 
 
-class RequestMessage(msgspec.Struct, frozen=True, gc=False):
+class FlightRequestMessage(msgspec.Struct, frozen=True, gc=False):
     """Somebody asked the flight for ``what``."""
 
     time_s: float
@@ -328,7 +328,7 @@ CHANNELS: dict[str, tuple[str, type[msgspec.Struct]]] = {
     "/follow": ("groundstation.Follow", FollowMessage),
     "/switch": ("groundstation.Switch", SwitchMessage),
     "/mission": ("groundstation.Mission", MissionMessage),
-    "/request": ("groundstation.Request", RequestMessage),
+    "/request": ("groundstation.Request", FlightRequestMessage),
     "/lost": ("groundstation.Lost", LostMessage),
     "/link": ("groundstation.Link", LinkMessage),
     "/source": ("groundstation.Source", SourceMessage),
@@ -424,7 +424,7 @@ class MessageMaker:
             case EndRecord(time_s, state, reason):
                 yield self._log(time_s, INFO, f"the flight is over, {state}: {reason}")
             case RequestRecord(time_s, what, reason):
-                yield "/request", time_s, RequestMessage(time_s, what, reason)
+                yield "/request", time_s, FlightRequestMessage(time_s, what, reason)
             case LossRecord(time_s, count):
                 yield "/lost", time_s, LostMessage(time_s, count)
                 yield self._log(time_s, WARNING, f"{count} records are missing here: the recorder could not keep up")

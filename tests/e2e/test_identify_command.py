@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 
-from groundstation.analysis.identify.figures import FIGURES
+from groundstation.analysis.identify.command import FIGURES
 from groundstation.config import from_dict
 from groundstation.settings import Config
 from tests.e2e.test_readme import BLOCK, ROOT

@@ -113,7 +113,7 @@ PUSHED_M_S2 = 0.2
 """The same of acceleration by thrust, and by tilt."""
 
 
-class Excitation(NamedTuple):
+class MotionExcitation(NamedTuple):
     """What the flight moved enough to tell of it."""
 
     turned: tuple[bool, bool, bool]
@@ -171,7 +171,7 @@ def identify(seen: FlightStretch) -> IdentifiedVehicle:
     return IdentifiedVehicle(seen, turned, pushed, {one.name: one for one in parameters})
 
 
-def judge_excitation(seen: FlightStretch, turned: TurnFit) -> Excitation:
+def judge_excitation(seen: FlightStretch, turned: TurnFit) -> MotionExcitation:
     """Judge the stretch that was ``seen`` by how it moved."""
     rates = turned.modelled / np.diff(seen.at_s)[:, None]
     roll, pitch, yaw = (bool(rms > TURNED_RAD_S) for rms in np.sqrt((rates**2).mean(axis=0)).tolist())
@@ -179,10 +179,10 @@ def judge_excitation(seen: FlightStretch, turned: TurnFit) -> Excitation:
     thrust = float(seen.thrust_n[flown].std()) / seen.config.vehicle.mass_kg
     down = np.stack(so3.third_column(components(seen.attitude)), axis=1)
     tilt = seen.config.controller.gravity * float(np.sqrt(down[:, :2].var(axis=0).max()))
-    return Excitation((roll, pitch, yaw), thrust > PUSHED_M_S2, max(thrust, tilt) > PUSHED_M_S2)
+    return MotionExcitation((roll, pitch, yaw), thrust > PUSHED_M_S2, max(thrust, tilt) > PUSHED_M_S2)
 
 
-def _thrust(seen: FlightStretch, pushed: ThrustFit, moved: Excitation) -> list[IdentifiedParameter]:
+def _thrust(seen: FlightStretch, pushed: ThrustFit, moved: MotionExcitation) -> list[IdentifiedParameter]:
     config, vehicle = seen.config, seen.config.vehicle
     values, deviations = pushed.fit.values, pushed.fit.deviations
     scale, sag, curve = (NAMES.index(name) for name in ("scale", "sag", "curve"))
@@ -244,7 +244,9 @@ def _spread(figure: Callable[[Column], float], pushed: ThrustFit) -> float:
     return math.sqrt(max(float(slope @ pushed.fit.covariance @ slope), 0.0))
 
 
-def _lags(seen: FlightStretch, turned: TurnFit, pushed: ThrustFit, moved: Excitation) -> list[IdentifiedParameter]:
+def _lags(
+    seen: FlightStretch, turned: TurnFit, pushed: ThrustFit, moved: MotionExcitation
+) -> list[IdentifiedParameter]:
     vehicle = seen.config.vehicle
     delay, roll, pitch, yaw = turned.fit.values.tolist()
     lag = float(pushed.fit.values[1])
@@ -293,7 +295,9 @@ def _lags(seen: FlightStretch, turned: TurnFit, pushed: ThrustFit, moved: Excita
     ]
 
 
-def _rest(seen: FlightStretch, turned: TurnFit, pushed: ThrustFit, moved: Excitation) -> list[IdentifiedParameter]:
+def _rest(
+    seen: FlightStretch, turned: TurnFit, pushed: ThrustFit, moved: MotionExcitation
+) -> list[IdentifiedParameter]:
     drag = NAMES.index("drag")
     place, turn = measure_noise(seen.at_s, pushed.left), measure_noise(seen.at_s, turned.left)
 

@@ -2,11 +2,20 @@
 
 TYPE_CHECKING = False
 if TYPE_CHECKING:
-    from groundstation.analysis.report.figures import BLUE, DPI, GREEN, GREY, ORANGE, PLOT_STYLE, finish_panels
+    from groundstation.analysis.report.figures import (
+        BLUE,
+        DPI,
+        GREEN,
+        GREY,
+        ORANGE,
+        PLOT_STYLE,
+        ReportFigure,
+        finish_panels,
+    )
     from groundstation.analysis.report.page import document, frame_picture, report_command
 
 _MODULES = {
-    "figures": ("BLUE", "DPI", "GREEN", "GREY", "ORANGE", "PLOT_STYLE", "finish_panels"),
+    "figures": ("BLUE", "DPI", "GREEN", "GREY", "ORANGE", "PLOT_STYLE", "ReportFigure", "finish_panels"),
     "page": ("document", "frame_picture", "report_command"),
 }
 

@@ -366,8 +366,8 @@ class ReportFigure(NamedTuple):
     rows: int
     """Panels above each other."""
     height_in: float
-    draw: Callable[[Sequence[Any], FlightColumns], None]
-    """Draws one flight into its panels."""
+    draw: Callable[[Sequence[Any], Any], None]
+    """Draws one flight (:class:`FlightColumns`; of an identification, its vehicle) into its panels."""
     is_3d: bool = False
     in_time: bool = True
     """Time is below every panel: a long flight's last seconds are shown beside it."""

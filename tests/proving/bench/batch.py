@@ -86,11 +86,11 @@ def whole_flights(stages: Stages) -> Bench:
     worlds, seeds = [world] * VEHICLES, list(range(VEHICLES))
     steps = round(FLIGHT_S / world.frame_period_s) * round(world.frame_period_s / world.step_s)
     return Bench(
-        lambda: _discard(fly_batch(worlds, config, seeds, duration_s=FLIGHT_S, stages=stages)), VEHICLES * steps, ""
+        lambda: _ignore(fly_batch(worlds, config, seeds, duration_s=FLIGHT_S, stages=stages)), VEHICLES * steps, ""
     )
 
 
-def _discard(_: object) -> None:
+def _ignore(_: object) -> None:
     """A run answers nothing."""
 
 
