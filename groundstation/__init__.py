@@ -1,5 +1,54 @@
-"""Offboard flight of quadrotors: poses in, thrust and body rates out."""
+"""Offboard flight of quadrotors: poses in, thrust and body rates out.
 
-from groundstation.runtime.version import __version__
+What a controller of your own asks for (docs/how-to/own-controller.md), each loaded when it is asked for:
 
-__all__ = ["__version__"]
+    Controller          the port: decide(estimate, reference, interval_s) -> Decision
+    Estimate            the vehicle when the command will act, with the disturbance that the observer sees
+    Motion              its position, velocity, attitude, thrust and body rates in an estimate
+    Reference           where the vehicle should be at that instant, with exact derivatives
+    Decision            the command, whether it was clamped, and what screens show of it
+    ActuatorCommand     thrust [N] and body rates [rad/s, FRD]
+    Diagnostics         what a control law says about itself at one step
+    Vehicle             what the controller is told of the vehicle: mass, limits, lags
+    make_decision       a Decision of thrust and body rates, within the vehicle's limits
+    clamp_command       an ActuatorCommand within the vehicle's limits, and whether it had to be clamped
+    push                the push that a wanted acceleration asks of the rotors, tilted no further than a limit
+    sine_error          the turn that brings the thrust along a push, as the sine of its angle
+    half_angle_error    the same, as twice the sine of half the angle
+    turning             the body rates at which the direction of a changing push turns
+    Baseline, InnerLoop heading, limits and lags: from a wanted push and turn to a Decision, as the baselines do it
+"""
+
+from groundstation.runtime.version import __version__ as __version__
+
+TYPE_CHECKING = False
+if TYPE_CHECKING:
+    from groundstation.core.control.attitude import (
+        clamp_command,
+        half_angle_error,
+        make_decision,
+        push,
+        sine_error,
+        turning,
+    )
+    from groundstation.core.control.baselines import Baseline, InnerLoop
+    from groundstation.core.messages.control import Controller, Decision, Estimate
+    from groundstation.core.messages.snapshot import Diagnostics
+    from groundstation.core.trajectory.port import Reference
+    from groundstation.core.vehicle.vehicle import ActuatorCommand as ActuatorCommand
+    from groundstation.core.vehicle.vehicle import Motion, Vehicle
+
+_MODULES = {
+    "core.control.attitude": ("clamp_command", "half_angle_error", "make_decision", "push", "sine_error", "turning"),
+    "core.control.baselines": ("Baseline", "InnerLoop"),
+    "core.messages.control": ("Controller", "Decision", "Estimate"),
+    "core.messages.snapshot": ("Diagnostics",),
+    "core.trajectory.port": ("Reference",),
+    "core.vehicle.vehicle": ("ActuatorCommand", "Motion", "Vehicle"),
+}
+
+
+def __getattr__(name: str) -> object:
+    from links.core.lazy import load_name
+
+    return load_name(__name__, _MODULES, name)

@@ -62,7 +62,7 @@ class Brick:
                 continue
             p, q, r = self._rates
             if self._on:
-                self.attitude = so3.turned(self.attitude, (p * step, q * step, r * step))
+                self.attitude = so3.rotate(self.attitude, (p * step, q * step, r * step))
             down = so3.third_column(self.attitude)
             lift = 2.0 * GRAVITY * self._thrust if self._on else 0.0
             x, y, z = self._position

@@ -45,7 +45,7 @@ def hand(
         tremor = tuple(2e-3 * math.sin(9.0 * time_s + phase) for phase in (0.0, 1.0, 2.0))
         way = so3.rotation_vector(so3.multiply(so3.conjugate(q), s))
         turn = turned(q, (share * way[0], share * way[1], share * way[2]))
-        turn = so3.turned(turn, (4.0 * tremor[1], 4.0 * tremor[2], 4.0 * tremor[0]))
+        turn = so3.rotate(turn, (4.0 * tremor[1], 4.0 * tremor[2], 4.0 * tremor[0]))
         x, y, z = (a + share * (b - a) + t for a, b, t in zip(p, r, tremor, strict=True))
         return (x, y, z), turn
 
@@ -53,7 +53,7 @@ def hand(
 
 
 def turned(q: Quat, angle: Vec3) -> Quat:
-    """As :func:`groundstation.core.geometry.so3.turned`, for large angles too."""
+    """As :func:`groundstation.core.geometry.so3.rotate`, for large angles too."""
     size = math.hypot(*angle)
     k = math.sin(0.5 * size) / size if size > 1e-9 else 0.5
     return so3.multiply(q, (math.cos(0.5 * size), k * angle[0], k * angle[1], k * angle[2]))
@@ -80,7 +80,7 @@ def carried(
     turn = so3.from_euler_zyx(0.0, 0.0, math.radians(autopilot_yaw_deg))
 
     def noisy(q: Quat) -> Quat:
-        return so3.turned(q, (draw.gauss(0.0, noise_rad), draw.gauss(0.0, noise_rad), draw.gauss(0.0, noise_rad)))
+        return so3.rotate(q, (draw.gauss(0.0, noise_rad), draw.gauss(0.0, noise_rad), draw.gauss(0.0, noise_rad)))
 
     for n in range(int(100 * lasts_s(moves))):
         time_s = 0.01 * n

@@ -96,7 +96,7 @@ class Scene:
             for since_s, lie in self.lies:
                 if time_s >= since_s:
                     attitude = lie(time_s, attitude)
-            attitude = so3.turned(attitude, (rng.gauss(0.0, noise), rng.gauss(0.0, noise), rng.gauss(0.0, noise)))
+            attitude = so3.rotate(attitude, (rng.gauss(0.0, noise), rng.gauss(0.0, noise), rng.gauss(0.0, noise)))
             if not any(begin <= time_s < end for begin, end in self.dropouts):
                 arrival = time_s + self.pose_late_s
                 events.append((arrival, n, Pose(n, time_s, arrival, ZERO, attitude)))
@@ -118,7 +118,7 @@ class Scene:
         error = (slow * math.sin(0.31 * time_s + 1.0), slow * math.sin(0.23 * time_s), 0.0)
         roll, pitch, yaw = self.motion.angles(time_s)
         upright = 1.0 - self.pulled_upright
-        attitude = so3.turned(so3.from_euler_zyx(upright * roll, upright * pitch, yaw), error)
+        attitude = so3.rotate(so3.from_euler_zyx(upright * roll, upright * pitch, yaw), error)
         heading = self.heading_deg + sum(by for when, by in self.resets if time_s >= when)
         attitude = so3.multiply(so3.from_euler_zyx(0.0, 0.0, math.radians(heading)), attitude)
         p, q, r = self.motion.rates(time_s)

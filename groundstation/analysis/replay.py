@@ -26,7 +26,7 @@ from groundstation.core.control import Custom
 from groundstation.core.geometry import Vec3
 from groundstation.core.messages import Pose
 from groundstation.core.trajectory import Reference
-from groundstation.core.vehicle import Drive
+from groundstation.core.vehicle import ActuatorCommand
 from groundstation.flight import make_ends
 from groundstation.pose import Gate
 from groundstation.pose.sources import MavlinkPoseConfig
@@ -423,8 +423,8 @@ class ObedientPilot(Pilot):
 
     def note_obeyed(self, time_s: float, command: Command) -> None:
         """What left at ``time_s`` [s] was ``command``, whatever was made anew: the vehicle moved by that one."""
-        drive = Drive(command.thrust_n, command.rates_rad_s)
-        self._estimator.sent(time_s + self._vehicle.command_delay_s, drive)
+        drive = ActuatorCommand(command.thrust_n, command.rates_rad_s)
+        self._estimator.add_command(time_s + self._vehicle.command_delay_s, drive)
 
 
 class _RecordedReference:

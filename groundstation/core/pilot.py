@@ -9,10 +9,10 @@ import msgspec
 from groundstation.core.control import (
     OFF,
     Adaptive,
+    CertificateMonitor,
+    CertificateReading,
     ControllerConfig,
     Descent,
-    Seen,
-    Watch,
     make_controller,
     plan_bring_down,
     plan_model_descent,
@@ -20,9 +20,9 @@ from groundstation.core.control import (
 from groundstation.core.estimation import ModelEstimator
 from groundstation.core.geometry import FLOATS, Vec3, euler_zyx
 from groundstation.core.messages import Certificate, Decision, Estimate, Pose
-from groundstation.core.safety import STILL_SUSPECTS, Contradiction, Obedience
+from groundstation.core.safety import STILL_SUSPECTS, Obedience, PoseEvidence
 from groundstation.core.trajectory import Reference, Trajectory
-from groundstation.core.vehicle import Drive, Motion, Vehicle, rolled
+from groundstation.core.vehicle import ActuatorCommand, Motion, Vehicle, integrate
 from links.core import Command, Segment
 
 WIND_MEMORY_S = 1.0
@@ -62,7 +62,7 @@ class Tick(NamedTuple):
     reference: Reference
     decision: Decision
     command: Command
-    seen: Seen
+    seen: CertificateReading
     """V against its bound."""
 
 
@@ -97,13 +97,13 @@ class Pilot:
         # An observer that does not find the disturbance by itself is driven by b̂.
         driven = config.composite != "provable"
         self._driver = self._controller if driven and isinstance(self._controller, Adaptive) else None
-        self._watch = Watch(vehicle, config)
+        self._watch = CertificateMonitor(vehicle, config)
         self._obedience = Obedience(vehicle.mass_kg, config.gravity)
         self._lifted = self._climbed = False
         self._lifted_s = -math.inf
         self._pushed_since_s: float | None = None
         self._trusted: deque[Trusted] = deque()
-        self._drives: deque[tuple[float, Drive]] = deque()
+        self._drives: deque[tuple[float, ActuatorCommand]] = deque()
         self._poses, self._counted_s = 0, 0.0
         self._last: float | None = None
         self._pose: Pose | None = None
@@ -127,7 +127,7 @@ class Pilot:
         """Take one pose; one that is not newer than the last is ignored."""
         if self._pose is None or pose.time_s > self._pose.time_s:
             before = self._estimator.motion
-            self._estimator.pose(pose)
+            self._estimator.update(pose)
             if not self._released:
                 self._obedience.rest(pose)
             elif before is not None:
@@ -166,7 +166,7 @@ class Pilot:
 
         ``hover_share`` is the thrust that seems to hover as a share of the weight, ``climb_m_s`` how fast it climbs.
         """
-        disturbance = self._estimator.lifted(climb_m_s, hover_share)
+        disturbance = self._estimator.lift_off(climb_m_s, hover_share)
         if isinstance(self._controller, Adaptive):
             self._controller.begin(disturbance)
         self._released = self._lifted = True
@@ -185,7 +185,7 @@ class Pilot:
         return self._estimator.noise_m
 
     @property
-    def evidence(self) -> Contradiction:
+    def evidence(self) -> PoseEvidence:
         """What speaks against the poses, as shares of what convicts (control/obedience.py)."""
         found, since = self._obedience.evidence, self._pushed_since_s
         if since is None:
@@ -218,7 +218,7 @@ class Pilot:
 
     def idle(self, time_s: float, thrust_n: float) -> Command:
         """A command that holds the rates at zero and the thrust at ``thrust_n``, resting on the newest pose."""
-        drive = Drive(thrust_n, (0.0, 0.0, 0.0))
+        drive = ActuatorCommand(thrust_n, (0.0, 0.0, 0.0))
         self._send(time_s + self._vehicle.command_delay_s, drive)
         self._last = None
         return self._command(drive, OFF if thrust_n > 0.0 else ())
@@ -258,7 +258,7 @@ class Pilot:
         assert pose is not None, "only what has flown by poses ceases to"
         acting = time_s + vehicle.command_delay_s
         before = self._before()
-        motion = self._reckoned(before, acting)
+        motion = self._reckon(before, acting)
         mass = vehicle.mass_kg / before.effectiveness
         first, *rest = plan_model_descent(
             motion, vehicle, mass_kg=mass, gravity=self._gravity, disturbance=before.disturbance,
@@ -316,23 +316,25 @@ class Pilot:
         older = next((one for one in reversed(self._trusted) if one.time_s <= until - LEARNT_S), newest)
         return newest._replace(disturbance=older.disturbance, effectiveness=older.effectiveness)
 
-    def _reckoned(self, before: Trusted, until_s: float) -> Motion:
+    def _reckon(self, before: Trusted, until_s: float) -> Motion:
         """Where the commands sent have taken the vehicle since ``before``, by ``until_s`` [s]."""
         motion, now, mass = before.motion, before.time_s, self._vehicle.mass_kg / before.effectiveness
         drives = list(self._drives)
         for i, (begins, drive) in enumerate(drives):
             ends = min(drives[i + 1][0] if i + 1 < len(drives) else until_s, until_s)
             if ends > max(begins, now):
-                motion = self._rolled(motion, drive, ends - now, mass, before.disturbance)
+                motion = self._roll(motion, drive, ends - now, mass, before.disturbance)
             now = max(now, ends)
         return motion
 
-    def _rolled(self, motion: Motion, drive: Drive, duration_s: float, mass_kg: float, disturbance: Vec3) -> Motion:
+    def _roll(
+        self, motion: Motion, drive: ActuatorCommand, duration_s: float, mass_kg: float, disturbance: Vec3
+    ) -> Motion:
         """``motion`` after ``duration_s`` [s] of one ``drive``, in steps that the model can take."""
         vehicle = self._vehicle
         steps = int(duration_s / HOLD_STEP_S) + 1
         for _ in range(steps):
-            motion = rolled(
+            motion = integrate(
                 FLOATS,
                 motion,
                 drive,
@@ -345,9 +347,9 @@ class Pilot:
             )
         return motion
 
-    def _send(self, acting_s: float, drive: Drive) -> None:
+    def _send(self, acting_s: float, drive: ActuatorCommand) -> None:
         """A command acts from ``acting_s`` on [s]."""
-        self._estimator.sent(acting_s, drive)
+        self._estimator.add_command(acting_s, drive)
         drives = self._drives
         drives.append((acting_s, drive))
         while drives[0][0] < acting_s - REMEMBER_S:
@@ -357,7 +359,7 @@ class Pilot:
     def _newest_s(self) -> float:
         return -math.inf if self._pose is None else self._pose.time_s
 
-    def _command(self, drive: Drive, parts: tuple[Segment, ...]) -> Command:
+    def _command(self, drive: ActuatorCommand, parts: tuple[Segment, ...]) -> Command:
         pose = self._pose
         assert pose is not None, "a command needs a pose"
         return Command(drive.thrust, drive.rates, pose.id, pose.time_s, pose.time_s + self._coast, parts)
@@ -372,13 +374,15 @@ class Pilot:
         self._wind = now
         return now
 
-    def _bring_down(self, now: Estimate, drive: Drive, held_s: float, disturbance: Vec3) -> tuple[Segment, ...]:
+    def _bring_down(
+        self, now: Estimate, drive: ActuatorCommand, held_s: float, disturbance: Vec3
+    ) -> tuple[Segment, ...]:
         """What follows ``drive`` after the state ``now``, where it is held for ``held_s`` [s] and no other comes."""
         if held_s <= 0.0:
             return ()
         vehicle, motion = self._vehicle, now.motion
         mass = vehicle.mass_kg / now.effectiveness
-        motion = self._rolled(motion, drive, held_s, mass, disturbance)
+        motion = self._roll(motion, drive, held_s, mass, disturbance)
         return plan_bring_down(
             motion,
             vehicle,

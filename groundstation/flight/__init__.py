@@ -2,7 +2,8 @@
 
 TYPE_CHECKING = False
 if TYPE_CHECKING:
-    from groundstation.flight.flight import Flight, Outcome, make_ends
+    from groundstation.flight.command_loop import DISARM_WAIT_S
+    from groundstation.flight.flight import Flight, FlightOutcome, make_ends
     from groundstation.flight.hold_to_run import HoldWatch, ensure_held, make_hold
     from groundstation.flight.prearm import Company, body_of, describe_checks, describe_failures, entry_of, link_of
     from groundstation.flight.preflight import (
@@ -22,11 +23,11 @@ if TYPE_CHECKING:
         place,
         save,
     )
-    from groundstation.flight.sender import DISARM_WAIT_S
-    from groundstation.flight.statistics import Due
+    from groundstation.flight.statistics import FrameLateness
 
 _MODULES = {
-    "flight": ("Flight", "Outcome", "make_ends"),
+    "command_loop": ("DISARM_WAIT_S",),
+    "flight": ("Flight", "FlightOutcome", "make_ends"),
     "hold_to_run": ("HoldWatch", "ensure_held", "make_hold"),
     "prearm": ("Company", "body_of", "describe_checks", "describe_failures", "entry_of", "link_of"),
     "preflight": (
@@ -46,8 +47,7 @@ _MODULES = {
         "place",
         "save",
     ),
-    "sender": ("DISARM_WAIT_S",),
-    "statistics": ("Due",),
+    "statistics": ("FrameLateness",),
 }
 
 

@@ -21,12 +21,12 @@ from groundstation.core.messages import (
     Snapshot,
 )
 from groundstation.core.mission import EVENT_OF, FINAL, ON_GROUND, Event, State
-from groundstation.core.safety import Contradiction, LiveGains, Obedience, Witness
+from groundstation.core.safety import LiveGains, Obedience, PoseEvidence, Witness
+from groundstation.flight.command_loop import CommandLoop, FlightEnded
 from groundstation.flight.hold_to_run import HoldWatch
-from groundstation.flight.prearm import Company, Departure
-from groundstation.flight.progress import Progress
-from groundstation.flight.sender import Ended, Sender
-from groundstation.flight.statistics import Scoreboard
+from groundstation.flight.mission_executive import MissionExecutive
+from groundstation.flight.prearm import Company, PrearmSequence
+from groundstation.flight.statistics import FlightStatistics
 from groundstation.pose import make_source
 from groundstation.pose.sources import MavlinkPoseConfig
 from groundstation.runtime import Quiet, to_the_end
@@ -57,7 +57,7 @@ FEED_LOOK_S = 0.1
 """How often it is looked whether poses still serve the autopilot after the flight [s]."""
 
 
-class Ending:
+class Shutdown:
     """One flight's: the bring-down, or a kill; poses to an autopilot that may rest on them; closed wires."""
 
     closed = False
@@ -143,7 +143,7 @@ HELD_IN = frozenset({State.ARMING, State.TAKEOFF, State.HOLD, State.TRACKING, St
 """Where the operator's hold is let go in these states, it lands; in those that come down already it changes nothing."""
 
 
-class Outcome(msgspec.Struct, frozen=True):
+class FlightOutcome(msgspec.Struct, frozen=True):
     """How a flight ended."""
 
     state: State
@@ -189,25 +189,25 @@ class Flight:
         self._suspicious = False
         self.witness = Witness()
         """What the vehicle's own attitude says of the poses."""
-        self._progress = Progress(
+        self._progress = MissionExecutive(
             config,
             self._pilot,
             lambda: link.period_s,
             self._say,
-            self._entered,
+            self._enter,
             others,
             doubts=self._doubts,
             on_conviction=self.distrust,
         )
-        self._sender = Sender(
-            link, self._pilot, self._progress, flight.idle_thrust * config.weight_n, self._flown, self._say
+        self._commands = CommandLoop(
+            link, self._pilot, self._progress, flight.idle_thrust * config.weight_n, self._on_command, self._say
         )
-        self._scoreboard = Scoreboard(config, link)
+        self._statistics = FlightStatistics(config, link)
         self._live = LiveGains(config.controller)
         self._quiet = quiet or Quiet()
         if not isinstance(config.pose, MavlinkPoseConfig):  # one that is only heard twice is no second witness
             link.watch_attitude(self._attitude)
-        self._departure = Departure(
+        self._prearm = PrearmSequence(
             config,
             link,
             source,
@@ -220,7 +220,7 @@ class Flight:
             company=company,
         )
         self._hold = hold
-        self._ending = Ending(link, source, self._say, forwards=config.forwards is not None)
+        self._shutdown = Shutdown(link, source, self._say, forwards=config.forwards is not None)
         self._crew: asyncio.Task[None] | None = None
         self._dismissed = False
 
@@ -247,7 +247,7 @@ class Flight:
         return self._pilot.monitor
 
     @property
-    def evidence(self) -> Contradiction:
+    def evidence(self) -> PoseEvidence:
         """What speaks against the poses at present, as shares of what convicts."""
         return self._pilot.evidence
 
@@ -268,19 +268,19 @@ class Flight:
             case Ask.ARM if self._hold is not None and self._hold.hold.obstacle:
                 return Reply(False, f"{self._hold.hold.obstacle}: {self._hold.hold.advice}")
             case Ask.ARM:
-                self._departure.arm()
+                self._prearm.arm()
                 return Reply(True, "arming")
             case Ask.KILL:
-                if self._ending.closed and not self._ending.killed:
+                if self._shutdown.closed and not self._shutdown.killed:
                     return Reply(False, f"{self.state}: the flight is over, and nothing leaves any more")
-                if not self._ending.killed:
-                    self._ending.kill()
+                if not self._shutdown.killed:
+                    self._shutdown.kill()
                     self._progress.go(event, f"motors off: {why}", now)
-            case _ if self._ending.feeds:
+            case _ if self._shutdown.feeds:
                 # It is in somebody else's hands, who may rest on our poses: a first Ctrl-C does not end them.
                 if request.ask is Ask.LAND:
                     return Reply(False, "poses go on to the autopilot until its motors stop, or until asked to descend")
-                self._ending.starve()
+                self._shutdown.starve()
             case _:
                 self._progress.go(event, f"ended before take-off: {why}" if self.state in ON_GROUND else why, now)
         return Reply(True, f"{self.state}: {self._progress.reason}")
@@ -309,7 +309,7 @@ class Flight:
 
     def snapshot(self) -> Snapshot:
         """The flight as it is now."""
-        return self._scoreboard.snapshot(
+        return self._statistics.snapshot(
             state=self.state,
             reason=self._progress.reason,
             started_s=self.started_s,
@@ -317,7 +317,7 @@ class Flight:
             source=self._source.status,
             link=self._link.status,
             certificate=self._pilot.certificate,
-            checks=self._departure.checks,
+            checks=self._prearm.checks,
             gains=self._live.now,
         )
 
@@ -329,7 +329,7 @@ class Flight:
 
     def distrust(self) -> None:
         """The poses have been found to be wrong: for the rest of this flight, nobody else rests on them either."""
-        self._ending.distrust()
+        self._shutdown.distrust()
 
     def _attitude(self, told: Attitude) -> None:
         self.witness.attitude(told)
@@ -340,7 +340,7 @@ class Flight:
         agreement = self.witness.verdict(now_s)
         return None if agreement is None else agreement.doubts_s is not None
 
-    async def run(self) -> Outcome:
+    async def run(self) -> FlightOutcome:
         """Fly. However this ends, the link first does what it owes the vehicle: bring it down, or stop its motors.
 
         Then the link and the source are closed, and nothing leaves any more; cancelling does not shorten that.
@@ -352,40 +352,40 @@ class Flight:
             self._crew.cancel()
         try:
             await self._crew
-        except (Ended, LinkError) as error:
+        except (FlightEnded, LinkError) as error:
             progress.go(Event.ABORT, str(error), loop.time())
         except BaseException as error:
             progress.go(Event.ABORT, f"stopped by {type(error).__name__}: {error}", loop.time())
             if not (self._dismissed and isinstance(error, asyncio.CancelledError)):
                 raise
         finally:
-            await to_the_end(self._ending.close())
+            await to_the_end(self._shutdown.close())
             watching.cancel()
-        return Outcome(self.state, progress.reason, progress.fault)
+        return FlightOutcome(self.state, progress.reason, progress.fault)
 
     async def _fly(self) -> None:
-        await self._departure.depart(self._pose)
+        await self._prearm.depart(self._pose)
         self._progress.go(Event.ARM, "asking the autopilot to obey and to arm", asyncio.get_running_loop().time())
-        await self._sender.fly(Event.ARMED if self._config.flight.start == "floor" else Event.AIRBORNE)
+        await self._commands.fly(Event.ARMED if self._config.flight.start == "floor" else Event.AIRBORNE)
 
     async def check(self) -> list[Check]:
         """Connect, look at everything as before a flight, and disconnect; instead of :meth:`run`."""
         watching = self._watch()
         try:
-            return await self._departure.check(self._pose)
+            return await self._prearm.check(self._pose)
         finally:
-            await to_the_end(self._ending.close())
+            await to_the_end(self._shutdown.close())
             watching.cancel()
 
     def _watch(self) -> "asyncio.Future[None]":
         """Watch what the operator must hold, from now on."""
         if self._hold is None:
             return asyncio.get_running_loop().create_future()
-        return asyncio.ensure_future(self._hold.run(self._looked))
+        return asyncio.ensure_future(self._hold.run(self._check_hold))
 
     # ---- what comes in, and what is told
 
-    def _looked(self) -> None:
+    def _check_hold(self) -> None:
         """How the operator's hold stands is known anew: let go or lost, it lands."""
         assert self._hold is not None, "somebody has looked"
         why = self._hold.hold.obstacle
@@ -395,12 +395,12 @@ class Flight:
             self.ask(Request(Ask.LAND, why))
 
     def _pose(self, pose: Pose) -> None:
-        if self._sender.pose(pose):
+        if self._commands.pose(pose):
             self.witness.pose(pose)
-            self._scoreboard.pose(pose)
-            self._departure.pose()
+            self._statistics.pose(pose)
+            self._prearm.pose()
 
-    def _entered(self, state: State, reason: str) -> None:
+    def _enter(self, state: State, reason: str) -> None:
         if state in FINAL and state is not State.LANDED:  # no more commands from here: what follows is the link's
             self._dismissed = True
             if self._crew is not None:
@@ -408,14 +408,14 @@ class Flight:
         if self._on_state is not None:
             self._on_state(state, reason)
 
-    def _flown(self, tick: Tick) -> None:
-        self._scoreboard.tick(tick, counts=self.state is State.TRACKING and tick.flight_time_s >= 0.0)
+    def _on_command(self, tick: Tick) -> None:
+        self._statistics.tick(tick, counts=self.state is State.TRACKING and tick.flight_time_s >= 0.0)
         if tick.seen.warning:
             self._say(f"warning: {tick.seen.warning}")
         suspicious, self._suspicious = self._suspicious, self._pilot.suspicious
         if self._suspicious and not suspicious and isinstance(self._link, TellsMode):
             self._link.ask_mode()  # who has taken it over flies otherwise, too
-        step, told = self._live.flown(
+        step, told = self._live.update(
             tick.time_s,
             tick.estimate,
             tick.reference,
@@ -432,6 +432,6 @@ class Flight:
 
     def _say(self, text: str) -> None:
         line = f"{asyncio.get_running_loop().time():.3f} {text}"
-        self._scoreboard.event(line)
+        self._statistics.event(line)
         if self._on_event is not None:
             self._on_event(line)

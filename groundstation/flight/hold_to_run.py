@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Protocol
 
 from groundstation.config import ConfigError
-from groundstation.core.mission import Hold, InputLost
+from groundstation.core.mission import HoldToRun, InputLost
 from groundstation.settings import OperatorConfig
 from links.core import CommandLink
 from links.mavlink import MavlinkConnection, MavlinkLink
@@ -33,7 +33,7 @@ class DeviceInput:
 
     def __init__(self, device: "InputDevice[str]", hold: str, code: int) -> None:
         """``code`` is that of linux/input-event-codes.h, ``hold`` its name."""
-        self.what = f"{hold} of {_named(device)}"
+        self.what = f"{hold} of {_name_device(device)}"
         self._device = device
         self._code = code
         self._is_axis = hold.startswith("ABS_")
@@ -88,19 +88,19 @@ def open_device(config: OperatorConfig) -> DeviceInput:
                 fits[0].grab()
         return DeviceInput(fits[0], config.hold, code)
     if len(fits) > 1:
-        several = ", ".join(map(_named, fits))
+        several = ", ".join(map(_name_device, fits))
         raise ConfigError("operator.device", f"more than one has {config.hold}, name one: {several}")
     if len(meant) == 1:
         names = [ecodes.bytype[kind].get(one, one) for one in meant[0].capabilities(absinfo=False).get(kind, [])]
         shown = ", ".join(str(one if isinstance(one, str | int) else one[0]) for one in names[:NAMES_MAX])
         says = f"“{meant[0].name}” has no {config.hold}; of that kind it has {shown or 'nothing'}"
         raise ConfigError("operator.hold", says)
-    listed = ", ".join(map(_named, there))
+    listed = ", ".join(map(_name_device, there))
     nothing = "none may be read here: is it plugged in, and are you in the group input?"
     raise ConfigError("operator.device", f"expected a device that has {config.hold}; there are: {listed or nothing}")
 
 
-def _named(device: "InputDevice[str]") -> str:
+def _name_device(device: "InputDevice[str]") -> str:
     return f"“{device.name}” ({os.fsdecode(device.path)})"
 
 
@@ -204,7 +204,7 @@ class HoldWatch:
 
     def __init__(self, what: str, above: float, connect: Callable[[], Input]) -> None:
         """``connect`` makes the input as the flight begins; ``what`` is its name until then."""
-        self.hold = Hold(what, above)
+        self.hold = HoldToRun(what, above)
         self._connect = connect
 
     async def run(self, looked: Callable[[], None]) -> None:

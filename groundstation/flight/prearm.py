@@ -19,14 +19,15 @@ from groundstation.core.safety import (
     Fence,
     GuardsConfig,
     Separation,
-    Standing,
+    StandingPoses,
     Witness,
     limit_n,
     usual_limit_n,
 )
 from groundstation.core.trajectory import Reference, Trajectory
-from groundstation.flight.course import Course
-from groundstation.flight.hold_to_run import Hold
+from groundstation.flight.command_loop import FlightEnded
+from groundstation.flight.hold_to_run import HoldToRun
+from groundstation.flight.mission_executive import Course, MissionExecutive
 from groundstation.flight.preflight import (
     Proof,
     examine_trajectory,
@@ -37,8 +38,6 @@ from groundstation.flight.preflight import (
     place,
     real,
 )
-from groundstation.flight.progress import Progress
-from groundstation.flight.sender import Ended
 from groundstation.pose.sources import MavlinkPoseConfig
 from groundstation.runtime import Running, socket_path
 from groundstation.settings import Config, FlightConfig, LinkConfig
@@ -85,10 +84,10 @@ class Checks:
         self._separation = None if others is None else Separation(config.separation, others)
         self._fence = None if config.fence is None else Fence(config.fence, config.flight.floor_z_m)
         self._trajectory = config.trajectory.build()
-        self._still = [self._flyable(), self._certificate(), self._take_off(), *self._simulated()]
+        self._still = [self._flyable(), self._certificate(), self._take_off(), *self._simulation()]
 
     def __call__(
-        self, standing: Standing, noise_m: float, link: LinkStatus, now_s: float, witness: Agreement | None = None
+        self, standing: StandingPoses, noise_m: float, link: LinkStatus, now_s: float, witness: Agreement | None = None
     ) -> list[Check]:
         """All checks, as the vehicle stands now; ``noise_m`` is the measured noise of its poses [m].
 
@@ -308,7 +307,7 @@ class Checks:
         )
         return Check("take-off thrust", Verdict.WARN, more)
 
-    def _simulated(self) -> list[Check]:
+    def _simulation(self) -> list[Check]:
         """A word that takes guards away must not stay in a configuration unseen."""
         link = self._config.link
         if not (isinstance(link, RfLinkConfig) and link.simulated):
@@ -352,10 +351,10 @@ SEEN_S = 0.5
 
 
 class Company:
-    """One flight's. Times are on the event loop's clock [s]."""
+    """Checks of what is beside one flight. Times are on the event loop's clock [s]."""
 
     def __init__(
-        self, config: Config, bodies: Others | None, running: Callable[[], Sequence[Running]], hold: Hold | None
+        self, config: Config, bodies: Others | None, running: Callable[[], Sequence[Running]], hold: HoldToRun | None
     ) -> None:
         """``bodies`` are all that the source shows, ``running`` what else flies from here, ``hold`` the operator's."""
         self._config = config
@@ -363,7 +362,7 @@ class Company:
         self._running = running
         self._hold = hold
 
-    def __call__(self, standing: Standing, now_s: float, *, arming: bool = False) -> list[Check]:
+    def __call__(self, standing: StandingPoses, now_s: float, *, arming: bool = False) -> list[Check]:
         """The checks, as things are now; what the operator must hold need not be held before ``arming``."""
         return [self._names(), self._bodies_near(standing, now_s), self._hand(Verdict.FAIL if arming else Verdict.WARN)]
 
@@ -389,14 +388,14 @@ class Company:
         verdict = Verdict.FAIL if bad else Verdict.WARN if odd else Verdict.PASS
         return Check(name, verdict, "; ".join(bad + odd) or "none of this machine has its name, body or link")
 
-    def _bodies_near(self, standing: Standing, now_s: float) -> Check:
+    def _bodies_near(self, standing: StandingPoses, now_s: float) -> Check:
         """Whether another body is where this vehicle is."""
         name, size = "bodies near", self._config.vehicle.size_m
         if self._bodies is None or not standing.poses:
             return Check(name, Verdict.OFF, "the source shows no other bodies")
         place, near = standing.place_ned, list[tuple[float, str]]()
         for body in self._bodies.bodies:
-            sight = self._bodies.seen(body)
+            sight = self._bodies.sighting(body)
             if sight is not None and now_s - sight.time_s < SEEN_S:
                 near.append((math.dist(place, sight.position_ned), body))
         if not near:
@@ -452,8 +451,8 @@ LOOK_AGAIN_S = 1.0
 """How often the checks are made anew while the operator has not armed yet [s]."""
 
 
-class Departure:
-    """One flight's."""
+class PrearmSequence:
+    """One flight's way from connecting until it may be armed."""
 
     checks: tuple[Check, ...] = ()
     """The newest, until somebody has armed: for the screens."""
@@ -464,7 +463,7 @@ class Departure:
         link: CommandLink,
         source: PoseSource,
         pilot: Pilot,
-        progress: Progress,
+        progress: MissionExecutive,
         witness: Witness,
         *,
         confirm: Callable[[], Awaitable[bool]],
@@ -513,20 +512,20 @@ class Departure:
         await self._connect(deliver)
         if from_floor:
             await self._stand()
-            bad, checks = self._checked()
+            bad, checks = self._check()
             for one in checks:
                 if one.verdict in (Verdict.WARN, Verdict.FAIL):
                     self._say(f"pre-flight {one.verdict}: {one.name}: {one.says}")
             if bad:
-                raise Ended(f"pre-flight checks failed: {bad}")
+                raise FlightEnded(f"pre-flight checks failed: {bad}")
         status = self._source.status
         poses = f"poses at {status.rate_hz:.0f} Hz, {1e3 * status.latency_s:.0f} ms late"
         progress.go(Event.CONNECTED, f"link and poses are there; {poses}", loop.time())
         await self._operator()
         if from_floor:
-            bad, _ = self._checked(arming=True)
+            bad, _ = self._check(arming=True)
             if bad:
-                raise Ended(f"not armed: {bad}")
+                raise FlightEnded(f"not armed: {bad}")
         self.checks = ()
         if self._company is not None:
             self._company.leave()
@@ -537,8 +536,8 @@ class Departure:
         try:
             await self._connect(deliver)
             await self._stand()
-            return self._checked()[1]
-        except (Ended, LinkError, OSError) as error:
+            return self._check()[1]
+        except (FlightEnded, LinkError, OSError) as error:
             return [Check("connection", Verdict.FAIL, str(error))]
 
     async def _stand(self) -> None:
@@ -546,7 +545,7 @@ class Departure:
         self._look = Checks(self._config, self._others, on_file(place(self._config)))
         await asyncio.gather(asyncio.sleep(LOOK_S), self._link.examine())
 
-    def _checked(self, *, arming: bool = False) -> tuple[str, list[Check]]:
+    def _check(self, *, arming: bool = False) -> tuple[str, list[Check]]:
         """What fails, and all checks; ``arming`` where the motors start next."""
         assert self._look is not None, "nobody has looked yet"
         now = asyncio.get_running_loop().time()
@@ -564,7 +563,7 @@ class Departure:
         try:
             await asyncio.wait_for(self._first_pose.wait(), wait)
         except TimeoutError:
-            raise Ended(f"no pose within {wait:g} s: {self._why_no_pose()}") from None
+            raise FlightEnded(f"no pose within {wait:g} s: {self._why_no_pose()}") from None
 
     def _why_no_pose(self) -> str:
         pose, dropped = self._config.pose, self._source.status.dropped
@@ -585,10 +584,10 @@ class Departure:
         try:
             while not (confirmed.done() or asked.done()):
                 if self._look is not None:
-                    self._checked()  # for the screens: whoever arms sees the vehicle as it stands now
+                    self._check()  # for the screens: whoever arms sees the vehicle as it stands now
                 await asyncio.wait({confirmed, asked}, timeout=LOOK_AGAIN_S, return_when=asyncio.FIRST_COMPLETED)
             if not asked.done() and not confirmed.result():
-                raise Ended("not armed: the operator did not confirm")
+                raise FlightEnded("not armed: the operator did not confirm")
         finally:
             for task in (confirmed, asked):
                 task.cancel()

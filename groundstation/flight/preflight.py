@@ -14,7 +14,7 @@ from pathlib import Path
 import msgspec
 
 from groundstation.config import ConfigError
-from groundstation.core.trajectory import Demand, Report, check, refusal
+from groundstation.core.trajectory import Demand, FeasibilityReport, check_feasibility, explain_infeasibility
 from groundstation.runtime import FILE, RecordingConfig, folder_of, is_ours
 from groundstation.settings import Config
 from links.bridge import BridgeLinkConfig
@@ -23,9 +23,9 @@ from links.mavlink.protocol import MavlinkLinkConfig
 from links.rf import RfLinkConfig
 
 
-def examine_trajectory(config: Config) -> Report:
+def examine_trajectory(config: Config) -> FeasibilityReport:
     """The trajectory of ``config``, held against its vehicle, its limits and its floor."""
-    return check(
+    return check_feasibility(
         config.trajectory.build(),
         config.vehicle,
         config.limits,
@@ -34,9 +34,9 @@ def examine_trajectory(config: Config) -> Report:
     )
 
 
-def explain_refusal(config: Config, report: Report) -> str | None:
+def explain_refusal(config: Config, report: FeasibilityReport) -> str | None:
     """Why the trajectory must not fly, with the time, the limit and what to do; None if it may."""
-    return refusal(report, getattr(config.trajectory, "speed_m_s", None))
+    return explain_infeasibility(report, getattr(config.trajectory, "speed_m_s", None))
 
 
 def ensure_flyable(config: Config) -> None:
@@ -111,7 +111,7 @@ def key(file: str, name: str) -> bytes:
         raise ConfigError(name, str(error)) from None
 
 
-def describe_trajectory(config: Config, report: Report) -> str:
+def describe_trajectory(config: Config, report: FeasibilityReport) -> str:
     """``report`` for people."""
     ends = "never ends" if report.duration_s is None else f"lasts {report.duration_s:.2f} s"
     looked = " of it" if report.duration_s is None else ""
@@ -126,7 +126,7 @@ def describe_trajectory(config: Config, report: Report) -> str:
     return "\n".join([*lines, "PASS" if why is None else f"FAIL: {why}"])
 
 
-def _range(report: Report, axis: int) -> str:
+def _range(report: FeasibilityReport, axis: int) -> str:
     return f"{report.lowest_ned[axis]:.2f} to {report.highest_ned[axis]:.2f}"
 
 

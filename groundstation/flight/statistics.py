@@ -15,8 +15,8 @@ ZERO: Vec3 = (0.0, 0.0, 0.0)
 LEVEL: Quat = (1.0, 0.0, 0.0, 0.0)
 
 
-class Due:
-    """When the next frame is due; a late one is skipped, never made up for (pacing.py has the same rule)."""
+class FrameLateness:
+    """When the next frame is due; a late one is skipped, never made up for (:class:`Pacing` has the same rule)."""
 
     def __init__(self, link: CommandLink) -> None:
         """Nothing is asked of ``link`` before the first command: some tell their period only once connected."""
@@ -50,7 +50,7 @@ class Due:
         return late
 
 
-class Scoreboard:
+class FlightStatistics:
     """Counts and remembers; makes a :class:`Snapshot` only when one is asked for."""
 
     def __init__(self, config: Config, link: CommandLink) -> None:
@@ -61,7 +61,7 @@ class Scoreboard:
         self._tick: Tick | None = None
         self._squares = 0.0
         self._count = 0
-        self._due = Due(link)
+        self._due = FrameLateness(link)
         self._lateness = Lateness()
 
     def pose(self, pose: Pose) -> None:

@@ -131,7 +131,7 @@ def mean_attitude(attitudes: list[Quat]) -> Quat:
     first = attitudes[0]
     signed = [q if sum(a * b for a, b in zip(first, q, strict=True)) >= 0.0 else _negative(q) for q in attitudes]
     w, x, y, z = (fmean(parts) for parts in zip(*signed, strict=True))
-    return so3.normalized((w, x, y, z))
+    return so3.normalize((w, x, y, z))
 
 
 def _negative(q: Quat) -> Quat:

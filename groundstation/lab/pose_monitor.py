@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING
 import msgspec
 
 from groundstation.core.geometry import Vec3
-from groundstation.core.messages import Overheard, Pose, PoseEvent, PoseSource, SourceError
+from groundstation.core.messages import OverheardSource, Pose, PoseEvent, PoseSource, SourceError
 from groundstation.lab.pose_stream import PoseStreamMonitor, PoseStreamSummary
 from groundstation.pose import HINTS, GatedSource, Recorded, make_source
 from groundstation.pose.sources import MavlinkPoseConfig
@@ -65,7 +65,7 @@ async def open_ears(
         settings = msgspec.structs.replace(settings, quiet=False)
     link = make_link(settings, thrust_max_n=config.full_thrust_n, thrust_curve=config.thrust_curve)
     inner = make_source(config.pose, link)
-    heard = inner if raw is None else Overheard(inner, raw)
+    heard = inner if raw is None else OverheardSource(inner, raw)
     source = GatedSource(heard, config.gate, lost_s=config.flight.coast_s, tell=tell)
     connection = None
     if isinstance(link, MavlinkLink) and (autopilot is not None or isinstance(config.pose, MavlinkPoseConfig)):

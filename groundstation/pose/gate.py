@@ -120,7 +120,7 @@ class Gate:
         if velocity is not None and not math.hypot(*velocity) <= self._config.speed_m_s:
             return self._drop("too_fast")
         if abs(square - 1.0) > UNIT_TOLERANCE:
-            w, x, y, z = so3.normalized((w, x, y, z))
+            w, x, y, z = so3.normalize((w, x, y, z))
         last = self._track.last.attitude if self._track is not None else (w, x, y, z)
         if w * last[0] + x * last[1] + y * last[2] + z * last[3] < 0.0:
             w, x, y, z = -w, -x, -y, -z

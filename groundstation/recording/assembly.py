@@ -14,10 +14,10 @@ from typing import Any
 
 from groundstation.config import dump
 from groundstation.core import Pilot, Tick
-from groundstation.core.messages import Others, Overheard, Pose, PoseEvent, PoseSource, Reply, Request
+from groundstation.core.messages import Others, OverheardSource, Pose, PoseEvent, PoseSource, Reply, Request
 from groundstation.core.mission import State
 from groundstation.core.trajectory import Reference, Trajectory
-from groundstation.flight import Company, Due, Flight, HoldWatch, Outcome, body_of, make_ends, make_hold
+from groundstation.flight import Company, Flight, FlightOutcome, FrameLateness, HoldWatch, body_of, make_ends, make_hold
 from groundstation.pose import ForwardingSource, GatedSource, ShowsOthers
 from groundstation.recording.records import (
     GAIN,
@@ -222,7 +222,7 @@ class RecordedPilot(Pilot):
     """A pilot that hands over what it is given and what it makes of it."""
 
     give: Give
-    due: Due
+    due: FrameLateness
 
     def pose(self, pose: Pose) -> None:
         """Take one pose."""
@@ -303,7 +303,7 @@ class RecordedFlight(Flight):
         self._told = on_event
         self._status_noted_s = -LOOK_S
         pilot = RecordedPilot(config.vehicle, config.controller, config.flight.coast_s, config.flight.floor_z_m)
-        pilot.give, pilot.due = self._note, Due(link)
+        pilot.give, pilot.due = self._note, FrameLateness(link)
         super().__init__(
             config,
             link,
@@ -324,7 +324,7 @@ class RecordedFlight(Flight):
         self._give(RequestRecord(asyncio.get_running_loop().time(), request.ask, request.why))
         return super().ask(request)
 
-    async def run(self) -> Outcome:
+    async def run(self) -> FlightOutcome:
         """Fly, with every wire tapped."""
         WireTaps(self._give).tap()
         try:
@@ -349,8 +349,8 @@ class RecordedFlight(Flight):
             if tick_s is None or record.pose.arrival_s - tick_s > LOOK_S:
                 self._note_status(LOOK_S)
 
-    def _flown(self, tick: Tick) -> None:
-        super()._flown(tick)
+    def _on_command(self, tick: Tick) -> None:
+        super()._on_command(tick)
         self._note_status(LOOK_S)  # not while a pose waits for its command
 
     def _note_status(self, period_s: float = 0.0) -> None:
@@ -412,7 +412,7 @@ def make_flight(
     link, source = make_ends(config, wires, bodies)
     hold = make_hold(config.operator, link)
     if on_pose is not None:
-        source = Overheard(source, on_pose)
+        source = OverheardSource(source, on_pose)
 
     def tell(event: PoseEvent) -> None:
         flight.pose_event(event)

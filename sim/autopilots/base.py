@@ -66,7 +66,7 @@ class HoldAttitude:
 
     def __init__(self, attitude: Quat, thrust: float) -> None:
         """``attitude`` is body FRD to world NED; ``thrust`` 0..1."""
-        self._attitude = so3.normalized(attitude)
+        self._attitude = so3.normalize(attitude)
         self._thrust = thrust
 
     def fly(self, truth: Truth) -> tuple[float, Vec3]:

@@ -3,7 +3,7 @@
 The same pure functions on arrays of shape (N,), or on those vehicles whose pose has just arrived. Only what differs
 between one vehicle and many is written here: who has a pose, and which command acts when.
 
-Beside it the certificate of N flights (:class:`groundstation.core.control.certificate.Watch`): the same V_m against the
+Beside it the certificate of N flights (:class:`groundstation.core.control.certificate.CertificateMonitor`): the same V_m against the
 same bound, and how long that lasts; nobody is told. Written again is only what the watch does step by step with numbers
 of one flight (a test holds both against each other).
 """
@@ -22,9 +22,9 @@ from groundstation.core.estimation import (
     Covariance,
     Densities,
     Effectiveness,
-    corrected,
-    corrected_attitude,
-    corrected_twice,
+    correct,
+    correct_attitude,
+    correct_by_both,
     fourth_difference,
     initial_covariance,
     initial_effectiveness,
@@ -36,7 +36,15 @@ from groundstation.core.estimation import (
 )
 from groundstation.core.geometry import Ops, Real, Vec3
 from groundstation.core.messages import Decision, Estimate
-from groundstation.core.vehicle import ZERO, Drive, Driven, Motion, Vehicle, carried, driven
+from groundstation.core.vehicle import (
+    ZERO,
+    ActuatorCommand,
+    ActuatorResponse,
+    Motion,
+    Vehicle,
+    integrate_actuators,
+    integrate_motion,
+)
 from sim.batch.kernel import Array, Index
 from sim.batch.stages import Stages, pick, put, zeros
 
@@ -58,7 +66,7 @@ class Filtered(NamedTuple):
     """Time stamps of the newest five poses [s]."""
     places: tuple[Vec3, ...]
     """And their positions [m, NED]."""
-    driven: Driven
+    driven: ActuatorResponse
     """What commands make of the newest pose's state, as far as was asked last."""
 
 
@@ -86,7 +94,7 @@ class BatchEstimator:
             zero + gains.pose_noise_m**2,
             tuple(zero - np.inf for _ in range(5)),
             tuple(zeros(n, 3) for _ in range(5)),
-            Driven(zeros(n, 4), zero, zeros(n, 3), zeros(n, 3), zeros(n, 3)),
+            ActuatorResponse(zeros(n, 4), zero, zeros(n, 3), zeros(n, 3), zeros(n, 3)),
         )
         self._state = state
         self.release()
@@ -115,7 +123,7 @@ class BatchEstimator:
         put(state.effectiveness, slice(None), initial_effectiveness(self._gains.effectiveness_deviation))
         put((state.disturbance, state.rate), slice(None), (ZERO, ZERO))
 
-    def sent(self, frame: int, drive: Drive) -> None:
+    def sent(self, frame: int, drive: ActuatorCommand) -> None:
         """The command of ``frame`` acts from frame · period on."""
         self._newest = frame
         self._drives[frame % KEPT_FRAMES] = (drive.thrust, *drive.rates)
@@ -143,19 +151,19 @@ class BatchEstimator:
         gain, covariance = update_covariance(expected, noise)
         step = innovation(position, model.position)
         rate = old.rate
-        now = corrected(old.disturbance, dt, rate)
+        now = correct(old.disturbance, dt, rate)
         e = old.effectiveness
         if self._separates:
             e = predict_effectiveness(e, dt, old.driven, self._vehicle.mass_kg, self._gains.effectiveness_walk)
             e, moved = update_effectiveness(ops, e, step, gain, expected.pp + noise)
-            place = corrected_twice(model.position, gain.p, step, moved, e.p)
-            speed = corrected_twice(model.velocity, gain.v, step, moved, e.v)
-            now = corrected_twice(now, gain.d, step, moved, e.d)
-            rate = corrected_twice(rate, gain.c, step, moved, e.c)
+            place = correct_by_both(model.position, gain.p, step, moved, e.p)
+            speed = correct_by_both(model.velocity, gain.v, step, moved, e.v)
+            now = correct_by_both(now, gain.d, step, moved, e.d)
+            rate = correct_by_both(rate, gain.c, step, moved, e.c)
         else:
-            place, speed = corrected(model.position, gain.p, step), corrected(model.velocity, gain.v, step)
-            now, rate = corrected(now, gain.d, step), corrected(rate, gain.c, step)
-        turned = corrected_attitude(ops, model.attitude, attitude, self._gains.attitude_gain)
+            place, speed = correct(model.position, gain.p, step), correct(model.velocity, gain.v, step)
+            now, rate = correct(now, gain.d, step), correct(rate, gain.c, step)
+        turned = correct_attitude(ops, model.attitude, attitude, self._gains.attitude_gain)
         motion = Motion(place, speed, turned, model.thrust, model.rates)
         return Filtered(stamp, motion, now, rate, covariance, e, noise, times, places, old.driven), ()
 
@@ -167,7 +175,7 @@ class BatchEstimator:
     def _predicted(self, _: Ops, old: Filtered, given: Any) -> Any:
         (time_s,) = given
         h = time_s - old.stamp
-        return old, (self._at(old, h), corrected(old.disturbance, h, old.rate), ZERO, old.effectiveness.value)
+        return old, (self._at(old, h), correct(old.disturbance, h, old.rate), ZERO, old.effectiveness.value)
 
     def _drive(self, end: Any, who: Index | None = None) -> None:
         """Let the commands sent act on ``who``, or on all, from their newest poses to ``end`` [s]."""
@@ -184,15 +192,17 @@ class BatchEstimator:
             self._roll((thrust, tuple(rates), np.maximum(until - now, 1e-12)), part)
             time[going] = until
 
-    def _rolled(self, ops: Ops, old: Driven, given: Any) -> Any:
+    def _rolled(self, ops: Ops, old: ActuatorResponse, given: Any) -> Any:
         thrust, rates, h = given
-        return driven(ops, old, Drive(thrust, rates), h, self._vehicle.thrust_lag_s, self._vehicle.rate_lag_s), ()
+        return integrate_actuators(
+            ops, old, ActuatorCommand(thrust, rates), h, self._vehicle.thrust_lag_s, self._vehicle.rate_lag_s
+        ), ()
 
     def _at(self, old: Filtered, h: Any) -> Any:
         """The motion ``h`` [s] after the newest pose; commands have been rolled until then."""
         north, east, down = old.disturbance
         mass: Any = self._vehicle.mass_kg / old.effectiveness.value
-        return carried(old.motion, old.driven, h, mass, (north, east, down + self._gains.gravity), old.rate)
+        return integrate_motion(old.motion, old.driven, h, mass, (north, east, down + self._gains.gravity), old.rate)
 
     def _measured(self, ops: Ops, old: Filtered, stamp: Any, position: Any) -> Any:
         """As :meth:`ModelEstimator._measure_noise`."""
@@ -205,10 +215,10 @@ class BatchEstimator:
         return ops.where(even, ops.clamp(measured, NOISE_FLOOR_M2, math.inf), noise), times, places
 
 
-def _rolling(_: Ops, old: tuple[Motion, Driven], __: Any) -> Any:
+def _rolling(_: Ops, old: tuple[Motion, ActuatorResponse], __: Any) -> Any:
     """Begin to roll commands at the newest pose."""
     motion = old[0]
-    return (motion, Driven(motion.attitude, motion.thrust, motion.rates, ZERO, ZERO)), ()
+    return (motion, ActuatorResponse(motion.attitude, motion.thrust, motion.rates, ZERO, ZERO)), ()
 
 
 class BatchWatch:

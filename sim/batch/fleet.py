@@ -8,8 +8,8 @@ from typing import Any
 
 import numpy as np
 
-from groundstation.core.geometry import Ops, turned
-from groundstation.core.vehicle import Drive
+from groundstation.core.geometry import Ops, rotate
+from groundstation.core.vehicle import ActuatorCommand
 from sim.batch.kernel import Array, Index
 from sim.batch.stages import Stages, pick, put, zeros
 from sim.runs import CRASH_M
@@ -72,7 +72,7 @@ class Cameras:
         n, a = self._sigma[who], self._sigma_attitude[who]
         position = [p + n * normals[i] for i, p in enumerate(body.position)]
         angle: Any = tuple(a * normals[3 + i] for i in range(3))
-        attitude: Any = turned(body.attitude, angle)
+        attitude: Any = rotate(body.attitude, angle)
         latency = self._latency[who]
         # Exact where the source is told the truth: a pose is then stamped with its exposure.
         stamp = np.where(latency == self._told_latency, taken, taken + (latency - self._told_latency))
@@ -175,7 +175,7 @@ class Fleet:
         body = _body(self.track[-1])
         self._cameras.expose(np.array([time_s + self._steps * self._step_s]), lambda _, who, __: pick(body, who))
 
-    def command(self, frame: int, time_s: float, drive: Drive, told_full_n: float, told_curve: float) -> None:
+    def command(self, frame: int, time_s: float, drive: ActuatorCommand, told_full_n: float, told_curve: float) -> None:
         """Frame number ``frame`` leaves at ``time_s`` after the release; some vehicles never hear it.
 
         The full signal is told to give ``told_full_n`` [N], on the curve ``told_curve`` (links/core/thrust_curve.py).

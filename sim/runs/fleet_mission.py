@@ -17,7 +17,7 @@ import msgspec
 
 from groundstation.core.geometry import Vec3
 from groundstation.core.mission import State
-from groundstation.flight import Flight, Outcome
+from groundstation.flight import Flight, FlightOutcome
 from groundstation.lab import FleetPlan, Relay, read_fleet
 from groundstation.recording import make_flight
 from groundstation.runtime import sleep_until
@@ -242,7 +242,7 @@ async def _fly(
     ends: set[asyncio.Future[Any]] = {turning, all_flown}
     await asyncio.wait(ends, timeout=limit, return_when=asyncio.FIRST_COMPLETED)
     ended_s = loop.time()
-    outcomes: list[Outcome | None] = [one.result() if one.done() else None for one in flying]
+    outcomes: list[FlightOutcome | None] = [one.result() if one.done() else None for one in flying]
     if all_flown.done():
         await asyncio.sleep(REST_S)
     for flight, outcome in zip(flights.values(), outcomes, strict=True):

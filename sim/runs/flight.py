@@ -14,7 +14,7 @@ from groundstation.core.control import Law
 from groundstation.core.geometry import Vec3
 from groundstation.core.messages import Pose
 from groundstation.core.mission import State
-from groundstation.flight import Outcome
+from groundstation.flight import FlightOutcome
 from groundstation.recording import Give, Record, make_flight
 from groundstation.runtime import sleep_until
 from groundstation.settings import Config
@@ -175,7 +175,7 @@ async def _fly(
     (outcome,) = await asyncio.gather(flight_task, return_exceptions=True)
     flown = 0.0 if begun is None else min(now - begun, duration_s)
     complete = begun is not None and referee.crash is None and flown >= duration_s - 1e-6
-    if isinstance(outcome, Outcome) and outcome.state is State.LANDED:
+    if isinstance(outcome, FlightOutcome) and outcome.state is State.LANDED:
         complete = True
     return {
         "completed": complete,
@@ -186,7 +186,7 @@ async def _fly(
 
 
 async def _end_of(
-    flight: "asyncio.Task[Outcome]",
+    flight: "asyncio.Task[FlightOutcome]",
     begun: Callable[[], float | None],
     duration_s: float,
     on_progress: Callable[[float], None] | None,
@@ -211,7 +211,7 @@ async def _end_of(
 def _why(referee: Referee, outcome: Any, failure: Any) -> str:
     if referee.crash is not None:
         return f"crashed: {referee.crash}"
-    if isinstance(outcome, Outcome):
+    if isinstance(outcome, FlightOutcome):
         return f"{outcome.state}: {outcome.reason}"
     for error in (outcome, failure):
         if isinstance(error, Exception):

@@ -11,7 +11,7 @@ import msgspec
 
 from groundstation.core.geometry import Vec3
 from groundstation.core.mission import State
-from groundstation.flight import Flight, Outcome
+from groundstation.flight import Flight, FlightOutcome
 from groundstation.recording import Give, make_flight
 from groundstation.runtime import sleep_until
 from groundstation.settings import Config
@@ -152,7 +152,7 @@ async def _fly(
     stage.plant.advance(loop.time())
     errors = _errors(config, truth, states, flight.started_s)
     start, end = world.start_ned, stage.plant.truth(loop.time()).position_ned
-    assert outcome is None or isinstance(outcome, Outcome)
+    assert outcome is None or isinstance(outcome, FlightOutcome)
     return {
         "landed": outcome is not None and outcome.state is State.LANDED and not outcome.fault,
         "why": f"not over after {limit:g} s" if outcome is None else f"{outcome.state}: {outcome.reason}",

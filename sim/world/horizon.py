@@ -40,9 +40,9 @@ class Horizon:
         age = math.fmod(truth.time_s, LOOP_S)
         rates = truth.rates_rad_s
         (a, b, c), (p, q, r), (north, east) = self._wander, rates, self._pulled
-        attitude = so3.turned(truth.attitude, (a - age * p, b - age * q, c - age * r))
+        attitude = so3.rotate(truth.attitude, (a - age * p, b - age * q, c - age * r))
         # Who accelerates north leans nose down, about west; so pulled upright is about east.
-        return so3.multiply(so3.turned(so3.IDENTITY, (-east, north, 0.0)), attitude), rates
+        return so3.multiply(so3.rotate(so3.IDENTITY, (-east, north, 0.0)), attitude), rates
 
     def _go_on(self, last: Truth, truth: Truth, since: float) -> None:
         """Wander and be pulled for ``since`` [s]."""

@@ -8,7 +8,7 @@ in the step). The controller's own model (groundstation/core/vehicle/vehicle.py)
 
 from typing import NamedTuple
 
-from groundstation.core.geometry import FLOATS, Ops, Quat, Real, Vec3, to_world, turned
+from groundstation.core.geometry import FLOATS, Ops, Quat, Real, Vec3, rotate, to_world
 
 
 class Body(NamedTuple):
@@ -50,8 +50,8 @@ def moved(
     dx, dy, dz = wx - cx, wy - cy, wz - cz
     m, f = tau * (1.0 - mid_keep), tau * (1.0 - keep)
     attitude = body.attitude
-    q1 = turned(attitude, (half * cx + m * dx, half * cy + m * dy, half * cz + m * dz))
-    q2 = turned(attitude, (h * cx + f * dx, h * cy + f * dy, h * cz + f * dz))
+    q1 = rotate(attitude, (half * cx + m * dx, half * cy + m * dy, half * cz + m * dz))
+    q2 = rotate(attitude, (h * cx + f * dx, h * cy + f * dy, h * cz + f * dz))
     over = body.thrust - thrust_command
     k0 = -ops.where(thrust_lag > 0.0, body.thrust, thrust_command) / mass
     k1 = -(thrust_command + mid_thrust_keep * over) / mass

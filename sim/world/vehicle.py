@@ -94,7 +94,7 @@ def with_noise(truth: Truth, world: World, normals: list[float]) -> Truth:
         truth.time_s,
         (x + n * i, y + n * j, z + n * k),
         truth.velocity_ned,
-        so3.turned(truth.attitude, (a * roll, a * pitch, a * yaw)),
+        so3.rotate(truth.attitude, (a * roll, a * pitch, a * yaw)),
         truth.rates_rad_s,
         truth.thrust_n,
         truth.on_ground,

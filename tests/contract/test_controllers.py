@@ -17,7 +17,7 @@ from groundstation.core.geometry import Vec3
 from groundstation.core.messages import Controller, Decision, Estimate
 from groundstation.core.trajectory import Reference, TrajectoryConfig
 from groundstation.core.trajectory.shapes import HoldConfig
-from groundstation.core.vehicle import Drive, Motion, Vehicle
+from groundstation.core.vehicle import ActuatorCommand, Motion, Vehicle
 from groundstation.settings import Config
 from sim.runs import fly
 from sim.runs.flight import Result
@@ -212,8 +212,8 @@ BAD_ANSWERS: dict[str, Callable[[Decision], Any]] = {
     "nothing": lambda good: None,
     "a drive": lambda good: good.drive,
     "no drive": lambda good: good._replace(drive=NOT_A_DRIVE),
-    "NaN thrust": lambda good: good._replace(drive=Drive(math.nan, (0.0, 0.0, 0.0))),
-    "infinite rate": lambda good: good._replace(drive=Drive(0.7, (0.0, math.inf, 0.0))),
+    "NaN thrust": lambda good: good._replace(drive=ActuatorCommand(math.nan, (0.0, 0.0, 0.0))),
+    "infinite rate": lambda good: good._replace(drive=ActuatorCommand(0.7, (0.0, math.inf, 0.0))),
     "two rates": lambda good: good._replace(drive=TWO_RATES),
 }
 
@@ -225,7 +225,7 @@ def test_an_answer_that_is_no_command_ends_the_flight(answer: Callable[[Decision
 
 
 def test_a_command_beyond_the_limits_is_clamped_and_marked() -> None:
-    decision = asked(lambda good: good._replace(drive=Drive(99.0, (-99.0, 0.0, 99.0)), saturated=False))
+    decision = asked(lambda good: good._replace(drive=ActuatorCommand(99.0, (-99.0, 0.0, 99.0)), saturated=False))
     vehicle = Vehicle()
     assert decision.drive.thrust == vehicle.thrust_max_n
     assert decision.drive.rates == pytest.approx((-math.radians(200.0), 0.0, math.radians(300.0)))

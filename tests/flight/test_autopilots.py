@@ -7,7 +7,7 @@ import pytest
 
 from groundstation.core.messages import Check, Verdict
 from groundstation.core.mission import State
-from groundstation.flight import Outcome
+from groundstation.flight import FlightOutcome
 from groundstation.recording import make_flight
 from groundstation.runtime import sleep_until
 from sim.autopilots import AUTOPILOTS
@@ -28,12 +28,12 @@ def test_the_figure_eight_is_flown_on_either(autopilot: str, source: str) -> Non
     assert result.verdict.rms_cm < 1.0
 
 
-def ended(autopilot: str, *overrides: str, **parameters: float) -> tuple[Outcome, Stage, list[str]]:
+def ended(autopilot: str, *overrides: str, **parameters: float) -> tuple[FlightOutcome, Stage, list[str]]:
     """A flight of 4 s that lands, on an autopilot with these parameters."""
     world, config = prepare(SCENARIOS["paper"], ["flight.duration_s=4", *overrides])
     said: list[str] = []
 
-    async def main() -> tuple[Outcome, Stage]:
+    async def main() -> tuple[FlightOutcome, Stage]:
         async def confirm() -> bool:
             await sleep_until(1.0)
             return True
@@ -72,7 +72,7 @@ def test_ardupilot_without_a_position_refuses_guided_in_its_own_words_and_flies_
 def test_poses_that_end_in_the_air_are_landed_by_the_autopilot_where_it_is_told_to(autopilot: str) -> None:
     world, config = prepare(SCENARIOS["paper"], ["link.bring_down=land", "sim.floor_z_m=1.5"], source="vicon")
 
-    async def main() -> tuple[Outcome, Stage, int]:
+    async def main() -> tuple[FlightOutcome, Stage, int]:
         async def confirm() -> bool:
             await sleep_until(1.0)
             return True
@@ -161,7 +161,7 @@ def test_an_autopilot_without_the_key_is_not_believed(tmp_path: Path) -> None:
     key.chmod(0o600)
     world, config = prepare(SCENARIOS["paper"], [f"link.signing_key_file={key}", "link.connect_timeout_s=2"])
 
-    async def main() -> Outcome:
+    async def main() -> FlightOutcome:
         async def confirm() -> bool:
             return True
 

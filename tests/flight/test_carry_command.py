@@ -103,7 +103,7 @@ class Room:
                 self.autopilot.armed = True
             truth = self.hand.truth(when)
             jitter = 2e-4 * ((frame * 7919) % 13 - 6)  # so that a held vehicle does not look frozen
-            attitude = so3.turned(truth.attitude, (jitter, 0.0, 0.0))
+            attitude = so3.rotate(truth.attitude, (jitter, 0.0, 0.0))
             seen = Seen(name, truth.position_ned, attitude, True)
             loop.call_at(when + LATENCY_S, tracker.send, frame, when, [seen])
 

@@ -11,8 +11,7 @@ import pytest
 from groundstation.core import Tick
 from groundstation.core.mission import State
 from groundstation.flight import Flight
-from groundstation.flight.pacing import Pacing
-from groundstation.flight.sender import Standstill
+from groundstation.flight.command_loop import Pacing, StallDetector
 from groundstation.recording import make_flight
 from groundstation.runtime import sleep_until
 from links.core import Command
@@ -240,7 +239,7 @@ def test_poses_that_may_have_waited_while_the_program_stood_still_are_not_flown(
 
     async def script(flight: Flight, _: Stage) -> None:
         await flying(flight, 2.0)
-        monkeypatch.setattr(Standstill, "waited", lambda *_: True)
+        monkeypatch.setattr(StallDetector, "waited", lambda *_: True)
 
     try:
         wire = fly(script)

@@ -9,7 +9,7 @@ import msgspec
 import pytest
 
 from groundstation.core.mission import State
-from groundstation.flight import Flight, Outcome
+from groundstation.flight import Flight, FlightOutcome
 from groundstation.recording import make_flight
 from groundstation.runtime import sleep_until
 from groundstation.settings import Config
@@ -25,7 +25,7 @@ Script = Callable[[Flight, Stage], Coroutine[Any, Any, None]]
 class Scene:
     """One flight against the simulated side, and what came of it."""
 
-    outcome: Outcome
+    outcome: FlightOutcome
     stage: Stage
     sent: list[tuple[float, bytes]]
 

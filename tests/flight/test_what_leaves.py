@@ -12,8 +12,8 @@ from groundstation.core.control import bring_down, model_descent
 from groundstation.core.mission import State, operator
 from groundstation.core.safety import GuardsConfig
 from groundstation.flight import Flight, hold_to_run
-from groundstation.flight.pacing import LAST_CHANCE_S
-from groundstation.flight.sender import DRAIN_S, LINK_LOOK_S, STALL_S
+from groundstation.flight.command_loop import DRAIN_S, LINK_LOOK_S, STALL_S
+from groundstation.flight.mission_executive import LAST_CHANCE_S
 from groundstation.interfaces.api.command import STOP_ANSWER_S
 from groundstation.lab.props_off import STOP_S
 from groundstation.recording import make_flight

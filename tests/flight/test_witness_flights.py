@@ -130,7 +130,7 @@ def test_true_poses_are_not_doubted_in_any_air(scenario: str, autopilot: str) ->
 
 def frozen(liar: Liar) -> Lie:
     rng, held = random.Random(1), liar.newest
-    return lambda _: so3.turned(held, (rng.gauss(0.0, 1e-3), rng.gauss(0.0, 1e-3), rng.gauss(0.0, 1e-3)))
+    return lambda _: so3.rotate(held, (rng.gauss(0.0, 1e-3), rng.gauss(0.0, 1e-3), rng.gauss(0.0, 1e-3)))
 
 
 def mirrored(roll: float, pitch: float) -> Callable[[Liar], Lie]:

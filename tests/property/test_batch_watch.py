@@ -9,10 +9,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from groundstation.core import NOISE_POSES
-from groundstation.core.control import SUSPENDED, VIOLATED, Gains, Watch
+from groundstation.core.control import SUSPENDED, VIOLATED, CertificateMonitor, Gains
 from groundstation.core.geometry import Vec3
 from groundstation.core.messages import Decision, Diagnostics
-from groundstation.core.vehicle import Drive, Motion, Vehicle
+from groundstation.core.vehicle import ActuatorCommand, Motion, Vehicle
 from sim.batch.estimator import BatchWatch
 
 ZERO: Vec3 = (0.0, 0.0, 0.0)
@@ -52,7 +52,7 @@ def decided(look: Look) -> Decision:
     said = msgspec.structs.replace(
         SAID, v_known=look.v, w=look.w, b_hat=(look.north, zero, zero), disturbance=(look.seen, zero, zero)
     )
-    return Decision(Drive(0.785, ZERO), look.saturated, said)
+    return Decision(ActuatorCommand(0.785, ZERO), look.saturated, said)
 
 
 @settings(max_examples=60)
@@ -63,7 +63,7 @@ def test_each_flight_of_a_batch_is_watched_as_if_it_were_alone(
     gains = Gains()
     length = min(len(flight) for flight in flights)
     batch = BatchWatch(len(flights), gains, PERIOD_S)
-    alone = [Watch(Vehicle(), gains) for _ in flights]
+    alone = [CertificateMonitor(Vehicle(), gains) for _ in flights]
     if noise_m is not None:
         everyone = np.arange(len(flights))
         for k in range(NOISE_POSES + 1):

@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from groundstation.core.control import OFF, plan_bring_down
 from groundstation.core.control.bring_down import SINK_S
 from groundstation.core.geometry import FLOATS, Vec3, so3
-from groundstation.core.vehicle import Drive, Motion, Vehicle, rolled
+from groundstation.core.vehicle import ActuatorCommand, Motion, Vehicle, integrate
 from links.core import Segment
 from links.core.deadman import BRING_DOWN_LIMIT_S
 
@@ -29,11 +29,11 @@ def parts(motion: Motion, vehicle: Vehicle, height_m: float, disturbance: Vec3 =
 def played(motion: Motion, vehicle: Vehicle, segments: tuple[Segment, ...], height_m: float) -> tuple[Motion, Motion]:
     """The state as it meets the floor (or at the end), and that after it, by the controller's own model in calm air."""
     for segment in segments:
-        drive = Drive(segment.thrust_n, segment.rates_rad_s)
+        drive = ActuatorCommand(segment.thrust_n, segment.rates_rad_s)
         for _ in range(200):
             if motion.position[2] >= height_m:
                 return motion, motion
-            motion = rolled(
+            motion = integrate(
                 FLOATS, motion, drive, segment.duration_s / 200,
                 mass=vehicle.mass_kg, gravity=9.81, disturbance=CALM,
                 thrust_lag=vehicle.thrust_lag_s, rate_lag=vehicle.rate_lag_s,
@@ -67,7 +67,7 @@ def test_any_state_gives_a_bring_down_within_the_limits_that_ends_with_the_motor
     height_m: float,
     vehicle: Vehicle,
 ) -> None:
-    motion = Motion((0.0, 0.0, 0.0), velocity, so3.normalized(attitude), thrust, rates)
+    motion = Motion((0.0, 0.0, 0.0), velocity, so3.normalize(attitude), thrust, rates)
     found = parts(motion, vehicle, height_m, disturbance)
     assert sum(part.duration_s for part in found) <= BRING_DOWN_LIMIT_S + 1e-9
     assert found[-1:] == OFF

@@ -16,7 +16,7 @@ from hypothesis import strategies as st
 
 from groundstation.core import Tick
 from groundstation.core.control import Gains, backstep
-from groundstation.core.control.backstepping import Axis, Step, axis, growth, project, within
+from groundstation.core.control.backstepping import BacksteppingAxis, LawOutput, axis, growth, project, within
 from groundstation.core.estimation import (
     Covariance,
     Densities,
@@ -24,7 +24,7 @@ from groundstation.core.estimation import (
     predict_covariance,
     update_covariance,
 )
-from groundstation.core.estimation.observer import Gain, update_moving_covariance
+from groundstation.core.estimation.observer import KalmanGain, update_moving_covariance
 from groundstation.core.geometry import FLOATS, Vec3, so3
 from groundstation.core.trajectory import LemniscateConfig
 from sim.runs import fly
@@ -80,7 +80,7 @@ def laws(draw: st.DrawFn) -> Gains:
 class Observer(NamedTuple):
     """The observer's error dynamics e˙ = A e of one axis, and P with AᵀP + PA = -I."""
 
-    l: Gain  # noqa: E741  # the law document's letter
+    l: KalmanGain  # noqa: E741  # the law document's letter
     a: Array
     p: Array
 
@@ -90,10 +90,10 @@ class Observer(NamedTuple):
         return math.hypot(self.l.d, 1.0)
 
 
-def steady(h: float, noise: float, densities: Densities) -> tuple[Gain, Covariance]:
+def steady(h: float, noise: float, densities: Densities) -> tuple[KalmanGain, Covariance]:
     """The gain and the covariance of the code's filter after many poses at equal intervals."""
     covariance = initial_covariance(noise * noise)
-    gain = Gain(0.0, 0.0, 0.0, 0.0)
+    gain = KalmanGain(0.0, 0.0, 0.0, 0.0)
     for _ in range(5000):
         gain, covariance = update_covariance(predict_covariance(covariance, h, densities), noise * noise)
     return gain, covariance
@@ -103,7 +103,7 @@ def observer(h: float, noise: float, densities: Densities) -> Observer:
     """The filter in continuous time: K/h at 1 kHz, with as much noise in all as ``noise`` at intervals ``h``."""
     dense = 0.001
     gain, _ = steady(dense, noise * math.sqrt(h / dense), densities)
-    l = Gain(*(k / dense for k in gain))  # noqa: E741  # the law document's letter
+    l = KalmanGain(*(k / dense for k in gain))  # noqa: E741  # the law document's letter
     a = np.array([[-l.p, 1, 0, 0], [-l.v, 0, 1, 0], [-l.d, 0, 0, 1], [-l.c, 0, 0, 0]])
     i = np.eye(4)
     p = np.linalg.solve(np.kron(a.T, i) + np.kron(i, a.T), -i.ravel()).reshape(4, 4)
@@ -145,7 +145,7 @@ class Loop(NamedTuple):
             return s.z1, s.z1_dot
         return vec3(np.subtract(s.z1, s.e[0])), vec3(np.subtract(s.z1_dot, s.e[1]))
 
-    def step(self, s: State, time: float = 0.0) -> Step:
+    def step(self, s: State, time: float = 0.0) -> LawOutput:
         acceleration, jerk = self.reference(time)
         z1, z1_dot = self.fed(s)
         return backstep(
@@ -169,7 +169,7 @@ class Loop(NamedTuple):
         """w = d̂ - b̂ = b̃ - d̃."""
         return np.asarray(self.b_tilde(s) - s.e[2])
 
-    def b_hat_dot(self, s: State, step: Step) -> Array:
+    def b_hat_dot(self, s: State, step: LawOutput) -> Array:
         """kb Proj(ξ + κ w) + ν, ν = d̂˙, without what would leave the ball."""
         rate = np.asarray(step.b_hat_dot) - self.nu_negative(s)
         b_hat = np.asarray(s.b_hat)
@@ -206,7 +206,7 @@ class Loop(NamedTuple):
 
 def moved(s: State, rate: State, h: float) -> State:
     """s + h s˙."""
-    q = so3.normalized(tuple(a + h * b for a, b in zip(s.attitude, rate.attitude, strict=True)))
+    q = so3.normalize(tuple(a + h * b for a, b in zip(s.attitude, rate.attitude, strict=True)))
     return State(
         vec3(np.add(s.z1, h * np.asarray(rate.z1))),
         vec3(np.add(s.z1_dot, h * np.asarray(rate.z1_dot))),
@@ -256,7 +256,7 @@ def parts(loop: Loop, s: State, time: float = 0.0) -> Parts:
     return Parts(step.w - law.k3 * float(z3 @ z3), z3, b_tilde, adaptation, observation)
 
 
-def slopes(law: Gains, a: Axis, z3: float) -> tuple[float, float]:
+def slopes(law: Gains, a: BacksteppingAxis, z3: float) -> tuple[float, float]:
     """g: the partial derivatives of V_DI + ½ z3² by position and by velocity."""
     excess, _, _ = growth(FLOATS, a.z1_dot, law.sigma_bound, law.velocity_scale)
     by_x1 = a.sigma + a.sigma_prime * (a.z2 + excess) - z3 * (a.du_dz1 + a.sigma_prime * a.du_dz2)

@@ -18,9 +18,9 @@ from groundstation.core.estimation import (
     predict_effectiveness,
     update_effectiveness,
 )
-from groundstation.core.estimation.observer import LIMITS
+from groundstation.core.estimation.observer import EFFECTIVENESS_LIMITS
 from groundstation.core.geometry import FLOATS, Vec3
-from groundstation.core.vehicle import Drive, Driven, Motion, carried, driven
+from groundstation.core.vehicle import ActuatorCommand, ActuatorResponse, Motion, integrate_actuators, integrate_motion
 
 DENSITIES = Densities(0.0, 1e-4, 1e-2, 2.9)
 ZERO: Vec3 = (0.0, 0.0, 0.0)
@@ -35,10 +35,10 @@ def transition(h: float) -> np.ndarray:
     return f
 
 
-def thrust_gives(velocity: Sequence[float], place: Sequence[float]) -> Driven:
+def thrust_gives(velocity: Sequence[float], place: Sequence[float]) -> ActuatorResponse:
     """Commands that give that velocity [m/s] and place [m], NED, to one kilogram: thrust pushes against R e3."""
     (a, b, c), (x, y, z) = velocity, place
-    return Driven((1.0, 0.0, 0.0, 0.0), 0.0, ZERO, (-a, -b, -c), (-x, -y, -z))
+    return ActuatorResponse((1.0, 0.0, 0.0, 0.0), 0.0, ZERO, (-a, -b, -c), (-x, -y, -z))
 
 
 def dense(s: Covariance) -> np.ndarray:
@@ -93,7 +93,7 @@ def test_both_stages_together_are_the_kalman_filter_with_thirteen_states(
             e, moved = update_effectiveness(FLOATS, e, (step[0], step[1], step[2]), gain, variance, of)
             for i, chain in enumerate(zip(e.p, e.v, e.d, e.c, strict=True)):
                 state[i] += np.array(gain) * step[i] + moved * np.array(chain)
-            clipped |= not LIMITS[0] < e.value < LIMITS[1]
+            clipped |= not EFFECTIVENESS_LIMITS[0] < e.value < EFFECTIVENESS_LIMITS[1]
     assert math.isclose(e.variance, big[12, 12], rel_tol=1e-6)
     if not clipped:
         scale = 1.0 + np.abs(x).max()
@@ -109,12 +109,14 @@ def flown(true: float, wind: Vec3, seconds: float, *, shaken: bool) -> tuple[Eff
     e, covariance, d, c = initial_effectiveness(0.15), observer.initial_covariance(1e-8), ZERO, ZERO
     for n in range(round(seconds / h)):
         swing = math.sin(2.0 * math.pi * n * h) if shaken else 0.0
-        drive = Drive(9.81 * (1.0 + 0.3 * swing), (0.8 * swing, 0.0, 0.0))
+        drive = ActuatorCommand(9.81 * (1.0 + 0.3 * swing), (0.8 * swing, 0.0, 0.0))
 
-        def roll(motion: Motion, share: float, wind: Vec3, rate: Vec3, drive: Drive = drive) -> tuple[Motion, Driven]:
-            still = Driven(motion.attitude, motion.thrust, motion.rates, ZERO, ZERO)
-            push = driven(FLOATS, still, drive, h, lag, lag)
-            return carried(motion, push, h, mass / share, (wind[0], wind[1], wind[2] + 9.81), rate), push
+        def roll(
+            motion: Motion, share: float, wind: Vec3, rate: Vec3, drive: ActuatorCommand = drive
+        ) -> tuple[Motion, ActuatorResponse]:
+            still = ActuatorResponse(motion.attitude, motion.thrust, motion.rates, ZERO, ZERO)
+            push = integrate_actuators(FLOATS, still, drive, h, lag, lag)
+            return integrate_motion(motion, push, h, mass / share, (wind[0], wind[1], wind[2] + 9.81), rate), push
 
         truth, _ = roll(truth, true, wind, ZERO)
         model, push = roll(believed, e.value, d, c)
@@ -123,10 +125,10 @@ def flown(true: float, wind: Vec3, seconds: float, *, shaken: bool) -> tuple[Eff
         e = predict_effectiveness(e, h, push, mass, 0.0)
         step = observer.innovation(truth.position, model.position)
         e, moved = update_effectiveness(FLOATS, e, step, gain, expected.pp + 1e-8)
-        d = observer.corrected_twice(observer.corrected(d, h, c), gain.d, step, moved, e.d)
-        c = observer.corrected_twice(c, gain.c, step, moved, e.c)
-        position = observer.corrected_twice(model.position, gain.p, step, moved, e.p)
-        velocity = observer.corrected_twice(model.velocity, gain.v, step, moved, e.v)
+        d = observer.correct_by_both(observer.correct(d, h, c), gain.d, step, moved, e.d)
+        c = observer.correct_by_both(c, gain.c, step, moved, e.c)
+        position = observer.correct_by_both(model.position, gain.p, step, moved, e.p)
+        velocity = observer.correct_by_both(model.velocity, gain.v, step, moved, e.v)
         believed = Motion(position, velocity, truth.attitude, model.thrust, model.rates)
     return e, list(d)
 
@@ -148,7 +150,7 @@ def test_at_rest_they_look_the_same_and_only_their_sum_is_known() -> None:
 
 def test_what_is_broken_is_not_taken_for_worn() -> None:
     e, _ = flown(0.2, ZERO, 10.0, shaken=True)
-    assert e.value == LIMITS[0]
+    assert e.value == EFFECTIVENESS_LIMITS[0]
 
 
 def test_told_exactly_it_never_moves() -> None:

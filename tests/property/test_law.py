@@ -10,7 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from groundstation.core.control import Law, backstep, yaw_rate
-from groundstation.core.control.backstepping import Step, axis, growth, project, saturation, within
+from groundstation.core.control.backstepping import LawOutput, axis, growth, project, saturation, within
 from groundstation.core.geometry import FLOATS, Quat, Vec3, arrays, so3
 
 LAW = Law()
@@ -154,7 +154,7 @@ def test_v_falls_exactly_by_w_on_the_ideal_plant(
             law,
             z1=_sum(z1, z1_dot, h, accel),
             z1_dot=tuple(z1_dot[i] + h * accel[i] for i in range(3)),  # type: ignore[arg-type]  # three components
-            attitude=so3.turned(q, (h * step.rate_x, h * step.rate_y, 0.4 * h)),
+            attitude=so3.rotate(q, (h * step.rate_x, h * step.rate_y, 0.4 * h)),
             thrust=thrust + h * step.thrust_rate,
             b_hat=tuple(b_hat[i] + h * step.b_hat_dot[i] for i in range(3)),  # type: ignore[arg-type]  # three components
             mass=mass,
@@ -190,7 +190,7 @@ def test_the_estimate_stays_within_b_plus_epsilon_for_any_input_sequence(
         assert math.hypot(*b_hat) <= radius * (1 + 1e-12)
 
 
-def numbers(step: Step) -> list[float]:
+def numbers(step: LawOutput) -> list[float]:
     return [x for field in msgspec.structs.astuple(step) for x in (field if isinstance(field, tuple) else (field,))]
 
 

@@ -9,7 +9,7 @@ from groundstation.core.control import plan_model_descent
 from groundstation.core.control.model_descent import BRAKE_S, MOST
 from groundstation.core.geometry import FLOATS, Vec3
 from groundstation.core.geometry.so3 import from_euler_zyx
-from groundstation.core.vehicle import Drive, Motion, Vehicle, rolled
+from groundstation.core.vehicle import ActuatorCommand, Motion, Vehicle, integrate
 from links.core import Segment
 from links.core.deadman import BRING_DOWN_LIMIT_S
 
@@ -41,8 +41,8 @@ def flown(motion: Motion, parts: tuple[Segment, ...], height_m: float) -> list[M
     """The motion after each part, until the floor."""
     path = [motion]
     for part in parts:
-        drive = Drive(part.thrust_n, part.rates_rad_s)
-        motion = rolled(
+        drive = ActuatorCommand(part.thrust_n, part.rates_rad_s)
+        motion = integrate(
             FLOATS, motion, drive, part.duration_s, mass=VEHICLE.mass_kg, gravity=GRAVITY,
             disturbance=(0.0, 0.0, 0.0), thrust_lag=VEHICLE.thrust_lag_s, rate_lag=VEHICLE.rate_lag_s,
         )  # fmt: skip

@@ -15,7 +15,7 @@ component = st.floats(-1.0, 1.0)
 vector = st.tuples(component, component, component)
 unit = vector.filter(lambda v: math.hypot(*v) > 1e-3).map(lambda v: scaled(v, 1.0 / math.hypot(*v)))
 quaternion = (
-    st.tuples(component, component, component, component).filter(lambda q: math.hypot(*q) > 1e-3).map(so3.normalized)
+    st.tuples(component, component, component, component).filter(lambda q: math.hypot(*q) > 1e-3).map(so3.normalize)
 )
 
 
@@ -87,7 +87,7 @@ def test_the_smallest_rotation_vector_keeps_its_digits(axis: Vec3, angle: float)
 
 @given(quaternion, unit, st.floats(0.0, 0.3))
 def test_a_small_turn_is_the_exponential_to_a_nanoradian(q: Quat, axis: Vec3, angle: float) -> None:
-    got = so3.turned(q, scaled(axis, angle))
+    got = so3.rotate(q, scaled(axis, angle))
     exact = so3.multiply(q, about(axis, angle))
     assert math.isclose(math.hypot(*got), 1.0, abs_tol=1e-15)
     assert math.hypot(*so3.rotation_vector(so3.multiply(so3.conjugate(exact), got))) < 1e-9
@@ -107,10 +107,10 @@ def test_arrays_of_vehicles_get_the_numbers_of_each_alone(vehicles: list[tuple[Q
     ops = arrays()
     w, x, y, z = np.array([q for q, _ in vehicles]).T
     a, b, c = np.array([v for _, v in vehicles]).T
-    turned = np.array(so3.turned((w, x, y, z), (0.1 * a, 0.1 * b, 0.1 * c))).T
+    turned = np.array(so3.rotate((w, x, y, z), (0.1 * a, 0.1 * b, 0.1 * c))).T
     vectors = np.array(so3.rotation_vector((w, x, y, z), ops)).T
     angles = np.array(so3.euler_zyx((w, x, y, z), ops)).T
     for i, (q, v) in enumerate(vehicles):
-        assert tuple(turned[i]) == so3.turned(q, (0.1 * v[0], 0.1 * v[1], 0.1 * v[2]))
+        assert tuple(turned[i]) == so3.rotate(q, (0.1 * v[0], 0.1 * v[1], 0.1 * v[2]))
         assert near(vectors[i], so3.rotation_vector(q))
         assert near(angles[i], so3.euler_zyx(q))

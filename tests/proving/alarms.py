@@ -37,8 +37,8 @@ from groundstation.analysis.shadow import (
 )
 from groundstation.config import ConfigError
 from groundstation.core import Pilot
-from groundstation.core.safety import NODE_S, WANDERING_M, Contradiction, Conviction, charge_lateness
-from groundstation.core.vehicle import Drive
+from groundstation.core.safety import NODE_S, WANDERING_M, Conviction, PoseEvidence, charge_lateness
+from groundstation.core.vehicle import ActuatorCommand
 from groundstation.flight import Flight, ensure_flyable
 from groundstation.runtime import sleep_until
 from groundstation.settings import Config
@@ -50,7 +50,7 @@ from sim.trackers import Tracker
 from sim.world import rows, stream
 from tests.proving.faults.deck import Meddler, Struck, still
 
-KINDS = Contradiction._fields
+KINDS = PoseEvidence._fields
 """What may speak against the poses."""
 SHARES = (0.25, 0.375, 0.5, 0.75, 1.0, 1.25, 1.5)
 """Thresholds whose alarms are counted, as shares of what ends a flight."""
@@ -121,7 +121,7 @@ class _Trace:
     """The evidence window by window, as a flight goes on."""
 
     def __init__(self) -> None:
-        self.windows: list[tuple[float, Contradiction]] = []
+        self.windows: list[tuple[float, PoseEvidence]] = []
         """The instant [s, event loop's clock] and what spoke against the poses."""
 
     async def watch(self, flight: Flight) -> None:
@@ -149,7 +149,7 @@ def watch_flight(
 
     flown = fly_mission(world, config, seed=seed, on_event=said.append, script=script)
     lines = (line.split(" ", 1)[1] for line in said)  # after the instant
-    evidence = [each for _, each in trace.windows] or [Contradiction(0.0, 0.0, 0.0, 0.0)]
+    evidence = [each for _, each in trace.windows] or [PoseEvidence(0.0, 0.0, 0.0, 0.0)]
     return WatchedFlight(
         seed=seed,
         windows=flights[0].monitor.windows,
@@ -220,7 +220,7 @@ def detections(strikes: int = STRIKES) -> tuple[Detection, ...]:
     )
 
 
-def _strike(seed: int, *overrides: str) -> list[tuple[float, Contradiction]]:
+def _strike(seed: int, *overrides: str) -> list[tuple[float, PoseEvidence]]:
     """The evidence of one flight from the strike on, by the time since."""
     world, config = prepare(SCENARIOS["paper"], list(overrides))
     trace, struck, meddlers = _Trace(), list[float](), list[Meddler]()
@@ -247,7 +247,7 @@ def _strike(seed: int, *overrides: str) -> list[tuple[float, Contradiction]]:
     return [(time_s - struck[0], each) for time_s, each in trace.windows if time_s >= struck[0]]
 
 
-def _reach_time(trace: list[tuple[float, Contradiction]], share: float) -> float | None:
+def _reach_time(trace: list[tuple[float, PoseEvidence]], share: float) -> float | None:
     return next((since_s for since_s, each in trace if max(each) >= share), None)
 
 
@@ -376,7 +376,7 @@ is [s]."""
 class _Obeying(Pilot):
     """A pilot whose commands somebody else has chosen."""
 
-    def sent(self, time_s: float, drive: Drive, interval_s: float) -> None:
+    def sent(self, time_s: float, drive: ActuatorCommand, interval_s: float) -> None:
         """``drive`` left at ``time_s`` [s], so long after the one before."""
         acting = time_s + self._vehicle.command_delay_s
         self._send(acting, drive)
@@ -417,7 +417,7 @@ def _fly_capture(
     stood = [pose.position_ned[2] for pose in poses[:begin] if pose.arrival_s >= lifts_s - STOOD_S]
     floor_z_m = mean(stood) if stood else math.inf  # a recording may begin in the air
     pilot = _Obeying(config.vehicle, config.controller, config.flight.coast_s, floor_z_m)
-    conviction, said, evidence = Conviction(), list[str](), list[Contradiction]()
+    conviction, said, evidence = Conviction(), list[str](), list[PoseEvidence]()
     windows, ended, lifted, last_s = 0, "", False, from_s
     pilot.stand()
     events = [(pose.arrival_s, 0, i) for i, pose in enumerate(poses)]
@@ -434,9 +434,9 @@ def _fly_capture(
             continue
         if pilot.newest_pose is None:
             continue
-        pilot.sent(time_s, Drive(full_n * shares[index], recording.sent[index].rates), time_s - last_s)
+        pilot.sent(time_s, ActuatorCommand(full_n * shares[index], recording.sent[index].rates), time_s - last_s)
         last_s = time_s
-        looked = conviction.look(pilot.evidence, time_s, led=pilot.monitor.led(time_s))
+        looked = conviction.look(pilot.evidence, time_s, led=pilot.monitor.is_led(time_s))
         if conviction.says.startswith("suspicion"):
             said.append(f"{time_s:.1f} s: {conviction.says}")
         charge = charge_lateness(pilot.monitor.late_s) or looked
@@ -444,7 +444,7 @@ def _fly_capture(
             ended = charge.reason
             said.append(f"{time_s:.1f} s: {ended}")
             break
-    evidence = evidence or [Contradiction(0.0, 0.0, 0.0, 0.0)]
+    evidence = evidence or [PoseEvidence(0.0, 0.0, 0.0, 0.0)]
     return WatchedFlight(
         seed=number,
         windows=windows,

@@ -18,8 +18,8 @@ from groundstation.core.control import (
     sine_error,
     turning,
 )
-from groundstation.core.control.baselines import Baseline, Geometric, Indi, Outlet, Pid
-from groundstation.core.geometry import Quat, Vec3, third_column, turned
+from groundstation.core.control.baselines import Baseline, Geometric, Indi, InnerLoop, Pid
+from groundstation.core.geometry import Quat, Vec3, rotate, third_column
 from groundstation.core.geometry.so3 import from_euler_zyx
 from groundstation.core.messages import Estimate
 from groundstation.core.trajectory import Reference
@@ -81,7 +81,7 @@ def test_turning_by_the_half_angle_error_brings_the_body_to_the_direction(q: Qua
     assert math.hypot(x, y) == pytest.approx(2.0 * math.sin(before / 2.0), abs=1e-6)
     if before > 1e-6:
         k = 0.1 * before / math.hypot(x, y)  # a tenth of the way, about the same axis
-        assert angle_between(turned(q, (k * x, k * y, 0.0)), along) == pytest.approx(0.9 * before, abs=1e-6)
+        assert angle_between(rotate(q, (k * x, k * y, 0.0)), along) == pytest.approx(0.9 * before, abs=1e-6)
 
 
 @given(attitude, vec)
@@ -100,7 +100,7 @@ def test_the_turn_of_a_direction_agrees_with_its_difference_quotient(wanted: Vec
     x, y = turning(upright, along, slope)
     h = 1e-5
     later: Vec3 = (along[0] + h * slope[0], along[1] + h * slope[1], along[2] + h * slope[2])
-    assert angle_between(turned(upright, (h * x, h * y, 0.0)), later) < 1e-7
+    assert angle_between(rotate(upright, (h * x, h * y, 0.0)), later) < 1e-7
 
 
 def turned_to(along: Vec3) -> Quat:
@@ -108,9 +108,9 @@ def turned_to(along: Vec3) -> Quat:
     q = LEVEL
     for _ in range(100):
         x, y = half_angle_error(q, along)
-        q = turned(q, (0.2 * x, 0.2 * y, 0.0))
+        q = rotate(q, (0.2 * x, 0.2 * y, 0.0))
     x, y = half_angle_error(q, along)
-    return turned(q, (x, y, 0.0))
+    return rotate(q, (x, y, 0.0))
 
 
 @pytest.mark.parametrize("kind", BASELINES)
@@ -180,7 +180,7 @@ def test_pids_speed_has_a_limit() -> None:
 
 def test_the_outlet_inverts_the_lags_only_where_asked_to() -> None:
     def thrust(compensate: bool, vehicle: Vehicle) -> float:
-        outlet = Outlet(vehicle, Baseline(actuator_compensation=compensate, k_omega=10.0))
+        outlet = InnerLoop(vehicle, Baseline(actuator_compensation=compensate, k_omega=10.0))
         decision = outlet.decide(estimate(), HERE, 0.0, push=(0.0, 0.0, G + 1.0), turn=(0.0, 0.0), disturbance=ZERO)
         return decision.drive.thrust
 

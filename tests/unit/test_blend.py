@@ -7,7 +7,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from groundstation.core.geometry import Vec3
-from groundstation.core.trajectory import Blend, Chain, LemniscateConfig, Limits, Reference, blend, run_in, stopped
+from groundstation.core.trajectory import Blend, Chain, LemniscateConfig, Limits, Reference, blend, run_in, stop
 from groundstation.core.trajectory.transition import LONGER
 
 LIMITS = Limits(0.5, 1.0)
@@ -67,7 +67,7 @@ def test_from_rest_to_rest_it_keeps_the_limits_and_is_hardly_longer_than_it_must
 def test_stopping_and_running_in_are_no_faster_than_the_motion_that_they_meet(time_s: float, speed: float) -> None:
     moving = LemniscateConfig(speed_m_s=speed).build().at(time_s)
     for way, rest, other in (
-        (stopped(moving, LIMITS), 1.0, 0.0),
+        (stop(moving, LIMITS), 1.0, 0.0),
         (run_in(moving, LIMITS), 0.0, 1.0),
     ):
         assert way.at(rest * way.duration_s).velocity_ned == pytest.approx((0.0, 0.0, 0.0), abs=1e-12)

@@ -9,7 +9,7 @@ import pytest
 
 from groundstation.config import ConfigError, from_dict
 from groundstation.core.messages import Check, Pose, Verdict
-from groundstation.core.safety import Agreement, Standing
+from groundstation.core.safety import Agreement, StandingPoses
 from groundstation.flight import describe_checks, describe_failures, ensure_guarded
 from groundstation.flight.prearm import Checks
 from groundstation.flight.preflight import real
@@ -25,9 +25,9 @@ LINK = LinkStatus(state="connected", sent=0, expired=0, received=9, dropped={}, 
 FENCE = {"kind": "box", "north_m": [-2.0, 2.0], "east_m": [-2.0, 2.0], "height_m": 2.0}
 
 
-def standing(rate_hz: float = 50.0, *, tilt_deg: float = 0.0, drift_m: float = 0.0, down: float = 0.0) -> Standing:
+def standing(rate_hz: float = 50.0, *, tilt_deg: float = 0.0, drift_m: float = 0.0, down: float = 0.0) -> StandingPoses:
     """A vehicle that has stood for a second until t = 1 s."""
-    half, stands = math.radians(0.5 * tilt_deg), Standing()
+    half, stands = math.radians(0.5 * tilt_deg), StandingPoses()
     count = int(rate_hz) + 1
     for i in range(count):
         t = i / rate_hz
@@ -39,7 +39,7 @@ def check(
     name: str,
     *,
     config: dict[str, Any] | None = None,
-    stands: Standing | None = None,
+    stands: StandingPoses | None = None,
     noise_m: float = 0.0005,
     now_s: float = 1.03,
     witness: Agreement | None = None,
@@ -171,7 +171,7 @@ def test_a_longer_deadline_names_both_keys_and_what_is_usual() -> None:
 
 
 def test_without_poses_nothing_else_is_asked_of_them() -> None:
-    checks = Checks(from_dict(BASE, Config))(Standing(), 0.0, LINK, 1.0)
+    checks = Checks(from_dict(BASE, Config))(StandingPoses(), 0.0, LINK, 1.0)
     assert "poses: no poses" in describe_failures(checks)
 
 

@@ -1,9 +1,9 @@
 """From what speaks against the poses to what is done."""
 
-from groundstation.core.safety import Contradiction, Conviction, Parole, Since, charge_age
+from groundstation.core.safety import Conviction, Parole, PoseEvidence, Since, charge_age
 from groundstation.core.safety.conviction import ANSWERED, HELD_S, OLD_S, PAROLE_S
 
-NOTHING = Contradiction(0.0, 0.0, 0.0, 0.0)
+NOTHING = PoseEvidence(0.0, 0.0, 0.0, 0.0)
 
 
 def test_poses_that_show_what_the_commands_do_are_charged_with_nothing() -> None:

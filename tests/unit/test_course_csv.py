@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 
 from groundstation.config import ConfigError, dump, load
 from groundstation.core.trajectory.shapes import SamplesConfig, WaypointsConfig
-from groundstation.core.trajectory.waypoints import parsed
+from groundstation.core.trajectory.waypoints import parse_course
 from groundstation.settings import Config
 
 GOOD = """# a comment
@@ -20,7 +20,7 @@ t_s, north_m, east_m, up_m, yaw_deg
 
 
 def test_names_tell_the_columns_and_heights_become_ned() -> None:
-    assert parsed(GOOD) == {
+    assert parse_course(GOOD) == {
         "points_ned": [[1.0, 2.0, -3.0], [-1.0, 0.0, -1.5]],
         "times_s": [0.0, 2.5],
         "yaws_deg": [90.0, 80.0],
@@ -29,7 +29,7 @@ def test_names_tell_the_columns_and_heights_become_ned() -> None:
 
 def test_short_names_are_ned_and_columns_stand_in_any_order() -> None:
     text = "z,y,x,vz,vy,vx\r\n-1,2,3,4,5,6\r\n-2,0,0,0,0,0\r\n"
-    assert parsed(text) == {
+    assert parse_course(text) == {
         "points_ned": [[3.0, 2.0, -1.0], [0.0, 0.0, -2.0]],
         "velocities_ned": [[6.0, 5.0, 4.0], [0.0, 0.0, 0.0]],
     }
@@ -56,7 +56,7 @@ REFUSED = [
 @pytest.mark.parametrize(("text", "words"), REFUSED, ids=[words for _, words in REFUSED])
 def test_a_bad_line_is_refused_with_its_number_and_its_column(text: str, words: str) -> None:
     with pytest.raises(ValueError, match="line") as caught:
-        parsed(text)
+        parse_course(text)
     assert str(caught.value).startswith(words)
 
 
@@ -64,7 +64,7 @@ def test_a_bad_line_is_refused_with_its_number_and_its_column(text: str, words: 
 def test_any_text_is_read_or_refused(text: str) -> None:
     for head in ("", "t,x,y,z\n1,2,3,4\n"):
         try:
-            course = parsed(head + text)
+            course = parse_course(head + text)
         except ValueError as error:
             assert "\n" not in str(error)
         else:

@@ -13,7 +13,7 @@ from groundstation.core.control import Gains
 from groundstation.core.estimation import ModelEstimator
 from groundstation.core.geometry import FLOATS, Vec3, so3
 from groundstation.core.messages import Pose
-from groundstation.core.vehicle import Drive, Motion, Vehicle, lead, rolled
+from groundstation.core.vehicle import ActuatorCommand, Motion, Vehicle, integrate, lead
 from groundstation.core.vehicle.vehicle import approach
 from sim.world import Quadrotor, Wind, World, rows, stream
 
@@ -22,7 +22,7 @@ CALM = World(wind_mean=(0.0, 0.0, 0.0), floor_z_m=1e6)
 REST = Motion((0.0, 0.0, 0.0), (0.0, 0.0, 0.0), so3.IDENTITY, 0.7848, (0.0, 0.0, 0.0))
 
 
-def roll(motion: Motion, drive: Drive, duration: float, **changes: Any) -> Motion:
+def roll(motion: Motion, drive: ActuatorCommand, duration: float, **changes: Any) -> Motion:
     keys: dict[str, Any] = {
         "mass": VEHICLE.mass_kg,
         "gravity": 9.81,
@@ -31,7 +31,7 @@ def roll(motion: Motion, drive: Drive, duration: float, **changes: Any) -> Motio
         "rate_lag": VEHICLE.rate_lag_s,
         **changes,
     }
-    return rolled(FLOATS, motion, drive, duration, **keys)
+    return integrate(FLOATS, motion, drive, duration, **keys)
 
 
 def flown(
@@ -47,22 +47,22 @@ def flown(
         if frame * 0.0225 <= pose * 0.02:
             t = frame * 0.0225
             hover = VEHICLE.mass_kg * 9.81 * (1.0 + 0.05 * math.sin(t))
-            drive = Drive(hover, (0.2 * math.sin(2.0 * t), 0.2 * math.cos(2.0 * t), 0.0))
+            drive = ActuatorCommand(hover, (0.2 * math.sin(2.0 * t), 0.2 * math.cos(2.0 * t), 0.0))
             plant.command(t, *drive)
-            estimator.sent(t, drive)
+            estimator.add_command(t, drive)
             frame += 1
             continue
         t = pose * 0.02
         truth = plant.truth(t)
         n, a = world.pose_noise_m, world.attitude_noise_rad
         x, y, z = truth.position_ned
-        estimator.pose(
+        estimator.update(
             Pose(
                 pose,
                 t,
                 t + 0.02,
                 (x + gauss(0, n), y + gauss(0, n), z + gauss(0, n)),
-                so3.turned(truth.attitude, (gauss(0, a), gauss(0, a), gauss(0, a))),
+                so3.rotate(truth.attitude, (gauss(0, a), gauss(0, a), gauss(0, a))),
             )
         )
         pose += 1
@@ -84,7 +84,7 @@ def test_without_lag_the_lead_is_the_hold_time_and_for_short_holds_the_lag() -> 
 def test_the_rolled_model_agrees_with_the_plant() -> None:
     plant = Quadrotor(CALM, Wind(CALM, rows(stream(0, "wind").standard_normal, 3)))
     plant.release(0.0)
-    drive = Drive(0.9, (1.0, -0.8, 0.5))
+    drive = ActuatorCommand(0.9, (1.0, -0.8, 0.5))
     plant.command(0.0, *drive)
     start = plant.truth(0.0)
     motion = Motion(start.position_ned, start.velocity_ned, start.attitude, start.thrust_n, start.rates_rad_s)
@@ -99,7 +99,7 @@ def test_the_rolled_model_agrees_with_the_plant() -> None:
 
 
 def test_many_small_steps_of_the_model_converge_with_third_order() -> None:
-    drive = Drive(1.1, (2.0, -1.5, 1.0))
+    drive = ActuatorCommand(1.1, (2.0, -1.5, 1.0))
 
     def after(steps: int) -> Vec3:
         motion = REST
@@ -141,23 +141,23 @@ def test_prediction_reaches_over_the_latency() -> None:
 def test_a_pose_that_is_not_newer_changes_nothing() -> None:
     estimator, _ = flown(CALM, 1.0)
     before = estimator.predict(1.0)
-    estimator.pose(Pose(99, 0.5, 0.5, (9.0, 9.0, 9.0), so3.IDENTITY))
+    estimator.update(Pose(99, 0.5, 0.5, (9.0, 9.0, 9.0), so3.IDENTITY))
     assert estimator.predict(1.0) == before
 
 
 def test_a_command_that_acts_from_before_the_newest_pose_on_is_flown_from_that_pose_on() -> None:
     late, on_time = ModelEstimator(VEHICLE, Gains()), ModelEstimator(VEHICLE, Gains())
     for estimator, acts_s in ((late, 0.99), (on_time, 1.0)):
-        estimator.sent(0.0, Drive(0.0, (0.0, 0.0, 0.0)))
-        estimator.pose(Pose(0, 1.0, 1.0, (0.0, 0.0, 0.0), so3.IDENTITY))
-        estimator.sent(acts_s, Drive(1.0, (0.1, 0.0, 0.0)))
+        estimator.add_command(0.0, ActuatorCommand(0.0, (0.0, 0.0, 0.0)))
+        estimator.update(Pose(0, 1.0, 1.0, (0.0, 0.0, 0.0), so3.IDENTITY))
+        estimator.add_command(acts_s, ActuatorCommand(1.0, (0.1, 0.0, 0.0)))
     assert late.predict(1.02) == on_time.predict(1.02)
 
 
 def test_a_second_command_for_the_same_instant_replaces_the_first() -> None:
     estimator = ModelEstimator(VEHICLE, Gains())
-    estimator.pose(Pose(0, 0.0, 0.0, (0.0, 0.0, 0.0), so3.IDENTITY))
-    estimator.sent(0.0, Drive(0.1, (0.0, 0.0, 0.0)))
-    estimator.sent(0.0, Drive(1.0, (0.0, 0.0, 0.0)))
+    estimator.update(Pose(0, 0.0, 0.0, (0.0, 0.0, 0.0), so3.IDENTITY))
+    estimator.add_command(0.0, ActuatorCommand(0.1, (0.0, 0.0, 0.0)))
+    estimator.add_command(0.0, ActuatorCommand(1.0, (0.0, 0.0, 0.0)))
     expected = 1.0 - (1.0 - 0.0) * math.exp(-0.05 / VEHICLE.thrust_lag_s)
     assert estimator.predict(0.05).motion.thrust == pytest.approx(expected, abs=1e-3)

@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from groundstation.config import from_dict
 from groundstation.core.messages import Ask, Pose
 from groundstation.core.mission import Interrupts
-from groundstation.core.safety import Spool, Standing, Touchdown, limit_n
+from groundstation.core.safety import Spool, StandingPoses, Touchdown, limit_n
 from groundstation.settings import Config
 
 LEVEL = (1.0, 0.0, 0.0, 0.0)
@@ -40,7 +40,7 @@ def test_thrust_before_lift_off_is_bounded_by_the_told_weight_or_by_a_measured_h
 
 
 def test_a_source_that_moves_its_origin_on_the_floor_has_not_lifted_the_vehicle() -> None:
-    standing = Standing()
+    standing = StandingPoses()
     for number in range(60):
         standing.stands(pose(number, 1.0))
     standing.stands(pose(60, 0.0, resets=1))
@@ -67,7 +67,7 @@ def test_touching_down_is_not_sinking_though_nothing_holds_it_up(
 ) -> None:
     touchdown = Touchdown(1.0)
     felt = next(
-        (0.01 * i for i in range(300) if touchdown.felt(0.01 * i, thrust_n, sinking_m_s, height_m, behind_m)), None
+        (0.01 * i for i in range(300) if touchdown.update(0.01 * i, thrust_n, sinking_m_s, height_m, behind_m)), None
     )
     assert felt == (None if after_s is None else pytest.approx(after_s, abs=0.011))
 
@@ -76,7 +76,7 @@ def test_touching_down_is_not_sinking_though_nothing_holds_it_up(
 def test_what_falls_has_not_touched_down(share: float, speed_m_s: float, gust_m_s2: float, drag_per_s: float) -> None:
     touchdown = Touchdown(1.0)
     for i in range(300):
-        assert not touchdown.felt(0.01 * i, share, speed_m_s, 0.8, 0.0)
+        assert not touchdown.update(0.01 * i, share, speed_m_s, 0.8, 0.0)
         if speed_m_s > 0.5:
             break
         speed_m_s += 0.01 * (9.81 * (1.0 - share) - gust_m_s2 - drag_per_s * speed_m_s)

@@ -160,7 +160,7 @@ def test_each_axis_of_the_lab_points_where_its_letter_says(world: World) -> None
 def test_one_physical_attitude_has_one_answer_in_all_bodies(world: World) -> None:
     # The tracked body's axes, in the lab's, for any attitude: each must point in NED where the same axis of our
     # vehicle does.
-    given = so3.normalized((0.3, 0.6, -0.2, 0.7))
+    given = so3.normalize((0.3, 0.6, -0.2, 0.7))
     for body in BODIES:
         turn = attitude(given, world, body)
         for axis, letter in zip((X, Y, Z), body, strict=True):
@@ -251,7 +251,7 @@ ANY = Alignment(
 
 @pytest.mark.parametrize("alignment", [Alignment(), ANY], ids=["named", "aligned"])
 def test_the_way_back_gives_the_same_numbers_with_the_same_sign(alignment: Alignment) -> None:
-    given, place = so3.normalized((0.5, -0.1, 0.7, 0.3)), (1.25, -2.5, 0.75)
+    given, place = so3.normalize((0.5, -0.1, 0.7, 0.3)), (1.25, -2.5, 0.75)
     for world, body in itertools.product(WORLDS, BODIES):
         frames = Frames(world, body, alignment)
         back = frames.theirs(*frames.ours(place, given))

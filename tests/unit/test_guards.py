@@ -8,7 +8,7 @@ import pytest
 
 from groundstation.core.messages import Estimate
 from groundstation.core.mission import State
-from groundstation.core.safety import Escalation, Fence, Finding, Guards, GuardsConfig, Step
+from groundstation.core.safety import Escalation, Fence, GuardAction, GuardFinding, Guards, GuardsConfig
 from groundstation.core.safety.geofence import BoxFence
 from groundstation.core.trajectory import Reference
 from groundstation.core.vehicle import Motion, Vehicle
@@ -49,7 +49,7 @@ def shown(time_s: float, **changes: Any) -> Shown:
 
 def first(
     limit: dict[str, Any], state: State = State.TRACKING, *, diverged_m: float = 0.0, period_s: float = PERIOD_S
-) -> tuple[float, Finding] | None:
+) -> tuple[float, GuardFinding] | None:
     """When the first finding comes where ``limit`` lasts from 1 s on, and it."""
     guards = Guards(CONFIG, FENCE, VEHICLE, lambda: PERIOD_S)
     time_s = 0.0
@@ -63,29 +63,35 @@ def first(
 
 
 FULL = math.radians(VEHICLE.rate_limits_deg_s[0])
-CASES: list[tuple[dict[str, Any], float, float, Step, str]] = [
-    ({"attitude": leaning(51.0)}, 0.0, CONFIG.tilt_s, Step.DESCEND, "it leans by 51°"),
-    ({"attitude": (math.nan,) * 4}, 0.0, CONFIG.tilt_s, Step.DESCEND, "it leans by 180°"),
-    ({"attitude": leaning(31.0)}, 0.0, CONFIG.tilt_error_s, Step.LAND, "31° away from where it should"),
-    ({"disturbance": (7.0, 0.0, 0.0)}, 0.0, CONFIG.tilt_error_s, Step.LAND, "away from where it should"),
-    ({"disturbance": (math.nan, 0.0, 0.0)}, 0.0, CONFIG.tilt_error_s, Step.LAND, "180° away from where it should"),
-    ({"position": (0.6, 0.0, -1.0)}, 0.0, CONFIG.error_s, Step.LAND, "0.60 m from where it should be"),
-    ({"position": (1.9, 0.0, -1.0), "velocity": (1.0, 0.0, 0.0)}, 0.0, 0.0, Step.HOLD, "before the fence"),
-    ({"position": (2.1, 0.0, -1.0)}, 0.0, 0.0, Step.LAND, "0.10 m outside the fence"),
-    ({"position": (0.0, 0.0, -2.1)}, 0.0, 0.0, Step.LAND, "outside the fence"),
-    ({"thrust_n": VEHICLE.thrust_max_n}, 0.0, CONFIG.thrust_limit_s, Step.LAND, "thrust at its limit"),
-    ({"rates_rad_s": (0.0, -FULL, 0.0)}, 0.0, CONFIG.rate_limit_s, Step.LAND, "body rate at its limit"),
-    ({"effectiveness": 0.69}, 0.0, 1.0, Step.LAND, "thrust is 69 % of what is told"),
-    ({"effectiveness": math.nan}, 0.0, 1.0, Step.LAND, "thrust is nan % of what is told"),
-    ({}, 0.11, CONFIG.divergence_s, Step.DESCEND, "has diverged"),
-    ({}, math.nan, CONFIG.divergence_s, Step.DESCEND, "has diverged"),
-    ({"position": (math.nan, 0.0, -1.0)}, 0.0, CONFIG.error_s, Step.LAND, "nan m from where it should be"),
+CASES: list[tuple[dict[str, Any], float, float, GuardAction, str]] = [
+    ({"attitude": leaning(51.0)}, 0.0, CONFIG.tilt_s, GuardAction.DESCEND, "it leans by 51°"),
+    ({"attitude": (math.nan,) * 4}, 0.0, CONFIG.tilt_s, GuardAction.DESCEND, "it leans by 180°"),
+    ({"attitude": leaning(31.0)}, 0.0, CONFIG.tilt_error_s, GuardAction.LAND, "31° away from where it should"),
+    ({"disturbance": (7.0, 0.0, 0.0)}, 0.0, CONFIG.tilt_error_s, GuardAction.LAND, "away from where it should"),
+    (
+        {"disturbance": (math.nan, 0.0, 0.0)},
+        0.0,
+        CONFIG.tilt_error_s,
+        GuardAction.LAND,
+        "180° away from where it should",
+    ),
+    ({"position": (0.6, 0.0, -1.0)}, 0.0, CONFIG.error_s, GuardAction.LAND, "0.60 m from where it should be"),
+    ({"position": (1.9, 0.0, -1.0), "velocity": (1.0, 0.0, 0.0)}, 0.0, 0.0, GuardAction.HOLD, "before the fence"),
+    ({"position": (2.1, 0.0, -1.0)}, 0.0, 0.0, GuardAction.LAND, "0.10 m outside the fence"),
+    ({"position": (0.0, 0.0, -2.1)}, 0.0, 0.0, GuardAction.LAND, "outside the fence"),
+    ({"thrust_n": VEHICLE.thrust_max_n}, 0.0, CONFIG.thrust_limit_s, GuardAction.LAND, "thrust at its limit"),
+    ({"rates_rad_s": (0.0, -FULL, 0.0)}, 0.0, CONFIG.rate_limit_s, GuardAction.LAND, "body rate at its limit"),
+    ({"effectiveness": 0.69}, 0.0, 1.0, GuardAction.LAND, "thrust is 69 % of what is told"),
+    ({"effectiveness": math.nan}, 0.0, 1.0, GuardAction.LAND, "thrust is nan % of what is told"),
+    ({}, 0.11, CONFIG.divergence_s, GuardAction.DESCEND, "has diverged"),
+    ({}, math.nan, CONFIG.divergence_s, GuardAction.DESCEND, "has diverged"),
+    ({"position": (math.nan, 0.0, -1.0)}, 0.0, CONFIG.error_s, GuardAction.LAND, "nan m from where it should be"),
 ]
 
 
 @pytest.mark.parametrize(("limit", "diverged_m", "for_s", "step", "says"), CASES)
 def test_beyond_its_limit_a_guard_is_heard_after_its_time(
-    limit: dict[str, Any], diverged_m: float, for_s: float, step: Step, says: str
+    limit: dict[str, Any], diverged_m: float, for_s: float, step: GuardAction, says: str
 ) -> None:
     found = first(limit, diverged_m=diverged_m)
     assert found is not None
@@ -117,7 +123,7 @@ def test_of_several_the_gravest_is_told() -> None:
     guards = Guards(CONFIG, FENCE, VEHICLE, lambda: PERIOD_S)
     outside = {"position": (2.1, 0.0, -1.0)}
     told = [guards.see(shown(PERIOD_S * i, **outside), State.TRACKING, 0.11) for i in range(50)]
-    assert [one.step for one in told if one is not None] == [Step.LAND] * 8 + [Step.DESCEND] * 42
+    assert [one.step for one in told if one is not None] == [GuardAction.LAND] * 8 + [GuardAction.DESCEND] * 42
 
 
 def test_a_descent_has_no_reference_to_be_far_from() -> None:
@@ -140,10 +146,10 @@ def test_a_limit_cycle_has_breaks_and_lands_it_all_the_same(share: float, lands:
         rates = (FULL, 0.0, 0.0) if i % 20 < 20 * share else (0.0, 0.0, 0.0)
         found = found or guards.see(shown(PERIOD_S * i, rates_rad_s=rates), State.TRACKING, 0.0)
     assert (found is not None) == lands
-    assert found is None or (found.step is Step.LAND and "again and again" in found.reason)
+    assert found is None or (found.step is GuardAction.LAND and "again and again" in found.reason)
 
 
-def swung(degrees: float, period_s: float) -> Finding | None:
+def swung(degrees: float, period_s: float) -> GuardFinding | None:
     """What is found of a vehicle that leans to one side and the other."""
     guards = Guards(CONFIG, None, VEHICLE, lambda: PERIOD_S)
     for i in range(250):
@@ -157,7 +163,7 @@ def swung(degrees: float, period_s: float) -> Finding | None:
 def test_a_vehicle_that_swings_is_brought_down_though_no_limit_is_passed_for_long() -> None:
     found = swung(32.0, 0.9)
     assert found is not None
-    assert found.step is Step.DESCEND
+    assert found.step is GuardAction.DESCEND
     assert "it swings" in found.reason
     assert swung(16.0, 0.9) is None
 
@@ -167,7 +173,7 @@ def landing(time_s: float, thrust_n: float, height_m: float = 0.3, off_m: float 
     return shown(time_s, thrust_n=thrust_n, position=place)._replace(reference=Reference((off_m, 0.0, -height_m)))
 
 
-def heaved(shares: tuple[float, float], state: State = State.LANDING, **place: float) -> Finding | None:
+def heaved(shares: tuple[float, float], state: State = State.LANDING, **place: float) -> GuardFinding | None:
     """The first finding where the thrust goes down and up twice a second, by these shares of the hover thrust."""
     guards, down, up = Guards(CONFIG, FENCE, VEHICLE, lambda: PERIOD_S), *shares
     for tick in range(200):
@@ -182,7 +188,7 @@ def heaved(shares: tuple[float, float], state: State = State.LANDING, **place: f
 def test_a_landing_whose_thrust_swings_is_ended_by_speed_alone() -> None:
     found = heaved((0.3, 0.3))
     assert found is not None
-    assert found.step is Step.DESCEND
+    assert found.step is GuardAction.DESCEND
     assert "its thrust swings by 20 %" in found.reason
     assert heaved((0.1, 0.1)) is None
     assert heaved((0.3, 0.3), State.HOLD) is None
@@ -201,7 +207,7 @@ def test_thrust_that_only_falls_is_the_floor_and_no_swing() -> None:
 
 def test_what_no_landing_could_end_is_answered_by_a_landing_and_no_more() -> None:
     escalation = Escalation(2.0)
-    empty = Finding(Step.LAND, "battery", most=Step.LAND)
+    empty = GuardFinding(GuardAction.LAND, "battery", most=GuardAction.LAND)
     assert escalation.answer(empty, 0.0) == empty
     assert escalation.answer(empty, 9.0) is None
 
@@ -239,19 +245,19 @@ def test_the_link_tells_of_its_delay_and_of_the_battery(status: dict[str, Any], 
     assert guards.link(low, 0.5) is None
     found = guards.link(low, 1.6)
     assert found is not None
-    assert found.step is Step.LAND
+    assert found.step is GuardAction.LAND
     assert says in found.reason
 
 
 def test_what_lasts_is_answered_by_one_step_after_the_other_and_never_by_a_gentler_one() -> None:
     escalation = Escalation(2.0)
-    brake, tilt = Finding(Step.HOLD, "fence"), Finding(Step.DESCEND, "tilt")
+    brake, tilt = GuardFinding(GuardAction.HOLD, "fence"), GuardFinding(GuardAction.DESCEND, "tilt")
     first_ = escalation.answer(brake, 0.0)
     assert first_ == brake
     assert escalation.answer(brake, 1.9) is None
     second = escalation.answer(brake, 2.1)
     assert second is not None
-    assert (second.step, second.reason) == (Step.LAND, "fence, still")
+    assert (second.step, second.reason) == (GuardAction.LAND, "fence, still")
     assert escalation.answer(brake, 3.0) is None
     assert escalation.answer(tilt, 3.1) == tilt
     assert escalation.answer(brake, 99.0) is None
@@ -259,9 +265,9 @@ def test_what_lasts_is_answered_by_one_step_after_the_other_and_never_by_a_gentl
 
 def test_an_operator_who_sends_it_on_begins_anew() -> None:
     escalation = Escalation(2.0)
-    brake = Finding(Step.HOLD, "fence")
+    brake = GuardFinding(GuardAction.HOLD, "fence")
     escalation.answer(brake, 0.0)
-    escalation.eased()
+    escalation.reset()
     assert escalation.answer(brake, 50.0) == brake
 
 

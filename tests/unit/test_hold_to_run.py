@@ -12,19 +12,19 @@ from hypothesis import strategies as st
 from pymavlink.dialects.v20 import common
 
 from groundstation.config import ConfigError, from_dict
-from groundstation.core.mission import InputLost
+from groundstation.core.mission import HoldToRun, InputLost
 from groundstation.core.mission.operator import DEBOUNCE_S
 from groundstation.flight import HoldWatch
-from groundstation.flight.hold_to_run import LOOK_S, OLD_S, RATE_HZ, ChannelInput, Hold, open_device
+from groundstation.flight.hold_to_run import LOOK_S, OLD_S, RATE_HZ, ChannelInput, open_device
 from groundstation.interfaces.service import require_flyable
 from groundstation.settings import Config, OperatorConfig
 from tests.hold_double import DeviceDouble, Hand, pad
 from tests.loops import in_virtual_time
 
 
-def seen(*shares: float | None, above: float = 0.75, step_s: float = LOOK_S) -> Hold:
+def seen(*shares: float | None, above: float = 0.75, step_s: float = LOOK_S) -> HoldToRun:
     """A hold that was looked at again and again."""
-    hold = Hold("the pedal", above)
+    hold = HoldToRun("the pedal", above)
     for number, share in enumerate(shares):
         hold.see(share, number * step_s)
     return hold
@@ -73,7 +73,7 @@ def test_what_was_lost_must_be_let_go_before_it_counts_again() -> None:
 
 @given(st.lists(st.tuples(st.booleans(), st.floats(0.001, 0.05)), min_size=1, max_size=60))
 def test_it_is_never_believed_held_for_longer_than_a_bounce_after_it_was_open(looks: list[tuple[bool, float]]) -> None:
-    hold, now, open_s = Hold("the pedal", 0.75), 0.0, None
+    hold, now, open_s = HoldToRun("the pedal", 0.75), 0.0, None
     for held, step_s in looks:
         now += step_s
         open_s = None if held else now if open_s is None else open_s

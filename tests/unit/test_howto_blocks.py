@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from groundstation.config import load
-from groundstation.core.trajectory.waypoints import parsed
+from groundstation.core.trajectory.waypoints import parse_course
 from groundstation.flight import examine_trajectory
 from groundstation.lab import read_fleet
 from groundstation.settings import Config
@@ -30,7 +30,7 @@ def test_a_block_is_a_configuration_that_may_fly(block: int, tmp_path: Path) -> 
 
 def test_the_course_that_is_shown_is_one() -> None:
     (course,) = re.findall(r"^```\n(t_s,.*?)^```$", PAGES[0].read_text("utf-8"), re.M | re.S)
-    assert len(parsed(course)["points_ned"]) == 2
+    assert len(parse_course(course)["points_ned"]) == 2
 
 
 @pytest.mark.parametrize("example", sorted((ROOT / "examples").glob("*.toml")), ids=lambda path: path.name)

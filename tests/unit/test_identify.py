@@ -15,8 +15,8 @@ from groundstation.analysis.identify.thrust_fit import full_n, hover_signal, mos
 from groundstation.analysis.identify.turn_fit import respond_with_lag, turns
 from groundstation.analysis.identify.vehicle import FLY, IdentifiedVehicle, identify, measure_noise
 from groundstation.core.geometry import FLOATS, IDENTITY
-from groundstation.core.geometry import turned as turned_by
-from groundstation.core.vehicle import Drive, Motion, Vehicle, rolled
+from groundstation.core.geometry import rotate as turned_by
+from groundstation.core.vehicle import ActuatorCommand, Motion, Vehicle, integrate
 from groundstation.settings import Config
 from links.core import full_thrust_n, signal, thrust
 from links.mavlink import MavlinkLinkConfig
@@ -45,9 +45,9 @@ def flown(
     config = Config(vehicle=vehicle, link=MavlinkLinkConfig(thrust_curve=link_curve))
     count = int(seconds / STEP_S)
     sent_s, newtons, rates, at, places, attitudes = [], [], [], [], [], []
-    waiting: list[tuple[int, Drive]] = []
+    waiting: list[tuple[int, ActuatorCommand]] = []
     hover = signal(0.5 * G / (scale * 9.0), curve)
-    drive = Drive(0.5 * G, (0.0, 0.0, 0.0))
+    drive = ActuatorCommand(0.5 * G, (0.0, 0.0, 0.0))
     motion = Motion((0.0, 0.0, -5.0), (0.0, 0.0, 0.0), IDENTITY, 0.5 * G, (0.0, 0.0, 0.0))
     push = np.zeros(3)
     for step in range(count):
@@ -60,7 +60,7 @@ def flown(
             newtons.append(command)
             rates.append(told)
             real = scale * 9.0 * thrust(u, curve)
-            waiting.append((step + DELAY_STEPS, Drive(real, (told[0], told[1], told[2]))))
+            waiting.append((step + DELAY_STEPS, ActuatorCommand(real, (told[0], told[1], told[2]))))
         while waiting and waiting[0][0] <= step:
             drive = waiting.pop(0)[1]
         if step % POSE_STEPS == 0:
@@ -70,7 +70,7 @@ def flown(
             places.append(np.array(motion.position) - lever_m * axis + rng.normal(0.0, noise_m, 3))
             attitudes.append(turned_by(motion.attitude, (x, y, z)))
         push = push + rng.normal(0.0, wind * math.sqrt(STEP_S), 3)
-        motion = rolled(
+        motion = integrate(
             FLOATS,
             motion,
             drive,

@@ -7,7 +7,7 @@ from typing import NamedTuple
 import pytest
 
 from groundstation.core.messages import Pose
-from groundstation.core.safety import Spool, SpoolUp, Standing
+from groundstation.core.safety import Spool, SpoolUp, StandingPoses
 from groundstation.core.vehicle import Vehicle
 
 LEVEL = (1.0, 0.0, 0.0, 0.0)
@@ -38,7 +38,7 @@ def spooled(
     They wander by ``wander_m`` in 2 s, 1σ [m].
     """
     draw, vehicle = random.Random(seed), Vehicle(mass_kg=1.0 / G, thrust_max_n=2.0, thrust_lag_s=lag_s)
-    standing, walked, number = Standing(), 0.0, 0
+    standing, walked, number = StandingPoses(), 0.0, 0
 
     def pose(at_s: float, up_m: float) -> Pose:
         nonlocal walked, number
@@ -104,7 +104,7 @@ def test_a_body_that_rests_lets_no_vehicle_gather_energy(hover_share: float, lag
 def test_what_leaps_aside_on_the_floor_as_no_vehicle_does_stops_the_motors(
     step_m: float, elapsed_s: float, noise_m: float, resets: int, stranger: bool
 ) -> None:
-    standing = Standing()
+    standing = StandingPoses()
     for k in range(100):
         standing.stands(Pose(k, 0.02 * k, 0.02 * k, (0.0, 0.0, 0.0), LEVEL))
     spool_up = SpoolUp(standing, Spool(1.0, 1.3, 1.0, 0.0, 1.8, 0.05), Vehicle(mass_kg=1.0 / G), 1.0, G, noise_m)

@@ -32,7 +32,7 @@ class Flown:
         estimate = Estimate(self.time_s, motion, (0.0, 0.0, 0.0), (0.0, 0.0, 0.0), 1.0)
         for _ in range(round(for_s / PERIOD_S)):
             self.time_s += PERIOD_S
-            step, told = self.live.flown(self.time_s, estimate, HERE, v, counts=counts)
+            step, told = self.live.update(self.time_s, estimate, HERE, v, counts=counts)
             if step is not None:
                 self.steps.append(step)
             if told:

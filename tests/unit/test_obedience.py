@@ -9,12 +9,12 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from groundstation.core.geometry import Quat, Vec3, multiply, third_column, turned
+from groundstation.core.geometry import Quat, Vec3, multiply, rotate, third_column
 from groundstation.core.messages import Pose
 from groundstation.core.safety import NODE_S, Obedience
-from groundstation.core.safety.images import EXPANDS, Filter
+from groundstation.core.safety.images import EXPANDS, ImageFilter
 from groundstation.core.safety.obedience import GAP_S, HEADING_SUSPECTS, SUSPECTS
-from groundstation.core.vehicle import Driven, Motion
+from groundstation.core.vehicle import ActuatorResponse, Motion
 
 G, MASS_KG, PERIOD_S = 9.81, 0.5, 0.01
 NOISE_M, NOISE_RAD = 0.0005, 0.002
@@ -118,13 +118,13 @@ class Watched:
                 return step * PERIOD_S
         return math.inf
 
-    def _begin(self) -> tuple[Motion, Driven]:
+    def _begin(self) -> tuple[Motion, ActuatorResponse]:
         """As the estimate is at the newest pose."""
         attitude = self._seen.attitude
         weight = MASS_KG * G
         return (
             Motion(self._seen.position_ned, self._velocity, attitude, weight, ORIGIN),
-            Driven(attitude, weight, ORIGIN, ORIGIN, ORIGIN),
+            ActuatorResponse(attitude, weight, ORIGIN, ORIGIN, ORIGIN),
         )
 
     def _commands(self, demand: Demand) -> tuple[Vec3, float]:
@@ -134,11 +134,11 @@ class Watched:
         k = self._stiff
         return (k * (demand.roll + y), k * (demand.pitch - x), -2.0 * k * z * w), demand.thrust * MASS_KG * G
 
-    def _driven(self, made: Driven, rates: Vec3, push: float) -> Driven:
+    def _driven(self, made: ActuatorResponse, rates: Vec3, push: float) -> ActuatorResponse:
         h, (x, y, z), (ix, iy, iz), (sx, sy, sz) = PERIOD_S, third_column(made.attitude), made.impulse, made.reach
         fx, fy, fz = push * x, push * y, push * z
-        return Driven(
-            turned(made.attitude, (h * rates[0], h * rates[1], h * rates[2])), push, rates,
+        return ActuatorResponse(
+            rotate(made.attitude, (h * rates[0], h * rates[1], h * rates[2])), push, rates,
             (ix + h * fx, iy + h * fy, iz + h * fz),
             (sx + h * (ix + 0.5 * h * fx), sy + h * (iy + 0.5 * h * fy), sz + h * (iz + 0.5 * h * fz)),
         )  # fmt: skip
@@ -151,14 +151,14 @@ class Watched:
         there = x + h * (vx + 0.5 * h * ax), y + h * (vy + 0.5 * h * ay), z + h * (vz + 0.5 * h * az)
         self._velocity = vx + h * ax, vy + h * ay, vz + h * az
         turn = h * (g * rates[0] + b), h * (g * rates[1] + b), h * g * rates[2]
-        self._past.append(Truth(there, turned(truth.attitude, turn)))
+        self._past.append(Truth(there, rotate(truth.attitude, turn)))
         self.now += h
 
     def _pose(self, picture: Picture, late_s: float, resets: int) -> Pose:
         (x, y, z), attitude = picture(self._past[-1 - min(round(late_s / PERIOD_S), len(self._past) - 1)])
         gauss = self._draw.gauss
         place = x + gauss(0.0, NOISE_M), y + gauss(0.0, NOISE_M), z + gauss(0.0, NOISE_M)
-        seen = turned(attitude, (gauss(0.0, NOISE_RAD), gauss(0.0, NOISE_RAD), gauss(0.0, NOISE_RAD)))
+        seen = rotate(attitude, (gauss(0.0, NOISE_RAD), gauss(0.0, NOISE_RAD), gauss(0.0, NOISE_RAD)))
         return Pose(self._seen.id + 1, self.now, self.now, place, seen, reset_count=resets)
 
 
@@ -168,7 +168,7 @@ class Watched:
 )
 def test_a_parabola_leaves_no_innovation_in_a_filter_that_has_settled(path: Vec3, step_s: float) -> None:
     x, v, a = path
-    follows = Filter((x, v, 0.0))
+    follows = ImageFilter((x, v, 0.0))
     for k in range(1, 60):
         t = k * step_s
         off = follows.innovation((x + v * t + 0.5 * a * t * t, v + a * t, 0.0), step_s)
@@ -176,7 +176,7 @@ def test_a_parabola_leaves_no_innovation_in_a_filter_that_has_settled(path: Vec3
 
 
 def test_what_leaves_its_parabola_leaves_an_innovation() -> None:
-    follows = Filter((0.0, 1.0, 2.0))
+    follows = ImageFilter((0.0, 1.0, 2.0))
     for k in range(1, 30):
         follows.innovation((0.5 * k, 1.0, 2.0 - 0.1 * k), NODE_S)
     assert follows.innovation((15.0 + 0.1, 1.0, -1.0 - 0.2), NODE_S) == pytest.approx((0.1, 0.0, -0.2))
@@ -342,8 +342,8 @@ def headings(asked: Callable[[float], float], answer_s: float, stray_rad_s: floa
     rate, attitude, largest = 0.0, LEVEL, 0.0
     for k in range(1000):
         time_s = PERIOD_S * k
-        told = turned(LEVEL, (0.0, 0.0, asked(time_s) * PERIOD_S))
-        given = Driven(told, MASS_KG * G, ORIGIN, (0.0, 0.0, MASS_KG * G * PERIOD_S), ORIGIN)
+        told = rotate(LEVEL, (0.0, 0.0, asked(time_s) * PERIOD_S))
+        given = ActuatorResponse(told, MASS_KG * G, ORIGIN, (0.0, 0.0, MASS_KG * G * PERIOD_S), ORIGIN)
         pose = Pose(k, time_s, time_s, ORIGIN, attitude)
         monitor.pose(pose, level, given, PERIOD_S, NOISE_M, counts=True)
         largest = max(largest, monitor.evidence.heading)
@@ -371,7 +371,7 @@ def rested(place: Callable[[random.Random, float], float]) -> Obedience:
     rng, monitor, x = random.Random(3), Obedience(MASS_KG, G), 0.0
     level, given = (
         Motion(ORIGIN, ORIGIN, LEVEL, 0.0, ORIGIN),
-        Driven(LEVEL, MASS_KG * G, ORIGIN, (0.0, 0.0, MASS_KG * G * PERIOD_S), ORIGIN),
+        ActuatorResponse(LEVEL, MASS_KG * G, ORIGIN, (0.0, 0.0, MASS_KG * G * PERIOD_S), ORIGIN),
     )
     for k in range(2100):
         x = place(rng, x)

@@ -65,7 +65,7 @@ def test_the_other_bodies_are_seen_in_our_axes_and_hidden_ones_are_not(pose: dic
         await asyncio.sleep(0.5)
         await source.start(poses.append)
         await sending
-        sight = others.seen("bee")
+        sight = others.sighting("bee")
         assert sight is not None
         assert loop.time() - sight.time_s < 0.1
         # A centre of mass is a vehicle's own: of the others it is not known.
@@ -73,7 +73,7 @@ def test_the_other_bodies_are_seen_in_our_axes_and_hidden_ones_are_not(pose: dic
         if not any(pose.get("alignment", {}).get("centre_of_mass_m", [0])):
             assert sight.position_ned == pytest.approx((bee[0] + 1e-5 * frame, bee[1], bee[2]), abs=1e-4)
         await stream(1.0, hidden=True)
-        hidden, visible = others.seen("bee"), others.seen("cat")
+        hidden, visible = others.sighting("bee"), others.sighting("cat")
         assert hidden is not None
         assert visible is not None
         assert loop.time() - hidden.time_s > 0.9
@@ -96,12 +96,12 @@ def test_damaged_bytes_put_no_other_body_nowhere(name: str, data: st.DataObject)
     for message in natnet_handshake((4, 1)) if name == "natnet" else ():
         reader.read(message, 0.0)
     reader.read(datagrams[0], 0.0)
-    assert all(others.seen(other) is not None for other in others.names)
+    assert all(others.sighting(other) is not None for other in others.names)
     for number in range(3):
         damaged = bytearray(datagrams[data.draw(st.integers(0, len(datagrams) - 1))])
         for at in data.draw(st.lists(st.integers(0, len(damaged) - 1), max_size=8)):
             damaged[at] = data.draw(st.sampled_from((0x00, 0x7F, 0x80, 0xF0, 0xFF)))
         reader.read(bytes(damaged), 0.01 * number + 0.01)
     for other in others.names:
-        sight = others.seen(other)
+        sight = others.sighting(other)
         assert sight is None or all(map(math.isfinite, (*sight.position_ned, *sight.velocity_ned)))

@@ -11,9 +11,9 @@ from hypothesis import strategies as st
 from groundstation.config import ConfigError, from_dict
 from groundstation.core.geometry import Vec3
 from groundstation.core.messages import Check, Others, Verdict
-from groundstation.core.messages.pose import BASE_S, GAP_S, Sight
+from groundstation.core.messages.pose import BASE_S, GAP_S, BodySighting
 from groundstation.core.mission import State
-from groundstation.core.safety import Escalation, Finding, Guards, Separation, SeparationConfig, Step
+from groundstation.core.safety import Escalation, GuardAction, GuardFinding, Guards, Separation, SeparationConfig
 from groundstation.core.safety.geofence import Near
 from groundstation.flight.prearm import Checks
 from groundstation.settings import Config
@@ -26,9 +26,9 @@ PLACE = SeparationConfig(others=("bee",), distance_m=0.5, braking_m_s2=1.0, reac
 class Placed(Others):
     """Others of whom one is where it is told to be."""
 
-    sight: Sight | None = None
+    sight: BodySighting | None = None
 
-    def seen(self, name: str) -> Sight | None:
+    def seen(self, name: str) -> BodySighting | None:
         return self.sight
 
 
@@ -55,7 +55,7 @@ def near(place: Vec3, velocity: Vec3, other: Vec3, others_velocity: Vec3, config
 
 
 def test_speed_is_measured_and_a_body_that_is_not_seen_for_a_moment_goes_on_as_it_went() -> None:
-    sight = seen((1.0, 2.0, -3.0), (0.5, -1.0, 0.25)).seen("bee")
+    sight = seen((1.0, 2.0, -3.0), (0.5, -1.0, 0.25)).sighting("bee")
     assert sight is not None
     assert sight.velocity_ned == pytest.approx((0.5, -1.0, 0.25))
     assert sight.at(1.2) == pytest.approx((1.1, 1.8, -2.95))
@@ -63,10 +63,10 @@ def test_speed_is_measured_and_a_body_that_is_not_seen_for_a_moment_goes_on_as_i
 
 def test_a_body_that_was_seen_once_or_is_seen_again_after_long_has_no_speed() -> None:
     others = Others(("bee",))
-    assert others.seen("bee") is None
+    assert others.sighting("bee") is None
     others.see("bee", 1.0, (0.0, 0.0, 0.0))
     others.see("bee", 1.0 + 2.0 * GAP_S, (9.0, 0.0, 0.0))
-    sight = others.seen("bee")
+    sight = others.sighting("bee")
     assert sight is not None
     assert sight.position_ned == (9.0, 0.0, 0.0)
     assert sight.velocity_ned == (0.0, 0.0, 0.0)
@@ -79,7 +79,7 @@ def test_a_body_that_was_seen_once_or_is_seen_again_after_long_has_no_speed() ->
 def test_a_place_that_is_none_is_counted_and_not_believed(place: Vec3, reason: str) -> None:
     others = seen((1.0, 0.0, 0.0))
     others.see("bee", 1.01, place)
-    sight = others.seen("bee")
+    sight = others.sighting("bee")
     assert sight is not None
     assert sight.time_s == 1.0
     assert others.dropped == {reason: 1}
@@ -89,7 +89,7 @@ def test_what_is_not_newer_is_ignored() -> None:
     others = seen((1.0, 0.0, 0.0))
     for late_s in (1.0, 0.99, 1.0 - BASE_S, -100.0):
         others.see("bee", late_s, (5.0, 0.0, 0.0))
-    sight = others.seen("bee")
+    sight = others.sighting("bee")
     assert sight is not None
     assert sight.position_ned == (1.0, 0.0, 0.0)
 
@@ -122,7 +122,7 @@ def test_who_brakes_as_counted_on_once_there_is_no_room_keeps_the_distance(
     bee, dt = Placed(("bee",)), 0.01
     separation, gap = Separation(config, bee), 20.0
     while True:
-        bee.sight = Sight(0.0, (gap, 0.0, 0.0), (-v, 0.0, 0.0))
+        bee.sight = BodySighting(0.0, (gap, 0.0, 0.0), (-v, 0.0, 0.0))
         found = separation.nearest((0.0, 0.0, 0.0), (u, 0.0, 0.0), 0.0)
         assert found is not None
         if found.room_m < 0.0:
@@ -149,7 +149,9 @@ def test_the_one_that_leaves_least_room_counts_but_one_that_is_too_near_comes_fi
 # ---- in flight
 
 
-def found_after(place: Vec3, velocity: Vec3, other: Vec3, others_velocity: Vec3 = (0.0, 0.0, 0.0)) -> Finding | None:
+def found_after(
+    place: Vec3, velocity: Vec3, other: Vec3, others_velocity: Vec3 = (0.0, 0.0, 0.0)
+) -> GuardFinding | None:
     """What a guard says of it once it lasts; time stands still for the other one."""
     guards = Guards(CONFIG, None, VEHICLE, lambda: PERIOD_S, Separation(PLACE, seen(other, others_velocity)))
     finding = None
@@ -168,16 +170,18 @@ REST = (0.0, 0.0, 0.0)
 @pytest.mark.parametrize(
     ("velocity", "other", "others_velocity", "step", "most"),
     [
-        ((1.0, 0.0, 0.0), (1.2, 0.0, -1.0), REST, Step.HOLD, Step.LAND),
-        (REST, (1.2, 0.0, -1.0), (-1.0, 0.0, 0.0), Step.HOLD, Step.LAND),
-        (REST, (0.4, 0.0, -1.0), REST, Step.LAND, Step.LAND),
-        (REST, (0.1, 0.0, -1.4), REST, Step.LAND, Step.LAND),  # it is above: land
-        (REST, (0.1, 0.0, -0.6), REST, Step.HOLD, Step.HOLD),  # it is beneath: stay
-        (REST, HERE, REST, Step.LAND, Step.LAND),
-        ((math.nan, 0.0, 0.0), (1.2, 0.0, -1.0), REST, Step.HOLD, Step.LAND),
+        ((1.0, 0.0, 0.0), (1.2, 0.0, -1.0), REST, GuardAction.HOLD, GuardAction.LAND),
+        (REST, (1.2, 0.0, -1.0), (-1.0, 0.0, 0.0), GuardAction.HOLD, GuardAction.LAND),
+        (REST, (0.4, 0.0, -1.0), REST, GuardAction.LAND, GuardAction.LAND),
+        (REST, (0.1, 0.0, -1.4), REST, GuardAction.LAND, GuardAction.LAND),  # it is above: land
+        (REST, (0.1, 0.0, -0.6), REST, GuardAction.HOLD, GuardAction.HOLD),  # it is beneath: stay
+        (REST, HERE, REST, GuardAction.LAND, GuardAction.LAND),
+        ((math.nan, 0.0, 0.0), (1.2, 0.0, -1.0), REST, GuardAction.HOLD, GuardAction.LAND),
     ],
 )
-def test_too_near_is_answered(velocity: Vec3, other: Vec3, others_velocity: Vec3, step: Step, most: Step) -> None:
+def test_too_near_is_answered(
+    velocity: Vec3, other: Vec3, others_velocity: Vec3, step: GuardAction, most: GuardAction
+) -> None:
     finding = found_after(HERE, velocity, other, others_velocity)
     assert finding is not None
     assert (finding.step, finding.most) == (step, most)
@@ -192,19 +196,21 @@ def test_who_keeps_away_is_left_alone(velocity: Vec3, other: Vec3) -> None:
     assert found_after(HERE, velocity, other) is None
 
 
-@pytest.mark.parametrize(("unknown", "step"), [("warn", Step.WARN), ("hold", Step.HOLD), ("land", Step.LAND)])
-def test_one_that_is_not_seen_is_a_warning_and_then_as_configured(unknown: Any, step: Step) -> None:
+@pytest.mark.parametrize(
+    ("unknown", "step"), [("warn", GuardAction.WARN), ("hold", GuardAction.HOLD), ("land", GuardAction.LAND)]
+)
+def test_one_that_is_not_seen_is_a_warning_and_then_as_configured(unknown: Any, step: GuardAction) -> None:
     config = msgspec.structs.replace(PLACE, unknown=unknown)
     guards = Guards(CONFIG, None, VEHICLE, lambda: PERIOD_S, Separation(config, seen((3.0, 0.0, 0.0))))
-    said: list[tuple[float, Step | None]] = []
+    said: list[tuple[float, GuardAction | None]] = []
     for i in range(150):
         time_s = 1.0 + 0.02 * i
         finding = guards.see(shown(time_s), State.TRACKING, 0.0)
         said.append((time_s, None if finding is None else finding.step))
     begun = next(time_s for time_s, one in said if one is not None)
     assert begun == pytest.approx(1.0 + config.stale_s, abs=0.021)
-    assert dict(said)[begun] is Step.WARN
-    if step is not Step.WARN:
+    assert dict(said)[begun] is GuardAction.WARN
+    if step is not GuardAction.WARN:
         answered = next(time_s for time_s, one in said if one is step)
         assert answered == pytest.approx(begun + config.unknown_s, abs=0.021)
     assert said[-1][1] is step
@@ -213,10 +219,10 @@ def test_one_that_is_not_seen_is_a_warning_and_then_as_configured(unknown: Any, 
 def test_nearness_is_never_answered_by_a_descent_that_knows_no_place() -> None:
     escalation, steps = Escalation(2.0), []
     for i in range(1000):
-        finding = Finding(Step.HOLD, "near", most=Step.LAND)
+        finding = GuardFinding(GuardAction.HOLD, "near", most=GuardAction.LAND)
         answer = escalation.answer(finding, 0.02 * i)
         steps += [answer.step] if answer is not None else []
-    assert steps == [Step.HOLD, Step.LAND]
+    assert steps == [GuardAction.HOLD, GuardAction.LAND]
 
 
 # ---- before it

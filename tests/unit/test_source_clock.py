@@ -195,7 +195,7 @@ def test_other_bodies_in_a_stream_that_is_late_are_as_old_as_our_own() -> None:
         arrival_s = 0.01 * n + (0.1 if n >= 1000 else 0.0)
         intake.other("wand", arrival_s, HERE)
         intake.pose(0.01 * n, arrival_s, HERE, LEVEL)
-    sight = others.seen("wand")
+    sight = others.sighting("wand")
     assert sight is not None
     assert sight.time_s == pytest.approx(19.99 - 0.02, abs=1e-6)
 

@@ -13,7 +13,14 @@ from groundstation.__main__ import main
 from groundstation.config import ConfigError, from_dict
 from groundstation.core.control import turning
 from groundstation.core.geometry.so3 import from_euler_zyx
-from groundstation.core.trajectory import Demand, LemniscateConfig, Report, TrajectoryConfig, check, refusal
+from groundstation.core.trajectory import (
+    Demand,
+    FeasibilityReport,
+    LemniscateConfig,
+    TrajectoryConfig,
+    check_feasibility,
+    explain_infeasibility,
+)
 from groundstation.core.trajectory.shapes import CircleConfig, HoldConfig, SamplesConfig, WaypointsConfig
 from groundstation.core.vehicle import LimitsConfig, Vehicle
 from groundstation.flight import ensure_flyable, examine_trajectory
@@ -25,8 +32,10 @@ G = 9.81
 
 def seen(
     trajectory: TrajectoryConfig, limits: LimitsConfig | None = None, vehicle: Vehicle | None = None
-) -> tuple[Report, dict[str, Demand]]:
-    report = check(trajectory.build(), vehicle or Vehicle(), limits or LimitsConfig(), gravity=G, floor_z_m=0.0)
+) -> tuple[FeasibilityReport, dict[str, Demand]]:
+    report = check_feasibility(
+        trajectory.build(), vehicle or Vehicle(), limits or LimitsConfig(), gravity=G, floor_z_m=0.0
+    )
     return report, {("least " if d.least else "") + d.name: d for d in report.demands}
 
 
@@ -153,7 +162,7 @@ def test_what_asks_too_much_is_refused_with_the_time_the_limit_and_a_way_out(
 ) -> None:
     report, _ = seen(trajectory, limits, vehicle)
     assert not report.ok
-    assert words in str(refusal(report, getattr(trajectory, "speed_m_s", None)))
+    assert words in str(explain_infeasibility(report, getattr(trajectory, "speed_m_s", None)))
 
 
 def test_the_speed_that_it_names_may_fly_and_hardly_more() -> None:

@@ -4,7 +4,7 @@ import math
 
 import pytest
 
-from groundstation.core.control import LASTING_S, Gains, Watch, noise_power
+from groundstation.core.control import LASTING_S, CertificateMonitor, Gains, noise_power
 from groundstation.core.control.baselines import Pid
 from groundstation.core.control.certificate import (
     COVERED_RATE_M_S3,
@@ -21,7 +21,7 @@ from groundstation.core.control.certificate import (
 )
 from groundstation.core.geometry import Vec3
 from groundstation.core.messages import Decision, Diagnostics
-from groundstation.core.vehicle import Drive, Motion, Vehicle
+from groundstation.core.vehicle import ActuatorCommand, Motion, Vehicle
 
 ZERO: Vec3 = (0.0, 0.0, 0.0)
 VEHICLE = Vehicle()
@@ -51,17 +51,17 @@ def said(
 
 
 def decided(diagnostics: Diagnostics, *, saturated: bool = False, thrust: float = 0.785) -> Decision:
-    return Decision(Drive(thrust, ZERO), saturated, diagnostics)
+    return Decision(ActuatorCommand(thrust, ZERO), saturated, diagnostics)
 
 
-def flown(watch: Watch, decision: Decision, seconds: float, start_s: float = 0.0) -> list[str]:
+def flown(watch: CertificateMonitor, decision: Decision, seconds: float, start_s: float = 0.0) -> list[str]:
     """The warnings of ``seconds`` of the same decision."""
     looks = (watch.look(start_s + k * PERIOD_S, HOVER, decision) for k in range(round(seconds / PERIOD_S) + 1))
     return [seen.warning for seen in looks if seen.warning]
 
 
 def test_a_v_that_only_stands_still_although_it_must_fall_is_told_once() -> None:
-    watch = Watch(VEHICLE, Gains())
+    watch = CertificateMonitor(VEHICLE, Gains())
     swinging = decided(said(v=4.0, w=60.0))
     (warning,) = flown(watch, swinging, 4.0)
     assert warning.startswith("Lyapunov: V has been above its bound for 0.5 s; largest term: poses contradict")
@@ -70,7 +70,7 @@ def test_a_v_that_only_stands_still_although_it_must_fall_is_told_once() -> None
 
 
 def test_a_v_within_its_bound_is_not_told() -> None:
-    watch = Watch(VEHICLE, Gains())
+    watch = CertificateMonitor(VEHICLE, Gains())
     calm = decided(said(v=0.03, w=0.99 * decrease(Gains()).power / decrease(Gains()).share))
     assert flown(watch, calm, 10.0) == []
     assert watch.look(10.1, HOVER, calm).state == "holds"
@@ -78,14 +78,14 @@ def test_a_v_within_its_bound_is_not_told() -> None:
 
 def test_more_noise_allows_more() -> None:
     rough = decided(said(v=0.1, w=20.0))
-    quiet, noisy = Watch(VEHICLE, Gains()), Watch(VEHICLE, Gains())
+    quiet, noisy = CertificateMonitor(VEHICLE, Gains()), CertificateMonitor(VEHICLE, Gains())
     noisy.noise(0.01, 0.02)
     assert len(flown(quiet, rough, 2.0)) == 1
     assert flown(noisy, rough, 2.0) == []
 
 
 def test_a_short_excess_is_not_told_and_one_that_comes_back_at_once_is_told_once() -> None:
-    watch = Watch(VEHICLE, Gains())
+    watch = CertificateMonitor(VEHICLE, Gains())
     calm, rough = decided(said()), decided(said(v=1.0, w=100.0))
     time, told = 0.0, []
     for seconds in (0.8 * LASTING_S, 2.0 * LASTING_S, 2.0 * LASTING_S):
@@ -98,7 +98,7 @@ def test_a_short_excess_is_not_told_and_one_that_comes_back_at_once_is_told_once
 
 
 def test_time_at_a_limit_is_suspended_and_does_not_count() -> None:
-    watch = Watch(VEHICLE, Gains())
+    watch = CertificateMonitor(VEHICLE, Gains())
     clamped = decided(said(v=4.0, w=60.0), saturated=True)
     assert flown(watch, clamped, 3.0) == []
     assert watch.look(3.1, HOVER, clamped).state == "suspended"
@@ -109,7 +109,7 @@ def test_time_at_a_limit_is_suspended_and_does_not_count() -> None:
 
 
 def test_a_disturbance_beyond_b_is_told_with_its_size() -> None:
-    watch = Watch(VEHICLE, Gains())
+    watch = CertificateMonitor(VEHICLE, Gains())
     (warning,) = flown(watch, decided(said(b_hat=(3.0, 0.0, 4.2))), 2.0)
     assert warning.startswith("Lyapunov: |b̂| = 5.2 m/s² has been above B = 5 for 0.5 s")
     reading = watch.reading()
@@ -120,7 +120,7 @@ def test_a_disturbance_beyond_b_is_told_with_its_size() -> None:
 @pytest.mark.parametrize(("thrust", "which"), [(VEHICLE.thrust_max_n, "upper"), (VEHICLE.thrust_min_n, "lower")])
 def test_a_thrust_that_stays_at_its_limit_is_told_under_every_controller(thrust: float, which: str) -> None:
     for config in (Gains(), Pid()):
-        (warning,) = flown(Watch(VEHICLE, config), decided(said(), saturated=True, thrust=thrust), 2.0)
+        (warning,) = flown(CertificateMonitor(VEHICLE, config), decided(said(), saturated=True, thrust=thrust), 2.0)
         assert f"at its {which} limit" in warning
 
 
@@ -133,7 +133,7 @@ def test_a_thrust_that_stays_at_its_limit_is_told_under_every_controller(thrust:
     ],
 )
 def test_gains_without_a_proof_are_told_at_the_first_command_and_promise_nothing(gains: Gains, why: str) -> None:
-    watch = Watch(VEHICLE, gains)
+    watch = CertificateMonitor(VEHICLE, gains)
     first = watch.look(0.0, HOVER, decided(said(v=1.0, w=100.0)))
     assert why in first.warning
     assert flown(watch, decided(said(v=1.0, w=100.0)), 3.0, PERIOD_S) == []
@@ -141,7 +141,7 @@ def test_gains_without_a_proof_are_told_at_the_first_command_and_promise_nothing
 
 
 def test_without_a_proof_a_lasting_rise_of_v_is_told_still() -> None:
-    watch = Watch(VEHICLE, Gains(kb=2.0))
+    watch = CertificateMonitor(VEHICLE, Gains(kb=2.0))
     told = [watch.look(0.02 * k, HOVER, decided(said(v=0.2 * k))).warning for k in range(50)]
     assert [words.startswith("Lyapunov: V has been above") for words in told if words] == [False, True]
 
@@ -149,12 +149,12 @@ def test_without_a_proof_a_lasting_rise_of_v_is_told_still() -> None:
 def test_the_papers_own_adaptation_may_borrow_what_the_wind_owes() -> None:
     gains = Gains(composite="off")
     assert decrease(gains).spare == pytest.approx(0.5 * 10.5**2)
-    assert flown(Watch(VEHICLE, gains), decided(said(v=1.0, w=60.0)), 1.5) == []
-    assert len(flown(Watch(VEHICLE, gains), decided(said(v=1.0, w=60.0)), 5.0)) == 1
+    assert flown(CertificateMonitor(VEHICLE, gains), decided(said(v=1.0, w=60.0)), 1.5) == []
+    assert len(flown(CertificateMonitor(VEHICLE, gains), decided(said(v=1.0, w=60.0)), 5.0)) == 1
 
 
 def test_a_new_reference_begins_a_new_bound() -> None:
-    watch = Watch(VEHICLE, Gains())
+    watch = CertificateMonitor(VEHICLE, Gains())
     flown(watch, decided(said(v=1.0, w=60.0)), 0.4)
     watch.restart()
     seen = watch.look(0.42, HOVER, decided(said(v=50.0, w=60.0)))
@@ -162,7 +162,7 @@ def test_a_new_reference_begins_a_new_bound() -> None:
 
 
 def test_another_controller_has_no_bound() -> None:
-    watch = Watch(VEHICLE, Pid())
+    watch = CertificateMonitor(VEHICLE, Pid())
     assert flown(watch, decided(said(b_hat=(9.0, 0.0, 0.0))), 2.0) == []
     assert watch.look(3.0, HOVER, decided(said())).state == "none"
 

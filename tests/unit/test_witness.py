@@ -53,7 +53,7 @@ def held_from(motion: Motion, flicker_rad: float) -> Lie:
 
     def lie(_time_s: float, _attitude: Quat) -> Quat:
         x, y, z = (rng.gauss(0.0, flicker_rad) for _ in range(3))
-        return so3.turned(motion.attitude(STRUCK_S), (x, y, z))
+        return so3.rotate(motion.attitude(STRUCK_S), (x, y, z))
 
     return lie
 
@@ -201,7 +201,7 @@ def test_a_body_that_lies_far_off_is_not_learnt_as_one_mounted_askew() -> None:
 
 
 def test_in_flight_only_a_slow_drift_of_the_tilts_is_followed_and_not_far() -> None:
-    drifting: Lie = lambda time_s, attitude: so3.turned(attitude, (math.radians(0.4) * (time_s - ARMED_S), 0.0, 0.0))  # noqa: E731
+    drifting: Lie = lambda time_s, attitude: so3.rotate(attitude, (math.radians(0.4) * (time_s - ARMED_S), 0.0, 0.0))  # noqa: E731
     doubted = doubted_s(Scene(motion=CALM, slow_error_deg=0.0, until_s=40.0, lies=((ARMED_S, drifting),)))
     assert doubted is not None
     assert 15.0 < doubted < ARMED_S + (3.0 + 2.0 + 0.6) / 0.4

@@ -80,7 +80,7 @@ def true(_time_s: float, attitude: Quat) -> Quat:
 
 def noisy() -> Meddle:
     rng, noise = random.Random(2), math.radians(0.4)
-    return lambda _time_s, attitude: so3.turned(
+    return lambda _time_s, attitude: so3.rotate(
         attitude, (rng.gauss(0.0, noise), rng.gauss(0.0, noise), rng.gauss(0.0, noise))
     )
 

@@ -93,11 +93,11 @@ class ThrustModel:
         off = smooth(turned.left, reach) - turned.left
         since = angles(seen, delay, lags, self.times) - angles(seen, delay, lags, seen.at_s[:-1])[:, None]
         since = since + np.diff(turned.left + off, axis=0)[:, None] * share[:, None]
-        attitude: Any = so3.turned(components(seen.attitude), components(off))
+        attitude: Any = so3.rotate(components(seen.attitude), components(off))
         self.axes = np.stack([np.stack(so3.to_world(attitude, unit), axis=-1) for unit in UNITS], axis=-1)
         started: Any = tuple(part[:-1, None] for part in attitude)
         turn: Any = tuple(np.moveaxis(since, -1, 0))
-        down: Any = so3.third_column(so3.turned(started, turn))
+        down: Any = so3.third_column(so3.rotate(started, turn))
         self.down = np.stack(down, axis=-1)
         rates = turned.turns / self.spans[:, None]
         self.sideways = self.axes[:-1, :, 0] * rates[:, 1:2] - self.axes[:-1, :, 1] * rates[:, :1]

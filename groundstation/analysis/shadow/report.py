@@ -33,7 +33,7 @@ from groundstation.core.control import Adaptive, make_controller
 from groundstation.core.estimation import ModelEstimator
 from groundstation.core.geometry import Vec3, conjugate, multiply, rotation_vector
 from groundstation.core.messages import Controller, Estimate, Pose
-from groundstation.core.vehicle import Drive
+from groundstation.core.vehicle import ActuatorCommand
 from groundstation.settings import Config
 
 
@@ -51,8 +51,8 @@ class ShadowedPose(NamedTuple):
 class ShadowedCommand(NamedTuple):
     """One set-point that was sent, and what the shadow would have sent."""
 
-    sent: Drive
-    shadow: Drive
+    sent: ActuatorCommand
+    shadow: ActuatorCommand
     saturated: bool
 
 
@@ -83,10 +83,10 @@ class Shadow:
         innovation = 0.0
         if self._estimator.ready:
             innovation = math.dist(pose.position_ned, self._estimate(pose.time_s).motion.position)
-        self._estimator.pose(pose)
+        self._estimator.update(pose)
         return self._estimate(pose.time_s).motion.velocity, innovation
 
-    def compare_command(self, time_s: float, drive: Drive, *, flying: bool) -> ShadowedCommand | None:
+    def compare_command(self, time_s: float, drive: ActuatorCommand, *, flying: bool) -> ShadowedCommand | None:
         """``drive`` was sent at ``time_s`` [s]; in flight, what the shadow would have sent, where there is a path."""
         acting = time_s + self._vehicle.command_delay_s
         reference = self._path.at(acting) if flying else None
@@ -104,7 +104,7 @@ class Shadow:
             compared = ShadowedCommand(drive, decision.drive, decision.saturated)
         elif not flying:
             self._controller = None
-        self._estimator.sent(acting, drive)
+        self._estimator.add_command(acting, drive)
         if isinstance(self._controller, Adaptive) and self._config.composite != "provable":
             self._estimator.follow(self._controller.b_hat)
         return compared
@@ -133,7 +133,7 @@ def replay(recording: RecordedVehicle, config: Config, path: FlownPath, hover: f
     ]
     for time_s, is_sent, index in sorted(events):
         if is_sent:
-            drive = Drive(full_thrust_n * shares[index], recording.sent[index].rates)
+            drive = ActuatorCommand(full_thrust_n * shares[index], recording.sent[index].rates)
             both = shadow.compare_command(time_s, drive, flying=in_flight)
             if both is not None:
                 compared.append(both)

@@ -11,7 +11,7 @@ from groundstation.core.estimation import Composite, NonNegative, Positive
 from groundstation.core.geometry import FLOATS, Ops, Real, Vec3
 from groundstation.core.messages import Decision, Diagnostics, Estimate
 from groundstation.core.trajectory import Reference
-from groundstation.core.vehicle import Drive, Vehicle, lead, new
+from groundstation.core.vehicle import ActuatorCommand, Vehicle, lead, new
 
 
 class Gains(Law, frozen=True, kw_only=True, forbid_unknown_fields=True, tag_field="kind", tag="adaptive"):
@@ -97,7 +97,7 @@ class Adaptive:
         """One command for the instant of ``estimate``."""
         gains, vehicle = self._gains, self._vehicle
         motion = estimate.motion
-        b_hat, witness = self._informed(estimate)
+        b_hat, witness = self._include_witness(estimate)
         compensate = gains.actuator_compensation
         thrust = motion.thrust if compensate or self._thrust_sent is None else self._thrust_sent
         p, v = reference.position_ned, reference.velocity_ned
@@ -132,11 +132,11 @@ class Adaptive:
         )
         if compensate:
             thrust_command = thrust + self._thrust_lead * step.thrust_rate
-            rates = self._led(motion.rates, wanted, interval_s)
+            rates = self._lead(motion.rates, wanted, interval_s)
         else:
             thrust_command = thrust + self._hold * step.thrust_rate
             rates = wanted
-        drive, self._saturated = self._clamped(thrust_command, rates)
+        drive, self._saturated = self._clamp(thrust_command, rates)
         self._thrust_sent = drive.thrust
         dt, dot = interval_s, step.b_hat_dot
         self.b_hat = within(
@@ -163,7 +163,7 @@ class Adaptive:
         )
         return new(Decision, (drive, self._saturated, seen))
 
-    def _informed(self, estimate: Estimate) -> tuple[Vec3, Vec3 | None]:
+    def _include_witness(self, estimate: Estimate) -> tuple[Vec3, Vec3 | None]:
         """b̂ with what the observer has learnt since the last command, and the witness κ (d̂ - b̂), if any.
 
         Provable form: b̂ moves along with d̂, ν = d̂˙ in docs/explanation/law.md. Raw form: innovations are added.
@@ -183,7 +183,7 @@ class Adaptive:
         k = gains.kappa
         return b, (k * (d[0] - b[0]), k * (d[1] - b[1]), k * (d[2] - b[2]))
 
-    def _led(self, rates: Vec3, wanted: Vec3, interval: float) -> Vec3:
+    def _lead(self, rates: Vec3, wanted: Vec3, interval: float) -> Vec3:
         """Rates to command so that the true ones follow ``wanted``: e = ω_d - ω̂ decays like e^(-k_ω t)."""
         gains = self._gains
         if self._vehicle.rate_lag_s == 0.0:
@@ -205,13 +205,13 @@ class Adaptive:
             rates[2] + n * (k * (wanted[2] - rates[2]) + d[2]),
         )
 
-    def _clamped(self, thrust: float, rates: Vec3) -> tuple[Drive, bool]:
+    def _clamp(self, thrust: float, rates: Vec3) -> tuple[ActuatorCommand, bool]:
         """A command within the vehicle's limits, and whether any of the four had to be clamped."""
         vehicle, clamp = self._vehicle, self._ops.clamp
         (x, y, z), (a, b, c) = rates, self._limits
         inside = clamp(thrust, vehicle.thrust_min_n, vehicle.thrust_max_n)
         p, q, r = clamp(x, -a, a), clamp(y, -b, b), clamp(z, -c, c)
-        return new(Drive, (inside, (p, q, r))), (inside != thrust) | (p != x) | (q != y) | (r != z)
+        return new(ActuatorCommand, (inside, (p, q, r))), (inside != thrust) | (p != x) | (q != y) | (r != z)
 
 
 _SUSPENDED = "none: adaptation is suspended while a command is at its limit"

@@ -10,7 +10,7 @@ import math
 from groundstation.core.geometry import FLOATS, Quat, Vec3, third_column, to_body
 from groundstation.core.messages import Decision, Diagnostics, Estimate
 from groundstation.core.trajectory import Reference
-from groundstation.core.vehicle import Drive, Motion, Vehicle
+from groundstation.core.vehicle import ActuatorCommand, Motion, Vehicle
 
 LEAST_PUSH = 1.0
 """F is kept at least so far downwards [m/s²]: no controller here asks the vehicle to fly on its back."""
@@ -74,16 +74,16 @@ def _direction_dot(along: Vec3, dot: Vec3) -> Vec3:
 ZERO: Vec3 = (0.0, 0.0, 0.0)
 
 
-def limited(vehicle: Vehicle, thrust_n: float, rates_rad_s: Vec3) -> tuple[Drive, bool]:
+def clamp_command(vehicle: Vehicle, thrust_n: float, rates_rad_s: Vec3) -> tuple[ActuatorCommand, bool]:
     """The command within the vehicle's limits, and whether any of the four had to be clamped."""
     clamp, (x, y, z) = FLOATS.clamp, rates_rad_s
     a, b, c = (math.radians(limit) for limit in vehicle.rate_limits_deg_s)
     thrust = clamp(thrust_n, vehicle.thrust_min_n, vehicle.thrust_max_n)
     rates = (clamp(x, -a, a), clamp(y, -b, b), clamp(z, -c, c))
-    return Drive(thrust, rates), thrust != thrust_n or rates != rates_rad_s
+    return ActuatorCommand(thrust, rates), thrust != thrust_n or rates != rates_rad_s
 
 
-def decided(
+def make_decision(
     vehicle: Vehicle,
     estimate: Estimate,
     reference: Reference,
@@ -104,7 +104,7 @@ def decided(
         wanted: the acceleration behind them [m/s², NED], for records.
         disturbance: the disturbance the controller works with [m/s², NED]; without it, the observer's.
     """
-    drive, saturated = limited(vehicle, thrust_n, rates_rad_s)
+    drive, saturated = clamp_command(vehicle, thrust_n, rates_rad_s)
     motion = estimate.motion
     return Decision(
         drive,

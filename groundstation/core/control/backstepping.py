@@ -119,7 +119,7 @@ def brink(ops: Ops, b_hat: Vec3, *, bound: Real, epsilon: Real, order: int) -> B
     return Brink(outside ** (order + 1), scale)
 
 
-def held_back(ops: Ops, xi: Vec3, b_hat: Vec3, edge: Brink | None, delta: Real) -> Vec3:
+def project_at(ops: Ops, xi: Vec3, b_hat: Vec3, edge: Brink | None, delta: Real) -> Vec3:
     """Proj(ξ, b̂) at that ``edge``."""
     if edge is None:
         return xi
@@ -144,7 +144,7 @@ def project(ops: Ops, xi: Vec3, b_hat: Vec3, *, bound: Real, epsilon: Real, delt
     Returns:
         Proj(ξ, b̂), which equals ξ wherever |b̂| <= B (P1-P4 of the paper, Theorem 3).
     """
-    return held_back(ops, xi, b_hat, brink(ops, b_hat, bound=bound, epsilon=epsilon, order=order), delta)
+    return project_at(ops, xi, b_hat, brink(ops, b_hat, bound=bound, epsilon=epsilon, order=order), delta)
 
 
 def within(ops: Ops, b_hat: Vec3, radius: Real) -> Vec3:
@@ -165,7 +165,7 @@ VELOCITY_LIMIT = 1e4
 """[m/s]; V grows like the fourth power of the speed error."""
 
 
-class Axis(msgspec.Struct, frozen=True, gc=False):
+class BacksteppingAxis(msgspec.Struct, frozen=True, gc=False):
     """One axis of the double integrator: error, virtual control and its partial derivatives."""
 
     z1: Real
@@ -187,7 +187,7 @@ class Axis(msgspec.Struct, frozen=True, gc=False):
     """k2 z2 ρ(z2), the second."""
 
 
-class Step(msgspec.Struct, frozen=True, gc=False):
+class LawOutput(msgspec.Struct, frozen=True, gc=False):
     """What the law says at one instant."""
 
     thrust_rate: Real
@@ -218,7 +218,7 @@ class Step(msgspec.Struct, frozen=True, gc=False):
         return self.w_terms[0] + self.w_terms[1] + self.w_terms[2]
 
 
-def axis(ops: Ops, law: Law, z1: Real, z1_dot: Real) -> Axis:
+def axis(ops: Ops, law: Law, z1: Real, z1_dot: Real) -> BacksteppingAxis:
     """(5), (6) and their partial derivatives in (z1, z2), for one axis."""
     x1 = ops.clamp(z1, -POSITION_LIMIT, POSITION_LIMIT)
     x2 = ops.clamp(z1_dot, -VELOCITY_LIMIT, VELOCITY_LIMIT)
@@ -231,7 +231,9 @@ def axis(ops: Ops, law: Law, z1: Real, z1_dot: Real) -> Axis:
         a, slope = k2 * rho + s, k2 * rho1
         u_x1, u_x2 = -((slope + 1.0) * s1 + s2 * x2), -(slope + s1)
         du_dz1 = u_x1 - s1 * u_x2
-        return Axis(x1, x2, z2, s, s1, -(a + s1 * x2), du_dz1, u_x2, z2, v_sigma, 0.5 * z2 * z2, s * s, k2 * z2 * rho)
+        return BacksteppingAxis(
+            x1, x2, z2, s, s1, -(a + s1 * x2), du_dz1, u_x2, z2, v_sigma, 0.5 * z2 * z2, s * s, k2 * z2 * rho
+        )
     excess, o1, o2 = growth(ops, x2, law.sigma_bound, law.velocity_scale)
     # Ω(x2) + Ω(σ) = z2 + excess: zero only where the excess is (|σ| < M < |x2|), and there q = 1.
     sum_ = z2 + excess
@@ -246,7 +248,7 @@ def axis(ops: Ops, law: Law, z1: Real, z1_dot: Real) -> Axis:
     u_x2 = -i * (q_x2 * a + q * k2 * rho1 + s1) - u_star * o2 * i
     # In the order of the fields: by name it would take three times as long, three times a command.
     v_omega, du_dz1, dv_dz2 = 0.5 * sum_ * sum_, u_x1 - s1 * u_x2, o1 * sum_
-    return Axis(x1, x2, z2, s, s1, u_star, du_dz1, u_x2, dv_dz2, v_sigma, v_omega, s * s, k2 * z2 * rho)
+    return BacksteppingAxis(x1, x2, z2, s, s1, u_star, du_dz1, u_x2, dv_dz2, v_sigma, v_omega, s * s, k2 * z2 * rho)
 
 
 def backstep(
@@ -263,7 +265,7 @@ def backstep(
     jerk: Vec3,
     witness: Vec3 | None = None,
     suspended: bool = False,
-) -> Step:
+) -> LawOutput:
     """One evaluation of the law.
 
     Args:
@@ -312,7 +314,7 @@ def backstep(
         ),
     )
     z3z3 = z3x * z3x + z3y * z3y + z3z * z3z
-    return Step(
+    return LawOutput(
         mass * turn[2],  # (10)
         -(mass / thrust) * turn[1],
         (mass / thrust) * turn[0],
@@ -328,11 +330,11 @@ def backstep(
 
 def _adaptation(ops: Ops, law: Law, kb: Real, xi: Vec3, b_hat: Vec3, edge: Brink | None) -> Vec3:
     """b̂˙ = kb Proj(ξ, b̂); ``kb`` is 0 where adaptation is suspended."""
-    x, y, z = held_back(ops, xi, b_hat, edge, law.delta)
+    x, y, z = project_at(ops, xi, b_hat, edge, law.delta)
     return (kb * x, kb * y, kb * z)
 
 
-def _u_star_rate(a: Axis, u_hat: Real) -> Real:
+def _u_star_rate(a: BacksteppingAxis, u_hat: Real) -> Real:
     """The known part of u˙*: what it would be if b̂ were b."""
     return a.du_dz1 * a.z1_dot + a.du_dz2 * (u_hat + a.sigma_prime * a.z1_dot)
 

@@ -11,9 +11,9 @@ import msgspec
 
 from groundstation.core.control.attitude import (
     acceleration,
-    decided,
     half_angle_error,
     length,
+    make_decision,
     push,
     sine_error,
     turning,
@@ -43,7 +43,7 @@ class Baseline(Estimation, frozen=True, kw_only=True, forbid_unknown_fields=True
     """With it: time constant of the filter on the derivative of what is wanted [s], as ours."""
 
 
-class Outlet:
+class InnerLoop:
     """Turns a wanted push and turn into a decision. State: what was wanted last, and its derivative."""
 
     def __init__(self, vehicle: Vehicle, gains: Baseline) -> None:
@@ -79,9 +79,9 @@ class Outlet:
         )
         wanted = [self._vehicle.mass_kg / estimate.effectiveness * length(push), *turn, heading]
         if self._gains.actuator_compensation:
-            wanted = self._led([motion.thrust, *motion.rates], wanted, interval_s)
+            wanted = self._lead([motion.thrust, *motion.rates], wanted, interval_s)
         thrust, x, y, z = wanted
-        return decided(
+        return make_decision(
             self._vehicle,
             estimate,
             reference,
@@ -91,7 +91,7 @@ class Outlet:
             disturbance=disturbance,
         )
 
-    def _led(self, now: list[float], wanted: list[float], interval: float) -> list[float]:
+    def _lead(self, now: list[float], wanted: list[float], interval: float) -> list[float]:
         """Thrust and rates to command so that the true ones follow ``wanted`` through their lags (see actuators)."""
         gains, last = self._gains, self._wanted
         if last is not None and interval > 0.0:
@@ -142,7 +142,7 @@ class GeometricController:
         """Start with an empty integral."""
         self._vehicle = vehicle
         self._gains = gains
-        self._outlet = Outlet(vehicle, gains)
+        self._outlet = InnerLoop(vehicle, gains)
         self._integral: Vec3 = (0.0, 0.0, 0.0)
         self._saturated = False
 
@@ -219,7 +219,7 @@ class PidController:
         """Start with an empty integral."""
         self._vehicle = vehicle
         self._gains = gains
-        self._outlet = Outlet(vehicle, gains)
+        self._outlet = InnerLoop(vehicle, gains)
         self._integral: Vec3 = (0.0, 0.0, 0.0)
         self._saturated = False
 
@@ -299,14 +299,14 @@ class IndiController:
         """Start with empty filters: they take the first values that come."""
         self._vehicle = vehicle
         self._gains = gains
-        self._outlet = Outlet(vehicle, gains)
+        self._outlet = InnerLoop(vehicle, gains)
         self._acceleration: Vec3 | None = None
         self._push: Vec3 = (0.0, 0.0, 0.0)
 
     def decide(self, estimate: Estimate, reference: Reference, interval_s: float) -> Decision:
         """One command; see the port."""
         gains, motion = self._gains, estimate.motion
-        seen, given = self._filtered(estimate, interval_s)
+        seen, given = self._filter(estimate, interval_s)
         kx, kv, ka, feed = gains.k_position, gains.k_velocity, gains.k_acceleration, reference.acceleration_ned
         wanted: list[float] = [
             feed[i]
@@ -331,7 +331,7 @@ class IndiController:
             disturbance=estimate.disturbance,
         )
 
-    def _filtered(self, estimate: Estimate, interval: float) -> tuple[Vec3, Vec3]:
+    def _filter(self, estimate: Estimate, interval: float) -> tuple[Vec3, Vec3]:
         """Acceleration and push (T/m) R e3 [m/s², NED], both through the same first-order filter."""
         motion, mass = estimate.motion, self._vehicle.mass_kg / estimate.effectiveness
         now = acceleration(motion, estimate.disturbance, mass, self._gains.gravity)

@@ -14,7 +14,7 @@ longer; the link plays it open loop, so it must do without poses. Four ideas:
 
 import math
 
-from groundstation.core.geometry import Vec3, third_column, to_body, turned
+from groundstation.core.geometry import Vec3, rotate, third_column, to_body
 from groundstation.core.vehicle import Motion, Vehicle
 from links.core import Segment
 
@@ -85,7 +85,7 @@ def _turn(motion: Motion, vehicle: Vehicle, weight: float, disturbance: Vec3) ->
     """The pulse of body rates that ends upright: its length [s], its rates, and the cosine of the mean tilt."""
     lag = vehicle.rate_lag_s
     a, b, c = motion.rates
-    coasted = turned(motion.attitude, (lag * a, lag * b, lag * c))
+    coasted = rotate(motion.attitude, (lag * a, lag * b, lag * c))
     x, y = disturbance[0] / weight, disturbance[1] / weight
     lean = math.sqrt(x * x + y * y)
     shrink = min(1.0, WIND_TILT / lean) if lean > 0.0 else 0.0

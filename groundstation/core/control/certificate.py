@@ -229,7 +229,7 @@ REST_S = 5.0
 HOLDS, VIOLATED, SUSPENDED, NONE = "holds", "violated", "suspended", "none"
 
 
-class Seen(NamedTuple):
+class CertificateReading(NamedTuple):
     """What the watch says at one command."""
 
     state: str
@@ -268,7 +268,7 @@ class Lasting:
             self._ended_s = time_s
 
 
-class Watch:
+class CertificateMonitor:
     """Looks at every command of one flight, and changes nothing."""
 
     def __init__(self, vehicle: Vehicle, config: Estimation) -> None:
@@ -309,7 +309,7 @@ class Watch:
         if self._law is not None:
             self._power = self._known.power + noise_power(self._law, noise_m, interval_s)
 
-    def look(self, time_s: float, motion: Motion, decision: Decision) -> Seen:
+    def look(self, time_s: float, motion: Motion, decision: Decision) -> CertificateReading:
         """One command, and the motion that it rests on."""
         v, fall = self._measure.of(decision.diagnostics)
         dt, before = time_s - self._time, self._decision
@@ -336,7 +336,7 @@ class Watch:
                     self._suspended_s += dt
         self._time = time_s
         self._v, self._fall, self._motion, self._decision = v, fall, motion, decision
-        return Seen(state, self._excess, words)
+        return CertificateReading(state, self._excess, words)
 
     def _above(
         self, excess: float, v: float, total: float, dt: float, motion: Motion, before: Decision, decision: Decision

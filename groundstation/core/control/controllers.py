@@ -6,13 +6,17 @@
 import importlib
 import math
 import re
+import sys
+import warnings
+from functools import partial
+from types import ModuleType
 from typing import Annotated, Any, ClassVar, TypeAlias
 
 import msgspec
 
 from groundstation.config import ConfigError, Open
 from groundstation.core.control.adaptive import Adaptive, Gains, Uncompensated
-from groundstation.core.control.attitude import limited
+from groundstation.core.control.attitude import clamp_command
 from groundstation.core.control.baselines import Geometric, Indi, Pid
 from groundstation.core.estimation import Estimation
 from groundstation.core.messages import Controller, Decision, Estimate
@@ -62,11 +66,12 @@ class Custom(Estimation, Open, frozen=True, kw_only=True, forbid_unknown_fields=
             ConfigError: it can't be imported, is not there, can't be called, fails, or makes no controller.
         """
         module_name, _, name = self.factory.partition(":")
+        _hand_on_old_paths()
         try:
             module = importlib.import_module(module_name)
         except Exception as error:  # whatever the user's module raises, the operator must hear of it
             raise ConfigError(
-                KEY, f"can't import {module_name}: {_said(error)} (is its folder on PYTHONPATH, or it installed?)"
+                KEY, f"can't import {module_name}: {_describe(error)} (is its folder on PYTHONPATH, or it installed?)"
             ) from error
         factory = getattr(module, name, None)
         if factory is None:
@@ -76,7 +81,7 @@ class Custom(Estimation, Open, frozen=True, kw_only=True, forbid_unknown_fields=
         try:
             controller = factory(vehicle, dict(self.options))
         except Exception as error:  # as above
-            raise ConfigError(KEY, f"{self.factory} failed: {_said(error)}") from error
+            raise ConfigError(KEY, f"{self.factory} failed: {_describe(error)}") from error
         if not callable(getattr(controller, "decide", None)):
             found = type(controller).__name__
             raise ConfigError(KEY, f"{self.factory} made a {found} without decide(estimate, reference, interval_s)")
@@ -112,11 +117,42 @@ class Guarded:
             raise ControllerFault(f"controller {self._name} returned no thrust and three rates") from None
         if not all(map(math.isfinite, (thrust, x, y, z))):
             raise ControllerFault(f"controller {self._name} asked for thrust {thrust} N, rates {(x, y, z)} rad/s")
-        drive, clamped = limited(self._vehicle, thrust, (x, y, z))
+        drive, clamped = clamp_command(self._vehicle, thrust, (x, y, z))
         return decision._replace(drive=drive, saturated=bool(decision.saturated) or clamped)
 
 
-def _said(error: BaseException) -> str:
+OLD_PATHS = (
+    "groundstation.control", "groundstation.control.attitude", "groundstation.control.baseline",
+    "groundstation.control.decision", "groundstation.control.port", "groundstation.core.control.decision",
+    "groundstation.core.controllers", "groundstation.core.controllers.baseline", "groundstation.trajectories",
+    "groundstation.trajectories.port", "groundstation.vehicle",
+)  # fmt: skip
+"""Modules from which docs/how-to/own-controller.md once had a controller import; for one release they hand on."""
+RENAMED = {"Outlet": "InnerLoop", "decided": "make_decision", "limited": "clamp_command"}
+"""What they called otherwise."""
+
+
+def _hand_on_old_paths() -> None:
+    """Have the old paths hand on what :mod:`groundstation` hands on now, with a word of advice."""
+    for path in OLD_PATHS:
+        stand_in = ModuleType(path)
+        stand_in.__dict__.update(__path__=[], __getattr__=partial(_find_public, path))
+        sys.modules.setdefault(path, stand_in)
+
+
+def _find_public(path: str, name: str) -> object:
+    public = RENAMED.get(name, name)
+    found: object = getattr(importlib.import_module("groundstation"), public)
+    warnings.warn(
+        f"{path}.{name} has moved, and the old path goes with the next release: write `from groundstation import "
+        f"{public}{'' if public == name else f' as {name}'}`",
+        FutureWarning,
+        stacklevel=2,
+    )
+    return found
+
+
+def _describe(error: BaseException) -> str:
     return f"{type(error).__name__}: {error}"
 
 

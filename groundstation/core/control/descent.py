@@ -8,7 +8,7 @@ into the wind it knew and pushes a little less than what hovers, and with time e
 
 import math
 
-from groundstation.core.control.attitude import decided, length, push, sine_error
+from groundstation.core.control.attitude import length, make_decision, push, sine_error
 from groundstation.core.geometry import Vec3, third_column
 from groundstation.core.messages import Decision, Estimate
 from groundstation.core.trajectory import Reference
@@ -72,7 +72,7 @@ class Descent:
             if upright > 0.3
             else 0.0
         )
-        return decided(
+        return make_decision(
             self._vehicle,
             estimate,
             reference,

@@ -8,9 +8,9 @@ what was believed wrongly so far may be wrong still. Above what hovers it only b
 
 import math
 
-from groundstation.core.control.attitude import length, limited, push, sine_error
+from groundstation.core.control.attitude import clamp_command, length, push, sine_error
 from groundstation.core.geometry import FLOATS, Vec3, third_column
-from groundstation.core.vehicle import Motion, Vehicle, lead, rolled
+from groundstation.core.vehicle import Motion, Vehicle, integrate, lead
 from links.core import Segment
 
 STEP_S = 0.05
@@ -86,9 +86,9 @@ def plan_model_descent(
             rate + rate_lead * (k * error - rate)
             for rate, error in ((motion.rates[0], roll), (motion.rates[1], pitch), (motion.rates[2], 0.0))
         ]
-        drive, _ = limited(vehicle, thrust, (rates[0], rates[1], rates[2]))
+        drive, _ = clamp_command(vehicle, thrust, (rates[0], rates[1], rates[2]))
         parts.append(Segment(STEP_S, drive.thrust, drive.rates))
-        motion = rolled(
+        motion = integrate(
             FLOATS,
             motion,
             drive,

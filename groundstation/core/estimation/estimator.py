@@ -13,10 +13,10 @@ import msgspec
 
 from groundstation.core.estimation.observer import (
     Densities,
-    Gain,
-    corrected,
-    corrected_attitude,
-    corrected_twice,
+    KalmanGain,
+    correct,
+    correct_attitude,
+    correct_by_both,
     fourth_difference,
     initial_covariance,
     initial_effectiveness,
@@ -29,7 +29,16 @@ from groundstation.core.estimation.observer import (
 )
 from groundstation.core.geometry import FLOATS, Vec3
 from groundstation.core.messages import Estimate, Pose
-from groundstation.core.vehicle import ZERO, Drive, Driven, Motion, Vehicle, carried, driven, new
+from groundstation.core.vehicle import (
+    ZERO,
+    ActuatorCommand,
+    ActuatorResponse,
+    Motion,
+    Vehicle,
+    integrate_actuators,
+    integrate_motion,
+    new,
+)
 
 Positive = Annotated[float, msgspec.Meta(gt=0.0)]
 NonNegative = Annotated[float, msgspec.Meta(ge=0.0)]
@@ -110,7 +119,7 @@ class ModelEstimator:
         self.frozen = False
         """True on the floor, whose push must not be learnt as an error of the thrust: λ̂ then rests."""
         self._held: Vec3 | None = None
-        self.given: Driven | None = None
+        self.given: ActuatorResponse | None = None
         """What the commands made of the motion from the pose before to the newest; None at first and after a reset."""
         self.diverged_m = 0.0
         """How far the newest pose was from where the model had the vehicle [m]."""
@@ -128,8 +137,8 @@ class ModelEstimator:
         self._disturbance: Vec3 = ZERO
         self._disturbance_rate: Vec3 = ZERO
         self._disturbance_step: Vec3 = ZERO
-        self._drives: deque[tuple[float, Drive]] = deque()
-        self._path: list[tuple[float, Driven, int]] = []
+        self._drives: deque[tuple[float, ActuatorCommand]] = deque()
+        self._path: list[tuple[float, ActuatorResponse, int]] = []
 
     @property
     def ready(self) -> bool:
@@ -156,7 +165,7 @@ class ModelEstimator:
         """λ̂, true thrust over told thrust [-]."""
         return float(self._effectiveness.value)
 
-    def sent(self, time_s: float, drive: Drive) -> None:
+    def add_command(self, time_s: float, drive: ActuatorCommand) -> None:
         """A command acts from ``time_s`` on; one for the same instant or later replaces it."""
         drives, path = self._drives, self._path
         while drives and drives[-1][0] >= time_s:
@@ -171,7 +180,7 @@ class ModelEstimator:
         self._effectiveness = initial_effectiveness(self._gains.effectiveness_deviation)
         self._disturbance = self._disturbance_rate = self._disturbance_step = ZERO
 
-    def lifted(self, climb_m_s: float, hover_share: float) -> Vec3:
+    def lift_off(self, climb_m_s: float, hover_share: float) -> Vec3:
         """The vehicle has left the floor, climbs, and seems to hover at this share of its told weight.
 
         What the observer has made of the floor's push and friction is forgotten, and so is the speed that it took
@@ -219,7 +228,7 @@ class ModelEstimator:
         """Position noise of the poses as measured, 1σ per axis [m]."""
         return math.sqrt(self._noise)
 
-    def pose(self, pose: Pose) -> None:
+    def update(self, pose: Pose) -> None:
         """Correct the model by one pose."""
         self.given = None
         previous = self._motion
@@ -231,14 +240,14 @@ class ModelEstimator:
             return
         if pose.reset_count != self._reset_count:
             # The source moved its origin, not the vehicle: take the new place, keep velocity and disturbance.
-            moved = self._at(previous, self._driven(pose.time_s), dt)
-            self._disturbance = corrected(self._disturbance, dt, self._disturbance_rate)
+            moved = self._at(previous, self._integrate_commands(pose.time_s), dt)
+            self._disturbance = correct(self._disturbance, dt, self._disturbance_rate)
             self._begin(moved._replace(position=pose.position_ned, attitude=pose.attitude), pose)
             self._recent.clear()
             return
         self._measure_noise(pose)
         gains = self._gains
-        given = self.given = self._driven(pose.time_s)
+        given = self.given = self._integrate_commands(pose.time_s)
         model = self._at(previous, given, dt)
         if self._separates and not self.frozen and self._held is None:
             self._effectiveness = predict_effectiveness(
@@ -249,7 +258,7 @@ class ModelEstimator:
         gain, self._covariance = update_covariance(expected, noise)
         step = innovation(pose.position_ned, model.position)
         self.diverged_m = math.sqrt(step[0] * step[0] + step[1] * step[1] + step[2] * step[2])
-        disturbance = corrected(self._disturbance, dt, self._disturbance_rate)
+        disturbance = correct(self._disturbance, dt, self._disturbance_rate)
         chain = self._correct(model.position, model.velocity, disturbance, gain, step, expected.pp + noise)
         if pose.velocity_ned is not None:
             expected, noise = self._covariance, gains.velocity_noise_m_s**2
@@ -260,8 +269,8 @@ class ModelEstimator:
             self._disturbance, self._disturbance_rate = self._held, ZERO
         if gains.observer == "backward_euler":
             position = pose.position_ned
-            velocity = corrected(ZERO, 1.0 / dt, innovation(position, previous.position))
-        attitude = corrected_attitude(FLOATS, model.attitude, pose.attitude, gains.attitude_gain)
+            velocity = correct(ZERO, 1.0 / dt, innovation(position, previous.position))
+        attitude = correct_attitude(FLOATS, model.attitude, pose.attitude, gains.attitude_gain)
         self._begin(new(Motion, (position, velocity, attitude, model.thrust, model.rates)), pose)
 
     def _begin(self, motion: Motion, pose: Pose) -> None:
@@ -270,10 +279,17 @@ class ModelEstimator:
         while len(drives) > 1 and drives[1][0] <= stamp:
             drives.popleft()
         self._motion, self._stamp, self._reset_count = motion, stamp, pose.reset_count
-        self._path = [(stamp, new(Driven, (motion.attitude, motion.thrust, motion.rates, ZERO, ZERO)), 0)]
+        self._path = [(stamp, new(ActuatorResponse, (motion.attitude, motion.thrust, motion.rates, ZERO, ZERO)), 0)]
 
     def _correct(
-        self, position: Vec3, velocity: Vec3, disturbance: Vec3, gain: Gain, step: Vec3, variance: float, of: int = 0
+        self,
+        position: Vec3,
+        velocity: Vec3,
+        disturbance: Vec3,
+        gain: KalmanGain,
+        step: Vec3,
+        variance: float,
+        of: int = 0,
     ) -> tuple[Vec3, Vec3, Vec3]:
         """Position, velocity and disturbance, corrected by the innovation ``step``; ĉ, λ̂ and b̂'s step in place."""
         p, v, d, c = gain
@@ -281,30 +297,30 @@ class ModelEstimator:
             # What the innovation says of the thrust moves the chain, too.
             e, moved = update_effectiveness(FLOATS, self._effectiveness, step, gain, variance, of)
             self._effectiveness = e
-            self._disturbance_rate = corrected_twice(self._disturbance_rate, c, step, moved, e.c)
+            self._disturbance_rate = correct_by_both(self._disturbance_rate, c, step, moved, e.c)
             return (
-                corrected_twice(position, p, step, moved, e.p),
-                corrected_twice(velocity, v, step, moved, e.v),
-                corrected_twice(disturbance, d, step, moved, e.d),
+                correct_by_both(position, p, step, moved, e.p),
+                correct_by_both(velocity, v, step, moved, e.v),
+                correct_by_both(disturbance, d, step, moved, e.d),
             )
         if self._provable:
-            disturbance = corrected(disturbance, d, step)
-            self._disturbance_rate = corrected(self._disturbance_rate, c, step)
+            disturbance = correct(disturbance, d, step)
+            self._disturbance_rate = correct(self._disturbance_rate, c, step)
         elif self._gains.composite == "raw":
-            self._disturbance_step = corrected(self._disturbance_step, d, step)
-        return corrected(position, p, step), corrected(velocity, v, step), disturbance
+            self._disturbance_step = correct(self._disturbance_step, d, step)
+        return correct(position, p, step), correct(velocity, v, step), disturbance
 
     def predict(self, time_s: float) -> Estimate:
         """The vehicle at ``time_s``; with delay prediction off, as it was at the newest pose."""
         motion = self._motion
         assert motion is not None, "predict() before the first pose"
         h = time_s - self._stamp
-        ahead = self._at(motion, self._driven(time_s), h)
+        ahead = self._at(motion, self._integrate_commands(time_s), h)
         if not self._gains.delay_prediction:
             # The actuators are modelled from our own commands and need no pose.
             ahead = motion._replace(thrust=ahead.thrust, rates=ahead.rates)
         step, self._disturbance_step = self._disturbance_step, ZERO
-        disturbance = corrected(self._disturbance, h, self._disturbance_rate)
+        disturbance = correct(self._disturbance, h, self._disturbance_rate)
         return new(Estimate, (time_s, ahead, disturbance, step, self._effectiveness.value))
 
     def _measure_noise(self, pose: Pose) -> None:
@@ -321,10 +337,10 @@ class ModelEstimator:
 
     def _first(self, pose: Pose) -> Motion:
         velocity = pose.velocity_ned or (0.0, 0.0, 0.0)
-        drive = self._drives[-1][1] if self._drives else Drive(0.0, (0.0, 0.0, 0.0))
+        drive = self._drives[-1][1] if self._drives else ActuatorCommand(0.0, (0.0, 0.0, 0.0))
         return Motion(pose.position_ned, velocity, pose.attitude, drive.thrust, drive.rates)
 
-    def _driven(self, end: float) -> Driven:
+    def _integrate_commands(self, end: float) -> ActuatorResponse:
         """What the commands sent make of the newest pose's state by ``end`` [s]; steps are kept for the next call."""
         drives, path = self._drives, self._path
         while len(path) > 1 and path[-1][0] > end:
@@ -334,19 +350,19 @@ class ModelEstimator:
         while time < end - 1e-9:
             while index < last and drives[index + 1][0] <= time + 1e-9:
                 index += 1
-            drive = drives[index][1] if drives else Drive(state.thrust, state.rates)
+            drive = drives[index][1] if drives else ActuatorCommand(state.thrust, state.rates)
             until = time + STEP_LIMIT
             if index < last and drives[index + 1][0] < until:
                 until = drives[index + 1][0]
             if until > end:
-                return driven(FLOATS, state, drive, end - time, self._thrust_lag, self._rate_lag)
-            state = driven(FLOATS, state, drive, until - time, self._thrust_lag, self._rate_lag)
+                return integrate_actuators(FLOATS, state, drive, end - time, self._thrust_lag, self._rate_lag)
+            state = integrate_actuators(FLOATS, state, drive, until - time, self._thrust_lag, self._rate_lag)
             time = until
             path.append((time, state, index))
         return state
 
-    def _at(self, motion: Motion, given: Driven, h: float) -> Motion:
+    def _at(self, motion: Motion, given: ActuatorResponse, h: float) -> Motion:
         """``motion`` of the newest pose ``h`` [s] later, after commands that did what ``given`` says."""
         x, y, z = self._disturbance
         mass = self._mass / self._effectiveness.value
-        return carried(motion, given, h, mass, (x, y, z + self._gravity), self._disturbance_rate)
+        return integrate_motion(motion, given, h, mass, (x, y, z + self._gravity), self._disturbance_rate)

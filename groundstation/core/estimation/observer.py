@@ -22,8 +22,8 @@ rests. Every change of thrust or tilt tells them apart. Elementwise: floats, or 
 
 from typing import NamedTuple
 
-from groundstation.core.geometry import Ops, Quat, Real, Vec3, conjugate, multiply, rotation_vector, turned
-from groundstation.core.vehicle import ZERO, Driven, new
+from groundstation.core.geometry import Ops, Quat, Real, Vec3, conjugate, multiply, rotate, rotation_vector
+from groundstation.core.vehicle import ZERO, ActuatorResponse, new
 
 
 class Covariance(NamedTuple):
@@ -50,7 +50,7 @@ class Densities(NamedTuple):
     disturbance_rate: float
 
 
-class Gain(NamedTuple):
+class KalmanGain(NamedTuple):
     """What one metre of innovation changes: position [-], velocity [1/s], disturbance [1/s²], its rate [1/s³]."""
 
     p: Real
@@ -92,7 +92,7 @@ def predict_covariance(s: Covariance, h: Real, q: Densities) -> Covariance:
     return new(Covariance, after)
 
 
-def update_covariance(s: Covariance, r: Real) -> tuple[Gain, Covariance]:
+def update_covariance(s: Covariance, r: Real) -> tuple[KalmanGain, Covariance]:
     """The gain for a pose of position noise ``r`` [m²], and the covariance after it."""
     pp, pv, pd, pc, vv, vd, vc, dd, dc, cc = s
     w = 1.0 / (pp + r)
@@ -109,10 +109,10 @@ def update_covariance(s: Covariance, r: Real) -> tuple[Gain, Covariance]:
         dc - kd * pc,
         cc - kc * pc,
     )
-    return new(Gain, (kp, kv, kd, kc)), new(Covariance, after)
+    return new(KalmanGain, (kp, kv, kd, kc)), new(Covariance, after)
 
 
-def update_moving_covariance(s: Covariance, r: Real) -> tuple[Gain, Covariance]:
+def update_moving_covariance(s: Covariance, r: Real) -> tuple[KalmanGain, Covariance]:
     """As :func:`update_covariance`, for a velocity of noise ``r`` [m²/s²]: what one m/s of innovation changes."""
     pp, pv, pd, pc, vv, vd, vc, dd, dc, cc = s
     w = 1.0 / (vv + r)
@@ -129,7 +129,7 @@ def update_moving_covariance(s: Covariance, r: Real) -> tuple[Gain, Covariance]:
         dc - kd * vc,
         cc - kc * vc,
     )
-    return new(Gain, (kp, kv, kd, kc)), new(Covariance, after)
+    return new(KalmanGain, (kp, kv, kd, kc)), new(Covariance, after)
 
 
 def fourth_difference(a: Vec3, b: Vec3, c: Vec3, d: Vec3, e: Vec3) -> Real:
@@ -150,12 +150,12 @@ def innovation(measured: Vec3, predicted: Vec3) -> Vec3:
     return (measured[0] - predicted[0], measured[1] - predicted[1], measured[2] - predicted[2])
 
 
-def corrected(value: Vec3, gain: Real, step: Vec3) -> Vec3:
+def correct(value: Vec3, gain: Real, step: Vec3) -> Vec3:
     """``value`` moved by ``gain`` times ``step``."""
     return (value[0] + gain * step[0], value[1] + gain * step[1], value[2] + gain * step[2])
 
 
-def corrected_twice(value: Vec3, gain: Real, step: Vec3, more: Real, along: Vec3) -> Vec3:
+def correct_by_both(value: Vec3, gain: Real, step: Vec3, more: Real, along: Vec3) -> Vec3:
     """``value`` moved by ``gain`` times ``step`` and by ``more`` times ``along``."""
     return (
         value[0] + gain * step[0] + more * along[0],
@@ -164,15 +164,15 @@ def corrected_twice(value: Vec3, gain: Real, step: Vec3, more: Real, along: Vec3
     )
 
 
-def corrected_attitude(ops: Ops, predicted: Quat, measured: Quat, gain: float) -> Quat:
+def correct_attitude(ops: Ops, predicted: Quat, measured: Quat, gain: float) -> Quat:
     """The predicted attitude turned by ``gain`` (0..1) of the way to the measured one; 1 takes the measurement."""
     if gain >= 1.0:
         return measured
     x, y, z = rotation_vector(multiply(conjugate(predicted), measured), ops)
-    return turned(predicted, (gain * x, gain * y, gain * z))
+    return rotate(predicted, (gain * x, gain * y, gain * z))
 
 
-LIMITS = (0.6, 1.4)
+EFFECTIVENESS_LIMITS = (0.6, 1.4)
 """λ̂ stays within these [-]: beyond them something is broken, not worn."""
 
 
@@ -198,7 +198,9 @@ def initial_effectiveness(deviation: float) -> Effectiveness:
     return Effectiveness(1.0, deviation * deviation, ZERO, ZERO, ZERO, ZERO)
 
 
-def predict_effectiveness(e: Effectiveness, h: Real, given: Driven, mass: float, walk: float) -> Effectiveness:
+def predict_effectiveness(
+    e: Effectiveness, h: Real, given: ActuatorResponse, mass: float, walk: float
+) -> Effectiveness:
     """``e`` after ``h`` [s] in which commands did what ``given`` says.
 
     The chain's exact transition, and what a unit of λ gives to a vehicle told to have ``mass`` [kg]; meanwhile λ
@@ -229,7 +231,7 @@ def predict_effectiveness(e: Effectiveness, h: Real, given: Driven, mass: float,
 
 
 def update_effectiveness(
-    ops: Ops, e: Effectiveness, step: Vec3, gain: Gain, variance: Real, of: int = 0
+    ops: Ops, e: Effectiveness, step: Vec3, gain: KalmanGain, variance: Real, of: int = 0
 ) -> tuple[Effectiveness, Real]:
     """``e`` after an innovation, and by how much λ̂ moved: the observer moves along by that times V.
 
@@ -253,7 +255,7 @@ def update_effectiveness(
     k = w * z / (variance + z * z * w)
     moved = moved + k * (down - z * moved)
     w = w - k * z * w
-    now = ops.clamp(value + moved, *LIMITS)
+    now = ops.clamp(value + moved, *EFFECTIVENESS_LIMITS)
     kp, kv, kd, kc = gain
     after = (
         now,

@@ -12,11 +12,11 @@ if TYPE_CHECKING:
         conjugate,
         euler_zyx,
         multiply,
+        rotate,
         rotation_vector,
         third_column,
         to_body,
         to_world,
-        turned,
     )
 
 _MODULES = {
@@ -28,11 +28,11 @@ _MODULES = {
         "conjugate",
         "euler_zyx",
         "multiply",
+        "rotate",
         "rotation_vector",
         "third_column",
         "to_body",
         "to_world",
-        "turned",
     ),
 }
 

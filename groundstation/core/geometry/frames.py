@@ -87,13 +87,13 @@ class Frames:
         # R_ned_frd = R_ned_lab R_lab_body R_frd_bodyᵀ: of a quaternion, a linear map.
         self._before = so3.multiply(lab, _quaternion(world))
         self._after = so3.conjugate(so3.multiply(turned, _quaternion(body)))
-        images = [self._turned((float(i == 0), float(i == 1), float(i == 2), float(i == 3))) for i in range(4)]
+        images = [self._turn_attitude((float(i == 0), float(i == 1), float(i == 2), float(i == 3))) for i in range(4)]
         self._attitude = tuple(image[row] for row in range(4) for image in images)
         self._columns = tuple(so3.to_world(lab, axis) for axis in axes(world))
         self._origin = more.lab_origin_m
         self._centre = more.centre_of_mass_m if any(more.centre_of_mass_m) else None
 
-    def _turned(self, attitude: Quat) -> Quat:
+    def _turn_attitude(self, attitude: Quat) -> Quat:
         return so3.multiply(so3.multiply(self._before, attitude), self._after)
 
     def ours(self, position: Vec3, attitude: Quat) -> tuple[Vec3, Quat]:

@@ -28,14 +28,14 @@ def conjugate(q: Quat) -> Quat:
     return (w, -x, -y, -z)
 
 
-def normalized(q: Quat, ops: Ops = FLOATS) -> Quat:
+def normalize(q: Quat, ops: Ops = FLOATS) -> Quat:
     """The unit quaternion along ``q``, whose length must not be zero."""
     w, x, y, z = q
     n = 1.0 / ops.sqrt(w * w + x * x + y * y + z * z)
     return (w * n, x * n, y * n, z * n)
 
 
-def turned(q: Quat, angle: Vec3) -> Quat:
+def rotate(q: Quat, angle: Vec3) -> Quat:
     """``q`` turned by the rotation vector ``angle`` [rad] given in the body frame: R(q) exp(S(angle)).
 
     Without trigonometry or roots: exp by its Taylor polynomial to order 6, and one Newton step towards unit
@@ -122,7 +122,7 @@ def from_matrix(rows: tuple[Vec3, Vec3, Vec3], ops: Ops = FLOATS) -> Quat:
         q = (c - g, b + d, 1.0 + e - a - i, f + h)
     else:
         q = (d - b, c + g, f + h, 1.0 + i - a - e)
-    w, x, y, z = normalized(q, ops)
+    w, x, y, z = normalize(q, ops)
     return (w, x, y, z) if w >= 0.0 else (-w, -x, -y, -z)
 
 

@@ -3,10 +3,9 @@
 from typing import NamedTuple, Protocol
 
 from groundstation.core.geometry import Real, Vec3
-from groundstation.core.messages.pose import Pose
 from groundstation.core.messages.snapshot import Diagnostics
 from groundstation.core.trajectory import Reference
-from groundstation.core.vehicle import Drive, Motion
+from groundstation.core.vehicle import ActuatorCommand, Motion
 
 
 class Estimate(NamedTuple):
@@ -27,27 +26,11 @@ class Estimate(NamedTuple):
 class Decision(NamedTuple):
     """What a controller wants, and why."""
 
-    drive: Drive
+    drive: ActuatorCommand
     """Thrust [N] and body rates [rad/s, FRD], within the vehicle's limits."""
     saturated: bool
     """True where any of the four was clamped."""
     diagnostics: Diagnostics
-
-
-class Estimator(Protocol):
-    """Poses and sent commands in, the vehicle at any later instant out. Sans-IO."""
-
-    def pose(self, pose: Pose) -> None:
-        """Take one pose; poses come in order of their time stamps."""
-        ...
-
-    def sent(self, time_s: float, drive: Drive) -> None:
-        """A command acts from ``time_s`` on."""
-        ...
-
-    def predict(self, time_s: float) -> Estimate:
-        """The vehicle at ``time_s``, not before the newest pose."""
-        ...
 
 
 class Controller(Protocol):

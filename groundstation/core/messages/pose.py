@@ -101,7 +101,7 @@ class Distrusts(Protocol):
         ...
 
 
-class Overheard:
+class OverheardSource:
     """A source whose poses somebody else sees too, before they are delivered."""
 
     def __init__(self, source: PoseSource, hear: Callable[[Pose], None]) -> None:
@@ -138,7 +138,7 @@ BODIES_MAX = 64
 """So many bodies are remembered that were not looked for."""
 
 
-class Sight(NamedTuple):
+class BodySighting(NamedTuple):
     """One body as it was seen last."""
 
     time_s: float
@@ -203,7 +203,7 @@ class Others:
         recent = {name: self._recent[name] for name in self.names}
         return tuple(name for name, seen in recent.items() if not seen or not seen[-1][0] >= since_s)
 
-    def seen(self, name: str) -> Sight | None:
+    def sighting(self, name: str) -> BodySighting | None:
         """``name`` as it was seen last; None where it never was."""
         recent = self._recent[name]
         if not recent:
@@ -211,5 +211,5 @@ class Others:
         (then, (x, y, z)), (now, (u, v, w)) = recent[0], recent[-1]
         dt = now - then
         if dt < 0.5 * BASE_S:
-            return Sight(now, (u, v, w), (0.0, 0.0, 0.0))
-        return Sight(now, (u, v, w), ((u - x) / dt, (v - y) / dt, (w - z) / dt))
+            return BodySighting(now, (u, v, w), (0.0, 0.0, 0.0))
+        return BodySighting(now, (u, v, w), ((u - x) / dt, (v - y) / dt, (w - z) / dt))

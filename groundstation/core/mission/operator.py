@@ -48,7 +48,7 @@ class InputLost(Exception):
     """What is held can't be asked any more; the text says why."""
 
 
-class Hold:
+class HoldToRun:
     """One input, from free over held to free again. Times are on the event loop's clock [s].
 
     It must have been seen free before it counts as held: what is stuck, tied down or turned round can't fly anything.

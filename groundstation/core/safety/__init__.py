@@ -4,14 +4,14 @@ TYPE_CHECKING = False
 if TYPE_CHECKING:
     from groundstation.core.safety.conviction import WITNESS, Charge, Conviction, Parole, charge_age, charge_lateness
     from groundstation.core.safety.geofence import Fence, FenceConfig, Separation, SeparationConfig
-    from groundstation.core.safety.guards import Escalation, Finding, Guards, GuardsConfig, Since, Step
+    from groundstation.core.safety.guards import Escalation, GuardAction, GuardFinding, Guards, GuardsConfig, Since
     from groundstation.core.safety.live_gains import LIVE, PREFIX, RAMP_S, STEP_FACTOR, LiveGains
-    from groundstation.core.safety.obedience import NODE_S, STILL_SUSPECTS, Contradiction, Obedience
+    from groundstation.core.safety.obedience import NODE_S, STILL_SUSPECTS, Obedience, PoseEvidence
     from groundstation.core.safety.takeoff import (
         WANDERING_M,
         Spool,
         SpoolUp,
-        Standing,
+        StandingPoses,
         TakeoffConfig,
         limit_n,
         usual_limit_n,
@@ -22,10 +22,10 @@ if TYPE_CHECKING:
 _MODULES = {
     "conviction": ("Charge", "Conviction", "Parole", "WITNESS", "charge_age", "charge_lateness"),
     "geofence": ("Fence", "FenceConfig", "Separation", "SeparationConfig"),
-    "guards": ("Escalation", "Finding", "Guards", "GuardsConfig", "Since", "Step"),
+    "guards": ("Escalation", "GuardAction", "GuardFinding", "Guards", "GuardsConfig", "Since"),
     "live_gains": ("LIVE", "LiveGains", "PREFIX", "RAMP_S", "STEP_FACTOR"),
-    "obedience": ("Contradiction", "NODE_S", "Obedience", "STILL_SUSPECTS"),
-    "takeoff": ("Spool", "SpoolUp", "Standing", "TakeoffConfig", "WANDERING_M", "limit_n", "usual_limit_n"),
+    "obedience": ("NODE_S", "Obedience", "PoseEvidence", "STILL_SUSPECTS"),
+    "takeoff": ("Spool", "SpoolUp", "StandingPoses", "TakeoffConfig", "WANDERING_M", "limit_n", "usual_limit_n"),
     "touchdown": ("CERTAIN_S", "Hover", "LandingConfig", "Touchdown"),
     "witness": ("ASKEW_DEG", "Agreement", "Witness"),
 }

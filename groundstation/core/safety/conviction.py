@@ -9,7 +9,7 @@ the flight ends in the same way, and nobody is convicted.
 from typing import NamedTuple
 
 from groundstation.core.safety.guards import Since
-from groundstation.core.safety.obedience import STILL_SUSPECTS, Contradiction
+from groundstation.core.safety.obedience import STILL_SUSPECTS, PoseEvidence
 
 HELD_S = 1.0
 """How long the suspicion that the position stands may last, before it ends the flight [s]."""
@@ -41,7 +41,7 @@ class Conviction:
         self._suspected = False
         self._still_since_s: float | None = None
 
-    def look(self, evidence: Contradiction, now_s: float, *, led: bool = False, doubted: bool = False) -> Charge | None:
+    def look(self, evidence: PoseEvidence, now_s: float, *, led: bool = False, doubted: bool = False) -> Charge | None:
         """What follows from ``evidence``.
 
         ``led`` where something else than commands moves it; ``doubted`` where the autopilot's own attitude disagrees
@@ -133,7 +133,7 @@ class Parole:
         return Charge("the poses that came back do not show what the commands do: down on the model", convicted=False)
 
 
-def _accusation(evidence: Contradiction) -> str:
+def _accusation(evidence: PoseEvidence) -> str:
     largest = max(evidence)
     if evidence.attitude == largest:
         return (

@@ -174,7 +174,7 @@ class Separation:
         """
         c, nearest, least = self.config, None, (True, math.inf)
         for name in self._others.names:
-            sight = self._others.seen(name)
+            sight = self._others.sighting(name)
             if sight is None:
                 continue
             x, y, z = sight.at(min(now_s, sight.time_s + AHEAD_S))

@@ -25,7 +25,7 @@ from groundstation.core.vehicle import Motion, Vehicle
 from links.core import Command, LinkStatus
 
 
-class Step(IntEnum):
+class GuardAction(IntEnum):
     """What may follow, in the order of escalation."""
 
     WARN = 0
@@ -34,14 +34,14 @@ class Step(IntEnum):
     DESCEND = 3
 
 
-class Finding(NamedTuple):
+class GuardFinding(NamedTuple):
     """A limit that is passed."""
 
-    step: Step
+    step: GuardAction
     reason: str
     blind: bool = False
     """True where the estimate of the speed is not to be believed."""
-    most: Step = Step.DESCEND
+    most: GuardAction = GuardAction.DESCEND
     """The last step that follows where it lasts on: what does not go away by landing is no reason to land worse."""
 
 
@@ -66,23 +66,23 @@ class Escalation:
     def __init__(self, lasting_s: float) -> None:
         """Nothing found."""
         self._lasting = lasting_s
-        self._step = Step.WARN
+        self._step = GuardAction.WARN
         self._at_s = -math.inf
 
-    def answer(self, finding: Finding, now_s: float) -> Finding | None:
+    def answer(self, finding: GuardFinding, now_s: float) -> GuardFinding | None:
         """What to do now about ``finding``; None where the last answer is still at work."""
         if finding.step > self._step:
             answer = finding
         elif self._step < finding.most and now_s - self._at_s > self._lasting:
-            answer = Finding(Step(self._step + 1), f"{finding.reason}, still", finding.blind, finding.most)
+            answer = GuardFinding(GuardAction(self._step + 1), f"{finding.reason}, still", finding.blind, finding.most)
         else:
             return None
         self._step, self._at_s = answer.step, now_s
         return answer
 
-    def eased(self) -> None:
+    def reset(self) -> None:
         """The operator has sent it on: begin anew."""
-        self._step, self._at_s = Step.WARN, -math.inf
+        self._step, self._at_s = GuardAction.WARN, -math.inf
 
 
 SWAY_FADES_S = 1.0
@@ -91,8 +91,8 @@ SWAY_LONGEST_S = 0.1
 """No two commands count as farther apart [s]."""
 
 
-class Sway:
-    """One flight's lean. Times are on the event loop's clock [s]."""
+class AttitudeOscillationMonitor:
+    """For how long one flight leant far off of late. Times are on the event loop's clock [s]."""
 
     def __init__(self, fades_s: float = SWAY_FADES_S) -> None:
         """Nothing seen; it is forgotten within ``fades_s`` [s]."""
@@ -116,8 +116,8 @@ SURE_S = 0.06
 """What the cameras tell of others must last so long [s]: one pose alone may be another body's."""
 
 
-class Surroundings:
-    """One flight's. Times are on the event loop's clock [s]."""
+class ProximityMonitor:
+    """One flight's distance to its geofence and to other vehicles. Times are on the event loop's clock [s]."""
 
     def __init__(self, fence: Fence | None, separation: Separation | None) -> None:
         """``separation`` is from other vehicles."""
@@ -125,19 +125,19 @@ class Surroundings:
         self._separation = separation
         self._since = Since()
 
-    def outside(self, motion: Motion) -> Finding | None:
+    def outside(self, motion: Motion) -> GuardFinding | None:
         """Beyond the fence, or too fast before it."""
         if self._fence is None:
             return None
         room = self._fence.room_m(motion.position)
         if room < 0.0:
-            return Finding(Step.LAND, f"{-room:.2f} m outside the fence")
+            return GuardFinding(GuardAction.LAND, f"{-room:.2f} m outside the fence")
         if self._fence.braking_room_m(motion.position, motion.velocity) < 0.0:
             speed = math.hypot(*motion.velocity)
-            return Finding(Step.HOLD, f"{room:.2f} m before the fence at {speed:.1f} m/s: braking")
+            return GuardFinding(GuardAction.HOLD, f"{room:.2f} m before the fence at {speed:.1f} m/s: braking")
         return None
 
-    def near(self, motion: Motion, now_s: float) -> Finding | None:
+    def near(self, motion: Motion, now_s: float) -> GuardFinding | None:
         """Too near to another vehicle: it brakes in time, and lands where that was not enough.
 
         Down upon another would be worse than to stay: the one that is lower lands.
@@ -149,14 +149,18 @@ class Surroundings:
         limit = separation.config.distance_m
         if self._since.lasts("too near", near is not None and not near.distance_m >= limit, now_s, SURE_S):
             assert near is not None, "somebody is near"
-            step = Step.HOLD if near.beneath else Step.LAND
-            return Finding(step, f"{near.distance_m:.2f} m from {near.name}, limit {limit:g} m", most=step)
+            step = GuardAction.HOLD if near.beneath else GuardAction.LAND
+            return GuardFinding(step, f"{near.distance_m:.2f} m from {near.name}, limit {limit:g} m", most=step)
         if self._since.lasts("nearing", near is not None and not near.room_m >= 0.0, now_s, SURE_S):
             assert near is not None, "somebody comes nearer"
-            return Finding(Step.HOLD, f"{near.distance_m:.2f} m from {near.name} and nearing: braking", most=Step.LAND)
+            return GuardFinding(
+                GuardAction.HOLD,
+                f"{near.distance_m:.2f} m from {near.name} and nearing: braking",
+                most=GuardAction.LAND,
+            )
         return None
 
-    def unseen(self, now_s: float) -> Finding | None:
+    def unseen(self, now_s: float) -> GuardFinding | None:
         """Where the cameras do not see another vehicle, nobody knows how near it is."""
         if self._separation is None:
             return None
@@ -165,8 +169,12 @@ class Surroundings:
         if not names:
             return None
         says = f"the cameras have not seen {', '.join(names)} for more than {config.stale_s:g} s"
-        step = {"warn": Step.WARN, "hold": Step.HOLD, "land": Step.LAND}[config.unknown] if lasts else Step.WARN
-        return Finding(step, says, most=step)
+        step = (
+            {"warn": GuardAction.WARN, "hold": GuardAction.HOLD, "land": GuardAction.LAND}[config.unknown]
+            if lasts
+            else GuardAction.WARN
+        )
+        return GuardFinding(step, says, most=step)
 
 
 MEAN_S = 1.5
@@ -177,8 +185,8 @@ LONGEST_S = 0.1
 """No two commands count as farther apart [s]."""
 
 
-class Heave:
-    """One flight's thrust. Times are on the event loop's clock [s]."""
+class ThrustOscillationMonitor:
+    """For how long one flight's thrust swung of late. Times are on the event loop's clock [s]."""
 
     def __init__(self) -> None:
         """Nothing seen."""
@@ -253,7 +261,7 @@ class GuardsConfig(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fie
     """What lasts so long after its answer is answered by the next step [s]."""
 
 
-class Tick(Protocol):
+class GuardInput(Protocol):
     """What the guards look at of one command; see :class:`groundstation.core.pilot.Tick`."""
 
     @property
@@ -305,7 +313,7 @@ class Guards:
         ``floor_z_m`` is where its pose is when it stands on the floor [m, NED], ``gravity`` the controller's [m/s²].
         """
         self._config = config
-        self._around = Surroundings(fence, separation)
+        self._around = ProximityMonitor(fence, separation)
         self._thrust_max = vehicle.thrust_max_n
         self._rates = tuple(math.radians(limit) for limit in vehicle.rate_limits_deg_s)
         self._period_s = period_s
@@ -314,10 +322,10 @@ class Guards:
         self._late: list[int] = []
         self._frames = 0
         self._left_s: float | None = None
-        self._sway, self._heave, self._floor = Sway(), Heave(), floor_z_m
-        self._fast = Sway(RATE_FADES_S)
+        self._sway, self._heave, self._floor = AttitudeOscillationMonitor(), ThrustOscillationMonitor(), floor_z_m
+        self._fast = AttitudeOscillationMonitor(RATE_FADES_S)
 
-    def see(self, tick: Tick, state: State, diverged_m: float) -> Finding | None:
+    def see(self, tick: GuardInput, state: State, diverged_m: float) -> GuardFinding | None:
         """The gravest of what one command shows; ``diverged_m`` is how far the newest pose was from the model's."""
         around, motion = self._around, tick.estimate.motion
         found = [
@@ -335,7 +343,7 @@ class Guards:
             ]  # fmt: skip
         return max((one for one in found if one is not None), key=lambda one: one.step, default=None)
 
-    def link(self, status: LinkStatus, now_s: float) -> Finding | None:
+    def link(self, status: LinkStatus, now_s: float) -> GuardFinding | None:
         """What the link tells."""
         c = self._config
         if self._since.lasts("rtt", status.rtt_s is not None and status.rtt_s > c.rtt_s, now_s, 1.0):
@@ -348,20 +356,22 @@ class Guards:
             return _lands(f"battery at {volts:.2f} V, limit {c.battery_v:.2f} V")
         return None
 
-    def _divergence(self, tick: Tick, diverged_m: float) -> Finding | None:
+    def _divergence(self, tick: GuardInput, diverged_m: float) -> GuardFinding | None:
         c = self._config
         if self._since.lasts("divergence", not diverged_m <= c.divergence_m, tick.time_s, c.divergence_s):
-            return Finding(Step.DESCEND, f"the estimate has diverged: poses are {diverged_m:.2f} m from it", blind=True)
+            return GuardFinding(
+                GuardAction.DESCEND, f"the estimate has diverged: poses are {diverged_m:.2f} m from it", blind=True
+            )
         return None
 
-    def _tilt(self, tick: Tick) -> Finding | None:
+    def _tilt(self, tick: GuardInput) -> GuardFinding | None:
         c = self._config
         tilt = angle_deg(third_column(tick.estimate.motion.attitude)[2])
         if self._since.lasts("tilt", not tilt <= c.tilt_deg, tick.time_s, c.tilt_s):
-            return Finding(Step.DESCEND, f"it leans by {tilt:.0f}°, limit {c.tilt_deg:g}°")
+            return GuardFinding(GuardAction.DESCEND, f"it leans by {tilt:.0f}°, limit {c.tilt_deg:g}°")
         return None
 
-    def _overrun(self, now_s: float) -> Finding | None:
+    def _overrun(self, now_s: float) -> GuardFinding | None:
         left, self._left_s = self._left_s, now_s
         self._frames += 1
         if left is not None and now_s - left > 2.5 * self._period_s():
@@ -370,9 +380,11 @@ class Guards:
             self._late.pop(0)
         if len(self._late) < self._config.overruns:
             return None
-        return Finding(Step.LAND, f"{len(self._late)} of the last {FRAMES} frames were late: this computer is too slow")
+        return GuardFinding(
+            GuardAction.LAND, f"{len(self._late)} of the last {FRAMES} frames were late: this computer is too slow"
+        )
 
-    def _tilt_error(self, tick: Tick) -> Finding | None:
+    def _tilt_error(self, tick: GuardInput) -> GuardFinding | None:
         c = self._config
         a, d = tick.reference.acceleration_ned, tick.estimate.disturbance
         x, y, z = d[0] - a[0], d[1] - a[1], self._gravity + d[2] - a[2]
@@ -380,12 +392,16 @@ class Guards:
         cosine = (x * u + y * v + z * w) / max(math.sqrt(x * x + y * y + z * z), 1e-6)
         error = angle_deg(cosine)
         if self._sway.see(tick.time_s, not error <= c.sway_deg) > c.sway_s:
-            return Finding(Step.DESCEND, f"it swings, {c.sway_deg:g}° and more away from where it should lean")
+            return GuardFinding(
+                GuardAction.DESCEND, f"it swings, {c.sway_deg:g}° and more away from where it should lean"
+            )
         if self._since.lasts("tilt error", not error <= c.tilt_error_deg, tick.time_s, c.tilt_error_s):
-            return Finding(Step.LAND, f"it leans {error:.0f}° away from where it should, limit {c.tilt_error_deg:g}°")
+            return GuardFinding(
+                GuardAction.LAND, f"it leans {error:.0f}° away from where it should, limit {c.tilt_error_deg:g}°"
+            )
         return None
 
-    def _heaves(self, tick: Tick, state: State) -> Finding | None:
+    def _heaves(self, tick: GuardInput, state: State) -> GuardFinding | None:
         """Whether a landing's thrust swings: near the floor a swing ends in a fall before it shows in how it leans."""
         c = self._config
         place = tick.estimate.motion.position
@@ -393,39 +409,43 @@ class Guards:
         there = math.dist(place, tick.reference.position_ned) < HEAVE_OFF_M
         share = c.heave if state is State.LANDING and low and there else math.inf
         if self._heave.see(tick.time_s, tick.command.thrust_n, share) > c.heave_s:
-            return Finding(Step.DESCEND, f"its thrust swings by {100.0 * c.heave:.0f} % and more, down and up")
+            return GuardFinding(
+                GuardAction.DESCEND, f"its thrust swings by {100.0 * c.heave:.0f} % and more, down and up"
+            )
         return None
 
-    def _error(self, tick: Tick) -> Finding | None:
+    def _error(self, tick: GuardInput) -> GuardFinding | None:
         c = self._config
         error = math.dist(tick.estimate.motion.position, tick.reference.position_ned)
         if self._since.lasts("error", not error <= c.error_m, tick.time_s, c.error_s):
-            return Finding(Step.LAND, f"{error:.2f} m from where it should be, limit {c.error_m:g} m")
+            return GuardFinding(GuardAction.LAND, f"{error:.2f} m from where it should be, limit {c.error_m:g} m")
         return None
 
-    def _thrust(self, tick: Tick) -> Finding | None:
+    def _thrust(self, tick: GuardInput) -> GuardFinding | None:
         c = self._config
         at_limit = tick.command.thrust_n >= 0.999 * self._thrust_max
         if self._since.lasts("thrust", at_limit, tick.time_s, c.thrust_limit_s):
-            return Finding(Step.LAND, f"thrust at its limit for {c.thrust_limit_s:g} s")
+            return GuardFinding(GuardAction.LAND, f"thrust at its limit for {c.thrust_limit_s:g} s")
         return None
 
-    def _rate(self, tick: Tick) -> Finding | None:
+    def _rate(self, tick: GuardInput) -> GuardFinding | None:
         c = self._config
         rates = tick.command.rates_rad_s
         at_limit = any(abs(rate) >= 0.999 * limit for rate, limit in zip(rates, self._rates, strict=True))
         most_s = -RATE_FADES_S * math.expm1(-c.rate_limit_s / RATE_FADES_S)  # what is left of one without a break
         if self._fast.see(tick.time_s, at_limit) >= most_s - 1e-9 and at_limit:
-            return Finding(Step.LAND, f"a body rate at its limit for {c.rate_limit_s:g} s, or again and again")
+            return GuardFinding(
+                GuardAction.LAND, f"a body rate at its limit for {c.rate_limit_s:g} s, or again and again"
+            )
         return None
 
-    def _weak(self, tick: Tick) -> Finding | None:
+    def _weak(self, tick: GuardInput) -> GuardFinding | None:
         c, found = self._config, tick.estimate.effectiveness
         if self._since.lasts("weak", not found >= c.effectiveness, tick.time_s, 1.0):
             return _lands(f"thrust is {100.0 * found:.0f} % of what is told, limit {100.0 * c.effectiveness:.0f} %")
         return None
 
 
-def _lands(reason: str) -> Finding:
+def _lands(reason: str) -> GuardFinding:
     """It lands, and nothing worse follows: no landing ends this."""
-    return Finding(Step.LAND, reason, most=Step.LAND)
+    return GuardFinding(GuardAction.LAND, reason, most=GuardAction.LAND)

@@ -29,7 +29,7 @@ EXACT_M, SMALLEST_M = 0.005, 0.015
 """So well does an image agree that is one [m], and smaller ones are not told from noise [m]."""
 
 
-class Filter:
+class ImageFilter:
     """Fading-memory filter of second order: position, velocity and acceleration on three axes.
 
     It begins with the gains of the expanding memory (a parabola through all so far), until those are the smaller ones.
@@ -95,7 +95,7 @@ class Images:
             pushed: where the commands would have taken it, from any point that it was at with any velocity [m, NED].
         """
         self.time_s = time_s
-        self._seen, self._told = Filter(position), Filter(pushed)
+        self._seen, self._told = ImageFilter(position), ImageFilter(pushed)
         self.nodes = 0
 
     def node(self, time_s: float, position: Vec3, pushed: Vec3, fade: float, longest_s: float) -> tuple[Vec3, Vec3]:
@@ -132,7 +132,7 @@ class Images:
             images = (-xx - yy, yy - xx, xx - yy, xy + yx, -xy - yx, yx - xy, xy - yx)
             for i, image in enumerate(images):
                 off, opposed = both - 2.0 * image, exact if i < OPPOSED else None
-                self._maps[i] = _summed(self._maps[i], fade, rest - off, max(wind, off / EXPLAINS), off, opposed)
+                self._maps[i] = _sum_evidence(self._maps[i], fade, rest - off, max(wind, off / EXPLAINS), off, opposed)
             self.across = max(self._maps)
         self.wind[0] = _learnt(self.wind[0], 0.5 * best)
 
@@ -142,7 +142,7 @@ class Images:
         rest = min((z - c) ** 2, z * z)
         if off < rest or self.down > 0.0:
             exact = EXACT_M * EXACT_M + self.wander
-            self.down = _summed(self.down, fade, rest - off, max(wind, off / EXPLAINS), off, exact)
+            self.down = _sum_evidence(self.down, fade, rest - off, max(wind, off / EXPLAINS), off, exact)
         self.wind[1] = _learnt(self.wind[1], min(rest, off))
 
 
@@ -152,7 +152,7 @@ def _learnt(wind: float, best: float) -> float:
     return max(wind + share * (min(best, 9.0 * wind) - wind), WIND_M * WIND_M)
 
 
-def _summed(evidence: float, fade: float, gain: float, variance: float, off: float, exact: float | None) -> float:
+def _sum_evidence(evidence: float, fade: float, gain: float, variance: float, off: float, exact: float | None) -> float:
     """The evidence after a node in which a rival explains all but ``off`` [m²], and ``gain`` [m²] more than the others.
 
     What is opposed to a command, and answers it as exactly as ``exact`` [m²], is no wind: the wind comes first, and

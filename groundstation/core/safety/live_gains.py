@@ -42,7 +42,7 @@ class GainStep(NamedTuple):
     value: float
 
 
-class _Move(NamedTuple):
+class _GainRamp(NamedTuple):
     name: str
     old: float
     new: float
@@ -54,10 +54,10 @@ class _Move(NamedTuple):
         return self.new if share == 1.0 else self.old + share * (self.new - self.old)
 
 
-class _Trial(NamedTuple):
+class _GainTrial(NamedTuple):
     """What a change must not exceed."""
 
-    move: _Move
+    move: _GainRamp
     squares: float
     """∫ e² dt [m²s] at most."""
     v: float
@@ -72,8 +72,8 @@ class LiveGains:
         self.gains = gains if isinstance(gains, Gains) else None
         """As they are now."""
         self._past: deque[tuple[float, float, float]] = deque()
-        self._move: _Move | None = None
-        self._trial: _Trial | None = None
+        self._move: _GainRamp | None = None
+        self._trial: _GainTrial | None = None
         self._squares = self._v = 0.0
         self._last_s = -math.inf
 
@@ -110,12 +110,12 @@ class LiveGains:
             )
         squares, v = self._means()
         span = RAMP_S + JUDGED_S
-        self._move = _Move(name, now, value, now_s, RAMP_S)
-        self._trial = _Trial(self._move, RMS_FACTOR**2 * squares * span, V_FACTOR * v * span)
+        self._move = _GainRamp(name, now, value, now_s, RAMP_S)
+        self._trial = _GainTrial(self._move, RMS_FACTOR**2 * squares * span, V_FACTOR * v * span)
         self._squares = self._v = 0.0
         return Reply(True, f"{key} goes from {now:g} to {value:g} within {RAMP_S:g} s")
 
-    def flown(
+    def update(
         self, time_s: float, estimate: Estimate, reference: Reference, v: float, *, counts: bool
     ) -> tuple[GainStep | None, str]:
         """One command has left: what to set now, and what to tell; ``counts`` where its error tells of the gains."""
@@ -130,10 +130,10 @@ class LiveGains:
                 past.popleft()
         else:
             past.clear()
-        text = self._judged(time_s, squared, v, dt, counts=counts) if self._trial is not None else ""
-        return self._stepped(time_s), text
+        text = self._judge(time_s, squared, v, dt, counts=counts) if self._trial is not None else ""
+        return self._step(time_s), text
 
-    def _judged(self, time_s: float, squared: float, v: float, dt: float, *, counts: bool) -> str:
+    def _judge(self, time_s: float, squared: float, v: float, dt: float, *, counts: bool) -> str:
         trial = self._trial
         assert trial is not None, "the caller has looked"
         key = PREFIX + trial.move.name
@@ -154,12 +154,12 @@ class LiveGains:
             return f"{key} stays at {trial.move.new:g}: the flight is as good as before"
         return ""
 
-    def _turn_back(self, trial: _Trial, now_s: float) -> None:
+    def _turn_back(self, trial: _GainTrial, now_s: float) -> None:
         now = getattr(self.gains, trial.move.name)
         self._trial = None
-        self._move = _Move(trial.move.name, now, trial.move.old, now_s, BACK_S)
+        self._move = _GainRamp(trial.move.name, now, trial.move.old, now_s, BACK_S)
 
-    def _stepped(self, time_s: float) -> GainStep | None:
+    def _step(self, time_s: float) -> GainStep | None:
         move, gains = self._move, self.gains
         if move is None or gains is None:
             return None

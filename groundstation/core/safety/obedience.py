@@ -39,7 +39,7 @@ from groundstation.core.geometry import Quat, Vec3
 from groundstation.core.messages import Pose
 from groundstation.core.safety.images import SETTLES, WIND_M, Images
 from groundstation.core.safety.rivals import LEAPS_AS, NOISES, STAYS_S, Rivals
-from groundstation.core.vehicle import Driven, Motion
+from groundstation.core.vehicle import ActuatorResponse, Motion
 
 NODE_S, HALF_NODE_S = 0.1, 0.05 - 1e-6
 """Time between two nodes, and from one to the next between them [s]."""
@@ -129,7 +129,7 @@ LAGS_S = 1.2
 """Turns of so long are kept to look for a lateness in them [s]."""
 
 
-class Contradiction(NamedTuple):
+class PoseEvidence(NamedTuple):
     """What speaks against the poses, as shares of what convicts."""
 
     attitude: float
@@ -205,7 +205,7 @@ class Obedience:
         self._turns.clear()
         self._asked.clear()
         self._leant = 0.0
-        self.evidence = Contradiction(0.0, 0.0, 0.0, 0.0)
+        self.evidence = PoseEvidence(0.0, 0.0, 0.0, 0.0)
         """As it stands."""
 
     def _forget_between(self) -> None:
@@ -233,12 +233,12 @@ class Obedience:
         still = now_s - self._moved_s > 1.5 * NODE_S and now_s - self._swept_s > SWEPT_S
         return still and self._images.nodes > SETTLES
 
-    def led(self, now_s: float) -> bool:
+    def is_led(self, now_s: float) -> bool:
         """Whether something else than the commands moves it, as a hand does, at ``now_s`` [s]."""
         return now_s - self.led_s < LED_S
 
     def pose(
-        self, pose: Pose, before: Motion, given: Driven, dt: float, noise_m: float, *,
+        self, pose: Pose, before: Motion, given: ActuatorResponse, dt: float, noise_m: float, *,
         counts: bool, upset: bool = False, off_m: float = 0.0,
     ) -> bool:  # fmt: skip
         """Take one pose; whether it was a node, with new evidence.
@@ -372,7 +372,7 @@ class Obedience:
         # What has leapt is suspect until it is seen how it goes on, and longer where that is as a rival would.
         if self._newest_s - self._leapt_s < (STAYS_S if push >= LEAPS_AS else 1.5 * NODE_S):
             push = max(push, PUSH_SUSPECTS)
-        self.evidence = Contradiction(attitude, axes, heading, still, push)
+        self.evidence = PoseEvidence(attitude, axes, heading, still, push)
         self.largest = max(self.largest, *self.evidence)
 
     def _node(self, pose: Pose, h: float, noise_m: float) -> None:
@@ -386,7 +386,7 @@ class Obedience:
         self._turns.append((pose.time_s, *turn))
         while self._turns[0][0] < pose.time_s - LAGS_S:
             self._turns.popleft()
-        says = self._turned(turn[0], turn[2], 0, learn) + self._turned(turn[1], turn[3], 1, learn)
+        says = self._add_turn(turn[0], turn[2], 0, learn) + self._add_turn(turn[1], turn[3], 1, learn)
         if says > 0.0 and pose.time_s - self._hole_s < UNHEARD_S:
             says *= UNHEARD
         most = CAP if self._attitude > CALM else FIRST
@@ -497,7 +497,7 @@ class Obedience:
             says = (min(obeys, seen) - off) / (2.0 * max(*self._turn_variance, off / UNEXPLAINED))
             self._quarters[i] = max(0.0, self._quarters[i] * fade + max(-CAP, min(says, FIRST)))
 
-    def _turned(self, y: float, told: float, axis: int, learn: float) -> float:
+    def _add_turn(self, y: float, told: float, axis: int, learn: float) -> float:
         """What one node says of roll or pitch; a constant offset of the rates is the vehicle's trim."""
         c = told + self._bias[axis]
         r = y - c

@@ -58,7 +58,7 @@ class Rivals:
 
     def __init__(self) -> None:
         """Nothing seen."""
-        self._axes: tuple[_Axis, ...] = ()
+        self._axes: tuple[_RivalAxis, ...] = ()
         self._gale = 0.0
         self._astray = 0
 
@@ -70,7 +70,7 @@ class Rivals:
             pushed: where the commands would have taken it, from any point that it was at with any velocity [m, NED].
         """
         if not self._axes:
-            self._axes = _Axis(WIND_M_S2), _Axis(WIND_M_S2), _Axis(0.0)
+            self._axes = _RivalAxis(WIND_M_S2), _RivalAxis(WIND_M_S2), _RivalAxis(0.0)
         for axis, x, told in zip(self._axes, position, pushed, strict=True):
             axis.begin(x, told)
 
@@ -107,7 +107,7 @@ class Rivals:
         return max(across / ENDS, held if held >= 1.0 else 0.5 * held)
 
 
-class _Axis:
+class _RivalAxis:
     """One axis."""
 
     __slots__ = (

@@ -43,7 +43,7 @@ JUMP_M, JUMPS = 0.1, 2
 """So many poses farther than this from every hypothesis [m] are no motion of a vehicle on its floor."""
 
 
-class Wander(NamedTuple):
+class StandingWander(NamedTuple):
     """How what is measured of a vehicle that stands wanders, as the variance of random walks."""
 
     aside_m2_s: float
@@ -63,7 +63,7 @@ class _Walks:
         self._variance = noise
         self._values = [0.0] * count
 
-    def seen(self, elapsed_s: float, off: list[float]) -> tuple[list[float], float]:
+    def update(self, elapsed_s: float, off: list[float]) -> tuple[list[float], float]:
         """Take one more, ``elapsed_s`` after the last [s]; returns steps from what was expected, and their variance."""
         variance = self._variance + self._walk * elapsed_s
         total = variance + self._noise
@@ -98,7 +98,7 @@ class LiftOff:
         weight_n: float,
         lag_s: float,
         gravity: float,
-        wander: Wander,
+        wander: StandingWander,
         noise_m: float,
     ) -> None:
         """Begin with a vehicle that ``stands``, at ``down_m`` [m, NED] on the mean; thrust lags by ``lag_s`` [s].
@@ -126,7 +126,7 @@ class LiftOff:
         self._fits = False
         self._jumps = 0
 
-    def sent(self, acting_s: float, thrust_n: float) -> None:
+    def add_command(self, acting_s: float, thrust_n: float) -> None:
         """``thrust_n`` [N] is told from ``acting_s`` on."""
         self._told.append((acting_s, thrust_n))
 
@@ -142,7 +142,7 @@ class LiftOff:
             self._resets = pose.reset_count
             self._height.begin(off)
             return
-        steps, variance = self._height.seen(elapsed, off)
+        steps, variance = self._height.update(elapsed, off)
         self._weigh(steps, variance)
         spread = 4.0 * math.sqrt(variance)
         self._fits = abs(self._mean(steps[:-1])) < FITS_M + spread
@@ -150,7 +150,7 @@ class LiftOff:
         if pose.velocity_ned is not None:
             self._climb = -pose.velocity_ned[2]
             gained = self._climb - self._stood_m_s
-            self._weigh(*self._speed.seen(elapsed, [gained - speed for speed in (*self._speeds, 0.0)]))
+            self._weigh(*self._speed.update(elapsed, [gained - speed for speed in (*self._speeds, 0.0)]))
 
     def _weigh(self, steps: list[float], variance: float) -> None:
         self._logs = [log - 0.5 * step * step / variance for log, step in zip(self._logs, steps, strict=True)]
@@ -287,7 +287,7 @@ class TakeoffConfig(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fi
     """Largest acceleration of these ways, of the climb and of stopping [m/s²]."""
 
 
-class Told(Protocol):
+class ThrustLimitConfig(Protocol):
     """What the limit of the thrust rests on; see :class:`groundstation.settings.settings.Config`."""
 
     @property
@@ -306,14 +306,14 @@ class Told(Protocol):
         ...
 
 
-def usual_limit_n(told: Told) -> float:
+def usual_limit_n(told: ThrustLimitConfig) -> float:
     """The largest thrust [N] before the floor is left, where ``takeoff.thrust_limit`` does not say more."""
     vehicle = told.vehicle
     most = TOLD_SHARE * told.weight_n if vehicle.hover_n is None else MEASURED_SHARE * vehicle.hover_n
     return min(most, vehicle.thrust_max_n)
 
 
-def limit_n(told: Told) -> float:
+def limit_n(told: ThrustLimitConfig) -> float:
     """The largest thrust [N] before the floor is left."""
     share = told.takeoff.thrust_limit
     return usual_limit_n(told) if share is None else min(share * told.weight_n, told.vehicle.thrust_max_n)
@@ -350,7 +350,7 @@ class Spool:
         return min(self._near + (self.most_n - self._near) * (time_s - self.near_s) / self._rise, self.most_n)
 
 
-class Standing:
+class StandingPoses:
     """Poses of a vehicle that stands, and how far they wander."""
 
     def __init__(self) -> None:
@@ -376,17 +376,17 @@ class Standing:
         return north, east, down
 
     @property
-    def wander(self) -> Wander:
+    def wander(self) -> StandingWander:
         """How what is measured of it wanders."""
         spans = list(self._spans)
         if len(spans) < 2:
-            return Wander(0.0, 0.0, 0.0)
+            return StandingWander(0.0, 0.0, 0.0)
         elapsed, pairs = spans[-1].time_s - spans[0].time_s, list(zip(spans, spans[1:], strict=False))
         north, east, down = (
             sum((b.position_ned[axis] - a.position_ned[axis]) ** 2 for a, b in pairs) / elapsed for axis in range(3)
         )
         climbs = [b.velocity_ned[2] - a.velocity_ned[2] for a, b in pairs if a.velocity_ned and b.velocity_ned]
-        return Wander(max(north, east), down, sum(climb * climb for climb in climbs) / elapsed)
+        return StandingWander(max(north, east), down, sum(climb * climb for climb in climbs) / elapsed)
 
     def leaps(self, before: Pose, pose: Pose, light_s: float, noise_m: float) -> str:
         """What the step from one pose to the next shows that no vehicle on its floor does; empty for nothing.
@@ -402,7 +402,7 @@ class Standing:
             return ""
         return f"it is seen {step:.2f} m aside from one pose to the next"
 
-    def disturbed(self, pose: Pose, place_ned: Vec3, light_s: float) -> str:
+    def find_disturbance(self, pose: Pose, place_ned: Vec3, light_s: float) -> str:
         """What ``pose`` shows that no vehicle on its floor does; it stood at ``place_ned`` [m]. Empty for nothing.
 
         ``light_s`` is for how long thrust has taken so much of its weight that wind may move it [s].
@@ -425,7 +425,7 @@ class SpoolUp:
     """One vehicle's spool-up, from arming until it flies or its motors go off again."""
 
     def __init__(
-        self, standing: Standing, spool: Spool, vehicle: Vehicle, weight_n: float, gravity: float, noise_m: float
+        self, standing: StandingPoses, spool: Spool, vehicle: Vehicle, weight_n: float, gravity: float, noise_m: float
     ) -> None:
         """Begin with a vehicle that stands; ``noise_m`` is the white noise of its poses [m]."""
         self._standing = standing
@@ -465,7 +465,7 @@ class SpoolUp:
             lag = vehicle.thrust_lag_s
             self._lift = LiftOff(stood, down, self._weight, lag, self._gravity, wander, self._noise)
             for acting_s, thrust_n in self._told:
-                self._lift.sent(acting_s, thrust_n)
+                self._lift.add_command(acting_s, thrust_n)
             self._lift.pose(pose)
 
     def _light_s(self, now_s: float) -> float:
@@ -484,7 +484,7 @@ class SpoolUp:
         if lift is None:
             self._told.append((acting_s, thrust))
         else:
-            lift.sent(acting_s, thrust)
+            lift.add_command(acting_s, thrust)
         return thrust
 
     def fault(self, now_s: float, pose: Pose, coast_s: float, fence: Fence | None) -> str:
@@ -494,7 +494,7 @@ class SpoolUp:
             return f"no pose for {1e3 * (now_s - pose.time_s):.0f} ms while the motors spool up"
         if fence is not None and fence.room_m(pose.position_ned) < 0.0:
             return f"{-fence.room_m(pose.position_ned):.2f} m outside the fence while the motors spool up"
-        why = self._leaps or self._standing.disturbed(pose, self.place_ned, self._light_s(now_s))
+        why = self._leaps or self._standing.find_disturbance(pose, self.place_ned, self._light_s(now_s))
         if why:
             return f"{why}: look at what holds or pushes it, and at its poses"
         if lift is not None and lift.jumps:

@@ -112,7 +112,7 @@ class Witness:
 
     def __init__(self) -> None:
         """Nothing heard."""
-        self._seen, self._felt = _Track(), _Track()
+        self._seen, self._felt = _AttitudeTrack(), _AttitudeTrack()
         self._pose: Pose | None = None
         self._told: Attitude | None = None
         self._next = 0
@@ -274,7 +274,7 @@ class Witness:
                 )  # fmt: skip
 
 
-class _Track:
+class _AttitudeTrack:
     """One witness's attitudes on the grid."""
 
     def __init__(self) -> None:

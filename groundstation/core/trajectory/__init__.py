@@ -2,16 +2,21 @@
 
 TYPE_CHECKING = False
 if TYPE_CHECKING:
-    from groundstation.core.trajectory.feasibility import Demand, Report, check, refusal
+    from groundstation.core.trajectory.feasibility import (
+        Demand,
+        FeasibilityReport,
+        check_feasibility,
+        explain_infeasibility,
+    )
     from groundstation.core.trajectory.port import Reference, Trajectory
     from groundstation.core.trajectory.shapes import ExcitationConfig, LemniscateConfig, TrajectoryConfig
-    from groundstation.core.trajectory.transition import Blend, Chain, Hold, Limits, blend, run_in, stopped
+    from groundstation.core.trajectory.transition import Blend, Chain, Hold, Limits, blend, run_in, stop
 
 _MODULES = {
-    "feasibility": ("Demand", "Report", "check", "refusal"),
+    "feasibility": ("Demand", "FeasibilityReport", "check_feasibility", "explain_infeasibility"),
     "port": ("Reference", "Trajectory"),
     "shapes": ("ExcitationConfig", "LemniscateConfig", "TrajectoryConfig"),
-    "transition": ("Blend", "Chain", "Hold", "Limits", "blend", "run_in", "stopped"),
+    "transition": ("Blend", "Chain", "Hold", "Limits", "blend", "run_in", "stop"),
 }
 
 

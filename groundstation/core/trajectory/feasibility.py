@@ -36,7 +36,7 @@ class Demand(msgspec.Struct, frozen=True, kw_only=True):
     ok: bool = True
 
 
-class Asked(NamedTuple):
+class MotionDemand(NamedTuple):
     """What is asked at one instant. Elementwise."""
 
     speed: Real
@@ -51,7 +51,7 @@ class Asked(NamedTuple):
     """Body rates [deg/s]."""
 
 
-class Motion(NamedTuple):
+class PathMotion(NamedTuple):
     """What a way is like at one instant, world NED. Elementwise."""
 
     velocity: Vec3
@@ -60,37 +60,39 @@ class Motion(NamedTuple):
     yaw: Real
     yaw_rate: Real
 
-    def slowed(self, share: float) -> "Motion":
+    def slow_down(self, share: float) -> "PathMotion":
         """The same way at ``share`` of the speed."""
-        return Motion(
-            _scaled(share, self.velocity),
-            _scaled(share**2, self.acceleration),
-            _scaled(share**3, self.jerk),
+        return PathMotion(
+            _scale(share, self.velocity),
+            _scale(share**2, self.acceleration),
+            _scale(share**3, self.jerk),
             self.yaw,
             self.yaw_rate * share,
         )
 
 
-def asked(motion: Motion, gravity: float, ops: Ops = FLOATS) -> Asked:
+def compute_demand(motion: PathMotion, gravity: float, ops: Ops = FLOATS) -> MotionDemand:
     """What ``motion`` asks, with ``gravity`` in [m/s²]."""
     sqrt, where = ops.sqrt, ops.where
     x, y, z = motion.acceleration
     push = (-x, -y, gravity - z)
     strength = sqrt(_dot(push, push))
     least = where(strength > 1e-6, strength, 1e-6)
-    axis = _scaled(1.0 / least, push)
+    axis = _scale(1.0 / least, push)
     level = sqrt(axis[0] * axis[0] + axis[1] * axis[1])
     rates = _rates(motion, axis, least, ops)
-    return Asked(
+    return MotionDemand(
         sqrt(_dot(motion.velocity, motion.velocity)),
         sqrt(_dot(motion.acceleration, motion.acceleration)),
         _DEGREES * ops.atan2(level, axis[2]),
         strength,
-        _scaled(_DEGREES, rates),
+        _scale(_DEGREES, rates),
     )
 
 
-def demands(times: Sequence[float], looks: Iterable[Asked], vehicle: Vehicle, limits: LimitsConfig) -> list[Demand]:
+def demands(
+    times: Sequence[float], looks: Iterable[MotionDemand], vehicle: Vehicle, limits: LimitsConfig
+) -> list[Demand]:
     """Speed, acceleration, tilt, thrust and body rates where each is at its extreme; ``looks`` are at ``times`` [s]."""
     speed, acceleration, tilt, push, rates = zip(*looks, strict=True)
     thrust = [vehicle.mass_kg * value for value in push]
@@ -138,7 +140,7 @@ def largest(values: Sequence[float]) -> float:
     return max(values, key=lambda value: (math.isnan(value), value))
 
 
-def _rates(motion: Motion, z: Vec3, strength: Real, ops: Ops) -> Vec3:
+def _rates(motion: PathMotion, z: Vec3, strength: Real, ops: Ops) -> Vec3:
     """Body rates [rad/s] where the thrust's axis is ``z``."""
     sqrt, where = ops.sqrt, ops.where
     jerk = motion.jerk
@@ -146,7 +148,7 @@ def _rates(motion: Motion, z: Vec3, strength: Real, ops: Ops) -> Vec3:
     turning = tuple(-(j - along * c) / strength for j, c in zip(jerk, z, strict=True))
     x = _cross((-ops.sin(motion.yaw), ops.cos(motion.yaw), 0.0 * motion.yaw), z)
     length = sqrt(_dot(x, x))
-    x = _scaled(1.0 / where(length > 1e-6, length, 1e-6), x)
+    x = _scale(1.0 / where(length > 1e-6, length, 1e-6), x)
     y = _cross(z, x)
     roll, pitch = -_dot(y, turning), _dot(x, turning)
     cos_pitch = sqrt(y[2] * y[2] + z[2] * z[2])
@@ -167,7 +169,7 @@ def _cross(a: Vec3, b: Vec3) -> Vec3:
     return a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]
 
 
-def _scaled(by: Real, v: Vec3) -> Vec3:
+def _scale(by: Real, v: Vec3) -> Vec3:
     return by * v[0], by * v[1], by * v[2]
 
 
@@ -177,7 +179,7 @@ FEWEST, MOST = 8, 1000
 """... but within these numbers: its formulas are smooth, and the shortest may be the hardest to fly."""
 
 
-class Report(msgspec.Struct, frozen=True, kw_only=True):
+class FeasibilityReport(msgspec.Struct, frozen=True, kw_only=True):
     """A trajectory looked at from its start to its end, or for one turn."""
 
     duration_s: float | None
@@ -200,9 +202,9 @@ class Report(msgspec.Struct, frozen=True, kw_only=True):
         return all(demand.ok for demand in self.demands)
 
 
-def check(
+def check_feasibility(
     trajectory: Trajectory, vehicle: Vehicle, limits: LimitsConfig, *, gravity: float, floor_z_m: float
-) -> Report:
+) -> FeasibilityReport:
     """Look at all of ``trajectory``; the floor is at ``floor_z_m`` [m, NED], ``gravity`` in [m/s²]."""
     joints = trajectory.joints_s
     span = joints[-1]
@@ -212,8 +214,8 @@ def check(
         times += [start + n * ((end - start) / count) for n in range(count)]
     times.append(span)
     seen = [trajectory.at(t) for t in times]
-    motions = [Motion(r.velocity_ned, r.acceleration_ned, r.jerk_ned, r.yaw_rad, r.yaw_rate_rad_s) for r in seen]
-    looks = [asked(motion, gravity) for motion in motions]
+    motions = [PathMotion(r.velocity_ned, r.acceleration_ned, r.jerk_ned, r.yaw_rad, r.yaw_rate_rad_s) for r in seen]
+    looks = [compute_demand(motion, gravity) for motion in motions]
     places = list(zip(*(r.position_ned for r in seen), strict=True))
     lowest = largest(places[2])
     above = Demand(
@@ -227,7 +229,7 @@ def check(
         ok=floor_z_m - lowest >= 0.0,
     )
     wanted = demands(times, looks, vehicle, limits)
-    return Report(
+    return FeasibilityReport(
         duration_s=trajectory.duration_s,
         span_s=span,
         length_m=sum(
@@ -241,7 +243,7 @@ def check(
     )
 
 
-def refusal(report: Report, speed_m_s: float | None = None) -> str | None:
+def explain_infeasibility(report: FeasibilityReport, speed_m_s: float | None = None) -> str | None:
     """Why the trajectory must not fly, and what to do; None if it may.
 
     ``speed_m_s`` is its speed, where one key of the configuration sets it.
@@ -269,7 +271,7 @@ def refusal(report: Report, speed_m_s: float | None = None) -> str | None:
 
 
 def _share(
-    times: list[float], motions: list[Motion], vehicle: Vehicle, limits: LimitsConfig, gravity: float
+    times: list[float], motions: list[PathMotion], vehicle: Vehicle, limits: LimitsConfig, gravity: float
 ) -> float | None:
     """The largest share of its speed, below all of it, at which it keeps the limits, height aside."""
     import numpy as np
@@ -282,13 +284,13 @@ def _share(
     ]
 
     def kept(share: float) -> bool:
-        at_once: Any = asked(Motion(*whole).slowed(share), gravity, ops)
+        at_once: Any = compute_demand(PathMotion(*whole).slow_down(share), gravity, ops)
         looks = zip(
             *(column.tolist() for column in at_once[:4]),
             zip(*(rate.tolist() for rate in at_once.rates), strict=True),
             strict=True,
         )
-        return all(demand.ok for demand in demands(times, map(Asked._make, looks), vehicle, limits))
+        return all(demand.ok for demand in demands(times, map(MotionDemand._make, looks), vehicle, limits))
 
     low, high = 1e-3, 1.0
     if not kept(low):

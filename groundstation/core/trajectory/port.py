@@ -59,7 +59,7 @@ class Trajectory(Protocol):
         ...
 
 
-class Turning(Trajectory, Protocol):
+class PeriodicTrajectory(Trajectory, Protocol):
     """A trajectory that goes round and round."""
 
     @property
@@ -178,14 +178,14 @@ class Paced:
         ramp = self._ramp
         left = None if self.duration_s is None else self.duration_s - time_s
         if time_s < ramp:
-            return _ramped(time_s, ramp)
+            return _ramp(time_s, ramp)
         if left is not None and self._length is not None and left < ramp:
-            s, s1, s2, s3 = _ramped(left, ramp)
+            s, s1, s2, s3 = _ramp(left, ramp)
             return self._length - s, s1, -s2, s3
         return time_s - 0.5 * ramp, 1.0, 0.0, 0.0
 
 
-def _ramped(time_s: float, ramp_s: float) -> tuple[float, float, float, float]:
+def _ramp(time_s: float, ramp_s: float) -> tuple[float, float, float, float]:
     x = time_s / ramp_s
     y = 1.0 - x
     return (

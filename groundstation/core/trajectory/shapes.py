@@ -17,11 +17,11 @@ from groundstation.core.trajectory.port import (
     Degrees,
     Length,
     Paced,
+    PeriodicTrajectory,
     Point,
     Ramp,
     Reference,
     Speed,
-    Turning,
 )
 from groundstation.core.trajectory.transition import HoldConfig, TransitConfig
 from groundstation.core.trajectory.waypoints import SamplesConfig, WaypointsConfig
@@ -32,7 +32,7 @@ class Tilted:
 
     __slots__ = ("_curve", "_east", "_middle", "_north", "_rise", "_shrink")
 
-    def __init__(self, curve: Turning, middle_ned: Vec3, tilt_rad: float, uphill_rad: float) -> None:
+    def __init__(self, curve: PeriodicTrajectory, middle_ned: Vec3, tilt_rad: float, uphill_rad: float) -> None:
         """Raise the side at bearing ``uphill_rad`` by ``tilt_rad``; the curve is level at the height of its middle."""
         self._curve = curve
         self._middle = middle_ned
@@ -63,19 +63,19 @@ class Tilted:
         level = self._curve.at(time_s)
         return Reference(
             self._point(level.position_ned),
-            self._turned(level.velocity_ned),
-            self._turned(level.acceleration_ned),
-            self._turned(level.jerk_ned),
+            self._tilt(level.velocity_ned),
+            self._tilt(level.acceleration_ned),
+            self._tilt(level.jerk_ned),
             level.yaw_rad,
             level.yaw_rate_rad_s,
         )
 
     def _point(self, point: Vec3) -> Vec3:
         north, east, down = self._middle
-        x, y, z = self._turned((point[0] - north, point[1] - east, 0.0))
+        x, y, z = self._tilt((point[0] - north, point[1] - east, 0.0))
         return (north + x, east + y, down + z)
 
-    def _turned(self, level: Vec3) -> Vec3:
+    def _tilt(self, level: Vec3) -> Vec3:
         uphill = level[0] * self._north + level[1] * self._east
         more = self._shrink * uphill
         return (level[0] + more * self._north, level[1] + more * self._east, self._rise * uphill)
@@ -111,7 +111,7 @@ class Laps(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True
         """Time of one turn at full speed [s]."""
         raise NotImplementedError
 
-    def flown(self, curve: Turning, middle_ned: Vec3) -> Turning:
+    def pace_and_tilt(self, curve: PeriodicTrajectory, middle_ned: Vec3) -> PeriodicTrajectory:
         """The level ``curve``, as these keys have it; its plane is turned about ``middle_ned`` [m]."""
         if self.ramp_s > 0.0:
             length_s = None if self.laps is None else self.laps * curve.period_s
@@ -144,10 +144,10 @@ class CircleConfig(Laps, frozen=True, kw_only=True, forbid_unknown_fields=True, 
         """Time of one turn at full speed [s]."""
         return 2.0 * math.pi * self.radius_m / self.speed_m_s
 
-    def build(self) -> Turning:
+    def build(self) -> PeriodicTrajectory:
         """The trajectory of this config."""
         north, east, down = self.centre_ned
-        return self.flown(Circle(self), (north, east, down - self.altitude_m))
+        return self.pace_and_tilt(Circle(self), (north, east, down - self.altitude_m))
 
 
 class Circle:
@@ -236,10 +236,10 @@ class LemniscateConfig(Laps, frozen=True, kw_only=True, forbid_unknown_fields=Tr
         """Time of one turn at full speed [s]."""
         return 4.0 * _QUARTER * self.scale_m / self.speed_m_s
 
-    def build(self) -> Turning:
+    def build(self) -> PeriodicTrajectory:
         """The trajectory of this config."""
         north, east, down = self.centre_ned
-        return self.flown(Lemniscate(self), (north, east, down - self.altitude_m))
+        return self.pace_and_tilt(Lemniscate(self), (north, east, down - self.altitude_m))
 
 
 class Lemniscate:
@@ -409,10 +409,10 @@ class Excitation:
         # The same acceleration, or yaw rate, at every frequency of an axis: it decides what actuators must do.
         axes = [_sines(axis, config.period_s, 2) for axis in (north, east, down)]
         peak = max(math.hypot(*(_sum(sines, t)[2] for sines in axes)) for t in looks)
-        self._axes = tuple(_scaled(sines, config.acceleration_m_s2 / peak) for sines in axes)
+        self._axes = tuple(_scale(sines, config.acceleration_m_s2 / peak) for sines in axes)
         yaws = _sines(heading[: max(1, len(heading) // 2)], config.period_s, 1)
         swing = max(abs(_sum(yaws, t)[0]) for t in looks)
-        self._yaw_sines = _scaled(yaws, math.radians(config.yaw_swing_deg) / swing)
+        self._yaw_sines = _scale(yaws, math.radians(config.yaw_swing_deg) / swing)
 
     @property
     def joints_s(self) -> tuple[float, float]:
@@ -452,7 +452,7 @@ def _sines(lines: list[int], period_s: float, order: int) -> list[Sine]:
     return [Sine(rate**-order, rate, -math.pi * i * i / len(rates)) for i, rate in enumerate(rates)]
 
 
-def _scaled(sines: list[Sine], factor: float) -> tuple[Sine, ...]:
+def _scale(sines: list[Sine], factor: float) -> tuple[Sine, ...]:
     return tuple(Sine(factor * one.amplitude, one.rate, one.phase) for one in sines)
 
 

@@ -57,7 +57,7 @@ def smoothest(times_s: "Array", known: "Array", order: int) -> "Array":
     origin = given[0, 0].copy()
     given[:, 0] -= origin  # what stays where it is stays there to the last digit
     free = np.isnan(known[:, :, 0])
-    found = given + _solved(own, next_, given, free)
+    found = given + _solve(own, next_, given, free)
     both = np.concatenate([found[:-1], found[1:]], axis=1) * scale[:, :, None]
     coefficients = np.zeros((len(spans), DEGREE + 1, known.shape[2]))
     coefficients[:, : 2 * order] = inverse @ both
@@ -65,7 +65,7 @@ def smoothest(times_s: "Array", known: "Array", order: int) -> "Array":
     return coefficients
 
 
-def _solved(own: "Array", next_: "Array", given: "Array", free: "npt.NDArray[np.bool_]") -> "Array":
+def _solve(own: "Array", next_: "Array", given: "Array", free: "npt.NDArray[np.bool_]") -> "Array":
     """What the free derivatives must be, (N, order, axes), and 0 elsewhere."""
     import numpy as np
 

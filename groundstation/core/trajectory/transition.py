@@ -38,7 +38,7 @@ def blend(start: Reference, end: Reference, limits: Limits) -> "Blend":
     """The shortest blend from ``start`` to ``end`` that keeps ``limits``, or the one that goes least beyond them.
 
     Where an end is faster itself, its own speed and acceleration, and a little more, are the limit. Between ends that
-    move there may be none within them: go from rest to rest, and use :func:`stopped` and :func:`run_in`.
+    move there may be none within them: go from rest to rest, and use :func:`stop` and :func:`run_in`.
     """
     speed = max(limits.speed_m_s, *(SPARE * math.hypot(*one.velocity_ned) for one in (start, end)))
     hardest = max(limits.acceleration_m_s2, *(SPARE * math.hypot(*one.acceleration_ned) for one in (start, end)))
@@ -59,13 +59,13 @@ def blend(start: Reference, end: Reference, limits: Limits) -> "Blend":
     return best
 
 
-def stopped(start: Reference, limits: Limits) -> "Blend":
+def stop(start: Reference, limits: Limits) -> "Blend":
     """From ``start`` to rest, where its motion leads while it dies away; from rest to rest it stays."""
     return _dying(start, limits, 1.0)
 
 
 def run_in(end: Reference, limits: Limits) -> "Blend":
-    """From rest into the motion ``end``: :func:`stopped`, seen backwards."""
+    """From rest into the motion ``end``: :func:`stop`, seen backwards."""
     return _dying(end, limits, -1.0)
 
 

@@ -52,7 +52,7 @@ _KNOWN = ("t_s", *(name for axis in _PLACE for name in axis), "yaw_deg", *(name 
 EXAMPLE = "t_s,north_m,east_m,up_m,yaw_deg"
 
 
-def parsed(text: str) -> dict[str, Any]:
+def parse_course(text: str) -> dict[str, Any]:
     """The course in ``text`` as keys of a section; world NED.
 
     Always ``points_ned`` [m]; where their columns are there, ``times_s`` [s], ``yaws_deg`` [deg] and
@@ -94,9 +94,9 @@ def with_course(table: dict[str, Any], text: str, *columns: str) -> dict[str, An
     """The section ``table`` with the course in ``text``, of which it takes the keys ``columns``.
 
     Raises:
-        ValueError: as :func:`parsed`; or the course has what the section can't use, or has itself.
+        ValueError: as :func:`parse_course`; or the course has what the section can't use, or has itself.
     """
-    course = parsed(text)
+    course = parse_course(text)
     for key in course:
         if key not in columns:
             raise ValueError(f"has {key}, which trajectory.kind = {table.get('kind')!r} can't use")
@@ -152,7 +152,7 @@ MARGIN = 1.001
 """Peaks lie between the looks, less than a thousandth higher."""
 
 
-def allocated(known: "Array", order: int, max_speed: float, max_acceleration: float) -> "Array":
+def allocate_times(known: "Array", order: int, max_speed: float, max_acceleration: float) -> "Array":
     """Times (N,) [s] of a short and smooth course that keeps both limits.
 
     Args:
@@ -170,7 +170,7 @@ def allocated(known: "Array", order: int, max_speed: float, max_acceleration: fl
     step, last = np.full(len(legs), 0.2), np.zeros(len(legs))
     for number in range(SMOOTH_ROUNDS + LIMIT_ROUNDS):
         coefficients = smoothest(_times(legs), known, order)[:, :, :3]
-        asked = _asked(coefficients, legs, max_speed, max_acceleration)
+        asked = _find_demand(coefficients, legs, max_speed, max_acceleration)
         slower = legs * (MARGIN * asked.max())
         if slower.sum() < best.sum():
             best = slower
@@ -207,7 +207,7 @@ def _slope(coefficients: "Array", legs: "Array", order: int) -> "Array":
     return slope
 
 
-def _asked(coefficients: "Array", legs: "Array", max_speed: float, max_acceleration: float) -> "Array":
+def _find_demand(coefficients: "Array", legs: "Array", max_speed: float, max_acceleration: float) -> "Array":
     """How many times slower each leg must be flown to keep both limits, (M,)."""
     import numpy as np
 
@@ -276,7 +276,7 @@ class WaypointsConfig(
 
     def build(self) -> Spline:
         """The trajectory of this config."""
-        return _planned(self)
+        return _plan(self)
 
 
 def check_lists(points: tuple[Vec3, ...], times_s: tuple[float, ...] | None, **lists: tuple[Any, ...] | None) -> None:
@@ -304,7 +304,7 @@ def headings(yaws_deg: tuple[float, ...] | None, yaw_deg: float, count: int) -> 
 
 
 @lru_cache(maxsize=4)
-def _planned(config: WaypointsConfig) -> Spline:
+def _plan(config: WaypointsConfig) -> Spline:
     import numpy as np
 
     points = np.array(config.points_ned[:1] + config.points_ned[1:] * config.laps)
@@ -316,7 +316,7 @@ def _planned(config: WaypointsConfig) -> Spline:
     known[:, 0, 3] = yaws
     known[0, 1:] = known[-1, 1:] = 0.0
     if config.times_s is None:
-        times = allocated(known, order, config.max_speed_m_s, config.max_acceleration_m_s2)
+        times = allocate_times(known, order, config.max_speed_m_s, config.max_acceleration_m_s2)
     else:
         legs = np.tile(np.diff(np.array(config.times_s)), config.laps)
         times = np.concatenate([[0.0], np.cumsum(legs)])

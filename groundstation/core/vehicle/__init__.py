@@ -4,31 +4,31 @@ TYPE_CHECKING = False
 if TYPE_CHECKING:
     from groundstation.core.vehicle.vehicle import (
         ZERO,
-        Drive,
-        Driven,
+        ActuatorCommand,
+        ActuatorResponse,
         LimitsConfig,
         Motion,
         Vehicle,
-        carried,
-        driven,
+        integrate,
+        integrate_actuators,
+        integrate_motion,
         lead,
         new,
-        rolled,
     )
 
 _MODULES = {
     "vehicle": (
-        "Drive",
-        "Driven",
+        "ActuatorCommand",
+        "ActuatorResponse",
         "LimitsConfig",
         "Motion",
         "Vehicle",
         "ZERO",
-        "carried",
-        "driven",
+        "integrate",
+        "integrate_actuators",
+        "integrate_motion",
         "lead",
         "new",
-        "rolled",
     )
 }
 

@@ -3,9 +3,9 @@
 What is told is the config section ``[vehicle]``, or a file of its own. The limits (section ``[limits]``) are what a
 flight may ask of it, beside what it can do. The model is (1), (2) of the paper with first-order lags on thrust and body
 rates, which are the actuators; lags and their inverse are exact for a command that is held. A step has two parts.
-Commands alone decide actuators and attitude, and so what thrust gives (:func:`driven`, one call for each command that
-acts). All else is added once, at the end (:func:`carried`): position and velocity are linear in thrust over mass,
-gravity and wind. Elementwise: floats, or arrays of shape (N,).
+Commands alone decide actuators and attitude, and so what thrust gives (:func:`integrate_actuators`, one call for each
+command that acts). All else is added once, at the end (:func:`integrate_motion`): position and velocity are linear in
+thrust over mass, gravity and wind. Elementwise: floats, or arrays of shape (N,).
 """
 
 import math
@@ -23,7 +23,7 @@ from groundstation.config import (
     parse_toml,
     presets,
 )
-from groundstation.core.geometry import Ops, Quat, Real, Vec3, turned
+from groundstation.core.geometry import Ops, Quat, Real, Vec3, rotate
 
 Positive = Annotated[float, msgspec.Meta(gt=0.0)]
 NonNegative = Annotated[float, msgspec.Meta(ge=0.0)]
@@ -146,14 +146,14 @@ class Motion(NamedTuple):
     rates: Vec3
 
 
-class Drive(NamedTuple):
+class ActuatorCommand(NamedTuple):
     """A command as the actuators take it: thrust [N] and body rates [rad/s, FRD]."""
 
     thrust: Real
     rates: Vec3
 
 
-class Driven(NamedTuple):
+class ActuatorResponse(NamedTuple):
     """What commands have made of a motion since a roll began."""
 
     attitude: Quat
@@ -167,7 +167,9 @@ class Driven(NamedTuple):
     """∫∫ T R e3 dt dt [N s², NED]."""
 
 
-def driven(ops: Ops, before: Driven, drive: Drive, duration: Real, thrust_lag: float, rate_lag: float) -> Driven:
+def integrate_actuators(
+    ops: Ops, before: ActuatorResponse, drive: ActuatorCommand, duration: Real, thrust_lag: float, rate_lag: float
+) -> ActuatorResponse:
     """``before`` after ``duration`` [s] of ``drive``, through the lags [s].
 
     The lags are exact; attitude turns by the exact integral of the rates; what thrust gives is its exact integral
@@ -188,7 +190,7 @@ def driven(ops: Ops, before: Driven, drive: Drive, duration: Real, thrust_lag: f
     # ∫ω = h ω_c - (lagged part), whose integral is τ (1 - e^(-h/τ)); a, b, c is that at mid-step.
     lagged, half_lagged = rate_lag * rate_rise, rate_lag * half_rise
     a, b, c = half * cx - half_lagged * dx, half * cy - half_lagged * dy, half * cz - half_lagged * dz
-    # R e3 at mid-step: e3 turned by (a, b, c) to second order, in the world.
+    # R e3 at mid-step: e3 rotate by (a, b, c) to second order, in the world.
     e, f, g = b + 0.5 * a * c, 0.5 * b * c - a, 1.0 - 0.5 * (a * a + b * b)
     p, q, r = 2.0 * (y * g - z * f), 2.0 * (z * e - x * g), 2.0 * (x * f - y * e)
     step = wanted - thrust
@@ -197,16 +199,18 @@ def driven(ops: Ops, before: Driven, drive: Drive, duration: Real, thrust_lag: f
     jy = push * (f + w * q + z * p - x * r)
     jz = push * (g + w * r + x * q - y * p)
     after = (
-        turned(before[0], (h * cx - lagged * dx, h * cy - lagged * dy, h * cz - lagged * dz)),
+        rotate(before[0], (h * cx - lagged * dx, h * cy - lagged * dy, h * cz - lagged * dz)),
         thrust + thrust_rise * step,
         (wx + rate_rise * dx, wy + rate_rise * dy, wz + rate_rise * dz),
         (ix + jx, iy + jy, iz + jz),
         (sx + h * ix + half * jx, sy + h * iy + half * jy, sz + h * iz + half * jz),
     )
-    return new(Driven, after)
+    return new(ActuatorResponse, after)
 
 
-def carried(motion: Motion, after: Driven, duration: Real, mass: Real, other: Vec3, other_rate: Vec3 = ZERO) -> Motion:
+def integrate_motion(
+    motion: Motion, after: ActuatorResponse, duration: Real, mass: Real, other: Vec3, other_rate: Vec3 = ZERO
+) -> Motion:
     """``motion`` after ``duration`` [s] in which commands did what ``after`` says.
 
     Args:
@@ -239,10 +243,10 @@ def carried(motion: Motion, after: Driven, duration: Real, mass: Real, other: Ve
     return new(Motion, moved)
 
 
-def rolled(
+def integrate(
     ops: Ops,
     motion: Motion,
-    drive: Drive,
+    drive: ActuatorCommand,
     duration: Real,
     *,
     mass: Real,
@@ -252,10 +256,10 @@ def rolled(
     rate_lag: float,
 ) -> Motion:
     """``motion`` after ``duration`` [s] of one ``drive`` and a constant ``disturbance`` [m/s², NED]."""
-    still = Driven(motion.attitude, motion.thrust, motion.rates, ZERO, ZERO)
+    still = ActuatorResponse(motion.attitude, motion.thrust, motion.rates, ZERO, ZERO)
     x, y, z = disturbance
-    after = driven(ops, still, drive, duration, thrust_lag, rate_lag)
-    return carried(motion, after, duration, mass, (x, y, z + gravity))
+    after = integrate_actuators(ops, still, drive, duration, thrust_lag, rate_lag)
+    return integrate_motion(motion, after, duration, mass, (x, y, z + gravity))
 
 
 def approach(ops: Ops, duration: Real, lag: float) -> Real:

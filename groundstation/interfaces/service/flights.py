@@ -19,7 +19,7 @@ from groundstation.core.messages import Ask, Reply, Request, Snapshot, SourceErr
 from groundstation.core.mission import FINAL, ON_GROUND, Interrupts, State
 from groundstation.flight import (
     Flight,
-    Outcome,
+    FlightOutcome,
     ensure_flyable,
     ensure_guarded,
     ensure_held,
@@ -121,7 +121,7 @@ async def crew(
         await asyncio.gather(*tasks, return_exceptions=True)
 
 
-async def fly_with_crew(flight: Flight, config: Config, say: Callable[[str], None], quiet: Quiet) -> Outcome:
+async def fly_with_crew(flight: Flight, config: Config, say: Callable[[str], None], quiet: Quiet) -> FlightOutcome:
     """Run ``flight`` with its crew."""
     async with crew(config, flight, say, quiet):
         return await flight.run()
@@ -225,7 +225,7 @@ class Daemon:
             except (SourceError, LinkError, OSError) as error:
                 if self._once or first:
                     raise
-                outcome = Outcome(State.ABORTED, str(error), str(error))
+                outcome = FlightOutcome(State.ABORTED, str(error), str(error))
                 self._say(f"warning: this flight could not begin: {error}")
             first = False
             flew = self._armed > before
@@ -237,7 +237,7 @@ class Daemon:
                 await asyncio.wait_for(self._stop.wait(), pause_s)
         return Exit.DONE
 
-    async def _fly(self) -> Outcome:
+    async def _fly(self) -> FlightOutcome:
         """One flight from connecting to its end, recorded; of one that was never armed no recording is kept."""
         before = self._armed
 

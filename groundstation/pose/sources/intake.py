@@ -332,7 +332,7 @@ class Intake:
     def other(self, name: str, arrival_s: float, position: Vec3, *, age_s: float = 0.0) -> None:
         """One of :attr:`others` was at ``position`` [m, the source's axes], as its bytes came at ``arrival_s`` [s].
 
-        ``age_s``: see :meth:`pose`. The source's stamp is the business of our own body alone.
+        ``age_s``: see :meth:`update`. The source's stamp is the business of our own body alone.
         """
         if self.others is not None:
             place = position if self._frames is None else self._frames.place(position)

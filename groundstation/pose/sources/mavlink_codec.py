@@ -116,7 +116,7 @@ class LocalPositionDecoder(PoseDecoder):
         attitude: Quat = (turned.q1, turned.q2, turned.q3, turned.q4)
         rates = (turned.rollspeed, turned.pitchspeed, turned.yawspeed)
         if apart_s and math.isfinite(sum(rates) + sum(attitude)) and any(attitude):
-            attitude = so3.turned(attitude, (apart_s * rates[0], apart_s * rates[1], apart_s * rates[2]))
+            attitude = so3.rotate(attitude, (apart_s * rates[0], apart_s * rates[1], apart_s * rates[2]))
         position = (message.x, message.y, message.z)
         velocity = (message.vx, message.vy, message.vz)
         return self._intake.pose(message.time_boot_ms * 1e-3, arrival_s, position, attitude, velocity)

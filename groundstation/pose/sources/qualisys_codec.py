@@ -184,7 +184,7 @@ class QualisysReader:
         rows = ((m[0], m[3], m[6]), (m[1], m[4], m[7]), (m[2], m[5], m[8]))
         if not _is_rotation(rows):
             return self._intake.drop("not_unit")
-        attitude = so3.normalized(so3.from_matrix(rows))
+        attitude = so3.normalize(so3.from_matrix(rows))
         return self._intake.pose(stamp_s, arrival_s, (x * 1e-3, y * 1e-3, z * 1e-3), attitude)
 
 

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 from groundstation.core import Pilot
 from groundstation.core.messages import Pose
-from groundstation.flight import Due, make_ends
+from groundstation.flight import FrameLateness, make_ends
 from groundstation.recording import ReceivedRecord, Record, RecordedPilot, RecorderProcess, SentRecord, about
 from groundstation.runtime import RecordingConfig, sleep_until
 from groundstation.settings import Config
@@ -34,7 +34,7 @@ async def fly_ticks(
     """Processor time of this thread for a tick [s]: all of it, and from the pose's arrival to the command's leaving."""
     loop = asyncio.get_running_loop()
     if isinstance(pilot, RecordedPilot) and give is not None:
-        pilot.give, pilot.due = give, Due(make_ends(config)[0])
+        pilot.give, pilot.due = give, FrameLateness(make_ends(config)[0])
     trajectory = config.trajectory.build()
     first = loop.time()
     begun = thread_time()

@@ -53,7 +53,7 @@ def _noisy(struck: Struck, position: Vec3, attitude: Quat) -> tuple[Vec3, Quat]:
     i, j, k, *turn = next(struck.normals)
     x, y, z = position
     p, q, r = (NOISE_RAD * n for n in turn)
-    return (x + NOISE_M * i, y + NOISE_M * j, z + NOISE_M * k), so3.turned(attitude, (p, q, r))
+    return (x + NOISE_M * i, y + NOISE_M * j, z + NOISE_M * k), so3.rotate(attitude, (p, q, r))
 
 
 # ---- pictures that stand still

@@ -1,29 +1,94 @@
 """Command loop: the frames that leave in one flight. Idle, spool-up and flight, then zero thrust until motors are off.
 
-It notices, too, that this program stood still: whatever it reads next may have waited as long, and a pose without a
-time stamp of its own would otherwise pass for fresh.
+They leave at the link's frames, or as poses come, and always before a deadline passes. The loop notices, too, that this
+program stood still: whatever it reads next may have waited as long, and a pose without a time stamp of its own would
+otherwise pass for fresh.
 """
 
 import asyncio
+import math
 from collections.abc import Awaitable, Callable
 
 from groundstation.core import Pilot, Tick
 from groundstation.core.messages import Pose
 from groundstation.core.mission import IN_AIR, Event, State
-from groundstation.flight.pacing import Pacing
-from groundstation.flight.progress import Progress
+from groundstation.flight.mission_executive import LAST_CHANCE_S, MissionExecutive
 from links.core import Command, CommandLink, LinkError
 
+AT_ONCE_S = 1e-6
+"""Timers fire a clock's tick early: an instant nearer than this has come [s], or in virtual time it never would."""
+
+
+class Pacing:
+    """One link's frames. Times are on the event loop's clock [s].
+
+    A command leaves every period; or, where the link follows poses, as soon as a pose has come (but not within half a
+    period of the last one), and one and a half periods after the last one where none came. In both cases one more
+    leaves just before the last one's deadline: a gap between poses must not seem longer than it is by waiting for the
+    next frame, and where it is too long, what is flown without a pose begins then.
+    """
+
+    def __init__(self, link: CommandLink) -> None:
+        """Nothing leaves before :meth:`begin`."""
+        self._link = link
+        self._frame_s = 0.0
+        self._waiting: asyncio.Future[None] | None = None
+        self._from_s = 0.0
+
+    def begin(self) -> None:
+        """The first frame is now."""
+        self._frame_s = asyncio.get_running_loop().time()
+
+    async def next(self, left_s: float, deadline_s: float) -> None:
+        """Wait for the next frame; the last command left at ``left_s``, and its deadline is ``deadline_s``."""
+        period, chance = self._link.period_s, deadline_s - LAST_CHANCE_S
+        if chance <= left_s + AT_ONCE_S:
+            chance = math.inf  # it is taken
+        if self._link.follows_poses:
+            await self._pose(min(left_s + 0.5 * period, chance), min(left_s + 1.5 * period, chance))
+            return
+        if left_s > self._frame_s - 0.5 * period:  # else it left early, and this frame is still to come
+            self._frame_s += period
+        if self._frame_s < left_s:  # late frames are left out; the rest keep their distance to the link's own
+            self._frame_s += math.ceil((left_s - self._frame_s) / period) * period
+        await self._pose(min(chance, self._frame_s), min(chance, self._frame_s))
+
+    def pose(self, arrival_s: float) -> None:
+        """A pose has come."""
+        if self._waiting is None:
+            return
+        if arrival_s >= self._from_s:
+            _wake(self._waiting)
+        else:
+            asyncio.get_running_loop().call_at(self._from_s, _wake, self._waiting)
+
+    async def _pose(self, from_s: float, until_s: float) -> None:
+        """Wait for a pose, but not past ``until_s``; one that comes before ``from_s`` counts at that instant."""
+        loop = asyncio.get_running_loop()
+        self._waiting, self._from_s = loop.create_future(), from_s
+        timer = loop.call_at(until_s, _wake, self._waiting)
+        try:
+            await self._waiting
+        finally:
+            timer.cancel()
+            self._waiting = None
+
+
+def _wake(waiting: "asyncio.Future[None]") -> None:
+    if not waiting.done():
+        waiting.set_result(None)
+
+
 LOOK_S = 0.02
-"""How often :meth:`Standstill.look` is to be called, at least [s]."""
+"""How often :meth:`StallDetector.look` is to be called, at least [s]."""
 STALL_S = 0.06
 """Not having looked for longer than that is standing still [s]."""
 DRAIN_S = 0.01
 """For so long afterwards nothing that is read counts: what waits in a socket is read within some milliseconds [s]."""
 
 
-class Standstill:
-    """Times are on the event loop's clock [s]."""
+class StallDetector:
+    """Finds that this program stood still. Times are on the event loop's clock [s]."""
 
     def __init__(self) -> None:
         """Nothing is expected before the first look."""
@@ -36,7 +101,7 @@ class Standstill:
             self._drained_s = now_s + DRAIN_S
         self._looked_s = now_s
 
-    def waited(self, now_s: float) -> bool:
+    def may_be_stale(self, now_s: float) -> bool:
         """Whether what is read at ``now_s`` may have come while the program stood still."""
         if self._looked_s is None:
             return False
@@ -52,18 +117,18 @@ AFTERMATH_S = 1.0
 """How long the controller may take to notice that the link has fallen silent [s]; then it hangs."""
 
 
-class Ended(Exception):
+class FlightEnded(Exception):
     """The flight can't go on; the text says why, for the operator."""
 
 
-class Sender:
-    """Sends what :class:`groundstation.flight.progress.Progress` has for each frame of a link."""
+class CommandLoop:
+    """Sends what :class:`groundstation.flight.mission_executive.MissionExecutive` has for each frame of a link."""
 
     def __init__(
         self,
         link: CommandLink,
         pilot: Pilot,
-        progress: Progress,
+        progress: MissionExecutive,
         idle_n: float,
         on_tick: Callable[[Tick], None],
         say: Callable[[str], None],
@@ -81,11 +146,11 @@ class Sender:
         self._warned = {""}
         """What the link warns of that the operator knows."""
         self._pacing = Pacing(link)
-        self._standstill = Standstill()
+        self._stalls = StallDetector()
 
     def pose(self, pose: Pose) -> bool:
         """A pose has come; False where it may have waited while the program stood still, and must not be flown."""
-        if self._standstill.waited(pose.arrival_s):
+        if self._stalls.may_be_stale(pose.arrival_s):
             return False
         self._pilot.pose(pose)
         self._progress.pose(pose)
@@ -116,7 +181,7 @@ class Sender:
         """However far apart frames and poses are, a program that stood still is to notice it."""
         loop = asyncio.get_running_loop()
         while True:
-            self._standstill.look(loop.time())
+            self._stalls.look(loop.time())
             await asyncio.sleep(LOOK_S)
 
     async def _while_the_link_sends(self, work: Awaitable[None]) -> None:
@@ -126,7 +191,7 @@ class Sender:
             await asyncio.wait({task, silent}, return_when=asyncio.FIRST_COMPLETED)
             await asyncio.wait({task}, timeout=AFTERMATH_S)
             if not task.done():
-                raise Ended("the controller hangs: the link has brought the vehicle down without it")
+                raise FlightEnded("the controller hangs: the link has brought the vehicle down without it")
             task.result()
         finally:
             task.cancel()
@@ -140,7 +205,7 @@ class Sender:
         self._pacing.begin()
         while True:
             now = loop.time()
-            self._standstill.look(now)
+            self._stalls.look(now)
             command, tick = progress.command(now)
             if now >= look:
                 look += LINK_LOOK_S
@@ -152,12 +217,12 @@ class Sender:
             if not self._link.send(command):
                 self._ensure_armed(now)  # the link knows it first
                 if progress.state in IN_AIR:
-                    raise Ended(self._why_refused(now, command, last))
+                    raise FlightEnded(self._why_refused(now, command, last))
                 return
             last = now, command
             if tick is not None:
                 self._on_tick(tick)
-                progress.flown(tick)
+                progress.observe(tick)
             progress.left(now)
             if progress.state not in IN_AIR:
                 return
@@ -189,7 +254,7 @@ class Sender:
         """
         status, progress = self._link.status, self._progress
         if status.slept_s > 0.0:
-            raise Ended(f"the computer that sends slept for {status.slept_s:.1f} s: arm anew to fly")
+            raise FlightEnded(f"the computer that sends slept for {status.slept_s:.1f} s: arm anew to fly")
         if status.taken:
             progress.link(status, now)
         if status.state == "armed" or progress.state not in IN_AIR:
@@ -200,8 +265,10 @@ class Sender:
             return
         if status.state == "lost":  # nobody knows whether it is armed still: it may be coming down by itself
             last = f", and the autopilot was in {status.mode} when last heard" if status.mode else ""
-            raise Ended(f"the link is lost: commands have stopped{last}. {status.text}")
-        raise Ended(f"the link is {status.state}, the vehicle armed no longer: commands have stopped. {status.text}")
+            raise FlightEnded(f"the link is lost: commands have stopped{last}. {status.text}")
+        raise FlightEnded(
+            f"the link is {status.state}, the vehicle armed no longer: commands have stopped. {status.text}"
+        )
 
     async def _stop_motors(self) -> None:
         """Hold zero thrust on the floor until the autopilot has disarmed."""
@@ -215,7 +282,9 @@ class Sender:
                     break
                 except LinkError as error:
                     if loop.time() > give_up:
-                        raise Ended(f"landed at zero thrust, but the autopilot will not disarm: {error}") from error
+                        raise FlightEnded(
+                            f"landed at zero thrust, but the autopilot will not disarm: {error}"
+                        ) from error
                     await asyncio.sleep(0.5)
         finally:
             zeros.cancel()

@@ -1,9 +1,14 @@
-"""Moves the mission on: what is flown as a state begins, and what ends it. Sans-IO: the caller owns time and wires."""
+"""Mission executive: moves the mission on: what is flown as a state begins, and what ends it. Sans-IO.
+
+The caller owns time and wires.
+"""
 
 import math
 from collections.abc import Callable
+from typing import NamedTuple
 
 from groundstation.core import Pilot, Tick
+from groundstation.core.geometry import Vec3
 from groundstation.core.messages import Others, Pose
 from groundstation.core.mission import FINAL, IN_AIR, TABLE, Event, Mission, State
 from groundstation.core.safety import (
@@ -12,27 +17,207 @@ from groundstation.core.safety import (
     Conviction,
     Escalation,
     Fence,
-    Finding,
+    GuardAction,
+    GuardFinding,
     Guards,
+    Hover,
     Parole,
     Separation,
     Since,
     Spool,
     SpoolUp,
-    Standing,
-    Step,
+    StandingPoses,
+    Touchdown,
     charge_age,
     charge_lateness,
     limit_n,
 )
-from groundstation.core.trajectory import Reference
-from groundstation.flight.course import Course, Leg
-from groundstation.flight.pacing import LAST_CHANCE_S
+from groundstation.core.trajectory import Blend, Chain, Hold, Limits, Reference, Trajectory, blend, run_in, stop
 from groundstation.settings import Config
 from links.core import Command, LinkStatus
 
+LAST_CHANCE_S = 0.004
+"""So long before a command's deadline does the next one leave [s]."""
+AT_REST_M_S = 0.02
+"""Slower than this a reference need not be stopped first [m/s]."""
+FAST_M_S2 = 2.0
+"""What leaves the floor faster than it is to climb may be slowed down so hard, rather than climb too high [m/s²]."""
+ASTRAY_M = 0.3
+"""A landing begins where the vehicle is, where that is farther from the reference [m]: what holds it below would let it
+shoot up to where it should have been."""
+HEARTBEAT_S = 0.4
+"""By then an autopilot, which is asked as suspicion begins, has told of a mode that somebody else has chosen [s]."""
+SILENT_S, LOST_S = 0.15, 3.0
+"""A vehicle that tells how it turns, and has been silent for so long [s], may not hear us either; for longer than the
+second, it only tells no more."""
+LAST_PERIODS = 2.5
+"""The last command holds for so many periods: it must reach the next frame of a pacer, which its own leads."""
+DISARMED_HEIGHT_M = 0.2
+"""An autopilot that disarms below this height while we come down has felt the floor [m]."""
 
-class Progress:
+
+class Leg(NamedTuple):
+    """A reference, and when its time 0 is."""
+
+    trajectory: Trajectory
+    start_s: float
+    """On the event loop's clock [s]."""
+
+
+class MissionMove(NamedTuple):
+    """An event of the mission, and why."""
+
+    event: Event
+    reason: str
+    fault: bool = False
+    """Whether this is not how the flight was meant to go."""
+
+
+class Course:
+    """What is flown in each state of the mission: climb, hold, onto the trajectory and along it, back, and down."""
+
+    def __init__(self, config: Config) -> None:
+        """Nothing is flown yet."""
+        self._config = config
+        self._trajectory = config.trajectory.build()
+        takeoff = config.takeoff
+        self._transit = Limits(takeoff.transit_m_s, takeoff.transit_m_s2)
+        self._climb = Limits(takeoff.climb_m_s, takeoff.transit_m_s2)
+        self._home: Vec3 | None = None
+        self._waits = False
+        self._hover = Hover()
+        self._touchdown = Touchdown(config.weight_n)
+
+    @property
+    def home_ned(self) -> Vec3 | None:
+        """Where it stood before take-off [m]; None where it started in the air."""
+        return self._home
+
+    def stood(self, place_ned: Vec3) -> None:
+        """It takes off from here [m]."""
+        self._home = place_ned
+
+    def at_once(self, time_s: float) -> Leg:
+        """The trajectory from its beginning, wherever the vehicle is: for one that is let go in the air."""
+        return Leg(self._trajectory, time_s)
+
+    def leg(self, event: Event, state: State, now: Reference, time_s: float) -> Leg:
+        """What is flown from the motion ``now`` on at ``time_s`` [s], as ``event`` leads to ``state``."""
+        match state:
+            case State.TAKEOFF:
+                climb = self._climb
+                if math.hypot(*now.velocity_ned) > climb.speed_m_s:
+                    climb = Limits(climb.speed_m_s, max(climb.acceleration_m_s2, FAST_M_S2))
+                return self._above(now.position_ned, now, time_s, climb, halts=False)
+            case State.TRACKING:
+                return _leg(self.entry(now), self._trajectory, time_s)
+            case State.RETURNING:
+                return self._above(self._home, now, time_s, self._transit, halts=True)
+            case State.LANDING:
+                return self._down(now, time_s)
+            case _:
+                self._waits, self._hover = event is Event.HOLD, Hover()
+                return Leg(stop(now, self._transit), time_s)
+
+    def entry(self, now: Reference) -> list[Blend]:
+        """The ways from ``now`` onto the beginning of the trajectory, which is met in its own motion."""
+        ways = self._halt(now)
+        begin = run_in(self._trajectory.at(0.0), self._transit)
+        at_rest = now if not ways else ways[-1].at(ways[-1].duration_s)
+        return [*ways, blend(at_rest, begin.at(0.0), self._transit), begin]
+
+    def over(self, state: State, tick: Tick) -> MissionMove | None:
+        """What ends ``state``, by one more command in it; None while it goes on."""
+        match state:
+            case State.TAKEOFF:
+                return MissionMove(Event.CLIMBED, "at height: holding") if tick.flight_time_s >= 0.0 else None
+            case State.HOLD:
+                return self._check_hover(tick)
+            case State.TRACKING:
+                return self._check_duration(tick)
+            case State.RETURNING:
+                return MissionMove(Event.HOME, "over the place of take-off") if tick.flight_time_s >= 0.0 else None
+            case State.LANDING | State.DESCENT:
+                return MissionMove(Event.TOUCHDOWN, "touched down") if self._touches_down(state, tick) else None
+            case _:
+                return None
+
+    def _touches_down(self, state: State, tick: Tick) -> bool:
+        motion = tick.estimate.motion
+        down = motion.position[2]
+        height, behind = self._config.flight.floor_z_m - down, tick.reference.position_ned[2] - down
+        if state is State.DESCENT:
+            behind = math.inf
+        pose_m, sinks_m_s = self._config.flight.floor_z_m - tick.pose.position_ned[2], tick.reference.velocity_ned[2]
+        stands = self._touchdown.stands(tick.pose, pose_m, sinks_m_s)
+        felt = self._touchdown.update(tick.time_s, tick.command.thrust_n, motion.velocity[2], height, behind)
+        return stands or felt
+
+    def _check_hover(self, tick: Tick) -> MissionMove | None:
+        """After the climb: on to the trajectory, or down again where the hover thrust is not this vehicle's."""
+        hold_s, weight = self._config.takeoff.hold_s, self._config.weight_n
+        if tick.flight_time_s > 0.5 * hold_s:  # the climb has died away
+            self._hover.see(tick.command.thrust_n)
+        hover = self._hover.thrust_n
+        if self._waits or tick.flight_time_s < hold_s or hover is None:
+            return None
+        self._touchdown = Touchdown(hover)
+        low, high = self._config.vehicle.hover_range
+        says = f"it hovers at {hover:.4g} N, {100.0 * hover / weight:.0f} % of its weight"
+        if low <= hover / weight <= high:
+            return MissionMove(Event.TRACK, f"{says}: onto the trajectory")
+        return MissionMove(
+            Event.LAND,
+            f"{says}; vehicle.hover_range allows {100.0 * low:.0f} to {100.0 * high:.0f} %: check mass_kg, "
+            "thrust_max_n, battery and propellers",
+            fault=True,
+        )
+
+    def _check_duration(self, tick: Tick) -> MissionMove | None:
+        duration = self._config.flight.duration_s
+        if duration is None or tick.flight_time_s < duration:
+            return None
+        back = Event.LAND if self._home is None else Event.RETURN
+        return MissionMove(back, f"{duration:g} s are flown")
+
+    def _halt(self, now: Reference) -> list[Blend]:
+        """To rest, where ``now`` is not."""
+        return [stop(now, self._transit)] if math.hypot(*now.velocity_ned) > AT_REST_M_S else []
+
+    def _above(self, place: Vec3 | None, now: Reference, time_s: float, limits: Limits, *, halts: bool) -> Leg:
+        """To rest above ``place``, at the height of the take-off; without one, above where it stops."""
+        ways = self._halt(now) if halts else []
+        at_rest = now if not ways else ways[-1].at(ways[-1].duration_s)
+        north, east, _ = place or at_rest.position_ned
+        above = (north, east, self._config.flight.floor_z_m - self._config.takeoff.height_m)
+        ways.append(blend(at_rest, Reference(above, yaw_rad=at_rest.yaw_rad), limits))
+        return _leg(ways, Hold(above, at_rest.yaw_rad), time_s)
+
+    def _down(self, now: Reference, time_s: float) -> Leg:
+        """Stop, then sink without a step of the speed; slowly from the approach height on, and on through the floor."""
+        landing, flight = self._config.landing, self._config.flight
+        ways = self._halt(now)
+        if ways:
+            now = ways[-1].at(ways[-1].duration_s)
+        slow, low = (0.0, 0.0, landing.touchdown_m_s), flight.floor_z_m - landing.approach_m
+        north, east, down = now.position_ned
+        if down < low - landing.approach_m:
+            limits = Limits(flight.descent_m_s, self._transit.acceleration_m_s2)
+            ways.append(blend(now, Reference((north, east, low), slow, yaw_rad=now.yaw_rad), limits))
+        else:  # near the floor: only take up the speed
+            here = run_in(Reference(now.position_ned, slow, yaw_rad=now.yaw_rad), self._transit)
+            way = now.position_ned[2] - here.position_at(0.0)[2]
+            ways.append(Blend(now, Reference((north, east, down + way), slow, yaw_rad=now.yaw_rad), here.duration_s))
+        end = ways[-1].at(ways[-1].duration_s)
+        on = Blend(end, ways[-1].at(ways[-1].duration_s + 1.0), 1.0)  # at that speed, and on and on
+        return _leg(ways, on, time_s)
+
+
+def _leg(ways: list[Blend], last: Trajectory, time_s: float) -> Leg:
+    return Leg(Chain(ways, last), time_s + sum(way.duration_s for way in ways))
+
+
+class MissionExecutive:
     """One flight's mission, with the pilot that flies it. Times are on the event loop's clock [s]."""
 
     def __init__(
@@ -69,7 +254,7 @@ class Progress:
         self._on_state = on_state
         self._mission = Mission()
         self._course = Course(config)
-        self._standing = Standing()
+        self._standing = StandingPoses()
         self._spooling: SpoolUp | None = None
         guards = config.guards
         self._fence = fence = None if config.fence is None else Fence(config.fence, config.flight.floor_z_m)
@@ -100,7 +285,7 @@ class Progress:
         return self._mission.reason
 
     @property
-    def standing(self) -> Standing:
+    def standing(self) -> StandingPoses:
         """The poses before take-off."""
         return self._standing
 
@@ -138,7 +323,7 @@ class Progress:
             rest = 0.0 if self._guards is None else self._config.guards.level_s
             self._pilot.descend(self._config.flight.descent_m_s, blind=blind, rest_s=rest)
         elif event is Event.TRACK:
-            self._escalation.eased()
+            self._escalation.reset()
             self._follow(self._course.leg(event, state, *self._motion(now_s)))
         elif event is Event.ARMED:
             self._spool_up(now_s)
@@ -155,7 +340,7 @@ class Progress:
             self._follow(self._course.leg(Event.ARMED, State.TAKEOFF, *self._motion(now_s)))
             spooling = None
         if spooling is None:
-            if self._accused(now_s):
+            if self._find_charge(now_s):
                 self._on_conviction()
                 return self._pilot.surrender(now_s, LAST_PERIODS * self._period_s()), None
             self._ensure_pose(now_s)
@@ -174,7 +359,7 @@ class Progress:
         if self._charge is not None:
             self.go(Event.ABORT, self._charge.reason, now_s, fault=True)
 
-    def _accused(self, now_s: float) -> bool:
+    def _find_charge(self, now_s: float) -> bool:
         """Whether the poses are not believed any more."""
         if self._guards is None:
             return False
@@ -188,7 +373,7 @@ class Progress:
             self._pilot.monitor.restart()  # the link stalls: who does not hear the commands can't obey them
         evidence = self._pilot.evidence
         doubts = self._doubts(now_s) if max(evidence) >= WITNESS else None
-        led = self._pilot.monitor.led(now_s)
+        led = self._pilot.monitor.is_led(now_s)
         charge = self._conviction.look(evidence, now_s, led=led, doubted=doubts is True)
         # Where its own attitude agrees, a pilot may have taken over: it is asked for its mode, and that takes a moment.
         patient = charge is not None and doubts is False and evidence.attitude == max(evidence)
@@ -207,13 +392,13 @@ class Progress:
             return None
         return self._parole.charge(now_s)
 
-    def flown(self, tick: Tick) -> None:
+    def observe(self, tick: Tick) -> None:
         """One command of the controller has left: is the state over?"""
         self.tick = tick
         guards = self._guards
         if guards is not None:
             finding = guards.see(tick, self.state, self._pilot.diverged_m)
-            if finding is None or finding.step is Step.WARN:
+            if finding is None or finding.step is GuardAction.WARN:
                 self._warn("" if finding is None else f"warning: {finding.reason}")
             else:
                 self._answer(finding, tick.time_s)
@@ -237,7 +422,7 @@ class Progress:
             why = f"no pose for {(now_s - pose.time_s) * 1e3:.0f} ms"
             if self.state is not State.DESCENT:
                 self._parole.begin(pose.time_s)
-            self._answer(Finding(Step.DESCEND, why, blind=True), now_s)
+            self._answer(GuardFinding(GuardAction.DESCEND, why, blind=True), now_s)
 
     def _warn(self, says: str) -> None:
         """Say it once, for as long as it lasts."""
@@ -245,12 +430,16 @@ class Progress:
             self._say(says)
         self._warned = says
 
-    def _answer(self, finding: Finding | None, now_s: float) -> None:
+    def _answer(self, finding: GuardFinding | None, now_s: float) -> None:
         """Do what a guard asks for, or the next possible step after it."""
         answer = None if finding is None else self._escalation.answer(finding, now_s)
         if answer is None:
             return
-        for step, event in ((Step.HOLD, Event.HOLD), (Step.LAND, Event.LAND), (Step.DESCEND, Event.DESCEND)):
+        for step, event in (
+            (GuardAction.HOLD, Event.HOLD),
+            (GuardAction.LAND, Event.LAND),
+            (GuardAction.DESCEND, Event.DESCEND),
+        ):
             if step >= answer.step and self.allows(event):
                 if TABLE[self.state, event] is not self.state:
                     self.go(event, answer.reason, now_s, fault=True, blind=answer.blind)
@@ -292,17 +481,3 @@ class Progress:
         self._pilot.follow(leg.trajectory, leg.start_s)
         if self.state is State.TRACKING:
             self.started_s = leg.start_s
-
-
-ASTRAY_M = 0.3
-"""A landing begins where the vehicle is, where that is farther from the reference [m]: what holds it below would let it
-shoot up to where it should have been."""
-HEARTBEAT_S = 0.4
-"""By then an autopilot, which is asked as suspicion begins, has told of a mode that somebody else has chosen [s]."""
-SILENT_S, LOST_S = 0.15, 3.0
-"""A vehicle that tells how it turns, and has been silent for so long [s], may not hear us either; for longer than the
-second, it only tells no more."""
-LAST_PERIODS = 2.5
-"""The last command holds for so many periods: it must reach the next frame of a pacer, which its own leads."""
-DISARMED_HEIGHT_M = 0.2
-"""An autopilot that disarms below this height while we come down has felt the floor [m]."""
