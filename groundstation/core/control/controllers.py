@@ -141,6 +141,8 @@ def _hand_on_old_paths() -> None:
 
 
 def _find_public(path: str, name: str) -> object:
+    if name.startswith("_"):  # what asks every module for its file, say
+        raise AttributeError(name)
     public = RENAMED.get(name, name)
     found: object = getattr(importlib.import_module("groundstation"), public)
     warnings.warn(
