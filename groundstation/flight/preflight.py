@@ -236,16 +236,16 @@ def ensure_named(arm: str | None, config: Config) -> None:
 def confirmation(config: Config, arm: str | None) -> Callable[[], Awaitable[bool]]:
     """Who confirms arming: ``--arm``, or the operator at the terminal."""
 
-    async def told() -> bool:
+    async def confirm_by_option() -> bool:
         return True
 
-    async def asked() -> bool:
+    async def ask_operator() -> bool:
         name = config.vehicle.name
         prompt = f"{name} is ready. Its motors will start. Type its name to arm, anything else to stop: "
         answer = await line_from_terminal(prompt)
         return answer.strip() == name
 
-    return told if arm is not None else asked
+    return confirm_by_option if arm is not None else ask_operator
 
 
 async def line_from_terminal(prompt: str) -> str:

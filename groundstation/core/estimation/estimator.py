@@ -197,7 +197,7 @@ class ModelEstimator:
         value = 1.0
         if self._separates:
             by_thrust = (self._gains.effectiveness_deviation * self._gravity) ** 2
-            weight = by_thrust / (by_thrust + 1.0)  # begun() has the disturbance at 1 m/s²
+            weight = by_thrust / (by_thrust + 1.0)  # initial_covariance() has the disturbance at 1 m/s²
             value = 1.0 / (1.0 + weight * (hover_share - 1.0))
             e = self._effectiveness
             moved = (0.0, 0.0, hover_share * self._gravity)

@@ -283,7 +283,7 @@ def _share(
         for column in zip(*motions, strict=True)
     ]
 
-    def kept(share: float) -> bool:
+    def keeps_limits(share: float) -> bool:
         at_once: Any = compute_demand(PathMotion(*whole).slow_down(share), gravity, ops)
         looks = zip(
             *(column.tolist() for column in at_once[:4]),
@@ -293,9 +293,9 @@ def _share(
         return all(demand.ok for demand in demands(times, map(MotionDemand._make, looks), vehicle, limits))
 
     low, high = 1e-3, 1.0
-    if not kept(low):
+    if not keeps_limits(low):
         return None
     for _ in range(12):
         middle = 0.5 * (low + high)
-        low, high = (middle, high) if kept(middle) else (low, middle)
+        low, high = (middle, high) if keeps_limits(middle) else (low, middle)
     return low
