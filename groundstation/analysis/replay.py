@@ -421,7 +421,7 @@ class ReplayResult(msgspec.Struct, frozen=True):
 class ObedientPilot(Pilot):
     """A pilot whose vehicle may have been told something else."""
 
-    def note_obeyed(self, time_s: float, command: Command) -> None:
+    def obey(self, time_s: float, command: Command) -> None:
         """What left at ``time_s`` [s] was ``command``, whatever was made anew: the vehicle moved by that one."""
         drive = ActuatorCommand(command.thrust_n, command.rates_rad_s)
         self._estimator.add_command(time_s + self._vehicle.command_delay_s, drive)
@@ -586,7 +586,7 @@ class _Replay:
         tick = self._pilot.tick(recorded.time_s)
         was, command = read_command(recorded), tick.command
         if was != command:
-            self._pilot.note_obeyed(recorded.time_s, was)
+            self._pilot.obey(recorded.time_s, was)
         self._comparison.compare("command", recorded.time_s, was, command)
         self._pairs.append(
             CommandPair(

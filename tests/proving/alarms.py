@@ -376,7 +376,7 @@ is [s]."""
 class _Obeying(Pilot):
     """A pilot whose commands somebody else has chosen."""
 
-    def sent(self, time_s: float, drive: ActuatorCommand, interval_s: float) -> None:
+    def obey(self, time_s: float, drive: ActuatorCommand, interval_s: float) -> None:
         """``drive`` left at ``time_s`` [s], so long after the one before."""
         acting = time_s + self._vehicle.command_delay_s
         self._send(acting, drive)
@@ -434,7 +434,7 @@ def _fly_capture(
             continue
         if pilot.newest_pose is None:
             continue
-        pilot.sent(time_s, ActuatorCommand(full_n * shares[index], recording.sent[index].rates), time_s - last_s)
+        pilot.obey(time_s, ActuatorCommand(full_n * shares[index], recording.sent[index].rates), time_s - last_s)
         last_s = time_s
         looked = conviction.look(pilot.evidence, time_s, led=pilot.monitor.is_led(time_s))
         if conviction.says.startswith("suspicion"):
