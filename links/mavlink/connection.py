@@ -445,6 +445,8 @@ class MavlinkConnection:
 
     def _sign(self, loop: asyncio.AbstractEventLoop) -> None:
         if self._config.signing_key_file is not None and self._signing is None:
+            from links.mavlink.signing_key import Signing  # hashlib is for who signs
+
             try:
                 self._signing = Signing(Path(self._config.signing_key_file), loop.time)
             except ValueError as error:

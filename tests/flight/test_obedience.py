@@ -28,6 +28,9 @@ EXCITED_MS, CALM_MS = 400.0, 1100.0
 """So soon a picture that stands still is found out: where a course excites the vehicle, and in a calm hold."""
 FORWARDS = "link.forward.enabled=true"
 
+ENDS = (CONVICTED, "suspicion: the position")
+"""How the line begins that says why poses end a flight."""
+
 
 class Cell(NamedTuple):
     """One cell of the deck, with all that was recorded of it."""
@@ -41,10 +44,12 @@ class Cell(NamedTuple):
         return [one.text for one in self.records if isinstance(one, LineRecord)]
 
     @property
-    def convicted_s(self) -> float:
-        """When the poses were convicted [s]."""
+    def ended_s(self) -> float:
+        """When the poses ended the flight [s]."""
         return next(
-            one.time_s for one in self.records if isinstance(one, LineRecord) and one.text.startswith(CONVICTED)
+            one.time_s
+            for one in self.records
+            if isinstance(one, LineRecord) and one.state in FINAL and one.text.startswith(ENDS)
         )
 
 
@@ -90,23 +95,21 @@ def test_a_picture_that_stands_still_is_found_out_while_the_vehicle_is_near_and_
     for row in rows:
         assert row.answer_ms is not None
         assert row.answer_ms <= within_ms
-        assert row.why.startswith((CONVICTED, "suspicion: the position stands"))
+        assert row.why.startswith(ENDS)
         assert row.sideways_m < SIDEWAYS_M
         assert row.fastest_m_s < FASTEST_M_S
         assert row.safe, row.why
 
 
 @pytest.mark.parametrize("fault", ["frozen", "frozen, radio"])
-def test_no_command_follows_the_one_that_ends_a_convicted_flight(fault: str) -> None:
+def test_no_command_follows_the_one_that_ends_a_flight_for_its_poses(fault: str) -> None:
     cell = flown(fault, "tracking")
     after = [one for one in cell.records if isinstance(one, TickRecord | IdleRecord | SwitchRecord)]
     last = next(i for i, one in enumerate(after) if isinstance(one, SwitchRecord) and one.what == "surrender")
     (command,) = after[last + 1 :]
     assert isinstance(command, IdleRecord)
     assert command.command.bring_down, "down on the model"
-    assert any(
-        one.state in FINAL and one.text.startswith(CONVICTED) for one in cell.records if isinstance(one, LineRecord)
-    )
+    assert any(one.state in FINAL and one.text.startswith(ENDS) for one in cell.records if isinstance(one, LineRecord))
 
 
 @pytest.mark.parametrize("fault", ["frozen", "frozen, radio", "late by 200 ms, fresh"])
@@ -144,7 +147,7 @@ def test_a_vehicle_that_obeys_is_never_convicted(fault: str, state: str) -> None
     assert cell.row.safe, cell.row.why
 
 
-def test_a_conviction_ends_what_the_autopilot_is_told_of_the_poses_and_no_land_rests_on_them() -> None:
+def test_poses_that_end_a_flight_end_what_the_autopilot_is_told_of_them_and_no_land_rests_on_them() -> None:
     cell = flown("frozen", "tracking", FORWARDS)
     codec = MavlinkCodec(1, 1)
     left = [
@@ -154,7 +157,7 @@ def test_a_conviction_ends_what_the_autopilot_is_told_of_the_poses_and_no_land_r
         for message in codec.feed_datagram(one.data)
     ]
     forwarded_s = [time_s for time_s, message in left if message.get_type() == "ODOMETRY"]
-    assert cell.convicted_s - 0.05 < forwarded_s[-1] <= cell.convicted_s
+    assert cell.ended_s - 0.05 < forwarded_s[-1] <= cell.ended_s
     modes_s = [time_s for time_s, message in left if getattr(message, "command", None) == DO_SET_MODE]
     assert modes_s
-    assert modes_s[-1] < cell.convicted_s, "its position may come from the poses that were convicted"
+    assert modes_s[-1] < cell.ended_s, "its position may come from those poses"
