@@ -9,24 +9,16 @@ from groundstation.interfaces.cli import add_completion, build_parser, path
 
 def _fly(parser: argparse.ArgumentParser) -> None:
     _config_arguments(parser)
-    parser.add_argument(
-        "--arm",
-        metavar="VEHICLE_NAME",
-        help="arm this vehicle without asking; it must be the name in the config. THIS MOVES THE VEHICLE",
-    )
+    _arm_argument(parser)
     parser.add_argument(
         "--tui", action="store_true", help="fly in a process of its own, and steer it from the dashboard"
     )
-    parser.add_argument("--theme", choices=["dark", "light", "contrast"], default="dark", help="its colours")
+    _theme_argument(parser)
 
 
 def _daemon(parser: argparse.ArgumentParser) -> None:
     _config_arguments(parser)
-    parser.add_argument(
-        "--arm",
-        metavar="VEHICLE_NAME",
-        help="arm this vehicle without asking; it must be the name in the config. THIS MOVES THE VEHICLE",
-    )
+    _arm_argument(parser)
     parser.add_argument("--once", action="store_true", help="end with the first flight")
     parser.add_argument("--log-format", choices=["text", "logfmt", "json"], default="text", help="default: text")
 
@@ -39,7 +31,7 @@ def _service(parser: argparse.ArgumentParser) -> None:
 def _health(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--vehicle", metavar="NAME", help="not needed where only one is served here")
     parser.add_argument("--socket", type=path, metavar="PATH", help="its status socket, if not the usual one")
-    parser.add_argument("--json", action="store_true", help="print one JSON object instead of a line")
+    _json_argument(parser, "a line")
 
 
 def _fleet(parser: argparse.ArgumentParser) -> None:
@@ -75,7 +67,7 @@ def _doctor(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument("--restore", type=path, metavar="FILE", help="put back the old value that --fix has kept")
     parser.add_argument("--yes", action="store_true", help="do not ask before setting it")
-    parser.add_argument("--json", action="store_true", help="print one JSON object instead of the table")
+    _json_argument(parser, "the table")
 
 
 def _props_off(parser: argparse.ArgumentParser) -> None:
@@ -108,7 +100,7 @@ def _tui(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--screenshot", type=path, metavar="FILE.svg", help="draw LOG.mcap into this file, and end")
     parser.add_argument("--at", type=float, metavar="S", help="begin so many seconds after the recording's start")
     parser.add_argument("--size", default="120x36", metavar="COLSxROWS", help="of the screenshot (default 120x36)")
-    parser.add_argument("--theme", choices=["dark", "light", "contrast"], default="dark", help="its colours")
+    _theme_argument(parser)
     parser.add_argument(
         "--fleet", metavar="URL", help="all vehicles at this broker: mqtts://[USER@]HOST[:PORT][/PREFIX]"
     )
@@ -153,7 +145,7 @@ def _replay(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("file", type=path, metavar="LOG.mcap|FILE.tlog")
     parser.add_argument("--set", action="append", default=[], dest="overrides", metavar="KEY=VALUE")
     parser.add_argument("--config", type=path, metavar="FILE.toml")
-    parser.add_argument("--json", action="store_true", help="print one JSON object instead of the report")
+    _json_argument(parser, "the report")
     parser.add_argument(
         "--trust-modules", action="store_true", help="import the controller's module that LOG names: its code runs here"
     )
@@ -165,7 +157,7 @@ def _logs(parser: argparse.ArgumentParser) -> None:
         "--folder", type=path, metavar="DIR", help="list these instead of recording.folder; as DIR alone"
     )
     parser.add_argument("--tidy", action="store_true", help="first remove what recording.keep_gb and keep_days let go")
-    parser.add_argument("--json", action="store_true", help="print one JSON object instead of the table")
+    _json_argument(parser, "the table")
     parser.set_defaults(now_s=time.time())
 
 
@@ -182,7 +174,7 @@ def _export(parser: argparse.ArgumentParser) -> None:
 
 def _check(parser: argparse.ArgumentParser) -> None:
     _config_arguments(parser)
-    parser.add_argument("--json", action="store_true", help="print one JSON object instead of the list")
+    _json_argument(parser, "the list")
     parser.add_argument("--watch", action="store_true", help="show the pose source live; opens no command link")
     parser.add_argument("--seconds", type=_seconds, metavar="S", help="for how long (with --watch)")
 
@@ -205,12 +197,12 @@ def _identify(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("file", type=path, metavar="LOG.mcap", help="best of trajectory.kind = 'excitation'")
     parser.add_argument("--out", type=path, metavar="FILE.toml", help="write a vehicle file, for vehicle.file")
     parser.add_argument("--page", type=path, metavar="DIR", help="write a page with the fits, and its figures")
-    parser.add_argument("--json", action="store_true", help="print one JSON object instead of the table")
+    _json_argument(parser, "the table")
 
 
 def _trajectory(parser: argparse.ArgumentParser) -> None:
     _config_arguments(parser, optional=True)
-    parser.add_argument("--json", action="store_true", help="print one JSON object instead of the table")
+    _json_argument(parser, "the table")
 
 
 def _states(parser: argparse.ArgumentParser) -> None:
@@ -275,6 +267,22 @@ def _config_arguments(parser: argparse.ArgumentParser, *, optional: bool = False
     parser.add_argument(
         "--set", action="append", default=[], dest="overrides", metavar="KEY=VALUE", help="override one key"
     )
+
+
+def _arm_argument(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument(
+        "--arm",
+        metavar="VEHICLE_NAME",
+        help="arm this vehicle without asking; it must be the name in the config. THIS MOVES THE VEHICLE",
+    )
+
+
+def _json_argument(parser: argparse.ArgumentParser, other: str) -> None:
+    parser.add_argument("--json", action="store_true", help=f"print one JSON object instead of {other}")
+
+
+def _theme_argument(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument("--theme", choices=["dark", "light", "contrast"], default="dark", help="its colours")
 
 
 def _broker_arguments(parser: argparse.ArgumentParser) -> None:

@@ -12,12 +12,12 @@ from textual.pilot import Pilot
 from textual.widget import Widget
 
 from groundstation.config import dump
-from groundstation.core.messages import Ask, Check, Snapshot, Verdict
+from groundstation.core.messages import Ask, Check, Reply, Snapshot, Verdict
 from groundstation.interfaces.api import Server
 from groundstation.interfaces.tui.app import Dashboard
 from groundstation.interfaces.tui.drawing import big, huge
 from groundstation.interfaces.tui.feeds import Attached
-from groundstation.interfaces.tui.model import Feed, FeedAnswer, FlightIdentity, News
+from groundstation.interfaces.tui.model import Feed, FlightIdentity, News
 from groundstation.interfaces.tui.widgets import Banner
 from groundstation.runtime import Latest, StatusConfig
 from groundstation.settings import Config
@@ -38,13 +38,13 @@ class Fixed:
             yield one
         await asyncio.Event().wait()
 
-    async def ask(self, ask: Ask, why: str, vehicle: str = "") -> FeedAnswer:
+    async def ask(self, ask: Ask, why: str, vehicle: str = "") -> Reply:
         raise AssertionError(f"asked for {ask} {why} {vehicle}")
 
-    async def control(self, *, take: bool) -> FeedAnswer:
+    async def control(self, *, take: bool) -> Reply:
         raise AssertionError(f"asked for control: {take}")
 
-    async def set_gain(self, key: str, value: float) -> FeedAnswer:
+    async def set_gain(self, key: str, value: float) -> Reply:
         raise AssertionError(f"asked for {key} = {value}")
 
 

@@ -13,6 +13,7 @@ if TYPE_CHECKING:
         load,
         parse_toml,
         presets,
+        read_toml,
         resolve_files,
     )
     from groundstation.config.schema import (
@@ -46,6 +47,7 @@ _MODULES = {
         "load",
         "parse_toml",
         "presets",
+        "read_toml",
         "resolve_files",
     ),
     "schema": (

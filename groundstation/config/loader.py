@@ -171,15 +171,23 @@ def load(path: Path | None, root: type[T], overrides: Sequence[str] = ()) -> T:
     """
     if path is None:
         return from_dict({}, root, overrides)
+    return from_dict(resolve_files(read_toml(path), path.parent), root, overrides, source=str(path), folder=path.parent)
+
+
+def read_toml(path: Path) -> dict[str, Any]:
+    """What the TOML file ``path`` says.
+
+    Raises:
+        ConfigError: it can't be read, or is not TOML.
+    """
     try:
-        data = parse_toml(path.read_bytes().decode())
+        return parse_toml(path.read_bytes().decode())
     except OSError as error:
         raise ConfigError("", f"cannot read the configuration: {error.strerror}", str(path)) from None
     except UnicodeDecodeError as error:
         raise ConfigError("", f"not UTF-8 text (byte {error.start})", str(path)) from None
     except ValueError as error:
         raise ConfigError("", str(error), str(path)) from None
-    return from_dict(resolve_files(data, path.parent), root, overrides, source=str(path), folder=path.parent)
 
 
 def from_dict(

@@ -29,7 +29,7 @@ from groundstation.flight.prearm import Company, PrearmSequence
 from groundstation.flight.statistics import FlightStatistics
 from groundstation.pose import make_source
 from groundstation.pose.sources import MavlinkPoseConfig
-from groundstation.runtime import Quiet, to_the_end
+from groundstation.runtime import IdleSlots, to_the_end
 from groundstation.settings import Config
 from links import make_link
 from links.core import Attitude, CommandLink, LinkError, TellsMode
@@ -167,7 +167,7 @@ class Flight:
         on_state: Callable[[State, str], None] | None = None,
         pilot: Pilot | None = None,
         others: Others | None = None,
-        quiet: Quiet | None = None,
+        quiet: IdleSlots | None = None,
         company: Company | None = None,
         hold: HoldWatch | None = None,
     ) -> None:
@@ -204,7 +204,7 @@ class Flight:
         )
         self._statistics = FlightStatistics(config, link)
         self._live = LiveGains(config.controller)
-        self._quiet = quiet or Quiet()
+        self._quiet = quiet or IdleSlots()
         if not isinstance(config.pose, MavlinkPoseConfig):  # one that is only heard twice is no second witness
             link.watch_attitude(self._attitude)
         self._prearm = PrearmSequence(

@@ -26,6 +26,7 @@ from groundstation.lab.doctor_advice import (
     judge,
     px4_advice,
 )
+from groundstation.runtime import open_private
 from groundstation.settings import Config
 from links.core import LinkError, LinkLost, LinkRejected, signal
 from links.mavlink import MavlinkConnection, MavlinkLinkConfig
@@ -65,7 +66,7 @@ def save_restore(restore: Restore, folder: Path) -> Path:
         suffix = "" if number == 1 else f"-{number}"
         path = folder / f"restore-{restore.vehicle}-{restore.name}{suffix}.json"
         try:
-            with open(path, "xb", opener=lambda name, flags: os.open(name, flags, 0o600)) as file:
+            with open(path, "xb", opener=open_private) as file:
                 file.write(msgspec.json.encode(restore) + b"\n")
                 file.flush()
                 os.fsync(file.fileno())

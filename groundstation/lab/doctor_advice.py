@@ -12,6 +12,9 @@ import msgspec
 
 from links.mavlink.protocol import MULTIROTORS, AutopilotParameter
 
+HOVER_SHARE = 0.2
+"""How far the hover thrust may be from ours, as a share of it."""
+
 
 class Weight(StrEnum):
     """How much hangs on a parameter."""
@@ -229,10 +232,6 @@ def px4_advice(facts: VehicleFacts) -> list[Advice]:
             reboot=True,
         ),
     ]
-
-
-HOVER_SHARE = 0.2
-"""How far the hover thrust may be from ours, as a share of it."""
 
 
 def ardupilot_advice(facts: VehicleFacts) -> list[Advice]:

@@ -6,7 +6,7 @@ from typing import Annotated, Any, NamedTuple
 
 import msgspec
 
-from groundstation.config import VEHICLE_LETTERS, ConfigError, from_dict, name_pattern, parse_toml, resolve_files
+from groundstation.config import VEHICLE_LETTERS, ConfigError, from_dict, name_pattern, read_toml, resolve_files
 from groundstation.pose import ShowsOthers
 from groundstation.pose.sources import JsonConfig, ViconConfig
 from groundstation.settings import Config
@@ -64,9 +64,9 @@ def read_fleet(path: Path, overrides: Sequence[str] = ()) -> FleetPlan:
     Raises:
         ConfigError: by file, vehicle and key; also where two vehicles would use the same name, object or port.
     """
-    file = from_dict(_table(path), FleetFile, source=str(path))
+    file = from_dict(read_toml(path), FleetFile, source=str(path))
     shared = path.parent / file.config
-    common = _table(shared)
+    common = read_toml(shared)
     whos = [_who(entry, number, path) for number, entry in enumerate(file.vehicles)]
     _ensure_unlike("name", [(who.name, who.name) for who in whos], path)
     _ensure_unlike("object", [(who.name, who.object or who.name) for who in whos], path)
@@ -82,17 +82,6 @@ def read_fleet(path: Path, overrides: Sequence[str] = ()) -> FleetPlan:
         for number, (who, lab) in enumerate(zip(whos, labs, strict=True))
     ]
     return FleetPlan(tuple(members), getattr(labs[0].pose, "listen", None) if relayed else None)
-
-
-def _table(path: Path) -> dict[str, Any]:
-    try:
-        return parse_toml(path.read_bytes().decode())
-    except OSError as error:
-        raise ConfigError("", f"cannot read the configuration: {error.strerror}", str(path)) from None
-    except UnicodeDecodeError as error:
-        raise ConfigError("", f"not UTF-8 text (byte {error.start})", str(path)) from None
-    except ValueError as error:
-        raise ConfigError("", str(error), str(path)) from None
 
 
 def _who(entry: dict[str, Any], number: int, path: Path) -> _Who:

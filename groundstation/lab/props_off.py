@@ -39,7 +39,7 @@ AGAIN_S = 3.0
 """Wait before it is tried again to disarm [s]: the pacer of a radio that was killed holds the port for so long."""
 
 
-class TestStopped(Exception):
+class GuideStopped(Exception):
     """The test can't go on; the text says why."""
 
 
@@ -128,7 +128,7 @@ class Guide:
                     "     The vehicle disarmed itself before the step was over, as one that does not take off does "
                     "(COM_DISARM_PRFLT, DISARM_DELAY). Once more."
                 )
-        raise TestStopped(f"the vehicle disarmed itself {TRIES} times before the step was over: allow it more time")
+        raise GuideStopped(f"the vehicle disarmed itself {TRIES} times before the step was over: allow it more time")
 
     # ---- the steps
 
@@ -202,7 +202,7 @@ class Guide:
             try:
                 news = await hand.until("armed", ARM_S)
             except TimeoutError:
-                raise TestStopped(f"not armed within {ARM_S:g} s") from None
+                raise GuideStopped(f"not armed within {ARM_S:g} s") from None
             self.firmware = news.firmware
             yield hand
         finally:
@@ -299,11 +299,11 @@ class HandProcess:
             while True:
                 news = await self._next()
                 if news is None:
-                    raise TestStopped("the program that holds the vehicle has ended by itself")
+                    raise GuideStopped("the program that holds the vehicle has ended by itself")
                 if news.event == event:
                     return news
                 if news.event == "failed":
-                    raise TestStopped(news.text)
+                    raise GuideStopped(news.text)
 
     async def listen(self, for_s: float) -> None:
         """Hear for a while what is told."""
@@ -400,7 +400,7 @@ async def _guide(config: Config, now_s: float) -> int:
     except NotProven as error:
         _say(f"\nNOT PROVEN: {error}. Do not fly before this test is passed.")
         return Exit.FAULT
-    except TestStopped as error:
+    except GuideStopped as error:
         _say(f"\nThe test can't go on: {error}. Nothing was kept.")
         return Exit.FAULT
     except asyncio.CancelledError:

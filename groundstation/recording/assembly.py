@@ -38,7 +38,7 @@ from groundstation.recording.records import (
     TrajectoryRecord,
     WireRecord,
 )
-from groundstation.runtime import Quiet, Running
+from groundstation.runtime import IdleSlots, Running
 from groundstation.settings import Config
 from links.core import Command, CommandLink
 from links.io import open_serial_connection
@@ -293,7 +293,7 @@ class RecordedFlight(Flight):
         on_event: Callable[[str], None] | None = None,
         on_state: Callable[[State, str], None] | None = None,
         others: Others | None = None,
-        quiet: Quiet | None = None,
+        quiet: IdleSlots | None = None,
         company: Company | None = None,
         hold: HoldWatch | None = None,
     ) -> None:
@@ -394,7 +394,7 @@ def make_flight(
     wires: Mapping[str, Any] | None = None,
     give: Give | None = None,
     on_state: Callable[[State, str], None] | None = None,
-    quiet: Quiet | None = None,
+    quiet: IdleSlots | None = None,
     running: Callable[[], Sequence[Running]] = tuple,
 ) -> Flight:
     """The parts that ``config`` names, put together; nothing is opened yet.
@@ -434,7 +434,7 @@ def make_flight(
 
 @asynccontextmanager
 async def recorder(
-    config: Config, say: Callable[[str], None], quiet: Quiet, keep: Callable[[], bool] = lambda: True
+    config: Config, say: Callable[[str], None], quiet: IdleSlots, keep: Callable[[], bool] = lambda: True
 ) -> AsyncIterator[Give | None]:
     """What records a flight in real time, in a process of its own; None where ``recording.enabled`` is false.
 

@@ -10,7 +10,7 @@ from contextlib import suppress
 import msgspec
 
 from groundstation.recording.records import About, LossRecord, Record
-from groundstation.runtime import Quiet, RecordingConfig
+from groundstation.runtime import IdleSlots, RecordingConfig
 from links.core import make_child_command
 
 PIPE_BYTES = 1 << 20
@@ -37,11 +37,11 @@ class RecorderProcess:
     """Begins to record as it is made; belongs to one event loop."""
 
     def __init__(
-        self, config: RecordingConfig, about: About, say: Callable[[str], None], quiet: Quiet | None = None
+        self, config: RecordingConfig, about: About, say: Callable[[str], None], quiet: IdleSlots | None = None
     ) -> None:
         """Start the process; ``say`` takes what it tells the operator. Records are handed over when it is ``quiet``."""
         self._say = say
-        self._quiet = quiet or Quiet()
+        self._quiet = quiet or IdleSlots()
         self._loop = asyncio.get_running_loop()
         self._encoder = msgspec.msgpack.Encoder()
         self._backlog = bytearray()

@@ -3,10 +3,10 @@
 TYPE_CHECKING = False
 if TYPE_CHECKING:
     from groundstation.runtime.broadcast import Latest
-    from groundstation.runtime.clock import Quiet, precise_loop, sleep_until, to_the_end, wall_ms
+    from groundstation.runtime.clock import IdleSlots, precise_loop, sleep_until, to_the_end, wall_ms
     from groundstation.runtime.document import replace_between_markers, split_at_markers
     from groundstation.runtime.entry import INTERRUPTED, Exit, raw_stream, require_matplotlib, run
-    from groundstation.runtime.line_writer import LineWriter
+    from groundstation.runtime.non_blocking_writer import NonBlockingWriter
     from groundstation.runtime.recordings import (
         RecordingConfig,
         folder_of,
@@ -45,10 +45,10 @@ if TYPE_CHECKING:
 
 _MODULES = {
     "broadcast": ("Latest",),
-    "clock": ("Quiet", "precise_loop", "sleep_until", "to_the_end", "wall_ms"),
+    "clock": ("IdleSlots", "precise_loop", "sleep_until", "to_the_end", "wall_ms"),
     "document": ("replace_between_markers", "split_at_markers"),
     "entry": ("Exit", "INTERRUPTED", "raw_stream", "require_matplotlib", "run"),
-    "line_writer": ("LineWriter",),
+    "non_blocking_writer": ("NonBlockingWriter",),
     "recordings": (
         "RecordingConfig",
         "folder_of",

@@ -76,7 +76,7 @@ WITHIN_S = 0.05
 """Where no command leaves, it is done after so long all the same [s]."""
 
 
-class Quiet:
+class IdleSlots:
     """When work that can wait is done: just after a command has left, as the next pose is then farthest away.
 
     For one flight, or one after the other. Belongs to one event loop.

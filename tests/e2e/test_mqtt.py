@@ -16,8 +16,9 @@ import pytest
 
 from groundstation.config import ConfigError
 from groundstation.core.messages import Snapshot
+from groundstation.interfaces.api import new_events
 from groundstation.interfaces.mqtt import heed_cancellation, publish_forever
-from groundstation.interfaces.mqtt.messages import EventMessage, new_events
+from groundstation.interfaces.mqtt.messages import EventMessage
 from groundstation.runtime import Latest
 from groundstation.settings import MqttConfig
 from tests.sample_flight import sample

@@ -5,13 +5,13 @@ import pty
 import time
 from pathlib import Path
 
-from groundstation.runtime import LineWriter
-from groundstation.runtime.line_writer import LINE_MAX_BYTES
+from groundstation.runtime import NonBlockingWriter
+from groundstation.runtime.non_blocking_writer import LINE_MAX_BYTES
 
 
 def test_lines_come_out_as_they_were_said() -> None:
     reading, writing = os.pipe()
-    outlet = LineWriter(writing)
+    outlet = NonBlockingWriter(writing)
     outlet.say("one")
     outlet.say("zwei ü")
     assert os.read(reading, 4096).decode() == "one\nzwei ü\n"
@@ -20,7 +20,7 @@ def test_lines_come_out_as_they_were_said() -> None:
 
 def test_a_full_pipe_loses_lines_and_tells_how_many_once_it_is_read() -> None:
     reading, writing = os.pipe()
-    outlet = LineWriter(writing)
+    outlet = NonBlockingWriter(writing)
     for number in range(100):
         outlet.say(f"{number} " + "x" * 2000)
     assert outlet.lost > 50
@@ -32,7 +32,7 @@ def test_a_full_pipe_loses_lines_and_tells_how_many_once_it_is_read() -> None:
 
 def test_a_terminal_that_is_held_by_control_s_is_not_waited_for() -> None:
     ours, theirs = pty.openpty()
-    outlet = LineWriter(theirs)
+    outlet = NonBlockingWriter(theirs)
     outlet.say("before")
     os.write(ours, b"\x13")  # Ctrl-S
     begun = time.monotonic()
@@ -57,14 +57,14 @@ def test_a_terminal_that_is_held_by_control_s_is_not_waited_for() -> None:
 
 def test_a_reader_that_has_gone_and_a_descriptor_that_is_closed_are_borne(tmp_path: Path) -> None:
     reading, writing = os.pipe()
-    outlet = LineWriter(writing)
+    outlet = NonBlockingWriter(writing)
     os.close(reading)
     outlet.say("nobody")
     os.close(writing)
     outlet.say("nothing")
-    LineWriter(writing).say("nothing at all")
+    NonBlockingWriter(writing).say("nothing at all")
     with (tmp_path / "file").open("w") as file:
-        kept = LineWriter(file.fileno())
+        kept = NonBlockingWriter(file.fileno())
         kept.say("x" * 2 * LINE_MAX_BYTES)
         kept.say("y")
     first, second = (tmp_path / "file").read_text().splitlines()

@@ -16,7 +16,7 @@ import pytest
 from textual.pilot import Pilot
 
 from groundstation.config import ConfigError
-from groundstation.interfaces.tui.command import served_socket
+from groundstation.interfaces.tui.app import served_socket
 from groundstation.interfaces.tui.drawing import big
 from groundstation.interfaces.tui.widgets import Banner, ErrorHistory, Events, InTime, Numbers, Preflight, TopView
 from tests.dashboards import Fixed, Stage, flown, on_ground, play, says, standing, text, until

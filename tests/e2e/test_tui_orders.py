@@ -9,13 +9,12 @@ from textual.pilot import Pilot
 from textual.screen import ModalScreen
 from textual.widgets import Input
 
-from groundstation.core.messages import Ask
-from groundstation.interfaces.api.command import StopReport
+from groundstation.core.messages import Ask, Reply
+from groundstation.interfaces.api.client import StopReport
 from groundstation.interfaces.tui import app as ordering
 from groundstation.interfaces.tui import model as feed
 from groundstation.interfaces.tui.app import Dashboard
 from groundstation.interfaces.tui.feeds import Attached
-from groundstation.interfaces.tui.model import FeedAnswer
 from groundstation.interfaces.tui.widgets import Help, Knob, Typed
 from tests.dashboards import Fixed, Stage, flown, play, says, standing, told, until
 from tests.sample_flight import sample
@@ -310,7 +309,7 @@ def test_what_starts_or_steers_is_not_ordered_by_what_is_old(stage: Stage) -> No
 
 
 def test_a_ground_station_that_is_not_there_is_told(tmp_path: Path) -> None:
-    async def deaf() -> FeedAnswer:
+    async def deaf() -> Reply:
         feed = Attached(tmp_path / "nobody.sock")
         return await feed.ask(Ask.LAND, "")
 

@@ -9,7 +9,7 @@ import msgspec
 import pytest
 
 from groundstation.flight import make_ends
-from groundstation.lab.props_off import Guide, NotProven, TestStopped
+from groundstation.lab.props_off import Guide, GuideStopped, NotProven
 from groundstation.lab.props_off_hand import News, disarm, hold, idle_n
 from groundstation.settings import Config
 from links.mavlink.protocol import MavlinkCodec
@@ -202,7 +202,7 @@ class ScriptedHand:
                 if news.event == event:
                     return news
                 if news.event == "failed":
-                    raise TestStopped(news.text)
+                    raise GuideStopped(news.text)
             await asyncio.sleep(1e6)
         raise AssertionError
 
@@ -322,7 +322,7 @@ def test_a_vehicle_that_disarms_itself_too_early_has_the_step_once_more() -> Non
     assert len(scene.hands) == 6
     assert any("Once more" in line for line in scene.said)
     scene = Scene([[], early, early, early])
-    with pytest.raises(TestStopped, match="disarmed itself 3 times"):
+    with pytest.raises(GuideStopped, match="disarmed itself 3 times"):
         scene.run()
 
 
@@ -374,6 +374,6 @@ def test_a_hand_that_cannot_arm_ends_it_and_nothing_is_disarmed_that_it_did_not_
         return hand
 
     scene.open = refused  # type: ignore[method-assign]
-    with pytest.raises(TestStopped, match="somebody else"):
+    with pytest.raises(GuideStopped, match="somebody else"):
         scene.run()
     assert len(scene.hands) == 1

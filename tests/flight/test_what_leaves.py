@@ -14,7 +14,7 @@ from groundstation.core.safety import GuardsConfig
 from groundstation.flight import Flight, hold_to_run
 from groundstation.flight.command_loop import DRAIN_S, LINK_LOOK_S, STALL_S
 from groundstation.flight.mission_executive import LAST_CHANCE_S
-from groundstation.interfaces.api.command import STOP_ANSWER_S
+from groundstation.interfaces.api.client import STOP_ANSWER_S
 from groundstation.lab.props_off import STOP_S
 from groundstation.recording import make_flight
 from groundstation.settings import FlightConfig

@@ -4,7 +4,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from groundstation.core.messages import Ask, Reply, Request
-from groundstation.interfaces.mqtt.messages import RequestMessage
+from groundstation.interfaces.mqtt.messages import SealedRequest
 from groundstation.interfaces.mqtt.requests import (
     ClientKey,
     Gatekeeper,
@@ -66,7 +66,7 @@ def test_what_is_sealed_opens_and_only_for_its_vehicle(why: str, number: int, ex
     if len(data) > 1024:
         assert request == "oversized"
         return
-    assert isinstance(request, RequestMessage)
+    assert isinstance(request, SealedRequest)
     assert (request.why, request.id, request.expires_ms, request.ask) == (why, number, expires_ms, ask)
     assert is_sealed(request, KEY, PLACE)
     assert not is_sealed(request, KEY, Place("lab", "mqx2"))

@@ -11,7 +11,7 @@ from groundstation.core.messages import Ask, Reply, Request
 from groundstation.interfaces.api.desk import ANYONE, Party
 from groundstation.interfaces.api.desk import Desk as ControlDesk
 from groundstation.interfaces.api.messages import ClientOrder
-from groundstation.interfaces.mqtt.messages import RequestMessage
+from groundstation.interfaces.mqtt.messages import SealedRequest
 from groundstation.interfaces.mqtt.requests import (
     ANY_BURST,
     CLIENT_BURST,
@@ -86,7 +86,7 @@ def test_a_sealed_request_is_done_and_its_answer_is_sealed(desk: Desk) -> None:
 
 
 def test_the_seal_is_what_the_documents_say() -> None:
-    request = msgspec.json.decode(sealed(7, why="wind"), type=RequestMessage)
+    request = msgspec.json.decode(sealed(7, why="wind"), type=SealedRequest)
     lines = f"groundstation request 1\nlab\nmqx\n{SESSION}\ntablet\n7\nland\n{NOW_MS + 3000}\nwind"
     assert request.mac == hmac.new(KEY, lines.encode(), "sha256").hexdigest()
 

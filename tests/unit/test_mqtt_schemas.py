@@ -18,10 +18,10 @@ from groundstation.interfaces.mqtt.command import schema_text as text
 from groundstation.interfaces.mqtt.command import schemas, topics_table, write_topics
 from groundstation.interfaces.mqtt.messages import (
     TOPICS,
-    AnswerMessage,
     EventMessage,
     HealthMessage,
-    RequestMessage,
+    SealedAnswer,
+    SealedRequest,
     SessionMessage,
     parse_event,
 )
@@ -44,9 +44,9 @@ PUBLISHED: dict[str, list[bytes]] = {
     "health.json": [msgspec.json.encode(HealthMessage("0.1.0", 1, 2, 0, {"done": 1}))],
     "request-session.json": [msgspec.json.encode(SessionMessage("0" * 32))],
     "request.json": [REQUEST],
-    "answer.json": [seal_answer(KEY, PLACE, msgspec.json.decode(REQUEST, type=RequestMessage), True, "landing")],
+    "answer.json": [seal_answer(KEY, PLACE, msgspec.json.decode(REQUEST, type=SealedRequest), True, "landing")],
 }
-TYPES = (Snapshot, EventMessage, HealthMessage, SessionMessage, RequestMessage, AnswerMessage)
+TYPES = (Snapshot, EventMessage, HealthMessage, SessionMessage, SealedRequest, SealedAnswer)
 
 
 def test_the_files_are_what_the_command_writes() -> None:
@@ -107,7 +107,7 @@ def test_the_program_that_the_document_shows_seals_a_request() -> None:
     shown: dict[str, Any] = {}
     exec(block, shown)  # our own document
     request = decode_request(shown["sealed"](KEY, "lab", "mqx", "0" * 32, "tablet", "land", "too windy").encode())
-    assert isinstance(request, RequestMessage)
+    assert isinstance(request, SealedRequest)
     assert is_sealed(request, KEY, PLACE)
     assert request.why == "too windy"
 

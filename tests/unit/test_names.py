@@ -7,7 +7,7 @@ import pytest
 
 from groundstation.config import ConfigError, from_dict, is_name
 from groundstation.interfaces.mqtt import FleetMonitor
-from groundstation.interfaces.mqtt.messages import RequestMessage
+from groundstation.interfaces.mqtt.messages import SealedRequest
 from groundstation.lab.fleet import Name
 from groundstation.runtime.recordings import RECORDING
 from groundstation.settings import Config
@@ -56,15 +56,15 @@ def test_no_file_topic_or_message_takes_it_either(name: str) -> None:
     assert (list(fleet), fleet.misunderstood) == ([], 1)
     request = {"session": "0" * 32, "client": name, "id": 1, "ask": "land", "expires_ms": 1, "mac": "0" * 64}
     with pytest.raises(msgspec.ValidationError):
-        msgspec.convert(request, RequestMessage)
+        msgspec.convert(request, SealedRequest)
 
 
 @pytest.mark.parametrize(("key", "value"), [("session", "0" * 32 + "\n"), ("mac", "0" * 64 + "\n")])
 def test_a_line_end_is_no_part_of_a_number_in_hex(key: str, value: str) -> None:
     request = {"session": "0" * 32, "client": "tablet", "id": 1, "ask": "land", "expires_ms": 1, "mac": "0" * 64}
-    msgspec.convert(request, RequestMessage)
+    msgspec.convert(request, SealedRequest)
     with pytest.raises(msgspec.ValidationError):
-        msgspec.convert({**request, key: value}, RequestMessage)
+        msgspec.convert({**request, key: value}, SealedRequest)
 
 
 @pytest.mark.parametrize("kind", ["m:f\n", "m\n:f", "-m:f", "..m:f", ":f", "m:"])

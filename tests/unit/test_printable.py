@@ -14,7 +14,7 @@ from groundstation.interfaces.mqtt import FleetMonitor
 from groundstation.interfaces.tui.drawing import row as shown
 from groundstation.interfaces.tui.fleet import fleet_row, vehicle_details
 from groundstation.interfaces.tui.widgets import content
-from groundstation.runtime import LineWriter, entry
+from groundstation.runtime import NonBlockingWriter, entry
 from links.core import printable
 from links.mavlink.protocol import MavlinkCodec, Words
 
@@ -63,7 +63,7 @@ def test_an_autopilots_words_are_letters_from_the_wire_on(text: str) -> None:
 def test_what_a_flight_says_is_one_line_of_letters(text: str) -> None:
     heard, said = os.pipe()
     try:
-        LineWriter(said).say(f"3.2 arming refused: “{text}”")
+        NonBlockingWriter(said).say(f"3.2 arming refused: “{text}”")
         line = os.read(heard, 4096).decode()
     finally:
         os.close(heard)

@@ -1,9 +1,9 @@
-"""Quiet: what can wait has its turn after a command, one thing a command, and is done all the same without one."""
+"""Idle slots: what can wait has its turn after a command, one thing a command, and is done all the same without one."""
 
 import asyncio
 from collections.abc import Coroutine
 
-from groundstation.runtime import Quiet
+from groundstation.runtime import IdleSlots
 from groundstation.runtime.clock import WITHIN_S
 from sim.time import VirtualTimeLoop
 
@@ -15,7 +15,7 @@ def in_virtual_time(scene: Coroutine[None, None, None]) -> None:
 
 def test_each_command_makes_room_for_one_thing_in_the_order_of_asking() -> None:
     async def scene() -> None:
-        quiet, done = Quiet(), list[int]()
+        quiet, done = IdleSlots(), list[int]()
 
         async def work(number: int) -> None:
             await quiet.moment()
@@ -34,7 +34,7 @@ def test_each_command_makes_room_for_one_thing_in_the_order_of_asking() -> None:
 
 def test_nothing_runs_before_whoever_sent_the_command_has_ended_its_turn() -> None:
     async def scene() -> None:
-        quiet, said = Quiet(), list[str]()
+        quiet, said = IdleSlots(), list[str]()
         quiet.moment().add_done_callback(lambda _: said.append("can wait"))
         quiet.begin()
         said.append("what follows the command")
@@ -47,7 +47,7 @@ def test_nothing_runs_before_whoever_sent_the_command_has_ended_its_turn() -> No
 def test_without_commands_nothing_waits_for_long() -> None:
     async def scene() -> None:
         begun = asyncio.get_running_loop().time()
-        await Quiet().moment()
+        await IdleSlots().moment()
         assert WITHIN_S <= asyncio.get_running_loop().time() - begun < WITHIN_S + 0.001
 
     in_virtual_time(scene())
@@ -55,7 +55,7 @@ def test_without_commands_nothing_waits_for_long() -> None:
 
 def test_what_was_called_off_or_has_been_done_takes_no_other_ones_turn() -> None:
     async def scene() -> None:
-        quiet = Quiet()
+        quiet = IdleSlots()
         await quiet.moment()  # past its longest wait
         called_off, meant = quiet.moment(), quiet.moment()
         called_off.cancel()
@@ -67,7 +67,7 @@ def test_what_was_called_off_or_has_been_done_takes_no_other_ones_turn() -> None
 
 def test_on_the_ground_what_is_done_is_forgotten() -> None:
     async def scene() -> None:
-        quiet = Quiet()
+        quiet = IdleSlots()
         for _ in range(100):
             await quiet.moment()
         assert len(quiet._waiting) == 1

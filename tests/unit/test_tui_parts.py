@@ -36,11 +36,11 @@ from groundstation.interfaces.tui.model import (
     FeedTrouble,
     FlightIdentity,
     Holder,
+    Jump,
     Picture,
     Twice,
     gains,
     headline,
-    newer_events,
     possible,
 )
 from groundstation.interfaces.tui.pages import config_rows, histogram_rows, lateness_rows
@@ -292,10 +292,18 @@ def test_events_are_kept_once_each_however_often_they_are_told() -> None:
 
 
 def test_events_that_were_missed_do_not_hide_those_that_come() -> None:
-    assert newer_events(Picture(0.0).events, ("1.0 a",)) == ("1.0 a",)
     picture = Picture(0.0)
     picture.take(changed(events=("1.0 a",)), 0.0)
-    assert newer_events(picture.events, ("7.0 b", "8.0 c")) == ("7.0 b", "8.0 c")
+    picture.take(changed(events=("7.0 b", "8.0 c")), 0.0)
+    assert list(picture.events) == ["1.0 a", "7.0 b", "8.0 c"]
+
+
+def test_after_a_jump_all_events_of_a_snapshot_are_new() -> None:
+    picture = Picture(0.0)
+    picture.take(changed(events=("1.0 a", "2.0 b")), 0.0)
+    picture.take(Jump(), 0.0)
+    picture.take(changed(events=("1.0 a", "2.0 b", "3.0 c")), 0.0)
+    assert list(picture.events) == ["1.0 a", "2.0 b", "3.0 c"]
 
 
 def test_who_holds_control_is_not_known_while_nobody_is_there() -> None:

@@ -2,17 +2,31 @@
 
 TYPE_CHECKING = False
 if TYPE_CHECKING:
-    from groundstation.interfaces.api.client import StationClient, attach, snapshots
-    from groundstation.interfaces.api.command import ask_station, request_command, stop_all, stop_all_command
-    from groundstation.interfaces.api.desk import Core
-    from groundstation.interfaces.api.messages import Control, OrderAnswer, decode
+    from groundstation.interfaces.api.client import (
+        StationClient,
+        ask_station,
+        attach,
+        request_command,
+        snapshots,
+        stop_all,
+        stop_all_command,
+    )
+    from groundstation.interfaces.api.desk import Core, TokenBucket
+    from groundstation.interfaces.api.messages import Control, OrderAnswer, decode, new_events
     from groundstation.interfaces.api.server import Server
 
 _MODULES = {
-    "client": ("StationClient", "attach", "snapshots"),
-    "command": ("ask_station", "request_command", "stop_all", "stop_all_command"),
-    "desk": ("Core",),
-    "messages": ("Control", "OrderAnswer", "decode"),
+    "client": (
+        "StationClient",
+        "ask_station",
+        "attach",
+        "request_command",
+        "snapshots",
+        "stop_all",
+        "stop_all_command",
+    ),
+    "desk": ("Core", "TokenBucket"),
+    "messages": ("Control", "OrderAnswer", "decode", "new_events"),
     "server": ("Server",),
 }
 

@@ -26,6 +26,26 @@ class Core(Protocol):
         ...
 
 
+class TokenBucket:
+    """Allows a burst, and a rate ever after."""
+
+    def __init__(self, rate_hz: float, burst: float) -> None:
+        """Begin full."""
+        self._rate_hz = rate_hz
+        self._burst = self._left = burst
+        self._at_s: float | None = None
+
+    def take(self, now_s: float) -> bool:
+        """Whether one more is allowed at ``now_s``."""
+        elapsed_s = 0.0 if self._at_s is None else max(0.0, now_s - self._at_s)
+        self._left = min(self._burst, self._left + self._rate_hz * elapsed_s)
+        self._at_s = now_s
+        if self._left < 1.0:
+            return False
+        self._left -= 1.0
+        return True
+
+
 class Party:
     """One client, as the operator shall read of it."""
 

@@ -135,6 +135,15 @@ class LineSplitter:
         return found
 
 
+def new_events(before: tuple[str, ...], now: tuple[str, ...]) -> tuple[str, ...]:
+    """The events of ``now`` that follow those of ``before``, both being windows of one growing list."""
+    for start in range(len(before)):
+        tail = before[start:]
+        if now[: len(tail)] == tail:
+            return now[len(tail) :]
+    return now
+
+
 def encode(message: Message) -> bytes:
     """``message`` as a line."""
     if isinstance(message, Refusal):

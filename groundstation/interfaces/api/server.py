@@ -7,7 +7,7 @@ from collections.abc import Callable
 from typing import cast
 
 from groundstation.core.messages import Snapshot
-from groundstation.interfaces.api.desk import Core, Desk, Party
+from groundstation.interfaces.api.desk import Core, Desk, Party, TokenBucket
 from groundstation.interfaces.api.messages import (
     ORDER_MAX_BYTES,
     VERSION,
@@ -19,7 +19,7 @@ from groundstation.interfaces.api.messages import (
     decode_order,
     encode,
 )
-from groundstation.runtime import ApiError, Latest, Quiet, StatusConfig, claim_socket, socket_path
+from groundstation.runtime import ApiError, IdleSlots, Latest, StatusConfig, claim_socket, socket_path
 
 CLIENTS_MAX = 16
 """More clients than this are turned away."""
@@ -27,7 +27,7 @@ BACKLOG_MAX_BYTES = 65536
 """A client that leaves more than this unread, beyond what the kernel holds for it, is dropped."""
 ORDERS_HZ = 20.0
 """So many lines a second are read of a client; more wait in its own socket [1/s]."""
-ORDERS_BURST = 20
+ORDERS_BURST = 20.0
 """So many at once."""
 BAD_MAX = 10
 """A client that has sent so many lines that were no order is dropped; one with a line without an end, at once."""
@@ -45,7 +45,7 @@ class Server:
         latest: Latest[Snapshot],
         core: Core,
         *,
-        quiet: Quiet | None = None,
+        quiet: IdleSlots | None = None,
         pid: int = 0,
         version: str = "",
         config_text: str = "",
@@ -62,7 +62,7 @@ class Server:
         """Lines that were no order, by reason."""
         self._period_s = 1.0 / config.rate_hz
         self._latest = latest
-        self._quiet = quiet or Quiet()
+        self._quiet = quiet or IdleSlots()
         self._hello = encode(StationHello(VERSION, vehicle, pid, version, config_text))
         self._log = log
         self._clients: dict[_AttachedClient, int] = {}  # to the number of the snapshot that it got last
@@ -181,14 +181,12 @@ class _AttachedClient(asyncio.Protocol):
         self._server = server
         self._lines = LineSplitter(ORDER_MAX_BYTES)
         self._waiting: list[bytes | None] = []
-        self._allowance = float(ORDERS_BURST)
-        self._counted_s = 0.0
+        self._allowance = TokenBucket(ORDERS_HZ, ORDERS_BURST)
         self._later: asyncio.TimerHandle | None = None
 
     def connection_made(self, transport: asyncio.BaseTransport) -> None:
         self.transport = cast("asyncio.Transport", transport)
         self.party = Party(_pid(transport))
-        self._counted_s = asyncio.get_running_loop().time()
         if not self._server.attach(self):
             self.transport.abort()
 
@@ -200,10 +198,7 @@ class _AttachedClient(asyncio.Protocol):
         """Take as many lines as it may send by now; until the others are taken, it fills its own socket."""
         loop = asyncio.get_running_loop()
         now = loop.time()
-        self._allowance = min(ORDERS_BURST, self._allowance + ORDERS_HZ * (now - self._counted_s))
-        self._counted_s = now
-        while self._waiting and self._allowance >= 1.0 and not self.transport.is_closing():
-            self._allowance -= 1.0
+        while self._waiting and not self.transport.is_closing() and self._allowance.take(now):
             self._server.order(self._waiting.pop(0), self)
         if self.transport.is_closing():
             self._waiting.clear()

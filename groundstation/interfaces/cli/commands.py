@@ -37,7 +37,7 @@ def fly(args: argparse.Namespace) -> int:
         return fly_with_screen(args, config)
     if args.arm is None and not sys.stdin.isatty():
         raise ConfigError("--arm", f"without a terminal, arming needs --arm {config.vehicle.name}")
-    return fly_command(config, confirmation(config, args.arm), _unwaited())
+    return fly_command(config, confirmation(config, args.arm), _terminal_writer())
 
 
 def daemon(args: argparse.Namespace) -> int:
@@ -70,14 +70,14 @@ def fleet(args: argparse.Namespace) -> int:
     """Fly several vehicles, a core process each; signals reach every one."""
     from groundstation.interfaces.service import fleet_command
 
-    return fleet_command(args, _unwaited())
+    return fleet_command(args, _terminal_writer())
 
 
 def relay(args: argparse.Namespace) -> int:
     """Hand datagrams on until told to end."""
     from groundstation.interfaces.service import relay_command
 
-    return relay_command(args, _unwaited())
+    return relay_command(args, _terminal_writer())
 
 
 def radio(args: argparse.Namespace) -> int:
@@ -87,7 +87,7 @@ def radio(args: argparse.Namespace) -> int:
         raise ConfigError("link.kind", f"expected one of {sorted(RF_CODECS)}: no other link has a radio module here")
     if not 0.0 < args.seconds <= 3600.0:
         raise ConfigError("--seconds", f"expected more than 0 and at most 3600, got {args.seconds:g}")
-    done = asyncio.run(_serve(config.link, config.vehicle.thrust_max_n, args.what, args.seconds, _unwaited()))
+    done = asyncio.run(_serve(config.link, config.vehicle.thrust_max_n, args.what, args.seconds, _terminal_writer()))
     return EXIT_DONE if done else EXIT_ABORTED
 
 
@@ -97,7 +97,7 @@ def rf_bridge(args: argparse.Namespace) -> int:
     from groundstation.runtime import BRIDGE, ApiError, Running, registration
     from links.io import make_key
 
-    say = _unwaited()
+    say = _terminal_writer()
     if args.make_key is not None:
         try:
             make_key(args.make_key)
@@ -335,11 +335,11 @@ def _say(line: str) -> None:
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
 
 
-def _unwaited() -> Say:
+def _terminal_writer() -> Say:
     """Tell the operator in flight: a terminal that stands still (Ctrl-S) or is gone must not hold up a command."""
-    from groundstation.runtime import LineWriter
+    from groundstation.runtime import NonBlockingWriter
 
-    return LineWriter(1).say
+    return NonBlockingWriter(1).say
 
 
 async def _serve(

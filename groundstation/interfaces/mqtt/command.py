@@ -27,7 +27,7 @@ from groundstation.interfaces.mqtt.messages import (
     SESSION,
     STATE,
     TOPICS,
-    AnswerMessage,
+    SealedAnswer,
     SessionMessage,
     Topic,
     properties,
@@ -121,7 +121,7 @@ def ask_command(args: argparse.Namespace) -> int:
 
 async def request_by_mqtt(
     broker: MqttBroker, vehicle: str, client: str, key: bytes, ask: RemoteAsk, why: str = ""
-) -> AnswerMessage:
+) -> SealedAnswer:
     """What the station of ``vehicle`` answers.
 
     Raises:
@@ -148,7 +148,7 @@ class _Asking:
         self._ids: set[int] = set()
         self._state = ""
 
-    async def run(self, connection: "aiomqtt.Client") -> AnswerMessage:
+    async def run(self, connection: "aiomqtt.Client") -> SealedAnswer:
         root = f"{self._place.prefix}/{self._place.vehicle}/"
         await connection.subscribe([(root + topic.name, 1) for topic in (STATE, ANSWER, SESSION)])
         heed_cancellation()

@@ -50,7 +50,7 @@ class SessionMessage(msgspec.Struct, frozen=True):
     """Random; another one after every start of the station."""
 
 
-class RequestMessage(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
+class SealedRequest(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
     """One request."""
 
     session: Session
@@ -69,7 +69,7 @@ class RequestMessage(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_f
     """The seal on it."""
 
 
-class AnswerMessage(msgspec.Struct, frozen=True, kw_only=True):
+class SealedAnswer(msgspec.Struct, frozen=True, kw_only=True):
     """What became of a request that was sealed, new and in time; any other is not answered."""
 
     session: Session
@@ -114,8 +114,8 @@ HEALTH = Topic(
 SESSION = Topic(
     "request/session", SessionMessage, "what requests must name; absent where none are taken", retained=True, quality=1
 )
-REQUEST = Topic("request", RequestMessage, "asks something of the flight; never retained", quality=1, inward=True)
-ANSWER = Topic("answer", AnswerMessage, "what became of it", quality=1, expires_s=10)
+REQUEST = Topic("request", SealedRequest, "asks something of the flight; never retained", quality=1, inward=True)
+ANSWER = Topic("answer", SealedAnswer, "what became of it", quality=1, expires_s=10)
 TOPICS = (STATE, SNAPSHOT, EVENT, HEALTH, SESSION, REQUEST, ANSWER)
 
 
@@ -126,15 +126,6 @@ def parse_event(number: int, line: str) -> EventMessage:
         return EventMessage(number, float(time), text)
     except ValueError:
         return EventMessage(number, 0.0, line)
-
-
-def new_events(before: tuple[str, ...], now: tuple[str, ...]) -> tuple[str, ...]:
-    """The events of ``now`` that follow those of ``before``, both being windows of one growing list."""
-    for start in range(len(before)):
-        tail = before[start:]
-        if now[: len(tail)] == tail:
-            return now[len(tail) :]
-    return now
 
 
 def properties(topic: Topic, expires_s: int | None = None) -> Any:

@@ -17,6 +17,7 @@ import msgspec
 
 from groundstation.config import ConfigError
 from groundstation.core.messages import Ask, Reply, Request, Snapshot
+from groundstation.interfaces.api import new_events
 from groundstation.interfaces.mqtt.broker import (
     HEARD_MAX_BYTES,
     TIMEOUT_S,
@@ -37,7 +38,6 @@ from groundstation.interfaces.mqtt.messages import (
     HealthMessage,
     SessionMessage,
     Topic,
-    new_events,
     parse_event,
     properties,
 )

@@ -25,7 +25,8 @@ from typing import NamedTuple
 import msgspec
 
 from groundstation.core.messages import Ask, RemoteAsk, Reply, Request
-from groundstation.interfaces.mqtt.messages import AnswerMessage, RequestMessage
+from groundstation.interfaces.api import TokenBucket
+from groundstation.interfaces.mqtt.messages import SealedAnswer, SealedRequest
 from links.core import printable
 
 REQUEST_MAX_BYTES = 1024
@@ -45,41 +46,39 @@ def seal_request(  # every field of it
     """The JSON of a request."""
     mac = _seal(key, "request", place, session, client, number, ask, expires_ms, why)
     return msgspec.json.encode(
-        RequestMessage(
-            session=session, client=client, id=number, ask=ask, expires_ms=expires_ms, why=why, mac=mac.hex()
-        )
+        SealedRequest(session=session, client=client, id=number, ask=ask, expires_ms=expires_ms, why=why, mac=mac.hex())
     )
 
 
-def decode_request(data: bytes) -> RequestMessage | str:
+def decode_request(data: bytes) -> SealedRequest | str:
     """The request in ``data``, its seal unchecked; or the reason why there is none: ``oversized``, ``malformed``."""
     if len(data) > REQUEST_MAX_BYTES:
         return "oversized"
     try:
-        return msgspec.json.decode(data, type=RequestMessage)
+        return msgspec.json.decode(data, type=SealedRequest)
     except (msgspec.MsgspecError, UnicodeError, RecursionError):
         return "malformed"
 
 
-def is_sealed(request: RequestMessage, key: bytes, place: Place) -> bool:
+def is_sealed(request: SealedRequest, key: bytes, place: Place) -> bool:
     """Whether whoever has ``key`` has made ``request`` for that vehicle."""
     r = request
     made = _seal(key, "request", place, r.session, r.client, r.id, r.ask, r.expires_ms, r.why)
     return hmac.compare_digest(made.hex(), r.mac)
 
 
-def seal_answer(key: bytes, place: Place, to: RequestMessage, done: bool, says: str) -> bytes:
+def seal_answer(key: bytes, place: Place, to: SealedRequest, done: bool, says: str) -> bytes:
     """The JSON of the answer to a request."""
     mac = _seal(key, "answer", place, to.session, to.client, to.id, _word(done), says)
     return msgspec.json.encode(
-        AnswerMessage(session=to.session, client=to.client, id=to.id, done=done, says=says, mac=mac.hex())
+        SealedAnswer(session=to.session, client=to.client, id=to.id, done=done, says=says, mac=mac.hex())
     )
 
 
-def open_answer(data: bytes, key: bytes, place: Place) -> AnswerMessage | None:
+def open_answer(data: bytes, key: bytes, place: Place) -> SealedAnswer | None:
     """The answer in ``data``; None where it is none, or not of whoever has ``key``."""
     try:
-        a = msgspec.json.decode(data, type=AnswerMessage)
+        a = msgspec.json.decode(data, type=SealedAnswer)
         made = _seal(key, "answer", place, a.session, a.client, a.id, _word(a.done), a.says)
     except (msgspec.MsgspecError, UnicodeError, RecursionError):
         return None
@@ -121,26 +120,6 @@ class Dropped(NamedTuple):
     text: str
 
 
-class Bucket:
-    """Allows a burst, and a rate ever after."""
-
-    def __init__(self, rate_hz: float, burst: float) -> None:
-        """Begin full."""
-        self._rate_hz = rate_hz
-        self._burst = self._left = burst
-        self._at_s: float | None = None
-
-    def take(self, now_s: float) -> bool:
-        """Whether one more is allowed at ``now_s``."""
-        elapsed_s = 0.0 if self._at_s is None else max(0.0, now_s - self._at_s)
-        self._left = min(self._burst, self._left + self._rate_hz * elapsed_s)
-        self._at_s = now_s
-        if self._left < 1.0:
-            return False
-        self._left -= 1.0
-        return True
-
-
 class Gatekeeper:
     """Takes what comes on the request topic of one vehicle."""
 
@@ -166,8 +145,8 @@ class Gatekeeper:
         self._told_s: dict[str, float] = {}
         self._sessions: dict[str, dict[str, int]] = {}
         """Each session that counts, oldest first: who may name it, and the newest number of that client in it."""
-        self._each = {name: Bucket(CLIENT_HZ, CLIENT_BURST) for name in clients}
-        self._any = Bucket(ANY_HZ, ANY_BURST)
+        self._each = {name: TokenBucket(CLIENT_HZ, CLIENT_BURST) for name in clients}
+        self._any = TokenBucket(ANY_HZ, ANY_BURST)
         self._begin()
 
     @property
@@ -220,7 +199,7 @@ class Gatekeeper:
         self.counts["done" if reply.done else "not_possible"] += 1
         return self._answer(client, found, reply)
 
-    def _open_request(self, data: bytes, retained: bool) -> "RequestMessage | Dropped":
+    def _open_request(self, data: bytes, retained: bool) -> "SealedRequest | Dropped":
         """The request in ``data``, where a client has sealed it."""
         if retained:
             return Dropped("retained", "kept by the broker")
@@ -232,7 +211,7 @@ class Gatekeeper:
             return Dropped("unauthenticated", f"it says that it is {request.client!r}")
         return request
 
-    def _find_refusal(self, request: RequestMessage, now_s: float, wall_ms: int) -> "Dropped | None":
+    def _find_refusal(self, request: SealedRequest, now_s: float, wall_ms: int) -> "Dropped | None":
         """Why a sealed request is not obeyed: it is of another session, old, or one too many; None where it is."""
         client = request.client
         whose = f"of {client!r}, to {request.ask}"
@@ -259,7 +238,7 @@ class Gatekeeper:
             return Dropped("expired", f"{whose}: {-left_ms} ms ago, by our clock")
         return None
 
-    def _answer(self, client: ClientKey, request: RequestMessage, reply: Reply) -> bytes:
+    def _answer(self, client: ClientKey, request: SealedRequest, reply: Reply) -> bytes:
         return seal_answer(client.key, self._place, request, reply.done, reply.says)
 
     def _drop(self, what: "Dropped", now_s: float) -> None:

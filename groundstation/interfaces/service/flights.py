@@ -45,8 +45,8 @@ from groundstation.recording import make_flight, recorder
 from groundstation.runtime import (
     ApiError,
     Exit,
+    IdleSlots,
     Latest,
-    Quiet,
     Taken,
     __version__,
     hold_lock,
@@ -70,7 +70,12 @@ class WatchedCore(Core, Protocol):
 
 @asynccontextmanager
 async def crew(
-    config: Config, core: WatchedCore, say: Callable[[str], None], quiet: Quiet | None = None, *, needed: bool = False
+    config: Config,
+    core: WatchedCore,
+    say: Callable[[str], None],
+    quiet: IdleSlots | None = None,
+    *,
+    needed: bool = False,
 ) -> AsyncIterator[Server]:
     """Who watches ``core`` and asks of it: clients of the socket, and MQTT. What fails is told of and left behind.
 
@@ -80,7 +85,7 @@ async def crew(
         ApiError: the socket can't be served, where it is ``needed``.
     """
     latest: Latest[Snapshot] = Latest()
-    quiet = quiet or Quiet()
+    quiet = quiet or IdleSlots()
     server = Server(
         config.status,
         config.vehicle.name,
@@ -121,13 +126,7 @@ async def crew(
         await asyncio.gather(*tasks, return_exceptions=True)
 
 
-async def fly_with_crew(flight: Flight, config: Config, say: Callable[[str], None], quiet: Quiet) -> FlightOutcome:
-    """Run ``flight`` with its crew."""
-    async with crew(config, flight, say, quiet):
-        return await flight.run()
-
-
-async def _publish(core: WatchedCore, latest: Latest[Snapshot], quiet: Quiet) -> None:
+async def _publish(core: WatchedCore, latest: Latest[Snapshot], quiet: IdleSlots) -> None:
     while True:
         latest.put(core.snapshot())
         await asyncio.sleep(0.1)
@@ -162,7 +161,7 @@ class Daemon:
         self._notify = notify
         self._arm = arm
         self._once = once
-        self._quiet = Quiet()
+        self._quiet = IdleSlots()
         self._armed = 0
         self._stop = asyncio.Event()
         self._server: Server | None = None
@@ -387,13 +386,14 @@ def fly_command(config: Config, confirm: Callable[[], Awaitable[bool]], say: Say
 
 async def _fly(config: Config, confirm: Callable[[], Awaitable[bool]], say: Say) -> Exit:
     """Fly until landed or aborted, and land on the first signal."""
-    quiet = Quiet()
+    quiet = IdleSlots()
     async with recorder(config, say, quiet) as give:
         flight = make_flight(config, confirm=confirm, on_event=say, give=give, quiet=quiet, running=running_processes)
         obey(flight.ask, say)
         calm_memory()
         try:
-            outcome = await fly_with_crew(flight, config, say, quiet)
+            async with crew(config, flight, say, quiet):
+                outcome = await flight.run()
         except SourceError:  # ``say`` has told
             return Exit.FAULT
         return Exit.DONE if outcome.state is State.LANDED and not outcome.fault else Exit.FAULT

@@ -15,7 +15,7 @@ import msgspec
 
 from groundstation.config import ConfigError
 from groundstation.core.mission import IN_AIR
-from groundstation.runtime import SERVICES, LineWriter, socket_folder
+from groundstation.runtime import SERVICES, NonBlockingWriter, socket_folder
 
 WRITE_S = 1.0
 """How often it is written [s]."""
@@ -135,23 +135,23 @@ class LogHandler(logging.Handler):
     def __init__(self, number: int, style: Format, *, journal: bool) -> None:
         """``journal``: begin each line with its priority, ``<6>``, as sd-daemon(3) has it."""
         super().__init__()
-        self._outlet = LineWriter(number)
+        self._writer = NonBlockingWriter(number)
         self._style = style
         self._journal = journal
 
     def emit(self, record: logging.LogRecord) -> None:
         """Write one line, or count it as lost."""
         try:
-            lost = self._outlet.lost
+            lost = self._writer.lost
             if lost and self._write(logging.WARNING, f"{lost} log lines were lost: nobody read them"):
-                self._outlet.lost = 0
+                self._writer.lost = 0
             if not self._write(record.levelno, record.getMessage()):
-                self._outlet.lost += 1
+                self._writer.lost += 1
         except Exception:  # noqa: BLE001  # a log must not end a flight
-            self._outlet.lost += 1
+            self._writer.lost += 1
 
     def _write(self, level: int, message: str) -> bool:
-        return self._outlet.write(line_of(level, message, self._style, journal=self._journal))
+        return self._writer.write(line_of(level, message, self._style, journal=self._journal))
 
 
 def line_of(level: int, message: str, style: Format, *, journal: bool) -> str:

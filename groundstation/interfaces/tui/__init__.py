@@ -2,10 +2,10 @@
 
 TYPE_CHECKING = False
 if TYPE_CHECKING:
-    from groundstation.interfaces.tui.command import fly_with_screen, tui_command
+    from groundstation.interfaces.tui.app import fly_with_screen, tui_command
     from groundstation.interfaces.tui.fleet import run_fleet
 
-_MODULES = {"command": ("fly_with_screen", "tui_command"), "fleet": ("run_fleet",)}
+_MODULES = {"app": ("fly_with_screen", "tui_command"), "fleet": ("run_fleet",)}
 
 
 def __getattr__(name: str) -> object:

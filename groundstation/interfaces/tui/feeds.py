@@ -12,11 +12,11 @@ import msgspec
 
 from groundstation.config import parse_toml
 from groundstation.core.geometry import Quat, Vec3
-from groundstation.core.messages import Ask, Certificate, Diagnostics, PoseStatus, Request, Snapshot
+from groundstation.core.messages import Ask, Certificate, Diagnostics, PoseStatus, Reply, Request, Snapshot
 from groundstation.core.mission import State
 from groundstation.core.safety import LIVE, PREFIX
 from groundstation.interfaces.api import Control, OrderAnswer, StationClient, attach
-from groundstation.interfaces.tui.model import KEPT, FeedAnswer, FeedTrouble, FlightIdentity, Holder, Jump, News
+from groundstation.interfaces.tui.model import KEPT, FeedTrouble, FlightIdentity, Holder, Jump, News
 from groundstation.recording import GAIN, Entry, Recording
 from groundstation.runtime import ApiError
 from links.core import Lateness, LinkStatus
@@ -67,26 +67,26 @@ class Attached:
             yield FeedTrouble(self._gone() or trouble)
             await asyncio.sleep(RETRY_S)
 
-    async def ask(self, ask: Ask, why: str, vehicle: str = "") -> FeedAnswer:
+    async def ask(self, ask: Ask, why: str, vehicle: str = "") -> Reply:
         """Ask for ``ask`` now or never."""
         return await self._order(lambda client: client.ask(Request(ask, why), vehicle))
 
-    async def control(self, *, take: bool) -> FeedAnswer:
+    async def control(self, *, take: bool) -> Reply:
         """Take control, or give it back."""
         return await self._order(lambda client: client.take_control() if take else client.give_control())
 
-    async def set_gain(self, key: str, value: float) -> FeedAnswer:
+    async def set_gain(self, key: str, value: float) -> Reply:
         """Change a gain in flight."""
         return await self._order(lambda client: client.set_gains({key: value}))
 
-    async def _order(self, order: Callable[[StationClient], Awaitable[OrderAnswer]]) -> FeedAnswer:
+    async def _order(self, order: Callable[[StationClient], Awaitable[OrderAnswer]]) -> Reply:
         if self._client is None:
-            return FeedAnswer(done=False, says="NOT SENT: no ground station is there")
+            return Reply(done=False, says="NOT SENT: no ground station is there")
         try:
             answer = await order(self._client)
         except ApiError as error:
-            return FeedAnswer(done=False, says=f"NO ANSWER, it may not have been heard: {error}")
-        return FeedAnswer(answer.done, answer.says)
+            return Reply(done=False, says=f"NO ANSWER, it may not have been heard: {error}")
+        return Reply(answer.done, answer.says)
 
     def _close(self) -> None:
         client, self._client = self._client, None
@@ -103,7 +103,7 @@ TURN_S = 0.1
 """How often it looks whether something is to be shown [s]."""
 WIND_S = 5.0
 """So far one key winds [s]."""
-NOBODY = FeedAnswer(done=False, says="a recording can't be asked for anything")
+NOBODY = Reply(done=False, says="a recording can't be asked for anything")
 
 
 class Playback:
@@ -177,17 +177,17 @@ class Playback:
         pace = "stopped" if self.paused else f"× {SPEEDS[self._speed]:g}"
         return f"RECORDING {self.passed_s:.1f} of {whole:.1f} s, {pace}"
 
-    async def ask(self, ask: Ask, why: str, vehicle: str = "") -> FeedAnswer:
+    async def ask(self, ask: Ask, why: str, vehicle: str = "") -> Reply:
         """Nothing flies."""
         del ask, why, vehicle
         return NOBODY
 
-    async def control(self, *, take: bool) -> FeedAnswer:
+    async def control(self, *, take: bool) -> Reply:
         """Nothing flies."""
         del take
         return NOBODY
 
-    async def set_gain(self, key: str, value: float) -> FeedAnswer:
+    async def set_gain(self, key: str, value: float) -> Reply:
         """Nothing flies."""
         del key, value
         return NOBODY

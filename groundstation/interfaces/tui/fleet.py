@@ -22,7 +22,7 @@ from groundstation.interfaces.mqtt import (
     heed_cancellation,
 )
 from groundstation.interfaces.tui.drawing import big
-from groundstation.interfaces.tui.model import ALARM, BUSY, CALM, FLYING
+from groundstation.interfaces.tui.model import ALARM, BUSY, CALM, FLYING, BannerText
 from links.core import printable
 
 COLUMNS = (("vehicle", 10), ("state", 14), ("pose", 7), ("error", 7), ("RMS", 7), ("batt", 6), ("link", 8), ("data", 6))
@@ -84,25 +84,17 @@ def fleet_rows(fleet: Iterable[VehicleView], order: str, now_s: float) -> list[F
     return [fleet_row(seen, now_s) for seen in sorted(fleet, key=lambda seen: key(seen, now_s))]
 
 
-class FleetHeadline(NamedTuple):
-    """What is shown large."""
-
-    big: str
-    tone: str
-    detail: str
-
-
-def fleet_headline(shown: list[FleetRow], trouble: str) -> FleetHeadline:
+def fleet_headline(shown: list[FleetRow], trouble: str) -> BannerText:
     """The worst, and how many of each; ``trouble`` is why the broker is not heard, empty where it is."""
     if trouble:
-        return FleetHeadline("NO BROKER", ALARM, trouble)
+        return BannerText("NO BROKER", ALARM, trouble)
     if not shown:
-        return FleetHeadline("NO VEHICLE", BUSY, "none has published below this prefix yet")
+        return BannerText("NO VEHICLE", BUSY, "none has published below this prefix yet")
     count = Counter(one.urgency for one in shown)
     words = ("ALARM", "FLYING", "ON GROUND", "OFFLINE")
     worst = min(count)
     detail = ", ".join(f"{count[i]} {words[i].lower()}" for i in sorted(count))
-    return FleetHeadline(f"{count[worst]} {words[worst]}", TONES[worst], detail)
+    return BannerText(f"{count[worst]} {words[worst]}", TONES[worst], detail)
 
 
 def vehicle_details(seen: VehicleView, now_s: float) -> list[str]:

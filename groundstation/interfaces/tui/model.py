@@ -9,9 +9,10 @@ import msgspec
 
 from groundstation.config import parse_toml
 from groundstation.core.geometry import Vec3
-from groundstation.core.messages import Ask, Snapshot
+from groundstation.core.messages import Ask, Reply, Snapshot
 from groundstation.core.mission import EVENT_OF, FINAL, IN_AIR, TABLE, State
 from groundstation.core.safety import RAMP_S, STEP_FACTOR
+from groundstation.interfaces.api import new_events
 
 
 class FlightIdentity(msgspec.Struct, frozen=True):
@@ -45,14 +46,6 @@ class Jump(msgspec.Struct, frozen=True):
 News = FlightIdentity | Snapshot | Holder | FeedTrouble | Jump
 
 
-class FeedAnswer(msgspec.Struct, frozen=True):
-    """What came of something that was asked for."""
-
-    done: bool
-    says: str
-    """For the operator."""
-
-
 class Feed(Protocol):
     """A running ground station, or a recording of one."""
 
@@ -65,15 +58,15 @@ class Feed(Protocol):
         """Everything that is to be shown, as it comes; it may end, but never raises. Iterated once."""
         ...
 
-    async def ask(self, ask: Ask, why: str, vehicle: str = "") -> FeedAnswer:
+    async def ask(self, ask: Ask, why: str, vehicle: str = "") -> Reply:
         """Ask for ``ask`` now or never: what can't be said at once is not said later. Arming names the ``vehicle``."""
         ...
 
-    async def control(self, *, take: bool) -> FeedAnswer:
+    async def control(self, *, take: bool) -> Reply:
         """Take control, or give it back."""
         ...
 
-    async def set_gain(self, key: str, value: float) -> FeedAnswer:
+    async def set_gain(self, key: str, value: float) -> Reply:
         """Change a gain in flight."""
         ...
 
@@ -271,7 +264,7 @@ class Picture:
         self.holder = Holder("", yours=False)
         self.flown: deque[PlotSample] = deque(maxlen=KEPT)
         self.events: deque[str] = deque(maxlen=EVENTS_KEPT)
-        self.answer = FeedAnswer(done=True, says="")
+        self.answer = Reply(done=True, says="")
         self.count = 0
         """How many news there were: a screen that has drawn this number needs no new drawing."""
 
@@ -315,7 +308,7 @@ class Picture:
         elif last is not None and last.state in FINAL and new.state not in FINAL:
             self.flown.clear()  # the next flight of a daemon
         self.newest, self.arrived_s, self.trouble = new, now_s, ""
-        self.events.extend(newer_events(self.events, new.events))
+        self.events.extend(new_events(last.events if last is not None and self.events else (), new.events))
         law, seen = new.diagnostics, new.certificate
         self.flown.append(
             PlotSample(
@@ -329,17 +322,6 @@ class Picture:
                 new.pose_latency_s if new.pose_id >= 0 else math.nan,
             )
         )
-
-
-def newer_events(known: deque[str], told: tuple[str, ...]) -> tuple[str, ...]:
-    """Those of ``told`` (the newest events, oldest first) that come after the last of ``known``."""
-    if not known:
-        return told
-    last = known[-1]
-    for i in reversed(range(len(told))):
-        if told[i] == last:
-            return told[i + 1 :]
-    return told
 
 
 def _norm(v: Vec3) -> float:

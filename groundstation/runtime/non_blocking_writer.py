@@ -1,4 +1,4 @@
-"""Line writer: lines to whoever reads them, if anybody does. What is not taken at once is lost, and counted.
+"""Non-blocking writer: lines to whoever reads them, if anybody does. What is not taken at once is lost, and counted.
 
 Whatever a line quotes of others, it stays one line and steers no terminal. A terminal that stands still (Ctrl-S), a
 full pipe, or one that is gone, holds up nobody: least of all a command.
@@ -14,7 +14,7 @@ LINE_MAX_BYTES = 4000
 """Longer lines are cut: so much goes into a pipe that has room at all (pipe(7), PIPE_BUF)."""
 
 
-class LineWriter:
+class NonBlockingWriter:
     """A file descriptor, written to without waiting."""
 
     def __init__(self, number: int) -> None:
