@@ -28,7 +28,7 @@ class Placed(Others):
 
     sight: BodySighting | None = None
 
-    def seen(self, name: str) -> BodySighting | None:
+    def sighting(self, name: str) -> BodySighting | None:
         return self.sight
 
 
