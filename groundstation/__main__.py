@@ -298,7 +298,7 @@ def parser() -> argparse.ArgumentParser:
 
 
 def main() -> int:
-    """Entry point; for the exit codes see exits.py and docs/reference/exit-codes.md."""
+    """Entry point; for the exit codes see groundstation/runtime/entry.py and docs/reference/exit-codes.md."""
     from groundstation.runtime import run
 
     return run(parser, "groundstation.interfaces.cli.commands")
