@@ -1,10 +1,56 @@
-"""Command links: how thrust and body rates leave for a vehicle, and that they stop when nobody commands."""
+"""Command links: how thrust and body rates leave for a vehicle, and that they stop when nobody commands.
+
+This is all that a user imports; what is behind it may change.
+
+- ``make_link``: the link that a configuration describes.
+- ``MavlinkLinkConfig``: PX4 or ArduPilot over UDP, TCP or a serial port; ``DsmLinkConfig``, ``CrsfLinkConfig``: a
+  transmitter module on a serial port; ``BridgeLinkConfig``: such a module on another computer.
+- ``CommandLink``: what every link does: ``connect``, ``arm``, ``send``, ``disarm``, ``kill``, ``close``.
+- ``Command``: thrust and body rates, the pose that they came from, a deadline, and the bring-down after it.
+- ``Segment``: one part of a bring-down.
+- ``LinkStatus``: what a link tells of itself and of its vehicle.
+- ``Attitude``: how the vehicle itself believes that it lies and turns.
+- ``LinkError``: anything that a link reports to the operator; ``LinkLost``: the other end went silent;
+  ``LinkRejected``: the vehicle refused; ``LinkMisuse``: the caller broke the port's contract.
+"""
 
 TYPE_CHECKING = False
 if TYPE_CHECKING:
+    from links.bridge.link import BridgeLinkConfig
+    from links.core.port import (
+        Attitude,
+        Command,
+        CommandLink,
+        LinkError,
+        LinkLost,
+        LinkMisuse,
+        LinkRejected,
+        LinkStatus,
+        Segment,
+    )
     from links.make import make_link
+    from links.mavlink.protocol.config import MavlinkLinkConfig
+    from links.rf.crsf_codec import CrsfLinkConfig
+    from links.rf.dsm_codec import DsmLinkConfig
 
-_MODULES = {"make": ("make_link",)}
+_MODULES = {
+    "bridge.link": ("BridgeLinkConfig",),
+    "core.port": (
+        "Attitude",
+        "Command",
+        "CommandLink",
+        "LinkError",
+        "LinkLost",
+        "LinkMisuse",
+        "LinkRejected",
+        "LinkStatus",
+        "Segment",
+    ),
+    "make": ("make_link",),
+    "mavlink.protocol.config": ("MavlinkLinkConfig",),
+    "rf.crsf_codec": ("CrsfLinkConfig",),
+    "rf.dsm_codec": ("DsmLinkConfig",),
+}
 
 
 def __getattr__(name: str) -> object:

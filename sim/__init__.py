@@ -1,1 +1,40 @@
-"""Everything simulated: worlds, autopilots, trackers and radios, and the runs and studies that are made of them."""
+"""Everything simulated: worlds, autopilots, trackers and radios, and the flights and studies that are made of them.
+
+This is what a user imports; what is behind it may change. A flight is two lines, in a fraction of its own time:
+
+    world, config = prepare(SCENARIOS["paper"], [])
+    result = fly(world, config, seed=0, duration_s=20.0)
+
+- ``SCENARIOS``: the scenarios by name, each a ``Scenario``: what is true, and what the controller is told.
+- ``prepare``: the truth and the configuration of a scenario after overrides, such as ``"vehicle.mass_kg=0.9"``.
+- ``prepare_own``: the same for a user's configuration file.
+- ``World``: the truth of a flight: what the vehicle, the air, the cameras and the radio really do.
+- ``fly``: a flight in virtual time, from its release on; its ``Result``.
+- ``from_floor``, ``fly_mission``: a mission from the floor and back in virtual time; its ``Mission``.
+- ``fly_fleet``: several missions at once; its ``FleetMission``.
+- ``serve``, ``serve_fleet``: the simulated side alone, in real time, for whatever flies it.
+"""
+
+TYPE_CHECKING = False
+if TYPE_CHECKING:
+    from sim.runs.fleet_mission import FleetMission, fly_fleet
+    from sim.runs.flight import Result, fly
+    from sim.runs.mission import Mission, fly_mission, from_floor
+    from sim.runs.server import serve, serve_fleet
+    from sim.scenarios.scenarios import SCENARIOS, Scenario, prepare, prepare_own
+    from sim.world.world import World
+
+_MODULES = {
+    "runs.fleet_mission": ("FleetMission", "fly_fleet"),
+    "runs.flight": ("Result", "fly"),
+    "runs.mission": ("Mission", "fly_mission", "from_floor"),
+    "runs.server": ("serve", "serve_fleet"),
+    "scenarios.scenarios": ("SCENARIOS", "Scenario", "prepare", "prepare_own"),
+    "world.world": ("World",),
+}
+
+
+def __getattr__(name: str) -> object:
+    from links.core.lazy import load_name
+
+    return load_name(__name__, _MODULES, name)
