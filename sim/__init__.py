@@ -10,7 +10,7 @@ This is what a user imports; what is behind it may change. A flight is two lines
 - ``prepare_own``: the same for a user's configuration file.
 - ``World``: the truth of a flight: what the vehicle, the air, the cameras and the radio really do.
 - ``fly``: a flight in virtual time, from its release on; its ``Result``.
-- ``from_floor``, ``fly_mission``: a mission from the floor and back in virtual time; its ``Mission``.
+- ``from_floor``, ``fly_mission``: a mission from the floor and back in virtual time; its ``MissionResult``.
 - ``fly_fleet``: several missions at once; its ``FleetMission``.
 - ``serve``, ``serve_fleet``: the simulated side alone, in real time, for whatever flies it.
 """
@@ -19,7 +19,7 @@ TYPE_CHECKING = False
 if TYPE_CHECKING:
     from sim.runs.fleet_mission import FleetMission, fly_fleet
     from sim.runs.flight import Result, fly
-    from sim.runs.mission import Mission, fly_mission, from_floor
+    from sim.runs.mission import MissionResult, fly_mission, from_floor
     from sim.runs.server import serve, serve_fleet
     from sim.scenarios.scenarios import SCENARIOS, Scenario, prepare, prepare_own
     from sim.world.world import World
@@ -27,7 +27,7 @@ if TYPE_CHECKING:
 _MODULES = {
     "runs.fleet_mission": ("FleetMission", "fly_fleet"),
     "runs.flight": ("Result", "fly"),
-    "runs.mission": ("Mission", "fly_mission", "from_floor"),
+    "runs.mission": ("MissionResult", "fly_mission", "from_floor"),
     "runs.server": ("serve", "serve_fleet"),
     "scenarios.scenarios": ("SCENARIOS", "Scenario", "prepare", "prepare_own"),
     "world.world": ("World",),

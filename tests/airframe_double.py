@@ -1,7 +1,7 @@
 """A vehicle for tests: a point of mass 1 that turns at once as it is told, and writes down what is done to it."""
 
 from groundstation.core.geometry import Quat, Vec3, so3
-from sim.world import Truth
+from sim.world import TrueState
 
 GRAVITY = 9.81
 
@@ -38,16 +38,16 @@ class Brick:
             self.released.append(time_s)
         self._held = False
 
-    def truth(self, time_s: float) -> Truth:
+    def truth(self, time_s: float) -> TrueState:
         self._move(time_s)
         on_ground = not self._held and self._position[2] >= 0.0
         thrust = 2.0 * GRAVITY * self._thrust if self._on else 0.0
-        return Truth(time_s, self._position, self._velocity, self.attitude, self._rates, thrust, on_ground)
+        return TrueState(time_s, self._position, self._velocity, self.attitude, self._rates, thrust, on_ground)
 
-    def measured(self, time_s: float) -> Truth:
+    def measure(self, time_s: float) -> TrueState:
         return self.truth(time_s)
 
-    def felt(self, time_s: float) -> tuple[Quat, Vec3]:
+    def feel(self, time_s: float) -> tuple[Quat, Vec3]:
         truth = self.truth(time_s)
         return truth.attitude, truth.rates_rad_s
 

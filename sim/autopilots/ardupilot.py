@@ -101,7 +101,7 @@ class ArduPilotAutopilot(SimulatedAutopilot):
             self._setpoint_s = math.inf  # no set-point that could stop
             self._fly_by(Climb(self._hover, 0.0, None, now_s), now_s)
         elif int(self.parameters["GUID_OPTIONS"]) & THRUST_AS_THRUST:
-            thrust = self._boosted(min(max(set_point.thrust, 0.0), 1.0), now_s)
+            thrust = self._boost_thrust(min(max(set_point.thrust, 0.0), 1.0), now_s)
             self._fly_by(HoldAttitude(attitude, thrust) if attitude is not None else None, now_s)
             if self._pilot is None:
                 self._airframe.act(now_s, thrust, rates_or_zero(set_point))
@@ -112,7 +112,7 @@ class ArduPilotAutopilot(SimulatedAutopilot):
         self._has_flown = self._has_flown or not self._airframe.truth(now_s).on_ground
         return []
 
-    def _boosted(self, thrust: float, now_s: float) -> float:
+    def _boost_thrust(self, thrust: float, now_s: float) -> float:
         if not self.parameters["ATC_ANGLE_BOOST"]:
             return thrust
         upright = so3.third_column(self._airframe.truth(now_s).attitude)[2]

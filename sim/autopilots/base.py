@@ -37,7 +37,7 @@ from sim.autopilots.dialect import (
     Parameters,
     SetPoint,
 )
-from sim.world import Airframe, Truth
+from sim.world import Airframe, TrueState
 
 ATTITUDE_GAIN = 5.0
 """Body rate per attitude error [1/s]."""
@@ -53,10 +53,10 @@ GRAVITY = 9.81
 """[m/s²]"""
 
 
-class Pilot(Protocol):
+class OnboardPilot(Protocol):
     """A control loop on board."""
 
-    def fly(self, truth: Truth) -> tuple[float, Vec3]:
+    def fly(self, truth: TrueState) -> tuple[float, Vec3]:
         """Thrust 0..1 and body rates [rad/s] for the state ``truth``."""
         ...
 
@@ -69,7 +69,7 @@ class HoldAttitude:
         self._attitude = so3.normalize(attitude)
         self._thrust = thrust
 
-    def fly(self, truth: Truth) -> tuple[float, Vec3]:
+    def fly(self, truth: TrueState) -> tuple[float, Vec3]:
         """Rates along the shortest turn."""
         x, y, z = so3.rotation_vector(so3.multiply(so3.conjugate(truth.attitude), self._attitude))
         return self._thrust, (ATTITUDE_GAIN * x, ATTITUDE_GAIN * y, ATTITUDE_GAIN * z)
@@ -86,7 +86,7 @@ class Climb:
         self._time_s = begin_s
         self._integral = 0.0
 
-    def fly(self, truth: Truth) -> tuple[float, Vec3]:
+    def fly(self, truth: TrueState) -> tuple[float, Vec3]:
         """Thrust towards the vertical speed, and the rates."""
         elapsed, self._time_s = truth.time_s - self._time_s, truth.time_s
         if truth.on_ground and self._climb <= 0.0:
@@ -109,7 +109,7 @@ class Descend(Climb):
         super().__init__(hover, -DESCENT_M_S, None, begin_s)
         self._brakes = brakes
 
-    def fly(self, truth: Truth) -> tuple[float, Vec3]:
+    def fly(self, truth: TrueState) -> tuple[float, Vec3]:
         """Thrust towards the vertical speed, and the rates."""
         thrust, rates = super().fly(truth)
         if not self._brakes or truth.on_ground:
@@ -200,18 +200,18 @@ def builders(
     )
 
     def odometry(now_s: float, boot_s: float) -> Message:
-        seen = airframe.measured(now_s)
+        seen = airframe.measure(now_s)
         return odometry_message(
             int(boot_s * 1e6), LOCAL_NED, LOCAL_NED, *seen.position_ned, seen.attitude, *seen.velocity_ned,
             *seen.rates_rad_s, _UNKNOWN, _UNKNOWN, seen.resets, ESTIMATOR_AUTOPILOT, 0,
         )  # fmt: skip
 
     def local_position(now_s: float, boot_s: float) -> Message:
-        seen = airframe.measured(now_s)
+        seen = airframe.measure(now_s)
         return local_position_ned_message(int(boot_s * 1e3), *seen.position_ned, *seen.velocity_ned)
 
     def attitude(now_s: float, boot_s: float) -> Message:
-        turned, rates = airframe.felt(now_s)
+        turned, rates = airframe.feel(now_s)
         return attitude_quaternion_message(int(boot_s * 1e3), *turned, *rates)
 
     def timesync(now_s: float, boot_s: float) -> Message:
@@ -358,7 +358,7 @@ class SimulatedAutopilot(Dialect):
         self._build[self.codec.dialect.MAVLINK_MSG_ID_RC_CHANNELS] = lambda now_s, boot_s: self._rc_channels(boot_s)
         self._boot_s = -math.inf
         self._ground_since_s: float | None = None
-        self._pilot: Pilot | None = None
+        self._pilot: OnboardPilot | None = None
         self._pilot_due_s = math.inf
         self._said = 0
 
@@ -435,11 +435,11 @@ class SimulatedAutopilot(Dialect):
     def _hover(self) -> float:
         return self.parameters[self.hover_parameter]
 
-    def _fly_by(self, pilot: Pilot | None, now_s: float) -> None:
+    def _fly_by(self, pilot: OnboardPilot | None, now_s: float) -> None:
         self._pilot = pilot
         self._pilot_due_s = now_s if pilot is not None else math.inf
 
-    def _control(self, pilot: Pilot, now_s: float) -> list[bytes]:
+    def _control(self, pilot: OnboardPilot, now_s: float) -> list[bytes]:
         """One turn of its own control loop."""
         self._pilot_due_s = now_s + CONTROL_S
         self._airframe.act(now_s, *pilot.fly(self._airframe.truth(now_s)))

@@ -174,12 +174,14 @@ class Parameters:
         """The answers to a PARAM_REQUEST_READ: silence where it does not have the parameter."""
         names = list(self._table)
         if request.param_index >= 0:
-            return [self._told(name, dialect) for name in names[request.param_index : request.param_index + 1]]
-        return [self._told(request.param_id, dialect)] if request.param_id in self._table else []
+            return [
+                self._make_value_message(name, dialect) for name in names[request.param_index : request.param_index + 1]
+            ]
+        return [self._make_value_message(request.param_id, dialect)] if request.param_id in self._table else []
 
     def all(self, dialect: Message) -> list[Message]:
         """The answers to a PARAM_REQUEST_LIST."""
-        return [self._told(name, dialect) for name in self._table]
+        return [self._make_value_message(name, dialect) for name in self._table]
 
     def set(self, request: Message, dialect: Message) -> list[Message]:
         """Take a PARAM_SET; the answer tells what the parameter is now, changed or not."""
@@ -190,9 +192,9 @@ class Parameters:
         value = decode(self._autopilot, request.param_value, kind)
         if math.isfinite(value) and (self._autopilot != PX4 or request.param_type == kind):
             self._table[name] = (_fitting(value, kind), kind)
-        return [self._told(name, dialect)]
+        return [self._make_value_message(name, dialect)]
 
-    def _told(self, name: str, dialect: Message) -> Message:
+    def _make_value_message(self, name: str, dialect: Message) -> Message:
         value, kind = self._table[name]
         number = encode(self._autopilot, value, kind)
         index = list(self._table).index(name)

@@ -25,7 +25,7 @@ from groundstation.settings import Config
 from sim.batch.estimator import BatchEstimator, BatchWatch
 from sim.batch.fleet import Fleet
 from sim.batch.kernel import Array
-from sim.batch.stages import Numpy, Stage, Stages, columns
+from sim.batch.stages import BatchStage, Numpy, Stages, columns
 from sim.runs import CONFIRM_S, ROUNDING_S, SATURATION_FROM_S, SETTLED_M, STEADY_S, sought
 from sim.world import World
 
@@ -33,7 +33,7 @@ STEADY_FROM_S = STEADY_S - ROUNDING_S
 
 
 class Flights(NamedTuple):
-    """One figure a flight, arrays of shape (N,); see :class:`sim.runs.referee.Verdict`. Lengths in metres."""
+    """One figure a flight, arrays of shape (N,); see :class:`sim.runs.referee.FlightVerdict`. Lengths in metres."""
 
     rms_m: Array
     max_m: Array
@@ -70,7 +70,7 @@ class Marks:
         self._margin, self._b_hat = np.full(count, np.inf), np.zeros(count)
         self._v: list[Array] = []
 
-    def lost(self, who: Any) -> None:
+    def mark_failed(self, who: Any) -> None:
         """These flights have failed."""
         self._alive &= ~who
 
@@ -136,19 +136,19 @@ class BatchPilot:
     def __init__(self, vehicle: Vehicle, gains: Gains, period_s: float, stages: Stages) -> None:
         """Start as :class:`Adaptive` does."""
         self._vehicle, self._gains, self._period, self._stages = vehicle, gains, period_s, stages
-        self._decide: Stage | None = None
+        self._decide: BatchStage | None = None
 
     def decide(self, estimate: Estimate, reference: Reference) -> Decision:
         """One command each."""
         if self._decide is None:  # the first, before which there is nothing to remember
             pilot = Adaptive(self._vehicle, self._gains, arrays())
             decision = pilot.decide(estimate, reference, 0.0)
-            self._decide = self._stages(self._decided, columns(pilot.memory, np.size(decision.saturated)))
+            self._decide = self._stages(self._decide_each, columns(pilot.memory, np.size(decision.saturated)))
             return decision
         drive, saturated, seen = self._decide((estimate, msgspec.structs.astuple(reference)))
         return Decision(drive, saturated, Diagnostics(*seen))
 
-    def _decided(self, ops: Ops, memory: Any, given: Any) -> Any:
+    def _decide_each(self, ops: Ops, memory: Any, given: Any) -> Any:
         estimate, reference = given
         pilot = Adaptive(self._vehicle, self._gains, ops)
         pilot.memory = memory
@@ -233,10 +233,10 @@ def fly_batch(
         if frame == 0:
             estimator.release()
         # Where poses stay away too long commands stop, and with them the flight.
-        marks.lost(time > estimator.stamp_s + config.flight.coast_s)
+        marks.mark_failed(time > estimator.stamp_s + config.flight.coast_s)
         estimate = estimator.predict(time)
         decision = pilot.decide(estimate, trajectory.at(time))
-        estimator.sent(frame, decision.drive)
+        estimator.take_command(frame, decision.drive)
         fleet.command(frame, time, decision.drive, config.full_thrust_n, config.thrust_curve)
         fleet.fly(time)
         marks.command(time, decision, estimate, fleet.felt[0])
@@ -244,5 +244,5 @@ def fly_batch(
         ends = ends[ends <= duration_s + 1e-9]  # the last frame is held beyond the end of the flight
         wanted = np.array([trajectory.position_at(end) for end in ends.tolist()])
         marks.steps(ends, np.sqrt(((fleet.track[1 : ends.size + 1, :3] - wanted[:, :, None]) ** 2).sum(axis=1)))
-        marks.lost(fleet.crashed(ends.size))
+        marks.mark_failed(fleet.find_crashes(ends.size))
     return marks.flights()

@@ -102,9 +102,9 @@ class BatchEstimator:
         self._drives[:, 0] = idle_thrust_n
         self._newest = 0
         self._begin = stages(_rolling, (state.motion, state.driven))
-        self._roll = stages(self._rolled, state.driven)
-        self._correct = stages(self._corrected, state)
-        self._ahead = stages(self._predicted, state)
+        self._roll = stages(self._roll_each, state.driven)
+        self._correct = stages(self._correct_each, state)
+        self._ahead = stages(self._predict, state)
 
     @property
     def stamp_s(self) -> Any:
@@ -123,7 +123,7 @@ class BatchEstimator:
         put(state.effectiveness, slice(None), initial_effectiveness(self._gains.effectiveness_deviation))
         put((state.disturbance, state.rate), slice(None), (ZERO, ZERO))
 
-    def sent(self, frame: int, drive: ActuatorCommand) -> None:
+    def take_command(self, frame: int, drive: ActuatorCommand) -> None:
         """The command of ``frame`` acts from frame · period on."""
         self._newest = frame
         self._drives[frame % KEPT_FRAMES] = (drive.thrust, *drive.rates)
@@ -141,10 +141,10 @@ class BatchEstimator:
                 self._drive(stamp, who)
                 self._correct((stamp, position, attitude), who)
 
-    def _corrected(self, ops: Ops, old: Filtered, given: Any) -> Any:
+    def _correct_each(self, ops: Ops, old: Filtered, given: Any) -> Any:
         """One pose, whose stamp [s], position [m, NED] and attitude are given; commands have been rolled until then."""
         stamp, position, attitude = given
-        noise, times, places = self._measured(ops, old, stamp, position)
+        noise, times, places = self._measure_noise(ops, old, stamp, position)
         dt = stamp - old.stamp
         model = self._at(old, dt)
         expected = predict_covariance(old.covariance, dt, self._densities)
@@ -172,7 +172,7 @@ class BatchEstimator:
         self._drive(np.full(self._state.stamp.size, time_s))
         return Estimate(time_s, *self._ahead((time_s,)))
 
-    def _predicted(self, _: Ops, old: Filtered, given: Any) -> Any:
+    def _predict(self, _: Ops, old: Filtered, given: Any) -> Any:
         (time_s,) = given
         h = time_s - old.stamp
         return old, (self._at(old, h), correct(old.disturbance, h, old.rate), ZERO, old.effectiveness.value)
@@ -192,7 +192,7 @@ class BatchEstimator:
             self._roll((thrust, tuple(rates), np.maximum(until - now, 1e-12)), part)
             time[going] = until
 
-    def _rolled(self, ops: Ops, old: ActuatorResponse, given: Any) -> Any:
+    def _roll_each(self, ops: Ops, old: ActuatorResponse, given: Any) -> Any:
         thrust, rates, h = given
         return integrate_actuators(
             ops, old, ActuatorCommand(thrust, rates), h, self._vehicle.thrust_lag_s, self._vehicle.rate_lag_s
@@ -204,7 +204,7 @@ class BatchEstimator:
         mass: Any = self._vehicle.mass_kg / old.effectiveness.value
         return integrate_motion(old.motion, old.driven, h, mass, (north, east, down + self._gains.gravity), old.rate)
 
-    def _measured(self, ops: Ops, old: Filtered, stamp: Any, position: Any) -> Any:
+    def _measure_noise(self, ops: Ops, old: Filtered, stamp: Any, position: Any) -> Any:
         """As :meth:`ModelEstimator._measure_noise`."""
         times, places = (*old.times[1:], stamp), (*old.places[1:], position)
         step: Real = times[1] - times[0]

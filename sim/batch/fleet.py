@@ -13,7 +13,7 @@ from groundstation.core.vehicle import ActuatorCommand
 from sim.batch.kernel import Array, Index
 from sim.batch.stages import Stages, pick, put, zeros
 from sim.runs import CRASH_M
-from sim.world import Body, Eddies, Physics, World, begun, cell, felt, generator, moved, stirred
+from sim.world import Body, Eddies, Physics, World, begin_eddies, cell, compute_turbulence, generator, integrate, stir
 
 Seen = Callable[[Index, Index, Array], Any]
 """``seen(step, who, taken_s)``: the Body of each vehicle of ``who`` at ``taken_s`` [s], in that step of the frame."""
@@ -81,7 +81,7 @@ class Cameras:
         pose = np.stack([taken + latency, stamp, *position, *attitude])
         self._under_way = np.concatenate([self._under_way, pose[:, kept]], axis=1)
 
-    def arrived(self, time_s: float) -> Iterator[tuple[Index, Array, Any, Any]]:
+    def take_arrivals(self, time_s: float) -> Iterator[tuple[Index, Array, Any, Any]]:
         """(who, stamp, position, attitude) of what has arrived by ``time_s``.
 
         The first pose of each vehicle, then the second of each that has one, and so on.
@@ -156,17 +156,17 @@ class Fleet:
         self._turbulence = column("wind_turbulence")
         self._normals = [generator(seed, "turbulence") for seed in seeds]
         self._stirs = bool(self._turbulence.any())
-        self._grid, self._block = 0, self._drawn() if self._stirs else np.zeros((1, 3, n))
+        self._grid, self._block = 0, self._draw() if self._stirs else np.zeros((1, 3, n))
         zero: Any = np.zeros(n)
         eddies = Eddies(zeros(n, 3), zero, zero.copy())
-        put(eddies, slice(None), begun(tuple(self._block[0])))
+        put(eddies, slice(None), begin_eddies(tuple(self._block[0])))
         told = self._thrust_command, self._rate_command, self._physics
-        self._frame = stages(self._flown, (tuple(map(_body, self.track)), tuple(map(tuple, self.felt[1:])), *told))
-        self._part = stages(_seen, told)
+        self._frame = stages(self._advance, (tuple(map(_body, self.track)), tuple(map(tuple, self.felt[1:])), *told))
+        self._part = stages(_observe, told)
         winds = (tuple(self._mean), tuple(self._gust), tuple(self._wind_step), self._wind_step_s, self._gust_hz)
         self._blow = stages(_blown, (*winds, self._turbulence, eddies, tuple(map(tuple, self.felt))))
         self._cameras = Cameras(worlds, seeds, duration_s, release_s, told_latency_s)
-        self.arrived = self._cameras.arrived
+        self.arrived = self._cameras.take_arrivals
         losses = [generator(seed, "frame loss").random(int(duration_s / first.frame_period_s) + 8) for seed in seeds]
         self._frame_lost = column("frame_loss") > np.array(losses).T
 
@@ -201,19 +201,19 @@ class Fleet:
         self._blow(tuple((time, tuple(self._new_normals(time))) for time in (time_s, *(starts + 0.5 * h).tolist())))
         self._frame(())
 
-        def seen(step: Any, who: Any, taken: Any) -> Any:
+        def observe(step: Any, who: Any, taken: Any) -> Any:
             before = _body(track[step, :, who].T)
             return self._part(
                 (before, tuple(self.felt[step + 1, :, who].T), np.maximum(taken - starts[step], 1e-12)), who
             )
 
-        self._cameras.expose(starts + h, seen)
+        self._cameras.expose(starts + h, observe)
 
-    def _flown(self, ops: Ops, state: Any, _: Any) -> Any:
+    def _advance(self, ops: Ops, state: Any, _: Any) -> Any:
         bodies, felt, thrust, rates, physics = state
         after = [bodies[0]]
         for wind in felt:
-            after.append(moved(ops, after[-1], thrust, rates, wind, self._step_s, physics))
+            after.append(integrate(ops, after[-1], thrust, rates, wind, self._step_s, physics))
         return (tuple(after), *state[1:]), ()
 
     def _new_normals(self, time_s: float) -> Iterator[Any]:
@@ -221,13 +221,13 @@ class Fleet:
         while self._stirs and self._grid < cell(time_s):
             self._grid += 1
             if self._grid % BLOCK == 0:
-                self._block = self._drawn()
+                self._block = self._draw()
             yield tuple(self._block[self._grid % BLOCK])
 
-    def _drawn(self) -> Array:
+    def _draw(self) -> Array:
         return np.stack([g.standard_normal((BLOCK, 3)) for g in self._normals], axis=2)
 
-    def crashed(self, steps: int) -> Any:
+    def find_crashes(self, steps: int) -> Any:
         """Who has hit the floor or left every room within so many ``steps`` of this frame.
 
         They are put back to their start, out of the way.
@@ -244,10 +244,10 @@ class Fleet:
         return down
 
 
-def _seen(ops: Ops, state: Any, given: Any) -> Any:
+def _observe(ops: Ops, state: Any, given: Any) -> Any:
     before, wind, h = given
     thrust, rates, physics = state
-    return state, moved(ops, before, thrust, rates, wind, h, physics)
+    return state, integrate(ops, before, thrust, rates, wind, h, physics)
 
 
 def _blown(ops: Ops, state: Any, given: Any) -> Any:
@@ -256,10 +256,10 @@ def _blown(ops: Ops, state: Any, given: Any) -> Any:
     now = []
     for time_s, stirs in given:
         for normals in stirs:
-            eddies = stirred(eddies, normals)
+            eddies = stir(eddies, normals)
         sine = ops.sin(2.0 * np.pi * gust_hz * time_s)
         steady = (m + g * sine + s * (time_s >= step_s) for m, g, s in zip(mean, gust, step, strict=True))
-        now.append(tuple(a + b for a, b in zip(steady, felt(eddies, turbulence), strict=True)))
+        now.append(tuple(a + b for a, b in zip(steady, compute_turbulence(eddies, turbulence), strict=True)))
     return (*winds, eddies, tuple(now)), ()
 
 

@@ -56,7 +56,7 @@ class Program:
         """The lines whose results ``line`` takes."""
         return [x.line for x in self.lines[line][1] if isinstance(x, Symbol)]
 
-    def needed(self, lines: Iterable[int]) -> list[int]:
+    def find_needs(self, lines: Iterable[int]) -> list[int]:
         """These lines and all that they rest on, in the order of the program."""
         found: set[int] = set()
         left = list(lines)
@@ -104,7 +104,7 @@ for _name in ("neg", "abs", "invert", "lt", "le", "gt", "ge", "eq", "ne"):
 def symbols(program: Program) -> Ops:
     """The elementary functions on symbols; plain numbers alone give plain numbers."""
 
-    def named(name: str) -> Callable[..., Any]:
+    def make_function(name: str) -> Callable[..., Any]:
         plain: Callable[..., Any] = getattr(FLOATS, name)
 
         def function(*operands: Any) -> Any:
@@ -112,7 +112,7 @@ def symbols(program: Program) -> Ops:
 
         return function
 
-    return Ops(**{name: named(name) for name in Ops.__slots__})
+    return Ops(**{name: make_function(name) for name in Ops.__slots__})
 
 
 FLAGS = ("-std=gnu99", "-O1", "-ftree-vectorize", "-shared", "-fPIC", "-nostdlib")
@@ -128,7 +128,7 @@ def built(text: str) -> ctypes.CDLL:
     Raises:
         OSError: there is no compiler, it does not take the text, or what it made can't be loaded.
     """
-    command, version = installed()
+    command, version = find_compiler()
     said = "\n".join((text, *command, version, *FLAGS, *EXACT, platform.machine()))
     name = f"{hashlib.sha256(said.encode()).hexdigest()}.so"
     folder = _cache()
@@ -146,7 +146,7 @@ def built(text: str) -> ctypes.CDLL:
 
 
 @cache
-def installed() -> tuple[list[str], str]:
+def find_compiler() -> tuple[list[str], str]:
     """The command, and which version it is."""
     command = shlex.split(os.environ.get("CC", "")) or ["cc"]
     if shutil.which(command[0]) is None:
@@ -261,7 +261,7 @@ class Kernel:
         """Line to row of the block."""
         self._level: dict[int, int] = {}
         ends = [*state.values(), *found]
-        self._needed = program.needed(ends)
+        self._needed = program.find_needs(ends)
         for line in self._needed:
             self._place(line)
         last = max((self._level[i] for i in ends), default=0)
@@ -320,7 +320,7 @@ class Kernel:
         body = [f"x{i} = {self._source(i)}" for i in sorted(used - inside.keys())]
         for i in inside:
             name, operands = self._program.lines[i]
-            body.append(f"x{i} = " + INLINE[name].format(*map(_said, operands)))
+            body.append(f"x{i} = " + INLINE[name].format(*map(_write_operand, operands)))
         lines = [f"        const double {line};" for line in body]
         lines += [f"        block[{self.rows[i]} * n + i] = x{i};" for i in kept]
         lines += [f"        s{number}[j] = x{i};" for number, i in state.items()]
@@ -346,7 +346,7 @@ class Kernel:
         return f"scalar[{self._number(line)}]" if name == SCALAR else f"block[{self.rows[line]} * n + i]"
 
 
-def _said(x: Operand) -> str:
+def _write_operand(x: Operand) -> str:
     """An operand in C."""
     if isinstance(x, Symbol):
         return f"x{x.line}"

@@ -50,7 +50,7 @@ def put(values: Any, who: Any, parts: Any) -> None:
 Function: TypeAlias = Callable[..., tuple[Any, Any]]
 
 
-class Stage(Protocol):
+class BatchStage(Protocol):
     """One stage."""
 
     def __call__(self, given: Any, who: Index | None = None) -> Any:
@@ -58,7 +58,7 @@ class Stage(Protocol):
         ...
 
 
-Stages: TypeAlias = Callable[[Function, Any], Stage]
+Stages: TypeAlias = Callable[[Function, Any], BatchStage]
 """Makes a stage of a function and the state that it works on."""
 
 
@@ -71,7 +71,7 @@ class Numpy:
         self._own = set(map(id, _arrays(state)))
 
     def __call__(self, given: Any, who: Index | None = None) -> Any:
-        """See :class:`Stage`."""
+        """See :class:`BatchStage`."""
         where: Any = slice(None) if who is None else who
         old = self._state if who is None else pick(self._state, who)
         new, result = self._function(self._ops, old, given)
@@ -96,19 +96,19 @@ class Compiled:
         self._kernels: dict[Any, tuple[Kernel, Any]] = {}
 
     def __call__(self, given: Any, who: Index | None = None) -> Any:
-        """See :class:`Stage`."""
+        """See :class:`BatchStage`."""
         assert who is None or (who.dtype == np.intp and who.flags.c_contiguous)
         columns: list[Any] = []
         scalars: list[float] = []
         form = (who is None, _form(given, columns, scalars))
         if form not in self._kernels:
-            self._kernels[form] = self._compiled(given, everyone=who is None)
+            self._kernels[form] = self._compile(given, everyone=who is None)
         kernel, shape = self._kernels[form]
         numbers = (ctypes.c_double * len(scalars))(*scalars)
         block = kernel(who, self._addresses, numbers, columns, self._count if who is None else who.size)
-        return _replaced(shape, lambda column: column(block))
+        return _replace(shape, lambda column: column(block))
 
-    def _compiled(self, given: Any, *, everyone: bool) -> tuple[Kernel, Any]:
+    def _compile(self, given: Any, *, everyone: bool) -> tuple[Kernel, Any]:
         """The kernel, and the function's result with what finds each array in the kernel's block in its place."""
         program = Program()
         counts = dict.fromkeys((STATE, SCALAR, GIVEN), 0)
@@ -117,8 +117,8 @@ class Compiled:
             counts[kind] += 1
             return program.line(kind, counts[kind] - 1)
 
-        old = _replaced(self._state, lambda _: new(STATE))
-        told = _replaced(given, lambda _: new(GIVEN), lambda _: new(SCALAR))
+        old = _replace(self._state, lambda _: new(STATE))
+        told = _replace(given, lambda _: new(GIVEN), lambda _: new(SCALAR))
         after, result = self._function(symbols(program), old, told)
         numbers = {id(array): number for number, array in enumerate(self._arrays)}
         changed = {
@@ -133,7 +133,7 @@ class Compiled:
                 return lambda block: block[row] != 0.0
             return lambda block: block[row]
 
-        return kernel, _replaced(result, column)
+        return kernel, _replace(result, column)
 
 
 def _changes(state: Any, old: Any, new: Any) -> Iterator[tuple[Any, Any]]:
@@ -161,21 +161,21 @@ def _form(values: Any, columns: list[Any], scalars: list[float]) -> Any:
 def _arrays(values: Any) -> list[Any]:
     """All that is no plain number in nested tuples."""
     found: list[Any] = []
-    _replaced(values, found.append)
+    _replace(values, found.append)
     return found
 
 
-def _replaced(values: Any, new: Callable[[Any], Any], number: Callable[[Any], Any] = lambda x: x) -> Any:
+def _replace(values: Any, new: Callable[[Any], Any], number: Callable[[Any], Any] = lambda x: x) -> Any:
     """Nested tuples, with ``new`` of every array or the like in its place, and ``number`` of every plain number."""
     if isinstance(values, tuple):
-        parts = [_replaced(value, new, number) for value in values]
+        parts = [_replace(value, new, number) for value in values]
         return type(values)(*parts) if hasattr(values, "_fields") else tuple(parts)
     if values is None or isinstance(values, str):
         return values
     return number(values) if isinstance(values, float | int) else new(values)
 
 
-def chosen(kernel: str) -> tuple[Stages, str]:
+def choose_stages(kernel: str) -> tuple[Stages, str]:
     """The stages for ``kernel``: "numpy", "c", or "auto", which is "c" where that works; and what a user should know.
 
     Raises:

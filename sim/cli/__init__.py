@@ -3,11 +3,11 @@
 TYPE_CHECKING = False
 if TYPE_CHECKING:
     from sim.cli.arguments import MEASUREMENTS, count, hours, names, percent, seconds, whole
-    from sim.cli.console import Counter, Progress
+    from sim.cli.console import Counter, FlightProgress
 
 _MODULES = {
     "arguments": ("MEASUREMENTS", "count", "hours", "names", "percent", "seconds", "whole"),
-    "console": ("Counter", "Progress"),
+    "console": ("Counter", "FlightProgress"),
 }
 
 

@@ -13,8 +13,8 @@ import msgspec
 
 from groundstation.config import ConfigError
 from groundstation.settings import Config
-from sim.batch import chosen
-from sim.cli.console import Progress
+from sim.batch import choose_stages
+from sim.cli.console import FlightProgress
 from sim.scenarios import SCENARIOS, prepare
 from sim.studies import check_plot
 from sim.studies.campaign import USUAL, Campaign, Cluster, Crew, Local, plot, report, run, text, verify
@@ -37,10 +37,13 @@ def campaign(args: argparse.Namespace, scenario: str, world: World, config: Conf
         check_plot(args.plot)
     here = args.workers or os.cpu_count() or 1
     start = perf_counter()
-    if args.cluster is None and (note := chosen(args.kernel)[1]):
+    if args.cluster is None and (note := choose_stages(args.kernel)[1]):
         print(note, file=sys.stderr)
     quiet = args.json or not sys.stderr.isatty()
-    with _crew(args.cluster, here) as crew, Progress(args.flights, quiet=quiet, unit="flights", digits=0) as progress:
+    with (
+        _crew(args.cluster, here) as crew,
+        FlightProgress(args.flights, quiet=quiet, unit="flights", digits=0) as progress,
+    ):
         rows, flown = run(
             shared,
             range(args.first_seed, args.first_seed + args.flights),

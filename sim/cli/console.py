@@ -12,7 +12,7 @@ PAPER = {"rms_cm": 4.61, "max_cm": 7.6, "settle_s": 5.0}
 """Cabecinhas, Cunha, Silvestre, ACC 2013, section VI."""
 
 
-class Progress:
+class FlightProgress:
     """A bar on stderr while a flight, or a campaign of many, is flown."""
 
     def __init__(self, duration_s: float, *, quiet: bool, unit: str = "s", digits: int = 1) -> None:
@@ -21,7 +21,7 @@ class Progress:
         self._quiet = quiet
         self._duration = duration_s
 
-    def __enter__(self) -> "Progress":
+    def __enter__(self) -> "FlightProgress":
         """Show the bar."""
         if not self._quiet:
             from rich.console import Console

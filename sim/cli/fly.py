@@ -35,7 +35,7 @@ FEW_COLLECTIONS = 50_000
 
 def fly(args: argparse.Namespace) -> int:
     """Fly one scenario in virtual time."""
-    from sim.cli.console import Progress, summary
+    from sim.cli.console import FlightProgress, summary
     from sim.runs import fly as fly_scenario
 
     scenario = scenario_of(args.scenario)
@@ -54,8 +54,8 @@ def fly(args: argparse.Namespace) -> int:
     ensure_flyable(config)
     name = scenario.name if args.config is None else f"{args.config.stem} in the air of {scenario.name}"
     folder = _run_folder(args.out, config, world, scenario=name, seed=args.seed) if args.out is not None else None
-    progress = Progress(duration_s, quiet=args.json or not sys.stderr.isatty())
-    with progress, rare_collections(), _kept(folder):
+    progress = FlightProgress(duration_s, quiet=args.json or not sys.stderr.isatty())
+    with progress, rare_collections(), _keep_on_error(folder):
         result = fly_scenario(
             world,
             config,
@@ -90,7 +90,7 @@ def fly(args: argparse.Namespace) -> int:
 
 
 @contextmanager
-def _kept(folder: "RunFolder | None") -> Iterator[None]:
+def _keep_on_error(folder: "RunFolder | None") -> Iterator[None]:
     """Have what was recorded kept, where the flight ends in an error."""
     try:
         yield
@@ -153,8 +153,8 @@ class RunFolder:
                 (path / name).unlink(missing_ok=True)
             # Virtual time begins at 0, whenever that is: the same flight gives the same bytes.
             self._log = FlightLog(path / RECORDING, told, epoch_ns=0, tell=_warn)
-            self._poses = _opened(path / IN_RUN_FOLDER)
-            self._frames = None if isinstance(config.link, MavlinkLinkConfig) else _opened(path / FRAMES)
+            self._poses = _open(path / IN_RUN_FOLDER)
+            self._frames = None if isinstance(config.link, MavlinkLinkConfig) else _open(path / FRAMES)
         except OSError as error:
             raise ConfigError("--out", f"cannot write {path}: {error.strerror}") from None
         self._poses.write(CSV_COLUMNS + "\n")
@@ -222,5 +222,5 @@ def _warn(line: str) -> None:
     print(line, file=sys.stderr)
 
 
-def _opened(path: Path) -> TextIO:
+def _open(path: Path) -> TextIO:
     return path.open("w", encoding="utf-8")

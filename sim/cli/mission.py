@@ -13,7 +13,7 @@ import msgspec
 from groundstation.config import ConfigError
 from groundstation.flight import ensure_flyable
 from groundstation.settings import Config
-from sim.runs import STEADY_S, FleetMission, Mission
+from sim.runs import STEADY_S, FleetMission, MissionResult
 from sim.scenarios import by_side, overridden, prepare, scenario_of
 from sim.world import World
 
@@ -72,7 +72,7 @@ def _paced_by_poses(config: Config) -> Config:
     return msgspec.structs.replace(config, link=msgspec.structs.replace(config.link, pace="poses"))
 
 
-def summary(title: str, mission: Mission) -> str:
+def summary(title: str, mission: MissionResult) -> str:
     """The mission as text."""
     lines = [title if mission.landed else f"{title}\nNOT AS PLANNED: {mission.fault or mission.why}", ""]
     lines += [f"{one.time_s:9.2f} s  {one.state:12} {one.reason}" for one in mission.states]
@@ -93,7 +93,7 @@ def summary(title: str, mission: Mission) -> str:
     return "\n".join(lines)
 
 
-def facts(asked: dict[str, Any], mission: Mission) -> dict[str, Any]:
+def facts(asked: dict[str, Any], mission: MissionResult) -> dict[str, Any]:
     """The mission as one JSON object: what was asked, what came of it; ``states`` in their order."""
     return {**asked, **msgspec.to_builtins(mission)}
 
@@ -104,9 +104,9 @@ def fleet_summary(title: str, flown: FleetMission) -> str:
     lines = [title if flown.landed else f"{title}\nNOT AS PLANNED", "", columns]
     for one in flown.vehicles:
         lines.append(
-            f"{one.name:12}{_shown(one.rms_cm, 'cm'):>9}{_shown(one.touchdown_m_s, 'm/s'):>12}"
-            f"{_shown(one.tick_p50_ms, 'ms'):>11}{_shown(one.tick_p99_ms, 'ms'):>10}"
-            f"{_shown(one.compute_p99_ms, 'ms'):>13}{_shown(one.round_p99_ms, 'ms'):>12}"
+            f"{one.name:12}{_format(one.rms_cm, 'cm'):>9}{_format(one.touchdown_m_s, 'm/s'):>12}"
+            f"{_format(one.tick_p50_ms, 'ms'):>11}{_format(one.tick_p99_ms, 'ms'):>10}"
+            f"{_format(one.compute_p99_ms, 'ms'):>13}{_format(one.round_p99_ms, 'ms'):>12}"
             + ("" if one.landed else f"  {one.why}")
         )
     lines.append("")
@@ -118,7 +118,7 @@ def fleet_summary(title: str, flown: FleetMission) -> str:
     return "\n".join(lines)
 
 
-def _shown(value: float | None, unit: str) -> str:
+def _format(value: float | None, unit: str) -> str:
     return "–" if value is None else f"{value:.2f} {unit}"
 
 

@@ -24,22 +24,22 @@ from sim.studies.tune import (
     Evidence,
     Floors,
     Flyers,
+    GainTrial,
     Search,
     Staged,
-    Trial,
     criterion,
     margins_table,
     markdown_table,
     own,
     run,
     space,
-    staged,
+    stage_scenarios,
     station_of,
     table,
     text,
     toml,
     unverified_toml,
-    verified,
+    verify,
 )
 from sim.studies.tune import report as measured
 
@@ -58,13 +58,14 @@ def report(args: argparse.Namespace) -> int:
     done = 0
     with Flyers(_workers(args)) as flyers, Counter("margins", len(stages) * len(AXES), quiet=quiet) as counter:
 
-        def found() -> None:
+        def count_margin() -> None:
             nonlocal done
             done += 1
             counter.at(done)
 
         reports = [
-            measured(stage, flyers, seeds=args.seeds, duration_s=args.duration, on_found=found) for stage in stages
+            measured(stage, flyers, seeds=args.seeds, duration_s=args.duration, on_found=count_margin)
+            for stage in stages
         ]
     if args.write is not None:
         made = textwrap.fill(criterion(reports[0]), 118)
@@ -97,7 +98,7 @@ def search(args: argparse.Namespace) -> int:
     with Flyers(_workers(args)) as flyers:
         with Counter("trials", args.trials, quiet=args.json or not sys.stderr.isatty()) as counter:
 
-            def heard(trial: Trial, best: Trial) -> None:
+            def show_trial(trial: GainTrial, best: GainTrial) -> None:
                 counter.at(trial.number + 1)
                 keeper.keep(trial, best)
 
@@ -108,7 +109,7 @@ def search(args: argparse.Namespace) -> int:
                     trials=args.trials,
                     timeout_s=math.inf if args.timeout is None else args.timeout,
                     journal=journal_of(args.out),
-                    on_trial=heard,
+                    on_trial=show_trial,
                 )
             except KeyboardInterrupt:
                 print(keeper.interrupted, file=sys.stderr)
@@ -116,7 +117,7 @@ def search(args: argparse.Namespace) -> int:
         best = keeper.best
         if best is None:
             return _nothing(args, trials)
-        evidence = verified(wanted, trials[0], best, flyers, args.verify)
+        evidence = verify(wanted, trials[0], best, flyers, args.verify)
     config = keeper.config(best)
     written = not evidence.complaints and args.out is not None
     if written:
@@ -155,7 +156,7 @@ class _Keeper:
     def __init__(self, base: Config, out: Path | None) -> None:
         self._base = base
         self._out = out
-        self.best: Trial | None = None
+        self.best: GainTrial | None = None
         """The best that beats the configuration as it came."""
 
     @property
@@ -166,13 +167,13 @@ class _Keeper:
         best = f"the best so far is in {self._out}, not verified" if self.best is not None else "none is better so far"
         return f"the trials are kept in {journal_of(self._out)}: the same command goes on with them; {best}"
 
-    def config(self, best: Trial) -> Config:
+    def config(self, best: GainTrial) -> Config:
         """The configuration with the gains of ``best``."""
         from sim.studies.tune import with_gains
 
         return msgspec.structs.replace(self._base, controller=with_gains(self._base.controller, best.gains))
 
-    def keep(self, trial: Trial, best: Trial) -> None:
+    def keep(self, trial: GainTrial, best: GainTrial) -> None:
         """``trial`` has been tried; ``best`` is the best so far."""
         if trial is best and trial.number > 0:
             self.best = best
@@ -198,7 +199,7 @@ def _stages(args: argparse.Namespace, default: list[str]) -> list[Staged]:
     """The scenarios to fly, checked as far as that goes without flying."""
     if args.duration <= STEADY_S + 1.0:
         raise ConfigError("--duration", f"expected more than {STEADY_S + 1:g} s, as flights are judged from then on")
-    stages = staged(args.scenarios or default, args.config, args.overrides)
+    stages = stage_scenarios(args.scenarios or default, args.config, args.overrides)
     for stage in stages:
         make_controller(stage.config.controller, stage.config.vehicle)
     return stages
@@ -219,7 +220,7 @@ def _write(path: Path, content: str) -> None:
         raise ConfigError("--out", f"cannot write {path}: {error.strerror}") from None
 
 
-def _nothing(args: argparse.Namespace, trials: list[Trial]) -> int:
+def _nothing(args: argparse.Namespace, trials: list[GainTrial]) -> int:
     """Nothing beats the configuration as it came: say why, as far as that is known."""
     start = trials[0]
     if args.json:
@@ -231,7 +232,9 @@ def _nothing(args: argparse.Namespace, trials: list[Trial]) -> int:
     return 1
 
 
-def _facts(trials: list[Trial], best: Trial | None, evidence: Evidence | None, out: Path | None) -> dict[str, Any]:
+def _facts(
+    trials: list[GainTrial], best: GainTrial | None, evidence: Evidence | None, out: Path | None
+) -> dict[str, Any]:
     return {
         "trials": len(trials),
         "start": msgspec.to_builtins(trials[0]),
@@ -241,7 +244,7 @@ def _facts(trials: list[Trial], best: Trial | None, evidence: Evidence | None, o
     }
 
 
-def _text(search: Search, trials: list[Trial], best: Trial, evidence: Evidence, out: Path | None) -> str:
+def _text(search: Search, trials: list[GainTrial], best: GainTrial, evidence: Evidence, out: Path | None) -> str:
     lines = [f"trial {best.number} of {len(trials)}:"]
     for key in search.keys:
         lines.append(f"    controller.{key.name} = {best.gains[key.name]:g}  # was {key.start:g}")

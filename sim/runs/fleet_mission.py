@@ -41,7 +41,7 @@ class Nearest(msgspec.Struct, frozen=True):
     """When it was, from the first vehicle's release [s]."""
 
 
-class Told(msgspec.Struct, frozen=True, kw_only=True):
+class StationRecord(msgspec.Struct, frozen=True, kw_only=True):
     """What a ground station tells of its flight."""
 
     states: tuple[Entered, ...]
@@ -49,7 +49,7 @@ class Told(msgspec.Struct, frozen=True, kw_only=True):
     """When the figure began, on the event loop's clock [s]."""
 
 
-class Flown(msgspec.Struct, frozen=True, kw_only=True):
+class FleetFlight(msgspec.Struct, frozen=True, kw_only=True):
     """One vehicle's flight."""
 
     name: str
@@ -123,7 +123,7 @@ class Tracks:
                 found = Nearest(float(apart[at]), (names[a], names[b]), float(grid[at] - self.begun_s))
         return found
 
-    def errors(self, number: int, config: Config, told: Told) -> list[float]:
+    def errors(self, number: int, config: Config, told: StationRecord) -> list[float]:
         """True distances from the figure [m], from 15 s after its beginning until the flight leaves it."""
         at = config.trajectory.build().position_at
         ends = [b.time_s for a, b in pairwise(told.states) if a.state == State.TRACKING]
@@ -137,12 +137,14 @@ class Tracks:
         ]
 
 
-def judged(number: int, name: str, config: Config, told: Told, fault: str, tracks: Tracks, stage: FleetStage) -> Flown:
+def judge(
+    number: int, name: str, config: Config, told: StationRecord, fault: str, tracks: Tracks, stage: FleetStage
+) -> FleetFlight:
     """One vehicle's flight by the truth; ``fault`` is what made it come down early, where something did."""
     plant, world = stage.stages[number].plant, stage.stages[number].world
     errors, begun = tracks.errors(number, config, told), tracks.begun_s
     last = told.states[-1] if told.states else Entered(State.IDLE, begun, "nothing was heard of it")
-    return Flown(
+    return FleetFlight(
         name=name,
         landed=last.state == State.LANDED and not fault,
         why=fault or last.reason,
@@ -167,7 +169,7 @@ Change: TypeAlias = Callable[[list[World], FleetPlan], tuple[list[World], FleetP
 class FleetMission(msgspec.Struct, frozen=True, kw_only=True):
     """Flown missions."""
 
-    vehicles: tuple[Flown, ...]
+    vehicles: tuple[FleetFlight, ...]
     nearest: Nearest | None
     """How near two of them came to each other; None for one vehicle alone."""
     duration_s: float
@@ -227,7 +229,7 @@ async def _fly(
         member.name: make_flight(
             member.core,
             confirm=_confirming(MISSION_CONFIRM_S + APART_S * number),
-            on_event=None if on_event is None else _named(on_event, member.name),
+            on_event=None if on_event is None else _prefix_events(on_event, member.name),
             on_state=_entering(states[member.name]),
         )
         for number, member in enumerate(fleet.members)
@@ -261,9 +263,9 @@ async def _fly(
         one.plant.advance(loop.time())
     vehicles = []
     for number, (member, outcome) in enumerate(zip(fleet.members, outcomes, strict=True)):
-        told = Told(states=tuple(states[member.name]), started_s=flights[member.name].started_s)
+        told = StationRecord(states=tuple(states[member.name]), started_s=flights[member.name].started_s)
         fault = f"not over after {limit:g} s" if outcome is None else outcome.fault
-        vehicles.append(judged(number, member.name, member.core, told, fault, tracks, stage))
+        vehicles.append(judge(number, member.name, member.core, told, fault, tracks, stage))
     names, starts = [member.name for member in fleet.members], [world.start_ned for world in worlds]
     return {"vehicles": tuple(vehicles), "nearest": tracks.nearest(names, starts), "duration_s": ended_s}
 
@@ -277,11 +279,11 @@ def _confirming(at_s: float) -> Callable[[], Coroutine[Any, Any, bool]]:
 
 
 def _entering(states: list[Entered]) -> Callable[[State, str], None]:
-    def entered(state: State, reason: str) -> None:
+    def note_state(state: State, reason: str) -> None:
         states.append(Entered(state, asyncio.get_running_loop().time(), reason))
 
-    return entered
+    return note_state
 
 
-def _named(on_event: Callable[[str, str], None], name: str) -> Callable[[str], None]:
+def _prefix_events(on_event: Callable[[str, str], None], name: str) -> Callable[[str], None]:
     return lambda line: on_event(name, line)

@@ -19,7 +19,7 @@ from groundstation.lab import FleetPlan, read_fleet
 from groundstation.recording import NoRecording, Recording
 from groundstation.settings import Config
 from links.core import make_child_command
-from sim.runs.fleet_mission import FleetMission, Told, Tracks, judged
+from sim.runs.fleet_mission import FleetMission, StationRecord, Tracks, judge
 from sim.runs.fleet_stage import FleetStage, lay_out
 from sim.runs.mission import LIMIT_S, REST_S, Entered
 from sim.time import percentile
@@ -85,7 +85,7 @@ async def _fly(
     vehicles = []
     for number, member in enumerate(fleet.members):
         log = _Log(folder / "flights", member.name)
-        flown = judged(number, member.name, member.core, log.told(member.core), log.fault(), tracks, stage)
+        flown = judge(number, member.name, member.core, log.summarize(member.core), log.fault(), tracks, stage)
         vehicles.append(msgspec.structs.replace(flown, **log.timing(), **rounds[number].timing()))
     names, starts = [member.name for member in fleet.members], [world.start_ned for world in worlds]
     return {"vehicles": tuple(vehicles), "nearest": tracks.nearest(names, starts), "duration_s": duration}
@@ -143,9 +143,9 @@ class _Rounds:
         self._answered_s = 0.0
         peer = stage.stages[number].peer
         self._hear = peer.datagram_received
-        peer.datagram_received = self._heard  # type: ignore[method-assign]  # only looked at on its way
+        peer.datagram_received = self._count_round  # type: ignore[method-assign]  # only looked at on its way
 
-    def _heard(self, data: bytes, addr: Any) -> None:
+    def _count_round(self, data: bytes, addr: Any) -> None:
         sent_s = self._stage.mocap.sent_s
         if data[7:10] == COMMAND and sent_s is not None and sent_s > self._answered_s:
             self._answered_s = sent_s
@@ -198,11 +198,11 @@ class _Log:
                 case _:
                     pass
 
-    def told(self, config: Config) -> Told:
+    def summarize(self, config: Config) -> StationRecord:
         """Its states, and when the figure began."""
         delay = config.vehicle.command_delay_s
         started = None if self._started_s is None else self._started_s + delay
-        return Told(states=tuple(self._states), started_s=started)
+        return StationRecord(states=tuple(self._states), started_s=started)
 
     def fault(self) -> str:
         """Why it did not go as it was meant to; empty where the record says that it did."""

@@ -19,7 +19,7 @@ from groundstation.runtime import sleep_until
 from groundstation.settings import Config
 from links.mavlink import MavlinkLinkConfig
 from sim.runs.stage import Stage
-from sim.trackers import Seen, Tracker, make_tracker
+from sim.trackers import BodySighting, Tracker, make_tracker
 from sim.world import World, rows, stream, with_noise
 
 SEEDS_APART = 1000
@@ -41,7 +41,14 @@ class FleetStage:
             ConfigError: the poses come from no capture system that sees them all.
         """
         self.stages = [
-            Stage(world, lab, seed + SEEDS_APART * number, _numbered(on_step, number), autopilot=autopilot, alone=False)
+            Stage(
+                world,
+                lab,
+                seed + SEEDS_APART * number,
+                _number_steps(on_step, number),
+                autopilot=autopilot,
+                alone=False,
+            )
             for number, (world, lab) in enumerate(zip(worlds, labs, strict=True))
         ]
         tracked = [make_tracker(lab.pose) for lab in labs]
@@ -71,7 +78,7 @@ class FleetMocap:
         self._phase = stream(seed, "phase").random()
         self.hidden: set[str] = set()
         """Names of the bodies that the cameras do not see now."""
-        self._last: dict[str, Seen] = {}
+        self._last: dict[str, BodySighting] = {}
         self.sent_s: float | None = None
         """When the newest frame left, on the event loop's clock [s]."""
 
@@ -89,7 +96,7 @@ class FleetMocap:
                 seen = []
                 for name, stage, noise in self._bodies:
                     truth = with_noise(stage.plant.truth(when), stage.world, next(noise))
-                    now = Seen(name, truth.position_ned, truth.attitude, True)
+                    now = BodySighting(name, truth.position_ned, truth.attitude, True)
                     if name in self.hidden:  # the last that was seen of it
                         now = self._last.get(name, now)._replace(tracked=False)
                     self._last[name] = now
@@ -99,12 +106,12 @@ class FleetMocap:
         finally:
             tracker.close()
 
-    def _send(self, frame: int, when: float, seen: list[Seen]) -> None:
+    def _send(self, frame: int, when: float, seen: list[BodySighting]) -> None:
         self.sent_s = asyncio.get_running_loop().time()
         self._tracker.send(frame, when, seen)
 
 
-def _numbered(on_step: OnStep, number: int) -> Callable[[float, Vec3], None]:
+def _number_steps(on_step: OnStep, number: int) -> Callable[[float, Vec3], None]:
     return lambda time_s, place: on_step(number, time_s, place)
 
 

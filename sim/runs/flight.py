@@ -18,7 +18,7 @@ from groundstation.flight import FlightOutcome
 from groundstation.recording import Give, Record, make_flight
 from groundstation.runtime import sleep_until
 from groundstation.settings import Config
-from sim.runs.referee import Referee, Verdict
+from sim.runs.referee import FlightVerdict, Referee
 from sim.runs.stage import Stage
 from sim.time import Address, VirtualTimeLoop
 from sim.world import World
@@ -38,7 +38,7 @@ class Result(msgspec.Struct, frozen=True, kw_only=True):
     why: str
     """Why the flight ended, as a sentence."""
     duration_s: float
-    verdict: Verdict
+    verdict: FlightVerdict
     log_sha256: str
     """Over all wire bytes both ways with their virtual stamps."""
     datagrams: int
@@ -137,7 +137,7 @@ async def _fly(
         referee.tick(tick, stage.wind.at(tick.time_s - released) if released is not None else world.wind_mean)
         if on_tick is not None:
             on_tick(tick)
-        if referee.crashed(truth.position_ned, lands=flight.state in DOWN):
+        if referee.find_crash(truth.position_ned, lands=flight.state in DOWN):
             clock.cancel()
 
     async def confirm() -> bool:

@@ -38,7 +38,7 @@ class Entered(msgspec.Struct, frozen=True):
     reason: str
 
 
-class Mission(msgspec.Struct, frozen=True, kw_only=True):
+class MissionResult(msgspec.Struct, frozen=True, kw_only=True):
     """A flown mission."""
 
     landed: bool
@@ -64,7 +64,7 @@ class Mission(msgspec.Struct, frozen=True, kw_only=True):
     wall_s: float
 
 
-class _Truth:
+class TrueTrack:
     """What the referee of a mission sees: every step of the plant."""
 
     def __init__(self) -> None:
@@ -93,7 +93,7 @@ def fly_mission(
     on_event: Callable[[str], None] | None = None,
     script: Script | None = None,
     give: Give | None = None,
-) -> Mission:
+) -> MissionResult:
     """Fly ``config``, which says how long the figure is flown, in ``world``, from its floor; see :func:`from_floor`.
 
     ``script(flight, stage)`` runs beside it, to ask for what an operator would, or to break something; ``give`` takes
@@ -102,7 +102,7 @@ def fly_mission(
     start = time.perf_counter()
     with asyncio.Runner(loop_factory=VirtualTimeLoop) as runner:
         values = runner.run(_fly(world, config, seed, autopilot, on_event, script, give))
-    return Mission(**values, wall_s=time.perf_counter() - start)
+    return MissionResult(**values, wall_s=time.perf_counter() - start)
 
 
 async def _fly(
@@ -115,7 +115,7 @@ async def _fly(
     give: Give | None,
 ) -> dict[str, Any]:
     loop = asyncio.get_running_loop()
-    truth, states = _Truth(), list[Entered]()
+    truth, states = TrueTrack(), list[Entered]()
 
     def step(time_s: float, position: Vec3) -> None:
         truth.time.append(time_s)
@@ -127,11 +127,11 @@ async def _fly(
         await sleep_until(MISSION_CONFIRM_S)
         return True
 
-    def entered(state: State, reason: str) -> None:
+    def note_state(state: State, reason: str) -> None:
         states.append(Entered(state, round(loop.time(), 6), reason))
 
     stage = Stage(world, config, seed, step, autopilot=autopilot)
-    flight = make_flight(config, confirm=confirm, on_event=on_event, on_state=entered, wires=stage.wires, give=give)
+    flight = make_flight(config, confirm=confirm, on_event=on_event, on_state=note_state, wires=stage.wires, give=give)
     turning, flying = asyncio.ensure_future(stage.run()), asyncio.ensure_future(flight.run())
     beside = asyncio.ensure_future(script(flight, stage)) if script is not None else None
     limit = LIMIT_S + (config.flight.duration_s or 0.0)
@@ -168,7 +168,7 @@ async def _fly(
     }
 
 
-def _errors(config: Config, truth: _Truth, states: list[Entered], started_s: float | None) -> list[float]:
+def _errors(config: Config, truth: TrueTrack, states: list[Entered], started_s: float | None) -> list[float]:
     """True distances from the figure [m], from 15 s after its beginning until the flight leaves it."""
     tracking = next((i for i, one in enumerate(states) if one.state == State.TRACKING), None)
     if tracking is None or started_s is None:

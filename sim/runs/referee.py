@@ -27,7 +27,7 @@ CRASH_M = 20.0
 """Farther than this from the start, no room holds the vehicle [m]."""
 
 
-class Verdict(msgspec.Struct, frozen=True, kw_only=True):
+class FlightVerdict(msgspec.Struct, frozen=True, kw_only=True):
     """The figures of one flight. Lengths of the errors are true position against reference, at plant steps."""
 
     rms_cm: float | None
@@ -106,7 +106,7 @@ class Referee:
         if tick.seen.warning:
             self._warnings.append(f"{tick.flight_time_s:.2f} {tick.seen.warning}")
 
-    def crashed(self, position: Vec3, *, lands: bool = False) -> bool:
+    def find_crash(self, position: Vec3, *, lands: bool = False) -> bool:
         """Whether the vehicle hit the floor, unless it ``lands``, or left every room; says why in ``crash``."""
         sx, sy, sz = self._world.start_ned
         if not lands and position[2] >= self._world.floor_z_m - 1e-9:
@@ -115,7 +115,7 @@ class Referee:
             self.crash = f"flew {CRASH_M:g} m away from its start"
         return self.crash is not None
 
-    def verdict(self, trajectory: Trajectory, start_s: float) -> Verdict:
+    def verdict(self, trajectory: Trajectory, start_s: float) -> FlightVerdict:
         """Judge the flight; the reference started at ``start_s`` on the event loop's clock."""
         at = trajectory.position_at
         steady_s = STEADY_S - ROUNDING_S
@@ -128,7 +128,7 @@ class Referee:
         end = self._ticks[-1][0] if self._ticks else 0.0
         last = [i for i, tick in enumerate(self._ticks) if tick[0] > end - 1.0]
         thrusts = [tick[1] for tick in self._ticks]
-        return Verdict(
+        return FlightVerdict(
             rms_cm=100.0 * math.sqrt(sum(e * e for e in steady) / len(steady)) if steady else None,
             max_cm=100.0 * max(steady) if steady else None,
             settle_s=stays_below(times, errors, SETTLED_M) if self.crash is None else None,

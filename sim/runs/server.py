@@ -66,7 +66,7 @@ async def serve(
     else:
         assert pty is not None, "every other link is a radio's"
         end = f"{type(link).__struct_config__.tag} receiver on {pty.path}, for link.port beside link.simulated = true"
-    async with _alone(*_sent(config)):
+    async with _alone(*_describe_wires(config)):
         print(f"serving {name}: {end}, {_poses(config.pose)}. Ctrl-C ends.", flush=True)
         with contextlib.suppress(TimeoutError):
             await asyncio.wait_for(stage.run(), duration_s)
@@ -97,7 +97,7 @@ async def serve_fleet(
         worlds.append(msgspec.structs.replace(world, start_ned=start, floor_z_m=flight.floor_z_m))
     stage = FleetStage(worlds, labs, seed, lambda _number, _time_s, _place: None, autopilot=autopilot)
     ends = ", ".join(f"{member.name} to udp {getattr(member.lab.link, 'address', '')}" for member in fleet.members)
-    async with _alone(*dict.fromkeys(end for lab in labs for end in _sent(lab))):
+    async with _alone(*dict.fromkeys(end for lab in labs for end in _describe_wires(lab))):
         print(f"serving {autopilot} autopilots (MAVLink): {ends}; {_poses(labs[0].pose)}. Ctrl-C ends.", flush=True)
         with contextlib.suppress(TimeoutError):
             await asyncio.wait_for(stage.run(), duration_s)
@@ -107,7 +107,7 @@ async def serve_fleet(
     return 0
 
 
-def _sent(config: Config) -> list[str]:
+def _describe_wires(config: Config) -> list[str]:
     """What is sent to one vehicle's ground station, and where; a radio's pseudo-terminal is nobody else's anyway."""
     ends = [f"MAVLink to {config.link.address}"] if isinstance(config.link, MavlinkLinkConfig) else []
     if (cameras := getattr(config.pose, "listen", None)) is not None:

@@ -41,7 +41,7 @@ class Case(msgspec.Struct, frozen=True):
     """``--set`` overrides that choose it."""
 
 
-class Flown(msgspec.Struct, frozen=True):
+class ComparedFlight(msgspec.Struct, frozen=True):
     """One flight of a case."""
 
     case: Case
@@ -55,7 +55,7 @@ class Flown(msgspec.Struct, frozen=True):
     """True error [cm] from the start on, every :data:`TRACE_S`; only where asked for."""
 
 
-class Row(msgspec.Struct, frozen=True):
+class ComparisonRow(msgspec.Struct, frozen=True):
     """One controller in one scenario, over all seeds: medians, and the spread of the RMS error."""
 
     scenario: str
@@ -88,7 +88,7 @@ def cases(scenarios: Iterable[str], controllers: Sequence[str], overrides: Seque
     return found
 
 
-def flown(case: Case, seed: int, duration_s: float, *, traced: bool = False) -> Flown:
+def fly_case(case: Case, seed: int, duration_s: float, *, traced: bool = False) -> ComparedFlight:
     """Fly one case once."""
     world, config = prepare(SCENARIOS[case.scenario], list(case.overrides))
     rates, thrusts = array("d"), array("d")
@@ -120,7 +120,7 @@ def flown(case: Case, seed: int, duration_s: float, *, traced: bool = False) -> 
             if 0 <= index < len(trace):
                 trace[index] = max(trace[index], 100.0 * math.dist(place, at(time_s - start)))
         trace = trace[: int(result.duration_s / TRACE_S)]
-    return Flown(
+    return ComparedFlight(
         case,
         seed,
         result.completed,
@@ -140,7 +140,7 @@ def fly_all(
     workers: int,
     traced: bool = False,
     on_done: Callable[[int], None] | None = None,
-) -> list[Flown]:
+) -> list[ComparedFlight]:
     """Every case with seeds 0 … ``seeds`` - 1, in the order of ``work``; ``on_done`` hears how many are flown.
 
     Only the first seed of the gust front is traced.
@@ -150,7 +150,7 @@ def fly_all(
     context = multiprocessing.get_context("spawn")
     with cf.ProcessPoolExecutor(max_workers=workers, mp_context=context) as pool:
         futures = [
-            pool.submit(flown, case, seed, duration_s, traced=traced and seed == 0 and case.scenario == GUST)
+            pool.submit(fly_case, case, seed, duration_s, traced=traced and seed == 0 and case.scenario == GUST)
             for case, seed in flights
         ]
         try:
@@ -163,21 +163,21 @@ def fly_all(
             raise
 
 
-def rows(results: Sequence[Flown]) -> list[Row]:
+def rows(results: Sequence[ComparedFlight]) -> list[ComparisonRow]:
     """One row a case, in the order of their first flights."""
-    by_case: dict[Case, list[Flown]] = {}
+    by_case: dict[Case, list[ComparedFlight]] = {}
     for one in results:
         by_case.setdefault(one.case, []).append(one)
     return [_row(case, flights) for case, flights in by_case.items()]
 
 
-def _row(case: Case, flights: list[Flown]) -> Row:
+def _row(case: Case, flights: list[ComparedFlight]) -> ComparisonRow:
     crashed = sum(not one.survived for one in flights)
     errors = [one.rms_cm for one in flights]
     known = [error for error in errors if error is not None] if not crashed else []
     # A flight that never settles counts as later than any.
     settled = median([math.inf if one.settle_s is None else one.settle_s for one in flights])
-    return Row(
+    return ComparisonRow(
         case.scenario,
         case.controller,
         flights=len(flights),
@@ -211,7 +211,7 @@ NOTE = (
 HEAD = ("scenario", "controller", "RMS cm", "spread", "max cm", "settled s", "effort", "survived")
 
 
-def text_table(rows: Sequence[Row]) -> str:
+def text_table(rows: Sequence[ComparisonRow]) -> str:
     """Columns aligned for a terminal."""
     lines = [HEAD, *map(_cells, rows)]
     widths = [max(len(line[i]) for line in lines) for i in range(len(HEAD))]
@@ -231,7 +231,7 @@ def text_table(rows: Sequence[Row]) -> str:
     )
 
 
-def markdown_table(rows: Sequence[Row]) -> str:
+def markdown_table(rows: Sequence[ComparisonRow]) -> str:
     """One row a scenario, one column a controller: RMS error, and its spread over the seeds."""
     scenarios = list(dict.fromkeys(row.scenario for row in rows))
     controllers = list(dict.fromkeys(row.controller for row in rows))
@@ -252,7 +252,7 @@ def check_markers(path: Path) -> None:
     split_at_markers(path, BEGIN, END)
 
 
-def write_between_markers(path: Path, rows: Sequence[Row], command: str) -> None:
+def write_between_markers(path: Path, rows: Sequence[ComparisonRow], command: str) -> None:
     """Replace what stands between the markers of ``path`` by the table and by the ``command`` that made it.
 
     Raises:
@@ -274,7 +274,7 @@ def put_between_markers(path: Path, shown: str) -> None:
     replace_between_markers(path, BEGIN, END, shown)
 
 
-def _cells(row: Row) -> tuple[str, ...]:
+def _cells(row: ComparisonRow) -> tuple[str, ...]:
     spread = "" if row.rms_cm_min is None else f"{row.rms_cm_min:.2f} … {row.rms_cm_max:.2f}"
     survived = "yes" if row.survived else f"{row.flights - row.crashed} of {row.flights}"
     settled = "never" if row.survived and row.settle_s is None else _number(row.settle_s, 1)
@@ -294,7 +294,7 @@ def _number(value: float | None, places: int) -> str:
     return "-" if value is None else f"{value:.{places}f}"
 
 
-def _rms(row: Row | None) -> str:
+def _rms(row: ComparisonRow | None) -> str:
     if row is None:
         return ""
     if row.rms_cm is None:
@@ -341,7 +341,7 @@ def check_plot(path: Path) -> None:
         raise ConfigError("--plot", f"cannot write {path}: expected a name that ends in one of {sorted(kinds)}")
 
 
-def plot(path: Path, rows: Sequence[Row], flights: Sequence[Flown]) -> None:
+def plot(path: Path, rows: Sequence[ComparisonRow], flights: Sequence[ComparedFlight]) -> None:
     """Draw ``rows``, and the traced ones of ``flights``, into ``path`` (.png, .svg or .pdf).
 
     Raises:
@@ -364,7 +364,7 @@ def plot(path: Path, rows: Sequence[Row], flights: Sequence[Flown]) -> None:
         raise ConfigError("--plot", f"cannot write {path}: {error}") from None
 
 
-def _by_scenario(panel: Any, rows: Sequence[Row], styles: dict[str, dict[str, Any]]) -> None:
+def _by_scenario(panel: Any, rows: Sequence[ComparisonRow], styles: dict[str, dict[str, Any]]) -> None:
     scenarios = list(dict.fromkeys(row.scenario for row in rows))
     highest = max((row.rms_cm_max for row in rows if row.rms_cm_max is not None), default=1.0)
     crash = 3.0 * highest
@@ -403,7 +403,7 @@ def _by_scenario(panel: Any, rows: Sequence[Row], styles: dict[str, dict[str, An
     panel.legend(ncols=3, fontsize=9, loc="upper left", bbox_to_anchor=(0.0, -0.1), frameon=False)
 
 
-def _over_time(panel: Any, traced: Sequence[Flown], styles: dict[str, dict[str, Any]]) -> None:
+def _over_time(panel: Any, traced: Sequence[ComparedFlight], styles: dict[str, dict[str, Any]]) -> None:
     for one in traced:
         trace = one.trace or []
         style = {key: value for key, value in styles[one.case.controller].items() if key in ("color", "linestyle")}

@@ -18,7 +18,7 @@ Address: TypeAlias = tuple[str, int]
 Hear: TypeAlias = Callable[[Address, Address, bytes], None]
 
 
-class Stream(asyncio.Transport):
+class MemoryStream(asyncio.Transport):
     """One end of a connection. It never has to wait, so nothing is ever buffered."""
 
     def __init__(self, loop: asyncio.AbstractEventLoop, hear: Hear, local: Address, remote: Address) -> None:
@@ -29,7 +29,7 @@ class Stream(asyncio.Transport):
         self._way = (local, remote)
         self._protocol: asyncio.BaseProtocol = asyncio.Protocol()
         self._closing = False
-        self.other: Stream | None = None
+        self.other: MemoryStream | None = None
 
     def write(self, data: Any) -> None:
         """Send bytes; nothing happens on a closed connection."""
@@ -87,17 +87,17 @@ class Listener:
         """Nothing is left to wait for."""
 
 
-def connected(
+def connect_ends(
     loop: asyncio.AbstractEventLoop,
     hear: Hear,
     client: asyncio.BaseProtocol,
     client_address: Address,
     server: asyncio.BaseProtocol,
     server_address: Address,
-) -> tuple[Stream, asyncio.BaseProtocol]:
+) -> tuple[MemoryStream, asyncio.BaseProtocol]:
     """Two ends that know each other; returns the client's."""
-    here = Stream(loop, hear, client_address, server_address)
-    there = Stream(loop, hear, server_address, client_address)
+    here = MemoryStream(loop, hear, client_address, server_address)
+    there = MemoryStream(loop, hear, server_address, client_address)
     here.other, there.other = there, here
     for end, protocol in ((here, client), (there, server)):
         end.set_protocol(protocol)
@@ -338,7 +338,7 @@ class VirtualTimeLoop(asyncio.SelectorEventLoop):
         Raises:
             OSError: the address is in use.
         """
-        local = host, port = self._bound(local_addr)
+        local = host, port = self._bind(local_addr)
         if local in self.endpoints and not reuse_port:
             raise OSError(98, f"address {host}:{port} is already in use")
         endpoint = _Endpoint(self, local, remote_addr)
@@ -359,13 +359,13 @@ class VirtualTimeLoop(asyncio.SelectorEventLoop):
         listener = self.listeners.get((host, port))
         if listener is None:
             raise ConnectionRefusedError(111, f"nobody listens at {host}:{port}")
-        local = self._bound(None)
+        local = self._bind(None)
 
         def hear(source: Address, target: Address, data: bytes) -> None:
             if self.tap is not None:
                 self.tap(self.time(), source, target, data)
 
-        return connected(self, hear, protocol_factory(), local, listener.protocol_factory(), (host, port))
+        return connect_ends(self, hear, protocol_factory(), local, listener.protocol_factory(), (host, port))
 
     async def create_server(  # type: ignore[override]  # the in-memory network needs only these
         self, protocol_factory: Callable[[], asyncio.BaseProtocol], host: str, port: int, **_: Any
@@ -381,7 +381,7 @@ class VirtualTimeLoop(asyncio.SelectorEventLoop):
         self.listeners[host, port] = listener
         return listener
 
-    def _bound(self, address: Address | None) -> Address:
+    def _bind(self, address: Address | None) -> Address:
         host, port = address or ("127.0.0.1", 0)
         return host, port or self._free_port(host)
 

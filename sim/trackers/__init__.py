@@ -3,11 +3,19 @@
 TYPE_CHECKING = False
 if TYPE_CHECKING:
     from sim.trackers.qtm_server import NatNetServer, QtmServer
-    from sim.trackers.trackers import Mocap, Seen, Tracker, json_encoder, make_tracker, vicon_encoder, vision_encoder
+    from sim.trackers.trackers import (
+        BodySighting,
+        Mocap,
+        Tracker,
+        json_encoder,
+        make_tracker,
+        vicon_encoder,
+        vision_encoder,
+    )
 
 _MODULES = {
     "qtm_server": ("NatNetServer", "QtmServer"),
-    "trackers": ("Mocap", "Seen", "Tracker", "json_encoder", "make_tracker", "vicon_encoder", "vision_encoder"),
+    "trackers": ("BodySighting", "Mocap", "Tracker", "json_encoder", "make_tracker", "vicon_encoder", "vision_encoder"),
 }
 
 

@@ -20,13 +20,13 @@ from groundstation.pose.sources import (
 from groundstation.runtime import sleep_until
 from links.io import parse_address
 from links.mavlink.protocol import MavlinkCodec
-from sim.world import Quadrotor, Truth, Wander, World, rows, stream, with_noise
+from sim.world import PositionWander, Quadrotor, TrueState, World, rows, stream, with_noise
 
 CLOCK_AHEAD_S = 1000.0
 """How far the tracking computer's clock is ahead of ours: nobody told them to agree [s]."""
 
 
-class Seen(NamedTuple):
+class BodySighting(NamedTuple):
     """One body as the cameras see it."""
 
     name: str
@@ -47,7 +47,7 @@ class Tracker(Protocol):
         """Join the network."""
         ...
 
-    def send(self, frame: int, exposure_s: float, bodies: Sequence[Seen]) -> None:
+    def send(self, frame: int, exposure_s: float, bodies: Sequence[BodySighting]) -> None:
         """Send frame ``frame``, exposed at ``exposure_s`` [s, event loop's clock], now; our body is the first."""
         ...
 
@@ -56,7 +56,7 @@ class Tracker(Protocol):
         ...
 
 
-Encoder = Callable[[int, float, Sequence[Seen]], bytes]
+Encoder = Callable[[int, float, Sequence[BodySighting]], bytes]
 """Frame number, its stamp [s, the tracker's clock] and the bodies → the datagram; empty: nothing is sent."""
 
 
@@ -74,7 +74,7 @@ class UdpTracker:
         loop = asyncio.get_running_loop()
         self._transport, _ = await loop.create_datagram_endpoint(asyncio.DatagramProtocol, remote_addr=self._target)
 
-    def send(self, frame: int, exposure_s: float, bodies: Sequence[Seen]) -> None:
+    def send(self, frame: int, exposure_s: float, bodies: Sequence[BodySighting]) -> None:
         """Send one frame."""
         data = self._encode(frame, exposure_s + CLOCK_AHEAD_S, bodies)
         if data and self._transport is not None:
@@ -112,7 +112,7 @@ def vicon_encoder(config: ViconConfig) -> Encoder:
     """What a Vicon Tracker sends: a hidden object stands still."""
     frames = frames_of(config)
 
-    def encode(frame: int, stamp_s: float, bodies: Sequence[Seen]) -> bytes:
+    def encode(frame: int, stamp_s: float, bodies: Sequence[BodySighting]) -> bytes:
         objects = []
         for seen in bodies:
             (x, y, z), attitude = seen.pose(frames)
@@ -128,7 +128,7 @@ def json_encoder(config: JsonConfig) -> Encoder:
     """What a home-made tracker sends: a hidden body is not valid."""
     frames = frames_of(config)
 
-    def encode(frame: int, stamp_s: float, bodies: Sequence[Seen]) -> bytes:
+    def encode(frame: int, stamp_s: float, bodies: Sequence[BodySighting]) -> bytes:
         return json_codec.encode(
             json_codec.json_pose(seen.name, *seen.pose(frames), t=stamp_s, frame=frame, valid=seen.tracked)
             for seen in bodies
@@ -142,7 +142,7 @@ def vision_encoder(config: VisionConfig) -> Encoder:
     frames = frames_of(config)
     codec = MavlinkCodec(config.system_id or 1, 197)  # MAV_COMP_ID_VISUAL_INERTIAL_ODOMETRY
 
-    def encode(frame: int, stamp_s: float, bodies: Sequence[Seen]) -> bytes:
+    def encode(frame: int, stamp_s: float, bodies: Sequence[BodySighting]) -> bytes:
         ours = bodies[0]
         if not ours.tracked:
             return b""
@@ -165,7 +165,7 @@ class Mocap:
         self._phase = stream(seed, "phase").random()
         self._noise = rows(stream(seed, "noise").standard_normal, 6)
         self._luck = rows(stream(seed, "pose loss").random, 1)
-        self._wander = Wander(world, rows(stream(seed, "cameras' wander").standard_normal, 3))
+        self._wander = PositionWander(world, rows(stream(seed, "cameras' wander").standard_normal, 3))
         self._name = name
         self._tracker = tracker
         self._covered = False
@@ -198,9 +198,9 @@ class Mocap:
                 await sleep_until(when)
                 # The instant of the exposure is the scheduled one: a late wake-up must not move the truth.
                 truth = with_noise(self._plant.truth(when), world, next(self._noise))
-                truth = self._wander.seen(truth, self._plant.released_s)
-                if not self._lost(when, next(self._luck)[0]):
-                    bodies = self._seen(truth, when)
+                truth = self._wander.distort(truth, self._plant.released_s)
+                if not self._loses(when, next(self._luck)[0]):
+                    bodies = self._observe(truth, when)
                     if world.pose_latency_s > 0.0:
                         loop.call_at(when + world.pose_latency_s, self._tracker.send, frame, when, bodies)
                     else:
@@ -209,7 +209,7 @@ class Mocap:
         finally:
             self._tracker.close()
 
-    def _seen(self, truth: Truth, when: float) -> list[Seen]:
+    def _observe(self, truth: TrueState, when: float) -> list[BodySighting]:
         """Our body first: where it is hidden, the last that was seen of it."""
         world = self._world
         position, attitude = truth.position_ned, truth.attitude
@@ -221,8 +221,8 @@ class Mocap:
             others[:1] = [(position, attitude)] if others else []
             position, attitude = _circling(0, when)
         self._last = position, attitude
-        bodies = [Seen(self._name, position, attitude, not hidden)]
-        return bodies + [Seen(f"other{n}", *pose, True) for n, pose in enumerate(others)]
+        bodies = [BodySighting(self._name, position, attitude, not hidden)]
+        return bodies + [BodySighting(f"other{n}", *pose, True) for n, pose in enumerate(others)]
 
     def _mishap(self, when: float, length_s: float, share: float) -> bool:
         """Whether one that begins after ``share`` of each period, and takes ``length_s``, is going on.
@@ -236,7 +236,7 @@ class Mocap:
         since = self._begun_s if released is None or when < released else released
         return 0.0 <= (when - since) % period - share * period < length_s
 
-    def _lost(self, when: float, luck: float) -> bool:
+    def _loses(self, when: float, luck: float) -> bool:
         """Lost at random, or within one of the regular outages (the last part of each period)."""
         world = self._world
         if self._covered or luck < world.pose_loss:

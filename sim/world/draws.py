@@ -141,7 +141,7 @@ class Stream:
 
     def __init__(self, entropy: Sequence[int]) -> None:
         """As ``numpy.random.default_rng(entropy)``: whole numbers, none negative."""
-        a, b, c, d = _seeded(entropy)
+        a, b, c, d = _seed_words(entropy)
         self._increment = (c << 64 | d) << 1 & _128 | 1
         self._state = (self._increment + (a << 64 | b)) * _MULTIPLIER + self._increment & _128
 
@@ -184,7 +184,7 @@ _TAIL_INVERSE = 0.27366123732975827203338247596
 """1 / TAIL."""
 
 
-def _seeded(entropy: Sequence[int]) -> list[int]:
+def _seed_words(entropy: Sequence[int]) -> list[int]:
     """Four numbers of 64 bits from ``entropy``: numpy's SeedSequence (M. O'Neill's seed_seq, 2015)."""
     words: list[int] = []
     for number in entropy:
@@ -194,25 +194,25 @@ def _seeded(entropy: Sequence[int]) -> list[int]:
     words += [0] * (4 - len(words))
     by = 0x43B0D7E5
 
-    def hashed(value: int) -> int:
+    def hash_word(value: int) -> int:
         nonlocal by
         value ^= by
         by = by * 0x931E8875 & _32
         value = value * by & _32
         return value ^ value >> 16
 
-    def mixed(one: int, other: int) -> int:
+    def mix(one: int, other: int) -> int:
         value = 0xCA01F9DD * one - 0x4973F715 * other & _32
         return value ^ value >> 16
 
-    pool = [hashed(word) for word in words[:4]]
+    pool = [hash_word(word) for word in words[:4]]
     for source in range(4):
         for target in range(4):
             if source != target:
-                pool[target] = mixed(pool[target], hashed(pool[source]))
+                pool[target] = mix(pool[target], hash_word(pool[source]))
     for word in words[4:]:
         for target in range(4):
-            pool[target] = mixed(pool[target], hashed(word))
+            pool[target] = mix(pool[target], hash_word(word))
     by, halves = 0x8B51F9DD, []
     for n in range(8):
         value = pool[n % 4] ^ by

@@ -9,7 +9,7 @@ import math
 from collections.abc import Iterator
 
 from groundstation.core.geometry import Quat, Vec3, so3
-from sim.world.quadrotor import Truth
+from sim.world.quadrotor import TrueState
 
 LOOP_S = 0.004
 """What is told is that of the newest turn of its loop [s]."""
@@ -28,11 +28,11 @@ class Horizon:
         """``normals`` gives rows of three standard normal numbers; ``gravity`` is in m/s²."""
         self._normals = normals
         self._gravity = gravity
-        self._truth: Truth | None = None
-        self._wander: Vec3 = _scaled(WANDER_RAD, next(normals))
+        self._truth: TrueState | None = None
+        self._wander: Vec3 = _scale(WANDER_RAD, next(normals))
         self._pulled = (0.0, 0.0)
 
-    def feel(self, truth: Truth) -> tuple[Quat, Vec3]:
+    def feel(self, truth: TrueState) -> tuple[Quat, Vec3]:
         """Attitude and body rates [rad/s] as estimated, while ``truth`` is so; never earlier than before."""
         last, self._truth = self._truth, truth
         if last is not None and truth.time_s > last.time_s:
@@ -44,11 +44,11 @@ class Horizon:
         # Who accelerates north leans nose down, about west; so pulled upright is about east.
         return so3.multiply(so3.rotate(so3.IDENTITY, (-east, north, 0.0)), attitude), rates
 
-    def _go_on(self, last: Truth, truth: Truth, since: float) -> None:
+    def _go_on(self, last: TrueState, truth: TrueState, since: float) -> None:
         """Wander and be pulled for ``since`` [s]."""
         keep = math.exp(-since / WANDER_S)
         a, b, c = self._wander
-        x, y, z = _scaled(WANDER_RAD * math.sqrt(1.0 - keep * keep), next(self._normals))
+        x, y, z = _scale(WANDER_RAD * math.sqrt(1.0 - keep * keep), next(self._normals))
         self._wander = (keep * a + x, keep * b + y, keep * c + z)
         (u, v, _), (u0, v0, _) = truth.velocity_ned, last.velocity_ned
         free = since <= LONGEST_S and not truth.on_ground
@@ -58,6 +58,6 @@ class Horizon:
         self._pulled = (a + pull * (north - a), b + pull * (east - b))
 
 
-def _scaled(by: float, row: list[float]) -> Vec3:
+def _scale(by: float, row: list[float]) -> Vec3:
     x, y, z = row
     return by * x, by * y, by * z

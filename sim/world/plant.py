@@ -32,7 +32,7 @@ class Physics(NamedTuple):
     gravity: float
 
 
-def moved(
+def integrate(
     ops: Ops, body: Body, thrust_command: Real, rate_command: Vec3, wind: Vec3, h: Real, physics: Physics
 ) -> Body:
     """``body`` after ``h`` [s] under held commands (thrust [N], rates [rad/s]) and a constant ``wind`` [m/s², NED]."""

@@ -11,11 +11,11 @@ from typing import Protocol
 import msgspec
 
 from groundstation.core.geometry import FLOATS, Quat, Vec3, so3
-from sim.world.plant import Body, Physics, moved
+from sim.world.plant import Body, Physics, integrate
 from sim.world.world import Wind, World
 
 
-class Truth(msgspec.Struct, frozen=True, gc=False):
+class TrueState(msgspec.Struct, frozen=True, gc=False):
     """The exact state of the simulated vehicle at one instant."""
 
     time_s: float
@@ -51,15 +51,15 @@ class Airframe(Protocol):
         """Let go of a vehicle that is held in the air until it obeys; does nothing afterwards."""
         ...
 
-    def truth(self, time_s: float) -> Truth:
+    def truth(self, time_s: float) -> TrueState:
         """The exact state at ``time_s``."""
         ...
 
-    def measured(self, time_s: float) -> Truth:
+    def measure(self, time_s: float) -> TrueState:
         """The same with the noise of the vehicle's own position estimate."""
         ...
 
-    def felt(self, time_s: float) -> tuple[Quat, Vec3]:
+    def feel(self, time_s: float) -> tuple[Quat, Vec3]:
         """Attitude and body rates [rad/s] as its own estimator has them, by gyros and accelerometers."""
         ...
 
@@ -174,7 +174,7 @@ class Quadrotor:
         other._highest_m = self._highest_m
         return other
 
-    def truth(self, time_s: float) -> Truth:
+    def truth(self, time_s: float) -> TrueState:
         """The exact state at ``time_s`` [s], which must not lie before an earlier question."""
         self.advance(time_s)
         body, down, rest = self._body, self._on_ground, time_s - self._time
@@ -183,7 +183,7 @@ class Quadrotor:
             body, down = self._after(self._time - self.released_s, rest)
             body = self._on_floor(body, rest) if down else body
         p, v, q, thrust, rates = body
-        return Truth(time_s, p, v, q, rates, thrust, down)
+        return TrueState(time_s, p, v, q, rates, thrust, down)
 
     @property
     def attitude(self) -> Quat:
@@ -231,7 +231,7 @@ class Quadrotor:
             push = (_ground_effect(world, body.position[2]) - 1.0) * body.thrust / world.mass_kg
             (x, y, z), (u, v, w) = so3.third_column(body.attitude), wind
             wind = u - push * x, v - push * y, w - push * z
-        body = moved(FLOATS, body, self._thrust_command, self._rate_command, wind, h, self._physics)
+        body = integrate(FLOATS, body, self._thrust_command, self._rate_command, wind, h, self._physics)
         if self.lead is not None and self.released_s is not None:
             body = self.lead(self.released_s + flight_time + h, body.thrust)
         held = self._on_ground and world.floor_hold_s > 0.0

@@ -8,7 +8,7 @@ import msgspec
 from groundstation.core.geometry import Quat, Vec3, so3
 from links.core import thrust
 from sim.world.horizon import Horizon
-from sim.world.quadrotor import Quadrotor, Truth
+from sim.world.quadrotor import Quadrotor, TrueState
 from sim.world.world import World
 
 
@@ -23,15 +23,15 @@ class SimulatedVehicle:
         wander: Iterator[list[float]],
         horizon: Horizon | None = None,
     ) -> None:
-        """Motors off; ``noise`` gives rows of six, ``wander`` of three standard normal numbers for :meth:`measured`.
+        """Motors off; ``noise`` gives rows of six, ``wander`` of three standard normal numbers for :meth:`measure`.
 
-        Without a ``horizon`` its attitude is that of :meth:`measured`, as where its own estimate serves as the poses.
+        Without a ``horizon`` its attitude is that of :meth:`measure`, as where its own estimate serves as the poses.
         """
         self.plant = plant
         self._world = world
         self._noise = noise
         self._astray, self._resets = 0.0, 0
-        self._wander = Wander(world, wander)
+        self._wander = PositionWander(world, wander)
         self._horizon = horizon
         self._on = False
 
@@ -51,17 +51,17 @@ class SimulatedVehicle:
         """Let go of the vehicle that is held in the air."""
         self.plant.release(time_s)
 
-    def truth(self, time_s: float) -> Truth:
+    def truth(self, time_s: float) -> TrueState:
         """The exact state."""
         return self.plant.truth(time_s)
 
-    def measured(self, time_s: float) -> Truth:
+    def measure(self, time_s: float) -> TrueState:
         """The state with the noise that the scenario gives to poses, as its own estimator has it."""
         truth = with_noise(self.plant.truth(time_s), self._world, next(self._noise))
         if self._world.floor_hold_s > 0.0:
             (north, east, down), (u, v, _), (higher, up) = truth.position_ned, truth.velocity_ned, self.plant.felt
             truth = msgspec.structs.replace(truth, position_ned=(north, east, down - higher), velocity_ned=(u, v, -up))
-        truth = self._wander.seen(truth, self.plant.released_s)
+        truth = self._wander.distort(truth, self.plant.released_s)
         if not (self._astray or self._resets):
             return truth
         attitude = so3.multiply(so3.from_euler_zyx(0.0, 0.0, math.radians(self._astray)), truth.attitude)
@@ -76,21 +76,21 @@ class SimulatedVehicle:
         self._astray = 0.0
         self._resets += 1
 
-    def felt(self, time_s: float) -> tuple[Quat, Vec3]:
+    def feel(self, time_s: float) -> tuple[Quat, Vec3]:
         """Attitude and body rates as its own estimator has them."""
         if self._horizon is not None:
             return self._horizon.feel(self.plant.truth(time_s))
-        seen = self.measured(time_s)
+        seen = self.measure(time_s)
         return seen.attitude, seen.rates_rad_s
 
 
-def with_noise(truth: Truth, world: World, normals: list[float]) -> Truth:
+def with_noise(truth: TrueState, world: World, normals: list[float]) -> TrueState:
     """``truth`` with the scenario's noise on position and attitude, from six standard normal numbers."""
     n, a = world.pose_noise_m, world.attitude_noise_rad
     if n == 0.0 and a == 0.0:
         return truth
     (x, y, z), (i, j, k, roll, pitch, yaw) = truth.position_ned, normals
-    return Truth(
+    return TrueState(
         truth.time_s,
         (x + n * i, y + n * j, z + n * k),
         truth.velocity_ned,
@@ -108,7 +108,7 @@ SPEED_PER_M, SPEED_FORGETS_S = 1.5, 5.0
 """What is measured of its speed wanders so much more [1/s], and comes back so fast [s]: PX4's by 5 cm/s in 0.5 s."""
 
 
-class Wander:
+class PositionWander:
     """What a measured place and yaw do that the vehicle does not."""
 
     def __init__(self, world: World, normals: Iterator[list[float]]) -> None:
@@ -119,7 +119,7 @@ class Wander:
         self._off: Vec3 = (0.0, 0.0, 0.0)
         self._fast: Vec3 = (0.0, 0.0, 0.0)
 
-    def seen(self, truth: Truth, released_s: float | None) -> Truth:
+    def distort(self, truth: TrueState, released_s: float | None) -> TrueState:
         """``truth`` as it is measured; times do not go backwards."""
         world = self._world
         if world.estimate_wander_m:

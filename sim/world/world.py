@@ -139,12 +139,12 @@ class Eddies(NamedTuple):
     twice_z: Real
 
 
-def begun(normals: Vec3) -> Eddies:
+def begin_eddies(normals: Vec3) -> Eddies:
     """In the stationary state, from three standard normal numbers."""
     return Eddies(normals, 0.0, 0.0)
 
 
-def stirred(eddies: Eddies, normals: Vec3) -> Eddies:
+def stir(eddies: Eddies, normals: Vec3) -> Eddies:
     """One grid step later, from three standard normal numbers."""
     (x, y, z), twice_y, twice_z = eddies
     x, y, z = (
@@ -155,7 +155,7 @@ def stirred(eddies: Eddies, normals: Vec3) -> Eddies:
     return Eddies((x, y, z), KEEP[1] * twice_y + (1.0 - KEEP[1]) * y, KEEP[2] * twice_z + (1.0 - KEEP[2]) * z)
 
 
-def felt(eddies: Eddies, rms: Real) -> Vec3:
+def compute_turbulence(eddies: Eddies, rms: Real) -> Vec3:
     """The turbulence [m/s², NED]: Dryden's longitudinal form on x, lateral form on y and z (MIL-F-8785C, 3.7)."""
     (x, y, z), twice_y, twice_z = eddies
     k = rms / LATERAL_RMS
@@ -203,8 +203,8 @@ class Wind:
         index = cell(flight_time)
         while self._index < index:
             a, b, c = next(self._normals)
-            self._eddies = begun((a, b, c)) if self._eddies is None else stirred(self._eddies, (a, b, c))
-            self._felt = felt(self._eddies, self._world.wind_turbulence)
+            self._eddies = begin_eddies((a, b, c)) if self._eddies is None else stir(self._eddies, (a, b, c))
+            self._felt = compute_turbulence(self._eddies, self._world.wind_turbulence)
             self._index += 1
         tx, ty, tz = self._felt
         return (x + tx, y + ty, z + tz)

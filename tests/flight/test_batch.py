@@ -10,7 +10,7 @@ from groundstation.core.geometry import Vec3
 from sim.batch import Compiled, Numpy, fly_batch
 from sim.runs import fly
 from sim.scenarios import SCENARIOS, prepare
-from sim.studies.campaign.draws import DRAWS, drawn
+from sim.studies.campaign.draws import DRAWS, draw_world
 from sim.world import Wind
 from tests.flight.flights import flown
 
@@ -45,7 +45,7 @@ def test_compiled_flights_are_those_of_numpy_to_the_bit(
     needs_program("cc")
     world, config = prepare(SCENARIOS["adverse"], list(overrides))
     seeds = [0, 1, 2]
-    worlds = [drawn(world, seed, tuple(DRAWS)) for seed in seeds]
+    worlds = [draw_world(world, seed, tuple(DRAWS)) for seed in seeds]
     worlds[2] = msgspec.structs.replace(worlds[2], wind_mean=(30.0, 0.0, 0.0))
     plain, compiled = (
         fly_batch(worlds, config, seeds, duration_s=duration_s, stages=stages) for stages in (Numpy, Compiled)

@@ -15,8 +15,8 @@ from groundstation.core import Tick
 from sim.__main__ import main
 from sim.runs import STEADY_S, fly
 from sim.scenarios import SCENARIOS, prepare
-from sim.studies.campaign import USUAL, Campaign, Local, Row, plot, report, run, text, verify
-from sim.studies.campaign.draws import DRAWS, drawn, fields, overrides
+from sim.studies.campaign import USUAL, Campaign, CampaignRow, Local, plot, report, run, text, verify
+from sim.studies.campaign.draws import DRAWS, draw_world, fields, overrides
 from sim.studies.campaign.folder import Folder
 from sim.studies.campaign.picture import command
 from tests.flight.flights import campaign_of
@@ -43,17 +43,17 @@ def _call(words: list[str], monkeypatch: pytest.MonkeyPatch) -> int:
 
 
 @pytest.fixture(scope="module")
-def rows() -> list[Row]:
+def rows() -> list[CampaignRow]:
     return run(_campaign(), SEEDS, Local(1))[0]
 
 
-def test_neither_batches_nor_processes_change_a_figure(rows: list[Row]) -> None:
+def test_neither_batches_nor_processes_change_a_figure(rows: list[CampaignRow]) -> None:
     again, flown = run(_campaign(), SEEDS[:3], Local(2), batch=2)
     assert flown == 3
     assert again == rows[:3]
 
 
-def test_an_interrupted_campaign_flies_only_what_is_missing(rows: list[Row], tmp_path: Path) -> None:
+def test_an_interrupted_campaign_flies_only_what_is_missing(rows: list[CampaignRow], tmp_path: Path) -> None:
     Folder(tmp_path, _campaign().settings()).add(rows[:3])
     table = tmp_path / "flights.csv"
     table.write_bytes(table.read_bytes()[:-20])  # the power went while the third row was written
@@ -96,7 +96,7 @@ def test_a_folder_that_is_no_campaign_is_refused(tmp_path: Path) -> None:
 
 
 def test_the_command_of_each_flight_flies_it_again(
-    rows: list[Row], monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+    rows: list[CampaignRow], monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     for row in rows:
         assert _call([*shlex.split(command(_campaign(), row.seed)), "--json"], monkeypatch) == 0
@@ -111,14 +111,14 @@ def test_the_command_carries_the_drawn_world_to_the_last_bit_and_what_was_set(dr
     words = shlex.split(command(campaign, 5))
     pairs = [words[i + 1] for i, word in enumerate(words) if word == "--set"]
     world, config = prepare(SCENARIOS["adverse"], pairs)
-    assert world == drawn(campaign.world, 5, draws)
+    assert world == draw_world(campaign.world, 5, draws)
     assert config == campaign.config
 
 
 @given(seed=st.integers(0, 2**31), scenario=st.sampled_from(sorted(SCENARIOS)))
 def test_draws_stay_within_their_bounds_and_change_nothing_else(seed: int, scenario: str) -> None:
     truth = SCENARIOS[scenario].world
-    world = drawn(truth, seed)
+    world = draw_world(truth, seed)
     assert 0.9 <= world.mass_kg / truth.mass_kg <= 1.1
     assert 0.8 * truth.thrust_lag_s <= world.thrust_lag_s <= 1.2 * truth.thrust_lag_s
     assert 0.8 * truth.rate_lag_s <= world.rate_lag_s <= 1.2 * truth.rate_lag_s
@@ -131,7 +131,7 @@ def test_draws_stay_within_their_bounds_and_change_nothing_else(seed: int, scena
 @given(seed=st.integers(0, 2**31), names=st.sets(st.sampled_from(sorted(DRAWS))))
 def test_what_else_is_drawn_shifts_no_draw(seed: int, names: set[str]) -> None:
     truth = SCENARIOS["adverse"].world
-    everything, some = drawn(truth, seed, tuple(DRAWS)), drawn(truth, seed, names)
+    everything, some = draw_world(truth, seed, tuple(DRAWS)), draw_world(truth, seed, names)
     for field in fields(DRAWS):
         assert getattr(some, field) == getattr(everything if field in fields(names) else truth, field)
     assert 0.015 <= everything.pose_latency_s <= 0.030
@@ -142,7 +142,7 @@ def test_what_else_is_drawn_shifts_no_draw(seed: int, names: set[str]) -> None:
 
 
 def test_directions_favour_no_side() -> None:
-    winds = [drawn(SCENARIOS["adverse"].world, seed).wind_mean for seed in range(2000)]
+    winds = [draw_world(SCENARIOS["adverse"].world, seed).wind_mean for seed in range(2000)]
     length = math.hypot(*winds[0])
     for axis in range(3):
         shares = sorted(wind[axis] / length for wind in winds)
@@ -151,8 +151,8 @@ def test_directions_favour_no_side() -> None:
         assert shares[1500] == pytest.approx(0.5, abs=0.07)
 
 
-def test_a_crash_is_worse_than_any_error(rows: list[Row]) -> None:
-    def row(seed: int, rms_cm: float | None) -> Row:
+def test_a_crash_is_worse_than_any_error(rows: list[CampaignRow]) -> None:
+    def row(seed: int, rms_cm: float | None) -> CampaignRow:
         return msgspec.structs.replace(rows[0], seed=seed, rms_cm=rms_cm, max_cm=rms_cm, survived=rms_cm is not None)
 
     many = [row(i, 0.1 * i) for i in range(99)] + [row(99, None)]
@@ -182,7 +182,7 @@ def test_twenty_flights_of_a_minute_agree_with_whole_ones(draws: tuple[str, ...]
     assert verify(campaign, rows, 20, workers=2)["apart"] == []
 
 
-def test_flights_that_do_not_agree_are_named(rows: list[Row]) -> None:
+def test_flights_that_do_not_agree_are_named(rows: list[CampaignRow]) -> None:
     longer = msgspec.structs.replace(rows[1], rms_cm=(rows[1].rms_cm or 0.0) + 0.02)
     crashed = msgspec.structs.replace(rows[2], rms_cm=None, survived=False)
     facts = verify(_campaign(), [longer, crashed], 2, workers=1)
@@ -198,9 +198,9 @@ def test_forty_adverse_flights_stay_under_8_cm_and_v_under_its_bound() -> None:
     assert facts["certificate"]["violated_max"] < 0.01
 
 
-def test_the_certificate_of_each_flight_stands_in_its_row(rows: list[Row]) -> None:
+def test_the_certificate_of_each_flight_stands_in_its_row(rows: list[CampaignRow]) -> None:
     row = rows[0]
-    world, config = prepare(SCENARIOS["adverse"], overrides(drawn(SCENARIOS["adverse"].world, row.seed)))
+    world, config = prepare(SCENARIOS["adverse"], overrides(draw_world(SCENARIOS["adverse"].world, row.seed)))
     largest, margin = 0.0, math.inf
 
     def watch(tick: Tick) -> None:
@@ -219,7 +219,7 @@ def test_the_certificate_of_each_flight_stands_in_its_row(rows: list[Row]) -> No
     assert row.certificate_suspended == pytest.approx(verdict.certificate_suspended, abs=0.002)
 
 
-def test_a_campaign_is_drawn(rows: list[Row], tmp_path: Path) -> None:
+def test_a_campaign_is_drawn(rows: list[CampaignRow], tmp_path: Path) -> None:
     crashed = msgspec.structs.replace(rows[0], seed=99, rms_cm=None, survived=False)
     for draws in (USUAL, tuple(DRAWS), ("mass",), ()):
         picture = tmp_path / f"{len(draws)}.png"
@@ -252,7 +252,7 @@ def test_a_campaign_that_would_not_be_true_is_refused(
 
 
 def test_the_command_prints_one_object(
-    rows: list[Row], tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+    rows: list[CampaignRow], tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     Folder(tmp_path, _campaign().settings()).add(rows)
     words = f"groundstation-sim campaign --first-seed 3 --flights 4 --duration 16 --out {tmp_path} --json"

@@ -15,7 +15,7 @@ import pytest
 from groundstation.config import ConfigError
 from sim.__main__ import main
 from sim.scenarios import SCENARIOS, prepare
-from sim.studies.campaign import Campaign, Cluster, Local, Row, run
+from sim.studies.campaign import Campaign, CampaignRow, Cluster, Local, run
 from sim.studies.campaign import crew as campaign_cluster
 
 pytestmark = pytest.mark.real_time
@@ -33,7 +33,7 @@ def _campaign() -> Campaign:
 
 
 @pytest.fixture(scope="module")
-def rows() -> list[Row]:
+def rows() -> list[CampaignRow]:
     return run(_campaign(), SEEDS, Local(1))[0]
 
 
@@ -73,7 +73,7 @@ def _worker(address: str, directory: Path, *options: str) -> Iterator["subproces
         yield process
 
 
-def test_a_cluster_of_processes_flies_the_same_rows(rows: list[Row], tmp_path: Path) -> None:
+def test_a_cluster_of_processes_flies_the_same_rows(rows: list[CampaignRow], tmp_path: Path) -> None:
     from distributed import LocalCluster
 
     with (
@@ -92,7 +92,7 @@ def test_a_cluster_of_processes_flies_the_same_rows(rows: list[Row], tmp_path: P
 
 
 def test_a_scheduler_and_two_workers_fly_the_same_rows_and_the_loss_of_one_worker_costs_none(
-    rows: list[Row], tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+    rows: list[CampaignRow], tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     with _scheduler() as address, _worker(address, tmp_path / "a"):
         with _worker(address, tmp_path / "b") as second, Cluster(address) as crew:

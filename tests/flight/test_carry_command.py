@@ -21,8 +21,8 @@ from links.io import parse_address
 from links.mavlink.protocol import MavlinkCodec
 from sim.autopilots import AUTOPILOTS, AutopilotPeer
 from sim.time import VirtualTimeLoop
-from sim.trackers import Seen, make_tracker
-from sim.world import Truth
+from sim.trackers import BodySighting, make_tracker
+from sim.world import TrueState
 from tests.airframe_double import Brick
 from tests.carried import hand
 from tests.loops import in_virtual_time
@@ -52,7 +52,7 @@ class Hand(Brick):
         super().__init__(1.0, held=True)
         self._at = hand(seed)
 
-    def truth(self, time_s: float) -> Truth:
+    def truth(self, time_s: float) -> TrueState:
         place, attitude = self._at(max(time_s - 1.0, 0.0))
         return msgspec.structs.replace(super().truth(time_s), position_ned=place, attitude=attitude)
 
@@ -104,7 +104,7 @@ class Room:
             truth = self.hand.truth(when)
             jitter = 2e-4 * ((frame * 7919) % 13 - 6)  # so that a held vehicle does not look frozen
             attitude = so3.rotate(truth.attitude, (jitter, 0.0, 0.0))
-            seen = Seen(name, truth.position_ned, attitude, True)
+            seen = BodySighting(name, truth.position_ned, attitude, True)
             loop.call_at(when + LATENCY_S, tracker.send, frame, when, [seen])
 
 

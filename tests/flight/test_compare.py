@@ -17,9 +17,9 @@ from sim.studies import (
     GUST,
     WITHOUT_ADAPTATION,
     Case,
-    Flown,
+    ComparedFlight,
     cases,
-    flown,
+    fly_case,
     markdown_table,
     plot,
     rows,
@@ -112,10 +112,10 @@ def test_the_picture_is_drawn(compared: list[dict[str, Any]], folder: Path) -> N
 # ---- the parts, on made-up flights
 
 
-def made_up(controller: str, rms: list[float | None], scenario: str = "paper") -> list[Flown]:
+def made_up(controller: str, rms: list[float | None], scenario: str = "paper") -> list[ComparedFlight]:
     case = Case(scenario, controller, ())
     return [
-        Flown(case, seed, value is not None, value, None if value is None else 2 * value, 3.0, 0.5, None)
+        ComparedFlight(case, seed, value is not None, value, None if value is None else 2 * value, 3.0, 0.5, None)
         for seed, value in enumerate(rms)
     ]
 
@@ -144,7 +144,7 @@ def test_the_gust_front_is_flown_without_adaptation_too() -> None:
 
 
 def test_a_trace_holds_the_true_error_from_the_start_on(tmp_path: Path) -> None:
-    one = flown(Case(GUST, "adaptive", ("sim.wind_step_time_s=3.0",)), 0, 17.0, traced=True)
+    one = fly_case(Case(GUST, "adaptive", ("sim.wind_step_time_s=3.0",)), 0, 17.0, traced=True)
     trace = one.trace
     assert trace is not None
     assert len(trace) == pytest.approx(17.0 / 0.05, abs=1)

@@ -62,7 +62,7 @@ def test_an_estimator_that_resets_its_heading_has_the_true_one_again_and_says_so
     vehicle = SimulatedVehicle(Quadrotor(world, Wind(world, iter(()))), world, repeat([0.0] * 6), iter(()))
 
     def seen() -> tuple[int, int]:
-        truth = vehicle.measured(0.0)
+        truth = vehicle.measure(0.0)
         return round(math.degrees(euler_zyx(truth.attitude)[2])), truth.resets
 
     assert seen() == (0, 0)

@@ -17,7 +17,7 @@ from groundstation.settings import Config
 from sim.__main__ import parser
 from sim.cli.commands import mission as mission_command
 from sim.runs import FleetMission, fly_fleet, from_floor
-from sim.runs.fleet_mission import Change, FleetScript, Flown
+from sim.runs.fleet_mission import Change, FleetFlight, FleetScript
 from sim.runs.fleet_stage import FleetStage
 from sim.scenarios import SCENARIOS, prepare
 from sim.time import VirtualTimeLoop
@@ -65,7 +65,7 @@ async def land_all(flights: dict[str, Flight], after_s: float) -> None:
         flight.ask(Request(Ask.LAND, "the test"))
 
 
-def reasons(one: Flown, state: State) -> str:
+def reasons(one: FleetFlight, state: State) -> str:
     return "; ".join(entered.reason for entered in one.states if entered.state == state)
 
 

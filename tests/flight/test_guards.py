@@ -11,16 +11,16 @@ from groundstation.core.mission import State
 from groundstation.flight import Flight
 from sim.autopilots import Px4Autopilot
 from sim.autopilots.px4 import POSCTL
-from sim.runs import Mission, Stage, fly_mission, from_floor
+from sim.runs import MissionResult, Stage, fly_mission, from_floor
 from sim.runs.mission import Script
 from sim.scenarios import SCENARIOS, prepare
-from sim.world import Truth
+from sim.world import TrueState
 from tests.flight.test_missions import SHORT
 
-Wrong = Callable[[Truth], Truth]
+Wrong = Callable[[TrueState], TrueState]
 
 
-def mission(script: Script, *overrides: str, scenario: str = "paper", figure_s: float = 6.0) -> Mission:
+def mission(script: Script, *overrides: str, scenario: str = "paper", figure_s: float = 6.0) -> MissionResult:
     world, config = prepare(SCENARIOS[scenario], [*SHORT, *overrides])
     world, config = from_floor(world, config, figure_s)
     return fly_mission(world, config, seed=0, script=script)
@@ -50,7 +50,7 @@ def seeing(wrong: Wrong, for_s: float) -> Script:
         await tracking(flight)
         mocap = stage.mocap
         assert mocap is not None
-        right = mocap._seen
+        right = mocap._observe
         vars(mocap)["_seen"] = lambda truth, when: right(wrong(truth), when)
         await asyncio.sleep(for_s)
         del vars(mocap)["_seen"]
@@ -58,16 +58,16 @@ def seeing(wrong: Wrong, for_s: float) -> Script:
     return script
 
 
-def elsewhere(seen: Truth) -> Truth:
+def elsewhere(seen: TrueState) -> TrueState:
     x, y, z = seen.position_ned
     return msgspec.structs.replace(seen, position_ned=(x + 1.0, y, z))
 
 
-def turned(seen: Truth) -> Truth:
+def turned(seen: TrueState) -> TrueState:
     return msgspec.structs.replace(seen, attitude=so3.multiply(seen.attitude, (0.0, 0.0, 0.0, 1.0)))
 
 
-def states(flown: Mission) -> list[str]:
+def states(flown: MissionResult) -> list[str]:
     return [one.state for one in flown.states]
 
 

@@ -13,7 +13,7 @@ from groundstation.flight import Flight, HoldWatch
 from groundstation.flight.hold_to_run import LOOK_S
 from groundstation.recording import assembly
 from sim.autopilots import SimulatedAutopilot
-from sim.runs import Mission, Stage, from_floor
+from sim.runs import MissionResult, Stage, from_floor
 from sim.runs import fly_mission as fly
 from sim.scenarios import SCENARIOS, prepare
 from tests.hold_double import Hand
@@ -30,7 +30,9 @@ def hand(monkeypatch: pytest.MonkeyPatch) -> Hand:
     return hand
 
 
-def flown(hand: Hand, change: Callable[[Hand], None], state: State, after_s: float = 0.3) -> tuple[Mission, float]:
+def flown(
+    hand: Hand, change: Callable[[Hand], None], state: State, after_s: float = 0.3
+) -> tuple[MissionResult, float]:
     """A mission in which the operator presses before arming, and ``change`` happens in ``state``, and when it did."""
     world, config = from_floor(*prepare(SCENARIOS["paper"], list(SHORT)), 2.0)
     at_s = 0.0

@@ -7,9 +7,9 @@ import pytest
 
 from groundstation.core.mission import FINAL, State
 from groundstation.flight import Flight
-from sim.runs import Mission, Stage, fly_mission, from_floor
+from sim.runs import MissionResult, Stage, fly_mission, from_floor
 from sim.scenarios import SCENARIOS, prepare
-from sim.trackers import Seen, Tracker
+from sim.trackers import BodySighting, Tracker
 
 STRIKE_AFTER_S = 1.0
 LASTS_S = 10.0
@@ -31,15 +31,15 @@ class Queue:
     def close(self) -> None:
         self._tracker.close()
 
-    def send(self, frame: int, exposure_s: float, bodies: Sequence[Seen]) -> None:
+    def send(self, frame: int, exposure_s: float, bodies: Sequence[BodySighting]) -> None:
         asyncio.get_running_loop().call_later(self.late_s, self._send, frame, exposure_s, bodies)
 
-    def _send(self, frame: int, exposure_s: float, bodies: Sequence[Seen]) -> None:
+    def _send(self, frame: int, exposure_s: float, bodies: Sequence[BodySighting]) -> None:
         self.left_s = max(self.left_s, exposure_s)
         self._tracker.send(frame, exposure_s, bodies)
 
 
-def late(source: str, late_s: float) -> tuple[Mission, list[str], list[float]]:
+def late(source: str, late_s: float) -> tuple[MissionResult, list[str], list[float]]:
     """A mission struck in hold: what became of it, what was told afterwards, and errors of the newest pose's time."""
     world, config = from_floor(*prepare(SCENARIOS["paper"], [], source=source), 5.0)
     told: list[str] = []

@@ -8,12 +8,12 @@ from groundstation.core.mission import State
 from groundstation.flight import Flight
 from groundstation.recording import Recording
 from sim.cli.fly import RECORDING, RunFolder
-from sim.runs import Mission, Stage, fly_mission, from_floor
+from sim.runs import MissionResult, Stage, fly_mission, from_floor
 from sim.scenarios import SCENARIOS, prepare
 from tests.flight.test_missions import SHORT
 
 
-def flown(folder: Path, key: str, value: float) -> tuple[Mission, Path, list[str]]:
+def flown(folder: Path, key: str, value: float) -> tuple[MissionResult, Path, list[str]]:
     """A mission with one change of a gain on the trajectory; its recording, and what it told."""
     world, config = from_floor(*prepare(SCENARIOS["paper"], list(SHORT)), 30.0)
     run = RunFolder(folder, config, world, scenario="paper", seed=0)

@@ -11,7 +11,7 @@ from groundstation.core.messages import Ask, Request
 from groundstation.core.mission import IN_AIR, State
 from groundstation.flight import Flight
 from sim.cli.fly import RECORDING, RunFolder
-from sim.runs import Mission, Stage, fly_mission, from_floor
+from sim.runs import MissionResult, Stage, fly_mission, from_floor
 from sim.runs.mission import Script
 from sim.scenarios import SCENARIOS, prepare
 
@@ -22,7 +22,7 @@ SHORT = ("takeoff.height_m=0.5", "takeoff.hold_s=1.0", "trajectory.altitude_m=-0
 def mission(
     scenario: str, *overrides: str, figure_s: float = 2.0, seed: int = 0, script: Script | None = None,
     source: str = "vicon", autopilot: str = "px4", link: str = "mavlink",
-) -> Mission:  # fmt: skip
+) -> MissionResult:  # fmt: skip
     world, config = prepare(SCENARIOS[scenario], list(overrides), source=source, link=link)
     world, config = from_floor(world, config, figure_s)
     return fly_mission(world, config, seed=seed, autopilot=autopilot, script=script)

@@ -6,11 +6,11 @@ import pytest
 
 from groundstation.core.mission import State
 from groundstation.flight import Flight
-from sim.runs import Mission, Stage
+from sim.runs import MissionResult, Stage
 from tests.flight.test_missions import SHORT, mission
 
 
-def struck(link: str, *, stopped: bool) -> tuple[Mission, float, bool]:
+def struck(link: str, *, stopped: bool) -> tuple[MissionResult, float, bool]:
     """A flight whose pacer is struck in the hold; also when, and whether the vehicle ends disarmed."""
     at: list[float] = []
     stages: list[Stage] = []

@@ -11,8 +11,8 @@ from groundstation.settings import Config
 from sim.__main__ import main
 from sim.runs import fly
 from sim.scenarios import SCENARIOS, prepare
-from sim.studies.tune import Flyers, report, staged
-from sim.studies.tune.flights import Outcome, Sortie, flown, sorties
+from sim.studies.tune import Flyers, report, stage_scenarios
+from sim.studies.tune.flights import Sortie, SortieOutcome, fly_sortie, sorties
 from sim.studies.tune.margins import DELAY, GAIN_DOWN, failure
 
 DURATION_S = 18.0
@@ -32,7 +32,7 @@ def call(words: str, monkeypatch: pytest.MonkeyPatch) -> int:
 
 
 def test_margins_agree_with_flights_on_either_side() -> None:
-    (stage,) = staged(["paper"], None, [])
+    (stage,) = stage_scenarios(["paper"], None, [])
     found = report(stage, Flyers(1), seeds=1, duration_s=DURATION_S, axes=(DELAY,))
     assert found.limit_cm == 10.0
     (margin,) = found.margins
@@ -41,7 +41,7 @@ def test_margins_agree_with_flights_on_either_side() -> None:
     for value, why in ((margin.holds, None), (margin.fails, margin.why)):
         late, config = prepare(SCENARIOS["paper"], [f"sim.command_delay_s={value!r}"])
         result = fly(late, config, seed=0, duration_s=DURATION_S)
-        assert failure([Outcome(result.verdict.rms_cm, result.why)], 10.0) == why
+        assert failure([SortieOutcome(result.verdict.rms_cm, result.why)], 10.0) == why
 
 
 def test_a_configuration_that_crashes_with_nothing_wrong_has_no_margins(
@@ -53,16 +53,16 @@ def test_a_configuration_that_crashes_with_nothing_wrong_has_no_margins(
 
 
 def test_processes_and_one_process_see_the_same() -> None:
-    (stage,) = staged(["paper"], None, [])
+    (stage,) = stage_scenarios(["paper"], None, [])
     work = sorties(stage, [3, 4], 16.5)
     with Flyers(2) as flyers:
         together = flyers.fly(work)
-    assert together == [flown(sortie) for sortie in work]
+    assert together == [fly_sortie(sortie) for sortie in work]
     assert all(outcome.rms_cm is not None for outcome in together)
 
 
 def test_flights_through_a_step_of_the_wind_last_beyond_it() -> None:
-    (stage,) = staged(["gust_front"], None, [])
+    (stage,) = stage_scenarios(["gust_front"], None, [])
     assert [sortie.duration_s for sortie in sorties(stage, [0], 20.0)] == [40.0]
 
 
@@ -87,8 +87,8 @@ def test_a_short_search_betters_bad_gains_and_writes_a_configuration_that_flies(
     assert "seeds 0 to 0, none of which the search has seen" in text.replace("\n# ", " ")
     gains = [f"controller.{name}={value}" for name, value in facts["best"]["gains"].items()]
     assert load(good, Config) == load(bad, Config, gains)
-    (stage,) = staged(["paper"], good, [])
-    (outcome,) = [flown(sortie) for sortie in sorties(stage, [0], 60.0)]
+    (stage,) = stage_scenarios(["paper"], good, [])
+    (outcome,) = [fly_sortie(sortie) for sortie in sorties(stage, [0], 60.0)]
     assert outcome.rms_cm == after["figures"][0]["rms_cm"]
 
 
@@ -108,9 +108,9 @@ def test_an_interrupted_search_leaves_the_best_so_far_and_says_how_to_go_on(
     out = tmp_path / "x.toml"
     rounds = iter([1.0, 0.5])
 
-    def interrupted(self: Flyers, work: Sequence[Sortie]) -> list[Outcome]:
+    def interrupted(self: Flyers, work: Sequence[Sortie]) -> list[SortieOutcome]:
         for rms_cm in rounds:
-            return [Outcome(rms_cm, "flown to the end")] * len(work)
+            return [SortieOutcome(rms_cm, "flown to the end")] * len(work)
         raise KeyboardInterrupt
 
     monkeypatch.setattr(Flyers, "fly", interrupted)

@@ -12,9 +12,9 @@ import pytest
 from groundstation.core.geometry import Quat, so3
 from groundstation.core.mission import IN_AIR, State
 from groundstation.flight import Flight
-from sim.runs import Mission, Stage, fly_mission, from_floor
+from sim.runs import MissionResult, Stage, fly_mission, from_floor
 from sim.scenarios import SCENARIOS, prepare
-from sim.trackers import Seen, Tracker
+from sim.trackers import BodySighting, Tracker
 
 LOOK_S = 0.01
 SEEN_LEAN_DEG = 3.0
@@ -38,7 +38,7 @@ class Liar:
     def close(self) -> None:
         self._tracker.close()
 
-    def send(self, frame: int, exposure_s: float, bodies: Sequence[Seen]) -> None:
+    def send(self, frame: int, exposure_s: float, bodies: Sequence[BodySighting]) -> None:
         ours = bodies[0]
         if self.lie is None:
             self.newest = ours.attitude
@@ -51,7 +51,7 @@ class Liar:
 class Told:
     """What came of a flight."""
 
-    mission: Mission | None = None
+    mission: MissionResult | None = None
     share: float = 0.0
     """The largest statistic, as a share of its threshold."""
     silent_s: float = 0.0

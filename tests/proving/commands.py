@@ -58,12 +58,12 @@ def faults(args: argparse.Namespace) -> int:
 
 def soak(args: argparse.Namespace) -> int:
     """Fly for hours, and see whether anything grows."""
-    from sim.cli import Progress
+    from sim.cli import FlightProgress
     from tests.proving.soak import soak as fly_on
     from tests.proving.soak import text
 
     scenario_of(args.scenario)
-    with Progress(args.hours, quiet=args.json or not sys.stderr.isatty(), unit="h") as progress:
+    with FlightProgress(args.hours, quiet=args.json or not sys.stderr.isatty(), unit="h") as progress:
         facts = fly_on(args.hours, scenario=args.scenario, seed=args.seed, on_progress=progress.at)
     print(json.dumps(msgspec.to_builtins(facts)) if args.json else text(facts))
     return 0 if facts.passed else 1

@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 
 from groundstation.config import ConfigError
-from sim.batch import Compiled, Numpy, chosen
+from sim.batch import Compiled, Numpy, choose_stages
 from sim.batch import kernel as compiler
 from sim.batch.kernel import built
 
@@ -22,7 +22,7 @@ def kept(needs_program: Callable[..., str], monkeypatch: pytest.MonkeyPatch, tmp
     needs_program("cc")
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
     monkeypatch.delenv("CC", raising=False)
-    compiler.installed.cache_clear()
+    compiler.find_compiler.cache_clear()
     return tmp_path / "groundstation" / "kernels"
 
 
@@ -106,25 +106,25 @@ def test_what_is_someone_elses_is_never_loaded(kept: Path, what: str) -> None:
 
 def test_without_a_compiler_numpy_flies_and_says_so(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("CC", "no-such-compiler -O3")
-    stages, note = chosen("auto")
+    stages, note = choose_stages("auto")
     assert stages is Numpy
     assert "no C compiler: 'no-such-compiler' is not installed" in note
-    assert chosen("numpy") == (Numpy, "")
+    assert choose_stages("numpy") == (Numpy, "")
     with pytest.raises(ConfigError, match="--kernel: no C compiler"):
-        chosen("c")
+        choose_stages("c")
 
 
 def test_where_the_compiler_fails_numpy_flies_and_says_why(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("CC", "cc -fno-such-flag")
-    stages, note = chosen("auto")
+    stages, note = choose_stages("auto")
     assert stages is Numpy
     assert "'cc' fails: " in note
     assert "no-such-flag" in note
 
 
 def test_with_a_compiler_flights_are_compiled() -> None:
-    assert chosen("auto") == (Compiled, "")
-    assert chosen("c") == (Compiled, "")
+    assert choose_stages("auto") == (Compiled, "")
+    assert choose_stages("c") == (Compiled, "")
 
 
 def test_without_a_home_it_is_compiled_all_the_same(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:

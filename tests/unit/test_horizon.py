@@ -3,7 +3,7 @@
 import math
 
 from groundstation.core.geometry import Quat, Vec3, so3
-from sim.world import Horizon, Truth, rows, stream
+from sim.world import Horizon, TrueState, rows, stream
 from sim.world.horizon import LOOP_S, WANDER_RAD
 
 GRAVITY = 9.81
@@ -16,8 +16,8 @@ def horizon(seed: int = 0) -> Horizon:
 
 def truth(
     time_s: float, attitude: Quat = so3.IDENTITY, velocity: Vec3 = ZERO, rates: Vec3 = ZERO, *, on_ground: bool = False
-) -> Truth:
-    return Truth(time_s, ZERO, velocity, attitude, rates, GRAVITY, on_ground)
+) -> TrueState:
+    return TrueState(time_s, ZERO, velocity, attitude, rates, GRAVITY, on_ground)
 
 
 def off_deg(told: Quat, true: Quat) -> float:

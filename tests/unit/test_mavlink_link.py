@@ -572,7 +572,7 @@ def test_a_refused_arming_is_told_in_px4s_words() -> None:
 
 def test_a_peer_whose_vehicle_fails_says_so() -> None:
     class Broken(Brick):
-        def measured(self, time_s: float) -> Any:
+        def measure(self, time_s: float) -> Any:
             raise ArithmeticError("the vehicle broke")
 
     async def main() -> None:

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from groundstation.core.geometry import Vec3, so3
-from sim.world import Quadrotor, Wind, World, begun, felt, rows, stirred, stream
+from sim.world import Quadrotor, Wind, World, begin_eddies, compute_turbulence, rows, stir, stream
 from sim.world.world import CORRELATION_S, GRID_S
 
 CALM = World(wind_mean=(0.0, 0.0, 0.0), floor_z_m=1e6)
@@ -127,12 +127,12 @@ def test_the_battery_sags_over_the_flight() -> None:
 
 def test_turbulence_has_the_asked_rms_and_correlation_on_every_axis() -> None:
     normals = rows(stream(3, "wind").standard_normal, 3)
-    eddies = begun((0.1, 0.1, 0.1))
+    eddies = begin_eddies((0.1, 0.1, 0.1))
     values = np.empty((1_000_000, 3))
     for i in range(len(values)):
         a, b, c = next(normals)
-        eddies = stirred(eddies, (a, b, c))
-        values[i] = felt(eddies, 0.2)
+        eddies = stir(eddies, (a, b, c))
+        values[i] = compute_turbulence(eddies, 0.2)
     h = GRID_S
     assert values.std(axis=0) == pytest.approx((0.2, 0.2, 0.2), rel=0.1)
     for axis, time in enumerate(CORRELATION_S):

@@ -21,22 +21,32 @@ from sim.studies.tune import (
     SEARCH_SEED,
     Floors,
     Flyers,
+    GainTrial,
     Search,
-    Trial,
     markdown_table,
     own,
     run,
     space,
-    staged,
+    stage_scenarios,
     station_of,
     text,
     with_gains,
 )
 from sim.studies.tune.evidence import short_of
-from sim.studies.tune.flights import Outcome, Sortie, fitted
-from sim.studies.tune.margins import DELAY, GAIN_DOWN, GAIN_UP, Margin, Report, boundary, failure, limit_cm, shown
+from sim.studies.tune.flights import Sortie, SortieOutcome, fit_scenario
+from sim.studies.tune.margins import (
+    DELAY,
+    GAIN_DOWN,
+    GAIN_UP,
+    Margin,
+    MarginReport,
+    boundary,
+    failure,
+    format_margin,
+    limit_cm,
+)
 from sim.studies.tune.search_space import KEYS, Key, loses_proof
-from sim.studies.tune.tune import BROKEN, tried
+from sim.studies.tune.tune import BROKEN, try_gains
 
 KINDS: dict[str, ControllerConfig] = {
     "adaptive": Gains(),
@@ -116,8 +126,8 @@ def test_the_proof_is_asked_for_where_the_form_that_flies_has_one() -> None:
 
 def test_a_scenario_fitted_to_its_own_vehicle_is_itself() -> None:
     for scenario in SCENARIOS.values():
-        (stage,) = staged([scenario.name], None, [])
-        assert fitted(scenario, stage.config).world == stage.world == scenario.world
+        (stage,) = stage_scenarios([scenario.name], None, [])
+        assert fit_scenario(scenario, stage.config).world == stage.world == scenario.world
 
 
 def test_a_vehicle_meets_a_scenario_with_the_scenarios_ratio_of_truth_to_told(tmp_path: Path) -> None:
@@ -128,7 +138,9 @@ def test_a_vehicle_meets_a_scenario_with_the_scenarios_ratio_of_truth_to_told(tm
         "hover_thrust = 0.4\nthrust_curve = 0.3\n"
         "[link]\nperiod_s = 0.0125\n[pose]\nrate_hz = 120\nlatency_s = 0.012\n[controller]\nk2 = 3.0\n"
     )
-    (stage,) = staged(["adverse"], path, ["controller.k3=5.0", "sim.wind_turbulence=0.3", "trajectory.scale_m=0.5"])
+    (stage,) = stage_scenarios(
+        ["adverse"], path, ["controller.k3=5.0", "sim.wind_turbulence=0.3", "trajectory.scale_m=0.5"]
+    )
     world, config, adverse = stage.world, stage.config, SCENARIOS["adverse"].world
     assert (world.mass_kg, world.thrust_curve, world.thrust_gain) == (0.5, 0.3, 0.85)
     assert world.thrust_max_n == config.full_thrust_n == pytest.approx(0.5 * 9.81 / (0.3 * 0.4**2 + 0.7 * 0.4))
@@ -160,12 +172,12 @@ def test_a_configuration_that_fits_no_scenario_is_refused(
     path = tmp_path / "lab.toml"
     path.write_text(text)
     with pytest.raises(ConfigError, match=complaint):
-        staged([scenario], path, [])
+        stage_scenarios([scenario], path, [])
 
 
 def test_a_vehicle_that_comes_along_needs_no_file_around_it() -> None:
     overrides = ["vehicle.preset=x500", "vehicle.mass_kg=2.2", "sim.drag_per_s=0.3"]
-    (stage,) = staged(["adverse"], None, overrides)
+    (stage,) = stage_scenarios(["adverse"], None, overrides)
     assert (stage.world.mass_kg, stage.world.thrust_max_n, stage.world.drag_per_s) == (2.2, 34.2, 0.3)
     assert (stage.world.command_delay_s, stage.world.frame_period_s) == (0.005, 0.010)
     assert (stage.config.vehicle.name, mavlink(stage.config).period_s) == ("x500", 0.010)
@@ -176,20 +188,20 @@ def test_a_vehicle_that_comes_along_needs_no_file_around_it() -> None:
 
 
 def test_what_a_scenario_tells_makes_a_configuration_for_a_real_room() -> None:
-    (stage,) = staged(["quad1kg"], None, ["controller.k2=3.0"])
+    (stage,) = stage_scenarios(["quad1kg"], None, ["controller.k2=3.0"])
     station = station_of(stage)
     assert station.vehicle == SCENARIOS["quad1kg"].told
     assert isinstance(station.pose, ViconConfig)
     assert (mavlink(station).period_s, mavlink(station).pace, station.pose.latency_s) == (0.010, "period", 0.010)
     assert station.flight == Config().flight  # the simulated room's floor and idle thrust are not yours
-    assert fitted(SCENARIOS["quad1kg"], station).world == SCENARIOS["quad1kg"].world
+    assert fit_scenario(SCENARIOS["quad1kg"], station).world == SCENARIOS["quad1kg"].world
 
 
 @pytest.mark.parametrize("kind", ["dsm", "rf_bridge"])
 def test_a_vehicle_behind_a_radio_is_tuned_for_its_frames(kind: str, tmp_path: Path) -> None:
     path = tmp_path / "lab.toml"
     path.write_text(f'[vehicle]\ncommand_delay_s = 0.006\n[link]\nkind = "{kind}"\n')
-    (stage,) = staged(["paper"], path, [])
+    (stage,) = stage_scenarios(["paper"], path, [])
     link = mavlink(stage.config)
     assert (link.period_s, link.pace, stage.world.command_delay_s) == (0.0225, "period", 0.006)
 
@@ -228,16 +240,16 @@ def searched(
 
 
 def test_a_flight_fails_by_a_crash_or_by_five_times_the_error_but_never_below_10_cm() -> None:
-    assert limit_cm([Outcome(0.1, ""), Outcome(0.2, ""), Outcome(9.0, "")]) == 10.0
-    assert limit_cm([Outcome(4.0, "")]) == 20.0
-    assert limit_cm([Outcome(4.0, ""), Outcome(None, "crashed")]) is None
-    assert failure([Outcome(10.0, "")], 10.0) is None
-    assert failure([Outcome(1.0, ""), Outcome(10.1, "")], 10.0) == "RMS 10.1 cm"
-    assert failure([Outcome(None, "crashed: hit the floor")], 10.0) == "crashed: hit the floor"
+    assert limit_cm([SortieOutcome(0.1, ""), SortieOutcome(0.2, ""), SortieOutcome(9.0, "")]) == 10.0
+    assert limit_cm([SortieOutcome(4.0, "")]) == 20.0
+    assert limit_cm([SortieOutcome(4.0, ""), SortieOutcome(None, "crashed")]) is None
+    assert failure([SortieOutcome(10.0, "")], 10.0) is None
+    assert failure([SortieOutcome(1.0, ""), SortieOutcome(10.1, "")], 10.0) == "RMS 10.1 cm"
+    assert failure([SortieOutcome(None, "crashed: hit the floor")], 10.0) == "crashed: hit the floor"
 
 
 def test_each_axis_changes_one_thing_of_the_truth_and_nothing_that_is_told() -> None:
-    (stage,) = staged(["paper"], None, [])
+    (stage,) = stage_scenarios(["paper"], None, [])
     for axis in AXES:
         wrong = axis.wrong(stage, axis.value(0.1))
         changed = {f for f in type(stage.world).__struct_fields__ if getattr(wrong.world, f) != getattr(stage.world, f)}
@@ -252,8 +264,8 @@ def _margin(name: str, unit: str, holds: float, fails: float | None) -> Margin:
     return Margin(name=name, unit=unit, holds=holds, fails=fails, why="RMS 11.0 cm" if fails else None)
 
 
-def _report(*margins: Margin) -> Report:
-    return Report(
+def _report(*margins: Margin) -> MarginReport:
+    return MarginReport(
         scenario="paper",
         vehicle="mqx",
         controller="adaptive",
@@ -271,8 +283,8 @@ HEAVY = _margin("thrust_gain_low", "ratio", 0.125, None)
 
 
 def test_margins_in_words_say_where_it_fails_and_what_that_means() -> None:
-    assert [shown(margin) for margin in (DELAYED, LIGHT, HEAVY)] == ["+31 ms", "1.52x", "< 0.12x"]
-    assert shown(_margin("command_delay", "s", 0.32, None)) == "> +320 ms"
+    assert [format_margin(margin) for margin in (DELAYED, LIGHT, HEAVY)] == ["+31 ms", "1.52x", "< 0.12x"]
+    assert format_margin(_margin("command_delay", "s", 0.32, None)) == "> +320 ms"
     said = text(_report(DELAYED, LIGHT))
     assert "extra command delay  +31 ms  the radio or the autopilot is slower than told  (RMS 11.0 cm)" in said
     assert "any of 3 flights of 25 s crashes" in said
@@ -301,22 +313,22 @@ class Judges(Flyers):
         super().__init__(1)
         self.flights: list[Sortie] = []
 
-    def fly(self, work: Sequence[Sortie]) -> list[Outcome]:
+    def fly(self, work: Sequence[Sortie]) -> list[SortieOutcome]:
         self.flights += work
         return [self.judged(sortie) for sortie in work]
 
-    def judged(self, sortie: Sortie) -> Outcome:
+    def judged(self, sortie: Sortie) -> SortieOutcome:
         gains = sortie.stage.config.controller
         assert isinstance(gains, Gains)
         if gains.k2 > 3.5 and sortie.stage.world.command_delay_s:
-            return Outcome(50.0, "flown to the end")
+            return SortieOutcome(50.0, "flown to the end")
         if gains.k3 > 14.0:
-            return Outcome(None, "crashed: hit the floor")
-        return Outcome(1.0 + math.log(gains.k2 / 3.0) ** 2 + math.log(gains.k3 / 9.0) ** 2, "flown to the end")
+            return SortieOutcome(None, "crashed: hit the floor")
+        return SortieOutcome(1.0 + math.log(gains.k2 / 3.0) ** 2 + math.log(gains.k3 / 9.0) ** 2, "flown to the end")
 
 
 def _search(*overrides: str, keys: Sequence[str] = ("k2", "k3"), sampler_seed: int = 0) -> Search:
-    stages = staged(["paper"], None, overrides)
+    stages = stage_scenarios(["paper"], None, overrides)
     return Search(
         stages=stages,
         keys=space(stages[0].config.controller, keys),
@@ -331,7 +343,7 @@ BAD = ("controller.k2=0.5", "controller.k3=1.2", "controller.kappa=0.2")
 
 
 def test_a_search_gets_from_bad_gains_to_good_ones_and_again_the_same() -> None:
-    heard: list[tuple[Trial, Trial]] = []
+    heard: list[tuple[GainTrial, GainTrial]] = []
     trials = run(_search(*BAD), Judges(), trials=40, on_trial=lambda trial, best: heard.append((trial, best)))
     assert [trial.number for trial in trials] == list(range(40))
     assert trials[0].gains == {"k2": 0.5, "k3": 1.2}
@@ -344,11 +356,11 @@ def test_a_search_gets_from_bad_gains_to_good_ones_and_again_the_same() -> None:
 
 
 def test_what_breaks_a_constraint_never_wins_however_small_its_error() -> None:
-    fragile = tried(_search(), {"k2": 3.6, "k3": 9.0}, Judges(), 1)
+    fragile = try_gains(_search(), {"k2": 3.6, "k3": 9.0}, Judges(), 1)
     assert fragile.broken == ["extra command delay 22 ms: RMS 50.0 cm"]
-    crashed = tried(_search(), {"k2": 3.0, "k3": 15.0}, Judges(), 1)
+    crashed = try_gains(_search(), {"k2": 3.0, "k3": 15.0}, Judges(), 1)
     assert crashed.broken == ["paper: crashed: hit the floor"]
-    poor = tried(_search(), {"k2": 1.0, "k3": 2.0}, Judges(), 1)
+    poor = try_gains(_search(), {"k2": 1.0, "k3": 2.0}, Judges(), 1)
     assert not poor.broken
     assert fragile.rms_cm < poor.rms_cm < BROKEN <= min(fragile.cost, crashed.cost)
     assert not fragile.beats(poor)
@@ -383,7 +395,7 @@ def test_the_flights_of_a_search_share_no_seed_with_those_that_verify() -> None:
 
 
 class Interrupted(Judges):
-    def fly(self, work: Sequence[Sortie]) -> list[Outcome]:
+    def fly(self, work: Sequence[Sortie]) -> list[SortieOutcome]:
         if len(self.flights) > 50:
             raise KeyboardInterrupt
         return super().fly(work)
@@ -394,7 +406,7 @@ def test_an_interrupted_search_goes_on_as_if_it_had_not_been(tmp_path: Path) -> 
     journal = tmp_path / "x.toml.trials"
     with pytest.raises(KeyboardInterrupt):
         run(_search(*BAD), Interrupted(), trials=14, journal=journal)
-    heard: list[Trial] = []
+    heard: list[GainTrial] = []
     judges = Judges()
     resumed = run(_search(*BAD), judges, trials=14, journal=journal, on_trial=lambda trial, best: heard.append(trial))
     assert resumed == heard == whole

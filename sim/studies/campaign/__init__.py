@@ -5,14 +5,14 @@ if TYPE_CHECKING:
     from sim.studies.campaign.campaign import Campaign, Crew, run
     from sim.studies.campaign.crew import Cluster, Local, verify
     from sim.studies.campaign.draws import USUAL
-    from sim.studies.campaign.folder import COLUMNS, Row, program_sha256
+    from sim.studies.campaign.folder import COLUMNS, CampaignRow, program_sha256
     from sim.studies.campaign.picture import plot, report, text
 
 _MODULES = {
     "campaign": ("Campaign", "Crew", "run"),
     "crew": ("Cluster", "Local", "verify"),
     "draws": ("USUAL",),
-    "folder": ("COLUMNS", "Row", "program_sha256"),
+    "folder": ("COLUMNS", "CampaignRow", "program_sha256"),
     "picture": ("plot", "report", "text"),
 }
 

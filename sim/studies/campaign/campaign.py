@@ -13,10 +13,10 @@ import msgspec
 
 from groundstation.config import ConfigError
 from groundstation.settings import Config
-from sim.batch import chosen, fly_batch, require_batchable
+from sim.batch import choose_stages, fly_batch, require_batchable
 from sim.runs import STEADY_S
-from sim.studies.campaign.draws import DRAWS, USUAL, absolute, drawn
-from sim.studies.campaign.folder import Folder, Row, program_sha256
+from sim.studies.campaign.draws import DRAWS, USUAL, absolute, draw_world
+from sim.studies.campaign.folder import CampaignRow, Folder, program_sha256
 from sim.world import World
 
 BATCH = 500
@@ -28,7 +28,7 @@ class Campaign(msgspec.Struct, frozen=True, kw_only=True):
 
     scenario: str
     world: World
-    """What the draws of :func:`sim.studies.campaign.draws.drawn` start from."""
+    """What the draws of :func:`sim.studies.campaign.draws.draw_world` start from."""
     config: Config
     duration_s: float
     """Of each flight, from the release [s]."""
@@ -37,7 +37,7 @@ class Campaign(msgspec.Struct, frozen=True, kw_only=True):
     draws: tuple[str, ...] = USUAL
     """Names of what differs from flight to flight, keys of ``DRAWS``."""
     kernel: str = "auto"
-    """How the flights are computed, see :func:`sim.batch.stages.chosen`; whichever it is, the rows are the same."""
+    """How the flights are computed, see :func:`sim.batch.stages.choose_stages`; the rows are the same in any case."""
 
     def check(self) -> None:
         """Refuse what cannot be flown or would not be true.
@@ -76,7 +76,7 @@ class Crew(Protocol):
         """How many fly at once."""
         ...
 
-    def fly(self, campaign: Campaign, chunks: Sequence[list[int]]) -> Iterator[list[Row]]:
+    def fly(self, campaign: Campaign, chunks: Sequence[list[int]]) -> Iterator[list[CampaignRow]]:
         """The flights of each chunk of seeds, in any order.
 
         Raises:
@@ -93,7 +93,7 @@ def run(
     out: Path | None = None,
     batch: int | None = None,
     on_progress: Callable[[int], None] = lambda done: None,
-) -> tuple[list[Row], int]:
+) -> tuple[list[CampaignRow], int]:
     """Let ``crew`` fly the ``seeds`` that the folder ``out`` does not hold yet, ``batch`` at a time.
 
     Without ``batch`` the work is shared out evenly, up to ``BATCH``. ``on_progress`` hears how many rows there are.
@@ -118,10 +118,10 @@ def run(
     return [rows[seed] for seed in seeds], len(missing)
 
 
-def fly_chunk(campaign: Campaign, seeds: list[int]) -> list[Row]:
+def fly_chunk(campaign: Campaign, seeds: list[int]) -> list[CampaignRow]:
     """Fly ``seeds`` as one batch."""
-    worlds = [drawn(campaign.world, seed, campaign.draws) for seed in seeds]
-    stages, _ = chosen(campaign.kernel)
+    worlds = [draw_world(campaign.world, seed, campaign.draws) for seed in seeds]
+    stages, _ = choose_stages(campaign.kernel)
     flights = fly_batch(worlds, campaign.config, seeds, duration_s=campaign.duration_s, stages=stages)
     columns = {name: column.tolist() for name, column in flights._asdict().items()}
     return [
@@ -130,9 +130,9 @@ def fly_chunk(campaign: Campaign, seeds: list[int]) -> list[Row]:
     ]
 
 
-def _row(seed: int, w: World, *, rms_m: float, max_m: float, survived: bool, **figures: float) -> Row:
-    known: dict[str, Any] = {name: _known(value) for name, value in figures.items()}
-    return Row(
+def _row(seed: int, w: World, *, rms_m: float, max_m: float, survived: bool, **figures: float) -> CampaignRow:
+    known: dict[str, Any] = {name: _finite_or_none(value) for name, value in figures.items()}
+    return CampaignRow(
         seed=seed,
         **{name: getattr(w, name) for name in COPIED},
         wind_north=w.wind_mean[0],
@@ -141,16 +141,16 @@ def _row(seed: int, w: World, *, rms_m: float, max_m: float, survived: bool, **f
         gust_north=w.wind_gust[0],
         gust_east=w.wind_gust[1],
         gust_down=w.wind_gust[2],
-        rms_cm=_known(100.0 * rms_m),
-        max_cm=_known(100.0 * max_m),
+        rms_cm=_finite_or_none(100.0 * rms_m),
+        max_cm=_finite_or_none(100.0 * max_m),
         survived=survived,
         **known,
     )
 
 
-COPIED = [name for name in Row.__struct_fields__ if name in World.__struct_fields__]
+COPIED = [name for name in CampaignRow.__struct_fields__ if name in World.__struct_fields__]
 """What a row takes over from the world as it stands."""
 
 
-def _known(value: float) -> float | None:
+def _finite_or_none(value: float) -> float | None:
     return value if math.isfinite(value) else None

@@ -21,8 +21,8 @@ from typing import Any
 from groundstation.config import ConfigError
 from sim.runs import fly
 from sim.studies.campaign.campaign import Campaign, fly_chunk
-from sim.studies.campaign.draws import drawn
-from sim.studies.campaign.folder import Row, program_sha256
+from sim.studies.campaign.draws import draw_world
+from sim.studies.campaign.folder import CampaignRow, program_sha256
 from sim.world import generator
 
 CONNECT_S = 10.0
@@ -55,12 +55,12 @@ class Cluster:
             reason = str(error) or type(error).__name__
             raise ConfigError("--cluster", f"no Dask scheduler answers at {address!r}: {reason}") from None
         try:
-            self.workers = self._checked()
+            self.workers = self._check()
         except BaseException:
             self._client.close()
             raise
 
-    def _checked(self) -> int:
+    def _check(self) -> int:
         """How many workers there are, all of them running this program."""
         found: dict[str, Any] = self._client.run(program_sha256, on_error="return")
         if not found:
@@ -85,7 +85,7 @@ class Cluster:
         """Disconnect; what is still being flown is called off."""
         self._client.close()
 
-    def fly(self, campaign: Campaign, chunks: Sequence[list[int]]) -> Iterator[list[Row]]:
+    def fly(self, campaign: Campaign, chunks: Sequence[list[int]]) -> Iterator[list[CampaignRow]]:
         """See :class:`sim.studies.campaign.campaign.Crew`."""
         from distributed import CancelledError, KilledWorker, as_completed
 
@@ -117,7 +117,7 @@ class Cluster:
             self._client.cancel(futures)
 
 
-def _fly_there(program: str, campaign: Campaign, seeds: list[int]) -> list[Row] | tuple[str, str]:
+def _fly_there(program: str, campaign: Campaign, seeds: list[int]) -> list[CampaignRow] | tuple[str, str]:
     """On a worker: the flights of ``seeds``; or, where this is not ``program``, the worker's address and program."""
     mine = program_sha256()
     if mine != program:
@@ -143,7 +143,7 @@ class Local:
         """Nothing is started before there is work."""
         self.workers = workers
 
-    def fly(self, campaign: Campaign, chunks: Sequence[list[int]]) -> Iterator[list[Row]]:
+    def fly(self, campaign: Campaign, chunks: Sequence[list[int]]) -> Iterator[list[CampaignRow]]:
         """See :class:`sim.studies.campaign.campaign.Crew`."""
         workers = min(self.workers, len(chunks))
         if workers <= 1:
@@ -172,7 +172,7 @@ LIMIT_CM = 0.01
 """How far two RMS errors of one flight may lie apart [cm]."""
 
 
-def verify(campaign: Campaign, rows: Sequence[Row], count: int, *, workers: int) -> dict[str, Any]:
+def verify(campaign: Campaign, rows: Sequence[CampaignRow], count: int, *, workers: int) -> dict[str, Any]:
     """Fly ``count`` of the ``rows`` again, chosen at random but always the same ones, in ``workers`` processes.
 
     Returns how many, the largest distance of two RMS errors [cm] (None where none can be told), and the seeds of
@@ -182,20 +182,20 @@ def verify(campaign: Campaign, rows: Sequence[Row], count: int, *, workers: int)
     sample = [rows[i] for i in sorted(chosen.tolist())]
     again = partial(_refly, campaign)
     if workers == 1:
-        return _compared(sample, map(again, sample))
+        return _compare(sample, map(again, sample))
     with ProcessPoolExecutor(workers, multiprocessing.get_context("spawn")) as pool:
         flights: Callable[..., Iterable[tuple[bool, float | None]]] = pool.map
-        return _compared(sample, flights(again, sample))
+        return _compare(sample, flights(again, sample))
 
 
-def _refly(campaign: Campaign, row: Row) -> tuple[bool, float | None]:
+def _refly(campaign: Campaign, row: CampaignRow) -> tuple[bool, float | None]:
     """Whether the flight came to its end, and its RMS error [cm]."""
-    world = drawn(campaign.world, row.seed, campaign.draws)
+    world = draw_world(campaign.world, row.seed, campaign.draws)
     result = fly(world, campaign.config, seed=row.seed, duration_s=campaign.duration_s)
     return result.completed, result.verdict.rms_cm if result.completed else None
 
 
-def _compared(sample: Sequence[Row], flights: Iterable[tuple[bool, float | None]]) -> dict[str, Any]:
+def _compare(sample: Sequence[CampaignRow], flights: Iterable[tuple[bool, float | None]]) -> dict[str, Any]:
     largest: float | None = None
     apart: list[int] = []
     for row, (completed, rms_cm) in zip(sample, flights, strict=True):

@@ -54,7 +54,7 @@ def absolute(names: Iterable[str]) -> dict[str, Draw]:
     return {f: draw for name in names for draw in DRAWS[name] if not draw.relative for f in draw.fields}
 
 
-def drawn(world: World, seed: int, names: Collection[str] = USUAL) -> World:
+def draw_world(world: World, seed: int, names: Collection[str] = USUAL) -> World:
     """``world`` as the flight of ``seed`` meets it, with the draws of ``names``.
 
     Always the same numbers are drawn in the same order, so that neither a figure of ``world`` nor the choice of
@@ -69,7 +69,7 @@ def drawn(world: World, seed: int, names: Collection[str] = USUAL) -> World:
                 value = float(random.uniform(draw.low, draw.high))
                 found[field] = value * getattr(world, field) if draw.relative else value
         for field in _winds(name):
-            found[field] = _turned(getattr(world, field), random)
+            found[field] = _turn(getattr(world, field), random)
         if name in names:
             values |= found
     return msgspec.structs.replace(world, **values)
@@ -84,7 +84,7 @@ def _winds(name: str) -> tuple[str, ...]:
     return WINDS if name == "wind" else ()
 
 
-def _turned(v: Vec3, random: np.random.Generator) -> Vec3:
+def _turn(v: Vec3, random: np.random.Generator) -> Vec3:
     """A vector as long as ``v``; three normal numbers point in every direction with equal density."""
     x, y, z = random.standard_normal(3).tolist()
     scale = math.hypot(*v) / math.hypot(x, y, z)

@@ -16,10 +16,10 @@ import msgspec
 from groundstation.config import ConfigError
 
 
-class Row(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
+class CampaignRow(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
     """One flight: what it met, how it went, and what its certificate rests on.
 
-    What it takes over from the world is said there. Errors as in :class:`sim.runs.referee.Verdict`.
+    What it takes over from the world is said there. Errors as in :class:`sim.runs.referee.FlightVerdict`.
     """
 
     seed: int
@@ -71,7 +71,7 @@ class Row(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True)
     """False where it crashed, or poses stayed away for too long."""
 
 
-COLUMNS = Row.__struct_fields__
+COLUMNS = CampaignRow.__struct_fields__
 
 
 class Folder:
@@ -100,16 +100,19 @@ class Folder:
         except ValueError as error:
             raise ConfigError("--out", f"{path} is no folder of a campaign: {error}") from None
 
-    def _read(self) -> list[Row]:
+    def _read(self) -> list[CampaignRow]:
         data = self._csv.read_bytes()
         whole = data[: data.rfind(b"\n") + 1]
         if whole != data:
             # The last row was cut off in the writing of it.
             self._csv.write_bytes(whole)
         table = csv.DictReader(io.StringIO(whole.decode()))
-        return [msgspec.convert({key: value or None for key, value in row.items()}, Row, strict=False) for row in table]
+        return [
+            msgspec.convert({key: value or None for key, value in row.items()}, CampaignRow, strict=False)
+            for row in table
+        ]
 
-    def add(self, rows: Iterable[Row]) -> None:
+    def add(self, rows: Iterable[CampaignRow]) -> None:
         """Write ``rows`` down; once this returns they outlive the program."""
         text = io.StringIO()
         writer = csv.writer(text, lineterminator="\n")

@@ -12,8 +12,8 @@ from typing import Any, NamedTuple
 
 from groundstation.config import ConfigError
 from sim.studies.campaign.campaign import Campaign
-from sim.studies.campaign.draws import drawn, overrides
-from sim.studies.campaign.folder import Row
+from sim.studies.campaign.draws import draw_world, overrides
+from sim.studies.campaign.folder import CampaignRow
 
 PERCENTILES = (50, 90, 99)
 LIMITS_CM = (8, 4)
@@ -23,7 +23,7 @@ STEP_S = 0.0025
 """A vehicle-step of the plant, with its share of the law's [s]."""
 
 
-def report(campaign: Campaign, rows: list[Row], *, flown: int, wall_s: float, workers: int) -> dict[str, Any]:
+def report(campaign: Campaign, rows: list[CampaignRow], *, flown: int, wall_s: float, workers: int) -> dict[str, Any]:
     """The figures of ``rows`` as JSON has them. A crash counts as an error beyond all others (null).
 
     Of ``rows``, ``flown`` took ``wall_s`` [s] on ``workers`` processes; the rest was there already.
@@ -49,10 +49,10 @@ def report(campaign: Campaign, rows: list[Row], *, flown: int, wall_s: float, wo
         "certificate": {
             "lyapunov_floor": _middle([row.lyapunov_floor for row in rows]),
             "violated": _middle([row.certificate_violated for row in rows]),
-            "violated_max": max(_known([row.certificate_violated for row in rows]), default=None),
+            "violated_max": max(_drop_unknown([row.certificate_violated for row in rows]), default=None),
             "suspended": _middle([row.certificate_suspended for row in rows]),
-            "b_hat_share_max": max(_known([row.b_hat_share_max for row in rows]), default=None),
-            "thrust_margin_n": min(_known([row.thrust_margin_n for row in rows]), default=None),
+            "b_hat_share_max": max(_drop_unknown([row.b_hat_share_max for row in rows]), default=None),
+            "thrust_margin_n": min(_drop_unknown([row.thrust_margin_n for row in rows]), default=None),
         },
         "worst": [
             {
@@ -74,7 +74,7 @@ def command(campaign: Campaign, seed: int) -> str:
     """The shell command that flies the flight of ``seed`` alone, through wire bytes."""
     words = ["groundstation-sim", "fly", "--scenario", campaign.scenario, "--seed", str(seed)]
     words += ["--duration", repr(campaign.duration_s)]
-    for override in campaign.overrides + overrides(drawn(campaign.world, seed, campaign.draws), campaign.draws):
+    for override in campaign.overrides + overrides(draw_world(campaign.world, seed, campaign.draws), campaign.draws):
         words += ["--set", override]
     return shlex.join(words)
 
@@ -95,7 +95,7 @@ def text(facts: dict[str, Any]) -> str:
     if facts["ns_per_vehicle_step"] is not None:
         lines.append(f"{'plant, law, observer':24}{facts['ns_per_vehicle_step']:.0f} ns per vehicle-step of 2.5 ms")
     if (verified := facts.get("verified")) is not None:
-        lines.append(_verified(verified))
+        lines.append(_describe_verification(verified))
     lines += ["", "worst flights, and how to fly each again:"]
     for row in facts["worst"]:
         lines.append(f"seed {row['seed']}: RMS {_cm(row['rms_cm'])}, largest {_cm(row['max_cm'])}")
@@ -115,7 +115,7 @@ def _certificate(facts: dict[str, Any]) -> list[str]:
     ]
 
 
-def _verified(facts: dict[str, Any]) -> str:
+def _describe_verification(facts: dict[str, Any]) -> str:
     count, apart = facts["flights"], facts["apart"]
     if apart:
         return f"{'flown again':24}{len(apart)} of {count} DO NOT AGREE with fly: seeds {', '.join(map(str, apart))}"
@@ -125,15 +125,15 @@ def _verified(facts: dict[str, Any]) -> str:
 
 
 def _middle(values: Sequence[float | None]) -> float | None:
-    known = _known(values)
+    known = _drop_unknown(values)
     return median(known) if known else None
 
 
-def _known(values: Sequence[float | None]) -> list[float]:
+def _drop_unknown(values: Sequence[float | None]) -> list[float]:
     return [value for value in values if value is not None]
 
 
-def _badness(row: Row) -> tuple[float, int]:
+def _badness(row: CampaignRow) -> tuple[float, int]:
     return (math.inf if row.rms_cm is None else row.rms_cm, -row.seed)
 
 
@@ -153,7 +153,7 @@ class Factor(NamedTuple):
 
     draw: str
     label: str
-    value: Callable[[Campaign, Row], float]
+    value: Callable[[Campaign, CampaignRow], float]
 
 
 FACTORS = (
@@ -175,7 +175,7 @@ FACTORS = (
 )
 
 
-def plot(path: Path, campaign: Campaign, rows: Sequence[Row]) -> None:
+def plot(path: Path, campaign: Campaign, rows: Sequence[CampaignRow]) -> None:
     """Draw ``rows`` into ``path`` (.png, .svg or .pdf).
 
     Raises:

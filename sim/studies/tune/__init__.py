@@ -2,18 +2,18 @@
 
 TYPE_CHECKING = False
 if TYPE_CHECKING:
-    from sim.studies.tune.evidence import Evidence, margins_table, table, toml, unverified_toml, verified
-    from sim.studies.tune.flights import Flyers, Staged, own, staged, station_of
+    from sim.studies.tune.evidence import Evidence, margins_table, table, toml, unverified_toml, verify
+    from sim.studies.tune.flights import Flyers, Staged, own, stage_scenarios, station_of
     from sim.studies.tune.margins import AXES, criterion, markdown_table, report, text
     from sim.studies.tune.search_space import space, with_gains
-    from sim.studies.tune.tune import SEARCH_SEED, Floors, Search, Trial, run
+    from sim.studies.tune.tune import SEARCH_SEED, Floors, GainTrial, Search, run
 
 _MODULES = {
-    "evidence": ("Evidence", "margins_table", "table", "toml", "unverified_toml", "verified"),
-    "flights": ("Flyers", "Staged", "own", "staged", "station_of"),
+    "evidence": ("Evidence", "margins_table", "table", "toml", "unverified_toml", "verify"),
+    "flights": ("Flyers", "Staged", "own", "stage_scenarios", "station_of"),
     "margins": ("AXES", "criterion", "markdown_table", "report", "text"),
     "search_space": ("space", "with_gains"),
-    "tune": ("Floors", "SEARCH_SEED", "Search", "Trial", "run"),
+    "tune": ("Floors", "GainTrial", "SEARCH_SEED", "Search", "run"),
 }
 
 

@@ -75,7 +75,7 @@ def _period_s(config: Config) -> float:
     return config.vehicle.frame_period_s if isinstance(config.link, BridgeLinkConfig) else config.link.period_s
 
 
-def _paced(link: LinkConfig, period_s: float) -> MavlinkLinkConfig:
+def _pace_link(link: LinkConfig, period_s: float) -> MavlinkLinkConfig:
     """The link that the simulation has in the place of ``link``; a radio's frames follow no poses."""
     pace = link.pace if isinstance(link, MavlinkLinkConfig) else "period"
     return MavlinkLinkConfig(period_s=period_s, pace=pace, thrust_curve=link.thrust_curve)
@@ -85,7 +85,7 @@ def _key(override: str) -> str:
     return override.partition("=")[0].strip()
 
 
-def staged(names: Sequence[str], path: Path | None, overrides: Sequence[str]) -> list[Staged]:
+def stage_scenarios(names: Sequence[str], path: Path | None, overrides: Sequence[str]) -> list[Staged]:
     """The scenarios ``names`` for the user's :func:`own` vehicle, or without one each with what it tells itself.
 
     Raises:
@@ -98,19 +98,19 @@ def staged(names: Sequence[str], path: Path | None, overrides: Sequence[str]) ->
     if station is None:
         return [_stage(SCENARIOS[name], list(overrides)) for name in names]
     rest = [text for text in overrides if _key(text).partition(".")[0] not in _STATION]
-    return [_stage(fitted(SCENARIOS[name], station), rest, station) for name in names]
+    return [_stage(fit_scenario(SCENARIOS[name], station), rest, station) for name in names]
 
 
 def _stage(scenario: Scenario, overrides: list[str], station: Config | None = None) -> Staged:
     source = "odometry" if station is not None and isinstance(station.pose, MavlinkPoseConfig) else "vicon"
     world, config = prepare(scenario, overrides, source=source)
     if station is not None:
-        link = _paced(station.link, _period_s(config))
+        link = _pace_link(station.link, _period_s(config))
         config = msgspec.structs.replace(config, controller=station.controller, link=link)
     return Staged(scenario=scenario.name, world=world, config=config)
 
 
-def fitted(scenario: Scenario, station: Config) -> Scenario:
+def fit_scenario(scenario: Scenario, station: Config) -> Scenario:
     """``scenario`` with the vehicle, the rates and the latency of ``station``.
 
     What is true keeps its ratio to what is told: a lag that is 13 % longer than told stays so. Wind, drag, noise,
@@ -155,7 +155,7 @@ def station_of(stage: Staged) -> Config:
         vehicle=scenario.vehicle,
         controller=scenario.controller,
         pose=ViconConfig(latency_s=latency_s, rate_hz=rate_hz),
-        link=msgspec.structs.replace(_paced(scenario.link, _period_s(scenario)), thrust_curve=None),
+        link=msgspec.structs.replace(_pace_link(scenario.link, _period_s(scenario)), thrust_curve=None),
     )
 
 
@@ -173,7 +173,7 @@ class Sortie(msgspec.Struct, frozen=True):
     duration_s: float
 
 
-class Outcome(NamedTuple):
+class SortieOutcome(NamedTuple):
     """What came of it."""
 
     rms_cm: float | None
@@ -187,11 +187,11 @@ class Outcome(NamedTuple):
         return CRASH_CM if self.rms_cm is None else min(self.rms_cm, CRASH_CM)
 
 
-def flown(sortie: Sortie) -> Outcome:
+def fly_sortie(sortie: Sortie) -> SortieOutcome:
     """Fly it."""
     world, config = sortie.stage.world, sortie.stage.config
     result = fly(world, config, seed=sortie.seed, duration_s=sortie.duration_s)
-    return Outcome(result.verdict.rms_cm if result.completed else None, result.why)
+    return SortieOutcome(result.verdict.rms_cm if result.completed else None, result.why)
 
 
 def sorties(stage: Staged, seeds: Sequence[int], duration_s: float) -> list[Sortie]:
@@ -218,19 +218,19 @@ class Flyers:
         if self._pool is not None:
             self._pool.shutdown(cancel_futures=True)
 
-    def fly(self, work: Sequence[Sortie]) -> list[Outcome]:
+    def fly(self, work: Sequence[Sortie]) -> list[SortieOutcome]:
         """Fly all, in the order of ``work``.
 
         Raises:
             ConfigError: a process was ended from outside.
         """
         if self._workers == 1:
-            return [flown(sortie) for sortie in work]
+            return [fly_sortie(sortie) for sortie in work]
         if self._pool is None:
             # Spawned, as a forked process would inherit whatever threads this one has.
             self._pool = ProcessPoolExecutor(self._workers, multiprocessing.get_context("spawn"), _dies_with_ctrl_c)
         try:
-            return list(self._pool.map(flown, work))
+            return list(self._pool.map(fly_sortie, work))
         except BrokenProcessPool:
             raise ConfigError("--workers", "a process was ended from outside; the same command goes on") from None
 

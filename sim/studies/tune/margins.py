@@ -10,7 +10,7 @@ from statistics import median
 
 import msgspec
 
-from sim.studies.tune.flights import Flyers, Outcome, Staged, sorties
+from sim.studies.tune.flights import Flyers, SortieOutcome, Staged, sorties
 from sim.world import World
 
 TIMES_NOMINAL = 5.0
@@ -21,7 +21,7 @@ LONGEST_S = 0.320
 """Delays tried go no further [s]."""
 
 
-class Axis(msgspec.Struct, frozen=True):
+class MarginAxis(msgspec.Struct, frozen=True):
     """One thing that may be wrong, in one direction; how far it is wrong is x >= 0."""
 
     name: str
@@ -59,16 +59,16 @@ class Axis(msgspec.Struct, frozen=True):
         return boundary(0.005, LONGEST_S, 0.001)
 
 
-DELAY = Axis(
+DELAY = MarginAxis(
     "command_delay", "extra command delay", "the radio or the autopilot is slower than told", "command_delay_s"
 )
-LATENCY = Axis(
+LATENCY = MarginAxis(
     "pose_latency", "extra pose latency", "the cameras or the network are slower than told", "pose_latency_s"
 )
-GAIN_UP = Axis(
+GAIN_UP = MarginAxis(
     "thrust_gain_high", "thrust gain, up to", "it is lighter, or lifts more, than told", "thrust_gain", direction=1
 )
-GAIN_DOWN = Axis(
+GAIN_DOWN = MarginAxis(
     "thrust_gain_low",
     "thrust gain, down to",
     "it is heavier than told, or the battery is empty",
@@ -78,10 +78,16 @@ GAIN_DOWN = Axis(
 AXES = (
     DELAY,
     LATENCY,
-    Axis("thrust_lag_high", "thrust lag, up to", "the rotors are slower than told", "thrust_lag_s", direction=1),
-    Axis("thrust_lag_low", "thrust lag, down to", "the rotors are quicker than told", "thrust_lag_s", direction=-1),
-    Axis("rate_lag_high", "rate lag, up to", "the autopilot turns it slower than told", "rate_lag_s", direction=1),
-    Axis("rate_lag_low", "rate lag, down to", "the autopilot turns it quicker than told", "rate_lag_s", direction=-1),
+    MarginAxis("thrust_lag_high", "thrust lag, up to", "the rotors are slower than told", "thrust_lag_s", direction=1),
+    MarginAxis(
+        "thrust_lag_low", "thrust lag, down to", "the rotors are quicker than told", "thrust_lag_s", direction=-1
+    ),
+    MarginAxis(
+        "rate_lag_high", "rate lag, up to", "the autopilot turns it slower than told", "rate_lag_s", direction=1
+    ),
+    MarginAxis(
+        "rate_lag_low", "rate lag, down to", "the autopilot turns it quicker than told", "rate_lag_s", direction=-1
+    ),
     GAIN_UP,
     GAIN_DOWN,
 )
@@ -101,7 +107,7 @@ class Margin(msgspec.Struct, frozen=True, kw_only=True):
     """What happened there."""
 
 
-class Report(msgspec.Struct, frozen=True, kw_only=True):
+class MarginReport(msgspec.Struct, frozen=True, kw_only=True):
     """The margins of one configuration in one scenario."""
 
     scenario: str
@@ -118,13 +124,13 @@ class Report(msgspec.Struct, frozen=True, kw_only=True):
     """Empty where it fails with nothing wrong."""
 
 
-def limit_cm(nominal: Sequence[Outcome]) -> float | None:
+def limit_cm(nominal: Sequence[SortieOutcome]) -> float | None:
     """Beyond which RMS error a flight has failed, given those with nothing wrong; None if one of these crashed."""
     errors = [outcome.rms_cm for outcome in nominal if outcome.rms_cm is not None]
     return max(TIMES_NOMINAL * median(errors), FLOOR_CM) if len(errors) == len(nominal) else None
 
 
-def failure(outcomes: Sequence[Outcome], limit: float) -> str | None:
+def failure(outcomes: Sequence[SortieOutcome], limit: float) -> str | None:
     """What happened in the first of ``outcomes`` that failed; None if none did."""
     for outcome in outcomes:
         if outcome.rms_cm is None:
@@ -162,9 +168,9 @@ def report(
     *,
     seeds: int,
     duration_s: float,
-    axes: Sequence[Axis] = AXES,
+    axes: Sequence[MarginAxis] = AXES,
     on_found: Callable[[], None] = lambda: None,
-) -> Report:
+) -> MarginReport:
     """Fly ``stage`` with each of ``axes`` wrong by ever more, until it fails; ``on_found`` hears of each margin."""
     nominal = flyers.fly(sorties(stage, range(seeds), duration_s))
     limit = limit_cm(nominal)
@@ -173,7 +179,7 @@ def report(
         axes = [axis for axis in axes if axis.applies(stage.world)]
         searches = {axis: axis.search() for axis in axes}
         asked = {axis: next(search) for axis, search in searches.items()}
-        reasons: dict[Axis, str] = {}
+        reasons: dict[MarginAxis, str] = {}
         while asked:  # a round asks one question for every margin still searched, so that all processes fly
             questions = list(asked.items())
             work = [
@@ -192,7 +198,7 @@ def report(
                     holds, fails = end.value
                     found[axis.name] = _margin(axis, holds, fails, reasons.get(axis))
                     on_found()
-    return Report(
+    return MarginReport(
         scenario=stage.scenario,
         vehicle=stage.config.vehicle.name,
         controller=stage.config.controller.kind,
@@ -204,7 +210,7 @@ def report(
     )
 
 
-def _margin(axis: Axis, holds: float, fails: float | None, why: str | None) -> Margin:
+def _margin(axis: MarginAxis, holds: float, fails: float | None, why: str | None) -> Margin:
     return Margin(
         name=axis.name,
         unit="ratio" if axis.direction else "s",
@@ -214,7 +220,7 @@ def _margin(axis: Axis, holds: float, fails: float | None, why: str | None) -> M
     )
 
 
-def criterion(report: Report) -> str:
+def criterion(report: MarginReport) -> str:
     """What counts as a failure, as a sentence."""
     several = f"any of {report.seeds} flights" if report.seeds > 1 else "a flight"
     return (
@@ -223,12 +229,14 @@ def criterion(report: Report) -> str:
     )
 
 
-def text(report: Report) -> str:
+def text(report: MarginReport) -> str:
     """One line a margin."""
     head = f"{report.scenario}, vehicle {report.vehicle}, controller {report.controller}"
     if report.limit_cm is None:
         return f"{head}\nIt fails with nothing wrong: there are no margins."
-    rows = [(axis.label, shown(margin), axis.meaning, margin.why or "") for axis, margin in _known(report)]
+    rows = [
+        (axis.label, format_margin(margin), axis.meaning, margin.why or "") for axis, margin in _list_margins(report)
+    ]
     widths = [max(len(row[i]) for row in rows) for i in range(3)]
     lines = [
         f"{label:<{widths[0]}}  {value:>{widths[1]}}  {meaning:<{widths[2]}}  {f'({why})' if why else ''}".rstrip()
@@ -244,18 +252,18 @@ def text(report: Report) -> str:
     )
 
 
-def markdown_table(reports: Sequence[Report]) -> str:
+def markdown_table(reports: Sequence[MarginReport]) -> str:
     """One row a margin, one column a configuration."""
     columns = [f"{report.vehicle} in `{report.scenario}`" for report in reports]
     lines = [f"| fails at | {' | '.join(columns)} | what does this |", f"|---|{'---:|' * len(reports)}---|"]
     for axis in AXES:
         by_report = [{margin.name: margin for margin in report.margins}.get(axis.name) for report in reports]
-        cells = ["-" if margin is None else shown(margin) for margin in by_report]
+        cells = ["-" if margin is None else format_margin(margin) for margin in by_report]
         lines.append(f"| {axis.label} | {' | '.join(cells)} | {axis.meaning} |")
     return "\n".join(lines)
 
 
-def shown(margin: Margin) -> str:
+def format_margin(margin: Margin) -> str:
     """``+38 ms`` or ``1.62x``; ``> +320 ms`` where nothing tried failed."""
     if margin.unit == "s":
         return f"> +{1e3 * LONGEST_S:.0f} ms" if margin.fails is None else f"+{1e3 * margin.fails:.0f} ms"
@@ -264,6 +272,6 @@ def shown(margin: Margin) -> str:
     return f"{margin.fails:.2f}x"
 
 
-def _known(report: Report) -> list[tuple[Axis, Margin]]:
+def _list_margins(report: MarginReport) -> list[tuple[MarginAxis, Margin]]:
     by_name = {axis.name: axis for axis in AXES}
     return [(by_name[margin.name], margin) for margin in report.margins]

@@ -36,9 +36,9 @@ class Key(msgspec.Struct, frozen=True):
     start: float
     """What the configuration has."""
 
-    def rounded(self, value: float) -> float:
+    def round(self, value: float) -> float:
         """``value`` with as many digits as are written down, within the bounds."""
-        return min(max(rounded(value), self.low), self.high)
+        return min(max(round_gain(value), self.low), self.high)
 
 
 Point = Mapping[str, float]
@@ -72,7 +72,7 @@ def with_gains(controller: ControllerConfig, gains: Point) -> ControllerConfig:
     return msgspec.structs.replace(controller, options={**controller.options, **own}, **rest)
 
 
-def rounded(value: float) -> float:
+def round_gain(value: float) -> float:
     """``value`` with as many digits as are written down."""
     return float(f"{value:.{DIGITS}g}")
 
@@ -111,13 +111,13 @@ def _key(controller: ControllerConfig, accepted: Mapping[str, Any], text: str) -
     name = name.strip().removeprefix(SECTION)
     dotted = SECTION + name
     if name not in accepted:
-        raise ConfigError("--keys", f"expected some of {_listed(accepted)}, got {dotted!r}")
+        raise ConfigError("--keys", f"expected some of {_list_names(accepted)}, got {dotted!r}")
     kind, default = accepted[name]
     start = _value(controller, name)
     if equals:
         low, high = _bounds(dotted, bounds)
         for bound in (low, high):
-            if not _allowed(kind, bound):
+            if not _allows(kind, bound):
                 raise ConfigError("--keys", f"{dotted} does not accept {bound:g}")
     elif start == 0.0:
         raise ConfigError("--keys", f"{dotted} is switched off (0): switch it on with --set, or leave it out")
@@ -125,8 +125,8 @@ def _key(controller: ControllerConfig, accepted: Mapping[str, Any], text: str) -
         middle = default or start
         # What a key accepts may end within the range, as a share ends at 1.
         ceiling = min(bound for bound in (kind.le, kind.lt and 0.999 * kind.lt, math.inf) if bound is not None)
-        low = min(rounded(middle / AROUND), start)
-        high = max(min(rounded(middle * AROUND), ceiling), start)
+        low = min(round_gain(middle / AROUND), start)
+        high = max(min(round_gain(middle * AROUND), ceiling), start)
         low = max(low, kind.ge if kind.ge is not None else low)
     return Key(name, low, high, start)
 
@@ -141,7 +141,7 @@ def _bounds(dotted: str, text: str) -> tuple[float, float]:
     return low, high
 
 
-def _allowed(kind: mi.FloatType, value: float) -> bool:
+def _allows(kind: mi.FloatType, value: float) -> bool:
     return (
         (kind.gt is None or value > kind.gt)
         and (kind.ge is None or value >= kind.ge)
@@ -150,5 +150,5 @@ def _allowed(kind: mi.FloatType, value: float) -> bool:
     )
 
 
-def _listed(names: Iterable[str]) -> list[str]:
+def _list_names(names: Iterable[str]) -> list[str]:
     return [SECTION + name for name in names]

@@ -20,8 +20,8 @@ import msgspec
 
 from groundstation.config import ConfigError
 from sim.studies.campaign import program_sha256
-from sim.studies.tune.flights import CRASH_CM, Flyers, Outcome, Staged, sorties
-from sim.studies.tune.margins import DELAY, GAIN_DOWN, GAIN_UP, Axis, failure, limit_cm
+from sim.studies.tune.flights import CRASH_CM, Flyers, SortieOutcome, Staged, sorties
+from sim.studies.tune.margins import DELAY, GAIN_DOWN, GAIN_UP, MarginAxis, failure, limit_cm
 from sim.studies.tune.search_space import Key, loses_proof, with_gains
 
 if TYPE_CHECKING:
@@ -49,7 +49,7 @@ class Floors(msgspec.Struct, frozen=True, kw_only=True):
     gain: float
     """Share by which the thrust may be wrong, either way, 0 to below 1; 0 asks for none."""
 
-    def wrongs(self, factor: float = 1.0) -> list[tuple[Axis, float]]:
+    def wrongs(self, factor: float = 1.0) -> list[tuple[MarginAxis, float]]:
         """What must still fly: each axis with its value, the floors being ``factor`` times what they are."""
         delay = [(DELAY, self.delay_s * factor)] if self.delay_s else []
         share = min(self.gain * factor, 0.99)
@@ -77,7 +77,7 @@ class Search(msgspec.Struct, frozen=True, kw_only=True):
         return {**found, "program_sha256": program_sha256()}
 
 
-class Trial(msgspec.Struct, frozen=True, kw_only=True):
+class GainTrial(msgspec.Struct, frozen=True, kw_only=True):
     """One set of gains, tried."""
 
     number: int
@@ -90,17 +90,17 @@ class Trial(msgspec.Struct, frozen=True, kw_only=True):
     cost: float
     """What the sampler hears: ``rms_cm``, or more than any of those."""
 
-    def beats(self, other: "Trial") -> bool:
+    def beats(self, other: "GainTrial") -> bool:
         """It breaks nothing, and is better."""
         return not self.broken and self.cost < other.cost
 
 
-def tried(search: Search, gains: dict[str, float], flyers: Flyers, number: int) -> Trial:
+def try_gains(search: Search, gains: dict[str, float], flyers: Flyers, number: int) -> GainTrial:
     """Fly one set of gains; not at all where it loses the proof."""
     stages = [stage.with_gains(gains) for stage in search.stages]
     if loses_proof(stages[0].config.controller):
         why = ["the proof does not hold for these gains"]
-        return Trial(number=number, gains=gains, rms_cm=CRASH_CM, broken=why, cost=UNPROVEN)
+        return GainTrial(number=number, gains=gains, rms_cm=CRASH_CM, broken=why, cost=UNPROVEN)
     first, seeds = stages[0], search.flight_seeds
     plain = [sorties(stage, seeds, search.duration_s) for stage in stages]
     probes = [
@@ -110,16 +110,16 @@ def tried(search: Search, gains: dict[str, float], flyers: Flyers, number: int) 
     outcomes = iter(flyers.fly([sortie for work in (*plain, *(probe[2] for probe in probes)) for sortie in work]))
     flown = [[next(outcomes) for _ in work] for work in plain]
     probed = [(axis, value, [next(outcomes) for _ in work]) for axis, value, work in probes]
-    return _judged(search, gains, flown, probed, number)
+    return _judge(search, gains, flown, probed, number)
 
 
-def _judged(
+def _judge(
     search: Search,
     gains: dict[str, float],
-    flown: list[list[Outcome]],
-    probed: list[tuple[Axis, float, list[Outcome]]],
+    flown: list[list[SortieOutcome]],
+    probed: list[tuple[MarginAxis, float, list[SortieOutcome]]],
     number: int,
-) -> Trial:
+) -> GainTrial:
     rms_cm = geometric_mean([outcome.cost_cm for outcomes in flown for outcome in outcomes])
     broken: list[str] = []
     excess = 0.0
@@ -134,10 +134,10 @@ def _judged(
             broken.append(f"{words(axis, value)}: {why}")
             excess += math.log(max(max(outcome.cost_cm for outcome in outcomes) / limit, 1.0))
     cost = BROKEN + excess if broken else rms_cm
-    return Trial(number=number, gains=gains, rms_cm=rms_cm, broken=broken, cost=cost)
+    return GainTrial(number=number, gains=gains, rms_cm=rms_cm, broken=broken, cost=cost)
 
 
-def words(axis: Axis, value: float) -> str:
+def words(axis: MarginAxis, value: float) -> str:
     """``extra command delay 22 ms``, ``thrust gain 0.75``."""
     name = axis.label.partition(",")[0]
     return f"{name} {value:.2f}" if axis.direction else f"{name} {1e3 * value:.0f} ms"
@@ -155,8 +155,8 @@ def run(
     trials: int,
     timeout_s: float = math.inf,
     journal: Path | None = None,
-    on_trial: Callable[[Trial, Trial], None] = lambda trial, best: None,
-) -> list[Trial]:
+    on_trial: Callable[[GainTrial, GainTrial], None] = lambda trial, best: None,
+) -> list[GainTrial]:
     """Try until there are ``trials`` sets of gains, or ``timeout_s`` is over; returns them as they were tried.
 
     With ``journal`` every trial is kept there as soon as it is done, and those that are there are not flown again.
@@ -167,10 +167,10 @@ def run(
     """
     began = monotonic()
     study = _study(search, journal)
-    done: list[Trial] = []
-    best: Trial | None = None
+    done: list[GainTrial] = []
+    best: GainTrial | None = None
 
-    def take(trial: Trial) -> None:
+    def take(trial: GainTrial) -> None:
         nonlocal best
         done.append(trial)
         best = trial if best is None or trial.beats(best) else best
@@ -178,19 +178,19 @@ def run(
 
     for kept in study.get_trials(deepcopy=False):
         if "trial" in kept.user_attrs:
-            take(msgspec.convert(kept.user_attrs["trial"], Trial))
+            take(msgspec.convert(kept.user_attrs["trial"], GainTrial))
     while len(done) < trials and (not done or monotonic() - began < timeout_s):
         take(_next(search, study, flyers, len(done)))
     return done
 
 
-def _next(search: Search, study: "optuna.Study", flyers: Flyers, number: int) -> Trial:
+def _next(search: Search, study: "optuna.Study", flyers: Flyers, number: int) -> GainTrial:
     from optuna.distributions import FloatDistribution
     from optuna.trial import TrialState, create_trial
 
     ranges: Any = {key.name: FloatDistribution(key.low, key.high, log=True) for key in search.keys}
     if number == 0:
-        trial = tried(search, {key.name: key.start for key in search.keys}, flyers, number)
+        trial = try_gains(search, {key.name: key.start for key in search.keys}, flyers, number)
         inside = {key.name: min(max(key.start, key.low), key.high) for key in search.keys}
         kept = {"trial": msgspec.to_builtins(trial)}
         study.add_trial(create_trial(params=inside, distributions=ranges, value=trial.cost, user_attrs=kept))
@@ -198,12 +198,12 @@ def _next(search: Search, study: "optuna.Study", flyers: Flyers, number: int) ->
     for attempt in range(PROPOSALS):
         study.sampler = _sampler((search.sampler_seed * 1_000_003 + number) * PROPOSALS + attempt)
         asked = study.ask(ranges)
-        gains = {key.name: key.rounded(asked.params[key.name]) for key in search.keys}
+        gains = {key.name: key.round(asked.params[key.name]) for key in search.keys}
         try:
             if loses_proof(with_gains(search.stages[0].config.controller, gains)):
                 study.tell(asked, state=TrialState.FAIL)
                 continue
-            trial = tried(search, gains, flyers, number)
+            trial = try_gains(search, gains, flyers, number)
         except BaseException:
             study.tell(asked, state=TrialState.FAIL)
             raise

@@ -15,7 +15,7 @@ from groundstation.core.vehicle import ZERO, Motion, Vehicle
 from sim.batch import Compiled, Numpy, Stages, columns, fly_batch, zeros
 from sim.scenarios import SCENARIOS, prepare
 from sim.time import in_turns
-from sim.world import Body, Physics, moved
+from sim.world import Body, Physics, integrate
 from tests.proving.bench.peers import PEERS, Bench
 
 if TYPE_CHECKING:
@@ -47,7 +47,7 @@ def law_and_plant(count: int, ops: Ops, steps: int) -> Bench:
         for _ in range(steps):
             estimate = Estimate(time, Motion(*body), nought, nought)
             drive = pilot.decide(estimate, trajectory.at(time), STEP_S).drive
-            body = moved(ops, body, drive.thrust, drive.rates, nought, STEP_S, physics)
+            body = integrate(ops, body, drive.thrust, drive.rates, nought, STEP_S, physics)
             time += STEP_S
 
     return Bench(run, count * steps, "")
@@ -65,7 +65,7 @@ def compiled_law_and_plant(count: int, steps: int) -> Bench:
         pilot = Adaptive(vehicle, Gains(), ops)
         pilot.memory = memory
         drive = pilot.decide(Estimate(0.0, Motion(*body), ZERO, ZERO), Reference(*reference), STEP_S).drive
-        return (moved(ops, body, drive.thrust, drive.rates, ZERO, STEP_S, physics), pilot.memory), ()
+        return (integrate(ops, body, drive.thrust, drive.rates, ZERO, STEP_S, physics), pilot.memory), ()
 
     pilot = Adaptive(vehicle, Gains(), arrays())
     pilot.decide(Estimate(0.0, Motion(*body), ZERO, ZERO), trajectory.at(0.0), 0.0)

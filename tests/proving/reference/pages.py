@@ -24,7 +24,7 @@ from groundstation.recording import CHANNELS
 from groundstation.settings import Config
 from links.bridge import BridgeConfig
 from sim.__main__ import parser as simulating
-from sim.studies.campaign import COLUMNS, Row
+from sim.studies.campaign import COLUMNS, CampaignRow
 from sim.world import World
 from tests.proving.reference.rooms import rooms_page, rooms_picture
 
@@ -218,7 +218,7 @@ empty. `certificate_violated` and `certificate_suspended` are what `groundstatio
 
 def columns_page() -> str:
     """The page of a campaign's columns."""
-    said = remarks(World) | remarks(Row)
+    said = remarks(World) | remarks(CampaignRow)
     return "\n".join([COLUMNS_HEAD, *(f"| `{name}` | {said.get(name, '')} |" for name in COLUMNS)])
 
 
