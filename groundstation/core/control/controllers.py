@@ -144,7 +144,7 @@ def _find_public(path: str, name: str) -> object:
     if name.startswith("_"):  # what asks every module for its file, say
         raise AttributeError(name)
     public = RENAMED.get(name, name)
-    found: object = getattr(importlib.import_module("groundstation"), public)
+    found: object = getattr(sys.modules["groundstation"], public)
     warnings.warn(
         f"{path}.{name} has moved, and the old path goes with the next release: write `from groundstation import "
         f"{public}{'' if public == name else f' as {name}'}`",
