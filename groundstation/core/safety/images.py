@@ -16,6 +16,7 @@ EXPLAINS = 2.0
 """A node that no image explains well counts by so much less [-]."""
 WIND_M, WIND_RISES, WIND_FALLS = 0.02, 0.2, 0.03
 """What wind leaves in the position's filter at least, 1σ [m]; how fast more and less of it are learnt from a node."""
+WIND_M2 = WIND_M * WIND_M
 THETA = 0.6
 """Memory of the filter: what it knows fades by this factor from node to node [-]."""
 ALPHA, BETA, GAMMA = 1.0 - THETA**3, 1.5 * (1.0 - THETA**2) * (1.0 - THETA), (1.0 - THETA) ** 3
@@ -70,7 +71,7 @@ def _expanding(n: int) -> tuple[float, float, float]:
 class Images:
     """The filters, and what they say of each image."""
 
-    def __init__(self, wind: Sequence[float] = (WIND_M**2, WIND_M**2)) -> None:
+    def __init__(self, wind: Sequence[float] = (WIND_M2, WIND_M2)) -> None:
         """Nothing seen; ``wind`` is what is known of it [m²]."""
         self.wind = list(wind)
         """Variance of what wind leaves in the filter, across and down [m²]."""
@@ -130,11 +131,14 @@ class Images:
         if best < rest or self.across > 0.0:  # else it says nothing, as nearly always
             exact = EXACT_M * EXACT_M + self.wander
             images = (-xx - yy, yy - xx, xx - yy, xy + yx, -xy - yx, yx - xy, xy - yx)
+            maps = self._maps
             for i, image in enumerate(images):
-                off, opposed = both - 2.0 * image, exact if i < OPPOSED else None
-                self._maps[i] = _sum_evidence(self._maps[i], fade, rest - off, max(wind, off / EXPLAINS), off, opposed)
-            self.across = max(self._maps)
-        self.wind[0] = _learnt(self.wind[0], 0.5 * best)
+                off = both - 2.0 * image
+                if off < rest or maps[i] > 0.0:
+                    opposed = exact if i < OPPOSED else None
+                    maps[i] = _sum_evidence(maps[i], fade, rest - off, max(wind, off / EXPLAINS), off, opposed)
+            self.across = max(maps)
+        self._learn(0, 0.5 * best)
 
     def _down(self, z: float, c: float, fade: float) -> None:
         """What one node says of the vertical axis."""
@@ -143,13 +147,15 @@ class Images:
         if off < rest or self.down > 0.0:
             exact = EXACT_M * EXACT_M + self.wander
             self.down = _sum_evidence(self.down, fade, rest - off, max(wind, off / EXPLAINS), off, exact)
-        self.wind[1] = _learnt(self.wind[1], min(rest, off))
+        self._learn(1, min(rest, off))
 
-
-def _learnt(wind: float, best: float) -> float:
-    """The variance that wind leaves [m²], after a node that the best rival explains but for ``best`` [m²]."""
-    share = WIND_RISES if best > wind else WIND_FALLS
-    return max(wind + share * (min(best, 9.0 * wind) - wind), WIND_M * WIND_M)
+    def _learn(self, which: int, best: float) -> None:
+        """Learn the variance that wind leaves from a node that the best rival explains but for ``best`` [m²]."""
+        wind = self.wind[which]
+        if best > wind:
+            self.wind[which] = wind + WIND_RISES * (min(best, 9.0 * wind) - wind)
+        elif wind > WIND_M2:
+            self.wind[which] = max(wind + WIND_FALLS * (best - wind), WIND_M2)
 
 
 def _sum_evidence(evidence: float, fade: float, gain: float, variance: float, off: float, exact: float | None) -> float:

@@ -61,6 +61,7 @@ CONVICTS, IMAGE_CONVICTS, EARLY_CONVICTS, UPSET_CONVICTS, EARLY = 14.0, 9.0, 7.0
 better than both a vehicle that obeys and a picture that stands, e^9, and e^7 in so many windows after lift-off: axes
 that are set up wrongly are so from the first. Across, and where the vehicle is upset as no gust does it, e^4: an image
 drives it away ever faster, and little time is left."""
+CALM_SHARE = CALM / CONVICTS
 SUSPECTS, HEADING_SUSPECTS, STILL_SUSPECTS, IMAGE_SUSPECTS, PUSH_SUSPECTS = 0.85, 0.5, 0.6, 0.7, 0.8
 """Share of it that is a suspicion: by the attitude, as two nodes whose commands got lost on their way come to 80 %; by
 the heading; by a position that stands, or moves as an image."""
@@ -77,8 +78,8 @@ UNEXPLAINED = 8.0
 """A node that neither rival explains counts by so much less than its square [-]."""
 ANSWER = 0.8
 """An answer of half this share of the command speaks for neither [-]: attitude."""
-TURN_NOISE_RAD, TURN_FLOOR_RAD = 0.004, 0.0025
-"""Noise of a turn between two nodes, to begin with and at least [rad]."""
+TURN_NOISE_RAD, TURN_FLOOR_RAD2 = 0.004, 0.0025 * 0.0025
+"""Noise of a turn between two nodes, to begin with [rad] and at least, squared [rad²]."""
 TRIM_RAD, GAIN = 0.01, 0.5
 """What a trim turns it between two nodes [rad], and how far its answer may be from the command [-], 1σ."""
 STILL, LIVELY = 0.05, 0.3
@@ -117,8 +118,8 @@ COORDINATE_M, COORDINATE_NOISES, BRAKED_S, COORDINATE_S = 0.0005, 3.0, 0.8, 2.0
 LEANS_M_S2, LEANS_S, LEANS_SLOWLY_S = 0.5, 0.25, 6.0
 """Meanwhile the push along it, averaged over the first time [s], leaves its average over the second [s] by so much
 [m/s²]: no wind rises so fast and leaves no trace."""
-LEANS_SHARES = (1.0, 1.0, 0.3)
-"""What counts of it on each axis [-]: a battery that sags raises the thrust, and leaves no trace either."""
+LEANS_DOWN = 0.3
+"""What counts of it down [-]: a battery that sags raises the thrust, and leaves no trace either."""
 LED_S = 1.0
 """So long after it was moved by something else than commands it may still be in somebody's hand [s]."""
 LATE_LOOKS, LATE_NODES = 0.3, 3
@@ -154,20 +155,30 @@ class PoseEvidence(NamedTuple):
 class Obedience:
     """One flight's. Fed with each pose and what the commands did since the last one."""
 
+    __slots__ = (  # with so many, a dictionary is slow
+        "_arrest", "_asked", "_attitude", "_between", "_flown", "_gravity", "_half_s", "_halves", "_heading",
+        "_hole_s", "_images", "_last", "_lates", "_leant", "_leaps_s", "_leapt_s", "_moved_s", "_newest_s",
+        "_node_s", "_off", "_per_newton", "_pitch", "_place", "_push", "_pushed", "_quarter", "_quarters", "_resets",
+        "_rested", "_rests", "_rivals", "_roll", "_seen_x", "_seen_y", "_seen_z", "_shock_s", "_shocks_s",
+        "_speed", "_still", "_stood", "_stopped_s", "_strays", "_swept_s", "_swift", "_told_x", "_told_y",
+        "_told_z", "_turns", "_upset", "_wander", "_wander_m", "answered", "calm_s", "evidence", "largest",
+        "late_s", "led_s", "windows",
+    )  # fmt: skip
+
     def __init__(self, mass_kg: float, gravity: float) -> None:
         """Take the vehicle's mass as told [kg] and g [m/s²]."""
-        self._mass, self._gravity = mass_kg, gravity
+        self._per_newton, self._gravity = -1.0 / mass_kg, gravity  # an impulse is told against the thrust
         self._pushed: Vec3 = (0.0, 0.0, 0.0)
         self._speed: Vec3 = (0.0, 0.0, 0.0)
-        self._turn_variance = [TURN_NOISE_RAD**2] * 2
-        self._bias, self._bias_variance = [0.0, 0.0], [TRIM_RAD**2] * 2
+        self._roll, self._pitch = _TiltAxis(), _TiltAxis()
         self._images = Images()
         self._halves: deque[tuple[float, Vec3, Vec3]] = deque(maxlen=HALVES)
         """Half-way between the nodes, each instant [s] with what was seen and what was commanded [m, NED]."""
         self._between: Images | None = None
         """Those of the half-way instants, while an image is suspected: what it drives away is soon twice as fast."""
         self._rested: Pose | None = None
-        self._rests, self._wander = 0.0, 0.0
+        self._rests = 0.0
+        self._wander = self._wander_m = 0.0
         self.windows = 0
         """Nodes looked at."""
         self.largest = 0.0
@@ -186,7 +197,7 @@ class Obedience:
 
     def restart(self) -> None:
         """It has just left the floor, or was let go in the air: what was seen before counts no more."""
-        self._attitude = self._still = self._heading = 0.0
+        self._attitude = self._quarter = self._still = self._heading = 0.0
         self._quarters = [0.0, 0.0]
         self._last: Quat | None = None
         self._arrest: Pose | None = None
@@ -194,7 +205,8 @@ class Obedience:
         self._flown = self._lates = 0
         self._strays = False
         self._place: Vec3 = (0.0, 0.0, 0.0)
-        self._before = [0.0, 0.0]
+        self._roll.restart()
+        self._pitch.restart()
         self._moved_s = self._swept_s = self._shock_s = self._shocks_s = self._newest_s = self._hole_s = -math.inf
         self._leapt_s = self._leaps_s = -math.inf
         self._off = 0.0
@@ -211,6 +223,7 @@ class Obedience:
     def _forget_between(self) -> None:
         """What was seen half-way between the nodes counts no more."""
         self._halves.clear()
+        self._half_s = -math.inf
         self._between = None
 
     def rest(self, pose: Pose) -> None:
@@ -255,7 +268,10 @@ class Obedience:
         """
         last, self._last = self._last, pose.attitude
         if dt > HOLE_S:
+            # Poses were missing: the filters must find their way again.
             self._hole_s = pose.time_s
+            self._images.nodes = min(self._images.nodes, SETTLES - 3)
+            self._forget_between()
         if last is None or dt > GAP_S or not counts or pose.reset_count != self._resets:
             self._begin(pose)
             return False
@@ -267,29 +283,24 @@ class Obedience:
         self._seen_y += k * (w * r + x * s - y * p - z * q)
         self._seen_z += k * (w * s - x * r + y * q - z * p)
         w, x, y, z = before.attitude
-        p, q, r, s = given.attitude
-        k = 2.0 if w * p + x * q + y * r + z * s > 0.0 else -2.0
-        self._told_x += k * (w * q - x * p - y * s + z * r)
-        self._told_y += k * (w * r + x * s - y * p - z * q)
-        self._told_z += k * (w * s - x * r + y * q - z * p)
+        p, q, r, s = given.attitude  # goes on from there: no sign to mind
+        self._told_x += 2.0 * (w * q - x * p - y * s + z * r)
+        self._told_y += 2.0 * (w * r + x * s - y * p - z * q)
+        self._told_z += 2.0 * (w * s - x * r + y * q - z * p)
         further, self._off = off_m - self._off, off_m
         if further > LEAP_M:
-            further -= LEAP_NOISES * max(noise_m, math.sqrt(self._wander)) + LEAP_M_S2 * dt * dt
+            further -= LEAP_NOISES * max(noise_m, self._wander_m) + LEAP_M_S2 * dt * dt
         if further > LEAP_M:
             self._leaps(pose.time_s)
         half = 0.5 * dt
-        m, (ix, iy, iz), (sx, sy, sz), g = -1.0 / self._mass, given.impulse, given.reach, self._gravity
+        m, (ix, iy, iz), (sx, sy, sz), g = self._per_newton, given.impulse, given.reach, self._gravity
         (px, py, pz), (vx, vy, vz) = self._pushed, self._speed
         self._pushed = (px + dt * vx + m * sx, py + dt * vy + m * sy, pz + dt * (vz + half * g) + m * sz)
         self._speed = (vx + m * ix, vy + m * iy, vz + m * iz + g * dt)
-        if dt > HOLE_S:
-            # Poses were missing: the filters must find their way again.
-            self._images.nodes = min(self._images.nodes, SETTLES - 3)
-            self._forget_between()
         self._upset = upset
         h = pose.time_s - self._node_s
         if h < NODE_S - 1e-6:
-            if h >= HALF_NODE_S:
+            if h >= HALF_NODE_S and self._half_s <= self._node_s:
                 self._look_between(pose)
             return False
         self._node(pose, h, noise_m)
@@ -337,8 +348,7 @@ class Obedience:
     def _look_between(self, pose: Pose) -> None:
         """Half-way between two nodes: where an image is suspected, it is looked for here, too."""
         halves, images, fade = self._halves, self._between, 1.0 - NODE_S / FADE_S
-        if halves and halves[-1][0] > self._node_s:
-            return
+        self._half_s = pose.time_s
         halves.append((pose.time_s, pose.position_ned, self._pushed))
         if self._images.across < LOOKS and (images is None or images.across < LOOKS):
             self._between = None
@@ -355,58 +365,60 @@ class Obedience:
 
     def _judge(self) -> None:
         """Weigh what speaks against the poses."""
-        still = self._still / CONVICTS
-        if self._newest_s - self._shock_s < SHOCK_S:
+        newest_s, push = self._newest_s, self._push
+        still = max(self._still / CONVICTS, self._leant)
+        if newest_s - self._shock_s < SHOCK_S:
             still = max(still, STOPPED)
-        still = max(still, self._leant)
         if self._stopped_s > NODE_S:
             still = max(still, STOPPED if self._stopped_s < ARREST_S else 1.0)
         heading = abs(self._heading) / HEADING_RAD_S
-        attitude = max(self._attitude, *self._quarters) / CONVICTS
+        attitude = max(self._attitude, self._quarter) / CONVICTS
         across, down = self._images.across, self._images.down  # a tether pulls down as a mirrored axis: no haste there
         if self._between is not None:
             across = max(across, self._between.across)
         convicts = EARLY_CONVICTS if self._flown < EARLY else IMAGE_CONVICTS
         axes = max(across / (UPSET_CONVICTS if self._upset else convicts), down / convicts)
-        push = self._push
         # What has leapt is suspect until it is seen how it goes on, and longer where that is as a rival would.
-        if self._newest_s - self._leapt_s < (STAYS_S if push >= LEAPS_AS else 1.5 * NODE_S):
+        if newest_s - self._leapt_s < (STAYS_S if push >= LEAPS_AS else 1.5 * NODE_S):
             push = max(push, PUSH_SUSPECTS)
         self.evidence = PoseEvidence(attitude, axes, heading, still, push)
-        self.largest = max(self.largest, *self.evidence)
+        self.largest = max(self.largest, attitude, axes, heading, still, push)
 
     def _node(self, pose: Pose, h: float, noise_m: float) -> None:
-        self._node_s = self._newest_s = pose.time_s
+        now_s, place, pushed = pose.time_s, pose.position_ned, self._pushed
+        self._node_s = self._newest_s = now_s
         self.windows += 1
         self._flown += 1
         fade, learn = 1.0 - h / FADE_S, h / LEARN_S
-        turn = self._seen_x, self._seen_y, self._told_x, self._told_y
-        self._heading += min(h / HEADING_S, 1.0) * (self._strays_by(pose.time_s, h) - self._heading)
+        x, y, cx, cy = self._seen_x, self._seen_y, self._told_x, self._told_y
+        self._heading += h / HEADING_S * (self._strays_by(now_s, h) - self._heading)
         self._seen_x = self._seen_y = self._seen_z = self._told_x = self._told_y = self._told_z = 0.0
-        self._turns.append((pose.time_s, *turn))
-        while self._turns[0][0] < pose.time_s - LAGS_S:
+        self._turns.append((now_s, x, y, cx, cy))
+        while self._turns[0][0] < now_s - LAGS_S:
             self._turns.popleft()
-        says = self._add_turn(turn[0], turn[2], 0, learn) + self._add_turn(turn[1], turn[3], 1, learn)
-        if says > 0.0 and pose.time_s - self._hole_s < UNHEARD_S:
+        calm = self._attitude < CALM
+        says = self._roll.node(x, cx, learn, calm) + self._pitch.node(y, cy, learn, calm)
+        if says > 0.0 and now_s - self._hole_s < UNHEARD_S:
             says *= UNHEARD
-        most = CAP if self._attitude > CALM else FIRST
-        self._attitude = max(0.0, self._attitude * fade + max(-CAP, min(says, most)))
-        self._quarter(*turn, fade)
+        if says > 0.0 or self._attitude > 0.0:  # else it stays zero, as nearly always
+            most = CAP if self._attitude > CALM else FIRST
+            self._attitude = max(0.0, self._attitude * fade + max(-CAP, min(says, most)))
+        self._look_quarters(x, y, cx, cy, fade)
         self.answered = max(0.0, self.answered - max(says, -CAP))
         if self._flown == 1:
             # White noise moves it by √2 of itself from node to node; much more than that is an estimate that wanders.
             self._wander = max(2.0 * (self._rests - 5.0 * noise_m * noise_m), 0.0)
-        images = self._images
-        images.wander = self._wander
-        seen, told = images.node(pose.time_s, pose.position_ned, self._pushed, fade, NODE_S)
+            self._wander_m = math.sqrt(self._wander)
+        images, wander = self._images, self._wander
+        images.wander = wander
+        seen, told = images.node(now_s, place, pushed, fade, NODE_S)
         if images.nodes > SETTLES:
-            self._stands(pose, seen, told, fade, math.sqrt((FILTER_NOISE * noise_m) ** 2 + self._wander))
-        if pose.time_s - h < self._hole_s <= pose.time_s:
-            self._rivals.begin(pose.position_ned, self._pushed)
+            self._stands(pose, seen, told, fade, math.sqrt((FILTER_NOISE * noise_m) ** 2 + wander))
+        if now_s - h < self._hole_s <= now_s:
+            self._rivals.begin(place, pushed)
         else:
-            shakes_m = math.sqrt((NOISES * noise_m) ** 2 + self._wander)
-            leapt = pose.time_s - self._leapt_s < h
-            self._push = self._rivals.node(pose.position_ned, self._pushed, h, shakes_m, leapt=leapt)
+            shakes_m = math.sqrt((NOISES * noise_m) ** 2 + wander)
+            self._push = self._rivals.node(place, pushed, h, shakes_m, now_s - self._leapt_s < h)
         self._lean(pose, h, COORDINATE_M + COORDINATE_NOISES * noise_m)
         self._judge()
         attitude, axes, heading, still, push = self.evidence
@@ -415,8 +427,9 @@ class Obedience:
             self._lates = self._lates + 1 if late_s > 0.0 else 0
             if self._lates >= LATE_NODES:
                 self.late_s = late_s
-        if max(attitude, axes, still) < CALM / CONVICTS and max(heading, push) < HEADING_SUSPECTS:
-            self.calm_s = pose.time_s
+        turns, stands = attitude >= CALM_SHARE or heading >= HEADING_SUSPECTS, still >= CALM_SHARE
+        if not (turns or stands or axes >= CALM_SHARE or push >= HEADING_SUSPECTS):
+            self.calm_s = now_s
 
     def _strays_by(self, now_s: float, h: float) -> float:
         """How fast it has turned about the vertical, beyond all that was asked for of late [rad/s]."""
@@ -431,90 +444,121 @@ class Obedience:
 
     def _lean(self, pose: Pose, h: float, within_m: float) -> None:
         """What one node says of each coordinate that stands within so much [m], while the push along it changes."""
-        most, swift = 0.0, self._speed
-        for coordinate, x, now, before, share in zip(
-            self._stood, pose.position_ned, swift, self._swift, LEANS_SHARES, strict=True
-        ):
-            most = max(most, share * coordinate.leans(x, (now - before) / h, pose.time_s, h, within_m))
-        self._swift = swift
+        x, y, z = self._stood
+        (a, b, c), (u, v, w), (p, q, r) = pose.position_ned, self._speed, self._swift
+        now_s, fast, slow = pose.time_s, min(h / LEANS_S, 1.0), h / LEANS_SLOWLY_S
+        most = max(
+            x.leans(a, (u - p) / h, now_s, fast, slow, within_m),
+            y.leans(b, (v - q) / h, now_s, fast, slow, within_m),
+            LEANS_DOWN * z.leans(c, (w - r) / h, now_s, fast, slow, within_m),
+        )
+        self._swift = self._speed
         self._leant = min(most / LEANS_M_S2, 1.0) if most > 0.5 * LEANS_M_S2 else 0.0
 
     def _stands(self, pose: Pose, y: Vec3, c: Vec3, fade: float, noise_m: float) -> None:
         """What one node says of a position that stands; ``noise_m`` is the filter's own [m]."""
-        own, says, strays, wander = noise_m * noise_m, 0.0, False, 3.0 * math.sqrt(self._wander)
+        now_s, place, strays = pose.time_s, pose.position_ned, False
         left = math.hypot(*y)
         leaves = left - math.hypot(*c)
-        far = math.dist(self._place, pose.position_ned) > SWEPT_M
+        far = math.dist(self._place, place) > SWEPT_M
+        self._place = place
         if far:  # what goes somewhere does not stand, however steadily it goes
-            self._moved_s = pose.time_s
+            self._moved_s = now_s
             says = -CAP
-        if far and self._strays:  # it left its way, and moves on: no picture does that
-            self.led_s = pose.time_s
-        self._place = pose.position_ned
+            if self._strays:  # it left its way, and moves on: no picture does that
+                self.led_s = now_s
+        else:
+            says = self._still_says(now_s, y, c, noise_m * noise_m)
+        if left > SWEPT_M:
+            self._swept_s = now_s
+            strays = math.dist(y, c) > SWEPT_M
+            if leaves > SHOCK_M + 3.0 * self._wander_m:
+                if now_s - self._shocks_s > SWEPT_S:  # what goes on pushing is no shock
+                    self._shock_s = now_s
+                self._shocks_s = now_s
+        if says > 0.0 or self._still > 0.0:
+            self._still = max(0.0, self._still * fade + max(-CAP, min(says, STILL_CAP)))
+        self._strays = strays and far
+        arrest = self._arrest
+        if arrest is not None:
+            moved = math.dist(arrest.position_ned, place)
+            self._stopped_s = now_s - arrest.time_s
+            if moved > STANDS_M + 2.0 * noise_m or self._stopped_s > 2.0 * ARREST_S:
+                self._arrest, self._stopped_s, self.led_s = None, 0.0, now_s
+        if leaves > ARREST_M:
+            # Across a wind that turns brings it to a stand, too; a cable stops what climbs.
+            stops = now_s - self._leaps_s < 2.0 * NODE_S or abs(y[2]) > 0.5 * left
+            gusts = 2.0 * (math.sqrt(max(self._images.wind)) - WIND_M)
+            if stops and leaves > ARREST_M + 3.0 * self._wander_m + gusts:
+                # It leaves its way, and not by our doing: a gust, a hand, or the end of what was true.
+                self._arrest = pose
+
+    def _still_says(self, now_s: float, y: Vec3, c: Vec3, own: float) -> float:
+        """What one node says for a position that stands, where it goes nowhere; ``own`` is the filter's noise² [m²]."""
+        says = 0.0
         for seen, told in zip(y, c, strict=True):
             square, asked = seen * seen, told * told
             b = own + LIVELY * LIVELY * asked
             if square > MOVES * own:
                 if square > ANSWERS * ANSWERS * asked:
-                    self._moved_s = pose.time_s
+                    self._moved_s = now_s
                 if square > b:
                     says -= CAP  # whatever moves it, it is no picture
                     continue
-            if not far:
-                a = own + STILL * STILL * asked
-                says += 0.5 * math.log(b / a) - 0.5 * square * (1.0 / a - 1.0 / b)
-        if left > SWEPT_M:
-            self._swept_s = pose.time_s
-            strays = math.dist(y, c) > SWEPT_M
-            if leaves > SHOCK_M + wander:
-                if pose.time_s - self._shocks_s > SWEPT_S:  # what goes on pushing is no shock
-                    self._shock_s = pose.time_s
-                self._shocks_s = pose.time_s
-        self._still = max(0.0, self._still * fade + max(-CAP, min(says, STILL_CAP)))
-        self._strays = strays and far
-        arrest = self._arrest
-        if arrest is not None:
-            moved = math.dist(arrest.position_ned, pose.position_ned)
-            self._stopped_s = pose.time_s - arrest.time_s
-            if moved > STANDS_M + 2.0 * noise_m or self._stopped_s > 2.0 * ARREST_S:
-                self._arrest, self._stopped_s, self.led_s = None, 0.0, pose.time_s
-        # Across a wind that turns brings it to a stand, too; a cable stops what climbs.
-        stops = pose.time_s - self._leaps_s < 2.0 * NODE_S or abs(y[2]) > 0.5 * left
-        gusts = 2.0 * (math.sqrt(max(self._images.wind)) - WIND_M)
-        if stops and leaves > ARREST_M and leaves > ARREST_M + wander + gusts:
-            # It leaves its way, and not by our doing: a gust, a hand, or the end of what was true.
-            self._arrest = pose
+            a = own + STILL * STILL * asked
+            says += 0.5 * math.log(b / a) - 0.5 * square * (1.0 / a - 1.0 / b)
+        return says
 
-    def _quarter(self, x: float, y: float, cx: float, cy: float, fade: float) -> None:
+    def _look_quarters(self, x: float, y: float, cx: float, cy: float, fade: float) -> None:
         """What one node says of an object whose axes are a quarter turn off: roll is seen as pitch."""
-        x, y = x - self._bias[0], y - self._bias[1]
-        obeys, seen = (x - cx) ** 2 + (y - cy) ** 2, x * x + y * y
+        x, y = x - self._roll.trim, y - self._pitch.trim
+        ex, ey, seen = x - cx, y - cy, x * x + y * y
+        rest = min(ex * ex + ey * ey, seen)
         best = seen + cx * cx + cy * cy - 2.0 * abs(x * cy - y * cx)
-        if not any(self._quarters) and best >= min(obeys, seen):
+        if best >= rest and self._quarter == 0.0:
             return  # it says nothing, as nearly always
         for i, sign in enumerate((1.0, -1.0)):
             off = (x - sign * cy) ** 2 + (y + sign * cx) ** 2
-            says = (min(obeys, seen) - off) / (2.0 * max(*self._turn_variance, off / UNEXPLAINED))
+            says = (rest - off) / (2.0 * max(self._roll.variance, self._pitch.variance, off / UNEXPLAINED))
             self._quarters[i] = max(0.0, self._quarters[i] * fade + max(-CAP, min(says, FIRST)))
+        self._quarter = max(self._quarters)
 
-    def _add_turn(self, y: float, told: float, axis: int, learn: float) -> float:
-        """What one node says of roll or pitch; a constant offset of the rates is the vehicle's trim."""
-        c = told + self._bias[axis]
+
+class _TiltAxis:
+    """Roll or pitch: how it turns from node to node, and the vehicle's trim about that axis."""
+
+    __slots__ = ("_before", "_trim_variance", "trim", "variance")
+
+    def __init__(self) -> None:
+        """Nothing is known."""
+        self.variance = TURN_NOISE_RAD**2
+        """Of the noise of a turn [rad²]."""
+        self.trim, self._trim_variance = 0.0, TRIM_RAD**2
+        """What a constant offset of the rates turns it between two nodes [rad], and its variance."""
+        self.restart()
+
+    def restart(self) -> None:
+        """No command is known yet."""
+        self._before = 0.0
+
+    def node(self, y: float, told: float, learn: float, calm: bool) -> float:
+        """What one node says, a turn by ``y`` where one by ``told`` was commanded [rad]; learns the trim if calm."""
+        c = told + self.trim
         r = y - c
         # A rate lag that is told a little wrong shifts what a changing command does by a part of a node.
-        slip = SLIP * (c - self._before[axis])
-        self._before[axis] = c
-        variance, least = self._turn_variance[axis], TURN_FLOOR_RAD * TURN_FLOOR_RAD
+        slip = SLIP * (c - self._before)
+        self._before = c
+        variance = self.variance
         best = min(r * r, y * y)
-        if best > variance or variance > least:
-            self._turn_variance[axis] = max(variance + learn * (min(best, 9.0 * variance) - variance), least)
-        if self._attitude < CALM:
+        if best > variance or variance > TURN_FLOOR_RAD2:
+            self.variance = max(variance + learn * (min(best, 9.0 * variance) - variance), TURN_FLOOR_RAD2)
+        if calm:
             # A command of which we don't know how much arrives says little of what turns it beside.
-            trim = self._bias_variance[axis]
-            noise = variance + (GAIN * told) ** 2
+            trim, unsure = self._trim_variance, GAIN * told
+            noise = variance + unsure * unsure
             gain, most = max(learn, trim / (trim + noise)), 3.0 * math.sqrt(trim + variance)
-            self._bias_variance[axis] = (1.0 - gain) * trim
-            self._bias[axis] += gain * max(-most, min(most, r))
+            self._trim_variance = (1.0 - gain) * trim
+            self.trim += gain * (r if -most < r < most else math.copysign(most, r))
         return ANSWER * c * (ANSWER * c - 2.0 * y) / (2.0 * max(variance, best / UNEXPLAINED, slip * slip))
 
 
@@ -528,21 +572,23 @@ class _Coordinate:
         self._place, self._since_s = place, time_s
         self._fast = self._slow = 0.0
 
-    def leans(self, place: float, push: float, time_s: float, h: float, within_m: float) -> float:
+    def leans(self, place: float, push: float, time_s: float, fast: float, slow: float, within_m: float) -> float:
         """How far the push along it has left its average [m/s²] while it stood; 0 where it moved.
 
         Args:
             place: where it is [m].
-            push: what the commands push along it, since ``h`` ago [m/s²].
+            push: what the commands push along it, since the last call [m/s²].
             time_s: now [s].
-            h: time since the last call [s].
+            fast: share of ``push`` that goes into its average over ``LEANS_S`` [-].
+            slow: of that, into its average over ``LEANS_SLOWLY_S`` [-].
             within_m: it stands within so much [m].
         """
-        self._fast += min(h / LEANS_S, 1.0) * (push - self._fast)
-        if abs(place - self._place) > within_m:
+        self._fast = now = self._fast + fast * (push - self._fast)
+        if not -within_m <= place - self._place <= within_m:
             self._place, self._since_s = place, time_s
-        if time_s - self._since_s < BRAKED_S:
-            self._slow = self._fast
+        stood_s = time_s - self._since_s
+        if stood_s < BRAKED_S:
+            self._slow = now
             return 0.0
-        self._slow += h / LEANS_SLOWLY_S * (self._fast - self._slow)
-        return abs(self._fast - self._slow) if time_s - self._since_s > COORDINATE_S else 0.0
+        self._slow += slow * (now - self._slow)
+        return abs(now - self._slow) if stood_s > COORDINATE_S else 0.0

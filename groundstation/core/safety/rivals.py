@@ -31,7 +31,6 @@ GALE_M_S2 = 3.5
 [m/s²]."""
 SAYS = 1.2
 """Where a vehicle that obeys is off by so little more than the noise, squared, no rival is looked at [-]."""
-NOTHING = [0.0] * KINDS
 NOISE_M_S2, WIND_M_S2 = 0.06, 0.3
 """Noise of an acceleration at least, and what wind leaves across that a law has just answered, 1σ [m/s²]."""
 NOISES = math.sqrt(6.0)
@@ -74,13 +73,13 @@ class Rivals:
         for axis, x, told in zip(self._axes, position, pushed, strict=True):
             axis.begin(x, told)
 
-    def node(self, position: Vec3, pushed: Vec3, h: float, noise_m: float, *, leapt: bool = False) -> float:
+    def node(self, position: Vec3, pushed: Vec3, h: float, noise_m: float, leapt: bool) -> float:
         """What speaks for a rival along any axis, as a share of what ends a flight [-].
 
         Args:
             position: as seen [m, NED].
             pushed: as for :meth:`begin` [m, NED].
-            h: time since the node before [s].
+            h: time since the node before [s], shorter than ``SMOOTHED_S``.
             noise_m: of a second difference of the positions, 1σ [m].
             leapt: whether a pose since then was where nothing pushes a vehicle.
         """
@@ -88,12 +87,15 @@ class Rivals:
         (a, b, c), (p, q, r) = position, pushed
         speed_noise = noise_m / h
         sigma = NOISE_M_S2 + speed_noise / h
-        x.node(a, p, h, sigma, speed_noise, leapt=leapt)
-        y.node(b, q, h, sigma, speed_noise, leapt=leapt)
-        z.node(c, r, h, sigma, speed_noise, leapt=leapt)
+        x.node(a, p, h, sigma, speed_noise, leapt)
+        y.node(b, q, h, sigma, speed_noise, leapt)
+        z.node(c, r, h, sigma, speed_noise, leapt)
         before, self._gale = self._gale, math.hypot(x.off, y.off) / (GALE_M_S2 + 3.0 * sigma)
-        # Who shows too small a part of one axis mostly does so of the other, too.
-        across = max(map(sum, zip(x.evidence, y.evidence, strict=True)))
+        across = down = 0.0
+        if x.speaks or y.speaks:  # who shows too small a part of one axis mostly does so of the other, too
+            across = max(map(sum, zip(x.evidence, y.evidence, strict=True)))
+        if z.speaks:
+            down = max(z.evidence)
         if leapt:
             self._astray = 0
         elif x.since_s < STAYS_S:
@@ -103,7 +105,7 @@ class Rivals:
                 return 1.0
         gale = min(before, self._gale)
         # A trim is no help in a gale or on a tether: these end a flight, or are nothing.
-        held = max(gale, max(z.evidence) / ENDS)
+        held = max(gale, down / ENDS)
         return max(across / ENDS, held if held >= 1.0 else 0.5 * held)
 
 
@@ -112,7 +114,7 @@ class _RivalAxis:
 
     __slots__ = (
         "_before", "_h", "_known", "_moved", "_place", "_push", "_smooth", "_speed", "_told", "_wind",
-        "astray", "evidence", "off", "since_s",
+        "astray", "evidence", "off", "since_s", "speaks",
     )  # fmt: skip
 
     def __init__(self, wind_m_s2: float) -> None:
@@ -126,6 +128,8 @@ class _RivalAxis:
         """How much faster it is since than it was going [m/s]."""
         self.evidence = [0.0] * KINDS
         """For each rival."""
+        self.speaks = False
+        """Whether there is any."""
         self.off = 0.0
         """What pushes it beside the commands, less what is known of that [m/s²]."""
 
@@ -133,7 +137,7 @@ class _RivalAxis:
         """It is at ``place``, by the commands alone at ``told`` [m]."""
         self._place, self._told, self._h, self.off = place, told, 0.0, 0.0
 
-    def node(self, place: float, told: float, h: float, sigma: float, speed_noise: float, *, leapt: bool) -> None:
+    def node(self, place: float, told: float, h: float, sigma: float, speed_noise: float, leapt: bool) -> None:
         """Take one node; ``sigma`` is the noise of an acceleration [m/s²], ``speed_noise`` that of a speed [m/s]."""
         speed, moved, last = (place - self._place) / h, (told - self._told) / h, self._h
         self._place, self._told, self._h = place, told, h
@@ -148,19 +152,25 @@ class _RivalAxis:
             self._known += 1
             self._push += off / self._known
             self.off = 0.0
-        elif leapt and self.since_s > STAYS_S:
+            return
+        if self.since_s <= STAYS_S:
+            self.since_s += h
+            self._compare(speed, self._before + moved + self.since_s * self._push, speed_noise)
+            if self.since_s < 1.5 * h:  # what leaps has no acceleration
+                self.off = 0.0
+                return
+        elif leapt:
             self.since_s, self._before, self.off = 0.0, before - then, 0.0
-        else:
-            if self.since_s <= STAYS_S:
-                self.since_s += h
-                self._compare(speed, self._before + moved + self.since_s * self._push, speed_noise)
-                if self.since_s < 1.5 * h:  # what leaps has no acceleration
-                    self.off = 0.0
-                    return
-            self._weigh(a, a - off, off, h, sigma * sigma + self._wind)
-            if self.since_s > STAYS_S:
-                at_once = a * off > MOVES * off * off
-                self._push += (LEARNS_AT_ONCE if at_once else min(h / LEARNS_S, 1.0)) * off
+            return
+        obeys = a - off
+        self._smooth += h / SMOOTHED_S * (obeys - self._smooth)
+        variance = sigma * sigma + self._wind
+        wrong = EXACT * EXACT * off * off + variance
+        if self.speaks or wrong >= SAYS * variance:  # else it says nothing, as nearly always
+            self._weigh(a, obeys, wrong, h, variance)
+        if self.since_s > STAYS_S:
+            at_once = a * off > MOVES * off * off
+            self._push += (LEARNS_AT_ONCE if at_once else h / LEARNS_S) * off
 
     def _compare(self, speed: float, goes: float, sigma: float) -> None:
         """What the speed after a leap says, where it ``goes`` so fast by what it was told since, ± ``sigma`` [m/s]."""
@@ -173,14 +183,11 @@ class _RivalAxis:
                 self.evidence[i] += says
             else:
                 self.evidence[i] = max(0.0, self.evidence[i] - CAP)
+        self.speaks = any(self.evidence)
 
-    def _weigh(self, a: float, obeys: float, off: float, h: float, variance: float) -> None:
-        """What ``a`` says [m/s²], where one that ``obeys`` accelerates so much, and ``off`` is between the two."""
-        self._smooth += min(h / SMOOTHED_S, 1.0) * (obeys - self._smooth)
-        wrong, evidence = EXACT * EXACT * off * off + variance, self.evidence
-        if wrong < SAYS * variance and evidence == NOTHING:
-            return  # it says nothing, as nearly always
-        fade = 1.0 - h / FADE_S
+    def _weigh(self, a: float, obeys: float, wrong: float, h: float, variance: float) -> None:
+        """What ``a`` says [m/s²], where one that ``obeys`` accelerates so much, and is ``wrong`` by that, squared."""
+        fade, evidence = 1.0 - h / FADE_S, self.evidence
         left = [a - share * obeys for share in SHARES]
         left.append(a - self._smooth)
         for i, one in enumerate(left):
@@ -188,3 +195,4 @@ class _RivalAxis:
             if square < wrong or evidence[i] > 0.0:
                 says = 0.5 * math.log(wrong / square)
                 evidence[i] = max(0.0, evidence[i] * fade + max(-CAP, min(says, CAP)))
+        self.speaks = any(evidence)

@@ -2,7 +2,7 @@
 
 A tracker and an autopilot that look at one body see the same tilt and the same turning, whatever north each of them
 has. Both are brought onto one grid of instants, as the direction of gravity in the body's axes and the angle turned
-about it. Two things are compared there, every 0.05 s, or every 0.1 s while all is well:
+about it. Two things are compared there, every 0.05 s, or every 0.15 s while all is well:
 
 - *tilt*: the angle between both gravities, less what it was while the vehicle stood before arming (a body that is
   mounted askew), averaged over 0.1 s. The limit is 3°, more where they scattered by more than 1.5° before arming; and
@@ -146,7 +146,8 @@ class Witness:
             return
         elif time_s >= seen.due_s:
             seen.take(last.time_s, last.attitude, time_s, pose.attitude)
-            self._compare()
+            if seen.end - LAG > self._next:
+                self._compare()
         self._pose = pose
 
     def attitude(self, told: Attitude) -> None:
@@ -159,7 +160,8 @@ class Witness:
             felt.begin_at(time_s)
         elif time_s >= felt.due_s:
             felt.take(last.time_s, last.attitude, time_s, told.attitude)
-            self._compare()
+            if felt.end > self._next:
+                self._compare()
         self._told = told
 
     def verdict(self, now_s: float) -> Agreement | None:
@@ -311,8 +313,10 @@ class _AttitudeTrack:
             share = (due_s - last_s) / (time_s - last_s)
             w, x, y, z = at = (a + share * (p - a), b + share * (q - b), c + share * (r - c), d + share * (s - d))
             k = 2.0 / (w * w + x * x + y * y + z * z)  # between two attitudes it is a little shorter
-            if before is not None:
-                turned += 0.5 * k * _turn(before, at)
+            if before is not None:  # the small turn about the vertical since then
+                e, f, g, h = before
+                half = k * (e * z - h * w + g * x - f * y)
+                turned += half if e * w + f * x + g * y + h * z > 0.0 else -half
             self.samples.append((k * (x * z - w * y), k * (y * z + w * x), 1.0 - k * (x * x + y * y), turned))
             before = at
             self.end += 1
@@ -385,24 +389,18 @@ def _over(steps: int, gain: float) -> float:
     return gain if steps == 1 else gain * (2.0 - gain)
 
 
-def _turn(last: Quat, attitude: Quat) -> float:
-    """The small turn about the vertical from one attitude to the next [rad]."""
-    a, b, c, d = last
-    w, x, y, z = attitude
-    half = a * z - d * w + c * x - b * y
-    return 2.0 * half if a * w + b * x + c * y + d * z > 0.0 else -2.0 * half
-
-
 def _leaps(last: Attitude, told: Attitude, since: float) -> bool:
     """Whether the heading went farther than the gyros turned, ``since`` [s] before."""
     a, b, c, d = last.attitude
     w, x, y, z = told.attitude
-    if -LEAST < a * z - d * w + c * x - b * y < LEAST:  # nobody turns just against a leap
+    half = a * z - d * w + c * x - b * y
+    if -LEAST < half < LEAST:  # nobody turns just against a leap
         return False
+    turned = 2.0 * half if a * w + b * x + c * y + d * z > 0.0 else -2.0 * half
     (p, q, r), (e, f, g) = told.rates_rad_s, last.rates_rad_s
     gx, gy, gz = 2.0 * (x * z - w * y), 2.0 * (y * z + w * x), 1.0 - 2.0 * (x * x + y * y)
     by_gyros = 0.5 * since * ((p + e) * gx + (q + f) * gy + (r + g) * gz)
-    return abs(_turn(last.attitude, told.attitude) - by_gyros) > LEAP_RAD
+    return abs(turned - by_gyros) > LEAP_RAD
 
 
 def _towards(what: tuple[float, float], there: tuple[float, float], share: float) -> tuple[float, float]:
