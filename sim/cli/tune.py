@@ -24,7 +24,7 @@ from sim.studies.tune import (
     Evidence,
     Floors,
     Flyers,
-    GainTrial,
+    TuningTrial,
     Search,
     Staged,
     criterion,
@@ -98,7 +98,7 @@ def search(args: argparse.Namespace) -> int:
     with Flyers(_workers(args)) as flyers:
         with Counter("trials", args.trials, quiet=args.json or not sys.stderr.isatty()) as counter:
 
-            def show_trial(trial: GainTrial, best: GainTrial) -> None:
+            def show_trial(trial: TuningTrial, best: TuningTrial) -> None:
                 counter.at(trial.number + 1)
                 keeper.keep(trial, best)
 
@@ -156,7 +156,7 @@ class _Keeper:
     def __init__(self, base: Config, out: Path | None) -> None:
         self._base = base
         self._out = out
-        self.best: GainTrial | None = None
+        self.best: TuningTrial | None = None
         """The best that beats the configuration as it came."""
 
     @property
@@ -167,13 +167,13 @@ class _Keeper:
         best = f"the best so far is in {self._out}, not verified" if self.best is not None else "none is better so far"
         return f"the trials are kept in {journal_of(self._out)}: the same command goes on with them; {best}"
 
-    def config(self, best: GainTrial) -> Config:
+    def config(self, best: TuningTrial) -> Config:
         """The configuration with the gains of ``best``."""
         from sim.studies.tune import with_gains
 
         return msgspec.structs.replace(self._base, controller=with_gains(self._base.controller, best.gains))
 
-    def keep(self, trial: GainTrial, best: GainTrial) -> None:
+    def keep(self, trial: TuningTrial, best: TuningTrial) -> None:
         """``trial`` has been tried; ``best`` is the best so far."""
         if trial is best and trial.number > 0:
             self.best = best
@@ -220,7 +220,7 @@ def _write(path: Path, content: str) -> None:
         raise ConfigError("--out", f"cannot write {path}: {error.strerror}") from None
 
 
-def _nothing(args: argparse.Namespace, trials: list[GainTrial]) -> int:
+def _nothing(args: argparse.Namespace, trials: list[TuningTrial]) -> int:
     """Nothing beats the configuration as it came: say why, as far as that is known."""
     start = trials[0]
     if args.json:
@@ -233,7 +233,7 @@ def _nothing(args: argparse.Namespace, trials: list[GainTrial]) -> int:
 
 
 def _facts(
-    trials: list[GainTrial], best: GainTrial | None, evidence: Evidence | None, out: Path | None
+    trials: list[TuningTrial], best: TuningTrial | None, evidence: Evidence | None, out: Path | None
 ) -> dict[str, Any]:
     return {
         "trials": len(trials),
@@ -244,7 +244,7 @@ def _facts(
     }
 
 
-def _text(search: Search, trials: list[GainTrial], best: GainTrial, evidence: Evidence, out: Path | None) -> str:
+def _text(search: Search, trials: list[TuningTrial], best: TuningTrial, evidence: Evidence, out: Path | None) -> str:
     lines = [f"trial {best.number} of {len(trials)}:"]
     for key in search.keys:
         lines.append(f"    controller.{key.name} = {best.gains[key.name]:g}  # was {key.start:g}")

@@ -26,7 +26,7 @@ CLOCK_AHEAD_S = 1000.0
 """How far the tracking computer's clock is ahead of ours: nobody told them to agree [s]."""
 
 
-class BodySighting(NamedTuple):
+class TrackedBody(NamedTuple):
     """One body as the cameras see it."""
 
     name: str
@@ -47,7 +47,7 @@ class Tracker(Protocol):
         """Join the network."""
         ...
 
-    def send(self, frame: int, exposure_s: float, bodies: Sequence[BodySighting]) -> None:
+    def send(self, frame: int, exposure_s: float, bodies: Sequence[TrackedBody]) -> None:
         """Send frame ``frame``, exposed at ``exposure_s`` [s, event loop's clock], now; our body is the first."""
         ...
 
@@ -56,7 +56,7 @@ class Tracker(Protocol):
         ...
 
 
-Encoder = Callable[[int, float, Sequence[BodySighting]], bytes]
+Encoder = Callable[[int, float, Sequence[TrackedBody]], bytes]
 """Frame number, its stamp [s, the tracker's clock] and the bodies → the datagram; empty: nothing is sent."""
 
 
@@ -74,7 +74,7 @@ class UdpTracker:
         loop = asyncio.get_running_loop()
         self._transport, _ = await loop.create_datagram_endpoint(asyncio.DatagramProtocol, remote_addr=self._target)
 
-    def send(self, frame: int, exposure_s: float, bodies: Sequence[BodySighting]) -> None:
+    def send(self, frame: int, exposure_s: float, bodies: Sequence[TrackedBody]) -> None:
         """Send one frame."""
         data = self._encode(frame, exposure_s + CLOCK_AHEAD_S, bodies)
         if data and self._transport is not None:
@@ -112,7 +112,7 @@ def vicon_encoder(config: ViconConfig) -> Encoder:
     """What a Vicon Tracker sends: a hidden object stands still."""
     frames = frames_of(config)
 
-    def encode(frame: int, stamp_s: float, bodies: Sequence[BodySighting]) -> bytes:
+    def encode(frame: int, stamp_s: float, bodies: Sequence[TrackedBody]) -> bytes:
         objects = []
         for seen in bodies:
             (x, y, z), attitude = seen.pose(frames)
@@ -128,7 +128,7 @@ def json_encoder(config: JsonConfig) -> Encoder:
     """What a home-made tracker sends: a hidden body is not valid."""
     frames = frames_of(config)
 
-    def encode(frame: int, stamp_s: float, bodies: Sequence[BodySighting]) -> bytes:
+    def encode(frame: int, stamp_s: float, bodies: Sequence[TrackedBody]) -> bytes:
         return json_codec.encode(
             json_codec.json_pose(seen.name, *seen.pose(frames), t=stamp_s, frame=frame, valid=seen.tracked)
             for seen in bodies
@@ -142,7 +142,7 @@ def vision_encoder(config: VisionConfig) -> Encoder:
     frames = frames_of(config)
     codec = MavlinkCodec(config.system_id or 1, 197)  # MAV_COMP_ID_VISUAL_INERTIAL_ODOMETRY
 
-    def encode(frame: int, stamp_s: float, bodies: Sequence[BodySighting]) -> bytes:
+    def encode(frame: int, stamp_s: float, bodies: Sequence[TrackedBody]) -> bytes:
         ours = bodies[0]
         if not ours.tracked:
             return b""
@@ -209,7 +209,7 @@ class Mocap:
         finally:
             self._tracker.close()
 
-    def _observe(self, truth: TrueState, when: float) -> list[BodySighting]:
+    def _observe(self, truth: TrueState, when: float) -> list[TrackedBody]:
         """Our body first: where it is hidden, the last that was seen of it."""
         world = self._world
         position, attitude = truth.position_ned, truth.attitude
@@ -221,8 +221,8 @@ class Mocap:
             others[:1] = [(position, attitude)] if others else []
             position, attitude = _circling(0, when)
         self._last = position, attitude
-        bodies = [BodySighting(self._name, position, attitude, not hidden)]
-        return bodies + [BodySighting(f"other{n}", *pose, True) for n, pose in enumerate(others)]
+        bodies = [TrackedBody(self._name, position, attitude, not hidden)]
+        return bodies + [TrackedBody(f"other{n}", *pose, True) for n, pose in enumerate(others)]
 
     def _mishap(self, when: float, length_s: float, share: float) -> bool:
         """Whether one that begins after ``share`` of each period, and takes ``length_s``, is going on.

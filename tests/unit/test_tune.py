@@ -21,7 +21,7 @@ from sim.studies.tune import (
     SEARCH_SEED,
     Floors,
     Flyers,
-    GainTrial,
+    TuningTrial,
     Search,
     markdown_table,
     own,
@@ -343,7 +343,7 @@ BAD = ("controller.k2=0.5", "controller.k3=1.2", "controller.kappa=0.2")
 
 
 def test_a_search_gets_from_bad_gains_to_good_ones_and_again_the_same() -> None:
-    heard: list[tuple[GainTrial, GainTrial]] = []
+    heard: list[tuple[TuningTrial, TuningTrial]] = []
     trials = run(_search(*BAD), Judges(), trials=40, on_trial=lambda trial, best: heard.append((trial, best)))
     assert [trial.number for trial in trials] == list(range(40))
     assert trials[0].gains == {"k2": 0.5, "k3": 1.2}
@@ -406,7 +406,7 @@ def test_an_interrupted_search_goes_on_as_if_it_had_not_been(tmp_path: Path) -> 
     journal = tmp_path / "x.toml.trials"
     with pytest.raises(KeyboardInterrupt):
         run(_search(*BAD), Interrupted(), trials=14, journal=journal)
-    heard: list[GainTrial] = []
+    heard: list[TuningTrial] = []
     judges = Judges()
     resumed = run(_search(*BAD), judges, trials=14, journal=journal, on_trial=lambda trial, best: heard.append(trial))
     assert resumed == heard == whole

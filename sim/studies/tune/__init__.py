@@ -6,7 +6,7 @@ if TYPE_CHECKING:
     from sim.studies.tune.flights import Flyers, Staged, own, stage_scenarios, station_of
     from sim.studies.tune.margins import AXES, criterion, markdown_table, report, text
     from sim.studies.tune.search_space import space, with_gains
-    from sim.studies.tune.tune import SEARCH_SEED, Floors, GainTrial, Search, run
+    from sim.studies.tune.tune import SEARCH_SEED, Floors, TuningTrial, Search, run
 
 _MODULES = {
     "evidence": ("Evidence", "margins_table", "table", "toml", "unverified_toml", "verify"),

@@ -13,7 +13,7 @@ from groundstation.runtime import __version__
 from groundstation.settings import Config
 from sim.studies.tune.flights import Flyers, sorties
 from sim.studies.tune.margins import DELAY, GAIN_DOWN, GAIN_UP, MarginReport, criterion, format_margin, report
-from sim.studies.tune.tune import PROBE_SEEDS, Floors, GainTrial, Search, geometric_mean
+from sim.studies.tune.tune import PROBE_SEEDS, Floors, TuningTrial, Search, geometric_mean
 
 VERIFY_S = 60.0
 """Flights that verify last as long as the scenarios' figures are defined for [s]."""
@@ -53,7 +53,7 @@ class Evidence(msgspec.Struct, frozen=True, kw_only=True):
     """Why the gains after are not to be used; empty where they are."""
 
 
-def verify(search: Search, start: GainTrial, best: GainTrial, flyers: Flyers, seeds: int) -> Evidence:
+def verify(search: Search, start: TuningTrial, best: TuningTrial, flyers: Flyers, seeds: int) -> Evidence:
     """Fly the configuration as it came and with the ``best`` gains, with seeds 0 to ``seeds`` - 1 (at most 100)."""
     before, after = _side(search, start.gains, flyers, seeds), _side(search, best.gains, flyers, seeds)
     complaints = [f"{f.scenario}: {f.crashed} of {seeds} flights crashed" for f in after.figures if f.crashed]
@@ -100,7 +100,7 @@ def _side(search: Search, gains: dict[str, float], flyers: Flyers, seeds: int) -
     return Side(gains=gains, mean_cm=geometric_mean(costs), figures=figures, margins=margins)
 
 
-def unverified_toml(config: Config, best: GainTrial, command: str) -> str:
+def unverified_toml(config: Config, best: TuningTrial, command: str) -> str:
     """The best so far of a search under way."""
     note = (
         f"The best so far of a search under way (trial {best.number}), NOT VERIFIED: it was only flown with the seeds "
@@ -110,13 +110,15 @@ def unverified_toml(config: Config, best: GainTrial, command: str) -> str:
 
 
 def toml(
-    config: Config, search: Search, trials: list[GainTrial], best: GainTrial, evidence: Evidence, command: str
+    config: Config, search: Search, trials: list[TuningTrial], best: TuningTrial, evidence: Evidence, command: str
 ) -> str:
     """The tuned configuration, with where it comes from and what it is worth as comments."""
     return "\n".join([*_lines(search, trials, best, evidence, command), "", dump(config)])
 
 
-def _lines(search: Search, trials: list[GainTrial], best: GainTrial, evidence: Evidence, command: str) -> Iterator[str]:
+def _lines(
+    search: Search, trials: list[TuningTrial], best: TuningTrial, evidence: Evidence, command: str
+) -> Iterator[str]:
     first, last = search.flight_seeds[0], search.flight_seeds[-1]
     scenarios = ", ".join(stage.scenario for stage in search.stages)
     floors = search.floors

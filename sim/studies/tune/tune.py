@@ -77,7 +77,7 @@ class Search(msgspec.Struct, frozen=True, kw_only=True):
         return {**found, "program_sha256": program_sha256()}
 
 
-class GainTrial(msgspec.Struct, frozen=True, kw_only=True):
+class TuningTrial(msgspec.Struct, frozen=True, kw_only=True):
     """One set of gains, tried."""
 
     number: int
@@ -90,17 +90,17 @@ class GainTrial(msgspec.Struct, frozen=True, kw_only=True):
     cost: float
     """What the sampler hears: ``rms_cm``, or more than any of those."""
 
-    def beats(self, other: "GainTrial") -> bool:
+    def beats(self, other: "TuningTrial") -> bool:
         """It breaks nothing, and is better."""
         return not self.broken and self.cost < other.cost
 
 
-def try_gains(search: Search, gains: dict[str, float], flyers: Flyers, number: int) -> GainTrial:
+def try_gains(search: Search, gains: dict[str, float], flyers: Flyers, number: int) -> TuningTrial:
     """Fly one set of gains; not at all where it loses the proof."""
     stages = [stage.with_gains(gains) for stage in search.stages]
     if loses_proof(stages[0].config.controller):
         why = ["the proof does not hold for these gains"]
-        return GainTrial(number=number, gains=gains, rms_cm=CRASH_CM, broken=why, cost=UNPROVEN)
+        return TuningTrial(number=number, gains=gains, rms_cm=CRASH_CM, broken=why, cost=UNPROVEN)
     first, seeds = stages[0], search.flight_seeds
     plain = [sorties(stage, seeds, search.duration_s) for stage in stages]
     probes = [
@@ -119,7 +119,7 @@ def _judge(
     flown: list[list[SortieOutcome]],
     probed: list[tuple[MarginAxis, float, list[SortieOutcome]]],
     number: int,
-) -> GainTrial:
+) -> TuningTrial:
     rms_cm = geometric_mean([outcome.cost_cm for outcomes in flown for outcome in outcomes])
     broken: list[str] = []
     excess = 0.0
@@ -134,7 +134,7 @@ def _judge(
             broken.append(f"{words(axis, value)}: {why}")
             excess += math.log(max(max(outcome.cost_cm for outcome in outcomes) / limit, 1.0))
     cost = BROKEN + excess if broken else rms_cm
-    return GainTrial(number=number, gains=gains, rms_cm=rms_cm, broken=broken, cost=cost)
+    return TuningTrial(number=number, gains=gains, rms_cm=rms_cm, broken=broken, cost=cost)
 
 
 def words(axis: MarginAxis, value: float) -> str:
@@ -155,8 +155,8 @@ def run(
     trials: int,
     timeout_s: float = math.inf,
     journal: Path | None = None,
-    on_trial: Callable[[GainTrial, GainTrial], None] = lambda trial, best: None,
-) -> list[GainTrial]:
+    on_trial: Callable[[TuningTrial, TuningTrial], None] = lambda trial, best: None,
+) -> list[TuningTrial]:
     """Try until there are ``trials`` sets of gains, or ``timeout_s`` is over; returns them as they were tried.
 
     With ``journal`` every trial is kept there as soon as it is done, and those that are there are not flown again.
@@ -167,10 +167,10 @@ def run(
     """
     began = monotonic()
     study = _study(search, journal)
-    done: list[GainTrial] = []
-    best: GainTrial | None = None
+    done: list[TuningTrial] = []
+    best: TuningTrial | None = None
 
-    def take(trial: GainTrial) -> None:
+    def take(trial: TuningTrial) -> None:
         nonlocal best
         done.append(trial)
         best = trial if best is None or trial.beats(best) else best
@@ -178,13 +178,13 @@ def run(
 
     for kept in study.get_trials(deepcopy=False):
         if "trial" in kept.user_attrs:
-            take(msgspec.convert(kept.user_attrs["trial"], GainTrial))
+            take(msgspec.convert(kept.user_attrs["trial"], TuningTrial))
     while len(done) < trials and (not done or monotonic() - began < timeout_s):
         take(_next(search, study, flyers, len(done)))
     return done
 
 
-def _next(search: Search, study: "optuna.Study", flyers: Flyers, number: int) -> GainTrial:
+def _next(search: Search, study: "optuna.Study", flyers: Flyers, number: int) -> TuningTrial:
     from optuna.distributions import FloatDistribution
     from optuna.trial import TrialState, create_trial
 

@@ -201,7 +201,7 @@ async def _fly(folder: Path, name: str, fault: Fault, state: str) -> Row:
     if stage.radio is not None:
         stage.radio.overhear = scene.heard_radio
     else:
-        stage.peer.overhear = scene.heard
+        stage.peer.overhear = scene.has_heard
     if pty is not None and rf is not None and fault.link == "rf_bridge":
         link = msgspec.structs.replace(rf, port=pty.path, simulated=True)
         scene.bridge = await _bridge(folder, BridgeConfig(listen=bridge, key_file=f"{folder}/bridge.key", link=link))
@@ -214,12 +214,12 @@ async def _fly(folder: Path, name: str, fault: Fault, state: str) -> Row:
     try:
         if name.startswith("TUI"):
             await scene.show()
-        await _reached(scene, world, state)
+        await _wait_for_state(scene, world, state)
         struck_s = loop.time()
         moves.struck = True
         where = truth.strike(struck_s)
         await STRIKES[name](scene)
-        acts_s, rests = await _ended(scene, world)
+        acts_s, rests = await _end_of(scene, world)
     finally:
         await scene.end()
         for task in tasks:
@@ -278,7 +278,7 @@ async def _watch(scene: LiveScene, truth: Truth) -> None:
         await asyncio.sleep(0.1)
 
 
-async def _reached(scene: LiveScene, world: World, name: str) -> None:
+async def _wait_for_state(scene: LiveScene, world: World, name: str) -> None:
     """Return at the moment called ``name``; a failsafe descent comes by two signals."""
     loop, moves, moment = asyncio.get_running_loop(), scene.moves, MOMENTS[name]
     pressed = 0
@@ -296,7 +296,7 @@ async def _reached(scene: LiveScene, world: World, name: str) -> None:
         await asyncio.sleep(LOOK_S)
 
 
-async def _ended(scene: LiveScene, world: World) -> tuple[float | None, bool]:
+async def _end_of(scene: LiveScene, world: World) -> tuple[float | None, bool]:
     """Wait until the flight is over, or its station dead, and the vehicle rests.
 
     Returns when the autopilot acted by itself, where it did, and whether the vehicle came to rest.

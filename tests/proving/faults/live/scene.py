@@ -52,7 +52,7 @@ class LiveScene:
                 sticks = self._channels.read(heard.positions)
                 self.frames.append((time_s, sticks.thrust_n if sticks.armed else 0.0))
 
-    def heard(self, time_s: float, data: bytes) -> None:
+    def has_heard(self, time_s: float, data: bytes) -> None:
         """Bytes that have come from the station."""
         self.bytes_s.append(time_s)
         told = set_point(data)
@@ -71,7 +71,7 @@ class LiveScene:
             if colon and state in tuple(State) and self.moves.state not in FINAL:  # then it makes ready for the next
                 self.moves.entered(State(state), reason)
 
-    async def served(self) -> None:
+    async def serve_scene(self) -> None:
         """Wait for its status socket."""
         while True:
             if (self.folder / "status.sock").exists():
@@ -106,7 +106,7 @@ class LiveScene:
 
     async def show(self) -> None:
         """Have a screen watch, on a terminal of its own."""
-        await self.served()
+        await self.serve_scene()
         far, near = os.openpty()
         loop = asyncio.get_running_loop()
         os.set_blocking(far, False)
