@@ -19,7 +19,7 @@ from groundstation.runtime import sleep_until
 from groundstation.settings import Config
 from links.mavlink import MavlinkLinkConfig
 from sim.runs.stage import Stage
-from sim.trackers import BodySighting, Tracker, make_tracker
+from sim.trackers import TrackedBody, Tracker, make_tracker
 from sim.world import World, rows, stream, with_noise
 
 SEEDS_APART = 1000
@@ -78,7 +78,7 @@ class FleetMocap:
         self._phase = stream(seed, "phase").random()
         self.hidden: set[str] = set()
         """Names of the bodies that the cameras do not see now."""
-        self._last: dict[str, BodySighting] = {}
+        self._last: dict[str, TrackedBody] = {}
         self.sent_s: float | None = None
         """When the newest frame left, on the event loop's clock [s]."""
 
@@ -96,7 +96,7 @@ class FleetMocap:
                 seen = []
                 for name, stage, noise in self._bodies:
                     truth = with_noise(stage.plant.truth(when), stage.world, next(noise))
-                    now = BodySighting(name, truth.position_ned, truth.attitude, True)
+                    now = TrackedBody(name, truth.position_ned, truth.attitude, True)
                     if name in self.hidden:  # the last that was seen of it
                         now = self._last.get(name, now)._replace(tracked=False)
                     self._last[name] = now
@@ -106,7 +106,7 @@ class FleetMocap:
         finally:
             tracker.close()
 
-    def _send(self, frame: int, when: float, seen: list[BodySighting]) -> None:
+    def _send(self, frame: int, when: float, seen: list[TrackedBody]) -> None:
         self.sent_s = asyncio.get_running_loop().time()
         self._tracker.send(frame, when, seen)
 

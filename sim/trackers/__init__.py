@@ -4,8 +4,8 @@ TYPE_CHECKING = False
 if TYPE_CHECKING:
     from sim.trackers.qtm_server import NatNetServer, QtmServer
     from sim.trackers.trackers import (
-        BodySighting,
         Mocap,
+        TrackedBody,
         Tracker,
         json_encoder,
         make_tracker,
@@ -15,7 +15,7 @@ if TYPE_CHECKING:
 
 _MODULES = {
     "qtm_server": ("NatNetServer", "QtmServer"),
-    "trackers": ("BodySighting", "Mocap", "Tracker", "json_encoder", "make_tracker", "vicon_encoder", "vision_encoder"),
+    "trackers": ("Mocap", "TrackedBody", "Tracker", "json_encoder", "make_tracker", "vicon_encoder", "vision_encoder"),
 }
 
 

@@ -13,7 +13,7 @@ from groundstation.pose.sources import NatNetConfig, QualisysConfig, UnreadableN
 from groundstation.pose.sources import natnet_codec as natnet
 from groundstation.pose.sources import qualisys_codec as qtm
 from links.io import parse_address
-from sim.trackers.trackers import CLOCK_AHEAD_S, BodySighting
+from sim.trackers.trackers import CLOCK_AHEAD_S, TrackedBody
 
 MOST_UNREAD = 1 << 18
 """A client that leaves more than this unread gets no frames until it has caught up [bytes]."""
@@ -42,14 +42,14 @@ class QtmServer:
             self._server.close()
             self._server = None
 
-    def send(self, frame: int, exposure_s: float, bodies: Sequence[BodySighting]) -> None:
+    def send(self, frame: int, exposure_s: float, bodies: Sequence[TrackedBody]) -> None:
         """Stream one frame."""
         self.names = tuple(seen.name for seen in bodies)
         data = self.encode(frame, exposure_s, bodies)
         for client in self.clients:
             client.stream(data)
 
-    def encode(self, frame: int, exposure_s: float, bodies: Sequence[BodySighting]) -> bytes:
+    def encode(self, frame: int, exposure_s: float, bodies: Sequence[TrackedBody]) -> bytes:
         """The data packet of one frame; a hidden body is full of NaN."""
         poses = [seen.pose(self._frames) if seen.tracked else None for seen in bodies]
         return qtm.encode_data(round((exposure_s + CLOCK_AHEAD_S) * 1e6), frame, poses)
@@ -164,7 +164,7 @@ class NatNetServer(asyncio.DatagramProtocol):
         if self._transport is not None:
             self._transport.sendto(data, addr)
 
-    def send(self, frame: int, exposure_s: float, bodies: Sequence[BodySighting]) -> None:
+    def send(self, frame: int, exposure_s: float, bodies: Sequence[TrackedBody]) -> None:
         """Stream one frame."""
         now_s = asyncio.get_running_loop().time()
         config = self._config
@@ -180,7 +180,7 @@ class NatNetServer(asyncio.DatagramProtocol):
         """The bodies that were streamed so far."""
         return natnet.encode_models(self._ids, self.info.version)
 
-    def encode(self, frame: int, exposure_s: float, transmit_s: float, bodies: Sequence[BodySighting]) -> bytes:
+    def encode(self, frame: int, exposure_s: float, transmit_s: float, bodies: Sequence[TrackedBody]) -> bytes:
         """One frame; a hidden body's last pose is marked as not tracked."""
         rigid = []
         for seen in bodies:

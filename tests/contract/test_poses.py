@@ -32,7 +32,7 @@ from links.io import parse_address
 from links.mavlink import MavlinkLink, MavlinkLinkConfig
 from sim.autopilots import AutopilotPeer, Px4Autopilot
 from sim.time import VirtualTimeLoop
-from sim.trackers import BodySighting, NatNetServer, Tracker, make_tracker
+from sim.trackers import NatNetServer, TrackedBody, Tracker, make_tracker
 from sim.world import TrueState
 from tests.airframe_double import Brick
 from tests.loops import BOTH_LOOPS, free_address, in_virtual_time
@@ -91,10 +91,8 @@ class TrackerBench(Bench):
             while True:
                 when = self.begun_s + frame / RATE_HZ
                 await sleep_until(when)
-                ours = BodySighting("quad", (when - self.begun_s, 2.0, -1.0), EAST, not self.hidden)
-                rest = [
-                    BodySighting(f"other{n}", (9.0, float(n), -1.0), so3.IDENTITY, True) for n in range(self.others)
-                ]
+                ours = TrackedBody("quad", (when - self.begun_s, 2.0, -1.0), EAST, not self.hidden)
+                rest = [TrackedBody(f"other{n}", (9.0, float(n), -1.0), so3.IDENTITY, True) for n in range(self.others)]
                 loop.call_at(when + LATENCY_S, self.tracker.send, frame, when, [ours, *rest])
                 frame += 1
         finally:

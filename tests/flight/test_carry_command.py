@@ -21,7 +21,7 @@ from links.io import parse_address
 from links.mavlink.protocol import MavlinkCodec
 from sim.autopilots import AUTOPILOTS, AutopilotPeer
 from sim.time import VirtualTimeLoop
-from sim.trackers import BodySighting, make_tracker
+from sim.trackers import TrackedBody, make_tracker
 from sim.world import TrueState
 from tests.airframe_double import Brick
 from tests.carried import hand
@@ -104,7 +104,7 @@ class Room:
             truth = self.hand.truth(when)
             jitter = 2e-4 * ((frame * 7919) % 13 - 6)  # so that a held vehicle does not look frozen
             attitude = so3.rotate(truth.attitude, (jitter, 0.0, 0.0))
-            seen = BodySighting(name, truth.position_ned, attitude, True)
+            seen = TrackedBody(name, truth.position_ned, attitude, True)
             loop.call_at(when + LATENCY_S, tracker.send, frame, when, [seen])
 
 

@@ -9,7 +9,7 @@ from groundstation.core.mission import FINAL, State
 from groundstation.flight import Flight
 from sim.runs import MissionResult, Stage, fly_mission, from_floor
 from sim.scenarios import SCENARIOS, prepare
-from sim.trackers import BodySighting, Tracker
+from sim.trackers import TrackedBody, Tracker
 
 STRIKE_AFTER_S = 1.0
 LASTS_S = 10.0
@@ -31,10 +31,10 @@ class Queue:
     def close(self) -> None:
         self._tracker.close()
 
-    def send(self, frame: int, exposure_s: float, bodies: Sequence[BodySighting]) -> None:
+    def send(self, frame: int, exposure_s: float, bodies: Sequence[TrackedBody]) -> None:
         asyncio.get_running_loop().call_later(self.late_s, self._send, frame, exposure_s, bodies)
 
-    def _send(self, frame: int, exposure_s: float, bodies: Sequence[BodySighting]) -> None:
+    def _send(self, frame: int, exposure_s: float, bodies: Sequence[TrackedBody]) -> None:
         self.left_s = max(self.left_s, exposure_s)
         self._tracker.send(frame, exposure_s, bodies)
 

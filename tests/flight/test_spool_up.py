@@ -16,11 +16,11 @@ from groundstation.flight import Flight
 from sim.runs import MissionResult, Stage, fly_mission, from_floor
 from sim.runs.mission import Script
 from sim.scenarios import SCENARIOS, prepare
-from sim.trackers import BodySighting, Tracker
+from sim.trackers import TrackedBody, Tracker
 
 LIMITS_M, LIMITS_M_S = 0.8, 3.0
 
-Picture = Callable[[BodySighting, float], BodySighting | None]
+Picture = Callable[[TrackedBody, float], TrackedBody | None]
 """What is made of our body in the picture of an instant [s]; None: no frame leaves."""
 
 
@@ -34,7 +34,7 @@ class Meddled:
     async def open(self) -> None:
         await self._tracker.open()
 
-    def send(self, frame: int, exposure_s: float, bodies: Sequence[BodySighting]) -> None:
+    def send(self, frame: int, exposure_s: float, bodies: Sequence[TrackedBody]) -> None:
         ours = self._picture(bodies[0], exposure_s)
         if ours is not None:
             self._tracker.send(frame, exposure_s, [ours, *bodies[1:]])
@@ -70,7 +70,7 @@ def spool_up(
         beside = asyncio.ensure_future(more(flight, stage)) if more is not None else None
         assert stage.mocap is not None
 
-        def meddle(ours: BodySighting, at_s: float) -> BodySighting | None:
+        def meddle(ours: TrackedBody, at_s: float) -> TrackedBody | None:
             assert picture is not None
             return picture(ours, at_s) if flight.state not in _before(begins) else ours
 
@@ -104,7 +104,7 @@ def _before(state: State) -> list[State]:
     return order[: order.index(state)]
 
 
-def resting(ours: BodySighting, _: float) -> BodySighting:
+def resting(ours: TrackedBody, _: float) -> TrackedBody:
     """Another body, which rests on the floor two metres aside."""
     return ours._replace(position_ned=(1.2, 1.2, 1.0 + 1e-4 * hash(ours.position_ned) / 2**63), attitude=so3.IDENTITY)
 
@@ -145,20 +145,20 @@ def test_the_poses_of_another_body_with_weight_and_thrust_both_wrong_are_not_muc
     assert flown.fastest_m_s < 4.5
 
 
-def tipping(ours: BodySighting, at_s: float) -> BodySighting:
+def tipping(ours: TrackedBody, at_s: float) -> TrackedBody:
     return ours._replace(attitude=so3.from_euler_zyx(1.0 * max(at_s - 4.8, 0.0), 0.0, 0.0))
 
 
-def sliding(ours: BodySighting, at_s: float) -> BodySighting:
+def sliding(ours: TrackedBody, at_s: float) -> TrackedBody:
     x, y, z = ours.position_ned
     return ours._replace(position_ned=(x + 0.2 * max(at_s - 4.6, 0.0), y, z))
 
 
-def lost(ours: BodySighting, at_s: float) -> BodySighting | None:
+def lost(ours: TrackedBody, at_s: float) -> TrackedBody | None:
     return ours if at_s < 4.9 else None
 
 
-def leaping(ours: BodySighting, at_s: float) -> BodySighting:
+def leaping(ours: TrackedBody, at_s: float) -> TrackedBody:
     x, y, z = ours.position_ned
     return ours._replace(position_ned=(x, y, z - (0.5 if at_s > 5.3 else 0.0)))
 
@@ -183,7 +183,7 @@ def test_guards_run_on_the_floor_and_stop_the_motors(picture: Picture, says: str
 def test_a_place_outside_the_fence_stops_the_motors_on_the_floor() -> None:
     fence = ("fence.kind=box", "fence.north_m=[-2, 2]", "fence.east_m=[-2, 2]", "fence.height_m=2.5")
 
-    def carried_out(ours: BodySighting, at_s: float) -> BodySighting:
+    def carried_out(ours: TrackedBody, at_s: float) -> TrackedBody:
         return ours._replace(position_ned=(2.1, *ours.position_ned[1:])) if at_s > 4.6 else ours
 
     flown = spool_up("paper", *fence, "gate.jump_m=5.0", picture=carried_out)

@@ -14,7 +14,7 @@ from groundstation.core.mission import IN_AIR, State
 from groundstation.flight import Flight
 from sim.runs import MissionResult, Stage, fly_mission, from_floor
 from sim.scenarios import SCENARIOS, prepare
-from sim.trackers import BodySighting, Tracker
+from sim.trackers import TrackedBody, Tracker
 
 LOOK_S = 0.01
 SEEN_LEAN_DEG = 3.0
@@ -38,7 +38,7 @@ class Liar:
     def close(self) -> None:
         self._tracker.close()
 
-    def send(self, frame: int, exposure_s: float, bodies: Sequence[BodySighting]) -> None:
+    def send(self, frame: int, exposure_s: float, bodies: Sequence[TrackedBody]) -> None:
         ours = bodies[0]
         if self.lie is None:
             self.newest = ours.attitude

@@ -10,7 +10,7 @@ from groundstation.core.geometry import so3
 from groundstation.core.messages import Pose
 from groundstation.pose.sources import NatNetConfig, natnet_codec
 from links.io import parse_address
-from sim.trackers import BodySighting, NatNetServer
+from sim.trackers import NatNetServer, TrackedBody
 from tests.loops import free_address, in_real_time, in_virtual_time
 
 
@@ -18,7 +18,7 @@ async def streaming(server: NatNetServer, seconds: float) -> None:
     loop = asyncio.get_running_loop()
     for n in range(round(seconds / 0.01)):
         await asyncio.sleep(0.01)
-        server.send(n, loop.time() - 0.005, [BodySighting("quad", (1.0, 2.0, -3.0), so3.IDENTITY, True)])
+        server.send(n, loop.time() - 0.005, [TrackedBody("quad", (1.0, 2.0, -3.0), so3.IDENTITY, True)])
 
 
 def test_only_the_server_is_heard() -> None:

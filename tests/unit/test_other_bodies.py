@@ -14,7 +14,7 @@ from groundstation.core.messages import Others, Pose
 from groundstation.pose import make_source
 from groundstation.settings import Config
 from links import make_link
-from sim.trackers import BodySighting, make_tracker
+from sim.trackers import TrackedBody, make_tracker
 from tests.loops import in_virtual_time
 from tests.proving.fuzz import FLIGHTS
 from tests.proving.fuzz.pose_bytes import natnet_handshake
@@ -54,10 +54,10 @@ def test_the_other_bodies_are_seen_in_our_axes_and_hidden_ones_are_not(pose: dic
                 x = 1e-5 * frame
                 at = bee if hidden else (bee[0] + x, bee[1], bee[2])
                 bodies = [
-                    BodySighting(own, (x, 0.0, -1.0), so3.IDENTITY, True),
-                    BodySighting("dog", (5.0, 5.0, 5.0), so3.IDENTITY, True),
-                    BodySighting("bee", at, so3.from_euler_zyx(0.1, 0.2, 0.3), not hidden),
-                    BodySighting("cat", (cat[0] + x, cat[1], cat[2]), so3.IDENTITY, True),
+                    TrackedBody(own, (x, 0.0, -1.0), so3.IDENTITY, True),
+                    TrackedBody("dog", (5.0, 5.0, 5.0), so3.IDENTITY, True),
+                    TrackedBody("bee", at, so3.from_euler_zyx(0.1, 0.2, 0.3), not hidden),
+                    TrackedBody("cat", (cat[0] + x, cat[1], cat[2]), so3.IDENTITY, True),
                 ]
                 tracker.send(frame, loop.time() - 0.005, bodies)
 

@@ -12,7 +12,7 @@ from groundstation.pose.sources import QualisysConfig
 from groundstation.pose.sources import qualisys_codec as qtm
 from groundstation.pose.sources.qualisys import QualisysSource
 from links.io import parse_address
-from sim.trackers import BodySighting, QtmServer
+from sim.trackers import QtmServer, TrackedBody
 from tests.loops import BOTH_LOOPS, free_address, in_virtual_time
 
 
@@ -29,7 +29,7 @@ class Room:
     async def stream(self) -> None:
         loop = asyncio.get_running_loop()
         while True:
-            seen = [BodySighting(name, (float(n), 0.0, -1.0), so3.IDENTITY, True) for n, name in enumerate(self.names)]
+            seen = [TrackedBody(name, (float(n), 0.0, -1.0), so3.IDENTITY, True) for n, name in enumerate(self.names)]
             self.server.send(self._frame, loop.time(), seen)
             self._frame += 1
             await asyncio.sleep(0.01)

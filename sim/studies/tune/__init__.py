@@ -6,14 +6,14 @@ if TYPE_CHECKING:
     from sim.studies.tune.flights import Flyers, Staged, own, stage_scenarios, station_of
     from sim.studies.tune.margins import AXES, criterion, markdown_table, report, text
     from sim.studies.tune.search_space import space, with_gains
-    from sim.studies.tune.tune import SEARCH_SEED, Floors, TuningTrial, Search, run
+    from sim.studies.tune.tune import SEARCH_SEED, Floors, Search, TuningTrial, run
 
 _MODULES = {
     "evidence": ("Evidence", "margins_table", "table", "toml", "unverified_toml", "verify"),
     "flights": ("Flyers", "Staged", "own", "stage_scenarios", "station_of"),
     "margins": ("AXES", "criterion", "markdown_table", "report", "text"),
     "search_space": ("space", "with_gains"),
-    "tune": ("Floors", "GainTrial", "SEARCH_SEED", "Search", "run"),
+    "tune": ("Floors", "SEARCH_SEED", "Search", "TuningTrial", "run"),
 }
 
 

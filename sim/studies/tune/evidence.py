@@ -13,7 +13,7 @@ from groundstation.runtime import __version__
 from groundstation.settings import Config
 from sim.studies.tune.flights import Flyers, sorties
 from sim.studies.tune.margins import DELAY, GAIN_DOWN, GAIN_UP, MarginReport, criterion, format_margin, report
-from sim.studies.tune.tune import PROBE_SEEDS, Floors, TuningTrial, Search, geometric_mean
+from sim.studies.tune.tune import PROBE_SEEDS, Floors, Search, TuningTrial, geometric_mean
 
 VERIFY_S = 60.0
 """Flights that verify last as long as the scenarios' figures are defined for [s]."""

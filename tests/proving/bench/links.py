@@ -31,7 +31,7 @@ from links.rf import Arm, DsmLinkConfig, End, Give, Pacer, PacerReport, Stop, op
 from sim.autopilots import AutopilotPeer, Px4Autopilot
 from sim.radio import PtyWire
 from sim.scenarios import SCENARIOS, prepare
-from sim.trackers import BodySighting, vicon_encoder
+from sim.trackers import TrackedBody, vicon_encoder
 from sim.world import Quadrotor, SimulatedVehicle, Wind, rows, stream
 
 if TYPE_CHECKING:
@@ -245,7 +245,7 @@ async def _measure_flight(config: Config, rate_hz: int, seconds: float, port: in
             due = begun + frame * period
             await sleep_until(due)
             seen = vehicle.measure(loop.time())
-            data = encode(frame, due, [BodySighting(config.pose.object, seen.position_ned, seen.attitude, True)])
+            data = encode(frame, due, [TrackedBody(config.pose.object, seen.position_ned, seen.attitude, True)])
             counts = counts_from is not None and loop.time() >= counts_from
             if counts:
                 waiting.left(loop.time())

@@ -27,7 +27,7 @@ from groundstation.pose.sources import (
     natnet_codec,
 )
 from links.mavlink.protocol import MavlinkCodec, Message
-from sim.trackers import BodySighting, NatNetServer, QtmServer, json_encoder, vicon_encoder, vision_encoder
+from sim.trackers import NatNetServer, QtmServer, TrackedBody, json_encoder, vicon_encoder, vision_encoder
 
 PERIOD_S = 0.01
 """Time from one datagram to the next [s]."""
@@ -41,11 +41,11 @@ class PoseFlight(NamedTuple):
     """One every ``PERIOD_S``; handshakes come before."""
 
 
-def _bodies(frame: int) -> list[BodySighting]:
+def _bodies(frame: int) -> list[TrackedBody]:
     """Ours among two others; it moves, and turns a little."""
     t = frame * PERIOD_S
-    ours = BodySighting("quad", (0.5 * t, 1.0, -1.0), so3.from_euler_zyx(0.1, -0.05, 0.3 + 0.01 * t), True)
-    return [ours, *(BodySighting(f"other{n}", (2.0, float(n), -1.0), so3.IDENTITY, True) for n in range(2))]
+    ours = TrackedBody("quad", (0.5 * t, 1.0, -1.0), so3.from_euler_zyx(0.1, -0.05, 0.3 + 0.01 * t), True)
+    return [ours, *(TrackedBody(f"other{n}", (2.0, float(n), -1.0), so3.IDENTITY, True) for n in range(2))]
 
 
 def vicon(frames: int) -> PoseFlight:

@@ -2,7 +2,7 @@
 
 from collections.abc import Sequence
 
-from sim.trackers import BodySighting, Tracker
+from sim.trackers import TrackedBody, Tracker
 from tests.proving.faults.deck.pictures import Picture
 from tests.proving.faults.deck.ways import Way
 
@@ -16,7 +16,7 @@ class Meddler:
         """What becomes of what is seen; None: it is true."""
         self.way: Way | None = None
         """What becomes of the frames; None: each is sent at once, as it is."""
-        self.shown: BodySighting | None = None
+        self.shown: TrackedBody | None = None
         """Our body in the newest frame."""
         self._tracker = tracker
 
@@ -28,7 +28,7 @@ class Meddler:
         """Leave the network."""
         self._tracker.close()
 
-    def send(self, frame: int, exposure_s: float, bodies: Sequence[BodySighting]) -> None:
+    def send(self, frame: int, exposure_s: float, bodies: Sequence[TrackedBody]) -> None:
         """Send one frame, as it has become."""
         if self.picture is not None:
             bodies = self.picture(exposure_s, bodies)

@@ -6,7 +6,7 @@ from collections.abc import Callable, Iterator, Sequence
 from typing import NamedTuple
 
 from groundstation.core.geometry import Quat, Vec3, so3
-from sim.trackers import BodySighting
+from sim.trackers import TrackedBody
 
 NOISE_M, NOISE_RAD = 0.0003, 0.002
 """Of what is not measured any more but looks as if [m, rad], 1 sigma an axis: as much as the cameras' own."""
@@ -34,14 +34,14 @@ class Struck(NamedTuple):
     """Rows of six standard normal numbers."""
 
 
-Picture = Callable[[float, Sequence[BodySighting]], Sequence[BodySighting]]
+Picture = Callable[[float, Sequence[TrackedBody]], Sequence[TrackedBody]]
 """Instant of the exposure [s] and the bodies, ours first → the bodies that are shown."""
 Change = Callable[[float, Vec3, Quat], tuple[Vec3, Quat]]
 """Instant [s] and pose of our body → the pose that is shown of it."""
 
 
 def _ours(change: Change) -> Picture:
-    def picture(time_s: float, bodies: Sequence[BodySighting]) -> Sequence[BodySighting]:
+    def picture(time_s: float, bodies: Sequence[TrackedBody]) -> Sequence[TrackedBody]:
         ours = bodies[0]
         position, attitude = change(time_s, ours.position_ned, ours.attitude)
         return [ours._replace(position_ned=position, attitude=attitude), *bodies[1:]]
@@ -130,7 +130,7 @@ def now_and_again(for_s: float, every_s: float) -> Callable[[Struck], Picture]:
 def swap(struck: Struck) -> Picture:
     """Our body and the next one change names."""
 
-    def picture(time_s: float, bodies: Sequence[BodySighting]) -> Sequence[BodySighting]:
+    def picture(time_s: float, bodies: Sequence[TrackedBody]) -> Sequence[TrackedBody]:
         ours, other, *rest = bodies
         return [other._replace(name=ours.name, tracked=True), ours._replace(name=other.name), *rest]
 

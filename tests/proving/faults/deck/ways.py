@@ -3,7 +3,7 @@
 import asyncio
 from collections.abc import Callable, Iterator, Sequence
 
-from sim.trackers import BodySighting
+from sim.trackers import TrackedBody
 
 CLOCK_STEP_S = 5.0
 """How far ahead the tracking computer's clock leaps [s]."""
@@ -14,13 +14,13 @@ GROWS_PER_S, GROWN_S = 0.050, 0.400
 WIFI_S = 0.060
 """By how much a wireless network delays a frame at most [s]."""
 
-Send = Callable[[int, float, Sequence[BodySighting]], None]
+Send = Callable[[int, float, Sequence[TrackedBody]], None]
 """Frame number, instant of its exposure [s], bodies."""
-Way = Callable[[Send, int, float, Sequence[BodySighting]], None]
+Way = Callable[[Send, int, float, Sequence[TrackedBody]], None]
 """Sends a frame on, or not, or later; the first argument sends."""
 
 
-def duplicates(send: Send, frame: int, exposure_s: float, bodies: Sequence[BodySighting]) -> None:
+def duplicates(send: Send, frame: int, exposure_s: float, bodies: Sequence[TrackedBody]) -> None:
     """Every datagram comes three times."""
     for _ in range(COPIES):
         send(frame, exposure_s, bodies)
@@ -28,9 +28,9 @@ def duplicates(send: Send, frame: int, exposure_s: float, bodies: Sequence[BodyS
 
 def reorder() -> Way:
     """Each second datagram overtakes the one before."""
-    held: tuple[int, float, Sequence[BodySighting]] | None = None
+    held: tuple[int, float, Sequence[TrackedBody]] | None = None
 
-    def way(send: Send, frame: int, exposure_s: float, bodies: Sequence[BodySighting]) -> None:
+    def way(send: Send, frame: int, exposure_s: float, bodies: Sequence[TrackedBody]) -> None:
         nonlocal held
         before, held = held, None if held is not None else (frame, exposure_s, bodies)
         if before is not None:
@@ -40,7 +40,7 @@ def reorder() -> Way:
     return way
 
 
-def clock_step(send: Send, frame: int, exposure_s: float, bodies: Sequence[BodySighting]) -> None:
+def clock_step(send: Send, frame: int, exposure_s: float, bodies: Sequence[TrackedBody]) -> None:
     """The trackers' clock has leapt ahead."""
     send(frame, exposure_s + CLOCK_STEP_S, bodies)
 
@@ -48,7 +48,7 @@ def clock_step(send: Send, frame: int, exposure_s: float, bodies: Sequence[BodyS
 def every(nth: int) -> Way:
     """Only every ``nth`` frame comes."""
 
-    def way(send: Send, frame: int, exposure_s: float, bodies: Sequence[BodySighting]) -> None:
+    def way(send: Send, frame: int, exposure_s: float, bodies: Sequence[TrackedBody]) -> None:
         if frame % nth == 0:
             send(frame, exposure_s, bodies)
 
@@ -58,7 +58,7 @@ def every(nth: int) -> Way:
 def jitter(sigma_s: float, normals: Iterator[list[float]]) -> Way:
     """Stamps are off by normal noise [s]; frames come when they should."""
 
-    def way(send: Send, frame: int, exposure_s: float, bodies: Sequence[BodySighting]) -> None:
+    def way(send: Send, frame: int, exposure_s: float, bodies: Sequence[TrackedBody]) -> None:
         send(frame, exposure_s + sigma_s * next(normals)[0], bodies)
 
     return way
@@ -73,7 +73,7 @@ def late(delay_s: Callable[[float], float], period_s: float, *, fresh: bool) -> 
     loop = asyncio.get_running_loop()
     begun_s = newest_s = loop.time()
 
-    def way(send: Send, frame: int, exposure_s: float, bodies: Sequence[BodySighting]) -> None:
+    def way(send: Send, frame: int, exposure_s: float, bodies: Sequence[TrackedBody]) -> None:
         nonlocal newest_s
         now = loop.time()
         delay = delay_s(now - begun_s)
