@@ -12,6 +12,8 @@ from groundstation.core.geometry import Vec3
 
 CAP = 6.5
 """Most that one node may say for an image: no single outlier convicts."""
+TRACE = 0.02
+"""Less evidence is none: noise leaves it, and it would fade for seconds [-]."""
 EXPLAINS = 2.0
 """A node that no image explains well counts by so much less [-]."""
 WIND_M, WIND_RISES, WIND_FALLS = 0.02, 0.2, 0.03
@@ -142,10 +144,10 @@ class Images:
 
     def _down(self, z: float, c: float, fade: float) -> None:
         """What one node says of the vertical axis."""
-        off, wind = (z + c) ** 2, self.wind[1] + self.wander
-        rest = min((z - c) ** 2, z * z)
+        against, along = z + c, z - c
+        off, rest = against * against, min(along * along, z * z)
         if off < rest or self.down > 0.0:
-            exact = EXACT_M * EXACT_M + self.wander
+            wind, exact = self.wind[1] + self.wander, EXACT_M * EXACT_M + self.wander
             self.down = _sum_evidence(self.down, fade, rest - off, max(wind, off / EXPLAINS), off, exact)
         self._learn(1, min(rest, off))
 
@@ -167,4 +169,5 @@ def _sum_evidence(evidence: float, fade: float, gain: float, variance: float, of
     says = gain / (2.0 * variance)
     if exact is not None and gain > SMALLEST_M * SMALLEST_M:
         says = max(says, math.log((gain + off + exact) / (off + exact)))
-    return max(0.0, evidence * fade + max(-CAP, min(says, CAP)))
+    evidence = evidence * fade + max(-CAP, min(says, CAP))
+    return evidence if evidence > TRACE else 0.0

@@ -26,6 +26,8 @@ EXACT = 0.2
 """A rival explains what is off by this share of what it leaves of a vehicle that obeys [-]."""
 CAP, FADE_S = 2.0, 2.0
 """Most that one node may say, and how long evidence lasts [s]."""
+TRACE = 0.02
+"""Less evidence is none: noise leaves it, and it would fade for seconds [-]."""
 GALE_M_S2 = 3.5
 """No wind to fly in pushes across by so much more than was known, for two nodes, and the picture does not go with it
 [m/s²]."""
@@ -194,5 +196,6 @@ class _RivalAxis:
             square = one * one + variance
             if square < wrong or evidence[i] > 0.0:
                 says = 0.5 * math.log(wrong / square)
-                evidence[i] = max(0.0, evidence[i] * fade + max(-CAP, min(says, CAP)))
+                found = evidence[i] * fade + max(-CAP, min(says, CAP))
+                evidence[i] = found if found > TRACE else 0.0
         self.speaks = any(evidence)
