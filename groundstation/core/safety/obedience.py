@@ -288,10 +288,10 @@ class Obedience:
         self._told_y += 2.0 * (w * r + x * s - y * p - z * q)
         self._told_z += 2.0 * (w * s - x * r + y * q - z * p)
         further, self._off = off_m - self._off, off_m
-        if further > LEAP_M:
+        if further > LEAP_M and dt <= HOLE_S:  # after a hole nobody knows what pushed it meanwhile
             further -= LEAP_NOISES * max(noise_m, self._wander_m) + LEAP_M_S2 * dt * dt
-        if further > LEAP_M:
-            self._leaps(pose.time_s)
+            if further > LEAP_M:
+                self._leaps(pose.time_s)
         half = 0.5 * dt
         m, (ix, iy, iz), (sx, sy, sz), g = self._per_newton, given.impulse, given.reach, self._gravity
         (px, py, pz), (vx, vy, vz) = self._pushed, self._speed
