@@ -111,7 +111,7 @@ LIMIT_US = 60.0
 """Goal for the median [µs]."""
 
 
-CORE = ((ModelEstimator, "pose"), (ModelEstimator, "predict"), (Adaptive, "decide"))
+CORE = ((ModelEstimator, "update"), (ModelEstimator, "predict"), (Adaptive, "decide"))
 """Law, observer and predictor."""
 WHOLE = ((Pilot, "pose"), (Pilot, "tick"))
 """All that a command needs: the reference, the bring-down it carries, the watch and the monitor too."""
