@@ -93,9 +93,9 @@ against a position that stands."""
 SHOCK_M, SHOCK_S = 0.045, 0.35
 """A position that leaves its way by so much [m], 9 m/s², was struck, or is not the vehicle's: nothing is done in haste
 for so long [s]."""
-LEAP_M, LEAP_NOISES, LEAP_M_S2 = 0.0015, 7.0, 0.4
+LEAP_M, LEAP_NOISES, LEAP_M_S2, LEAP_S = 0.0015, 7.0, 0.4, 0.035
 """A pose leaps that is so much [m], so many times its noise [-], and by what is not known of the push [m/s²], farther
-off its way than the one before."""
+off its way than the one before, which came no longer ago than this [s]: where one is missing, so may commands be."""
 ARREST_M, ARREST_S, STANDS_M = 0.018, 0.4, 0.01
 """A position that leaves its way by so much more than commands make it [m], 4 m/s², and then for so long [s] stays
 within so much [m] has been stopped dead: no wind does that."""
@@ -288,7 +288,7 @@ class Obedience:
         self._told_y += 2.0 * (w * r + x * s - y * p - z * q)
         self._told_z += 2.0 * (w * s - x * r + y * q - z * p)
         further, self._off = off_m - self._off, off_m
-        if further > LEAP_M and dt <= HOLE_S:  # after a hole nobody knows what pushed it meanwhile
+        if further > LEAP_M and dt <= LEAP_S:
             further -= LEAP_NOISES * max(noise_m, self._wander_m) + LEAP_M_S2 * dt * dt
             if further > LEAP_M:
                 self._leaps(pose.time_s)
