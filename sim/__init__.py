@@ -17,17 +17,15 @@ This is what a user imports; what is behind it may change. A flight is two lines
 
 TYPE_CHECKING = False
 if TYPE_CHECKING:
-    from sim.runs.fleet_mission import FleetMission, fly_fleet
-    from sim.runs.flight import Result, fly
-    from sim.runs.mission import MissionResult, fly_mission, from_floor
+    from sim.runs.fleet import FleetMission, fly_fleet
+    from sim.runs.flight import MissionResult, Result, fly, fly_mission, from_floor
     from sim.runs.server import serve, serve_fleet
     from sim.scenarios.scenarios import SCENARIOS, Scenario, prepare, prepare_own
     from sim.world.world import World
 
 _MODULES = {
-    "runs.fleet_mission": ("FleetMission", "fly_fleet"),
-    "runs.flight": ("Result", "fly"),
-    "runs.mission": ("MissionResult", "fly_mission", "from_floor"),
+    "runs.fleet": ("FleetMission", "fly_fleet"),
+    "runs.flight": ("MissionResult", "Result", "fly", "fly_mission", "from_floor"),
     "runs.server": ("serve", "serve_fleet"),
     "scenarios.scenarios": ("SCENARIOS", "Scenario", "prepare", "prepare_own"),
     "world.world": ("World",),

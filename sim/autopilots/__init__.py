@@ -4,15 +4,13 @@ TYPE_CHECKING = False
 if TYPE_CHECKING:
     from sim.autopilots.base import SimulatedAutopilot
     from sim.autopilots.dialect import Parameters
-    from sim.autopilots.kinds import AUTOPILOTS
-    from sim.autopilots.peer import AutopilotPeer
+    from sim.autopilots.peer import AUTOPILOTS, AutopilotPeer
     from sim.autopilots.px4 import Px4Autopilot
 
 _MODULES = {
     "base": ("SimulatedAutopilot",),
     "dialect": ("Parameters",),
-    "kinds": ("AUTOPILOTS",),
-    "peer": ("AutopilotPeer",),
+    "peer": ("AUTOPILOTS", "AutopilotPeer"),
     "px4": ("Px4Autopilot",),
 }
 

@@ -1,4 +1,4 @@
-"""A simulated autopilot on a UDP socket: it speaks first, to the ground station's address, as PX4 does."""
+"""A simulated autopilot, one by name, on a UDP socket: it speaks first, to the ground station, as PX4 does."""
 
 import asyncio
 import math
@@ -6,7 +6,9 @@ from collections import deque
 from collections.abc import Callable
 from typing import Any
 
+from sim.autopilots.ardupilot import ArduPilotAutopilot
 from sim.autopilots.base import SimulatedAutopilot
+from sim.autopilots.px4 import Px4Autopilot
 
 
 class AutopilotPeer(asyncio.DatagramProtocol):
@@ -129,3 +131,7 @@ class AutopilotPeer(asyncio.DatagramProtocol):
     def _fail(self, error: Exception) -> None:
         if self._end is not None and not self._end.done():
             self._end.set_exception(error)
+
+
+AUTOPILOTS: dict[str, type[SimulatedAutopilot]] = {"px4": Px4Autopilot, "ardupilot": ArduPilotAutopilot}
+"""What ``--autopilot`` takes."""

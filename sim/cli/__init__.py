@@ -3,11 +3,11 @@
 TYPE_CHECKING = False
 if TYPE_CHECKING:
     from sim.cli.arguments import MEASUREMENTS, count, hours, names, percent, seconds, whole
-    from sim.cli.console import Counter, FlightProgress
+    from sim.cli.console import ProgressBar
 
 _MODULES = {
     "arguments": ("MEASUREMENTS", "count", "hours", "names", "percent", "seconds", "whole"),
-    "console": ("Counter", "FlightProgress"),
+    "console": ("ProgressBar",),
 }
 
 

@@ -14,7 +14,7 @@ import msgspec
 from groundstation.config import ConfigError
 from groundstation.settings import Config
 from sim.batch import choose_stages
-from sim.cli.console import FlightProgress
+from sim.cli.console import ProgressBar
 from sim.scenarios import SCENARIOS, prepare
 from sim.studies import check_plot
 from sim.studies.campaign import USUAL, Campaign, Cluster, Crew, Local, plot, report, run, text, verify
@@ -42,7 +42,7 @@ def campaign(args: argparse.Namespace, scenario: str, world: World, config: Conf
     quiet = args.json or not sys.stderr.isatty()
     with (
         _crew(args.cluster, here) as crew,
-        FlightProgress(args.flights, quiet=quiet, unit="flights", digits=0) as progress,
+        ProgressBar("flying", args.flights, quiet=quiet, unit="flights") as progress,
     ):
         rows, flown = run(
             shared,
@@ -69,7 +69,6 @@ def _crew(address: str | None, workers: int) -> AbstractContextManager[Crew]:
 def compare(args: argparse.Namespace) -> int:
     """Fly controllers side by side."""
     from groundstation.core.control import make_controller
-    from sim.cli.console import Counter
     from sim.runs import STEADY_S
     from sim.studies import (
         CONTROLLERS,
@@ -98,7 +97,7 @@ def compare(args: argparse.Namespace) -> int:
         check_plot(args.plot)
     if args.write is not None:
         check_markers(args.write)
-    with Counter("flights", len(work) * args.seeds, quiet=args.json or not sys.stderr.isatty()) as counter:
+    with ProgressBar("flights", len(work) * args.seeds, quiet=args.json or not sys.stderr.isatty()) as counter:
         flights = fly_all(
             work,
             args.seeds,

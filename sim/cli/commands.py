@@ -20,7 +20,7 @@ def fly(args: argparse.Namespace) -> int:
 
 def mission(args: argparse.Namespace) -> int:
     """Fly one scenario from the floor to its figure and back, in virtual time."""
-    from sim.cli.mission import mission as command
+    from sim.cli.fly import mission as command
 
     return command(args)
 
@@ -70,7 +70,7 @@ def tune(args: argparse.Namespace) -> int:
 
 def serve(args: argparse.Namespace) -> int:
     """Run the simulated side in real time."""
-    from sim.cli.mission import serve as command
+    from sim.cli.fly import serve as command
 
     return command(args)
 

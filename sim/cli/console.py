@@ -12,77 +12,42 @@ PAPER = {"rms_cm": 4.61, "max_cm": 7.6, "settle_s": 5.0}
 """Cabecinhas, Cunha, Silvestre, ACC 2013, section VI."""
 
 
-class FlightProgress:
-    """A bar on stderr while a flight, or a campaign of many, is flown."""
+class ProgressBar:
+    """A bar on stderr while a flight is flown, or many things are done."""
 
-    def __init__(self, duration_s: float, *, quiet: bool, unit: str = "s", digits: int = 1) -> None:
-        """``quiet`` shows nothing (and imports nothing); ``duration_s`` counts in ``unit``."""
-        self._format = f"{{task.completed:5.{digits}f}} of {{task.total:.0f}} {unit}"
-        self._quiet = quiet
-        self._duration = duration_s
+    def __init__(self, label: str, total: float, *, quiet: bool, unit: str | None = None, digits: int = 0) -> None:
+        """``quiet`` shows nothing (and imports nothing); ``unit`` is what ``total`` counts in, None for things."""
+        self._label, self._total, self._quiet = label, total, quiet
+        self._format = None if unit is None else f"{{task.completed:5.{digits}f}} of {{task.total:.0f}} {unit}"
 
-    def __enter__(self) -> "FlightProgress":
+    def __enter__(self) -> "ProgressBar":
         """Show the bar."""
         if not self._quiet:
             from rich.console import Console
-            from rich.progress import BarColumn, TextColumn, TimeElapsedColumn
-            from rich.progress import Progress as Bar
-
-            self._bar = Bar(
-                TextColumn("flying"),
-                BarColumn(),
-                TextColumn(self._format),
-                TimeElapsedColumn(),
-                console=Console(file=raw_stream(sys.stderr)),
+            from rich.progress import (
+                BarColumn,
+                MofNCompleteColumn,
+                Progress,
+                TextColumn,
+                TimeElapsedColumn,
+                TimeRemainingColumn,
             )
+
+            columns = (
+                (MofNCompleteColumn(), TimeRemainingColumn())
+                if self._format is None
+                else (TextColumn(self._format), TimeElapsedColumn())
+            )
+            console = Console(file=raw_stream(sys.stderr))
+            self._bar = Progress(TextColumn(self._label), BarColumn(), *columns, console=console)
             self._bar.start()
-            self._task = self._bar.add_task("fly", total=self._duration)
+            self._task = self._bar.add_task(self._label, total=self._total)
         return self
 
-    def at(self, flight_time_s: float) -> None:
-        """The flight has come to ``flight_time_s`` [s]."""
+    def at(self, done: float) -> None:
+        """So much is ``done``."""
         if not self._quiet:
-            self._bar.update(self._task, completed=min(flight_time_s, self._duration))
-
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
-        """Leave the bar as it stands."""
-        if not self._quiet:
-            self._bar.stop()
-
-
-class Counter:
-    """A bar on stderr while many things are done."""
-
-    def __init__(self, what: str, total: int, *, quiet: bool) -> None:
-        """``quiet`` shows nothing (and imports nothing)."""
-        self._what = what
-        self._total = total
-        self._quiet = quiet
-
-    def __enter__(self) -> "Counter":
-        """Show the bar."""
-        if not self._quiet:
-            from rich.console import Console
-            from rich.progress import BarColumn, MofNCompleteColumn, TextColumn, TimeRemainingColumn
-            from rich.progress import Progress as Bar
-
-            self._bar = Bar(
-                TextColumn(self._what),
-                BarColumn(),
-                MofNCompleteColumn(),
-                TimeRemainingColumn(),
-                console=Console(file=raw_stream(sys.stderr)),
-            )
-            self._bar.start()
-            self._task = self._bar.add_task(self._what, total=self._total)
-        return self
-
-    def at(self, count: int) -> None:
-        """``count`` are done."""
-        if not self._quiet:
-            self._bar.update(self._task, completed=count)
+            self._bar.update(self._task, completed=min(done, self._total))
 
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None

@@ -1,10 +1,12 @@
-"""``groundstation-sim fly``: one flight in virtual time, its folder, its figures.
+"""``groundstation-sim fly``, ``mission`` and ``serve``: one flight, whole missions, the simulated side alone.
 
-A run's folder holds the configuration, the recording (flight.mcap, flight.tlog), the poses as CSV, and the result. A
-radio's frames, which leave by no network, are kept as lines of hex.
+A flight's folder holds the configuration, the recording (flight.mcap, flight.tlog), the poses as CSV, and the result.
+A radio's frames, which leave by no network, are kept as lines of hex. A mission goes from the floor to the figure and
+back, with one vehicle or several; told in words or as JSON. ``serve`` runs in real time.
 """
 
 import argparse
+import asyncio
 import gc
 import json
 import sys
@@ -12,7 +14,7 @@ from collections import deque
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Any, TextIO
+from typing import TYPE_CHECKING, Any, TextIO
 
 import msgspec
 
@@ -24,18 +26,24 @@ from groundstation.recording import EndRecord, FlightLog, LineRecord, Record, Ti
 from groundstation.settings import Config
 from links.mavlink import MavlinkLinkConfig
 from sim.radio import MODULE
-from sim.scenarios import prepare, prepare_own, scenario_of
+from sim.runs import STEADY_S, MissionResult
+from sim.scenarios import by_side, overridden, prepare, prepare_own, scenario_of
 from sim.world import World
+
+if TYPE_CHECKING:
+    from sim.runs import FleetMission
 
 DURATION_S = 60.0
 """How long a flight lasts if nobody says."""
+FIGURE_S = 60.0
+"""Time on the figure if nobody says."""
 FEW_COLLECTIONS = 50_000
 """Garbage is collected when so many more objects were made than dropped."""
 
 
 def fly(args: argparse.Namespace) -> int:
     """Fly one scenario in virtual time."""
-    from sim.cli.console import FlightProgress, summary
+    from sim.cli.console import ProgressBar, summary
     from sim.runs import fly as fly_scenario
 
     scenario = scenario_of(args.scenario)
@@ -53,8 +61,8 @@ def fly(args: argparse.Namespace) -> int:
     duration_s = args.duration or wanted_s or DURATION_S
     ensure_flyable(config)
     name = scenario.name if args.config is None else f"{args.config.stem} in the air of {scenario.name}"
-    folder = _run_folder(args.out, config, world, scenario=name, seed=args.seed) if args.out is not None else None
-    progress = FlightProgress(duration_s, quiet=args.json or not sys.stderr.isatty())
+    folder = RunFolder(args.out, config, world, scenario=name, seed=args.seed) if args.out is not None else None
+    progress = ProgressBar("flying", duration_s, quiet=args.json or not sys.stderr.isatty(), unit="s", digits=1)
     with progress, rare_collections(), _keep_on_error(folder):
         result = fly_scenario(
             world,
@@ -111,11 +119,6 @@ def rare_collections() -> Iterator[None]:
     finally:
         gc.set_threshold(*before)
         gc.unfreeze()
-
-
-def _run_folder(path: Path, config: Config, world: World, *, scenario: str, seed: int) -> "RunFolder":
-
-    return RunFolder(path, config, world, scenario=scenario, seed=seed)
 
 
 def _thrust_bound(config: Config, v_start: float | None) -> float | None:
@@ -224,3 +227,164 @@ def _warn(line: str) -> None:
 
 def _open(path: Path) -> TextIO:
     return path.open("w", encoding="utf-8")
+
+
+def mission(args: argparse.Namespace) -> int:
+    """Fly one scenario from the floor to its figure and back, in virtual time."""
+    from sim.runs import fly_mission, from_floor
+
+    scenario = scenario_of(args.scenario)
+    world, config = prepare(scenario, args.overrides, controller=args.controller, source=args.source, link=args.link)
+    world, config = from_floor(world, config, args.duration or FIGURE_S)
+    ensure_flyable(config)
+    if args.vehicles > 1 or args.real_time:
+        return _missions(args, scenario.name, world, config)
+    flown = fly_mission(world, config, seed=args.seed, autopilot=args.autopilot)
+    asked = {
+        "scenario": scenario.name,
+        "seed": args.seed,
+        "controller": config.controller.kind,
+        "source": args.source,
+        "link": args.link,
+        "autopilot": args.autopilot,
+    }
+    title = f"{scenario.name}, controller {config.controller.kind}, poses by {args.source}, seed {args.seed}"
+    print(json.dumps(asked | msgspec.to_builtins(flown)) if args.json else summarize_mission(title, flown))
+    return 0 if flown.landed else 1
+
+
+def _missions(args: argparse.Namespace, name: str, world: World, config: Config) -> int:
+    """Several missions side by side."""
+    if args.real_time:
+        from sim.runs import fly_fleet_real
+
+        config = _paced_by_poses(config)
+        say = None if args.json else print
+        flown = fly_fleet_real(world, config, args.vehicles, seed=args.seed, autopilot=args.autopilot, say=say)
+    else:
+        from sim.runs import fly_fleet
+
+        flown = fly_fleet(world, config, args.vehicles, seed=args.seed, autopilot=args.autopilot)
+    asked = {"scenario": name, "seed": args.seed, "source": args.source, "real_time": args.real_time}
+    title = f"{name}, {args.vehicles} vehicles, poses by {args.source}, seed {args.seed}"
+    print(json.dumps(fleet_facts(asked, flown)) if args.json else fleet_summary(title, flown))
+    return 0 if flown.landed else 1
+
+
+def _paced_by_poses(config: Config) -> Config:
+    """``config`` with a link that sends as poses come, as a MAVLink link does where nobody says otherwise."""
+    if not isinstance(config.link, MavlinkLinkConfig):
+        return config
+    return msgspec.structs.replace(config, link=msgspec.structs.replace(config.link, pace="poses"))
+
+
+def summarize_mission(title: str, mission: MissionResult) -> str:
+    """The mission as text."""
+    lines = [title if mission.landed else f"{title}\nNOT AS PLANNED: {mission.fault or mission.why}", ""]
+    lines += [f"{one.time_s:9.2f} s  {one.state:12} {one.reason}" for one in mission.states]
+    lines.append("")
+    figure = f" over {mission.figure_s:.0f} s of the figure"
+    if mission.rms_cm is None:
+        figure = f" (counts from {STEADY_S:.0f} s on the figure: fly a longer one)"
+    for label, value, unit, places, more in (
+        ("RMS error", mission.rms_cm, "cm", 2, figure),
+        ("largest error", mission.max_cm, "cm", 2, ""),
+        ("touchdown", mission.touchdown_m_s, "m/s", 2, ""),
+        ("from where it took off", 100.0 * mission.home_m, "cm", 1, ""),
+        ("largest tilt", mission.tilt_max_deg, "deg", 1, ""),
+        ("wall time", mission.wall_s, "s", 2, f" for {mission.duration_s:.0f} s"),
+    ):
+        shown = "-" if value is None else f"{value:.{places}f} {unit}"
+        lines.append(f"{label:24}{shown:>14}{more}")
+    return "\n".join(lines)
+
+
+def fleet_summary(title: str, flown: "FleetMission") -> str:
+    """Several missions as text."""
+    columns = f"{'':12}{'RMS':>9}{'touchdown':>12}{'tick p50':>11}{'p99':>10}{'compute p99':>13}{'round p99':>12}"
+    lines = [title if flown.landed else f"{title}\nNOT AS PLANNED", "", columns]
+    for one in flown.vehicles:
+        lines.append(
+            f"{one.name:12}{_format(one.rms_cm, 'cm'):>9}{_format(one.touchdown_m_s, 'm/s'):>12}"
+            f"{_format(one.tick_p50_ms, 'ms'):>11}{_format(one.tick_p99_ms, 'ms'):>10}"
+            f"{_format(one.compute_p99_ms, 'ms'):>13}{_format(one.round_p99_ms, 'ms'):>12}"
+            + ("" if one.landed else f"  {one.why}")
+        )
+    lines.append("")
+    if flown.nearest is not None:
+        a, b = flown.nearest.between
+        lines.append(f"nearest     {flown.nearest.distance_m:.2f} m, {a} and {b}, at {flown.nearest.time_s:.1f} s")
+    load = "" if flown.load is None else f", load average {flown.load[0]:.1f}"
+    lines.append(f"wall time   {flown.wall_s:.1f} s for {flown.duration_s:.0f} s{load}")
+    return "\n".join(lines)
+
+
+def _format(value: float | None, unit: str) -> str:
+    return "–" if value is None else f"{value:.2f} {unit}"
+
+
+def fleet_facts(asked: dict[str, Any], flown: "FleetMission") -> dict[str, Any]:
+    """The missions as one JSON object: what was asked, what came of it."""
+    ticks = [one.tick_p99_ms for one in flown.vehicles if one.tick_p99_ms is not None]
+    return {
+        **asked,
+        "landed": flown.landed,
+        "tick_p99_ms": max(ticks, default=None),
+        "min_separation_m": None if flown.nearest is None else flown.nearest.distance_m,
+        **msgspec.to_builtins(flown),
+    }
+
+
+def serve(args: argparse.Namespace) -> int:
+    """Run the simulated side in real time."""
+    from sim.runs import serve as serve_stage
+    from sim.runs import serve_fleet
+
+    scenario = scenario_of(args.scenario)
+    if args.fleet is not None:
+        from groundstation.lab import read_fleet
+
+        truth, told = by_side(args.overrides, None)
+        world, fleet = overridden(scenario.world, truth), read_fleet(args.fleet, told)
+        served = serve_fleet(world, fleet, seed=args.seed, duration_s=args.duration, autopilot=args.autopilot)
+        return asyncio.run(served)
+    world, config = prepare(scenario, args.overrides, source=args.source, link=args.link)
+    if args.floor:
+        from sim.runs import from_floor
+
+        world, config = from_floor(world, config, None)
+    return asyncio.run(
+        serve_stage(
+            scenario.name,
+            world,
+            config,
+            seed=args.seed,
+            duration_s=args.duration,
+            autopilot=args.autopilot,
+            parameters=_parameters(args.autopilot, args.parameters),
+        )
+    )
+
+
+def _parameters(autopilot: str, texts: list[str]) -> dict[str, float]:
+    """``NAME=VALUE`` for each of the ``autopilot``'s parameters that differs.
+
+    Raises:
+        ConfigError: it has no such parameter, or the value is none.
+    """
+    from sim.autopilots import AUTOPILOTS, Parameters
+
+    made = AUTOPILOTS[autopilot]
+    parameters: dict[str, float] = {}
+    for text in texts:
+        name, equals, value = text.partition("=")
+        if not equals:
+            raise ConfigError("--param", f"expected NAME=VALUE, got {text!r}")
+        try:
+            parameters[name] = float(value)
+            Parameters(made.kind, made.table, parameters)
+        except KeyError:
+            raise ConfigError("--param", f"expected one of {sorted(made.table)}, got {name!r}") from None
+        except ValueError as error:
+            raise ConfigError("--param", f"{text}: {error}") from None
+    return parameters

@@ -15,7 +15,7 @@ import msgspec
 from groundstation.config import ConfigError
 from groundstation.core.control import make_controller
 from groundstation.settings import Config
-from sim.cli.console import Counter
+from sim.cli.console import ProgressBar
 from sim.runs import STEADY_S
 from sim.studies import check_markers, put_between_markers
 from sim.studies.tune import (
@@ -56,7 +56,7 @@ def report(args: argparse.Namespace) -> int:
         check_markers(args.write)
     quiet = args.json or not sys.stderr.isatty()
     done = 0
-    with Flyers(_workers(args)) as flyers, Counter("margins", len(stages) * len(AXES), quiet=quiet) as counter:
+    with Flyers(_workers(args)) as flyers, ProgressBar("margins", len(stages) * len(AXES), quiet=quiet) as counter:
 
         def count_margin() -> None:
             nonlocal done
@@ -96,7 +96,7 @@ def search(args: argparse.Namespace) -> int:
     base = own(args.config, args.overrides) or station_of(stages[0])
     keeper = _Keeper(base, args.out)
     with Flyers(_workers(args)) as flyers:
-        with Counter("trials", args.trials, quiet=args.json or not sys.stderr.isatty()) as counter:
+        with ProgressBar("trials", args.trials, quiet=args.json or not sys.stderr.isatty()) as counter:
 
             def show_trial(trial: TuningTrial, best: TuningTrial) -> None:
                 counter.at(trial.number + 1)

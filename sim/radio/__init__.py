@@ -2,14 +2,10 @@
 
 TYPE_CHECKING = False
 if TYPE_CHECKING:
-    from sim.radio.inline_pacer import MODULE, WirePort
-    from sim.radio.pty_wire import PtyWire
-    from sim.radio.radio import FAILSAFE_S, RfPeer, RfReceiver, module, section, wires
+    from sim.radio.radio import FAILSAFE_S, MODULE, PtyWire, RfPeer, RfReceiver, WirePort, module, section, wires
 
 _MODULES = {
-    "inline_pacer": ("MODULE", "WirePort"),
-    "pty_wire": ("PtyWire",),
-    "radio": ("FAILSAFE_S", "RfPeer", "RfReceiver", "module", "section", "wires"),
+    "radio": ("FAILSAFE_S", "MODULE", "PtyWire", "RfPeer", "RfReceiver", "WirePort", "module", "section", "wires")
 }
 
 

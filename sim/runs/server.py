@@ -13,8 +13,7 @@ from groundstation.pose.sources import JsonConfig, NatNetConfig, QualisysConfig,
 from groundstation.settings import Config
 from links.mavlink import MavlinkLinkConfig
 from sim.radio import PtyWire
-from sim.runs.fleet_stage import FleetStage
-from sim.runs.stage import Stage
+from sim.runs.stage import FleetStage, Stage
 from sim.world import World
 
 AF_UNIX = 1

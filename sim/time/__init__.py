@@ -2,10 +2,9 @@
 
 TYPE_CHECKING = False
 if TYPE_CHECKING:
-    from sim.time.turns import in_turns, percentile
     from sim.time.virtual_time import Address, VirtualTimeLoop
 
-_MODULES = {"turns": ("in_turns", "percentile"), "virtual_time": ("Address", "VirtualTimeLoop")}
+_MODULES = {"virtual_time": ("Address", "VirtualTimeLoop")}
 
 
 def __getattr__(name: str) -> object:

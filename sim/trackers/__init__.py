@@ -2,9 +2,10 @@
 
 TYPE_CHECKING = False
 if TYPE_CHECKING:
-    from sim.trackers.qtm_server import NatNetServer, QtmServer
     from sim.trackers.trackers import (
         Mocap,
+        NatNetServer,
+        QtmServer,
         TrackedBody,
         Tracker,
         json_encoder,
@@ -14,8 +15,17 @@ if TYPE_CHECKING:
     )
 
 _MODULES = {
-    "qtm_server": ("NatNetServer", "QtmServer"),
-    "trackers": ("Mocap", "TrackedBody", "Tracker", "json_encoder", "make_tracker", "vicon_encoder", "vision_encoder"),
+    "trackers": (
+        "Mocap",
+        "NatNetServer",
+        "QtmServer",
+        "TrackedBody",
+        "Tracker",
+        "json_encoder",
+        "make_tracker",
+        "vicon_encoder",
+        "vision_encoder",
+    )
 }
 
 

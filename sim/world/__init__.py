@@ -3,18 +3,16 @@
 TYPE_CHECKING = False
 if TYPE_CHECKING:
     from sim.world.draws import generator, rows, stream
-    from sim.world.horizon import Horizon
     from sim.world.plant import Body, Physics, integrate
     from sim.world.quadrotor import Airframe, Quadrotor, TrueState
-    from sim.world.vehicle import PositionWander, SimulatedVehicle, with_noise
+    from sim.world.vehicle import Horizon, PositionWander, SimulatedVehicle, with_noise
     from sim.world.world import Eddies, Wind, World, begin_eddies, cell, compute_turbulence, stir
 
 _MODULES = {
     "draws": ("generator", "rows", "stream"),
-    "horizon": ("Horizon",),
     "plant": ("Body", "Physics", "integrate"),
     "quadrotor": ("Airframe", "Quadrotor", "TrueState"),
-    "vehicle": ("PositionWander", "SimulatedVehicle", "with_noise"),
+    "vehicle": ("Horizon", "PositionWander", "SimulatedVehicle", "with_noise"),
     "world": ("Eddies", "Wind", "World", "begin_eddies", "cell", "compute_turbulence", "stir"),
 }
 

@@ -21,7 +21,7 @@ from links.rf import RF_CODECS
 from links.rf.channel_map import ArmSwitch
 from sim.autopilots import AutopilotPeer, Px4Autopilot
 from sim.radio import PtyWire, RfPeer, RfReceiver, WirePort
-from sim.radio.inline_pacer import opened_on
+from sim.radio.radio import opened_on
 from sim.time import VirtualTimeLoop
 from tests.airframe_double import Brick
 from tests.loops import BOTH_LOOPS, free_address, in_virtual_time

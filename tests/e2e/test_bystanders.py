@@ -23,7 +23,7 @@ from groundstation.interfaces.service.flights import crew
 from groundstation.interfaces.tui.drawing import big
 from groundstation.runtime import StatusConfig
 from sim.runs import Stage, fly_mission, from_floor
-from sim.runs.mission import Script
+from sim.runs.flight import Script
 from sim.scenarios import SCENARIOS, prepare
 from tests.e2e.test_mqtt import SNAPSHOT, STATE, Broker, Listener, broker, config_for
 from tests.e2e.test_tui import Terminal, terminal
@@ -62,7 +62,7 @@ def left(script: Script | None) -> list[Frame]:
         return made
 
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("sim.runs.mission.VirtualTimeLoop", loop)
+        patch.setattr("sim.runs.flight.VirtualTimeLoop", loop)
         flown = fly_mission(WORLD, CONFIG, seed=4, script=script)
     assert flown.landed, flown.why
     return sent

@@ -10,7 +10,7 @@ from groundstation.core.geometry import Vec3
 from sim.batch import Compiled, Numpy, fly_batch
 from sim.runs import fly
 from sim.scenarios import SCENARIOS, prepare
-from sim.studies.campaign.draws import DRAWS, draw_world
+from sim.studies.campaign.campaign import DRAWS, draw_world
 from sim.world import Wind
 from tests.flight.flights import flown
 

@@ -16,8 +16,7 @@ from sim.__main__ import main
 from sim.runs import STEADY_S, fly
 from sim.scenarios import SCENARIOS, prepare
 from sim.studies.campaign import USUAL, Campaign, CampaignRow, Local, plot, report, run, text, verify
-from sim.studies.campaign.draws import DRAWS, draw_world, fields, overrides
-from sim.studies.campaign.folder import Folder
+from sim.studies.campaign.campaign import DRAWS, Folder, draw_world, fields, overrides
 from sim.studies.campaign.picture import command
 from tests.flight.flights import campaign_of
 

@@ -16,14 +16,13 @@ from groundstation.config import ConfigError
 from sim.__main__ import main
 from sim.scenarios import SCENARIOS, prepare
 from sim.studies.campaign import Campaign, CampaignRow, Cluster, Local, run
-from sim.studies.campaign import crew as campaign_cluster
 
 pytestmark = pytest.mark.real_time
 
 SEEDS = range(3)
 OTHER_PROGRAM = """
-import sim.studies.campaign.folder
-sim.studies.campaign.folder.program_sha256 = lambda: "0" * 64
+import sim.studies.campaign.campaign
+sim.studies.campaign.campaign.program_sha256 = lambda: "0" * 64
 """
 
 
@@ -129,7 +128,7 @@ def test_a_worker_of_another_program_is_refused(tmp_path: Path) -> None:
 
 
 def test_without_scheduler_or_workers_it_says_what_is_missing(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(campaign_cluster, "CONNECT_S", 0.3)
+    monkeypatch.setattr("sim.studies.campaign.campaign.CONNECT_S", 0.3)
     with pytest.raises(ConfigError, match=r"--cluster: no Dask scheduler answers at '127.0.0.1:9'"):
         Cluster("127.0.0.1:9")
     with pytest.raises(ConfigError, match="--cluster: no Dask scheduler answers at 'nonsense://x'"):

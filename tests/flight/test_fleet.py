@@ -17,8 +17,8 @@ from groundstation.settings import Config
 from sim.__main__ import parser
 from sim.cli.commands import mission as mission_command
 from sim.runs import FleetMission, fly_fleet, from_floor
-from sim.runs.fleet_mission import Change, FleetFlight, FleetScript
-from sim.runs.fleet_stage import FleetStage
+from sim.runs.fleet import Change, FleetFlight, FleetScript
+from sim.runs.stage import FleetStage
 from sim.scenarios import SCENARIOS, prepare
 from sim.time import VirtualTimeLoop
 from sim.world import World

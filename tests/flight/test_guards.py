@@ -12,7 +12,7 @@ from groundstation.flight import Flight
 from sim.autopilots import Px4Autopilot
 from sim.autopilots.px4 import POSCTL
 from sim.runs import MissionResult, Stage, fly_mission, from_floor
-from sim.runs.mission import Script
+from sim.runs.flight import Script
 from sim.scenarios import SCENARIOS, prepare
 from sim.world import TrueState
 from tests.flight.test_missions import SHORT

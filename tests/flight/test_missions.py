@@ -12,7 +12,7 @@ from groundstation.core.mission import IN_AIR, State
 from groundstation.flight import Flight
 from sim.cli.fly import RECORDING, RunFolder
 from sim.runs import MissionResult, Stage, fly_mission, from_floor
-from sim.runs.mission import Script
+from sim.runs.flight import Script
 from sim.scenarios import SCENARIOS, prepare
 
 WAY = ["connecting", "ready", "arming", "takeoff", "hold", "tracking", "returning", "landing", "disarming", "landed"]

@@ -14,7 +14,7 @@ from groundstation.core.geometry import Vec3, so3
 from groundstation.core.mission import State
 from groundstation.flight import Flight
 from sim.runs import MissionResult, Stage, fly_mission, from_floor
-from sim.runs.mission import Script
+from sim.runs.flight import Script
 from sim.scenarios import SCENARIOS, prepare
 from sim.trackers import TrackedBody, Tracker
 

@@ -75,7 +75,7 @@ def test_a_short_search_betters_bad_gains_and_writes_a_configuration_that_flies(
         f"tune --config {bad} --scenarios paper --seeds 1 --duration 17 --trials 5 --verify 1 --workers 1 "
         f"--out {good} --json --keys k2,k3,sigma_slope --delay-margin 0"
     )
-    monkeypatch.setattr("sim.studies.tune.evidence.FLOORED", (GAIN_DOWN,))
+    monkeypatch.setattr("sim.studies.tune.tune.FLOORED", (GAIN_DOWN,))
     assert call(words, monkeypatch) == 0
     facts = json.loads(capsys.readouterr().out)
     before, after = facts["evidence"]["before"], facts["evidence"]["after"]

@@ -42,7 +42,7 @@ from groundstation.core.vehicle import ActuatorCommand
 from groundstation.flight import Flight, ensure_flyable
 from groundstation.runtime import sleep_until
 from groundstation.settings import Config
-from sim.cli import Counter
+from sim.cli import ProgressBar
 from sim.runs import MISSION_CONFIRM_S, Stage, fly_mission, from_floor
 from sim.scenarios import SCENARIOS, prepare, scenario_of
 from sim.studies import check_markers, put_between_markers
@@ -272,7 +272,7 @@ def alarms(args: argparse.Namespace) -> int:
     found = dict[str, Alarms]()
     quiet = args.json or not sys.stderr.isatty()
     for name in names:
-        with Counter(f"flights of {name}", args.flights, quiet=quiet) as counter:
+        with ProgressBar(f"flights of {name}", args.flights, quiet=quiet) as counter:
             found[name] = watch_all(
                 name, range(args.seed, args.seed + args.flights), overrides=args.overrides, source=args.source,
                 link=args.link, figure_s=args.duration, workers=args.workers or os.cpu_count() or 1,

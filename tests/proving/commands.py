@@ -15,7 +15,7 @@ from sim.scenarios import scenario_of
 
 def faults(args: argparse.Namespace) -> int:
     """Break one thing in every state of a mission."""
-    from sim.cli import Counter
+    from sim.cli import ProgressBar
     from tests.proving.faults import deal_cells, fly_all, pick_worst, quick, text, write
     from tests.proving.faults.deck import FAULTS, MOMENTS
     from tests.proving.faults.judge import Row
@@ -32,7 +32,7 @@ def faults(args: argparse.Namespace) -> int:
     if not work:
         raise ConfigError("--state", f"{args.fault} is not flown there" + (" with --quick" if args.quick else ""))
     flown: list[list[Row]] = []
-    with Counter("cells", args.seeds * len(work), quiet=args.json or not sys.stderr.isatty()) as counter:
+    with ProgressBar("cells", args.seeds * len(work), quiet=args.json or not sys.stderr.isatty()) as counter:
         for number in range(args.seeds):
 
             def count(done: int, before: int = number * len(work)) -> None:  # that of this round
@@ -58,12 +58,12 @@ def faults(args: argparse.Namespace) -> int:
 
 def soak(args: argparse.Namespace) -> int:
     """Fly for hours, and see whether anything grows."""
-    from sim.cli import FlightProgress
+    from sim.cli import ProgressBar
     from tests.proving.soak import soak as fly_on
     from tests.proving.soak import text
 
     scenario_of(args.scenario)
-    with FlightProgress(args.hours, quiet=args.json or not sys.stderr.isatty(), unit="h") as progress:
+    with ProgressBar("flying", args.hours, quiet=args.json or not sys.stderr.isatty(), unit="h", digits=1) as progress:
         facts = fly_on(args.hours, scenario=args.scenario, seed=args.seed, on_progress=progress.at)
     print(json.dumps(msgspec.to_builtins(facts)) if args.json else text(facts))
     return 0 if facts.passed else 1

@@ -7,7 +7,7 @@ import pytest
 from groundstation.core import Pilot
 from groundstation.core.geometry import FLOATS, arrays
 from sim.__main__ import main
-from sim.time import in_turns, percentile
+from sim.runs import percentile
 from tests.proving.bench import allocation as bench_allocation
 from tests.proving.bench import batch as bench_batch
 from tests.proving.bench import bench
@@ -19,6 +19,7 @@ from tests.proving.bench import recording as bench_recording
 from tests.proving.bench import screen as bench_screen
 from tests.proving.bench import tick as bench_monitor
 from tests.proving.bench import tick as bench_tick
+from tests.proving.bench.bench import in_turns
 from tests.proving.bench.peers import Bench
 from tests.proving.fuzz import FLIGHTS
 

@@ -20,7 +20,7 @@ from links.io import parse_address
 from links.rf import Arm, DsmLinkConfig, Give, PacerReport, Service
 from links.rf.channel_map import ArmSwitch, ChannelMap
 from sim.radio import RfPeer, RfReceiver, WirePort
-from sim.radio.inline_pacer import opened_on
+from sim.radio.radio import opened_on
 from sim.time import VirtualTimeLoop
 from tests.airframe_double import Brick
 from tests.loops import in_virtual_time

@@ -12,7 +12,7 @@ from links.core import Command, LinkError, LinkLost, LinkMisuse, LinkRejected, S
 from links.rf import CrsfLinkConfig, DsmLinkConfig, SerialRfLink, Service
 from links.rf.channel_map import ArmSwitch, ChannelMap
 from sim.radio import FAILSAFE_S, RfPeer, RfReceiver, WirePort
-from sim.radio.inline_pacer import opened_on
+from sim.radio.radio import opened_on
 from tests.airframe_double import Brick
 from tests.loops import in_virtual_time
 

@@ -32,8 +32,7 @@ from sim.studies.tune import (
     text,
     with_gains,
 )
-from sim.studies.tune.evidence import short_of
-from sim.studies.tune.flights import Sortie, SortieOutcome, fit_scenario
+from sim.studies.tune.flights import KEYS, Key, Sortie, SortieOutcome, fit_scenario, loses_proof
 from sim.studies.tune.margins import (
     DELAY,
     GAIN_DOWN,
@@ -45,8 +44,7 @@ from sim.studies.tune.margins import (
     format_margin,
     limit_cm,
 )
-from sim.studies.tune.search_space import KEYS, Key, loses_proof
-from sim.studies.tune.tune import BROKEN, try_gains
+from sim.studies.tune.tune import BROKEN, short_of, try_gains
 
 KINDS: dict[str, ControllerConfig] = {
     "adaptive": Gains(),

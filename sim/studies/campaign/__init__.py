@@ -2,17 +2,33 @@
 
 TYPE_CHECKING = False
 if TYPE_CHECKING:
-    from sim.studies.campaign.campaign import Campaign, Crew, run
-    from sim.studies.campaign.crew import Cluster, Local, verify
-    from sim.studies.campaign.draws import USUAL
-    from sim.studies.campaign.folder import COLUMNS, CampaignRow, program_sha256
+    from sim.studies.campaign.campaign import (
+        COLUMNS,
+        USUAL,
+        Campaign,
+        CampaignRow,
+        Cluster,
+        Crew,
+        Local,
+        program_sha256,
+        run,
+        verify,
+    )
     from sim.studies.campaign.picture import plot, report, text
 
 _MODULES = {
-    "campaign": ("Campaign", "Crew", "run"),
-    "crew": ("Cluster", "Local", "verify"),
-    "draws": ("USUAL",),
-    "folder": ("COLUMNS", "CampaignRow", "program_sha256"),
+    "campaign": (
+        "COLUMNS",
+        "Campaign",
+        "CampaignRow",
+        "Cluster",
+        "Crew",
+        "Local",
+        "USUAL",
+        "program_sha256",
+        "run",
+        "verify",
+    ),
     "picture": ("plot", "report", "text"),
 }
 

@@ -1,23 +1,264 @@
-"""``groundstation-sim campaign``: a scenario flown a thousand times in drawn worlds, as arrays, on all cores.
+"""Campaign: a scenario flown a thousand times in drawn worlds, as arrays, on all cores; its folder and its crew.
 
 Every flight is drawn from its seed alone, and neither the size of the batches nor who flies them changes a figure
-of it: this machine's processes (local.py) or a Dask cluster's workers (cluster.py).
+of it: processes of this machine, or the workers of a Dask cluster. Every worker of a cluster must run this very
+program: it is asked before the first flight, and once more by every batch, as workers come and go. What a lost worker
+was flying, Dask gives to another one. Verification flies some flights again, one by one, through wire bytes.
+
+The folder holds ``flights.csv``, one row a flight, and ``settings.json``, what all its flights share. An interrupted
+campaign resumes from it: whole rows are kept, and the rest is flown again.
 """
 
+import csv
+import hashlib
+import io
+import json
+import logging
 import math
-from collections.abc import Callable, Iterator, Sequence
+import multiprocessing
+import signal
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
+from concurrent.futures import (  # noqa: TID251  # processes, no threads, and no code of a flight sees them
+    ProcessPoolExecutor,
+    as_completed,
+)
+from concurrent.futures.process import BrokenProcessPool  # noqa: TID251  # as above
+from functools import partial
 from pathlib import Path
-from typing import Any, Protocol
+from types import TracebackType
+from typing import Any, NamedTuple, Protocol
 
 import msgspec
+import numpy as np
 
 from groundstation.config import ConfigError
+from groundstation.core.geometry import Vec3
 from groundstation.settings import Config
 from sim.batch import choose_stages, fly_batch, require_batchable
-from sim.runs import STEADY_S
-from sim.studies.campaign.draws import DRAWS, USUAL, absolute, draw_world
-from sim.studies.campaign.folder import CampaignRow, Folder, program_sha256
-from sim.world import World
+from sim.runs import STEADY_S, fly
+from sim.world import World, generator
+
+
+class CampaignRow(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
+    """One flight: what it met, how it went, and what its certificate rests on.
+
+    What it takes over from the world is said there. Errors as in :class:`sim.runs.referee.FlightVerdict`.
+    """
+
+    seed: int
+    """What the flight is drawn from."""
+    mass_kg: float
+    """True mass [kg]."""
+    thrust_lag_s: float
+    rate_lag_s: float
+    thrust_gain: float
+    wind_north: float
+    """Constant disturbance, north [m/s²]."""
+    wind_east: float
+    """East [m/s²]."""
+    wind_down: float
+    """Down [m/s²]."""
+    gust_north: float
+    """Amplitude of the sine gust, north [m/s²]."""
+    gust_east: float
+    """East [m/s²]."""
+    gust_down: float
+    """Down [m/s²]."""
+    pose_latency_s: float
+    pose_noise_m: float
+    attitude_noise_rad: float
+    pose_loss: float
+    frame_loss: float
+    outage_s: float
+    rms_cm: float | None
+    """RMS of the true position error over the steady part, from 15 s on [cm]."""
+    max_cm: float | None
+    """Largest true position error over the steady part [cm]."""
+    settle_s: float | None
+    """First time after which the error stays below 10 cm [s]; empty also where it never settled."""
+    saturated: float
+    """Share of the commands after 5 s in which any of the four was clamped [-]."""
+    lyapunov_start: float
+    """V at the first command, b̃ from the truth [m²/s²]."""
+    lyapunov_floor: float | None
+    """Median of V over the steady part [m²/s²]."""
+    certificate_violated: float | None
+    """Share of the commands at which the watch in flight finds V above its bound for longer than a moment [-]."""
+    certificate_suspended: float | None
+    """Share of the commands at which that bound was suspended, as the command before was clamped [-]."""
+    b_hat_share_max: float | None
+    """Largest |b̂| over the flight, in shares of its bound B + ε [-]."""
+    thrust_margin_n: float | None
+    """Least distance of the commanded thrust from either of its limits over the steady part [N]."""
+    survived: bool
+    """False where it crashed, or poses stayed away for too long."""
+
+
+COLUMNS = CampaignRow.__struct_fields__
+
+
+class Folder:
+    """Rows on disk; see the module."""
+
+    def __init__(self, path: Path, settings: Mapping[str, Any]) -> None:
+        """Open or begin the campaign in ``path``.
+
+        Raises:
+            ConfigError: it holds flights made with other settings or by another program, or cannot be used.
+        """
+        self._csv = path / "flights.csv"
+        about = path / "settings.json"
+        text = json.dumps(settings, indent=1) + "\n"
+        try:
+            path.mkdir(parents=True, exist_ok=True)
+            if self._csv.exists():
+                _refuse_others(path, about, json.loads(text))
+            else:
+                # First what the flights share: rows never stand without it.
+                about.write_text(text, encoding="utf-8")
+                self._csv.write_text(",".join(COLUMNS) + "\n", encoding="utf-8")
+            self.rows = self._read()
+        except OSError as error:
+            raise ConfigError("--out", f"cannot use {path}: {error.strerror}") from None
+        except ValueError as error:
+            raise ConfigError("--out", f"{path} is no folder of a campaign: {error}") from None
+
+    def _read(self) -> list[CampaignRow]:
+        data = self._csv.read_bytes()
+        whole = data[: data.rfind(b"\n") + 1]
+        if whole != data:
+            # The last row was cut off in the writing of it.
+            self._csv.write_bytes(whole)
+        table = csv.DictReader(io.StringIO(whole.decode()))
+        return [
+            msgspec.convert({key: value or None for key, value in row.items()}, CampaignRow, strict=False)
+            for row in table
+        ]
+
+    def add(self, rows: Iterable[CampaignRow]) -> None:
+        """Write ``rows`` down; once this returns they outlive the program."""
+        text = io.StringIO()
+        writer = csv.writer(text, lineterminator="\n")
+        for row in rows:
+            # The shortest text that reads back to the same bits.
+            writer.writerow("" if x is None else repr(x) for x in msgspec.structs.astuple(row))
+        with self._csv.open("a", encoding="utf-8") as file:
+            file.write(text.getvalue())
+
+
+def program_sha256() -> str:
+    """Digest of the program's own source: rows of two programs must not be mixed."""
+    digest = hashlib.sha256()
+    for package in ("groundstation", "links", "sim"):
+        root = Path(__file__).parents[3] / package
+        for source in sorted(root.rglob("*.py")):
+            digest.update(f"{root.name}/{source.relative_to(root).as_posix()}\n".encode())
+            digest.update(source.read_bytes())
+    return digest.hexdigest()
+
+
+def _refuse_others(path: Path, about: Path, settings: Any) -> None:
+    before, now = dict(_flat(json.loads(about.read_text(encoding="utf-8")))), dict(_flat(settings))
+    for key in sorted(before.keys() | now.keys()):
+        if before.get(key) != now.get(key):
+            raise ConfigError(
+                "--out",
+                f"the flights in {path} were flown with {key} = {before.get(key)}, now it is {now.get(key)}; "
+                "take another folder, or the same settings",
+            )
+
+
+def _flat(value: Any, key: str = "") -> Iterable[tuple[str, Any]]:
+    if isinstance(value, dict):
+        for name, inner in value.items():
+            yield from _flat(inner, f"{key}.{name}" if key else name)
+    else:
+        yield key, value
+
+
+class Draw(NamedTuple):
+    """Some fields of :class:`World` that are drawn together, each by itself and uniformly."""
+
+    fields: tuple[str, ...]
+    low: float
+    high: float
+    relative: bool
+    """The bounds are shares of the scenario's value; otherwise they are in the field's own unit, whatever it says."""
+
+    def __str__(self) -> str:
+        """The range, for people."""
+        bounds = f"{self.low:g} to {self.high:g}"
+        return f"{' and '.join(self.fields)} {bounds}{' times the scenario' if self.relative else ''}"
+
+
+DRAWS: dict[str, tuple[Draw, ...]] = {
+    "mass": (Draw(("mass_kg",), 0.9, 1.1, True),),
+    "lags": (Draw(("thrust_lag_s", "rate_lag_s"), 0.8, 1.2, True),),
+    "gain": (Draw(("thrust_gain",), 0.8, 1.1, False),),
+    "wind": (),
+    "latency": (Draw(("pose_latency_s",), 0.75, 1.5, True),),
+    "noise": (Draw(("pose_noise_m", "attitude_noise_rad"), 0.5, 2.0, True),),
+    "losses": (Draw(("pose_loss", "frame_loss"), 0.0, 0.05, False), Draw(("outage_s",), 0.0, 0.15, False)),
+}
+"""What can be drawn. ``wind`` turns mean wind and gusts, each to its own direction, uniform on the sphere.
+
+The controller is told nothing of it: a pose that comes later than it is told is stamped wrongly by the difference.
+"""
+WINDS = ("wind_mean", "wind_gust")
+USUAL = ("mass", "lags", "gain", "wind")
+"""Drawn unless told otherwise: what the figures of ``adverse`` are defined for."""
+
+
+def fields(names: Iterable[str]) -> tuple[str, ...]:
+    """The fields of :class:`World` that the draws of these names set."""
+    return tuple(f for name in names for f in (*(f for draw in DRAWS[name] for f in draw.fields), *_winds(name)))
+
+
+def absolute(names: Iterable[str]) -> dict[str, Draw]:
+    """Those among them that do not depend on the scenario's value."""
+    return {f: draw for name in names for draw in DRAWS[name] if not draw.relative for f in draw.fields}
+
+
+def draw_world(world: World, seed: int, names: Collection[str] = USUAL) -> World:
+    """``world`` as the flight of ``seed`` meets it, with the draws of ``names``.
+
+    Always the same numbers are drawn in the same order, so that neither a figure of ``world`` nor the choice of
+    ``names`` shifts another draw.
+    """
+    random = generator(seed, "campaign")
+    values: dict[str, float | Vec3] = {}
+    for name, draws in DRAWS.items():
+        found: dict[str, float | Vec3] = {}
+        for draw in draws:
+            for field in draw.fields:
+                value = float(random.uniform(draw.low, draw.high))
+                found[field] = value * getattr(world, field) if draw.relative else value
+        for field in _winds(name):
+            found[field] = _turn(getattr(world, field), random)
+        if name in names:
+            values |= found
+    return msgspec.structs.replace(world, **values)
+
+
+def overrides(world: World, names: Iterable[str] = USUAL) -> list[str]:
+    """What ``--set`` needs so that a single flight meets ``world`` to the last bit."""
+    return [f"sim.{field}={_toml(getattr(world, field))}" for field in fields(names)]
+
+
+def _winds(name: str) -> tuple[str, ...]:
+    return WINDS if name == "wind" else ()
+
+
+def _turn(v: Vec3, random: np.random.Generator) -> Vec3:
+    """A vector as long as ``v``; three normal numbers point in every direction with equal density."""
+    x, y, z = random.standard_normal(3).tolist()
+    scale = math.hypot(*v) / math.hypot(x, y, z)
+    return (scale * x, scale * y, scale * z)
+
+
+def _toml(value: float | Vec3) -> str:
+    return "[" + ",".join(map(repr, value)) + "]" if isinstance(value, tuple) else repr(value)
+
 
 BATCH = 500
 """Most flights to fly at once: more are hardly faster each, and what is interrupted is lost."""
@@ -28,7 +269,7 @@ class Campaign(msgspec.Struct, frozen=True, kw_only=True):
 
     scenario: str
     world: World
-    """What the draws of :func:`sim.studies.campaign.draws.draw_world` start from."""
+    """What the draws of :func:`sim.studies.campaign.campaign.draw_world` start from."""
     config: Config
     duration_s: float
     """Of each flight, from the release [s]."""
@@ -154,3 +395,187 @@ COPIED = [name for name in CampaignRow.__struct_fields__ if name in World.__stru
 
 def _finite_or_none(value: float) -> float | None:
     return value if math.isfinite(value) else None
+
+
+CONNECT_S = 10.0
+"""How long to wait for the scheduler [s]."""
+
+
+class Cluster:
+    """The workers of the Dask scheduler at ``address``, as host:port or tcp://host:port."""
+
+    def __init__(self, address: str) -> None:
+        """Connect.
+
+        Raises:
+            ConfigError: dask.distributed is missing, nobody answers, no worker is there, or one runs another program.
+        """
+        try:
+            from distributed import Client
+        except ImportError:
+            raise ConfigError(
+                "--cluster",
+                "needs dask.distributed, which is not installed: pip install 'quadrotor-groundstation[cluster]'",
+            ) from None
+        self._address = address
+        for name in ("client", "core", "utils"):
+            # What they tell in tracebacks is said here in a sentence.
+            logging.getLogger(f"distributed.{name}").setLevel(logging.CRITICAL)
+        try:
+            self._client = Client(address, timeout=CONNECT_S, set_as_default=False)
+        except (OSError, ValueError) as error:
+            reason = str(error) or type(error).__name__
+            raise ConfigError("--cluster", f"no Dask scheduler answers at {address!r}: {reason}") from None
+        try:
+            self.workers = self._check()
+        except BaseException:
+            self._client.close()
+            raise
+
+    def _check(self) -> int:
+        """How many workers there are, all of them running this program."""
+        found: dict[str, Any] = self._client.run(program_sha256, on_error="return")
+        if not found:
+            raise ConfigError(
+                "--cluster",
+                f"the scheduler at {self._address} has no workers; start some: "
+                f"dask worker {self._address} --nthreads 1",
+            )
+        mine = program_sha256()
+        for worker, theirs in found.items():
+            if theirs != mine:
+                raise _foreign(worker, mine, theirs)
+        return len(found)
+
+    def __enter__(self) -> "Cluster":
+        """Connected already."""
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        """Disconnect; what is still being flown is called off."""
+        self._client.close()
+
+    def fly(self, campaign: Campaign, chunks: Sequence[list[int]]) -> Iterator[list[CampaignRow]]:
+        """See :class:`sim.studies.campaign.campaign.Crew`."""
+        from distributed import CancelledError, KilledWorker, as_completed
+
+        mine = program_sha256()
+        futures = [self._client.submit(_fly_there, mine, campaign, chunk, pure=False) for chunk in chunks]
+        try:
+            for done in as_completed(futures, loop=self._client.loop):
+                flown = done.result()
+                if isinstance(flown, tuple):
+                    worker, theirs = flown
+                    raise _foreign(worker, mine, theirs)
+                done.release()
+                yield flown
+        except (ImportError, AttributeError) as error:
+            raise ConfigError(
+                "--cluster", f"a worker lacks this program ({error}): install the same version of groundstation there"
+            ) from None
+        except KilledWorker as error:
+            raise ConfigError(
+                "--batch", f"worker after worker was lost over one batch, perhaps for want of memory: {error}"
+            ) from None
+        except CancelledError:
+            raise ConfigError(
+                "--cluster",
+                f"the scheduler at {self._address} is gone; start it and its workers again, then this command: "
+                "with --out it goes on where it was",
+            ) from None
+        finally:
+            self._client.cancel(futures)
+
+
+def _fly_there(program: str, campaign: Campaign, seeds: list[int]) -> list[CampaignRow] | tuple[str, str]:
+    """On a worker: the flights of ``seeds``; or, where this is not ``program``, the worker's address and program."""
+    mine = program_sha256()
+    if mine != program:
+        from distributed import get_worker
+
+        return get_worker().address, mine
+    return fly_chunk(campaign, seeds)
+
+
+def _foreign(worker: str, mine: str, theirs: Any) -> ConfigError:
+    what = f"sha256 {theirs[:12]}…" if isinstance(theirs, str) else f"it answers {theirs!r}"
+    return ConfigError(
+        "--cluster",
+        f"the worker {worker} runs another program than this one ({what}, here {mine[:12]}…): figures of both must not "
+        "be mixed; install the same version of groundstation there",
+    )
+
+
+class Local:
+    """So many processes of this machine; one flies in this very process."""
+
+    def __init__(self, workers: int) -> None:
+        """Nothing is started before there is work."""
+        self.workers = workers
+
+    def fly(self, campaign: Campaign, chunks: Sequence[list[int]]) -> Iterator[list[CampaignRow]]:
+        """See :class:`sim.studies.campaign.campaign.Crew`."""
+        workers = min(self.workers, len(chunks))
+        if workers <= 1:
+            for chunk in chunks:
+                yield fly_chunk(campaign, chunk)
+            return
+        pool = ProcessPoolExecutor(workers, multiprocessing.get_context("spawn"), _dies_with_ctrl_c)
+        try:
+            for done in as_completed([pool.submit(fly_chunk, campaign, chunk) for chunk in chunks]):
+                yield done.result()
+        except BrokenProcessPool:
+            raise ConfigError(
+                "--batch",
+                "a process was ended from outside, perhaps for want of memory; take smaller batches, fewer workers",
+            ) from None
+        finally:
+            pool.shutdown(cancel_futures=True)
+
+
+def _dies_with_ctrl_c() -> None:
+    """In a worker: go without a word. The program says what there is to say."""
+    signal.signal(signal.SIGINT, signal.SIG_DFL)
+
+
+LIMIT_CM = 0.01
+"""How far two RMS errors of one flight may lie apart [cm]."""
+
+
+def verify(campaign: Campaign, rows: Sequence[CampaignRow], count: int, *, workers: int) -> dict[str, Any]:
+    """Fly ``count`` of the ``rows`` again, chosen at random but always the same ones, in ``workers`` processes.
+
+    Returns how many, the largest distance of two RMS errors [cm] (None where none can be told), and the seeds of
+    those that lie too far apart or ended otherwise.
+    """
+    chosen = generator(rows[0].seed, "verify").choice(len(rows), min(count, len(rows)), replace=False)
+    sample = [rows[i] for i in sorted(chosen.tolist())]
+    again = partial(_refly, campaign)
+    if workers == 1:
+        return _compare(sample, map(again, sample))
+    with ProcessPoolExecutor(workers, multiprocessing.get_context("spawn")) as pool:
+        flights: Callable[..., Iterable[tuple[bool, float | None]]] = pool.map
+        return _compare(sample, flights(again, sample))
+
+
+def _refly(campaign: Campaign, row: CampaignRow) -> tuple[bool, float | None]:
+    """Whether the flight came to its end, and its RMS error [cm]."""
+    world = draw_world(campaign.world, row.seed, campaign.draws)
+    result = fly(world, campaign.config, seed=row.seed, duration_s=campaign.duration_s)
+    return result.completed, result.verdict.rms_cm if result.completed else None
+
+
+def _compare(sample: Sequence[CampaignRow], flights: Iterable[tuple[bool, float | None]]) -> dict[str, Any]:
+    largest: float | None = None
+    apart: list[int] = []
+    for row, (completed, rms_cm) in zip(sample, flights, strict=True):
+        if completed != row.survived:
+            apart.append(row.seed)
+        elif rms_cm is not None and row.rms_cm is not None:
+            distance = abs(rms_cm - row.rms_cm)
+            largest = max(largest or 0.0, distance)
+            if distance > LIMIT_CM:
+                apart.append(row.seed)
+    return {"flights": len(sample), "largest_cm": largest, "limit_cm": LIMIT_CM, "apart": apart}

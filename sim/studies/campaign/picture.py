@@ -11,9 +11,7 @@ from statistics import median
 from typing import Any, NamedTuple
 
 from groundstation.config import ConfigError
-from sim.studies.campaign.campaign import Campaign
-from sim.studies.campaign.draws import draw_world, overrides
-from sim.studies.campaign.folder import CampaignRow
+from sim.studies.campaign.campaign import Campaign, CampaignRow, draw_world, overrides
 
 PERCENTILES = (50, 90, 99)
 LIMITS_CM = (8, 4)

@@ -2,18 +2,38 @@
 
 TYPE_CHECKING = False
 if TYPE_CHECKING:
-    from sim.studies.tune.evidence import Evidence, margins_table, table, toml, unverified_toml, verify
-    from sim.studies.tune.flights import Flyers, Staged, own, stage_scenarios, station_of
+    from sim.studies.tune.flights import Flyers, Staged, own, space, stage_scenarios, station_of, with_gains
     from sim.studies.tune.margins import AXES, criterion, markdown_table, report, text
-    from sim.studies.tune.search_space import space, with_gains
-    from sim.studies.tune.tune import SEARCH_SEED, Floors, Search, TuningTrial, run
+    from sim.studies.tune.tune import (
+        SEARCH_SEED,
+        Evidence,
+        Floors,
+        Search,
+        TuningTrial,
+        margins_table,
+        run,
+        table,
+        toml,
+        unverified_toml,
+        verify,
+    )
 
 _MODULES = {
-    "evidence": ("Evidence", "margins_table", "table", "toml", "unverified_toml", "verify"),
-    "flights": ("Flyers", "Staged", "own", "stage_scenarios", "station_of"),
+    "flights": ("Flyers", "Staged", "own", "space", "stage_scenarios", "station_of", "with_gains"),
     "margins": ("AXES", "criterion", "markdown_table", "report", "text"),
-    "search_space": ("space", "with_gains"),
-    "tune": ("Floors", "SEARCH_SEED", "Search", "TuningTrial", "run"),
+    "tune": (
+        "Evidence",
+        "Floors",
+        "SEARCH_SEED",
+        "Search",
+        "TuningTrial",
+        "margins_table",
+        "run",
+        "table",
+        "toml",
+        "unverified_toml",
+        "verify",
+    ),
 }
 
 

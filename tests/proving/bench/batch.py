@@ -14,8 +14,8 @@ from groundstation.core.trajectory import LemniscateConfig, Reference
 from groundstation.core.vehicle import ZERO, Motion, Vehicle
 from sim.batch import Compiled, Numpy, Stages, columns, fly_batch, zeros
 from sim.scenarios import SCENARIOS, prepare
-from sim.time import in_turns
 from sim.world import Body, Physics, integrate
+from tests.proving.bench.bench import in_turns
 from tests.proving.bench.peers import PEERS, Bench
 
 if TYPE_CHECKING:

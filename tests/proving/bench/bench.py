@@ -7,6 +7,9 @@ A measurement is a module with ``measure(options) -> facts`` (JSON, see docs/ref
 import importlib
 import os
 import sys
+from collections.abc import Callable
+from statistics import median
+from time import perf_counter
 from typing import Any, NamedTuple
 
 from sim.cli import MEASUREMENTS
@@ -52,3 +55,18 @@ def text(facts: dict[str, Any]) -> str:
         if name in facts:
             lines += ["", f"{name}:", *(f"  {line}" for line in importlib.import_module(module).text(facts[name]))]
     return "\n".join(lines)
+
+
+def in_turns(runs: dict[str, Callable[[], None]], rounds: int) -> dict[str, float]:
+    """The median duration [s] of each of ``runs``, after one round that does not count.
+
+    They take turns (A B A B …), so that a machine that slows down slows all alike.
+    """
+    times: dict[str, list[float]] = {name: [] for name in runs}
+    for turn in range(rounds + 1):
+        for name, run in runs.items():
+            start = perf_counter()
+            run()
+            if turn:
+                times[name].append(perf_counter() - start)
+    return {name: median(found) for name, found in times.items()}

@@ -9,7 +9,7 @@ from statistics import median
 from typing import TYPE_CHECKING, Any
 
 from links.core import make_child_command
-from sim.time import in_turns
+from tests.proving.bench.bench import in_turns
 
 if TYPE_CHECKING:
     from tests.proving.bench.bench import Options

@@ -7,7 +7,7 @@ from statistics import median
 from time import perf_counter_ns
 from typing import TYPE_CHECKING, Any
 
-from sim.time import percentile
+from sim.runs import percentile
 from tests.proving.fuzz import FLIGHTS, PERIOD_S
 
 if TYPE_CHECKING:

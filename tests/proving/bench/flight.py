@@ -6,8 +6,8 @@ from typing import TYPE_CHECKING, Any
 from groundstation.settings import Config
 from sim.runs import fly
 from sim.scenarios import SCENARIOS, prepare
-from sim.time import in_turns
 from sim.world import World
+from tests.proving.bench.bench import in_turns
 
 if TYPE_CHECKING:
     from tests.proving.bench.bench import Options

@@ -15,9 +15,8 @@ from groundstation.core import Pilot
 from groundstation.core.control import Adaptive
 from groundstation.core.estimation import ModelEstimator
 from groundstation.core.safety import Obedience, Witness
-from sim.runs import fly
+from sim.runs import fly, percentile
 from sim.scenarios import SCENARIOS, prepare
-from sim.time import percentile
 
 if TYPE_CHECKING:
     from tests.proving.bench.bench import Options
