@@ -2,6 +2,7 @@
 
 import re
 import sys
+from collections import Counter
 from pathlib import Path
 from types import FrameType
 
@@ -44,6 +45,7 @@ def trace() -> list[list[str]]:
 def test_a_pose_passes_the_modules_that_the_page_lists() -> None:
     to_a_command = [way for way in trace() if "groundstation/core/control/backstepping.py" in way]
     assert len(to_a_command) > 20
-    passed = {module for way in to_a_command[5:] for module in way}
+    count = Counter(module for way in to_a_command for module in way)
+    passed = [module for module, ways in count.items() if ways > len(to_a_command) / 10]
     listed = re.findall(r"^\d+\. `([\w/.]+)`", PAGE.read_text("utf-8"), re.MULTILINE)
     assert sorted(listed) == sorted(passed)
