@@ -10,9 +10,8 @@ import math
 import os
 import tempfile
 import time
-from array import array
 from collections.abc import Callable, Coroutine, Sequence
-from itertools import combinations, pairwise
+from itertools import combinations
 from pathlib import Path
 from typing import Any, TypeAlias
 
@@ -20,14 +19,13 @@ import msgspec
 
 from groundstation.core.geometry import Vec3
 from groundstation.core.mission import State
-from groundstation.flight import Flight, FlightOutcome
+from groundstation.flight import Flight
 from groundstation.lab import FleetPlan, Relay, read_fleet
 from groundstation.recording import NoRecording, Recording, make_flight
-from groundstation.runtime import sleep_until
 from groundstation.settings import Config
 from links.core import make_child_command
-from sim.runs.flight import LIMIT_S, MISSION_CONFIRM_S, REST_S, Entered
-from sim.runs.referee import STEADY_S
+from sim.runs.flight import LIMIT_S, MISSION_CONFIRM_S, REST_S, confirm_at, run_missions
+from sim.runs.referee import StateEntry, TrueTrack
 from sim.runs.stage import FleetStage, lay_out
 from sim.time import VirtualTimeLoop
 from sim.world import World
@@ -48,7 +46,7 @@ class Nearest(msgspec.Struct, frozen=True):
 class StationRecord(msgspec.Struct, frozen=True, kw_only=True):
     """What a ground station tells of its flight."""
 
-    states: tuple[Entered, ...]
+    states: tuple[StateEntry, ...]
     started_s: float | None
     """When the figure began, on the event loop's clock [s]."""
 
@@ -61,7 +59,7 @@ class FleetFlight(msgspec.Struct, frozen=True, kw_only=True):
     """On the floor, motors off, and nothing made it come down early."""
     why: str
     """Why it ended, or what made it come down early."""
-    states: tuple[Entered, ...]
+    states: tuple[StateEntry, ...]
     """In their order, with reasons; times are from the first vehicle's release [s]."""
     touchdown_m_s: float | None
     """Fastest that it met the floor; None where it never did."""
@@ -90,33 +88,34 @@ class Tracks:
 
     def __init__(self, count: int) -> None:
         """Nothing yet of ``count`` vehicles."""
-        self._tracks = [(array("d"), array("d"), array("d"), array("d")) for _ in range(count)]
+        self.of = [TrueTrack() for _ in range(count)]
+        """One a vehicle."""
 
     def step(self, number: int, time_s: float, place: Vec3) -> None:
         """One step."""
-        for column, value in zip(self._tracks[number], (time_s, *place), strict=True):
-            column.append(value)
+        self.of[number].step(time_s, place)
 
     @property
     def begun_s(self) -> float:
         """When the first vehicle was released, on the event loop's clock [s]; 0 before that."""
-        return min((times[0] for times, *_ in self._tracks if times), default=0.0)
+        return min((one.times[0] for one in self.of if one.times), default=0.0)
 
     def last(self, number: int, start: Vec3) -> Vec3:
         """Where it was seen last [m, NED]; ``start`` where it was never released."""
-        times, x, y, z = self._tracks[number]
-        return (x[-1], y[-1], z[-1]) if times else start
+        one = self.of[number]
+        return (one.x[-1], one.y[-1], one.z[-1]) if one.times else start
 
     def nearest(self, names: Sequence[str], starts: Sequence[Vec3]) -> Nearest | None:
         """How near two of them came to each other; one that was never released stays where it started."""
         import numpy as np
 
-        end = max((times[-1] for times, *_ in self._tracks if times), default=0.0)
+        end = max((one.times[-1] for one in self.of if one.times), default=0.0)
         grid = np.arange(self.begun_s, end + SAMPLE_S, SAMPLE_S)
         places = []
-        for (times, *axes), start in zip(self._tracks, starts, strict=True):
+        for one, start in zip(self.of, starts, strict=True):
             columns = [
-                np.interp(grid, times, axis) if times else grid * 0.0 + s for axis, s in zip(axes, start, strict=True)
+                np.interp(grid, one.times, axis) if one.times else grid * 0.0 + s
+                for axis, s in zip((one.x, one.y, one.z), start, strict=True)
             ]
             places.append(np.stack(columns))
         found: Nearest | None = None
@@ -127,36 +126,21 @@ class Tracks:
                 found = Nearest(float(apart[at]), (names[a], names[b]), float(grid[at] - self.begun_s))
         return found
 
-    def errors(self, number: int, config: Config, told: StationRecord) -> list[float]:
-        """True distances from the figure [m], from 15 s after its beginning until the flight leaves it."""
-        at = config.trajectory.build().position_at
-        ends = [b.time_s for a, b in pairwise(told.states) if a.state == State.TRACKING]
-        if told.started_s is None:
-            return []
-        begin, end = told.started_s + STEADY_S, min(ends, default=math.inf)
-        return [
-            math.dist(place, at(t - told.started_s))
-            for t, *place in zip(*self._tracks[number], strict=True)
-            if begin <= t < end
-        ]
-
 
 def judge(
-    number: int, name: str, config: Config, told: StationRecord, fault: str, tracks: Tracks, stage: FleetStage
+    number: int, name: str, config: Config, record: StationRecord, fault: str, tracks: Tracks, stage: FleetStage
 ) -> FleetFlight:
     """One vehicle's flight by the truth; ``fault`` is what made it come down early, where something did."""
     plant, world = stage.stages[number].plant, stage.stages[number].world
-    errors, begun = tracks.errors(number, config, told), tracks.begun_s
-    last = told.states[-1] if told.states else Entered(State.IDLE, begun, "nothing was heard of it")
+    begun = tracks.begun_s
+    last = record.states[-1] if record.states else StateEntry(State.IDLE, begun, "nothing was heard of it")
     return FleetFlight(
         name=name,
         landed=last.state == State.LANDED and not fault,
         why=fault or last.reason,
-        states=tuple(Entered(one.state, round(one.time_s - begun, 6), one.reason) for one in told.states),
+        states=tuple(StateEntry(one.state, round(one.time_s - begun, 6), one.reason) for one in record.states),
         touchdown_m_s=plant.hardest_m_s,
-        rms_cm=100.0 * math.sqrt(sum(e * e for e in errors) / len(errors)) if errors else None,
-        max_cm=100.0 * max(errors) if errors else None,
-        figure_s=len(errors) * world.step_s,
+        **tracks.of[number].judge_figure(config.trajectory.build(), record.started_s, record.states, world.step_s),
         home_m=math.dist(world.start_ned[:2], tracks.last(number, world.start_ned)[:2]),
     )
 
@@ -228,39 +212,22 @@ async def _fly(
     loop, tracks = asyncio.get_running_loop(), Tracks(len(worlds))
     stage = FleetStage(worlds, [member.lab for member in fleet.members], seed, tracks.step, autopilot=autopilot)
     relay = None if fleet.relay_listen is None else Relay(fleet.relay_listen, fleet.relay_targets)
-    states: dict[str, list[Entered]] = {member.name: [] for member in fleet.members}
+    states: dict[str, list[StateEntry]] = {member.name: [] for member in fleet.members}
     flights = {
         member.name: make_flight(
             member.core,
-            confirm=_confirming(MISSION_CONFIRM_S + APART_S * number),
+            confirm=confirm_at(MISSION_CONFIRM_S + APART_S * number),
             on_event=None if on_event is None else _prefix_events(on_event, member.name),
-            on_state=_entering(states[member.name]),
+            on_state=_note_states(states[member.name]),
         )
         for number, member in enumerate(fleet.members)
     }
     if relay is not None:
         await relay.open()
-    turning = asyncio.ensure_future(stage.run())
-    flying = [asyncio.ensure_future(flight.run()) for flight in flights.values()]
-    beside = asyncio.ensure_future(script(flights, stage)) if script is not None else None
-    all_flown = asyncio.gather(*flying)
     limit = LIMIT_S + max(member.core.flight.duration_s or 0.0 for member in fleet.members)
-    ends: set[asyncio.Future[Any]] = {turning, all_flown}
-    await asyncio.wait(ends, timeout=limit, return_when=asyncio.FIRST_COMPLETED)
-    ended_s = loop.time()
-    outcomes: list[FlightOutcome | None] = [one.result() if one.done() else None for one in flying]
-    if all_flown.done():
-        await asyncio.sleep(REST_S)
-    for flight, outcome in zip(flights.values(), outcomes, strict=True):
-        if outcome is None:
-            flight.stop("the mission took too long")
-    tasks = [task for task in (turning, *flying, beside) if task is not None]
-    for task in tasks:
-        task.cancel()
-    for failure in await asyncio.gather(*tasks, return_exceptions=True):
-        if isinstance(failure, Exception):
-            raise failure
-    await asyncio.gather(all_flown, return_exceptions=True)
+    outcomes, ended_s = await run_missions(
+        stage.run(), list(flights.values()), limit, script and script(flights, stage)
+    )
     if relay is not None:
         relay.close()
     for one in stage.stages:
@@ -274,17 +241,9 @@ async def _fly(
     return {"vehicles": tuple(vehicles), "nearest": tracks.nearest(names, starts), "duration_s": ended_s}
 
 
-def _confirming(at_s: float) -> Callable[[], Coroutine[Any, Any, bool]]:
-    async def confirm() -> bool:
-        await sleep_until(at_s)
-        return True
-
-    return confirm
-
-
-def _entering(states: list[Entered]) -> Callable[[State, str], None]:
+def _note_states(states: list[StateEntry]) -> Callable[[State, str], None]:
     def note_state(state: State, reason: str) -> None:
-        states.append(Entered(state, asyncio.get_running_loop().time(), reason))
+        states.append(StateEntry(state, asyncio.get_running_loop().time(), reason))
 
     return note_state
 
@@ -430,7 +389,7 @@ class _Log:
 
     def __init__(self, folder: Path, name: str) -> None:
         """Read it; where there is none, nothing is known."""
-        self._states: list[Entered] = []
+        self._states: list[StateEntry] = []
         self._started_s: float | None = None
         self._ticks: list[float] = []
         self._computed: list[float] = []
@@ -462,7 +421,7 @@ class _Log:
                         self._ticks.append(value["time_s"] - arrivals.pop(pose))
                 case "/mission":
                     if not self._states or self._states[-1].state != value["state"]:
-                        self._states.append(Entered(value["state"], value["time_s"], value["text"]))
+                        self._states.append(StateEntry(value["state"], value["time_s"], value["text"]))
                 case _:
                     pass
 

@@ -8,8 +8,7 @@ import hashlib
 import math
 import struct
 import time
-from array import array
-from collections.abc import Callable, Coroutine
+from collections.abc import Callable, Coroutine, Sequence
 from typing import Any, TypeAlias
 
 import msgspec
@@ -23,13 +22,13 @@ from groundstation.flight import Flight, FlightOutcome
 from groundstation.recording import Give, Record, make_flight
 from groundstation.runtime import sleep_until
 from groundstation.settings import Config
-from sim.runs.referee import STEADY_S, FlightVerdict, Referee
+from sim.runs.referee import FlightVerdict, Referee, StateEntry, TrueTrack
 from sim.runs.stage import Stage
 from sim.time import Address, VirtualTimeLoop
 from sim.world import World
 
 CONFIRM_S = 1.0
-"""When arming is confirmed, in virtual time [s]."""
+"""When arming is confirmed, in virtual time [s]: so our frames do not start in step with the cameras."""
 DOWN = (State.LANDING, State.DESCENT, State.DISARMING)
 """Whoever meets the floor then has landed."""
 HANDSHAKE_LIMIT_S = 60.0
@@ -127,12 +126,12 @@ async def _fly(
     )
 
     def step(time_s: float, position: Vec3) -> None:
-        referee.step(time_s, position)
+        referee.track.step(time_s, position)
         if on_step is not None:
             on_step(time_s, position)
 
     over = False  # then the world has come to its end, and what is cancelled is no part of the flight
-    stage = Stage(world, config, seed, referee.step if on_step is None else step, autopilot=autopilot)
+    stage = Stage(world, config, seed, referee.track.step if on_step is None else step, autopilot=autopilot)
     plant = stage.plant
 
     def watch(tick: Tick) -> None:
@@ -145,18 +144,13 @@ async def _fly(
         if referee.find_crash(truth.position_ned, lands=flight.state in DOWN):
             clock.cancel()
 
-    async def confirm() -> bool:
-        # Whoever confirms takes a moment: so our frames do not start in step with the cameras.
-        await sleep_until(CONFIRM_S)
-        return True
-
     def record(record: Record) -> None:
         if give is not None and not over:
             give(record)
 
     flight = make_flight(
         config,
-        confirm=confirm,
+        confirm=confirm_at(CONFIRM_S),
         on_tick=watch,
         on_event=on_event,
         on_pose=on_pose,
@@ -233,15 +227,6 @@ REST_S = 1.0
 """How long the world goes on after the end [s]."""
 
 
-class Entered(msgspec.Struct, frozen=True):
-    """A state of the mission, when it began, and why."""
-
-    state: str
-    time_s: float
-    """On the event loop's clock [s]."""
-    reason: str
-
-
 class MissionResult(msgspec.Struct, frozen=True, kw_only=True):
     """A flown mission."""
 
@@ -251,7 +236,7 @@ class MissionResult(msgspec.Struct, frozen=True, kw_only=True):
     """Why it ended, as a sentence."""
     fault: str
     """What made it come down early; empty where nothing did."""
-    states: tuple[Entered, ...]
+    states: tuple[StateEntry, ...]
     """In their order."""
     touchdown_m_s: float | None
     """Fastest that it met the floor, by the truth; None where it never did."""
@@ -266,16 +251,6 @@ class MissionResult(msgspec.Struct, frozen=True, kw_only=True):
     """Farthest that it leant."""
     duration_s: float
     wall_s: float
-
-
-class TrueTrack:
-    """What the referee of a mission sees: every step of the plant."""
-
-    def __init__(self) -> None:
-        self.time = array("d")
-        self.places: list[Vec3] = []
-        self.upright = 1.0
-        """Cosine of the largest tilt."""
 
 
 def from_floor(world: World, config: Config, figure_s: float | None) -> tuple[World, Config]:
@@ -319,68 +294,85 @@ async def _fly_mission(
     give: Give | None,
 ) -> dict[str, Any]:
     loop = asyncio.get_running_loop()
-    truth, states = TrueTrack(), list[Entered]()
+    track, states, upright = TrueTrack(), list[StateEntry](), 1.0
 
     def step(time_s: float, position: Vec3) -> None:
-        truth.time.append(time_s)
-        truth.places.append(position)
+        nonlocal upright
+        track.step(time_s, position)
         x, y = stage.plant.attitude[1:3]
-        truth.upright = min(truth.upright, 1.0 - 2.0 * (x * x + y * y))
-
-    async def confirm() -> bool:
-        await sleep_until(MISSION_CONFIRM_S)
-        return True
+        upright = min(upright, 1.0 - 2.0 * (x * x + y * y))
 
     def note_state(state: State, reason: str) -> None:
-        states.append(Entered(state, round(loop.time(), 6), reason))
+        states.append(StateEntry(state, round(loop.time(), 6), reason))
 
     stage = Stage(world, config, seed, step, autopilot=autopilot)
-    flight = make_flight(config, confirm=confirm, on_event=on_event, on_state=note_state, wires=stage.wires, give=give)
-    turning, flying = asyncio.ensure_future(stage.run()), asyncio.ensure_future(flight.run())
-    beside = asyncio.ensure_future(script(flight, stage)) if script is not None else None
+    flight = make_flight(
+        config,
+        confirm=confirm_at(MISSION_CONFIRM_S),
+        on_event=on_event,
+        on_state=note_state,
+        wires=stage.wires,
+        give=give,
+    )
     limit = LIMIT_S + (config.flight.duration_s or 0.0)
-    await asyncio.wait({turning, flying}, timeout=limit, return_when=asyncio.FIRST_COMPLETED)
-    outcome: Any = flying.result() if flying.done() else None
-    ended_s = loop.time()
-    if flying.done():
-        await asyncio.sleep(REST_S)
-    else:
-        flight.stop("the mission took too long")
-    tasks = [task for task in (turning, flying, beside) if task is not None]
-    for task in tasks:
-        task.cancel()
-    failures = await asyncio.gather(*tasks, return_exceptions=True)
-    for failure in failures:
-        if isinstance(failure, Exception):
-            raise failure
+    (outcome,), ended_s = await run_missions(stage.run(), [flight], limit, script and script(flight, stage))
     stage.plant.advance(loop.time())
-    errors = _errors(config, truth, states, flight.started_s)
     start, end = world.start_ned, stage.plant.truth(loop.time()).position_ned
-    assert outcome is None or isinstance(outcome, FlightOutcome)
     return {
         "landed": outcome is not None and outcome.state is State.LANDED and not outcome.fault,
         "why": f"not over after {limit:g} s" if outcome is None else f"{outcome.state}: {outcome.reason}",
         "fault": "" if outcome is None else outcome.fault,
         "states": tuple(states),
         "touchdown_m_s": stage.plant.hardest_m_s,
-        "rms_cm": 100.0 * math.sqrt(sum(e * e for e in errors) / len(errors)) if errors else None,
-        "max_cm": 100.0 * max(errors) if errors else None,
-        "figure_s": len(errors) * world.step_s,
+        **track.judge_figure(config.trajectory.build(), flight.started_s, states, world.step_s),
         "home_m": math.dist(start[:2], end[:2]),
-        "tilt_max_deg": math.degrees(math.acos(max(truth.upright, -1.0))),
+        "tilt_max_deg": math.degrees(math.acos(max(upright, -1.0))),
         "duration_s": ended_s,
     }
 
 
-def _errors(config: Config, truth: TrueTrack, states: list[Entered], started_s: float | None) -> list[float]:
-    """True distances from the figure [m], from 15 s after its beginning until the flight leaves it."""
-    tracking = next((i for i, one in enumerate(states) if one.state == State.TRACKING), None)
-    if tracking is None or started_s is None:
-        return []
-    until = states[tracking + 1].time_s if tracking + 1 < len(states) else math.inf
-    at = config.trajectory.build().position_at
-    return [
-        math.dist(place, at(t - started_s))
-        for t, place in zip(truth.time, truth.places, strict=True)
-        if started_s + STEADY_S <= t < until
-    ]
+async def run_missions(
+    world: Coroutine[Any, Any, None],
+    flights: Sequence[Flight],
+    limit_s: float,
+    beside: Coroutine[Any, Any, None] | None = None,
+) -> tuple[list[FlightOutcome | None], float]:
+    """Run missions in ``world`` until all are over, or ``limit_s`` [s] have passed; ``beside`` runs with them.
+
+    Returns:
+        How each ended, None where it did not, and when that was on the event loop's clock [s].
+    """
+    loop = asyncio.get_running_loop()
+    turning = asyncio.ensure_future(world)
+    flying = [asyncio.ensure_future(flight.run()) for flight in flights]
+    script = asyncio.ensure_future(beside) if beside is not None else None
+    all_flown = asyncio.gather(*flying)
+    ends: set[asyncio.Future[Any]] = {turning, all_flown}
+    await asyncio.wait(ends, timeout=limit_s, return_when=asyncio.FIRST_COMPLETED)
+    ended_s = loop.time()
+    if all_flown.done():
+        all_flown.result()  # raises what a flight has raised
+    outcomes = [one.result() if one.done() else None for one in flying]
+    if all_flown.done():
+        await asyncio.sleep(REST_S)
+    for flight, outcome in zip(flights, outcomes, strict=True):
+        if outcome is None:
+            flight.stop("the mission took too long")
+    tasks = [task for task in (turning, *flying, script) if task is not None]
+    for task in tasks:
+        task.cancel()
+    for failure in await asyncio.gather(*tasks, return_exceptions=True):
+        if isinstance(failure, Exception):
+            raise failure
+    await asyncio.gather(all_flown, return_exceptions=True)
+    return outcomes, ended_s
+
+
+def confirm_at(time_s: float) -> Callable[[], Coroutine[Any, Any, bool]]:
+    """Whoever confirms the arming, at ``time_s`` on the event loop's clock [s]."""
+
+    async def confirm() -> bool:
+        await sleep_until(time_s)
+        return True
+
+    return confirm

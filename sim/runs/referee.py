@@ -1,7 +1,9 @@
-"""Judges a simulated flight by the truth, which the controller never sees."""
+"""Referee: judges simulated flights and missions by the truth, which the controller never sees."""
 
 import math
 from array import array
+from collections.abc import Sequence
+from itertools import pairwise
 from typing import Any
 
 import msgspec
@@ -10,6 +12,7 @@ from groundstation.core import Tick
 from groundstation.core.control import SUSPENDED, VIOLATED
 from groundstation.core.geometry import Vec3, third_column
 from groundstation.core.messages import Estimate
+from groundstation.core.mission import State
 from groundstation.core.trajectory import Trajectory
 from sim.world import World
 
@@ -25,6 +28,64 @@ SATURATION_FROM_S = 5.0
 """Saturated commands count from here [s]: the approach may use all there is."""
 CRASH_M = 20.0
 """Farther than this from the start, no room holds the vehicle [m]."""
+
+
+class StateEntry(msgspec.Struct, frozen=True):
+    """A state of the mission, when it began, and why."""
+
+    state: str
+    time_s: float
+    """On the event loop's clock [s]."""
+    reason: str
+
+
+class TrueTrack:
+    """Every step of one plant after its release; times on the event loop's clock [s], places in metres, NED."""
+
+    def __init__(self) -> None:
+        self.times = array("d")
+        self.x, self.y, self.z = array("d"), array("d"), array("d")
+
+    def step(self, time_s: float, place: Vec3) -> None:
+        """One step."""
+        self.times.append(time_s)
+        x, y, z = place
+        self.x.append(x)
+        self.y.append(y)
+        self.z.append(z)
+
+    def errors(
+        self, trajectory: Trajectory, start_s: float, since_s: float = -math.inf, until_s: float = math.inf
+    ) -> list[float]:
+        """How far from a reference that began at ``start_s`` [m], at each step from ``since_s`` to before ``until_s``."""
+        at = trajectory.position_at
+        steps = zip(self.times, self.x, self.y, self.z, strict=True)
+        return [math.dist((x, y, z), at(t - start_s)) for t, x, y, z in steps if since_s <= t < until_s]
+
+    def judge_figure(
+        self, trajectory: Trajectory, started_s: float | None, states: Sequence[StateEntry], step_s: float
+    ) -> dict[str, Any]:
+        """``rms_cm``, ``max_cm`` and ``figure_s``: from 15 s after the figure's beginning until it is left.
+
+        Args:
+            trajectory: the figure.
+            started_s: when it began; None where it did not.
+            states: of the mission, in their order.
+            step_s: of the plant [s].
+        """
+        steady: list[float] = []
+        if started_s is not None:
+            left_s = min((b.time_s for a, b in pairwise(states) if a.state == State.TRACKING), default=math.inf)
+            steady = self.errors(trajectory, started_s, started_s + STEADY_S, left_s)
+        return {**summarize_errors(steady), "figure_s": len(steady) * step_s}
+
+
+def summarize_errors(errors: list[float]) -> dict[str, float | None]:
+    """``rms_cm`` and ``max_cm`` of ``errors`` [m]; None where there are none."""
+    return {
+        "rms_cm": 100.0 * math.sqrt(sum(e * e for e in errors) / len(errors)) if errors else None,
+        "max_cm": 100.0 * max(errors) if errors else None,
+    }
 
 
 class FlightVerdict(msgspec.Struct, frozen=True, kw_only=True):
@@ -65,7 +126,7 @@ class FlightVerdict(msgspec.Struct, frozen=True, kw_only=True):
 
 
 class Referee:
-    """Sees every plant step and every command of one flight."""
+    """Sees every step of the plant and every command of one flight."""
 
     def __init__(self, world: World, told_kg: float, kb: float | None) -> None:
         """Take the truth, and the mass that the controller was told [kg].
@@ -75,8 +136,8 @@ class Referee:
         self._world = world
         self._told_kg = told_kg
         self._kb = kb
-        self._time = array("d")
-        self._x, self._y, self._z = array("d"), array("d"), array("d")
+        self.track = TrueTrack()
+        """Takes the steps of the plant."""
         self._ticks: list[tuple[float, float, bool, float, Vec3]] = []
         self._winds: list[Vec3] = []
         self._wanted: list[Vec3] = []
@@ -84,14 +145,6 @@ class Referee:
         self._states: list[str] = []
         self._warnings: list[str] = []
         self.crash: str | None = None
-
-    def step(self, time_s: float, position: Vec3) -> None:
-        """One plant step after release; times on the event loop's clock."""
-        self._time.append(time_s)
-        x, y, z = position
-        self._x.append(x)
-        self._y.append(y)
-        self._z.append(z)
 
     def tick(self, tick: Tick, wind: Vec3) -> None:
         """One command, and the true disturbance at that instant."""
@@ -117,10 +170,9 @@ class Referee:
 
     def verdict(self, trajectory: Trajectory, start_s: float) -> FlightVerdict:
         """Judge the flight; the reference started at ``start_s`` on the event loop's clock."""
-        at = trajectory.position_at
         steady_s = STEADY_S - ROUNDING_S
-        times = [t - start_s for t in self._time]
-        errors = [math.dist((x, y, z), at(t)) for t, x, y, z in zip(times, self._x, self._y, self._z, strict=True)]
+        times = [t - start_s for t in self.track.times]
+        errors = self.track.errors(trajectory, start_s)
         steady = [e for t, e in zip(times, errors, strict=True) if t >= steady_s]
         late = [i for i, tick in enumerate(self._ticks) if tick[0] >= SATURATION_FROM_S]
         everything = self._lyapunov()
@@ -129,8 +181,7 @@ class Referee:
         last = [i for i, tick in enumerate(self._ticks) if tick[0] > end - 1.0]
         thrusts = [tick[1] for tick in self._ticks]
         return FlightVerdict(
-            rms_cm=100.0 * math.sqrt(sum(e * e for e in steady) / len(steady)) if steady else None,
-            max_cm=100.0 * max(steady) if steady else None,
+            **summarize_errors(steady),
             settle_s=stays_below(times, errors, SETTLED_M) if self.crash is None else None,
             wind_true=_mean([self._winds[i] for i in last]),
             wind_estimate=_mean([self._ticks[i][4] for i in last]),

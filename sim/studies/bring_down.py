@@ -10,7 +10,7 @@ from groundstation.core import Tick
 from groundstation.core.geometry import Vec3, so3
 from groundstation.recording import make_flight
 from groundstation.runtime import sleep_until
-from sim.runs import Stage
+from sim.runs import CONFIRM_S, Stage, confirm_at
 from sim.scenarios import SCENARIOS, prepare
 from sim.time import VirtualTimeLoop
 
@@ -66,12 +66,8 @@ async def _cut(scenario: str, cause: str, at_s: float, seed: int, overrides: lis
         if cause == "controller" and tick.flight_time_s >= at_s:
             raise _Broken
 
-    async def confirm() -> bool:
-        await sleep_until(1.0)
-        return True
-
     stage = Stage(world, config, seed, step)
-    flight = make_flight(config, confirm=confirm, on_tick=watch)
+    flight = make_flight(config, confirm=confirm_at(CONFIRM_S), on_tick=watch)
     turning, flying = asyncio.ensure_future(stage.run()), asyncio.ensure_future(flight.run())
     loop = asyncio.get_running_loop()
     await sleep_until(RELEASED_S)
