@@ -57,7 +57,7 @@ class TrueTrack:
     def errors(
         self, trajectory: Trajectory, start_s: float, since_s: float = -math.inf, until_s: float = math.inf
     ) -> list[float]:
-        """How far from a reference that began at ``start_s`` [m], at each step from ``since_s`` to before ``until_s``."""
+        """How far from a reference that began at ``start_s`` [m], at each step from ``since_s`` until ``until_s``."""
         at = trajectory.position_at
         steps = zip(self.times, self.x, self.y, self.z, strict=True)
         return [math.dist((x, y, z), at(t - start_s)) for t, x, y, z in steps if since_s <= t < until_s]

@@ -18,9 +18,8 @@ import msgspec
 
 from groundstation.config import ConfigError
 from groundstation.core import Tick
-from groundstation.core.geometry import Vec3
 from groundstation.runtime import replace_between_markers, require_matplotlib, split_at_markers
-from sim.runs import STEADY_S, fly
+from sim.runs import STEADY_S, TrueTrack, fly
 from sim.scenarios import SCENARIOS, prepare
 
 CONTROLLERS = ("adaptive", "uncompensated", "geometric", "pid", "indi")
@@ -92,9 +91,7 @@ def fly_case(case: Case, seed: int, duration_s: float, *, traced: bool = False) 
     """Fly one case once."""
     world, config = prepare(SCENARIOS[case.scenario], list(case.overrides))
     rates, thrusts = array("d"), array("d")
-    times: list[float] = []
-    places: list[Vec3] = []
-    start = math.inf
+    track, start = TrueTrack(), math.inf
 
     def on_tick(tick: Tick) -> None:
         nonlocal start
@@ -104,21 +101,19 @@ def fly_case(case: Case, seed: int, duration_s: float, *, traced: bool = False) 
             rates.append(x * x + y * y + z * z)
             thrusts.append(tick.decision.drive.thrust)
 
-    def on_step(time_s: float, position: Vec3) -> None:
-        times.append(time_s)
-        places.append(position)
-
-    result = fly(world, config, seed=seed, duration_s=duration_s, on_tick=on_tick, on_step=on_step if traced else None)
+    result = fly(
+        world, config, seed=seed, duration_s=duration_s, on_tick=on_tick, on_step=track.step if traced else None
+    )
     verdict = result.verdict
     weight = config.vehicle.mass_kg * config.controller.gravity
     trace = None
     if traced:
-        at = config.trajectory.build().position_at
+        errors = track.errors(config.trajectory.build(), start)
         trace = [0.0] * (int(duration_s / TRACE_S) + 1)
-        for time_s, place in zip(times, places, strict=True):
+        for time_s, error in zip(track.times, errors, strict=True):
             index = int((time_s - start) / TRACE_S)
             if 0 <= index < len(trace):
-                trace[index] = max(trace[index], 100.0 * math.dist(place, at(time_s - start)))
+                trace[index] = max(trace[index], 100.0 * error)
         trace = trace[: int(result.duration_s / TRACE_S)]
     return ComparedFlight(
         case,
