@@ -62,7 +62,7 @@ better than both a vehicle that obeys and a picture that stands, e^9, and e^7 in
 that are set up wrongly are so from the first. Across, and where the vehicle is upset as no gust does it, e^4: an image
 drives it away ever faster, and little time is left."""
 CALM_SHARE = CALM / CONVICTS
-SUSPECTS, HEADING_SUSPECTS, STILL_SUSPECTS, IMAGE_SUSPECTS, PUSH_SUSPECTS = 0.85, 0.5, 0.6, 0.7, 0.8
+SUSPECTS, HEADING_SUSPECTS, STILL_SUSPECTS, IMAGE_SUSPECTS, PUSH_SUSPECTS = 0.85, 0.5, 0.65, 0.7, 0.88
 """Share of it that is a suspicion: by the attitude, as two nodes whose commands got lost on their way come to 80 %; by
 the heading; by a position that stands, or moves as an image."""
 STILL_CAP = 2.0
@@ -273,6 +273,7 @@ class Obedience:
             self._images.nodes = min(self._images.nodes, SETTLES - 3)
             self._forget_between()
         if last is None or dt > GAP_S or not counts or pose.reset_count != self._resets:
+            self._off = off_m
             self._begin(pose)
             return False
         # Written out, as this is done with every pose: both turns in the body's axes, twice a quaternion's vector.
