@@ -51,9 +51,9 @@ def seeing(wrong: Wrong, for_s: float) -> Script:
         mocap = stage.mocap
         assert mocap is not None
         right = mocap._observe
-        vars(mocap)["_seen"] = lambda truth, when: right(wrong(truth), when)
+        vars(mocap)["_observe"] = lambda truth, when: right(wrong(truth), when)
         await asyncio.sleep(for_s)
-        del vars(mocap)["_seen"]
+        del vars(mocap)["_observe"]
 
     return script
 
