@@ -26,7 +26,7 @@ from tests.e2e.stamped_reader import StampedReader
 COAST_S, DOWN_S = 0.25, 0.3
 STATION = """
 import asyncio, sys
-from links.rf.channel_map import ChannelMap, Switch
+from links.rf.channel_map import ArmSwitch, ChannelMap
 from links.rf.dsm_codec import DsmLinkConfig
 from links.core.port import Command, Segment
 from links.rf.link import SerialRfLink
@@ -34,7 +34,7 @@ from links.rf.link import SerialRfLink
 async def main():
     loop = asyncio.get_running_loop()
     config = DsmLinkConfig(
-        port=sys.argv[1], period_s=0.01, arm_low_s=0.3, arm_high_s=0.7, map=ChannelMap(arm=Switch(channel=5))
+        port=sys.argv[1], period_s=0.01, arm_low_s=0.3, arm_high_s=0.7, map=ChannelMap(arm=ArmSwitch(channel=5))
     )
     link = SerialRfLink(config, thrust_max_n=2.0)
 
