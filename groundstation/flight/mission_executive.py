@@ -88,11 +88,6 @@ class Course:
         self._hover = Hover()
         self._touchdown = Touchdown(config.weight_n)
 
-    @property
-    def home_ned(self) -> Vec3 | None:
-        """Where it stood before take-off [m]; None where it started in the air."""
-        return self._home
-
     def stood(self, place_ned: Vec3) -> None:
         """It takes off from here [m]."""
         self._home = place_ned

@@ -9,11 +9,11 @@ comes means something, too.
 import asyncio
 import math
 from collections.abc import Awaitable, Callable
+from functools import partial
 
 from links.core import Attitude, Command, Deadman, LinkError, LinkLost, LinkMisuse, LinkRejected, LinkStatus, Phase
 from links.rf.codec import Manner, RfLinkConfig, Service
 from links.rf.pacer import Arm, End, Give, Hear, OpenPacer, Order, Pacer, PacerReport, Serve, Stop
-from links.rf.pacer_process import open_process
 
 END_LIMIT_S = 4.0
 """Longest wait for a pacer to end [s]: the longest command, its bring-down, and then some."""
@@ -457,12 +457,16 @@ class SerialRfLink(PacedLink):
         *,
         thrust_max_n: float,
         thrust_curve: float = 0.0,
-        open_pacer: OpenPacer = open_process,
+        open_pacer: OpenPacer | None = None,
     ) -> None:
         """Nothing is opened yet; ``thrust_max_n`` is the thrust at full throttle [N].
 
         ``thrust_curve`` is the curve in force (links/core/thrust_curve.py); ``open_pacer`` starts the pacer: in another
-        process, or wherever a simulation has it.
+        process where there is None, or wherever a simulation has it.
         """
+        if open_pacer is None:
+            from links.rf.pacer_process import open_process  # shared memory and ports: not for a bridge's link
+
+            open_pacer = open_process
         config = config.with_thrust_curve(thrust_curve)
-        super().__init__(config.manner, lambda hear: open_pacer(config, thrust_max_n, hear))
+        super().__init__(config.manner, partial(open_pacer, config, thrust_max_n))

@@ -13,8 +13,6 @@ import contextlib
 import errno
 import os
 import tempfile
-import termios
-import tty
 from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -25,7 +23,7 @@ from groundstation.config import from_dict
 from groundstation.core.vehicle import Vehicle
 from groundstation.runtime import sleep_until
 from groundstation.settings import Config
-from links.bridge import BridgeConfig, BridgeLinkConfig
+from links.bridge import BridgeLinkConfig
 from links.rf import (
     LOOK_S,
     RF_CODECS,
@@ -202,6 +200,9 @@ class PtyWire:
     """
 
     def __init__(self) -> None:
+        import termios  # only where there is a terminal
+        import tty
+
         self._far, self._near = os.openpty()
         tty.setraw(self._near, termios.TCSANOW)
         os.set_blocking(self._far, False)
@@ -288,7 +289,7 @@ def wires(
     open_pacer = opened_on(port)
     if not isinstance(config.link, BridgeLinkConfig):
         return {"open_pacer": open_pacer}, None
-    from links.bridge import Bridge  # only where there is one
+    from links.bridge import Bridge, BridgeConfig  # only where there is one
 
     bridge = Bridge(BridgeConfig(listen=config.link.remote, link=radio), KEY, open_pacer=open_pacer, nonce=nonce)
     return {"key": KEY, "nonce": nonce}, bridge

@@ -5,7 +5,7 @@ import tomllib
 from functools import cache
 from pathlib import Path
 
-from tests.proving.reference import floors, folder_imports, rooms_below
+from tests.proving.reference import floors, folder_imports, is_for_types, rooms_below, tree_imports
 
 ROOT = Path(__file__).resolve().parents[2]
 HOUSES = ("links", "groundstation", "sim", "tests/proving")
@@ -30,24 +30,6 @@ def parse(module: str) -> ast.Module:
     return ast.parse(FILES[module].read_text("utf-8"))
 
 
-def for_types(node: ast.AST) -> bool:
-    return isinstance(node, ast.If) and isinstance(node.test, ast.Name) and node.test.id == "TYPE_CHECKING"
-
-
-def imports(tree: ast.AST, *, typing: bool) -> list[tuple[str, str]]:
-    """Modules and the names that are asked of them ("" for the module itself), with or without what only types need."""
-    found: list[tuple[str, str]] = []
-    for node in ast.iter_child_nodes(tree):
-        if isinstance(node, ast.Import):
-            found += [(alias.name, "") for alias in node.names]
-        elif isinstance(node, ast.ImportFrom):
-            assert node.level == 0
-            found += [(node.module or "", alias.name) for alias in node.names]
-        elif typing or not for_types(node):
-            found += imports(node, typing=typing)
-    return found
-
-
 @cache
 def table(face: str) -> dict[str, str]:
     """What a face hands on: name to the module that defines it."""
@@ -67,30 +49,32 @@ def module_of(module: str, name: str) -> str:
 
 def test_a_face_hands_on_what_its_table_says_and_holds_no_code() -> None:
     for face in FACES:
-        typed = {name: module for module, name in imports(parse(face), typing=True) if module.startswith(f"{face}.")}
-        eager = dict(imports(parse(face), typing=False))
+        typed = {
+            name: module for module, name in tree_imports(parse(face), typing=True) if module.startswith(f"{face}.")
+        }
+        eager = dict(tree_imports(parse(face), typing=False))
         assert {name: module for name, module in typed.items() if module not in eager} == table(face), face
         for node in parse(face).body:
             literal = isinstance(node, ast.Assign) and ast.literal_eval(node.value) is not None
             function = isinstance(node, ast.FunctionDef) and node.name == "__getattr__"
             text = isinstance(node, ast.Expr) and isinstance(node.value, ast.Constant)
-            assert text or literal or function or for_types(node) or isinstance(node, ast.ImportFrom), face
+            assert text or literal or function or is_for_types(node) or isinstance(node, ast.ImportFrom), face
 
 
 def test_a_room_is_asked_through_its_face() -> None:
     past = set()
     for module in FILES.keys() - FACES:
-        for asked, name in imports(parse(module), typing=True):
+        for asked, name in tree_imports(parse(module), typing=True):
             target = module_of(asked, name) if f"{asked}.{name}" in FILES else asked
             outside = not f"{room(module)}.".startswith(f"{room(target)}.")
-            handed = asked in FACES and name in dict(map(reversed, imports(parse(asked), typing=False)))  # type: ignore[arg-type]
+            handed = asked in FACES and name in dict(map(reversed, tree_imports(parse(asked), typing=False)))  # type: ignore[arg-type]
             if target in FILES.keys() - FACES and outside and not handed:
                 past.add((module, target))
     assert past == {(module, target) for module, targets in PAST_A_FACE.items() for target in targets}
 
 
 def test_a_name_is_handed_on_only_where_somebody_asks_for_it() -> None:
-    asked = {pair for module in FILES.keys() - FACES for pair in imports(parse(module), typing=True)}
+    asked = {pair for module in FILES.keys() - FACES for pair in tree_imports(parse(module), typing=True)}
     public = {"groundstation", "links", "sim"}  # for whoever builds on the project
     idle = {(face, name) for face in FACES - public for name in table(face) if (face, name) not in asked}
     outside = "\n".join(
@@ -112,7 +96,7 @@ def test_what_does_no_io_does_none_through_the_faces_that_it_asks() -> None:
     way = {module: module for module in todo}
     while todo:
         module = todo.pop()
-        for asked, name in imports(parse(module), typing=False):
+        for asked, name in tree_imports(parse(module), typing=False):
             assert asked.partition(".")[0] not in contract["forbidden_modules"], f"{way[module]} -> {asked}"
             target = module_of(asked, name)
             if target in FILES and target not in way:

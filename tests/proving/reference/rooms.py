@@ -43,18 +43,27 @@ def _room(face: Path) -> Room:
 def folder_imports(folder: str) -> frozenset[str]:
     """Paths of what the modules of a folder ask for, but for what only types need."""
     return frozenset(
-        name.replace(".", "/")
+        module.replace(".", "/")
         for path in (ROOT / folder).rglob("*.py")
-        for name in _names(ast.parse(path.read_text("utf-8")))
+        for module, _ in tree_imports(ast.parse(path.read_text("utf-8")))
     )
 
 
-def _names(tree: ast.AST) -> Iterator[str]:
+def tree_imports(tree: ast.AST, *, typing: bool = False) -> Iterator[tuple[str, str]]:
+    """Modules and the names that are asked of them ("" for the module itself), with or without what only types need."""
     for node in ast.iter_child_nodes(tree):
-        if isinstance(node, ast.ImportFrom):
-            yield node.module or ""
-        elif not (isinstance(node, ast.If) and "TYPE_CHECKING" in ast.dump(node.test)):
-            yield from _names(node)
+        if isinstance(node, ast.Import):
+            yield from ((alias.name, "") for alias in node.names)
+        elif isinstance(node, ast.ImportFrom):
+            assert node.level == 0, "imports are absolute"
+            yield from ((node.module or "", alias.name) for alias in node.names)
+        elif typing or not is_for_types(node):
+            yield from tree_imports(node, typing=typing)
+
+
+def is_for_types(node: ast.AST) -> bool:
+    """Whether that is what only types need."""
+    return isinstance(node, ast.If) and isinstance(node.test, ast.Name) and node.test.id == "TYPE_CHECKING"
 
 
 def floors(rooms: list[Room]) -> list[list[Room]]:
