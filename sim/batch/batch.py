@@ -176,6 +176,8 @@ def require_batchable(world: World, config: Config) -> None:
     for key, delay_s in (
         ("vehicle.command_delay_s", config.vehicle.command_delay_s),
         ("sim.command_delay_s", world.command_delay_s),
+        ("sim.thrust_delay_s", world.thrust_delay_s),
+        ("sim.rate_delay_s", world.rate_delay_s),
     ):
         if delay_s > 0.0:
             raise ConfigError(key, "the commands of a batch act at once; expected 0")
@@ -234,8 +236,8 @@ def fly_batch(
             estimator.release()
         # Where poses stay away too long commands stop, and with them the flight.
         marks.mark_failed(time > estimator.stamp_s + config.flight.coast_s)
-        estimate = estimator.predict(time)
-        decision = pilot.decide(estimate, trajectory.at(time))
+        estimate = estimator.predict(time + vehicle.acting_delay_s)
+        decision = pilot.decide(estimate, trajectory.at(time + vehicle.acting_delay_s))
         estimator.take_command(frame, decision.drive)
         fleet.command(frame, time, decision.drive, config.full_thrust_n, config.thrust_curve)
         fleet.fly(time)

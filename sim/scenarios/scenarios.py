@@ -298,6 +298,8 @@ def world_of(air: World, told: Config) -> World:
         thrust_lag_s=vehicle.thrust_lag_s,
         rate_lag_s=vehicle.rate_lag_s,
         command_delay_s=vehicle.command_delay_s,
+        thrust_delay_s=vehicle.thrust_delay_s,
+        rate_delay_s=vehicle.rate_delay_s,
         frame_period_s=vehicle.frame_period_s,
     )
 

@@ -104,6 +104,8 @@ class Quadrotor:
         self._thrust_command = 0.0
         self._rate_command: Vec3 = (0.0, 0.0, 0.0)
         self._told: tuple[float, Vec3] = (0.0, (0.0, 0.0, 0.0))
+        self._delayed: list[tuple[float, float | None, Vec3 | None]] = []
+        """From when on [s] which thrust [N], or which rates [rad/s]."""
         self._strength = 1.0
         self._on_ground = False
         self.pull: Callable[[Body], Vec3] | None = None
@@ -132,12 +134,15 @@ class Quadrotor:
         if self.partner is not None:
             self.partner.command(time_s, thrust_n, rates)
         a, b, c = self._limits
-        self._thrust_command = self._gain(time_s) * min(max(thrust_n, 0.0), self._world.thrust_max_n)
-        self._rate_command = (
-            min(max(rates[0], -a), a),
-            min(max(rates[1], -b), b),
-            min(max(rates[2], -c), c),
-        )
+        thrust = self._gain(time_s) * min(max(thrust_n, 0.0), self._world.thrust_max_n)
+        limited = min(max(rates[0], -a), a), min(max(rates[1], -b), b), min(max(rates[2], -c), c)
+        world = self._world
+        if world.thrust_delay_s == 0.0 == world.rate_delay_s:
+            self._thrust_command, self._rate_command = thrust, limited
+            return
+        self._delayed += [(time_s + world.thrust_delay_s, thrust, None), (time_s + world.rate_delay_s, None, limited)]
+        self._delayed.sort(key=lambda change: change[0])
+        self.advance(time_s)
 
     def _gain(self, time_s: float) -> float:
         """Thrust that comes of what is told, as a share."""
@@ -171,6 +176,7 @@ class Quadrotor:
         other.released_s, other._body, other._on_ground = self.released_s, self._body, self._on_ground
         other._told, other._strength = self._told, self._strength
         other._thrust_command, other._rate_command = self._thrust_command, self._rate_command
+        other._delayed = self._delayed.copy()
         other._highest_m = self._highest_m
         return other
 
@@ -197,6 +203,11 @@ class Quadrotor:
 
     def advance(self, time_s: float) -> None:
         """Let the physics run until ``time_s`` [s], in whole steps."""
+        while self._delayed and self._delayed[0][0] <= time_s:
+            acts_s, thrust, rates = self._delayed.pop(0)
+            self._settle(acts_s)
+            self._thrust_command = self._thrust_command if thrust is None else thrust
+            self._rate_command = self._rate_command if rates is None else rates
         if self.released_s is None:
             self._time = self._cut = max(self._time, time_s)
             return

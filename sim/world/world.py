@@ -36,6 +36,10 @@ class World(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=Tru
     """First-order lag of the thrust [s]."""
     rate_lag_s: NonNegative = 1.0 / (2.0 * math.pi * 1.5)
     """First-order lag of each body rate [s]."""
+    thrust_delay_s: NonNegative = 0.0
+    """From the vehicle's hearing a command until thrust begins to follow it, with its lag [s]."""
+    rate_delay_s: NonNegative = 0.0
+    """The same for the body rates [s]."""
     drag_per_s: NonNegative = 0.0
     """Linear drag: deceleration per speed [1/s]."""
     rate_leak: float = 0.0

@@ -378,8 +378,7 @@ class _Obeying(Pilot):
 
     def obey(self, time_s: float, drive: ActuatorCommand, interval_s: float) -> None:
         """``drive`` left at ``time_s`` [s], so long after the one before."""
-        acting = time_s + self._vehicle.command_delay_s
-        self._send(acting, drive)
+        self._send(time_s, drive)
         self._mean_wind(self._estimator.disturbance, interval_s)
 
 

@@ -88,7 +88,7 @@ class Shadow:
 
     def compare_command(self, time_s: float, drive: ActuatorCommand, *, flying: bool) -> ShadowedCommand | None:
         """``drive`` was sent at ``time_s`` [s]; in flight, what the shadow would have sent, where there is a path."""
-        acting = time_s + self._vehicle.command_delay_s
+        acting = time_s + self._vehicle.acting_delay_s
         reference = self._path.at(acting) if flying else None
         compared = None
         if reference is not None and self._estimator.ready:
@@ -104,7 +104,7 @@ class Shadow:
             compared = ShadowedCommand(drive, decision.drive, decision.saturated)
         elif not flying:
             self._controller = None
-        self._estimator.add_command(acting, drive)
+        self._estimator.add_command(time_s + self._vehicle.command_delay_s, drive)
         if isinstance(self._controller, Adaptive) and self._config.composite != "provable":
             self._estimator.follow(self._controller.b_hat)
         return compared
