@@ -37,6 +37,7 @@ from groundstation.analysis.shadow import (
 )
 from groundstation.config import ConfigError
 from groundstation.core import Pilot
+from groundstation.core.mission import FINAL
 from groundstation.core.safety import NODE_S, WANDERING_M, Conviction, PoseEvidence, charge_lateness
 from groundstation.core.vehicle import ActuatorCommand
 from groundstation.flight import Flight, ensure_flyable
@@ -125,9 +126,9 @@ class _Trace:
         """The instant [s, event loop's clock] and what spoke against the poses."""
 
     async def watch(self, flight: Flight) -> None:
-        """Look at each window; ends with the flight."""
+        """Look at each window for as long as commands leave: a vehicle that comes down on the model obeys none."""
         loop, seen = asyncio.get_running_loop(), 0
-        while True:
+        while flight.state not in FINAL:
             if flight.monitor.windows != seen:
                 seen = flight.monitor.windows
                 self.windows.append((loop.time(), flight.evidence))
