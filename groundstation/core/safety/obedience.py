@@ -172,6 +172,7 @@ class Obedience:
         """Take the vehicle's mass as told [kg] and g [m/s²]."""
         self._per_newton, self._gravity = -1.0 / mass_kg, gravity  # an impulse is told against the thrust
         self._pushed: Vec3 = (0.0, 0.0, 0.0)
+        self._passed = NO_POSES
         self._speed: Vec3 = (0.0, 0.0, 0.0)
         self._roll, self._pitch = _TiltAxis(), _TiltAxis()
         self._images = Images()
