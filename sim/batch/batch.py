@@ -176,8 +176,6 @@ def require_batchable(world: World, config: Config) -> None:
     for key, delay_s in (
         ("vehicle.command_delay_s", config.vehicle.command_delay_s),
         ("sim.command_delay_s", world.command_delay_s),
-        ("sim.thrust_delay_s", world.thrust_delay_s),
-        ("sim.rate_delay_s", world.rate_delay_s),
     ):
         if delay_s > 0.0:
             raise ConfigError(key, "the commands of a batch act at once; expected 0")
@@ -199,7 +197,7 @@ def fly_batch(
     """
     gains, vehicle, pose = config.controller, config.vehicle, config.pose
     first = worlds[0]
-    for name in ("frame_period_s", "pose_rate_hz", "speed_m_s", "gravity"):
+    for name in ("frame_period_s", "pose_rate_hz", "speed_m_s", "gravity", "plant"):
         if any(getattr(w, name) != getattr(first, name) for w in worlds):
             raise ValueError(f"all flights of a batch need the same sim.{name}")
     for world in worlds:

@@ -58,7 +58,8 @@ class Stage:
         """
         self.world = world
         self.wind = Wind(world, rows(stream(seed, "turbulence").standard_normal, 3))
-        self.plant = plant = Quadrotor(world, self.wind, on_step)
+        gyro = rows(stream(seed, "gyro").standard_normal, 3) if world.plant == "rotors" else None
+        self.plant = plant = Quadrotor(world, self.wind, on_step, gyro)
         estimate, wander = stream(seed, "estimate").standard_normal, stream(seed, "wander").standard_normal
         tracked = make_tracker(config.pose)
         horizon = Horizon(rows(stream(seed, "horizon").standard_normal, 3), world.gravity) if tracked else None

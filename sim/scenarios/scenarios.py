@@ -21,7 +21,7 @@ from groundstation.pose import GateConfig, PoseConfig
 from groundstation.pose.sources import ViconConfig
 from groundstation.settings import Config, FlightConfig
 from links.mavlink import MavlinkLinkConfig
-from sim.world import World
+from sim.world import RotorConstants, World
 
 NO_LIMIT = (1e5, 1e5, 1e5)
 MQX = World()
@@ -69,6 +69,21 @@ _QUAD1KG = msgspec.structs.replace(
     pose_latency_s=0.010,
     frame_period_s=0.010,
 )
+_ROTORS_QUAD1KG = msgspec.structs.replace(
+    _QUAD1KG,
+    plant="rotors",
+    step_s=0.001,
+    rotors=RotorConstants(
+        arm_m=0.175,
+        inertia_kg_m2=(0.0075, 0.0075, 0.013),
+        torque_per_thrust_m=0.016,
+        p=40.0,
+        i=40.0,
+        d=0.8,
+    ),
+)
+_ROTORS_MQX = msgspec.structs.replace(MQX, plant="rotors", step_s=MQX.frame_period_s / 23)
+"""1 kHz, in whole steps a frame."""
 
 
 class Scenario(msgspec.Struct, frozen=True, kw_only=True):
@@ -187,6 +202,28 @@ SCENARIOS: dict[str, Scenario] = {
             world=_QUAD1KG,
             told=_TOLD_QUAD1KG,
             told_latency_s=0.010,
+        ),
+        Scenario(
+            name="rotors_quad1kg",
+            summary="quad1kg that turns by four rotors of 40 ms and a 1 kHz rate loop with gyro noise",
+            world=_ROTORS_QUAD1KG,
+            told=msgspec.structs.replace(_TOLD_QUAD1KG, thrust_lag_s=0.043, rate_lag_s=0.042),
+            told_latency_s=0.010,
+        ),
+        Scenario(
+            name="rotors_mqx",
+            summary="paper on four rotors of 40 ms and a 1 kHz rate loop with gyro noise",
+            world=_ROTORS_MQX,
+            told=Vehicle(thrust_lag_s=0.041, rate_lag_s=0.054),
+        ),
+        Scenario(
+            name="rotors_mqx_radio",
+            summary="rotors_mqx behind a radio's filters of 56 ms on rates and 66 ms on thrust",
+            world=msgspec.structs.replace(
+                _ROTORS_MQX,
+                rotors=msgspec.structs.replace(_ROTORS_MQX.rotors, rate_filter_s=0.056, thrust_filter_s=0.066),
+            ),
+            told=Vehicle(thrust_lag_s=0.109, rate_lag_s=0.104),
         ),
     )
 }
