@@ -175,7 +175,7 @@ class Fleet:
         drag: Any = describe_air(of)
         drags = any(np.any(x) for x in (*drag.linear, *drag[1:4]))
         self._gains_now = self._gain.copy()
-        rotors = (*describe_rotors(of, first.gravity), self._gains_now) if turns else None
+        rotors: Any = (*describe_rotors(of, first.gravity), self._gains_now) if turns else None
         self._gyros = [generator(seed, "gyro") for seed in seeds] if turns else []
         self._gyro_sigma, self._gyro_block = of(lambda w: w.rotors.gyro_noise_rad_s), np.zeros((0, 3, n))
         if turns:
@@ -188,7 +188,7 @@ class Fleet:
         behind = 2 + int(np.max(delays) / first.frame_period_s)
         self._commands = np.zeros((behind + 1, 4, n))
         """The newest commands of as many frames as may still act, the newest first."""
-        self._commands[:, 0] = self._gain * thrust
+        self._commands[:, 0] = thrust
         self._acting = np.zeros((steps, 4, n))
         self._gust_hz, self._wind_step_s = column("wind_gust_hz"), column("wind_step_time_s")
         self._mean, self._gust, self._wind_step = (
@@ -259,7 +259,7 @@ class Fleet:
             since = np.maximum(taken - starts[step], 1e-12)
             if self._delays is None and not len(noise):
                 return self._part((before[0], wind, since), who)
-            thrust, *rates = (self._thrust_command[who], *pick(self._rate_command, who))
+            thrust, rates = self._thrust_command[who], pick(self._rate_command, who)
             if self._delays is not None:
                 thrust, *rates = self._compute_mean(step * h, since, who)
             gyro = tuple(noise[step, :, who].T) if len(noise) else None

@@ -5,7 +5,15 @@ if TYPE_CHECKING:
     from sim.world.draws import generator, rows, stream
     from sim.world.plant import Body, Physics, compute_drag, integrate
     from sim.world.quadrotor import Airframe, Quadrotor, TrueState
-    from sim.world.rotors import Actuators, RateLoop, begin_rotors, describe_air, describe_rotors, turn_rotors
+    from sim.world.rotors import (
+        Actuators,
+        FourRotors,
+        RateLoop,
+        begin_rotors,
+        describe_air,
+        describe_rotors,
+        turn_rotors,
+    )
     from sim.world.vehicle import Horizon, PositionWander, SimulatedVehicle, with_noise
     from sim.world.world import Eddies, RotorConstants, Wind, World, begin_eddies, cell, compute_turbulence, stir
 
@@ -13,7 +21,7 @@ _MODULES = {
     "draws": ("generator", "rows", "stream"),
     "plant": ("Body", "Physics", "compute_drag", "integrate"),
     "quadrotor": ("Airframe", "Quadrotor", "TrueState"),
-    "rotors": ("Actuators", "RateLoop", "begin_rotors", "describe_air", "describe_rotors", "turn_rotors"),
+    "rotors": ("Actuators", "FourRotors", "RateLoop", "begin_rotors", "describe_air", "describe_rotors", "turn_rotors"),
     "vehicle": ("Horizon", "PositionWander", "SimulatedVehicle", "with_noise"),
     "world": ("Eddies", "RotorConstants", "Wind", "World", "begin_eddies", "cell", "compute_turbulence", "stir"),
 }

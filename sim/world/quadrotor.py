@@ -19,7 +19,7 @@ from groundstation.core.geometry import FLOATS, Quat, Vec3, so3
 from sim.world.plant import AirDrag, Body, Physics, compute_drag, integrate
 from sim.world.rotors import (
     Actuators,
-    Four,
+    FourRotors,
     begin_rotors,
     describe_air,
     describe_rotors,
@@ -155,7 +155,7 @@ class Quadrotor:
         self._body = Body(world.start_ned, (0.0, 0.0, 0.0), so3.IDENTITY, thrust, (0.0, 0.0, 0.0))
         self._thrust_command = 0.0
         self._rate_command: Vec3 = (0.0, 0.0, 0.0)
-        self._late_thrust = DelayLine(world.thrust_delay_s, (0.0,)) if world.thrust_delay_s else None
+        self._late_thrust = DelayLine(world.thrust_delay_s, (thrust,)) if world.thrust_delay_s else None
         self._late_rates = DelayLine(world.rate_delay_s, (0.0, 0.0, 0.0)) if world.rate_delay_s else None
         drag = describe_air(lambda get: get(world))
         self._drag: AirDrag | None = drag if any((*drag.linear, drag.within, drag.along, drag.lift)) else None
@@ -163,7 +163,7 @@ class Quadrotor:
         self._actuators: Actuators | None = None
         if world.plant == "rotors":
             self._actuators = begin_rotors(FLOATS, thrust, self._gains)
-        self._signals: Four | None = None
+        self._signals: FourRotors | None = None
         """What another autopilot has the rotors do; None while the rate loop does."""
         self._gyro = repeat([0.0, 0.0, 0.0]) if gyro is None else gyro
         self._gyro_noise = self._draw_noise()
@@ -212,7 +212,7 @@ class Quadrotor:
         if self._late_rates is not None:
             self._late_rates.put(time_s, self._rate_command)
 
-    def drive_rotors(self, time_s: float, signals: Four) -> None:
+    def drive_rotors(self, time_s: float, signals: FourRotors) -> None:
         """From ``time_s`` on the rotors follow these signals (0..1), and no rate loop; see rotors.py for their order.
 
         Raises:

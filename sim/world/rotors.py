@@ -18,11 +18,11 @@ from groundstation.core.geometry import Ops, Real, Vec3, rotate, third_column, t
 from sim.world.plant import AirDrag, Body
 from sim.world.world import RotorConstants, World
 
-Four: TypeAlias = tuple[Real, Real, Real, Real]
+FourRotors: TypeAlias = tuple[Real, Real, Real, Real]
 """One number a rotor."""
 
 
-class Airframe4(NamedTuple):
+class RotorFrame(NamedTuple):
     """What does not change in flight of rotors and body; see :class:`sim.world.world.RotorConstants`."""
 
     mass_kg: Real
@@ -74,7 +74,7 @@ class RateLoop(NamedTuple):
 class Actuators(NamedTuple):
     """State of rotors and rate loop."""
 
-    speeds: Four
+    speeds: FourRotors
     """Of the rotors, 0..1."""
     loop: RateLoop
 
@@ -98,7 +98,7 @@ def _vector(of: Of, get: Callable[[World], Vec3]) -> Vec3:
     return of(lambda w: get(w)[0]), of(lambda w: get(w)[1]), of(lambda w: get(w)[2])
 
 
-def describe_rotors(of: Of, gravity: float) -> tuple[Airframe4, RateLoopGains]:
+def describe_rotors(of: Of, gravity: float) -> tuple[RotorFrame, RateLoopGains]:
     """Rotors and rate loop of one world, or of many."""
     inertia = _vector(of, lambda w: w.rotors.inertia_kg_m2)
     lever, torque = of(lambda w: w.rotors.arm_m * math.sqrt(0.5)), of(lambda w: w.rotors.torque_per_thrust_m)
@@ -108,7 +108,7 @@ def describe_rotors(of: Of, gravity: float) -> tuple[Airframe4, RateLoopGains]:
         level = of(lambda w: get(w.rotors))
         return level, level, of(lambda w: get(w.rotors) * w.rotors.yaw_gain)
 
-    return Airframe4(
+    return RotorFrame(
         of(lambda w: w.mass_kg),
         inertia,
         lever,
@@ -151,7 +151,7 @@ def _speed(ops: Ops, share: Real, curve: Real) -> Real:
 
 def run_rate_loop(
     ops: Ops, loop: RateLoop, thrust: Real, rates: Vec3, gyro: Vec3, h: Real, gains: RateLoopGains
-) -> tuple[RateLoop, Four]:
+) -> tuple[RateLoop, FourRotors]:
     """The loop after ``h`` [s], and the rotor signals it gives for them: ``thrust`` [N] and ``rates`` are as told.
 
     torque = J (P e + I ∫e - D d/dt ω), e = told rates - filtered ``gyro`` [rad/s]. Where a rotor is at its limit, the
@@ -194,8 +194,16 @@ def run_rate_loop(
 
 
 def integrate_rotors(
-    ops: Ops, body: Body, speeds: Four, signals: Four, full_n: Real, told: Vec3, other: Vec3, h: Real, frame: Airframe4
-) -> tuple[Body, Four]:
+    ops: Ops,
+    body: Body,
+    speeds: FourRotors,
+    signals: FourRotors,
+    full_n: Real,
+    told: Vec3,
+    other: Vec3,
+    h: Real,
+    frame: RotorFrame,
+) -> tuple[Body, FourRotors]:
     """``body`` and rotor ``speeds`` (0..1) after ``h`` [s] under held ``signals`` (0..1), of second order in ``h``.
 
     ``full_n`` is what one rotor gives at its fullest now [N]; ``other`` is a constant acceleration, such as wind
@@ -258,7 +266,7 @@ def turn_rotors(
     gain: Real,
     other: Vec3,
     h: Real,
-    frame: Airframe4,
+    frame: RotorFrame,
     gains: RateLoopGains,
 ) -> tuple[Body, Actuators]:
     """One step of rate loop and rotors.
