@@ -3,6 +3,7 @@
 TYPE_CHECKING = False
 if TYPE_CHECKING:
     from sim.world.draws import generator, rows, stream
+    from sim.world.hand import HOLD_S, MOVE_S, make_hand
     from sim.world.plant import Body, Physics, compute_drag, integrate
     from sim.world.quadrotor import Airframe, Quadrotor, TrueState
     from sim.world.rotors import (
@@ -19,6 +20,7 @@ if TYPE_CHECKING:
 
 _MODULES = {
     "draws": ("generator", "rows", "stream"),
+    "hand": ("HOLD_S", "MOVE_S", "make_hand"),
     "plant": ("Body", "Physics", "compute_drag", "integrate"),
     "quadrotor": ("Airframe", "Quadrotor", "TrueState"),
     "rotors": ("Actuators", "FourRotors", "RateLoop", "begin_rotors", "describe_air", "describe_rotors", "turn_rotors"),
