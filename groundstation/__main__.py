@@ -209,6 +209,18 @@ def _identify(parser: argparse.ArgumentParser) -> None:
     _json_argument(parser, "the table")
 
 
+def _import(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument("files", type=path, nargs="+", metavar="FILE")
+    parser.add_argument("--map", required=True, metavar="MAP", help="a mapping that comes along, or a file: the how-to")
+    parser.add_argument("--out", type=path, required=True, metavar="FLIGHT.mcap", help="the recording to write")
+    parser.set_defaults(command="import-flight")  # `import` is no name of a function
+
+
+def _evidence(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument("files", type=path, nargs="+", metavar="FLIGHT.mcap", help="imported, or our own")
+    _json_argument(parser, "the table")
+
+
 def _trajectory(parser: argparse.ArgumentParser) -> None:
     _config_arguments(parser, optional=True)
     _json_argument(parser, "the table")
@@ -253,6 +265,11 @@ COMMANDS = {
     "carry": ("find the tracker's axes and latency by carrying the vehicle, props off", _carry),
     "report": ("one page about a recorded flight, with figures; or about two, compared", _report),
     "identify": ("thrust, lags, delay, drag and noise of the vehicle, from a recorded flight", _identify),
+    "import": ("a flight that others recorded (CSV, ULog, .bin, .tlog), as a recording", _import),
+    "evidence": (
+        "how well our estimator predicts recorded flights, and what they tell of vehicle and poses",
+        _evidence,
+    ),
     "trajectory": ("what the trajectory asks of the vehicle: PASS or FAIL", _trajectory),
     "states": ("the states of a flight, and what leads from one to another", _states),
     "vehicles": ("list the vehicles that come along, for vehicle.preset", _vehicles),

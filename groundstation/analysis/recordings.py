@@ -83,7 +83,7 @@ def write_csv(recording: Recording, files: Mapping[str, TextIO]) -> dict[str, in
     writers: dict[str, Any] = {}
     rows = dict.fromkeys(files, 0)
     for entry in recording.entries(files):
-        row = dict(_flat(entry.value(), ""))
+        row = dict(flatten(entry.value(), ""))
         if entry.topic not in writers:
             writer = csv.DictWriter(files[entry.topic], list(row), extrasaction="ignore", lineterminator="\n")
             writer.writeheader()
@@ -106,14 +106,14 @@ def write_poses(recording: Recording, target: Path) -> int:
     return count
 
 
-def _flat(value: Any, name: str) -> Iterator[tuple[str, Any]]:
+def flatten(value: Any, name: str) -> Iterator[tuple[str, Any]]:
     """Nested objects and arrays as one row."""
     if isinstance(value, dict):
         for key, item in value.items():
-            yield from _flat(item, f"{name}.{key}" if name else key)
+            yield from flatten(item, f"{name}.{key}" if name else key)
     elif isinstance(value, list):
         for index, item in enumerate(value):
-            yield from _flat(item, f"{name}.{index}")
+            yield from flatten(item, f"{name}.{index}")
     else:
         yield name, value
 

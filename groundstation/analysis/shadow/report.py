@@ -278,7 +278,7 @@ def measure_facts(
         velocity_path_rms_m_s=_rms(_lengths(ours - moved)),
         own_velocity_path_rms_m_s=_rms(_lengths(own - moved)),
         innovation_rms_m=_rms(np.array([each.innovation_m for each in air])),
-        commands=_compare_commands(replayed.compared),
+        commands=compare_commands(replayed.compared),
     )
 
 
@@ -296,7 +296,8 @@ def _rms(values: Array) -> float | None:
     return float(np.sqrt(np.mean(values * values))) if len(values) else None
 
 
-def _compare_commands(compared: Sequence[ShadowedCommand]) -> ComparedCommands | None:
+def compare_commands(compared: Sequence[ShadowedCommand]) -> ComparedCommands | None:
+    """The shadow's commands beside those that were sent; None where there are none."""
     if not compared:
         return None
     sent = np.array([(each.sent.thrust, *each.sent.rates) for each in compared])

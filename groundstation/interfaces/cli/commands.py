@@ -258,6 +258,20 @@ def identify(args: argparse.Namespace) -> int:
     return identify_command(args.file, args.out, args.page, as_json=args.json)
 
 
+def import_flight(args: argparse.Namespace) -> int:
+    """A flight that others recorded, as a recording."""
+    from groundstation.analysis.evidence import import_command
+
+    return import_command(args.files, args.map, args.out)
+
+
+def evidence(args: argparse.Namespace) -> int:
+    """What recorded flights say of our estimator."""
+    from groundstation.analysis.evidence import evidence_command
+
+    return evidence_command(args.files, as_json=args.json)
+
+
 def config(args: argparse.Namespace) -> int:
     """Print the configuration in force, or one to start from."""
     if args.verb == "show":
