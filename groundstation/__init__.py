@@ -1,5 +1,11 @@
 """Offboard flight of quadrotors: poses in, thrust and body rates out.
 
+For scripts and notebooks (docs/reference/python.md):
+
+    simulate            fly one scenario in virtual time, with a controller or trajectory of your own; gives a Run
+    compare             fly several controllers through the same scenarios; gives a ControllerComparison
+    load                read a recorded flight: a FlightData of arrays, tables and pictures
+
 What a controller of your own asks for (docs/how-to/own-controller.md), each loaded when it is asked for:
 
     Controller          the port: decide(estimate, reference, interval_s) -> Decision
@@ -16,6 +22,8 @@ What a controller of your own asks for (docs/how-to/own-controller.md), each loa
     sine_error          the turn that brings the thrust along a push, as the sine of its angle
     half_angle_error    the same, as twice the sine of half the angle
     turning             the body rates at which the direction of a changing push turns
+    UserCodeFault       what a flight ends in where code of your own fails
+    ConfigError         what is raised for a wrong name, key or value
     Baseline, InnerLoop heading, limits and lags: from a wanted push and turn to a Decision, as the baselines do it
 """
 
@@ -23,6 +31,9 @@ from groundstation.runtime.version import __version__ as __version__
 
 TYPE_CHECKING = False
 if TYPE_CHECKING:
+    from groundstation.analysis.flight_data import FlightData, load
+    from groundstation.config.factory import UserCodeFault
+    from groundstation.config.loader import ConfigError
     from groundstation.core.control.attitude import (
         clamp_command,
         half_angle_error,
@@ -37,8 +48,13 @@ if TYPE_CHECKING:
     from groundstation.core.trajectory.port import Reference
     from groundstation.core.vehicle.vehicle import ActuatorCommand as ActuatorCommand
     from groundstation.core.vehicle.vehicle import Motion, Vehicle
+    from sim.runs.simulation import Run, simulate
+    from sim.studies.comparison import ControllerComparison, compare
 
 _MODULES = {
+    "analysis.flight_data": ("FlightData", "load"),
+    "config.factory": ("UserCodeFault",),
+    "config.loader": ("ConfigError",),
     "core.control.attitude": ("clamp_command", "half_angle_error", "make_decision", "push", "sine_error", "turning"),
     "core.control.baselines": ("Baseline", "InnerLoop"),
     "core.messages.control": ("Controller", "Decision", "Estimate"),
@@ -46,9 +62,22 @@ _MODULES = {
     "core.trajectory.port": ("Reference",),
     "core.vehicle.vehicle": ("ActuatorCommand", "Motion", "Vehicle"),
 }
+_SIMULATED = ("ControllerComparison", "Run", "compare", "simulate")
+"""Handed on from ``sim``, which stands above all else here: the one exception to that (pyproject.toml's contracts)."""
 
 
 def __getattr__(name: str) -> object:
     from links.core.lazy import load_name
 
-    return load_name(__name__, _MODULES, name)
+    if name not in _SIMULATED:
+        return load_name(__name__, _MODULES, name)
+    from importlib import import_module
+
+    try:
+        return getattr(import_module("sim"), name)
+    except ModuleNotFoundError as error:
+        if error.name != "sim":
+            raise
+        raise ImportError(
+            f"groundstation.{name} flies in the simulator, the package sim, which is not installed"
+        ) from None

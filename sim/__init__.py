@@ -9,6 +9,8 @@ This is what a user imports; what is behind it may change. A flight is two lines
 - ``prepare``: the truth and the configuration of a scenario after overrides, such as ``"vehicle.mass_kg=0.9"``.
 - ``prepare_own``: the same for a user's configuration file.
 - ``World``: the truth of a flight: what the vehicle, the air, the cameras and the radio really do.
+- ``simulate``: the two lines in one, with a controller or a trajectory of your own, recorded; its ``Run``, as arrays.
+- ``compare``: controllers side by side in the same scenarios; their ``ControllerComparison``.
 - ``fly``: a flight in virtual time, from its release on; its ``Result``.
 - ``from_floor``, ``fly_mission``: a mission from the floor and back in virtual time; its ``MissionResult``.
 - ``fly_fleet``: several missions at once; its ``FleetMission``.
@@ -20,14 +22,18 @@ if TYPE_CHECKING:
     from sim.runs.fleet import FleetMission, fly_fleet
     from sim.runs.flight import MissionResult, Result, fly, fly_mission, from_floor
     from sim.runs.server import serve, serve_fleet
+    from sim.runs.simulation import Run, simulate
     from sim.scenarios.scenarios import SCENARIOS, Scenario, prepare, prepare_own
+    from sim.studies.comparison import ControllerComparison, compare
     from sim.world.world import World
 
 _MODULES = {
     "runs.fleet": ("FleetMission", "fly_fleet"),
     "runs.flight": ("MissionResult", "Result", "fly", "fly_mission", "from_floor"),
     "runs.server": ("serve", "serve_fleet"),
+    "runs.simulation": ("Run", "simulate"),
     "scenarios.scenarios": ("SCENARIOS", "Scenario", "prepare", "prepare_own"),
+    "studies.comparison": ("ControllerComparison", "compare"),
     "world.world": ("World",),
 }
 

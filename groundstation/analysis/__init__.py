@@ -2,10 +2,15 @@
 
 TYPE_CHECKING = False
 if TYPE_CHECKING:
+    from groundstation.analysis.flight_data import Channel, FlightData, Track
     from groundstation.analysis.recordings import export_command, logs_command
     from groundstation.analysis.replay import replay_command
 
-_MODULES = {"recordings": ("export_command", "logs_command"), "replay": ("replay_command",)}
+_MODULES = {
+    "flight_data": ("Channel", "FlightData", "Track"),
+    "recordings": ("export_command", "logs_command"),
+    "replay": ("replay_command",),
+}
 
 
 def __getattr__(name: str) -> object:

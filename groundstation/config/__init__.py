@@ -2,6 +2,17 @@
 
 TYPE_CHECKING = False
 if TYPE_CHECKING:
+    from groundstation.config.factory import (
+        FACTORY,
+        Option,
+        UserCodeFault,
+        call_factory,
+        expand_factory,
+        find_object,
+        lend,
+        name_object,
+        needed_names,
+    )
     from groundstation.config.loader import (
         ConfigError,
         copy_examples,
@@ -32,11 +43,21 @@ if TYPE_CHECKING:
         keys_of,
         name_pattern,
         structs,
-        texts_of,
     )
     from groundstation.config.text import field_notes
 
 _MODULES = {
+    "factory": (
+        "FACTORY",
+        "Option",
+        "UserCodeFault",
+        "call_factory",
+        "expand_factory",
+        "find_object",
+        "lend",
+        "name_object",
+        "needed_names",
+    ),
     "loader": (
         "ConfigError",
         "copy_examples",
@@ -67,7 +88,6 @@ _MODULES = {
         "keys_of",
         "name_pattern",
         "structs",
-        "texts_of",
     ),
     "text": ("field_notes",),
 }

@@ -14,16 +14,12 @@ if TYPE_CHECKING:
     from groundstation.recording.channels import (
         CHANNELS,
         MeasuredMessage,
-        Quaternion,
-        Vector3,
-        quaternion,
         read_command,
         read_pose,
         read_reference,
         schema,
-        vector,
     )
-    from groundstation.recording.headline import STEADY_S
+    from groundstation.recording.headline import STEADY_S, FlightHeadline
     from groundstation.recording.process import END_S, RecorderProcess
     from groundstation.recording.reader import Entry, NoRecording, Recording, quick_headline
     from groundstation.recording.records import (
@@ -36,24 +32,14 @@ if TYPE_CHECKING:
         Record,
         SentRecord,
         TickRecord,
+        TruthRecord,
     )
     from groundstation.recording.writer import FlightLog, McapWriter, about_texts
 
 _MODULES = {
     "assembly": ("Give", "RecordedPilot", "about", "make_flight", "recorder"),
-    "channels": (
-        "CHANNELS",
-        "MeasuredMessage",
-        "Quaternion",
-        "Vector3",
-        "quaternion",
-        "read_command",
-        "read_pose",
-        "read_reference",
-        "schema",
-        "vector",
-    ),
-    "headline": ("STEADY_S",),
+    "channels": ("CHANNELS", "MeasuredMessage", "read_command", "read_pose", "read_reference", "schema"),
+    "headline": ("FlightHeadline", "STEADY_S"),
     "process": ("END_S", "RecorderProcess"),
     "reader": ("Entry", "NoRecording", "Recording", "quick_headline"),
     "records": (
@@ -66,6 +52,7 @@ _MODULES = {
         "Record",
         "SentRecord",
         "TickRecord",
+        "TruthRecord",
     ),
     "writer": ("FlightLog", "McapWriter", "about_texts"),
 }

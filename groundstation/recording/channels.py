@@ -35,6 +35,7 @@ from groundstation.recording.records import (
     SwitchRecord,
     TickRecord,
     TrajectoryRecord,
+    TruthRecord,
     WireRecord,
 )
 from links.core import Command, LinkStatus, Segment
@@ -312,6 +313,19 @@ class RawSent(msgspec.Struct, frozen=True, gc=False):
     data: bytes
 
 
+class TruthMessage(msgspec.Struct, frozen=True, gc=False):
+    """Of a simulated flight: where the vehicle really is, how far from the reference, and the true wind."""
+
+    time_s: float
+    position_ned: Vector3
+    velocity_ned: Vector3
+    attitude: Quaternion
+    rates_rad_s: Vector3
+    thrust_n: float
+    wind_m_s2: Vector3
+    error_m: float | None = None
+
+
 CHANNELS: dict[str, tuple[str, type[msgspec.Struct]]] = {
     "/pose": ("foxglove.PoseInFrame", PoseInFrame),
     "/tf": ("foxglove.FrameTransform", FrameTransform),
@@ -335,6 +349,7 @@ CHANNELS: dict[str, tuple[str, type[msgspec.Struct]]] = {
     "/raw/opened": ("groundstation.WireOpened", WireOpened),
     "/raw/received": ("groundstation.RawReceived", RawReceived),
     "/raw/sent": ("groundstation.RawSent", RawSent),
+    "/truth": ("groundstation.Truth", TruthMessage),
 }
 """Topic → name of its schema, and type of its messages."""
 
@@ -385,6 +400,7 @@ class MessageMaker:
             SentRecord: self._make_sent,
             PoseRecord: self._pose,
             TickRecord: self._tick,
+            TruthRecord: _make_truth,
         }
 
     def stamp(self, time_s: float) -> int:
@@ -487,6 +503,12 @@ class MessageMaker:
 
     def _time(self, time_s: float) -> Time:
         return Time(*divmod(self.stamp(time_s), 1_000_000_000))
+
+
+def _make_truth(r: TruthRecord) -> Iterable[Message]:
+    at, velocity, attitude = vector(r.position_ned), vector(r.velocity_ned), quaternion(r.attitude)
+    rates, wind = vector(r.rates_rad_s), vector(r.wind_m_s2)
+    return (("/truth", r.time_s, TruthMessage(r.time_s, at, velocity, attitude, rates, r.thrust_n, wind, r.error_m)),)
 
 
 def _command(c: Command) -> tuple[float, Vector3, int, float, float, tuple[Part, ...]]:

@@ -23,6 +23,9 @@ class FlightHeadline(msgspec.Struct, frozen=True, kw_only=True):
     """Root mean square distance from the reference, after the first 5 s and before the landing [m]."""
     max_m: float | None
     """Largest such distance [m]."""
+    true_rms_m: float | None = None
+    """The same of a simulated vehicle's true place, at every step of the simulation; None of a real flight [m]."""
+    true_max_m: float | None = None
     lost: int
     """Records that are missing because the recorder could not keep up."""
 

@@ -228,7 +228,7 @@ def _bytes_hold(path: Path) -> bool:
 def from_texts(result: dict[str, str]) -> FlightHeadline:
     """The headline as the recording has it."""
     return msgspec.convert(
-        {key: None if value == "" and key in ("rms_m", "max_m") else value for key, value in result.items()},
+        {key: None if value == "" and key.endswith("_m") else value for key, value in result.items()},
         FlightHeadline,
         strict=False,
     )

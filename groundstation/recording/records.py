@@ -3,6 +3,7 @@
 import msgspec
 
 from groundstation.core import Tick
+from groundstation.core.geometry import Quat, Vec3
 from groundstation.core.messages import Pose, PoseStatus
 from links.core import Command, LinkStatus
 
@@ -151,6 +152,21 @@ class SwitchRecord(msgspec.Struct, frozen=True, array_like=True, gc=False, tag=1
     values: tuple[float, ...]
 
 
+class TruthRecord(msgspec.Struct, frozen=True, array_like=True, gc=False, tag=14):
+    """Where a simulated vehicle really is at the instant of a command; no controller sees it."""
+
+    time_s: float
+    position_ned: Vec3
+    velocity_ned: Vec3
+    attitude: Quat
+    rates_rad_s: Vec3
+    thrust_n: float
+    wind_m_s2: Vec3
+    """The true disturbance, without the effect of wrong thrust or mass."""
+    error_m: float | None
+    """From the reference of that instant; None where no trajectory is flown yet."""
+
+
 Record = (
     WireRecord
     | ReceivedRecord
@@ -165,4 +181,5 @@ Record = (
     | LossRecord
     | EndRecord
     | SwitchRecord
+    | TruthRecord
 )

@@ -431,11 +431,16 @@ class FlightLog:
         if self._tlog is not None:
             self._tlog.sync()
 
-    def close(self) -> None:
-        """Write the result and the index, and close."""
+    def close(self, true_rms_m: float | None = None, true_max_m: float | None = None) -> None:
+        """Write the result and the index, and close; whoever knows the truth tells the error by it [m]."""
         with suppress(ValueError):
-            self._writer.add_metadata("result", _texts(msgspec.to_builtins(self._count.headline())))
+            headline = msgspec.structs.replace(self._count.headline(), true_rms_m=true_rms_m, true_max_m=true_max_m)
+            self._writer.add_metadata("result", _texts(msgspec.to_builtins(headline)))
             self._writer.finish()
+        self.leave()
+
+    def leave(self) -> None:
+        """Close it as it stands, without an end: what was written is there, and whoever reads it sees it cut off."""
         self._file.close()
         if self._tlog is not None:
             self._tlog.close()

@@ -98,7 +98,7 @@ def _execute(parser: argparse.ArgumentParser, commands: str) -> int:
         return Exit.USAGE
     args = parser.parse_args()
     # Only now: --help must not wait for what a command needs.
-    from groundstation.config import ConfigError
+    from groundstation.config import ConfigError, UserCodeFault
 
     does = getattr(importlib.import_module(commands), args.command.replace("-", "_"))
     try:
@@ -106,6 +106,13 @@ def _execute(parser: argparse.ArgumentParser, commands: str) -> int:
     except ConfigError as error:
         print(f"{parser.prog}: {error}", file=sys.stderr)
         return Exit.USAGE
+    except UserCodeFault as fault:
+        if fault.__cause__ is not None:
+            import traceback
+
+            traceback.print_exception(fault.__cause__)
+        print(f"{parser.prog}: {fault}", file=sys.stderr)
+        return Exit.FAULT
     except KeyboardInterrupt:
         print(f"{parser.prog}: interrupted", file=sys.stderr)
         return INTERRUPTED
@@ -182,15 +189,16 @@ def exit_code_table() -> str:
     return "\n".join(lines)
 
 
-def require_matplotlib(key: str, says: str) -> None:
-    """Find out whether pictures can be drawn, before any work is done that ends in one: matplotlib is an extra.
+def require_package(package: str, key: str, extra: str, more: str = "") -> None:
+    """Find out whether an optional package is there, before any work is done that needs it in the end.
 
     Raises:
-        ConfigError: matplotlib is not installed; it is said by ``key`` and in the words ``says``.
+        ConfigError: it is not installed; said by ``key``, with the ``extra`` that brings it and ``more`` words.
     """
     from groundstation.config import ConfigError
 
     try:
-        import matplotlib as _  # noqa: F401  # only whether it is there
+        importlib.import_module(package)
     except ImportError:
+        says = f"needs {package}, which is not installed: pip install 'quadrotor-groundstation[{extra}]'{more}"
         raise ConfigError(key, says) from None

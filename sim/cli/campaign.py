@@ -5,17 +5,15 @@ import json
 import os
 import shlex
 import sys
-from contextlib import AbstractContextManager, nullcontext
+from contextlib import AbstractContextManager, ExitStack, nullcontext
 from pathlib import Path
 from time import perf_counter  # noqa: TID251  # how long it took is for people; no flight sees it
 
 import msgspec
 
-from groundstation.config import ConfigError
 from groundstation.settings import Config
 from sim.batch import choose_stages
 from sim.cli.console import ProgressBar
-from sim.scenarios import SCENARIOS, prepare
 from sim.studies import check_plot
 from sim.studies.campaign import USUAL, Campaign, Cluster, Crew, Local, plot, report, run, text, verify
 from sim.world import World
@@ -68,50 +66,38 @@ def _crew(address: str | None, workers: int) -> AbstractContextManager[Crew]:
 
 def compare(args: argparse.Namespace) -> int:
     """Fly controllers side by side."""
-    from groundstation.core.control import make_controller
-    from sim.runs import STEADY_S
-    from sim.studies import (
-        CONTROLLERS,
-        cases,
-        check_markers,
-        check_plot,
-        fly_all,
-        plot,
-        rows,
-        text_table,
-        write_between_markers,
-    )
+    from sim.studies import CONTROLLERS, check_markers, text_table, write_between_markers
+    from sim.studies import compare as fly_side_by_side
+    from sim.studies import plot as draw
 
-    if args.duration <= STEADY_S + 1.0:
-        raise ConfigError(
-            "--duration", f"expected more than {STEADY_S + 1:g} s, as figures are taken from {STEADY_S:g} s"
-        )
-    for name in args.scenarios or ():
-        if name not in SCENARIOS:
-            raise ConfigError("--scenarios", f"expected some of {sorted(SCENARIOS)}, got {name!r}")
-    work = cases(args.scenarios or SCENARIOS, args.controllers or CONTROLLERS, args.overrides)
-    for case in work:  # what can't fly says so before anything flies
-        _, config = prepare(SCENARIOS[case.scenario], list(case.overrides))
-        make_controller(config.controller, config.vehicle)
     if args.plot is not None:
         check_plot(args.plot)
     if args.write is not None:
         check_markers(args.write)
-    with ProgressBar("flights", len(work) * args.seeds, quiet=args.json or not sys.stderr.isatty()) as counter:
-        flights = fly_all(
-            work,
-            args.seeds,
-            args.duration,
+    quiet = args.json or not sys.stderr.isatty()
+    with ExitStack() as stack:
+        shown: list[ProgressBar] = []  # once something flies: what can't fly says so without a bar
+
+        def show(done: int, of: int) -> None:
+            if not shown:
+                shown.append(stack.enter_context(ProgressBar("flights", of, quiet=quiet)))
+            shown[0].at(done)
+
+        found = fly_side_by_side(
+            args.controllers or CONTROLLERS,
+            scenarios=args.scenarios or None,
+            seeds=args.seeds,
+            duration=args.duration,
+            overrides=args.overrides,
             workers=args.workers or os.cpu_count() or 1,
             traced=args.plot is not None,
-            on_done=counter.at,
+            on_done=show,
         )
-    table = rows(flights)
     if args.plot is not None:
-        plot(args.plot, table, flights)
+        draw(args.plot, found.rows, found.flights)
     if args.write is not None:
-        write_between_markers(args.write, table, _comparison(args))
-    print(json.dumps({"rows": msgspec.to_builtins(table)}) if args.json else text_table(table))
+        write_between_markers(args.write, found.rows, _comparison(args))
+    print(json.dumps({"rows": msgspec.to_builtins(found.rows)}) if args.json else text_table(found.rows))
     return 0
 
 

@@ -18,14 +18,15 @@ from groundstation.core.control import Law
 from groundstation.core.geometry import Vec3
 from groundstation.core.messages import Pose
 from groundstation.core.mission import State
+from groundstation.core.trajectory import Trajectory
 from groundstation.flight import Flight, FlightOutcome
-from groundstation.recording import Give, Record, make_flight
+from groundstation.recording import Give, Record, TruthRecord, make_flight
 from groundstation.runtime import sleep_until
 from groundstation.settings import Config
 from sim.runs.referee import FlightVerdict, Referee, StateEntry, TrueTrack
 from sim.runs.stage import Stage
 from sim.time import Address, VirtualTimeLoop
-from sim.world import World
+from sim.world import TrueState, World
 
 CONFIRM_S = 1.0
 """When arming is confirmed, in virtual time [s]: so our frames do not start in step with the cameras."""
@@ -130,6 +131,7 @@ async def _fly(
         if on_step is not None:
             on_step(time_s, position)
 
+    trajectory = config.trajectory.build()
     over = False  # then the world has come to its end, and what is cancelled is no part of the flight
     stage = Stage(world, config, seed, referee.track.step if on_step is None else step, autopilot=autopilot)
     plant = stage.plant
@@ -138,7 +140,10 @@ async def _fly(
         # First the plant: the wind answers forward in time only, so asking it must not run ahead of the flight.
         truth = plant.truth(tick.time_s)
         released = plant.released_s
-        referee.tick(tick, stage.wind.at(tick.time_s - released) if released is not None else world.wind_mean)
+        wind = stage.wind.at(tick.time_s - released) if released is not None else world.wind_mean
+        referee.tick(tick, wind)
+        if give is not None:
+            record(make_truth(truth, wind, trajectory, flight.started_s))
         if on_tick is not None:
             on_tick(tick)
         if referee.find_crash(truth.position_ned, lands=flight.state in DOWN):
@@ -180,8 +185,18 @@ async def _fly(
         "completed": complete,
         "why": "flown to the end" if complete else _why(referee, outcome, failure),
         "duration_s": flown,
-        "verdict": referee.verdict(config.trajectory.build(), begun or 0.0),
+        "verdict": referee.verdict(trajectory, begun or 0.0),
     }
+
+
+def make_truth(truth: TrueState, wind: Vec3, trajectory: Trajectory, started_s: float | None) -> TruthRecord:
+    """What a recording says of the ``truth`` in a ``wind`` [m/s², NED], where the trajectory began at ``started_s``."""
+    place, error = truth.position_ned, None
+    if started_s is not None and started_s <= truth.time_s:
+        error = math.dist(place, trajectory.position_at(truth.time_s - started_s))
+    return TruthRecord(
+        truth.time_s, place, truth.velocity_ned, truth.attitude, truth.rates_rad_s, truth.thrust_n, wind, error
+    )
 
 
 async def _end_of(
@@ -306,9 +321,21 @@ async def _fly_mission(
         states.append(StateEntry(state, round(loop.time(), 6), reason))
 
     stage = Stage(world, config, seed, step, autopilot=autopilot)
+    trajectory = config.trajectory.build()
+
+    def note_truth(tick: Tick) -> None:
+        if give is not None:
+            truth, released = stage.plant.truth(tick.time_s), stage.plant.released_s
+            # The wind answers forward in time only: it is asked for no later than the plant has been.
+            flown = released is not None and bool(track.times)
+            wind = stage.wind.at(track.times[-1] - (released or 0.0)) if flown else world.wind_mean
+            started = flight.started_s if flight.state is State.TRACKING else None
+            give(make_truth(truth, wind, trajectory, started))
+
     flight = make_flight(
         config,
         confirm=confirm_at(MISSION_CONFIRM_S),
+        on_tick=note_truth,
         on_event=on_event,
         on_state=note_state,
         wires=stage.wires,
@@ -324,7 +351,7 @@ async def _fly_mission(
         "fault": "" if outcome is None else outcome.fault,
         "states": tuple(states),
         "touchdown_m_s": stage.plant.hardest_m_s,
-        **track.judge_figure(config.trajectory.build(), flight.started_s, states, world.step_s),
+        **track.judge_figure(trajectory, flight.started_s, states, world.step_s),
         "home_m": math.dist(start[:2], end[:2]),
         "tilt_max_deg": math.degrees(math.acos(max(upright, -1.0))),
         "duration_s": ended_s,

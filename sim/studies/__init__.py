@@ -3,7 +3,7 @@
 TYPE_CHECKING = False
 if TYPE_CHECKING:
     from sim.studies.bring_down import cut_all, markdown
-    from sim.studies.compare import (
+    from sim.studies.comparison import (
         CONTROLLERS,
         GUST,
         WITHOUT_ADAPTATION,
@@ -12,7 +12,7 @@ if TYPE_CHECKING:
         cases,
         check_markers,
         check_plot,
-        fly_all,
+        compare,
         fly_case,
         markdown_table,
         plot,
@@ -25,7 +25,7 @@ if TYPE_CHECKING:
 
 _MODULES = {
     "bring_down": ("cut_all", "markdown"),
-    "compare": (
+    "comparison": (
         "CONTROLLERS",
         "Case",
         "ComparedFlight",
@@ -34,7 +34,7 @@ _MODULES = {
         "cases",
         "check_markers",
         "check_plot",
-        "fly_all",
+        "compare",
         "fly_case",
         "markdown_table",
         "plot",

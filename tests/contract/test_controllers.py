@@ -9,10 +9,10 @@ from typing import Any, NamedTuple
 import msgspec
 import pytest
 
-from groundstation.config import ConfigError
+from groundstation.config import ConfigError, UserCodeFault
 from groundstation.core import Tick
 from groundstation.core.control import Custom, make_controller
-from groundstation.core.control.controllers import ControllerFault, Guarded
+from groundstation.core.control.controllers import Guarded
 from groundstation.core.geometry import Vec3
 from groundstation.core.messages import Controller, Decision, Estimate
 from groundstation.core.trajectory import Reference, TrajectoryConfig
@@ -235,7 +235,8 @@ NOT_A_DRIVE: Any = None
 TWO_RATES: Any = (0.7, (0.0, 0.0))
 BAD_ANSWERS: dict[str, Callable[[Decision], Any]] = {
     "nothing": lambda good: None,
-    "a drive": lambda good: good.drive,
+    "a bare tuple": lambda good: (0.7, (0.0, 0.0, 0.0)),
+    "a drive of two rates": lambda good: ActuatorCommand(0.7, TWO_RATES[1]),
     "no drive": lambda good: good._replace(drive=NOT_A_DRIVE),
     "NaN thrust": lambda good: good._replace(drive=ActuatorCommand(math.nan, (0.0, 0.0, 0.0))),
     "infinite rate": lambda good: good._replace(drive=ActuatorCommand(0.7, (0.0, math.inf, 0.0))),
@@ -245,7 +246,7 @@ BAD_ANSWERS: dict[str, Callable[[Decision], Any]] = {
 
 @pytest.mark.parametrize("answer", BAD_ANSWERS.values(), ids=BAD_ANSWERS)
 def test_an_answer_that_is_no_command_ends_the_flight(answer: Callable[[Decision], Any]) -> None:
-    with pytest.raises(ControllerFault, match="controller lab:make"):
+    with pytest.raises(UserCodeFault, match="controller lab:make"):
         asked(answer)
 
 
@@ -255,6 +256,13 @@ def test_a_command_beyond_the_limits_is_clamped_and_marked() -> None:
     assert decision.drive.thrust == vehicle.thrust_max_n
     assert decision.drive.rates == pytest.approx((-math.radians(200.0), 0.0, math.radians(300.0)))
     assert decision.saturated
+
+
+def test_thrust_and_rates_alone_are_an_answer() -> None:
+    decision = asked(lambda good: ActuatorCommand(99.0, (0.0, 0.1, 0.0)))
+    assert decision.drive == ActuatorCommand(Vehicle().thrust_max_n, (0.0, 0.1, 0.0))
+    assert decision.saturated
+    assert decision.diagnostics.certificate.startswith("none")
 
 
 def test_a_good_answer_passes_unchanged() -> None:

@@ -10,6 +10,7 @@ from hypothesis import strategies as st
 
 from groundstation.core.geometry import Vec3
 from groundstation.core.trajectory import ExcitationConfig, LemniscateConfig, Reference, Trajectory, TrajectoryConfig
+from groundstation.core.trajectory.own import OwnTrajectoryConfig
 from groundstation.core.trajectory.shapes import (
     CircleConfig,
     HoldConfig,
@@ -122,7 +123,7 @@ def test_every_time_has_a_finite_reference_and_position_at_agrees(config: Trajec
     assert all(math.isfinite(x) for vector in vectors(reference) for x in vector)
     assert distance(trajectory.position_at(time_s), reference.position_ned) < 1e-14
     turns = isinstance(config, WaypointsConfig | SamplesConfig) and config.yaws_deg is not None
-    if not turns and not isinstance(config, ExcitationConfig):
+    if not turns and not isinstance(config, ExcitationConfig | OwnTrajectoryConfig):
         assert reference.yaw_rad == math.radians(config.yaw_deg)
         assert reference.yaw_rate_rad_s == 0.0
 

@@ -39,8 +39,8 @@ from groundstation.recording.writer import FLUSH_S, PatientFile
 from groundstation.runtime import RecordingConfig, make_folder
 from groundstation.settings import Config
 from sim.__main__ import main
-from sim.cli.fly import AT_ONCE, RECORDING, RunFolder
 from sim.runs import fly
+from sim.runs.simulation import AT_ONCE, RECORDING, RunFolder
 from sim.scenarios import SCENARIOS, prepare
 from tests.flight.flights import flown
 from tests.recordings import recorded
@@ -375,7 +375,7 @@ def test_of_a_simulated_flight_that_ends_in_an_error_everything_up_to_it_is_reco
             give(LineRecord(0.001 * n, "tracking", f"line {n}"))
         raise ZeroDivisionError
 
-    monkeypatch.setattr("sim.runs.fly", broken)
+    monkeypatch.setattr("sim.runs.simulation.fly", broken)
     monkeypatch.setattr("sys.argv", ["groundstation-sim", "fly", "--out", str(tmp_path)])
     with pytest.raises(ZeroDivisionError):
         main()

@@ -11,14 +11,14 @@ from typing import Any
 
 import pytest
 
-from groundstation.analysis.report import report_command
+from groundstation.analysis.report import read_columns, report_command
 from groundstation.analysis.report.figures import FIGURES
-from groundstation.analysis.report.flight import numbers, read_columns
+from groundstation.analysis.report.flight import numbers
 from groundstation.config import ConfigError
 from groundstation.recording import quick_headline
-from sim.cli.fly import RECORDING, RunFolder
 from sim.runs import SETTLED_M as REFEREE_SETTLED_M
 from sim.runs import fly_mission, from_floor
+from sim.runs.simulation import RECORDING, RunFolder
 from sim.scenarios import SCENARIOS, prepare
 from tests.recordings import recorded
 

@@ -5,11 +5,12 @@ from pathlib import Path
 import pytest
 from matplotlib.figure import Figure
 
+from groundstation.analysis.report import read_columns
 from groundstation.analysis.report.figures import lateness
-from groundstation.analysis.report.flight import numbers, read_columns
+from groundstation.analysis.report.flight import numbers
 from groundstation.config import ConfigError
-from sim.cli.fly import RECORDING, RunFolder
 from sim.runs import fly
+from sim.runs.simulation import RECORDING, RunFolder
 from sim.scenarios import SCENARIOS, prepare
 
 

@@ -1,12 +1,16 @@
-"""links/__init__.py and sim/__init__.py: what a user may import is there, and each name has its words."""
+"""The faces that users import from: what they may ask for is there and told of, and asking costs little."""
 
 import re
+import subprocess
+import sys
 from types import ModuleType
 
 import pytest
 
+import groundstation
 import links
 import sim
+from tests.unit.test_project import cpu_s
 
 
 @pytest.mark.parametrize("face", [links, sim])
@@ -22,3 +26,26 @@ def test_the_two_lines_of_the_face_fly() -> None:
     assert config.vehicle.mass_kg == 0.9
     result = sim.fly(world, config, seed=0, duration_s=2.0)
     assert result.completed and result.datagrams > 0
+
+
+def test_what_groundstation_hands_on_is_there_and_told_of() -> None:
+    handed = {name for names in groundstation._MODULES.values() for name in names} | set(groundstation._SIMULATED)
+    assert all(getattr(groundstation, name) is not None for name in handed)
+    told = groundstation.__doc__ or ""
+    assert {name for name in handed if name not in told} == set()
+    assert groundstation.simulate is sim.simulate and groundstation.compare is sim.compare
+
+
+def test_without_the_simulator_what_flies_in_it_says_so_in_a_sentence() -> None:
+    code = "import sys; sys.modules['sim'] = None\nfrom groundstation import simulate"
+    said = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
+    assert said.stderr.strip().splitlines()[-1].startswith("ImportError: groundstation.simulate flies in the simulator")
+
+
+def test_to_import_groundstation_costs_at_most_two_and_a_half_bare_pythons() -> None:
+    runs = [
+        (cpu_s([sys.executable, "-c", "pass"]), cpu_s([sys.executable, "-c", "import groundstation"]))
+        for _ in range(15)
+    ]
+    bare, took = (min(column) for column in zip(*runs, strict=True))
+    assert took <= 2.5 * bare, f"import groundstation {1e3 * took:.0f} ms, python -c pass {1e3 * bare:.0f} ms"

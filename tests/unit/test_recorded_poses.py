@@ -14,8 +14,8 @@ from hypothesis import strategies as st
 from groundstation.core.messages import Pose, SourceError
 from groundstation.pose import CsvRow, TlogConfig, encode_csv, read_csv
 from groundstation.pose.recorded import CsvConfig, Speed
-from sim.cli.fly import RunFolder
 from sim.runs import fly
+from sim.runs.simulation import RunFolder
 from sim.scenarios import SCENARIOS, prepare
 from tests.loops import in_virtual_time
 

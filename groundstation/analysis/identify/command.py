@@ -38,7 +38,7 @@ from groundstation.analysis.report import (
 )
 from groundstation.config import ConfigError, from_dict
 from groundstation.recording import NoRecording
-from groundstation.runtime import require_matplotlib
+from groundstation.runtime import require_package
 from groundstation.settings import Config
 from links.core import signal
 
@@ -255,7 +255,7 @@ def identify_command(path: Path, out: Path | None, page: Path | None, *, as_json
             missing, or a file can't be written or is there already.
     """
     if page is not None:
-        require_matplotlib("--page", "its figures need matplotlib: pip install 'quadrotor-groundstation[plot]'")
+        require_package("matplotlib", "--page", "plot")
     if out is not None and out.exists():
         raise ConfigError("--out", f"{out} is there already")
     try:

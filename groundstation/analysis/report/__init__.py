@@ -10,12 +10,29 @@ if TYPE_CHECKING:
         ORANGE,
         PLOT_STYLE,
         ReportFigure,
+        draw_figure,
+        figure_class,
+        find_figure,
         finish_panels,
     )
+    from groundstation.analysis.report.flight import FlightColumns, NoCommand, read_columns
     from groundstation.analysis.report.page import document, frame_picture, report_command
 
 _MODULES = {
-    "figures": ("BLUE", "DPI", "GREEN", "GREY", "ORANGE", "PLOT_STYLE", "ReportFigure", "finish_panels"),
+    "figures": (
+        "BLUE",
+        "DPI",
+        "GREEN",
+        "GREY",
+        "ORANGE",
+        "PLOT_STYLE",
+        "ReportFigure",
+        "draw_figure",
+        "figure_class",
+        "find_figure",
+        "finish_panels",
+    ),
+    "flight": ("FlightColumns", "NoCommand", "read_columns"),
     "page": ("document", "frame_picture", "report_command"),
 }
 

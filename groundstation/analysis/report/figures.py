@@ -5,13 +5,19 @@ whole: path, error, latency, lateness, events, saturation.
 """
 
 from collections.abc import Callable, Sequence
+from functools import cache
+from io import BytesIO
 from pathlib import Path
-from typing import Any, Literal, NamedTuple
+from typing import TYPE_CHECKING, Any, Literal, NamedTuple
 
 import numpy as np
 
 from groundstation.analysis.report.flight import PAPER, Column, FlightColumns, drop_unknown, latency, limits
+from groundstation.config import ConfigError
 from groundstation.recording import STEADY_S
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
 
 # M. Okabe, K. Ito: a palette that the colour-blind can tell apart; dashes differ too, for print without colour.
 BLUE, ORANGE, GREEN, RED, GREY, PURPLE = "#0072B2", "#E69F00", "#009E73", "#D55E00", "#555555", "#CC79A7"
@@ -482,38 +488,71 @@ def draw_figures(folder: Path, flights: Sequence[FlightColumns]) -> list[tuple[R
         OSError: a file can't be written.
     """
     from matplotlib import rc_context
-    from matplotlib.figure import Figure as Canvas
 
     made = []
-    with rc_context(PLOT_STYLE):
-        for one in FIGURES:
-            close_up = one.in_time and len(flights) == 1 and flights[0].t[-1] > LONG_S
-            columns = [flights[0]] * 2 if close_up else flights
-            canvas = Canvas(figsize=(7.4 if len(columns) == 1 else 11.0, one.height_in), layout="constrained")
-            panels: Any = canvas.subplots(
-                one.rows,
-                len(columns),
-                squeeze=False,
-                sharex=False if one.is_3d else _share_axis(one, close_up=close_up),
-                sharey=False if one.is_3d else "row",
-                subplot_kw={"projection": "3d"} if one.is_3d else {},
-            )
-            for i, flown in enumerate(columns):
-                one.draw(panels[:, i], flown)
-                if close_up:
-                    _set_title(panels[0, i], ("the whole flight", f"its last {CLOSE_S:g} s")[i])
-                elif len(flights) > 1:
-                    _set_title(panels[0, i], f"{'AB'[i]}: {flown.path.parent.name}/{flown.path.name}")
-            for panel in panels[:, 1:].flat:
-                panel.set_ylabel("" if not one.is_3d else panel.get_ylabel())
-            if close_up:
-                panels[0, 1].set_xlim(columns[1].t[-1] - CLOSE_S, columns[1].t[-1])
-                if panels[0, 0].get_legend() is not None and (legend := panels[0, 1].get_legend()) is not None:
-                    legend.remove()
-            path = folder / f"{one.name}.png"
-            canvas.savefig(path, dpi=DPI)
-            made.append((one, path))
+    for one in FIGURES:
+        path = folder / f"{one.name}.png"
+        with rc_context(PLOT_STYLE):
+            draw_figure(one, flights).savefig(path, dpi=DPI)
+        made.append((one, path))
     return made
+
+
+@cache
+def figure_class() -> "type[Figure]":
+    """matplotlib's figure, which a notebook shows by itself."""
+    from matplotlib.figure import Figure
+
+    class ShownFigure(Figure):
+        def _repr_png_(self) -> bytes:
+            picture = BytesIO()
+            self.savefig(picture, dpi=DPI, format="png")
+            return picture.getvalue()
+
+    return ShownFigure
+
+
+def find_figure(name: str) -> ReportFigure:
+    """The figure of that name.
+
+    Raises:
+        ConfigError: there is none.
+    """
+    found = next((one for one in FIGURES if one.name == name), None)
+    if found is None:
+        raise ConfigError("plot", f"expected one of {[one.name for one in FIGURES]}, got {name!r}")
+    return found
+
+
+def draw_figure(one: ReportFigure, flights: Sequence[FlightColumns]) -> "Figure":
+    """Draw one figure of ``flights``, side by side on the same scales."""
+    from matplotlib import rc_context
+
+    with rc_context(PLOT_STYLE):
+        close_up = one.in_time and len(flights) == 1 and flights[0].t[-1] > LONG_S
+        columns = [flights[0]] * 2 if close_up else flights
+        canvas = figure_class()(figsize=(7.4 if len(columns) == 1 else 11.0, one.height_in), layout="constrained")
+        panels: Any = canvas.subplots(
+            one.rows,
+            len(columns),
+            squeeze=False,
+            sharex=False if one.is_3d else _share_axis(one, close_up=close_up),
+            sharey=False if one.is_3d else "row",
+            subplot_kw={"projection": "3d"} if one.is_3d else {},
+        )
+        for i, flown in enumerate(columns):
+            one.draw(panels[:, i], flown)
+            if close_up:
+                _set_title(panels[0, i], ("the whole flight", f"its last {CLOSE_S:g} s")[i])
+            elif len(flights) > 1:
+                _set_title(panels[0, i], f"{'AB'[i]}: {flown.path.parent.name}/{flown.path.name}")
+        for panel in panels[:, 1:].flat:
+            panel.set_ylabel("" if not one.is_3d else panel.get_ylabel())
+        if close_up:
+            panels[0, 1].set_xlim(columns[1].t[-1] - CLOSE_S, columns[1].t[-1])
+            if panels[0, 0].get_legend() is not None and (legend := panels[0, 1].get_legend()) is not None:
+                legend.remove()
+        return canvas
 
 
 def _share_axis(one: ReportFigure, *, close_up: bool) -> Literal["all", "col", "row"]:

@@ -5,6 +5,7 @@ The numbers are what ``--json`` prints and the tables of the page show.
 
 import base64
 from dataclasses import dataclass, field
+from itertools import chain
 from pathlib import Path
 from typing import Any
 
@@ -31,21 +32,42 @@ SCALARS = {
     "excess": ("/lyapunov", "excess"),
     "pose_age_s": ("/timing", "pose_age_s"),
     "lateness_s": ("/timing", "lateness_s"),
+    "true_error_m": ("/truth", "error_m"),
 }
 """Column → topic and field."""
 VECTORS = {
     "rates_rad_s": ("/command", "rates_rad_s"),
     "reference_ned": ("/reference", "position_ned"),
+    "reference_velocity_ned": ("/reference", "velocity_ned"),
     "position_ned": ("/estimate", "position_ned"),
+    "velocity_ned": ("/estimate", "velocity_ned"),
+    "attitude": ("/estimate", "attitude"),
     "z1_m": ("/errors", "z1_m"),
     "z2_m_s": ("/errors", "z2_m_s"),
     "z3_m_s2": ("/errors", "z3_m_s2"),
     "b_hat_m_s2": ("/adaptation", "b_hat_m_s2"),
     "d_hat_m_s2": ("/adaptation", "d_hat_m_s2"),
+    "true_position_ned": ("/truth", "position_ned"),
+    "true_velocity_ned": ("/truth", "velocity_ned"),
+    "true_attitude": ("/truth", "attitude"),
+    "true_wind_m_s2": ("/truth", "wind_m_s2"),
 }
-"""The same, of three components each."""
+"""The same, of three components each; an attitude has four: w, x, y, z."""
 _PARTS = ("/command", "/reference", "/estimate", "/errors", "/adaptation", "/lyapunov", "/timing")
-"""What is recorded of each command, in this order."""
+"""What is recorded of each command, in this order; of a simulated one, then the truth."""
+_TRUTH = "/truth"
+_COLUMNS = {
+    part: [
+        *((name, key, "") for name, (topic, key) in SCALARS.items() if topic == part),
+        *(
+            (name, key, "wxyz" if key == "attitude" else "xyz")
+            for name, (topic, key) in VECTORS.items()
+            if topic == part
+        ),
+    ]
+    for part in (*_PARTS, _TRUTH)
+}
+"""Topic → its columns, each with its field and the components of that."""
 _OTHERS = ("/measured", "/mission", "/request", "/lost", "/link", "/source", "/raw/sent")
 _ATTITUDE_TARGET = (82).to_bytes(3, "little")
 """MAVLink's SET_ATTITUDE_TARGET, bytes 7 to 9 of a MAVLink 2 frame: other frames leave by the same wire."""
@@ -64,7 +86,7 @@ class FlightColumns:
     scalars: dict[str, Column] = field(default_factory=dict)
     """Each of shape (commands,)."""
     vectors: dict[str, Column] = field(default_factory=dict)
-    """Each of shape (commands, 3)."""
+    """Each of shape (commands, 3), or (commands, 4)."""
     compute_s: Column = field(default_factory=lambda: np.empty(0))
     """From a command's instant until its bytes left this program [s]; only where its wire was recorded."""
     arrivals_s: Column = field(default_factory=lambda: np.empty((0, 2)))
@@ -104,18 +126,18 @@ def read_columns(path: Path) -> FlightColumns:
     recording = Recording(path)
     flown = FlightColumns(path, recording)
     by_mavlink = bool(recording.about.get("mavlink"))
-    rows: list[list[float]] = []
     compute: list[float] = []
     arrivals: list[tuple[float, float]] = []
     now: dict[str, dict[str, Any]] = {}
+    rows: list[list[float]] = []
     state, waiting = "idle", False
-    for entry in recording.entries((*_PARTS, *_OTHERS)):
+    for entry in recording.entries((*_PARTS, _TRUTH, *_OTHERS)):
         topic, value = entry.topic, entry.value()
         match topic:
             case "/timing":
                 now[topic] = value
                 if len(now) == len(_PARTS):
-                    rows.append(_row(now))
+                    rows.append([number for topic in _PARTS for number in _row(topic, now[topic])] + _row(_TRUTH, {}))
                     flown.states.append(state)
                     flown.certificates.append(now["/lyapunov"]["state"])
                     waiting = True
@@ -124,6 +146,10 @@ def read_columns(path: Path) -> FlightColumns:
                 if waiting and (not by_mavlink or base64.b64decode(value["data"])[7:10] == _ATTITUDE_TARGET):
                     waiting = False
                     compute.append(value["time_s"] - rows[-1][0])
+            case "/truth":
+                true = _row(_TRUTH, value)
+                if rows and rows[-1][0] == value["time_s"]:
+                    rows[-1][-len(true) :] = true
             case "/measured":
                 arrivals.append((value["arrival_s"], value["arrival_s"] - value["time_s"]))
             case "/mission":
@@ -142,10 +168,13 @@ def read_columns(path: Path) -> FlightColumns:
                 now[topic] = value
     if not rows:
         raise NoCommand(f"{path} holds no command: nothing was flown, so there is nothing to report")
-    table = np.array(rows)
-    flown.scalars = {name: table[:, i] for i, name in enumerate(SCALARS)}
-    first = len(SCALARS)
-    flown.vectors = {name: table[:, first + 3 * i : first + 3 * i + 3] for i, name in enumerate(VECTORS)}
+    table, at = np.array(rows), 0
+    for name, _, components in chain(*_COLUMNS.values()):
+        if components:
+            flown.vectors[name] = table[:, at : at + len(components)]
+        else:
+            flown.scalars[name] = table[:, at]
+        at += len(components) or 1
     on = np.flatnonzero(flown.tracking)
     clock, flight_time = flown.scalars["time_s"], flown.scalars["flight_time_s"]
     flown.begun_s = float(clock[on[0]] - flight_time[on[0]] if len(on) else clock[0])
@@ -158,11 +187,12 @@ def _tracking(states: list[str], flight_time_s: Column) -> NDArray[np.bool_]:
     return np.array([state == State.TRACKING for state in states]) & (flight_time_s >= 0.0)
 
 
-def _row(now: dict[str, dict[str, Any]]) -> list[float]:
-    row = [_number(now[topic].get(key)) for topic, key in SCALARS.values()]
-    for topic, key in VECTORS.values():
-        value = now[topic][key]
-        row += [_number(value["x"]), _number(value["y"]), _number(value["z"])]
+def _row(topic: str, message: dict[str, Any]) -> list[float]:
+    """The numbers of a message that columns are made of; what it lacks is not known."""
+    row: list[float] = []
+    for _, key, components in _COLUMNS[topic]:
+        value = message.get(key)
+        row += [_number((value or {}).get(part)) for part in components] if components else [_number(value)]
     return row
 
 
@@ -208,6 +238,11 @@ def numbers(flown: FlightColumns) -> dict[str, Any]:
             "settle_s": settled_s(t[tracking], error[tracking]),
             **_percentiles(100.0 * error[steady], (50, 95, 99), "p{}_cm"),
         },
+        "true_error": {
+            "against": "truth",
+            "rms_cm": _cm(headline.get("true_rms_m")),
+            "max_cm": _cm(headline.get("true_max_m")),
+        },
         "paper": PAPER,
         "disturbance": {
             "b_hat_m_s2": [_value(v) for v in flown.vectors["b_hat_m_s2"][last].mean(axis=0)],
@@ -236,6 +271,11 @@ def numbers(flown: FlightColumns) -> dict[str, Any]:
         "source": flown.source,
         "events": [{"time_s": time_s, "kind": kind, "text": text} for time_s, kind, text in flown.events],
     }
+
+
+def _cm(metres: str | None) -> float | None:
+    """Centimetres of what the recording's end says in metres, as text."""
+    return 100.0 * float(metres) if metres else None
 
 
 def latency(flown: FlightColumns) -> dict[str, Column]:

@@ -14,7 +14,7 @@ from groundstation.analysis.report.figures import ReportFigure
 from groundstation.analysis.report.flight import PAPER
 from groundstation.config import ConfigError
 from groundstation.recording import NoRecording
-from groundstation.runtime import require_matplotlib
+from groundstation.runtime import require_package
 
 PAGE = "report.html"
 PAGE_STYLE = """
@@ -192,9 +192,7 @@ def report_command(paths: Sequence[Path], out: Path | None, *, as_json: bool) ->
     """
     draw = out is not None or not as_json
     if draw:
-        require_matplotlib(
-            "report", "its figures need matplotlib: pip install 'quadrotor-groundstation[plot]'; --json does without"
-        )
+        require_package("matplotlib", "report", "plot", "; --json does without")
     if len(paths) > 2:
         raise ConfigError("LOG", f"expected one recording, or two to compare, got {len(paths)}")
     from groundstation.analysis.report.flight import NoCommand, numbers, read_columns

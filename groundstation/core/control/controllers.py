@@ -3,32 +3,36 @@
 ``ControllerConfig`` has one line for each kind; a user's own is ``controller.kind = "package.module:factory"``.
 """
 
-import importlib
+import inspect
 import math
-import re
 import sys
 import warnings
 from functools import partial
-from types import ModuleType
+from types import ModuleType, SimpleNamespace
 from typing import Annotated, Any, ClassVar, TypeAlias
 
 import msgspec
 
-from groundstation.config import ConfigError, Open
+from groundstation.config import (
+    FACTORY,
+    ConfigError,
+    Open,
+    Option,
+    UserCodeFault,
+    call_factory,
+    expand_factory,
+    find_object,
+    needed_names,
+)
 from groundstation.core.control.adaptive import Adaptive, Gains, Uncompensated
-from groundstation.core.control.attitude import clamp_command
+from groundstation.core.control.attitude import clamp_command, make_decision
 from groundstation.core.control.baselines import Geometric, Indi, Pid
 from groundstation.core.estimation import Estimation
 from groundstation.core.messages import Controller, Decision, Estimate
 from groundstation.core.trajectory import Reference
-from groundstation.core.vehicle import Vehicle
+from groundstation.core.vehicle import ActuatorCommand, Vehicle
 
-FACTORY = r"\A[A-Za-z_]\w*(\.[A-Za-z_]\w*)*:[A-Za-z_]\w*\Z"
-"""``package.module:factory``."""
 KEY = "controller.kind"
-
-Option = bool | int | float | str | list[bool | int | float | str]
-"""What an option may be; NaN and infinity are refused as everywhere."""
 
 
 class Custom(Estimation, Open, frozen=True, kw_only=True, forbid_unknown_fields=True, tag_field="kind", tag="custom"):
@@ -36,7 +40,8 @@ class Custom(Estimation, Open, frozen=True, kw_only=True, forbid_unknown_fields=
 
     EXAMPLE: ClassVar[str] = "package.module:factory"
     factory: Annotated[str, msgspec.Meta(pattern=FACTORY)]
-    """Where the controller comes from: ``package.module:factory``, called as factory(vehicle, options)."""
+    """Where the controller comes from: ``package.module:factory``, called as factory(vehicle, options) or with as much
+    of it as it needs; or a function decide(estimate, reference, interval_s) itself."""
     options: dict[str, Option] = msgspec.field(default_factory=dict)
     """What the factory gets beside the vehicle."""
 
@@ -48,16 +53,7 @@ class Custom(Estimation, Open, frozen=True, kw_only=True, forbid_unknown_fields=
     @classmethod
     def expand(cls, table: dict[str, Any]) -> dict[str, Any]:
         """``table`` in this struct's own form where its ``kind`` names a factory, else as it is."""
-        kind = table.get("kind")
-        if not isinstance(kind, str) or not re.match(FACTORY, kind):
-            return table
-        own = {field.encode_name for field in msgspec.structs.fields(cls)} - {"factory"}
-        kept = {key: value for key, value in table.items() if key in own}
-        given = {key: value for key, value in table.items() if key not in own and key != "kind"}
-        if given:
-            inner = kept.get("options", {})
-            kept["options"] = {**inner, **given} if isinstance(inner, dict) else inner
-        return {"kind": "custom", "factory": kind, **kept}
+        return expand_factory(cls, table)
 
     def build(self, vehicle: Vehicle) -> Controller:
         """The user's controller, within the vehicle's limits.
@@ -65,31 +61,19 @@ class Custom(Estimation, Open, frozen=True, kw_only=True, forbid_unknown_fields=
         Raises:
             ConfigError: it can't be imported, is not there, can't be called, fails, or makes no controller.
         """
-        module_name, _, name = self.factory.partition(":")
         _hand_on_old_paths()
-        try:
-            module = importlib.import_module(module_name)
-        except Exception as error:  # whatever the user's module raises, the operator must hear of it
-            raise ConfigError(
-                KEY, f"can't import {module_name}: {_describe(error)} (is its folder on PYTHONPATH, or it installed?)"
-            ) from error
-        factory = getattr(module, name, None)
-        if factory is None:
-            raise ConfigError(KEY, f"{module_name} has no attribute {name!r}")
-        if not callable(factory):
+        found = find_object(KEY, self.factory)
+        if not callable(found) and not hasattr(found, "decide"):
             raise ConfigError(KEY, f"{self.factory} is not callable: expected factory(vehicle, options) -> Controller")
-        try:
-            controller = factory(vehicle, dict(self.options))
-        except Exception as error:  # as above
-            raise ConfigError(KEY, f"{self.factory} failed: {_describe(error)}") from error
+        controller: Any
+        if inspect.isroutine(found) and len(needed_names(found, self.options) or ()) == 3:
+            controller = SimpleNamespace(decide=found)
+        else:
+            controller = call_factory(KEY, self.factory, found, (vehicle,), self.options)
         if not callable(getattr(controller, "decide", None)):
-            found = type(controller).__name__
-            raise ConfigError(KEY, f"{self.factory} made a {found} without decide(estimate, reference, interval_s)")
+            made = type(controller).__name__
+            raise ConfigError(KEY, f"{self.factory} made a {made} without decide(estimate, reference, interval_s)")
         return Guarded(controller, vehicle, self.factory)
-
-
-class ControllerFault(Exception):
-    """A user's controller answered with something that must not leave."""
 
 
 class Guarded:
@@ -102,23 +86,33 @@ class Guarded:
         self._name = name
 
     def decide(self, estimate: Estimate, reference: Reference, interval_s: float) -> Decision:
-        """The controller's decision, its command clamped.
+        """The controller's decision, its command clamped; one of thrust and rates alone is made a whole one.
 
         Raises:
-            ControllerFault: what it returned is not a Decision of four finite numbers.
+            UserCodeFault: it failed, or what it returned is not a command of four finite numbers.
         """
-        decision = self._controller.decide(estimate, reference, interval_s)
+        try:
+            decision: Any = self._controller.decide(estimate, reference, interval_s)
+        except Exception as error:
+            raise UserCodeFault(f"controller {self._name}", error) from error
+        if isinstance(decision, ActuatorCommand):
+            decision = self._make_whole(decision, estimate, reference)
         if not isinstance(decision, Decision):
-            raise ControllerFault(f"controller {self._name} returned a {type(decision).__name__}, not a Decision")
+            raise UserCodeFault(f"controller {self._name} returned a {type(decision).__name__}, not a Decision")
         try:
             thrust = float(decision.drive.thrust)
             x, y, z = (float(rate) for rate in decision.drive.rates)
         except (AttributeError, TypeError, ValueError):
-            raise ControllerFault(f"controller {self._name} returned no thrust and three rates") from None
+            raise UserCodeFault(f"controller {self._name} returned no thrust and three rates") from None
         if not all(map(math.isfinite, (thrust, x, y, z))):
-            raise ControllerFault(f"controller {self._name} asked for thrust {thrust} N, rates {(x, y, z)} rad/s")
+            raise UserCodeFault(f"controller {self._name} asked for thrust {thrust} N, rates {(x, y, z)} rad/s")
         drive, clamped = clamp_command(self._vehicle, thrust, (x, y, z))
         return decision._replace(drive=drive, saturated=bool(decision.saturated) or clamped)
+
+    def _make_whole(self, drive: ActuatorCommand, estimate: Estimate, reference: Reference) -> Any:
+        """A decision of ``drive``; whatever is no number in it is found where all answers are looked at."""
+        still = make_decision(self._vehicle, estimate, reference, 0.0, (0.0, 0.0, 0.0))
+        return still._replace(drive=drive, saturated=False)
 
 
 OLD_PATHS = (
@@ -152,10 +146,6 @@ def _find_public(path: str, name: str) -> object:
         stacklevel=2,
     )
     return found
-
-
-def _describe(error: BaseException) -> str:
-    return f"{type(error).__name__}: {error}"
 
 
 ControllerConfig: TypeAlias = Gains | Uncompensated | Geometric | Pid | Indi | Custom

@@ -27,7 +27,6 @@ if TYPE_CHECKING:
         predict_effectiveness,
         update_covariance,
         update_effectiveness,
-        update_moving_covariance,
     )
 
 _MODULES = {
@@ -56,7 +55,6 @@ _MODULES = {
         "predict_effectiveness",
         "update_covariance",
         "update_effectiveness",
-        "update_moving_covariance",
     ),
 }
 

@@ -11,6 +11,7 @@ from typing import Annotated, NamedTuple, TypeAlias
 import msgspec
 
 from groundstation.core.geometry import Vec3
+from groundstation.core.trajectory.own import OwnTrajectoryConfig
 from groundstation.core.trajectory.port import (
     Acceleration,
     Coordinate,
@@ -466,6 +467,13 @@ def _sum(sines: tuple[Sine, ...] | list[Sine], t: float) -> tuple[float, float, 
 
 
 TrajectoryConfig: TypeAlias = (
-    CircleConfig | ExcitationConfig | HoldConfig | LemniscateConfig | SamplesConfig | TransitConfig | WaypointsConfig
+    CircleConfig
+    | ExcitationConfig
+    | HoldConfig
+    | LemniscateConfig
+    | SamplesConfig
+    | TransitConfig
+    | WaypointsConfig
+    | OwnTrajectoryConfig
 )
 """Any trajectory as the config file tells it, picked by its ``kind``; ``.build()`` gives the trajectory."""

@@ -14,7 +14,6 @@ if TYPE_CHECKING:
         integrate_motion,
         lead,
         new,
-        schedule,
     )
 
 _MODULES = {
@@ -30,7 +29,6 @@ _MODULES = {
         "integrate_motion",
         "lead",
         "new",
-        "schedule",
     )
 }
 

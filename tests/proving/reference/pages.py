@@ -17,7 +17,9 @@ from typing import Any
 import msgspec
 from msgspec import inspect as mi
 
+import groundstation
 from groundstation.__main__ import parser as flying
+from groundstation.analysis import Channel, Track
 from groundstation.config import ConfigError, describe_type, structs
 from groundstation.interfaces.mqtt import write_schemas
 from groundstation.recording import CHANNELS
@@ -222,11 +224,141 @@ def columns_page() -> str:
     return "\n".join([COLUMNS_HEAD, *(f"| `{name}` | {said.get(name, '')} |" for name in COLUMNS)])
 
 
+PYTHON_HEAD = """# Python
+
+`import groundstation as gs` is all that a script or a notebook needs; the programs call the same functions. Times are
+in seconds, lengths in metres; the world is NED (north, east, down), the body FRD (forward, right, down). A flight runs
+in virtual time, through the same wire bytes as a real one, also where an event loop runs already, as in Jupyter. For
+tables and pictures: `pip install 'quadrotor-groundstation[notebook]'`. A notebook to begin with:
+`examples/notebook.ipynb`.
+
+```python
+import groundstation as gs
+
+
+class PD:
+    def __init__(self, vehicle):
+        self.mass_kg = vehicle.mass_kg
+
+    def decide(self, estimate, reference, interval_s):
+        motion = estimate.motion
+        wanted = [
+            a + 6.0 * (goal - place) + 4.0 * (speed - velocity)
+            for a, goal, place, speed, velocity in zip(
+                reference.acceleration_ned,
+                reference.position_ned,
+                motion.position,
+                reference.velocity_ned,
+                motion.velocity,
+            )
+        ]
+        along, _ = gs.push(wanted, estimate.disturbance, gravity=9.81)
+        roll, pitch = gs.half_angle_error(motion.attitude, along)
+        strength = sum(x * x for x in along) ** 0.5
+        return gs.ActuatorCommand(self.mass_kg * strength, (12.0 * roll, 12.0 * pitch, 0.0))
+
+
+run = gs.simulate("paper", controller=PD, duration=20, seed=0)
+print(run.rms_cm, run.time, run.truth.position, run.estimate.position, run.error)
+run.to_pandas()
+run.plot("position")
+run.save("pd.mcap")
+
+log = gs.load("pd.mcap")
+log["errors"].to_pandas()
+
+gs.compare(["adaptive", PD], scenarios=["paper"], seeds=1, duration=20).plot()
+```
+
+A trajectory of your own is a function of the time, or an object with `at(time_s)`; in a configuration it is
+`trajectory.kind = "mine:make"`, as a controller is `controller.kind = "mine:make"`:
+
+```python
+import math
+
+import groundstation as gs
+
+
+def circle(time_s):
+    c, s = 0.5 * math.cos(time_s), 0.5 * math.sin(time_s)
+    return gs.Reference((c, s, -1.0), (-s, c, 0.0), (-c, -s, 0.0), (s, -c, 0.0))
+
+
+gs.simulate(trajectory=circle, duration=5).plot("path")
+```
+
+What fails in code of your own ends in a `UserCodeFault`: one sentence, and the frames of your code as its cause."""
+GIVEN = """## What a controller gets and gives
+
+`Vec3` is a tuple of three floats, `Quat` one of four: w, x, y, z; `Real` is a float."""
+SECTION = re.compile(r"^(Args|Returns|Raises):\n", re.M)
+
+
+def python_page() -> str:
+    """The page of what Python code calls."""
+    calls: tuple[Callable[..., Any], ...] = (groundstation.simulate, groundstation.compare, groundstation.load)
+    results = (groundstation.Run, groundstation.FlightData, Track, Channel, groundstation.ControllerComparison)
+    structs = (groundstation.Estimate, groundstation.Motion, groundstation.Reference, groundstation.ActuatorCommand)
+    return "\n\n".join(
+        [
+            PYTHON_HEAD,
+            *(_call(one) for one in calls),
+            *map(_result, results),
+            GIVEN,
+            *(_fields(one, 3) for one in (*structs, groundstation.Decision)),
+        ]
+    )
+
+
+def _call(function: Callable[..., Any]) -> str:
+    (node,) = (one for one in _tree(function.__module__).body if getattr(one, "name", "") == function.__name__)
+    assert isinstance(node, ast.FunctionDef)
+    lines = [f"    {line}," for line in re.split(r", (?![^\[]*\])", ast.unparse(node.args))]
+    shown = "\n".join([f"{function.__name__}(", *lines, ")"])
+    return f"## `{function.__name__}`\n\n```text\n{shown}\n```\n\n{_words(function)}"
+
+
+def _result(cls: type[Any]) -> str:
+    """A class: its fields, then its properties and methods."""
+    parts = [_fields(cls, 2)]
+    for name, member in vars(cls).items():
+        function = getattr(member, "fget", getattr(member, "func", member))
+        if not callable(function) or (name.startswith("_") and name != "__getitem__"):
+            continue
+        told = ", ".join(map(str, list(inspect.signature(function).parameters)[1:]))
+        shown = f"[{told}]" if name == "__getitem__" else f".{name}" + (f"({told})" if function is member else "")
+        parts.append(f"**`{shown}`** {_words(function)}")
+    return "\n\n".join(parts)
+
+
+def _fields(cls: type[Any], level: int) -> str:
+    """The class, and a table of its fields."""
+    said = remarks(cls)
+    (node,) = (one for one in _tree(cls.__module__).body if getattr(one, "name", "") == cls.__name__)
+    fields = [one for one in ast.walk(node) if isinstance(one, ast.AnnAssign) and isinstance(one.target, ast.Name)]
+    types = {ast.unparse(one.target): ast.unparse(one.annotation).strip("'").replace("|", "\\|") for one in fields}
+    rows = [f"| `{name}` | {kind} | {said[name]} |" for name, kind in types.items() if name in said]
+    table = "\n".join(["", "", "| field | type | |", "|---|---|---|", *rows]) if rows else ""
+    return f"{'#' * level} `{cls.__name__}`\n\n{one_line(cls.__doc__ or '')}{table}"
+
+
+def _words(function: Callable[..., Any]) -> str:
+    """The docstring, its arguments and errors as lists."""
+    first, *rest = SECTION.split(inspect.cleandoc(function.__doc__ or ""))
+    parts = [one_line(paragraph) for paragraph in first.strip().split("\n\n")]
+    for title, body in zip(rest[::2], rest[1::2], strict=True):
+        items = [one_line(item) for item in re.split(r"\n(?=    \S)", f"\n{body.rstrip()}") if item.strip()]
+        shown = [re.sub(r"^(\w[\w, ]*): ", r"`\1`: ", item) for item in items]
+        parts.append(f"{title}:\n\n" + "\n".join(f"- {item}" for item in shown))
+    return "\n\n".join(parts)
+
+
 PAGES: dict[str, Callable[[], str]] = {
     "configuration.md": configuration_page,
     "commands.md": programs_page,
     "recording-channels.md": channels_page,
     "campaign-columns.md": columns_page,
+    "python.md": python_page,
     "rooms.md": rooms_page,
     "rooms.svg": rooms_picture,
 }
@@ -252,6 +384,7 @@ def reference_command(folder: Path | None) -> str:
         return "\n".join(page(name) for name in PAGES)
     for name in PAGES:
         try:
+            folder.mkdir(parents=True, exist_ok=True)
             (folder / name).write_text(page(name), "utf-8")
         except OSError as error:
             raise ConfigError("--write", f"cannot write {folder / name}: {error.strerror}") from None

@@ -8,19 +8,28 @@ A comparison as a picture: RMS error by scenario, and the error through the gust
 import concurrent.futures as cf  # noqa: TID251  # processes, not threads, and none of them around an event loop
 import math
 import multiprocessing
+import sys
 from array import array
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from contextlib import ExitStack
+from functools import partial
 from pathlib import Path
 from statistics import median
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import msgspec
 
-from groundstation.config import ConfigError
+from groundstation.analysis.report import figure_class
+from groundstation.config import ConfigError, lend
 from groundstation.core import Tick
-from groundstation.runtime import replace_between_markers, require_matplotlib, split_at_markers
-from sim.runs import STEADY_S, TrueTrack, fly
+from groundstation.core.control import make_controller
+from groundstation.runtime import replace_between_markers, require_package, split_at_markers
+from sim.runs import STEADY_S, TrueTrack, fly, lend_name, run_beside
 from sim.scenarios import SCENARIOS, prepare
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+    from pandas import DataFrame
 
 CONTROLLERS = ("adaptive", "uncompensated", "geometric", "pid", "indi")
 WITHOUT_ADAPTATION = "adaptive, kb=0"
@@ -28,6 +37,88 @@ WITHOUT_ADAPTATION = "adaptive, kb=0"
 GUST = "gust_front"
 TRACE_S = 0.05
 """One point of a trace is the largest error of so long [s]."""
+
+
+class ControllerComparison:
+    """Controllers side by side: ``rows`` for each in each scenario, and the ``flights`` that they sum up."""
+
+    def __init__(self, flights: "Sequence[ComparedFlight]") -> None:
+        self.flights = tuple(flights)
+        self.rows = tuple(rows(flights))
+
+    def __str__(self) -> str:
+        """The table, as a terminal shows it."""
+        return text_table(self.rows)
+
+    def to_pandas(self) -> "DataFrame":
+        """The rows as a table, by scenario and controller.
+
+        Raises:
+            ConfigError: pandas is not installed.
+        """
+        require_package("pandas", "to_pandas", "notebook")
+        from pandas import DataFrame
+
+        return DataFrame(msgspec.to_builtins(self.rows)).set_index(["scenario", "controller"])
+
+    def plot(self) -> "Figure":
+        """RMS error by scenario, and the error through the gust front over time where that was flown and traced.
+
+        Raises:
+            ConfigError: matplotlib is not installed.
+        """
+        require_package("matplotlib", "plot", "notebook")
+        return draw(self.rows, self.flights)
+
+
+def compare(
+    controllers: Sequence[object] = CONTROLLERS,
+    *,
+    scenarios: Iterable[str] | None = None,
+    seeds: int = 1,
+    duration: float = 60.0,
+    overrides: Sequence[str] = (),
+    workers: int = 1,
+    traced: bool = True,
+    on_done: Callable[[int, int], None] | None = None,
+) -> ControllerComparison:
+    """Fly controllers through the same scenarios with the same seeds: what ``groundstation-sim compare`` does.
+
+    Args:
+        controllers: names, or your own, as :func:`sim.runs.simulation.simulate` takes one.
+        scenarios: their names; without them, all there are.
+        seeds: each flies with seeds 0 to ``seeds`` - 1.
+        duration: of each flight [s], longer than 16.
+        overrides: ``"key=value"`` each, for all, as ``--set``.
+        workers: how many processes fly. More than one wants ``if __name__ == "__main__":`` around a script; a
+            controller that they could not import, as one written in a notebook, is flown in this one.
+        traced: keep the error over time of the first flight through the gust front, to draw it.
+        on_done: hears how many of how many flights are flown.
+
+    Raises:
+        ConfigError: an unknown name or key, a bad value, or a flight that the vehicle can't fly.
+        UserCodeFault: a controller of your own failed in flight; its cause shows where.
+    """
+    if duration <= STEADY_S + 1.0:
+        raise ConfigError(
+            "--duration", f"expected more than {STEADY_S + 1:g} s, as figures are taken from {STEADY_S:g} s"
+        )
+    places = list(SCENARIOS if scenarios is None else scenarios)
+    for place in places:
+        if place not in SCENARIOS:
+            raise ConfigError("--scenarios", f"expected some of {sorted(SCENARIOS)}, got {place!r}")
+    own: dict[str, object] = {}
+    names = [str(lend_name(controller, own)) for controller in controllers]
+    work = cases(places, names, overrides)
+    with lend(own):
+        for case in work:  # what can't fly says so before anything flies
+            _, config = prepare(SCENARIOS[case.scenario], list(case.overrides))
+            make_controller(config.controller, config.vehicle)
+        if on_done is not None:
+            on_done(0, len(work) * seeds)
+        return ControllerComparison(
+            fly_all(work, seeds, duration, workers=workers, own=own, traced=traced, on_done=on_done)
+        )
 
 
 class Case(msgspec.Struct, frozen=True):
@@ -38,6 +129,8 @@ class Case(msgspec.Struct, frozen=True):
     """As the table names it."""
     overrides: tuple[str, ...]
     """``--set`` overrides that choose it."""
+    kind: str = ""
+    """The controller's kind."""
 
 
 class ComparedFlight(msgspec.Struct, frozen=True):
@@ -80,11 +173,17 @@ def cases(scenarios: Iterable[str], controllers: Sequence[str], overrides: Seque
     found: list[Case] = []
     for scenario in scenarios:
         for name in controllers:
-            found.append(Case(scenario, name, (*overrides, f"controller.kind={name}")))
+            found.append(Case(scenario, _short_name(name, controllers), (*overrides, f"controller.kind={name}"), name))
             if scenario == GUST and name == "adaptive":
                 off = ("controller.kb=0.0", "controller.composite=off")
-                found.append(Case(scenario, WITHOUT_ADAPTATION, (*overrides, *off)))
+                found.append(Case(scenario, WITHOUT_ADAPTATION, (*overrides, *off), name))
     return found
+
+
+def _short_name(name: str, among: Sequence[str]) -> str:
+    """As a table names it: without the module, where no other is called so."""
+    short = name.rpartition(":")[2]
+    return short if sum(one.rpartition(":")[2] == short for one in among) == 1 else name
 
 
 def fly_case(case: Case, seed: int, duration_s: float, *, traced: bool = False) -> ComparedFlight:
@@ -132,30 +231,54 @@ def fly_all(
     seeds: int,
     duration_s: float,
     *,
-    workers: int,
+    workers: int = 1,
+    own: Mapping[str, object] | None = None,
     traced: bool = False,
-    on_done: Callable[[int], None] | None = None,
+    on_done: Callable[[int, int], None] | None = None,
 ) -> list[ComparedFlight]:
     """Every case with seeds 0 … ``seeds`` - 1, in the order of ``work``; ``on_done`` hears how many are flown.
 
-    Only the first seed of the gust front is traced.
+    Only the first seed of the gust front is traced. What no other process could import of ``own``, and everything where
+    there is but one worker, is flown in this process.
     """
-    flights = [(case, seed) for case in work for seed in range(seeds)]
-    # Spawned, as a forked process would inherit whatever threads this one has.
-    context = multiprocessing.get_context("spawn")
-    with cf.ProcessPoolExecutor(max_workers=workers, mp_context=context) as pool:
-        futures = [
-            pool.submit(fly_case, case, seed, duration_s, traced=traced and seed == 0 and case.scenario == GUST)
-            for case, seed in flights
-        ]
+    here = {name for name, thing in (own or {}).items() if not _can_be_imported(name, thing)}
+    flights = [
+        partial(fly_case, case, seed, duration_s, traced=traced and seed == 0 and case.scenario == GUST)
+        for case in work
+        for seed in range(seeds)
+    ]
+    homely = [workers == 1 or one.args[0].kind in here for one in flights]
+    flown: dict[int, ComparedFlight] = {}
+
+    def note(index: int, flight: ComparedFlight) -> None:
+        flown[index] = flight
+        if on_done is not None:
+            on_done(len(flown), len(flights))
+
+    with ExitStack() as stack:
+        futures: dict[cf.Future[ComparedFlight], int] = {}
+        if not all(homely):
+            # Spawned, as a forked process would inherit whatever threads this one has.
+            context = multiprocessing.get_context("spawn")
+            pool = stack.enter_context(cf.ProcessPoolExecutor(max_workers=workers, mp_context=context))
+            futures = {pool.submit(one): i for i, one in enumerate(flights) if not homely[i]}
         try:
-            for count, _ in enumerate(cf.as_completed(futures), start=1):
-                if on_done is not None:
-                    on_done(count)
-            return [future.result() for future in futures]
+            for i, one in enumerate(flights):
+                if homely[i]:
+                    note(i, run_beside(one))
+            for future in cf.as_completed(futures):
+                note(futures[future], future.result())
         except BaseException:
-            pool.shutdown(wait=False, cancel_futures=True)
+            for future in futures:
+                future.cancel()
             raise
+    return [flown[i] for i in range(len(flights))]
+
+
+def _can_be_imported(name: str, thing: object) -> bool:
+    """Whether another process finds ``thing`` under its name."""
+    module, _, attribute = name.partition(":")
+    return module != "__main__" and getattr(sys.modules.get(module), attribute, None) is thing
 
 
 def rows(results: Sequence[ComparedFlight]) -> list[ComparisonRow]:
@@ -322,9 +445,7 @@ def check_plot(path: Path) -> None:
     Raises:
         ConfigError: matplotlib is not installed, the folder is not there, or it is no kind of picture.
     """
-    require_matplotlib(
-        "--plot", "needs matplotlib, which is not installed: pip install 'quadrotor-groundstation[plot]'"
-    )
+    require_package("matplotlib", "--plot", "plot")
     from matplotlib.figure import Figure
 
     if not path.absolute().parent.is_dir():
@@ -342,21 +463,24 @@ def plot(path: Path, rows: Sequence[ComparisonRow], flights: Sequence[ComparedFl
     Raises:
         ConfigError: the file can't be written.
     """
-    from matplotlib.figure import Figure
+    try:
+        draw(rows, flights).savefig(path, dpi=150)
+    except (OSError, ValueError) as error:
+        raise ConfigError("--plot", f"cannot write {path}: {error}") from None
 
+
+def draw(rows: Sequence[ComparisonRow], flights: Sequence[ComparedFlight]) -> "Figure":
+    """The picture of ``rows``, and of the traced ones of ``flights``."""
     traced = [one for one in flights if one.trace]
     names = list(dict.fromkeys(row.controller for row in rows))
     free = iter(OTHERS * len(names))
     styles = {name: STYLES.get(name) or next(free) for name in names}
-    figure = Figure(figsize=(9.5, 8.2 if traced else 4.6), layout="constrained")
+    figure = figure_class()(figsize=(9.5, 8.2 if traced else 4.6), layout="constrained")
     panels = figure.subplots(2 if traced else 1, 1, squeeze=False)[:, 0]
     _by_scenario(panels[0], rows, styles)
     if traced:
         _over_time(panels[1], traced, styles)
-    try:
-        figure.savefig(path, dpi=150)
-    except (OSError, ValueError) as error:
-        raise ConfigError("--plot", f"cannot write {path}: {error}") from None
+    return figure
 
 
 def _by_scenario(panel: Any, rows: Sequence[ComparisonRow], styles: dict[str, dict[str, Any]]) -> None:

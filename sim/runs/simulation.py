@@ -1,0 +1,358 @@
+"""Simulation as a program asks for it, or a notebook: one scenario flown, and what was recorded of it as arrays.
+
+A flight's folder holds the configuration, the recording (flight.mcap, flight.tlog), the poses as CSV, and the result.
+A radio's frames, which leave by no network, are kept as lines of hex.
+"""
+
+import asyncio
+import concurrent.futures as cf  # noqa: TID251  # beside an event loop that runs already, as in a notebook, and only there
+import contextvars
+import gc
+import json
+import shutil
+import sys
+import weakref
+from collections import deque
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+from functools import partial
+from pathlib import Path
+from typing import Any, TextIO, TypeVar
+
+import msgspec
+
+from groundstation.analysis import FlightData
+from groundstation.config import ConfigError, UserCodeFault, dump, lend, name_object
+from groundstation.core.messages import Pose
+from groundstation.flight import ensure_flyable
+from groundstation.pose import CSV_COLUMNS, IN_RUN_FOLDER, CsvRow, encode_csv
+from groundstation.recording import EndRecord, FlightLog, LineRecord, Record, TickRecord, about
+from groundstation.settings import Config
+from links.mavlink import MavlinkLinkConfig
+from sim.radio import MODULE
+from sim.runs.flight import Result, fly
+from sim.scenarios import prepare, prepare_own, scenario_of
+from sim.world import World
+
+DURATION_S = 60.0
+"""How long a flight lasts if nobody says."""
+FEW_COLLECTIONS = 50_000
+"""Garbage is collected when so many more objects were made than dropped."""
+T = TypeVar("T")
+
+
+class Run(FlightData):
+    """A simulated flight: how it went (``completed``, ``why``, ``facts``), and all that a recorded flight tells."""
+
+    def __init__(self, path: Path | None, facts: dict[str, Any], result: Result) -> None:
+        """``path`` is its recording's, if one was written."""
+        self.facts = facts
+        """What ``groundstation-sim fly --json`` prints."""
+        self.result = result
+        """The result, with the verdict by the truth."""
+        if path is not None:
+            super().__init__(path)
+
+    def __getattr__(self, name: str) -> Any:
+        """Say why there is nothing to read where nothing was recorded."""
+        raise AttributeError(f"this flight was not recorded, or there is no such thing: {name}")
+
+    @property
+    def completed(self) -> bool:
+        """Whether it was flown to its end: no crash, no abort."""
+        return self.result.completed
+
+    @property
+    def why(self) -> str:
+        """Why it ended, as a sentence."""
+        return self.result.why
+
+    @property
+    def error_against(self) -> str:
+        """``truth``: a simulation knows it."""
+        return "truth"
+
+    @property
+    def rms_cm(self) -> float | None:
+        """Root mean square of the true error over the steady part [cm]; None where the flight ended before it."""
+        return self.result.verdict.rms_cm
+
+    @property
+    def max_cm(self) -> float | None:
+        """The largest true error of the steady part [cm]; None where the flight ended before it."""
+        return self.result.verdict.max_cm
+
+
+def simulate(
+    scenario: str = "paper",
+    *,
+    controller: object = None,
+    trajectory: object = None,
+    duration: float | None = None,
+    seed: int = 0,
+    overrides: Sequence[str] = (),
+    config: Path | str | None = None,
+    source: str = "vicon",
+    link: str = "mavlink",
+    autopilot: str = "px4",
+    out: Path | str | None = None,
+    record: bool = True,
+    on_progress: Callable[[float, float], None] | None = None,
+) -> Run:
+    """Fly one scenario in virtual time, on the real wire bytes: what ``groundstation-sim fly`` does.
+
+    Args:
+        scenario: one of ``groundstation-sim scenarios``.
+        controller: the name of one that comes along (``"adaptive"``, ``"pid"``, ...), or your own: a class or another
+            factory, called with the vehicle and the options, or as much of them as it needs, whose result has
+            ``decide(estimate, reference, interval_s)``; that function itself; such an object, of which each flight
+            has a copy; or ``"package.module:factory"``. Without it, the adaptive one.
+        trajectory: likewise: a class or factory whose result has ``at(time_s)``, which returns a Reference; that
+            function itself; or ``"package.module:factory"``. Without it, the scenario's.
+        duration: how long [s]; without it 60, or as ``config`` has it.
+        seed: every random draw comes from it.
+        overrides: ``"key=value"`` each, as ``--set``: ``sim.KEY`` changes the truth, all else what the controller is
+            told.
+        config: a configuration file, whose vehicle and trajectory are flown in the scenario's air.
+        source: where poses come from: vicon, natnet, qualisys, odometry, vision, json.
+        link: how commands leave: mavlink, dsm, crsf, rf_bridge.
+        autopilot: what the simulated one is like: px4, ardupilot.
+        out: folder for the recording and what else is kept of the flight; without it a temporary one.
+        record: whether it is recorded at all: without, only ``facts`` and ``result`` are known.
+        on_progress: hears how much of how long is flown [s], once a second of flight.
+
+    Raises:
+        ConfigError: an unknown name or key, a bad value, or a flight that the vehicle can't fly.
+        UserCodeFault: a controller or trajectory of your own failed in flight; its cause shows where.
+    """
+    told, own = list(overrides), dict[str, object]()
+    kind = lend_name(controller, own)
+    if trajectory is not None:
+        told.append(f"trajectory.kind={lend_name(trajectory, own)}")
+    if config is not None and (source, link) != ("vicon", "mavlink"):
+        raise ConfigError(
+            "--source" if source != "vicon" else "--link",
+            "expected vicon with --config: the simulated cameras see its vehicle"
+            if source != "vicon"
+            else "expected mavlink with --config",
+        )
+    with lend(own):
+        flown, wanted_s = scenario_of(scenario), None
+        if config is None:
+            world, settings = prepare(flown, told, controller=kind, source=source, link=link)
+        else:
+            world, settings, wanted_s = prepare_own(flown, Path(config), told, controller=kind)
+        duration_s = duration or wanted_s or DURATION_S
+        ensure_flyable(settings)
+        name = flown.name if config is None else f"{Path(config).stem} in the air of {flown.name}"
+        path = Path(_make_temporary() if record and out is None else out or ".")
+        folder = RunFolder(path, settings, world, scenario=name, seed=seed) if record else None
+        if on_progress is not None:
+            on_progress(0.0, duration_s)
+        flight = partial(
+            fly,
+            world,
+            settings,
+            seed=seed,
+            duration_s=duration_s,
+            autopilot=autopilot,
+            on_datagram=folder.datagram if folder is not None else None,
+            on_pose=folder.pose if folder is not None else None,
+            give=folder.give if folder is not None else None,
+            on_progress=None if on_progress is None else lambda done_s: on_progress(done_s, duration_s),
+        )
+        with rare_collections(), _keep_on_error(folder):
+            result = run_beside(flight)
+            facts: dict[str, Any] = {
+                "scenario": name,
+                "seed": seed,
+                "controller": settings.controller.kind,
+                "source": source,
+                "autopilot": autopilot,
+                "link": link,
+                "completed": result.completed,
+                "why": result.why,
+                "duration_s": result.duration_s,
+                **msgspec.to_builtins(result.verdict),
+                "thrust_bound_m_s2": _thrust_bound(settings, result.verdict.lyapunov_start),
+                "log_sha256": result.log_sha256,
+                "datagrams": result.datagrams,
+                "wall_s": result.wall_s,
+            }
+    if folder is not None:
+        folder.close(facts)
+    run = Run(path / RECORDING if record else None, facts, result)
+    if out is None and record:
+        weakref.finalize(run, shutil.rmtree, path, ignore_errors=True)
+    return run
+
+
+def _make_temporary() -> str:
+    """A folder that is gone with the program at the latest."""
+    import atexit
+    import tempfile
+
+    folder = tempfile.mkdtemp(prefix="groundstation-")
+    atexit.register(shutil.rmtree, folder, ignore_errors=True)
+    return folder
+
+
+def lend_name(thing: object, own: dict[str, object]) -> str | None:
+    """The name of what the user gave, as a configuration has it; an object is added to ``own``, to be lent."""
+    if thing is None or isinstance(thing, str):
+        return thing
+    name, number = name_object(thing), 1
+    while own.get(name, thing) is not thing:
+        number += 1
+        name = f"{name_object(thing)}_{number}"
+    own[name] = thing
+    return name
+
+
+def run_beside(work: Callable[[], T]) -> T:
+    """What ``work`` returns, which runs an event loop: in a thread of its own where one runs here already.
+
+    Raises:
+        UserCodeFault: as ``work``, without the frames of the event loop.
+    """
+    try:
+        if asyncio._get_running_loop() is None:
+            return work()
+        with cf.ThreadPoolExecutor(1) as thread:
+            return thread.submit(contextvars.copy_context().run, work).result()
+    except UserCodeFault as fault:
+        raise fault.with_traceback(None)  # noqa: B904  # its cause is the user's own
+
+
+@contextmanager
+def _keep_on_error(folder: "RunFolder | None") -> Iterator[None]:
+    """Have what was recorded kept, where the flight ends in an error."""
+    try:
+        yield
+    except BaseException:
+        if folder is not None:
+            folder.abandon()
+        raise
+
+
+@contextmanager
+def rare_collections() -> Iterator[None]:
+    """Have cyclic garbage, of which a flight makes little, collected rarely, and nothing from before looked at."""
+    before = gc.get_threshold()
+    gc.freeze()
+    gc.set_threshold(FEW_COLLECTIONS, *before[1:])
+    try:
+        yield
+    finally:
+        gc.set_threshold(*before)
+        gc.unfreeze()
+
+
+def _thrust_bound(config: Config, v_start: float | None) -> float | None:
+    """The paper's a-priori bound on T/m [m/s²] for this flight; None for a controller without such a theory."""
+    from groundstation.core.control import Law, acceleration_sup, thrust_bound
+
+    if v_start is None or not isinstance(config.controller, Law):
+        return None
+    reference = config.trajectory.build()
+    accelerations = [reference.at(0.01 * i).acceleration_ned for i in range(6000)]
+    return thrust_bound(config.controller, acceleration_sup=acceleration_sup(accelerations), v_start=v_start).bound
+
+
+AT_ONCE = 500
+"""So many records are written one after the other, which takes less time than to write each as it comes. A simulation
+that is killed loses them: some 2 s of flight, which took it some 50 ms."""
+RECORDING, FRAMES = "flight.mcap", "frames.txt"
+
+
+class RunFolder:
+    """Writes one run."""
+
+    def __init__(self, path: Path, config: Config, world: World, *, scenario: str, seed: int) -> None:
+        """Make the folder and begin the recording; one that is there already is replaced.
+
+        Raises:
+            ConfigError: the folder can't be written.
+        """
+        self.path = path
+        told = about(config, clock="virtual", scenario=scenario, seed=seed, sim=dump(world))
+        try:
+            path.mkdir(parents=True, exist_ok=True)
+            (path / "config.toml").write_text(told.config)
+            for name in (RECORDING, "flight.tlog", FRAMES):
+                (path / name).unlink(missing_ok=True)
+            # Virtual time begins at 0, whenever that is: the same flight gives the same bytes.
+            self._log = FlightLog(path / RECORDING, told, epoch_ns=0, tell=_warn)
+            self._poses = _open(path / IN_RUN_FOLDER)
+            self._frames = None if isinstance(config.link, MavlinkLinkConfig) else _open(path / FRAMES)
+        except OSError as error:
+            raise ConfigError("--out", f"cannot write {path}: {error.strerror}") from None
+        self._poses.write(CSV_COLUMNS + "\n")
+        self._world = world
+        self._waiting: deque[Record] = deque()
+        self._last_s = 0.0
+        self._state = "idle"
+        self._ended = False
+
+    def give(self, record: Record) -> None:
+        """Take one record of the flight."""
+        self._waiting.append(record)
+        if len(self._waiting) >= AT_ONCE:
+            self._write()
+        if isinstance(record, TickRecord):
+            self._last_s = record.tick.time_s
+        elif isinstance(record, LineRecord):
+            self._state = record.state
+        elif isinstance(record, EndRecord):
+            self._ended = True
+
+    def _write(self) -> None:
+        """Write what waits. What raises is left out, and the rest is written the next time."""
+        while self._waiting:
+            self._log.write(self._waiting.popleft())
+
+    def abandon(self) -> None:
+        """The simulation ends in an error: keep all that was given, of which the last is what one looks for."""
+        self._write()
+        self._log.flush()
+        self._log.leave()
+        self._close_texts()
+
+    def _close_texts(self) -> None:
+        for file in (self._poses, self._frames):
+            if file is not None:
+                file.close()
+
+    def datagram(self, time_s: float, source: tuple[str, int], target: tuple[str, int], data: bytes) -> None:
+        """One datagram of the simulated network: a radio's frame is a line of hex."""
+        del source
+        if target == MODULE and self._frames is not None:
+            self._frames.write(f"{time_s:.6f} {data.hex(' ')}\n")
+
+    def pose(self, pose: Pose) -> None:
+        """One pose as it came; `pose.kind = "csv"` plays the folder's again."""
+        row = CsvRow(pose.time_s, pose.arrival_s, pose.position_ned, pose.attitude)
+        self._poses.write(encode_csv(row))
+
+    def close(self, facts: dict[str, Any]) -> None:
+        """Write the result and close everything."""
+        if not self._ended:  # the simulation has, in the air: that is no end of a mission
+            self._waiting.append(EndRecord(self._last_s, self._state, facts["why"]))
+        while self._waiting:
+            try:
+                self._write()
+            except Exception as error:  # noqa: BLE001  # a controller of the user's own may put anything into a tick
+                _warn(f"WARNING: a part of this flight can't be recorded: {error}")
+        rms_cm, max_cm = facts.get("rms_cm"), facts.get("max_cm")
+        self._log.close(*(None if value is None else 0.01 * value for value in (rms_cm, max_cm)))
+        self._close_texts()
+        result = {**facts, "sim": msgspec.to_builtins(self._world)}
+        (self.path / "summary.json").write_text(json.dumps(result, indent=2) + "\n")
+
+
+def _warn(line: str) -> None:
+    print(line, file=sys.stderr)
+
+
+def _open(path: Path) -> TextIO:
+    return path.open("w", encoding="utf-8")

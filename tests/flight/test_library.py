@@ -1,0 +1,249 @@
+"""``import groundstation``: what a script or a notebook does with it, by the documents' own examples."""
+
+import asyncio
+import json
+import math
+import re
+import traceback
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from matplotlib.figure import Figure
+
+import groundstation as gs
+from groundstation.analysis.report.flight import numbers
+from groundstation.config import ConfigError, UserCodeFault
+from sim.runs import fly
+from sim.scenarios import SCENARIOS, prepare
+from tests.recordings import recorded
+
+ROOT = Path(__file__).parents[2]
+NOTEBOOK = json.loads((ROOT / "examples/notebook.ipynb").read_text("utf-8"))
+PAGE = (ROOT / "docs/reference/python.md").read_text("utf-8")
+HOW_TO = (ROOT / "docs/how-to/own-controller.md").read_text("utf-8")
+SHORT_S = 1.5
+
+
+class Hover:
+    """As much thrust as it weighs, level."""
+
+    def decide(self, estimate: gs.Estimate, reference: gs.Reference, interval_s: float) -> gs.ActuatorCommand:
+        """Hold still."""
+        return gs.ActuatorCommand(0.08 * 9.81, (0.0, 0.0, 0.0))
+
+
+def hover(estimate: gs.Estimate, reference: gs.Reference, interval_s: float) -> gs.ActuatorCommand:
+    """The same as a function."""
+    return gs.ActuatorCommand(0.08 * 9.81, (0.0, 0.0, 0.0))
+
+
+@pytest.fixture(scope="module")
+def run() -> gs.Run:
+    """One flight of ours, long enough to have a steady part."""
+    return gs.simulate("paper", duration=17, seed=3)
+
+
+def test_a_simulated_run_is_the_flight_that_the_program_flies(run: gs.Run) -> None:
+    world, config = prepare(SCENARIOS["paper"], [])
+    flown = fly(world, config, seed=3, duration_s=17.0)
+    assert run.facts["log_sha256"] == flown.log_sha256
+    assert run.rms_cm == flown.verdict.rms_cm
+    assert run.completed
+
+
+def test_time_tracks_and_error_are_arrays_of_one_row_a_command(run: gs.Run) -> None:
+    assert run.truth is not None and run.truth.attitude is not None
+    n = len(run.time)
+    assert run.time[-1] == pytest.approx(17.0, abs=0.1)
+    assert run.truth.position.shape == run.estimate.position.shape == run.reference.position.shape == (n, 3)
+    assert run.truth.attitude.shape == (n, 4)
+    assert run.error is run.truth.error
+    assert np.linalg.norm(run.truth.attitude, axis=1) == pytest.approx(np.ones(n))
+    # The camera's noise and latency are all that stands between the two.
+    assert np.abs(run.truth.position - run.estimate.position)[run.time > 5.0].max() < 0.01
+
+
+def test_the_truth_is_measured_against_the_reference_of_its_own_instant(run: gs.Run) -> None:
+    assert run.truth is not None
+    trajectory = prepare(SCENARIOS["paper"], [])[1].trajectory.build()
+    i = len(run.time) // 2
+    expected = math.dist(tuple(run.truth.position[i]), trajectory.position_at(float(run.time[i])))
+    assert run.error[i] == pytest.approx(expected, abs=1e-6)
+
+
+def test_a_recording_tells_the_error_against_the_truth_that_its_flight_told(run: gs.Run, tmp_path: Path) -> None:
+    log = gs.load(run.save(tmp_path / "kept.mcap"))
+    assert log.error_against == "truth"
+    assert log.rms_cm == pytest.approx(run.rms_cm, rel=1e-12)
+    assert log.max_cm == pytest.approx(run.max_cm, rel=1e-12)
+    told = numbers(log.columns)
+    assert told["true_error"]["rms_cm"] == pytest.approx(run.rms_cm, rel=1e-12)
+    assert told["error"]["against"] == "estimate"
+
+
+def test_a_channel_gives_columns_vectors_and_a_table(run: gs.Run) -> None:
+    errors = run["errors"]
+    assert errors["z1_m"].shape == (len(errors["error_m"]), 3)
+    table = errors.to_pandas()
+    assert list(table.columns[:2]) == ["error_m", "z1_m.x"]
+    with pytest.raises(KeyError, match="has no column 'z9'"):
+        errors["z9"]
+    with pytest.raises(KeyError, match="expected one of"):
+        run["nothing"]
+
+
+def test_the_table_of_a_flight_has_a_row_a_command(run: gs.Run) -> None:
+    table = run.to_pandas()
+    assert len(table) == len(run.time)
+    assert table["truth.position.down"].iloc[-1] == run.truth.position[-1, 2]  # type: ignore[union-attr]
+
+
+@pytest.mark.parametrize("form", ["npz", "mat", "parquet"])
+def test_a_flight_is_saved_in_the_formats_that_others_read(run: gs.Run, form: str, tmp_path: Path) -> None:
+    errors = run["errors"]["error_m"]
+    saved = run.save(tmp_path / f"flight.{form}")
+    if form == "npz":
+        found = np.load(saved, allow_pickle=True)["errors.error_m"]
+    elif form == "mat":
+        from scipy.io import loadmat
+
+        found = loadmat(saved, simplify_cells=True)["errors"]["error_m"]
+    else:
+        from pyarrow.parquet import read_table
+
+        found = read_table(saved / "errors.parquet")["error_m"].to_numpy()
+    assert np.array_equal(found, errors)
+
+
+def test_a_figure_shows_itself_in_a_notebook(run: gs.Run) -> None:
+    figure: Any = run.plot("error")
+    assert figure._repr_png_().startswith(b"\x89PNG")
+    with pytest.raises(ConfigError, match=r"expected one of .*'position'"):
+        run.plot("nothing")
+
+
+MADE = {
+    "a class": Hover,
+    "a function": hover,
+    "an object": Hover(),
+    "a factory": lambda vehicle, options: Hover(),
+    "a name": f"{__name__}:Hover",
+}
+
+
+@pytest.mark.parametrize("controller", MADE.values(), ids=MADE)
+def test_a_class_a_function_an_object_a_factory_and_a_name_fly_the_same(controller: object) -> None:
+    flown = gs.simulate(controller=controller, duration=SHORT_S, record=False)
+    assert (
+        flown.facts["log_sha256"] == gs.simulate(controller=Hover, duration=SHORT_S, record=False).facts["log_sha256"]
+    )
+
+
+def test_a_flight_is_flown_inside_a_running_event_loop() -> None:
+    async def cell() -> str:
+        return str(gs.simulate(duration=SHORT_S, record=False).facts["log_sha256"])
+
+    assert asyncio.run(cell()) == gs.simulate(duration=SHORT_S, record=False).facts["log_sha256"]
+
+
+def fails(estimate: gs.Estimate, reference: gs.Reference, interval_s: float) -> gs.ActuatorCommand:
+    """Fails in flight."""
+    return divides(interval_s)
+
+
+def divides(by: float) -> gs.ActuatorCommand:
+    """Fails where ``by`` is 0."""
+    return gs.ActuatorCommand(1.0 / by, (0.0, 0.0, 0.0))
+
+
+@pytest.mark.parametrize("loop", [False, True], ids=["alone", "in a running loop"])
+def test_an_error_in_a_controller_is_one_sentence_and_the_users_own_frames(loop: bool) -> None:
+    async def cell() -> None:
+        gs.simulate(controller=fails, duration=SHORT_S)
+
+    with pytest.raises(UserCodeFault) as caught:
+        asyncio.run(cell()) if loop else gs.simulate(controller=fails, duration=SHORT_S)
+    assert str(caught.value) == f"controller {__name__}:fails failed: ZeroDivisionError: float division by zero"
+    cause = caught.value.__cause__
+    assert cause is not None
+    assert [frame.name for frame in traceback.extract_tb(cause.__traceback__)] == ["fails", "divides"]
+    shown = "".join(traceback.format_exception(caught.value))
+    assert "virtual_time" not in shown and "tasks.py" not in shown
+
+
+def test_an_error_in_a_trajectory_names_the_trajectory() -> None:
+    def early(time_s: float) -> gs.Reference:
+        return gs.Reference((0.0, 0.0, -1.0 if time_s < 1.0 else math.nan))
+
+    with pytest.raises(UserCodeFault, match=r"trajectory \S+early asked for .*nan"):
+        gs.simulate(trajectory=early, duration=SHORT_S)
+    with pytest.raises(ConfigError, match=r"trajectory.kind: trajectory \S+ returned a int, not a Reference"):
+        gs.simulate(trajectory=lambda time_s: 3, duration=SHORT_S)
+
+
+def test_the_trajectory_of_the_how_to_flies_from_a_configuration(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (code,) = re.findall(
+        r"^```python\n(.*?)^```$", (ROOT / "docs/how-to/trajectories.md").read_text("utf-8"), re.M | re.S
+    )
+    (tmp_path / "mine.py").write_text(code, "utf-8")
+    monkeypatch.syspath_prepend(str(tmp_path))
+    flown = gs.simulate("ideal", overrides=["trajectory.kind=mine:Breathing", "trajectory.swing_m=0.3"], duration=5)
+    assert np.ptp(flown.reference.position[:, 2]) == pytest.approx(0.6, abs=0.01)
+
+
+def test_controllers_are_compared_as_they_are_given() -> None:
+    found = gs.compare(["pid", Hover], scenarios=["ideal"], seeds=1, duration=16.5)
+    assert [(row.scenario, row.controller) for row in found.rows] == [("ideal", "pid"), ("ideal", "Hover")]
+    assert found.to_pandas().loc[("ideal", "pid"), "survived"]
+    assert isinstance(found.plot(), Figure)
+    assert "Hover" in str(found)
+
+
+def test_a_recording_without_truth_says_that_its_error_is_against_the_estimate(tmp_path: Path) -> None:
+    path = tmp_path / "flight.mcap"
+    data = recorded()[0].read_bytes()
+    path.write_bytes(data[: len(data) // 8])  # cut off before the end, where the truth's figure stands
+    assert gs.load(path).error_against == "truth"
+    with pytest.raises(ConfigError, match="LOG"):
+        gs.load(ROOT / "README.md")
+
+
+# ---- the documents
+
+
+def cells() -> Iterator[str]:
+    for cell in NOTEBOOK["cells"]:
+        if cell["cell_type"] == "code":
+            yield "".join(cell["source"])
+
+
+def test_the_example_notebook_runs_from_its_first_cell_to_its_last_in_a_running_loop() -> None:
+    async def run_all() -> dict[str, Any]:
+        names: dict[str, Any] = {"__name__": "__main__"}
+        for cell in cells():
+            exec(compile(cell, "notebook", "exec"), names)
+        return names
+
+    names = asyncio.run(run_all())
+    assert names["run"].completed
+    assert [row.controller for row in names["comparison"].rows] == ["adaptive", "pid", "PD"]
+
+
+def test_the_examples_of_the_page_run(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    blocks = re.findall(r"^```python\n(.*?)^```$", PAGE, re.M | re.S)
+    assert len(blocks) == 2
+    for block in blocks:
+        exec(compile(block, "python.md", "exec"), {"__name__": "__main__"})
+    assert gs.load("pd.mcap").rms_cm is not None
+
+
+def test_the_how_to_names_every_field_that_a_controller_is_given() -> None:
+    for name, kind in (("estimate", gs.Estimate), ("estimate.motion", gs.Motion), ("reference", gs.Reference)):
+        for field in kind.__annotations__:
+            assert f"| `{name}.{field}` |" in HOW_TO or (name, field) == ("estimate", "motion")
