@@ -19,8 +19,24 @@ DEADLINE_S = 60.0
 BIN = Path(sys.executable).parent
 
 
-def completed(shell: str, program: str, script: Path, typed: str, expected: str, folder: Path) -> str:
-    """What an interactive ``shell`` has shown after ``typed`` and a tab, as soon as ``expected`` is in it."""
+LINES = {
+    "groundstation-sim miss": "groundstation-sim mission ",
+    "groundstation-sim fly --dura": "--duration ",
+    "groundstation-sim fly --scenario gust": "gust_front ",
+    "groundstation-sim fly --set sim.mass": "sim.mass_kg=",
+    "groundstation-sim fly --set vehicle.mass": "vehicle.mass_kg=",
+    "groundstation rf-bridge --set key": "key_file=",
+    "groundstation fly --set vehicle.mass": "vehicle.mass_kg=",
+    "groundstation config new px4-v": "px4-vicon ",
+    "groundstation config show roo": "room.toml",
+}
+"""What is typed → what a tab makes of it; no two alike in a row, as a shell may still draw the one before."""
+FORGET = "\x15"
+"""Ctrl-U: the line is empty again."""
+
+
+def shown_for(shell: str, program: str, scripts: list[Path], folder: Path) -> dict[str, str]:
+    """What an interactive ``shell`` shows after each line and a tab, until it is what is expected, or nothing comes."""
     far, near = pty.openpty()
     environment = {"PATH": "/usr/bin:/bin", "TERM": "dumb", "HOME": str(folder)}  # nothing of ours is to be run
     process = subprocess.Popen(
@@ -28,19 +44,18 @@ def completed(shell: str, program: str, script: Path, typed: str, expected: str,
         start_new_session=True,
     )  # fmt: skip
     os.close(near)
-    shown = ""
-    try:
-        for text, until in (
-            (f"{BEGIN[shell]}; eval \"$(cat '{script}')\"; echo re''ady\n", "ready"),
-            (f"{typed}\t", expected),
-        ):
-            os.write(far, text.encode())
-            shown = ""
-            while until not in shown:
-                if not select.select([far], [], [], DEADLINE_S)[0]:
-                    return shown
-                shown += os.read(far, 65536).decode(errors="replace").replace("\b", "").replace("\r\n", "\n")
+
+    def type_until(text: str, expected: str) -> str:
+        os.write(far, text.encode())
+        shown = ""
+        while expected not in shown and select.select([far], [], [], DEADLINE_S)[0]:
+            shown += os.read(far, 65536).decode(errors="replace").replace("\b", "").replace("\r\n", "\n")
         return shown
+
+    try:
+        sourced = "; ".join(f"eval \"$(cat '{script}')\"" for script in scripts)
+        type_until(f"{BEGIN[shell]}; {sourced}; echo re''ady\n", "ready")
+        return {typed: type_until(f"{FORGET}{typed}\t", expected) for typed, expected in LINES.items()}
     finally:
         process.kill()
         process.wait()
@@ -48,26 +63,15 @@ def completed(shell: str, program: str, script: Path, typed: str, expected: str,
 
 
 @pytest.mark.parametrize("shell", SHELLS)
-@pytest.mark.parametrize(
-    ("typed", "expected"),
-    [
-        ("groundstation-sim miss", "groundstation-sim mission "),
-        ("groundstation-sim fly --dura", "--duration "),
-        ("groundstation-sim fly --scenario gust", "gust_front "),
-        ("groundstation-sim fly --set sim.mass", "sim.mass_kg="),
-        ("groundstation-sim fly --set vehicle.mass", "vehicle.mass_kg="),
-        ("groundstation fly --set vehicle.mass", "vehicle.mass_kg="),
-        ("groundstation rf-bridge --set key", "key_file="),
-        ("groundstation config new px4-v", "px4-vicon "),
-        ("groundstation config show roo", "room.toml"),
-    ],
-)
 def test_a_tab_completes_commands_scenarios_keys_and_files(
-    shell: str, typed: str, expected: str, tmp_path: Path, needs_program: Callable[..., str]
+    shell: str, tmp_path: Path, needs_program: Callable[..., str]
 ) -> None:
     program = needs_program(shell)
     (tmp_path / "room.toml").touch()
-    script = tmp_path / "script"
-    with script.open("w") as output:
-        subprocess.run([BIN / typed.split(maxsplit=1)[0], "completion", shell], stdout=output, check=True)
-    assert expected in completed(shell, program, script, typed, expected, tmp_path)
+    scripts = []
+    for ours in ("groundstation", "groundstation-sim"):
+        scripts.append(tmp_path / ours)
+        with scripts[-1].open("w") as output:
+            subprocess.run([BIN / ours, "completion", shell], stdout=output, check=True)
+    for typed, shown in shown_for(shell, program, scripts, tmp_path).items():
+        assert LINES[typed] in shown, typed

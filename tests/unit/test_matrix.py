@@ -42,10 +42,9 @@ def test_bad():
 
 def test_what_runs_and_each_failure_are_said_at_once(tmp_path: Path) -> None:
     (tmp_path / "test_it.py").write_text(RUN)
-    command = [sys.executable, "-m", "pytest", "-q", "-p", "no:cacheprovider", "-p", "tests.progress", "-n", "2"]
-    done = subprocess.run(
-        [*command, "--progress", "some"], cwd=tmp_path, stdout=subprocess.PIPE, text=True, check=False
-    )
+    options = ["-q", "-p", "no:cacheprovider", "-p", "no:hypothesispytest", "-p", "tests.progress", "-n", "2"]
+    command = [sys.executable, "-m", "pytest", *options, "--progress", "some"]
+    done = subprocess.run(command, cwd=tmp_path, stdout=subprocess.PIPE, text=True, check=False)
     said = done.stdout
     assert re.search(r"^some: \d of 2.*; runs: .*test_it.py::test_good \(\d s\)", said, re.M)
     assert said.count('>       assert "this" == "that"') == 1, "and not once more at the end"
