@@ -3,7 +3,7 @@ PYTHON ?= python3
 SCENARIO ?= paper
 WORKERS ?= 2
 # Tests in real time wait for most of their time.
-WAITERS ?= 2
+WAITERS ?= 3
 BROKER_HOST ?= localhost
 
 BIN := .venv/bin
@@ -16,7 +16,7 @@ WHAT ?=
 # What only computes yields to what may not be kept waiting.
 YIELD := nice -n 19
 
-.PHONY: fly screenshot broker test test-all lint types contracts tests tests-real-time tests-computed long-real-time \
+.PHONY: fly screenshot broker test test-all test-rest lint types contracts tests tests-real-time tests-computed long-real-time \
     long-computed test-newer-pythons soak bench docs release setup lock clean
 
 fly: setup ## fly one simulated flight, on real wire bytes, and sum it up
@@ -27,11 +27,13 @@ screenshot: setup ## fly, and draw the dashboard of it into docs/dashboard.svg
 	@$(BIN)/groundstation-sim fly --scenario gust_front --set 'sim.start_ned=[0.7,0.7,-1.0]' --out runs/screenshot > /dev/null
 	@$(BIN)/groundstation tui --screenshot docs/dashboard.svg --at 36 runs/screenshot/flight.mcap
 
-# In two rows at once: the tests in real time wait for most of their time, and leave the processors to the others.
-test: setup ## everything that must hold before a commit, in minutes
-	@$(MAKE) --no-print-directory --jobs=2 tests-real-time tests-computed lint types contracts
+# Rows at once: the tests in real time wait for most of their time, and leave the processors to the others.
+test: setup .venv/.compiled ## everything that must hold before a commit, in minutes
+	@$(MAKE) --no-print-directory --jobs=3 tests-real-time tests-computed types lint contracts
 
-test-all: test ## the long matrices, more examples of each property, and the quick tests on the newer Pythons
+test-all: test test-rest ## with the long matrices, more examples of each property, and the newer Pythons
+
+test-rest: setup ## what test-all adds to test
 	@$(MAKE) --no-print-directory --jobs=2 long-real-time long-computed test-newer-pythons
 
 lint: setup
@@ -91,6 +93,11 @@ setup: .venv/.synced ## prepare .venv from the lock
 	@$(BIN)/pip install --quiet --disable-pip-version-check --require-hashes -r .ci/uv.txt
 	@test -w "$${HOME:-/}" || export UV_NO_CACHE=1; $(BIN)/uv sync --quiet --frozen --python $(BIN)/python
 	@touch $@
+
+# Else each worker would compile all of them beside the others.
+.venv/.compiled: .venv/.synced
+	@echo "compiling the tests, the first time"
+	@$(YIELD) $(BIN)/python -m pytest --collect-only -qq > /dev/null; touch $@
 
 lock: setup ## choose the newest versions that pyproject.toml allows
 	$(BIN)/uv lock --upgrade --default-index https://pypi.org/simple
