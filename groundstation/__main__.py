@@ -9,6 +9,7 @@ from groundstation.interfaces.cli import add_completion, build_parser, path
 
 def _fly(parser: argparse.ArgumentParser) -> None:
     _config_arguments(parser)
+    _rehearse_argument(parser)
     _arm_argument(parser)
     parser.add_argument(
         "--tui", action="store_true", help="fly in a process of its own, and steer it from the dashboard"
@@ -18,6 +19,7 @@ def _fly(parser: argparse.ArgumentParser) -> None:
 
 def _daemon(parser: argparse.ArgumentParser) -> None:
     _config_arguments(parser)
+    _rehearse_argument(parser)
     _arm_argument(parser)
     parser.add_argument("--once", action="store_true", help="end with the first flight")
     parser.add_argument("--log-format", choices=["text", "logfmt", "json"], default="text", help="default: text")
@@ -46,6 +48,7 @@ def _fleet(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument("--set", action="append", default=[], dest="overrides", metavar="KEY=VALUE", help="for all")
     parser.add_argument("--show", metavar="NAME", help="print the configuration of this vehicle's core, and end")
+    _rehearse_argument(parser)
 
 
 def _relay(parser: argparse.ArgumentParser) -> None:
@@ -58,6 +61,7 @@ def _relay(parser: argparse.ArgumentParser) -> None:
 
 def _doctor(parser: argparse.ArgumentParser) -> None:
     _config_arguments(parser)
+    _rehearse_argument(parser)
     parser.add_argument(
         "--fix",
         action="append",
@@ -87,7 +91,10 @@ def _rf_bridge(parser: argparse.ArgumentParser) -> None:
 
 
 def _tui(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument("log", type=path, nargs="?", metavar="LOG.mcap", help="play this recording")
+    parser.add_argument(
+        "log", type=path, nargs="?", metavar="LOG.mcap", help="play this recording; with --rehearse, CONFIG.toml to fly"
+    )
+    _rehearse_argument(parser)
     parser.add_argument(
         "--vehicle", metavar="NAME", help="name of the vehicle in its config; without it, the one that runs"
     )
@@ -174,6 +181,7 @@ def _export(parser: argparse.ArgumentParser) -> None:
 
 def _check(parser: argparse.ArgumentParser) -> None:
     _config_arguments(parser)
+    _rehearse_argument(parser)
     _json_argument(parser, "the list")
     parser.add_argument("--watch", action="store_true", help="show the pose source live; opens no command link")
     parser.add_argument("--seconds", type=_seconds, metavar="S", help="for how long (with --watch)")
@@ -181,6 +189,7 @@ def _check(parser: argparse.ArgumentParser) -> None:
 
 def _carry(parser: argparse.ArgumentParser) -> None:
     _config_arguments(parser)
+    _rehearse_argument(parser)
     parser.add_argument("--json", action="store_true", help="print one JSON object; what to do goes to stderr")
     parser.add_argument("--dry-run", action="store_true", help="write nothing into the configuration")
 
@@ -197,6 +206,18 @@ def _identify(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("file", type=path, metavar="LOG.mcap", help="best of trajectory.kind = 'excitation'")
     parser.add_argument("--out", type=path, metavar="FILE.toml", help="write a vehicle file, for vehicle.file")
     parser.add_argument("--page", type=path, metavar="DIR", help="write a page with the fits, and its figures")
+    _json_argument(parser, "the table")
+
+
+def _import(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument("files", type=path, nargs="+", metavar="FILE")
+    parser.add_argument("--map", required=True, metavar="MAP", help="a mapping that comes along, or a file: the how-to")
+    parser.add_argument("--out", type=path, required=True, metavar="FLIGHT.mcap", help="the recording to write")
+    parser.set_defaults(command="import-flight")  # `import` is no name of a function
+
+
+def _evidence(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument("files", type=path, nargs="+", metavar="FLIGHT.mcap", help="imported, or our own")
     _json_argument(parser, "the table")
 
 
@@ -244,6 +265,11 @@ COMMANDS = {
     "carry": ("find the tracker's axes and latency by carrying the vehicle, props off", _carry),
     "report": ("one page about a recorded flight, with figures; or about two, compared", _report),
     "identify": ("thrust, lags, delay, drag and noise of the vehicle, from a recorded flight", _identify),
+    "import": ("a flight that others recorded (CSV, ULog, .bin, .tlog), as a recording", _import),
+    "evidence": (
+        "how well our estimator predicts recorded flights, and what they tell of vehicle and poses",
+        _evidence,
+    ),
     "trajectory": ("what the trajectory asks of the vehicle: PASS or FAIL", _trajectory),
     "states": ("the states of a flight, and what leads from one to another", _states),
     "vehicles": ("list the vehicles that come along, for vehicle.preset", _vehicles),
@@ -266,6 +292,14 @@ def _config_arguments(parser: argparse.ArgumentParser, *, optional: bool = False
     parser.add_argument("config", type=path, nargs="?" if optional else None, metavar=metavar)
     parser.add_argument(
         "--set", action="append", default=[], dest="overrides", metavar="KEY=VALUE", help="override one key"
+    )
+
+
+def _rehearse_argument(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument(
+        "--rehearse",
+        action="store_true",
+        help="nothing real: every address is turned to what `groundstation-sim serve --config` of the same file plays",
     )
 
 

@@ -210,6 +210,25 @@ def _serve(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--link", choices=_LINKS[:-1], default="mavlink", help="dsm and crsf: a receiver on a pty")
     parser.add_argument("--floor", action="store_true", help="it stands on the floor, instead of being held in the air")
     parser.add_argument("--fleet", type=path, metavar="FLEET.toml", help="a vehicle for each of this fleet file")
+    parser.add_argument(
+        "--config",
+        type=path,
+        metavar="FILE.toml",
+        help="play tracker and autopilot or receiver of this file, or fleet file, for `groundstation … --rehearse`",
+    )
+    parser.add_argument(
+        "--wrong", default="", metavar="WHAT", help="with --config, mistakes to rehearse: yaw=5,latency=+20ms,mass=1.1"
+    )
+    parser.add_argument(
+        "--carried", action="store_true", help="with --config: for each Enter here a hand makes the moves of `carry`"
+    )
+    parser.add_argument(
+        "--gcs",
+        nargs="?",
+        const="127.0.0.1:14550",
+        metavar="HOST:PORT",
+        help="a second ground station here, such as QGroundControl, hears the autopilot (default 127.0.0.1:14550)",
+    )
     parser.add_argument("--duration", type=seconds, metavar="S", help="stop after so many seconds")
 
 

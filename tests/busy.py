@@ -1,10 +1,9 @@
-"""Tests in real time on a machine that is too busy for them: told so, and tried once more.
+"""Tests in real time that fail run once more, and it is said; a machine that could not keep time is told apart.
 
-What is kept waiting for a processor is late, and says nothing about the code. Two things tell of it, and neither
-depends on what is tested: what share of a processor the machine gives, right after a failure, to whoever wants all of
-one; and by how much a process that sleeps for moments was woken too late, while the test ran and while what it shares
-with others was set up. Where they tell of it, a test that failed waits a while for better. Every one that failed runs
-once more, and it is said; where it fails again and the machine is as busy, it is left out, loudly.
+What is kept waiting for a processor is late, and says nothing about the code. A floor tells: on each processor, a
+process that does nothing but keep a plain timer of a radio frame's period. Where it was late by half a period and more
+for over a twentieth of the second attempt's own time, nothing could have kept time there, and the test is left out,
+loudly. Anything less excuses nothing: what fails twice has failed.
 """
 
 import gc
@@ -16,65 +15,59 @@ import warnings
 from collections import deque
 from collections.abc import Callable
 from contextlib import suppress
+from pathlib import Path
+from typing import NamedTuple
 
 import pytest
 from _pytest.runner import runtestprotocol
 
-ENOUGH = 0.75
-"""Of a processor, for who wants all of it: with less, a test in real time proves nothing by its failure [-]."""
-LOOK_S = 0.25
-"""How long the share is measured [s]."""
+PERIOD_S = 0.0225
+"""Of the timer: DSM's, the slowest that we keep [s]."""
+GROSS = 0.05
+"""Share of the timer's moments that came late by half a period and more, above which nothing could keep time [-]."""
+LEAST_S = 1.0
+"""No share is taken of less: a single late moment is no excuse for a short test [s]."""
 PATIENCE_S = 20.0
-"""How long a test waits for a machine that has enough to give [s]."""
+"""How long a test waits for a machine that keeps time again [s]."""
 TOO_BUSY = "left out: machine too busy"
 
-
-def share() -> float:
-    """What part of a processor this thread gets that wants all of one [-]."""
-    begun, used = time.perf_counter(), time.thread_time()
-    while (lasted := time.perf_counter() - begun) < LOOK_S:
-        pass
-    return (time.thread_time() - used) / lasted
-
-
-SLEEPER = """
+# Each moment has its own due time: who is held up for a second misses all of a second's.
+SLEEPER = f"""
 import os, sys, time
-os.sched_setaffinity(0, {int(sys.argv[1])})
+os.sched_setaffinity(0, {{int(sys.argv[1])}})
 parent = os.getppid()
 os.set_blocking(1, False)
+due = time.monotonic()
 while os.getppid() == parent:
-    due = time.monotonic() + 0.01
-    time.sleep(0.01)
-    if (late := time.monotonic() - due) > 0.005:
+    due += {PERIOD_S}
+    time.sleep(max(0.0, due - time.monotonic()))
+    if time.monotonic() - due > {PERIOD_S / 2.0}:
         try:
-            os.write(1, b"%f %f\\n" % (due, late))
+            os.write(1, b"%f\\n" % due)
         except BlockingIOError:
             pass
 """
-LATE_S = 0.02
-"""Who is woken so late [s] has not had what a test in real time needs."""
 
 
 class Sleeper:
-    """A process of its own that sleeps for moments, on one processor."""
+    """A process of its own that keeps a plain timer on one processor."""
 
     def __init__(self, processor: int) -> None:
         self._process = subprocess.Popen(
             [sys.executable, "-I", "-S", "-c", SLEEPER, str(processor)], stdout=subprocess.PIPE
         )
-        self._woken: deque[tuple[float, float]] = deque(maxlen=10_000)
+        self._late_at_s: deque[float] = deque(maxlen=10_000)
 
-    def late_s(self, since_s: float) -> float:
-        """How late it was woken at the most, since a time on the monotonic clock [s]."""
+    def late(self, since_s: float) -> float:
+        """The share of its moments that came late, from a time on the monotonic clock until now [-]."""
         out = self._process.stdout
         assert out is not None
         os.set_blocking(out.fileno(), False)
         with suppress(BlockingIOError):
             while found := os.read(out.fileno(), 1 << 20):
-                for line in found.decode().splitlines():
-                    due_s, late_s = line.split()
-                    self._woken.append((float(due_s), float(late_s)))
-        return max((late_s for due_s, late_s in self._woken if due_s >= since_s), default=0.0)
+                self._late_at_s += map(float, found.split())
+        asked_s = max(LEAST_S, time.monotonic() - since_s)
+        return PERIOD_S * sum(due_s >= since_s for due_s in self._late_at_s) / asked_s
 
     def end(self) -> None:
         """End it."""
@@ -87,27 +80,22 @@ class Machine:
 
     def __init__(self) -> None:
         self._sleepers: list[Sleeper] = []
-        self.since_s: dict[str, float] = {}
-        """When the tests of each file began to run here."""
 
-    def watch(self, path: str) -> None:
-        """A test of this file begins."""
+    def watch(self) -> None:
+        """Tests in real time begin."""
         self._sleepers = self._sleepers or [Sleeper(processor) for processor in os.sched_getaffinity(0)]
-        self.since_s.setdefault(path, time.monotonic())
 
-    def is_too_busy(self, path: str) -> str:
-        """How it shows, as words; empty where it does not."""
-        late_s, got = max(each.late_s(self.since_s[path]) for each in self._sleepers), share()
-        if late_s < LATE_S and got >= ENOUGH:
-            return ""
-        return f"{got:.0%} of a processor, up to {1e3 * late_s:.0f} ms late"
+    def late(self, since_s: float) -> float:
+        """For what share of the time since then its worst processor kept no time [-]."""
+        return max(each.late(since_s) for each in self._sleepers)
 
-    def await_enough(self, path: str) -> None:
-        """Wait for better, but not for ever; what was late until then is over."""
-        until = time.monotonic() + PATIENCE_S
-        while share() < ENOUGH and time.monotonic() < until:
+    def await_better(self) -> None:
+        """Wait until it keeps time, but not for ever."""
+        until_s = time.monotonic() + PATIENCE_S
+        while (now_s := time.monotonic()) < until_s:
             time.sleep(1.0)
-        self.since_s[path] = time.monotonic()
+            if self.late(now_s) <= GROSS:
+                return
 
     def end(self) -> None:
         """The tests are over."""
@@ -115,18 +103,29 @@ class Machine:
             each.end()
 
 
-def retried(attempt: Callable[[], bool], too_busy: Callable[[], str], wait: Callable[[], None]) -> tuple[bool, str]:
-    """Whether the last attempt counts, and what is to be said; ``attempt`` is True where it succeeds."""
-    if attempt():
+class Attempt(NamedTuple):
+    """One run of a test."""
+
+    failure: str
+    """The line at which it failed, and by what; empty where it passed."""
+    late: float
+    """For what share of its time the machine kept none [-]."""
+
+
+def retry(run: Callable[[], Attempt], wait: Callable[[], None]) -> tuple[bool, str]:
+    """Whether the last attempt counts, and what is to be said."""
+    first = run()
+    if not first.failure:
         return True, ""
-    busy = too_busy()
-    if busy:
+    said = f"failed ({first.failure}; machine late {first.late:.0%} of the time)"
+    if first.late > GROSS:
         wait()
-    first = f"machine too busy ({busy})" if busy else "failed"
-    if attempt():
-        return True, f"{first}, passed when tried again"
-    second = too_busy()
-    return not second, f"{first}, failed when tried again ({second or 'with enough of it'})"
+    second = run()
+    if not second.failure:
+        return True, f"{said}, passed when tried again"
+    same = second.failure.partition(": ")[0] == first.failure.partition(": ")[0]
+    again = f"{'at the same line' if same else second.failure}; machine late {second.late:.0%} of the time"
+    return second.late <= GROSS, f"{said}, failed when tried again ({again})"
 
 
 MACHINE = Machine()
@@ -143,16 +142,25 @@ def pytest_sessionfinish() -> None:
     MACHINE.end()
 
 
+def failure_of(reports: list[pytest.TestReport]) -> str:
+    """The file, line and exception of the first that failed; empty where none did."""
+    for report in reports:
+        if report.failed:
+            crash = getattr(report.longrepr, "reprcrash", None)
+            where = f"{Path(crash.path).name}:{crash.lineno}: {crash.message}" if crash else report.longreprtext
+            return (where.splitlines() or [report.when or ""])[0]
+    return ""
+
+
 def pytest_runtest_protocol(item: pytest.Item, nextitem: pytest.Item | None) -> bool | None:
     """Run one test in real time; of two attempts, the second is reported."""
     if item.get_closest_marker("real_time") is None:
         return None
     item.ihook.pytest_runtest_logstart(nodeid=item.nodeid, location=item.location)
-    path = str(item.path)
-    MACHINE.watch(path)
+    MACHINE.watch()
     reports: list[pytest.TestReport] = []
 
-    def attempt() -> bool:
+    def run() -> Attempt:
         if reports:
             # What the first attempt shares with others was as late as itself; and what it left open is no failure of
             # the second.
@@ -162,10 +170,11 @@ def pytest_runtest_protocol(item: pytest.Item, nextitem: pytest.Item | None) -> 
             with warnings.catch_warnings():
                 warnings.simplefilter("ignore")
                 gc.collect()
+        begun_s = time.monotonic()
         reports[:] = runtestprotocol(item, log=False, nextitem=nextitem)
-        return not any(report.failed for report in reports)
+        return Attempt(failure_of(reports), MACHINE.late(begun_s))
 
-    counts, said = retried(attempt, lambda: MACHINE.is_too_busy(path), lambda: MACHINE.await_enough(path))
+    counts, said = retry(run, MACHINE.await_better)
     for report in reports:
         if said:
             report.user_properties.append(("said", f"{item.nodeid}: {said}"))

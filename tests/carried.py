@@ -5,58 +5,12 @@ import random
 from collections.abc import Callable, Sequence
 
 from groundstation.core.geometry import Quat, Vec3, so3
-from groundstation.lab.axes import MOVES, Carry, CarryMove, Sample
-
-START: tuple[Vec3, Quat] = ((0.7, -0.4, -0.1), so3.IDENTITY)
-MOVE_S, HOLD_S = 1.6, 1.2
-SHIFT_M, TURN_RAD = 0.55, math.radians(42.0)
+from groundstation.lab import MOVES, CarryMove
+from groundstation.lab.axes import Carry, Sample
+from sim.world import HOLD_S, MOVE_S, make_hand
 
 Measure = Callable[[Vec3, Quat], tuple[Vec3, Quat]]
 """What a tracker says of a true pose, NED and FRD."""
-
-
-def hand(
-    seed: int, *, moves: Sequence[CarryMove] = MOVES, nose_deg: float = 0.0
-) -> Callable[[float], tuple[Vec3, Quat]]:
-    """The true pose at a time [s]: the ``moves``, some 8 degrees and a tenth beside what is shown."""
-    draw = random.Random(seed)
-    place, attitude = START[0], so3.from_euler_zyx(0.0, 0.0, math.radians(nose_deg))
-    stops = [(place, attitude)]
-    for move in moves:
-        x, y, z = (part + draw.gauss(0.0, 0.08) for part in move.axis)
-        size = draw.uniform(0.9, 1.1)
-        if move.kind == "shift":
-            dx, dy, dz = so3.to_world(attitude, (x, y, z))
-            place = (
-                place[0] + SHIFT_M * size * dx,
-                place[1] + SHIFT_M * size * dy,
-                place[2] + SHIFT_M * size * dz,
-            )
-        elif move.kind in ("turn", "back"):
-            angle = TURN_RAD * size * (2.0 if move.name == "turn right" else 1.0)
-            attitude = turned(attitude, (angle * x, angle * y, angle * z))
-        stops.append((place, attitude))
-
-    def at(time_s: float) -> tuple[Vec3, Quat]:
-        leg = min(int(time_s / (MOVE_S + HOLD_S)), len(stops) - 2)
-        share = min(max(time_s - leg * (MOVE_S + HOLD_S), 0.0) / MOVE_S, 1.0)
-        share = share**3 * (10.0 - 15.0 * share + 6.0 * share * share)
-        (p, q), (r, s) = stops[leg], stops[leg + 1]
-        tremor = tuple(2e-3 * math.sin(9.0 * time_s + phase) for phase in (0.0, 1.0, 2.0))
-        way = so3.rotation_vector(so3.multiply(so3.conjugate(q), s))
-        turn = turned(q, (share * way[0], share * way[1], share * way[2]))
-        turn = so3.rotate(turn, (4.0 * tremor[1], 4.0 * tremor[2], 4.0 * tremor[0]))
-        x, y, z = (a + share * (b - a) + t for a, b, t in zip(p, r, tremor, strict=True))
-        return (x, y, z), turn
-
-    return at
-
-
-def turned(q: Quat, angle: Vec3) -> Quat:
-    """As :func:`groundstation.core.geometry.so3.rotate`, for large angles too."""
-    size = math.hypot(*angle)
-    k = math.sin(0.5 * size) / size if size > 1e-9 else 0.5
-    return so3.multiply(q, (math.cos(0.5 * size), k * angle[0], k * angle[1], k * angle[2]))
 
 
 def lasts_s(moves: Sequence[CarryMove] = MOVES) -> float:
@@ -76,7 +30,7 @@ def carried(
 ) -> tuple[Carry, list[Sample]]:
     """The moves as a tracker of 50 Hz sees them, stamped ``late_s`` too late; the autopilot's attitudes at 100 Hz."""
     draw = random.Random(seed + 1)
-    at, carry, attitudes = hand(seed, moves=moves, nose_deg=nose_deg), Carry(), []
+    at, carry, attitudes = make_hand(seed, moves=moves, nose_deg=nose_deg), Carry(), []
     turn = so3.from_euler_zyx(0.0, 0.0, math.radians(autopilot_yaw_deg))
 
     def noisy(q: Quat) -> Quat:

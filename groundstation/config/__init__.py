@@ -43,6 +43,7 @@ if TYPE_CHECKING:
         keys_of,
         name_pattern,
         structs,
+        texts_of,
     )
     from groundstation.config.text import field_notes
 
@@ -88,6 +89,7 @@ _MODULES = {
         "keys_of",
         "name_pattern",
         "structs",
+        "texts_of",
     ),
     "text": ("field_notes",),
 }

@@ -210,16 +210,34 @@ def structs(info: mi.Type) -> list[mi.StructType]:
 
 def keys_of(root: type[msgspec.Struct]) -> list[str]:
     """Every key that a ``root`` may have, of every kind of its sections, as an operator writes it; in their order."""
-    return sorted(set(_keys(mi.type_info(root), ())))
+    return sorted({key for key, _ in _keys(mi.type_info(root), ())})
 
 
-def _keys(info: mi.Type, path: KeyPath) -> Iterator[str]:
+def texts_of(root: type[msgspec.Struct]) -> list[str]:
+    """Those of :func:`keys_of` whose value may be a text, or hold one, that is not one of a few known words."""
+    return sorted({key for key, info in _keys(mi.type_info(root), ()) if info is not None and _holds_text(info)})
+
+
+def _holds_text(info: mi.Type) -> bool:
+    match info:
+        case mi.Metadata():
+            return _holds_text(info.type)
+        case mi.UnionType():
+            return any(map(_holds_text, info.types))
+        case mi.TupleType():
+            return any(map(_holds_text, info.item_types))
+        case mi.VarTupleType() | mi.ListType():
+            return _holds_text(info.item_type)
+    return not isinstance(info, mi.FloatType | mi.IntType | mi.BoolType | mi.LiteralType | mi.EnumType | mi.NoneType)
+
+
+def _keys(info: mi.Type, path: KeyPath) -> Iterator[tuple[str, mi.Type | None]]:
     inner = structs(info)
     if not inner:
-        yield dotted_key(path)
+        yield dotted_key(path), info
     for struct in inner:
         if struct.tag_field is not None:
-            yield dotted_key((*path, struct.tag_field))
+            yield dotted_key((*path, struct.tag_field)), None
         for field in struct.fields:
             yield from _keys(field.type, (*path, field.encode_name))
 

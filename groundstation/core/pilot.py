@@ -22,7 +22,7 @@ from groundstation.core.geometry import FLOATS, Vec3, euler_zyx
 from groundstation.core.messages import Certificate, Decision, Estimate, Pose
 from groundstation.core.safety import STILL_SUSPECTS, Obedience, PoseEvidence
 from groundstation.core.trajectory import Reference, Trajectory
-from groundstation.core.vehicle import ActuatorCommand, Motion, Vehicle, integrate
+from groundstation.core.vehicle import ActuatorCommand, Motion, Vehicle, integrate, schedule
 from links.core import Command, Segment
 
 WIND_MEMORY_S = 1.0
@@ -171,7 +171,7 @@ class Pilot:
             self._controller.begin(disturbance)
         self._released = self._lifted = True
         self._trust_from_here(disturbance)
-        motion = self._estimator.predict(time_s + self._vehicle.command_delay_s).motion
+        motion = self._estimator.predict(time_s + self._vehicle.acting_delay_s).motion
         return Reference(motion.position, motion.velocity, yaw_rad=euler_zyx(motion.attitude)[2])
 
     @property
@@ -219,7 +219,7 @@ class Pilot:
     def idle(self, time_s: float, thrust_n: float) -> Command:
         """A command that holds the rates at zero and the thrust at ``thrust_n``, resting on the newest pose."""
         drive = ActuatorCommand(thrust_n, (0.0, 0.0, 0.0))
-        self._send(time_s + self._vehicle.command_delay_s, drive)
+        self._send(time_s, drive)
         self._last = None
         return self._command(drive, OFF if thrust_n > 0.0 else ())
 
@@ -227,7 +227,7 @@ class Pilot:
         """The command for a frame that leaves at ``time_s``. Needs a pose and a trajectory."""
         pose, trajectory, descent = self._pose, self._trajectory, self._descent
         assert pose is not None and trajectory is not None, "tick() needs a pose and a trajectory"
-        acting = time_s + self._vehicle.command_delay_s
+        acting = time_s + self._vehicle.acting_delay_s
         estimate = self._estimator.predict(acting)
         flight_time = acting - self._start
         reference = trajectory.at(flight_time)
@@ -239,7 +239,7 @@ class Pilot:
         interval = 0.0 if self._last is None else time_s - self._last
         self._last = time_s
         decision = (descent or self._controller).decide(estimate, reference, interval)
-        self._send(acting, decision.drive)
+        self._send(time_s, decision.drive)
         if self._driver is not None:
             self._estimator.follow(self._driver.b_hat)
         wind = self._mean_wind(estimate.disturbance, interval)
@@ -256,7 +256,7 @@ class Pilot:
         """
         pose, vehicle = self._pose, self._vehicle
         assert pose is not None, "only what has flown by poses ceases to"
-        acting = time_s + vehicle.command_delay_s
+        acting = time_s + vehicle.acting_delay_s
         before = self._before()
         motion = self._reckon(before, acting)
         mass = vehicle.mass_kg / before.effectiveness
@@ -347,12 +347,12 @@ class Pilot:
             )
         return motion
 
-    def _send(self, acting_s: float, drive: ActuatorCommand) -> None:
-        """A command acts from ``acting_s`` on [s]."""
-        self._estimator.add_command(acting_s, drive)
-        drives = self._drives
-        drives.append((acting_s, drive))
-        while drives[0][0] < acting_s - REMEMBER_S:
+    def _send(self, time_s: float, drive: ActuatorCommand) -> None:
+        """A command leaves at ``time_s`` [s]."""
+        seen_s, drives = time_s + self._vehicle.command_delay_s, self._drives
+        self._estimator.add_command(seen_s, drive)
+        schedule(drives, self._vehicle, seen_s, drive)
+        while drives[0][0] < seen_s - REMEMBER_S:
             drives.popleft()
 
     @property

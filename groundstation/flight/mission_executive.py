@@ -465,7 +465,7 @@ class MissionExecutive:
         climb = None if spooling is None else spooling.flies
         if climb is not None:  # it has just left the floor
             motion = self._pilot.lift(now_s, climb.hover_share, climb.climb_m_s)
-            return motion, now_s + self._config.vehicle.command_delay_s
+            return motion, now_s + self._config.vehicle.acting_delay_s
         assert self.tick is not None, "it flies"
         reference, here = self.tick.reference, self.tick.estimate.motion
         if self.state is State.LANDING and math.dist(reference.position_ned, here.position) > ASTRAY_M:

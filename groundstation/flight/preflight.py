@@ -240,8 +240,12 @@ def confirmation(config: Config, arm: str | None) -> Callable[[], Awaitable[bool
         return True
 
     async def ask_operator() -> bool:
-        name = config.vehicle.name
-        prompt = f"{name} is ready. Its motors will start. Type its name to arm, anything else to stop: "
+        name, prompt = config.vehicle.name, "{} is ready. Its motors will start. Type its name to arm"
+        if config.rehearsal is not None:
+            prompt = (
+                f"REHEARSAL of {config.rehearsal.vehicle}: it is ready, and nothing real will move. Type {{}} to arm"
+            )
+        prompt = f"{prompt.format(name)}, anything else to stop: "
         answer = await line_from_terminal(prompt)
         return answer.strip() == name
 

@@ -2,6 +2,7 @@
 
 TYPE_CHECKING = False
 if TYPE_CHECKING:
+    from groundstation.lab.axes import MOVES, CarryMove
     from groundstation.lab.carry import carry_command
     from groundstation.lab.doctor import DoctorOrders, run_doctor
     from groundstation.lab.fleet import FleetPlan, Member, read_fleet
@@ -10,6 +11,7 @@ if TYPE_CHECKING:
     from groundstation.lab.relay import Relay, run_relay
 
 _MODULES = {
+    "axes": ("CarryMove", "MOVES"),
     "carry": ("carry_command",),
     "doctor": ("DoctorOrders", "run_doctor"),
     "fleet": ("FleetPlan", "Member", "read_fleet"),

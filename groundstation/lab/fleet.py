@@ -9,7 +9,7 @@ import msgspec
 from groundstation.config import VEHICLE_LETTERS, ConfigError, from_dict, name_pattern, read_toml, resolve_files
 from groundstation.pose import ShowsOthers
 from groundstation.pose.sources import JsonConfig, ViconConfig
-from groundstation.settings import Config
+from groundstation.settings import Config, rehearse
 from links.io import parse_address
 
 Name = Annotated[str, msgspec.Meta(pattern=name_pattern(VEHICLE_LETTERS))]
@@ -58,8 +58,10 @@ class FleetPlan(NamedTuple):
         return tuple(getattr(member.core.pose, "listen", "") for member in self.members)
 
 
-def read_fleet(path: Path, overrides: Sequence[str] = ()) -> FleetPlan:
+def read_fleet(path: Path, overrides: Sequence[str] = (), *, rehearsed: bool = False) -> FleetPlan:
     """The fleet in the TOML file ``path``; ``overrides`` (``a.b=value``) are for every vehicle.
+
+    ``rehearsed``: with every address turned to the loopback network, see :mod:`groundstation.settings.rehearsal`.
 
     Raises:
         ConfigError: by file, vehicle and key; also where two vehicles would use the same name, object or port.
@@ -81,6 +83,11 @@ def read_fleet(path: Path, overrides: Sequence[str] = ()) -> FleetPlan:
         Member(who.name, lab, _behind_relay(lab, file.relay_port + number) if relayed else lab)
         for number, (who, lab) in enumerate(zip(whos, labs, strict=True))
     ]
+    if rehearsed:
+        turned = [[rehearse(one, path, fleet=True) for one in (member.lab, member.core)] for member in members]
+        members = [Member(lab.vehicle.name, lab, core) for lab, core in turned]
+        _ensure_unlike("name", [(who.name, one.name) for who, one in zip(whos, members, strict=True)], path)
+        labs = [member.lab for member in members]
     return FleetPlan(tuple(members), getattr(labs[0].pose, "listen", None) if relayed else None)
 
 

@@ -14,10 +14,14 @@ if TYPE_CHECKING:
     from groundstation.recording.channels import (
         CHANNELS,
         MeasuredMessage,
+        Quaternion,
+        Vector3,
+        quaternion,
         read_command,
         read_pose,
         read_reference,
         schema,
+        vector,
     )
     from groundstation.recording.headline import STEADY_S, FlightHeadline
     from groundstation.recording.process import END_S, RecorderProcess
@@ -38,7 +42,18 @@ if TYPE_CHECKING:
 
 _MODULES = {
     "assembly": ("Give", "RecordedPilot", "about", "make_flight", "recorder"),
-    "channels": ("CHANNELS", "MeasuredMessage", "read_command", "read_pose", "read_reference", "schema"),
+    "channels": (
+        "CHANNELS",
+        "MeasuredMessage",
+        "Quaternion",
+        "Vector3",
+        "quaternion",
+        "read_command",
+        "read_pose",
+        "read_reference",
+        "schema",
+        "vector",
+    ),
     "headline": ("FlightHeadline", "STEADY_S"),
     "process": ("END_S", "RecorderProcess"),
     "reader": ("Entry", "NoRecording", "Recording", "quick_headline"),

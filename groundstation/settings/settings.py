@@ -14,6 +14,7 @@ from groundstation.core.vehicle import LimitsConfig, Vehicle
 from groundstation.pose import GateConfig, PoseConfig, ShowsOthers
 from groundstation.pose.sources import MavlinkPoseConfig, ViconConfig, VisionConfig
 from groundstation.runtime import RecordingConfig, StatusConfig
+from groundstation.settings.rehearsal import RehearsalConfig, find_way_out
 from links.bridge import BridgeLinkConfig
 from links.core import full_thrust_n
 from links.io import is_loopback
@@ -212,6 +213,8 @@ class Config(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=Tr
     status: StatusConfig = StatusConfig()
     mqtt: MqttConfig = MqttConfig()
     recording: RecordingConfig = RecordingConfig()
+    rehearsal: RehearsalConfig | None = None
+    """Where everything is simulated instead; ``--rehearse`` alone writes it, and no address may lead elsewhere."""
 
     def __post_init__(self) -> None:
         """Check what the sections cannot.
@@ -238,6 +241,8 @@ class Config(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=Tr
                 f"vehicle.thrust_max_n: {most:.4g} N is more than the full signal gives, {full:.4g} N by mass_kg, "
                 f"hover_thrust and the thrust curve (f = {self.thrust_curve:g}): lower it, or correct one of these"
             )
+        if way_out := find_way_out(self):
+            raise ValueError(way_out)
 
     @property
     def body(self) -> str:

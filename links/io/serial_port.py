@@ -1,11 +1,13 @@
-"""A serial port, opened raw and without waiting: 8 data bits, no parity, 1 stop bit, no flow control.
+"""Serial port: opened raw and without waiting, for this program alone, at any speed; 8N1, no flow control.
 
-Written on termios rather than pyserial: bytes come by the event loop's own reader, no thread and no dependency.
-Every failure is an OSError whose words fit a person.
+Linux' own, in plain termios2 rather than pyserial: 125000 and 400000 baud have no name that ``termios`` knows, bytes
+come by the event loop's own reader, and there is no thread. No modem line is touched: pseudo-terminals have none, and
+some modules reset on them. Every failure is an OSError whose ``strerror`` fits a person.
+Source: ioctl_tty(2), asm-generic/termbits.h; the numbers hold on x86, ARM and RISC-V.
 """
 
-import asyncio
 import contextlib
+import errno
 import fcntl
 import os
 import struct
@@ -14,40 +16,65 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any, Protocol, TypeVar
 
-STANDARD = (9600, 19200, 38400, 57600, 115200, 230400, 460800, 500000, 921600, 1000000, 1500000, 2000000)
-"""Baud rates that every Linux knows by name."""
+_TCGETS2, _TCSETS2 = 0x802C542A, 0x402C542B
+_TERMIOS2 = struct.Struct("=IIIIB19sII")
+_ANY_SPEED = 0o010000
+_FLAGS = termios.CS8 | termios.CREAD | termios.CLOCAL | _ANY_SPEED
+_SPEED_TOLERANCE = 0.03
+"""UARTs work with clocks this far apart."""
 
 
 def open_port(path: str, baud: int) -> int:
-    """The descriptor of the port at ``path``, at ``baud`` bit/s; nobody else may open it meanwhile.
+    """The descriptor of the port at ``path``, at ``baud`` bit/s, with nothing in it.
+
+    No other program that asks for it alone, as this one does, gets it meanwhile.
 
     Raises:
-        OSError: it can't be opened, is no serial port, is in use, or does not do ``baud``.
+        OSError: it is not there, not ours, in use, no serial port, or can't go that fast; its text says which.
     """
-    speed = getattr(termios, f"B{baud}", None)
-    if speed is None:
-        raise OSError(f"a port can't do {baud} baud: expected one of {STANDARD}")
-    fd = os.open(path, os.O_RDWR | os.O_NOCTTY | os.O_NONBLOCK | os.O_CLOEXEC)
+    fd = -1
     try:
-        if not os.isatty(fd):
-            raise OSError(f"{path} is no serial port")
+        fd = os.open(path, os.O_RDWR | os.O_NOCTTY | os.O_NONBLOCK | os.O_CLOEXEC)
         fcntl.flock(fd, fcntl.LOCK_EX | fcntl.LOCK_NB)
-        fcntl.ioctl(fd, termios.TIOCEXCL)
-        cc = termios.tcgetattr(fd)[6]
-        cc[termios.VMIN], cc[termios.VTIME] = 0, 0
-        cflag = termios.CS8 | termios.CREAD | termios.CLOCAL
-        termios.tcsetattr(fd, termios.TCSANOW, [0, 0, cflag, 0, speed, speed, cc])
-        termios.tcflush(fd, termios.TCIOFLUSH)  # what was sent to, or by, whoever had it before
-    except BlockingIOError:
-        os.close(fd)
-        raise OSError(f"another program has {path} open") from None
-    except termios.error as error:
-        os.close(fd)
-        raise OSError(f"{path} takes no settings ({error.args[-1]})") from None
-    except OSError:
-        os.close(fd)
-        raise
+        old = _TERMIOS2.unpack(fcntl.ioctl(fd, _TCGETS2, bytes(_TERMIOS2.size)))
+        control = bytearray(19)
+        control[termios.VMIN] = 1
+        raw = (0, 0, _FLAGS, 0, old[4], bytes(control), baud, baud)
+        fcntl.ioctl(fd, _TCSETS2, _TERMIOS2.pack(*raw))
+        speed = _TERMIOS2.unpack(fcntl.ioctl(fd, _TCGETS2, bytes(_TERMIOS2.size)))[7]
+        if abs(speed - baud) > _SPEED_TOLERANCE * baud:
+            raise OSError(errno.EINVAL, f"it can't go at {baud} baud, only at {speed}: take another adapter")
+        discard(fd, termios.TCIOFLUSH)  # what was sent to, or by, whoever had it before
+    except OSError as error:
+        if fd >= 0:
+            os.close(fd)
+        raise OSError(error.errno, _advice(error)) from None
     return fd
+
+
+def _advice(error: OSError) -> str:
+    match error.errno:
+        case errno.ENOENT | errno.ENXIO | errno.ENODEV | errno.EIO:
+            return "no such port; plug in the adapter, or correct its name"
+        case errno.EACCES | errno.EPERM:
+            return "permission denied; join the group that owns it (often dialout) and log in again"
+        case errno.EAGAIN | errno.EBUSY:
+            return "another program uses it; stop that first"
+        case errno.ENOTTY:
+            return "it is no serial port"
+    return error.strerror or str(error)
+
+
+def discard(fd: int, which: int = termios.TCOFLUSH) -> None:
+    """Throw away what waits to leave, or what ``which`` says as tcflush(3) has it.
+
+    Raises:
+        OSError: the port is gone.
+    """
+    try:
+        termios.tcflush(fd, which)
+    except termios.error as error:
+        raise OSError(*error.args) from None
 
 
 def is_pseudo_terminal(path: str) -> bool:
@@ -56,19 +83,17 @@ def is_pseudo_terminal(path: str) -> bool:
 
 
 def waiting(fd: int) -> int:
-    """Bytes that were written and have not left yet; 0 where the port can't tell."""
+    """Bytes that were written and have not left yet; 0 where the driver can't tell.
+
+    Raises:
+        OSError: the port is gone.
+    """
     try:
-        count: int = struct.unpack("i", fcntl.ioctl(fd, termios.TIOCOUTQ, b"\0\0\0\0"))[0]
-    except OSError:
-        return 0
-    return count
-
-
-def close_port(fd: int) -> None:
-    """Close it; what waits in it never leaves."""
-    with contextlib.suppress(termios.error, OSError):  # unplugged: there is nothing left in it
-        termios.tcflush(fd, termios.TCIOFLUSH)
-    os.close(fd)
+        return int(struct.unpack("=i", fcntl.ioctl(fd, termios.TIOCOUTQ, bytes(4)))[0])
+    except OSError as error:
+        if error.errno in (errno.ENOTTY, errno.EINVAL):
+            return 0
+        raise
 
 
 class PortProtocol(Protocol):
@@ -95,6 +120,8 @@ class PortTransport:
 
     def __init__(self, fd: int, protocol: PortProtocol) -> None:
         """Take over the open port ``fd``."""
+        import asyncio  # the processes of a pacer open ports without an event loop
+
         self._fd = fd
         self._protocol = protocol
         self._loop = asyncio.get_running_loop()
@@ -102,8 +129,11 @@ class PortTransport:
         self._loop.add_reader(fd, self._read)
 
     def waiting(self) -> int:
-        """Bytes that were sent and have not left yet; 0 where the port can't tell."""
-        return waiting(self._fd)
+        """Bytes that were sent and have not left yet; 0 where the port can't tell, or is gone."""
+        try:
+            return waiting(self._fd)
+        except OSError:
+            return 0
 
     def send(self, data: bytes) -> int:
         """Send ``data``; returns its length.
@@ -121,7 +151,9 @@ class PortTransport:
         """Close the port; what waits in it never leaves, and nobody is told."""
         if self._fd >= 0:
             self._loop.remove_reader(self._fd)
-            close_port(self._fd)
+            with contextlib.suppress(OSError):  # unplugged: there is nothing left in it
+                discard(self._fd, termios.TCIOFLUSH)
+            os.close(self._fd)
             self._fd = -1
 
     def _read(self) -> None:
@@ -148,6 +180,8 @@ async def create_serial_connection(factory: Callable[[], P], path: str, baud: in
     Where the running loop has a method of this name that is what opens it, as with asyncio's own wires: a recorder
     taps it there, and a replay has no real port.
     """
+    import asyncio
+
     own = getattr(asyncio.get_running_loop(), "create_serial_connection", None)
     if own is not None:
         transport, protocol = await own(factory, path, baud)
@@ -158,5 +192,6 @@ async def create_serial_connection(factory: Callable[[], P], path: str, baud: in
 async def open_serial_connection(factory: Callable[[], P], path: str, baud: int) -> tuple[Any, P]:
     """The same past the loop."""
     fd = open_port(path, baud)
+    fcntl.ioctl(fd, termios.TIOCEXCL)  # programs that look for modems ask nobody
     protocol = factory()
     return PortTransport(fd, protocol), protocol

@@ -4,13 +4,13 @@ TYPE_CHECKING = False
 if TYPE_CHECKING:
     from sim.autopilots.base import SimulatedAutopilot
     from sim.autopilots.dialect import Parameters
-    from sim.autopilots.peer import AUTOPILOTS, AutopilotPeer
+    from sim.autopilots.peer import AUTOPILOTS, AutopilotPeer, OpenWire, accept_at, at_end_of, speak_to, wait_at
     from sim.autopilots.px4 import Px4Autopilot
 
 _MODULES = {
     "base": ("SimulatedAutopilot",),
     "dialect": ("Parameters",),
-    "peer": ("AUTOPILOTS", "AutopilotPeer"),
+    "peer": ("AUTOPILOTS", "AutopilotPeer", "OpenWire", "accept_at", "at_end_of", "speak_to", "wait_at"),
     "px4": ("Px4Autopilot",),
 }
 

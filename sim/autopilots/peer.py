@@ -1,27 +1,213 @@
-"""A simulated autopilot, one by name, on a UDP socket: it speaks first, to the ground station, as PX4 does."""
+"""A simulated autopilot, one by name, and its wires.
+
+On UDP it speaks first, to the ground station, as PX4 does. In a rehearsal it may have to wait at an address, to accept
+TCP connections, or to be at the end of a serial port; and a second ground station may hear it, too.
+"""
 
 import asyncio
 import math
 from collections import deque
-from collections.abc import Callable
-from typing import Any
+from collections.abc import Awaitable, Callable
+from typing import Any, Protocol
 
+from links.mavlink.protocol import frame_end
 from sim.autopilots.ardupilot import ArduPilotAutopilot
 from sim.autopilots.base import SimulatedAutopilot
 from sim.autopilots.px4 import Px4Autopilot
+
+
+class Wire(Protocol):
+    """What frames leave by."""
+
+    def sendto(self, frame: bytes) -> None:
+        """Send one frame, or drop it where nobody is there."""
+        ...
+
+    def abort(self) -> None:
+        """Leave the network."""
+        ...
+
+
+Hear = Callable[[bytes, Any], None]
+"""Takes a frame and where it came from."""
+OpenWire = Callable[[Hear], Awaitable[Wire]]
+
+
+class FrameCutter:
+    """Cuts a stream of bytes into MAVLink frames; what begins none is left out."""
+
+    def __init__(self, hear: Hear) -> None:
+        """Give each frame to ``hear``."""
+        self._hear, self._rest = hear, b""
+
+    def feed(self, data: bytes) -> None:
+        """Take the next bytes."""
+        data, at = self._rest + data, 0
+        while at < len(data):
+            end = frame_end(data, at)
+            if end > len(data):
+                break
+            if end:
+                self._hear(data[at:end], None)
+            at = end or at + 1
+        self._rest = data[at:]
+
+
+class UdpWire(asyncio.DatagramProtocol):
+    """Implements :class:`Wire`: to one ground station, or to whoever spoke last where that has to speak first."""
+
+    def __init__(self, hear: Hear, *, connected: bool) -> None:
+        """Opened by the event loop; a ``connected`` socket knows its other end."""
+        self._hear, self._connected = hear, connected
+        self._station: Any = None
+        self._transport: Any = None
+
+    def connection_made(self, transport: Any) -> None:
+        """Keep it (called by the event loop)."""
+        self._transport = transport
+
+    def datagram_received(self, data: bytes, addr: Any) -> None:
+        """Take one datagram (called by the event loop)."""
+        self._station = addr
+        self._hear(data, addr)
+
+    def sendto(self, frame: bytes) -> None:
+        """Send one frame."""
+        if self._connected:
+            self._transport.sendto(frame)
+        elif self._station is not None:
+            self._transport.sendto(frame, self._station)
+
+    def abort(self) -> None:
+        """Close the socket."""
+        self._transport.abort()
+
+
+class AcceptingTcp(asyncio.Protocol):
+    """Implements :class:`Wire` for one TCP connection at a time: a newer one takes the place of the older."""
+
+    def __init__(self, hear: Hear) -> None:
+        """Opened by the event loop."""
+        self._hear = hear
+        self._cutter = FrameCutter(hear)
+        self._transport: Any = None
+        self.server: asyncio.AbstractServer | None = None
+        """What accepts."""
+
+    def connection_made(self, transport: Any) -> None:
+        """Somebody has connected (called by the event loop)."""
+        if self._transport is not None:
+            self._transport.abort()
+        self._transport, self._cutter = transport, FrameCutter(self._hear)
+
+    def data_received(self, data: bytes) -> None:
+        """Take bytes (called by the event loop)."""
+        self._cutter.feed(data)
+
+    def sendto(self, frame: bytes) -> None:
+        """Send one frame."""
+        if self._transport is not None and not self._transport.is_closing():
+            self._transport.write(frame)
+
+    def abort(self) -> None:
+        """Close the connection, and accept none any more."""
+        if self.server is not None:
+            self.server.close()
+        if self._transport is not None:
+            self._transport.abort()
+
+
+def speak_to(remote: tuple[str, int]) -> OpenWire:
+    """UDP to a ground station that listens at ``remote`` (host, port)."""
+
+    async def open_wire(hear: Hear) -> Wire:
+        loop = asyncio.get_running_loop()
+        _, wire = await loop.create_datagram_endpoint(lambda: UdpWire(hear, connected=True), remote_addr=remote)
+        return wire
+
+    return open_wire
+
+
+def wait_at(address: tuple[str, int]) -> OpenWire:
+    """UDP at ``address`` (host, port): the ground station speaks first."""
+
+    async def open_wire(hear: Hear) -> Wire:
+        loop = asyncio.get_running_loop()
+        _, wire = await loop.create_datagram_endpoint(lambda: UdpWire(hear, connected=False), local_addr=address)
+        return wire
+
+    return open_wire
+
+
+def accept_at(address: tuple[str, int]) -> OpenWire:
+    """TCP at ``address`` (host, port)."""
+
+    async def open_wire(hear: Hear) -> Wire:
+        wire = AcceptingTcp(hear)
+        wire.server = await asyncio.get_running_loop().create_server(lambda: wire, *address)
+        return wire
+
+    return open_wire
+
+
+class Port(Protocol):
+    """The far end of a serial port; :class:`sim.radio.radio.PtyWire` is one."""
+
+    def listen(self, take: Callable[[bytes], None]) -> None:
+        """Call ``take`` with whatever is written to the port."""
+        ...
+
+    def say(self, data: bytes) -> None:
+        """Write to whoever has the port open."""
+        ...
+
+
+class SerialEnd:
+    """Implements :class:`Wire` at the far end of a serial port, which its owner closes."""
+
+    def __init__(self, port: Port) -> None:
+        """Write to ``port``."""
+        self._port = port
+
+    def sendto(self, frame: bytes) -> None:
+        """Send one frame."""
+        self._port.say(frame)
+
+    def abort(self) -> None:
+        """Nothing to do."""
+
+
+def at_end_of(port: Port) -> OpenWire:
+    """The far end of a serial ``port``."""
+
+    async def open_wire(hear: Hear) -> Wire:
+        port.listen(FrameCutter(hear).feed)
+        return SerialEnd(port)
+
+    return open_wire
 
 
 class AutopilotPeer(asyncio.DatagramProtocol):
     """Runs on the real and on the virtual loop alike."""
 
     def __init__(
-        self, autopilot: SimulatedAutopilot, remote: tuple[str, int], *, delay_s: float = 0.0, hearing_s: float = 0.0
+        self,
+        autopilot: SimulatedAutopilot,
+        remote: tuple[str, int],
+        *,
+        delay_s: float = 0.0,
+        hearing_s: float = 0.0,
+        open_wire: OpenWire | None = None,
     ) -> None:
         """Bring ``autopilot`` to the ground station that listens at ``remote`` (host, port).
 
         ``delay_s`` is how long what it says takes to leave, ``hearing_s`` how long what it is told takes to reach
-        it, on top of what the network takes [s].
+        it, on top of what the network takes [s]. ``open_wire`` opens another wire instead of that UDP.
         """
+        self._open_wire = open_wire
+        self.open_second: OpenWire | None = None
+        """Opens the wire of a second ground station, which hears all telemetry and the answers to what it asks."""
+        self._second: Wire | None = None
         self._autopilot = autopilot
         self._delay_s = delay_s
         self._hearing_s = hearing_s
@@ -31,7 +217,7 @@ class AutopilotPeer(asyncio.DatagramProtocol):
         self.overhear: Callable[[float, bytes], None] | None = None
         """Sees every datagram as it comes, and when [s]."""
         self._loop: asyncio.AbstractEventLoop | None = None
-        self._transport: asyncio.DatagramTransport | None = None
+        self._transport: Wire | None = None
         self._timer: asyncio.TimerHandle | None = None
         self._timer_s = math.inf
         self._end: asyncio.Future[None] | None = None
@@ -41,8 +227,13 @@ class AutopilotPeer(asyncio.DatagramProtocol):
         loop = asyncio.get_running_loop()
         self._end = loop.create_future()
         self._loop = loop
-        self._transport, _ = await loop.create_datagram_endpoint(lambda: self, remote_addr=self._remote)
+        if self._open_wire is not None:
+            self._transport = await self._open_wire(self.datagram_received)
+        else:
+            self._transport, _ = await loop.create_datagram_endpoint(lambda: self, remote_addr=self._remote)
         try:
+            if self.open_second is not None:
+                self._second = await self.open_second(self._hear_second)
             self._wake()
             await self._end
         finally:
@@ -50,6 +241,8 @@ class AutopilotPeer(asyncio.DatagramProtocol):
             if self._timer is not None:
                 self._timer.cancel()
             self._transport.abort()
+            if self._second is not None:
+                self._second.abort()
 
     def silence(self) -> None:
         """Let nothing leave any more, as a telemetry radio that dies; it still hears and flies."""
@@ -97,12 +290,29 @@ class AutopilotPeer(asyncio.DatagramProtocol):
         else:
             self._schedule()
 
+    def _hear_second(self, data: bytes, addr: Any) -> None:
+        """The second ground station: no radio is between it and the autopilot."""
+        del addr
+        if self._loop is None or self._second is None:
+            return
+        try:
+            for frame in self._autopilot.receive(data, self._loop.time()):
+                self._second.sendto(frame)
+        except Exception as error:  # noqa: BLE001  # run() raises it
+            self._fail(error)
+        else:
+            self._schedule()
+
     def _wake(self) -> None:
         if self._loop is None:
             return
         self._timer_s = math.inf
         try:
-            self._send(self._autopilot.poll(self._loop.time()))
+            frames = self._autopilot.poll(self._loop.time())
+            self._send(frames)
+            if self._second is not None:
+                for frame in frames:
+                    self._second.sendto(frame)
         except Exception as error:  # noqa: BLE001  # run() raises it
             self._fail(error)
         else:

@@ -197,7 +197,7 @@ def fly_batch(
     """
     gains, vehicle, pose = config.controller, config.vehicle, config.pose
     first = worlds[0]
-    for name in ("frame_period_s", "pose_rate_hz", "speed_m_s", "gravity"):
+    for name in ("frame_period_s", "pose_rate_hz", "speed_m_s", "gravity", "plant"):
         if any(getattr(w, name) != getattr(first, name) for w in worlds):
             raise ValueError(f"all flights of a batch need the same sim.{name}")
     for world in worlds:
@@ -234,8 +234,8 @@ def fly_batch(
             estimator.release()
         # Where poses stay away too long commands stop, and with them the flight.
         marks.mark_failed(time > estimator.stamp_s + config.flight.coast_s)
-        estimate = estimator.predict(time)
-        decision = pilot.decide(estimate, trajectory.at(time))
+        estimate = estimator.predict(time + vehicle.acting_delay_s)
+        decision = pilot.decide(estimate, trajectory.at(time + vehicle.acting_delay_s))
         estimator.take_command(frame, decision.drive)
         fleet.command(frame, time, decision.drive, config.full_thrust_n, config.thrust_curve)
         fleet.fly(time)

@@ -82,6 +82,7 @@ class BatchEstimator:
         self._vehicle = vehicle
         self._gains = gains
         self._period = period_s
+        self._delays = tuple(dict.fromkeys((vehicle.thrust_delay_s, vehicle.rate_delay_s)))
         self._densities = Densities(0.0, gains.acceleration_noise**2, gains.wind_noise**2, gains.wind_rate_noise**2)
         self._separates = gains.effectiveness_deviation > 0.0
         upright = (zero + 1.0, *zeros(n, 3))
@@ -185,10 +186,13 @@ class BatchEstimator:
         time = self._state.stamp[who]
         while (going := time < end - 1e-9).any():
             part, now, last = who[going], time[going], end[going]
-            frame = np.minimum(np.floor((now + 1e-9) / period).astype(int), self._newest)
-            until = np.minimum(last, now + STEP_LIMIT)
-            until = np.where(frame < self._newest, np.minimum(until, (frame + 1) * period), until)
-            thrust, *rates = self._drives[frame % KEPT_FRAMES, :, part].T
+            until, acting = np.minimum(last, now + STEP_LIMIT), []
+            for delay in self._delays:  # of thrust, and of rates where it is another
+                frame = np.minimum(np.floor((now - delay + 1e-9) / period).astype(int), self._newest)
+                ends = (frame + 1) * period + delay
+                until = np.where(frame < self._newest, np.minimum(until, ends), until)
+                acting.append(self._drives[frame % KEPT_FRAMES, :, part].T)
+            thrust, rates = acting[0][0], acting[-1][1:]
             self._roll((thrust, tuple(rates), np.maximum(until - now, 1e-12)), part)
             time[going] = until
 

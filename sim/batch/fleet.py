@@ -8,12 +8,30 @@ from typing import Any
 
 import numpy as np
 
-from groundstation.core.geometry import Ops, rotate
+from groundstation.core.geometry import Ops, arrays, rotate
 from groundstation.core.vehicle import ActuatorCommand
 from sim.batch.kernel import Array, Index
 from sim.batch.stages import Stages, pick, put, zeros
 from sim.runs import CRASH_M
-from sim.world import Body, Eddies, Physics, World, begin_eddies, cell, compute_turbulence, generator, integrate, stir
+from sim.world import (
+    Actuators,
+    Body,
+    Eddies,
+    Physics,
+    RateLoop,
+    World,
+    begin_eddies,
+    begin_rotors,
+    cell,
+    compute_drag,
+    compute_turbulence,
+    describe_air,
+    describe_rotors,
+    generator,
+    integrate,
+    stir,
+    turn_rotors,
+)
 
 Seen = Callable[[Index, Index, Array], Any]
 """``seen(step, who, taken_s)``: the Body of each vehicle of ``who`` at ``taken_s`` [s], in that step of the frame."""
@@ -98,6 +116,8 @@ class Cameras:
 
 BODY = 14
 """Numbers that make a Body."""
+ACTUATORS = 17
+"""Numbers that make Actuators: four rotor speeds and a rate loop."""
 BLOCK = 512
 """Grid steps of turbulence drawn at a time."""
 
@@ -105,7 +125,8 @@ BLOCK = 512
 class Fleet:
     """The truth about N vehicles, one frame of commands at a time.
 
-    ``track`` has shape (steps + 1, 14, N): the vehicles at the start of each plant step of the frame, and at its end.
+    ``track`` has shape (steps + 1, 14, N): the vehicles at the start of each plant step of the frame, and at its end;
+    31 in the place of 14 with rotors.
     ``felt`` has shape (steps + 1, 3, N): the disturbance b [m/s², NED] at the start of the frame, and in each step.
     """
 
@@ -141,13 +162,34 @@ class Fleet:
         self._floor = column("floor_z_m")
         self.start = np.array([w.start_ned for w in worlds]).T
         self._steps, self._step_s = steps, first.frame_period_s / steps
-        self.track = np.zeros((steps + 1, BODY, n))
+        turns = first.plant == "rotors"
+        self.track = np.zeros((steps + 1, BODY + ACTUATORS * turns, n))
         self.track[-1, :3] = self.start
         self.track[-1, 6] = 1.0
-        self.track[-1, 10] = column("start_thrust") * self._physics.mass_kg * first.gravity
+        self.track[-1, 10] = thrust = column("start_thrust") * self._physics.mass_kg * first.gravity
         self.felt = np.zeros((steps + 1, 3, n))
+
+        def of(get: Callable[[World], float]) -> Any:
+            return np.array([get(w) for w in worlds], np.float64)
+
+        drag: Any = describe_air(of)
+        drags = any(np.any(x) for x in (*drag.linear, *drag[1:4]))
+        self._gains_now = self._gain.copy()
+        rotors: Any = (*describe_rotors(of, first.gravity), self._gains_now) if turns else None
+        self._gyros = [generator(seed, "gyro") for seed in seeds] if turns else []
+        self._gyro_sigma, self._gyro_block = of(lambda w: w.rotors.gyro_noise_rad_s), np.zeros((0, 3, n))
+        if turns:
+            put(_vehicle(self.track[-1])[1], slice(None), begin_rotors(arrays(), thrust, rotors[1]))
         self._thrust_command: Any = np.zeros(n)
         self._rate_command: Any = zeros(n, 3)
+        delays = of(lambda w: w.thrust_delay_s), of(lambda w: w.rate_delay_s)
+        self._delays: Array | None = np.stack([delays[0], *[delays[1]] * 3]) if np.any(delays) else None
+        """Of thrust and of each rate, (4, N) [s]."""
+        behind = 2 + int(np.max(delays) / first.frame_period_s)
+        self._commands = np.zeros((behind + 1, 4, n))
+        """The newest commands of as many frames as may still act, the newest first."""
+        self._commands[:, 0] = thrust
+        self._acting = np.zeros((steps, 4, n))
         self._gust_hz, self._wind_step_s = column("wind_gust_hz"), column("wind_step_time_s")
         self._mean, self._gust, self._wind_step = (
             np.array([getattr(w, key) for w in worlds], np.float64).T.copy()
@@ -160,9 +202,13 @@ class Fleet:
         zero: Any = np.zeros(n)
         eddies = Eddies(zeros(n, 3), zero, zero.copy())
         put(eddies, slice(None), begin_eddies(tuple(self._block[0])))
-        told = self._thrust_command, self._rate_command, self._physics
-        self._frame = stages(self._advance, (tuple(map(_body, self.track)), tuple(map(tuple, self.felt[1:])), *told))
-        self._part = stages(_observe, told)
+        held: Any = ((self._thrust_command, self._rate_command),)
+        if self._delays is not None:
+            held = tuple((row[0], tuple(row[1:])) for row in self._acting)
+        self._plant: Any = self._physics, drag if drags else None, rotors
+        vehicles = tuple(map(_vehicle, self.track))
+        self._frame = stages(self._advance, (vehicles, tuple(map(tuple, self.felt[1:])), held, self._plant))
+        self._part = stages(_observe, (*held[0], self._plant))
         winds = (tuple(self._mean), tuple(self._gust), tuple(self._wind_step), self._wind_step_s, self._gust_hz)
         self._blow = stages(_blown, (*winds, self._turbulence, eddies, tuple(map(tuple, self.felt))))
         self._cameras = Cameras(worlds, seeds, duration_s, release_s, told_latency_s)
@@ -172,7 +218,7 @@ class Fleet:
 
     def hold(self, time_s: float) -> None:
         """A frame before the release: nothing moves, but the cameras run."""
-        body = _body(self.track[-1])
+        body = _body(self.track[-1, :BODY])
         self._cameras.expose(np.array([time_s + self._steps * self._step_s]), lambda _, who, __: pick(body, who))
 
     def command(self, frame: int, time_s: float, drive: ActuatorCommand, told_full_n: float, told_curve: float) -> None:
@@ -189,6 +235,7 @@ class Fleet:
         gain = self._gain * (1.0 - self._sag * min(1.0, time_s / 60.0))
         # The first frame is what releases the vehicle; losses count from the second.
         lost = self._frame_lost[frame - 1] & (frame > 0)
+        self._gains_now[...] = np.where(lost, self._gains_now, gain)
         self._thrust_command[...] = np.where(lost, self._thrust_command, gain * share * self._thrust_max)
         for now, new, limit in zip(self._rate_command, rates, self._limits, strict=True):
             now[...] = np.where(lost, now, np.clip(new, -limit, limit))
@@ -199,21 +246,57 @@ class Fleet:
         track[0] = track[-1]
         starts: Array = time_s + np.arange(self._steps, dtype=np.float64) * h
         self._blow(tuple((time, tuple(self._new_normals(time))) for time in (time_s, *(starts + 0.5 * h).tolist())))
-        self._frame(())
+        if self._delays is not None:
+            self._commands = np.roll(self._commands, 1, axis=0)
+            self._commands[0] = (self._thrust_command, *self._rate_command)
+            for step, row in enumerate(self._acting):
+                row[...] = self._compute_mean(step * h, h, slice(None))
+        noise = self._draw_gyros()
+        self._frame(tuple(map(tuple, noise)))
 
         def observe(step: Any, who: Any, taken: Any) -> Any:
-            before = _body(track[step, :, who].T)
-            return self._part(
-                (before, tuple(self.felt[step + 1, :, who].T), np.maximum(taken - starts[step], 1e-12)), who
-            )
+            before, wind = _vehicle(track[step, :, who].T), tuple(self.felt[step + 1, :, who].T)
+            since = np.maximum(taken - starts[step], 1e-12)
+            if self._delays is None and not len(noise):
+                return self._part((before[0], wind, since), who)
+            thrust, rates = self._thrust_command[who], pick(self._rate_command, who)
+            if self._delays is not None:
+                thrust, *rates = self._compute_mean(step * h, since, who)
+            gyro = tuple(noise[step, :, who].T) if len(noise) else None
+            plant = pick(self._plant, who)
+            return _step(arrays(), before, (thrust, tuple(rates)), gyro, wind, since, plant)[0]
 
         self._cameras.expose(starts + h, observe)
 
-    def _advance(self, ops: Ops, state: Any, _: Any) -> Any:
-        bodies, felt, thrust, rates, physics = state
-        after = [bodies[0]]
-        for wind in felt:
-            after.append(integrate(ops, after[-1], thrust, rates, wind, self._step_s, physics))
+    def _compute_mean(self, since_s: Any, span_s: Any, who: Any) -> Array:
+        """Commands of ``who``, (4, n), that act on average from ``since_s`` into the frame on, over ``span_s`` [s]."""
+        assert self._delays is not None
+        delays, period = self._delays[:, who], self._steps * self._step_s
+        # What acts changes once a frame, so long after the frame's begin.
+        frames = np.floor(delays / period + 1e-9)
+        change = delays - frames * period
+        share = np.clip((since_s + span_s - np.maximum(change, since_s)) / span_s, 0.0, 1.0)
+        newer = np.take_along_axis(self._commands[:, :, who], frames[None].astype(int), axis=0)[0]
+        older = np.take_along_axis(self._commands[:, :, who], frames[None].astype(int) + 1, axis=0)[0]
+        mean: Array = older + share * (newer - older)
+        return mean
+
+    def _draw_gyros(self) -> Array:
+        """Noise of the gyros in each step of a frame, (steps, 3, N) [rad/s]; no steps without rotors."""
+        if not self._gyros:
+            return self._gyro_block
+        if not len(self._gyro_block):
+            rows = self._steps * (BLOCK // self._steps)
+            self._gyro_block = np.stack([g.standard_normal((rows, 3)) for g in self._gyros], axis=2) * self._gyro_sigma
+        noise, self._gyro_block = self._gyro_block[: self._steps], self._gyro_block[self._steps :]
+        return noise
+
+    def _advance(self, ops: Ops, state: Any, noise: Any) -> Any:
+        vehicles, felt, held, plant = state
+        after = [vehicles[0]]
+        for k, wind in enumerate(felt):
+            command, gyro = held[k % len(held)], noise[k] if noise else None
+            after.append(_step(ops, after[-1], command, gyro, wind, self._step_s, plant))
         return (tuple(after), *state[1:]), ()
 
     def _new_normals(self, time_s: float) -> Iterator[Any]:
@@ -244,10 +327,21 @@ class Fleet:
         return down
 
 
+def _step(ops: Ops, vehicle: Any, command: Any, gyro: Any, wind: Any, h: Any, plant: Any) -> Any:
+    """One step of the plant: Body, and actuators where there are rotors."""
+    (body, actuators), (thrust, rates), (physics, drag, rotors) = vehicle, command, plant
+    if drag is not None:
+        wind = tuple(a + b for a, b in zip(wind, compute_drag(ops, body, drag), strict=True))
+    if rotors is None:
+        return integrate(ops, body, thrust, rates, wind, h, physics), None
+    frame, gains, gain = rotors
+    return turn_rotors(ops, body, actuators, thrust, rates, gyro, gain, wind, h, frame, gains)
+
+
 def _observe(ops: Ops, state: Any, given: Any) -> Any:
     before, wind, h = given
-    thrust, rates, physics = state
-    return state, integrate(ops, before, thrust, rates, wind, h, physics)
+    thrust, rates, plant = state
+    return state, _step(ops, (before, None), (thrust, rates), None, wind, h, plant)[0]
 
 
 def _blown(ops: Ops, state: Any, given: Any) -> Any:
@@ -267,3 +361,12 @@ def _body(numbers: Any) -> Any:
     """The Body of 14 rows, without a copy."""
     px, py, pz, vx, vy, vz, w, x, y, z, thrust, p, q, r = numbers
     return Body((px, py, pz), (vx, vy, vz), (w, x, y, z), thrust, (p, q, r))
+
+
+def _vehicle(numbers: Any) -> Any:
+    """The Body of the first 14 rows, and the Actuators of the rest, if any."""
+    body = _body(numbers[:BODY])
+    if len(numbers) == BODY:
+        return body, None
+    a, b, c, d, thrust, *rest = numbers[BODY:]
+    return body, Actuators((a, b, c, d), RateLoop(thrust, *(tuple(rest[k : k + 3]) for k in range(0, 12, 3))))

@@ -13,12 +13,14 @@ from typing import TYPE_CHECKING, Any
 
 import msgspec
 
-from groundstation.config import ConfigError
+from groundstation.config import ConfigError, load, read_toml
 from groundstation.flight import ensure_flyable
-from groundstation.settings import Config
+from groundstation.pose import Recorded
+from groundstation.settings import Config, rehearse
+from links.io import is_loopback, parse_address
 from links.mavlink import MavlinkLinkConfig
 from sim.runs import STEADY_S, MissionResult
-from sim.scenarios import by_side, overridden, prepare, scenario_of
+from sim.scenarios import by_side, make_mistakes, others_of, overridden, prepare, scenario_of, world_as_told
 from sim.world import World
 
 if TYPE_CHECKING:
@@ -168,33 +170,62 @@ def fleet_facts(asked: dict[str, Any], flown: "FleetMission") -> dict[str, Any]:
 
 def serve(args: argparse.Namespace) -> int:
     """Run the simulated side in real time."""
+    from sim.runs import place_fleet, serve_fleet
     from sim.runs import serve as serve_stage
-    from sim.runs import serve_fleet
 
     scenario = scenario_of(args.scenario)
+    if args.gcs is not None and not is_loopback(parse_gcs(args.gcs)):
+        raise ConfigError("--gcs", f"expected an address of this machine, such as 127.0.0.1:14550, got {args.gcs}")
+    common: dict[str, Any] = {"seed": args.seed, "duration_s": args.duration, "autopilot": args.autopilot}
+    if args.wrong and args.config is None:
+        raise ConfigError("--wrong", "expected --config FILE.toml beside it: what is wrong is against a file")
     if args.fleet is not None:
         from groundstation.lab import read_fleet
 
         truth, told = by_side(args.overrides, None)
-        world, fleet = overridden(scenario.world, truth), read_fleet(args.fleet, told)
-        served = serve_fleet(world, fleet, seed=args.seed, duration_s=args.duration, autopilot=args.autopilot)
-        return asyncio.run(served)
+        labs = [member.lab for member in read_fleet(args.fleet, told).members]
+        return asyncio.run(serve_fleet(place_fleet(overridden(scenario.world, truth), labs), labs, **common))
+    common["parameters"] = _parameters(args.autopilot, args.parameters)
+    if args.config is not None:
+        return _serve_room(args, scenario.world, common)
     world, config = prepare(scenario, args.overrides, source=args.source, link=args.link)
     if args.floor:
         from sim.runs import from_floor
 
         world, config = from_floor(world, config, None)
-    return asyncio.run(
-        serve_stage(
-            scenario.name,
-            world,
-            config,
-            seed=args.seed,
-            duration_s=args.duration,
-            autopilot=args.autopilot,
-            parameters=_parameters(args.autopilot, args.parameters),
-        )
-    )
+    return asyncio.run(serve_stage(scenario.name, world, config, second=args.gcs, **common))
+
+
+def parse_gcs(text: str) -> str:
+    """The host of ``--gcs``.
+
+    Raises:
+        ConfigError: it is no address.
+    """
+    try:
+        return parse_address(text)[0]
+    except ValueError as error:
+        raise ConfigError("--gcs", str(error)) from None
+
+
+def _serve_room(args: argparse.Namespace, air: World, common: dict[str, Any]) -> int:
+    """The other side of a configuration, or of a fleet file, for ``--rehearse``."""
+    from groundstation.lab import read_fleet
+    from sim.runs import serve as serve_stage
+    from sim.runs import serve_fleet
+
+    truth, told = by_side(args.overrides, None)
+    if "vehicles" in read_toml(args.config):
+        labs = [member.lab for member in read_fleet(args.config, told, rehearsed=True).members]
+        made = [make_mistakes(world_as_told(air, lab, truth), lab, args.wrong) for lab in labs]
+        del common["parameters"]
+        return asyncio.run(serve_fleet([world for world, _ in made], [room for _, room in made], **common))
+    config = rehearse(load(args.config, Config, told), args.config)
+    if isinstance(config.pose, Recorded):
+        raise ConfigError("pose.kind", "a recording is played by the ground station itself", str(args.config))
+    world, room = make_mistakes(world_as_told(air, config, truth), config, args.wrong)
+    more = {"standing": others_of(config), "second": args.gcs, "carried": args.carried}
+    return asyncio.run(serve_stage(f"{args.config} for --rehearse", world, room, **more, **common))
 
 
 def _parameters(autopilot: str, texts: list[str]) -> dict[str, float]:

@@ -2,10 +2,32 @@
 
 TYPE_CHECKING = False
 if TYPE_CHECKING:
-    from sim.radio.radio import FAILSAFE_S, MODULE, PtyWire, RfPeer, RfReceiver, WirePort, module, section, wires
+    from sim.radio.radio import (
+        FAILSAFE_S,
+        MODULE,
+        PtyWire,
+        RfPeer,
+        RfReceiver,
+        WirePort,
+        bridge_to,
+        module,
+        section,
+        wires,
+    )
 
 _MODULES = {
-    "radio": ("FAILSAFE_S", "MODULE", "PtyWire", "RfPeer", "RfReceiver", "WirePort", "module", "section", "wires")
+    "radio": (
+        "FAILSAFE_S",
+        "MODULE",
+        "PtyWire",
+        "RfPeer",
+        "RfReceiver",
+        "WirePort",
+        "bridge_to",
+        "module",
+        "section",
+        "wires",
+    )
 }
 
 

@@ -19,11 +19,12 @@ from typing import TYPE_CHECKING, Any
 
 import msgspec
 
-from groundstation.config import from_dict
+from groundstation.config import ConfigError, from_dict
 from groundstation.core.vehicle import Vehicle
 from groundstation.runtime import sleep_until
 from groundstation.settings import Config
 from links.bridge import BridgeLinkConfig
+from links.io import read_key
 from links.rf import (
     LOOK_S,
     RF_CODECS,
@@ -199,16 +200,21 @@ class PtyWire:
     closed; a link that opens its port again and again, as all do, would write into that.
     """
 
-    def __init__(self) -> None:
+    def __init__(self, path: Path | None = None) -> None:
+        """Stand at ``path``, in the place of one that is left there; without it, in a new folder."""
         import termios  # only where there is a terminal
         import tty
 
         self._far, self._near = os.openpty()
         tty.setraw(self._near, termios.TCSANOW)
         os.set_blocking(self._far, False)
-        self._folder = tempfile.TemporaryDirectory(prefix="groundstation-port-")
-        self.path = str(Path(self._folder.name) / "port")
-        Path(self.path).symlink_to(os.ttyname(self._near))
+        self._folder = tempfile.TemporaryDirectory(prefix="groundstation-port-") if path is None else None
+        place = Path(self._folder.name) / "port" if self._folder is not None else path
+        assert place is not None, "one of both"
+        self.path = str(place)
+        if place.is_symlink():
+            place.unlink()
+        place.symlink_to(os.ttyname(self._near))
 
     def listen(self, take: Callable[[bytes], None]) -> None:
         """Call ``take`` with whatever is written to the port, until closed."""
@@ -234,7 +240,9 @@ class PtyWire:
     def close(self) -> None:
         """Pull the plug; the path goes away."""
         if self._far >= 0:
-            self._folder.cleanup()
+            Path(self.path).unlink(missing_ok=True)
+            if self._folder is not None:
+                self._folder.cleanup()
             asyncio.get_running_loop().remove_reader(self._far)
             os.close(self._near)
             os.close(self._far)
@@ -293,6 +301,22 @@ def wires(
 
     bridge = Bridge(BridgeConfig(listen=config.link.remote, link=radio), KEY, open_pacer=open_pacer, nonce=nonce)
     return {"key": KEY, "nonce": nonce}, bridge
+
+
+def bridge_to(link: BridgeLinkConfig, radio: RfConfig, pty: PtyWire) -> "Bridge":
+    """The bridge that ``link`` looks for, in real time; its module is at ``pty``.
+
+    Raises:
+        ConfigError: the key can't be used.
+    """
+    from links.bridge import Bridge, BridgeConfig  # only where there is one
+
+    try:
+        key = read_key(Path(link.key_file))
+    except ValueError as error:
+        raise ConfigError("link.key_file", str(error)) from None
+    there = msgspec.structs.replace(radio, port=pty.path, simulated=True)
+    return Bridge(BridgeConfig(listen=link.remote, key_file=link.key_file, link=there), key)
 
 
 FAILSAFE_S = 1.0

@@ -427,7 +427,7 @@ class _Log:
 
     def summarize(self, config: Config) -> StationRecord:
         """Its states, and when the figure began."""
-        delay = config.vehicle.command_delay_s
+        delay = config.vehicle.acting_delay_s
         started = None if self._started_s is None else self._started_s + delay
         return StationRecord(states=tuple(self._states), started_s=started)
 

@@ -2,35 +2,42 @@
 
 import asyncio
 import contextlib
-from collections.abc import AsyncIterator, Mapping
+import os
+import shutil
+import tempfile
+from collections.abc import AsyncIterator, Mapping, Sequence
+from pathlib import Path
 
 import msgspec
 
 from groundstation.config import ConfigError
-from groundstation.lab import FleetPlan
+from groundstation.core.geometry import Vec3
 from groundstation.pose import PoseConfig
 from groundstation.pose.sources import JsonConfig, NatNetConfig, QualisysConfig, ViconConfig, VisionConfig
-from groundstation.settings import Config
+from groundstation.runtime import ApiError, own_directory
+from groundstation.settings import AF_UNIX, Config, RehearsalConfig, beacon
+from links.bridge import BridgeLinkConfig
+from links.io import parse_address
 from links.mavlink import MavlinkLinkConfig
+from sim.autopilots import speak_to
 from sim.radio import PtyWire
 from sim.runs.stage import FleetStage, Stage
 from sim.world import World
 
-AF_UNIX = 1
-"""A number of Linux."""
-
 
 @contextlib.asynccontextmanager
-async def _alone(*ends: str) -> AsyncIterator[None]:
+async def _alone(room: RehearsalConfig | None, *ends: str) -> AsyncIterator[None]:
     """Keep others like us from ``ends``, by what is sent and where: a ground station would take two for one.
+
+    In a rehearsal the ground station looks for what is held here, too, before it opens anything.
 
     Raises:
         ConfigError: another one is there already.
     """
     loop = asyncio.get_running_loop()
     with contextlib.ExitStack() as held:
-        for end in ends:
-            name = f"\0groundstation-sim serve {end}"  # in no folder, and gone with its process
+        names = {f"\0groundstation-sim serve {end}": end for end in ends}  # in no folder, gone with its process
+        for name, end in (names if room is None else {**names, beacon(room): f"at {room.host}"}).items():
             try:
                 transport, _ = await loop.create_datagram_endpoint(
                     asyncio.DatagramProtocol, local_addr=name, family=AF_UNIX
@@ -42,6 +49,31 @@ async def _alone(*ends: str) -> AsyncIterator[None]:
         yield
 
 
+@contextlib.asynccontextmanager
+async def _broker(config: Config) -> AsyncIterator[str]:
+    """The broker of a rehearsal that publishes; says in words where it is, or why there is none."""
+    if config.rehearsal is None or not config.mqtt.enabled:
+        yield ""
+        return
+    program = shutil.which("mosquitto", path=f"{os.environ.get('PATH', os.defpath)}:/usr/sbin:/usr/local/sbin")
+    if program is None:
+        yield "; no broker: install mosquitto to rehearse MQTT"
+        return
+    host, port = config.mqtt.host, config.mqtt.tcp_port
+    with tempfile.TemporaryDirectory(prefix="groundstation-broker-") as folder:
+        settings = Path(folder) / "mosquitto.conf"
+        settings.write_text(f"listener {port} {host}\nallow_anonymous true\npersistence false\n", "utf-8")
+        broker = await asyncio.create_subprocess_exec(
+            program, "-c", str(settings), stderr=asyncio.subprocess.DEVNULL, start_new_session=True
+        )
+        try:
+            yield f"; broker at {host}:{port}"
+        finally:
+            with contextlib.suppress(ProcessLookupError):
+                broker.terminate()
+            await broker.wait()
+
+
 async def serve(
     name: str,
     world: World,
@@ -51,59 +83,119 @@ async def serve(
     duration_s: float | None,
     autopilot: str = "px4",
     parameters: Mapping[str, float] | None = None,
+    standing: Sequence[tuple[str, Vec3]] = (),
+    second: str | None = None,
+    carried: bool = False,
 ) -> int:
     """Serve until ``duration_s`` [s] have passed (None: until interrupted); returns the exit code.
 
+    ``standing`` are further bodies that stand still; ``second`` is the address of a second ground station. With
+    ``carried`` a hand makes the moves of ``groundstation carry`` for each line on standard input.
+
     Raises:
-        ConfigError: another one serves the same.
+        ConfigError: another one serves the same, or an address of this machine can't be used.
     """
-    link = config.link
-    pty = None if isinstance(link, MavlinkLinkConfig) else PtyWire()
-    stage = Stage(world, config, seed, autopilot=autopilot, parameters=parameters, pty=pty)
-    if isinstance(link, MavlinkLinkConfig):
-        end = f"{autopilot} autopilot (MAVLink) to udp {link.address}"
-    else:
-        assert pty is not None, "every other link is a radio's"
-        end = f"{type(link).__struct_config__.tag} receiver on {pty.path}, for link.port beside link.simulated = true"
-    async with _alone(*_describe_wires(config)):
-        print(f"serving {name}: {end}, {_poses(config.pose)}. Ctrl-C ends.", flush=True)
-        with contextlib.suppress(TimeoutError):
-            await asyncio.wait_for(stage.run(), duration_s)
-    if pty is not None:
-        pty.close()
+    link, room = config.link, config.rehearsal
+    async with _alone(room, *_describe_wires(config)), _broker(config) as broker:
+        pty = None
+        if not isinstance(link, MavlinkLinkConfig) or link.serial is not None:
+            pty = PtyWire(None if room is None else _ours(Path(room.serial)))
+        stage = Stage(world, config, seed, autopilot=autopilot, parameters=parameters, pty=pty, standing=standing)
+        more = ""
+        if second is not None:
+            stage.peer.open_second = speak_to(parse_address(second))
+            more = f"; a second ground station at udp {second} hears it, too"
+        if isinstance(link, MavlinkLinkConfig):
+            end = f"{autopilot} autopilot (MAVLink) to {_medium(link)} {link.address}"
+        elif isinstance(link, BridgeLinkConfig):
+            end = f"bridge and receiver at udp {link.remote}"
+        else:
+            assert pty is not None, "every other link is a radio's"
+            kind = type(link).__struct_config__.tag
+            end = f"{kind} receiver on {pty.path}"
+            end += "" if room is not None else ", for link.port beside link.simulated = true"
+        print(f"serving {name}: {end}, {_poses(config.pose)}{broker}{more}. Ctrl-C ends.", flush=True)
+        if carried:
+            stage.offer_hand(seed)
+        try:
+            with contextlib.suppress(TimeoutError):
+                await asyncio.wait_for(_run(stage), duration_s)
+        finally:
+            if pty is not None:
+                pty.close()
     touchdown = stage.plant.touchdown_m_s
     if touchdown is not None:
         print(f"touched down at {touchdown:.2f} m/s", flush=True)
     return 0
 
 
+async def _run(stage: Stage | FleetStage) -> None:
+    """Run it; an address that can't be opened is a sentence.
+
+    Raises:
+        ConfigError: with the address.
+    """
+    try:
+        await stage.run()
+    except* OSError as errors:
+        raise ConfigError("serve", f"cannot play the other side: {errors.exceptions[0]}") from None
+
+
+def _medium(link: MavlinkLinkConfig) -> str:
+    return "tcp" if link.tcp is not None else "the serial port" if link.serial is not None else "udp"
+
+
+def _ours(path: Path) -> Path:
+    """``path`` in a folder that is ours alone.
+
+    Raises:
+        ConfigError: it is not.
+    """
+    try:
+        own_directory(path.parent)
+    except ApiError as error:
+        raise ConfigError("serve", str(error)) from None
+    return path
+
+
 async def serve_fleet(
-    world: World, fleet: FleetPlan, *, seed: int, duration_s: float | None, autopilot: str = "px4"
+    worlds: Sequence[World], labs: Sequence[Config], *, seed: int, duration_s: float | None, autopilot: str = "px4"
 ) -> int:
-    """Serve a vehicle like that of ``world`` for each of a fleet, below where its trajectory begins.
+    """Serve a vehicle in each of ``worlds``, as ``labs`` tell it, before one capture system.
 
     Raises:
         ConfigError: the links are not MAVLink's, or another one serves the same.
     """
-    labs, worlds = [member.lab for member in fleet.members], []
-    for member in fleet.members:
-        link, flight = member.lab.link, member.lab.flight
-        if not isinstance(link, MavlinkLinkConfig):
-            raise ConfigError("link.kind", "expected mavlink: of a fleet nothing else is simulated", member.name)
-        start = member.lab.trajectory.build().position_at(0.0)
-        if flight.start == "floor":
-            start, world = (start[0], start[1], flight.floor_z_m), msgspec.structs.replace(world, start_thrust=0.0)
-        worlds.append(msgspec.structs.replace(world, start_ned=start, floor_z_m=flight.floor_z_m))
+    for lab in labs:
+        if not isinstance(lab.link, MavlinkLinkConfig) or lab.link.serial is not None:
+            says = "expected mavlink by UDP or TCP: of a fleet nothing else is simulated"
+            raise ConfigError("link.kind", says, lab.vehicle.name)
     stage = FleetStage(worlds, labs, seed, lambda _number, _time_s, _place: None, autopilot=autopilot)
-    ends = ", ".join(f"{member.name} to udp {getattr(member.lab.link, 'address', '')}" for member in fleet.members)
-    async with _alone(*dict.fromkeys(end for lab in labs for end in _describe_wires(lab))):
-        print(f"serving {autopilot} autopilots (MAVLink): {ends}; {_poses(labs[0].pose)}. Ctrl-C ends.", flush=True)
+    ends = ", ".join(f"{lab.vehicle.name} to udp {getattr(lab.link, 'address', '')}" for lab in labs)
+    wires = dict.fromkeys(end for lab in labs for end in _describe_wires(lab))
+    async with _alone(labs[0].rehearsal, *wires), _broker(labs[0]) as broker:
+        print(
+            f"serving {autopilot} autopilots (MAVLink): {ends}; {_poses(labs[0].pose)}{broker}. Ctrl-C ends.",
+            flush=True,
+        )
         with contextlib.suppress(TimeoutError):
-            await asyncio.wait_for(stage.run(), duration_s)
-    for member, one in zip(fleet.members, stage.stages, strict=True):
+            await asyncio.wait_for(_run(stage), duration_s)
+    for lab, one in zip(labs, stage.stages, strict=True):
         if one.plant.touchdown_m_s is not None:
-            print(f"{member.name} touched down at {one.plant.touchdown_m_s:.2f} m/s", flush=True)
+            print(f"{lab.vehicle.name} touched down at {one.plant.touchdown_m_s:.2f} m/s", flush=True)
     return 0
+
+
+def place_fleet(world: World, labs: Sequence[Config]) -> list[World]:
+    """``world`` for each of a fleet, its vehicle below where its trajectory begins."""
+    worlds = []
+    for lab in labs:
+        start = lab.trajectory.build().position_at(0.0)
+        one = world
+        if lab.flight.start == "floor":
+            start, one = (start[0], start[1], lab.flight.floor_z_m), msgspec.structs.replace(world, start_thrust=0.0)
+        worlds.append(msgspec.structs.replace(one, start_ned=start, floor_z_m=lab.flight.floor_z_m))
+    return worlds
 
 
 def _describe_wires(config: Config) -> list[str]:

@@ -6,6 +6,7 @@ write. Used in virtual time by ``groundstation-sim fly`` and in real time by ``g
 
 import asyncio
 import math
+import sys
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -18,14 +19,27 @@ from groundstation.core.geometry import Vec3
 from groundstation.pose.sources import NatNetConfig
 from groundstation.runtime import sleep_until
 from groundstation.settings import Config
+from links.bridge import BridgeLinkConfig
 from links.core import signal
 from links.io import parse_address, read_key
 from links.mavlink import MavlinkLinkConfig, StampFile
 from links.mavlink.protocol import TICKS_PER_S, Signer
-from sim.autopilots import AUTOPILOTS, AutopilotPeer, SimulatedAutopilot
-from sim.radio import PtyWire, RfPeer, RfReceiver, WirePort, module, wires
+from sim.autopilots import AUTOPILOTS, AutopilotPeer, OpenWire, SimulatedAutopilot, accept_at, at_end_of, wait_at
+from sim.radio import PtyWire, RfPeer, RfReceiver, WirePort, bridge_to, module, wires
 from sim.trackers import Mocap, TrackedBody, Tracker, make_tracker
-from sim.world import Horizon, Quadrotor, SimulatedVehicle, Wind, World, generator, rows, stream, with_noise
+from sim.world import (
+    Body,
+    Horizon,
+    Quadrotor,
+    SimulatedVehicle,
+    Wind,
+    World,
+    generator,
+    make_hand,
+    rows,
+    stream,
+    with_noise,
+)
 
 if TYPE_CHECKING:
     from links.bridge import Bridge
@@ -45,11 +59,13 @@ class Stage:
         parameters: Mapping[str, float] | None = None,
         pty: PtyWire | None = None,
         alone: bool = True,
+        standing: Sequence[tuple[str, Vec3]] = (),
     ) -> None:
         """Set up a vehicle that is held in the air; ``config`` tells the addresses and formats to speak.
 
-        ``autopilot`` is one of ``AUTOPILOTS``; ``parameters`` differ from its usual ones. A radio link ends at ``pty``,
-        or else on the network in memory. Without ``alone``, cameras of its own are left out: others see it.
+        ``autopilot`` is one of ``AUTOPILOTS``; ``parameters`` differ from its usual ones. A radio link, or a serial one
+        of MAVLink, ends at ``pty``, or else a radio's on the network in memory. Without ``alone``, cameras of its own
+        are left out: others see it. ``standing``: see :class:`sim.trackers.trackers.Mocap`.
 
         Raises:
             KeyError: it has no such parameter.
@@ -58,7 +74,8 @@ class Stage:
         """
         self.world = world
         self.wind = Wind(world, rows(stream(seed, "turbulence").standard_normal, 3))
-        self.plant = plant = Quadrotor(world, self.wind, on_step)
+        gyro = rows(stream(seed, "gyro").standard_normal, 3) if world.plant == "rotors" else None
+        self.plant = plant = Quadrotor(world, self.wind, on_step, gyro)
         estimate, wander = stream(seed, "estimate").standard_normal, stream(seed, "wander").standard_normal
         tracked = make_tracker(config.pose)
         horizon = Horizon(rows(stream(seed, "horizon").standard_normal, 3), world.gravity) if tracked else None
@@ -93,15 +110,18 @@ class Stage:
                 made.codec.signer = _signer(Path(config.link.signing_key_file))
             # Where its own estimate serves as the poses, it comes as late as the cameras' would.
             delay = 0.0 if tracked is not None else world.pose_latency_s
-            address = parse_address(config.link.address)
-            peer = AutopilotPeer(made, address, delay_s=delay, hearing_s=world.command_delay_s)
+            open_wire = _wire(config.link, pty)
+            address = ("", 0) if open_wire is not None else parse_address(config.link.address)
+            peer = AutopilotPeer(made, address, delay_s=delay, hearing_s=world.command_delay_s, open_wire=open_wire)
             self._mavlink = made, peer
         else:
             radio = module(config, world)
             self.radio = RfPeer(RfReceiver(vehicle, radio, lose=lose), radio, world.command_delay_s)
             if pty is None:
                 self.wires, self._bridge = wires(config, radio, generator(seed, "nonces").bytes, self.port)
-        self.mocap = Mocap(world, self.plant, seed, *tracked) if tracked is not None and alone else None
+            elif isinstance(config.link, BridgeLinkConfig):
+                self._bridge = bridge_to(config.link, radio, pty)
+        self.mocap = Mocap(world, self.plant, seed, *tracked, standing) if tracked is not None and alone else None
 
     @property
     def autopilot(self) -> SimulatedAutopilot:
@@ -115,6 +135,31 @@ class Stage:
         assert self._mavlink is not None, "a radio link ends at a receiver"
         return self._mavlink[1]
 
+    def offer_hand(self, seed: int) -> None:
+        """For each line on standard input a hand takes the vehicle from where it stands, and makes all moves.
+
+        Afterwards it is held where the last one left it.
+        """
+        loop, plant = asyncio.get_running_loop(), self.plant
+
+        def take() -> None:
+            if not sys.stdin.readline():
+                loop.remove_reader(sys.stdin.fileno())
+                return
+            print("the hand carries it", flush=True)
+            began, now = loop.time(), plant.truth(loop.time())
+            at = make_hand(seed, start=(now.position_ned, now.attitude))
+
+            def lead(time_s: float, thrust: float) -> Body:
+                place, attitude = at(time_s - began)
+                return Body(place, (0.0, 0.0, 0.0), attitude, thrust, (0.0, 0.0, 0.0))
+
+            plant.lead = lead
+            plant.release(began)
+
+        print("press Enter here for each `carry`: a hand makes its moves", flush=True)
+        loop.add_reader(sys.stdin.fileno(), take)
+
     async def run(self) -> None:
         """Let the world turn until cancelled."""
         async with asyncio.TaskGroup() as group:
@@ -122,14 +167,24 @@ class Stage:
                 group.create_task(self.peer.run())
             elif self._pty is None:
                 group.create_task(self.radio.run())
-                if self._bridge is not None:
-                    group.create_task(self._bridge.run())
             else:
                 radio = self.radio
                 self._pty.listen(lambda data: radio.datagram_received(data, None))
                 group.create_task(radio.last())
+            if self._bridge is not None:
+                group.create_task(self._bridge.run())
             if self.mocap is not None:
                 group.create_task(self.mocap.run())
+
+
+def _wire(link: MavlinkLinkConfig, pty: PtyWire | None) -> OpenWire | None:
+    """How the autopilot is reached, where it is not by speaking first itself on UDP."""
+    if link.serial is not None:
+        assert pty is not None, "the caller has one for a serial port"
+        return at_end_of(pty)
+    if link.tcp is not None:
+        return accept_at(parse_address(link.tcp))
+    return wait_at(parse_address(link.remote)) if link.remote is not None else None
 
 
 def _signer(key_file: Path) -> Signer:

@@ -6,15 +6,30 @@ if TYPE_CHECKING:
         SCENARIOS,
         Scenario,
         by_side,
+        make_mistakes,
+        others_of,
         overridden,
         prepare,
         prepare_own,
         scenario_of,
         timing,
+        world_as_told,
     )
 
 _MODULES = {
-    "scenarios": ("SCENARIOS", "Scenario", "by_side", "overridden", "prepare", "prepare_own", "scenario_of", "timing")
+    "scenarios": (
+        "SCENARIOS",
+        "Scenario",
+        "by_side",
+        "make_mistakes",
+        "others_of",
+        "overridden",
+        "prepare",
+        "prepare_own",
+        "scenario_of",
+        "timing",
+        "world_as_told",
+    )
 }
 
 

@@ -7,6 +7,7 @@ exactly what the controller is told, so what is seen is the trajectory, the gain
 the truth differ. Poses and commands take the simulator's own way, whatever the lab uses.
 """
 
+import math
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -15,13 +16,15 @@ from typing import Any
 import msgspec
 
 from groundstation.config import ConfigError, from_dict, load
+from groundstation.core.geometry import Vec3
 from groundstation.core.trajectory import LemniscateConfig
 from groundstation.core.vehicle import Vehicle
+from groundstation.flight import examine_trajectory
 from groundstation.pose import GateConfig, PoseConfig
-from groundstation.pose.sources import ViconConfig
+from groundstation.pose.sources import MavlinkPoseConfig, ViconConfig
 from groundstation.settings import Config, FlightConfig
 from links.mavlink import MavlinkLinkConfig
-from sim.world import World
+from sim.world import RotorConstants, World
 
 NO_LIMIT = (1e5, 1e5, 1e5)
 MQX = World()
@@ -69,6 +72,21 @@ _QUAD1KG = msgspec.structs.replace(
     pose_latency_s=0.010,
     frame_period_s=0.010,
 )
+_ROTORS_QUAD1KG = msgspec.structs.replace(
+    _QUAD1KG,
+    plant="rotors",
+    step_s=0.001,
+    rotors=RotorConstants(
+        arm_m=0.175,
+        inertia_kg_m2=(0.0075, 0.0075, 0.013),
+        torque_per_thrust_m=0.016,
+        p=40.0,
+        i=40.0,
+        d=0.8,
+    ),
+)
+_ROTORS_MQX = msgspec.structs.replace(MQX, plant="rotors", step_s=MQX.frame_period_s / 23)
+"""1 kHz, in whole steps a frame."""
 
 
 class Scenario(msgspec.Struct, frozen=True, kw_only=True):
@@ -188,6 +206,28 @@ SCENARIOS: dict[str, Scenario] = {
             told=_TOLD_QUAD1KG,
             told_latency_s=0.010,
         ),
+        Scenario(
+            name="rotors_quad1kg",
+            summary="quad1kg that turns by four rotors of 40 ms and a 1 kHz rate loop with gyro noise",
+            world=_ROTORS_QUAD1KG,
+            told=msgspec.structs.replace(_TOLD_QUAD1KG, thrust_lag_s=0.043, rate_lag_s=0.042),
+            told_latency_s=0.010,
+        ),
+        Scenario(
+            name="rotors_mqx",
+            summary="paper on four rotors of 40 ms and a 1 kHz rate loop with gyro noise",
+            world=_ROTORS_MQX,
+            told=Vehicle(thrust_lag_s=0.041, rate_lag_s=0.054),
+        ),
+        Scenario(
+            name="rotors_mqx_radio",
+            summary="rotors_mqx behind a radio's filters of 56 ms on rates and 66 ms on thrust",
+            world=msgspec.structs.replace(
+                _ROTORS_MQX,
+                rotors=msgspec.structs.replace(_ROTORS_MQX.rotors, rate_filter_s=0.056, thrust_filter_s=0.066),
+            ),
+            told=Vehicle(thrust_lag_s=0.109, rate_lag_s=0.104),
+        ),
     )
 }
 
@@ -298,8 +338,101 @@ def world_of(air: World, told: Config) -> World:
         thrust_lag_s=vehicle.thrust_lag_s,
         rate_lag_s=vehicle.rate_lag_s,
         command_delay_s=vehicle.command_delay_s,
+        thrust_delay_s=vehicle.thrust_delay_s,
+        rate_delay_s=vehicle.rate_delay_s,
         frame_period_s=vehicle.frame_period_s,
     )
+
+
+Mistake = Callable[[World, Config, float], tuple[World, Config]]
+"""Makes the truth differ by a number: of the world, or of how the cameras' axes lie in what they send."""
+
+
+def _turn_lab(world: World, room: Config, degrees: float) -> tuple[World, Config]:
+    pose: Any = room.pose
+    roll, pitch, yaw = pose.alignment.lab_rotation_deg
+    turned = msgspec.structs.replace(pose.alignment, lab_rotation_deg=(roll, pitch, yaw + degrees))
+    return world, msgspec.structs.replace(room, pose=msgspec.structs.replace(pose, alignment=turned))
+
+
+def _delay(world: World, room: Config, ms: float) -> tuple[World, Config]:
+    return msgspec.structs.replace(world, pose_latency_s=max(world.pose_latency_s + 1e-3 * ms, 0.0)), room
+
+
+def _weigh(world: World, room: Config, factor: float) -> tuple[World, Config]:
+    return msgspec.structs.replace(world, mass_kg=factor * world.mass_kg), room
+
+
+def _push(world: World, room: Config, factor: float) -> tuple[World, Config]:
+    return msgspec.structs.replace(world, thrust_gain=factor * world.thrust_gain), room
+
+
+MISTAKES: dict[str, tuple[str, str, Mistake]] = {
+    "yaw": ("deg", "the tracker's north lies so far east of where the file says", _turn_lab),
+    "latency": ("ms", "poses are so much older than the file says", _delay),
+    "mass": ("", "so many times the mass that the file says", _weigh),
+    "thrust": ("", "so many times the thrust that the file says", _push),
+}
+"""What ``--wrong`` can rehearse: the unit, what it means, and how the truth is made to differ."""
+
+
+def make_mistakes(world: World, room: Config, text: str) -> tuple[World, Config]:
+    """The truth, made to differ from what the file says as ``text`` tells: ``yaw=5,latency=+20ms,mass=1.1``.
+
+    Raises:
+        ConfigError: there is no such mistake, or it can't be made with these poses.
+    """
+    for part in filter(None, text.split(",")):
+        name, equals, told = (word.strip() for word in part.partition("="))
+        if name not in MISTAKES or not equals:
+            raise ConfigError(
+                "--wrong", f"expected some of {', '.join(f'{known}=…' for known in MISTAKES)}, got {part!r}"
+            )
+        unit, means, make = MISTAKES[name]
+        try:
+            value = float(told.removesuffix(unit)) if unit else float(told)
+        except ValueError:
+            value = math.nan
+        if not math.isfinite(value) or (not unit and not 0.2 <= value <= 5.0):
+            kind = f"a number of {unit}" if unit else "a factor from 0.2 to 5"
+            raise ConfigError("--wrong", f"{name}: expected {kind} ({means}), got {told!r}")
+        if name == "yaw" and isinstance(room.pose, MavlinkPoseConfig):
+            raise ConfigError("--wrong", "yaw: these poses are the autopilot's own, no tracker's: leave it out")
+        world, room = make(world, room, value)
+    return world, room
+
+
+def world_as_told(air: World, told: Config, truth: list[str]) -> World:
+    """The truth for a rehearsal of ``told``: ``air`` around a vehicle, floor, rates and latency exactly as told.
+
+    ``truth`` are overrides (``sim.…``).
+
+    Raises:
+        ConfigError: as :func:`prepare`.
+    """
+    rate_hz, latency_s = timing(told.pose, air.pose_rate_hz, air.pose_latency_s)
+    north, east, down = told.trajectory.build().position_at(0.0)
+    stands = told.flight.start == "floor"
+    own_estimate = isinstance(told.pose, MavlinkPoseConfig) or getattr(told.link, "own_position", False)
+    world = msgspec.structs.replace(
+        world_of(air, told),
+        pose_rate_hz=rate_hz,
+        pose_latency_s=latency_s,
+        start_ned=(north, east, told.flight.floor_z_m if stands else down),
+        floor_z_m=told.flight.floor_z_m,
+        start_thrust=0.0 if stands else told.flight.idle_thrust,
+        ground_effect=stands,
+        own_estimate=own_estimate,
+    )
+    return overridden(world, truth)
+
+
+def others_of(told: Config) -> list[tuple[str, Vec3]]:
+    """The other vehicles that ``told`` keeps away from, standing beside the trajectory: names and places [m, NED]."""
+    report = examine_trajectory(told)
+    east = report.highest_ned[1] + told.separation.distance_m + 1.0
+    floor = told.flight.floor_z_m
+    return [(name, (report.lowest_ned[0] + number, east, floor)) for number, name in enumerate(told.separation.others)]
 
 
 def own(

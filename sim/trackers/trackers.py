@@ -162,8 +162,20 @@ CIRCLE_M, APART_M, CIRCLE_RAD_S = 2.5, 0.5, 0.4
 class Mocap:
     """Cameras that run by themselves: their phase against our frames is drawn from the seed."""
 
-    def __init__(self, world: World, plant: Quadrotor, seed: int, name: str, tracker: Tracker) -> None:
-        """Have ``tracker`` send what the cameras see; the vehicle is called ``name``."""
+    def __init__(
+        self,
+        world: World,
+        plant: Quadrotor,
+        seed: int,
+        name: str,
+        tracker: Tracker,
+        standing: Sequence[tuple[str, Vec3]] = (),
+    ) -> None:
+        """Have ``tracker`` send what the cameras see; the vehicle is called ``name``.
+
+        ``standing`` are further bodies that stand still, each by its name and place [m, NED].
+        """
+        self._standing = [TrackedBody(other, place, so3.IDENTITY, True) for other, place in standing]
         self._world = world
         self._plant = plant
         self._phase = stream(seed, "phase").random()
@@ -226,7 +238,7 @@ class Mocap:
             position, attitude = _circling(0, when)
         self._last = position, attitude
         bodies = [TrackedBody(self._name, position, attitude, not hidden)]
-        return bodies + [TrackedBody(f"other{n}", *pose, True) for n, pose in enumerate(others)]
+        return bodies + [TrackedBody(f"other{n}", *pose, True) for n, pose in enumerate(others)] + self._standing
 
     def _mishap(self, when: float, length_s: float, share: float) -> bool:
         """Whether one that begins after ``share`` of each period, and takes ``length_s``, is going on.

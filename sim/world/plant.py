@@ -8,7 +8,7 @@ in the step). The controller's own model (groundstation/core/vehicle/vehicle.py)
 
 from typing import NamedTuple
 
-from groundstation.core.geometry import FLOATS, Ops, Quat, Real, Vec3, rotate, to_world
+from groundstation.core.geometry import FLOATS, Ops, Quat, Real, Vec3, rotate, to_body, to_world
 
 
 class Body(NamedTuple):
@@ -30,6 +30,26 @@ class Physics(NamedTuple):
     drag_per_s: Real
     rate_leak: Real
     gravity: float
+
+
+class AirDrag(NamedTuple):
+    """Drag along the body's axes; see :class:`sim.world.world.World`. Elementwise."""
+
+    linear: Vec3
+    within: Real
+    along: Real
+    lift: Real
+    air: Vec3
+
+
+def compute_drag(ops: Ops, body: Body, drag: AirDrag) -> Vec3:
+    """What the air accelerates ``body`` by [m/s², NED]."""
+    (vx, vy, vz), (ax, ay, az), (lx, ly, lz) = body.velocity, drag.air, drag.linear
+    x, y, z = to_body(body.attitude, (vx - ax, vy - ay, vz - az))
+    inflow = ops.sqrt(x * x + y * y)
+    within = drag.within * inflow
+    down = -(lz + drag.along * inflow) * z - drag.lift * inflow * inflow
+    return to_world(body.attitude, (-(lx + within) * x, -(ly + within) * y, down))
 
 
 def integrate(

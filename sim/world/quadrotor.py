@@ -1,17 +1,31 @@
-"""Quadrotor in time: held, released, flying, on the floor. Its physics are in plant.py.
+"""Quadrotor in time: held, released, flying, on the floor. Its physics are in plant.py, or in rotors.py.
 
 It advances when it is asked for a later instant, in steps of ``world.step_s`` that begin anew with every command. An
-autopilot sits on it through :class:`Airframe`.
+autopilot sits on it through :class:`Airframe`. With ``world.plant = "rotors"`` another autopilot may have the rotors
+themselves: it steps as long as its own loop, and each time reads ``truth(now)`` (rates for its gyro) and
+``specific_force`` (for its accelerometer), and then calls ``drive_rotors(now, signals)``.
 """
 
+import copy
 import math
-from collections.abc import Callable
+from collections import deque
+from collections.abc import Callable, Iterator
+from itertools import repeat
 from typing import Protocol
 
 import msgspec
 
 from groundstation.core.geometry import FLOATS, Quat, Vec3, so3
-from sim.world.plant import Body, Physics, integrate
+from sim.world.plant import AirDrag, Body, Physics, compute_drag, integrate
+from sim.world.rotors import (
+    Actuators,
+    FourRotors,
+    begin_rotors,
+    describe_air,
+    describe_rotors,
+    integrate_rotors,
+    turn_rotors,
+)
 from sim.world.world import Wind, World
 
 
@@ -77,11 +91,49 @@ _INSTANT_S = 1e-9
 """Shorter spans are rounding [s]."""
 
 
+class DelayLine:
+    """Commands that begin to act some time after they come: a held one's mean over any later span."""
+
+    def __init__(self, delay_s: float, first: tuple[float, ...]) -> None:
+        """Until the first command has come through, ``first`` acts."""
+        self._delay_s = delay_s
+        self._now = first
+        self._coming: deque[tuple[float, tuple[float, ...]]] = deque()
+
+    def put(self, time_s: float, command: tuple[float, ...]) -> None:
+        """A command comes."""
+        self._coming.append((time_s + self._delay_s, command))
+
+    def compute_mean(self, start_s: float, span_s: float) -> tuple[float, ...]:
+        """What acts on average from ``start_s`` on, over ``span_s`` [s]; later questions never begin earlier."""
+        coming = self._coming
+        while coming and coming[0][0] <= start_s + _INSTANT_S:
+            self._now = coming.popleft()[1]
+        if not coming or coming[0][0] >= start_s + span_s:
+            return self._now
+        acting, since, end, mean = self._now, start_s, start_s + span_s, [0.0] * len(self._now)
+        for due, command in (*coming, (end, acting)):
+            until = min(due, end)
+            mean = [m + (until - since) / span_s * x for m, x in zip(mean, acting, strict=True)]
+            acting, since = command, until
+        return tuple(mean)
+
+
 class Quadrotor:
     """One simulated vehicle. It is held at ``world.start_ned`` until released. Implements Airframe's physics."""
 
-    def __init__(self, world: World, wind: Wind, on_step: Callable[[float, Vec3], None] | None = None) -> None:
-        """Hold the vehicle at its start; ``on_step(time_s, position_ned)`` sees every step after release."""
+    def __init__(
+        self,
+        world: World,
+        wind: Wind,
+        on_step: Callable[[float, Vec3], None] | None = None,
+        gyro: Iterator[list[float]] | None = None,
+    ) -> None:
+        """Hold the vehicle at its start; ``on_step(time_s, position_ned)`` sees every step after release.
+
+        ``gyro`` gives rows of three standard normal numbers, one for each step of a rate loop; without them its gyro
+        has no noise.
+        """
         self._world = world
         self._wind = wind
         self._on_step = on_step
@@ -103,8 +155,24 @@ class Quadrotor:
         self._body = Body(world.start_ned, (0.0, 0.0, 0.0), so3.IDENTITY, thrust, (0.0, 0.0, 0.0))
         self._thrust_command = 0.0
         self._rate_command: Vec3 = (0.0, 0.0, 0.0)
+        self._late_thrust = DelayLine(world.thrust_delay_s, (thrust,)) if world.thrust_delay_s else None
+        self._late_rates = DelayLine(world.rate_delay_s, (0.0, 0.0, 0.0)) if world.rate_delay_s else None
+        drag = describe_air(lambda get: get(world))
+        self._drag: AirDrag | None = drag if any((*drag.linear, drag.within, drag.along, drag.lift)) else None
+        self._frame, self._gains = describe_rotors(lambda get: get(world), world.gravity)
+        self._actuators: Actuators | None = None
+        if world.plant == "rotors":
+            self._actuators = begin_rotors(FLOATS, thrust, self._gains)
+        self._signals: FourRotors | None = None
+        """What another autopilot has the rotors do; None while the rate loop does."""
+        self._gyro = repeat([0.0, 0.0, 0.0]) if gyro is None else gyro
+        self._gyro_noise = self._draw_noise()
+        self.specific_force: Vec3 = (0.0, 0.0, -world.gravity)
+        """Of the newest whole step, what an accelerometer shows [m/s², FRD]; kept with rotors alone."""
         self._told: tuple[float, Vec3] = (0.0, (0.0, 0.0, 0.0))
         self._strength = 1.0
+        self._gain_now = world.thrust_gain
+        """Thrust that comes of what is told, as a share, at the newest command [-]."""
         self._on_ground = False
         self.pull: Callable[[Body], Vec3] | None = None
         """What else accelerates it, by where it is [m/s², NED]; may be changed in flight."""
@@ -132,12 +200,29 @@ class Quadrotor:
         if self.partner is not None:
             self.partner.command(time_s, thrust_n, rates)
         a, b, c = self._limits
-        self._thrust_command = self._gain(time_s) * min(max(thrust_n, 0.0), self._world.thrust_max_n)
+        self._gain_now = gain = self._gain(time_s)
+        self._thrust_command = gain * min(max(thrust_n, 0.0), self._world.thrust_max_n)
         self._rate_command = (
             min(max(rates[0], -a), a),
             min(max(rates[1], -b), b),
             min(max(rates[2], -c), c),
         )
+        if self._late_thrust is not None:
+            self._late_thrust.put(time_s, (self._thrust_command,))
+        if self._late_rates is not None:
+            self._late_rates.put(time_s, self._rate_command)
+
+    def drive_rotors(self, time_s: float, signals: FourRotors) -> None:
+        """From ``time_s`` on the rotors follow these signals (0..1), and no rate loop; see rotors.py for their order.
+
+        Raises:
+            ValueError: ``sim.plant`` is not "rotors".
+        """
+        if self._actuators is None:
+            raise ValueError('rotors are driven with sim.plant = "rotors" only')
+        self._settle(time_s)
+        a, b, c, d = (min(max(signal, 0.0), 1.0) for signal in signals)
+        self._signals = (a, b, c, d)
 
     def _gain(self, time_s: float) -> float:
         """Thrust that comes of what is told, as a share."""
@@ -169,8 +254,10 @@ class Quadrotor:
         other = Quadrotor(world, wind)
         other._time = other._cut = self._time
         other.released_s, other._body, other._on_ground = self.released_s, self._body, self._on_ground
-        other._told, other._strength = self._told, self._strength
+        other._told, other._strength, other._gain_now = self._told, self._strength, self._gain_now
         other._thrust_command, other._rate_command = self._thrust_command, self._rate_command
+        other._late_thrust, other._late_rates = copy.deepcopy((self._late_thrust, self._late_rates))
+        other._actuators, other._signals = self._actuators, self._signals
         other._highest_m = self._highest_m
         return other
 
@@ -180,7 +267,7 @@ class Quadrotor:
         body, down, rest = self._body, self._on_ground, time_s - self._time
         if self.released_s is not None and rest > _INSTANT_S:
             # Only a look into the step under way: the questions asked must not change the flight.
-            body, down = self._after(self._time - self.released_s, rest)
+            body, down, _ = self._after(self._time - self.released_s, rest)
             body = self._on_floor(body, rest) if down else body
         p, v, q, thrust, rates = body
         return TrueState(time_s, p, v, q, rates, thrust, down)
@@ -220,9 +307,9 @@ class Quadrotor:
         if self._on_step is not None:
             self._on_step(time_s, self._body.position)
 
-    def _after(self, flight_time: float, h: float) -> tuple[Body, bool]:
-        """The body ``h`` [s] after ``flight_time`` [s], and whether it is on the floor then."""
-        world, body = self._world, self._body
+    def _after(self, flight_time: float, h: float) -> tuple[Body, bool, Actuators | None]:
+        """The body ``h`` [s] after ``flight_time`` [s], whether it is on the floor then, and its actuators."""
+        world, body, actuators = self._world, self._body, self._actuators
         wind = self._wind.at(flight_time + 0.5 * h)
         if self.pull is not None:
             x, y, z = self.pull(body)
@@ -231,16 +318,44 @@ class Quadrotor:
             push = (_ground_effect(world, body.position[2]) - 1.0) * body.thrust / world.mass_kg
             (x, y, z), (u, v, w) = so3.third_column(body.attitude), wind
             wind = u - push * x, v - push * y, w - push * z
-        body = integrate(FLOATS, body, self._thrust_command, self._rate_command, wind, h, self._physics)
+        if self._drag is not None:
+            (x, y, z), (u, v, w) = compute_drag(FLOATS, body, self._drag), wind
+            wind = u + x, v + y, w + z
+        thrust, rates = self._thrust_command, self._rate_command
+        if self._late_thrust is not None:
+            (thrust,) = self._late_thrust.compute_mean(self._time, h)
+        if self._late_rates is not None:
+            p, q, r = self._late_rates.compute_mean(self._time, h)
+            rates = (p, q, r)
+        if actuators is None:
+            body = integrate(FLOATS, body, thrust, rates, wind, h, self._physics)
+        else:
+            gain, frame, gains = self._gain_now, self._frame, self._gains
+            if self._signals is None:
+                noise = self._gyro_noise
+                body, actuators = turn_rotors(
+                    FLOATS, body, actuators, thrust, rates, noise, gain, wind, h, frame, gains
+                )
+            else:
+                full = gain * gains.full_n
+                body, speeds = integrate_rotors(
+                    FLOATS, body, actuators.speeds, self._signals, full, rates, wind, h, frame
+                )
+                actuators = actuators._replace(speeds=speeds)
         if self.lead is not None and self.released_s is not None:
             body = self.lead(self.released_s + flight_time + h, body.thrust)
         held = self._on_ground and world.floor_hold_s > 0.0
         held = held and (self._held_s is None or flight_time - self._held_s < world.floor_hold_s)
-        return body, held or body.position[2] >= world.floor_z_m
+        return body, held or body.position[2] >= world.floor_z_m, actuators
+
+    def _draw_noise(self) -> Vec3:
+        a, b, c = next(self._gyro)
+        noise = self._world.rotors.gyro_noise_rad_s
+        return noise * a, noise * b, noise * c
 
     def _step(self, flight_time: float, h: float) -> None:
         world, before = self._world, self._body
-        body, self._on_ground = self._after(flight_time, h)
+        body, self._on_ground, self._actuators = self._after(flight_time, h)
         if self._on_ground:
             self._body = self._stand(body, flight_time, h)
         else:
@@ -248,6 +363,11 @@ class Quadrotor:
             if height > self._highest_m:  # noqa: PLR1730  # at every step of the plant
                 self._highest_m = height
             self._body, self._held_s = body, None
+        if self._actuators is not None:
+            self._gyro_noise = self._draw_noise()
+            (u, v, w), (a, b, c) = before.velocity, self._body.velocity
+            force = ((a - u) / h, (b - v) / h, (c - w) / h - world.gravity)
+            self.specific_force = so3.to_body(self._body.attitude, force)
         if world.floor_hold_s > 0.0:
             self._feel(before.velocity[2] - self._body.velocity[2], h)
 
@@ -258,6 +378,9 @@ class Quadrotor:
             self.hardest_m_s = max(self.hardest_m_s or 0.0, body.velocity[2])
             self._highest_m = 0.0
         body = self._on_floor(body, h)
+        if self._actuators is not None:  # a rate loop on the floor does not wind up
+            loop = self._actuators.loop._replace(integral=(0.0, 0.0, 0.0))
+            self._actuators = self._actuators._replace(loop=loop)
         rises = body.velocity[2] < 0.0
         self._held_s = (flight_time if self._held_s is None else self._held_s) if rises else None
         return body

@@ -5,7 +5,7 @@ Its wind is given as the acceleration of the vehicle: mean, sine gusts, one step
 
 import math
 from collections.abc import Iterator
-from typing import Annotated, NamedTuple
+from typing import Annotated, Literal, NamedTuple
 
 import msgspec
 
@@ -14,6 +14,42 @@ from groundstation.core.geometry import Real, Vec3
 Positive = Annotated[float, msgspec.Meta(gt=0.0)]
 NonNegative = Annotated[float, msgspec.Meta(ge=0.0)]
 Share = Annotated[float, msgspec.Meta(ge=0.0, le=1.0)]
+
+
+class RotorConstants(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
+    """Rotors, body and rate loop of a vehicle with ``sim.plant = "rotors"``. Defaults: of the one of 80 g."""
+
+    arm_m: Positive = 0.11
+    """From the middle to each rotor; they stand in X [m]."""
+    inertia_kg_m2: tuple[Positive, Positive, Positive] = (1.2e-4, 1.2e-4, 2.0e-4)
+    """Moments of inertia about roll, pitch and yaw [kg m²]."""
+    torque_per_thrust_m: Positive = 0.010
+    """Torque over thrust of a rotor [m]."""
+    curve: Share = 0.0
+    """f of thrust = f n² + (1 - f) n, from a rotor's speed n (0..1) to its share of thrust [-]; the autopilot on board
+    knows it and takes it out again."""
+    spin_up_s: NonNegative = 0.040
+    """Time constant of the rotors' speed where it rises [s]."""
+    spin_down_s: NonNegative = 0.040
+    """The same where it falls [s]."""
+    p: NonNegative = 25.0
+    """Angular acceleration that the rate loop asks for per error of rate [1/s]."""
+    i: NonNegative = 25.0
+    """The same per integral of it [1/s²]."""
+    d: NonNegative = 0.4
+    """The same per angular acceleration as measured [-]."""
+    yaw_gain: NonNegative = 0.4
+    """Share of the three for yaw [-]."""
+    gyro_noise_rad_s: NonNegative = 0.02
+    """Gyro noise of each step, 1σ per axis [rad/s]."""
+    gyro_filter_hz: Positive = 80.0
+    """Edge of the gyro's filter [Hz]."""
+    d_filter_hz: Positive = 60.0
+    """Edge of the one that D has beside it [Hz]."""
+    rate_filter_s: NonNegative = 0.0
+    """Time constant of a filter that told rates pass first [s]."""
+    thrust_filter_s: NonNegative = 0.0
+    """The same of told thrust [s]."""
 
 
 class World(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
@@ -36,8 +72,25 @@ class World(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=Tru
     """First-order lag of the thrust [s]."""
     rate_lag_s: NonNegative = 1.0 / (2.0 * math.pi * 1.5)
     """First-order lag of each body rate [s]."""
+    thrust_delay_s: NonNegative = 0.0
+    """From the vehicle's hearing a command until thrust begins to follow it, with its lag [s]."""
+    rate_delay_s: NonNegative = 0.0
+    """The same for the body rates [s]."""
+    plant: Literal["first_order", "rotors"] = "first_order"
+    """Whether thrust and rates follow their commands by first-order lags, or by a rate loop that drives four rotors;
+    rotors have no use for the two lags, and want a short ``sim.step_s``: it is the rate loop's period."""
+    rotors: RotorConstants = RotorConstants()
+    """What the rotors are like; in use with ``sim.plant = "rotors"`` alone."""
     drag_per_s: NonNegative = 0.0
     """Linear drag: deceleration per speed [1/s]."""
+    drag_body_per_s: Vec3 = (0.0, 0.0, 0.0)
+    """Further linear drag along each of the body's axes, against the air [1/s]."""
+    inflow_drag_per_m: tuple[float, float] = (0.0, 0.0)
+    """What it grows by with the air's speed in the rotors' plane: within that plane, and along the thrust [1/m]."""
+    inflow_lift_per_m: float = 0.0
+    """Acceleration along the thrust per square of that speed [1/m]."""
+    air_velocity: Vec3 = (0.0, 0.0, 0.0)
+    """Speed of the air, against which the drag along the body's axes counts [m/s, NED]."""
     rate_leak: float = 0.0
     """Centre of mass off the rotors' centre: lateral acceleration per commanded body rate [m/s² per rad/s]."""
     wind_mean: Vec3 = (0.1, -0.05, 0.2)

@@ -294,7 +294,7 @@ def test_garbage_and_half_frames_from_the_module_are_counted_and_delay_nothing()
 @pytest.mark.parametrize(
     ("port", "words"),
     [
-        ("/dev/nothing", "no such port; plug in the adapter, or correct link.port"),
+        ("/dev/nothing", "no such port; plug in the adapter, or correct its name"),
         ("/dev", "cannot open /dev"),
         ("/dev/null", "it is no serial port"),
     ],

@@ -17,15 +17,29 @@ from tests.flight.flights import flown
 SEEDS = 2
 DURATION_S = 20.0
 """Five seconds count; what differs by then does not agree again."""
+DELAYS = (
+    "sim.thrust_delay_s=0.03",
+    "sim.rate_delay_s=0.011",
+    "vehicle.thrust_delay_s=0.03",
+    "vehicle.rate_delay_s=0.011",
+)
 
 
-@pytest.mark.parametrize("scenario", ["paper", "adverse"])
-def test_a_batch_agrees_with_whole_flights_to_a_micrometre(scenario: str) -> None:
-    world, config = prepare(SCENARIOS[scenario], [])
+@pytest.mark.parametrize(
+    ("scenario", "overrides"),
+    [
+        ("paper", ("vehicle.thrust_delay_s=0.004", "vehicle.rate_delay_s=0.01")),
+        ("adverse", ()),
+        ("paper", (*DELAYS, "sim.drag_body_per_s=[0.3,0.2,0.1]", "sim.inflow_drag_per_m=[0.1,0.1]")),
+        ("rotors_mqx_radio", (*DELAYS, "sim.thrust_gain=0.9", "vehicle.rate_lag_s=0.07", "vehicle.rate_delay_s=0.066")),
+    ],
+)
+def test_a_batch_agrees_with_whole_flights_to_a_micrometre(scenario: str, overrides: tuple[str, ...]) -> None:
+    world, config = prepare(SCENARIOS[scenario], list(overrides))
     batch = fly_batch([world] * SEEDS, config, list(range(SEEDS)), duration_s=DURATION_S)
     assert batch.survived.all()
     for seed in range(SEEDS):
-        verdict = flown(scenario, seed=seed, duration_s=DURATION_S).verdict
+        verdict = flown(scenario, *overrides, seed=seed, duration_s=DURATION_S).verdict
         assert 100.0 * batch.rms_m[seed] == pytest.approx(verdict.rms_cm, abs=1e-4)
         assert batch.settle_s[seed] == pytest.approx(verdict.settle_s, abs=0.005)
 

@@ -22,9 +22,8 @@ from links.mavlink.protocol import MavlinkCodec
 from sim.autopilots import AUTOPILOTS, AutopilotPeer
 from sim.time import VirtualTimeLoop
 from sim.trackers import TrackedBody, make_tracker
-from sim.world import TrueState
+from sim.world import TrueState, make_hand
 from tests.airframe_double import Brick
-from tests.carried import hand
 from tests.loops import in_virtual_time
 
 LATENCY_S = 0.035
@@ -50,7 +49,7 @@ class Hand(Brick):
 
     def __init__(self, seed: int) -> None:
         super().__init__(1.0, held=True)
-        self._at = hand(seed)
+        self._at = make_hand(seed)
 
     def truth(self, time_s: float) -> TrueState:
         place, attitude = self._at(max(time_s - 1.0, 0.0))

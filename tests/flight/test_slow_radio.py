@@ -10,14 +10,19 @@ from tests.airframe_double import Brick
 from tests.flight.flights import flown
 
 
-def test_a_delay_of_commands_that_is_told_costs_little_and_one_that_is_not_much() -> None:
+@pytest.mark.parametrize(
+    ("keys", "delay_s"),
+    [(("command_delay_s",), 0.03), (("rate_delay_s", "thrust_delay_s"), 0.03), (("rate_delay_s",), 0.045)],
+)
+def test_a_delay_that_is_told_costs_little_and_one_that_is_not_much(keys: tuple[str, ...], delay_s: float) -> None:
+    true = [f"sim.{key}={delay_s}" for key in keys]
     plain = flown("paper", duration_s=20.0).verdict.rms_cm
-    told = flown("paper", "sim.command_delay_s=0.03", "vehicle.command_delay_s=0.03", duration_s=20.0).verdict.rms_cm
-    untold = flown("paper", "sim.command_delay_s=0.03", duration_s=20.0).verdict.rms_cm
+    told = flown("paper", *true, *(f"vehicle.{key}={delay_s}" for key in keys), duration_s=20.0).verdict.rms_cm
+    untold = flown("paper", *true, duration_s=20.0).verdict.rms_cm
     assert plain is not None
     assert told is not None
     assert untold is not None
-    assert plain < told < 2.0 * plain < 3.0 < untold
+    assert plain < told < 2.0 * plain < 8.0 * told < untold
 
 
 class Ear(Px4Autopilot):

@@ -23,8 +23,9 @@ from groundstation.core.estimation import (
     initial_covariance,
     predict_covariance,
     update_covariance,
+    update_moving_covariance,
 )
-from groundstation.core.estimation.observer import KalmanGain, update_moving_covariance
+from groundstation.core.estimation.observer import KalmanGain
 from groundstation.core.geometry import FLOATS, Vec3, so3
 from groundstation.core.trajectory import LemniscateConfig
 from sim.runs import fly

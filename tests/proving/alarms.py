@@ -37,6 +37,7 @@ from groundstation.analysis.shadow import (
 )
 from groundstation.config import ConfigError
 from groundstation.core import Pilot
+from groundstation.core.mission import FINAL
 from groundstation.core.safety import NODE_S, WANDERING_M, Conviction, PoseEvidence, charge_lateness
 from groundstation.core.vehicle import ActuatorCommand
 from groundstation.flight import Flight, ensure_flyable
@@ -125,9 +126,9 @@ class _Trace:
         """The instant [s, event loop's clock] and what spoke against the poses."""
 
     async def watch(self, flight: Flight) -> None:
-        """Look at each window; ends with the flight."""
+        """Look at each window for as long as commands leave: a vehicle that comes down on the model obeys none."""
         loop, seen = asyncio.get_running_loop(), 0
-        while True:
+        while flight.state not in FINAL:
             if flight.monitor.windows != seen:
                 seen = flight.monitor.windows
                 self.windows.append((loop.time(), flight.evidence))
@@ -378,8 +379,7 @@ class _Obeying(Pilot):
 
     def obey(self, time_s: float, drive: ActuatorCommand, interval_s: float) -> None:
         """``drive`` left at ``time_s`` [s], so long after the one before."""
-        acting = time_s + self._vehicle.command_delay_s
-        self._send(acting, drive)
+        self._send(time_s, drive)
         self._mean_wind(self._estimator.disturbance, interval_s)
 
 

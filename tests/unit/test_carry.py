@@ -9,7 +9,8 @@ import numpy as np
 import pytest
 
 from groundstation.core.geometry import Alignment, Body, Frames, Quat, Vec3, World, so3
-from groundstation.lab.axes import MOVES, AxisCalibration, CarryContradiction, solve_axes
+from groundstation.lab import MOVES
+from groundstation.lab.axes import AxisCalibration, CarryContradiction, solve_axes
 from tests.carried import Measure, carried
 
 WORLDS, BODIES = get_args(World), get_args(Body)

@@ -161,3 +161,19 @@ def test_a_second_command_for_the_same_instant_replaces_the_first() -> None:
     estimator.add_command(0.0, ActuatorCommand(1.0, (0.0, 0.0, 0.0)))
     expected = 1.0 - (1.0 - 0.0) * math.exp(-0.05 / VEHICLE.thrust_lag_s)
     assert estimator.predict(0.05).motion.thrust == pytest.approx(expected, abs=1e-3)
+
+
+@pytest.mark.parametrize("late", ["thrust", "rate"])
+def test_thrust_and_rates_begin_to_follow_a_command_each_after_its_own_delay(late: str) -> None:
+    told = msgspec.structs.replace(VEHICLE, **{f"{late}_delay_s": 0.03})
+    estimator, plain = ModelEstimator(told, Gains()), ModelEstimator(VEHICLE, Gains())
+    for each in (estimator, plain):
+        each.add_command(-0.1, ActuatorCommand(1.0, (0.0, 0.0, 0.0)))
+        each.update(Pose(0, 0.0, 0.0, (0.0, 0.0, 0.0), so3.IDENTITY))
+        for i in range(9):
+            each.add_command(0.01 * i, ActuatorCommand(1.0 + 0.1 * i, (0.1 * i, 0.0, 0.0)))
+            each.predict(0.01 * i + 0.005)
+    now, then, on_time = (one.predict(t).motion for one, t in ((estimator, 0.12), (plain, 0.09), (plain, 0.12)))
+    for name, delayed in (("thrust", late == "thrust"), ("rates", late == "rate")):
+        expected = getattr(then if delayed else on_time, name)
+        assert getattr(now, name) == pytest.approx(expected, abs=1e-9)

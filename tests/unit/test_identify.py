@@ -8,12 +8,13 @@ from typing import Any
 import numpy as np
 import pytest
 
+from groundstation.analysis.identify import FlightStretch, identify
 from groundstation.analysis.identify.command import file_text, table
 from groundstation.analysis.identify.fit import Bounds, design_filter, fit_noise, minimize
-from groundstation.analysis.identify.stretch import Column, FlightStretch
+from groundstation.analysis.identify.stretch import Column
 from groundstation.analysis.identify.thrust_fit import full_n, hover_signal, most_n
 from groundstation.analysis.identify.turn_fit import respond_with_lag, turns
-from groundstation.analysis.identify.vehicle import FLY, IdentifiedVehicle, identify, measure_noise
+from groundstation.analysis.identify.vehicle import FLY, IdentifiedVehicle, measure_noise
 from groundstation.core.geometry import FLOATS, IDENTITY
 from groundstation.core.geometry import rotate as turned_by
 from groundstation.core.vehicle import ActuatorCommand, Motion, Vehicle, integrate

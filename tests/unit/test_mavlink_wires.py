@@ -14,7 +14,7 @@ import pytest
 
 import links.mavlink.transport
 from links.core import Command, LinkLost
-from links.io.serial_port import open_port
+from links.io import open_port
 from links.mavlink import MavlinkConnection, MavlinkLink, MavlinkLinkConfig
 from links.mavlink.protocol import PX4, MavlinkCodec
 from links.mavlink.transport import TransportListener
@@ -214,7 +214,7 @@ def test_the_pauses_before_a_port_is_opened_again_grow_to_a_limit(
         await until(four)
         assert list(told)[-3:] == ["0.05 s", "0.1 s", "0.2 s"]
         await asyncio.sleep(0.5)
-        assert "No such file or directory); trying again in 0.2 s" in link.status.text
+        assert "no such port; plug in the adapter, or correct its name); trying again in 0.2 s" in link.status.text
         await link.close()
 
     in_real_time(main())

@@ -87,7 +87,7 @@ def read_stretch(path: Path) -> FlightStretch:
     if not commands or not poses:
         raise StretchTooShort(f"{path} holds no flight: there are no {'poses' if commands else 'commands'} in it")
     sent, seen = np.array(commands), np.array(poses)
-    chosen = seen[_stretch(sent[:, 0], seen)]
+    chosen = seen[find_stretch(sent[:, 0], seen)]
     length_s = float(chosen[-1, 0] - chosen[0, 0]) if len(chosen) else 0.0
     if length_s < LEAST_S:
         raise StretchTooShort(
@@ -99,8 +99,11 @@ def read_stretch(path: Path) -> FlightStretch:
     return FlightStretch(path, recording, config, *parts)
 
 
-def _stretch(sent_s: Column, poses: Column) -> slice:
-    """The poses of the longest stretch on the trajectory without a gap."""
+def find_stretch(sent_s: Column, poses: Column) -> slice:
+    """The poses of the longest stretch on the trajectory without a gap.
+
+    Of each of ``poses`` (N, >= 3): its time stamp [s], its count of resets, and above 0 where it is on the trajectory.
+    """
     at, resets, on = poses[:, 0], poses[:, 1], poses[:, 2] > 0.0
     # The commands that moved a pose lie before it: the one just before must not be older than a gap.
     last = np.searchsorted(sent_s, at) - 1

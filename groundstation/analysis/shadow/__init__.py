@@ -4,19 +4,30 @@ TYPE_CHECKING = False
 if TYPE_CHECKING:
     from groundstation.analysis.shadow.path import FlownPath, flying, hover_share, thrust_shares
     from groundstation.analysis.shadow.recording import (
+        RecordedPose,
         RecordedVehicle,
+        SentSetPoint,
         complete_config,
         latency_s,
         load_described,
         mavlink,
         read_recording,
     )
-    from groundstation.analysis.shadow.report import replay_command
+    from groundstation.analysis.shadow.report import compare_commands, replay, replay_command
 
 _MODULES = {
     "path": ("FlownPath", "flying", "hover_share", "thrust_shares"),
-    "recording": ("RecordedVehicle", "complete_config", "latency_s", "load_described", "mavlink", "read_recording"),
-    "report": ("replay_command",),
+    "recording": (
+        "RecordedPose",
+        "RecordedVehicle",
+        "SentSetPoint",
+        "complete_config",
+        "latency_s",
+        "load_described",
+        "mavlink",
+        "read_recording",
+    ),
+    "report": ("compare_commands", "replay", "replay_command"),
 }
 
 

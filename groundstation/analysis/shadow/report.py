@@ -88,7 +88,7 @@ class Shadow:
 
     def compare_command(self, time_s: float, drive: ActuatorCommand, *, flying: bool) -> ShadowedCommand | None:
         """``drive`` was sent at ``time_s`` [s]; in flight, what the shadow would have sent, where there is a path."""
-        acting = time_s + self._vehicle.command_delay_s
+        acting = time_s + self._vehicle.acting_delay_s
         reference = self._path.at(acting) if flying else None
         compared = None
         if reference is not None and self._estimator.ready:
@@ -104,7 +104,7 @@ class Shadow:
             compared = ShadowedCommand(drive, decision.drive, decision.saturated)
         elif not flying:
             self._controller = None
-        self._estimator.add_command(acting, drive)
+        self._estimator.add_command(time_s + self._vehicle.command_delay_s, drive)
         if isinstance(self._controller, Adaptive) and self._config.composite != "provable":
             self._estimator.follow(self._controller.b_hat)
         return compared
@@ -278,7 +278,7 @@ def measure_facts(
         velocity_path_rms_m_s=_rms(_lengths(ours - moved)),
         own_velocity_path_rms_m_s=_rms(_lengths(own - moved)),
         innovation_rms_m=_rms(np.array([each.innovation_m for each in air])),
-        commands=_compare_commands(replayed.compared),
+        commands=compare_commands(replayed.compared),
     )
 
 
@@ -296,7 +296,8 @@ def _rms(values: Array) -> float | None:
     return float(np.sqrt(np.mean(values * values))) if len(values) else None
 
 
-def _compare_commands(compared: Sequence[ShadowedCommand]) -> ComparedCommands | None:
+def compare_commands(compared: Sequence[ShadowedCommand]) -> ComparedCommands | None:
+    """The shadow's commands beside those that were sent; None where there are none."""
     if not compared:
         return None
     sent = np.array([(each.sent.thrust, *each.sent.rates) for each in compared])

@@ -27,6 +27,7 @@ if TYPE_CHECKING:
         predict_effectiveness,
         update_covariance,
         update_effectiveness,
+        update_moving_covariance,
     )
 
 _MODULES = {
@@ -55,6 +56,7 @@ _MODULES = {
         "predict_effectiveness",
         "update_covariance",
         "update_effectiveness",
+        "update_moving_covariance",
     ),
 }
 

@@ -38,6 +38,7 @@ from groundstation.core.vehicle import (
     integrate_actuators,
     integrate_motion,
     new,
+    schedule,
 )
 
 Positive = Annotated[float, msgspec.Meta(gt=0.0)]
@@ -166,12 +167,9 @@ class ModelEstimator:
         return float(self._effectiveness.value)
 
     def add_command(self, time_s: float, drive: ActuatorCommand) -> None:
-        """A command acts from ``time_s`` on; one for the same instant or later replaces it."""
-        drives, path = self._drives, self._path
-        while drives and drives[-1][0] >= time_s:
-            drives.pop()
-        drives.append((time_s, drive))
-        while len(path) > 1 and path[-1][0] > time_s:
+        """The actuators see a command at ``time_s``; one for the same instant or later replaces it."""
+        since_s, path = schedule(self._drives, self._vehicle, time_s, drive), self._path
+        while len(path) > 1 and path[-1][0] > since_s:
             path.pop()
 
     def release(self) -> None:

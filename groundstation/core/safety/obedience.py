@@ -112,14 +112,17 @@ STRAYS_RAD_S = 0.05
 """Slower is no turn that nobody asked for [rad/s]."""
 YAW_LATE_S = 0.55
 """So late may a turn about the vertical follow its command [s]: PX4 and ArduPilot were seen to take 0.35."""
-COORDINATE_M, COORDINATE_NOISES, BRAKED_S, COORDINATE_S = 0.0005, 3.0, 0.8, 2.0
-"""A coordinate stands that stays within so much [m] and so many times its noise [-] for the last time [s]; in the first
-[s] it may still be braked."""
+COORDINATE_M, COORDINATE_NOISES, COORDINATE_FOLLOWS, BRAKED_S, COORDINATE_S = 0.0005, 1.0, 0.2, 0.8, 2.0
+"""A coordinate stands whose average from node to node stays within so much [m] and so many times its noise [-] of where
+it was, which follows by the third [-], for the last time [s]: single poses of one that moves do so by chance, too. What
+stands for less counts by the fourth power of that; in the first [s] it may still be braked."""
 LEANS_M_S2, LEANS_S, LEANS_SLOWLY_S = 0.5, 0.25, 6.0
 """Meanwhile the push along it, averaged over the first time [s], leaves its average over the second [s] by so much
 [m/s²]: no wind rises so fast and leaves no trace."""
 LEANS_DOWN = 0.3
 """What counts of it down [-]: a battery that sags raises the thrust, and leaves no trace either."""
+NO_POSES = (0.0, 0.0, 0.0, 0)
+"""The sum of no positions [m], and how many they are."""
 LED_S = 1.0
 """So long after it was moved by something else than commands it may still be in somebody's hand [s]."""
 LATE_LOOKS, LATE_NODES = 0.3, 3
@@ -158,8 +161,8 @@ class Obedience:
     __slots__ = (  # with so many, a dictionary is slow
         "_arrest", "_asked", "_attitude", "_between", "_flown", "_gravity", "_half_s", "_halves", "_heading",
         "_hole_s", "_images", "_last", "_lates", "_leant", "_leaps_s", "_leapt_s", "_moved_s", "_newest_s",
-        "_node_s", "_off", "_per_newton", "_pitch", "_place", "_push", "_pushed", "_quarter", "_quarters", "_resets",
-        "_rested", "_rests", "_rivals", "_roll", "_seen_x", "_seen_y", "_seen_z", "_shock_s", "_shocks_s",
+        "_node_s", "_off", "_passed", "_per_newton", "_pitch", "_place", "_push", "_pushed", "_quarter", "_quarters",
+        "_resets", "_rested", "_rests", "_rivals", "_roll", "_seen_x", "_seen_y", "_seen_z", "_shock_s", "_shocks_s",
         "_speed", "_still", "_stood", "_stopped_s", "_strays", "_swept_s", "_swift", "_told_x", "_told_y",
         "_told_z", "_turns", "_upset", "_wander", "_wander_m", "answered", "calm_s", "evidence", "largest",
         "late_s", "led_s", "windows",
@@ -169,6 +172,7 @@ class Obedience:
         """Take the vehicle's mass as told [kg] and g [m/s²]."""
         self._per_newton, self._gravity = -1.0 / mass_kg, gravity  # an impulse is told against the thrust
         self._pushed: Vec3 = (0.0, 0.0, 0.0)
+        self._passed = NO_POSES
         self._speed: Vec3 = (0.0, 0.0, 0.0)
         self._roll, self._pitch = _TiltAxis(), _TiltAxis()
         self._images = Images()
@@ -288,6 +292,9 @@ class Obedience:
         self._told_x += 2.0 * (w * q - x * p - y * s + z * r)
         self._told_y += 2.0 * (w * r + x * s - y * p - z * q)
         self._told_z += 2.0 * (w * s - x * r + y * q - z * p)
+        x, y, z = pose.position_ned
+        a, b, c, n = self._passed
+        self._passed = (a + x, b + y, c + z, n + 1)
         further, self._off = off_m - self._off, off_m
         if further > LEAP_M and dt <= LEAP_S:
             further -= LEAP_NOISES * max(noise_m, self._wander_m) + LEAP_M_S2 * dt * dt
@@ -343,6 +350,7 @@ class Obedience:
         self._images.begin(pose.time_s, pose.position_ned, self._pushed)
         self._rivals.begin(pose.position_ned, self._pushed)
         self._stood = [_Coordinate(x, pose.time_s) for x in pose.position_ned]
+        self._passed = NO_POSES
         self._swift = self._speed
         self._forget_between()
 
@@ -420,7 +428,7 @@ class Obedience:
         else:
             shakes_m = math.sqrt((NOISES * noise_m) ** 2 + wander)
             self._push = self._rivals.node(place, pushed, h, shakes_m, now_s - self._leapt_s < h)
-        self._lean(pose, h, COORDINATE_M + COORDINATE_NOISES * noise_m)
+        self._lean(now_s, h, COORDINATE_M + COORDINATE_NOISES * noise_m)
         self._judge()
         attitude, axes, heading, still, push = self.evidence
         if (attitude >= LATE_LOOKS or self._lates) and self.late_s == 0.0:
@@ -443,15 +451,16 @@ class Obedience:
         rates = [rate for _, rate in asked]
         return seen - min(max(seen, min(rates)), max(rates))
 
-    def _lean(self, pose: Pose, h: float, within_m: float) -> None:
+    def _lean(self, now_s: float, h: float, within_m: float) -> None:
         """What one node says of each coordinate that stands within so much [m], while the push along it changes."""
         x, y, z = self._stood
-        (a, b, c), (u, v, w), (p, q, r) = pose.position_ned, self._speed, self._swift
-        now_s, fast, slow = pose.time_s, min(h / LEANS_S, 1.0), h / LEANS_SLOWLY_S
+        (a, b, c, n), (u, v, w), (p, q, r) = self._passed, self._speed, self._swift
+        self._passed = NO_POSES
+        fast, slow = min(h / LEANS_S, 1.0), h / LEANS_SLOWLY_S
         most = max(
-            x.leans(a, (u - p) / h, now_s, fast, slow, within_m),
-            y.leans(b, (v - q) / h, now_s, fast, slow, within_m),
-            LEANS_DOWN * z.leans(c, (w - r) / h, now_s, fast, slow, within_m),
+            x.leans(a / n, (u - p) / h, now_s, fast, slow, within_m),
+            y.leans(b / n, (v - q) / h, now_s, fast, slow, within_m),
+            LEANS_DOWN * z.leans(c / n, (w - r) / h, now_s, fast, slow, within_m),
         )
         self._swift = self._speed
         self._leant = min(most / LEANS_M_S2, 1.0) if most > 0.5 * LEANS_M_S2 else 0.0
@@ -566,18 +575,18 @@ class _TiltAxis:
 class _Coordinate:
     """One coordinate of the position that stands, and the push along it."""
 
-    __slots__ = ("_fast", "_place", "_since_s", "_slow")
+    __slots__ = ("_fast", "_most", "_place", "_since_s", "_slow")
 
     def __init__(self, place: float, time_s: float) -> None:
         """It is at ``place`` [m] at an instant [s]."""
         self._place, self._since_s = place, time_s
-        self._fast = self._slow = 0.0
+        self._fast = self._slow = self._most = 0.0
 
     def leans(self, place: float, push: float, time_s: float, fast: float, slow: float, within_m: float) -> float:
-        """How far the push along it has left its average [m/s²] while it stood; 0 where it moved.
+        """How far the push along it has left its average while it stands, or less if that is not long; 0 if not [m/s²].
 
         Args:
-            place: where it is [m].
+            place: where it was on average since the last call [m].
             push: what the commands push along it, since the last call [m/s²].
             time_s: now [s].
             fast: share of ``push`` that goes into its average over ``LEANS_S`` [-].
@@ -585,11 +594,16 @@ class _Coordinate:
             within_m: it stands within so much [m].
         """
         self._fast = now = self._fast + fast * (push - self._fast)
-        if not -within_m <= place - self._place <= within_m:
+        moved = place - self._place
+        if -within_m <= moved <= within_m:
+            self._place += COORDINATE_FOLLOWS * moved
+        else:
             self._place, self._since_s = place, time_s
         stood_s = time_s - self._since_s
         if stood_s < BRAKED_S:
-            self._slow = now
+            self._slow, self._most = now, 0.0
             return 0.0
         self._slow += slow * (now - self._slow)
-        return abs(now - self._slow) if stood_s > COORDINATE_S else 0.0
+        leans = abs(now - self._slow) * (min(stood_s, COORDINATE_S) / COORDINATE_S) ** 4
+        self._most = most = max(self._most, leans)  # a law that is told of it pushes no more
+        return most

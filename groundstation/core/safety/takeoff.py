@@ -480,7 +480,7 @@ class SpoolUp:
             self._moved_s = now_s if self._moved_s is None else self._moved_s
             wanted = lift.climbing_share * self._weight
             thrust = min(max(2.0 * wanted - lift.thrust_n, LEAST_SHARE * wanted), spool.most_n)
-        acting_s = now_s + self._vehicle.command_delay_s
+        acting_s = now_s + self._vehicle.command_delay_s + self._vehicle.thrust_delay_s
         if lift is None:
             self._told.append((acting_s, thrust))
         else:

@@ -14,6 +14,7 @@ if TYPE_CHECKING:
         integrate_motion,
         lead,
         new,
+        schedule,
     )
 
 _MODULES = {
@@ -29,6 +30,7 @@ _MODULES = {
         "integrate_motion",
         "lead",
         "new",
+        "schedule",
     )
 }
 

@@ -9,6 +9,7 @@ thrust over mass, gravity and wind. Elementwise: floats, or arrays of shape (N,)
 """
 
 import math
+from collections import deque
 from typing import Annotated, Any, ClassVar, NamedTuple
 
 import msgspec
@@ -61,6 +62,10 @@ class Vehicle(FromFile, msgspec.Struct, frozen=True, kw_only=True, forbid_unknow
     """Time constant from commanded to actual body rates [s]."""
     command_delay_s: NonNegative = 0.0
     """From a command leaving us to the actuators seeing it [s]."""
+    thrust_delay_s: NonNegative = 0.0
+    """From the actuators seeing a command to thrust beginning to follow it, with its lag [s]."""
+    rate_delay_s: NonNegative = 0.0
+    """The same for body rates [s]: rotors and the autopilot's rate loop answer like a lag behind a delay."""
     frame_period_s: Positive = 0.0225
     """How long a command is held: the period of command frames [s]."""
     size_m: Positive = 0.3
@@ -82,6 +87,11 @@ class Vehicle(FromFile, msgspec.Struct, frozen=True, kw_only=True, forbid_unknow
             raise ValueError(
                 "preset and file are for configurations: read one with groundstation.config.loader.from_dict"
             )
+
+    @property
+    def acting_delay_s(self) -> float:
+        """From a command leaving us until all of it acts [s]: it is computed for that instant."""
+        return self.command_delay_s + max(self.thrust_delay_s, self.rate_delay_s)
 
     @classmethod
     def with_text(cls, table: dict[str, Any], text: str) -> dict[str, Any]:
@@ -112,7 +122,8 @@ class Vehicle(FromFile, msgspec.Struct, frozen=True, kw_only=True, forbid_unknow
 
 
 _OPTIONAL = (
-    "preset", "file", "command_delay_s", "thrust_curve", "hover_thrust", "hover_range", "size_m", "hover_n",
+    "preset", "file", "command_delay_s", "thrust_delay_s", "rate_delay_s", "thrust_curve", "hover_thrust",
+    "hover_range", "size_m", "hover_n",
 )  # fmt: skip
 """What a vehicle file may leave out."""
 
@@ -158,6 +169,35 @@ class ActuatorCommand(NamedTuple):
     """[N], along minus z of the body."""
     rates: Vec3
     """About x forward, y right, z down [rad/s, FRD]."""
+
+
+def schedule(
+    drives: deque[tuple[float, ActuatorCommand]], vehicle: Vehicle, seen_s: float, drive: ActuatorCommand
+) -> float:
+    """Put ``drive``, which the actuators see at ``seen_s`` [s], into ``drives``: what acts from which instant on.
+
+    It replaces what was to act later. Returns from when on anything has changed [s].
+    """
+    thrust_s, rates_s = seen_s + vehicle.thrust_delay_s, seen_s + vehicle.rate_delay_s
+    if thrust_s == rates_s:
+        while drives and drives[-1][0] >= thrust_s:
+            drives.pop()
+        drives.append((thrust_s, drive))
+        return thrust_s
+    first_s, last_s = min(thrust_s, rates_s), max(thrust_s, rates_s)
+    between: list[tuple[float, ActuatorCommand]] = []
+    while drives and drives[-1][0] >= first_s:
+        time_s, other = drives.pop()
+        if time_s < last_s:
+            between.insert(0, (time_s, other))
+    if not between or between[0][0] > first_s:
+        between.insert(0, (first_s, drives[-1][1] if drives else drive))
+    for time_s, other in between:
+        drives.append(
+            (time_s, drive._replace(rates=other.rates) if thrust_s < rates_s else other._replace(rates=drive.rates))
+        )
+    drives.append((last_s, drive))
+    return first_s
 
 
 class ActuatorResponse(NamedTuple):

@@ -24,12 +24,29 @@ EXIT_DONE, EXIT_ABORTED = 0, 1
 Say = Callable[[str], None]
 
 
+def _load(args: argparse.Namespace, require: Callable[[Config], Config] = lambda config: config) -> Config:
+    """The configuration, which must have what ``require`` asks for; of a rehearsal with every address turned.
+
+    What a real flight must have is asked of the file as it stands. With ``--rehearse`` standard error says what it is.
+    """
+    config = require(load(args.config, Config, args.overrides))
+    if not args.rehearse:
+        return config
+    from groundstation.settings import describe_rehearsal, ensure_served, rehearse
+
+    turned = require(rehearse(config, args.config))
+    assert turned.rehearsal is not None, "it has just become one"
+    print(describe_rehearsal(turned, config), file=sys.stderr, flush=True)
+    ensure_served(turned.rehearsal, args.config)
+    return turned
+
+
 def fly(args: argparse.Namespace) -> int:
     """Fly in the foreground: ask before arming, say what happens, land on Ctrl-C."""
     from groundstation.flight import confirmation, ensure_named
     from groundstation.interfaces.service import fly_command, require_flyable
 
-    config = require_flyable(load(args.config, Config, args.overrides))
+    config = _load(args, require_flyable)
     ensure_named(args.arm, config)
     if args.tui:
         from groundstation.interfaces.tui import fly_with_screen
@@ -37,7 +54,12 @@ def fly(args: argparse.Namespace) -> int:
         return fly_with_screen(args, config)
     if args.arm is None and not sys.stdin.isatty():
         raise ConfigError("--arm", f"without a terminal, arming needs --arm {config.vehicle.name}")
-    return fly_command(config, confirmation(config, args.arm), _terminal_writer())
+    say = _terminal_writer()
+    return fly_command(config, confirmation(config, args.arm), _mark_lines(say) if args.rehearse else say)
+
+
+def _mark_lines(say: Say) -> Say:
+    return lambda line: say(f"REHEARSAL {line}")
 
 
 def daemon(args: argparse.Namespace) -> int:
@@ -45,7 +67,7 @@ def daemon(args: argparse.Namespace) -> int:
     from groundstation.flight import ensure_named
     from groundstation.interfaces.service import Format, daemon_command, require_flyable
 
-    config = require_flyable(load(args.config, Config, args.overrides))
+    config = _load(args, require_flyable)
     ensure_named(args.arm, config)
     return daemon_command(config, arm=args.arm is not None, once=args.once, style=Format(args.log_format))
 
@@ -128,7 +150,22 @@ def tui(args: argparse.Namespace) -> int:
         return run_fleet(from_url(args.fleet, ca=args.ca, user=args.user, password_file=args.password_file))
     from groundstation.interfaces.tui import tui_command
 
+    if args.rehearse:
+        if args.log is None:
+            raise ConfigError("--rehearse", "expected CONFIG.toml, to rehearse its flight")
+        args.config, args.log, args.overrides, args.arm, args.tui = args.log, None, [], None, True
+        from groundstation.settings import REHEARSAL
+
+        if not asyncio.run(_is_flown(REHEARSAL)):
+            return fly(args)
+        args.vehicle = REHEARSAL
     return tui_command(args)
+
+
+async def _is_flown(vehicle: str) -> bool:
+    from groundstation.runtime import StatusConfig, is_served, socket_path
+
+    return await is_served(socket_path(StatusConfig(), vehicle))
 
 
 def request(args: argparse.Namespace) -> int:
@@ -175,9 +212,10 @@ def doctor(args: argparse.Namespace) -> int:
     from groundstation.lab import DoctorOrders, run_doctor
     from groundstation.runtime import folder_of
 
-    config = load(args.config, Config, args.overrides)
-    overrides = [word for override in args.overrides for word in ("--set", override)]
-    command = shlex.join(["groundstation", "doctor", str(args.config), *overrides])
+    config = _load(args)
+    words = [word for override in args.overrides for word in ("--set", override)]
+    words += ["--rehearse"] if args.rehearse else []
+    command = shlex.join(["groundstation", "doctor", str(args.config), *words])
     orders = DoctorOrders(command, tuple(args.fix), args.restore, args.yes, args.json, folder_of(config.recording))
     return asyncio.run(run_doctor(config, orders, line_from_terminal if sys.stdin.isatty() else None, _say))
 
@@ -220,6 +258,20 @@ def identify(args: argparse.Namespace) -> int:
     return identify_command(args.file, args.out, args.page, as_json=args.json)
 
 
+def import_flight(args: argparse.Namespace) -> int:
+    """A flight that others recorded, as a recording."""
+    from groundstation.analysis.evidence import import_command
+
+    return import_command(args.files, args.map, args.out)
+
+
+def evidence(args: argparse.Namespace) -> int:
+    """What recorded flights say of our estimator."""
+    from groundstation.analysis.evidence import evidence_command
+
+    return evidence_command(args.files, as_json=args.json)
+
+
 def config(args: argparse.Namespace) -> int:
     """Print the configuration in force, or one to start from."""
     if args.verb == "show":
@@ -249,8 +301,9 @@ def carry(args: argparse.Namespace) -> int:
     """Have the vehicle carried along shown moves, and find its tracker's axes."""
     from groundstation.lab import carry_command
 
-    config = load(args.config, Config, args.overrides)
-    return carry_command(config, args.config, args.overrides, as_json=args.json, keep=args.dry_run)
+    config = _load(args)
+    # What a rehearsal finds is of the simulated cameras: it must not stay in the file of the real ones.
+    return carry_command(config, args.config, args.overrides, as_json=args.json, keep=args.dry_run or args.rehearse)
 
 
 def trajectory(args: argparse.Namespace) -> int:
@@ -275,19 +328,18 @@ def trajectory(args: argparse.Namespace) -> int:
 
 def check(args: argparse.Namespace) -> int:
     """Connect, run the pre-flight checks, and disconnect; or show the pose source live. Nothing is armed."""
-    config = load(args.config, Config, args.overrides)
+    if args.seconds is not None and not args.watch:
+        raise ConfigError("--seconds", "is for --watch; without it the checks end by themselves")
     if args.watch:
         from groundstation.lab import watch_poses
 
-        return watch_poses(config, seconds=args.seconds, as_json=args.json)
-    if args.seconds is not None:
-        raise ConfigError("--seconds", "is for --watch; without it the checks end by themselves")
+        return watch_poses(_load(args), seconds=args.seconds, as_json=args.json)
     from groundstation.flight import describe_checks, describe_failures
     from groundstation.interfaces.service import require_flyable
     from groundstation.recording import make_flight
     from groundstation.runtime import running_processes
 
-    require_flyable(config)
+    config = _load(args, require_flyable)
 
     async def never() -> bool:
         return False
@@ -295,6 +347,7 @@ def check(args: argparse.Namespace) -> int:
     found = asyncio.run(make_flight(config, confirm=never, running=running_processes).check())
     bad = describe_failures(found)
     verdict = "NOT ready to fly: see FAIL above" if bad else "ready to fly"
+    verdict = f"REHEARSAL: {verdict}" if args.rehearse else verdict
     facts = json.dumps({"pass": not bad, "checks": msgspec.to_builtins(found)})
     print(facts if args.json else f"{describe_checks(found)}\n{verdict}")
     return EXIT_ABORTED if bad else EXIT_DONE

@@ -25,6 +25,7 @@ from groundstation.interfaces.api import ask_station, snapshots
 from groundstation.interfaces.service.flights import require_flyable
 from groundstation.lab import FleetPlan, Member, Relay, read_fleet, run_relay
 from groundstation.runtime import ApiError, Exit, socket_path
+from groundstation.settings import REHEARSAL, describe_rehearsal, ensure_served
 from links.core import make_child_command
 
 AGAIN_S = 0.2
@@ -241,7 +242,11 @@ def fleet_command(args: argparse.Namespace, say: Callable[[str], None]) -> int:
         ConfigError: one of them must not fly.
     """
     found = read_fleet(args.fleet, args.overrides)
+    if args.rehearse:
+        found = _rehearse(found, args)
     names = [member.name for member in found.members]
+    if args.rehearse and args.arm == [REHEARSAL]:
+        args.arm = names
     for option, asked in (("--arm", args.arm), ("--show", [args.show] if args.show else [])):
         for name in asked:
             if name not in names:
@@ -251,12 +256,29 @@ def fleet_command(args: argparse.Namespace, say: Callable[[str], None]) -> int:
     if args.show:
         print(describe_core(found, found.members[names.index(args.show)]))
         return Exit.DONE
-    for member in found.members:
+    _require_flyable(found, args.fleet)
+    return asyncio.run(Supervisor(found, list(dict.fromkeys(args.arm)), say).run())
+
+
+def _require_flyable(fleet: FleetPlan, file: Path) -> None:
+    for member in fleet.members:
         try:
             require_flyable(member.lab)
         except ConfigError as error:
-            raise ConfigError(error.key, error.problem, f"{args.fleet}: vehicle {member.name}") from None
-    return asyncio.run(Supervisor(found, list(dict.fromkeys(args.arm)), say).run())
+            raise ConfigError(error.key, error.problem, f"{file}: vehicle {member.name}") from None
+
+
+def _rehearse(fleet: FleetPlan, args: argparse.Namespace) -> FleetPlan:
+    """The same fleet on the loopback network, once it may fly in earnest."""
+    _require_flyable(fleet, args.fleet)
+    turned = read_fleet(args.fleet, args.overrides, rehearsed=True)
+    for now, before in zip(turned.members, fleet.members, strict=True):
+        print(describe_rehearsal(now.lab, before.lab), file=sys.stderr, flush=True)
+    room = turned.members[0].lab.rehearsal
+    assert room is not None, "it has just become one"
+    if not args.show:
+        ensure_served(room, args.fleet)
+    return turned
 
 
 def relay_command(args: argparse.Namespace, say: Callable[[str], None]) -> int:

@@ -63,7 +63,7 @@ from groundstation.runtime import (
     served_sockets,
     socket_path,
 )
-from groundstation.settings import Config
+from groundstation.settings import Config, is_rehearsal
 from links.core import make_child_command, printable
 
 
@@ -285,7 +285,7 @@ class Dashboard(App[None]):
             now,
             stale=now - picture.arrived_s > SILENCE_S,
             again=self._ordering.waits(now),
-            whose="" if newest is None else f"{newest.vehicle}  {flight_time(newest.flight_time_s)}",
+            whose="" if newest is None else f"{_title(newest.vehicle)}  {flight_time(newest.flight_time_s)}",
             holder=self._beside(),
         )
         for screen in self.screen_stack:
@@ -465,6 +465,7 @@ def fly_with_screen(args: argparse.Namespace, config: Config) -> int:
         raise ConfigError("status.path", f"a ground station serves {path} already; to see it: {again}")
     log = make_folder(config.recording) / f"{vehicle}.log"
     overrides = [word for override in args.overrides for word in ("--set", override)]
+    overrides += ["--rehearse"] if args.rehearse else []
     arm = [] if args.arm is None else ["--arm", args.arm]
     command = make_child_command("groundstation", "daemon", str(args.config), "--once", *overrides, *arm)
     with open(log, "wb", opener=open_private) as output:  # Path.open has no opener
@@ -509,6 +510,11 @@ def _in_browser(args: argparse.Namespace) -> int:
         title, what = path.stem, ["--read-only", "--socket", str(path)]
     serve(make_child_command("groundstation", "tui", *what, "--theme", args.theme), args.browser, title)
     return 0
+
+
+def _title(vehicle: str) -> str:
+    """The vehicle's name; that of a rehearsal in large letters."""
+    return vehicle.upper() if is_rehearsal(vehicle) else vehicle
 
 
 def _which(socket: Path | None) -> str | None:

@@ -285,6 +285,8 @@ def fit_scenario(scenario: Scenario, station: Config) -> Scenario:
         thrust_lag_s=lag("thrust_lag_s"),
         rate_lag_s=lag("rate_lag_s"),
         command_delay_s=vehicle.command_delay_s,
+        thrust_delay_s=vehicle.thrust_delay_s,
+        rate_delay_s=vehicle.rate_delay_s,
         pose_latency_s=max(0.0, truth.pose_latency_s - scenario.told_latency_s + latency_s),
         pose_rate_hz=rate_hz,
         frame_period_s=_period_s(station),

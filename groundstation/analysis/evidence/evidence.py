@@ -1,0 +1,566 @@
+"""Evidence, ``groundstation evidence FLIGHT…``: how well our estimator predicts a recorded flight.
+
+At each pose of the part that flies, the estimator that flies here has seen the poses up to then and the commands that
+had been sent; it says where the vehicle will be, and the pose that is measured then is the judge. Beside it stand
+p + v t (v over 50 ms) and constant acceleration (over 100 ms). Nothing of the filter is fitted to the flight's
+innovations: its noise is that of the source, from differences of the positions alone.
+
+What a flight commanded is turned into thrust and body rates. An attitude set-point becomes body rates by the gain of
+the autopilot's attitude loop (mapping), about the attitude that was measured; where nobody commanded any, the body
+keeps turning as it turned last. The signal that hovers is read from the flight, where its source does not tell.
+"""
+
+import json
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import msgspec
+import numpy as np
+
+from groundstation.analysis.evidence.attitude_fit import AttitudeLoop, fit_attitude_loop
+from groundstation.analysis.evidence.imports import MEASURED, SETPOINT, STATE, ImportedSetpoint, ImportedState
+from groundstation.analysis.evidence.mapping import Column, MappedVehicle
+from groundstation.analysis.identify import LEAST_S, FlightStretch, StretchTooShort, find_stretch, identify
+from groundstation.analysis.shadow import (
+    FlownPath,
+    RecordedPose,
+    RecordedVehicle,
+    SentSetPoint,
+    compare_commands,
+    flying,
+    hover_share,
+    replay,
+    thrust_shares,
+)
+from groundstation.config import ConfigError, from_dict, parse_toml
+from groundstation.core.estimation import (
+    Densities,
+    Estimation,
+    ModelEstimator,
+    initial_covariance,
+    predict_covariance,
+    update_covariance,
+    update_moving_covariance,
+)
+from groundstation.core.geometry import Quat, Vec3, so3
+from groundstation.core.messages import Pose
+from groundstation.core.vehicle import ActuatorCommand
+from groundstation.recording import MeasuredMessage, NoRecording, Recording, read_pose
+from groundstation.settings import Config
+from links.core import signal
+
+HORIZONS_MS = (20, 40, 60, 100)
+NEAR = 0.25
+"""The pose that judges a prediction lies within this share of its horizon."""
+BASE_S = 0.05
+"""v of p + v t is over this time [s]; constant acceleration takes twice as long."""
+SETTLING_S = 0.5
+"""So long the filter has flown before it is judged [s]."""
+LIFTED_M = 0.2
+"""A vehicle that begins, or ends, on the floor flies while it is this far above it [m]."""
+STANDS_S, STANDS_M = 0.5, 0.003
+"""It stands where it keeps its height to so little for so long."""
+MOVES_M_S = 0.3
+"""Noise along the motion is measured where it moves as fast as this [m/s]."""
+GAP = 3.0
+"""Across an interval this many times the usual one nothing is measured."""
+
+
+@dataclass(frozen=True)
+class RecordedFlight:
+    """A flight as its recording has it, and what was known of its vehicle."""
+
+    path: Path
+    source: str
+    poses: list[Pose]
+    may_fly: list[bool]
+    sent: list[ImportedSetpoint]
+    hover: float | None
+    """Thrust signal that hovers, where the source told."""
+    told: MappedVehicle
+    config: Config | None
+    """What our own controller was told; None of what others flew."""
+
+    @property
+    def commands_attitude(self) -> bool:
+        """Whether attitudes were commanded, and not body rates."""
+        return bool(self.sent) and self.sent[0].attitude is not msgspec.UNSET
+
+
+def load_flight(path: Path) -> RecordedFlight:
+    """The flight in the recording ``path``, ours or imported.
+
+    Raises:
+        ConfigError: it is none, or holds too few poses.
+    """
+    poses: list[Pose] = []
+    flags: list[bool] = []
+    sent: list[ImportedSetpoint] = []
+    try:
+        recording = Recording(path)
+        ours = "imported" not in recording.about
+        may_fly, config = not ours, None
+        if ours:
+            config = from_dict(parse_toml(recording.about.get("config", "")), Config)
+        for entry in recording.entries((MEASURED, SETPOINT, STATE, "/command", "/idle")):
+            if entry.topic == MEASURED:
+                poses.append(read_pose(msgspec.json.decode(entry.data, type=MeasuredMessage)))
+                flags.append(may_fly)
+            elif entry.topic == SETPOINT:
+                sent.append(msgspec.json.decode(entry.data, type=ImportedSetpoint))
+            elif entry.topic == STATE:
+                may_fly = msgspec.json.decode(entry.data, type=ImportedState).may_fly
+            else:
+                may_fly, value = entry.topic == "/command", entry.value()
+                assert config is not None, "only we record commands of ours"
+                share = value["thrust_n"] / config.full_thrust_n
+                rates = msgspec.convert(
+                    value["rates_rad_s"], ImportedSetpoint.__annotations__["rates_rad_s"].__args__[0]
+                )
+                sent.append(ImportedSetpoint(value["time_s"], signal(share, config.thrust_curve), rates))
+    except (NoRecording, ValueError) as error:
+        raise ConfigError("FLIGHT", str(error), str(path)) from None
+    except OSError as error:
+        raise ConfigError("FLIGHT", f"cannot read it: {error.strerror}", str(path)) from None
+    if len(poses) < 50:
+        raise ConfigError("FLIGHT", f"holds {len(poses)} poses, which tell nothing: 50 are the least", str(path))
+    about = recording.about
+    hover = float(about["hover"]) if about.get("hover") else None
+    told = msgspec.json.decode(about["vehicle_told"], type=MappedVehicle) if not ours else _told_by(config)
+    source = about.get("source", "simulation" if about.get("scenario") else "our own")
+    return RecordedFlight(path, source, poses, flags, sent, hover, told, config)
+
+
+def _told_by(config: Config | None) -> MappedVehicle:
+    assert config is not None, "a flight of ours has its configuration"
+    v = config.vehicle
+    return MappedVehicle(
+        mass_kg=v.mass_kg,
+        thrust_lag_s=max(v.thrust_lag_s, 1e-4),
+        rate_lag_s=max(v.rate_lag_s, 1e-4),
+        thrust_curve=config.thrust_curve,
+    )
+
+
+class PoseNoise(NamedTuple):
+    """Noise of the poses that move, from what no smooth motion leaves of five in a row."""
+
+    along_m: float
+    across_m: float
+    """Per axis."""
+    jitter_s: float
+    """How far a stamp is off: what it is along the motion and not across, over the speed."""
+
+
+def measure_pose_noise(at_s: Column, place: Column) -> PoseNoise:
+    """Of positions (N, 3) [m] at ``at_s`` (N,) [s]; all zero where there are too few.
+
+    Divided differences of fourth order leave nothing of any cubic, however the stamps lie.
+    """
+    if len(at_s) < 10:
+        return PoseNoise(0.0, 0.0, 0.0)
+    times = np.stack([at_s[k : len(at_s) - 4 + k] for k in range(5)])
+    points = np.stack([place[k : len(at_s) - 4 + k] for k in range(5)])
+    apart = times[:, None] - times[None] + np.eye(5)[:, :, None]
+    weights = 1.0 / apart.prod(axis=1)
+    left = (weights[:, :, None] * points).sum(axis=0) / np.sqrt((weights**2).sum(axis=0))[:, None]
+    span = times[4] - times[0]
+    velocity = (points[4] - points[0]) / span[:, None]
+    speed = np.linalg.norm(velocity, axis=1)
+    whole = span < 1.5 * np.median(span)
+    moves = whole & (speed > MOVES_M_S)
+    if np.count_nonzero(moves) < 50:
+        still = float(np.sqrt((left[whole] ** 2).mean())) if whole.any() else 0.0
+        return PoseNoise(still, still, 0.0)
+    ahead = velocity[moves] / speed[moves, None]
+    along = ((left[moves] * ahead).sum(axis=1) ** 2).mean()
+    across = 0.5 * ((left[moves] ** 2).sum(axis=1).mean() - along)
+    jitter = math.sqrt(max(0.0, along - across) / float((speed[moves] ** 2).mean()))
+    return PoseNoise(math.sqrt(along), math.sqrt(max(across, 0.0)), jitter)
+
+
+WANDER_S = 0.06
+"""Over this spacing of poses the wander of the source's velocity shows [s]."""
+WANDERED = (6.0 * 2.0 / 3.0 - 8.0 / 6.0) / 70.0
+"""Variance that velocity of density 1, a random walk, leaves of such a difference, over the spacing's cube: second
+differences of its integral have 2/3 and, between neighbours, 1/6; fourth ones 6 · 2/3 - 8 · 1/6, over 70 as above."""
+
+
+def measure_wander(at_s: Column, place: Column) -> float:
+    """How the velocity of the source itself wanders [m/s² per √Hz], beside the white noise of its positions.
+
+    White noise is the same over any spacing h of the poses; a random walk of the velocity, as GPS or an autopilot's own
+    filter makes it, grows with h³. Both are found from two spacings.
+    """
+    near = float(np.median(np.diff(at_s)))
+    stride = max(2, round(WANDER_S / near))
+    if len(at_s) < 60 * stride:
+        return 0.0
+    white, both = measure_pose_noise(at_s, place).across_m, measure_pose_noise(at_s[::stride], place[::stride]).across_m
+    grown = (stride * near) ** 3 - near**3
+    return math.sqrt(max(0.0, both**2 - white**2) / (WANDERED * grown))
+
+
+def find_airborne(at_s: Column, place: Column, may_fly: Sequence[bool]) -> slice:
+    """The poses from the first to the last that fly: not those that stand on the floor before and after."""
+    first, end = 0, len(at_s)
+    if any(may_fly):
+        first, end = may_fly.index(True), len(may_fly) - list(may_fly)[::-1].index(True)
+    up = -place[:, 2]
+    window = max(5, int(STANDS_S / max(float(np.median(np.diff(at_s))), 1e-3)))
+
+    def lifted(heights: Column) -> int:
+        """How many of ``heights`` pass before it is off the floor; 0 where it did not stand."""
+        stand = heights[:window]
+        off = np.flatnonzero(heights > float(np.median(stand)) + LIFTED_M)
+        return int(off[0]) if float(np.ptp(stand)) < STANDS_M and len(off) else 0
+
+    before, after = lifted(up[first:end]), lifted(up[first:end][::-1])
+    return slice(first + before, end - after)
+
+
+@dataclass(frozen=True)
+class DrivenFlight:
+    """A flight with its commands as thrust and body rates, at the instants they left."""
+
+    flight: RecordedFlight
+    air: slice
+    at_s: Column
+    place: Column
+    recorded: RecordedVehicle
+    shares: list[float]
+    """Thrust of each command as a share of the full one."""
+    hover: float | None
+    """Share of full thrust that carries it."""
+    config: Config
+    """What the filter is told of the vehicle."""
+    loop: AttitudeLoop | None
+    """The autopilot's, where attitudes were commanded and were followed."""
+
+
+def drive_flight(flight: RecordedFlight) -> DrivenFlight:
+    """Find the part that flies, and what drives it there."""
+    at_s = np.array([pose.time_s for pose in flight.poses])
+    place = np.array([pose.position_ned for pose in flight.poses])
+    air = find_airborne(at_s, place, flight.may_fly)
+    sent, loop = _as_rates(flight, at_s, air)
+    inside = [air.start <= k < air.stop for k in range(len(at_s))]
+    poses = [RecordedPose(pose, may) for pose, may in zip(flight.poses, inside, strict=True)]
+    recorded = RecordedVehicle("", flight.source, poses, sent, {})
+    curve, hover, config = flight.told.thrust_curve, None, flight.config
+    shares = thrust_shares(sent, curve)
+    if sent and config is None:
+        if flight.hover is not None:
+            hover = thrust_shares([SentSetPoint(0.0, flight.hover, (0.0, 0.0, 0.0))], curve)[0]
+        else:
+            path = FlownPath(flight.poses, BASE_S * 5.0)
+            hover = hover_share(recorded, shares, path, 9.81) or _balance(flight, at_s, air, sent, shares)
+            flags = flying(recorded, shares, hover)
+            airborne = np.flatnonzero(flags)
+            if len(airborne) > len(flags) // 4:
+                air = slice(int(airborne[0]), int(airborne[-1]) + 1)
+    if config is None:
+        config = _config(flight.told, hover, sent)
+    return DrivenFlight(flight, air, at_s, place, recorded, shares, hover, config, loop)
+
+
+def _config(told: MappedVehicle, hover: float | None, sent: Sequence[SentSetPoint], **more: float) -> Config:
+    period = float(np.median(np.diff([one.time_s for one in sent]))) if len(sent) > 1 else 0.01
+    vehicle: dict[str, Any] = {
+        "name": "recorded",
+        "mass_kg": told.mass_kg,
+        "thrust_max_n": told.mass_kg * 9.81 / (hover or 0.5),
+        "thrust_min_n": 1e-3 * told.mass_kg,
+        "thrust_lag_s": told.thrust_lag_s,
+        "rate_lag_s": told.rate_lag_s,
+        "thrust_curve": told.thrust_curve,
+        "frame_period_s": min(max(period, 0.001), 0.2),
+        **more,
+    }
+    return from_dict({"vehicle": vehicle}, Config)
+
+
+def _balance(
+    flight: RecordedFlight, at_s: Column, air: slice, sent: Sequence[SentSetPoint], shares: Sequence[float]
+) -> float | None:
+    """The share that carries it on average, where it is never level and slow for long."""
+    upright = [so3.third_column(pose.attitude)[2] for pose in flight.poses]
+    times = np.array([one.time_s for one in sent])
+    inside = (times > at_s[air][0]) & (times < at_s[air][-1])
+    if not inside.any():
+        return None
+    return float((np.array(shares)[inside] * np.interp(times[inside], at_s, upright)).mean()) or None
+
+
+def _as_rates(flight: RecordedFlight, at_s: Column, air: slice) -> tuple[list[SentSetPoint], AttitudeLoop | None]:
+    """What was commanded as thrust and body rates, and the attitude loop where attitudes were."""
+    sent = flight.sent
+    if not sent:
+        return [], None
+    if all(one.rates_rad_s is not msgspec.UNSET for one in sent):
+        return [SentSetPoint(one.time_s, one.thrust, _rates(one)) for one in sent], None
+    times = np.array([one.time_s for one in sent])
+    signals = np.array([one.thrust for one in sent])
+    attitudes = [pose.attitude for pose in flight.poses]
+    spans = np.diff(at_s)
+    turned = np.array([_turn(a, b) for a, b in zip(attitudes, attitudes[1:], strict=False)]) / spans[:, None]
+    wanted = [(a.w, a.x, a.y, a.z) for one in sent if (a := one.attitude) is not msgspec.UNSET]
+
+    def ask(shift_s: float) -> Column:
+        """Body rates at each pose, (N, 3)."""
+        if len(wanted) < len(sent):  # thrust alone: it turns as it turned last
+            return np.concatenate([turned[:1], turned])
+        newest = np.clip(np.searchsorted(times, at_s - shift_s, "right") - 1, 0, None)
+        return flight.told.attitude_p * np.array([_turn(q, wanted[k]) for q, k in zip(attitudes, newest, strict=True)])
+
+    loop = None
+    if len(wanted) == len(sent):
+        roll_pitch = [np.array([so3.euler_zyx(q)[:2] for q in some]) for some in (attitudes[air], wanted)]
+        loop = fit_attitude_loop(at_s[air], roll_pitch[0], times, roll_pitch[1])
+    shift_s = loop.delay_s if loop else 0.0
+    asked = ask(shift_s)
+    newest = np.clip(np.searchsorted(times, at_s - shift_s, "right") - 1, 0, None)
+    return [
+        SentSetPoint(at, float(signals[k]), (x, y, z))
+        for at, k, (x, y, z) in zip(at_s.tolist(), newest.tolist(), asked.tolist(), strict=True)
+    ], loop
+
+
+def _rates(sent: ImportedSetpoint) -> Vec3:
+    w = sent.rates_rad_s
+    assert w is not msgspec.UNSET, "asked for before"
+    return w.x, w.y, w.z
+
+
+def _turn(before: Quat, after: Quat) -> Vec3:
+    return so3.rotation_vector(so3.multiply(so3.conjugate(before), after))
+
+
+def identify_vehicle(driven: DrivenFlight) -> dict[str, Any]:
+    """What the flight tells of its vehicle, by parameter: value, 95 % interval, or why not."""
+    recorded = driven.recorded
+    commands = np.array([(one.time_s, *one.rates) for one in recorded.sent])
+    full = driven.config.full_thrust_n
+    thrust = full * np.array(driven.shares)
+    poses = np.array([(p.time_s, p.reset_count, 0.0, *p.position_ned, *p.attitude) for p in driven.flight.poses])
+    poses[driven.air, 2] = 1.0
+    path = driven.flight.path
+    try:
+        chosen = poses[find_stretch(commands[:, 0], poses)]
+        parts = (commands[:, 0], thrust, commands[:, 1:4], chosen[:, 0], chosen[:, 3:6], chosen[:, 6:10])
+        if not len(chosen) or chosen[-1, 0] - chosen[0, 0] < LEAST_S:
+            raise StretchTooShort(f"less than {LEAST_S:g} s of unbroken flight")
+        found = identify(FlightStretch(path, Recording(path), driven.config, *parts))
+    except (StretchTooShort, np.linalg.LinAlgError, ValueError) as error:
+        return {"note": f"not identifiable: {error}"}
+    result: dict[str, Any] = {}
+    for one in found.parameters.values():
+        result[one.name] = {"value": one.value, "interval": one.interval, "unit": one.unit, "note": one.note}
+    if driven.flight.commands_attitude:
+        # The rates are ours, made of the set-points: what follows them is told by the attitude loop instead.
+        for name in ("rate_lag", "roll_rate_lag", "pitch_rate_lag", "yaw_rate_lag", "command_delay"):
+            result.pop(name, None)
+        loop = driven.loop
+        named = (("attitude_gain", "1/s"), ("rate_lag", "s"), ("command_delay", "s"))
+        for k, (name, unit) in enumerate(named):
+            note = (
+                f"explains {loop.explained:.0%} of roll and pitch"
+                if loop
+                else "attitude does not follow its set-points"
+            )
+            value, interval = (loop[:3][k], loop.intervals[k]) if loop else (None, None)
+            result[name] = {"value": value, "interval": interval, "unit": unit, "note": note}
+    return result
+
+
+class Consistency:
+    """Normalized innovation squared: how far a pose is from where the filter has it, in the filter's own deviations."""
+
+    def __init__(self, gains: Estimation) -> None:
+        """The filter's covariance, which poses alone decide, goes along beside it."""
+        white = (gains.acceleration_noise**2, gains.wind_noise**2, gains.wind_rate_noise**2)
+        self._still, self._moving = Densities(0.0, *white), Densities(gains.position_wander**2, *white)
+        self._velocity = gains.velocity_noise_m_s**2
+        self._covariance = initial_covariance(gains.pose_noise_m**2)
+
+    def measure(self, estimator: ModelEstimator, pose: Pose) -> float:
+        """NIS of ``pose``, which ``estimator`` has not seen yet: 3 on average where the filter is consistent."""
+        moving = pose.velocity_ned is not None
+        dt = pose.time_s - estimator.stamp_s
+        expected = predict_covariance(self._covariance, dt, self._moving if moving else self._still)
+        noise = estimator.noise_m**2
+        _, self._covariance = update_covariance(expected, noise)
+        if moving:
+            _, self._covariance = update_moving_covariance(self._covariance, self._velocity)
+        off = math.dist(estimator.predict(pose.time_s).motion.position, pose.position_ned)
+        return off * off / (expected.pp + noise)
+
+
+class Judged(NamedTuple):
+    """What the filter made of one flight."""
+
+    nis3: float | None
+    prediction: dict[str, dict[str, float] | None]
+
+
+def judge_filter(driven: DrivenFlight, noise: PoseNoise) -> Judged:
+    """Fly the filter over the part that flies, and hold what it predicts against the poses measured then."""
+    flight, air, at_s, place = driven.flight, driven.air, driven.at_s, driven.place
+    config = driven.config
+    wander = max(config.controller.acceleration_noise, measure_wander(at_s[air], place[air]))
+    gains = msgspec.structs.replace(
+        config.controller, pose_noise_m=max(noise.across_m, 1e-6), acceleration_noise=wander
+    )
+    estimator = ModelEstimator(config.vehicle, gains)
+    full, delay = config.full_thrust_n, config.vehicle.command_delay_s
+    drives = [
+        (sent.time_s, ActuatorCommand(full * share, sent.rates))
+        for sent, share in zip(driven.recorded.sent, driven.shares, strict=True)
+    ]
+    carried = ActuatorCommand(config.vehicle.mass_kg * gains.gravity, (0.0, 0.0, 0.0))
+    errors: dict[int, list[tuple[Column, Column, Column, Column]]] = {h: [] for h in HORIZONS_MS}
+    consistency: list[float] = []
+    known = Consistency(gains)
+    resets = [pose.reset_count for pose in flight.poses]
+    usual, k, begun = float(np.median(np.diff(at_s[air]))), 0, float(at_s[air.start])
+    targets = {h: np.searchsorted(at_s, at_s + 1e-3 * h - 0.5 * usual) for h in HORIZONS_MS}
+    for i in range(air.start, air.stop):
+        # Without a velocity that may not be that of its positions: positions are what it is judged by.
+        pose, now = msgspec.structs.replace(flight.poses[i], velocity_ned=None), float(at_s[i])
+        while k < len(drives) and drives[k][0] <= now:
+            estimator.add_command(drives[k][0] + delay, drives[k][1])
+            k += 1
+        if not drives and i > air.start:
+            turn = _turn(flight.poses[i - 1].attitude, pose.attitude)
+            x, y, z = (angle / (now - float(at_s[i - 1])) for angle in turn)
+            carried = carried._replace(rates=(x, y, z))
+            estimator.add_command(now, carried)
+        nis = known.measure(estimator, pose) if estimator.ready else None
+        estimator.update(pose)
+        if now < begun + SETTLING_S:
+            continue
+        if nis is not None:
+            consistency.append(nis)
+        past, older = (int(np.searchsorted(at_s, now - n * BASE_S + 0.5 * usual, "right")) - 1 for n in (1, 2))
+        if older < air.start or resets[older] != resets[i]:
+            continue
+        velocity = (place[i] - place[past]) / (now - at_s[past])
+        before = (place[past] - place[older]) / (at_s[past] - at_s[older])
+        acceleration = (velocity - before) / (0.5 * (now - at_s[older]))
+        tangent = velocity + 0.5 * (now - at_s[past]) * acceleration
+        for h, target in targets.items():
+            j = int(target[i])
+            if j >= air.stop or resets[j] != resets[i] or abs(at_s[j] - now - 1e-3 * h) > NEAR * 1e-3 * h:
+                continue
+            ahead = float(at_s[j]) - now
+            predicted = np.array(estimator.predict(float(at_s[j])).motion.position)
+            straight = place[i] + velocity * ahead
+            curved = place[i] + tangent * ahead + 0.5 * acceleration * ahead**2
+            errors[h].append(
+                (predicted - place[j], straight - place[j], curved - place[j], tangent + acceleration * ahead)
+            )
+    return Judged(
+        float(np.mean(consistency)) / 3.0 if consistency else None,
+        {str(h): _measure_errors(some) for h, some in errors.items()},
+    )
+
+
+def _measure_errors(some: Sequence[tuple[Column, Column, Column, Column]]) -> dict[str, float] | None:
+    """RMS [mm] over all predictions; None where too few poses judge them."""
+    if len(some) < 20:
+        return None
+    ours, straight, curved, motion = (np.array(part) for part in zip(*some, strict=True))
+    ahead = motion / np.maximum(np.linalg.norm(motion, axis=1, keepdims=True), 1e-9)
+    along = (ours * ahead).sum(axis=1)
+
+    def rms(squares: Column) -> float:
+        return round(1e3 * math.sqrt(float(squares.mean())), 3)
+
+    squares = (ours**2).sum(axis=1)
+    return {
+        "along_mm": rms(along**2),
+        "across_mm": rms(np.maximum(squares - along**2, 0.0)),
+        "rms_mm": rms(squares),
+        "pvt_rms_mm": rms((straight**2).sum(axis=1)),
+        "ca_rms_mm": rms((curved**2).sum(axis=1)),
+    }
+
+
+def examine_flight(path: Path) -> dict[str, Any]:
+    """All that one recorded flight tells, as ``--json`` prints it.
+
+    Raises:
+        ConfigError: see :func:`load_flight`.
+    """
+    driven = drive_flight(load_flight(path))
+    flight, air = driven.flight, driven.air
+    at_s, place = driven.at_s[air], driven.place[air]
+    spans = np.diff(at_s)
+    noise = measure_pose_noise(at_s, place)
+    identified = identify_vehicle(driven) if flight.sent else None
+    judged = judge_filter(driven, noise)
+    facts: dict[str, Any] = {
+        "name": flight.path.stem,
+        "source": flight.source,
+        "flown_s": round(float(at_s[-1] - at_s[0]), 2),
+        "pose_hz": round((len(at_s) - 1) / float(at_s[-1] - at_s[0]), 2),
+        "gap_max_ms": round(1e3 * float(spans.max()), 2),
+        "jitter_ms": round(1e3 * noise.jitter_s, 3),
+        "noise_across_mm": round(1e3 * noise.across_m, 4),
+        "noise_along_mm": round(1e3 * noise.along_m, 4),
+        "nis3": judged.nis3,
+        "prediction": judged.prediction,
+    }
+    if identified is not None:
+        shadow = replay(driven.recorded, driven.config, FlownPath(flight.poses, 0.25), driven.hover)
+        facts["identified"] = identified
+        facts["shadow"] = msgspec.to_builtins(compare_commands(shadow.compared))
+    return facts
+
+
+def evidence_command(paths: Sequence[Path], *, as_json: bool) -> int:
+    """Print what the recordings at ``paths`` tell, and return 0.
+
+    Raises:
+        ConfigError: one of them is no recording of a flight.
+    """
+    flights = [examine_flight(path) for path in paths]
+    print(json.dumps({"flights": flights}) if as_json else "\n\n".join(map(describe_flight, flights)))
+    return 0
+
+
+def describe_flight(facts: dict[str, Any]) -> str:
+    """The same as lines."""
+    lines = [
+        f"{facts['name']} ({facts['source']}): {facts['flown_s']:.1f} s in the air, "
+        f"{facts['pose_hz']:.1f} poses/s, longest gap {facts['gap_max_ms']:.0f} ms",
+        f"  noise {facts['noise_across_mm']:.3f} mm across the motion, {facts['noise_along_mm']:.3f} mm along it; "
+        f"stamps off by {facts['jitter_ms']:.2f} ms; NIS/3 {_text(facts['nis3'])}",
+        f"  {'prediction, RMS mm':22}{'along':>9}{'across':>9}{'all':>9}{'p + v t':>9}{'const. a':>9}",
+    ]
+    keys = ("along_mm", "across_mm", "rms_mm", "pvt_rms_mm", "ca_rms_mm")
+    for horizon, row in facts["prediction"].items():
+        cells = "".join(f"{row[key]:>9.2f}" for key in keys) if row else "  too few poses"
+        lines.append(f"  {horizon + ' ms':22}{cells}")
+    for name, one in facts.get("identified", {}).items():
+        if name == "note":
+            lines.append(f"  {one}")
+        elif one["value"] is not None:
+            low, high = one["interval"]
+            lines.append(f"  {name:22}{one['value']:>9.4g}  {low:.4g} to {high:.4g} {one['unit']}".rstrip())
+    if facts.get("shadow"):
+        for name in ("thrust_n", "roll_rate_rad_s", "pitch_rate_rad_s", "yaw_rate_rad_s"):
+            pair = facts["shadow"][name]
+            lines.append(
+                f"  shadow {name:18}sent {pair['sent_mean']:.3f} ± {pair['sent_std']:.3f}, "
+                f"ours {pair['shadow_mean']:.3f} ± {pair['shadow_std']:.3f}, apart {pair['difference_rms']:.3f}, "
+                f"correlation {_text(pair['correlation'])}"
+            )
+    return "\n".join(lines)
+
+
+def _text(value: float | None) -> str:
+    return "-" if value is None else f"{value:.2f}"

@@ -1,0 +1,136 @@
+"""One's own room at the desk: ``serve --config`` plays the other side of a file, ``--rehearse`` flies against it."""
+
+import json
+import os
+import socket
+import subprocess
+import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+import pytest
+import tomli_w
+
+from groundstation.config import from_dict, parse_toml
+from groundstation.recording import Recording
+from groundstation.settings import Config, rehearse
+from links.mavlink.protocol import MavlinkCodec
+from tests.e2e.stations import free_udp_port
+
+ROOM: dict[str, Any] = {
+    "vehicle": {"name": "quad"},
+    "trajectory": {"kind": "hold", "position_ned": [0.0, 0.0, -0.4]},
+    "takeoff": {"height_m": 0.4, "hold_s": 1.0, "climb_m_s": 1.0, "spool_s": 0.3},
+    "flight": {"descent_m_s": 1.0, "duration_s": 1.0},
+    "fence": {"kind": "box", "north_m": [-2, 2], "east_m": [-2, 2], "height_m": 2.5},
+    "limits": {"max_speed_m_s": 1.0},
+}
+UDP = {"pose": {"kind": "vicon", "listen": "192.0.2.2:51001"}, "link": {"listen": "192.0.2.3:14540"}}
+SERIAL = {
+    "pose": {"kind": "natnet", "server": "192.0.2.1:1510", "interface": "192.0.2.2", "multicast": True},
+    "link": {"kind": "mavlink", "serial": "/dev/serial/by-id/usb-telemetry", "baud": 57600, "period_s": 0.04},
+}
+TCP = {"pose": {"kind": "qualisys", "server": "192.0.2.1:22223"}, "link": {"kind": "mavlink", "tcp": "192.0.2.3:5760"}}
+REMOTE = {"pose": {"kind": "json", "listen": "192.0.2.1:51002"}, "link": {"remote": "192.0.2.3:14550"}}
+RADIO = {"pose": {"kind": "vicon", "listen": "192.0.2.2:51001"}, "link": {"kind": "dsm", "port": "/dev/ttyUSB0"}}
+
+
+def environment(folder: Path) -> dict[str, str]:
+    """Sockets, pseudo-terminals and recordings of this test alone."""
+    run = folder / "run"
+    run.mkdir(mode=0o700, exist_ok=True)
+    return {**os.environ, "XDG_RUNTIME_DIR": str(run), "XDG_STATE_HOME": str(folder / "state")}
+
+
+def write_room(folder: Path, ends: dict[str, Any]) -> Path:
+    file = folder / "my_room.toml"
+    file.write_text(tomli_w.dumps({**ROOM, **ends}), "utf-8")
+    return file
+
+
+@contextmanager
+def played(file: Path, *more: str) -> Iterator[str]:
+    """The other side of ``file``, for as long as this lasts; gives what it says."""
+    words = [sys.executable, "-m", "sim", "serve", "--config", str(file), "--duration", "100", *more]
+    server = subprocess.Popen(words, stdout=subprocess.PIPE, text=True, env=environment(file.parent))
+    try:
+        assert server.stdout is not None
+        yield server.stdout.readline()
+    finally:
+        server.terminate()
+        server.wait(60)
+        assert server.stdout is not None
+        server.stdout.close()
+
+
+def station(file: Path, command: str, *more: str) -> "subprocess.CompletedProcess[str]":
+    words = [sys.executable, "-m", "groundstation", command, "--rehearse", str(file), *more]
+    return subprocess.run(words, capture_output=True, text=True, env=environment(file.parent), timeout=120, check=False)
+
+
+@pytest.mark.parametrize("ends", [SERIAL, TCP, RADIO], ids=["serial", "tcp", "radio"])
+def test_the_checks_of_a_room_pass_at_the_desk_by_each_kind_of_wire(tmp_path: Path, ends: dict[str, Any]) -> None:
+    file = write_room(tmp_path, ends)
+    with played(file) as says:
+        assert "for --rehearse" in says
+        done = station(file, "check", "--json")
+    assert done.stderr.startswith("REHEARSAL of quad: nothing real is reached or moves")
+    facts = json.loads(done.stdout)
+    bad = [check for check in facts["checks"] if check["verdict"] == "FAIL"]
+    assert facts["pass"] and not bad and done.returncode == 0
+
+
+def test_a_flight_is_rehearsed_with_a_mistake_a_second_station_and_the_word_in_the_name_s_place(tmp_path: Path) -> None:
+    file = write_room(tmp_path, REMOTE)
+    second = f"127.0.0.1:{free_udp_port()}"
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as other:
+        other.bind(("127.0.0.1", int(second.rpartition(":")[2])))
+        with played(file, "--wrong", "yaw=4,latency=+10ms,mass=1.05", "--gcs", second):
+            refused = station(file, "fly", "--arm", "quad")
+            assert refused.returncode == 2
+            assert "expected 'rehearsal'" in refused.stderr
+            flown = station(file, "fly", "--arm", "rehearsal")
+            heard, codec = set(), MavlinkCodec(255, 190)
+            for _ in range(100):
+                heard |= {message.get_type() for message in codec.feed_datagram(other.recv(2048))}
+    lines = flown.stdout.splitlines()
+    assert flown.returncode == 0 and lines[-1].endswith("landed: landed and disarmed")
+    assert all(line.startswith("REHEARSAL ") for line in lines)
+    assert {"HEARTBEAT", "ATTITUDE_QUATERNION"} <= heard
+    (log,) = (tmp_path / "state/groundstation/flights/rehearsals").glob("*-rehearsal.mcap")
+    about = Recording(log).about
+    assert about["vehicle"] == "rehearsal"
+    assert parse_toml(about["config"])["rehearsal"]["vehicle"] == "quad"
+
+
+def test_what_the_other_side_plays_is_what_the_station_looks_for(tmp_path: Path) -> None:
+    file = write_room(tmp_path, UDP)
+    config = rehearse(from_dict({**ROOM, **UDP}, Config), file)
+    with played(file) as says:
+        assert f"udp {getattr(config.link, 'address', '')}" in says
+        assert f"poses to udp {getattr(config.pose, 'listen', '')}" in says
+        twice = subprocess.run(
+            [sys.executable, "-m", "sim", "serve", "--config", str(file), "--duration", "5"],
+            capture_output=True, text=True, env=environment(tmp_path), timeout=60, check=False,
+        )  # fmt: skip
+    assert twice.returncode == 2 and "another `groundstation-sim serve`" in twice.stderr
+
+
+@pytest.mark.parametrize(
+    ("words", "says"),
+    [
+        (["--wrong", "yaw"], "expected some of yaw=…"),
+        (["--wrong", "mass=0"], "a factor from 0.2 to 5"),
+        (["--wrong", "latency=soon"], "expected a number of ms"),
+        (["--gcs", "192.0.2.1:14550"], "expected an address of this machine"),
+    ],
+)
+def test_what_can_not_be_rehearsed_is_a_sentence(tmp_path: Path, words: list[str], says: str) -> None:
+    file = write_room(tmp_path, UDP)
+    done = subprocess.run(
+        [sys.executable, "-m", "sim", "serve", "--config", str(file), "--duration", "1", *words],
+        capture_output=True, text=True, env=environment(tmp_path), timeout=60, check=False,
+    )  # fmt: skip
+    assert done.returncode == 2 and says in done.stderr

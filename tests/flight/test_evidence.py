@@ -1,0 +1,322 @@
+"""groundstation/analysis/evidence: our own flights in the layouts of others, and the captures of two autopilots."""
+
+import csv
+import gzip
+import json
+import math
+import struct
+from collections.abc import Callable, Iterable
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from groundstation.analysis.evidence import import_command
+from groundstation.analysis.evidence.attitude_fit import fit_attitude_loop, respond
+from groundstation.analysis.evidence.evidence import (
+    WANDERED,
+    examine_flight,
+    find_airborne,
+    measure_pose_noise,
+    measure_wander,
+)
+from groundstation.analysis.evidence.imports import SETPOINT
+from groundstation.analysis.evidence.mapping import Column, load_mapping, shipped_mappings
+from groundstation.config import ConfigError
+from groundstation.core.geometry import Quat, Vec3, so3
+from groundstation.recording import Recording
+from tests.recordings import recorded
+
+GOLDEN = Path(__file__).parents[1] / "golden"
+ATTITUDE_P = {"nanobench": 6.0, "neural-fly": 7.0}
+
+
+@cache
+def flown() -> list[tuple[float, Vec3, Quat, float, Vec3]]:
+    """Each pose of a flight of ours: time [s], place, attitude, and the newest command's share of thrust and rates."""
+    rows, newest = [], None
+    for entry in Recording(recorded("paper", duration_s=20.0)[0]).entries(("/measured", "/command")):
+        value = entry.value()
+        if entry.topic == "/command":
+            w = value["rates_rad_s"]
+            newest = value["thrust_n"] / 1.37, (w["x"], w["y"], w["z"])
+        elif newest is not None:
+            p, q = value["position_ned"], value["attitude"]
+            rows.append((value["time_s"], (p["x"], p["y"], p["z"]), (q["w"], q["x"], q["y"], q["z"]), *newest))
+    return rows
+
+
+def wanted(attitude: Quat, rates: Vec3, gain: float) -> Quat:
+    """The set-point that an attitude loop of this gain turns into ``rates``."""
+    x, y, z = rates
+    return so3.rotate(attitude, (x / gain, y / gain, z / gain))
+
+
+def write_csv(path: Path, rows: Iterable[dict[str, Any]]) -> Path:
+    rows = list(rows)
+    with gzip.open(path, "wt", newline="") if path.suffix == ".gz" else path.open("w", newline="") as file:
+        writer = csv.DictWriter(file, list(rows[0]))
+        writer.writeheader()
+        writer.writerows(rows)
+    return path
+
+
+def nanobench(folder: Path, *, tells_attitude: bool = True) -> Path:
+    """North, west, up; x y z w; pitch of the set-point counted the other way; thrust of 65535."""
+
+    def row(t: float, p: Vec3, q: Quat, share: float, rates: Vec3) -> dict[str, float]:
+        (x, y, z), (w, i, j, k) = p, q
+        a, b, c, d = wanted(q, rates, ATTITUDE_P["nanobench"])
+        roll, pitch, yaw = (math.degrees(angle) for angle in so3.euler_zyx((a, b, -c, -d)))
+        curve = 0.57
+        signal = (math.sqrt((1.0 - curve) ** 2 + 4.0 * curve * share) - 1.0 + curve) / (2.0 * curve)
+        told = 1.0 if tells_attitude else 0.0
+        return {
+            "t": 1.77e9 + t, "px": x, "py": -y, "pz": -z, "qx": i, "qy": -j, "qz": -k, "qw": w,
+            "pid_controller_roll": told * roll, "pid_controller_pitch": -told * pitch, "pid_controller_yaw": told * yaw,
+            "pid_controller_cmd_thrust": told * 65535.0 * signal,
+            **{f"motor_motor_m{n}": 65535.0 * signal for n in (1, 2, 3, 4)},
+            "sp_ctrltarget_x": x, "sp_ctrltarget_y": -y, "sp_ctrltarget_z": -z,
+        }  # fmt: skip
+
+    return write_csv(folder / "ours.csv.gz", (row(*one) for one in flown()))
+
+
+def neural_fly(folder: Path) -> Path:
+    """The same axes, lists in cells, a first column without a name, thrust beside the thrust that hovers."""
+
+    def row(n: int, t: float, p: Vec3, q: Quat, share: float, rates: Vec3) -> dict[str, Any]:
+        (x, y, z), (w, i, j, k) = p, q
+        a, b, c, d = wanted(q, rates, ATTITUDE_P["neural-fly"])
+        signal = (math.sqrt(0.45**2 + 4.0 * 0.55 * share) - 0.45) / 1.1
+        level = 0.6 + 0.001 * (n % 2)
+        return {
+            "": n, "t": t, "p": [x, -y, -z], "p_d": [x, -y, -z], "v": [0, 0, 0], "v_d": [0, 0, 0],
+            "q": [i, -j, -k, w], "R": [[1, 0, 0], [0, 1, 0], [0, 0, 1]], "w": [0, 0, 0],
+            "T_sp": [signal * level / 0.6005], "q_sp": [b, -c, -d, a], "hover_throttle": [level],
+        }  # fmt: skip
+
+    return write_csv(folder / "custom_figure8_ours_nowind.csv", (row(n, *one) for n, one in enumerate(flown())))
+
+
+def ulog(folder: Path) -> Path:
+    """PX4's form, docs.px4.io/main/en/dev_log/ulog_file_format."""
+    forms = {
+        "vehicle_odometry": "uint64_t timestamp;uint64_t timestamp_sample;float[3] position;float[4] q;"
+        "float[3] velocity;uint8_t reset_counter;",
+        "vehicle_rates_setpoint": "uint64_t timestamp;float roll;float pitch;float yaw;float[3] thrust_body;",
+    }
+    data = b"ULog\x01\x12\x35\x01" + struct.pack("<Q", 0)
+
+    def message(kind: str, body: bytes) -> bytes:
+        return struct.pack("<HB", len(body), ord(kind)) + body
+
+    for name, form in forms.items():
+        data += message("F", f"{name}:{form}".encode())
+    for number, name in enumerate(forms):
+        data += message("A", struct.pack("<BH", 0, number) + name.encode())
+    for t, p, q, share, rates in flown():
+        us = round(1e6 * t)
+        data += message("D", struct.pack("<HQQ3f4f3fB", 0, us, us, *p, *q, 0.0, 0.0, 0.0, 3))
+        data += message("D", struct.pack("<HQ3f3f", 1, us, *rates, 0.0, 0.0, -share))
+    path = folder / "ours.ulg"
+    path.write_bytes(data)
+    return path
+
+
+def dataflash(folder: Path) -> Path:
+    """ArduPilot's form: each message behind A3 95 and its type, described by messages FMT (type 128)."""
+    forms = {
+        128: ("FMT", "BBnNZ", "Type,Length,Name,Format,Columns", "<BB4s16s64s"),
+        20: ("XKF1", "QBfffffffff", "TimeUS,C,Roll,Pitch,Yaw,VN,VE,VD,PN,PE,PD", "<QB9f"),
+        21: ("RATE", "Qfffffff", "TimeUS,RDes,R,PDes,P,YDes,Y,AOut", "<Q7f"),
+    }
+
+    def message(kind: int, *values: Any) -> bytes:
+        return b"\xa3\x95" + bytes([kind]) + struct.pack(forms[kind][3], *values)
+
+    data = b"".join(
+        message(128, kind, 3 + struct.calcsize(packing), name.encode(), form.encode(), labels.encode())
+        for kind, (name, form, labels, packing) in forms.items()
+    )
+    for t, p, q, share, rates in flown():
+        us = round(1e6 * t)
+        angles = [math.degrees(angle) for angle in so3.euler_zyx(q)]
+        for core in (0, 1):  # the second EKF is somewhere else
+            data += message(20, us, core, *angles, 0.0, 0.0, 0.0, *(x + 5.0 * core for x in p))
+        roll, pitch, yaw = (math.degrees(rate) for rate in rates)
+        data += message(21, us, roll, 0.0, pitch, 0.0, yaw, 0.0, share)
+    path = folder / "ours.bin"
+    path.write_bytes(data)
+    return path
+
+
+LAYOUTS: dict[str, Callable[[Path], Path]] = {
+    "nanobench": nanobench,
+    "neural-fly": neural_fly,
+    "px4-ulog": ulog,
+    "ardupilot-bin": dataflash,
+}
+
+
+def imported(folder: Path, path: Path, name: str) -> Path:
+    out = folder / f"{name}.mcap"
+    assert import_command([path], name, out) == 0
+    return out
+
+
+@pytest.mark.parametrize("name", LAYOUTS)
+def test_a_flight_of_ours_in_the_layout_of_others_comes_back_as_it_was(name: str, tmp_path: Path) -> None:
+    if name == "px4-ulog":
+        pytest.importorskip("pyulog")
+    path = imported(tmp_path, LAYOUTS[name](tmp_path), name)
+    poses = [entry.value() for entry in Recording(path).entries(("/measured",))]
+    setpoints = [entry.value() for entry in Recording(path).entries((SETPOINT,))]
+    begun = flown()[0][0]
+    assert len(poses) == len(setpoints) == len(flown())
+    for seen, told, (t, place, attitude, share, rates) in zip(poses, setpoints, flown(), strict=True):
+        assert seen["time_s"] == pytest.approx(t - begun, abs=2e-6)
+        assert tuple(seen["position_ned"].values()) == pytest.approx(place, abs=1e-6)
+        q = seen["attitude"]
+        off = so3.rotation_vector(so3.multiply(so3.conjugate(attitude), (q["w"], q["x"], q["y"], q["z"])))
+        assert math.hypot(*off) < 1e-5
+        curve = load_mapping(name).vehicle.thrust_curve
+        assert curve * told["thrust"] ** 2 + (1.0 - curve) * told["thrust"] == pytest.approx(share, abs=1e-6)
+        if "attitude" in told:
+            a = told["attitude"]
+            turn = so3.rotation_vector(so3.multiply(so3.conjugate(attitude), (a["w"], a["x"], a["y"], a["z"])))
+            assert tuple(ATTITUDE_P[name] * x for x in turn) == pytest.approx(rates, abs=1e-4)
+        else:
+            assert tuple(told["rates_rad_s"].values()) == pytest.approx(rates, abs=1e-5)
+
+
+def test_where_nobody_commanded_an_attitude_the_motors_tell_of_thrust_and_it_is_said(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    path = imported(tmp_path, nanobench(tmp_path, tells_attitude=False), "nanobench")
+    said = capsys.readouterr().out
+    assert "neither body rates nor an attitude were commanded in it: only thrust is known" in said
+    assert "missing: no truth in it" in said
+    told = next(Recording(path).entries((SETPOINT,))).value()
+    assert set(told) == {"time_s", "thrust"}
+
+
+KEYS = {
+    "name", "pose_hz", "gap_max_ms", "jitter_ms", "noise_across_mm", "noise_along_mm", "nis3", "prediction",
+    "identified",
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("name", ["nanobench", "neural-fly", "own"])
+def test_prediction_of_a_flight_of_ours_beats_constant_velocity_whoever_wrote_it_down(
+    name: str, tmp_path: Path
+) -> None:
+    own = name == "own"
+    path = recorded("paper", duration_s=20.0)[0] if own else imported(tmp_path, LAYOUTS[name](tmp_path), name)
+    facts = json.loads(json.dumps(examine_flight(path)))
+    assert set(facts) >= KEYS
+    assert set(facts["prediction"]) == {"20", "40", "60", "100"}
+    at_60 = facts["prediction"]["60"]
+    assert at_60["rms_mm"] < 0.5 * at_60["pvt_rms_mm"]
+    assert at_60["across_mm"] < 1.0
+    assert at_60["rms_mm"] ** 2 == pytest.approx(at_60["along_mm"] ** 2 + at_60["across_mm"] ** 2, rel=0.01)
+    assert 0.7 < facts["nis3"] < 1.4
+    assert facts["noise_across_mm"] == pytest.approx(0.3, rel=0.15)
+    assert facts["pose_hz"] == pytest.approx(50.0, rel=0.01)
+
+
+@pytest.mark.parametrize("name", ["px4_takeoff", "ardupilot_landing"])
+def test_prediction_of_an_autopilots_flight_is_no_worse_than_constant_velocity(name: str, tmp_path: Path) -> None:
+    facts = examine_flight(imported(tmp_path, GOLDEN / f"{name}.tlog", "ardupilot-tlog"))
+    at_60 = facts["prediction"]["60"]
+    assert at_60["rms_mm"] <= at_60["pvt_rms_mm"]
+    assert facts["identified"]["rate_lag"]["value"] == pytest.approx(0.05, abs=0.015)
+    low, high = facts["identified"]["rate_lag"]["interval"]
+    assert low < facts["identified"]["rate_lag"]["value"] < high
+
+
+def circle(hz: float, jitter_s: float, noise_m: float, count: int = 3000) -> tuple[Column, Column]:
+    """Stamps, and places at 1.6 m/s about a point, seen at instants that are off the stamps."""
+    draw = np.random.default_rng(1)
+    stamps = np.arange(count) / hz
+    phase = 1.6 * (stamps + jitter_s * draw.standard_normal(count))
+    place = np.stack([np.cos(phase), np.sin(phase), 0.2 * np.sin(0.5 * phase) - 1.0], axis=1)
+    return stamps, place + noise_m * draw.standard_normal(place.shape)
+
+
+@pytest.mark.parametrize("jitter_s", [0.0, 0.4e-3, 1.8e-3])
+def test_noise_across_the_motion_and_jitter_of_stamps_are_told_apart(jitter_s: float) -> None:
+    noise = measure_pose_noise(*circle(100.0, jitter_s, 5e-5))
+    assert noise.across_m == pytest.approx(5e-5, rel=0.15)
+    assert noise.jitter_s == pytest.approx(jitter_s, rel=0.1, abs=2e-5)
+
+
+def test_noise_does_not_depend_on_how_evenly_poses_come() -> None:
+    stamps, place = circle(100.0, 0.0, 5e-5)
+    kept = np.random.default_rng(2).random(len(stamps)) > 0.1
+    assert measure_pose_noise(stamps[kept], place[kept]).across_m == pytest.approx(5e-5, rel=0.15)
+
+
+@pytest.mark.parametrize("density", [0.05, 0.2])
+def test_the_wander_of_a_sources_velocity_is_found_beside_its_white_noise(density: float) -> None:
+    stamps, place = circle(100.0, 0.0, 5e-5)
+    draw = np.random.default_rng(3)
+    steps = density * math.sqrt(0.01) * draw.standard_normal(place.shape)
+    wanders = np.cumsum(np.cumsum(steps, axis=0) * 0.01, axis=0)
+    assert measure_wander(stamps, place + wanders) == pytest.approx(density, rel=0.2)
+    assert measure_wander(stamps, place) < 0.03
+    assert pytest.approx(8.0 / 3.0 / 70.0) == WANDERED
+
+
+@pytest.mark.parametrize(("gain", "lag_s", "delay_s"), [(6.0, 0.045, 0.05), (7.0, 0.15, 0.02)])
+def test_an_attitude_loop_is_found_with_its_delay(gain: float, lag_s: float, delay_s: float) -> None:
+    time = np.arange(3000) / 100.0
+    asked = 0.2 * np.stack([np.sin(2.1 * time) + np.sin(5.3 * time), np.cos(3.2 * time) + np.sin(7.1 * time)], axis=1)
+    late = round(100 * delay_s)
+    answer = respond(
+        np.concatenate([np.repeat(asked[:1], late, axis=0), asked[:-late]]), 0.01, *map(np.array, ([gain], [lag_s]))
+    )
+    noise = 1e-3 * np.random.default_rng(4).standard_normal((3000, 2))
+    loop = fit_attitude_loop(time, answer[:, :, 0] + noise, time, asked)
+    assert loop is not None
+    for value, (low, high) in zip((gain, lag_s, delay_s), loop.intervals, strict=True):
+        assert low <= value <= high
+    assert loop.explained > 0.95
+    assert fit_attitude_loop(time, noise, time, asked) is None
+
+
+def test_what_stands_on_the_floor_before_and_after_does_not_fly() -> None:
+    at_s = np.arange(1000) / 50.0
+    height = np.clip(np.minimum(at_s - 3.0, 17.0 - at_s), 0.0, 1.0) + 0.05
+    place = np.stack([0.0 * at_s, 0.0 * at_s, -height], axis=1)
+    air = find_airborne(at_s, place, [True] * 1000)
+    assert at_s[air.start] == pytest.approx(3.2, abs=0.05)
+    assert at_s[air.stop - 1] == pytest.approx(16.8, abs=0.05)
+    place[:, 2] = -1.0 - 0.3 * np.sin(at_s)
+    assert find_airborne(at_s, place, [True] * 1000) == slice(0, 1000)
+
+
+def test_every_mapping_that_comes_along_is_one() -> None:
+    names = ["ardupilot-bin", "ardupilot-tlog", "nanobench", "neural-fly", "px4-ulog"]
+    assert list(shipped_mappings()) == names
+    for name in names:
+        assert load_mapping(name).title
+
+
+def test_what_is_wrong_with_an_import_is_said_by_its_key(tmp_path: Path) -> None:
+    path = nanobench(tmp_path)
+    with pytest.raises(ConfigError, match=r"--map.*nanobench"):
+        import_command([path], "nanobunch", tmp_path / "out.mcap")
+    bad = tmp_path / "bad.toml"
+    bad.write_text('title = ""\nformat = "csv"\nsource = "autopilot"\n[[pose]]\nposition = ["x", "y"]\n')
+    with pytest.raises(ConfigError, match="position"):
+        import_command([path], str(bad), tmp_path / "out.mcap")
+    with pytest.raises(ConfigError, match=r"holds no poses as the mapping has them.*ours.csv"):
+        import_command([path], "neural-fly", tmp_path / "out.mcap")
+    (tmp_path / "there.mcap").write_bytes(b"")
+    with pytest.raises(ConfigError, match="is there already"):
+        import_command([path], "nanobench", tmp_path / "there.mcap")
+    with pytest.raises(ConfigError, match="no ulog file"):
+        import_command([path], "px4-ulog", tmp_path / "out.mcap")
