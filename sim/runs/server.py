@@ -37,7 +37,7 @@ async def _alone(room: RehearsalConfig | None, *ends: str) -> AsyncIterator[None
     loop = asyncio.get_running_loop()
     with contextlib.ExitStack() as held:
         names = {f"\0groundstation-sim serve {end}": end for end in ends}  # in no folder, gone with its process
-        for name, end in (names if room is None else {**names, beacon(room): f"at {room.host}"}).items():
+        for name, end in (names if room is None else {beacon(room): f"at {room.host}"}).items():
             try:
                 transport, _ = await loop.create_datagram_endpoint(
                     asyncio.DatagramProtocol, local_addr=name, family=AF_UNIX
