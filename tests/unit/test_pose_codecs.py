@@ -3,9 +3,11 @@
 import math
 from collections.abc import Sequence
 
+import msgspec
 import pytest
 
 from groundstation.core.geometry import Frames, Quat, so3
+from groundstation.pose.gate import HINTS
 from groundstation.pose.sources import (
     Intake,
     NatNetReader,
@@ -88,11 +90,62 @@ def test_descriptions_of_bodies_are_found_among_marker_sets_and_skeletons_with_m
         (2, b"Ann\0" + (1).to_bytes(4, "little") + (1).to_bytes(4, "little") + described("hip", 1)),
         (1, described("wand", 4)),
         (9, b"something new"),
-        (1, described("lost behind it", 5)),
+        (1, described("behind it", 5)),
     ]
     sized = [k.to_bytes(4, "little") + len(d).to_bytes(4, "little") + d for k, d in kinds]
     payload = len(kinds).to_bytes(4, "little") + b"".join(sized)
-    assert natnet_codec.decode_models(payload, (4, 2)) == {"quad": 3, "wand": 4}
+    assert natnet_codec.decode_models(payload, (4, 2)) == {"quad": 3, "wand": 4, "behind it": 5}
+
+
+def natnet_frame(*bodies: natnet_codec.RigidBody, **told: bool) -> bytes:
+    frame = natnet_codec.NatNetFrame(78, bodies, 10_000_100_000, 10_000_150_000)
+    return natnet_codec.encode_frame(msgspec.structs.replace(frame, **told), (4, 1))
+
+
+OURS = natnet_codec.RigidBody(2, (0.0, 0.0, 0.0), (0.0, 0.0, 0.0, 1.0))
+
+
+def test_a_frame_of_edit_mode_or_playback_is_never_flown_and_the_server_is_asked_who_it_is() -> None:
+    reader = NatNetReader("quad", Intake(0.0))
+    heard(reader, "natnet 4.1", 0)
+    reader.due()
+    assert reader.read(natnet_frame(OURS, live=False), 0.01) == ()
+    assert reader.status.dropped == {"not_live": 1}
+    assert natnet_codec.CONNECT in ids(reader.due())
+
+
+def test_a_changed_bit_stream_has_the_descriptions_asked_for_again() -> None:
+    reader = NatNetReader("quad", Intake(0.0))
+    heard(reader, "natnet 4.1", 0)
+    assert len(reader.read(natnet_frame(OURS, bitstream_changed=True), 0.01)) == 1
+    reader.read(natnet_frame(OURS), 0.02)
+    asks = [natnet_codec.CONNECT, natnet_codec.REQUEST_MODELDEF, natnet_codec.KEEPALIVE]
+    assert ids(reader.due()) == asks
+    reader.read(bytes.fromhex(TABLES["natnet 4.1"].prelude[0]), 0.03)
+    assert ids(reader.due()) == asks[1:]
+
+
+def test_a_server_with_an_older_bit_stream_is_asked_for_ours_and_the_operator_told_what_to_set() -> None:
+    reader = NatNetReader("quad", Intake(0.0))
+    old = natnet_codec.ServerInfo("Motive", (2, 10), 10_000_000)
+    reader.read(natnet_codec.encode_server_info(old), 0.0)
+    assert reader.status.dropped == {"wrong_version": 1} and "bit stream version" in HINTS["wrong_version"]
+    asked = reader.due()
+    assert ids(asked) == [natnet_codec.REQUEST, natnet_codec.CONNECT]
+    assert natnet_codec.split(asked[0])[1] == b"Bitstream,4.1\0"
+    reader.read(natnet_codec.message(natnet_codec.RESPONSE, b"Bitstream,4.1\0"), 0.1)
+    reader.read(bytes.fromhex(TABLES["natnet 4.1"].prelude[0]), 0.2)
+    assert natnet_codec.REQUEST not in ids(reader.due()) and reader.status.dropped == {"wrong_version": 1}
+
+
+def test_bodies_of_another_size_than_ours_are_no_bodies() -> None:
+    whole = bytearray(natnet_frame(OURS))
+    at = whole.index((38).to_bytes(4, "little"))
+    whole[at : at + 4] = (42).to_bytes(4, "little")
+    reader = NatNetReader("quad", Intake(0.0))
+    heard(reader, "natnet 4.1")
+    assert reader.read(bytes(whole), 0.01) == ()
+    assert reader.status.dropped == {"wrong_layout": 1}
 
 
 def heard(reader: NatNetReader, name: str, *rows: int) -> None:

@@ -7,7 +7,8 @@
     FRAMEOFDATA    u32 frame, then sections, each u32 n, [4.1: u32 bytes], n elements: marker sets, unlabelled markers,
                    rigid bodies, skeletons, [4.1: assets], labelled markers, force plates, devices; then the suffix:
                    u32 timecode, u32 sub-frame | f64 time | u64 mid-exposure, data received, transmit (ticks) |
-                   [4.1: u32 s, u32 fraction] | u16 flags (bit 1: the list of models changed)
+                   [4.1: u32 s, u32 fraction] | u16 flags (bit 0 Motive records, bit 1 the list of models changed,
+                   bit 2 edit mode or playback, bit 3 the version of the bit stream changed)
     rigid body     i32 id | f32[3] position [m] | f32[4] quaternion x, y, z, w | f32 error | u16 flags (bit 0: tracked)
     MODELDEF       the names and streaming ids of rigid bodies, which are nowhere else:
                    u32 n, then n × (u32 type, [4.1: u32 bytes], description)
@@ -17,12 +18,17 @@
       2: skeleton    text name | i32 id | u32 n, n × rigid body
 
 The ticks of mid-exposure and transmission tell how old a pose was as it left: only the network's time is not known.
-Source: public readers (libmotioncapture a91e8360, natnet 0.3.0, new-natnet-client 5.0.1), read for the layout only.
-That 4.1 writes the bytes of each section is known; readers walk the elements and do not need them.
+    REQUEST        text; "Bitstream,4.1" asks a server from NatNet 4 on to stream in that version to us alone
+
+The bytes of a section or of a description do not count themselves: by them what nobody here knows is passed over.
+Public readers tell bits 0 and 1 alike. Of the later two one sample calls bit 2 the changed bit stream, and has no mask
+for edit mode that could work: so no frame that has bit 2 set is flown, and either of both has the server asked anew.
+Source: public readers (libmotioncapture a91e8360, natnet 0.3.0, new-natnet-client 5.0.1, the NatNet SDK's sample),
+read for the layout only.
 """
 
 import struct
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from typing import Any, TypeAlias
 
 import msgspec
@@ -59,12 +65,14 @@ class Payload:
         """The next u32: a number of elements, or of bytes."""
         return int(self.take(U32)[0])
 
-    def section(self, sized: bool) -> int:
-        """The number of elements of the next section, which is ``sized`` where it tells its bytes, too."""
+    def section(self, sized: bool, element: Callable[["Payload"], Any]) -> None:
+        """Pass over the next section: by its bytes where it is ``sized``, else by ``element``, which takes one."""
         count = self.count()
         if sized:
-            self.skip(4)
-        return count
+            self.skip(self.count())
+        else:
+            for _ in range(count):
+                element(self)
 
     def skip(self, size: int) -> None:
         """Pass over so many bytes."""
@@ -87,18 +95,23 @@ def text_of(data: bytes) -> str:
     return data.partition(b"\0")[0].decode("utf-8", "replace")
 
 
-CONNECT, SERVERINFO, REQUEST_MODELDEF, MODELDEF, FRAMEOFDATA, KEEPALIVE = 0, 1, 4, 5, 7, 10
-"""Message ids."""
+CONNECT, SERVERINFO, REQUEST, RESPONSE, REQUEST_MODELDEF, MODELDEF, FRAMEOFDATA, KEEPALIVE = 0, 1, 2, 3, 4, 5, 7, 10
+UNRECOGNIZED = 100
+"""Message ids; the last answers a request that a server does not know."""
 MAX_DATAGRAM = 65507
 """No UDP datagram is longer [bytes]."""
-TRACKED, MODELS_CHANGED = 1, 2
-"""Bits of a rigid body's flags and of the suffix's."""
+TRACKED = 1
+"""Bit of a rigid body's flags."""
+MODELS_CHANGED, EDITED, BITSTREAM_CHANGED = 2, 4, 8
+"""Bits of the suffix's flags."""
 
 Version: TypeAlias = tuple[int, int]
 OLDEST: Version = (3, 0)
 """Before it, there are no ticks of the exposure."""
 SIZED: Version = (4, 1)
 """From here on sections tell their bytes."""
+ASK_BITSTREAM = b"Bitstream,4.1\0"
+"""Request of a version that is read here."""
 
 _HEADER = struct.Struct("<HH")
 _SERVER = struct.Struct("<256s4s4sQHB4s")
@@ -108,7 +121,6 @@ _PRECISION = struct.Struct("<II")
 _FLAGS = struct.Struct("<H")
 _POINT_BYTES = 12
 _LABELLED_BYTES = 26
-_ASSET_MARKER_BYTES = 26
 
 
 class ServerInfo(msgspec.Struct, frozen=True):
@@ -148,6 +160,9 @@ class NatNetFrame(msgspec.Struct, frozen=True):
     transmit_ticks: int
     """When the frame left, on the same clock."""
     models_changed: bool = False
+    live: bool = True
+    """False in edit mode or playback: it shows what was, not what is."""
+    bitstream_changed: bool = False
 
 
 def message(number: int, payload: bytes = b"") -> bytes:
@@ -201,34 +216,45 @@ def decode_frame(payload: bytes, version: Version) -> NatNetFrame:
     """The payload of FRAMEOFDATA.
 
     Raises:
-        Unreadable: truncated.
+        Unreadable: truncated; wrong_layout (bodies of another size than ours).
     """
     walk = Payload(payload)
     sized = version >= SIZED
     number = walk.count()
-    for _ in range(walk.section(sized)):  # marker sets
-        walk.text()
-        walk.skip(walk.count() * _POINT_BYTES)
-    walk.skip(walk.section(sized) * _POINT_BYTES)  # unlabelled markers
-    bodies = tuple(_body(walk) for _ in range(walk.section(sized)))
-    for _ in range(walk.section(sized)):  # skeletons
-        walk.skip(4)
-        walk.skip(walk.count() * _BODY.size)
-    for _ in range(walk.section(sized) if sized else 0):  # assets
-        walk.skip(4)
-        walk.skip(walk.count() * _BODY.size)
-        walk.skip(walk.count() * _ASSET_MARKER_BYTES)
-    walk.skip(walk.section(sized) * _LABELLED_BYTES)
+    walk.section(sized, _skip_marker_set)
+    walk.section(sized, lambda walk: walk.skip(_POINT_BYTES))  # unlabelled markers
+    count = walk.count()
+    if sized and walk.count() != count * _BODY.size:
+        raise UnreadableNatNet("wrong_layout")
+    bodies = tuple(_body(walk) for _ in range(count))
+    walk.section(sized, _skip_skeleton)
+    if sized:
+        walk.section(sized, _skip_skeleton)  # assets, which only sized streams have
+    walk.section(sized, lambda walk: walk.skip(_LABELLED_BYTES))
     for _ in (0, 1):  # force plates, devices
-        for _ in range(walk.section(sized)):
-            walk.skip(4)
-            for _ in range(walk.count()):
-                walk.skip(walk.count() * 4)
+        walk.section(sized, _skip_channels)
     _, _, _, exposure, _, transmit = walk.take(_SUFFIX)
     if sized:
         walk.take(_PRECISION)
     (flags,) = walk.take(_FLAGS)
-    return NatNetFrame(number, bodies, exposure, transmit, bool(flags & MODELS_CHANGED))
+    changed, edited, bitstream = (bool(flags & bit) for bit in (MODELS_CHANGED, EDITED, BITSTREAM_CHANGED))
+    return NatNetFrame(number, bodies, exposure, transmit, changed, not edited, bitstream)
+
+
+def _skip_marker_set(walk: Payload) -> None:
+    walk.text()
+    walk.skip(walk.count() * _POINT_BYTES)
+
+
+def _skip_skeleton(walk: Payload) -> None:
+    walk.skip(4)
+    walk.skip(walk.count() * _BODY.size)
+
+
+def _skip_channels(walk: Payload) -> None:
+    walk.skip(4)
+    for _ in range(walk.count()):
+        walk.skip(walk.count() * 4)
 
 
 def _body(walk: Payload) -> RigidBody:
@@ -257,7 +283,11 @@ def encode_frame(frame: NatNetFrame, version: Version, *, ticks_per_s: int = 10_
         *[section(())] * (5 if sized else 4),
         _SUFFIX.pack(0, 0, ticks / ticks_per_s, ticks, frame.transmit_ticks, frame.transmit_ticks),
         _PRECISION.pack(ticks // ticks_per_s, 0) if sized else b"",
-        _FLAGS.pack(MODELS_CHANGED if frame.models_changed else 0),
+        _FLAGS.pack(
+            MODELS_CHANGED * frame.models_changed
+            | EDITED * (not frame.live)
+            | BITSTREAM_CHANGED * frame.bitstream_changed
+        ),
         U32.pack(0),  # end of data
     ]
     return message(FRAMEOFDATA, b"".join(payload))
@@ -274,7 +304,7 @@ _QUATERNION_BYTES = 16
 def decode_models(payload: bytes, version: Version) -> dict[str, int]:
     """Rigid bodies of a MODELDEF, name → streaming id.
 
-    Descriptions of unknown kinds end the list: those of rigid bodies come before them.
+    Descriptions of unknown kinds are passed over by their bytes, or, before 4.1, end the list.
 
     Raises:
         Unreadable: truncated.
@@ -283,8 +313,7 @@ def decode_models(payload: bytes, version: Version) -> dict[str, int]:
     bodies: dict[str, int] = {}
     for _ in range(walk.count()):
         kind = walk.count()
-        if version >= SIZED:
-            walk.count()
+        size = walk.count() if version >= SIZED else None
         if kind == 0:
             walk.text()
             for _ in range(walk.count()):
@@ -297,6 +326,8 @@ def decode_models(payload: bytes, version: Version) -> dict[str, int]:
             walk.skip(4)
             for _ in range(walk.count()):
                 _body_description(walk, version)
+        elif size is not None:
+            walk.skip(size)
         else:
             break
     return bodies
@@ -356,14 +387,15 @@ class NatNetReader:
         self._ask_names = self._wants_names
         self._others: dict[int, str] = {}
         self._keep_alive = keep_alive
+        self._ask_server = self._ask_bitstream = False
         self._silent_beats = 0
 
     @property
     def status(self) -> PoseStatus:
         """Counters as they are now.
 
-        Reasons beside the intake's: truncated, oversized, wrong_version, unknown_message, no_server_info, no_such_body,
-        not_tracked, no_exposure_stamp, other_address.
+        Reasons beside the intake's: truncated, oversized, wrong_version, wrong_layout, unknown_message, no_server_info,
+        no_such_body, not_tracked, not_live, no_exposure_stamp, other_address.
         """
         return self._intake.status
 
@@ -371,8 +403,9 @@ class NatNetReader:
         """What to send to the server now; to be asked for once a beat (about half a second)."""
         self._silent_beats += 1
         if self.server is None or self._silent_beats > SILENT_BEATS:
-            return [message(CONNECT, b"Ping\0")]
-        messages = []
+            asked = [message(REQUEST, ASK_BITSTREAM)] if self._ask_bitstream else []
+            return [*asked, message(CONNECT, b"Ping\0")]
+        messages = [message(CONNECT, b"Ping\0")] if self._ask_server else []
         if self._ask_names:
             messages.append(message(REQUEST_MODELDEF))
         if self._keep_alive:
@@ -393,8 +426,12 @@ class NatNetReader:
 
     def _take(self, number: int, payload: bytes, arrival_s: float) -> Pose | None:
         if number == SERVERINFO:
+            self._ask_bitstream = self._keep_alive  # of its own stream a unicast client may choose the version
             self.server = decode_server_info(payload)
+            self._ask_server = self._ask_bitstream = False
             self._silent_beats = 0
+        elif number in (RESPONSE, UNRECOGNIZED):
+            pass
         elif number not in (MODELDEF, FRAMEOFDATA):
             return self._intake.drop("unknown_message")
         elif self.server is None:
@@ -422,6 +459,11 @@ class NatNetReader:
         body = next((body for body in frame.bodies if body.id == self._id), None)
         if frame.models_changed:
             self._ask_names = self._wants_names  # until the answer, the id that we know stands
+        if frame.bitstream_changed or not frame.live:
+            self._ask_names = self._wants_names
+            self._ask_server = True  # who it is, and by which version it streams
+        if not frame.live:
+            return self._intake.drop("not_live")
         if body is None:
             return self._intake.drop("no_such_body")
         if not body.tracked:
@@ -437,7 +479,7 @@ class NatNetReader:
     def _look_around(self, frame: NatNetFrame, ticks_per_s: int, arrival_s: float) -> None:
         """Take the other bodies that are seen now."""
         age_s = (frame.transmit_ticks - frame.exposure_ticks) / ticks_per_s
-        if not 0.0 <= age_s <= OLDEST_S:
+        if not frame.live or not 0.0 <= age_s <= OLDEST_S:
             return
         for body in frame.bodies:
             if body.tracked and body.id in self._others:
