@@ -7,7 +7,7 @@ import msgspec
 import pytest
 
 from groundstation.core.geometry import Frames, Quat, so3
-from groundstation.pose.gate import HINTS
+from groundstation.pose import HINTS
 from groundstation.pose.sources import (
     Intake,
     NatNetReader,
