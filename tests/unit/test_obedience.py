@@ -168,18 +168,21 @@ class Watched:
 )
 def test_a_parabola_leaves_no_innovation_in_a_filter_that_has_settled(path: Vec3, step_s: float) -> None:
     x, v, a = path
-    follows = ImageFilter((x, v, 0.0))
+    follows = ImageFilter((x, v, 0.0), (0.0, x, v))
     for k in range(1, 60):
         t = k * step_s
-        off = follows.innovation((x + v * t + 0.5 * a * t * t, v + a * t, 0.0), step_s)
-        assert k <= EXPANDS or max(map(abs, off)) < 1e-9
+        p, q = x + v * t + 0.5 * a * t * t, v + a * t
+        off = follows.innovations((p, q, 0.0), (0.0, p, q), step_s)
+        assert k <= EXPANDS or max(abs(each) for one in off for each in one) < 1e-9
 
 
 def test_what_leaves_its_parabola_leaves_an_innovation() -> None:
-    follows = ImageFilter((0.0, 1.0, 2.0))
+    follows = ImageFilter((0.0, 1.0, 2.0), (3.0, 2.0, 1.0))
     for k in range(1, 30):
-        follows.innovation((0.5 * k, 1.0, 2.0 - 0.1 * k), NODE_S)
-    assert follows.innovation((15.0 + 0.1, 1.0, -1.0 - 0.2), NODE_S) == pytest.approx((0.1, 0.0, -0.2))
+        follows.innovations((0.5 * k, 1.0, 2.0 - 0.1 * k), (3.0, 2.0, 1.0 + k), NODE_S)
+    seen, told = follows.innovations((15.0 + 0.1, 1.0, -1.0 - 0.2), (3.0, 2.5, 31.0 - 0.3), NODE_S)
+    assert seen == pytest.approx((0.1, 0.0, -0.2))
+    assert told == pytest.approx((0.0, 0.5, -0.3))
 
 
 def vigorous(time_s: float) -> Demand:

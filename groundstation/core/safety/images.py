@@ -33,32 +33,44 @@ EXACT_M, SMALLEST_M = 0.005, 0.015
 
 
 class ImageFilter:
-    """Fading-memory filter of second order: position, velocity and acceleration on three axes.
+    """Fading-memory filters of second order for what is seen and what was commanded: place, speed and acceleration.
 
-    It begins with the gains of the expanding memory (a parabola through all so far), until those are the smaller ones.
+    They begin with the gains of the expanding memory (a parabola through all so far), until those are the smaller ones.
     """
 
-    __slots__ = ("_a", "_n", "_v", "_x")
+    __slots__ = ("_n", "_seen", "_told")
 
-    def __init__(self, position: Vec3) -> None:
-        """Nothing is known yet but a first ``position`` [m]."""
-        self._x, self._n = position, 0
-        self._v = self._a = (0.0, 0.0, 0.0)
+    def __init__(self, seen: Vec3, told: Vec3) -> None:
+        """Nothing is known yet but a first place, seen and commanded [m]."""
+        self._n = 0
+        self._seen = (*seen, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
+        self._told = (*told, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
 
-    def innovation(self, position: Vec3, h: float) -> Vec3:
-        """How far ``position`` is from where it was heading ``h`` [s] ago [m]; the state moves on."""
+    def innovations(self, seen: Vec3, told: Vec3, h: float) -> tuple[Vec3, Vec3]:
+        """How far both are from where they were heading ``h`` [s] ago [m]; the state moves on."""
         alpha, beta, gamma = ALPHA, BETA, GAMMA
         if self._n < EXPANDS:
             self._n += 1
             alpha, beta, gamma = _expanding(self._n)
-        (x, y, z), (u, v, w), (a, b, c), half = self._x, self._v, self._a, 0.5 * h
+        half, beta, gamma = 0.5 * h, beta / h, gamma / (h * h)
+        # Twice the same, written out, as a call and a tuple for each axis take longer than all else.
+        x, y, z, u, v, w, a, b, c = self._seen
         x, y, z = x + h * (u + half * a), y + h * (v + half * b), z + h * (w + half * c)  # where it was heading
-        i, j, k = position[0] - x, position[1] - y, position[2] - z
-        self._x = (x + alpha * i, y + alpha * j, z + alpha * k)
-        beta, gamma = beta / h, gamma / (h * h)
-        self._v = (u + h * a + beta * i, v + h * b + beta * j, w + h * c + beta * k)
-        self._a = (a + gamma * i, b + gamma * j, c + gamma * k)
-        return i, j, k
+        i, j, k = seen[0] - x, seen[1] - y, seen[2] - z
+        self._seen = (
+            x + alpha * i, y + alpha * j, z + alpha * k,
+            u + h * a + beta * i, v + h * b + beta * j, w + h * c + beta * k,
+            a + gamma * i, b + gamma * j, c + gamma * k,
+        )  # fmt: skip
+        x, y, z, u, v, w, a, b, c = self._told
+        x, y, z = x + h * (u + half * a), y + h * (v + half * b), z + h * (w + half * c)
+        p, q, r = told[0] - x, told[1] - y, told[2] - z
+        self._told = (
+            x + alpha * p, y + alpha * q, z + alpha * r,
+            u + h * a + beta * p, v + h * b + beta * q, w + h * c + beta * r,
+            a + gamma * p, b + gamma * q, c + gamma * r,
+        )  # fmt: skip
+        return (i, j, k), (p, q, r)
 
 
 def _expanding(n: int) -> tuple[float, float, float]:
@@ -98,7 +110,7 @@ class Images:
             pushed: where the commands would have taken it, from any point that it was at with any velocity [m, NED].
         """
         self.time_s = time_s
-        self._seen, self._told = ImageFilter(position), ImageFilter(pushed)
+        self._filter = ImageFilter(position, pushed)
         self.nodes = 0
 
     def node(self, time_s: float, position: Vec3, pushed: Vec3, fade: float, longest_s: float) -> tuple[Vec3, Vec3]:
@@ -114,7 +126,7 @@ class Images:
         h = time_s - self.time_s
         self.time_s = time_s
         self.nodes += 1
-        seen, told = self._seen.innovation(position, h), self._told.innovation(pushed, h)
+        seen, told = self._filter.innovations(position, pushed, h)
         if h > longest_s:
             k = (longest_s / h) ** 2
             seen, told = (k * seen[0], k * seen[1], k * seen[2]), (k * told[0], k * told[1], k * told[2])
@@ -128,8 +140,10 @@ class Images:
         xx, yy, xy, yx = x * cx, y * cy, x * cy, y * cx
         told, seen = cx * cx + cy * cy, x * x + y * y
         wind, both = self.wind[0] + self.wander, seen + told
-        rest = min(both - 2.0 * (xx + yy), seen)
-        best = min(rest, both - 2.0 * max(-xx - yy, abs(xx - yy), abs(xy + yx), abs(xy - yx)))
+        rest = both - 2.0 * (xx + yy)
+        rest = rest if rest < seen else seen
+        best = both - 2.0 * max(-xx - yy, abs(xx - yy), abs(xy + yx), abs(xy - yx))
+        best = best if best < rest else rest
         if best < rest or self.across > 0.0:  # else it says nothing, as nearly always
             exact = EXACT_M * EXACT_M + self.wander
             images = (-xx - yy, yy - xx, xx - yy, xy + yx, -xy - yx, yx - xy, xy - yx)
@@ -145,11 +159,12 @@ class Images:
     def _down(self, z: float, c: float, fade: float) -> None:
         """What one node says of the vertical axis."""
         against, along = z + c, z - c
-        off, rest = against * against, min(along * along, z * z)
+        off, rest, stands = against * against, along * along, z * z
+        rest = rest if rest < stands else stands
         if off < rest or self.down > 0.0:
             wind, exact = self.wind[1] + self.wander, EXACT_M * EXACT_M + self.wander
             self.down = _sum_evidence(self.down, fade, rest - off, max(wind, off / EXPLAINS), off, exact)
-        self._learn(1, min(rest, off))
+        self._learn(1, rest if rest < off else off)
 
     def _learn(self, which: int, best: float) -> None:
         """Learn the variance that wind leaves from a node that the best rival explains but for ``best`` [m²]."""

@@ -374,19 +374,21 @@ class Obedience:
 
     def _judge(self) -> None:
         """Weigh what speaks against the poses."""
-        newest_s, push = self._newest_s, self._push
-        still = max(self._still / CONVICTS, self._leant)
+        newest_s, push, still, leant = self._newest_s, self._push, self._still / CONVICTS, self._leant
+        still = still if still > leant else leant
         if newest_s - self._shock_s < SHOCK_S:
             still = max(still, STOPPED)
         if self._stopped_s > NODE_S:
             still = max(still, STOPPED if self._stopped_s < ARREST_S else 1.0)
         heading = abs(self._heading) / HEADING_RAD_S
-        attitude = max(self._attitude, self._quarter) / CONVICTS
+        attitude = (self._attitude if self._attitude > self._quarter else self._quarter) / CONVICTS
         across, down = self._images.across, self._images.down  # a tether pulls down as a mirrored axis: no haste there
         if self._between is not None:
             across = max(across, self._between.across)
-        convicts = EARLY_CONVICTS if self._flown < EARLY else IMAGE_CONVICTS
-        axes = max(across / (UPSET_CONVICTS if self._upset else convicts), down / convicts)
+        axes = 0.0
+        if across > 0.0 or down > 0.0:
+            convicts = EARLY_CONVICTS if self._flown < EARLY else IMAGE_CONVICTS
+            axes = max(across / (UPSET_CONVICTS if self._upset else convicts), down / convicts)
         # What has leapt is suspect until it is seen how it goes on, and longer where that is as a rival would.
         if newest_s - self._leapt_s < (STAYS_S if push >= LEAPS_AS else 1.5 * NODE_S):
             push = max(push, PUSH_SUSPECTS)
@@ -442,21 +444,22 @@ class Obedience:
 
     def _strays_by(self, now_s: float, h: float) -> float:
         """How fast it has turned about the vertical, beyond all that was asked for of late [rad/s]."""
-        asked, seen = self._asked, self._seen_z / h
-        asked.append((now_s, self._told_z / h))
+        asked, seen, told = self._asked, self._seen_z / h, self._told_z / h
+        asked.append((now_s, told))
         while asked[0][0] < now_s - YAW_LATE_S:
             asked.popleft()
-        if abs(seen - asked[-1][1]) < STRAYS_RAD_S:
+        if -STRAYS_RAD_S < seen - told < STRAYS_RAD_S:
             return 0.0
         rates = [rate for _, rate in asked]
-        return seen - min(max(seen, min(rates)), max(rates))
+        low, high = min(rates), max(rates)
+        return seen - low if seen < low else seen - high if seen > high else 0.0
 
     def _lean(self, now_s: float, h: float, within_m: float) -> None:
         """What one node says of each coordinate that stands within so much [m], while the push along it changes."""
         x, y, z = self._stood
         (a, b, c, n), (u, v, w), (p, q, r) = self._passed, self._speed, self._swift
         self._passed = NO_POSES
-        fast, slow = min(h / LEANS_S, 1.0), h / LEANS_SLOWLY_S
+        fast, slow = h / LEANS_S if h < LEANS_S else 1.0, h / LEANS_SLOWLY_S
         most = max(
             x.leans(a / n, (u - p) / h, now_s, fast, slow, within_m),
             y.leans(b / n, (v - q) / h, now_s, fast, slow, within_m),
@@ -555,21 +558,23 @@ class _TiltAxis:
         """What one node says, a turn by ``y`` where one by ``told`` was commanded [rad]; learns the trim if calm."""
         c = told + self.trim
         r = y - c
-        # A rate lag that is told a little wrong shifts what a changing command does by a part of a node.
         slip = SLIP * (c - self._before)
         self._before = c
-        variance = self.variance
-        best = min(r * r, y * y)
+        variance, best, as_seen = self.variance, r * r, y * y
+        best = best if best < as_seen else as_seen
         if best > variance or variance > TURN_FLOOR_RAD2:
             self.variance = max(variance + learn * (min(best, 9.0 * variance) - variance), TURN_FLOOR_RAD2)
         if calm:
             # A command of which we don't know how much arrives says little of what turns it beside.
             trim, unsure = self._trim_variance, GAIN * told
             noise = variance + unsure * unsure
-            gain, most = max(learn, trim / (trim + noise)), 3.0 * math.sqrt(trim + variance)
+            gain, most = trim / (trim + noise), 3.0 * math.sqrt(trim + variance)
+            gain = gain if gain > learn else learn
             self._trim_variance = (1.0 - gain) * trim
             self.trim += gain * (r if -most < r < most else math.copysign(most, r))
-        return ANSWER * c * (ANSWER * c - 2.0 * y) / (2.0 * max(variance, best / UNEXPLAINED, slip * slip))
+        # A rate lag that is told a little wrong shifts what a changing command does by a part of a node.
+        answer, noise = ANSWER * c, max(variance, best / UNEXPLAINED, slip * slip)
+        return answer * (answer - 2.0 * y) / (2.0 * noise)
 
 
 class _Coordinate:

@@ -24,6 +24,7 @@ ENDS = 5.0
 """Evidence that ends a flight, of what must have a rival's shape within a fifth."""
 EXACT = 0.2
 """A rival explains what is off by this share of what it leaves of a vehicle that obeys [-]."""
+EXACT2 = EXACT * EXACT
 CAP, FADE_S = 2.0, 2.0
 """Most that one node may say, and how long evidence lasts [s]."""
 TRACE = 0.02
@@ -89,9 +90,10 @@ class Rivals:
         (a, b, c), (p, q, r) = position, pushed
         speed_noise = noise_m / h
         sigma = NOISE_M_S2 + speed_noise / h
-        x.node(a, p, h, sigma, speed_noise, leapt)
-        y.node(b, q, h, sigma, speed_noise, leapt)
-        z.node(c, r, h, sigma, speed_noise, leapt)
+        variance = sigma * sigma
+        x.node(a, p, h, variance, speed_noise, leapt)
+        y.node(b, q, h, variance, speed_noise, leapt)
+        z.node(c, r, h, variance, speed_noise, leapt)
         before, self._gale = self._gale, math.hypot(x.off, y.off) / (GALE_M_S2 + 3.0 * sigma)
         across = down = 0.0
         if x.speaks or y.speaks:  # who shows too small a part of one axis mostly does so of the other, too
@@ -139,16 +141,16 @@ class _RivalAxis:
         """It is at ``place``, by the commands alone at ``told`` [m]."""
         self._place, self._told, self._h, self.off = place, told, 0.0, 0.0
 
-    def node(self, place: float, told: float, h: float, sigma: float, speed_noise: float, leapt: bool) -> None:
-        """Take one node; ``sigma`` is the noise of an acceleration [m/s²], ``speed_noise`` that of a speed [m/s]."""
+    def node(self, place: float, told: float, h: float, variance: float, speed_noise: float, leapt: bool) -> None:
+        """Take one node; ``variance`` is an acceleration's, by noise [m²/s⁴], ``speed_noise`` a speed's noise [m/s]."""
         speed, moved, last = (place - self._place) / h, (told - self._told) / h, self._h
         self._place, self._told, self._h = place, told, h
         if last == 0.0:
             self._speed, self._moved = speed, moved
             return
-        before, then = self._speed, self._moved
+        before, then, both = self._speed, self._moved, h + last
         self._speed, self._moved = speed, moved
-        a, u = 2.0 * (speed - before) / (h + last), 2.0 * (moved - then) / (h + last)
+        a, u = 2.0 * (speed - before) / both, 2.0 * (moved - then) / both
         self.off = off = a - u - self._push
         if self._known < BEGINS:
             self._known += 1
@@ -166,8 +168,8 @@ class _RivalAxis:
             return
         obeys = a - off
         self._smooth += h / SMOOTHED_S * (obeys - self._smooth)
-        variance = sigma * sigma + self._wind
-        wrong = EXACT * EXACT * off * off + variance
+        variance += self._wind
+        wrong = EXACT2 * off * off + variance
         if self.speaks or wrong >= SAYS * variance:  # else it says nothing, as nearly always
             self._weigh(a, obeys, wrong, h, variance)
         if self.since_s > STAYS_S:
@@ -190,12 +192,11 @@ class _RivalAxis:
     def _weigh(self, a: float, obeys: float, wrong: float, h: float, variance: float) -> None:
         """What ``a`` says [m/s²], where one that ``obeys`` accelerates so much, and is ``wrong`` by that, squared."""
         fade, evidence = 1.0 - h / FADE_S, self.evidence
-        left = [a - share * obeys for share in SHARES]
-        left.append(a - self._smooth)
-        for i, one in enumerate(left):
-            square = one * one + variance
-            if square < wrong or evidence[i] > 0.0:
+        p, q, r = SHARES
+        for i, one in enumerate((a - p * obeys, a - q * obeys, a - r * obeys, a - self._smooth)):
+            square, found = one * one + variance, evidence[i]
+            if square < wrong or found > 0.0:
                 says = 0.5 * math.log(wrong / square)
-                found = evidence[i] * fade + max(-CAP, min(says, CAP))
+                found = found * fade + (says if -CAP < says < CAP else math.copysign(CAP, says))
                 evidence[i] = found if found > TRACE else 0.0
         self.speaks = any(evidence)

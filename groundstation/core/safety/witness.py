@@ -146,7 +146,7 @@ class Witness:
             return
         elif time_s >= seen.due_s:
             seen.take(last.time_s, last.attitude, time_s, pose.attitude)
-            if seen.end - LAG > self._next:
+            if seen.end - LAG > self._next < self._felt.end:
                 self._compare()
         self._pose = pose
 
@@ -160,7 +160,7 @@ class Witness:
             felt.begin_at(time_s)
         elif time_s >= felt.due_s:
             felt.take(last.time_s, last.attitude, time_s, told.attitude)
-            if felt.end > self._next:
+            if felt.end > self._next < self._seen.end - LAG:
                 self._compare()
         self._told = told
 
@@ -187,11 +187,9 @@ class Witness:
         )
 
     def _compare(self) -> None:
-        """Judge the instants that both have come to, and the poses ``LAG`` steps beyond."""
+        """Judge the instants that both have come to, and the poses ``LAG`` steps beyond: one at least."""
         seen, felt = self._seen, self._felt
         end = min(seen.end - LAG, felt.end)
-        if end <= self._next:
-            return
         number = max(self._next, seen.begin + LAG + SPAN, felt.begin + SPAN)
         while number < end:
             steps = number - self._judged
