@@ -7,8 +7,8 @@ down. All vehicles are told the same and share the periods of frames and poses.
 """
 
 import math
-from collections.abc import Sequence
-from typing import Any, NamedTuple
+from collections.abc import Callable, Sequence
+from typing import Any, NamedTuple, TypeAlias
 
 import msgspec
 import numpy as np
@@ -19,12 +19,12 @@ from groundstation.core.control import Adaptive, Gains, Law
 from groundstation.core.geometry import Ops, arrays
 from groundstation.core.messages import Decision, Diagnostics, Estimate
 from groundstation.core.trajectory import Reference
-from groundstation.core.vehicle import Vehicle
+from groundstation.core.vehicle import ActuatorCommand, Vehicle
 from groundstation.pose.sources import ViconConfig
 from groundstation.settings import Config
 from sim.batch.estimator import BatchEstimator, BatchWatch
 from sim.batch.fleet import Fleet
-from sim.batch.kernel import Array
+from sim.batch.kernel import Array, Index
 from sim.batch.stages import BatchStage, Numpy, Stages, columns
 from sim.runs import CONFIRM_S, ROUNDING_S, SATURATION_FROM_S, SETTLED_M, STEADY_S, sought
 from sim.world import World
@@ -184,12 +184,26 @@ def require_batchable(world: World, config: Config) -> None:
             raise ConfigError(f"sim.{name}", "the cameras of a batch never take one body for another; expected 0")
 
 
+OnPoses: TypeAlias = Callable[[Index, Array, Any, Any], None]
+"""Takes who has a pose, its stamp [s], position [m, NED] and attitude."""
+OnCommands: TypeAlias = Callable[[float, ActuatorCommand], None]
+"""Takes when commands leave [s], and those of all."""
+
+
 def fly_batch(
-    worlds: Sequence[World], config: Config, seeds: Sequence[int], *, duration_s: float = 60.0, stages: Stages = Numpy
+    worlds: Sequence[World],
+    config: Config,
+    seeds: Sequence[int],
+    *,
+    duration_s: float = 60.0,
+    stages: Stages = Numpy,
+    on_poses: OnPoses | None = None,
+    on_commands: OnCommands | None = None,
 ) -> Flights:
     """Fly N vehicles in N worlds, all told the same ``config``, for ``duration_s`` [s] after the release.
 
-    ``stages`` computes them; whichever does, the figures are the same.
+    ``stages`` computes them; whichever does, the figures are the same. ``on_poses`` and ``on_commands`` are shown what
+    a recording would have.
 
     Raises:
         ValueError: the worlds differ in a period or in the reference.
@@ -227,6 +241,8 @@ def fly_batch(
         for who, stamp, position, attitude in fleet.arrived(time):
             estimator.pose(who, stamp, position, attitude)
             watch.pose(who, stamp, estimator.noise_m2)
+            if on_poses is not None:
+                on_poses(who, stamp, position, attitude)
         if frame < 0:
             fleet.hold(time)
             continue
@@ -237,6 +253,8 @@ def fly_batch(
         estimate = estimator.predict(time + vehicle.acting_delay_s)
         decision = pilot.decide(estimate, trajectory.at(time + vehicle.acting_delay_s))
         estimator.take_command(frame, decision.drive)
+        if on_commands is not None:
+            on_commands(time, decision.drive)
         fleet.command(frame, time, decision.drive, config.full_thrust_n, config.thrust_curve)
         fleet.fly(time)
         marks.command(time, decision, estimate, fleet.felt[0])
