@@ -11,6 +11,7 @@ import pytest
 from groundstation.analysis.identify import identify_command
 from groundstation.config import ConfigError, from_dict
 from groundstation.settings import Config
+from sim.scenarios import SCENARIOS
 from tests.recordings import recorded
 
 GAIN, THRUST_LAG_S, RATE_LAG_S, DELAY_S, SECONDS = 0.9, 0.118, 0.093, 0.025, 42.0
@@ -58,7 +59,7 @@ def test_lags_delay_and_thrust_of_a_vehicle_in_gusts_are_found() -> None:
     assert value("thrust_lag") == pytest.approx(THRUST_LAG_S, rel=0.10)
     for name in ("rate_lag", "roll_rate_lag", "pitch_rate_lag", "yaw_rate_lag"):
         assert value(name) == pytest.approx(RATE_LAG_S, rel=0.10)
-    assert value("command_delay") == pytest.approx(DELAY_S, abs=0.003)
+    assert (value("rate_delay"), value("thrust_delay")) == pytest.approx((DELAY_S, DELAY_S), abs=0.003)
     middle = GAIN * (1.0 - 0.05 * 0.5 * SECONDS / 60.0)  # the battery sags
     assert value("thrust_scale") == pytest.approx(middle, rel=0.02)
     assert value("hover_thrust") == pytest.approx(0.080 * 9.81 / 1.37 / middle, rel=0.03)
@@ -84,7 +85,8 @@ def test_the_vehicle_file_is_one_and_says_how_sure_it_is() -> None:
     assert vehicle.name == "mqx"
     assert vehicle.mass_kg == 0.080
     assert vehicle.thrust_lag_s == pytest.approx(value("thrust_lag"), rel=1e-4)
-    assert vehicle.command_delay_s == pytest.approx(value("command_delay"), rel=1e-4)
+    assert vehicle.rate_delay_s == pytest.approx(value("rate_delay"), rel=1e-4)
+    assert vehicle.thrust_delay_s == pytest.approx(value("thrust_delay"), rel=1e-4)
     assert vehicle.thrust_max_n == pytest.approx(1.37 * value("thrust_scale"), rel=0.03)
     text = path.read_text("utf-8")
     assert "95 % from" in text
@@ -120,7 +122,26 @@ def test_a_fast_vehicle_with_much_drag_is_found_to_a_percent(capsys: pytest.Capt
     found = json.loads(capsys.readouterr().out)["parameters"]
     for name, true in (("thrust_scale", 1.0), ("drag", 1.0), ("thrust_lag", 0.030), ("rate_lag", 0.020)):
         assert found[name]["value"] == pytest.approx(true, rel=0.03)
-    assert abs(found["command_delay"]["value"]) < 0.001
+    assert abs(found["rate_delay"]["value"]) < 0.001
+
+
+@pytest.mark.parametrize(
+    ("scenario", "thrust_lag_s", "rate_lag_s"),
+    [("rotors_quad1kg", 0.043, 0.042), ("rotors_mqx", 0.041, 0.054), ("rotors_mqx_radio", 0.109, 0.104)],
+)
+def test_what_scenarios_on_rotors_are_told_is_found_again_by_a_flight_that_is_told_pure_lags(
+    scenario: str, thrust_lag_s: float, rate_lag_s: float, capsys: pytest.CaptureFixture[str]
+) -> None:
+    lags = {"thrust_lag_s": thrust_lag_s, "rate_lag_s": rate_lag_s, "thrust_delay_s": 0, "rate_delay_s": 0}
+    keys = ("trajectory.kind=excitation", "trajectory.laps=1", *(f"vehicle.{key}={lags[key]}" for key in lags))
+    path = recorded(scenario, *keys, duration_s=22.0)[0]
+    assert identify_command(path, None, None, as_json=True) == 0
+    found, told = json.loads(capsys.readouterr().out)["parameters"], SCENARIOS[scenario].told
+    assert found["thrust_scale"]["value"] == pytest.approx(1.0, rel=0.01)
+    assert found["drag"]["value"] == pytest.approx(SCENARIOS[scenario].world.drag_per_s, abs=0.02)
+    for name in ("thrust", "rate"):
+        assert found[f"{name}_lag"]["value"] == pytest.approx(getattr(told, f"{name}_lag_s"), rel=0.1)
+        assert found[f"{name}_delay"]["value"] == pytest.approx(getattr(told, f"{name}_delay_s"), abs=0.004)
 
 
 QUIET = (

@@ -65,6 +65,29 @@ def test_quad1kg_tracks_within_1_1_cm_rms(flights: Flights) -> None:
     assert middle("quad1kg", "rms_cm", seeds=flights.seeds, duration_s=30.0) <= 1.1
 
 
+@pytest.mark.parametrize(
+    ("scenario", "most_cm"), [("rotors_quad1kg", 0.40), ("rotors_mqx", 0.15), ("rotors_mqx_radio", 0.30)]
+)
+def test_on_rotors_it_flies_by_what_identify_found(scenario: str, most_cm: float, flights: Flights) -> None:
+    assert middle(scenario, "rms_cm", **flights._asdict()) <= most_cm
+    assert middle(scenario, "saturated_fraction", **flights._asdict()) <= 0.01
+
+
+@pytest.mark.parametrize(
+    ("scenario", "told"),
+    [
+        ("rotors_mqx", ("vehicle.thrust_lag_s=0.041", "vehicle.rate_lag_s=0.054")),
+        ("rotors_mqx_radio", ("vehicle.thrust_lag_s=0.109", "vehicle.rate_lag_s=0.104")),
+    ],
+)
+def test_on_rotors_a_pure_lag_in_the_place_of_lag_and_delay_costs_ten_times_as_much(
+    scenario: str, told: tuple[str, ...]
+) -> None:
+    no_delay = ("vehicle.thrust_delay_s=0", "vehicle.rate_delay_s=0")
+    rms_cm = flown(scenario, *told, *no_delay, duration_s=20.0).verdict.rms_cm
+    assert rms_cm is None or rms_cm > 1.0
+
+
 @pytest.mark.parametrize("scenario", ["paper", "quad1kg"])
 def test_composite_adaptation_does_no_harm_where_poses_are_ten_times_as_noisy(scenario: str) -> None:
     noisy = f"sim.pose_noise_m={10.0 * SCENARIOS[scenario].world.pose_noise_m}"

@@ -203,7 +203,9 @@ def test_a_made_up_vehicle_is_found_again() -> None:
         thrust_lag=0.06,
         rate_lag=0.04,
         yaw_rate_lag=0.04,
-        command_delay=0.015,
+        thrust_delay=0.015,
+        rate_delay=0.015,
+        yaw_rate_delay=0.015,
         drag=0.0,
         position_noise=2e-4,
         attitude_noise=1e-3,
@@ -233,20 +235,19 @@ def test_where_the_link_has_the_curve_the_vehicle_keeps_its_own() -> None:
 def test_a_tracked_point_above_the_centre_of_mass_does_not_pass_for_thrust_and_a_wrong_latency_is_seen() -> None:
     seen = flown(lever_m=0.03, seconds=16.0)
     found = identify(replace(seen, at_s=seen.at_s - 0.025))
-    holds(found, thrust_scale=0.9, rate_lag=0.04, command_delay=-0.010)
+    holds(found, thrust_scale=0.9, rate_lag=0.04, rate_delay=-0.010)
     assert (
-        "poses are stamped 10 ms early or more, so pose.latency_s is too large"
-        in found.parameters["command_delay"].note
+        "poses are stamped 10 ms early or more, so pose.latency_s is too large" in found.parameters["rate_delay"].note
     )
 
 
 def test_of_a_flight_that_moves_nothing_it_says_so() -> None:
     found = identify(flown(strength=0.0, scale=1.0, noise_m=1e-4, noise_rad=1e-4, wind=0.0, seconds=10.0))
-    for name in ("thrust_scale", "thrust_curve", "thrust_lag", "rate_lag", "yaw_rate_lag", "command_delay", "drag"):
+    for name in ("thrust_scale", "thrust_curve", "thrust_lag", "rate_lag", "yaw_rate_lag", "rate_delay", "drag"):
         one = found.parameters[name]
         assert (one.value, one.interval, one.note) == (None, None, FLY)
     assert found.parameters["position_noise"].identified
-    assert table(found).count(FLY) == 11
+    assert table(found).count(FLY) == len(found.parameters) - 2
 
 
 def test_scale_and_curve_agree_with_what_was_told_where_the_vehicle_flew() -> None:

@@ -241,7 +241,7 @@ def draw_figures(folder: Path, found: IdentifiedVehicle) -> list[tuple[ReportFig
 
 
 EXIT_FOUND, EXIT_NOTHING = 0, 1
-NEEDED = ("thrust_scale", "thrust_lag", "rate_lag", "command_delay")
+NEEDED = ("thrust_scale", "thrust_lag", "thrust_delay", "rate_lag", "rate_delay")
 """What a vehicle file is written for: without any of them there is nothing to write."""
 
 
@@ -377,10 +377,11 @@ KEYS = {
     "thrust_curve": "thrust_curve",
     "thrust_lag_s": "thrust_lag",
     "rate_lag_s": "rate_lag",
-    "command_delay_s": "command_delay",
 }
 """Key of a vehicle → parameter that it takes as it is."""
-BESIDE = ("thrust_scale", "thrust_sag", "yaw_rate_lag", "drag", "position_noise", "attitude_noise")
+DELAYS = {"thrust_delay_s": "thrust_delay", "rate_delay_s": "rate_delay"}
+"""The same, less the delay that is common to both."""
+BESIDE = ("thrust_scale", "thrust_sag", "yaw_rate_lag", "yaw_rate_delay", "drag", "position_noise", "attitude_noise")
 """Parameters that are no keys of a vehicle."""
 DIGITS = 5
 """So many digits are written, and no vehicle needs more."""
@@ -400,6 +401,7 @@ def file_text(found: IdentifiedVehicle) -> str:
         notes[key] = describe_parameter(one)
         if one.value is not None:
             values[key] = _round(max(one.value, 0.0))
+    _split_delays(found, values, notes)
     if told.link.thrust_curve is not None:
         values["thrust_curve"] = told.vehicle.thrust_curve
         notes["thrust_curve"] = f"as told: link.thrust_curve stands in its place; found: {notes['thrust_curve']}"
@@ -427,6 +429,20 @@ def file_text(found: IdentifiedVehicle) -> str:
     except ConfigError as error:
         raise ConfigError(error.key, f"what was identified is no vehicle: {error.problem}") from None
     return text
+
+
+def _split_delays(found: IdentifiedVehicle, values: dict[str, Any], notes: dict[str, str]) -> None:
+    """What was found from a command's leaving, in two: the part that is told for both, and what is beyond it."""
+    ones = {key: found.parameters[name] for key, name in DELAYS.items()}
+    whole = {key: values["command_delay_s"] + values[key] if x.value is None else x.value for key, x in ones.items()}
+    common = max(0.0, min(values["command_delay_s"], *whole.values()))
+    notes["command_delay_s"] = "as told: the part of both delays below that is the link's"
+    if common < values["command_delay_s"]:
+        notes["command_delay_s"] = f"told {_short(values['command_delay_s'])}, and no more of it was found"
+    values["command_delay_s"] = _round(common)
+    for key, one in ones.items():
+        values[key] = _round(max(whole[key] - common, 0.0))
+        notes[key] = f"from leaving: {describe_parameter(one)}"
 
 
 def _scale_thrust(found: IdentifiedVehicle, values: dict[str, Any]) -> None:

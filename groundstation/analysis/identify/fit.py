@@ -6,6 +6,7 @@ in at a derivative (wind on an acceleration, a lost frame on a body rate) then c
 every frequency as it should: prediction errors (L. Ljung, System Identification, 2nd ed., chapter 7).
 """
 
+import math
 from collections.abc import Callable, Sequence
 from typing import Any, NamedTuple, TypeAlias
 
@@ -156,18 +157,47 @@ class InnovationFilter(NamedTuple):
         Both rest on the samples up to then only. ``pushes`` (N, 2, k) are known inputs: what is added to x0 and x1 over
         the span before each sample.
         """
-        news, halfway = np.empty_like(measured), np.empty_like(measured)
-        x0, x1, x2 = (np.zeros(measured.shape[1]) for _ in range(3))
-        for k, (h, (g0, g1, g2)) in enumerate(zip(self.spans_s.tolist(), self.gains.tolist(), strict=True)):
+        count, width = measured.shape
+        # The filter is linear: all blocks of samples run at once from nothing, and beside them from each of its states.
+        length = max(1, math.isqrt(count))
+        blocks = -(-count // length)
+
+        def lay(values: Column, more: int = 0) -> Column:
+            """(N, …) as (length, blocks, …), with so many columns of zeros more."""
+            spare = [(0, blocks * length - count)] + [(0, 0)] * (values.ndim - 1)
+            spare[-1] = spare[-1] if values.ndim == 1 else (0, more)
+            laid: Column = np.pad(values, spare).reshape(blocks, length, *values.shape[1:-1], -1).swapaxes(0, 1)
+            return laid
+
+        spans, gains, seen = lay(self.spans_s[:, None]), lay(self.gains), lay(measured, 3)
+        pushed = None if pushes is None else lay(pushes, 3)
+        states = np.zeros((3, blocks, width + 3))
+        for which in range(3):
+            states[which, :, width + which] = 1.0
+        x0, x1, x2 = states
+        news, halfway = np.empty_like(seen), np.empty_like(seen)
+        for k, h in enumerate(spans):
             x0 = x0 + h * (x1 + (0.5 * h) * x2)
             before, x1 = x1, x1 + h * x2
-            if pushes is not None:
-                x0, x1 = x0 + pushes[k, 0], x1 + pushes[k, 1]
-            halfway[k - 1] = 0.5 * (before + x1)
-            new = measured[k] - x0
-            x0, x1, x2 = x0 + g0 * new, x1 + g1 * new, x2 + g2 * new
-            news[k] = new
-        return news / np.sqrt(self.variances)[:, None], halfway
+            if pushed is not None:
+                x0, x1 = x0 + pushed[k, :, 0], x1 + pushed[k, :, 1]
+            halfway[k] = 0.5 * (before + x1)
+            news[k] = new = seen[k] - x0
+            g = gains[k, :, :, None]
+            x0, x1, x2 = x0 + g[:, 0] * new, x1 + g[:, 1] * new, x2 + g[:, 2] * new
+        ends = np.stack([x0, x1, x2], axis=1)
+        begins, state = np.zeros((blocks, 3, width)), np.zeros((3, width))
+        for block, end in enumerate(ends):
+            begins[block] = state
+            state = end[:, :width] + end[:, width:] @ state
+
+        def join(values: Column) -> Column:
+            """What was found from nothing, and what each block began with."""
+            whole = values[:, :, :width] + np.einsum("lbs,bsw->lbw", values[:, :, width:], begins)
+            joined: Column = whole.swapaxes(0, 1).reshape(blocks * length, width)[:count]
+            return joined
+
+        return join(news) / np.sqrt(self.variances)[:, None], np.roll(join(halfway), -1, axis=0)
 
 
 def design_filter(at_s: Column, ratios: Ratios, gap_s: float) -> InnovationFilter:

@@ -62,10 +62,12 @@ def most_n(config: Config, about: float, scale: float, curve: float) -> float:
 
 STEPS = 5
 """Between two poses thrust and attitude are looked at so often."""
-NAMES = ("delay", "lag", "scale", "sag", "curve", "drag", "leak", "c_x", "c_y", "c_z")
-"""Parameters: delay, lag [s], scale [-], sag [1/min], curve [-], drag [1/s], leak l [m/s² per rad/s], c [m, FRD]."""
-LEVER = 7
-"""c is the last three of them."""
+DRAGS = ("drag_x", "drag_y", "drag_z")
+NAMES = ("delay", "lag", "scale", "sag", "curve", *DRAGS, "leak", "c_x", "c_y", "c_z")
+"""Parameters: delay, lag [s], scale [-], sag [1/min], curve [-], drag along each axis of the body [1/s], leak l
+[m/s² per rad/s], c [m, FRD]."""
+DRAG, LEVER = NAMES.index("drag_x"), NAMES.index("c_x")
+"""Drag and c are three each."""
 SMOOTH_S = 0.06
 """Attitudes are smoothed over this time to either side [s]: their noise, which the controller answers, would pass for
 thrust."""
@@ -88,10 +90,10 @@ class ThrustModel:
         self.times = seen.at_s[:-1, None] + self.spans[:, None] * share
         self.edges = seen.at_s[:-1, None] + self.spans[:, None] * np.arange(STEPS + 1) / STEPS
         self.middle_s = 0.5 * (seen.at_s[0] + seen.at_s[-1])
-        delay, *lags = turned.fit.values.tolist()
+        values = turned.fit.values
         reach = max(1, round(SMOOTH_S / float(np.median(self.spans))))
         off = smooth(turned.left, reach) - turned.left
-        since = angles(seen, delay, lags, self.times) - angles(seen, delay, lags, seen.at_s[:-1])[:, None]
+        since = angles(seen, values, self.times) - angles(seen, values, seen.at_s[:-1])[:, None]
         since = since + np.diff(turned.left + off, axis=0)[:, None] * share[:, None]
         attitude: Any = so3.rotate(components(seen.attitude), components(off))
         self.axes = np.stack([np.stack(so3.to_world(attitude, unit), axis=-1) for unit in UNITS], axis=-1)
@@ -105,13 +107,14 @@ class ThrustModel:
 
     def accelerations(self, values: Column) -> Column:
         """The model's, without wind and gravity, (N-1, STEPS, 3) [m/s²]."""
-        delay, lag, scale, sag, curve, drag, leak = values[:LEVER].tolist()
+        delay, lag, scale, sag, curve, *drag, leak = values[:LEVER].tolist()
         fading = 1.0 - sag * (self.seen.sent_s - self.middle_s) / 60.0
         held = scale / self.mass * fading * thrust_n(self.seen.config, self.mean, curve, self.signals)
         # The mean over each step, exact however thrust jumps within it.
         areas = np.diff(respond_with_lag(self.seen.sent_s, held, delay, lag).integral(self.edges), axis=1)
         pushed = areas * STEPS / self.spans[:, None]
-        rest = leak * self.sideways - drag * self.velocity
+        along = np.einsum("nij,ni->nj", self.axes[:-1], self.velocity)  # in the body's axes
+        rest = leak * self.sideways - np.einsum("nij,nj->ni", self.axes[:-1], along * np.array(drag))
         acceleration: Column = rest[:, None] - pushed[..., None] * self.down
         return acceleration
 
@@ -156,9 +159,9 @@ ABOUT = (0.0, 1e2, 1e5)
 positions' variance."""
 LAGS_S = (0.01, 0.03, 0.06, 0.1, 0.16)
 """Where the fit may begin."""
-LEAST = np.array([-0.05, 0.0, 0.2, -0.5, -0.5, -2.0, -1.0, *[-0.5] * 3])
-MOST = np.array([0.5, 1.0, 4.0, 0.5, 1.5, 5.0, 1.0, *[0.5] * 3])
-MOVED = np.array([2e-4, 2e-4, 1e-3, 1e-3, 1e-2, 1e-3, 1e-3, *[1e-3] * 3])
+LEAST = np.array([-0.05, 0.0, 0.2, -0.5, -0.5, *[-2.0] * 3, -1.0, *[-0.5] * 3])
+MOST = np.array([0.5, 1.0, 4.0, 0.5, 1.5, *[5.0] * 3, 1.0, *[0.5] * 3])
+MOVED = np.array([2e-4, 2e-4, 1e-3, 1e-3, 1e-2, *[1e-3] * 3, 1e-3, *[1e-3] * 3])
 ROUNDS = 6
 """Model and noise are fitted in turn, so often at most: the better the model, the weaker the noise that is left."""
 SAG_PER_MIN = 0.1
@@ -181,14 +184,14 @@ class ThrustFit(NamedTuple):
 
 
 def fit_thrust(seen: FlightStretch, turned: TurnFit) -> ThrustFit:
-    """Fit thrust and drag to the positions that were ``seen``; delay begins with that of the turns."""
+    """Fit thrust and drag to the positions that were ``seen``; the search for delay begins about that of the turns."""
     scene = ThrustModel(seen, turned)
     vehicle = seen.config.vehicle
     delay = float(turned.fit.values[0])
     spread = np.full(len(NAMES), np.inf)
-    spread[0], spread[3] = turned.fit.deviations[0], SAG_PER_MIN
-    values = np.array([delay, vehicle.thrust_lag_s, 1.0, 0.0, seen.config.thrust_curve, *[0.0] * 5])
-    bounds = Bounds(LEAST, MOST, MOVED, np.array([delay, *[0.0] * 9]), spread)
+    spread[NAMES.index("sag")] = SAG_PER_MIN
+    values = np.array([delay, vehicle.thrust_lag_s, 1.0, 0.0, seen.config.thrust_curve, *[0.0] * (len(NAMES) - 5)])
+    bounds = Bounds(LEAST, MOST, MOVED, np.array([delay, *[0.0] * (len(NAMES) - 1)]), spread)
     interval = float(np.median(scene.spans))
 
     def noises(values: Column, level: Ratios, upright: Ratios, *powers: Column) -> tuple[Strength, Strength]:
@@ -212,7 +215,12 @@ def fit_thrust(seen: FlightStretch, turned: TurnFit) -> ThrustFit:
         return whiten
 
     level, upright = noises(values, ABOUT, ABOUT, COARSE, FINE)
-    starts = [np.array([delay, lag, scale, *values[3:]]) for lag in LAGS_S for scale in (0.8, 0.9, 1.0, 1.1)]
+    starts = [
+        np.array([late, lag, scale, *values[3:]])
+        for late in sorted({0.0, 0.5 * delay, delay})
+        for lag in LAGS_S
+        for scale in (0.8, 0.9, 1.0, 1.1)
+    ]
     news = whiten_by(level, upright)(starts)
     values = starts[int((news**2).sum(axis=(0, 1)).argmin())]
     fit, about = None, (ABOUT, ABOUT)

@@ -1,4 +1,4 @@
-"""Turn fit: rate lags and transport delay, from how attitude follows the commanded body rates.
+"""Turn fit: lags and delays of body rates, from how attitude follows the commanded body rates.
 
 The turn between two poses, in the body's frame, is the integral of the body rates. Summed up, the measured turns and
 those of the commands through lag and delay differ by the attitude's noise and by whatever else turned the vehicle.
@@ -53,16 +53,31 @@ class LagResponse(NamedTuple):
         return index, since.reshape(shape), left.reshape(shape)
 
 
+def _follow(held: Column, left: Column, first: Column) -> Column:
+    """What x becomes by x ← u + (x - u) ``left`` with each u of ``held`` (M, …), from ``first`` on, (M, …)."""
+    count, length = len(held), max(1, math.isqrt(len(held)))
+    blocks = -(-count // length)
+    spare = [(0, blocks * length - count)] + [(0, 0)] * (held.ndim - 1)
+    u = np.pad(held, spare).reshape(blocks, length, *held.shape[1:])
+    keep = np.pad(left, spare, constant_values=1.0).reshape(u.shape)
+    # All blocks at once from 0, and how much is left of what each begins with.
+    shares, found, value = np.cumprod(keep, axis=1), np.empty_like(u), np.zeros_like(u[:, 0])
+    for k in range(length):
+        value = u[:, k] + (value - u[:, k]) * keep[:, k]
+        found[:, k] = value
+    begun = first
+    for k, share in enumerate(shares):
+        found[k] += share * begun
+        begun = found[k, -1]
+    return found.reshape(-1, *held.shape[1:])[:count]
+
+
 def respond_with_lag(sent_s: Column, held: Column, delay_s: float, lag_s: float) -> LagResponse:
     """The response to commands ``held`` (M, …) that left at ``sent_s`` (M,) [s], begun at rest on the first."""
     spans = np.diff(sent_s)
     left = np.exp(-spans / lag_s) if lag_s > LEAST_LAG_S else np.zeros_like(spans)
-    before, value = [held[0]], held[0]
-    for u, keep in zip(held[:-1], left.tolist(), strict=True):
-        value = u + (value - u) * keep
-        before.append(value)
-    start = np.array(before)
     wide = (slice(None),) + (None,) * (held.ndim - 1)
+    start = np.concatenate([held[:1], _follow(held[:-1], np.broadcast_to(left[wide], held[:-1].shape), held[0])])
     grown = held[:-1] * spans[wide] + (start[:-1] - held[:-1]) * (lag_s * (1.0 - left))[wide]
     area = np.concatenate([np.zeros_like(held[:1]), np.cumsum(grown, axis=0)])
     return LagResponse(sent_s + delay_s, held, lag_s, start, area)
@@ -75,15 +90,17 @@ ABOUT = (0.1, 10.0, 0.0)
 DELAYS_S = (-0.01, 0.0, 0.015, 0.03, 0.06, 0.1, 0.15)
 LAGS_S = (0.01, 0.03, 0.06, 0.1, 0.16)
 """Where the fit may begin."""
-LEAST = np.array([-0.05, 0.0, 0.0, 0.0])
-MOST = np.array([0.5, 1.0, 1.0, 1.0])
+NAMES = ("delay", "roll_lag", "pitch_lag", "yaw_delay", "yaw_lag")
+"""Parameters [s]; the first delay is of roll and pitch."""
+LEAST = np.array([-0.05, 0.0, 0.0, -0.05, 0.0])
+MOST = np.array([0.5, 1.0, 1.0, 0.5, 1.0])
 
 
 class TurnFit(NamedTuple):
     """How the vehicle turns."""
 
     fit: Fit
-    """Of delay, and lags of roll, pitch and yaw rate [s]."""
+    """Of :data:`groundstation.analysis.identify.turn_fit.NAMES`."""
     turns: Column
     """Measured turn from each pose to the next, (N-1, 3) [rad]."""
     modelled: Column
@@ -101,11 +118,12 @@ def turns(attitude: Column) -> Column:
     return np.stack(so3.rotation_vector(so3.multiply(so3.conjugate(before), after), arrays()), axis=1)
 
 
-def angles(seen: FlightStretch, delay_s: float, lags_s: Sequence[float], time_s: Column) -> Column:
+def angles(seen: FlightStretch, values: Column, time_s: Column) -> Column:
     """Integral of each body rate of the model from the first command to ``time_s`` (…,), (…, 3) [rad]."""
+    delay, roll, pitch, yaw_delay, yaw = values.tolist()
     parts = [
-        respond_with_lag(seen.sent_s, seen.rates_rad_s[:, axis], delay_s, lag).integral(time_s)
-        for axis, lag in enumerate(lags_s)
+        respond_with_lag(seen.sent_s, seen.rates_rad_s[:, axis], late, lag).integral(time_s)
+        for axis, (late, lag) in enumerate(((delay, roll), (delay, pitch), (yaw_delay, yaw)))
     ]
     return np.stack(parts, axis=-1)
 
@@ -119,7 +137,7 @@ def fit_turns(seen: FlightStretch) -> TurnFit:
 
     def left(sets: Sequence[Column]) -> Column:
         """What each set of parameters leaves, (N, 3, S)."""
-        return np.stack([summed - _angles(seen, values) for values in sets], axis=-1)
+        return np.stack([summed - angles(seen, values, seen.at_s) for values in sets], axis=-1)
 
     def whiten_by(filter_: InnovationFilter, variance: float) -> Whiten:
         def whiten(sets: Sequence[Column]) -> Column:
@@ -130,21 +148,18 @@ def fit_turns(seen: FlightStretch) -> TurnFit:
 
         return whiten
 
-    first = np.array([0.0, *[seen.config.vehicle.rate_lag_s] * 3])
+    first = np.array([0.0, 1.0, 1.0, 0.0, 1.0]) * seen.config.vehicle.rate_lag_s
     noise, filter_ = fit_noise(seen.at_s, left([first])[:, :, 0], ABOUT, gap)
-    starts = [np.array([delay, lag, lag, lag]) for delay in DELAYS_S for lag in LAGS_S]
+    starts = [np.array([delay, lag, lag, delay, lag]) for delay in DELAYS_S for lag in LAGS_S]
     news = whiten_by(filter_, 1.0)(starts)
-    values = starts[int((news**2).sum(axis=(0, 1)).argmin())]
-    bounds = Bounds(LEAST, MOST, np.full(4, 2e-4), values, np.full(4, np.inf))
+    level = starts[int((news[:, :2] ** 2).sum(axis=(0, 1)).argmin())]
+    yaw = starts[int((news[:, 2] ** 2).sum(axis=0).argmin())]
+    values = np.concatenate([level[:3], yaw[3:]])
+    bounds = Bounds(LEAST, MOST, np.full(5, 2e-4), values, np.full(5, np.inf))
     fit = None
     for about, powers in ((ABOUT, (COARSE, FINE)), (None, (FINE,))):
         noise, filter_ = fit_noise(seen.at_s, left([values])[:, :, 0], about or noise.ratios, gap, powers)
         fit = minimize(whiten_by(filter_, noise.variance), values, bounds, interval)
         values = fit.values
     assert fit is not None, "fitted twice"
-    return TurnFit(fit, measured, np.diff(_angles(seen, values), axis=0))
-
-
-def _angles(seen: FlightStretch, values: Column) -> Column:
-    delay, *lags = values.tolist()
-    return angles(seen, delay, lags, seen.at_s)
+    return TurnFit(fit, measured, np.diff(angles(seen, values, seen.at_s), axis=0))

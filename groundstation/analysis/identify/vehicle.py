@@ -12,7 +12,8 @@ import msgspec
 import numpy as np
 
 from groundstation.analysis.identify.stretch import Column, FlightStretch, components
-from groundstation.analysis.identify.thrust_fit import NAMES, ThrustFit, fit_thrust, hover_signal
+from groundstation.analysis.identify.thrust_fit import DRAG, DRAGS, NAMES, ThrustFit, fit_thrust, hover_signal
+from groundstation.analysis.identify.turn_fit import NAMES as TURNS
 from groundstation.analysis.identify.turn_fit import TurnFit, fit_turns
 from groundstation.core.geometry import so3
 from groundstation.core.trajectory import ExcitationConfig
@@ -107,6 +108,8 @@ MODEL = 0.005
 """No lag is quite of first order, no scale quite constant: nothing is known better than this share."""
 WHITE = 0.01
 """The same of noise, which is never quite white."""
+DELAY = "from a command's leaving until it is followed; what pose.latency_s is wrong by is part of it"
+DRAG_NOTE = "deceleration per speed; the controller is told one for all axes"
 TURNED_RAD_S = 0.05
 """Body rates of less than this (RMS about each axis) tell of nothing but noise, whatever the statistics say."""
 PUSHED_M_S2 = 0.2
@@ -248,8 +251,8 @@ def _lags(
     seen: FlightStretch, turned: TurnFit, pushed: ThrustFit, moved: MotionExcitation
 ) -> list[IdentifiedParameter]:
     vehicle = seen.config.vehicle
-    delay, roll, pitch, yaw = turned.fit.values.tolist()
-    lag = float(pushed.fit.values[1])
+    delay, roll, pitch, yaw_delay, yaw = turned.fit.values.tolist()
+    thrust_delay, lag = pushed.fit.values[:2].tolist()
 
     def lag_of(
         name: str, title: str, value: float, deviation: float, told: float, seen: bool, note: str = ""
@@ -258,47 +261,52 @@ def _lags(
         spread = math.hypot(deviation, MODEL * value)
         return judge_parameter(name, title, "s", value, spread, enough, moved=seen, told=told, least=0.0, note=note)
 
-    # Both together, each by its information: the correlation through the delay counts.
-    cover = turned.fit.covariance[1:3, 1:3]
-    weights = np.linalg.solve(cover, np.ones(2))
+    both, both_spread = _combine(turned.fit.values[1:3], turned.fit.covariance[1:3, 1:3])
+    spreads = dict(zip(TURNS, turned.fit.deviations.tolist(), strict=True))
+    thrust_spread, lag_spread = pushed.fit.deviations[:2].tolist()
+    frames = UNSEEN_FRAMES * vehicle.frame_period_s
+    told, (rolled, pitched, yawed) = vehicle.rate_lag_s, moved.turned
+    rates_told, thrust_told = (
+        vehicle.command_delay_s + late for late in (vehicle.rate_delay_s, vehicle.thrust_delay_s)
+    )
+    turned_at_all, one = rolled or pitched, "the controller is told one for all three"
+
+    def delay_of(
+        name: str, title: str, value: float, deviation: float, told: float, seen: bool, note: str = ""
+    ) -> IdentifiedParameter:
+        spread = math.hypot(deviation, frames)
+        if value + WIDE * spread < 0.0:
+            note = (
+                f"it seems to obey before commands leave: poses are stamped {-1e3 * value:.0f} ms early or more, so "
+                "pose.latency_s is too large by as much"
+            )
+        return judge_parameter(name, title, "s", value, spread, 0.01, moved=seen, told=told, note=note)
+
+    return [
+        lag_of("thrust_lag", "thrust lag", lag, lag_spread, vehicle.thrust_lag_s, moved.thrust),
+        delay_of("thrust_delay", "thrust delay", thrust_delay, thrust_spread, thrust_told, moved.thrust, DELAY),
+        lag_of("rate_lag", "rate lag, roll and pitch", both, both_spread, told, turned_at_all),
+        delay_of("rate_delay", "rate delay, roll and pitch", delay, spreads["delay"], rates_told, turned_at_all, DELAY),
+        lag_of("roll_rate_lag", "roll rate lag", roll, spreads["roll_lag"], told, rolled),
+        lag_of("pitch_rate_lag", "pitch rate lag", pitch, spreads["pitch_lag"], told, pitched),
+        lag_of("yaw_rate_lag", "yaw rate lag", yaw, spreads["yaw_lag"], told, yawed, one),
+        delay_of("yaw_rate_delay", "yaw rate delay", yaw_delay, spreads["yaw_delay"], rates_told, yawed, one),
+    ]
+
+
+def _combine(values: Column, cover: Column) -> tuple[float, float]:
+    """One figure that was found several times, each by its information, and its deviation; correlations count."""
+    weights = np.linalg.solve(cover, np.ones(len(values)))
     weights = np.clip(weights / weights.sum(), 0.0, 1.0)
     weights /= weights.sum()
-    both, both_spread = float(weights @ (roll, pitch)), math.sqrt(float(weights @ cover @ weights))
-    deviations = turned.fit.deviations.tolist()
-    frames = UNSEEN_FRAMES * vehicle.frame_period_s
-    delay, spread = float(pushed.fit.values[0]), math.hypot(float(pushed.fit.deviations[0]), frames)
-    note = "from a command's leaving to the vehicle's following; what pose.latency_s is wrong by is part of it"
-    if delay + WIDE * spread < 0.0:
-        note = (
-            f"it seems to obey before commands leave: poses are stamped {-1e3 * delay:.0f} ms early or more, so "
-            "pose.latency_s is too large by as much"
-        )
-    told, (rolled, pitched, yawed) = vehicle.rate_lag_s, moved.turned
-    turned_at_all, one = rolled or pitched, "the controller is told one lag for all three"
-    return [
-        lag_of("thrust_lag", "thrust lag", lag, float(pushed.fit.deviations[1]), vehicle.thrust_lag_s, moved.thrust),
-        lag_of("rate_lag", "rate lag, roll and pitch", both, both_spread, told, turned_at_all),
-        lag_of("roll_rate_lag", "roll rate lag", roll, deviations[1], told, rolled),
-        lag_of("pitch_rate_lag", "pitch rate lag", pitch, deviations[2], told, pitched),
-        lag_of("yaw_rate_lag", "yaw rate lag", yaw, deviations[3], told, yawed, one),
-        judge_parameter(
-            "command_delay",
-            "transport delay",
-            "s",
-            delay,
-            spread,
-            0.01,
-            moved=turned_at_all,
-            told=vehicle.command_delay_s,
-            note=note,
-        ),
-    ]
+    return float(weights @ values), math.sqrt(float(weights @ cover @ weights))
 
 
 def _rest(
     seen: FlightStretch, turned: TurnFit, pushed: ThrustFit, moved: MotionExcitation
 ) -> list[IdentifiedParameter]:
-    drag = NAMES.index("drag")
+    drags = slice(DRAG, DRAG + len(DRAGS))
+    drag, drag_spread = _combine(pushed.fit.values[drags], pushed.fit.covariance[drags, drags])
     place, turn = measure_noise(seen.at_s, pushed.left), measure_noise(seen.at_s, turned.left)
 
     def noise_of(name: str, title: str, unit: str, level: NoiseLevel) -> IdentifiedParameter:
@@ -306,15 +314,16 @@ def _rest(
         return judge_parameter(name, title, unit, level.value, spread, 0.5 * level.value, least=0.0)
 
     return [
-        judge_parameter(
-            "drag",
-            "drag, deceleration per speed",
-            "1/s",
-            float(pushed.fit.values[drag]),
-            float(pushed.fit.deviations[drag]),
-            0.2,
-            moved=moved.pushed,
-            note="no key of a vehicle: the controller finds it with the wind",
+        judge_parameter("drag", "linear drag", "1/s", drag, drag_spread, 0.2, moved=moved.pushed, note=DRAG_NOTE),
+        *(
+            judge_parameter(name, title, "1/s", value, spread, 0.2, moved=moved.pushed)
+            for name, title, value, spread in zip(
+                DRAGS,
+                ("the same forwards", "the same sideways", "the same upwards"),
+                pushed.fit.values[drags].tolist(),
+                pushed.fit.deviations[drags].tolist(),
+                strict=True,
+            )
         ),
         noise_of("position_noise", "position noise per axis", "m", place),
         noise_of("attitude_noise", "attitude noise per axis", "rad", turn),
