@@ -90,6 +90,10 @@ ROWS = (
     Row("unit/test_bench.py::test_growth_is_seen", 0, "of the tool; test_allocation.py sees what flies"),
     Row("unit/test_law_document.py::test_the_law_flies_as_well_as_documented", 2, "scenarios, as in test_scenarios.py"),
     Row("unit/test_liftoff.py::test_a_body_that_rests_lets_no_vehicle_gather_energy", 4, "bodies"),
+    Row("unit/test_liftoff.py::test_heights_that_wander_alone_fly_hardly_ever", 1, "50 of 200 seeds"),
+    Row("unit/test_liftoff.py::test_a_vehicle_that_lifts_is_seen_to_fly_and_its_hover_thrust_and_speed_are_found", 6,
+        "loads, with and without an estimate that wanders"),
+    Row("unit/test_witness.py::test_it_does_not_doubt_poses_that_are_true", 22, "each scene once; motions in turn"),
     Row("unit/test_obedience.py::test_a_vehicle_that_obeys_is_never_suspected", 8, "motions, with gains and leans"),
     # Whole programs whose parts are tried in virtual time, or in one process.
     Row("flight/test_campaign_cluster.py::test_a_cluster_of_processes_flies_the_same_rows", 0, "so does the next test"),

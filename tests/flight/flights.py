@@ -1,17 +1,23 @@
 """Whole flights in virtual time, flown once in a run of tests however many of them look at it."""
 
 from functools import cache
+from pathlib import Path
 from statistics import median
 from typing import Any
 
 from groundstation.config import ConfigError
+from groundstation.core import Tick
+from groundstation.core.control import Law
 from sim.runs import fly
 from sim.runs.flight import Result
 from sim.scenarios import SCENARIOS, prepare
 from sim.studies.campaign import Campaign, Local, report, run
 from tests.flown_once import once
 
-__all__ = ["ConfigError", "campaign_of", "flown", "median_of", "middle"]
+__all__ = ["Certified", "ConfigError", "campaign_of", "flown", "flown_ideal", "median_of", "middle"]
+
+Certified = tuple[float, float, float]
+"""Time [s], V with the truth for what is estimated, and the error [m], at a command."""
 
 
 @cache
@@ -20,6 +26,29 @@ def flown(scenario: str, *overrides: str, seed: int = 0, duration_s: float = 60.
     world, config = prepare(SCENARIOS[scenario], list(overrides), source=source)
     key = ("flown", world, config, seed, duration_s)
     return once(key, lambda _: fly(world, config, seed=seed, duration_s=duration_s))
+
+
+@cache
+def flown_ideal(composite: str) -> tuple[Result, list[Certified]]:
+    """20 s of ``ideal`` by that form of composite adaptation, and V at each of its commands."""
+    world, config = prepare(SCENARIOS["ideal"], [f"controller.composite={composite}"])
+
+    def make(_: Path) -> tuple[Result, list[Certified]]:
+        law = config.controller
+        assert isinstance(law, Law)
+        rows: list[Certified] = []
+
+        def on_tick(tick: Tick) -> None:
+            d = tick.decision.diagnostics
+            b = sum((x - y) ** 2 for x, y in zip(d.b_hat, world.wind_mean, strict=True))
+            error = sum(x * x for x in d.z1) ** 0.5
+            rows.append((tick.flight_time_s, d.v_known + b / (2.0 * law.kb), error))
+
+        result = fly(world, config, seed=0, duration_s=20.0, on_tick=on_tick)
+        assert result.completed, result.why
+        return result, rows
+
+    return once(("ideal", world, config), make)
 
 
 def campaign_of(flights: int, *, duration_s: float, workers: int) -> dict[str, Any]:

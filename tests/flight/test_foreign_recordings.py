@@ -12,6 +12,7 @@ from mcap.writer import Writer
 from groundstation import __main__ as program
 from groundstation.analysis import replay_command
 from groundstation.analysis.replay import replay_facts
+from groundstation.analysis.report import figures
 from groundstation.config import ConfigError
 from groundstation.interfaces.tui.feeds import Tape
 from groundstation.recording import CHANNELS, Recording
@@ -92,6 +93,7 @@ def test_the_other_commands_import_nothing(
     foreign: tuple[Path, Path], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     path, mark = foreign
+    monkeypatch.setattr(figures, "FIGURES", figures.FIGURES[:1])
     for words in (
         ["report", str(path), "--out", str(tmp_path / "page.html")],
         ["identify", str(path)],
@@ -118,6 +120,7 @@ def test_a_list_of_recordings_shows_letters_alone(
 ) -> None:
     hostile = "\x1b]0;owned\x07\r\n20260101-000000-mqx.mcap  landed\u202e"
     path = changed(tmp_path / "20260101-000000-mqx.mcap", lambda about: {**about, "controller": hostile})
+    monkeypatch.setattr(figures, "FIGURES", figures.FIGURES[:1])
     for words in (
         ["logs", str(tmp_path)],
         ["report", str(path), "--out", str(tmp_path / "page.html")],

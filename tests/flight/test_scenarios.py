@@ -120,6 +120,6 @@ def test_the_autopilots_own_odometry_serves_as_well_as_motion_capture() -> None:
 
 
 def test_the_printed_law_alone_does_not_fly_the_papers_vehicle() -> None:
-    verdict = flown("paper", "controller.kind=uncompensated").verdict
+    verdict = flown("paper", "controller.kind=uncompensated", duration_s=30.0).verdict
     assert verdict.settle_s is None
     assert verdict.rms_cm is None or verdict.rms_cm > 20.0

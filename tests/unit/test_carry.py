@@ -60,10 +60,10 @@ def test_each_of_the_24_mirrored_mappings_is_refused(number: int) -> None:
         (a, b, c), (d, e, f), (g, h, i) = lab @ np.array(so3.matrix(attitude)) @ body.T
         return (x, y, z), so3.from_matrix(((a, b, c), (d, e, f), (g, h, i)))
 
-    for attitudes_too in (True, False):
-        carry, attitudes = carried(mirrored, seed=number)
+    carry, attitudes = carried(mirrored, seed=number)
+    for told in (attitudes, []):
         with pytest.raises(CarryContradiction, match="left-handed") as caught:
-            solve_axes(carry.rests, carry.samples, attitudes if attitudes_too else [])
+            solve_axes(carry.rests, carry.samples, told)
         assert caught.value.move == ""
 
 

@@ -13,8 +13,8 @@ import pytest
 from groundstation.core.control import Gains, Law
 from groundstation.core.estimation import Estimation
 from sim.__main__ import parser
-from sim.runs import fly
 from sim.scenarios import SCENARIOS, prepare
+from tests.flight.flights import flown
 
 TEXT = (Path(__file__).parents[2] / "docs" / "explanation" / "law.md").read_text("utf-8")
 COMMANDS = [line for line in TEXT.splitlines() if line.startswith("groundstation-sim fly ")]
@@ -89,8 +89,7 @@ def test_every_command_is_accepted(command: str) -> None:
 def test_the_law_flies_as_well_as_documented(row: list[str]) -> None:
     """The last column, seed 0. Rounded, so 15 %: more means that the table must be measured again."""
     name = re.findall(r"`(\w+)`", row[0])[0]
-    world, config = prepare(SCENARIOS[name], NOISY if "noisy" in row[0] else [])
-    verdict = fly(world, config, seed=0, duration_s=60.0).verdict
+    verdict = flown(name, *(NOISY if "noisy" in row[0] else ())).verdict
     figure = verdict.rms_cm if verdict.gust_peak_cm is None else verdict.gust_peak_cm
     documented = float(re.split(r"[; ]", row[-1])[0])
     assert figure == pytest.approx(documented, rel=0.15)

@@ -130,10 +130,12 @@ def test_a_vehicle_that_lifts_is_seen_to_fly_and_its_hover_thrust_and_speed_are_
     assert all(abs(one.climb_off_m_s) < 2.0 * exact for one in flown)
 
 
-def test_heights_that_wander_alone_fly_hardly_ever() -> None:
+@pytest.mark.parametrize("first", range(0, 200, 50))
+def test_heights_that_wander_alone_fly_hardly_ever(first: int) -> None:
     """Poses of an estimate that wanders by 5 cm in 2 s, while the vehicle stands: too heavy for its rotors."""
-    flown = [seed for seed in range(200) if not spooled(seed, hover_share=1.6, wander_m=0.05).fault]
-    assert len(flown) <= 2
+    seeds = range(first, first + 50)
+    flown = [seed for seed in seeds if not spooled(seed, hover_share=1.6, wander_m=0.05).fault]
+    assert len(flown) <= 1
 
 
 def test_a_vehicle_that_hovers_above_the_limit_of_its_thrust_refuses() -> None:

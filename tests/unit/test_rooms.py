@@ -40,6 +40,16 @@ def table(face: str) -> dict[str, str]:
     return {}
 
 
+@cache
+def imports(module: str, *, typing: bool) -> tuple[tuple[str, str], ...]:
+    return tuple(tree_imports(parse(module), typing=typing))
+
+
+@cache
+def handed_on(face: str) -> set[str]:
+    return {name for _, name in imports(face, typing=False)}
+
+
 def module_of(module: str, name: str) -> str:
     """The module that is loaded for a name that is asked of a module."""
     if f"{module}.{name}" in FILES:
@@ -49,10 +59,8 @@ def module_of(module: str, name: str) -> str:
 
 def test_a_face_hands_on_what_its_table_says_and_holds_no_code() -> None:
     for face in FACES:
-        typed = {
-            name: module for module, name in tree_imports(parse(face), typing=True) if module.startswith(f"{face}.")
-        }
-        eager = dict(tree_imports(parse(face), typing=False))
+        typed = {name: module for module, name in imports(face, typing=True) if module.startswith(f"{face}.")}
+        eager = dict(imports(face, typing=False))
         assert {name: module for name, module in typed.items() if module not in eager} == table(face), face
         for node in parse(face).body:
             literal = isinstance(node, ast.Assign) and ast.literal_eval(node.value) is not None
@@ -64,17 +72,17 @@ def test_a_face_hands_on_what_its_table_says_and_holds_no_code() -> None:
 def test_a_room_is_asked_through_its_face() -> None:
     past = set()
     for module in FILES.keys() - FACES:
-        for asked, name in tree_imports(parse(module), typing=True):
+        for asked, name in imports(module, typing=True):
             target = module_of(asked, name) if f"{asked}.{name}" in FILES else asked
             outside = not f"{room(module)}.".startswith(f"{room(target)}.")
-            handed = asked in FACES and name in dict(map(reversed, tree_imports(parse(asked), typing=False)))  # type: ignore[arg-type]
+            handed = asked in FACES and name in handed_on(asked)
             if target in FILES.keys() - FACES and outside and not handed:
                 past.add((module, target))
     assert past == {(module, target) for module, targets in PAST_A_FACE.items() for target in targets}
 
 
 def test_a_name_is_handed_on_only_where_somebody_asks_for_it() -> None:
-    asked = {pair for module in FILES.keys() - FACES for pair in tree_imports(parse(module), typing=True)}
+    asked = {pair for module in FILES.keys() - FACES for pair in imports(module, typing=True)}
     public = {"groundstation", "links", "sim"}  # for whoever builds on the project
     idle = {(face, name) for face in FACES - public for name in table(face) if (face, name) not in asked}
     outside = "\n".join(
@@ -96,7 +104,7 @@ def test_what_does_no_io_does_none_through_the_faces_that_it_asks() -> None:
     way = {module: module for module in todo}
     while todo:
         module = todo.pop()
-        for asked, name in tree_imports(parse(module), typing=False):
+        for asked, name in imports(module, typing=False):
             assert asked.partition(".")[0] not in contract["forbidden_modules"], f"{way[module]} -> {asked}"
             target = module_of(asked, name)
             if target in FILES and target not in way:
