@@ -116,8 +116,8 @@ TEXTS = frozenset({
     "controller.factory", "controller.options", "link.key_file", "link.map.fixed", "link.signing_key_file",
     "mqtt.prefix", "mqtt.requests.clients", "mqtt.tls.ca_file", "mqtt.tls.cert_file", "mqtt.tls.key_file",
     "operator.device", "operator.hold", "pose.group", "pose.name", "pose.object", "pose.path", "separation.others",
-    "rehearsal.host", "rehearsal.name", "rehearsal.ports", "rehearsal.vehicle", "trajectory.file", "vehicle.file",
-    "vehicle.preset",
+    "rehearsal.host", "rehearsal.name", "rehearsal.ports", "rehearsal.vehicle", "trajectory.factory", "trajectory.file",
+    "trajectory.options", "vehicle.file", "vehicle.preset",
 })  # fmt: skip
 """Keys of free text that lead nowhere: names, files of this machine, what the operator holds in their own hand; the
 group of a multicast that is off."""
