@@ -29,7 +29,7 @@ DELAY_STEPS = 6
 
 def flown(
     *,
-    seconds: float = 20.0,
+    seconds: float = 14.0,
     strength: float = 1.0,
     scale: float = 0.9,
     curve: float = 0.0,
