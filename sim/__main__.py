@@ -12,7 +12,7 @@ _SOURCES = ["vicon", "natnet", "qualisys", "odometry", "vision", "json"]
 
 _DRAWS = "what differs from flight to flight: mass,lags,gain,wind (default), and latency, noise, losses"
 _KERNEL = "compiled by this machine's C compiler, or numpy; the figures are the same (default: c if it works)"
-_AUTOPILOTS = ("px4", "ardupilot")
+_AUTOPILOTS = ("px4", "ardupilot", "betaflight")
 
 
 def _fly(parser: argparse.ArgumentParser) -> None:
@@ -25,7 +25,7 @@ def _fly(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--controller", metavar="NAME", help=_CONTROLLERS)
     parser.add_argument("--source", choices=_SOURCES, default="vicon", help="where poses come from")
     parser.add_argument("--autopilot", choices=_AUTOPILOTS, default="px4", help="what it is like (default px4)")
-    parser.add_argument("--link", choices=_LINKS, default="mavlink", help="how commands leave; default mavlink")
+    parser.add_argument("--link", choices=_LINKS, help="how commands leave; default mavlink, to Betaflight crsf")
     parser.add_argument(
         "--set",
         action="append",
@@ -44,7 +44,7 @@ def _mission(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--duration", type=seconds, metavar="S", help="time on the figure (default 60 s)")
     parser.add_argument("--controller", metavar="NAME", help=_CONTROLLERS)
     parser.add_argument("--source", choices=_SOURCES, default="vicon", help="where poses come from")
-    parser.add_argument("--link", choices=_LINKS, default="mavlink", help="how commands leave; default mavlink")
+    parser.add_argument("--link", choices=_LINKS, help="how commands leave; default mavlink, to Betaflight crsf")
     parser.add_argument("--autopilot", choices=_AUTOPILOTS, default="px4", help="what it is like (default px4)")
     parser.add_argument("--set", action="append", default=[], dest="overrides", metavar="KEY=VALUE", help="as in fly")
     parser.add_argument("--vehicles", type=count, default=1, metavar="N", help="so many side by side (default 1)")
@@ -76,7 +76,7 @@ def _alarms(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--seed", type=whole, default=0, metavar="FIRST", help="the others follow it (default 0)")
     parser.add_argument("--duration", type=seconds, default=15.0, metavar="S", help="time on the figure (default 15 s)")
     parser.add_argument("--source", choices=_SOURCES, default="vicon", help="where poses come from")
-    parser.add_argument("--link", choices=_LINKS, default="mavlink", help="how commands leave; default mavlink")
+    parser.add_argument("--link", choices=_LINKS, help="how commands leave; default mavlink, to Betaflight crsf")
     parser.add_argument("--set", action="append", default=[], dest="overrides", metavar="KEY=VALUE", help="as in fly")
     parser.add_argument("--workers", type=count, metavar="N", help="processes at once (default: one a core)")
     parser.add_argument(
@@ -207,7 +207,9 @@ def _serve(parser: argparse.ArgumentParser) -> None:
         metavar="NAME=VALUE",
         help="one of the autopilot's parameters, to see what `groundstation doctor` says",
     )
-    parser.add_argument("--link", choices=_LINKS[:-1], default="mavlink", help="dsm and crsf: a receiver on a pty")
+    parser.add_argument(
+        "--link", choices=_LINKS[:-1], help="dsm and crsf: a receiver on a pty; default mavlink, to Betaflight crsf"
+    )
     parser.add_argument("--floor", action="store_true", help="it stands on the floor, instead of being held in the air")
     parser.add_argument("--fleet", type=path, metavar="FLEET.toml", help="a vehicle for each of this fleet file")
     parser.add_argument(

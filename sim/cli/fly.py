@@ -20,7 +20,8 @@ from groundstation.settings import Config, rehearse
 from links.io import is_loopback, parse_address
 from links.mavlink import MavlinkLinkConfig
 from sim.runs import STEADY_S, MissionResult
-from sim.scenarios import by_side, make_mistakes, others_of, overridden, prepare, scenario_of, world_as_told
+from sim.autopilots import BETAFLIGHT
+from sim.scenarios import by_side, choose, make_mistakes, others_of, overridden, prepare, world_as_told
 from sim.world import World
 
 if TYPE_CHECKING:
@@ -66,7 +67,9 @@ def mission(args: argparse.Namespace) -> int:
     """Fly one scenario from the floor to its figure and back, in virtual time."""
     from sim.runs import fly_mission, from_floor
 
-    scenario = scenario_of(args.scenario)
+    scenario, args.link = choose(args.scenario, args.autopilot, args.link)
+    if args.autopilot == BETAFLIGHT and (args.vehicles > 1 or args.real_time):
+        raise ConfigError("--vehicles", "Betaflight flies one vehicle, in virtual time")
     world, config = prepare(scenario, args.overrides, controller=args.controller, source=args.source, link=args.link)
     world, config = from_floor(world, config, args.duration or FIGURE_S)
     ensure_flyable(config)
@@ -173,7 +176,10 @@ def serve(args: argparse.Namespace) -> int:
     from sim.runs import place_fleet, serve_fleet
     from sim.runs import serve as serve_stage
 
-    scenario = scenario_of(args.scenario)
+    scenario, args.link = choose(args.scenario, args.autopilot, args.link)
+    for option in ("config", "fleet"):
+        if args.autopilot == BETAFLIGHT and getattr(args, option) is not None:
+            raise ConfigError(f"--{option}", "Betaflight flies one vehicle of a scenario")
     if args.gcs is not None and not is_loopback(parse_gcs(args.gcs)):
         raise ConfigError("--gcs", f"expected an address of this machine, such as 127.0.0.1:14550, got {args.gcs}")
     common: dict[str, Any] = {"seed": args.seed, "duration_s": args.duration, "autopilot": args.autopilot}
@@ -236,6 +242,10 @@ def _parameters(autopilot: str, texts: list[str]) -> dict[str, float]:
     """
     from sim.autopilots import AUTOPILOTS, Parameters
 
+    if autopilot == BETAFLIGHT:
+        if texts:
+            raise ConfigError("--param", "Betaflight has settings, and no parameters")
+        return {}
     made = AUTOPILOTS[autopilot]
     parameters: dict[str, float] = {}
     for text in texts:

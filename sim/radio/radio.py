@@ -13,9 +13,9 @@ import contextlib
 import errno
 import os
 import tempfile
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Literal, TypeAlias
 
 import msgspec
 
@@ -29,13 +29,13 @@ from links.rf import (
     LOOK_S,
     RF_CODECS,
     Channels,
+    DsmLinkConfig,
     FramePacer,
     Give,
     OpenPacer,
     Order,
     PacerReport,
     RfConfig,
-    RfFrame,
     RfLinkConfig,
     Service,
     StandbyWatch,
@@ -120,6 +120,7 @@ class InlinePacer:
         self._pacer = FramePacer(config, thrust_max_n, port, self._loop.time())
         self._struck: tuple[float, str] | None = None
         self._waiting: list[Order] = []
+        self._deserted = False
         self._task = asyncio.create_task(self._pace())
 
     def report(self) -> PacerReport:
@@ -130,6 +131,8 @@ class InlinePacer:
         """Hand over ``order``."""
         if self._task.done():
             return False
+        if self._deserted:
+            return True
         if self._struck is None:
             self._pacer.order(order, self._loop.time())
         elif not isinstance(order, Give):
@@ -140,6 +143,12 @@ class InlinePacer:
         """The pacer dies, or only stands still: its stand-by lets frames go as soon as it would know of it."""
         knows_s = self._loop.time() + (StandbyWatch(self._period).wait_s + LOOK_S if stopped else 0.0)
         self._struck = knows_s, "the pacer stood still and was ended" if stopped else "the pacer was killed"
+
+    def lose_commander(self, *, stopped: bool = False) -> None:
+        """Whoever commands dies, or only stands still: nothing more is heard of it."""
+        self._deserted = True
+        if not stopped:
+            self._pacer.outlive_commander(self._loop.time())
 
     async def wait_for_end(self) -> None:
         """Wait until it has ended."""
@@ -259,8 +268,11 @@ KEY = bytes(range(32))
 """What a simulated station and bridge share."""
 
 
-def section(kind: str, world: World, told: Vehicle) -> dict[str, Any]:
-    """The link's section of a configuration; full stick is the vehicle's limit."""
+def section(kind: str, world: World, told: Vehicle, *, betaflight: bool = False) -> dict[str, Any]:
+    """The link's section of a configuration; full stick is the vehicle's limit.
+
+    For Betaflight a stick that is up means nose down, and its throttle begins at ``min_check``, 1010 of 1000 to 2000.
+    """
     if kind == "rf_bridge":
         return {"kind": kind}
     rates = dict(zip(("roll", "pitch", "yaw"), told.rate_limits_deg_s, strict=True))
@@ -270,6 +282,9 @@ def section(kind: str, world: World, told: Vehicle) -> dict[str, Any]:
         for axis, rate in rates.items()
     }
     sticks["arm"] = {"channel": 5}
+    if betaflight:
+        sticks["pitch"]["reverse"] = True
+        sticks["thrust"] = {"channel": order.thrust.channel, "low": -0.98}
     return {
         "kind": kind,
         "period_s": world.frame_period_s,
@@ -278,11 +293,11 @@ def section(kind: str, world: World, told: Vehicle) -> dict[str, Any]:
     }
 
 
-def module(config: Config, world: World) -> RfConfig:
+def module(config: Config, world: World, *, betaflight: bool = False) -> RfConfig:
     """The module that the commands of ``config`` leave by in the end."""
     if isinstance(config.link, RfConfig):
         return config.link
-    found = from_dict({"link": section(BEHIND_BRIDGE, world, config.vehicle)}, Config).link
+    found = from_dict({"link": section(BEHIND_BRIDGE, world, config.vehicle, betaflight=betaflight)}, Config).link
     assert isinstance(found, RfConfig), "this section is a module's"
     return found
 
@@ -327,14 +342,12 @@ GAP_FRAMES = 0.6
 """The wire silent for so many periods ends a frame that was begun."""
 
 
-class RfReceiver:
-    """Flies one ``airframe``. Sans-IO; times are on the event loop's clock [s] and never go backwards."""
+class Receiver:
+    """Hears a module's frames on board. Sans-IO; times are on the event loop's clock [s] and never go backwards."""
 
-    def __init__(self, airframe: Airframe, config: RfLinkConfig, *, lose: Callable[[], bool] = lambda: False) -> None:
+    def __init__(self, config: RfLinkConfig, *, lose: Callable[[], bool] = lambda: False) -> None:
         """``lose`` tells of each frame whether it got lost on the air."""
-        codec = config.codec()
-        self.decoder = codec.decoder()
-        self.armed = False
+        self.decoder = config.codec().decoder()
         self.failsafe = False
         """True from frames that stopped until the next one."""
         self.frames = 0
@@ -343,35 +356,53 @@ class RfReceiver:
         """What it was told to do beside flying, one entry a frame."""
         self.heard_s: float | None = None
         """When the newest frame of channels was complete."""
-        # The throttle's share of its throw is the motors' signal; what thrust that gives the airframe knows.
-        self._channels = Channels(config.with_thrust_curve(0.0).map, count=codec.channels, thrust_max_n=1.0)
-        self._has_switch = config.map.arm is not None
-        self._may_arm = not self._has_switch
-        self._airframe = airframe
         self._lose = lose
 
     def receive(self, data: bytes, now_s: float) -> None:
         """Take bytes whose last one is complete now."""
         for heard in self.decoder.feed(data):
-            self._take(heard, now_s)
+            if heard.service is not None:
+                self.services.append(heard.service)
+            if heard.positions is None or heard.service is Service.BIND:
+                continue
+            self.frames += 1
+            self.heard_s = now_s
+            if not self._lose():
+                self.failsafe = False
+                self._obey(heard.positions, now_s)
 
     def watch(self, now_s: float) -> None:
         """Look whether frames have stopped."""
         if not self.failsafe and self.heard_s is not None and now_s - self.heard_s >= FAILSAFE_S - 1e-9:
             self.failsafe = True
-            self._power(False, now_s)
+            self._fail(now_s)
 
-    def _take(self, heard: RfFrame, now_s: float) -> None:
-        if heard.service is not None:
-            self.services.append(heard.service)
-        if heard.positions is None or heard.service is Service.BIND:
-            return
-        self.frames += 1
-        self.heard_s = now_s
-        if self._lose():
-            return
-        self.failsafe = False
-        sticks = self._channels.read(heard.positions)
+    def _obey(self, positions: Sequence[float], now_s: float) -> None:
+        raise NotImplementedError
+
+    def _fail(self, now_s: float) -> None:
+        raise NotImplementedError
+
+
+class RfReceiver(Receiver):
+    """With a flight controller in it: flies one ``airframe``."""
+
+    def __init__(self, airframe: Airframe, config: RfLinkConfig, *, lose: Callable[[], bool] = lambda: False) -> None:
+        """See the base."""
+        super().__init__(config, lose=lose)
+        self.armed = False
+        # The throttle's share of its throw is the motors' signal; what thrust that gives the airframe knows.
+        count = config.codec().channels
+        self._channels = Channels(config.with_thrust_curve(0.0).map, count=count, thrust_max_n=1.0)
+        self._has_switch = config.map.arm is not None
+        self._may_arm = not self._has_switch
+        self._airframe = airframe
+
+    def _fail(self, now_s: float) -> None:
+        self._power(False, now_s)
+
+    def _obey(self, positions: Sequence[float], now_s: float) -> None:
+        sticks = self._channels.read(positions)
         down = sticks.thrust_n <= THROTTLE_DOWN
         if not sticks.armed:
             self._may_arm = True
@@ -391,10 +422,51 @@ class RfReceiver:
                 self._may_arm = not self._has_switch
 
 
+Failsafe: TypeAlias = Literal["hold", "cut", "invalid"]
+"""What a receiver gives once frames have stopped: its last pulses for ever, nothing, or pulses that mean nothing."""
+
+
+class PulseReceiver(Receiver):
+    """Gives a flight controller pulses, as receivers do: CRSF's 988 to 2012 µs, DSM's 988 and a count of 0 to 1023.
+
+    Sources: TBS crsf-spec 1285bbc5, TICKS_TO_US; Betaflight 4.6, src/main/rx/spektrum.c, for 1024 steps in 22 ms.
+    """
+
+    def __init__(
+        self,
+        give: Callable[[Sequence[float] | None], None],
+        config: RfLinkConfig,
+        *,
+        failsafe: Failsafe = "cut",
+        lose: Callable[[], bool] = lambda: False,
+    ) -> None:
+        """``give`` takes the pulses of all channels [µs] with each frame, and None where there are none any more."""
+        super().__init__(config, lose=lose)
+        self._give = give
+        self.failsafe_gives = failsafe
+        """What it gives once frames have stopped; may be changed in flight."""
+        self._half_us, _ = describe_pulses(config)
+        self._count = config.codec().channels
+
+    def _obey(self, positions: Sequence[float], now_s: float) -> None:
+        self._give([1500.0 + self._half_us * at for at in positions])
+
+    def _fail(self, now_s: float) -> None:
+        if self.failsafe_gives != "hold":
+            self._give(None if self.failsafe_gives == "cut" else [0.0] * self._count)
+
+
+def describe_pulses(config: RfLinkConfig) -> tuple[float, str]:
+    """Half of the range between the positions -1 and 1 [µs], and the order of the first four channels."""
+    if isinstance(config, DsmLinkConfig):
+        return 0.5 * (config.high - config.low), "TAER"
+    return 512.0, "AETR"
+
+
 class RfPeer(asyncio.DatagramProtocol):
     """Brings bytes to a receiver as late as wire and air do; on the real and on the virtual loop alike."""
 
-    def __init__(self, receiver: RfReceiver, config: RfLinkConfig, air_s: float = 0.0) -> None:
+    def __init__(self, receiver: Receiver, config: RfLinkConfig, air_s: float = 0.0) -> None:
         """Silent until bytes arrive; ``air_s`` is what module and radio take beside the wire [s]."""
         self.receiver = receiver
         self._byte_s = 10.0 / config.baud

@@ -29,9 +29,10 @@ from groundstation.pose import CSV_COLUMNS, IN_RUN_FOLDER, CsvRow, encode_csv
 from groundstation.recording import EndRecord, FlightLog, LineRecord, Record, TickRecord, about
 from groundstation.settings import Config
 from links.mavlink import MavlinkLinkConfig
+from sim.autopilots import BETAFLIGHT
 from sim.radio import MODULE
 from sim.runs.flight import Result, fly
-from sim.scenarios import prepare, prepare_own, scenario_of
+from sim.scenarios import choose, prepare, prepare_own
 from sim.world import World
 
 DURATION_S = 60.0
@@ -93,7 +94,7 @@ def simulate(
     overrides: Sequence[str] = (),
     config: Path | str | None = None,
     source: str = "vicon",
-    link: str = "mavlink",
+    link: str | None = None,
     autopilot: str = "px4",
     out: Path | str | None = None,
     record: bool = True,
@@ -115,8 +116,8 @@ def simulate(
             told.
         config: a configuration file, whose vehicle and trajectory are flown in the scenario's air.
         source: where poses come from: vicon, natnet, qualisys, odometry, vision, json.
-        link: how commands leave: mavlink, dsm, crsf, rf_bridge.
-        autopilot: what the simulated one is like: px4, ardupilot.
+        link: how commands leave: mavlink, dsm, crsf, rf_bridge; without it mavlink, and crsf to Betaflight.
+        autopilot: what the simulated one is like: px4, ardupilot; or betaflight, whose own firmware flies.
         out: folder for the recording and what else is kept of the flight; without it a temporary one.
         record: whether it is recorded at all: without, only ``facts`` and ``result`` are known.
         on_progress: hears how much of how long is flown [s], once a second of flight.
@@ -129,6 +130,9 @@ def simulate(
     kind = lend_name(controller, own)
     if trajectory is not None:
         told.append(f"trajectory.kind={lend_name(trajectory, own)}")
+    flown, link = choose(scenario, autopilot, link)
+    if config is not None and autopilot == BETAFLIGHT:
+        raise ConfigError("--config", "Betaflight flies one vehicle of a scenario")
     if config is not None and (source, link) != ("vicon", "mavlink"):
         raise ConfigError(
             "--source" if source != "vicon" else "--link",
@@ -137,7 +141,7 @@ def simulate(
             else "expected mavlink with --config",
         )
     with lend(own):
-        flown, wanted_s = scenario_of(scenario), None
+        wanted_s = None
         if config is None:
             world, settings = prepare(flown, told, controller=kind, source=source, link=link)
         else:

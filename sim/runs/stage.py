@@ -24,8 +24,31 @@ from links.core import signal
 from links.io import parse_address, read_key
 from links.mavlink import MavlinkLinkConfig, StampFile
 from links.mavlink.protocol import TICKS_PER_S, Signer
-from sim.autopilots import AUTOPILOTS, AutopilotPeer, OpenWire, SimulatedAutopilot, accept_at, at_end_of, wait_at
-from sim.radio import PtyWire, RfPeer, RfReceiver, WirePort, bridge_to, module, wires
+from sim.autopilots import (
+    AUTOPILOTS,
+    BETAFLIGHT,
+    GAINS,
+    AutopilotPeer,
+    FlightBoard,
+    OpenWire,
+    SimulatedAutopilot,
+    accept_at,
+    at_end_of,
+    describe_settings,
+    wait_at,
+)
+from sim.radio import (
+    PtyWire,
+    PulseReceiver,
+    Receiver,
+    RfPeer,
+    RfReceiver,
+    WirePort,
+    bridge_to,
+    describe_pulses,
+    module,
+    wires,
+)
 from sim.trackers import Mocap, TrackedBody, Tracker, make_tracker
 from sim.world import (
     Body,
@@ -63,8 +86,8 @@ class Stage:
     ) -> None:
         """Set up a vehicle that is held in the air; ``config`` tells the addresses and formats to speak.
 
-        ``autopilot`` is one of ``AUTOPILOTS``; ``parameters`` differ from its usual ones. A radio link, or a serial one
-        of MAVLink, ends at ``pty``, or else a radio's on the network in memory. Without ``alone``, cameras of its own
+        ``autopilot`` is one of ``AUTOPILOTS``, or Betaflight; ``parameters`` differ from its usual ones. A radio link, or
+        a serial one of MAVLink, ends at ``pty``, or else a radio's on the network in memory. Without ``alone``, cameras of its own
         are left out: others see it. ``standing``: see :class:`sim.trackers.trackers.Mocap`.
 
         Raises:
@@ -94,10 +117,14 @@ class Stage:
         self._pty = pty
         self._mavlink: tuple[SimulatedAutopilot, AutopilotPeer] | None = None
         self._bridge: Bridge | None = None
+        self.bridge_task: asyncio.Task[None] | None = None
+        """Runs it; to cancel it is its operator's Ctrl-C."""
         self.port = WirePort()
         """The wire to the module of a radio link on the network in memory."""
         self.radio: RfPeer | None = None
         """The other end of a radio link."""
+        self.board: FlightBoard | None = None
+        """Betaflight behind it; None where the receiver flies the vehicle itself."""
         if isinstance(config.link, MavlinkLinkConfig):
             made = AUTOPILOTS[autopilot](
                 vehicle,
@@ -115,8 +142,17 @@ class Stage:
             peer = AutopilotPeer(made, address, delay_s=delay, hearing_s=world.command_delay_s, open_wire=open_wire)
             self._mavlink = made, peer
         else:
-            radio = module(config, world)
-            self.radio = RfPeer(RfReceiver(vehicle, radio, lose=lose), radio, world.command_delay_s)
+            radio = module(config, world, betaflight=autopilot == BETAFLIGHT)
+            receiver: Receiver
+            if autopilot == BETAFLIGHT:
+                sticks = radio.map.roll, radio.map.pitch, radio.map.yaw
+                settings = describe_settings(*describe_pulses(radio), [stick.full_rate_deg_s for stick in sticks])
+                gyro = rows(stream(seed, "gyro of Betaflight").standard_normal, 3)
+                self.board = FlightBoard(plant, [*settings, *GAINS], gyro, world.rotors.gyro_noise_rad_s)
+                receiver = PulseReceiver(self.board.hear, radio, lose=lose)
+            else:
+                receiver = RfReceiver(vehicle, radio, lose=lose)
+            self.radio = RfPeer(receiver, radio, world.command_delay_s)
             if pty is None:
                 self.wires, self._bridge = wires(config, radio, generator(seed, "nonces").bytes, self.port)
             elif isinstance(config.link, BridgeLinkConfig):
@@ -172,7 +208,9 @@ class Stage:
                 self._pty.listen(lambda data: radio.datagram_received(data, None))
                 group.create_task(radio.last())
             if self._bridge is not None:
-                group.create_task(self._bridge.run())
+                self.bridge_task = group.create_task(self._bridge.run())
+            if self.board is not None:
+                group.create_task(self.board.run())
             if self.mocap is not None:
                 group.create_task(self.mocap.run())
 

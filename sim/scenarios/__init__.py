@@ -5,6 +5,7 @@ if TYPE_CHECKING:
     from sim.scenarios.scenarios import (
         SCENARIOS,
         Scenario,
+        by_betaflight,
         by_side,
         make_mistakes,
         others_of,
@@ -20,6 +21,7 @@ _MODULES = {
     "scenarios": (
         "SCENARIOS",
         "Scenario",
+        "by_betaflight",
         "by_side",
         "make_mistakes",
         "others_of",

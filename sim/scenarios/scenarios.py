@@ -24,6 +24,7 @@ from groundstation.pose import GateConfig, PoseConfig
 from groundstation.pose.sources import MavlinkPoseConfig, ViconConfig
 from groundstation.settings import Config, FlightConfig
 from links.mavlink import MavlinkLinkConfig
+from sim.autopilots import BETAFLIGHT
 from sim.world import RotorConstants, World
 
 NO_LIMIT = (1e5, 1e5, 1e5)
@@ -105,6 +106,9 @@ class Scenario(msgspec.Struct, frozen=True, kw_only=True):
     told_more: tuple[str, ...] = ()
     """What else it is told, as in ``--set``."""
 
+    betaflight: bool = False
+    """Whether it is flown by Betaflight, behind a radio: see :func:`by_betaflight`."""
+
     def config(self, world: World, overrides: list[str], source: str, link: str = "mavlink") -> Config:
         """The application's configuration for ``world`` (this scenario's, perhaps overridden).
 
@@ -128,9 +132,9 @@ class Scenario(msgspec.Struct, frozen=True, kw_only=True):
         if link != "mavlink":
             from sim.radio import module, section  # a radio's modules are imported only where there is one
 
-            data["link"] = section(link, world, self.told)
+            data["link"] = section(link, world, self.told, betaflight=self.betaflight)
             # Only the codec that results knows how long a frame is on its way.
-            radio = module(from_dict(data, Config, overrides), world)
+            radio = module(from_dict(data, Config, overrides), world, betaflight=self.betaflight)
             data.setdefault("vehicle", {})["command_delay_s"] = radio.lead_s + radio.frame_s
         return from_dict(data, Config, overrides)
 
@@ -251,6 +255,40 @@ def scenario_of(name: str) -> Scenario:
     if name not in SCENARIOS:
         raise ConfigError("--scenario", f"expected one of {sorted(SCENARIOS)}, got {name!r}")
     return SCENARIOS[name]
+
+
+def by_betaflight(scenario: Scenario) -> Scenario:
+    """``scenario`` flown by Betaflight: on rotors, told as the firmware was found to answer."""
+    world, told = scenario.world, scenario.told
+    slower = world.thrust_lag_s / MQX.thrust_lag_s
+    rotors = msgspec.structs.replace(
+        world.rotors,
+        curve=1.0,
+        spin_up_s=slower * world.rotors.spin_up_s,
+        spin_down_s=slower * world.rotors.spin_down_s,
+    )
+    return msgspec.structs.replace(
+        scenario,
+        world=msgspec.structs.replace(world, plant="rotors", rotors=rotors, step_s=0.001),
+        told=msgspec.structs.replace(
+            told, thrust_curve=0.893, thrust_lag_s=0.035, rate_lag_s=0.0236, rate_delay_s=0.0105, thrust_delay_s=0.003
+        ),
+        betaflight=True,
+    )
+
+
+def choose(name: str, autopilot: str, link: str | None) -> tuple[Scenario, str]:
+    """The scenario called ``name`` as ``autopilot`` flies it, and the link: ``link``, or the usual one.
+
+    Raises:
+        ConfigError: there is no such scenario, or Betaflight does not hear that link.
+    """
+    scenario = scenario_of(name)
+    if autopilot != BETAFLIGHT:
+        return scenario, link or "mavlink"
+    if link == "mavlink":
+        raise ConfigError("--link", "expected crsf, dsm or rf_bridge: Betaflight flies behind a receiver")
+    return by_betaflight(scenario), link or "crsf"
 
 
 def prepare(

