@@ -24,7 +24,7 @@ from typing import NamedTuple, Self
 
 from groundstation.config import ConfigError
 from groundstation.runtime import sleep_until
-from sim.world import Four, Quadrotor, TrueState
+from sim.world import FourRotors, Quadrotor, TrueState
 
 BETAFLIGHT = "betaflight"
 """What ``--autopilot`` calls it."""
@@ -158,7 +158,7 @@ class Answer(NamedTuple):
     """How often the motors were set so far."""
     cli_port: int
     """TCP port of its command line, on the loopback."""
-    motors: Four
+    motors: FourRotors
     """Front right, rear left, front left, rear right, 0..1."""
 
 
@@ -317,7 +317,7 @@ class FlightBoard:
         self._plant = plant
         self._gyro, self._noise = gyro, noise_rad_s
         self._pulses = [1500, 1500, 1500, 1500, 1000]
-        self.on_motors: Callable[[float, Four], None] | None = None
+        self.on_motors: Callable[[float, FourRotors], None] | None = None
         """Sees the motors' signals (0..1) of each step, and when [s]."""
         self.firmware = Firmware(configure(settings))
         rest = self._tell(1000)

@@ -15,7 +15,7 @@ from sim.runs import Stage, confirm_at, fly, fly_mission, from_floor
 from sim.runs.flight import Result
 from sim.scenarios import SCENARIOS, by_betaflight, prepare
 from sim.time import VirtualTimeLoop
-from sim.world import Four
+from sim.world import FourRotors
 from tests.flight.test_missions import SHORT, WAY
 
 pytestmark = pytest.mark.firmware
@@ -101,11 +101,11 @@ def test_it_goes_from_the_floor_to_the_figure_and_softly_back(scenario: str, lin
     assert result.home_m < 0.1
 
 
-def strike_down(strike: Callable[[Stage], None], link: str) -> tuple[list[tuple[float, Four]], float | None]:
+def strike_down(strike: Callable[[Stage], None], link: str) -> tuple[list[tuple[float, FourRotors]], float | None]:
     """The firmware's motor signals after ``strike`` falls in tracking [s since], and how it met the floor [m/s]."""
 
-    async def watch() -> tuple[list[tuple[float, Four]], float | None]:
-        motors: list[tuple[float, Four]] = []
+    async def watch() -> tuple[list[tuple[float, FourRotors]], float | None]:
+        motors: list[tuple[float, FourRotors]] = []
         loop = asyncio.get_running_loop()
         stage = Stage(world, config, 0, autopilot=BETAFLIGHT)
         flight = make_flight(config, confirm=confirm_at(2.0), wires=stage.wires)
@@ -129,7 +129,7 @@ def strike_down(strike: Callable[[Stage], None], link: str) -> tuple[list[tuple[
         return runner.run(watch())
 
 
-def last_turn_s(motors: list[tuple[float, Four]]) -> float:
+def last_turn_s(motors: list[tuple[float, FourRotors]]) -> float:
     """When the motors turn for the last time [s]."""
     return max(time_s for time_s, signals in motors if any(signals))
 

@@ -6,6 +6,7 @@ import pytest
 
 from groundstation.core.mission import State
 from groundstation.flight import Flight
+from sim.radio import RfReceiver
 from sim.runs import MissionResult, Stage
 from tests.flight.test_missions import SHORT, mission
 
@@ -27,6 +28,7 @@ def struck(link: str, *, stopped: bool) -> tuple[MissionResult, float, bool]:
     flown = mission("paper", *SHORT, link=link, script=script, figure_s=10.0)
     radio = stages[0].radio
     assert radio is not None
+    assert isinstance(radio.receiver, RfReceiver)
     return flown, at[0], radio.receiver.armed
 
 
