@@ -5,8 +5,8 @@ from pathlib import Path
 import pytest
 
 from groundstation.config import ConfigError
-from sim.autopilots import Firmware, betaflight
 from sim.__main__ import main
+from sim.autopilots import Firmware, betaflight
 
 
 def test_a_missing_firmware_is_said_with_what_to_do(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
