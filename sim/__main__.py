@@ -76,7 +76,7 @@ def _alarms(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--seed", type=whole, default=0, metavar="FIRST", help="the others follow it (default 0)")
     parser.add_argument("--duration", type=seconds, default=15.0, metavar="S", help="time on the figure (default 15 s)")
     parser.add_argument("--source", choices=_SOURCES, default="vicon", help="where poses come from")
-    parser.add_argument("--link", choices=_LINKS, help="how commands leave; default mavlink, to Betaflight crsf")
+    parser.add_argument("--link", choices=_LINKS, default="mavlink", help="how commands leave; default mavlink")
     parser.add_argument("--set", action="append", default=[], dest="overrides", metavar="KEY=VALUE", help="as in fly")
     parser.add_argument("--workers", type=count, metavar="N", help="processes at once (default: one a core)")
     parser.add_argument(

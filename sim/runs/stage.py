@@ -86,9 +86,9 @@ class Stage:
     ) -> None:
         """Set up a vehicle that is held in the air; ``config`` tells the addresses and formats to speak.
 
-        ``autopilot`` is one of ``AUTOPILOTS``, or Betaflight; ``parameters`` differ from its usual ones. A radio link, or
-        a serial one of MAVLink, ends at ``pty``, or else a radio's on the network in memory. Without ``alone``, cameras of its own
-        are left out: others see it. ``standing``: see :class:`sim.trackers.trackers.Mocap`.
+        ``autopilot`` is one of ``AUTOPILOTS``, or Betaflight; ``parameters`` differ from its usual ones. A radio link,
+        or a serial one of MAVLink, ends at ``pty``, or else a radio's on the network in memory. Without ``alone``,
+        cameras of its own are left out: others see it. ``standing``: see :class:`sim.trackers.trackers.Mocap`.
 
         Raises:
             KeyError: it has no such parameter.
