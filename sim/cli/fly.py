@@ -20,8 +20,7 @@ from groundstation.settings import Config, rehearse
 from links.io import is_loopback, parse_address
 from links.mavlink import MavlinkLinkConfig
 from sim.runs import STEADY_S, MissionResult
-from sim.autopilots import BETAFLIGHT
-from sim.scenarios import by_side, choose, make_mistakes, others_of, overridden, prepare, world_as_told
+from sim.scenarios import BETAFLIGHT, by_side, choose, make_mistakes, others_of, overridden, prepare, world_as_told
 from sim.world import World
 
 if TYPE_CHECKING:

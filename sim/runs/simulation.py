@@ -29,10 +29,9 @@ from groundstation.pose import CSV_COLUMNS, IN_RUN_FOLDER, CsvRow, encode_csv
 from groundstation.recording import EndRecord, FlightLog, LineRecord, Record, TickRecord, about
 from groundstation.settings import Config
 from links.mavlink import MavlinkLinkConfig
-from sim.autopilots import BETAFLIGHT
 from sim.radio import MODULE
 from sim.runs.flight import Result, fly
-from sim.scenarios import choose, prepare, prepare_own
+from sim.scenarios import BETAFLIGHT, choose, prepare, prepare_own
 from sim.world import World
 
 DURATION_S = 60.0

@@ -24,17 +24,14 @@ from links.core import signal
 from links.io import parse_address, read_key
 from links.mavlink import MavlinkLinkConfig, StampFile
 from links.mavlink.protocol import TICKS_PER_S, Signer
+from links.rf import RfConfig
 from sim.autopilots import (
     AUTOPILOTS,
-    BETAFLIGHT,
-    GAINS,
     AutopilotPeer,
-    FlightBoard,
     OpenWire,
     SimulatedAutopilot,
     accept_at,
     at_end_of,
-    describe_settings,
     wait_at,
 )
 from sim.radio import (
@@ -49,6 +46,7 @@ from sim.radio import (
     module,
     wires,
 )
+from sim.scenarios import BETAFLIGHT
 from sim.trackers import Mocap, TrackedBody, Tracker, make_tracker
 from sim.world import (
     Body,
@@ -66,6 +64,7 @@ from sim.world import (
 
 if TYPE_CHECKING:
     from links.bridge import Bridge
+    from sim.autopilots import FlightBoard
 
 
 class Stage:
@@ -145,10 +144,7 @@ class Stage:
             radio = module(config, world, betaflight=autopilot == BETAFLIGHT)
             receiver: Receiver
             if autopilot == BETAFLIGHT:
-                sticks = radio.map.roll, radio.map.pitch, radio.map.yaw
-                settings = describe_settings(*describe_pulses(radio), [stick.full_rate_deg_s for stick in sticks])
-                gyro = rows(stream(seed, "gyro of Betaflight").standard_normal, 3)
-                self.board = FlightBoard(plant, [*settings, *GAINS], gyro, world.rotors.gyro_noise_rad_s)
+                self.board = _switch_on(plant, world, radio, seed)
                 receiver = PulseReceiver(self.board.hear, radio, lose=lose)
             else:
                 receiver = RfReceiver(vehicle, radio, lose=lose)
@@ -213,6 +209,16 @@ class Stage:
                 group.create_task(self.board.run())
             if self.mocap is not None:
                 group.create_task(self.mocap.run())
+
+
+def _switch_on(plant: Quadrotor, world: World, radio: RfConfig, seed: int) -> "FlightBoard":
+    """Betaflight on ``plant``, set up for what the module ``radio`` says."""
+    from sim.autopilots import GAINS, FlightBoard, describe_settings  # only where there is one
+
+    sticks = radio.map.roll, radio.map.pitch, radio.map.yaw
+    settings = describe_settings(*describe_pulses(radio), [stick.full_rate_deg_s for stick in sticks])
+    gyro = rows(stream(seed, "gyro of Betaflight").standard_normal, 3)
+    return FlightBoard(plant, [*settings, *GAINS], gyro, world.rotors.gyro_noise_rad_s)
 
 
 def _wire(link: MavlinkLinkConfig, pty: PtyWire | None) -> OpenWire | None:

@@ -3,10 +3,12 @@
 TYPE_CHECKING = False
 if TYPE_CHECKING:
     from sim.scenarios.scenarios import (
+        BETAFLIGHT,
         SCENARIOS,
         Scenario,
         by_betaflight,
         by_side,
+        choose,
         make_mistakes,
         others_of,
         overridden,
@@ -19,10 +21,12 @@ if TYPE_CHECKING:
 
 _MODULES = {
     "scenarios": (
+        "BETAFLIGHT",
         "SCENARIOS",
         "Scenario",
         "by_betaflight",
         "by_side",
+        "choose",
         "make_mistakes",
         "others_of",
         "overridden",

@@ -24,9 +24,10 @@ from groundstation.pose import GateConfig, PoseConfig
 from groundstation.pose.sources import MavlinkPoseConfig, ViconConfig
 from groundstation.settings import Config, FlightConfig
 from links.mavlink import MavlinkLinkConfig
-from sim.autopilots import BETAFLIGHT
 from sim.world import RotorConstants, World
 
+BETAFLIGHT = "betaflight"
+"""What ``--autopilot`` calls it."""
 NO_LIMIT = (1e5, 1e5, 1e5)
 MQX = World()
 _IDEAL = msgspec.structs.replace(

@@ -9,11 +9,11 @@ import pytest
 
 from groundstation.core.mission import State
 from groundstation.recording import make_flight
-from sim.autopilots import BETAFLIGHT, Firmware
+from sim.autopilots import Firmware
 from sim.radio import FAILSAFE_S, Failsafe, PulseReceiver
 from sim.runs import Stage, confirm_at, fly, fly_mission, from_floor
 from sim.runs.flight import Result
-from sim.scenarios import SCENARIOS, by_betaflight, prepare
+from sim.scenarios import BETAFLIGHT, SCENARIOS, by_betaflight, prepare
 from sim.time import VirtualTimeLoop
 from sim.world import FourRotors
 from tests.flight.test_missions import SHORT, WAY
