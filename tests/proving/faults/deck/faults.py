@@ -33,7 +33,8 @@ PACED = ("spool-up", "hold", "tracking", "descent")
 RADIO_STATES = ("spool-up", "take-off", "hold", "tracking", "descent")
 """Where a false pose over a radio meets something else than over MAVLink: nobody could land the vehicle."""
 SEEN_IN_TIME = ("take-off", "hold", "tracking", "returning", "descent")
-"""Where a position that comes late is seen before it has led the vehicle away; guards.md tells of the others."""
+"""Where a coordinate that stands, or a position that comes late, is seen before it has led the vehicle away; guards.md
+tells of the others."""
 BEHIND_RADIO = ", on a vehicle behind a radio"
 
 
@@ -138,8 +139,8 @@ LYING: dict[str, Fault] = {
         )
         for number, (name, axis, states) in enumerate(
             (
-                ("x", "north", ("take-off", "hold", "tracking", "returning", "descent")),
-                ("y", "east", ("hold", "tracking", "descent")),
+                ("x", "north", ("start", *SEEN_IN_TIME)),
+                ("y", "east", ("start", "arming", *SEEN_IN_TIME)),
                 ("z", "height", ("start", "ready", "arming", "spool-up", "take-off", "returning")),
             )
         )
@@ -420,7 +421,8 @@ OBEYING: dict[str, Fault] = {
 """Nothing is wrong with the poses, and whoever convicts them is wrong."""
 
 UNSEEN_BY_RADIO = (
-    ("x frozen", "take-off"),
+    ("x frozen", "start"),
+    ("x frozen", "spool-up"),
     ("x frozen", "hold"),
     ("position late by 300 ms", "hold"),
     ("stands now and again", "hold"),
