@@ -11,13 +11,14 @@ BIN := .venv/bin
 unexport PYTHONDONTWRITEBYTECODE
 PYTEST := $(BIN)/python -m pytest -q -n $(WORKERS) --dist worksteal
 QUICK := --hypothesis-profile quick
+FLIGHTS ?=
 # What `make bench` measures: all, or some of the names in docs/reference/bench.md.
 WHAT ?=
 # What only computes yields to what may not be kept waiting.
 YIELD := nice -n 19
 
 .PHONY: fly screenshot broker test test-all test-rest lint types contracts tests tests-real-time tests-computed long-real-time \
-    long-computed test-newer-pythons soak bench docs release setup lock clean firmware \
+    long-computed test-newer-pythons soak bench evidence docs release setup lock clean firmware \
     test-firmware
 
 fly: setup ## fly one simulated flight, on real wire bytes, and sum it up
@@ -78,6 +79,14 @@ soak: setup ## long runs: minutes to hours
 bench: setup ## measure this machine beside other simulators, which are half a gigabyte to install; WHAT=command: only that
 	@$(BIN)/uv sync --quiet --frozen --python $(BIN)/python --group peers
 	@$(BIN)/groundstation-sim bench $(WHAT) --peers
+
+evidence: setup ## docs/evidence.md once more; FLIGHTS="a.mcap b.mcap" are recordings of others that you have imported
+	@rm -rf build/evidence && mkdir -p build/evidence
+	@for name in px4_takeoff ardupilot_landing; do $(BIN)/groundstation import tests/golden/$$name.tlog \
+	    --map ardupilot-tlog --out build/evidence/$$name.mcap || exit 1; done
+	@$(BIN)/groundstation evidence build/evidence/*.mcap --write docs/evidence.md --part captures
+	@test -z "$(FLIGHTS)" || $(BIN)/groundstation evidence $(FLIGHTS) --write docs/evidence.md
+	@$(BIN)/groundstation-sim gale --write docs/evidence.md
 
 docs: setup ## the documents as a site, in build/site
 	$(BIN)/groundstation-sim reference --write docs/reference

@@ -218,6 +218,8 @@ def _import(parser: argparse.ArgumentParser) -> None:
 
 def _evidence(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("files", type=path, nargs="+", metavar="FLIGHT.mcap", help="imported, or our own")
+    parser.add_argument("--write", type=path, metavar="FILE.md", help="put tables between the file's markers")
+    parser.add_argument("--part", default="flights", metavar="NAME", help="the markers' name (default flights)")
     _json_argument(parser, "the table")
 
 

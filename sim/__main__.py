@@ -177,6 +177,12 @@ def _tune(parser: argparse.ArgumentParser) -> None:
     )
 
 
+def _gale(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument("--seeds", type=int, choices=range(1, 101), default=5, metavar="N", help="of each (default 5)")
+    parser.add_argument("--json", action="store_true", help="print one JSON object instead of the table")
+    parser.add_argument("--write", type=path, metavar="FILE.md", help="put the table between the file's markers")
+
+
 def _scenarios(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--json", action="store_true")
 
@@ -248,6 +254,7 @@ COMMANDS = {
     "campaign": ("fly a scenario many times, vehicle and wind drawn by each seed", _campaign),
     "bench": ("measure speed and memory on this machine", _bench),
     "bring-down": ("cut flights short in the air, and see how they come down", _bring_down),
+    "gale": ("fly published laws in a simulated wind tunnel, beside what was measured in the real one", _gale),
     "tune": ("search for better gains, or report how wrong the world may be with these", _tune),
     "scenarios": ("list the scenarios with every value", _scenarios),
     "check-vectors": ("evaluate the control law on a file of test vectors", _check_vectors),

@@ -141,6 +141,13 @@ def check_vectors(args: argparse.Namespace) -> int:
     return 0 if worst <= LIMIT else 1
 
 
+def gale(args: argparse.Namespace) -> int:
+    """Fly published laws in the wind tunnel."""
+    from sim.studies import gale_command
+
+    return gale_command(args.write, args.seeds, as_json=args.json)
+
+
 def completion(args: argparse.Namespace) -> int:
     """Print the script by which a shell completes our command lines."""
     from groundstation.config import keys_of

@@ -1,5 +1,7 @@
 """The scenarios by name, and how one becomes the truth and what the controller is told."""
 
+from sim.scenarios import gale as gale
+
 TYPE_CHECKING = False
 if TYPE_CHECKING:
     from sim.scenarios.scenarios import (

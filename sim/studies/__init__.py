@@ -21,6 +21,7 @@ if TYPE_CHECKING:
         text_table,
         write_between_markers,
     )
+    from sim.studies.gale import gale_command
     from sim.studies.vectors import LIMIT, worst_disagreement
 
 _MODULES = {
@@ -43,6 +44,7 @@ _MODULES = {
         "text_table",
         "write_between_markers",
     ),
+    "gale": ("gale_command",),
     "vectors": ("LIMIT", "worst_disagreement"),
 }
 

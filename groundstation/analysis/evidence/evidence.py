@@ -49,6 +49,7 @@ from groundstation.core.geometry import Quat, Vec3, so3
 from groundstation.core.messages import Pose
 from groundstation.core.vehicle import ActuatorCommand
 from groundstation.recording import MeasuredMessage, NoRecording, Recording, read_pose
+from groundstation.runtime import replace_between_markers, split_at_markers
 from groundstation.settings import Config
 from links.core import signal
 
@@ -521,13 +522,20 @@ def examine_flight(path: Path) -> dict[str, Any]:
     return facts
 
 
-def evidence_command(paths: Sequence[Path], *, as_json: bool) -> int:
-    """Print what the recordings at ``paths`` tell, and return 0.
+def evidence_command(paths: Sequence[Path], write: Path | None, part: str, *, as_json: bool) -> int:
+    """Print what the recordings at ``paths`` tell, or put it between the markers ``part`` of a page; returns 0.
 
     Raises:
-        ConfigError: one of them is no recording of a flight.
+        ConfigError: one of them is no recording of a flight, or the page can't be written.
     """
+    if write is not None:
+        split_at_markers(write, f"<!-- {part}:begin -->", f"<!-- {part}:end -->")  # before minutes go by
     flights = [examine_flight(path) for path in paths]
+    if write is not None:
+        lines = "\n".join(tabulate_flights(flights))
+        replace_between_markers(write, f"<!-- {part}:begin -->", f"<!-- {part}:end -->", lines)
+        print(f"{write} written")
+        return 0
     print(json.dumps({"flights": flights}) if as_json else "\n\n".join(map(describe_flight, flights)))
     return 0
 
@@ -560,6 +568,36 @@ def describe_flight(facts: dict[str, Any]) -> str:
                 f"correlation {_text(pair['correlation'])}"
             )
     return "\n".join(lines)
+
+
+def tabulate_flights(flights: Sequence[dict[str, Any]]) -> list[str]:
+    """The same as two tables of a page: prediction, and what was identified."""
+    lines = [
+        "| flight | poses/s | noise across, along, mm | stamps off, ms | NIS/3 | at 60 ms, RMS mm: along | across | all "
+        "| p + v t | constant a |",
+        "|---" * 10 + "|",
+    ]
+    for one in flights:
+        row = one["prediction"]["60"]
+        keys = ("along_mm", "across_mm", "rms_mm", "pvt_rms_mm", "ca_rms_mm")
+        cells = [f"{row[key]:.2f}" for key in keys] if row else ["-"] * 5
+        noise = f"{one['noise_across_mm']:.3f}, {one['noise_along_mm']:.3f}"
+        head = [f"{one['name']} ({one['source']})", f"{one['pose_hz']:.1f}", noise, f"{one['jitter_ms']:.2f}"]
+        lines.append("| " + " | ".join([*head, _text(one["nis3"]), *cells]) + " |")
+    names = ("rate_lag", "command_delay", "attitude_gain", "thrust_lag", "thrust_scale", "drag")
+    lines += ["", "| identified (95 %) | " + " | ".join(name.replace("_", " ") for name in names) + " |"]
+    lines.append("|---" * (len(names) + 1) + "|")
+    for one in flights:
+        found = one.get("identified", {})
+        lines.append("| " + " | ".join([one["name"], *(_interval(found.get(name)) for name in names)]) + " |")
+    return lines
+
+
+def _interval(found: dict[str, Any] | None) -> str:
+    if found is None or found["value"] is None:
+        return "-"
+    low, high = found["interval"]
+    return f"{found['value']:.3g} ({low:.3g} to {high:.3g}) {found['unit']}".rstrip()
 
 
 def _text(value: float | None) -> str:

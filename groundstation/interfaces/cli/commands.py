@@ -269,7 +269,7 @@ def evidence(args: argparse.Namespace) -> int:
     """What recorded flights say of our estimator."""
     from groundstation.analysis.evidence import evidence_command
 
-    return evidence_command(args.files, as_json=args.json)
+    return evidence_command(args.files, args.write, args.part, as_json=args.json)
 
 
 def config(args: argparse.Namespace) -> int:

@@ -1,0 +1,87 @@
+"""Gale: the fan array, the quadrotor of 2.6 kg and the course of O'Connell et al., and what they measured there.
+
+Neural-Fly (Science Robotics 7, 2022, doi 10.1126/scirobotics.abm6597). The figures were derived from the published logs
+of its flights, and none is fitted to the RMS errors; the logs themselves are not part of this project. z is up here, and
+x points into the wind: the vehicle leans towards +x in it.
+"""
+
+import math
+from typing import NamedTuple
+
+from groundstation.core.geometry import Vec3
+
+MASS_KG = 2.6
+GRAVITY = 9.81
+HOVER = 0.48
+"""Signal that hovers, of the full one [-]."""
+THRUST_CURVE = 0.55
+"""f of thrust = f u² + (1 - f) u; the flights were told 0."""
+THRUST_SLOPE = 1.36
+"""Specific force over g rises by this per hover signal, about hover (1.33 to 1.43): that curve's slope there."""
+THRUST_DELAY_S, THRUST_LAG_S = 0.06, 0.04
+ATTITUDE_RAD_S, ATTITUDE_DAMPING = 7.0, 0.5
+"""Set-point of the attitude to attitude; as body rates a lag of 1/7 s, and P 7."""
+PITCH_PER_M_S = 0.02
+"""More pitch per speed upwards, in wind [rad s/m]."""
+DRAG, DRAG_INFLOW = 0.80, 0.035
+"""Within the rotors' plane [N s/m], and its rise with the speed of the air in that plane [N s²/m²]."""
+SINK_DRAG, SINK_INFLOW, LIFT = 0.85, 0.19, 0.035
+"""The same along the thrust, and the lift of that inflow [N s²/m²]."""
+REST_N: Vec3 = (0.3, 0.15, 0.5)
+REST_S = 0.6
+"""What does not repeat from lap to lap: Ornstein and Uhlenbeck's noise, RMS and correlation time."""
+BIAS_N: Vec3 = (1.2, -0.43, 0.0)
+POSE_HZ, POSE_NOISE_M = 50.0, 2e-5
+LENGTH_S, JUDGED_S = 50.0, 3.0
+"""A flight lasts so long, and is judged from so long on."""
+RISE_S = 12.55
+"""The phase rate rises from 0 to 1 rad/s in this time."""
+
+
+class GaleWind(NamedTuple):
+    """One setting of the fans."""
+
+    speed_m_s: float
+    gust_m_s: float
+    """The wind is speed + gust sin(t + 5)."""
+    gain: float
+    """How much more than in still air pitch answers a change of its set-point [-]."""
+    jitter_s: float
+    """Of the poses' stamps."""
+    measured_cm: dict[str, float]
+    """RMS errors of the published flights."""
+
+
+def _wind(speed: float, gust: float, gain: float, jitter_ms: float, *rms: float) -> GaleWind:
+    return GaleWind(
+        speed, gust, gain, 1e-3 * jitter_ms, dict(zip(("pid", "indi", "l1", "neural-fly"), rms, strict=True))
+    )
+
+
+GUST_PHASE = 5.0
+WINDS = {
+    "gale_0": _wind(0.0, 0.0, 1.0, 0.9, 11.2, 7.7, 5.1, 3.1),
+    "gale_4": _wind(4.2, 0.0, 1.1, 0.1, 10.3, 6.3, 6.7, 4.9),
+    "gale_8": _wind(8.5, 0.0, 1.25, 0.1, 16.3, 8.5, 12.5, 6.0),
+    "gale_8s": _wind(8.5, 2.2, 1.3, 0.1, 32.3, 11.1, 13.1, 9.0),
+    "gale_12": _wind(12.1, 0.0, 1.35, 0.1, 26.7, 10.1, 22.5, 9.3),
+}
+
+
+def course(time_s: float) -> tuple[Vec3, Vec3, Vec3]:
+    """Position [m], velocity [m/s] and acceleration [m/s²], z up."""
+    if time_s < RISE_S:
+        phase, rate, rise = 0.5 * time_s * time_s / RISE_S, time_s / RISE_S, 1.0 / RISE_S
+    else:
+        phase, rate, rise = time_s - 0.5 * RISE_S, 1.0, 0.0
+    s, c, s2, c2 = *_circle(phase - math.pi), *_circle(2.0 * (phase - math.pi))
+    square = rate * rate
+    return (
+        (0.25 + 1.25 * s, 0.0, 2.15 + 0.75 * s2),
+        (1.25 * c * rate, 0.0, 1.5 * c2 * rate),
+        (1.25 * (c * rise - s * square), 0.0, 1.5 * (c2 * rise - 2.0 * s2 * square)),
+    )
+
+
+def _circle(angle: float) -> tuple[float, float]:
+    return math.sin(angle), math.cos(angle)

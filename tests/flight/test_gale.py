@@ -1,0 +1,70 @@
+"""sim/studies/gale.py: the wind tunnel gives back flights that were measured in the real one, and not by chance."""
+
+import json
+from functools import cache
+from pathlib import Path
+
+import pytest
+
+from links.core import thrust
+from sim.scenarios import gale
+from sim.studies import gale_command
+from sim.studies.gale import BEGIN, END, PublishedFlight, fly_published
+
+
+@cache
+def flown(*, aerodynamics: bool = True) -> list[PublishedFlight]:
+    return fly_published(5, aerodynamics=aerodynamics)
+
+
+def of(law: str) -> list[PublishedFlight]:
+    return [one for one in flown() if one.law == law]
+
+
+def test_thirteen_of_fifteen_published_figures_are_given_back_within_thirty_percent() -> None:
+    assert len(flown()) == 15
+    assert sum(one.close for one in flown()) >= 13
+
+
+def test_without_aerodynamics_at_most_nine_are_so_that_the_test_has_power() -> None:
+    assert sum(one.close for one in flown(aerodynamics=False)) <= 9
+
+
+def test_the_baselines_height_leads_its_reference() -> None:
+    assert all(50.0 <= one.lead_z_ms <= 150.0 for one in of("pid"))
+
+
+def test_only_adaptation_by_a_share_stands_off_in_the_wind() -> None:
+    strong = [abs(one.offset_x_cm) for one in of("l1")[2:]]
+    for found, measured in zip(strong, (9.4, 9.4, 19.0), strict=True):
+        assert found == pytest.approx(measured, rel=0.3)
+    assert all(abs(one.offset_x_cm) < 3.0 for law in ("pid", "indi") for one in of(law))
+
+
+def test_the_thrust_curve_has_the_slope_that_was_measured() -> None:
+    step = 1e-4
+    hover = thrust(gale.HOVER, gale.THRUST_CURVE)
+    slope = (thrust(gale.HOVER + step, gale.THRUST_CURVE) - hover) / step * gale.HOVER / hover
+    assert slope == pytest.approx(gale.THRUST_SLOPE, abs=0.05)
+
+
+def test_the_course_has_the_velocity_and_acceleration_that_it_says() -> None:
+    h = 1e-5
+    for time_s in (1.0, 12.0, 13.0, 40.0):
+        before, now, after = (gale.course(time_s + k * h) for k in (-1, 0, 1))
+        for axis in range(3):
+            assert (after[0][axis] - before[0][axis]) / (2.0 * h) == pytest.approx(now[1][axis], abs=1e-6)
+            assert (after[1][axis] - before[1][axis]) / (2.0 * h) == pytest.approx(now[2][axis], abs=1e-6)
+    assert gale.course(0.0)[0] == pytest.approx((0.25, 0.0, 2.15))
+
+
+def test_the_command_says_it_and_writes_it_between_markers(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert gale_command(None, 1, as_json=True) in (0, 1)
+    facts = json.loads(capsys.readouterr().out)
+    assert facts["of"] == 15 == len(facts["flights"])
+    page = tmp_path / "page.md"
+    page.write_text(f"above\n{BEGIN}\nold\n{END}\nbelow\n", "utf-8")
+    gale_command(page, 1, as_json=False)
+    text = page.read_text("utf-8")
+    assert text.startswith("above\n") and text.endswith("below\n") and "old" not in text
+    assert "| INDI |" in text
