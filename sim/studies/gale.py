@@ -253,6 +253,7 @@ def _table(flown: Sequence[PublishedFlight], null: Sequence[PublishedFlight], se
         lines.append(row(f"{names[law]}, without aerodynamics", [f"{one.rms_cm:.1f}" for one in own]))
     by = {(one.law, one.wind): one for one in flown}
     offsets = {law: [by[law, wind].offset_x_cm for wind in gale.WINDS] for law in LAWS}
+    stands = ", ".join(f"{abs(x):.1f}" for x in offsets["l1"][2:])
     leads = [by["pid", wind].lead_z_ms for wind in gale.WINDS]
     close, nothing = (sum(one.close for one in some) for some in (flown, null))
     lines += [
@@ -261,8 +262,8 @@ def _table(flown: Sequence[PublishedFlight], null: Sequence[PublishedFlight], se
         f"{nothing} of {len(flown)} by the same laws without any aerodynamics, so most of it comes from the recovered "
         "gains, and the test has power over the rest.",
         f"Structure: the baseline's height leads its reference by {min(leads):.0f} to {max(leads):.0f} ms "
-        f"(flown: 50 to 150); L1 stands {', '.join(f'{abs(x):.1f}' for x in offsets['l1'][2:])} cm off in x at 8.5 m/s and "
-        f"above (flown: 9.4, 9.4, 19.0), the baseline at most {max(map(abs, offsets['pid'])):.1f} cm and INDI "
+        f"(flown: 50 to 150); L1 stands {stands} cm off in x at 8.5 m/s and above "
+        f"(flown: 9.4, 9.4, 19.0), the baseline at most {max(map(abs, offsets['pid'])):.1f} cm and INDI "
         f"{max(map(abs, offsets['indi'])):.1f} cm (flown: under 3).",
     ]
     return lines

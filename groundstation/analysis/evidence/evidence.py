@@ -573,8 +573,8 @@ def describe_flight(facts: dict[str, Any]) -> str:
 def tabulate_flights(flights: Sequence[dict[str, Any]]) -> list[str]:
     """The same as two tables of a page: prediction, and what was identified."""
     lines = [
-        "| flight | poses/s | noise across, along, mm | stamps off, ms | NIS/3 | at 60 ms, RMS mm: along | across | all "
-        "| p + v t | constant a |",
+        "| flight | poses/s | noise across, along, mm | stamps off, ms | NIS/3 | at 60 ms, RMS mm: along "
+        "| across | all | p + v t | constant a |",
         "|---" * 10 + "|",
     ]
     for one in flights:
