@@ -1,8 +1,8 @@
 """Gale: the fan array, the quadrotor of 2.6 kg and the course of O'Connell et al., and what they measured there.
 
 Neural-Fly (Science Robotics 7, 2022, doi 10.1126/scirobotics.abm6597). The figures were derived from the published logs
-of its flights, and none is fitted to the RMS errors; the logs themselves are not part of this project. z is up here, and
-x points into the wind: the vehicle leans towards +x in it.
+of its flights, and none is fitted to the RMS errors; the logs themselves are not part of this project. z is up here,
+and x points into the wind: the vehicle leans towards +x in it.
 """
 
 import math
