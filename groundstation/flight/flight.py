@@ -21,7 +21,7 @@ from groundstation.core.messages import (
     Snapshot,
 )
 from groundstation.core.mission import EVENT_OF, FINAL, ON_GROUND, Event, State
-from groundstation.core.safety import LiveGains, Obedience, PoseEvidence, Witness
+from groundstation.core.safety import LiveGains, Obedience, PoseEvidence, PoseLatency, Witness
 from groundstation.flight.command_loop import CommandLoop, FlightEnded
 from groundstation.flight.hold_to_run import HoldWatch
 from groundstation.flight.mission_executive import MissionExecutive
@@ -189,6 +189,7 @@ class Flight:
         self._suspicious = False
         self.witness = Witness()
         """What the vehicle's own attitude says of the poses."""
+        self._latency = PoseLatency()
         self._progress = MissionExecutive(
             config,
             self._pilot,
@@ -333,6 +334,7 @@ class Flight:
 
     def _attitude(self, told: Attitude) -> None:
         self.witness.attitude(told)
+        self._latency.attitude(told)
         self._progress.heard_s = asyncio.get_running_loop().time()
 
     def _doubts(self, now_s: float) -> bool | None:
@@ -397,6 +399,9 @@ class Flight:
     def _pose(self, pose: Pose) -> None:
         if self._commands.pose(pose):
             self.witness.pose(pose)
+            self._latency.pose(pose)
+            if news := self._latency.describe_news():
+                self._say(f"warning: {news}")
             self._statistics.pose(pose)
             self._prearm.pose()
 

@@ -7,6 +7,7 @@ if TYPE_CHECKING:
     from groundstation.core.safety.guards import Escalation, GuardAction, GuardFinding, Guards, GuardsConfig, Since
     from groundstation.core.safety.live_gains import LIVE, PREFIX, RAMP_S, STEP_FACTOR, LiveGains
     from groundstation.core.safety.obedience import NODE_S, STILL_SUSPECTS, Obedience, PoseEvidence
+    from groundstation.core.safety.pose_latency import PoseLatency
     from groundstation.core.safety.takeoff import (
         WANDERING_M,
         Spool,
@@ -25,6 +26,7 @@ _MODULES = {
     "guards": ("Escalation", "GuardAction", "GuardFinding", "Guards", "GuardsConfig", "Since"),
     "live_gains": ("LIVE", "LiveGains", "PREFIX", "RAMP_S", "STEP_FACTOR"),
     "obedience": ("NODE_S", "Obedience", "PoseEvidence", "STILL_SUSPECTS"),
+    "pose_latency": ("PoseLatency",),
     "takeoff": ("Spool", "SpoolUp", "StandingPoses", "TakeoffConfig", "WANDERING_M", "limit_n", "usual_limit_n"),
     "touchdown": ("CERTAIN_S", "Hover", "LandingConfig", "Touchdown"),
     "witness": ("ASKEW_DEG", "Agreement", "Witness"),

@@ -1,0 +1,65 @@
+"""How late poses are is found by the vehicle's own attitude, and nothing else passes for it."""
+
+import math
+
+import numpy as np
+import pytest
+
+from groundstation.core.geometry import Quat, multiply, so3
+from groundstation.core.messages import Pose
+from groundstation.core.safety import PoseLatency
+from links.core import Attitude
+
+NOISE_RAD = 0.002
+
+
+def true(time_s: float, strength: float) -> tuple[Quat, tuple[float, float, float]]:
+    """Attitude and body rates [rad/s] of a vehicle that rolls about, heading anywhere."""
+    roll = strength * math.sin(2.0 * time_s)
+    return so3.from_euler_zyx(roll, 0.0, 1.0), (2.0 * strength * math.cos(2.0 * time_s), 0.0, 0.0)
+
+
+def found(late_s: float, strength: float, *, askew: Quat = so3.IDENTITY, seconds: float = 15.0) -> float | None:
+    """What is found of poses at 50 Hz that are stamped ``late_s`` too late, and attitudes at 20 Hz."""
+    latency, rng = PoseLatency(), np.random.default_rng(1)
+    told = 0
+    for k in range(round(50 * seconds)):
+        stamp = 0.02 * k
+        while 0.05 * told + 0.003 <= stamp:
+            at = 0.05 * told + 0.003
+            latency.attitude(Attitude(at, *true(at, strength)))
+            told += 1
+        attitude, _ = true(stamp - late_s, strength)
+        a, b, c = rng.normal(0.0, NOISE_RAD, 3).tolist()
+        seen = so3.rotate(multiply(attitude, askew), (a, b, c))
+        latency.pose(Pose(k, stamp, stamp, (0.0, 0.0, -1.0), seen))
+    return latency.late_s
+
+
+@pytest.mark.parametrize("late_s", [-0.015, 0.015, 0.03])
+def test_poses_that_are_stamped_wrong_are_found_while_the_vehicle_turns(late_s: float) -> None:
+    assert found(late_s, 0.1) == pytest.approx(late_s, abs=0.003)
+
+
+def test_nothing_is_found_where_they_are_right_or_it_stands() -> None:
+    assert found(0.0, 0.1) is None
+    assert found(0.004, 0.1) is None
+    assert found(0.03, 0.0) is None
+    assert found(0.03, 0.1, seconds=3.0) is None
+
+
+def test_a_body_that_is_mounted_askew_is_not_late() -> None:
+    askew = so3.from_euler_zyx(math.radians(4.0), math.radians(-3.0), 0.0)
+    assert found(0.0, 0.1, askew=askew) is None
+    assert found(0.02, 0.1, askew=askew) == pytest.approx(0.02, abs=0.004)
+
+
+def test_a_gap_and_a_clock_that_jumps_are_no_latency() -> None:
+    latency = PoseLatency()
+    for k in range(900):
+        at = 0.02 * k
+        clock = at - (5.0 if 300 < k else 0.0)
+        if not 500 < k < 560:
+            latency.attitude(Attitude(clock, *true(at, 0.1)))
+        latency.pose(Pose(k, at, at, (0.0, 0.0, -1.0), true(at, 0.1)[0]))
+    assert latency.late_s is None
