@@ -7,7 +7,7 @@ import pytest
 
 from groundstation.core.mission import FINAL, State
 from groundstation.flight import Flight
-from sim.runs import MissionResult, Stage, fly_mission, from_floor
+from sim.runs import MissionResult, Stage, fly, fly_mission, from_floor
 from sim.scenarios import SCENARIOS, prepare
 from sim.trackers import TrackedBody, Tracker
 
@@ -96,3 +96,19 @@ def test_a_flight_whose_poses_come_older_than_commands_may_rest_on_one_ends_as_i
     assert "late" in text(told, "poses are dropped")
     assert mission.touchdown_m_s is not None
     assert mission.touchdown_m_s < 2.5
+
+
+@pytest.mark.parametrize(("scenario", "late_s"), [("paper", 0.02), ("quad1kg", 0.02)])
+def test_a_latency_that_is_told_wrong_is_found_in_flight_and_told(scenario: str, late_s: float) -> None:
+    latency_s = SCENARIOS[scenario].world.pose_latency_s
+    for wrong_s, words in ((0.0, None), (late_s, "later")):
+        world, config = prepare(SCENARIOS[scenario], [f"sim.pose_latency_s={latency_s + wrong_s}"])
+        told: list[str] = []
+        assert fly(world, config, seed=0, duration_s=8.0, on_event=told.append).completed
+        lines = [line for line in told if "poses seem" in line]
+        if words is None:
+            assert not lines
+            continue
+        (line,) = lines
+        assert float(line.partition("poses seem ")[2].split()[0]) == pytest.approx(1e3 * late_s, abs=6.0)
+        assert f"ms {words} than told, by the vehicle's own attitude" in line

@@ -58,7 +58,7 @@ def test_a_gap_and_a_clock_that_jumps_are_no_latency() -> None:
     latency = PoseLatency()
     for k in range(900):
         at = 0.02 * k
-        clock = at - (5.0 if 300 < k else 0.0)
+        clock = at - (5.0 if k > 300 else 0.0)
         if not 500 < k < 560:
             latency.attitude(Attitude(clock, *true(at, 0.1)))
         latency.pose(Pose(k, at, at, (0.0, 0.0, -1.0), true(at, 0.1)[0]))

@@ -343,6 +343,38 @@ def facts(found: IdentifiedVehicle) -> dict[str, Any]:
     }
 
 
+COMPARED = (*NEEDED, "drag")
+"""What a flight's summary holds against what was told: others repeat these, or are no keys."""
+APART = 2.0
+"""Of so many figures and flights some lie outside their 95 %: it is told of what lies outside of twice as much."""
+
+
+def find_outside(path: Path) -> list[str]:
+    """What was told to the flight at ``path`` and lies outside of what it shows, one line each.
+
+    Nothing where it is too short, or shows nothing.
+
+    Raises:
+        NoRecording, OSError: see :func:`read_stretch`.
+    """
+    try:
+        found = identify(read_stretch(path))
+    except (StretchTooShort, np.linalg.LinAlgError):
+        return []
+    lines = []
+    for one in (found.parameters[name] for name in COMPARED):
+        if one.value is None or one.interval is None or one.told is None:
+            continue
+        if abs(one.told - one.value) > APART * max(one.interval[1] - one.value, one.value - one.interval[0]):
+            unit = f" {one.unit}" if one.unit else ""
+            low, high = one.interval
+            lines.append(
+                f"{one.title}: told {_short(one.told)}{unit}, and this flight shows {_short(one.value)}{unit} "
+                f"({_short(low)} to {_short(high)}): look at groundstation identify"
+            )
+    return lines
+
+
 PAGE = "identification.html"
 
 

@@ -106,6 +106,9 @@ UNSEEN_FRAMES = 0.02
 """The recording does not know which frames were lost: so many would make every command this share of a period late."""
 MODEL = 0.005
 """No lag is quite of first order, no scale quite constant: nothing is known better than this share."""
+THRUST_SPREAD = 1.5
+"""Lag and delay of thrust stand for one another, and gusts are no random walk: counted over 200 flights in gusts, their
+deviations are so many times those of the fit."""
 WHITE = 0.01
 """The same of noise, which is never quite white."""
 DELAY = "from a command's leaving until it is followed; what pose.latency_s is wrong by is part of it"
@@ -263,7 +266,7 @@ def _lags(
 
     both, both_spread = _combine(turned.fit.values[1:3], turned.fit.covariance[1:3, 1:3])
     spreads = dict(zip(TURNS, turned.fit.deviations.tolist(), strict=True))
-    thrust_spread, lag_spread = pushed.fit.deviations[:2].tolist()
+    thrust_spread, lag_spread = (THRUST_SPREAD * pushed.fit.deviations[:2]).tolist()
     frames = UNSEEN_FRAMES * vehicle.frame_period_s
     told, (rolled, pitched, yawed) = vehicle.rate_lag_s, moved.turned
     rates_told, thrust_told = (

@@ -107,6 +107,7 @@ def _warnings(one: dict[str, Any]) -> str:
         said.append(f"{one['lost_records']} records are missing: the recorder could not keep up.")
     if one["flight"]["clock"] == "virtual":
         said.append("Flown in virtual time: computing takes none there, and nothing is ever late.")
+    said += map(escape, one["told_outside"])
     return "".join(f'<p class="note warning">{escape(one["file"])}: {line}</p>' for line in said)
 
 
@@ -195,15 +196,17 @@ def report_command(paths: Sequence[Path], out: Path | None, *, as_json: bool) ->
         require_package("matplotlib", "report", "plot", "; --json does without")
     if len(paths) > 2:
         raise ConfigError("LOG", f"expected one recording, or two to compare, got {len(paths)}")
+    from groundstation.analysis.identify import find_outside
     from groundstation.analysis.report.flight import NoCommand, numbers, read_columns
 
     try:
         flights = [read_columns(path) for path in paths]
+        outside = [find_outside(path) for path in paths]
     except (NoRecording, NoCommand) as error:
         raise ConfigError("LOG", str(error)) from None
     except OSError as error:
         raise ConfigError("LOG", f"cannot read {error.filename}: {error.strerror}") from None
-    facts = [numbers(flight) for flight in flights]
+    facts = [{**numbers(flight), "told_outside": lines} for flight, lines in zip(flights, outside, strict=True)]
     page = None
     if draw:
         from groundstation.analysis.report.figures import draw_figures
