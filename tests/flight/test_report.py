@@ -155,7 +155,7 @@ def test_what_is_no_recording_or_holds_no_command_is_refused(tmp_path: Path) -> 
     with pytest.raises(ConfigError, match="LOG: cannot read"):
         report_command([tmp_path / "missing.mcap"], None, as_json=True)
     whole = recorded()[0].read_bytes()
-    (tmp_path / "early.mcap").write_bytes(whole[: len(facts()["config"]) + 6000])
+    (tmp_path / "early.mcap").write_bytes(whole[: len(facts()["config"]) + 7000])
     with pytest.raises(ConfigError, match="holds no command"):
         report_command([tmp_path / "early.mcap"], None, as_json=True)
     with pytest.raises(ConfigError, match="or two to compare, got 3"):
