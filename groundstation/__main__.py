@@ -117,11 +117,15 @@ def _tui(parser: argparse.ArgumentParser) -> None:
 def _request(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "ask",
-        choices=["hold", "return", "track", "land", "descend", "abort", "kill", "arm"],
+        choices=["hold", "return", "track", "goto", "follow", "land", "descend", "abort", "kill", "arm"],
         metavar="WHAT",
         help="hold, return, track, land, descend; abort: commands stop; kill: motors off AT ONCE, also in the air; "
-        "arm: THIS MOVES THE VEHICLE, and --vehicle must name it",
+        "arm: THIS MOVES THE VEHICLE, and --vehicle must name it; goto, follow: while it holds, to the points in WHERE",
     )
+    parser.add_argument(
+        "where", nargs="*", metavar="WHERE",
+        help="of goto: NORTH EAST DOWN [m] and perhaps YAW [deg]; of follow: FILE.csv with a point a line",
+    )  # fmt: skip
     parser.add_argument("--vehicle", metavar="NAME", help="not needed where only one is flown here, but for arm")
     parser.add_argument("--socket", type=path, metavar="PATH", help="its status socket, if not the usual one")
     parser.add_argument("--why", default="", metavar="WORDS", help="why, for the others and the records")

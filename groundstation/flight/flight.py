@@ -139,7 +139,7 @@ class Shutdown:
         return self._kill is None and self._link.status.state == "armed"
 
 
-HELD_IN = frozenset({State.ARMING, State.TAKEOFF, State.HOLD, State.TRACKING, State.RETURNING})
+HELD_IN = frozenset({State.ARMING, State.TAKEOFF, State.HOLD, State.TRACKING, State.MOVING, State.RETURNING})
 """Where the operator's hold is let go in these states, it lands; in those that come down already it changes nothing."""
 
 
@@ -268,6 +268,10 @@ class Flight:
         match request.ask:
             case Ask.ARM if self._hold is not None and self._hold.hold.obstacle:
                 return Reply(False, f"{self._hold.hold.obstacle}: {self._hold.hold.advice}")
+            case Ask.GOTO:
+                if refusal := self._progress.move(request.points, why, now):
+                    self._say(f"goto is refused: {refusal}")
+                    return Reply(False, refusal)
             case Ask.ARM:
                 self._prearm.arm()
                 return Reply(True, "arming")

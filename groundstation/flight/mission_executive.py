@@ -9,7 +9,7 @@ from typing import NamedTuple
 
 from groundstation.core import Pilot, Tick
 from groundstation.core.geometry import Vec3
-from groundstation.core.messages import Others, Pose
+from groundstation.core.messages import Others, Pose, Waypoint
 from groundstation.core.mission import FINAL, IN_AIR, TABLE, Event, Mission, State
 from groundstation.core.safety import (
     WITNESS,
@@ -52,6 +52,10 @@ SILENT_S, LOST_S = 0.15, 3.0
 second, it only tells no more."""
 LAST_PERIODS = 2.5
 """The last command holds for so many periods: it must reach the next frame of a pacer, which its own leads."""
+LEAST_HEIGHT_M = 0.3
+"""A point that is asked for lies at least so high above the floor [m]: whoever wants less lands."""
+LOOKS = 40
+"""A leg is looked at in so many places before it is flown: less than a millisecond."""
 DISARMED_HEIGHT_M = 0.2
 """An autopilot that disarms below this height while we come down has felt the floor [m]."""
 
@@ -84,6 +88,8 @@ class Course:
         self._transit = Limits(takeoff.transit_m_s, takeoff.transit_m_s2)
         self._climb = Limits(takeoff.climb_m_s, takeoff.transit_m_s2)
         self._home: Vec3 | None = None
+        self._points: tuple[Waypoint, ...] = ()
+        self._reached = 0
         self._waits = False
         self._hover = Hover()
         self._touchdown = Touchdown(config.weight_n)
@@ -91,6 +97,24 @@ class Course:
     def stood(self, place_ned: Vec3) -> None:
         """It takes off from here [m]."""
         self._home = place_ned
+
+    def plan(self, points: tuple[Waypoint, ...]) -> None:
+        """Fly to ``points`` next, one after the other."""
+        self._points, self._reached = points, 0
+
+    @property
+    def target(self) -> str:
+        """Which point it flies to, in words."""
+        north, east, down = self._points[self._reached].place_ned
+        which = f", {self._reached + 1} of {len(self._points)}" if len(self._points) > 1 else ""
+        return (
+            f"north {north:.2f}, east {east:.2f}, {self._config.flight.floor_z_m - down:.2f} m above the floor{which}"
+        )
+
+    def arrive(self) -> bool:
+        """It has come to a point; True where another one follows."""
+        self._reached += 1
+        return self._reached < len(self._points)
 
     def at_once(self, time_s: float) -> Leg:
         """The trajectory from its beginning, wherever the vehicle is: for one that is let go in the air."""
@@ -106,12 +130,14 @@ class Course:
                 return self._above(now.position_ned, now, time_s, climb, halts=False)
             case State.TRACKING:
                 return _leg(self.entry(now), self._trajectory, time_s)
+            case State.MOVING:
+                return self._to_point(now, time_s)
             case State.RETURNING:
                 return self._above(self._home, now, time_s, self._transit, halts=True)
             case State.LANDING:
                 return self._down(now, time_s)
             case _:
-                self._waits, self._hover = event is Event.HOLD, Hover()
+                self._waits, self._hover = event in (Event.HOLD, Event.ARRIVED), Hover()
                 return Leg(stop(now, self._transit), time_s)
 
     def entry(self, now: Reference) -> list[Blend]:
@@ -130,6 +156,8 @@ class Course:
                 return self._check_hover(tick)
             case State.TRACKING:
                 return self._check_duration(tick)
+            case State.MOVING:
+                return MissionMove(Event.ARRIVED, f"there: {self.target}") if tick.flight_time_s >= 0.0 else None
             case State.RETURNING:
                 return MissionMove(Event.HOME, "over the place of take-off") if tick.flight_time_s >= 0.0 else None
             case State.LANDING | State.DESCENT:
@@ -187,6 +215,15 @@ class Course:
         above = (north, east, self._config.flight.floor_z_m - self._config.takeoff.height_m)
         ways.append(blend(at_rest, Reference(above, yaw_rad=at_rest.yaw_rad), limits))
         return _leg(ways, Hold(above, at_rest.yaw_rad), time_s)
+
+    def _to_point(self, now: Reference, time_s: float) -> Leg:
+        """Straight to the next point, from rest to rest."""
+        ways = self._halt(now)
+        at_rest = now if not ways else ways[-1].at(ways[-1].duration_s)
+        point = self._points[self._reached]
+        yaw = at_rest.yaw_rad if point.yaw_deg is None else math.radians(point.yaw_deg)
+        ways.append(blend(at_rest, Reference(point.place_ned, yaw_rad=yaw), self._transit))
+        return _leg(ways, Hold(point.place_ned, yaw), time_s)
 
     def _down(self, now: Reference, time_s: float) -> Leg:
         """Stop, then sink without a step of the speed; slowly from the approach height on, and on through the floor."""
@@ -254,8 +291,8 @@ class MissionExecutive:
         guards = config.guards
         self._fence = fence = None if config.fence is None else Fence(config.fence, config.flight.floor_z_m)
         self._guards: Guards | None = None
+        self._separation = separation = None if others is None else Separation(config.separation, others)
         if config.flight.start == "floor":  # what is held in the air has an error to begin with, and nobody beneath it
-            separation = None if others is None else Separation(config.separation, others)
             floor_z_m = config.flight.floor_z_m
             self._guards = Guards(
                 guards, fence, config.vehicle, period_s, separation, floor_z_m, config.controller.gravity
@@ -326,6 +363,57 @@ class MissionExecutive:
             self._follow(self._course.at_once(now_s))
         else:
             self._follow(self._course.leg(event, state, *self._motion(now_s)))
+
+    def move(self, points: tuple[Waypoint, ...], why: str, now_s: float) -> str:
+        """Begin to fly to ``points``; returns why not, or nothing. Points are looked at now, each leg before it."""
+        for number, point in enumerate(points, 1):
+            if refusal := self._find_obstacle(point.place_ned):
+                return f"point {number} of {len(points)}, {list(point.place_ned)}, {refusal}"
+        self._course.plan(points)
+        leg = self._course.leg(Event.GOTO, State.MOVING, *self._motion(now_s))
+        if refusal := self._find_way_out(leg, now_s):
+            return f"to {self._course.target}: {refusal}"
+        self.go(Event.GOTO, f"to {self._course.target}: {why}", now_s)
+        return ""
+
+    def _find_obstacle(self, place: Vec3) -> str:
+        """What forbids to stay at ``place``; empty where nothing does."""
+        height = self._config.flight.floor_z_m - place[2]
+        if not (math.isfinite(sum(place)) and height >= LEAST_HEIGHT_M):
+            return f"is {height:.2f} m above the floor: at least {LEAST_HEIGHT_M:g} m are needed"
+        if self._fence is not None and self._fence.room_m(place) <= 0.0:
+            return f"is {-self._fence.room_m(place):.2f} m outside the fence"
+        return ""
+
+    def _find_way_out(self, leg: Leg, now_s: float) -> str:
+        """What the way of ``leg`` would come too near to, brakes, fence and other vehicles counted; empty: nothing."""
+        separation, limits = self._separation, self._config.limits
+        if separation is not None and separation.config.unknown != "warn" and (lost := separation.unknown(now_s)):
+            return f"nobody sees {', '.join(lost)}"
+        way = leg.trajectory
+        begin_s, steps = now_s - leg.start_s, LOOKS
+        for n in range(steps + 1):
+            at = way.at(begin_s * (1.0 - n / steps))
+            if self._fence is not None and not self._fence.braking_room_m(at.position_ned, at.velocity_ned) > 0.0:
+                return "on the way it could not be braked within the fence"
+            if limits.max_speed_m_s is not None and math.hypot(*at.velocity_ned) > limits.max_speed_m_s:
+                return f"faster than limits.max_speed_m_s ({limits.max_speed_m_s:g}): lower takeoff.transit_m_s"
+            near = None if separation is None else separation.nearest(at.position_ned, at.velocity_ned, now_s)
+            if near is not None and near.room_m <= 0.0:
+                return f"on the way it would come too near to {near.name}"
+        return ""
+
+    def _go_on(self, arrived: MissionMove, now_s: float) -> None:
+        """A point is reached: on to the next one, where its leg is free; else hold here."""
+        if not self._course.arrive():
+            self.go(arrived.event, arrived.reason, now_s)
+            return
+        leg = self._course.leg(Event.GOTO, State.MOVING, *self._motion(now_s))
+        if refusal := self._find_way_out(leg, now_s):
+            self.go(Event.HOLD, f"not to {self._course.target}: {refusal}", now_s)
+            return
+        self._say(f"moving: to {self._course.target}")
+        self._follow(leg)
 
     def command(self, now_s: float) -> tuple[Command, Tick | None]:
         """The command of this frame, and the tick behind it; on the floor there is none."""
@@ -398,7 +486,9 @@ class MissionExecutive:
             else:
                 self._answer(finding, tick.time_s)
         move = self._course.over(self.state, tick)
-        if move is not None:
+        if move is not None and move.event is Event.ARRIVED:
+            self._go_on(move, tick.time_s)
+        elif move is not None:
             self.go(move.event, move.reason, tick.time_s, fault=move.fault)
 
     def link(self, status: LinkStatus, now_s: float) -> None:

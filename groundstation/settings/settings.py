@@ -65,6 +65,8 @@ class RequestsConfig(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_f
 
     enabled: bool = False
     """Take any at all."""
+    authority: Literal["ask", "move"] = "ask"
+    """``move``: a client may ask to go to points of its own choice, where ``goto`` stands in its ``may``."""
     clients: dict[str, ClientConfig] = {}
     """Who may ask, by name."""
 
@@ -76,7 +78,9 @@ class RequestsConfig(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_f
         """
         if self.enabled and not self.clients:
             raise ValueError("clients: expected at least one where enabled = true; or leave requests off")
-        for name in self.clients:
+        for name, client in self.clients.items():
+            if "goto" in client.may and self.authority != "move":
+                raise ValueError(f"authority: expected move, as {name} may goto, got {self.authority!r}")
             if not is_name(name, CLIENT_LETTERS):
                 raise ValueError(f"clients: expected {describe_name(CLIENT_LETTERS)}, got {name!r}")
 

@@ -115,7 +115,7 @@ def test_whoever_may_not_open_the_socket_is_told_whose_it_is(tmp_path: Path) -> 
             whose = path.owner()
             path.chmod(0)
             with as_nobody(), pytest.raises(ApiError, match=f"is for user {whose} alone: .* sudo -u {whose}"):
-                await ask_station(Ask.LAND, None, path, "")
+                await ask_station(Request(Ask.LAND), None, path)
 
     asyncio.run(work())
 
@@ -344,7 +344,7 @@ def test_a_request_to_arm_without_a_name_says_which_one_to_give(tmp_path: Path) 
         core = Sampled()
         async with served(path, latest, core=core):
             with pytest.raises(ApiError, match="must name it: --vehicle mqx"):
-                await ask_station(Ask.ARM, None, path, "")
+                await ask_station(Request(Ask.ARM), None, path)
             assert core.asked == []
 
     play(scene, tmp_path)

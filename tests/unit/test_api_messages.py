@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from groundstation.core.messages import Ask
+from groundstation.core.messages import Ask, Waypoint
 from groundstation.interfaces.api import Control, OrderAnswer, decode
 from groundstation.interfaces.api.desk import Desk, Party
 from groundstation.interfaces.api.messages import ClientOrder, LineSplitter, Refusal, StationHello, decode_order, encode
@@ -74,6 +74,29 @@ def test_a_message_of_a_later_version_is_passed_over() -> None:
     assert decode(b'{"fireworks": {"on": true}}') is None
 
 
+def points_of(ask: str) -> tuple[Waypoint, ...]:
+    return (Waypoint(1.0, 0.5, -1.0),) if ask == "goto" else ()
+
+
+def test_the_points_of_an_order_reach_the_flight() -> None:
+    core, party = Sampled(), Party(7)
+    desk = Desk("mqx", core)
+    desk.take(ClientOrder(id=1, control="take"), party, 0.0)
+    line = b'{"id": 2, "ask": "goto", "points": [[1, 0.5, -1.2], [0, 0, -1, 90]]}'
+    order = decode_order(line)
+    assert isinstance(order, ClientOrder)
+    assert desk.take(order, party, 0.0).done
+    assert core.asked[0].points == (Waypoint(1.0, 0.5, -1.2), Waypoint(0.0, 0.0, -1.0, 90.0))
+
+
+@pytest.mark.parametrize(
+    "points",
+    ["[[1, 2]]", "[[1, 2, 3, 4, 5]]", "[[1, 2, 1e9]]", "[[1, 2, null]]", "[]", "[" + "[0,0,-1]," * 64 + "[0,0,-1]]"],
+)
+def test_points_that_are_none_are_no_order(points: str) -> None:
+    assert isinstance(decode_order(f'{{"id": 2, "ask": "goto", "points": {points}}}'.encode()), str)
+
+
 @given(st.lists(st.tuples(st.integers(0, 2), st.sampled_from([*Ask, "take", "give", "leave"])), max_size=40))
 def test_what_lifts_or_moves_the_vehicle_is_asked_by_the_one_holder_alone(moves: list[tuple[int, str]]) -> None:
     core = Sampled()
@@ -89,7 +112,7 @@ def test_what_lifts_or_moves_the_vehicle_is_asked_by_the_one_holder_alone(moves:
             if done:
                 holder = party if what == "take" else None
         else:
-            desk.take(ClientOrder(id=number, ask=Ask(what), vehicle="mqx"), party, 0.0)
+            desk.take(ClientOrder(id=number, ask=Ask(what), vehicle="mqx", points=points_of(what)), party, 0.0)
             free = what in ("land", "descend", "abort", "kill")
             assert (len(core.asked) == asked + 1) == (free or holder is party)
         assert [desk.control(one).yours for one in parties] == [one is holder for one in parties]
@@ -109,9 +132,9 @@ def test_what_starts_or_steers_is_refused_late_and_what_brings_down_never(ask: A
     core, party = Sampled(), Party(7)
     desk = Desk("mqx", core)
     desk.take(ClientOrder(id=1, control="take"), party, 0.0)
-    late = desk.take(ClientOrder(id=2, ask=ask, vehicle="mqx", until_s=10.0), party, 12.5)
+    late = desk.take(ClientOrder(id=2, ask=ask, vehicle="mqx", until_s=10.0, points=points_of(ask)), party, 12.5)
     down = ask in (Ask.LAND, Ask.DESCEND, Ask.ABORT, Ask.KILL)
     assert (late.done, len(core.asked)) == (down, int(down))
     assert down or "2.5 s too late" in late.says
-    desk.take(ClientOrder(id=3, ask=ask, vehicle="mqx", until_s=10.0), party, 9.9)
+    desk.take(ClientOrder(id=3, ask=ask, vehicle="mqx", until_s=10.0, points=points_of(ask)), party, 9.9)
     assert len(core.asked) == 1 + int(down)

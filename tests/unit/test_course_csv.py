@@ -7,8 +7,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from groundstation.config import ConfigError, dump, load
+from groundstation.core.trajectory import parse_course
 from groundstation.core.trajectory.shapes import SamplesConfig, WaypointsConfig
-from groundstation.core.trajectory.waypoints import parse_course
 from groundstation.settings import Config
 
 GOOD = """# a comment

@@ -7,7 +7,7 @@ from typing import Any
 import msgspec
 import pytest
 
-from groundstation.core.messages import Ask, Reply, Request
+from groundstation.core.messages import MOST_POINTS, Ask, Reply, Request, Waypoint
 from groundstation.interfaces.api.desk import ANYONE, Party
 from groundstation.interfaces.api.desk import Desk as ControlDesk
 from groundstation.interfaces.api.messages import ClientOrder
@@ -22,6 +22,7 @@ from groundstation.interfaces.mqtt.requests import (
     ClientKey,
     Gatekeeper,
     Place,
+    is_sealed,
     open_answer,
     seal_request,
 )
@@ -91,7 +92,39 @@ def test_the_seal_is_what_the_documents_say() -> None:
     assert request.mac == hmac.new(KEY, lines.encode(), "sha256").hexdigest()
 
 
+def test_points_are_sealed_in_one_line_before_the_words() -> None:
+    two = (Waypoint(1.0, 0.5, -1.25), Waypoint(0.0, 0.0, -1.0, 90.0))
+    data = seal_request(KEY, PLACE, SESSION, "tablet", 7, "goto", NOW_MS + 3000, "wind", two)
+    request = msgspec.json.decode(data, type=SealedRequest)
+    there = "1.0000 0.5000 -1.2500 -; 0.0000 0.0000 -1.0000 90.0000"
+    lines = f"groundstation request 1\nlab\nmqx\n{SESSION}\ntablet\n7\ngoto\n{NOW_MS + 3000}\n{there}\nwind"
+    assert request.mac == hmac.new(KEY, lines.encode(), "sha256").hexdigest()
+    assert is_sealed(request, KEY, PLACE)
+    for points in ([[1.0, 0.5, -1.25]], [[1.0, 0.5, -1.3], [0, 0, -1, 90]], [[1.0, 0.5, -1.25, 0], [0, 0, -1, 90]]):
+        other = msgspec.json.decode(changed(data, points=points), type=SealedRequest)
+        assert not is_sealed(other, KEY, PLACE)
+
+
+def test_only_a_client_that_may_goto_sends_points(desk: Desk) -> None:
+    data = seal_request(KEY, PLACE, SESSION, "tablet", 7, "goto", NOW_MS + 3000, "", (Waypoint(1.0, 0.5, -1.25),))
+    answer = desk.take(data)
+    assert answer is not None
+    opened = open_answer(answer, KEY, PLACE)
+    assert opened is not None
+    assert not opened.done
+    assert "may not ask for goto" in opened.says
+    assert desk.core.asked == []
+
+
+def test_a_request_with_as_many_points_as_there_may_be_is_no_longer_than_is_taken() -> None:
+    most = tuple(Waypoint(-123.4567, -123.4567, -123.4567, -123.45) for _ in range(MOST_POINTS))
+    data = seal_request(KEY, PLACE, SESSION, "t" * 32, 1 << 53, "goto", 1 << 53, "w" * 200, most)
+    assert len(data) <= REQUEST_MAX_BYTES
+
+
 DROPPED = {
+    "points for a landing": (changed(sealed(), points=[[1, 0, -1]]), "malformed"),
+    "to go nowhere": (changed(sealed(), ask="goto"), "malformed"),
     "not JSON": (b"land", "malformed"),
     "nothing": (b"", "malformed"),
     "no object": (b"[]", "malformed"),
@@ -332,11 +365,11 @@ def test_the_reply_of_the_flight_reaches_the_client() -> None:
 
 @pytest.mark.parametrize("ask", list(Ask))
 def test_the_desk_takes_from_afar_all_but_to_arm_and_what_a_local_client_has_control_of(ask: Ask) -> None:
-    core = Sampled()
+    core, request = Sampled(), Request(ask, "by MQTT", (Waypoint(1.0, 0.0, -1.0),) if ask is Ask.GOTO else ())
     station = ControlDesk("mqx", core)
-    assert (station.from_afar(Request(ask, "by MQTT")).says.startswith("nobody arms")) == (ask is Ask.ARM)
-    assert core.asked == ([] if ask is Ask.ARM else [Request(ask, "by MQTT")])
+    assert (station.from_afar(request).says.startswith("nobody arms")) == (ask is Ask.ARM)
+    assert core.asked == ([] if ask is Ask.ARM else [request])
     station.take(ClientOrder(id=1, control="take"), Party(7), 0.0)
     core.asked.clear()
-    station.from_afar(Request(ask, "by MQTT"))
-    assert core.asked == ([Request(ask, "by MQTT")] if ask in ANYONE else [])
+    station.from_afar(request)
+    assert core.asked == ([request] if ask in ANYONE else [])

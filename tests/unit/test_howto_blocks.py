@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from groundstation.config import load
-from groundstation.core.trajectory.waypoints import parse_course
+from groundstation.core.trajectory import parse_course
 from groundstation.flight import examine_trajectory
 from groundstation.lab import read_fleet
 from groundstation.settings import Config

@@ -145,6 +145,7 @@ STATES = (
     ("takeoff", PURPLE),
     ("hold", "#F0E442"),
     ("tracking", GREEN),
+    ("moving", "#0072B2"),
     ("returning", "#56B4E9"),
     ("landing", BLUE),
     ("descent", RED),

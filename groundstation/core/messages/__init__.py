@@ -15,6 +15,7 @@ if TYPE_CHECKING:
         SourceError,
     )
     from groundstation.core.messages.snapshot import (
+        MOST_POINTS,
         Ask,
         Certificate,
         Check,
@@ -24,6 +25,9 @@ if TYPE_CHECKING:
         Request,
         Snapshot,
         Verdict,
+        Waypoint,
+        Waypoints,
+        ensure_points,
     )
 
 _MODULES = {
@@ -39,7 +43,21 @@ _MODULES = {
         "PoseStatus",
         "SourceError",
     ),
-    "snapshot": ("Ask", "Certificate", "Check", "Diagnostics", "RemoteAsk", "Reply", "Request", "Snapshot", "Verdict"),
+    "snapshot": (
+        "Ask",
+        "Certificate",
+        "Check",
+        "Diagnostics",
+        "MOST_POINTS",
+        "RemoteAsk",
+        "Reply",
+        "Request",
+        "Snapshot",
+        "Verdict",
+        "Waypoint",
+        "Waypoints",
+        "ensure_points",
+    ),
 }
 
 

@@ -1,7 +1,8 @@
 """Snapshot and request: one frozen picture of a flight per command, which flows out, and the one way in. Sans-IO."""
 
+from collections.abc import Sequence
 from enum import StrEnum
-from typing import Literal
+from typing import Annotated, Literal
 
 import msgspec
 
@@ -160,6 +161,8 @@ class Ask(StrEnum):
     """Start the motors and take off."""
     TRACK = "track"
     """Leave the hold for the trajectory."""
+    GOTO = "goto"
+    """In hold: fly to one point after the other, and hold at the last."""
     HOLD = "hold"
     """Stop and stay there."""
     RETURN = "return"
@@ -174,8 +177,41 @@ class Ask(StrEnum):
     """Motors off at once, also in the air."""
 
 
-RemoteAsk = Literal["hold", "return", "track", "land", "descend", "abort", "kill"]
+RemoteAsk = Literal["hold", "return", "track", "goto", "land", "descend", "abort", "kill"]
 """What may be asked from afar: everything but to arm."""
+
+_Metres = Annotated[float, msgspec.Meta(ge=-1000.0, le=1000.0)]
+
+
+class Waypoint(msgspec.Struct, frozen=True, array_like=True, forbid_unknown_fields=True):
+    """A point to fly to. On the wire ``[north, east, down]`` or ``[north, east, down, yaw]``."""
+
+    north_m: _Metres
+    east_m: _Metres
+    down_m: _Metres
+    """1 m up is -1."""
+    yaw_deg: Annotated[float, msgspec.Meta(ge=-360.0, le=360.0)] | None = None
+    """Heading there, from north towards east; None: as it was."""
+
+    @property
+    def place_ned(self) -> Vec3:
+        """The point [m, NED]."""
+        return (self.north_m, self.east_m, self.down_m)
+
+
+MOST_POINTS = 64
+"""One request leads to no more."""
+Waypoints = Annotated[tuple[Waypoint, ...], msgspec.Meta(max_length=MOST_POINTS)]
+
+
+def ensure_points(ask: str | None, points: Sequence[Waypoint]) -> None:
+    """Points travel with ``goto``, and with nothing else.
+
+    Raises:
+        ValueError: there are none, or they belong to nothing.
+    """
+    if (ask == Ask.GOTO) != bool(points):
+        raise ValueError("points: expected 1 to 64 with goto, and none with anything else")
 
 
 class Request(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
@@ -184,6 +220,16 @@ class Request(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     ask: Ask
     why: str = ""
     """Who asks and why, as the operator shall read it."""
+    points: Waypoints = ()
+    """Where to, for ``goto``."""
+
+    def __post_init__(self) -> None:
+        """Check what the fields alone can't.
+
+        Raises:
+            ValueError: see :func:`ensure_points`.
+        """
+        ensure_points(self.ask, self.points)
 
 
 class Reply(msgspec.Struct, frozen=True):

@@ -21,6 +21,8 @@ class State(StrEnum):
     """Staying at one place."""
     TRACKING = "tracking"
     """Flying onto the trajectory, and along it."""
+    MOVING = "moving"
+    """Flying to a point that was asked for."""
     RETURNING = "returning"
     """Flying back over the place of take-off."""
     LANDING = "landing"
@@ -51,6 +53,8 @@ class Event(StrEnum):
     CLIMBED = "climbed"
     HOLD = "hold"
     TRACK = "track"
+    GOTO = "goto"
+    ARRIVED = "arrived"
     RETURN = "return"
     HOME = "home"
     LAND = "land"
@@ -66,7 +70,7 @@ FINAL = frozenset({State.LANDED, State.ABORTED, State.HANDED_OVER, State.KILLED}
 """Nothing flies after these."""
 ON_GROUND = (State.IDLE, State.CONNECTING, State.READY, State.ARMING)
 """The vehicle has not been told to lift yet."""
-IN_AIR = (State.TAKEOFF, State.HOLD, State.TRACKING, State.RETURNING, State.LANDING, State.DESCENT)
+IN_AIR = (State.TAKEOFF, State.HOLD, State.TRACKING, State.MOVING, State.RETURNING, State.LANDING, State.DESCENT)
 """Commands may lift the vehicle."""
 
 
@@ -97,6 +101,10 @@ TABLE: dict[tuple[State, Event], State] = {
     (State.HOLD, Event.HOLD): State.HOLD,
     (State.TRACKING, Event.HOLD): State.HOLD,
     (State.RETURNING, Event.HOLD): State.HOLD,
+    (State.HOLD, Event.GOTO): State.MOVING,
+    (State.MOVING, Event.ARRIVED): State.HOLD,
+    (State.MOVING, Event.HOLD): State.HOLD,
+    (State.MOVING, Event.RETURN): State.RETURNING,
     (State.HOLD, Event.RETURN): State.RETURNING,
     (State.TRACKING, Event.RETURN): State.RETURNING,
     (State.RETURNING, Event.HOME): State.LANDING,

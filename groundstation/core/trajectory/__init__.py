@@ -11,12 +11,14 @@ if TYPE_CHECKING:
     from groundstation.core.trajectory.port import Reference, Trajectory
     from groundstation.core.trajectory.shapes import ExcitationConfig, LemniscateConfig, TrajectoryConfig
     from groundstation.core.trajectory.transition import Blend, Chain, Hold, Limits, blend, run_in, stop
+    from groundstation.core.trajectory.waypoints import parse_course
 
 _MODULES = {
     "feasibility": ("Demand", "FeasibilityReport", "check_feasibility", "explain_infeasibility"),
     "port": ("Reference", "Trajectory"),
     "shapes": ("ExcitationConfig", "LemniscateConfig", "TrajectoryConfig"),
     "transition": ("Blend", "Chain", "Hold", "Limits", "blend", "run_in", "stop"),
+    "waypoints": ("parse_course",),
 }
 
 

@@ -23,7 +23,7 @@ from typing import Literal, cast
 import msgspec
 
 from groundstation.config import ConfigError
-from groundstation.core.messages import Ask, Request, Snapshot
+from groundstation.core.messages import Ask, Request, Snapshot, Waypoint
 from groundstation.interfaces.api.desk import ANYONE
 from groundstation.interfaces.api.messages import (
     LINE_MAX_BYTES,
@@ -86,7 +86,7 @@ class StationClient(asyncio.Protocol):
         Raises:
             ApiError: the connection is lost, or there was no answer.
         """
-        return await self._order(ask=request.ask, why=request.why, vehicle=vehicle)
+        return await self._order(ask=request.ask, why=request.why, vehicle=vehicle, points=request.points)
 
     async def take_control(self) -> OrderAnswer:
         """Take control; refused where somebody else holds it.
@@ -120,6 +120,7 @@ class StationClient(asyncio.Protocol):
         gains: dict[str, float] | None = None,
         why: str = "",
         vehicle: str = "",
+        points: tuple[Waypoint, ...] = (),
     ) -> OrderAnswer:
         if self._transport is None or self._over:
             raise ApiError(f"{self._path}: {self._trouble or 'the connection is lost'}")
@@ -130,6 +131,7 @@ class StationClient(asyncio.Protocol):
             ask=ask,
             control=control,
             gains=gains,
+            points=points,
             why=why[:200],
             vehicle=vehicle,
             name=self._name,
@@ -294,10 +296,10 @@ async def snapshots(path: Path) -> AsyncIterator[Snapshot]:
 EXIT_DONE, EXIT_REFUSED, EXIT_NOBODY = 0, 1, 2
 
 
-def request_command(ask: Ask, vehicle: str | None, socket: Path | None, why: str) -> int:
+def request_command(request: Request, vehicle: str | None, socket: Path | None) -> int:
     """Ask, print the answer, and return 0 where it is done, 1 where it is refused, 2 where nobody is there."""
     try:
-        answer = asyncio.run(ask_station(ask, vehicle, socket, why))
+        answer = asyncio.run(ask_station(request, vehicle, socket))
     except (ApiError, OSError) as error:
         says = f"{socket}: {error.strerror}" if isinstance(error, OSError) and error.filename is None else error
         print(f"groundstation: request: {says}", file=sys.stderr)
@@ -306,8 +308,8 @@ def request_command(ask: Ask, vehicle: str | None, socket: Path | None, why: str
     return EXIT_DONE if answer.done else EXIT_REFUSED
 
 
-async def ask_station(ask: Ask, vehicle: str | None, socket: Path | None, why: str) -> OrderAnswer:
-    """What the ground station answers; control is taken for as long as it takes, where it is needed.
+async def ask_station(request: Request, vehicle: str | None, socket: Path | None = None) -> OrderAnswer:
+    """What the ground station answers to ``request``; control is taken for as long as it takes, where it is needed.
 
     Raises:
         ApiError: nobody flies it, or it is not clear who is meant.
@@ -316,15 +318,15 @@ async def ask_station(ask: Ask, vehicle: str | None, socket: Path | None, why: s
     path = socket or await find_socket(vehicle)
     async with open_client(path, "request") as client:
         served = client.hello.vehicle
-        if ask is Ask.ARM and vehicle is None:
+        if request.ask is Ask.ARM and vehicle is None:
             raise ApiError(f"arm moves the vehicle, and must name it: --vehicle {served}")
         if vehicle is not None and vehicle != served:
             raise ApiError(f"{path}: the vehicle there is {served!r}, not {vehicle!r}")
-        if ask not in ANYONE:
+        if request.ask not in ANYONE:
             taken = await client.take_control()
             if not taken.done:
                 return taken
-        return await client.ask(Request(ask, why), vehicle=vehicle or "")
+        return await client.ask(request, vehicle=vehicle or "")
 
 
 STOP_ANSWER_S = 1.0

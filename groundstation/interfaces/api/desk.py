@@ -150,7 +150,8 @@ class Desk:
     def _ask(self, order: ClientOrder, party: Party) -> Reply:
         assert order.ask is not None, "the caller has looked"
         why = printable(order.why).strip()
-        return self._core.ask(Request(order.ask, f"{why} ({party.label})" if why else f"told by {party.label}"))
+        told = f"{why} ({party.label})" if why else f"told by {party.label}"
+        return self._core.ask(Request(order.ask, told, order.points))
 
     def _set(self, order: ClientOrder) -> Reply:
         assert order.gains is not None, "an order has one of the three"

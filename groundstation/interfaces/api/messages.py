@@ -15,6 +15,7 @@ From a client, an :class:`ClientOrder`; its ids grow, so that a line that is pla
     {"id": 9, "ask": "hold"}                                 arm, hold, track, return: needs control
     {"id": 10, "ask": "arm", "vehicle": "mqx", "until_s": 8123.4}    names the vehicle, as --arm does; late, it is none
     {"id": 11, "set": {"controller.k1": 3.2}}                needs control
+    {"id": 12, "ask": "goto", "points": [[1.0, 0.5, -1.2], [0, 0, -1, 90]]}    needs control; north, east, down, yaw
 
 A number that is not finite is ``null``. Keys may be added to what a client hears: it ignores those it does not know.
 What a client says has no others.
@@ -27,7 +28,7 @@ from typing import Annotated, Any, Literal, TypeAlias
 
 import msgspec
 
-from groundstation.core.messages import Ask, Snapshot
+from groundstation.core.messages import Ask, Snapshot, Waypoints, ensure_points
 
 VERSION = 1
 """Of this protocol."""
@@ -48,6 +49,8 @@ class ClientOrder(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True,
         name="set", default=None
     )
     """Dotted keys of the configuration, and the values that they shall have."""
+    points: Waypoints = ()
+    """Where to, for ``goto``."""
     why: Annotated[str, msgspec.Meta(max_length=200)] = ""
     """Why, in words."""
     vehicle: Annotated[str, msgspec.Meta(max_length=64)] = ""
@@ -62,8 +65,9 @@ class ClientOrder(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True,
         """Check what the fields alone can't.
 
         Raises:
-            ValueError: none or several of the three.
+            ValueError: none or several of the three, or points that belong to none.
         """
+        ensure_points(self.ask, self.points)
         if sum(one is not None for one in (self.ask, self.control, self.gains)) != 1:
             raise ValueError("an order has exactly one of ask, control and set")
 

@@ -13,7 +13,7 @@ from pathlib import Path
 import msgspec
 
 from groundstation.config import ConfigError, dump, load
-from groundstation.core.messages import Ask
+from groundstation.core.messages import MOST_POINTS, Ask, Request, Waypoint
 from groundstation.core.mission import FINAL, TABLE, Event, State
 from groundstation.settings import Config
 from links.bridge import BridgeConfig
@@ -170,13 +170,56 @@ async def _is_flown(vehicle: str) -> bool:
 
 def request(args: argparse.Namespace) -> int:
     """One request to a running ground station."""
+    points = _read_points(args.ask, args.where)
+    if points:
+        args.ask = Ask.GOTO.value
     if args.mqtt is not None:
         from groundstation.interfaces.mqtt import ask_command
 
-        return ask_command(args)
+        return ask_command(args, points)
     from groundstation.interfaces.api import request_command
 
-    return request_command(Ask(args.ask), args.vehicle, args.socket, args.why)
+    return request_command(Request(Ask(args.ask), args.why, points), args.vehicle, args.socket)
+
+
+def _read_points(ask: str, where: list[str]) -> tuple[Waypoint, ...]:
+    """Where ``goto`` and ``follow`` lead: the points travel in the request, as files here are none of the station's.
+
+    Raises:
+        ConfigError: they are none, or belong to something else.
+    """
+    if ask == "follow":
+        if len(where) != 1:
+            raise ConfigError("follow", f"expected one FILE.csv, got {len(where)} words")
+        from groundstation.core.trajectory import parse_course
+
+        try:
+            course = parse_course(Path(where[0]).read_text("utf-8"))
+        except OSError as error:
+            raise ConfigError("follow", f"cannot read {where[0]}: {error.strerror}") from None
+        except ValueError as error:
+            raise ConfigError("follow", f"{where[0]}: {error}") from None
+        if "times_s" in course or "velocities_ned" in course:
+            print("its times and speeds are left out: each leg is flown from rest to rest", file=sys.stderr)
+        yaws = course.get("yaws_deg") or [None] * len(course["points_ned"])
+        rows = [[*place, yaw] for place, yaw in zip(course["points_ned"], yaws, strict=True)]
+    elif ask == "goto":
+        if len(where) not in (3, 4):
+            raise ConfigError("goto", f"expected NORTH EAST DOWN [YAW], got {len(where)} numbers")
+        try:
+            rows = [[float(word) for word in where]]
+        except ValueError as error:
+            raise ConfigError("goto", f"expected NORTH EAST DOWN [YAW]: {error}") from None
+    elif where:
+        raise ConfigError(ask, f"takes nothing behind it, got {' '.join(where)!r}")
+    else:
+        return ()
+    if len(rows) > MOST_POINTS:
+        raise ConfigError(ask, f"expected at most {MOST_POINTS} points, got {len(rows)}")
+    try:
+        return tuple(msgspec.convert(row, Waypoint) for row in rows)
+    except msgspec.ValidationError as error:
+        raise ConfigError(ask, str(error)) from None
 
 
 def stop_all(args: argparse.Namespace) -> int:

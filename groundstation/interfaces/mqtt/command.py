@@ -18,7 +18,7 @@ from groundstation.config import (
     field_notes,
     is_name,
 )
-from groundstation.core.messages import RemoteAsk
+from groundstation.core.messages import RemoteAsk, Waypoint
 from groundstation.interfaces.mqtt.broker import MqttBroker, describe_error, from_url, heed_cancellation
 from groundstation.interfaces.mqtt.messages import (
     ANSWER,
@@ -91,7 +91,7 @@ class Unanswered(Exception):
     """Nothing came of it; the text says why."""
 
 
-def ask_command(args: argparse.Namespace) -> int:
+def ask_command(args: argparse.Namespace, points: tuple[Waypoint, ...] = ()) -> int:
     """Ask, print the answer, and return 0 where it is done, 1 where it is refused, 2 where nobody answers.
 
     Raises:
@@ -111,7 +111,8 @@ def ask_command(args: argparse.Namespace) -> int:
     broker = from_url(args.mqtt, ca=args.ca, user=args.user, password_file=args.password_file)
     key = _key(args.key)
     try:
-        answer = asyncio.run(request_by_mqtt(broker, args.vehicle, args.client, key, args.ask, args.why[:200]))
+        asking = request_by_mqtt(broker, args.vehicle, args.client, key, args.ask, args.why[:200], points)
+        answer = asyncio.run(asking)
     except Unanswered as error:
         print(f"groundstation: request: {error}", file=sys.stderr)
         return EXIT_NOBODY
@@ -120,7 +121,13 @@ def ask_command(args: argparse.Namespace) -> int:
 
 
 async def request_by_mqtt(
-    broker: MqttBroker, vehicle: str, client: str, key: bytes, ask: RemoteAsk, why: str = ""
+    broker: MqttBroker,
+    vehicle: str,
+    client: str,
+    key: bytes,
+    ask: RemoteAsk,
+    why: str = "",
+    points: tuple[Waypoint, ...] = (),
 ) -> SealedAnswer:
     """What the station of ``vehicle`` answers.
 
@@ -130,7 +137,7 @@ async def request_by_mqtt(
     import aiomqtt
 
     place = Place(broker.config.prefix, vehicle)
-    asking = _Asking(place, client, key, ask, why)
+    asking = _Asking(place, client, key, ask, why, points)
     try:
         async with asyncio.timeout(PATIENCE_S), broker.client() as connection:
             return await asking.run(connection)
@@ -143,8 +150,11 @@ async def request_by_mqtt(
 class _Asking:
     """One request: sent once the session is known, and again where that was the one of a station that has ended."""
 
-    def __init__(self, place: Place, client: str, key: bytes, ask: RemoteAsk, why: str) -> None:
+    def __init__(
+        self, place: Place, client: str, key: bytes, ask: RemoteAsk, why: str, points: tuple[Waypoint, ...]
+    ) -> None:
         self._place, self._client, self._key, self._ask, self._why = place, client, key, ask, why
+        self._points = points
         self._ids: set[int] = set()
         self._state = ""
 
@@ -169,7 +179,7 @@ class _Asking:
         now_ms = wall_ms()
         self._ids.add(now_ms)
         request = seal_request(
-            self._key, self._place, session, self._client, now_ms, self._ask, now_ms + LIFE_MS, self._why
+            self._key, self._place, session, self._client, now_ms, self._ask, now_ms + LIFE_MS, self._why, self._points
         )
         await connection.publish(
             topic, request, qos=REQUEST.quality, properties=properties(REQUEST, -(-LIFE_MS // 1000))

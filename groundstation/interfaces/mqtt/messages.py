@@ -5,7 +5,7 @@ from typing import Annotated, Any
 import msgspec
 
 from groundstation.config import CLIENT_LETTERS, name_pattern
-from groundstation.core.messages import RemoteAsk, Snapshot
+from groundstation.core.messages import RemoteAsk, Snapshot, Waypoints, ensure_points
 
 OFFLINE = "offline"
 """The ``state`` of a vehicle that no station flies, also as last will."""
@@ -63,10 +63,20 @@ class SealedRequest(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fi
     """What."""
     expires_ms: Number
     """When it must no longer be obeyed, by the wall clock [ms since 1970]: at most 10 s from now."""
+    points: Waypoints = ()
+    """Where to, for ``goto``, which the station's ``mqtt.requests.authority`` must allow."""
     why: Annotated[str, msgspec.Meta(max_length=200)] = ""
     """Why, in words."""
     mac: Seal
     """The seal on it."""
+
+    def __post_init__(self) -> None:
+        """Check what the fields alone can't.
+
+        Raises:
+            ValueError: points that belong to nothing, or a ``goto`` without any.
+        """
+        ensure_points(self.ask, self.points)
 
 
 class SealedAnswer(msgspec.Struct, frozen=True, kw_only=True):

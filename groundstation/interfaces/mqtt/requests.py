@@ -24,13 +24,13 @@ from typing import NamedTuple
 
 import msgspec
 
-from groundstation.core.messages import Ask, RemoteAsk, Reply, Request
+from groundstation.core.messages import Ask, RemoteAsk, Reply, Request, Waypoint
 from groundstation.interfaces.api import TokenBucket
 from groundstation.interfaces.mqtt.messages import SealedAnswer, SealedRequest
 from links.core import printable
 
-REQUEST_MAX_BYTES = 1024
-"""No request is longer."""
+REQUEST_MAX_BYTES = 3072
+"""No request is longer; with its topic it stays within the 4096 bytes that a station takes."""
 
 
 class Place(msgspec.Struct, frozen=True):
@@ -41,13 +41,34 @@ class Place(msgspec.Struct, frozen=True):
 
 
 def seal_request(  # every field of it
-    key: bytes, place: Place, session: str, client: str, number: int, ask: RemoteAsk, expires_ms: int, why: str = ""
+    key: bytes,
+    place: Place,
+    session: str,
+    client: str,
+    number: int,
+    ask: RemoteAsk,
+    expires_ms: int,
+    why: str = "",
+    points: tuple[Waypoint, ...] = (),
 ) -> bytes:
     """The JSON of a request."""
-    mac = _seal(key, "request", place, session, client, number, ask, expires_ms, why)
-    return msgspec.json.encode(
-        SealedRequest(session=session, client=client, id=number, ask=ask, expires_ms=expires_ms, why=why, mac=mac.hex())
+    mac = _seal(key, "request", place, session, client, number, ask, expires_ms, *_point_line(points), why)
+    request = SealedRequest(
+        session=session, client=client, id=number, ask=ask, expires_ms=expires_ms, points=points, why=why, mac=mac.hex()
     )
+    return msgspec.json.encode(request)
+
+
+def _point_line(points: tuple[Waypoint, ...]) -> tuple[str, ...]:
+    """What is sealed of them, one line that a ``goto`` has and nothing else: ``1.0000 0.5000 -1.2000 -; …``.
+
+    Of each its numbers with four digits behind the point, a dash for no heading. It stands before the free words.
+    """
+    told = (
+        " ".join("-" if number is None else f"{number:.4f}" for number in (*point.place_ned, point.yaw_deg))
+        for point in points
+    )
+    return ("; ".join(told),) if points else ()
 
 
 def decode_request(data: bytes) -> SealedRequest | str:
@@ -63,7 +84,7 @@ def decode_request(data: bytes) -> SealedRequest | str:
 def is_sealed(request: SealedRequest, key: bytes, place: Place) -> bool:
     """Whether whoever has ``key`` has made ``request`` for that vehicle."""
     r = request
-    made = _seal(key, "request", place, r.session, r.client, r.id, r.ask, r.expires_ms, r.why)
+    made = _seal(key, "request", place, r.session, r.client, r.id, r.ask, r.expires_ms, *_point_line(r.points), r.why)
     return hmac.compare_digest(made.hex(), r.mac)
 
 
@@ -195,7 +216,7 @@ class Gatekeeper:
             return self._answer(client, found, Reply(False, f"{found.client} may not ask for {found.ask}"))
         told = printable(found.why).strip()
         why = f"{told} ({found.client} by MQTT)" if told else f"told by {found.client} by MQTT"
-        reply = self._do(Request(Ask(found.ask), why))
+        reply = self._do(Request(Ask(found.ask), why, found.points))
         self.counts["done" if reply.done else "not_possible"] += 1
         return self._answer(client, found, reply)
 

@@ -19,7 +19,7 @@ from pathlib import Path
 from typing import Any
 
 from groundstation.config import ConfigError, dump
-from groundstation.core.messages import Ask, SourceError
+from groundstation.core.messages import Ask, Request, SourceError
 from groundstation.core.mission import State
 from groundstation.interfaces.api import ask_station, snapshots
 from groundstation.interfaces.service.flights import require_flyable
@@ -45,7 +45,7 @@ async def until_ready(socket: Path) -> None:
 async def arm_vehicle(name: str, socket: Path) -> str:
     """Ask for the motors of ``name``; returns why that was refused, or nothing."""
     try:
-        answer = await ask_station(Ask.ARM, name, socket, "groundstation fleet --arm")
+        answer = await ask_station(Request(Ask.ARM, "groundstation fleet --arm"), name, socket)
     except (ApiError, OSError) as error:
         return str(error)
     return "" if answer.done else answer.says

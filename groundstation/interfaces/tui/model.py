@@ -78,7 +78,7 @@ OLD_POSE_S = 0.2
 
 ALARM, BUSY, CALM, FLYING = "alarm", "busy", "calm", "flying"
 _TONES = {
-    **dict.fromkeys(("hold", "tracking", "returning"), FLYING),
+    **dict.fromkeys(("hold", "tracking", "moving", "returning"), FLYING),
     **dict.fromkeys(("arming", "takeoff", "landing", "disarming"), BUSY),
     **dict.fromkeys(("descent", "aborted", "handed_over", "killed"), ALARM),
 }

@@ -1,0 +1,198 @@
+"""Points that are asked for while a vehicle holds: flown straight, checked before each leg, ended by hold."""
+
+import asyncio
+import math
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+
+from groundstation.analysis.replay import replay_facts
+from groundstation.core.geometry import so3
+from groundstation.core.messages import Ask, Reply, Request, Waypoint
+from groundstation.core.mission import State
+from groundstation.flight import Flight
+from sim.runs import MissionResult, Stage, fly_mission, from_floor
+from sim.runs.simulation import RECORDING, RunFolder
+from sim.scenarios import SCENARIOS, prepare
+
+SHORT = ("takeoff.height_m=0.5", "takeoff.hold_s=1.0", "trajectory.altitude_m=-0.5", "takeoff.climb_m_s=1.0")
+FENCE = 'fence={kind="box", north_m=[-3, 3], east_m=[-3, 3], height_m=2.5}'
+NEAR = Waypoint(1.0, -0.2, 0.2, 90.0)
+
+
+async def hold_first(flight: Flight) -> None:
+    while flight.state is not State.HOLD:
+        await asyncio.sleep(0.01)
+    assert flight.ask(Request(Ask.HOLD, "the test")).done
+
+
+async def until(state: State, flight: Flight) -> None:
+    async with asyncio.timeout(60.0):
+        while flight.state is not state:
+            await asyncio.sleep(0.01)
+
+
+def goto(flight: Flight, *points: Waypoint) -> Reply:
+    return flight.ask(Request(Ask.GOTO, "the test", points))
+
+
+def flown(script: Callable[[Flight, Stage], object], *overrides: str) -> MissionResult:
+    world, config = prepare(SCENARIOS["paper"], [*SHORT, FENCE, *overrides])
+    world, config = from_floor(world, config, 2.0)
+    return fly_mission(world, config, seed=0, script=script)  # type: ignore[arg-type]  # a coroutine function
+
+
+def test_it_flies_straight_to_a_point_turns_as_asked_and_holds_there_until_told() -> None:
+    seen: list[tuple[float, float]] = []
+
+    async def script(flight: Flight, stage: Stage) -> None:
+        await hold_first(flight)
+        said = goto(flight, NEAR)
+        assert said.done and said.says.startswith("moving: to north 1.00, east -0.20, 0.80 m above the floor: the test")
+        await until(State.HOLD, flight)
+        await asyncio.sleep(3.0)
+        truth = stage.plant.truth(asyncio.get_running_loop().time())
+        seen.append((math.dist(truth.position_ned, NEAR.place_ned), so3.euler_zyx(truth.attitude)[2]))
+        assert flight.state is State.HOLD
+        flight.ask(Request(Ask.RETURN, "home"))
+
+    done = flown(script)
+    assert done.landed, done.fault or done.why
+    assert [one.state for one in done.states][4:] == [
+        "hold",
+        "moving",
+        "hold",
+        "returning",
+        "landing",
+        "disarming",
+        "landed",
+    ]
+    ((off_m, yaw),) = seen
+    assert off_m < 0.05
+    assert yaw == pytest.approx(math.pi / 2.0, abs=0.05)
+
+
+def test_hold_ends_it_on_its_way_and_the_rest_of_the_points_is_forgotten() -> None:
+    async def script(flight: Flight, _: Stage) -> None:
+        await hold_first(flight)
+        assert goto(flight, Waypoint(2.0, 2.0, 0.0), Waypoint(-2.0, 2.0, 0.0)).done
+        await asyncio.sleep(1.5)
+        assert flight.state is State.MOVING
+        assert not goto(flight, NEAR).done
+        assert flight.ask(Request(Ask.HOLD, "stop")).done
+        await asyncio.sleep(6.0)
+        assert flight.state is State.HOLD
+        assert math.dist(flight.snapshot().position_ned, (2.0, 2.0, 0.0)) > 1.0
+        flight.land("the test")
+
+    done = flown(script)
+    assert [one.state for one in done.states][5:] == ["moving", "hold", "landing", "disarming", "landed"]
+
+
+def test_points_are_flown_one_after_the_other() -> None:
+    told: list[str] = []
+
+    async def script(flight: Flight, _: Stage) -> None:
+        await hold_first(flight)
+        assert goto(flight, NEAR, Waypoint(0.0, 0.0, 0.0), Waypoint(0.5, 0.5, 0.2)).done
+        await until(State.HOLD, flight)
+        told.extend(flight.snapshot().events)
+        flight.land("the test")
+
+    done = flown(script)
+    assert done.landed or done.states[-1].state == "landed"
+    assert [line.partition("to north ")[2][:4] for line in told if "moving: to" in line] == ["1.00", "0.00", "0.50"]
+    assert any("hold: there: north 0.50" in line and "3 of 3" in line for line in told)
+
+
+@pytest.mark.parametrize(
+    ("points", "says"),
+    [
+        ([Waypoint(3.5, 0.0, 0.0)], "point 1 of 1, [3.5, 0.0, 0.0], is 0.50 m outside the fence"),
+        ([NEAR, Waypoint(0.0, 0.0, 0.9)], "point 2 of 2, [0.0, 0.0, 0.9], is 0.10 m above the floor"),
+        ([Waypoint(0.0, 0.0, -2.0)], "0.50 m outside the fence"),
+        ([Waypoint(math.nan, 0.0, 0.0)], "above the floor"),
+    ],
+)
+def test_a_point_that_can_not_be_held_at_is_refused_before_anything_moves(points: list[Waypoint], says: str) -> None:
+    async def script(flight: Flight, _: Stage) -> None:
+        await hold_first(flight)
+        said = goto(flight, *points)
+        assert not said.done and says in said.says
+        assert flight.state is State.HOLD
+        flight.land("the test")
+
+    assert "moving" not in [one.state for one in flown(script).states]
+
+
+def test_a_leg_that_is_too_fast_for_the_fence_s_braking_or_the_limit_is_refused() -> None:
+    async def script(flight: Flight, _: Stage) -> None:
+        await hold_first(flight)
+        said = goto(flight, Waypoint(2.9, 0.0, 0.0))
+        assert not said.done and "could not be braked within the fence" in said.says
+        flight.land("the test")
+
+    flown(script, "takeoff.transit_m_s=1.9", "takeoff.transit_m_s2=2.0")
+
+    async def limited(flight: Flight, _: Stage) -> None:
+        await hold_first(flight)
+        said = goto(flight, Waypoint(-2.0, 2.0, 0.0))
+        assert not said.done and "limits.max_speed_m_s" in said.says
+        flight.land("the test")
+
+    flown(limited, "takeoff.transit_m_s=0.9", "limits.max_speed_m_s=0.6")
+
+
+def test_a_leg_towards_another_vehicle_is_refused_and_one_that_it_has_come_into_ends_in_a_hold() -> None:
+    told: list[str] = []
+
+    async def script(flight: Flight, _: Stage) -> None:
+        await hold_first(flight)
+        now = asyncio.get_running_loop().time()
+        there, later = (Waypoint(2.5 * math.cos(0.4 * t), 2.5 * math.sin(0.4 * t), -1.0) for t in (now, now + 4.0))
+        said = goto(flight, there)
+        assert not said.done and "too near to other0" in said.says
+        assert goto(flight, NEAR, later).done
+        await until(State.HOLD, flight)
+        told.append(flight.reason)
+        flight.land("the test")
+
+    flown(script, "sim.other_bodies=1", 'separation.others=["other0"]', "separation.distance_m=1.2")
+    (why,) = told
+    assert why.startswith("not to north") and "other0" in why
+
+
+def test_only_a_vehicle_that_holds_goes_anywhere() -> None:
+    async def script(flight: Flight, _: Stage) -> None:
+        for state in (State.READY, State.TAKEOFF, State.TRACKING, State.RETURNING, State.LANDING):
+            await until(state, flight)
+            said = goto(flight, NEAR)
+            assert not said.done and f"not possible while {state}" in said.says
+
+    assert flown(script).landed
+
+
+def test_a_flight_with_points_is_flown_again_from_its_recording_to_the_last_bit(tmp_path: Path) -> None:
+    world, config = prepare(SCENARIOS["adverse"], [*SHORT, FENCE])
+    world, config = from_floor(world, config, 5.0)
+    run = RunFolder(tmp_path, config, world, scenario="adverse", seed=0)
+
+    async def script(flight: Flight, _: Stage) -> None:
+        await hold_first(flight)
+        assert goto(flight, NEAR, Waypoint(0.0, 0.0, 0.0)).done
+        await until(State.HOLD, flight)
+        flight.land("the test")
+
+    done = fly_mission(world, config, seed=0, script=script, give=run.give)
+    run.close({"completed": done.landed, "why": done.why})
+    facts = replay_facts(tmp_path / RECORDING)
+    assert facts["first_difference"] is None
+    assert facts["commands"] > 250
+
+
+def test_points_belong_to_goto_alone() -> None:
+    with pytest.raises(ValueError, match="expected 1 to 64 with goto"):
+        Request(Ask.LAND, points=(NEAR,))
+    with pytest.raises(ValueError, match="expected 1 to 64 with goto"):
+        Request(Ask.GOTO)
