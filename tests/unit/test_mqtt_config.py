@@ -78,6 +78,10 @@ def test_the_certificate_and_the_name_of_the_broker_are_checked_unless_told_othe
         ({"requests": {"enabled": True}}, "clients: expected at least one"),
         ({"requests": {"clients": {"a b": {"key_file": "k", "may": ["land"]}}}}, "got 'a b'"),
         ({"requests": {"clients": {"a": {"key_file": "k", "may": ["arm"]}}}}, r"clients\.a\.may\[0\]: expected one of"),
+        (
+            {"requests": {"clients": {"a": {"key_file": "k", "may": ["goto"]}}}},
+            "authority: expected move, as a may goto",
+        ),
         ({"requests": {"clients": {"a": {"key_file": "k", "may": []}}}}, r"clients\.a\.may: expected an array"),
         ({"requests": {"clients": {"a": {"may": ["land"]}}}}, r"clients\.a\.key_file: missing"),
     ],
