@@ -74,11 +74,11 @@ async def _play(port: int, stations: int, seconds: float, settle_s: float) -> di
             break
         await asyncio.sleep(0.02)
     loop = asyncio.get_running_loop()
-    begin_s = loop.time() + settle_s
     listener = await asyncio.create_subprocess_exec(
-        *make_child_command("tests.proving.bench.mqtt", url, str(begin_s), str(begin_s + seconds)),
-        stdout=subprocess.PIPE,
+        *make_child_command("tests.proving.bench.mqtt", url, str(settle_s), str(seconds)), stdout=subprocess.PIPE
     )
+    assert listener.stdout is not None, "a pipe"
+    begin_s: float = msgspec.json.decode(await listener.stdout.readline())  # as soon as it hears them all
     config = MqttConfig(enabled=True, port=port, rate_hz=RATE_HZ * 2)  # each put is published: the source sets the pace
     sources = [Latest[Snapshot]() for _ in range(stations)]
     tasks = [asyncio.create_task(publish_forever(config, source)) for source in sources]
@@ -88,7 +88,6 @@ async def _play(port: int, stations: int, seconds: float, settle_s: float) -> di
     before = _put(sources)
     await asyncio.sleep(begin_s + seconds - loop.time())
     published, cpu_s = _put(sources) - before, time.process_time() - cpu_s
-    assert listener.stdout is not None, "a pipe"
     heard: dict[str, Any] = msgspec.json.decode(await listener.stdout.read())
     await listener.wait()
     for task in (*feeds, *tasks):
@@ -131,21 +130,28 @@ class ListenedMessages(msgspec.Struct):
     time_s: float
 
 
-async def _listen(url: str, begin_s: float, end_s: float) -> dict[str, Any]:
-    """Hear all snapshots that were made between two instants of the event loop's clock, which all processes share."""
+async def _listen(url: str, settle_s: float, seconds: float) -> dict[str, Any]:
+    """Hear all snapshots of that time, from ``settle_s`` after it could hear any; when that is, it says at once.
+
+    By the event loop's clock, which all processes share.
+    """
     broker = from_url(url)
     loop = asyncio.get_running_loop()
     latencies: list[float] = []
     vehicles: set[str] = set()
     cpu_s = time.process_time()
-    with contextlib.suppress(TimeoutError):
-        async with asyncio.timeout_at(end_s + 0.5), broker.client() as client:
-            await client.subscribe("groundstation/+/snapshot")
-            async for message in client.messages:
-                snapshot = msgspec.json.decode(message.payload, type=ListenedMessages)
-                if begin_s <= snapshot.time_s < end_s:
-                    latencies.append(loop.time() - snapshot.time_s)
-                    vehicles.add(snapshot.vehicle)
+    async with broker.client() as client:
+        await client.subscribe("groundstation/+/snapshot")
+        begin_s = loop.time() + settle_s
+        end_s = begin_s + seconds
+        print(begin_s, flush=True)
+        with contextlib.suppress(TimeoutError):
+            async with asyncio.timeout_at(end_s + 0.5):
+                async for message in client.messages:
+                    snapshot = msgspec.json.decode(message.payload, type=ListenedMessages)
+                    if begin_s <= snapshot.time_s < end_s:
+                        latencies.append(loop.time() - snapshot.time_s)
+                        vehicles.add(snapshot.vehicle)
     latencies.sort()
     return {
         "delivered": len(latencies),
