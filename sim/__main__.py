@@ -199,6 +199,11 @@ def _fuzz(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--json", action="store_true", help="print one JSON object instead of the table")
 
 
+def _firmware(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument("--json", action="store_true", help="print one JSON object instead of the tables")
+    parser.add_argument("--write", type=path, metavar="FILE.md", help="put the tables between the file's markers")
+
+
 def _serve(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--scenario", default="paper", metavar="NAME")
     parser.add_argument("--seed", type=whole, default=0)
@@ -258,6 +263,7 @@ COMMANDS = {
     "tune": ("search for better gains, or report how wrong the world may be with these", _tune),
     "scenarios": ("list the scenarios with every value", _scenarios),
     "check-vectors": ("evaluate the control law on a file of test vectors", _check_vectors),
+    "firmware": ("measure what Betaflight's own firmware does with ours: flights, strikes, rates", _firmware),
     "fuzz": ("feed every decoder random and damaged bytes", _fuzz),
     "serve": ("a simulated vehicle and cameras in real time, on loopback UDP", _serve),
     "completion": ("print the script by which a shell completes this program's command lines", add_completion),

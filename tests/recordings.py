@@ -4,9 +4,9 @@ from functools import cache
 from pathlib import Path
 
 from groundstation.recording import Record
-from sim.runs import fly
+from sim.runs import RECORDING, fly
 from sim.runs.flight import Result
-from sim.runs.simulation import RECORDING, RunFolder
+from sim.runs.simulation import RunFolder
 from sim.scenarios import SCENARIOS, prepare
 from tests.flown_once import folder_of, once
 

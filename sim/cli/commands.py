@@ -40,6 +40,11 @@ def soak(args: argparse.Namespace) -> int:
     return int(proving("soak", "commands").soak(args))
 
 
+def firmware(args: argparse.Namespace) -> int:
+    """Measure what Betaflight's own firmware does with ours."""
+    return int(proving("firmware", "firmware").firmware(args))
+
+
 def fuzz(args: argparse.Namespace) -> int:
     """Feed decoders random and damaged bytes."""
     return int(proving("fuzz", "commands").fuzz(args))

@@ -6,7 +6,7 @@ if TYPE_CHECKING:
     from sim.runs.flight import CONFIRM_S, MISSION_CONFIRM_S, MissionResult, confirm_at, fly, fly_mission, from_floor
     from sim.runs.referee import CRASH_M, ROUNDING_S, SATURATION_FROM_S, SETTLED_M, STEADY_S, TrueTrack, sought
     from sim.runs.server import place_fleet, serve, serve_fleet
-    from sim.runs.simulation import lend_name, run_beside, simulate
+    from sim.runs.simulation import RECORDING, lend_name, run_beside, simulate
     from sim.runs.stage import Stage
 
 _MODULES = {
@@ -14,7 +14,7 @@ _MODULES = {
     "flight": ("CONFIRM_S", "MISSION_CONFIRM_S", "MissionResult", "confirm_at", "fly", "fly_mission", "from_floor"),
     "referee": ("CRASH_M", "ROUNDING_S", "SATURATION_FROM_S", "SETTLED_M", "STEADY_S", "TrueTrack", "sought"),
     "server": ("place_fleet", "serve", "serve_fleet"),
-    "simulation": ("lend_name", "run_beside", "simulate"),
+    "simulation": ("RECORDING", "lend_name", "run_beside", "simulate"),
     "stage": ("Stage",),
 }
 

@@ -7,8 +7,8 @@ from groundstation.analysis.replay import replay_facts
 from groundstation.core.mission import State
 from groundstation.flight import Flight
 from groundstation.recording import Recording
-from sim.runs import MissionResult, Stage, fly_mission, from_floor
-from sim.runs.simulation import RECORDING, RunFolder
+from sim.runs import RECORDING, MissionResult, Stage, fly_mission, from_floor
+from sim.runs.simulation import RunFolder
 from sim.scenarios import SCENARIOS, prepare
 from tests.flight.test_missions import SHORT
 

@@ -10,9 +10,9 @@ from groundstation.analysis.replay import replay_facts
 from groundstation.core.messages import Ask, Request
 from groundstation.core.mission import IN_AIR, State
 from groundstation.flight import Flight
-from sim.runs import MissionResult, Stage, fly_mission, from_floor
+from sim.runs import RECORDING, MissionResult, Stage, fly_mission, from_floor
 from sim.runs.flight import Script
-from sim.runs.simulation import RECORDING, RunFolder
+from sim.runs.simulation import RunFolder
 from sim.scenarios import SCENARIOS, prepare
 
 WAY = ["connecting", "ready", "arming", "takeoff", "hold", "tracking", "returning", "landing", "disarming", "landed"]

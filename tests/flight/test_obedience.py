@@ -14,8 +14,8 @@ from groundstation.core.mission import FINAL
 from groundstation.recording import IdleRecord, LineRecord, Record, SentRecord, TickRecord
 from groundstation.recording.records import SwitchRecord
 from links.mavlink.protocol import DO_SET_MODE, MavlinkCodec
-from sim.runs import from_floor
-from sim.runs.simulation import RECORDING, RunFolder
+from sim.runs import RECORDING, from_floor
+from sim.runs.simulation import RunFolder
 from sim.scenarios import SCENARIOS, prepare
 from sim.time import VirtualTimeLoop
 from tests.proving.faults.cells import fly_here

@@ -39,8 +39,8 @@ from groundstation.recording.writer import FLUSH_S, PatientFile
 from groundstation.runtime import RecordingConfig, make_folder
 from groundstation.settings import Config
 from sim.__main__ import main
-from sim.runs import fly
-from sim.runs.simulation import AT_ONCE, RECORDING, RunFolder
+from sim.runs import RECORDING, fly
+from sim.runs.simulation import AT_ONCE, RunFolder
 from sim.scenarios import SCENARIOS, prepare
 from tests.flight.flights import flown
 from tests.recordings import recorded

@@ -16,9 +16,9 @@ from groundstation.analysis.report.figures import FIGURES
 from groundstation.analysis.report.flight import numbers
 from groundstation.config import ConfigError
 from groundstation.recording import quick_headline
+from sim.runs import RECORDING, fly_mission, from_floor
 from sim.runs import SETTLED_M as REFEREE_SETTLED_M
-from sim.runs import fly_mission, from_floor
-from sim.runs.simulation import RECORDING, RunFolder
+from sim.runs.simulation import RunFolder
 from sim.scenarios import SCENARIOS, prepare
 from tests.recordings import recorded
 

@@ -9,8 +9,8 @@ from groundstation.analysis.report import read_columns
 from groundstation.analysis.report.figures import lateness
 from groundstation.analysis.report.flight import numbers
 from groundstation.config import ConfigError
-from sim.runs import fly
-from sim.runs.simulation import RECORDING, RunFolder
+from sim.runs import RECORDING, fly
+from sim.runs.simulation import RunFolder
 from sim.scenarios import SCENARIOS, prepare
 
 

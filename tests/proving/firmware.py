@@ -1,0 +1,322 @@
+"""What Betaflight's own firmware does with ours, ``groundstation-sim firmware``: the tables of docs/evidence.md.
+
+All of it in virtual time, through the RF link's bytes, on the rotor-level plant.
+"""
+
+import argparse
+import asyncio
+import json
+import math
+import tempfile
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from statistics import median
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from groundstation.analysis.identify import identify, read_stretch
+from groundstation.core.geometry import Vec3
+from groundstation.core.mission import State
+from groundstation.recording import make_flight
+from groundstation.runtime import replace_between_markers
+from sim.autopilots import GAINS, STEP_S, FlightBoard, describe_settings
+from sim.radio import PulseReceiver
+from sim.runs import RECORDING, Stage, confirm_at, fly, fly_mission, from_floor, simulate
+from sim.scenarios import BETAFLIGHT, SCENARIOS, by_betaflight, prepare
+from sim.time import VirtualTimeLoop
+from sim.world import FourRotors, Quadrotor, Wind, rows, stream
+
+SHORT = ("takeoff.height_m=0.5", "takeoff.hold_s=1.0", "trajectory.altitude_m=-0.5", "takeoff.climb_m_s=1.0")
+WATCHED_S = 5.0
+"""How long the world goes on after a strike [s]."""
+TAKE_OFFS = 20
+SEEDS = range(3)
+BEGIN, END = "<!-- firmware:begin -->", "<!-- firmware:end -->"
+
+
+class Struck(NamedTuple):
+    """What came of a strike in flight."""
+
+    motors: list[tuple[float, FourRotors]]
+    """The firmware's own motor signals (0..1), and when since the strike [s]."""
+    hit_m_s: float | None
+    """How it met the floor."""
+
+    @property
+    def off_s(self) -> float:
+        """When the motors turned for the last time [s since the strike]."""
+        return max(time_s for time_s, signals in self.motors if any(signals))
+
+
+def strike_down(strike: Callable[[Stage], None], link: str) -> Struck:
+    """Fly until tracking has lasted half a second, have ``strike`` fall, and look at the motors."""
+
+    async def watch() -> Struck:
+        motors: list[tuple[float, FourRotors]] = []
+        loop = asyncio.get_running_loop()
+        stage = Stage(world, config, 0, autopilot=BETAFLIGHT)
+        flight = make_flight(config, confirm=confirm_at(2.0), wires=stage.wires)
+        running = [asyncio.ensure_future(stage.run()), asyncio.ensure_future(flight.run())]
+        while flight.state is not State.TRACKING:  # noqa: ASYNC110  # no event tells it
+            await asyncio.sleep(0.001)
+        await asyncio.sleep(0.503)
+        assert stage.board is not None, "Betaflight flies it"
+        struck_s = loop.time()
+        stage.board.on_motors = lambda time_s, signals: motors.append((time_s - struck_s, signals))
+        strike(stage)
+        await asyncio.sleep(WATCHED_S)
+        for task in running:
+            task.cancel()
+        await asyncio.gather(*running, return_exceptions=True)
+        return Struck(motors, stage.plant.hardest_m_s)
+
+    world, config = prepare(by_betaflight(SCENARIOS["paper"]), list(SHORT), link=link)
+    world, config = from_floor(world, config, 30.0)
+    with asyncio.Runner(loop_factory=VirtualTimeLoop) as runner:
+        return runner.run(watch())
+
+
+def kill_pacer(stage: Stage) -> None:
+    """The pacer is killed; its stand-by is not."""
+    assert stage.port.pacer is not None, "a radio has one"
+    stage.port.pacer.strike()
+
+
+def freeze_pacer(stage: Stage) -> None:
+    """The pacer stands still."""
+    assert stage.port.pacer is not None, "a radio has one"
+    stage.port.pacer.strike(stopped=True)
+
+
+def kill_station(stage: Stage) -> None:
+    """The station's process is killed."""
+    assert stage.port.pacer is not None, "a radio has one"
+    stage.port.pacer.lose_commander()
+
+
+def freeze_station(stage: Stage) -> None:
+    """The station's process is stopped."""
+    assert stage.port.pacer is not None, "a radio has one"
+    stage.port.pacer.lose_commander(stopped=True)
+
+
+def interrupt_bridge(stage: Stage) -> None:
+    """The bridge's operator presses Ctrl-C."""
+    assert stage.bridge_task is not None, "there is a bridge"
+    stage.bridge_task.cancel()
+
+
+def cut_bridge_off(stage: Stage) -> None:
+    """The bridge's network is gone."""
+    assert stage._bridge is not None, "there is a bridge"
+    assert stage._bridge._wire is not None, "it listens"
+    stage._bridge._wire.abort()
+
+
+def cut_wire(stage: Stage) -> None:
+    """No frame leaves any more: the port is gone, or pacer and stand-by are."""
+    stage.port.cut = True
+
+
+def hold_for_ever(stage: Stage) -> None:
+    """The same, before a receiver that holds its last pulses."""
+    _set_failsafe(stage).failsafe_gives = "hold"
+    cut_wire(stage)
+
+
+def give_invalid(stage: Stage) -> None:
+    """The same, before a receiver whose pulses then mean nothing."""
+    _set_failsafe(stage).failsafe_gives = "invalid"
+    cut_wire(stage)
+
+
+def _set_failsafe(stage: Stage) -> PulseReceiver:
+    assert stage.radio is not None, "there is a radio"
+    assert isinstance(stage.radio.receiver, PulseReceiver), "before Betaflight"
+    return stage.radio.receiver
+
+
+STRIKES: tuple[tuple[str, Callable[[Stage], None], str], ...] = (
+    ("pacer killed", kill_pacer, "crsf"),
+    ("pacer stopped", freeze_pacer, "dsm"),
+    ("station killed", kill_station, "crsf"),
+    ("station stopped", freeze_station, "dsm"),
+    ("bridge interrupted", interrupt_bridge, "rf_bridge"),
+    ("bridge's network gone", cut_bridge_off, "rf_bridge"),
+    ("port cut, or pacer and stand-by killed", cut_wire, "crsf"),
+    ("the same, receiver gives invalid pulses", give_invalid, "dsm"),
+    ("the same, receiver holds its last pulses", hold_for_ever, "dsm"),
+)
+
+
+def respond(axis: int, rate_deg_s: float, gains: Sequence[str] = GAINS) -> tuple[float, float, float]:
+    """Lag and delay [s] that fit its body rate best after steps of the stick, and the overshoot [-]."""
+    world, _ = prepare(by_betaflight(SCENARIOS["paper"]), ["sim.wind_mean=[0,0,0]", "sim.floor_z_m=1000"], link="crsf")
+    plant = Quadrotor(world, Wind(world, rows(stream(0, "turbulence").standard_normal, 3)))
+    full = (200.0, 200.0, 300.0)
+    board = FlightBoard(plant, [*describe_settings(512.0, "AETR", full), *gains], _quiet(), 0.0)
+    seen, told = list[float](), list[float]()
+    sign = (1.0, -1.0, 1.0)[axis]
+
+    async def run() -> None:
+        loop = asyncio.get_running_loop()
+        flying = asyncio.ensure_future(board.run())
+        pulses = [1500.0, 1500.0, 988.0, 1500.0, 988.0]
+        board.hear(pulses)
+        await asyncio.sleep(0.5)
+        for thrust, arm, lasts in ((988.0, 2012.0, 0.5), (HOVER_US, 2012.0, 0.7)):
+            pulses[2], pulses[4] = thrust, arm
+            board.hear(pulses)
+            await asyncio.sleep(lasts)
+        for level in (1.0, 0.0, -1.0, 0.0):
+            pulses[(0, 1, 3)[axis]] = 1500.0 + 512.0 * sign * level * rate_deg_s / full[axis]
+            board.hear(pulses)
+            for _ in range(500):
+                await asyncio.sleep(STEP_S)
+                seen.append(math.degrees(plant.truth(loop.time()).rates_rad_s[axis]))
+                told.append(level * rate_deg_s)
+        flying.cancel()
+        await asyncio.gather(flying, return_exceptions=True)
+
+    with asyncio.Runner(loop_factory=VirtualTimeLoop) as runner:
+        runner.run(run())
+    lag, delay = _fit(np.array(told), np.array(seen))
+    return lag, delay, max(seen[:500]) / rate_deg_s - 1.0
+
+
+HOVER_US = 1725.0
+"""About what carries the vehicle of 80 g."""
+
+
+def _quiet() -> Any:
+    while True:
+        yield [0.0, 0.0, 0.0]
+
+
+def _fit(told: Any, seen: Any) -> tuple[float, float]:
+    """Least squares over all lags of 2 to 100 ms and delays of 0 to 80 ms, by milliseconds."""
+    best = (math.inf, 0.0, 0.0)
+    for lag in np.arange(0.002, 0.1, 0.001):
+        keep, level, answer = math.exp(-STEP_S / lag), 0.0, np.empty(len(told))
+        for k, wanted in enumerate(told):
+            level = wanted + keep * (level - wanted)
+            answer[k] = level
+        for late in range(80):
+            error = float(np.sum((np.concatenate((np.zeros(late), answer[: len(answer) - late])) - seen) ** 2))
+            best = min(best, (error, float(lag), late * STEP_S))
+    return best[1], best[2]
+
+
+def measure_rates() -> dict[str, Any]:
+    """Lag + delay of the rates, by steps on the plant and as ``identify`` finds them in a flight of excitation."""
+    steps = {name: respond(axis, 100.0) for axis, name in enumerate(("roll", "pitch", "yaw"))}
+    with tempfile.TemporaryDirectory() as folder:
+        told = ["trajectory.kind=excitation"]
+        simulate("paper", autopilot=BETAFLIGHT, link="dsm", duration=40.0, overrides=told, out=folder)
+        found = identify(read_stretch(Path(folder) / RECORDING)).parameters
+    timing = ("roll_lag", "pitch_lag", "rate_lag", "rate_delay", "yaw_lag", "yaw_delay", "thrust_lag", "thrust_delay")
+    return {"steps": steps, "identified": {name: one.value for name, one in found.items() if name in timing}}
+
+
+FLIGHTS: tuple[tuple[str, str, Sequence[str], float, str], ...] = (
+    ("hover", "paper", ["trajectory.kind=hold"], 30.0, "0.25"),
+    ("eight, 0.5 m/s", "paper", ["sim.speed_m_s=0.5"], 40.0, "0.35"),
+    ("eight, 1.0 m/s", "paper", ["sim.speed_m_s=1.0"], 40.0, "0.60"),
+    ("adverse, 0.5 m/s", "adverse", [], 60.0, "2.0"),
+    ("hover, rotors 15 % weak", "paper", ["trajectory.kind=hold", "sim.thrust_gain=0.85"], 30.0, "–"),
+)
+"""What is flown, and what it must stay under [cm RMS]."""
+
+
+def gust(seed: int) -> tuple[float, float]:
+    """The largest error in `gust_front`'s hover [cm], and how long it then takes to get under 5 cm [s]."""
+    at_s, lasts_s, errors = 16.0, 22.0, list[tuple[float, float]]()
+    world, config = prepare(
+        by_betaflight(SCENARIOS["gust_front"]), ["trajectory.kind=hold", f"sim.wind_step_time_s={at_s}"], link="dsm"
+    )
+    place = config.trajectory.build().position_at(0.0)
+
+    def see(time_s: float, at: Vec3) -> None:
+        errors.append((time_s, math.dist(at, place)))
+
+    fly(world, config, seed=seed, duration_s=lasts_s, autopilot=BETAFLIGHT, on_step=see)
+    begun_s = errors[-1][0] - lasts_s + at_s
+    after = [(time_s - begun_s, error) for time_s, error in errors if time_s > begun_s]
+    return 100.0 * max(error for _, error in after), max((t for t, error in after if error > 0.05), default=0.0)
+
+
+def firmware(args: argparse.Namespace) -> int:
+    """Measure, and print or write the tables."""
+    facts: dict[str, Any] = {"flights": {}, "strikes": {}}
+    for name, scenario, told, lasts_s, must in FLIGHTS:
+        world, config = prepare(by_betaflight(SCENARIOS[scenario]), list(told), link="dsm")
+        verdicts = [
+            fly(world, config, seed=seed, duration_s=lasts_s, autopilot=BETAFLIGHT).verdict.rms_cm for seed in SEEDS
+        ]
+        facts["flights"][name] = {"rms_cm": [v if v is not None else math.inf for v in verdicts], "must": must}
+    facts["gust"] = [gust(seed) for seed in SEEDS]
+    for name, strike, link in STRIKES:
+        struck = strike_down(strike, link)
+        facts["strikes"][name] = {"link": link, "off_s": struck.off_s, "hit_m_s": struck.hit_m_s}
+    missions = []
+    for seed in range(TAKE_OFFS):
+        scenario, link = (("paper", "dsm"), ("paper", "crsf"), ("adverse", "dsm"), ("adverse", "crsf"))[seed % 4]
+        world, config = prepare(by_betaflight(SCENARIOS[scenario]), list(SHORT), link=link)
+        missions.append(fly_mission(*from_floor(world, config, 1.0), seed=seed, autopilot=BETAFLIGHT))
+    facts["take_offs"] = {
+        "landed": sum(one.landed for one in missions),
+        "of": TAKE_OFFS,
+        "touchdown_m_s": max(one.touchdown_m_s or 0.0 for one in missions),
+        "home_m": max(one.home_m for one in missions),
+        "tilt_max_deg": max(one.tilt_max_deg for one in missions),
+    }
+    facts["rates"] = measure_rates()
+    facts["default_gains"] = [respond(axis, 100.0, ()) for axis in range(3)]
+    text = tables(facts)
+    print(json.dumps(facts) if args.json else text)
+    if args.write is not None:
+        replace_between_markers(args.write, BEGIN, END, text)
+    return 0
+
+
+def tables(facts: dict[str, Any]) -> str:
+    """The facts as Markdown."""
+    lines = ["| flown over DSM, 50 Hz poses, 20 ms | RMS cm, median of 3 seeds (worst) | must |", "|---|---|---|"]
+    for name, row in facts["flights"].items():
+        lines.append(f"| {name} | {median(row['rms_cm']):.2f} ({max(row['rms_cm']):.2f}) | {row['must']} |")
+    peak, back = max(p for p, _ in facts["gust"]), max(b for _, b in facts["gust"])
+    lines.append(
+        f"| a step of wind of 1.5 m/s² in the hover | {peak:.1f} cm at most, under 5 cm after {back:.2f} s | 8, 1.5 s |"
+    )
+    took = facts["take_offs"]
+    lines += [
+        "",
+        f"Take-offs, `paper` and `adverse`, DSM and CRSF: {took['landed']} of {took['of']} landed where they were to; "
+        f"worst touchdown {took['touchdown_m_s']:.2f} m/s, {100.0 * took['home_m']:.1f} cm from where it took off, "
+        f"tilt {took['tilt_max_deg']:.0f}°.",
+        "",
+        "| struck in flight | over | firmware's motors off after | met the floor at |\n|---|---|---|---|",
+    ]
+    for name, row in facts["strikes"].items():
+        off = "never" if row["off_s"] > WATCHED_S - 0.1 else f"{row['off_s']:.2f} s"
+        hit = "–" if row["hit_m_s"] is None else f"{row['hit_m_s']:.2f} m/s"
+        lines.append(f"| {name} | {row['link']} | {off} | {hit} |")
+    lines += [
+        "",
+        "| rate | lag + delay, steps on the plant | overshoot | with the firmware's own gains |",
+        "|---|---|---|---|",
+    ]
+    for (name, (lag, delay, over)), own in zip(facts["rates"]["steps"].items(), facts["default_gains"], strict=True):
+        lines.append(
+            f"| {name} | {1e3 * lag:.0f} + {1e3 * delay:.0f} ms | {100.0 * over:.0f} % "
+            f"| {1e3 * own[0]:.0f} + {1e3 * own[1]:.0f} ms, overshoot {100.0 * own[2]:.0f} % |"
+        )
+    found = facts["rates"]["identified"]
+    lines += [
+        "",
+        "`identify` on an excitation flight (its delays count from a command's leaving): "
+        + ", ".join(f"{key} {1e3 * value:.0f} ms" for key, value in found.items() if value is not None)
+        + ".",
+    ]
+    return "\n".join(lines)
