@@ -12,8 +12,8 @@ from groundstation.core.geometry import so3
 from groundstation.core.messages import Ask, Reply, Request, Waypoint
 from groundstation.core.mission import State
 from groundstation.flight import Flight
-from sim.runs import MissionResult, Stage, fly_mission, from_floor
-from sim.runs.simulation import RECORDING, RunFolder
+from sim.runs import RECORDING, MissionResult, Stage, fly_mission, from_floor
+from sim.runs.simulation import RunFolder
 from sim.scenarios import SCENARIOS, prepare
 
 SHORT = ("takeoff.height_m=0.5", "takeoff.hold_s=1.0", "trajectory.altitude_m=-0.5", "takeoff.climb_m_s=1.0")
