@@ -174,12 +174,14 @@ def _logs(parser: argparse.ArgumentParser) -> None:
 
 def _export(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("file", type=path, metavar="LOG.mcap")
-    parser.add_argument("--format", choices=["csv", "mcap", "poses"], default="csv", help="default: csv")
+    parser.add_argument(
+        "--format", choices=["csv", "npz", "mat", "parquet", "rrd", "mcap", "poses"], default="csv", help="default: csv"
+    )
     parser.add_argument(
         "--channel", action="append", default=[], metavar="/NAME", help="only this one; may be repeated. Default: all"
     )
     parser.add_argument(
-        "--out", type=path, metavar="PATH", help="folder of the CSVs (default: beside the recording), or the new .mcap"
+        "--out", type=path, metavar="PATH", help="folder or file to write (default: beside the recording)"
     )
 
 
@@ -199,10 +201,14 @@ def _carry(parser: argparse.ArgumentParser) -> None:
 
 
 def _report(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument("files", type=path, nargs="+", metavar="LOG.mcap", help="a recording, or two to compare")
+    parser.add_argument("files", type=path, nargs="+", metavar="LOG.mcap", help="a recording, or more to compare")
     parser.add_argument(
         "--out", type=path, metavar="DIR", help="folder of page and figures (default: beside the first)"
     )
+    parser.add_argument(
+        "--format", default="html", metavar="LIST",
+        help="some of html (default), pdf, svg, png (figures a column wide, for print), csv, tex (the table)",
+    )  # fmt: skip
     parser.add_argument("--json", action="store_true", help="print the numbers; the page only where --out is given")
 
 
@@ -266,10 +272,13 @@ COMMANDS = {
     "mqtt": ("about MQTT: keys of clients, topics, schemas", _mqtt),
     "replay": ("fly a recording again and compare to the last bit; a .tlog, in shadow", _replay),
     "logs": ("list the recorded flights with their headline numbers", _logs),
-    "export": ("channels of a recording as CSV, or a recording that was cut off made whole", _export),
+    "export": (
+        "channels of a recording as CSV or what others read, or a recording that was cut off made whole",
+        _export,
+    ),
     "check": ("run the pre-flight checks on the vehicle as it stands; arms nothing", _check),
     "carry": ("find the tracker's axes and latency by carrying the vehicle, props off", _carry),
-    "report": ("one page about a recorded flight, with figures; or about two, compared", _report),
+    "report": ("one page about a recorded flight, with figures; or about several, compared", _report),
     "identify": ("thrust, lags, delay, drag and noise of the vehicle, from a recorded flight", _identify),
     "import": ("a flight that others recorded (CSV, ULog, .bin, .tlog), as a recording", _import),
     "evidence": (

@@ -3,6 +3,8 @@
 from functools import cache
 from pathlib import Path
 
+import msgspec
+
 from groundstation.recording import Record
 from sim.runs import RECORDING, fly
 from sim.runs.flight import Result
@@ -27,7 +29,7 @@ def recorded(
             run.give(record)
 
         result = fly(world, config, seed=seed, duration_s=duration_s, give=give)
-        run.close({"completed": result.completed, "why": result.why})
+        run.close({"completed": result.completed, "why": result.why, **msgspec.to_builtins(result.verdict)})
         return result, tuple(records)
 
     key = ("recorded", scenario, world, config, seed, duration_s)

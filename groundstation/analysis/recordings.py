@@ -41,6 +41,8 @@ def export_command(path: Path, form: str, channels: list[str], out: Path | None)
             target = out or path.with_name(f"{path.stem}-poses.csv")
             count = write_poses(recording, target)
             print(f"{target}: {count} poses; pose.kind = 'csv' plays them{_short_of(recording)}")
+        elif form != "csv":
+            _write_tables(recording, form, wanted or list(CHANNELS), out or path.with_suffix(f".{form}"))
         elif len(wanted) == 1 and out is None:
             write_csv(recording, {wanted[0]: sys.stdout})
             if not recording.whole:
@@ -58,6 +60,13 @@ def export_command(path: Path, form: str, channels: list[str], out: Path | None)
 
 def _short_of(recording: Recording) -> str:
     return "" if recording.whole else f"; the recording {recording.trouble}"
+
+
+def _write_tables(recording: Recording, form: str, topics: list[str], target: Path) -> None:
+    from groundstation.analysis.flight_data import write_tables
+
+    rows = write_tables(recording, form, topics, target)
+    print(f"{target}: {sum(rows.values())} rows of {len(rows)} channels{_short_of(recording)}")
 
 
 def _write_folder(recording: Recording, topics: list[str], folder: Path) -> None:
@@ -190,7 +199,7 @@ def describe_recording(path: Path, folder: Path) -> dict[str, Any]:
     }
 
 
-_HEADS = ("", "controller", "trajectory", "flown", "RMS", "largest", "size")
+_HEADS = ("", "controller", "trajectory", "flown", "RMS", "true RMS", "largest", "size")
 
 
 def _table(rows: list[list[str]]) -> list[str]:
@@ -215,7 +224,7 @@ def _row(flight: dict[str, Any]) -> list[str]:
     if flight["being_written"]:
         ended = f"{flight['state']}: being recorded now"
     size = f"{flight['size_bytes'] / 1e6:.1f} MB"
-    errors = [_cm(flight["rms_m"]), _cm(flight["max_m"])]
+    errors = [_cm(flight["rms_m"]), _cm(flight["true_rms_m"]), _cm(flight["max_m"])]
     return [
         flight["file"],
         flight["controller"],

@@ -6,7 +6,7 @@ from collections import deque
 
 from groundstation.core import Tick
 from groundstation.core.geometry import Quat, Vec3
-from groundstation.core.messages import Certificate, Check, Pose, PoseStatus, Snapshot
+from groundstation.core.messages import Certificate, Check, Pose, PoseStatus, Snapshot, SteadyError
 from groundstation.core.mission import State
 from groundstation.settings import Config
 from links.core import CommandLink, Lateness, LinkStatus
@@ -59,8 +59,7 @@ class FlightStatistics:
         self._arrivals: deque[float] = deque(maxlen=1000)
         self._events: deque[str] = deque(maxlen=20)
         self._tick: Tick | None = None
-        self._squares = 0.0
-        self._count = 0
+        self._steady = SteadyError()
         self._due = FrameLateness(link)
         self._lateness = Lateness()
 
@@ -74,10 +73,9 @@ class FlightStatistics:
         if late is not None:
             self._lateness.add(late)
         self._tick = tick
-        if not counts:
-            return
-        self._squares += math.dist(tick.estimate.motion.position, tick.reference.position_ned) ** 2
-        self._count += 1
+        if counts:
+            error = math.dist(tick.estimate.motion.position, tick.reference.position_ned)
+            self._steady.add(tick.flight_time_s, error)
 
     def event(self, line: str) -> None:
         """One line for the operator."""
@@ -122,7 +120,7 @@ class FlightStatistics:
             attitude=attitude,
             reference_ned=reference,
             error_m=math.dist(position, reference),
-            rms_m=math.sqrt(self._squares / self._count) if self._count else 0.0,
+            rms_m=self._steady.rms_m or 0.0,
             thrust_n=0.0 if tick is None else tick.decision.drive.thrust,
             thrust_max_n=self._vehicle.thrust_max_n,
             rates_rad_s=ZERO if tick is None else tick.decision.drive.rates,

@@ -23,7 +23,7 @@ if TYPE_CHECKING:
         schema,
         vector,
     )
-    from groundstation.recording.headline import STEADY_S, FlightHeadline
+    from groundstation.recording.headline import FlightHeadline
     from groundstation.recording.process import END_S, RecorderProcess
     from groundstation.recording.reader import Entry, NoRecording, Recording, quick_headline
     from groundstation.recording.records import (
@@ -54,7 +54,7 @@ _MODULES = {
         "schema",
         "vector",
     ),
-    "headline": ("FlightHeadline", "STEADY_S"),
+    "headline": ("FlightHeadline",),
     "process": ("END_S", "RecorderProcess"),
     "reader": ("Entry", "NoRecording", "Recording", "quick_headline"),
     "records": (

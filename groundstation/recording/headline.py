@@ -1,12 +1,10 @@
 """Headline of a flight, as a list of flights shows it: how long, how well, how it ended."""
 
-import math
 from typing import Any
 
 import msgspec
 
-STEADY_S = 5.0
-"""Errors count from this time on the trajectory on [s], as in the paper."""
+from groundstation.core.messages import SteadyError
 
 
 class FlightHeadline(msgspec.Struct, frozen=True, kw_only=True):
@@ -20,7 +18,7 @@ class FlightHeadline(msgspec.Struct, frozen=True, kw_only=True):
     commands: int
     poses: int
     rms_m: float | None
-    """Root mean square distance from the reference, after the first 5 s and before the landing [m]."""
+    """Root mean square distance of the estimate from the reference over the steady part [m], if there was one."""
     max_m: float | None
     """Largest such distance [m]."""
     true_rms_m: float | None = None
@@ -37,8 +35,8 @@ class HeadlineCounter:
         """Nothing has happened."""
         self._state, self._reason = "idle", ""
         self._flown = 0.0
-        self._commands = self._poses = self._steady = self._lost = 0
-        self._squares = self._max = 0.0
+        self._commands = self._poses = self._lost = 0
+        self._steady = SteadyError()
         self._flight_time = 0.0
 
     def enter_state(self, state: str, text: str) -> None:
@@ -60,10 +58,7 @@ class HeadlineCounter:
         if self._state != "tracking" or flight_time_s < 0.0:
             return
         self._flown = flight_time_s
-        if flight_time_s >= STEADY_S:
-            self._steady += 1
-            self._squares += error_m * error_m
-            self._max = max(self._max, error_m)
+        self._steady.add(flight_time_s, error_m)
 
     def count_missing(self, count: int) -> None:
         """Records went missing."""
@@ -90,7 +85,7 @@ class HeadlineCounter:
             flown_s=self._flown,
             commands=self._commands,
             poses=self._poses,
-            rms_m=math.sqrt(self._squares / self._steady) if self._steady else None,
-            max_m=self._max if self._steady else None,
+            rms_m=self._steady.rms_m,
+            max_m=self._steady.max_m,
             lost=self._lost,
         )

@@ -17,7 +17,7 @@ import numpy.typing as npt
 from groundstation.config import ConfigError
 from groundstation.core.control import Adaptive, Gains, Law
 from groundstation.core.geometry import Ops, arrays
-from groundstation.core.messages import Decision, Diagnostics, Estimate
+from groundstation.core.messages import ROUNDING_S, SATURATION_FROM_S, STEADY_S, Decision, Diagnostics, Estimate
 from groundstation.core.trajectory import Reference
 from groundstation.core.vehicle import ActuatorCommand, Vehicle
 from groundstation.pose.sources import ViconConfig
@@ -26,7 +26,7 @@ from sim.batch.estimator import BatchEstimator, BatchWatch
 from sim.batch.fleet import Fleet
 from sim.batch.kernel import Array, Index
 from sim.batch.stages import BatchStage, Numpy, Stages, columns
-from sim.runs import CONFIRM_S, ROUNDING_S, SATURATION_FROM_S, SETTLED_M, STEADY_S, sought
+from sim.runs import CONFIRM_S, SETTLED_M, sought
 from sim.world import World
 
 STEADY_FROM_S = STEADY_S - ROUNDING_S

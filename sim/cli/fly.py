@@ -14,17 +14,18 @@ from typing import TYPE_CHECKING, Any
 import msgspec
 
 from groundstation.config import ConfigError, load, read_toml
+from groundstation.core.messages import STEADY_S
 from groundstation.flight import ensure_flyable
 from groundstation.pose import Recorded
 from groundstation.settings import Config, rehearse
 from links.io import is_loopback, parse_address
 from links.mavlink import MavlinkLinkConfig
-from sim.runs import STEADY_S, MissionResult
+from sim.runs import MissionResult
 from sim.scenarios import BETAFLIGHT, by_side, choose, make_mistakes, others_of, overridden, prepare, world_as_told
 from sim.world import World
 
 if TYPE_CHECKING:
-    from sim.runs import FleetMission
+    from sim.runs import FleetMission, Run
 
 FIGURE_S = 60.0
 """Time on the figure if nobody says."""
@@ -58,8 +59,14 @@ def fly(args: argparse.Namespace) -> int:
             record=args.out is not None,
             on_progress=show,
         )
-    print(json.dumps(run.facts) if args.json else summary(run.facts, args.out))
+    print(json.dumps(run.facts) if args.json else summary(run.facts, args.out, paper=_is_papers(args, run)))
     return 0 if run.completed else 1
+
+
+def _is_papers(args: argparse.Namespace, run: "Run") -> bool:
+    """Whether the paper's own figures may stand beside this flight: its law, its figure, its wind."""
+    told = args.overrides or args.config is not None or args.source != "vicon" or args.link != "mavlink"
+    return not told and (run.facts["scenario"], run.facts["controller"]) == ("paper", "adaptive")
 
 
 def mission(args: argparse.Namespace) -> int:

@@ -14,9 +14,9 @@ import msgspec
 
 from groundstation.config import ConfigError
 from groundstation.core.control import make_controller
+from groundstation.core.messages import STEADY_S
 from groundstation.settings import Config
 from sim.cli.console import ProgressBar
-from sim.runs import STEADY_S
 from sim.studies import check_markers, put_between_markers
 from sim.studies.tune import (
     AXES,

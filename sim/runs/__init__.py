@@ -4,17 +4,17 @@ TYPE_CHECKING = False
 if TYPE_CHECKING:
     from sim.runs.fleet import FleetMission, fly_fleet, fly_fleet_real, percentile
     from sim.runs.flight import CONFIRM_S, MISSION_CONFIRM_S, MissionResult, confirm_at, fly, fly_mission, from_floor
-    from sim.runs.referee import CRASH_M, ROUNDING_S, SATURATION_FROM_S, SETTLED_M, STEADY_S, TrueTrack, sought
+    from sim.runs.referee import CRASH_M, SETTLED_M, TrueTrack, sought
     from sim.runs.server import place_fleet, serve, serve_fleet
-    from sim.runs.simulation import RECORDING, lend_name, run_beside, simulate
+    from sim.runs.simulation import RECORDING, Run, lend_name, run_beside, simulate
     from sim.runs.stage import Stage
 
 _MODULES = {
     "fleet": ("FleetMission", "fly_fleet", "fly_fleet_real", "percentile"),
     "flight": ("CONFIRM_S", "MISSION_CONFIRM_S", "MissionResult", "confirm_at", "fly", "fly_mission", "from_floor"),
-    "referee": ("CRASH_M", "ROUNDING_S", "SATURATION_FROM_S", "SETTLED_M", "STEADY_S", "TrueTrack", "sought"),
+    "referee": ("CRASH_M", "SETTLED_M", "TrueTrack", "sought"),
     "server": ("place_fleet", "serve", "serve_fleet"),
-    "simulation": ("RECORDING", "lend_name", "run_beside", "simulate"),
+    "simulation": ("RECORDING", "Run", "lend_name", "run_beside", "simulate"),
     "stage": ("Stage",),
 }
 

@@ -11,21 +11,15 @@ import msgspec
 from groundstation.core import Tick
 from groundstation.core.control import SUSPENDED, VIOLATED
 from groundstation.core.geometry import Vec3, third_column
-from groundstation.core.messages import Estimate
+from groundstation.core.messages import ROUNDING_S, SATURATION_FROM_S, STEADY_S, Estimate, SteadyError
 from groundstation.core.mission import State
 from groundstation.core.trajectory import Trajectory
 from sim.world import World
 
-STEADY_S = 15.0
-"""The steady part of a flight starts here [s after release]."""
-ROUNDING_S = 1e-9
-"""So much earlier still counts: a sample at that very instant must not depend on how its time was summed up [s]."""
 SETTLED_M = 0.10
 """A flight has settled once its error stays below this [m]."""
 BACK_M = 0.05
 """After a step of the wind: back once the error stays below this [m]."""
-SATURATION_FROM_S = 5.0
-"""Saturated commands count from here [s]: the approach may use all there is."""
 CRASH_M = 20.0
 """Farther than this from the start, no room holds the vehicle [m]."""
 
@@ -96,10 +90,14 @@ class FlightVerdict(msgspec.Struct, frozen=True, kw_only=True):
     max_cm: float | None
     settle_s: float | None
     """First time after which the error stays below 10 cm; None if there is none."""
+    estimate_rms_cm: float | None = None
+    """The same of the estimate, as dashboards, recordings and reports of it show."""
     wind_true: Vec3
     """Mean true disturbance over the last second [m/s², NED], without the effect of wrong thrust or mass."""
     wind_estimate: Vec3
     """Mean b̂ over the last second [m/s², NED]."""
+    wind_found: Vec3 = (0.0, 0.0, 0.0)
+    """The same without what the law counts as thrust, λ̂: the wind that b̂ and λ̂ together make out [m/s², NED]."""
     thrust_effectiveness: float
     """Mean λ̂ over the last second [-]."""
     thrust_min_n: float | None
@@ -143,12 +141,14 @@ class Referee:
         self._wanted: list[Vec3] = []
         self._effectiveness = array("d")
         self._states: list[str] = []
+        self._believed = SteadyError()
         self._warnings: list[str] = []
         self.crash: str | None = None
 
     def tick(self, tick: Tick, wind: Vec3) -> None:
         """One command, and the true disturbance at that instant."""
         d, estimate = tick.decision, tick.estimate
+        self._believed.add(tick.flight_time_s, math.dist(estimate.motion.position, tick.reference.position_ned))
         self._ticks.append(
             (tick.flight_time_s, d.drive.thrust, d.saturated, d.diagnostics.v_known, d.diagnostics.b_hat)
         )
@@ -184,7 +184,9 @@ class Referee:
             **summarize_errors(steady),
             settle_s=stays_below(times, errors, SETTLED_M) if self.crash is None else None,
             wind_true=_mean([self._winds[i] for i in last]),
+            estimate_rms_cm=None if self._believed.rms_m is None else 100.0 * self._believed.rms_m,
             wind_estimate=_mean([self._ticks[i][4] for i in last]),
+            wind_found=_mean([_sum(self._ticks[i][4], self._winds[i], self._wanted[i]) for i in last]),
             thrust_effectiveness=sum(self._effectiveness[i] for i in last) / len(last) if last else 1.0,
             thrust_min_n=min(thrusts, default=None),
             thrust_max_n=max(thrusts, default=None),
@@ -238,6 +240,11 @@ def stays_below(times: list[float], errors: list[float], limit: float) -> float 
             break
         first = t
     return first
+
+
+def _sum(a: Vec3, plus: Vec3, minus: Vec3) -> Vec3:
+    (x, y, z), (u, v, w), (p, q, r) = a, plus, minus
+    return x + u - p, y + v - q, z + w - r
 
 
 def _mean(vectors: list[Vec3]) -> Vec3:

@@ -23,8 +23,9 @@ from groundstation.analysis.report import figure_class
 from groundstation.config import ConfigError, lend
 from groundstation.core import Tick
 from groundstation.core.control import make_controller
+from groundstation.core.messages import STEADY_S
 from groundstation.runtime import replace_between_markers, require_package, split_at_markers
-from sim.runs import STEADY_S, TrueTrack, fly, lend_name, run_beside
+from sim.runs import TrueTrack, fly, lend_name, run_beside
 from sim.scenarios import SCENARIOS, prepare
 
 if TYPE_CHECKING:

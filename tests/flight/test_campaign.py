@@ -12,8 +12,9 @@ from hypothesis import strategies as st
 
 from groundstation.config import ConfigError
 from groundstation.core import Tick
+from groundstation.core.messages import STEADY_S
 from sim.__main__ import main
-from sim.runs import STEADY_S, fly
+from sim.runs import fly
 from sim.scenarios import SCENARIOS, prepare
 from sim.studies.campaign import USUAL, Campaign, CampaignRow, Local, plot, report, run, text, verify
 from sim.studies.campaign.campaign import DRAWS, Folder, draw_world, fields, overrides

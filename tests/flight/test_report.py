@@ -1,6 +1,7 @@
 """``groundstation report``: the numbers of a recorded flight, and the page that shows them."""
 
 import base64
+import csv
 import json
 import re
 import sys
@@ -12,8 +13,9 @@ from typing import Any
 import pytest
 
 from groundstation.analysis.report import read_columns, report_command
-from groundstation.analysis.report.figures import FIGURES
+from groundstation.analysis.report.figures import FIGURES, OVERLAYS
 from groundstation.analysis.report.flight import numbers
+from groundstation.analysis.report.page import result_table
 from groundstation.config import ConfigError
 from groundstation.recording import quick_headline
 from sim.runs import RECORDING, fly_mission, from_floor
@@ -46,7 +48,7 @@ class Page(HTMLParser):
 
 @cache
 def facts() -> dict[str, Any]:
-    return numbers(read_columns(recorded()[0]))
+    return numbers(read_columns(recorded(duration_s=17.0)[0]))
 
 
 def reported(paths: list[Path], capsys: pytest.CaptureFixture[str]) -> dict[str, Any]:
@@ -63,7 +65,7 @@ def test_it_says_what_was_told_and_lies_outside_of_what_the_flight_shows(capsys:
 
 
 def test_the_errors_are_those_that_the_list_of_flights_shows() -> None:
-    _, headline, _ = quick_headline(recorded()[0])
+    _, headline, _ = quick_headline(recorded(duration_s=17.0)[0])
     assert headline.rms_m is not None
     assert headline.max_m is not None
     assert facts()["error"]["rms_cm"] == pytest.approx(100.0 * headline.rms_m)
@@ -73,7 +75,7 @@ def test_the_errors_are_those_that_the_list_of_flights_shows() -> None:
 
 
 def test_settling_time_and_saturation_are_close_to_what_the_referee_saw_of_the_truth() -> None:
-    verdict = recorded()[1].verdict
+    verdict = recorded(duration_s=17.0)[1].verdict
     assert verdict.settle_s is not None
     assert REFEREE_SETTLED_M == 0.10
     assert facts()["error"]["settle_s"] == pytest.approx(verdict.settle_s, abs=0.1)
@@ -104,7 +106,7 @@ def test_every_command_has_an_instant_at_which_its_bytes_left() -> None:
 def test_the_page_holds_every_figure_and_needs_nothing_from_elsewhere(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    assert report_command([recorded()[0]], tmp_path, as_json=False) == 0
+    assert report_command([recorded(duration_s=17.0)[0]], tmp_path, as_json=False) == 0
     path = Path(capsys.readouterr().out.strip())
     text = path.read_text("utf-8")
     page = Page(text)
@@ -113,7 +115,7 @@ def test_the_page_holds_every_figure_and_needs_nothing_from_elsewhere(
     assert [link for link in page.links if not link.startswith("data:")] == []
     assert page.tags & {"script", "iframe", "object", "embed"} == set()
     assert re.findall(r"@import|url\(", text) == []
-    for words in ("4.61", "7.60", "5.00", "A recording holds no truth", f"{facts()['error']['rms_cm']:.2f}"):
+    for words in ("4.61", "7.60", "5.00", "Against the estimate", f"{facts()['error']['rms_cm']:.2f}"):
         assert words in text
 
 
@@ -125,7 +127,7 @@ def test_two_recordings_stand_side_by_side(tmp_path: Path, capsys: pytest.Captur
     text = Path(found["page"]).read_text("utf-8")
     assert "mqx, adaptive" in text
     assert "mqx, pid" in text
-    assert len(Page(text).pictures) == len(FIGURES)
+    assert len(Page(text).pictures) == len(FIGURES) + len(OVERLAYS)
 
 
 def test_a_recording_that_was_cut_off_is_reported_as_far_as_it_goes(
@@ -155,8 +157,50 @@ def test_what_is_no_recording_or_holds_no_command_is_refused(tmp_path: Path) -> 
     with pytest.raises(ConfigError, match="LOG: cannot read"):
         report_command([tmp_path / "missing.mcap"], None, as_json=True)
     whole = recorded()[0].read_bytes()
-    (tmp_path / "early.mcap").write_bytes(whole[: len(facts()["config"]) + 7000])
+    (tmp_path / "early.mcap").write_bytes(whole[: len(facts()["config"]) + 9000])
     with pytest.raises(ConfigError, match="holds no command"):
         report_command([tmp_path / "early.mcap"], None, as_json=True)
-    with pytest.raises(ConfigError, match="or two to compare, got 3"):
-        report_command([recorded()[0]] * 3, None, as_json=True)
+    with pytest.raises(ConfigError, match=r"--format: expected some of .*'tex'"):
+        report_command([recorded()[0]], tmp_path, as_json=False, formats=["docx"])
+
+
+def test_the_error_against_the_truth_stands_beside_that_against_the_estimate() -> None:
+    verdict = recorded(duration_s=17.0)[1].verdict
+    assert verdict.estimate_rms_cm is not None
+    assert facts()["error"]["rms_cm"] == pytest.approx(verdict.estimate_rms_cm)
+    head, *rows = result_table(["mqx"], [facts()])
+    table = {row[0]: row[1:] for row in rows}
+    assert head == ["", "mqx", "the paper"]
+    assert table["RMS error against the estimate, from 15 s on [cm]"][0] == f"{verdict.estimate_rms_cm:.2f}"
+    assert "RMS error against the truth, from 15 s on [cm]" in table
+
+
+@pytest.mark.parametrize("ending", ["pdf", "svg", "png"])
+def test_figures_for_print_are_a_column_wide(ending: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    other = recorded("paper", "controller.kind=pid")[0]
+    assert report_command([recorded()[0], other], tmp_path, as_json=False, formats=[ending]) == 0
+    first = Path(capsys.readouterr().out.splitlines()[0])
+    data = first.read_bytes()
+    if ending == "pdf":
+        found = re.search(rb"/MediaBox \[ 0 0 (\S+) ", data)
+    elif ending == "svg":
+        found = re.search(rb'width="([\d.]+)pt"', data)
+        assert b"<text" in data and b"north [m]" in data and b"pid, paper" in data
+    else:
+        found = re.search(rb"(\d+)", str(int.from_bytes(data[16:20]) / 600 * 72).encode())
+    assert found is not None
+    assert float(found[1]) == pytest.approx(72 * 3.5, abs=1.0)
+
+
+def test_the_table_is_written_for_spreadsheets_and_for_latex(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert report_command([recorded()[0]] * 3, tmp_path, as_json=False, formats=["csv", "tex"]) == 0
+    assert capsys.readouterr().out.split() == [str(tmp_path / "results.csv"), str(tmp_path / "results.tex")]
+    rows = list(csv.reader((tmp_path / "results.csv").read_text("utf-8").splitlines()))
+    assert {len(row) for row in rows} == {5}
+    text = (tmp_path / "results.tex").read_text("utf-8")
+    assert r"\begin{tabular}{lrrrr}" in text
+    assert text.count(r"\\") == len(rows)
+    assert r"certificate holds [\%]" in text
+    assert not re.search(r"(?<!\\)[%&#_](?! )", text.replace(" & ", ""))

@@ -7,6 +7,7 @@ whole: path, error, latency, lateness, events, saturation.
 from collections.abc import Callable, Sequence
 from functools import cache
 from io import BytesIO
+from itertools import cycle
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal, NamedTuple
 
@@ -14,7 +15,7 @@ import numpy as np
 
 from groundstation.analysis.report.flight import PAPER, Column, FlightColumns, drop_unknown, latency, limits
 from groundstation.config import ConfigError
-from groundstation.recording import STEADY_S
+from groundstation.core.messages import ROUNDING_S, STEADY_S
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -28,9 +29,11 @@ V_FLOOR = 1e-8
 
 
 def position(panels: Sequence[Any], flown: FlightColumns) -> None:
-    """Estimate and reference, an axis a panel."""
+    """Estimate, the truth where it is known, and reference, an axis a panel."""
     for i, (panel, (name, colour, _)) in enumerate(zip(panels, AXES, strict=True)):
         panel.plot(flown.t, flown.vectors["position_ned"][:, i], color=colour, linewidth=1.6, label="estimate")
+        if flown.knows_truth:
+            panel.plot(flown.t, flown.vectors["true_position_ned"][:, i], ":", color=RED, linewidth=1.0, label="truth")
         panel.plot(flown.t, flown.vectors["reference_ned"][:, i], "--", color="black", linewidth=0.9, label="reference")
         panel.set_ylabel(f"{name} [m]")
         _at_least(panel, 0.1)
@@ -188,17 +191,21 @@ def error(panels: Sequence[Any], flown: FlightColumns) -> None:
     """The error in time, and its histogram."""
     over, shares = panels
     cm = 100.0 * flown.scalars["error_m"]
-    over.plot(flown.t, np.maximum(cm, FLOOR_CM), color=BLUE, linewidth=0.9, label="error")
-    over.axhline(PAPER["rms_cm"], color=GREY, linestyle="--", linewidth=1.0, label="the paper's RMS, 4.61 cm")
-    over.axhline(PAPER["max_cm"], color=RED, linestyle=":", linewidth=1.2, label="the paper's largest, 7.6 cm")
+    over.plot(flown.t, np.maximum(cm, FLOOR_CM), color=BLUE, linewidth=0.9, label="against the estimate")
+    if flown.knows_truth:
+        true_cm = 100.0 * flown.scalars["true_error_m"]
+        over.plot(flown.t, np.maximum(true_cm, FLOOR_CM), color="black", linewidth=0.7, label="against the truth")
+    if flown.is_papers:
+        over.axhline(PAPER["rms_cm"], color=GREY, linestyle="--", linewidth=1.0, label="the paper's RMS, 4.61 cm")
+        over.axhline(PAPER["max_cm"], color=RED, linestyle=":", linewidth=1.2, label="the paper's largest, 7.6 cm")
     over.set_yscale("log")
     over.yaxis.set_major_formatter(lambda value, _: f"{value:g}")
     over.set_xlabel(TIME)
     over.set_ylabel("position error [cm]")
     over.margins(x=0.01)
-    over.legend(ncols=3, loc="lower right", bbox_to_anchor=(1.0, 0.98))
-    steady = cm[flown.tracking & (flown.scalars["flight_time_s"] >= STEADY_S)]
-    shares.set_xlabel(f"position error from {STEADY_S:g} s on [cm]")
+    over.legend(ncols=2, loc="lower right", bbox_to_anchor=(1.0, 0.98))
+    steady = cm[flown.tracking & (flown.scalars["flight_time_s"] >= STEADY_S - ROUNDING_S)]
+    shares.set_xlabel(f"error against the estimate, from {STEADY_S:g} s on [cm]")
     shares.set_ylabel("share of commands [%]")
     if not len(steady):
         shares.annotate("the flight ended before it was steady", (0.5, 0.5), xycoords="axes fraction", ha="center")
@@ -384,7 +391,7 @@ FIGURES = (
     ReportFigure(
         "position",
         "Position and reference",
-        "Estimated position and reference in time, world NED; the paper's figure 3.",
+        "Estimated position, that of a simulated flight's truth, and reference, world NED; the paper's figure 3.",
         3,
         5.2,
         position,
@@ -427,7 +434,7 @@ FIGURES = (
     ReportFigure(
         "error",
         "Position error",
-        "Distance from the reference in time, and how often it was how large from the fifth second on the trajectory.",
+        "Distance from the reference in time, and how often it was how large over the steady part.",
         2,
         5.2,
         error,
@@ -480,6 +487,101 @@ FIGURES = (
         in_time=False,
     ),
 )
+
+
+COLUMN_IN = 3.5
+"""A column of a journal is so wide [in]."""
+PRINT_DPI = 600
+PRINT_STYLE: Any = {
+    **PLOT_STYLE,
+    "font.size": 7.0,
+    "axes.titlesize": 7.0,
+    "legend.fontsize": 6.0,
+    "lines.linewidth": 0.8,
+    "axes.linewidth": 0.6,
+    "pdf.fonttype": 42,  # letters stay letters: some publishers take no others
+    "svg.fonttype": "none",
+}
+OVERLAID = (("-", BLUE), ("--", ORANGE), ("-.", GREEN), (":", RED), ((0, (5, 1, 1, 1, 1, 1)), PURPLE), ("-", GREY))
+
+
+def overlay_position(panels: Sequence[Any], flights: Sequence[FlightColumns]) -> None:
+    """All flights in one axis: where they were, and the first one's reference."""
+    for i, (panel, (name, _, _)) in enumerate(zip(panels, AXES, strict=True)):
+        for flown, (dash, colour) in zip(flights, cycle(OVERLAID), strict=False):
+            key = "true_position_ned" if flown.knows_truth else "position_ned"
+            panel.plot(flown.t, flown.vectors[key][:, i], linestyle=dash, color=colour, label=flown.name)
+        panel.plot(
+            flights[0].t, flights[0].vectors["reference_ned"][:, i], color="black", linewidth=0.5, label="reference"
+        )
+        panel.set_ylabel(f"{name} [m]")
+        _at_least(panel, 0.1)
+    finish_panels(panels, columns=3)
+
+
+def overlay_error(panels: Sequence[Any], flights: Sequence[FlightColumns]) -> None:
+    """All flights in one axis: the error against the truth where all of them know it, else against the estimate."""
+    (panel,) = panels
+    truth = all(flown.knows_truth for flown in flights)
+    for flown, (dash, colour) in zip(flights, cycle(OVERLAID), strict=False):
+        cm = 100.0 * flown.scalars["true_error_m" if truth else "error_m"]
+        panel.plot(flown.t, np.maximum(cm, FLOOR_CM), linestyle=dash, color=colour, label=flown.name)
+    panel.set_yscale("log")
+    panel.yaxis.set_major_formatter(lambda value, _: f"{value:g}")
+    panel.set_ylabel(f"error against the\n{'truth' if truth else 'estimate'} [cm]")
+    finish_panels(panels, columns=3)
+
+
+OVERLAYS = (
+    ReportFigure(
+        "overlaid-position", "Positions, overlaid", "All flights in one axis, with the reference of the first.",
+        3, 5.2, overlay_position,
+    ),
+    ReportFigure(
+        "overlaid-error", "Errors, overlaid", "Distance from each flight's own reference.", 1, 2.6, overlay_error
+    ),
+)  # fmt: skip
+"""Drawn of all flights at once."""
+
+
+def print_figures(folder: Path, flights: Sequence[FlightColumns], ending: str) -> list[Path]:
+    """Draw every figure a column wide, as ``ending`` says (pdf, svg, png): of one flight all, of several overlaid.
+
+    Raises:
+        OSError: a file can't be written.
+    """
+    from matplotlib import rc_context
+
+    made = []
+    with rc_context(PRINT_STYLE):
+        for one in FIGURES if len(flights) == 1 else OVERLAYS:
+            canvas = figure_class()(figsize=(COLUMN_IN, 0.62 * one.height_in), layout="constrained")
+            subplot: dict[str, Any] = {"projection": "3d"} if one.is_3d else {}
+            panels: Any = canvas.subplots(one.rows, 1, squeeze=False, sharex=one.in_time, subplot_kw=subplot)[:, 0]
+            one.draw(panels, flights[0] if len(flights) == 1 else flights)
+            name = f"{one.name}-column" if ending == "png" else one.name  # the page's own are PNGs, too
+            made.append(folder / f"{name}.{ending}")
+            canvas.savefig(made[-1], dpi=PRINT_DPI)
+    return made
+
+
+def draw_overlays(folder: Path, flights: Sequence[FlightColumns]) -> list[tuple[ReportFigure, Path]]:
+    """Draw what shows all of ``flights`` at once into ``folder``; returns each with its file.
+
+    Raises:
+        OSError: a file can't be written.
+    """
+    from matplotlib import rc_context
+
+    made = []
+    with rc_context(PLOT_STYLE):
+        for one in OVERLAYS:
+            canvas = figure_class()(figsize=(7.4, one.height_in), layout="constrained")
+            panels: Any = canvas.subplots(one.rows, 1, squeeze=False, sharex=True)[:, 0]
+            one.draw(panels, flights)
+            made.append((one, folder / f"{one.name}.png"))
+            canvas.savefig(made[-1][1], dpi=DPI)
+    return made
 
 
 def draw_figures(folder: Path, flights: Sequence[FlightColumns]) -> list[tuple[ReportFigure, Path]]:

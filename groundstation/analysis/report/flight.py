@@ -13,8 +13,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from groundstation.config import parse_toml
+from groundstation.core.messages import ROUNDING_S, SATURATION_FROM_S, STEADY_S
 from groundstation.core.mission import State
-from groundstation.recording import STEADY_S, Recording
+from groundstation.recording import Recording
 
 Column = NDArray[np.float64]
 
@@ -109,6 +110,23 @@ class FlightColumns:
     def t(self) -> Column:
         """Time since the trajectory began, of each command [s]."""
         return self.scalars["time_s"] - self.begun_s
+
+    @property
+    def is_papers(self) -> bool:
+        """Whether this is the flight of the paper, its law in its wind: then the paper's figures stand beside it."""
+        about = self.recording.about
+        return (about.get("scenario"), about.get("controller")) == ("paper", "adaptive")
+
+    @property
+    def name(self) -> str:
+        """As a legend has it: its controller and where it flew, or its file."""
+        about = self.recording.about
+        return ", ".join(filter(None, (about.get("controller"), about.get("scenario")))) or self.path.stem
+
+    @property
+    def knows_truth(self) -> bool:
+        """Whether the truth is recorded, as of a simulated flight."""
+        return bool(np.isfinite(self.scalars["true_error_m"]).any())
 
     @property
     def tracking(self) -> NDArray[np.bool_]:
@@ -213,7 +231,8 @@ def numbers(flown: FlightColumns) -> dict[str, Any]:
     """Everything as one object for JSON; what is not known is None."""
     about, headline = flown.recording.about, flown.recording.result
     tracking, t = flown.tracking, flown.scalars["flight_time_s"]
-    steady = tracking & (t >= STEADY_S)
+    steady = tracking & (t >= STEADY_S - ROUNDING_S)
+    settled = tracking & (t >= SATURATION_FROM_S)
     error = flown.scalars["error_m"]
     last = flown.scalars["time_s"] > flown.scalars["time_s"][-1] - 1.0
     return {
@@ -243,7 +262,7 @@ def numbers(flown: FlightColumns) -> dict[str, Any]:
             "rms_cm": _cm(headline.get("true_rms_m")),
             "max_cm": _cm(headline.get("true_max_m")),
         },
-        "paper": PAPER,
+        "paper": PAPER if flown.is_papers else None,
         "disturbance": {
             "b_hat_m_s2": [_value(v) for v in flown.vectors["b_hat_m_s2"][last].mean(axis=0)],
             "d_hat_m_s2": [_value(v) for v in flown.vectors["d_hat_m_s2"][last].mean(axis=0)],
@@ -254,7 +273,7 @@ def numbers(flown: FlightColumns) -> dict[str, Any]:
             "thrust_min_n": _value(flown.scalars["thrust_n"].min()),
             "thrust_max_n": _value(flown.scalars["thrust_n"].max()),
             "saturated_fraction": _value(flown.scalars["saturated"].mean()),
-            "saturated_fraction_steady": _value(flown.scalars["saturated"][steady].mean()) if steady.any() else None,
+            "saturated_fraction_steady": _value(flown.scalars["saturated"][settled].mean()) if settled.any() else None,
         },
         "certificate": {
             "fractions": {

@@ -4,19 +4,26 @@ One HTML file that holds its pictures and needs nothing else, no network and no 
 """
 
 import base64
+import csv
 import json
-from collections.abc import Sequence
+import re
+from collections.abc import Iterable, Sequence
 from html import escape
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from groundstation.analysis.report.figures import ReportFigure
-from groundstation.analysis.report.flight import PAPER
 from groundstation.config import ConfigError
+from groundstation.core.messages import SATURATION_FROM_S, STEADY_S
 from groundstation.recording import NoRecording
 from groundstation.runtime import require_package
 
+if TYPE_CHECKING:
+    from groundstation.analysis.report.flight import FlightColumns
+
 PAGE = "report.html"
+SIDE_BY_SIDE = 2
+"""So many flights stand side by side on a page; of more only what is overlaid is drawn."""
 PAGE_STYLE = """
 body { font: 15px/1.45 system-ui, sans-serif; color: #111; background: #fff; max-width: 62rem; margin: 1.5rem auto;
        padding: 0 1rem; }
@@ -35,19 +42,23 @@ pre { font-size: 0.8rem; white-space: pre-wrap; background: #f5f5f5; padding: 0.
 @page { size: A4; margin: 15mm; }
 """
 AGAINST = (
-    "A recording holds no truth: every error here is the distance of the estimate from the reference. Where poses are "
-    "wrong, so is the estimate, and this page can't tell. In the simulator, <code>groundstation-sim fly</code> tells "
-    "the true error. Time counts from where the trajectory begins; where it never did, from the first command."
+    "Against the estimate: the distance of what the controller went by from the reference, at each command. Where "
+    "poses are wrong, so is the estimate, and a recording can't tell. Against the truth: the same of where a simulated "
+    "vehicle really was, at each step of the simulation; of a real flight nobody knows it. RMS and largest count over "
+    f"the steady part: on the trajectory, from {STEADY_S:g} s on. Time counts from where the trajectory begins; where "
+    "it never did, from the first command."
 )
+FORMATS = ("html", "pdf", "svg", "png", "csv", "tex")
+"""What a report can be: a page, figures a column wide for print, or the table of results."""
 
 
 def write_page(folder: Path, figures: Sequence[tuple[ReportFigure, Path]], facts: Sequence[dict[str, Any]]) -> Path:
-    """Write the page of one or two flights into ``folder``; returns its path.
+    """Write the page of some flights into ``folder``; returns its path.
 
     Raises:
         OSError: it can't be written, or a picture can't be read.
     """
-    names = [facts[0]["flight"]["vehicle"]] if len(facts) == 1 else ["A", "B"]
+    names = _short_names(facts)
     title = " against ".join(_name(one) for one in facts)
     parts = [f"<h1>{escape(title)}</h1>", *(_warnings(one) for one in facts)]
     parts += ["<h2>Result</h2>", _results(names, facts), f'<p class="note">{AGAINST}</p>']
@@ -112,29 +123,65 @@ def _warnings(one: dict[str, Any]) -> str:
 
 
 def _results(names: Sequence[str], facts: Sequence[dict[str, Any]]) -> str:
+    head, *rows = result_table(names, facts)
+    return _table(head, rows, numbers=True)
+
+
+def result_table(names: Sequence[str], facts: Sequence[dict[str, Any]]) -> list[list[str]]:
+    """The results, a column a flight: the head, then a row a figure; with the paper's beside its own flight."""
+    paper: dict[str, float] = next((f["paper"] for f in facts if f["paper"]), {})
+
+    def row(label: str, shown: Iterable[str], of_paper: str = "") -> list[str]:
+        return [label, *shown, *([of_paper and _n(paper[of_paper])] if paper else [])]
+
+    told = f"from {STEADY_S:g} s on"
     rows = [
-        ["RMS error, from 5 s on [cm]", *(_n(f["error"]["rms_cm"]) for f in facts), _n(PAPER["rms_cm"])],
-        ["largest error, from 5 s on [cm]", *(_n(f["error"]["max_cm"]) for f in facts), _n(PAPER["max_cm"])],
-        ["error stays below 10 cm after [s]", *(_n(f["error"]["settle_s"]) for f in facts), _n(PAPER["settle_s"])],
-        ["99 % of errors below [cm]", *(_n(f["error"]["p99_cm"]) for f in facts), ""],
-        ["time on the trajectory [s]", *(_n(f["flown_s"], 1) for f in facts), ""],
-        ["b̂ north, east, down, last second [m/s²]", *(_v(f["disturbance"]["b_hat_m_s2"]) for f in facts), ""],
-        ["thrust effectiveness, last second [%]", *(_p(f["disturbance"]["effectiveness"]) for f in facts), ""],
-        ["commands at a limit, from 5 s on [%]", *(_p(f["actuation"]["saturated_fraction_steady"]) for f in facts), ""],
-        ["certificate holds [%]", *(_p(f["certificate"]["fractions"].get("holds", 0.0)) for f in facts), ""],
-        ["certificate violated [%]", *(_p(f["certificate"]["fractions"].get("violated", 0.0)) for f in facts), ""],
+        row(f"RMS error against the estimate, {told} [cm]", (_n(f["error"]["rms_cm"]) for f in facts), "rms_cm"),
+        row(f"largest error against the estimate, {told} [cm]", (_n(f["error"]["max_cm"]) for f in facts), "max_cm"),
+        row("error stays below 10 cm after [s]", (_n(f["error"]["settle_s"]) for f in facts), "settle_s"),
+        row("99 % of errors below [cm]", (_n(f["error"]["p99_cm"]) for f in facts)),
+        row("time on the trajectory [s]", (_n(f["flown_s"], 1) for f in facts)),
+        row("b̂ north, east, down, last second [m/s²]", (_v(f["disturbance"]["b_hat_m_s2"]) for f in facts)),
+        row("thrust effectiveness, last second [%]", (_p(f["disturbance"]["effectiveness"]) for f in facts)),
+        row(
+            f"commands at a limit, from {SATURATION_FROM_S:g} s on [%]",
+            (_p(f["actuation"]["saturated_fraction_steady"]) for f in facts),
+        ),
+        row("certificate holds [%]", (_p(f["certificate"]["fractions"].get("holds", 0.0)) for f in facts)),
+        row("certificate violated [%]", (_p(f["certificate"]["fractions"].get("violated", 0.0)) for f in facts)),
     ]
+    if any(f["true_error"]["rms_cm"] is not None for f in facts):
+        rows[2:2] = [
+            row(f"RMS error against the truth, {told} [cm]", (_n(f["true_error"]["rms_cm"]) for f in facts), "rms_cm"),
+            row(
+                f"largest error against the truth, {told} [cm]",
+                (_n(f["true_error"]["max_cm"]) for f in facts),
+                "max_cm",
+            ),
+        ]
     for part, label in (("transport", "pose transport"), ("pose_age", "pose age"), ("compute", "compute")):
-        rows.append(
-            [
-                f"{label}, median / 99 % / largest [ms]",
-                *(_spread(f["latency_ms"][part]) for f in facts),
-                "",
-            ]
-        )
-    rows.append(["command lateness, median / 99 % / largest [ms]", *(_spread(f["lateness_ms"]) for f in facts), ""])
-    rows.append(["ended", *(f"{f['ended']['state']}: {f['ended']['reason']}" for f in facts), ""])
-    return _table(["", *names, "the paper"], rows, numbers=True)
+        rows.append(row(f"{label}, median / 99 % / largest [ms]", (_spread(f["latency_ms"][part]) for f in facts)))
+    rows.append(row("command lateness, median / 99 % / largest [ms]", (_spread(f["lateness_ms"]) for f in facts)))
+    rows.append(row("ended", (f"{f['ended']['state']}: {f['ended']['reason']}" for f in facts)))
+    return [["", *names, *(["the paper"] if paper else [])], *rows]
+
+
+def latex_table(rows: Sequence[Sequence[str]]) -> str:
+    """A ``tabular`` of the ``rows``, the first of which is the head; it needs the package booktabs."""
+    lines = [" & ".join(map(_escape_latex, row)) + r" \\" for row in rows]
+    columns = "l" + "r" * (len(rows[0]) - 1)
+    begin, end = rf"\begin{{tabular}}{{{columns}}}", r"\end{tabular}"
+    return "\n".join([begin, r"\toprule", lines[0], r"\midrule", *lines[1:], r"\bottomrule", end]) + "\n"
+
+
+_LATEX = {
+    "\\": r"\textbackslash{}", "&": r"\&", "%": r"\%", "$": r"\$", "#": r"\#", "_": r"\_", "{": r"\{", "}": r"\}",
+    "~": r"\textasciitilde{}", "^": r"\textasciicircum{}", "b̂": r"$\hat{b}$", "²": r"\textsuperscript{2}", "–": "--",
+}  # fmt: skip
+
+
+def _escape_latex(text: str) -> str:
+    return re.sub("|".join(map(re.escape, _LATEX)), lambda found: _LATEX[found[0]], text)
 
 
 def _events(name: str, one: dict[str, Any]) -> str:
@@ -183,19 +230,22 @@ def _spread(spread: dict[str, float | None]) -> str:
     )
 
 
-def report_command(paths: Sequence[Path], out: Path | None, *, as_json: bool) -> int:
-    """Write the page of one or two recordings into the folder ``out`` (default: beside the first); returns 0.
+def report_command(
+    paths: Sequence[Path], out: Path | None, *, as_json: bool, formats: Sequence[str] = ("html",)
+) -> int:
+    """Report on recordings in ``formats`` into the folder ``out`` (default: beside the first); returns 0.
 
-    With ``as_json`` the numbers are printed, and drawn only where ``out`` is given.
+    With ``as_json`` the numbers are printed, and all else is written only where ``out`` is given.
 
     Raises:
-        ConfigError: a file is no recording of commands, matplotlib is missing, or the page can't be written.
+        ConfigError: a file is no recording of commands, matplotlib is missing, or something can't be written.
     """
     draw = out is not None or not as_json
-    if draw:
+    for form in formats:
+        if form not in FORMATS:
+            raise ConfigError("--format", f"expected some of {list(FORMATS)}, got {form!r}")
+    if draw and set(formats) - {"csv", "tex"}:
         require_package("matplotlib", "report", "plot", "; --json does without")
-    if len(paths) > 2:
-        raise ConfigError("LOG", f"expected one recording, or two to compare, got {len(paths)}")
     from groundstation.analysis.identify import find_outside
     from groundstation.analysis.report.flight import NoCommand, numbers, read_columns
 
@@ -207,15 +257,40 @@ def report_command(paths: Sequence[Path], out: Path | None, *, as_json: bool) ->
     except OSError as error:
         raise ConfigError("LOG", f"cannot read {error.filename}: {error.strerror}") from None
     facts = [{**numbers(flight), "told_outside": lines} for flight, lines in zip(flights, outside, strict=True)]
-    page = None
+    written: list[Path] = []
     if draw:
-        from groundstation.analysis.report.figures import draw_figures
-
         folder = out or paths[0].with_name(f"{paths[0].stem}-report")
         try:
             folder.mkdir(parents=True, exist_ok=True)
-            page = write_page(folder, draw_figures(folder, flights), facts)
+            for form in formats:
+                written += _write(form, folder, flights, facts)
         except OSError as error:
             raise ConfigError("--out", f"cannot write {error.filename or folder}: {error.strerror}") from None
-    print(json.dumps({"flights": facts, "page": str(page) if page else None}) if as_json else page)
+    page = next((str(path) for path in written if path.name == PAGE), None)
+    print(json.dumps({"flights": facts, "page": page}) if as_json else "\n".join(map(str, written)))
     return 0
+
+
+def _write(form: str, folder: Path, flights: "Sequence[FlightColumns]", facts: Sequence[dict[str, Any]]) -> list[Path]:
+    """The files of one format."""
+    if form in ("csv", "tex"):
+        rows = result_table(_short_names(facts), facts)
+        path = folder / f"results.{form}"
+        with path.open("w", encoding="utf-8", newline="") as file:
+            if form == "csv":
+                csv.writer(file, lineterminator="\n").writerows(rows)
+            else:
+                file.write(latex_table(rows))
+        return [path]
+    from groundstation.analysis.report.figures import draw_figures, draw_overlays, print_figures
+
+    if form != "html":
+        return print_figures(folder, flights, form)
+    overlaid = draw_overlays(folder, flights) if len(flights) > 1 else []
+    return [
+        write_page(folder, [*overlaid, *(draw_figures(folder, flights) if len(flights) <= SIDE_BY_SIDE else [])], facts)
+    ]
+
+
+def _short_names(facts: Sequence[dict[str, Any]]) -> list[str]:
+    return [facts[0]["flight"]["vehicle"]] if len(facts) == 1 else [chr(ord("A") + i) for i in range(len(facts))]

@@ -16,6 +16,9 @@ if TYPE_CHECKING:
     )
     from groundstation.core.messages.snapshot import (
         MOST_POINTS,
+        ROUNDING_S,
+        SATURATION_FROM_S,
+        STEADY_S,
         Ask,
         Certificate,
         Check,
@@ -24,6 +27,7 @@ if TYPE_CHECKING:
         Reply,
         Request,
         Snapshot,
+        SteadyError,
         Verdict,
         Waypoint,
         Waypoints,
@@ -57,6 +61,10 @@ _MODULES = {
         "Waypoint",
         "Waypoints",
         "ensure_points",
+        "ROUNDING_S",
+        "SATURATION_FROM_S",
+        "STEADY_S",
+        "SteadyError",
     ),
 }
 

@@ -1,5 +1,6 @@
 """Snapshot and request: one frozen picture of a flight per command, which flows out, and the one way in. Sans-IO."""
 
+import math
 from collections.abc import Sequence
 from enum import StrEnum
 from typing import Annotated, Literal
@@ -8,6 +9,40 @@ import msgspec
 
 from groundstation.core.geometry import Quat, Vec3
 from links.core import LinkStatus
+
+STEADY_S = 15.0
+"""The steady part of a flight starts here on its trajectory [s], and ends where that is left."""
+SATURATION_FROM_S = 5.0
+"""Commands at a limit count from here on the trajectory [s]: the approach may use all there is."""
+ROUNDING_S = 1e-9
+"""So much earlier still counts: a sample at that very instant must not depend on how its time was summed up [s]."""
+
+
+class SteadyError:
+    """Root mean square and largest distance from the reference over the steady part: what every RMS here means.
+
+    Against the estimate it has a sample a command; against the truth of a simulated flight, one a step of the plant.
+    """
+
+    def __init__(self) -> None:
+        self._squares, self._count, self._max = 0.0, 0, 0.0
+
+    def add(self, flight_time_s: float, error_m: float) -> None:
+        """One sample on the trajectory; only those of the steady part count."""
+        if flight_time_s >= STEADY_S - ROUNDING_S:
+            self._squares += error_m * error_m
+            self._count += 1
+            self._max = max(self._max, error_m)
+
+    @property
+    def rms_m(self) -> float | None:
+        """[m]; None before the steady part."""
+        return math.sqrt(self._squares / self._count) if self._count else None
+
+    @property
+    def max_m(self) -> float | None:
+        """[m]; None before the steady part."""
+        return self._max if self._count else None
 
 
 class Verdict(StrEnum):
@@ -114,7 +149,7 @@ class Snapshot(msgspec.Struct, frozen=True):
     error_m: float
     """Distance between estimate and reference [m]."""
     rms_m: float
-    """Root mean square of that distance on the trajectory [m]."""
+    """Root mean square of that distance over the steady part (:class:`SteadyError`) [m]; 0 before it."""
     thrust_n: float
     """Commanded thrust [N]."""
     thrust_max_n: float

@@ -291,7 +291,7 @@ def report(args: argparse.Namespace) -> int:
     """A page with figures about one recorded flight, or two."""
     from groundstation.analysis.report import report_command
 
-    return report_command(args.files, args.out, as_json=args.json)
+    return report_command(args.files, args.out, as_json=args.json, formats=args.format.split(","))
 
 
 def identify(args: argparse.Namespace) -> int:

@@ -294,7 +294,7 @@ def number_rows(snapshot: Snapshot) -> list[Spans]:
         [("            north     east   height", LABEL)],
         row("position", f"{_place(snapshot.position_ned)} m"),
         row("reference", f"{_place(snapshot.reference_ned)} m"),
-        row("error", f"{_centimetres(snapshot.error_m)}   rms {_centimetres(snapshot.rms_m)}"),
+        row("error", f"{_centimetres(snapshot.error_m)}   rms {_centimetres(snapshot.rms_m or math.nan)}"),
         row("attitude", f"roll {roll:+.1f}  pitch {pitch:+.1f}  yaw {yaw:+.1f} °"),
         _thrust(snapshot),
         *_rates(snapshot),

@@ -12,7 +12,7 @@ import msgspec
 
 from groundstation.config import parse_toml
 from groundstation.core.geometry import Quat, Vec3
-from groundstation.core.messages import Ask, Certificate, Diagnostics, PoseStatus, Reply, Request, Snapshot
+from groundstation.core.messages import Ask, Certificate, Diagnostics, PoseStatus, Reply, Request, Snapshot, SteadyError
 from groundstation.core.mission import State
 from groundstation.core.safety import LIVE, PREFIX
 from groundstation.interfaces.api import Control, OrderAnswer, StationClient, attach
@@ -235,7 +235,7 @@ class Tape:
         self._events: deque[str] = deque(maxlen=20)
         self._parts: dict[str, bytes] = {}
         self._arrivals: deque[float] = deque(maxlen=1000)
-        self._squares, self._count = 0.0, 0
+        self._steady = SteadyError()
         self._lateness = Lateness()
         controller = config.get("controller", {})
         named = {name: controller.get(name) for name in LIVE}
@@ -269,9 +269,8 @@ class Tape:
                     self._lateness.add(late)
             case "/errors" if self._state == State.TRACKING:
                 error = msgspec.json.decode(entry.data, type=_Error).error_m
-                if error is not None and _number(self._part("/command"), "flight_time_s") >= 0.0:
-                    self._squares += error**2
-                    self._count += 1
+                if error is not None:
+                    self._steady.add(_number(self._part("/command"), "flight_time_s"), error)
             case "/mission":
                 told = entry.value()
                 if told["state"] != self._state:
@@ -317,7 +316,7 @@ class Tape:
             attitude=quaternion,
             reference_ned=_vector(reference or here, "position_ned"),
             error_m=_number(errors, "error_m", 0.0),
-            rms_m=math.sqrt(self._squares / self._count) if self._count else 0.0,
+            rms_m=self._steady.rms_m or 0.0,
             thrust_n=_number(command, "thrust_n", 0.0),
             thrust_max_n=self._thrust_max_n,
             rates_rad_s=_vector(command, "rates_rad_s"),

@@ -33,9 +33,10 @@ import numpy as np
 
 from groundstation.config import ConfigError
 from groundstation.core.geometry import Vec3
+from groundstation.core.messages import STEADY_S
 from groundstation.settings import Config
 from sim.batch import choose_stages, fly_batch, require_batchable
-from sim.runs import STEADY_S, fly
+from sim.runs import fly
 from sim.world import World, generator
 
 
