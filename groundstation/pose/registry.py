@@ -5,6 +5,7 @@ from groundstation.core.messages import Others, PoseSource
 from groundstation.pose.recorded import CsvConfig, TlogConfig
 from groundstation.pose.sources import (
     JsonConfig,
+    LibmotioncaptureConfig,
     MavlinkPoseConfig,
     MavlinkPoseSource,
     NatNetConfig,
@@ -16,7 +17,15 @@ from links.core import CommandLink
 from links.mavlink import MavlinkLink
 
 PoseConfig = (
-    ViconConfig | NatNetConfig | QualisysConfig | MavlinkPoseConfig | VisionConfig | JsonConfig | TlogConfig | CsvConfig
+    ViconConfig
+    | NatNetConfig
+    | QualisysConfig
+    | LibmotioncaptureConfig
+    | MavlinkPoseConfig
+    | VisionConfig
+    | JsonConfig
+    | TlogConfig
+    | CsvConfig
 )
 """The configuration of one source; a new source adds its own here."""
 
@@ -24,7 +33,7 @@ Recorded = TlogConfig | CsvConfig
 """The sources that play recordings: they must never fly a vehicle."""
 
 
-ShowsOthers = ViconConfig | NatNetConfig | QualisysConfig | JsonConfig
+ShowsOthers = ViconConfig | NatNetConfig | QualisysConfig | LibmotioncaptureConfig | JsonConfig
 """The sources that show other bodies too."""
 
 

@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import msgspec
 
 from groundstation.config import VEHICLE_LETTERS, ConfigError, texts_of
+from groundstation.pose.sources import JsonConfig, LibmotioncaptureConfig
 from groundstation.runtime import RecordingConfig, folder_of, socket_folder
 from links.io import is_pseudo_terminal, parse_address
 
@@ -100,6 +101,8 @@ ADDRESSES: Mapping[str, Turn] = {
     "pose.listen": _address,
     "pose.server": _address,
     "pose.interface": _host,
+    "pose.hostname": _host,
+    "pose.options": _be({}),
     "pose.multicast": _be(False),  # a group is heard from every network that any program has joined it on
     "mqtt.host": _host,
     "mqtt.port": _port,
@@ -123,11 +126,19 @@ TEXTS = frozenset({
 group of a multicast that is off."""
 
 
+def _as_datagrams(pose: LibmotioncaptureConfig) -> JsonConfig:
+    """What is played in its place: its servers' protocols are the library's own."""
+    told = {key: getattr(pose, key) for key in ("name", "world", "body", "alignment", "latency_s")}
+    return JsonConfig(**told)
+
+
 def turn_sections(config: "Config", room: RehearsalConfig) -> dict[str, msgspec.Struct]:
     """The sections of ``config`` in which something may be an address, with all of that turned to ``room``."""
     turned = dict[str, tuple[Any, dict[str, Any]]]()
     for section in dict.fromkeys(key.partition(".")[0] for key in ADDRESSES):
         told: Any = getattr(config, section)
+        if isinstance(told, LibmotioncaptureConfig):
+            told = _as_datagrams(told)
         changes = {
             name: turn(getattr(told, name), room)
             for key, turn in ADDRESSES.items()
@@ -151,8 +162,8 @@ def find_way_out(config: "Config") -> str:
         return says if is_rehearsal(config.vehicle.name) else ""
     for section, turned in turn_sections(config, room).items():
         told = getattr(config, section)
-        for name in told.__struct_fields__ if told != turned else ():
-            value, wanted = getattr(told, name), getattr(turned, name)
+        for name in turned.__struct_fields__ if told != turned else ():
+            value, wanted = getattr(told, name, None), getattr(turned, name)
             if value != wanted:
                 return (
                     f"{section}.{name}: leads out of the rehearsal at {room.host}: expected {wanted!r}, got {value!r}"

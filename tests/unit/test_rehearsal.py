@@ -38,6 +38,7 @@ WAYS = (
     {"pose": {"kind": "vicon", "listen": "0.0.0.0:51001"}},
     {"pose": {"kind": "natnet", "server": "192.168.10.1:1510", "interface": "192.168.10.2", "multicast": True}},
     {"pose": {"kind": "qualisys", "server": "192.168.10.1:22223"}},
+    {"pose": {"kind": "libmotioncapture", "backend": "vrpn", "hostname": "vrpn.lab:3883"}},
     {"pose": {"kind": "vision", "listen": "192.168.10.1:14560"}},
     {"pose": {"kind": "json", "listen": "192.168.10.1:51002"}},
     {"mqtt": {"enabled": True, "host": "broker.lab", "username": "me", "tls": {"enabled": True}}},

@@ -329,6 +329,8 @@ def require_flyable(config: Config) -> Config:
     """
     if isinstance(config.pose, Recorded):
         raise ConfigError("pose.kind", "a recording must not fly a vehicle; look at it with `groundstation replay`")
+    if getattr(config.pose, "backend", "") == "mock":
+        raise ConfigError("pose.backend", "mock makes bodies up: it is to look at, and never flies a vehicle")
     ensure_guarded(config)
     ensure_link(config)
     ensure_mqtt(config.mqtt)

@@ -12,6 +12,7 @@ if TYPE_CHECKING:
     from groundstation.pose.sources.intake import Intake, Reader
     from groundstation.pose.sources.json import JsonConfig
     from groundstation.pose.sources.json_codec import JsonReader
+    from groundstation.pose.sources.libmotioncapture import LibmotioncaptureConfig
     from groundstation.pose.sources.mavlink import MavlinkPoseConfig, MavlinkPoseSource, VisionConfig
     from groundstation.pose.sources.mavlink_codec import (
         LocalPositionDecoder,
@@ -32,6 +33,7 @@ _MODULES = {
     "intake": ("Intake", "Reader"),
     "json": ("JsonConfig",),
     "json_codec": ("JsonReader",),
+    "libmotioncapture": ("LibmotioncaptureConfig",),
     "mavlink": ("MavlinkPoseConfig", "MavlinkPoseSource", "VisionConfig"),
     "mavlink_codec": ("LocalPositionDecoder", "OdometryDecoder", "PoseDecoder", "VisionReader", "decoder_for"),
     "natnet": ("NatNetConfig",),

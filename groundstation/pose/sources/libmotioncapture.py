@@ -1,0 +1,167 @@
+"""Poses by libmotioncapture: VRPN, Vicon DataStream and its other back ends, from a child process that is watched.
+
+It calls without an end where no server answers, and gives no stamps: so it lives in a process of its own, is started
+again whenever it ends or falls silent, and each frame is stamped as the library hands it over.
+"""
+
+import asyncio
+import contextlib
+import json
+import os
+from collections.abc import Callable
+from importlib.util import find_spec
+from typing import Annotated, Literal
+
+import msgspec
+
+from groundstation.core.geometry import Alignment, Body, World, frames_of
+from groundstation.core.messages import Others, Pose, PoseStatus, SourceError
+from groundstation.pose.sources.intake import Intake
+from groundstation.pose.sources.json_codec import MAX_NAME, JsonReader
+from links.core import make_child_command
+from links.io import is_loopback
+
+CONNECT_S = 5.0
+"""How long a server may take to answer [s]; some back ends would wait for ever."""
+SILENT_S = 2.0
+"""A child that has said nothing for so long is ended and started again [s]."""
+AGAIN_S = 1.0
+"""Pause before it is started again [s]."""
+LINE_BYTES = 1 << 16
+
+
+class LibmotioncaptureConfig(
+    msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True, tag_field="kind", tag="libmotioncapture"
+):
+    """VRPN, Vicon DataStream and others; needs ``pip install 'quadrotor-groundstation[motioncapture]'``."""
+
+    backend: Literal["vrpn", "vicon", "optitrack", "qualisys", "mock"] = "vrpn"
+    """What it speaks; ``vicon`` is the DataStream (TCP 801). ``mock`` makes bodies up, and never flies a vehicle."""
+    hostname: Annotated[str, msgspec.Meta(min_length=1)] = "127.0.0.1"
+    """Name or address of the tracking computer."""
+    options: dict[str, str] = {}
+    """What else the back end is told, by libmotioncapture's own names, such as ``frequency`` of ``mock``."""
+    name: Annotated[str, msgspec.Meta(min_length=1, max_length=MAX_NAME)] = "quad"
+    """Name of the vehicle's body."""
+    world: World = "nwu"
+    """Axes of the lab frame; ``nwu`` is the usual z-up frame, its x axis taken as north."""
+    body: Body = "flu"
+    """Axes of the body: ``flu`` is x forward, y left, z up."""
+    alignment: Alignment = Alignment()
+    """How these axes lie against ours, beyond their names."""
+    latency_s: Annotated[float, msgspec.Meta(ge=0.0, le=1.0)] = 0.02
+    """From the cameras' exposure until the library hands the frame over [s]: nobody tells it, and what waits on its way
+    there counts as new."""
+
+    @property
+    def real(self) -> str | None:
+        """The key by which real poses may come, and its value; None where all stays on this machine."""
+        made_up = self.backend == "mock"
+        return None if made_up or is_loopback(self.hostname) else f"hostname = {self.hostname}"
+
+    def build(self, others: Others | None = None) -> "LibmotioncaptureSource":
+        """The source of this config; ``others`` are further bodies to look for."""
+        return LibmotioncaptureSource(self, others)
+
+
+class LibmotioncaptureSource:
+    """Implements :class:`groundstation.core.messages.pose.PoseSource`; a child that ends is started again."""
+
+    def __init__(self, config: LibmotioncaptureConfig, others: Others | None = None) -> None:
+        """Nothing is started yet."""
+        self._config = config
+        intake = Intake(config.latency_s, frames_of(config), others=others)
+        self._intake, self._reader = intake, JsonReader(config.name, intake, intake)
+        self._names = (config.name, *(others.names if others is not None else ()))
+        self._deliver: Callable[[Pose], None] | None = None
+        self._task: asyncio.Task[None] | None = None
+        self._child: asyncio.subprocess.Process | None = None
+        self.other_objects: tuple[str, ...] = ()
+        """Names in the newest frame that lacked our body: tells a misspelt name from a silent stream."""
+
+    @property
+    def status(self) -> PoseStatus:
+        """Counters as they are now; ``child_lost`` beside those of JSON: how often the child was started again."""
+        return self._reader.status
+
+    async def start(self, deliver: Callable[[Pose], None]) -> None:
+        """Start the child; ``deliver`` is called on the event loop for each pose.
+
+        Raises:
+            SourceError: libmotioncapture is not installed, or its server does not answer; the message says what to do.
+        """
+        if find_spec("motioncapture") is None:
+            raise SourceError(
+                "poses by libmotioncapture need motioncapture, which is not installed: "
+                "pip install 'quadrotor-groundstation[motioncapture]'"
+            )
+        self._deliver = deliver
+        if not await self._open():
+            await self._end()
+            where = f"{self._config.backend} server at {self._config.hostname}"
+            raise SourceError(f"the {where} does not answer: check its address, and that it streams")
+        self._task = asyncio.create_task(self._stay())
+
+    async def close(self) -> None:
+        """End the child; no pose is delivered afterwards."""
+        self._deliver = None
+        task, self._task = self._task, None
+        if task is not None:
+            task.cancel()
+            with contextlib.suppress(asyncio.CancelledError):
+                await task
+        await self._end()
+
+    async def _open(self) -> bool:
+        """Start the child; whether it is connected within a time."""
+        config = self._config
+        options = json.dumps({"hostname": config.hostname, **config.options})
+        words = (str(os.getpid()), config.backend, options, json.dumps(self._names))
+        self._child = await asyncio.create_subprocess_exec(
+            *make_child_command("groundstation.pose.sources.motioncapture_child", *words),
+            stdin=asyncio.subprocess.DEVNULL,
+            stdout=asyncio.subprocess.PIPE,
+            stderr=asyncio.subprocess.DEVNULL,
+            limit=LINE_BYTES,
+            start_new_session=True,  # a terminal's Ctrl-C is the flight's business
+        )
+        with contextlib.suppress(TimeoutError):
+            return bool(await asyncio.wait_for(self._line(), CONNECT_S))
+        return False
+
+    async def _line(self) -> bytes:
+        assert self._child is not None and self._child.stdout is not None, "it is open, and a pipe"
+        try:
+            return await self._child.stdout.readline()
+        except ValueError:  # longer than any line of ours
+            return b""
+
+    async def _end(self) -> None:
+        child, self._child = self._child, None
+        if child is not None:
+            with contextlib.suppress(ProcessLookupError):
+                child.kill()
+            await child.wait()
+
+    async def _stay(self) -> None:
+        """Hand on what the child says, and start it again when it says nothing more, until cancelled."""
+        while True:
+            with contextlib.suppress(TimeoutError):
+                while line := await asyncio.wait_for(self._line(), SILENT_S):
+                    self._take(line)
+            while True:
+                self._intake.drop("child_lost")
+                await self._end()
+                await asyncio.sleep(AGAIN_S)
+                if await self._open():
+                    break
+
+    def _take(self, line: bytes) -> None:
+        arrival_s = asyncio.get_running_loop().time()
+        before = self._intake.dropped["no_such_body"]
+        for pose in self._reader.read(line.strip(), arrival_s):
+            if self._deliver is not None:
+                self._deliver(pose)
+        if self._intake.dropped["no_such_body"] != before:
+            with contextlib.suppress(ValueError):
+                self.other_objects = tuple(str(body["name"]) for body in json.loads(line))

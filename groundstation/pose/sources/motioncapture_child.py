@@ -1,0 +1,53 @@
+"""Child of the libmotioncapture source: the library's calls block, may hang for ever, and hold the interpreter.
+
+A line a frame on standard output, the JSON of a home-made tracker (json_codec.py): the wanted bodies first, each
+stamped with this machine's monotonic clock as the library gave the frame. The first line of all is empty: connected.
+"""
+
+import ctypes
+import importlib
+import json
+import os
+import signal
+import sys
+import time
+from typing import Any
+
+PR_SET_PDEATHSIG = 1
+"""Number of Linux: the signal that comes when the parent dies (prctl(2))."""
+MOST_BODIES, MOST_NAME, MOST_BYTES = 32, 64, 4096
+"""What fits into one line, as into one datagram."""
+
+
+def main() -> int:
+    """``PARENT_PID BACKEND OPTIONS NAMES``: the last two as JSON, an object of texts and an array of names."""
+    parent, backend, options, names = sys.argv[1:]
+    prctl = getattr(ctypes.CDLL(None), "prctl", None)  # a call of the library that hangs hears of nothing else
+    if prctl is not None:
+        prctl(PR_SET_PDEATHSIG, int(signal.SIGKILL))
+    if os.getppid() != int(parent):
+        return 1
+    motioncapture: Any = importlib.import_module("motioncapture")  # no stubs come along
+    out, wanted = sys.stdout.buffer, {name: rank for rank, name in enumerate(json.loads(names))}
+    tracker = motioncapture.connect(backend, json.loads(options))
+    out.write(b"\n")
+    out.flush()
+    while True:
+        tracker.waitForNextFrame()
+        now_s = time.monotonic()
+        bodies: list[dict[str, Any]] = []
+        for name, body in sorted(tracker.rigidBodies.items(), key=lambda one: wanted.get(one[0], len(wanted))):
+            if len(name) <= MOST_NAME and len(bodies) < MOST_BODIES:
+                q = body.rotation
+                place = [float(part) for part in body.position]
+                bodies.append({"name": name, "t": now_s, "position": place, "quaternion": [q.w, q.x, q.y, q.z]})
+        line = json.dumps(bodies).encode()
+        while len(line) > MOST_BYTES:
+            bodies.pop()
+            line = json.dumps(bodies).encode()
+        out.write(line + b"\n")
+        out.flush()
+
+
+if __name__ == "__main__":
+    sys.exit(main())

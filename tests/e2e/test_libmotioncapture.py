@@ -1,0 +1,113 @@
+"""Poses by libmotioncapture: its mock back end in a child process that is watched, and started again when it ends."""
+
+import asyncio
+import os
+import signal
+from collections.abc import Awaitable, Callable
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from groundstation.config import ConfigError, from_dict
+from groundstation.core.messages import Others, Pose, SourceError
+from groundstation.interfaces.service import require_flyable
+from groundstation.pose.sources import LibmotioncaptureConfig, libmotioncapture
+from groundstation.settings import Config
+
+pytest.importorskip("motioncapture", reason="libmotioncapture is not tried: no wheel of motioncapture for this machine")
+
+BODIES = "quad(1,2,3,1,0,0,0);wand(0,-1,0.5,1,0,0,0)"
+MOCK = LibmotioncaptureConfig(
+    backend="mock", options={"frequency": "100", "rigid_bodies": BODIES}, world="nwu", body="flu", latency_s=0.01
+)
+
+
+def run(work: Callable[[Any, list[Pose]], Awaitable[None]], config: LibmotioncaptureConfig = MOCK) -> Any:
+    """The source, after it was started, has done ``work`` with the poses, and was closed."""
+    source, poses = config.build(Others(("wand",))), list[Pose]()
+
+    async def main() -> None:
+        await source.start(poses.append)
+        try:
+            await work(source, poses)
+        finally:
+            await source.close()
+
+    asyncio.run(main())
+    return source
+
+
+async def until(enough: Callable[[], bool], within_s: float = 20.0) -> None:
+    async with asyncio.timeout(within_s):
+        while not enough():
+            await asyncio.sleep(0.02)
+
+
+def test_its_poses_come_in_our_axes_stamped_as_the_library_gave_them_less_the_told_latency() -> None:
+    async def work(source: Any, poses: list[Pose]) -> None:
+        await until(lambda: len(poses) > 50)
+        for pose in poses:
+            assert pose.position_ned == pytest.approx((1.0, -2.0, -3.0), abs=1e-6)
+            assert 0.01 - 1e-9 <= pose.arrival_s - pose.time_s < 0.5
+        assert [pose.id for pose in poses] == list(range(len(poses)))
+
+    source = run(work)
+    assert source.status.dropped == {}
+    assert source.status.accepted > 50
+
+
+def test_a_child_that_dies_and_one_that_hangs_are_started_again(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(libmotioncapture, "AGAIN_S", 0.05)
+    monkeypatch.setattr(libmotioncapture, "SILENT_S", 1.0)
+
+    async def work(source: Any, poses: list[Pose]) -> None:
+        for hit in (signal.SIGKILL, signal.SIGSTOP):
+            await until(lambda: len(poses) > 5)
+            lost = source.status.dropped.get("child_lost", 0)
+            os.kill(source._child.pid, hit)
+            while source.status.dropped.get("child_lost", 0) == lost:
+                await asyncio.sleep(0.02)
+            poses.clear()
+        await until(lambda: len(poses) > 5)
+
+    assert set(run(work).status.dropped) == {"child_lost"}
+
+
+def test_no_child_is_left_behind() -> None:
+    children: list[int] = []
+
+    async def work(source: Any, poses: list[Pose]) -> None:
+        await until(lambda: len(poses) > 5)
+        children.append(source._child.pid)
+
+    run(work)
+    assert not Path(f"/proc/{children[0]}").exists()
+
+
+def test_a_name_that_nobody_streams_is_told_from_a_silent_stream() -> None:
+    async def work(source: Any, poses: list[Pose]) -> None:
+        await until(lambda: bool(source.other_objects))
+        assert set(source.other_objects) == {"quad", "wand"}
+        assert poses == []
+
+    config = LibmotioncaptureConfig(backend="mock", options=MOCK.options, name="quod")
+    assert set(run(work, config).status.dropped) == {"no_such_body"}
+
+
+def test_a_server_that_does_not_answer_is_a_sentence_though_the_library_waits_for_ever(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr(libmotioncapture, "CONNECT_S", 1.0)
+
+    async def work(source: Any, poses: list[Pose]) -> None:
+        raise AssertionError("nobody serves there")
+
+    with pytest.raises(SourceError, match=r"the optitrack server at 127\.0\.0\.1 does not answer"):
+        run(work, LibmotioncaptureConfig(backend="optitrack"))
+
+
+def test_bodies_that_are_made_up_never_fly_a_vehicle() -> None:
+    pose = {"kind": "libmotioncapture", "backend": "mock"}
+    with pytest.raises(ConfigError, match=r"pose\.backend: .*never flies"):
+        require_flyable(from_dict({"pose": pose}, Config))
