@@ -20,6 +20,28 @@ class Service(StrEnum):
     RANGE_CHECK = "range_check"
 
 
+class RfTelemetry(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True):
+    """What comes back through a module, of the vehicle and of the radio; a frame tells some of it."""
+
+    battery_v: float | None = None
+    """Voltage of the vehicle's battery [V]."""
+    battery_share: float | None = None
+    """Its charge [-]."""
+    mode: str | None = None
+    """The flight controller's mode, in its own words."""
+    attitude_rad: tuple[float, float, float] | None = None
+    """Roll, pitch and yaw as the flight controller tells them [rad]: which way pitch counts is its own, and nobody
+    tells how old they are."""
+    uplink_share: float | None = None
+    """Share of our frames that the receiver gets [-]."""
+    uplink_dbm: int | None = None
+    """Power that its better antenna gets of them [dBm]."""
+    uplink_snr_db: int | None = None
+    """The same over the noise [dB]."""
+    early_s: float | None = None
+    """How much too early frames reach the module [s]; negative where they are late."""
+
+
 class RfFrame(NamedTuple):
     """One frame as a module understands it."""
 
@@ -29,6 +51,8 @@ class RfFrame(NamedTuple):
     """What else it asks for."""
     model_id: int | None = None
     """The model it names."""
+    tells: RfTelemetry | None = None
+    """What it tells whoever sends."""
 
 
 class RfDecoder(Protocol):

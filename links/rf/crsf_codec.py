@@ -10,6 +10,12 @@ Type 0x16: 16 channels of 11 bits, the first in the lowest bits; 172, 992, 1811 
 ExpressLRS takes channel 5 for armed. Type 0x32, a command: destination, origin, 0x10 (of this system), what, data,
 CRC-8 of polynomial 0xBA over type to data, and the CRC of every frame. 400000 baud, 8N1; the sender's period is 4 ms
 (16 ms at 115200); a module that hears nothing for 1 s stops sending.
+
+What comes back, numbers with the high byte first: type 0x08, battery: voltage in 0.1 V, current in 0.1 A, 24 bits of
+mAh, percent (the document says 10 µV; Betaflight's telemetry/crsf.c sends, and EdgeTX takes, tenths of a volt). 0x14,
+link: -dBm of both antennas, percent, dB, antenna, profile, power, and of the way down. 0x1E, attitude: pitch, roll, yaw
+in 100 µrad. 0x21, mode: text to a zero byte. 0x3A, addressed, sub-type 0x10: 32 bits of period and of how much too
+early our frames come, in 100 ns.
 Source: TBS crsf-spec 1285bbc5; EdgeTX e2bcbd6c; ExpressLRS 7702d0fe.
 """
 
@@ -20,15 +26,17 @@ from typing import Annotated, Literal
 import msgspec
 
 from links.rf.channel_map import ArmSwitch, ChannelMap, Stick, Throttle
-from links.rf.codec import RfFrame, RfLinkConfig, Service, counts, position
+from links.rf.codec import RfFrame, RfLinkConfig, RfTelemetry, Service, counts, position
 
 CHANNELS = 16
 RC_CHANNELS, COMMAND = 0x16, 0x32
+BATTERY, LINK, ATTITUDE, MODE, RADIO = 0x08, 0x14, 0x1E, 0x21, 0x3A
 TO_MODULE, SYNC = 0xEE, 0xC8
 FRAME_BYTES = 26
 _RADIO = 0xEA
 _ADDRESSES = frozenset((SYNC, TO_MODULE, _RADIO, 0xEC, 0x00))
 _THIS_SYSTEM, _BIND, _MODEL = 0x10, 0x01, 0x05
+_TIMING = 0x10
 _LOW, _HIGH, _LARGEST = 172, 1811, 1984
 _SHORTEST, _LONGEST = 2, 62
 _CHANNEL_BYTES = 22
@@ -139,7 +147,29 @@ def _decode_frame(kind: int, payload: bytes) -> RfFrame:
             return RfFrame(None, Service.BIND)
         if payload[3] == _MODEL and len(payload) == 6:
             return RfFrame(None, None, payload[4])
-    return RfFrame(None)
+    return RfFrame(None, tells=_decode_telemetry(kind, payload))
+
+
+def _decode_telemetry(kind: int, payload: bytes) -> RfTelemetry | None:
+    size = len(payload)
+    if kind == BATTERY and size >= 8:
+        volts = 0.1 * int.from_bytes(payload[:2], "big")
+        # No voltage: nobody measures it, and nobody knows the charge.
+        return RfTelemetry(battery_v=volts, battery_share=min(payload[7], 100) / 100) if volts else RfTelemetry()
+    if kind == LINK and size >= 10:
+        first, second, percent, noise = payload[:4]
+        strongest = min((x for x in (first, second) if x), default=0)
+        snr = noise - 256 if noise > 127 else noise
+        return RfTelemetry(uplink_share=min(percent, 100) / 100, uplink_dbm=-strongest, uplink_snr_db=snr)
+    if kind == ATTITUDE and size >= 6:
+        pitch, roll, yaw = (1e-4 * int.from_bytes(payload[k : k + 2], "big", signed=True) for k in (0, 2, 4))
+        return RfTelemetry(attitude_rad=(roll, pitch, yaw))
+    if kind == MODE:
+        text = payload.split(b"\0")[0].decode("ascii", "replace")
+        return RfTelemetry(mode="".join(c for c in text if c.isprintable()))
+    if kind == RADIO and size >= 11 and payload[2] == _TIMING:
+        return RfTelemetry(early_s=1e-7 * int.from_bytes(payload[7:11], "big", signed=True))
+    return None
 
 
 def _command(what: int, *data: int) -> bytes:

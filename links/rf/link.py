@@ -12,13 +12,23 @@ from collections.abc import Awaitable, Callable
 from functools import partial
 
 from links.core import Attitude, Command, Deadman, LinkError, LinkLost, LinkMisuse, LinkRejected, LinkStatus, Phase
-from links.rf.codec import Manner, RfLinkConfig, Service
+from links.rf.codec import Manner, RfLinkConfig, RfTelemetry, Service
 from links.rf.pacer import Arm, End, Give, Hear, OpenPacer, Order, Pacer, PacerReport, Serve, Stop
 
 END_LIMIT_S = 4.0
 """Longest wait for a pacer to end [s]: the longest command, its bring-down, and then some."""
 SILENT_S = 1.0
 """A pacer that reports nothing for so long stands still, or can't be heard [s]."""
+
+
+def _radio(report: PacerReport) -> str:
+    """How well the receiver hears us, where it tells."""
+    told = report.telemetry
+    if told.uplink_share is None:
+        return ""
+    return (
+        f"; receiver gets {100.0 * told.uplink_share:.0f} %, {told.uplink_dbm} dBm, {told.uplink_snr_db} dB over noise"
+    )
 
 
 class HeardPacer:
@@ -102,7 +112,7 @@ class HeardPacer:
         if report is None:
             return ""
         counts = f"{report.frames} frames, {report.lost} lost, {report.repeated} repeated"
-        return self.why_lost() or f"{counts}, 99 % within {report.late_us[1]} µs; {report.note}"
+        return self.why_lost() or f"{counts}, 99 % within {report.late_us[1]} µs; {report.note}{_radio(report)}"
 
     def ahead_of_frame(self, now_s: float) -> float:
         """The next instant that lies ``manner.lead_s`` before a frame."""
@@ -193,7 +203,11 @@ class PacedLink:
     def status(self) -> LinkStatus:
         """The link as it is now; ``received`` counts frames that came back from the module."""
         report = self._heard.report
+        told = report.telemetry if report is not None else RfTelemetry()
         return LinkStatus(
+            battery_v=told.battery_v,
+            battery_share=told.battery_share,
+            mode=told.mode or "",
             state=self._state(),
             sent=self._sent,
             expired=self._expired,

@@ -11,13 +11,13 @@ import contextlib
 import math
 from collections import Counter
 from collections.abc import Awaitable, Callable
-from typing import Protocol, TypeAlias
+from typing import Any, Protocol, TypeAlias
 
 import msgspec
 
 from links.core import Command, Deadman, Lateness, LinkMisuse, Phase, Segment
 from links.rf.channel_map import Channels
-from links.rf.codec import Manner, RfLinkConfig, Service
+from links.rf.codec import Manner, RfLinkConfig, RfTelemetry, Service
 
 
 class Arm(msgspec.Struct, frozen=True, tag="arm"):
@@ -117,6 +117,8 @@ class PacerReport(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True)
     """Whether the pacer's stand-by has ended before it: nobody would let frames go in its place."""
     warning: str = ""
     """What is not as it should be with how it paces; empty where nothing is."""
+    telemetry: RfTelemetry = RfTelemetry()
+    """What came back through the module of late."""
 
 
 class Pacer(Protocol):
@@ -160,6 +162,10 @@ STALE_S = 0.001
 """A frame that leaves later than this is made anew for the instant at which it leaves [s]."""
 REOPEN_S, REOPEN_LIMIT_S = 0.1, 1.6
 """First and longest wait before the port is opened again [s]."""
+TELLS_S = 5.0
+"""What a module has not told again for so long is forgotten [s]."""
+STEER = 0.02
+"""A frame leaves earlier or later by at most this share of the period, where the module asks for it [-]."""
 READ_BYTES = 512
 """Most that is read from the port between two frames; a module that says more says it for nothing."""
 
@@ -208,6 +214,10 @@ class FramePacer:
         self._quiet_since_s = now_s
         self._frame = b""
         self._due_s = self._made_s = now_s
+        self._telemetry: dict[str, tuple[float, Any]] = {}
+        """What came back through the module, by its name, and when."""
+        self._early_s = 0.0
+        """What is left of the way to where the module wants our frames."""
         self._heir = ""
         self._port = port
         self._why_closed = "not opened yet"
@@ -323,8 +333,23 @@ class FramePacer:
         except OSError as error:
             self._lose(error, now_s)
             return
-        if data:
-            self._received += len(self._decoder.feed(data))
+        for heard in self._decoder.feed(data) if data else ():
+            self._received += 1
+            if heard.tells is not None:
+                told = msgspec.structs.asdict(heard.tells)
+                self._telemetry |= {name: (now_s, value) for name, value in told.items() if value is not None}
+                if heard.tells.early_s is not None:
+                    self._early_s = math.remainder(heard.tells.early_s, self._config.period_s)
+
+    def steer(self) -> float:
+        """How much longer than a period it is to the next frame [s], to meet the module's own; of the phase alone.
+
+        No deadline moves: what a frame says is decided for the instant at which it leaves.
+        """
+        most = STEER * self._config.period_s
+        shift = min(max(self._early_s, -most), most)
+        self._early_s -= shift
+        return shift
 
     def close(self) -> None:
         """Let go of the port."""
@@ -372,6 +397,9 @@ class FramePacer:
             heir=self._heir,
             alone=alone,
             warning=warning,
+            telemetry=RfTelemetry(
+                **{name: value for name, (at_s, value) in self._telemetry.items() if now_s - at_s < TELLS_S}
+            ),
         )
 
     def _make_frame(self, at_s: float) -> bytes:

@@ -220,7 +220,7 @@ def pace(
         pacer.tidy(left)
         if pacer.has_news(left):
             commander.tell(pacer, left)
-        due += (1 + skipped) * period_s
+        due += (1 + skipped) * period_s + pacer.steer()
     clock.sleep_until(now() + frame_s)  # the last frame leaves whole
     commander.tell(pacer, now())
 

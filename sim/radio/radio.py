@@ -180,7 +180,7 @@ class InlinePacer:
             pacer.leave(loop.time())
             pacer.count_frame(loop.time(), 0)
             pacer.tidy(loop.time())
-            due += self._period
+            due += self._period + pacer.steer()
             if pacer.has_news(loop.time()):
                 self._on_report(self.report())
         await sleep_until(loop.time() + self._frame_s)  # the last frame arrives whole

@@ -1,5 +1,6 @@
 """The scenarios through the radio links' bytes, quantised channels and all, in virtual time."""
 
+import asyncio
 from pathlib import Path
 
 import pytest
@@ -9,9 +10,13 @@ from groundstation.analysis.report import read_columns
 from groundstation.analysis.report.figures import lateness
 from groundstation.analysis.report.flight import numbers
 from groundstation.config import ConfigError
-from sim.runs import RECORDING, fly
+from groundstation.core.mission import State
+from groundstation.flight import Flight
+from sim.runs import RECORDING, Stage, fly
 from sim.runs.simulation import RunFolder
 from sim.scenarios import SCENARIOS, prepare
+from tests.flight.test_missions import SHORT, mission
+from tests.unit.test_crsf_telemetry import frame
 
 
 @pytest.mark.parametrize(
@@ -97,3 +102,17 @@ def test_a_recording_tells_how_late_commands_and_the_pacers_frames_were(link: st
     words = [text.get_text() for text in legend.get_texts()]
     assert any(word.startswith("the pacer's ") for word in words)
     assert "commands" in words
+
+
+def test_a_battery_told_by_the_module_lands_the_vehicle() -> None:
+    async def script(flight: Flight, stage: Stage) -> None:
+        while flight.state is not State.TRACKING:
+            await asyncio.sleep(0.01)
+        while True:
+            stage.port.datagram_received(frame(0x08, bytes.fromhex("0064 0011 000123 05")), None)
+            await asyncio.sleep(0.5)
+
+    flown = mission("paper", *SHORT, link="crsf", script=script, figure_s=20.0)
+    assert flown.landed or flown.fault
+    assert "battery at 5 %" in flown.fault
+    assert flown.states[-1].state == State.LANDED

@@ -1,0 +1,118 @@
+"""What comes back through a CRSF module, by the words of its document; and how it steers the pacer."""
+
+import math
+import struct
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from links.core import Command, Segment
+from links.rf import Arm, Channels, CrsfLinkConfig, FramePacer, Give
+from links.rf.codec import RfTelemetry
+from links.rf.pacer import STEER, TELLS_S
+from tests.unit.test_pacer import Bench, Notebook
+
+
+def frame(kind: int, payload: bytes) -> bytes:
+    """A frame to the handset, by the document and without our codec."""
+    body = bytes((kind,)) + payload
+    crc = 0
+    for byte in body:
+        crc ^= byte
+        for _ in range(8):
+            crc = (crc << 1 ^ 0xD5 if crc & 0x80 else crc << 1) & 0xFF
+    return bytes((0xEA, len(body) + 1)) + body + bytes((crc,))
+
+
+def timing(early_s: float, period_s: float = 0.004) -> bytes:
+    return frame(0x3A, b"\xea\xee\x10" + struct.pack(">Ii", round(1e7 * period_s), round(1e7 * early_s)))
+
+
+BATTERY = frame(0x08, bytes.fromhex("00A8 0011 000123 32"))
+LINK = frame(0x14, bytes((60, 0, 99, 0xFB, 0, 2, 3, 70, 98, 7)))
+
+
+@pytest.mark.parametrize(
+    ("data", "tells"),
+    [
+        (BATTERY, RfTelemetry(battery_v=16.8, battery_share=0.5)),
+        (frame(0x08, bytes(8)), RfTelemetry()),
+        (LINK, RfTelemetry(uplink_share=0.99, uplink_dbm=-60, uplink_snr_db=-5)),
+        (frame(0x1E, struct.pack(">hhh", -1000, 2000, 31000)), RfTelemetry(attitude_rad=(0.2, -0.1, 3.1))),
+        (frame(0x21, b"ACRO*\0rest"), RfTelemetry(mode="ACRO*")),
+        (timing(-0.00012), RfTelemetry(early_s=-0.00012)),
+    ],
+)
+def test_frames_are_read_as_their_document_says(data: bytes, tells: RfTelemetry) -> None:
+    (heard,) = CrsfLinkConfig().codec().decoder().feed(data)
+    assert heard.positions is None
+    assert heard.tells is not None
+    for name in RfTelemetry.__struct_fields__:
+        assert getattr(heard.tells, name) == pytest.approx(getattr(tells, name)), name
+
+
+@given(st.sampled_from([0x08, 0x14, 0x1E, 0x21, 0x3A]), st.binary(max_size=60))
+def test_whatever_they_hold_nothing_raises_and_every_number_is_finite(kind: int, payload: bytes) -> None:
+    (heard,) = CrsfLinkConfig().codec().decoder().feed(frame(kind, payload))
+    if heard.tells is not None:
+        told = heard.tells
+        numbers = (told.battery_v, told.battery_share, told.uplink_share, told.early_s, *(told.attitude_rad or ()))
+        assert all(math.isfinite(number) for number in numbers if number is not None)
+
+
+def test_what_is_told_is_reported_and_forgotten_after_a_while() -> None:
+    bench = Bench(CrsfLinkConfig())
+    bench.port.comes = BATTERY + LINK
+    bench.frame()
+    told = bench.pacer.report(bench.now).telemetry
+    assert told.battery_v == pytest.approx(16.8)
+    assert told.uplink_share == pytest.approx(0.99)
+    assert bench.pacer.report(bench.now + TELLS_S).telemetry == RfTelemetry()
+
+
+@pytest.mark.parametrize("early_s", [0.0011, -0.0007])
+def test_the_pacer_meets_the_modules_phase_by_two_percent_of_a_period_a_frame(early_s: float) -> None:
+    bench = Bench(CrsfLinkConfig())
+    bench.port.comes = timing(early_s)
+    bench.frame()
+    shifts = [bench.pacer.steer() for _ in range(40)]
+    most = STEER * bench.period
+    assert max(abs(shift) for shift in shifts) <= most * (1.0 + 1e-9)
+    assert sum(shifts) == pytest.approx(early_s)
+    assert shifts[0] == pytest.approx(math.copysign(most, early_s))
+    assert shifts[-1] == 0.0
+
+
+def test_a_phase_that_is_whole_periods_off_is_no_phase() -> None:
+    bench = Bench(CrsfLinkConfig())
+    bench.port.comes = timing(3.0 * bench.period + 0.00005)
+    bench.frame()
+    assert sum(bench.pacer.steer() for _ in range(10)) == pytest.approx(0.00005)
+
+
+def test_no_deadline_moves_however_the_frames_are_steered() -> None:
+    """The module asks for later frames all the time; what a command may do ends when it would without."""
+    config = CrsfLinkConfig(arm_low_s=0.0, arm_high_s=0.01)
+    ends = []
+    for asks in (b"", timing(0.0019)):
+        port, now = Notebook(), 100.0
+        pacer = FramePacer(config, 2.0, port, now)
+        channels = Channels(config.map, count=16, thrust_max_n=2.0)
+        pacer.order(Arm(1, now), now)
+        command = Command(1.0, (0.0, 0.0, 0.0), 1, now, now + 0.1, (Segment(0.05, 0.5, (0.0, 0.0, 0.0)),))
+        pacer.order(Give(1, command), now)
+        lifted_s = now
+        while now < 101.0:
+            now += config.period_s + pacer.steer()
+            pacer.prepare(now)
+            pacer.leave(now)
+            port.comes = asks
+            pacer.tidy(now)
+            (heard,) = config.codec().decoder().feed(port.frames[-1])
+            assert heard.positions is not None
+            if channels.read(heard.positions).thrust_n > 0.01:
+                lifted_s = now
+        ends.append(lifted_s)
+        assert lifted_s <= 100.15
+    assert ends[0] == pytest.approx(ends[1], abs=config.period_s)
