@@ -93,8 +93,18 @@ FAULTS = (
 )  # fmt: skip
 
 
-def seed(folder: Path, fault: Fault) -> Path:
-    """Put ``fault`` into the checkout in ``folder``; the file.
+def copy_checkout(folder: Path) -> None:
+    """Into ``folder``, which is made: what is in the checkout, but not what was made by it."""
+
+    def leave_out(at: str, names: list[str]) -> set[str]:
+        made = {"runs", "build"} if Path(at) == ROOT else set()
+        return {name for name in names if name in made or name.startswith(".") or name == "__pycache__"}
+
+    shutil.copytree(ROOT, folder, ignore=leave_out)
+
+
+def file_of(folder: Path, fault: Fault) -> Path:
+    """The file of the checkout in ``folder`` that has the line.
 
     Raises:
         ValueError: not exactly one file of that name has the line, or not exactly once.
@@ -103,9 +113,7 @@ def seed(folder: Path, fault: Fault) -> Path:
     found = [file for file in named if fault.right in file.read_text("utf-8")]
     if len(found) != 1 or found[0].read_text("utf-8").count(fault.right) != 1:
         raise ValueError(f"{fault.file}: {fault.right!r} is to be changed in one place, and stands in {found}")
-    [file] = found
-    file.write_text(file.read_text("utf-8").replace(fault.right, fault.wrong), "utf-8")
-    return file
+    return found[0]
 
 
 def catches(folder: Path, tests: list[str], chosen: str) -> str:
@@ -127,7 +135,8 @@ def catches(folder: Path, tests: list[str], chosen: str) -> str:
     )
     if done.returncode == 0:
         return ""
-    failed = [line for line in done.stdout.splitlines() if line.startswith(("FAILED", "ERROR"))]
+    # What has no test's name could not be read: no test has seen anything.
+    failed = [line for line in done.stdout.splitlines() if line.startswith(("FAILED", "ERROR")) and "::" in line]
     if not failed:
         raise RuntimeError(done.stdout + done.stderr)
     return failed[0].partition(" - ")[0]
@@ -146,8 +155,9 @@ def main() -> int:
         fault = FAULTS[number]
         with tempfile.TemporaryDirectory(prefix="seeded-") as name:
             folder = Path(name) / "checkout"
-            shutil.copytree(ROOT, folder, ignore=shutil.ignore_patterns(".*", "__pycache__", "runs", "build"))
-            seed(folder, fault)
+            copy_checkout(folder)
+            file = file_of(folder, fault)
+            file.write_text(file.read_text("utf-8").replace(fault.right, fault.wrong), "utf-8")
             tests = [f"tests/{test}" for test in CONCERNED[fault.file].split()]
             by = catches(folder, tests, chosen) or (args.all and catches(folder, ["tests"], chosen)) or ""
         print(f"{number:2} {fault.file:18} {fault.wrong.strip()[:50]!r:54} {by or 'ESCAPED'}", flush=True)
