@@ -80,13 +80,14 @@ bench: setup ## measure this machine beside other simulators, which are half a g
 	@$(BIN)/uv sync --quiet --frozen --python $(BIN)/python --group peers
 	@$(BIN)/groundstation-sim bench $(WHAT) --peers
 
-evidence: setup ## docs/evidence.md once more; FLIGHTS="a.mcap b.mcap" are recordings of others that you have imported
+evidence: setup firmware ## docs/evidence.md once more; FLIGHTS="a.mcap b.mcap" are recordings of others that you have imported
 	@rm -rf build/evidence && mkdir -p build/evidence
 	@for name in px4_takeoff ardupilot_landing; do $(BIN)/groundstation import tests/golden/$$name.tlog \
 	    --map ardupilot-tlog --out build/evidence/$$name.mcap || exit 1; done
 	@$(BIN)/groundstation evidence build/evidence/*.mcap --write docs/evidence.md --part captures
 	@test -z "$(FLIGHTS)" || $(BIN)/groundstation evidence $(FLIGHTS) --write docs/evidence.md
 	@$(BIN)/groundstation-sim gale --write docs/evidence.md
+	@$(BIN)/groundstation-sim firmware --write docs/evidence.md
 
 docs: setup ## the documents as a site, in build/site
 	$(BIN)/groundstation-sim reference --write docs/reference
