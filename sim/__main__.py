@@ -184,6 +184,7 @@ def _gale(parser: argparse.ArgumentParser) -> None:
 
 
 def _scenarios(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument("name", nargs="?", metavar="NAME", help="every value of this one")
     parser.add_argument("--json", action="store_true")
 
 
@@ -261,7 +262,7 @@ COMMANDS = {
     "bring-down": ("cut flights short in the air, and see how they come down", _bring_down),
     "gale": ("fly published laws in a simulated wind tunnel, beside what was measured in the real one", _gale),
     "tune": ("search for better gains, or report how wrong the world may be with these", _tune),
-    "scenarios": ("list the scenarios with every value", _scenarios),
+    "scenarios": ("list the scenarios; tell every value of one", _scenarios),
     "check-vectors": ("evaluate the control law on a file of test vectors", _check_vectors),
     "firmware": ("measure what Betaflight's own firmware does with ours: flights, strikes, rates", _firmware),
     "fuzz": ("feed every decoder random and damaged bytes", _fuzz),

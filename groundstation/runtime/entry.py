@@ -4,6 +4,7 @@ import argparse
 import contextlib
 import errno
 import importlib
+import io
 import os
 import sys
 from collections.abc import Callable, Iterator
@@ -69,6 +70,9 @@ def raw_stream(stream: "TextIO") -> "TextIO":
 def _guard_output() -> Iterator[None]:
     """Guard standard output and standard error: what is printed may come from a vehicle, a broker, or a recording."""
     before = sys.stdout, sys.stderr
+    for stream in before:
+        if isinstance(stream, io.TextIOWrapper) and stream.encoding.lower() not in ("utf-8", "utf8"):
+            stream.reconfigure(errors="replace")  # a terminal that knows no ² shows ?, and everything else
     sys.stdout, sys.stderr = map(_GuardedStream, before)  # all else is the stream's own
     try:
         yield

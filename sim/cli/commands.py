@@ -124,11 +124,15 @@ def scenarios(args: argparse.Namespace) -> int:
     if args.json:
         print(json.dumps(rows))
         return 0
-    for name, row in rows.items():
-        print(f"{name}: {row['summary']}")
-        for section in ("sim", "told"):
-            for key, value in row[section].items():
-                print(f"    {section}.{key} = {value}")
+    if args.name is None:
+        width = max(map(len, rows))
+        print("\n".join(f"{name:{width}}  {row['summary']}" for name, row in rows.items()))
+        return 0
+    row = rows[scenario_of(args.name).name]
+    print(row["summary"])
+    for section in ("sim", "told"):
+        for key, value in row[section].items():
+            print(f"    {section}.{key} = {value}")
     return 0
 
 

@@ -2,6 +2,7 @@
 
 import csv
 import json
+import os
 import subprocess
 import sys
 from pathlib import Path
@@ -154,7 +155,17 @@ def test_scenarios_lists_every_scenario_with_every_value() -> None:
     rows = json.loads(sim("scenarios", "--json").stdout)
     assert set(rows) == set(SCENARIOS)
     assert rows["storm"]["sim"]["wind_mean"] == [2.0, -1.6, 1.0]
-    assert "sim.pose_latency_s = 0.04" in sim("scenarios").stdout
+    assert [line.split()[0] for line in sim("scenarios").stdout.splitlines()] == list(SCENARIOS)
+    assert "sim.wind_mean = [2.0, -1.6, 1.0]" in sim("scenarios", "storm").stdout
+    assert "expected one of" in sim("scenarios", "strom").stderr
+
+
+def test_output_that_can_show_no_such_letters_shows_the_rest() -> None:
+    script = Path(sys.executable).with_name("groundstation")
+    done = subprocess.run(
+        [script, "config", "show"], capture_output=True, env={**os.environ, "PYTHONIOENCODING": "ascii"}, check=True
+    )
+    assert b"[vehicle]" in done.stdout and b"m/s?" in done.stdout
 
 
 def test_a_runs_folder_holds_config_recording_traffic_and_result(tmp_path: Path) -> None:

@@ -18,7 +18,7 @@ from textual.pilot import Pilot
 from groundstation.config import ConfigError
 from groundstation.interfaces.tui.app import served_socket
 from groundstation.interfaces.tui.drawing import big
-from groundstation.interfaces.tui.widgets import Banner, ErrorHistory, Events, InTime, Numbers, Preflight, TopView
+from groundstation.interfaces.tui.widgets import Banner, ErrorHistory, Events, InTime, Knob, Numbers, Preflight, TopView
 from tests.dashboards import Fixed, Stage, flown, on_ground, play, says, standing, text, until
 from tests.sample_flight import sample
 
@@ -42,7 +42,7 @@ def test_every_part_shows_the_newest_snapshot(stage: Stage) -> None:
             assert f"{north:+.3f}   {east:+.3f}   {-down:+.3f} m" in text(pilot, Numbers)
             for words in ("b̂          +0.100   -0.050   +0.200", "d̂          +0.110", "age 12 ms  50 Hz  drops 3"):
                 assert words in text(pilot, Numbers)
-            for words in ("armed  sent 488 expired 0  drops 1", "Armed by us", "0.70 /1.37 N"):
+            for words in ("armed  sent 488  drops 1", "Armed by us", "0.70 /1.37 N"):
                 assert words in text(pilot, Numbers)
             assert "●" in text(pilot, TopView)
             assert text(pilot, ErrorHistory).endswith("▇▂")
@@ -272,3 +272,22 @@ def test_the_screen_in_a_terminal_follows_a_core_that_dies_and_comes_back(termin
         terminal.type("Down")
         terminal.type("Enter")
         terminal.wait_for("left with 0", "groundstation request land --socket")
+
+
+def test_a_recording_is_not_played_where_there_is_no_terminal(tmp_path: Path) -> None:
+    command = [sys.executable, "-m", "groundstation", "tui", str(tmp_path / "flight.mcap")]
+    done = subprocess.run(command, stdin=subprocess.DEVNULL, capture_output=True, text=True, timeout=60, check=False)
+    assert done.returncode == 2
+    assert "--screenshot FILE.svg draws a picture of it" in done.stderr
+
+
+@pytest.mark.parametrize("columns", [60, 80, 120])
+def test_the_order_to_kill_is_whole_at_every_width(columns: int) -> None:
+    async def scene(pilot: Pilot[None]) -> None:
+        await until(pilot, lambda: "10.0 s" in text(pilot, Banner))
+        await pilot.pause(0.3)
+        (knob,) = (one for one in pilot.app.screen.query(Knob) if one.has_class("kill"))
+        assert str(knob.render()) == "^K^K KILL"
+        assert knob.region.width >= len("^K^K KILL") and knob.region.right <= columns
+
+    play(scene, Fixed(flown(10.0)), (columns, 24))

@@ -445,6 +445,8 @@ def tui_command(args: argparse.Namespace) -> int:
     if args.browser is not None:
         return _in_browser(args)
     if args.log is not None:
+        if args.screenshot is None and not (sys.stdin.isatty() and sys.stdout.isatty()):
+            raise ConfigError("tui", "a recording is played in a terminal; --screenshot FILE.svg draws a picture of it")
         return _show_recording(args.log, args.theme, args.at, args.screenshot, args.size)
     if args.screenshot is not None or args.at is not None:
         raise ConfigError("--screenshot, --at", "need a recording, LOG.mcap")

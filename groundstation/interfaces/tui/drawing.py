@@ -360,7 +360,7 @@ def _certificate(snapshot: Snapshot) -> Spans:
         return row("V", "-")
     bad = seen.state == "violated"
     text = f"{seen.v:.3g}  {printable(seen.state)}{'!' if bad else ''}"
-    if seen.excess > 0.0:
+    if bad and seen.excess > 0.0:  # for a moment it may be above its bound where it holds
         text += f" by {seen.excess:.2g}"
     if seen.b_hat_fraction is not None:
         text += f"  b̂ {100.0 * seen.b_hat_fraction:.0f} %"
@@ -379,9 +379,8 @@ def _pose(snapshot: Snapshot) -> Spans:
 def _link(snapshot: Snapshot) -> list[Spans]:
     link = snapshot.link
     lost = link.state == "lost"
-    text = (
-        f"{printable(link.state)}{'!' if lost else ''}  sent {link.sent} expired {link.expired}{_drops(link.dropped)}"
-    )
+    expired = f" expired {link.expired}" if link.expired else ""
+    text = f"{printable(link.state)}{'!' if lost else ''}  sent {link.sent}{expired}{_drops(link.dropped)}"
     return [
         row("link", text, WARNING if lost else NORMAL),
         row("battery", battery(link)),

@@ -104,7 +104,7 @@ class Knob(Widget):
     Knob.go { background: $flying-back; color: $flying-text; }
     Knob.calm { background: $calm-back; color: $calm-text; }
     Knob.land, Knob.abort { background: $busy-back; color: $busy-text; }
-    Knob.kill { background: $alarm-back; color: $alarm-text; }
+    Knob.kill { background: $alarm-back; color: $alarm-text; min-width: 9; }
     Knob.off { background: $raised; color: $label; text-style: none; }
     Knob.again { text-style: bold reverse blink; }
     Knob:hover { text-style: bold reverse; }
@@ -125,8 +125,10 @@ class Knob(Widget):
             self.refresh()
 
     def render(self) -> Content:
-        """Key and name."""
-        return Content("AGAIN!" if self._again else f"{self.order.shown} {self.order.label}")
+        """Key and name; the name alone where there is no room for both."""
+        both = f"{self.order.shown} {self.order.label}"
+        told = both if self.size.width >= len(both) else self.order.label
+        return Content("AGAIN!" if self._again else told)
 
     async def on_click(self) -> None:
         """As if its key had been pressed."""
