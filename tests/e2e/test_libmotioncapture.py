@@ -66,8 +66,9 @@ def test_a_child_that_dies_and_one_that_hangs_are_started_again(monkeypatch: pyt
             await until(lambda: len(poses) > 5)
             lost = source.status.dropped.get("child_lost", 0)
             os.kill(source._child.pid, hit)
-            while source.status.dropped.get("child_lost", 0) == lost:
-                await asyncio.sleep(0.02)
+            async with asyncio.timeout(20.0):
+                while source.status.dropped.get("child_lost", 0) == lost:
+                    await asyncio.sleep(0.02)
             poses.clear()
         await until(lambda: len(poses) > 5)
 

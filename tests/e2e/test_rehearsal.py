@@ -87,6 +87,7 @@ def test_a_flight_is_rehearsed_with_a_mistake_a_second_station_and_the_word_in_t
     second = f"127.0.0.1:{free_udp_port()}"
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as other:
         other.bind(("127.0.0.1", int(second.rpartition(":")[2])))
+        other.settimeout(10.0)
         with played(file, "--wrong", "yaw=4,latency=+10ms,mass=1.05", "--gcs", second):
             refused = station(file, "fly", "--arm", "quad")
             assert refused.returncode == 2

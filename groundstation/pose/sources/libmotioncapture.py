@@ -125,15 +125,15 @@ class LibmotioncaptureSource:
             limit=LINE_BYTES,
             start_new_session=True,  # a terminal's Ctrl-C is the flight's business
         )
-        with contextlib.suppress(TimeoutError):
-            return bool(await asyncio.wait_for(self._line(), CONNECT_S))
-        return False
+        return bool(await self._line(CONNECT_S))
 
-    async def _line(self) -> bytes:
+    async def _line(self, within_s: float) -> bytes:
+        """Its next line; nothing where it has ended, or says none within a time [s]."""
         assert self._child is not None and self._child.stdout is not None, "it is open, and a pipe"
         try:
-            return await self._child.stdout.readline()
-        except ValueError:  # longer than any line of ours
+            async with asyncio.timeout(within_s):  # wait_for of Python 3.11 may swallow a cancellation
+                return await self._child.stdout.readline()
+        except (TimeoutError, ValueError):  # a ValueError where it is longer than any line of ours
             return b""
 
     async def _end(self) -> None:
@@ -146,9 +146,8 @@ class LibmotioncaptureSource:
     async def _stay(self) -> None:
         """Hand on what the child says, and start it again when it says nothing more, until cancelled."""
         while True:
-            with contextlib.suppress(TimeoutError):
-                while line := await asyncio.wait_for(self._line(), SILENT_S):
-                    self._take(line)
+            while line := await self._line(SILENT_S):
+                self._take(line)
             while True:
                 self._intake.drop("child_lost")
                 await self._end()
