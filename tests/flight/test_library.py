@@ -6,6 +6,7 @@ import math
 import re
 import traceback
 from collections.abc import Iterator
+from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
@@ -14,6 +15,7 @@ import pytest
 from matplotlib.figure import Figure
 
 import groundstation as gs
+from groundstation.analysis import export_command
 from groundstation.analysis.report.flight import numbers
 from groundstation.config import ConfigError, UserCodeFault
 from sim.runs import fly
@@ -116,6 +118,19 @@ def test_a_flight_is_saved_in_the_formats_that_others_read(run: gs.Run, form: st
 
         found = read_table(saved / "errors.parquet")["error_m"].to_numpy()
     assert np.array_equal(found, errors)
+
+
+def test_a_flight_is_saved_for_rerun(run: gs.Run, tmp_path: Path) -> None:
+    if find_spec("rerun") is None:
+        pytest.skip("NOT TRIED: rerun-sdk is not installed, so nobody has read an .rrd of ours (uv sync --extra view)")
+    assert run.save(tmp_path / "flight.rrd").read_bytes()[:4] == b"RRF2"
+
+
+def test_export_writes_what_save_does(run: gs.Run, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert export_command(run.path, "npz", ["errors"], tmp_path / "flight.npz") == 0
+    assert "rows of 1 channels" in capsys.readouterr().out
+    with np.load(tmp_path / "flight.npz", allow_pickle=True) as kept:
+        assert {name.partition(".")[0] for name in kept} == {"errors"}
 
 
 def test_a_figure_shows_itself_in_a_notebook(run: gs.Run) -> None:
