@@ -164,7 +164,7 @@ class Obedience:
         "_node_s", "_off", "_passed", "_per_newton", "_pitch", "_place", "_push", "_pushed", "_quarter", "_quarters",
         "_resets", "_rested", "_rests", "_rivals", "_roll", "_seen_x", "_seen_y", "_seen_z", "_shock_s", "_shocks_s",
         "_speed", "_still", "_stood", "_stopped_s", "_strays", "_swept_s", "_swift", "_told_x", "_told_y",
-        "_told_z", "_turns", "_upset", "_wander", "_wander_m", "answered", "calm_s", "evidence", "largest",
+        "_told_z", "_turns", "_upset", "_wander", "_wander_m", "answered", "calm_s", "evidence",
         "late_s", "led_s", "windows",
     )  # fmt: skip
 
@@ -185,8 +185,6 @@ class Obedience:
         self._wander = self._wander_m = 0.0
         self.windows = 0
         """Nodes looked at."""
-        self.largest = 0.0
-        """Largest share of what convicts that was ever reached, by any statistic [-]."""
         self.calm_s = -math.inf
         """When nothing was suspicious last: poses of before are to be trusted [s]."""
         self.answered = 0.0
@@ -393,7 +391,6 @@ class Obedience:
         if newest_s - self._leapt_s < (STAYS_S if push >= LEAPS_AS else 1.5 * NODE_S):
             push = max(push, PUSH_SUSPECTS)
         self.evidence = PoseEvidence(attitude, axes, heading, still, push)
-        self.largest = max(self.largest, attitude, axes, heading, still, push)
 
     def _node(self, pose: Pose, h: float, noise_m: float) -> None:
         now_s, place, pushed = pose.time_s, pose.position_ned, self._pushed
@@ -415,7 +412,8 @@ class Obedience:
             most = CAP if self._attitude > CALM else FIRST
             self._attitude = max(0.0, self._attitude * fade + max(-CAP, min(says, most)))
         self._look_quarters(x, y, cx, cy, fade)
-        self.answered = max(0.0, self.answered - max(says, -CAP))
+        answered = self.answered - (says if says > -CAP else -CAP)
+        self.answered = answered if answered > 0.0 else 0.0
         if self._flown == 1:
             # White noise moves it by √2 of itself from node to node; much more than that is an estimate that wanders.
             self._wander = max(2.0 * (self._rests - 5.0 * noise_m * noise_m), 0.0)
@@ -424,11 +422,13 @@ class Obedience:
         images.wander = wander
         seen, told = images.node(now_s, place, pushed, fade, NODE_S)
         if images.nodes > SETTLES:
-            self._stands(pose, seen, told, fade, math.sqrt((FILTER_NOISE * noise_m) ** 2 + wander))
+            shakes_m = FILTER_NOISE * noise_m
+            self._stands(pose, seen, told, fade, math.sqrt(shakes_m * shakes_m + wander))
         if now_s - h < self._hole_s <= now_s:
             self._rivals.begin(place, pushed)
         else:
-            shakes_m = math.sqrt((NOISES * noise_m) ** 2 + wander)
+            shakes_m = NOISES * noise_m
+            shakes_m = math.sqrt(shakes_m * shakes_m + wander)
             self._push = self._rivals.node(place, pushed, h, shakes_m, now_s - self._leapt_s < h)
         self._lean(now_s, h, COORDINATE_M + COORDINATE_NOISES * noise_m)
         self._judge()
@@ -458,14 +458,13 @@ class Obedience:
         """What one node says of each coordinate that stands within so much [m], while the push along it changes."""
         x, y, z = self._stood
         (a, b, c, n), (u, v, w), (p, q, r) = self._passed, self._speed, self._swift
-        self._passed = NO_POSES
+        self._passed, self._swift = NO_POSES, self._speed
         fast, slow = h / LEANS_S if h < LEANS_S else 1.0, h / LEANS_SLOWLY_S
         most = max(
             x.leans(a / n, (u - p) / h, now_s, fast, slow, within_m),
             y.leans(b / n, (v - q) / h, now_s, fast, slow, within_m),
             LEANS_DOWN * z.leans(c / n, (w - r) / h, now_s, fast, slow, within_m),
         )
-        self._swift = self._speed
         self._leant = min(most / LEANS_M_S2, 1.0) if most > 0.5 * LEANS_M_S2 else 0.0
 
     def _stands(self, pose: Pose, y: Vec3, c: Vec3, fade: float, noise_m: float) -> None:
