@@ -413,7 +413,16 @@ KEYS = {
 """Key of a vehicle → parameter that it takes as it is."""
 DELAYS = {"thrust_delay_s": "thrust_delay", "rate_delay_s": "rate_delay"}
 """The same, less the delay that is common to both."""
-BESIDE = ("thrust_scale", "thrust_sag", "yaw_rate_lag", "yaw_rate_delay", "drag", "position_noise", "attitude_noise")
+BESIDE = (
+    "thrust_scale",
+    "thrust_sag",
+    "yaw_rate_lag",
+    "yaw_rate_delay",
+    "drag",
+    "stamp_jitter",
+    "position_noise",
+    "attitude_noise",
+)
 """Parameters that are no keys of a vehicle."""
 DIGITS = 5
 """So many digits are written, and no vehicle needs more."""
