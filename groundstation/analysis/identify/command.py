@@ -343,7 +343,7 @@ def facts(found: IdentifiedVehicle) -> dict[str, Any]:
     }
 
 
-COMPARED = (*NEEDED, "drag")
+COMPARED = (*NEEDED, "drag", "pose_latency")
 """What a flight's summary holds against what was told: others repeat these, or are no keys."""
 APART = 2.0
 """Of so many figures and flights some lie outside their 95 %: it is told of what lies outside of twice as much."""
@@ -419,6 +419,7 @@ BESIDE = (
     "yaw_rate_lag",
     "yaw_rate_delay",
     "drag",
+    "pose_latency",
     "stamp_jitter",
     "position_noise",
     "attitude_noise",

@@ -219,7 +219,7 @@ def identify(seen: FlightStretch) -> IdentifiedVehicle:
         *_rest(seen, turned, pushed, moved),
     ]
     if isinstance(seen.config.trajectory, ExcitationConfig):
-        parameters = [one if one.identified else msgspec.structs.replace(one, note=AGAIN) for one in parameters]
+        parameters = [msgspec.structs.replace(one, note=AGAIN) if one.note == FLY else one for one in parameters]
     return IdentifiedVehicle(seen, turned, pushed, {one.name: one for one in parameters})
 
 
@@ -351,6 +351,20 @@ def _combine(values: Column, cover: Column) -> tuple[float, float]:
     return float(weights @ values), math.sqrt(float(weights @ cover @ weights))
 
 
+LOOP_S = 0.002
+"""An autopilot tells the attitude of its last loop, which is older than its stamp by about so much, one deviation."""
+
+
+def _latency(seen: FlightStretch) -> IdentifiedParameter:
+    told = getattr(seen.config.pose, "latency_s", 0.0)
+    name, title, note = "pose_latency", "latency of poses", "no key of a vehicle, but pose.latency_s"
+    if seen.late_s is None:
+        note = "the vehicle told no attitude of its own"
+        return IdentifiedParameter(name=name, title=title, unit="s", value=None, interval=None, told=told, note=note)
+    late, spread = seen.late_s
+    return judge_parameter(name, title, "s", told + late, math.hypot(spread, LOOP_S), 0.008, told=told, note=note)
+
+
 ENOUGH_JITTER_S = 0.002
 """Where more than this could be, the flight tells nothing of it [s]."""
 
@@ -359,7 +373,7 @@ def jitter_of(jitter: StampJitter) -> IdentifiedParameter:
     """The jitter of stamps as a parameter: its square is what has a symmetric interval."""
     half = WIDE * jitter.deviation
     title = "jitter of stamps"
-    if not math.sqrt(max(jitter.along, 0.0) + half) <= ENOUGH_JITTER_S + 2.0 * math.sqrt(max(jitter.along, 0.0)):
+    if not math.sqrt(max(jitter.along, 0.0) + half) - math.sqrt(max(jitter.along, 0.0)) <= ENOUGH_JITTER_S:
         return IdentifiedParameter(
             name="stamp_jitter", title=title, unit="s", value=None, interval=None, told=None, note=FLY
         )
@@ -398,6 +412,7 @@ def _rest(
                 strict=True,
             )
         ),
+        _latency(seen),
         jitter_of(measure_jitter(seen.at_s, pushed.left, seen.position_ned)),
         noise_of("position_noise", "position noise per axis", "m", place),
         noise_of("attitude_noise", "attitude noise per axis", "rad", turn),
