@@ -63,7 +63,8 @@ def test_lags_delay_and_thrust_of_a_vehicle_in_gusts_are_found() -> None:
     middle = GAIN * (1.0 - 0.05 * 0.5 * SECONDS / 60.0)  # the battery sags
     assert value("thrust_scale") == pytest.approx(middle, rel=0.02)
     assert value("hover_thrust") == pytest.approx(0.080 * 9.81 / 1.37 / middle, rel=0.03)
-    assert value("pose_latency") == pytest.approx(0.020, abs=0.004)
+    low, high = facts()["parameters"]["pose_latency"]["interval"]  # commands are 25 ms on their way, answers are not
+    assert low < 0.020 < high < 0.050
     assert value("stamp_jitter") < 0.0007
     assert value("position_noise") == pytest.approx(0.0006, rel=0.1)
     assert value("attitude_noise") == pytest.approx(0.004, rel=0.1)

@@ -110,10 +110,12 @@ def read_stretch(path: Path) -> FlightStretch:
         )
     config = _config(recording.about.get("config", ""), path)
     parts = (sent[:, 0], sent[:, 1], sent[:, 2:5], chosen[:, 0], chosen[:, 3:6], chosen[:, 6:10])
-    late = None if isinstance(config.pose, MavlinkPoseConfig) else vehicle.latency.estimate
+    late = None if isinstance(config.pose, MavlinkPoseConfig) else vehicle.find_lateness()
     return FlightStretch(path, recording, config, *parts, late)
 
 
+ROOT_12 = math.sqrt(12.0)
+"""What may be anywhere within 1 deviates by 1 over this."""
 TRIPS = 16
 """Questions and answers about the clocks that count, the newest: of these the fastest."""
 
@@ -125,6 +127,13 @@ class _OwnAttitude:
         self.latency = PoseLatency(math.inf)
         self._codecs: dict[int, MavlinkCodec] = {}
         self._trips: deque[Trip] = deque(maxlen=TRIPS)
+
+    def find_lateness(self) -> tuple[float, float] | None:
+        """See :attr:`FlightStretch.late_s`: the way to the vehicle may take all of a round trip, or nothing."""
+        found, trip = self.latency.estimate, min(self._trips, default=None)
+        return (
+            None if found is None else (found[0], math.hypot(found[1], 0.0 if trip is None else trip.rtt_s / ROOT_12))
+        )
 
     def receive(self, time_s: float, wire: int, data: bytes) -> None:
         """Bytes that came at ``time_s`` [s]."""

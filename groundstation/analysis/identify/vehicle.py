@@ -130,7 +130,7 @@ def measure_jitter(at_s: Column, left: Column, position: Column) -> StampJitter:
     if blocks < 10:
         return StampJitter(0.0, 0.0, np.inf)
     y, x = squares[: blocks * BLOCK], speeds[: blocks * BLOCK]
-    level, slope = float(np.mean(y)), 0.0
+    level, slope, parts, matrix = float(np.mean(y)), 0.0, list[Column](), np.eye(2)
     for _ in range(5):
         weights = 1.0 / np.maximum(level + max(slope, 0.0) * x, 1e-12) ** 2
         # Sums over each block, (blocks,): neighbours hang together.
@@ -362,7 +362,7 @@ def _latency(seen: FlightStretch) -> IdentifiedParameter:
         note = "the vehicle told no attitude of its own"
         return IdentifiedParameter(name=name, title=title, unit="s", value=None, interval=None, told=told, note=note)
     late, spread = seen.late_s
-    return judge_parameter(name, title, "s", told + late, math.hypot(spread, LOOP_S), 0.008, told=told, note=note)
+    return judge_parameter(name, title, "s", told + late, math.hypot(spread, LOOP_S), 0.015, told=told, note=note)
 
 
 ENOUGH_JITTER_S = 0.002

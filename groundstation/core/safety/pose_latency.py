@@ -8,6 +8,7 @@ slowly (a body mounted askew, an estimate that leans) is taken out of both sides
 
 import math
 from collections import deque
+from collections.abc import Callable
 
 from groundstation.core.geometry import Quat
 from groundstation.core.messages import Pose
@@ -105,10 +106,13 @@ class PoseLatency:
         late, spread = self.estimate or (0.0, math.inf)
         return late if abs(late) > max(LEAST_S, SURE * spread) else None
 
-    def describe_news(self) -> str | None:
-        """A line for the operator, where there is something that was not told yet."""
+    def describe_news(self, clock_off_s: Callable[[], float]) -> str | None:
+        """A line for the operator, where there is something that was not told yet.
+
+        ``clock_off_s`` tells by how much the vehicle's clock may be taken wrong [s]: half of a round trip.
+        """
         late = self.late_s
-        if late is None or abs(late - self._said_s) < AGAIN_S:
+        if late is None or abs(late - self._said_s) < AGAIN_S or abs(late) < LEAST_S + clock_off_s():
             return None
         self._said_s = late
         word = "later" if late > 0.0 else "earlier"
