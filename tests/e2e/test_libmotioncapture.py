@@ -77,6 +77,18 @@ def test_a_child_that_dies_and_one_that_hangs_are_started_again(monkeypatch: pyt
     assert set(run(work).status.dropped) == {"child_lost"}
 
 
+def test_nothing_is_delivered_after_close_and_closing_twice_does_no_harm() -> None:
+    async def work(source: Any, poses: list[Pose]) -> None:
+        await until(lambda: len(poses) > 5)
+        await source.close()
+        count = len(poses)
+        await asyncio.sleep(0.2)
+        await source.close()
+        assert len(poses) == count
+
+    run(work)
+
+
 def test_no_child_is_left_behind() -> None:
     children: list[int] = []
 
