@@ -329,7 +329,7 @@ def _lags(
                 f"it seems to obey before commands leave: poses are stamped {-1e3 * value:.0f} ms early or more, so "
                 "pose.latency_s is too large by as much"
             )
-        return judge_parameter(name, title, "s", value, spread, 0.01, moved=seen, told=told, note=note)
+        return judge_parameter(name, title, "s", value, spread, 0.015, moved=seen, told=told, note=note)
 
     return [
         lag_of("thrust_lag", "thrust lag", lag, lag_spread, vehicle.thrust_lag_s, moved.thrust),
