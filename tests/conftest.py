@@ -5,8 +5,9 @@ import re
 import shutil
 import signal
 from collections import Counter
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from pathlib import Path
+from tempfile import TemporaryDirectory
 
 import pytest
 from hypothesis import HealthCheck, settings
@@ -66,6 +67,13 @@ def _not_at_home(tmp_path_factory: pytest.TempPathFactory) -> None:
     os.environ["XDG_RUNTIME_DIR"] = str(tmp_path_factory.mktemp("run"))
     base = tmp_path_factory.getbasetemp()
     os.environ[FOLDER] = str((base.parent if "PYTEST_XDIST_WORKER" in os.environ else base) / "flights")
+
+
+@pytest.fixture
+def short_path() -> Iterator[Path]:
+    """A folder in which a socket's path stays below the system's hundred letters, whatever is in front of it."""
+    with TemporaryDirectory(prefix="gs-") as folder:
+        yield Path(folder)
 
 
 @pytest.fixture(scope="session")

@@ -367,14 +367,14 @@ def test_the_greeting_tells_whom_one_speaks_to(tmp_path: Path) -> None:
 
 
 def test_a_request_finds_the_only_vehicle_and_wants_a_name_where_there_are_two(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    short_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setenv("XDG_RUNTIME_DIR", str(tmp_path))
+    monkeypatch.setenv("XDG_RUNTIME_DIR", str(short_path))
     monkeypatch.delenv("RUNTIME_DIRECTORY", raising=False)
-    services = tmp_path / "services"
+    services = short_path / "services"
 
     async def scene(_: Path, latest: Latest[Snapshot]) -> None:
-        mine, service = tmp_path / "groundstation" / "mqx.sock", services / "lab" / "x500.sock"
+        mine, service = short_path / "groundstation" / "mqx.sock", services / "lab" / "x500.sock"
         with pytest.raises(ApiError, match="nobody flies a vehicle here"):
             await find_socket(None, services)
         async with served(mine, latest):
@@ -386,7 +386,7 @@ def test_a_request_finds_the_only_vehicle_and_wants_a_name_where_there_are_two(
                 with pytest.raises(ApiError, match=r"flies '\*'"):
                     await find_socket("*", services)
 
-    play(scene, tmp_path)
+    play(scene, short_path)
 
 
 def test_too_many_clients_are_turned_away(tmp_path: Path) -> None:

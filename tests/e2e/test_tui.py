@@ -173,12 +173,12 @@ def test_the_palette_changes_page_and_colours() -> None:
 
 
 def test_without_a_name_it_is_the_only_one_that_runs_or_the_operator_is_asked(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+    short_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    monkeypatch.setenv("XDG_RUNTIME_DIR", str(tmp_path))
+    monkeypatch.setenv("XDG_RUNTIME_DIR", str(short_path))
     monkeypatch.delenv("RUNTIME_DIRECTORY", raising=False)
     monkeypatch.setattr("sys.stdin", io.StringIO())
-    folder = tmp_path / "groundstation"
+    folder = short_path / "groundstation"
     folder.mkdir(mode=0o700)
     with pytest.raises(ConfigError, match="no ground station runs here: `groundstation fly CONFIG --tui` starts one"):
         served_socket(None)
