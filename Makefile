@@ -86,7 +86,7 @@ evidence: setup firmware ## docs/evidence.md once more; FLIGHTS="a.mcap b.mcap" 
 	    --map ardupilot-tlog --out build/evidence/$$name.mcap || exit 1; done
 	@$(BIN)/groundstation evidence build/evidence/*.mcap --write docs/evidence.md --part captures
 	@test -z "$(FLIGHTS)" || $(BIN)/groundstation evidence $(FLIGHTS) --write docs/evidence.md
-	@$(BIN)/groundstation-sim gale --write docs/evidence.md
+	@$(BIN)/groundstation-sim gale --ours 3 --write docs/evidence.md
 	@$(BIN)/groundstation-sim firmware --write docs/evidence.md
 
 docs: setup ## the documents as a site, in build/site

@@ -154,7 +154,7 @@ def gale(args: argparse.Namespace) -> int:
     """Fly published laws in the wind tunnel."""
     from sim.studies import gale_command
 
-    return gale_command(args.write, args.seeds, as_json=args.json)
+    return gale_command(args.write, args.seeds, args.ours, as_json=args.json)
 
 
 def completion(args: argparse.Namespace) -> int:

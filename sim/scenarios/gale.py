@@ -31,6 +31,10 @@ REST_N: Vec3 = (0.3, 0.15, 0.5)
 REST_S = 0.6
 """What does not repeat from lap to lap: Ornstein and Uhlenbeck's noise, RMS and correlation time."""
 BIAS_N: Vec3 = (1.2, -0.43, 0.0)
+FULL_N = MASS_KG * GRAVITY / (THRUST_CURVE * HOVER**2 + (1.0 - THRUST_CURVE) * HOVER)
+"""Thrust of the full signal [N]."""
+POSE_LATENCY_S, ATTITUDE_NOISE_RAD = 0.010, 0.001
+"""Not in the logs: what a tracking room with a large body has."""
 POSE_HZ, POSE_NOISE_M = 50.0, 2e-5
 LENGTH_S, JUDGED_S = 50.0, 3.0
 """A flight lasts so long, and is judged from so long on."""
@@ -81,6 +85,20 @@ def course(time_s: float) -> tuple[Vec3, Vec3, Vec3]:
         (1.25 * c * rate, 0.0, 1.5 * c2 * rate),
         (1.25 * (c * rise - s * square), 0.0, 1.5 * (c2 * rise - 2.0 * s2 * square)),
     )
+
+
+def trim(speed_m_s: float) -> tuple[float, float]:
+    """Pitch (towards the wind) [rad] and thrust over the weight at which it stands still in the wind."""
+    pitch, push, lift = 0.0, 0.0, 1.0
+    for _ in range(100):
+        s, c = _circle(pitch)
+        inflow, sink = speed_m_s * c, speed_m_s * s
+        plane = -(DRAG + DRAG_INFLOW * inflow) * inflow
+        along = -(SINK_DRAG + SINK_INFLOW * inflow) * sink + LIFT * inflow**2
+        push = -(plane * c + along * s + BIAS_N[0]) / (MASS_KG * GRAVITY)
+        lift = 1.0 - (along * c - plane * s) / (MASS_KG * GRAVITY)
+        pitch = math.atan2(push, lift)
+    return pitch, math.hypot(push, lift)
 
 
 def _circle(angle: float) -> tuple[float, float]:

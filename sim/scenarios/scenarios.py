@@ -24,7 +24,8 @@ from groundstation.pose import GateConfig, PoseConfig
 from groundstation.pose.sources import MavlinkPoseConfig, ViconConfig
 from groundstation.settings import Config, FlightConfig
 from links.mavlink import MavlinkLinkConfig
-from sim.world import RotorConstants, World
+from sim.scenarios import gale
+from sim.world import RotorConstants, WindTunnel, World
 
 BETAFLIGHT = "betaflight"
 """What ``--autopilot`` calls it."""
@@ -107,6 +108,8 @@ class Scenario(msgspec.Struct, frozen=True, kw_only=True):
     told_more: tuple[str, ...] = ()
     """What else it is told, as in ``--set``."""
 
+    figure: dict[str, Any] | None = None
+    """The trajectory, as in ``[trajectory]``; None for the paper's figure of eight."""
     betaflight: bool = False
     """Whether it is flown by Betaflight, behind a radio: see :func:`by_betaflight`."""
 
@@ -125,6 +128,8 @@ class Scenario(msgspec.Struct, frozen=True, kw_only=True):
         data: dict[str, Any] = msgspec.to_builtins(config)
         del data["controller"]  # all default, and the defaults depend on the kind that ``overrides`` may choose
         data["pose"] = self._told_poses(source, world)
+        if self.figure is not None:
+            data["trajectory"] = self.figure
         data["gate"]["drop_frozen"] = _is_noisy(world)
         for key in ("vehicle.preset", "vehicle.file", "trajectory.kind", "pose.kind"):
             if any(override.partition("=")[0].strip() == key for override in overrides):
@@ -168,6 +173,79 @@ _TOLD_QUAD1KG = Vehicle(
     frame_period_s=0.010,
     size_m=0.8,
 )
+
+_TOLD_GALE = Vehicle(
+    name="gale",
+    mass_kg=gale.MASS_KG,
+    thrust_max_n=0.98 * gale.FULL_N,
+    thrust_min_n=1.0,
+    thrust_curve=gale.THRUST_CURVE,
+    hover_thrust=gale.HOVER,
+    rate_limits_deg_s=(220.0, 220.0, 200.0),
+    # Commands are computed for the instant at which the later of thrust and rates begins to answer: 60 ms of delay in
+    # thrust alone would have rates come so much too early. So the delay is told as a part of the lag.
+    thrust_lag_s=gale.THRUST_LAG_S + gale.THRUST_DELAY_S,
+    rate_lag_s=1.0 / gale.ATTITUDE_RAD_S,
+    frame_period_s=1.0 / gale.POSE_HZ,
+    size_m=0.8,
+)
+
+
+def _gale(name: str, wind: gale.GaleWind) -> Scenario:
+    """The wind tunnel at one setting of its fans: north is x there, west is y."""
+    begun = wind.speed_m_s + wind.gust_m_s * math.sin(gale.GUST_PHASE)
+    lean, push = gale.trim(begun)
+    (x, y, z), (i, j, k), kg = gale.course(0.0)[0], gale.REST_N, gale.MASS_KG
+    air = gale.DRAG / kg
+    world = World(
+        mass_kg=kg,
+        thrust_max_n=gale.FULL_N,
+        thrust_curve=gale.THRUST_CURVE,
+        rate_limits_deg_s=_TOLD_GALE.rate_limits_deg_s,
+        thrust_lag_s=gale.THRUST_LAG_S,
+        thrust_delay_s=gale.THRUST_DELAY_S,
+        rate_lag_s=1.0 / gale.ATTITUDE_RAD_S,
+        drag_body_per_s=(air, air, gale.SINK_DRAG / kg),
+        inflow_drag_per_m=(gale.DRAG_INFLOW / kg, gale.SINK_INFLOW / kg),
+        inflow_lift_per_m=gale.LIFT / kg,
+        air_velocity=(-wind.speed_m_s, 0.0, 0.0),
+        wind_mean=(gale.BIAS_N[0] / kg, -gale.BIAS_N[1] / kg, 0.0),
+        pose_rate_hz=gale.POSE_HZ,
+        pose_latency_s=gale.POSE_LATENCY_S,
+        pose_noise_m=gale.POSE_NOISE_M,
+        pose_jitter_s=wind.jitter_s,
+        attitude_noise_rad=gale.ATTITUDE_NOISE_RAD,
+        frame_period_s=1.0 / gale.POSE_HZ,
+        start_ned=(x, -y, -z),
+        start_thrust=min(push, 0.9),  # no more is told before the flight
+        tunnel=WindTunnel(
+            gust_m_s=-wind.gust_m_s,
+            gust_phase_rad=gale.GUST_PHASE,
+            rest_m_s2=(i / kg, j / kg, k / kg),
+            rest_s=gale.REST_S,
+            pitch_gain=wind.gain,
+            pitch_per_climb=gale.ATTITUDE_RAD_S * gale.PITCH_PER_M_S if wind.speed_m_s else 0.0,
+            start_pitch_deg=-math.degrees(lean),
+        ),
+    )
+    steps = [k / 10.0 for k in range(621)]
+    points = [gale.course(step) for step in steps]
+    return Scenario(
+        name=name,
+        summary=f"a 2.6 kg quadrotor in a fan array, wind {wind.speed_m_s:g} m/s"
+        + (f" + {wind.gust_m_s:g} sin(t + {gale.GUST_PHASE:g})" if wind.gust_m_s else ""),
+        world=world,
+        told=_TOLD_GALE,
+        told_latency_s=gale.POSE_LATENCY_S,
+        told_more=("controller.b_bound=12.0",),
+        figure={
+            "kind": "samples",
+            "times_s": steps,
+            "points_ned": [(x, -y, -z) for (x, y, z), _, _ in points],
+            "velocities_ned": [(x, -y, -z) for _, (x, y, z), _ in points],
+        },
+    )
+
 
 SCENARIOS: dict[str, Scenario] = {
     s.name: s
@@ -237,6 +315,7 @@ SCENARIOS: dict[str, Scenario] = {
             ),
             told=Vehicle(thrust_lag_s=0.0808, thrust_delay_s=0.0276, rate_lag_s=0.0537, rate_delay_s=0.0599),
         ),
+        *(_gale(name, wind) for name, wind in gale.WINDS.items()),
     )
 }
 

@@ -26,7 +26,7 @@ from sim.world.rotors import (
     integrate_rotors,
     turn_rotors,
 )
-from sim.world.world import Wind, World
+from sim.world.world import STILL, Wind, World
 
 
 class TrueState(msgspec.Struct, frozen=True, gc=False):
@@ -152,7 +152,9 @@ class Quadrotor:
             world.gravity,
         )
         thrust = world.start_thrust * world.mass_kg * world.gravity
-        self._body = Body(world.start_ned, (0.0, 0.0, 0.0), so3.IDENTITY, thrust, (0.0, 0.0, 0.0))
+        begins = so3.from_euler_zyx(0.0, math.radians(world.tunnel.start_pitch_deg), 0.0)
+        self._body = Body(world.start_ned, (0.0, 0.0, 0.0), begins, thrust, (0.0, 0.0, 0.0))
+        self._tunnel = None if world.tunnel == STILL else world.tunnel
         self._thrust_command = 0.0
         self._rate_command: Vec3 = (0.0, 0.0, 0.0)
         self._late_thrust = DelayLine(world.thrust_delay_s, (thrust,)) if world.thrust_delay_s else None
@@ -319,7 +321,12 @@ class Quadrotor:
             (x, y, z), (u, v, w) = so3.third_column(body.attitude), wind
             wind = u - push * x, v - push * y, w - push * z
         if self._drag is not None:
-            (x, y, z), (u, v, w) = compute_drag(FLOATS, body, self._drag), wind
+            tunnel, drag, (u, v, w) = world.tunnel, self._drag, wind
+            if tunnel.gust_m_s:
+                north, east, down = drag.air
+                north += tunnel.gust_m_s * math.sin(tunnel.gust_rad_s * flight_time + tunnel.gust_phase_rad)
+                drag = drag._replace(air=(north, east, down))
+            x, y, z = compute_drag(FLOATS, body, drag)
             wind = u + x, v + y, w + z
         thrust, rates = self._thrust_command, self._rate_command
         if self._late_thrust is not None:
@@ -327,6 +334,8 @@ class Quadrotor:
         if self._late_rates is not None:
             p, q, r = self._late_rates.compute_mean(self._time, h)
             rates = (p, q, r)
+        if self._tunnel is not None:
+            rates = self._tunnel.turn(rates, body.velocity)
         if actuators is None:
             body = integrate(FLOATS, body, thrust, rates, wind, h, self._physics)
         else:

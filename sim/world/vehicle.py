@@ -142,10 +142,14 @@ class SimulatedVehicle:
 
 def with_noise(truth: TrueState, world: World, normals: list[float]) -> TrueState:
     """``truth`` with the scenario's noise on position and attitude, from six standard normal numbers."""
-    n, a = world.pose_noise_m, world.attitude_noise_rad
+    n, a, jitter = world.pose_noise_m, world.attitude_noise_rad, world.pose_jitter_s
     if n == 0.0 and a == 0.0:
         return truth
     (x, y, z), (i, j, k, roll, pitch, yaw) = truth.position_ned, normals
+    if jitter:
+        # Of the attitude's noise about the thrust, which moves nothing: one number less to draw.
+        late, (u, v, w) = jitter * yaw, truth.velocity_ned
+        x, y, z = x + late * u, y + late * v, z + late * w
     return TrueState(
         truth.time_s,
         (x + n * i, y + n * j, z + n * k),

@@ -52,6 +52,34 @@ class RotorConstants(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_f
     """The same of told thrust [s]."""
 
 
+class WindTunnel(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
+    """What a vehicle meets in a wall of fans, beside drag and the air's speed; at rest by default."""
+
+    gust_m_s: float = 0.0
+    """The air's speed to the north gains so much times sin(``gust_rad_s`` t + ``gust_phase_rad``) [m/s]."""
+    gust_rad_s: Positive = 1.0
+    """[rad/s]"""
+    gust_phase_rad: float = 0.0
+    """[rad]"""
+    rest_m_s2: Vec3 = (0.0, 0.0, 0.0)
+    """What else pushes it: Ornstein and Uhlenbeck's noise, RMS [m/s², NED]."""
+    rest_s: Positive = 0.6
+    """Its correlation time [s]."""
+    pitch_gain: Positive = 1.0
+    """How much more than commanded it pitches [-]."""
+    pitch_per_climb: float = 0.0
+    """Pitch rate, nose down, that comes with each m/s upwards [rad/m]."""
+    start_pitch_deg: float = 0.0
+    """Pitch at the release, nose up [deg]."""
+
+    def turn(self, rates: Vec3, velocity: Vec3) -> Vec3:
+        """Body rates that it follows where ``rates`` are commanded [rad/s, FRD] at ``velocity`` [m/s, NED]."""
+        return (rates[0], self.pitch_gain * rates[1] + self.pitch_per_climb * velocity[2], rates[2])
+
+
+STILL = WindTunnel()
+
+
 class World(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
     """Every figure of a scenario. The controller knows none of them: it believes what its own config says."""
 
@@ -91,6 +119,8 @@ class World(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=Tru
     """Acceleration along the thrust per square of that speed [1/m]."""
     air_velocity: Vec3 = (0.0, 0.0, 0.0)
     """Speed of the air, against which the drag along the body's axes counts [m/s, NED]."""
+    tunnel: WindTunnel = STILL
+    """A wall of fans; not in the array engine."""
     rate_leak: float = 0.0
     """Centre of mass off the rotors' centre: lateral acceleration per commanded body rate [m/s² per rad/s]."""
     wind_mean: Vec3 = (0.1, -0.05, 0.2)
@@ -113,6 +143,8 @@ class World(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=Tru
     """Position noise, 1σ per axis [m]."""
     attitude_noise_rad: NonNegative = 0.002
     """Attitude noise, 1σ per axis [rad]."""
+    pose_jitter_s: NonNegative = 0.0
+    """How far the stamps of poses are off the instants at which they were seen, 1σ [s]; not in the array engine."""
     pose_loss: Share = 0.0
     """Share of the poses lost at random [-]."""
     outage_s: NonNegative = 0.0
@@ -243,6 +275,7 @@ class Wind:
         self._index = -1
         self._eddies: Eddies | None = None
         self._felt: Vec3 = (0.0, 0.0, 0.0)
+        self._rest: Vec3 = (0.0, 0.0, 0.0)
         self.push: Vec3 = (0.0, 0.0, 0.0)
         """What comes on top of all that the world has [m/s², NED]; may be changed in flight."""
 
@@ -251,13 +284,20 @@ class Wind:
         x, y, z = steady(self._world, flight_time)
         if self.push != (0.0, 0.0, 0.0):
             x, y, z = x + self.push[0], y + self.push[1], z + self.push[2]
-        if not self._world.wind_turbulence:
+        rest = self._world.tunnel.rest_m_s2
+        if not self._world.wind_turbulence and not any(rest):
             return (x, y, z)
         index = cell(flight_time)
         while self._index < index:
-            a, b, c = next(self._normals)
-            self._eddies = begin_eddies((a, b, c)) if self._eddies is None else stir(self._eddies, (a, b, c))
-            self._felt = compute_turbulence(self._eddies, self._world.wind_turbulence)
+            if self._world.wind_turbulence:
+                a, b, c = next(self._normals)
+                self._eddies = begin_eddies((a, b, c)) if self._eddies is None else stir(self._eddies, (a, b, c))
+                self._felt = compute_turbulence(self._eddies, self._world.wind_turbulence)
+            if any(rest):
+                keep = math.exp(-GRID_S / self._world.tunnel.rest_s) if self._index >= 0 else 0.0
+                spread, (a, b, c), (p, q, r) = math.sqrt(1.0 - keep * keep), next(self._normals), self._rest
+                i, j, k = rest
+                self._rest = keep * p + spread * i * a, keep * q + spread * j * b, keep * r + spread * k * c
             self._index += 1
-        tx, ty, tz = self._felt
-        return (x + tx, y + ty, z + tz)
+        (tx, ty, tz), (p, q, r) = self._felt, self._rest
+        return (x + tx + p, y + ty + q, z + tz + r)

@@ -4,12 +4,15 @@ import json
 from functools import cache
 from pathlib import Path
 
+import msgspec
 import pytest
 
+from groundstation.core.geometry import FLOATS, so3
 from links.core import thrust
-from sim.scenarios import gale
+from sim.scenarios import SCENARIOS, gale
 from sim.studies import gale_command
-from sim.studies.gale import BEGIN, END, PublishedFlight, fly_published
+from sim.studies.gale import BEGIN, END, PublishedFlight, fly_ours, fly_published
+from sim.world import AirDrag, Body, TrueState, compute_drag, with_noise
 
 
 @cache
@@ -58,13 +61,44 @@ def test_the_course_has_the_velocity_and_acceleration_that_it_says() -> None:
     assert gale.course(0.0)[0] == pytest.approx((0.25, 0.0, 2.15))
 
 
+@pytest.mark.parametrize("name", gale.WINDS)
+def test_the_world_of_a_scenario_pushes_as_the_tunnel_does(name: str) -> None:
+    """At rest in its trim: nothing but what does not repeat is left."""
+    world = msgspec.structs.replace(
+        SCENARIOS[name].world, tunnel=msgspec.structs.replace(SCENARIOS[name].world.tunnel, rest_m_s2=(0.0, 0.0, 0.0))
+    )
+    lean, push = gale.trim(-world.air_velocity[0])
+    attitude = so3.from_euler_zyx(0.0, -lean, 0.0)
+    drag = AirDrag(world.drag_body_per_s, *world.inflow_drag_per_m, world.inflow_lift_per_m, world.air_velocity)
+    body = Body(world.start_ned, (0.0, 0.0, 0.0), attitude, 0.0, (0.0, 0.0, 0.0))
+    north, _, down = compute_drag(FLOATS, body, drag)
+    x, _, z = so3.third_column(attitude)
+    force = push * world.gravity
+    assert north + world.wind_mean[0] - force * x == pytest.approx(0.0, abs=1e-6)
+    assert down + world.gravity - force * z == pytest.approx(0.0, abs=1e-6)
+
+
+def test_stamps_that_are_off_show_a_moving_vehicle_elsewhere_along_its_way() -> None:
+    world = msgspec.structs.replace(SCENARIOS["gale_0"].world, pose_jitter_s=1e-3)
+    truth = TrueState(0.0, (0.0, 0.0, 0.0), (2.0, 0.0, -1.0), so3.IDENTITY, (0.0, 0.0, 0.0), 1.0, False)
+    seen = with_noise(truth, world, [0.0, 0.0, 0.0, 0.0, 0.0, 1.0])
+    assert seen.position_ned == pytest.approx((2e-3, 0.0, -1e-3))
+
+
+def test_ours_flies_in_the_strongest_wind_within_the_share_of_what_was_measured() -> None:
+    flown = fly_ours("told right", "gale_12", 1)
+    assert flown.lost == []
+    assert flown.rms_cm is not None
+    assert flown.rms_cm <= flown.most_cm
+
+
 def test_the_command_says_it_and_writes_it_between_markers(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    assert gale_command(None, 1, as_json=True) in (0, 1)
+    assert gale_command(None, 1, 0, as_json=True) in (0, 1)
     facts = json.loads(capsys.readouterr().out)
     assert facts["of"] == 15 == len(facts["flights"])
     page = tmp_path / "page.md"
     page.write_text(f"above\n{BEGIN}\nold\n{END}\nbelow\n", "utf-8")
-    gale_command(page, 1, as_json=False)
+    gale_command(page, 1, 0, as_json=False)
     text = page.read_text("utf-8")
     assert text.startswith("above\n") and text.endswith("below\n") and "old" not in text
     assert "| INDI |" in text
