@@ -320,8 +320,6 @@ class TruthMessage(msgspec.Struct, frozen=True, gc=False):
     position_ned: Vector3
     velocity_ned: Vector3
     attitude: Quaternion
-    rates_rad_s: Vector3
-    thrust_n: float
     wind_m_s2: Vector3
     error_m: float | None = None
 
@@ -507,8 +505,8 @@ class MessageMaker:
 
 def _make_truth(r: TruthRecord) -> Iterable[Message]:
     at, velocity, attitude = vector(r.position_ned), vector(r.velocity_ned), quaternion(r.attitude)
-    rates, wind = vector(r.rates_rad_s), vector(r.wind_m_s2)
-    return (("/truth", r.time_s, TruthMessage(r.time_s, at, velocity, attitude, rates, r.thrust_n, wind, r.error_m)),)
+    told = TruthMessage(r.time_s, at, velocity, attitude, vector(r.wind_m_s2), r.error_m)
+    return (("/truth", r.time_s, told),)
 
 
 def _command(c: Command) -> tuple[float, Vector3, int, float, float, tuple[Part, ...]]:

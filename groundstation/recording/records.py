@@ -159,8 +159,6 @@ class TruthRecord(msgspec.Struct, frozen=True, array_like=True, gc=False, tag=14
     position_ned: Vec3
     velocity_ned: Vec3
     attitude: Quat
-    rates_rad_s: Vec3
-    thrust_n: float
     wind_m_s2: Vec3
     """The true disturbance, without the effect of wrong thrust or mass."""
     error_m: float | None

@@ -194,9 +194,7 @@ def make_truth(truth: TrueState, wind: Vec3, trajectory: Trajectory, started_s: 
     place, error = truth.position_ned, None
     if started_s is not None and started_s <= truth.time_s:
         error = math.dist(place, trajectory.position_at(truth.time_s - started_s))
-    return TruthRecord(
-        truth.time_s, place, truth.velocity_ned, truth.attitude, truth.rates_rad_s, truth.thrust_n, wind, error
-    )
+    return TruthRecord(truth.time_s, place, truth.velocity_ned, truth.attitude, wind, error)
 
 
 async def _end_of(
