@@ -404,7 +404,7 @@ class Flight:
         if self._commands.pose(pose):
             self.witness.pose(pose)
             self._latency.pose(pose)
-            if news := self._latency.describe_news():
+            if news := self._latency.describe_news(lambda: 0.5 * (self._link.status.rtt_s or 0.0)):
                 self._say(f"warning: {news}")
             self._statistics.pose(pose)
             self._prearm.pose()

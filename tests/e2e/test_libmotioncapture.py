@@ -15,7 +15,9 @@ from groundstation.interfaces.service import require_flyable
 from groundstation.pose.sources import LibmotioncaptureConfig, libmotioncapture
 from groundstation.settings import Config
 
-pytest.importorskip("motioncapture", reason="libmotioncapture is not tried: no wheel of motioncapture for this machine")
+pytest.importorskip(
+    "motioncapture", reason="left out: libmotioncapture is not tried, no wheel of motioncapture for this machine"
+)
 
 BODIES = "quad(1,2,3,1,0,0,0);wand(0,-1,0.5,1,0,0,0)"
 MOCK = LibmotioncaptureConfig(

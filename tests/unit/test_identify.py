@@ -14,7 +14,7 @@ from groundstation.analysis.identify.fit import Bounds, design_filter, fit_noise
 from groundstation.analysis.identify.stretch import Column
 from groundstation.analysis.identify.thrust_fit import full_n, hover_signal, most_n
 from groundstation.analysis.identify.turn_fit import respond_with_lag, turns
-from groundstation.analysis.identify.vehicle import FLY, IdentifiedVehicle, measure_noise
+from groundstation.analysis.identify.vehicle import FLY, IdentifiedVehicle, jitter_of, measure_jitter, measure_noise
 from groundstation.core.geometry import FLOATS, IDENTITY
 from groundstation.core.geometry import rotate as turned_by
 from groundstation.core.vehicle import ActuatorCommand, Motion, Vehicle, integrate
@@ -188,6 +188,21 @@ def test_noise_is_told_from_motion() -> None:
     assert math.isinf(measure_noise(at[:40], motion[:40]).deviation)
 
 
+@pytest.mark.parametrize("jitter_s", [0.0, 0.001, 0.003])
+def test_stamps_that_are_early_or_late_by_chance_are_told_from_noise(jitter_s: float) -> None:
+    rng = np.random.default_rng(6)
+    at = np.linspace(0.0, 39.98, 2000)
+    speed = np.stack([0.6 * np.cos(3.0 * at), 0.3 * np.sin(5.0 * at), 0.0 * at], axis=1)
+    left = rng.normal(0.0, 3e-4, (2000, 3)) + rng.normal(0.0, jitter_s, 2000)[:, None] * speed
+    place = np.stack([0.2 * np.sin(3.0 * at), -0.06 * np.cos(5.0 * at), 0.0 * at], axis=1) + left
+    found = jitter_of(measure_jitter(at, left, place))
+    assert found.interval is not None
+    assert found.interval[0] <= jitter_s <= found.interval[1]
+    assert found.interval[1] - found.interval[0] < 7e-4
+    still = rng.normal(0.0, 3e-4, (2000, 3))
+    assert not jitter_of(measure_jitter(at, still, still)).identified
+
+
 def test_turns_are_those_between_the_attitudes() -> None:
     first = turned_by(IDENTITY, (0.1, -0.2, 0.3))
     attitudes = np.array([first, turned_by(first, (0.01, 0.02, -0.03))])
@@ -247,7 +262,8 @@ def test_of_a_flight_that_moves_nothing_it_says_so() -> None:
         one = found.parameters[name]
         assert (one.value, one.interval, one.note) == (None, None, FLY)
     assert found.parameters["position_noise"].identified
-    assert table(found).count(FLY) == len(found.parameters) - 2
+    assert table(found).count(FLY) == len(found.parameters) - 3
+    assert found.parameters["pose_latency"].note == "the vehicle told no attitude of its own"
 
 
 def test_scale_and_curve_agree_with_what_was_told_where_the_vehicle_flew() -> None:

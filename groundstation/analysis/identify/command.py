@@ -343,7 +343,7 @@ def facts(found: IdentifiedVehicle) -> dict[str, Any]:
     }
 
 
-COMPARED = (*NEEDED, "drag")
+COMPARED = (*NEEDED, "drag", "pose_latency")
 """What a flight's summary holds against what was told: others repeat these, or are no keys."""
 APART = 2.0
 """Of so many figures and flights some lie outside their 95 %: it is told of what lies outside of twice as much."""
@@ -409,12 +409,21 @@ KEYS = {
     "thrust_curve": "thrust_curve",
     "thrust_lag_s": "thrust_lag",
     "rate_lag_s": "rate_lag",
-    "drag_per_s": "drag",
 }
 """Key of a vehicle → parameter that it takes as it is."""
 DELAYS = {"thrust_delay_s": "thrust_delay", "rate_delay_s": "rate_delay"}
 """The same, less the delay that is common to both."""
-BESIDE = ("thrust_scale", "thrust_sag", "yaw_rate_lag", "yaw_rate_delay", "position_noise", "attitude_noise")
+BESIDE = (
+    "thrust_scale",
+    "thrust_sag",
+    "yaw_rate_lag",
+    "yaw_rate_delay",
+    "drag",
+    "pose_latency",
+    "stamp_jitter",
+    "position_noise",
+    "attitude_noise",
+)
 """Parameters that are no keys of a vehicle."""
 DIGITS = 5
 """So many digits are written, and no vehicle needs more."""
@@ -433,8 +442,7 @@ def file_text(found: IdentifiedVehicle) -> str:
         one = parameters[name]
         notes[key] = describe_parameter(one)
         if one.value is not None:
-            sure = name != "drag" or (one.interval is not None and one.interval[0] > 0.0)
-            values[key] = _round(max(one.value, 0.0)) if sure else 0.0
+            values[key] = _round(max(one.value, 0.0))
     _split_delays(found, values, notes)
     if told.link.thrust_curve is not None:
         values["thrust_curve"] = told.vehicle.thrust_curve

@@ -56,6 +56,14 @@ class Fit(NamedTuple):
         spread: Column = np.sqrt(np.diag(self.covariance))
         return spread
 
+    def widen(self, other: "Fit") -> "Fit":
+        """The same, less sure by what it differs from an ``other`` one, that weighs the same frequencies another way.
+
+        A model that lacks nothing finds the same both times.
+        """
+        apart = other.values - self.values
+        return self._replace(covariance=self.covariance + np.outer(apart, apart))
+
     def condition_on(self, index: int, value: float) -> Column:
         """The likeliest parameters where the one at ``index`` is known to be ``value``."""
         share = self.covariance[:, index] / self.covariance[index, index]
@@ -139,6 +147,15 @@ class Noise(NamedTuple):
     variance: float
     """Of each measurement."""
     ratios: Ratios
+
+    def reweigh(self) -> Ratios:
+        """Ratios that weigh frequencies another way: what is slow counts less."""
+        a, b, c = self.ratios
+        return OTHERWISE * a, OTHERWISE * b, OTHERWISE * c
+
+
+OTHERWISE = 10.0**0.5
+"""How much stronger the noises that drive it are taken where frequencies are weighed another way."""
 
 
 class InnovationFilter(NamedTuple):

@@ -1,5 +1,8 @@
 """Flight stretch: what identification needs of a recording, the commands that left and the poses of steady flight."""
 
+import math
+from base64 import b64decode
+from collections import deque
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -8,9 +11,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from groundstation.config import ConfigError, from_dict, parse_toml
+from groundstation.core.messages import Pose
 from groundstation.core.mission import State
+from groundstation.core.safety import PoseLatency
+from groundstation.pose.sources import MavlinkPoseConfig
 from groundstation.recording import Recording
 from groundstation.settings import Config
+from links.mavlink.protocol import LONGEST_S, MavlinkCodec, Trip, attitude_of
 
 Column = NDArray[np.float64]
 
@@ -53,6 +60,9 @@ class FlightStretch:
     """(N, 3) [m]"""
     attitude: Column
     """Body to world, w first, (N, 4)."""
+    late_s: tuple[float, float] | None = None
+    """How much later poses are than told by the vehicle's own attitude, and one deviation [s]; None where it told none,
+    or its attitude serves as the poses."""
 
     @property
     def length_s(self) -> float:
@@ -71,7 +81,8 @@ def read_stretch(path: Path) -> FlightStretch:
     commands: list[tuple[float, ...]] = []
     poses: list[tuple[float, ...]] = []
     state, on = "idle", False
-    for entry in recording.entries(("/command", "/idle", "/measured", "/mission")):
+    vehicle = _OwnAttitude()
+    for entry in recording.entries(("/command", "/idle", "/measured", "/mission", "/raw/received")):
         value = entry.value()
         match entry.topic:
             case "/mission":
@@ -80,6 +91,9 @@ def read_stretch(path: Path) -> FlightStretch:
                 p, q = value["position_ned"], value["attitude"]
                 place = (p["x"], p["y"], p["z"], q["w"], q["x"], q["y"], q["z"])
                 poses.append((value["time_s"], value["reset_count"], on, *place))
+                vehicle.latency.pose(Pose(0, value["time_s"], value["arrival_s"], place[:3], place[3:]))
+            case "/raw/received":
+                vehicle.receive(value["time_s"], value["wire"], b64decode(value["data"]))
             case _:
                 on = entry.topic == "/command" and state == State.TRACKING and value["flight_time_s"] >= 0.0
                 w = value["rates_rad_s"]
@@ -96,7 +110,44 @@ def read_stretch(path: Path) -> FlightStretch:
         )
     config = _config(recording.about.get("config", ""), path)
     parts = (sent[:, 0], sent[:, 1], sent[:, 2:5], chosen[:, 0], chosen[:, 3:6], chosen[:, 6:10])
-    return FlightStretch(path, recording, config, *parts)
+    late = None if isinstance(config.pose, MavlinkPoseConfig) else vehicle.find_lateness()
+    return FlightStretch(path, recording, config, *parts, late)
+
+
+ROOT_12 = math.sqrt(12.0)
+"""What may be anywhere within 1 deviates by 1 over this."""
+TRIPS = 16
+"""Questions and answers about the clocks that count, the newest: of these the fastest."""
+
+
+class _OwnAttitude:
+    """What the vehicle told of its attitude on any wire, held against the poses."""
+
+    def __init__(self) -> None:
+        self.latency = PoseLatency(math.inf)
+        self._codecs: dict[int, MavlinkCodec] = {}
+        self._trips: deque[Trip] = deque(maxlen=TRIPS)
+
+    def find_lateness(self) -> tuple[float, float] | None:
+        """See :attr:`FlightStretch.late_s`: the way to the vehicle may take all of a round trip, or nothing."""
+        found, trip = self.latency.estimate, min(self._trips, default=None)
+        return (
+            None if found is None else (found[0], math.hypot(found[1], 0.0 if trip is None else trip.rtt_s / ROOT_12))
+        )
+
+    def receive(self, time_s: float, wire: int, data: bytes) -> None:
+        """Bytes that came at ``time_s`` [s]."""
+        if wire not in self._codecs:
+            self._codecs[wire] = MavlinkCodec(255, 190)
+        for message in self._codecs[wire].feed(data):
+            if message.get_type() == "TIMESYNC" and message.tc1 > 0:
+                trip_s = max(time_s - 1e-9 * message.ts1, 0.0)
+                if trip_s <= LONGEST_S:  # it answers us
+                    self._trips.append(Trip(trip_s, 1e-9 * message.tc1 - (time_s - 0.5 * trip_s)))
+                continue
+            told = attitude_of(message, time_s, min(self._trips, default=None))
+            if told is not None:
+                self.latency.attitude(told)
 
 
 def find_stretch(sent_s: Column, poses: Column) -> slice:

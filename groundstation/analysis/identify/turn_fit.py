@@ -10,7 +10,17 @@ from typing import NamedTuple
 
 import numpy as np
 
-from groundstation.analysis.identify.fit import COARSE, FINE, Bounds, Fit, InnovationFilter, Whiten, fit_noise, minimize
+from groundstation.analysis.identify.fit import (
+    COARSE,
+    FINE,
+    Bounds,
+    Fit,
+    InnovationFilter,
+    Whiten,
+    design_filter,
+    fit_noise,
+    minimize,
+)
 from groundstation.analysis.identify.stretch import Column, FlightStretch, components
 from groundstation.core.geometry import arrays, so3
 
@@ -162,4 +172,7 @@ def fit_turns(seen: FlightStretch) -> TurnFit:
         fit = minimize(whiten_by(filter_, noise.variance), values, bounds, interval)
         values = fit.values
     assert fit is not None, "fitted twice"
+    fit = fit.widen(
+        minimize(whiten_by(design_filter(seen.at_s, noise.reweigh(), gap), noise.variance), values, bounds, interval)
+    )
     return TurnFit(fit, measured, np.diff(angles(seen, values, seen.at_s), axis=0))

@@ -102,6 +102,49 @@ def measure_noise(at_s: Column, left: Column) -> NoiseLevel:
     return NoiseLevel(value, deviation)
 
 
+class StampJitter(NamedTuple):
+    """Variances, and one deviation of the second."""
+
+    across: float
+    """Of position noise per axis [m²]."""
+    along: float
+    """Of the stamps [s²]: what an unbiased guess has, so below 0 where there is none."""
+    deviation: float
+    """Infinite where there is too little, or the vehicle moves too slowly."""
+
+
+def measure_jitter(at_s: Column, left: Column, position: Column) -> StampJitter:
+    """Of stamps that are early or late by chance: noise along the velocity, of ``position`` (N, 3) [m].
+
+    Noise squared is r + s² v² on each axis: by least squares over ``left``, see :func:`measure_noise`, which is weighed
+    by what each of its squares scatters by itself.
+    """
+    spans = np.diff(at_s)
+    usual = float(np.median(spans))
+    # A stamp that is off by more than this is taken for a pose that is missing.
+    even = np.abs(spans - usual) < 0.5 * usual
+    runs = even[:-3] & even[1:-2] & even[2:-1] & even[3:]
+    squares = (np.diff(left, 4, axis=0)[runs] ** 2) / 70.0
+    speeds = ((position[4:] - position[:-4])[runs] / (4.0 * usual)) ** 2
+    blocks = len(squares) // BLOCK
+    if blocks < 10:
+        return StampJitter(0.0, 0.0, np.inf)
+    y, x = squares[: blocks * BLOCK], speeds[: blocks * BLOCK]
+    level, slope, parts, matrix = float(np.mean(y)), 0.0, list[Column](), np.eye(2)
+    for _ in range(5):
+        weights = 1.0 / np.maximum(level + max(slope, 0.0) * x, 1e-12) ** 2
+        # Sums over each block, (blocks,): neighbours hang together.
+        parts = [(weights * part).reshape(blocks, -1).sum(axis=1) for part in (np.ones_like(x), x, x * x, y, x * y)]
+        one, xs, xx, ys, xy = (float(part.sum()) for part in parts)
+        matrix = np.array([[one, xs], [xs, xx]])
+        level, slope = np.linalg.solve(matrix, [ys, xy]).tolist()
+        level = max(level, 1e-12)
+    scores = np.stack([parts[3] - level * parts[0] - slope * parts[1], parts[4] - level * parts[1] - slope * parts[2]])
+    inverse = np.linalg.inv(matrix)
+    cover = inverse @ (scores @ scores.T) @ inverse * blocks / (blocks - 2)
+    return StampJitter(level, slope, math.sqrt(float(cover[1, 1])))
+
+
 UNSEEN_FRAMES = 0.02
 """The recording does not know which frames were lost: so many would make every command this share of a period late."""
 MODEL = 0.005
@@ -109,9 +152,12 @@ MODEL = 0.005
 THRUST_SPREAD = 1.5
 """Lag and delay of thrust stand for one another, and gusts are no random walk: counted over 200 flights in gusts, their
 deviations are so many times those of the fit."""
+DRAG_MODEL = 0.01
+"""The same of drag, which acts along the attitude that was measured."""
 WHITE = 0.01
 """The same of noise, which is never quite white."""
 DELAY = "from a command's leaving until it is followed; what pose.latency_s is wrong by is part of it"
+JITTER_NOTE = "early or late by chance: noise along the velocity"
 DRAG_NOTE = "deceleration per speed; the controller is told one for all axes"
 TURNED_RAD_S = 0.05
 """Body rates of less than this (RMS about each axis) tell of nothing but noise, whatever the statistics say."""
@@ -173,7 +219,7 @@ def identify(seen: FlightStretch) -> IdentifiedVehicle:
         *_rest(seen, turned, pushed, moved),
     ]
     if isinstance(seen.config.trajectory, ExcitationConfig):
-        parameters = [one if one.identified else msgspec.structs.replace(one, note=AGAIN) for one in parameters]
+        parameters = [msgspec.structs.replace(one, note=AGAIN) if one.note == FLY else one for one in parameters]
     return IdentifiedVehicle(seen, turned, pushed, {one.name: one for one in parameters})
 
 
@@ -305,11 +351,47 @@ def _combine(values: Column, cover: Column) -> tuple[float, float]:
     return float(weights @ values), math.sqrt(float(weights @ cover @ weights))
 
 
+LOOP_S = 0.002
+"""An autopilot tells the attitude of its last loop, which is older than its stamp by about so much, one deviation."""
+
+
+def _latency(seen: FlightStretch) -> IdentifiedParameter:
+    told = getattr(seen.config.pose, "latency_s", 0.0)
+    name, title, note = "pose_latency", "latency of poses", "no key of a vehicle, but pose.latency_s"
+    if seen.late_s is None:
+        note = "the vehicle told no attitude of its own"
+        return IdentifiedParameter(name=name, title=title, unit="s", value=None, interval=None, told=told, note=note)
+    late, spread = seen.late_s
+    return judge_parameter(name, title, "s", told + late, math.hypot(spread, LOOP_S), 0.015, told=told, note=note)
+
+
+ENOUGH_JITTER_S = 0.002
+"""Where more than this could be, the flight tells nothing of it [s]."""
+
+
+def jitter_of(jitter: StampJitter) -> IdentifiedParameter:
+    """The jitter of stamps as a parameter: its square is what has a symmetric interval."""
+    half = WIDE * jitter.deviation
+    title = "jitter of stamps"
+    if not math.sqrt(max(jitter.along, 0.0) + half) - math.sqrt(max(jitter.along, 0.0)) <= ENOUGH_JITTER_S:
+        return IdentifiedParameter(
+            name="stamp_jitter", title=title, unit="s", value=None, interval=None, told=None, note=FLY
+        )
+    value, low, high = (math.sqrt(max(jitter.along + part, 0.0)) for part in (0.0, -half, half))
+    return IdentifiedParameter(
+        name="stamp_jitter", title=title, unit="s", value=value, interval=(low, high), told=None, note=JITTER_NOTE
+    )
+
+
 def _rest(
     seen: FlightStretch, turned: TurnFit, pushed: ThrustFit, moved: MotionExcitation
 ) -> list[IdentifiedParameter]:
     drags = slice(DRAG, DRAG + len(DRAGS))
     drag, drag_spread = _combine(pushed.fit.values[drags], pushed.fit.covariance[drags, drags])
+
+    def of_drag(value: float, deviation: float) -> float:
+        return math.hypot(deviation, DRAG_MODEL * value)
+
     place, turn = measure_noise(seen.at_s, pushed.left), measure_noise(seen.at_s, turned.left)
 
     def noise_of(name: str, title: str, unit: str, level: NoiseLevel) -> IdentifiedParameter:
@@ -318,18 +400,10 @@ def _rest(
 
     return [
         judge_parameter(
-            "drag",
-            "linear drag",
-            "1/s",
-            drag,
-            drag_spread,
-            0.2,
-            moved=moved.pushed,
-            told=seen.config.vehicle.drag_per_s,
-            note=DRAG_NOTE,
+            "drag", "linear drag", "1/s", drag, of_drag(drag, drag_spread), 0.2, moved=moved.pushed, note=DRAG_NOTE
         ),
         *(
-            judge_parameter(name, title, "1/s", value, spread, 0.2, moved=moved.pushed)
+            judge_parameter(name, title, "1/s", value, of_drag(value, spread), 0.2, moved=moved.pushed)
             for name, title, value, spread in zip(
                 DRAGS,
                 ("the same forwards", "the same sideways", "the same upwards"),
@@ -338,6 +412,8 @@ def _rest(
                 strict=True,
             )
         ),
+        _latency(seen),
+        jitter_of(measure_jitter(seen.at_s, pushed.left, seen.position_ned)),
         noise_of("position_noise", "position noise per axis", "m", place),
         noise_of("attitude_noise", "attitude noise per axis", "rad", turn),
     ]

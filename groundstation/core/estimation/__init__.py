@@ -28,7 +28,6 @@ if TYPE_CHECKING:
         update_covariance,
         update_effectiveness,
         update_moving_covariance,
-        widen_covariance,
     )
 
 _MODULES = {
@@ -58,7 +57,6 @@ _MODULES = {
         "update_covariance",
         "update_effectiveness",
         "update_moving_covariance",
-        "widen_covariance",
     ),
 }
 

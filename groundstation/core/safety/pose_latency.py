@@ -8,6 +8,7 @@ slowly (a body mounted askew, an estimate that leans) is taken out of both sides
 
 import math
 from collections import deque
+from collections.abc import Callable
 
 from groundstation.core.geometry import Quat
 from groundstation.core.messages import Pose
@@ -36,8 +37,9 @@ _Level = tuple[float, float]
 class PoseLatency:
     """One vehicle's. Times are on the event loop's clock [s]."""
 
-    def __init__(self) -> None:
-        """Nothing heard."""
+    def __init__(self, memory_s: float = MEMORY_S) -> None:
+        """Nothing heard; what is older than ``memory_s`` [s] counts less."""
+        self._memory_s = memory_s
         self._told: deque[Attitude] = deque(maxlen=KEPT)
         self._last: tuple[float, _Level] | None = None
         self._at_s = -math.inf
@@ -84,25 +86,33 @@ class PoseLatency:
         e, f, u, v = e + gain * (now[0] - e), f + gain * (now[1] - f), u + gain * (now[2] - u), v + gain * (now[3] - v)
         self._slow = e, f, u, v
         e, f, u, v = now[0] - e, now[1] - f, now[2] - u, now[3] - v
-        keep = 1.0 - dt / MEMORY_S
+        keep = 1.0 - dt / self._memory_s
         self._moved = keep * self._moved + u * u + v * v
         self._both = keep * self._both - e * u - f * v
         self._off = keep * self._off + e * e + f * f
         self._count = keep * self._count + 1.0
 
     @property
-    def late_s(self) -> float | None:
-        """How much later poses are than told [s], below 0 earlier; None while that could be chance, or little."""
+    def estimate(self) -> tuple[float, float] | None:
+        """How much later poses are than told, below 0 earlier, and one deviation of that [s]; None at first."""
         if self._count < LOOKS or self._moved <= 0.0:
             return None
         late = self._both / self._moved
-        spread = math.sqrt(max(self._off / self._moved - late * late, 0.0) / self._count)
+        return late, math.sqrt(max(self._off / self._moved - late * late, 0.0) / self._count)
+
+    @property
+    def late_s(self) -> float | None:
+        """The same [s]; None while that could be chance, or little."""
+        late, spread = self.estimate or (0.0, math.inf)
         return late if abs(late) > max(LEAST_S, SURE * spread) else None
 
-    def describe_news(self) -> str | None:
-        """A line for the operator, where there is something that was not told yet."""
+    def describe_news(self, clock_off_s: Callable[[], float]) -> str | None:
+        """A line for the operator, where there is something that was not told yet.
+
+        ``clock_off_s`` tells by how much the vehicle's clock may be taken wrong [s]: half of a round trip.
+        """
         late = self.late_s
-        if late is None or abs(late - self._said_s) < AGAIN_S:
+        if late is None or abs(late - self._said_s) < AGAIN_S or abs(late) < LEAST_S + clock_off_s():
             return None
         self._said_s = late
         word = "later" if late > 0.0 else "earlier"

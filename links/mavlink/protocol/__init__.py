@@ -50,7 +50,16 @@ if TYPE_CHECKING:
         ReadVersion,
         make_mode_request,
     )
-    from links.mavlink.protocol.timesync import ATTITUDE_HZ, ATTITUDES, SLOW_BAUD, SLOW_HZ, Timesync, Trip, attitude_of
+    from links.mavlink.protocol.timesync import (
+        ATTITUDE_HZ,
+        ATTITUDES,
+        LONGEST_S,
+        SLOW_BAUD,
+        SLOW_HZ,
+        Timesync,
+        Trip,
+        attitude_of,
+    )
 
 _MODULES = {
     "codec": (
@@ -76,7 +85,7 @@ _MODULES = {
     "signing": ("Signer", "TICKS_PER_S"),
     "status": ("HeartbeatMonitor", "STALE_NEWS_S", "Vitals", "Words"),
     "steps": ("AskMode", "AutopilotAddress", "Handshake", "HandshakeStep", "Kill", "ReadVersion", "make_mode_request"),
-    "timesync": ("ATTITUDES", "ATTITUDE_HZ", "SLOW_BAUD", "SLOW_HZ", "Timesync", "Trip", "attitude_of"),
+    "timesync": ("ATTITUDES", "ATTITUDE_HZ", "LONGEST_S", "SLOW_BAUD", "SLOW_HZ", "Timesync", "Trip", "attitude_of"),
 }
 
 
