@@ -130,10 +130,18 @@ def scenarios(args: argparse.Namespace) -> int:
         return 0
     row = rows[scenario_of(args.name).name]
     print(row["summary"])
-    for section in ("sim", "told"):
-        for key, value in row[section].items():
-            print(f"    {section}.{key} = {value}")
+    _print_keys("sim", row["sim"])
+    _print_keys("told", row["told"])
     return 0
+
+
+def _print_keys(key: str, value: Any) -> None:
+    """A line each, as ``--set`` takes them."""
+    if isinstance(value, dict):
+        for name, part in value.items():
+            _print_keys(f"{key}.{name}", part)
+    else:
+        print(f"    {key} = {json.dumps(value)}")
 
 
 def check_vectors(args: argparse.Namespace) -> int:

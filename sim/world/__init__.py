@@ -17,6 +17,7 @@ if TYPE_CHECKING:
     )
     from sim.world.vehicle import Horizon, PositionWander, SimulatedVehicle, with_noise
     from sim.world.world import (
+        STILL,
         Eddies,
         RotorConstants,
         Wind,
@@ -38,6 +39,7 @@ _MODULES = {
     "world": (
         "Eddies",
         "RotorConstants",
+        "STILL",
         "Wind",
         "WindTunnel",
         "World",

@@ -119,7 +119,7 @@ def test_a_request_is_done_and_answered_and_a_dropped_one_counted_where_all_can_
             topic, place = "groundstation/mqx/request", Place("groundstation", "mqx")
             now = wall_ms()
             good = seal_request(secret, place, session.session, "tablet", now, "kill", now + 3000)
-            for data in (b"{}", good[:-5], good.replace(b'"kill"', b'"hold"'), b" " * 2000, b" " * 60000):
+            for data in (b"{}", good[:-5], good.replace(b'"kill"', b'"hold"'), b" " * 4000, b" " * 60000):
                 await client.publish(topic, data, qos=1)
             await client.publish(topic, seal_request(secret, place, session.session, "tablet", 7, "kill", now), qos=1)
             await client.publish(topic, good, qos=1, retain=True)  # a station that comes later must not hear it

@@ -8,6 +8,7 @@ from typing import Any
 
 import pytest
 
+from groundstation.config import UserCodeFault
 from groundstation.core import Tick
 from groundstation.core.mission import State
 from groundstation.flight import Flight
@@ -93,7 +94,7 @@ def fly(script: Any, *overrides: str, seed: int = 0, pace: str = "period") -> Wi
         flight = make_flight(config, confirm=confirm, on_tick=wire.tick, on_event=wire.lines.append)
         stage = asyncio.create_task(wire.stage.run())
         beside = asyncio.create_task(script(flight, wire.stage))
-        with contextlib.suppress(ArithmeticError):
+        with contextlib.suppress(UserCodeFault):
             await flight.run()
         wire.state, wire.reason = flight.state, flight.snapshot().reason
         await asyncio.sleep(4.0)
@@ -128,7 +129,8 @@ def test_a_controller_that_raises_is_survived_by_its_link(pace: str) -> None:
         pace=pace,
     )  # fmt: skip
     assert wire.state is State.ABORTED
-    assert wire.reason == "stopped by ArithmeticError: the controller broke"
+    failed = "controller tests.e2e.misbehaving:make failed: ArithmeticError: the controller broke"
+    assert wire.reason == f"stopped by UserCodeFault: {failed}"
     assert any("the bring-down is over" in line for line in wire.lines)
     _, command = wire.commands[-1]
     assert wire.frames[-1][0] == pytest.approx(

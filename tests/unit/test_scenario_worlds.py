@@ -7,7 +7,7 @@ import msgspec
 import pytest
 
 from sim.scenarios import SCENARIOS
-from sim.world import World
+from sim.world import STILL, World
 
 LAG_S = 1.0 / (2.0 * math.pi * 1.5)
 MQX: dict[str, Any] = {
@@ -47,7 +47,8 @@ OTHERS: dict[str, dict[str, Any]] = {
 }  # fmt: skip
 NEUTRAL: dict[str, Any] = {
     "plant": "first_order", "thrust_delay_s": 0.0, "rate_delay_s": 0.0, "drag_body_per_s": (0.0, 0.0, 0.0),
-    "inflow_drag_per_m": (0.0, 0.0), "inflow_lift_per_m": 0.0, "air_velocity": (0.0, 0.0, 0.0),
+    "inflow_drag_per_m": (0.0, 0.0), "inflow_lift_per_m": 0.0, "air_velocity": (0.0, 0.0, 0.0), "pose_jitter_s": 0.0,
+    "tunnel": STILL,
 }  # fmt: skip
 """Figures that are newer than these scenarios, and what does nothing."""
 CONSTANTS: dict[str, dict[str, Any]] = {
