@@ -56,10 +56,10 @@ CALM = 2.0
 """Noise is learnt while the evidence is below this."""
 FIRST, CAP = 5.0, 8.0
 """Most that one node may say of the attitude, the first and any other: no single outlier convicts."""
-CONVICTS, IMAGE_CONVICTS, EARLY_CONVICTS, UPSET_CONVICTS, EARLY = 14.0, 9.0, 7.0, 2.7, 30
+CONVICTS, IMAGE_CONVICTS, EARLY_CONVICTS, UPSET_CONVICTS, EARLY = 14.0, 9.0, 7.0, 4.0, 30
 """Evidence that convicts: e^14, a million to one, for each of the windows looked at; of an image, which must explain
 better than both a vehicle that obeys and a picture that stands, e^9, and e^7 in so many windows after lift-off: axes
-that are set up wrongly are so from the first. Across, and where the vehicle is upset as no gust does it, e^2.7: an
+that are set up wrongly are so from the first. Across, and where the vehicle is upset as no gust does it, e^4: an
 image drives it away ever faster, and little time is left."""
 CALM_SHARE = CALM / CONVICTS
 SUSPECTS, HEADING_SUSPECTS, STILL_SUSPECTS, IMAGE_SUSPECTS, PUSH_SUSPECTS = 0.85, 0.5, 0.65, 0.7, 0.88
