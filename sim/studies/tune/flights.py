@@ -19,10 +19,12 @@ from msgspec import inspect as mi
 
 from groundstation.config import ConfigError, load
 from groundstation.core.control import ControllerConfig, Custom, Gains, bound_decrease
+from groundstation.core.vehicle import Vehicle
 from groundstation.pose import Recorded
 from groundstation.pose.sources import MavlinkPoseConfig, ViconConfig
 from groundstation.settings import Config, LinkConfig
 from links.bridge import BridgeLinkConfig
+from links.core import full_thrust_n
 from links.mavlink import MavlinkLinkConfig
 from sim.runs import fly
 from sim.scenarios import SCENARIOS, Scenario, prepare, timing
@@ -279,19 +281,26 @@ def fit_scenario(scenario: Scenario, station: Config) -> Scenario:
     world = msgspec.structs.replace(
         truth,
         mass_kg=truth.mass_kg * (vehicle.mass_kg / told.mass_kg),
-        thrust_max_n=truth.thrust_max_n * (station.full_thrust_n / told.thrust_max_n),
+        thrust_max_n=truth.thrust_max_n * (station.full_thrust_n / _full_thrust_n(told, truth)),
         thrust_curve=station.thrust_curve,
         rate_limits_deg_s=vehicle.rate_limits_deg_s,
         thrust_lag_s=lag("thrust_lag_s"),
         rate_lag_s=lag("rate_lag_s"),
         command_delay_s=vehicle.command_delay_s,
-        thrust_delay_s=vehicle.thrust_delay_s,
-        rate_delay_s=vehicle.rate_delay_s,
+        thrust_delay_s=max(0.0, truth.thrust_delay_s - told.thrust_delay_s + vehicle.thrust_delay_s),
+        rate_delay_s=max(0.0, truth.rate_delay_s - told.rate_delay_s + vehicle.rate_delay_s),
         pose_latency_s=max(0.0, truth.pose_latency_s - scenario.told_latency_s + latency_s),
         pose_rate_hz=rate_hz,
         frame_period_s=_period_s(station),
     )
     return msgspec.structs.replace(scenario, world=world, told=vehicle, told_latency_s=latency_s)
+
+
+def _full_thrust_n(told: Vehicle, truth: World) -> float:
+    """Thrust of the full signal [N] as a scenario tells it."""
+    if told.hover_thrust is None:
+        return told.thrust_max_n
+    return full_thrust_n(told.mass_kg * truth.gravity, told.hover_thrust, told.thrust_curve)
 
 
 def station_of(stage: Staged) -> Config:

@@ -13,7 +13,7 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
-import msgspec
+from msgspec.structs import replace
 
 from groundstation.config import dump
 from groundstation.core.mission import FINAL, State
@@ -193,18 +193,21 @@ async def _fly(folder: Path, name: str, fault: Fault, state: str) -> Row:
     world, config = from_floor(world, config, FIGURE_S)
     (folder / "config.toml").write_text(dump(config))
     truth, moves = Truth(world.floor_z_m), Moves(loop.time)
-    stage = Stage(world, config, 0, truth.step, pty=pty, parameters=AUTOPILOT)
+    rf = module(config, world) if radio else None
+    # A bridge is a process of its own here: what the stage plays is the module behind it.
+    behind = None if rf is None or pty is None else replace(rf, port=pty.path, simulated=True)
+    stage = Stage(
+        world, config if behind is None else replace(config, link=behind), 0, truth.step, pty=pty, parameters=AUTOPILOT
+    )
     truth.plant = stage.plant
     stage.plant.advance(loop.time())
-    rf = module(config, world) if radio else None
     scene = LiveScene(folder, config, stage, broker, moves, rf)
     if stage.radio is not None:
         stage.radio.overhear = scene.heard_radio
     else:
         stage.peer.overhear = scene.has_heard
-    if pty is not None and rf is not None and fault.link == "rf_bridge":
-        link = msgspec.structs.replace(rf, port=pty.path, simulated=True)
-        scene.bridge = await _bridge(folder, BridgeConfig(listen=bridge, key_file=f"{folder}/bridge.key", link=link))
+    if behind is not None and fault.link == "rf_bridge":
+        scene.bridge = await _bridge(folder, BridgeConfig(listen=bridge, key_file=f"{folder}/bridge.key", link=behind))
     daemon = make_child_command("groundstation", "daemon", str(folder / "config.toml"), "--arm", config.vehicle.name)
     scene.station = await asyncio.create_subprocess_exec(
         *daemon, stdin=asyncio.subprocess.DEVNULL, stderr=asyncio.subprocess.PIPE,
