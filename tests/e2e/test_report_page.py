@@ -7,6 +7,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import NamedTuple
 
+from groundstation.analysis.identify import find_outside
 from groundstation.analysis.report import report_command
 from groundstation.analysis.report.figures import FIGURES
 from tests.e2e.chromium import BROWSERS
@@ -40,7 +41,7 @@ def test_the_page_opens_without_an_error_and_without_asking_anybody_for_anything
     tmp_path: Path, needs_program: Callable[..., str]
 ) -> None:
     browser = needs_program(*BROWSERS)
-    report_command([recorded()[0]], tmp_path, as_json=False)
+    report_command([recorded()[0]], tmp_path, find_outside, as_json=False)
     seen = opened(browser, tmp_path / "report.html", tmp_path)
     assert seen.title.startswith("mqx, adaptive")
     assert seen.console == []

@@ -12,6 +12,7 @@ from typing import Any
 
 import pytest
 
+from groundstation.analysis.identify import find_outside
 from groundstation.analysis.report import read_columns, report_command
 from groundstation.analysis.report.figures import FIGURES, OVERLAYS
 from groundstation.analysis.report.flight import numbers
@@ -52,7 +53,7 @@ def facts() -> dict[str, Any]:
 
 
 def reported(paths: list[Path], capsys: pytest.CaptureFixture[str]) -> dict[str, Any]:
-    assert report_command(paths, None, as_json=True) == 0
+    assert report_command(paths, None, find_outside, as_json=True) == 0
     found: dict[str, Any] = json.loads(capsys.readouterr().out)
     return found
 
@@ -106,7 +107,7 @@ def test_every_command_has_an_instant_at_which_its_bytes_left() -> None:
 def test_the_page_holds_every_figure_and_needs_nothing_from_elsewhere(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    assert report_command([recorded(duration_s=17.0)[0]], tmp_path, as_json=False) == 0
+    assert report_command([recorded(duration_s=17.0)[0]], tmp_path, find_outside, as_json=False) == 0
     path = Path(capsys.readouterr().out.strip())
     text = path.read_text("utf-8")
     page = Page(text)
@@ -121,7 +122,7 @@ def test_the_page_holds_every_figure_and_needs_nothing_from_elsewhere(
 
 def test_two_recordings_stand_side_by_side(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     other = recorded("paper", "controller.kind=pid")[0]
-    assert report_command([recorded()[0], other], tmp_path, as_json=True) == 0
+    assert report_command([recorded()[0], other], tmp_path, find_outside, as_json=True) == 0
     found = json.loads(capsys.readouterr().out)
     assert [flight["flight"]["controller"] for flight in found["flights"]] == ["adaptive", "pid"]
     text = Path(found["page"]).read_text("utf-8")
@@ -147,21 +148,21 @@ def test_the_numbers_need_no_matplotlib_and_the_page_says_that_it_does(
     monkeypatch.setitem(sys.modules, "matplotlib", None)
     assert reported([recorded()[0]], capsys)["page"] is None
     with pytest.raises(ConfigError, match=r"pip install 'quadrotor-groundstation\[plot\]'"):
-        report_command([recorded()[0]], None, as_json=False)
+        report_command([recorded()[0]], None, find_outside, as_json=False)
 
 
 def test_what_is_no_recording_or_holds_no_command_is_refused(tmp_path: Path) -> None:
     (tmp_path / "notes.txt").write_text("no recording")
     with pytest.raises(ConfigError, match=r"LOG: .* is no MCAP file"):
-        report_command([tmp_path / "notes.txt"], None, as_json=True)
+        report_command([tmp_path / "notes.txt"], None, find_outside, as_json=True)
     with pytest.raises(ConfigError, match="LOG: cannot read"):
-        report_command([tmp_path / "missing.mcap"], None, as_json=True)
+        report_command([tmp_path / "missing.mcap"], None, find_outside, as_json=True)
     whole = recorded()[0].read_bytes()
     (tmp_path / "early.mcap").write_bytes(whole[: len(facts()["config"]) + 9000])
     with pytest.raises(ConfigError, match="holds no command"):
-        report_command([tmp_path / "early.mcap"], None, as_json=True)
+        report_command([tmp_path / "early.mcap"], None, find_outside, as_json=True)
     with pytest.raises(ConfigError, match=r"--format: expected some of .*'tex'"):
-        report_command([recorded()[0]], tmp_path, as_json=False, formats=["docx"])
+        report_command([recorded()[0]], tmp_path, find_outside, as_json=False, formats=["docx"])
 
 
 def test_the_error_against_the_truth_stands_beside_that_against_the_estimate() -> None:
@@ -178,7 +179,7 @@ def test_the_error_against_the_truth_stands_beside_that_against_the_estimate() -
 @pytest.mark.parametrize("ending", ["pdf", "svg", "png"])
 def test_figures_for_print_are_a_column_wide(ending: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     other = recorded("paper", "controller.kind=pid")[0]
-    assert report_command([recorded()[0], other], tmp_path, as_json=False, formats=[ending]) == 0
+    assert report_command([recorded()[0], other], tmp_path, find_outside, as_json=False, formats=[ending]) == 0
     first = Path(capsys.readouterr().out.splitlines()[0])
     data = first.read_bytes()
     if ending == "pdf":
@@ -195,7 +196,7 @@ def test_figures_for_print_are_a_column_wide(ending: str, tmp_path: Path, capsys
 def test_the_table_is_written_for_spreadsheets_and_for_latex(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    assert report_command([recorded()[0]] * 3, tmp_path, as_json=False, formats=["csv", "tex"]) == 0
+    assert report_command([recorded()[0]] * 3, tmp_path, find_outside, as_json=False, formats=["csv", "tex"]) == 0
     assert capsys.readouterr().out.split() == [str(tmp_path / "results.csv"), str(tmp_path / "results.tex")]
     rows = list(csv.reader((tmp_path / "results.csv").read_text("utf-8").splitlines()))
     assert {len(row) for row in rows} == {5}

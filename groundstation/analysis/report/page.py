@@ -7,7 +7,7 @@ import base64
 import csv
 import json
 import re
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from html import escape
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -231,9 +231,16 @@ def _spread(spread: dict[str, float | None]) -> str:
 
 
 def report_command(
-    paths: Sequence[Path], out: Path | None, *, as_json: bool, formats: Sequence[str] = ("html",)
+    paths: Sequence[Path],
+    out: Path | None,
+    find_outside: Callable[[Path], list[str]],
+    *,
+    as_json: bool,
+    formats: Sequence[str] = ("html",),
 ) -> int:
     """Report on recordings in ``formats`` into the folder ``out`` (default: beside the first); returns 0.
+
+    ``find_outside`` says what was told of the vehicle and lies outside of what a recording shows.
 
     With ``as_json`` the numbers are printed, and all else is written only where ``out`` is given.
 
@@ -246,7 +253,6 @@ def report_command(
             raise ConfigError("--format", f"expected some of {list(FORMATS)}, got {form!r}")
     if draw and set(formats) - {"csv", "tex"}:
         require_package("matplotlib", "report", "plot", "; --json does without")
-    from groundstation.analysis.identify import find_outside
     from groundstation.analysis.report.flight import NoCommand, numbers, read_columns
 
     try:

@@ -289,9 +289,10 @@ def export(args: argparse.Namespace) -> int:
 
 def report(args: argparse.Namespace) -> int:
     """A page with figures about one recorded flight, or two."""
+    from groundstation.analysis.identify import find_outside
     from groundstation.analysis.report import report_command
 
-    return report_command(args.files, args.out, as_json=args.json, formats=args.format.split(","))
+    return report_command(args.files, args.out, find_outside, as_json=args.json, formats=args.format.split(","))
 
 
 def identify(args: argparse.Namespace) -> int:
