@@ -344,6 +344,7 @@ class Pilot:
                 disturbance=disturbance,
                 thrust_lag=vehicle.thrust_lag_s,
                 rate_lag=vehicle.rate_lag_s,
+                drag=vehicle.drag_per_s,
             )
         return motion
 

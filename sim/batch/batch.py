@@ -26,7 +26,7 @@ from sim.batch.estimator import BatchEstimator, BatchWatch
 from sim.batch.fleet import Fleet
 from sim.batch.kernel import Array, Index
 from sim.batch.stages import BatchStage, Numpy, Stages, columns
-from sim.runs import CONFIRM_S, SETTLED_M, sought
+from sim.runs import CONFIRM_S, SETTLED_M, Effort, sought
 from sim.world import World
 
 STEADY_FROM_S = STEADY_S - ROUNDING_S
@@ -39,6 +39,7 @@ class Flights(NamedTuple):
     max_m: Array
     settle_s: Array
     """nan where it never settled."""
+    effort_rad_s: Array
     saturated: Array
     lyapunov_start: Array
     lyapunov_floor: Array
@@ -69,6 +70,7 @@ class Marks:
         self._thrusts = vehicle.thrust_min_n, vehicle.thrust_max_n
         self._margin, self._b_hat = np.full(count, np.inf), np.zeros(count)
         self._v: list[Array] = []
+        self._effort, self._efforts, self._steady = Effort(), np.zeros(count), 0
 
     def mark_failed(self, who: Any) -> None:
         """These flights have failed."""
@@ -81,6 +83,10 @@ class Marks:
         if time_s >= SATURATION_FROM_S:
             self._saturated += decision.saturated
             self._late += 1
+        square = self._effort.square(time_s, decision.drive.rates)
+        if time_s >= STEADY_FROM_S:
+            self._efforts += square
+            self._steady += 1
         x, y, z = seen.b_hat
         self._b_hat = np.maximum(self._b_hat, x * x + y * y + z * z)
         if 0.0 < time_s < STEADY_FROM_S:
@@ -119,6 +125,7 @@ class Marks:
             rms_m=np.sqrt(self._squares / max(self._steps, 1)) + nan,
             max_m=self._max + nan,
             settle_s=settled + nan,
+            effort_rad_s=np.sqrt(self._efforts / max(self._steady, 1)) + nan,
             saturated=self._saturated / max(self._late, 1),
             lyapunov_start=self._v[0],
             lyapunov_floor=floor + nan,

@@ -33,6 +33,7 @@ from groundstation.core.estimation import (
     predict_effectiveness,
     update_covariance,
     update_effectiveness,
+    widen_covariance,
 )
 from groundstation.core.geometry import Ops, Real, Vec3
 from groundstation.core.messages import Decision, Estimate
@@ -149,8 +150,9 @@ class BatchEstimator:
         dt = stamp - old.stamp
         model = self._at(old, dt)
         expected = predict_covariance(old.covariance, dt, self._densities)
-        gain, covariance = update_covariance(expected, noise)
         step = innovation(position, model.position)
+        expected = widen_covariance(ops, expected, noise, step)
+        gain, covariance = update_covariance(expected, noise)
         rate = old.rate
         now = correct(old.disturbance, dt, rate)
         e = old.effectiveness
@@ -206,7 +208,8 @@ class BatchEstimator:
         """The motion ``h`` [s] after the newest pose; commands have been rolled until then."""
         north, east, down = old.disturbance
         mass: Any = self._vehicle.mass_kg / old.effectiveness.value
-        return integrate_motion(old.motion, old.driven, h, mass, (north, east, down + self._gains.gravity), old.rate)
+        other = (north, east, down + self._gains.gravity)
+        return integrate_motion(old.motion, old.driven, h, mass, other, old.rate, self._vehicle.drag_per_s)
 
     def _measure_noise(self, ops: Ops, old: Filtered, stamp: Any, position: Any) -> Any:
         """As :meth:`ModelEstimator._measure_noise`."""

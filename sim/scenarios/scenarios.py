@@ -170,6 +170,7 @@ _TOLD_QUAD1KG = Vehicle(
     thrust_min_n=0.5,
     thrust_lag_s=0.030,
     rate_lag_s=0.020,
+    drag_per_s=0.998,  # what `groundstation identify` finds on an excitation flight of it
     frame_period_s=0.010,
     size_m=0.8,
 )
@@ -462,6 +463,7 @@ def world_of(air: World, told: Config) -> World:
         command_delay_s=vehicle.command_delay_s,
         thrust_delay_s=vehicle.thrust_delay_s,
         rate_delay_s=vehicle.rate_delay_s,
+        drag_per_s=vehicle.drag_per_s or air.drag_per_s,
         frame_period_s=vehicle.frame_period_s,
     )
 

@@ -4,7 +4,7 @@ TYPE_CHECKING = False
 if TYPE_CHECKING:
     from groundstation.core.control.adaptive import Adaptive, Gains, Uncompensated, bound_decrease
     from groundstation.core.control.attitude import acceleration, half_angle_error, length, push, sine_error, turning
-    from groundstation.core.control.backstepping import Law, backstep, yaw_rate
+    from groundstation.core.control.backstepping import Law, LawState, backstep, yaw_rate
     from groundstation.core.control.bring_down import OFF, plan_bring_down
     from groundstation.core.control.certificate import (
         LASTING_S,
@@ -24,7 +24,7 @@ if TYPE_CHECKING:
 _MODULES = {
     "adaptive": ("Adaptive", "Gains", "Uncompensated", "bound_decrease"),
     "attitude": ("acceleration", "half_angle_error", "length", "push", "sine_error", "turning"),
-    "backstepping": ("Law", "backstep", "yaw_rate"),
+    "backstepping": ("Law", "LawState", "backstep", "yaw_rate"),
     "bring_down": ("OFF", "plan_bring_down"),
     "certificate": (
         "CertificateMonitor",

@@ -150,7 +150,8 @@ class GeometricController:
         """One command; see the port."""
         gains, motion = self._gains, estimate.motion
         kx, kv, ki, c1 = gains.k_position, gains.k_velocity, gains.k_integral, gains.coupling
-        now = acceleration(motion, estimate.disturbance, self._vehicle.mass_kg / estimate.effectiveness, gains.gravity)
+        mass, drag = self._vehicle.mass_kg / estimate.effectiveness, self._vehicle.drag_per_s
+        now = acceleration(motion, estimate.disturbance, mass, gains.gravity, drag)
         # The integral stands still while the command is clamped, so that it does not wind up.
         dt = 0.0 if self._saturated else interval_s
         feedback: list[float] = []
@@ -226,7 +227,8 @@ class PidController:
     def decide(self, estimate: Estimate, reference: Reference, interval_s: float) -> Decision:
         """One command; see the port."""
         gains, motion = self._gains, estimate.motion
-        now = acceleration(motion, estimate.disturbance, self._vehicle.mass_kg / estimate.effectiveness, gains.gravity)
+        mass, drag = self._vehicle.mass_kg / estimate.effectiveness, self._vehicle.drag_per_s
+        now = acceleration(motion, estimate.disturbance, mass, gains.gravity, drag)
         goal = self._velocity(motion.position, reference)
         error = (goal[0] - motion.velocity[0], goal[1] - motion.velocity[1], goal[2] - motion.velocity[2])
         feed, integral = reference.acceleration_ned, self._integral
@@ -334,7 +336,7 @@ class IndiController:
     def _filter(self, estimate: Estimate, interval: float) -> tuple[Vec3, Vec3]:
         """Acceleration and push (T/m) R e3 [m/s², NED], both through the same first-order filter."""
         motion, mass = estimate.motion, self._vehicle.mass_kg / estimate.effectiveness
-        now = acceleration(motion, estimate.disturbance, mass, self._gains.gravity)
+        now = acceleration(motion, estimate.disturbance, mass, self._gains.gravity, self._vehicle.drag_per_s)
         x, y, z = third_column(motion.attitude)
         f = motion.thrust / mass
         given: Vec3 = (f * x, f * y, f * z)

@@ -28,6 +28,7 @@ if TYPE_CHECKING:
         update_covariance,
         update_effectiveness,
         update_moving_covariance,
+        widen_covariance,
     )
 
 _MODULES = {
@@ -57,6 +58,7 @@ _MODULES = {
         "update_covariance",
         "update_effectiveness",
         "update_moving_covariance",
+        "widen_covariance",
     ),
 }
 

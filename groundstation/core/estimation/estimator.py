@@ -26,6 +26,7 @@ from groundstation.core.estimation.observer import (
     update_covariance,
     update_effectiveness,
     update_moving_covariance,
+    widen_covariance,
 )
 from groundstation.core.geometry import FLOATS, Vec3
 from groundstation.core.messages import Estimate, Pose
@@ -57,7 +58,7 @@ class Estimation(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_field
     """Roll the estimate forward from the pose's time stamp to the instant the command acts."""
     observer: Literal["model", "backward_euler"] = "model"
     """Velocity from a model-based observer, or from the paper's backward difference of positions."""
-    attitude_gain: Annotated[float, msgspec.Meta(gt=0.0, le=1.0)] = 1.0
+    attitude_gain: Annotated[float, msgspec.Meta(gt=0.0, le=1.0)] = 0.3
     """How much of a pose's attitude is believed against the model's [-]; 1 takes the measurement."""
     pose_noise_m: Positive = 0.0003
     """Position noise to begin with, 1σ per axis [m]; then measured in flight."""
@@ -65,11 +66,11 @@ class Estimation(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_field
     """Velocity noise of a source that measures velocity, 1σ per axis [m/s]; PX4's own figure outdoors is 0.1."""
     position_wander: NonNegative = 0.2
     """How the position of such a source wanders against its velocity [m/√s]; PX4 on simulated GPS: 0.18."""
-    acceleration_noise: Positive = 0.01
+    acceleration_noise: Positive = 0.007
     """What the model's acceleration may do from one instant to the next [m/s² per √Hz]."""
     wind_noise: Positive = 0.1
     """How the disturbance may jump [m/s³ per √Hz]: turbulence of 0.2 m/s² RMS and 2.6 s has 0.18."""
-    wind_rate_noise: Positive = 1.7
+    wind_rate_noise: Positive = 0.8
     """How its rate may jump [m/s⁴ per √Hz]: larger follows gusts faster and takes more noise for wind."""
 
     effectiveness_deviation: NonNegative = 0.15
@@ -126,6 +127,7 @@ class ModelEstimator:
         """How far the newest pose was from where the model had the vehicle [m]."""
         self._thrust_lag = vehicle.thrust_lag_s
         self._rate_lag = vehicle.rate_lag_s
+        self._drag = vehicle.drag_per_s
         white = (gains.acceleration_noise**2, gains.wind_noise**2, gains.wind_rate_noise**2)
         self._still, self._moving = Densities(0.0, *white), Densities(gains.position_wander**2, *white)
         self._noise = gains.pose_noise_m**2
@@ -253,8 +255,9 @@ class ModelEstimator:
             )
         densities = self._still if pose.velocity_ned is None else self._moving
         expected, noise = predict_covariance(self._covariance, dt, densities), self._noise
-        gain, self._covariance = update_covariance(expected, noise)
         step = innovation(pose.position_ned, model.position)
+        expected = widen_covariance(FLOATS, expected, noise, step)
+        gain, self._covariance = update_covariance(expected, noise)
         self.diverged_m = math.sqrt(step[0] * step[0] + step[1] * step[1] + step[2] * step[2])
         disturbance = correct(self._disturbance, dt, self._disturbance_rate)
         chain = self._correct(model.position, model.velocity, disturbance, gain, step, expected.pp + noise)
@@ -363,4 +366,4 @@ class ModelEstimator:
         """``motion`` of the newest pose ``h`` [s] later, after commands that did what ``given`` says."""
         x, y, z = self._disturbance
         mass = self._mass / self._effectiveness.value
-        return integrate_motion(motion, given, h, mass, (x, y, z + self._gravity), self._disturbance_rate)
+        return integrate_motion(motion, given, h, mass, (x, y, z + self._gravity), self._disturbance_rate, self._drag)
