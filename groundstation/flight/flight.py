@@ -340,6 +340,7 @@ class Flight:
         self.witness.attitude(told)
         self._latency.attitude(told)
         self._progress.heard_s = asyncio.get_running_loop().time()
+        self._progress.attitude(told)
 
     def _doubts(self, now_s: float) -> bool | None:
         """Whether the autopilot's own attitude disagrees with the poses; None where it tells none."""

@@ -270,8 +270,9 @@ def from_floor(world: World, config: Config, figure_s: float | None) -> tuple[Wo
     """The same vehicle on the floor below where it would be let go, and told to fly ``figure_s`` [s]."""
     north, east, _ = world.start_ned
     flight = msgspec.structs.replace(config.flight, start="floor", idle_thrust=0.0, duration_s=figure_s)
+    place, trembles = (north, east, world.floor_z_m), config.takeoff.nudge
     return (
-        msgspec.structs.replace(world, start_ned=(north, east, world.floor_z_m), start_thrust=0.0, ground_effect=True),
+        msgspec.structs.replace(world, start_ned=place, start_thrust=0.0, ground_effect=True, trembles=trembles),
         msgspec.structs.replace(config, flight=flight),
     )
 

@@ -189,6 +189,8 @@ class World(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=Tru
     """How long the floor holds its place while it gathers speed upwards [s]; ArduPilot's SITL: 0.6."""
     ground_effect: bool = False
     """Whether thrust grows near the floor; flights that begin on the floor have it."""
+    trembles: bool = False
+    """Whether it trembles on its legs as its rotors push; flights that begin on the floor with takeoff.nudge do."""
     rotor_radius_m: Positive = 0.035
     """Of one rotor [m]: by it the ground effect fades with height."""
     step_s: Annotated[float, msgspec.Meta(gt=0.0, le=0.0025)] = 0.0025

@@ -2,6 +2,7 @@
 
 import asyncio
 import math
+import random
 from collections.abc import Callable, Sequence
 
 import pytest
@@ -47,9 +48,17 @@ class Flown:
     """How high and how fast it was, by the truth, and what ended it."""
 
     def __init__(
-        self, mission: MissionResult, highest_m: float, fastest_m_s: float, most_n: float, after_s: float
+        self,
+        mission: MissionResult,
+        highest_m: float,
+        fastest_m_s: float,
+        most_n: float,
+        after_s: float,
+        told: list[str],
     ) -> None:
         self.mission = mission
+        self.told = told
+        """The lines for the operator."""
         self.highest_m, self.fastest_m_s = highest_m, fastest_m_s
         self.most_n = most_n
         """Largest thrust told [N]."""
@@ -95,8 +104,9 @@ def spool_up(
         if beside is not None:
             beside.cancel()
 
-    mission = fly_mission(world, config, seed=seed, script=script)
-    return Flown(mission, seen["high"], seen["fast"], seen["most"], seen["near"])
+    lines = list[str]()
+    mission = fly_mission(world, config, seed=seed, script=script, on_event=lines.append)
+    return Flown(mission, seen["high"], seen["fast"], seen["most"], seen["near"], lines)
 
 
 def _before(state: State) -> list[State]:
@@ -107,6 +117,16 @@ def _before(state: State) -> list[State]:
 def resting(ours: TrackedBody, _: float) -> TrackedBody:
     """Another body, which rests on the floor two metres aside."""
     return ours._replace(position_ned=(1.2, 1.2, 1.0 + 1e-4 * hash(ours.position_ned) / 2**63), attitude=so3.IDENTITY)
+
+
+def resting_with_noise(ours: TrackedBody, at_s: float) -> TrackedBody:
+    """The same, as a tracker with noise shows it."""
+    draw = random.Random(at_s)
+    x, y, z, *turn = (draw.gauss(0.0, 1.0) for _ in range(6))
+    place = (1.2 + 3e-4 * x, 1.2 + 3e-4 * y, 1.0 + 3e-4 * z)
+    return ours._replace(
+        position_ned=place, attitude=so3.rotate(so3.IDENTITY, (2e-3 * turn[0], 2e-3 * turn[1], 2e-3 * turn[2]))
+    )
 
 
 @pytest.mark.parametrize("link", ["mavlink", "dsm"])
@@ -287,3 +307,51 @@ def test_a_floor_that_lets_go_late_as_ardupilot_s_simulator_s_does_is_left_smoot
     start, fault = start_of("quad1kg", *OWN, *late, seed=seed, source="odometry", autopilot="ardupilot")
     assert not fault
     ensure_smooth(start)
+
+
+NUDGE = ("takeoff.nudge=true", "gate.drop_frozen=false")
+
+
+@pytest.mark.parametrize("link", ["mavlink", "dsm"])
+@pytest.mark.parametrize("scenario", ["paper", "quad1kg"])
+def test_a_vehicle_whose_own_poses_tremble_under_a_nudge_lifts_off(scenario: str, link: str) -> None:
+    flown = spool_up(scenario, *NUDGE, link=link)
+    assert not flown.mission.fault
+    assert "hold" in [one.state for one in flown.mission.states]
+    assert any("its poses tremble as its rotors push" in line for line in flown.told)
+
+
+@pytest.mark.parametrize("link", ["mavlink", "dsm"])
+@pytest.mark.parametrize("scenario", ["paper", "quad1kg"])
+@pytest.mark.parametrize("wrong", [(), ("sim.thrust_gain=1.25",)])
+def test_another_body_s_poses_do_not_tremble_under_a_nudge_and_nothing_leaves_the_floor(
+    scenario: str, link: str, wrong: tuple[str, ...]
+) -> None:
+    flown = spool_up(scenario, *NUDGE, *wrong, picture=resting_with_noise, link=link)
+    assert "its poses do not tremble" in flown.mission.fault
+    assert ("as its gyros do" in flown.mission.fault) is (link == "mavlink")
+    assert flown.highest_m == 0.0
+    assert flown.most_n <= 0.301 * SCENARIOS[scenario].told.mass_kg * 9.81
+    assert [one.state for one in flown.mission.states][-2:] == ["disarming", "landed"]
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_poses_too_noisy_to_show_a_nudge_are_no_other_body_s(seed: int) -> None:
+    flown = spool_up("storm", *NUDGE, seed=seed)
+    assert not flown.mission.fault
+    assert any("nudged, no verdict" in line and "mm of noise show none" in line for line in flown.told)
+
+
+def test_without_the_key_nothing_is_told_below_the_spool_up() -> None:
+    flown = spool_up("paper", "gate.drop_frozen=false", picture=resting_with_noise)
+    assert not any("nudge" in line for line in flown.told)
+    assert "is this the right body, is the mass right?" in flown.mission.fault
+
+
+def test_an_ardupilot_in_guided_is_not_nudged_as_any_thrust_would_take_it_off() -> None:
+    world, config = prepare(SCENARIOS["quad1kg"], list(NUDGE))
+    world, config = from_floor(world, config, 2.0)
+    lines = list[str]()
+    flown = fly_mission(world, config, seed=0, autopilot="ardupilot", on_event=lines.append)
+    assert not flown.fault
+    assert any("no nudge: ArduPilot" in line for line in lines)

@@ -9,7 +9,9 @@ if TYPE_CHECKING:
     from groundstation.core.safety.obedience import NODE_S, STILL_SUSPECTS, Obedience, PoseEvidence
     from groundstation.core.safety.pose_latency import PoseLatency
     from groundstation.core.safety.takeoff import (
+        NUDGE_SHARE,
         WANDERING_M,
+        Nudge,
         Spool,
         SpoolUp,
         StandingPoses,
@@ -27,7 +29,17 @@ _MODULES = {
     "live_gains": ("LIVE", "LiveGains", "PREFIX", "RAMP_S", "STEP_FACTOR"),
     "obedience": ("NODE_S", "Obedience", "PoseEvidence", "STILL_SUSPECTS"),
     "pose_latency": ("PoseLatency",),
-    "takeoff": ("Spool", "SpoolUp", "StandingPoses", "TakeoffConfig", "WANDERING_M", "limit_n", "usual_limit_n"),
+    "takeoff": (
+        "NUDGE_SHARE",
+        "Nudge",
+        "Spool",
+        "SpoolUp",
+        "StandingPoses",
+        "TakeoffConfig",
+        "WANDERING_M",
+        "limit_n",
+        "usual_limit_n",
+    ),
     "touchdown": ("CERTAIN_S", "Hover", "LandingConfig", "Touchdown"),
     "witness": ("ASKEW_DEG", "Agreement", "Witness"),
 }
