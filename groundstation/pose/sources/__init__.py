@@ -8,9 +8,8 @@ from groundstation.pose.sources import vicon_codec as vicon_codec
 
 TYPE_CHECKING = False
 if TYPE_CHECKING:
-    from groundstation.pose.sources.datagram import cannot_listen, join, send_by
+    from groundstation.pose.sources.datagram import JsonConfig, cannot_listen, join, send_by
     from groundstation.pose.sources.intake import Intake, Reader
-    from groundstation.pose.sources.json import JsonConfig
     from groundstation.pose.sources.json_codec import JsonReader
     from groundstation.pose.sources.libmotioncapture import LibmotioncaptureConfig
     from groundstation.pose.sources.mavlink import MavlinkPoseConfig, MavlinkPoseSource, VisionConfig
@@ -29,9 +28,8 @@ if TYPE_CHECKING:
     from groundstation.pose.sources.vicon_codec import ViconReader
 
 _MODULES = {
-    "datagram": ("cannot_listen", "join", "send_by"),
+    "datagram": ("JsonConfig", "cannot_listen", "join", "send_by"),
     "intake": ("Intake", "Reader"),
-    "json": ("JsonConfig",),
     "json_codec": ("JsonReader",),
     "libmotioncapture": ("LibmotioncaptureConfig",),
     "mavlink": ("MavlinkPoseConfig", "MavlinkPoseSource", "VisionConfig"),
