@@ -45,7 +45,7 @@ class Fall(msgspec.Struct, frozen=True, kw_only=True):
     """Sideways, from the place of the cut to that where it rests."""
 
 
-class _Broken(Exception):
+class _ControllerFailure(Exception):
     """What the controller of a flight with the cause ``controller`` dies of."""
 
 
@@ -64,7 +64,7 @@ async def _cut(scenario: str, cause: str, at_s: float, seed: int, overrides: lis
 
     def watch(tick: Tick) -> None:
         if cause == "controller" and tick.flight_time_s >= at_s:
-            raise _Broken
+            raise _ControllerFailure
 
     stage = Stage(world, config, seed, step)
     flight = make_flight(config, confirm=confirm_at(CONFIRM_S), on_tick=watch)

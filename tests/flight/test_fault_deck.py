@@ -14,12 +14,9 @@ from links.mavlink.protocol import MavlinkCodec
 from sim.__main__ import main
 from sim.scenarios import SCENARIOS, prepare
 from sim.world import Quadrotor, SimulatedVehicle, Wind, World
-from tests.proving.faults import deal_cells, quick, text
-from tests.proving.faults.cells import fly_together
-from tests.proving.faults.cells.cell import fly_cell
-from tests.proving.faults.deck import FAULTS, MOMENTS, pictures
-from tests.proving.faults.judge import Thrust, Wire
-from tests.proving.faults.judge.verdict import TOUCHDOWN_M_S
+from tests.proving.faults import FAULTS, MOMENTS, deal_cells, fly_together, pictures, quick, text
+from tests.proving.faults.cell import fly_cell
+from tests.proving.faults.judge import TOUCHDOWN_M_S, Thrust, WireJudge
 from tests.proving.faults.table import page
 
 STATION, VEHICLE = ("127.0.0.1", 14540), ("127.0.0.1", 49152)
@@ -156,7 +153,7 @@ def test_the_quick_deck_has_every_fault_of_virtual_time_and_every_state() -> Non
 def judged(time_s: float, thrust: float, rates: tuple[float, float, float] = (0.0, 0.0, 0.0)) -> str:
     """What is wrong with a frame that leaves at ``time_s``, where one command was made with its deadline at 1 s."""
     _, config = prepare(SCENARIOS["paper"], [])
-    wire = Wire(config, Thrust(0.8, lambda time_s, signal: signal, 0.3))
+    wire = WireJudge(config, Thrust(0.8, lambda time_s, signal: signal, 0.3))
     parts = (Segment(0.5, 0.6, (0.1, 0.0, 0.0)), Segment(0.1, 0.0, (0.0, 0.0, 0.0)))
     wire.record(IdleRecord(0.75, 0.8, Command(0.8, (0.0, 0.0, 0.0), 0, 0.75, 1.0, parts)))
     frame = MavlinkCodec(245, 190).attitude_target(time_s, 1, 1, 0.5, (0.0, 0.0, 0.0))

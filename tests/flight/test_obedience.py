@@ -18,11 +18,9 @@ from sim.runs import RECORDING, from_floor
 from sim.runs.simulation import RunFolder
 from sim.scenarios import SCENARIOS, prepare
 from sim.time import VirtualTimeLoop
-from tests.proving.faults.cells import fly_here
-from tests.proving.faults.cells.cell import FIGURE_S, NEAR
-from tests.proving.faults.deck import FAULTS
-from tests.proving.faults.judge import Row
-from tests.proving.faults.judge.verdict import CONVICTED, FASTEST_M_S, SIDEWAYS_M
+from tests.proving.faults import FAULTS, Row, fly_here
+from tests.proving.faults.cell import FIGURE_S, NEAR
+from tests.proving.faults.judge import CONVICTED, FASTEST_M_S, SIDEWAYS_M
 
 EXCITED_MS, CALM_MS = 400.0, 1100.0
 """So soon a picture that stands still is found out: where a course excites the vehicle, and in a calm hold."""

@@ -49,7 +49,7 @@ from sim.scenarios import SCENARIOS, prepare, scenario_of
 from sim.studies import check_markers, put_between_markers
 from sim.trackers import Tracker
 from sim.world import rows, stream
-from tests.proving.faults.deck import Meddler, Struck, still
+from tests.proving.faults import Meddler, Struck, still
 
 KINDS = PoseEvidence._fields
 """What may speak against the poses."""

@@ -16,9 +16,7 @@ from sim.scenarios import scenario_of
 def faults(args: argparse.Namespace) -> int:
     """Break one thing in every state of a mission."""
     from sim.cli import ProgressBar
-    from tests.proving.faults import deal_cells, fly_all, pick_worst, quick, text, write
-    from tests.proving.faults.deck import FAULTS, MOMENTS
-    from tests.proving.faults.judge import Row
+    from tests.proving.faults import FAULTS, MOMENTS, Row, deal_cells, fly_all, pick_worst, quick, text, write
 
     scenario_of(args.scenario)
     for option, value, known in (("--fault", args.fault, FAULTS), ("--state", args.state, MOMENTS)):

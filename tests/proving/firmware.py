@@ -35,7 +35,7 @@ SEEDS = range(3)
 BEGIN, END = "<!-- firmware:begin -->", "<!-- firmware:end -->"
 
 
-class Struck(NamedTuple):
+class StrikeOutcome(NamedTuple):
     """What came of a strike in flight."""
 
     motors: list[tuple[float, FourRotors]]
@@ -49,10 +49,10 @@ class Struck(NamedTuple):
         return max(time_s for time_s, signals in self.motors if any(signals))
 
 
-def strike_down(strike: Callable[[Stage], None], link: str) -> Struck:
+def strike_down(strike: Callable[[Stage], None], link: str) -> StrikeOutcome:
     """Fly until tracking has lasted half a second, have ``strike`` fall, and look at the motors."""
 
-    async def watch() -> Struck:
+    async def watch() -> StrikeOutcome:
         motors: list[tuple[float, FourRotors]] = []
         loop = asyncio.get_running_loop()
         stage = Stage(world, config, 0, autopilot=BETAFLIGHT)
@@ -69,7 +69,7 @@ def strike_down(strike: Callable[[Stage], None], link: str) -> Struck:
         for task in running:
             task.cancel()
         await asyncio.gather(*running, return_exceptions=True)
-        return Struck(motors, stage.plant.hardest_m_s)
+        return StrikeOutcome(motors, stage.plant.hardest_m_s)
 
     world, config = prepare(by_betaflight(SCENARIOS["paper"]), list(SHORT), link=link)
     world, config = from_floor(world, config, 30.0)

@@ -19,9 +19,7 @@ from groundstation.runtime import RecordingConfig, free_name, list_recordings, t
 from sim.scenarios import SCENARIOS, prepare
 from sim.time import VirtualTimeLoop
 from tests.proving.bench import look
-from tests.proving.faults.cells import NotReached, fly_here
-from tests.proving.faults.deck import BROKEN, STATES, Fault, Scene
-from tests.proving.faults.judge import Row
+from tests.proving.faults import BROKEN, STATES, Fault, NotReached, Row, Scene, fly_here
 
 FAULTY_SHARE = 0.4
 """So many of the flights are struck by a fault, which is drawn, as is the state that it strikes in."""

@@ -7,10 +7,9 @@ import pytest
 from groundstation.core.geometry import Vec3, so3
 from sim.scenarios import SCENARIOS, prepare
 from sim.world import Body, Quadrotor, Wind
-from tests.proving.faults import deal_cells
-from tests.proving.faults.deck import FAULTS, MOMENTS, REASONS, Exemption, Fault, Poses
-from tests.proving.faults.deck.faults import FROM_START, OBEYING
-from tests.proving.faults.judge import LIMITS, Answer, Row, Thrust, Truth, judged
+from tests.proving.faults import FAULTS, MOMENTS, REASONS, Exemption, Fault, Poses, Row, deal_cells
+from tests.proving.faults.faults import FROM_START, OBEYING
+from tests.proving.faults.judge import LIMITS, Answer, Thrust, Truth, judged
 from tests.proving.faults.table import page
 
 FALSE = Fault("made up", poses=Poses.FALSE)

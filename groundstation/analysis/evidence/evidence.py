@@ -71,7 +71,7 @@ GAP = 3.0
 
 
 @dataclass(frozen=True)
-class RecordedFlight:
+class EvidenceFlight:
     """A flight as its recording has it, and what was known of its vehicle."""
 
     path: Path
@@ -91,7 +91,7 @@ class RecordedFlight:
         return bool(self.sent) and self.sent[0].attitude is not msgspec.UNSET
 
 
-def load_flight(path: Path) -> RecordedFlight:
+def load_flight(path: Path) -> EvidenceFlight:
     """The flight in the recording ``path``, ours or imported.
 
     Raises:
@@ -132,7 +132,7 @@ def load_flight(path: Path) -> RecordedFlight:
     hover = float(about["hover"]) if about.get("hover") else None
     told = msgspec.json.decode(about["vehicle_told"], type=MappedVehicle) if not ours else _told_by(config)
     source = about.get("source", "simulation" if about.get("scenario") else "our own")
-    return RecordedFlight(path, source, poses, flags, sent, hover, told, config)
+    return EvidenceFlight(path, source, poses, flags, sent, hover, told, config)
 
 
 def _told_by(config: Config | None) -> MappedVehicle:
@@ -227,7 +227,7 @@ def find_airborne(at_s: Column, place: Column, may_fly: Sequence[bool]) -> slice
 class DrivenFlight:
     """A flight with its commands as thrust and body rates, at the instants they left."""
 
-    flight: RecordedFlight
+    flight: EvidenceFlight
     air: slice
     at_s: Column
     place: Column
@@ -242,7 +242,7 @@ class DrivenFlight:
     """The autopilot's, where attitudes were commanded and were followed."""
 
 
-def drive_flight(flight: RecordedFlight) -> DrivenFlight:
+def drive_flight(flight: EvidenceFlight) -> DrivenFlight:
     """Find the part that flies, and what drives it there."""
     at_s = np.array([pose.time_s for pose in flight.poses])
     place = np.array([pose.position_ned for pose in flight.poses])
@@ -285,7 +285,7 @@ def _config(told: MappedVehicle, hover: float | None, sent: Sequence[SentSetPoin
 
 
 def _balance(
-    flight: RecordedFlight, at_s: Column, air: slice, sent: Sequence[SentSetPoint], shares: Sequence[float]
+    flight: EvidenceFlight, at_s: Column, air: slice, sent: Sequence[SentSetPoint], shares: Sequence[float]
 ) -> float | None:
     """The share that carries it on average, where it is never level and slow for long."""
     upright = [so3.third_column(pose.attitude)[2] for pose in flight.poses]
@@ -296,7 +296,7 @@ def _balance(
     return float((np.array(shares)[inside] * np.interp(times[inside], at_s, upright)).mean()) or None
 
 
-def _as_rates(flight: RecordedFlight, at_s: Column, air: slice) -> tuple[list[SentSetPoint], AttitudeLoop | None]:
+def _as_rates(flight: EvidenceFlight, at_s: Column, air: slice) -> tuple[list[SentSetPoint], AttitudeLoop | None]:
     """What was commanded as thrust and body rates, and the attitude loop where attitudes were."""
     sent = flight.sent
     if not sent:

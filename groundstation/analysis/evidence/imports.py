@@ -145,7 +145,7 @@ def read_flight(mapping: FlightMapping, paths: Sequence[Path]) -> ImportedFlight
     if mapping.format == "tlog":
         return _read_tlog(mapping, paths)
     tables = read_tables(mapping.format, paths)
-    reader = _Reader(mapping, tables)
+    reader = _MappingReader(mapping, tables)
     poses = reader.first(mapping.pose, reader.motion)
     if poses is None:
         held = ", ".join(sorted(tables)[:12]) or "nothing"
@@ -175,7 +175,7 @@ def read_flight(mapping: FlightMapping, paths: Sequence[Path]) -> ImportedFlight
     return flight
 
 
-def _add_commands(flight: ImportedFlight, reader: "_Reader", mapping: FlightMapping) -> None:
+def _add_commands(flight: ImportedFlight, reader: "_MappingReader", mapping: FlightMapping) -> None:
     commands = reader.first(mapping.command, reader.command)
     if commands is None:
         flight.missing.append("no commands in it: nothing is identified, prediction knows no thrust")
@@ -271,7 +271,7 @@ Commands = tuple[Column, Column, Column | None, Column | None, float | None]
 """Times (M,) [s], thrust (M,), rates (M, 3), attitudes (M, 4), hovering thrust."""
 
 
-class _Reader:
+class _MappingReader:
     """Takes parts of a mapping out of tables."""
 
     def __init__(self, mapping: FlightMapping, tables: Tables) -> None:

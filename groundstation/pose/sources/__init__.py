@@ -9,7 +9,7 @@ from groundstation.pose.sources import vicon_codec as vicon_codec
 TYPE_CHECKING = False
 if TYPE_CHECKING:
     from groundstation.pose.sources.datagram import JsonConfig, cannot_listen, join, send_by
-    from groundstation.pose.sources.intake import Intake, Reader
+    from groundstation.pose.sources.intake import DatagramReader, Intake
     from groundstation.pose.sources.json_codec import JsonReader
     from groundstation.pose.sources.libmotioncapture import LibmotioncaptureConfig
     from groundstation.pose.sources.mavlink import MavlinkPoseConfig, MavlinkPoseSource, VisionConfig
@@ -29,7 +29,7 @@ if TYPE_CHECKING:
 
 _MODULES = {
     "datagram": ("JsonConfig", "cannot_listen", "join", "send_by"),
-    "intake": ("Intake", "Reader"),
+    "intake": ("DatagramReader", "Intake"),
     "json_codec": ("JsonReader",),
     "libmotioncapture": ("LibmotioncaptureConfig",),
     "mavlink": ("MavlinkPoseConfig", "MavlinkPoseSource", "VisionConfig"),

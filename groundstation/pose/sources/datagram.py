@@ -14,7 +14,7 @@ import msgspec
 
 from groundstation.core.geometry import Alignment, Body, World, frames_of
 from groundstation.core.messages import Others, Pose, PoseStatus, SourceError
-from groundstation.pose.sources.intake import Intake, Reader
+from groundstation.pose.sources.intake import DatagramReader, Intake
 from groundstation.pose.sources.json_codec import MAX_NAME, JsonReader
 from links.io import beyond, parse_address
 
@@ -22,11 +22,11 @@ from links.io import beyond, parse_address
 class DatagramSource(asyncio.DatagramProtocol):
     """Implements :class:`groundstation.core.messages.pose.PoseSource` on one UDP socket."""
 
-    def __init__(self, what: str, listen: str, reader: Reader) -> None:
+    def __init__(self, what: str, listen: str, reader: DatagramReader) -> None:
         """``what`` comes to ``listen`` (host:port) names the poses for the operator; nothing is opened yet."""
         self._what = what
         self._listen = listen
-        self._reader: Reader = reader
+        self._reader: DatagramReader = reader
         self._loop: asyncio.AbstractEventLoop | None = None
         self._transport: asyncio.DatagramTransport | None = None
         self._deliver: Callable[[Pose], None] | None = None

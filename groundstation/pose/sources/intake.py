@@ -224,7 +224,7 @@ LATEST = 1e15
 _AVERAGED = 50
 
 
-class Reader(Protocol):
+class DatagramReader(Protocol):
     """Makes poses of the datagrams of one source. No bytes make it raise."""
 
     @property

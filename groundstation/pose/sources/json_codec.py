@@ -81,7 +81,7 @@ def decode(datagram: bytes) -> list[JsonPose] | str:
 
 
 class JsonReader:
-    """Poses of one body: implements :class:`groundstation.pose.sources.intake.Reader`."""
+    """Poses of one body: implements :class:`groundstation.pose.sources.intake.DatagramReader`."""
 
     def __init__(self, name: str, intake: Intake, frames: Intake) -> None:
         """Look for the body ``name``; ``intake`` takes stamps in seconds, ``frames`` frame numbers."""

@@ -153,7 +153,7 @@ def encode_vision(codec: MavlinkCodec, vision: VisionEstimate, resets: int = 0) 
 
 
 class VisionReader:
-    """Implements :class:`groundstation.pose.sources.intake.Reader`."""
+    """Implements :class:`groundstation.pose.sources.intake.DatagramReader`."""
 
     def __init__(self, intake: Intake, system_id: int | None = None) -> None:
         """Read the messages of MAVLink system ``system_id``; None: whoever sends any."""

@@ -367,7 +367,7 @@ MAX_NAMES = 256
 class NatNetReader:
     """One client of a NatNet server: what it sends to be streamed to, and the poses of one body.
 
-    Implements :class:`groundstation.pose.sources.intake.Reader`; :meth:`due` gives what must be sent.
+    Implements :class:`groundstation.pose.sources.intake.DatagramReader`; :meth:`due` gives what must be sent.
     """
 
     def __init__(self, name: str, intake: Intake, *, body_id: int | None = None, keep_alive: bool = True) -> None:

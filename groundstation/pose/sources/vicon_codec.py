@@ -206,7 +206,7 @@ def euler_xyz_from_quaternion(attitude: Quat) -> Vec3:
 
 
 class ViconReader:
-    """Implements :class:`groundstation.pose.sources.intake.Reader`.
+    """Implements :class:`groundstation.pose.sources.intake.DatagramReader`.
 
     The datagrams hold no time, but frames come at a steady rate: their numbers are the clock.
     """

@@ -2,10 +2,23 @@
 
 TYPE_CHECKING = False
 if TYPE_CHECKING:
+    from tests.proving.faults.cell import NotReached, fly_here, fly_together
     from tests.proving.faults.deal import deal_cells, fly_all, pick_worst, quick
+    from tests.proving.faults.fault import MOMENTS, REASONS, Exemption, Fault, Meddler, Poses, Scene
+    from tests.proving.faults.faults import BROKEN, FAULTS, STATES
+    from tests.proving.faults.judge import Row
+    from tests.proving.faults.pictures import Struck, still
     from tests.proving.faults.table import text, write
 
-_MODULES = {"deal": ("deal_cells", "fly_all", "pick_worst", "quick"), "table": ("text", "write")}
+_MODULES = {
+    "cell": ("NotReached", "fly_here", "fly_together"),
+    "deal": ("deal_cells", "fly_all", "pick_worst", "quick"),
+    "fault": ("Exemption", "Fault", "MOMENTS", "Meddler", "Poses", "REASONS", "Scene"),
+    "faults": ("BROKEN", "FAULTS", "STATES"),
+    "judge": ("Row",),
+    "pictures": ("Struck", "still"),
+    "table": ("text", "write"),
+}
 
 
 def __getattr__(name: str) -> object:

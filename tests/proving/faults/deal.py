@@ -7,8 +7,8 @@ from collections.abc import Callable, Sequence
 
 import msgspec
 
-from tests.proving.faults.cells import fly_together
-from tests.proving.faults.deck import FAULTS, STATES
+from tests.proving.faults.cell import fly_together
+from tests.proving.faults.faults import FAULTS, STATES
 from tests.proving.faults.judge import Row
 
 SPREAD = ("tracking", "hold", "take-off", "landing", "returning", "descent")

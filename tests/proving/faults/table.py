@@ -4,8 +4,9 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from groundstation.config import ConfigError
-from tests.proving.faults.cells import AUTOPILOT
-from tests.proving.faults.deck import FAULTS, REASONS
+from tests.proving.faults.cell import AUTOPILOT
+from tests.proving.faults.fault import REASONS
+from tests.proving.faults.faults import FAULTS
 from tests.proving.faults.judge import LIMITS, Row
 
 HEAD = """# What a fault leads to

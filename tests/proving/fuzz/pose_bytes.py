@@ -9,6 +9,7 @@ from typing import NamedTuple
 from groundstation.core.geometry import frames_of, so3
 from groundstation.core.messages import Pose, PoseStatus
 from groundstation.pose.sources import (
+    DatagramReader,
     Intake,
     JsonConfig,
     JsonReader,
@@ -19,7 +20,6 @@ from groundstation.pose.sources import (
     PoseDecoder,
     QualisysConfig,
     QualisysReader,
-    Reader,
     ViconConfig,
     ViconReader,
     VisionConfig,
@@ -36,7 +36,7 @@ PERIOD_S = 0.01
 class PoseFlight(NamedTuple):
     """One source's reader and what it is to read."""
 
-    reader: Reader
+    reader: DatagramReader
     datagrams: list[bytes]
     """One every ``PERIOD_S``; handshakes come before."""
 

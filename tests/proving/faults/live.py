@@ -2,14 +2,18 @@
 
 The simulated vehicle is in this process, on the machine's own network, or at the end of a pseudo-terminal. The judge
 reads what the flight tells of itself: what it answered to the fault, and what went wrong.
+
+The broker takes all and passes nothing on: enough to be there, and then to be gone. MQTT 5.0: a CONNACK for each
+CONNECT, a PUBACK for each PUBLISH with QoS 1, a PINGRESP for each PINGREQ.
 """
 
 import asyncio
 import contextlib
 import math
+import os
 import signal
 import tempfile
-from collections.abc import Callable, Sequence
+from collections.abc import Awaitable, Callable, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -19,18 +23,235 @@ from groundstation.config import dump
 from groundstation.core.mission import FINAL, State
 from groundstation.interfaces.api import snapshots
 from groundstation.runtime import ApiError
+from groundstation.settings import Config
 from links.bridge import BridgeConfig
 from links.core import make_child_command
 from links.io import make_key
+from links.rf import Channels, RfLinkConfig
 from sim.radio import FAILSAFE_S, PtyWire, module
 from sim.runs import Stage, from_floor
 from sim.scenarios import SCENARIOS, prepare
 from sim.world import World
-from tests.proving.faults.cells import AUTOPILOT, LANDS, LOOK_S, STILL_SHARE, hover_n, not_struck
-from tests.proving.faults.deck import FAULTS, MOMENTS, Fault, Moves
-from tests.proving.faults.judge import LIFTS, Answer, Row, Thrust, Truth, exempted, judged
-from tests.proving.faults.live.broker import Broker
-from tests.proving.faults.live.scene import STRIKES, LiveScene
+from tests.proving.faults.cell import AUTOPILOT, LANDS, LOOK_S, STILL_SHARE, hover_n, not_struck
+from tests.proving.faults.fault import MOMENTS, Fault, Moves
+from tests.proving.faults.faults import FAULTS
+from tests.proving.faults.judge import LIFTS, Answer, Row, Thrust, Truth, exempted, judged, set_point
+
+CONNECT, PUBLISH, PINGREQ = 1, 3, 12
+CONNACK = b"\x20\x03\x00\x00\x00"
+PINGRESP = b"\xd0\x00"
+
+
+class Broker:
+    """Listens on a free port of this machine."""
+
+    def __init__(self) -> None:
+        """Not yet."""
+        self.port = 0
+        self.published = 0
+        """How many messages have come."""
+        self._server: asyncio.Server | None = None
+        self._writers: list[asyncio.StreamWriter] = []
+
+    async def open(self) -> None:
+        """Begin to listen."""
+        self._server = await asyncio.start_server(self._serve, "127.0.0.1", 0)
+        self.port = self._server.sockets[0].getsockname()[1]
+
+    def kill(self) -> None:
+        """Be gone, with every connection."""
+        if self._server is not None:
+            self._server.close()
+            self._server = None
+        for writer in self._writers:
+            writer.transport.abort()
+        self._writers.clear()
+
+    async def _serve(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
+        self._writers.append(writer)
+        with contextlib.suppress(OSError, asyncio.IncompleteReadError):
+            while True:
+                head = (await reader.readexactly(1))[0]
+                body = await reader.readexactly(await _length(reader))
+                match head >> 4:
+                    case c if c == CONNECT:
+                        writer.write(CONNACK)
+                    case c if c == PUBLISH:
+                        self.published += 1
+                        if head >> 1 & 3:
+                            at = 2 + int.from_bytes(body[:2], "big")
+                            writer.write(b"\x40\x02" + body[at : at + 2])
+                    case c if c == PINGREQ:
+                        writer.write(PINGRESP)
+
+
+async def _length(reader: asyncio.StreamReader) -> int:
+    """The remaining length: seven bits a byte, the lowest first."""
+    value = shift = 0
+    while True:
+        byte = (await reader.readexactly(1))[0]
+        value |= (byte & 0x7F) << shift
+        shift += 7
+        if byte < 0x80:
+            return value
+
+
+PACER = "links.rf.pacer_child"
+"""What paces the frames of a radio, in a process of its own."""
+
+
+class LiveScene:
+    """One flight of it; the simulated vehicle is in this process."""
+
+    def __init__(
+        self, folder: Path, config: Config, stage: Stage, broker: Broker, moves: Moves, radio: RfLinkConfig | None
+    ) -> None:
+        """``radio`` is the module that the commands leave by, where there is one."""
+        self.folder, self.config, self.stage, self.broker, self.moves = folder, config, stage, broker, moves
+        self.station: asyncio.subprocess.Process
+        self.screen: asyncio.subprocess.Process | None = None
+        self.bridge: asyncio.subprocess.Process | None = None
+        """It has the radio module, where the station itself has none."""
+        self.log: list[str] = []
+        self.frames: list[tuple[float, float]] = []
+        """When, and thrust as a share."""
+        self.bytes_s: list[float] = []
+        """When anything came at all."""
+        self.finite = True
+        self._stopped: int | None = None
+        if radio is not None:
+            codec = radio.codec()
+            self._decoder = codec.decoder()
+            self._channels = Channels(radio.with_thrust_curve(0.0).map, count=codec.channels, thrust_max_n=1.0)
+
+    def heard_radio(self, time_s: float, data: bytes) -> None:
+        """Bytes for a radio module."""
+        for heard in self._decoder.feed(data):
+            if heard.positions is not None:
+                sticks = self._channels.read(heard.positions)
+                self.frames.append((time_s, sticks.thrust_n if sticks.armed else 0.0))
+
+    def has_heard(self, time_s: float, data: bytes) -> None:
+        """Bytes that have come from the station."""
+        self.bytes_s.append(time_s)
+        told = set_point(data)
+        if told is not None:
+            self.frames.append((time_s, told[0]))
+            self.finite = self.finite and math.isfinite(sum(told))
+
+    async def read(self) -> None:
+        """Follow what the station says."""
+        assert self.station.stderr is not None, "it is a pipe"
+        async for line in self.station.stderr:
+            text = line.decode(errors="replace").rstrip()
+            self.log.append(text)
+            # INFO 12.345 state: why
+            state, colon, reason = text.partition(" ")[2].partition(" ")[2].partition(": ")
+            if colon and state in tuple(State) and self.moves.state not in FINAL:  # then it makes ready for the next
+                self.moves.entered(State(state), reason)
+
+    async def serve_scene(self) -> None:
+        """Wait for its status socket."""
+        while True:
+            if (self.folder / "status.sock").exists():
+                return
+            await asyncio.sleep(0.05)
+
+    def child(self, module: str) -> int:
+        """The number of the process that runs ``module``, below the station or the bridge."""
+        parents = [process.pid for process in (self.station, self.bridge) if process is not None]
+        for parent in parents:  # grows by the children of each
+            for child in map(int, Path(f"/proc/{parent}/task/{parent}/children").read_text().split()):
+                if module.encode() in Path(f"/proc/{child}/cmdline").read_bytes().split(b"\0"):
+                    return child
+                parents.append(child)
+        raise RuntimeError(f"nobody runs {module}")
+
+    def stop(self, module: str) -> None:
+        """Have what runs ``module`` stand still."""
+        self._stopped = os.pidfd_open(self.child(module))
+        signal.pidfd_send_signal(self._stopped, signal.SIGSTOP)
+
+    async def end(self) -> None:
+        """Leave no process behind: what stands still would not hear that its station is gone."""
+        for process in (self.station, self.screen, self.bridge):
+            if process is not None and process.returncode is None:
+                process.kill()
+                await process.wait()
+        if self._stopped is not None:
+            with contextlib.suppress(ProcessLookupError):
+                signal.pidfd_send_signal(self._stopped, signal.SIGKILL)
+            os.close(self._stopped)
+
+    async def show(self) -> None:
+        """Have a screen watch, on a terminal of its own."""
+        await self.serve_scene()
+        far, near = os.openpty()
+        loop = asyncio.get_running_loop()
+        os.set_blocking(far, False)
+
+        def drain() -> None:
+            try:
+                os.read(far, 65536)
+            except OSError:  # the screen is gone
+                loop.remove_reader(far)
+                os.close(far)
+
+        loop.add_reader(far, drain)
+        self.screen = await asyncio.create_subprocess_exec(
+            *make_child_command("groundstation", "tui", "--socket", str(self.folder / "status.sock")),
+            stdin=near, stdout=near, stderr=near, env=os.environ | {"TERM": "xterm-256color"},
+        )  # fmt: skip
+        os.close(near)
+
+
+async def _kill(scene: LiveScene) -> None:
+    scene.station.kill()
+
+
+async def _kill_recorder(scene: LiveScene) -> None:
+    os.kill(scene.child("groundstation.recording"), signal.SIGKILL)
+
+
+async def _kill_pacer(scene: LiveScene) -> None:
+    os.kill(scene.child(PACER), signal.SIGKILL)
+
+
+async def _stop_pacer(scene: LiveScene) -> None:
+    scene.stop(PACER)
+
+
+async def _interrupt_bridge(scene: LiveScene) -> None:
+    assert scene.bridge is not None, "the bridge runs"
+    scene.bridge.send_signal(signal.SIGINT)
+
+
+async def _kill_broker(scene: LiveScene) -> None:
+    if not scene.broker.published:
+        raise RuntimeError("nothing was published")
+    scene.broker.kill()
+
+
+async def _kill_screen(scene: LiveScene) -> None:
+    assert scene.screen is not None, "the screen runs"
+    if scene.screen.returncode is not None:
+        raise RuntimeError("the screen has ended already")
+    scene.screen.kill()
+
+
+STRIKES: dict[str, Callable[[LiveScene], Awaitable[None]]] = {
+    "SIGKILL": _kill,
+    "SIGKILL, radio": _kill,
+    "pacer killed": _kill_pacer,
+    "pacer stopped": _stop_pacer,
+    "pacer killed, bridge": _kill_pacer,
+    "bridge interrupted": _interrupt_bridge,
+    "recorder failure": _kill_recorder,
+    "MQTT broker gone": _kill_broker,
+    "TUI crash": _kill_screen,
+}
+"""What strikes each fault; its name as in :data:`tests.proving.faults.faults.FAULTS`."""
+
 
 UNDER_WAY_S = 0.06
 """What a killed process has sent may be under way for so long on a busy machine [s]."""

@@ -1,9 +1,17 @@
-"""One fault in one state of one mission, in virtual time: the whole application against the simulated side."""
+"""One fault in one state of one mission, in virtual time: the whole application against the simulated side.
+
+Up to the instant at which it is struck, a flight of virtual time is the same for all faults that it is set up alike
+for: the wait for poses, the take-off, the way onto the figure. So it is flown once, and each fault strikes a copy of
+the process that has flown it; the rows are those of flights of their own. Whoever is copied has no other thread.
+"""
 
 import asyncio
 import math
-from collections.abc import Callable
+import os
+from collections.abc import Callable, Sequence
 from typing import Any
+
+import msgspec
 
 from groundstation.core import Tick
 from groundstation.core.geometry import Vec3
@@ -21,19 +29,9 @@ from sim.scenarios import SCENARIOS, prepare
 from sim.time import VirtualTimeLoop
 from sim.trackers import Tracker
 from sim.world import World
-from tests.proving.faults.deck import (
-    DESCENT_AFTER_S,
-    FAULTS,
-    MOMENTS,
-    Exemption,
-    Fault,
-    Meddler,
-    Moment,
-    Moves,
-    Poses,
-    Scene,
-)
-from tests.proving.faults.judge import JUDGED_S, Row, Thrust, Truth, Wire, broken, exempted, judged
+from tests.proving.faults.fault import DESCENT_AFTER_S, MOMENTS, Exemption, Fault, Meddler, Moment, Moves, Poses, Scene
+from tests.proving.faults.faults import FAULTS
+from tests.proving.faults.judge import JUDGED_S, Row, Thrust, Truth, WireJudge, broken, exempted, judged
 
 LANDS = ("sim.own_estimate=true",)
 """The autopilot of the deck knows where it is, so it is asked to land where we can't see it."""
@@ -134,7 +132,7 @@ async def fly_here(
         return thrust_of(signal, world.thrust_curve) * stage.plant.most_n(time_s)
 
     pushing = Thrust(hover_n(world), newtons, AUTOPILOT["COM_OF_LOSS_T"] if fault.link == "mavlink" else FAILSAFE_S)
-    wire = Wire(config, pushing)
+    wire = WireJudge(config, pushing)
     loop.tap = wire.tap
     truth, moves, meddlers = Truth(world.floor_z_m, look), Moves(loop.time), list[Meddler]()
 
@@ -317,7 +315,7 @@ def _too_weak(stage: Stage, world: World) -> bool:
     return stage.plant.most_n(asyncio.get_running_loop().time()) <= hover_n(world)
 
 
-def _left_wrongly(fault: Fault, state: str, config: Config, wire: Wire, pushing: Thrust, struck_s: float) -> str:
+def _left_wrongly(fault: Fault, state: str, config: Config, wire: WireJudge, pushing: Thrust, struck_s: float) -> str:
     """What must not have left; empty where there is nothing."""
     if wire.wrong:
         return wire.wrong
@@ -327,3 +325,64 @@ def _left_wrongly(fault: Fault, state: str, config: Config, wire: Wire, pushing:
     if fault.silences and wire.last_s > struck_s + HEARTBEAT_S and MOMENTS[state].flying:
         return f"something left {wire.last_s - struck_s:.2f} s after a pilot had taken over"
     return ""
+
+
+class _CopiesFlown(Exception):
+    """All copies have flown on."""
+
+
+class _Copies:
+    """Processes that fly on from one instant, one after the other, each with its own fault."""
+
+    def __init__(self, faults: Sequence[str]) -> None:
+        self.rows: list[Row] = []
+        """What they have found, in their order."""
+        self.out: int | None = None
+        """Where a copy tells what it has found; None in the process that is none."""
+        self._faults = faults
+
+    def split(self) -> str:
+        """In each copy its fault.
+
+        Raises:
+            _CopiesFlown: in the process that is copied, when all have ended.
+            RuntimeError: one of them has failed; what it died of.
+        """
+        loop = asyncio.get_running_loop()
+        for fault in self._faults:
+            far, near = os.pipe()
+            number = os.fork()
+            if number == 0:
+                os.close(far)
+                asyncio._set_running_loop(loop)  # it is told by the process's number
+                self.out = near
+                return fault
+            os.close(near)
+            with os.fdopen(far, "rb") as told:
+                found = msgspec.msgpack.decode(told.read() or b"\xc0", type=Row | str | None)
+            os.waitpid(number, 0)
+            if not isinstance(found, Row):
+                raise RuntimeError(f"{fault}: {found or 'its process was killed'}")
+            self.rows.append(found)
+        raise _CopiesFlown
+
+
+def fly_together(
+    faults: Sequence[str], state: str, *, seed: int, scenario: str, overrides: tuple[str, ...] = ()
+) -> list[Row]:
+    """The rows of ``faults`` in ``state``, which all have the same link, source and overrides."""
+    copies = _Copies(faults)
+    found: Row | str
+    try:
+        found = fly_cell(faults[0], state, seed=seed, scenario=scenario, overrides=overrides, split=copies.split)
+    except _CopiesFlown:
+        return copies.rows
+    except BaseException as error:
+        if copies.out is None:
+            raise
+        found = f"{type(error).__name__}: {error}"
+    if copies.out is not None:  # a copy ends here: what comes next is its original's to do
+        os.write(copies.out, msgspec.msgpack.encode(found))
+        os._exit(0)
+    assert isinstance(found, Row), "told by whoever has failed"
+    return [msgspec.structs.replace(found, fault=fault) for fault in faults]  # never struck

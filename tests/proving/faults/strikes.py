@@ -10,9 +10,8 @@ from groundstation.core.geometry import Quat, Vec3, so3
 from groundstation.core.mission import Interrupts
 from sim.autopilots import Px4Autopilot
 from sim.world import Body, Wind, rows, stream
-from tests.proving.faults.deck.fault import Scene, Strike
-from tests.proving.faults.deck.pictures import Picture, Struck
-from tests.proving.faults.deck.ways import WIFI_S, Way, jitter, late
+from tests.proving.faults.fault import Scene, Strike
+from tests.proving.faults.pictures import WIFI_S, Picture, Struck, Way, jitter, late
 
 GUST_M_S2, GUST_S = (3.0, 2.0, 1.0), 1.5
 """A gust, as the acceleration that it gives, and how long it lasts."""

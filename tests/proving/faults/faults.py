@@ -20,9 +20,8 @@ with, and with another body's name.
 
 import math
 
-from tests.proving.faults.deck import pictures, strikes, ways
-from tests.proving.faults.deck.fault import Exemption, Fault, Poses
-from tests.proving.faults.deck.moments import MOMENTS
+from tests.proving.faults import pictures, strikes
+from tests.proving.faults.fault import MOMENTS, Exemption, Fault, Poses
 
 STATES = tuple(name for name in MOMENTS if name != "start")
 FROM_START = ("start", *STATES)
@@ -58,10 +57,10 @@ BROKEN: dict[str, Fault] = {
         overrides=("sim.other_bodies=1",),
         poses=Poses.GONE,
     ),
-    "duplicates": Fault("every datagram comes three times", strikes.comes(lambda: ways.duplicates), obeys=True),
-    "reorder": Fault("each second datagram overtakes the one before", strikes.comes(ways.reorder), obeys=True),
+    "duplicates": Fault("every datagram comes three times", strikes.comes(lambda: pictures.duplicates), obeys=True),
+    "reorder": Fault("each second datagram overtakes the one before", strikes.comes(pictures.reorder), obeys=True),
     "clock step": Fault(
-        "the trackers' clock leaps by 5 s", strikes.comes(lambda: ways.clock_step), source="json", obeys=True
+        "the trackers' clock leaps by 5 s", strikes.comes(lambda: pictures.clock_step), source="json", obeys=True
     ),
     "latency step": Fault("poses come 60 ms later than they did", strikes.comes_late(0.060, fresh=False)),
     "frame loss": Fault("70 % of the command frames get lost", strikes.frame_loss),
@@ -327,16 +326,18 @@ LATE: dict[str, Fault] = {
     ),
     "later and later": Fault(
         "poses come later by 50 ms more each second, up to 400 ms; their numbers tell",
-        strikes.comes_late(ways.growing, fresh=False),
+        strikes.comes_late(pictures.growing, fresh=False),
     ),
     "later and later, fresh": Fault(
         "poses come later by 50 ms more each second, up to 400 ms, with stamps as if they did not",
-        strikes.comes_late(ways.growing, fresh=True),
+        strikes.comes_late(pictures.growing, fresh=True),
         source="json",
         poses=Poses.FALSE,
     ),
-    "every 8th frame": Fault("of eight frames only one comes: 6.3 a second", strikes.comes(lambda: ways.every(8))),
-    "every 11th frame": Fault("of eleven frames only one comes: 4.5 a second", strikes.comes(lambda: ways.every(11))),
+    "every 8th frame": Fault("of eight frames only one comes: 6.3 a second", strikes.comes(lambda: pictures.every(8))),
+    "every 11th frame": Fault(
+        "of eleven frames only one comes: 4.5 a second", strikes.comes(lambda: pictures.every(11))
+    ),
     **{
         f"stamps off by {ms} ms": Fault(
             f"stamps jitter by {ms} ms (1 sigma)", strikes.stamped(1e-3 * ms), source="json"

@@ -1,0 +1,246 @@
+"""Fault: how it strikes, at which moment of a mission, and what its judge must know of it.
+
+Moments are the states in which something moves, or is about to, and the instant within. What can't be asked of a
+vehicle after a fault is a closed list of words; everything else is asked of all. The meddler stands between the cameras
+and the network and spoils what they say, from the instant that it is told to.
+"""
+
+import asyncio
+from collections.abc import Callable, Coroutine, Sequence
+from enum import StrEnum
+from typing import Any, NamedTuple
+
+from groundstation.core.mission import State
+from groundstation.flight import Flight
+from sim.runs import Stage
+from sim.trackers import TrackedBody, Tracker
+from sim.world import rows, stream
+from tests.proving.faults.pictures import Picture, Struck, Way
+
+
+class Meddler:
+    """Implements :class:`sim.trackers.trackers.Tracker` around another one."""
+
+    def __init__(self, tracker: Tracker) -> None:
+        """Pass everything on."""
+        self.picture: Picture | None = None
+        """What becomes of what is seen; None: it is true."""
+        self.way: Way | None = None
+        """What becomes of the frames; None: each is sent at once, as it is."""
+        self.shown: TrackedBody | None = None
+        """Our body in the newest frame."""
+        self._tracker = tracker
+
+    async def open(self) -> None:
+        """Join the network."""
+        await self._tracker.open()
+
+    def close(self) -> None:
+        """Leave the network."""
+        self._tracker.close()
+
+    def send(self, frame: int, exposure_s: float, bodies: Sequence[TrackedBody]) -> None:
+        """Send one frame, as it has become."""
+        if self.picture is not None:
+            bodies = self.picture(exposure_s, bodies)
+        self.shown = bodies[0]
+        if self.way is not None:
+            self.way(self._tracker.send, frame, exposure_s, bodies)
+        else:
+            self._tracker.send(frame, exposure_s, bodies)
+
+
+class Exemption(StrEnum):
+    """Why some limits do not hold for a row; empty where all do."""
+
+    NONE = ""
+    NO_LINK = "no link"
+    NO_MOTORS = "no motors"
+    WEAK = "weak rotors"
+    NOT_OBSERVABLE = "not observable"
+
+
+FALLS = (Exemption.NO_LINK, Exemption.NO_MOTORS, Exemption.WEAK)
+"""Nothing that anybody could tell the vehicle holds it up."""
+TUMBLES = (Exemption.NO_LINK, Exemption.NO_MOTORS)
+"""Nor upright."""
+
+REASONS: dict[Exemption, str] = {
+    Exemption.NO_LINK: (
+        "the radio module's plug is out: no command reaches the vehicle any more, and its receiver holds the last "
+        "frame for 1 s and stops the motors; distance sideways, lean, speed and touchdown are not judged"
+    ),
+    Exemption.NO_MOTORS: (
+        "the autopilot restarts, which stops the motors: it falls whatever anybody does; "
+        "lean, speed and touchdown are not judged"
+    ),
+    Exemption.WEAK: (
+        "the rotors at their fullest give less than weight and wind pull: nobody could land it softly; "
+        "speed and touchdown are not judged"
+    ),
+    Exemption.NOT_OBSERVABLE: (
+        "poses alone can't tell it from a true flight; the row is judged as it is 5 s after the strike, or after "
+        "lift-off. What bounds it: telemetry that knows its own velocity, the fence, and the flight's time"
+    ),
+}
+"""Where each holds, and which limits it lifts."""
+
+
+class Poses(StrEnum):
+    """What becomes of the poses."""
+
+    TRUE = "true"
+    """They are true, and come; perhaps late, seldom or twice."""
+    FALSE = "false"
+    """They look like true ones, and are not."""
+    GONE = "gone"
+    """None comes, or none that could pass for true beside those before."""
+
+
+class Scene:
+    """One flight, and what may be broken in it."""
+
+    def __init__(self, flight: Flight, stage: Stage, meddler: Meddler | None, seed: int = 0) -> None:
+        """Nothing is broken; ``meddler`` stands behind the cameras, where there are any."""
+        self.flight = flight
+        self.stage = stage
+        self._meddler = meddler
+        self.normals = rows(stream(seed, "fault").standard_normal, 6)
+        """Rows of six standard normal numbers for what a fault draws."""
+        self.controller_raises = False
+        """The next step of the controller raises."""
+        self.recorder_raises = False
+        """Whatever is given to the recorder raises."""
+
+    @property
+    def now_s(self) -> float:
+        """Event loop's clock [s]."""
+        return asyncio.get_running_loop().time()
+
+    @property
+    def between(self) -> Meddler:
+        """What stands between the cameras and the network."""
+        assert self._meddler is not None, "this one needs cameras"
+        return self._meddler
+
+    @property
+    def struck(self) -> Struck:
+        """What a wrong picture begins with, now."""
+        truth, shown = self.stage.plant.truth(self.now_s), self.between.shown
+        place = (truth.position_ned, truth.attitude) if shown is None else (shown.position_ned, shown.attitude)
+        return Struck(self.now_s, *place, self.normals)
+
+
+Strike = Callable[[Scene], Coroutine[Any, Any, None]]
+
+
+class Fault(NamedTuple):
+    """One fault."""
+
+    says: str
+    """What happens, for people."""
+    strike: Strike | None = None
+    """Lets it happen; None where it needs processes of its own (:mod:`tests.proving.faults.live`)."""
+    link: str = "mavlink"
+    source: str = "vicon"
+    overrides: tuple[str, ...] = ()
+    """``--set`` of the flight that it happens to."""
+    poses: Poses = Poses.TRUE
+    """What they are from then on."""
+    obeys: bool = False
+    """Whether the vehicle goes on doing what it is told, and the poses say so: then to convict them is wrong."""
+    exemption: Exemption = Exemption.NONE
+    """What can't be asked of it in the air."""
+    silences: bool = False
+    """Whether nothing may leave once the autopilot has told of it."""
+    live: tuple[str, ...] = ()
+    """States in which it is flown by processes of their own in real time."""
+    states: tuple[str, ...] = ()
+    """The only states that it is flown in; empty for all in which a mission can be struck."""
+
+
+DESCENT_AFTER_S = 1.0
+"""The failsafe descent is asked for after so long on the figure [s]."""
+CLIMBED_M = 0.3
+"""A take-off is struck so high above the floor [m]."""
+
+PLANNED = {
+    (State.IDLE, State.CONNECTING),
+    (State.CONNECTING, State.READY),
+    (State.READY, State.ARMING),
+    (State.ARMING, State.TAKEOFF),
+    (State.TAKEOFF, State.HOLD),
+    (State.HOLD, State.TRACKING),
+    (State.TRACKING, State.RETURNING),
+    (State.LANDING, State.DISARMING),
+    (State.DESCENT, State.DISARMING),
+    (State.DISARMING, State.LANDED),
+}
+"""Moves that a flight makes by itself; onto a landing it moves by itself for one reason only."""
+LANDS_BY_ITSELF = "over the place of take-off"
+FELT = "the autopilot has felt the floor and disarmed"
+
+
+def is_planned(before: State, after: State, reason: str) -> bool:
+    """Whether a move would have come without any fault."""
+    return (before, after) in PLANNED or reason in (LANDS_BY_ITSELF, FELT)
+
+
+class Moves:
+    """The states of one flight, and which of them answer a fault."""
+
+    def __init__(self, now: Callable[[], float]) -> None:
+        """``now`` tells the time [s]."""
+        self.state = State.IDLE
+        self.since_s = 0.0
+        """When it began."""
+        self.reason = ""
+        """Why it is there."""
+        self.struck = False
+        """True from the fault on."""
+        self.answers: list[tuple[float, State, str]] = []
+        """When, what and why."""
+        self._now = now
+
+    def lasted(self, state: State, for_s: float) -> bool:
+        """Whether it has been in ``state`` for ``for_s`` [s]."""
+        return self.state is state and self._now() >= self.since_s + for_s - 1e-9
+
+    def entered(self, state: State, reason: str) -> None:
+        """A state has begun."""
+        before, self.state, self.since_s, self.reason = self.state, state, self._now(), reason
+        if self.struck and not is_planned(before, state, reason):
+            self.answers.append((self.since_s, state, reason))
+
+
+class Moment:
+    """A place in the mission."""
+
+    def __init__(self, state: State, after_s: float, *, flying: bool = True, climbed_m: float | None = None) -> None:
+        """``after_s`` within ``state`` [s], or at a height of ``climbed_m`` [m]."""
+        self.state = state
+        self.after_s = after_s
+        self.flying = flying
+        """Whether it is in the air then."""
+        self.climbed_m = climbed_m
+
+    def is_now(self, moves: Moves, height_m: float) -> bool:
+        """Whether it has come for a flight with ``moves``, ``height_m`` above the floor [m]."""
+        climbed = self.climbed_m is None or height_m >= self.climbed_m
+        return climbed and moves.lasted(self.state, self.after_s)
+
+
+MOMENTS: dict[str, Moment] = {
+    "start": Moment(State.IDLE, 0.0, flying=False),
+    "ready": Moment(State.READY, 0.3, flying=False),
+    "arming": Moment(State.ARMING, 0.4, flying=False),
+    "spool-up": Moment(State.TAKEOFF, 1.0, flying=False),
+    "take-off": Moment(State.TAKEOFF, 0.0, climbed_m=CLIMBED_M),
+    "hold": Moment(State.HOLD, 0.5),
+    "tracking": Moment(State.TRACKING, 1.0),
+    "returning": Moment(State.RETURNING, 1.0),
+    "landing": Moment(State.LANDING, 0.7),
+    "descent": Moment(State.DESCENT, 0.3),
+}
+"""By the name that the deck gives them. ``start`` is before the first pose comes; ``spool-up`` and ``take-off`` are two
+parts of one state."""

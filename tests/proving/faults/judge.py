@@ -1,0 +1,463 @@
+"""Judge: what came of one fault in one state, and whether that was safe.
+
+Three look on: at the vehicle by the simulated truth; at what the station's commands push with once a fault was
+answered, held against the thrust that hovers; and at the bytes that left: every number finite, nothing past its
+deadline. Each frame is held against the commands that the controller made: it must be the newest of them (or the one
+before, in the instant in which the newest is made) before its deadline, or the part of its bring-down whose time it is.
+"""
+
+import math
+import struct
+from collections import deque
+from collections.abc import Callable, Sequence
+
+import msgspec
+
+from groundstation.core import Tick
+from groundstation.core.geometry import Vec3, so3
+from groundstation.recording import IdleRecord, Record, TickRecord
+from groundstation.settings import Config
+from links.core import Command, Segment, signal
+from links.mavlink import MavlinkLinkConfig
+from links.rf import Channels, RfLinkConfig
+from sim.radio import MODULE
+from sim.time import Address
+from sim.world import Quadrotor
+from tests.proving.faults.fault import FALLS, MOMENTS, TUMBLES, Exemption, Fault, Poses
+
+OFF_FLOOR_M = 0.02
+"""Higher than this above the floor it flies [m]."""
+RECENT_S = 0.1
+"""A reference that was told so long ago at most still counts as the present one [s]."""
+
+
+class Truth:
+    """One flight. Times are on the event loop's clock [s]."""
+
+    def __init__(self, floor_z_m: float, on_look: Callable[["Truth"], None] | None = None) -> None:
+        """The floor is at ``floor_z_m`` [m, NED]; ``on_look`` sees this after each step that counts."""
+        self.plant: Quadrotor
+        """To be set before the first step."""
+        self.struck_s = math.inf
+        """From when on it counts."""
+        self.off_m = 0.0
+        """Farthest from the reference, or sideways from where there was none any more."""
+        self.highest_m = 0.0
+        """Highest above where it was struck, or above the highest point of the course since, whichever is higher."""
+        self.sideways_m = 0.0
+        """Farthest sideways from where it was struck, carried along as far as the course has gone since."""
+        self.fastest_m_s = 0.0
+        """Fastest that it moved."""
+        self._floor = floor_z_m
+        self._on_look = on_look
+        self._over = False
+        self._upright = 1.0
+        self._referred_s = -math.inf
+        self._from: Vec3 | None = None
+        self._struck: Vec3 = (0.0, 0.0, 0.0)
+        self._told: Vec3 | None = None
+        """The reference when it was struck, or the first one after."""
+        self._before: Vec3 = (0.0, 0.0, 0.0)
+        self._course: Vec3 = (0.0, 0.0, 0.0)
+        self._top = math.inf
+
+    @property
+    def tilt_deg(self) -> float:
+        """Farthest that it leant."""
+        return math.degrees(math.acos(max(-1.0, min(1.0, self._upright))))
+
+    @property
+    def led(self) -> bool:
+        """Whether there was a course since it was struck."""
+        return self._told is not None
+
+    def strike(self, time_s: float) -> Vec3:
+        """From now on it counts; where that is [m, NED]."""
+        self.struck_s = time_s
+        self._struck = self._course = place = self.plant.truth(time_s).position_ned
+        self._top = place[2]
+        self._told = self._before if time_s - self._referred_s <= RECENT_S else None
+        return place
+
+    def end(self) -> None:
+        """Nothing counts any more."""
+        self._over = True
+
+    def step(self, time_s: float, position: Vec3) -> None:
+        """One step of the plant."""
+        if self._over or time_s < self.struck_s:
+            return
+        self._upright = min(self._upright, so3.third_column(self.plant.attitude)[2])
+        self.fastest_m_s = max(self.fastest_m_s, math.hypot(*self.plant.velocity))
+        self.highest_m = max(self.highest_m, self._top - position[2])
+        self.sideways_m = max(self.sideways_m, math.dist(self._course[:2], position[:2]))
+        if self._on_look is not None:
+            self._on_look(self)
+        if self._floor - position[2] < OFF_FLOOR_M:
+            return
+        if time_s - self._referred_s > RECENT_S:
+            self._from = self._from or position
+            self.off_m = max(self.off_m, math.dist(self._from[:2], position[:2]))
+
+    def tick(self, tick: Tick, *, follows: bool) -> None:
+        """One command; ``follows`` where there is a reference that it follows."""
+        if follows:
+            self.refer(tick.time_s, tick.reference.position_ned, tick.reference.velocity_ned, tick.estimate.time_s)
+
+    def refer(self, time_s: float, position: Vec3, velocity: Vec3, at_s: float) -> None:
+        """At ``time_s`` it is told to be at ``position`` with ``velocity`` at ``at_s``."""
+        self._referred_s, self._from = time_s, None
+        back = time_s - at_s
+        x, y, z = (p + back * v for p, v in zip(position, velocity, strict=True))
+        self._before = x, y, z
+        if self._over or time_s < self.struck_s:
+            return
+        if self._told is None:
+            self._told = self._before
+        north, east, down = (s + p - q for s, p, q in zip(self._struck, self._before, self._told, strict=True))
+        self._course = north, east, down
+        self._top = min(self._top, down)
+        self.off_m = max(self.off_m, math.dist(self._before, self.plant.truth(time_s).position_ned))
+
+
+OVER = 1.03
+"""Hovering is known so well [-]: what is up to 3 % more than the true thrust in the wind counts as hovering."""
+LIFTS = 0.01
+"""A smaller share of the thrust lifts nothing."""
+
+
+class Thrust:
+    """The commands of one flight, as they leave. Times are on the event loop's clock [s]."""
+
+    def __init__(self, hover_n: float, newtons: Callable[[float, float], float], held_s: float) -> None:
+        """``hover_n`` hovers in the wind [N]; ``newtons(time_s, signal)`` is what a signal truly gives [N].
+
+        A signal (0..1) counts until the next one, or for as long as it is held: ``held_s`` [s].
+        """
+        self.answered_s = math.inf
+        """From when on it counts: an answer, and what was under way then has left."""
+        self.most = 0.0
+        """The most thrust since, as a share of what hovers."""
+        self.over_s = 0.0
+        """For how long altogether it was more than that [s]."""
+        self.last_lift_s = -math.inf
+        """When a frame last left that lifts, at any time."""
+        self._hover = hover_n
+        self._newtons = newtons
+        self._held = held_s
+        self._over = False
+        self._newest: tuple[float, float] | None = None
+
+    def told(self, time_s: float, signal: float) -> None:
+        """A command leaves."""
+        if self._over:
+            return
+        if signal > LIFTS:
+            self.last_lift_s = time_s
+        self._close(time_s)
+        if time_s >= self.answered_s:
+            share = self._newtons(time_s, signal) / self._hover
+            self.most = max(self.most, share)
+            self._newest = time_s, share
+
+    def end(self, time_s: float) -> None:
+        """The flight is over: nothing counts any more."""
+        self._close(time_s)
+        self._over = True
+
+    def _close(self, time_s: float) -> None:
+        if self._newest is not None and self._newest[1] > OVER:
+            self.over_s += min(time_s - self._newest[0], self._held)
+        self._newest = None
+
+
+HIGHEST_M, SIDEWAYS_M, FASTEST_M_S = 1.0, 3.0, 3.0
+"""How far a vehicle may go after a fault: above where it was struck or its course, sideways from there; how fast."""
+SPOOL_M, SPOOL_M_S = 0.8, 3.0
+"""How high a vehicle may come whose lift-off is not seen while thrust rises, and how fast fall from there."""
+TOUCHDOWN_M_S, RATES_TOUCHDOWN_M_S, TILT_DEG = 1.0, 2.5, 60.0
+"""What a safe end stays below; the second where body rates alone brought it down, without any pose."""
+MOST_SHARE, OVER_HOVER_S = 1.25, 0.5
+"""After the answer to false poses, or to none: the most thrust as a share of what hovers, and how long above 1."""
+LIFT_S = 2.75
+"""How long after that answer a command may lift."""
+ACKNOWLEDGED_S = 0.1
+"""How long after the autopilot took over landing a command may still be under way."""
+COURSE_M = 0.5
+"""Whoever flies on with false poses is no farther from the course than this."""
+JUDGED_S = 5.0
+"""How long after the strike what poses alone can't tell is judged."""
+CONVICTED = "convicted:"
+"""How the reason of an answer begins that convicts the poses."""
+
+LIMITS = (
+    ("rises above where it was struck, or above its course if that is higher", f"{HIGHEST_M:g} m"),
+    ("the same, where no lift-off is seen, so that the motors only stop", f"{SPOOL_M:g} m"),
+    ("goes sideways from where it was struck, carried along with its course", f"{SIDEWAYS_M:g} m"),
+    ("moves", f"{FASTEST_M_S:g} m/s"),
+    ("leans", f"{TILT_DEG:g}°"),
+    ("meets the floor where an attitude loop is there, or poses are true", f"{TOUCHDOWN_M_S:g} m/s"),
+    ("meets the floor on body rates alone, without any pose", f"{RATES_TOUCHDOWN_M_S:g} m/s"),
+    ("meets the floor where no lift-off was seen", f"{SPOOL_M_S:g} m/s"),
+    ("after the answer to false or missing poses: thrust", f"{MOST_SHARE:g}x what hovers"),
+    ("after that answer: thrust above what hovers (3 % more still count as hovering), in all", f"{OVER_HOVER_S:g} s"),
+    ("after that answer: commands that lift", f"{LIFT_S:g} s"),
+    ("after the autopilot has acknowledged LAND: commands that lift", f"none ({ACKNOWLEDGED_S:g} s under way)"),
+    ("flies on with false poses: distance from the course", f"{COURSE_M:g} m"),
+)
+"""What is limited, and by how much; for people."""
+
+Answer = tuple[float, str, str]
+"""When, what and why."""
+
+
+class Row(msgspec.Struct, frozen=True, kw_only=True):
+    """One cell of the deck."""
+
+    fault: str
+    state: str
+    link: str
+    scenario: str
+    struck_s: float | None
+    """When it was struck, from the beginning of the flight [s]; None where a flight in real time never came to it."""
+    reaction: str
+    """The states that it led to; ``flies on`` where the flight went on as planned."""
+    answer_ms: float | None
+    """From the fault to the first of these; None where there was none."""
+    highest_m: float
+    """Highest above where it was struck or its course."""
+    sideways_m: float
+    """Farthest sideways from where it was struck, carried along with its course."""
+    fastest_m_s: float
+    peak_error_m: float
+    """Farthest from the reference; where none is followed any more, sideways from where that began."""
+    touchdown_m_s: float | None
+    """Fastest that it met the floor; None where it did not leave it."""
+    drift_m: float
+    """Sideways, from where it was struck to where it stands in the end."""
+    tilt_deg: float
+    """Farthest that it leant after the fault."""
+    over_hover_s: float
+    """For how long commands pushed more than what hovers after the answer."""
+    exemption: str
+    """What was not asked of it, a word of :class:`tests.proving.faults.fault.Exemption`; mostly empty."""
+    safe: bool
+    why: str
+    """Why it is not; else what the flight said of it."""
+
+
+def exempted(fault: Fault, state: str) -> Exemption:
+    """What can't be asked of ``fault`` in ``state``: who has not left the floor does not fall."""
+    flying = MOMENTS[state].flying or fault.exemption is Exemption.NOT_OBSERVABLE
+    return fault.exemption if flying else Exemption.NONE
+
+
+def broken(fault: Fault, state: str, truth: Truth, exemption: Exemption) -> str:
+    """The first limit on its motion that is broken already; empty where none is."""
+    highest_m = SPOOL_M if _unseen(state, truth) else HIGHEST_M
+    if not truth.highest_m <= highest_m:
+        return f"it rose {truth.highest_m:.2f} m above where it was struck and its course"
+    if exemption is not Exemption.NO_LINK and not truth.sideways_m < SIDEWAYS_M:
+        return f"it went {truth.sideways_m:.2f} m sideways"
+    if exemption not in FALLS and not truth.fastest_m_s <= FASTEST_M_S:
+        return f"it moved at {truth.fastest_m_s:.2f} m/s"
+    if exemption not in TUMBLES and not truth.tilt_deg <= TILT_DEG:
+        return f"it leant by {truth.tilt_deg:.0f}°"
+    return ""
+
+
+def judged(
+    name: str,
+    fault: Fault,
+    state: str,
+    truth: Truth,
+    answers: Sequence[Answer],
+    *,
+    wrong: str,
+    exemption: Exemption,
+    begun_s: float,
+    drift_m: float,
+    touchdown_m_s: float | None,
+    thrust: Thrust | None = None,
+    land_s: float | None = None,
+    scenario: str = "paper",
+    how: str = "",
+) -> Row:
+    """The row, safe where nothing is wrong: neither what the caller found nor how it moved.
+
+    ``answers`` are what ``fault`` led to, the first one first, in a flight that began at ``begun_s`` [s];
+    ``exemption`` is what can't be asked of it, ``land_s`` when its autopilot took over landing, where it was asked to,
+    ``thrust`` what the commands pushed with, where that was seen, and ``how`` it was flown.
+    """
+    found = [
+        wrong,
+        broken(fault, state, truth, exemption),
+        "" if exemption in FALLS else _too_hard(fault, state, truth, touchdown_m_s),
+        "" if thrust is None else _pushed(fault, thrust, land_s),
+        _flew_on(fault, truth, answers, exemption),
+        _convicted(fault, answers),
+    ]
+    wrong = next((one for one in found if one), "")
+    said = answers[0][2] if answers else ""
+    answer_ms = round(1e3 * (answers[0][0] - truth.struck_s), 1) if answers else None
+    return Row(
+        fault=name,
+        state=state,
+        link=fault.link,
+        scenario=scenario,
+        struck_s=round(truth.struck_s - begun_s, 4) if math.isfinite(truth.struck_s) else None,
+        reaction=" → ".join(dict.fromkeys(after for _, after, _ in answers)) or "flies on",
+        answer_ms=answer_ms,
+        highest_m=round(truth.highest_m, 3),
+        sideways_m=round(truth.sideways_m, 3),
+        fastest_m_s=round(truth.fastest_m_s, 3),
+        peak_error_m=round(truth.off_m, 3),
+        touchdown_m_s=None if touchdown_m_s is None else round(touchdown_m_s, 3),
+        drift_m=round(drift_m, 3),
+        tilt_deg=round(truth.tilt_deg, 1),
+        over_hover_s=0.0 if thrust is None else round(thrust.over_s, 3),
+        exemption=str(exemption),
+        safe=not wrong,
+        why=wrong or "; ".join(part for part in (said, how) if part),
+    )
+
+
+def _unseen(state: str, truth: Truth) -> bool:
+    """Whether no lift-off was seen, so that it was told nothing but to rise: all that helps is to stop the motors."""
+    return not MOMENTS[state].flying and not truth.led
+
+
+def _too_hard(fault: Fault, state: str, truth: Truth, touchdown_m_s: float | None) -> str:
+    """Nobody sees, and there is no attitude loop: then body rates alone bring it down."""
+    by_rates = fault.link != "mavlink" and fault.poses is not Poses.TRUE
+    most = SPOOL_M_S if _unseen(state, truth) else RATES_TOUCHDOWN_M_S if by_rates else TOUCHDOWN_M_S
+    met = touchdown_m_s is None or touchdown_m_s < most
+    return "" if met else f"it met the floor at {touchdown_m_s:.2f} m/s"
+
+
+def _pushed(fault: Fault, thrust: Thrust, land_s: float | None) -> str:
+    """What commands pushed with after the answer; while poses are true a law may push as it must."""
+    if land_s is not None and thrust.last_lift_s > land_s + ACKNOWLEDGED_S:
+        return f"a command that lifts left {thrust.last_lift_s - land_s:.2f} s after LAND was acknowledged"
+    if fault.poses is Poses.TRUE:
+        return ""
+    if thrust.most > MOST_SHARE:
+        return f"after the answer a command pushed with {thrust.most:.2f}x what hovers"
+    if thrust.over_s > OVER_HOVER_S:
+        return f"after the answer commands pushed with more than what hovers for {thrust.over_s:.2f} s"
+    lifted_s = thrust.last_lift_s - thrust.answered_s
+    return f"a command that lifts left {lifted_s:.2f} s after the answer" if lifted_s > LIFT_S else ""
+
+
+def _flew_on(fault: Fault, truth: Truth, answers: Sequence[Answer], exemption: Exemption) -> str:
+    if fault.poses is not Poses.FALSE or answers or exemption is Exemption.NOT_OBSERVABLE:
+        return ""
+    return "" if truth.off_m <= COURSE_M or not truth.led else f"it flew on {truth.off_m:.2f} m off its course"
+
+
+def _convicted(fault: Fault, answers: Sequence[Answer]) -> str:
+    """False answers, where poses are true and the vehicle obeys."""
+    said = next((why for _, _, why in answers if why.startswith(CONVICTED)), "") if fault.obeys else ""
+    return f"true poses were convicted: {said}" if said else ""
+
+
+SET_POINT = b"\x52\x00\x00"
+"""SET_ATTITUDE_TARGET, in bytes 7 to 9 of a MAVLink 2 frame."""
+PAYLOAD = 10
+LONGEST_BYTES = 60
+AGREES = 2e-6
+"""32-bit floats agree so well with what they were made of [-]."""
+INSTANT_S = 2e-6
+"""Timers fire up to a clock's tick early or late [s]."""
+
+
+def set_point(data: bytes) -> tuple[float, float, float, float] | None:
+    """Thrust as a share and body rates [rad/s] in a frame; None where it is no set-point."""
+    if data[7:10] != SET_POINT:
+        return None
+    p, q, r, thrust = struct.unpack_from("<4f", data.ljust(LONGEST_BYTES, b"\0"), PAYLOAD + 20)
+    return thrust, p, q, r
+
+
+class WireJudge:
+    """The frames of one flight."""
+
+    def __init__(self, config: Config, thrust: Thrust) -> None:
+        """``config`` says how the commands leave; ``thrust`` hears what each pushes with."""
+        self.wrong = ""
+        """The first thing that must not have left; empty where there is none."""
+        self.last_s = -math.inf
+        """When anything last left."""
+        self._config = config
+        self._thrust = thrust
+        self._commands: deque[Command] = deque(maxlen=4)
+        self._port = None
+        self._sticks: tuple[Channels, float] | None = None
+        link = config.link
+        if isinstance(link, MavlinkLinkConfig):
+            self._port = int(link.address.rpartition(":")[2])
+        elif isinstance(link, RfLinkConfig):
+            codec = link.codec()
+            self._decoder = codec.decoder()
+            channels = Channels(link.with_thrust_curve(0.0).map, count=codec.channels, thrust_max_n=1.0)
+            self._sticks = channels, link.lead_s + link.period_s
+
+    def record(self, record: Record) -> None:
+        """Take what the flight hands to its recorder."""
+        if isinstance(record, TickRecord):
+            self._commands.append(record.tick.command)
+        elif isinstance(record, IdleRecord):
+            self._commands.append(record.command)
+
+    def tap(self, time_s: float, source: Address, target: Address, data: bytes) -> None:
+        """Take one datagram of the simulated network."""
+        if source[1] == self._port:
+            self.last_s = time_s
+            told = set_point(data)
+            if told is not None:
+                self._frame(time_s, *told)
+        elif self._sticks is not None and target == MODULE:
+            self._radio(time_s, data)
+
+    def _frame(self, time_s: float, thrust: float, p: float, q: float, r: float) -> None:
+        if not math.isfinite(thrust + p + q + r):
+            self._say(f"a number that is not finite left at {time_s:.3f} s")
+        self._thrust.told(time_s, thrust)
+        # At the very border of two parts either may be meant.
+        borders = (time_s - INSTANT_S, time_s + INSTANT_S)
+        for due in {_due(command, at_s) for command in self._commands for at_s in borders}:
+            if due is None:
+                continue
+            share = signal(due.thrust_n / self._config.full_thrust_n, self._config.thrust_curve)
+            if all(abs(a - b) < AGREES for a, b in zip((thrust, p, q, r), (share, *due.rates_rad_s), strict=True)):
+                return
+        if thrust > LIFTS:
+            self._say(f"a command left at {time_s:.3f} s that was not due then")
+
+    def _radio(self, time_s: float, data: bytes) -> None:
+        assert self._sticks is not None, "only a radio's frames come here"
+        channels, lead_s = self._sticks
+        for heard in self._decoder.feed(data):
+            self.last_s = time_s
+            if heard.positions is None:
+                continue
+            sticks = channels.read(heard.positions)
+            self._thrust.told(time_s, sticks.thrust_n if sticks.armed else 0.0)
+            lifts = sticks.armed and sticks.thrust_n > LIFTS
+            if lifts and not any(_due(command, time_s - lead_s) for command in self._commands):
+                self._say(f"a frame that lifts left at {time_s:.3f} s, and no command was due then")
+
+    def _say(self, wrong: str) -> None:
+        self.wrong = self.wrong or wrong
+
+
+def _due(command: Command, time_s: float) -> Command | Segment | None:
+    """What of ``command`` may leave at ``time_s`` [s], where no other came."""
+    end = command.deadline_s
+    if time_s <= end:
+        return command
+    for part in command.bring_down:
+        end += part.duration_s
+        if time_s <= end:
+            return part
+    return None
