@@ -23,7 +23,7 @@ _OPENED, _CLOSED = b"opened", b"closed"
 
 
 class SharedPort:
-    """Implements :class:`links.rf.pacer.SerialEnd` for one generation of ``lease``."""
+    """Implements :class:`links.rf.pacer.Port` for one generation of ``lease``."""
 
     def __init__(
         self, path: str, baud: int, lease: Lease, generation: int, beside: socket.socket | None, fd: int | None = None

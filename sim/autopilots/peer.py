@@ -150,7 +150,7 @@ def accept_at(address: tuple[str, int]) -> OpenWire:
     return open_wire
 
 
-class SerialEnd(Protocol):
+class FarEnd(Protocol):
     """The far end of a serial port; :class:`sim.radio.radio.PtyWire` is one."""
 
     def listen(self, take: Callable[[bytes], None]) -> None:
@@ -165,7 +165,7 @@ class SerialEnd(Protocol):
 class SerialEnd:
     """Implements :class:`Wire` at the far end of a serial port, which its owner closes."""
 
-    def __init__(self, port: SerialEnd) -> None:
+    def __init__(self, port: FarEnd) -> None:
         """Write to ``port``."""
         self._port = port
 
@@ -177,7 +177,7 @@ class SerialEnd:
         """Nothing to do."""
 
 
-def at_end_of(port: SerialEnd) -> OpenWire:
+def at_end_of(port: FarEnd) -> OpenWire:
     """The far end of a serial ``port``."""
 
     async def open_wire(hear: Hear) -> Wire:

@@ -52,7 +52,7 @@ STATION = ("station", 1)
 
 
 class WirePort(asyncio.DatagramProtocol):
-    """Implements :class:`links.rf.pacer.SerialEnd`: a wire to :data:`MODULE`, a datagram a frame."""
+    """Implements :class:`links.rf.pacer.Port`: a wire to :data:`MODULE`, a datagram a frame."""
 
     def __init__(self) -> None:
         """Nothing is opened yet; ``attach`` first."""

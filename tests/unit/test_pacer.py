@@ -19,7 +19,7 @@ DOWN = Segment(0.5, 0.8, (0.0, 0.0, 0.0))
 
 
 class Notebook:
-    """Implements :class:`links.rf.pacer.SerialEnd`: keeps what leaves."""
+    """Implements :class:`links.rf.pacer.Port`: keeps what leaves."""
 
     def __init__(self) -> None:
         self.frames: list[bytes] = []
