@@ -138,7 +138,7 @@ def decode_bodies(content: bytes) -> tuple[float, list[tuple[float, ...]]] | str
 
 
 class QualisysReader:
-    """Poses of one body out of data packets' contents: implements :class:`groundstation.pose.sources.intake.DatagramReader`."""
+    """Poses of one body out of data packets: implements :class:`groundstation.pose.sources.intake.DatagramReader`."""
 
     def __init__(self, name: str, intake: Intake) -> None:
         """Look for the body ``name``; :attr:`names` must be told."""
