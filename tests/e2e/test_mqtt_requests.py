@@ -223,9 +223,9 @@ def test_a_broker_of_another_authority_is_not_spoken_to(
     async def scene(ca: Path, more: dict[str, str], patience_s: float = 30.0) -> None:
         station = Station()
         config = config_of(lab, None, **{"mqtt.tls.ca_file": str(ca), **more})
-        async with station.serving(config), lab.address("viewer").client() as client:
-            await client.subscribe("groundstation/mqx/snapshot")
-            async with asyncio.timeout(patience_s):
+        async with lab.address("viewer").client() as client:
+            await client.subscribe("groundstation/mqx/snapshot")  # before its only one, which no broker keeps
+            async with station.serving(config), asyncio.timeout(patience_s):
                 await anext(aiter(client.messages))
 
     with pytest.raises(TimeoutError):
