@@ -3,6 +3,7 @@
 import asyncio
 import contextlib
 import gc
+import math
 import subprocess
 import sys
 import time
@@ -256,21 +257,22 @@ def test_a_station_can_speak_for_no_other_vehicle_and_nobody_without_a_password(
     play(scene())
 
 
-def test_a_flight_is_held_and_landed_by_mqtt_and_the_death_of_the_broker_delays_no_command(
+def test_a_flight_is_held_moved_and_landed_by_mqtt_and_the_death_of_the_broker_delays_no_command(
     lab: LabBroker, key: Path
 ) -> None:
     overrides = {
         **lab.settings("mqx"),
         "mqtt.requests.enabled": "true",
         "mqtt.requests.clients.tablet.key_file": str(key),
-        "mqtt.requests.clients.tablet.may": MAY,
+        "mqtt.requests.clients.tablet.may": MAY.replace("]", ', "goto"]'),
+        "mqtt.requests.authority": "move",
     }
 
-    def request(ask: str, *more: str) -> subprocess.CompletedProcess[str]:
+    def request(*ask: str, why: str = "") -> subprocess.CompletedProcess[str]:
         return subprocess.run(
             [
-                *(sys.executable, "-m", "groundstation", "request", ask, "--vehicle", "mqx", "--mqtt", lab.url),
-                *("--client", "tablet", "--key", str(key), *lab.login("operator"), *more),
+                *(sys.executable, "-m", "groundstation", "request", *ask, "--vehicle", "mqx", "--mqtt", lab.url),
+                *("--client", "tablet", "--key", str(key), *lab.login("operator"), "--why", why),
             ],
             capture_output=True,
             text=True,
@@ -284,6 +286,14 @@ def test_a_flight_is_held_and_landed_by_mqtt_and_the_death_of_the_broker_delays_
                 if message.payload == state.value.encode():
                     return
 
+    async def until_held_at(*place_ned: float) -> None:
+        async with asyncio.timeout(60.0), lab.address("viewer").client() as client:
+            await client.subscribe("groundstation/mqx/snapshot")
+            async for message in client.messages:
+                snapshot = msgspec.json.decode(message.payload, type=Snapshot)
+                if snapshot.state == State.HOLD and math.dist(snapshot.position_ned, place_ned) < 0.1:
+                    return
+
     with served() as room:
         daemon = subprocess.Popen(
             room.station("daemon", "--arm", "mqx", *(p for k, v in overrides.items() for p in ("--set", f"{k}={v}"))),
@@ -293,10 +303,17 @@ def test_a_flight_is_held_and_landed_by_mqtt_and_the_death_of_the_broker_delays_
         )
         try:
             asyncio.run(until(State.TRACKING))
-            held = request("hold", "--why", "people in the room")
+            held = request("hold", why="people in the room")
             assert held.returncode == 0, held.stderr
             assert "people in the room (tablet by MQTT)" in held.stdout
             asyncio.run(until(State.HOLD))
+            floor = request("goto", "0.6", "-0.4", "1.0")
+            assert floor.returncode == 1
+            assert "is 0.00 m above the floor" in floor.stdout
+            moved = request("goto", "0.6", "-0.4", "-0.6", why="out of the way")
+            assert moved.returncode == 0, moved.stderr
+            assert "to north 0.60, east -0.40, 1.60 m above the floor: out of the way (tablet by MQTT)" in moved.stdout
+            asyncio.run(until_held_at(0.6, -0.4, -0.6))
             assert request("track").returncode == 0
             lab.kill()
             time.sleep(1.0)
