@@ -4,6 +4,7 @@ For scripts and notebooks (docs/reference/python.md):
 
     simulate            fly one scenario in virtual time, with a controller or trajectory of your own; gives a Run
     compare             fly several controllers through the same scenarios; gives a ControllerComparison
+    error_budget        fly a recorded flight again without each source of its error; gives an ErrorBudget
     load                read a recorded flight: a FlightData of arrays, tables and pictures
 
 What a controller of your own asks for (docs/how-to/own-controller.md), each loaded when it is asked for:
@@ -49,6 +50,7 @@ if TYPE_CHECKING:
     from groundstation.core.vehicle.vehicle import ActuatorCommand as ActuatorCommand
     from groundstation.core.vehicle.vehicle import Motion, Vehicle
     from sim.runs.simulation import Run, simulate
+    from sim.studies.budget import ErrorBudget, error_budget
     from sim.studies.comparison import ControllerComparison, compare
 
 _MODULES = {
@@ -62,7 +64,7 @@ _MODULES = {
     "core.trajectory.port": ("Reference",),
     "core.vehicle.vehicle": ("ActuatorCommand", "Motion", "Vehicle"),
 }
-_SIMULATED = ("ControllerComparison", "Run", "compare", "simulate")
+_SIMULATED = ("ControllerComparison", "ErrorBudget", "Run", "compare", "error_budget", "simulate")
 """Handed on from ``sim``, which stands above all else here: the one exception to that (pyproject.toml's contracts)."""
 
 

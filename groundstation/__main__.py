@@ -209,6 +209,7 @@ def _report(parser: argparse.ArgumentParser) -> None:
         "--format", default="html", metavar="LIST",
         help="some of html (default), pdf, svg, png (figures a column wide, for print), csv, tex (the table)",
     )  # fmt: skip
+    parser.add_argument("--budget", action="store_true", help="print the error budget alone: what has how much of RMS²")
     parser.add_argument("--json", action="store_true", help="print the numbers; the page only where --out is given")
 
 

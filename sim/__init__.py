@@ -11,6 +11,7 @@ This is what a user imports; what is behind it may change. A flight is two lines
 - ``World``: the truth of a flight: what the vehicle, the air, the cameras and the radio really do.
 - ``simulate``: the two lines in one, with a controller or a trajectory of your own, recorded; its ``Run``, as arrays.
 - ``compare``: controllers side by side in the same scenarios; their ``ControllerComparison``.
+- ``error_budget``: a recorded flight flown again without each source of its error; the ``ErrorBudget``.
 - ``fly``: a flight in virtual time, from its release on; its ``Result``.
 - ``from_floor``, ``fly_mission``: a mission from the floor and back in virtual time; its ``MissionResult``.
 - ``fly_fleet``: several missions at once; its ``FleetMission``.
@@ -24,6 +25,7 @@ if TYPE_CHECKING:
     from sim.runs.server import serve, serve_fleet
     from sim.runs.simulation import Run, simulate
     from sim.scenarios.scenarios import SCENARIOS, Scenario, prepare, prepare_own
+    from sim.studies.budget import ErrorBudget, error_budget
     from sim.studies.comparison import ControllerComparison, compare
     from sim.world.world import World
 
@@ -33,6 +35,7 @@ _MODULES = {
     "runs.server": ("serve", "serve_fleet"),
     "runs.simulation": ("Run", "simulate"),
     "scenarios.scenarios": ("SCENARIOS", "Scenario", "prepare", "prepare_own"),
+    "studies.budget": ("ErrorBudget", "error_budget"),
     "studies.comparison": ("ControllerComparison", "compare"),
     "world.world": ("World",),
 }

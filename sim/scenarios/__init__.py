@@ -8,6 +8,7 @@ if TYPE_CHECKING:
         BETAFLIGHT,
         SCENARIOS,
         Scenario,
+        at_desk,
         by_betaflight,
         by_side,
         choose,
@@ -19,6 +20,7 @@ if TYPE_CHECKING:
         scenario_of,
         timing,
         world_as_told,
+        world_from,
     )
 
 _MODULES = {
@@ -26,6 +28,7 @@ _MODULES = {
         "BETAFLIGHT",
         "SCENARIOS",
         "Scenario",
+        "at_desk",
         "by_betaflight",
         "by_side",
         "choose",
@@ -37,6 +40,7 @@ _MODULES = {
         "scenario_of",
         "timing",
         "world_as_told",
+        "world_from",
     )
 }
 

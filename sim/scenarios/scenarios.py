@@ -15,7 +15,7 @@ from typing import Any
 
 import msgspec
 
-from groundstation.config import ConfigError, from_dict, load
+from groundstation.config import ConfigError, from_dict, load, parse_toml
 from groundstation.core.geometry import Vec3
 from groundstation.core.trajectory import LemniscateConfig
 from groundstation.core.vehicle import Vehicle
@@ -431,6 +431,15 @@ def overridden(world: World, truth: list[str]) -> World:
     return from_dict({"sim": msgspec.to_builtins(world)}, _Overridden, truth).sim
 
 
+def world_from(text: str) -> World:
+    """The truth as a recording has it, as TOML.
+
+    Raises:
+        ConfigError, ValueError: it has none that this program knows.
+    """
+    return from_dict({"sim": parse_toml(text)}, _Overridden, []).sim
+
+
 def _on_udp(config: Config) -> Config:
     """``config``, where its link is one that the simulated network has."""
     for key in ("tcp", "serial"):
@@ -570,6 +579,11 @@ def own(
         ConfigError: see :func:`groundstation.config.loader.load`.
     """
     told = load(path, Config, overrides)
+    return *at_desk(air, told, overridden), told.flight.duration_s
+
+
+def at_desk(air: World, told: Config, overridden: Callable[[World], World]) -> tuple[World, Config]:
+    """The vehicle of ``told`` in ``air`` from its trajectory's first point on, on the simulator's wires."""
     rate_hz, latency_s = timing(told.pose, air.pose_rate_hz, air.pose_latency_s)
     floor = told.flight.floor_z_m
     north, east, down = told.trajectory.build().position_at(0.0)
@@ -591,4 +605,4 @@ def own(
             told.flight, start="air", idle_thrust=min(world.start_thrust, 0.9), duration_s=None
         ),
     )
-    return world, config, told.flight.duration_s
+    return world, config

@@ -9,8 +9,14 @@ from hypothesis import assume, example, given
 from hypothesis import strategies as st
 
 from groundstation.core.geometry import Vec3
-from groundstation.core.trajectory import ExcitationConfig, LemniscateConfig, Reference, Trajectory, TrajectoryConfig
-from groundstation.core.trajectory.own import OwnTrajectoryConfig
+from groundstation.core.trajectory import (
+    ExcitationConfig,
+    LemniscateConfig,
+    OwnTrajectoryConfig,
+    Reference,
+    Trajectory,
+    TrajectoryConfig,
+)
 from groundstation.core.trajectory.shapes import (
     CircleConfig,
     HoldConfig,

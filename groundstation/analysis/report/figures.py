@@ -370,6 +370,19 @@ PLOT_STYLE: Any = {
 }
 
 
+def budget(panels: Sequence[Any], flown: FlightColumns) -> None:
+    """Squared contributions as bars, the largest on top, beside RMS² of the flight."""
+    (panel,) = panels
+    known = [one for one in flown.budget["contributions"] if one["squared_cm2"] is not None]
+    known.sort(key=lambda one: float(one["squared_cm2"]))
+    values = [one["squared_cm2"] for one in known]
+    panel.barh([one["source"] for one in known], values, color=[BLUE if v >= 0.0 else ORANGE for v in values])
+    rms_cm = flown.budget["rms_cm"]
+    if rms_cm is not None:
+        panel.axvline(rms_cm**2, color="black", linestyle="--", linewidth=1.0, label=f"RMS² ({rms_cm:.3f} cm)²")
+        finish_panels(panels, below="squared contribution [cm²]")
+
+
 class ReportFigure(NamedTuple):
     """One figure of the page."""
 
@@ -489,6 +502,23 @@ FIGURES = (
 )
 
 
+BUDGET = ReportFigure(
+    "budget",
+    "Error budget, drawn",
+    "What each source of error has of RMS², by flying the model again without it; they need not add up.",
+    1,
+    3.0,
+    budget,
+    in_time=False,
+)
+"""Drawn where there is one."""
+
+
+def choose_figures(flights: Sequence[FlightColumns]) -> list[ReportFigure]:
+    """What is drawn of ``flights``: every figure, and the error budget where all of them have one."""
+    return [*FIGURES, *([BUDGET] if all(flown.budget.get("contributions") for flown in flights) else [])]
+
+
 COLUMN_IN = 3.5
 """A column of a journal is so wide [in]."""
 PRINT_DPI = 600
@@ -554,7 +584,7 @@ def print_figures(folder: Path, flights: Sequence[FlightColumns], ending: str) -
 
     made = []
     with rc_context(PRINT_STYLE):
-        for one in FIGURES if len(flights) == 1 else OVERLAYS:
+        for one in choose_figures(flights) if len(flights) == 1 else OVERLAYS:
             canvas = figure_class()(figsize=(COLUMN_IN, 0.62 * one.height_in), layout="constrained")
             subplot: dict[str, Any] = {"projection": "3d"} if one.is_3d else {}
             panels: Any = canvas.subplots(one.rows, 1, squeeze=False, sharex=one.in_time, subplot_kw=subplot)[:, 0]
@@ -593,7 +623,7 @@ def draw_figures(folder: Path, flights: Sequence[FlightColumns]) -> list[tuple[R
     from matplotlib import rc_context
 
     made = []
-    for one in FIGURES:
+    for one in choose_figures(flights):
         path = folder / f"{one.name}.png"
         with rc_context(PLOT_STYLE):
             draw_figure(one, flights).savefig(path, dpi=DPI)

@@ -105,6 +105,8 @@ class FlightColumns:
     source: dict[str, Any] = field(default_factory=dict)
     """What the pose source said last."""
     lost: int = 0
+    budget: dict[str, Any] = field(default_factory=dict)
+    """Its error budget (:class:`sim.studies.budget.ErrorBudget`), where one was asked for."""
 
     @property
     def t(self) -> Column:
@@ -288,6 +290,7 @@ def numbers(flown: FlightColumns) -> dict[str, Any]:
         "lateness_ms": _spread(1e3 * drop_unknown(flown.scalars["lateness_s"])),
         "link": {key: value for key, value in (flown.looks[-1] if flown.looks else {}).items() if key != "time_s"},
         "source": flown.source,
+        "budget": flown.budget or None,
         "events": [{"time_s": time_s, "kind": kind, "text": text} for time_s, kind, text in flown.events],
     }
 

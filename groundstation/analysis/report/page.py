@@ -6,7 +6,9 @@ One HTML file that holds its pictures and needs nothing else, no network and no 
 import base64
 import csv
 import json
+import math
 import re
+import textwrap
 from collections.abc import Callable, Iterable, Sequence
 from html import escape
 from pathlib import Path
@@ -48,6 +50,10 @@ AGAINST = (
     f"the steady part: on the trajectory, from {STEADY_S:g} s on. Time counts from where the trajectory begins; where "
     "it never did, from the first command."
 )
+NOT_A_SUM = (
+    "Squared contribution: RMS² of the flight less RMS² with that source switched off. They need not add up to RMS²: "
+    "sources act on each other, and what stays without any of them (mean wind, sampling) is none. Negative: it helped."
+)
 FORMATS = ("html", "pdf", "svg", "png", "csv", "tex")
 """What a report can be: a page, figures a column wide for print, or the table of results."""
 
@@ -62,6 +68,7 @@ def write_page(folder: Path, figures: Sequence[tuple[ReportFigure, Path]], facts
     title = " against ".join(_name(one) for one in facts)
     parts = [f"<h1>{escape(title)}</h1>", *(_warnings(one) for one in facts)]
     parts += ["<h2>Result</h2>", _results(names, facts), f'<p class="note">{AGAINST}</p>']
+    parts += [_budget(name, one["budget"]) for name, one in zip(names, facts, strict=True) if one["budget"]]
     parts += [frame_picture(one.name, one.title, one.caption, path) for one, path in figures]
     parts += ["<h2>Events</h2>", *(_events(name, one) for name, one in zip(names, facts, strict=True))]
     parts += ["<h2>What flew</h2>", _table(["", *names], _program(facts))]
@@ -166,6 +173,27 @@ def result_table(names: Sequence[str], facts: Sequence[dict[str, Any]]) -> list[
     return [["", *names, *(["the paper"] if paper else [])], *rows]
 
 
+def _budget(name: str, budget: dict[str, Any]) -> str:
+    head, *rows = budget_table(budget)
+    note = f"{budget['of']} {NOT_A_SUM}" if rows else budget["of"]
+    table = _table(head, rows, numbers=True) if rows else ""
+    return f'<h2 id="error-budget">Error budget of {escape(name)}</h2>{table}<p class="note">{escape(note)}</p>'
+
+
+def budget_table(budget: dict[str, Any]) -> list[list[str]]:
+    """An error budget: the head, the flight as it is, then a row a source; the head alone where there is none."""
+    head = ["switched off", "RMS error without [cm]", "squared contribution [cm²]", "of RMS² [%]", "that is"]
+    if not budget["duration_s"]:
+        return [head]
+    whole = (budget["rms_cm"] or math.nan) ** 2
+    rows = [["nothing", _n(budget["rms_cm"], 3), _n(budget["rms_cm"] and whole, 4), "", "the flight as it is"]]
+    for one in budget["contributions"]:
+        squared = one["squared_cm2"]
+        share = None if squared is None else 100.0 * squared / whole
+        rows.append([one["source"], _n(one["rms_cm"], 3), _n(squared, 4), _n(share, 0), one["means"]])
+    return [head, *rows]
+
+
 def latex_table(rows: Sequence[Sequence[str]]) -> str:
     """A ``tabular`` of the ``rows``, the first of which is the head; it needs the package booktabs."""
     lines = [" & ".join(map(_escape_latex, row)) + r" \\" for row in rows]
@@ -234,20 +262,23 @@ def report_command(
     paths: Sequence[Path],
     out: Path | None,
     find_outside: Callable[[Path], list[str]],
+    find_budget: "Callable[[FlightColumns], dict[str, Any]] | None" = None,
     *,
     as_json: bool,
     formats: Sequence[str] = ("html",),
+    only_budget: bool = False,
 ) -> int:
     """Report on recordings in ``formats`` into the folder ``out`` (default: beside the first); returns 0.
 
-    ``find_outside`` says what was told of the vehicle and lies outside of what a recording shows.
+    ``find_outside`` says what was told of the vehicle and lies outside of what a recording shows. ``find_budget`` has
+    the error budget of a flight; with ``only_budget`` that alone is printed.
 
     With ``as_json`` the numbers are printed, and all else is written only where ``out`` is given.
 
     Raises:
         ConfigError: a file is no recording of commands, matplotlib is missing, or something can't be written.
     """
-    draw = out is not None or not as_json
+    draw = (out is not None or not as_json) and not only_budget
     for form in formats:
         if form not in FORMATS:
             raise ConfigError("--format", f"expected some of {list(FORMATS)}, got {form!r}")
@@ -257,11 +288,19 @@ def report_command(
 
     try:
         flights = [read_columns(path) for path in paths]
+        if find_budget is not None and len(flights) <= SIDE_BY_SIDE:
+            for flown in flights:
+                flown.budget = find_budget(flown)
         outside = [find_outside(path) for path in paths]
     except (NoRecording, NoCommand) as error:
         raise ConfigError("LOG", str(error)) from None
     except OSError as error:
         raise ConfigError("LOG", f"cannot read {error.filename}: {error.strerror}") from None
+    if only_budget:
+        print(
+            json.dumps({"budgets": [f.budget for f in flights]}) if as_json else "\n\n".join(map(_say_budget, flights))
+        )
+        return 0
     facts = [{**numbers(flight), "told_outside": lines} for flight, lines in zip(flights, outside, strict=True)]
     written: list[Path] = []
     if draw:
@@ -275,6 +314,20 @@ def report_command(
     page = next((str(path) for path in written if path.name == PAGE), None)
     print(json.dumps({"flights": facts, "page": page}) if as_json else "\n".join(map(str, written)))
     return 0
+
+
+def _say_budget(flown: "FlightColumns") -> str:
+    """The budget as a terminal shows it."""
+    rows = budget_table(flown.budget)
+    widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
+    lines = [
+        "  ".join(
+            cell.rjust(w) if 0 < i < 4 else cell.ljust(w) for i, (cell, w) in enumerate(zip(row, widths, strict=True))
+        )
+        for row in rows[:1] * (len(rows) > 1) + rows[1:]
+    ]
+    note = [flown.budget["of"], *([NOT_A_SUM] if len(rows) > 1 else [])]
+    return "\n".join([str(flown.path), *map(str.rstrip, lines), *(textwrap.fill(line, 118) for line in note)])
 
 
 def _write(form: str, folder: Path, flights: "Sequence[FlightColumns]", facts: Sequence[dict[str, Any]]) -> list[Path]:

@@ -8,6 +8,7 @@ if TYPE_CHECKING:
         check_feasibility,
         explain_infeasibility,
     )
+    from groundstation.core.trajectory.own import OwnTrajectoryConfig
     from groundstation.core.trajectory.port import Reference, Trajectory
     from groundstation.core.trajectory.shapes import ExcitationConfig, LemniscateConfig, TrajectoryConfig
     from groundstation.core.trajectory.transition import Blend, Chain, Hold, Limits, blend, run_in, stop
@@ -15,6 +16,7 @@ if TYPE_CHECKING:
 
 _MODULES = {
     "feasibility": ("Demand", "FeasibilityReport", "check_feasibility", "explain_infeasibility"),
+    "own": ("OwnTrajectoryConfig",),
     "port": ("Reference", "Trajectory"),
     "shapes": ("ExcitationConfig", "LemniscateConfig", "TrajectoryConfig"),
     "transition": ("Blend", "Chain", "Hold", "Limits", "blend", "run_in", "stop"),

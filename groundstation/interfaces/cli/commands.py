@@ -289,10 +289,19 @@ def export(args: argparse.Namespace) -> int:
 
 def report(args: argparse.Namespace) -> int:
     """A page with figures about one recorded flight, or two."""
+    from groundstation import error_budget
     from groundstation.analysis.identify import find_outside
     from groundstation.analysis.report import report_command
 
-    return report_command(args.files, args.out, find_outside, as_json=args.json, formats=args.format.split(","))
+    return report_command(
+        args.files,
+        args.out,
+        find_outside,
+        lambda flown: msgspec.to_builtins(error_budget(flown)),
+        as_json=args.json,
+        formats=args.format.split(","),
+        only_budget=args.budget,
+    )
 
 
 def identify(args: argparse.Namespace) -> int:

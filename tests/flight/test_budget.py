@@ -1,0 +1,131 @@
+"""Error budgets: a recorded flight flown again without each source of its error."""
+
+import json
+from functools import cache
+from pathlib import Path
+
+import msgspec
+import pytest
+
+import groundstation
+from groundstation.analysis.report import FlightColumns, read_columns, report_command
+from groundstation.interfaces.cli import commands
+from sim.scenarios import SCENARIOS, prepare
+from sim.studies import budget as module
+from sim.studies.budget import SOURCES, Contribution, ErrorBudget, compute_budget, error_budget
+from tests.recordings import recorded
+
+DURATION_S = 17.0
+STILL = ("sim.pose_noise_m=0.0", "sim.attitude_noise_rad=0.0")
+
+
+@cache
+def flown(*overrides: str) -> ErrorBudget:
+    world, config = prepare(SCENARIOS["paper"], list(overrides))
+    return compute_budget(world, config, seed=0, duration_s=DURATION_S)
+
+
+def by_source(budget: ErrorBudget) -> dict[str, Contribution]:
+    return {one.source: one for one in budget.contributions}
+
+
+def test_the_model_flies_the_recorded_flight_again() -> None:
+    path, result, _ = recorded(duration_s=DURATION_S)
+    budget = error_budget(path)
+    assert budget.rms_cm == pytest.approx(result.verdict.rms_cm, abs=1e-3)
+    assert budget.of.startswith("This flight, flown again")
+    assert set(by_source(budget)) == {"noise", "latency", "saturation"}  # it has no other source
+    assert groundstation.error_budget is error_budget
+
+
+@pytest.mark.parametrize(
+    ("source", "overrides"),
+    [
+        ("noise", ()),
+        ("gusts", (*STILL, "sim.wind_turbulence=0.3")),
+        ("drag", (*STILL, "sim.drag_per_s=1.5")),
+        ("lag mismatch", (*STILL, "sim.rate_lag_s=0.2", "sim.thrust_lag_s=0.15")),
+        ("wrong thrust", (*STILL, "sim.thrust_sag=0.8")),
+    ],
+)
+def test_without_the_only_disturbance_of_a_flight_its_error_vanishes(source: str, overrides: tuple[str, ...]) -> None:
+    budget, undisturbed = flown(*overrides), flown(*STILL).rms_cm
+    one = by_source(budget)[source]
+    assert budget.rms_cm is not None and undisturbed is not None
+    assert budget.rms_cm > 2.0 * undisturbed
+    assert one.rms_cm == pytest.approx(undisturbed, rel=1e-3)
+    assert one.squared_cm2 == pytest.approx(budget.rms_cm**2 - undisturbed**2, rel=1e-3)
+    assert set(by_source(budget)) - {source} <= {"latency", "saturation"}
+
+
+def test_without_limits_nothing_saturates_and_without_latency_none_is_told() -> None:
+    changed = {source.name: source.off(*prepare(SCENARIOS["storm"], [])) for source in SOURCES}
+    world, config = changed["saturation"]
+    assert config.full_thrust_n == config.vehicle.thrust_max_n == world.thrust_max_n == pytest.approx(1370.0)
+    world, config = changed["latency"]
+    assert world.pose_latency_s == msgspec.to_builtins(config.pose)["latency_s"] == 0.0
+    assert changed["losses"][0].outage_s == changed["losses"][0].frame_loss == 0.0
+
+
+def test_arrays_and_wire_bytes_have_the_same_budget(monkeypatch: pytest.MonkeyPatch) -> None:
+    budgets = []
+    for least in (1, 99):
+        monkeypatch.setattr(module, "ARRAYS_FROM", least)
+        budgets.append(flown.__wrapped__("sim.wind_turbulence=0.2", "sim.pose_loss=0.02"))
+    arrays, wires = ([b.rms_cm, *(one.rms_cm for one in b.contributions)] for b in budgets)
+    assert arrays == pytest.approx(wires, abs=1e-3)
+
+
+def test_a_real_flight_has_the_models_budget_in_the_air_that_the_observer_saw() -> None:
+    real = read_columns(recorded("paper", "sim.wind_turbulence=0.3", duration_s=DURATION_S)[0])
+    real.recording.about.update(sim="", scenario="", seed="")
+    budget = error_budget(real)
+    assert budget.of.startswith("The model's budget, as nobody knows the truth of a real flight")
+    assert budget.rms_cm is not None and 0.1 < budget.rms_cm < 3.0
+    gusts = by_source(budget)["gusts"]
+    assert gusts.rms_cm is not None and gusts.rms_cm < 0.5 * budget.rms_cm
+
+
+def test_what_has_no_budget_says_why() -> None:
+    def said(flight: FlightColumns) -> str:
+        budget = error_budget(flight)
+        assert budget.contributions == () and budget.rms_cm is None
+        return budget.of
+
+    short = read_columns(recorded()[0])
+    assert "less than 16 s on the trajectory" in said(short)
+    flight = read_columns(recorded(duration_s=DURATION_S)[0])
+    told = flight.recording.about["config"]
+    flight.recording.about["config"] = told.replace('kind = "adaptive"', 'factory = "evil:make"\nkind = "custom"')
+    assert "can't be flown here" in said(flight) or "no code that a recording names is run" in said(flight)
+    flight.recording.about["config"] = ""
+    assert "holds no configuration" in said(flight)
+
+
+def test_a_report_shows_the_budget_and_prints_it_alone(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    path = recorded(duration_s=DURATION_S)[0]
+    parts = [Contribution(source="noise", means="of poses", rms_cm=0.011, squared_cm2=0.0121)]
+    made = ErrorBudget(of="This flight.", duration_s=17.0, rms_cm=0.1105, contributions=tuple(parts))
+
+    def report(*, only: bool, formats: tuple[str, ...] = ("html",)) -> str:
+        done = report_command(
+            [path], tmp_path, lambda _: [], lambda _: msgspec.to_builtins(made), as_json=False, formats=formats,
+            only_budget=only,
+        )  # fmt: skip
+        assert done == 0
+        return capsys.readouterr().out
+
+    assert "noise" in report(only=True) and not list(tmp_path.iterdir())
+    page = Path(report(only=False).strip()).read_text("utf-8")
+    assert "Error budget of mqx" in page and "need not add up" in page and 'id="budget"' in page
+    assert "0.0121" in page
+    assert str(tmp_path / "budget.pdf") in report(only=False, formats=("pdf",)).split()
+
+
+def test_the_command_computes_it(capsys: pytest.CaptureFixture[str]) -> None:
+    from groundstation.__main__ import parser
+
+    path = recorded(duration_s=DURATION_S)[0]
+    assert commands.report(parser().parse_args(["report", "--budget", "--json", str(path)])) == 0
+    (budget,) = json.loads(capsys.readouterr().out)["budgets"]
+    assert budget["rms_cm"] > 0.0 and budget["contributions"]
