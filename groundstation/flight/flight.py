@@ -339,13 +339,20 @@ class Flight:
     def _attitude(self, told: Attitude) -> None:
         self.witness.attitude(told)
         self._latency.attitude(told)
+        if told.rates_rad_s is None:
+            return  # through a radio: that one stalls on the way down says nothing of our commands
         self._progress.heard_s = asyncio.get_running_loop().time()
         self._progress.attitude(told)
 
     def _doubts(self, now_s: float) -> bool | None:
-        """Whether the autopilot's own attitude disagrees with the poses; None where it tells none."""
+        """Whether the autopilot's own attitude disagrees with the poses; None where it tells none.
+
+        That it agrees counts only where the mode can be asked for: what nobody takes over past us is not waited for.
+        """
         agreement = self.witness.verdict(now_s)
-        return None if agreement is None else agreement.doubts_s is not None
+        if agreement is None:
+            return None
+        return True if agreement.doubts_s is not None else False if isinstance(self._link, TellsMode) else None
 
     async def run(self) -> FlightOutcome:
         """Fly. However this ends, the link first does what it owes the vehicle: bring it down, or stop its motors.

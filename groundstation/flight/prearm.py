@@ -171,15 +171,18 @@ class Checks:
         name, config = "second witness", self._config
         if isinstance(config.pose, MavlinkPoseConfig):
             return Check(name, Verdict.OFF, "there is none: the poses are the autopilot's own")
-        if not isinstance(config.link, MavlinkLinkConfig):
-            return Check(name, Verdict.OFF, "there is none: a radio does not tell how the vehicle lies")
+        by_radio = not isinstance(config.link, MavlinkLinkConfig)
+        if told is None and by_radio:
+            says = "there is none: this radio does not tell how the vehicle lies, ten times a second, as CRSF's may"
+            return Check(name, Verdict.OFF, says)
         if told is None:
             says = "the autopilot does not send its attitude, so nothing holds against poses that lie"
             return Check(name, Verdict.WARN, says)
         cure = "is it the right body? `groundstation carry` finds the axes of its object"
         if told.unlike:
             says = f"moved by hand, {' and '.join(told.unlike)} went another way in the poses than in the autopilot"
-            return Check(name, Verdict.FAIL, f"{says}: {cure}")
+            sign = "; or correct link.attitude_pitch" if by_radio and told.unlike == ("pitch",) else ""
+            return Check(name, Verdict.FAIL, f"{says}: {cure}{sign}")
         says = f"tilt by the poses and by the autopilot is {told.askew_deg:.1f}° apart"
         if told.askew_deg > ASKEW_DEG:
             return Check(name, Verdict.FAIL, f"{says}: {cure}, level the autopilot's accelerometers")

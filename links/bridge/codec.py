@@ -282,5 +282,9 @@ class StationEnd:
 
     def ours(self, report: PacerReport) -> PacerReport:
         """``report`` by this machine's clock."""
-        shift = self._clock.middle_s
-        return msgspec.structs.replace(report, now_s=report.now_s + shift, frame_s=report.frame_s + shift)
+        shift, told = self._clock.middle_s, report.telemetry
+        if told.attitude_s is not None:
+            told = msgspec.structs.replace(told, attitude_s=told.attitude_s + shift)
+        return msgspec.structs.replace(
+            report, now_s=report.now_s + shift, frame_s=report.frame_s + shift, telemetry=told
+        )

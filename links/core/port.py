@@ -44,8 +44,8 @@ class Attitude(msgspec.Struct, frozen=True, gc=False):
     """When that was so, on the event loop's clock [s]."""
     attitude: tuple[float, float, float, float]
     """Unit quaternion w, x, y, z, body FRD to NED; its north is the vehicle's own."""
-    rates_rad_s: tuple[float, float, float]
-    """Body rates [rad/s], FRD."""
+    rates_rad_s: tuple[float, float, float] | None
+    """Body rates [rad/s], FRD; None where it tells none, as through a radio, which does not tell either when it was."""
 
 
 class LinkError(Exception):

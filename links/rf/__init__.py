@@ -4,7 +4,7 @@ TYPE_CHECKING = False
 if TYPE_CHECKING:
     from links.rf.channel_map import Channels
     from links.rf.codec import Manner, RfFrame, RfLinkConfig, Service
-    from links.rf.crsf_codec import CrsfLinkConfig
+    from links.rf.crsf_codec import CrsfLinkConfig, encode_attitude
     from links.rf.dsm_codec import DsmLinkConfig
     from links.rf.kinds import RF_CODECS, RfConfig
     from links.rf.link import PacedLink, SerialRfLink
@@ -29,7 +29,7 @@ if TYPE_CHECKING:
 _MODULES = {
     "channel_map": ("Channels",),
     "codec": ("Manner", "RfFrame", "RfLinkConfig", "Service"),
-    "crsf_codec": ("CrsfLinkConfig",),
+    "crsf_codec": ("CrsfLinkConfig", "encode_attitude"),
     "dsm_codec": ("DsmLinkConfig",),
     "kinds": ("RF_CODECS", "RfConfig"),
     "link": ("PacedLink", "SerialRfLink"),

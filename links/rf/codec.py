@@ -29,9 +29,10 @@ class RfTelemetry(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True)
     """Its charge [-]."""
     mode: str | None = None
     """The flight controller's mode, in its own words."""
-    attitude_rad: tuple[float, float, float] | None = None
-    """Roll, pitch and yaw as the flight controller tells them [rad]: which way pitch counts is its own, and nobody
-    tells how old they are."""
+    attitude: tuple[float, float, float, float] | None = None
+    """Unit quaternion w, x, y, z as the flight controller believes, body FRD to NED; its north is its own."""
+    attitude_s: float | None = None
+    """About when that was so, on the commands' clock [s]: no frame tells."""
     uplink_share: float | None = None
     """Share of our frames that the receiver gets [-]."""
     uplink_dbm: int | None = None

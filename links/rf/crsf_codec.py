@@ -14,11 +14,13 @@ CRC-8 of polynomial 0xBA over type to data, and the CRC of every frame. 400000 b
 What comes back, numbers with the high byte first: type 0x08, battery: voltage in 0.1 V, current in 0.1 A, 24 bits of
 mAh, percent (the document says 10 µV; Betaflight's telemetry/crsf.c sends, and EdgeTX takes, tenths of a volt). 0x14,
 link: -dBm of both antennas, percent, dB, antenna, profile, power, and of the way down. 0x1E, attitude: pitch, roll, yaw
-in 100 µrad. 0x21, mode: text to a zero byte. 0x3A, addressed, sub-type 0x10: 32 bits of period and of how much too
-early our frames come, in 100 ns.
+in 100 µrad; in Betaflight nose down counts up (its telemetry/mavlink.c turns it round, telemetry/crsf.c does not).
+0x21, mode: text to a zero byte. 0x3A, addressed, sub-type 0x10: 32 bits of period and of how much too early our frames
+come, in 100 ns.
 Source: TBS crsf-spec 1285bbc5; EdgeTX e2bcbd6c; ExpressLRS 7702d0fe.
 """
 
+import math
 from collections import Counter
 from collections.abc import Iterable, Sequence
 from typing import Annotated, Literal
@@ -61,6 +63,8 @@ class CrsfLinkConfig(RfLinkConfig, frozen=True, kw_only=True, forbid_unknown_fie
     map: ChannelMap = ORDER
     lead_s: Annotated[float, msgspec.Meta(ge=0.0, le=0.02)] = 0.002
     """How long before its frame leaves a command is asked for [s]. One that comes later waits for the next frame."""
+    attitude_pitch: Literal["nose_down", "nose_up"] = "nose_down"
+    """Which way pitch counts up in the attitude that comes back: as in Betaflight, or as in ArduPilot."""
     address: Literal["module", "sync"] = "module"
     """First byte of a frame of channels: 0xEE or 0xC8."""
     model_id: Annotated[int, msgspec.Meta(ge=0, le=63)] | None = None
@@ -82,6 +86,7 @@ class CrsfCodec:
         """See the configuration."""
         self._model = config.model_id
         self._address = TO_MODULE if config.address == "module" else SYNC
+        self._pitch = 1.0 if config.attitude_pitch == "nose_up" else -1.0
 
     def greeting(self) -> bytes:
         """The model that is selected, where one is configured."""
@@ -98,14 +103,16 @@ class CrsfCodec:
 
     def decoder(self) -> "CrsfDecoder":
         """A decoder."""
-        return CrsfDecoder()
+        return CrsfDecoder(self._pitch)
 
 
 class CrsfDecoder:
     """Frames out of a stream; begins anew one byte later wherever a frame turns out to be none."""
 
-    def __init__(self) -> None:
+    def __init__(self, pitch: float) -> None:
+        """``pitch``: 1 where the nose up counts up in attitudes, else -1."""
         self.dropped: dict[str, int] = Counter()
+        self._pitch = pitch
         self._rest = b""
 
     def feed(self, data: bytes) -> list[RfFrame]:
@@ -124,7 +131,7 @@ class CrsfDecoder:
                 self.dropped["bad_checksum"] += 1
                 at += 1
             else:
-                heard.append(_decode_frame(data[at + 2], data[at + 3 : at + 1 + size]))
+                heard.append(self._decode_frame(data[at + 2], data[at + 3 : at + 1 + size]))
                 at += 2 + size
         self._rest = data[at:]
         return heard
@@ -135,19 +142,32 @@ class CrsfDecoder:
             self.dropped["cut_short"] += len(self._rest)
             self._rest = b""
 
+    def _decode_frame(self, kind: int, payload: bytes) -> RfFrame:
+        if kind == RC_CHANNELS and len(payload) >= _CHANNEL_BYTES:
+            packed = int.from_bytes(payload[:_CHANNEL_BYTES], "little")
+            found = (packed >> (11 * i) & 0x7FF for i in range(CHANNELS))
+            return RfFrame(tuple(position(count, _LOW, _HIGH) for count in found))
+        is_order = kind == COMMAND and len(payload) >= 5 and payload[2] == _THIS_SYSTEM
+        if is_order and _crc8((kind, *payload[:-1]), _BA) == payload[-1]:
+            if payload[3] == _BIND:
+                return RfFrame(None, Service.BIND)
+            if payload[3] == _MODEL and len(payload) == 6:
+                return RfFrame(None, None, payload[4])
+        if kind == ATTITUDE and len(payload) >= 6:
+            pitch, roll, yaw = (1e-4 * int.from_bytes(payload[k : k + 2], "big", signed=True) for k in (0, 2, 4))
+            return RfFrame(None, tells=RfTelemetry(attitude=_quaternion(roll, self._pitch * pitch, yaw)))
+        return RfFrame(None, tells=_decode_telemetry(kind, payload))
 
-def _decode_frame(kind: int, payload: bytes) -> RfFrame:
-    if kind == RC_CHANNELS and len(payload) >= _CHANNEL_BYTES:
-        packed = int.from_bytes(payload[:_CHANNEL_BYTES], "little")
-        found = (packed >> (11 * i) & 0x7FF for i in range(CHANNELS))
-        return RfFrame(tuple(position(count, _LOW, _HIGH) for count in found))
-    is_order = kind == COMMAND and len(payload) >= 5 and payload[2] == _THIS_SYSTEM
-    if is_order and _crc8((kind, *payload[:-1]), _BA) == payload[-1]:
-        if payload[3] == _BIND:
-            return RfFrame(None, Service.BIND)
-        if payload[3] == _MODEL and len(payload) == 6:
-            return RfFrame(None, None, payload[4])
-    return RfFrame(None, tells=_decode_telemetry(kind, payload))
+
+def _quaternion(roll: float, pitch: float, yaw: float) -> tuple[float, float, float, float]:
+    """Of the turns about down, then right, then ahead [rad]."""
+    a, b, c = (complex(math.cos(0.5 * angle), math.sin(0.5 * angle)) for angle in (roll, pitch, yaw))
+    return (
+        a.real * b.real * c.real + a.imag * b.imag * c.imag,
+        a.imag * b.real * c.real - a.real * b.imag * c.imag,
+        a.real * b.imag * c.real + a.imag * b.real * c.imag,
+        a.real * b.real * c.imag - a.imag * b.imag * c.real,
+    )
 
 
 def _decode_telemetry(kind: int, payload: bytes) -> RfTelemetry | None:
@@ -161,15 +181,18 @@ def _decode_telemetry(kind: int, payload: bytes) -> RfTelemetry | None:
         strongest = min((x for x in (first, second) if x), default=0)
         snr = noise - 256 if noise > 127 else noise
         return RfTelemetry(uplink_share=min(percent, 100) / 100, uplink_dbm=-strongest, uplink_snr_db=snr)
-    if kind == ATTITUDE and size >= 6:
-        pitch, roll, yaw = (1e-4 * int.from_bytes(payload[k : k + 2], "big", signed=True) for k in (0, 2, 4))
-        return RfTelemetry(attitude_rad=(roll, pitch, yaw))
     if kind == MODE:
         text = payload.split(b"\0")[0].decode("ascii", "replace")
         return RfTelemetry(mode="".join(c for c in text if c.isprintable()))
     if kind == RADIO and size >= 11 and payload[2] == _TIMING:
         return RfTelemetry(early_s=1e-7 * int.from_bytes(payload[7:11], "big", signed=True))
     return None
+
+
+def encode_attitude(pitch: float, roll: float, yaw: float) -> bytes:
+    """The frame by which a module hands on an attitude [rad]."""
+    angles = (round(1e4 * math.remainder(angle, math.tau)) for angle in (pitch, roll, yaw))
+    return _frame(_RADIO, ATTITUDE, b"".join(angle.to_bytes(2, "big", signed=True) for angle in angles))
 
 
 def _command(what: int, *data: int) -> bytes:

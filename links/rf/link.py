@@ -17,6 +17,8 @@ from links.rf.pacer import Arm, End, Give, Hear, OpenPacer, Order, Pacer, PacerR
 
 END_LIMIT_S = 4.0
 """Longest wait for a pacer to end [s]: the longest command, its bring-down, and then some."""
+ANEW_S = 0.01
+"""An attitude that is not so much newer than the last is the same one, reported again [s]."""
 SILENT_S = 1.0
 """A pacer that reports nothing for so long stands still, or can't be heard [s]."""
 
@@ -181,6 +183,8 @@ class PacedLink:
         """Why the newest arming is over, or soon will be, though nobody here has ended it."""
         self._unmet = ""
         """See :class:`links.core.port.LinkStatus`."""
+        self._watch: Callable[[Attitude], None] = lambda told: None
+        self._felt_s = -math.inf
         self._busy = _CLOSED
         """Why send() is out of place now; empty where it is not."""
 
@@ -236,7 +240,8 @@ class PacedLink:
         return self._busy == _ARMING or self._deadman.phase(_now()) is Phase.OVER
 
     def watch_attitude(self, watch: Callable[[Attitude], None]) -> None:
-        """Nothing comes back from the vehicle."""
+        """Call ``watch`` with the attitudes that come back through the module, as CRSF's do."""
+        self._watch = watch
 
     async def connect(self) -> None:
         """Start the pacer and open the port, or find both; from now on disarm frames leave.
@@ -439,8 +444,16 @@ class PacedLink:
         if owed and not self._unmet:
             self._unmet = self._heard.why_helpless()
 
+    def _feel(self, told: RfTelemetry) -> None:
+        """The vehicle may have told how it lies."""
+        if told.attitude is not None and told.attitude_s is not None and told.attitude_s > self._felt_s + ANEW_S:
+            self._felt_s = told.attitude_s
+            self._watch(Attitude(told.attitude_s, told.attitude, None))
+
     def _hear(self, report: PacerReport | None) -> None:
         self._note_unmet()
+        if report is not None:
+            self._feel(report.telemetry)
         # A report from before the newest arming says nothing about it.
         if report is None or (report.arming == self._arming and report.over):
             ends = self._deadman.stop

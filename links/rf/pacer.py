@@ -164,6 +164,9 @@ REOPEN_S, REOPEN_LIMIT_S = 0.1, 1.6
 """First and longest wait before the port is opened again [s]."""
 TELLS_S = 5.0
 """What a module has not told again for so long is forgotten [s]."""
+TOLD_LATE_S = 0.05
+"""An attitude is about so old when the module has told it [s]: it waits for a slot of the radio. Whoever holds it
+against poses looks 0.1 s either way (groundstation/core/safety/witness.py)."""
 STEER = 0.02
 """A frame leaves earlier or later by at most this share of the period, where the module asks for it [-]."""
 READ_BYTES = 512
@@ -338,6 +341,8 @@ class FramePacer:
             if heard.tells is not None:
                 told = msgspec.structs.asdict(heard.tells)
                 self._telemetry |= {name: (now_s, value) for name, value in told.items() if value is not None}
+                if heard.tells.attitude is not None:
+                    self._tell_s = now_s
                 if heard.tells.early_s is not None:
                     self._early_s = math.remainder(heard.tells.early_s, self._config.period_s)
 
@@ -376,6 +381,9 @@ class FramePacer:
         """The pacer as it is now."""
         self._tell_s, self._told = now_s + REPORT_S, self._stands(now_s)
         arming, over, deaf = self._told
+        told = {name: value for name, (at_s, value) in self._telemetry.items() if now_s - at_s < TELLS_S}
+        if "attitude" in told:
+            told["attitude_s"] = self._telemetry["attitude"][0] - TOLD_LATE_S
         return PacerReport(
             now_s=now_s,
             frame_s=self._due_s,
@@ -397,9 +405,7 @@ class FramePacer:
             heir=self._heir,
             alone=alone,
             warning=warning,
-            telemetry=RfTelemetry(
-                **{name: value for name, (at_s, value) in self._telemetry.items() if now_s - at_s < TELLS_S}
-            ),
+            telemetry=RfTelemetry(**told),
         )
 
     def _make_frame(self, at_s: float) -> bytes:

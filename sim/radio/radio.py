@@ -6,11 +6,13 @@
 - It arms when the arm channel goes up with the throttle down, having been seen down; it disarms when that goes down.
   Where the map has no such channel it is armed once the throttle was seen down.
 - Frames that bind move nothing.
+- Attitudes come back through a CRSF module as Betaflight tells them: in tenths of a degree, nose down counting up.
 """
 
 import asyncio
 import contextlib
 import errno
+import math
 import os
 import tempfile
 from collections.abc import Callable, Sequence
@@ -20,6 +22,7 @@ from typing import TYPE_CHECKING, Any, Literal, TypeAlias
 import msgspec
 
 from groundstation.config import ConfigError, from_dict
+from groundstation.core.geometry import Quat, so3
 from groundstation.core.vehicle import Vehicle
 from groundstation.runtime import sleep_until
 from groundstation.settings import Config
@@ -39,6 +42,7 @@ from links.rf import (
     RfLinkConfig,
     Service,
     StandbyWatch,
+    encode_attitude,
 )
 from sim.world import Airframe, World
 
@@ -338,6 +342,8 @@ FAILSAFE_S = 1.0
 """How long the last frame is held [s]."""
 THROTTLE_DOWN = 0.02
 """Thrust below this share counts as none."""
+DOWNLINK_S = 0.03
+"""What comes back waits so long for slots of the radio [s]."""
 GAP_FRAMES = 0.6
 """The wire silent for so many periods ends a frame that was begun."""
 
@@ -463,6 +469,12 @@ def describe_pulses(config: RfLinkConfig) -> tuple[float, str]:
     return 512.0, "AETR"
 
 
+def attitude_frame(attitude: Quat) -> bytes:
+    """The frame by which a module hands on how the vehicle lies, body FRD to NED."""
+    roll, pitch, yaw = (math.radians(round(math.degrees(angle), 1)) for angle in so3.euler_zyx(attitude))
+    return encode_attitude(-pitch, roll, yaw)
+
+
 class RfPeer(asyncio.DatagramProtocol):
     """Brings bytes to a receiver as late as wire and air do; on the real and on the virtual loop alike."""
 
@@ -475,11 +487,27 @@ class RfPeer(asyncio.DatagramProtocol):
         self.overhear: Callable[[float, bytes], None] | None = None
         """Sees all bytes as they begin to come, and when [s]."""
         self._watch: asyncio.TimerHandle | None = None
+        self._transport: asyncio.DatagramTransport | None = None
         self._end: asyncio.Future[None] | None = None
+
+    async def tell(self, say: Callable[[bytes], None], feel: Callable[[float], Quat], rate_hz: float) -> None:
+        """``say`` how the vehicle lies, so often [Hz], until cancelled."""
+        loop, due = asyncio.get_running_loop(), asyncio.get_running_loop().time()
+        while True:
+            due += 1.0 / rate_hz
+            await sleep_until(due)
+            loop.call_later(DOWNLINK_S + self._air_s, say, attitude_frame(feel(due)))
+
+    def answer(self, data: bytes) -> None:
+        """Say something to the pacer, on the network in memory."""
+        if self._transport is not None:
+            self._transport.sendto(data, STATION)
 
     async def run(self) -> None:
         """Listen at :data:`sim.radio.radio.MODULE` on the network in memory, until cancelled."""
-        transport, _ = await asyncio.get_running_loop().create_datagram_endpoint(lambda: self, local_addr=MODULE)
+        loop = asyncio.get_running_loop()
+        transport, _ = await loop.create_datagram_endpoint(lambda: self, local_addr=MODULE)
+        self._transport = transport
         try:
             await self.last()
         finally:

@@ -24,7 +24,7 @@ from links.core import signal
 from links.io import parse_address, read_key
 from links.mavlink import MavlinkLinkConfig, StampFile
 from links.mavlink.protocol import TICKS_PER_S, Signer
-from links.rf import RfConfig
+from links.rf import CrsfLinkConfig, RfConfig
 from sim.autopilots import (
     AUTOPILOTS,
     AutopilotPeer,
@@ -122,6 +122,7 @@ class Stage:
         """The wire to the module of a radio link on the network in memory."""
         self.radio: RfPeer | None = None
         """The other end of a radio link."""
+        self._telemetry_hz = 0.0
         self.board: FlightBoard | None = None
         """Betaflight behind it; None where the receiver flies the vehicle itself."""
         if isinstance(config.link, MavlinkLinkConfig):
@@ -149,6 +150,7 @@ class Stage:
             else:
                 receiver = RfReceiver(vehicle, radio, lose=lose)
             self.radio = RfPeer(receiver, radio, world.command_delay_s)
+            self._telemetry_hz = world.telemetry_hz if isinstance(radio, CrsfLinkConfig) else 0.0
             if pty is None:
                 self.wires, self._bridge = wires(config, radio, generator(seed, "nonces").bytes, self.port)
             elif isinstance(config.link, BridgeLinkConfig):
@@ -203,6 +205,9 @@ class Stage:
                 radio = self.radio
                 self._pty.listen(lambda data: radio.datagram_received(data, None))
                 group.create_task(radio.last())
+            if self.radio is not None and self._telemetry_hz:
+                say = self._pty.say if self._pty is not None else self.radio.answer
+                group.create_task(self.radio.tell(say, lambda now: self.vehicle.feel(now)[0], self._telemetry_hz))
             if self._bridge is not None:
                 self.bridge_task = group.create_task(self._bridge.run())
             if self.board is not None:

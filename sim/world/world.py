@@ -163,6 +163,8 @@ class World(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=Tru
     """Period of the command frames; the last one is held [s]."""
     command_delay_s: Annotated[float, msgspec.Meta(ge=0.0, le=1.0)] = 0.0
     """From a frame's leaving us to the vehicle's autopilot hearing it, as on a slow radio [s]."""
+    telemetry_hz: NonNegative = 0.0
+    """How often the vehicle's attitude comes back through a CRSF module [Hz]; Betaflight tells it at 10 Hz."""
     frame_loss: Share = 0.0
     """Share of the command frames lost at random [-]."""
     speed_m_s: Positive = 0.5

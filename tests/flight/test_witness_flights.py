@@ -72,9 +72,10 @@ def flown(
     state: State | None = State.HOLD,
     after_s: float = 1.5,
     sets: tuple[str, ...] = (),
+    link: str = "mavlink",
 ) -> Told:
     """A mission with 10 s of figure; ``lie(liar)`` begins ``after_s`` [s] into ``state``, or before all of it."""
-    world, config = prepare(SCENARIOS[scenario], list(sets))
+    world, config = prepare(SCENARIOS[scenario], list(sets), link=link)
     world, config = from_floor(world, config, 10.0)
     told = Told()
 
@@ -158,6 +159,51 @@ def test_attitudes_that_begin_to_lie_in_flight_are_doubted_once_it_leans(
     # In a storm it leans all the time: what was frozen comes out by how it turns.
     in_s = IN_S if scenario == "paper" else 1.5 * IN_S
     assert told.struck_s < told.doubted_s < max(told.struck_s, told.leans_s) + in_s + LOOK_S
+
+
+TOLD_BY_RADIO = ("sim.telemetry_hz=10",)
+"""As Betaflight tells its attitude over CRSF."""
+
+
+@pytest.mark.parametrize("scenario", ["storm", "adverse", "gust_front", "quad1kg"])
+def test_true_poses_are_not_doubted_by_what_a_radio_tells(scenario: str) -> None:
+    told = flown(scenario, seed=7, link="crsf", sets=TOLD_BY_RADIO)
+    assert told.mission is not None and told.mission.landed
+    assert told.share < 0.9
+    assert told.silent_s < 0.5
+    assert told.share > 0.0
+
+
+@pytest.mark.parametrize(
+    ("lie", "seed"),
+    [(frozen, 1), (mirrored(-1.0, 1.0), 1), (mirrored(1.0, -1.0), 0)],
+    ids=["frozen", "roll", "pitch"],
+)
+def test_attitudes_of_poses_that_lie_are_told_by_the_attitude_over_crsf(lie: Callable[[Liar], Lie], seed: int) -> None:
+    told, alone = (flown("paper", seed=seed, lie=lie, link="crsf", sets=sets) for sets in (TOLD_BY_RADIO, ()))
+    # Ten times a second are slower than MAVLink's fifty, and of the turning only the slow window counts.
+    assert told.struck_s < told.doubted_s < max(told.struck_s, told.leans_s) + 1.5 * IN_S
+    assert alone.share == 0.0 and alone.doubted_s == math.inf
+    (convicted,) = (line for line in told.events if " aborted: " in line)
+    assert "convicted: " in convicted
+    assert "and the autopilot's own attitude says so, too" in convicted
+    assert told.mission is not None and alone.mission is not None
+    assert told.mission.states[-1].state == alone.mission.states[-1].state == State.ABORTED
+    assert told.mission.states[-1].time_s < alone.mission.states[-1].time_s
+
+
+def test_where_the_model_sides_with_the_poses_what_a_radio_tells_otherwise_convicts_nobody() -> None:
+    """Pitch that is told to count the wrong way."""
+    told = flown("paper", link="crsf", sets=(*TOLD_BY_RADIO, "link.attitude_pitch=nose_up"))
+    assert told.share > 2.0
+    assert told.doubted_s < math.inf
+    assert told.mission is not None and told.mission.landed
+
+
+def test_a_radio_that_is_slow_on_the_way_down_is_no_witness() -> None:
+    told = flown("paper", link="crsf", sets=("sim.telemetry_hz=4",))
+    assert told.mission is not None and told.mission.landed
+    assert told.share == 0.0
 
 
 @pytest.mark.parametrize("autopilot", ["px4", "ardupilot"])

@@ -154,7 +154,7 @@ def test_the_autopilots_attitude_is_a_second_witness(witness: Agreement | None, 
     ("config", "says"),
     [
         ({"pose": {"kind": "mavlink"}}, "the poses are the autopilot's own"),
-        ({"link": {"kind": "dsm", "port": "/dev/ttyUSB0"}}, "a radio does not tell"),
+        ({"link": {"kind": "dsm", "port": "/dev/ttyUSB0"}}, "this radio does not tell"),
     ],
 )
 def test_where_nobody_else_can_tell_the_second_witness_is_off(config: dict[str, Any], says: str) -> None:

@@ -7,10 +7,11 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from groundstation.core.geometry import so3
 from links.core import Command, Segment
-from links.rf import Arm, Channels, CrsfLinkConfig, FramePacer, Give
+from links.rf import Arm, Channels, CrsfLinkConfig, FramePacer, Give, encode_attitude
 from links.rf.codec import RfTelemetry
-from links.rf.pacer import STEER, TELLS_S
+from links.rf.pacer import STEER, TELLS_S, TOLD_LATE_S
 from tests.unit.test_pacer import Bench, Notebook
 
 
@@ -39,7 +40,7 @@ LINK = frame(0x14, bytes((60, 0, 99, 0xFB, 0, 2, 3, 70, 98, 7)))
         (BATTERY, RfTelemetry(battery_v=16.8, battery_share=0.5)),
         (frame(0x08, bytes(8)), RfTelemetry()),
         (LINK, RfTelemetry(uplink_share=0.99, uplink_dbm=-60, uplink_snr_db=-5)),
-        (frame(0x1E, struct.pack(">hhh", -1000, 2000, 31000)), RfTelemetry(attitude_rad=(0.2, -0.1, 3.1))),
+        (frame(0x1E, struct.pack(">hhh", -1000, 2000, 31000)), RfTelemetry(attitude=so3.from_euler_zyx(0.2, 0.1, 3.1))),
         (frame(0x21, b"ACRO*\0rest"), RfTelemetry(mode="ACRO*")),
         (timing(-0.00012), RfTelemetry(early_s=-0.00012)),
     ],
@@ -57,8 +58,32 @@ def test_whatever_they_hold_nothing_raises_and_every_number_is_finite(kind: int,
     (heard,) = CrsfLinkConfig().codec().decoder().feed(frame(kind, payload))
     if heard.tells is not None:
         told = heard.tells
-        numbers = (told.battery_v, told.battery_share, told.uplink_share, told.early_s, *(told.attitude_rad or ()))
+        numbers = (told.battery_v, told.battery_share, told.uplink_share, told.early_s, *(told.attitude or ()))
         assert all(math.isfinite(number) for number in numbers if number is not None)
+
+
+def test_pitch_counts_the_way_that_it_is_told_to() -> None:
+    data, seen = encode_attitude(0.1, -0.2, 4.0), []
+    for pitch in ("nose_up", "nose_down"):
+        (heard,) = CrsfLinkConfig(attitude_pitch=pitch).codec().decoder().feed(data)
+        assert heard.tells is not None and heard.tells.attitude is not None
+        seen.append(so3.euler_zyx(heard.tells.attitude))
+    assert data == frame(0x1E, struct.pack(">hhh", 1000, -2000, round(1e4 * (4.0 - math.tau))))
+    assert seen[0] == pytest.approx((-0.2, 0.1, 4.0 - math.tau), abs=1e-4)
+    assert seen[1] == pytest.approx((-0.2, -0.1, 4.0 - math.tau), abs=1e-4)
+
+
+def test_an_attitude_is_reported_at_once_and_with_about_when_it_was() -> None:
+    bench = Bench(CrsfLinkConfig())
+    bench.frame()
+    bench.pacer.report(bench.now)
+    assert not bench.pacer.has_news(bench.now)
+    bench.port.comes = encode_attitude(0.0, 0.1, 0.0)
+    bench.frame()
+    assert bench.pacer.has_news(bench.now)
+    told = bench.pacer.report(bench.now).telemetry
+    assert told.attitude_s == pytest.approx(bench.now - TOLD_LATE_S)
+    assert bench.pacer.report(bench.now + 0.1).telemetry.attitude_s == told.attitude_s
 
 
 def test_what_is_told_is_reported_and_forgotten_after_a_while() -> None:

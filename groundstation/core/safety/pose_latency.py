@@ -51,7 +51,9 @@ class PoseLatency:
         self._said_s = 0.0
 
     def attitude(self, told: Attitude) -> None:
-        """What the vehicle tells of itself."""
+        """What the vehicle tells of itself; nothing where it tells no rates, as nobody tells either when that was."""
+        if told.rates_rad_s is None:
+            return
         if not self._told or told.time_s > self._told[-1].time_s:
             self._told.append(told)
         elif told.time_s < self._told[-1].time_s - GAP_S:  # its clock is another one
@@ -75,6 +77,7 @@ class PoseLatency:
         """At one instant, at which the poses have gravity along ``x`` and ``y`` of the body."""
         w, i, j, k = told.attitude
         a, b, c = 2.0 * (i * k - w * j), 2.0 * (j * k + w * i), 1.0 - 2.0 * (i * i + j * j)
+        assert told.rates_rad_s is not None, "others are not kept"
         p, q, r = told.rates_rad_s
         now = (x - a, y - b, r * b - q * c, p * c - r * a)
         dt, self._at_s = told.time_s - self._at_s, told.time_s

@@ -14,8 +14,9 @@ about it. Two things are compared there, every 0.05 s, or every 0.15 s while all
 
 Clocks may be apart and messages late: what the autopilot says of one instant is held against what the poses show up to
 0.1 s before and after it, and the best of these counts; it is looked for only where they disagree by more than their
-noise as they come. A heading that leaps, as an autopilot's estimator resets it, tells nothing: where it goes farther
-than the gyros turned, turning is compared anew from there.
+noise as they come. Through a radio attitudes come ten times a second at best, and without rates: of the turning only
+that of the last 0.6 s counts there. A heading that leaps, as an autopilot's estimator resets it, tells nothing: where
+it goes farther than the gyros turned, turning is compared anew from there.
 """
 
 import math
@@ -234,7 +235,8 @@ class Witness:
         fast, slow = self._turns
         fast.add(samples, at, felt, then, noise, steps)
         slow.add(samples, at, felt, then, noise, steps)
-        self._turning = max(fast.statistic(noise), slow.statistic(noise))
+        coarse = self._told is None or self._told.rates_rad_s is None
+        self._turning = slow.statistic(noise) if coarse else max(fast.statistic(noise), slow.statistic(noise))
         agrees = self._tilting < 1.0 and self._turning < 1.0
         self._doubts_s = None if agrees else number * STEP_S if self._doubts_s is None else self._doubts_s
         if self._armed and agrees:
@@ -388,13 +390,15 @@ def _over(steps: int, gain: float) -> float:
 
 
 def _leaps(last: Attitude, told: Attitude, since: float) -> bool:
-    """Whether the heading went farther than the gyros turned, ``since`` [s] before."""
+    """Whether the heading went farther than the gyros turned, ``since`` [s] before; where nobody tells, it did not."""
     a, b, c, d = last.attitude
     w, x, y, z = told.attitude
     half = a * z - d * w + c * x - b * y
     if -LEAST < half < LEAST:  # nobody turns just against a leap
         return False
     turned = 2.0 * half if a * w + b * x + c * y + d * z > 0.0 else -2.0 * half
+    if told.rates_rad_s is None or last.rates_rad_s is None:
+        return False
     (p, q, r), (e, f, g) = told.rates_rad_s, last.rates_rad_s
     gx, gy, gz = 2.0 * (x * z - w * y), 2.0 * (y * z + w * x), 1.0 - 2.0 * (x * x + y * y)
     by_gyros = 0.5 * since * ((p + e) * gx + (q + f) * gy + (r + g) * gz)
