@@ -3,7 +3,7 @@
 TYPE_CHECKING = False
 if TYPE_CHECKING:
     from groundstation.runtime.broadcast import Latest
-    from groundstation.runtime.clock import IdleSlots, precise_loop, sleep_until, to_the_end, wall_ms
+    from groundstation.runtime.clock import IdleSlots, cancel_task, precise_loop, sleep_until, to_the_end, wall_ms
     from groundstation.runtime.document import replace_between_markers, split_at_markers
     from groundstation.runtime.entry import INTERRUPTED, Exit, raw_stream, require_package, run
     from groundstation.runtime.non_blocking_writer import NonBlockingWriter
@@ -46,7 +46,7 @@ if TYPE_CHECKING:
 
 _MODULES = {
     "broadcast": ("Latest",),
-    "clock": ("IdleSlots", "precise_loop", "sleep_until", "to_the_end", "wall_ms"),
+    "clock": ("IdleSlots", "cancel_task", "precise_loop", "sleep_until", "to_the_end", "wall_ms"),
     "document": ("replace_between_markers", "split_at_markers"),
     "entry": ("Exit", "INTERRUPTED", "raw_stream", "require_package", "run"),
     "non_blocking_writer": ("NonBlockingWriter",),

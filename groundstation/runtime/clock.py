@@ -13,6 +13,9 @@ from typing import TypeVar
 
 T = TypeVar("T")
 
+CANCEL_AGAIN_S = 1.0
+"""A task that has been cancelled may clean up for so long [s]."""
+
 
 async def sleep_until(when_s: float) -> None:
     """Sleep until ``when_s`` on the event loop's clock [s]; give way once where that has passed."""
@@ -45,6 +48,18 @@ async def to_the_end(work: Awaitable[T]) -> T:
     if cancelled is not None:
         raise cancelled
     return task.result()
+
+
+async def cancel_task(task: "asyncio.Task[None]") -> None:
+    """Cancel ``task`` until it has ended, which nothing that it waits in can forget; what it fails with is raised.
+
+    ``asyncio.wait_for``, ours or a library's, forgets a cancellation before Python 3.12 that comes as the wait ends.
+    """
+    while not task.done():
+        task.cancel()
+        await asyncio.wait({task}, timeout=CANCEL_AGAIN_S)
+    if not task.cancelled():
+        task.result()
 
 
 class PreciseSelector(selectors.EpollSelector):

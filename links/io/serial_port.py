@@ -83,7 +83,9 @@ def is_pseudo_terminal(path: str) -> bool:
 
 
 def waiting(fd: int) -> int:
-    """Bytes that were written and have not left yet; 0 where the driver can't tell.
+    """Bytes that were written and have not left yet, of a TCP socket: that the other end has not acknowledged yet.
+
+    0 where the driver can't tell.
 
     Raises:
         OSError: the port is gone.

@@ -11,15 +11,13 @@ What the other end has acknowledged and not read yet is out of our hands: prefer
 """
 
 import asyncio
-import fcntl
 import struct
-import termios
 from collections import Counter, deque
 from collections.abc import Awaitable, Callable
 from typing import Any, Protocol
 
 from links.core import LinkError, LinkLost
-from links.io import Datagrams, create_serial_connection, parse_address
+from links.io import Datagrams, create_serial_connection, parse_address, waiting
 from links.mavlink.protocol import MavlinkLinkConfig
 
 
@@ -156,15 +154,13 @@ class TcpTransport(asyncio.Protocol):
 
     def _waited_s(self) -> float:
         """How long ago the oldest frame left that is not acknowledged yet [s]."""
-        waiting = self._unacknowledged
-        if waiting:
-            queued = (
-                _count_unacknowledged(self._transport.get_extra_info("socket"))
-                + self._transport.get_write_buffer_size()
-            )
-            while waiting and waiting[0][0] <= self._sent - queued:
-                waiting.popleft()
-        return self._loop.time() - waiting[0][1] if waiting else 0.0
+        frames = self._unacknowledged
+        if frames:
+            socket = self._transport.get_extra_info("socket")
+            queued = waiting(socket.fileno()) + self._transport.get_write_buffer_size()
+            while frames and frames[0][0] <= self._sent - queued:
+                frames.popleft()
+        return self._loop.time() - frames[0][1] if frames else 0.0
 
     def cut(self) -> None:
         """Reset the connection."""
@@ -194,15 +190,6 @@ class TcpTransport(asyncio.Protocol):
         self._transport.abort()
         if ear is not None:
             ear.lose_transport(why)
-
-
-def _count_unacknowledged(socket: Any) -> int:
-    """Bytes that the other end has not acknowledged yet."""
-    try:
-        count: int = struct.unpack("i", fcntl.ioctl(socket.fileno(), termios.TIOCOUTQ, b"\0\0\0\0"))[0]
-    except OSError:  # closed meanwhile, or a system that can't tell
-        return 0
-    return count
 
 
 async def open_tcp(config: MavlinkLinkConfig, ear: TransportListener) -> TcpTransport:

@@ -1,10 +1,14 @@
 """The loop that flies is woken up by the microsecond, and by whatever comes before."""
 
 import asyncio
+import contextlib
 import os
 
-from groundstation.runtime import precise_loop
-from groundstation.runtime.clock import PreciseSelector
+import pytest
+
+from groundstation.runtime import cancel_task, precise_loop
+from groundstation.runtime.clock import CANCEL_AGAIN_S, PreciseSelector
+from tests.loops import in_virtual_time
 
 
 def test_timers_are_less_late_than_the_millisecond_that_epoll_counts_in() -> None:
@@ -38,3 +42,30 @@ def test_what_comes_earlier_ends_the_wait() -> None:
         selector.close()
         os.close(ours)
         os.close(theirs)
+
+
+def test_a_task_that_forgets_its_cancellation_is_cancelled_again_and_what_it_fails_with_is_raised() -> None:
+    async def forget() -> None:
+        with contextlib.suppress(asyncio.CancelledError):
+            await asyncio.sleep(60.0)
+        await asyncio.sleep(60.0)
+
+    async def fail() -> None:
+        try:
+            await asyncio.sleep(60.0)
+        finally:
+            await asyncio.sleep(0.5 * CANCEL_AGAIN_S)  # what cleans up is not cancelled again
+            raise OSError("gone")
+
+    async def scene() -> None:
+        loop = asyncio.get_running_loop()
+        forgetful, failing = asyncio.create_task(forget()), asyncio.create_task(fail())
+        await asyncio.sleep(0.1)
+        begun = loop.time()
+        await cancel_task(forgetful)
+        assert forgetful.cancelled()
+        assert loop.time() - begun == pytest.approx(CANCEL_AGAIN_S)
+        with pytest.raises(OSError, match="gone"):
+            await cancel_task(failing)
+
+    in_virtual_time(scene())

@@ -18,6 +18,7 @@ from groundstation.core.geometry import Alignment, Body, World, frames_of
 from groundstation.core.messages import Others, Pose, PoseStatus, SourceError
 from groundstation.pose.sources.intake import Intake
 from groundstation.pose.sources.json_codec import MAX_NAME, JsonReader
+from groundstation.runtime import cancel_task
 from links.core import make_child_command
 from links.io import is_loopback
 
@@ -106,11 +107,11 @@ class LibmotioncaptureSource:
         """End the child; no pose is delivered afterwards."""
         self._deliver = None
         task, self._task = self._task, None
-        if task is not None:
-            task.cancel()
-            with contextlib.suppress(asyncio.CancelledError):
-                await task
-        await self._end()
+        try:
+            if task is not None:
+                await cancel_task(task)
+        finally:
+            await self._end()
 
     async def _open(self) -> bool:
         """Start the child; whether it is connected within a time."""
@@ -131,7 +132,7 @@ class LibmotioncaptureSource:
         """Its next line; nothing where it has ended, or says none within a time [s]."""
         assert self._child is not None and self._child.stdout is not None, "it is open, and a pipe"
         try:
-            async with asyncio.timeout(within_s):  # wait_for of Python 3.11 may swallow a cancellation
+            async with asyncio.timeout(within_s):
                 return await self._child.stdout.readline()
         except (TimeoutError, ValueError):  # a ValueError where it is longer than any line of ours
             return b""

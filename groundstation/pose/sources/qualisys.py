@@ -11,6 +11,7 @@ from groundstation.core.geometry import Alignment, Body, World, frames_of
 from groundstation.core.messages import Others, Pose, PoseStatus, SourceError
 from groundstation.pose.sources.intake import Intake
 from groundstation.pose.sources.qualisys_codec import QualisysReader, body_names
+from groundstation.runtime import cancel_task
 from links.core import printable
 from links.io import beyond, parse_address
 
@@ -105,9 +106,7 @@ class QualisysSource:
         self._deliver = None
         task, self._task = self._task, None
         if task is not None:
-            task.cancel()
-            with contextlib.suppress(asyncio.CancelledError):
-                await task
+            await cancel_task(task)
 
     async def _stay(self, connection: "QtmConnection") -> None:
         """Keep a connection until cancelled."""
@@ -164,7 +163,7 @@ class QualisysSource:
 async def _happens(event: asyncio.Event, within_s: float) -> bool:
     """Whether ``event`` is set within a time [s]."""
     try:
-        await asyncio.wait_for(event.wait(), within_s)
+        async with asyncio.timeout(within_s):
+            return await event.wait()
     except TimeoutError:
         return False
-    return True
