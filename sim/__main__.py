@@ -6,7 +6,7 @@ import sys
 from groundstation.interfaces.cli import add_completion, build_parser, path
 from sim.cli import count, hours, names, percent, seconds, whole
 
-_CONTROLLERS = "adaptive (default), uncompensated, geometric, pid, indi, or your own: package.module:factory"
+_CONTROLLERS = "adaptive (default), uncompensated, geometric, l1, pid, indi, or your own: package.module:factory"
 _LINKS = ["mavlink", "dsm", "crsf", "rf_bridge"]
 _SOURCES = ["vicon", "natnet", "qualisys", "odometry", "vision", "json"]
 

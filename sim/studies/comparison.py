@@ -32,7 +32,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
     from pandas import DataFrame
 
-CONTROLLERS = ("adaptive", "uncompensated", "geometric", "pid", "indi")
+CONTROLLERS = ("adaptive", "uncompensated", "geometric", "l1", "pid", "indi")
 WITHOUT_ADAPTATION = "adaptive, kb=0"
 """Flown beside ``adaptive`` through the gust front: what adaptation buys."""
 GUST = "gust_front"
@@ -428,11 +428,11 @@ STYLES: dict[str, dict[str, Any]] = {
     WITHOUT_ADAPTATION: {"color": "#0072B2", "marker": "*", "linestyle": ":", "markerfacecolor": "white"},
     "uncompensated": {"color": "#000000", "marker": "x", "linestyle": (0, (1, 1))},
     "geometric": {"color": "#E69F00", "marker": "s", "linestyle": "--"},
+    "l1": {"color": "#D55E00", "marker": "v", "linestyle": (0, (3, 1))},
     "pid": {"color": "#CC79A7", "marker": "^", "linestyle": "-."},
     "indi": {"color": "#009E73", "marker": "D", "linestyle": (0, (5, 1, 1, 1, 1, 1))},
 }
 OTHERS: tuple[dict[str, Any], ...] = (
-    {"color": "#D55E00", "marker": "v"},
     {"color": "#56B4E9", "marker": "P", "linestyle": "--"},
     {"color": "#8C6D1F", "marker": "h", "linestyle": "-."},
 )

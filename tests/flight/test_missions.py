@@ -63,7 +63,7 @@ def test_every_scenario_takes_off_and_lands(scenario: str) -> None:
     assert flown.touchdown_m_s <= 0.5
 
 
-@pytest.mark.parametrize("controller", ["geometric", "pid", "indi"])
+@pytest.mark.parametrize("controller", ["geometric", "l1", "pid", "indi"])
 def test_every_controller_takes_off_and_lands(controller: str) -> None:
     flown = mission("paper", *SHORT, f"controller.kind={controller}")
     assert flown.landed, flown.fault or flown.why

@@ -18,7 +18,7 @@ from groundstation.core.control import (
     sine_error,
     turning,
 )
-from groundstation.core.control.baselines import Baseline, Geometric, Indi, InnerLoop, Pid
+from groundstation.core.control.baselines import L1, Baseline, Geometric, Indi, InnerLoop, Pid
 from groundstation.core.geometry import Quat, Vec3, rotate, third_column
 from groundstation.core.geometry.so3 import from_euler_zyx
 from groundstation.core.messages import Estimate
@@ -29,7 +29,7 @@ G = 9.81
 VEHICLE = Vehicle()
 LEVEL: Quat = (1.0, 0.0, 0.0, 0.0)
 ZERO: Vec3 = (0.0, 0.0, 0.0)
-BASELINES: dict[str, ControllerConfig] = {"geometric": Geometric(), "pid": Pid(), "indi": Indi()}
+BASELINES: dict[str, ControllerConfig] = {"geometric": Geometric(), "l1": L1(), "pid": Pid(), "indi": Indi()}
 
 part = st.floats(-4.0, 4.0)
 vec = st.tuples(part, part, part)
@@ -148,6 +148,26 @@ def test_indis_filter_forgets_its_past_with_its_time_constant() -> None:
     *_, decision = [controller.decide(windy, HERE, 0.002) for _ in range(50)]
     arrived = 1.0 - (0.1 / 0.102) ** 50
     assert decision.drive.thrust == pytest.approx(VEHICLE.mass_kg * (G + 2.0 * arrived))
+
+
+def test_l1_finds_an_unknown_push_by_its_formulas_and_counteracts_what_its_filter_lets_through() -> None:
+    # v̂˙ = f + σ̂ + A_s ṽ over T_s, σ̂ = -Φ⁻¹ e^(A_s T_s) ṽ, then C(s); the vehicle gathers speed by σ beyond the model.
+    gains, h, sigma = L1(predictor_pole=2.0, bandwidth_rad_s=6.0), VEHICLE.frame_period_s, (0.8, -0.5, 0.3)
+    controller, hover = make_controller(gains, VEHICLE), estimate()
+    keep = math.exp(-2.0 * h)
+    phi = (1.0 - keep) / 2.0
+    off, filtered = ZERO, ZERO
+    for k in range(60):
+        velocity = tuple(k * h * s for s in sigma)
+        moving = hover._replace(motion=hover.motion._replace(velocity=velocity, thrust=VEHICLE.mass_kg * G))
+        seen = controller.decide(moving, HERE, h if k else 0.0).diagnostics.b_hat
+        found = [-keep / phi * e for e in off]
+        share = 1.0 - math.exp(-6.0 * h) if k else 0.0
+        filtered = tuple(f + share * (s - f) for f, s in zip(filtered, found, strict=True))
+        assert seen == pytest.approx(filtered, abs=1e-12)
+        off = tuple(keep * e + phi * s - h * true for e, s, true in zip(off, found, sigma, strict=True))
+    # What stays of it is the known share: e^(A_s T_s) T_s / Φ.
+    assert seen == pytest.approx([keep * h / phi * s for s in sigma], rel=1e-3)
 
 
 @pytest.mark.parametrize("config", [Geometric(k_integral=1.0), Pid(i_velocity=1.0, speed_limit_m_s=1.0)])

@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 
 from groundstation.config import ConfigError, from_dict
 from groundstation.core.control import ControllerConfig, Custom, Gains, Uncompensated, bound_decrease
-from groundstation.core.control.baselines import Geometric, Indi, Pid
+from groundstation.core.control.baselines import L1, Geometric, Indi, Pid
 from groundstation.pose.sources import ViconConfig
 from groundstation.settings import Config
 from links.mavlink import MavlinkLinkConfig
@@ -50,6 +50,7 @@ KINDS: dict[str, ControllerConfig] = {
     "adaptive": Gains(),
     "uncompensated": Uncompensated(),
     "geometric": Geometric(),
+    "l1": L1(),
     "pid": Pid(),
     "indi": Indi(),
 }

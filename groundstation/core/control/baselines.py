@@ -149,39 +149,140 @@ class GeometricController:
     def decide(self, estimate: Estimate, reference: Reference, interval_s: float) -> Decision:
         """One command; see the port."""
         gains, motion = self._gains, estimate.motion
-        kx, kv, ki, c1 = gains.k_position, gains.k_velocity, gains.k_integral, gains.coupling
-        now = acceleration(motion, estimate.disturbance, self._vehicle.mass_kg / estimate.effectiveness, gains.gravity)
+        ki, c1 = gains.k_integral, gains.coupling
         # The integral stands still while the command is clamped, so that it does not wind up.
         dt = 0.0 if self._saturated else interval_s
-        feedback: list[float] = []
-        slope: list[float] = []
         learnt: list[float] = []
+        slope: list[float] = []
         for i in range(3):
             ex = motion.position[i] - reference.position_ned[i]
             ev = motion.velocity[i] - reference.velocity_ned[i]
-            ea = now[i] - reference.acceleration_ned[i]
             bound = gains.integral_bound
-            integral = FLOATS.clamp(self._integral[i] + dt * ki * (ev + c1 * ex), -bound, bound)
-            learnt.append(integral)
-            feedback.append(reference.acceleration_ned[i] - kx * ex - kv * ev - integral)
-            slope.append(reference.jerk_ned[i] - kx * ev - kv * ea - ki * (ev + c1 * ex))
+            learnt.append(FLOATS.clamp(self._integral[i] + dt * ki * (ev + c1 * ex), -bound, bound))
+            slope.append(ki * (ev + c1 * ex))
         self._integral = (learnt[0], learnt[1], learnt[2])
-        nothing = (0.0, 0.0, 0.0)
-        along, _ = push(
-            (feedback[0], feedback[1], feedback[2]), nothing, gains.gravity, math.radians(gains.tilt_limit_deg)
-        )
-        ex, ey = sine_error(motion.attitude, along)
-        wx, wy = turning(motion.attitude, along, (-slope[0], -slope[1], -slope[2]))
-        decision = self._outlet.decide(
+        decision = track_on_se3(
+            self._vehicle,
+            gains,
+            self._outlet,
             estimate,
             reference,
             interval_s,
-            push=along,
-            turn=(wx + gains.k_attitude * ex, wy + gains.k_attitude * ey),
-            disturbance=self._integral,
+            against=self._integral,
+            against_dot=(slope[0], slope[1], slope[2]),
         )
         self._saturated = decision.saturated
         return decision
+
+
+def track_on_se3(
+    vehicle: Vehicle,
+    gains: "Geometric | L1",
+    outlet: InnerLoop,
+    estimate: Estimate,
+    reference: Reference,
+    interval_s: float,
+    *,
+    against: Vec3,
+    against_dot: Vec3,
+) -> Decision:
+    """Geometric tracking (Lee, Leok, McClamroch 2010) ``against`` an acceleration that changes by ``against_dot``."""
+    motion, kx, kv = estimate.motion, gains.k_position, gains.k_velocity
+    now = acceleration(motion, estimate.disturbance, vehicle.mass_kg / estimate.effectiveness, gains.gravity)
+    feedback: list[float] = []
+    slope: list[float] = []
+    for i in range(3):
+        ex = motion.position[i] - reference.position_ned[i]
+        ev = motion.velocity[i] - reference.velocity_ned[i]
+        ea = now[i] - reference.acceleration_ned[i]
+        feedback.append(reference.acceleration_ned[i] - kx * ex - kv * ev - against[i])
+        slope.append(reference.jerk_ned[i] - kx * ev - kv * ea - against_dot[i])
+    nothing = (0.0, 0.0, 0.0)
+    along, _ = push((feedback[0], feedback[1], feedback[2]), nothing, gains.gravity, math.radians(gains.tilt_limit_deg))
+    ex, ey = sine_error(motion.attitude, along)
+    wx, wy = turning(motion.attitude, along, (-slope[0], -slope[1], -slope[2]))
+    return outlet.decide(
+        estimate,
+        reference,
+        interval_s,
+        push=along,
+        turn=(wx + gains.k_attitude * ex, wy + gains.k_attitude * ey),
+        disturbance=against,
+    )
+
+
+class L1(Baseline, frozen=True, kw_only=True, forbid_unknown_fields=True, tag_field="kind", tag="l1"):
+    """Gains: those of the geometric law, and two of the adaptation."""
+
+    k_position: Positive = 9.46
+    """k_x / m [1/s²]."""
+    k_velocity: Positive = 5.81
+    """k_v / m [1/s]."""
+    predictor_pole: Positive = 1.0
+    """-A_s: how fast the predictor forgets its error [1/s]. At commands every T_s it leaves A_s T_s / 2 of a steady
+    disturbance uncompensated."""
+    bandwidth_rad_s: Positive = 8.0
+    """ω_c of the low-pass filter C(s) between what is found and what is counteracted [rad/s]."""
+    k_attitude: Positive = 16.1
+    """k_R over k_Ω: body rate per attitude error [1/s]."""
+
+    def build(self, vehicle: Vehicle) -> "L1Controller":
+        """The controller."""
+        return L1Controller(vehicle, self)
+
+
+class L1Controller:
+    """L1 adaptive augmentation of the geometric law. State: the predictor's velocity, σ̂, and σ̂ filtered.
+
+    Z. Wu, S. Cheng, P. Zhao, A. Gahlawat, K. A. Ackerman, A. Lakshmanan, C. Yang, J. Yu, N. Hovakimyan, "L1Quad: L1
+    adaptive augmentation of geometric control for agile quadrotors with performance guarantees", 2023. State predictor
+    v̂˙ = g e3 - (T/m) R e3 + σ̂ + A_s ṽ, ṽ = v̂ - v; piecewise-constant adaptation σ̂ = -Φ⁻¹ e^(A_s T_s) ṽ,
+    Φ = A_s⁻¹ (e^(A_s T_s) - 1); counteracted is what a low-pass filter C(s) lets through. The vehicle takes body rates,
+    not moments: so the predictor is of the velocity alone, and the forces across the thrust, which L1Quad leaves to the
+    outer loop, are counteracted by the push, too.
+    """
+
+    def __init__(self, vehicle: Vehicle, gains: L1) -> None:
+        """Start with nothing found: the predictor takes the first velocity that comes."""
+        self._vehicle = vehicle
+        self._gains = gains
+        self._outlet = InnerLoop(vehicle, gains)
+        self._predicted: Vec3 | None = None
+        self._filtered: Vec3 = (0.0, 0.0, 0.0)
+
+    def decide(self, estimate: Estimate, reference: Reference, interval_s: float) -> Decision:
+        """One command; see the port."""
+        gains, motion = self._gains, estimate.motion
+        hold = self._vehicle.frame_period_s
+        keep = math.exp(-gains.predictor_pole * hold)
+        phi = (1.0 - keep) / gains.predictor_pole
+        share = 1.0 - math.exp(-gains.bandwidth_rad_s * interval_s)
+        nothing = (0.0, 0.0, 0.0)
+        mass = self._vehicle.mass_kg / estimate.effectiveness
+        known = acceleration(motion, nothing, mass, gains.gravity)
+        before = motion.velocity if self._predicted is None else self._predicted
+        predicted: list[float] = []
+        filtered: list[float] = []
+        slope: list[float] = []
+        for i in range(3):
+            off = before[i] - motion.velocity[i]
+            found = -keep * off / phi
+            # The predictor at the next command: its error decays, the rest goes on as it is known.
+            predicted.append(motion.velocity[i] + hold * known[i] + keep * off + phi * found)
+            slope.append(gains.bandwidth_rad_s * (found - self._filtered[i]))
+            filtered.append(self._filtered[i] + share * (found - self._filtered[i]))
+        self._predicted = (predicted[0], predicted[1], predicted[2])
+        self._filtered = (filtered[0], filtered[1], filtered[2])
+        return track_on_se3(
+            self._vehicle,
+            gains,
+            self._outlet,
+            estimate,
+            reference,
+            interval_s,
+            against=self._filtered,
+            against_dot=(slope[0], slope[1], slope[2]),
+        )
 
 
 class Pid(Baseline, frozen=True, kw_only=True, forbid_unknown_fields=True, tag_field="kind", tag="pid"):

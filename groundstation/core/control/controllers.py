@@ -26,7 +26,7 @@ from groundstation.config import (
 )
 from groundstation.core.control.adaptive import Adaptive, Gains, Uncompensated
 from groundstation.core.control.attitude import clamp_command, make_decision
-from groundstation.core.control.baselines import Geometric, Indi, Pid
+from groundstation.core.control.baselines import L1, Geometric, Indi, Pid
 from groundstation.core.estimation import Estimation
 from groundstation.core.messages import Controller, Decision, Estimate
 from groundstation.core.trajectory import Reference
@@ -148,7 +148,7 @@ def _find_public(path: str, name: str) -> object:
     return found
 
 
-ControllerConfig: TypeAlias = Gains | Uncompensated | Geometric | Pid | Indi | Custom
+ControllerConfig: TypeAlias = Gains | Uncompensated | Geometric | L1 | Pid | Indi | Custom
 """Any controller as the config file tells it, picked by its ``kind``, with what its estimator is told."""
 
 

@@ -35,6 +35,7 @@ KEYS: dict[str, tuple[str, ...]] = {
     "adaptive": ("k2", "k3", "kb", "kappa", "sigma_slope", "k_omega"),
     "uncompensated": ("k2", "k3", "kb", "sigma_slope"),
     "geometric": ("k_position", "k_velocity", "k_integral", "coupling", "k_attitude"),
+    "l1": ("k_position", "k_velocity", "predictor_pole", "bandwidth_rad_s", "k_attitude"),
     "pid": ("p_position", "p_velocity", "i_velocity", "d_velocity", "p_attitude"),
     "indi": ("k_position", "k_velocity", "k_acceleration", "filter_s", "k_attitude"),
 }
