@@ -181,8 +181,6 @@ def require_batchable(world: World, config: Config) -> None:
             raise ConfigError(key, "the commands of a batch act at once; expected 0")
     if world.tunnel != type(world.tunnel)():
         raise ConfigError("sim.tunnel", "a batch flies in no wind tunnel: leave it out")
-    if world.pose_jitter_s > 0.0:
-        raise ConfigError("sim.pose_jitter_s", "the cameras of a batch stamp what they see; expected 0")
     for name in ("occlusion_s", "swap_s"):
         if getattr(world, name) > 0.0:
             raise ConfigError(f"sim.{name}", "the cameras of a batch never take one body for another; expected 0")

@@ -19,20 +19,27 @@ from groundstation.core.estimation import (
     NOISE_FLOOR_M2,
     NOISE_MEMORY,
     STEP_LIMIT,
+    AlongTrack,
     Covariance,
     Densities,
     Effectiveness,
+    StampNoise,
     correct,
     correct_attitude,
     correct_by_both,
+    find_direction,
     fourth_difference,
     initial_covariance,
     initial_effectiveness,
     innovation,
+    part_along,
     predict_covariance,
     predict_effectiveness,
+    split_noise,
+    turn_track,
     update_covariance,
     update_effectiveness,
+    weigh_along,
 )
 from groundstation.core.geometry import Ops, Real, Vec3
 from groundstation.core.messages import Decision, Estimate
@@ -62,6 +69,9 @@ class Filtered(NamedTuple):
     covariance: Covariance
     effectiveness: Effectiveness
     noise: Real
+    stamp_noise: StampNoise
+    track: AlongTrack
+    """That of the covariance across the motion, in no direction, where stamps are not off."""
     times: tuple[Real, ...]
     """Time stamps of the newest five poses [s]."""
     places: tuple[Vec3, ...]
@@ -93,6 +103,8 @@ class BatchEstimator:
             Covariance(*zeros(n, 10)),
             Effectiveness(*zeros(n, 2), *(zeros(n, 3) for _ in range(4))),
             zero + gains.pose_noise_m**2,
+            StampNoise(zero + gains.pose_noise_m**2, np.zeros(n)),
+            AlongTrack(zeros(n, 3), Covariance(*zeros(n, 10))),
             tuple(zero - np.inf for _ in range(5)),
             tuple(zeros(n, 3) for _ in range(5)),
             ActuatorResponse(zeros(n, 4), zero, zeros(n, 3), zeros(n, 3), zeros(n, 3)),
@@ -120,7 +132,8 @@ class BatchEstimator:
     def release(self) -> None:
         """As :meth:`ModelEstimator.release`."""
         state = self._state
-        put(state.covariance, slice(None), initial_covariance(state.noise))
+        for covariance in (state.covariance, state.track.covariance):
+            put(covariance, slice(None), initial_covariance(state.noise))
         put(state.effectiveness, slice(None), initial_effectiveness(self._gains.effectiveness_deviation))
         put((state.disturbance, state.rate), slice(None), (ZERO, ZERO))
 
@@ -145,28 +158,52 @@ class BatchEstimator:
     def _correct_each(self, ops: Ops, old: Filtered, given: Any) -> Any:
         """One pose, whose stamp [s], position [m, NED] and attitude are given; commands have been rolled until then."""
         stamp, position, attitude = given
-        noise, times, places = self._measure_noise(ops, old, stamp, position)
+        noise, stamp_noise, times, places = self._measure_noise(ops, old, stamp, position)
         dt = stamp - old.stamp
         model = self._at(old, dt)
-        expected = predict_covariance(old.covariance, dt, self._densities)
-        gain, covariance = update_covariance(expected, noise)
+        across, late2 = noise, 0.0 * noise
+        if (told := self._gains.pose_jitter_s) is None:
+            across, late2 = split_noise(ops, noise, stamp_noise, NOISE_FLOOR_M2)
+        elif told > 0.0:
+            across, late2 = ops.clamp(1.5 * noise - 0.5 * stamp_noise.along, NOISE_FLOOR_M2, math.inf), told * told
+        expected, track, along = predict_covariance(old.covariance, dt, self._densities), old.track, None
+        if told != 0.0:
+            axis, speed2 = find_direction(ops, model.velocity)
+            before = AlongTrack(track.axis, predict_covariance(track.covariance, dt, self._densities))
+            wide, narrow = turn_track(expected, before, axis)
+            # Where stamps are not off, the filter is one, and begins so where they are again.
+            off = late2 > 0.0
+            narrow = Covariance(*(ops.where(off, a, b) for a, b in zip(narrow, expected, strict=True)))
+            expected = Covariance(*(ops.where(off, a, b) for a, b in zip(wide, expected, strict=True)))
+            late2 = late2 * speed2
+        gain, covariance = update_covariance(expected, across)
+        if told != 0.0:
+            more, narrowed = update_covariance(narrow, across + late2)
+            track = AlongTrack(axis, narrowed)
+            along = weigh_along(ops, axis, gain, more, expected.pp + across, narrow.pp + across + late2)
         step = innovation(position, model.position)
         rate = old.rate
         now = correct(old.disturbance, dt, rate)
+        place, speed = model.position, model.velocity
+        if along is not None:
+            (p, v, d, c), part = along.more, part_along(along.axis, step)
+            place, speed = correct(place, p, part), correct(speed, v, part)
+            now, rate = correct(now, d, part), correct(rate, c, part)
         e = old.effectiveness
         if self._separates:
             e = predict_effectiveness(e, dt, old.driven, self._vehicle.mass_kg, self._gains.effectiveness_walk)
-            e, moved = update_effectiveness(ops, e, step, gain, expected.pp + noise)
-            place = correct_by_both(model.position, gain.p, step, moved, e.p)
-            speed = correct_by_both(model.velocity, gain.v, step, moved, e.v)
+            e, moved = update_effectiveness(ops, e, step, gain, expected.pp + across, 0, along)
+            place = correct_by_both(place, gain.p, step, moved, e.p)
+            speed = correct_by_both(speed, gain.v, step, moved, e.v)
             now = correct_by_both(now, gain.d, step, moved, e.d)
             rate = correct_by_both(rate, gain.c, step, moved, e.c)
         else:
-            place, speed = correct(model.position, gain.p, step), correct(model.velocity, gain.v, step)
+            place, speed = correct(place, gain.p, step), correct(speed, gain.v, step)
             now, rate = correct(now, gain.d, step), correct(rate, gain.c, step)
         turned = correct_attitude(ops, model.attitude, attitude, self._gains.attitude_gain)
         motion = Motion(place, speed, turned, model.thrust, model.rates)
-        return Filtered(stamp, motion, now, rate, covariance, e, noise, times, places, old.driven), ()
+        seen = (noise, stamp_noise, track, times, places)
+        return Filtered(stamp, motion, now, rate, covariance, e, *seen, old.driven), ()
 
     def predict(self, time_s: float) -> Estimate:
         """Every vehicle at ``time_s``."""
@@ -214,9 +251,15 @@ class BatchEstimator:
         step: Real = times[1] - times[0]
         # Before the fifth pose the first of the times is -inf, and the comparison false.
         even = abs((times[4] - times[0]) - 4.0 * step) <= 0.1 * step
-        noise = old.noise
-        measured = noise + (fourth_difference(*places) - noise) / NOISE_MEMORY
-        return ops.where(even, ops.clamp(measured, NOISE_FLOOR_M2, math.inf), noise), times, places
+        noise, (before, speed2) = old.noise, old.stamp_noise
+        variance, along, way2 = fourth_difference(*places)
+        measured = noise + (variance - noise) / NOISE_MEMORY
+        fast2 = way2 / (times[4] - times[0]) ** 2
+        seen = StampNoise(
+            ops.where(even, before + (along - before) / NOISE_MEMORY, before),
+            ops.where(even, speed2 + (fast2 - speed2) / NOISE_MEMORY, speed2),
+        )
+        return ops.where(even, ops.clamp(measured, NOISE_FLOOR_M2, math.inf), noise), seen, times, places
 
 
 def _rolling(_: Ops, old: tuple[Motion, ActuatorResponse], __: Any) -> Any:

@@ -62,6 +62,7 @@ class Cameras:
         luck = np.stack([generator(seed, "pose loss").random(poses) for seed in seeds], axis=1)
         self._lost = luck < np.array([w.pose_loss for w in worlds])
         self._sigma = np.array([w.pose_noise_m for w in worlds])
+        self._jitter = np.array([w.pose_jitter_s for w in worlds])
         self._sigma_attitude = np.array([w.attitude_noise_rad for w in worlds])
         self._latency = np.array([w.pose_latency_s for w in worlds])
         self._told_latency = told_latency_s
@@ -88,7 +89,9 @@ class Cameras:
         period, outage = self._outage_period[who], self._outage[who]
         lost |= (outage > 0.0) & (taken >= 0.0) & (taken % period >= period - outage)
         n, a = self._sigma[who], self._sigma_attitude[who]
-        position = [p + n * normals[i] for i, p in enumerate(body.position)]
+        late = self._jitter[who] * normals[5]
+        moved = zip(body.position, body.velocity, strict=True)
+        position = [p + late * v + n * normals[i] for i, (p, v) in enumerate(moved)]
         angle: Any = tuple(a * normals[3 + i] for i in range(3))
         attitude: Any = rotate(body.attitude, angle)
         latency = self._latency[who]

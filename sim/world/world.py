@@ -144,7 +144,7 @@ class World(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=Tru
     attitude_noise_rad: NonNegative = 0.002
     """Attitude noise, 1σ per axis [rad]."""
     pose_jitter_s: NonNegative = 0.0
-    """How far the stamps of poses are off the instants at which they were seen, 1σ [s]; not in the array engine."""
+    """How far the stamps of poses are off the instants at which they were seen, 1σ [s]."""
     pose_loss: Share = 0.0
     """Share of the poses lost at random [-]."""
     outage_s: NonNegative = 0.0

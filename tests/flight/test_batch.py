@@ -76,6 +76,23 @@ def test_a_batch_feels_a_thrust_curve_as_a_whole_flight_does() -> None:
     assert 100.0 * batch.rms_m[0] == pytest.approx(whole.verdict.rms_cm, abs=0.01)
 
 
+@pytest.mark.parametrize(("jitter_ms", "most_cm"), [(1.0, 0.5), (3.0, 1.5)])
+def test_stamps_that_are_off_at_a_metre_and_a_half_a_second_cost_little(jitter_ms: float, most_cm: float) -> None:
+    key = f"pose_jitter_s={1e-3 * jitter_ms}"
+    world, config = prepare(SCENARIOS["fast"], [f"sim.{key}"])
+    batch = fly_batch([world] * 3, config, [0, 1, 2], duration_s=30.0, stages=Compiled)
+    whole = fly(world, config, seed=2, duration_s=30.0).verdict.rms_cm
+    assert 100.0 * batch.rms_m[2] == pytest.approx(whole, abs=1e-3)
+    assert 100.0 * np.median(batch.rms_m) <= most_cm
+    by_rms = {
+        told: 100.0 * np.median(fly_batch([world] * 3, told_so, [0, 1, 2], duration_s=30.0, stages=Compiled).rms_m)
+        for told in ("0", key.partition("=")[2])
+        for _, told_so in [prepare(SCENARIOS["fast"], [f"sim.{key}", f"controller.pose_jitter_s={told}"])]
+    }
+    exact, told = by_rms.values()
+    assert told < exact
+
+
 LAG_3X = f"sim.thrust_lag_s={3.0 * SCENARIOS['paper'].world.thrust_lag_s}"
 TWO_LOOKS = 0.006
 """As a share of the commands of 8 s: rounding may move what is clamped, or lasts, by a command."""

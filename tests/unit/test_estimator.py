@@ -35,7 +35,7 @@ def roll(motion: Motion, drive: ActuatorCommand, duration: float, **changes: Any
 
 
 def flown(
-    world: World, seconds: float, composite: str = "provable", seed: int = 5, **gains: float
+    world: World, seconds: float, composite: str = "provable", seed: int = 5, **gains: float | None
 ) -> tuple[ModelEstimator, Quadrotor]:
     """An estimator that has watched the plant under gently changing commands, perfectly told."""
     plant = Quadrotor(world, Wind(world, rows(stream(seed, "wind").standard_normal, 3)))
@@ -127,6 +127,54 @@ def test_the_observer_finds_the_disturbance(wind: Vec3) -> None:
         msgspec.structs.replace(CALM, wind_mean=wind, pose_noise_m=0.0001), 8.0, effectiveness_deviation=0.0
     )
     assert math.dist(estimator.predict(8.0).disturbance, wind) < 0.1
+
+
+CROSSWISE = (0.6, 0.0, -0.8)
+
+
+def watch_dash(jitter_s: float, told_s: float | None, uneven: bool = False) -> tuple[float, float, float]:
+    """How far the estimate of a vehicle that falls sideways at 3 m/s is off across its way and along it (RMS) [m], and
+    how consistent the filter is."""
+    draw, n = random.Random(3), 0.0003
+    estimator = ModelEstimator(VEHICLE, Gains(pose_jitter_s=told_s, effectiveness_deviation=0.0))
+    speed, (east, _, down) = 3.0, CROSSWISE
+    estimator.add_command(0.0, ActuatorCommand(VEHICLE.mass_kg * 9.81, (0.0, 0.0, 0.0)))
+    across, along, nis = list[float](), list[float](), list[float]()
+    for number in range(1000):
+        seen_s = 0.02 * number
+        late_s = jitter_s * draw.gauss(0.0, 1.0)
+        way = speed * (seen_s if uneven else seen_s + late_s)
+        place = tuple(way * axis + draw.gauss(0.0, n) for axis in (0.0, east, down))
+        stamp_s = seen_s - late_s if uneven else seen_s
+        pose = Pose(number, stamp_s, stamp_s + 0.02, (place[0], place[1], place[2]), so3.IDENTITY)
+        if number == 0:
+            pose = msgspec.structs.replace(pose, velocity_ned=(0.0, speed * east, speed * down))
+        elif number > 300:
+            nis.append(estimator.consistency(pose))
+        estimator.update(pose)
+        assert estimator.motion is not None
+        north, right, low = estimator.motion.position
+        if number > 300:
+            off = right * east + low * down - speed * stamp_s
+            along.append(off * off)
+            across.append(north * north + (right * down - low * east) ** 2)
+    return (*(math.sqrt(sum(some) / len(some)) for some in (across, along)), sum(nis) / len(nis) / 3.0)
+
+
+@pytest.mark.parametrize("uneven", [False, True])
+def test_stamps_that_are_off_are_noise_along_the_way_and_none_across_it(uneven: bool) -> None:
+    calm, _, _ = watch_dash(0.0, 0.0)
+    exact, told = (watch_dash(0.002, told_s, uneven) for told_s in (0.0, 0.002))
+    for across, along, nis in [told] if uneven else [told, watch_dash(0.002, None)]:
+        assert across == pytest.approx(calm, rel=0.02)
+        assert along < 0.95 * exact[1]
+        assert 0.7 < nis < 1.4
+    assert not uneven or exact[2] > 10.0
+
+
+def test_where_stamps_are_right_it_is_the_same_to_the_bit_whether_their_jitter_is_measured_or_told_to_be_none() -> None:
+    measured, told = (flown(CALM, 4.0, pose_jitter_s=told)[0] for told in (None, 0.0))
+    assert measured.predict(4.05) == told.predict(4.05)
 
 
 def test_prediction_reaches_over_the_latency() -> None:

@@ -36,15 +36,7 @@ from groundstation.analysis.shadow import (
     thrust_shares,
 )
 from groundstation.config import ConfigError, from_dict, parse_toml
-from groundstation.core.estimation import (
-    Densities,
-    Estimation,
-    ModelEstimator,
-    initial_covariance,
-    predict_covariance,
-    update_covariance,
-    update_moving_covariance,
-)
+from groundstation.core.estimation import ModelEstimator
 from groundstation.core.geometry import Quat, Vec3, so3
 from groundstation.core.messages import Pose
 from groundstation.core.vehicle import ActuatorCommand
@@ -377,29 +369,6 @@ def identify_vehicle(driven: DrivenFlight) -> dict[str, Any]:
     return result
 
 
-class Consistency:
-    """Normalized innovation squared: how far a pose is from where the filter has it, in the filter's own deviations."""
-
-    def __init__(self, gains: Estimation) -> None:
-        """The filter's covariance, which poses alone decide, goes along beside it."""
-        white = (gains.acceleration_noise**2, gains.wind_noise**2, gains.wind_rate_noise**2)
-        self._still, self._moving = Densities(0.0, *white), Densities(gains.position_wander**2, *white)
-        self._velocity = gains.velocity_noise_m_s**2
-        self._covariance = initial_covariance(gains.pose_noise_m**2)
-
-    def measure(self, estimator: ModelEstimator, pose: Pose) -> float:
-        """NIS of ``pose``, which ``estimator`` has not seen yet: 3 on average where the filter is consistent."""
-        moving = pose.velocity_ned is not None
-        dt = pose.time_s - estimator.stamp_s
-        expected = predict_covariance(self._covariance, dt, self._moving if moving else self._still)
-        noise = estimator.noise_m**2
-        _, self._covariance = update_covariance(expected, noise)
-        if moving:
-            _, self._covariance = update_moving_covariance(self._covariance, self._velocity)
-        off = math.dist(estimator.predict(pose.time_s).motion.position, pose.position_ned)
-        return off * off / (expected.pp + noise)
-
-
 class Judged(NamedTuple):
     """What the filter made of one flight."""
 
@@ -413,7 +382,10 @@ def judge_filter(driven: DrivenFlight, noise: PoseNoise) -> Judged:
     config = driven.config
     wander = max(config.controller.acceleration_noise, measure_wander(at_s[air], place[air]))
     gains = msgspec.structs.replace(
-        config.controller, pose_noise_m=max(noise.across_m, 1e-6), acceleration_noise=wander
+        config.controller,
+        pose_noise_m=max(noise.across_m, 1e-6),
+        pose_jitter_s=noise.jitter_s,
+        acceleration_noise=wander,
     )
     estimator = ModelEstimator(config.vehicle, gains)
     full, delay = config.full_thrust_n, config.vehicle.command_delay_s
@@ -424,7 +396,6 @@ def judge_filter(driven: DrivenFlight, noise: PoseNoise) -> Judged:
     carried = ActuatorCommand(config.vehicle.mass_kg * gains.gravity, (0.0, 0.0, 0.0))
     errors: dict[int, list[tuple[Column, Column, Column, Column]]] = {h: [] for h in HORIZONS_MS}
     consistency: list[float] = []
-    known = Consistency(gains)
     resets = [pose.reset_count for pose in flight.poses]
     usual, k, begun = float(np.median(np.diff(at_s[air]))), 0, float(at_s[air.start])
     targets = {h: np.searchsorted(at_s, at_s + 1e-3 * h - 0.5 * usual) for h in HORIZONS_MS}
@@ -439,7 +410,7 @@ def judge_filter(driven: DrivenFlight, noise: PoseNoise) -> Judged:
             x, y, z = (angle / (now - float(at_s[i - 1])) for angle in turn)
             carried = carried._replace(rates=(x, y, z))
             estimator.add_command(now, carried)
-        nis = known.measure(estimator, pose) if estimator.ready else None
+        nis = estimator.consistency(pose) if estimator.ready else None
         estimator.update(pose)
         if now < begun + SETTLING_S:
             continue

@@ -12,20 +12,29 @@ from typing import Annotated, Literal, TypeAlias
 import msgspec
 
 from groundstation.core.estimation.observer import (
+    AlongGain,
+    AlongTrack,
+    Covariance,
     Densities,
     KalmanGain,
+    StampNoise,
     correct,
     correct_attitude,
     correct_by_both,
+    find_direction,
     fourth_difference,
     initial_covariance,
     initial_effectiveness,
     innovation,
+    part_along,
     predict_covariance,
     predict_effectiveness,
+    split_noise,
+    turn_track,
     update_covariance,
     update_effectiveness,
     update_moving_covariance,
+    weigh_along,
 )
 from groundstation.core.geometry import FLOATS, Vec3
 from groundstation.core.messages import Estimate, Pose
@@ -61,6 +70,9 @@ class Estimation(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_field
     """How much of a pose's attitude is believed against the model's [-]; 1 takes the measurement."""
     pose_noise_m: Positive = 0.0003
     """Position noise to begin with, 1σ per axis [m]; then measured in flight."""
+    pose_jitter_s: NonNegative | None = None
+    """How far the stamps of poses are off by chance, 1σ: noise along the velocity [s]. Not told, it is measured in
+    flight; 0 takes them as they are."""
     velocity_noise_m_s: Positive = 0.1
     """Velocity noise of a source that measures velocity, 1σ per axis [m/s]; PX4's own figure outdoors is 0.1."""
     position_wander: NonNegative = 0.2
@@ -129,7 +141,9 @@ class ModelEstimator:
         white = (gains.acceleration_noise**2, gains.wind_noise**2, gains.wind_rate_noise**2)
         self._still, self._moving = Densities(0.0, *white), Densities(gains.position_wander**2, *white)
         self._noise = gains.pose_noise_m**2
+        self._stamp_noise = StampNoise(self._noise, 0.0)
         self._covariance = initial_covariance(self._noise)
+        self._track: AlongTrack | None = None
         self._effectiveness = initial_effectiveness(gains.effectiveness_deviation)
         self._recent: deque[tuple[float, Vec3]] = deque(maxlen=5)
         self._reset_count = 0
@@ -174,7 +188,7 @@ class ModelEstimator:
 
     def release(self) -> None:
         """The vehicle begins to fly: forget the disturbance that its stand, or a hand, seemed to be."""
-        self._covariance = initial_covariance(self._noise)
+        self._covariance, self._track = initial_covariance(self._noise), None
         self._effectiveness = initial_effectiveness(self._gains.effectiveness_deviation)
         self._disturbance = self._disturbance_rate = self._disturbance_step = ZERO
 
@@ -251,17 +265,33 @@ class ModelEstimator:
             self._effectiveness = predict_effectiveness(
                 self._effectiveness, dt, given, self._mass, gains.effectiveness_walk
             )
-        densities = self._still if pose.velocity_ned is None else self._moving
-        expected, noise = predict_covariance(self._covariance, dt, densities), self._noise
-        gain, self._covariance = update_covariance(expected, noise)
         step = innovation(pose.position_ned, model.position)
         self.diverged_m = math.sqrt(step[0] * step[0] + step[1] * step[1] + step[2] * step[2])
         disturbance = correct(self._disturbance, dt, self._disturbance_rate)
-        chain = self._correct(model.position, model.velocity, disturbance, gain, step, expected.pp + noise)
+        expected, track, noise, late2 = self._expect(pose, dt, model.velocity)
+        gain, self._covariance = update_covariance(expected, noise)
+        across2, along = expected.pp + noise, None
+        if track is not None:
+            along2 = track.covariance.pp + noise + late2
+            more, covariance = update_covariance(track.covariance, noise + late2)
+            along, track = (
+                weigh_along(FLOATS, track.axis, gain, more, across2, along2),
+                track._replace(covariance=covariance),
+            )
+        chain = self._correct(model.position, model.velocity, disturbance, gain, step, across2, 0, along)
         if pose.velocity_ned is not None:
             expected, noise = self._covariance, gains.velocity_noise_m_s**2
             gain, self._covariance = update_moving_covariance(expected, noise)
-            chain = self._correct(*chain, gain, innovation(pose.velocity_ned, chain[1]), expected.vv + noise, 1)
+            across2 = expected.vv + noise
+            if track is not None:
+                along2 = track.covariance.vv + noise
+                more, covariance = update_moving_covariance(track.covariance, noise)
+                along, track = (
+                    weigh_along(FLOATS, track.axis, gain, more, across2, along2),
+                    track._replace(covariance=covariance),
+                )
+            chain = self._correct(*chain, gain, innovation(pose.velocity_ned, chain[1]), across2, 1, along)
+        self._track = track
         position, velocity, self._disturbance = chain
         if self._held is not None:
             self._disturbance, self._disturbance_rate = self._held, ZERO
@@ -279,6 +309,40 @@ class ModelEstimator:
         self._motion, self._stamp, self._reset_count = motion, stamp, pose.reset_count
         self._path = [(stamp, new(ActuatorResponse, (motion.attitude, motion.thrust, motion.rates, ZERO, ZERO)), 0)]
 
+    def _expect(self, pose: Pose, dt: float, velocity: Vec3) -> tuple[Covariance, AlongTrack | None, float, float]:
+        """Before ``pose``: covariance across the motion, that along it, and the noise of the two [m²].
+
+        The second noise is what comes on top along the motion; without it there is but one covariance.
+        """
+        densities = self._still if pose.velocity_ned is None else self._moving
+        expected = predict_covariance(self._covariance, dt, densities)
+        noise, jitter2 = self._noise, 0.0
+        told = self._gains.pose_jitter_s
+        if told is None:
+            noise, jitter2 = split_noise(FLOATS, noise, self._stamp_noise, NOISE_FLOOR_M2)
+        elif told > 0.0:
+            noise, jitter2 = max(1.5 * noise - 0.5 * self._stamp_noise.along, NOISE_FLOOR_M2), told * told
+        if jitter2 == 0.0:
+            return expected, None, noise, 0.0
+        axis, speed2 = find_direction(FLOATS, velocity)
+        along = expected
+        if self._track is not None:
+            along = predict_covariance(self._track.covariance, dt, densities)
+            expected, along = turn_track(expected, AlongTrack(self._track.axis, along), axis)
+        return expected, AlongTrack(axis, along), noise, jitter2 * speed2
+
+    def consistency(self, pose: Pose) -> float:
+        """Normalized innovation squared of ``pose``, which comes next: 3 on average where the filter is consistent."""
+        ahead = self.predict(pose.time_s).motion
+        expected, track, noise, late2 = self._expect(pose, pose.time_s - self._stamp, ahead.velocity)
+        x, y, z = step = innovation(pose.position_ned, ahead.position)
+        off2, along2 = x * x + y * y + z * z, 0.0
+        if track is None:
+            return off2 / (expected.pp + noise)
+        x, y, z = part_along(track.axis, step)
+        along2 = x * x + y * y + z * z
+        return (off2 - along2) / (expected.pp + noise) + along2 / (track.covariance.pp + noise + late2)
+
     def _correct(
         self,
         position: Vec3,
@@ -287,13 +351,22 @@ class ModelEstimator:
         gain: KalmanGain,
         step: Vec3,
         variance: float,
-        of: int = 0,
+        of: int,
+        along: AlongGain | None,
     ) -> tuple[Vec3, Vec3, Vec3]:
         """Position, velocity and disturbance, corrected by the innovation ``step``; ĉ, λ̂ and b̂'s step in place."""
+        if along is not None:
+            (p, v, d, c), part = along.more, part_along(along.axis, step)
+            position, velocity = correct(position, p, part), correct(velocity, v, part)
+            if self._provable:
+                disturbance = correct(disturbance, d, part)
+                self._disturbance_rate = correct(self._disturbance_rate, c, part)
+            elif self._gains.composite == "raw":
+                self._disturbance_step = correct(self._disturbance_step, d, part)
         p, v, d, c = gain
         if self._separates and not self.frozen and self._held is None:
             # What the innovation says of the thrust moves the chain, too.
-            e, moved = update_effectiveness(FLOATS, self._effectiveness, step, gain, variance, of)
+            e, moved = update_effectiveness(FLOATS, self._effectiveness, step, gain, variance, of, along)
             self._effectiveness = e
             self._disturbance_rate = correct_by_both(self._disturbance_rate, c, step, moved, e.c)
             return (
@@ -330,8 +403,12 @@ class ModelEstimator:
         (t0, a), (t1, b), (_, c), (_, d), (t4, e) = recent
         if abs((t4 - t0) - 4.0 * (t1 - t0)) > 0.1 * (t1 - t0):
             return
-        variance = fourth_difference(a, b, c, d, e)
+        variance, along, way2 = fourth_difference(a, b, c, d, e)
         self._noise = max(self._noise + (variance - self._noise) / NOISE_MEMORY, NOISE_FLOOR_M2)
+        before, speed2 = self._stamp_noise
+        self._stamp_noise = StampNoise(
+            before + (along - before) / NOISE_MEMORY, speed2 + (way2 / (t4 - t0) ** 2 - speed2) / NOISE_MEMORY
+        )
 
     def _first(self, pose: Pose) -> Motion:
         velocity = pose.velocity_ned or (0.0, 0.0, 0.0)
