@@ -103,7 +103,7 @@ class BatchEstimator:
             Covariance(*zeros(n, 10)),
             Effectiveness(*zeros(n, 2), *(zeros(n, 3) for _ in range(4))),
             zero + gains.pose_noise_m**2,
-            StampNoise(zero + gains.pose_noise_m**2, np.zeros(n)),
+            StampNoise(zero + gains.pose_noise_m**2, zero + 0.0),
             AlongTrack(zeros(n, 3), Covariance(*zeros(n, 10))),
             tuple(zero - np.inf for _ in range(5)),
             tuple(zeros(n, 3) for _ in range(5)),
@@ -161,26 +161,24 @@ class BatchEstimator:
         noise, stamp_noise, times, places = self._measure_noise(ops, old, stamp, position)
         dt = stamp - old.stamp
         model = self._at(old, dt)
-        across, late2 = noise, 0.0 * noise
-        if (told := self._gains.pose_jitter_s) is None:
-            across, late2 = split_noise(ops, noise, stamp_noise, NOISE_FLOOR_M2)
-        elif told > 0.0:
-            across, late2 = ops.clamp(1.5 * noise - 0.5 * stamp_noise.along, NOISE_FLOOR_M2, math.inf), told * told
-        expected, track, along = predict_covariance(old.covariance, dt, self._densities), old.track, None
-        if told != 0.0:
+        expected = predict_covariance(old.covariance, dt, self._densities)
+        if (told := self._gains.pose_jitter_s) == 0.0:
+            across2, track, along = expected.pp + noise, old.track, None
+            gain, covariance = update_covariance(expected, noise)
+        else:
+            across, jitter2 = split_noise(ops, noise, stamp_noise, NOISE_FLOOR_M2, told)
             axis, speed2 = find_direction(ops, model.velocity)
-            before = AlongTrack(track.axis, predict_covariance(track.covariance, dt, self._densities))
-            wide, narrow = turn_track(expected, before, axis)
-            # Where stamps are not off, the filter is one, and begins so where they are again.
-            off = late2 > 0.0
-            narrow = Covariance(*(ops.where(off, a, b) for a, b in zip(narrow, expected, strict=True)))
-            expected = Covariance(*(ops.where(off, a, b) for a, b in zip(wide, expected, strict=True)))
-            late2 = late2 * speed2
-        gain, covariance = update_covariance(expected, across)
-        if told != 0.0:
-            more, narrowed = update_covariance(narrow, across + late2)
-            track = AlongTrack(axis, narrowed)
-            along = weigh_along(ops, axis, gain, more, expected.pp + across, narrow.pp + across + late2)
+            narrow = predict_covariance(old.track.covariance, dt, self._densities)
+            both = turn_track(expected, AlongTrack(old.track.axis, narrow), axis)
+            # Where stamps are not off there is one filter, and it is what the two begin with where they are again.
+            off = jitter2 > 0.0
+            wide, narrow = (
+                Covariance(*(ops.where(off, a, b) for a, b in zip(one, expected, strict=True))) for one in both
+            )
+            across2, along2 = wide.pp + across, narrow.pp + across + jitter2 * speed2
+            gain, covariance = update_covariance(wide, across)
+            more, narrow = update_covariance(narrow, across + jitter2 * speed2)
+            track, along = AlongTrack(axis, narrow), weigh_along(ops, axis, gain, more, across2, along2)
         step = innovation(position, model.position)
         rate = old.rate
         now = correct(old.disturbance, dt, rate)
@@ -192,7 +190,7 @@ class BatchEstimator:
         e = old.effectiveness
         if self._separates:
             e = predict_effectiveness(e, dt, old.driven, self._vehicle.mass_kg, self._gains.effectiveness_walk)
-            e, moved = update_effectiveness(ops, e, step, gain, expected.pp + across, 0, along)
+            e, moved = update_effectiveness(ops, e, step, gain, across2, 0, along)
             place = correct_by_both(place, gain.p, step, moved, e.p)
             speed = correct_by_both(speed, gain.v, step, moved, e.v)
             now = correct_by_both(now, gain.d, step, moved, e.d)

@@ -2,6 +2,7 @@
 
 import math
 import random
+from statistics import fmean
 from typing import Any
 
 import msgspec
@@ -158,7 +159,7 @@ def watch_dash(jitter_s: float, told_s: float | None, uneven: bool = False) -> t
             off = right * east + low * down - speed * stamp_s
             along.append(off * off)
             across.append(north * north + (right * down - low * east) ** 2)
-    return (*(math.sqrt(sum(some) / len(some)) for some in (across, along)), sum(nis) / len(nis) / 3.0)
+    return math.sqrt(fmean(across)), math.sqrt(fmean(along)), fmean(nis) / 3.0
 
 
 @pytest.mark.parametrize("uneven", [False, True])

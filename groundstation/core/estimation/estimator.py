@@ -316,12 +316,8 @@ class ModelEstimator:
         """
         densities = self._still if pose.velocity_ned is None else self._moving
         expected = predict_covariance(self._covariance, dt, densities)
-        noise, jitter2 = self._noise, 0.0
-        told = self._gains.pose_jitter_s
-        if told is None:
-            noise, jitter2 = split_noise(FLOATS, noise, self._stamp_noise, NOISE_FLOOR_M2)
-        elif told > 0.0:
-            noise, jitter2 = max(1.5 * noise - 0.5 * self._stamp_noise.along, NOISE_FLOOR_M2), told * told
+        told_s = self._gains.pose_jitter_s
+        noise, jitter2 = split_noise(FLOATS, self._noise, self._stamp_noise, NOISE_FLOOR_M2, told_s)
         if jitter2 == 0.0:
             return expected, None, noise, 0.0
         axis, speed2 = find_direction(FLOATS, velocity)

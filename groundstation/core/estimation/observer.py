@@ -174,16 +174,21 @@ JITTER_SHOWS = 2.0
 of 100 poses, it has 1.2 times (1σ)."""
 
 
-def split_noise(ops: Ops, noise: Real, seen: StampNoise, least: float) -> tuple[Real, Real]:
-    """Noise across the motion, per axis [m²], and how far stamps are off, squared [s²]: nought where it does not show.
+def split_noise(ops: Ops, noise: Real, seen: StampNoise, least: float, told_s: float | None) -> tuple[Real, Real]:
+    """Noise across the motion, per axis [m²], and how far stamps are off, squared [s²].
 
     Args:
         ops: elementary functions.
         noise: mean of the three axes [m²].
         seen: along the motion.
         least: the first result is never less [m²].
+        told_s: how far stamps are off [s]; None for what is seen, which is nought where it does not show.
     """
+    if told_s == 0.0:
+        return noise, 0.0
     across = ops.clamp(1.5 * noise - 0.5 * seen.along, least, math.inf)
+    if told_s is not None:
+        return across, told_s * told_s + 0.0 * across
     shows = seen.along > JITTER_SHOWS * across
     return ops.where(shows, across, noise), ops.where(shows, (seen.along - across) / (seen.speed2 + NO_WAY_M2), 0.0)
 
@@ -379,6 +384,6 @@ def update_effectiveness(
     )
     if along is not None:
         (kp, kv, kd, kc), part = along.more, part_along(along.axis, shown)
-        chain = zip(after[2:], (-kp, -kv, -kd, -kc), strict=True)
-        after = (now, w, *(correct(one, k, part) for one, k in chain))
+        _, _, p, v, d, c = after
+        after = (now, w, correct(p, -kp, part), correct(v, -kv, part), correct(d, -kd, part), correct(c, -kc, part))
     return new(Effectiveness, after), now - value
