@@ -152,22 +152,20 @@ def test_indis_filter_forgets_its_past_with_its_time_constant() -> None:
 
 def test_l1_finds_an_unknown_push_by_its_formulas_and_counteracts_what_its_filter_lets_through() -> None:
     # v̂˙ = f + σ̂ + A_s ṽ over T_s, σ̂ = -Φ⁻¹ e^(A_s T_s) ṽ, then C(s); the vehicle gathers speed by σ beyond the model.
-    gains, h, sigma = L1(predictor_pole=2.0, bandwidth_rad_s=6.0), VEHICLE.frame_period_s, (0.8, -0.5, 0.3)
-    controller, hover = make_controller(gains, VEHICLE), estimate()
+    gains, h, sigma = L1(predictor_pole=2.0, bandwidth_rad_s=6.0), VEHICLE.frame_period_s, 0.8
+    controller = make_controller(gains, VEHICLE)
     keep = math.exp(-2.0 * h)
     phi = (1.0 - keep) / 2.0
-    off, filtered = ZERO, ZERO
-    for k in range(60):
-        velocity = tuple(k * h * s for s in sigma)
-        moving = hover._replace(motion=hover.motion._replace(velocity=velocity, thrust=VEHICLE.mass_kg * G))
+    off = filtered = 0.0
+    for k in range(120):
+        moving = estimate({"velocity": (k * h * sigma, 0.0, -2.0 * k * h * sigma)})
         seen = controller.decide(moving, HERE, h if k else 0.0).diagnostics.b_hat
-        found = [-keep / phi * e for e in off]
-        share = 1.0 - math.exp(-6.0 * h) if k else 0.0
-        filtered = tuple(f + share * (s - f) for f, s in zip(filtered, found, strict=True))
-        assert seen == pytest.approx(filtered, abs=1e-12)
-        off = tuple(keep * e + phi * s - h * true for e, s, true in zip(off, found, sigma, strict=True))
+        found = -keep / phi * off
+        filtered += (1.0 - math.exp(-6.0 * h)) * (found - filtered) if k else 0.0
+        assert seen == pytest.approx((filtered, 0.0, -2.0 * filtered), abs=1e-9)
+        off = keep * off + phi * found - h * sigma
     # What stays of it is the known share: e^(A_s T_s) T_s / Φ.
-    assert seen == pytest.approx([keep * h / phi * s for s in sigma], rel=1e-3)
+    assert filtered == pytest.approx(keep * h / phi * sigma, rel=1e-3)
 
 
 @pytest.mark.parametrize("config", [Geometric(k_integral=1.0), Pid(i_velocity=1.0, speed_limit_m_s=1.0)])
