@@ -13,6 +13,7 @@ import pytest
 
 from tests.e2e.chromium import BROWSERS, Tab, opened
 from tests.e2e.test_mqtt import free_tcp_port
+from tests.recordings import recorded
 
 
 @pytest.fixture
@@ -49,7 +50,7 @@ def test_the_page_shows_the_flight_takes_no_order_and_fetches_nothing_from_elsew
 ) -> None:
     with opened(needs_program(*BROWSERS), page, tmp_path) as tab:
         tab.until(lambda: "following the trajectory" in shown(tab))
-        assert "read only: nothing can be ordered here" in shown(tab)
+        assert "read only: orders nothing" in shown(tab)
         assert "NOTHING WAS ORDERED" not in shown(tab)
         tab.press("l", 76, ctrl=True)
         tab.until(lambda: "NOTHING WAS ORDERED" in shown(tab))
@@ -59,6 +60,18 @@ def test_the_page_shows_the_flight_takes_no_order_and_fetches_nothing_from_elsew
         assert len(asked) >= 3
         assert all(url.startswith((page, "data:")) for url in asked), asked
         assert tab.of("Network.loadingFailed") + tab.of("Runtime.exceptionThrown") + tab.of("Log.entryAdded") == []
+
+
+def test_a_recording_is_played_in_a_browser(tmp_path: Path, needs_program: Callable[..., str]) -> None:
+    log, port = recorded()[0], asyncio.run(free_tcp_port())
+    words = ["-m", "groundstation", "tui", str(log), "--at", "5", "--browser", str(port)]
+    with running(words) as server:
+        assert server.stdout is not None
+        assert log.name in server.stdout.readline()
+        with opened(needs_program(*BROWSERS), f"http://127.0.0.1:{port}/", tmp_path) as tab:
+            tab.until(lambda: "RECORDING" in shown(tab) and "tracking: following the trajectory" in shown(tab))
+            tab.press(" ", 32)
+            tab.until(lambda: "stopped" in shown(tab))
 
 
 def test_a_page_of_somebody_elses_cannot_look(page: str) -> None:

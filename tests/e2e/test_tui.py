@@ -3,6 +3,7 @@
 import asyncio
 import contextlib
 import io
+import math
 import shlex
 import socket
 import subprocess
@@ -18,7 +19,17 @@ from textual.pilot import Pilot
 from groundstation.config import ConfigError
 from groundstation.interfaces.tui.app import served_socket
 from groundstation.interfaces.tui.drawing import big
-from groundstation.interfaces.tui.widgets import Banner, ErrorHistory, Events, InTime, Knob, Numbers, Preflight, TopView
+from groundstation.interfaces.tui.widgets import (
+    Banner,
+    ErrorHistory,
+    Events,
+    InTime,
+    Knob,
+    Numbers,
+    Preflight,
+    Tabs,
+    TopView,
+)
 from tests.dashboards import Fixed, Stage, flown, on_ground, play, says, standing, text, until
 from tests.sample_flight import sample
 
@@ -42,7 +53,7 @@ def test_every_part_shows_the_newest_snapshot(stage: Stage) -> None:
             assert f"{north:+.3f}   {east:+.3f}   {-down:+.3f} m" in text(pilot, Numbers)
             for words in ("b̂          +0.100   -0.050   +0.200", "d̂          +0.110", "age 12 ms  50 Hz  drops 3"):
                 assert words in text(pilot, Numbers)
-            for words in ("armed  sent 488  drops 1", "Armed by us", "0.70 /1.37 N"):
+            for words in ("armed  drops 1  sent 488", "Armed by us", "0.70 /1.37 N"):
                 assert words in text(pilot, Numbers)
             assert "●" in text(pilot, TopView)
             assert text(pilot, ErrorHistory).endswith("▇▂")
@@ -167,7 +178,13 @@ def test_the_palette_changes_page_and_colours() -> None:
             await until(pilot, done)
 
         await choose("page links", lambda: pilot.app.current_mode == "links")
-        await choose("colours light", lambda: pilot.app.theme == "light")
+        for words, theme in (
+            ("colours light", "light"),
+            ("theme", "dark"),
+            ("colors contrast", "contrast"),
+            ("color", "dark"),
+        ):
+            await choose(words, lambda theme=theme: pilot.app.theme == theme)  # type: ignore[misc]
 
     play(scene, Fixed(on_ground()))
 
@@ -274,11 +291,40 @@ def test_the_screen_in_a_terminal_follows_a_core_that_dies_and_comes_back(termin
         terminal.wait_for("left with 0", "groundstation request land --socket")
 
 
-def test_a_recording_is_not_played_where_there_is_no_terminal(tmp_path: Path) -> None:
-    command = [sys.executable, "-m", "groundstation", "tui", str(tmp_path / "flight.mcap")]
+@pytest.mark.parametrize(("words", "says"), [
+    (["flight.mcap"], "--screenshot FILE.svg draws a picture of it"),
+    (["--socket", "nobody.sock"], "groundstation health says in a line how the flight is"),
+])  # fmt: skip
+def test_nothing_is_drawn_where_there_is_no_terminal(words: list[str], says: str) -> None:
+    command = [sys.executable, "-m", "groundstation", "tui", *words]
     done = subprocess.run(command, stdin=subprocess.DEVNULL, capture_output=True, text=True, timeout=60, check=False)
-    assert done.returncode == 2
-    assert "--screenshot FILE.svg draws a picture of it" in done.stderr
+    assert done.returncode == 2 and not done.stdout
+    assert f"a dashboard needs a terminal; {says}" in done.stderr
+
+
+@pytest.mark.parametrize("columns", [60, 80, 120, 200])
+def test_at_every_width_the_banner_the_numbers_and_the_way_out_are_whole(columns: int) -> None:
+    dropped = {"late (older as it came than a command may rest on)": 1234}
+    link = msgspec.structs.replace(
+        sample(1.0).link, state="connected", sent=1234567, expired=123, dropped=dropped, battery_v=15.52,
+        battery_share=1.0, rtt_s=0.1121,
+    )  # fmt: skip
+    turned = (0.0, 0.3826834, 0.0, 0.9238795)
+
+    async def scene(pilot: Pilot[None]) -> None:
+        await until(pilot, lambda: "10.0 s" in text(pilot, Banner))
+        await pilot.pause(0.3)
+        assert "…" not in text(pilot, Numbers) + text(pilot, Banner) + text(pilot, Tabs)
+        assert text(pilot, Numbers).count("drops 1234") == 2 and "rms -" in text(pilot, Numbers)
+        assert "control is free: c takes it" in text(pilot, Banner) and "q quit" in text(pilot, Tabs)
+        for page, part in (("2", "law"), ("3", "pose"), ("3", "link")):
+            await pilot.press(page)
+            await pilot.pause(0.5)
+            drawn = str(pilot.app.screen.query_one(f"#{part}").render())
+            assert drawn and "…" not in drawn.replace("… ", ""), drawn
+
+    more = {"poses_dropped": dropped, "link": link, "attitude": turned, "rms_m": math.nan}
+    play(scene, Fixed(flown(10.0, **more)), (columns, 24))
 
 
 @pytest.mark.parametrize("columns", [60, 80, 120])

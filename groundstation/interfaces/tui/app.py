@@ -243,7 +243,7 @@ class Dashboard(App[None]):
     def _make(self, page: type[Page]) -> Callable[[], Screen[Any]]:
         more = [("?", "keys", "app.keys")]
         if self._plays:
-            more += [("␣", "pause", "app.play('pause')"), ("←→", "wind", "app.play('on')")]
+            more += [("␣", "pause", "app.play('pause')"), ("←→", "seek", "app.play('on')")]
         else:
             more += [("^P", "more", "app.command_palette")]
             more += [("c", "control", "app.control")] if self._orders else []
@@ -301,7 +301,7 @@ class Dashboard(App[None]):
         if isinstance(self._feed, Playback):
             return self._feed.where()
         if self._read_only:
-            return "read only: nothing can be ordered here"
+            return "read only: orders nothing"
         holder = self.picture.holder
         if holder.yours:
             return "you hold control"
@@ -373,7 +373,9 @@ class Dashboard(App[None]):
         for name in PAGES:
             yield SystemCommand(f"Page {name}", "show this page", self._call(self.action_page, name.lower()))
         for theme in THEMES:
-            yield SystemCommand(f"Colours {theme.name}", "can be told apart by all eyes", self._colours(theme.name))
+            yield SystemCommand(
+                f"Colours {theme.name} (color theme)", "all eyes can tell them apart", self._colours(theme.name)
+            )
         yield SystemCommand("Keys", "show all keys", self.action_keys)
         yield SystemCommand("Quit", "leave; what flies goes on flying", self.action_quit)
 
@@ -445,11 +447,12 @@ def tui_command(args: argparse.Namespace) -> int:
     if args.browser is not None:
         return _in_browser(args)
     if args.log is not None:
-        if args.screenshot is None and not (sys.stdin.isatty() and sys.stdout.isatty()):
-            raise ConfigError("tui", "a recording is played in a terminal; --screenshot FILE.svg draws a picture of it")
+        if args.screenshot is None:
+            _require_terminal("--screenshot FILE.svg draws a picture of it")
         return _show_recording(args.log, args.theme, args.at, args.screenshot, args.size)
     if args.screenshot is not None or args.at is not None:
         raise ConfigError("--screenshot, --at", "need a recording, LOG.mcap")
+    _require_terminal("groundstation health says in a line how the flight is")
     path = args.socket or served_socket(args.vehicle)
     which = _which(args.socket)
     dashboard = Dashboard(Attached(path), read_only=args.read_only, which=which)
@@ -460,8 +463,7 @@ def fly_with_screen(args: argparse.Namespace, config: Config) -> int:
     """Start the ground station as a process of its own, which outlives this one, and show what it does."""
     vehicle = config.vehicle.name
     path = socket_path(config.status, vehicle)
-    if not sys.stdin.isatty():
-        raise ConfigError("--tui", "needs a terminal")
+    _require_terminal("groundstation fly without --tui needs none")
     if asyncio.run(is_served(path)):
         again = f"groundstation tui {_which(path)}"
         raise ConfigError("status.path", f"a ground station serves {path} already; to see it: {again}")
@@ -517,6 +519,12 @@ def _in_browser(args: argparse.Namespace) -> int:
 def _title(vehicle: str) -> str:
     """The vehicle's name; that of a rehearsal in large letters."""
     return vehicle.upper() if is_rehearsal(vehicle) else vehicle
+
+
+def _require_terminal(otherwise: str) -> None:
+    """There must be a terminal to draw on, or the browser's page in its place; else nobody could read or end it."""
+    if "TEXTUAL_DRIVER" not in os.environ and not (sys.stdin.isatty() and sys.stdout.isatty()):
+        raise ConfigError("tui", f"a dashboard needs a terminal; {otherwise}")
 
 
 def _which(socket: Path | None) -> str | None:

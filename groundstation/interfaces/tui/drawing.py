@@ -2,6 +2,7 @@
 
 import math
 from collections.abc import Iterable, Mapping, Sequence
+from textwrap import wrap
 
 import msgspec
 
@@ -295,7 +296,7 @@ def number_rows(snapshot: Snapshot) -> list[Spans]:
         row("position", f"{_place(snapshot.position_ned)} m"),
         row("reference", f"{_place(snapshot.reference_ned)} m"),
         row("error", f"{_centimetres(snapshot.error_m)}   rms {_centimetres(snapshot.rms_m or math.nan)}"),
-        row("attitude", f"roll {roll:+.1f}  pitch {pitch:+.1f}  yaw {yaw:+.1f} °"),
+        row("attitude", f"roll {roll:+.1f} pitch {pitch:+.1f} yaw {yaw:+.1f}°"),
         _thrust(snapshot),
         *_rates(snapshot),
         *_disturbance(snapshot),
@@ -369,20 +370,21 @@ def _certificate(snapshot: Snapshot) -> Spans:
 
 def _pose(snapshot: Snapshot) -> Spans:
     if snapshot.pose_id < 0:
-        return row("pose", f"none yet{_drops(snapshot.poses_dropped)}", WARNING)
+        return row("pose", fit(["none yet", *_drops(snapshot.poses_dropped)]), WARNING)
     old = not snapshot.pose_age_s < OLD_POSE_S
     age = f"{snapshot.pose_age_s:.1f} s" if snapshot.pose_age_s >= 1.0 else f"{1e3 * snapshot.pose_age_s:.0f} ms"
-    text = f"age {age}{'!' if old else ''}  {snapshot.pose_rate_hz:.0f} Hz{_drops(snapshot.poses_dropped)}"
-    return row("pose", text, WARNING if old else NORMAL)
+    told = [f"age {age}{'!' if old else ''}", f"{snapshot.pose_rate_hz:.0f} Hz", *_drops(snapshot.poses_dropped)]
+    return row("pose", fit(told), WARNING if old else NORMAL)
 
 
 def _link(snapshot: Snapshot) -> list[Spans]:
     link = snapshot.link
     lost = link.state == "lost"
-    expired = f" expired {link.expired}" if link.expired else ""
-    text = f"{printable(link.state)}{'!' if lost else ''}  sent {link.sent}{expired}{_drops(link.dropped)}"
+    drops, *reason = _drops(link.dropped)
+    told = [f"{printable(link.state)}{'!' if lost else ''}", drops]
+    told += [f"expired {link.expired}"] if link.expired else []
     return [
-        row("link", text, WARNING if lost else NORMAL),
+        row("link", fit([*told, f"sent {link.sent}", *reason]), WARNING if lost else NORMAL),
         row("battery", battery(link)),
         row("", printable(link.text) or "-", LABEL),
     ]
@@ -392,16 +394,43 @@ def battery(link: LinkStatus) -> str:
     """Voltage and charge of the vehicle's battery, and how long a round trip to it takes."""
     told = [f"{link.battery_v:.2f} V"] if link.battery_v is not None else []
     told += [f"{100.0 * link.battery_share:.0f} %"] if link.battery_share is not None else []
-    trip = "" if link.rtt_s is None else f"   round trip {1e3 * link.rtt_s:.1f} ms"
-    return ("  ".join(told) or "not told") + trip
+    told = told or ["not told"]
+    return fit(told if link.rtt_s is None else [*told, f"round trip {1e3 * link.rtt_s:.1f} ms"])
 
 
-def _drops(dropped: Mapping[str, int]) -> str:
+def _drops(dropped: Mapping[str, int]) -> list[str]:
     """The total, and the commonest reason."""
     if not any(dropped.values()):
-        return "  drops 0"
+        return ["drops 0"]
     reason = max(dropped, key=lambda name: dropped[name])
-    return f"  drops {sum(dropped.values())} {printable(reason)}"
+    return [f"drops {sum(dropped.values())}", printable(reason)]
+
+
+ROOM = 35
+"""Room behind a row's label beside the plots [columns]."""
+
+
+def fit(told: Sequence[str]) -> str:
+    """What there is room for, the most important first: a piece that would be cut off is left out whole."""
+    text = ""
+    for piece in told:
+        longer = f"{text}  {piece}" if text else piece
+        text = longer if len(longer) <= ROOM else text
+    return text
+
+
+def fold(rows: Iterable[Spans], width: int) -> list[Spans]:
+    """Rows of label and text, as :func:`row` makes them, with text that is too long going on below itself."""
+    folded: list[Spans] = []
+    for one in rows:
+        head, *rest = one
+        if len(rest) != 1 or sum(_width(text) for text, _ in one) <= width:
+            folded.append(one)
+            continue
+        (text, style), indent = rest[0], _width(head[0])
+        lines = wrap(text, max(8, width - indent)) or [""]
+        folded += [[head, (lines[0], style)], *([(" " * indent, LABEL), (line, style)] for line in lines[1:])]
+    return folded
 
 
 def row(label: str, text: str, style: str = NORMAL) -> Spans:
@@ -424,7 +453,7 @@ def three(vector: Vec3) -> str:
 
 
 def _centimetres(metres: float) -> str:
-    return f"{100.0 * metres:.1f} cm"
+    return f"{100.0 * metres:.1f} cm" if math.isfinite(metres) else "-"
 
 
 def flight_time(time_s: float) -> str:

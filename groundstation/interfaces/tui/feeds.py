@@ -174,8 +174,8 @@ class Playback:
     def where(self) -> str:
         """For the operator: where it is, and how fast it goes."""
         whole = self._times[-1] - self._times[0] if self._times else 0.0
-        pace = "stopped" if self.paused else f"× {SPEEDS[self._speed]:g}"
-        return f"RECORDING {self.passed_s:.1f} of {whole:.1f} s, {pace}"
+        pace = "stopped" if self.paused else f"×{SPEEDS[self._speed]:g}"
+        return f"RECORDING {self.passed_s:.1f}/{whole:.1f} s {pace}"
 
     async def ask(self, ask: Ask, why: str, vehicle: str = "") -> Reply:
         """Nothing flies."""

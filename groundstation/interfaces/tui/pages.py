@@ -10,13 +10,26 @@ from textual.app import ComposeResult
 from textual.binding import Binding, BindingType
 from textual.containers import Horizontal, Vertical, VerticalScroll
 from textual.content import Content
+from textual.events import Resize
 from textual.message import Message
 from textual.screen import Screen
 from textual.widgets import DataTable, Input, Static
 
 from groundstation.core.messages import Snapshot
 from groundstation.core.mission import ON_GROUND
-from groundstation.interfaces.tui.drawing import AXES, ERROR, FLOWN, LABEL, WARNING, Spans, bar, battery, row, three
+from groundstation.interfaces.tui.drawing import (
+    AXES,
+    ERROR,
+    FLOWN,
+    LABEL,
+    WARNING,
+    Spans,
+    bar,
+    battery,
+    fold,
+    row,
+    three,
+)
 from groundstation.interfaces.tui.model import ALARM, GainRow, Picture, gains
 from groundstation.interfaces.tui.widgets import (
     Banner,
@@ -37,6 +50,10 @@ from links.core import printable
 
 PAGES = ("Fly", "Control", "Links", "Config", "Log")
 """The names of the pages; their keys are 1 to 5."""
+
+
+SMALL = 72
+"""Below it numbers and gains do not stand side by side [columns]."""
 
 
 class PageFrame(msgspec.Struct, frozen=True):
@@ -65,6 +82,10 @@ class Page(Screen[None]):
     Page.tall Knob { height: 3; }
     .wide-only { display: none; }
     Page.-wide .wide-only { display: block; }
+    Page.small #body { layout: vertical; overflow-y: auto; }
+    Page.small #body > Vertical { width: 1fr; height: auto; }
+    Page.small Curves { height: 3; }
+    Page.small DataTable { height: 8; }
     """
 
     def __init__(self, *, orders: bool, more: tuple[tuple[str, str, str], ...]) -> None:
@@ -100,6 +121,11 @@ class Page(Screen[None]):
         if (picture.count, frame.stale) != self._drawn:
             self._drawn = (picture.count, frame.stale)
             self.draw(frame)
+
+    def on_resize(self, event: Resize) -> None:
+        """What stands side by side stands one below the other where there is no room for both."""
+        self.set_class(event.size.width < SMALL and self.NAME != "Fly", "small")
+        self._drawn = (-1, False)
 
     def on_screen_resume(self) -> None:
         """It is seen again: all of it is new."""
@@ -206,7 +232,7 @@ class ControlPage(Page):
         picture = frame.picture
         if picture.newest is not None:
             self.query_one("#law", Static).update(
-                content(law_rows(picture.newest), self.query_one("#left").size.width - 1)
+                whole(law_rows(picture.newest), self.query_one("#left").size.width - 1)
             )
             self._gains(picture.config(), picture.newest.gains)
         errors, v = self.query(Curves)
@@ -231,6 +257,11 @@ class ControlPage(Page):
         self.post_message(self.Chosen(next(one for one in self._shown if one.key == event.row_key.value)))
 
 
+def whole(rows: list[Spans], width: int) -> Content:
+    """Rows of which nothing is cut off."""
+    return content(fold(rows, max(1, width)), max(1, width))
+
+
 def law_rows(snapshot: Snapshot) -> list[Spans]:
     """Errors, V with its terms, W, and what is promised of them."""
     d, seen = snapshot.diagnostics, snapshot.certificate
@@ -246,15 +277,13 @@ def law_rows(snapshot: Snapshot) -> list[Spans]:
     if seen is None:
         return [*rows, row("bound", printable(d.certificate))]
     bad = seen.state == "violated"
-    shares = f"violated {_share(seen.violated_fraction)}  suspended {_share(seen.suspended_fraction)} of the time"
-    excess = f"{seen.state}{'!' if bad else ''}, {seen.excess:.3g} above its bound"
-    rows += [row("V", f"{seen.v:.4g}  {printable(excess)}", WARNING if bad else ""), row("", shares)]
+    excess = f"{seen.state}!, {seen.excess:.3g} above its bound" if bad else seen.state
+    rows.append(row("V", f"{seen.v:.4g}  {printable(excess)}", WARNING if bad else ""))
+    if seen.violated_fraction >= 0.0:  # a recording does not tell
+        shares = (f"{100.0 * share:.1f} %" for share in (seen.violated_fraction, seen.suspended_fraction))
+        rows.append(row("", "violated {}  suspended {} of the time".format(*shares)))
     fraction = "-" if seen.b_hat_fraction is None else f"{100.0 * seen.b_hat_fraction:.0f} % of what it may be"
     return [*rows, row("b̂", fraction), row("bound", printable(seen.bound))]
-
-
-def _share(fraction: float) -> str:
-    return f"{100.0 * fraction:.1f} %" if fraction >= 0.0 else "?"
 
 
 BINS = 8
@@ -290,7 +319,7 @@ class LinksPage(Page):
         late = [1e3 * one.latency_s for one in picture.flown]
         for name, rows in (("pose", pose_rows(picture.newest, ages)), ("link", link_rows(picture.newest))):
             part = self.query_one(f"#{name}", Static)
-            part.update(content(rows, max(1, part.size.width)))
+            part.update(whole(rows, part.size.width))
         age, latency = self.query(Curves)
         age.show([ages])
         latency.show([late])
@@ -316,7 +345,8 @@ def link_rows(snapshot: Snapshot) -> list[Spans]:
     """State, counters and clocks of the command link, and how late frames left."""
     status = snapshot.link
     trip = "not known" if status.rtt_s is None else f"{1e3 * status.rtt_s:.2f} ms (shortest lately)"
-    clock = "not known" if status.offset_s is None else f"{status.offset_s:+.3f} s ahead of ours"
+    ahead = status.offset_s
+    clock = "not known" if ahead is None else f"{abs(ahead):.3f} s {'behind' if ahead < 0.0 else 'ahead of'} ours"
     return [
         [("─ command link ─", LABEL)],
         row(

@@ -40,13 +40,13 @@ from groundstation.interfaces.tui.drawing import (
 from groundstation.interfaces.tui.model import ALARM, CALM, ORDERS, BannerText, OperatorOrder, PlotSample, possible
 from links.core import printable
 
-TALL, WORDS_WIDTH = 36, 30
-"""From this height on letters may be large [rows]; they leave this room for the words beside them [columns]."""
+TALL, WORDS_WIDTH, BESIDE = 36, 30, 3
+"""From this height on letters may be large [rows]; they leave this room for the words beside them, and this between."""
 
 
 def content(rows: Sequence[Spans], width: int) -> Content:
     """Rows of styled pieces as what a widget draws, cut off at ``width``."""
-    return Content("\n").join([Content.assemble(*row).truncate(width) for row in rows])
+    return Content("\n").join([Content.assemble(*row).truncate(width, ellipsis=True) for row in rows])
 
 
 class Banner(Widget):
@@ -73,7 +73,8 @@ class Banner(Widget):
         if (tall or self._shown.tone == ALARM) and len(large[0]) + WORDS_WIDTH <= self.screen.size.width:
             blank = " " * len(large[0])
             return (blank, *large, blank) if tall else large
-        return big(self._shown.big)
+        letters = big(self._shown.big)
+        return letters if len(letters[0]) + BESIDE + WORDS_WIDTH <= self.screen.size.width else ("",) * len(letters)
 
     def on_resize(self) -> None:
         """Other letters may fit now."""
@@ -84,14 +85,20 @@ class Banner(Widget):
         tone = self._shown.tone
         style = f"bold ${tone}-text on ${tone}-back"
         letters = self._letters()
-        room = max(0, self.size.width - len(letters[0]) - 3)
+        beside = f" {letters[0]}  " if letters[0] else " "
+        room = max(1, self.size.width - len(beside))
         whose, holder = self._beside
-        words = [whose, *wrap(printable(self._shown.detail), max(room, 1))]
+        first = whose if letters[0] else f"{self._shown.big.upper()}  {whose}"
+        lines = max(1, len(letters) - 1)
+        words = [first, *wrap(printable(self._shown.detail), room, max_lines=lines, placeholder=" …")]
         if holder and len(letters) > len(words):
             words += [""] * (len(letters) - len(words) - 1) + [holder]
         words = (words + [""] * len(letters))[: len(letters)]
         return content(
-            [[(f" {row}  {text}".ljust(self.size.width), style)] for row, text in zip(letters, words, strict=True)],
+            [
+                [((f" {row}  {text}" if row else f" {text}").ljust(self.size.width), style)]
+                for row, text in zip(letters, words, strict=True)
+            ],
             self.size.width,
         )
 
@@ -171,14 +178,20 @@ class Tabs(Widget):
 
     def render(self) -> Content:
         """All in one row."""
+        row = self._row(self._names)
+        if sum(len(text) for text, _ in row) > self.size.width:
+            row = self._row([name if name == self._here else "" for name in self._names])
+        return content([row], self.size.width)
+
+    def _row(self, shown: Sequence[str]) -> Spans:
         row: Spans = []
-        for number, name in enumerate(self._names, 1):
+        for number, (name, word) in enumerate(zip(self._names, shown, strict=True), 1):
             action = f"@click=app.page('{name.lower()}')"
-            row.append((f" {number} {name} ", f"bold reverse {action}" if name == self._here else f"{action}"))
+            row.append((f" {number} {word}".rstrip() + " ", f"bold reverse {action}" if name == self._here else action))
         row.append((" ", ""))
         for key, word, action in self._more:
             row += [(f" {key}", f"bold @click={action}"), (f" {word}", f"{LABEL} @click={action}")]
-        return content([row], self.size.width)
+        return row
 
 
 WIND_S2 = 0.5
@@ -219,7 +232,7 @@ class TopView(Widget):
             legend.append((" → b̂", WIND))
         rows, cell_m = top_view(tracks, width, height)
         cells = max(1, min(width - 30, 10))
-        scale = f"├{'─' * (cells - 2)}┤ {cells * cell_m:.2g} m  N↑  " if cells > 2 else f"{cell_m:.2g} m a column "
+        scale = f"├{'─' * (cells - 2)}┤ {cells * cell_m:.2g} m  N↑  " if cells > 2 else f"{cell_m:.2g} m/col "
         return content([*rows, [(scale, LABEL), *legend]], width)
 
 
@@ -302,7 +315,8 @@ class ErrorHistory(Widget):
         errors = [one.error_m for one in self._flown][-max(1, self.size.width) :]
         top = nice_top(errors, 0.01)
         newest = f"{100.0 * errors[-1]:.1f} cm" if errors else "-"
-        head = [("error ", LABEL), (newest, ""), (f"   full height {100.0 * top:g} cm", LABEL)]
+        head = [("error ", LABEL), (newest, "")]
+        head += [(f"   full height {100.0 * top:g} cm", LABEL)] if self.size.width > 34 else []
         rows = history(errors, top, self.size.width, max(1, self.size.height - 1))
         return content([head, *([(row, ERROR)] for row in rows)], self.size.width)
 
