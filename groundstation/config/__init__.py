@@ -19,6 +19,7 @@ if TYPE_CHECKING:
         dump,
         example_names,
         example_text,
+        field_notes,
         from_dict,
         list_examples,
         load,
@@ -45,7 +46,6 @@ if TYPE_CHECKING:
         structs,
         texts_of,
     )
-    from groundstation.config.text import field_notes
 
 _MODULES = {
     "factory": (
@@ -65,6 +65,7 @@ _MODULES = {
         "dump",
         "example_names",
         "example_text",
+        "field_notes",
         "from_dict",
         "list_examples",
         "load",
@@ -91,7 +92,6 @@ _MODULES = {
         "structs",
         "texts_of",
     ),
-    "text": ("field_notes",),
 }
 
 

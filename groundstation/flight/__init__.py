@@ -3,7 +3,7 @@
 TYPE_CHECKING = False
 if TYPE_CHECKING:
     from groundstation.flight.command_loop import DISARM_WAIT_S
-    from groundstation.flight.flight import Flight, FlightOutcome, make_ends
+    from groundstation.flight.flight import Flight, FlightOutcome, FrameLateness, make_ends
     from groundstation.flight.hold_to_run import HoldWatch, ensure_held, make_hold
     from groundstation.flight.prearm import Company, body_of, describe_checks, describe_failures, entry_of, link_of
     from groundstation.flight.preflight import (
@@ -23,11 +23,10 @@ if TYPE_CHECKING:
         place,
         save,
     )
-    from groundstation.flight.statistics import FrameLateness
 
 _MODULES = {
     "command_loop": ("DISARM_WAIT_S",),
-    "flight": ("Flight", "FlightOutcome", "make_ends"),
+    "flight": ("Flight", "FlightOutcome", "FrameLateness", "make_ends"),
     "hold_to_run": ("HoldWatch", "ensure_held", "make_hold"),
     "prearm": ("Company", "body_of", "describe_checks", "describe_failures", "entry_of", "link_of"),
     "preflight": (
@@ -47,7 +46,6 @@ _MODULES = {
         "place",
         "save",
     ),
-    "statistics": ("FrameLateness",),
 }
 
 

@@ -61,7 +61,7 @@ class FleetPlan(NamedTuple):
 def read_fleet(path: Path, overrides: Sequence[str] = (), *, rehearsed: bool = False) -> FleetPlan:
     """The fleet in the TOML file ``path``; ``overrides`` (``a.b=value``) are for every vehicle.
 
-    ``rehearsed``: with every address turned to the loopback network, see :mod:`groundstation.settings.rehearsal`.
+    ``rehearsed``: with every address turned to the loopback network, see :mod:`groundstation.settings.settings`.
 
     Raises:
         ConfigError: by file, vehicle and key; also where two vehicles would use the same name, object or port.

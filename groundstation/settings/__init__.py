@@ -2,9 +2,14 @@
 
 TYPE_CHECKING = False
 if TYPE_CHECKING:
-    from groundstation.settings.rehearsal import (
+    from groundstation.settings.settings import (
         AF_UNIX,
         REHEARSAL,
+        Config,
+        FlightConfig,
+        LinkConfig,
+        MqttConfig,
+        OperatorConfig,
         RehearsalConfig,
         beacon,
         describe_rehearsal,
@@ -12,11 +17,15 @@ if TYPE_CHECKING:
         is_rehearsal,
         rehearse,
     )
-    from groundstation.settings.settings import Config, FlightConfig, LinkConfig, MqttConfig, OperatorConfig
 
 _MODULES = {
-    "rehearsal": (
+    "settings": (
         "AF_UNIX",
+        "Config",
+        "FlightConfig",
+        "LinkConfig",
+        "MqttConfig",
+        "OperatorConfig",
         "REHEARSAL",
         "RehearsalConfig",
         "beacon",
@@ -24,8 +33,7 @@ _MODULES = {
         "ensure_served",
         "is_rehearsal",
         "rehearse",
-    ),
-    "settings": ("Config", "FlightConfig", "LinkConfig", "MqttConfig", "OperatorConfig"),
+    )
 }
 
 

@@ -2,15 +2,10 @@
 
 TYPE_CHECKING = False
 if TYPE_CHECKING:
-    from links.mavlink.connection import MavlinkConnection
+    from links.mavlink.connection import MavlinkConnection, StampFile
     from links.mavlink.link import MavlinkLink, MavlinkLinkConfig
-    from links.mavlink.signing_key import StampFile
 
-_MODULES = {
-    "connection": ("MavlinkConnection",),
-    "link": ("MavlinkLink", "MavlinkLinkConfig"),
-    "signing_key": ("StampFile",),
-}
+_MODULES = {"connection": ("MavlinkConnection", "StampFile"), "link": ("MavlinkLink", "MavlinkLinkConfig")}
 
 
 def __getattr__(name: str) -> object:

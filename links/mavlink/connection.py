@@ -2,33 +2,38 @@
 
 When the autopilot is heard again after a silence, or after its wire was lost, it is asked for its messages again, as
 it may have restarted. Set-points do not leave until the vehicle is armed anew: nobody knows what it did meanwhile.
+
+A time stamp that signs a frame must never be used twice, also not after a restart with a clock that was set back: so
+the newest one is kept on disk beside the key, and the next run begins behind it. Nothing else of this package reads the
+machine's clock.
 """
 
 import asyncio
 import math
 from collections import Counter
 from collections.abc import Callable, Mapping
+from datetime import UTC, datetime
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from links.core import LinkError, LinkLost, LinkMisuse
+from links.io import read_key
 from links.mavlink.protocol import (
     GROUND_STATION,
+    TICKS_PER_S,
     AutopilotAddress,
     Handshake,
     HeartbeatMonitor,
     MavlinkCodec,
     MavlinkLinkConfig,
     Message,
+    Signer,
     Timesync,
     Trip,
     Words,
     choose_streams,
 )
 from links.mavlink.transport import ReconnectingTransport
-
-if TYPE_CHECKING:
-    from links.mavlink.signing_key import Signing
 
 VISION = (
     "VISION_POSITION_ESTIMATE", "GLOBAL_VISION_POSITION_ESTIMATE", "VICON_POSITION_ESTIMATE", "ATT_POS_MOCAP",
@@ -445,8 +450,6 @@ class MavlinkConnection:
 
     def _sign(self, loop: asyncio.AbstractEventLoop) -> None:
         if self._config.signing_key_file is not None and self._signing is None:
-            from links.mavlink.signing_key import Signing  # hashlib is for who signs
-
             try:
                 self._signing = Signing(Path(self._config.signing_key_file), loop.time)
             except ValueError as error:
@@ -521,3 +524,65 @@ class MavlinkConnection:
         if self._loop is None:
             return LinkError("the link was closed before the autopilot answered")
         return None if self._contact.has_wire else LinkLost(self._trouble)
+
+
+_EPOCH = datetime(2015, 1, 1, tzinfo=UTC)
+
+
+class StampFile:
+    """The newest time stamp, beside the key."""
+
+    def __init__(self, key_file: Path) -> None:
+        """``key.stamp`` for the key file ``key``."""
+        self._path = key_file.with_name(key_file.name + ".stamp")
+
+    def first(self) -> int:
+        """Where to begin: now, or behind the newest of the last run where that is later.
+
+        Raises:
+            ValueError: the file is damaged.
+        """
+        now = int((datetime.now(UTC) - _EPOCH).total_seconds() * TICKS_PER_S)
+        try:
+            kept = int(self._path.read_text("ascii"))
+        except FileNotFoundError:
+            kept = 0
+        except (OSError, ValueError) as error:
+            raise ValueError(f"cannot read the newest time stamp in {self._path} ({error}): remove it") from None
+        return max(now, kept + 1)
+
+    def keep(self, stamp: int) -> None:
+        """Write ``stamp`` down, all or nothing.
+
+        Raises:
+            ValueError: the folder can't be written.
+        """
+        new = self._path.with_name(self._path.name + ".new")
+        try:
+            new.write_text(f"{stamp}\n", "ascii")
+            new.replace(self._path)
+        except OSError as error:
+            raise ValueError(
+                f"cannot write {self._path} ({error.strerror}): signing needs it, or stamps repeat"
+            ) from None
+
+
+class Signing:
+    """A key in use: its signer, and the stamps that it may use."""
+
+    def __init__(self, key_file: Path, time_s: Callable[[], float]) -> None:
+        """Begin where the last run ended, and follow the clock ``time_s()`` [s].
+
+        Raises:
+            ValueError: the key or its newest stamp can't be used.
+        """
+        key = read_key(key_file)
+        self._stamps = StampFile(key_file)
+        first, begun_s = self._stamps.first(), time_s()
+        self.signer = Signer(key, lambda: first + int((time_s() - begun_s) * TICKS_PER_S))
+        self.signer.stamp = first - 1
+        self.keep()
+
+    def keep(self) -> None:
+        """Write the newest stamp down; raises ValueError."""
+        self._stamps.keep(self.signer.stamp)

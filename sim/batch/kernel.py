@@ -1,7 +1,7 @@
 """Kernel: a straight-line program as C, one loop over the vehicles in place of one pass an operation.
 
 The program is elementwise code written down by calling it once with symbols in place of its numbers. So the source
-(groundstation/core/geometry/ops.py says how it is written) stays the only one. It has its operations, in its order,
+(groundstation/core/geometry/so3.py says how it is written) stays the only one. It has its operations, in its order,
 each once: whoever computes them exactly as told gets the same bits.
 
 + - * / and roots are rounded the same everywhere, so C gives numpy's bits. Other functions stay numpy's own: the loop

@@ -272,7 +272,7 @@ def turn_rotors(
     """One step of rate loop and rotors.
 
     Args:
-        ops: see :class:`groundstation.core.geometry.ops.Ops`.
+        ops: see :class:`groundstation.core.geometry.so3.Ops`.
         body: at the step's start.
         actuators: the same.
         thrust: that would come of what is told without lag [N]; the rate loop is told it without the ``gain``.

@@ -17,6 +17,7 @@ from groundstation.__main__ import parser
 from groundstation.config import load
 from groundstation.core.safety.geofence import BoxFence
 from groundstation.interfaces.service import Format, unit_file
+from groundstation.interfaces.service.flights import Notify, longest_landing_s
 from groundstation.interfaces.service.monitoring import (
     STALE_S,
     DaemonHealth,
@@ -28,7 +29,6 @@ from groundstation.interfaces.service.monitoring import (
     level_of,
     line_of,
 )
-from groundstation.interfaces.service.systemd import Notify, longest_landing_s
 from groundstation.runtime import Taken, hold_lock
 from groundstation.runtime.entry import CODES, exit_code_table
 from groundstation.settings import Config

@@ -14,13 +14,14 @@ import numpy as np
 import pytest
 
 from groundstation.analysis.evidence import import_command
-from groundstation.analysis.evidence.attitude_fit import fit_attitude_loop, respond
 from groundstation.analysis.evidence.evidence import (
     WANDERED,
     examine_flight,
     find_airborne,
+    fit_attitude_loop,
     measure_pose_noise,
     measure_wander,
+    respond,
 )
 from groundstation.analysis.evidence.imports import SETPOINT
 from groundstation.analysis.evidence.mapping import Column, load_mapping, shipped_mappings

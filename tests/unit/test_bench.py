@@ -18,8 +18,8 @@ from tests.proving.bench import links as bench_links
 from tests.proving.bench import recording as bench_recording
 from tests.proving.bench import screen as bench_screen
 from tests.proving.bench import tick as bench_tick
+from tests.proving.bench.batch import Bench
 from tests.proving.bench.bench import in_turns
-from tests.proving.bench.peers import Bench
 from tests.proving.fuzz import FLIGHTS
 
 

@@ -1,4 +1,4 @@
-"""links/mavlink/protocol/parameters.py: numbers in both encodings, reading many, setting one."""
+"""links/mavlink/protocol/procedures.py: numbers in both encodings, reading many, setting one."""
 
 import math
 import struct
@@ -23,7 +23,7 @@ from links.mavlink.protocol import (
     decode,
     encode,
 )
-from links.mavlink.protocol.parameters import ASKED, AT_ONCE
+from links.mavlink.protocol.procedures import ASKED, AT_ONCE
 from links.mavlink.protocol.steps import TRIES
 
 INT8, INT32 = 2, 6

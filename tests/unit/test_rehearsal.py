@@ -22,7 +22,7 @@ from groundstation.settings import (
     is_rehearsal,
     rehearse,
 )
-from groundstation.settings.rehearsal import ADDRESSES, TEXTS
+from groundstation.settings.settings import ADDRESSES, TEXTS
 from links.io import is_loopback, parse_address
 
 FILE = Path("my_room.toml")

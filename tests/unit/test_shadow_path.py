@@ -1,4 +1,4 @@
-"""groundstation/analysis/shadow/path.py: the flown path with its derivatives."""
+"""groundstation/analysis/shadow/report.py: the flown path with its derivatives."""
 
 import math
 
@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from groundstation.analysis.shadow import FlownPath
-from groundstation.analysis.shadow.path import HALF_WIDTH_S
+from groundstation.analysis.shadow.report import HALF_WIDTH_S
 from groundstation.core.geometry import Vec3, so3
 from groundstation.core.messages import Pose
 

@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from groundstation.core.geometry import Vec3
 from groundstation.core.trajectory import Trajectory
 from groundstation.core.trajectory.shapes import SamplesConfig, TransitConfig, WaypointsConfig
-from groundstation.core.trajectory.spline import smoothest
+from groundstation.core.trajectory.waypoints import smoothest
 
 POINTS = ((0.0, 0.0, -1.0), (2.0, 0.5, -1.0), (2.0, 3.0, -2.0), (-1.0, 2.0, -1.5))
 coordinate = st.integers(-50, 50).map(lambda n: n / 10.0)

@@ -2,7 +2,6 @@
 
 TYPE_CHECKING = False
 if TYPE_CHECKING:
-    from groundstation.analysis.shadow.path import FlownPath, flying, hover_share, thrust_shares
     from groundstation.analysis.shadow.recording import (
         RecordedPose,
         RecordedVehicle,
@@ -13,10 +12,17 @@ if TYPE_CHECKING:
         mavlink,
         read_recording,
     )
-    from groundstation.analysis.shadow.report import compare_commands, replay, replay_command
+    from groundstation.analysis.shadow.report import (
+        FlownPath,
+        compare_commands,
+        flying,
+        hover_share,
+        replay,
+        replay_command,
+        thrust_shares,
+    )
 
 _MODULES = {
-    "path": ("FlownPath", "flying", "hover_share", "thrust_shares"),
     "recording": (
         "RecordedPose",
         "RecordedVehicle",
@@ -27,7 +33,7 @@ _MODULES = {
         "mavlink",
         "read_recording",
     ),
-    "report": ("compare_commands", "replay", "replay_command"),
+    "report": ("FlownPath", "compare_commands", "flying", "hover_share", "replay", "replay_command", "thrust_shares"),
 }
 
 

@@ -5,10 +5,15 @@ from groundstation.core.geometry import so3 as so3
 TYPE_CHECKING = False
 if TYPE_CHECKING:
     from groundstation.core.geometry.frames import Alignment, Body, Frames, World, axes, frames_of
-    from groundstation.core.geometry.ops import FLOATS, Ops, Quat, Real, Vec3, arrays
     from groundstation.core.geometry.so3 import (
+        FLOATS,
         IDENTITY,
+        Ops,
+        Quat,
+        Real,
+        Vec3,
         angle_deg,
+        arrays,
         conjugate,
         euler_zyx,
         multiply,
@@ -21,10 +26,15 @@ if TYPE_CHECKING:
 
 _MODULES = {
     "frames": ("Alignment", "Body", "Frames", "World", "axes", "frames_of"),
-    "ops": ("FLOATS", "Ops", "Quat", "Real", "Vec3", "arrays"),
     "so3": (
+        "FLOATS",
         "IDENTITY",
+        "Ops",
+        "Quat",
+        "Real",
+        "Vec3",
         "angle_deg",
+        "arrays",
         "conjugate",
         "euler_zyx",
         "multiply",

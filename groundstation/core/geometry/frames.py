@@ -15,7 +15,7 @@ from typing import Annotated, Literal, Protocol, TypeAlias
 import msgspec
 
 from groundstation.core.geometry import so3
-from groundstation.core.geometry.ops import Quat, Vec3
+from groundstation.core.geometry.so3 import Quat, Vec3
 
 World: TypeAlias = Literal[
     "ned", "ndw", "nwu", "nue", "enu", "edn", "esd", "eus", "dne", "des", "dsw", "dwn",

@@ -31,7 +31,7 @@ def measure(options: "Options") -> dict[str, Any]:
         if options.peers and find_spec("rotorpy") is None:
             note = "rotorpy is not installed: `make bench` installs it, or `uv sync --group peers`"
         elif options.peers:
-            commands[PEER] = PEER_S, make_child_command("tests.proving.bench.peers", str(PEER_S))
+            commands[PEER] = PEER_S, make_child_command("tests.proving.bench.batch", str(PEER_S))
         spent: dict[str, list[float]] = {name: [] for name in commands}
         walls = in_turns(
             {name: partial(_note, command, spent[name]) for name, (_, command) in commands.items()}, ROUNDS

@@ -2,10 +2,9 @@
 
 TYPE_CHECKING = False
 if TYPE_CHECKING:
-    from tests.proving.fuzz.fuzz import LINKS, SOURCES, Subject, fuzz_all, text
-    from tests.proving.fuzz.pose_bytes import FLIGHTS, PERIOD_S
+    from tests.proving.fuzz.fuzz import FLIGHTS, LINKS, PERIOD_S, SOURCES, Subject, fuzz_all, text
 
-_MODULES = {"fuzz": ("LINKS", "SOURCES", "Subject", "fuzz_all", "text"), "pose_bytes": ("FLIGHTS", "PERIOD_S")}
+_MODULES = {"fuzz": ("FLIGHTS", "LINKS", "PERIOD_S", "SOURCES", "Subject", "fuzz_all", "text")}
 
 
 def __getattr__(name: str) -> object:

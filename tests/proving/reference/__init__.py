@@ -2,9 +2,9 @@
 
 TYPE_CHECKING = False
 if TYPE_CHECKING:
-    from tests.proving.reference.rooms import floors, folder_imports, is_for_types, rooms_below, tree_imports
+    from tests.proving.reference.pages import floors, folder_imports, is_for_types, rooms_below, tree_imports
 
-_MODULES = {"rooms": ("floors", "folder_imports", "is_for_types", "rooms_below", "tree_imports")}
+_MODULES = {"pages": ("floors", "folder_imports", "is_for_types", "rooms_below", "tree_imports")}
 
 
 def __getattr__(name: str) -> object:
