@@ -3,11 +3,9 @@
 TYPE_CHECKING = False
 if TYPE_CHECKING:
     from groundstation.config.factory import (
-        FACTORY,
         Option,
         UserCodeFault,
         call_factory,
-        expand_factory,
         find_object,
         lend,
         name_object,
@@ -30,10 +28,11 @@ if TYPE_CHECKING:
     )
     from groundstation.config.schema import (
         CLIENT_LETTERS,
+        FACTORY,
         NAME,
         VEHICLE_LETTERS,
         FromFile,
-        Open,
+        OpenFactory,
         Problem,
         complete,
         describe_name,
@@ -48,17 +47,7 @@ if TYPE_CHECKING:
     )
 
 _MODULES = {
-    "factory": (
-        "FACTORY",
-        "Option",
-        "UserCodeFault",
-        "call_factory",
-        "expand_factory",
-        "find_object",
-        "lend",
-        "name_object",
-        "needed_names",
-    ),
+    "factory": ("Option", "UserCodeFault", "call_factory", "find_object", "lend", "name_object", "needed_names"),
     "loader": (
         "ConfigError",
         "copy_examples",
@@ -76,9 +65,10 @@ _MODULES = {
     ),
     "schema": (
         "CLIENT_LETTERS",
+        "FACTORY",
         "FromFile",
         "NAME",
-        "Open",
+        "OpenFactory",
         "Problem",
         "VEHICLE_LETTERS",
         "complete",

@@ -13,12 +13,9 @@ from contextlib import contextmanager
 from contextvars import ContextVar
 from typing import Any
 
-import msgspec
-
 from groundstation.config.loader import ConfigError
+from groundstation.config.schema import FACTORY
 
-FACTORY = r"\A[A-Za-z_]\w*(\.[A-Za-z_]\w*)*:[A-Za-z_]\w*\Z"
-"""``package.module:factory``."""
 Option = bool | int | float | str | list[bool | int | float | str]
 """What an option may be; NaN and infinity are refused as everywhere."""
 _LENT: "ContextVar[Mapping[str, object]]" = ContextVar("lent")
@@ -38,23 +35,6 @@ class UserCodeFault(Exception):
 def describe_error(error: BaseException) -> str:
     """Its kind and its words."""
     return f"{type(error).__name__}: {error}"
-
-
-def expand_factory(kind: type[msgspec.Struct], table: dict[str, Any]) -> dict[str, Any]:
-    """``table`` in the form of ``kind`` where its key ``kind`` names a factory, else as it is.
-
-    Keys that ``kind`` does not have are the factory's options.
-    """
-    named = table.get("kind")
-    if not isinstance(named, str) or not re.match(FACTORY, named):
-        return table
-    own = {field.encode_name for field in msgspec.structs.fields(kind)} - {"factory"}
-    kept = {key: value for key, value in table.items() if key in own}
-    given = {key: value for key, value in table.items() if key not in own and key != "kind"}
-    if given:
-        inner = kept.get("options", {})
-        kept["options"] = {**inner, **given} if isinstance(inner, dict) else inner
-    return {"kind": "custom", "factory": named, **kept}
 
 
 @contextmanager

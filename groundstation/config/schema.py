@@ -17,6 +17,8 @@ _FIRST, _NEXT = "[A-Za-z0-9]", "[A-Za-z0-9_.-]"
 """The first a letter or a digit: no option, no hidden file, no folder above."""
 NAME = f"{_FIRST}{_NEXT}*"
 """A name within a longer pattern."""
+FACTORY = r"\A[A-Za-z_]\w*(\.[A-Za-z_]\w*)*:[A-Za-z_]\w*\Z"
+"""``package.module:factory``."""
 VEHICLE_LETTERS, CLIENT_LETTERS = 24, 32
 """So long may the name of a vehicle be, and that of a client."""
 
@@ -135,17 +137,32 @@ class Problem(Exception):
         self.text = text
 
 
-class Open:
-    """Beside a struct of a tagged union: it also answers to tags that nobody can list, such as a module's name."""
+class OpenFactory:
+    """Beside a struct of a tagged union, with the keys ``factory`` and ``options``: its ``kind`` may name a factory.
+
+    So it also answers to tags that nobody can list.
+    """
 
     __slots__ = ()
-    EXAMPLE: ClassVar[str]
+    EXAMPLE: ClassVar[str] = "package.module:factory"
     """Such a tag, for error messages."""
 
     @classmethod
     def expand(cls, table: dict[str, Any]) -> dict[str, Any]:
-        """``table`` with the struct's own tag where it has such a one, else ``table`` as it is."""
-        raise NotImplementedError
+        """``table`` in this struct's own form where its ``kind`` names a factory, else as it is.
+
+        Keys that the struct does not have are the factory's options.
+        """
+        named = table.get("kind")
+        if not isinstance(named, str) or not re.match(FACTORY, named):
+            return table
+        own = set(cls.__struct_encode_fields__) - {"factory"}  # type: ignore[attr-defined]  # it stands beside a struct
+        kept = {key: value for key, value in table.items() if key in own}
+        given = {key: value for key, value in table.items() if key not in own and key != "kind"}
+        if given:
+            inner = kept.get("options", {})
+            kept["options"] = {**inner, **given} if isinstance(inner, dict) else inner
+        return {"kind": "custom", "factory": named, **kept}
 
 
 class FromFile:
@@ -315,7 +332,7 @@ def _union(info: mi.UnionType, value: Any, default: Any, path: KeyPath) -> Any:
             return _complete(first, value, default, path)
         accepted: list[Any] = list(structs)
         for struct in structs.values():
-            if issubclass(struct.cls, Open):
+            if issubclass(struct.cls, OpenFactory):
                 value = struct.cls.expand(value)
                 accepted.append(struct.cls.EXAMPLE)
         tag = value.get(first.tag_field, fallback)

@@ -559,7 +559,7 @@ class Flight:
             if news := self._latency.describe_news(lambda: 0.5 * (self._link.status.rtt_s or 0.0)):
                 self._say(f"warning: {news}")
             self._statistics.pose(pose)
-            self._prearm.pose()
+            self._prearm.first_pose.set()
 
     def _enter(self, state: State, reason: str) -> None:
         if state in FINAL and state is not State.LANDED:  # no more commands from here: what follows is the link's

@@ -492,11 +492,8 @@ class PrearmSequence:
         self._company = company
         self._look: Checks | None = None
         self._arm_asked = asyncio.Event()
-        self._first_pose = asyncio.Event()
-
-    def pose(self) -> None:
-        """A pose has come."""
-        self._first_pose.set()
+        self.first_pose = asyncio.Event()
+        """To be set as a pose comes."""
 
     def arm(self) -> None:
         """Somebody asks to arm."""
@@ -566,7 +563,7 @@ class PrearmSequence:
         await self._link.connect()
         wait = self._config.flight.pose_wait_s
         try:
-            await asyncio.wait_for(self._first_pose.wait(), wait)
+            await asyncio.wait_for(self.first_pose.wait(), wait)
         except TimeoutError:
             raise FlightEnded(f"no pose within {wait:g} s: {self._why_no_pose()}") from None
 

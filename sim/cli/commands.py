@@ -183,5 +183,5 @@ def completion(args: argparse.Namespace) -> int:
 
 def reference(args: argparse.Namespace) -> int:
     """Print or write the pages of docs/reference that are made from the code."""
-    print(proving("reference", "reference.pages").reference_command(args.write))
+    print(proving("reference", "reference").reference_command(args.write))
     return 0

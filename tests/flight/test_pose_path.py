@@ -13,6 +13,13 @@ PAGE = ROOT / "docs" / "explanation" / "architecture.md"
 OURS = tuple(f"{ROOT / house}/" for house in ("groundstation", "links"))
 
 
+def is_asked_by_the_simulator(frame: FrameType) -> bool:
+    """Whether the simulated side asks for its own sake, as its plant does for a rotation."""
+    caller = frame.f_back
+    asks = caller is not None and caller.f_code.co_filename.startswith(f"{ROOT / 'sim'}/")
+    return asks and frame.f_code.co_name != "datagram_received"
+
+
 def trace() -> list[list[str]]:
     """The modules that poses pass, from a datagram that is received to the next that is sent, in the order of entry."""
     ways: list[list[str]] = []
@@ -26,7 +33,7 @@ def trace() -> list[list[str]]:
         if code.co_name == "sendto" and way is not None:
             ways.append(list(way))
             way = None
-        if code.co_filename.startswith(OURS):
+        if code.co_filename.startswith(OURS) and not is_asked_by_the_simulator(frame):
             module = Path(code.co_filename).relative_to(ROOT).as_posix()
             if code.co_name == "datagram_received" and module.startswith("groundstation/pose/"):
                 way = {}

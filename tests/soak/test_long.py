@@ -12,8 +12,7 @@ from tests.flight.flights import campaign_of, flown
 from tests.mavlink_table import FRAMES
 from tests.proving.bench.allocation import measure_growth
 from tests.proving.bench.bench import Options, measure_all
-from tests.proving.fuzz import LINKS, SOURCES
-from tests.proving.fuzz.fuzz import fuzz
+from tests.proving.fuzz import LINKS, SOURCES, fuzz
 from tests.proving.soak import GROWTH, soak
 
 pytestmark = pytest.mark.soak

@@ -9,8 +9,7 @@ import pytest
 
 import links.make
 from sim.__main__ import main
-from tests.proving.fuzz import FLIGHTS, LINKS, SOURCES
-from tests.proving.fuzz.fuzz import PoseSubject, fuzz
+from tests.proving.fuzz import FLIGHTS, LINKS, SOURCES, PoseSubject, fuzz
 
 ALL = SOURCES | LINKS
 

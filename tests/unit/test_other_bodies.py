@@ -16,8 +16,7 @@ from groundstation.settings import Config
 from links import make_link
 from sim.trackers import TrackedBody, make_tracker
 from tests.loops import in_virtual_time
-from tests.proving.fuzz import FLIGHTS
-from tests.proving.fuzz.fuzz import natnet_handshake
+from tests.proving.fuzz import FLIGHTS, natnet_handshake
 
 KINDS: list[dict[str, Any]] = [
     {

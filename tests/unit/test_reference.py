@@ -10,7 +10,7 @@ from groundstation.core.vehicle import Vehicle
 from groundstation.interfaces.mqtt.command import schemas
 from groundstation.settings import Config
 from sim.studies.campaign import COLUMNS
-from tests.proving.reference.pages import PAGES, SCHEMAS, page, reference_command, remarks
+from tests.proving.reference import PAGES, SCHEMAS, page, reference_command, remarks
 
 FOLDER = Path(__file__).parents[2] / "docs" / "reference"
 

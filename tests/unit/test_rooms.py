@@ -17,7 +17,7 @@ FILES = {
 FACES = {name for name, path in FILES.items() if path.name == "__init__.py"}
 PAST_A_FACE = {
     # The pages of the reference show the options of both programs, which their entry points hold.
-    "tests.proving.reference.pages": {"groundstation.__main__", "sim.__main__"},
+    "tests.proving.reference": {"groundstation.__main__", "sim.__main__"},
 }
 
 

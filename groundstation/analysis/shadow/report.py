@@ -5,8 +5,8 @@ Its report says whether the stream of poses is fit to fly on: one check an aspec
 The shadow is our estimator and controller over a recording, at the recorded instants; deterministic. The estimator gets
 the poses as in flight, with the autopilot's own velocity and its resets, and the set-points that were sent, as they are
 what the vehicle obeyed. At each set-point in flight the controller says what it would have sent along the path that was
-flown (:class:`FlownPath`). What it says goes nowhere: the next set-point is again the recorded one. So a correction that it asks
-for is never made, and it keeps asking: its commands are livelier than they would be in flight. Most of all where the
+flown. What it says goes nowhere: the next set-point is again the recorded one. So a correction that it asks for is
+never made, and it keeps asking: its commands are livelier than they would be in flight. Most of all where the
 autopilot's velocity is corrected (by GPS): that looks like wind, and wind is answered.
 
 What the recorded flight was meant to follow is not in the recording. What it did follow is: so the reference at each

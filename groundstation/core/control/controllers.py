@@ -9,18 +9,17 @@ import sys
 import warnings
 from functools import partial
 from types import ModuleType, SimpleNamespace
-from typing import Annotated, Any, ClassVar, TypeAlias
+from typing import Annotated, Any, TypeAlias
 
 import msgspec
 
 from groundstation.config import (
     FACTORY,
     ConfigError,
-    Open,
+    OpenFactory,
     Option,
     UserCodeFault,
     call_factory,
-    expand_factory,
     find_object,
     needed_names,
 )
@@ -35,10 +34,11 @@ from groundstation.core.vehicle import ActuatorCommand, Vehicle
 KEY = "controller.kind"
 
 
-class Custom(Estimation, Open, frozen=True, kw_only=True, forbid_unknown_fields=True, tag_field="kind", tag="custom"):
+class Custom(
+    Estimation, OpenFactory, frozen=True, kw_only=True, forbid_unknown_fields=True, tag_field="kind", tag="custom"
+):
     """A factory and its options. Written shorter: ``kind = "package.module:factory"``, options beside it."""
 
-    EXAMPLE: ClassVar[str] = "package.module:factory"
     factory: Annotated[str, msgspec.Meta(pattern=FACTORY)]
     """Where the controller comes from: ``package.module:factory``, called as factory(vehicle, options) or with as much
     of it as it needs; or a function decide(estimate, reference, interval_s) itself."""
@@ -49,11 +49,6 @@ class Custom(Estimation, Open, frozen=True, kw_only=True, forbid_unknown_fields=
     def kind(self) -> str:
         """The factory's name."""
         return self.factory
-
-    @classmethod
-    def expand(cls, table: dict[str, Any]) -> dict[str, Any]:
-        """``table`` in this struct's own form where its ``kind`` names a factory, else as it is."""
-        return expand_factory(cls, table)
 
     def build(self, vehicle: Vehicle) -> Controller:
         """The user's controller, within the vehicle's limits.

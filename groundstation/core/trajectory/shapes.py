@@ -8,18 +8,17 @@ import inspect
 import math
 from collections.abc import Sequence
 from itertools import chain, cycle
-from typing import Annotated, Any, ClassVar, NamedTuple, TypeAlias
+from typing import Annotated, Any, NamedTuple, TypeAlias
 
 import msgspec
 
 from groundstation.config import (
     FACTORY,
     ConfigError,
-    Open,
+    OpenFactory,
     Option,
     UserCodeFault,
     call_factory,
-    expand_factory,
     find_object,
     needed_names,
 )
@@ -46,21 +45,15 @@ LOOKED_AT_S = 60.0
 
 
 class OwnTrajectoryConfig(
-    Open, msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True, tag_field="kind", tag="custom"
+    OpenFactory, msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True, tag_field="kind", tag="custom"
 ):
     """A factory and its options. Written shorter: ``kind = "package.module:factory"``, options beside it."""
 
-    EXAMPLE: ClassVar[str] = "package.module:factory"
     factory: Annotated[str, msgspec.Meta(pattern=FACTORY)]
     """Where the trajectory comes from: ``package.module:factory``, called as factory(options) or factory(), whose
     result has at(time_s) -> Reference; or a function of the time [s] that returns the Reference itself."""
     options: dict[str, Option] = msgspec.field(default_factory=dict)
     """What the factory gets."""
-
-    @classmethod
-    def expand(cls, table: dict[str, Any]) -> dict[str, Any]:
-        """``table`` in this struct's own form where its ``kind`` names a factory, else as it is."""
-        return expand_factory(cls, table)
 
     def build(self) -> Trajectory:
         """The user's trajectory.

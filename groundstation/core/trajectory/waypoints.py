@@ -18,13 +18,14 @@ Waypoints may stand in a CSV file: one a line, the first line names the columns.
 Columns may stand in any order. ``down_m`` may stand for ``up_m``, as may the short names ``t``, ``x``, ``y``, ``z`` and
 ``vx``, ``vy``, ``vz`` for world NED: z counts down. Empty lines and lines that begin with # are left out.
 
-Smoothest piecewise polynomials have the least integral of |p^(r)|² through given points at given times. r = 3 gives quintics (least jerk, C⁴ where only the points are given), r = 4 septics (least snap, C⁶). The unknowns are
-the derivatives 1 to r-1 at the knots. A span of h seconds with those of both its ends in d has the polynomial
-p(x h) = Σ cᵢ xⁱ, c = A⁻¹ S d, S = diag(h^k), and costs dᵀ S H S d h^(1-2r), H = A⁻ᵀ Q A⁻¹, Q = ∫₀¹ of the products of
-the r-th derivatives of xⁱ. Setting the gradient to zero where a derivative is free is a block-tridiagonal system,
-symmetric and positive definite, solved in one sweep forth and back: thousands of knots cost a moment. The condition at
-a free k-th derivative is that p^(2r-1-k) does not jump: prescribing some derivatives costs smoothness there alone, and
-at a free end the conditions are the natural ones.
+Smoothest piecewise polynomials have the least integral of |p^(r)|² through given points at given times. r = 3 gives
+quintics (least jerk, C⁴ where only the points are given), r = 4 septics (least snap, C⁶). The unknowns are the
+derivatives 1 to r-1 at the knots. A span of h seconds with those of both its ends in d has the polynomial p(x h) = Σ cᵢ
+xⁱ, c = A⁻¹ S d, S = diag(h^k), and costs dᵀ S H S d h^(1-2r), H = A⁻ᵀ Q A⁻¹, Q = ∫₀¹ of the products of the r-th
+derivatives of xⁱ. Setting the gradient to zero where a derivative is free is a block-tridiagonal system, symmetric and
+positive definite, solved in one sweep forth and back: thousands of knots cost a moment. The condition at a free k-th
+derivative is that p^(2r-1-k) does not jump: prescribing some derivatives costs smoothness there alone, and at a free
+end the conditions are the natural ones.
 Minimum snap: D. Mellinger, V. Kumar, ICRA 2011; in the derivatives at the knots: C. Richter, A. Bry, N. Roy, ISRR 2013.
 """
 

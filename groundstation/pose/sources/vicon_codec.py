@@ -219,6 +219,7 @@ class ViconReader:
         Raises:
             ValueError: no object can have that name.
         """
+        self._own = name
         self._decoder = ViconDecoder(name)
         self._decoder.dropped = intake.dropped  # one account for both
         self._intake = intake
@@ -269,7 +270,7 @@ class ViconReader:
         """Take the other bodies; a hidden one stands still to the last bit."""
         others = self._intake.others
         for item in frame.objects:
-            if others is None or item.name not in others:
+            if others is None or item.name == self._own or item.name not in others:
                 continue
             if self._drop_frozen and self._last_others.get(item.name) == item:
                 continue

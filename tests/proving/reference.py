@@ -31,7 +31,7 @@ from sim.__main__ import parser as simulating
 from sim.studies.campaign import COLUMNS, CampaignRow
 from sim.world import World
 
-ROOT = Path(__file__).resolve().parents[3]
+ROOT = Path(__file__).resolve().parents[2]
 HOUSES = ("sim", "groundstation", "links")
 OPENED = "groundstation/core"
 """The room whose inner rooms are drawn, too."""
