@@ -9,12 +9,18 @@ from hypothesis import assume, example, given
 from hypothesis import strategies as st
 
 from groundstation.core.geometry import Vec3
-from groundstation.core.trajectory import ExcitationConfig, LemniscateConfig, Reference, Trajectory, TrajectoryConfig
+from groundstation.core.trajectory import (
+    ExcitationConfig,
+    LemniscateConfig,
+    OwnTrajectoryConfig,
+    Reference,
+    Trajectory,
+    TrajectoryConfig,
+)
 from groundstation.core.trajectory.shapes import (
     CircleConfig,
     HoldConfig,
     Laps,
-    OwnTrajectoryConfig,
     SamplesConfig,
     TransitConfig,
     WaypointsConfig,
