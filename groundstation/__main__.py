@@ -175,7 +175,10 @@ def _logs(parser: argparse.ArgumentParser) -> None:
 def _export(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("file", type=path, metavar="LOG.mcap")
     parser.add_argument(
-        "--format", choices=["csv", "npz", "mat", "parquet", "rrd", "mcap", "poses"], default="csv", help="default: csv"
+        "--format",
+        choices=["csv", "npz", "mat", "parquet", "rrd", "foxglove", "mcap", "poses"],
+        default="csv",
+        help="default: csv",
     )
     parser.add_argument(
         "--channel", action="append", default=[], metavar="/NAME", help="only this one; may be repeated. Default: all"
@@ -183,6 +186,15 @@ def _export(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--out", type=path, metavar="PATH", help="folder or file to write (default: beside the recording)"
     )
+
+
+def _view(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument("log", type=path, metavar="LOG.mcap", help="also one that is being recorded now")
+    parser.add_argument("--in", dest="viewer", choices=["rerun", "foxglove"], default="rerun", help="default: rerun")
+    parser.add_argument(
+        "--listen", metavar="HOST:PORT",
+        help="where the viewer or its server listens (default: this machine alone, 127.0.0.1:9876, of Foxglove 8765)",
+    )  # fmt: skip
 
 
 def _check(parser: argparse.ArgumentParser) -> None:
@@ -277,6 +289,7 @@ COMMANDS = {
         "channels of a recording as CSV or what others read, or a recording that was cut off made whole",
         _export,
     ),
+    "view": ("a recorded flight in space, or one that is being flown, in Rerun or Foxglove", _view),
     "check": ("run the pre-flight checks on the vehicle as it stands; arms nothing", _check),
     "carry": ("find the tracker's axes and latency by carrying the vehicle, props off", _carry),
     "report": ("one page about a recorded flight, with figures; or about several, compared", _report),

@@ -5,11 +5,13 @@ if TYPE_CHECKING:
     from groundstation.analysis.flight_data import Channel, FlightData, Track
     from groundstation.analysis.recordings import export_command, logs_command
     from groundstation.analysis.replay import replay_command
+    from groundstation.analysis.viewers import view_command
 
 _MODULES = {
     "flight_data": ("Channel", "FlightData", "Track"),
     "recordings": ("export_command", "logs_command"),
     "replay": ("replay_command",),
+    "viewers": ("view_command",),
 }
 
 

@@ -305,36 +305,12 @@ def _write_parquet(tables: "Tables", target: Path) -> None:
         write_table(table(dict(columns)), target / f"{topic}.parquet")
 
 
-def _write_rrd(tables: "Tables", target: Path) -> None:
-    """Rerun's format: each number over time, and the tracks as lines in space (north, east, down)."""
-    require_package("rerun", "--format", "view")
-    import numpy as np
-    import rerun as rr
-
-    recording = rr.RecordingStream("groundstation")
-    recording.log("world", rr.ViewCoordinates.FRD, static=True)  # north, east, down stand as forward, right, down
-    for topic, table in tables.items():
-        times = table.get("time_s")
-        if times is None:
-            continue
-        index = [rr.TimeColumn("time", duration=times)]
-        for name, column in table.items():
-            if column.dtype != object and name != "time_s":
-                recording.send_columns(f"{topic}/{name.replace('.', '/')}", index, rr.Scalars.columns(scalars=column))
-        if "position_ned.x" in table:
-            points = np.stack([table[f"position_ned.{axis}"] for axis in "xyz"], axis=-1)
-            recording.log(f"world/{topic}", rr.LineStrips3D([points]), static=True)
-            recording.send_columns(f"world/{topic}/now", index, rr.Points3D.columns(positions=points))
-    recording.save(target)
-    recording.flush()
-
-
-FORMATS: "dict[str, Callable[[Tables, Path], None]]" = {
+_TABLE_WRITERS: "dict[str, Callable[[Tables, Path], None]]" = {
     "npz": _write_npz,
     "mat": _write_mat,
     "parquet": _write_parquet,
-    "rrd": _write_rrd,
 }
+FORMATS = (*_TABLE_WRITERS, "rrd")
 """What channels can be written as, by the ending of the file's name; parquet makes a folder."""
 
 
@@ -345,10 +321,14 @@ def write_tables(recording: Recording, form: str, topics: Collection[str], targe
         ConfigError: the package for it is not installed.
         OSError: it can't be written.
     """
+    if form == "rrd":
+        from groundstation.analysis.viewers import write_rrd
+
+        return write_rrd(recording, topics, target)
     tables = {
         topic.strip("/").replace("/", "_"): table for topic, table in read_table(recording, topics).items() if table
     }
-    FORMATS[form](tables, target)
+    _TABLE_WRITERS[form](tables, target)
     return {topic: len(next(iter(table.values()))) for topic, table in tables.items()}
 
 

@@ -11,7 +11,7 @@ import sys
 from collections.abc import Iterator, Mapping
 from contextlib import ExitStack
 from pathlib import Path
-from typing import Any, TextIO
+from typing import TYPE_CHECKING, Any, TextIO
 
 import msgspec
 
@@ -19,6 +19,9 @@ from groundstation.config import ConfigError
 from groundstation.pose import CSV_COLUMNS, CsvRow, encode_csv
 from groundstation.recording import CHANNELS, MeasuredMessage, NoRecording, Recording, quick_headline, schema
 from groundstation.runtime import RecordingConfig, folder_of, is_being_written, open_private, tidy
+
+if TYPE_CHECKING:
+    from groundstation.analysis.viewers import FoxgloveScene
 
 
 def export_command(path: Path, form: str, channels: list[str], out: Path | None) -> int:
@@ -37,6 +40,12 @@ def export_command(path: Path, form: str, channels: list[str], out: Path | None)
             target = out or path.with_name(f"{path.stem}-whole.mcap")
             count = rewrite(recording, target, wanted)
             print(f"{target}: {count} messages{_short_of(recording)}")
+        elif form == "foxglove":
+            from groundstation.analysis.viewers import FoxgloveScene
+
+            target = out or path.with_name(f"{path.stem}-foxglove.mcap")
+            count = rewrite(recording, target, wanted, FoxgloveScene("--format"))
+            print(f"{target}: {count} messages{_short_of(recording)}; Foxglove and Rerun open it")
         elif form == "poses":
             target = out or path.with_name(f"{path.stem}-poses.csv")
             count = write_poses(recording, target)
@@ -127,8 +136,11 @@ def flatten(value: Any, name: str) -> Iterator[tuple[str, Any]]:
         yield name, value
 
 
-def rewrite(recording: Recording, target: Path, topics: list[str]) -> int:
-    """Write what can be read of ``recording`` to ``target``, whole and with an index; the number of messages."""
+def rewrite(recording: Recording, target: Path, topics: list[str], scene: "FoxgloveScene | None" = None) -> int:
+    """Write what can be read of ``recording`` to ``target``, whole and with an index; the number of messages.
+
+    With a ``scene``, what viewers draw is made of it and stands beside the messages on ``topics``.
+    """
     from groundstation.recording import McapWriter
 
     if target.exists():
@@ -137,15 +149,14 @@ def rewrite(recording: Recording, target: Path, topics: list[str]) -> int:
     with open(target, "wb", opener=open_private) as file:  # Path.open has no opener
         writer = McapWriter(file, "groundstation export")
         writer.add_metadata("about", recording.about)
-        ids = {
-            topic: writer.add_channel(topic, name, schema(name, message))
-            for topic, (name, message) in CHANNELS.items()
-            if not topics or topic in topics
-        }
-        for entry in recording.entries(topics):
-            if entry.topic in ids:
-                writer.add_message(ids[entry.topic], entry.stamp_ns, entry.data)
-                count += 1
+        kept = {topic: told for topic, told in CHANNELS.items() if not topics or topic in topics}
+        own = ((topic, name, schema(name, message)) for topic, (name, message) in kept.items())
+        ids = {topic: writer.add_channel(topic, *told) for topic, *told in (scene.channels(kept) if scene else own)}
+        for entry in recording.entries(() if scene else topics):
+            for topic, data in scene.messages(entry) if scene else ((entry.topic, entry.data),):
+                if topic in ids:
+                    writer.add_message(ids[topic], entry.stamp_ns, data)
+                    count += 1
         if recording.result:
             writer.add_metadata("result", recording.result)
         writer.finish()

@@ -17,6 +17,7 @@ from mcap.stream_reader import StreamReader, get_chunk_data_stream
 
 from groundstation.recording.headline import FlightHeadline, HeadlineCounter
 from groundstation.recording.records import MAGIC
+from groundstation.runtime import is_being_written
 
 _RECORD = struct.Struct("<BQ")
 """How each begins: its kind, and how many bytes follow."""
@@ -80,7 +81,11 @@ class Recording:
 
     def entries(self, topics: Collection[str] = ()) -> Iterator[Entry]:
         """The messages on ``topics`` (none: all) in the order in which things happened, up to the end or the damage."""
-        yield from self._records(topics)
+        yield from (entry for entry in self._records(topics) if entry is not None)
+
+    def follow(self) -> Iterator[Entry | None]:
+        """All messages, also of a flight that is still being recorded: None wherever there is no more yet."""
+        yield from self._records((), growing=True)
 
     @property
     def trouble(self) -> str:
@@ -105,16 +110,22 @@ class Recording:
         """Whether it is whole, by the sums of its chunks: no message is looked at."""
         return next(self._records(None), None) is None and self.whole
 
-    def _records(self, topics: Collection[str] | None) -> Iterator[Entry]:
-        """The messages on ``topics``, none for None."""
+    def _records(self, topics: Collection[str] | None, *, growing: bool = False) -> Iterator[Entry | None]:
+        """The messages on ``topics``, none for None; where it is ``growing``, None instead of an end that is none."""
         self.whole, self.damaged_at, self.result = False, None, {}
         names: dict[int, str] = {}
         with self.path.open("rb") as file:
             at = len(MAGIC)
             try:
                 reader = _Strict(file, emit_chunks=True, validate_crcs=True, record_size_limit=_RECORD_BYTES)
-                for record in reader.records:
+                records = reader.records
+                while True:
+                    while growing and not _is_next_whole(file) and is_being_written(self.path):
+                        yield None
+                    record = next(records, None)
                     match record:
+                        case None:
+                            break
                         case Chunk():
                             if topics is None:
                                 get_chunk_data_stream(record, validate_crc=True)
@@ -145,6 +156,13 @@ class _Strict(StreamReader):
         return super()._read_record(opcode, length)
 
 
+def _is_next_whole(file: BinaryIO) -> bool:
+    """Whether all of the record that comes next in ``file`` has been written."""
+    at = max(file.tell(), len(MAGIC))
+    left = os.fstat(file.fileno()).st_size - at - _RECORD.size
+    return left >= 0 and left >= _RECORD.unpack(os.pread(file.fileno(), _RECORD.size, at))[1]
+
+
 def _ends_early(file: BinaryIO) -> bool:
     """Whether ``file`` was read to its end, and that is none: it was cut off there."""
     reached = file.tell()
@@ -172,7 +190,7 @@ def _messages(chunk: Chunk, topics: Collection[str], names: dict[int, str]) -> I
                 found.append(Entry(name, stamp_ns, data[at + _MESSAGE.size : at + length]))
         elif kind == Opcode.CHANNEL:
             record = Channel.read(ReadDataStream(BytesIO(data[at : at + length])))
-            if not topics or record.topic in topics:
+            if record.message_encoding == "json" and (not topics or record.topic in topics):  # others are for viewers
                 names[record.id] = record.topic
         at += length
     yield from found

@@ -120,14 +120,15 @@ class McapWriter:
         self._metadata.append((self._file.tell(), len(record), name))
         self._put(record)
 
-    def add_channel(self, topic: str, schema_name: str, schema: bytes) -> int:
-        """A channel of JSON messages with a JSON schema; returns its number."""
+    def add_channel(
+        self, topic: str, schema_name: str, schema: bytes, schema_encoding: str = "jsonschema", encoding: str = "json"
+    ) -> int:
+        """A channel of messages in ``encoding``, with their schema; returns its number."""
         number = len(self._channels) + 1
-        about = _string(schema_name) + _string("jsonschema") + len(schema).to_bytes(4, "little") + schema
+        about = _string(schema_name) + _string(schema_encoding) + len(schema).to_bytes(4, "little") + schema
         self._schemas.append(_record(_SCHEMA, struct.pack("<H", number) + about))
-        self._channels.append(
-            _record(_CHANNEL, struct.pack("<HH", number, number) + _string(topic) + _string("json") + _string_map({}))
-        )
+        told = _string(topic) + _string(encoding) + _string_map({})
+        self._channels.append(_record(_CHANNEL, struct.pack("<HH", number, number) + told))
         self._chunk.data += self._schemas[-1]
         self._chunk.data += self._channels[-1]
         return number

@@ -287,6 +287,13 @@ def export(args: argparse.Namespace) -> int:
     return export_command(args.file, args.format, args.channel, args.out)
 
 
+def view(args: argparse.Namespace) -> int:
+    """A recording in Rerun or Foxglove."""
+    from groundstation.analysis import view_command
+
+    return view_command(args.log, args.viewer, args.listen)
+
+
 def report(args: argparse.Namespace) -> int:
     """A page with figures about one recorded flight, or two."""
     from groundstation import error_budget
