@@ -1,0 +1,453 @@
+"""Viewers: a recorded flight as Foxglove and Rerun draw it in space, as a file or while it is being flown.
+
+What stands in the room is made of the recording's own messages (:class:`Scene`), in a process of its own, so that a
+flight does nothing for whoever looks on. Foxglove's schemas and server come from foxglove-sdk, Rerun's from rerun-sdk.
+"""
+
+import asyncio
+import itertools
+import math
+import subprocess
+import sys
+from collections import deque
+from collections.abc import Collection, Iterator
+from pathlib import Path
+from typing import Any, NamedTuple
+
+from groundstation.config import ConfigError
+from groundstation.core.geometry import Quat, Vec3
+from groundstation.recording import CHANNELS, Entry, NoRecording, Recording, schema
+from groundstation.runtime import is_being_written, require_package
+from links.io import parse_address
+
+TRAIL_S, SAMPLE_S, DRAW_S = 20.0, 0.1, 0.5
+"""A trail shows so long a time, a point so often, and is drawn anew so often [s]."""
+WIND_M = 0.5
+"""How long an arrow is [m] for each m/s² of wind."""
+ARM_M, ROTOR_M = 0.12, 0.07
+"""Of the vehicle as it is drawn, whatever flies: from its middle to a rotor, and a rotor's radius [m]."""
+ROTORS = tuple((x * ARM_M, y * ARM_M, 0.0) for x in (1.0, -1.0) for y in (1.0, -1.0))
+"""Where they are, body FRD [m]."""
+COLOURS = {"estimate": (0.0, 0.45, 0.7), "reference": (0.5, 0.5, 0.5), "truth": (0.84, 0.37, 0.0)}
+"""Red, green, blue; told apart by everybody."""
+DISPLAY, WORLD, VEHICLE = "world", "world_ned", "vehicle"
+LEVEL: Quat = (1.0, 0.0, 0.0, 0.0)
+OVER: Quat = (0.0, 1.0, 0.0, 0.0)
+"""What turns a world with z up to north, east, down."""
+
+
+class Placement(NamedTuple):
+    """Something is there now: ``estimate``, ``reference``, ``truth`` or ``measured``."""
+
+    name: str
+    position_ned: Vec3
+    attitude: Quat
+
+
+class Trail(NamedTuple):
+    """Where something was within the last :data:`TRAIL_S`."""
+
+    name: str
+    points_ned: list[Vec3]
+
+
+class WindArrow(NamedTuple):
+    """The wind at the vehicle [m/s², NED], as it is or as the law believes."""
+
+    name: str
+    position_ned: Vec3
+    wind_m_s2: Vec3
+
+
+class Scene:
+    """What stands in the room, out of a recording's messages in their order. Sans-IO."""
+
+    def __init__(self) -> None:
+        self._trails: dict[str, deque[tuple[float, Vec3]]] = {}
+        self._drawn_s: dict[str, float] = {}
+        self._here: Vec3 | None = None
+
+    def shapes(self, entry: Entry) -> Iterator[Placement | Trail | WindArrow]:
+        """What one message changes."""
+        name = entry.topic.strip("/")
+        if name == "adaptation" and self._here is not None:
+            yield WindArrow("estimate", self._here, _vector(entry.value()["b_hat_m_s2"]))
+        if name not in ("estimate", "reference", "truth", "measured"):
+            return
+        told = entry.value()
+        at = _vector(told["position_ned"])
+        yaw = 0.5 * told.get("yaw_rad", 0.0)
+        q = told.get("attitude")
+        yield Placement(name, at, (q["w"], q["x"], q["y"], q["z"]) if q else (math.cos(yaw), 0.0, 0.0, math.sin(yaw)))
+        if name == "truth":
+            yield WindArrow(name, at, _vector(told["wind_m_s2"]))
+        if name == "estimate":
+            self._here = at
+        if name != "measured":
+            yield from self._lengthen(name, 1e-9 * entry.stamp_ns, at)
+
+    def _lengthen(self, name: str, time_s: float, at: Vec3) -> Iterator[Trail]:
+        trail = self._trails.setdefault(name, deque())
+        if not trail or time_s - trail[-1][0] >= SAMPLE_S:
+            trail.append((time_s, at))
+            while time_s - trail[0][0] > TRAIL_S:
+                trail.popleft()
+        if time_s - self._drawn_s.get(name, -math.inf) >= DRAW_S:
+            self._drawn_s[name] = time_s
+            yield Trail(name, [point for _, point in trail])
+
+
+class FoxgloveScene:
+    """A recording's messages, and its scene, in Foxglove's schemas as protobuf: what Foxglove and Rerun both read."""
+
+    kinds = {  # noqa: RUF012
+        "/tf": "FrameTransform",
+        "/tf_static": "FrameTransform",
+        "/pose": "PoseInFrame",
+        "/log": "Log",
+        "/scene/vehicle": "SceneUpdate",
+        **{f"/scene/{name}": "PosesInFrame" for name in COLOURS},
+        **{f"/scene/wind_{name}": "SceneUpdate" for name in ("estimate", "truth")},
+    }
+    """Topic → message; ``/tf``, ``/pose`` and ``/log`` stand in the place of the recording's own JSON."""
+
+    def __init__(self, option: str) -> None:
+        """For ``option`` of the command line.
+
+        Raises:
+            ConfigError: foxglove-sdk is not installed.
+        """
+        require_package("foxglove", option, "view")
+        from foxglove import messages
+
+        self._messages: Any = messages
+        self._scene = Scene()
+        self._drawn_s = -math.inf
+
+    def channels(self, wanted: Collection[str]) -> Iterator[tuple[str, str, bytes, str, str]]:
+        """Topic; name, text and encoding of its schema; encoding of its messages. ``wanted``: of the recording's."""
+        for topic, kind in self.kinds.items():
+            told = getattr(self._messages, kind).get_schema()
+            yield topic, told.name, told.data, told.encoding, "protobuf"
+        for topic in wanted:
+            if topic not in self.kinds:
+                name, message = CHANNELS[topic]
+                yield topic, name, schema(name, message), "jsonschema", "json"
+
+    def messages(self, entry: Entry) -> Iterator[tuple[str, bytes]]:
+        """Topic and bytes of what one message of the recording becomes; most stay as they are."""
+        m, stamp_ns = self._messages, entry.stamp_ns
+        if entry.topic not in self.kinds:
+            yield entry.topic, entry.data
+        if 1e-9 * stamp_ns - self._drawn_s >= DRAW_S:  # again and again, for whoever begins to look in between
+            self._drawn_s = 1e-9 * stamp_ns
+            yield "/tf_static", self._transform(self._stamp(stamp_ns), DISPLAY, WORLD, (0.0, 0.0, 0.0), OVER).encode()
+            yield "/scene/vehicle", self._body(stamp_ns).encode()
+        match entry.topic:
+            case "/tf":
+                told = entry.value()
+                q = told["rotation"]
+                names, at = (told["parent_frame_id"], told["child_frame_id"]), _vector(told["translation"])
+                attitude = (q["w"], q["x"], q["y"], q["z"])
+                yield "/tf", self._transform(self._time(told["timestamp"]), *names, at, attitude).encode()
+            case "/pose":
+                told = entry.value()
+                pose = told["pose"]
+                made = m.Pose(position=m.Vector3(**pose["position"]), orientation=m.Quaternion(**pose["orientation"]))
+                stamp = self._time(told["timestamp"])
+                yield "/pose", m.PoseInFrame(timestamp=stamp, frame_id=told["frame_id"], pose=made).encode()
+            case "/log":
+                told = entry.value()
+                level = m.LogLevel.Warning if told["level"] > 2 else m.LogLevel.Info
+                stamp = self._time(told["timestamp"])
+                said = m.Log(timestamp=stamp, level=level, message=told["message"], name=told["name"])
+                yield "/log", said.encode()
+        for shape in self._scene.shapes(entry):
+            match shape:
+                case Trail(name, points):
+                    poses = [self._pose(point, LEVEL) for point in points]
+                    made = m.PosesInFrame(timestamp=self._stamp(stamp_ns), frame_id=WORLD, poses=poses)
+                    yield f"/scene/{name}", made.encode()
+                case WindArrow(name):
+                    yield f"/scene/wind_{name}", self._arrow(stamp_ns, shape).encode()
+
+    def _arrow(self, stamp_ns: int, wind: WindArrow) -> Any:
+        m, length = self._messages, WIND_M * math.hypot(*wind.wind_m_s2)
+        arrow = m.ArrowPrimitive(
+            pose=self._pose(wind.position_ned, turn_to(wind.wind_m_s2)),
+            shaft_length=0.75 * length,
+            shaft_diameter=0.02,
+            head_length=0.25 * length,
+            head_diameter=0.05,
+            color=self._colour(wind.name),
+        )
+        return self._entity(stamp_ns, WORLD, f"wind_{wind.name}", arrows=[arrow])
+
+    def _body(self, stamp_ns: int) -> Any:
+        m, colour = self._messages, self._colour("estimate")
+        arms = [m.Point3(x=x, y=y, z=z) for rotor in ROTORS for x, y, z in ((0.0, 0.0, 0.0), rotor)]
+        kind = m.LinePrimitiveLineType.LineList
+        lines = [
+            m.LinePrimitive(type=kind, pose=self._pose((0, 0, 0), LEVEL), thickness=0.015, points=arms, color=colour)
+        ]
+        size = m.Vector3(x=2.0 * ROTOR_M, y=2.0 * ROTOR_M, z=0.01)
+        rotors = [
+            m.CylinderPrimitive(pose=self._pose(at, LEVEL), size=size, bottom_scale=1.0, top_scale=1.0, color=colour)
+            for at in ROTORS
+        ]
+        return self._entity(stamp_ns, VEHICLE, VEHICLE, lines=lines, cylinders=rotors, frame_locked=True)
+
+    def _entity(self, stamp_ns: int, frame: str, name: str, **parts: Any) -> Any:
+        m = self._messages
+        return m.SceneUpdate(
+            entities=[m.SceneEntity(timestamp=self._stamp(stamp_ns), frame_id=frame, id=name, **parts)]
+        )
+
+    def _transform(self, stamp: Any, parent: str, child: str, at: Vec3, turned: Quat) -> Any:
+        m, (w, x, y, z) = self._messages, turned
+        return m.FrameTransform(
+            timestamp=stamp,
+            parent_frame_id=parent,
+            child_frame_id=child,
+            translation=m.Vector3(x=at[0], y=at[1], z=at[2]),
+            rotation=m.Quaternion(w=w, x=x, y=y, z=z),
+        )
+
+    def _pose(self, at: Vec3, turned: Quat) -> Any:
+        m, (w, x, y, z) = self._messages, turned
+        position, orientation = m.Vector3(x=at[0], y=at[1], z=at[2]), m.Quaternion(w=w, x=x, y=y, z=z)
+        return m.Pose(position=position, orientation=orientation)
+
+    def _colour(self, name: str) -> Any:
+        red, green, blue = COLOURS[name]
+        return self._messages.Color(r=red, g=green, b=blue, a=1.0)
+
+    def _stamp(self, stamp_ns: int) -> Any:
+        sec, nsec = divmod(stamp_ns, 1_000_000_000)
+        return self._messages.Timestamp(sec=sec, nsec=nsec)
+
+    def _time(self, told: dict[str, int]) -> Any:
+        return self._messages.Timestamp(sec=told["sec"], nsec=told["nsec"])
+
+
+class RerunScene:
+    """A recording's messages into a stream of Rerun's, gathered until :meth:`flush`: the scene, and a curve a number."""
+
+    def __init__(self, stream: Any) -> None:
+        """``stream`` is a rerun.RecordingStream; its layout and what never changes are sent now."""
+        import rerun as rr
+
+        self._rr, self._stream, self._scene = rr, stream, Scene()
+        self._began_ns: int | None = None
+        self._rows: dict[str, list[tuple[float, dict[str, float]]]] = {}
+        self._drawn: dict[str, tuple[Any, list[float], dict[str, list[Any]]]] = {}
+        stream.send_blueprint(_lay_out())
+        stream.log("world", rr.ViewCoordinates.FRD, static=True)  # north, east, down stand as forward, right, down
+        for name, colour in COLOURS.items():
+            look = {"colors": tuple(round(255.0 * part) for part in colour), "radii": 0.005}
+            stream.log(f"world/trail/{name}", rr.LineStrips3D.from_fields(**look), static=True)
+            if name == "reference":
+                stream.log(f"world/{name}", rr.Points3D.from_fields(**look | {"radii": 0.02}), static=True)
+                continue
+            stream.log(f"world/wind/{name}", rr.Arrows3D.from_fields(**look), static=True)
+            arms = rr.LineStrips3D([[(0.0, 0.0, 0.0), at] for at in ROTORS], **look)
+            stream.log(f"world/{name}/arms", arms, static=True)
+            sizes = [(ROTOR_M, ROTOR_M, 0.005)] * len(ROTORS)
+            rotors = rr.Ellipsoids3D(centers=ROTORS, half_sizes=sizes, colors=look["colors"])
+            stream.log(f"world/{name}/rotors", rotors, static=True)
+
+    def add(self, entry: Entry) -> None:
+        """Take one message."""
+        if self._began_ns is None:
+            self._began_ns = entry.stamp_ns
+        rr, time_s = self._rr, 1e-9 * (entry.stamp_ns - self._began_ns)
+        for shape in self._scene.shapes(entry):
+            match shape:
+                case Placement(name, at, (w, x, y, z)) if name in ("estimate", "truth"):
+                    self._draw(f"world/{name}", time_s, rr.Transform3D, translation=at, quaternion=(x, y, z, w))
+                case Placement(name, at):
+                    self._draw(f"world/{name}", time_s, rr.Points3D, positions=at)
+                case Trail(name, points):
+                    self._draw(f"world/trail/{name}", time_s, rr.LineStrips3D, strips=points)
+                case WindArrow(name, at, wind):
+                    long = [WIND_M * part for part in wind]
+                    self._draw(f"world/wind/{name}", time_s, rr.Arrows3D, origins=at, vectors=long)
+        if entry.topic == "/log":
+            told = entry.value()
+            self._draw("log", time_s, rr.TextLog, text=told["message"], level="WARN" if told["level"] > 2 else "INFO")
+        elif not entry.topic.startswith(("/raw", "/tf", "/pose")):
+            from groundstation.analysis.recordings import flatten
+
+            row = {key: float(value) for key, value in flatten(entry.value(), "") if isinstance(value, int | float)}
+            row.pop("time_s", None)
+            self._rows.setdefault(entry.topic.strip("/"), []).append((time_s, row))
+
+    def _draw(self, path: str, time_s: float, kind: Any, **parts: Any) -> None:
+        _, times, columns = self._drawn.setdefault(path, (kind, [], {name: [] for name in parts}))
+        times.append(time_s)
+        for name, part in parts.items():
+            columns[name].append(part)
+
+    def flush(self) -> dict[str, int]:
+        """Send what was gathered; returns of how many messages the curves are, by channel."""
+        import numpy as np
+
+        rr, rows, drawn = self._rr, self._rows, self._drawn
+        self._rows, self._drawn = {}, {}
+        for path, (kind, times, columns) in drawn.items():
+            self._stream.send_columns(path, [rr.TimeColumn("time", duration=times)], kind.columns(**columns))
+        for topic, given in rows.items():
+            index = [rr.TimeColumn("time", duration=[time_s for time_s, _ in given])]
+            for name in dict.fromkeys(itertools.chain.from_iterable(row for _, row in given)):
+                column = np.array([row.get(name, np.nan) for _, row in given])
+                path = f"{topic}/{name.replace('.', '/')}"
+                self._stream.send_columns(path, index, rr.Scalars.columns(scalars=column))
+        return {topic: len(given) for topic, given in rows.items()}
+
+
+def _lay_out() -> Any:
+    """Rerun's layout: the room on the left, errors, thrust, rates and words on the right."""
+    import rerun.blueprint as rrb
+
+    plots = {
+        "Distance from the reference [m]": ["errors/error_m", "truth/error_m"],
+        "Position and reference, NED [m]": ["estimate/position_ned/**", "reference/position_ned/**"],
+        "Thrust [N]": ["command/thrust_n", "estimate/thrust_n"],
+        "Body rates [rad/s]": ["command/rates_rad_s/**"],
+        "Wind, estimated and true [m/s²]": ["adaptation/b_hat_m_s2/**", "truth/wind_m_s2/**"],
+    }
+    shown = [rrb.TimeSeriesView(contents=[f"/{path}" for path in paths], name=name) for name, paths in plots.items()]
+    eye = rrb.EyeControls3D(position=(-3.0, 2.0, -3.0), look_target=(0.0, 0.0, -0.9), eye_up=(0.0, 0.0, -1.0))
+    room = rrb.Spatial3DView(origin="world", name="Room", eye_controls=eye)
+    words = rrb.TextLogView(origin="log", name="Log")
+    parts = rrb.Horizontal(rrb.Vertical(room, words, row_shares=[3, 1]), rrb.Vertical(*shown), column_shares=[3, 2])
+    now = rrb.TimePanel(timeline="time", play_state="following", state="collapsed")
+    return rrb.Blueprint(parts, now, collapse_panels=True)
+
+
+def turn_to(v: Vec3) -> Quat:
+    """The shortest turn of the x axis to the direction of ``v``, as a unit quaternion w, x, y, z."""
+    length = math.hypot(*v)
+    if length == 0.0:
+        return LEVEL
+    x, y, z = (part / length for part in v)
+    if x < -1.0 + 1e-9:
+        return (0.0, 0.0, 0.0, 1.0)
+    w = math.sqrt(0.5 * (1.0 + x))
+    return (w, 0.0, -0.5 * z / w, 0.5 * y / w)
+
+
+def _vector(told: dict[str, float]) -> Vec3:
+    return told["x"], told["y"], told["z"]
+
+
+def write_rrd(recording: Recording, topics: Collection[str], target: Path) -> dict[str, int]:
+    """Write what is on ``topics`` in Rerun's format, in space and as curves; how many messages each has.
+
+    Raises:
+        ConfigError: rerun-sdk is not installed.
+        OSError: it can't be written.
+    """
+    require_package("rerun", "--format", "view")
+    import rerun as rr
+
+    target.touch()  # rerun only warns where it can't write
+    stream = rr.RecordingStream("groundstation")
+    stream.save(target)
+    scene = RerunScene(stream)
+    for entry in recording.entries(topics):
+        scene.add(entry)
+    count = scene.flush()
+    stream.flush()
+    stream.disconnect()
+    return count
+
+
+PORTS = {"rerun": 9876, "foxglove": 8765}
+"""The viewers, and the port where each is usually found."""
+POLL_S = 0.1
+"""How often it looks whether more was recorded [s]."""
+
+
+def view_command(path: Path, viewer: str, listen: str | None) -> int:
+    """Show a recording in ``viewer``, at ``listen`` (HOST:PORT; without it on this machine alone); returns 0.
+
+    One that is still being written is followed to its end.
+
+    Raises:
+        ConfigError: it is no recording, the viewer's package is missing, or there is no listening at ``listen``.
+    """
+    require_package(viewer, "--in", "view")
+    try:
+        recording = Recording(path)
+        host, port = parse_address(listen or f"127.0.0.1:{PORTS[viewer]}")
+        asyncio.run((_show_in_rerun if viewer == "rerun" else _serve_foxglove)(recording, host, port))
+    except NoRecording as error:
+        raise ConfigError("LOG", str(error)) from None
+    except OSError as error:
+        raise ConfigError("LOG", f"{error.filename}: {error.strerror}") from None
+    except ValueError as error:
+        raise ConfigError("--listen", str(error)) from None
+    return 0
+
+
+async def _show_in_rerun(recording: Recording, host: str, port: int) -> None:
+    """In Rerun's window, which stays; in one that is open already where it listens at ``port``."""
+    import rerun as rr
+
+    words = [sys.executable, "-m", "rerun", "--bind", host, "--port", str(port), "--expect-data-soon"]
+    subprocess.Popen(words, stdin=subprocess.DEVNULL, start_new_session=True)  # noqa: ASYNC220, S603  # a program of the package
+    print(f"{recording.path}: in Rerun, which listens at {host}:{port}", flush=True)
+    stream = rr.RecordingStream("groundstation", recording_id=recording.path.stem)
+    stream.connect_grpc(f"rerun+http://{host}:{port}/proxy")
+    scene = RerunScene(stream)
+    for entry in recording.follow():
+        if entry is not None:
+            scene.add(entry)
+            continue
+        scene.flush()
+        await asyncio.sleep(POLL_S)
+    scene.flush()
+    stream.flush()
+    stream.disconnect()
+
+
+async def _serve_foxglove(recording: Recording, host: str, port: int) -> None:
+    """To whoever connects by Foxglove: a flight as it goes on, a finished one at its own pace once somebody looks."""
+    import foxglove
+
+    context, scene, watched = foxglove.Context(), FoxgloveScene("--in"), asyncio.Event()
+    channels = {}
+    for topic, name, text, form, encoding in scene.channels([one for one in CHANNELS if not one.startswith("/raw")]):
+        about = foxglove.Schema(name=name, encoding=form, data=text)
+        channels[topic] = foxglove.Channel(topic, schema=about, message_encoding=encoding, context=context)
+    loop = asyncio.get_running_loop()
+
+    class Listener:
+        def on_subscribe(self, client: object, channel: object) -> None:
+            loop.call_soon_threadsafe(watched.set)
+
+    try:
+        server = foxglove.start_server(
+            name=recording.path.stem, host=host, port=port, context=context, server_listener=Listener()
+        )
+    except (RuntimeError, OSError) as error:
+        raise ValueError(f"{host}:{port}: {error}") from None
+    print(f"{recording.path}: in Foxglove, Open connection, ws://{host}:{server.port}", flush=True)
+    live = is_being_written(recording.path)
+    if not live:
+        await watched.wait()
+    began_s, first_ns = loop.time(), None
+    for entry in recording.follow():
+        if entry is None:
+            await asyncio.sleep(POLL_S)
+            continue
+        first_ns = entry.stamp_ns if first_ns is None else first_ns
+        ahead_s = 1e-9 * (entry.stamp_ns - first_ns) - (loop.time() - began_s)
+        if not live and ahead_s > 0.01:
+            await asyncio.sleep(ahead_s)
+        for topic, data in scene.messages(entry):
+            if topic in channels:
+                channels[topic].log(data, log_time=entry.stamp_ns)
+    await asyncio.sleep(1.0)  # the last words reach whoever looks
+    server.stop()
