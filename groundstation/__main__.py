@@ -6,6 +6,8 @@ import time
 
 from groundstation.interfaces.cli import add_completion, build_parser, path
 
+VIEWERS = ["rerun", "foxglove"]
+
 
 def _fly(parser: argparse.ArgumentParser) -> None:
     _config_arguments(parser)
@@ -14,6 +16,10 @@ def _fly(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--tui", action="store_true", help="fly in a process of its own, and steer it from the dashboard"
     )
+    parser.add_argument(
+        "--view", nargs="?", choices=VIEWERS, const=VIEWERS[0], default="",
+        help="show it in space as it is recorded, in a process of its own (default: rerun)",
+    )  # fmt: skip
     _theme_argument(parser)
 
 
@@ -190,7 +196,7 @@ def _export(parser: argparse.ArgumentParser) -> None:
 
 def _view(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("log", type=path, metavar="LOG.mcap", help="also one that is being recorded now")
-    parser.add_argument("--in", dest="viewer", choices=["rerun", "foxglove"], default="rerun", help="default: rerun")
+    parser.add_argument("--in", dest="viewer", choices=VIEWERS, default=VIEWERS[0], help="default: rerun")
     parser.add_argument(
         "--listen", metavar="HOST:PORT",
         help="where the viewer or its server listens (default: this machine alone, 127.0.0.1:9876, of Foxglove 8765)",

@@ -7,6 +7,7 @@ flight does nothing for whoever looks on. Foxglove's schemas and server come fro
 import asyncio
 import itertools
 import math
+import os
 import subprocess
 import sys
 from collections import deque
@@ -231,7 +232,7 @@ class FoxgloveScene:
 
 
 class RerunScene:
-    """A recording's messages into a stream of Rerun's, gathered until :meth:`flush`: the scene, and a curve a number."""
+    """A recording's messages into a stream of Rerun's, gathered until :meth:`flush`: the scene, a curve a number."""
 
     def __init__(self, stream: Any) -> None:
         """``stream`` is a rerun.RecordingStream; its layout and what never changes are sent now."""
@@ -331,10 +332,8 @@ def turn_to(v: Vec3) -> Quat:
     if length == 0.0:
         return LEVEL
     x, y, z = (part / length for part in v)
-    if x < -1.0 + 1e-9:
-        return (0.0, 0.0, 0.0, 1.0)
-    w = math.sqrt(0.5 * (1.0 + x))
-    return (w, 0.0, -0.5 * z / w, 0.5 * y / w)
+    whole = math.hypot(1.0 + x, y, z)
+    return ((1.0 + x) / whole, 0.0, -z / whole, y / whole) if whole > 1e-12 else (0.0, 0.0, 0.0, 1.0)
 
 
 def _vector(told: dict[str, float]) -> Vec3:
@@ -395,8 +394,8 @@ async def _show_in_rerun(recording: Recording, host: str, port: int) -> None:
     """In Rerun's window, which stays; in one that is open already where it listens at ``port``."""
     import rerun as rr
 
-    words = [sys.executable, "-m", "rerun", "--bind", host, "--port", str(port), "--expect-data-soon"]
-    subprocess.Popen(words, stdin=subprocess.DEVNULL, start_new_session=True)  # noqa: ASYNC220, S603  # a program of the package
+    if not await _answers(host, port):
+        await _open_rerun(host, port)
     print(f"{recording.path}: in Rerun, which listens at {host}:{port}", flush=True)
     stream = rr.RecordingStream("groundstation", recording_id=recording.path.stem)
     stream.connect_grpc(f"rerun+http://{host}:{port}/proxy")
@@ -412,9 +411,31 @@ async def _show_in_rerun(recording: Recording, host: str, port: int) -> None:
     stream.disconnect()
 
 
+async def _open_rerun(host: str, port: int) -> None:
+    """Open a window, which outlives us, and wait until it listens."""
+    words = [sys.executable, "-m", "rerun", "--bind", host, "--port", str(port), "--expect-data-soon"]
+    quiet = os.environ | {"RUST_LOG": "error"}
+    window = subprocess.Popen(words, stdin=subprocess.DEVNULL, start_new_session=True, env=quiet)  # noqa: ASYNC220, S603  # rerun-sdk's own program
+    while not await _answers(host, port):
+        if window.poll() is not None:
+            raise ConfigError("--in", "Rerun's window can't be opened here: look on with --in foxglove, or --listen")
+        await asyncio.sleep(POLL_S)
+
+
+async def _answers(host: str, port: int) -> bool:
+    """Whether something listens there."""
+    try:
+        _, writer = await asyncio.open_connection(host, port)
+    except OSError:
+        return False
+    writer.close()
+    return True
+
+
 async def _serve_foxglove(recording: Recording, host: str, port: int) -> None:
     """To whoever connects by Foxglove: a flight as it goes on, a finished one at its own pace once somebody looks."""
     import foxglove
+    from foxglove.websocket import ServerListener
 
     context, scene, watched = foxglove.Context(), FoxgloveScene("--in"), asyncio.Event()
     channels = {}
@@ -423,8 +444,9 @@ async def _serve_foxglove(recording: Recording, host: str, port: int) -> None:
         channels[topic] = foxglove.Channel(topic, schema=about, message_encoding=encoding, context=context)
     loop = asyncio.get_running_loop()
 
-    class Listener:
+    class Listener(ServerListener):
         def on_subscribe(self, client: object, channel: object) -> None:
+            del client, channel
             loop.call_soon_threadsafe(watched.set)
 
     try:

@@ -11,6 +11,7 @@ import platform
 import select
 import signal
 import struct
+import subprocess
 import sys
 import time
 from collections.abc import Iterator
@@ -23,6 +24,7 @@ from groundstation.recording.process import FORGET, RecorderSetup
 from groundstation.recording.records import Record
 from groundstation.recording.writer import FLUSH_S, FlightLog
 from groundstation.runtime import free_name, make_folder, tidy
+from links.core import make_child_command
 
 NICE = 5
 """By so much the recorder stands behind what flies (nice(2))."""
@@ -139,7 +141,15 @@ def _open_log(setup: RecorderSetup) -> FlightLog:
     # The event loop's clock is CLOCK_MONOTONIC, the same in every process of this machine.
     log = FlightLog(path, about, epoch_ns=time.time_ns() - time.monotonic_ns(), tell=_tell)
     _tell(f"recording to {path}")
+    if setup.view:
+        _open_viewer(path, setup.view)
     return log
+
+
+def _open_viewer(path: Path, viewer: str) -> None:
+    """Show the recording as it is written: by a process that stands back as far as this one does, and outlives it."""
+    words = make_child_command("groundstation", "view", str(path), "--in", viewer)
+    subprocess.Popen(words, stdin=subprocess.DEVNULL, stdout=2, start_new_session=True)  # noqa: S603  # our own words, no shell
 
 
 def _tell(line: str) -> None:

@@ -434,18 +434,24 @@ def make_flight(
 
 @asynccontextmanager
 async def recorder(
-    config: Config, say: Callable[[str], None], quiet: IdleSlots, keep: Callable[[], bool] = lambda: True
+    config: Config,
+    say: Callable[[str], None],
+    quiet: IdleSlots,
+    keep: Callable[[], bool] = lambda: True,
+    *,
+    view: str = "",
 ) -> AsyncIterator[Give | None]:
     """What records a flight in real time, in a process of its own; None where ``recording.enabled`` is false.
 
     Records are handed over when it is ``quiet``. ``keep`` is asked at the end whether the recording shall stay.
+    ``view`` names a viewer that the recorder opens on it.
     """
     if not config.recording.enabled:
         yield None
         return
     from groundstation.recording.process import RecorderProcess
 
-    process = RecorderProcess(config.recording, about(config), say, quiet)
+    process = RecorderProcess(config.recording, about(config), say, quiet, view=view)
     try:
         yield process.give
     finally:

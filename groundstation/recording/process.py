@@ -31,15 +31,26 @@ class RecorderSetup(msgspec.Struct, frozen=True):
 
     recording: RecordingConfig
     about: About
+    view: str = ""
+    """The viewer that shows it as it is written, if any."""
 
 
 class RecorderProcess:
     """Begins to record as it is made; belongs to one event loop."""
 
     def __init__(
-        self, config: RecordingConfig, about: About, say: Callable[[str], None], quiet: IdleSlots | None = None
+        self,
+        config: RecordingConfig,
+        about: About,
+        say: Callable[[str], None],
+        quiet: IdleSlots | None = None,
+        *,
+        view: str = "",
     ) -> None:
-        """Start the process; ``say`` takes what it tells the operator. Records are handed over when it is ``quiet``."""
+        """Start the process; ``say`` takes what it tells the operator. Records are handed over when it is ``quiet``.
+
+        ``view`` names the viewer that it shall open on what it writes.
+        """
         self._say = say
         self._quiet = quiet or IdleSlots()
         self._loop = asyncio.get_running_loop()
@@ -65,7 +76,7 @@ class RecorderProcess:
         with suppress(OSError):  # not allowed so much: the backlog has room
             fcntl.fcntl(self._in, fcntl.F_SETPIPE_SZ, PIPE_BYTES)
         self._loop.add_reader(self._out, self._listen)
-        self._add(RecorderSetup(config, about))
+        self._add(RecorderSetup(config, about, view))
         self._hand_over()
 
     @property

@@ -8,6 +8,7 @@ import shlex
 import signal
 import sys
 from collections.abc import Callable
+from importlib.util import find_spec
 from pathlib import Path
 
 import msgspec
@@ -45,9 +46,17 @@ def fly(args: argparse.Namespace) -> int:
     """Fly in the foreground: ask before arming, say what happens, land on Ctrl-C."""
     from groundstation.flight import confirmation, ensure_named
     from groundstation.interfaces.service import fly_command, require_flyable
+    from groundstation.runtime import require_package
 
     config = _load(args, require_flyable)
     ensure_named(args.arm, config)
+    if args.view:
+        if args.tui:
+            raise ConfigError("--view", "is not for --tui: `groundstation view` shows the recording that fly names")
+        if not config.recording.enabled:
+            raise ConfigError("--view", "shows the recording as it grows, and recording.enabled is false")
+        if find_spec(args.view) is None:  # which imports nothing: the flight needs none of it
+            require_package(args.view, "--view", "view")
     if args.tui:
         from groundstation.interfaces.tui import fly_with_screen
 
@@ -55,7 +64,7 @@ def fly(args: argparse.Namespace) -> int:
     if args.arm is None and not sys.stdin.isatty():
         raise ConfigError("--arm", f"without a terminal, arming needs --arm {config.vehicle.name}")
     say = _terminal_writer()
-    return fly_command(config, confirmation(config, args.arm), _mark_lines(say) if args.rehearse else say)
+    return fly_command(config, confirmation(config, args.arm), _mark_lines(say) if args.rehearse else say, args.view)
 
 
 def _mark_lines(say: Say) -> Say:
@@ -153,7 +162,7 @@ def tui(args: argparse.Namespace) -> int:
     if args.rehearse:
         if args.log is None:
             raise ConfigError("--rehearse", "expected CONFIG.toml, to rehearse its flight")
-        args.config, args.log, args.overrides, args.arm, args.tui = args.log, None, [], None, True
+        args.config, args.log, args.overrides, args.arm, args.tui, args.view = args.log, None, [], None, True, ""
         from groundstation.settings import REHEARSAL
 
         if not asyncio.run(_is_flown(REHEARSAL)):

@@ -485,13 +485,13 @@ def obey(
 Say = Callable[[str], None]
 
 
-def fly_command(config: Config, confirm: Callable[[], Awaitable[bool]], say: Say) -> Exit:
-    """One flight, with the lock of its vehicle held."""
+def fly_command(config: Config, confirm: Callable[[], Awaitable[bool]], say: Say, view: str = "") -> Exit:
+    """One flight, with the lock of its vehicle held; a viewer ``view`` shows its recording as it grows."""
     try:
         with hold_lock(lock_path(socket_path(config.status, config.vehicle.name)), config.vehicle.name):
             logging.getLogger().addHandler(LogHandler(2, Format.TEXT, journal=False))
             with registration(entry_of(config, "fly", os.getpid())):
-                return _run_precisely(_fly(config, confirm, say))
+                return _run_precisely(_fly(config, confirm, say, view))
     except Taken as error:
         print(f"groundstation: {error}", file=sys.stderr)
         return Exit.TAKEN
@@ -499,10 +499,10 @@ def fly_command(config: Config, confirm: Callable[[], Awaitable[bool]], say: Say
         raise ConfigError("status.path", str(error)) from None
 
 
-async def _fly(config: Config, confirm: Callable[[], Awaitable[bool]], say: Say) -> Exit:
+async def _fly(config: Config, confirm: Callable[[], Awaitable[bool]], say: Say, view: str) -> Exit:
     """Fly until landed or aborted, and land on the first signal."""
     quiet = IdleSlots()
-    async with recorder(config, say, quiet) as give:
+    async with recorder(config, say, quiet, view=view) as give:
         flight = make_flight(config, confirm=confirm, on_event=say, give=give, quiet=quiet, running=running_processes)
         obey(flight.ask, say)
         calm_memory()

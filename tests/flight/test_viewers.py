@@ -1,0 +1,249 @@
+"""groundstation/analysis/viewers: what Foxglove and Rerun are given of a flight, as a file and while it is recorded."""
+
+import asyncio
+import math
+import signal
+import struct
+import subprocess
+import sys
+from collections import Counter
+from importlib.util import find_spec
+from pathlib import Path
+
+import aiohttp
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from mcap.reader import make_reader
+
+from groundstation.analysis import export_command
+from groundstation.analysis.viewers import (
+    DRAW_S,
+    TRAIL_S,
+    FoxgloveScene,
+    Placement,
+    Scene,
+    Trail,
+    WindArrow,
+    turn_to,
+    view_command,
+)
+from groundstation.core.geometry import to_world
+from groundstation.recording import CHANNELS, About, FlightLog, Recording
+from links.core import make_child_command
+from tests.e2e.stations import free_udp_port
+from tests.recordings import recorded
+
+needs_rerun = pytest.mark.skipif(
+    find_spec("rerun") is None,
+    reason="NOT TRIED: rerun-sdk is not installed, so nobody has read in Rerun what we write (uv sync --extra view)",
+)
+
+
+@pytest.fixture(scope="module")
+def flight() -> Path:
+    return recorded(duration_s=25.0)[0]
+
+
+@pytest.fixture(scope="module")
+def exported(flight: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    target = tmp_path_factory.mktemp("viewers") / "flight-foxglove.mcap"
+    assert export_command(flight, "foxglove", [], target) == 0
+    return target
+
+
+def shapes(flight: Path) -> list[tuple[float, Placement | Trail | WindArrow]]:
+    scene = Scene()
+    return [(1e-9 * e.stamp_ns, shape) for e in Recording(flight).entries() for shape in scene.shapes(e)]
+
+
+def test_the_scene_has_vehicle_reference_and_truth_where_the_recording_says(flight: Path) -> None:
+    last = {shape.name: shape for _, shape in shapes(flight) if isinstance(shape, Placement)}
+    assert set(last) == {"estimate", "reference", "truth", "measured"}
+    told = {entry.topic.strip("/"): entry.value() for entry in Recording(flight).entries()}
+    for name, shape in last.items():
+        assert shape.position_ned == tuple(told[name]["position_ned"].values())
+    assert math.dist(last["truth"].position_ned, last["estimate"].position_ned) < 0.02
+
+
+def test_a_trail_is_as_long_as_told_and_drawn_no_more_often(flight: Path) -> None:
+    trails = [(at, shape) for at, shape in shapes(flight) if isinstance(shape, Trail) and shape.name == "estimate"]
+    assert all(later - earlier >= DRAW_S for (earlier, _), (later, _) in zip(trails, trails[1:], strict=False))
+    last = trails[-1][1].points_ned
+    assert 0.9 * TRAIL_S / 0.1 / 1.5 < len(last) <= TRAIL_S / 0.1 + 1
+    assert len(trails[0][1].points_ned) == 1
+
+
+def test_the_wind_is_drawn_as_believed_and_as_it_is(flight: Path) -> None:
+    last = {shape.name: shape for _, shape in shapes(flight) if isinstance(shape, WindArrow)}
+    assert last["truth"].wind_m_s2 == pytest.approx((0.1, -0.05, 0.2))
+    believed = next(e for e in reversed(list(Recording(flight).entries(("/adaptation",))))).value()
+    assert last["estimate"].wind_m_s2 == tuple(believed["b_hat_m_s2"].values())
+
+
+@given(st.tuples(*[st.floats(-10.0, 10.0)] * 3))
+def test_an_arrow_points_where_the_wind_blows(wind: tuple[float, float, float]) -> None:
+    length = math.hypot(*wind)
+    ahead = to_world(turn_to(wind), (length, 0.0, 0.0))
+    assert math.dist(ahead, wind) <= 1e-4 * length + 1e-12
+
+
+def test_foxglove_reads_protobuf_in_place_of_json_and_all_else_as_it_was(flight: Path, exported: Path) -> None:
+    with exported.open("rb") as file:
+        rows = [(c.topic, c.message_encoding, s.name) for s, c, _ in make_reader(file).iter_messages() if s]
+    drawn = {topic: name for topic, encoding, name in rows if encoding == "protobuf"}
+    assert drawn == {topic: f"foxglove.{kind}" for topic, kind in FoxgloveScene.kinds.items()}
+    own = Counter(topic for topic, encoding, _ in rows if encoding == "json")
+    before = Counter(entry.topic for entry in Recording(flight).entries())
+    assert own == {topic: count for topic, count in before.items() if topic not in FoxgloveScene.kinds}
+    after = [e for e in Recording(exported).entries() if not e.topic.startswith("/raw")]
+    assert after == [e for e in Recording(flight).entries() if e.topic in own and not e.topic.startswith("/raw")]
+    assert Recording(exported).headline() == Recording(flight).headline()
+
+
+def _rerun(*words: str) -> str:
+    """What Rerun's own program says."""
+    done = subprocess.run(
+        [sys.executable, "-m", "rerun", *words], capture_output=True, text=True, check=True, timeout=120
+    )
+    return done.stdout
+
+
+def _columns(rrd: Path) -> dict[str, set[str]]:
+    """Of each entity, the components that it has."""
+    found: dict[str, set[str]] = {}
+    for line in _rerun("rrd", "print", str(rrd)).splitlines():
+        if line.startswith("Chunk(") and " - data columns: [" in line:
+            entity = line.split(" - ")[1].strip()
+            found.setdefault(entity, set()).update(line.rpartition("[")[2].rstrip("]").split())
+    return found
+
+
+@needs_rerun
+def test_rerun_imports_the_frames_the_poses_and_the_words(exported: Path, tmp_path: Path) -> None:
+    _rerun("mcap", "convert", str(exported), "-o", str(tmp_path / "flight.rrd"))
+    columns = _columns(tmp_path / "flight.rrd")
+    for topic in ("/tf", "/tf_static"):
+        assert {"Transform3D:translation", "Transform3D:quaternion", "Transform3D:child_frame"} <= columns[topic]
+    for topic in ("/pose", "/scene/estimate", "/scene/reference", "/scene/truth"):
+        assert "InstancePoses3D:translations" in columns[topic]
+    assert "TextLog:text" in columns["/log"]
+
+
+@needs_rerun
+def test_a_flight_written_for_rerun_has_vehicle_trails_winds_and_curves(flight: Path, tmp_path: Path) -> None:
+    assert export_command(flight, "rrd", [], tmp_path / "flight.rrd") == 0
+    columns = _columns(tmp_path / "flight.rrd")
+    assert {"Transform3D:translation", "Transform3D:quaternion"} <= columns["/world/estimate"]
+    assert "Ellipsoids3D:half_sizes" in columns["/world/truth/rotors"]
+    for name in ("estimate", "reference", "truth"):
+        assert "LineStrips3D:strips" in columns[f"/world/trail/{name}"]
+    for name in ("estimate", "truth"):
+        assert "Arrows3D:vectors" in columns[f"/world/wind/{name}"]
+    assert "Scalars:scalars" in columns["/errors/error_m"]
+
+
+def _begin(path: Path) -> FlightLog:
+    """A recording of the same vehicle, to be written by hand."""
+    return FlightLog(
+        path,
+        About(config="", vehicle="mqx", controller="adaptive", trajectory="lemniscate", period_s=0.0),
+        epoch_ns=0,
+        tell=print,
+    )
+
+
+def test_a_recording_is_followed_while_it_is_written(tmp_path: Path) -> None:
+    _, _, records = recorded(duration_s=25.0)
+    path = tmp_path / "growing.mcap"
+    log = _begin(path)
+    entries = Recording(path).follow()
+    assert next(entries) is None, "nothing yet, and no end"
+    half = len(records) // 2
+    for record in records[:half]:
+        log.write(record)
+    log.flush()
+    first = list(iter(lambda: next(entries), None))
+    assert len(first) > half
+    for record in records[half:]:
+        log.write(record)
+    log.close()
+    rest = list(entries)
+    assert None not in rest, "it has ended"
+    assert [*first, *rest] == list(Recording(path).entries())
+
+
+async def _subscribe(port: int) -> Counter[str]:
+    """How many messages of each topic a client of Foxglove's server gets until it ends."""
+    names: dict[int, str] = {}
+    got: Counter[str] = Counter()
+    async with (
+        aiohttp.ClientSession() as session,
+        session.ws_connect(f"ws://127.0.0.1:{port}", protocols=["foxglove.sdk.v1"]) as server,
+    ):
+        async for message in server:
+            if message.type == aiohttp.WSMsgType.TEXT and message.json()["op"] == "advertise":
+                names |= {channel["id"]: channel["topic"] for channel in message.json()["channels"]}
+                wanted = [{"id": number, "channelId": number} for number in names]
+                await server.send_json({"op": "subscribe", "subscriptions": wanted})
+            elif message.type == aiohttp.WSMsgType.BINARY and message.data[0] == 1:
+                got[names[struct.unpack_from("<I", message.data, 1)[0]]] += 1
+    return got
+
+
+@pytest.mark.real_time
+def test_foxglove_is_served_a_flight_as_it_is_recorded_on_this_machine_alone(tmp_path: Path) -> None:
+    _, _, records = recorded(duration_s=25.0)
+    path = tmp_path / "growing.mcap"
+    log = _begin(path)
+    port = free_udp_port()
+    place = ("--listen", f"127.0.0.1:{port}")
+    words = make_child_command("groundstation", "view", str(path), "--in", "foxglove", *place)
+    with subprocess.Popen(words, stdout=subprocess.PIPE, text=True) as viewer:
+        assert viewer.stdout is not None, "a pipe"
+        assert viewer.stdout.readline().endswith(f"ws://127.0.0.1:{port}\n")
+        assert _listening(port) == {"0100007F"}
+
+        async def fly() -> Counter[str]:
+            client = asyncio.ensure_future(_subscribe(port))
+            await asyncio.sleep(1.0)
+            for record in records[:3000]:
+                log.write(record)
+            log.close()
+            return await client
+
+        got = asyncio.run(fly())
+        assert viewer.wait(20.0) == 0
+    assert got["/tf"] > 100
+    assert got["/scene/estimate"] > 5
+    assert got["/scene/wind_truth"] > 100
+    assert got["/errors"] > 100
+    assert not any(topic.startswith("/raw") for topic in got)
+    assert set(got) <= {*CHANNELS, *FoxgloveScene.kinds}
+
+
+def _listening(port: int) -> set[str]:
+    """The addresses at which something listens at ``port``, in hexadecimal (proc(5), net/tcp)."""
+    rows = [
+        line.split() for name in ("tcp", "tcp6") for line in Path(f"/proc/net/{name}").read_text("utf-8").splitlines()
+    ]
+    places = [row[1].split(":") for row in rows[1:] if row[3] == "0A"]
+    return {address for address, number in places if int(number, 16) == port}
+
+
+@needs_rerun
+@pytest.mark.real_time
+def test_rerun_is_shown_a_recording_where_its_window_listens_already(flight: Path, tmp_path: Path) -> None:
+    port = free_udp_port()
+    words = [sys.executable, "-m", "rerun", "--bind", "127.0.0.1", "--port", str(port)]
+    window = subprocess.Popen([*words, "--save", str(tmp_path / "seen.rrd")], stderr=subprocess.DEVNULL)
+    try:
+        while not _listening(port):
+            assert window.poll() is None
+        assert view_command(flight, "rerun", f"127.0.0.1:{port}") == 0
+    finally:
+        window.send_signal(signal.SIGINT)
+        window.wait(20.0)
+    columns = _columns(tmp_path / "seen.rrd")
+    assert "Transform3D:translation" in columns["/world/estimate"]
+    assert "LineStrips3D:strips" in columns["/world/trail/truth"]
