@@ -17,7 +17,7 @@ import msgspec
 
 from groundstation.config import ConfigError
 from groundstation.pose import CSV_COLUMNS, CsvRow, encode_csv
-from groundstation.recording import CHANNELS, MeasuredMessage, NoRecording, Recording, quick_headline, schema
+from groundstation.recording import CHANNELS, MeasuredMessage, NoRecording, Recording, describe_channels, quick_headline
 from groundstation.runtime import RecordingConfig, folder_of, is_being_written, open_private, tidy
 
 if TYPE_CHECKING:
@@ -149,9 +149,9 @@ def rewrite(recording: Recording, target: Path, topics: list[str], scene: "Foxgl
     with open(target, "wb", opener=open_private) as file:  # Path.open has no opener
         writer = McapWriter(file, "groundstation export")
         writer.add_metadata("about", recording.about)
-        kept = {topic: told for topic, told in CHANNELS.items() if not topics or topic in topics}
-        own = ((topic, name, schema(name, message)) for topic, (name, message) in kept.items())
-        ids = {topic: writer.add_channel(topic, *told) for topic, *told in (scene.channels(kept) if scene else own)}
+        kept = [topic for topic in CHANNELS if not topics or topic in topics]
+        channels = scene.channels(kept) if scene else describe_channels(kept)
+        ids = {form[0]: writer.add_channel(*form) for form in channels}
         for entry in recording.entries(() if scene else topics):
             for topic, data in scene.messages(entry) if scene else ((entry.topic, entry.data),):
                 if topic in ids:

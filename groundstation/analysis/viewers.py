@@ -17,7 +17,7 @@ from typing import Any, NamedTuple
 
 from groundstation.config import ConfigError
 from groundstation.core.geometry import Quat, Vec3
-from groundstation.recording import CHANNELS, Entry, NoRecording, Recording, schema
+from groundstation.recording import CHANNELS, ChannelForm, Entry, NoRecording, Recording, describe_channels
 from groundstation.runtime import is_being_written, require_package
 from links.io import parse_address
 
@@ -125,15 +125,12 @@ class FoxgloveScene:
         self._scene = Scene()
         self._drawn_s = -math.inf
 
-    def channels(self, wanted: Collection[str]) -> Iterator[tuple[str, str, bytes, str, str]]:
-        """Topic; name, text and encoding of its schema; encoding of its messages. ``wanted``: of the recording's."""
+    def channels(self, wanted: Collection[str]) -> Iterator[ChannelForm]:
+        """Those of the scene, and those of ``wanted`` that stay as they are."""
         for topic, kind in self.kinds.items():
             told = getattr(self._messages, kind).get_schema()
             yield topic, told.name, told.data, told.encoding, "protobuf"
-        for topic in wanted:
-            if topic not in self.kinds:
-                name, message = CHANNELS[topic]
-                yield topic, name, schema(name, message), "jsonschema", "json"
+        yield from describe_channels(topic for topic in wanted if topic not in self.kinds)
 
     def messages(self, entry: Entry) -> Iterator[tuple[str, bytes]]:
         """Topic and bytes of what one message of the recording becomes; most stay as they are."""

@@ -13,9 +13,11 @@ if TYPE_CHECKING:
     from groundstation.recording.assembly import Give, RecordedPilot, about, make_flight, recorder
     from groundstation.recording.channels import (
         CHANNELS,
+        ChannelForm,
         MeasuredMessage,
         Quaternion,
         Vector3,
+        describe_channels,
         quaternion,
         read_command,
         read_pose,
@@ -44,9 +46,11 @@ _MODULES = {
     "assembly": ("Give", "RecordedPilot", "about", "make_flight", "recorder"),
     "channels": (
         "CHANNELS",
+        "ChannelForm",
         "MeasuredMessage",
         "Quaternion",
         "Vector3",
+        "describe_channels",
         "quaternion",
         "read_command",
         "read_pose",

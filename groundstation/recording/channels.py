@@ -352,6 +352,17 @@ CHANNELS: dict[str, tuple[str, type[msgspec.Struct]]] = {
 """Topic → name of its schema, and type of its messages."""
 
 
+ChannelForm = tuple[str, str, bytes, str, str]
+"""Topic; name, text and encoding of its schema; encoding of its messages."""
+
+
+def describe_channels(topics: Iterable[str]) -> Iterator[ChannelForm]:
+    """How a recording writes ``topics``."""
+    for topic in topics:
+        name, message = CHANNELS[topic]
+        yield topic, name, schema(name, message), "jsonschema", "json"
+
+
 def schema(name: str, message: type[msgspec.Struct]) -> bytes:
     """The JSON schema of ``message``, titled ``name``, without references and unions: Foxglove follows none.
 

@@ -26,7 +26,7 @@ from typing import NamedTuple, Protocol
 import msgspec
 from zstandard import ZstdCompressor
 
-from groundstation.recording.channels import CHANNELS, MessageMaker, address, schema
+from groundstation.recording.channels import CHANNELS, MessageMaker, address, describe_channels
 from groundstation.recording.headline import HeadlineCounter
 from groundstation.recording.records import (
     MAGIC,
@@ -403,10 +403,7 @@ class FlightLog:
         self._flushed_s = 0.0
         self._writer = McapWriter(self._file, f"groundstation {__version__}")
         self._writer.add_metadata("about", about_texts(about))
-        self._channels = {
-            topic: self._writer.add_channel(topic, name, schema(name, message))
-            for topic, (name, message) in CHANNELS.items()
-        }
+        self._channels = {form[0]: self._writer.add_channel(*form) for form in describe_channels(CHANNELS)}
         self.flush()
 
     def write(self, record: Record) -> None:

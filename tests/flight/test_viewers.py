@@ -16,18 +16,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 from mcap.reader import make_reader
 
-from groundstation.analysis import export_command
-from groundstation.analysis.viewers import (
-    DRAW_S,
-    TRAIL_S,
-    FoxgloveScene,
-    Placement,
-    Scene,
-    Trail,
-    WindArrow,
-    turn_to,
-    view_command,
-)
+from groundstation.analysis import export_command, view_command
+from groundstation.analysis.viewers import DRAW_S, TRAIL_S, FoxgloveScene, Placement, Scene, Trail, WindArrow, turn_to
 from groundstation.core.geometry import to_world
 from groundstation.recording import CHANNELS, About, FlightLog, Recording
 from links.core import make_child_command
