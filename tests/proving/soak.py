@@ -5,7 +5,9 @@ is tidied as in a real flight, with little room.
 """
 
 import asyncio
+import gc
 import random
+import sys
 import tempfile
 import time
 from collections.abc import Callable
@@ -18,7 +20,6 @@ from groundstation.recording import FlightLog, about
 from groundstation.runtime import RecordingConfig, free_name, list_recordings, tidy
 from sim.scenarios import SCENARIOS, prepare
 from sim.time import VirtualTimeLoop
-from tests.proving.bench import look
 from tests.proving.faults import BROKEN, STATES, Fault, NotReached, Row, Scene, fly_here
 
 FAULTY_SHARE = 0.4
@@ -37,6 +38,16 @@ WARM_FLIGHTS = 3
 """Memory of the first flights is not looked at: modules are imported and caches fill."""
 NOTHING = "nothing"
 """What strikes a flight that no fault does."""
+
+PAGE_BYTES = 4096
+
+
+def look() -> dict[str, int]:
+    """What the interpreter holds now, after a full collection."""
+    gc.collect()
+    statm = Path("/proc/self/statm")
+    resident = int(statm.read_text().split()[1]) * PAGE_BYTES if statm.exists() else 0
+    return {"objects": len(gc.get_objects()), "blocks": sys.getallocatedblocks(), "resident_bytes": resident}
 
 
 class Soak(msgspec.Struct, frozen=True, kw_only=True):

@@ -305,7 +305,6 @@ def view(args: argparse.Namespace) -> int:
 
 def report(args: argparse.Namespace) -> int:
     """A page with figures about one recorded flight, or two."""
-    from groundstation import error_budget
     from groundstation.analysis.identify import find_outside
     from groundstation.analysis.report import report_command
 
@@ -313,7 +312,7 @@ def report(args: argparse.Namespace) -> int:
         args.files,
         args.out,
         find_outside,
-        lambda flown: msgspec.to_builtins(error_budget(flown)),
+        lambda flown: msgspec.to_builtins(args.error_budget(flown)),
         as_json=args.json,
         formats=args.format.split(","),
         only_budget=args.budget,

@@ -4,9 +4,6 @@ The flight is `fly`'s without its referee, which keeps every step, and without a
 """
 
 import asyncio
-import gc
-import sys
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from groundstation.recording import make_flight
@@ -14,6 +11,7 @@ from groundstation.runtime import sleep_until
 from sim.runs import Stage
 from sim.scenarios import SCENARIOS, prepare
 from sim.time import VirtualTimeLoop
+from tests.proving.soak import look
 
 if TYPE_CHECKING:
     from tests.proving.bench.bench import Options
@@ -21,15 +19,6 @@ if TYPE_CHECKING:
 SCENARIO = "adverse"
 LOOKS = 20
 """Looks spread over the flight. The first quarter is warm-up: deques and caches fill."""
-PAGE_BYTES = 4096
-
-
-def look() -> dict[str, int]:
-    """What the interpreter holds now, after a full collection."""
-    gc.collect()
-    statm = Path("/proc/self/statm")
-    resident = int(statm.read_text().split()[1]) * PAGE_BYTES if statm.exists() else 0
-    return {"objects": len(gc.get_objects()), "blocks": sys.getallocatedblocks(), "resident_bytes": resident}
 
 
 async def _fly(duration_s: float) -> list[dict[str, int]]:
