@@ -104,8 +104,8 @@ def _execute(parser: argparse.ArgumentParser, commands: str) -> int:
     # Only now: --help must not wait for what a command needs.
     from groundstation.config import ConfigError, UserCodeFault
 
-    does = getattr(importlib.import_module(commands), args.command.replace("-", "_"))
     try:
+        does = getattr(importlib.import_module(commands), args.command.replace("-", "_"))
         return int(does(args))
     except ConfigError as error:
         print(f"{parser.prog}: {error}", file=sys.stderr)

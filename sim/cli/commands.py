@@ -2,6 +2,7 @@
 
 import argparse
 import json
+import sys
 from typing import Any
 
 import msgspec
@@ -96,13 +97,20 @@ def bench(args: argparse.Namespace) -> int:
 
 def bring_down(args: argparse.Namespace) -> int:
     """Cut flights short, and tell how the bring-down ends."""
-    from sim.studies import check_markers, cut_all, markdown, put_between_markers
+    from sim.cli import ProgressBar
+    from sim.studies import CAUSES, check_markers, cut_all, markdown, put_between_markers
 
     for name in args.scenarios:
         scenario_of(name)
     if args.write is not None:
         check_markers(args.write)
-    table = markdown(cut_all(args.scenarios, args.flights))
+    total = len(args.scenarios) * len(CAUSES) * args.flights
+    with ProgressBar("flights", total, quiet=not sys.stderr.isatty()) as counter:
+        falls = []
+        for fall in cut_all(args.scenarios, args.flights):
+            falls.append(fall)
+            counter.at(len(falls))
+    table = markdown(falls)
     print(table)
     if args.write is not None:
         command = f"groundstation-sim bring-down --flights {args.flights} --write {args.write.name}"

@@ -8,6 +8,7 @@ if TYPE_CHECKING:
     from sim.runs.server import place_fleet, serve, serve_fleet
     from sim.runs.simulation import RECORDING, Run, lend_name, run_beside, simulate
     from sim.runs.stage import Stage
+    from sim.runs.workers import Workers
 
 _MODULES = {
     "fleet": ("FleetMission", "fly_fleet", "fly_fleet_real", "percentile"),
@@ -16,6 +17,7 @@ _MODULES = {
     "server": ("place_fleet", "serve", "serve_fleet"),
     "simulation": ("RECORDING", "Run", "lend_name", "run_beside", "simulate"),
     "stage": ("Stage",),
+    "workers": ("Workers",),
 }
 
 

@@ -2,7 +2,7 @@
 
 TYPE_CHECKING = False
 if TYPE_CHECKING:
-    from sim.studies.bring_down import cut_all, markdown
+    from sim.studies.bring_down import CAUSES, cut_all, markdown
     from sim.studies.comparison import (
         CONTROLLERS,
         GUST,
@@ -25,7 +25,7 @@ if TYPE_CHECKING:
     from sim.studies.vectors import LIMIT, worst_disagreement
 
 _MODULES = {
-    "bring_down": ("cut_all", "markdown"),
+    "bring_down": ("CAUSES", "cut_all", "markdown"),
     "comparison": (
         "CONTROLLERS",
         "Case",

@@ -2,6 +2,7 @@
 
 import asyncio
 import math
+from collections.abc import Iterator
 from statistics import median
 
 import msgspec
@@ -100,14 +101,12 @@ def _tilt_deg(attitude: tuple[float, float, float, float]) -> float:
     return math.degrees(math.acos(min(1.0, max(-1.0, so3.third_column(attitude)[2]))))
 
 
-def cut_all(scenarios: list[str], flights: int) -> list[Fall]:
+def cut_all(scenarios: list[str], flights: int) -> Iterator[Fall]:
     """``flights`` flights a scenario and cause, cut at instants spread over the figure, seeds 0 and up."""
-    return [
-        cut(scenario, cause, FIRST_CUT_S + CUT_STEP_S * seed, seed=seed)
-        for scenario in scenarios
-        for cause in CAUSES
-        for seed in range(flights)
-    ]
+    for scenario in scenarios:
+        for cause in CAUSES:
+            for seed in range(flights):
+                yield cut(scenario, cause, FIRST_CUT_S + CUT_STEP_S * seed, seed=seed)
 
 
 def markdown(falls: list[Fall]) -> str:

@@ -7,7 +7,6 @@ A comparison as a picture: RMS error by scenario, and the error through the gust
 
 import concurrent.futures as cf  # noqa: TID251  # processes, not threads, and none of them around an event loop
 import math
-import multiprocessing
 import sys
 from array import array
 from collections.abc import Callable, Iterable, Mapping, Sequence
@@ -25,7 +24,7 @@ from groundstation.core import Tick
 from groundstation.core.control import make_controller
 from groundstation.core.messages import STEADY_S
 from groundstation.runtime import replace_between_markers, require_package, split_at_markers
-from sim.runs import TrueTrack, fly, lend_name, run_beside
+from sim.runs import TrueTrack, Workers, fly, lend_name, run_beside
 from sim.scenarios import SCENARIOS, prepare
 
 if TYPE_CHECKING:
@@ -259,20 +258,13 @@ def fly_all(
     with ExitStack() as stack:
         futures: dict[cf.Future[ComparedFlight], int] = {}
         if not all(homely):
-            # Spawned, as a forked process would inherit whatever threads this one has.
-            context = multiprocessing.get_context("spawn")
-            pool = stack.enter_context(cf.ProcessPoolExecutor(max_workers=workers, mp_context=context))
+            pool = stack.enter_context(Workers(workers))
             futures = {pool.submit(one): i for i, one in enumerate(flights) if not homely[i]}
-        try:
-            for i, one in enumerate(flights):
-                if homely[i]:
-                    note(i, run_beside(one))
-            for future in cf.as_completed(futures):
-                note(futures[future], future.result())
-        except BaseException:
-            for future in futures:
-                future.cancel()
-            raise
+        for i, one in enumerate(flights):
+            if homely[i]:
+                note(i, run_beside(one))
+        for future in cf.as_completed(futures):
+            note(futures[future], future.result())
     return [flown[i] for i in range(len(flights))]
 
 

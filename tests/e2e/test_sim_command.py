@@ -1,8 +1,11 @@
 """``groundstation-sim`` as a script calls it: what it prints, what it writes, how it ends."""
 
+import contextlib
 import csv
 import json
 import os
+import re
+import signal
 import subprocess
 import sys
 from pathlib import Path
@@ -189,3 +192,37 @@ def test_a_runs_folder_holds_config_recording_traffic_and_result(tmp_path: Path)
     assert "COMMAND_ACK" in names
     assert json.loads((folder / "summary.json").read_text())["sim"]["mass_kg"] == 0.08
     assert "[controller]" in (folder / "config.toml").read_text()
+
+
+@pytest.mark.skipif(not Path("/proc/self/task").exists(), reason="no /proc, which tells when a process has started")
+@pytest.mark.parametrize("children", [1, 2, 3])
+def test_ctrl_c_while_worker_processes_start_is_told_in_one_line(children: int) -> None:
+    words = ["compare", "--scenarios", "paper", "--controllers", "pid,indi", "--workers", "2"]
+    with subprocess.Popen(
+        [sys.executable, "-m", "sim", *words], start_new_session=True, stderr=subprocess.PIPE, text=True
+    ) as program:
+        children_of = Path(f"/proc/{program.pid}/task/{program.pid}/children")
+        while len(children_of.read_text().split()) < children:  # the first is not a worker: it tracks what they share
+            assert program.poll() is None
+        os.killpg(program.pid, signal.SIGINT)
+        _, told = program.communicate(timeout=60)
+    assert (program.returncode, told) == (130, "groundstation-sim: interrupted\n")
+
+
+def test_what_takes_long_shows_on_a_terminal_how_far_it_is() -> None:
+    for words in (
+        ["fuzz", "--source", "json", "--count", "2000"],
+        ["bring-down", "--scenarios", "paper", "--flights", "1"],
+    ):
+        reader, writer = os.openpty()
+        shown = b""
+        with subprocess.Popen(
+            [sys.executable, "-m", "sim", *words], stdout=subprocess.DEVNULL, stderr=writer
+        ) as program:
+            os.close(writer)
+            with contextlib.suppress(OSError):  # nobody has its other end open any more
+                while part := os.read(reader, 65536):
+                    shown += part
+        os.close(reader)
+        assert program.returncode == 0
+        assert re.search(rb"(datagrams|flights).*\d+/\d+", shown), shown

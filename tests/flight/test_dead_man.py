@@ -19,7 +19,8 @@ from links.core import Command
 from links.io import Sleep
 from sim.runs import Stage
 from sim.scenarios import SCENARIOS, prepare
-from sim.studies.bring_down import CAUSES, cut
+from sim.studies import CAUSES
+from sim.studies.bring_down import cut
 from sim.time import VirtualTimeLoop
 
 SET_POINT = b"\x52\x00\x00"

@@ -12,7 +12,6 @@ import asyncio
 import concurrent.futures as cf  # noqa: TID251  # processes, not threads, and none of them around an event loop
 import json
 import math
-import multiprocessing
 import os
 import shlex
 import sys
@@ -44,7 +43,7 @@ from groundstation.flight import Flight, ensure_flyable
 from groundstation.runtime import sleep_until
 from groundstation.settings import Config
 from sim.cli import ProgressBar
-from sim.runs import MISSION_CONFIRM_S, Stage, fly_mission, from_floor
+from sim.runs import MISSION_CONFIRM_S, Stage, Workers, fly_mission, from_floor
 from sim.scenarios import SCENARIOS, prepare, scenario_of
 from sim.studies import check_markers, put_between_markers
 from sim.trackers import Tracker
@@ -178,15 +177,8 @@ def watch_all(
     if workers <= 1 or len(seeds) <= 1:
         take(map(fly, seeds))
     else:
-        # Spawned, as a forked process would inherit whatever threads this one has.
-        context = multiprocessing.get_context("spawn")
-        with cf.ProcessPoolExecutor(max_workers=min(workers, len(seeds)), mp_context=context) as pool:
-            jobs = [pool.submit(fly, seed) for seed in seeds]
-            try:
-                take(job.result() for job in cf.as_completed(jobs))
-            except BaseException:
-                pool.shutdown(wait=False, cancel_futures=True)
-                raise
+        with Workers(min(workers, len(seeds))) as pool:
+            take(job.result() for job in cf.as_completed([pool.submit(fly, seed) for seed in seeds]))
     return Alarms(flights=tuple(found[seed] for seed in seeds))
 
 

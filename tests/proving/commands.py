@@ -69,6 +69,7 @@ def soak(args: argparse.Namespace) -> int:
 
 def fuzz(args: argparse.Namespace) -> int:
     """Feed decoders random and damaged bytes."""
+    from sim.cli import ProgressBar
     from tests.proving.fuzz import LINKS, SOURCES, Subject, fuzz_all, text
 
     chosen: dict[str, Callable[[], Subject]] = {}
@@ -80,6 +81,8 @@ def fuzz(args: argparse.Namespace) -> int:
             )
         if name is not None or (args.source is None and args.link is None):
             chosen |= {key: make for key, make in table.items() if name in (None, key.split()[0])}
-    total = fuzz_all(chosen, args.count, args.seed)
+    quiet = args.json or not sys.stderr.isatty()
+    with ProgressBar("datagrams", args.count * len(chosen), quiet=quiet) as counter:
+        total = fuzz_all(chosen, args.count, args.seed, counter.at)
     print(json.dumps(msgspec.to_builtins(total)) if args.json else text(total))
     return 0 if total.exceptions == 0 and total.mismatches == 0 else 1

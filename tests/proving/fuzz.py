@@ -385,9 +385,17 @@ class Total(msgspec.Struct, frozen=True):
     decoders: list[FuzzReport]
 
 
-def fuzz_all(subjects: Mapping[str, Callable[[], Subject]], count: int, seed: int = 0) -> Total:
-    """Try ``count`` datagrams on each of ``subjects``."""
-    reports = [fuzz(name, make, count, seed) for name, make in subjects.items()]
+def fuzz_all(
+    subjects: Mapping[str, Callable[[], Subject]],
+    count: int,
+    seed: int = 0,
+    on_progress: Callable[[int], None] = lambda _: None,
+) -> Total:
+    """Try ``count`` datagrams on each of ``subjects``; ``on_progress`` hears how many were tried."""
+    reports = [
+        fuzz(name, make, count, seed, lambda tried, before=count * i: on_progress(before + tried))  # type: ignore[misc]
+        for i, (name, make) in enumerate(subjects.items())
+    ]
     drops: Counter[str] = Counter()
     for report in reports:
         drops.update(report.drops)
@@ -413,7 +421,13 @@ def text(total: Total) -> str:
     return "\n".join(lines)
 
 
-def fuzz(name: str, make: Callable[[], Subject], count: int, seed: int = 0) -> FuzzReport:
+def fuzz(
+    name: str,
+    make: Callable[[], Subject],
+    count: int,
+    seed: int = 0,
+    on_progress: Callable[[int], None] = lambda _: None,
+) -> FuzzReport:
     """Try ``count`` datagrams on one decoder; what raises is told on stderr, the first three of a kind."""
     subject = make()
     chance = random.Random(f"{seed} {name}")
@@ -430,6 +444,7 @@ def fuzz(name: str, make: Callable[[], Subject], count: int, seed: int = 0) -> F
             batch.append(datagram)
             if len(batch) == STREAM_PACKETS:
                 stream, batch = b"".join(batch), []
+                on_progress(tried)
                 cuts = sorted(chance.randrange(len(stream) + 1) for _ in range(chance.randrange(1, 12)))
                 mismatches += subject.in_pieces(stream, cuts) is False
         except Exception as error:  # noqa: BLE001  # which is what we are here to find

@@ -15,13 +15,8 @@ import io
 import json
 import logging
 import math
-import multiprocessing
-import signal
 from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
-from concurrent.futures import (  # noqa: TID251  # processes, no threads, and no code of a flight sees them
-    ProcessPoolExecutor,
-    as_completed,
-)
+from concurrent.futures import as_completed  # noqa: TID251  # processes, no threads, and no code of a flight sees them
 from concurrent.futures.process import BrokenProcessPool  # noqa: TID251  # as above
 from functools import partial
 from pathlib import Path
@@ -36,7 +31,7 @@ from groundstation.core.geometry import Vec3
 from groundstation.core.messages import STEADY_S
 from groundstation.settings import Config
 from sim.batch import choose_stages, fly_batch, require_batchable
-from sim.runs import fly
+from sim.runs import Workers, fly
 from sim.world import World, generator
 
 
@@ -523,22 +518,15 @@ class Local:
             for chunk in chunks:
                 yield fly_chunk(campaign, chunk)
             return
-        pool = ProcessPoolExecutor(workers, multiprocessing.get_context("spawn"), _dies_with_ctrl_c)
         try:
-            for done in as_completed([pool.submit(fly_chunk, campaign, chunk) for chunk in chunks]):
-                yield done.result()
+            with Workers(workers) as pool:
+                for done in as_completed([pool.submit(fly_chunk, campaign, chunk) for chunk in chunks]):
+                    yield done.result()
         except BrokenProcessPool:
             raise ConfigError(
                 "--batch",
                 "a process was ended from outside, perhaps for want of memory; take smaller batches, fewer workers",
             ) from None
-        finally:
-            pool.shutdown(cancel_futures=True)
-
-
-def _dies_with_ctrl_c() -> None:
-    """In a worker: go without a word. The program says what there is to say."""
-    signal.signal(signal.SIGINT, signal.SIG_DFL)
 
 
 LIMIT_CM = 0.01
@@ -556,7 +544,7 @@ def verify(campaign: Campaign, rows: Sequence[CampaignRow], count: int, *, worke
     again = partial(_refly, campaign)
     if workers == 1:
         return _compare(sample, map(again, sample))
-    with ProcessPoolExecutor(workers, multiprocessing.get_context("spawn")) as pool:
+    with Workers(workers) as pool:
         flights: Callable[..., Iterable[tuple[bool, float | None]]] = pool.map
         return _compare(sample, flights(again, sample))
 

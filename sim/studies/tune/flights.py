@@ -6,10 +6,7 @@ own vehicle.
 """
 
 import math
-import multiprocessing
-import signal
 from collections.abc import Iterable, Mapping, Sequence
-from concurrent.futures import ProcessPoolExecutor  # noqa: TID251  # processes, no threads; no flight sees them
 from concurrent.futures.process import BrokenProcessPool  # noqa: TID251  # as above
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -26,7 +23,7 @@ from groundstation.settings import Config, LinkConfig
 from links.bridge import BridgeLinkConfig
 from links.core import full_thrust_n
 from links.mavlink import MavlinkLinkConfig
-from sim.runs import fly
+from sim.runs import Workers, fly
 from sim.scenarios import SCENARIOS, Scenario, prepare, timing
 from sim.world import World
 
@@ -365,7 +362,7 @@ class Flyers:
     def __init__(self, workers: int) -> None:
         """``workers`` >= 1."""
         self._workers = workers
-        self._pool: ProcessPoolExecutor | None = None
+        self._pool: Workers | None = None
 
     def __enter__(self) -> "Flyers":
         """Nothing starts before the first flight."""
@@ -385,14 +382,8 @@ class Flyers:
         if self._workers == 1:
             return [fly_sortie(sortie) for sortie in work]
         if self._pool is None:
-            # Spawned, as a forked process would inherit whatever threads this one has.
-            self._pool = ProcessPoolExecutor(self._workers, multiprocessing.get_context("spawn"), _dies_with_ctrl_c)
+            self._pool = Workers(self._workers)
         try:
             return list(self._pool.map(fly_sortie, work))
         except BrokenProcessPool:
             raise ConfigError("--workers", "a process was ended from outside; the same command goes on") from None
-
-
-def _dies_with_ctrl_c() -> None:
-    """In a worker: go without a word. The program says what there is to say."""
-    signal.signal(signal.SIGINT, signal.SIG_DFL)

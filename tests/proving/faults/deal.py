@@ -2,11 +2,11 @@
 
 import asyncio
 import concurrent.futures as cf  # noqa: TID251  # processes, not threads, and none of them around an event loop
-import multiprocessing
 from collections.abc import Callable, Sequence
 
 import msgspec
 
+from sim.runs import Workers
 from tests.proving.faults.cell import fly_together
 from tests.proving.faults.faults import FAULTS, STATES
 from tests.proving.faults.judge import Row
@@ -81,9 +81,7 @@ def fly_all(
         if not cell.live:
             alike.setdefault((cell.state, told.link, told.source, told.overrides), []).append(cell)
     jobs = [cells[i : i + TOGETHER] for cells in alike.values() for i in range(0, len(cells), TOGETHER)]
-    # Spawned, as a forked process would inherit whatever threads this one has.
-    context = multiprocessing.get_context("spawn")
-    with cf.ProcessPoolExecutor(max_workers=max(1, min(workers, len(jobs))), mp_context=context) as pool:
+    with Workers(max(1, min(workers, len(jobs)))) as pool:
         futures = {
             pool.submit(
                 fly_together, [cell.fault for cell in job], job[0].state,
@@ -91,13 +89,9 @@ def fly_all(
             ): job
             for job in jobs
         }  # fmt: skip
-        try:
-            for future in cf.as_completed(futures):
-                for cell, row in zip(futures[future], future.result(), strict=True):
-                    done(cell, row)
-        except BaseException:
-            pool.shutdown(wait=False, cancel_futures=True)
-            raise
+        for future in cf.as_completed(futures):
+            for cell, row in zip(futures[future], future.result(), strict=True):
+                done(cell, row)
     live = [cell for cell in work if cell.live]
     if live:
         from tests.proving.faults.live import fly_live_cells
