@@ -189,7 +189,7 @@ def rehearse(config: "Config", file: Path, *, fleet: bool = False) -> "Config":
         fleet: the vehicle is one of several, and keeps its name behind the word.
 
     Raises:
-        ConfigError: a key may hold an address, and nobody has told what becomes of it.
+        ConfigError: a key may hold an address, and nobody has told what becomes of it; or two become one.
     """
     unknown = [key for key in texts_of(type(config)) if key not in ADDRESSES and key not in TEXTS]
     if unknown:
@@ -204,7 +204,13 @@ def rehearse(config: "Config", file: Path, *, fleet: bool = False) -> "Config":
         vehicle=name,
         name=f"{REHEARSAL}-{name}"[:VEHICLE_LETTERS] if fleet else REHEARSAL,
     )
-    return msgspec.structs.replace(config, rehearsal=room, **turn_sections(config, room))
+    turned = turn_sections(config, room)
+    link, pose = (getattr(turned[section], "listen", None) for section in ("link", "pose"))
+    if pose is not None and link == pose:
+        raise ConfigError(
+            "pose.listen", f"becomes {pose} in a rehearsal, as link.listen does: rehearse with --set of another port"
+        )
+    return msgspec.structs.replace(config, rehearsal=room, **turned)
 
 
 def describe_rehearsal(config: "Config", before: "Config") -> str:

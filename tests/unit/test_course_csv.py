@@ -6,6 +6,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from groundstation.__main__ import main
 from groundstation.config import ConfigError, dump, load
 from groundstation.core.trajectory import parse_course
 from groundstation.core.trajectory.shapes import SamplesConfig, WaypointsConfig
@@ -128,3 +129,29 @@ def test_a_course_that_is_not_there_is_named(tmp_path: Path) -> None:
     (tmp_path / "lab.toml").write_text('trajectory = { kind = "waypoints", file = 3 }')
     with pytest.raises(ConfigError, match=r"trajectory\.file: expected a string, got 3$"):
         load(tmp_path / "lab.toml", Config)
+
+
+@pytest.mark.parametrize(("words", "says"), [
+    (["goto", "nan", "0", "-1"], "goto: NORTH: expected a number from -1000 to 1000, got 'nan'"),
+    (["goto", "0", "0", "-1", "1e9"], "goto: YAW: expected a number from -360 to 360, got '1e9'"),
+    (["goto", "1", "2"], "goto: expected NORTH EAST DOWN [YAW], got 2 numbers"),
+    (["follow", "huge.csv"], "huge.csv: longer than a file of 64 points can be"),
+    (["follow", "empty.csv"], "empty.csv: expected a line of names"),
+    (["follow", "picture.csv"], "picture.csv: is no text"),
+    (["follow", "nan.csv"], "nan.csv: line 2, column north_m: expected a number from -1000 to 1000, got 'nan'"),
+    (["follow", "many.csv"], "follow: expected at most 64 points, got 65"),
+    (["land", "3"], "land: takes nothing behind it"),
+])  # fmt: skip
+def test_points_that_lead_nowhere_are_refused_before_anybody_is_asked(
+    words: list[str], says: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    head = "north_m,east_m,down_m\n"
+    Path("huge.csv").write_text(head + "0,0,-1\n" * 50_000)
+    Path("empty.csv").touch()
+    Path("picture.csv").write_bytes(bytes(range(256)))
+    Path("nan.csv").write_text(head + "nan,0,-1\n0,0,-1\n")
+    Path("many.csv").write_text(head + "".join(f"{0.1 * i},0,-1\n" for i in range(65)))
+    monkeypatch.setattr("sys.argv", ["groundstation", "request", *words])
+    assert main() == 2
+    assert says in capsys.readouterr().err

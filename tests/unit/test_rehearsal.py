@@ -121,6 +121,15 @@ def test_without_the_flag_nothing_is_turned_and_no_vehicle_has_the_name_of_a_reh
             from_dict({"vehicle": {"name": name}}, Config)
 
 
+def test_poses_and_telemetry_that_would_come_to_one_port_are_refused() -> None:
+    told = {
+        "pose": {"kind": "vicon", "listen": "0.0.0.0:51001"},
+        "link": {"kind": "mavlink", "listen": "0.0.0.0:46001"},
+    }
+    with pytest.raises(ConfigError, match=r"pose\.listen: becomes 127\..*:26001 in a rehearsal, as link\.listen does"):
+        rehearse(from_dict(told, Config), FILE)
+
+
 def test_two_files_are_rehearsed_on_hosts_of_their_own() -> None:
     one, other = (rehearse(from_dict({}, Config), Path(name)).rehearsal for name in ("a.toml", "b.toml"))
     assert one is not None and other is not None and one.host != other.host

@@ -3,6 +3,7 @@
 import argparse
 import asyncio
 import json
+import math
 import os
 import shlex
 import signal
@@ -191,6 +192,21 @@ def request(args: argparse.Namespace) -> int:
     return request_command(Request(Ask(args.ask), args.why, points), args.vehicle, args.socket)
 
 
+COURSE_LETTERS = 100_000
+"""A file of as many points as one request may hold is far shorter."""
+AXES_OF_GOTO = (("NORTH", 1000.0), ("EAST", 1000.0), ("DOWN", 1000.0), ("YAW", 360.0))
+
+
+def _read_number(name: str, word: str, most: float) -> float:
+    try:
+        value = float(word)
+    except ValueError:
+        value = math.nan  # is within no bounds
+    if not -most <= value <= most:
+        raise ConfigError("goto", f"{name}: expected a number from {-most:g} to {most:g}, got {word!r}")
+    return value
+
+
 def _read_points(ask: str, where: list[str]) -> tuple[Waypoint, ...]:
     """Where ``goto`` and ``follow`` lead: the points travel in the request, as files here are none of the station's.
 
@@ -203,9 +219,15 @@ def _read_points(ask: str, where: list[str]) -> tuple[Waypoint, ...]:
         from groundstation.core.trajectory import parse_course
 
         try:
-            course = parse_course(Path(where[0]).read_text("utf-8"))
+            with Path(where[0]).open(encoding="utf-8") as file:
+                text = file.read(COURSE_LETTERS + 1)
+            if len(text) > COURSE_LETTERS:
+                raise ConfigError("follow", f"{where[0]}: longer than a file of {MOST_POINTS} points can be")
+            course = parse_course(text)
         except OSError as error:
             raise ConfigError("follow", f"cannot read {where[0]}: {error.strerror}") from None
+        except UnicodeDecodeError:
+            raise ConfigError("follow", f"{where[0]}: is no text") from None
         except ValueError as error:
             raise ConfigError("follow", f"{where[0]}: {error}") from None
         if "times_s" in course or "velocities_ned" in course:
@@ -215,10 +237,7 @@ def _read_points(ask: str, where: list[str]) -> tuple[Waypoint, ...]:
     elif ask == "goto":
         if len(where) not in (3, 4):
             raise ConfigError("goto", f"expected NORTH EAST DOWN [YAW], got {len(where)} numbers")
-        try:
-            rows = [[float(word) for word in where]]
-        except ValueError as error:
-            raise ConfigError("goto", f"expected NORTH EAST DOWN [YAW]: {error}") from None
+        rows = [[_read_number(name, word, most) for (name, most), word in zip(AXES_OF_GOTO, where, strict=False)]]
     elif where:
         raise ConfigError(ask, f"takes nothing behind it, got {' '.join(where)!r}")
     else:
