@@ -81,6 +81,9 @@ def _doctor(parser: argparse.ArgumentParser) -> None:
         help="set one parameter, to the recommended value without VALUE; may be repeated",
     )
     parser.add_argument("--restore", type=path, metavar="FILE", help="put back the old value that --fix has kept")
+    parser.add_argument(
+        "--board", metavar="PORT", help="own port of a Betaflight behind a receiver: a serial port, or HOST:PORT"
+    )
     parser.add_argument("--yes", action="store_true", help="do not ask before setting it")
     _json_argument(parser, "the table")
 

@@ -1,4 +1,4 @@
-"""Doctor: an autopilot's parameters looked at, and on request set one by one, or an old one put back.
+"""Doctor: an autopilot's parameters, or a Betaflight's settings, looked at, and on request set one by one, or put back.
 
 The old value is on disk before a new one is set: so every change can be taken back.
 """
@@ -11,26 +11,35 @@ import sys
 import textwrap
 from collections.abc import Awaitable, Callable, Iterable, Sequence
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, Protocol
 
 import msgspec
 
 from groundstation.config import ConfigError
 from groundstation.lab.doctor_advice import (
+    AUX_CHANNELS,
+    RATE_MOST_DEG_S,
+    RATE_UNIT_DEG_S,
     Advice,
     ParameterFinding,
+    ReceiverFacts,
+    Setting,
+    Value,
     VehicleFacts,
     Weight,
     ardupilot_advice,
+    betaflight_advice,
     is_wrong,
     judge,
     px4_advice,
+    show,
 )
 from groundstation.runtime import open_private
 from groundstation.settings import Config
 from links.core import LinkError, LinkLost, LinkRejected, signal
 from links.mavlink import MavlinkConnection, MavlinkLinkConfig
 from links.mavlink.protocol import ARDUPILOT, ARMED, PX4, AutopilotParameter, Handshake, ReadAll, Write, is_same
+from links.rf import Board, RfLinkConfig, describe_change, describe_pulses, find_settings
 
 
 class Restore(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
@@ -39,18 +48,18 @@ class Restore(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=T
     vehicle: str
     """The vehicle's name in its configuration."""
     autopilot: str
-    """PX4 or ArduPilot."""
-    system: int
-    """Its MAVLink system."""
+    """PX4, ArduPilot or Betaflight."""
+    system: int | str
+    """Its MAVLink system, or the number of a Betaflight's processor."""
     name: str
-    value: float
+    value: Value
     kind: int
-    """MAV_PARAM_TYPE."""
+    """MAV_PARAM_TYPE; 0 on a Betaflight."""
 
     @property
-    def parameter(self) -> AutopilotParameter:
+    def parameter(self) -> Setting:
         """What is to be set."""
-        return AutopilotParameter(self.name, self.value, self.kind)
+        return Setting(self.name, self.value, self.kind)
 
 
 def save_restore(restore: Restore, folder: Path) -> Path:
@@ -64,7 +73,7 @@ def save_restore(restore: Restore, folder: Path) -> Path:
     number = 1
     while True:
         suffix = "" if number == 1 else f"-{number}"
-        path = folder / f"restore-{restore.vehicle}-{restore.name}{suffix}.json"
+        path = folder / f"restore-{restore.vehicle}-{restore.name.replace(' ', '_')}{suffix}.json"
         try:
             with open(path, "xb", opener=open_private) as file:
                 file.write(msgspec.json.encode(restore) + b"\n")
@@ -96,18 +105,184 @@ TABLES: dict[int, Callable[[VehicleFacts], list[Advice]]] = {PX4: px4_advice, AR
 """HEARTBEAT.autopilot → its advice."""
 
 
-class Visit:
-    """``open`` it, ``examine``, perhaps ``set``, and ``close`` it. Changes nothing by itself."""
+class Visit(Protocol):
+    """``open`` it, ``examine``, perhaps ``set``, and ``close`` it. Changes nothing by itself.
 
-    def __init__(self, config: Config) -> None:
-        """Nothing is opened yet.
+    Every method but ``close`` raises LinkError where the other end goes away.
+    """
+
+    parameters: dict[str, Setting]
+    """As they were read last."""
+
+    @property
+    def autopilot(self) -> str:
+        """PX4, ArduPilot or Betaflight."""
+        ...
+
+    @property
+    def system(self) -> int | str:
+        """What tells this one from others of its kind."""
+        ...
+
+    @property
+    def advice(self) -> list[Advice]:
+        """What is known about this kind of autopilot."""
+        ...
+
+    async def open(self) -> None:
+        """Connect."""
+        ...
+
+    async def close(self) -> None:
+        """Disconnect."""
+        ...
+
+    async def examine(self) -> list[ParameterFinding]:
+        """Read everything that the table asks about, and judge it."""
+        ...
+
+    async def read(self, names: Iterable[str]) -> dict[str, Setting]:
+        """Those of the parameters ``names`` that it has."""
+        ...
+
+    async def set(self, parameter: Setting) -> Setting:
+        """Set one parameter, read it back, and return it.
 
         Raises:
-            ConfigError: the link does not lead to an autopilot.
+            LinkRejected: the vehicle is armed, or the autopilot keeps another value.
+            ValueError: such a parameter can't have this value.
+        """
+        ...
+
+
+class BoardVisit:
+    """Implements :class:`Visit` for a Betaflight behind a receiver, by its own port."""
+
+    autopilot = "Betaflight"
+
+    def __init__(self, config: Config, port: str | None) -> None:
+        """Nothing is opened yet; ``port`` is the flight controller's own.
+
+        Raises:
+            ConfigError: it is none, or the link's map is none that a Betaflight could be set up for.
         """
         link = config.link
-        if not isinstance(link, MavlinkLinkConfig):
-            raise ConfigError("link.kind", "expected mavlink: only an autopilot has parameters to look at")
+        if not isinstance(link, RfLinkConfig):
+            raise ConfigError("link.kind", "expected mavlink, dsm or crsf: by the map there its settings are judged")
+        if port is None:
+            raise ConfigError("--board", "expected the flight controller's own port, /dev/serial/by-id/… or HOST:PORT")
+        try:
+            self.facts = _describe_receiver(link, own_curve=config.thrust_curve > 0.0)
+            self._board = Board(port)
+        except ValueError as error:
+            raise ConfigError("--board", str(error)) from None
+        self.parameters: dict[str, Setting] = {}
+
+    @property
+    def system(self) -> str:
+        """The number of its processor."""
+        return self._board.uid
+
+    @property
+    def advice(self) -> list[Advice]:
+        """By the rows of modes that were read."""
+        return betaflight_advice(self.facts, {name: one.value for name, one in self.parameters.items()})
+
+    async def open(self) -> None:
+        """Connect, and hear that it is not armed."""
+        await self._board.open()
+        await self._board.ensure_disarmed()
+
+    async def close(self) -> None:
+        """Leave its command line: it restarts."""
+        await self._board.close()
+
+    async def examine(self) -> list[ParameterFinding]:
+        """Read all tables and what the advice names, on its command line."""
+        await self._board.enter()
+        self.parameters = {}
+        for table in ("aux", "rxrange", "map"):
+            self.parameters |= self._named(await self._board.tell(table))
+        self.parameters |= await self.read(
+            name for advice in self.advice for name in advice.names if name not in self.parameters and " " not in name
+        )
+        return [judge(advice, self.parameters) for advice in self.advice]
+
+    async def read(self, names: Iterable[str]) -> dict[str, Setting]:
+        """Those of the settings ``names`` that it has."""
+        await self._board.enter()
+        found: dict[str, Setting] = {}
+        for name in names:
+            table = name.split()[0]
+            try:
+                said = await self._board.tell(table if " " in name or name == "map" else f"get {name}")
+            except LinkRejected:
+                continue  # another version's
+            found |= {known: one for known, one in self._named(said).items() if known == name}
+        return found
+
+    async def set(self, parameter: Setting) -> Setting:
+        """Set one, save it, restart, and read it back."""
+        await self._board.enter()
+        await self._board.tell(describe_change(parameter.name, parameter.value))
+        await self._board.save()
+        found = await self.read([parameter.name])
+        if parameter.name not in found or found[parameter.name].value != parameter.value:
+            now = show(found[parameter.name].value) if parameter.name in found else "nothing"
+            raise LinkRejected(f"{parameter.name} was set to {show(parameter.value)} but reads back as {now}")
+        self.parameters |= found
+        return found[parameter.name]
+
+    @staticmethod
+    def _named(answer: str) -> dict[str, Setting]:
+        return {name: Setting(name, value) for name, value in find_settings(answer).items()}
+
+
+def _describe_receiver(link: RfLinkConfig, *, own_curve: bool) -> ReceiverFacts:
+    """What a Betaflight behind the receiver of ``link`` gets.
+
+    Raises:
+        ValueError: it could not be set up for that.
+    """
+    half_us, order = describe_pulses(link)
+    sticks = {"roll": link.map.roll, "pitch": link.map.pitch, "yaw": link.map.yaw}
+    for axis, stick in sticks.items():
+        rate = stick.full_rate_deg_s
+        if rate % RATE_UNIT_DEG_S or rate > RATE_MOST_DEG_S:
+            raise ValueError(f"link.map.{axis}.full_rate_deg_s: Betaflight knows whole tens up to 1990, got {rate:g}")
+    arm = link.map.arm
+    if arm is None or arm.channel < 5:
+        raise ValueError("link.map.arm: Betaflight arms by a channel from 5 on, expected one")
+    count = link.codec().channels
+    meets = dict.fromkeys(range(5, 5 + AUX_CHANNELS), (1500.0, 1500.0))
+    for fixed in link.map.fixed:
+        meets[fixed.channel] = (1500.0 + half_us * fixed.position,) * 2
+    for moved in (link.map.thrust, *sticks.values(), link.map.throttle_copy, arm):
+        if moved is not None:
+            meets[moved.channel] = (1500.0 - half_us, 1500.0 + half_us)
+    armed_us, disarmed_us = (1500.0 + half_us * position for position in (arm.armed, arm.disarmed))
+    low_us, high_us = sorted((armed_us, disarmed_us))
+    if not (low_us < 1300.0 and high_us >= 1700.0):
+        raise ValueError("link.map.arm: expected armed and disarmed on either side of the middle, far from it")
+    meets[arm.channel] = (low_us, high_us)
+    return ReceiverFacts(
+        order=order,
+        half_us=half_us,
+        rates_deg_s=(sticks["roll"].full_rate_deg_s, sticks["pitch"].full_rate_deg_s, sticks["yaw"].full_rate_deg_s),
+        throttle_low=link.map.thrust.low,
+        own_curve=own_curve,
+        arm=(arm.channel - 5, armed_us, disarmed_us),
+        aux_us=tuple(meets[channel] for channel in range(5, min(count, 4 + AUX_CHANNELS) + 1)),
+    )
+
+
+class MavlinkVisit:
+    """Implements :class:`Visit` for PX4 and ArduPilot."""
+
+    def __init__(self, config: Config) -> None:
+        """Nothing is opened yet."""
+        link = config.link
+        assert isinstance(link, MavlinkLinkConfig), "the caller has looked"
         share = config.vehicle.mass_kg * config.controller.gravity / config.full_thrust_n
         self.facts = VehicleFacts(
             own_system=link.system_id,
@@ -115,8 +290,7 @@ class Visit:
             hover=signal(share, config.thrust_curve),
             own_curve=config.thrust_curve > 0.0,
         )
-        self.parameters: dict[str, AutopilotParameter] = {}
-        """As they were read last."""
+        self.parameters: dict[str, Setting] = {}
         self._connection = MavlinkConnection(msgspec.structs.replace(link, quiet=False))
 
     async def open(self) -> None:
@@ -130,9 +304,14 @@ class Visit:
         if kind not in TABLES:
             raise LinkRejected(f"this is no PX4 and no ArduPilot (MAV_AUTOPILOT {kind}): nothing is known about it")
 
-    def close(self) -> None:
+    async def close(self) -> None:
         """Disconnect."""
         self._connection.close()
+
+    @property
+    def system(self) -> int:
+        """Its MAVLink system."""
+        return self.facts.target_system
 
     @property
     def autopilot(self) -> str:
@@ -156,13 +335,13 @@ class Visit:
             raise LinkLost("the autopilot is heard but tells none of its parameters: check that it hears us")
         return [judge(advice, self.parameters) for advice in table]
 
-    async def read(self, names: Iterable[str]) -> dict[str, AutopilotParameter]:
+    async def read(self, names: Iterable[str]) -> dict[str, Setting]:
         """Those of the parameters ``names`` that it has; raises LinkError."""
         reads = ReadAll(self._connection.autopilot(), names)
         await self._connection.see_through(Handshake([reads]))
-        return reads.found
+        return {name: Setting(*found) for name, found in reads.found.items()}
 
-    async def set(self, parameter: AutopilotParameter) -> AutopilotParameter:
+    async def set(self, parameter: Setting) -> Setting:
         """Set one parameter, read it back, and return it.
 
         Raises:
@@ -170,8 +349,9 @@ class Visit:
             LinkLost: it does not answer.
             ValueError: such a parameter can't have this value.
         """
-        autopilot = self._connection.autopilot()
-        write = Write(autopilot, parameter)
+        autopilot, value = self._connection.autopilot(), parameter.value
+        assert isinstance(value, float), "parameters are numbers"
+        write = Write(autopilot, AutopilotParameter(parameter.name, value, parameter.kind))
         if await self._is_armed():
             raise LinkRejected("the vehicle is armed: parameters are changed only while its motors are off")
         await self._connection.see_through(Handshake([write]))
@@ -179,8 +359,8 @@ class Visit:
         if parameter.name not in found:
             raise LinkLost(f"{parameter.name} was set but can't be read back: read it again before you fly")
         now = found[parameter.name]
-        if not is_same(now.value, parameter.value):
-            raise LinkRejected(f"{parameter.name} was set to {parameter.value:g} but reads back as {now.value:g}")
+        if not (isinstance(now.value, float) and is_same(now.value, value)):
+            raise LinkRejected(f"{parameter.name} was set to {value:g} but reads back as {show(now.value)}")
         self.parameters[now.name] = now
         return now
 
@@ -210,14 +390,16 @@ WIDTH = 100
 def doctor_report(title: str, findings: Sequence[ParameterFinding], command: str) -> str:
     """The table, the worst first, each that is not right with its reason and the ``command`` that mends it."""
     worst_first = ("must", "should", "ok", "note", "absent")
-    lines = [title, "", f"{'':8}{'parameter':17}{'value':>9}  accepted"]
+    wide = max(17, *(len(finding.name) + 1 for finding in findings))
+    lines = [title, "", f"{'':8}{'parameter':{wide}}{'value':>9}  accepted"]
     for finding in sorted(findings, key=lambda f: worst_first.index(f.verdict)):
-        value = "-" if finding.value is None else f"{finding.value:g}"
-        lines += _wrap(f"{_MARKS[finding.verdict]:8}{finding.name:17}{value:>9}  ", finding.accepted)
+        value = "-" if finding.value is None else show(finding.value)
+        lines += _wrap(f"{_MARKS[finding.verdict]:8}{finding.name:{wide}}{value:>9}  ", finding.accepted)
         if finding.verdict in (Weight.MUST, Weight.SHOULD, Weight.NOTE):
             lines += _wrap(" " * 12, finding.why)
         if finding.recommended is not None:
-            lines.append(f"{'':12}set it to {finding.recommended:g}: {command} --fix {finding.name}")
+            said = f"{show(finding.recommended)}: {command} --fix {shlex.quote(finding.name)}"
+            lines.append(f"{'':12}set it to {said}")
             if finding.reboot:
                 lines.append(f"{'':12}(counts after the autopilot was restarted)")
     lines += ["", _summary(findings)]
@@ -255,14 +437,16 @@ class DoctorOrders(NamedTuple):
     as_json: bool = False
     folder: Path = Path()
     """Where old values are kept."""
+    board: str | None = None
+    """The own port of a flight controller behind a receiver."""
 
 
 class _Fix(NamedTuple):
     """One change, and where the old value is kept."""
 
     name: str
-    old: float
-    new: float
+    old: Value
+    new: Value
     saved: str
 
 
@@ -284,7 +468,13 @@ async def run_doctor(config: Config, orders: DoctorOrders, ask: Ask | None, say:
     if (orders.fix or orders.restore) and ask is None and not orders.yes:
         raise ConfigError("--fix", "without a terminal, confirm with --yes")
     kept = _load_restore(orders.restore) if orders.restore is not None else None
-    visit = Visit(config)
+    visit: Visit
+    if isinstance(config.link, MavlinkLinkConfig):
+        if orders.board is not None:
+            raise ConfigError("--board", "is for a flight controller behind a receiver: over MAVLink it is asked there")
+        visit = MavlinkVisit(config)
+    else:
+        visit = BoardVisit(config, orders.board)
     try:
         await visit.open()
         findings = await visit.examine()
@@ -308,11 +498,11 @@ async def run_doctor(config: Config, orders: DoctorOrders, ask: Ask | None, say:
         print(f"groundstation: doctor: {error}", file=sys.stderr)
         return EXIT_NO_ANSWER
     finally:
-        visit.close()
+        await visit.close()
     return EXIT_FINDINGS if is_wrong(findings) or not confirmed else EXIT_HEALTHY
 
 
-def _ensure_each_once(wanted: list[AutopilotParameter]) -> None:
+def _ensure_each_once(wanted: list[Setting]) -> None:
     """Refuse two values for one parameter: nobody could tell which one was meant.
 
     Raises:
@@ -331,7 +521,7 @@ def _load_restore(path: Path) -> Restore:
         raise ConfigError("--restore", str(error)) from None
 
 
-def _parse_fix(fix: str, visit: Visit) -> AutopilotParameter:
+def _parse_fix(fix: str, visit: Visit) -> Setting:
     """The parameter that ``--fix`` names with the value that it should have."""
     name, equals, text = fix.partition("=")
     rules = {known: advice.rule for advice in visit.advice for known in advice.names}
@@ -341,23 +531,22 @@ def _parse_fix(fix: str, visit: Visit) -> AutopilotParameter:
         raise ConfigError("--fix", f"this {visit.autopilot} has no parameter {name}")
     old, rule = visit.parameters[name], rules[name]
     try:
-        value = float(text) if equals else rule.better(old.value)
+        value = rule.better(old.value) if not equals else float(text) if isinstance(old.value, float) else text
     except ValueError:
         raise ConfigError("--fix", f"{name}: expected a number, got {text!r}") from None
     if not rule.accepts(value):
-        raise ConfigError("--fix", f"{name}: expected {rule.words}, got {value:g}")
+        raise ConfigError("--fix", f"{name}: expected {rule.words}, got {show(value)}")
     if not equals and rule.accepts(old.value):
-        raise ConfigError("--fix", f"{name} is {old.value:g}, which is fine; to change it anyway say {name}=VALUE")
+        raise ConfigError("--fix", f"{name} is {show(old.value)}, which is fine; to change it anyway say {name}=VALUE")
     return old._replace(value=value)
 
 
-async def _find_old(visit: Visit, kept: Restore) -> AutopilotParameter:
+async def _find_old(visit: Visit, kept: Restore) -> Setting:
     """The parameter of an earlier fix, where it belongs to this vehicle."""
-    if kept.autopilot != visit.autopilot or kept.system != visit.facts.target_system:
+    if kept.autopilot != visit.autopilot or kept.system != visit.system:
         raise ConfigError(
             "--restore",
-            f"the file is of {kept.autopilot}, system {kept.system}; this is {visit.autopilot}, "
-            f"system {visit.facts.target_system}",
+            f"the file is of {kept.autopilot}, system {kept.system}; this is {visit.autopilot}, system {visit.system}",
         )
     found = await visit.read([kept.name])
     if kept.name not in found or found[kept.name].kind != kept.kind:
@@ -366,15 +555,14 @@ async def _find_old(visit: Visit, kept: Restore) -> AutopilotParameter:
     return kept.parameter
 
 
-async def _set(
-    visit: Visit, wanted: AutopilotParameter, config: Config, orders: DoctorOrders, ask: Ask | None
-) -> _Fix | None:
+async def _set(visit: Visit, wanted: Setting, config: Config, orders: DoctorOrders, ask: Ask | None) -> _Fix | None:
     """Set it once the operator has typed its name, its old value being kept; None where he has not."""
     old = visit.parameters[wanted.name]
     if not orders.yes:
         assert ask is not None, "checked before"
         what = (
-            f"{visit.autopilot} of {config.vehicle.name}: {wanted.name} is {old.value:g} and becomes {wanted.value:g}"
+            f"{visit.autopilot} of {config.vehicle.name}: "
+            f"{wanted.name} is {show(old.value)} and becomes {show(wanted.value)}"
         )
         if (await ask(f"{what}.\nType {wanted.name} to set it, anything else to stop: ")).strip() != wanted.name:
             print(f"groundstation: doctor: {wanted.name} was not changed", file=sys.stderr)
@@ -382,7 +570,7 @@ async def _set(
     kept = Restore(
         vehicle=config.vehicle.name,
         autopilot=visit.autopilot,
-        system=visit.facts.target_system,
+        system=visit.system,
         name=old.name,
         value=old.value,
         kind=old.kind,
@@ -408,19 +596,18 @@ def _format_result(
         facts: dict[str, Any] = {
             "vehicle": config.vehicle.name,
             "autopilot": visit.autopilot,
-            "system": visit.facts.target_system,
+            "system": visit.system,
             "healthy": not is_wrong(findings),
             "fixed": [fix._asdict() for fix in fixed],
             "findings": msgspec.to_builtins(findings),
         }
         return json.dumps(facts)
-    return doctor_report(
-        f"{config.vehicle.name}: {visit.autopilot}, system {visit.facts.target_system}", findings, orders.command
-    )
+    title = f"{config.vehicle.name}: {visit.autopilot}, system {visit.system}"
+    return doctor_report(title, findings, orders.command)
 
 
 def _describe_undo(fix: _Fix, orders: DoctorOrders) -> str:
     return (
-        f"{fix.name}: {fix.old:g} became {fix.new:g}, read back from the autopilot.\n"
+        f"{fix.name}: {show(fix.old)} became {show(fix.new)}, read back from the autopilot.\n"
         f"To take it back: {orders.command} --restore {shlex.quote(fix.saved)}\n"
     )

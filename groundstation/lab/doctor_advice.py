@@ -1,16 +1,36 @@
-"""Parameter advice: what a parameter of an autopilot should be, and why, in plain words. Pure.
+"""Parameter advice: what a parameter of an autopilot, or a setting of Betaflight, should be, and why. Pure.
 
 An :class:`Advice` is a row of the tables below; a :class:`ParameterFinding` is what came of it. Names and meanings are
-those of PX4's parameter reference, v1.14 to main of 2026, and of ArduPilot Copter's, 4.2 to master of 2026.
+those of PX4's parameter reference, v1.14 to main of 2026, of ArduPilot Copter's, 4.2 to master of 2026, and of
+Betaflight 4.6, src/main/cli/settings.c.
 """
 
+import math
 from collections.abc import Callable, Iterable, Mapping
 from enum import StrEnum
-from typing import NamedTuple
+from typing import NamedTuple, TypeAlias
 
 import msgspec
 
-from links.mavlink.protocol import MULTIROTORS, AutopilotParameter
+from links.mavlink.protocol import MULTIROTORS
+
+Value: TypeAlias = float | str
+"""A number, or a word of Betaflight's."""
+
+
+class Setting(NamedTuple):
+    """One parameter with its value."""
+
+    name: str
+    value: Value
+    kind: int = 0
+    """MAV_PARAM_TYPE, where there is one."""
+
+
+def show(value: Value) -> str:
+    """For people."""
+    return value if isinstance(value, str) else f"{value:g}"
+
 
 HOVER_SHARE = 0.2
 """How far the hover thrust may be from ours, as a share of it."""
@@ -32,9 +52,9 @@ class Rule(NamedTuple):
 
     words: str
     """In words, for the operator."""
-    accepts: Callable[[float], bool]
+    accepts: Callable[[Value], bool]
     """True for an accepted value."""
-    better: Callable[[float], float]
+    better: Callable[[Value], Value]
     """The recommended value, from the one that is there."""
 
 
@@ -69,9 +89,9 @@ class ParameterFinding(msgspec.Struct, frozen=True):
     name: str
     verdict: str
     """``ok``, ``must``, ``should``, ``note``, or ``absent`` where the autopilot does not have it."""
-    value: float | None
+    value: Value | None
     accepted: str
-    recommended: float | None
+    recommended: Value | None
     """What --fix would set; None where nothing is wrong or absent."""
     why: str
     reboot: bool
@@ -83,21 +103,25 @@ def one_of(values: Mapping[float, str], better: float) -> Rule:
     return Rule(words, lambda v: v in values, lambda _: better)
 
 
-def exactly(value: float) -> Rule:
+def exactly(value: Value) -> Rule:
     """This value only."""
-    return Rule(f"{value:g}", lambda v: v == value, lambda _: value)
+    return Rule(show(value), lambda v: v == value, lambda _: value)
 
 
 def between(low: float, high: float, better: float) -> Rule:
     """Anything in a range."""
     slack = 1e-6 * max(abs(low), abs(high))  # parameters are 32-bit floats
-    return Rule(f"{low:g} to {high:g}", lambda v: low - slack <= v <= high + slack, lambda _: better)
+    return Rule(f"{low:g} to {high:g}", lambda v: _lies(v, low - slack, high + slack), lambda _: better)
+
+
+def _lies(value: Value, low: float, high: float) -> bool:
+    return isinstance(value, float) and low <= value <= high
 
 
 def near(value: float, share: float) -> Rule:
     """Within ``share`` of ``value``."""
     low, high = (1.0 - share) * value, (1.0 + share) * value
-    return Rule(f"{low:.2f} to {high:.2f}", lambda v: low <= v <= high, lambda _: round(value, 3))
+    return Rule(f"{low:.2f} to {high:.2f}", lambda v: _lies(v, low, high), lambda _: round(value, 3))
 
 
 def with_bit(bit: int, meaning: str) -> Rule:
@@ -112,7 +136,7 @@ def without_bit(bit: int, meaning: str) -> Rule:
     return Rule(f"bit {bit} ({mask}) not set: {meaning}", lambda v: not int(v) & mask, lambda v: float(int(v) & ~mask))
 
 
-def judge(advice: Advice, found: Mapping[str, AutopilotParameter]) -> ParameterFinding:
+def judge(advice: Advice, found: Mapping[str, Setting]) -> ParameterFinding:
     """What ``advice`` says of the parameters that were ``found``."""
     for name in advice.names:
         if name in found:
@@ -354,3 +378,185 @@ def ardupilot_advice(facts: VehicleFacts) -> list[Advice]:
             )
         ),
     ]
+
+
+AUX_CHANNELS, AUX_SLOTS, EMPTY_SLOT = 12, 20, "0 0 900 900 0 0"
+"""Of a Betaflight: channels beside the first four, rows that assign modes to them, and a row that assigns none."""
+ARM_MODE = 0
+LEVEL_MODES = {
+    1: "ANGLE", 2: "HORIZON", 3: "ALTHOLD", 5: "MAG", 6: "HEADFREE", 11: "POS HOLD", 12: "PASSTHRU", 27: "FAILSAFE",
+    29: "3D DISABLE", 30: "FPV ANGLE MIX", 35: "FLIP OVER AFTER CRASH", 45: "PARALYZE", 46: "GPS RESCUE",
+    47: "ACRO TRAINER", 49: "LAUNCH CONTROL", 50: "MSP OVERRIDE", 55: "CHIRP",
+}  # fmt: skip
+"""Modes in which sticks and throttle are not rates and thrust, or are nobody's; permanent numbers, msp/msp_box.c."""
+RATE_UNIT_DEG_S, RATE_MOST_DEG_S = 10.0, 1998.0
+
+
+class ReceiverFacts(NamedTuple):
+    """What Betaflight's table must know of our own configuration; pulses are in µs."""
+
+    order: str
+    """What the first eight channels are, in letters of its ``map``."""
+    half_us: float
+    """Half of what the receiver's pulses can move."""
+    rates_deg_s: tuple[float, float, float]
+    """Roll, pitch and yaw rates at full stick [deg/s]."""
+    throttle_low: float
+    """Position -1..1 for no thrust."""
+    own_curve: bool
+    """True where our side straightens the motors' curve."""
+    arm: tuple[int, float, float]
+    """AUX channel that arms, from 0; its pulses armed and disarmed."""
+    aux_us: tuple[tuple[float, float], ...]
+    """Lowest and highest pulse of each AUX channel that our frames may give."""
+
+
+def betaflight_advice(facts: ReceiverFacts, slots: Mapping[str, Value]) -> list[Advice]:
+    """The advice for a board behind the receiver of ``facts`` whose rows of modes are ``slots``."""
+    low, high = 1500.0 - facts.half_us, 1500.0 + facts.half_us
+    idle_us = round(1500.0 + 500.0 * facts.throttle_low)
+    curve = "A rate is the stick's share of full_rate_deg_s in link.map: any other curve bends it"
+    linear = "The motors' curve is told by vehicle.thrust_curve; only one of the two may straighten it."
+    must, should = Weight.MUST, Weight.SHOULD
+    rows = [
+        Advice(("map",), must, exactly(facts.order), "What each channel is: the sticks are mixed up otherwise."),
+        *(
+            Advice((f"rxrange {k}",), must, exactly(f"{low:.0f} {high:.0f}"), "Else full stick is not full rate.")
+            for k in range(4)
+        ),
+        Advice(("rates_type",), must, exactly("ACTUAL"), "Else the rates below mean something else."),
+    ]
+    for axis, rate in zip(("roll", "pitch", "yaw"), facts.rates_deg_s, strict=True):
+        tenth = exactly(rate / RATE_UNIT_DEG_S)
+        rows += [
+            Advice((f"{axis}_rc_rate",), must, tenth, f"{curve}; this is its slope in the middle, in 10 deg/s."),
+            Advice((f"{axis}_srate",), must, tenth, f"{curve}; this is the rate at full stick, in 10 deg/s."),
+            Advice((f"{axis}_expo",), must, exactly(0.0), f"{curve}, here around the middle."),
+            Advice(
+                (f"{axis}_rate_limit",), must, between(rate, RATE_MOST_DEG_S, RATE_MOST_DEG_S), "It cuts faster rates."
+            ),
+        ]
+    rows += [
+        Advice(("thr_expo",), must, exactly(0.0), "The throttle's share is the motors' signal; a curve bends it."),
+        Advice(("throttle_limit_type",), must, exactly("OFF"), "Else thrust is less than told."),
+        Advice(("throttle_boost",), must, exactly(0.0), "Else thrust jumps with the throttle."),
+        Advice(
+            ("anti_gravity_gain",),
+            should,
+            exactly(0.0),
+            "It raises the integrals as the throttle moves, in hover, too.",
+        ),
+        Advice(("thrust_linear",), must if facts.own_curve else Weight.NOTE, exactly(0.0), linear),
+        Advice(
+            ("min_check",),
+            must,
+            between(max(1001.0, idle_us - 5.0), max(1005.0, idle_us + 5.0), max(1005.0, float(idle_us))),
+            "Below this the throttle is down. link.map's thrust.low must be the same place (-0.98 is 1010): where it is"
+            " above, nothing arms; far below, our least thrusts are none.",
+        ),
+        Advice(("deadband",), must, exactly(0.0), "It swallows small corrections of roll and pitch."),
+        Advice(("yaw_deadband",), must, exactly(0.0), "It swallows small corrections of yaw."),
+        Advice(("rc_smoothing",), should, exactly("OFF"), "It is a lag more, which is in nobody's model."),
+        Advice(("small_angle",), should, exactly(180.0), "It refuses to arm where the floor is not level."),
+        Advice(
+            ("runaway_takeoff_prevention",),
+            should,
+            exactly("OFF"),
+            "It disarms on the floor, as our spool-up looks like a runaway.",
+        ),
+        Advice(
+            ("failsafe_procedure",),
+            must,
+            exactly("DROP"),
+            "Else it hovers away, or lands for seconds, without a pilot.",
+        ),
+        Advice(
+            ("failsafe_delay",),
+            must,
+            between(1.0, 15.0, 12.0),
+            "The motors turn for so long [0.1 s] after the receiver has given up; where it gives pulses that mean "
+            "nothing 0.3 s more: with 12 that, too, ends within 2.6 s of the last frame (1 s are the receiver's).",
+        ),
+        Advice(
+            ("msp_override_channels_mask",),
+            must,
+            exactly(0.0),
+            "Channels that a computer sends by MSP never go stale: the last thrust holds for ever.",
+        ),
+        Advice(("motor_idle", "dshot_idle_value"), Weight.NOTE, between(0.0, 2000.0, 550.0), linear),
+        Advice(
+            ("simplified_pids_mode",),
+            should,
+            exactly("OFF"),
+            "Else the sliders write the gains over at each start, those below too.",
+        ),
+        Advice(
+            ("i_yaw",),
+            should,
+            between(0.0, 20.0, 10.0),
+            "The firmware's own gains are for fast five-inch vehicles; on slow rotors its 80 here makes yaw swing for "
+            "ever, which eats the thrust: on our simulated 80 g a step overshoots by 95 %, with 20 by 42, 10 by 25.",
+        ),
+        *(
+            Advice(
+                (f"f_{axis}",),
+                Weight.NOTE,
+                exactly(0.0),
+                "Feed-forward acts on steps of the stick, and ours moves in steps, one a frame: 0 flies in our tests.",
+            )
+            for axis in ("roll", "pitch", "yaw")
+        ),
+    ]
+    return rows + _advise_slots(facts, slots)
+
+
+def _advise_slots(facts: ReceiverFacts, slots: Mapping[str, Value]) -> list[Advice]:
+    """One row arms, by our channel alone; no other arms, or is met by what our frames say, in a mode of its own."""
+    parsed = {f"aux {n}": _parse_slot(slots.get(f"aux {n}", EMPTY_SLOT)) for n in range(AUX_SLOTS)}
+    used = {name: slot for name, slot in parsed.items() if slot[2] < slot[3]}
+    free = next((name for name in parsed if name not in used), "aux 0")
+    arming = next((name for name, slot in used.items() if slot[0] == ARM_MODE), free)
+    channel, armed_us, disarmed_us = facts.arm
+    span = "1700 2100" if disarmed_us < armed_us else "900 1300"
+    right = f"{ARM_MODE} {channel} {span} 0 0"
+
+    def arms(value: Value) -> bool:
+        mode, at, begin, end, logic, linked = _parse_slot(value)
+        here = begin <= armed_us < end and not begin <= disarmed_us < end
+        return (mode, at, logic, linked) == (ARM_MODE, channel, 0, 0) and here
+
+    def stays_out(value: Value) -> bool:
+        mode, at, begin, end, _, _ = _parse_slot(value)
+        low, high = facts.aux_us[at] if at < len(facts.aux_us) else (0.0, math.inf)
+        met = begin < end and begin <= high and low < end
+        return begin >= end or (mode != ARM_MODE and not (met and mode in LEVEL_MODES))
+
+    name_of = {name: LEVEL_MODES.get(slot[0], "ARM") for name, slot in used.items()}
+    return [
+        Advice(
+            (arming,),
+            Weight.MUST,
+            Rule(f"ARM on AUX{channel + 1}, on {armed_us:.0f} and off {disarmed_us:.0f} µs", arms, lambda _: right),
+            "Mode, channel, range: it arms by our arm channel, and disarms by it.",
+        ),
+        *(
+            Advice(
+                (name,),
+                Weight.MUST,
+                Rule("no mode of its own that our frames would meet", stays_out, lambda _: EMPTY_SLOT),
+                f"{name_of[name]}: our frames would turn it on, and sticks are then something else than rates.",
+            )
+            for name in used
+            if name != arming
+        ),
+    ]
+
+
+def _parse_slot(value: Value) -> tuple[int, int, int, int, int, int]:
+    """Mode, AUX channel, first and last pulse [µs], logic and linked mode; those of an empty row where it is none."""
+    words = value.split() if isinstance(value, str) else []
+    numbers = [int(word) for word in words if word.isdecimal()]
+    if len(numbers) != len(words) or not 4 <= len(numbers) <= 6:
+        return _parse_slot(EMPTY_SLOT)
+    mode, channel, begin, end, logic, linked = (*numbers, 0, 0)[:6]
+    return mode, channel, begin, end, logic, linked

@@ -2,6 +2,17 @@
 
 TYPE_CHECKING = False
 if TYPE_CHECKING:
+    from links.rf.betaflight_codec import (
+        PROMPT,
+        MspReader,
+        describe_change,
+        describe_pulses,
+        encode_request,
+        find_refusal,
+        find_settings,
+        is_armed,
+    )
+    from links.rf.board import Board
     from links.rf.channel_map import Channels
     from links.rf.codec import Manner, RfFrame, RfLinkConfig, Service
     from links.rf.crsf_codec import CrsfLinkConfig, encode_attitude
@@ -27,6 +38,17 @@ if TYPE_CHECKING:
     from links.rf.shared_memory import CAPACITY_BYTES, Mailbox
 
 _MODULES = {
+    "betaflight_codec": (
+        "MspReader",
+        "PROMPT",
+        "describe_change",
+        "describe_pulses",
+        "encode_request",
+        "find_refusal",
+        "find_settings",
+        "is_armed",
+    ),
+    "board": ("Board",),
     "channel_map": ("Channels",),
     "codec": ("Manner", "RfFrame", "RfLinkConfig", "Service"),
     "crsf_codec": ("CrsfLinkConfig", "encode_attitude"),

@@ -3,14 +3,22 @@
 TYPE_CHECKING = False
 if TYPE_CHECKING:
     from sim.autopilots.base import SimulatedAutopilot
-    from sim.autopilots.betaflight import GAINS, STEP_S, Firmware, FlightBoard, describe_settings
+    from sim.autopilots.betaflight import (
+        GAINS,
+        STEP_S,
+        Firmware,
+        FlightBoard,
+        configure,
+        describe_settings,
+        pack_pulses,
+    )
     from sim.autopilots.dialect import Parameters
     from sim.autopilots.peer import AUTOPILOTS, AutopilotPeer, OpenWire, accept_at, at_end_of, speak_to, wait_at
     from sim.autopilots.px4 import Px4Autopilot
 
 _MODULES = {
     "base": ("SimulatedAutopilot",),
-    "betaflight": ("Firmware", "FlightBoard", "GAINS", "STEP_S", "describe_settings"),
+    "betaflight": ("Firmware", "FlightBoard", "GAINS", "STEP_S", "configure", "describe_settings", "pack_pulses"),
     "dialect": ("Parameters",),
     "peer": ("AUTOPILOTS", "AutopilotPeer", "OpenWire", "accept_at", "at_end_of", "speak_to", "wait_at"),
     "px4": ("Px4Autopilot",),

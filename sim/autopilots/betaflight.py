@@ -24,6 +24,7 @@ from typing import NamedTuple, Self
 
 from groundstation.config import ConfigError
 from groundstation.runtime import sleep_until
+from links.rf import PROMPT, find_refusal
 from sim.world import FourRotors, Quadrotor, TrueState
 
 VERSION = "0.0.6"
@@ -83,7 +84,7 @@ def describe_settings(half_us: float, order: str, rates_deg_s: Sequence[float]) 
 
     ``half_us`` is half of what the receiver's pulses can move [µs], ``order`` that of its first four channels.
     """
-    lines = RECIPE.format(order=order + "1234").strip().splitlines()
+    lines = RECIPE.format(order=order).strip().splitlines()
     lines += [f"rxrange {channel} {1500 - half_us:.0f} {1500 + half_us:.0f}" for channel in range(4)]
     for axis, rate in zip(("roll", "pitch", "yaw"), rates_deg_s, strict=True):
         lines += [
@@ -147,6 +148,11 @@ def compile_lockstep() -> Path:
             raise ConfigError("--autopilot", f"gcc refuses {source}: {done.stderr.strip()[:500]}")
         built.rename(made)  # at once, should another one compile it too
     return made
+
+
+def pack_pulses(pulses: Sequence[int]) -> bytes:
+    """What its receiver's input takes for the first channels [µs]; the others are down."""
+    return _CHANNELS.pack(0.0, *pulses, *[1000] * (PULSES - len(pulses)))
 
 
 class Answer(NamedTuple):
@@ -245,7 +251,7 @@ class CommandLine:
         self._line = socket.create_connection(("127.0.0.1", port), 5.0)
         self._line.settimeout(PATIENCE_S)
         self._line.send(b"#")
-        self._wait("# ")
+        self._wait(PROMPT)
 
     def ask(self, command: str) -> str:
         """What it answers to ``command``.
@@ -254,9 +260,9 @@ class CommandLine:
             ValueError: it refuses.
         """
         self._line.send(command.encode() + b"\n")
-        answer = self._wait("# ")
-        if "ERROR" in answer or "INVALID" in answer or "UNKNOWN" in answer.upper():
-            raise ValueError(f"Betaflight refuses `{command}`: {' '.join(answer.split())}")
+        answer = self._wait(PROMPT)
+        if (why := find_refusal(answer)) is not None:
+            raise ValueError(f"Betaflight refuses `{command}`: {why}")
         return answer
 
     def save(self) -> bytes:
@@ -334,8 +340,7 @@ class FlightBoard:
         self._fresh = self._tell(1000 if pulses is not None else 2000)
 
     def _tell(self, failsafe_us: int) -> bytes:
-        told = [*self._pulses, failsafe_us]
-        return _CHANNELS.pack(0.0, *told, *[1000] * (PULSES - len(told)))
+        return pack_pulses([*self._pulses, failsafe_us])
 
     async def run(self) -> None:
         """Fly until cancelled."""

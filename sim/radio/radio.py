@@ -32,7 +32,6 @@ from links.rf import (
     LOOK_S,
     RF_CODECS,
     Channels,
-    DsmLinkConfig,
     FramePacer,
     Give,
     OpenPacer,
@@ -42,6 +41,7 @@ from links.rf import (
     RfLinkConfig,
     Service,
     StandbyWatch,
+    describe_pulses,
     encode_attitude,
 )
 from sim.world import Airframe, World
@@ -460,13 +460,6 @@ class PulseReceiver(Receiver):
     def _fail(self, now_s: float) -> None:
         if self.failsafe_gives != "hold":
             self._give(None if self.failsafe_gives == "cut" else [0.0] * self._count)
-
-
-def describe_pulses(config: RfLinkConfig) -> tuple[float, str]:
-    """Half of the range between the positions -1 and 1 [µs], and the order of the first four channels."""
-    if isinstance(config, DsmLinkConfig):
-        return 0.5 * (config.high - config.low), "TAER"
-    return 512.0, "AETR"
 
 
 def attitude_frame(attitude: Quat) -> bytes:

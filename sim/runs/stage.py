@@ -24,7 +24,7 @@ from links.core import signal
 from links.io import parse_address, read_key
 from links.mavlink import MavlinkLinkConfig, StampFile
 from links.mavlink.protocol import TICKS_PER_S, Signer
-from links.rf import CrsfLinkConfig, RfConfig
+from links.rf import CrsfLinkConfig, RfConfig, describe_pulses
 from sim.autopilots import (
     AUTOPILOTS,
     AutopilotPeer,
@@ -42,7 +42,6 @@ from sim.radio import (
     RfReceiver,
     WirePort,
     bridge_to,
-    describe_pulses,
     module,
     wires,
 )

@@ -155,7 +155,7 @@ def respond(axis: int, rate_deg_s: float, gains: Sequence[str] = GAINS) -> tuple
     world, _ = prepare(by_betaflight(SCENARIOS["paper"]), ["sim.wind_mean=[0,0,0]", "sim.floor_z_m=1000"], link="crsf")
     plant = Quadrotor(world, Wind(world, rows(stream(0, "turbulence").standard_normal, 3)))
     full = (200.0, 200.0, 300.0)
-    board = FlightBoard(plant, [*describe_settings(512.0, "AETR", full), *gains], _quiet(), 0.0)
+    board = FlightBoard(plant, [*describe_settings(512.0, "AETR1234", full), *gains], _quiet(), 0.0)
     seen, told = list[float](), list[float]()
     sign = (1.0, -1.0, 1.0)[axis]
 

@@ -579,6 +579,50 @@ class RfSubject(Subject):
         return [repr(heard) for piece in pieces for heard in decoder.feed(piece)], decoder.dropped
 
 
+class BoardSubject(Subject):
+    """A flight controller's own port: MSP, and what its command line says."""
+
+    def __init__(self) -> None:
+        """Answers of MSP and of the command line, by the documents."""
+        from links.rf import MspReader, encode_request
+
+        self.seeds = [b"$M>" + encode_request(command, bytes(range(command % 40)))[3:] for command in range(1, 200)]
+        self.seeds += [
+            b"get thr_expo\r\nthr_expo = 0\r\nAllowed range: 0 - 100\r\n\r\n# ",
+            b"aux 0 0 0 1700 2100 0 0\r\n",
+        ]
+        self._reader = MspReader()
+
+    def feed(self, datagram: bytes, now_s: float) -> int:
+        """See :class:`Subject`."""
+        from links.rf import describe_change, find_refusal, find_settings, is_armed
+
+        answers = self._reader.feed(datagram)
+        for answer in answers:
+            if len(answer.payload) >= 10:
+                is_armed(answer.payload)
+        said = datagram.decode("ascii", "replace")
+        find_refusal(said)
+        return len(answers) + len([describe_change(name, value) for name, value in find_settings(said).items()])
+
+    def drops(self) -> Counter[str]:
+        """See :class:`Subject`."""
+        return self._reader.dropped
+
+    def repair(self, datagram: bytes) -> bytes:
+        """See :class:`Subject`."""
+        from links.rf import encode_request
+
+        return b"$M>" + encode_request(datagram[4] if len(datagram) > 4 else 0, datagram[5:-1][:255])[3:]
+
+    def in_pieces(self, stream: bytes, cuts: Sequence[int]) -> bool | None:
+        """See :class:`Subject`."""
+        from links.rf import MspReader
+
+        whole, cut = MspReader(), MspReader()
+        return whole.feed(stream) == [one for piece in pieces_of(stream, cuts) for one in cut.feed(piece)]
+
+
 class BridgeSubject(Subject):
     """What a bridge hears from its station; damaged datagrams are sealed anew, or else none would be looked into."""
 
@@ -620,6 +664,7 @@ LINKS: dict[str, Callable[[], Subject]] = {
     "mavlink": MavlinkLinkSubject,
     "dsm": lambda: RfSubject("dsm"),
     "crsf": lambda: RfSubject("crsf"),
+    "betaflight": BoardSubject,
     "rf_bridge": BridgeSubject,
 }
 """Decoders of links; a new link adds its own here."""

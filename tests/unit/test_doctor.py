@@ -24,6 +24,7 @@ from groundstation.lab.doctor_advice import (
     Advice,
     ParameterFinding,
     Rule,
+    Setting,
     VehicleFacts,
     Weight,
     ardupilot_advice,
@@ -37,7 +38,7 @@ from groundstation.lab.doctor_advice import (
     without_bit,
 )
 from groundstation.settings import Config
-from links.mavlink.protocol import REAL32, AutopilotParameter
+from links.mavlink.protocol import REAL32
 from sim.autopilots import AUTOPILOTS, AutopilotPeer, SimulatedAutopilot
 from sim.autopilots.dialect import ARDUPILOT_PARAMETERS, PX4_PARAMETERS
 from tests.airframe_double import Brick
@@ -154,7 +155,7 @@ def test_a_rule_accepts_and_recommends(
 
 
 def finding(value: float | None, weight: Weight) -> ParameterFinding:
-    found = {} if value is None else {"NEW": AutopilotParameter("NEW", value, REAL32)}
+    found = {} if value is None else {"NEW": Setting("NEW", value, REAL32)}
     return judge(Advice(("OLD", "NEW"), weight, exactly(1.0), "because"), found)
 
 

@@ -4,8 +4,8 @@ from collections.abc import Sequence
 
 import pytest
 
-from links.rf import CrsfLinkConfig, DsmLinkConfig, RfLinkConfig
-from sim.radio import FAILSAFE_S, Failsafe, PulseReceiver, describe_pulses
+from links.rf import CrsfLinkConfig, DsmLinkConfig, RfLinkConfig, describe_pulses
+from sim.radio import FAILSAFE_S, Failsafe, PulseReceiver
 
 CRSF_CENTRE = bytes.fromhex("EE1816E0031FF8C0073EF0810F7CE0031FF8C0073EF0810F7CAD")
 """16 channels of 992, packed by hand from the TBS document: 0x3E0 over and over, the lowest bits first."""
@@ -53,8 +53,8 @@ def test_counts_of_dsm_are_988_and_the_count() -> None:
 
 
 def test_the_order_of_the_first_four_channels_is_the_modules() -> None:
-    assert describe_pulses(CrsfLinkConfig()) == (512.0, "AETR")
-    assert describe_pulses(DsmLinkConfig()) == (416.0, "TAER")
+    assert describe_pulses(CrsfLinkConfig()) == (512.0, "AETR1234")
+    assert describe_pulses(DsmLinkConfig()) == (416.0, "TAER1234")
 
 
 @pytest.mark.parametrize(("failsafe", "gives"), [("hold", []), ("cut", [None]), ("invalid", [[0.0] * 16])])

@@ -516,11 +516,14 @@ class Nudge:
             self._seen.add((*place, *turn), pushed=pushed)
 
     def attitude(self, told: Attitude) -> None:
-        """Take what the vehicle tells of how it turns."""
-        last, self._told = self._told, told
+        """Take what the vehicle tells of how it turns; nothing where it does not, as through a radio."""
+        rates, last = told.rates_rad_s, self._told
+        if rates is None:
+            return
+        self._told = told
         pushed = None if last is None else self._pushed(last.time_s, told.time_s)
-        if last is not None and pushed is not None:
-            self._felt.add([a - b for a, b in zip(told.rates_rad_s, last.rates_rad_s, strict=True)], pushed=pushed)
+        if last is not None and last.rates_rad_s is not None and pushed is not None:
+            self._felt.add([a - b for a, b in zip(rates, last.rates_rad_s, strict=True)], pushed=pushed)
 
     def judge(self, now_s: float) -> tuple[bool, str] | None:
         """Whether the vehicle may lift off, and why; None before that can be told."""

@@ -286,8 +286,10 @@ def doctor(args: argparse.Namespace) -> int:
     config = _load(args)
     words = [word for override in args.overrides for word in ("--set", override)]
     words += ["--rehearse"] if args.rehearse else []
+    words += ["--board", args.board] if args.board is not None else []
     command = shlex.join(["groundstation", "doctor", str(args.config), *words])
-    orders = DoctorOrders(command, tuple(args.fix), args.restore, args.yes, args.json, folder_of(config.recording))
+    folder = folder_of(config.recording)
+    orders = DoctorOrders(command, tuple(args.fix), args.restore, args.yes, args.json, folder, args.board)
     return asyncio.run(run_doctor(config, orders, line_from_terminal if sys.stdin.isatty() else None, _say))
 
 
