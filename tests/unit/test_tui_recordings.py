@@ -8,9 +8,10 @@ from pathlib import Path
 import pytest
 
 from groundstation.core.messages import Ask, Snapshot
+from groundstation.interfaces.tui.drawing import number_rows
 from groundstation.interfaces.tui.feeds import STEP_S, Playback, Tape
 from groundstation.interfaces.tui.model import FlightIdentity, Jump, News, Picture
-from groundstation.recording import NoRecording
+from groundstation.recording import NoRecording, Recording
 from sim.time import VirtualTimeLoop
 from tests.recordings import recorded
 from tests.sample_flight import sample
@@ -45,6 +46,19 @@ def test_they_hold_what_was_flown(flight: Path) -> None:
     assert any("tracking: " in event for event in last.events)
     assert last.rms_m == 0.0  # not steady yet
     assert last.gains["controller.k2"] == 2.0
+
+
+def test_of_a_simulated_flight_the_error_by_truth_stands_below_the_one_by_estimate() -> None:
+    path, result, _ = recorded(duration_s=25.0)
+    last = [one for one in Tape(path).snapshots() if one.state == "tracking"][-1]
+    told = [entry.value()["error_m"] for entry in Recording(path).entries(("/truth",))]
+    assert last.true_error_m == told[-1]
+    assert last.true_rms_m == pytest.approx(result.verdict.rms_cm / 100.0, rel=0.05), "a sample a command, not a step"
+    errors = [f"{100.0 * error:.1f} cm   rms {100.0 * rms:.1f} cm" for error, rms in
+              ((last.error_m, last.rms_m), (last.true_error_m, last.true_rms_m))]  # fmt: skip
+    text = ["".join(part for part, _ in spans) for spans in number_rows(last)]
+    at = text.index(f"error     {errors[0]}   by estimate")
+    assert text[at + 1] == f"          {errors[1]}   by truth"
 
 
 def test_a_recording_that_was_cut_off_is_read_up_to_the_cut(flight: Path, tmp_path: Path) -> None:

@@ -8,7 +8,7 @@ import msgspec
 
 from groundstation.core.geometry import Vec3, euler_zyx
 from groundstation.core.messages import Check, Snapshot, Verdict
-from groundstation.interfaces.tui.model import OLD_POSE_S
+from groundstation.interfaces.tui.model import OLD_POSE_S, PlayedSnapshot
 from links.core import LinkStatus, printable
 
 LABEL, NORMAL, WARNING = "$label", "", "bold $warn"
@@ -295,7 +295,7 @@ def number_rows(snapshot: Snapshot) -> list[Spans]:
         [("            north     east   height", LABEL)],
         row("position", f"{_place(snapshot.position_ned)} m"),
         row("reference", f"{_place(snapshot.reference_ned)} m"),
-        row("error", f"{_centimetres(snapshot.error_m)}   rms {_centimetres(snapshot.rms_m or math.nan)}"),
+        *_errors(snapshot),
         row("attitude", f"roll {roll:+.1f} pitch {pitch:+.1f} yaw {yaw:+.1f}°"),
         _thrust(snapshot),
         *_rates(snapshot),
@@ -304,6 +304,15 @@ def number_rows(snapshot: Snapshot) -> list[Spans]:
         _pose(snapshot),
         *_link(snapshot),
     ]
+
+
+def _errors(snapshot: Snapshot) -> list[Spans]:
+    """How far off by the estimate; of a simulated flight that is played, by the truth below it."""
+    told = f"{_centimetres(snapshot.error_m)}   rms {_centimetres(snapshot.rms_m or math.nan)}"
+    if not isinstance(snapshot, PlayedSnapshot) or snapshot.true_error_m is None:
+        return [row("error", told)]
+    true = f"{_centimetres(snapshot.true_error_m)}   rms {_centimetres(snapshot.true_rms_m or math.nan)}"
+    return [row("error", f"{told}   by estimate"), row("", f"{true}   by truth")]
 
 
 def _thrust(snapshot: Snapshot) -> Spans:

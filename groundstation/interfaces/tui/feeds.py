@@ -16,7 +16,7 @@ from groundstation.core.messages import Ask, Certificate, Diagnostics, PoseStatu
 from groundstation.core.mission import State
 from groundstation.core.safety import LIVE, PREFIX
 from groundstation.interfaces.api import Control, OrderAnswer, StationClient, attach
-from groundstation.interfaces.tui.model import KEPT, FeedTrouble, FlightIdentity, Holder, Jump, News
+from groundstation.interfaces.tui.model import KEPT, FeedTrouble, FlightIdentity, Holder, Jump, News, PlayedSnapshot
 from groundstation.recording import GAIN, Entry, Recording
 from groundstation.runtime import ApiError
 from links.core import Lateness, LinkStatus
@@ -196,7 +196,7 @@ class Playback:
 STEP_S = 0.1
 """Time between two snapshots [s]."""
 _TICK = ("/command", "/reference", "/estimate", "/errors", "/adaptation", "/lyapunov", "/timing")
-_TOPICS = (*_TICK, "/measured", "/mission", "/switch", "/request", "/lost", "/link", "/source")
+_TOPICS = (*_TICK, "/truth", "/measured", "/mission", "/switch", "/request", "/lost", "/link", "/source")
 _LINK = LinkStatus(state="closed", sent=0, expired=0, received=0, dropped={}, text="")
 
 
@@ -235,13 +235,13 @@ class Tape:
         self._events: deque[str] = deque(maxlen=20)
         self._parts: dict[str, bytes] = {}
         self._arrivals: deque[float] = deque(maxlen=1000)
-        self._steady = SteadyError()
+        self._steady, self._true = SteadyError(), SteadyError()
         self._lateness = Lateness()
         controller = config.get("controller", {})
         named = {name: controller.get(name) for name in LIVE}
         self._gains = {PREFIX + name: float(value) for name, value in named.items() if value is not None}
 
-    def snapshots(self) -> Iterator[Snapshot]:
+    def snapshots(self) -> Iterator[PlayedSnapshot]:
         """From its beginning to its end, or to its damage."""
         shift: float | None = None
         due = now = -math.inf
@@ -267,10 +267,11 @@ class Tape:
                 late = msgspec.json.decode(entry.data, type=_Late).lateness_s
                 if late is not None:
                     self._lateness.add(late)
-            case "/errors" if self._state == State.TRACKING:
+            case "/errors" | "/truth" if self._state == State.TRACKING:
                 error = msgspec.json.decode(entry.data, type=_Error).error_m
                 if error is not None:
-                    self._steady.add(_number(self._part("/command"), "flight_time_s"), error)
+                    steady = self._steady if entry.topic == "/errors" else self._true
+                    steady.add(_number(self._part("/command"), "flight_time_s"), error)
             case "/mission":
                 told = entry.value()
                 if told["state"] != self._state:
@@ -291,7 +292,7 @@ class Tape:
         found: dict[str, Any] = {} if data is None else msgspec.json.decode(data)
         return found
 
-    def _snapshot(self, now: float) -> Snapshot:
+    def _snapshot(self, now: float) -> PlayedSnapshot:
         command, reference, estimate, errors, adaptation, lyapunov, _ = (self._part(topic) for topic in _TICK)
         measured = self._part("/measured")
         here = estimate or measured
@@ -301,7 +302,7 @@ class Tape:
         quaternion: Quat = (w, x, y, z)
         while self._arrivals and self._arrivals[0] < now - 1.0:
             self._arrivals.popleft()
-        return Snapshot(
+        return PlayedSnapshot(
             vehicle=self.hello.vehicle,
             state=self._state,
             reason=self._reason,
@@ -334,6 +335,8 @@ class Tape:
             late_us=self._lateness.percentiles_us() if self._lateness.count else None,
             gains=dict(self._gains),
             late_octaves=tuple(self._lateness.octaves) if self._lateness.count else (),
+            true_error_m=self._part("/truth").get("error_m"),
+            true_rms_m=self._true.rms_m,
         )
 
 

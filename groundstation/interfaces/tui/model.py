@@ -237,6 +237,15 @@ KEPT = 600
 EVENTS_KEPT = 2000
 
 
+class PlayedSnapshot(Snapshot, frozen=True):
+    """A snapshot out of a recording, which of a simulated flight knows the truth."""
+
+    true_error_m: float | None = None
+    """Distance between the true position and the reference [m]; None where it is not recorded, or not yet."""
+    true_rms_m: float | None = None
+    """Its root mean square over the steady part, a sample a command [m]; None before it."""
+
+
 class PlotSample(msgspec.Struct, frozen=True):
     """What the plots remember of a snapshot."""
 
