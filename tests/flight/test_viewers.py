@@ -1,27 +1,21 @@
 """groundstation/analysis/viewers: what Foxglove and Rerun are given of a flight, as a file and while it is recorded."""
 
-import asyncio
 import math
-import signal
-import struct
 import subprocess
 import sys
 from collections import Counter
 from importlib.util import find_spec
 from pathlib import Path
 
-import aiohttp
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from mcap.reader import make_reader
 
-from groundstation.analysis import export_command, view_command
+from groundstation.analysis import export_command
 from groundstation.analysis.viewers import DRAW_S, TRAIL_S, FoxgloveScene, Placement, Scene, Trail, WindArrow, turn_to
 from groundstation.core.geometry import to_world
-from groundstation.recording import CHANNELS, About, FlightLog, Recording
-from links.core import make_child_command
-from tests.e2e.stations import free_udp_port
+from groundstation.recording import About, FlightLog, Recording
 from tests.recordings import recorded
 
 needs_rerun = pytest.mark.skipif(
@@ -99,7 +93,7 @@ def _rerun(*words: str) -> str:
     return done.stdout
 
 
-def _columns(rrd: Path) -> dict[str, set[str]]:
+def components(rrd: Path) -> dict[str, set[str]]:
     """Of each entity, the components that it has."""
     found: dict[str, set[str]] = {}
     for line in _rerun("rrd", "print", str(rrd)).splitlines():
@@ -112,7 +106,7 @@ def _columns(rrd: Path) -> dict[str, set[str]]:
 @needs_rerun
 def test_rerun_imports_the_frames_the_poses_and_the_words(exported: Path, tmp_path: Path) -> None:
     _rerun("mcap", "convert", str(exported), "-o", str(tmp_path / "flight.rrd"))
-    columns = _columns(tmp_path / "flight.rrd")
+    columns = components(tmp_path / "flight.rrd")
     for topic in ("/tf", "/tf_static"):
         assert {"Transform3D:translation", "Transform3D:quaternion", "Transform3D:child_frame"} <= columns[topic]
     for topic in ("/pose", "/scene/estimate", "/scene/reference", "/scene/truth"):
@@ -123,7 +117,7 @@ def test_rerun_imports_the_frames_the_poses_and_the_words(exported: Path, tmp_pa
 @needs_rerun
 def test_a_flight_written_for_rerun_has_vehicle_trails_winds_and_curves(flight: Path, tmp_path: Path) -> None:
     assert export_command(flight, "rrd", [], tmp_path / "flight.rrd") == 0
-    columns = _columns(tmp_path / "flight.rrd")
+    columns = components(tmp_path / "flight.rrd")
     assert {"Transform3D:translation", "Transform3D:quaternion"} <= columns["/world/estimate"]
     assert "Ellipsoids3D:half_sizes" in columns["/world/truth/rotors"]
     for name in ("estimate", "reference", "truth"):
@@ -133,7 +127,7 @@ def test_a_flight_written_for_rerun_has_vehicle_trails_winds_and_curves(flight: 
     assert "Scalars:scalars" in columns["/errors/error_m"]
 
 
-def _begin(path: Path) -> FlightLog:
+def begin(path: Path) -> FlightLog:
     """A recording of the same vehicle, to be written by hand."""
     return FlightLog(
         path,
@@ -146,7 +140,7 @@ def _begin(path: Path) -> FlightLog:
 def test_a_recording_is_followed_while_it_is_written(tmp_path: Path) -> None:
     _, _, records = recorded(duration_s=25.0)
     path = tmp_path / "growing.mcap"
-    log = _begin(path)
+    log = begin(path)
     entries = Recording(path).follow()
     assert next(entries) is None, "nothing yet, and no end"
     half = len(records) // 2
@@ -161,79 +155,3 @@ def test_a_recording_is_followed_while_it_is_written(tmp_path: Path) -> None:
     rest = list(entries)
     assert None not in rest, "it has ended"
     assert [*first, *rest] == list(Recording(path).entries())
-
-
-async def _subscribe(port: int) -> Counter[str]:
-    """How many messages of each topic a client of Foxglove's server gets until it ends."""
-    names: dict[int, str] = {}
-    got: Counter[str] = Counter()
-    async with (
-        aiohttp.ClientSession() as session,
-        session.ws_connect(f"ws://127.0.0.1:{port}", protocols=["foxglove.sdk.v1"]) as server,
-    ):
-        async for message in server:
-            if message.type == aiohttp.WSMsgType.TEXT and message.json()["op"] == "advertise":
-                names |= {channel["id"]: channel["topic"] for channel in message.json()["channels"]}
-                wanted = [{"id": number, "channelId": number} for number in names]
-                await server.send_json({"op": "subscribe", "subscriptions": wanted})
-            elif message.type == aiohttp.WSMsgType.BINARY and message.data[0] == 1:
-                got[names[struct.unpack_from("<I", message.data, 1)[0]]] += 1
-    return got
-
-
-@pytest.mark.real_time
-def test_foxglove_is_served_a_flight_as_it_is_recorded_on_this_machine_alone(tmp_path: Path) -> None:
-    _, _, records = recorded(duration_s=25.0)
-    path = tmp_path / "growing.mcap"
-    log = _begin(path)
-    port = free_udp_port()
-    place = ("--listen", f"127.0.0.1:{port}")
-    words = make_child_command("groundstation", "view", str(path), "--in", "foxglove", *place)
-    with subprocess.Popen(words, stdout=subprocess.PIPE, text=True) as viewer:
-        assert viewer.stdout is not None, "a pipe"
-        assert viewer.stdout.readline().endswith(f"ws://127.0.0.1:{port}\n")
-        assert _listening(port) == {"0100007F"}
-
-        async def fly() -> Counter[str]:
-            client = asyncio.ensure_future(_subscribe(port))
-            await asyncio.sleep(1.0)
-            for record in records[:3000]:
-                log.write(record)
-            log.close()
-            return await client
-
-        got = asyncio.run(fly())
-        assert viewer.wait(20.0) == 0
-    assert got["/tf"] > 100
-    assert got["/scene/estimate"] > 5
-    assert got["/scene/wind_truth"] > 100
-    assert got["/errors"] > 100
-    assert not any(topic.startswith("/raw") for topic in got)
-    assert set(got) <= {*CHANNELS, *FoxgloveScene.kinds}
-
-
-def _listening(port: int) -> set[str]:
-    """The addresses at which something listens at ``port``, in hexadecimal (proc(5), net/tcp)."""
-    rows = [
-        line.split() for name in ("tcp", "tcp6") for line in Path(f"/proc/net/{name}").read_text("utf-8").splitlines()
-    ]
-    places = [row[1].split(":") for row in rows[1:] if row[3] == "0A"]
-    return {address for address, number in places if int(number, 16) == port}
-
-
-@needs_rerun
-@pytest.mark.real_time
-def test_rerun_is_shown_a_recording_where_its_window_listens_already(flight: Path, tmp_path: Path) -> None:
-    port = free_udp_port()
-    words = [sys.executable, "-m", "rerun", "--bind", "127.0.0.1", "--port", str(port)]
-    window = subprocess.Popen([*words, "--save", str(tmp_path / "seen.rrd")], stderr=subprocess.DEVNULL)
-    try:
-        while not _listening(port):
-            assert window.poll() is None
-        assert view_command(flight, "rerun", f"127.0.0.1:{port}") == 0
-    finally:
-        window.send_signal(signal.SIGINT)
-        window.wait(20.0)
-    columns = _columns(tmp_path / "seen.rrd")
-    assert "Transform3D:translation" in columns["/world/estimate"]
-    assert "LineStrips3D:strips" in columns["/world/trail/truth"]

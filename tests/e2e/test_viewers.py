@@ -1,0 +1,124 @@
+"""Viewers as programs: Foxglove's server and Rerun's window beside a recording that grows, and beside a flight."""
+
+import asyncio
+import signal
+import struct
+import subprocess
+import sys
+from collections import Counter
+from pathlib import Path
+
+import aiohttp
+import pytest
+
+from groundstation.analysis.viewers import PORTS, FoxgloveScene, view_command
+from groundstation.recording import CHANNELS
+from links.core import make_child_command
+from tests.e2e.stations import free_udp_port, served
+from tests.flight.test_viewers import begin, components, needs_rerun
+from tests.recordings import recorded
+
+
+async def subscribe(port: int) -> Counter[str]:
+    """How many messages of each topic a client of Foxglove's server gets until it ends."""
+    names: dict[int, str] = {}
+    got: Counter[str] = Counter()
+    async with (
+        aiohttp.ClientSession() as session,
+        session.ws_connect(f"ws://127.0.0.1:{port}", protocols=["foxglove.sdk.v1"]) as server,
+    ):
+        async for message in server:
+            if message.type == aiohttp.WSMsgType.TEXT and message.json()["op"] == "advertise":
+                names |= {channel["id"]: channel["topic"] for channel in message.json()["channels"]}
+                wanted = [{"id": number, "channelId": number} for number in names]
+                await server.send_json({"op": "subscribe", "subscriptions": wanted})
+            elif message.type == aiohttp.WSMsgType.BINARY and message.data[0] == 1:
+                got[names[struct.unpack_from("<I", message.data, 1)[0]]] += 1
+    return got
+
+
+def test_foxglove_is_served_a_flight_as_it_is_recorded_on_this_machine_alone(tmp_path: Path) -> None:
+    _, _, records = recorded(duration_s=25.0)
+    path = tmp_path / "growing.mcap"
+    log = begin(path)
+    port = free_udp_port()
+    place = ("--listen", f"127.0.0.1:{port}")
+    words = make_child_command("groundstation", "view", str(path), "--in", "foxglove", *place)
+    with subprocess.Popen(words, stdout=subprocess.PIPE, text=True) as viewer:
+        assert viewer.stdout is not None, "a pipe"
+        assert viewer.stdout.readline().endswith(f"ws://127.0.0.1:{port}\n")
+        assert listening(port) == {"0100007F"}
+
+        async def fly() -> Counter[str]:
+            client = asyncio.ensure_future(subscribe(port))
+            await asyncio.sleep(1.0)
+            for record in records[:3000]:
+                log.write(record)
+            log.close()
+            return await client
+
+        got = asyncio.run(fly())
+        assert viewer.wait(20.0) == 0
+    assert got["/tf"] > 100
+    assert got["/scene/estimate"] > 5
+    assert got["/scene/wind_truth"] > 100
+    assert got["/errors"] > 100
+    assert not any(topic.startswith("/raw") for topic in got)
+    assert set(got) <= {*CHANNELS, *FoxgloveScene.kinds}
+
+
+def listening(port: int) -> set[str]:
+    """The addresses at which something listens at ``port``, in hexadecimal (proc(5), net/tcp)."""
+    rows = [
+        line.split() for name in ("tcp", "tcp6") for line in Path(f"/proc/net/{name}").read_text("utf-8").splitlines()
+    ]
+    places = [row[1].split(":") for row in rows[1:] if row[3] == "0A"]
+    return {address for address, number in places if int(number, 16) == port}
+
+
+@needs_rerun
+def test_rerun_is_shown_a_recording_where_its_window_listens_already(tmp_path: Path) -> None:
+    flight = recorded(duration_s=25.0)[0]
+    port = free_udp_port()
+    words = [sys.executable, "-m", "rerun", "--bind", "127.0.0.1", "--port", str(port)]
+    window = subprocess.Popen([*words, "--save", str(tmp_path / "seen.rrd")], stderr=subprocess.DEVNULL)
+    try:
+        while not listening(port):
+            assert window.poll() is None
+        assert view_command(flight, "rerun", f"127.0.0.1:{port}") == 0
+    finally:
+        window.send_signal(signal.SIGINT)
+        window.wait(20.0)
+    columns = components(tmp_path / "seen.rrd")
+    assert "Transform3D:translation" in columns["/world/estimate"]
+    assert "LineStrips3D:strips" in columns["/world/trail/truth"]
+
+
+def test_a_flight_is_shown_as_it_is_flown() -> None:
+    port = PORTS["foxglove"]
+    if listening(port):
+        pytest.skip(f"NOT TRIED: something else listens at port {port}, where fly --view serves Foxglove")
+
+    async def look() -> Counter[str]:
+        async with asyncio.timeout(60.0):
+            while not listening(port):
+                await asyncio.sleep(0.1)
+            return await subscribe(port)
+
+    with served() as room:
+        words = room.station("fly", "--arm", "mqx", "--view", "foxglove", "--set", "flight.duration_s=5.0")
+        with subprocess.Popen(words, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True) as station:
+            got = asyncio.run(look())
+            said, _ = station.communicate(timeout=60)
+    assert station.returncode == 0, said
+    assert f"in Foxglove, Open connection, ws://127.0.0.1:{port}" in said
+    assert got["/tf"] > 100
+    assert got["/scene/estimate"] > 5
+
+
+def test_a_viewer_that_cannot_show_the_flight_is_refused_before_it() -> None:
+    with served() as room:
+        words = room.station("fly", "--arm", "mqx", "--view", "foxglove", "--set", "recording.enabled=false")
+        done = subprocess.run(words, capture_output=True, check=False, text=True, timeout=60, stdin=subprocess.DEVNULL)
+    assert done.returncode == 2
+    assert "--view: shows the recording as it grows, and recording.enabled is false" in done.stderr
