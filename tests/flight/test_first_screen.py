@@ -1,6 +1,7 @@
 """What `make fly` shows first: figures that can be compared, and nothing that promises nothing."""
 
 import re
+import sys
 from functools import cache
 
 import pytest
@@ -45,7 +46,8 @@ def test_no_line_tells_of_a_bound_that_promises_nothing() -> None:
      (["--set", "sim.wind_mean=[1,0,0]"], False), (["--source", "natnet"], False)],
 )  # fmt: skip
 def test_the_papers_figures_stand_only_beside_its_own_flight(
-    words: list[str], its: bool, capsys: pytest.CaptureFixture[str]
+    words: list[str], its: bool, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    main(["fly", "--duration", "1", *words])
+    monkeypatch.setattr(sys, "argv", ["groundstation-sim", "fly", "--duration", "1", *words])
+    main()
     assert ("4.61 cm" in capsys.readouterr().out) is its

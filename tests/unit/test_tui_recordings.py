@@ -53,6 +53,9 @@ def test_of_a_simulated_flight_the_error_by_truth_stands_below_the_one_by_estima
     last = [one for one in Tape(path).snapshots() if one.state == "tracking"][-1]
     told = [entry.value()["error_m"] for entry in Recording(path).entries(("/truth",))]
     assert last.true_error_m == told[-1]
+    assert last.true_error_m is not None
+    assert last.true_rms_m is not None
+    assert result.verdict.rms_cm is not None
     assert last.true_rms_m == pytest.approx(result.verdict.rms_cm / 100.0, rel=0.05), "a sample a command, not a step"
     errors = [f"{100.0 * error:.1f} cm   rms {100.0 * rms:.1f} cm" for error, rms in
               ((last.error_m, last.rms_m), (last.true_error_m, last.true_rms_m))]  # fmt: skip
