@@ -11,7 +11,8 @@ from pathlib import Path
 import aiohttp
 import pytest
 
-from groundstation.analysis.viewers import PORTS, FoxgloveScene, view_command
+from groundstation.analysis import view_command
+from groundstation.analysis.viewers import PORTS, FoxgloveScene
 from groundstation.recording import CHANNELS
 from links.core import make_child_command
 from tests.e2e.stations import free_udp_port, served
