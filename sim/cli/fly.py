@@ -65,8 +65,9 @@ def fly(args: argparse.Namespace) -> int:
 
 def _is_papers(args: argparse.Namespace, run: "Run") -> bool:
     """Whether the paper's own figures may stand beside this flight: its law, its figure, its wind."""
-    told = args.overrides or args.config is not None or args.source != "vicon" or args.link != "mavlink"
-    return not told and (run.facts["scenario"], run.facts["controller"]) == ("paper", "adaptive")
+    usual = (args.source, args.link or "mavlink", args.autopilot) == ("vicon", "mavlink", "px4")
+    told = args.overrides or args.config is not None
+    return usual and not told and (run.facts["scenario"], run.facts["controller"]) == ("paper", "adaptive")
 
 
 def mission(args: argparse.Namespace) -> int:
