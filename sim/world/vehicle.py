@@ -117,6 +117,9 @@ class SimulatedVehicle:
         if self._world.floor_hold_s > 0.0:
             (north, east, down), (u, v, _), (higher, up) = truth.position_ned, truth.velocity_ned, self.plant.felt
             truth = msgspec.structs.replace(truth, position_ned=(north, east, down - higher), velocity_ned=(u, v, -up))
+        if any(bias := self._world.velocity_bias):
+            (u, v, w), (i, j, k) = truth.velocity_ned, bias
+            truth = msgspec.structs.replace(truth, velocity_ned=(u + i, v + j, w + k))
         truth = self._wander.distort(truth, self.plant.released_s)
         if not (self._astray or self._resets):
             return truth

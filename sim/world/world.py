@@ -175,6 +175,9 @@ class World(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=Tru
     """Thrust at the release, as a share of the hover thrust [-]."""
     own_estimate: bool = False
     """Whether the autopilot knows its own position and speed (GPS, optical flow), and says so."""
+    velocity_bias: Vec3 = (0.0, 0.0, 0.0)
+    """How far the velocity of the autopilot's estimate is off its own positions' [m/s, NED]; ArduCopter's, with a
+    simulated GPS: 0.016."""
     estimate_wander_m: NonNegative = 0.0
     """How far the place that is measured wanders in 2 s, a random walk, 1σ per axis [m], and speed with it; the
     autopilot's own estimate and the cameras' alike. PX4's own, with a simulated GPS: 0.05."""

@@ -27,6 +27,22 @@ def test_the_autopilots_odometry_which_has_a_velocity_is_no_worse() -> None:
     assert rms_cm("odometry") <= 1.1 * rms_cm("vicon")
 
 
+@pytest.mark.parametrize("figure", [(), ("trajectory.kind=hold",)])
+@pytest.mark.parametrize("scenario", ["paper", "quad1kg"])
+def test_a_velocity_that_is_off_its_own_positions_moves_the_vehicle_little(
+    scenario: str, figure: tuple[str, ...]
+) -> None:
+    biased = ("sim.velocity_bias=[0.011, -0.01, 0.006]", *figure)
+    found, as_told = (
+        flown(scenario, *biased, *more, source="odometry", duration_s=40.0).verdict.rms_cm
+        for more in ((), ("controller.velocity_bias_m_s=0",))
+    )
+    assert found is not None
+    assert as_told is not None
+    assert found <= 0.4
+    assert found < 0.5 * as_told or scenario == "quad1kg"
+
+
 @pytest.mark.parametrize("source", ["vicon", *CAMERAS])
 def test_other_bodies_and_short_occlusions_are_borne(source: str) -> None:
     result = flown("paper", "sim.other_bodies=3", "sim.occlusion_s=0.1", source=source, duration_s=20.0)

@@ -73,8 +73,11 @@ class Estimation(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_field
     pose_jitter_s: NonNegative | None = None
     """How far the stamps of poses are off by chance, 1σ: noise along the velocity [s]. Not told, it is measured in
     flight; 0 takes them as they are."""
-    velocity_noise_m_s: Positive = 0.1
-    """Velocity noise of a source that measures velocity, 1σ per axis [m/s]; PX4's own figure outdoors is 0.1."""
+    velocity_noise_m_s: Positive = 0.02
+    """Velocity noise of a source that measures velocity, 1σ per axis, beside its bias [m/s]."""
+    velocity_bias_m_s: NonNegative = 0.05
+    """How far on average such a velocity may be off that of its own positions, which is then believed, at most and per
+    axis [m/s]; ArduCopter's, with a simulated GPS, is off by 0.016. 0 takes it as it is."""
     position_wander: NonNegative = 0.2
     """How the position of such a source wanders against its velocity [m/√s]; PX4 on simulated GPS: 0.18."""
     acceleration_noise: Positive = 0.01
@@ -111,6 +114,8 @@ NOISE_MEMORY = 100
 """Poses over which the position noise is averaged."""
 NOISE_FLOOR_M2 = 1e-12
 """Even a perfect source is not believed beyond a micrometre: float noise would do the rest [m²]."""
+BIAS_MEMORY_S = 10.0
+"""Over which the mean of a measured velocity is that of its positions [s]."""
 LIFTED_M_S, LIFTED_M_S2 = 0.1, 0.5
 """How well speed [m/s] and disturbance [m/s²] are known at lift-off, 1σ per axis."""
 
@@ -144,6 +149,7 @@ class ModelEstimator:
         self._stamp_noise = StampNoise(self._noise, 0.0)
         self._covariance = initial_covariance(self._noise)
         self._track: AlongTrack | None = None
+        self._bias: Vec3 = ZERO
         self._effectiveness = initial_effectiveness(gains.effectiveness_deviation)
         self._recent: deque[tuple[float, Vec3]] = deque(maxlen=5)
         self._reset_count = 0
@@ -290,7 +296,10 @@ class ModelEstimator:
                     weigh_along(FLOATS, track.axis, gain, more, across2, along2),
                     track._replace(covariance=covariance),
                 )
-            chain = self._correct(*chain, gain, innovation(pose.velocity_ned, chain[1]), across2, 1, along)
+            measured = innovation(pose.velocity_ned, self._bias)
+            chain = self._correct(*chain, gain, innovation(measured, chain[1]), across2, 1, along)
+            if len(self._recent) > 1 and not self.frozen and self._held is None:
+                self._learn_bias(pose, measured, dt)
         self._track = track
         position, velocity, self._disturbance = chain
         if self._held is not None:
@@ -405,6 +414,13 @@ class ModelEstimator:
         self._stamp_noise = StampNoise(
             before + (along - before) / NOISE_MEMORY, speed2 + (way2 / (t4 - t0) ** 2 - speed2) / NOISE_MEMORY
         )
+
+    def _learn_bias(self, pose: Pose, measured: Vec3, dt: float) -> None:
+        """Have the mean of the velocities be what positions moved by; ``measured`` [m/s] is without the bias so far."""
+        (_, before), (_, now) = self._recent[-2], self._recent[-1]
+        most, k = self._gains.velocity_bias_m_s, 1.0 / BIAS_MEMORY_S
+        x, y, z = correct(self._bias, k, innovation(correct(ZERO, dt, measured), innovation(now, before)))
+        self._bias = (max(-most, min(most, x)), max(-most, min(most, y)), max(-most, min(most, z)))
 
     def _first(self, pose: Pose) -> Motion:
         velocity = pose.velocity_ned or (0.0, 0.0, 0.0)
