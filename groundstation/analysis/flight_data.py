@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 from groundstation.config import ConfigError
-from groundstation.recording import CHANNELS, FlightHeadline, NoRecording, Recording
+from groundstation.recording import CHANNELS
 from groundstation.runtime import require_package
 
 if TYPE_CHECKING:
@@ -22,6 +22,7 @@ if TYPE_CHECKING:
     from pandas import DataFrame
 
     from groundstation.analysis.report import FlightColumns
+    from groundstation.recording import FlightHeadline, Recording
 
     Column = NDArray[np.float64]
     Tables = Mapping[str, Mapping[str, NDArray[Any]]]
@@ -95,8 +96,15 @@ class FlightData:
         """
         self.path = path
         """Of the recording."""
+        _ = self._recording
+
+    @cached_property
+    def _recording(self) -> "Recording":
+        # Not above: most flights that were just flown are not read.
+        from groundstation.recording import NoRecording, Recording
+
         try:
-            self._recording = Recording(path)
+            return Recording(self.path)
         except (NoRecording, OSError) as error:
             raise ConfigError("LOG", str(error)) from None
 
@@ -106,7 +114,7 @@ class FlightData:
         return self._recording.about
 
     @cached_property
-    def headline(self) -> FlightHeadline:
+    def headline(self) -> "FlightHeadline":
         """The figures of the flight, as ``groundstation logs`` lists them."""
         return self._recording.headline()
 
@@ -252,7 +260,7 @@ def load(path: Path | str) -> FlightData:
     return FlightData(Path(path))
 
 
-def read_table(recording: Recording, topics: Collection[str]) -> "dict[str, dict[str, NDArray[Any]]]":
+def read_table(recording: "Recording", topics: Collection[str]) -> "dict[str, dict[str, NDArray[Any]]]":
     """The messages on each of ``topics`` as columns of equal length, named as ``rates_rad_s.x``.
 
     Numbers are floats, what is left out NaN; columns of texts are of objects. A column that comes later has its place.
@@ -314,7 +322,7 @@ FORMATS = (*_TABLE_WRITERS, "rrd")
 """What channels can be written as, by the ending of the file's name; parquet makes a folder."""
 
 
-def write_tables(recording: Recording, form: str, topics: Collection[str], target: Path) -> dict[str, int]:
+def write_tables(recording: "Recording", form: str, topics: Collection[str], target: Path) -> dict[str, int]:
     """Write the messages on ``topics`` to ``target`` in one of :data:`FORMATS`; returns how many each has.
 
     Raises:

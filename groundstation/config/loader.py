@@ -8,17 +8,13 @@ configuration in force holds what was in it and needs it no more. As text it has
 sentence of its docstring.
 """
 
-import ast
 import linecache
 import re
 import sys
-import tomllib
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from functools import cache
-from importlib import resources
-from importlib.resources.abc import Traversable
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import TYPE_CHECKING, Any, TypeVar
 
 import msgspec
 import tomli_w
@@ -35,6 +31,9 @@ from groundstation.config.schema import (
     strip_metadata,
 )
 
+if TYPE_CHECKING:
+    from importlib.resources.abc import Traversable
+
 PACKAGE = "groundstation"
 """Where the presets stand."""
 DEEPEST = 16
@@ -48,6 +47,8 @@ def parse_toml(text: str) -> dict[str, Any]:
     Raises:
         ValueError: it is no TOML, or nested deeper than any configuration is.
     """
+    import tomllib
+
     try:
         data = tomllib.loads(text)
     except tomllib.TOMLDecodeError as error:
@@ -106,7 +107,7 @@ def presets(kind: type[FromFile]) -> dict[str, str]:
     """The text of each preset of ``kind``, by name, in the order of their names."""
     if not kind.PRESETS:
         return {}
-    files = sorted((resources.files(PACKAGE) / kind.PRESETS).iterdir(), key=lambda file: file.name)
+    files = sorted(_folder(kind.PRESETS).iterdir(), key=lambda file: file.name)
     return {file.name.removesuffix(".toml"): file.read_text("utf-8") for file in files if file.name.endswith(".toml")}
 
 
@@ -296,12 +297,18 @@ def _blame(path: KeyPath, data: Any, set_paths: Iterable[KeyPath], source: str) 
     return source
 
 
-_FOLDER = resources.files("groundstation") / "examples"
+def _folder(name: str) -> "Traversable":
+    """A folder of files that come along."""
+    from importlib import resources
+
+    return resources.files(PACKAGE) / name
 
 
 def example_names() -> list[str]:
     """The names of the configurations, in their order."""
-    return sorted(file.name.removesuffix(".toml") for file in _FOLDER.iterdir() if file.name.endswith(".toml"))
+    return sorted(
+        file.name.removesuffix(".toml") for file in _folder("examples").iterdir() if file.name.endswith(".toml")
+    )
 
 
 def list_examples() -> str:
@@ -319,7 +326,7 @@ def example_text(name: str) -> str:
     """
     if name not in example_names():
         raise ConfigError("config new", f"expected one of {example_names()}, got {name!r}")
-    return (_FOLDER / f"{name}.toml").read_text("utf-8")
+    return (_folder("examples") / f"{name}.toml").read_text("utf-8")
 
 
 def copy_examples(folder: Path) -> None:
@@ -329,12 +336,12 @@ def copy_examples(folder: Path) -> None:
         ConfigError: it exists, or can't be written.
     """
     try:
-        _copy(_FOLDER, folder)
+        _copy(_folder("examples"), folder)
     except OSError as error:
         raise ConfigError("--all", f"cannot write {error.filename}: {error.strerror}") from None
 
 
-def _copy(source: Traversable, target: Path) -> None:
+def _copy(source: "Traversable", target: Path) -> None:
     if source.is_dir():
         target.mkdir()
         for each in source.iterdir():
@@ -394,35 +401,28 @@ def _key(key: str) -> str:
     return tomli_w.dumps({key: 0}).removesuffix(" = 0\n")
 
 
+_FIELD = re.compile(r'^    (\w+): .*\n(?:(?:     .*|    [)\]}#].*)?\n)*    """(\S[\s\S]*?)"""', re.MULTILINE)
+"""A field of a class, and its docstring: parsing all of them takes the time of a second of flight."""
+
+
 @cache
 def field_notes(struct: type[msgspec.Struct]) -> dict[str, str]:
     """The first sentence of the docstring of each field, by key; empty where the source can't be read."""
     found: dict[str, str] = {}
     for cls in reversed(struct.__mro__):
-        body = _definition(cls)
-        if body is None:
-            continue
-        for field, note in zip(body.body, body.body[1:], strict=False):
-            match field, note:
-                case ast.AnnAssign(target=ast.Name(id=name)), ast.Expr(value=ast.Constant(value=str(text))):
-                    found[name] = _sentence(text)
+        for name, text in _FIELD.findall(_definition(cls)):
+            found[name] = _sentence(text)
     return {field.encode_name: found[field.name] for field in msgspec.structs.fields(struct) if field.name in found}
 
 
-def _definition(cls: type) -> ast.ClassDef | None:
-    """The source of a class of a module, parsed alone: :mod:`inspect` parses all of its module to find it."""
+def _definition(cls: type) -> str:
+    """The source of a class of a module; empty where it can't be read."""
     file = getattr(sys.modules.get(cls.__module__), "__file__", None)
     lines = linecache.getlines(file) if file is not None else []
-    head = re.compile(rf"class {re.escape(cls.__qualname__)}\b")
-    first = next((n for n, line in enumerate(lines) if head.match(line)), None)
-    if first is None:
-        return None
+    heads = (f"class {cls.__qualname__}(", f"class {cls.__qualname__}:")
+    first = next((n for n, line in enumerate(lines) if line.startswith(heads)), len(lines))
     ends = (n for n in range(first + 1, len(lines)) if lines[n][0] not in " )\n#")
-    try:
-        (body,) = ast.parse("".join(lines[first : next(ends, len(lines))])).body
-    except SyntaxError:
-        return None
-    return body if isinstance(body, ast.ClassDef) else None
+    return "".join(lines[first : next(ends, len(lines))])
 
 
 def _sentence(text: str) -> str:

@@ -16,10 +16,10 @@ import os
 import platform
 import struct
 import subprocess
+import sys
 import zlib
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import suppress
-from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import NamedTuple, Protocol
 
@@ -482,7 +482,7 @@ class FlightLog:
 
 def about_texts(about: About) -> dict[str, str]:
     """The first record of a recording: everything known before the flight, and what flies it."""
-    packages = ", ".join([f"groundstation {__version__}", *(f"{name} {_version(name)}" for name in PACKAGES)])
+    packages = ", ".join([f"groundstation {__version__}", *_installed(PACKAGES)])
     return _texts(
         {
             **msgspec.to_builtins(about),
@@ -508,11 +508,19 @@ def git_commit() -> str:
     return done.stdout.strip()
 
 
-def _version(package: str) -> str:
-    try:
-        return version(package)
-    except PackageNotFoundError:
-        return "unknown"
+def _installed(packages: Iterable[str]) -> Iterator[str]:
+    """Names and versions, as the folders NAME-VERSION.dist-info tell; importlib.metadata takes 20 ms to say the same.
+
+    Source: PyPA, Recording installed projects.
+    """
+    found: dict[str, str] = {}
+    for folder in sys.path:
+        with suppress(OSError):
+            for name in os.listdir(folder):  # noqa: PTH208  # only the names, of hundreds
+                package, _, version = name.removesuffix(".dist-info").partition("-")
+                if name.endswith(".dist-info"):
+                    found.setdefault(package, version)
+    return (f"{name} {found.get(name, 'unknown')}" for name in packages)
 
 
 def _texts(values: dict[str, object]) -> dict[str, str]:

@@ -51,7 +51,7 @@ class Run(FlightData):
         self.result = result
         """The result, with the verdict by the truth."""
         if path is not None:
-            super().__init__(path)
+            self.path = path  # read when it is asked for
 
     def __getattr__(self, name: str) -> Any:
         """Say why there is nothing to read where nothing was recorded."""

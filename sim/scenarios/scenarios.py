@@ -108,8 +108,8 @@ class Scenario(msgspec.Struct, frozen=True, kw_only=True):
     told_more: tuple[str, ...] = ()
     """What else it is told, as in ``--set``."""
 
-    figure: dict[str, Any] | None = None
-    """The trajectory, as in ``[trajectory]``; None for the paper's figure of eight."""
+    figure: Callable[[], dict[str, Any]] | None = None
+    """Makes the trajectory, as in ``[trajectory]``; None for the paper's figure of eight."""
     betaflight: bool = False
     """Whether it is flown by Betaflight, behind a radio: see :func:`by_betaflight`."""
 
@@ -129,7 +129,7 @@ class Scenario(msgspec.Struct, frozen=True, kw_only=True):
         del data["controller"]  # all default, and the defaults depend on the kind that ``overrides`` may choose
         data["pose"] = self._told_poses(source, world)
         if self.figure is not None:
-            data["trajectory"] = self.figure
+            data["trajectory"] = self.figure()
         data["gate"]["drop_frozen"] = _is_noisy(world)
         for key in ("vehicle.preset", "vehicle.file", "trajectory.kind", "pose.kind"):
             if any(override.partition("=")[0].strip() == key for override in overrides):
@@ -228,8 +228,6 @@ def _gale(name: str, wind: gale.GaleWind) -> Scenario:
             start_pitch_deg=-math.degrees(lean),
         ),
     )
-    steps = [k / 10.0 for k in range(621)]
-    points = [gale.course(step) for step in steps]
     return Scenario(
         name=name,
         summary=f"a 2.6 kg quadrotor in a fan array, wind {wind.speed_m_s:g} m/s"
@@ -238,13 +236,19 @@ def _gale(name: str, wind: gale.GaleWind) -> Scenario:
         told=_TOLD_GALE,
         told_latency_s=gale.POSE_LATENCY_S,
         told_more=("controller.b_bound=12.0",),
-        figure={
-            "kind": "samples",
-            "times_s": steps,
-            "points_ned": [(x, -y, -z) for (x, y, z), _, _ in points],
-            "velocities_ned": [(x, -y, -z) for _, (x, y, z), _ in points],
-        },
+        figure=_gale_course,
     )
+
+
+def _gale_course() -> dict[str, Any]:
+    steps = [k / 10.0 for k in range(621)]
+    points = [gale.course(step) for step in steps]
+    return {
+        "kind": "samples",
+        "times_s": steps,
+        "points_ned": [(x, -y, -z) for (x, y, z), _, _ in points],
+        "velocities_ned": [(x, -y, -z) for _, (x, y, z), _ in points],
+    }
 
 
 SCENARIOS: dict[str, Scenario] = {
