@@ -5,7 +5,6 @@ log.time, log.reference.position, log.estimate.position, log.error      # arrays
 log["errors"].to_pandas()                                               # any channel, one row a message
 """
 
-import shutil
 from collections.abc import Callable, Collection, Iterator, Mapping
 from functools import cached_property
 from pathlib import Path
@@ -239,6 +238,8 @@ class FlightData:
         form = target.suffix.removeprefix(".").lower()
         try:
             if form == "mcap":
+                import shutil
+
                 shutil.copyfile(self.path, target)
             elif form in FORMATS:
                 write_tables(self._recording, form, list(CHANNELS), target)

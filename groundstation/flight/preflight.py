@@ -39,15 +39,17 @@ def explain_refusal(config: Config, report: FeasibilityReport) -> str | None:
     return explain_infeasibility(report, getattr(config.trajectory, "speed_m_s", None))
 
 
-def ensure_flyable(config: Config) -> None:
-    """Stop before anything moves if the trajectory asks too much.
+def ensure_flyable(config: Config) -> FeasibilityReport:
+    """Stop before anything moves if the trajectory asks too much; returns what it asks.
 
     Raises:
         ConfigError: with the time and the limit.
     """
-    why = explain_refusal(config, examine_trajectory(config))
+    report = examine_trajectory(config)
+    why = explain_refusal(config, report)
     if why is not None:
         raise ConfigError("trajectory", f"{why}. To see all of it: groundstation trajectory CONFIG")
+    return report
 
 
 def real(config: Config) -> str | None:

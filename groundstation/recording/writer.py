@@ -376,6 +376,7 @@ class TlogCutter:
 
 FLUSH_S = 0.25
 """A chunk is closed and written after so long [s]: no more than that is lost to whatever happens."""
+_LIBC = "CS_GNU_LIBC_VERSION"
 PACKAGES = ("mcap", "msgspec", "numpy", "pymavlink", "zstandard")
 """Whose versions are noted beside ours."""
 
@@ -489,10 +490,18 @@ def about_texts(about: About) -> dict[str, str]:
             "version": __version__,
             "git": git_commit(),
             "python": platform.python_version(),
-            "system": platform.platform(),
+            "system": _system(),
             "packages": packages,
         }
     )
+
+
+def _system() -> str:
+    """Kernel, machine and C library, as platform.platform() has them, which starts a program to know the processor."""
+    uname = os.uname()
+    with suppress(ValueError, OSError):  # another C library
+        return f"{uname.sysname}-{uname.release}-{uname.machine}-with-{(os.confstr(_LIBC) or '').replace(' ', '')}"
+    return f"{uname.sysname}-{uname.release}-{uname.machine}"
 
 
 def git_commit() -> str:

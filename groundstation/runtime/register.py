@@ -9,10 +9,8 @@ import fcntl
 import os
 import signal
 import stat
-import tempfile
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
-from glob import escape
 from pathlib import Path
 from typing import Annotated
 
@@ -78,6 +76,8 @@ async def find_socket(vehicle: str | None, services: Path = SERVICES) -> Path:
 
 async def served_sockets(vehicle: str | None, services: Path = SERVICES) -> list[Path]:
     """The sockets of ``vehicle``, or without a name of all, that somebody serves: this user's first."""
+    from glob import escape
+
     found = _sockets("*" if vehicle is None else escape(vehicle), services)
     return [path for path in found if await is_served(path)]
 
@@ -236,6 +236,8 @@ def registration(one: Running) -> Iterator[None]:
     """
     folder = socket_folder()
     own_directory(folder)
+    import tempfile  # with what it brings, milliseconds of every program's start
+
     number, draft = tempfile.mkstemp(dir=folder)  # 0600, and O_CLOEXEC
     path = Path(draft).with_suffix(SUFFIX)
     try:

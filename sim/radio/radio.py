@@ -14,7 +14,6 @@ import contextlib
 import errno
 import math
 import os
-import tempfile
 from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal, TypeAlias
@@ -215,6 +214,7 @@ class PtyWire:
 
     def __init__(self, path: Path | None = None) -> None:
         """Stand at ``path``, in the place of one that is left there; without it, in a new folder."""
+        import tempfile
         import termios  # only where there is a terminal
         import tty
 

@@ -9,7 +9,6 @@ import concurrent.futures as cf  # noqa: TID251  # beside an event loop that run
 import contextvars
 import gc
 import json
-import shutil
 import sys
 import weakref
 from collections import deque
@@ -24,6 +23,7 @@ import msgspec
 from groundstation.analysis import FlightData
 from groundstation.config import ConfigError, UserCodeFault, dump, lend, name_object
 from groundstation.core.messages import Pose
+from groundstation.core.trajectory import FeasibilityReport
 from groundstation.flight import ensure_flyable
 from groundstation.pose import CSV_COLUMNS, IN_RUN_FOLDER, CsvRow, encode_csv
 from groundstation.recording import EndRecord, FlightLog, LineRecord, Record, TickRecord, about
@@ -146,7 +146,7 @@ def simulate(
         else:
             world, settings, wanted_s = prepare_own(flown, Path(config), told, controller=kind)
         duration_s = duration or wanted_s or DURATION_S
-        ensure_flyable(settings)
+        asked = ensure_flyable(settings)
         name = flown.name if config is None else f"{Path(config).stem} in the air of {flown.name}"
         path = Path(_make_temporary() if record and out is None else out or ".")
         folder = RunFolder(path, settings, world, scenario=name, seed=seed) if record else None
@@ -177,7 +177,7 @@ def simulate(
                 "why": result.why,
                 "duration_s": result.duration_s,
                 **msgspec.to_builtins(result.verdict),
-                "thrust_bound_m_s2": _thrust_bound(settings, result.verdict.lyapunov_start),
+                "thrust_bound_m_s2": _thrust_bound(settings, asked, result.verdict.lyapunov_start),
                 "log_sha256": result.log_sha256,
                 "datagrams": result.datagrams,
                 "wall_s": result.wall_s,
@@ -186,7 +186,7 @@ def simulate(
         folder.close(facts)
     run = Run(path / RECORDING if record else None, facts, result)
     if out is None and record:
-        weakref.finalize(run, shutil.rmtree, path, ignore_errors=True)
+        weakref.finalize(run, _remove, path)
     return run
 
 
@@ -196,8 +196,14 @@ def _make_temporary() -> str:
     import tempfile
 
     folder = tempfile.mkdtemp(prefix="groundstation-")
-    atexit.register(shutil.rmtree, folder, ignore_errors=True)
+    atexit.register(_remove, folder)
     return folder
+
+
+def _remove(folder: Path | str) -> None:
+    import shutil
+
+    shutil.rmtree(folder, ignore_errors=True)
 
 
 def lend_name(thing: object, own: dict[str, object]) -> str | None:
@@ -251,15 +257,14 @@ def rare_collections() -> Iterator[None]:
         gc.unfreeze()
 
 
-def _thrust_bound(config: Config, v_start: float | None) -> float | None:
+def _thrust_bound(config: Config, asked: FeasibilityReport, v_start: float | None) -> float | None:
     """The paper's a-priori bound on T/m [m/s²] for this flight; None for a controller without such a theory."""
-    from groundstation.core.control import Law, acceleration_sup, thrust_bound
+    from groundstation.core.control import Law, thrust_bound
 
     if v_start is None or not isinstance(config.controller, Law):
         return None
-    reference = config.trajectory.build()
-    accelerations = [reference.at(0.01 * i).acceleration_ned for i in range(6000)]
-    return thrust_bound(config.controller, acceleration_sup=acceleration_sup(accelerations), v_start=v_start).bound
+    most = next(demand.value for demand in asked.demands if demand.name == "acceleration")
+    return thrust_bound(config.controller, acceleration_sup=most, v_start=v_start).bound
 
 
 AT_ONCE = 500

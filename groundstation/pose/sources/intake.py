@@ -16,7 +16,6 @@ import math
 from collections import Counter, deque
 from collections.abc import Sequence
 from itertools import combinations
-from statistics import median
 from typing import Protocol
 
 from groundstation.core.geometry import Frames, Quat, Vec3
@@ -205,7 +204,7 @@ class SourceClock:
         unknown = self._band == math.inf
         if len(self._blocks) < (FIRST_BLOCKS if unknown else SETTLED_BLOCKS):
             return
-        slope = median((b[1] - a[1]) / (b[0] - a[0]) for a, b in combinations(self._blocks, 2))
+        slope = _median([(b[1] - a[1]) / (b[0] - a[0]) for a, b in combinations(self._blocks, 2)])
         off = slope / self._nominal
         if unknown and 1.0 / RATES < off < RATES:
             self._scale = self._nominal = slope
@@ -222,6 +221,12 @@ UNIT_TOLERANCE = 1e-3
 LATEST = 1e15
 """No stamp is further from zero, be it in seconds or frames: floats would no longer tell two of them apart."""
 _AVERAGED = 50
+
+
+def _median(values: list[float]) -> float:
+    """The median, by which statistics, with fractions and all behind it, would be loaded before every flight."""
+    ordered, middle = sorted(values), len(values) // 2
+    return ordered[middle] if len(values) % 2 else (ordered[middle - 1] + ordered[middle]) / 2
 
 
 class DatagramReader(Protocol):
