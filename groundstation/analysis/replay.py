@@ -29,7 +29,6 @@ from groundstation.core.trajectory import Reference
 from groundstation.core.vehicle import ActuatorCommand
 from groundstation.flight import make_ends
 from groundstation.pose import Gate
-from groundstation.pose.sources import MavlinkPoseConfig
 from groundstation.recording import (
     GAIN,
     About,
@@ -44,7 +43,6 @@ from groundstation.recording import (
 from groundstation.recording import channels as ch
 from groundstation.settings import Config
 from links.core import Command
-from links.mavlink import MavlinkLinkConfig
 
 NAMES = ("thrust_n", "roll_rate_rad_s", "pitch_rate_rad_s", "yaw_rate_rad_s")
 FLOWN_AGAIN = ("vehicle", "controller", "pose", "gate", "link", "flight")
@@ -461,7 +459,7 @@ class _Replay:
     def __init__(self, config: Config, loop: TapeLoop) -> None:
         self._loop = loop
         self._link, self._source = make_ends(config)
-        self._hears_link = isinstance(config.pose, MavlinkPoseConfig) and isinstance(config.link, MavlinkLinkConfig)
+        self._hears_link = config.pose.by_autopilot and config.link.has_autopilot
         self._pilot = ObedientPilot(config.vehicle, config.controller, config.flight.coast_s, config.flight.floor_z_m)
         self._told = _RecordedReference()
         self._gate = Gate(config.gate)

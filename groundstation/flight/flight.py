@@ -36,7 +36,6 @@ from groundstation.flight.hold_to_run import HoldWatch
 from groundstation.flight.mission_executive import MissionExecutive
 from groundstation.flight.prearm import Company, PrearmSequence
 from groundstation.pose import make_source
-from groundstation.pose.sources import MavlinkPoseConfig
 from groundstation.runtime import IdleSlots, to_the_end
 from groundstation.settings import Config
 from links import make_link
@@ -193,7 +192,7 @@ def make_ends(
     """
     link = make_link(config.link, thrust_max_n=config.full_thrust_n, thrust_curve=config.thrust_curve, **(wires or {}))
     if isinstance(link, MavlinkLink):
-        link.shares_poses = config.shares_poses
+        link.shares_poses = config.pose.shares_link
     return link, make_source(config.pose, link, others)
 
 
@@ -350,7 +349,7 @@ class Flight:
         self._statistics = FlightStatistics(config, link)
         self._live = LiveGains(config.controller)
         self._quiet = quiet or IdleSlots()
-        if not isinstance(config.pose, MavlinkPoseConfig):  # one that is only heard twice is no second witness
+        if not config.pose.by_autopilot:  # one that is only heard twice is no second witness
             link.watch_attitude(self._attitude)
         self._prearm = PrearmSequence(
             config,

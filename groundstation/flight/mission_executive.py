@@ -35,10 +35,8 @@ from groundstation.core.safety import (
     limit_n,
 )
 from groundstation.core.trajectory import Blend, Chain, Hold, Limits, Reference, Trajectory, blend, run_in, stop
-from groundstation.pose.sources import MavlinkPoseConfig
 from groundstation.settings import Config
 from links.core import Attitude, Command, LinkStatus
-from links.mavlink.protocol import MavlinkLinkConfig
 
 LAST_CHANCE_S = 0.004
 """So long before a command's deadline does the next one leave [s]."""
@@ -574,9 +572,9 @@ class MissionExecutive:
     def _find_obstacle_to_nudge(self) -> str:
         """Why no thrust may be told that lifts nothing; empty where it may."""
         flight = self._config.flight
-        if isinstance(self._config.pose, MavlinkPoseConfig):
+        if self._config.pose.by_autopilot:
             return "the poses are the autopilot's own, which its gyros make"
-        if isinstance(self._config.link, MavlinkLinkConfig) and not self.firmware.startswith("PX4"):
+        if self._config.link.has_autopilot and not self.firmware.startswith("PX4"):
             who = self.firmware or "an autopilot that does not tell its version"
             return f"{who} may take off by any thrust, as ArduPilot in GUIDED does"
         if flight.idle_thrust >= NUDGE_SHARE:

@@ -39,7 +39,6 @@ from groundstation.flight.preflight import (
     place,
     real,
 )
-from groundstation.pose.sources import MavlinkPoseConfig
 from groundstation.runtime import Running, socket_path
 from groundstation.settings import Config, FlightConfig, LinkConfig
 from links.bridge import BridgeLinkConfig
@@ -169,9 +168,9 @@ class Checks:
     def _witness(self, told: Agreement | None) -> Check:
         """Whether the autopilot lies and turns as the tracker sees it."""
         name, config = "second witness", self._config
-        if isinstance(config.pose, MavlinkPoseConfig):
+        if config.pose.by_autopilot:
             return Check(name, Verdict.OFF, "there is none: the poses are the autopilot's own")
-        by_radio = not isinstance(config.link, MavlinkLinkConfig)
+        by_radio = not config.link.has_autopilot
         if told is None and by_radio:
             says = "there is none: this radio does not tell how the vehicle lies, ten times a second, as CRSF's may"
             return Check(name, Verdict.OFF, says)
@@ -282,7 +281,7 @@ class Checks:
         return Check("ready to arm", Verdict.PASS, f"connected, and disarmed{said}")
 
     def _frames(self, link: LinkStatus) -> Check:
-        if isinstance(self._config.link, MavlinkLinkConfig):
+        if self._config.link.has_autopilot:
             return Check("frames", Verdict.OFF, "commands leave as this program sends them")
         if link.warning:
             return Check("frames", Verdict.WARN, link.warning)
@@ -290,7 +289,7 @@ class Checks:
 
     def _failsafe(self) -> Check:
         """What nobody can see from here: whether the other end stops by itself when we fall silent."""
-        if isinstance(self._config.link, MavlinkLinkConfig):
+        if self._config.link.has_autopilot:
             return Check("failsafe", Verdict.OFF, "the autopilot's own: `groundstation doctor CONFIG` looks at it")
         says = (
             "the receiver's failsafe must stop the motors, as nothing here can if the module loses its plug or its "
@@ -569,7 +568,7 @@ class PrearmSequence:
 
     def _why_no_pose(self) -> str:
         pose, dropped = self._config.pose, self._source.status.dropped
-        if isinstance(pose, MavlinkPoseConfig):
+        if pose.by_autopilot:
             said = f"; it said last: “{self._link.status.text}”" if self._link.status.text else ""
             return (
                 "the autopilot is heard but has no estimate of its position yet (pose.kind = mavlink). After a start "

@@ -16,12 +16,10 @@ from groundstation.core.geometry import Alignment
 from groundstation.core.messages import Pose, PoseEvent, SourceError
 from groundstation.lab.axes import MOVES, AxisCalibration, Carry, CarryContradiction, Sample, solve_axes
 from groundstation.lab.pose_monitor import open_ears
-from groundstation.pose import Recorded
-from groundstation.pose.sources import MavlinkPoseConfig
 from groundstation.runtime import INTERRUPTED
 from groundstation.settings import Config
 from links.core import LinkError
-from links.mavlink import MavlinkConnection, MavlinkLinkConfig
+from links.mavlink import MavlinkConnection
 from links.mavlink.protocol import Message
 
 _HEADER = re.compile(r"\s*\[\s*([^\[\]]+?)\s*\]\s*(#.*)?$")
@@ -175,7 +173,7 @@ async def record_moves(config: Config, say: Callable[[str], None]) -> CarryRecor
         LinkError: the autopilot does not answer.
     """
     loop = asyncio.get_running_loop()
-    has_autopilot = isinstance(config.link, MavlinkLinkConfig)
+    has_autopilot = config.link.has_autopilot
     carry, felt = Carry(), list[tuple[float, Sample]]()
     begun, ended = asyncio.Event(), asyncio.Event()
 
@@ -287,5 +285,5 @@ def describe_calibration(
 
 
 def _check(config: Config) -> None:
-    if isinstance(config.pose, MavlinkPoseConfig | Recorded):
+    if config.pose.by_autopilot or config.pose.recorded:
         raise ConfigError("pose.kind", "expected a tracking system that runs: other poses have no axes to find")

@@ -18,8 +18,7 @@ import msgspec
 from groundstation.core.geometry import Vec3
 from groundstation.core.messages import OverheardSource, Pose, PoseEvent, PoseSource, SourceError
 from groundstation.lab.pose_stream import PoseStreamMonitor, PoseStreamSummary
-from groundstation.pose import HINTS, GatedSource, Recorded, make_source
-from groundstation.pose.sources import MavlinkPoseConfig
+from groundstation.pose import HINTS, GatedSource, make_source
 from groundstation.runtime import raw_stream
 from groundstation.settings import Config
 from links import make_link
@@ -68,7 +67,7 @@ async def open_ears(
     heard = inner if raw is None else OverheardSource(inner, raw)
     source = GatedSource(heard, config.gate, lost_s=config.flight.coast_s, tell=tell)
     connection = None
-    if isinstance(link, MavlinkLink) and (autopilot is not None or isinstance(config.pose, MavlinkPoseConfig)):
+    if isinstance(link, MavlinkLink) and (autopilot is not None or config.pose.by_autopilot):
         connection = link.connection
         if autopilot is not None:
             autopilot(connection)
@@ -124,7 +123,7 @@ async def listen(
         LinkError: the autopilot, by which the poses would come, does not answer.
     """
     loop = asyncio.get_running_loop()
-    watcher = PoseStreamMonitor(loop.time(), recorded=isinstance(config.pose, Recorded))
+    watcher = PoseStreamMonitor(loop.time(), recorded=config.pose.recorded)
 
     def tell(event: PoseEvent) -> None:
         watcher.event(event, loop.time())

@@ -15,11 +15,9 @@ import msgspec
 from groundstation.config import ConfigError, dump
 from groundstation.flight import Proof, digest, line_from_terminal, place, save
 from groundstation.lab.props_off_hand import News
-from groundstation.pose.sources import MavlinkPoseConfig
 from groundstation.runtime import ApiError, Exit, Taken, hold_lock, lock_path, precise_loop, socket_path, to_the_end
 from groundstation.settings import Config
 from links.core import make_child_command
-from links.mavlink.protocol import MavlinkLinkConfig
 
 ARM_S = 90.0
 """How long a hand may take to connect and to arm [s]."""
@@ -94,7 +92,7 @@ class Guide:
         self._open = open_hand
         self._ask = ask
         self._say = say
-        self._tells = isinstance(config.link, MavlinkLinkConfig)
+        self._tells = config.link.has_autopilot
         """Whether the vehicle tells that it is disarmed."""
         self.firmware = ""
         """What the autopilot runs, as it told."""
@@ -107,7 +105,7 @@ class Guide:
             Trouble: it can't go on.
         """
         steps: list[tuple[str, Callable[[], Awaitable[str]]]] = [("motors and kill", self._motors)]
-        if not isinstance(self._config.pose, MavlinkPoseConfig):
+        if not self._config.pose.by_autopilot:
             steps.append(("no poses", self._poses))
         steps += [("program killed", self._kill_program), ("plug pulled", self._pull_plug)]
         if self._tells:

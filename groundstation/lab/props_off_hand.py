@@ -26,7 +26,6 @@ from groundstation.pose import GatedSource
 from groundstation.runtime import precise_loop, to_the_end
 from groundstation.settings import Config
 from links.core import CommandLink, LinkError
-from links.mavlink.protocol import MavlinkLinkConfig
 
 Event = Literal["arming", "armed", "silent", "lost", "disarmed", "failed", "off"]
 
@@ -53,7 +52,7 @@ Tell = Callable[[News], None]
 
 def idle_n(config: Config) -> float:
     """The thrust that is sent [N]."""
-    return 0.0 if isinstance(config.link, MavlinkLinkConfig) else config.flight.idle_thrust * config.weight_n
+    return 0.0 if config.link.has_autopilot else config.flight.idle_thrust * config.weight_n
 
 
 async def hold(config: Config, link: CommandLink, source: PoseSource, ordered: Awaitable[object], tell: Tell) -> None:
@@ -141,7 +140,7 @@ def _find_events(config: Config, link: CommandLink) -> list[Event]:
     seen: list[Event] = []
     if status.state == "lost":
         seen.append("lost")
-    if isinstance(config.link, MavlinkLinkConfig) and status.state == "connected":  # no radio tells
+    if config.link.has_autopilot and status.state == "connected":  # no radio tells
         seen.append("disarmed")
     if status.phase == "over":
         seen.append("silent")

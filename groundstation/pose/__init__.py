@@ -7,7 +7,7 @@ if TYPE_CHECKING:
     from groundstation.pose.gated_source import GatedSource
     from groundstation.pose.recorded import IN_RUN_FOLDER, TlogConfig, pose_decoder
     from groundstation.pose.recorded_codec import CSV_COLUMNS, CsvRow, TlogReader, TlogRecord, encode_csv, read_csv
-    from groundstation.pose.registry import PoseConfig, Recorded, ShowsOthers, make_source
+    from groundstation.pose.registry import PoseConfig, ShowsOthers, make_source
 
 _MODULES = {
     "forward": ("ForwardingSource",),
@@ -15,7 +15,7 @@ _MODULES = {
     "gated_source": ("GatedSource",),
     "recorded": ("IN_RUN_FOLDER", "TlogConfig", "pose_decoder"),
     "recorded_codec": ("CSV_COLUMNS", "CsvRow", "TlogReader", "TlogRecord", "encode_csv", "read_csv"),
-    "registry": ("PoseConfig", "Recorded", "ShowsOthers", "make_source"),
+    "registry": ("PoseConfig", "ShowsOthers", "make_source"),
 }
 
 

@@ -8,12 +8,12 @@ import io
 from collections import Counter
 from collections.abc import Callable, Iterable, Mapping
 from pathlib import Path
-from typing import Annotated, Literal, TypeAlias, TypeVar
+from typing import Annotated, ClassVar, Literal, TypeAlias, TypeVar
 
 import msgspec
 
 from groundstation.core.geometry import Alignment, Body, World, frames_of
-from groundstation.core.messages import Pose, PoseStatus, SourceError
+from groundstation.core.messages import Pose, PoseKind, PoseStatus, SourceError
 from groundstation.pose.recorded_codec import CSV_COLUMNS, CsvRow, TlogReader, TlogRecord, read_csv
 from groundstation.pose.sources import Intake, PoseDecoder, decoder_for
 from groundstation.runtime import sleep_until
@@ -106,9 +106,12 @@ IN_RUN_FOLDER = "poses.csv"
 """What a run's folder calls its poses."""
 
 
-class CsvConfig(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True, tag_field="kind", tag="csv"):
+class CsvConfig(
+    PoseKind, msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True, tag_field="kind", tag="csv"
+):
     """Recorded poses: a CSV file t,x,y,z,qw,qx,qy,qz, or the folder of a run."""
 
+    recorded: ClassVar[bool] = True
     path: str
     """The file, or the folder that ``--out`` of a run has written."""
     speed: Speed = 1.0
@@ -167,9 +170,12 @@ class CsvSource(RecordedSource):
         return self._intake.pose(row.arrival_s, arrival_s, row.position, row.attitude, age_s=age_s)
 
 
-class TlogConfig(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True, tag_field="kind", tag="tlog"):
+class TlogConfig(
+    PoseKind, msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True, tag_field="kind", tag="tlog"
+):
     """A .tlog file of a flight on PX4 or ArduPilot."""
 
+    recorded: ClassVar[bool] = True
     path: str
     """The file."""
     system_id: Annotated[int, msgspec.Meta(ge=1, le=255)] = 1

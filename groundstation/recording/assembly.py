@@ -18,7 +18,7 @@ from groundstation.core.messages import Others, OverheardSource, Pose, PoseEvent
 from groundstation.core.mission import State
 from groundstation.core.trajectory import Reference, Trajectory
 from groundstation.flight import Company, Flight, FlightOutcome, FrameLateness, HoldWatch, body_of, make_ends, make_hold
-from groundstation.pose import ForwardingSource, GatedSource, ShowsOthers
+from groundstation.pose import ForwardingSource, GatedSource
 from groundstation.recording.records import (
     GAIN,
     NO_PORT,
@@ -407,7 +407,7 @@ def make_flight(
         ConfigError: the poses need another link.
     """
     bodies = None
-    if isinstance(config.pose, ShowsOthers):
+    if config.pose.shows_others:
         bodies = Others(config.separation.others, own=body_of(config) if config.flight.start == "floor" else None)
     link, source = make_ends(config, wires, bodies)
     hold = make_hold(config.operator, link)

@@ -22,8 +22,8 @@ from groundstation.core.messages import RemoteAsk
 from groundstation.core.safety import FenceConfig, GuardsConfig, LandingConfig, SeparationConfig, TakeoffConfig
 from groundstation.core.trajectory import LemniscateConfig, TrajectoryConfig
 from groundstation.core.vehicle import LimitsConfig, Vehicle
-from groundstation.pose import GateConfig, PoseConfig, ShowsOthers
-from groundstation.pose.sources import JsonConfig, LibmotioncaptureConfig, MavlinkPoseConfig, ViconConfig, VisionConfig
+from groundstation.pose import GateConfig, PoseConfig
+from groundstation.pose.sources import JsonConfig, LibmotioncaptureConfig, ViconConfig
 from groundstation.runtime import RecordingConfig, StatusConfig, folder_of, socket_folder
 from links.bridge import BridgeLinkConfig
 from links.core import full_thrust_n
@@ -466,16 +466,16 @@ class Config(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=Tr
         """
         if self.flight.coast_s + self.guards.level_s > 1.0:
             raise ValueError("guards.level_s: with flight.coast_s at most 1 s: no pose vouches for more")
-        if isinstance(self.pose, MavlinkPoseConfig) and self.forwards is not None:
+        if self.pose.by_autopilot and self.forwards is not None:
             raise ValueError("link.forward.enabled: the poses are the autopilot's own, it must not be told them as new")
         others = self.separation.others
-        if others and not isinstance(self.pose, ShowsOthers):
+        if others and not self.pose.shows_others:
             kind = self.pose.__struct_config__.tag
             raise ValueError(f"separation.others: poses of kind {kind} show no other vehicle: leave it out")
         if self.body in others or len(set(others)) < len(others):
             raise ValueError("separation.others: expected each other vehicle once, and not this one's own object")
         self.operator.ensure_named()
-        if self.operator.channel is not None and not isinstance(self.link, MavlinkLinkConfig):
+        if self.operator.channel is not None and not self.link.has_autopilot:
             raise ValueError("operator.hold: a channel of the transmitter is told by link.kind mavlink alone")
         full, most = self.full_thrust_n, self.vehicle.thrust_max_n
         if full < (1.0 - HOVER_TOLERANCE) * most:
@@ -502,11 +502,6 @@ class Config(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=Tr
         if isinstance(self.link, MavlinkLinkConfig) and self.link.forward.enabled:
             return self.link.forward
         return None
-
-    @property
-    def shares_poses(self) -> bool:
-        """Whether the poses are an autopilot's own, or such as bridges send to autopilots, too."""
-        return isinstance(self.pose, MavlinkPoseConfig | VisionConfig)
 
     @property
     def full_thrust_n(self) -> float:

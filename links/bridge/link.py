@@ -28,7 +28,7 @@ from links.bridge.codec import (
     first_seal,
     kind_of,
 )
-from links.core import Command, LinkLost, LinkRejected, signal
+from links.core import Command, LinkKind, LinkLost, LinkRejected, signal
 from links.io import Datagrams, beyond, parse_address, read_key
 from links.rf import Arm, End, Give, Hear, Manner, Order, PacedLink, PacerReport, Serve, Service, Stop
 
@@ -259,7 +259,7 @@ def _there(says: str) -> str:
 
 
 class BridgeLinkConfig(
-    msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True, tag="rf_bridge", tag_field="kind"
+    LinkKind, msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True, tag="rf_bridge", tag_field="kind"
 ):
     """`groundstation rf-bridge` on another computer, which has the module. That one knows port, codec and channels."""
 

@@ -4,7 +4,7 @@ A link turns a :class:`Command` into bytes on a wire. It knows no control, no mi
 """
 
 from collections.abc import Callable
-from typing import Protocol, runtime_checkable
+from typing import ClassVar, Protocol, runtime_checkable
 
 import msgspec
 
@@ -124,6 +124,14 @@ class TellsMode(Protocol):
     def ask_mode(self) -> None:
         """Have it tell its mode now: what it does not do may be somebody else's doing."""
         ...
+
+
+class LinkKind:
+    """Beside the configuration of a link: what a flight asks of its kind."""
+
+    __slots__ = ()
+    has_autopilot: ClassVar[bool] = False
+    """At the other end is an autopilot that tells of itself, not a receiver that is told alone."""
 
 
 class CommandLink(Protocol):

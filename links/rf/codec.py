@@ -10,6 +10,7 @@ from typing import Annotated, NamedTuple, Protocol, Self
 
 import msgspec
 
+from links.core import LinkKind
 from links.rf.channel_map import ChannelMap
 
 
@@ -105,7 +106,7 @@ class Manner(msgspec.Struct, frozen=True, kw_only=True):
     services: frozenset[Service]
 
 
-class RfLinkConfig(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True, tag_field="kind"):
+class RfLinkConfig(LinkKind, msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True, tag_field="kind"):
     """What every serial RF link can be told."""
 
     port: str = "/dev/ttyUSB0"

@@ -16,7 +16,6 @@ import msgspec
 from groundstation.config import ConfigError, load, read_toml
 from groundstation.core.messages import STEADY_S
 from groundstation.flight import ensure_flyable
-from groundstation.pose import Recorded
 from groundstation.settings import Config, rehearse
 from links.io import is_loopback, parse_address
 from links.mavlink import MavlinkLinkConfig
@@ -234,7 +233,7 @@ def _serve_room(args: argparse.Namespace, air: World, common: dict[str, Any]) ->
         del common["parameters"]
         return asyncio.run(serve_fleet([world for world, _ in made], [room for _, room in made], **common))
     config = rehearse(load(args.config, Config, told), args.config)
-    if isinstance(config.pose, Recorded):
+    if config.pose.recorded:
         raise ConfigError("pose.kind", "a recording is played by the ground station itself", str(args.config))
     world, room = make_mistakes(world_as_told(air, config, truth), config, args.wrong)
     more = {"standing": others_of(config), "second": args.gcs, "carried": args.carried}

@@ -28,7 +28,6 @@ from groundstation.flight import ensure_flyable
 from groundstation.pose import CSV_COLUMNS, IN_RUN_FOLDER, CsvRow, encode_csv
 from groundstation.recording import EndRecord, FlightLog, LineRecord, Record, TickRecord, about
 from groundstation.settings import Config
-from links.mavlink import MavlinkLinkConfig
 from sim.radio import MODULE
 from sim.runs.flight import Result, fly
 from sim.scenarios import BETAFLIGHT, choose, prepare, prepare_own
@@ -292,7 +291,7 @@ class RunFolder:
             # Virtual time begins at 0, whenever that is: the same flight gives the same bytes.
             self._log = FlightLog(path / RECORDING, told, epoch_ns=0, tell=_warn)
             self._poses = _open(path / IN_RUN_FOLDER)
-            self._frames = None if isinstance(config.link, MavlinkLinkConfig) else _open(path / FRAMES)
+            self._frames = None if config.link.has_autopilot else _open(path / FRAMES)
         except OSError as error:
             raise ConfigError("--out", f"cannot write {path}: {error.strerror}") from None
         self._poses.write(CSV_COLUMNS + "\n")

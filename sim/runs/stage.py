@@ -366,7 +366,7 @@ def lay_out(
     """
     if not 1 <= count <= MOST:
         raise ConfigError("--vehicles", f"expected 1 to {MOST}, got {count}")
-    if not isinstance(config.link, MavlinkLinkConfig):
+    if not config.link.has_autopilot:
         raise ConfigError("--link", "expected mavlink for several vehicles")
     pose_port, relay_port, *link_ports = ports
     key = next((k for k in ("centre_ned", "position_ned") if hasattr(config.trajectory, k)), None)

@@ -21,7 +21,7 @@ from groundstation.core.trajectory import LemniscateConfig
 from groundstation.core.vehicle import Vehicle
 from groundstation.flight import examine_trajectory
 from groundstation.pose import GateConfig, PoseConfig
-from groundstation.pose.sources import MavlinkPoseConfig, ViconConfig
+from groundstation.pose.sources import ViconConfig
 from groundstation.settings import Config, FlightConfig
 from links.mavlink import MavlinkLinkConfig
 from sim.scenarios import gale
@@ -531,7 +531,7 @@ def make_mistakes(world: World, room: Config, text: str) -> tuple[World, Config]
         if not math.isfinite(value) or (not unit and not 0.2 <= value <= 5.0):
             kind = f"a number of {unit}" if unit else "a factor from 0.2 to 5"
             raise ConfigError("--wrong", f"{name}: expected {kind} ({means}), got {told!r}")
-        if name == "yaw" and isinstance(room.pose, MavlinkPoseConfig):
+        if name == "yaw" and room.pose.by_autopilot:
             raise ConfigError("--wrong", "yaw: these poses are the autopilot's own, no tracker's: leave it out")
         world, room = make(world, room, value)
     return world, room
@@ -548,7 +548,7 @@ def world_as_told(air: World, told: Config, truth: list[str]) -> World:
     rate_hz, latency_s = timing(told.pose, air.pose_rate_hz, air.pose_latency_s)
     north, east, down = told.trajectory.build().position_at(0.0)
     stands = told.flight.start == "floor"
-    own_estimate = isinstance(told.pose, MavlinkPoseConfig) or getattr(told.link, "own_position", False)
+    own_estimate = told.pose.by_autopilot or getattr(told.link, "own_position", False)
     world = msgspec.structs.replace(
         world_of(air, told),
         pose_rate_hz=rate_hz,

@@ -14,7 +14,6 @@ from groundstation.config import ConfigError, from_dict, parse_toml
 from groundstation.core.messages import Pose
 from groundstation.core.mission import State
 from groundstation.core.safety import PoseLatency
-from groundstation.pose.sources import MavlinkPoseConfig
 from groundstation.recording import Recording
 from groundstation.settings import Config
 from links.mavlink.protocol import LONGEST_S, MavlinkCodec, Trip, attitude_of
@@ -110,7 +109,7 @@ def read_stretch(path: Path) -> FlightStretch:
         )
     config = _config(recording.about.get("config", ""), path)
     parts = (sent[:, 0], sent[:, 1], sent[:, 2:5], chosen[:, 0], chosen[:, 3:6], chosen[:, 6:10])
-    late = None if isinstance(config.pose, MavlinkPoseConfig) else vehicle.find_lateness()
+    late = None if config.pose.by_autopilot else vehicle.find_lateness()
     return FlightStretch(path, recording, config, *parts, late)
 
 

@@ -3,7 +3,7 @@
 import math
 from collections import Counter, deque
 from collections.abc import Callable, Iterable
-from typing import Literal, NamedTuple, Protocol, runtime_checkable
+from typing import ClassVar, Literal, NamedTuple, Protocol, runtime_checkable
 
 import msgspec
 
@@ -69,6 +69,20 @@ class PoseEvent(msgspec.Struct, frozen=True):
 
 class SourceError(OSError):
     """A source can't be started; the text says why, and what to look at."""
+
+
+class PoseKind:
+    """Beside the configuration of a pose source: what a flight asks of the kind of its poses."""
+
+    __slots__ = ()
+    recorded: ClassVar[bool] = False
+    """They play a recording: they must never fly a vehicle."""
+    by_autopilot: ClassVar[bool] = False
+    """They are the autopilot's own estimate, and come by the link."""
+    shares_link: ClassVar[bool] = False
+    """They are an autopilot's own, or such as bridges send to autopilots, too."""
+    shows_others: ClassVar[bool] = False
+    """Other bodies can be looked for."""
 
 
 class PoseSource(Protocol):

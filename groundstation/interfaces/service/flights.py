@@ -47,7 +47,6 @@ from groundstation.interfaces.service.monitoring import (
     is_journal,
     level_of,
 )
-from groundstation.pose import Recorded
 from groundstation.recording import END_S, make_flight, recorder
 from groundstation.runtime import (
     ApiError,
@@ -440,7 +439,7 @@ def require_flyable(config: Config) -> Config:
         ConfigError: the vehicle can't fly this, the poses are recorded, a real vehicle has no fence or no speed limit,
             or a key can't be used.
     """
-    if isinstance(config.pose, Recorded):
+    if config.pose.recorded:
         raise ConfigError("pose.kind", "a recording must not fly a vehicle; look at it with `groundstation replay`")
     if getattr(config.pose, "backend", "") == "mock":
         raise ConfigError("pose.backend", "mock makes bodies up: it is to look at, and never flies a vehicle")

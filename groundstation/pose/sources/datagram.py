@@ -8,12 +8,12 @@ Poses from a home-made tracker that sends JSON (json_codec.py has the schema).
 import asyncio
 import socket
 from collections.abc import Callable
-from typing import Annotated
+from typing import Annotated, ClassVar
 
 import msgspec
 
 from groundstation.core.geometry import Alignment, Body, World, frames_of
-from groundstation.core.messages import Others, Pose, PoseStatus, SourceError
+from groundstation.core.messages import Others, Pose, PoseKind, PoseStatus, SourceError
 from groundstation.pose.sources.intake import DatagramReader, Intake
 from groundstation.pose.sources.json_codec import MAX_NAME, JsonReader
 from links.io import beyond, parse_address
@@ -95,9 +95,12 @@ def send_by(transport: asyncio.DatagramTransport, interface: str) -> None:
     options.setsockopt(socket.IPPROTO_IP, socket.IP_MULTICAST_IF, socket.inet_aton(interface))
 
 
-class JsonConfig(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True, tag_field="kind", tag="json"):
+class JsonConfig(
+    PoseKind, msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True, tag_field="kind", tag="json"
+):
     """JSON objects over UDP, one or an array of them a datagram."""
 
+    shows_others: ClassVar[bool] = True
     name: Annotated[str, msgspec.Meta(min_length=1, max_length=MAX_NAME)] = "quad"
     """Name of the vehicle's body."""
     listen: str = "127.0.0.1:51002"

@@ -10,12 +10,12 @@ import json
 import os
 from collections.abc import Callable
 from importlib.util import find_spec
-from typing import Annotated, Literal
+from typing import Annotated, ClassVar, Literal
 
 import msgspec
 
 from groundstation.core.geometry import Alignment, Body, World, frames_of
-from groundstation.core.messages import Others, Pose, PoseStatus, SourceError
+from groundstation.core.messages import Others, Pose, PoseKind, PoseStatus, SourceError
 from groundstation.pose.sources.intake import Intake
 from groundstation.pose.sources.json_codec import MAX_NAME, JsonReader
 from groundstation.runtime import cancel_task
@@ -32,10 +32,17 @@ LINE_BYTES = 1 << 16
 
 
 class LibmotioncaptureConfig(
-    msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True, tag_field="kind", tag="libmotioncapture"
+    PoseKind,
+    msgspec.Struct,
+    frozen=True,
+    kw_only=True,
+    forbid_unknown_fields=True,
+    tag_field="kind",
+    tag="libmotioncapture",
 ):
     """VRPN, Vicon DataStream and others; needs ``pip install 'quadrotor-groundstation[motioncapture]'``."""
 
+    shows_others: ClassVar[bool] = True
     backend: Literal["vrpn", "vicon", "optitrack", "qualisys", "mock"] = "vrpn"
     """What it speaks; ``vicon`` is the DataStream (TCP 801). ``mock`` makes bodies up, and never flies a vehicle."""
     hostname: Annotated[str, msgspec.Meta(min_length=1)] = "127.0.0.1"

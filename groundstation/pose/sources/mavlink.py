@@ -5,12 +5,12 @@ own: the link's connection hears one autopilot only, and an autopilot does not s
 """
 
 from collections.abc import Callable, Mapping
-from typing import Annotated
+from typing import Annotated, ClassVar
 
 import msgspec
 
 from groundstation.core.geometry import Alignment, Body, World, frames_of
-from groundstation.core.messages import Pose, PoseStatus
+from groundstation.core.messages import Pose, PoseKind, PoseStatus
 from groundstation.pose.sources.datagram import DatagramSource
 from groundstation.pose.sources.intake import Intake
 from groundstation.pose.sources.mavlink_codec import PoseDecoder, VisionReader, decoder_for
@@ -20,10 +20,12 @@ from links.mavlink.protocol import Message, Trip
 
 
 class MavlinkPoseConfig(
-    msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True, tag_field="kind", tag="mavlink"
+    PoseKind, msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True, tag_field="kind", tag="mavlink"
 ):
     """The autopilot's estimate: ODOMETRY from PX4, LOCAL_POSITION_NED and ATTITUDE_QUATERNION from ArduPilot."""
 
+    by_autopilot: ClassVar[bool] = True
+    shares_link: ClassVar[bool] = True
     latency_s: Annotated[float, msgspec.Meta(ge=0.0, le=1.0)] = 0.01
     """Time from the instant that the autopilot stamps to the earliest arrival here [s]."""
     rate_hz: Annotated[float, msgspec.Meta(gt=0.0, le=1000.0)] = 100.0
@@ -90,10 +92,11 @@ class MavlinkPoseSource:
 
 
 class VisionConfig(
-    msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True, tag_field="kind", tag="vision"
+    PoseKind, msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True, tag_field="kind", tag="vision"
 ):
     """MAVLink VISION_POSITION_ESTIMATE over UDP, as sent by bridges from motion capture to autopilots."""
 
+    shares_link: ClassVar[bool] = True
     listen: str = "127.0.0.1:14551"
     """Address that the bridge sends to, host:port of this machine."""
     system_id: Annotated[int, msgspec.Meta(ge=1, le=255)] | None = None

@@ -3,12 +3,12 @@
 import asyncio
 import ipaddress
 from collections.abc import Callable
-from typing import Annotated, Any
+from typing import Annotated, Any, ClassVar
 
 import msgspec
 
 from groundstation.core.geometry import Alignment, Body, World, frames_of
-from groundstation.core.messages import Others, Pose, PoseStatus
+from groundstation.core.messages import Others, Pose, PoseKind, PoseStatus
 from groundstation.pose.sources.datagram import cannot_listen, join
 from groundstation.pose.sources.intake import Intake
 from groundstation.pose.sources.natnet_codec import NatNetReader
@@ -19,10 +19,11 @@ BEAT_S = 0.5
 
 
 class NatNetConfig(
-    msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True, tag_field="kind", tag="natnet"
+    PoseKind, msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True, tag_field="kind", tag="natnet"
 ):
     """OptiTrack's NatNet 3.0 to 4.x, straight from Motive; its exposure stamps tell how old each pose is."""
 
+    shows_others: ClassVar[bool] = True
     name: Annotated[str, msgspec.Meta(min_length=1, max_length=256)] = "quad"
     """Name of the vehicle's rigid body in Motive."""
     id: int | None = None

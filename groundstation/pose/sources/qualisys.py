@@ -3,12 +3,12 @@
 import asyncio
 import contextlib
 from collections.abc import Callable
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, ClassVar
 
 import msgspec
 
 from groundstation.core.geometry import Alignment, Body, World, frames_of
-from groundstation.core.messages import Others, Pose, PoseStatus, SourceError
+from groundstation.core.messages import Others, Pose, PoseKind, PoseStatus, SourceError
 from groundstation.pose.sources.intake import Intake
 from groundstation.pose.sources.qualisys_codec import QualisysReader, body_names
 from groundstation.runtime import cancel_task
@@ -29,10 +29,11 @@ AGAIN_S = 1.0
 
 
 class QualisysConfig(
-    msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True, tag_field="kind", tag="qualisys"
+    PoseKind, msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True, tag_field="kind", tag="qualisys"
 ):
     """Qualisys Track Manager over TCP; needs ``pip install 'quadrotor-groundstation[qualisys]'``."""
 
+    shows_others: ClassVar[bool] = True
     name: Annotated[str, msgspec.Meta(min_length=1, max_length=256)] = "quad"
     """Name of the vehicle's 6DOF body in QTM."""
     server: str = "127.0.0.1:22223"

@@ -1,20 +1,23 @@
 """Poses from a Vicon system: listens for the UDP Object Stream (vicon_codec.py has the bytes)."""
 
-from typing import Annotated
+from typing import Annotated, ClassVar
 
 import msgspec
 
 from groundstation.core.geometry import Alignment, Body, World, frames_of
-from groundstation.core.messages import Others
+from groundstation.core.messages import Others, PoseKind
 from groundstation.pose.sources.datagram import DatagramSource
 from groundstation.pose.sources.intake import Intake
 from groundstation.pose.sources.vicon_codec import ViconReader, name_bytes
 from links.io import beyond, parse_address
 
 
-class ViconConfig(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True, tag_field="kind", tag="vicon"):
+class ViconConfig(
+    PoseKind, msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True, tag_field="kind", tag="vicon"
+):
     """Vicon Tracker's UDP Object Stream, which carries no time stamps and no validity flags."""
 
+    shows_others: ClassVar[bool] = True
     object: str = "quad"
     """Name of the vehicle's object in Tracker."""
     listen: str = "127.0.0.1:51001"

@@ -1,9 +1,10 @@
 """What a MAVLink link can be told."""
 
-from typing import Annotated, Literal
+from typing import Annotated, ClassVar, Literal
 
 import msgspec
 
+from links.core import LinkKind
 from links.io import beyond, parse_address
 
 DEFAULT_LISTEN = "127.0.0.1:14540"
@@ -32,10 +33,11 @@ class ForwardConfig(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fi
 
 
 class MavlinkLinkConfig(
-    msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True, tag_field="kind", tag="mavlink"
+    LinkKind, msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True, tag_field="kind", tag="mavlink"
 ):
     """MAVLink 2 over UDP, TCP or a serial port, to PX4 (OFFBOARD) or ArduPilot Copter (GUIDED)."""
 
+    has_autopilot: ClassVar[bool] = True
     listen: str | None = None
     """Address of this machine that the autopilot sends to, host:port (UDP). Without any other: 127.0.0.1:14540."""
     remote: str | None = None

@@ -17,8 +17,7 @@ from msgspec import inspect as mi
 from groundstation.config import ConfigError, load
 from groundstation.core.control import ControllerConfig, Custom, Gains, bound_decrease
 from groundstation.core.vehicle import Vehicle
-from groundstation.pose import Recorded
-from groundstation.pose.sources import MavlinkPoseConfig, ViconConfig
+from groundstation.pose.sources import ViconConfig
 from groundstation.settings import Config, LinkConfig
 from links.bridge import BridgeLinkConfig
 from links.core import full_thrust_n
@@ -248,7 +247,7 @@ def stage_scenarios(names: Sequence[str], path: Path | None, overrides: Sequence
 
 
 def _stage(scenario: Scenario, overrides: list[str], station: Config | None = None) -> Staged:
-    source = "odometry" if station is not None and isinstance(station.pose, MavlinkPoseConfig) else "vicon"
+    source = "odometry" if station is not None and station.pose.by_autopilot else "vicon"
     world, config = prepare(scenario, overrides, source=source)
     if station is not None:
         link = _pace_link(station.link, _period_s(config))
@@ -266,7 +265,7 @@ def fit_scenario(scenario: Scenario, station: Config) -> Scenario:
         ConfigError: the poses are a recording, or the vehicle has lags where the scenario has none.
     """
     truth, told, vehicle, pose = scenario.world, scenario.told, station.vehicle, station.pose
-    if isinstance(pose, Recorded):
+    if pose.recorded:
         raise ConfigError("pose.kind", "a recording cannot be flown; expected a source that sees the vehicle")
     rate_hz, latency_s = timing(pose, truth.pose_rate_hz, scenario.told_latency_s)
 
