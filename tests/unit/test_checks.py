@@ -8,14 +8,14 @@ import msgspec
 import pytest
 
 from groundstation.config import ConfigError, from_dict
-from groundstation.core.messages import Check, Pose, Verdict
+from groundstation.core.messages import Check, Pose, PoseKind, Verdict
 from groundstation.core.safety import Agreement, StandingPoses
 from groundstation.flight import describe_checks, describe_failures, ensure_guarded
 from groundstation.flight.prearm import Checks
 from groundstation.flight.preflight import real
 from groundstation.pose import PoseConfig
 from groundstation.settings import Config, LinkConfig
-from links.core import LinkStatus
+from links.core import LinkKind, LinkStatus
 
 BASE: dict[str, Any] = {
     "pose": {"kind": "vicon", "rate_hz": 50.0},
@@ -232,7 +232,7 @@ def test_a_simulated_one_needs_neither(data: dict[str, Any]) -> None:
     ensure_guarded(from_dict(data, Config))
 
 
-class Unasked(msgspec.Struct, frozen=True, tag_field="kind", tag="homemade"):
+class Unasked(LinkKind, PoseKind, msgspec.Struct, frozen=True, tag_field="kind", tag="homemade"):
     """A kind of link or of poses that has never heard of the question."""
 
 
