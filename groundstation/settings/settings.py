@@ -17,7 +17,7 @@ from typing import Annotated, Any, Literal, TypeAlias
 import msgspec
 
 from groundstation.config import CLIENT_LETTERS, NAME, VEHICLE_LETTERS, ConfigError, describe_name, is_name, texts_of
-from groundstation.core.control import ControllerConfig, Gains
+from groundstation.core.control import ControllerConfig, Gains, Law
 from groundstation.core.messages import RemoteAsk
 from groundstation.core.safety import FenceConfig, GuardsConfig, LandingConfig, SeparationConfig, TakeoffConfig
 from groundstation.core.trajectory import LemniscateConfig, TrajectoryConfig
@@ -464,6 +464,9 @@ class Config(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=Tr
         Raises:
             ValueError: the controller would count on more thrust than the full signal gives.
         """
+        law, wind = self.controller, self.vehicle.wind_bound_m_s2(self.controller.gravity)
+        if isinstance(law, Law) and law.b_bound == Law().b_bound < wind:
+            msgspec.structs.force_setattr(self, "controller", msgspec.structs.replace(law, b_bound=wind))
         if self.flight.coast_s + self.guards.level_s > 1.0:
             raise ValueError("guards.level_s: with flight.coast_s at most 1 s: no pose vouches for more")
         if self.pose.by_autopilot and self.forwards is not None:

@@ -172,6 +172,7 @@ _TOLD_QUAD1KG = Vehicle(
     rate_lag_s=0.020,
     frame_period_s=0.010,
     size_m=0.8,
+    wind_share=1.0,
 )
 
 _TOLD_GALE = Vehicle(

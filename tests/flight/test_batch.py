@@ -93,6 +93,16 @@ def test_stamps_that_are_off_at_a_metre_and_a_half_a_second_cost_little(jitter_m
     assert told < exact
 
 
+def test_a_vehicle_of_a_kilogram_holds_its_place_in_three_quarters_of_its_weight_of_wind() -> None:
+    blown, narrow = (
+        prepare(SCENARIOS["quad1kg"], ["sim.wind_mean=[7.5, 0, 0]", *told])
+        for told in ((), ("controller.b_bound=5.001",))
+    )
+    held, lost = (fly_batch([world], config, [0], duration_s=30.0).rms_m[0] for world, config in (blown, narrow))
+    assert held < 0.0035
+    assert not lost < 0.1
+
+
 LAG_3X = f"sim.thrust_lag_s={3.0 * SCENARIOS['paper'].world.thrust_lag_s}"
 TWO_LOOKS = 0.006
 """As a share of the commands of 8 s: rounding may move what is clamped, or lasts, by a command."""

@@ -9,6 +9,7 @@ import pytest
 
 from groundstation.__main__ import main
 from groundstation.config import ConfigError, dump, from_dict, load, presets
+from groundstation.core.control import Gains
 from groundstation.core.vehicle import Vehicle
 from groundstation.settings import Config
 from sim.scenarios import SCENARIOS
@@ -141,3 +142,16 @@ def test_the_command_lists_the_presets_and_prints_one_to_start_from(
     assert vehicle(tmp_path, capsys.readouterr().out).name == "x500"
     assert run("x501") == 2
     assert "expected one of ['crazyflie'" in capsys.readouterr().err
+
+
+def test_the_bound_of_adaptation_follows_from_the_thrust_that_wind_may_take_unless_it_is_set() -> None:
+    def bound(*told: str, **vehicle: float) -> float:
+        law = from_dict({"vehicle": vehicle}, Config, list(told)).controller
+        assert isinstance(law, Gains)
+        return law.b_bound
+
+    fast = {"mass_kg": 1.0, "thrust_max_n": 20.0}
+    assert bound(**fast) == bound() == Gains().b_bound
+    assert bound(**fast, wind_share=0.8) == pytest.approx(0.8 * (20.0 - 9.81))
+    assert bound("controller.b_bound=3", **fast, wind_share=0.8) == 3.0
+    assert bound(**fast, wind_share=0.2) == Gains().b_bound

@@ -56,7 +56,8 @@ class Law(Estimation, frozen=True, kw_only=True, forbid_unknown_fields=True):
     velocity_scale: Positive = 1.0
     """c: how fast Ω grows beyond M [m/s]."""
     b_bound: Positive = 5.0
-    """B: largest disturbance to adapt to [m/s²]. It must cover thrust-scale errors (0.2 g = 2 m/s²) too."""
+    """B: largest disturbance to adapt to [m/s²]. It must cover thrust-scale errors (0.2 g = 2 m/s²) too. Left so, it is
+    what `vehicle.wind_share` gives, where that is more."""
     epsilon: Positive = 0.5
     """ε: b̂ stays within B + ε [m/s²]."""
     delta: Positive = 0.1

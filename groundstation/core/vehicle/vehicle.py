@@ -73,6 +73,9 @@ class Vehicle(FromFile, msgspec.Struct, frozen=True, kw_only=True, forbid_unknow
     one body under two names."""
     hover_range: tuple[Positive, Positive] = (0.7, 1.45)
     """Least and largest thrust at which it may hover, as a share of its weight [-]; outside, it lands again."""
+    wind_share: Share = 0.0
+    """Share of the thrust beyond its weight that wind may take [-]: so far the controller adapts (`controller.b_bound`,
+    where that is left at its default and less)."""
     hover_n: Positive | None = None
     """Thrust that hovers, where it was measured (`groundstation identify` does) [N]: take-off then goes
     to 1.1 of it and no further, in the place of 1.3 of the weight."""
@@ -92,6 +95,10 @@ class Vehicle(FromFile, msgspec.Struct, frozen=True, kw_only=True, forbid_unknow
     def acting_delay_s(self) -> float:
         """From a command leaving us until all of it acts [s]: it is computed for that instant."""
         return self.command_delay_s + max(self.thrust_delay_s, self.rate_delay_s)
+
+    def wind_bound_m_s2(self, gravity: float) -> float:
+        """The largest disturbance that ``wind_share`` leaves thrust for, at ``gravity`` [m/s²]."""
+        return self.wind_share * (self.thrust_max_n / self.mass_kg - gravity)
 
     @classmethod
     def with_text(cls, table: dict[str, Any], text: str) -> dict[str, Any]:
@@ -123,7 +130,7 @@ class Vehicle(FromFile, msgspec.Struct, frozen=True, kw_only=True, forbid_unknow
 
 _OPTIONAL = (
     "preset", "file", "command_delay_s", "thrust_delay_s", "rate_delay_s", "thrust_curve", "hover_thrust",
-    "hover_range", "size_m", "hover_n",
+    "hover_range", "size_m", "hover_n", "wind_share",
 )  # fmt: skip
 """What a vehicle file may leave out."""
 
