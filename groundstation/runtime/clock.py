@@ -6,6 +6,7 @@ asyncio's own timers, on epoll(7), are up to a millisecond late; those of the lo
 import asyncio
 import select
 import selectors
+import sys
 import time
 from collections import deque
 from collections.abc import Awaitable
@@ -62,24 +63,26 @@ async def cancel_task(task: "asyncio.Task[None]") -> None:
         task.result()
 
 
-class PreciseSelector(selectors.EpollSelector):
-    """As epoll, but waits by the microsecond.
+if sys.platform == "linux":
 
-    epoll counts its longest wait in whole milliseconds. Its own descriptor is readable when it has something to tell:
-    so select(2), which counts finer, waits for that one descriptor, whatever the number of those behind it.
-    """
+    class PreciseSelector(selectors.EpollSelector):
+        """As epoll, but waits by the microsecond.
 
-    def select(self, timeout: float | None = None) -> list[tuple[selectors.SelectorKey, int]]:
-        """What is ready, after ``timeout`` [s] at most."""
-        if timeout is not None and timeout > 0.0:
-            select.select((self.fileno(),), (), (), timeout)
-            timeout = 0.0
-        return super().select(timeout)
+        epoll counts its longest wait in whole milliseconds. Its own descriptor is readable when it has something to
+        tell: so select(2), which counts finer, waits for that one descriptor, whatever the number of those behind it.
+        """
+
+        def select(self, timeout: float | None = None) -> list[tuple[selectors.SelectorKey, int]]:
+            """What is ready, after ``timeout`` [s] at most."""
+            if timeout is not None and timeout > 0.0:
+                select.select((self.fileno(),), (), (), timeout)
+                timeout = 0.0
+            return super().select(timeout)
 
 
 def precise_loop() -> asyncio.AbstractEventLoop:
-    """An event loop for :class:`asyncio.Runner`."""
-    return asyncio.SelectorEventLoop(PreciseSelector())
+    """An event loop for :class:`asyncio.Runner`; elsewhere than on Linux (kqueue on macOS) asyncio's own is as fine."""
+    return asyncio.SelectorEventLoop(PreciseSelector() if sys.platform == "linux" else None)
 
 
 def wall_ms() -> int:

@@ -5,6 +5,7 @@ import os
 import signal
 import socket
 import subprocess
+import sys
 from collections.abc import Callable
 
 import msgspec
@@ -122,6 +123,8 @@ async def open_process(
         LinkError: its clock is not ours.
     """
     loop = asyncio.get_running_loop()
+    if sys.platform != "linux":
+        raise LinkLost("only Linux can pace an RF module; a bridge on a computer with Linux can have it: rf_bridge")
     ours, theirs = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
     mailbox = Mailbox()
     first: asyncio.Future[PacerReport | None] = loop.create_future()

@@ -4,6 +4,7 @@ import asyncio
 import contextlib
 import os
 import shutil
+import sys
 import tempfile
 from collections.abc import AsyncIterator, Mapping, Sequence
 from pathlib import Path
@@ -35,6 +36,8 @@ async def _alone(room: RehearsalConfig | None, *ends: str) -> AsyncIterator[None
         ConfigError: another one is there already.
     """
     loop = asyncio.get_running_loop()
+    if sys.platform != "linux":
+        raise ConfigError("serve", "needs Linux: only there can it be known that nobody else plays the same vehicle")
     with contextlib.ExitStack() as held:
         names = {f"\0groundstation-sim serve {end}": end for end in ends}  # in no folder, gone with its process
         for name, end in (names if room is None else {beacon(room): f"at {room.host}"}).items():

@@ -209,6 +209,37 @@ def test_ctrl_c_while_worker_processes_start_is_told_in_one_line(children: int) 
     assert (program.returncode, told) == (130, "groundstation-sim: interrupted\n")
 
 
+ELSEWHERE = """
+import os, select, signal, sys, time
+sys.platform = "darwin"
+for module, names in ((os, "memfd_create pidfd_open sched_setscheduler sched_getaffinity eventfd"), (select, "epoll"),
+                      (signal, "pidfd_send_signal"), (time, "CLOCK_BOOTTIME")):
+    for name in names.split():
+        vars(module).pop(name, None)
+"""
+"""A Python without what only Linux has."""
+
+
+@pytest.mark.parametrize(("words", "code", "says"), [
+    (["sim", "fly", "--duration", "5"], 0, "wall time"),
+    (["sim", "fly", "--link", "dsm", "--duration", "5"], 0, "wall time"),
+    (["sim", "serve"], 2, "serve: needs Linux"),
+    (["groundstation", "trajectory", "examples/loopback.toml"], 0, "PASS"),
+    (["groundstation", "radio", "idle", "examples/rf-dsm.toml"], 1, "only Linux can pace an RF module"),
+    (["groundstation", "stop-all"], 0, "nothing flies here"),
+])  # fmt: skip
+def test_where_linux_is_not_what_computes_works_and_the_rest_ends_with_a_sentence(
+    words: list[str], code: int, says: str, tmp_path: Path
+) -> None:
+    (tmp_path / "sitecustomize.py").write_text(ELSEWHERE)
+    elsewhere = os.environ | {"PYTHONPATH": str(tmp_path), "XDG_RUNTIME_DIR": str(tmp_path)}
+    done = subprocess.run(
+        [sys.executable, "-m", *words], env=elsewhere,
+        cwd=GOLDEN.parents[1], stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True, timeout=120, check=False,
+    )  # fmt: skip
+    assert (done.returncode, says in done.stdout, "Traceback" in done.stdout) == (code, True, False), done.stdout
+
+
 def test_what_takes_long_shows_on_a_terminal_how_far_it_is() -> None:
     for words in (
         ["fuzz", "--source", "json", "--count", "2000"],

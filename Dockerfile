@@ -1,0 +1,18 @@
+# Both programs in a container, by the locked versions: docs/how-to/install.md says what works in one.
+FROM python:3.13-slim AS build
+WORKDIR /build
+COPY .ci/uv.txt .ci/uv.txt
+RUN pip install --no-cache-dir --require-hashes -r .ci/uv.txt
+COPY pyproject.toml uv.lock README.md LICENSE ./
+COPY links links
+COPY groundstation groundstation
+COPY sim sim
+RUN UV_PROJECT_ENVIRONMENT=/srv/groundstation uv sync --frozen --no-default-groups --no-editable --no-cache
+
+FROM python:3.13-slim
+COPY --from=build /srv/groundstation /srv/groundstation
+ENV PATH=/srv/groundstation/bin:$PATH
+RUN useradd --create-home pilot && install --directory --owner pilot /flights
+USER pilot
+WORKDIR /flights
+CMD ["groundstation-sim", "fly"]
