@@ -15,7 +15,7 @@ from groundstation.lab.doctor import EXIT_FINDINGS, EXIT_HEALTHY, EXIT_NO_ANSWER
 from groundstation.settings import Config
 from links.rf import RfConfig, describe_pulses
 from sim.autopilots import GAINS, Firmware, configure, describe_settings, pack_pulses
-from sim.radio import section
+from sim.radio import PtyWire, section
 from sim.scenarios import SCENARIOS, by_betaflight
 
 pytestmark = pytest.mark.firmware
@@ -97,6 +97,34 @@ class Host:
                 end.transport.abort()
 
 
+@contextlib.asynccontextmanager
+async def serial(port: str) -> AsyncIterator[str]:
+    """A serial port that leads to the board whose other port this is, and stays while the board restarts."""
+    host, number = port.split(":")
+    wire = PtyWire()
+
+    async def hold() -> None:
+        while True:
+            reader, writer = await asyncio.open_connection(host, int(number))
+            wire.listen(writer.write)
+            try:
+                while data := await reader.read(4096):
+                    wire.say(data)
+            except OSError:
+                pass  # it restarts
+            finally:
+                writer.transport.abort()
+            await asyncio.sleep(0.1)
+
+    holding = asyncio.create_task(hold())
+    try:
+        yield wire.path
+    finally:
+        holding.cancel()
+        await asyncio.gather(holding, return_exceptions=True)
+        wire.close()
+
+
 async def _pump(reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
     with contextlib.suppress(OSError):
         while data := await reader.read(4096):
@@ -104,16 +132,17 @@ async def _pump(reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> N
             await writer.drain()
 
 
-def visit(host: Host, folder: Path, *, wait_s: float = 0.0, **orders: Any) -> tuple[int, str]:
+def visit(host: Host, folder: Path, *, by_serial: bool = False, **orders: Any) -> tuple[int, str]:
     """Its exit code and what was said."""
     said: list[str] = []
 
     async def main() -> int:
-        async with host.on() as port:
-            await asyncio.sleep(wait_s)
-            return await run_doctor(
-                told(), DoctorOrders("doctor", folder=folder, board=port, **orders), None, said.append
-            )
+        async with contextlib.AsyncExitStack() as stack:
+            port = await stack.enter_async_context(host.on())
+            if by_serial:
+                port = await stack.enter_async_context(serial(port))
+            told_to = DoctorOrders("doctor", folder=folder, board=port, **orders)
+            return await run_doctor(told(), told_to, None, said.append)
 
     return asyncio.run(main()), "\n".join(said)
 
@@ -162,6 +191,13 @@ def test_settings_are_set_one_by_one_and_can_be_put_back(tmp_path: Path) -> None
     assert code == EXIT_FINDINGS
     (wrong,) = [one for one in json.loads(said)["findings"] if one["verdict"] in ("must", "should")]
     assert (wrong["name"], wrong["value"]) == ("aux 2", "1 1 1300 1700 0 0")
+
+
+def test_a_serial_port_leads_to_it_as_well(tmp_path: Path) -> None:
+    host = Host([*recipe(told()), WRONG[1]])
+    code, said = visit(host, tmp_path, by_serial=True, fix=("rc_smoothing",), yes=True)
+    assert code == EXIT_HEALTHY, said
+    assert "rc_smoothing: ON became OFF, read back" in said
 
 
 def test_an_armed_board_is_neither_read_nor_changed(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

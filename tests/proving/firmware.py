@@ -12,6 +12,7 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 from statistics import median
 from typing import Any, NamedTuple
+from unittest.mock import patch
 
 import numpy as np
 
@@ -20,6 +21,7 @@ from groundstation.core.geometry import Vec3
 from groundstation.core.mission import State
 from groundstation.recording import make_flight
 from groundstation.runtime import replace_between_markers
+from sim import autopilots
 from sim.autopilots import GAINS, STEP_S, FlightBoard, describe_settings
 from sim.radio import PulseReceiver
 from sim.runs import RECORDING, Stage, confirm_at, fly, fly_mission, from_floor, simulate
@@ -229,6 +231,20 @@ FLIGHTS: tuple[tuple[str, str, Sequence[str], float, str], ...] = (
 """What is flown, and what it must stay under [cm RMS]."""
 
 
+OWN_GAINS: tuple[tuple[str, Sequence[str]], ...] = (
+    ("hover, the firmware's own gains", ()),
+    ("… all of them but i_yaw, which is 10", ("set simplified_pids_mode = OFF", "set i_yaw = 10")),
+)
+
+
+def hover_on(gains: Sequence[str], seed: int) -> tuple[float | None, float]:
+    """RMS [cm] of 30 s of hover on other gains, None where the flight was lost; and how long it lasted [s]."""
+    world, config = prepare(by_betaflight(SCENARIOS["paper"]), ["trajectory.kind=hold"], link="dsm")
+    with patch.object(autopilots, "GAINS", gains, create=True):
+        result = fly(world, config, seed=seed, duration_s=30.0, autopilot=BETAFLIGHT)
+    return (result.verdict.rms_cm if result.completed else None), result.duration_s
+
+
 def gust(seed: int) -> tuple[float, float]:
     """The largest error in `gust_front`'s hover [cm], and how long it then takes to get under 5 cm [s]."""
     at_s, lasts_s, errors = 16.0, 22.0, list[tuple[float, float]]()
@@ -255,6 +271,7 @@ def firmware(args: argparse.Namespace) -> int:
             fly(world, config, seed=seed, duration_s=lasts_s, autopilot=BETAFLIGHT).verdict.rms_cm for seed in SEEDS
         ]
         facts["flights"][name] = {"rms_cm": [v if v is not None else math.inf for v in verdicts], "must": must}
+    facts["own_gains"] = {name: [hover_on(gains, seed) for seed in SEEDS] for name, gains in OWN_GAINS}
     facts["gust"] = [gust(seed) for seed in SEEDS]
     for name, strike, link in STRIKES:
         struck = strike_down(strike, link)
@@ -285,6 +302,11 @@ def tables(facts: dict[str, Any]) -> str:
     lines = ["| flown over DSM, 50 Hz poses, 20 ms | RMS cm, median of 3 seeds (worst) | must |", "|---|---|---|"]
     for name, row in facts["flights"].items():
         lines.append(f"| {name} | {median(row['rms_cm']):.2f} ({max(row['rms_cm']):.2f}) | {row['must']} |")
+    for name, flown in facts["own_gains"].items():
+        rms = [one for one, _ in flown if one is not None]
+        lost = [lasted for one, lasted in flown if one is None]
+        told = f"{median(rms):.2f} ({max(rms):.2f})" if rms and not lost else f"{len(lost)} of {len(flown)} lost"
+        lines.append(f"| {name} | {told}{f', within {max(lost):.1f} s' if lost else ''} | – |")
     peak, back = max(p for p, _ in facts["gust"]), max(b for _, b in facts["gust"])
     lines.append(
         f"| a step of wind of 1.5 m/s² in the hover | {peak:.1f} cm at most, under 5 cm after {back:.2f} s | 8, 1.5 s |"
