@@ -141,7 +141,7 @@ async def _fly(
         truth = plant.truth(tick.time_s)
         released = plant.released_s
         wind = stage.wind.at(tick.time_s - released) if released is not None else world.wind_mean
-        referee.tick(tick, wind)
+        referee.tick(tick, wind, truth.velocity_ned)
         if give is not None:
             record(make_truth(truth, wind, trajectory, flight.started_s))
         if on_tick is not None:

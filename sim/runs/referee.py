@@ -96,8 +96,11 @@ class FlightVerdict(msgspec.Struct, frozen=True, kw_only=True):
     """Mean true disturbance over the last second [m/s², NED], without the effect of wrong thrust or mass."""
     wind_estimate: Vec3
     """Mean b̂ over the last second [m/s², NED]."""
-    wind_found: Vec3 = (0.0, 0.0, 0.0)
-    """The same without what the law counts as thrust, λ̂: the wind that b̂ and λ̂ together make out [m/s², NED]."""
+    disturbance_true: Vec3 = (0.0, 0.0, 0.0)
+    """Mean acceleration over the last second beyond that of the thrust and mass as told [m/s², NED]: the wind, drag,
+    and what thrust and mass are off."""
+    disturbance_found: Vec3 = (0.0, 0.0, 0.0)
+    """The same as b̂ and λ̂ together make it out [m/s², NED]."""
     thrust_effectiveness: float
     """Mean λ̂ over the last second [-]."""
     thrust_min_n: float | None
@@ -139,14 +142,16 @@ class Referee:
         self._ticks: list[tuple[float, float, bool, float, Vec3]] = []
         self._winds: list[Vec3] = []
         self._wanted: list[Vec3] = []
+        self._moves: list[tuple[float, Vec3, Vec3]] = []
+        """Time [s], true velocity [m/s], and acceleration by the thrust and mass as told [m/s²]; both NED."""
         self._effectiveness = array("d")
         self._states: list[str] = []
         self._believed = SteadyError()
         self._warnings: list[str] = []
         self.crash: str | None = None
 
-    def tick(self, tick: Tick, wind: Vec3) -> None:
-        """One command, and the true disturbance at that instant."""
+    def tick(self, tick: Tick, wind: Vec3, velocity: Vec3) -> None:
+        """One command, and the true wind [m/s²] and velocity [m/s] at that instant, NED."""
         d, estimate = tick.decision, tick.estimate
         self._believed.add(tick.flight_time_s, math.dist(estimate.motion.position, tick.reference.position_ned))
         self._ticks.append(
@@ -155,6 +160,9 @@ class Referee:
         self._effectiveness.append(estimate.effectiveness)
         self._winds.append(wind)
         self._wanted.append(sought(wind, estimate, self._told_kg))
+        more = estimate.motion.thrust / self._told_kg
+        x, y, z = third_column(estimate.motion.attitude)
+        self._moves.append((tick.time_s, velocity, (-more * x, -more * y, self._world.gravity - more * z)))
         self._states.append(tick.seen.state)
         if tick.seen.warning:
             self._warnings.append(f"{tick.flight_time_s:.2f} {tick.seen.warning}")
@@ -186,7 +194,8 @@ class Referee:
             wind_true=_mean([self._winds[i] for i in last]),
             estimate_rms_cm=None if self._believed.rms_m is None else 100.0 * self._believed.rms_m,
             wind_estimate=_mean([self._ticks[i][4] for i in last]),
-            wind_found=_mean([_sum(self._ticks[i][4], self._winds[i], self._wanted[i]) for i in last]),
+            disturbance_true=find_disturbance([self._moves[i] for i in last]),
+            disturbance_found=_mean([_sum(self._ticks[i][4], self._winds[i], self._wanted[i]) for i in last]),
             thrust_effectiveness=sum(self._effectiveness[i] for i in last) / len(last) if last else 1.0,
             thrust_min_n=min(thrusts, default=None),
             thrust_max_n=max(thrusts, default=None),
@@ -230,6 +239,16 @@ def sought(wind: Any, estimate: Estimate, told_kg: float) -> Any:
     more = (estimate.effectiveness - 1.0) * estimate.motion.thrust / told_kg
     x, y, z = third_column(estimate.motion.attitude)
     return wind[0] + more * x, wind[1] + more * y, wind[2] + more * z
+
+
+def find_disturbance(moves: Sequence[tuple[float, Vec3, Vec3]]) -> Vec3:
+    """Mean acceleration beyond the one told [m/s²], of times [s], velocities [m/s] and told accelerations [m/s²]."""
+    if len(moves) < 2:
+        return (0.0, 0.0, 0.0)
+    (begin_s, begin, _), (end_s, end, _) = moves[0], moves[-1]
+    told = [[(b[0] - a[0]) * part for part in a[2]] for a, b in pairwise(moves)]
+    x, y, z = ((end[i] - begin[i] - sum(part[i] for part in told)) / (end_s - begin_s) for i in range(3))
+    return x, y, z
 
 
 def stays_below(times: list[float], errors: list[float], limit: float) -> float | None:
