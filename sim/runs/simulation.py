@@ -7,7 +7,6 @@ A radio's frames, which leave by no network, are kept as lines of hex.
 import asyncio
 import concurrent.futures as cf  # noqa: TID251  # beside an event loop that runs already, as in a notebook, and only there
 import contextvars
-import gc
 import json
 import sys
 import weakref
@@ -27,6 +26,7 @@ from groundstation.core.trajectory import FeasibilityReport
 from groundstation.flight import ensure_flyable
 from groundstation.pose import CSV_COLUMNS, IN_RUN_FOLDER, CsvRow, encode_csv
 from groundstation.recording import EndRecord, FlightLog, LineRecord, Record, TickRecord, about
+from groundstation.runtime import rare_collections
 from groundstation.settings import Config
 from sim.radio import MODULE
 from sim.runs.flight import Result, fly
@@ -35,8 +35,6 @@ from sim.world import World
 
 DURATION_S = 60.0
 """How long a flight lasts if nobody says."""
-FEW_COLLECTIONS = 50_000
-"""Garbage is collected when so many more objects were made than dropped."""
 T = TypeVar("T")
 
 
@@ -241,19 +239,6 @@ def _keep_on_error(folder: "RunFolder | None") -> Iterator[None]:
         if folder is not None:
             folder.abandon()
         raise
-
-
-@contextmanager
-def rare_collections() -> Iterator[None]:
-    """Have cyclic garbage, of which a flight makes little, collected rarely, and nothing from before looked at."""
-    before = gc.get_threshold()
-    gc.freeze()
-    gc.set_threshold(FEW_COLLECTIONS, *before[1:])
-    try:
-        yield
-    finally:
-        gc.set_threshold(*before)
-        gc.unfreeze()
 
 
 def _thrust_bound(config: Config, asked: FeasibilityReport, v_start: float | None) -> float | None:

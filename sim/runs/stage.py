@@ -55,7 +55,6 @@ from sim.world import (
     Wind,
     World,
     generator,
-    make_hand,
     rows,
     stream,
     with_noise,
@@ -173,6 +172,8 @@ class Stage:
 
         Afterwards it is held where the last one left it.
         """
+        from sim.world import make_hand
+
         loop, plant = asyncio.get_running_loop(), self.plant
 
         def take() -> None:

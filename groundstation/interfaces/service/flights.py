@@ -560,5 +560,4 @@ def calm_memory() -> None:
     """No long garbage collection in flight: what start-up made is never looked at again, whole sweeps are rare."""
     gc.collect()
     gc.freeze()
-    young, middle, _ = gc.get_threshold()
-    gc.set_threshold(young, middle, 1000)
+    gc.set_threshold(700, 10, 1000)  # short ones as often as Python itself has them
