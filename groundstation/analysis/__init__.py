@@ -5,12 +5,38 @@ if TYPE_CHECKING:
     from groundstation.analysis.flight_data import Channel, FlightData, Track
     from groundstation.analysis.recordings import export_command, logs_command
     from groundstation.analysis.replay import replay_command
+    from groundstation.analysis.shadow import (
+        FlownPath,
+        RecordedVehicle,
+        complete_config,
+        flying,
+        hover_share,
+        latency_s,
+        load_described,
+        mavlink,
+        read_recording,
+        shadow_command,
+        thrust_shares,
+    )
     from groundstation.analysis.viewers import view_command
 
 _MODULES = {
     "flight_data": ("Channel", "FlightData", "Track"),
     "recordings": ("export_command", "logs_command"),
     "replay": ("replay_command",),
+    "shadow": (
+        "FlownPath",
+        "RecordedVehicle",
+        "complete_config",
+        "flying",
+        "hover_share",
+        "latency_s",
+        "load_described",
+        "mavlink",
+        "read_recording",
+        "shadow_command",
+        "thrust_shares",
+    ),
     "viewers": ("view_command",),
 }
 

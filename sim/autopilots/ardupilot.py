@@ -12,7 +12,7 @@
 """
 
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from typing import ClassVar
 
 from groundstation.core.geometry import so3
@@ -29,7 +29,6 @@ from sim.autopilots.dialect import (
     SetPoint,
     rates_or_zero,
 )
-from sim.world import Airframe
 
 STABILIZE, GUIDED, LAND, GUIDED_NOGPS = 0, 4, 9, 20
 """Copter's mode numbers."""
@@ -58,24 +57,10 @@ class ArduPilotAutopilot(SimulatedAutopilot):
         "TIMESYNC": 0.1,
     }
 
-    def __init__(
-        self,
-        airframe: Airframe,
-        *,
-        lose: Callable[[], bool] = lambda: False,
-        hover: float = 0.5,
-        system_id: int = 1,
-        parameters: Mapping[str, float] | None = None,
-        own_estimate: bool = False,
-    ) -> None:
-        """See the base."""
-        super().__init__(
-            airframe, lose=lose, hover=hover, system_id=system_id, parameters=parameters, own_estimate=own_estimate
-        )
-        self.mode = STABILIZE
-        self._setpoint_s = math.inf
-        self._levelling = False
-        self._has_flown = False
+    mode = STABILIZE
+    _setpoint_s = math.inf
+    _levelling = False
+    _has_flown = False
 
     @property
     def custom_mode(self) -> int:

@@ -10,7 +10,7 @@
 """
 
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from typing import ClassVar
 
 from links.mavlink.protocol import PX4
@@ -26,7 +26,6 @@ from sim.autopilots.dialect import (
     SetPoint,
     rates_or_zero,
 )
-from sim.world import Airframe
 
 OFFBOARD, LOITER, LAND, POSCTL = (6, 0), (4, 3), (4, 6), (3, 0)
 """PX4's main and sub mode."""
@@ -56,24 +55,10 @@ class Px4Autopilot(SimulatedAutopilot):
         "TIMESYNC": 10.0,
     }
 
-    def __init__(
-        self,
-        airframe: Airframe,
-        *,
-        lose: Callable[[], bool] = lambda: False,
-        hover: float = 0.5,
-        system_id: int = 1,
-        parameters: Mapping[str, float] | None = None,
-        own_estimate: bool = False,
-    ) -> None:
-        """See the base."""
-        super().__init__(
-            airframe, lose=lose, hover=hover, system_id=system_id, parameters=parameters, own_estimate=own_estimate
-        )
-        self._intended = LOITER
-        self._setpoint_s = -math.inf
-        self._stream_since_s = math.inf
-        self._learnt: float | None = None
+    _intended = LOITER
+    _setpoint_s = -math.inf
+    _stream_since_s = math.inf
+    _learnt: float | None = None
 
     @property
     def _hover(self) -> float:

@@ -3,11 +3,13 @@
 What :func:`sim.runs.flight.fly` does with one vehicle through wire bytes, this does with N: the same random numbers,
 the same cameras, frames, losses and outages, the same single-precision set-points. Only the orchestration is written
 again (a test holds both against each other): the controller on arrays, memory and all, and what the referee writes
-down. All vehicles are told the same and share the periods of frames and poses.
+down. All vehicles are told the same and share the periods of frames and poses. The fleet is the truth about them, what
+:mod:`sim.runs.stage` and sim/trackers/trackers.py are to one: plants, wind, and cameras with poses that are noisy,
+late, and sometimes lost.
 """
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from typing import Any, NamedTuple, TypeAlias
 
 import msgspec
@@ -16,18 +18,377 @@ import numpy.typing as npt
 
 from groundstation.config import ConfigError
 from groundstation.core.control import Adaptive, Gains, Law
-from groundstation.core.geometry import Ops, arrays
+from groundstation.core.geometry import Ops, arrays, rotate
 from groundstation.core.messages import ROUNDING_S, SATURATION_FROM_S, STEADY_S, Decision, Diagnostics, Estimate
 from groundstation.core.trajectory import Reference
 from groundstation.core.vehicle import ActuatorCommand, Vehicle
 from groundstation.pose.sources import ViconConfig
 from groundstation.settings import Config
 from sim.batch.estimator import BatchEstimator, BatchWatch
-from sim.batch.fleet import Fleet
 from sim.batch.kernel import Array, Index
-from sim.batch.stages import BatchStage, Numpy, Stages, columns
-from sim.runs import CONFIRM_S, SETTLED_M, sought
-from sim.world import World
+from sim.batch.stages import BatchStage, Numpy, Stages, columns, pick, put, zeros
+from sim.runs import CONFIRM_S, CRASH_M, SETTLED_M, sought
+from sim.world import (
+    Actuators,
+    Body,
+    Eddies,
+    Physics,
+    RateLoop,
+    World,
+    begin_eddies,
+    begin_rotors,
+    cell,
+    compute_drag,
+    compute_turbulence,
+    describe_air,
+    describe_rotors,
+    generator,
+    integrate,
+    stir,
+    turn_rotors,
+)
+
+Seen = Callable[[Index, Index, Array], Any]
+"""``seen(step, who, taken_s)``: the Body of each vehicle of ``who`` at ``taken_s`` [s], in that step of the frame."""
+
+
+class Cameras:
+    """The poses of N vehicles: true at their exposures, delivered later or never."""
+
+    def __init__(
+        self,
+        worlds: Sequence[World],
+        seeds: Sequence[int],
+        duration_s: float,
+        release_s: float,
+        told_latency_s: float,
+    ) -> None:
+        """Draw every pose's noise and fate as :class:`sim.trackers.trackers.Mocap` does.
+
+        ``told_latency_s`` [s] is what the pose source takes off a pose's arrival to stamp it.
+        """
+        n = len(worlds)
+        self._period = 1.0 / worlds[0].pose_rate_hz
+        phase = np.array([generator(seed, "phase").random() for seed in seeds]) * self._period
+        self._next_s = phase - release_s
+        self._number = np.zeros(n, int)
+        poses = int((duration_s + release_s) / self._period) + 4
+        self._noise = np.stack([generator(seed, "noise").standard_normal((poses, 6)) for seed in seeds], axis=2)
+        luck = np.stack([generator(seed, "pose loss").random(poses) for seed in seeds], axis=1)
+        self._lost = luck < np.array([w.pose_loss for w in worlds])
+        self._sigma = np.array([w.pose_noise_m for w in worlds])
+        self._jitter = np.array([w.pose_jitter_s for w in worlds])
+        self._sigma_attitude = np.array([w.attitude_noise_rad for w in worlds])
+        self._latency = np.array([w.pose_latency_s for w in worlds])
+        self._told_latency = told_latency_s
+        self._outage = np.array([w.outage_s for w in worlds])
+        self._outage_period = np.array([w.outage_period_s for w in worlds])
+        self._who: Index = np.empty(0, int)
+        self._under_way: Array = np.empty((9, 0))
+        """Arrival, stamp, position, attitude of the poses under way, and ``_who`` they show, in order of exposure."""
+
+    def expose(self, ends: Array, seen: Seen) -> None:
+        """Take the pictures of one frame, whose steps end at ``ends`` [s after the release]."""
+        limits = ends - 1e-12
+        while (due := self._next_s < limits[-1]).any():
+            who = np.flatnonzero(due)
+            taken = self._next_s[who]
+            self._expose(who, taken, seen(np.searchsorted(limits, taken, side="right"), who, taken))
+
+    def _expose(self, who: Index, taken: Array, body: Any) -> None:
+        """Take one picture of each of the vehicles ``who``."""
+        number = self._number[who]
+        normals, lost = self._noise[number, :, who].T, self._lost[number, who]
+        self._next_s[who] += self._period
+        self._number[who] += 1
+        period, outage = self._outage_period[who], self._outage[who]
+        lost |= (outage > 0.0) & (taken >= 0.0) & (taken % period >= period - outage)
+        n, a = self._sigma[who], self._sigma_attitude[who]
+        late = self._jitter[who] * normals[5]
+        moved = zip(body.position, body.velocity, strict=True)
+        position = [p + late * v + n * normals[i] for i, (p, v) in enumerate(moved)]
+        angle: Any = tuple(a * normals[3 + i] for i in range(3))
+        attitude: Any = rotate(body.attitude, angle)
+        latency = self._latency[who]
+        # Exact where the source is told the truth: a pose is then stamped with its exposure.
+        stamp = np.where(latency == self._told_latency, taken, taken + (latency - self._told_latency))
+        kept = ~lost
+        self._who = np.concatenate([self._who, who[kept]])
+        pose = np.stack([taken + latency, stamp, *position, *attitude])
+        self._under_way = np.concatenate([self._under_way, pose[:, kept]], axis=1)
+
+    def take_arrivals(self, time_s: float) -> Iterator[tuple[Index, Array, Any, Any]]:
+        """(who, stamp, position, attitude) of what has arrived by ``time_s``.
+
+        The first pose of each vehicle, then the second of each that has one, and so on.
+        """
+        now = self._under_way[0] <= time_s
+        who, poses = self._who[now], self._under_way[:, now]
+        self._who, self._under_way = self._who[~now], self._under_way[:, ~now]
+        while who.size:
+            _, first = np.unique(who, return_index=True)
+            stamp, x, y, z, *attitude = poses[1:, first]
+            yield who[first], stamp, (x, y, z), tuple(attitude)
+            who, poses = np.delete(who, first), np.delete(poses, first, axis=1)
+
+
+BODY = 14
+"""Numbers that make a Body."""
+ACTUATORS = 17
+"""Numbers that make Actuators: four rotor speeds and a rate loop."""
+BLOCK = 512
+"""Grid steps of turbulence drawn at a time."""
+
+
+class Fleet:
+    """The truth about N vehicles, one frame of commands at a time.
+
+    ``track`` has shape (steps + 1, 14, N): the vehicles at the start of each plant step of the frame, and at its end;
+    31 in the place of 14 with rotors.
+    ``felt`` has shape (steps + 1, 3, N): the disturbance b [m/s², NED] at the start of the frame, and in each step.
+    """
+
+    def __init__(
+        self,
+        worlds: Sequence[World],
+        seeds: Sequence[int],
+        *,
+        duration_s: float,
+        release_s: float,
+        steps: int,
+        told_latency_s: float,
+        stages: Stages,
+    ) -> None:
+        """``release_s`` [s] is when the flights begin, counted from the start of the cameras."""
+        first = worlds[0]
+        self.count = n = len(worlds)
+
+        def column(name: str) -> Any:
+            return np.array([getattr(w, name) for w in worlds], np.float64)
+
+        self._physics: Any = Physics(
+            column("mass_kg"),
+            column("thrust_lag_s"),
+            column("rate_lag_s"),
+            column("drag_per_s"),
+            column("rate_leak"),
+            first.gravity,
+        )
+        self._thrust_max, self._thrust_curve = column("thrust_max_n"), column("thrust_curve")
+        self._gain, self._sag = column("thrust_gain"), column("thrust_sag")
+        self._limits = np.radians(np.array([w.rate_limits_deg_s for w in worlds])).T
+        self._floor = column("floor_z_m")
+        self.start = np.array([w.start_ned for w in worlds]).T
+        self._steps, self._step_s = steps, first.frame_period_s / steps
+        turns = first.plant == "rotors"
+        self.track = np.zeros((steps + 1, BODY + ACTUATORS * turns, n))
+        self.track[-1, :3] = self.start
+        self.track[-1, 6] = 1.0
+        self.track[-1, 10] = thrust = column("start_thrust") * self._physics.mass_kg * first.gravity
+        self.felt = np.zeros((steps + 1, 3, n))
+
+        def of(get: Callable[[World], float]) -> Any:
+            return np.array([get(w) for w in worlds], np.float64)
+
+        drag: Any = describe_air(of)
+        drags = any(np.any(x) for x in (*drag.linear, *drag[1:4]))
+        self._gains_now = self._gain.copy()
+        rotors: Any = (*describe_rotors(of, first.gravity), self._gains_now) if turns else None
+        self._gyros = [generator(seed, "gyro") for seed in seeds] if turns else []
+        self._gyro_sigma, self._gyro_block = of(lambda w: w.rotors.gyro_noise_rad_s), np.zeros((0, 3, n))
+        if turns:
+            put(_vehicle(self.track[-1])[1], slice(None), begin_rotors(arrays(), thrust, rotors[1]))
+        self._thrust_command: Any = np.zeros(n)
+        self._rate_command: Any = zeros(n, 3)
+        delays = of(lambda w: w.thrust_delay_s), of(lambda w: w.rate_delay_s)
+        self._delays: Array | None = np.stack([delays[0], *[delays[1]] * 3]) if np.any(delays) else None
+        """Of thrust and of each rate, (4, N) [s]."""
+        behind = 2 + int(np.max(delays) / first.frame_period_s)
+        self._commands = np.zeros((behind + 1, 4, n))
+        """The newest commands of as many frames as may still act, the newest first."""
+        self._commands[:, 0] = thrust
+        self._acting = np.zeros((steps, 4, n))
+        self._gust_hz, self._wind_step_s = column("wind_gust_hz"), column("wind_step_time_s")
+        self._mean, self._gust, self._wind_step = (
+            np.array([getattr(w, key) for w in worlds], np.float64).T.copy()
+            for key in ("wind_mean", "wind_gust", "wind_step")
+        )
+        self._turbulence = column("wind_turbulence")
+        self._normals = [generator(seed, "turbulence") for seed in seeds]
+        self._stirs = bool(self._turbulence.any())
+        self._grid, self._block = 0, self._draw() if self._stirs else np.zeros((1, 3, n))
+        zero: Any = np.zeros(n)
+        eddies = Eddies(zeros(n, 3), zero, zero.copy())
+        put(eddies, slice(None), begin_eddies(tuple(self._block[0])))
+        held: Any = ((self._thrust_command, self._rate_command),)
+        if self._delays is not None:
+            held = tuple((row[0], tuple(row[1:])) for row in self._acting)
+        self._plant: Any = self._physics, drag if drags else None, rotors
+        vehicles = tuple(map(_vehicle, self.track))
+        self._frame = stages(self._advance, (vehicles, tuple(map(tuple, self.felt[1:])), held, self._plant))
+        self._part = stages(_observe, (*held[0], self._plant))
+        winds = (tuple(self._mean), tuple(self._gust), tuple(self._wind_step), self._wind_step_s, self._gust_hz)
+        self._blow = stages(_blown, (*winds, self._turbulence, eddies, tuple(map(tuple, self.felt))))
+        self._cameras = Cameras(worlds, seeds, duration_s, release_s, told_latency_s)
+        self.arrived = self._cameras.take_arrivals
+        losses = [generator(seed, "frame loss").random(int(duration_s / first.frame_period_s) + 8) for seed in seeds]
+        self._frame_lost = column("frame_loss") > np.array(losses).T
+
+    def hold(self, time_s: float) -> None:
+        """A frame before the release: nothing moves, but the cameras run."""
+        body = _body(self.track[-1, :BODY])
+        self._cameras.expose(np.array([time_s + self._steps * self._step_s]), lambda _, who, __: pick(body, who))
+
+    def command(self, frame: int, time_s: float, drive: ActuatorCommand, told_full_n: float, told_curve: float) -> None:
+        """Frame number ``frame`` leaves at ``time_s`` after the release; some vehicles never hear it.
+
+        The full signal is told to give ``told_full_n`` [N], on the curve ``told_curve`` (links/core/thrust_curve.py).
+        """
+        told, straight = np.clip(np.asarray(drive.thrust) / told_full_n, 1e-30, 1.0), 1.0 - told_curve
+        signal = 2.0 * told / (straight + np.sqrt(straight * straight + 4.0 * told_curve * told))
+        # On the wire both are single-precision numbers.
+        signal = signal.astype(np.float32).astype(np.float64)
+        share = self._thrust_curve * signal * signal + (1.0 - self._thrust_curve) * signal
+        rates = [np.asarray(rate).astype(np.float32).astype(np.float64) for rate in drive.rates]
+        gain = self._gain * (1.0 - self._sag * min(1.0, time_s / 60.0))
+        # The first frame is what releases the vehicle; losses count from the second.
+        lost = self._frame_lost[frame - 1] & (frame > 0)
+        self._gains_now[...] = np.where(lost, self._gains_now, gain)
+        self._thrust_command[...] = np.where(lost, self._thrust_command, gain * share * self._thrust_max)
+        for now, new, limit in zip(self._rate_command, rates, self._limits, strict=True):
+            now[...] = np.where(lost, now, np.clip(new, -limit, limit))
+
+    def fly(self, time_s: float) -> None:
+        """All steps of the frame that begins at ``time_s`` after the release, and the pictures taken meanwhile."""
+        h, track = self._step_s, self.track
+        track[0] = track[-1]
+        starts: Array = time_s + np.arange(self._steps, dtype=np.float64) * h
+        self._blow(tuple((time, tuple(self._new_normals(time))) for time in (time_s, *(starts + 0.5 * h).tolist())))
+        if self._delays is not None:
+            self._commands = np.roll(self._commands, 1, axis=0)
+            self._commands[0] = (self._thrust_command, *self._rate_command)
+            for step, row in enumerate(self._acting):
+                row[...] = self._compute_mean(step * h, h, slice(None))
+        noise = self._draw_gyros()
+        self._frame(tuple(map(tuple, noise)))
+
+        def observe(step: Any, who: Any, taken: Any) -> Any:
+            before, wind = _vehicle(track[step, :, who].T), tuple(self.felt[step + 1, :, who].T)
+            since = np.maximum(taken - starts[step], 1e-12)
+            if self._delays is None and not len(noise):
+                return self._part((before[0], wind, since), who)
+            thrust, rates = self._thrust_command[who], pick(self._rate_command, who)
+            if self._delays is not None:
+                thrust, *rates = self._compute_mean(step * h, since, who)
+            gyro = tuple(noise[step, :, who].T) if len(noise) else None
+            plant = pick(self._plant, who)
+            return _step(arrays(), before, (thrust, tuple(rates)), gyro, wind, since, plant)[0]
+
+        self._cameras.expose(starts + h, observe)
+
+    def _compute_mean(self, since_s: Any, span_s: Any, who: Any) -> Array:
+        """Commands of ``who``, (4, n), that act on average from ``since_s`` into the frame on, over ``span_s`` [s]."""
+        assert self._delays is not None
+        delays, period = self._delays[:, who], self._steps * self._step_s
+        # What acts changes once a frame, so long after the frame's begin.
+        frames = np.floor(delays / period + 1e-9)
+        change = delays - frames * period
+        share = np.clip((since_s + span_s - np.maximum(change, since_s)) / span_s, 0.0, 1.0)
+        newer = np.take_along_axis(self._commands[:, :, who], frames[None].astype(int), axis=0)[0]
+        older = np.take_along_axis(self._commands[:, :, who], frames[None].astype(int) + 1, axis=0)[0]
+        mean: Array = older + share * (newer - older)
+        return mean
+
+    def _draw_gyros(self) -> Array:
+        """Noise of the gyros in each step of a frame, (steps, 3, N) [rad/s]; no steps without rotors."""
+        if not self._gyros:
+            return self._gyro_block
+        if not len(self._gyro_block):
+            rows = self._steps * (BLOCK // self._steps)
+            self._gyro_block = np.stack([g.standard_normal((rows, 3)) for g in self._gyros], axis=2) * self._gyro_sigma
+        noise, self._gyro_block = self._gyro_block[: self._steps], self._gyro_block[self._steps :]
+        return noise
+
+    def _advance(self, ops: Ops, state: Any, noise: Any) -> Any:
+        vehicles, felt, held, plant = state
+        after = [vehicles[0]]
+        for k, wind in enumerate(felt):
+            command, gyro = held[k % len(held)], noise[k] if noise else None
+            after.append(_step(ops, after[-1], command, gyro, wind, self._step_s, plant))
+        return (tuple(after), *state[1:]), ()
+
+    def _new_normals(self, time_s: float) -> Iterator[Any]:
+        """What stirs the turbulence until ``time_s`` after the release; questions go forward in time."""
+        while self._stirs and self._grid < cell(time_s):
+            self._grid += 1
+            if self._grid % BLOCK == 0:
+                self._block = self._draw()
+            yield tuple(self._block[self._grid % BLOCK])
+
+    def _draw(self) -> Array:
+        return np.stack([g.standard_normal((BLOCK, 3)) for g in self._normals], axis=2)
+
+    def find_crashes(self, steps: int) -> Any:
+        """Who has hit the floor or left every room within so many ``steps`` of this frame.
+
+        They are put back to their start, out of the way.
+        """
+        x, y, z = np.moveaxis(self.track[1 : steps + 1, :3], 1, 0)
+        x0, y0, z0 = self.start
+        far = (x - x0) ** 2 + (y - y0) ** 2 + (z - z0) ** 2 > CRASH_M**2
+        down = ((z >= self._floor - 1e-9) | far | ~np.isfinite(x + y + z)).any(axis=0)
+        if down.any():
+            end = self.track[-1]
+            end[:, down] = 0.0
+            end[:3, down] = self.start[:, down]
+            end[6, down] = 1.0
+        return down
+
+
+def _step(ops: Ops, vehicle: Any, command: Any, gyro: Any, wind: Any, h: Any, plant: Any) -> Any:
+    """One step of the plant: Body, and actuators where there are rotors."""
+    (body, actuators), (thrust, rates), (physics, drag, rotors) = vehicle, command, plant
+    if drag is not None:
+        wind = tuple(a + b for a, b in zip(wind, compute_drag(ops, body, drag), strict=True))
+    if rotors is None:
+        return integrate(ops, body, thrust, rates, wind, h, physics), None
+    frame, gains, gain = rotors
+    return turn_rotors(ops, body, actuators, thrust, rates, gyro, gain, wind, h, frame, gains)
+
+
+def _observe(ops: Ops, state: Any, given: Any) -> Any:
+    before, wind, h = given
+    thrust, rates, plant = state
+    return state, _step(ops, (before, None), (thrust, rates), None, wind, h, plant)[0]
+
+
+def _blown(ops: Ops, state: Any, given: Any) -> Any:
+    *winds, eddies, _ = state
+    mean, gust, step, step_s, gust_hz, turbulence = winds
+    now = []
+    for time_s, stirs in given:
+        for normals in stirs:
+            eddies = stir(eddies, normals)
+        sine = ops.sin(2.0 * np.pi * gust_hz * time_s)
+        steady = (m + g * sine + s * (time_s >= step_s) for m, g, s in zip(mean, gust, step, strict=True))
+        now.append(tuple(a + b for a, b in zip(steady, compute_turbulence(eddies, turbulence), strict=True)))
+    return (*winds, eddies, tuple(now)), ()
+
+
+def _body(numbers: Any) -> Any:
+    """The Body of 14 rows, without a copy."""
+    px, py, pz, vx, vy, vz, w, x, y, z, thrust, p, q, r = numbers
+    return Body((px, py, pz), (vx, vy, vz), (w, x, y, z), thrust, (p, q, r))
+
+
+def _vehicle(numbers: Any) -> Any:
+    """The Body of the first 14 rows, and the Actuators of the rest, if any."""
+    body = _body(numbers[:BODY])
+    if len(numbers) == BODY:
+        return body, None
+    a, b, c, d, thrust, *rest = numbers[BODY:]
+    return body, Actuators((a, b, c, d), RateLoop(thrust, *(tuple(rest[k : k + 3]) for k in range(0, 12, 3))))
+
 
 STEADY_FROM_S = STEADY_S - ROUNDING_S
 

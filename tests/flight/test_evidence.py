@@ -23,8 +23,7 @@ from groundstation.analysis.evidence.evidence import (
     measure_wander,
     respond,
 )
-from groundstation.analysis.evidence.imports import SETPOINT
-from groundstation.analysis.evidence.mapping import Column, load_mapping, shipped_mappings
+from groundstation.analysis.evidence.imports import SETPOINT, Column, load_mapping, shipped_mappings
 from groundstation.config import ConfigError
 from groundstation.core.geometry import Quat, Vec3, so3
 from groundstation.recording import Recording

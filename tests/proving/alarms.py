@@ -22,7 +22,7 @@ from statistics import mean, median
 
 import msgspec
 
-from groundstation.analysis.shadow import (
+from groundstation.analysis import (
     FlownPath,
     RecordedVehicle,
     complete_config,

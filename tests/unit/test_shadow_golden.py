@@ -7,8 +7,8 @@ from pathlib import Path
 
 import pytest
 
-from groundstation.analysis.shadow import RecordedVehicle, read_recording
-from groundstation.analysis.shadow.report import ShadowReport, report
+from groundstation.analysis import RecordedVehicle, read_recording
+from groundstation.analysis.shadow import ShadowReport, report
 from groundstation.core.messages import Pose
 
 GOLDEN = Path(__file__).parents[1] / "golden"

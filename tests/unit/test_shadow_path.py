@@ -1,12 +1,12 @@
-"""groundstation/analysis/shadow/report.py: the flown path with its derivatives."""
+"""groundstation/analysis/shadow.py: the flown path with its derivatives."""
 
 import math
 
 import numpy as np
 import pytest
 
-from groundstation.analysis.shadow import FlownPath
-from groundstation.analysis.shadow.report import HALF_WIDTH_S
+from groundstation.analysis import FlownPath
+from groundstation.analysis.shadow import HALF_WIDTH_S
 from groundstation.core.geometry import Vec3, so3
 from groundstation.core.messages import Pose
 

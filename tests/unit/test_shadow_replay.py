@@ -9,8 +9,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from groundstation.analysis.shadow.recording import in_order
-from groundstation.analysis.shadow.report import ShadowReport, report
+from groundstation.analysis.shadow import ShadowReport, in_order, report
 from groundstation.config import ConfigError
 from groundstation.core.geometry import Vec3
 from groundstation.pose import TlogRecord

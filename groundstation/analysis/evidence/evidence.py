@@ -26,8 +26,15 @@ from typing import Any, NamedTuple
 import msgspec
 import numpy as np
 
-from groundstation.analysis.evidence.imports import MEASURED, SETPOINT, STATE, ImportedSetpoint, ImportedState
-from groundstation.analysis.evidence.mapping import Column, MappedVehicle
+from groundstation.analysis.evidence.imports import (
+    MEASURED,
+    SETPOINT,
+    STATE,
+    Column,
+    ImportedSetpoint,
+    ImportedState,
+    MappedVehicle,
+)
 from groundstation.analysis.identify import LEAST_S, FlightStretch, StretchTooShort, find_stretch, identify
 from groundstation.analysis.shadow import (
     FlownPath,

@@ -267,14 +267,14 @@ def mqtt(args: argparse.Namespace) -> int:
 def replay(args: argparse.Namespace) -> int:
     """Run estimator and controller over a recording: exactly as in flight over our own, in shadow over a .tlog."""
     if args.file.suffix == ".mcap":
-        from groundstation.analysis import replay_command as replay_recording
+        from groundstation.analysis import replay_command
 
         if args.config is not None:
             raise ConfigError("--config", "a recording has its own configuration: change it with --set")
-        return replay_recording(args.file, args.overrides, as_json=args.json, trust_modules=args.trust_modules)
-    from groundstation.analysis.shadow import replay_command
+        return replay_command(args.file, args.overrides, as_json=args.json, trust_modules=args.trust_modules)
+    from groundstation.analysis import shadow_command
 
-    return replay_command(args.file, args.config, args.overrides, as_json=args.json)
+    return shadow_command(args.file, args.config, args.overrides, as_json=args.json)
 
 
 def doctor(args: argparse.Namespace) -> int:
