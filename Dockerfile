@@ -7,11 +7,11 @@ COPY pyproject.toml uv.lock README.md LICENSE ./
 COPY links links
 COPY groundstation groundstation
 COPY sim sim
-RUN UV_PROJECT_ENVIRONMENT=/srv/groundstation uv sync --frozen --no-default-groups --no-editable --no-cache
+RUN UV_PROJECT_ENVIRONMENT=/usr/local/groundstation uv sync --frozen --no-default-groups --no-editable --no-cache
 
 FROM python:3.13-slim
-COPY --from=build /srv/groundstation /srv/groundstation
-ENV PATH=/srv/groundstation/bin:$PATH
+COPY --from=build /usr/local/groundstation /usr/local/groundstation
+ENV PATH=/usr/local/groundstation/bin:$PATH
 RUN useradd --create-home pilot && install --directory --owner pilot /flights
 USER pilot
 WORKDIR /flights
