@@ -295,7 +295,7 @@ COMMANDS = {
     "service": ("print a systemd unit for the daemon of a configuration", _service),
     "health": ("how a running daemon is: exit code 0 for well", _health),
     "fleet": ("fly several vehicles at once, a process each, by one fleet file", _fleet),
-    "relay": ("receive a stream of poses once, and hand it on to several cores", _relay),
+    "relay": ("receive a stream of poses once, and pass copies on to the core of each vehicle", _relay),
     "doctor": ("look at the autopilot's parameters; set one on request, disarmed only", _doctor),
     "props-off": ("the required test with the propellers off, step by step. THIS STARTS THE MOTORS", _props_off),
     "radio": ("bind an RF module, check its range, or just show it disarmed frames", _radio),

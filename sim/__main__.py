@@ -170,10 +170,14 @@ def _tune(parser: argparse.ArgumentParser) -> None:
         "--verify", type=count, default=10, metavar="N", help="flights a scenario at the end (default 10)"
     )
     parser.add_argument(
-        "--delay-margin", type=whole, default=20, metavar="MS", help="extra delay it must bear (default 20 ms)"
+        "--delay-margin", type=whole, default=20, metavar="MS", help="extra delay it must tolerate (default 20 ms)"
     )
     parser.add_argument(
-        "--gain-margin", type=percent, default=25.0, metavar="PERCENT", help="wrong thrust it must bear (default 25)"
+        "--gain-margin",
+        type=percent,
+        default=25.0,
+        metavar="PERCENT",
+        help="wrong thrust it must tolerate (default 25)",
     )
 
 
