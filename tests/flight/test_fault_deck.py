@@ -41,6 +41,9 @@ CELLS = [
     ("estimator reset", "ready", "flies on"),
     ("estimator reset", "hold", "flies on"),
     ("estimator reset", "tracking", "flies on"),
+    ("wireless", "moving", "flies on"),
+    ("push", "moving", "flies on"),
+    ("y frozen", "moving", "aborted"),
 ]
 
 
@@ -118,6 +121,13 @@ def test_positions_in_another_unit_do_not_throw_the_estimate_by_one_that_comes_n
     assert row.safe, row.why
     assert row.fastest_m_s < 1.0
     assert "no pose for" in row.why
+
+
+@pytest.mark.parametrize("seed", [3, 6])
+def test_axes_that_are_swapped_in_flight_are_suspect_before_they_have_led_the_vehicle_away(seed: int) -> None:
+    row = fly_cell("x and y swapped", "tracking", seed=seed)
+    assert row.safe, row.why
+    assert row.fastest_m_s < 2.5
 
 
 @pytest.mark.parametrize("state", ["take-off", "landing"])

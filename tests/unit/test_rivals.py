@@ -84,3 +84,11 @@ def test_a_coordinate_that_loses_its_speed_from_one_pose_to_the_next_is_seen_at_
 
 def test_a_tracker_as_noisy_as_a_speed_tells_nothing_of_a_leap() -> None:
     assert highest(calm, share=0.0, for_s=0.6, moves_m_s=0.4, noise_m=0.01) < 1.0
+
+
+def test_in_a_calm_a_push_that_leaves_no_trace_ends_a_flight_sooner_than_in_a_gusty_wind() -> None:
+    def runs_away(t: float) -> float:
+        return 9.0 * max(t - SETTLED_S, 0.0)
+
+    assert highest(runs_away, share=0.0, for_s=0.6) >= 1.0
+    assert highest(runs_away, swings(3.0, 12.0), share=0.0, for_s=0.6) < 1.0

@@ -61,6 +61,8 @@ CONVICTS, IMAGE_CONVICTS, EARLY_CONVICTS, UPSET_CONVICTS, EARLY = 14.0, 9.0, 7.0
 better than both a vehicle that obeys and a picture that stands, e^9, and e^7 in so many windows after lift-off: axes
 that are set up wrongly are so from the first. Across, and where the vehicle is upset as no gust does it, e^4: an
 image drives it away ever faster, and little time is left."""
+UPSET_SUSPECTS = 1.0
+"""The same, from which on an image across is suspect where the vehicle is upset."""
 CALM_SHARE = CALM / CONVICTS
 SUSPECTS, HEADING_SUSPECTS, STILL_SUSPECTS, IMAGE_SUSPECTS, PUSH_SUSPECTS = 0.85, 0.5, 0.65, 0.7, 0.88
 """Share of it that is a suspicion: by the attitude, as two nodes whose commands got lost on their way come to 80 %; by
@@ -387,6 +389,8 @@ class Obedience:
         if across > 0.0 or down > 0.0:
             convicts = EARLY_CONVICTS if self._flown < EARLY else IMAGE_CONVICTS
             axes = max(across / (UPSET_CONVICTS if self._upset else convicts), down / convicts)
+            if self._upset and across >= UPSET_SUSPECTS:
+                axes = max(axes, IMAGE_SUSPECTS)
         # What has leapt is suspect until it is seen how it goes on, and longer where that is as a rival would.
         if newest_s - self._leapt_s < (STAYS_S if push >= LEAPS_AS else 1.5 * NODE_S):
             push = max(push, PUSH_SUSPECTS)

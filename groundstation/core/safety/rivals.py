@@ -29,9 +29,10 @@ CAP, FADE_S = 2.0, 2.0
 """Most that one node may say, and how long evidence lasts [s]."""
 TRACE = 0.02
 """Less evidence is none: noise leaves it, and it would fade for seconds [-]."""
-GALE_M_S2 = 3.5
+GALE_M_S2, BREEZE_M_S2, USUAL, USUAL_S = 3.5, 2.5, 6.0, 5.0
 """No wind to fly in pushes across by so much more than was known, for two nodes, and the picture does not go with it
-[m/s²]."""
+[m/s²]; in a calm, where so many times [-] what it was mostly off by in the last time [s] is less than the second, none
+pushes by that."""
 SAYS = 1.2
 """Where a vehicle that obeys is off by so little more than the noise, squared, no rival is looked at [-]."""
 NOISE_M_S2, WIND_M_S2 = 0.06, 0.3
@@ -62,6 +63,7 @@ class Rivals:
         """Nothing seen."""
         self._axes: tuple[_RivalAxis, ...] = ()
         self._gale = 0.0
+        self._usual = WIND_M_S2 * WIND_M_S2
         self._astray = 0
 
     def begin(self, position: Vec3, pushed: Vec3) -> None:
@@ -94,7 +96,12 @@ class Rivals:
         x.node(a, p, h, variance, speed_noise, leapt)
         y.node(b, q, h, variance, speed_noise, leapt)
         z.node(c, r, h, variance, speed_noise, leapt)
-        before, self._gale = self._gale, math.hypot(x.off, y.off) / (GALE_M_S2 + 3.0 * sigma)
+        squared, usual = x.off * x.off + y.off * y.off, self._usual
+        most = USUAL * math.sqrt(usual)
+        calm = most <= BREEZE_M_S2
+        most = (BREEZE_M_S2 if calm else min(most, GALE_M_S2)) + 3.0 * sigma
+        self._usual += h / USUAL_S * (min(squared, 4.0 * usual) - usual)
+        before, self._gale = self._gale, math.sqrt(squared) / most
         across = down = 0.0
         if x.speaks or y.speaks:  # who shows too small a part of one axis mostly does so of the other, too
             across = max(map(sum, zip(x.evidence, y.evidence, strict=True)))
@@ -107,7 +114,7 @@ class Rivals:
             self._astray += far > ASTRAY_M_S + ASTRAY_NOISES * speed_noise + ASTRAY_M_S2 * x.since_s
             if self._astray >= 2:
                 return 1.0
-        gale = min(before, self._gale)
+        gale = min(before, self._gale) + (across / ENDS if calm else 0.0)
         # A trim is no help in a gale or on a tether: these end a flight, or are nothing.
         held = max(gale, down / ENDS)
         return max(across / ENDS, held if held >= 1.0 else 0.5 * held)

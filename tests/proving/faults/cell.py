@@ -15,7 +15,7 @@ import msgspec
 
 from groundstation.core import Tick
 from groundstation.core.geometry import Vec3
-from groundstation.core.messages import Ask, Request
+from groundstation.core.messages import Ask, Request, Waypoint
 from groundstation.core.mission import State
 from groundstation.flight import Flight
 from groundstation.recording import Give, Record, make_flight
@@ -29,7 +29,19 @@ from sim.scenarios import SCENARIOS, prepare
 from sim.time import VirtualTimeLoop
 from sim.trackers import Tracker
 from sim.world import World
-from tests.proving.faults.fault import DESCENT_AFTER_S, MOMENTS, Exemption, Fault, Meddler, Moment, Moves, Poses, Scene
+from tests.proving.faults.fault import (
+    DESCENT_AFTER_S,
+    MOMENTS,
+    MOVES_AFTER_S,
+    MOVES_BY,
+    Exemption,
+    Fault,
+    Meddler,
+    Moment,
+    Moves,
+    Poses,
+    Scene,
+)
 from tests.proving.faults.faults import FAULTS
 from tests.proving.faults.judge import JUDGED_S, Row, Thrust, Truth, WireJudge, broken, exempted, judged
 
@@ -191,6 +203,7 @@ async def fly_here(
     autopilot = _Autopilot(answered)
     going_on = asyncio.ensure_future(_break(scene, fault))
     watching = asyncio.ensure_future(autopilot.watch(stage))
+    homing = asyncio.ensure_future(_return(flight, moves)) if state == "moving" else over
     timing: asyncio.Future[None] = over
     if exemption is Exemption.NOT_OBSERVABLE:
         timing = asyncio.ensure_future(_flown(stage, JUDGED_S))
@@ -205,7 +218,7 @@ async def fly_here(
     answers = [(time_s, str(after), reason) for time_s, after, reason in moves.answers]
     end = stage.plant.truth(loop.time()).position_ned
     wrong = _left_wrongly(fault, state, config, wire, pushing, struck_s)
-    tasks = (turning, flying, going_on, watching, timing)
+    tasks = (turning, flying, going_on, watching, timing, homing)
     for task in tasks:
         task.cancel()
     for result in await asyncio.gather(*tasks, return_exceptions=True):
@@ -239,17 +252,30 @@ async def _strike(scene: Scene, name: str, moves: Moves, truth: Truth) -> tuple[
 
 
 async def reached(moment: Moment, flight: Flight, stage: Stage, moves: Moves) -> None:
-    """Return at ``moment``; a failsafe descent is asked for, as no flight comes to it by itself."""
+    """Return at ``moment``; a point to go to, or a failsafe descent, is asked for: no flight comes to it by itself."""
     loop = asyncio.get_running_loop()
     while True:
         if moves.state is State.TRACKING and flight.started_s is not None:
             moves.since_s = flight.started_s  # the figure, not the way onto it
         if moment.state is State.DESCENT and moves.lasted(State.TRACKING, DESCENT_AFTER_S):
             flight.ask(Request(Ask.DESCEND, "the deck"))
+        if moment.state is State.MOVING and moves.lasted(State.HOLD, MOVES_AFTER_S):
+            place = stage.plant.truth(loop.time()).position_ned
+            point = Waypoint(*(here + by for here, by in zip(place, MOVES_BY, strict=True)))
+            flight.ask(Request(Ask.GOTO, "the deck", (point,)))
         height_m = stage.world.floor_z_m - stage.plant.truth(loop.time()).position_ned[2]
         if moment.is_now(moves, height_m):
             return
         await asyncio.sleep(LOOK_S)
+
+
+async def _return(flight: Flight, moves: Moves) -> None:
+    """Ask for the way back from the point that was asked for, as a flight there holds until somebody does."""
+    while True:
+        await asyncio.sleep(LOOK_S)
+        if moves.lasted(State.HOLD, MOVES_AFTER_S):
+            flight.ask(Request(Ask.RETURN, "the deck"))
+            return
 
 
 async def _break(scene: Scene, fault: Fault) -> None:

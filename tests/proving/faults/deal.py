@@ -11,7 +11,7 @@ from tests.proving.faults.cell import fly_together
 from tests.proving.faults.faults import FAULTS, STATES
 from tests.proving.faults.judge import Row
 
-SPREAD = ("tracking", "hold", "take-off", "landing", "returning", "descent")
+SPREAD = ("tracking", "hold", "take-off", "landing", "returning", "descent", "moving")
 """The states that a quick deck goes around in."""
 AGAIN = ("dropout", "mode stolen", "controller exception", "frame loss")
 """Faults that it strikes with once more, in another state."""

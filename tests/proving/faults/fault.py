@@ -161,6 +161,10 @@ class Fault(NamedTuple):
 
 DESCENT_AFTER_S = 1.0
 """The failsafe descent is asked for after so long on the figure [s]."""
+MOVES_AFTER_S = 0.5
+"""A point is asked for after so long in the first hold, and the way back after so long in the next one [s]."""
+MOVES_BY = (0.9, 0.6, -0.3)
+"""Where that point is from where it holds [m, NED]."""
 CLIMBED_M = 0.3
 """A take-off is struck so high above the floor [m]."""
 
@@ -172,11 +176,14 @@ PLANNED = {
     (State.TAKEOFF, State.HOLD),
     (State.HOLD, State.TRACKING),
     (State.TRACKING, State.RETURNING),
+    (State.HOLD, State.MOVING),
+    (State.MOVING, State.HOLD),
+    (State.HOLD, State.RETURNING),
     (State.LANDING, State.DISARMING),
     (State.DESCENT, State.DISARMING),
     (State.DISARMING, State.LANDED),
 }
-"""Moves that a flight makes by itself; onto a landing it moves by itself for one reason only."""
+"""Moves that a flight makes by itself, or as the deck asks; onto a landing it moves by itself for one reason only."""
 LANDS_BY_ITSELF = "over the place of take-off"
 FELT = "the autopilot has felt the floor and disarmed"
 
@@ -238,6 +245,7 @@ MOMENTS: dict[str, Moment] = {
     "take-off": Moment(State.TAKEOFF, 0.0, climbed_m=CLIMBED_M),
     "hold": Moment(State.HOLD, 0.5),
     "tracking": Moment(State.TRACKING, 1.0),
+    "moving": Moment(State.MOVING, 2.0),
     "returning": Moment(State.RETURNING, 1.0),
     "landing": Moment(State.LANDING, 0.7),
     "descent": Moment(State.DESCENT, 0.3),
