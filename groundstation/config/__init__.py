@@ -12,7 +12,6 @@ if TYPE_CHECKING:
         needed_names,
     )
     from groundstation.config.loader import (
-        ConfigError,
         copy_examples,
         dump,
         example_names,
@@ -31,6 +30,7 @@ if TYPE_CHECKING:
         FACTORY,
         NAME,
         VEHICLE_LETTERS,
+        ConfigError,
         FromFile,
         OpenFactory,
         Problem,
@@ -49,7 +49,6 @@ if TYPE_CHECKING:
 _MODULES = {
     "factory": ("Option", "UserCodeFault", "call_factory", "find_object", "lend", "name_object", "needed_names"),
     "loader": (
-        "ConfigError",
         "copy_examples",
         "dump",
         "example_names",
@@ -65,6 +64,7 @@ _MODULES = {
     ),
     "schema": (
         "CLIENT_LETTERS",
+        "ConfigError",
         "FACTORY",
         "FromFile",
         "NAME",

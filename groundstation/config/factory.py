@@ -13,8 +13,7 @@ from contextlib import contextmanager
 from contextvars import ContextVar
 from typing import Any
 
-from groundstation.config.loader import ConfigError
-from groundstation.config.schema import FACTORY
+from groundstation.config.schema import FACTORY, ConfigError
 
 Option = bool | int | float | str | list[bool | int | float | str]
 """What an option may be; NaN and infinity are refused as everywhere."""

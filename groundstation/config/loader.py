@@ -21,6 +21,7 @@ import tomli_w
 from msgspec import inspect as mi
 
 from groundstation.config.schema import (
+    ConfigError,
     FromFile,
     KeyPath,
     Problem,
@@ -158,17 +159,6 @@ def _read_text(file: Path, path: KeyPath) -> str:
 
 
 T = TypeVar("T", bound=msgspec.Struct)
-
-
-class ConfigError(Exception):
-    """A bad configuration, as one line for the operator: ``source: key: problem``."""
-
-    def __init__(self, key: str, problem: str, source: str = "") -> None:
-        """Keep ``key`` (dotted, may be empty), ``problem``, and ``source`` (the file's name, or the override)."""
-        super().__init__(": ".join(part for part in (source, key, problem) if part))
-        self.key = key
-        self.problem = problem
-        self.source = source
 
 
 def load(path: Path | None, root: type[T], overrides: Sequence[str] = ()) -> T:

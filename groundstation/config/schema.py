@@ -127,6 +127,17 @@ def describe_value(value: Any) -> str:
 KeyPath = tuple[str, ...]
 
 
+class ConfigError(Exception):
+    """A bad configuration, as one line for the operator: ``source: key: problem``."""
+
+    def __init__(self, key: str, problem: str, source: str = "") -> None:
+        """Keep ``key`` (dotted, may be empty), ``problem``, and ``source`` (the file's name, or the override)."""
+        super().__init__(": ".join(part for part in (source, key, problem) if part))
+        self.key = key
+        self.problem = problem
+        self.source = source
+
+
 class Problem(Exception):
     """A key that is wrong, and why."""
 

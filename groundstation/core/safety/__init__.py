@@ -7,7 +7,6 @@ if TYPE_CHECKING:
     from groundstation.core.safety.guards import Escalation, GuardAction, GuardFinding, Guards, GuardsConfig, Since
     from groundstation.core.safety.live_gains import LIVE, PREFIX, RAMP_S, STEP_FACTOR, LiveGains
     from groundstation.core.safety.obedience import NODE_S, STILL_SUSPECTS, Obedience, PoseEvidence
-    from groundstation.core.safety.pose_latency import PoseLatency
     from groundstation.core.safety.takeoff import (
         NUDGE_SHARE,
         WANDERING_M,
@@ -20,7 +19,7 @@ if TYPE_CHECKING:
         usual_limit_n,
     )
     from groundstation.core.safety.touchdown import CERTAIN_S, Hover, LandingConfig, Touchdown
-    from groundstation.core.safety.witness import ASKEW_DEG, Agreement, Witness
+    from groundstation.core.safety.witness import ASKEW_DEG, Agreement, PoseLatency, Witness
 
 _MODULES = {
     "conviction": ("Charge", "Conviction", "Parole", "WITNESS", "charge_age", "charge_lateness"),
@@ -28,7 +27,6 @@ _MODULES = {
     "guards": ("Escalation", "GuardAction", "GuardFinding", "Guards", "GuardsConfig", "Since"),
     "live_gains": ("LIVE", "LiveGains", "PREFIX", "RAMP_S", "STEP_FACTOR"),
     "obedience": ("NODE_S", "Obedience", "PoseEvidence", "STILL_SUSPECTS"),
-    "pose_latency": ("PoseLatency",),
     "takeoff": (
         "NUDGE_SHARE",
         "Nudge",
@@ -41,7 +39,7 @@ _MODULES = {
         "usual_limit_n",
     ),
     "touchdown": ("CERTAIN_S", "Hover", "LandingConfig", "Touchdown"),
-    "witness": ("ASKEW_DEG", "Agreement", "Witness"),
+    "witness": ("ASKEW_DEG", "Agreement", "PoseLatency", "Witness"),
 }
 
 
